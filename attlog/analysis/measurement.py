@@ -56,7 +56,7 @@ class Measurement:
             part_of(log, "What filters say against the reference", partial(self._check.add, row), lambda: None)
         reference.withhold(row, self._unusable)
         line.status, line.reason = row.status, row.reason
-        part_of(log, "Which rows are alike", partial(self._likeness.hear, row), lambda: None)
+        part_of(log, "Which rows are alike", partial(self._likeness.add, row), lambda: None)
         line.metrics = metrics.compute(case, row, case.windows, cost=False, only=self._only)
         if self._traces:
             self._drawn += part_of(log, "Figures", partial(self._drawing.of_row, row), list[Trace])

@@ -63,14 +63,14 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
 def smoother(log: FlightLog, segments: Segments, options: reference.ReferenceOptions) -> Estimate:
     """What the whole-run smoother finds in the IMU that flew, from both sides of each moment.
 
-    It is told the lag of the IMU's filters, gives the attitude of each stamp itself and does not share that lag. Each
-    piece between gaps, impacts and losses of control stands for itself; those that fail their own checks are left out.
-    UsageError where that leaves too little, for a log too long, or without accelerometer.
+    It knows the lag of the IMU's filters, gives the attitude of each stamp itself and does not share that lag. Each
+    segment between gaps, impacts and losses of control stands for itself; those that fail their own checks are left
+    out. UsageError where that leaves too little, for a log too long, or without accelerometer.
     """
     imu = log.replay_imu
     asked = options.reference != "auto"
-    pieces = reference.pieces(log, segments)
-    why_not = "" if asked and pieces else reference.not_smoothed(log, segments)
+    spans = reference.smoothable(log, segments)
+    why_not = "" if asked and spans else reference.not_smoothed(log, segments)
     if why_not or imu is None:
         raise UsageError(why_not)
     STAGES.info("running %s", reference.SMOOTHER)
@@ -82,7 +82,7 @@ def smoother(log: FlightLog, segments: Segments, options: reference.ReferenceOpt
     t = imu.gyro.t_best
     mag = None if log.mag is None else log.mags[log.mag]
 
-    def piece(span: Span) -> Estimate:
+    def smoothed(span: Span) -> Estimate:
         use = np.flatnonzero((t >= span[0]) & (t <= span[1]))
         return estimators.estimate(
             reference.SMOOTHER,
@@ -96,7 +96,7 @@ def smoother(log: FlightLog, segments: Segments, options: reference.ReferenceOpt
             log=facts,
         )
 
-    return reference.joined([piece(span) for span in pieces], whatever=asked)
+    return reference.joined([smoothed(span) for span in spans], whatever=asked)
 
 
 def replays(

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 class AttlogError(Exception):
     """Root of all errors that attlog raises on purpose.
 
-    ``str(error)`` is a sentence for people, ``exit_code`` what a command ends with; both are told in docs/cli.md.
+    ``str(error)`` is a sentence for people, ``exit_code`` what a command ends with; both stand in docs/cli.md.
     """
 
     exit_code = 70
@@ -55,7 +55,7 @@ class PluginError(AttlogError):
 
 
 class PluginTimeout(PluginError):
-    """A user's estimator took longer than it was given."""
+    """A user's estimator took longer than allowed."""
 
     exit_code = 75
 

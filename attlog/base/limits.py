@@ -81,7 +81,7 @@ MAX_ATTITUDES = 24
 compared, drawn and listed."""
 
 MAX_BOOTS = 100
-"""Power-ups told apart in one file of joined logs; what is behind belongs to the last."""
+"""Power-ups distinguished in one file of joined logs; what is behind belongs to the last."""
 
 VERIFY_S = 15.0
 """An official library is given up after this CPU time and :data:`VERIFY_S_PER_BYTE`: damaged logs can keep it for ever.

@@ -1,6 +1,6 @@
 """How much memory this process may still take, and what a long log's steps freed given back to the system.
 
-The C library keeps freed memory, cut into pieces that fit nothing.
+The C library keeps freed memory, in blocks that fit nothing.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 def free_bytes(proc: Path = PROC, cgroup: Path = CGROUP) -> int | None:
     """The least of what the machine has (free, or kept for files, or swap), what its control group may take, and what
-    the process's own limit of address space leaves (``ulimit -v``); None where none of it is told."""
-    told = [_of_machine(proc), _of_group(cgroup), _of_process(proc)]
-    return min((found for found in told if found is not None), default=None)
+    the process's own limit of address space leaves (``ulimit -v``); None where none of it is known."""
+    limits = [_of_machine(proc), _of_group(cgroup), _of_process(proc)]
+    return min((found for found in limits if found is not None), default=None)
 
 
 def _of_machine(proc: Path) -> int | None:

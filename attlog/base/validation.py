@@ -149,12 +149,12 @@ def _problem(loc: Place, items: list[Any], kind: type) -> tuple[str, str]:
             return where, f"must have {items[0]['ctx']['max_length']} values (got {got!r})"
         case "float_type" | "int_type" if isinstance(got, str) and len(items) == 1:
             return where, f"must be a number without quotes; its unit stands in the key (got {got!r})"
-        case told if told in NOT_A_TABLE:
+        case kind if kind in NOT_A_TABLE:
             return where, f"must be a table (got {got!r})"
     messages = [DETAIL.sub("", str(item["msg"]).removeprefix("Value error, ")) for item in items]
-    told = " or ".join(dict.fromkeys(message.replace("Input should be ", "") for message in messages))
+    kinds = " or ".join(dict.fromkeys(message.replace("Input should be ", "") for message in messages))
     must = "must be " if "Input should be" in messages[0] else ""
-    return where, f"{must}{told} (got {got!r:.80})"
+    return where, f"{must}{kinds} (got {got!r:.80})"
 
 
 def place(loc: Place) -> str:

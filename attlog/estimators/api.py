@@ -144,7 +144,7 @@ def estimate(
     row = parse(name) if isinstance(name, str) else name if isinstance(name, EstimatorSpec) else EstimatorSpec(name)
     estimator = row.estimator
     if estimator.process is not None:
-        told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
+        facts = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
         return estimator.process.call(
             _there,
             row.preset,
@@ -156,7 +156,7 @@ def estimate(
             dt=dt,
             every=every,
             aids=aids,
-            log=told,
+            log=facts,
         )
     for sensor, data in (("acc", acc), ("mag", mag)):
         if sensor in estimator.needs and data is None:

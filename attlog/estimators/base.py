@@ -225,11 +225,11 @@ class Estimator:
         if preset is not None and preset not in self.presets:
             raise UsageError(f"{self.name} has no preset {preset}{suggestion(preset, self.presets)}")
         values: dict[str, tuple[float | str, str]] = {p.name: (p.default, "default") for p in self.parameters}
-        for given, told in ((self.presets[preset] if preset else {}, "preset"), (params or {}, origin)):
+        for given, source in ((self.presets[preset] if preset else {}, "preset"), (params or {}, origin)):
             for name, value in given.items():
-                values[name] = (self.parameter(name).check(value, self.name), told)
+                values[name] = (self.parameter(name).check(value, self.name), source)
         if log is not None:
-            left = {name for name, (_, told) in values.items() if told == "default"}
+            left = {name for name, (_, source) in values.items() if source == "default"}
             own = self.values_of(replace(log, given={}), left) if log.given else None
             for name, value in self.values_of(log, left).items():
                 values[name] = (value, "log" if own is None or own.get(name) == value else "file")
@@ -245,11 +245,11 @@ class Estimator:
             values |= {p.name: log.info.declination_deg for p in self.parameters if p == DECLINATION}
         if self.from_log is not None:
             with plugin_errors(self.origin):
-                told = dict(self.from_log(MappingProxyType({**log.params, **log.given}), log.info))
-            for name, value in told.items():
+                followed = dict(self.from_log(MappingProxyType({**log.params, **log.given}), log.info))
+            for name, value in followed.items():
                 if not isinstance(name, str) or not isinstance(value, str | Real):
                     raise PluginError(f"{self.name}: from_log gives {_short(name)}={_short(value)}, no name and number")
-            values |= told
+            values |= followed
         try:
             known = {name: self.parameter(name) for name in values}
             return {name: p.check(values[name]) for name, p in known.items() if name in wanted}
@@ -267,7 +267,7 @@ class Estimate:
 
     ``t`` (n,) s, ``q`` (n, 4) unit quaternions w, x, y, z that turn body axes (forward-right-down) into earth axes
     (north-east-down, north as in :func:`~attlog.estimators.estimate`), ``bias`` (n, 3) rad/s or None: what is to be
-    taken off the gyro, ``aux`` named (n, k) arrays, ``segment`` (n,) int counts restarts after gaps, ``skipped``
+    subtracted from the gyro, ``aux`` named (n, k) arrays, ``segment`` (n,) int counts restarts after gaps, ``skipped``
     counts input that was not used by reason (``nan``, ``time_not_rising``, ``saturated``, ``zero_vector``,
     ``gap_bridged``, ``restart``, ``bias_beyond_clip``) and samples before the heading's first field where that came
     after the start (``late_field``); ``no_heading`` are these times, (begin, end) in s.

@@ -8,7 +8,7 @@ SOURCE   paper or package with equation numbers
 EQUATION where several files are one equation: its source, the same in all of them (default empty)
 NEEDS    what it cannot run without, of ``{"gyro", "acc", "mag"}``
 USES     what it takes when there (default empty), of these and the aids ``{"gnss", "baro",
-         "airspeed", "at_rest"}``, which are told in :mod:`attlog.estimators.aids`
+         "airspeed", "at_rest"}``, which are described in :mod:`attlog.estimators.aids`
 STATE    sizes by name in the order of the state array, ``{"q": 4, "bias": 3, "_P": 9}``;
          names that begin with ``_`` come last and are not kept as output
 PARAMETERS, PRESETS, HOLD_MAG, CAUSAL   see :class:`attlog.estimators.base.Estimator`

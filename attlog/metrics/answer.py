@@ -52,19 +52,19 @@ class SpanAnswer:
 class Answer:
     """The value of one metric for one row and window.
 
-    With a value: ``n`` independent pieces of evidence over ``seconds``, ``ci95`` the
+    With a value: ``n`` independent units of evidence over ``seconds``, ``ci95`` the
     95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
     the value is shown but may not be "best"; ``reason`` then says why. ``detail`` holds
     more for people (slopes, flags); nothing is computed from it. In the value's own unit:
 
     - ``floor``: the difference below which two values are the same, for the ranking
-    - ``counts_as_zero_below``: the size that cannot be told from zero
+    - ``counts_as_zero_below``: a smaller value is no different from zero
     - ``coverage_pct``: the share of the time that a comparison stands on where that is not nearly all
     - ``each``: the value of every single event; ``records``: each span of time on its own
     - ``disagree``: least and largest of the records where one value does not explain them all
     - ``changes``: first and last rate where the rate itself rises or falls steadily
     - ``taken_out``: what was subtracted because it is not the row's own (the delay of the logged sensors)
-    - ``units``: the pieces of evidence by which the answer is paired with another on the same log
+    - ``units``: the evidence by which the answer is paired with another on the same log
     """
 
     value: float | None = None

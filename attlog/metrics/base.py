@@ -96,7 +96,7 @@ class Case:
 
     ``heading_references``: headings by name for drift in the air. ``imus``: the units to
     replay, by what their rows are called after the filter's name ("" for the only one).
-    ``gyro_bias``: what is taken off their gyros before any filter runs, by index of the unit.
+    ``gyro_bias``: what is subtracted from their gyros before any filter runs, by index of the unit.
     ``windows``: those to answer for. ``settings``: the resolved configuration as plain
     values, for the result. ``timing``: seconds by stage of making it ready. ``rows``
     are those of one evaluation that have passed, the one that is asked about included.
@@ -120,7 +120,7 @@ class Case:
     """Answers whose rank depends on rows that may pass later."""
 
     def bias_of(self, imu: Imu) -> CommonBias:
-        """What is taken off the gyro of a unit before any filter runs; of changed samples of a unit their own."""
+        """What is subtracted from the gyro of a unit before any filter runs; of changed samples of a unit their own."""
         known = self.gyro_bias.get(imu.index)
         if known is None or known.asked != "rest" or any(imu is own for own in self.log.imus):
             return known or none()
@@ -150,10 +150,10 @@ class Case:
         )
 
     def done_with(self, row: Row) -> None:
-        """Let go of what a replayed row holds for each sample: in a long log the rows are larger than the log."""
+        """Release what a replayed row holds for each sample: in a long log the rows are larger than the log."""
         if row.kind == "replay":
             self.of_row.pop(row, None)
-            row.let_go()
+            row.release()
 
     def forget(self) -> None:
         """Drop what was computed, after a change to the log or to a row."""

@@ -8,7 +8,7 @@ from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReferen
 from attlog.reference.physics.contradiction import ReferenceCheck, contradicted
 from attlog.reference.rows import onboard_rows, replayed, withhold
 from attlog.reference.smoothed import NAME as SMOOTHER
-from attlog.reference.smoothed import expected_reference, joined, not_smoothed, pieces, sigma_deg
+from attlog.reference.smoothed import expected_reference, joined, not_smoothed, sigma_deg, smoothable
 
 __all__ = [
     "SMOOTHER",
@@ -29,8 +29,8 @@ __all__ = [
     "not_smoothed",
     "onboard_rows",
     "own_sigma_deg",
-    "pieces",
     "replayed",
     "sigma_deg",
+    "smoothable",
     "withhold",
 ]

@@ -79,7 +79,7 @@ def build(
 
 
 def _in_axes_of(log: FlightLog, kind: Kind, attitude: Attitude) -> Attitude:
-    """The attitude whose axes the comparison is made in: a smoother, made from the IMU, comes to those that flew."""
+    """The attitude whose axes the comparison is made in: a smoother, made from the IMU, comes to the onboard ones."""
     return log.onboard_attitude or attitude if kind == "smoother" else attitude
 
 

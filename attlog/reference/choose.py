@@ -1,4 +1,4 @@
-"""Which attitude the others are compared with: truth, the smoother, the one that flew, or none."""
+"""Which attitude the others are compared with: truth, the smoother, the onboard one, or none."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def choose(
     refused: Mapping[str, str] | None = None,
     second: Reference | None = None,
 ) -> Reference:
-    """The reference of a log: truth, else the smoother, else the onboard attitude that flew, else none; with its steps.
+    """The reference of a log: truth, else the smoother, else the onboard attitude, else none; with its steps.
 
     ``smooth`` runs the smoother and is called only where it is wanted (None: there is none);
     ``refused``: attitudes that are out for a reason found before, ``second`` the smoother that stood behind them.
@@ -61,7 +61,7 @@ def choose(
 
 
 def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.TurningFault]:
-    """Which of truth and the attitude that flew does not turn as the replayed gyro does, and who is wrong."""
+    """Which of truth and the onboard attitude does not turn as the replayed gyro does, and who is wrong."""
     imu, mag = log.replay_imu, None if log.mag is None else log.mags[log.mag]
     found: dict[str, turning.TurningFault] = {}
     for name, attitude in (("truth", log.truth), ("onboard", log.onboard_attitude)):
@@ -186,7 +186,7 @@ def _asked(
         if named and named not in log.attitudes:
             raise UsageError(f"reference {options.reference!r}: {log.path.name} holds {_known(log)}")
         found = _onboard(log, segments, options, named)
-        missing = f"{log.path.name} holds no attitude that flew"
+        missing = f"{log.path.name} holds no onboard attitude"
     if found is None or isinstance(found, str):
         raise UsageError(f"reference {kind}: {missing}")
     return found
@@ -200,11 +200,11 @@ def _truth(log: FlightLog, segments: Segments, options: ReferenceOptions) -> Ref
 
 
 def _onboard(log: FlightLog, segments: Segments, options: ReferenceOptions, named: str = "") -> Reference | None:
-    """The attitude that flew, or the one that is named, as reference; None where the log has none."""
+    """The onboard attitude, or the one that is named, as reference; None where the log has none."""
     attitude = log.attitudes.get(named or log.onboard or "")
     if attitude is None or not (named or _enough(attitude)):
         return None
-    why = "as asked" if named else log.choices.get("onboard", "the attitude that flew")
+    why = "as asked" if named else log.choices.get("onboard", "the onboard attitude")
     return build(log, segments, options, "onboard", named or log.onboard or "", attitude, why)
 
 

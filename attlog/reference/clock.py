@@ -38,10 +38,9 @@ def usable(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDArray[np.b
 def step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) -> AlignmentStep:
     """What the clock is, and how much later than measured the attitude was published (``own``: made of the IMU)."""
     if own:
-        text = "made at the IMU's stamps, freed of the delay of its filter"
+        text = "made at the IMU's stamps, without the delay of its filter"
         return AlignmentStep("clock", text, "sample", source=attitude.source, option="config: clock")
-    told = attitude.t_sample is not None
-    if not told:
+    if attitude.t_sample is None:
         text = f"{attitude.source} has one time stamp; it is taken for the time of the attitude"
         return AlignmentStep("clock", text, "stamp", source=attitude.source, option="config: clock")
     delays = attitude.t - times(attitude, "sample")

@@ -48,15 +48,17 @@ def step(log: FlightLog, option: str | float) -> tuple[float | None, AlignmentSt
         return given, AlignmentStep(
             "declination", "given by the user", given, "deg", "option", option="config: declination"
         )
-    field, told = model(log), log.declination_param
+    field, set_deg = model(log), log.declination_param
     by_model = "no position, so no model" if field is None else f"{field.declination_deg:.1f} deg by {field.model}"
-    by_param = "no declination parameter that is set" if told is None else f"{told:.1f} deg by {log.declination_source}"
+    by_param = (
+        "no declination parameter that is set" if set_deg is None else f"{set_deg:.1f} deg by {log.declination_source}"
+    )
     text = f"{by_model}; {by_param}"
     value, source = None, ""
     if field is not None and option != "param":
         value, source = field.declination_deg, field.model
-    elif told is not None and option != "model":
-        value, source = told, log.declination_source
+    elif set_deg is not None and option != "model":
+        value, source = set_deg, log.declination_source
     if value is not None:
         return value, AlignmentStep("declination", text, value, "deg", source, option="config: declination")
     text += "; unknown, so headings are magnetic and compared with their offset removed"

@@ -181,7 +181,7 @@ class Row:
     start: float = 0.0
     causal: bool = True
     bias: Array | None = None
-    """Gyro bias (n, 3) rad/s that the row takes off the logged gyro, what was subtracted for every row included."""
+    """Gyro bias (n, 3) rad/s that the row subtracts from the logged gyro, with what every row has subtracted."""
     estimates_bias: bool = True
     """Whether part of ``bias`` is the row's own estimate."""
     errors: AttitudeErrors | None = None
@@ -208,9 +208,9 @@ class Row:
     quality: dict[str, float | str] = field(default_factory=dict)
     """What an estimator that sees the whole run says of itself."""
     aux: dict[str, Array] = field(default_factory=dict)
-    """What else the estimator told at every sample, (n,) or (n, k) by name."""
+    """What else the estimator gave at every sample, (n,) or (n, k) by name."""
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Drop everything that has a value for each sample; what is said of the row as a whole stays."""
         self.t, self.q, self.segment = np.zeros(0), np.zeros((0, 4)), np.zeros(0, np.int64)
         self.bias = self.errors = None

@@ -65,7 +65,7 @@ def replayed(
 
 
 def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Row]:
-    """All onboard attitudes as rows: ``onboard`` the one that flew, others ``onboard:NAME``.
+    """All onboard attitudes as rows: ``onboard`` the one that was used, others ``onboard:NAME``.
 
     The reference itself is among them, marked, without errors. One that lends its heading to the
     reference is judged by its tilt alone.

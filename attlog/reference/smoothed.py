@@ -33,7 +33,7 @@ MOST_OPENINGS, MOST_SOFT_GATED_PCT, MOST_RATIO = 5.0, 40.0, 3.0
 """Its own checks: how often a sensor had to be believed anew, the share of GNSS velocities that did not fit, and the
 largest ratio of a sensor's errors to what was expected of it."""
 SECONDS = 20.0, 1800.0
-"""Shorter pieces tell a smoother nothing, longer logs cost it minutes and gigabytes."""
+"""Shorter segments show a smoother nothing, longer logs cost it minutes and gigabytes."""
 FORCES_M_S2 = 6.0, 14.0
 """Half of any flight's specific force lies between these; an accelerometer in g or dead shows no down,
 and a smoother that believes it is sure of a wrong one."""
@@ -50,13 +50,13 @@ WRONG_DEG, WRONG_SIGMAS, WRONG_SHARE = 10.0, 3.0, 0.2
 """An onboard attitude tilted against a smoother by more than this, in degrees and in sigmas, for this share of the time
 is refused, and its heading with it."""
 TURNED_S = 2.0
-"""A heading is turned to another's by the mean of their difference over so long: slowly, so that movements stay."""
+"""A heading is turned to another's by the mean of their difference over so long: slowly, so that steps stay."""
 
 
-def pieces(log: FlightLog, segments: Segments) -> list[Span]:
+def smoothable(log: FlightLog, segments: Segments) -> list[Span]:
     """Where a smoother can be run, each for itself: between gaps, up to an impact, without any loss of control.
 
-    What happens in a tumble it would spread over the time before and after; short pieces tell it nothing.
+    What happens in a tumble it would spread over the time before and after; short segments show it nothing.
     """
     imu = log.replay_imu
     t = np.zeros(0) if imu is None else imu.gyro.t_best[np.isfinite(imu.gyro.t_best)]
@@ -79,7 +79,7 @@ def not_smoothed(log: FlightLog, segments: Segments) -> str:
     shown = float(np.median(force[np.isfinite(force)])) if np.isfinite(force).any() else 0.0
     if not FORCES_M_S2[0] <= shown <= FORCES_M_S2[1]:
         return f"the accelerometer shows {shown:.2g} m/s^2 (median), which is no gravity"
-    seconds = sum(b - a for a, b in pieces(log, segments))
+    seconds = sum(b - a for a, b in smoothable(log, segments))
     if seconds > SECONDS[1]:
         return f"{seconds / 60:.0f} min would cost minutes; up to {SECONDS[1] / 60:.0f} min are smoothed"
     if seconds > 0:
@@ -122,9 +122,9 @@ def why_not(estimate: Estimate) -> str:
 
 
 def joined(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
-    """One estimate of those of the pieces (in order) that pass their own checks; all of them with ``whatever``.
+    """One estimate of those of the segments (in order) that pass their own checks; all of them with ``whatever``.
 
-    It says of itself what its longest piece says. UsageError where less than half of the time is left.
+    It says of itself what its longest segment says. UsageError where less than half of the time is left.
     """
     why = {k: why_not(one) for k, one in enumerate(found)}
     sound = [one for k, one in enumerate(found) if whatever or not why[k]]
@@ -132,12 +132,12 @@ def joined(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
     kept = sum(length[k] for k in why if whatever or not why[k])
     longest = int(np.argmax([length[k] if why[k] else 0.0 for k in why])) if found else 0
     if not sound or kept < LEAST_COVERED * sum(length):
-        raise UsageError(why.get(longest, "there is no piece of the log to smooth"))
-    told = max(sound, key=lambda one: len(one.t))
+        raise UsageError(why.get(longest, "no segment of the log can be smoothed"))
+    longest_sound = max(sound, key=lambda one: len(one.t))
     counts = [np.full(len(one.t), k) for k, one in enumerate(sound)]
     names = set.intersection(*(set(one.aux) for one in sound))
     return replace(
-        told,
+        longest_sound,
         t=np.concatenate([one.t for one in sound]),
         q=np.concatenate([one.q for one in sound]),
         bias=None,
@@ -159,8 +159,8 @@ def _number(estimate: Estimate, name: str) -> float:
 def aided_by(estimate: Estimate) -> str:
     """What helped it beside gyro and accelerometer, in words: ``GNSS, barometer and magnetometer``."""
     words = {"gnss": "GNSS", "baro": "barometer", "mag": "magnetometer", "rest": "rest"}
-    told = [words.get(w, w) for w in _aids(estimate)]
-    return " and ".join(x for x in (", ".join(told[:-1]), *told[-1:]) if x) or "gravity alone"
+    names = [words.get(w, w) for w in _aids(estimate)]
+    return " and ".join(x for x in (", ".join(names[:-1]), *names[-1:]) if x) or "gravity alone"
 
 
 def _aids(estimate: Estimate) -> list[str]:
@@ -181,7 +181,7 @@ def thinned(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array,
 
 
 def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None = None) -> float:
-    """How wrong a reference may be itself (deg, one sigma, RMS over its scored or the given samples (n,)).
+    """How wrong a reference may be itself (deg, one sigma, RMS over its scored or these samples (n,)).
 
     ``angle``: inclination, heading or total. 0 for a reference that does not tell, NaN without samples.
     """
@@ -234,7 +234,7 @@ def contradicts(reference: Reference, onboard: Reference) -> str:
 def with_heading_of(reference: Reference, onboard: Reference | None) -> Reference:
     """The smoother with the heading of the onboard attitude, with nobody's where there is none to go by.
 
-    Turned about the vertical by the running mean of the difference, which leaves tilt and movements the
+    Turned about the vertical by the running mean of the difference, which leaves tilt and steps the
     smoother's own. Segments end at the resets of the onboard attitude, scoring begins with its alignment.
     A smoother that is sure of its heading keeps it.
     """

@@ -52,7 +52,7 @@ def airborne(
 ) -> FlagSpans:
     """When the vehicle flew: by physics; by the land detector only where nothing else tells.
 
-    ``air``: what the sensors tell of flight over [t0, t1] s, None without any; ``flights``: those of them that count;
+    ``air``: what the sensors show of flight over [t0, t1] s, None without any; ``flights``: those of them that count;
     ``lying``: spans as still as a surface.
     """
     if not log.kind.flies:
@@ -62,9 +62,9 @@ def airborne(
     if log.landed is None or not log.landed.value:
         missing = "throttle" if air is None or air.power_source == "arming" else "height"
         return FlagSpans(False, why=f"the log holds no land detector and no {missing} to replace it")
-    told = held(log.landed, False, t0, t1)
+    not_landed = held(log.landed, False, t0, t1)
     on_ground = [s for s in lying if s[1] - s[0] >= LYING_S]
-    kept = spans.intersect(told, armed.spans if armed.known else spans.complement(on_ground, t0, t1))
+    kept = spans.intersect(not_landed, armed.spans if armed.known else spans.complement(on_ground, t0, t1))
     return FlagSpans(True, kept, f"not landed by {log.landed.source}, and no sensor that could check it")
 
 

@@ -37,7 +37,7 @@ def number(t: Array, limit: float | None = None) -> NDArray[np.int64]:
 
 
 def renumber(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Segment numbers (n,) from 0 that rise by one wherever one of the given numbers (n,) changes.
+    """Segment numbers (n,) from 0 that rise by one wherever one of these numbers (n,) changes.
 
     The first of them itself where it is that already, because copies add up: to be read alone.
     """

@@ -1,6 +1,6 @@
 """What several questions ask of the same sensor or attitude is found once, while a block lasts.
 
-A long log's answers are as large as the log, so they are let go of with the block, before filters run.
+A long log's answers are as large as the log, so they are released with the block, before filters run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def once() -> Iterator[None]:
 
 
 def asked_once(compute: Callable[P, T]) -> Callable[P, T]:
-    """A function of objects (told apart by which they are) whose answer nobody writes into: one answer per block."""
+    """A function of objects (by identity) whose answer nobody writes into: one answer per block."""
 
     @functools.wraps(compute)
     def shared(*args: P.args, **kwargs: P.kwargs) -> T:

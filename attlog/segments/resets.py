@@ -44,7 +44,7 @@ def find(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
 
 
 def known(log: FlightLog, name: str, segments: Segments) -> tuple[Index, list[str]]:
-    """As ``find`` for the onboard attitude ``name``; those of the one that flew stand in the segments."""
+    """As ``find`` for the onboard attitude ``name``; those of the onboard one stand in the segments."""
     attitude = log.attitudes[name]
     if name != log.onboard:
         return find(attitude, log.replay_imu)

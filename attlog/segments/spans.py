@@ -37,10 +37,10 @@ def intersect(a: Iterable[Span], b: Iterable[Span]) -> list[Span]:
     return common
 
 
-def clipped(spans: Iterable[Span], pieces: Iterable[Span]) -> list[Span]:
-    """The spans within each of the pieces, which ascend and may touch: no span goes from one piece to the next."""
+def clipped(spans: Iterable[Span], segments: Iterable[Span]) -> list[Span]:
+    """The spans within each of the segments, which ascend and may touch: no span goes from one segment to the next."""
     a, found, i = merge(spans), [], 0
-    for t0, t1 in (p for p in pieces if p[1] > p[0]):
+    for t0, t1 in (s for s in segments if s[1] > s[0]):
         while i < len(a) and a[i][1] <= t0:
             i += 1
         k = i

@@ -104,9 +104,9 @@ def join(windows: Windows, passed: NDArray[np.bool_]) -> list[tuple[float, float
     i = np.flatnonzero(passed)
     if len(i) == 0:
         return []
-    apart = (windows.t0[i[1:]] - windows.t1[i[:-1]] > 0.1 * windows.seconds) | (
+    new = (windows.t0[i[1:]] - windows.t1[i[:-1]] > 0.1 * windows.seconds) | (
         windows.segment[i[1:]] != windows.segment[i[:-1]]
     )
-    first = np.concatenate([[0], np.flatnonzero(apart) + 1])
+    first = np.concatenate([[0], np.flatnonzero(new) + 1])
     last = np.append(first[1:], len(i)) - 1
     return [(float(windows.t0[i[a]]), float(windows.t1[i[b]])) for a, b in zip(first, last, strict=True)]

@@ -39,7 +39,7 @@ def file_name(text: str, longest: int = LONGEST) -> str:
 def file_names(texts: Iterable[str], taken: Iterable[str] = (), longest: int = LONGEST) -> list[str]:
     """The file name of each text; a second of the same name gets a number, in the order given.
 
-    Names that some file systems do not tell apart (case, composed accents) count as the same. ``taken`` are names
+    Names that some file systems do not distinguish (case, composed accents) count as the same. ``taken`` are names
     that are in use already.
     """
     used = {_key(name) for name in taken}
@@ -62,7 +62,7 @@ def _underlined(match: re.Match[str]) -> str:
 
 
 def _shortened(name: str, text: str, longest: int) -> str:
-    """The name in at most ``longest`` bytes, told apart from others that begin alike by a hash of the whole text."""
+    """The name in at most ``longest`` bytes, distinguished from others that begin alike by a hash of the whole text."""
     if len(name.encode()) <= longest:
         return name
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:10]

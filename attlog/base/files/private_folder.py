@@ -36,8 +36,8 @@ def version_of(package: str) -> str:
     """The installed version of a package, for the name of a folder; "none" where there is none. Imports it not."""
     spec = find_spec(package)
     beside = Path(spec.origin).parents[1].iterdir() if spec is not None and spec.origin else ()
-    told = [path.stem for path in beside if path.suffix == ".dist-info"]
-    found = [name for name in told if name.lower().startswith(f"{package}-")]
+    names = [path.stem for path in beside if path.suffix == ".dist-info"]
+    found = [name for name in names if name.lower().startswith(f"{package}-")]
     if len(found) == 1:  # the metadata would tell as well, but imports email and socket: 20 ms
         return found[0][len(package) + 1 :]
     from importlib.metadata import PackageNotFoundError, version

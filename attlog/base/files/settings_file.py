@@ -14,11 +14,11 @@ def bytes_of(path: Path, largest: int = MAX_SETTINGS_BYTES) -> bytes:
     """What a file holds. LogUnreadable if it cannot be opened, UsageError where it is no file (a device or a pipe
     may never end) or larger than ``largest`` bytes."""
     try:
-        told = path.stat()
-        mode = told.st_mode
+        status = path.stat()
+        mode = status.st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise UsageError(f"{path}: is no file but a device or a pipe; write it to a file first")
-        if stat.S_ISREG(mode) and told.st_size > largest:
+        if stat.S_ISREG(mode) and status.st_size > largest:
             raise _too_large(path, largest)
         with path.open("rb") as file:
             content = file.read(largest + 1)
@@ -45,7 +45,7 @@ def text_of(path: Path, largest: int = MAX_SETTINGS_BYTES) -> str:
 
 
 def toml_of(text: str, path: Path) -> dict[str, Any]:
-    """The values of a TOML text, which ``path`` names in what is told. UsageError with line and column."""
+    """The values of a TOML text, which ``path`` names in messages. UsageError with line and column."""
     import tomllib
 
     try:

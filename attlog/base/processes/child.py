@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from attlog.base.processes.memory import resident_mb
-from attlog.base.processes.serve import CUT_OFF, FAILED, TOLD
+from attlog.base.processes.serve import CUT_OFF, FAILED, MESSAGE
 from attlog.base.processes.wire import ANY_SIZE, NonsenseError, Wire, value
 
 T = TypeVar("T")
@@ -75,11 +75,11 @@ class Died(Exception):
 
 
 class TooLong(Died):
-    """It was ended because it took longer than it was given."""
+    """It was ended because it took longer than allowed."""
 
 
 class TooMuchMemory(Died):
-    """It was ended because it held more memory than it was given."""
+    """It was ended because it held more memory than allowed."""
 
 
 class Process(Protocol):
@@ -140,11 +140,11 @@ class Child:
         try:
             self._send((seconds, tell is not None, function, arguments, options), seconds)
             while True:
-                kind, told = self._received(WATCHED_S if memory_mb else PAUSE_S, until)
-                if kind != TOLD:
+                kind, answer = self._received(WATCHED_S if memory_mb else PAUSE_S, until)
+                if kind != MESSAGE:
                     break
                 if tell is not None:
-                    tell(told)
+                    tell(answer)
                 if until is not None and time.monotonic() > until:
                     raise self._too_long(seconds)
                 if memory_mb and (held := resident_mb(self._process.pid)) > memory_mb:
@@ -155,8 +155,8 @@ class Child:
             self.end()
             raise
         if kind == FAILED:
-            raise told
-        return told  # type: ignore[no-any-return]
+            raise answer
+        return answer  # type: ignore[no-any-return]
 
     def end(self, patience_s: float = 0.0) -> Exit:
         """End the process with all that it started; how it ended. ``patience_s``: for one that is about to end."""
@@ -177,7 +177,7 @@ class Child:
         except TimeoutError:
             raise self._too_long(seconds) from None
         except (BrokenPipeError, ConnectionResetError):
-            pass  # it died, which is told where its answer is waited for
+            pass  # it died, which is seen where its answer is waited for
 
     def _too_long(self, seconds: float) -> TooLong:
         return TooLong(self.end(), f"took longer than {seconds:g} s and was ended")
@@ -191,17 +191,17 @@ class Child:
                 received = self._wire.receive(begins_s, left)
             except TimeoutError:
                 if alive:
-                    return TOLD, {}
+                    return MESSAGE, {}
                 continue  # it ended since it was waited for: has it answered before?
             except (EOFError, OSError):
                 break
             except (NonsenseError, MemoryError) as error:
                 raise Died(self.end(), f"its process answers nonsense ({error})") from error
             try:
-                kind, told = value(received)
+                kind, answer = value(received)
             except Exception as error:  # its memory is spoilt
                 raise Died(self.end(), f"its process answers nonsense ({type(error).__name__})") from error
-            return kind, told
+            return kind, answer
         raise Died(self.end(ENDING_S))
 
 

@@ -75,7 +75,7 @@ class Forks:
 
     def _ordered(self, order: bytes, *sockets: socket.socket) -> Interpreter:
         """Send an order to the program, which is started first where none runs."""
-        for _ in range(2):  # it may die just now; if the new one does too, that is told like any death
+        for _ in range(2):  # it may die just now; if the new one does too, that is reported like any death
             program, control = self._running()
             with suppress(OSError):
                 socket.send_fds(control, [order], [one.fileno() for one in sockets])
@@ -112,11 +112,11 @@ class Fork:
         self._socket, self._life, self._program = life, Wire(life), program
         self._exit: Exit | None = None
         self.pid = 0
-        told = self._told(None)
-        if isinstance(told, int):
-            self.pid = told
+        news = self._news(None)
+        if isinstance(news, int):
+            self.pid = news
         else:
-            self._exit = told
+            self._exit = news
 
     def alive(self) -> bool:
         """Whether it runs."""
@@ -134,14 +134,14 @@ class Fork:
 
     def _ended(self, seconds: float | None) -> Exit | None:
         if self._exit is None:
-            told = self._told(seconds)
-            self._exit = told if isinstance(told, Exit) else None
+            news = self._news(seconds)
+            self._exit = news if isinstance(news, Exit) else None
         return self._exit
 
-    def _told(self, seconds: float | None) -> int | Exit | None:
+    def _news(self, seconds: float | None) -> int | Exit | None:
         """What the forking program tells within some time; None where it tells nothing."""
         try:
-            told: int | Exit = value(self._life.receive(seconds))
+            news: int | Exit = value(self._life.receive(seconds))
         except TimeoutError:
             return None
         except (EOFError, OSError):
@@ -149,7 +149,7 @@ class Fork:
                 with suppress(OSError):
                     os.killpg(self.pid, signal.SIGKILL)  # an orphan
             return Exit()
-        return told
+        return news
 
 
 class _Borrowed:

@@ -19,7 +19,7 @@ from attlog.base.processes.wire import Wire, parts, value
 
 Tell = Callable[[dict[str, Any]], None]
 """Sends a message to whoever waits for the answer."""
-TOLD, DONE, FAILED = "told", "done", "failed"
+MESSAGE, DONE, FAILED = "message", "done", "failed"
 CUT_OFF = 74
 """Exit status of a process that cannot answer: what it ran broke the way by which it answers."""
 GRACE_S = 10
@@ -61,7 +61,7 @@ def answer(wire: Wire, request: Sequence[bytearray]) -> None:
         del request
         _ends_by_itself(seconds)
         if tells:
-            options = options | {"tell": lambda told: _tell(wire, told)}
+            options = options | {"tell": lambda message: _tell(wire, message)}
         kind, answered = DONE, function(*arguments, **options)
     except Exception as error:
         kind, answered = FAILED, error
@@ -89,9 +89,9 @@ def write_output_to(file: Path) -> None:
     faulthandler.enable(output)
 
 
-def _tell(wire: Wire, told: dict[str, Any]) -> None:
+def _tell(wire: Wire, message: dict[str, Any]) -> None:
     with suppress(OSError):  # nobody waits any more, which ends this process
-        wire.send((TOLD, told))
+        wire.send((MESSAGE, message))
 
 
 def _listen(wire: Wire, requests: SimpleQueue[Sequence[bytearray]]) -> None:

@@ -125,6 +125,6 @@ class _Server:
                 life.close()
 
 
-def _tell(life: socket.socket, told: int | Exit) -> None:
+def _tell(life: socket.socket, news: int | Exit) -> None:
     with suppress(OSError):  # the parent needs it no more
-        Wire(life).send(told)
+        Wire(life).send(news)

@@ -1,4 +1,4 @@
-"""Which words of a command line are logs, and which are configurations? Told by what they look like."""
+"""Which words of a command line are logs, and which are configurations? Known by what they look like."""
 
 from __future__ import annotations
 
@@ -85,11 +85,11 @@ def with_params(configurations: Sequence[Configuration], path: Path) -> list[Con
     Without any configuration the filter stands in that replays a firmware's own estimator and whose parameters are in
     the file. UsageError where no filter takes such parameters; errors of reading the file as they come.
     """
-    told = set(read_file(path))
+    set_there = set(read_file(path))
     named = list(configurations)
     if not named:
         replicas = [parse(name) for name in REPLICAS if name in estimators.names()]
-        named = [c for c in replicas if told & {p.name for p in c.row.estimator.parameters}]
+        named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}]
     taking = [c for c in named if c.row.estimator.from_log is not None and "params" not in c.before]
     if not taking or (not configurations and len(named) > 1):
         which = ", ".join(n for n in REPLICAS if n in estimators.names())

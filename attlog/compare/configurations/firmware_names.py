@@ -42,8 +42,8 @@ def firmware_names(estimator: Estimator) -> dict[str, str]:
         for firmware in sorted(probe.names):
             for own, size in sizes.items():
                 values = [size * f for f in FACTORS]
-                told = [estimator.from_log(_Asked({firmware: v}), LogInfo()).get(own) for v in values]
-                if size and told == values:
+                values_there = [estimator.from_log(_Asked({firmware: v}), LogInfo()).get(own) for v in values]
+                if size and values_there == values:
                     found[own] = firmware
         return found
     except Exception:  # a plug-in's function may want more than a log's parameters: then no name is known

@@ -58,6 +58,6 @@ class ConfiguredFilter:
         row, line = replay.replayed(case, imu, mag, c.row, facts, replay.aids_of(case, suffix), c.name + suffix)
         for name, value in c.before.items():
             shown = value if isinstance(value, str) else "/".join(f"{x:g}" for x in value)
-            told = SETTINGS[name]
-            line.parameters[f"before.{name}"] = ParameterValue(shown, "option", told.unit, told.meaning)
+            setting = SETTINGS[name]
+            line.parameters[f"before.{name}"] = ParameterValue(shown, "option", setting.unit, setting.meaning)
         return row, line

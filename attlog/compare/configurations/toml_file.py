@@ -61,8 +61,8 @@ def read(path: Path) -> ConfigurationFile:
         tables = []
     names: set[str] = set()
     for number, table in enumerate(tables):
-        one, told = _configuration(table)
-        for key, text_ in told:
+        one, faults = _configuration(table)
+        for key, text_ in faults:
             problems.append(f"{_at(path, lines, key, number)}: configuration {number + 1}: {text_}")
         if one is not None:
             if one.name in names:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from attlog.compare.diff.tolerance import Tolerances
 from attlog.result import MEASURED_TIMES, Answer, EstimatorRow, Result
 
-Verdict = Literal["beyond", "within", "not_told", "appeared", "vanished"]
+Verdict = Literal["beyond", "within", "not_significant", "appeared", "vanished"]
 Interval = tuple[float, float]
 ABSENT = "(absent)"
 
@@ -25,7 +25,7 @@ ABSENT = "(absent)"
 class NumberChange:
     """A number that differs. ``closer``: the newer value is the better one; None where neither is.
 
-    ``verdict``: ``beyond`` the tolerance, ``within``, ``not_told`` (two flights whose intervals do not tell it, or
+    ``verdict``: ``beyond`` the tolerance, ``within``, ``not_significant`` (two flights whose intervals overlap, or
     without interval), ``appeared``, ``vanished`` (``reason`` says why there is no value). ``interval`` is that of the
     difference of two flights.
     """
@@ -61,7 +61,7 @@ class RunDifference:
 
     ``made_by``: versions of attlog; ``log``: firmware, vehicle and what else describes the flight; ``config``: options;
     ``parameters``: of the log, first those that both have (none of two kinds of autopilot), None where a side was
-    written before results told them; ``gains``: filter parameters;
+    written before results held them; ``gains``: filter parameters;
     ``status``: of rows.
     """
 
@@ -101,8 +101,8 @@ def difference(name: str, old: Result, new: Result, tolerances: Tolerances, wind
     sha = [r.log.get("sha256") for r in (old, new)]
     found = RunDifference(name, same_log=sha[0] is not None and sha[0] == sha[1])
     found.made_by = _changed({"attlog": old.attlog.get("version")}, {"attlog": new.attlog.get("version")})
-    told = ("name", "firmware", "vehicle", "format")
-    found.log = [] if found.same_log else _changed(*(_flat({k: r.log.get(k) for k in told}) for r in (old, new)))
+    about = ("name", "firmware", "vehicle", "format")
+    found.log = [] if found.same_log else _changed(*(_flat({k: r.log.get(k) for k in about}) for r in (old, new)))
     found.config = _changed(_flat(old.config), _flat(new.config))
     params = [r.log.get("params") for r in (old, new)]
     if isinstance(params[0], dict) and isinstance(params[1], dict):
@@ -168,17 +168,17 @@ def _compared(
         reason = "" if gone is None else gone.reason or ""
         kind: Verdict = "vanished" if b is None else "appeared"
         return NumberChange(row, window, metric, unit, a, b, *ends, None, None, None, kind, reason=reason)
-    apart = b - a
+    change = b - a
     limit = tolerances.of(metric, unit, a)
     span = None if same_log else interval(a, ends[0], b, ends[1])
-    verdict: Verdict = "beyond" if abs(apart) > limit * (1.0 + 1e-9) else "within"
+    verdict: Verdict = "beyond" if abs(change) > limit * (1.0 + 1e-9) else "within"
     if verdict == "beyond" and not same_log:
         by_hand = tolerances.rule(metric) is not None
-        told = by_hand if span is None else not span[0] <= 0.0 <= span[1]
-        verdict = "beyond" if told else "not_told"
+        significant = by_hand if span is None else not span[0] <= 0.0 <= span[1]
+        verdict = "beyond" if significant else "not_significant"
     sizes = distance(a, better), distance(b, better)
     closer = None if sizes[0] == sizes[1] else sizes[1] < sizes[0]
-    return NumberChange(row, window, metric, unit, a, b, *ends, apart, span, limit, verdict, closer)
+    return NumberChange(row, window, metric, unit, a, b, *ends, change, span, limit, verdict, closer)
 
 
 def interval(a: float, a_ci95: Interval | None, b: float, b_ci95: Interval | None) -> Interval | None:

@@ -24,7 +24,7 @@ class ResultPairs:
 def found(old: Path, new: Path) -> ResultPairs:
     """The results in two files or two folders. LogUnreadable, LogUnusable for a file or folder that has none.
 
-    UsageError for a file beside a folder. In folders a broken file is left out and told in ``wrong``.
+    UsageError for a file beside a folder. In folders a broken file is left out and named in ``wrong``.
     """
     if os.path.isdir(old) != os.path.isdir(new) and os.path.exists(old) and os.path.exists(new):
         raise UsageError(f"{old} and {new}: give two files or two folders")

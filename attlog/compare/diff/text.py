@@ -12,11 +12,11 @@ from attlog.present.numbers import MINUS, counted, half_width, quantity, unit_si
 from attlog.present.table.markdown import escaped
 from attlog.present.text import clean
 
-SCHEMA = "attlog-diff/1"
+SCHEMA = "attlog-diff/2"
 MOST = 40
 """So many numbers and settings of a log are listed; the JSON holds all."""
 HEAD = ("row", "window", "metric", "old", "new", "difference", "tolerance", "")
-SIGNS = {"appeared": "new", "vanished": "gone", "not_told": "not told apart", "within": "within"}
+SIGNS = {"appeared": "new", "vanished": "gone", "not_significant": "not significant", "within": "within"}
 
 Table = list[tuple[str, ...]]
 
@@ -71,11 +71,11 @@ def summary(d: RunDifference) -> str:
     what = "the same log" if d.same_log else "two logs"
     by = f", attlog {versions[0]}" if versions else ""
     within = sum(m.verdict == "within" for m in d.moved)
-    untold = sum(m.verdict == "not_told" for m in d.moved)
+    unsure = sum(m.verdict == "not_significant" for m in d.moved)
     total = d.equal + len(d.moved)
     parts = [f"{counted(len(d.beyond), 'value')} of {total:,} beyond tolerance"]
     parts += [f"{within:,} within"] if within else []
-    parts += [f"{untold:,} not told apart by their intervals"] if untold else []
+    parts += [f"{unsure:,} not significant by their intervals"] if unsure else []
     more = d.count - len(d.beyond)
     parts += [f"{counted(more, 'row')} appeared, vanished or of another state"] if more else []
     return f"{what}{by}: {', '.join(parts)}" if d.moved or more else f"{what}{by}: no difference in {total:,} values"
@@ -94,7 +94,7 @@ def _settings(d: RunDifference) -> Iterator[tuple[str, list[TextChange | str]]]:
     )
     yield from ((f"{title} ({len(found)})", list(found)) for title, found in lists if found)
     if d.parameters is None and not d.same_log:
-        yield "parameters of the log", ["not compared: a result was written before results told them; analyse it again"]
+        yield "parameters of the log", ["not compared: a result was written before results held them; analyse it again"]
 
 
 def _numbers(d: RunDifference, everything: bool) -> tuple[Table, int]:

@@ -33,7 +33,7 @@ def answer(row: EstimatorRow, metric: str, windows: Iterable[str]) -> tuple[str,
 
 
 def of_onboard(rows: Sequence[EstimatorRow], metric: str, window: str) -> Found:
-    """The answer of the attitude that flew."""
+    """The answer of the onboard attitude."""
     row = next((r for r in rows if r.name == "onboard"), None)
     if row is None:
         return None, "the log has no onboard attitude to compare with"

@@ -71,13 +71,13 @@ def read(path: Path) -> Baseline:
         found = Baseline(path.name)
         count = 0
         for place in places:
-            told = _log(place)
-            if told is None:
+            about = _log(place)
+            if about is None:
                 continue
             count += 1
-            found.by_name.setdefault(told[0], place)
-            if told[1] is not None:
-                found.by_sha256.setdefault(told[1], place)
+            found.by_name.setdefault(about[0], place)
+            if about[1] is not None:
+                found.by_sha256.setdefault(about[1], place)
             found.only = place if count == 1 else None
     except OSError as error:
         raise UsageError(f"baseline {path}: cannot be read ({error.strerror or error})") from error

@@ -131,20 +131,20 @@ def _of_limit(
         theirs, _ = _other(limit, gate, known.decided_by, row, rows, beside, window)
         decided = None if mine is None or theirs is None else (theirs, mine)
     alike = limit.against != "baseline" or (isinstance(beside, BaselineResult) and beside.same_log)
-    told = gate_limits.judged(limit, gate.metric, known.better, answer, other, same_log=alike, decided=decided)
+    verdict = gate_limits.judged(limit, gate.metric, known.better, answer, other, same_log=alike, decided=decided)
     return GateOutcome(
         name,
         _check(gate, limit),
         gate.metric,
         window,
-        "passed" if told.passed else "failed",
-        None if told.passed else "limit",
+        "passed" if verdict.passed else "failed",
+        None if verdict.passed else "limit",
         answer.value,
         answer.unit,
-        told.allowed,
-        told.excess,
-        gate_words.measured(name, gate.metric, window, answer, limit, other, told),
-        told.excused,
+        verdict.allowed,
+        verdict.excess,
+        gate_words.measured(name, gate.metric, window, answer, limit, other, verdict),
+        verdict.excused,
     )
 
 

@@ -10,7 +10,7 @@ than the baseline: beyond the limit). The interval is
 width of its RMSE's interval (``Metric.decided_by``);
 - of two logs, and for metrics without units of evidence, that of independent answers (Zou2008, as
   :mod:`attlog.compare.diff.diff` does for two flights);
-- without any interval the size alone decides, but for "not worse than the baseline" of two logs: nothing is told there.
+- without any interval the size alone decides, but not for "not worse than the baseline" of two logs.
 
 "Not worse than the baseline" allows what :mod:`attlog.compare.diff.tolerance` calls negligible.
 """
@@ -65,7 +65,7 @@ class LimitVerdict:
     """Whether an answer keeps a limit. ``allowed``: the size up to (or from) which it does; ``excess``: times beyond.
 
     ``size``, ``other``: the sizes that were compared. ``at_least``: the smallest size that the evidence allows beside
-    the other answer, None without one; ``excused``: beyond the limit, but not told from it.
+    the other answer, None without one; ``excused``: beyond the limit, but not significantly.
     """
 
     passed: bool
@@ -103,9 +103,9 @@ def judged(
     beyond = size > allowed * (1.0 + ROUNDING)
     least = at_least(answer, other, better, same_log, decided) if limit.against == "baseline" else None
     unknown = least is None and limit.kind == "baseline" and not same_log
-    told = beyond and not unknown and (least is None or least > min(before, allowed))
+    failed = beyond and not unknown and (least is None or least > min(before, allowed))
     excess = size / allowed if allowed > 0.0 else math.inf if size > 0.0 else 0.0
-    return LimitVerdict(not told, allowed, excess, size, before, least, beyond and not told)
+    return LimitVerdict(not failed, allowed, excess, size, before, least, beyond and not failed)
 
 
 def _absolute(limit: GateLimit, size: float) -> LimitVerdict:

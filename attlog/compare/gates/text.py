@@ -43,7 +43,7 @@ def unanswered(row: EstimatorRow, metric: str, window: str | None, answer: Answe
 
 
 def measured(
-    row: str, metric: str, window: str, answer: Answer, limit: GateLimit, other: Answer | None, told: LimitVerdict
+    row: str, metric: str, window: str, answer: Answer, limit: GateLimit, other: Answer | None, verdict: LimitVerdict
 ) -> str:
     """A value beside its limit."""
     unit, sign, shown = answer.unit, _with(answer.unit), quantity(answer.value, answer.unit)
@@ -54,13 +54,13 @@ def measured(
     what = "onboard" if limit.against == "onboard" else "the baseline"
     text = f"{row}: {metric} {shown} ({window}), {what} {quantity(None if other is None else other.value, unit)}"
     if "ratio" in limit.kind:
-        text += f": {_ratio(told.size, told.other, limit.value)}, at most {limit.value:g} times"
+        text += f": {_ratio(verdict.size, verdict.other, limit.value)}, at most {limit.value:g} times"
     elif "above" in limit.kind:
-        more = told.size - (told.other or 0.0)
+        more = verdict.size - (verdict.other or 0.0)
         text += f": {beyond_limit_text(more, limit.value, f'{more:+.3g}{sign}', sign)}, at most {limit.value:+g}{sign}"
     else:
-        text += ": not to be worse" if told.passed else ": worse"
-    return text + (" (not told from it by the evidence)" if told.excused else "")
+        text += ": not to be worse" if verdict.passed else ": worse"
+    return text + (" (no significant difference)" if verdict.excused else "")
 
 
 def _ratio(size: float, other: float | None, limit: float) -> str:

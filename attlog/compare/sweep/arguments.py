@@ -1,4 +1,4 @@
-"""The words of ``sweep`` and ``tune``: logs, then a filter, then axes, told apart without an option."""
+"""The words of ``sweep`` and ``tune``: logs, then a filter, then axes, recognised without an option."""
 
 from __future__ import annotations
 

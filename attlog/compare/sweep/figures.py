@@ -75,7 +75,7 @@ def _heat_map(s: Sweep, c: SweepColumn, free: list[GridAxis], name: str) -> Page
     mean = "The mean over the logs. " if len(s.logs) > 1 else ""
     caption = (
         f"{mean}Pale: near the best; full colour: three times as far from perfect, or more. Framed: the best; with a "
-        "dot: cannot be told from it; empty: no value on every log."
+        "dot: no significant difference; empty: no value on every log."
     )
     title = f"{c.metric.title} over {down.name} and {across.name}{_at_best(others)}"
     return PageFigure(name, "cells", title, caption, 96 + 34 * len(down.values), data, True, _described(s, c))
@@ -110,7 +110,7 @@ def _curve(s: Sweep, c: SweepColumn, axis: GridAxis, name: str, *, alone: bool) 
         name,
         "along",
         f"{c.metric.title} along {axis.name}{'' if alone else _at_best('all others')}",
-        f"Red: the best. Filled: cannot be told from it.{lines}",
+        f"Red: the best. Filled: no significant difference.{lines}",
         300,
         data,
         False,
@@ -123,13 +123,13 @@ def _at_best(others: str) -> str:
 
 
 def _words(s: Sweep, c: SweepColumn, k: int) -> str:
-    """What the pointer is told of a setting."""
+    """What the pointer shows of a setting."""
     value = quantity(float(c.score[k]), c.metric.unit, False) or "no value"
     return f"{named(s.settings[k])}: {value}, {difference_text(c.beside[k], c.metric.unit)}"
 
 
 def _described(s: Sweep, c: SweepColumn) -> str:
-    """What a figure shows, for those who do not see it: the best, and what cannot be told from it."""
+    """What a figure shows, for those who do not see it: the best, and what does not differ significantly."""
     first = [] if c.single is None else [_words(s, c, c.single)]
     return "; ".join([*first, *(_words(s, c, k) for k in c.near if k != c.single)])
 
@@ -137,11 +137,11 @@ def _described(s: Sweep, c: SweepColumn) -> str:
 def _table(s: Sweep, c: SweepColumn, near: set[int]) -> list[list[Any]]:
     """The figure's numbers to be saved: every setting of the grid."""
     names = [a.name for a in s.grid.axes]
-    rows: list[list[Any]] = [[*names, f"{c.metric.metric} [{c.metric.unit}]", "told from the best"]]
+    rows: list[list[Any]] = [[*names, f"{c.metric.metric} [{c.metric.unit}]", "differs significantly from the best"]]
     for k in range(s.base):
         value = float(c.score[k])
-        told = "no" if k in near else "yes"
-        rows.append([*(s.settings[k][n] for n in names), *listed([value]), told if math.isfinite(value) else ""])
+        differs = "no" if k in near else "yes"
+        rows.append([*(s.settings[k][n] for n in names), *listed([value]), differs if math.isfinite(value) else ""])
     return rows
 
 

@@ -139,7 +139,7 @@ class SettingsOnLog:
 
     @property
     def values(self) -> dict[str, float | str]:
-        """Every parameter of the filter as it is on this log."""
+        """Every parameter of the default gains on this log."""
         return {name: value for name, (value, _) in self._samples.row.resolved(self._samples.facts).items()}
 
     def __call__(self, settings: Sequence[Setting]) -> list[SettingResult]:

@@ -1,8 +1,8 @@
-"""A grid of settings on one log or on many: the best, which others cannot be told from it, and what one for all costs.
+"""A grid of settings on one log or on many: the best, which others do not differ significantly, what one for all costs.
 
 The best on a log is the setting whose value is nearest to perfect. Others are compared with it pair by pair on their
 common units of evidence (:mod:`attlog.compare.differences.paired`); those that stand among the claims of which at
-most 5 % are false (Benjamini1995) are told to be worse, all others cannot be told from the best.
+most 5 % are false (Benjamini1995) are significantly worse, all others do not differ from the best.
 
 Over several logs the best single setting is the one with the smallest mean of the values' sizes over the logs: the
 setting that Laidig2021 calls TAGP, beside each log's own optimum. It is compared with
@@ -33,24 +33,24 @@ Array = NDArray[np.float64]
 class SettingDifference:
     """A setting beside the best: ``ratio`` of their values (or ``difference`` in the metric's unit) with its interval.
 
-    ``told``: it is told to be worse. ``why``: the sentence where they cannot be compared.
+    ``worse``: significantly so. ``why``: the sentence where they cannot be compared.
     """
 
     scale: str
     value: float | None
     ci95: tuple[float, float] | None
-    told: bool
+    worse: bool
     why: str = ""
 
 
 @dataclass(slots=True)
 class SweepColumn:
-    """One metric of a sweep: settings by number, the last being the filter as it is without the grid.
+    """One metric of a sweep: settings by number, the last being the default gains without the grid.
 
     ``values`` (settings, logs) as measured, NaN where there is none; ``own`` the best setting of each log (None
-    where no setting has a value), ``own_near`` those that cannot be told from it; ``score`` (settings,) the mean size
-    over the ``used`` logs, NaN where one of them has no value; ``single`` the best of all, ``beside`` the others next
-    to it. ``left_out``: why a log does not count, by its number: no setting may be best on it.
+    where no setting has a value), ``own_near`` those that do not differ significantly; ``score`` (settings,) the mean
+    size over the ``used`` logs, NaN where one of them has no value; ``single`` the best of all, ``beside`` the others
+    next to it. ``left_out``: why a log does not count, by its number: no setting may be best on it.
     """
 
     metric: SweptMetric
@@ -65,8 +65,8 @@ class SweepColumn:
 
     @property
     def near(self) -> list[int]:
-        """Settings of the grid that cannot be told from the single best, with it."""
-        compared = [k for k, b in enumerate(self.beside[:-1]) if not b.told and math.isfinite(self.score[k])]
+        """Settings of the grid that do not differ significantly from the single best, with it."""
+        compared = [k for k, b in enumerate(self.beside[:-1]) if not b.worse and math.isfinite(self.score[k])]
         return sorted({*compared, *([] if self.single is None else [self.single])})
 
 
@@ -83,14 +83,14 @@ class Sweep:
 
     @property
     def base(self) -> int:
-        """The number of the filter as it is."""
+        """The number of the default gains."""
         return len(self.settings) - 1
 
 
 def sweep(filter_name: str, grid: SettingGrid, logs: Iterable[SettingsOnLog]) -> Sweep:
     """Run a grid over logs, one or more, each with the same metrics asked for. Errors as in ``replay.batch``.
 
-    But for the first, each log is let go of before the next is asked for.
+    But for the first, each log is released before the next is asked for.
     """
     settings: list[Setting] = [*grid, {}]
     coming = iter(logs)
@@ -117,7 +117,7 @@ def column(metric: SweptMetric, cells: Sequence[Sequence[SettingResult]]) -> Swe
         else [
             k
             for k, b in enumerate(_differences_on_log(metric, [row[j] for row in cells], best)[:-1])
-            if not b.told and math.isfinite(sizes[k, j])
+            if not b.worse and math.isfinite(sizes[k, j])
         ]
         for j, best in enumerate(own)
     ]
@@ -226,15 +226,15 @@ def _significant(found: Sequence[tuple[SettingDifference, float]]) -> list[Setti
     """The claims that stand together: worse, with the interval of the difference on that side."""
     stand = pairs.significant(np.array([p for _, p in found]))
     neutral = {"ratio": 1.0}
-    told = []
+    differences = []
     for (b, _), stands in zip(found, stand.tolist(), strict=True):
         worse = b.value is not None and b.ci95 is not None and b.ci95[0] > neutral.get(b.scale, 0.0)
-        told.append(SettingDifference(b.scale, b.value, b.ci95, bool(stands and worse), b.why))
-    return told
+        differences.append(SettingDifference(b.scale, b.value, b.ci95, bool(stands and worse), b.why))
+    return differences
 
 
 def _unsound_winners(settings: Sequence[Setting], cells: Sequence[Sequence[SettingResult]], log: SettingsOnLog) -> None:
-    """Settings that gravity does not correct win nothing: told of those that would, until none of them is."""
+    """Settings that gravity does not correct win nothing: asked of those that would, until none of them does."""
     checked: set[int] = set()
     while True:
         columns = [column_of_sizes(metric, cells) for metric in log.asked]

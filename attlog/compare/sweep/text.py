@@ -14,15 +14,15 @@ from attlog.compare.sweep.sweep import SettingDifference, Sweep, SweepColumn
 from attlog.present.numbers import counted, listed, number, quantity
 from attlog.present.text import clean
 
-SCHEMA = "attlog-sweep/1"
-AS_IS = "as it is"
+SCHEMA = "attlog-sweep/2"
+DEFAULT = "default gains"
 NAMED = 3
 """So many logs that do not count are named in a sentence; the table names all."""
 
 
 def named(setting: Setting) -> str:
-    """A setting for people: ``kp 0.6, ki 0.01``; the filter without the grid is ``as it is``."""
-    return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in setting.items()) or AS_IS
+    """A setting for people: ``kp 0.6, ki 0.01``; the filter without the grid is ``default gains``."""
+    return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in setting.items()) or DEFAULT
 
 
 def sentences(s: Sweep, references: Mapping[str, int] | None = None) -> Iterator[str]:
@@ -64,12 +64,12 @@ def _of(s: Sweep, c: SweepColumn) -> Iterator[str]:
     near = [k for k in c.near if k != c.single]
     if near:
         many = f"{counted(len(near), 'other setting')} of {len(s.settings) - 1}"
-        yield f"{many} cannot be told from it: {ranges(s, [*near, c.single])}."
+        yield f"{many} do not differ significantly: {ranges(s, [*near, c.single])}."
     else:
-        yield "All others are told to be worse, or have no value on some log."
+        yield "All others are significantly worse, or have no value on some log."
     beside = c.beside[s.base]
     if beside.value is not None:
-        yield f"The filter as it is: {difference_text(beside, unit)}."
+        yield f"Default gains: {difference_text(beside, unit)}."
     edges = at_edge(s, c.single)
     if {*c.near, c.single, s.base} >= set(range(len(s.settings))):
         edges = []  # which end is best is chance
@@ -105,7 +105,7 @@ def at_edge(s: Sweep, best: int) -> list[str]:
 
 
 def difference_text(b: SettingDifference, unit: str) -> str:
-    """A setting beside the best: ``27 % worse (15 to 41 %)``, ``not told apart``, or why they are not compared."""
+    """A setting beside the best: ``27 % worse (15 to 41 %)``, ``not significant``, or why they are not compared."""
     if b.value is None:
         return b.why or "no value"
     if b.scale == "ratio":
@@ -122,7 +122,7 @@ def difference_text(b: SettingDifference, unit: str) -> str:
     if b.ci95 == (b.value, b.value):
         return "equal to it"
     alone = b.ci95 is not None and b.ci95[0] > (1.0 if b.scale == "ratio" else 0.0)
-    return f"{size}{ends}, {'worse' if b.told else 'not told among so many' if alone else 'not told apart'}"
+    return f"{size}{ends}, {'worse' if b.worse else 'not significant among so many' if alone else 'not significant'}"
 
 
 def order(s: Sweep) -> list[int]:
@@ -142,7 +142,7 @@ def rows(s: Sweep) -> tuple[list[str], list[list[str]]]:
     found = []
     for k in order(s):
         setting = s.settings[k]
-        values = [value_text(setting.get(a.name, AS_IS)) for a in s.grid.axes]
+        values = [value_text(setting.get(a.name, DEFAULT)) for a in s.grid.axes]
         scores = [digits(float(c.score[k])) for c in s.columns]
         beside = "best" if k == first.single else difference_text(first.beside[k], first.metric.unit)
         found.append([*values, *scores, beside])
@@ -159,7 +159,7 @@ def log_rows(s: Sweep, c: SweepColumn) -> tuple[list[str], list[list[str]]]:
             continue
         own, one = (float(c.values[k, j]) for k in (best, c.single))
         near = (
-            "not told apart"
+            "not significant"
             if c.single in c.own_near[j] and c.single != best
             else ""
             if c.single != best
@@ -203,11 +203,11 @@ def _metric(s: Sweep, c: SweepColumn) -> dict[str, Any]:
         "unit": c.metric.unit,
         "better": c.metric.better,
         "single_best": c.single,
-        "not_told_from_it": c.near,
+        "not_significant": c.near,
         "score": plain.plain(c.score),
         "beside_the_best": plain.plain(c.beside),
         "own_optimum": [
-            {"log": name, "setting": best, "not_told_from_it": near, "left_out": c.left_out.get(j)}
+            {"log": name, "setting": best, "not_significant": near, "left_out": c.left_out.get(j)}
             for j, (name, best, near) in enumerate(zip(s.logs, c.own, c.own_near, strict=True))
         ],
     }
@@ -236,7 +236,7 @@ def csv_text(s: Sweep) -> str:
         for log, cell in zip(s.logs, s.cells[k], strict=True):
             for metric in (c.metric for c in s.columns):
                 lines.append(
-                    [text_of(setting) or AS_IS, *(setting.get(n, "") for n in names), log, *_written(metric, cell)]
+                    [text_of(setting) or DEFAULT, *(setting.get(n, "") for n in names), log, *_written(metric, cell)]
                 )
     return spreadsheet.csv_text(lines)
 

@@ -36,9 +36,9 @@ class LogPart:
         if not inside.any():
             return None
         ids = answer.units.ids[inside]
-        told = answer.units.of(ids)
+        summary = answer.units.of(ids)
         units = replace(answer.units, ids=ids, values=answer.units.values[inside])
-        return replace(answer, value=told.value, ci95=told.ci95, n=len(ids), units=units)
+        return replace(answer, value=summary.value, ci95=summary.ci95, n=len(ids), units=units)
 
     def value(self, answer: Answer) -> float | None:
         """The value on this part."""

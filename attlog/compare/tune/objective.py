@@ -1,10 +1,10 @@
-"""What a search looks for: metrics with weights, each as the logarithm of its ratio to the filter as it is.
+"""What a search looks for: metrics with weights, each as the logarithm of its ratio to the default gains.
 
     cost = sum_m w_m mean_parts ln((s_m + f_m) / (s0_m + f_m)) / sum_m w_m
 
-with s the size of the value (how far from perfect), s0 that of the filter as it is, and f a step that means nothing to
+with s the size of the value (how far from perfect), s0 that of the default gains, and f a step that means nothing to
 anybody who flies (that of :mod:`attlog.compare.diff.tolerance`), so that a lag near zero does not decide everything.
-The cost of the filter as it is is 0; -0.2 is 18 % closer to perfect.
+The cost of the default gains is 0; -0.2 is 18 % closer to perfect.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def cost(
     settled: Mapping[int, SettingResult],
     base: Mapping[int, SettingResult],
 ) -> float:
-    """The cost of a setting on parts, from what it and the filter as it is (``base``) are worth by log."""
+    """The cost of a setting on parts, from what it and the default gains (``base``) are worth by log."""
     total, weights = 0.0, 0.0
     for term in terms:
         found = [c for part in parts if (c := log_ratio(term, part, settled[part.log], base[part.log])) is not None]
@@ -89,7 +89,7 @@ def cost(
 
 
 def log_ratio(term: ObjectiveTerm, part: LogPart, settled: SettingResult, base: SettingResult) -> float | None:
-    """ln of how far a setting is from perfect over how far the filter as it is is; None where that is not known."""
+    """ln of how far a setting is from perfect over how far the default gains are; None where that is not known."""
     metric = term.metric
     before = part.value(base.answers[metric])
     if before is None:

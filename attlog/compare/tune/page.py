@@ -52,7 +52,7 @@ def _tried(t: Tuning, f: FreeParameter, number: int) -> PageFigure:
         "best": [setting == t.found.setting for setting, _ in t.found.tried],
         "say": [f"{named(tried[0])}: {c:+.0f} %" for tried, c in zip(t.found.tried, changes, strict=True)],
         "axis": f"{f.name}, {unit}" if unit else f.name,
-        "title": "objective, % of the filter as it is",
+        "title": "objective, % of the default gains",
         "table": [[f.name, "objective [%]"], *([g, c] for g, c in zip(listed(gains), listed(changes), strict=True))],
     }
     caption = "Red: the gains found. Triangles: worse than the figure reaches."

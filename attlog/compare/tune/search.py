@@ -28,7 +28,7 @@ Costs = Callable[[list[Setting]], Array]
 GENERATION = 32
 """Settings of a generation: two whole kernels."""
 DIGITS = 3
-"""Gains are tried and told with so many digits: nobody needs more, and equal ones are run once."""
+"""Gains are tried and given with so many digits: nobody needs more, and equal ones are run once."""
 WIDER = 20.0
 """A parameter is looked for from its default over this to its default times this, where no range is given."""
 MOST_UNASKED, MOST = 4, 8

@@ -51,13 +51,12 @@ def judged_text(j: HeldOutScore) -> str:
     if b.ci95 is not None and b.ci95 == (b.value, b.value):
         return f"{j.metric.title} the same"
     change, ends = _change(b, j.metric.unit)
-    told = significant_side(b)
-    words = {-1: "closer to perfect", 1: "further from perfect", 0: "not told apart"}[told]
+    words = {-1: "closer to perfect", 1: "further from perfect", 0: "not significant"}[significant_side(b)]
     return f"{j.metric.title} {change} {words}{ends}, {on}"
 
 
 def significant_side(b: SettingDifference) -> int:
-    """-1 where the tuned filter is told to be better, 1 worse, 0 not told."""
+    """-1 where the tuned filter is significantly better, 1 worse, 0 neither."""
     if b.value is None or b.ci95 is None:
         return 0
     middle = 1.0 if b.scale == "ratio" else 0.0
@@ -93,8 +92,8 @@ def _sure(t: Tuning) -> str:
     ):
         return f"Worth taking: {sizes}."
     if any(significant_side(j.beside) > 0 for j in weighed):
-        return f"To be weighed: one of the metrics is told to be worse on what was left out; {sizes}."
-    return f"No gain is told on what was left out ({sizes}): keep what you have until more logs tell one."
+        return f"To be weighed: one metric is significantly worse on what was left out; {sizes}."
+    return f"No significant gain on what was left out ({sizes}): keep what you have until more logs show one."
 
 
 def mean_left_out(t: Tuning) -> float:
@@ -140,10 +139,7 @@ def gain_rows(t: Tuning) -> tuple[list[str], list[list[str]]]:
 def part_rows(t: Tuning) -> tuple[list[str], list[list[str]]]:
     """Values of every part before and after, with gains that were not found on it."""
     shown = [j for j in t.judged if j.beside.value is not None]
-    head = [
-        "left out",
-        *(f"{j.metric.title} [{j.metric.unit}] {when}" for j in shown for when in ("as it is", "tuned")),
-    ]
+    head = ["left out", *(f"{j.metric.title} [{j.metric.unit}] {when}" for j in shown for when in ("default", "tuned"))]
     rows = []
     for k, part in enumerate(t.parts):
         values = [v for j in shown for v in (j.before[k], j.after[k])]
@@ -157,10 +153,10 @@ def judged_rows(t: Tuning) -> tuple[list[str], list[list[str]]]:
     for j in t.judged:
         b = j.beside
         change, ends = ("none", "") if b.value is None else _change(b, j.metric.unit, signed=True)
-        words = {-1: "better", 1: "worse", 0: "not told apart"}[significant_side(b)] if b.value is not None else b.why
+        words = {-1: "better", 1: "worse", 0: "not significant"}[significant_side(b)] if b.value is not None else b.why
         weight = f"{j.weight:g}" if j.weight else "elsewhere"
         rows.append([j.metric.title, weight, change + ends, f"{j.better} of {j.better + j.worse}", words])
-    return ["metric", "weight", "tuned beside as it is (95 %)", "better on", ""], rows
+    return ["metric", "weight", "tuned beside default (95 %)", "better on", ""], rows
 
 
 def document(t: Tuning, about: dict[str, Any], firmware: Mapping[str, str]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Gains for a filter from logs, judged on what was left out of finding them.
 
 The logs (of one log alone blocks of time) are left out in turn; on the others the gains with the smallest cost are
-searched for, and judged on what was left out, beside the filter as it is, pair by pair. The gains that are told are
+searched for, and judged on what was left out, beside its default gains, pair by pair. The gains that are given are
 those found on all parts; what they are worth is what gains found in the same way gained where they were not fitted.
 """
 
@@ -35,7 +35,7 @@ class Fold:
 
 @dataclass(frozen=True, slots=True)
 class HeldOutScore:
-    """A metric on parts left out: the tuned filter beside the one as it is, pooled, and part by part.
+    """A metric on parts left out: the tuned filter beside its default gains, pooled, and part by part.
 
     ``before``, ``after``: values by part, NaN where there is none. ``better``, ``worse``: on how many parts;
     ``missing``: why parts do not count.
@@ -83,7 +83,7 @@ def tune(
 ) -> Tuning:
     """Search and judge. ``logs`` are asked for the terms' metrics, ``elsewhere`` the same logs for others.
 
-    UsageError where a metric cannot be split over the blocks of a single log; LogUnusable where the filter as it is
+    UsageError where a metric cannot be split over the blocks of a single log; LogUnusable where the default gains
     has no value to begin from.
     """
     base = {k: log([{}])[0] for k, log in enumerate(logs)}
@@ -115,12 +115,12 @@ def tune(
 def _usable(
     parts: Sequence[LogPart], terms: Sequence[ObjectiveTerm], base: Mapping[int, SettingResult]
 ) -> list[LogPart]:
-    """The parts on which the filter as it is has a value of some term."""
+    """The parts on which the default gains have a value of some term."""
     blocks = parts[0].t0 is not None
     for term in terms if blocks else ():
         answer = base[0].answers[term.metric]
         if answer.value is not None and answer.units is None:
-            raise UsageError(f"{term.name}: cannot be told apart by blocks of one log; give several logs")
+            raise UsageError(f"{term.name}: cannot be compared by blocks of one log; give several logs")
     found = [p for p in parts if any(p.value(base[p.log].answers[t.metric]) is not None for t in terms)]
     if len(found) < 2:
         said = base[0].answers[terms[0].metric].reason or "too little of it can be scored"

@@ -22,7 +22,7 @@ from attlog.base.errors import UsageError
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator, LogFacts
 from attlog.estimators.engine import SOURCES, expand, loop
-from attlog.estimators.engine.late import in_pieces, late_field
+from attlog.estimators.engine.late import in_parts, late_field
 from attlog.estimators.engine.samples import PreparedSamples, Sampling, handed, prepare
 from attlog.estimators.engine.start import first, initial_state, realigned
 from attlog.kernels import cache, generate
@@ -128,7 +128,7 @@ def estimate_batch(
     if dtype not in WIDTH:
         raise UsageError(f"dtype={dtype} is not known; give float64 or float32")
     if estimator.process is not None:
-        told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
+        facts = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
         return estimator.process.call(
             estimate_batch,
             [dict(p) for p in params],
@@ -142,7 +142,7 @@ def estimate_batch(
             dt=dt,
             every=every,
             aids=aids,
-            log=told,
+            log=facts,
             dtype=dtype,
         )
     resolved = [{k: v for k, (v, _) in estimator.resolve(preset, p, log=log).items()} for p in params]
@@ -207,7 +207,7 @@ def _run(
             work[:size, column] = state
             work[size:-3, column] = packed[i]
 
-        def piece(part: slice, mag: Array, use: Any, each: int, out: Any, work: Any = work) -> None:
+        def run_part(part: slice, mag: Array, use: Any, each: int, out: Any, work: Any = work) -> None:
             data = (cast["dt"][part], samples.substeps[part], cast["gyr"][part], acc[part], mag, use)
             advance(work.ravel(), *data, each, out)
 
@@ -218,7 +218,7 @@ def _run(
             out[:] = work[: estimator.outputs]
 
         shape = (estimator.outputs, width)
-        outs.append(in_pieces(piece, realign, (mag, use), slice(a, b), late, every, shape, dtype))
+        outs.append(in_parts(run_part, realign, (mag, use), slice(a, b), late, every, shape, dtype))
         kept.append(np.arange(a, b, every))
         silent += [] if late is None else [(a, late)]
     out = np.concatenate(outs)

@@ -1,4 +1,4 @@
-"""A segment whose first field comes after the start: run in two pieces, between them the heading is set."""
+"""A segment whose first field comes after the start: run in two parts, between them the heading is set."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from attlog.estimators.base import Array, Estimator
 from attlog.estimators.engine.samples import PreparedSamples
 from attlog.estimators.engine.start import StartVectors
 
-Piece = Callable[[slice, "Array", NDArray[np.int64], int, Any], None]
+Part = Callable[[slice, "Array", NDArray[np.int64], int, Any], None]
 """Runs the samples of a slice with these magnetometer rows and their use, keeping each n-th output in an array."""
 
 
@@ -21,8 +21,8 @@ def late_field(estimator: Estimator, seen: StartVectors, heading_given: bool) ->
     return None if heading_given or "mag" not in estimator.uses else seen.late
 
 
-def in_pieces(
-    piece: Piece,
+def in_parts(
+    run: Part,
     realign: Callable[[Any], None],
     handed: tuple[Array, NDArray[np.int64]],
     segment: slice,
@@ -34,22 +34,22 @@ def in_pieces(
     """Outputs (rows, *shape) of a segment of samples, each n-th kept.
 
     ``handed``: magnetometer rows and their use, for all samples. ``realign`` sets the heading of the
-    state from the field of sample ``late`` and writes it to the row of outputs that it is given.
+    state from the field of sample ``late`` and writes it to the row of outputs that it gets.
     """
     mag, use = handed
     a, b = segment.start, segment.stop
     if late is None:
         out = np.empty((-(-(b - a) // every), *shape), dtype)
-        piece(segment, mag[segment], use[segment], every, out)
+        run(segment, mag[segment], use[segment], every, out)
         return out
     out = np.empty((b - a, *shape), dtype)
     # Up to and with that sample the filter sees no field: it would take it for an error of its heading.
     before, after = slice(a, late + 1), slice(late + 1, b)
     nothing = np.zeros_like(mag[before])
-    piece(before, nothing, np.zeros_like(use[before]), 1, out[: late + 1 - a])
+    run(before, nothing, np.zeros_like(use[before]), 1, out[: late + 1 - a])
     realign(out[late - a])
     if late + 1 < b:
-        piece(after, mag[after], use[after], 1, out[late + 1 - a :])
+        run(after, mag[after], use[after], 1, out[late + 1 - a :])
     return np.ascontiguousarray(out[::every])
 
 

@@ -25,7 +25,7 @@ from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator
 from attlog.estimators.engine import SOURCES
 from attlog.estimators.engine.events import events
-from attlog.estimators.engine.late import in_pieces, late_field, without_heading
+from attlog.estimators.engine.late import in_parts, late_field, without_heading
 from attlog.estimators.engine.returned import returned
 from attlog.estimators.engine.samples import NEW, PreparedSamples, handed
 from attlog.estimators.engine.start import StartVectors, declination_rad, first, initial_state, realigned, to_true_north
@@ -109,7 +109,7 @@ def run(
         return _whole_segments(estimator, samples, values, q0, aids or Aids())
     params = estimator.pack(values)
     advance = kernel(estimator)
-    told = events(estimator, aids, samples.t, declination_rad(values)) if estimator.aided else None
+    aiding = events(estimator, aids, samples.t, declination_rad(values)) if estimator.aided else None
     acc, mag, use = handed(samples, estimator.vectors_at)
     bounds = np.append(samples.begin, len(samples.t)).tolist()
     chunks: list[Array] = []
@@ -120,9 +120,11 @@ def run(
         late = late_field(estimator, seen, given is not None)
         state = initial_state(estimator, seen, params, values, given)
 
-        def piece(part: slice, mag: Array, use: NDArray[np.int64], each: int, out: Array, state: Array = state) -> None:
+        def run_part(
+            part: slice, mag: Array, use: NDArray[np.int64], each: int, out: Array, state: Array = state
+        ) -> None:
             nonlocal spent
-            extra = () if told is None else (told.row[part], told.quiet[part], told.table)
+            extra = () if aiding is None else (aiding.row[part], aiding.quiet[part], aiding.table)
             data = (samples.dt[part], samples.substeps[part], samples.gyr[part], acc[part], mag, use)
             clock = time.thread_time()
             advance(state, params, *data, each, out, *extra)
@@ -133,7 +135,7 @@ def run(
             out[:] = state[: estimator.outputs]
 
         shape = (estimator.outputs,)
-        chunks.append(in_pieces(piece, realign, (mag, use), slice(a, b), late, every, shape))
+        chunks.append(in_parts(run_part, realign, (mag, use), slice(a, b), late, every, shape))
         if every != 1:
             kept.append(np.arange(a, b, every))
         silent += [] if late is None else [(a, late)]
@@ -142,7 +144,7 @@ def run(
     chunks.clear()
     if samples.once:
         del acc, mag, use
-        samples.let_go()
+        samples.release()
     rows: NDArray[np.int64] | slice = slice(None)
     if every != 1:
         rows = np.concatenate(kept) if kept else np.empty(0, np.int64)
@@ -155,7 +157,7 @@ def with_line(estimator: Estimator, run: Callable[[], T]) -> T:
     """What ``run`` gives. An exception in a plug-in's compiled step becomes a PluginError with file and line.
 
     Machine code knows no line of the file, so the run is repeated in plain Python; where that raises nothing, the
-    exception is told without.
+    exception is reported without.
     """
     try:
         return run()
@@ -179,8 +181,8 @@ def collect(
 ) -> Estimate:
     """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,), or all, means.
 
-    ``silent``: first sample, and first with a field, of each segment that had to wait for it. What the filter told
-    beside attitude and bias are views of ``out``: who drops them lets go of it.
+    ``silent``: first sample, and first with a field, of each segment that had to wait for it. What the filter gave
+    beside attitude and bias are views of ``out``: who drops them releases it.
     """
     aux = {name: out[:, part.start if name in SIGMAS else part] for name, part in estimator.slices.items()}
     bias = aux.pop("bias", None)
@@ -310,8 +312,8 @@ def _try_plainly(estimator: Estimator) -> None:
     params = estimator.pack(values)
     state = initial_state(estimator, StartVectors(vectors[0], vectors[0], None), params, values, None)
     out = np.empty((2, estimator.outputs))
-    told = events(estimator, None, still.t)
-    extra = (told.row, told.quiet, told.table) if estimator.aided else ()
+    aiding = events(estimator, None, still.t)
+    extra = (aiding.row, aiding.quiet, aiding.table) if estimator.aided else ()
     data = (still.dt, still.substeps, still.gyr, still.acc, still.mag, still.use, 1, out)
     _twin(estimator)(state, params, *data, *extra)
 
@@ -349,13 +351,13 @@ def _whole_segments(
         clock = time.thread_time()
         with plugin_errors(estimator.origin):
             own = [x[a:b] for x in (s.t, s.gyr, s.acc)]
-            if estimator.origin != "attlog":  # it may write to what it is given; the times are told with its result
+            if estimator.origin != "attlog":  # it may write to its inputs; the times go with its result
                 own = [x.copy() for x in own]
             own.append(np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan))
             aid, begin = aids.between(s.t[a], s.t[b - 1]), own.pop(0)
             if s.once and b == len(s.t):
-                s.let_go()
-            # Nobody but the filter holds on to the sensors: one that has read them may let go of them.
+                s.release()
+            # Nobody but the filter holds on to the sensors: one that has read them may release them.
             one = estimator.run(begin, own.pop(0), own.pop(0), own.pop(0), aid, dict(values))
             if estimator.origin != "attlog":
                 one = returned(estimator.origin, one, b - a)

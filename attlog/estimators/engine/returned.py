@@ -1,6 +1,6 @@
-"""Is what a filter's ``run`` returned an Estimate of the samples that it was given?
+"""Is what a filter's ``run`` returned an Estimate of the samples that it got?
 
-A filter from a file returns what it likes. What is no number, or not one for each time, is told here, where the
+A filter from a file returns what it likes. What is no number, or not one for each time, is reported here, where the
 filter's name is known; further on it would be an exception in whatever computes with it, or silently lose a part.
 """
 
@@ -57,9 +57,9 @@ def _counts(where: str, counted: Any) -> dict[str, int]:
     return {str(name): int(value) for name, value in counted.items()}
 
 
-def _qualities(where: str, told: Any) -> dict[str, float | str]:
-    if not isinstance(told, Mapping) or not all(
-        isinstance(v, str | float | int | np.floating | np.integer) for v in told.values()
+def _qualities(where: str, quality: Any) -> dict[str, float | str]:
+    if not isinstance(quality, Mapping) or not all(
+        isinstance(v, str | float | int | np.floating | np.integer) for v in quality.values()
     ):
         raise PluginError(f"{where}: quality must be a dictionary of numbers and words")
-    return {str(name): value if isinstance(value, str) else float(value) for name, value in told.items()}
+    return {str(name): value if isinstance(value, str) else float(value) for name, value in quality.items()}

@@ -60,9 +60,9 @@ class PreparedSamples:
     starts: dict[tuple[int, int, str], Any] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What :mod:`attlog.estimators.engine.start` found, by begin, end and ``init``, for who runs over them again."""
     once: bool = False
-    """Whether nobody runs over them again: a filter then lets go of them before its output is put together."""
+    """Whether nobody runs over them again: a filter then releases them before its output is put together."""
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Drop the sensors, which in long logs are as large as what comes out of a filter; times and segments stay."""
         self.gyr = self.acc = self.mag = np.zeros((0, 3))
         self.use = self.substeps = np.zeros(0, np.int64)
@@ -85,7 +85,7 @@ def prepare(
     """Cleaned samples for the kernels; the input is never changed. UsageError for wrong shapes.
 
     ``lead``: whether :func:`handed` will be asked for the vectors of the sample before, which then need no copy.
-    ``ours``: for filters that write to nothing they are given; the rate, and without ``lead`` the vectors, may then be
+    ``ours``: for filters that write to none of their inputs; the rate, and without ``lead`` the vectors, may then be
     the input itself.
     """
     if sampling not in ("interval", "instant"):

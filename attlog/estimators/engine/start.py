@@ -128,10 +128,10 @@ def _started(estimator: Estimator, params: Array, acc: Array, mag: Array, attitu
     """What the filter's own start makes of vectors and an attitude."""
     assert estimator.start is not None
     with plugin_errors(estimator.origin):
-        told = np.asarray(estimator.start(params, acc, mag, attitude.copy()))
-        if told.dtype.kind not in "fiub":  # a cast would drop imaginary parts and take None for a number
-            raise PluginError(f"{estimator.origin}: start returns {told.dtype} where real numbers are wanted")
-        state = np.array(told, np.float64)
+        own = np.asarray(estimator.start(params, acc, mag, attitude.copy()))
+        if own.dtype.kind not in "fiub":  # a cast would drop imaginary parts and take None for a number
+            raise PluginError(f"{estimator.origin}: start returns {own.dtype} where real numbers are wanted")
+        state = np.array(own, np.float64)
     if state.shape != (estimator.state_size,):
         raise PluginError(
             f"{estimator.origin}: start returns an array of shape {state.shape}, STATE says ({estimator.state_size},)"

@@ -83,7 +83,7 @@ def _counts(logs: Sequence[Judged]) -> str:
     parts += [f"{counted(broken, 'log')} could not be analysed"] if broken else []
     known = sum(j.known for j in logs)
     parts += [f"{counted(known, 'log')} failed as in an earlier run"] if known else []
-    parts += [f"{excused} beyond a limit to the baseline, but not told from it by the evidence"] if excused else []
+    parts += [f"{excused} beyond a limit to the baseline, without significant difference"] if excused else []
     return f"{', '.join(parts)} (attlog {__version__})."
 
 

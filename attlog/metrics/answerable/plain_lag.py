@@ -1,4 +1,4 @@
-"""Does the reference plainly turn as the gyro does in quick movements? Then their lag can be measured, without the fit.
+"""Does the reference plainly turn as the gyro does in steps? Then their lag can be measured, without the fit.
 
 The fit of the lag (:mod:`attlog.metrics.steps.fits`) also tells aiding, misalignment and intervals. It takes compiled
 loops, and to load them costs more than all that ``attlog info`` does with a log. Here two rates about each event's axis

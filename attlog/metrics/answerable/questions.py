@@ -2,7 +2,7 @@
 
 The stand-in is the gyro alone, integrated with numpy: it has the times, restarts and gaps
 that every replayed filter has. What the metrics refuse to it for want of rest, flight,
-movements or reference, they refuse to every filter.
+steps or reference, they refuse to every filter.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def noise(case: Case) -> Availability:
 
 
 def step_lag(case: Case) -> Availability:
-    """A lag in quick movements: of the gyro alone it is a pure delay wherever the reference follows the gyro."""
+    """A lag in steps: of the gyro alone it is a pure delay wherever the reference follows the gyro."""
     count = plain_lag.plainly(case, stand_in(case), AIR[0])
     if count is None:
         answer = looked_up(case, lag.compute, named(lag.METRICS, lag.metric_id("lag", "all")), AIR)
@@ -154,7 +154,7 @@ def step_lag(case: Case) -> Availability:
             return refused(answer)
         count = answer.n
     name = case.reference.name or case.reference.source
-    return Availability((f"{count} quick movements, compared with {name} at {case.reference.rate:.0f} Hz",))
+    return Availability((f"{count} steps, compared with {name} at {case.reference.rate:.0f} Hz",))
 
 
 def yaw_drift(case: Case) -> Availability:
@@ -190,9 +190,9 @@ def looked_up(case: Case, compute: Compute, metric: Metric, windows: tuple[str, 
 
 
 def refused(answer: Answer) -> Availability:
-    """Why there is no value. Of the gyro alone: a filter that is off by more than its interval is told all the same."""
-    told = "; only a filter that is further off than that is told" if answer.code == CODE else ""
-    return Availability((), ((answer.reason or "") + told,), (answer.code or "",))
+    """Why there is no value. Of the gyro alone: a filter may be off by more than its interval all the same."""
+    larger = "; only a larger error would be significant" if answer.code == CODE else ""
+    return Availability((), ((answer.reason or "") + larger,), (answer.code or "",))
 
 
 ASKED: dict[str, Callable[[Case], Availability]] = {

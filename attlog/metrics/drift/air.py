@@ -21,7 +21,7 @@ from attlog.segments.spans import inside, intersect
 Array = NDArray[np.float64]
 
 HEADING_REFERENCES = {
-    "onboard": "the onboard heading that flew",
+    "onboard": "the onboard heading",
     "truth": "the true heading (simulation or motion capture)",
     "smoother": "the smoothed heading",
     "mag": "the tilt-compensated magnetometer heading",
@@ -50,7 +50,7 @@ METRICS: tuple[Metric, ...] = tuple(
             f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start, from 20 s on:
             1 s block means, cut at gaps and at resets of the heading reference; one group for each 10 s of the
             record, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The
-            drift is told where the interval excludes zero, else bounded by its larger end. It says how the row drifts
+            drift is significant where the interval excludes zero, else bounded by its larger end: how the row drifts
             away from this heading reference: a drift of the heading reference counts too."""
         ),
         resolution=drift.RESOLUTION,

@@ -22,9 +22,9 @@ _TEXT = paragraph(
     """Mean slope of the row's own heading while the vehicle stands still: the heading itself should be constant.
     Nothing within 20 s of the filter's start or restart and within 5 s of the motors' stop counts; 8 s of the rest must
     remain. Block means over 1 s (0.5 s where less than 20 s remain), cut at gaps and resets; one group for each
-    10 s, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The drift is told
-    where the interval excludes zero, else bounded by its larger end. Rests that agree are pooled, others stand as
-    a range. It is the mean drift of this record, not a property of the filter for ever. The earth's own turn (up to
+    10 s, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The drift is
+    significant where the interval excludes zero, else bounded by its larger end. Rests that agree are pooled, others
+    are a range. It is the mean drift of this record, not a property of the filter for ever. The earth's own turn (up to
     0.25 deg/min) is part of it for filters that follow the gyro."""
 )
 METRICS: tuple[Metric, ...] = (

@@ -1,4 +1,4 @@
-"""How fast does the heading drift? Mean slope of the heading error of a record, told or bounded."""
+"""How fast does the heading drift? Mean slope of the heading error of a record, significant or bounded."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Drift:
     records: list[SpanAnswer] = field(default_factory=list)
 
     @property
-    def told(self) -> bool:
+    def significant(self) -> bool:
         """Whether the interval excludes zero: there is a drift, however wide the interval."""
         return self.ci95 is not None and not self.ci95[0] <= 0.0 <= self.ci95[1]
 
@@ -213,7 +213,7 @@ def too_short(found: Drift, shortest_s: float) -> str:
 
 
 def answer(found: Drift, window: str, against: str) -> Answer:
-    """The Answer of a drift that has a value: told or bounded, never "not measurable"."""
+    """The Answer of a drift that has a value: significant or bounded, never "not measurable"."""
     reason = None
     if found.range is not None and not found.agree:
         reason = f"the rests of this log disagree: {found.range[0]:+.2f} to {found.range[1]:+.2f} deg/min"
@@ -230,7 +230,7 @@ def answer(found: Drift, window: str, against: str) -> Answer:
         ranked=reason is None,
         detail={
             "slopes": [float(s) for s in found.slopes],
-            "told": found.told,
+            "significant": found.significant,
             "less_than": found.less_than,
             "wander_deg": found.wander,
             **({} if found.range is None else {"range": list(found.range)}),

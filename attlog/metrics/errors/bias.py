@@ -25,8 +25,8 @@ METRICS: tuple[Metric, ...] = (
         "low",
         ("rest",),
         paragraph(
-            """Length of the difference between the gyro bias that the filter takes off (its own estimate, and what is
-            taken off for every filter alike: `--gyro-bias`) and the mean rate that the logged gyro
+            """Length of the difference between the gyro bias that the filter subtracts (its own estimate, and what is
+            subtracted for every filter alike: `--gyro-bias`) and the mean rate that the logged gyro
             shows at rest, averaged over windows of 5 s (one window where the rest is shorter) once the filter has
             settled. Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
         ),

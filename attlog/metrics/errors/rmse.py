@@ -48,7 +48,7 @@ _EVIDENCE = """Interval: t over consecutive groups of about {seconds:.0f} s (at 
 _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s (at least 4). Rows that gravity does
     not correct are not ranked: their error grows with the flight."""
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
-    truth or smoother: against the onboard attitude 13 to 30 % of what was told turned around in the remainder."""
+    truth or smoother: against the onboard attitude 13 to 30 % of significant pairs turned around in the remainder."""
 NAMES = {"total": "attitude", "heading": "heading", "inclination": "tilt"}
 """What an error is called in a sentence."""
 _EXTREME = "An extreme of this record has no interval and is never ranked."

@@ -1,9 +1,9 @@
-"""Which gyro bias is taken off for every filter alike, before any of them runs?
+"""Which gyro bias is subtracted for every filter alike, before any of them runs?
 
 A raw gyro is off by up to some deg/s, which no attitude filter is made for: the one that happens to
 estimate the largest bias would win. An autopilot calibrates its gyro standing still; the same is done
 here, once for all rows: the mean rate of the last rest before take-off (of the first rests where nothing
-flew), or what the onboard estimator itself took off.
+flew), or what the onboard estimator itself subtracted.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SHORTEST_S = 1.0
 BLOCK_S, FEWEST_BLOCKS = 1.0, 4
 """The interval comes from means over blocks of 1 s, shorter ones where there are fewer than four."""
 TURN_DEG = 3.0
-"""A vector that the mean rate would turn by less tells nothing about whether the vehicle turned."""
+"""A vector that the mean rate would turn by less does not show whether the vehicle turned."""
 TURNED_SHARE = 0.3
 SEEN_DEG = 90.0
 """A span is looked at for as long as the mean rate turns by this: a full turn looks like none."""
@@ -42,7 +42,7 @@ SEEN_DEG = 90.0
 
 @dataclass(slots=True)
 class CommonBias:
-    """A gyro bias in body axes (FRD) that every replay of one IMU has taken off.
+    """A gyro bias in body axes (FRD) that is subtracted for every replay of one IMU.
 
     ``asked`` is the option, ``taken`` what was possible, ``imu`` the message that the gyro comes from.
     ``dps`` (3) deg/s, of ``onboard`` the mean over the log; ``half95_dps`` (3) half the 95 % interval of
@@ -66,7 +66,7 @@ class CommonBias:
     """Of ``onboard``: times (m,) s and values (m, 3) rad/s, each held until the next."""
 
     def at(self, t: Array) -> Array:
-        """The bias (n, 3) in rad/s that is taken off at times ``t`` (n,) s."""
+        """The bias (n, 3) in rad/s that is subtracted at times ``t`` (n,) s."""
         if self.over_time is not None:
             known, x = self.over_time
             return np.asarray(x[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)])
@@ -74,7 +74,7 @@ class CommonBias:
 
 
 def none(why: str = "") -> CommonBias:
-    """Nothing is taken off."""
+    """Nothing is subtracted."""
     return CommonBias("none", "none", why=why)
 
 
@@ -109,8 +109,8 @@ def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
     inside = [between(t, a, b) for a, b in chosen]
     seconds = sum(b - a for a, b in chosen)
     if seconds < SHORTEST_S or not any(_enough(m) for m in inside):
-        told = "; --gyro-bias onboard would take off the autopilot's own" if log.onboard_gyro_bias is not None else ""
-        return none(_why_no_rest(before, rests, np.isfinite(takeoff)) + told)
+        other = "; --gyro-bias onboard would subtract the autopilot's own" if log.onboard_gyro_bias is not None else ""
+        return none(_why_no_rest(before, rests, np.isfinite(takeoff)) + other)
     means = np.degrees(np.concatenate([_blocks(t[m], x[m]) for m in inside if _enough(m)]))
     mean = np.degrees(np.mean(np.concatenate([x[m] for m in inside]), axis=0))
     half = [0.5 * (ends[1] - ends[0]) for ends in (interval.of_mean(axis) for axis in means.T) if ends is not None]
@@ -169,8 +169,8 @@ def _enough(inside: slice) -> bool:
 def _vectors(log: FlightLog, imu: Imu) -> list[Samples]:
     """What shows a turn beside the gyro: specific force and field."""
     streams: list[Stream] = [imu.acc] if log.mag is None else [imu.acc, log.mags[log.mag].field]
-    told = [(s.t_best, s.x, s.x.any(axis=1)) for s in streams]
-    return [gaps.rising(t[there], x[there]) for t, x, there in told]
+    known = [(s.t_best, s.x, s.x.any(axis=1)) for s in streams]
+    return [gaps.rising(t[there], x[there]) for t, x, there in known]
 
 
 def turned(gyro: Samples, vectors: list[Samples], span: Span) -> bool:

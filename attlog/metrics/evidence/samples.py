@@ -34,9 +34,9 @@ def within(t: Array, span: Span, segment_of: NDArray[np.int64] | None = None) ->
     return [slice(s.start + i, s.stop + i) for s in found]
 
 
-def seconds(t: Array, pieces: list[slice]) -> float:
+def seconds(t: Array, segments: list[slice]) -> float:
     """Time covered by the segments, s."""
-    return float(sum(t[s.stop - 1] - t[s.start] for s in pieces))
+    return float(sum(t[s.stop - 1] - t[s.start] for s in segments))
 
 
 @per_row
@@ -77,9 +77,9 @@ def deviations(q: Array) -> Array:
     Level, not body axes: these are inclined to the vertical, and a heading that wanders would pass for tilt.
     """
     centre = rotation.mean(q)
-    apart = rotation.error(q, centre)
-    heading = rotation.unwrap(rotation.heading_angle(apart))
-    north, east = rotation.to_rotvec(apart)[:, :2].T
+    away = rotation.error(q, centre)
+    heading = rotation.unwrap(rotation.heading_angle(away))
+    north, east = rotation.to_rotvec(away)[:, :2].T
     yaw = rotation.to_euler(centre)[2]
     roll, pitch = north * np.cos(yaw) + east * np.sin(yaw), east * np.cos(yaw) - north * np.sin(yaw)
     return np.asarray(np.degrees(np.column_stack([roll, pitch, heading])))

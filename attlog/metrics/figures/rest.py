@@ -36,17 +36,17 @@ class RestTraces:
         self._case = case
         spans = case.segments.spans("rest")
         self._rest = max(spans, key=lambda s: s[1] - s[0]) if spans else None
-        pieces = [self._piece(row) for row in onboard]
-        self._budget = Budget(replays, sum(p.stop - p.start for p in pieces if p is not None))
+        segments = [self._segment(row) for row in onboard]
+        self._budget = Budget(replays, sum(p.stop - p.start for p in segments if p is not None))
         self._drawn: list[Trace] = []
         self._scatters: list[Scatter] = []
 
-    def hear(self, row: Row) -> None:
-        """Draw what a row does at rest; it may be let go of then."""
-        piece = self._piece(row)
-        if piece is None:
+    def add(self, row: Row) -> None:
+        """Draw what a row does at rest; it may be released then."""
+        segment = self._segment(row)
+        if segment is None:
             return
-        t, angles = row.t[piece], deviations(row.q[piece])
+        t, angles = row.t[segment], deviations(row.q[segment])
         self._drawn.append(close_up(row.name, t, angles, self._budget.share(len(t), row.kind == "replay")))
         self._scatters.append(Scatter.of(row.name, residual(t, angles[:, :2]).ravel()))
 
@@ -54,16 +54,16 @@ class RestTraces:
         """All traces, the spreads in bins that are the same for all rows."""
         return [*self._drawn, *spreads(self._scatters)]
 
-    def _piece(self, row: Row) -> slice | None:
-        """The row's longest piece in the rest; None where it is too short or not finite."""
+    def _segment(self, row: Row) -> slice | None:
+        """The row's longest segment in the rest; None where it is too short or not finite."""
         if self._rest is None:
             return None
         start = max(self._rest[0], own_start(self._case, row))
-        pieces = within(row.t, (start, self._rest[1]), row.segment) if start < self._rest[1] else []
-        piece = max(pieces, key=lambda p: p.stop - p.start, default=None)
-        if piece is None or piece.stop - piece.start <= FEWEST or not np.isfinite(row.q[piece]).all():
+        segments = within(row.t, (start, self._rest[1]), row.segment) if start < self._rest[1] else []
+        segment = max(segments, key=lambda p: p.stop - p.start, default=None)
+        if segment is None or segment.stop - segment.start <= FEWEST or not np.isfinite(row.q[segment]).all():
             return None
-        return piece
+        return segment
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,11 +54,11 @@ def sensor_traces(case: Case) -> list[Trace]:
 def spectra(case: Case, imu: Imu) -> list[Trace]:
     """Amplitude densities by Welch's method (Hann window, half overlap) over flight, else over the whole log."""
     spans = case.segments.spans("airborne") or [(float(imu.gyro.t[0]), float(imu.gyro.t[-1]))]
-    pieces = [p for span in spans for p in within(imu.gyro.t, span) if p.stop - p.start >= FEWEST]
-    if not pieces:
+    segments = [p for span in spans for p in within(imu.gyro.t, span) if p.stop - p.start >= FEWEST]
+    if not segments:
         return []
-    size = min(SEGMENT, max(p.stop - p.start for p in pieces))
-    starts = [a for p in pieces for a in range(p.start, p.stop - size + 1, size // 2)]
+    size = min(SEGMENT, max(p.stop - p.start for p in segments))
+    starts = [a for p in segments for a in range(p.start, p.stop - size + 1, size // 2)]
     step = float(np.median(np.diff(imu.gyro.t)))
     if not starts or step <= 0:
         return []
@@ -70,7 +70,7 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
         columns = {"frequency": f} | {a: density[1:, k] for k, a in enumerate(AXES)}
         values = {
             "nyquist_hz": 0.5 / step,
-            "seconds": sum(float(imu.gyro.t[p.stop - 1] - imu.gyro.t[p.start]) for p in pieces),
+            "seconds": sum(float(imu.gyro.t[p.stop - 1] - imu.gyro.t[p.start]) for p in segments),
         }
         found.append(Trace("spectrum", "", f, columns, key, values=values))
     return found
@@ -106,10 +106,10 @@ def vibration(imu: Imu) -> list[Trace]:
     first, size = edges[:-1], np.diff(edges)
     columns = {}
     for name, x in zip(AXES, imu.acc.x.T, strict=True):  # one at a time: in long logs copies add up
-        apart = np.nan_to_num(x)
-        apart -= np.repeat(np.add.reduceat(apart, first) / size, size)
-        apart *= apart
-        columns[name] = np.sqrt(np.add.reduceat(apart, first) / size)
+        away = np.nan_to_num(x)
+        away -= np.repeat(np.add.reduceat(away, first) / size, size)
+        away *= away
+        columns[name] = np.sqrt(np.add.reduceat(away, first) / size)
     clipped = at_the_end(imu.acc.x)
     columns["clipped"] = np.add.reduceat(clipped.astype(np.float64), first)
     return [Trace("vibration", "", t, columns, values={"samples": float(clipped.sum())})]

@@ -1,4 +1,4 @@
-"""Arrays of quick movements: one that is like most of them, and what all of them have in common."""
+"""Arrays of steps: one that is like most of them, and what all of them have in common."""
 
 from __future__ import annotations
 

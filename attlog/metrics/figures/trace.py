@@ -121,7 +121,7 @@ def extremes(out: NDArray[np.float64], x: NDArray[np.float64], edges: NDArray[np
     for b in range(len(edges) - 1):
         for c in range(x.shape[1]):
             low, high = math.inf, -math.inf
-            at_low, at_high, hole = 0, 0, False
+            at_low, at_high, gap = 0, 0, False
             for i in range(edges[b], edges[b + 1]):
                 value = x[i, c]
                 if value < low:
@@ -129,11 +129,11 @@ def extremes(out: NDArray[np.float64], x: NDArray[np.float64], edges: NDArray[np
                 if value > high:
                     high, at_high = value, i
                 if value != value:
-                    hole = True
+                    gap = True
             first, second = low, high
             if at_high < at_low:
                 first, second = high, low
-            if hole or not -LARGEST < second < LARGEST:
+            if gap or not -LARGEST < second < LARGEST:
                 second = math.nan
             if not -LARGEST < first < LARGEST:
                 first = math.nan

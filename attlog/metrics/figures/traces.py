@@ -38,7 +38,7 @@ def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
 
 
 class Drawing:
-    """The traces of rows that pass one by one, so that each can be let go of once it is drawn.
+    """The traces of rows that pass one by one, so that each can be released once it is drawn.
 
     ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them. How many points each may
     have follows from how many there are.
@@ -67,7 +67,7 @@ class Drawing:
         case, replayed = self.case, row.kind == "replay"
         angles = self._angles.share(len(row.t), replayed)
         errors = self._errors.share(0 if row.errors is None else len(row.errors.t), replayed)
-        self._rest.hear(row)
+        self._rest.add(row)
         return [
             *attitude(row.name, row.t, row.q, row.segment, angles),
             *difference(case, row, errors),

@@ -160,22 +160,22 @@ def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Pha
     else:
         correction = step**2 / 12.0
     on = partial(typical, ids, values, prior, correction)
-    told = on(ids)
-    if told.ci95 is not None and told.ci95[1] > LARGEST_DEG:
-        told, reason = Summary(told.value, None), "its windows differ too much to give an interval"
+    summary = on(ids)
+    if summary.ci95 is not None and summary.ci95[1] > LARGEST_DEG:
+        summary, reason = Summary(summary.value, None), "its windows differ too much to give an interval"
     if row.kind == "onboard" and phase != "rest":
-        told = one_digit(told)
+        summary = one_digit(summary)
         reason = "of another IMU path with its own delay: known to one digit"
     detail = {"windows": len(ids), "phase": phase, "step_deg": row.step_deg}
     if found.settled_s is not None:
         detail["settled_after_s"] = found.settled_s
     answer = Answer(
-        told.value,
+        summary.value,
         "deg",
         window,
         len(ids),
         found.seconds,
-        told.ci95,
+        summary.ci95,
         f"typical of {len(ids)} windows of 5 s, moderated t",
         reason=reason,
         ranked=reason is None,
@@ -227,10 +227,10 @@ def hidden_deg(case: Case, index: int) -> list[float]:
     return [share * float(step) for step in steps]
 
 
-def one_digit(told: Summary) -> Summary:
+def one_digit(summary: Summary) -> Summary:
     """A value and its interval to one significant digit."""
 
     def rounded(x: float) -> float:
         return float(f"{x:.1g}")
 
-    return Summary(rounded(told.value), None if told.ci95 is None else (rounded(told.ci95[0]), rounded(told.ci95[1])))
+    return Summary(rounded(summary.value), summary.ci95 and (rounded(summary.ci95[0]), rounded(summary.ci95[1])))

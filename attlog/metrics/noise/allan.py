@@ -108,9 +108,9 @@ def longest_rest(case: Case, row: Row, window: str) -> slice | None:
 
 @per_row
 def _longest_of(case: Case, row: Row, spans: list[Span]) -> slice | None:
-    pieces = [p for span in spans for p in within(row.t, span, row.segment)]
-    pieces = [p for p in pieces if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
-    return max(pieces, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
+    segments = [p for span in spans for p in within(row.t, span, row.segment)]
+    segments = [p for p in segments if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
+    return max(segments, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
 
 
 @per_row

@@ -69,8 +69,8 @@ def _powers(case: Case, row: Row, spans: list[Span]) -> Powers:
     if max(t1 - t0 for t0, t1 in spans) < WINDOW_S:
         return Powers([], 0.0, 0.0)
     powers, near, total = [], 0, 0
-    pieces = [p for span in spans for p in within(row.t, span, row.segment) if np.isfinite(row.q[p]).all()]
-    for segment in pieces:
+    segments = [p for span in spans for p in within(row.t, span, row.segment) if np.isfinite(row.q[p]).all()]
+    for segment in segments:
         t = row.t[segment]
         step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
         if step <= 0 or 1.0 / step < MIN_RATE_HZ or t[-1] - t[0] < WINDOW_S:
@@ -85,7 +85,7 @@ def _powers(case: Case, row: Row, spans: list[Span]) -> Powers:
         windows = np.lib.stride_tricks.sliding_window_view(away, size, axis=0)[:: size // 2]
         for a in range(0, len(windows), TOGETHER):
             powers += band_power(windows[a : a + TOGETHER], step).sum(axis=1).tolist()
-    return Powers(powers, seconds(row.t, pieces), 100.0 * near / max(total, 1))
+    return Powers(powers, seconds(row.t, segments), 100.0 * near / max(total, 1))
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:

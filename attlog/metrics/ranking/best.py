@@ -1,9 +1,9 @@
 """Who is best, who is worst in a column? One rule for the table's stars, the sentences and the bars.
 
 A family is one column in one window: all rows that may be ranked, pair by pair, on the units of
-evidence that they all have. A pair is told apart where its test stands among those of the family
+evidence that they all have. A pair differs significantly where its test stands among those of the family
 (Benjamini & Hochberg, 5 %), the shown values have the same order, and they differ by more than the
-log resolves. The best rows are those that no row is told apart from as better.
+log resolves. The best rows are those that no row is significantly better than.
 """
 
 from __future__ import annotations
@@ -39,26 +39,26 @@ FEWEST: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """The rows of one column that were compared, and the pairs (better, worse) that are told apart."""
+    """The rows of one column that were compared, and the pairs (better, worse) that differ significantly."""
 
     rows: list[str]
-    told: list[tuple[str, str]]
+    significant: list[tuple[str, str]]
 
     def without(self, names: list[str]) -> Family:
         """The family when these rows are taken out of it."""
-        pairs_left = [pair for pair in self.told if not set(pair) & set(names)]
+        pairs_left = [pair for pair in self.significant if not set(pair) & set(names)]
         return Family([n for n in self.rows if n not in names], pairs_left) if names else self
 
     @property
     def best(self) -> list[str]:
-        """Rows that no row is told apart from as better."""
-        beaten = {worse for _, worse in self.told}
+        """Rows that no row is significantly better than."""
+        beaten = {worse for _, worse in self.significant}
         return [name for name in self.rows if name not in beaten]
 
     @property
     def worst(self) -> list[str]:
         """The one row that is better than nobody and not among the best; else none."""
-        winners = {better for better, _ in self.told}
+        winners = {better for better, _ in self.significant}
         last = [name for name in self.rows if name not in winners]
         return last if len(last) == 1 and last[0] not in self.best else []
 
@@ -132,8 +132,8 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
             _restrict(ranked[name], common)
     couples = list(combinations(rows, 2))
     p = _p_of_all([units[name] for name in rows], common)
-    told = [couple for couple, stands in zip(couples, pairs.significant(p), strict=True) if stands]
-    return Family(rows, _in_order(told, ranked, better))
+    significant = [couple for couple, stands in zip(couples, pairs.significant(p), strict=True) if stands]
+    return Family(rows, _in_order(significant, ranked, better))
 
 
 def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
@@ -154,32 +154,32 @@ def _restrict(answer: Answer, common: Ids) -> None:
     """The answer on some of its units: so that what stands side by side was measured at the same time."""
     if answer.units is None:
         return
-    told = answer.units.of(common)
+    summary = answer.units.of(common)
     answer.seconds *= len(common) / len(answer.units.ids)
-    answer.value, answer.ci95, answer.n = told.value, told.ci95, len(common)
+    answer.value, answer.ci95, answer.n = summary.value, summary.ci95, len(common)
     answer.detail["units_left_out"] = len(answer.units.ids) - len(common)
 
 
 def _by_intervals(answers: Mapping[str, Answer], better: str) -> Family:
-    """Columns without units: rows whose intervals lie apart are told apart."""
+    """Columns without units: rows whose intervals do not meet differ significantly."""
     found = {name: distance(a, better) for name, a in answers.items()}
-    told = [(a, b) for a, b in combinations(found, 2) if found[a][2] < found[b][0] or found[b][2] < found[a][0]]
-    return Family(list(answers), _in_order(told, answers, better))
+    disjoint = [(a, b) for a, b in combinations(found, 2) if found[a][2] < found[b][0] or found[b][2] < found[a][0]]
+    return Family(list(answers), _in_order(disjoint, answers, better))
 
 
 def _in_order(
-    told: Iterable[tuple[str, str]], answers: Mapping[str, Answer], better: str, as_given: bool = False
+    couples: Iterable[tuple[str, str]], answers: Mapping[str, Answer], better: str, ordered: bool = False
 ) -> list[tuple[str, str]]:
-    """Pairs as (better, worse) by their shown values; those within the floor are not told apart.
+    """Pairs as (better, worse) by their shown values; those within the floor do not differ.
 
-    ``as_given`` keeps only pairs that come in as (better, worse) already.
+    ``ordered`` keeps only pairs that come in as (better, worse) already.
     """
     found = []
-    for a, b in told:
-        apart = distance(answers[b], better)[1] - distance(answers[a], better)[1]
-        if abs(apart) <= floor(answers[a], answers[b]) or apart == 0.0 or (as_given and apart < 0.0):
+    for a, b in couples:
+        difference = distance(answers[b], better)[1] - distance(answers[a], better)[1]
+        if abs(difference) <= floor(answers[a], answers[b]) or difference == 0.0 or (ordered and difference < 0.0):
             continue
-        found.append((a, b) if apart > 0 else (b, a))
+        found.append((a, b) if difference > 0 else (b, a))
     return found
 
 
@@ -207,8 +207,10 @@ def _family(answers: Mapping[str, Answer], metric: Metric, deciding: Family | No
     ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}
     if deciding is None:
         return Family([], [])
-    told = [(a, b) for a, b in deciding.told if a in ranked and b in ranked]
-    return Family([n for n in deciding.rows if n in ranked], _in_order(told, ranked, metric.better, as_given=True))
+    significant = [(a, b) for a, b in deciding.significant if a in ranked and b in ranked]
+    return Family(
+        [n for n in deciding.rows if n in ranked], _in_order(significant, ranked, metric.better, ordered=True)
+    )
 
 
 def _mark(found: Ranking, window: str, column: str, compared: Family) -> None:

@@ -48,17 +48,17 @@ class DuplicateSearch:
         self._rows: list[Row] = []
         self._groups: list[_Group] = []
 
-    def hear(self, row: Row) -> None:
-        """Take from a row what is to be compared; it may be let go of then."""
+    def add(self, row: Row) -> None:
+        """Take from a row what is to be compared; it may be released then."""
         if row.kind != "replay" or row.status == "failed":
             return
         self._rows.append(row)
         glance = _excerpt(row)
         for group in self._groups:
-            apart = self._apart(group, row, glance)
-            if apart <= EQUAL_DEG:
+            angle = self._angle(group, row, glance)
+            if angle <= EQUAL_DEG:
                 group.rows.append(row)
-                group.apart_deg = max(group.apart_deg, apart)
+                group.apart_deg = max(group.apart_deg, angle)
                 return
         self._groups.append(_Group([row], glance))
 
@@ -84,7 +84,7 @@ class DuplicateSearch:
                 found.append(Duplicates([row.name for row in rows], "equation", source, _differ(rows)))
         return found
 
-    def _apart(self, group: _Group, row: Row, glance: _Excerpt) -> float:
+    def _angle(self, group: _Group, row: Row, glance: _Excerpt) -> float:
         """The largest angle in deg between a row and the first of a group; infinite where that is not known."""
         first, seen = group.rows[0], group.glance
         if first.imu is not row.imu or seen.n != glance.n or not np.array_equal(seen.t, glance.t):
@@ -120,7 +120,7 @@ def alike(rows: Sequence[Row]) -> list[Duplicates]:
     """The groups among rows that are all at hand."""
     likeness = DuplicateSearch(lambda row: row)
     for row in rows:
-        likeness.hear(row)
+        likeness.add(row)
     return likeness.found()
 
 
@@ -139,4 +139,4 @@ def _differ(group: Sequence[Row]) -> dict[str, list[float | str]]:
     """Parameters known to every row of a group whose values differ."""
     names = [name for name in group[0].parameters if all(name in row.parameters for row in group)]
     values = {name: [row.parameters[name] for row in group] for name in names}
-    return {name: told for name, told in values.items() if any(a != b for a, b in combinations(told, 2))}
+    return {name: own for name, own in values.items() if any(a != b for a, b in combinations(own, 2))}

@@ -34,7 +34,7 @@ def of_neighbours(values: ArrayLike) -> Interval | None:
     """t interval of the mean of consecutive values (k,) that may resemble their neighbours; None for fewer than two.
 
     Widened by sqrt((1 + r) / (1 - r)), as the mean of a first-order process is: r is the correlation of neighbours,
-    freed of its bias of -1/k, from 0 to MOST_ALIKE.
+    less its bias of -1/k, from 0 to MOST_ALIKE.
     """
     x = np.asarray(values, np.float64)
     ends = of_mean(x)
@@ -112,7 +112,7 @@ def sums(values: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Ar
         return np.zeros(0)
     ends = np.column_stack([first, last]).ravel()
     if ends[-1] == len(values):
-        ends = ends[:-1]  # the last range goes to the end of the values without being told
+        ends = ends[:-1]  # the last range goes to the end of the values by itself
     padded = values if ends.max() < len(values) else np.append(values, 0.0)
     return np.where(last > first, np.add.reduceat(padded, ends)[::2], 0.0)
 

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 PRIORS: dict[Kind, VariancePrior] = {"log_variance": VariancePrior(0.4, 4.0), "mean_square": VariancePrior(1.0, 3.0)}
 """Scatter of differences of logarithms from unit to unit, measured over logs."""
 NEEDED: dict[Kind, int] = {"log_variance": 1, "mean_square": 3, "slope_group": 4, "lag_event": 3, "step_event": 6}
-"""Fewer common units tell nothing."""
+"""With fewer common units there is no test."""
 EXACT = 60
 """Up to here the signed-rank distribution is counted, beyond it is normal."""
 
@@ -37,7 +37,7 @@ def p_values(kind: Kind, x: Array, y: Array) -> Array:
     if kind == "step_event":
         return signed_ranks(x - y)
     if kind in ("slope_group", "lag_event"):
-        # |x| > |y| exactly where (x - y)(x + y) > 0: both factors have to be told from zero
+        # |x| > |y| exactly where (x - y)(x + y) > 0: both factors must differ from zero
         sizes = np.minimum(_t_of(x - y), _t_of(x + y))
         return students_two_sided(sizes, x.shape[1] - 1)
     return interval.p_of_moderated(x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind])
@@ -67,8 +67,8 @@ def signed_ranks(d: Array) -> Array:
         doubled = 2.0 * (1.0 + np.argsort(np.argsort(size[at_once], axis=1), axis=1))
         positive = np.sum(np.where(d[at_once] > 0.0, doubled, 0.0), axis=1)
         deviation = math.sqrt(float(np.sum((2.0 * np.arange(1.0, k + 1.0)) ** 2))) / 2.0
-        apart = np.abs(positive - k * (k + 1.0) / 2.0) / deviation
-        found[at_once] = [2.0 * NormalDist().cdf(-z) for z in apart.tolist()]
+        deviates = np.abs(positive - k * (k + 1.0) / 2.0) / deviation
+        found[at_once] = [2.0 * NormalDist().cdf(-z) for z in deviates.tolist()]
     return found
 
 
@@ -98,7 +98,7 @@ def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
     m = len(p_values)
     order = np.argsort(p_values)
     passed = np.flatnonzero(p_values[order] <= rate * np.arange(1, m + 1) / m)
-    told = np.zeros(m, bool)
+    stand = np.zeros(m, bool)
     if len(passed):
-        told[order[: passed[-1] + 1]] = True
-    return told
+        stand[order[: passed[-1] + 1]] = True
+    return stand

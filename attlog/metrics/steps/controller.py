@@ -16,7 +16,7 @@ from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case
 from attlog.metrics.evidence.samples import within
 from attlog.metrics.statistics import intervals as interval
 from attlog.metrics.statistics.angles import groups_of, root_mean_square
-from attlog.metrics.steps.setpoint_response import NormalEquations, Piece, blocks_of, features, response
+from attlog.metrics.steps.setpoint_response import NormalEquations, SetpointSegment, blocks_of, features, response
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
 
@@ -92,10 +92,10 @@ def common(setpoint: Attitude, attitude: Attitude, spans: list[Span]) -> list[tu
     return found
 
 
-def angles(pieces: list[tuple[Array, Array, Array]]) -> list[Piece]:
+def angles(segments: list[tuple[Array, Array, Array]]) -> list[SetpointSegment]:
     """Roll and pitch (n, 2) in deg of set-point and attitude, without jumps at 180 deg."""
     found = []
-    for t, *attitudes in pieces:
+    for t, *attitudes in segments:
         wanted, flown_ = (np.degrees(np.unwrap(rotation.to_euler(q)[:, :2], axis=0)) for q in attitudes)
         found.append((t, wanted, flown_))
     return found
@@ -122,13 +122,13 @@ def flown(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tu
         return [], ("no_setpoint", "the log holds no attitude set-point beside the onboard attitude")
     if min(log.setpoints.rate, attitude.rate) < MIN_RATE_HZ:
         return [], ("rate_too_low", f"set-point and attitude are needed at {MIN_RATE_HZ:.0f} Hz or more")
-    pieces = _pieces(case, commanded(case, window))
+    segments = _segments(case, commanded(case, window))
     where = f"no attitude set-point in flight in window {window}, in a mode that commands an attitude"
-    return pieces, None if pieces else ("not_covered", where)
+    return segments, None if segments else ("not_covered", where)
 
 
 @per_case
-def _pieces(case: Case, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
+def _segments(case: Case, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
     wanted, flew = case.log.setpoints, case.log.onboard_attitude
     return [] if wanted is None or flew is None else common(wanted, flew, spans)
 
@@ -140,17 +140,17 @@ def moved(case: Case, window: str) -> NormalEquations | None:
 
 @per_case
 def _moved(case: Case, spans: list[Span]) -> NormalEquations | None:
-    return blocks_of(angles(_pieces(case, spans)))
+    return blocks_of(angles(_segments(case, spans)))
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for the onboard row and windows of flight; nothing for other rows."""
     if row.name != "onboard" or not applies_to(window, "all", "airborne"):
         return {}
-    pieces, absent = flown(case, window)
+    segments, absent = flown(case, window)
     if absent is not None:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
-    answers = {"tracking_rms_deg": _tracking(pieces, window)}
+    answers = {"tracking_rms_deg": _tracking(segments, window)}
     blocks = moved(case, window)
     count = 0 if blocks is None else len(blocks.axis)
     if blocks is None or count < MIN_BLOCKS:
@@ -187,9 +187,11 @@ def _left_out(blocks: NormalEquations) -> Array:
     return np.array(found)
 
 
-def _tracking(pieces: list[tuple[Array, Array, Array]], window: str) -> Answer:
-    tilt = np.concatenate([np.degrees(rotation.inclination_angle(rotation.error(q, q_set))) for _, q_set, q in pieces])
-    seconds = float(sum(t[-1] - t[0] for t, _, _ in pieces))
+def _tracking(segments: list[tuple[Array, Array, Array]], window: str) -> Answer:
+    tilt = np.concatenate(
+        [np.degrees(rotation.inclination_angle(rotation.error(q, q_set))) for _, q_set, q in segments]
+    )
+    seconds = float(sum(t[-1] - t[0] for t, _, _ in segments))
     groups = groups_of(len(tilt), seconds)
     value, ci95 = root_mean_square(tilt, groups)
     return Answer(

@@ -92,8 +92,8 @@ def of_events(case: Case, row: Row, events: list[StepEvent]) -> list[Curve]:
     axes = rotation.rotate(ref.q[middle], np.array([c.body for c in found]))
     axes *= np.array([math.copysign(1.0, c.event.delta_deg) for c in found])[:, None]
     error = rotation.error(errors.q_est[own], errors.q_ref[own])
-    apart = np.degrees(rotation.to_rotvec(rotation.multiply(error, rotation.conjugate(start)[of])))
-    off = np.split(np.einsum("ni,ni->n", apart, axes[of]), ends[:-1])
+    away = np.degrees(rotation.to_rotvec(rotation.multiply(error, rotation.conjugate(start)[of])))
+    off = np.split(np.einsum("ni,ni->n", away, axes[of]), ends[:-1])
     return [Curve(c.event, errors.t[c.own], c.turned, x) for c, x in zip(found, off, strict=True)]
 
 

@@ -1,4 +1,4 @@
-"""Step events: quick movements of the vehicle, found per body axis in the reference's own rate."""
+"""Steps: fast attitude changes of the vehicle, found per body axis in the reference's own rate."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ REST_OF_EVENT_S = 0.7
 BEFORE_S, AFTER_S = 0.5, 1.0
 RUN_AFTER_S = 1.2
 RATE_SPAN_S = 0.04
-"""The rate is taken over this span: then a logged step of 0.01 deg at 400 Hz is no movement."""
+"""The rate is taken over this span: then a logged step of 0.01 deg at 400 Hz is no step."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepEvent:
-    """One movement about a body axis: onset, half and 90 % of the stroke, its size, the window to compare in (s)."""
+    """One step about a body axis: onset, half and 90 % of the stroke, its size, the window to compare in (s)."""
 
     axis: int
     onset: float
@@ -45,7 +45,7 @@ def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[StepEvent]:
 
     The stroke is the largest excursion of the integrated body rate within 1 s of the
     onset, at least 5 deg (yaw 10); an onset less than 0.7 s after the last event's
-    90 % point belongs to that event (docs/metrics.md, Quick movements).
+    90 % point belongs to that event (docs/metrics.md, Steps).
     """
     events: list[StepEvent] = []
     for own in gaps.slices(np.ones(len(t), bool), segment):

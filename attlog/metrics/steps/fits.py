@@ -169,10 +169,10 @@ def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
             return "no_events", why_never_airborne(case)
         sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
         start = f"from {case.reference.scoring_start:.0f} s on"
-        return "no_events", f"no quick movement {where} {start}; turns of {sizes} within 1 s are needed"
+        return "no_events", f"no step {where} {start}; turns of {sizes} within 1 s are needed"
     return None
 
 
 def too_few(count: int, where: str = "") -> str:
     """The reason where there are fewer than MIN_EVENTS; ``where`` follows with a blank before it."""
-    return f"{count} quick movement{'' if count == 1 else 's'}{where}; at least {MIN_EVENTS} are needed"
+    return f"{count} step{'' if count == 1 else 's'}{where}; at least {MIN_EVENTS} are needed"

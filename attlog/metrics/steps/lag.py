@@ -1,4 +1,4 @@
-"""How late is a row in quick movements? Lag with its interval, step gain and distortion."""
+"""How much does a row lag in steps? Lag with its interval, step gain and distortion."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ COMMON_GAIN = 0.006
 """The same of a gain: scale and low-pass of the logged gyro. Between it and a gyro made from the truth gains differ by
 0.002 in the median and 0.006 in nine of ten, while the jackknife alone (0.002) held the gain in 60 to 70 %."""
 _LAG = paragraph(
-    """How late the row follows quick movements{axis}, positive = late. Each event (a stroke of at least 5 deg, yaw 10
-    deg, within 1 s after 0.3 s of quiet) is compared from 0.5 s before its onset to 1.0 s after 90 % of the stroke.
+    """Delay of the row in steps{axis}, positive = late. Each step (a fast attitude change: at least 5 deg, yaw 10 deg,
+    within 1 s after 0.3 s of quiet) is compared from 0.5 s before its onset to 1.0 s after 90 % of the change.
     The turning rates of row and reference about the event's axis are fitted over all events at once: delay, gain, a
     constant body misalignment, one constant per event, and the turning back that accelerometer and magnetometer cause
     (from the row's own attitude and the samples it saw), so that acceleration does not pass for an early estimate. The
     known delay of the logged sensors is subtracted where the reference does not share it. Interval: root sum of squares
     of the jackknife over events, 0.5 ms for clocks, 0.3 of the shape error and 0.15 of what the aiding changes. Judged
-    only with gain 0.95 to 1.05, distortion up to 15 %, aiding up to 70 % of the movement's rate (25 % for rows that
+    only with gain 0.95 to 1.05, distortion up to 15 %, aiding up to 70 % of the step's rate (25 % for rows that
     diverged, 15 % above 2 g), and not where a causal filter comes out early against truth: otherwise not a pure
     delay."""
 )
 _GAIN = paragraph(
-    """The share of the movement's rate{axis} that the row follows once the aiding is taken out, from the same fit as
+    """The share of the step's rate{axis} that the row follows once the aiding is taken out, from the same fit as
     the lag. Interval: root sum of squares of the jackknife over events and 0.006 for scale and low-pass of the logged
     gyro."""
 )
@@ -71,7 +71,7 @@ HEAVY = 0.02
 RESOLUTIONS = {
     # a third of what the attitude loop of a usual autopilot has to spare
     "lag": Resolution(50.0, "a lag of 50 ms", "steps"),
-    "gain": Resolution(1.0, "whether the movement is followed at all", "steps"),
+    "gain": Resolution(1.0, "whether the step is followed at all", "steps"),
 }
 
 
@@ -133,7 +133,7 @@ class LagOnEvents:
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
+    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
     if not applies_to(window, "all", "airborne"):
         return {}
     absent = why_no_errors(case, row) or why_no_events(case, row, window)
@@ -181,7 +181,7 @@ def _of_axis(case: Case, row: Row, window: str, axis: str, seen: RowFits | None)
 
     distortion = answer(found.distortion, "distortion", found.half_width(2))
     if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
-        distortion.ranked, distortion.reason = False, f"follows {100 * found.gain:.0f} % of the movement"
+        distortion.ranked, distortion.reason = False, f"follows {100 * found.gain:.0f} % of the step"
     return {
         names["lag"]: _lag_answer(case, row, window, found, seen.events, detail),
         names["gain"]: answer(found.gain, "gain", math.hypot(found.half_width(1), COMMON_GAIN)),
@@ -195,21 +195,21 @@ def _lag_answer(
     delay = input_delay(case, row)
     lag, half, half_sample = found.delay - delay, half_width(found), 0.5 * sample_step(case, row)
     detail = shared | {"fitted_ms": 1000 * found.delay, "without_aiding_ms": 1000 * (lag - found.moved_s)}
-    told = functools.partial(
+    answer = functools.partial(
         Answer, detail=detail, each=[float(v) for v in 1000 * (found.each - delay)], taken_out=1000 * delay
     )
     if found.at_edge:
         reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
-        return told(None, "ms", window, code="lag_at_edge", reason=reason)
+        return answer(None, "ms", window, code="lag_at_edge", reason=reason)
     may_be_early = case.reference.kind == "onboard" or not row.causal
     earliest = -math.inf if may_be_early else -half_sample
     why = why_no_pure_delay(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
     if why is not None:
-        return told(None, "ms", window, code="not_a_pure_delay", reason=why)
+        return answer(None, "ms", window, code="not_a_pure_delay", reason=why)
     unranked = None if row.causal else "looks ahead in time: its lag is no merit"
     ids, n = ids_of([events[k].onset for k in found.events]), len(found.events)
     pseudo = 1000 * (n * lag - (n - 1) * (found.left_out[:, 0] - delay))
-    return told(
+    return answer(
         1000 * lag,
         "ms",
         window,
@@ -231,20 +231,16 @@ def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float,
     cannot come before ``earliest`` (s) by more than ``half_width`` (s).
     """
     if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
-        return (
-            f"follows {100 * found.gain:.0f} % of the movement ({PURE_GAIN[0]:.2f} to {PURE_GAIN[1]:.2f} can be judged)"
-        )
+        return f"follows {100 * found.gain:.0f} % of the step ({PURE_GAIN[0]:.2f} to {PURE_GAIN[1]:.2f} can be judged)"
     if found.distortion > MAX_DISTORTION:
-        return (
-            f"shape error {100 * found.distortion:.0f} % of the movement ({100 * MAX_DISTORTION:.0f} % can be judged)"
-        )
+        return f"shape error {100 * found.distortion:.0f} % of the step ({100 * MAX_DISTORTION:.0f} % can be judged)"
     most, where = MAX_SHARE, ""
     if not sound:
         most, where = MAX_SHARE_UNSOUND, " in a row that diverged or did not settle"
     if found.sums.heavy >= HEAVY:
         most, where = min(most, MAX_SHARE_HEAVY), " where the specific force exceeds 2 g"
     if found.share > most:
-        turned = f"accelerometer and magnetometer turn it at {100 * found.share:.0f} % of the movement's rate"
+        turned = f"accelerometer and magnetometer turn it at {100 * found.share:.0f} % of the step's rate"
         return f"{turned} ({100 * most:.0f} % can be judged{where})"
     if lag + half_width < 0.0 and lag < earliest:
         return f"comes out {-1000 * lag:.1f} ms early, which a causal filter cannot be"

@@ -1,4 +1,4 @@
-"""How fast does a filter give tilt back where the accelerometer disagrees? Gravity's aiding in quick movements."""
+"""How fast does a filter give tilt back where the accelerometer disagrees? Gravity's aiding in steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from attlog.metrics.steps.fits import evidence, too_few, why_no_events
 from attlog.reference.model import Row
 
 LARGEST_HALF_PER_S, LARGEST_HALF = 0.2, 0.2
-"""Told where half the interval is below 0.2 1/s or 20 % of the value."""
+"""Answered where half the interval is below 0.2 1/s or 20 % of the value."""
 
 COMMON_PER_S, COMMON = 0.004, 0.02
 """The interval beside its jackknife: scale and noise of the logged gyro pass for aiding. `gyro`, which has none, shows
@@ -27,18 +27,18 @@ METRICS: tuple[Metric, ...] = (
         ("reference", "events"),
         paragraph(
             """How fast the row turns its tilt towards the direction that the accelerometer takes for down: rate over
-            angle between the two, 1/s; its reciprocal is a time constant. In a quick movement the accelerometer shows
+            angle between the two, 1/s; its reciprocal is a time constant. In a step the accelerometer shows
             thrust, not gravity, so this is how fast a true tilt is given back. From the gravity part of the aiding that
             the fit of the lag finds, regressed on that angle over all events. Interval: root sum of squares of the
-            jackknife over events, 0.004 1/s and 2 %. Told where half of it is below 0.2 1/s or 20 %, and where roll or
-            pitch moved. A filter that corrects in steps of fixed size has a leak that depends on the movement."""
+            jackknife over events, 0.004 1/s and 2 %. Answered where half of it is below 0.2 1/s or 20 %, and where roll
+            or pitch moved. A filter that corrects by fixed amounts has a leak that depends on the step."""
         ),
     ),
 )
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
+    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
     if not applies_to(window, "all", "airborne"):
         return {}
     metric = METRICS[0]
@@ -54,13 +54,13 @@ def _answer(case: Case, row: Row, window: str) -> Answer:
         reason = too_few(count, " in roll or pitch")
         return missing("too_few_events", reason, "1/s", window)
     if not math.isfinite(found.leak):
-        return missing("not_covered", "no accelerometer samples around the movements", "1/s", window)
+        return missing("not_covered", "no accelerometer samples around the steps", "1/s", window)
     half = math.hypot(found.half_width(3), COMMON_PER_S, COMMON * found.leak)
     if half > max(LARGEST_HALF_PER_S, LARGEST_HALF * abs(found.leak)):
         width = (
             f"{found.leak:.2f} +- {half:.2f} 1/s" if math.isfinite(half) else f"{found.leak:.2f} 1/s without interval"
         )
-        reason = f"{width}: the movements do not tell it"
+        reason = f"{width}: the steps do not show it"
         return missing("too_few_events", reason, "1/s", window, fitted=found.leak)
     return Answer(
         found.leak,
@@ -71,6 +71,6 @@ def _answer(case: Case, row: Row, window: str) -> Answer:
         (found.leak - half, found.leak + half),
         f"aiding in {len(found.events)} events, jackknife",
         ranked=False,
-        reason="slow is right in a movement, fast against gyro drift",
+        reason="slow is right in a step, fast against gyro drift",
         detail={"time_constant_s": 1.0 / found.leak if abs(found.leak) > half else None},
     )

@@ -20,7 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Piece = tuple[Array, Array, Array]
+SetpointSegment = tuple[Array, Array, Array]
 """Times (n,) evenly spaced, set-point (n, 2) and attitude (n, 2) in deg: roll and pitch."""
 
 MEMORY_S = 1.0
@@ -30,7 +30,7 @@ SHARP_S = 0.05
 """A response as short as this is still likely: the scale of the prior."""
 BLOCK_S = 1.0
 MOVING_DEG = 1.0
-"""Seconds in which the set-point varies less, with the second before, tell nothing about the response."""
+"""Seconds in which the set-point varies less, with the second before, show nothing of the response."""
 BAND = 0.05
 LEVEL_S = 0.8
 """The step response is divided by its mean from here to its end."""
@@ -57,14 +57,14 @@ class NormalEquations:
         )
 
 
-def blocks_of(pieces: list[Piece]) -> NormalEquations | None:
-    """The blocks of both axes in which the set-point moved; None without any. All pieces have one spacing."""
-    if not pieces:
+def blocks_of(segments: list[SetpointSegment]) -> NormalEquations | None:
+    """The blocks of both axes in which the set-point moved; None without any. All segments have one spacing."""
+    if not segments:
         return None
-    step = float(pieces[0][0][1] - pieces[0][0][0])
+    step = float(segments[0][0][1] - segments[0][0][0])
     lags, size = round(MEMORY_S / step) + 1, max(round(BLOCK_S / step), 1)
     found: list[tuple[Array, Array, float, float, int]] = []
-    for t, wanted, flown in pieces:
+    for t, wanted, flown in segments:
         for axis in (0, 1):
             x, y = wanted[:, axis], flown[:, axis]
             begins = np.arange(lags, len(t) - size, size)

@@ -31,7 +31,7 @@ METRICS: tuple[Metric, ...] = (
             """How far the row's peak in a step lies beyond the reference's own peak, in percent of the step; mean over
             events, t interval. Negative where the row falls short."""
         ),
-        resolution=Resolution(100.0, "an overshoot by the whole movement", "steps"),
+        resolution=Resolution(100.0, "an overshoot by the whole step", "steps"),
     ),
     Metric(
         "settling_s",
@@ -70,7 +70,7 @@ def _ends(case: Case, row: Row, window: str) -> tuple[Array, Array, int]:
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
+    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
     if not applies_to(window, "all", "airborne"):
         return {}
     absent = why_no_errors(case, row) or why_no_events(case, row, window)

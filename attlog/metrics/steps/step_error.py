@@ -1,4 +1,4 @@
-"""How wrong is the attitude after a quick movement? The angle off about its axis, 0.5 s and 1.0 s later."""
+"""How wrong is the attitude after a step? The angle off about its axis, 0.5 s and 1.0 s later."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ NEAR_S = 0.05
 SMOOTHED_DEG = 0.05
 """So much does a smoother's own error change within a second: 0.02 to 0.06 deg (RMS) on six flights with truth."""
 
-_ERROR = """How far the attitude is off {after:.1f} s after a quick movement: the row's error relative to its own
-    mean over 0.3 s before the onset, about the axis of the movement, {after:.1f} s after 90 % of the stroke (mean over
+_ERROR = """How far the attitude is off {after:.1f} s after a step: the row's error relative to its own
+    mean over 0.3 s before the onset, about the axis of the step, {after:.1f} s after 90 % of it (mean over
     +-50 ms). A constant heading offset or misalignment does not count. """
 _DEG = _ERROR + "Median of the magnitude over events; detail: 90 %."
-_PCT = _ERROR + "Percent of the stroke, signed: negative where the row shows too little. Median over events."
+_PCT = _ERROR + "Percent of the step, signed: negative where the row shows too little. Median over events."
 _INTERVAL = """ Interval: order statistics, from 6 events on. Against the smoother rows that differ by less than
     0.05 deg are the same."""
 
 _KINDS: tuple[tuple[str, str, Literal["low", "zero"], str, Resolution | None], ...] = (
     ("deg", "deg", "low", _DEG, None),
-    ("pct", "%", "zero", _PCT, Resolution(100.0, "an error of the whole movement", "steps")),
+    ("pct", "%", "zero", _PCT, Resolution(100.0, "an error of the whole step", "steps")),
 )
 
 METRICS: tuple[Metric, ...] = tuple(
@@ -85,7 +85,7 @@ def _after(case: Case, row: Row, window: str, after: float) -> EventErrors:
 def error_at(curve: Curve, at: float) -> float | None:
     """The mean error (deg) over +-50 ms around a time in s, the nearest sample's if none is in there.
 
-    None beyond the event's window, which a neighbouring movement may have cut.
+    None beyond the event's window, which a neighbouring step may have cut.
     """
     near = np.abs(curve.t - at) <= NEAR_S
     if near.any():
@@ -121,7 +121,7 @@ def percent(errors: EventErrors) -> Array:
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
+    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
     if not applies_to(window, "all", "airborne"):
         return {}
     absent = why_no_errors(case, row) or why_no_events(case, row, window)

@@ -57,8 +57,8 @@ def of_log(case: Case, row: Row, shortest: float, longest: float) -> StillSample
     rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
     if row.kind != "replay" or rest is None or imu is None:
         return None
-    pieces = within(imu.gyro.t, (max(rest.t0, rest.t1 - longest), rest.t1))
-    own = max(pieces, key=lambda p: p.stop - p.start, default=slice(0, 0))
+    segments = within(imu.gyro.t, (max(rest.t0, rest.t1 - longest), rest.t1))
+    own = max(segments, key=lambda p: p.stop - p.start, default=slice(0, 0))
     t = imu.gyro.t[own]
     if len(t) < MIN_SAMPLES or t[-1] - t[0] < shortest:
         return None
@@ -111,9 +111,9 @@ def gains(case: Case, row: Row) -> Array | None:
             rate, acc_turned = pulsed(t, rest.acc, axis)
             mag_turned = None if mag is None else pulsed(t, mag, axis)[1]
             turned = end(row, rest, rest.gyro + rate, acc_turned, mag_turned)
-            apart = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(before), turned)))
+            turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(before), turned)))
             whole = np.degrees(np.sum(rate[1:, axis] * np.diff(t)))
-            shown[axis] = apart[axis] / whole
+            shown[axis] = turn[axis] / whole
     except AttlogError:
         return None  # a filter that cannot be run again stays unranked
     return shown if np.isfinite(shown).all() else None
@@ -128,7 +128,7 @@ UNCORRECTED = "it is not corrected by gravity"
 
 @per_row
 def tilt_left(case: Case, row: Row) -> float | None:
-    """The share of a tilt that only the gyro told which is left 10 s later; None where the row cannot be replayed.
+    """The share of a tilt seen by the gyro alone that is left 10 s later; None where the row cannot be replayed.
 
     None too for a row that looks ahead: what it says at the end of a made record says nothing of a flight.
 
@@ -145,8 +145,8 @@ def tilt_left(case: Case, row: Row) -> float | None:
         after = end(row, rest, gyro, rest.acc, rest.mag)
     except AttlogError:
         return None
-    told = np.radians(RATE_DPS) * float(np.sum(np.diff(rest.t)[pulse[1:]]))
-    left = float(rotation.inclination_angle(after)) / told
+    tilt = np.radians(RATE_DPS) * float(np.sum(np.diff(rest.t)[pulse[1:]]))
+    left = float(rotation.inclination_angle(after)) / tilt
     return left if np.isfinite(left) else None
 
 

@@ -75,7 +75,7 @@ FRAMES = _frames()
 
 
 def _named(axes: Array) -> str:
-    """Where the axes come from: ``y and x swapped`` is told as ``x = -y, y = -x, z = -z``, or its mirror image.
+    """Where the axes come from: ``y and x swapped`` is said as ``x = -y, y = -x, z = -z``, or its mirror image.
 
     Of the two (all signs the other way round turn alike) the one with fewer signs.
     """

@@ -2,7 +2,7 @@
 
 A filter that differs from the reference may be wrong. Where several different filters
 stay together and the reference alone is elsewhere, the mean specific force decides:
-turned to earth axes and freed of the change of velocity it must be gravity.
+turned to earth axes less the change of velocity it must be gravity.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ def _judged(
     if len(near) < max(FILTERS, (len(filters) + 1) // 2):
         return None
     spread = np.max(np.nan_to_num(distance[near]), axis=0)
-    apart = _angle(own_down, common)
-    off = apart > np.maximum(APART_DEG, TIMES * spread)
+    angles = _angle(own_down, common)
+    off = angles > np.maximum(APART_DEG, TIMES * spread)
     spans = [s for s in gaps.slices(off, reference.segment[use]) if t[s.stop - 1] - t[s.start] >= LEAST_S]
     seconds = sum(float(t[s.stop - 1] - t[s.start]) for s in spans)
     if not spans or seconds < SHARE * _seconds(t, reference.segment[use]):
@@ -123,7 +123,7 @@ def _judged(
     right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
     if right > RIGHT_M_S2 or wrong < WRONG_M_S2:
         return None
-    angle = float(np.median(apart[longest]))
+    angle = float(np.median(angles[longest]))
     who = f"all {len(filters)}" if len(near) == len(filters) else f"{len(near)} of {len(filters)}"
     fault = (
         f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree with each other, and by them the mean "

@@ -25,7 +25,7 @@ INTERVAL_SAMPLES, LONGEST_S = 8, 0.2
 FEWEST = 100
 SLOWEST_HZ = 5.0
 AGREES_S, SURE_S = 2e-3, 1e-3
-"""Formula and rates agree within 2 ms; a fit less sure than 1 ms (one sigma) is not told."""
+"""Formula and rates agree within 2 ms; a fit less sure than 1 ms (one sigma) is not used."""
 OUTLIER_RAD_S = np.radians(60.0)
 """A larger difference is a reset of the reference, not a delay."""
 
@@ -103,27 +103,27 @@ def measured(imu: Imu, reference: Reference) -> float | None:
 
 
 def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | float) -> tuple[float, AlignmentStep]:
-    """The input delay in s that lags of replayed rows are freed of; the step tells the one seen in the rates too."""
+    """The input delay in s that is subtracted from lags of replayed rows; the step says what the rates show too."""
     name, switch = "input_delay", "config: input_delay"
     if option == "off":
         text = "switched off: lags contain the sensor's filters"
         return 0.0, AlignmentStep(name, text, 0.0, "ms", "option", False, switch)
     if option != "auto":
         try:
-            given = float(option)
+            option_ms = float(option)
         except ValueError:
             raise UsageError(f"input_delay {option!r}: use auto, off or milliseconds") from None
-        return 1e-3 * given, AlignmentStep(name, "given by the user", given, "ms", "option", option=switch)
+        return 1e-3 * option_ms, AlignmentStep(name, "given by the user", option_ms, "ms", "option", option=switch)
     if imu is None:
         return 0.0, AlignmentStep(name, "no IMU is replayed", 0.0, "ms", "", False, switch)
-    told, source = by_parameter(imu)
+    known, source = by_parameter(imu)
     seen = None if reference.kind == "smoother" else measured(imu, reference)
     if reference.kind == "smoother":
-        check = "the smoother is freed of it; made of this gyro, it cannot check it"
+        check = "the smoother is without it; made of this gyro, it cannot check it"
     elif seen is None:
         check = "the log turns too little to check it"
     else:
-        verdict = "" if abs(seen - told) <= AGREES_S else ", which disagrees: look at clock in --config"
+        verdict = "" if abs(seen - known) <= AGREES_S else ", which disagrees: look at clock in --config"
         check = f"the rates show {1e3 * seen:.1f} ms against {reference.source}{verdict}"
-    text = f"{1e3 * told:.1f} ms by {source}; {check}"
-    return told, AlignmentStep(name, text, 1e3 * told, "ms", source, told > 0, switch)
+    text = f"{1e3 * known:.1f} ms by {source}; {check}"
+    return known, AlignmentStep(name, text, 1e3 * known, "ms", source, known > 0, switch)

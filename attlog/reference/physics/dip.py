@@ -1,7 +1,7 @@
 """Whose down is it where accelerometer and attitude disagree? The earth's field dips below level by a known angle.
 
 A smoother made of an accelerometer in a frame of its own is sure of a down that is none. The field
-is measured by a third sensor: where it dips as it must below the level of the attitude that flew,
+is measured by a third sensor: where it dips as it must below the level of the onboard attitude,
 and not below that of the accelerometer, the accelerometer is the one that is wrong.
 """
 
@@ -43,7 +43,7 @@ def accelerometer_contradicted(seen: DipAngles | None, attitude: Attitude | None
 
 def compass_contradicted(seen: DipAngles | None, attitude: Attitude | None, source: str) -> str:
     """Why the compass does not show the earth's field: it dips otherwise below the level of the accelerometer and below
-    that of the attitude that flew, which agree; empty where nothing tells, or it is right."""
+    that of the onboard attitude, which agree; empty where nothing tells, or it is right."""
     if seen is None or attitude is None or abs(seen.by_force - seen.by_attitude) > RIGHT_DEG:
         return ""
     if abs(seen.by_force - seen.on_earth) < WRONG_DEG:

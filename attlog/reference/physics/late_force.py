@@ -14,7 +14,7 @@ STEP_S = 0.1
 RANGE_S, GNSS_LATE_S = 10.0, 0.6
 """Delays that are looked for, either way; and how late a receiver may be itself."""
 LEAST_S = 0.3
-"""A smaller one is not told from a receiver's."""
+"""A smaller one may be a receiver's."""
 OVER_S = 1.0
 """Velocities change over so long: less is their noise."""
 LEAST_M_S2, FEWEST, LONGEST_S = 0.5, 60, 300.0

@@ -15,7 +15,7 @@ TIMES, LEAST_DPS = 20.0, 100.0
 ALONE = 3.0
 """It is so many times further from them than they are from each other: else it is the turn itself."""
 FEW = 5
-"""So many in a log are told of; a blow makes one or two."""
+"""So many in a log are reported; a blow makes one or two."""
 MOST_DEG_PER_MIN = 20.0
 """Spikes that turn further than this, together, are more than the bias of a calibrated gyro (0.3 deg/s)."""
 
@@ -44,12 +44,12 @@ def of(imu: Imu) -> Spikes:
     usual = float(np.median(dt))
     off = rate[1:-1] - 0.5 * (rate[:-2] + rate[2:])
     size = rotation.length(off)
-    apart = rotation.length(rate[2:] - rate[:-2])
+    change = rotation.length(rate[2:] - rate[:-2])
     regular = (np.maximum(dt[:-1], dt[1:]) < 1.5 * usual) & np.isfinite(size)
     if not regular.any():
         return Spikes()
     least = max(TIMES * float(np.median(size[regular])), np.radians(LEAST_DPS))
-    found = np.flatnonzero(regular & (size > least) & (size > ALONE * apart))
+    found = np.flatnonzero(regular & (size > least) & (size > ALONE * change))
     if len(found) < FEW:
         return Spikes(len(found))
     turned = float(np.degrees(np.sum(size[found]) * usual)) * 60.0 / (usual * len(t))

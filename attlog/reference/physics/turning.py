@@ -1,8 +1,8 @@
-"""Is the logged gyro the one that turned? The attitude that flew and the earth's field turn as the vehicle does.
+"""Is the logged gyro the one that turned? The onboard attitude and the earth's field turn as the vehicle does.
 
 Every replay, the smoother's too, is made of the logged gyro. One in other units, with other
 axes, clipped or on another clock makes attitudes that are wrong and sure of themselves, which
-would then judge the attitude that flew. So before anything is made of the gyro, its turns are
+would then judge the onboard attitude. So before anything is made of the gyro, its turns are
 held against those of the onboard attitude (or truth); where they contradict each other, the
 direction of the magnetic field tells which of the two is right.
 """

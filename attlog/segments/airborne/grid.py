@@ -28,17 +28,17 @@ SHORT_S = 0.2
 FORCE_M_S2, RATE_DPS, TURN_DEG = 0.03, 1.0, 0.2
 """Of a vehicle that is neither moved nor moves: standard deviation of force, rate, standard deviation of the tilt."""
 VARIED = 0.005
-"""Variance of gravity's sideways part, (m/s^2)^2, from which the slope of the sideways force on it is told."""
+"""Variance of gravity's sideways part, (m/s^2)^2, from which the slope of the sideways force on it is known."""
 FASTEST_M_S = 3.0
 BY_THE_GROUND, MOST, PART = 0.7, 1.6, 0.6
 STALE_S, BROKEN_S = 1.5, 0.5
 SLOW_HZ = 8.0
-"""Below this rate of the IMU nothing is told of its movements."""
+"""Below this rate of the IMU its movements are not known."""
 
 
 @dataclass(slots=True)
 class Grid:
-    """Signs of flight at times ``t`` (n,) s, 0.1 s apart; NaN where a log tells nothing.
+    """Signs of flight at times ``t`` (n,) s, 0.1 s apart; NaN where a log shows nothing.
 
     ``known`` (n,): the IMU was logged there. ``force`` (n, 3) m/s^2: specific force over 0.4 s; ``size`` (n,) m/s^2:
     its length over 0.2 s. ``dynamics`` (n,): mean of the logarithms of how much force, rate and tilt vary against what
@@ -86,7 +86,7 @@ def build(log: FlightLog, t0: float, t1: float) -> Grid | None:
 
 
 def _fill(grid: Grid, part: slice, rate: Array) -> None:
-    """Signs of one unbroken piece of a log, from its force and its rate (n, 3) deg/s without the gyro's offset."""
+    """Signs of one unbroken segment of a log, from its force and its rate (n, 3) deg/s without the gyro's offset."""
     raw, down = grid.force[part], grid.down[part]
     force, turned = _mean(raw, MEAN_S), rotation.length(_mean(rate, MEAN_S))
     signs = [_deviation(rotation.length(force), SPREAD_S) / FORCE_M_S2]

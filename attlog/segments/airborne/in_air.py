@@ -173,7 +173,7 @@ def _to_the_ground(a: int, b: int, levels: list[Level], driven: Mask) -> tuple[i
 
 
 def _bridged(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, int]]:
-    """Ranges with their holes of up to 2 s closed in which ``whole`` holds."""
+    """Ranges with their gaps of up to 2 s closed in which ``whole`` holds."""
     joined: list[tuple[int, int]] = []
     for a, b in found:
         if joined and (a - joined[-1][1]) * STEP_S <= BRIDGE_S and bool(whole[joined[-1][1] : a].all()):

@@ -36,7 +36,7 @@ def test_equal_is_0_and_a_difference_is_1(attlog, two: tuple[Path, Path]) -> Non
 
 def test_formats_go_to_the_terminal_or_to_a_file(attlog, two: tuple[Path, Path], tmp_path: Path) -> None:
     found = json.loads(attlog("diff", *two, "--json").out)
-    assert found["schema"] == "attlog-diff/1"
+    assert found["schema"] == "attlog-diff/2"
     assert found["logs"][0]["moved"][0]["new"] == 9.0
     done = attlog("diff", *two, "--format", "md", "-o", tmp_path / "x.md")
     assert (done.code, done.out) == (1, "")

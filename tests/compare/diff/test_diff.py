@@ -45,7 +45,7 @@ def test_of_two_logs_a_value_counts_only_where_its_interval_tells_it() -> None:
     """Intervals of a tenth: 2.0 +-0.2 and 2.3 +-0.23 overlap in their difference 0.3 +-0.305, 2.0 and 2.4 do not."""
     old = result(filtered(tilt(2.0)))
     near, far = (difference("x", old, result(filtered(tilt(v)), sha="b"), NONE) for v in (2.3, 2.4))
-    assert [near.moved[0].verdict, far.moved[0].verdict] == ["not_told", "beyond"]
+    assert [near.moved[0].verdict, far.moved[0].verdict] == ["not_significant", "beyond"]
     assert near.count == 0
     assert near.moved[0].interval == pytest.approx((0.3 - math.hypot(0.2, 0.23), 0.3 + math.hypot(0.2, 0.23)))
 
@@ -70,13 +70,13 @@ def test_a_lag_further_from_zero_is_worse() -> None:
 
 
 def test_values_rows_and_states_that_come_and_go_count_for_one_log() -> None:
-    gone = absent("lag_ms", "airborne", "too_few_events", "2 quick movements")
+    gone = absent("lag_ms", "airborne", "too_few_events", "2 steps")
     old = result(filtered(lag(1.0)), filtered(lag(1.0), "vqf"))
     new = result(filtered(gone, status="diverged"), filtered(lag(1.0), "ekf12"))
     found = difference("x", old, new, NONE)
     assert (found.rows_vanished, found.rows_appeared) == (["vqf"], ["ekf12"])
     assert found.status == [TextChange("mahony", "ok", "diverged")]
-    assert [(m.verdict, m.reason) for m in found.moved] == [("vanished", "2 quick movements")]
+    assert [(m.verdict, m.reason) for m in found.moved] == [("vanished", "2 steps")]
     assert found.count == 4
     assert difference("x", new, old, NONE).count == 4
     new.log["sha256"] = "b"

@@ -103,12 +103,12 @@ def test_a_row_that_diverged_or_failed_fails_whatever_its_numbers(status: str, o
 
 
 def test_an_unanswered_metric_fails_and_an_optional_one_is_skipped_never_passed() -> None:
-    silent: Metrics = {AIR: {"lag_ms": missing("no_events", "no quick movement; 3 are needed", "ms", AIR)}}
+    silent: Metrics = {AIR: {"lag_ms": missing("no_events", "no step; 3 are needed", "ms", AIR)}}
     for metrics in (silent, {AIR: {}}, {}):
         assert [o.status for o in outcomes(at_most(5.0, "lag_ms", window=AIR), row("a", metrics))] == ["failed"]
         skipped = outcomes(at_most(5.0, "lag_ms", window=AIR, optional=True), row("a", metrics))
         assert [(o.status, o.cause) for o in skipped] == [("skipped", "unanswered")]
-    assert "no quick movement" in outcomes(at_most(5.0, "lag_ms"), row("a", silent))[0].sentence
+    assert "no step" in outcomes(at_most(5.0, "lag_ms"), row("a", silent))[0].sentence
 
 
 def test_numbers_of_a_log_that_cannot_judge_are_no_answer() -> None:

@@ -1,4 +1,4 @@
-"""Logs, filter and axes are told apart without an option."""
+"""Logs, filter and axes are recognised without an option."""
 
 from __future__ import annotations
 

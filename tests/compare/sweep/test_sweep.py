@@ -67,7 +67,7 @@ def test_on_one_log_the_best_is_told_from_settings_that_are_worse_and_not_from_i
     assert found.single == 2
     assert found.own == [2]
     assert found.near == [1, 2]
-    assert found.beside[3].told
+    assert found.beside[3].worse
     low, high = found.beside[3].ci95 or (0.0, 0.0)
     assert low < 1.5 < high
 
@@ -97,7 +97,7 @@ def test_over_logs_one_setting_is_best_for_all_beside_the_own_optimum_of_each() 
     assert [s.settings[k] for k in c.own if k is not None] == [{"kp": v} for v in (0.1, 0.2, 0.4, 0.2, 0.2)]
     assert c.single == 1
     assert c.score[1] == pytest.approx(np.mean([1.3, 1.0, 1.3, 1.0, 1.0]))
-    assert c.beside[4].told
+    assert c.beside[4].worse
     assert c.beside[s.base].value == pytest.approx(c.beside[3].value, rel=0.05)
 
 
@@ -155,9 +155,9 @@ def test_equal_settings_are_equal_to_the_best() -> None:
 
 
 def test_a_value_that_is_missing_is_told_with_its_reason() -> None:
-    gone = missing("no_events", "no quick movement", "deg", "all")
+    gone = missing("no_events", "no step", "deg", "all")
     found = column(TILT, [[settled(blocks(1.0, 1))], [settled(gone)], [settled(gone)]])
-    assert found.beside[1].why == "no quick movement"
+    assert found.beside[1].why == "no step"
     assert found.near == [0]
 
 
@@ -178,7 +178,7 @@ def test_no_end_of_a_range_is_named_where_no_setting_is_told_from_the_others() -
 def test_the_json_and_the_csv_hold_every_setting_on_every_log() -> None:
     s = made(Made("a", 0.2), Made("bb", 0.4))
     found = document(s, {})
-    assert found["schema"] == "attlog-sweep/1"
+    assert found["schema"] == "attlog-sweep/2"
     assert len(found["settings"]) == len(KP) + 1
     assert found["settings"][1]["logs"][0]["metrics"]["inclination_rmse_deg"]["value"] == pytest.approx(1.0)
     assert found["metrics"][0]["own_optimum"][1]["setting"] == 2

@@ -1,4 +1,4 @@
-"""What a search makes small: weights, ratios to the filter as it is, and what is left out in turn."""
+"""What a search makes small: weights, ratios to the default gains, and what is left out in turn."""
 
 from __future__ import annotations
 

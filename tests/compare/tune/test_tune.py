@@ -83,7 +83,7 @@ def test_its_worth_on_logs_left_out_is_what_theory_gives(planted: Tuning) -> Non
 def test_no_gain_is_promised_where_the_filter_is_at_its_best_already() -> None:
     found = tuned([noisy(seed, 100.0) for seed in range(3)], ["kp=0.1..10log"], start=PLANTED, generations=2)
     assert significant_side(found.judged[0].beside) == 0
-    said = next(s for s in sentences(found, {"truth": 3}) if "No gain is told" in s)
+    said = next(s for s in sentences(found, {"truth": 3}) if "No significant gain" in s)
     left_out = 100.0 * (1.0 - np.exp(mean_left_out(found)))
     assert f" {'falls' if left_out >= 0 else 'rises'} by {abs(left_out):.0f} % where they were not" in said
     assert "by -" not in said
@@ -132,7 +132,7 @@ def test_every_setting_that_was_tried_is_drawn(planted: Tuning, tmp_path: Path, 
 
 
 def test_nothing_to_judge_by_is_refused_with_the_reason() -> None:
-    with pytest.raises(LogUnusable, match=r"two logs with a value of the objective .*quick movement"):
+    with pytest.raises(LogUnusable, match=r"two logs with a value of the objective .*step"):
         tuned([noisy(seed, 40.0) for seed in range(2)], ["kp=0.1..10log"], terms="step")
 
 

@@ -109,11 +109,11 @@ def test_a_drift_is_told_however_wide_its_interval_and_bounded_by_the_larger_end
     t = np.arange(0.0, 30.0, 0.02)
     fast = drift.answer(slope_of(t, 12.0 * t + 20.0 * np.sin(2 * np.pi * t / 25.0)), "airborne", "truth")
     assert fast.ci95[1] - fast.ci95[0] > 10.0
-    assert fast.detail["told"]
+    assert fast.detail["significant"]
     assert fast.ranked
     assert fast.reason is None
     slow = drift.answer(slope_of(t, 0.01 * t + np.sin(2 * np.pi * t / 25.0)), "airborne", "truth")
-    assert not slow.detail["told"]
+    assert not slow.detail["significant"]
     assert slow.detail["less_than"] == max(abs(slow.ci95[0]), abs(slow.ci95[1]))
     assert slow.ranked
 

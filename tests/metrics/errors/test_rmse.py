@@ -169,7 +169,7 @@ def test_differences_below_the_sigma_of_a_smoother_tell_nobody_apart():
         floors = [found[0][f"{angle}_rmse_deg"].floor for angle in ("inclination", "heading", "total")]
         assert floors == pytest.approx([sigma, 2 * sigma, np.sqrt(5) * sigma], rel=1e-6)
         column = {row.name: a["inclination_rmse_deg"] for row, a in zip(rows, found, strict=True)}
-        table[sigma] = ranking.family(column, "low").told
+        table[sigma] = ranking.family(column, "low").significant
     assert table == {0.05: [("row0", "row1")], 0.5: []}
 
 

@@ -1,4 +1,4 @@
-"""What is taken off the gyro for every filter alike, on made samples whose bias is known."""
+"""What is subtracted from the gyro for every filter alike, on made samples whose bias is known."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_every_row_gets_the_gyro_without_it_and_reports_all_that_it_takes_off(sa
 
 
 def test_samples_changed_before_a_filter_get_the_bias_that_they_have_then(samples):
-    """A configuration that calibrates the gyro has its own mean at rest: nothing is taken off twice."""
+    """A configuration that calibrates the gyro has its own mean at rest: nothing is subtracted twice."""
     from dataclasses import replace
 
     case = attlog.prepare(samples / "px4_hover.ulg")
@@ -164,4 +164,4 @@ def test_extracted_attitudes_are_those_of_the_analysis(attlog, samples, tmp_path
     assert "taken off the gyro first: -0.3576, 0.5492, 0.8937 deg/s (rest)" in about["source"]
     columns = np.genfromtxt(tmp_path / "estimate_mahony.csv", delimiter=",", names=True, max_rows=5)
     begun = [np.degrees(columns[f"bias_{axis}_rad_s"][0]) for axis in "xyz"]
-    assert begun == pytest.approx([-0.3576, 0.5492, 0.8937], abs=0.001), "all that is taken off, not the rest of it"
+    assert begun == pytest.approx([-0.3576, 0.5492, 0.8937], abs=0.001), "all that is subtracted, not the rest of it"

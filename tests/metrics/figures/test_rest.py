@@ -20,7 +20,7 @@ def angles(size: float, slope: float = 3.0, seed: int = 1) -> np.ndarray:
 
 def drawn(case, row):
     traces = RestTraces(case, 1, [])
-    traces.hear(row)
+    traces.add(row)
     return traces.drawn()
 
 

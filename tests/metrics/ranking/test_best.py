@@ -32,7 +32,7 @@ def by_units(sigmas, first=0, **more):
 def test_rows_whose_intervals_lie_apart_are_told_apart():
     column = {"a": answer(1.0, 0.9, 1.1), "b": answer(1.3, 1.2, 1.4), "c": answer(1.15, 1.05, 1.25)}
     assert ranking.family(column, "low").best == ["a", "c"]
-    assert ranking.family(column, "low").told == [("a", "b")]
+    assert ranking.family(column, "low").significant == [("a", "b")]
 
 
 def test_differences_below_the_floor_are_ties():
@@ -81,7 +81,7 @@ def test_pairs_share_their_windows_so_a_common_gust_hides_no_difference():
     """Both rows are four times as noisy in half of the windows: their intervals overlap, their differences do not."""
     gusts = np.tile([1.0, 4.0], 6)
     column = {"a": by_units(0.1 * gusts), "b": by_units(0.2 * gusts)}
-    assert ranking.family(column, "low").told == [("a", "b")]
+    assert ranking.family(column, "low").significant == [("a", "b")]
 
 
 def test_the_worst_is_one_row_that_is_better_than_nobody():
@@ -96,7 +96,7 @@ def test_ranked_values_are_those_of_the_common_windows():
     calm, gust = [1.0] * 6, [5.0] * 2
     column = {"whole": by_units(calm + gust), "calm only": by_units(calm)}
     found = ranking.family(column, "low")
-    assert found.told == []
+    assert found.significant == []
     assert column["whole"].value == pytest.approx(1.0)
     assert (column["whole"].n, column["whole"].seconds) == (6, 30.0)
     assert column["whole"].ci95 == pytest.approx((0.9, 1.1))
@@ -187,7 +187,7 @@ def test_rows_that_share_two_movements_are_not_compared_and_keep_their_own_value
 
     column = {"a": lag(0), "b": lag(2)}
     found = ranking.family(column, "zero")
-    assert (found.rows, found.told) == (["a", "b"], [])
+    assert (found.rows, found.significant) == (["a", "b"], [])
     assert (column["a"].n, column["b"].n) == (4, 4)
 
 

@@ -40,8 +40,8 @@ def test_an_earlier_row_is_wanted_again_only_where_another_looks_the_same() -> N
 
     likeness = DuplicateSearch(again)
     for one in (first, made("b", turned(1e-3)), made("c", turned(1e-8)), made("d", turned(1.0, 778))):
-        likeness.hear(one)
-        one.let_go()
+        likeness.add(one)
+        one.release()
     assert asked == ["a", "a"]
     (group,) = likeness.found()
     assert group.rows == ["a", "c"]

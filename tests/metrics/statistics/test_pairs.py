@@ -102,7 +102,7 @@ def told_among(values, kind):
     for k, v in enumerate(values):
         own = UnitValues(kind, ids_of(np.arange(len(v))), v if kind == "log_variance" else np.exp(v), None)
         answers[str(k)] = Answer(float(np.exp(np.mean(v) / 2)), "deg", "rest", len(v), units=own)
-    return ranking.family(answers, "low").told
+    return ranking.family(answers, "low").significant
 
 
 @pytest.mark.parametrize("common", few([0.0, 0.9], 1))

@@ -1,4 +1,4 @@
-"""What rows show of quick movements: none of a row that has no sample, however it came to that."""
+"""What rows show of steps: none of a row that has no sample, however it came to that."""
 
 from __future__ import annotations
 

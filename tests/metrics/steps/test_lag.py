@@ -108,7 +108,7 @@ def test_no_movement_is_said_in_a_pilots_words():
     still = sampled(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), 25.0)
     case, row = step_case(still, still)
     told = lag.compute(case, row, "airborne")["lag_ms"].reason
-    assert told.startswith("no quick movement in flight from 0 s on; turns of 5 deg")
+    assert told.startswith("no step in flight from 0 s on; turns of 5 deg")
     del case.segments.segments[1]
     told = lag.compute(case, row, "airborne")["lag_ms"].reason
     assert told == "the vehicle was never airborne (as far as the log tells)"

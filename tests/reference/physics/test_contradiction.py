@@ -57,7 +57,7 @@ def test_rows_that_have_passed_and_are_empty_refuse_it_as_well_and_one_is_run_ag
     check = ReferenceCheck(log, log.imus[0], choose(log, phases, ReferenceOptions()), again)
     for row in rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0)):
         check.add(row)
-        row.let_go()
+        row.release()
     assert asked == []
     found = check.contradicted()
     assert found is not None

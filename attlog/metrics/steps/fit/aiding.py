@@ -1,7 +1,7 @@
 """How fast do accelerometer and magnetometer turn a filter? The rates that aiding of gain 1 would add to a row.
 
 In a multirotor the accelerometer reads thrust, so a filter aided by gravity turns back
-towards "level" during every quick movement. The fit of the lag takes these rates out:
+towards "level" during every step. The fit of the lag takes these rates out:
 without them the turning back is read as an early estimate of another shape. They follow
 from the row's own attitude and the samples that the filter saw:
 
@@ -140,7 +140,7 @@ SUMMED = kernel_of(summed_aiding, SUMMED_SIGNATURE, "metrics", "the aiding in st
 
 @dataclass(slots=True)
 class Vectors:
-    """What the accelerometer and magnetometer told a row around its events.
+    """What the accelerometer and magnetometer showed a row around its events.
 
     ``f`` (n, 3) m/s^2 and ``m`` (n, 3) (unit length, zero where there is none) act over the
     interval that ends at each sample of the stack; they are those of its beginning, where they

@@ -31,7 +31,7 @@ HEAVY_M_S2 = 2.0 * GRAVITY
 TOGETHER = 1 << 15
 """Samples of row and reference whose columns are made at once."""
 KEPT_BYTES = 64_000_000
-"""Columns up to this size are kept, as of 40 minutes full of movements; those beyond are made anew for each delay."""
+"""Columns up to this size are kept, as of 40 minutes full of steps; those beyond are made anew for each delay."""
 MIN_PAIRS = 4
 
 

@@ -171,7 +171,7 @@ def around(track: SummedTurning, events: Sequence[StepEvent], margin: float) -> 
 
 
 def stacked(parts: Sequence[slice]) -> Stack:
-    """The samples of the given ranges behind each other."""
+    """The samples of these ranges behind each other."""
     sizes = np.array([p.stop - p.start for p in parts], np.int64)
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     of = np.repeat(np.arange(len(parts)), sizes)
