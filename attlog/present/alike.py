@@ -7,10 +7,14 @@ from attlog.present.numbers import listed
 from attlog.result import Duplicates, Result
 
 
-def alike(result: Result) -> list[str]:
-    """A sentence for each group of rows that share an equation or their attitudes."""
+def alike(result: Result, equations: bool = True) -> list[str]:
+    """A sentence for each group of rows that share an equation (unless left out) or their attitudes."""
     names = {row.name: name_in_sentence(row) for row in result.estimators}
-    return [likeness_sentence(group, [names.get(row, row) for row in group.rows]) for group in result.alike]
+    return [
+        likeness_sentence(group, [names.get(row, row) for row in group.rows])
+        for group in result.alike
+        if equations or group.by == "attitudes"
+    ]
 
 
 def likeness_sentence(group: Duplicates, names: list[str]) -> str:

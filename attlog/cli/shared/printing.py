@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -31,11 +32,16 @@ SENTENCES = 100
 """Columns over which sentences are laid out; longer lines are hard to read."""
 
 
+UNIT = re.compile(r"(?<=\d) (?=\S{1,4}(?:[\s.,;:)]|$))")
+"""A blank between a number and its unit."""
+
+
 def wrapped(label: str, text: str, width: int) -> Iterator[TextLine]:
-    """A sentence after its label, broken between words."""
+    """A sentence after its label, broken between words, but not between a number and its unit."""
+    text = UNIT.sub("\u00a0", text)
     lines = textwrap.wrap(text, min(width, SENTENCES) - len(label), break_long_words=False, break_on_hyphens=False)
     for i, line in enumerate(lines or [""]):
-        yield TextLine(((label if i == 0 else " " * len(label)) + line).rstrip())
+        yield TextLine(((label if i == 0 else " " * len(label)) + line).replace("\u00a0", " ").rstrip())
 
 
 def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[TextLine]:

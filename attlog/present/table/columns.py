@@ -15,7 +15,8 @@ class TableColumn:
     """A question of the table: ``metric`` in the first of ``windows`` in which a filter has a value.
 
     ``contest`` is False for conditions of another column, which are never marked best.
-    ``spare`` says how soon a narrow terminal leaves it out: 0 never, the largest first.
+    ``spare`` says how soon a narrow terminal leaves it out: 0 never, the largest first. ``short`` is its title where a
+    question has one column, that of the first which has a value; empty where it stands in no short table.
     """
 
     title: str
@@ -23,17 +24,18 @@ class TableColumn:
     windows: tuple[str, ...] = field(default=ALL)
     contest: bool = True
     spare: int = 0
+    short: str = ""
 
 
 NOISE = "noise_tilt_deg"
 NOISE_TITLES = {"rest": "Noise at rest", "hover": "Noise in hover", "cruise": "Noise moving", "idle": "Noise idling"}
 
 ERRORS = (
-    TableColumn("Tilt error RMS", "inclination_rmse_deg", AIR),
-    TableColumn("Heading error RMS", "heading_rmse_deg", AIR, spare=2),
+    TableColumn("Tilt error RMS", "inclination_rmse_deg", AIR, short="Tilt"),
+    TableColumn("Heading error RMS", "heading_rmse_deg", AIR, spare=2, short="Heading"),
 )
-STEPS = (TableColumn("Lag", "lag_ms", AIR), TableColumn("Step error", "step_error_deg.0.5s", AIR, spare=1))
-DRIFT_REST = TableColumn("Drift at rest", "drift_rest_deg_per_min", REST)
+STEPS = (TableColumn("Lag", "lag_ms", AIR, short="Lag"), TableColumn("Step error", "step_error_deg.0.5s", AIR, spare=1))
+DRIFT_REST = TableColumn("Drift at rest", "drift_rest_deg_per_min", REST, short="Drift")
 COST = TableColumn("Cost", "cost_ns", ALL, contest=False, spare=4)
 
 
@@ -56,9 +58,12 @@ def columns(result: Result) -> list[TableColumn]:
     air the quoted heading reference has one. All others stand in the expert's tables.
     """
     phases = [phase for phase in PHASES if _has_noise(result, phase)]
-    noise = [TableColumn(NOISE_TITLES[p], NOISE, (p,), spare=3 if i else 0) for i, p in enumerate(phases)]
+    noise = [
+        TableColumn(NOISE_TITLES[p], NOISE, (p,), spare=3 if i else 0, short="Noise") for i, p in enumerate(phases)
+    ]
     reference = quoted_heading_reference(result)
-    air = TableColumn(f"Air drift by {heading_reference_short(reference)}", f"{DRIFT_AIR}.{reference}", AIR, spare=2)
+    title = f"Air drift by {heading_reference_short(reference)}"
+    air = TableColumn(title, f"{DRIFT_AIR}.{reference}", AIR, spare=2, short="Drift")
     return [*ERRORS, *noise, *STEPS, DRIFT_REST, air, COST]
 
 

@@ -15,13 +15,14 @@ from attlog.result import EstimatorRow, Result
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """One heading: title, unit, the metric and window it stands for, and how soon it may be left out."""
+    """One heading: title, unit, the metric and window it stands for, how soon it may be left out, a short title."""
 
     title: str
     unit: str
     metric: str
     window: str
     spare: int = 0
+    short: str = ""
 
 
 @dataclass(slots=True)
@@ -45,7 +46,7 @@ def main_table(result: Result, window: str = "all") -> FilterTable:
     chosen = columns(result)
     if window != "all":
         chosen = [dataclasses.replace(c, windows=(window,)) for c in chosen if c.metric != NOISE]
-        chosen.insert(len(ERRORS), TableColumn("Noise", NOISE, (window,)))
+        chosen.insert(len(ERRORS), TableColumn("Noise", NOISE, (window,), short="Noise"))
     return filled(result, chosen)
 
 
@@ -76,7 +77,9 @@ def filled(result: Result, wanted: Iterable[TableColumn]) -> FilterTable:
         answers = (row.metrics.get(window, {}).get(column.metric) for row in rows)
         first = next((a for a in answers if a is not None and has_value(a)), None)
         if first is not None:
-            table.columns.append(Heading(column.title, unit_sign(first.unit), column.metric, window, column.spare))
+            table.columns.append(
+                Heading(column.title, unit_sign(first.unit), column.metric, window, column.spare, column.short)
+            )
             chosen.append((column, window))
     table.rows = [(row, [cell(result, row, column, window) for column, window in chosen]) for row in rows]
     return table

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from attlog.cli.shared.terminal import comparison, printed
+from attlog.cli.shared.filter_table import comparison
+from attlog.cli.shared.printing import wrapped
+from attlog.cli.shared.terminal import printed
 from attlog.metrics.answer import missing
 from attlog.present.names import row_names
 from attlog.present.stand_ins import stand_in
 from attlog.present.table.table import main_table
+from attlog.result import Duplicates
+from tests.present.made import answer
 from tests.report.conftest import make_result
 
 
-def lines(result, width=100, shown=str):
+def lines(result, width=100, shown=str, verbose=True):
     """The lines of the table in this many columns."""
-    return [line.text for line in comparison(result, "all", width, shown)]
+    return [line.text for line in comparison(result, "all", width, shown, verbose)]
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 160])
@@ -77,3 +83,69 @@ def test_the_best_are_marked_and_what_was_not_compared_is_told_apart():
     assert "~" not in next(line for line in lines(result) if line.startswith("VQF"))
     result.best, result.ranked = {}, {}
     assert "~" in next(line for line in lines(result) if line.startswith("VQF"))
+
+
+def healthy(width=80, verbose=False):
+    """What is printed of a flight in which nothing went wrong."""
+    result = make_result()
+    result.problems, result.events = [], []
+    result.headline = "Quadrotor, PX4 1.15.4: flew 36 to 140 s, up to 6 m and 23° of tilt, landed. Nothing went wrong."
+    return [line.text for line in printed(result, "all", width, "utf-8", verbose)]
+
+
+def test_a_healthy_log_takes_twenty_lines_of_eighty_columns_with_the_path_of_its_report():
+    found = healthy()
+    assert len(found) + 1 <= 20
+    assert max(map(len, found)) <= 80
+    labels = [line.split()[0] for line in found if line[:1].isalpha()]
+    assert labels[1:5] == ["accuracy", "noise", "lag", "yaw"]
+    assert len(healthy(verbose=True)) > 25
+
+
+def test_the_short_table_has_a_column_for_each_question_and_what_flew_alone_of_the_onboard_rows():
+    result = make_result()
+    result.estimators += [
+        replace(r, name="onboard:AHR2", title="AHR2", is_reference=False)
+        for r in result.estimators
+        if r.name == "onboard"
+    ]
+    head, *body = lines(result, 80, verbose=False)
+    assert head.split() == ["filter", "Tilt", "°", "Heading", "°", "Noise", "°", "Lag", "ms", "Drift", "°/min"]
+    assert not any("AHR2" in line or "mahony@xu-0.6" in line for line in body)
+    assert any(line.startswith("Onboard ") for line in body)
+    assert any("AHR2" in line for line in lines(result, 80))
+
+
+def test_the_drift_of_the_short_table_is_that_in_the_air_where_there_was_no_rest():
+    result = make_result()
+    for row in result.estimators:
+        row.metrics["rest"].pop("drift_rest_deg_per_min", None)
+        row.metrics["airborne"]["drift_air_deg_per_min.onboard"] = answer(7.7, "deg/min", "airborne")
+    head, *body = lines(result, 80, verbose=False)
+    assert head.split()[-2:] == ["Drift", "°/min"]
+    assert "+7.7" in next(line for line in body if line.startswith("VQF"))
+
+
+def test_a_log_without_any_value_has_no_table():
+    result = make_result()
+    for row in result.estimators:
+        row.metrics = {}
+    assert lines(result, 80, verbose=False) == []
+
+
+def test_a_line_is_not_broken_between_a_number_and_its_unit():
+    text = "flew 36 to 140 s, up to 6 m and 23 m/s² for 12 minutes"
+    for width in range(12, 40):
+        found = [line.text for line in wrapped("", text, width)]
+        assert " ".join(found) == text
+        assert not any(line.startswith(("s,", "m ", "m/s²")) for line in found)
+
+
+def test_filters_with_equal_attitudes_are_always_told_and_a_shared_equation_only_when_asked():
+    result = make_result()
+    rows = [r.name for r in result.estimators[:2]]
+    result.alike = [Duplicates(rows, "attitudes"), Duplicates(rows, "equation", "Paper 1")]
+    for verbose in (False, True):
+        found = " ".join(line.text for line in printed(result, "all", 80, "utf-8", verbose))
+        assert "give the same attitudes in this log" in found
+        assert ("share one equation" in found) == verbose

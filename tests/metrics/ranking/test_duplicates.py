@@ -85,7 +85,7 @@ def test_page_terminal_and_json_say_it(attlog, samples, tmp_path):
 
     same_gains = "complementary:kp=0.3,ki=0.005,mag_gain=0.5"
     rows = f"{same_gains},variable_integral,mahony,gyro"
-    run = attlog("analyze", samples / "copter_yaw_turns.bin", "-o", tmp_path, "--estimators", rows, "--json")
+    run = attlog("analyze", samples / "copter_yaw_turns.bin", "-o", tmp_path, "--estimators", rows, "--json", "-v")
     groups = {group["by"]: group for group in json.loads(run.out)["alike"]}
     assert groups["attitudes"]["rows"] == [same_gains, "variable_integral"]
     assert groups["equation"]["rows"] == [same_gains, "mahony"]

@@ -1,0 +1,74 @@
+"""The four answers in a line each."""
+
+from __future__ import annotations
+
+import pytest
+
+from attlog.present.sentences.brief import BriefAnswer, brief_answers
+from attlog.result import Check, Result
+from tests.present.made import DRIFT_REST, LAG, NOISE, TILT, absent, drift, lag, noise, result, row, tilt
+
+
+def brief(question: str, made: Result) -> str:
+    """The answer without the onboard attitude."""
+    return brief_answers(made)[question].text
+
+
+def rows(*values: float) -> list:
+    return [row(name, tilt(value)) for name, value in zip(("a", "b", "c", "d"), values, strict=False)]
+
+
+def test_who_is_best_stands_first_and_all_others_are_a_range() -> None:
+    assert brief("accuracy", result(rows(0.4, 1.2, 0.9), {TILT: ["a"]})) == "Tilt: A 0.40°, others 0.90° and 1.2°."
+    assert brief("accuracy", result(rows(0.4, 1.2), {TILT: ["a"]})) == "Tilt: A 0.40°, B 1.2°."
+
+
+def test_filters_that_do_not_differ_significantly_are_said_so() -> None:
+    tied = result(rows(0.4, 0.5, 3.2), {TILT: ["a", "b"]})
+    assert brief("accuracy", tied) == "Tilt: 2 filters 0.40° to 0.50° (not significant), C 3.2°."
+    assert brief("accuracy", result(rows(0.4, 0.5, 0.6))) == "Tilt: all 3 filters 0.40° to 0.60° (not significant)."
+
+
+def test_a_filter_alone_has_its_interval() -> None:
+    assert brief("accuracy", result(rows(0.5))) == "Tilt: A 0.50° (0.45 to 0.55)."
+
+
+def test_noise_says_in_which_phase_it_was_measured() -> None:
+    made = result([row("a", noise(0.01, "hover")), row("b", noise(0.03, "hover"))], {NOISE: ["a"]})
+    assert brief("noise", made) == "In hover A 0.010°, B 0.030°."
+
+
+def test_lags_that_can_be_measured_stand_before_the_bound_of_all_others() -> None:
+    made = result([row("a", lag(40)), row("b", lag(0)), row("c", lag(3, floor=5.0))])
+    assert brief("lag", made) == "A +40 ms; 2 filters below 4 ms (28 steps)."
+    assert brief("lag", result([row("a", lag(0)), row("b", lag(1))])) == "All 2 filters below 2 ms (28 steps)."
+
+
+def test_a_drift_is_told_where_its_interval_excludes_zero_in_the_air_only_without_a_rest() -> None:
+    made = [row("a", drift(4.0)), row("b", drift(0.05)), row("c", drift(-0.1, 0.3))]
+    assert brief("yaw_drift", result(made)) == "At rest A +4.0°/min; 2 filters below 0.40°/min."
+    air = [row("a", drift(4.0, against="truth")), row("b", drift(0.0, against="truth"))]
+    assert brief("yaw_drift", result(air, reference="truth")) == "In flight A +4.0°/min; B below 0.10°/min."
+
+
+def test_the_onboard_attitude_is_added_where_it_fits() -> None:
+    made = result([*rows(0.4, 1.2), row("onboard", tilt(0.9))], {TILT: ["a"]}, reference="truth")
+    found = brief_answers(made)["accuracy"]
+    assert found.within(70) == "Tilt: A 0.40°, B 1.2°. Onboard 0.90°."
+    assert found.within(30) == "Tilt: A 0.40°, B 1.2°."
+    assert BriefAnswer("ab", "cd").within(5) == "ab cd"
+
+
+def test_what_has_no_answer_says_why_and_what_is_not_ranked_shows_its_range() -> None:
+    made = result([row("a", absent(LAG, "airborne", "no_events", "no step in flight; fly some"))])
+    assert brief("lag", made) == "Cannot be determined: no step in flight."
+    assert brief("noise", result([])) == "Cannot be determined: no filter was run."
+    unranked = result([row("a", tilt(0.4, ranked=False)), row("b", tilt(0.7, ranked=False))])
+    assert brief("accuracy", unranked) == "Not ranked: tilt 0.40° and 0.70°."
+
+
+@pytest.mark.parametrize("question", ["accuracy", "noise", "lag", "yaw_drift"])
+def test_a_sensor_that_spoils_all_filters_is_named_in_each_answer(question: str) -> None:
+    made = result([row("a", drift(4.0)), row("b", drift(0.05))], {DRIFT_REST: ["b"]})
+    made.audit = [Check("gravity", "fault", "It is 12 m/s^2.")]
+    assert brief(question, made).startswith("Unreliable, the accelerometer is wrong: ")
