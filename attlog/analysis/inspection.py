@@ -18,7 +18,7 @@ from attlog.flight.clock.record_time import ends_of
 from attlog.flight.model import FlightLog, part_of
 from attlog.formats import Messages
 from attlog.health import answerable, audit
-from attlog.health.findings import contradiction, findings
+from attlog.health.findings import contradiction, findings, nothing_wrong
 from attlog.kernels.loops import briefly
 from attlog.metrics import Case
 from attlog.metrics.evidence.common_bias import common_bias
@@ -33,13 +33,13 @@ SHORTEST_S = 1.0
 
 
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None, verify: bool = False) -> dict[str, Any]:
-    """Contents, physics checks, answerable questions and problems of a log.
+    """Contents, physics checks, answerable questions and findings of a log.
 
     Keys: ``log``, ``headline`` and ``events`` (what happened), ``messages`` of the boot (name,
     instance, records, rate_hz, fields; the rate is None without times and for records within one second),
     ``compared_with`` (what an
     analysis would compare with), ``audit``, ``answerable``,
-    ``problems`` (all that is wrong, worst first, with cause and remedy, before any filter runs), ``damage``,
+    ``findings`` (all that is wrong, worst first, with cause and action, before any filter runs), ``damage``,
     ``gyro_bias`` (what an analysis takes off the gyro; None without inertial data),
     ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
@@ -72,9 +72,9 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
         compared = part_of(log, "The reference", partial(reference.expected_reference, log, phases, chosen), str)
     flown = segments.build(log) if phases is None else phases
     happened = story.events(log, flown)
-    described = plain(describe(log, phases))  # before the problems: what breaks in it is one
-    wrong = findings(log, checks, [] if chosen is None else contradiction(chosen))
-    headline = story.headline(log, flown, happened, story.nothing_wrong(wrong))
+    described = plain(describe(log, phases))  # before the findings: what breaks in it is one
+    wrong = findings(log, checks, [] if chosen is None else contradiction(chosen), events=happened)
+    headline = story.headline(log, flown, happened, nothing_wrong(wrong))
     verification = None
     if verify:
         from attlog.formats.verify import verify as compare
@@ -89,7 +89,7 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
         "audit": plain(checks),
         "answerable": plain(answers),
         "gyro_bias": None if case is None else plain(list(case.gyro_bias.values())),
-        "problems": plain(wrong),
+        "findings": plain(wrong),
         "damage": damage,
         "verify": verification,
     }

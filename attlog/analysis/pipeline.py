@@ -27,7 +27,8 @@ from attlog.estimators.base import Estimate
 from attlog.flight import memory
 from attlog.flight.model import FlightLog, part_of
 from attlog.health import Check, audit
-from attlog.health.findings import unusable
+from attlog.health.findings import nothing_wrong, unusable
+from attlog.health.findings.finding import of_problem
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.evidence.common_bias import common_bias
 from attlog.metrics.evidence.common_bias import none as no_bias
@@ -109,7 +110,7 @@ def evaluate(
 
     ``case``: what :func:`prepare` gave; it may serve many calls. ``command`` stands in the result. ``traces``: keep the
     arrays that figures are drawn from. ``cost``: measure what each filter costs, which takes longer than running it.
-    ``only``: the metrics that are wanted (as in ``metrics.compute``); the result then has no verdicts, and no problems
+    ``only``: the metrics that are wanted (as in ``metrics.compute``); the result then has no verdicts, and no findings
     but those of reference and filters. UsageError for an unknown estimator or parameter; a plug-in that fails becomes a
     row with ``status = "failed"``, the others finish.
     """
@@ -144,13 +145,14 @@ def evaluate(
         metrics.settle(measurement.case, table, cost=cost, only=only)
         drawn = measurement.drawn()
         ranking = part_of(case.log, "Who is best", partial(metrics.rank, table, rows), Ranking)
+    own = problems.of_reference_and_filters(case.reference, lines, failed, chosen, rows)
     result = Result(
         attlog=versions(),
         command=command,
         config=settings,
         log=dict(_described(case)),
         events=_events(case),
-        problems=problems.of_reference_and_filters(case.reference, lines, failed, chosen, rows),
+        findings=[of_problem(problem) for problem in own],
         audit=list(checks),
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
@@ -165,8 +167,8 @@ def evaluate(
     )
     if not only:
         result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
-        result.problems = problems.all_of(case, result, checks, rows)
-        sound = story.nothing_wrong(result.problems)
+        result.findings = problems.all_of(case, result, checks, rows, own)
+        sound = nothing_wrong(result.findings)
         told = partial(story.headline, case.log, case.segments, result.events, sound)
         result.headline = part_of(case.log, "The headline", told, str)
     return result

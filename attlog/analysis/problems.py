@@ -1,4 +1,4 @@
-"""What an analysis itself finds wrong: failed and slow filters, broken metrics, questions without answer."""
+"""All findings of a log, with what an analysis itself finds wrong: failed and slow filters, broken metrics."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from attlog.analysis.replay import Chosen
 from attlog.base.errors import AttlogError, PluginError, PluginTimeout
 from attlog.flight.model import Problem, part_of
 from attlog.health import Check, answerable
-from attlog.health.findings import OpenQuestion, contradiction, findings
+from attlog.health.findings import Finding, OpenQuestion, contradiction, findings
+from attlog.health.findings.finding import of_problem
 from attlog.metrics.base import Case
 from attlog.reference.model import Reference, Row
 from attlog.result import TIMED_OUT, EstimatorRow, Result
@@ -33,17 +34,19 @@ def of_reference_and_filters(
     return [*contradiction(ref), *broken, *_slow(chosen, rows)]
 
 
-def all_of(case: Case, result: Result, checks: Sequence[Check], rows: Sequence[Row]) -> list[Problem]:
-    """Every problem of a log and its analysis, worst first; those that ``result`` has already among them."""
-    own = [*result.problems, *_unmeasured(result.estimators), *_late_field(rows)]
+def all_of(
+    case: Case, result: Result, checks: Sequence[Check], rows: Sequence[Row], known: Sequence[Problem]
+) -> list[Finding]:
+    """Every finding of a log and its analysis, worst first; ``known``: of reference and filters."""
+    own = [*known, *_unmeasured(result.estimators), *_late_field(rows)]
     unanswered = part_of(
         case.log, "What would answer open questions", partial(_unanswered, case, result), list[OpenQuestion]
     )
     return part_of(
         case.log,
-        "The order of the problems",
-        lambda: findings(case.log, checks, own, unanswered),
-        lambda: [*case.log.problems, *own],
+        "The findings",
+        lambda: findings(case.log, checks, own, unanswered, result.events),
+        lambda: [of_problem(problem) for problem in (*case.log.problems, *own)],
     )
 
 

@@ -9,7 +9,7 @@ from attlog.analysis.summary import describe
 from attlog.base.versions import versions
 from attlog.flight.model import FlightLog
 from attlog.health import audit
-from attlog.health.findings import findings
+from attlog.health.findings import findings, nothing_wrong
 from attlog.result import Result
 
 
@@ -20,15 +20,15 @@ def without_replay(log: FlightLog, config: Config, stage: Stages, command: str) 
         happened = story.events(log, phases)
     with stage("audit"):
         checks = audit(log, None)
-        found = findings(log, checks, [])
+        found = findings(log, checks, events=happened)
     return Result(
         attlog=versions(),
         command=command,
         config=config.resolved(),
         log=describe(log, phases),
-        headline=story.headline(log, phases, happened, story.nothing_wrong(found)),
+        headline=story.headline(log, phases, happened, nothing_wrong(found)),
         events=happened,
-        problems=found,
+        findings=found,
         audit=list(checks),
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         timing=stage.seconds,

@@ -10,13 +10,15 @@ from attlog import formats
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.base.limits import MAX_ATTITUDES
 from attlog.flight import memory as room
-from attlog.flight.model import FlightLog, Problem
+from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.parameters import file as parameter_file
 from attlog.flight.parameters import limits as parameter_limits
 from attlog.formats.base import Messages
 
 __all__ = ["FlightLog", "flight_in", "read"]
 
+MUCH_DAMAGE = 0.001
+"""A smaller share of a file's bytes is no loss."""
 IMU_MESSAGES = (
     "sensor_combined",
     "IMU",
@@ -170,7 +172,8 @@ def damage(messages: Messages) -> list[Problem]:
                 f"The file is damaged in {messages.damage_places} places, {messages.damage_bytes} bytes are not "
                 f"usable; the first is {where}."
             )
-        found.append(Problem("damage", "warning", text, offset=first.offset, count=messages.damage_places))
+        severity: Severity = "warning" if messages.damage_bytes > MUCH_DAMAGE * messages.size else "note"
+        found.append(Problem("damage", severity, text, offset=first.offset, count=messages.damage_places))
     return found + dropouts(messages)
 
 

@@ -217,8 +217,7 @@ class Firmware:
 class Problem:
     """Something the reader of a result must know. ``t`` s (of the first, of ``count``) or ``offset`` bytes say where.
 
-    ``value`` in ``unit`` is its size. One sentence each: ``cause``, ``remedy``, and what
-    it ``means`` for the comparison; empty where nothing is known.
+    ``value`` in ``unit`` is its size. One sentence each: ``cause`` and ``remedy``; empty where nothing is known.
     """
 
     code: str
@@ -231,7 +230,6 @@ class Problem:
     unit: str = ""
     cause: str = ""
     remedy: str = ""
-    means: str = ""
 
 
 @dataclass(slots=True)
@@ -251,10 +249,10 @@ class FlightLog:
     log does not tell, with the names of the parameters in ``trim_source`` and
     ``declination_source``. ``given_params`` are those of a ground station's file, ``filled_params`` the names
     that only the file told. ``logging`` knows the vehicle's logging settings,
-    ``remedies`` what to do about a fault. ``acc_bias`` (n, 3) m/s^2 is what the onboard
-    estimator takes off the accelerometer in body axes, ``onboard_gyro_bias`` (n, 3) rad/s what
-    it takes off the gyro that is replayed, None where it runs on another one; ``onboard_vibration`` (n, 3) m/s^2
-    the level that the autopilot measures itself at full rate.
+    ``remedies`` what to do about a fault, ``compass_switches`` the parameter that uses a compass, by its index.
+    ``acc_bias`` (n, 3) m/s^2 is what the onboard estimator takes off the accelerometer in body axes,
+    ``onboard_gyro_bias`` (n, 3) rad/s what it takes off the gyro that is replayed, None where it runs on another one;
+    ``onboard_vibration`` (n, 3) m/s^2 the level that the autopilot measures itself at full rate.
     """
 
     path: Path
@@ -296,6 +294,7 @@ class FlightLog:
     declination_source: str = ""
     logging: LoggingAdvice | None = None
     remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL))
+    compass_switches: dict[int, str] = field(default_factory=dict)
     acc_bias: Stream | None = None
     onboard_gyro_bias: Stream | None = None
     onboard_vibration: Stream | None = None

@@ -11,13 +11,13 @@ Fault = Literal[
     "mounting",
     "compass",
     "compass_mounting",
+    "compass_wiring",
     "interference",
     "vibration",
     "declination",
     "trim",
     "gaps",
-    "estimator",
-    "crash",
+    "gnss",
     "bus",
 ]
 """What a remedy is asked for."""
@@ -28,13 +28,13 @@ GENERAL: Mapping[Fault, str] = {
     "mounting": "Check how the autopilot is mounted and which orientation is set, then calibrate the level.",
     "compass": "Calibrate the compass outdoors, away from iron.",
     "compass_mounting": "Check the orientation that is set for the compass and calibrate it again, away from iron.",
+    "compass_wiring": "Check wiring and supply of the compass.",
     "interference": "Move the compass away from motors and power wires, and twist plus with minus.",
     "vibration": "Balance propellers, check bearings and arms for play, and mount the autopilot softer.",
-    "declination": "Let GNSS set the declination, and calibrate the compass.",
+    "declination": "Set the declination of the place.",
     "trim": "Calibrate the level, and correct a tilted mounting in the frame and not in software.",
     "gaps": "Use a faster memory card or log less.",
-    "estimator": "Look for its sensors among these findings: vibration, the field, GNSS.",
+    "gnss": "Raise the antenna above power wires and transmitters.",
     "bus": "Check the sensor's connection and its driver's errors, and fly on another unit if there is one.",
-    "crash": "Look at what was reported in the seconds before.",
 }
 """Where nothing is known of the firmware."""

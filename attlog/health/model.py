@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(slots=True)
 class Check:
     """One physics check of the log: ``verdict`` is ok, warning, fault or unknown.
 
-    ``t`` s is where it begins, None for all of the log; ``count`` how often it happens.
+    ``t`` s is where it begins and ``t_end`` s where it ends, None for all of the log; ``count`` how often it happens.
+    ``about``: the angle (tilt, heading) or the sensor that it speaks of, where not of what its name says.
+    ``evidence``: further sentences with numbers.
     """
 
     name: str
@@ -20,6 +22,9 @@ class Check:
     threshold: str = ""
     t: float | None = None
     count: int = 1
+    t_end: float | None = None
+    about: str = ""
+    evidence: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,11 +12,11 @@ from typing import Any
 from attlog.base.files.output import write_atomic
 from attlog.present.alike import alike
 from attlog.present.events import events
+from attlog.present.findings import findings
 from attlog.present.flight import firmware, subtitle
 from attlog.present.gyro_bias import gyro_bias
 from attlog.present.messages import alarming, level_name, messages
 from attlog.present.numbers import counted, duration, moment, number, quantity, unit_sign
-from attlog.present.problems import problems
 from attlog.present.table.table import axis_table, main_table, window_tables
 from attlog.present.text import clean, cleaned, plain_value, typeset
 from attlog.report.bundle import Bundle, bundle, source_hash
@@ -96,7 +96,7 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         cards=[card(v, look) for v in result.verdicts],
         headline=result.headline,
         happened=events(result),
-        problems=problems(result),
+        findings=findings(result),
         gyro_bias=gyro_bias(result),
         alike=alike(result),
         table=main_table(result),

@@ -5,7 +5,7 @@ What stands in a result comes from here for those above it, wherever it is defin
 
 from __future__ import annotations
 
-from attlog.flight.model import Problem
+from attlog.health.findings import Finding
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
 from attlog.metrics.evidence.common_bias import CommonBias
@@ -29,8 +29,8 @@ __all__ = [
     "Duplicates",
     "EstimatorRow",
     "Event",
+    "Finding",
     "ParameterValue",
-    "Problem",
     "ReferenceSummary",
     "Result",
     "Segment",

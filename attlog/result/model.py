@@ -18,7 +18,7 @@ import numpy as np
 from attlog.base.files.settings_file import bytes_of
 from attlog.base.limits import MAX_RESULT_BYTES
 from attlog.base.plain import IN_JSON, NotANumber
-from attlog.flight.model import Problem
+from attlog.health.findings import Finding
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
 from attlog.metrics.evidence.common_bias import CommonBias
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import pandas
 
 TIMED_OUT = "estimator_timed_out"
-"""The code of the problem that a user's filter took longer than it was given; its row has failed."""
+"""The kind of the finding that a user's filter took longer than it was given; its row has failed."""
 
 
 @dataclass(slots=True)
@@ -130,8 +130,8 @@ class Result:
 
     ``estimators`` are the rows: each has its answers in ``metrics[window][metric]``, with ``value``, ``ci95``, ``n``
     and ``unit``, or ``code`` and ``reason`` where there is none. ``verdicts`` say in words which row is closest, quiet,
-    late and drifting. ``headline`` and ``events``: what happened. ``problems`` and ``audit``: what is wrong with the
-    log, and what physics says of its sensors.
+    late and drifting. ``headline`` and ``events``: what happened. ``findings`` and ``audit``: what is wrong, one
+    entry for each cause, and what physics says of the sensors.
     ``segments``: what was going on when; ``reference``: what the rows are compared with, and how it was aligned.
     ``definitions``: what each metric means. Angles in deg, times in s or ms, as the metric's name says; times on
     the log's clock, 0 at the first sample of the replayed IMU.
@@ -145,7 +145,7 @@ class Result:
     """What flew, from when to when, what went wrong first and how it ended, in at most 30 words."""
     events: list[Event] = field(default_factory=list)
     """What happened, in time order, each with its evidence."""
-    problems: list[Problem] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
     audit: list[Check] = field(default_factory=list)
     segments: list[Segment] = field(default_factory=list)
     reference: ReferenceSummary | None = None

@@ -29,6 +29,8 @@ WORDS_BEFORE = {
     ("question", "drifting"): "yaw_drift",
 }
 """(key, value) of older schemas, and what the value is called now."""
+FINDING_KEYS = {"code": "kind", "remedy": "action"}
+"""Keys of a problem in older schemas, and what they are called in a finding."""
 MOST = 3
 """So many things that are wrong are told."""
 
@@ -39,7 +41,7 @@ def read(kind: type[T], content: bytes, name: str) -> T:
     older = document["schema"] != SCHEMA
     try:
         whole = expanded(document) if _number(document["schema"]) >= SHORTENED else document
-        return _checked(kind, _renamed(whole) if older else whole, older)
+        return _checked(kind, _with_findings(_renamed(whole)) if older else whole, older)
     except ValidationError as error:
         wrong = lines(error, kind)
         more = f" (and {len(wrong) - MOST} more)" if len(wrong) > MOST else ""
@@ -108,6 +110,16 @@ def _number(schema: str) -> int:
     """The number of a schema; 0, which none has, where it tells none."""
     number = schema.removeprefix(SCHEMA_NAME)
     return int(number) if number.isdecimal() and len(number) < 9 else 0
+
+
+def _with_findings(document: dict[str, Any]) -> dict[str, Any]:
+    """A document of an older schema with its problems as findings."""
+    problems = document.get("problems")
+    if not isinstance(problems, list):
+        return document
+    found = [{FINDING_KEYS.get(k, k): v for k, v in p.items()} for p in problems if isinstance(p, dict)]
+    serious = [p | {"severity": "serious"} if p.get("severity") == "error" else p for p in found]
+    return {key: value for key, value in document.items() if key != "problems"} | {"findings": serious}
 
 
 def _no_number(word: str) -> float:

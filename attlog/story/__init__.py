@@ -9,9 +9,9 @@ from attlog.segments.model import Segments
 from attlog.segments.spans import Span
 from attlog.story import estimator, failsafes, flights, sensors, words
 from attlog.story.event import CRASHES, KINDS, Event
-from attlog.story.headline import headline, nothing_wrong
+from attlog.story.headline import headline
 
-__all__ = ["CRASHES", "KINDS", "Event", "events", "headline", "nothing_wrong"]
+__all__ = ["CRASHES", "KINDS", "Event", "events", "headline"]
 
 
 def events(log: FlightLog, segments: Segments) -> list[Event]:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from attlog.flight.model import FlightLog
 from attlog.segments.model import Segments
+from attlog.segments.spans import inside
 from attlog.story.event import Event, Weight
 from attlog.story.words import BATTERY, FAILSAFE, KILLED, NO_WARNING, Text, matching, quoted
 
 CAUSE_S = 2.0
 """A failsafe's cause is said so soon before or after it."""
 AGAIN_S = 60.0
+KILLED_S = 1.0
 MEASURED_S = 1.0
 """In a log's first second a battery may not have been measured yet."""
 CODES = {
@@ -28,7 +32,7 @@ CODES = {
 def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
     """The events in no order, and the texts that are told in them."""
     told: list[Text] = []
-    found = _killed(log, told)
+    found = _killed(log, segments, told)
     said = [x for x in matching(log, FAILSAFE) if not NO_WARNING.search(x[2])]
     low = matching(log, BATTERY)
     for text in said:
@@ -47,7 +51,8 @@ def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]
             found.append(_event("battery", problem.t, True, [problem.text]))
         elif problem.code in CODES:
             words = f"{CODES[problem.code]} at {problem.t:.1f} s."
-            found.append(Event("failsafe", problem.t, "warning", words, evidence=[problem.text]))
+            early: Weight = "note" if problem.t < MEASURED_S else "warning"
+            found.append(Event("failsafe", problem.t, early, words, evidence=[problem.text]))
     return found, told
 
 
@@ -61,18 +66,23 @@ def _event(kind: str, t: float, battery: bool, evidence: list[str]) -> Event:
     return Event(kind, t, weight, f"{words} at {t:.1f} s.", evidence=evidence)
 
 
-def _killed(log: FlightLog, told: list[Text]) -> list[Event]:
-    """The kill switch, which stops motors wherever the vehicle is."""
+def _killed(log: FlightLog, segments: Segments, told: list[Text]) -> list[Event]:
+    """The kill switch, which stops motors wherever the vehicle is; on the ground nothing is wrong with that."""
+
+    def weight(t: float) -> Weight:
+        flown = [(a, b + KILLED_S) for a, b in segments.spans("airborne")]
+        return "warning" if "airborne" in segments.unknown or inside(np.array([t]), flown).any() else "note"
+
     found: list[Event] = []
     texts = matching(log, KILLED)
     told += texts
     for text in texts:
         if not any(abs(e.t - text[0]) < AGAIN_S for e in found):
             found.append(
-                Event("failsafe", text[0], "warning", f"Kill switch at {text[0]:.1f} s.", evidence=[quoted(text)])
+                Event("failsafe", text[0], weight(text[0]), f"Kill switch at {text[0]:.1f} s.", evidence=[quoted(text)])
             )
     stopped = [p for p in log.problems if p.code == "ev_54" and p.t is not None]
     if not found and stopped and stopped[0].t is not None:
         t = stopped[0].t
-        found.append(Event("failsafe", t, "warning", f"Kill switch at {t:.1f} s.", evidence=[stopped[0].text]))
+        found.append(Event("failsafe", t, weight(t), f"Kill switch at {t:.1f} s.", evidence=[stopped[0].text]))
     return found

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from attlog.flight.model import FlightLog, Problem
+from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.crash import Ending
 from attlog.segments.model import Segments
@@ -36,21 +36,6 @@ TOLD_FIRST = (
     "gnss_jump",
 )
 """What may explain an end, by kind."""
-
-
-OF_THE_RECORD = frozenset(
-    """cut_at_end damage damaged_reports duplicate_times estimator_failed estimator_not_compiled estimator_timed_out
-    false_times gaps_and_rate imu_covers_a_part imu_decimated imu_low_rate imu_rate_too_low imu_that_flew_too_slow
-    imu_too_short late_field log_limit logger_dropouts no_imu not_checked params_differ params_unknown
-    rate_impossible several_boots several_systems time_backward truth_packet_times unanswered unreadable_message
-    unset_times values_out_of_range""".split()
-)
-"""Problems with these codes are of the record or of filters: nothing went wrong in the flight."""
-
-
-def nothing_wrong(problems: Sequence[Problem]) -> bool:
-    """Whether no finding about the flight is a warning."""
-    return not any(p.severity in ("warning", "error") and p.code not in OF_THE_RECORD for p in problems)
 
 
 def headline(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool = True) -> str:

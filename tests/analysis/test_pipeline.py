@@ -134,7 +134,7 @@ def test_a_row_that_has_passed_is_run_again_where_another_is_equal(case: Case, m
 def test_only_what_is_wanted_is_measured_and_has_the_same_answers(case: Case) -> None:
     whole = attlog.evaluate(case, "mahony,madgwick")
     some = attlog.evaluate(case, "mahony,madgwick", only={"lag_ms", "drift_air_deg_per_min"})
-    assert (some.verdicts, some.problems) == ([], [])
+    assert (some.verdicts, some.findings) == ([], [])
     for name in ("mahony", "madgwick", "onboard"):
         every, wanted = answers(whole, name), answers(some, name)
         assert {m for found in wanted.values() for m in found} >= {"lag_ms", "drift_air_deg_per_min.onboard"}

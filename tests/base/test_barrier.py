@@ -87,7 +87,7 @@ def evaluated(case: Any) -> Result:
 @pytest.mark.usefixtures("quiet")
 def test_a_check_or_a_metric_that_fails_is_missing_and_the_others_are_there(case: Any) -> None:
     whole = evaluated(case)
-    assert not [p for p in whole.problems if p.code == "part_failed"]
+    assert not [p for p in whole.findings if p.kind == "part_failed"]
     with breaks(gyro, "checks"), breaks(rmse, "compute"), breaks(pipeline, "verdicts"):
         result = evaluated(case)
     assert {c.name: c.verdict for c in result.audit}["gyro"] == "unknown"
@@ -97,7 +97,7 @@ def test_a_check_or_a_metric_that_fails_is_missing_and_the_others_are_there(case
     answers = result.estimators[1].metrics["all"]
     assert (answers["total_rmse_deg"].code, answers["total_rmse_deg"].value) == ("part_failed", None)
     assert answers["lag_ms"].value == whole.estimators[1].metrics["all"]["lag_ms"].value
-    failed = [p.text for p in result.problems if p.code == "part_failed"]
+    failed = [p.text for p in result.findings if p.kind == "part_failed"]
     assert len(failed) == 1 + len(result.estimators) + 1, "the check, the metric of each row, the sentences"
     assert result.to_json()
 
@@ -140,7 +140,7 @@ def test_info_goes_on_without_a_reference_and_without_answers() -> None:
 
     with mock.patch.object(inspection.reference, "choose", unless_none), breaks(inspection, "answerable"):
         told = inspection.inspect(LOG)
-    failed = [p["text"] for p in told["problems"] if p["code"] == "part_failed"]
+    failed = [p["text"] for p in told["findings"] if p["kind"] == "part_failed"]
     assert len(failed) == 2
     assert told["messages"]
     assert told["answerable"] == []
@@ -159,7 +159,7 @@ def test_without_segments_the_log_is_still_analysed(part: ModuleType, name: str,
     assert kinds > {"continuous"} or {s.kind for s in result.segments} <= {"continuous", "gap", "reset"}
     whole = result.estimators[0].metrics["all"]
     assert whole["total_rmse_deg"].value is not None
-    told = [p for p in result.problems if p.code == "part_failed"]
+    told = [p for p in result.findings if p.kind == "part_failed"]
     assert 1 <= len(told) <= 4
     assert all("ZeroDivisionError" in p.text for p in told)
 
@@ -173,7 +173,7 @@ def test_info_of_a_log_without_segments_is_told() -> None:
     assert told["log"]["seconds"] == {"airborne": None, "rest": 0.0, "armed": None}
     assert (told["log"]["place"], told["log"]["params_changed"]) == (None, {})
     assert told["log"]["params"]
-    assert sum(p["code"] == "part_failed" for p in told["problems"]) == 3
+    assert sum(p["kind"] == "part_failed" for p in told["findings"]) == 3
 
 
 @pytest.mark.usefixtures("quiet")
@@ -182,7 +182,7 @@ def test_a_result_comes_also_where_its_order_cannot_be_told(case: Any) -> None:
         result = evaluated(case)
     assert result.estimators[1].metrics["all"]["total_rmse_deg"].value is not None
     assert result.best == {}
-    failed = [p.text for p in result.problems if p.code == "part_failed"]
+    failed = [p.text for p in result.findings if p.kind == "part_failed"]
     assert len(failed) >= 3
     assert result.to_json()
 

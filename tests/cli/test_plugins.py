@@ -47,7 +47,7 @@ def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
     assert rows["prints"]["status"] != "failed"
     assert "at import" in done.stderr
     assert "in run" in done.stderr
-    assert {p["code"] for p in document["problems"]} >= {"estimator_failed", "estimator_timed_out"}
+    assert {f["kind"] for f in document["findings"]} >= {"estimator_failed", "estimator_timed_out"}
 
 
 @pytest.mark.slow

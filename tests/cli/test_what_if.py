@@ -42,9 +42,9 @@ def test_the_file_overrides_the_log_for_the_autopilot_s_filter(attlog, samples, 
     a, b, c = (e["metrics"]["all"][tilt]["value"] for e in (given[row], logged[by_option], logged[row]))
     assert a == b
     assert a > 3 * c
-    codes = {p["code"] for p in results[0]["problems"]}
+    codes = {f["kind"] for f in results[0]["findings"]}
     assert "params_differ" in codes
-    assert "params_differ" not in {p["code"] for p in results[1]["problems"]}
+    assert "params_differ" not in {f["kind"] for f in results[1]["findings"]}
 
 
 def test_the_terminal_names_the_gain_that_is_not_the_log_s(attlog, samples, tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def test_a_batch_of_a_step_in_c_equals_runs_one_by_one(folder: Path) -> None:
 def test_an_analysis_says_that_a_step_in_c_is_slow(folder: Path) -> None:
     log = Path(__file__).parents[2] / "sample_logs" / "copter_yaw_turns.bin"
     result = attlog.analyze(log, {"estimators": ["gyro", *(str(folder / n) for n in ("steps.py", "segments.py"))]})
-    notes = [p.text for p in result.problems if p.code == "estimator_not_compiled"]
+    notes = [p.text for p in result.findings if p.kind == "estimator_not_compiled"]
     assert len(notes) == 1
     assert notes[0].startswith("steps: its step runs in plain Python")
     assert {r.name: r.status for r in result.estimators}["steps"] == "ok"

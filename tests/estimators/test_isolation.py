@@ -306,7 +306,7 @@ def test_a_filter_that_hangs_when_a_metric_tries_it_costs_a_sentence_and_not_the
     result = attlog.analyze(log, {"estimators": ["gyro", str(file)]})
     row = next(r for r in result.estimators if r.name == "later")
     assert row.status == "ok"
-    assert next(p.text for p in result.problems if p.code == "estimator_timed_out").startswith("later: in a later run")
+    assert next(p.text for p in result.findings if p.kind == "estimator_timed_out").startswith("later: in a later run")
 
 
 STARTING = """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.flight.model import Problem
+from attlog.health.findings import Finding
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.figures.trace import Trace
 from attlog.present.sentences import verdicts
@@ -257,10 +257,10 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
             },
             params_changed={"AHRS_TRIM_X": [0.0205, 0.0], "INS_GYRO_FILTER": [40, 20], "FRAME_TYPE": [1, None]},
         ),
-        problems=[
-            Problem("imu_slow", "warning", "The IMU was logged at 100 Hz behind a 40 Hz low-pass.", None),
-            Problem("onboard_reset", "error", "The onboard heading jumps by 15.7 deg without a rotation.", 103.4),
-            Problem("text_truncated", "note", "3 messages were cut to 4096 characters.", count=3),
+        findings=[
+            Finding("imu_slow", "warning", "The IMU was logged at 100 Hz behind a 40 Hz low-pass.", None),
+            Finding("onboard_reset", "serious", "The onboard heading jumps by 15.7 deg without a rotation.", 103.4),
+            Finding("text_truncated", "note", "3 messages were cut to 4096 characters.", count=3),
         ],
         audit=[
             Check("gravity", "ok", "The accelerometer reads 9.81 m/s² at rest.", 9.81, "m/s^2", "9.80 ± 0.3"),

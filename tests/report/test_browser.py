@@ -41,7 +41,7 @@ def test_the_verdicts_stand_in_the_first_screen_without_script(visit, report):
         box = card.bounding_box()
         assert box["y"] + box["height"] < 900
         assert len(card.query_selector(".say").inner_text()) > 40
-    assert page.query_selector("#problems").bounding_box()["y"] < 720
+    assert page.query_selector("#findings").bounding_box()["y"] < 720
     assert page.query_selector("#table").bounding_box()["y"] < 950
     assert page.query_selector("#part-flight").bounding_box()["y"] > 900
     assert page.query_selector("noscript") is not None

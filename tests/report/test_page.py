@@ -15,7 +15,7 @@ from attlog.base.errors import OutputError
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.page import render
-from attlog.result import Problem
+from attlog.result import Finding
 from tests.report.conftest import make_result
 
 
@@ -74,12 +74,13 @@ def test_every_definition_parameter_segment_and_alignment_step_is_in_the_page():
         assert value in text
 
 
-def test_what_is_wrong_stands_between_the_cards_and_the_table_with_cause_and_remedy():
+def test_what_to_fix_stands_above_the_cards_with_its_action_and_why():
     result = make_result()
-    result.problems.append(
-        Problem("x", "error", "It shakes heavily.", cause="A loose arm.", remedy="Fasten it.", means="Noisy.")
+    result.findings.append(
+        Finding("x", "serious", "It shakes heavily from 12.0 s.", t=12.0, cause="A loose arm.", action="Fasten it.")
     )
     page = render(result, bundle())
-    places = [page.index(mark) for mark in ('class="cards"', 'id="problems"', "It shakes heavily.", 'id="comparison"')]
+    places = [page.index(mark) for mark in ('id="findings"', "It shakes heavily", 'class="cards"', 'id="comparison"')]
     assert places == sorted(places)
-    assert all(text in page for text in ("why: A loose arm.", "do: Fasten it.", "so: Noisy."))
+    assert all(text in page for text in ("Cause: A loose arm.", "<b>Fasten it.</b>"))
+    assert 'heavily from <a href="#part-flight" data-t="12.0">12.0 s</a>.' in page

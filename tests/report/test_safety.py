@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from attlog.flight.model import Problem
+from attlog.health.findings import Finding
 from attlog.present.sentences import verdicts
 from attlog.present.text import clean
 from attlog.report import write_report
@@ -33,7 +33,7 @@ def hostile() -> Result:
     log["choices"] = {EVIL: EVIL}
     log["params_changed"] = {EVIL: [1.0, None], "A": [EVIL, EVIL]}
     log["imu"]["source"] = EVIL
-    result.problems = [Problem(EVIL, "error", EVIL, 3.0)]
+    result.findings = [Finding(EVIL, "serious", EVIL, 3.0, evidence=[EVIL], cause=EVIL, action=EVIL)]
     result.command = EVIL
     result.config = {"estimators": [EVIL]}
     for row in result.estimators:

@@ -11,7 +11,7 @@ import pytest
 
 import attlog
 from attlog import segments, story
-from attlog.flight.model import FlightLog, Problem, Stream
+from attlog.flight.model import FlightLog, Stream
 from attlog.segments import Segments
 from attlog.story import Event
 from tests.conftest import corpus_logs
@@ -164,11 +164,6 @@ def test_nothing_went_wrong_is_said_where_no_finding_is_a_warning():
     assert "Nothing went wrong" not in story.headline(log, phases, events, sound=False)
 
 
-def test_findings_about_the_record_are_none_about_the_flight():
-    assert story.nothing_wrong([Problem("imu_low_rate", "warning", ""), Problem("field", "note", "")])
-    assert not story.nothing_wrong([Problem("vibration", "warning", "")])
-
-
 def test_a_text_of_the_autopilot_in_flight_is_a_warning_and_on_the_ground_a_note():
     texts = [(2.0, 4, "[a] Compass inconsistent"), (20.0, 4, "[a] High wind lost"), (21.0, 6, "Reached command")]
     found = [(e.text, e.severity) for e in made(texts=texts)[2] if e.kind == "message"]
@@ -211,7 +206,7 @@ def test_a_log_that_cannot_be_replayed_is_told_without_the_comparison(corpus, tm
     result = attlog.analyze(corpus / "logs" / name)
     assert "flew" in result.headline
     assert {"armed", "liftoff"} <= {e.kind for e in result.events}
-    assert [p.text for p in result.problems if p.code == "imu_rate_too_low" and rate in p.text]
+    assert [p.text for p in result.findings if p.kind == "rate" and rate in p.text]
     assert (result.estimators, result.verdicts, result.reference) == ([], [], None)
     result.to_html(tmp_path / "x.html")
     assert result.headline.split(":")[0] in (tmp_path / "x.html").read_text(encoding="utf-8")

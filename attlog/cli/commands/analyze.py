@@ -167,7 +167,7 @@ class AnalyzeRun:
         from attlog.result import TIMED_OUT, nothing_ran
 
         self.results.append(result)
-        if any(problem.code == TIMED_OUT for problem in result.problems):
+        if any(finding.kind == TIMED_OUT for finding in result.findings):
             self.codes.add(PluginTimeout.exit_code)
         elif failed := nothing_ran(result.estimators):
             self.codes.add(PluginError.exit_code)

@@ -73,10 +73,10 @@ def printable(report: dict[str, Any]) -> dict[str, Any]:
 def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[TextLine]:
     """What ``inspection.inspect`` found as text of at most ``width`` columns where words can be broken."""
     from attlog.cli.shared.terminal import wrong
-    from attlog.flight.model import Problem
+    from attlog.health.findings import Finding
     from attlog.metrics.evidence.common_bias import CommonBias
+    from attlog.present.findings import shown_findings
     from attlog.present.gyro_bias import bias_sentence as said_bias
-    from attlog.present.problems import problem_texts
 
     yield from _head(report["log"], width)
     if report["headline"]:
@@ -99,8 +99,8 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Text
     if report["compared_with"]:
         yield from _part("Compared with", [("reference", "", report["compared_with"])], width, [""])
     yield TextLine("")
-    found = [Problem(**p) for p in report["problems"] if verbose or p["severity"] != "info"]
-    yield from wrong(problem_texts(found), str, width, verbose=True)
+    found = [Finding(**f) for f in report["findings"]]
+    yield from wrong(shown_findings(found), str, width, bool(verbose))
     messages = [
         (
             m["name"] + (f".{m['instance']}" if m["instance"] else ""),

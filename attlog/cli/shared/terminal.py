@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from attlog.cli.shared.filter_table import comparison
 from attlog.cli.shared.printing import SENTENCES, TextLine, wrapped
-from attlog.present.problems import ProblemText, nothing_wrong, problems
+from attlog.present.findings import ShownFinding, findings, nothing_wrong
 from attlog.present.stand_ins import stand_in
 from attlog.present.text import clean, typeset
 
@@ -28,7 +28,7 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
 
     Title, headline, findings, four answers, the table; of a healthy log at most 19 lines of 80 columns. ``window``:
     where the table looks; ``encoding``: of the output, signs that it lacks get stand-ins; ``verbose``: notes among the
-    findings, whole sentences instead of short answers, every column and row of the table.
+    findings and why, whole sentences instead of short answers, every column and row of the table.
     """
     from attlog.present.alike import alike
 
@@ -38,8 +38,8 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     yield from (TextLine(line.text, "bold") for line in wrapped("", shown(title(result)), width))
     if result.headline:
         yield from wrapped("  ", shown(clean(result.headline)), width)
-    found = problems(result)
-    if verbose or any(p.style != "note" for p in found):
+    found = findings(result)
+    if verbose or any(not finding.is_note for finding in found):
         yield from wrong(found, shown, width, verbose)
     for label, sentence in answers(result, min(width, SENTENCES) - ANSWER, verbose):
         yield from wrapped(f"{label:<{ANSWER}}", shown(sentence), width)
@@ -76,16 +76,15 @@ def answers(result: Result, width: int, verbose: bool) -> Iterator[tuple[str, st
         yield from ((QUESTIONS[q], typeset(answer.within(width))) for q, answer in brief_answers(result).items())
 
 
-def wrong(found: list[ProblemText], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[TextLine]:
-    """What is wrong with the log, the worst first, each with cause, remedy and meaning; notes only if ``verbose``."""
-    listed = [p for p in found if verbose or p.style != "note"]
-    yield TextLine(shown("What is wrong with this log"), "bold")
+def wrong(found: list[ShownFinding], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[TextLine]:
+    """What is wrong with the log and what to do, a line each, the worst first; ``verbose``: notes, and why."""
+    listed = [f for f in found if verbose or not f.is_note]
     nothing = nothing_wrong(listed, len(found) - len(listed))
     if nothing:
         yield TextLine(f"  {nothing}")
-    for problem in listed:
-        where = f" ({problem.where})" if problem.where else ""
-        times = f" ({problem.count} times)" if problem.count > 1 and f" {problem.count} " not in problem.text else ""
-        yield from wrapped(f"  {problem.label.lower()}: ", shown(f"{typeset(problem.text)}{where}{times}"), width)
-        for label, text in problem.more:
-            yield from wrapped(f"      {label:<4} ", shown(typeset(text)), width)
+    for finding in listed:
+        style = {"bad": "red", "warn": "yellow"}.get(finding.style, "")
+        begin = f"{finding.label.lower():<{ANSWER}}"
+        yield from (TextLine(line.text, style) for line in wrapped(begin, shown(finding.line), width))
+        for text in finding.why if verbose else ():
+            yield from (TextLine(line.text, "dim") for line in wrapped(" " * (ANSWER + 2), shown(text), width))

@@ -77,7 +77,7 @@ def _measured(log: Path, name: str, plan: Plan) -> LogComparison:
         f"{result.reference.choice} ({result.reference.source})" if result.reference else "",
     )
     rows = {row.name: row for row in result.estimators}
-    late = tuple(problem.text for problem in result.problems if problem.code == TIMED_OUT)
+    late = tuple(finding.text for finding in result.findings if finding.kind == TIMED_OUT)
     return read_off(
         LogComparison(line, late=late, nothing_ran=nothing_ran(result.estimators)),
         result,

@@ -13,62 +13,48 @@ from typing import Any
 from attlog.compare.gates.rows import BASELINES
 from attlog.present.names import row_names
 from attlog.present.numbers import listed
-from attlog.result import EstimatorRow, Problem, Result
+from attlog.result import EstimatorRow, Finding, Result
 
-ATTITUDE = frozenset(
-    {
-        "reference_contradicted",
-        "onboard_against_smoother",
-        "onboard_against_truth",
-        "gravity_direction",
-        "gyro_against_attitude",
-        "second_source",
-        "ekf_check",
-        "ekf_fault",
-        "ekf_failsafe",
-    }
-)
-"""Codes of problems that say the attitude that flew was wrong, or that its estimator failed."""
-RESETS = frozenset({"attitude_jumps", "lane_switch", "estimator_instance_changed"})
+ATTITUDE = frozenset({"attitude", "mounting", "estimator"})
+"""Kinds of findings that say the attitude that flew was wrong, or that its estimator failed."""
+RESETS = frozenset({"reset", "realigned"})
 SENSORS = frozenset(
     {
+        "accelerometer",
+        "accelerometer_axes",
+        "accelerometer_delay",
+        "compass",
+        "frozen_gyro",
+        "frozen_sensors",
+        "gnss",
         "gyro",
         "gyro_bias",
         "gyro_range",
-        "gravity",
-        "gravity_in_flight",
-        "accelerometer_bias",
-        "vibration",
-        "vibration_failsafe",
-        "vertical_force",
-        "field",
-        "field_against_motors",
-        "field_against_attitude",
-        "mag_dead",
-        "mag_spikes",
+        "gyro_spikes",
         "imu_all_zero",
         "imu_mostly_refused",
-        "gnss_glitch",
+        "mag_dead",
+        "vibration",
     }
 )
-"""Codes of problems that a sensor has; ``rejected_...`` as well. Others tell what the log lacks."""
+"""Kinds of findings about a sensor; others tell what the log lacks."""
 
 POINTS = {
-    ("gate", "error"): 100.0,
-    ("attitude", "error"): 100.0,
-    ("crash", "error"): 80.0,
-    ("sensor", "error"): 40.0,
+    ("gate", "serious"): 100.0,
+    ("attitude", "serious"): 100.0,
+    ("crash", "serious"): 80.0,
+    ("sensor", "serious"): 40.0,
     ("attitude", "warning"): 30.0,
-    ("log", "error"): 20.0,
+    ("log", "serious"): 20.0,
     ("reset", "warning"): 20.0,
-    ("reset", "error"): 40.0,
+    ("reset", "serious"): 40.0,
     ("sensor", "fault"): 20.0,
     ("sensor", "warning"): 10.0,
     ("log", "warning"): 3.0,
 }
 """How much a reason weighs, by kind and severity; notes weigh nothing and are left out.
 
-A sensor's warning counts as a fault where its check says so.
+A sensor's warning counts as a fault where one of its checks says so.
 """
 FILTER_POINTS, MOST_FILTERS = 10.0, 5
 REFUSED_POINTS = 40.0
@@ -123,18 +109,18 @@ def trouble(reasons: Iterable[Reason]) -> dict[str, Any]:
 
 def with_gates(said: dict[str, Any], failed: Iterable[str]) -> dict[str, Any]:
     """What :func:`trouble` told, with one more reason for each sentence of a gate that failed."""
-    gates = [Reason("gate", "gate", POINTS["gate", "error"], text, in_flight=True) for text in failed]
+    gates = [Reason("gate", "gate", POINTS["gate", "serious"], text, in_flight=True) for text in failed]
     return trouble([*gates, *(Reason(**reason) for reason in said["reasons"])]) if gates else said
 
 
 def reasons(result: Result) -> list[Reason]:
     """Everything in a result that speaks of trouble with the attitude or with what it is computed from."""
-    faults = {check.name.replace(" ", "_") for check in result.audit if check.verdict == "fault"}
-    found = [reason for problem in result.problems if (reason := _of_problem(problem, faults)) is not None]
+    faults = {check.text for check in result.audit if check.verdict == "fault"}
+    found = [reason for finding in result.findings if (reason := _of_finding(finding, faults)) is not None]
     codes = {r.code for r in found}
     crashes = [event for event in result.events if event.is_crash]
     if crashes and "crash" not in codes:
-        found.append(Reason("crash", crashes[0].kind, POINTS["crash", "error"], crashes[0].text, crashes[0].t))
+        found.append(Reason("crash", crashes[0].kind, POINTS["crash", "serious"], crashes[0].text, crashes[0].t))
     refused = result.reference.refused if result.reference else {}
     for kind, why in refused.items():
         if kind == "truth" or (kind == "onboard" and not codes & ATTITUDE):
@@ -156,34 +142,35 @@ def _last_landing(result: Result) -> float | None:
     return math.inf if (result.log.get("seconds") or {}).get("airborne") else None
 
 
-def _of_problem(problem: Problem, faults: Collection[str]) -> Reason | None:
-    kind = kind_of(problem.code)
-    is_fault = problem.severity == "warning" and problem.code in faults and (kind, "fault") in POINTS
-    points = POINTS.get((kind, "fault" if is_fault else problem.severity))
+def _of_finding(finding: Finding, faults: Collection[str]) -> Reason | None:
+    kind = kind_of(finding.kind)
+    told = {finding.text, *finding.evidence}
+    is_fault = finding.severity == "warning" and not told.isdisjoint(faults) and (kind, "fault") in POINTS
+    points = POINTS.get((kind, "fault" if is_fault else finding.severity))
     if points is None:
         return None
-    if kind == "reset" and problem.value is not None and problem.unit == "deg":
-        points = ANY_JUMP + PER_DEGREE * min(abs(problem.value), MOST_DEGREES)
-    times = f" ({problem.count} times)" if problem.count > 1 and str(problem.count) not in problem.text else ""
-    return Reason(kind, problem.code, points, problem.text + times, problem.t)
+    if kind == "reset" and finding.value is not None and finding.unit == "deg":
+        points = ANY_JUMP + PER_DEGREE * min(abs(finding.value), MOST_DEGREES)
+    times = f" ({finding.count} times)" if finding.count > 1 and str(finding.count) not in finding.text else ""
+    return Reason(kind, finding.kind, points, finding.text + times, finding.t)
 
 
-def kind_of(code: str) -> str:
-    """Which kind of trouble a problem's code stands for."""
-    if code in ATTITUDE:
+def kind_of(finding: str) -> str:
+    """Which kind of trouble a kind of finding stands for."""
+    if finding in ATTITUDE:
         return "attitude"
-    if code in RESETS:
+    if finding in RESETS:
         return "reset"
-    if code == "crash":
+    if finding == "crash":
         return "crash"
-    return "sensor" if code in SENSORS or code.startswith("rejected_") else "log"
+    return "sensor" if finding in SENSORS else "log"
 
 
 def _of_rows(result: Result) -> list[Reason]:
     """Rows that diverged or failed: the attitude that flew on its own, the filters together."""
     names = row_names(result)
     found = [
-        Reason("attitude", r.status, POINTS["attitude", "error"], f"The attitude that flew {r.status}: {r.reason}.")
+        Reason("attitude", r.status, POINTS["attitude", "serious"], f"The attitude that flew {r.status}: {r.reason}.")
         for r in result.estimators
         if r.name == "onboard" and r.status in ("diverged", "failed")
     ]

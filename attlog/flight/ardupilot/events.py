@@ -19,20 +19,16 @@ from attlog.flight.model import Problem, Severity
 EKF_PRIMARY, FLIGHT_MODE = 24, 10
 MOST_KINDS = 100
 """A firmware has about 70 kinds of reports in all; a flight has a few."""
-DOUBT = "From here on the onboard attitude is in doubt, and agreement with it proves little."
-NO_MATTER = "Filters that are run again do not need it."
-AIDED = "Filters that use it go without there; the others do not need it."
 
 
 @dataclass(frozen=True, slots=True)
 class EventMeaning:
-    """What a record says: a sentence, how bad it is, why it comes, what to do, what it means for the comparison."""
+    """What a record says: a sentence, how bad it is, why it comes, what to do."""
 
     text: str
     severity: Severity = "warning"
     cause: str = ""
     remedy: str = ""
-    means: str = ""
     code: str = ""
 
 
@@ -40,7 +36,6 @@ _NO_GNSS = EventMeaning(
     "GNSS was lost for more than 5 s while it was needed",
     cause="Bad view of the sky or a disturbed receiver.",
     remedy="Raise the antenna above power wires and transmitters.",
-    means=AIDED,
 )
 _BAD_COMPASS = "The compass does not answer: wiring, bus or the compass itself."
 _CHECK_COMPASS = "Check wiring and supply of the compass."
@@ -54,70 +49,45 @@ ERRORS: dict[tuple[int, int], EventMeaning] = {
         "Radio failsafe: no signal from the transmitter",
         cause="Out of range, transmitter off or antenna shadowed.",
         remedy="Check antennas and range.",
-        means=NO_MATTER,
     ),
     (6, 1): EventMeaning(
         "Battery failsafe: voltage or capacity below its limit",
         cause="The battery was empty or weak.",
         remedy="Land earlier or change the battery.",
-        means=NO_MATTER,
     ),
     (7, 1): replace(_NO_GNSS, text="GNSS failsafe: no position while the flight mode needed one"),
     (8, 1): EventMeaning(
         "Ground station failsafe: no heartbeat from it",
         cause="The radio link was lost.",
         remedy="Check the telemetry link.",
-        means=NO_MATTER,
     ),
     (11, 2): EventMeaning(
-        "GNSS glitch: its position jumped away from the predicted one",
+        "GNSS glitch: its position jumped away from the prediction",
         cause="Bad reception, or an attitude and acceleration that predict a wrong position.",
-        remedy="Check the view of the sky; with good reception look for vibration or a wrong heading.",
-        means="An attitude that uses GNSS may be pulled off.",
+        remedy="Raise the antenna above power wires and transmitters.",
         code="gnss_glitch",
     ),
-    (12, 1): EventMeaning(
-        "Crash check: the vehicle was tilted and out of control, motors were stopped",
-        "error",
-        cause="Lost thrust, lost control or contact.",
-        remedy="Look at what was reported in the seconds before.",
-        code="crash",
-    ),
-    (12, 2): EventMeaning(
-        "Loss of control was detected, as for the parachute",
-        "error",
-        cause="Lost thrust or lost attitude.",
-        remedy="Look at what was reported in the seconds before.",
-        code="crash",
-    ),
+    (12, 1): EventMeaning("Crash check: tilted and out of control, the motors were stopped", "error", code="crash"),
+    (12, 2): EventMeaning("Loss of control was detected, as for the parachute", "error", code="crash"),
     (13, 2): EventMeaning("A flip was abandoned", "note"),
     (14, 2): EventMeaning("Autotune was refused or its gains were bad", "note"),
     (15, 2): EventMeaning("The parachute was not released: too low", "error"),
     (15, 3): EventMeaning("The parachute was not released: landed", "note"),
     (16, 2): EventMeaning(
-        "EKF check: two or more of the EKF's test ratios (compass, position, velocity) stayed above the limit for 1 s",
+        "EKF check: two test ratios of the EKF stayed above their limit for 1 s",
         cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
-        remedy="Look for vibration, the field and GNSS among these findings.",
-        means=DOUBT,
         code="ekf_check",
     ),
     (17, 1): EventMeaning(
         "EKF failsafe: the EKF was given up in flight",
         "error",
         cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
-        remedy="Look for vibration, the field and GNSS among these findings.",
-        means=DOUBT,
         code="ekf_failsafe",
     ),
     (18, 1): EventMeaning("The barometer failed to start"),
     (18, 2): EventMeaning("The barometer jumped", "note"),
-    (18, 4): EventMeaning("The barometer was not healthy", means=AIDED),
-    (19, 1): EventMeaning(
-        "The main loop stood still for 2 s and more",
-        "error",
-        cause="The processor was overloaded.",
-        means="Samples may be missing there.",
-    ),
+    (18, 4): EventMeaning("The barometer was not healthy"),
+    (19, 1): EventMeaning("The main loop stood still for 2 s and more", "error", cause="The processor was overloaded."),
     (20, 1): EventMeaning("Another aircraft came near", "note"),
     (21, 2): EventMeaning("Terrain data were missing", "note"),
     (22, 2): EventMeaning("A destination could not be set", "note"),
@@ -125,36 +95,32 @@ ERRORS: dict[tuple[int, int], EventMeaning] = {
     (22, 4): EventMeaning("The circle mode could not start", "note"),
     (22, 5): EventMeaning("A destination outside the fence was refused", "note"),
     (22, 6): EventMeaning("Return to launch lacked its range finder", "note"),
-    (23, 1): EventMeaning("Terrain failsafe: no terrain data for 5 s", means=NO_MATTER),
+    (23, 1): EventMeaning("Terrain failsafe: no terrain data for 5 s"),
     (25, 1): EventMeaning(
         "Thrust loss: full throttle and still falling",
         "error",
         cause="A motor, propeller or the battery gave way.",
         remedy="Check motors, propellers and battery; compare the motor outputs.",
-        means=NO_MATTER,
     ),
     (26, 1): EventMeaning("Sensor failsafe"),
     (27, 1): EventMeaning("Leak failsafe: water inside", "error"),
-    (28, 1): EventMeaning("No input from the pilot", means=NO_MATTER),
+    (28, 1): EventMeaning("No input from the pilot"),
     (29, 1): EventMeaning(
         "Vibration failsafe: height is held without the vertical accelerometer",
         cause="Vibration that the accelerometer turns into a constant offset.",
         remedy="Balance propellers, check bearings and arms, and mount the autopilot softer.",
-        means="Filters that trust the accelerometer are pulled off there.",
         code="vibration_failsafe",
     ),
     (30, 1): EventMeaning("An internal error of the firmware", "warning", remedy="Report it with this log."),
-    (31, 1): EventMeaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost.", means=AIDED),
+    (31, 1): EventMeaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost."),
 }
 """By subsystem and code."""
 FENCE = {1: "height", 2: "circle", 4: "polygon", 8: "lowest height"}
 EVENTS: dict[int, EventMeaning] = {
     19: _NO_GNSS,
     51: EventMeaning("The parachute was released", "error", cause="By the pilot or by the crash check.", code="crash"),
-    54: EventMeaning("The pilot stopped the motors (emergency stop)", "error"),
-    60: EventMeaning(
-        "The EKF set its height anew", "note", cause="Its height source changed or drifted.", means=NO_MATTER
-    ),
+    54: EventMeaning("The pilot stopped the motors (emergency stop)"),
+    60: EventMeaning("The EKF set its height anew", "note", cause="Its height source changed or drifted."),
 }
 """By the id of EV records; yaw resets stand among the jumps of the attitude."""
 
@@ -193,7 +159,6 @@ def report(builder: LogBuilder, clock: Clock) -> None:
                     count=int(counts[k]),
                     cause=meaning.cause,
                     remedy=meaning.remedy,
-                    means=meaning.means,
                 )
             )
 
@@ -210,5 +175,5 @@ def of_error(subsystem: int, code: int) -> EventMeaning | None:
         return EventMeaning(text, "note", cause="The mode needs a position or an arming state that was not there.")
     if subsystem == 9:
         crossed = " and ".join(n for bit, n in FENCE.items() if code & bit) or f"code {code}"
-        return EventMeaning(f"The fence was crossed ({crossed})", means=NO_MATTER)
+        return EventMeaning(f"The fence was crossed ({crossed})")
     return ERRORS.get((subsystem, code), EventMeaning(f"Subsystem {subsystem} reported error {code}", "note"))

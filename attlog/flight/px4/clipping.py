@@ -67,5 +67,5 @@ def gyro_mask_problem(
         return []
     count = int(np.count_nonzero(mask))
     text = f"{source}: the gyro was at the end of its range in {count} samples ({column})."
-    cause, means = "A blow, vibration, or a range that is set too small.", "Rotation is lost there."
-    return [Problem("gyro_clipped", "warning", text, count=count, cause=cause, means=means)]
+    cause = "A blow, vibration, or a range that is set too small."
+    return [Problem("gyro_clipped", "warning", text, count=count, cause=cause)]

@@ -40,7 +40,6 @@ FAULTS = (
     "accelerometer bias",
 )
 """Fusions that failed numerically, by bit; later versions add bits that are no failures of fusion."""
-DOUBT = "While it lasts the onboard attitude is in doubt, and agreement with it proves little."
 
 
 def report(builder: LogBuilder) -> None:
@@ -64,7 +63,6 @@ def _estimator(builder: LogBuilder) -> None:
             seconds = sum(b - a for a, b in spans)
             worst = float(np.nanmax(ratio[ratio > 1.0]))
             text = f"The EKF rejected its {what} for {seconds:.0f} s in all, by up to {worst:.1f} times its limit"
-            remedy = "Look for the field, vibration and GNSS among these findings."
             builder.problems.append(
                 Problem(
                     f"rejected_{column.partition('_')[0]}",
@@ -75,8 +73,6 @@ def _estimator(builder: LogBuilder) -> None:
                     value=round(worst, 2),
                     unit="",
                     cause=cause,
-                    remedy=remedy,
-                    means=DOUBT,
                 )
             )
     if "filter_fault_flags" in table:
@@ -92,8 +88,6 @@ def _estimator(builder: LogBuilder) -> None:
                         f"The EKF failed numerically: {', '.join(names)}.",
                         t=float(t[np.argmax(flags != 0)]),
                         cause="Sensors contradict each other or are stuck.",
-                        remedy="Look for the other findings at this time.",
-                        means=DOUBT,
                     )
                 )
 
@@ -108,16 +102,7 @@ def _failsafe(builder: LogBuilder) -> None:
     if len(starts):
         first = float(builder.seconds(stamps(table))[starts[0]])
         builder.problems.append(
-            Problem(
-                "failsafe",
-                "warning",
-                "The autopilot was in failsafe.",
-                t=first,
-                count=len(starts),
-                cause="Its messages say which link or sensor was lost.",
-                remedy="Read what the autopilot said at this time.",
-                means="Filters that are run again do not need what was lost.",
-            )
+            Problem("failsafe", "warning", "The autopilot was in failsafe.", t=first, count=len(starts))
         )
 
 

@@ -15,15 +15,12 @@ def of(values: Mapping[str, float]) -> dict[Fault, str]:
     found = dict(GENERAL)
     if "SENS_BOARD_ROT" in values:
         now = f"{values['SENS_BOARD_ROT']:g}"
-        found["mounting"] = f"Compare the mounting with SENS_BOARD_ROT ({now}), then calibrate the level."
+        found["mounting"] = f"Compare the mounting with SENS_BOARD_ROT {now}, then calibrate the level."
     if "CAL_MAG0_ROT" in values:
         now = f"{values['CAL_MAG0_ROT']:g}"
         found["compass_mounting"] = (
-            f"Compare the mounting with CAL_MAG0_ROT ({now}; -1: inside the autopilot), and calibrate the compass "
-            "away from iron."
+            f"Compare the mounting with CAL_MAG0_ROT {now}, and calibrate the compass away from iron."
         )
     if values.get("CAL_MAG_COMP_TYP") == 0:
-        found["interference"] += " CAL_MAG_COMP_TYP is 0: nothing compensates for the motors."
-    if "IMU_GYRO_DNF_EN" in values and values["IMU_GYRO_DNF_EN"] == 0:
-        found["vibration"] += " IMU_GYRO_DNF_EN is 0: the dynamic notch filters are off."
+        found["interference"] += " CAL_MAG_COMP_TYP is 0: nothing compensates for them."
     return found

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.flight.model import Array, FlightLog
 from attlog.health.model import Check
+from attlog.health.sensors.stillness import tilt_error
 from attlog.reference import clock, scoring, trim
 from attlog.reference.compare import interpolate
 from attlog.reference.model import Reference
@@ -29,6 +30,8 @@ heading on flights with truth."""
 LEAST_S = {"tilt": 5.0, "heading": 10.0}
 MOUNTED = 0.3
 """What is left of a tilt error that a turn of the sensor explains, at most."""
+STANDS_DEG = 2.5
+"""Sound onboard attitudes stay within this of gravity where the vehicle stands."""
 LIMIT = "ok up to 3 deg of tilt and 10 deg of heading"
 LIMITS = {"smoother": f"{LIMIT}, or 3 sigma of the smoother", "truth": LIMIT}
 
@@ -83,15 +86,43 @@ def checks(log: FlightLog, segments: Segments, reference: Reference | None) -> l
         usual = ", ".join(_usual(angle, size[counted], sigmas[angle][counted]) for angle, size in angles.items())
         whom = "the truth" if reference.kind == "truth" else "the smoother"
         return [Check(name, "ok", f"{log.onboard} differs from {whom} by {usual}.", threshold=limit)]
+    found = [off for off in found if not (off.angle == "tilt" and standing(log, reference, t, q, off.longest))]
+    if not found:
+        text = f"{log.onboard} agrees with gravity where it stands, better than the reference."
+        return [Check(name, "ok", text, threshold=limit)]
     shown = [off for off in found if off.wrong] or found
     wrong = shown[0].wrong
-    text = "The onboard attitude is the wrong one here" if wrong else "The onboard attitude errs"
+    text = "The onboard attitude was wrong" if wrong else "The onboard attitude errs"
     own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t[counted])
     if shown[0].angle == "tilt" and mounted(q[counted], own):
-        wrong, text = False, "The sensor's mounting is not what is set, or the onboard attitude is wrong throughout"
-    text += f": {'; '.join(off.text for off in shown)}."
-    first = min(off.longest[0] for off in shown)
-    return [Check(name, "fault" if wrong else "warning", text, round(shown[0].size, 1), "deg", limit, t=first)]
+        wrong, text = False, "The sensor is mounted otherwise than set, or the onboard attitude is wrong throughout"
+    lead, *others = shown
+    text += f": {lead.text}."
+    first, last = lead.longest
+    verdict = "fault" if wrong else "warning"
+    seen = [f"Its {off.text}." for off in others]
+    return [
+        Check(
+            name, verdict, text, round(lead.size, 1), "deg", limit, t=first, t_end=last, about=lead.angle, evidence=seen
+        )
+    ]
+
+
+def standing(log: FlightLog, reference: Reference, t: Array, q: Array, span: Span) -> bool:
+    """Whether the vehicle stands within a span and gravity finds the onboard attitude right there.
+
+    ``q`` (n, 4) at ``t`` (n,) is the onboard attitude as it is compared, the vehicle's trim taken out.
+    """
+    imu = log.replay_imu
+    if imu is None:
+        return False
+    at = imu.acc.t_best
+    onboard, _ = interpolate(t, q, gaps.number(t), at)
+    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, at)
+    if reference.trim is not None:
+        onboard, own = trim.apply(onboard, -reference.trim), trim.apply(own, -reference.trim)
+    accused, judge = tilt_error(imu, span, onboard), tilt_error(imu, span, own)
+    return accused is not None and judge is not None and (accused < STANDS_DEG or accused < judge)
 
 
 def _sigmas(reference: Reference, t: Array) -> dict[str, Array] | None:

@@ -9,6 +9,10 @@ import numpy as np
 from attlog.base import rotation
 from attlog.flight.model import Array, Attitude, FlightLog
 from attlog.health.model import Check, not_judged
+from attlog.health.sound import before_crashes
+from attlog.reference import trim
+from attlog.reference.model import Reference
+from attlog.reference.smoothed import differences_deg
 from attlog.segments.model import Segments
 
 TILT_DEG, HEADING_DEG = (10.0, 30.0), (20.0, 60.0)
@@ -18,10 +22,15 @@ STEEP_DEG = 60.0
 SHARE, LASTING, SETTLED_S = 0.2, 0.9, 15.0
 """Off for a fifth of the time; since the moment after which it is off most of the time; not while it starts."""
 SAMPLES = 20
+CLEARLY = 0.4
+"""One of two is wrong where the other has so much of its error at most."""
 
 
-def checks(log: FlightLog, segments: Segments) -> list[Check]:
-    """How far each other onboard attitude is off for a fifth of the flight, and since when."""
+def checks(log: FlightLog, segments: Segments, reference: Reference | None = None) -> list[Check]:
+    """How far each other onboard attitude is off for a fifth of the flight, since when, and which of them is wrong.
+
+    ``reference``: truth or a smoother that can tell; nobody else can.
+    """
     flew = log.onboard_attitude
     others = {n: a for n, a in log.attitudes.items() if n != log.onboard}
     if flew is None or not others:
@@ -41,16 +50,57 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if not off:
         text = f"{listed([*seen, str(log.onboard)])} show the same tilt and heading."
         return [Check("second source", "ok", text, 0.0, "deg", limit)]
-    worst = max(off.values(), key=lambda d: max(d.tilt / TILT_DEG[0], d.heading / HEADING_DEG[0]))
+    name = max(off, key=lambda n: max(off[n].tilt / TILT_DEG[0], off[n].heading / HEADING_DEG[0]))
+    worst = off[name]
     same = [n for n, d in off.items() if abs(d.tilt - worst.tilt) < 1.0 and abs(d.heading - worst.heading) < 3.0]
     verdict = "fault" if worst.tilt > TILT_DEG[1] or worst.heading > HEADING_DEG[1] else "warning"
     sizes = [(worst.heading, HEADING_DEG[0], "heading"), (worst.tilt, TILT_DEG[0], "tilt")]
     shown = " and ".join(f"{size:.0f} deg in {what}" for size, least, what in sizes if size > least)
     differ = "differ" if len(same) > 1 else "differs"
-    text = f"From {worst.since:.0f} s on {listed(same)} {differ} from {log.onboard} by {shown} (median)."
-    heading_counts = worst.heading / HEADING_DEG[0] > worst.tilt / TILT_DEG[0]
-    value = worst.heading if heading_counts else worst.tilt
-    return [Check("second source", verdict, text, round(value, 1), "deg", limit, t=worst.since)]
+    since = worst.since or 0.0
+    text = f"From {since:.0f} s on {listed(same)} {differ} from {log.onboard} by {shown}"
+    about = "tilt" if worst.tilt > TILT_DEG[0] else "heading"
+    size = worst.heading if worst.heading / HEADING_DEG[0] > worst.tilt / TILT_DEG[0] else worst.tilt
+    errors = against(reference, log, name, about, since)
+    who = said_wrong(errors, str(log.onboard), listed(same), reference)
+    if errors is not None and who and errors[0] < errors[1]:
+        verdict = "warning"  # what flew is right
+    text += f"; {who}." if who else "; nothing here tells which is right."
+    return [Check("second source", verdict, text, round(size, 1), "deg", limit, t=worst.since, about=about)]
+
+
+def against(
+    reference: Reference | None, log: FlightLog, name: str, about: str, since: float
+) -> tuple[float, float] | None:
+    """Median errors in deg of the attitude that flew and of another from ``since`` s on; None where nobody can tell."""
+    if reference is None or reference.kind not in ("truth", "smoother"):
+        return None
+    if about == "heading" and reference.heading_by != "own":
+        return None
+    found = []
+    for attitude in (log.onboard_attitude, log.attitudes[name]):
+        assert attitude is not None
+        late = attitude.t >= since
+        t, q = attitude.t[late], attitude.q[late]
+        if reference.trim is not None and not attitude.has_trim:
+            q = trim.apply(q, reference.trim)
+        tilt, heading = differences_deg(reference, t, q)
+        size = np.abs(tilt if about == "tilt" else heading)
+        size = size[np.isfinite(size)]
+        if len(size) < SAMPLES:
+            return None
+        found.append(float(np.median(size)))
+    return found[0], found[1]
+
+
+def said_wrong(errors: tuple[float, float] | None, flew: str, others: str, reference: Reference | None) -> str:
+    """Who is wrong, by whom; empty where the reference lies near neither or both."""
+    if errors is None or reference is None or min(errors) > CLEARLY * max(errors):
+        return ""
+    whom = "the truth" if reference.kind == "truth" else "the smoother"
+    wrong, right = (flew, others) if errors[0] > errors[1] else (others, flew)
+    verb = "is" if wrong == flew or " and " not in others else "are"
+    return f"{wrong} {verb} wrong by {whom}, {right} off by {min(errors):.0f} deg"
 
 
 def listed(names: list[str]) -> str:
@@ -73,7 +123,7 @@ def difference(flew: Attitude, other: Attitude, segments: Segments) -> SourceDif
     step = max(1, len(t) // 4000)
     t, own = t[::step], flew.q[::step]
     q = rotation.slerp(other.t if other.t_sample is None else other.t_sample, other.q, t)
-    use = rotation.finite(q) & (t > t[0] + SETTLED_S)
+    use = rotation.finite(q) & (t > t[0] + SETTLED_S) & before_crashes(segments, t)
     flown = use & segments.mask(t, "airborne")
     use = flown if flown.sum() >= SAMPLES else use
     if use.sum() < SAMPLES:

@@ -7,7 +7,8 @@ import numpy as np
 from attlog.base import rotation
 from attlog.flight.model import Array, FlightLog
 from attlog.health.model import Check
-from attlog.health.sensors.accelerometer import degrees_between, of_imu
+from attlog.health.sensors.accelerometer import of_imu
+from attlog.health.sensors.stillness import degrees_between
 from attlog.segments.model import Segments
 
 G = 9.80665
@@ -26,17 +27,18 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     tilt = float(np.degrees(np.arctan2(np.hypot(bias[0], bias[1]), G)))
     worst = "xy"[int(np.argmax(np.abs(bias[:2])))]
     size = float(bias["xy".index(worst)])
-    limit = f"ok up to {LIMITS_DEG[0]:.0f} deg of tilt, fault above {LIMITS_DEG[1]:.0f} deg"
-    text = f"The onboard estimator takes {size:+.2f} m/s^2 off the accelerometer's {worst} ({stream.source}), "
-    text += f"{tilt:.1f} deg of tilt"
-    verdict = "ok" if tilt <= LIMITS_DEG[0] else "warning" if tilt <= LIMITS_DEG[1] else "fault"
-    both = differences(log, segments, bias)
-    if both is not None and verdict != "ok":
+    least, most = LIMITS_DEG
+    limit = f"ok up to {least:.0f} deg of tilt, where gravity at rest does not show it up to {most:.0f}; fault above"
+    text = (
+        f"The onboard estimator subtracts {size:+.2f} m/s^2 from the accelerometer's {worst}: {tilt:.1f} deg of tilt."
+    )
+    both = differences(log, segments, bias) if tilt > LIMITS_DEG[0] else None
+    seen = []
+    if both is not None and both[1] < EXPLAINS * both[0]:
         plain, corrected = both
-        if corrected < EXPLAINS * plain:
-            text += f": it explains {plain - corrected:.1f} of the {plain:.1f} deg between {log.onboard} and gravity"
-            text += " at rest"
-    return [Check("accelerometer bias", verdict, text + ".", round(size, 3), "m/s^2", limit)]
+        seen = [f"It explains {plain - corrected:.1f} of {plain:.1f} deg between {log.onboard} and gravity at rest."]
+    verdict = "fault" if tilt > LIMITS_DEG[1] else "warning" if seen else "ok"
+    return [Check("accelerometer bias", verdict, text, round(size, 3), "m/s^2", limit, evidence=seen)]
 
 
 def differences(log: FlightLog, segments: Segments, bias: Array) -> tuple[float, float] | None:

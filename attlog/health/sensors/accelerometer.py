@@ -11,6 +11,7 @@ from attlog.base import earth, rotation
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
 from attlog.health.sensors.gyro import alive
+from attlog.health.sensors.stillness import degrees_between, still_windows
 from attlog.reference import declination
 from attlog.segments.model import Segments
 
@@ -49,9 +50,9 @@ def gravity(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segment
     value = float(np.median(np.sqrt(np.sum(imu.acc.x[rest] ** 2, axis=1))))
     verdict = "fault" if not 7.0 <= value <= 13.0 else graded(abs(value - g), 0.3, np.inf)
     text = f"{where[0].upper()}{where[1:]} the accelerometer shows {value:.3f} m/s^2; gravity is {g:.3f}."
-    if verdict != "ok":
-        text += f" Its scale seems to be {value / g:.2f} of what it should be, or it has an offset."
-    return Check("gravity", verdict, text, round(value, 3), "m/s^2", f"ok within 0.3 of {g:.2f}, fault outside 7 to 13")
+    limit = f"ok within 0.3 of {g:.2f}, fault outside 7 to 13"
+    scale = [f"Its scale seems to be {value / g:.2f} of what it should be, or it has an offset."]
+    return Check("gravity", verdict, text, round(value, 3), "m/s^2", limit, evidence=scale if verdict != "ok" else [])
 
 
 def gravity_in_flight(log: FlightLog, imu: Imu, segments: Segments, g: float) -> Check:
@@ -63,10 +64,7 @@ def gravity_in_flight(log: FlightLog, imu: Imu, segments: Segments, g: float) ->
     value = -float(mean[2])
     good = max(0.5, CLIMB_M_S / seconds)
     verdict = graded(abs(value - g), good, good + 1.0)
-    text = f"No rest in the log; along the attitude's down the mean over {seconds:.0f} s is {value:.2f} m/s^2; "
-    text += f"gravity is {g:.2f}."
-    if verdict == "fault":
-        text += " The scale, vibration that the sensor rectifies or clips, or the attitude is wrong."
+    text = f"The mean vertical force over {seconds:.0f} s is {value:.2f} m/s^2; gravity is {g:.2f}."
     limit = f"ok within {good:.1f} of {g:.2f}, fault beyond {good + 1.0:.1f}"
     return Check("gravity in flight", verdict, text, round(value, 3), "m/s^2", limit)
 
@@ -99,17 +97,16 @@ def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segme
         return direction_in_flight(log, imu, segments)
     limit = "ok up to 3 deg, fault above 10 deg"
     q = rotation.slerp(onboard.t, of_imu(log, onboard), imu.acc.t[rest])
-    known = rotation.finite(q)
-    if known.sum() < 10:
-        return not_judged("gravity direction", "The onboard attitude does not cover the rest.", limit)
-    up = rotation.rotate_inverse(q[known], np.array([0.0, 0.0, -1.0]))
-    measured = imu.acc.x[rest][known]
-    measured = measured / np.sqrt(np.sum(measured**2, axis=1, keepdims=True))
+    whole = np.full((len(imu.acc.x), 4), np.nan)
+    whole[rest] = q
+    measured, up = still_windows(imu, rest, whole)
+    if not len(measured):
+        return not_judged("gravity direction", "The onboard attitude covers no still time on the ground.", limit)
     angle = float(np.median(degrees_between(measured, up)))
     text = f"Measured gravity and {log.onboard} differ by {angle:.2f} deg {where}."
-    if angle > TILT_LIMITS_DEG[1]:
-        text += mounting_hint(measured, up)
-    return Check("gravity direction", graded(angle, *TILT_LIMITS_DEG), text, round(angle, 3), "deg", limit)
+    hint = mounting_hint(measured, up) if angle > TILT_LIMITS_DEG[1] else []
+    verdict = graded(angle, *TILT_LIMITS_DEG)
+    return Check("gravity direction", verdict, text, round(angle, 3), "deg", limit, evidence=hint)
 
 
 def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
@@ -121,8 +118,6 @@ def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
     mean, seconds = flown
     angle = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), -mean[2])))
     text = f"Mean gravity over {seconds:.0f} s and {log.onboard} differ by {angle:.1f} deg."
-    if angle > 30.0:
-        text += " Either the sensor's mounting or the onboard attitude is wrong."
     return Check("gravity direction", graded(angle, 10.0, 30.0), text, round(angle, 2), "deg", limit)
 
 
@@ -132,17 +127,11 @@ def of_imu(log: FlightLog, attitude: Attitude) -> Array:
     return attitude.q if turned is None else rotation.multiply(attitude.q, rotation.from_rotvec(turned))
 
 
-def degrees_between(a: Array, b: Array) -> Array:
-    """Angles (n,) in deg between unit vectors (n, 3)."""
-    angle: Array = np.arctan2(np.sqrt(np.sum(np.cross(a, b) ** 2, axis=1)), np.sum(a * b, axis=1))
-    return np.degrees(angle)
-
-
-def mounting_hint(measured: Array, up: Array) -> str:
-    """A sentence with the quarter turn that would explain the difference, empty if none does."""
+def mounting_hint(measured: Array, up: Array) -> list[str]:
+    """A sentence with the quarter turn that would explain the difference, none if none does."""
     for roll, pitch in product((0, 90, 180, 270), (0, 90, 270)):
         turn = rotation.from_euler(np.radians(roll), np.radians(pitch), 0.0)
         if (roll or pitch) and np.median(degrees_between(rotation.rotate(turn, measured), up)) < TILT_LIMITS_DEG[1]:
             name = " and ".join(f"{n} {a} deg" for n, a in (("roll", roll), ("pitch", pitch)) if a)
-            return f" A sensor mounted with {name} would show this."
-    return " Either the sensor's mounting or the onboard attitude is wrong."
+            return [f"A sensor mounted with {name} would show this."]
+    return []

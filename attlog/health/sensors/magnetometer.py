@@ -10,16 +10,20 @@ from attlog.flight.model import Array, FlightLog
 from attlog.health.model import Check, graded, not_judged
 from attlog.health.sensors import frozen
 from attlog.health.sensors.accelerometer import of_imu
+from attlog.health.sound import in_use
 from attlog.reference import declination
+from attlog.segments.model import Segments
 
 STRENGTH_UT = (15.0, 90.0)
 """Outside this no place on earth lies: 22 to 67 uT with room for an iron vehicle."""
 
+LEAST, LEAST_S = 10, 8.0
+"""Fewer samples, or seconds of them, tell no size."""
 STEADY_DEG, UNSTEADY_DEG = 5.0, 20.0
 """How much the direction of the field may vary in earth axes; beyond the second a mean within it tells none."""
 
 
-def checks(log: FlightLog) -> list[Check]:
+def checks(log: FlightLog, segments: Segments) -> list[Check]:
     """Field strength, steadiness in earth axes, declination."""
     if not log.mags:
         return [not_judged("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
@@ -33,27 +37,35 @@ def checks(log: FlightLog) -> list[Check]:
     held = frozen.compass(log)
     if held:
         why = f"The compass stops at {held[0][0]:.1f} s: its field says nothing from there on."
-        return [*found, strength(log), *(not_judged(name, why) for name in ("field against attitude", "declination"))]
-    return [*found, strength(log), *against_attitude(log)]
+        return [
+            *found,
+            strength(log, segments),
+            *(not_judged(name, why) for name in ("field against attitude", "declination")),
+        ]
+    return [*found, strength(log, segments), *against_attitude(log)]
 
 
-def strength(log: FlightLog) -> Check:
-    """The size of the field against the world magnetic model, and how much it varies."""
+def strength(log: FlightLog, segments: Segments) -> Check:
+    """The size of the field against the world magnetic model, and how much it varies, while the vehicle is in use."""
     mag = log.mags[log.mag or 0]
     norm = np.sqrt(np.nansum(mag.field.x**2, axis=1)) * 1e6
-    norm = norm[norm > 0]
+    used = (norm > 0) & in_use(log, segments, mag.field.t_best)
+    t = mag.field.t_best[used]
+    if len(t) < LEAST or (len(t) - 1) * float(np.median(np.diff(t))) < LEAST_S:
+        return not_judged("field", f"{mag.field.source} measured for less than {LEAST_S:.0f} s in use.")
+    norm = norm[used]
     value, spread = float(np.median(norm)), float(np.std(norm) / np.median(norm))
     model = declination.model(log)
-    text = f"{mag.field.source}: {value:.1f} uT, varying by {100 * spread:.0f} %"
+    text = f"{mag.field.source} reads {value:.1f} uT, varying by {100 * spread:.0f} %"
     verdict = "ok" if STRENGTH_UT[0] <= value <= STRENGTH_UT[1] else "fault"
     limit = "ok within 20 % of the model and varying up to 10 %; fault outside 15 to 90 uT"
     if model is not None:
         expected = model.strength_t * 1e6
-        text += f"; the earth's field there is {expected:.1f} uT"
+        text += f"; the earth has {expected:.1f} uT there"
         if verdict == "ok" and abs(value / expected - 1) > 0.2:
             verdict = "warning"
     elif verdict == "fault":
-        text += "; the earth's field is 22 to 67 uT anywhere"
+        text += "; the earth has 22 to 67 uT anywhere"
     if verdict == "ok" and spread > 0.1:
         verdict = "warning"
     if not mag.calibrated:

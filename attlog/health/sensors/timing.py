@@ -8,7 +8,12 @@ from attlog.flight.clock.timing import gaps
 from attlog.flight.inertial import LOW_RATE_HZ, REPLAY_MIN_HZ, fast_enough
 from attlog.flight.model import FlightLog
 from attlog.health.model import Check, graded
+from attlog.segments.flags import held
 
+PAUSE_S, LONG_S = 2.0, 5.0
+"""A shorter gap is lost records; where nothing tells of arming, a longer one is none."""
+ARMED_S, ARMED_SHARE = 1.0, 0.1
+"""A pause begins up to so long after disarming, and ends with arming."""
 FULL_HZ = 95.0
 """Above this the rotation between samples is small enough for every estimator."""
 
@@ -24,7 +29,7 @@ def checks(log: FlightLog) -> list[Check]:
     dt = np.diff(t)
     breaks = gaps(t) - 1
     steady = np.delete(dt, breaks)
-    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, dt[breaks]), jitter_check(steady)]
+    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log), jitter_check(steady)]
 
 
 def rate_check(source: str, rate: float) -> Check:
@@ -44,16 +49,36 @@ def rate_check(source: str, rate: float) -> Check:
     )
 
 
-def gap_check(t: np.ndarray, lost: np.ndarray) -> Check:
-    """Are samples missing?"""
+def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog) -> Check:
+    """Are samples missing? ``breaks`` are the samples before the gaps of ``t`` (n,) s.
+
+    A gap from disarming to arming is the logger, which rests while the vehicle does.
+    """
+    limit = "ok: none above 50 ms while armed; fault: above 20 % of the time"
+    if len(breaks) == 0:
+        return Check("gaps", "ok", "No gap in the inertial data.", 0, "", limit)
+    begin, end = t[breaks], t[breaks + 1]
+    paused = np.array([pauses(a, b, log) for a, b in zip(begin.tolist(), end.tolist(), strict=True)])
+    rest = f"The logger paused {'once' if paused.sum() == 1 else f'{paused.sum()} times'} while disarmed, "
+    rest += f"{float((end - begin)[paused].sum()):.0f} s in all."
+    if paused.all():
+        return Check("gaps", "ok", rest, 0, "", limit)
+    lost = (end - begin)[~paused]
     total = float(lost.sum())
     share = 100.0 * total / float(t[-1] - t[0])
-    limit = "ok: none above 50 ms; fault: above 20 % of the time"
-    if len(lost) == 0:
-        return Check("gaps", "ok", "No gap in the inertial data.", 0, "", limit)
-    text = f"{len(lost)} gap{'s' if len(lost) > 1 else ''}, {total:.2f} s in all ({share:.1f} %)"
+    text = f"{len(lost)} gap{'s' if len(lost) > 1 else ''} in the inertial data, {total:.2f} s in all ({share:.1f} %)"
     text += f", the longest {lost.max():.2f} s" if len(lost) > 1 else ""
-    return Check("gaps", "fault" if share > 20.0 else "warning", text + ".", len(lost), "", limit)
+    verdict, first = "fault" if share > 20.0 else "warning", float(begin[~paused][0])
+    seen = [rest] if paused.any() else []
+    return Check("gaps", verdict, text + ".", len(lost), "", limit, t=first, count=len(lost), evidence=seen)
+
+
+def pauses(t0: float, t1: float, log: FlightLog) -> bool:
+    """Whether a gap from ``t0`` to ``t1`` s lies where the vehicle was disarmed; where nothing tells, a long one."""
+    if log.armed is None or not log.armed.value:
+        return t1 - t0 > LONG_S
+    armed = sum(b - a for a, b in held(log.armed, True, t0, t1))
+    return t1 - t0 > PAUSE_S and armed < ARMED_SHARE * (t1 - t0) + ARMED_S
 
 
 def jitter_check(dt: np.ndarray) -> Check:

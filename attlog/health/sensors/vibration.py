@@ -56,22 +56,26 @@ def level(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
     verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
     own = onboard_level(log.onboard_vibration, flown)
+    seen: list[str] = []
     if own is not None and own > ONBOARD_M_S2[0]:
         verdict = "fault" if own > ONBOARD_M_S2[1] or verdict == "fault" else "warning"
-        text += f" The autopilot itself measured {own:.0f} m/s^2 or more in 5 % of the flight"
-        text += f", of which the logged {imu.acc.rate:.0f} Hz show little." if own > TIMES_OWN * typical else "."
+        seen = [text]
+        text = f"The autopilot measured vibration of {own:.0f} m/s^2 or more in 5 % of the flight."
+        if own > TIMES_OWN * typical:
+            seen.append(f"The logged {imu.acc.rate:.0f} Hz show little of it.")
     if since is None:
-        return Check("vibration", verdict, text, round(shown, 2), unit, limit)
+        return Check("vibration", verdict, text, round(shown, 2), unit, limit, evidence=seen)
     later = x[since:]
     axis = int(np.argmax(np.median(later, axis=0)))
     before, after = float(np.median(x[:since, axis])), float(np.median(later[:, axis]))
     peak = np.quantile(later[:, axis], 0.95)
     text = (
-        f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 (1 sigma, up to "
-        f"{peak:.1f}) instead of {before:.1f}."
+        f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 instead of "
+        f"{before:.1f}."
     )
+    seen.append(f"95 % of the seconds from then on stay below {peak:.1f} m/s^2.")
     verdict = "fault" if after > STRONG_M_S2 else "warning"
-    return Check("vibration", verdict, text, round(after, 2), unit, limit, t=float(t[since]))
+    return Check("vibration", verdict, text, round(after, 2), unit, limit, t=float(t[since]), evidence=seen)
 
 
 def onset(level_: Array) -> int | None:
@@ -136,13 +140,12 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     if verdict == "ok":
         return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit)
     since = int(np.argmax(np.abs(unexplained) > CHANGED_M_S2))
-    most = f", at {times[worst]:.0f} s most" if worst != since else ""
-    text = (
-        f"From {times[since]:.0f} s on the mean vertical force is off{most}: {force[worst]:.2f} m/s^2 after "
-        f"{force[0]:.2f} at first, while the height shows an acceleration of {by_height[worst]:+.1f} m/s^2. "
-        f"Accelerometer or attitude is wrong by {size:.1f} m/s^2."
-    )
-    return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit, t=float(times[since]))
+    text = f"From {times[since]:.0f} s on the mean vertical force is up to {size:.1f} m/s^2 off what the height shows."
+    seen = [
+        f"At {times[worst]:.0f} s it is {force[worst]:.2f} m/s^2 after {force[0]:.2f} at first, while the height shows "
+        f"an acceleration of {by_height[worst]:+.1f} m/s^2."
+    ]
+    return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit, t=float(times[since]), evidence=seen)
 
 
 def _windows(span: Span, imu: Imu, above: Stream) -> list[Span]:

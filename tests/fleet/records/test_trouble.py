@@ -7,22 +7,22 @@ from collections.abc import Sequence
 import pytest
 
 from attlog.fleet.records.trouble import RANKS, reasons, trouble, with_gates
-from attlog.flight.model import Problem, Severity
-from attlog.result import Check
+from attlog.health.findings import Weight
+from attlog.result import Check, Finding
 from attlog.story.event import Event
 from tests.present.made import result, row
 
 
-def said(problems: Sequence[Problem] = (), **statuses: str) -> dict:
-    """The trouble of a flight with these problems and rows of these states."""
+def said(found: Sequence[Finding] = (), **statuses: str) -> dict:
+    """The trouble of a flight with these findings and rows of these states."""
     rows = [row(name, {}, status=status, reason="tilt error above 45 deg") for name, status in statuses.items()]
     made = result([row("onboard", {}), row("vqf", {}), *rows])
-    made.problems = list(problems)
+    made.findings = list(found)
     return trouble(reasons(made))
 
 
-def problem(code: str, severity: Severity = "warning", **more: object) -> Problem:
-    return Problem(code, severity, f"What {code} says.", **more)  # type: ignore[arg-type]
+def problem(code: str, severity: Weight = "warning", **more: object) -> Finding:
+    return Finding(code, severity, f"What {code} says.", **more)  # type: ignore[arg-type]
 
 
 def test_a_good_flight_has_none() -> None:
@@ -32,43 +32,43 @@ def test_a_good_flight_has_none() -> None:
 
 def test_a_wrong_attitude_comes_before_a_crash_before_a_sensor_before_the_recording() -> None:
     order = [
-        problem("reference_contradicted", "error"),
-        problem("crash", "error"),
-        problem("gyro_bias", "error"),
-        problem("ekf_fault"),
-        problem("field"),
+        problem("attitude", "serious"),
+        problem("crash", "serious"),
+        problem("gyro_bias", "serious"),
+        problem("estimator"),
+        problem("compass"),
         problem("gaps"),
     ]
     alone = [said([p])["score"] for p in order]
     assert alone == sorted(alone, reverse=True)
     assert len(set(alone)) == len(alone)
     together = said(order[::-1])
-    assert [r["code"] for r in together["reasons"]] == [p.code for p in order]
+    assert [r["code"] for r in together["reasons"]] == [p.kind for p in order]
     assert together["score"] == sum(alone)
-    assert together["reasons"][0]["text"] == "What reference_contradicted says."
+    assert together["reasons"][0]["text"] == "What attitude says."
 
 
 @pytest.mark.parametrize(
     ("code", "severity", "level"),
     [
-        ("onboard_against_smoother", "error", "serious"),
-        ("crash", "error", "serious"),
-        ("gyro", "error", "serious"),
-        ("ekf_fault", "warning", "look"),
-        ("rejected_mag", "warning", "look"),
-        ("lane_switch", "warning", "look"),
-        ("imu_low_rate", "warning", "none"),
+        ("mounting", "serious", "serious"),
+        ("crash", "serious", "serious"),
+        ("gyro", "serious", "serious"),
+        ("estimator", "warning", "look"),
+        ("compass", "warning", "look"),
+        ("reset", "warning", "look"),
+        ("rate", "warning", "none"),
     ],
 )
-def test_the_level_is_that_of_the_gravest_reason(code: str, severity: Severity, level: str) -> None:
+def test_the_level_is_that_of_the_gravest_reason(code: str, severity: Weight, level: str) -> None:
     assert said([problem(code, severity), problem("gaps")])["level"] == level
 
 
 def test_a_jump_weighs_by_its_size() -> None:
-    small, large = (said([problem("attitude_jumps", value=size, unit="deg")]) for size in (4.0, -60.0))
+    small, large = (said([problem("reset", value=size, unit="deg")]) for size in (4.0, -60.0))
     assert (small["level"], large["level"]) == ("none", "look")
     assert large["score"] - small["score"] == 28.0
-    assert said([problem("attitude_jumps", value=400.0, unit="deg")])["score"] == large["score"]
+    assert said([problem("reset", value=400.0, unit="deg")])["score"] == large["score"]
 
 
 def test_filters_that_diverged_are_named_but_for_those_that_must() -> None:
@@ -99,12 +99,12 @@ def test_a_refused_onboard_attitude_is_told_once() -> None:
     assert made.reference is not None
     made.reference.refused = {"onboard": "it is wrong"}
     assert len(reasons(made)) == 1
-    made.problems = [problem("reference_contradicted", "error")]
-    assert [r.code for r in reasons(made)] == ["reference_contradicted"]
+    made.findings = [problem("attitude", "serious")]
+    assert [r.code for r in reasons(made)] == ["attitude"]
 
 
 def test_failed_gates_come_on_top_and_none_changes_nothing() -> None:
-    before = said([problem("field")])
+    before = said([problem("compass")])
     assert with_gates(before, []) == before
     after = with_gates(before, ["mekf: tilt 3.1 deg; at most 2"])
     assert after["level"] == "serious"
@@ -114,32 +114,28 @@ def test_failed_gates_come_on_top_and_none_changes_nothing() -> None:
 
 def test_how_often_it_happened_is_told_once() -> None:
     texts = [
-        said([problem("ekf_fault", count=3)]),
-        said([Problem("ekf_fault", "warning", "It failed 3 times.", count=3)]),
+        said([problem("estimator", count=3)]),
+        said([Finding("estimator", "warning", "It failed 3 times.", count=3)]),
     ]
-    assert [t["reasons"][0]["text"] for t in texts] == ["What ekf_fault says. (3 times)", "It failed 3 times."]
+    assert [t["reasons"][0]["text"] for t in texts] == ["What estimator says. (3 times)", "It failed 3 times."]
 
 
 def test_a_bad_check_weighs_more_than_one_to_look_at() -> None:
     made = result([row("onboard", {})])
-    made.problems = [problem("field_against_attitude"), problem("gaps")]
-    checks = [
-        Check("field against attitude", "fault", "x"),
-        Check("gaps", "fault", "x"),
-        Check("vibration", "fault", "x"),
-    ]
+    made.findings = [problem("compass", evidence=["The field varies."]), problem("gaps", evidence=["Gaps."])]
+    checks = [Check("field", "fault", "The field varies."), Check("gaps", "fault", "Gaps.")]
     points = {}
     for verdict in ("warning", "fault"):
         made.audit = [Check(c.name, verdict, c.text) for c in checks]
         points[verdict] = {r.code: r.points for r in reasons(made)}
-    assert points["warning"] == {"field_against_attitude": 10.0, "gaps": 3.0}
-    assert points["fault"] == {"field_against_attitude": 20.0, "gaps": 3.0}
+    assert points["warning"] == {"compass": 10.0, "gaps": 3.0}
+    assert points["fault"] == {"compass": 20.0, "gaps": 3.0}
 
 
-def rank(problems: Sequence[Problem], airborne: Sequence[Sequence[float]] = ((10.0, 60.0),), **events: float) -> str:
-    """Where a log with these problems, flights and serious events (kind: time, s) stands."""
+def rank(found: Sequence[Finding], airborne: Sequence[Sequence[float]] = ((10.0, 60.0),), **events: float) -> str:
+    """Where a log with these findings, flights and serious events (kind: time, s) stands."""
     made = result([row("onboard", {}), row("vqf", {})])
-    made.problems = list(problems)
+    made.findings = list(found)
     made.log |= {"timeline": {"airborne": [list(s) for s in airborne]}, "seconds": {"airborne": 50.0 * len(airborne)}}
     made.events = [Event("power_up", 0.0, "info", "Power-up.")]
     made.events += [Event(kind, t, "serious", "It fell.") for kind, t in events.items()]
@@ -147,7 +143,7 @@ def rank(problems: Sequence[Problem], airborne: Sequence[Sequence[float]] = ((10
 
 
 def test_a_crash_is_what_sensors_show_not_what_the_autopilot_reports() -> None:
-    reported = problem("crash", "error", t=30.0)
+    reported = problem("crash", "serious", t=30.0)
     assert rank([reported], impact=30.0) == rank([], overturn=5.0) == "crash"
     assert rank([reported]) == "other"
     assert rank([reported], hard_landing=60.0) == "other"
@@ -158,14 +154,14 @@ IN_FLIGHT = {None: "attitude", 5.0: "attitude", 61.0: "attitude", 63.0: "other"}
 
 @pytest.mark.parametrize(("t", "expected"), IN_FLIGHT.items())
 def test_a_wrong_attitude_counts_as_one_in_flight_until_the_last_landing(t: float | None, expected: str) -> None:
-    assert rank([problem("onboard_against_smoother", "error", t=t)]) == expected
-    assert rank([problem("onboard_against_smoother", "error", t=t)], airborne=()) == "other"
+    assert rank([problem("attitude", "serious", t=t)]) == expected
+    assert rank([problem("attitude", "serious", t=t)], airborne=()) == "other"
 
 
 def test_only_serious_findings_of_a_flight_come_before_all_else() -> None:
-    assert rank([problem("gyro", "error")]) == "serious"
-    assert rank([problem("gyro", "warning"), problem("ekf_fault")]) == "other"
-    assert rank([problem("gyro", "error")], airborne=()) == "other"
+    assert rank([problem("gyro", "serious")]) == "serious"
+    assert rank([problem("gyro", "warning"), problem("estimator")]) == "other"
+    assert rank([problem("gyro", "serious")], airborne=()) == "other"
 
 
 def test_a_failed_gate_ranks_with_serious_findings_wherever_the_log_was_made() -> None:

@@ -10,7 +10,8 @@ LOSS = Segment("loss_of_control", 41.7, 42.0, "tilt of 159 deg, and 0.3 s later 
 
 
 def said(*found: Segment) -> str:
-    return crash.checks(flight(), Segments(list(found)))[0].text
+    (check,) = crash.checks(flight(), Segments(list(found)))
+    return " ".join([check.text, *check.evidence])
 
 
 def test_a_wreck_that_rolls_over_after_its_impact_lost_no_control_there() -> None:

@@ -64,7 +64,7 @@ def test_info_says_of_every_log_what_analyze_can_answer(path: Path, monkeypatch:
         return
     answered = {v.question: bool(v.bars) for v in result.verdicts}
     if path.name in ONLY_FILTERS_TELL:
-        assert "reference_contradicted" in {p.code for p in result.problems}
+        assert "attitude" in {p.kind for p in result.findings}
         assert inspect_answers(path) != answered, "no longer an exception"
         answered |= {"accuracy": True, "lag": inspect_answers(path)["lag"]}
     said = inspect(path)["answerable"]

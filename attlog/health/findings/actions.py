@@ -1,0 +1,60 @@
+"""One action on this vehicle for each finding, with its parameters where the log holds them; none twice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from attlog.flight.model import FlightLog
+from attlog.health.findings import compass
+from attlog.health.findings.finding import Finding
+from attlog.reference import declination
+
+CLOSE, STEADY = 0.1, 0.1
+"""A compass that reads the earth's field to this share, and varies by so little, is sound."""
+OFF = 0.2
+"""One that is off by more, while another is sound, is not to be used."""
+
+
+def given(findings: Sequence[Finding], log: FlightLog) -> list[Finding]:
+    """The findings, worst first, with the actions that this vehicle can take; what stands above is not said again."""
+    taken: set[str] = set()
+    found = []
+    for finding in findings:
+        action = finding.action
+        if finding.kind == compass.KIND and finding.is_trouble:
+            action = other_compass(log) or action
+        found.append(replace(finding, action="" if action in taken else action))
+        taken.add(action)
+    return found
+
+
+def other_compass(log: FlightLog) -> str:
+    """The advice to use another compass that reads the earth's field while the one in use does not; empty without."""
+    model = declination.model(log)
+    if model is None or log.mag is None:
+        return ""
+    earth = model.strength_t
+    sizes = {k: _size(mag.field.x) for k, mag in enumerate(log.mags)}
+    own, _ = sizes[log.mag]
+    sound = [k for k, (size, spread) in sizes.items() if abs(size / earth - 1) <= CLOSE and spread <= STEADY]
+    if abs(own / earth - 1) <= OFF or not sound or log.mag in sound:
+        return ""
+    other, used = log.mags[sound[0]], log.mags[log.mag]
+    text = f"Use {other.field.source} instead, which reads {1e6 * sizes[sound[0]][0]:.1f} uT"
+    names = [log.compass_switches.get(mag.index, "") for mag in (other, used)]
+    if not all(names):
+        return f"{text}."
+    changes = [f"{name} {now}" for name, now in zip(names, (1, 0), strict=True) if log.param(name) != now]
+    return f"{text}: set {' and '.join(changes)}." if changes else f"{text}."
+
+
+def _size(field: np.ndarray) -> tuple[float, float]:
+    """Median size (T) of a field (n, 3), and its standard deviation as a share of it."""
+    norm = np.sqrt(np.nansum(field**2, axis=1))
+    norm = norm[norm > 0]
+    if not len(norm):
+        return 0.0, np.inf
+    return float(np.median(norm)), float(np.std(norm) / np.median(norm))

@@ -1,0 +1,87 @@
+"""One entry per compass: size, direction, declination, motors, rejections, realignments and texts are its evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from attlog.health.findings.finding import Explanation, Finding
+
+KIND = "compass"
+CHECKS = {
+    "compass axes": Explanation(
+        KIND,
+        as_fault="serious",
+        cause="The compass is mounted otherwise than set, or its axes are mixed up.",
+        fault="compass_mounting",
+    ),
+    "field": Explanation(KIND, cause="The compass is not calibrated, or iron is near.", fault="compass"),
+    "field against motors": Explanation(
+        KIND, cause="Currents of motors and battery bend the field at the compass.", fault="interference"
+    ),
+    "field against attitude": Explanation(
+        KIND, cause="A disturbed or badly calibrated compass, or an attitude that turns away.", fault="compass"
+    ),
+    "declination": Explanation(
+        KIND, cause="The compass does not point forward, or the heading is not of true north.", fault="compass"
+    ),
+    "declination told": Explanation(
+        "declination", cause="A value set by hand, or kept from another place.", fault="declination"
+    ),
+}
+"""By the name of the check, the one that leads among equals first."""
+REPORTS = {
+    "rejected_mag": KIND,
+    "mag_spikes": KIND,
+    "mag_uncalibrated": KIND,
+    "mag_disabled": KIND,
+    "err_3_1": KIND,
+    "err_3_4": KIND,
+    "compass_switch": KIND,
+}
+"""What readers and autopilot say of it, by code."""
+MISSING = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
+"""What a reader says of a compass that is not there says it all."""
+DEAD = Explanation("mag_dead", cause="Its wiring, its bus or the compass itself.", fault="compass_wiring")
+"""Of a compass that measures no field."""
+ATTITUDE, SHARED = "attitude", ("realigned", "reset", "attitude")
+"""Kinds that are of the compass where they speak of heading and the compass is in doubt."""
+BY_FIELD = ("compass axes", "field", "field against motors")
+BENT_PCT = 30.0
+LEADS = (*BY_FIELD, "field against attitude", "declination")
+"""Checks of the compass alone, and what tells most of it first."""
+BY_ATTITUDE = ("field against attitude", "declination")
+"""Checks that turn the field by the onboard attitude."""
+
+
+def settled(signs: Sequence[Finding]) -> list[Finding]:
+    """The signs with those of heading under the compass where it is in doubt itself.
+
+    A heading that jumps or differs while the field is wrong has the same cause, and nobody who believed that field
+    can tell whose heading is wrong.
+    """
+    if any(sign.kind in MISSING and sign.is_trouble for sign in signs):
+        signs = [sign for sign in signs if sign.kind != KIND]
+    if any(sign.kind == KIND and sign.about in BY_FIELD and sign.is_trouble for sign in signs):
+        signs = [replace(s, severity="warning") if _accuses_heading(s) else s for s in signs]
+    if any(sign.kind == ATTITUDE and sign.severity == "serious" for sign in signs):
+        signs = [sign for sign in signs if not (sign.kind == KIND and sign.about in BY_ATTITUDE)]
+    if not any(sign.kind == KIND and sign.is_trouble for sign in signs):
+        return list(signs)
+    own = [replace(sign, kind=KIND) if _of_heading(sign) else sign for sign in signs]
+    return sorted(own, key=_place)
+
+
+def _place(sign: Finding) -> int:
+    """What tells most of a compass first: motors that bend it by a third, else its size."""
+    if sign.about == "field against motors" and sign.value is not None and sign.value > BENT_PCT:
+        return 0
+    return LEADS.index(sign.about) if sign.about in LEADS else len(LEADS)
+
+
+def _of_heading(sign: Finding) -> bool:
+    return sign.kind in SHARED and sign.about == "heading" and sign.severity != "serious"
+
+
+def _accuses_heading(sign: Finding) -> bool:
+    return sign.kind == ATTITUDE and sign.about == "heading" and sign.severity == "serious"

@@ -1,0 +1,110 @@
+"""Gyro, accelerometer, vibration, GNSS, and how they were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from attlog.health.findings.attitude import ESTIMATOR
+from attlog.health.findings.finding import Explanation, Finding
+
+VIBRATION, GNSS, ACCELEROMETER, RATE = "vibration", "gnss", "accelerometer", "rate"
+_STOPPED = "The sensor, its driver or its bus stopped."
+CHECKS = {
+    "gyro": Explanation("gyro", as_fault="serious", cause=_STOPPED),
+    "gravity": Explanation(
+        ACCELEROMETER,
+        cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.",
+        fault="accelerometer",
+    ),
+    "frozen gyro": Explanation("frozen_gyro", as_fault="serious", cause=_STOPPED, fault="bus"),
+    "gyro spikes": Explanation(
+        "gyro_spikes",
+        as_fault="serious",
+        cause="Errors on the sensor's bus, or samples that leave its range.",
+        fault="bus",
+    ),
+    "accelerometer axes": Explanation(
+        "accelerometer_axes",
+        as_fault="serious",
+        cause="The accelerometer is mounted otherwise than set, or its axes are mixed up.",
+        fault="mounting",
+    ),
+    "accelerometer delay": Explanation(
+        "accelerometer_delay",
+        as_fault="serious",
+        cause="Its samples wait in a queue, or are stamped by another clock.",
+        fault="bus",
+    ),
+    "frozen sensors": Explanation("frozen_sensors", as_fault="serious", cause=_STOPPED, fault="bus"),
+    "gyro bias": Explanation(
+        "gyro_bias",
+        as_fault="serious",
+        cause="The gyro was not calibrated, was moved while it started, or warms up.",
+        fault="gyro_bias",
+    ),
+    "vertical force": Explanation(
+        VIBRATION,
+        as_fault="serious",
+        cause="Vibration that clips or is rectified in the sensor becomes a constant force.",
+        fault="vibration",
+    ),
+    "vibration": Explanation(
+        VIBRATION,
+        cause="Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.",
+        fault="vibration",
+    ),
+    "accelerometer bias": Explanation(
+        ACCELEROMETER,
+        cause="The accelerometer is off, was calibrated on a slope, or the estimator has learned wrongly.",
+        fault="accelerometer",
+    ),
+    "gravity in flight": Explanation(
+        ACCELEROMETER,
+        cause="Wrong scale, vibration that the sensor rectifies or clips, or a wrong attitude.",
+        fault="accelerometer",
+    ),
+    "gyro range": Explanation("gyro_range", cause="A blow or vibration beyond the sensor's range."),
+    "GNSS": Explanation(GNSS, cause="Bad view of the sky, interference, or a receiver that failed.", fault="gnss"),
+    "gaps": Explanation("gaps", as_warning="note", cause="The logger lost records.", fault="gaps"),
+    "jitter": Explanation("jitter", as_warning="note", as_fault="note", cause="The logger was busy.", fault="gaps"),
+    "rate": Explanation("rate", as_warning="note", as_fault="serious"),
+    "delay": Explanation("delay", as_warning="note", cause="Low-pass filters ahead of the logger, or another clock."),
+}
+REPORTS = {
+    "vibration_failsafe": VIBRATION,
+    "gyro_clipped": "gyro_range",
+    "gnss_glitch": GNSS,
+    "err_7_1": GNSS,
+    "err_31_1": GNSS,
+    "ev_19": GNSS,
+    "logger_dropouts": "gaps",
+    "imu_low_rate": RATE,
+    "imu_rate_too_low": RATE,
+    "no_imu": RATE,
+    "imu_too_short": RATE,
+}
+"""What readers and autopilot say of them, by code."""
+SHAKEN = ("imu_switched", "sensor_switch", "attitude", ESTIMATOR)
+"""Kinds that vibration explains where they begin with it."""
+BEFORE_S = 1.0
+
+
+def settled(signs: Sequence[Finding]) -> list[Finding]:
+    """The signs with what vibration explains under it: a force that is off, switches and rejections from then on."""
+    shaken = [s for s in signs if s.kind == VIBRATION and s.is_trouble and s.about != "vertical force"]
+    if not shaken:
+        return list(signs)
+    strong = any(s.about == "clipping" or s.severity == "serious" for s in shaken)
+    onset = min((s.t for s in shaken if s.t is not None), default=None)
+    signs = [_explained(sign, onset, strong) for sign in signs]
+    return sorted(signs, key=lambda sign: sign.about != "clipping")
+
+
+def _explained(sign: Finding, onset: float | None, strong: bool) -> Finding:
+    begins_with_it = sign.t is not None and onset is not None and sign.t >= onset - BEFORE_S
+    if sign.severity == "serious":
+        return sign
+    if sign.about == "gravity in flight" or (strong and sign.kind in SHAKEN and begins_with_it):
+        return replace(sign, kind=VIBRATION, cause="", action="")
+    return sign

@@ -1,0 +1,202 @@
+"""One list of what is wrong: from every check, report and event, one entry for each cause, and silence without any."""
+
+from __future__ import annotations
+
+import re
+from copy import deepcopy
+from pathlib import Path
+
+import pytest
+
+from attlog import health
+from attlog.flight.model import FlightLog, Problem
+from attlog.flight.remedies import GENERAL
+from attlog.health.findings import ABOUT, OpenQuestion, findings, nothing_wrong, unusable
+from attlog.health.findings.finding import Finding
+from attlog.health.model import Check, not_judged
+from attlog.story.event import Event
+from tests.conftest import ROOT
+from tests.health.test_health import good
+
+
+@pytest.fixture
+def log() -> FlightLog:
+    found = deepcopy(good("px4_steps.ulg"))
+    found.problems = []
+    return found
+
+
+def check(name: str, verdict: str = "fault", value: float | str | None = None, t: float | None = None) -> Check:
+    return Check(name, verdict, f"{name} is off.", value, "m", t=t)
+
+
+def test_nothing_is_found_where_every_check_is_ok_and_every_question_answered(log: FlightLog) -> None:
+    assert findings(log, [check(name, "ok") for name in ABOUT]) == []
+
+
+@pytest.mark.parametrize("name", ABOUT)
+def test_every_check_that_is_not_ok_is_a_finding(log: FlightLog, name: str) -> None:
+    for verdict in ("warning", "fault"):
+        found = findings(log, [check(name, verdict, 40.0, 7.0)])
+        assert [f.text for f in found] == [f"{name} is off."]
+        assert (found[0].t, found[0].value, found[0].unit) == (7.0, 40.0, "m")
+
+
+def test_a_check_that_nobody_explains_is_a_finding_as_well(log: FlightLog) -> None:
+    assert [f.kind for f in findings(log, [check("tea temperature")])] == ["tea_temperature"]
+
+
+def test_an_unknown_check_never_reads_as_ok(log: FlightLog) -> None:
+    (one,) = findings(log, [not_judged("crash", "IMU at 25 Hz.")])
+    assert one.text == "Not checked: crash."
+    assert one.evidence == ["crash: IMU at 25 Hz."]
+
+
+def test_the_worst_stands_first(log: FlightLog) -> None:
+    others = [Problem("cut_at_end", "note", "Cut."), Problem("x", "error", "Broken.")]
+    found = findings(log, [check("field", "warning"), check("crash")], others)
+    assert [f.severity for f in found] == ["serious", "serious", "warning", "note"]
+    assert found[0].kind == "crash"
+
+
+def test_one_compass_is_one_finding_and_its_size_leads(log: FlightLog) -> None:
+    checks = [check("declination"), check("field against attitude"), check("field", value=70.0)]
+    jump = Check("attitude jumps", "fault", "Heading jumped.", 20.0, "deg", t=9.0, about="heading")
+    report = Problem("rejected_mag", "warning", "Rejected.", t=3.0)
+    (one,) = findings(log, [*checks, jump], [report])
+    assert (one.kind, one.text, one.value, one.t) == ("compass", "field is off.", 70.0, None)
+    assert one.evidence == ["field against attitude is off.", "declination is off.", "Heading jumped.", "Rejected."]
+
+
+def test_a_tilt_that_jumps_gets_no_advice_about_the_compass(log: FlightLog) -> None:
+    jump = Check("attitude jumps", "fault", "It jumped.", 20.0, "deg", t=9.0, about="tilt")
+    found = {f.kind: f for f in findings(log, [check("field"), jump])}
+    assert set(found) == {"compass", "reset"}
+    assert found["reset"].action == ""
+
+
+def test_who_believed_a_wrong_field_accuses_no_heading(log: FlightLog) -> None:
+    accused = Check("onboard against smoother", "fault", "Heading 32 deg off.", 32.0, "deg", about="heading")
+    (one,) = findings(log, [check("field"), accused])
+    assert (one.kind, one.severity) == ("compass", "warning")
+    (alone,) = findings(log, [accused])
+    assert (alone.kind, alone.severity) == ("attitude", "serious")
+
+
+def test_what_vibration_explains_is_its_evidence_from_its_onset_on(log: FlightLog) -> None:
+    clipped = Event("clipping", 36.0, "warning", "Clipped.", 40.0, 400.0, "samples")
+    early, late = (Problem("rejected_vel", "warning", f"Rejected at {t}.", t=t) for t in (12.0, 38.0))
+    found = {f.kind: f for f in findings(log, [check("vibration", t=36.0)], [early, late], events=[clipped])}
+    assert found["vibration"].text == "Clipped."
+    assert set(found["vibration"].evidence) == {"vibration is off.", "Rejected at 38.0."}
+    assert found["estimator"].text == "Rejected at 12.0."
+
+
+def test_a_gyro_that_turns_at_rest_explains_a_wrong_attitude(log: FlightLog) -> None:
+    refused = Problem("reference_contradicted", "error", "ATT is wrong.")
+    (one,) = findings(log, [check("gyro bias", value=-24.3), check("gravity direction")], [refused])
+    assert (one.kind, one.severity) == ("gyro_bias", "serious")
+    found = findings(log, [check("gyro bias", value=4.0)], [refused])
+    assert [(f.kind, f.severity) for f in found] == [("attitude", "serious"), ("gyro_bias", "warning")]
+
+
+def test_what_a_refused_attitude_judges_is_not_said_beside_it(log: FlightLog) -> None:
+    refused = Problem("reference_contradicted", "error", "ATT is wrong.")
+    found = findings(log, [check("gravity in flight"), check("field against attitude"), check("gyro range")], [refused])
+    assert {f.kind for f in found} == {"attitude", "gyro_range"}
+
+
+def test_a_simulators_frames_are_no_mounting(log: FlightLog) -> None:
+    log.simulated = False
+    (real,) = findings(log, [check("gravity direction")])
+    assert (real.kind, bool(real.action)) == ("mounting", True)
+    log.simulated = True
+    (made,) = findings(log, [check("gravity direction")])
+    assert (made.kind, made.action) == ("simulator", "")
+
+
+def test_crashes_come_from_events_with_the_others_as_evidence(log: FlightLog) -> None:
+    events = [
+        Event("overturn", 5.6, "serious", "Turned over at 5.6 s.", evidence=["ATT"]),
+        Event("impact", 6.0, "serious", "Hit the ground.", value=9.0, unit="g"),
+        Event("realigned", 8.0, "warning", "Realigned."),
+    ]
+    (one,) = findings(log, [check("crash")], events=events)
+    assert (one.text, one.t, one.action) == ("Turned over at 5.6 s.", 5.6, "")
+    assert one.evidence == ["ATT", "Hit the ground."]
+
+
+def test_a_message_in_flight_speaks_for_what_it_names(log: FlightLog) -> None:
+    said = [
+        Event("message", 30.0, "warning", "“Compass needs calibration - Land now!”."),
+        Event("message", 31.0, "warning", "“Thrust loss”."),
+        Event("message", 32.0, "note", "“PreArm: GPS”."),
+    ]
+    found = {f.kind: f.text for f in findings(log, [], events=said)}
+    assert found == {
+        "compass": "The autopilot said “Compass needs calibration - Land now!”.",
+        "message": "The autopilot said “Thrust loss”.",
+    }
+
+
+def test_the_same_action_twice_is_one_action(log: FlightLog) -> None:
+    found = findings(log, [check("frozen gyro"), check("gyro spikes")])
+    assert [bool(f.action) for f in found] == [True, False]
+
+
+def test_the_same_report_twice_is_one_entry_with_both_counts(log: FlightLog) -> None:
+    log.problems = [Problem("a", "note", "A.", t=5.0, count=2), Problem("a", "note", "A.", t=3.0)]
+    (one,) = findings(log, [])
+    assert (one.count, one.t) == (3, 5.0)
+
+
+def test_what_costs_the_reader_and_changes_nothing_is_a_note(log: FlightLog) -> None:
+    slow = Problem("imu_low_rate", "warning", "25 Hz.")
+    parameter = Problem("values_out_of_range", "warning", "RC6_MAX.")
+    jump = Check("attitude jumps", "warning", "3 deg.", 3.4, "deg", about="heading")
+    found = findings(log, [jump], [slow, parameter])
+    assert {f.severity for f in found} == {"note"}
+    many = Problem("values_out_of_range", "warning", "Left out 2,000.", count=2000)
+    assert [f.severity for f in findings(log, [], [many])] == ["warning"]
+
+
+def test_findings_about_the_record_are_none_about_the_flight() -> None:
+    assert nothing_wrong([Finding("rate", "warning", ""), Finding("compass", "note", "")])
+    assert not nothing_wrong([Finding("vibration", "warning", "")])
+
+
+def test_open_questions_are_one_entry(log: FlightLog) -> None:
+    asked = [OpenQuestion("Lag", "Fly steps."), OpenQuestion("Yaw drift", "Fly steps.")]
+    (one,) = findings(log, [], [], asked)
+    assert (one.text, one.action) == ("Not answered: lag, yaw drift.", "Fly steps.")
+
+
+def test_a_gyro_is_unusable_from_ten_degrees_a_second_on() -> None:
+    assert unusable([check("gyro bias", value=9.9)]) == ""
+    assert "-24 deg/s" in unusable([check("gyro bias", value=-24.3)])
+
+
+def test_no_action_names_a_setting_that_is_made() -> None:
+    from attlog.flight.ardupilot import remedies as ardupilot
+    from attlog.flight.px4 import remedies as px4
+
+    assert "COMPASS_AUTODEC" not in ardupilot.of({"COMPASS_AUTODEC": 1.0}).get("declination", "")
+    assert ardupilot.of({"COMPASS_AUTODEC": 0.0})["declination"] == "Set COMPASS_AUTODEC to 1."
+    assert "INS_GYR_CAL" not in ardupilot.of({"INS_GYR_CAL": 1.0})["gyro_bias"]
+    for values in ({"INS_HNTCH_ENABLE": 0.0}, {"IMU_GYRO_DNF_EN": 0.0}):
+        assert "notch" not in ardupilot.of(values)["vibration"] + px4.of(values)["vibration"]
+
+
+def test_every_fault_has_a_general_remedy() -> None:
+    assert {a.fault for a in ABOUT.values() if a.fault} <= set(GENERAL)
+
+
+def test_every_check_has_its_row_in_the_documentation() -> None:
+    """As every metric has: what is good and what is bad, in a row that begins with the check's name."""
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
+    rows = [row.split("|") for row in pages.splitlines() if row.startswith("|")]
+    told = {name for cells in rows if not cells[2].strip().isdigit() for name in re.findall(r"`([^`]+)`", cells[1])}
+    source = "".join(path.read_text(encoding="utf-8") for path in Path(health.__file__).parent.rglob("*.py"))
+    named = set(re.findall(r"\bCheck\(\s*\"([^\"]+)\"", source))
+    assert len(named) > 15
+    assert sorted((named | set(ABOUT)) - told) == []
