@@ -321,12 +321,6 @@ class FlightLog:
         """The attitude that flew, None where the log holds none."""
         return self.attitudes.get(self.onboard or "")
 
-    @property
-    def imu_delay(self) -> float:
-        """Known lag in s of the low-pass filter ahead of the replayed gyro, 0 where none is known."""
-        imu = self.replay_imu
-        return 0.0 if imu is None else imu.gyro.delay
-
     def advice(self, what: What, rate: float | None = None) -> str:
         """What would log ``what``: the setting that is missing, or the reason where every setting is right.
 

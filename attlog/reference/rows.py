@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
-from attlog.reference import clock, compare, floor, heading, scoring, smoothed, trim
+from attlog.reference import clock, compare, floor, scoring, smoothed, trim
+from attlog.reference.compare import measured
 from attlog.reference.model import AlignmentStep, Reference, Row
-from attlog.segments import Segments, gaps, resets
+from attlog.segments import Segments, gaps, resets, spans
 from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
+FIRST_S, LEAST_REST_S = 10.0, 5.0
+"""A heading offset is the mean over the first long rest, of which so much must be scored, else over so long."""
 
 
 def replayed(
@@ -113,7 +116,7 @@ def _measure(
         for t0, t1 in unknown:
             row.errors.scored &= (row.errors.t < t0) | (row.errors.t >= t1)
         if free_heading and len(row.errors.t):
-            heading.remove(row, segments, reference)
+            _remove_heading_offset(row, segments, reference)
         _judge(row, segments, reference)
     if not good.any():
         row.status, row.reason = "failed", "no finite attitude at all"
@@ -156,3 +159,45 @@ def withhold(row: Row, why: str) -> None:
     """Where a sensor is beyond use (``why``, empty where it is not) no filter may be called good or bad."""
     if why and row.kind == "replay" and row.status in ("ok", "not_converged", "diverged"):
         row.status, row.reason = "not_judged", why
+
+
+def _remove_heading_offset(row: Row, segments: Segments, reference: Reference) -> None:
+    """Turn a row so that its heading starts with the reference's, and tell it in its steps.
+
+    The mean difference over the scored part of the first long rest of each segment (else
+    its first 10 s of scoring) is taken out of ``q`` and the errors. Where the reference itself
+    jumps, the errors go on as if it had not: its reset is no drift of this row.
+    """
+    errors = row.errors
+    assert errors is not None
+    along = rotation.unwrap(np.radians(errors.heading))
+    jumps = scoring.reset_steps(errors, along)
+    smooth = along - np.cumsum(jumps)
+    numbers, place = np.unique(row.segment, return_inverse=True)
+    own = place[np.clip(np.searchsorted(row.t, errors.t, side="right") - 1, 0, len(row.t) - 1)]
+    offset, sources = np.zeros(len(numbers)), []
+    for part in gaps.slices(np.ones(len(own), bool), own):
+        offset[own[part.start]], source = _first_mean(errors.t[part], smooth[part], errors.scored[part], segments)
+        sources.append(source)
+    turned = rotation.turn_about_down(errors.q_est, -(offset[own] + np.cumsum(jumps)))
+    row.errors = measured(errors.t, turned, errors.q_ref, errors.gap_segment, errors.segment, errors.scored)
+    row.q = rotation.turn_about_down(row.q, -offset[place])
+    row.heading_offset_deg = float(np.degrees(rotation.wrap(offset[own[0]])))
+    text = f"mean heading difference over {sources[0]}, removed"
+    text += "; the reference has no north of its own" if reference.heading_by == "nobody" else ""
+    text += f" in each of {len(sources)} segments" if len(sources) > 1 else ""
+    resets = int(np.count_nonzero(jumps))
+    text += f"; {resets} resets of the reference not counted" if resets else ""
+    row.steps.append(AlignmentStep("heading_offset", text, row.heading_offset_deg, "deg", reference.source))
+
+
+def _first_mean(t: Array, along: Array, scored: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
+    """Mean of the unwrapped heading error (n,) rad over a segment's first long rest, else its first 10 s of scoring."""
+    counted = scored if scored.any() else np.ones(len(t), bool)
+    for rest in segments.of("rest.long"):
+        inside = spans.between(t, rest.t0, rest.t1)
+        during = inside.start + np.flatnonzero(counted[inside])
+        if len(during) and np.ptp(t[during]) >= LEAST_REST_S:
+            return float(np.mean(along[during])), f"the rest from {t[during][0]:.0f} s"
+    start = t[counted][0]
+    return float(np.mean(along[counted & (t <= start + FIRST_S)])), f"{FIRST_S:.0f} s from {start:.0f} s"

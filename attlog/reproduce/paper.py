@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from attlog.base.plain import IN_JSON
 
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]
-VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 SCHEMA = "attlog-paper/1"
 TRUTH = "truth"
 """The name of a line that shows what really was; it is drawn in black."""

@@ -64,8 +64,3 @@ def figures(x: float, count: int = 2) -> str:
         return "0"
     digits = count - len(str(int(abs(x)))) if abs(x) >= 1.0 else count
     return f"{x:.{max(digits, 0)}f}"
-
-
-def span_text(t: float, t_end: float | None) -> str:
-    """When something was, in words."""
-    return f"at {t:.1f} s" if t_end is None or t_end - t < 0.5 else f"from {t:.1f} to {t_end:.1f} s"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
 from attlog.reproduce import page
 from attlog.reproduce.document import as_json
-from attlog.reproduce.paper import VERDICTS
+from attlog.reproduce.paper import Verdict
 from tests.report.browser import Visit
 from tests.reproduce.made import EVIL, paper
 
@@ -26,7 +26,7 @@ def test_every_claim_stands_there_with_verdict_number_and_place(path: Path) -> N
     text = path.read_text(encoding="utf-8")
     for claim in paper().claims:
         assert claim.says in text
-    for verdict in VERDICTS:
+    for verdict in get_args(Verdict):
         assert f">{verdict}</span>" in text
     assert "0.80× (0.70 to 0.90; 20)" in text
     assert "20 % quieter: 0.8° against 1.0°." in text

@@ -61,8 +61,7 @@ def command(words: SettingWords, options: ComparisonOptions, common: CommonOptio
     from attlog.compare.configurations.configuration import parse
     from attlog.compare.sweep import many
     from attlog.compare.sweep import text as sweep_words
-    from attlog.compare.sweep.arguments import search_request
-    from attlog.compare.sweep.grid import grid, like_decimal_commas
+    from attlog.compare.sweep.grid import grid, like_decimal_commas, search_request
     from attlog.compare.sweep.sweep import sweep
 
     asked = search_request(words, EXAMPLE)

@@ -67,7 +67,7 @@ def command(
     from attlog.compare.configurations.configuration import parse
     from attlog.compare.configurations.firmware_names import firmware_names
     from attlog.compare.sweep import many
-    from attlog.compare.sweep.arguments import search_request
+    from attlog.compare.sweep.grid import search_request
     from attlog.compare.tune import text as tune_words
     from attlog.compare.tune.objective import objective as terms_of
     from attlog.compare.tune.search import free_parameters

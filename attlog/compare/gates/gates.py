@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from attlog.compare.gates import answers as gate_answers
 from attlog.compare.gates import limits as gate_limits
 from attlog.compare.gates import rows as gate_rows
 from attlog.compare.gates import text as gate_words
-from attlog.compare.gates.answers import LOST
 from attlog.compare.gates.baseline import Baseline, BaselineResult
 from attlog.compare.gates.limits import GateLimit
+from attlog.compare.gates.rows import LOST
 from attlog.metrics.answer import Answer
 from attlog.result import EstimatorRow, Result
 
@@ -117,17 +116,17 @@ def _of_limit(
     name = row.name
     if row.status in LOST:
         return _without_value(gate, limit, name, "row", gate_words.lost(row))
-    window, answer = gate_answers.answer(row, gate.metric, gate_rows.windows(gate.metric, gate.window))
+    window, answer = gate_rows.answer(row, gate.metric, gate_rows.windows(gate.metric, gate.window))
     why = gate_words.unanswered(row, gate.metric, gate.window, answer)
     if answer is None or why:
         return _without_value(gate, limit, name, "unanswered", why, window)
-    known = gate_answers.definition(gate.metric)
+    known = gate_rows.definition(gate.metric)
     other, why = _other(limit, gate, gate.metric, row, rows, beside, window)
     if why:
         return _without_value(gate, limit, name, "unanswered", f"{name}: {why}", window)
     decided = None
     if limit.against == "baseline" and known.decided_by:
-        mine = gate_answers.answer(row, known.decided_by, (window,))[1]
+        mine = gate_rows.answer(row, known.decided_by, (window,))[1]
         theirs, _ = _other(limit, gate, known.decided_by, row, rows, beside, window)
         decided = None if mine is None or theirs is None else (theirs, mine)
     alike = limit.against != "baseline" or (isinstance(beside, BaselineResult) and beside.same_log)
@@ -159,11 +158,11 @@ def _other(
 ) -> tuple[Answer | None, str]:
     """What a relative limit compares with; (None, "") for an absolute one."""
     if limit.against == "onboard":
-        return gate_answers.of_onboard(rows, metric, window)
+        return gate_rows.of_onboard(rows, metric, window)
     if limit.against == "baseline":
         place = gate.baseline.name if gate.baseline is not None else ""
         baseline = beside if isinstance(beside, str) else beside.result
-        return gate_answers.of_baseline(baseline, place, row, metric, window)
+        return gate_rows.of_baseline(baseline, place, row, metric, window)
     return None, ""
 
 

@@ -13,10 +13,12 @@ A number may carry the parameter's own unit (``declination=3deg``); another one 
 from __future__ import annotations
 
 import itertools
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import prod
+from pathlib import Path
 from typing import Literal
 
 from attlog.base.errors import UsageError
@@ -176,3 +178,27 @@ def _range_of(parameter: Parameter) -> str:
 def _example(estimator: Estimator) -> str:
     own = next(iter(estimator.own), None)
     return "kp=0.3..2/8" if own is None else f"{own.name}={_range_of(own)}"
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRequest:
+    """Logs (files, folders, patterns), the filter's text and the axes' texts."""
+
+    logs: list[Path]
+    filter: str
+    axes: list[str]
+
+
+def search_request(words: Sequence[str], example: str) -> SearchRequest:
+    """``LOG... FILTER NAME=VALUES...``: an axis is NAME=... that is no file, the filter is the last of the others.
+
+    UsageError with the ``example`` where logs or filter are missing.
+    """
+    axes = [w for w in words if is_axis(w) and not os.path.exists(w)]
+    others = [w for w in words if w not in axes]
+    if len(others) < 2:
+        missing = "a log and a filter are" if not others else "a log or the filter is"
+        raise UsageError(f"{missing} missing; give logs, then a filter, then what to vary: {example}")
+    if os.path.isdir(others[-1]) or (os.path.isfile(others[-1]) and not others[-1].endswith(".py")):
+        raise UsageError(f"{others[-1]} is a file or folder; the filter comes after the logs: {example}")
+    return SearchRequest([Path(w) for w in others[:-1]], others[-1], axes)

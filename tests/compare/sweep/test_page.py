@@ -10,9 +10,8 @@ from typing import Any
 
 import pytest
 
-from attlog.compare.sweep.figures import _places, figures
 from attlog.compare.sweep.grid import GridAxis, grid
-from attlog.compare.sweep.page import sweep_page
+from attlog.compare.sweep.page import _places, figures, sweep_page
 from attlog.compare.sweep.sweep import Sweep, sweep
 from attlog.compare.tables.files import csv_text, latex, markdown
 from attlog.estimators import get
