@@ -13,6 +13,8 @@ from attlog.story.headline import headline
 
 __all__ = ["CRASHES", "KINDS", "Event", "events", "headline"]
 
+BEGUN_S = 0.5
+
 
 def events(log: FlightLog, segments: Segments) -> list[Event]:
     """Everything that happened, in time order: one event each, however many sources tell it."""
@@ -31,7 +33,7 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
         log, "The autopilot’s messages", lambda: words.messages(log, told, segments.spans("airborne")), list[Event]
     )
     lost = [(s.t0, s.t1) for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
-    found = [replace(_of_a_wreck(e, lost), t=round(e.t, 3)) for e in found]
+    found = [replace(_of_the_start(_of_a_wreck(e, lost)), t=round(e.t, 3)) for e in found]
     return sorted(found, key=lambda e: (e.t, KINDS.index(e.kind)))
 
 
@@ -39,3 +41,9 @@ def _of_a_wreck(event: Event, lost: list[Span]) -> Event:
     """An event as it counts: what warns of a wreck warns nobody."""
     in_wreck = event.severity == "warning" and any(a + 0.1 < event.t <= b for a, b in lost)
     return replace(event, severity="note") if in_wreck else event
+
+
+def _of_the_start(event: Event) -> Event:
+    """An event as it counts: what a log begins with is the autopilot starting, or a state from before."""
+    begun = event.severity == "warning" and event.t < BEGUN_S and event.t_end is None
+    return replace(event, severity="note") if begun else event

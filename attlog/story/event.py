@@ -64,3 +64,8 @@ def figures(x: float, count: int = 2) -> str:
         return "0"
     digits = count - len(str(int(abs(x)))) if abs(x) >= 1.0 else count
     return f"{x:.{max(digits, 0)}f}"
+
+
+def moment(t: float) -> str:
+    """When something was, in words; a clock that begins a little late tells no "-0.0 s"."""
+    return f"at {max(t, 0.0) if t > -0.05 else t:.1f} s"

@@ -7,7 +7,7 @@ import numpy as np
 from attlog.flight.model import FlightLog
 from attlog.segments.model import Segments
 from attlog.segments.spans import inside
-from attlog.story.event import Event, Weight
+from attlog.story.event import Event, Weight, moment
 from attlog.story.words import BATTERY, FAILSAFE, KILLED, NO_WARNING, Text, matching, quoted
 
 CAUSE_S = 2.0
@@ -50,7 +50,7 @@ def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]
         if problem.code == "err_6_1":
             found.append(_event("battery", problem.t, True, [problem.text]))
         elif problem.code in CODES:
-            words = f"{CODES[problem.code]} at {problem.t:.1f} s."
+            words = f"{CODES[problem.code]} {moment(problem.t)}."
             early: Weight = "note" if problem.t < MEASURED_S else "warning"
             found.append(Event("failsafe", problem.t, early, words, evidence=[problem.text]))
     return found, told
@@ -63,7 +63,7 @@ def _known(found: list[Event], t: float) -> bool:
 def _event(kind: str, t: float, battery: bool, evidence: list[str]) -> Event:
     words = "Battery failsafe" if battery else "Failsafe"
     weight: Weight = "note" if battery and t < MEASURED_S else "warning"
-    return Event(kind, t, weight, f"{words} at {t:.1f} s.", evidence=evidence)
+    return Event(kind, t, weight, f"{words} {moment(t)}.", evidence=evidence)
 
 
 def _killed(log: FlightLog, segments: Segments, told: list[Text]) -> list[Event]:

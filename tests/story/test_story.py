@@ -170,6 +170,12 @@ def test_a_text_of_the_autopilot_in_flight_is_a_warning_and_on_the_ground_a_note
     assert found == [("“Compass inconsistent”.", "note"), ("“High wind lost”.", "warning")]
 
 
+def test_a_failsafe_as_the_log_begins_is_the_autopilot_starting_and_a_later_one_a_warning():
+    logs = [made(texts=[(t, 4, "Failsafe enabled")]) for t in (-0.001, 20.0)]
+    found = [(e.text, e.severity) for log in logs for e in log[2] if e.kind == "failsafe"]
+    assert found == [("Failsafe at 0.0 s.", "note"), ("Failsafe at 20.0 s.", "warning")]
+
+
 def test_a_text_that_repeats_is_one_event():
     texts = [(20.0 + k, 3, "GPS bad") for k in range(5)]
     (said,) = (e for e in made(texts=texts)[2] if e.kind == "message")
