@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 
 from attlog.compare.differences.pooled import pool
+from attlog.present.numbers import quantity
 from attlog.reproduce.paper import PaperNumber, Verdict
 
 
@@ -24,14 +25,24 @@ def difference(what: str, ours: Sequence[float], other: Sequence[float], unit: s
     return mean(what, [a - b for a, b in zip(ours, other, strict=True)], unit)
 
 
-def ratio(what: str, ours: Sequence[float], other: Sequence[float]) -> PaperNumber:
+def ratio(what: str, ours: Sequence[float], other: Sequence[float], unit: str = "ratio") -> PaperNumber:
     """The geometric mean of ``ours / other``, seed by seed. Pairs in which either is not positive are left out."""
     pairs = [(a, b) for a, b in zip(ours, other, strict=True) if a > 0.0 and b > 0.0]
-    logs = _pooled(what, [math.log(a / b) for a, b in pairs], "ratio")
+    logs = _pooled(what, [math.log(a / b) for a, b in pairs], unit)
     if logs.value is None:
         return logs
     ends = None if logs.ci95 is None else (math.exp(logs.ci95[0]), math.exp(logs.ci95[1]))
-    return PaperNumber(what, math.exp(logs.value), "ratio", ends, logs.n)
+    return PaperNumber(what, math.exp(logs.value), unit, ends, logs.n)
+
+
+def typical(values: Sequence[float], unit: str = "deg") -> PaperNumber:
+    """The geometric mean with its interval. What is not positive is left out."""
+    return ratio("", values, [1.0] * len(values), unit)
+
+
+def mean_text(values: Sequence[float], unit: str) -> str:
+    """The mean over seeds as a table shows it."""
+    return quantity(mean("", values, unit).value, unit)
 
 
 def share(what: str, hits: Sequence[bool]) -> PaperNumber:

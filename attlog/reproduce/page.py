@@ -44,6 +44,7 @@ def render(paper: Paper) -> str:
         store=store,
         document=plain(paper),
         scripts=("curves.js",),
+        styles=("paper.css",),
         paper=paper,
         places=list(zip(paper.figures, figures, strict=True)),
         chip=CHIP,

@@ -42,7 +42,8 @@ class Claim:
     """A sentence of a paper and what became of it.
 
     ``says`` in our words; ``where`` figure, table or section; ``paper`` the number it prints, empty where it prints
-    none; ``measured`` how it was measured here; ``by`` by how much it holds or not, one or two sentences.
+    none; ``measured`` how it was measured here; ``numbers`` what was, the first the one that tells most; ``by`` by how
+    much it holds or not, one or two sentences.
     """
 
     id: str

@@ -104,9 +104,3 @@ def angles(q: Array) -> Array:
 def rms(x: Array) -> float:
     """The root of the mean square of what is finite."""
     return float(np.sqrt(np.nanmean(np.square(x))))
-
-
-def thinned(t: Array, y: Array, most: int = 8000) -> tuple[Array, Array]:
-    """Every k-th point of a line, so that a page stays small."""
-    every = -(-len(t) // most)
-    return t[::every], y[::every]

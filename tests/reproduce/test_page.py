@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any, get_args
 
@@ -31,6 +32,19 @@ def test_every_claim_stands_there_with_verdict_number_and_place(path: Path) -> N
     assert "0.80× (0.70 to 0.90; 20)" in text
     assert "20 % quieter: 0.8° against 1.0°." in text
     assert EVIL not in text
+
+
+def test_the_claims_stand_in_a_table_ahead_of_the_figures(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    table = text[text.index('<table class="cmp claims">') : text.index('id="figures"')]
+    rows = re.findall(r"<tr><th scope=\"row\">(.*?)</tr>", table, re.S)
+    shown = [re.sub(r"<[^>]+>", " ", row).split() for row in rows]
+    expected = [
+        f"{k}. {c.says} {c.where} {'0.5°' if c.paper else 'none'} 0.80× (0.70 to 0.90; 20) "
+        f"{c.numbers[0].what} {c.verdict}"
+        for k, c in enumerate(paper().claims, 1)
+    ]
+    assert shown == [words.split() for words in expected]
 
 
 def test_the_document_holds_claims_and_no_points_of_figures() -> None:

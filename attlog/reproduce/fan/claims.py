@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from attlog.present.numbers import listed, number, quantity
 from attlog.reproduce.fan.figures import figures
 from attlog.reproduce.fan.runs import ARM_M, FILTER, RAW, REST_S, SETTLED_S, SPIKE_DEG, WIDER, FanSeed, one_seed, wider
-from attlog.reproduce.judge import above, alternatives, below, difference, mean, ratio, together
+from attlog.reproduce.judge import above, alternatives, below, difference, mean, mean_text, ratio, together
 from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting, PaperTable, Verdict
 from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each_seed
@@ -239,10 +239,8 @@ def _sooner(found: list[FanSeed]) -> Judged:
 def _table(found: list[FanSeed]) -> PaperTable:
     rows = []
     for row in (RAW, FILTER, *EKFS):
-        spread = [quantity(mean("", [s.spread[row][axis] for s in found], "deg").value, "deg") for axis in range(3)]
-        errors = [
-            quantity(mean("", [s.turned[row].errors[axis] for s in found], "deg").value, "deg") for axis in range(3)
-        ]
+        spread = [mean_text([s.spread[row][axis] for s in found], "deg") for axis in range(3)]
+        errors = [mean_text([s.turned[row].errors[axis] for s in found], "deg") for axis in range(3)]
         rows.append((CALLED[row], *spread, *errors))
     head = ("filter", *(f"{a}, at rest" for a in AXES), *(f"{a}, error in rotation" for a in AXES))
     return PaperTable(

@@ -13,6 +13,7 @@ from attlog.reproduce.huang.runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, WITHI
 from attlog.reproduce.huang.tables import PRINTED_EKF_S, PRINTED_MAHONY_S, UPDATES, by_filter, linear, times
 from attlog.reproduce.judge import above, below, mean, ratio, share, together
 from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting
+from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each_seed
 from attlog.simulate.autopilot.onboard import TRUTH
 
@@ -21,7 +22,6 @@ TILT_DEG, HEADING_DEG = 2.0, 5.0
 NO_WORSE = 1.1
 HALF_POWER = math.sqrt(0.5)
 """Gain of -3 dB: up to there a loop is said to follow."""
-AXES = ("roll", "pitch", "heading")
 PHASES = ("hover", "moving")
 
 
@@ -173,7 +173,7 @@ def _level(found: list[HuangSeed]) -> Claim:
             left = mean(f"true {axis} that is left, {after}", [abs(r.left_deg) for r in seen], "deg")
             there = share(f"settled as the filter sees it, {after}", [math.isfinite(r.settling_s) for r in seen])
             time = mean(f"settling time as the filter sees it, {after}", [r.settling_s for r in seen], "s")
-            numbers += [there, time, mean(f"overshoot, {after}", [r.overshoot_deg for r in seen], "deg"), left]
+            numbers += [left, there, time, mean(f"overshoot, {after}", [r.overshoot_deg for r in seen], "deg")]
             verdicts.append(below(left, runs.LEVEL_WITHIN_DEG))
             rest.append(left.value or 0.0)
             settled.append(there.value or 0.0)

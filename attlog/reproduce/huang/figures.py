@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from attlog.reproduce.huang import runs
 from attlog.reproduce.huang.runs import DCM, EKF, HOVER, LEVEL_AT, LEVEL_EVERY_S, LEVELS, NEW_EKF, TRACKS
+from attlog.reproduce.lines import Span, drawn, filters
 from attlog.reproduce.paper import TRUTH, FigureLine, PaperFigure
-from attlog.reproduce.samples import angles, run, samples, thinned
+from attlog.reproduce.samples import angles, samples
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 OWN, WANTED, LINEAR = "Huang's filter", "set-point", "transfer function"
 AXES = ("roll, deg", "pitch, deg", "heading, deg")
 STAND = "on the stand"
+SINCE: Span = (HOVER[0], np.inf)
 
 
 def figures(
@@ -36,14 +38,6 @@ def figures(
 
 
 def _against_truth(flight: Flight) -> PaperFigure:
-    t, q = flight.onboard.t, flight.onboard.q
-    part = np.isfinite(q[:, 0]) & (t >= HOVER[0])
-    lines = []
-    for axis in range(3):
-        lines += [
-            _line(TRUTH, flight.truth.t, angles(flight.truth.q)[:, axis], axis, HOVER[0]),
-            FigureLine(OWN, *thinned(t[part], angles(q[part])[:, axis]), axis),
-        ]
     return PaperFigure(
         "truth",
         "fig. 3",
@@ -52,18 +46,13 @@ def _against_truth(flight: Flight) -> PaperFigure:
         "tilted and gathers speed.",
         "time, s",
         AXES,
-        tuple(lines),
+        _both(flight, len(AXES), SINCE),
         height=480,
     )
 
 
 def _against_ekf(flight: Flight) -> PaperFigure:
-    s = samples(flight)
-    lines = []
-    for row, name in ((DCM, OWN), (EKF, "Fan's EKF"), (NEW_EKF, "mekf")):
-        found = run(row, s)
-        part = found.t >= HOVER[0]
-        lines += [FigureLine(name, *thinned(found.t[part], found.errors[part, axis]), axis) for axis in range(3)]
+    rows = {DCM: OWN, EKF: "Fan's EKF", NEW_EKF: "mekf"}
     return PaperFigure(
         "ekf",
         "fig. 4",
@@ -71,7 +60,7 @@ def _against_ekf(flight: Flight) -> PaperFigure:
         "Errors against the truth, because the angles themselves could hardly be told from each other.",
         "time, s",
         tuple(f"error of {name}" for name in AXES),
-        tuple(lines),
+        tuple(filters(samples(flight), rows, errors=True, span=SINCE)),
         height=480,
     )
 
@@ -128,15 +117,6 @@ def _level(flight: Flight, seed: int) -> PaperFigure:
 
 
 def _hover(flight: Flight) -> PaperFigure:
-    t, true = flight.truth.t, angles(flight.truth.q)
-    lines = [
-        line
-        for axis in (0, 1)
-        for line in (
-            _line(TRUTH, t, true[:, axis], axis, *HOVER),
-            _line(OWN, flight.onboard.t, _known(flight)[:, axis], axis, *HOVER),
-        )
-    ]
     return PaperFigure(
         "hover",
         "fig. 5, 6, 8, 9",
@@ -144,7 +124,7 @@ def _hover(flight: Flight) -> PaperFigure:
         "Roll and pitch with the position held; the paper's bound is +-5 deg.",
         "time, s",
         AXES[:2],
-        tuple(lines),
+        _both(flight, 2, HOVER),
     )
 
 
@@ -158,8 +138,7 @@ def _tracking(flight: Flight) -> PaperFigure:
             (OWN, flight.onboard.t, _known(flight)),
             (WANTED, flight.onboard.t, angles(flight.onboard.q_setpoint)),
         ):
-            part = (t >= begin) & (t < begin + runs.TRACK_S)
-            lines.append(FigureLine(name, *thinned(t[part] - begin, y[part, column]), k))
+            lines.append(drawn(name, t - begin, y[:, column], k, (0.0, runs.TRACK_S)))
     panels = tuple(f"{axis}, sine of {period:g} s, deg" for _, period, axis in TRACKS)
     return PaperFigure(
         "tracking",
@@ -172,6 +151,12 @@ def _tracking(flight: Flight) -> PaperFigure:
     )
 
 
+def _both(flight: Flight, axes: int, span: Span) -> tuple[FigureLine, ...]:
+    """The truth and what the filter on board made of it, axis by axis."""
+    both = ((TRUTH, flight.truth.t, angles(flight.truth.q)), (OWN, flight.onboard.t, _known(flight)))
+    return tuple(drawn(name, t, y[:, axis], axis, span) for axis in range(axes) for name, t, y in both)
+
+
 def _known(flight: Flight) -> Array:
     """The filter's angles (n, 3) at all times; NaN before it has any."""
     q = flight.onboard.q
@@ -179,8 +164,3 @@ def _known(flight: Flight) -> Array:
     known = np.isfinite(q[:, 0])
     found[known] = angles(q[known])
     return found
-
-
-def _line(name: str, t: Array, y: Array, panel: int, begin: float, end: float = np.inf) -> FigureLine:
-    part = (t >= begin) & (t < end)
-    return FigureLine(name, *thinned(t[part], y[part]), panel)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.base import rotation
 from attlog.reproduce import response
-from attlog.reproduce.samples import FilterOutput, angles, rms, run, samples
+from attlog.reproduce.samples import AXES, FilterOutput, angles, rms, run, samples
 from attlog.simulate.autopilot.controller import Gains
 from attlog.simulate.autopilot.linear import LoopAxis
 from attlog.simulate.autopilot.loop import Controller, EstimatorChoice
@@ -50,7 +50,6 @@ SECONDS = 98.0
 STAND_DRAG = (30.0, 30.0, 30.0)
 """N s/m: a vehicle so dragged does not gather speed, as on a stand; without one it flies away while it is tilted."""
 STAND_AT, STAND_EVERY_S = 12.0, 5.0
-AXES = ("roll", "pitch")
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from attlog.present.numbers import quantity
 from attlog.reproduce import response
 from attlog.reproduce.huang import runs
 from attlog.reproduce.huang.runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, HuangSeed
-from attlog.reproduce.judge import mean
+from attlog.reproduce.judge import mean_text
 from attlog.reproduce.paper import PaperTable
 from attlog.simulate.autopilot.linear import margins, rise_and_overshoot
 from attlog.simulate.autopilot.onboard import TRUTH
@@ -47,7 +47,7 @@ def by_filter(found: list[HuangSeed]) -> PaperTable:
                 NAMED[row],
                 f"{sum(f.crashed for f in one)} of {len(one)}",
                 *(
-                    quantity(mean("", v, u).value, u)
+                    mean_text(v, u)
                     for v, u in (
                         ([max(f.most_deg) for f in one], "deg"),
                         ([math.hypot(*f.errors.hover[:2]) for f in one], "deg"),
@@ -83,22 +83,18 @@ def linear(found: list[HuangSeed]) -> PaperTable:
         ("phase margin", f"{limits.phase_deg:.0f} deg at {limits.phase_at:.0f} rad/s", ""),
         ("gain margin", f"{limits.gain:.1f}", ""),
         ("delay that it stands", f"{1e3 * limits.delay_s:.0f} ms", ""),
-        ("90 to 10 % of 20 deg", quantity(fall, "ms"), _mean([1e3 * f.returned[0].fall_s for f in truth], "ms")),
+        ("90 to 10 % of 20 deg", quantity(fall, "ms"), mean_text([1e3 * f.returned[0].fall_s for f in truth], "ms")),
         ("overshoot of a step", f"{100 * over:.1f} %", ""),
     ]
     for k, (size, period, name) in enumerate(TRACKS):
         told = axis.response(2.0 * math.pi / period)
         late = -float(np.angle(told)) * period / (2.0 * math.pi) * 1e3
         sine = f"{name}, {size:g} deg at {period:g} s"
-        rows.append((f"delay, {sine}", quantity(late, "ms"), _mean([f.tracked[k].delay_ms for f in truth], "ms")))
-        rows.append((f"gain, {sine}", f"{abs(told):.2f}", _mean([f.tracked[k].gain for f in truth], "1")))
+        rows.append((f"delay, {sine}", quantity(late, "ms"), mean_text([f.tracked[k].delay_ms for f in truth], "ms")))
+        rows.append((f"gain, {sine}", f"{abs(told):.2f}", mean_text([f.tracked[k].gain for f in truth], "1")))
     return PaperTable(
         "The loop: transfer function and flight on the true attitude",
         ("", "linear", "flown"),
         tuple(rows),
         "Rotor lag, inertia, gains and the time that sampling and holding take; means over seeds.",
     )
-
-
-def _mean(values: list[float], unit: str) -> str:
-    return quantity(mean("", values, unit).value, unit)

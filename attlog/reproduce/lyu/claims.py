@@ -6,7 +6,7 @@ import math
 
 from attlog.present.numbers import below as bound
 from attlog.present.numbers import quantity
-from attlog.reproduce.judge import below, difference, mean, ratio, share, together
+from attlog.reproduce.judge import below, difference, mean, mean_text, ratio, share, together
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs
 from attlog.reproduce.lyu.figures import figures
@@ -245,7 +245,7 @@ def _table(found: list[BenchResult]) -> PaperTable:
     for reading in READINGS:
         for name, kind in kinds:
             cells = [
-                quantity(mean("", [getattr(b.started[kind(reading), a], f) for b in found], u).value, u)
+                mean_text([getattr(b.started[kind(reading), a], f) for b in found], u)
                 for a in WRONG_DEG
                 for f, u in (("settling_s", "s"), ("overshoot_deg", "deg"))
             ]

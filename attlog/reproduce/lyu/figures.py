@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.reproduce.lines import drawn, truths
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs
 from attlog.reproduce.lyu.runs import READINGS, fixed, stopped, variable
@@ -28,7 +29,7 @@ def _at_rest(seed: int) -> PaperFigure:
     lines = [FigureLine(TRUTH, s.t[[0, -1]], angles(s.q)[[0, -1], axis], axis) for axis in (0, 1)]
     for row in DRAWN:
         found = run(row, s)
-        lines += [FigureLine(NAMES[row], found.t, found.angles[:, axis], axis) for axis in (0, 1)]
+        lines += [drawn(NAMES[row], found.t, found.angles[:, axis], axis) for axis in (0, 1)]
     return PaperFigure(
         "rest",
         "fig. 4",
@@ -43,14 +44,13 @@ def _at_rest(seed: int) -> PaperFigure:
 
 def _dropped(seed: int) -> PaperFigure:
     s = runs.drop(seed, 60.0, 500.0)
-    shown = (s.t > runs.STILL_S - 1.0) & (s.t < runs.DROP_AT + 15.0)
-    lines = [FigureLine(TRUTH, s.t[shown], angles(s.q)[shown, 0], 0)]
+    span = (runs.STILL_S - 1.0, runs.DROP_AT + 15.0)
+    lines = truths(s, span, axes=1)
     for row in DRAWN:
         found = run(row, s)
-        part = (found.t >= s.t[shown][0]) & (found.t <= s.t[shown][-1])
         lines += [
-            FigureLine(NAMES[row], found.t[part], found.angles[part, 0], 0),
-            FigureLine(NAMES[row], found.t[part], found.errors[part, 0], 1),
+            drawn(NAMES[row], found.t, found.angles[:, 0], 0, span),
+            drawn(NAMES[row], found.t, found.errors[:, 0], 1, span),
         ]
     return PaperFigure(
         "drop",
@@ -69,8 +69,7 @@ def _wrong_start(seed: int) -> PaperFigure:
     lines = [FigureLine(TRUTH, [0.0, shown], [0.0, 0.0])]
     for row in runs.ROWS:
         found = runs.wrong_start(row, s, 60.0)
-        part = found.t <= shown
-        lines.append(FigureLine(NAMES[row], found.t[part], np.asarray(found.errors[part, 0]), 0))
+        lines.append(drawn(NAMES[row], found.t, found.errors[:, 0], span=(0.0, shown)))
     return PaperFigure(
         "start",
         "fig. 5",
@@ -88,12 +87,12 @@ def _flown(seed: int) -> PaperFigure:
     for row in (fixed("second"), variable("second")):
         flight = lyu_flight.flight(row, seed)
         on, truth = flight.onboard, flight.truth
-        shown = on.t >= lyu_flight.TRACK_S - 4.0
-        t, found = on.t[shown], angles(on.q)[shown, 0]
+        late = on.t >= lyu_flight.TRACK_S - 4.0
+        t, found = on.t[late], angles(on.q)[late, 0]
         true = np.interp(t, truth.t, angles(truth.q)[:, 0])
         if not lines:
-            lines += [FigureLine(TRUTH, t, true), FigureLine("set-point", t, angles(on.q_setpoint)[shown, 0])]
-        lines += [FigureLine(NAMES[row], t, found), FigureLine(NAMES[row], t, found - true, 1)]
+            lines += [drawn(TRUTH, t, true), drawn("set-point", t, angles(on.q_setpoint)[late, 0])]
+        lines += [drawn(NAMES[row], t, found), drawn(NAMES[row], t, found - true, 1)]
     return PaperFigure(
         "flight",
         "fig. 3",

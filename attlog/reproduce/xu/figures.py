@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from attlog.present.numbers import quantity
-from attlog.reproduce.judge import mean
-from attlog.reproduce.paper import TRUTH, FigureLine, PaperFigure, PaperNumber, PaperTable
-from attlog.reproduce.samples import AXES, FlightSamples, angles, run, thinned
+from attlog.reproduce.judge import typical
+from attlog.reproduce.lines import filters, points, truths
+from attlog.reproduce.paper import PaperFigure, PaperTable
+from attlog.reproduce.samples import AXES
 from attlog.reproduce.xu.logs import LogOscillation
-from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, SWEPT, XuSeed, flown, gain, in_the_air
+from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, SWEPT, XuSeed, air, flown, gain
 
 CALLED = {row: f"kp {kp:g}" for kp, row in FIXED.items()} | {ADAPTIVE: "adaptive (our law)"}
 
@@ -28,7 +27,7 @@ def figures(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation], seed: int =
             "The first seed, between take-off and landing.",
             "time, s",
             tuple(f"{a}, deg" for a in AXES),
-            (*_truth(s), *_lines(s, errors=False)),
+            (*truths(s, air()), *filters(s, CALLED, span=air())),
             height=480,
         ),
         PaperFigure(
@@ -38,7 +37,7 @@ def figures(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation], seed: int =
             "The same mission: what was found minus the truth.",
             "time, s",
             tuple(f"{a} error, deg" for a in AXES),
-            _lines(s, errors=True),
+            tuple(filters(s, CALLED, errors=True, span=air())),
             height=480,
         ),
         _by_gain("oscillation", "fig. 1 to 3", "How much it oscillates, by gain", seeds, logs),
@@ -46,30 +45,14 @@ def figures(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation], seed: int =
     )
 
 
-def _truth(s: FlightSamples) -> list[FigureLine]:
-    part = in_the_air(s.t)
-    y = angles(s.q)[part]
-    return [FigureLine(TRUTH, *thinned(s.t[part], y[:, axis]), axis) for axis in range(3)]
-
-
-def _lines(s: FlightSamples, errors: bool) -> tuple[FigureLine, ...]:
-    lines = []
-    for row, name in CALLED.items():
-        found = run(row, s)
-        part = in_the_air(found.t)
-        y = (found.errors if errors else found.angles)[part]
-        lines += [FigureLine(name, *thinned(found.t[part], y[:, axis]), axis) for axis in range(3)]
-    return tuple(lines)
-
-
 def _by_gain(id: str, where: str, title: str, seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperFigure:
     lines = [
-        _line("simulated missions", [_typical([s.rms[gain(kp)][axis] for s in seeds]) for kp in SWEPT], axis)
+        points("simulated missions", SWEPT, [typical([s.rms[gain(kp)][axis] for s in seeds]) for kp in SWEPT], axis)
         for axis in range(3)
     ]
     if logs:
         lines += [
-            _line("logs", [_typical([log.rms[gain(kp)][axis] for log in logs]) for kp in SWEPT], axis)
+            points("logs", SWEPT, [typical([log.rms[gain(kp)][axis] for log in logs]) for kp in SWEPT], axis)
             for axis in range(3)
         ]
     return PaperFigure(
@@ -89,13 +72,14 @@ def _by_gain(id: str, where: str, title: str, seeds: Sequence[XuSeed], logs: Seq
 
 def _errors_by_gain(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperFigure:
     lines = [
-        _line("simulated missions", [_typical([s.tilt[gain(kp)] for s in seeds]) for kp in SWEPT], 0),
-        _line("simulated missions", [_typical([s.heading[gain(kp)] for s in seeds]) for kp in SWEPT], 1),
+        points("simulated missions", SWEPT, [typical([s.tilt[gain(kp)] for s in seeds]) for kp in SWEPT], 0),
+        points("simulated missions", SWEPT, [typical([s.heading[gain(kp)] for s in seeds]) for kp in SWEPT], 1),
     ]
     told = [log for log in logs if all(math.isfinite(v) for kp in SWEPT for v in log.errors.get(gain(kp), (math.nan,)))]
     if told:
         lines += [
-            _line("logs", [_typical([log.errors[gain(kp)][k] for log in told]) for kp in SWEPT], k) for k in (0, 1)
+            points("logs", SWEPT, [typical([log.errors[gain(kp)][k] for log in told]) for kp in SWEPT], k)
+            for k in (0, 1)
         ]
     return PaperFigure(
         "best",
@@ -111,21 +95,6 @@ def _errors_by_gain(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> 
     )
 
 
-def _typical(values: Sequence[float]) -> PaperNumber:
-    """The geometric mean with its interval."""
-    logs = mean("", [math.log(v) for v in values if v > 0.0], "")
-    if logs.value is None:
-        return logs
-    ends = None if logs.ci95 is None else (math.exp(logs.ci95[0]), math.exp(logs.ci95[1]))
-    return PaperNumber("", math.exp(logs.value), "deg", ends, logs.n)
-
-
-def _line(name: str, numbers: Sequence[PaperNumber], panel: int) -> FigureLine:
-    y = np.array([math.nan if n.value is None else n.value for n in numbers])
-    ends = np.array([n.ci95 or (v, v) for n, v in zip(numbers, y, strict=True)])
-    return FigureLine(name, SWEPT, y, panel, ends[:, 0], ends[:, 1])
-
-
 def table(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperTable:
     """Oscillation and errors of the paper's gains and of the adaptive one."""
     rows = []
@@ -136,8 +105,8 @@ def table(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperTable
                 ("logs", [log.rms[row] for log in logs], [log.errors[row] for log in logs if row in log.errors])
             )
         for called, rms, errors in sets:
-            cells = [_typical([r[axis] for r in rms]) for axis in range(3)]
-            cells += [_typical([e[k] for e in errors]) for k in (0, 1)]
+            cells = [typical([r[axis] for r in rms]) for axis in range(3)]
+            cells += [typical([e[k] for e in errors]) for k in (0, 1)]
             rows.append((f"{name}, {called}", *(quantity(n.value, "deg") for n in cells)))
     head = ("gain", *(f"{a}, 0.2 to 5 Hz" for a in AXES), "error of tilt", "error of heading")
     return PaperTable("Oscillation and error", head, tuple(rows), "Geometric means over flights of RMS values.")

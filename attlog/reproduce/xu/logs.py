@@ -20,12 +20,9 @@ from attlog.flight.vehicle import VehicleKind
 from attlog.metrics.base import Case
 from attlog.metrics.noise import injection
 from attlog.reproduce import band
+from attlog.reproduce.xu.runs import BAND_HZ, Triple, three
 
 Array = NDArray[np.float64]
-Triple = tuple[float, float, float]
-
-BAND_HZ = (0.2, 5.0)
-"""Slower is drift and manoeuvre, faster is beyond what a logged IMU of 25 Hz can show."""
 GRID_S = 0.04
 LEAST_WINDOWS = 1
 SETTLED_S = 10.0
@@ -93,8 +90,8 @@ def _measured(case: Case, rows: tuple[str, ...]) -> LogOscillation:
         "",
         used,
         case.reference.kind,
-        {row: _three([s.rms(BAND_HZ) for s in axes]) for row, axes in seen.items()},
-        {row: _three([s.dominant_hz(BAND_HZ) for s in axes]) for row, axes in seen.items()},
+        {row: three([s.rms(BAND_HZ) for s in axes]) for row, axes in seen.items()},
+        {row: three([s.dominant_hz(BAND_HZ) for s in axes]) for row, axes in seen.items()},
         _errors(case, rows) if case.reference.kind != "none" else {},
     )
 
@@ -143,7 +140,3 @@ def _errors(case: Case, rows: tuple[str, ...]) -> dict[str, tuple[float, float]]
 
 def _nan(value: float | None) -> float:
     return float("nan") if value is None else float(value)
-
-
-def _three(values: list[float]) -> Triple:
-    return values[0], values[1], values[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ FIXED = {0.6: "mahony@xu-0.6", 1.1: "mahony@xu-1.1", 2.0: "mahony@xu-2"}
 ADAPTIVE = "mahony_adaptive@xu"
 SWEPT = (0.03, 0.06, 0.1, 0.2, 0.3, 0.45, 0.6, 0.85, 1.1, 1.5, 2.0, 3.0)
 BAND_HZ = (0.2, 5.0)
+"""Slower is drift and manoeuvre, faster is beyond what a logged IMU of 25 Hz can show."""
 
 
 def gain(kp: float) -> str:
@@ -53,12 +55,17 @@ def flown(seed: int) -> FlightSamples:
     return samples(fly(mission(), seed))
 
 
+@functools.cache
+def air() -> tuple[float, float]:
+    """From the first waypoint to the landing, s."""
+    commands = mission().command
+    return next(c.t for c in commands if c.do == "goto"), next(c.t for c in commands if c.do == "land")
+
+
 def in_the_air(t: Array) -> NDArray[np.bool_]:
     """Which times (n,) lie between the first waypoint and the landing."""
-    commands = mission().command
-    first = next(c.t for c in commands if c.do == "goto")
-    last = next(c.t for c in commands if c.do == "land")
-    return np.asarray((t >= first) & (t < last))
+    begin, end = air()
+    return np.asarray((t >= begin) & (t < end))
 
 
 def one_seed(seed: int) -> XuSeed:
@@ -68,8 +75,8 @@ def one_seed(seed: int) -> XuSeed:
     spectra = {row: _spectra(one) for row, one in found.items()}
     air = {row: in_the_air(one.t) for row, one in found.items()}
     return XuSeed(
-        {row: _three([x.rms(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
-        {row: _three([x.dominant_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
+        {row: three([x.rms(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
+        {row: three([x.dominant_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
         {row: rms(one.tilt_error[air[row]]) for row, one in found.items()},
         {row: rms(one.heading_error[air[row]]) for row, one in found.items()},
     )
@@ -80,5 +87,6 @@ def _spectra(found: FilterOutput) -> list[band.Spectrum]:
     return [band.spectrum(found.t[part], found.errors[part, axis]) for axis in range(3)]
 
 
-def _three(values: list[float]) -> Triple:
+def three(values: list[float]) -> Triple:
+    """Roll, pitch, heading."""
     return values[0], values[1], values[2]
