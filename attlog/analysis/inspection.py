@@ -10,7 +10,6 @@ from typing import Any
 
 from attlog import formats, reference, segments, story
 from attlog.analysis.summary import describe
-from attlog.base.memory import give_back
 from attlog.base.plain import plain
 from attlog.flight import flight_in
 from attlog.flight import memory as room
@@ -54,9 +53,6 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     listed, damage = _listed(messages.boot(log.boot), system), _damage(messages)
     del messages  # the log's bytes and its index go with it: what follows takes as much
     room.check_rest(log, room.INFO)
-    imu = log.replay_imu
-    samples = 0 if imu is None else len(imu.gyro.t)
-    give_back(samples)
     with once():
         phases = segments.build(log) if log.imu is not None else None
         chosen, case = (
@@ -65,7 +61,6 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
             else part_of(log, "The reference", partial(_compared, log, phases), partial(_alone, log, phases))
         )
         checks = audit(log, phases, chosen)
-    give_back(samples)
     answers = part_of(log, "What can be answered", lambda: answerable(log, case), list)
     compared = ""
     if phases is not None and chosen is not None:

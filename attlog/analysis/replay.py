@@ -15,7 +15,6 @@ from attlog import estimators, reference
 from attlog.analysis import inputs
 from attlog.base.barrier import guarded
 from attlog.base.errors import AttlogError, PluginError, UsageError
-from attlog.base.memory import give_back
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.base import Case, per_case
@@ -236,7 +235,6 @@ def replayed(
         estimate.t = t  # one array for all rows: in long logs copies add up
     if not whole:
         estimate.aux = {}
-    give_back(len(t))  # what the filter took
     row = reference.replayed(
         log,
         case.segments,

@@ -10,7 +10,6 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from attlog.base.errors import PluginError, UsageError
-from attlog.base.memory import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Estimate, Estimator, LogFacts
 from attlog.estimators.engine import loop
@@ -174,7 +173,6 @@ def estimate(
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)
     samples.once = ours  # others may have to run again, to say where they failed
     del t, gyr, acc, mag, data, dt  # what was made for this call alone goes before the filter runs
-    give_back(len(samples.t))
     if estimator.run is not None:
         aids = replace(aids or Aids(), sampling=sampling)
     return loop.with_line(estimator, lambda: loop.run(estimator, samples, values, q0, int(every), aids))

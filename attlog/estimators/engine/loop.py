@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
-from attlog.base.memory import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator
 from attlog.estimators.engine import SOURCES
@@ -363,7 +362,6 @@ def _whole_segments(
                 one = returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock
         found.append(one)
-    give_back(len(s.t))
     q = to_true_north(end_to_end([e.q for e in found]) if found else np.empty((0, 4)), values)
     if q0 is not None and len(q) and not has_field:
         want = rotation.error(np.asarray(q0, np.float64), q[0])

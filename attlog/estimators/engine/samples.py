@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 from attlog.base import gap
 from attlog.base.errors import UsageError
 from attlog.base.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
-from attlog.base.memory import give_back
 from attlog.estimators.base import Array, VectorsAt
 
 Sampling = Literal["interval", "instant"]
@@ -67,7 +66,6 @@ class PreparedSamples:
         self.gyr = self.acc = self.mag = np.zeros((0, 3))
         self.use = self.substeps = np.zeros(0, np.int64)
         self.dt, self.led = np.zeros(0), None
-        give_back(len(self.t))
 
 
 def prepare(

@@ -23,7 +23,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from attlog.base.memory import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.filters.navigation import attitude, passes
@@ -80,7 +79,6 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
         tuned, known = passes.held(solution.next), solution.begin.x + solution.found.first
         del solution  # with what its passes stored
     found, begin = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])
-    give_back(len(t))  # what the schedule took
     bias = found.bias[attitude.node_before(found, len(t))]
     horizon = inputs.lag + MARGIN_S + max(tuned.gnss_delay, tuned.mag_delay, 0.0)
     q = attitude.predicted(inputs, found.q, bias, begin.x[BG : BG + 3], horizon)
