@@ -350,14 +350,11 @@ def _whole_segments(
         clock = time.thread_time()
         with plugin_errors(estimator.origin):
             own = [x[a:b] for x in (s.t, s.gyr, s.acc)]
+            own.append(np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan))
             if estimator.origin != "attlog":  # it may write to its inputs; the times go with its result
                 own = [x.copy() for x in own]
-            own.append(np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan))
-            aid, begin = aids.between(s.t[a], s.t[b - 1]), own.pop(0)
-            if s.once and b == len(s.t):
-                s.release()
-            # Nobody but the filter holds on to the sensors: one that has read them may release them.
-            one = estimator.run(begin, own.pop(0), own.pop(0), own.pop(0), aid, dict(values))
+            begin, gyr, acc, mag = own
+            one = estimator.run(begin, gyr, acc, mag, aids.between(s.t[a], s.t[b - 1]), dict(values))
             if estimator.origin != "attlog":
                 one = returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock

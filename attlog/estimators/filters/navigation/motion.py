@@ -82,50 +82,41 @@ def three(P: Any, at: int, a: float, b: float, c: float) -> float:
     return value
 
 
-def forward_rows(P: Any, T: float, M: Any, rest: int) -> None:
-    """P <- Phi P, but for the wandering position error. ``M``: A, D, W, AD, AW, see :func:`matrices`.
+def add_product(P: Any, to: int, at: int, by: float, A: Any) -> None:
+    """Rows ``to`` to ``to + 2`` of P gain ``by`` A times its rows ``at`` to ``at + 2``.
 
-    One loop over the columns for each kind of row, its factors at hand: what is read and written then lies a known
-    number of rows apart, and a compiler takes several columns at once.
+    One loop over the columns, its factors at hand: what is read and written then lies a known number of rows apart, and
+    a compiler takes several columns at once.
     """
+    a, b, c = by * A[0, 0], by * A[0, 1], by * A[0, 2]
+    d, e, f = by * A[1, 0], by * A[1, 1], by * A[1, 2]
+    g, h, i = by * A[2, 0], by * A[2, 1], by * A[2, 2]
+    for m in range(ROW):
+        x, y, z = P[at * ROW + m], P[(at + 1) * ROW + m], P[(at + 2) * ROW + m]
+        P[to * ROW + m] += a * x + b * y + c * z
+        P[(to + 1) * ROW + m] += d * x + e * y + f * z
+        P[(to + 2) * ROW + m] += g * x + h * y + i * z
+
+
+def add_share(P: Any, to: int, at: int, share: float) -> None:
+    """Rows ``to`` to ``to + 2`` of P gain ``share`` times its rows ``at`` to ``at + 2``."""
+    for m in range(3 * ROW):
+        P[to * ROW + m] += share * P[at * ROW + m]
+
+
+def forward_rows(P: Any, T: float, M: Any, rest: int) -> None:
+    """P <- Phi P, but for the wandering position error. ``M``: A, D, W, AD, AW, see :func:`matrices`."""
     A, D, W, AD, AW = M[0], M[1], M[2], M[3], M[4]
-    h = -0.5 * T
-    ax, ay, az = A[2, 1], A[0, 2], A[1, 0]
-    d0, d1, d2 = D[0, 0], D[0, 1], D[0, 2]
-    d3, d4, d5 = D[1, 0], D[1, 1], D[1, 2]
-    d6, d7, d8 = D[2, 0], D[2, 1], D[2, 2]
-    hx, hy, hz = h * ax, h * ay, h * az
-    e0, e1, e2, e3, e4, e5, e6, e7, e8 = h * d0, h * d1, h * d2, h * d3, h * d4, h * d5, h * d6, h * d7, h * d8
-    for m in range(ROW):
-        x, y, z = P[PHI * ROW + m], P[(PHI + 1) * ROW + m], P[(PHI + 2) * ROW + m]
-        a, b, c = P[BA * ROW + m], P[(BA + 1) * ROW + m], P[(BA + 2) * ROW + m]
-        u, v, w = P[V * ROW + m], P[(V + 1) * ROW + m], P[(V + 2) * ROW + m]
-        P[POS * ROW + m] = P[POS * ROW + m] + T * u + (hy * z - hz * y) + (e0 * a + e1 * b + e2 * c)
-        P[(POS + 1) * ROW + m] = P[(POS + 1) * ROW + m] + T * v + (hz * x - hx * z) + (e3 * a + e4 * b + e5 * c)
-        P[(POS + 2) * ROW + m] = P[(POS + 2) * ROW + m] + T * w + (hx * y - hy * x) + (e6 * a + e7 * b + e8 * c)
-        P[V * ROW + m] = u + (az * y - ay * z) - (d0 * a + d1 * b + d2 * c)
-        P[(V + 1) * ROW + m] = v + (ax * z - az * x) - (d3 * a + d4 * b + d5 * c)
-        P[(V + 2) * ROW + m] = w + (ay * x - ax * y) - (d6 * a + d7 * b + d8 * c)
-    if rest == 1:
-        return
-    f0, f1, f2 = AD[0, 0], AD[0, 1], AD[0, 2]
-    f3, f4, f5 = AD[1, 0], AD[1, 1], AD[1, 2]
-    f6, f7, f8 = AD[2, 0], AD[2, 1], AD[2, 2]
-    g0, g1, g2 = AW[0, 0], AW[0, 1], AW[0, 2]
-    g3, g4, g5 = AW[1, 0], AW[1, 1], AW[1, 2]
-    g6, g7, g8 = AW[2, 0], AW[2, 1], AW[2, 2]
-    w0, w1, w2 = W[0, 0], W[0, 1], W[0, 2]
-    w3, w4, w5 = W[1, 0], W[1, 1], W[1, 2]
-    w6, w7, w8 = W[2, 0], W[2, 1], W[2, 2]
-    for m in range(ROW):
-        a, b, c = P[BG * ROW + m], P[(BG + 1) * ROW + m], P[(BG + 2) * ROW + m]
-        x, y, z = P[SCALE * ROW + m], P[(SCALE + 1) * ROW + m], P[(SCALE + 2) * ROW + m]
-        P[V * ROW + m] = P[V * ROW + m] + (f0 * a + f1 * b + f2 * c) + (g0 * x + g1 * y + g2 * z)
-        P[(V + 1) * ROW + m] = P[(V + 1) * ROW + m] + (f3 * a + f4 * b + f5 * c) + (g3 * x + g4 * y + g5 * z)
-        P[(V + 2) * ROW + m] = P[(V + 2) * ROW + m] + (f6 * a + f7 * b + f8 * c) + (g6 * x + g7 * y + g8 * z)
-        P[PHI * ROW + m] = P[PHI * ROW + m] - (d0 * a + d1 * b + d2 * c) - (w0 * x + w1 * y + w2 * z)
-        P[(PHI + 1) * ROW + m] = P[(PHI + 1) * ROW + m] - (d3 * a + d4 * b + d5 * c) - (w3 * x + w4 * y + w5 * z)
-        P[(PHI + 2) * ROW + m] = P[(PHI + 2) * ROW + m] - (d6 * a + d7 * b + d8 * c) - (w6 * x + w7 * y + w8 * z)
+    add_share(P, POS, V, T)
+    add_product(P, POS, PHI, -0.5 * T, A)
+    add_product(P, POS, BA, -0.5 * T, D)
+    add_product(P, V, PHI, -1.0, A)
+    add_product(P, V, BA, -1.0, D)
+    if rest == 0:
+        add_product(P, V, BG, 1.0, AD)
+        add_product(P, V, SCALE, 1.0, AW)
+        add_product(P, PHI, BG, -1.0, D)
+        add_product(P, PHI, SCALE, -1.0, W)
 
 
 def forward_columns(P: Any, row: int, T: float, M: Any, rest: int) -> None:
@@ -179,48 +170,18 @@ def fade(P: Any, share: float) -> None:
 
 
 def backward_rows(L: Any, T: float, M: Any, rest: int) -> None:
-    """L <- Phi^T L, but for the wandering position error; loops as in :func:`forward_rows`."""
+    """L <- Phi^T L, but for the wandering position error."""
     A, D, W, AD, AW = M[0], M[1], M[2], M[3], M[4]
-    h = -0.5 * T
-    ax, ay, az = A[2, 1], A[0, 2], A[1, 0]
-    d0, d1, d2 = D[0, 0], D[0, 1], D[0, 2]
-    d3, d4, d5 = D[1, 0], D[1, 1], D[1, 2]
-    d6, d7, d8 = D[2, 0], D[2, 1], D[2, 2]
     if rest == 0:
-        f0, f1, f2 = AD[0, 0], AD[0, 1], AD[0, 2]
-        f3, f4, f5 = AD[1, 0], AD[1, 1], AD[1, 2]
-        f6, f7, f8 = AD[2, 0], AD[2, 1], AD[2, 2]
-        g0, g1, g2 = AW[0, 0], AW[0, 1], AW[0, 2]
-        g3, g4, g5 = AW[1, 0], AW[1, 1], AW[1, 2]
-        g6, g7, g8 = AW[2, 0], AW[2, 1], AW[2, 2]
-        w0, w1, w2 = W[0, 0], W[0, 1], W[0, 2]
-        w3, w4, w5 = W[1, 0], W[1, 1], W[1, 2]
-        w6, w7, w8 = W[2, 0], W[2, 1], W[2, 2]
-        for m in range(ROW):
-            a, b, c = L[V * ROW + m], L[(V + 1) * ROW + m], L[(V + 2) * ROW + m]
-            x, y, z = L[PHI * ROW + m], L[(PHI + 1) * ROW + m], L[(PHI + 2) * ROW + m]
-            L[BG * ROW + m] = L[BG * ROW + m] + (f0 * a + f3 * b + f6 * c) - (d0 * x + d3 * y + d6 * z)
-            L[(BG + 1) * ROW + m] = L[(BG + 1) * ROW + m] + (f1 * a + f4 * b + f7 * c) - (d1 * x + d4 * y + d7 * z)
-            L[(BG + 2) * ROW + m] = L[(BG + 2) * ROW + m] + (f2 * a + f5 * b + f8 * c) - (d2 * x + d5 * y + d8 * z)
-            L[SCALE * ROW + m] = L[SCALE * ROW + m] + (g0 * a + g3 * b + g6 * c) - (w0 * x + w3 * y + w6 * z)
-            L[(SCALE + 1) * ROW + m] = (
-                L[(SCALE + 1) * ROW + m] + (g1 * a + g4 * b + g7 * c) - (w1 * x + w4 * y + w7 * z)
-            )
-            L[(SCALE + 2) * ROW + m] = (
-                L[(SCALE + 2) * ROW + m] + (g2 * a + g5 * b + g8 * c) - (w2 * x + w5 * y + w8 * z)
-            )
-    hx, hy, hz = h * ax, h * ay, h * az
-    e0, e1, e2, e3, e4, e5, e6, e7, e8 = h * d0, h * d1, h * d2, h * d3, h * d4, h * d5, h * d6, h * d7, h * d8
-    for m in range(ROW):
-        x, y, z = L[POS * ROW + m], L[(POS + 1) * ROW + m], L[(POS + 2) * ROW + m]
-        a, b, c = L[V * ROW + m], L[(V + 1) * ROW + m], L[(V + 2) * ROW + m]
-        L[PHI * ROW + m] = L[PHI * ROW + m] + (hz * y - hy * z) + (ay * c - az * b)
-        L[(PHI + 1) * ROW + m] = L[(PHI + 1) * ROW + m] + (hx * z - hz * x) + (az * a - ax * c)
-        L[(PHI + 2) * ROW + m] = L[(PHI + 2) * ROW + m] + (hy * x - hx * y) + (ax * b - ay * a)
-        L[BA * ROW + m] = L[BA * ROW + m] + (e0 * x + e3 * y + e6 * z) - (d0 * a + d3 * b + d6 * c)
-        L[(BA + 1) * ROW + m] = L[(BA + 1) * ROW + m] + (e1 * x + e4 * y + e7 * z) - (d1 * a + d4 * b + d7 * c)
-        L[(BA + 2) * ROW + m] = L[(BA + 2) * ROW + m] + (e2 * x + e5 * y + e8 * z) - (d2 * a + d5 * b + d8 * c)
-        L[V * ROW + m], L[(V + 1) * ROW + m], L[(V + 2) * ROW + m] = a + T * x, b + T * y, c + T * z
+        add_product(L, BG, V, 1.0, AD.T)
+        add_product(L, BG, PHI, -1.0, D.T)
+        add_product(L, SCALE, V, 1.0, AW.T)
+        add_product(L, SCALE, PHI, -1.0, W.T)
+    add_product(L, PHI, POS, -0.5 * T, A.T)
+    add_product(L, PHI, V, -1.0, A.T)
+    add_product(L, BA, POS, -0.5 * T, D.T)
+    add_product(L, BA, V, -1.0, D.T)
+    add_share(L, V, POS, T)
 
 
 def backward_columns(L: Any, o: int, last: int, T: float, M: Any, rest: int) -> None:
