@@ -129,6 +129,8 @@ def test_impossible_dates_are_counted_where_there_is_a_fix() -> None:
     assert told(log.problems, "dates") == [N]
     assert log.utc_offset is None
     assert log.gnss[0].utc_us is None
+    tables["sensor_gps", 0]["fix_type"] = np.where(np.arange(N) < 5, 3, 2).astype(np.uint8)
+    assert told(read_px4(tables).problems, "dates") == [5], "a receiver without height may not know the date yet"
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e-6])
@@ -228,6 +230,8 @@ def test_parameters_that_are_computed_with_have_limits_and_others_have_none() ->
         assert f"{name}: left out 1 of 2" in problems[0].text
         assert [p.value for p in log.params] == [right[name]]
     assert parameter_limits.refuse(messages("ulog", {}, right)) == []
+    assert parameter_limits.impossible("INS_GYRO_FILTER", -1.0) is None, "off"
+    assert parameter_limits.impossible("INS_GYRO_FILTER", -5.0) is parameter_limits.CUTOFF
     slowest = low_pass_delay(parameter_limits.CUTOFF.low)
     assert slowest < 0.25, "no filter's delay is longer than this"
 

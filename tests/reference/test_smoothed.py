@@ -365,3 +365,14 @@ def test_a_turn_between_headings_is_the_mean_over_a_second_on_each_side():
     t, x = np.sort(rng.uniform(0.0, 30.0, 400)), rng.standard_normal(400)
     wanted = [x[np.abs(t - at) <= 1.0].mean() for at in t]
     np.testing.assert_allclose(smoothed._slowly(t, x), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize(("sigma", "refused"), [(2.0, True), (6.0, False)])
+def test_a_smoother_accuses_nobody_of_less_than_three_of_its_sigmas(sigma: float, refused: bool) -> None:
+    log = flight()
+    attitude = log.attitudes["ATT"]
+    onboard = chosen(log, never, "onboard")
+    smoother = chosen(log, made(tilt=sigma), "smoother")
+    lean = rotation.from_rotvec(np.radians([14.0, 0.0, 0.0]))
+    onboard.q = rotation.multiply(lean, onboard.q)
+    assert (attitude.source in smoothed.contradicts(smoother, onboard)) is refused

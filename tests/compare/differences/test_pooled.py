@@ -77,3 +77,7 @@ def test_the_pooled_interval_covers_the_mean_of_all_logs() -> None:
         assert ci95 is not None
         inside += ci95[0] <= -0.3 <= ci95[1]
     assert 930 <= inside <= 980
+
+
+def test_an_error_of_zero_weighs_no_more_than_the_smallest_that_is_known() -> None:
+    assert pooled.pool([-1.0, 0.4, 0.9], [0.0, 0.5, 0.8]) == pooled.pool([-1.0, 0.4, 0.9], [0.5, 0.5, 0.8])

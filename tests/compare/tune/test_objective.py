@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from functools import partial
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from attlog.base.errors import UsageError
 from attlog.compare.diff.tolerance import SMALLEST
 from attlog.compare.sweep.many import SettingResult, SweptMetric
-from attlog.compare.tune.folds import LogPart, folds
+from attlog.compare.tune.folds import LogPart, folds, parts_of
 from attlog.compare.tune.objective import UNSOUND, cost, objective
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.errors.rmse import of_blocks
@@ -89,3 +91,14 @@ def test_every_part_is_left_out_once() -> None:
 
 def test_a_wanted_metric_is_a_key() -> None:
     assert TILT == SweptMetric("inclination_rmse_deg", "all", "deg", "low")
+
+
+def test_blocks_of_one_log_begin_with_the_log_and_end_with_its_scoring() -> None:
+    """Rest before the start of scoring has its evidence too."""
+    case: Any = SimpleNamespace(
+        segments=SimpleNamespace(spans=lambda window: [(2.0, 100.0)]),
+        reference=SimpleNamespace(scoring_start=20.0, end=80.0),
+    )
+    one: Any = SimpleNamespace(name="x", case=case)
+    assert [(p.t0, p.t1) for p in parts_of([one])] == [(2.0, 35.0), (35.0, 50.0), (50.0, 65.0), (65.0, 80.0)]
+    assert parts_of([one, one]) == [LogPart(0, "x"), LogPart(1, "x")]

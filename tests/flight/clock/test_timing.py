@@ -118,3 +118,10 @@ def test_a_repeated_value_is_left_out_and_every_change_is_kept() -> None:
 def test_a_gap_is_longer_than_five_intervals_and_50_ms(interval, pause, told):
     t = np.concatenate([np.arange(20) * interval, 19 * interval + pause + np.arange(20) * interval])
     assert gaps(t).tolist() == ([20] if told else [])
+
+
+def test_of_groups_that_are_equally_small_none_is_taken_for_false() -> None:
+    """The records of a slow message come in bursts: nothing tells which of them would be the false one."""
+    bursts = np.concatenate([EVEN[:3], EVEN[:3] + 60_000_000])
+    assert plausible(bursts, lambda t: np.ones(len(t), bool)).dropped == 0
+    assert plausible(bursts[:5], lambda t: np.ones(len(t), bool)).false == 2

@@ -12,7 +12,7 @@ from attlog import flight, formats
 from attlog.base import rotation
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.flight.mavlink import reader
-from attlog.flight.mavlink.clock import rising
+from attlog.flight.mavlink.clock import rising, steady
 from attlog.flight.model import FlightLog
 from attlog.formats import Recording
 from attlog.health.sensors.timing import checks as rate_audit
@@ -237,3 +237,10 @@ def test_clipped_samples_are_counted_by_unit_and_levels_are_those_of_ardupilot(a
     assert np.diff(log.clippings[1].t) == pytest.approx(1.0)
     told = None if log.onboard_vibration is None else log.onboard_vibration.x[0].tolist()
     assert told == levels
+
+
+def test_packets_that_come_in_bursts_are_steady_where_they_are_late_by_less_than_half_a_mean_step() -> None:
+    boot = np.cumsum(np.tile([1_000, 1_000, 1_000, 97_000], 25))
+    late = 3_000 * (-1) ** np.arange(len(boot))  # steps are wrong by 6 ms: half of the mean is 12.5, of the median 0.5
+    assert steady(boot + late, boot)
+    assert not steady(boot + 3 * late, boot)

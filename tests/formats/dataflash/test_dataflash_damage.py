@@ -296,3 +296,17 @@ def test_a_format_that_gives_a_known_column_another_type_is_read(
     log, true = reader.read(path), reader.read(whole)
     np.testing.assert_array_equal(log["IMU", 0]["GyrX"], true["IMU", 0]["GyrX"])
     assert all(isinstance(p.name, str) and isinstance(p.value, int | float) for p in log.params)
+
+
+def test_a_message_of_which_a_third_has_other_times_is_not_damaged(tmp_path: Path) -> None:
+    """Damage changes a few records; what is late so often has a clock of its own."""
+    time = np.arange(300, dtype=np.uint64) * 20_000 + 10**9
+    other = time[::10] + np.uint64(60_000_000) * (np.arange(30) % 3 == 1).astype(np.uint64)
+    imu = {"TimeUS": time, "I": np.zeros(300, np.uint8)}
+    event = {"TimeUS": time[::10], "Late": other}
+    formats.write(tmp_path / "b.bin", Recording({("IMU", 0): imu, ("EVT", 0): event}))
+    raw = bytearray((tmp_path / "b.bin").read_bytes())
+    for offset in reader.read(tmp_path / "b.bin")["EVT", 0].offsets.tolist():
+        raw[offset + 3 : offset + 11] = raw[offset + 11 : offset + 19]
+    log = reader.read(written(tmp_path, bytes(raw)))
+    assert (len(log["EVT", 0]), len(log["IMU", 0])) == (30, 300)

@@ -249,3 +249,13 @@ def test_blank_lines_without_end_before_the_first_format(tmp_path: Path) -> None
     path.write_bytes(b"\n" + b" " * 65_000 + b"x" + LINES)
     with pytest.raises(formats.NotALog):
         formats.recognise(path)
+
+
+def test_a_unit_belongs_to_the_definition_before_it(tmp_path: Path) -> None:
+    """A type that is defined anew has other columns, and units of its own."""
+    units = fmt(132, 76, b"UNIT", b"QbZ", b"TimeUS,Id,Label")
+    units += b"".join(record(132, "Qb64s", 0, ord(k), label) for k, label in (("m", b"m"), ("d", b"deg")))
+    one = fmt(150, 15, b"ONE", b"Qf", b"TimeUS,A") + record(130, "QB16s16s", 0, 150, b"-m", b"--")
+    two = fmt(150, 15, b"TWO", b"Qf", b"TimeUS,B") + record(130, "QB16s16s", 0, 150, b"-d", b"--")
+    log = opened(tmp_path, HEAD + FMTU + units + one + record(150, "Qf", 5, 1.0) + two + record(150, "Qf", 6, 1.0))
+    assert (log["ONE", 0].fields["A"].unit, log["TWO", 0].fields["B"].unit) == ("m", "deg")

@@ -16,7 +16,9 @@ from attlog import formats
 from attlog.base.errors import AttlogError
 from attlog.formats import Messages
 from attlog.formats.ulog import reader
+from attlog.formats.ulog.doubt import doubtful
 from tests.conftest import SAMPLES, few
+from tests.flight import fake
 from tests.formats.test_truncation import small_ulog
 from tests.fuzz.mutate import mutated
 
@@ -227,3 +229,12 @@ def test_whatever_bytes_change_the_reader_ends_with_a_log_or_an_error(
         for name in table.fields:
             assert len(table[name]) == len(table)
     assert 0 <= log.damage_bytes <= 2 * len(hurt)
+
+
+@pytest.mark.parametrize(("wrong", "doubted"), [(2, 2), (150, 0)])
+def test_a_number_beyond_any_range_is_doubted_where_it_is_rare(wrong: int, doubted: int) -> None:
+    """A column that holds such numbers often is logged that way: not initialised, say."""
+    values = np.ones(300, np.float32)
+    values[100 : 100 + wrong] = 1e20
+    topic = fake.table("baro", 0, {"pressure": values}, np.arange(300))
+    assert np.count_nonzero(doubtful(topic)) == doubted

@@ -78,3 +78,10 @@ def test_a_compass_whose_field_dips_the_other_way_is_found_and_one_in_doubt_is_n
     assert compass().startswith("the field of MAG points 68 deg above the level of the accelerometer and of ATT;")
     log.imus[0].acc.x = -log.imus[0].acc.x  # which of the two is wrong, nothing tells
     assert compass() == ""
+
+
+@pytest.mark.parametrize(("by_attitude", "accused"), [(55.0, True), (45.0, False)])
+def test_an_attitude_that_is_off_itself_accuses_no_accelerometer(by_attitude: float, accused: bool) -> None:
+    attitude = at_home().onboard_attitude
+    found = dip.accelerometer_contradicted(dip.DipAngles(-60.0, by_attitude, 63.0), attitude)
+    assert bool(found) is accused

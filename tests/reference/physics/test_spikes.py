@@ -45,3 +45,12 @@ def test_small_spikes_are_told_and_mislead_nobody():
     found = spikes.of(gyro(rate))
     assert found.why
     assert not found.misleads
+
+
+def test_a_sample_beside_a_gap_is_no_spike():
+    """What turned during the gap is not there, so that the neighbours tell nothing."""
+    rate = flown()
+    rate[1000::1000, 1] += 20.0
+    unit = gyro(rate)
+    unit.gyro.t = unit.gyro.t + 0.02 * (np.arange(len(rate)) // 1000)
+    assert spikes.of(unit).count == 0
