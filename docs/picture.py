@@ -1,0 +1,54 @@
+"""The picture of a report's first screen with four callouts: python docs/picture.py REPORT.html [PICTURE.png]
+
+Needs playwright and a Chromium on PATH. The report is the demo's: attlog analyze sample_logs/copter_yaw_turns.bin
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+CALLOUTS = {
+    "#happened": "The flight in one sentence: what flew, when, what went wrong first, how it ended.",
+    ".cards": "Four answers, one for each question, beside the autopilot's own estimate.",
+    "#problems": "What is wrong with this log. A click on a time shows it in the figures.",
+    "#comparison": "Every filter and question with its 95 % interval. ● marks the best.",
+}
+"""What each part is for, by its place on the page."""
+WIDTH, MARGIN, HEIGHT = 1280, 270, 1400
+
+DRAW = """([callouts, width, margin]) => {
+  document.body.style.width = width + 'px';
+  const main = document.getElementById('main');
+  Object.entries(callouts).forEach(([place, text], number) => {
+    const box = main.querySelector(place).getBoundingClientRect();
+    const note = document.createElement('div');
+    note.innerHTML = '<b></b><span></span>';
+    note.firstChild.textContent = number + 1;
+    note.lastChild.textContent = text;
+    note.style.cssText = 'position:absolute;display:flex;gap:10px;align-items:flex-start;font:15px/1.35 sans-serif;'
+      + `color:#7a2e0e;left:${width - 22}px;width:${margin}px;top:${box.top + window.scrollY + 8}px`;
+    note.firstChild.style.cssText = 'flex:none;width:28px;height:28px;border-radius:50%;background:#b8430f;color:#fff;'
+      + 'text-align:center;line-height:28px';
+    document.body.append(note);
+  });
+}"""
+
+
+def main(report: str, picture: str = str(Path(__file__).with_name("report.png"))) -> None:
+    """Draw the page at 1280 pixels, with the callouts in a margin at its right."""
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": WIDTH + MARGIN, "height": HEIGHT}, bypass_csp=True)
+        page.goto(Path(report).resolve().as_uri())
+        page.evaluate(DRAW, [CALLOUTS, WIDTH, MARGIN])
+        page.wait_for_timeout(500)
+        page.screenshot(path=picture)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
