@@ -1,6 +1,6 @@
 """The picture of a report's first screen with four callouts: python docs/picture.py REPORT.html [PICTURE.png]
 
-Needs playwright and a Chromium on PATH. The report is the demo's: attlog analyze sample_logs/copter_yaw_turns.bin
+Needs playwright, pillow and a Chromium on PATH. The report is that of `make demo`.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ import shutil
 import sys
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 CALLOUTS = {
     "#happened": "The flight in one sentence: what flew, when, what went wrong first, how it ended.",
+    "#findings": "What to fix, the worst first. A click on a time shows it in the figures.",
     ".cards": "Four answers, one for each question, beside the autopilot's own estimate.",
-    "#problems": "What is wrong with this log. A click on a time shows it in the figures.",
     "#comparison": "Every filter and question with its 95 % interval. ● marks the best.",
 }
 """What each part is for, by its place on the page."""
@@ -24,7 +25,7 @@ DRAW = """([callouts, width, margin]) => {
   document.body.style.width = width + 'px';
   const main = document.getElementById('main');
   Object.entries(callouts).forEach(([place, text], number) => {
-    const box = main.querySelector(place).getBoundingClientRect();
+    const box = document.querySelector(place).getBoundingClientRect();
     const note = document.createElement('div');
     note.innerHTML = '<b></b><span></span>';
     note.firstChild.textContent = number + 1;
@@ -48,6 +49,7 @@ def main(report: str, picture: str = str(Path(__file__).with_name("report.png"))
         page.wait_for_timeout(500)
         page.screenshot(path=picture)
         browser.close()
+    Image.open(picture).convert("RGB").quantize(64, dither=Image.Dither.NONE).save(picture, optimize=True)
 
 
 if __name__ == "__main__":
