@@ -96,3 +96,14 @@ class Sdlog2Logging:
             return f"SDLOG_RATE is {self.values['SDLOG_RATE']:g} Hz already: the board logs no faster."
         by_parameter = f"Set SDLOG_RATE to {SDLOG2_HZ}" if "SDLOG_RATE" in self.values else "Raise the log rate"
         return f"{by_parameter} (sdlog2 start -r {SDLOG2_HZ})."
+
+
+@dataclass(frozen=True, slots=True)
+class OtherLogging:
+    """A ULog of a program that is no autopilot: there is nothing to set, so its name is all that is told."""
+
+    program: str
+
+    def advice(self, what: What, rate: float | None = None) -> str:
+        """That it is no autopilot, where inertial data are missing; nothing else."""
+        return f"{self.program} wrote it, which is no autopilot that attlog knows." if what == "imu" else ""

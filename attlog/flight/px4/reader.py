@@ -16,9 +16,15 @@ from attlog.flight.clock.timing import Stamps, on_a_clock
 from attlog.flight.model import Attitude, Firmware, FlightLog
 from attlog.flight.parameters import history as parameters
 from attlog.flight.px4 import imus, mags, state
-from attlog.flight.px4.advice import Px4Logging
+from attlog.flight.px4.advice import OtherLogging, Px4Logging
 from attlog.flight.px4.imus import sample_stamps, stamps
 from attlog.formats.base import Messages
+
+
+def is_px4(firmware: Firmware, messages: Messages) -> bool:
+    """Whether PX4, or a fork that logs its topics, wrote a ULog; other programs write this format as well."""
+    known = any(name in ("vehicle_status", "sensor_combined", "vehicle_attitude") for name, _ in messages.tables)
+    return known or not firmware.name or "px4" in firmware.name.lower()
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
@@ -34,7 +40,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     if flew is None and len(chosen) > 1:
         flew, why = next((c.index for c in chosen if c.source == "sensor_combined"), None), "it is the voted unit"
     firmware = builder.attempt("The firmware", lambda: state.firmware(messages), Firmware(""))
-    logging = Px4Logging(firmware.version, values)
+    logging = Px4Logging(firmware.version, values) if is_px4(firmware, messages) else OtherLogging(firmware.name)
     position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
     begin = builder.attempt("The first time stamp", lambda: first_stamp(builder, chosen, position), 0)
     builder.t0_us = on_a_clock(begin)

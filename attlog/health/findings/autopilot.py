@@ -82,3 +82,22 @@ def untold(problems: Sequence[Finding], events: Sequence[Event]) -> list[Finding
     """The signs of problems that no event tells already."""
     happened = {event.kind for event in events}
     return [p for p in problems if not happened.intersection(TOLD_BY_EVENTS.get(p.kind, ()))]
+
+
+def after_crashes(reports: Sequence[Finding], events: Sequence[Event]) -> list[Finding]:
+    """The reports, those of a wreck as notes: from a crash until it lifted off again."""
+    wrecks = []
+    for crash in (event for event in events if event.is_crash):
+        again = min((e.t for e in events if e.kind == "liftoff" and e.t > crash.t), default=float("inf"))
+        wrecks.append((crash.t, again))
+    return [
+        replace(report, severity="note")
+        if report.kind != CRASH and report.t is not None and any(a < report.t < b for a, b in wrecks)
+        else report
+        for report in reports
+    ]
+
+
+def doubted(report: Finding) -> Finding:
+    """A crash that the autopilot reports while no sensor shows one."""
+    return replace(report, kind="crash_check", severity="warning", cause="No sensor shows a crash: a bench, or a hand.")

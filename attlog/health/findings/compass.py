@@ -23,7 +23,10 @@ CHECKS = {
         KIND, cause="A disturbed or badly calibrated compass, or an attitude that turns away.", fault="compass"
     ),
     "declination": Explanation(
-        KIND, cause="The compass does not point forward, or the heading is not of true north.", fault="compass"
+        KIND,
+        as_warning="note",
+        cause="The compass does not point forward, or the heading is not of true north.",
+        fault="compass",
     ),
     "declination told": Explanation(
         "declination", cause="A value set by hand, or kept from another place.", fault="declination"
@@ -34,7 +37,6 @@ REPORTS = {
     "rejected_mag": KIND,
     "mag_spikes": KIND,
     "mag_uncalibrated": KIND,
-    "mag_disabled": KIND,
     "err_3_1": KIND,
     "err_3_4": KIND,
     "compass_switch": KIND,

@@ -56,7 +56,11 @@ def findings(
     left_out = {autopilot.CRASH: crashed, "rate": reported}
     told = [of_check(c, log) for c in checks if c.verdict in ("warning", "fault") and not left_out.get(c.name)]
     told += happened
-    told += [replace(p, kind=REPORTS.get(p.kind, p.kind)) for p in autopilot.untold(reports, events)]
+    crashed |= any(sign.kind == autopilot.CRASH for sign in told)
+    reports = autopilot.after_crashes(autopilot.untold(reports, events), events)
+    if not crashed:  # what the autopilot alone calls a crash is a bench or a hand
+        reports = [autopilot.doubted(report) if report.kind == autopilot.CRASH else report for report in reports]
+    told += [replace(report, kind=REPORTS.get(report.kind, report.kind)) for report in reports]
     told = sensors.settled(attitude.settled(compass.settled(repeated.joined(told)), log))
     told += [Finding(FAILED, "serious", check.text) for check in checks if check.value == FAILED]
     told += [*_unchecked(checks), *_open(list(unanswered))]

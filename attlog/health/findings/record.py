@@ -16,7 +16,7 @@ KINDS = frozenset(
     values_out_of_range""".split()
 )
 """Kinds of findings that are of the record or of filters."""
-MINOR = ("duplicate_times", "time_backward", "unset_times", "imu_decimated", "no_mag")
+MINOR = ("duplicate_times", "time_backward", "unset_times", "imu_decimated", "no_mag", "mag_disabled")
 """What is not in the log, or left out, without harm."""
 FEW = 10
 """Values left out, of thousands."""

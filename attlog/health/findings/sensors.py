@@ -87,18 +87,21 @@ REPORTS = {
 """What readers and autopilot say of them, by code."""
 SHAKEN = ("imu_switched", "sensor_switch", "attitude", ESTIMATOR)
 """Kinds that vibration explains where they begin with it."""
+STOPPED = "The logger stopped and went on later: no card loses seconds."
 BEFORE_S = 1.0
 
 
 def settled(signs: Sequence[Finding]) -> list[Finding]:
     """The signs with what vibration explains under it: a force that is off, switches and rejections from then on."""
+    signs = [replace(s, cause=STOPPED, action="") if s.about == "stopped" else s for s in signs]
     shaken = [s for s in signs if s.kind == VIBRATION and s.is_trouble and s.about != "vertical force"]
     if not shaken:
         return list(signs)
     strong = any(s.about == "clipping" or s.severity == "serious" for s in shaken)
     onset = min((s.t for s in shaken if s.t is not None), default=None)
     signs = [_explained(sign, onset, strong) for sign in signs]
-    return sorted(signs, key=lambda sign: sign.about != "clipping")
+    own = {"clipping": 0, "vertical force": 1, "vibration": 1}
+    return sorted(signs, key=lambda sign: own.get(sign.about, 2))
 
 
 def _explained(sign: Finding, onset: float | None, strong: bool) -> Finding:

@@ -8,6 +8,7 @@ import numpy as np
 
 from attlog.flight.model import FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
+from attlog.health.sound import before_crashes
 from attlog.segments.model import Segments
 
 BIAS_DPS = (1.0, 3.0)
@@ -29,9 +30,11 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     found = alive("gyro", imu.gyro.x, imu.gyro.source)
     if found:
         return found
-    peak = float(np.degrees(np.abs(imu.gyro.x).max()))
+    whole = before_crashes(segments, imu.gyro.t)
+    flown = imu.gyro.x[whole] if whole.any() else imu.gyro.x  # a wreck turns as it will
+    peak = float(np.degrees(np.abs(flown).max()))
     limit = "warning from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
-    clipped = at_limit(np.degrees(reduce(np.maximum, np.abs(imu.gyro.x).T)))
+    clipped = at_limit(np.degrees(reduce(np.maximum, np.abs(flown).T)))
     samples = "1 sample is" if clipped == 1 else f"{clipped} samples are"
     text = f"Largest rate {peak:.0f} deg/s" + (f"; {samples} at the sensor's limit." if clipped else ".")
     found = [Check("gyro range", "warning" if clipped else "ok", text, round(peak, 1), "deg/s", limit)]

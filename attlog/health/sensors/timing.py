@@ -70,7 +70,10 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog) -> Check:
     text += f", the longest {lost.max():.2f} s" if len(lost) > 1 else ""
     verdict, first = "fault" if share > 20.0 else "warning", float(begin[~paused][0])
     seen = [rest] if paused.any() else []
-    return Check("gaps", verdict, text + ".", len(lost), "", limit, t=first, count=len(lost), evidence=seen)
+    about = "stopped" if float(lost.max()) > LONG_S else ""
+    return Check(
+        "gaps", verdict, text + ".", len(lost), "", limit, t=first, count=len(lost), about=about, evidence=seen
+    )
 
 
 def pauses(t0: float, t1: float, log: FlightLog) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from attlog import flight
-from attlog.flight.px4.advice import Px4Logging, Sdlog2Logging
+from attlog.flight.px4.advice import OtherLogging, Px4Logging, Sdlog2Logging
 
 
 @pytest.mark.parametrize(
@@ -72,3 +72,9 @@ def test_a_unit_whose_records_are_mostly_refused_is_no_flight(corpus: Path) -> N
     assert problem.severity == "error"
     assert "74 %" in problem.text
     assert "SDLOG" not in problem.text
+
+
+def test_a_program_that_is_no_autopilot_is_told_by_its_name_without_settings() -> None:
+    logging = OtherLogging("ULogExampleWriter")
+    assert logging.advice("imu").startswith("ULogExampleWriter wrote it")
+    assert [logging.advice(what) for what in ("fast_imu", "attitude", "mag", "rest")] == [""] * 4

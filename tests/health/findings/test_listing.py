@@ -126,6 +126,29 @@ def test_crashes_come_from_events_with_the_others_as_evidence(log: FlightLog) ->
     assert one.evidence == ["ATT", "Hit the ground."]
 
 
+def test_a_crash_that_only_the_autopilot_reports_is_no_crash(log: FlightLog) -> None:
+    report = Problem("crash", "error", "Crash check (ERR 12/1).", t=9.0)
+    (doubted,) = findings(log, [], [report])
+    assert (doubted.kind, doubted.severity) == ("crash_check", "warning")
+    blow = Event("impact", 9.1, "serious", "Hit the ground.")
+    (shown,) = findings(log, [], [report], events=[blow])
+    assert (shown.kind, shown.text, shown.evidence) == ("crash", "Hit the ground.", ["Crash check (ERR 12/1)."])
+
+
+def test_what_is_reported_of_a_wreck_warns_nobody_until_it_flies_again(log: FlightLog) -> None:
+    events = [Event("impact", 20.0, "serious", "Hit."), Event("liftoff", 60.0, "info", "Lift-off.")]
+    for t, severity in ((10.0, "warning"), (24.0, "note"), (70.0, "warning")):
+        found = {f.kind: f for f in findings(log, [], [Problem("ekf_check", "warning", "Check.", t=t)], events=events)}
+        assert found["estimator"].severity == severity
+
+
+def test_a_logger_that_stops_for_long_is_not_cured_by_a_card(log: FlightLog) -> None:
+    short = Check("gaps", "warning", "2 gaps.", 2, t=5.0)
+    stopped = Check("gaps", "warning", "1 gap of 40 s.", 1, t=5.0, about="stopped")
+    assert ["card" in f.action for f in findings(log, [short])] == [True]
+    assert [f.action for f in findings(log, [stopped])] == [""]
+
+
 def test_a_message_in_flight_speaks_for_what_it_names(log: FlightLog) -> None:
     said = [
         Event("message", 30.0, "warning", "“Compass needs calibration - Land now!”."),
