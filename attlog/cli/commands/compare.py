@@ -172,27 +172,47 @@ def _print(result: Comparison, page: Path, options: ComparisonOptions, common: C
 
 
 def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[TextLine]:
-    """Sentences and tables on the terminal, at most ``width`` columns wide where words can be broken.
+    """What is significant in sentences, then the change over all logs, at most ``width`` columns where words break.
 
-    ``verbose`` says why a log has no difference.
+    ``verbose``: also what is not significant in sentences, and tables with a row for each log.
     """
-    from attlog.compare.tables.table import tables
     from attlog.present.text import clean, typeset
 
     for verdict in result.verdicts:
         yield from (TextLine(line.text, "bold") for line in wrapped("", typeset(clean(verdict.lead)), width))
-        for text in verdict.more:
+        for text in verdict.more if verbose else ():
             yield from wrapped("  ", typeset(clean(text)), width)
+    if result.verdicts:
         yield TextLine("")
+    yield from _each_log(result, width) if verbose else _over_all_logs(result)
+    broken = [line for line in result.logs if line.code]
+    for line in broken:
+        yield from wrapped("not used: ", clean(f"{line.name}: {line.reason}"), width)
+
+
+def _over_all_logs(result: Comparison) -> Iterator[TextLine]:
+    """A table for each configuration, a row for each question."""
+    from attlog.compare.tables.table import pooled_tables
+    from attlog.present.text import clean
+
+    for table in pooled_tables(result):
+        yield TextLine(clean(table.title), "bold")
+        for line in aligned(table.head, table.rows):
+            yield TextLine(line.text.removeprefix("  "), line.style)
+        yield TextLine("")
+
+
+def _each_log(result: Comparison, width: int) -> Iterator[TextLine]:
+    """A table for each question and configuration, a row for each log, and why a log has no difference."""
+    from attlog.compare.tables.table import tables
+    from attlog.present.text import clean, typeset
+
     for table in tables(result):
         if not any(row[3] for row in table.rows):
             continue
         yield TextLine(f"{table.title} ({table.caption})", "bold")
         cells = [[clean(cell) for cell in row] for row in (table.head, *table.rows)]
         yield from aligned(cells[0], cells[1:])
-        for reason in dict.fromkeys(r for r in table.reasons if r and verbose):
+        for reason in dict.fromkeys(filter(None, table.reasons)):
             yield from wrapped("  – ", typeset(clean(reason)), width)
         yield TextLine("")
-    broken = [line for line in result.logs if line.code]
-    for line in broken:
-        yield from wrapped("not used: ", clean(f"{line.name}: {line.reason}"), width)

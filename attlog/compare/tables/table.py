@@ -28,6 +28,40 @@ def tables(found: Comparison) -> list[ComparisonTable]:
     return [_table(found, q, c.configuration) for q in found.questions for c in q.contrasts]
 
 
+SIGNIFICANT = {"better": "better", "worse": "worse", "same": "equal"}
+
+
+@dataclass(frozen=True, slots=True)
+class PooledTable:
+    """All questions against one configuration over all logs, in few words; ``rows`` have as many cells as ``head``.
+
+    The last cell says on how many logs, significant or not, the second is better.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
+def pooled_tables(found: Comparison) -> list[PooledTable]:
+    """A table for each configuration after the first: the change in each question that has a difference."""
+    called = {c.name: c.label for c in found.configurations}
+    made = []
+    for name in list(called)[1:]:
+        rows = []
+        for question in found.questions:
+            over = next((c.over for c in question.contrasts if c.configuration == name), None)
+            view = None if over is None else directed(question, over)
+            if view is not None:
+                change = ("0", "") if view.direction == "same" else (signed(view.value, question), span(view))
+                better = f"{view.better} of {view.logs}"
+                rows.append((question.title, *change, SIGNIFICANT.get(view.direction, "no"), better))
+        head = ("question", "change", "95 %", "significant", "better")
+        title = f"{called[name]} beside {called[found.configurations[0].name]}, {counted(len(found.logs), 'log')}"
+        made += [PooledTable(title, head, rows)] if rows else []
+    return made
+
+
 def _table(found: Comparison, question: Question, name: str) -> ComparisonTable:
     called = {c.name: c.label for c in found.configurations}
     first = found.configurations[0].name

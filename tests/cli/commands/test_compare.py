@@ -7,8 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
+from attlog.cli.commands.compare import printed
 from attlog.compare.configurations.command_words import sorted_out
+from attlog.compare.configurations.configuration import parse
+from attlog.compare.differences.compare import compare
 from attlog.compare.differences.comparison import Comparison
 from tests.conftest import SAMPLES
 
@@ -27,6 +31,20 @@ def test_two_settings_on_one_log(attlog, tmp_path: Path) -> None:
     tex = attlog("compare", str(STEPS), "mahony:kp=0.3", "mahony:kp=0.6", "-o", str(tmp_path), "--format", "tex")
     assert tex.out.count(r"\toprule") == len(found.questions)
     assert found.verdicts[0].lead in " ".join(tex.err.split())
+
+
+def test_the_terminal_tells_all_logs_in_a_table_and_each_log_only_when_asked() -> None:
+    logs = [SAMPLES / "copter_steps_stabilize.bin", SAMPLES / "copter_yaw_turns.bin"]
+    found = compare(logs, [parse(f"mahony:kp={kp}") for kp in (0.3, 0.6)], Config())
+    short, whole = ([line.text for line in printed(found, 80, verbose)] for verbose in (False, True))
+    assert " ".join(short).startswith(found.verdicts[0].lead)
+    rows = {line.split("  ")[0]: line.split() for line in short}
+    assert rows["Noise in moving flight"][-4:] == ["worse", "0", "of", "1"]
+    assert rows["Tilt error"][-4:] == ["no", "0", "of", "2"]
+    assert not any(log.name in line for line in short for log in logs)
+    assert all(any(log.name in line for line in whole) for log in logs)
+    assert max(map(len, short)) <= 80
+    assert len(short) < 16 < len(whole)
 
 
 def test_json_goes_to_standard_output_and_the_tables_do_not(attlog, tmp_path: Path) -> None:
