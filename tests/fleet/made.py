@@ -23,7 +23,7 @@ def _sound() -> dict[str, Any]:
     return light(index_row(made))
 
 
-def reason(kind: str, severity: str = "error", text: str = "", *, in_flight: bool = True) -> Reason:
+def reason(kind: str, severity: str = "serious", text: str = "", *, in_flight: bool = True) -> Reason:
     return Reason(kind, kind, POINTS[kind, severity], text or f"Something about the {kind}.", 12.0, in_flight)
 
 
