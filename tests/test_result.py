@@ -280,3 +280,16 @@ def test_verdicts_of_the_schema_before_are_read_in_todays_words(
     assert [c.verdict for c in found.audit] == [now]
     assert [v.question for v in found.verdicts] == ["lag"]
     assert found.estimators == Result.load(written).estimators  # what the file leaves out is restored as well
+
+
+def test_problems_of_older_results_are_read_as_findings(written: Path, tmp_path: Path) -> None:
+    document = json.loads(written.read_text())
+    document.pop("findings", None)
+    document["schema"] = "attlog-result/4"
+    document["problems"] = [
+        {"code": "field", "severity": "error", "text": "It is weak.", "t": 3.0, "remedy": "Calibrate it.", "means": "x"}
+    ]
+    file = tmp_path / "older.json"
+    file.write_text(json.dumps(document))
+    (found,) = Result.load(file).findings
+    assert (found.kind, found.severity, found.t, found.action) == ("field", "serious", 3.0, "Calibrate it.")

@@ -23,18 +23,18 @@ Fault = Literal[
 """What a remedy is asked for."""
 
 GENERAL: Mapping[Fault, str] = {
-    "gyro_bias": "Calibrate the gyro, and keep the vehicle still while it starts.",
+    "gyro_bias": "Calibrate the gyro, and keep it still as it starts.",
     "accelerometer": "Calibrate the accelerometer in six positions.",
-    "mounting": "Check how the autopilot is mounted and which orientation is set, then calibrate the level.",
+    "mounting": "Check the mounting and the orientation that is set, then calibrate the level.",
     "compass": "Calibrate the compass outdoors, away from iron.",
-    "compass_mounting": "Check the orientation that is set for the compass and calibrate it again, away from iron.",
+    "compass_mounting": "Check the orientation that is set for the compass, and calibrate it again.",
     "compass_wiring": "Check wiring and supply of the compass.",
-    "interference": "Move the compass away from motors and power wires, and twist plus with minus.",
-    "vibration": "Balance propellers, check bearings and arms for play, and mount the autopilot softer.",
+    "interference": "Move the compass away from motors and power wires.",
+    "vibration": "Balance propellers, check bearings and arms, mount the autopilot softer.",
     "declination": "Set the declination of the place.",
     "trim": "Calibrate the level, and correct a tilted mounting in the frame and not in software.",
     "gaps": "Use a faster memory card or log less.",
     "gnss": "Raise the antenna above power wires and transmitters.",
-    "bus": "Check the sensor's connection and its driver's errors, and fly on another unit if there is one.",
+    "bus": "Check the sensor's connection, or fly on another unit.",
 }
 """Where nothing is known of the firmware."""

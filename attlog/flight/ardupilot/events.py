@@ -108,7 +108,7 @@ ERRORS: dict[tuple[int, int], EventMeaning] = {
     (29, 1): EventMeaning(
         "Vibration failsafe: height is held without the vertical accelerometer",
         cause="Vibration that the accelerometer turns into a constant offset.",
-        remedy="Balance propellers, check bearings and arms, and mount the autopilot softer.",
+        remedy="Balance propellers, check bearings and arms, mount the autopilot softer.",
         code="vibration_failsafe",
     ),
     (30, 1): EventMeaning("An internal error of the firmware", "warning", remedy="Report it with this log."),

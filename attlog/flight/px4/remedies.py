@@ -18,9 +18,7 @@ def of(values: Mapping[str, float]) -> dict[Fault, str]:
         found["mounting"] = f"Compare the mounting with SENS_BOARD_ROT {now}, then calibrate the level."
     if "CAL_MAG0_ROT" in values:
         now = f"{values['CAL_MAG0_ROT']:g}"
-        found["compass_mounting"] = (
-            f"Compare the mounting with CAL_MAG0_ROT {now}, and calibrate the compass away from iron."
-        )
+        found["compass_mounting"] = f"Compare the mounting with CAL_MAG0_ROT {now}, then calibrate the compass."
     if values.get("CAL_MAG_COMP_TYP") == 0:
         found["interference"] += " CAL_MAG_COMP_TYP is 0: nothing compensates for them."
     return found

@@ -103,7 +103,7 @@ def contradiction(reference: Reference) -> list[Problem]:
     if not reference.fault:
         return []
     sentences = [reference.fault, *(step.text for step in reference.steps if step.name == "contradiction")]
-    return [Problem("reference_contradicted", "error", " ".join(f"{sentence}." for sentence in sentences))]
+    return [Problem("reference_contradicted", "error", f"{sentence}.") for sentence in sentences]
 
 
 def unusable(checks: Iterable[Check]) -> str:
