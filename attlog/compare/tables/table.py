@@ -48,7 +48,7 @@ def pooled_tables(found: Comparison) -> list[PooledTable]:
     called = {c.name: c.label for c in found.configurations}
     made = []
     for name in list(called)[1:]:
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for question in found.questions:
             over = next((c.over for c in question.contrasts if c.configuration == name), None)
             view = None if over is None else directed(question, over)
