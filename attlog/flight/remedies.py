@@ -19,6 +19,8 @@ Fault = Literal[
     "gaps",
     "gnss",
     "bus",
+    "clock",
+    "gyro_scale",
 ]
 """What a remedy is asked for."""
 
@@ -36,5 +38,7 @@ GENERAL: Mapping[Fault, str] = {
     "gaps": "Use a faster memory card or log less.",
     "gnss": "Raise the antenna above power wires and transmitters.",
     "bus": "Check the sensor's connection, or fly on another unit.",
+    "clock": "Log raw samples with their time of measurement, or fly on another unit.",
+    "gyro_scale": "Fly on another unit, and replace this one.",
 }
 """Where nothing is known of the firmware."""

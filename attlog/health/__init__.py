@@ -7,6 +7,7 @@ from functools import partial
 
 from attlog.base.barrier import guarded
 from attlog.flight.model import FlightLog, part_of
+from attlog.health.fits import compass, force, turns
 from attlog.health.model import Answerable, Check, failed
 from attlog.health.onboard import against_smoother, attitude, crash, jumps, sources
 from attlog.health.onboard import declination as declination_told
@@ -48,6 +49,9 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "frozen sensors": lambda: frozen.checks(log, phases),
         "sensor faults": lambda: sensor_faults.checks(rates),
         "onboard against smoother": lambda: against_smoother.checks(log, phases, reference),
+        "turns": lambda: turns.checks(log, phases, rates),
+        "force": lambda: force.checks(log, phases, reference or rates),
+        "compass error": lambda: compass.checks(log, phases, _heading(reference, rates)),
         "gravity": lambda: accelerometer.checks(log, phases),
         "accelerometer bias": lambda: acc_bias.checks(log, phases),
         "vibration": lambda: vibration.checks(log, phases),
@@ -61,3 +65,8 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "crash": lambda: crash.checks(log, phases) if log.imus else [],
     }
     return [c for name, make in every.items() for c in guarded(f"The check {name}", make, partial(failed, name))]
+
+
+def _heading(reference: Reference | None, otherwise: Reference | None) -> Reference | None:
+    """Whose heading may judge the compass: truth's or a smoother's own, else the onboard attitude's."""
+    return reference if reference is not None and reference.heading_by == "own" else otherwise

@@ -11,7 +11,7 @@ class Check:
 
     ``t`` s is where it begins and ``t_end`` s where it ends, None for all of the log; ``count`` how often it happens.
     ``about``: the angle (tilt, heading) or the sensor that it speaks of, where not of what its name says.
-    ``evidence``: further sentences with numbers.
+    ``evidence``: further sentences with numbers. ``cause`` where this log tells it, empty where it is the usual one.
     """
 
     name: str
@@ -25,6 +25,7 @@ class Check:
     t_end: float | None = None
     about: str = ""
     evidence: list[str] = field(default_factory=list)
+    cause: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,8 +133,8 @@ class Reference:
     """What physics contradicts of the sensors that are replayed, by name (``reference.sensor_faults``)."""
     second: Reference | None = None
     """A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later."""
-    delays_seen: list[tuple[Imu, float | None]] = field(default_factory=list, repr=False)
-    """What ``reference.delay`` found of units against this reference."""
+    delays_seen: list[tuple[Imu, tuple[float, float] | None]] = field(default_factory=list, repr=False)
+    """Delay and standard error, s, that ``reference.physics.delay`` found of units against this reference."""
     met: ReferenceSamples | None = field(default=None, repr=False, compare=False)
     """What it showed at the times of the last row."""
 

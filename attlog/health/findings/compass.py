@@ -15,6 +15,15 @@ CHECKS = {
         cause="The compass is mounted otherwise than set, or its axes are mixed up.",
         fault="compass_mounting",
     ),
+    "compass turn": Explanation(
+        KIND,
+        as_fault="serious",
+        cause="The compass is mounted turned against what is set, or the attitude's heading is off.",
+        fault="compass_mounting",
+    ),
+    "compass offset": Explanation(
+        KIND, cause="Iron or a current near the compass that its calibration does not know.", fault="compass"
+    ),
     "field": Explanation(KIND, cause="The compass is not calibrated, or iron is near.", fault="compass"),
     "field against motors": Explanation(
         KIND, cause="Currents of motors and battery bend the field at the compass.", fault="interference"
@@ -50,9 +59,9 @@ ATTITUDE, SHARED = "attitude", ("realigned", "reset", "attitude")
 """Kinds that are of the compass where they speak of heading and the compass is in doubt."""
 BY_FIELD = ("compass axes", "field", "field against motors")
 BENT_PCT = 30.0
-LEADS = (*BY_FIELD, "field against attitude", "declination")
+LEADS = ("compass axes", "compass turn", "compass offset", *BY_FIELD[1:], "field against attitude", "declination")
 """Checks of the compass alone, and what tells most of it first."""
-BY_ATTITUDE = ("field against attitude", "declination")
+BY_ATTITUDE = ("field against attitude", "declination", "compass turn", "compass offset")
 """Checks that turn the field by the onboard attitude."""
 
 

@@ -89,7 +89,7 @@ def of_check(check: Check, log: FlightLog) -> Finding:
         unit=check.unit if value is not None else "",
         about=check.about or check.name,
         evidence=list(check.evidence),
-        cause=about.cause,
+        cause=check.cause or about.cause,
         action=log.remedies.get(about.fault, "") if about.fault else _logging(check, log),
     )
 

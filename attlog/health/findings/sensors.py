@@ -66,7 +66,33 @@ CHECKS = {
     ),
     "gyro range": Explanation("gyro_range", cause="A blow or vibration beyond the sensor's range."),
     "GNSS": Explanation(GNSS, cause="Bad view of the sky, interference, or a receiver that failed.", fault="gnss"),
-    "gaps": Explanation("gaps", as_warning="note", cause="The logger lost records.", fault="gaps"),
+    "imu delay": Explanation(
+        "imu_delay",
+        as_fault="serious",
+        cause="Samples are stamped when published, wait in a queue, or pass a filter that no parameter tells.",
+        fault="clock",
+    ),
+    "gyro scale": Explanation(
+        "gyro_scale",
+        as_fault="serious",
+        cause="The gyro's own scale or its range setting; no calibration corrects it.",
+        fault="gyro_scale",
+    ),
+    "gyro bias step": Explanation(
+        "gyro_bias", cause="The gyro warmed up or was struck, or its driver lost its calibration.", fault="gyro_scale"
+    ),
+    "force axes": Explanation(
+        "accelerometer_axes",
+        as_fault="serious",
+        cause="The accelerometer is mounted otherwise than set, or its axes are mixed up.",
+        fault="mounting",
+    ),
+    "force offset": Explanation(
+        ACCELEROMETER,
+        cause="The accelerometer was not calibrated, or on a slope or at another temperature.",
+        fault="accelerometer",
+    ),
+    "gaps": Explanation("gaps", cause="The logger lost records: card or link are too slow.", fault="gaps"),
     "jitter": Explanation("jitter", as_warning="note", as_fault="note", cause="The logger was busy.", fault="gaps"),
     "rate": Explanation("rate", as_warning="note", as_fault="serious"),
     "delay": Explanation("delay", as_warning="note", cause="Low-pass filters ahead of the logger, or another clock."),

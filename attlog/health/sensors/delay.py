@@ -1,39 +1,50 @@
-"""How late the logged gyro is: by its filter's parameter, and by what the rates show."""
+"""How late the logged gyro is: by its filter's parameter, and by what the rates show beyond it."""
 
 from __future__ import annotations
 
+import math
+
 from attlog.flight.model import FlightLog
+from attlog.health.fits.regression import interval
 from attlog.health.model import Check, graded, not_judged
 from attlog.reference.model import Reference
 from attlog.reference.physics import delay
 
 SHORT_MS = 6.0
 AGREES_MS, WRONG_CLOCK_MS = 4.0, 20.0
-"""A difference beyond the first needs a look; beyond the second a clock or a sampling rule is wrong."""
+"""A difference beyond the first is no filter's; beyond the second a clock or a sampling rule is wrong."""
+SIGMAS, FLOOR_MS = 4.0, 0.5
+"""Told above four times sqrt((1.5 standard errors)^2 + 0.5^2)."""
+NAME, UNEXPLAINED = "delay", "imu delay"
+LIMIT = f"ok up to {SHORT_MS:.0f} ms"
+SEEN_LIMIT = f"ok within {AGREES_MS:.0f} ms or {SIGMAS:.0f} sigma of its filter's, fault beyond {WRONG_CLOCK_MS:.0f} ms"
 
 
 def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
-    """The delay of the filters ahead of the logger, and whether the reference's rotation confirms it."""
+    """The delay of the filters ahead of the logger, and how much later the rates are against the reference's."""
     if not log.imus:
         return []
     imu = log.imus[log.imu or 0]
-    told = 1e3 * imu.gyro.delay
+    by_filter = 1e3 * imu.gyro.delay
     seen = None if reference is None or log.imu is None else delay.measured(imu, reference)
-    limit = f"ok up to {SHORT_MS:.0f} ms, and confirmed to {AGREES_MS:.0f} ms where it can be measured"
-    known = told > 0 or imu.filtered not in ("unknown", "driver")
-    if not known and seen is None:
-        return [not_judged("delay", f"{imu.gyro.source}: the log does not tell how it was filtered.", limit)]
-    text = (
-        f"{imu.gyro.source}: the log does not tell how it was filtered"
-        if not known
-        else f"{imu.gyro.source} is logged without a low-pass filter"
-        if told == 0
-        else f"{imu.gyro.source} is late by {told:.1f} ms ({imu.filtered})"
-    )
-    verdict = graded(told, SHORT_MS, float("inf"))
-    if seen is not None and reference is not None:
-        however = ", yet" if told == 0 and known and 1e3 * seen > AGREES_MS else ";"
-        text += f"{however} against {reference.source} its rates are late by {1e3 * seen:.1f} ms"
-        off = abs(1e3 * seen - told)
-        verdict = max(verdict, graded(off, AGREES_MS, WRONG_CLOCK_MS), key=("ok", "warning", "fault").index)
-    return [Check("delay", verdict, text + ".", round(told if seen is None else 1e3 * seen, 2), "ms", limit)]
+    if by_filter > 0:
+        text = f"{imu.gyro.source} is late by {by_filter:.1f} ms ({imu.filtered})."
+        own = Check(NAME, graded(by_filter, SHORT_MS, math.inf), text, round(by_filter, 2), "ms", LIMIT)
+    elif imu.filtered not in ("unknown", "driver"):
+        text = f"{imu.gyro.source} is logged without a low-pass filter."
+        own = Check(NAME, "ok", text, 0.0, "ms", LIMIT)
+    else:
+        own = not_judged(NAME, f"{imu.gyro.source}: the log does not tell how it was filtered.", LIMIT)
+    if reference is None or seen is None:
+        return [own, not_judged(UNEXPLAINED, "The vehicle turns too little to show a delay.", SEEN_LIMIT)]
+    late, sigma = 1e3 * seen[0], math.hypot(1.5e3 * seen[1], FLOOR_MS)
+    off = late - by_filter
+    way = "later" if off > 0 else "earlier"
+    known = f"its filter's {by_filter:.1f} ms" if by_filter > 0 else "no filter"
+    if abs(off) <= max(AGREES_MS, SIGMAS * sigma):
+        text = f"Against {reference.source} the rates of {imu.gyro.source} are late by {late:.1f} ms: {known}."
+        return [own, Check(UNEXPLAINED, "ok", text, round(late, 2), "ms", SEEN_LIMIT)]
+    text = f"{imu.gyro.source} comes {abs(off):.1f} ms {way} ({interval(abs(off), sigma, 1)}, 95 %) against "
+    text += f"{reference.source} than {known} makes it: {late:.1f} ms in all."
+    verdict = "fault" if abs(off) > WRONG_CLOCK_MS else "warning"
+    return [own, Check(UNEXPLAINED, verdict, text, round(late, 2), "ms", SEEN_LIMIT)]

@@ -37,8 +37,9 @@ def by_parameter(imu: Imu) -> tuple[float, str]:
     return 0.0, f"{imu.gyro.source}: no filter known"
 
 
-def by_rates(imu: Imu, reference: Reference) -> float | None:
-    """Delay in s of the gyro against the reference's own rotation; None where the log moves too little or too slowly.
+def by_rates(imu: Imu, reference: Reference) -> tuple[float, float] | None:
+    """Delay of the gyro against the reference's own rotation and its standard error, both in s; None where the log
+    moves too little or too slowly.
 
     Least squares between the reference's rotation over an interval and the gyro's over
     the same interval shifted by tau, offset per axis removed, where it turns faster
@@ -87,12 +88,11 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     if not np.isfinite(around).all():
         return None
     a, b, c = np.polyfit(fine, around, 2)
-    if a <= 0 or max(c - b * b / (4 * a), 0.0) / (a * len(i) / k) > SURE_S**2:
-        return None
-    return float(coarse[best] - b / (2 * a))
+    variance = max(c - b * b / (4 * a), 0.0) / (a * len(i) / k) if a > 0 else math.inf
+    return None if variance > SURE_S**2 else (float(coarse[best] - b / (2 * a)), math.sqrt(variance))
 
 
-def measured(imu: Imu, reference: Reference) -> float | None:
+def measured(imu: Imu, reference: Reference) -> tuple[float, float] | None:
     """The same, measured once for a unit and a reference."""
     for known, delay in reference.delays_seen:
         if known is imu:
@@ -117,7 +117,8 @@ def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | fl
     if imu is None:
         return 0.0, AlignmentStep(name, "no IMU is replayed", 0.0, "ms", "", False, switch)
     known, source = by_parameter(imu)
-    seen = None if reference.kind == "smoother" else measured(imu, reference)
+    found = None if reference.kind == "smoother" else measured(imu, reference)
+    seen = None if found is None else found[0]
     if reference.kind == "smoother":
         check = "the smoother is without it; made of this gyro, it cannot check it"
     elif seen is None:
