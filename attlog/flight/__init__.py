@@ -10,6 +10,7 @@ from attlog import formats
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.base.limits import MAX_ATTITUDES
 from attlog.flight import memory as room
+from attlog.flight.clock.pieces import others, seconds_of
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.parameters import file as parameter_file
 from attlog.flight.parameters import limits as parameter_limits
@@ -82,7 +83,7 @@ def flight_in(
     if params is not None:
         own = {name: v for name in log.params if name not in filled and (v := log.param(name)) is not None}
         log.problems += parameter_file.notes(params, given, own)
-    log.seconds = duration(log)
+    log.seconds = duration(log, part)
     if boots > 1:
         log.problems.insert(
             0,
@@ -90,8 +91,8 @@ def flight_in(
                 "several_boots",
                 "note",
                 f"The file holds {boots} power-ups; this is number {chosen}"
-                + (" (the one with most sensor records)." if boot is None else ".")
-                + " --boot chooses another.",
+                + (" (the one with most sensor records)" if boot is None else "")
+                + f", {log.seconds:.0f} s. {others(messages, chosen)}. --boot chooses another.",
                 count=boots,
             ),
         )
@@ -143,15 +144,16 @@ def choose_boot(messages: Messages) -> int:
     return counts.index(max(counts))
 
 
-def duration(log: FlightLog) -> float:
-    """Length of the flight's data in s: the replayed IMU's, else the first IMU's, else the onboard attitude's."""
+def duration(log: FlightLog, messages: Messages) -> float:
+    """Length of the flight's data in s: of the replayed IMU, else the first one, else the onboard attitude, else of all
+    messages."""
     if log.imus:
         t = log.imus[log.imu or 0].gyro.t
     elif log.onboard is not None:
         t = log.attitudes[log.onboard].t
     else:
-        return 0.0
-    return float(t[-1] - t[0])
+        return seconds_of(messages)
+    return float(t[-1] - t[0]) if len(t) else seconds_of(messages)
 
 
 def damage(messages: Messages) -> list[Problem]:

@@ -337,6 +337,8 @@ def test_two_boots_are_separate_flights(corpus: Path) -> None:
     assert [log.firmware.version for log in both] == ["Copter 3.2.1", "Copter 3.1.3"]
     assert all(log.boots == 2 for log in both)
     assert "several_boots" in codes(both[0])
+    (said,) = (p.text for p in both[0].problems if p.code == "several_boots")
+    assert f"this is number 0, {both[0].seconds:.0f} s. Number 1 lasts {both[1].seconds:.0f} s." in said
     with pytest.raises(AttlogError, match="boot 2"):
         flight.read(path, boot=2)
 
