@@ -25,6 +25,7 @@ TAKE_OFF = re.compile(r"takeoff detected", re.IGNORECASE)
 LANDED = re.compile(r"landing detected|land complete", re.IGNORECASE)
 NEAR_S = 5.0
 MOVES, MOVES_S = 0.4, 2.0
+OVER_DEG = 90.0
 
 
 def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
@@ -111,12 +112,17 @@ def sized(ending: Ending) -> str:
     return f"{ending.size:.0f}°" + ("/s" if ending.unit == "deg/s" else "")
 
 
+def turned(ending: Ending) -> str:
+    """What an overturn is called: up to 90 deg it fell over."""
+    return "Turned over" if ending.size > OVER_DEG else "Fell over"
+
+
 def _ended(ending: Ending, evidence: list[str]) -> Event:
     lies = "" if ending.lies_deg is None else f" It then lay at {ending.lies_deg:.0f}°."
     words = {
         "impact": f"Hit the ground or an obstacle at {ending.t:.1f} s: {sized(ending)}.",
         "hard_landing": f"Hard landing at {ending.t:.1f} s: {sized(ending)}, and it stayed upright.",
-        "overturn": f"Turned over at {ending.t:.1f} s, to {sized(ending)}.",
+        "overturn": f"{turned(ending)} at {ending.t:.1f} s, to {sized(ending)}.",
         "tumble": f"Tumbled at {ending.t:.1f} s, at up to {sized(ending)}, which nobody asked for.",
     }
     weight: Weight = "serious" if ending.is_crash else "warning"

@@ -13,7 +13,7 @@ from attlog.flight.vehicle import VehicleKind
 from attlog.segments.crash import Ending
 from attlog.segments.model import Segments
 from attlog.story.event import Event, figures
-from attlog.story.flights import SURE_HZ, blows_told, sized
+from attlog.story.flights import SURE_HZ, blows_told, sized, turned
 from attlog.story.flown import flown, has_open_end, how_often
 
 WORDS = 30
@@ -175,8 +175,10 @@ def _crash(group: Sequence[Ending], what: str) -> tuple[str, str]:
             return f"Rolled to {over.size:.0f}° at {over.t:.1f} s and {hit}", short
         return f"{short} and turned over to {over.size:.0f}°", short
     if over is not None:
-        text = f"{'Turned over' if what else 'Flipped over at take-off'} at {over.t:.1f} s ({over.size:.0f}°)"
-        return f"{text}{_lies(over)}", text
+        last = [e for e in group if e.kind == "overturn"][-1]
+        text = f"{turned(over) if what else 'Flipped over at take-off'} at {over.t:.1f} s ({over.size:.0f}°)"
+        later = f" and turned over at {last.t:.1f} s ({last.size:.0f}°)" if last is not over else ""
+        return f"{text}{later}{_lies(last)}", text
     spin = spun or group[0]
     text = f"Tumbled at {spin.t:.1f} s ({spin.size:.0f}°/s)"
     return text, text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments.model import Segments
 from attlog.segments.spans import Span, inside, merge
@@ -80,7 +81,7 @@ def _vibration(log: FlightLog, flown: list[Span]) -> Event | None:
     elif log.onboard_vibration is not None:
         own = log.onboard_vibration
         mine = inside(own.t, flown)
-        high = mine & (np.nan_to_num(own.x).max(axis=1) > ONBOARD_M_S2)
+        high = mine & rotation.finite(own.x) & (np.nan_to_num(own.x).max(axis=1, initial=0.0) > ONBOARD_M_S2)
         if np.count_nonzero(high) < 3:
             return None
         size = float(np.median(own.x[high].max(axis=1)))

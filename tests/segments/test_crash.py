@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,16 +15,16 @@ from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments import crash, flags
 from attlog.segments.crash import Ending
-from attlog.segments.crash.scene import fastest_dps
+from attlog.segments.crash.scene import Scene, fastest_dps, lies, tilt_of
 from attlog.segments.spans import Span
 
-from .flights import DISARMED, LANDED, TAKE_OFF, flight
+from .flights import ARMED, DISARMED, LANDED, TAKE_OFF, flight
 from .test_in_air import found_in
 
 CRASHES = {
     "cases/copter_3.3dev_118.BIN": [165.7, 300.7],
     "cases/copter_3.3dev_31.BIN": [250.2, 362.3],
-    "cases/copter_3.3dev_37.BIN": [39.8],
+    "cases/copter_3.3dev_37.BIN": [26.9, 39.8],
     "cases/copter_flip_at_takeoff.bin": [5.6],
     "cases/plane_px4_1.13_crash.ulg": [28.5],
     "cases/px4_1.14_clipping_crash.ulg": [46.1],
@@ -173,3 +174,56 @@ def test_a_gyro_without_one_finite_sample_turns_at_no_rate():
     log.imus[0].gyro.x[:] = np.nan
     scene = SimpleNamespace(log=log)
     assert fastest_dps(scene, 0.0, 5.0) == 0.0
+
+
+def scene_of(log: FlightLog) -> Scene:
+    """What the rules look at, of a made flight."""
+    return Scene(log, found_in(log), [(ARMED, DISARMED)], float(log.imus[0].acc.t[-1]), tilt_of(log))
+
+
+@pytest.mark.parametrize("fault", ["heavy", "silent"])
+def test_how_it_lies_is_told_by_another_unit_where_the_replayed_one_cannot(fault):
+    """An accelerometer that reads 4 m/s^2 too much feels more than gravity; one that was torn off has no samples."""
+    log = made(8.0, LANDED - 0.3, lies_deg=60.0)
+    log.imus.append(deepcopy(log.imus[0]))
+    broken, after = log.imus[0], log.imus[0].acc.t > LANDED
+    if fault == "heavy":
+        broken.acc.x[after] *= 1.4
+    else:
+        broken.acc.x[after] = np.nan
+    assert lies(scene_of(log), LANDED - 0.3) == pytest.approx(60.0, abs=1.0)
+    log.imus.pop()
+    assert lies(scene_of(log), LANDED - 0.3) is None
+
+
+def fallen(degrees: float, leans: float, seconds: float = 8.0) -> FlightLog:
+    """A flight that never lifts: with motors driven it goes to some tilt at 50 s, its force leans by ``leans``."""
+    log = flight(calm=True)
+    imu, attitude = log.imus[0], log.attitudes["ATT"]
+    for t, x, angle in ((imu.acc.t, imu.acc.x, leans), (attitude.t, attitude.q, degrees)):
+        after = (t >= 50.0) & (t < 50.0 + seconds)
+        turn = rotation.from_euler(np.radians(angle), 0.0, 0.0)
+        x[after] = turn if x is attitude.q else rotation.rotate_inverse(turn, np.array([0.0, 0.0, -9.81]))
+    return log
+
+
+def fallen_endings(log: FlightLog) -> list[Ending]:
+    air = found_in(log)
+    air.spans, air.driven = [], (air.grid.t > ARMED) & (air.grid.t < DISARMED)
+    return crash.find(log, air, [(ARMED, DISARMED)], float(log.imus[0].acc.t[-1])).endings
+
+
+def test_a_fall_to_one_side_with_motors_driven_is_a_crash_though_it_never_flew():
+    (found,) = fallen_endings(fallen(45.0, 50.0))
+    assert (found.kind, found.t, found.t_end) == (
+        "overturn",
+        pytest.approx(50.0, abs=0.1),
+        pytest.approx(58.0, abs=0.3),
+    )
+    assert found.size == pytest.approx(45.0, abs=1.0)
+
+
+@pytest.mark.parametrize(("degrees", "leans", "seconds"), [(45.0, 2.0, 8.0), (3.0, 45.0, 8.0), (45.0, 45.0, 2.0)])
+def test_a_tilt_that_the_force_does_not_show_a_drift_of_either_and_a_short_lean_are_no_fall(degrees, leans, seconds):
+    """Rotors push along their own axis; an attitude or an accelerometer that errs is alone with it."""
+    assert fallen_endings(fallen(degrees, leans, seconds)) == []

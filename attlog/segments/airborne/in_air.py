@@ -221,7 +221,7 @@ def _liftoff(grid: Grid, first: int, driven: Mask) -> float:
     if not len(left):
         return float(grid.t[first])
     k = int(left[0])
-    share = (limit - off[k - 1]) / (off[k] - off[k - 1]) if k else 1.0
+    share = float((limit - off[k - 1]) / (off[k] - off[k - 1])) if k else 1.0
     # Means over an even count of the grid's steps belong to the middle of a step.
     return float(grid.t[a + k]) - (1.5 - share) * STEP_S
 

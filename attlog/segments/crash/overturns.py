@@ -8,15 +8,25 @@ import numpy as np
 
 from attlog.base import rotation
 from attlog.segments import spans
-from attlog.segments.airborne.grid import runs
+from attlog.segments.airborne.grid import STEP_S, G, runs
 from attlog.segments.crash.blows import AFTER_S, BEFORE_S, BLOW_G, FELL_S, LATER_S, LIES_DRIVEN_DEG, blows
-from attlog.segments.crash.scene import SETTLED_S, SETTLES_S, Ending, Scene, fastest_dps, lies
+from attlog.segments.crash.scene import (
+    AGREES_DEG,
+    LYING_M_S2,
+    SETTLED_S,
+    SETTLES_S,
+    Ending,
+    Scene,
+    fastest_dps,
+    lies,
+    stands,
+)
 
 OVER_DEG, OVER_S, INVERTED_DEG, INVERTED_S = 90.0, 0.2, 120.0, 0.05
 UPRIGHT_DEG, UPRIGHT_S = 60.0, 5.0
 TURNED_DPS, TURNED_S = 100.0, 3.0
 TUMBLE_DPS, TUMBLE_S = 400.0, 0.3
-TIPPED_DEG = 30.0
+TIPPED_DEG, STOOD_DEG, LIES_S = 30.0, 15.0, 3.0
 REPORTED_S = 10.0
 
 
@@ -92,7 +102,7 @@ def tumbles(scene: Scene) -> list[Ending]:
     if imu is None or wanted is None or len(wanted.t) < 2 or scene.log.kind.winged:
         return []
     t, rate = imu.gyro.t_best, np.degrees(rotation.length(imu.gyro.x))
-    asked = np.degrees(rotation.length(np.nan_to_num(wanted.x)))
+    asked = np.degrees(rotation.length(np.nan_to_num(wanted.x, posinf=0.0, neginf=0.0)))
     found: list[Ending] = []
     for a, b in runs((rate > TUMBLE_DPS) & spans.inside(t, spans.merge((x, y + BEFORE_S) for x, y in scene.air.spans))):
         least = TUMBLE_S if scene.end - t[b - 1] > 0.5 else 0.1
@@ -120,4 +130,32 @@ def tipped(scene: Scene, crashes: list[Ending]) -> list[Ending]:
         if lying is not None and lying > TIPPED_DEG and not scene.driven_at(b + SETTLES_S, b + SETTLED_S):
             why = f"it ended tipped over, at {lying:.0f} deg"
             found.append(Ending("overturn", b, b, lying, "deg", why, lying, sources=("accelerometer",)))
+    return found
+
+
+def falls(scene: Scene) -> list[Ending]:
+    """Falls from standing with motors driven: tilt and accelerometer pass 30 deg together and stay there for 3 s.
+
+    In flight the force of rotors does not lean with the tilt; wings are another matter.
+    """
+    grid = scene.air.grid
+    if grid.slow or scene.log.kind.winged or not np.isfinite(grid.down[:, 0]).any():
+        return []
+    down, force = stands(scene), rotation.length(grid.force)
+    tilt = np.degrees(np.arccos(np.clip(np.nan_to_num(grid.down @ down, nan=1.0), -1.0, 1.0)))
+    leans = np.degrees(np.arccos(np.clip(-grid.force @ down / np.maximum(force, 1e-9), -1.0, 1.0)))
+    lying = (tilt > TIPPED_DEG) & (leans > TIPPED_DEG) & (np.abs(tilt - leans) < AGREES_DEG) & grid.known
+    lying &= np.abs(force - G) < LYING_M_S2
+    before, found = round(UPRIGHT_S / STEP_S), []
+    for a, b in runs(lying):
+        stood = np.maximum(tilt, leans)[max(a - before, 0) : a]
+        if (b - a) * STEP_S < LIES_S or not len(stood) or stood.min() > STOOD_DEG or not scene.air.driven[a]:
+            continue
+        lean = float(np.median(tilt[a:b]))
+        t, t_end = float(grid.t[a]), float(grid.t[b - 1])
+        passed = scene.tilt.t[spans.between(scene.tilt.t, t - 1.0, t + 0.5)]
+        above = scene.tilt.deg[spans.between(scene.tilt.t, t - 1.0, t + 0.5)] > TIPPED_DEG
+        t = float(passed[np.argmax(above)]) if above.any() else t
+        why = f"it fell over and lay at {lean:.0f} deg"
+        found.append(Ending("overturn", t, t_end, lean, "deg", why, lean, sources=(_attitude(scene), "accelerometer")))
     return found

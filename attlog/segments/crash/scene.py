@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, Imu
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments import spans
 from attlog.segments.airborne.grid import G
@@ -101,29 +101,38 @@ class Scene:
 
 
 def lies(scene: Scene, t: float) -> float | None:
-    """The angle (deg) at which the vehicle lies after ``t`` s by its accelerometer, None where it does not lie still.
+    """The angle (deg) at which the vehicle lies after ``t`` s by an accelerometer, None where it does not lie still.
 
-    With motors driven the onboard attitude has to agree, for rotors push, too.
+    The replayed unit tells; where it has no samples then, or feels another force than gravity, the next one does. With
+    motors driven the onboard attitude has to agree, for rotors push, too.
     """
     t0, t1 = t + SETTLES_S, t + SETTLED_S
-    for imu in scene.log.imus[:1] if scene.log.replay_imu is None else [scene.log.replay_imu]:
-        part = spans.between(imu.acc.t_best, t0, t1)
-        acc, gyro = imu.acc.x[part], imu.gyro.x[part]
-        good = rotation.finite(acc) & rotation.finite(gyro)
-        if np.count_nonzero(good) < 3 or imu.acc.t_best[part][-1] - t0 < 0.5:
+    replayed = scene.log.replay_imu
+    for imu in sorted(scene.log.imus, key=lambda one: one is not replayed):
+        angle = _lies_by(scene, imu, t0, t1)
+        if angle is None:
+            continue
+        own = scene.tilt.at(0.5 * (t0 + t1))
+        if scene.driven_at(t0, t1) and np.isfinite(own) and abs(own - angle) > AGREES_DEG:
             return None
-        force = acc[good].mean(axis=0)
-        turning = np.degrees(np.sqrt(np.mean(np.sum(gyro[good] ** 2, axis=1))))
-        size = float(np.linalg.norm(force))
-        if turning > LYING_DPS or abs(size - G) > LYING_M_S2:
-            return None
-        angle = float(np.degrees(np.arccos(np.clip(np.dot(-force / size, stands(scene)), -1.0, 1.0))))
-        if scene.driven_at(t0, t1):
-            own = scene.tilt.at(0.5 * (t0 + t1))
-            if np.isfinite(own) and abs(own - angle) > AGREES_DEG:
-                return None
         return angle
     return None
+
+
+def _lies_by(scene: Scene, imu: Imu, t0: float, t1: float) -> float | None:
+    """The angle (deg) between what carries a unit within [t0, t1] s and what it stands on; None where it moves."""
+    n = min(len(imu.acc.t_best), len(imu.acc.x), len(imu.gyro.x))
+    part = spans.between(imu.acc.t_best[:n], t0, t1)
+    t, acc, gyro = imu.acc.t_best[part], imu.acc.x[part], imu.gyro.x[part]
+    good = rotation.finite(acc) & rotation.finite(gyro)
+    if np.count_nonzero(good) < 3 or not t[good][-1] - t0 >= 0.5:
+        return None
+    force = acc[good].mean(axis=0)
+    turning = np.degrees(np.sqrt(np.mean(np.sum(gyro[good] ** 2, axis=1))))
+    size = float(np.linalg.norm(force))
+    if turning > LYING_DPS or abs(size - G) > LYING_M_S2:
+        return None
+    return float(np.degrees(np.arccos(np.clip(np.dot(-force / size, stands(scene)), -1.0, 1.0))))
 
 
 def stands(scene: Scene) -> Array:

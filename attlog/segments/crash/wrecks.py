@@ -17,7 +17,7 @@ from attlog.segments import spans
 from attlog.segments.airborne.grid import STEP_S, Grid, runs
 from attlog.segments.airborne.in_air import InAir
 from attlog.segments.crash.blows import AFTER_S, impacts
-from attlog.segments.crash.overturns import UPRIGHT_S, overturns, tipped, tumbles
+from attlog.segments.crash.overturns import OVER_DEG, UPRIGHT_S, falls, overturns, tipped, tumbles
 from attlog.segments.crash.scene import SETTLES_S, Ending, Scene, tilt_of
 from attlog.segments.spans import Span
 
@@ -60,6 +60,8 @@ def find(log: FlightLog, air: InAir, armed: list[Span] | None, end: float) -> Fl
     scene = Scene(log, air, armed if armed is not None else [(float(air.grid.t[0]), end)], end, tilt_of(log))
     found = [*impacts(scene), *overturns(scene), *tumbles(scene)]
     found += tipped(scene, [e for e in found if e.is_crash])
+    crashes = [e for e in found if e.is_crash]
+    found += [e for e in falls(scene) if not any(abs(c.t - e.t) < UPRIGHT_S for c in crashes)]
     return _without_wrecks(scene, sorted(found, key=lambda e: e.t))
 
 
@@ -83,7 +85,7 @@ def _without_wrecks(scene: Scene, found: list[Ending]) -> Flown:
                 close(stood)
         if ending is None:
             continue
-        same = crash and ending.is_crash and t - crash[-1].t_end < UPRIGHT_S and ending.kind != crash[-1].kind
+        same = crash and ending.is_crash and t - crash[-1].t_end < UPRIGHT_S and _adds(crash[-1], ending)
         if not crash or same:
             kept.append(ending)
             crash += [ending] if ending.is_crash else []
@@ -95,6 +97,11 @@ def _without_wrecks(scene: Scene, found: list[Ending]) -> Flown:
     blows = [e.t for e in kept if e.kind == "impact"]
     stretched = [(a, next((e for e in blows if b < e <= b + AFTER_S), b)) for a, b in flown if a in begun]
     return Flown(stretched, kept, wrecks)
+
+
+def _adds(last: Ending, ending: Ending) -> bool:
+    """Whether an ending tells more of the same crash: of another kind, or turned over after it had but fallen over."""
+    return ending.kind != last.kind or (last.unit == "deg" and last.size < OVER_DEG < ending.size)
 
 
 def _stood(grid: Grid, driven: Mask, crash: float, t: float) -> float | None:
