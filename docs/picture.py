@@ -49,7 +49,7 @@ def main(report: str, picture: str = str(Path(__file__).with_name("report.png"))
         page.wait_for_timeout(500)
         page.screenshot(path=picture)
         browser.close()
-    Image.open(picture).convert("RGB").quantize(64, dither=Image.Dither.NONE).save(picture, optimize=True)
+    Image.open(picture).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(picture, optimize=True)
 
 
 if __name__ == "__main__":

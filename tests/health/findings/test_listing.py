@@ -16,7 +16,7 @@ from attlog.health.findings.finding import Finding
 from attlog.health.model import Check, not_judged
 from attlog.story.event import Event
 from tests.conftest import ROOT
-from tests.health.test_health import good
+from tests.health.test_health import checks, good
 
 
 @pytest.fixture
@@ -32,6 +32,15 @@ def check(name: str, verdict: str = "fault", value: float | str | None = None, t
 
 def test_nothing_is_found_where_every_check_is_ok_and_every_question_answered(log: FlightLog) -> None:
     assert findings(log, [check(name, "ok") for name in ABOUT]) == []
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_yaw_turns.bin"])
+def test_every_check_of_a_log_has_a_meaning_and_a_row_in_the_docs(name: str) -> None:
+    page = (ROOT / "docs" / "flight.md").read_text(encoding="utf-8")
+    made = set(checks(good(name)))
+    assert len(made) > 20
+    assert sorted(made - set(ABOUT)) == []
+    assert [each for each in sorted(made | set(ABOUT)) if f"`{each}`" not in page] == []
 
 
 @pytest.mark.parametrize("name", ABOUT)
