@@ -6,6 +6,8 @@ carry any.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from attlog.flight import inertial, magnetic
@@ -28,31 +30,11 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     builder = LogBuilder(messages)
     clock = Clock(messages)
     values = parameters.values(messages.params)
-    if not clock.known:
-        builder.problem(
-            "no_clock",
-            "error",
-            "No record of this log carries a time stamp, as in ArduPilot 3.0 and older: nothing in it can be replayed.",
-        )
-    elif clock.interpolates:
-        builder.problem(
-            "clock_between_gps",
-            "note",
-            "Only GPS records carry a time, as in ArduPilot 3.1 and older: others are placed between them, to 0.2 s.",
-        )
-    found = imus.candidates(builder, clock, messages.params)
-    chosen = inertial.best_per_unit(builder, found)
-    ekf = values.get("AHRS_EKF_TYPE")
-    nothing: tuple[str, Stamps, list[int]] = ("", np.zeros(0, np.int64), [])
-    family, lane_t, lanes = builder.attempt(
-        "The primary EKF core", lambda: imus.primary_core(messages, clock, ekf), nothing
-    )
-    mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
-    have = [c.index for c in chosen]
-    unit = {core: imus.unit_of_core(core, mask, have) for core in set(lanes)}
-    flown = [unit[core] for core in lanes]
-    flew = builder.attempt("The primary EKF core", lambda: inertial.longest_held(lane_t, flown), None)
-    why = f"it fed the primary EKF core ({family}F4.PI)"
+    _tell_clock(builder, clock)
+    chosen = inertial.best_per_unit(builder, imus.candidates(builder, clock, messages.params))
+    core = _core_that_flew(builder, clock, values, [c.index for c in chosen])
+    flew = builder.attempt("The primary EKF core", lambda: inertial.longest_held(core.t_us, core.units), None)
+    why = f"it fed the primary EKF core ({core.family}F4.PI)"
     if flew is None and chosen:
         flew, why = chosen[0].index, "the first; the log does not tell the primary one"
     firmware = builder.attempt("The firmware", lambda: vehicle.firmware(messages), Firmware("ArduPilot"))
@@ -67,7 +49,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.imus = [inertial.build(builder, c) for c in chosen]
     log.imu = position
     log.imu_that_flew = builder.attempt(
-        "The primary EKF core", lambda: builder.time_line(lane_t, flown, f"{family}F4.PI"), None
+        "The primary EKF core", lambda: builder.time_line(core.t_us, core.units, f"{core.family}F4.PI"), None
     )
     flying = None if position is None else log.imus[position]
     log.mags = builder.attempt("MAG", lambda: magnetometers(builder, clock, values), [])
@@ -78,15 +60,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
         ),
         None,
     )
-    resets = builder.attempt("Resets", lambda: attitude.resets(builder, clock, lane_t, lanes), [])
-    log.attitudes = attitude.attitudes(builder, clock, resets)
-    log.onboard = attitude.onboard(log.attitudes, family, lanes[-1] if lanes else None)
-    if log.onboard == "ANG":
-        builder.choices["onboard"] = "ANG holds the values of ATT at loop rate"
-    elif log.onboard not in (None, "ATT"):
-        builder.choices["onboard"] = "the log holds neither ATT nor ANG"
-    log.truth = builder.attempt("SIM", lambda: attitude.truth(builder, clock), None)
-    log.setpoints = builder.attempt("Set-points", lambda: attitude.setpoints(builder, clock, log.onboard), None)
+    _fill_attitudes(log, builder, clock, core)
     log.params = builder.attempt("PARM", lambda: parameters.time_lines(builder, messages.params, "PARM"), {})
     log.param_defaults = parameters.defaults(messages.params)
     log.declination_param, log.declination_source = parameters.declination(log, state.DECLINATION)
@@ -94,6 +68,58 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     state.fill(builder, clock, log, values)
     log.problems, log.choices = builder.problems, builder.choices
     return log
+
+
+def _tell_clock(builder: LogBuilder, clock: Clock) -> None:
+    """What early logs lack: a time in any record, or in any but those of GPS."""
+    if not clock.known:
+        builder.problem(
+            "no_clock",
+            "error",
+            "No record of this log carries a time stamp, as in ArduPilot 3.0 and older: nothing in it can be replayed.",
+        )
+    elif clock.interpolates:
+        builder.problem(
+            "clock_between_gps",
+            "note",
+            "Only GPS records carry a time, as in ArduPilot 3.1 and older: others are placed between them, to 0.2 s.",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PrimaryCore:
+    """The EKF cores that flew: ``family`` of their messages (XK, NK), ``lanes`` from ``t_us`` (n,) on, and the
+    ``units`` of the IMU that each runs on."""
+
+    family: str
+    t_us: Stamps
+    lanes: list[int]
+    units: list[int]
+
+
+def _core_that_flew(builder: LogBuilder, clock: Clock, values: dict[str, float], have: list[int]) -> PrimaryCore:
+    """The primary core over time, in a log that has the IMU units ``have``."""
+    ekf = values.get("AHRS_EKF_TYPE")
+    nothing: tuple[str, Stamps, list[int]] = ("", np.zeros(0, np.int64), [])
+    family, t_us, lanes = builder.attempt(
+        "The primary EKF core", lambda: imus.primary_core(builder.messages, clock, ekf), nothing
+    )
+    mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
+    unit = {core: imus.unit_of_core(core, mask, have) for core in set(lanes)}
+    return PrimaryCore(family, t_us, lanes, [unit[core] for core in lanes])
+
+
+def _fill_attitudes(log: FlightLog, builder: LogBuilder, clock: Clock, core: PrimaryCore) -> None:
+    """The attitudes of the log, the one that flew among them, the truth and the set-points."""
+    resets = builder.attempt("Resets", lambda: attitude.resets(builder, clock, core.t_us, core.lanes), [])
+    log.attitudes = attitude.attitudes(builder, clock, resets)
+    log.onboard = attitude.onboard(log.attitudes, core.family, core.lanes[-1] if core.lanes else None)
+    if log.onboard == "ANG":
+        builder.choices["onboard"] = "ANG holds the values of ATT at loop rate"
+    elif log.onboard not in (None, "ATT"):
+        builder.choices["onboard"] = "the log holds neither ATT nor ANG"
+    log.truth = builder.attempt("SIM", lambda: attitude.truth(builder, clock), None)
+    log.setpoints = builder.attempt("Set-points", lambda: attitude.setpoints(builder, clock, log.onboard), None)
 
 
 def first_stamp(builder: LogBuilder, clock: Clock, chosen: list[inertial.ImuCandidate], position: int | None) -> int:
