@@ -319,3 +319,10 @@ def test_ratios_and_differences_are_shown_apart_from_their_limit_too() -> None:
     assert "1.203 times, at most 1.2 times" in found.sentence
     (found,) = outcomes(Gate("lag_ms", (GateLimit("max_above_onboard", 3.0),)), onboard, row("a", lag(3.0004)))
     assert "3.0004 ms, at most +3 ms" in found.sentence
+
+
+def test_a_value_at_its_limit_passes_whatever_the_last_bit_of_the_product() -> None:
+    assert 1.3 * 0.7 < 0.91
+    limit, other = GateLimit("max_ratio_to_onboard", 1.3), Answer(0.7, "deg", "all")
+    assert judged(limit, "total_rmse_deg", "low", Answer(0.91, "deg", "all"), other).passed
+    assert not judged(limit, "total_rmse_deg", "low", Answer(0.91001, "deg", "all"), other).passed

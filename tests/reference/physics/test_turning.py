@@ -206,3 +206,19 @@ def test_noise_an_askew_mount_and_one_bump_reverse_nothing(seed: int) -> None:
     bump = smooth + np.outer(np.arange(2000) == 700, np.radians([0.0, 0.0, 120.0]))
     assert said(bump, smooth - (bump - smooth)) == ""
     assert said(smooth, smooth * [1.0, 1.0, -0.5]) == ""  # half of a turn the other way is no reversed sensor
+
+
+def test_a_pause_of_the_attitude_is_no_interval() -> None:
+    """The gyro goes on: over seconds both may turn any number of times in between."""
+    log = flight()
+    attitude, imu = log.onboard_attitude, log.replay_imu
+    assert attitude is not None
+    assert imu is not None
+    whole, _ = turning.rotations(imu, attitude, np.zeros(0, np.int64))
+    kept = (attitude.t < 5.0) | (attitude.t > 10.0)  # still at rest: not even the turn is large
+    attitude.t, attitude.q = attitude.t[kept], attitude.q[kept]
+    assert attitude.t_sample is None
+    found, _ = turning.rotations(imu, attitude, np.zeros(0, np.int64))
+    step = np.median(np.diff(attitude.t)) * max(1, len(attitude.t) // (len(found) + 1))
+    assert len(found) == pytest.approx(len(whole) - 5.0 / step, abs=2)
+    assert np.isfinite(found).all()
