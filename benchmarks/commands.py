@@ -216,37 +216,68 @@ def tasks(runs: int = 5) -> list[Task]:
 
     return [
         Task(start, "attlog --help", Target("≤", 1.2), turns([*ATTLOG, "--help"], [*PYTHON, TYPER, "--help"], "typer")),
-        Task(start, "attlog info, 2.6 MB .ulg", Target("≤", 1.2, earlier=1 / 1.2),
-             turns([*ATTLOG, "info", str(STEPS)], [*PYTHON, ULOG_INFO, str(STEPS)], "ulog_info")),
+        Task(
+            start,
+            "attlog info, 2.6 MB .ulg",
+            Target("≤", 1.2, earlier=1 / 1.2),
+            turns([*ATTLOG, "info", str(STEPS)], [*PYTHON, ULOG_INFO, str(STEPS)], "ulog_info"),
+        ),
         Task(start, "attlog analyze, first run, empty cache", Target("≤", 3, "s"), first_run),
         Task(analysis, "2.6 MB .ulg, CPU seconds", Target("≤", 1.0, "s"), cost),
         Task(analysis, "2.6 MB .ulg", Target("≤", 5), process),
-        Task(analysis, "2.6 MB .ulg, imports of the peer left out", Target("≤", 5),
-             against(lambda: STEPS, LOAD, "pyulog", runs)),
-        Task(analysis, "60 MB .ulg, 11 min, no steps", Target("≤", 4, earlier=1 / 1.2),
-             against(bench, LOAD, "pyulog", runs), True),
-        Task(analysis, "60 MB .ulg, 36 min, 650 steps", Target("≤", 6),
-             against(many_steps, LOAD, "pyulog", runs), True),
+        Task(
+            analysis,
+            "2.6 MB .ulg, imports of the peer left out",
+            Target("≤", 5),
+            against(lambda: STEPS, LOAD, "pyulog", runs),
+        ),
+        Task(
+            analysis,
+            "60 MB .ulg, 11 min, no steps",
+            Target("≤", 4, earlier=1 / 1.2),
+            against(bench, LOAD, "pyulog", runs),
+            True,
+        ),
+        Task(
+            analysis, "60 MB .ulg, 36 min, 650 steps", Target("≤", 6), against(many_steps, LOAD, "pyulog", runs), True
+        ),
         Task(analysis, "60 MB .ulg, dense, 3 min", Target("≤", 2), against(dense, LOAD, "pyulog", runs), True),
-        Task(analysis, "1.3 MB .bin", Target("≤", 3),
-             against(small("copter_yaw_turns.bin"), SCAN, "pymavlink scan", runs)),
+        Task(
+            analysis,
+            "1.3 MB .bin",
+            Target("≤", 3),
+            against(small("copter_yaw_turns.bin"), SCAN, "pymavlink scan", runs),
+        ),
         Task(analysis, "2.6 MB .bin", Target("≤", 3), against(double, SCAN, "pymavlink scan", runs)),
         Task(analysis, "4 MB .bin", Target("≤", 1.5), against(four, SCAN, "pymavlink scan", runs)),
         Task(analysis, "60 MB .bin", Target("≤", 0.5), against(sixty, SCAN, "pymavlink scan", runs), True),
-        Task(many, "one more configuration, analyze, 10 MB .ulg", Target("≤", 0.08, "s"),
-             lambda: one_more("analyze", False)),
+        Task(
+            many,
+            "one more configuration, analyze, 10 MB .ulg",
+            Target("≤", 0.08, "s"),
+            lambda: one_more("analyze", False),
+        ),
         Task(many, "one more configuration, analyze, memory", Target("≤", 5, "MB"), lambda: one_more("analyze", True)),
-        Task(many, "one more configuration, compare, 10 MB .ulg", Target("≤", 0.08, "s"),
-             lambda: one_more("compare", False)),
+        Task(
+            many,
+            "one more configuration, compare, 10 MB .ulg",
+            Target("≤", 0.08, "s"),
+            lambda: one_more("compare", False),
+        ),
         Task(many, "one more configuration, compare, memory", Target("≤", 5, "MB"), lambda: one_more("compare", True)),
         Task(many, "50 configurations, compare, 10 MB .ulg", Target("≤", 5, "s"), fifty, True),
         Task(long, "60 MB .ulg, six rows, most memory", Target("≤", 300, "MB"), lambda: memory_of(bench, SIX), True),
-        Task(long, "60 MB .ulg, 650 steps, six rows, most memory", Target("≤", 300, "MB"),
-             lambda: memory_of(many_steps, SIX), True),
+        Task(
+            long,
+            "60 MB .ulg, 650 steps, six rows, most memory",
+            Target("≤", 300, "MB"),
+            lambda: memory_of(many_steps, SIX),
+            True,
+        ),
         Task(long, "6 h at 25 Hz, CPU seconds", Target("≤", 30, "s"), lambda: time_of(six_hours, ""), True),
         Task(long, "6 h at 25 Hz, most memory", Target("≤", 400, "MB"), lambda: memory_of(six_hours, ""), True),
         Task(long, "report of eight rows, size", Target("≤", 3, "MB"), size_of_report),
-    ]  # fmt: skip
+    ]
 
 
 def main(arguments: list[str] | None = None) -> None:

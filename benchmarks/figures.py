@@ -66,8 +66,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=15)
     pair = compared(parser.parse_args(arguments).runs)
-    print(f"attlog {1e3 * median(pair.ours):.0f} ms, plotly {1e3 * median(pair.peer):.0f} ms: "
-          f"{1 / pair.ratio:.1f} times faster")  # fmt: skip
+    print(
+        f"attlog {1e3 * median(pair.ours):.0f} ms, plotly {1e3 * median(pair.peer):.0f} ms: "
+        f"{1 / pair.ratio:.1f} times faster"
+    )
 
 
 if __name__ == "__main__":

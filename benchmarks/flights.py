@@ -43,10 +43,15 @@ def samples(path: Path) -> tuple[Any, dict[str, Any]]:
     t = imu.gyro.t_best
     field = None if log.mag is None else log.mags[log.mag].field
     given = {
-        "t": t, "gyr": imu.gyro.x, "acc": imu.acc.x, "mag": None if field is None else place(t, field.t_best, field.x),
-        "aids": inputs.aids_of(log, case.segments, imu, declination.model(log)), "sampling": imu.gyro.sampling,
-        "dt": imu.dt, "declination": case.reference.declination_deg or 0.0,
-    }  # fmt: skip
+        "t": t,
+        "gyr": imu.gyro.x,
+        "acc": imu.acc.x,
+        "mag": None if field is None else place(t, field.t_best, field.x),
+        "aids": inputs.aids_of(log, case.segments, imu, declination.model(log)),
+        "sampling": imu.gyro.sampling,
+        "dt": imu.dt,
+        "declination": case.reference.declination_deg or 0.0,
+    }
     return case, given
 
 

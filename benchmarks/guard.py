@@ -107,8 +107,9 @@ def main(arguments: list[str] | None = None) -> int:
         slower += [name] * worse
         print(
             f"{name:34}{seconds(min(pair.ours)):>9}{seconds(min(pair.peer)):>9}{pair.best_ratio:9.3f}"
-            f"  limit {limit:.3f} x {margin:g}  {'SLOWER' if worse else 'ok'}  [{len(pair.ours)}]", flush=True,
-        )  # fmt: skip
+            f"  limit {limit:.3f} x {margin:g}  {'SLOWER' if worse else 'ok'}  [{len(pair.ours)}]",
+            flush=True,
+        )
         limits[name] = pair.best_ratio if options.write else limit
     if options.write:
         ratios = "".join(f'"{name}" = {limits[name]:.3g}\n' for name in WORKS)

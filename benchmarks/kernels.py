@@ -141,11 +141,15 @@ def tasks(turns: int = TURNS) -> list[Task]:
         Task(GROUP, "ekf12", Target("≤", 0.8, earlier=1.0), of("ekf12")),
         Task(GROUP, "mekf", None, of("mekf")),
         Task(GROUP, "eskf", None, of("eskf")),
-        Task(GROUP, "mahony against Mahony of ahrs (Python)", Target("≥", 3000),
-             lambda: ratio("mahony", "ahrs", apart(against_ahrs), "ahrs", faster=True)),
+        Task(
+            GROUP,
+            "mahony against Mahony of ahrs (Python)",
+            Target("≥", 3000),
+            lambda: ratio("mahony", "ahrs", apart(against_ahrs), "ahrs", faster=True),
+        ),
         Task(GROUP, "sweep, mahony, one of a batch, float64", Target("≥", 4), lane("float64")),
         Task(GROUP, "sweep, mahony, one of a batch, float32", Target("≥", 10), lane("float32")),
-    ]  # fmt: skip
+    ]
 
 
 def main(arguments: list[str] | None = None) -> None:

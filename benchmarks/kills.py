@@ -85,8 +85,9 @@ def main() -> int:
             print("it had ended before")
         print(
             f"kill {kill}, {after:.2f} s after {logs} more logs ({'session' if session else 'process'}): "
-            f"{len(records(disturbed))} records", flush=True,
-        )  # fmt: skip
+            f"{len(records(disturbed))} records",
+            flush=True,
+        )
     before = {path.name: path.stat().st_mtime_ns for path in records(disturbed)}
 
     last = subprocess.run(command(options.logs, disturbed, options, "--resume"), capture_output=True, text=True)

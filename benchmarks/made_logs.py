@@ -38,12 +38,34 @@ MAKER = 2
 ONCE = {"FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "VER", "FILE", "PARAM_VALUE", "STATUSTEXT", "SYSTEM_TIME"}
 """Definitions, parameters and texts stand once in a log however long it is; SYSTEM_TIME ends in a time that MAVLink
 cuts to the bytes it needs, which leaves no room for a later one."""
-FILLING = ("vehicle_attitude_setpoint", "trajectory_setpoint", "cpuload", "sensor_baro", "estimator_sensor_bias",
-           "vehicle_angular_velocity_groundtruth", "actuator_outputs", "estimator_event_flags")  # fmt: skip
+FILLING = (
+    "vehicle_attitude_setpoint",
+    "trajectory_setpoint",
+    "cpuload",
+    "sensor_baro",
+    "estimator_sensor_bias",
+    "vehicle_angular_velocity_groundtruth",
+    "actuator_outputs",
+    "estimator_event_flags",
+)
 """ULog topics of small records that no replay reads: a log is thickened with them."""
-REPLAYED = {"sensor_combined", "vehicle_attitude", "vehicle_attitude_groundtruth", "vehicle_magnetometer",
-            "vehicle_gps_position", "IMU", "ATT", "SIM", "MAG", "GPS",
-            "RAW_IMU", "GPS_RAW_INT", "ATTITUDE", "ATTITUDE_QUATERNION", "SIM_STATE"}  # fmt: skip
+REPLAYED = {
+    "sensor_combined",
+    "vehicle_attitude",
+    "vehicle_attitude_groundtruth",
+    "vehicle_magnetometer",
+    "vehicle_gps_position",
+    "IMU",
+    "ATT",
+    "SIM",
+    "MAG",
+    "GPS",
+    "RAW_IMU",
+    "GPS_RAW_INT",
+    "ATTITUDE",
+    "ATTITUDE_QUATERNION",
+    "SIM_STATE",
+}
 
 
 @dataclass(frozen=True)
@@ -62,8 +84,13 @@ class Records:
 
     def at(self, chosen: Any) -> Records:
         """Some of the records."""
-        return replace(self, starts=self.starts[chosen], lengths=self.lengths[chosen], times_us=self.times_us[chosen],
-                       later_us=self.later_us[chosen])  # fmt: skip
+        return replace(
+            self,
+            starts=self.starts[chosen],
+            lengths=self.lengths[chosen],
+            times_us=self.times_us[chosen],
+            later_us=self.later_us[chosen],
+        )
 
 
 def repeated(source: Path, target: Path, size: int, *, mb_per_second: float = 0.0, imu_hz: float = 0.0) -> Path:
@@ -282,8 +309,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--mb-per-second", type=float, default=0.0)
     parser.add_argument("--imu-hz", type=float, default=0.0)
     options = parser.parse_args(arguments)
-    repeated(options.source, options.target, int(options.megabytes * 1e6), mb_per_second=options.mb_per_second,
-             imu_hz=options.imu_hz)  # fmt: skip
+    repeated(
+        options.source,
+        options.target,
+        int(options.megabytes * 1e6),
+        mb_per_second=options.mb_per_second,
+        imu_hz=options.imu_hz,
+    )
 
 
 if __name__ == "__main__":

@@ -81,9 +81,13 @@ def cpu(work: Callable[[], object]) -> float:
 def child(command: list[str], *, environment: Mapping[str, str] | None = None, codes: tuple[int, ...] = (0,)) -> Child:
     """Run a command to its end; SystemExit with its last words where its exit code is not one of ``codes``."""
     process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         env={**os.environ, **ONE_THREAD, **AS_INSTALLED, **(environment or {})},
-    )  # fmt: skip
+    )
     said: dict[str, str] = {}
     readers = [
         threading.Thread(target=lambda name=name, stream=stream: said.update({name: stream.read()}))

@@ -28,8 +28,9 @@ def measured(folder: Path) -> dict[str, np.ndarray]:
         if record.done:
             size = json.loads((folder / f"{record.name}.json").read_bytes())["log"]["size"]
             html, result = record.files[f"{record.name}.html"][0], record.files[f"{record.name}.json"][0]
-            rows.append([size / 1e6, record.cpu_s, record.peak_mb, html / 1e6, result / 1e6,
-                         len(json.dumps(record.row)) / 1e6])  # fmt: skip
+            rows.append(
+                [size / 1e6, record.cpu_s, record.peak_mb, html / 1e6, result / 1e6, len(json.dumps(record.row)) / 1e6]
+            )
     names = ("size", "cpu", "peak", "html", "json", "record")
     return dict(zip(names, np.array(rows).T, strict=True))
 

@@ -32,9 +32,7 @@ from attlog.metrics.statistics.units import UnitValues
 
 Index = NDArray[np.int64]
 FIRST = "mahony:kp=0.6"
-OTHERS = (
-    "mahony:kp=0.3", "mahony:kp=1.1", "madgwick", "vqf", "ekf12", "complementary@fan", "mahony:kp=0.6,lowpass=20",
-)  # fmt: skip
+OTHERS = ("mahony:kp=0.3", "mahony:kp=1.1", "madgwick", "vqf", "ekf12", "complementary@fan", "mahony:kp=0.6,lowpass=20")
 LEAST = {"log_variance": 8, "mean_square": 8, "slope_group": 8, "lag_event": 8, "step_event": 14}
 """Fewer common units make no halves."""
 DRAWS, SETS = 10, 200

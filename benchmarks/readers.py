@@ -327,8 +327,9 @@ def main(arguments: list[str] | None = None) -> list[Reading]:
         print(
             f"{row.path.name:44}{row.path.stat().st_size / 1e6:6.1f} {'all' if row.everything else 'wanted':8}"
             f"{1e3 * median(row.later.ours):8.1f}{1e3 * median(row.later.peer):9.0f}{row.times_faster:8.1f}"
-            f"{row.first_times_faster:8.1f}  {PEERS[row.path.suffix.lower()]}", flush=True,
-        )  # fmt: skip
+            f"{row.first_times_faster:8.1f}  {PEERS[row.path.suffix.lower()]}",
+            flush=True,
+        )
     return found
 
 

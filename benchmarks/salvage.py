@@ -230,8 +230,11 @@ def main(arguments: list[str] | None = None) -> list[Salvage]:
             for damage in KINDS:
                 for row in measure(name, begin_s, damage, options.seconds, options.seeds, Path(folder)):
                     found.append(row)
-                    print(f"{row.log:30} {row.damage:14} {row.reader:10} {row.intact:8} {row.kept_pct:8.2f} "
-                          f"{row.false / row.files:15.1f}", flush=True)  # fmt: skip
+                    print(
+                        f"{row.log:30} {row.damage:14} {row.reader:10} {row.intact:8} {row.kept_pct:8.2f} "
+                        f"{row.false / row.files:15.1f}",
+                        flush=True,
+                    )
     return found
 
 

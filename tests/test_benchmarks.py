@@ -45,8 +45,13 @@ def test_asked_for_help_a_script_prints_it_and_runs_nothing(
     assert capsys.readouterr().out.startswith("usage: ")
 
 
-NAMES = ["px4_steps.ulg", "px4_hover.ulg", "copter_steps_stabilize.bin", "copter_yaw_turns.bin",
-         "copter_steps_stabilize.tlog"]  # fmt: skip
+NAMES = [
+    "px4_steps.ulg",
+    "px4_hover.ulg",
+    "copter_steps_stabilize.bin",
+    "copter_yaw_turns.bin",
+    "copter_steps_stabilize.tlog",
+]
 
 
 @pytest.mark.parametrize("name", few(NAMES, 1))
@@ -59,8 +64,10 @@ def test_a_made_log_is_sound_for_attlog(name: str, script: Script, tmp_path: Pat
     assert not log.damage
     assert len(log.boots) == 1
     message, clock = {
-        "ulog": ("sensor_combined", "timestamp"), "dataflash": ("IMU", "TimeUS"), "tlog": ("RAW_IMU", "time_usec")
-    }[log.format]  # fmt: skip
+        "ulog": ("sensor_combined", "timestamp"),
+        "dataflash": ("IMU", "TimeUS"),
+        "tlog": ("RAW_IMU", "time_usec"),
+    }[log.format]
     long, short = log.first(message), source.first(message)
     assert long is not None
     assert short is not None
@@ -98,9 +105,7 @@ def test_a_made_dataflash_log_is_sound_for_pymavlink(
             found[message.get_type()] += 1
     assert capfd.readouterr() == ("", "")
     source = formats.open(SAMPLES / "copter_yaw_turns.bin")
-    assert found == {
-        "FMT": len(source["FMT", 0]), "FMTU": len(source["FMTU", 0]), "IMU": 2 * len(source["IMU", 0])
-    }  # fmt: skip
+    assert found == {"FMT": len(source["FMT", 0]), "FMTU": len(source["FMTU", 0]), "IMU": 2 * len(source["IMU", 0])}
 
 
 @pytest.mark.slow
@@ -191,10 +196,12 @@ def test_a_verdict_says_met_missed_or_why_not(script: Script) -> None:
     tasks = [task(lambda value=value: table.Measured(value, "ours")) for value in works]
     rows = list(table.rows([*tasks, task(broken), task(broken, True)], quick=True))
     assert [row.verdict for row in rows] == [
-        "met (earlier aim 0.8: missed)", "missed", "met",
+        "met (earlier aim 0.8: missed)",
+        "missed",
+        "met",
         "not measured because ModuleNotFoundError: No module named 'ahrs'",
         "not measured because --quick leaves large logs out",
-    ]  # fmt: skip
+    ]
     assert [row.missed for row in rows] == [False, True, False, False, False]
     shown = table.as_markdown(rows).splitlines()
     assert shown[2:4] == ["| **group** | | | | |", "| what | ours |  | 1 | ≤ 1.2: met (earlier aim 0.8: missed) |"]

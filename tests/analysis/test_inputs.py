@@ -66,12 +66,18 @@ def test_facts_hold_the_numbers_among_the_parameters_and_what_is_known() -> None
 def receiver(**changes: Any) -> Gnss:
     n = 6
     parts = {
-        "index": 0, "t": np.array([0.0, 1.0, 2.0, 2.0, 1.5, 3.0]), "source": "GPS:0",
-        "lat": np.array([50.0, 50.1, 50.2, 59.0, 50.4, nan]), "lon": np.full(n, 8.0), "alt": np.full(n, nan),
+        "index": 0,
+        "t": np.array([0.0, 1.0, 2.0, 2.0, 1.5, 3.0]),
+        "source": "GPS:0",
+        "lat": np.array([50.0, 50.1, 50.2, 59.0, 50.4, nan]),
+        "lon": np.full(n, 8.0),
+        "alt": np.full(n, nan),
         "vel_ned": np.column_stack([np.arange(6.0), np.zeros(6), np.full(6, nan)]),
-        "h_acc": np.full(n, 1.5), "v_acc": np.full(n, nan), "s_acc": np.array([0.1, 0.2, 0.3, 9.0, -1.0, 0.6]),
+        "h_acc": np.full(n, 1.5),
+        "v_acc": np.full(n, nan),
+        "s_acc": np.array([0.1, 0.2, 0.3, 9.0, -1.0, 0.6]),
         "fix": np.array([1, 3, 3, 3, 4, 3]),
-    }  # fmt: skip
+    }
     return Gnss(**(parts | changes))
 
 

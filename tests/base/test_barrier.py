@@ -57,11 +57,20 @@ def test_errors_on_purpose_pass() -> None:
 @pytest.mark.usefixtures("quiet")
 @pytest.mark.parametrize(
     ("part", "name", "field"),
-    [(state, "battery", "battery"), (state, "gnss", "gnss"), (state, "baro", "baro"), (state, "setpoints", "setpoints"),
-     (state, "armed", "armed"), (magnetometers, "magnetometers", "mags"), (reader, "attitude_of", "attitudes"),
-     (state, "vehicle", ""), (state, "firmware", ""), (imus, "fifo", "")],
+    [
+        (state, "battery", "battery"),
+        (state, "gnss", "gnss"),
+        (state, "baro", "baro"),
+        (state, "setpoints", "setpoints"),
+        (state, "armed", "armed"),
+        (magnetometers, "magnetometers", "mags"),
+        (reader, "attitude_of", "attitudes"),
+        (state, "vehicle", ""),
+        (state, "firmware", ""),
+        (imus, "fifo", ""),
+    ],
     ids=lambda x: x if isinstance(x, str) else "",
-)  # fmt: skip
+)
 def test_a_part_of_a_flight_that_fails_is_one_problem_and_the_rest_is_there(
     part: ModuleType, name: str, field: str
 ) -> None:
@@ -147,11 +156,19 @@ def test_info_goes_on_without_a_reference_and_without_answers() -> None:
 
 
 @pytest.mark.usefixtures("quiet")
-@pytest.mark.parametrize(("part", "name", "kinds"), few([
-    (segments.rest, "rests", {"continuous"}), (segments.flags, "airborne", {"continuous"}),
-    (segments.gaps, "find", {"continuous"}), (segments.hover, "find", {"armed", "airborne", "continuous", "rest.long"}),
-    (segments.resets, "find", {"armed", "airborne", "continuous", "rest.long"}),
-], 2))  # fmt: skip
+@pytest.mark.parametrize(
+    ("part", "name", "kinds"),
+    few(
+        [
+            (segments.rest, "rests", {"continuous"}),
+            (segments.flags, "airborne", {"continuous"}),
+            (segments.gaps, "find", {"continuous"}),
+            (segments.hover, "find", {"armed", "airborne", "continuous", "rest.long"}),
+            (segments.resets, "find", {"armed", "airborne", "continuous", "rest.long"}),
+        ],
+        2,
+    ),
+)
 def test_without_segments_the_log_is_still_analysed(part: ModuleType, name: str, kinds: set[str]) -> None:
     with breaks(part, name):
         result = analysis.analyze(LOG, {"estimators": ["mahony"], "reference": "onboard"})

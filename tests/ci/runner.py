@@ -87,9 +87,10 @@ class Machine:
         green, outputs = True, {}
         for step in steps:
             context = {
-                "inputs": inputs, "steps": {k: {"outputs": v} for k, v in outputs.items()},
+                "inputs": inputs,
+                "steps": {k: {"outputs": v} for k, v in outputs.items()},
                 "github": {"event_name": self.event, "token": "t", **action},
-            }  # fmt: skip
+            }
             condition = str(step.get("if", "success()"))
             if "always()" not in condition:
                 condition = f"success() && ({condition})"
@@ -112,18 +113,31 @@ class Machine:
         told = self.root / "temp" / "output"
         told.write_text("")
         own = {
-            "PATH": f"{self.root / 'shims'}:/usr/bin:/bin", "HOME": str(self.root / "home"), "PYTHON": sys.executable,
-            "PYTHONPATH": str(ROOT), "INSTALLED": str(self.root / "installed"), "GITHUB_ACTIONS": "true",
-            "ARTIFACTS": str(self.root / "artifacts"), "GITHUB_OUTPUT": str(told),
-            "GITHUB_STEP_SUMMARY": str(self.root / "summary.md"), "GITHUB_WORKSPACE": str(workspace),
-            "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache")), "LANG": "C.UTF-8",
-        }  # fmt: skip
+            "PATH": f"{self.root / 'shims'}:/usr/bin:/bin",
+            "HOME": str(self.root / "home"),
+            "PYTHON": sys.executable,
+            "PYTHONPATH": str(ROOT),
+            "INSTALLED": str(self.root / "installed"),
+            "GITHUB_ACTIONS": "true",
+            "ARTIFACTS": str(self.root / "artifacts"),
+            "GITHUB_OUTPUT": str(told),
+            "GITHUB_STEP_SUMMARY": str(self.root / "summary.md"),
+            "GITHUB_WORKSPACE": str(workspace),
+            "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache")),
+            "LANG": "C.UTF-8",
+        }
         threads = {k: v for k, v in os.environ.items() if k.endswith("_NUM_THREADS")}
         command = ["bash", "--noprofile", "--norc", "-eo", "pipefail", str(self.root / "temp" / "script.sh")]
         ran = subprocess.run(
-            command, cwd=workspace, env=own | threads | env, capture_output=True, text=True, encoding="utf-8",
-            check=False, timeout=300,
-        )  # fmt: skip
+            command,
+            cwd=workspace,
+            env=own | threads | env,
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            check=False,
+            timeout=300,
+        )
         self.done.append(Done(name, ran.returncode, ran.stdout, ran.stderr))
         outputs |= dict(line.split("=", 1) for line in told.read_text().splitlines())
         return ran.returncode == 0

@@ -80,5 +80,8 @@ def test_a_workflow_of_the_page_has_what_github_needs(document: dict[Any, Any]) 
 
 def test_there_is_a_workflow_of_every_kind() -> None:
     assert [d["name"] for d in WORKFLOWS] == [
-        "attitude", "simulated flights", "attitude by hand", "attitude beside main",
-    ]  # fmt: skip
+        "attitude",
+        "simulated flights",
+        "attitude by hand",
+        "attitude beside main",
+    ]

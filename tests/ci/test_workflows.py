@@ -131,16 +131,20 @@ def test_beside_main(tmp_path: Path, repository: Path) -> None:
 def test_the_action_takes_lines_patterns_and_versions(machine: Machine, repository: Path) -> None:
     shutil.copy(SAMPLES / "px4_hover.ulg", repository / "other.ulg")
     inputs = {
-        "logs": "\n  logs/*.ulg  \n\nother.ulg\n", "options": "--estimators\ngyro", "version": "9.9", "artifact": "",
+        "logs": "\n  logs/*.ulg  \n\nother.ulg\n",
+        "options": "--estimators\ngyro",
+        "version": "9.9",
+        "artifact": "",
         "report": "my report",
-    }  # fmt: skip
+    }
     green, outputs = machine.use("attlog/attlog@main", inputs, repository)
     assert green, machine.done
     assert machine.installed == ["pip install --quiet attlog[export,remote]==9.9"]
     assert outputs == {"report": "my report", "junit": "my report/junit.xml", "exit-code": "0"}
     assert {s.name for s in JUnitXml.fromfile(str(repository / "my report" / "junit.xml"))} == {
-        "logs/a flight.ulg", "other.ulg",
-    }  # fmt: skip
+        "logs/a flight.ulg",
+        "other.ulg",
+    }
     assert list((machine.root / "artifacts").iterdir()) == []
 
 

@@ -29,8 +29,11 @@ class Process:
         with self.said_in.open("wb") as said:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "attlog", *arguments],
-                stdout=said, stderr=said, cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
-            )  # fmt: skip
+                stdout=said,
+                stderr=said,
+                cwd=folder,
+                env=os.environ | {"PYTHONPATH": str(ROOT)},
+            )
 
     @property
     def said(self) -> str:
@@ -102,9 +105,7 @@ def test_ctrl_c_cancels_what_the_cluster_has(dask: Cluster, tmp_path: Path, star
 
     slow = tmp_path / "slow.py"
     slow.write_text("import time\ntime.sleep(60)\nfrom attlog.estimators.filters.gyro import *\n")
-    running = start(
-        "batch", str(SAMPLES), "-o", "out", "--scheduler", dask.address, "--estimators", str(slow)
-    )  # fmt: skip
+    running = start("batch", str(SAMPLES), "-o", "out", "--scheduler", dask.address, "--estimators", str(slow))
     with Client(dask.address, set_as_default=False) as client:
 
         def tasks() -> int:

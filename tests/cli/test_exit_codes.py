@@ -56,12 +56,20 @@ def test_what_is_no_log_is_65(attlog, tmp_path, command, content):
 
 
 UNSEARCHABLE = {
-    "info LOCKED/a.bin": 66, "analyze LOCKED/a.bin": 66, "extract LOCKED/a.bin": 66,
+    "info LOCKED/a.bin": 66,
+    "analyze LOCKED/a.bin": 66,
+    "extract LOCKED/a.bin": 66,
     "compare LOCKED/a.bin mahony gyro": 66,
-    "sweep LOCKED/a.bin mahony kp=1,2": 66, "diff LOCKED/a LOCKED/b": 66, "analyze LOG --estimators LOCKED/f.py": 2,
-    "analyze LOG --estimators LOCKED/f.csv": 2, "reproduce xu --logs LOCKED/a.bin": 66, "new LOCKED/x.py": 73,
-    "check-estimator LOCKED/x.py": 2, "table LOCKED/r.json": 66, "extract LOG ATT -o LOCKED/x.csv": 73,
-}  # fmt: skip
+    "sweep LOCKED/a.bin mahony kp=1,2": 66,
+    "diff LOCKED/a LOCKED/b": 66,
+    "analyze LOG --estimators LOCKED/f.py": 2,
+    "analyze LOG --estimators LOCKED/f.csv": 2,
+    "reproduce xu --logs LOCKED/a.bin": 66,
+    "new LOCKED/x.py": 73,
+    "check-estimator LOCKED/x.py": 2,
+    "table LOCKED/r.json": 66,
+    "extract LOG ATT -o LOCKED/x.csv": 73,
+}
 
 
 @pytest.mark.rights

@@ -116,8 +116,11 @@ def test_a_run_that_is_ended_leaves_old_reports_and_nothing_else(tmp_path: Path,
     )
     run = subprocess.Popen(
         [sys.executable, "-c", before, "analyze", LOG, "-o", tmp_path, "--estimators", "gyro"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     for _ in range(2400):
         if (tmp_path / "there").exists() or run.poll() is not None:
             break

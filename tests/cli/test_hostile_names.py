@@ -66,9 +66,16 @@ def test_a_planted_link_is_replaced_and_not_followed(attlog, hostile, tmp_path):
 
 @pytest.mark.parametrize(
     "command",
-    [["info"], ["info", "-v"], ["info", "--json"], ["analyze", "--estimators", "gyro", "-v"],
-     ["analyze", "--estimators", "gyro", "--json"], ["extract", "nothing"], ["extract", "-o", "-", "AA"]],
-)  # fmt: skip
+    [
+        ["info"],
+        ["info", "-v"],
+        ["info", "--json"],
+        ["analyze", "--estimators", "gyro", "-v"],
+        ["analyze", "--estimators", "gyro", "--json"],
+        ["extract", "nothing"],
+        ["extract", "-o", "-", "AA"],
+    ],
+)
 def test_no_command_of_a_log_reaches_the_terminal(attlog, hostile, tmp_path, command):
     place = ["-o", tmp_path / "out"] if command[0] == "analyze" else []
     done = attlog(command[0], hostile, *command[1:], *place)

@@ -32,8 +32,16 @@ def test_what_is_no_number_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("words", [("--window", "nan:1"), ("--window", "0:inf"), ("--params", "/dev/zero"),
-                                   ("--config", "/dev/zero"), ("--gates", "/dev/zero")])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--window", "nan:1"),
+        ("--window", "0:inf"),
+        ("--params", "/dev/zero"),
+        ("--config", "/dev/zero"),
+        ("--gates", "/dev/zero"),
+    ],
+)
 def test_numbers_and_files_out_of_all_proportion_are_refused(
     attlog: Callable[..., Any], words: tuple[str, str], tmp_path: Any
 ) -> None:

@@ -51,8 +51,12 @@ def test_no_child_process_imports_a_file_of_the_current_folder(
         (tmp_path / name).symlink_to(samples / "px4_steps.ulg")
     done = subprocess.run(
         [sys.executable, *start, *words],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
     assert [path.name for path in tmp_path.glob("*.ran")] == []
     assert "Traceback" not in done.stderr
     if words[0] != "check-estimator":  # whose verdict this filter, which ignores its sensors, does not get

@@ -18,9 +18,11 @@ from tests.conftest import ROOT
 def run(*arguments: object, path: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """Python with these arguments, which finds attlog in ``path``."""
     return subprocess.run(
-        [sys.executable, "-P", *map(str, arguments)], env={**os.environ, "PYTHONPATH": str(path)}, capture_output=True,
+        [sys.executable, "-P", *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": str(path)},
+        capture_output=True,
         text=True,
-    )  # fmt: skip
+    )
 
 
 def test_out_of_a_zip_file_it_says_what_to_do(tmp_path: Path) -> None:

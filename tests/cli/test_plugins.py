@@ -31,10 +31,24 @@ def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
         (tmp_path / f"{name}.py").write_text(RUN.format(top=top, body=body))
     filters = ",".join(["gyro", *(str(tmp_path / f"{name}.py") for name in FILES)])
     done = subprocess.run(
-        [sys.executable, "-m", "attlog", "analyze", samples / "copter_steps_stabilize.bin", "-o", tmp_path,
-         "--estimators", filters, "--reference", "onboard", "--json"],
-        capture_output=True, text=True, env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "6"},
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "attlog",
+            "analyze",
+            samples / "copter_steps_stabilize.bin",
+            "-o",
+            tmp_path,
+            "--estimators",
+            filters,
+            "--reference",
+            "onboard",
+            "--json",
+        ],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "6"},
+    )
     assert done.returncode == 75, done.stderr[-2000:]
     assert "Traceback" not in done.stderr
     document = json.loads(done.stdout)
@@ -54,10 +68,23 @@ def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
 def test_compare_ends_with_the_code_of_a_filter_that_took_too_long(samples, tmp_path):
     (tmp_path / "loops.py").write_text(RUN.format(top="", body="while True: pass"))
     done = subprocess.run(
-        [sys.executable, "-m", "attlog", "compare", samples / "copter_yaw_turns.bin", "gyro", tmp_path / "loops.py",
-         "--reference", "onboard", "-o", tmp_path / "out"],
-        capture_output=True, text=True, env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "3"},
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "attlog",
+            "compare",
+            samples / "copter_yaw_turns.bin",
+            "gyro",
+            tmp_path / "loops.py",
+            "--reference",
+            "onboard",
+            "-o",
+            tmp_path / "out",
+        ],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "3"},
+    )
     assert done.returncode == 75, done.stderr[-2000:]
     assert list((tmp_path / "out").rglob("*.html"))
 
@@ -69,10 +96,21 @@ LATER = "calls.append(0); time.sleep(30 if len(calls) == 2 else 0)"
 def test_compare_ends_with_the_code_of_a_filter_that_took_too_long_when_a_metric_tried_it(samples, tmp_path):
     (tmp_path / "later.py").write_text(RUN.format(top="import time\ncalls = []", body=LATER))
     done = subprocess.run(
-        [sys.executable, "-m", "attlog", "compare", samples / "copter_yaw_turns.bin", "gyro", tmp_path / "later.py",
-         "-o", tmp_path / "out"],
-        capture_output=True, text=True, env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "3"},
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "attlog",
+            "compare",
+            samples / "copter_yaw_turns.bin",
+            "gyro",
+            tmp_path / "later.py",
+            "-o",
+            tmp_path / "out",
+        ],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "3"},
+    )
     assert done.returncode == 75, done.stderr[-2000:]
     assert "in a later run" in done.stderr
     assert list((tmp_path / "out").rglob("*.html"))

@@ -28,7 +28,7 @@ LOG = "copter_yaw_turns.bin"
         (("compare", LOG, "mahony", "mahony"), "mahony is given twice; a comparison needs two that differ"),
         (("compare", LOG, "mahony"), "a comparison needs two configurations or more"),
     ],
-)  # fmt: skip
+)
 def test_the_answer_to_another_writing_names_ours(attlog, samples, monkeypatch, words, said):
     monkeypatch.chdir(samples)
     done = attlog(*words)

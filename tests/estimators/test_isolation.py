@@ -119,12 +119,26 @@ def run(path: Path, how: str = "well") -> Estimate:
 
 
 SAYS = {
-    "raise": "ValueError: no good", "exit": "SystemExit", "end": "exit status 3", "abort": "SIGABRT",
-    "crash": "SIGSEGV", "kill": "signal 9", "recurse": "RecursionError", "fill": "emoryError", "ask": "EOFError",
-    "complex": "complex128", "words": "<U1", "bias": "(2, 3)", "aux": "'sigma_tilt' has shape (3,)",
-    "counts": "skipped must be", "talk": "(3000000 letters)", "spoil": "nonsense", "mute": "cannot be had",
-    "nonsense": "must return", "strange": "quality must be",
-}  # fmt: skip
+    "raise": "ValueError: no good",
+    "exit": "SystemExit",
+    "end": "exit status 3",
+    "abort": "SIGABRT",
+    "crash": "SIGSEGV",
+    "kill": "signal 9",
+    "recurse": "RecursionError",
+    "fill": "emoryError",
+    "ask": "EOFError",
+    "complex": "complex128",
+    "words": "<U1",
+    "bias": "(2, 3)",
+    "aux": "'sigma_tilt' has shape (3,)",
+    "counts": "skipped must be",
+    "talk": "(3000000 letters)",
+    "spoil": "nonsense",
+    "mute": "cannot be had",
+    "nonsense": "must return",
+    "strange": "quality must be",
+}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits and signals as Linux knows them")

@@ -25,9 +25,19 @@ class Cluster:
 
     def start(self, **environment: str) -> Cluster:
         file = self.folder / "scheduler.json"
-        self.scheduler = self._process("dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-                                       "--idle-timeout", "20 minutes",
-                                       "--scheduler-file", str(file), **environment)  # fmt: skip
+        self.scheduler = self._process(
+            "dask_scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--idle-timeout",
+            "20 minutes",
+            "--scheduler-file",
+            str(file),
+            **environment,
+        )
         until = time.monotonic() + 30
         while not self.address:
             assert time.monotonic() < until, self.said()
@@ -38,9 +48,21 @@ class Cluster:
 
     def worker(self, *options: str) -> subprocess.Popen[bytes]:
         """A worker for one log at a time, without a nanny to start it again; forgotten, it ends itself."""
-        process = self._process("dask_worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
-                                "--lifetime", "20 minutes", "--death-timeout", "30",
-                                "--local-directory", str(self.folder), *options)  # fmt: skip
+        process = self._process(
+            "dask_worker",
+            self.address,
+            "--nthreads",
+            "1",
+            "--no-nanny",
+            "--no-dashboard",
+            "--lifetime",
+            "20 minutes",
+            "--death-timeout",
+            "30",
+            "--local-directory",
+            str(self.folder),
+            *options,
+        )
         self.workers.append(process)
         return process
 
@@ -57,5 +79,8 @@ class Cluster:
         with (self.folder / "said.txt").open("ab") as said:
             return subprocess.Popen(
                 [sys.executable, "-m", f"distributed.cli.{module}", *options],
-                stdout=said, stderr=said, cwd=self.folder, env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
-            )  # fmt: skip
+                stdout=said,
+                stderr=said,
+                cwd=self.folder,
+                env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+            )

@@ -12,10 +12,18 @@ def outcome(row: str, status: str = "failed", excess: float = 2.0, **changes: An
     """A gate on the lag of a row."""
     cause = {"failed": "limit", "skipped": "unanswered", "passed": None}[status]
     values: dict[str, Any] = {
-        "row": row, "check": "lag_ms@airborne max=5", "metric": "lag_ms", "window": "airborne", "status": status,
-        "cause": cause, "value": 5.0 * excess, "unit": "ms", "allowed": 5.0, "excess": excess,
+        "row": row,
+        "check": "lag_ms@airborne max=5",
+        "metric": "lag_ms",
+        "window": "airborne",
+        "status": status,
+        "cause": cause,
+        "value": 5.0 * excess,
+        "unit": "ms",
+        "allowed": 5.0,
+        "excess": excess,
         "sentence": f"{row}: lag_ms {5.0 * excess:g} ms (airborne), at most 5 ms",
-    }  # fmt: skip
+    }
     return GateOutcome(**(values | changes))
 
 

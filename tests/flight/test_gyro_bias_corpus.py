@@ -17,9 +17,15 @@ arming: 0.08 deg/s short at the most."""
 
 @pytest.mark.parametrize(
     "name",
-    ["px4/px4_static.ulg", "px4/px4_hover.ulg", "px4/px4_steps.ulg", "ardupilot/copter_hover_rest.bin",
-     "ardupilot/copter_static_hop.bin", "ardupilot/copter_long.bin"],
-)  # fmt: skip
+    [
+        "px4/px4_static.ulg",
+        "px4/px4_hover.ulg",
+        "px4/px4_steps.ulg",
+        "ardupilot/copter_hover_rest.bin",
+        "ardupilot/copter_static_hop.bin",
+        "ardupilot/copter_long.bin",
+    ],
+)
 def test_before_arming_it_is_what_the_logged_gyro_shows_standing_still(corpus: Path, name: str) -> None:
     log = attlog.read(corpus / "sitl" / name)
     bias, imu, armed = log.onboard_gyro_bias, log.replay_imu, log.armed

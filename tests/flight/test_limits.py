@@ -32,17 +32,29 @@ def px4_tables() -> Tables:
     one = np.ones(N, np.float32)
     return {
         ("sensor_combined", 0): {
-            "timestamp": t, "gyro_rad": np.full((N, 3), 0.01, np.float32), "accelerometer_m_s2": gravity(N),
+            "timestamp": t,
+            "gyro_rad": np.full((N, 3), 0.01, np.float32),
+            "accelerometer_m_s2": gravity(N),
             "gyro_integral_dt": np.full(N, 5000, np.uint32),
         },
         ("vehicle_magnetometer", 0): {
-            "timestamp": t, "magnetometer_ga": np.tile(np.array([0.2, 0.0, 0.4], np.float32), (N, 1)),
+            "timestamp": t,
+            "magnetometer_ga": np.tile(np.array([0.2, 0.0, 0.4], np.float32), (N, 1)),
         },
         ("sensor_gps", 0): {
-            "timestamp": t, "latitude_deg": 47.0 * one.astype(float), "longitude_deg": 8.0 * one.astype(float),
-            "altitude_msl_m": 400.0 * one.astype(float), "fix_type": np.full(N, 3, np.uint8),
-            "time_utc_usec": 1_700_000_000_000_000 + t, "eph": one, "epv": one, "s_variance_m_s": one,
-            "vel_n_m_s": one, "vel_e_m_s": one, "vel_d_m_s": one, "heading": one,
+            "timestamp": t,
+            "latitude_deg": 47.0 * one.astype(float),
+            "longitude_deg": 8.0 * one.astype(float),
+            "altitude_msl_m": 400.0 * one.astype(float),
+            "fix_type": np.full(N, 3, np.uint8),
+            "time_utc_usec": 1_700_000_000_000_000 + t,
+            "eph": one,
+            "epv": one,
+            "s_variance_m_s": one,
+            "vel_n_m_s": one,
+            "vel_e_m_s": one,
+            "vel_d_m_s": one,
+            "heading": one,
         },
         ("vehicle_air_data", 0): {"timestamp": t, "baro_alt_meter": 400.0 * one},
         ("airspeed_validated", 0): {"timestamp": t, "true_airspeed_m_s": 15.0 * one},
@@ -51,7 +63,7 @@ def px4_tables() -> Tables:
         ("vehicle_rates_setpoint", 0): {"timestamp": t, "roll": one, "pitch": one, "yaw": one},
         ("vehicle_thrust_setpoint", 0): {"timestamp": t, "xyz": np.tile(np.float32([0, 0, -0.5]), (N, 1))},
         ("vehicle_attitude", 0): {"timestamp": t, "q": level(N)},
-    }  # fmt: skip
+    }
 
 
 def read_px4(tables: Tables) -> FlightLog:
@@ -68,15 +80,27 @@ def numbers(log: FlightLog) -> dict[str, np.ndarray]:
     assert log.rate_setpoints is not None
     assert log.throttle is not None
     return {
-        "gyro_rad": log.imus[0].gyro.x, "accelerometer_m_s2": log.imus[0].acc.x,
-        "magnetometer_ga": log.mags[0].field.x, "altitude_msl_m": g.alt, "vel_n_m_s": g.vel_ned[:, 0],
-        "vel_d_m_s": g.vel_ned[:, 2], "eph": g.h_acc, "epv": g.v_acc, "s_variance_m_s": g.s_acc,
-        "heading": g.yaw if g.yaw is not None else np.zeros(1), "baro_alt_meter": log.baro[0].x,
-        "latitude_deg": g.lat, "longitude_deg": g.lon,
-        "true_airspeed_m_s": log.airspeed.x, "voltage_v": battery.x[:, 0], "current_a": battery.x[:, 1],
-        "esc[0].esc_rpm": log.rpm.x, "roll": log.rate_setpoints.x, "xyz": log.throttle.x,
+        "gyro_rad": log.imus[0].gyro.x,
+        "accelerometer_m_s2": log.imus[0].acc.x,
+        "magnetometer_ga": log.mags[0].field.x,
+        "altitude_msl_m": g.alt,
+        "vel_n_m_s": g.vel_ned[:, 0],
+        "vel_d_m_s": g.vel_ned[:, 2],
+        "eph": g.h_acc,
+        "epv": g.v_acc,
+        "s_variance_m_s": g.s_acc,
+        "heading": g.yaw if g.yaw is not None else np.zeros(1),
+        "baro_alt_meter": log.baro[0].x,
+        "latitude_deg": g.lat,
+        "longitude_deg": g.lon,
+        "true_airspeed_m_s": log.airspeed.x,
+        "voltage_v": battery.x[:, 0],
+        "current_a": battery.x[:, 1],
+        "esc[0].esc_rpm": log.rpm.x,
+        "roll": log.rate_setpoints.x,
+        "xyz": log.throttle.x,
         "q": log.attitudes["vehicle_attitude"].q,
-    }  # fmt: skip
+    }
 
 
 FIELDS = [
@@ -166,8 +190,10 @@ def test_events_and_modes_a_day_away_belong_to_another_flight() -> None:
     t = micros(5, 1.0)
     t[2] += np.uint64(30 * 86_400 * 10**6)
     tables["vehicle_status", 0] = {
-        "timestamp": t, "arming_state": np.array([1, 2, 1, 2, 2], np.uint8), "failsafe": np.array([0, 0, 1, 0, 0]),
-    }  # fmt: skip
+        "timestamp": t,
+        "arming_state": np.array([1, 2, 1, 2, 2], np.uint8),
+        "failsafe": np.array([0, 0, 1, 0, 0]),
+    }
     log = read_px4(tables)
     assert log.armed is not None
     assert log.armed.value == [False, True]
@@ -178,9 +204,10 @@ def test_text_in_place_of_a_number_costs_its_message_only() -> None:
     tables = px4_tables()
     tables["vehicle_air_data", 0]["timestamp"] = np.array([b"x"] * N)
     tables["estimator_selector_status", 0] = {
-        "timestamp": np.zeros((N, 3), np.uint64), "gyro_device_id": np.ones(N, np.uint32),
+        "timestamp": np.zeros((N, 3), np.uint64),
+        "gyro_device_id": np.ones(N, np.uint32),
         "primary_instance": np.zeros(N, np.uint8),
-    }  # fmt: skip
+    }
     log = read_px4(tables)
     assert log.imu is not None
     assert log.baro == []
@@ -192,22 +219,45 @@ def ardupilot_log(change: Callable[[Tables], None]) -> FlightLog:
     g = gravity(N)
     zero, one = np.zeros(N, np.float32), np.ones(N, np.float32)
     tables: Tables = {
-        ("IMU", 0): {"TimeUS": t, "GyrX": zero, "GyrY": zero, "GyrZ": zero + 0.01, "AccX": g[:, 0], "AccY": g[:, 1],
-                     "AccZ": g[:, 2], "T": 30 * one},
-        ("GPS", 0): {"TimeUS": t, "Status": np.full(N, 3, np.uint8), "Lat": 47 * one, "Lng": 8 * one, "Alt": 400 * one,
-                     "Spd": one, "GCrs": one, "VZ": zero, "GWk": np.full(N, 2300), "GMS": np.full(N, 1000)},
+        ("IMU", 0): {
+            "TimeUS": t,
+            "GyrX": zero,
+            "GyrY": zero,
+            "GyrZ": zero + 0.01,
+            "AccX": g[:, 0],
+            "AccY": g[:, 1],
+            "AccZ": g[:, 2],
+            "T": 30 * one,
+        },
+        ("GPS", 0): {
+            "TimeUS": t,
+            "Status": np.full(N, 3, np.uint8),
+            "Lat": 47 * one,
+            "Lng": 8 * one,
+            "Alt": 400 * one,
+            "Spd": one,
+            "GCrs": one,
+            "VZ": zero,
+            "GWk": np.full(N, 2300),
+            "GMS": np.full(N, 1000),
+        },
         ("BARO", 0): {"TimeUS": t, "Alt": one},
         ("BAT", 0): {"TimeUS": t, "Volt": 16 * one, "Curr": one},
-    }  # fmt: skip
+    }
     change(tables)
     with np.errstate(all="ignore"):
         return ardupilot.read(messages("dataflash", tables))
 
 
 def test_an_ardupilot_log_is_held_to_the_same_limits() -> None:
-    for key, column, words in ((("GPS", 0), "Alt", "GNSS height"), (("GPS", 0), "Spd", "GNSS speed"),
-                               (("BARO", 0), "Alt", "barometric height"), (("BAT", 0), "Volt", "battery voltage"),
-                               (("IMU", 0), "T", "sensor temperature"), (("IMU", 0), "GyrX", "gyro")):  # fmt: skip
+    for key, column, words in (
+        (("GPS", 0), "Alt", "GNSS height"),
+        (("GPS", 0), "Spd", "GNSS speed"),
+        (("BARO", 0), "Alt", "barometric height"),
+        (("BAT", 0), "Volt", "battery voltage"),
+        (("IMU", 0), "T", "sensor temperature"),
+        (("IMU", 0), "GyrX", "gyro"),
+    ):
 
         def spoil(tables: Tables, key: tuple[str, int] = key, column: str = column) -> None:
             tables[key][column] = np.where(np.arange(N) < 9, 3e33, tables[key][column]).astype(np.float32)
@@ -218,11 +268,27 @@ def test_an_ardupilot_log_is_held_to_the_same_limits() -> None:
 
 
 def test_parameters_that_are_computed_with_have_limits_and_others_have_none() -> None:
-    wrong = {"IMU_GYRO_CUTOFF": 1e-38, "INS_GYRO_FILTER": 1e30, "EKF2_MAG_DECL": 1e39, "COMPASS_DEC": 12.0,
-             "CAL_MAG0_XOFF": 1e9, "CAL_ACC1_ZSCALE": -3e8, "SENS_BOARD_ROT": 1e9, "AHRS_TRIM_X": 40.0}  # fmt: skip
-    right = {"IMU_GYRO_CUTOFF": 0.0, "INS_GYRO_FILTER": 20.0, "EKF2_MAG_DECL": -12.0, "COMPASS_DEC": 0.2,
-             "CAL_MAG0_XOFF": 0.3, "CAL_ACC1_ZSCALE": 1.01, "SENS_BOARD_ROT": 4.0, "AHRS_TRIM_X": 0.02,
-             "ANYTHING_ELSE": 1e30}  # fmt: skip
+    wrong = {
+        "IMU_GYRO_CUTOFF": 1e-38,
+        "INS_GYRO_FILTER": 1e30,
+        "EKF2_MAG_DECL": 1e39,
+        "COMPASS_DEC": 12.0,
+        "CAL_MAG0_XOFF": 1e9,
+        "CAL_ACC1_ZSCALE": -3e8,
+        "SENS_BOARD_ROT": 1e9,
+        "AHRS_TRIM_X": 40.0,
+    }
+    right = {
+        "IMU_GYRO_CUTOFF": 0.0,
+        "INS_GYRO_FILTER": 20.0,
+        "EKF2_MAG_DECL": -12.0,
+        "COMPASS_DEC": 0.2,
+        "CAL_MAG0_XOFF": 0.3,
+        "CAL_ACC1_ZSCALE": 1.01,
+        "SENS_BOARD_ROT": 4.0,
+        "AHRS_TRIM_X": 0.02,
+        "ANYTHING_ELSE": 1e30,
+    }
     for name, value in wrong.items():
         log = messages("ulog", {}, [ParamChange(name, right[name]), ParamChange(name, value)])
         problems = parameter_limits.refuse(log)

@@ -91,8 +91,10 @@ def test_where_the_fast_message_is_useless_the_reason_is_told_and_not_a_setting(
     slow = {"timestamp": micros(n, 1.0), "delta_angle": np.zeros((n, 3), np.float32), "delta_velocity": gravity(n)}
     slow |= {f"{x}_dt": np.full(n, 5000, np.uint32) for x in ("delta_angle", "delta_velocity")}
     slow["gyro_device_id"] = np.ones(n, np.uint32)
-    for tables in ({("sensor_combined", 0): combined() | wrong, ("vehicle_imu", 0): slow},
-                   {("sensor_combined", 0): combined() | wrong}):  # fmt: skip
+    for tables in (
+        {("sensor_combined", 0): combined() | wrong, ("vehicle_imu", 0): slow},
+        {("sensor_combined", 0): combined() | wrong},
+    ):
         log = read(tables)
         assert log.imu is None
         told = next(p.text for p in log.problems if p.severity == "error")
@@ -128,10 +130,12 @@ def test_of_more_attitudes_than_a_vehicle_has_those_with_most_records_are_kept()
 
 def test_a_filter_whose_cutoff_is_unknown_is_not_called_0_hz() -> None:
     table = {"timestamp": micros(N, 100.0), "timestamp_sample": micros(N, 100.0)}
-    log = read({
-        ("vehicle_angular_velocity", 0): table | {"xyz": np.zeros((N, 3), np.float32)},
-        ("vehicle_acceleration", 0): table | {"xyz": gravity(N)},
-    })  # fmt: skip
+    log = read(
+        {
+            ("vehicle_angular_velocity", 0): table | {"xyz": np.zeros((N, 3), np.float32)},
+            ("vehicle_acceleration", 0): table | {"xyz": gravity(N)},
+        }
+    )
     assert "0 Hz" not in log.imus[0].filtered
 
 
@@ -152,9 +156,13 @@ def test_one_of_a_thing_is_no_plural() -> None:
 def test_a_log_that_starts_beyond_all_clocks_starts_at_nothing() -> None:
     tables = {
         ("TIME", 0): {"StartTime": np.full(5, 2**64 - 1, np.uint64), "_t_us": np.full(5, -1, np.int64)},
-        ("ATT", 0): {"_t_us": micros(N, 50.0).astype(np.int64), "Roll": np.zeros(N), "Pitch": np.zeros(N),
-                     "Yaw": np.zeros(N)},
-    }  # fmt: skip
+        ("ATT", 0): {
+            "_t_us": micros(N, 50.0).astype(np.int64),
+            "Roll": np.zeros(N),
+            "Pitch": np.zeros(N),
+            "Yaw": np.zeros(N),
+        },
+    }
     log = sdlog2.read(messages("px4log", tables, params={"MAV_TYPE": 2.0}))
     assert log.t0_us == 0
     assert log.params["MAV_TYPE"].value == [2.0]
@@ -180,8 +188,10 @@ def test_the_unit_that_flew_is_told_by_one_number_per_record_or_not_at_all() -> 
 def test_a_hundred_thousand_kinds_of_reports_take_no_time_and_are_not_all_told() -> None:
     n = 100_000
     errors = {
-        "TimeUS": micros(n, 1000.0), "Subsys": np.arange(n, dtype=np.int64), "ECode": np.arange(n, dtype=np.int64) + 1,
-    }  # fmt: skip
+        "TimeUS": micros(n, 1000.0),
+        "Subsys": np.arange(n, dtype=np.int64),
+        "ECode": np.arange(n, dtype=np.int64) + 1,
+    }
     builder = LogBuilder(messages("dataflash", {("ERR", 0): errors}), t0_us=10_000_000)
     begin = time.process_time()
     events.report(builder, Clock(builder.messages))
@@ -193,9 +203,10 @@ def test_a_hundred_thousand_kinds_of_reports_take_no_time_and_are_not_all_told()
 def test_a_hundred_thousand_devices_take_no_time() -> None:
     n = 100_000
     tables = {
-        ("sensor_combined", 0): combined(), ("sensor_gyro", 0): {"device_id": np.full(N, 7, np.uint32)},
+        ("sensor_combined", 0): combined(),
+        ("sensor_gyro", 0): {"device_id": np.full(N, 7, np.uint32)},
         ("sensor_selection", 0): {"timestamp": micros(n, 1000.0), "gyro_device_id": np.arange(n, dtype=np.uint32)},
-    }  # fmt: skip
+    }
     begin = time.process_time()
     assert read(tables).imu == 0
     assert time.process_time() - begin < 2.0

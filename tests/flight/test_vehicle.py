@@ -11,12 +11,22 @@ from tests.flight.fake import level, messages, micros
 
 ENUM = {number: entry.name for number, entry in mavutil.mavlink.enums["MAV_TYPE"].items()}
 WORDS = (
-    ("VTOL", VehicleKind.VTOL), ("TRICOPTER", VehicleKind.MULTIROTOR), ("ROTOR", VehicleKind.MULTIROTOR),
-    ("FIXED_WING", VehicleKind.PLANE), ("HELICOPTER", VehicleKind.HELICOPTER), ("COAXIAL", VehicleKind.HELICOPTER),
-    ("AIRSHIP", VehicleKind.AIRSHIP), ("BALLOON", VehicleKind.BALLOON), ("ROVER", VehicleKind.ROVER),
-    ("BOAT", VehicleKind.BOAT), ("SUBMARINE", VehicleKind.SUB), ("TRACKER", VehicleKind.TRACKER),
-    ("PARAFOIL", VehicleKind.PARAFOIL), ("ROCKET", VehicleKind.ROCKET), ("FLAPPING", VehicleKind.ORNITHOPTER),
-)  # fmt: skip
+    ("VTOL", VehicleKind.VTOL),
+    ("TRICOPTER", VehicleKind.MULTIROTOR),
+    ("ROTOR", VehicleKind.MULTIROTOR),
+    ("FIXED_WING", VehicleKind.PLANE),
+    ("HELICOPTER", VehicleKind.HELICOPTER),
+    ("COAXIAL", VehicleKind.HELICOPTER),
+    ("AIRSHIP", VehicleKind.AIRSHIP),
+    ("BALLOON", VehicleKind.BALLOON),
+    ("ROVER", VehicleKind.ROVER),
+    ("BOAT", VehicleKind.BOAT),
+    ("SUBMARINE", VehicleKind.SUB),
+    ("TRACKER", VehicleKind.TRACKER),
+    ("PARAFOIL", VehicleKind.PARAFOIL),
+    ("ROCKET", VehicleKind.ROCKET),
+    ("FLAPPING", VehicleKind.ORNITHOPTER),
+)
 
 
 @pytest.mark.parametrize("number", ENUM, ids=ENUM.get)

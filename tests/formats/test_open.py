@@ -12,8 +12,14 @@ from attlog import formats
 from attlog.base.errors import AttlogError, LogUnreadable, LogUnusable, NotALog
 from tests.conftest import SAMPLES, corpus_logs
 
-FORMATS = {".ulg": "ulog", ".bin": "dataflash", ".tlog": "tlog", ".log": "dataflash_text", ".px4log": "px4log",
-           ".mavlink": "mavlink"}  # fmt: skip
+FORMATS = {
+    ".ulg": "ulog",
+    ".bin": "dataflash",
+    ".tlog": "tlog",
+    ".log": "dataflash_text",
+    ".px4log": "px4log",
+    ".mavlink": "mavlink",
+}
 EXCEPTIONS = {"px4log_log001_cut.bin": "px4log"}
 
 
@@ -101,11 +107,14 @@ def test_what_is_no_log_is_refused_in_one_line(name: str, content: bytes, tmp_pa
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [("FMT, 128, 89, FMT, BBnNZ, Type,Length\n".encode("utf-16"), "UTF-16"),
-     (b"PK\x03\x04" + b"x" * 90, "a zip archive"),
-     (gzip.compress(gzip.compress(b"x" * 90)), "a gzip archive"), (b"7z\xbc\xaf\x27\x1c" + b"x" * 90, "a 7z archive")],
+    [
+        ("FMT, 128, 89, FMT, BBnNZ, Type,Length\n".encode("utf-16"), "UTF-16"),
+        (b"PK\x03\x04" + b"x" * 90, "a zip archive"),
+        (gzip.compress(gzip.compress(b"x" * 90)), "a gzip archive"),
+        (b"7z\xbc\xaf\x27\x1c" + b"x" * 90, "a 7z archive"),
+    ],
     ids=["utf-16", "zip", "gzip twice", "7z"],
-)  # fmt: skip
+)
 def test_what_a_log_may_be_wrapped_in_is_named(content: bytes, says: str, tmp_path: Path) -> None:
     (tmp_path / "x.bin").write_bytes(content)
     with pytest.raises(NotALog, match=says):

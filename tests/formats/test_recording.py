@@ -168,9 +168,11 @@ def test_parameters_and_texts_of_a_tlog_are_what_pymavlink_reads(tmp_path: Path)
     beats = {"_t_us": TIME[:1], "autopilot": np.array([3])}
     exact = "x" * 100
     written = Recording(
-        {("HEARTBEAT", 0x0207): beats}, [ParamChange("INT", -3), ParamChange("LONG_NAME_OF_16_", 0.25)],
-        [Text("short", 4), Text(exact, 5), Text("and a long one " * 8, 3)], {"system": 2, "component": 7},
-    )  # fmt: skip
+        {("HEARTBEAT", 0x0207): beats},
+        [ParamChange("INT", -3), ParamChange("LONG_NAME_OF_16_", 0.25)],
+        [Text("short", 4), Text(exact, 5), Text("and a long one " * 8, 3)],
+        {"system": 2, "component": 7},
+    )
     formats.write(tmp_path / "a.tlog", written)
     link = mavutil.mavlink_connection(str(tmp_path / "a.tlog"))
     found = []
@@ -180,8 +182,9 @@ def test_parameters_and_texts_of_a_tlog_are_what_pymavlink_reads(tmp_path: Path)
     assert [m.get_seq() for m in found] == list(range(len(found)))
     params = [m for m in found if m.get_type() == "PARAM_VALUE"]
     assert [(m.param_id, m.param_value, m.param_type, m.param_index, m.param_count) for m in params] == [
-        ("INT", -3.0, 6, 0, 2), ("LONG_NAME_OF_16_", 0.25, 9, 1, 2),
-    ]  # fmt: skip
+        ("INT", -3.0, 6, 0, 2),
+        ("LONG_NAME_OF_16_", 0.25, 9, 1, 2),
+    ]
     log = formats.open(tmp_path / "a.tlog")
     assert [(x.text, x.level) for x in log.texts] == [("short", 4), (exact, 5), ("and a long one " * 8, 3)]
 
@@ -197,9 +200,15 @@ def test_a_value_is_stored_rounded_or_not_at_all() -> None:
     assert fitted(np.array([1.6, -1.4]), np.dtype("i2"), "x").tolist() == [2, -1]
     assert fitted(np.array([2**63], np.uint64), np.dtype("u8"), "x").tolist() == [2**63]
     for values, kind in [
-        (np.array([32768.0]), "i2"), (np.array([-1]), "u1"), (np.array([np.nan]), "i4"), (np.array([1e39]), "f4"),
-        (np.array([2.0**63]), "i8"), (np.array([b"abcde"]), "S4"), (np.zeros((1, 2)), "f4"), (np.array([b"1"]), "f4"),
-    ]:  # fmt: skip
+        (np.array([32768.0]), "i2"),
+        (np.array([-1]), "u1"),
+        (np.array([np.nan]), "i4"),
+        (np.array([1e39]), "f4"),
+        (np.array([2.0**63]), "i8"),
+        (np.array([b"abcde"]), "S4"),
+        (np.zeros((1, 2)), "f4"),
+        (np.array([b"1"]), "f4"),
+    ]:
         with pytest.raises(UsageError, match="x: "):
             fitted(values, np.dtype(kind), "x")
     assert np.isnan(fitted(np.array([np.nan]), np.dtype("f4"), "x"))[0]

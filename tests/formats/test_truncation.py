@@ -84,9 +84,12 @@ def test_a_small_log_can_end_at_every_byte(build, tmp_path: Path) -> None:  # ty
     build(path)
     size, whole = path.stat().st_size, columns(formats.open(path))
     assert 1500 < size < 9000
-    rows = np.array([
-        assert_beginning(log, whole, n) if log is not None else 0 for n, log in at_lengths(path, iter(range(size + 1)))
-    ])  # fmt: skip
+    rows = np.array(
+        [
+            assert_beginning(log, whole, n) if log is not None else 0
+            for n, log in at_lengths(path, iter(range(size + 1)))
+        ]
+    )
     assert (np.diff(rows) <= 0).all(), "a shorter file never holds more"
     assert rows[0] > 20
     assert rows[-1] == 0

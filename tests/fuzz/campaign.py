@@ -37,8 +37,13 @@ COMMANDS = ("analyze", "analyze", "analyze", "analyze", "default", "report", "in
 KINDS = ("bytes", "columns", "sensors", "fields")
 """Broken bytes, broken columns of a sound file, whole sensors that fail as they do on vehicles, and each field that is
 read with each value that no sensor gives."""
-CODES = {"analyze": {0, 65, 66}, "default": {0, 65, 66}, "report": {0, 65, 66}, "info": {0, 65, 66},
-         "extract": {0, 2, 65, 66}}  # fmt: skip
+CODES = {
+    "analyze": {0, 65, 66},
+    "default": {0, 65, 66},
+    "report": {0, 65, 66},
+    "info": {0, 65, 66},
+    "extract": {0, 2, 65, 66},
+}
 """What each command may end with: done, nothing to analyse, no file to read; 2 where nothing is to extract."""
 SECONDS, SECONDS_PER_MB = 20.0, 6.0
 """CPU time of a child: loading, kernels and a page, and time that grows with the log and not faster."""
@@ -73,8 +78,11 @@ class Outcome:
 def logs(largest: int) -> list[Path]:
     """Every log in hand up to a size in bytes."""
     root = corpus_root()
-    folders = [SAMPLES] if root is None else [SAMPLES, root / "logs", root / "logs/cases", root / "sitl/px4",
-                                              root / "sitl/ardupilot"]  # fmt: skip
+    folders = (
+        [SAMPLES]
+        if root is None
+        else [SAMPLES, root / "logs", root / "logs/cases", root / "sitl/px4", root / "sitl/ardupilot"]
+    )
     found = [p for folder in folders if folder.is_dir() for p in sorted(folder.iterdir())]
     return [p for p in found if p.suffix.lower() in SUFFIXES and 0 < p.stat().st_size <= largest]
 

@@ -56,11 +56,19 @@ def _shuffled(x: Column) -> Column:
 
 
 VALUES: dict[str, Callable[[Column], Column]] = {
-    "nan": _all(np.nan), "inf": _all(np.inf), "-inf": _all(-np.inf), "zero": _all(0.0), "max": _limit(True),
-    "min": _limit(False), "1e38": _all(1e38), "denormal": _all(1e-40), "negative": lambda x: -x,
-    "constant": lambda x: np.broadcast_to(x[:1], x.shape).copy() if len(x) else x, "ramp": _ramp,
+    "nan": _all(np.nan),
+    "inf": _all(np.inf),
+    "-inf": _all(-np.inf),
+    "zero": _all(0.0),
+    "max": _limit(True),
+    "min": _limit(False),
+    "1e38": _all(1e38),
+    "denormal": _all(1e-40),
+    "negative": lambda x: -x,
+    "constant": lambda x: np.broadcast_to(x[:1], x.shape).copy() if len(x) else x,
+    "ramp": _ramp,
     "shuffled": _shuffled,
-}  # fmt: skip
+}
 """What becomes of the field, from first record to last."""
 
 
@@ -81,9 +89,11 @@ def read_fields(messages: Messages) -> list[Read]:
     except AttlogError:
         pass  # what was asked for before the log was given up counts as well
     return [
-        (key, name) for key, table in messages.tables.items() for name, field in table.fields.items()
+        (key, name)
+        for key, table in messages.tables.items()
+        for name, field in table.fields.items()
         if (key, name) in asked and field.dtype.base.kind in "iuf"
-    ]  # fmt: skip
+    ]
 
 
 def count(fields: list[Read]) -> int:

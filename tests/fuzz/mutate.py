@@ -32,9 +32,32 @@ NUMBERS = (
     *(b"\x01\x00\xa0\x7f", b"\x01\x00\x00\x00\x00\x00\xf0\x7f"),
 )
 """Values no sensor has: not a number (quiet and signalling), infinite, beyond every range, denormal."""
-WORDS = (b"../../up", b"/abs/olute", b"a\x00b", b"\x1b[31m", b"=1+1", b"\xff\xfe\xfd", b"'\"<b>", b"\n\r\t", b"%s%n",
-         b"[0]", b"[4000000000]", b"[-1]", b"nan", b"1e999", b"9" * 40, b" ", b";;", b"::", b"char", b"uint64_t",
-         b"QBfNZ", b"\xe2\x80\xae", b"timestamp", b"x" * 300)  # fmt: skip
+WORDS = (
+    b"../../up",
+    b"/abs/olute",
+    b"a\x00b",
+    b"\x1b[31m",
+    b"=1+1",
+    b"\xff\xfe\xfd",
+    b"'\"<b>",
+    b"\n\r\t",
+    b"%s%n",
+    b"[0]",
+    b"[4000000000]",
+    b"[-1]",
+    b"nan",
+    b"1e999",
+    b"9" * 40,
+    b" ",
+    b";;",
+    b"::",
+    b"char",
+    b"uint64_t",
+    b"QBfNZ",
+    b"\xe2\x80\xae",
+    b"timestamp",
+    b"x" * 300,
+)
 """What a name, a unit or a text must not be able to do."""
 
 
@@ -162,8 +185,20 @@ def other_counts(raw: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
-WAYS: tuple[Way, ...] = (truncated, flipped, wounded, inserted, removed, duplicated, spliced, hostile_numbers,
-                         one_value_everywhere, hostile_words, renamed, other_counts)  # fmt: skip
+WAYS: tuple[Way, ...] = (
+    truncated,
+    flipped,
+    wounded,
+    inserted,
+    removed,
+    duplicated,
+    spliced,
+    hostile_numbers,
+    one_value_everywhere,
+    hostile_words,
+    renamed,
+    other_counts,
+)
 
 
 def _place(raw: bytes, rng: random.Random) -> int:

@@ -42,11 +42,15 @@ def test_whole_logs_have_no_fault(logs: list[Path], tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("document", "says"),
-    [({"rate_hz": 250_000.0}, ".rate_hz"), ({"audit": [{"value": 1e34, "unit": "uT"}]}, ".audit[0].value"),
-     ({"delay_ms": 1e42}, ".delay_ms"), ({"place": {"alt_m": -23_889.0}}, ".place.alt_m"),
-     ({"segments": [{"t1": 1e12}]}, ".segments[0].t1")],
+    [
+        ({"rate_hz": 250_000.0}, ".rate_hz"),
+        ({"audit": [{"value": 1e34, "unit": "uT"}]}, ".audit[0].value"),
+        ({"delay_ms": 1e42}, ".delay_ms"),
+        ({"place": {"alt_m": -23_889.0}}, ".place.alt_m"),
+        ({"segments": [{"t1": 1e12}]}, ".segments[0].t1"),
+    ],
     ids=lambda x: x if isinstance(x, str) else "",
-)  # fmt: skip
+)
 def test_the_judge_sees_what_no_flight_has(document: dict[str, object], says: str) -> None:
     assert [x.partition(" ")[0] for x in verdict.unphysical(document)] == [says]
     assert list(verdict.unphysical({"rate_hz": 250.0, "params": {"X": 1e38}, "value": 3.0, "unit": "deg"})) == []

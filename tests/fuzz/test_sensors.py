@@ -25,11 +25,17 @@ LOGS = (PX4, COPTER, TELEMETRY)
 TILT_DEG, SIGMAS = 3.0, 4.0
 """So far a reference may be from truth (RMS), or so many of its own sigmas."""
 CHEAP = (
-    (PX4, "gyro", "radians"), (PX4, "gyro", "one axis reversed"), (PX4, "gyro", "stopped"),
-    (COPTER, "gyro", "half as much again"), (COPTER, "gyro", "late"), (COPTER, "attitude", "swapped"),
-    (TELEMETRY, "gyro", "swapped"), (PX4, "attitude", "backwards"),
-    (PX4, "accelerometer", "in g"), (COPTER, "accelerometer", "zero"),
-)  # fmt: skip
+    (PX4, "gyro", "radians"),
+    (PX4, "gyro", "one axis reversed"),
+    (PX4, "gyro", "stopped"),
+    (COPTER, "gyro", "half as much again"),
+    (COPTER, "gyro", "late"),
+    (COPTER, "attitude", "swapped"),
+    (TELEMETRY, "gyro", "swapped"),
+    (PX4, "attitude", "backwards"),
+    (PX4, "accelerometer", "in g"),
+    (COPTER, "accelerometer", "zero"),
+)
 TOLD = (
     (PX4, "compass", "reversed", "compass axes", "all its axes have the other sign"),
     (TELEMETRY, "compass", "one axis reversed", "compass axes", "it does with x = -x"),

@@ -43,15 +43,29 @@ def limits(log: FlightLog) -> list[tuple[str, np.ndarray, physics.Quantity]]:
         found += [("delay", np.array([imu.gyro.delay, imu.acc.delay]), physics.Quantity("", 0.0, 0.25, "s", ""))]
     found += [("field", mag.field.x, physics.FIELD) for mag in log.mags]
     for g in log.gnss:
-        found += [("lat", g.lat, physics.LATITUDE), ("lon", g.lon, physics.LONGITUDE), ("alt", g.alt, physics.HEIGHT),
-                  ("velocity", g.vel_ned, physics.SPEED), ("h_acc", g.h_acc, physics.PLACE_ACCURACY),
-                  ("v_acc", g.v_acc, physics.PLACE_ACCURACY), ("s_acc", g.s_acc, physics.SPEED_ACCURACY)]  # fmt: skip
+        found += [
+            ("lat", g.lat, physics.LATITUDE),
+            ("lon", g.lon, physics.LONGITUDE),
+            ("alt", g.alt, physics.HEIGHT),
+            ("velocity", g.vel_ned, physics.SPEED),
+            ("h_acc", g.h_acc, physics.PLACE_ACCURACY),
+            ("v_acc", g.v_acc, physics.PLACE_ACCURACY),
+            ("s_acc", g.s_acc, physics.SPEED_ACCURACY),
+        ]
     streams = [("baro", b, physics.BARO) for b in log.baro]
-    streams += [(n, s, q) for n, s, q in (
-        ("airspeed", log.airspeed, physics.AIRSPEED), ("throttle", log.throttle, physics.THROTTLE),
-        ("rpm", log.rpm, physics.RPM), ("rates", log.rate_setpoints, physics.RATE_SETPOINT),
-        ("acc bias", log.acc_bias, physics.ACC_BIAS), ("gyro bias", log.onboard_gyro_bias, physics.GYRO_BIAS),
-        ("vibration", log.onboard_vibration, physics.VIBRATION)) if s is not None]  # fmt: skip
+    streams += [
+        (n, s, q)
+        for n, s, q in (
+            ("airspeed", log.airspeed, physics.AIRSPEED),
+            ("throttle", log.throttle, physics.THROTTLE),
+            ("rpm", log.rpm, physics.RPM),
+            ("rates", log.rate_setpoints, physics.RATE_SETPOINT),
+            ("acc bias", log.acc_bias, physics.ACC_BIAS),
+            ("gyro bias", log.onboard_gyro_bias, physics.GYRO_BIAS),
+            ("vibration", log.onboard_vibration, physics.VIBRATION),
+        )
+        if s is not None
+    ]
     found += [(n, s.x, q) for n, s, q in streams]
     if log.declination_param is not None:
         found.append(("declination", np.array(log.declination_param), physics.Quantity("", -180, 180, "deg", "")))

@@ -57,13 +57,46 @@ def _chosen(columns: list[tuple[tuple[str, int], str]], rng: random.Random) -> t
 
 def _own(rng: random.Random) -> list[ParamChange]:
     """Parameters that attlog computes with, as no vehicle has them."""
-    names = ("INS_GYRO_FILTER", "INS_ACCEL_FILTER", "IMU_GYRO_CUTOFF", "COMPASS_DEC", "EKF2_MAG_DECL", "AHRS_TRIM_X",
-             "AHRS_TRIM_Y", "SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "CAL_GYRO0_XOFF", "CAL_MAG0_XSCALE", "AHRS_EKF_TYPE",
-             "EK3_IMU_MASK", "INS_RAW_LOG_OPT", "FRAME_CLASS", "MAV_TYPE", "RCMAP_THROTTLE", "MOT_PWM_MIN", "AHRS_RP_P",
-             "SCHED_LOOP_RATE", "LOG_BITMASK", "SDLOG_PROFILE", "COMPASS_AUTODEC", "COMPASS_PRIMARY", "SYSID_SW_TYPE",
-             "CAL_MAG_COMP_TYP", "INS_HNTCH_ENABLE", "LOG_DISARMED", "ATT_MAG_DECL_A", "ATT_W_ACC")  # fmt: skip
-    return [ParamChange(rng.choice(names), float(rng.choice([x for x in REALS if np.isfinite(x)])),
-                        rng.choice((None, 0, -5, 2**62, 10**7))) for _ in range(rng.choice((1, 2, 8)))]  # fmt: skip
+    names = (
+        "INS_GYRO_FILTER",
+        "INS_ACCEL_FILTER",
+        "IMU_GYRO_CUTOFF",
+        "COMPASS_DEC",
+        "EKF2_MAG_DECL",
+        "AHRS_TRIM_X",
+        "AHRS_TRIM_Y",
+        "SENS_BOARD_ROT",
+        "SENS_BOARD_X_OFF",
+        "CAL_GYRO0_XOFF",
+        "CAL_MAG0_XSCALE",
+        "AHRS_EKF_TYPE",
+        "EK3_IMU_MASK",
+        "INS_RAW_LOG_OPT",
+        "FRAME_CLASS",
+        "MAV_TYPE",
+        "RCMAP_THROTTLE",
+        "MOT_PWM_MIN",
+        "AHRS_RP_P",
+        "SCHED_LOOP_RATE",
+        "LOG_BITMASK",
+        "SDLOG_PROFILE",
+        "COMPASS_AUTODEC",
+        "COMPASS_PRIMARY",
+        "SYSID_SW_TYPE",
+        "CAL_MAG_COMP_TYP",
+        "INS_HNTCH_ENABLE",
+        "LOG_DISARMED",
+        "ATT_MAG_DECL_A",
+        "ATT_W_ACC",
+    )
+    return [
+        ParamChange(
+            rng.choice(names),
+            float(rng.choice([x for x in REALS if np.isfinite(x)])),
+            rng.choice((None, 0, -5, 2**62, 10**7)),
+        )
+        for _ in range(rng.choice((1, 2, 8)))
+    ]
 
 
 def _broken(table: Table, name: str, rng: random.Random, ways: tuple[Way, ...]) -> Table:
@@ -95,8 +128,17 @@ def _some(x: Column, rng: random.Random) -> Any:
     if n == 0:
         return slice(0, 0)
     begin = rng.randrange(n)
-    return rng.choice((slice(begin, begin + 1), slice(begin, begin + 5), slice(begin, n), slice(0, begin + 1),
-                       slice(None), slice(None, None, 2), slice(None, None, 97)))  # fmt: skip
+    return rng.choice(
+        (
+            slice(begin, begin + 1),
+            slice(begin, begin + 5),
+            slice(begin, n),
+            slice(0, begin + 1),
+            slice(None),
+            slice(None, None, 2),
+            slice(None, None, 97),
+        )
+    )
 
 
 def _value(x: Column, rng: random.Random) -> Any:

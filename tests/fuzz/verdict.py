@@ -14,17 +14,41 @@ from attlog.result.schema import schema
 
 DAY_S = physics.LONGEST_S
 BY_UNIT = {
-    "deg": 720.0, "rad": 4 * math.pi, "deg/s": 6000.0, "rad/s": 110.0, "m/s^2": 4000.0, "uT": 1e4, "T": 1e-2,
-    "Hz": physics.RAW_HZ, "s": DAY_S, "ms": 1e3 * DAY_S, "1": 1e6, "%": 1e6, "deg/min": 1e6, "m": 2e5, "m/s": 3e3,
-}  # fmt: skip
+    "deg": 720.0,
+    "rad": 4 * math.pi,
+    "deg/s": 6000.0,
+    "rad/s": 110.0,
+    "m/s^2": 4000.0,
+    "uT": 1e4,
+    "T": 1e-2,
+    "Hz": physics.RAW_HZ,
+    "s": DAY_S,
+    "ms": 1e3 * DAY_S,
+    "1": 1e6,
+    "%": 1e6,
+    "deg/min": 1e6,
+    "m": 2e5,
+    "m/s": 3e3,
+}
 """Largest sizes that a number in a unit may have in a result."""
 BY_NAME = {
-    "rate_hz": (0.0, physics.RAW_HZ), "lat": (-90.0, 90.0), "lon": (-180.0, 180.0), "delay_ms": (0.0, 1000.0),
-    "alt_m": (physics.HEIGHT.low, physics.HEIGHT.high), "duration_s": (0.0, DAY_S), "t": (-DAY_S, DAY_S),
-    "t0": (-DAY_S, DAY_S), "t1": (-DAY_S, DAY_S), "t0_us": (0.0, physics.CLOCK_US.high), "seconds": (0.0, DAY_S),
-    "utc_offset": (-physics.CLOCK_US.high * 1e-6, physics.UTC_US.high * 1e-6), "scoring_start_s": (-DAY_S, DAY_S),
-    "floor_deg": (0.0, 180.0), "earth_turn_deg_per_min": (-1.0, 1.0), "start_s": (-DAY_S, DAY_S),
-}  # fmt: skip
+    "rate_hz": (0.0, physics.RAW_HZ),
+    "lat": (-90.0, 90.0),
+    "lon": (-180.0, 180.0),
+    "delay_ms": (0.0, 1000.0),
+    "alt_m": (physics.HEIGHT.low, physics.HEIGHT.high),
+    "duration_s": (0.0, DAY_S),
+    "t": (-DAY_S, DAY_S),
+    "t0": (-DAY_S, DAY_S),
+    "t1": (-DAY_S, DAY_S),
+    "t0_us": (0.0, physics.CLOCK_US.high),
+    "seconds": (0.0, DAY_S),
+    "utc_offset": (-physics.CLOCK_US.high * 1e-6, physics.UTC_US.high * 1e-6),
+    "scoring_start_s": (-DAY_S, DAY_S),
+    "floor_deg": (0.0, 180.0),
+    "earth_turn_deg_per_min": (-1.0, 1.0),
+    "start_s": (-DAY_S, DAY_S),
+}
 UNKNOWN = ("params", "params_changed", "detail", "config", "timing", "count", "size", "offset", "boot", "ns_per_update")
 """What may be any number: what the vehicle was set to is shown as it is, counts and places depend on the file."""
 LARGEST = 1e9

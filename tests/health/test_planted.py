@@ -93,8 +93,10 @@ def test_a_field_that_does_not_follow_the_throttle_is_good_however_it_varies() -
     t = np.arange(0.0, 60.0, 0.1)
     seen = interference.follow(
         Stream(t, np.column_stack([40e-6 * (1 + 0.3 * np.cos(1.7 * t)), 0 * t, 0 * t]), "T", "FRD", "mag"),
-        Stream(t, (0.5 + 0.3 * np.sin(0.3 * t))[:, None], "1", "", "throttle"), np.ones(len(t), bool), 0.1,
-    )  # fmt: skip
+        Stream(t, (0.5 + 0.3 * np.sin(0.3 * t))[:, None], "1", "", "throttle"),
+        np.ones(len(t), bool),
+        0.1,
+    )
     assert seen is not None
     assert abs(seen[0]) < interference.LEAST_R
 

@@ -244,8 +244,10 @@ def test_what_needs_numba_when_it_runs_stays_with_numba_and_says_so(
 
 def test_only_the_c_library_may_be_called() -> None:
     assert emit.needed(["llvm.sin.f64", "memset", "llvm.sqrt.f64", "llvm.memcpy.p0.p0.i64"]) == (
-        "memcpy", "memset", "sin",
-    )  # fmt: skip
+        "memcpy",
+        "memset",
+        "sin",
+    )
     for foreign in ("NRT_Allocate", "numba_gil_ensure", "PyErr_SetString", "llvm.sin.v4f64", "llvm.pow.f32", "system"):
         with pytest.raises(emit.NeedsNumba, match=foreign):
             emit.needed([foreign])

@@ -110,8 +110,9 @@ def test_the_check_of_gravity_turns_only_what_lies_in_the_quiet_spans(monkeypatc
     stream = Stream(t, np.tile([0.0, 0.0, -9.8], (len(t), 1)), "m/s^2", "FRD", "made")
     looked_at = []
     monkeypatch.setattr(gravity, "interpolate", lambda *a: (looked_at.append(len(a[3])), (a[1][: len(a[3])], None))[1])
-    found, _ = gravity.check(reference, Imu(0, stream, stream), flights.case([], [
-        Segment("rest.short", *span) for span in SPANS]).segments)  # fmt: skip
+    found, _ = gravity.check(
+        reference, Imu(0, stream, stream), flights.case([], [Segment("rest.short", *span) for span in SPANS]).segments
+    )
     assert found == ""
     assert sum(looked_at) == pytest.approx(60 * 80, abs=120)
 

@@ -19,9 +19,17 @@ from tests.metrics import flights
 from tests.metrics.motions import motion
 
 UNITS = {
-    "deg": "deg", "ms": "ms", "pct": "%", "s": "s", "deg_per_min": "deg/min", "deg_per_sqrt_h": "deg/sqrt(h)",
-    "deg_per_h": "deg/h", "dps": "deg/s", "ns": "ns", "per_s": "1/s",
-}  # fmt: skip
+    "deg": "deg",
+    "ms": "ms",
+    "pct": "%",
+    "s": "s",
+    "deg_per_min": "deg/min",
+    "deg_per_sqrt_h": "deg/sqrt(h)",
+    "deg_per_h": "deg/h",
+    "dps": "deg/s",
+    "ns": "ns",
+    "per_s": "1/s",
+}
 NAMED = (
     "total_rmse_deg heading_median_deg inclination_p95_deg total_max_deg "
     "noise_tilt_deg noise_roll_deg noise_pitch_deg noise_heading_deg noise_p2p_deg "
@@ -49,9 +57,14 @@ def made_up(turn=0.0, seed=0):
         )
     rows[1].bias = np.zeros((len(at), 3)) + 1e-3
     segments = [
-        Segment("continuous", 0, 132), Segment("rest.long", 0, 71), Segment("airborne", 74, 131),
-        Segment("armed", 72, 132), Segment("hover", 74, 82), Segment("cruise", 82, 131), Segment("idle", 71, 73),
-    ]  # fmt: skip
+        Segment("continuous", 0, 132),
+        Segment("rest.long", 0, 71),
+        Segment("airborne", 74, 131),
+        Segment("armed", 72, 132),
+        Segment("hover", 74, 82),
+        Segment("cruise", 82, 131),
+        Segment("idle", 71, 73),
+    ]
     reference = t[::16], rotation.turn_about_down(q, turn)[::16]
     case = flights.case(rows, segments, reference, scoring_start=15.0)
     gyro = Stream(at, 1e-3 * rng.standard_normal((len(at), 3)), "rad/s", "FRD", "imu")
@@ -137,12 +150,16 @@ def test_the_same_log_gives_the_same_numbers(table):
 
 def test_traces_have_the_columns_that_the_figures_draw(case):
     columns = {
-        "attitude": {"roll", "pitch", "heading"}, "difference": {"total", "heading", "inclination", "roll", "pitch"},
-        "rest": {"roll", "pitch", "heading"}, "drift": {"heading", "line"},
+        "attitude": {"roll", "pitch", "heading"},
+        "difference": {"total", "heading", "inclination", "roll", "pitch"},
+        "rest": {"roll", "pitch", "heading"},
+        "drift": {"heading", "line"},
         "allan": {"tau", "deviation", "low", "high"},
-        "step": {"est", "ref"}, "steps": {"median", "low", "high", "ref"},
-        "spread": {"angle", "share"}, "bias": {"x", "y", "z"},
-    }  # fmt: skip
+        "step": {"est", "ref"},
+        "steps": {"median", "low", "high", "ref"},
+        "spread": {"angle", "share"},
+        "bias": {"x", "y", "z"},
+    }
     found = traces(case, case.rows)
     for trace in found:
         if trace.figure in columns:

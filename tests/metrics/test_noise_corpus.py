@@ -65,9 +65,13 @@ def test_rows_told_apart_by_noise_stand_in_the_order_of_their_truth(corpus, name
 
 
 RESTS = (
-    "px4/px4_static.ulg", "px4/px4_hover.ulg", "px4/px4_long.ulg", "ardupilot/copter_static_hop.bin",
-    "ardupilot/copter_hover_rest.bin", "ardupilot/copter_long.bin",
-)  # fmt: skip
+    "px4/px4_static.ulg",
+    "px4/px4_hover.ulg",
+    "px4/px4_long.ulg",
+    "ardupilot/copter_static_hop.bin",
+    "ardupilot/copter_hover_rest.bin",
+    "ardupilot/copter_long.bin",
+)
 
 
 def test_two_windows_of_a_rest_tell_the_others_and_not_by_being_wide(corpus):

@@ -81,10 +81,14 @@ def superlatives(result: Result, verdict: Verdict) -> Iterator[str]:
 def before_the_first_worse(result: Result, metric: str, window: str, best: set[str]) -> set[str]:
     """The best rows with smaller values than all rows that are told to be worse."""
     values = {
-        row.name: answer.value for row in result.estimators
-        if row.kind == "replay" and row.estimator != "gyro" and row.status == "ok"
-        and (answer := row.metrics.get(window, {}).get(metric)) is not None and answer.value is not None
-    }  # fmt: skip
+        row.name: answer.value
+        for row in result.estimators
+        if row.kind == "replay"
+        and row.estimator != "gyro"
+        and row.status == "ok"
+        and (answer := row.metrics.get(window, {}).get(metric)) is not None
+        and answer.value is not None
+    }
     least_worse = min((value for name, value in values.items() if name not in best), default=math.inf)
     return {name for name, value in values.items() if name in best and value <= least_worse}
 
@@ -174,9 +178,11 @@ def figures(result: Result, verdict: Verdict) -> Iterator[str]:
 def numbers_of(row: EstimatorRow, question: str) -> Iterator[str]:
     """The values and interval ends of a row as they are written, without sign too."""
     wanted = {
-        "accuracy": (TILT, HEADING), "noise": (NOISE, TILT), "lag": (LAG, STEP, STEP_PCT),
+        "accuracy": (TILT, HEADING),
+        "noise": (NOISE, TILT),
+        "lag": (LAG, STEP, STEP_PCT),
         "yaw_drift": (DRIFT_REST, DRIFT_AIR),
-    }[question]  # fmt: skip
+    }[question]
     for window in row.metrics.values():
         for metric, answer in window.items():
             if metric.startswith(wanted) and answer.value is not None:

@@ -73,10 +73,17 @@ def row(name: str, metrics: Metrics, **changes: object) -> EstimatorRow:
     """A row with these answers; onboard rows by their name."""
     kind = "onboard" if name.startswith("onboard") else "replay"
     values: dict[str, object] = {
-        "name": name, "kind": kind, "estimator": name.partition("@")[0], "preset": name.partition("@")[2] or None,
-        "parameters": {}, "metrics": metrics, "skipped": {}, "ns_per_update": None, "status": "ok",
+        "name": name,
+        "kind": kind,
+        "estimator": name.partition("@")[0],
+        "preset": name.partition("@")[2] or None,
+        "parameters": {},
+        "metrics": metrics,
+        "skipped": {},
+        "ns_per_update": None,
+        "status": "ok",
         "title": "VQF" if name == "vqf" else "",
-    }  # fmt: skip
+    }
     return EstimatorRow(**(values | changes))  # type: ignore[arg-type]
 
 

@@ -17,11 +17,20 @@ from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP,
 
 NAMES = ("gyro", "complementary@fan", "mahony", "mahony@xu-0.6", "madgwick", "ekf12", "vqf")
 COLUMNS = (
-    (TILT, "deg", "airborne"), (HEADING, "deg", "airborne"), (NOISE, "deg", "rest"), (NOISE, "deg", "hover"),
-    (NOISE, "deg", "cruise"), (NOISE, "deg", "idle"), (LAG, "ms", "airborne"), (STEP, "deg", "airborne"),
-    (STEP_PCT, "%", "airborne"), (DRIFT_REST, "deg/min", "rest"), (f"{DRIFT_AIR}.onboard", "deg/min", "airborne"),
-    (f"{DRIFT_AIR}.truth", "deg/min", "airborne"), (f"{DRIFT_AIR}.mag", "deg/min", "airborne"),
-)  # fmt: skip
+    (TILT, "deg", "airborne"),
+    (HEADING, "deg", "airborne"),
+    (NOISE, "deg", "rest"),
+    (NOISE, "deg", "hover"),
+    (NOISE, "deg", "cruise"),
+    (NOISE, "deg", "idle"),
+    (LAG, "ms", "airborne"),
+    (STEP, "deg", "airborne"),
+    (STEP_PCT, "%", "airborne"),
+    (DRIFT_REST, "deg/min", "rest"),
+    (f"{DRIFT_AIR}.onboard", "deg/min", "airborne"),
+    (f"{DRIFT_AIR}.truth", "deg/min", "airborne"),
+    (f"{DRIFT_AIR}.mag", "deg/min", "airborne"),
+)
 REASON = {"ok": "", "diverged": "tilt error above 30 deg", "failed": "returned NaN from 0.0 s on"}
 WHY = {"no_rest": "the vehicle never stood still", "no_events": "no quick movement", "record_too_short": "8 s"}
 
@@ -49,7 +58,7 @@ def answers(draw: st.DrawFn, metric: str, unit: str, window: str) -> Answer:
         ranked=ranked,
         reason=None if ranked else "too short",
         counts_as_zero_below=zero,
-    )  # fmt: skip
+    )
 
 
 @st.composite

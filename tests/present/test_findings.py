@@ -18,9 +18,15 @@ def printed(made: Result, verbose: bool = False, width: int = 100) -> list[str]:
 
 
 GYRO = Finding(
-    "gyro_bias", "serious", "Standing still the gyro reads -24.30 deg/s.", value=-24.3, unit="deg/s",
-    evidence=["Its bias moved."], cause="It is warm.", action="Calibrate it.",
-)  # fmt: skip
+    "gyro_bias",
+    "serious",
+    "Standing still the gyro reads -24.30 deg/s.",
+    value=-24.3,
+    unit="deg/s",
+    evidence=["Its bias moved."],
+    cause="It is warm.",
+    action="Calibrate it.",
+)
 NOTE = Finding("cut_at_end", "note", "The last record is cut.")
 
 

@@ -14,9 +14,14 @@ def named(spec: str, suffix: str = "") -> EstimatorRow:
     found = select(spec)[0]
     parameters = {k: ParameterValue(v, origin) for k, (v, origin) in found.resolved().items()}
     return EstimatorRow(
-        found.name + suffix, "replay", found.estimator.name, "ok",
-        title=found.estimator.title, preset=found.preset, parameters=parameters,
-    )  # fmt: skip
+        found.name + suffix,
+        "replay",
+        found.estimator.name,
+        "ok",
+        title=found.estimator.title,
+        preset=found.preset,
+        parameters=parameters,
+    )
 
 
 @pytest.mark.parametrize(

@@ -73,8 +73,10 @@ def test_moments_beyond_ten_minutes_are_clock_times(t, text):
 
 def test_one_is_singular():
     assert [counted(n, "quick movement") for n in (0, 1, 2)] == [
-        "0 quick movements", "1 quick movement", "2 quick movements",
-    ]  # fmt: skip
+        "0 quick movements",
+        "1 quick movement",
+        "2 quick movements",
+    ]
 
 
 def test_half_of_an_interval_has_no_sign():

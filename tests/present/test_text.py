@@ -31,8 +31,12 @@ def test_units_signs_and_times_are_written_as_everywhere(text, shown):
 
 def test_values_of_unknown_type():
     assert [plain_value(v, u) for v, u in ((None, ""), (True, ""), (-0.0, "deg"), (-1.5, "ms"), (3, ""))] == [
-        "", "yes", "0°", "−1.5 ms", "3",
-    ]  # fmt: skip
+        "",
+        "yes",
+        "0°",
+        "−1.5 ms",
+        "3",
+    ]
 
 
 def test_a_minus_before_a_colon_is_one_too():

@@ -65,9 +65,13 @@ def test_every_step_is_told_with_its_switch():
     reference = chosen(flight(truth_hz=50.0))
     switches = {s.name: s.option for s in reference.steps}
     for name, option in (
-        ("reference", "--reference"), ("clock", "config: clock"), ("input_delay", "config: input_delay"),
-        ("declination", "config: declination"), ("trim", "config: trim"), ("scoring_start", "config: score_from"),
-    ):  # fmt: skip
+        ("reference", "--reference"),
+        ("clock", "config: clock"),
+        ("input_delay", "config: input_delay"),
+        ("declination", "config: declination"),
+        ("trim", "config: trim"),
+        ("scoring_start", "config: score_from"),
+    ):
         assert switches[name] == option
     assert {"resampling", "resets", "replay_floor", "gravity_check"} <= switches.keys()
     assert all(s.text for s in reference.steps)

@@ -109,9 +109,17 @@ def broken_numbers() -> Result:
 
 
 POOR = [
-    without_rest, without_magnetometer, one_sample, without_reference, none_converged,
-    nothing_at_all, twenty, six_hours, failed_plugin, broken_numbers,
-]  # fmt: skip
+    without_rest,
+    without_magnetometer,
+    one_sample,
+    without_reference,
+    none_converged,
+    nothing_at_all,
+    twenty,
+    six_hours,
+    failed_plugin,
+    broken_numbers,
+]
 
 
 @pytest.mark.slow

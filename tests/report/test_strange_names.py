@@ -24,11 +24,28 @@ from tests.report.browser import Visit
 from tests.report.conftest import make_result
 
 NAMES = (
-    "__proto__", "constructor", "toString", "hasOwnProperty", "length", "-1", "{{7*7}}", "%{x}<br>", "]]>",
-    "javascript:document.title='ran'", "</script><script>document.title='ran'</script>", "<!--<script>", "&lt;b&gt;",
-    '"><img src=x onerror="document.title=\'ran\'">', "line\u2028end\u2029s", "\u202egnitirw", "nul\x00\x1b[31m\x9b",
-    "half\ud800", "=cmd|' /C calc'!A0", "a;=1\r=2", "W" * 10_000,
-)  # fmt: skip
+    "__proto__",
+    "constructor",
+    "toString",
+    "hasOwnProperty",
+    "length",
+    "-1",
+    "{{7*7}}",
+    "%{x}<br>",
+    "]]>",
+    "javascript:document.title='ran'",
+    "</script><script>document.title='ran'</script>",
+    "<!--<script>",
+    "&lt;b&gt;",
+    '"><img src=x onerror="document.title=\'ran\'">',
+    "line\u2028end\u2029s",
+    "\u202egnitirw",
+    "nul\x00\x1b[31m\x9b",
+    "half\ud800",
+    "=cmd|' /C calc'!A0",
+    "a;=1\r=2",
+    "W" * 10_000,
+)
 
 
 def report(folder: Path) -> Path:

@@ -51,8 +51,12 @@ def test_the_document_holds_claims_and_no_points_of_figures() -> None:
     told = json.loads(as_json(paper()))
     assert told["schema"] == "attlog-paper/1"
     assert told["claims"][0]["numbers"][0] == {
-        "what": "spread, ours over theirs", "value": 0.8, "unit": "ratio", "ci95": [0.7, 0.9], "n": 20,
-    }  # fmt: skip
+        "what": "spread, ours over theirs",
+        "value": 0.8,
+        "unit": "ratio",
+        "ci95": [0.7, 0.9],
+        "n": 20,
+    }
     assert "lines" not in told["figures"][0]
 
 

@@ -121,9 +121,18 @@ def test_a_vehicle_that_travels_does_not_rest():
     n = len(seconds)
     velocity = np.where((seconds > 10) & (seconds < 20), 12.0, 0.0)[:, None] * [1.0, 0.0, 0.0]
     gnss = Gnss(
-        0, seconds, "GPS:0", np.full(n, 47.0), np.full(n, 8.0), np.full(n, 400.0), velocity,
-        np.ones(n), np.ones(n), np.ones(n), np.full(n, 3),
-    )  # fmt: skip
+        0,
+        seconds,
+        "GPS:0",
+        np.full(n, 47.0),
+        np.full(n, 8.0),
+        np.full(n, 400.0),
+        velocity,
+        np.ones(n),
+        np.ones(n),
+        np.ones(n),
+        np.full(n, 3),
+    )
     found = resting(still_log(t, gnss=[gnss]))
     assert spans.seconds(spans.intersect(found, [(10.5, 19.5)])) == 0.0
     assert spans.seconds(found) > 18

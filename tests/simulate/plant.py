@@ -44,8 +44,16 @@ class Body:
             self.w = self.w + turn
 
 
-def flown(gains: controller.Gains, q0: Array, wanted: Array, seconds: float, thrust: float = 0.4, hz: float = 400.0,
-          vehicle: Vehicle | None = None, waiting: int = 0) -> tuple[Array, Array, Array]:  # fmt: skip
+def flown(
+    gains: controller.Gains,
+    q0: Array,
+    wanted: Array,
+    seconds: float,
+    thrust: float = 0.4,
+    hz: float = 400.0,
+    vehicle: Vehicle | None = None,
+    waiting: int = 0,
+) -> tuple[Array, Array, Array]:
     """Times (n,), attitudes (n, 4) and what the controller put out (n, 11); ``wanted`` (4,) or (n, 4).
 
     Rotors are told ``waiting`` periods late.

@@ -29,13 +29,17 @@ def still(seconds: float = 80.0, walk: float = 0.0, bias: float = 0.05, **values
     mag = {"noise_ut_rthz": MAG_UT_RTHZ, "hard_iron_spread_ut": 0.0}
     return build(
         {
-            "name": "statistical", "title": "for statistics", "seconds": seconds, "motion": {},
-            "place": {"heading_deg": 40}, "loop": {"rate_hz": RATE, "substeps": 4},
+            "name": "statistical",
+            "title": "for statistics",
+            "seconds": seconds,
+            "motion": {},
+            "place": {"heading_deg": 40},
+            "loop": {"rate_hz": RATE, "substeps": 4},
             "estimator": {"name": "truth"},
             "sensors": {"imu": [{"rate_hz": RATE, "gyro": gyro, "acc": acc, "warming_k": 0}], "mag": [mag]},
         }
         | values
-    )  # fmt: skip
+    )
 
 
 def strokes(late_s: float, repeats: int = 4) -> Scenario:

@@ -40,9 +40,15 @@ def errors_deg(flight: Flight, name: str, field: bool = True, **params: Any) -> 
         mag[at] = flight.mags[0].field
     # With the field of an attitude that is known the magnetometer's declination is that of the place.
     found = attlog.estimate(
-        name, imu.t_sample, imu.gyro, imu.acc, mag if field else None, q0=flight.truth.q[0],
-        declination=flight.declination_deg, **params,
-    )  # fmt: skip
+        name,
+        imu.t_sample,
+        imu.gyro,
+        imu.acc,
+        mag if field else None,
+        q0=flight.truth.q[0],
+        declination=flight.declination_deg,
+        **params,
+    )
     e = rotation.error(found.q, flight.truth.q[:1])
     return np.degrees(rotation.to_rotvec(e))
 

@@ -26,9 +26,12 @@ from tests.simulate.still import PERFECT, flown, scenario
 def hop(**values: Any) -> Scenario:
     """A short flight: rest, up to 3 m, a lean, down."""
     commands = [
-        {"t": 3, "do": "arm"}, {"t": 4, "do": "takeoff", "up_m": 3}, {"t": 9, "do": "attitude", "roll_deg": 15},
-        {"t": 10, "do": "attitude", "pitch_deg": -10}, {"t": 11, "do": "hold", "heading_deg": 60},
-    ]  # fmt: skip
+        {"t": 3, "do": "arm"},
+        {"t": 4, "do": "takeoff", "up_m": 3},
+        {"t": 9, "do": "attitude", "roll_deg": 15},
+        {"t": 10, "do": "attitude", "pitch_deg": -10},
+        {"t": 11, "do": "hold", "heading_deg": 60},
+    ]
     return build({"seconds": 14.0, "command": commands, "estimator": {"name": "truth"}} | values)
 
 

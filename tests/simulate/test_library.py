@@ -13,10 +13,28 @@ from attlog.simulate.fly import fly
 from attlog.simulate.scenario.scenario import load, names
 
 WANTED = {
-    "static", "lift-drop", "rotation", "hover", "steps", "initial-angle", "tracking", "waypoints", "yaw", "aggressive",
-    "drift", "vibration", "mag-anomaly", "gnss-loss", "crash", "carried-home", "roll-in", "flip", "hard-landing",
-    "no-liftoff", "clipping",
-}  # fmt: skip
+    "static",
+    "lift-drop",
+    "rotation",
+    "hover",
+    "steps",
+    "initial-angle",
+    "tracking",
+    "waypoints",
+    "yaw",
+    "aggressive",
+    "drift",
+    "vibration",
+    "mag-anomaly",
+    "gnss-loss",
+    "crash",
+    "carried-home",
+    "roll-in",
+    "flip",
+    "hard-landing",
+    "no-liftoff",
+    "clipping",
+}
 FLOWN = sorted(WANTED - {"static", "lift-drop", "rotation", "flip", "no-liftoff"})
 
 

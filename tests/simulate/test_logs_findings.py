@@ -17,17 +17,25 @@ OF_TELEMETRY = {"rate", "truth_packet_times"}
 """What is always said of 50 Hz, and of a truth without a clock."""
 OPEN = {"not_checked", "unanswered"}
 OWN = {
-    "crash": {"crash"}, "carried-home": {"crash"}, "flip": {"crash"}, "roll-in": {"crash"}, "clipping": {"vibration"},
-    "mag-anomaly": {"compass"}, "gnss-loss": {"gnss"}, "vibration": {"vibration"},
-}  # fmt: skip
+    "crash": {"crash"},
+    "carried-home": {"crash"},
+    "flip": {"crash"},
+    "roll-in": {"crash"},
+    "clipping": {"vibration"},
+    "mag-anomaly": {"compass"},
+    "gnss-loss": {"gnss"},
+    "vibration": {"vibration"},
+}
 """What a scenario plants."""
 UNSEEN = {("vibration", ".tlog"): {"vibration"}}
 """Means over 20 ms do not show what rotors shake."""
 SPINS = {"gyro_range"}
 MAY = {
-    ("crash", ".tlog"): {"reset"}, ("roll-in", ".ulg"): SPINS, ("roll-in", ".bin"): SPINS,
+    ("crash", ".tlog"): {"reset"},
+    ("roll-in", ".ulg"): SPINS,
+    ("roll-in", ".bin"): SPINS,
     ("roll-in", ".tlog"): {"reset"},
-}  # fmt: skip
+}
 """Hundreds of degrees per second at 25 Hz look like jumps; thousands go beyond a gyro's range."""
 TRUTH = "estimator.name=truth"
 
@@ -73,12 +81,15 @@ FAULTS: dict[str, tuple[str, list[str], dict[str, float], set[str]]] = {
     "stuck compass": ("yaw", [TRUTH, *fault(t=0.1, part="mag", kind="stuck")], {}, {"frozen_sensors"}),
     "dead compass": ("hover", [TRUTH, *fault(t=0, part="mag", kind="zero")], {}, {"mag_dead"}),
     "compass spikes": (
-        "hover", [TRUTH, *fault(t=5, part="mag", kind="spikes", size=0.001, share_pct=2)], {}, {"compass"},
+        "hover",
+        [TRUTH, *fault(t=5, part="mag", kind="spikes", size=0.001, share_pct=2)],
+        {},
+        {"compass"},
     ),
     "wrong declination": ("hover", [TRUTH], {"EKF2_MAG_DECL": 25, "COMPASS_DEC": 0.45}, {"declination"}),
     "GNSS outage": ("hover", [TRUTH, "sensors.gnss.0.outages=[[50,80]]"], {}, {"gnss"}),
     "rotor": ("hover", [TRUTH, *fault(t=40, part="rotor", kind="off")], {}, {"crash"}),
-}  # fmt: skip
+}
 """Scenario, settings, parameters, and what must be found."""
 
 
@@ -94,8 +105,11 @@ def test_a_planted_fault_is_found(name: str, tmp_path: Path) -> None:
 
 
 def test_the_drivers_word_on_a_gyro_at_its_range_is_passed_on(tmp_path: Path) -> None:
-    settings = ["seconds=12", "motion.move=[{seconds=2},{seconds=0.3,roll_deg=40},{seconds=1}]",
-                "sensors.imu.0.gyro.range_dps=90"]  # fmt: skip
+    settings = [
+        "seconds=12",
+        "motion.move=[{seconds=2},{seconds=0.3,roll_deg=40},{seconds=1}]",
+        "sensors.imu.0.gyro.range_dps=90",
+    ]
     flight = fly(build(overridden(values_of("static"), settings)), 0)
     assert flight.imus[0].clipped[:, 0].any()
     write(tmp_path / "x.ulg", flight)

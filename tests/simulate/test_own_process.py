@@ -54,13 +54,19 @@ def test_the_flight_is_that_of_this_process_to_the_bit(tmp_path: Path, capfd: py
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize(("now", "step", "words"), few([
-    ("raise ValueError('no good')", "pass", "own.py, line 9: ValueError: no good"),
-    ("os._exit(0)", "pass", "its process ended without a word (exit status 0)"),
-    ("os.abort()", "pass", "SIGABRT"),
-    ("os.closerange(3, 64)", "pass", "cannot answer any more"),
-    ("return np.zeros(3)", "state[:] = np.nan", "cannot fly: gives"),
-], 1))  # fmt: skip
+@pytest.mark.parametrize(
+    ("now", "step", "words"),
+    few(
+        [
+            ("raise ValueError('no good')", "pass", "own.py, line 9: ValueError: no good"),
+            ("os._exit(0)", "pass", "its process ended without a word (exit status 0)"),
+            ("os.abort()", "pass", "SIGABRT"),
+            ("os.closerange(3, 64)", "pass", "cannot answer any more"),
+            ("return np.zeros(3)", "state[:] = np.nan", "cannot fly: gives"),
+        ],
+        1,
+    ),
+)
 def test_what_it_does_ends_its_flight_alone(tmp_path: Path, now: str, step: str, words: str) -> None:
     with pytest.raises(PluginError, match="own") as told:
         fly(hop(seconds=2.0, estimator={"name": written(tmp_path, now, step)}))

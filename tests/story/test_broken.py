@@ -33,17 +33,42 @@ def whole() -> FlightLog:
     n = len(t)
     flat = np.zeros(n)
     log.gnss = [
-        Gnss(0, t.copy(), "GPS", flat + 47.0, flat + 8.0, up + 400.0, np.zeros((n, 3)), flat + 1, flat + 1, flat + 1,
-             np.full(n, 3))
-    ]  # fmt: skip
+        Gnss(
+            0,
+            t.copy(),
+            "GPS",
+            flat + 47.0,
+            flat + 8.0,
+            up + 400.0,
+            np.zeros((n, 3)),
+            flat + 1,
+            flat + 1,
+            flat + 1,
+            np.full(n, 3),
+        )
+    ]
     log.clippings = [Clipping("accelerometer", 0, "VIBE.Clip0", t.copy(), np.zeros(n, np.int64), True)]
     log.texts = [(20.0, 3, "Crash: Disarming"), (21.0, 3, "EKF3 lane switch 1"), (34.0, 6, "Land complete")]
     log.truth = log.attitudes["ATT"]
     return log
 
 
-STREAMS = ("baro", "rangefinder", "rate_setpoints", "motors", "rpm", "onboard_vibration", "airspeed", "battery",
-           "throttle", "gyro", "acc", "attitude", "gnss", "clippings")  # fmt: skip
+STREAMS = (
+    "baro",
+    "rangefinder",
+    "rate_setpoints",
+    "motors",
+    "rpm",
+    "onboard_vibration",
+    "airspeed",
+    "battery",
+    "throttle",
+    "gyro",
+    "acc",
+    "attitude",
+    "gnss",
+    "clippings",
+)
 
 
 def parts(log: FlightLog, name: str) -> Iterator[tuple[Any, tuple[str, ...]]]:

@@ -122,8 +122,9 @@ def test_a_mask_that_is_none_is_no_gyro_at_the_end_of_its_range(mask: int, relea
     column = "gyro_clipping"
     masks = np.zeros(50, np.uint8)
     masks[20] = mask
-    made = messages("ulog", {("sensor_combined", 0): {"timestamp": np.arange(50), column: masks}},
-                    info={"ver_sw_release": release})  # fmt: skip
+    made = messages(
+        "ulog", {("sensor_combined", 0): {"timestamp": np.arange(50), column: masks}}, info={"ver_sw_release": release}
+    )
     rate = np.full((50, 3), np.radians(1900.0))
     table = made.tables["sensor_combined", 0]
     assert len(gyro_mask_problem(LogBuilder(made), "sensor_combined", table, column, rate)) == told

@@ -19,16 +19,26 @@ from attlog.story import Event
 
 WHOLE = ("liftoff", "landing")
 HAPPENS = {
-    "static": (), "lift-drop": (), "rotation": (), "no-liftoff": (), "flip": ("overturn",),
-    "hard-landing": ("liftoff", "hard_landing"), "crash": ("liftoff", "overturn", "impact"),
-    "roll-in": ("liftoff", "overturn", "impact"), "carried-home": ("liftoff", "overturn", "impact"),
+    "static": (),
+    "lift-drop": (),
+    "rotation": (),
+    "no-liftoff": (),
+    "flip": ("overturn",),
+    "hard-landing": ("liftoff", "hard_landing"),
+    "crash": ("liftoff", "overturn", "impact"),
+    "roll-in": ("liftoff", "overturn", "impact"),
+    "carried-home": ("liftoff", "overturn", "impact"),
     "clipping": ("liftoff", "clipping", "landing"),
-}  # fmt: skip
+}
 """What happens in a scenario, in order; in all others a lift-off and a landing, WHOLE."""
 TRUE = {
-    "liftoff": "lift-off", "landing": "touch-down", "hard_landing": "impact", "impact": "impact",
-    "overturn": "overturn", "clipping": "accelerometer 0 at the end of its range",
-}  # fmt: skip
+    "liftoff": "lift-off",
+    "landing": "touch-down",
+    "hard_landing": "impact",
+    "impact": "impact",
+    "overturn": "overturn",
+    "clipping": "accelerometer 0 at the end of its range",
+}
 """How the simulator calls it."""
 WITHIN_S = 0.1
 COUNTED_S = {("clipping", ".tlog"): 1.0}

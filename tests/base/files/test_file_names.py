@@ -12,10 +12,35 @@ from hypothesis import strategies as st
 from attlog.base.files.file_names import LONGEST, file_name, file_names
 
 HOSTILE = (
-    "../../evil", "/etc/passwd", "..", ".", "", " ", "C:\\evil", "\\\\host\\share", "a\x00b", "a\nb", "\x1b[31mX",
-    "con", "NUL.txt", "com1", "Lpt9.tar.gz", "aux ", ".bashrc", "-rf", "name.", "name ", "a\u202egpj.exe", "\udcff",
-    "x" * 300, "é" * 200, "\U0001f681" * 100, "a/" * 200, "prn.", "conin$",
-)  # fmt: skip
+    "../../evil",
+    "/etc/passwd",
+    "..",
+    ".",
+    "",
+    " ",
+    "C:\\evil",
+    "\\\\host\\share",
+    "a\x00b",
+    "a\nb",
+    "\x1b[31mX",
+    "con",
+    "NUL.txt",
+    "com1",
+    "Lpt9.tar.gz",
+    "aux ",
+    ".bashrc",
+    "-rf",
+    "name.",
+    "name ",
+    "a\u202egpj.exe",
+    "\udcff",
+    "x" * 300,
+    "é" * 200,
+    "\U0001f681" * 100,
+    "a/" * 200,
+    "prn.",
+    "conin$",
+)
 
 
 @pytest.mark.parametrize("text", HOSTILE)

@@ -12,10 +12,24 @@ from attlog.base.files.spreadsheet import cell, csv_text
 
 @pytest.mark.parametrize(
     "text",
-    ["=1+1", "+1+1", "-1+1", "@SUM(A1)", " =1", '"=1', "=HYPERLINK(\"http://x\")", "＝1+1",
-     "=cmd|' /C calc'!A0",
-     "-2+3+cmd|' /C calc'!A0", "--1", "+-1", "-1 -1", "-1_0", "-٣"],
-)  # fmt: skip
+    [
+        "=1+1",
+        "+1+1",
+        "-1+1",
+        "@SUM(A1)",
+        " =1",
+        '"=1',
+        '=HYPERLINK("http://x")',
+        "＝1+1",
+        "=cmd|' /C calc'!A0",
+        "-2+3+cmd|' /C calc'!A0",
+        "--1",
+        "+-1",
+        "-1 -1",
+        "-1_0",
+        "-٣",
+    ],
+)
 def test_what_a_spreadsheet_would_run_begins_with_an_apostrophe(text: str) -> None:
     assert cell(text) == f"'{text}"
 
@@ -29,11 +43,21 @@ def test_numbers_and_plain_words_stay(text: str) -> None:
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("\t=1", "'\t'=1"), ("\n=1", "'\n'=1"), ("\r=1", "'\n'=1"), ("a\r=cmd|x", "a\n'=cmd|x"), ("a\r\n@x", "a\n'@x"),
-     ("a;=1", "a;'=1"), ('a;"=1', "a;'\"=1"), ("a; -5", "a; -5"), ("a;-5+cmd|x", "a;'-5+cmd|x"),
-     ("a;;\t+x", "a;;\t'+x"),
-     ("two\nlines; three", "two\nlines; three"), ("\ufeff=1", "\ufffd=1")],
-)  # fmt: skip
+    [
+        ("\t=1", "'\t'=1"),
+        ("\n=1", "'\n'=1"),
+        ("\r=1", "'\n'=1"),
+        ("a\r=cmd|x", "a\n'=cmd|x"),
+        ("a\r\n@x", "a\n'@x"),
+        ("a;=1", "a;'=1"),
+        ('a;"=1', "a;'\"=1"),
+        ("a; -5", "a; -5"),
+        ("a;-5+cmd|x", "a;'-5+cmd|x"),
+        ("a;;\t+x", "a;;\t'+x"),
+        ("two\nlines; three", "two\nlines; three"),
+        ("\ufeff=1", "\ufffd=1"),
+    ],
+)
 def test_so_does_what_is_a_cell_with_another_separator(text: str, expected: str) -> None:
     assert cell(text) == expected
 

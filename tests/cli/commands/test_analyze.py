@@ -98,11 +98,13 @@ def test_deterministic_runs_give_the_same_bytes(samples, tmp_path, log):
 def test_deterministic_bytes_do_not_tell_how_the_command_was_spelled(attlog, samples, tmp_path, monkeypatch):
     log = samples / LOGS[0]
     monkeypatch.chdir(log.parent)
-    for k, words in enumerate([
-        ["analyze", log, "--estimators", "gyro,mahony", "-q"],
-        [log.name, "--gyro-bias", "rest", "--estimators=gyro, mahony", "-v", "--json"],
-        ["batch", f"../{log.parent.name}/{log.name}", "--estimators", "gyro,mahony"],
-    ]):  # fmt: skip
+    for k, words in enumerate(
+        [
+            ["analyze", log, "--estimators", "gyro,mahony", "-q"],
+            [log.name, "--gyro-bias", "rest", "--estimators=gyro, mahony", "-v", "--json"],
+            ["batch", f"../{log.parent.name}/{log.name}", "--estimators", "gyro,mahony"],
+        ]
+    ):
         assert attlog(*words, "--deterministic", "--reference", "onboard", "-o", tmp_path / str(k)).code == 0
     for suffix in ("html", "json"):
         assert len({(tmp_path / str(k) / f"{log.name}.{suffix}").read_bytes() for k in range(3)}) == 1

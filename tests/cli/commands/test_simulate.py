@@ -48,8 +48,20 @@ def test_what_a_shorter_flight_leaves_out_is_told_and_the_rest_flown(attlog, tmp
 
 
 def test_a_folder_gets_a_log_of_each_seed_in_each_format(attlog, tmp_path):
-    done = attlog("simulate", "static", *SHORT, "--seeds", "9..10,3", "-o", tmp_path / "all", "--format", "ulg",
-                  "--format", "bin", "-q")  # fmt: skip
+    done = attlog(
+        "simulate",
+        "static",
+        *SHORT,
+        "--seeds",
+        "9..10,3",
+        "-o",
+        tmp_path / "all",
+        "--format",
+        "ulg",
+        "--format",
+        "bin",
+        "-q",
+    )
     assert (done.code, done.out) == (0, "")
     made = {path.name for path in (tmp_path / "all").iterdir()}
     assert made == {f"static-{n}{suffix}" for n in ("03", "09", "10") for suffix in (".ulg", ".bin")}
@@ -75,8 +87,9 @@ def test_a_printed_scenario_is_the_scenario(name):
 
 
 def test_what_is_set_is_printed_and_every_value_is(attlog):
-    done = attlog("simulate", "hover", "--print", "--set", "sensors.imu.1.gyro.bias_dps=[1,2,3]",
-                  "--estimator", "mahony")  # fmt: skip
+    done = attlog(
+        "simulate", "hover", "--print", "--set", "sensors.imu.1.gyro.bias_dps=[1,2,3]", "--estimator", "mahony"
+    )
     values = tomllib.loads(done.out)
     assert values["sensors"]["imu"][1]["gyro"]["bias_dps"] == [1.0, 2.0, 3.0]
     assert values["sensors"]["baro"][0]["rate_hz"] == 25.0
@@ -98,8 +111,19 @@ def test_several_processes_write_the_same(attlog, tmp_path):
 
 def test_values_and_parameters_are_taken_from_the_command_line(attlog, tmp_path):
     path = tmp_path / "x.bin"
-    done = attlog("simulate", "static", *SHORT, "--set", "sensors.imu.rate_hz=200", "--param", "COMPASS_DEC=0.5",
-                  "--estimator", "madgwick@marg", "-o", path)  # fmt: skip
+    done = attlog(
+        "simulate",
+        "static",
+        *SHORT,
+        "--set",
+        "sensors.imu.rate_hz=200",
+        "--param",
+        "COMPASS_DEC=0.5",
+        "--estimator",
+        "madgwick@marg",
+        "-o",
+        path,
+    )
     assert done.code == 0, done.err
     log = flights.read(path)
     assert log.imus[0].gyro.rate == pytest.approx(200.0, rel=1e-3)
@@ -167,9 +191,20 @@ def test_an_interrupted_run_keeps_whole_files_only(tmp_path: Path):
 
 def test_values_are_set_in_tables_lists_and_lists_of_tables():
     values = {"seconds": 5, "fault": [{"t": 1.0, "part": "mag", "kind": "zero"}]}
-    found = overridden(values, ["seconds=7", "fault.1.t=2", "fault[1].part=gyro", "fault.1.kind=stuck", "fault.t=3",
-                                "sensors.imu.1.rate_hz=200", "sensors.mag.hard_iron_ut=[1, 2, 3]",
-                                "estimator.name=mahony:kp=1", "place.date=2024-01-01T00:00:00Z"])  # fmt: skip
+    found = overridden(
+        values,
+        [
+            "seconds=7",
+            "fault.1.t=2",
+            "fault[1].part=gyro",
+            "fault.1.kind=stuck",
+            "fault.t=3",
+            "sensors.imu.1.rate_hz=200",
+            "sensors.mag.hard_iron_ut=[1, 2, 3]",
+            "estimator.name=mahony:kp=1",
+            "place.date=2024-01-01T00:00:00Z",
+        ],
+    )
     assert values["seconds"] == 5
     scenario = build(found)
     assert (scenario.seconds, scenario.estimator.name) == (7.0, "mahony:kp=1")

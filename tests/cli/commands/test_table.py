@@ -28,17 +28,24 @@ def test_a_line_for_each_log_with_the_middle_below(attlog, folder: Path) -> None
     assert lines[0] == "inclination_rmse_deg, airborne, in °"
     assert lines[1].split() == ["log", "date", "mahony@xu-0.6", "mekf"]
     assert [line.split() for line in lines[2:]] == [
-        ["log0.ulg", "2.0", "1.0"], ["log1.ulg", "4.0", "2.0"], ["log2.ulg", "12.0", "6.0"],
-        ["median", "4.0", "2.0"], ["25", "%", "3.0", "1.5"], ["75", "%", "8.0", "4.0"], ["logs", "3", "3"],
-    ]  # fmt: skip
+        ["log0.ulg", "2.0", "1.0"],
+        ["log1.ulg", "4.0", "2.0"],
+        ["log2.ulg", "12.0", "6.0"],
+        ["median", "4.0", "2.0"],
+        ["25", "%", "3.0", "1.5"],
+        ["75", "%", "8.0", "4.0"],
+        ["logs", "3", "3"],
+    ]
     assert not [line for line in lines if line != line.rstrip()]
 
 
 def test_formats_go_to_the_terminal_or_to_a_file(attlog, folder: Path, tmp_path: Path) -> None:
     lines = list(csv.DictReader(io.StringIO(attlog("table", folder, "--format", "csv", "--row", "mekf").out)))
     assert [(x["log"], float(x["mekf"]), x["vehicle"]) for x in lines] == [
-        ("log0.ulg", 1.0, "quadrotor"), ("log1.ulg", 2.0, "quadrotor"), ("log2.ulg", 6.0, "quadrotor"),
-    ]  # fmt: skip
+        ("log0.ulg", 1.0, "quadrotor"),
+        ("log1.ulg", 2.0, "quadrotor"),
+        ("log2.ulg", 6.0, "quadrotor"),
+    ]
     for suffix, expected in (("md", "| median |  | 2.0 |"), ("tex", r"log0.ulg &  & 1.0 \\"), ("txt", "log0.ulg")):
         path = tmp_path / f"out.{suffix}"
         done = attlog("table", folder, "--row", "mekf", "-o", path)

@@ -67,9 +67,7 @@ def test_other_gates_need_no_new_analysis_and_the_page_follows(attlog, gates, tm
 def test_quiet_says_what_failed_on_standard_error(attlog, command: str, gates, tmp_path: Path) -> None:
     done = attlog(command, LOG, *FAST, "-q", "-o", tmp_path / "out", "--gates", gates("total_p95_deg = { max = 0.5 }"))
     assert (done.code, done.out) == (1, "")
-    assert done.err.splitlines() == [
-        f"attlog: {LOG}: gate: mekf: total_p95_deg 2.6° (airborne), at most 0.5°"
-    ]  # fmt: skip
+    assert done.err.splitlines() == [f"attlog: {LOG}: gate: mekf: total_p95_deg 2.6° (airborne), at most 0.5°"]
 
 
 def test_a_wrong_gate_file_is_2_before_anything_is_analysed(attlog, command: str, gates, tmp_path: Path) -> None:

@@ -55,8 +55,12 @@ def test_every_command_takes_the_common_options_and_short_names_mean_one_thing()
 def test_analyze_and_batch_take_the_same_options_of_a_log_and_so_do_the_commands_that_compare() -> None:
     found = {name: {longest(o): o.help for o in of} for name, of in options().items()}
     assert {k for k in found["analyze"] if found["batch"].get(k) != found["analyze"][k]} == {
-        "--output", "--jobs", "--json", "--format", "--open",
-    }  # fmt: skip
+        "--output",
+        "--jobs",
+        "--json",
+        "--format",
+        "--open",
+    }
     for name in ("sweep", "tune"):
         same = {k for k in found["compare"] if found[name].get(k) == found["compare"][k]}
         assert same - COMMON == {"--output", "--format", "--json", "--reference", "--gyro-bias", "--config"}

@@ -28,9 +28,10 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(("terminal", "verbose", "stages", "compiling"), [
-    (True, False, True, True), (True, True, True, True), (False, True, False, True), (False, False, False, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("terminal", "verbose", "stages", "compiling"),
+    [(True, False, True, True), (True, True, True, True), (False, True, False, True), (False, False, False, False)],
+)
 def test_stages_only_on_a_terminal_compiling_also_with_v(
     monkeypatch: pytest.MonkeyPatch, terminal: bool, verbose: bool, stages: bool, compiling: bool
 ) -> None:

@@ -100,10 +100,15 @@ def test_every_number_of_a_sentence_stands_in_the_table(seed: int) -> None:
         return [(float(rng.normal(0.5 * scale, scale)), float(rng.uniform(0.1, 1.0) * scale)) for _ in range(n)]
 
     n = int(rng.integers(1, 7))
-    found = comparison({
-        "inclination_rmse_deg": some(0.3), "noise_tilt_deg": some(0.5), "lag_ms": some(3.0),
-        "step_error_deg.0.5s": some(1.0), "drift_rest_deg_per_min": some(2.0),
-    })  # fmt: skip
+    found = comparison(
+        {
+            "inclination_rmse_deg": some(0.3),
+            "noise_tilt_deg": some(0.5),
+            "lag_ms": some(3.0),
+            "step_error_deg.0.5s": some(1.0),
+            "drift_rest_deg_per_min": some(2.0),
+        }
+    )
     cells = " | ".join(cell for table in tables(found) for cell in table.rows[-1])
     for text in (found.verdicts[0].lead, *found.verdicts[0].more):
         for number in re.findall(r"[+−]?[<\d.]+(?: %|°/min|°| ms)", re.sub(r"\((within|at most)[^)]*\)", "", text)):

@@ -70,8 +70,10 @@ def test_what_is_no_result_is_refused_all_at_once(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught:
         read_all(wanted)
     lines = str(caught.value).splitlines()
-    assert [word in line for word, line in zip(
-        ("is no result", "is a folder without", "cannot be read"), lines, strict=True)] == [True] * 3  # fmt: skip
+    assert [
+        word in line
+        for word, line in zip(("is no result", "is a folder without", "cannot be read"), lines, strict=True)
+    ] == [True] * 3
 
 
 def test_a_result_that_was_damaged_later_is_a_reason_and_no_crash(tmp_path: Path) -> None:

@@ -45,14 +45,15 @@ def test_a_file_of_every_kind_of_gate(tmp_path: Path) -> None:
             Gate("lag_ms", (GateLimit("max", 5.0),), baseline=ours),
             Gate("lag_ms", (GateLimit("min", 1.0), GateLimit("max", 10.0)), None, ("onboard",), True, ours),
             Gate(
-                "heading_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.2), GateLimit("max_above_baseline", 0.5)),
+                "heading_rmse_deg",
+                (GateLimit("max_ratio_to_onboard", 1.2), GateLimit("max_above_baseline", 0.5)),
                 baseline=ours,
             ),
             Gate("noise_tilt_deg", (GateLimit("baseline", 0.0),), baseline=tmp_path / "other.json"),
             Gate("total_rmse_deg", (GateLimit("baseline", 0.0),), "20:30.5", baseline=ours),
         ),
         strict=False,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(

@@ -60,16 +60,20 @@ def test_a_minimum_is_not_to_be_fallen_short_of() -> None:
 
 def test_without_filters_every_estimator_is_asked_but_neither_baselines_nor_onboard_nor_the_reference() -> None:
     rows = [
-        row("onboard", tilt(9.0), kind="onboard"), row("mekf", tilt(1.0)), row("eskf", tilt(3.0)),
-        row("gyro", tilt(9.0), estimator="gyro"), row("accel_mag/imu1", tilt(9.0), estimator="accel_mag"),
+        row("onboard", tilt(9.0), kind="onboard"),
+        row("mekf", tilt(1.0)),
+        row("eskf", tilt(3.0)),
+        row("gyro", tilt(9.0), estimator="gyro"),
+        row("accel_mag/imu1", tilt(9.0), estimator="accel_mag"),
         row("smoother", tilt(0.0), is_reference=True),
-    ]  # fmt: skip
+    ]
     assert named(outcomes(at_most(2.0), *rows)) == {"eskf": "failed", "mekf": "passed"}
     assert named(outcomes(at_most(2.0, filters=("*",)), *rows)) == {"eskf": "failed", "mekf": "passed"}
     assert named(outcomes(at_most(2.0, filters=("onboard", "gyro")), *rows)) == {"onboard": "failed", "gyro": "failed"}
     assert named(outcomes(at_most(2.0, filters=("onb*", "accel_mag")), *rows)) == {
-        "onboard": "failed", "accel_mag/imu1": "failed",
-    }  # fmt: skip
+        "onboard": "failed",
+        "accel_mag/imu1": "failed",
+    }
 
 
 def test_a_gate_without_filters_on_a_result_without_one_says_so() -> None:
@@ -159,10 +163,11 @@ def test_limits_beside_the_onboard_attitude() -> None:
 
 def test_strict_gates_fail_rows_that_nobody_asks() -> None:
     rows = [
-        row("a", tilt(1.0)), row("plug", {}, status="failed", reason="ImportError"),
+        row("a", tilt(1.0)),
+        row("plug", {}, status="failed", reason="ImportError"),
         row("gyro", {}, estimator="gyro", status="diverged"),
         row("onboard:AHR2", {}, kind="onboard", status="diverged"),
-    ]  # fmt: skip
+    ]
     asked = at_most(2.0, filters=("a",))
     assert failed(outcomes(asked, *rows)) == []
     (found,) = failed(outcomes(asked, *rows, strict=True))

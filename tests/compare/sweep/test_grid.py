@@ -90,7 +90,11 @@ def test_the_last_word_that_is_no_axis_is_the_filter(tmp_path: Path, monkeypatch
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
     log = tmp_path / "x.bin"
     log.touch()
-    for words, says in (([], "a log and a filter are"), (["kp=1"], "are missing"), (["mahony", "kp=1"], "is missing"),
-                        ([str(tmp_path), str(log), "kp=1"], "after the logs")):  # fmt: skip
+    for words, says in (
+        ([], "a log and a filter are"),
+        (["kp=1"], "are missing"),
+        (["mahony", "kp=1"], "is missing"),
+        ([str(tmp_path), str(log), "kp=1"], "after the logs"),
+    ):
         with pytest.raises(UsageError, match=says):
             search_request(words, "attlog sweep x.bin mahony kp=1")

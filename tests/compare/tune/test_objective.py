@@ -49,8 +49,10 @@ def test_a_setting_that_fails_costs_more_than_any_other_and_a_part_without_value
 def test_terms_have_short_names_and_weights() -> None:
     found = objective(["tilt", "noise=0.5,lag_ms@airborne=0.2"])
     assert [(t.metric.name, t.weight) for t in found] == [
-        ("inclination_rmse_deg", 1.0), ("noise_tilt_deg@hover", 0.5), ("lag_ms@airborne", 0.2)
-    ]  # fmt: skip
+        ("inclination_rmse_deg", 1.0),
+        ("noise_tilt_deg@hover", 0.5),
+        ("lag_ms@airborne", 0.2),
+    ]
 
 
 def test_everything_wrong_with_an_objective_is_told_at_once() -> None:

@@ -125,9 +125,18 @@ def vector_step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any
 def test_a_step_that_cannot_be_rewritten_runs_one_by_one() -> None:
     gain = base.Parameter("gain", 1.0, "1", 0, 2, "none", "test")
     estimator = base.Estimator(
-        "whole", "", "", "", frozenset({"gyro"}), frozenset({"gyro"}), (gain, base.INIT), {},
-        start=lambda params, acc, mag, q0: q0, step=vector_step, origin="test",
-    )  # fmt: skip
+        "whole",
+        "",
+        "",
+        "",
+        frozenset({"gyro"}),
+        frozenset({"gyro"}),
+        (gain, base.INIT),
+        {},
+        start=lambda params, acc, mag, q0: q0,
+        step=vector_step,
+        origin="test",
+    )
     assert kernel(estimator, {}, "float64") is None
     x = flight()
     found = estimate_batch(estimator, [{}, {"gain": 2.0}], *x)

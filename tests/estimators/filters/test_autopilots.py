@@ -289,10 +289,20 @@ def test_the_compass_can_be_switched_off() -> None:
 
 def test_parameters_come_from_the_log_under_their_own_names() -> None:
     log = LogFacts(
-        {"AHRS_RP_P": 0.13, "AHRS_YAW_P": 0.01, "AHRS_GPS_GAIN": 0.5, "COMPASS_DEC": 0.1, "COMPASS_USE": 0.0,
-         "COMPASS_USE2": 0.0, "SCHED_LOOP_RATE": 300.0, "ATT_W_ACC": 0.4, "ATT_MAG_DECL_A": 0.0, "ATT_MAG_DECL": 7.0},
+        {
+            "AHRS_RP_P": 0.13,
+            "AHRS_YAW_P": 0.01,
+            "AHRS_GPS_GAIN": 0.5,
+            "COMPASS_DEC": 0.1,
+            "COMPASS_USE": 0.0,
+            "COMPASS_USE2": 0.0,
+            "SCHED_LOOP_RATE": 300.0,
+            "ATT_W_ACC": 0.4,
+            "ATT_MAG_DECL_A": 0.0,
+            "ATT_MAG_DECL": 7.0,
+        },
         LogInfo(declination_deg=3.0, mag_rate_hz=10.0, forward=True, since_boot_s=8.0),
-    )  # fmt: skip
+    )
     values = get("ap_dcm").resolve(log=log)
     assert values["AHRS_RP_P"] == (0.13, "log")
     assert values["AHRS_YAW_P"] == (0.05, "log")  # the autopilot raises what is less

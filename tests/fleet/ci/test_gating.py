@@ -30,8 +30,10 @@ def test_files_are_judged_and_kept_in_the_order_asked_for(tmp_path: Path) -> Non
         found.file(f"{name}.ulg", name, tmp_path / f"{name}.json")
     found.broken("c.ulg", "c", 65, "nothing to analyse")
     assert [(j.log, j.failed, j.broken) for j in found.in_order(["a", "b", "c", "never"])] == [
-        ("a.ulg", 0, False), ("b.ulg", 1, False), ("c.ulg", 0, True),
-    ]  # fmt: skip
+        ("a.ulg", 0, False),
+        ("b.ulg", 1, False),
+        ("c.ulg", 0, True),
+    ]
     assert [j.name for j in found.in_order()] == ["b", "a", "c"]
     assert found.logs["b"].sentences == ("mekf: lag_ms +9 ms (airborne), at most 5 ms",)
 

@@ -32,8 +32,10 @@ def test_of_many_failures_the_worst_ten_are_shown_each_log_first_and_the_rest_is
     lines = list(commands(logs))
     assert [line.startswith("::error") for line in lines] == [True] * 10 + [False]
     assert [line.rpartition("::")[2].partition(":")[0] for line in lines[:10]] == [
-        *(f"{k}.ulg" for k in range(7, -1, -1)), "7.ulg", "6.ulg",
-    ]  # fmt: skip
+        *(f"{k}.ulg" for k in range(7, -1, -1)),
+        "7.ulg",
+        "6.ulg",
+    ]
     assert lines[-1].startswith("::notice title=attlog::16 failures in 8 logs, of which the worst 10 are marked")
 
 

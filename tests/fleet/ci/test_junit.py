@@ -34,8 +34,10 @@ def test_another_program_reads_what_was_judged(file: Path) -> None:
     suites = {suite.name: suite for suite in JUnitXml.fromfile(str(file))}
     good, bad, gone = suites["good.ulg"], suites["bad.ulg"], suites["gone.ulg"]
     assert [(s.tests, s.failures, s.errors, s.skipped) for s in (good, bad, gone)] == [
-        (3, 0, 0, 1), (4, 2, 0, 0), (1, 0, 1, 0),
-    ]  # fmt: skip
+        (3, 0, 0, 1),
+        (4, 2, 0, 0),
+        (1, 0, 1, 0),
+    ]
     assert good.time == pytest.approx(12.346)
     told = {case.name: case.result for case in bad}
     (failure,) = told["c: lag_ms@airborne max=5"]

@@ -103,8 +103,10 @@ def test_a_metric_is_looked_up_where_the_page_of_one_log_does(
 
 
 def test_of_a_log_that_comes_twice_the_newest_result_counts() -> None:
-    old, new, last = (flight("a.ulg", v, batch=b, attlog=x) for v, b, x in (
-        (1.0, "old", "0.9.0"), (2.0, "new", "0.10.0"), (3.0, "last", "0.10.0")))  # fmt: skip
+    old, new, last = (
+        flight("a.ulg", v, batch=b, attlog=x)
+        for v, b, x in ((1.0, "old", "0.9.0"), (2.0, "new", "0.10.0"), (3.0, "last", "0.10.0"))
+    )
     other = flight("b.ulg", 7.0)
     for order, expected in (([old, new, other], 2.0), ([new, old, other], 2.0), ([new, last, other], 3.0)):
         found = across(order, [TILT])
@@ -120,8 +122,10 @@ def test_of_a_log_that_comes_twice_the_newest_result_counts() -> None:
 
 
 def test_groups_have_quartiles_of_their_own() -> None:
-    entries = [flight(f"{i}.ulg", float(i), date_utc=f"202{i % 2}-03-01T00:00:00", vehicle=v) for i, v in
-               enumerate(["quadrotor", "fixed wing", None, "quadrotor"])]  # fmt: skip
+    entries = [
+        flight(f"{i}.ulg", float(i), date_utc=f"202{i % 2}-03-01T00:00:00", vehicle=v)
+        for i, v in enumerate(["quadrotor", "fixed wing", None, "quadrotor"])
+    ]
     found = across(entries, [TILT])
     table = words(found, "vehicle", found.columns)
     assert [line[:2] for line in table.body] == [["fixed wing", "1"], ["quadrotor", "2"], ["unknown", "1"]]

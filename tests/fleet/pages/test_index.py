@@ -32,8 +32,11 @@ def inside(html: str) -> tuple[dict[str, Any], bytes]:
 
 def test_equally_bad_logs_stand_as_people_count() -> None:
     assert [x.name for x in ordered([flown(f"log{i}.bin") for i in (10, 9, 100, 1)])] == [
-        "log1.bin", "log9.bin", "log10.bin", "log100.bin",
-    ]  # fmt: skip
+        "log1.bin",
+        "log9.bin",
+        "log10.bin",
+        "log100.bin",
+    ]
 
 
 def test_reasons_stand_in_words_and_a_failed_log_with_its_sentence() -> None:
@@ -133,8 +136,14 @@ def test_numbers_of_the_attitude_that_flew_are_shown_first_where_most_logs_have_
         return {"values": values}
 
     rows = ("onboard", "gyro", "mahony", "vqf", "rare", "onboard:AHR2")
-    few = column(onboard=[1.0, None, None], gyro=[0.1] * 3, mahony=[2.0] * 3, vqf=[1.0, 1.5, 9.0],
-                 rare=[0.2, None, None], **{"onboard:AHR2": [0.1] * 3})  # fmt: skip
+    few = column(
+        onboard=[1.0, None, None],
+        gyro=[0.1] * 3,
+        mahony=[2.0] * 3,
+        vqf=[1.0, 1.5, 9.0],
+        rare=[0.2, None, None],
+        **{"onboard:AHR2": [0.1] * 3},
+    )
     assert first_row(rows, [few], 3) == "vqf"
     assert first_row(rows, [few | {"values": few["values"] | {"onboard": [1.0, 1.0, None]}}], 3) == "onboard"
     assert first_row(["gyro"], [column(gyro=[1.0])], 3) == "gyro"

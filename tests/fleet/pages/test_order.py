@@ -38,11 +38,13 @@ def test_a_log_that_failed_stands_between_those_with_trouble_and_those_without()
 
 
 def test_what_happened_is_the_headline_else_the_reason_else_the_message() -> None:
-    logs = ordered([
-        flown("a", reason("crash", text="It fell."), headline="Quadrotor: flew 3 to 9 s."),
-        flown("b", reason("crash", text="It fell.")),
-        failed("c", "encrypted"),
-    ])  # fmt: skip
+    logs = ordered(
+        [
+            flown("a", reason("crash", text="It fell."), headline="Quadrotor: flew 3 to 9 s."),
+            flown("b", reason("crash", text="It fell.")),
+            failed("c", "encrypted"),
+        ]
+    )
     assert [log.text for log in logs] == ["Quadrotor: flew 3 to 9 s.", "It fell.", "encrypted"]
 
 

@@ -21,9 +21,13 @@ def answering(name: str, *questions: str, reference: str = "truth") -> Entry:
 
 
 def test_it_counts_what_was_answered_and_what_logs_were_compared_with() -> None:
-    done = [answering("a", "accuracy"), answering("b", "accuracy", "noise", reference="smoother"),
-            answering("c", reference="onboard"), answering("d", "accuracy", reference="smoother"),
-            answering("e", reference="none")]  # fmt: skip
+    done = [
+        answering("a", "accuracy"),
+        answering("b", "accuracy", "noise", reference="smoother"),
+        answering("c", reference="onboard"),
+        answering("d", "accuracy", reference="smoother"),
+        answering("e", reference="none"),
+    ]
     assert list(summary(done, 6, 62.0, OUT, again=3)) == [
         "6 logs: 5 reports in out, 62 s; 3 done before; 1 not reached",
         "  compared with: the logged truth 1, the smoother 2, the onboard attitude 1, nothing 1 of 5 logs",

@@ -102,14 +102,17 @@ def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
     assert work(tmp_path, specs=f"{file}:k=1").settings != before
 
 
-@pytest.mark.parametrize(("body", "code", "words"), [
-    ("import os; os._exit(9)", 70, "without a word"),
-    ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", 70, "crashed (SIGSEGV)"),
-    ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", 70, "killed from outside"),
-    ("import time; time.sleep(100)", 75, "longer than 1.5 s"),
-    ("import os\nif not os.fork():\n    os._exit(0)\nwhile True: pass", 75, "longer than 1.5 s"),
-    ("x = bytearray(10**9)\nwhile True: pass", 75, "more than 600 MB"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("body", "code", "words"),
+    [
+        ("import os; os._exit(9)", 70, "without a word"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", 70, "crashed (SIGSEGV)"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", 70, "killed from outside"),
+        ("import time; time.sleep(100)", 75, "longer than 1.5 s"),
+        ("import os\nif not os.fork():\n    os._exit(0)\nwhile True: pass", 75, "longer than 1.5 s"),
+        ("x = bytearray(10**9)\nwhile True: pass", 75, "more than 600 MB"),
+    ],
+)
 def test_a_process_that_fails_is_one_record(tmp_path: Path, processes: Forks, body: str, code: int, words: str) -> None:
     limits: dict[str, Any] = {"timeout": 1.5 if code == 75 and "MB" not in words else 300.0, "memory": 600.0}
     record = run_one(work(tmp_path, specs=harm(body), **limits), processes)
@@ -211,8 +214,10 @@ def test_a_process_that_never_gives_way_ends_with_a_parent_that_is_killed(tmp_pa
     filter_file = plugin(tmp_path, f"import os\nopen({str(pid)!r}, 'w').write(str(os.getpid()))\n{for_ever}")
     run = subprocess.Popen(
         [sys.executable, "-m", "attlog", "batch", LOG, "-o", tmp_path / "out", "--estimators", filter_file],
-        cwd=SAMPLES.parent, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        cwd=SAMPLES.parent,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     number = pid_in(pid)
     run.kill()
     run.wait()

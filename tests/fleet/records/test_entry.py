@@ -51,8 +51,11 @@ def test_every_answer_of_the_result_comes_back(flown: Result) -> None:
     for key, a in expected.items():
         n = found[key]
         assert (n.value, n.unit, n.code, n.reason if a.value is None else None) == (
-            a.value, a.unit, a.code, a.reason if a.value is None else None,
-        )  # fmt: skip
+            a.value,
+            a.unit,
+            a.code,
+            a.reason if a.value is None else None,
+        )
         if a.value is not None:
             assert ((n.low, n.high), n.n, n.seconds) == (a.ci95 or (None, None), a.n, a.seconds)
     assert sum(n.value is None for n in found.values()) > 10

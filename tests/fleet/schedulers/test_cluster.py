@@ -135,9 +135,7 @@ def test_a_log_that_workers_do_not_see_is_sent_along(
 def test_resume_asks_the_cluster_for_nothing_that_is_done(dask: Cluster, tmp_path: Path) -> None:
     todo = [replace(work, resume=True) for work in works(tmp_path, 3)]
     run_one(todo[0])
-    assert sorted((r.name, r.again) for r in records_of(dask.address, todo)) == [
-        (w.name, w is todo[0]) for w in todo
-    ]  # fmt: skip
+    assert sorted((r.name, r.again) for r in records_of(dask.address, todo)) == [(w.name, w is todo[0]) for w in todo]
     assert all(r.again for r in records_of("tcp://127.0.0.1:9", todo))
 
 

@@ -191,8 +191,10 @@ def test_two_members_of_one_name_are_two_logs_and_a_copy_is_none(tmp_path: Path)
     found, wrong = sources([path])
     assert wrong == []
     assert {source.member: len(content(source)) for source in found} == {
-        "d/1.bin": len(LOG), "d/1 (2).bin": 5000, "d/1 (3).bin": len(other),
-    }  # fmt: skip
+        "d/1.bin": len(LOG),
+        "d/1 (2).bin": 5000,
+        "d/1 (3).bin": len(other),
+    }
     assert len({source.stamp() for source in found}) == 3
     assert content(sources([path / "d/1 (3).bin"])[0][0]) == other
 

@@ -44,8 +44,12 @@ def read(tables: dict[tuple[str, int], Any], params: Any = (), texts: Any = (BAN
 
 
 def test_imu_is_instantaneous_and_late_by_its_low_pass_at_that_time() -> None:
-    params = [ParamChange("INS_GYRO_FILTER", 20.0, 1), ParamChange("INS_GYRO_FILTER", 80.0, 9_000_000),
-              ParamChange("INS_GYRO_FILTER", 5.0, 12_000_000), ParamChange("INS_ACCEL_FILTER", 10.0, 1)]  # fmt: skip
+    params = [
+        ParamChange("INS_GYRO_FILTER", 20.0, 1),
+        ParamChange("INS_GYRO_FILTER", 80.0, 9_000_000),
+        ParamChange("INS_GYRO_FILTER", 5.0, 12_000_000),
+        ParamChange("INS_ACCEL_FILTER", 10.0, 1),
+    ]
     log = read({("IMU", 0): imu()}, params)
     gyro = log.imus[log.imu].gyro
     assert gyro.sampling == "instant"
@@ -95,9 +99,19 @@ def test_old_names_are_units_of_their_own() -> None:
 def test_increments_of_log_replay_come_first_with_the_time_of_their_frame() -> None:
     n, dt = 500, 0.0025
     frames = {"TimeUS": micros(n, 400)}
-    risi = {c: np.full(n, v, np.float32) for c, v in
-            (("DVX", 0.0), ("DVY", 0.0), ("DVZ", -9.81 * dt), ("DAX", 0.1 * dt), ("DAY", -0.2 * dt), ("DAZ", 0.3 * dt),
-             ("DVDT", dt), ("DADT", dt))}  # fmt: skip
+    risi = {
+        c: np.full(n, v, np.float32)
+        for c, v in (
+            ("DVX", 0.0),
+            ("DVY", 0.0),
+            ("DVZ", -9.81 * dt),
+            ("DAX", 0.1 * dt),
+            ("DAY", -0.2 * dt),
+            ("DAZ", 0.3 * dt),
+            ("DVDT", dt),
+            ("DADT", dt),
+        )
+    }
     made = messages("dataflash", {("RFRH", 0): frames, ("RISI", 0): risi, ("IMU", 0): imu()}, (), [BANNER])
     made.tables["RISI", 0].offsets[:] = made.tables["RFRH", 0].offsets + 50  # each behind its own frame
     log = reader.read(made)
@@ -113,8 +127,12 @@ def test_compass_and_receiver_of_log_replay_stand_in_for_missing_records() -> No
     frames = {"TimeUS": micros(n, 50, 5_000_000_000)}
     compass = {"LU": (frames["TimeUS"] // 100_000 * 100_000 % 2**32).astype(np.uint32), "UFY": np.ones(n, np.uint8)}
     compass |= {c: np.full(n, v, np.float32) for c, v in (("FX", 200.0), ("FY", 0.0), ("FZ", 400.0))}
-    place = {"TS": (frames["TimeUS"] // 200_000 * 200).astype(np.uint32), "Lat": np.full(n, 473_977_000, np.int32),
-             "Lon": np.full(n, 85_456_000, np.int32), "Alt": np.full(n, 48_800, np.int32)}  # fmt: skip
+    place = {
+        "TS": (frames["TimeUS"] // 200_000 * 200).astype(np.uint32),
+        "Lat": np.full(n, 473_977_000, np.int32),
+        "Lon": np.full(n, 85_456_000, np.int32),
+        "Alt": np.full(n, 48_800, np.int32),
+    }
     place |= {c: np.full(n, 0.5, np.float32) for c in ("VX", "VY", "VZ", "HA", "VA", "SA")}
     tables = {("RFRH", 0): frames, ("RMGI", 0): compass, ("RGPJ", 0): place}
     made = messages(
@@ -133,8 +151,18 @@ def test_compass_and_receiver_of_log_replay_stand_in_for_missing_records() -> No
 def test_imt_increments_are_preferred_from_100_hz_and_raw_samples_from_400_hz() -> None:
     def imt(rate: float) -> dict[str, Any]:
         n, dt = 500, 1 / rate
-        columns = {"TimeUS": micros(n, rate), "DelT": dt, "DelvT": dt, "DelaT": dt, "DelAX": 0.1 * dt, "DelAY": 0.0,
-                   "DelAZ": 0.0, "DelVX": 0.0, "DelVY": 0.0, "DelVZ": -9.81 * dt}  # fmt: skip
+        columns = {
+            "TimeUS": micros(n, rate),
+            "DelT": dt,
+            "DelvT": dt,
+            "DelaT": dt,
+            "DelAX": 0.1 * dt,
+            "DelAY": 0.0,
+            "DelAZ": 0.0,
+            "DelVX": 0.0,
+            "DelVY": 0.0,
+            "DelVZ": -9.81 * dt,
+        }
         return {c: v if isinstance(v, np.ndarray) else np.full(n, v, np.float32) for c, v in columns.items()}
 
     def sensor(name: str, rate: float, values: tuple[float, ...]) -> dict[str, Any]:
@@ -167,8 +195,14 @@ def test_imt_increments_are_preferred_from_100_hz_and_raw_samples_from_400_hz() 
 def test_quaternions_of_the_cores_hold_no_trim_and_euler_records_do() -> None:
     quaternion = {"TimeUS": micros(50, 10), **{f"Q{k + 1}": np.full(50, float(k == 0), np.float32) for k in range(4)}}
     euler = {k: v for k, v in att().items() if not k.startswith("Des")}
-    tables = {("IMU", 0): imu(), ("ATT", 0): att(), ("XKQ", 0): quaternion, ("XKF1", 0): euler, ("XKF1", 1): euler,
-              ("AHR2", 0): euler}  # fmt: skip
+    tables = {
+        ("IMU", 0): imu(),
+        ("ATT", 0): att(),
+        ("XKQ", 0): quaternion,
+        ("XKF1", 0): euler,
+        ("XKF1", 1): euler,
+        ("AHR2", 0): euler,
+    }
     log = read(tables)
     assert {n: a.has_trim for n, a in log.attitudes.items()} == {
         "ATT": True,
@@ -198,8 +232,11 @@ def test_a_fast_attitude_record_with_holes_is_not_the_one_that_flew() -> None:
 
 def test_battery_before_3_4_is_in_hundredths_and_in_units_since() -> None:
     """3.1 to 3.3 write CURR as IhIhhhf: int16 centivolts and centiamperes."""
-    current = {"TimeMS": (micros(20, 1) // 1000).astype(np.uint32), "Volt": np.full(20, 1644, np.int16),
-               "Curr": np.full(20, 108, np.int16)}  # fmt: skip
+    current = {
+        "TimeMS": (micros(20, 1) // 1000).astype(np.uint32),
+        "Volt": np.full(20, 1644, np.int16),
+        "Curr": np.full(20, 108, np.int16),
+    }
     np.testing.assert_allclose(read({("IMU", 0): imu(), ("CURR", 0): current}).battery.x, [[16.44, 1.08]] * 20)
     new = {"TimeUS": micros(20, 1), "Volt": np.full(20, 16.44, np.float32), "Curr": np.full(20, 1.08, np.float32)}
     np.testing.assert_allclose(read({("IMU", 0): imu(), ("BAT", 0): new}).battery.x, [[16.44, 1.08]] * 20, rtol=1e-6)
@@ -249,11 +286,17 @@ def test_armed_and_landed_follow_the_events_and_begin_on_the_ground() -> None:
 def test_gps_week_time_is_not_taken_for_the_boot_clock() -> None:
     n = 50
     columns = {
-        "Status": np.full(n, 3, np.uint8), "TimeMS": 7_959_200 + 200 * np.arange(n),
+        "Status": np.full(n, 3, np.uint8),
+        "TimeMS": 7_959_200 + 200 * np.arange(n),
         "Week": np.full(n, 1815, np.uint16),
-        "Lat": np.full(n, 30.15), "Lng": np.full(n, -97.95), "Alt": np.full(n, 283.0), "Spd": np.full(n, 2.0),
-        "GCrs": np.full(n, 90.0), "VZ": np.full(n, 0.5), "T": 10_000 + 200 * np.arange(n),
-    }  # fmt: skip
+        "Lat": np.full(n, 30.15),
+        "Lng": np.full(n, -97.95),
+        "Alt": np.full(n, 283.0),
+        "Spd": np.full(n, 2.0),
+        "GCrs": np.full(n, 90.0),
+        "VZ": np.full(n, 0.5),
+        "T": 10_000 + 200 * np.arange(n),
+    }
     old = imu()
     old["TimeMS"] = (old.pop("TimeUS") // 1000).astype(np.uint32)
     log = read({("IMU", 0): old, ("GPS", 0): columns}, texts=())
@@ -266,8 +309,17 @@ def test_accuracies_belong_to_their_fix_and_a_heading_of_zero_is_none() -> None:
     """GPA comes with each GPS record until it stops after 5 s; a receiver without two antennas writes a yaw of 0."""
     n, t = 50, micros(50, 5.0)
     one = np.ones(n)
-    fixes = {"TimeUS": t, "Status": np.full(n, 3, np.uint8), "Lat": 47 * one, "Lng": 8 * one, "Alt": 400 * one,
-             "Spd": 2 * one, "GCrs": 90 * one, "VZ": 0 * one, "Yaw": 270.0 * (np.arange(n) >= 10)}  # fmt: skip
+    fixes = {
+        "TimeUS": t,
+        "Status": np.full(n, 3, np.uint8),
+        "Lat": 47 * one,
+        "Lng": 8 * one,
+        "Alt": 400 * one,
+        "Spd": 2 * one,
+        "GCrs": 90 * one,
+        "VZ": 0 * one,
+        "Yaw": 270.0 * (np.arange(n) >= 10),
+    }
     told = {"TimeUS": t[:25]} | {c: np.full(25, v) for c, v in (("HAcc", 0.8), ("VAcc", 1.2), ("SAcc", 0.3))}
     gnss = read({("IMU", 0): imu(), ("GPS", 0): fixes, ("GPA", 0): told}).gnss[0]
     assert np.flatnonzero(np.isfinite(gnss.h_acc)).tolist() == list(range(27))  # two more within 0.5 s
@@ -292,8 +344,16 @@ def test_a_leap_second_in_the_middle_of_a_gps_week_counts_from_its_instant() -> 
 
 def test_a_receiver_whose_week_counter_turned_over_tells_no_date() -> None:
     n = 20
-    place = {"Lat": np.full(n, 47.0), "Lng": np.full(n, 8.0), "Alt": np.full(n, 500.0), "Spd": np.zeros(n),
-             "GCrs": np.zeros(n), "VZ": np.zeros(n), "Status": np.full(n, 3), "GMS": 1000 * np.arange(n)}  # fmt: skip
+    place = {
+        "Lat": np.full(n, 47.0),
+        "Lng": np.full(n, 8.0),
+        "Alt": np.full(n, 500.0),
+        "Spd": np.zeros(n),
+        "GCrs": np.zeros(n),
+        "VZ": np.zeros(n),
+        "Status": np.full(n, 3),
+        "GMS": 1000 * np.arange(n),
+    }
     for week, code in ((2300, set()), (2300 - 1024, {"values_out_of_range"}), (2300 - 2048, {"values_out_of_range"})):
         gps = {"TimeUS": micros(n, 5.0), "GWk": np.full(n, week, np.uint16), **place}
         log = read({("IMU", 0): imu(), ("GPS", 0): gps})
@@ -381,9 +441,13 @@ def test_slow_imu_names_the_setting_of_the_firmware() -> None:
 
 @pytest.mark.parametrize(
     ("family", "theirs"),
-    [("copter", mavutil.mode_mapping_acm), ("plane", mavutil.mode_mapping_apm), ("rover", mavutil.mode_mapping_rover),
-     ("sub", mavutil.mode_mapping_sub)],
-)  # fmt: skip
+    [
+        ("copter", mavutil.mode_mapping_acm),
+        ("plane", mavutil.mode_mapping_apm),
+        ("rover", mavutil.mode_mapping_rover),
+        ("sub", mavutil.mode_mapping_sub),
+    ],
+)
 def test_mode_names_agree_with_pymavlink(family: str, theirs: dict[int, str]) -> None:
     def letters(name: str) -> str:
         return name.replace("_", "").upper()

@@ -49,8 +49,13 @@ def test_it_is_that_of_the_primary_core_or_of_the_core_on_the_unit_asked_for() -
 
 
 def test_the_second_core_of_old_logs_stands_under_its_own_name() -> None:
-    tables = {("IMU", 0): imu(), ("IMU2", 0): imu(), ("NKF1", 0): state(), ("NKF6", 0): state(2.0),
-              ("NKF4", 0): primary(1)}  # fmt: skip
+    tables = {
+        ("IMU", 0): imu(),
+        ("IMU2", 0): imu(),
+        ("NKF1", 0): state(),
+        ("NKF6", 0): state(2.0),
+        ("NKF4", 0): primary(1),
+    }
     stream = read(tables, {"EK2_IMU_MASK": 3.0}).onboard_gyro_bias
     assert stream is not None
     assert stream.source == "NKF6:1"

@@ -23,8 +23,10 @@ ME = 1 * 256 + 1
 
 
 def systems(autopilot: int, kind: int = 2) -> dict[str, Any]:
-    return {"systems": {1: {"autopilot": autopilot, "type": kind, "component": 1, "components": [1], "packets": 9}},
-            "system": 1}  # fmt: skip
+    return {
+        "systems": {1: {"autopilot": autopilot, "type": kind, "component": 1, "components": [1], "packets": 9}},
+        "system": 1,
+    }
 
 
 def clock(n: int, rate: float, latency: np.ndarray | float = 0.0) -> dict[str, Any]:
@@ -36,8 +38,17 @@ def raw_imu(n: int, rate: float) -> dict[str, Any]:
     columns = clock(n, rate)
     del columns["time_boot_ms"]
     columns["time_usec"] = (5_000_000 + np.round(np.arange(n) * 1e6 / rate)).astype(np.uint64)
-    values = {"xacc": 0, "yacc": 0, "zacc": -1000, "xgyro": 100, "ygyro": -200, "zgyro": 300, "xmag": 200, "ymag": 0,
-              "zmag": 400}  # fmt: skip
+    values = {
+        "xacc": 0,
+        "yacc": 0,
+        "zacc": -1000,
+        "xgyro": 100,
+        "ygyro": -200,
+        "zgyro": 300,
+        "xmag": 200,
+        "ymag": 0,
+        "zmag": 400,
+    }
     return columns | {c: np.full(n, v, np.int16) for c, v in values.items()}
 
 
@@ -79,8 +90,11 @@ def test_truth_without_a_clock_gets_the_packets_time_mapped_to_the_boot_clock() 
     latency = rng.exponential(3000, n)
     truth = {"_t_us": UNIX + 5_000_000 + np.int64(t * 1e6 + latency)} | {f"q{k + 1}": q[:, k] for k in range(4)}
     clocks = attitude(1000, 50, rng.exponential(3000, 1000))
-    made = messages("tlog", {("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): clocks, ("SIM_STATE", ME): truth},
-                    info=systems(3))  # fmt: skip
+    made = messages(
+        "tlog",
+        {("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): clocks, ("SIM_STATE", ME): truth},
+        info=systems(3),
+    )
     made.tables["ATTITUDE", ME].offsets[:] = 1000 + 100 * np.arange(1000)
     made.tables["SIM_STATE", ME].offsets[:] = 1050 + 200 * np.arange(n)
     log = reader.read(made, None, None, None)
@@ -98,14 +112,21 @@ def test_truth_without_a_clock_is_timed_by_its_place_where_packet_stamps_are_no_
 
     def stamps(true_us: np.ndarray) -> np.ndarray:
         since = np.asarray(true_us, np.int64)
-        shown = {"standing still": 0 * since, "milliseconds": since // 1000, "backwards": -since,
-                 "sent in bursts": (since // 700_000 + 1) * 700_000}  # fmt: skip
+        shown = {
+            "standing still": 0 * since,
+            "milliseconds": since // 1000,
+            "backwards": -since,
+            "sent in bursts": (since // 700_000 + 1) * 700_000,
+        }
         return UNIX + shown[fault]
 
     truth = {"_t_us": stamps(t * 1e6)} | {f"q{k + 1}": q[:, k] for k in range(4)}
     clocks = attitude(1000, 50) | {"_t_us": stamps(np.arange(1000) * 20_000)}
-    made = messages("tlog", {("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): clocks, ("SIM_STATE", ME): truth},
-                    info=systems(3))  # fmt: skip
+    made = messages(
+        "tlog",
+        {("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): clocks, ("SIM_STATE", ME): truth},
+        info=systems(3),
+    )
     made.tables["ATTITUDE", ME].offsets[:] = 1000 + 100 * np.arange(1000)
     made.tables["SIM_STATE", ME].offsets[:] = 1010 + 200 * np.arange(n)
     log = reader.read(made, None, None, None)
@@ -187,9 +208,12 @@ def test_a_unit_that_sends_zeros_is_named_and_not_used() -> None:
 
 def test_heartbeats_tell_arming_mode_and_vehicle() -> None:
     n = 20
-    beats = {"_t_us": UNIX + 5_000_000 + 1_000_000 * np.arange(n), "type": np.full(n, 2, np.uint8),
-             "base_mode": np.where(np.arange(n) < 10, 81, 209).astype(np.uint8),
-             "custom_mode": np.where(np.arange(n) < 15, 0, 9).astype(np.uint32)}  # fmt: skip
+    beats = {
+        "_t_us": UNIX + 5_000_000 + 1_000_000 * np.arange(n),
+        "type": np.full(n, 2, np.uint8),
+        "base_mode": np.where(np.arange(n) < 10, 81, 209).astype(np.uint8),
+        "custom_mode": np.where(np.arange(n) < 15, 0, 9).astype(np.uint32),
+    }
     log = read({("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): attitude(400, 20), ("HEARTBEAT", ME): beats})
     assert log.vehicle == "quadrotor"
     assert log.armed.value == [False, True]
@@ -200,9 +224,15 @@ def test_landed_and_the_version_are_read_from_their_numbers() -> None:
     """MAV_LANDED_STATE: 0 undefined, 1 on the ground, 2 in the air; the version is a byte each, then the release."""
     extended = clock(6, 1) | {"landed_state": np.array([0, 1, 1, 2, 2, 1], np.uint8)}
     version = clock(1, 1) | {"flight_sw_version": np.array([1 << 24 | 14 << 16 | 3 << 8 | 255], np.uint32)}
-    log = read({("HIGHRES_IMU", ME): raw_imu(500, 50) | {"zacc": np.full(500, -9.81, np.float32)},
-                ("ATTITUDE", ME): attitude(100, 10), ("EXTENDED_SYS_STATE", ME): extended,
-                ("AUTOPILOT_VERSION", ME): version}, 12)  # fmt: skip
+    log = read(
+        {
+            ("HIGHRES_IMU", ME): raw_imu(500, 50) | {"zacc": np.full(500, -9.81, np.float32)},
+            ("ATTITUDE", ME): attitude(100, 10),
+            ("EXTENDED_SYS_STATE", ME): extended,
+            ("AUTOPILOT_VERSION", ME): version,
+        },
+        12,
+    )
     assert [log.landed.at(t + 0.5) for t in (1.0, 2.0, 3.0, 4.0, 5.0)] == [True, True, False, False, True]
     assert log.firmware.version.startswith("1.14.3")
 
@@ -211,8 +241,11 @@ def test_of_two_vehicles_in_a_file_the_one_asked_for_is_read(tmp_path: Path) -> 
     tables: dict[tuple[str, int], Any] = {}
     for system, rate in ((1, 50.0), (2, 25.0)):
         me = system * 256 + 1
-        beats = {"_t_us": UNIX + 5_000_000 + 500_000 * np.arange(20), "autopilot": np.full(20, 3, np.uint8),
-                 "type": np.full(20, system, np.uint8)}  # fmt: skip
+        beats = {
+            "_t_us": UNIX + 5_000_000 + 500_000 * np.arange(20),
+            "autopilot": np.full(20, 3, np.uint8),
+            "type": np.full(20, system, np.uint8),
+        }
         tables |= {("RAW_IMU", me): raw_imu(500, rate), ("ATTITUDE", me): attitude(100, 10), ("HEARTBEAT", me): beats}
     path = tmp_path / "two.tlog"
     formats.write(path, Recording(tables))

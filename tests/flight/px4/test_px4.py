@@ -90,8 +90,11 @@ def test_fast_increments_of_the_unit_that_flew_are_preferred_and_divided_by_thei
 
 
 def test_slow_increments_do_not_replace_sensor_combined() -> None:
-    tables = {("sensor_combined", 0): combined(), ("vehicle_imu", 0): increments(10, 2.0, 11),
-              ("vehicle_imu", 1): increments(10, 2.0, 22)}  # fmt: skip
+    tables = {
+        ("sensor_combined", 0): combined(),
+        ("vehicle_imu", 0): increments(10, 2.0, 11),
+        ("vehicle_imu", 1): increments(10, 2.0, 22),
+    }
     log = read(tables)
     assert [i.gyro.source for i in log.imus] == ["sensor_combined", "vehicle_imu:1"]
     assert log.imus[log.imu].gyro.source == "sensor_combined"
@@ -102,10 +105,14 @@ def fifo(batches: int, per_batch: int, dt_us: float, value: tuple[int, int, int]
     end = (10_000_000 + np.round(np.arange(1, batches + 1) * per_batch * dt_us) + jitter).astype(np.uint64)
     axes = {a: np.tile(np.array([v], np.int16), (batches, 32)) for a, v in zip("xyz", value, strict=True)}
     return {
-        "timestamp": end + np.uint64(200), "timestamp_sample": end, "device_id": np.full(batches, device, np.uint32),
-        "dt": np.full(batches, dt_us, np.float32), "scale": np.full(batches, 0.001, np.float32),
-        "samples": np.full(batches, per_batch, np.uint8), **axes,
-    }  # fmt: skip
+        "timestamp": end + np.uint64(200),
+        "timestamp_sample": end,
+        "device_id": np.full(batches, device, np.uint32),
+        "dt": np.full(batches, dt_us, np.float32),
+        "scale": np.full(batches, 0.001, np.float32),
+        "samples": np.full(batches, per_batch, np.uint8),
+        **axes,
+    }
 
 
 def test_fifo_samples_are_spread_over_time_calibrated_and_turned_into_the_body() -> None:
@@ -188,8 +195,11 @@ def test_an_array_of_one_element_in_place_of_a_number_is_that_number() -> None:
 def test_the_board_rotation_is_not_applied_to_what_px4_has_turned_already() -> None:
     """``sensor_combined``, ``vehicle_imu``, ``vehicle_magnetometer`` are in the body frame: turning them is twice."""
     turned = {"SENS_BOARD_ROT": 4, "SENS_BOARD_X_OFF": 5.0, "CAL_GYRO0_ID": 11, "CAL_GYRO0_XOFF": 0.1}
-    field = {"timestamp": micros(200, 40), "timestamp_sample": micros(200, 40),
-             "magnetometer_ga": np.tile(np.array([0.2, 0.1, 0.4], np.float32), (200, 1))}  # fmt: skip
+    field = {
+        "timestamp": micros(200, 40),
+        "timestamp_sample": micros(200, 40),
+        "magnetometer_ga": np.tile(np.array([0.2, 0.1, 0.4], np.float32), (200, 1)),
+    }
     imus = {"sensor_combined": combined(), "vehicle_imu": increments(N, RATE, 11)}
     for name, columns in imus.items():
         tables = {(name, 0): columns, ("vehicle_magnetometer", 0): field}
@@ -208,8 +218,11 @@ def test_a_gyro_fifo_alone_takes_the_acceleration_of_the_voted_unit() -> None:
 
 
 def attitude(n: int, counter: np.ndarray, q: np.ndarray | None = None) -> dict[str, Any]:
-    return {"timestamp": micros(n, 20), "q": level(n) if q is None else q.astype(np.float32),
-            "quat_reset_counter": counter.astype(np.uint8)}  # fmt: skip
+    return {
+        "timestamp": micros(n, 20),
+        "q": level(n) if q is None else q.astype(np.float32),
+        "quat_reset_counter": counter.astype(np.uint8),
+    }
 
 
 def test_the_reset_counter_marks_the_step_also_when_it_wraps() -> None:
@@ -220,18 +233,27 @@ def test_the_reset_counter_marks_the_step_also_when_it_wraps() -> None:
 
 def test_another_estimator_instance_is_a_reset_even_without_the_counter() -> None:
     q = rotation.from_euler(0, 0, np.where(np.arange(100) < 60, 0.0, 0.1))
-    selector = {"timestamp": micros(5, 1), "primary_instance": np.array([0, 0, 0, 1, 1], np.uint8),
-                "last_instance_change": np.array([0, 0, 0, 13_000_000, 13_000_000], np.uint64)}  # fmt: skip
-    tables = {("sensor_combined", 0): combined(), ("vehicle_attitude", 0): attitude(100, np.zeros(100), q),
-              ("estimator_selector_status", 0): selector}  # fmt: skip
+    selector = {
+        "timestamp": micros(5, 1),
+        "primary_instance": np.array([0, 0, 0, 1, 1], np.uint8),
+        "last_instance_change": np.array([0, 0, 0, 13_000_000, 13_000_000], np.uint64),
+    }
+    tables = {
+        ("sensor_combined", 0): combined(),
+        ("vehicle_attitude", 0): attitude(100, np.zeros(100), q),
+        ("estimator_selector_status", 0): selector,
+    }
     log = read(tables)
     assert log.attitudes["vehicle_attitude"].resets.tolist() == [60]
     assert "estimator_instance_changed" in {p.code for p in log.problems}
 
 
 def test_a_raw_compass_is_calibrated_by_its_device_and_a_disabled_one_is_not_used() -> None:
-    raw = {"timestamp": micros(20, 1), "device_id": np.full(20, 77, np.uint32),
-           **{a: np.full(20, v, np.float32) for a, v in zip("xyz", (0.3, 0.1, 0.5), strict=True)}}  # fmt: skip
+    raw = {
+        "timestamp": micros(20, 1),
+        "device_id": np.full(20, 77, np.uint32),
+        **{a: np.full(20, v, np.float32) for a, v in zip("xyz", (0.3, 0.1, 0.5), strict=True)},
+    }
     params = {"CAL_MAG1_ID": 77, "CAL_MAG1_XOFF": 0.1, "CAL_MAG1_ROT": 2, "CAL_MAG1_PRIO": 50}
     log = read({("sensor_combined", 0): combined(), ("sensor_mag", 0): raw}, params)
     np.testing.assert_allclose(log.mags[log.mag].field.x[0], np.array([-0.1, 0.2, 0.5]) * 1e-4, atol=1e-9)  # yaw 90
@@ -245,8 +267,16 @@ def test_a_raw_compass_is_calibrated_by_its_device_and_a_disabled_one_is_not_use
 
 
 def test_calibration_is_rotation_times_symmetric_gain_times_offset_corrected() -> None:
-    values = {"CAL_MAG0_ID": 5, "CAL_MAG0_XOFF": 0.1, "CAL_MAG0_YOFF": -0.2, "CAL_MAG0_XSCALE": 1.1,
-              "CAL_MAG0_XODIAG": 0.02, "CAL_MAG0_YODIAG": 0.03, "CAL_MAG0_ZODIAG": 0.04, "CAL_MAG0_ROT": 8}  # fmt: skip
+    values = {
+        "CAL_MAG0_ID": 5,
+        "CAL_MAG0_XOFF": 0.1,
+        "CAL_MAG0_YOFF": -0.2,
+        "CAL_MAG0_XSCALE": 1.1,
+        "CAL_MAG0_XODIAG": 0.02,
+        "CAL_MAG0_YODIAG": 0.03,
+        "CAL_MAG0_ZODIAG": 0.04,
+        "CAL_MAG0_ROT": 8,
+    }
     gain = np.array([[1.1, 0.02, 0.03], [0.02, 1, 0.04], [0.03, 0.04, 1]])
     expected = np.diag([1, -1, -1]) @ gain @ (np.array([0.3, 0.4, 0.5]) - [0.1, -0.2, 0])
     body, known = calibrate("MAG", values, 5, np.array([[0.3, 0.4, 0.5]]))
@@ -290,8 +320,12 @@ def test_positions_are_degrees_and_metres_in_both_eras(new: bool) -> None:
 
 def test_a_switch_of_the_gyro_in_flight_is_told() -> None:
     selection = {"timestamp": micros(2, 0.5), "gyro_device_id": np.array([11, 22], np.uint32)}
-    tables = {("sensor_combined", 0): combined(), ("vehicle_imu", 0): increments(10, 2.0, 11),
-              ("vehicle_imu", 1): increments(10, 2.0, 22), ("sensor_selection", 0): selection}  # fmt: skip
+    tables = {
+        ("sensor_combined", 0): combined(),
+        ("vehicle_imu", 0): increments(10, 2.0, 11),
+        ("vehicle_imu", 1): increments(10, 2.0, 22),
+        ("sensor_selection", 0): selection,
+    }
     log = read(tables)
     assert log.imu_that_flew.value == [0, 1]
     assert "imu_switched" in {p.code for p in log.problems}

@@ -107,8 +107,9 @@ def test_a_pause_of_the_logger_is_no_false_time(raw: bytes, clean: RecordIndex, 
             log.data[offset + 3 : offset + 11] = np.frombuffer(time.to_bytes(8, "little"), np.uint8)
     after = reader.read(written(tmp_path, log.data.tobytes()))
     assert (after.damage, {k: len(t) for k, t in after.items()}) == (
-        before.damage, {k: len(t) for k, t in before.items()},
-    )  # fmt: skip
+        before.damage,
+        {k: len(t) for k, t in before.items()},
+    )
 
 
 def test_a_message_with_a_clock_of_its_own_is_kept(tmp_path: Path) -> None:
@@ -278,9 +279,16 @@ def test_everything_in_a_damaged_log_can_be_decoded(raw: bytes, tmp_path: Path, 
 
 @pytest.mark.parametrize(
     ("name", "letters", "false"),
-    [("MSG", b"QZ", b"Qa"), ("PARM", b"QNff", b"QNnf"), ("PARM", b"QNff", b"Qqqff"), ("UNIT", b"QbZ", b"QZb"),
-     ("MULT", b"Qbd", b"Qbq"), ("FMTU", b"QBNN", b"QNBN"), ("FMTU", b"QBNN", b"QBNqq")],
-)  # fmt: skip
+    [
+        ("MSG", b"QZ", b"Qa"),
+        ("PARM", b"QNff", b"QNnf"),
+        ("PARM", b"QNff", b"Qqqff"),
+        ("UNIT", b"QbZ", b"QZb"),
+        ("MULT", b"Qbd", b"Qbq"),
+        ("FMTU", b"QBNN", b"QNBN"),
+        ("FMTU", b"QBNN", b"QBNqq"),
+    ],
+)
 def test_a_format_that_gives_a_known_column_another_type_is_read(
     name: str, letters: bytes, false: bytes, tmp_path: Path
 ) -> None:

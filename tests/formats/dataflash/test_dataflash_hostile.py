@@ -122,9 +122,15 @@ def test_ids_of_units_that_are_no_whole_numbers_describe_nothing(tmp_path: Path)
     units = fmt(132, 79, b"UNIT", b"QfZ", b"TimeUS,Id,Label") + record(132, "Qf64s", 0, float("nan"), b"m")
     factors = fmt(133, 23, b"MULT", b"Qfd", b"TimeUS,Id,Mult") + record(133, "Qfd", 0, float("inf"), float("nan"))
     log = opened(
-        tmp_path, HEAD + FMTU + units + factors + IMU + record(130, "QB16s16s", 0, 150, b"sm", b"F\xff")
+        tmp_path,
+        HEAD
+        + FMTU
+        + units
+        + factors
+        + IMU
+        + record(130, "QB16s16s", 0, 150, b"sm", b"F\xff")
         + record(150, "Qf", 5, 1.0),
-    )  # fmt: skip
+    )
     assert log["IMU", 0].fields["GyrX"].unit is None
 
 

@@ -50,15 +50,24 @@ def nested_arrays(n: int) -> bytes:
 def arrays_of_nothing(n: int) -> bytes:
     """Elements that hold no bytes, any number of them."""
     levels = [form(f"n{k}:n{k + 1}[99999] a;") for k in range(5)]
-    return log(*levels, form(f"n5:uint8_t[0] a;{STAMP}"), form("n6:uint8_t[0] a;"), form(f"b:n6[9999999] a;{STAMP}"),
-               *(subscribe("b", k) for k in range(n)), *(data(k % n, 9) for k in range(n)))  # fmt: skip
+    return log(
+        *levels,
+        form(f"n5:uint8_t[0] a;{STAMP}"),
+        form("n6:uint8_t[0] a;"),
+        form(f"b:n6[9999999] a;{STAMP}"),
+        *(subscribe("b", k) for k in range(n)),
+        *(data(k % n, 9) for k in range(n)),
+    )
 
 
 def wide_topics(n: int) -> bytes:
     """Topics of 4000 fields each."""
-    return log(form("b:uint8_t d;"), *(form(f"a{k}:{STAMP}b[4000] c;") for k in range(n)),
-               *(subscribe(f"a{k}", k) for k in range(n)),
-               *(data(k % 30, 9 + k, bytes(4000)) for k in range(n)))  # fmt: skip
+    return log(
+        form("b:uint8_t d;"),
+        *(form(f"a{k}:{STAMP}b[4000] c;") for k in range(n)),
+        *(subscribe(f"a{k}", k) for k in range(n)),
+        *(data(k % 30, 9 + k, bytes(4000)) for k in range(n)),
+    )
 
 
 def a_chain_of_types(n: int) -> bytes:
@@ -68,8 +77,10 @@ def a_chain_of_types(n: int) -> bytes:
 
 def types_in_a_circle(n: int) -> bytes:
     """Formats that contain themselves, through each other, all at once."""
-    return log(*(form(f"c{k}:{STAMP}c{(k * 7 + 1) % n} a;c{(k * 3 + 2) % n}[9] b;") for k in range(n)),
-               *(subscribe(f"c{k}", k) for k in range(n)))  # fmt: skip
+    return log(
+        *(form(f"c{k}:{STAMP}c{(k * 7 + 1) % n} a;c{(k * 3 + 2) % n}[9] b;") for k in range(n)),
+        *(subscribe(f"c{k}", k) for k in range(n)),
+    )
 
 
 def unknown_ids(n: int) -> bytes:
@@ -95,8 +106,10 @@ def a_format_that_backtracks(n: int) -> bytes:
 
 
 def instances(n: int) -> bytes:
-    return log(form(f"a:{STAMP}float x;"), *(subscribe("a", k % 60_000, k % 256) + data(k % 60_000, k, bytes(4))
-                                            for k in range(n)))  # fmt: skip
+    return log(
+        form(f"a:{STAMP}float x;"),
+        *(subscribe("a", k % 60_000, k % 256) + data(k % 60_000, k, bytes(4)) for k in range(n)),
+    )
 
 
 def topics(n: int) -> bytes:
@@ -108,8 +121,11 @@ def topics(n: int) -> bytes:
 
 def resubscriptions(n: int) -> bytes:
     """An id that changes its topic with every record."""
-    return log(form(f"a:{STAMP}float x;"), form(f"b:{STAMP}uint32_t x;"),
-               *(subscribe("ab"[k % 2], 1) + data(1, k, bytes(4)) for k in range(n)))  # fmt: skip
+    return log(
+        form(f"a:{STAMP}float x;"),
+        form(f"b:{STAMP}uint32_t x;"),
+        *(subscribe("ab"[k % 2], 1) + data(1, k, bytes(4)) for k in range(n)),
+    )
 
 
 def repeated_subscriptions(n: int) -> bytes:
@@ -132,8 +148,9 @@ def bare_headers(n: int) -> bytes:
 def layouts(n: int) -> bytes:
     """A power-up for each of n layouts of one topic."""
     floats = [k % 500 + 1 for k in range(n)]
-    return b"".join(log(form(f"a:{STAMP}float[{m}] x;"), subscribe("a", 1), data(1, k, bytes(4 * m)))
-                    for k, m in enumerate(floats))  # fmt: skip
+    return b"".join(
+        log(form(f"a:{STAMP}float[{m}] x;"), subscribe("a", 1), data(1, k, bytes(4 * m))) for k, m in enumerate(floats)
+    )
 
 
 def parameters(n: int) -> bytes:
@@ -200,10 +217,35 @@ def letters_and_digits(n: int) -> bytes:
 
 
 BUILDERS: tuple[Callable[[int], bytes], ...] = (
-    nested_arrays, arrays_of_nothing, wide_topics, a_chain_of_types, types_in_a_circle, unknown_ids, formats,
-    formats_declared_anew, a_format_that_backtracks, instances, topics, resubscriptions, repeated_subscriptions,
-    headers, headers_without_definitions, bare_headers,
-    layouts, parameters, parameters_in_data, parameter_defaults, texts, tagged_texts, statements,
-    a_statement_in_parts, statements_in_parts, dropouts, synchronisation, records_of_an_unknown_type,
-    damaged_everywhere, *map(one_letter, "ABCDFILMOPQRS"), letters_and_digits,
-)  # fmt: skip
+    nested_arrays,
+    arrays_of_nothing,
+    wide_topics,
+    a_chain_of_types,
+    types_in_a_circle,
+    unknown_ids,
+    formats,
+    formats_declared_anew,
+    a_format_that_backtracks,
+    instances,
+    topics,
+    resubscriptions,
+    repeated_subscriptions,
+    headers,
+    headers_without_definitions,
+    bare_headers,
+    layouts,
+    parameters,
+    parameters_in_data,
+    parameter_defaults,
+    texts,
+    tagged_texts,
+    statements,
+    a_statement_in_parts,
+    statements_in_parts,
+    dropouts,
+    synchronisation,
+    records_of_an_unknown_type,
+    damaged_everywhere,
+    *map(one_letter, "ABCDFILMOPQRS"),
+    letters_and_digits,
+)

@@ -96,8 +96,13 @@ def test_a_topic_whose_definition_asks_for_too_much_costs_only_itself(tmp_path: 
         ("uint8_t[3] _padding0;", "it holds nothing"),
         ("uint8_t[0] x;", "it holds nothing"),
     ]:
-        raw = log(PLAIN, form("little:uint8_t y;"), form(f"big:{members}"), subscribe("big", 2),
-                  *(one(k) + data(2, 10_000 + k, bytes(20)) for k in range(20)))  # fmt: skip
+        raw = log(
+            PLAIN,
+            form("little:uint8_t y;"),
+            form(f"big:{members}"),
+            subscribe("big", 2),
+            *(one(k) + data(2, 10_000 + k, bytes(20)) for k in range(20)),
+        )
         found = read(raw, tmp_path / "big.ulg")
         assert list(found) == [("a", 0)], members
         assert found["a", 0]["x"].tolist() == [1.0] * 20
@@ -112,8 +117,11 @@ def test_a_topic_whose_definition_asks_for_too_much_costs_only_itself(tmp_path: 
 
 def test_a_topic_of_the_largest_size_is_read(tmp_path: Path) -> None:
     for floats, readable in [(16381, True), (16382, False)]:
-        raw = log(form(f"a:{STAMP}float[{floats}] x;"), subscribe("a", 7),
-                  *(data(7, k, bytes(range(1, 5)) * floats) for k in range(1, 4) if readable))  # fmt: skip
+        raw = log(
+            form(f"a:{STAMP}float[{floats}] x;"),
+            subscribe("a", 7),
+            *(data(7, k, bytes(range(1, 5)) * floats) for k in range(1, 4) if readable),
+        )
         found = read(raw, tmp_path / "large.ulg")
         assert len(found) == readable
         if readable:
@@ -131,8 +139,13 @@ def test_an_array_of_no_elements_is_no_field(tmp_path: Path) -> None:
 def test_of_fields_with_one_name_the_first_is_read(tmp_path: Path) -> None:
     path = tmp_path / "twice.ulg"
     rest = struct.pack("<fQf", 1.0, 77, 2.0)
-    path.write_bytes(log(form(f"a:{STAMP}float x;uint64_t timestamp;float x;"), subscribe("a", 1),
-                         *(data(1, 5000 + k, rest) for k in range(5))))  # fmt: skip
+    path.write_bytes(
+        log(
+            form(f"a:{STAMP}float x;uint64_t timestamp;float x;"),
+            subscribe("a", 1),
+            *(data(1, 5000 + k, rest) for k in range(5)),
+        )
+    )
     table = formats.open(path)["a", 0]
     np.testing.assert_array_equal(table["x"], 1.0)
     np.testing.assert_array_equal(table["timestamp"], 5000 + np.arange(5))
@@ -165,8 +178,15 @@ def test_appended_data_may_be_said_to_stand_anywhere(offsets: tuple[int, int, in
 
 def test_the_time_of_a_parameter_and_of_a_text_may_be_any_number(tmp_path: Path) -> None:
     late = 2**64 - 1
-    raw = log(PLAIN, one(1), data(1, late, bytes(4)), record("P", crafted.keyed("float P", b"\0\0\xc0\x7f")),
-              record("L", b"6" + late.to_bytes(8, "little") + b"late"), one(2), one(3))  # fmt: skip
+    raw = log(
+        PLAIN,
+        one(1),
+        data(1, late, bytes(4)),
+        record("P", crafted.keyed("float P", b"\0\0\xc0\x7f")),
+        record("L", b"6" + late.to_bytes(8, "little") + b"late"),
+        one(2),
+        one(3),
+    )
     found = read(raw, tmp_path / "late.ulg")
     [change] = found.params
     assert change.t_us is None or 0 <= change.t_us < 2**63
@@ -182,11 +202,16 @@ def test_a_refused_name_costs_no_neighbouring_definition(odd: str, tmp_path: Pat
     path = tmp_path / "tiny.ulg"
     path.write_bytes(
         crafted.log(
-            crafted.form(f"{odd}:{crafted.STAMP}float x;"), crafted.form(f"a:{crafted.STAMP}float x;"),
-            crafted.subscribe(odd, 2), crafted.subscribe("a", 1), crafted.one(0), crafted.data(2, 10_001, b"\0" * 4),
-            crafted.one(2), crafted.one(3),
+            crafted.form(f"{odd}:{crafted.STAMP}float x;"),
+            crafted.form(f"a:{crafted.STAMP}float x;"),
+            crafted.subscribe(odd, 2),
+            crafted.subscribe("a", 1),
+            crafted.one(0),
+            crafted.data(2, 10_001, b"\0" * 4),
+            crafted.one(2),
+            crafted.one(3),
         )
-    )  # fmt: skip
+    )
     log = formats.open(path)
     official = next(data for data in ULog(str(path)).data_list if data.name == "a")
     np.testing.assert_array_equal(log["a", 0]["timestamp"], official.data["timestamp"])
@@ -195,8 +220,13 @@ def test_a_refused_name_costs_no_neighbouring_definition(odd: str, tmp_path: Pat
 
 
 def test_records_before_an_id_changes_its_topic_keep_the_topic_they_had(tmp_path: Path) -> None:
-    raw = log(PLAIN, form(f"b:{STAMP}float y;"), *(one(k) for k in range(20)), subscribe("b", 1),
-              *(one(k) for k in range(20, 50)))  # fmt: skip
+    raw = log(
+        PLAIN,
+        form(f"b:{STAMP}float y;"),
+        *(one(k) for k in range(20)),
+        subscribe("b", 1),
+        *(one(k) for k in range(20, 50)),
+    )
     found = read(raw, tmp_path / "changes.ulg")
     assert {key: table["timestamp"].tolist() for key, table in found.items()} == {
         ("a", 0): [10_000 + k for k in range(20)],

@@ -115,8 +115,11 @@ def test_missing_bytes_make_no_false_record(gap: int, raw: np.ndarray, extents: 
 
 def test_a_lost_subscription_is_replaced_where_only_one_topic_fits(raw: np.ndarray, tmp_path: Path) -> None:
     name = b"vehicle_attitude"
-    at = next(i for i in range(60_000, 120_000) if raw[i + 2] == ord("A") and raw[i + 6 : i + 22].tobytes() == name
-              and raw[i] == 3 + len(name))  # fmt: skip
+    at = next(
+        i
+        for i in range(60_000, 120_000)
+        if raw[i + 2] == ord("A") and raw[i + 6 : i + 22].tobytes() == name and raw[i] == 3 + len(name)
+    )
     hurt = raw.copy()
     hurt[at : at + 3 + 3 + len(name)] = 0
     (tmp_path / "whole.ulg").write_bytes(raw.tobytes())

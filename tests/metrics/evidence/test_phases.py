@@ -13,9 +13,15 @@ def row(t0=0.0, t1=120.0, hz=20.0, **fields):
 
 
 FLIGHT = [
-    Segment("continuous", 0, 120), Segment("rest.long", 0, 31), Segment("armed", 31, 90), Segment("idle", 31, 38),
-    Segment("airborne", 40, 88), Segment("hover", 42, 60), Segment("cruise", 60, 88), Segment("rest.long", 90, 118),
-]  # fmt: skip
+    Segment("continuous", 0, 120),
+    Segment("rest.long", 0, 31),
+    Segment("armed", 31, 90),
+    Segment("idle", 31, 38),
+    Segment("airborne", 40, 88),
+    Segment("hover", 42, 60),
+    Segment("cruise", 60, 88),
+    Segment("rest.long", 90, 118),
+]
 
 
 def starts(case, row, phase):
@@ -55,9 +61,14 @@ def test_phases_are_never_pooled_and_a_window_of_the_users_own_is_the_first_phas
     case = flights.case([row()], FLIGHT)
     told = {w: phases.phase_of(case, w) for w in ("all", "rest", "hover", "cruise", "idle", "airborne", "armed")}
     assert told == {
-        "all": "rest", "rest": "rest", "hover": "hover", "cruise": "cruise", "idle": "idle",
-        "airborne": None, "armed": None,
-    }  # fmt: skip
+        "all": "rest",
+        "rest": "rest",
+        "hover": "hover",
+        "cruise": "cruise",
+        "idle": "idle",
+        "airborne": None,
+        "armed": None,
+    }
     assert phases.phase_of(case, "45:80") == "hover"
     assert phases.phase_of(case, "62:80") == "cruise"
     assert phases.phase_of(case, "20:80") == "rest"
@@ -100,5 +111,8 @@ def test_why_there_is_nothing_names_what_would_be_needed():
     assert "still settling" in phases.why_none(case, "rest", "rest")[1]
     bare = flights.case([row()], FLIGHT[:1])
     assert [phases.why_none(bare, p, p)[0] for p in phases.PHASES] == [
-        "no_rest", "not_applicable", "not_applicable", "no_rest",
-    ]  # fmt: skip
+        "no_rest",
+        "not_applicable",
+        "not_applicable",
+        "no_rest",
+    ]

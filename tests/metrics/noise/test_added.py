@@ -124,9 +124,13 @@ def test_at_most_all_but_three_windows_settle():
 
 
 FLIGHT = [
-    Segment("continuous", 0, 60), Segment("rest.long", 0, 20), Segment("idle", 20, 26), Segment("airborne", 26, 60),
-    Segment("hover", 26, 41), Segment("cruise", 41, 60),
-]  # fmt: skip
+    Segment("continuous", 0, 60),
+    Segment("rest.long", 0, 20),
+    Segment("idle", 20, 26),
+    Segment("airborne", 26, 60),
+    Segment("hover", 26, 41),
+    Segment("cruise", 41, 60),
+]
 
 
 def flown(name="mahony", sigma_deg=0.2, seed=0):

@@ -123,8 +123,12 @@ def test_modes_that_command_no_attitude_and_times_disarmed_are_left_out():
 
 def test_hold_is_a_standing_rover_but_a_hovering_px4():
     assert [commands_attitude(m) for m in ("Hold", "HOLD", "STABILIZE", "Rattitude", "mode 99")] == [
-        True, False, True, False, True,
-    ]  # fmt: skip
+        True,
+        False,
+        True,
+        False,
+        True,
+    ]
 
 
 def test_without_a_set_point_there_is_a_code():

@@ -117,12 +117,16 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
         (("holds",) * 3, "with every random walk"),
         (("does not hold",) * 3, "with none of the random walks"),
         (("cannot be judged",) * 3, "with none of the random walks for certain"),
-        (("cannot be judged", "does not hold", "does not hold"),
-         "with none of the random walks, and cannot be told with ours"),
-        (("holds", "cannot be judged", "cannot be judged"),
-         "with our random walks alone, and cannot be told with 3 and 10 times ours"),
+        (
+            ("cannot be judged", "does not hold", "does not hold"),
+            "with none of the random walks, and cannot be told with ours",
+        ),
+        (
+            ("holds", "cannot be judged", "cannot be judged"),
+            "with our random walks alone, and cannot be told with 3 and 10 times ours",
+        ),
         (("does not hold", "holds", "holds"), "with random walks 3 and 10 times ours"),
     ],
-)  # fmt: skip
+)
 def test_where_a_claim_holds_and_where_that_is_open_is_said(verdicts: tuple[Verdict, ...], said: str) -> None:
     assert fan._by_walk(verdicts) == said

@@ -32,12 +32,18 @@ def step_of(axis: int, degrees: float, gains: Gains, vehicle: Vehicle, seconds: 
 @pytest.mark.parametrize("axis", few([0, 1, 2], 1))
 @pytest.mark.parametrize(
     ("lag", "gains"),
-    few([
-        (0.025, HUANG),
-        (0.08, HUANG),
-        (0.04, dataclasses.replace(HUANG, angle_kp=(8.0, 8.0, 2.0), rate_ki=(0.1,) * 3, rate_kd=(0.006, 0.006, 0.0))),
-    ], 1),
-)  # fmt: skip
+    few(
+        [
+            (0.025, HUANG),
+            (0.08, HUANG),
+            (
+                0.04,
+                dataclasses.replace(HUANG, angle_kp=(8.0, 8.0, 2.0), rate_ki=(0.1,) * 3, rate_kd=(0.006, 0.006, 0.0)),
+            ),
+        ],
+        1,
+    ),
+)
 def test_a_small_step_is_the_one_of_the_transfer_function(axis: int, lag: float, gains: Gains) -> None:
     vehicle = Vehicle(motor_lag_s=lag)
     t, y, _ = step_of(axis, 2.0, gains, vehicle)
@@ -68,9 +74,13 @@ def test_without_lag_and_integrals_the_step_is_that_of_a_second_order_system(zet
     wn, big = 6.0, 100.0
     none = (0.0,) * 3
     gains = dataclasses.replace(
-        HUANG, angle_kp=(wn / (2 * zeta),) * 3, rate_kp=(2 * zeta * wn / big,) * 3,
-        angle_ki=none, rate_ki=none, rate_kd=none,
-    )  # fmt: skip
+        HUANG,
+        angle_kp=(wn / (2 * zeta),) * 3,
+        rate_kp=(2 * zeta * wn / big,) * 3,
+        angle_ki=none,
+        rate_ki=none,
+        rate_kd=none,
+    )
     t = np.linspace(0.0, 5.0, 5001)
     y = LoopAxis(big, 1e-7, gains, delay=0.0).step(t)
     assert y.max() - 1.0 == pytest.approx(math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)), abs=1e-4)
@@ -196,9 +206,7 @@ def test_integrals_stop_where_the_command_is_limited() -> None:
 
 @pytest.mark.slow
 def test_without_anti_windup_a_large_step_would_swing_over() -> None:
-    gains = dataclasses.replace(
-        HUANG, angle_ki=(4.0, 4.0, 0.0), rate_limit=(1.0, 1.0, 1.0), angle_part=(9.0, 9.0, 0.0)
-    )  # fmt: skip
+    gains = dataclasses.replace(HUANG, angle_ki=(4.0, 4.0, 0.0), rate_limit=(1.0, 1.0, 1.0), angle_part=(9.0, 9.0, 0.0))
     _, y, _ = step_of(0, 60.0, gains, Vehicle(), seconds=6.0)
     wound = dataclasses.replace(gains, rate_limit=(50.0, 50.0, 1.0), angle_ki=(4.0, 4.0, 0.0))
     _, free, _ = step_of(0, 60.0, wound, Vehicle(), seconds=6.0)
@@ -257,8 +265,6 @@ def test_compiled_it_is_the_plain_function(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_stopped_rotors_forget_everything() -> None:
     state, out = np.full(controller.STATE_SIZE, 0.3), np.full(11, 0.3)
-    controller.control(
-        state, HUANG.pack(), LEVEL, np.ones(3), np.array([*LEVEL, 0.5, 0.0]), SHARES, 0.0025, out
-    )  # fmt: skip
+    controller.control(state, HUANG.pack(), LEVEL, np.ones(3), np.array([*LEVEL, 0.5, 0.0]), SHARES, 0.0025, out)
     assert not state.any()
     assert not out.any()

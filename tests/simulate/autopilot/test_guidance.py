@@ -18,8 +18,14 @@ LEVEL, NOWHERE = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
 UP = (Command(t=0.0, do="arm"), Command(t=0.0, do="takeoff", up_m=0.0))
 
 
-def after(*commands: Command, seconds: float, placed: bool = True, p: np.ndarray = NOWHERE, v: np.ndarray = NOWHERE,
-          q: np.ndarray = LEVEL) -> Guidance:  # fmt: skip
+def after(
+    *commands: Command,
+    seconds: float,
+    placed: bool = True,
+    p: np.ndarray = NOWHERE,
+    v: np.ndarray = NOWHERE,
+    q: np.ndarray = LEVEL,
+) -> Guidance:
     """The guidance of a vehicle that is held where it is, ``seconds`` later."""
     made = Guidance((*UP, *commands), Controller(), HOVER, G)
     for k in range(round(seconds / DT) + 1):
@@ -62,8 +68,12 @@ def test_the_thrust_grows_with_the_tilt_that_it_has() -> None:
 def test_tracking_is_the_wave_that_was_asked_for(axis: str) -> None:
     index = ("roll", "pitch").index(axis)
     for shape, seconds, angle in (
-        ("sine", 0.5, 10.0), ("sine", 1.0, 0.0), ("sine", 1.5, -10.0), ("square", 0.3, 10.0), ("square", 1.3, -10.0)
-    ):  # fmt: skip
+        ("sine", 0.5, 10.0),
+        ("sine", 1.0, 0.0),
+        ("sine", 1.5, -10.0),
+        ("square", 0.3, 10.0),
+        ("square", 1.3, -10.0),
+    ):
         wave = Command(t=1.0, do="track", axis=axis, shape=shape, amplitude_deg=10.0, period_s=2.0)
         found = wanted(after(wave, seconds=1.0 + seconds))
         assert found[index] == pytest.approx(angle, abs=0.02)

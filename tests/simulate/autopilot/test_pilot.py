@@ -30,12 +30,18 @@ Array = np.ndarray
 UP = (Command(t=1.5, do="arm"), Command(t=2.0, do="takeoff", up_m=3.0))
 
 
-def scenario(seconds: float, *commands: Command, estimator: str = "truth", wind: float = 0.0, hz: float = 400.0,
-             **more: object) -> Scenario:  # fmt: skip
+def scenario(
+    seconds: float, *commands: Command, estimator: str = "truth", wind: float = 0.0, hz: float = 400.0, **more: object
+) -> Scenario:
     return Scenario(
-        name="test", seconds=seconds, command=(*UP, *commands), estimator=EstimatorChoice(name=estimator),
-        wind=Wind(turbulence_m_s=wind), sensors=SensorSettings(imu=(ImuSettings(rate_hz=hz),)), **more,
-    )  # fmt: skip
+        name="test",
+        seconds=seconds,
+        command=(*UP, *commands),
+        estimator=EstimatorChoice(name=estimator),
+        wind=Wind(turbulence_m_s=wind),
+        sensors=SensorSettings(imu=(ImuSettings(rate_hz=hz),)),
+        **more,
+    )
 
 
 def angles(flight: Flight) -> Array:
@@ -62,9 +68,16 @@ def test_the_attitude_in_the_loop_is_the_batch_run_over_the_logged_samples(name:
     armed = next(at for at, value in board.armed if value)
     aids = Aids(velocity=Measurements(tick(gnss.t[good]), gnss.vel[good]), at_rest=np.array([[0.0, armed + 1e-6]]))
     batch = estimate(
-        board.estimator, t, imu.gyro[last], imu.acc[last], field, dt=imu.dt[last], sampling=imu.sampling,
-        declination=flight.declination_deg, aids=aids,
-    )  # fmt: skip
+        board.estimator,
+        t,
+        imu.gyro[last],
+        imu.acc[last],
+        field,
+        dt=imu.dt[last],
+        sampling=imu.sampling,
+        declination=flight.declination_deg,
+        aids=aids,
+    )
     assert len(batch.t) == last.sum()
     believed = np.isfinite(board.q[:, 0])
     newest = np.searchsorted(seen[last], board.t[believed] + 1e-9) - 1
@@ -267,8 +280,10 @@ def test_hover_and_tracking_are_within_the_papers_bounds(name: str, seeds: int) 
         # The set-point is 15 sin(pi (t - 20)): a sine without phase.
         delays.append(np.arctan2(-c, s) / np.pi)
         gains.append(np.hypot(c, s) / 15.0)
-    print(f"{name}: hover {np.mean(most):.2f} deg, largest {np.max(most):.2f}; delay {1e3 * np.mean(delays):.0f} ms "
-          f"+-{1e3 * np.std(delays):.0f}, gain {np.mean(gains):.3f}")  # fmt: skip
+    print(
+        f"{name}: hover {np.mean(most):.2f} deg, largest {np.max(most):.2f}; delay {1e3 * np.mean(delays):.0f} ms "
+        f"+-{1e3 * np.std(delays):.0f}, gain {np.mean(gains):.3f}"
+    )
     assert np.max(most) < 5.0
     vehicle = Vehicle()
     linear = LoopAxis(float(authority(vehicle)[0]), vehicle.motor_lag_s, Gains.of(Controller()), 0, 2.0 / 400.0)

@@ -100,8 +100,9 @@ def test_a_symmetric_top_precesses_at_the_closed_form_rate() -> None:
 
 def test_spinning_rotors_turn_a_body_like_a_gyroscope() -> None:
     """Rotor momentum h about z and none of the body's: w' = -w x h / I, a turn of (wx, wy) at the rate h / I."""
-    vehicle = dataclasses.replace(FREE, inertia_kg_m2=(0.02, 0.02, 0.02), rotor_inertia_kg_m2=1e-4, motor_lag_s=1e9,
-                                  thrust_max_n=1e-9)  # fmt: skip
+    vehicle = dataclasses.replace(
+        FREE, inertia_kg_m2=(0.02, 0.02, 0.02), rotor_inertia_kg_m2=1e-4, motor_lag_s=1e9, thrust_max_n=1e-9
+    )
     one = body(vehicle, gravity=0.0, w=(0.5, 0.0, 0.0), rotor=(800.0, 800.0, 0.0, 0.0))
     states, _ = run(one, 2.0)
     # The first two rotors turn anticlockwise seen from above: their momentum points up, against body down.

@@ -39,7 +39,7 @@ def test_everything_in_the_library_counts(name: str) -> None:
         ({"fault": [{"t": 1, "part": "mag", "kind": "zero", "seconds": 0}]}, "fault[0].seconds: 0 s change nothing"),
         ({"motion": {}, "fault": [{"t": 1, "part": "rotor", "kind": "off"}]}, "fault[0]: rotors stand still"),
     ],
-)  # fmt: skip
+)
 def test_what_changes_nothing_is_told_with_its_place(values: dict[str, object], told: str) -> None:
     (sentence,) = without_effect(build({"seconds": 8} | values))
     assert sentence.startswith(told)
@@ -50,10 +50,21 @@ def test_a_command_at_the_last_moment_counts() -> None:
 
 
 OTHER = {
-    "north_m": 3.0, "east_m": -3.0, "up_m": 2.5, "speed_m_s": 1.0, "north_m_s": 2.0, "east_m_s": -2.0, "roll_deg": 5.0,
-    "pitch_deg": -5.0, "heading_deg": 30.0, "yaw_rate_dps": 15.0, "axis": "pitch", "shape": "square",
-    "amplitude_deg": 4.0, "period_s": 1.5,
-}  # fmt: skip
+    "north_m": 3.0,
+    "east_m": -3.0,
+    "up_m": 2.5,
+    "speed_m_s": 1.0,
+    "north_m_s": 2.0,
+    "east_m_s": -2.0,
+    "roll_deg": 5.0,
+    "pitch_deg": -5.0,
+    "heading_deg": 30.0,
+    "yaw_rate_dps": 15.0,
+    "axis": "pitch",
+    "shape": "square",
+    "amplitude_deg": 4.0,
+    "period_s": 1.5,
+}
 
 
 def _wanted(command: Command) -> np.ndarray:

@@ -38,8 +38,9 @@ def test_the_allan_deviation_is_that_of_the_declared_densities(sampling: str, ra
     imu = perfect(
         {"noise_dps_rthz": 0.007, "lowpass_hz": lowpass},
         {"noise_ug_rthz": 180, "lowpass_hz": lowpass},
-        sampling=sampling, rate_hz=rate,
-    )  # fmt: skip
+        sampling=sampling,
+        rate_hz=rate,
+    )
     got = unit(imu, seconds=400.0, seed=3)
     for x, density in ((got.gyro, math.radians(0.007)), (got.acc, 180e-6 * G)):
         for axis in range(3):
@@ -134,9 +135,10 @@ def test_the_lever_arm_feels_centripetal_and_tangential_acceleration() -> None:
 def test_scale_misalignment_and_mounting_turn_the_vector_as_scipy_says() -> None:
     w, f = np.array([1.0, -2.0, 3.0]), np.array([2.0, 1.0, -9.0])
     imu = perfect(
-        {"scale_pct": [1, -2, 0.5], "misalign_deg": [0.5, -0.3, 0.2]}, {"scale_pct": [-20, 0, 0]},
+        {"scale_pct": [1, -2, 0.5], "misalign_deg": [0.5, -0.3, 0.2]},
+        {"scale_pct": [-20, 0, 0]},
         rotation_deg=[5, -10, 90],
-    )  # fmt: skip
+    )
     got = unit(imu, rows(1.0, w=w, force=f), seconds=1.0)
     mount = Rotation.from_euler("ZYX", [90, -10, 5], degrees=True).inv()
     small = Rotation.from_rotvec(np.radians([0.5, -0.3, 0.2])).inv()
@@ -146,9 +148,12 @@ def test_scale_misalignment_and_mounting_turn_the_vector_as_scipy_says() -> None
 
 def test_the_bias_drifts_with_the_warming() -> None:
     imu = perfect(
-        {"bias_dps": [0.1, 0, 0], "drift_dps_per_k": [0.02, 0, 0]}, {"drift_m_s2_per_k": [0, 0.01, 0]},
-        warming_k=12, warming_s=4, temperature_c=30,
-    )  # fmt: skip
+        {"bias_dps": [0.1, 0, 0], "drift_dps_per_k": [0.02, 0, 0]},
+        {"drift_m_s2_per_k": [0, 0.01, 0]},
+        warming_k=12,
+        warming_s=4,
+        temperature_c=30,
+    )
     got = unit(imu, seconds=20.0)
     warmer = 12 * (1 - np.exp(-got.t_sample / 4))
     assert np.abs(got.temperature - 30 - warmer).max() < 1e-9
@@ -159,9 +164,8 @@ def test_the_bias_drifts_with_the_warming() -> None:
 def test_vibration_stands_at_the_harmonics_of_the_rotors_speed() -> None:
     turns = 83.0
     imu = perfect(
-        sampling="instant", rate_hz=1000,
-        vibration={"harmonics": [1, 2], "acc_m_s2": [3, 1], "gyro_dps": [2, 0.5]},
-    )  # fmt: skip
+        sampling="instant", rate_hz=1000, vibration={"harmonics": [1, 2], "acc_m_s2": [3, 1], "gyro_dps": [2, 0.5]}
+    )
     speed = 2 * math.pi * turns
     got = unit(imu, rows(20.0, rotor=[speed, 0, 0, 0], angle=(speed * RAW_T)[:, None]), seconds=20.0)
     hover = scenario().vehicle.speed_max_rad_s * math.sqrt(scenario().vehicle.hover_command(G))
@@ -268,23 +272,26 @@ def test_the_compiled_unit_is_its_plain_twin_to_the_bit(sampling: str) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "check"),
-    few([
-        ({"part": "gyro", "kind": "stuck"}, lambda x, y: np.ptp(x.gyro[801:], axis=0).max() == 0),
-        ({"part": "acc", "kind": "zero"}, lambda x, y: not x.acc[800:].any()),
-        (
-            {"part": "gyro", "kind": "offset", "value": [0.1, 0, 0]},
-            lambda x, y: np.allclose(x.gyro[800:] - y.gyro[800:], [0.1, 0, 0]),
-        ),
-        ({"part": "acc", "kind": "scale", "factor": 0.8}, lambda x, y: np.allclose(x.acc[800:], 0.8 * y.acc[800:])),
-        ({"part": "acc", "kind": "noise", "size": 2.0}, lambda x, y: abs((x.acc - y.acc)[800:].std() - 2.0) < 0.1),
-        (
-            {"part": "gyro", "kind": "spikes", "size": 5.0, "share_pct": 2},
-            lambda x, y: 0.01 < (np.abs(x.gyro - y.gyro)[800:] > 1).any(axis=1).mean() < 0.03,
-        ),
-        ({"part": "gyro", "kind": "silent", "seconds": 1.0}, lambda x, y: len(x.t) == len(y.t) - 400),
-        ({"part": "gyro", "kind": "flipped"}, lambda x, y: np.allclose(x.gyro[800:, :2], -y.gyro[800:, :2])),
-    ], 4),
-)  # fmt: skip
+    few(
+        [
+            ({"part": "gyro", "kind": "stuck"}, lambda x, y: np.ptp(x.gyro[801:], axis=0).max() == 0),
+            ({"part": "acc", "kind": "zero"}, lambda x, y: not x.acc[800:].any()),
+            (
+                {"part": "gyro", "kind": "offset", "value": [0.1, 0, 0]},
+                lambda x, y: np.allclose(x.gyro[800:] - y.gyro[800:], [0.1, 0, 0]),
+            ),
+            ({"part": "acc", "kind": "scale", "factor": 0.8}, lambda x, y: np.allclose(x.acc[800:], 0.8 * y.acc[800:])),
+            ({"part": "acc", "kind": "noise", "size": 2.0}, lambda x, y: abs((x.acc - y.acc)[800:].std() - 2.0) < 0.1),
+            (
+                {"part": "gyro", "kind": "spikes", "size": 5.0, "share_pct": 2},
+                lambda x, y: 0.01 < (np.abs(x.gyro - y.gyro)[800:] > 1).any(axis=1).mean() < 0.03,
+            ),
+            ({"part": "gyro", "kind": "silent", "seconds": 1.0}, lambda x, y: len(x.t) == len(y.t) - 400),
+            ({"part": "gyro", "kind": "flipped"}, lambda x, y: np.allclose(x.gyro[800:, :2], -y.gyro[800:, :2])),
+        ],
+        4,
+    ),
+)
 def test_a_planted_fault_acts_from_its_time_on_and_not_before(fault: dict[str, Any], check: Any) -> None:
     hurt = flown(scenario(4.0, fault=[{"t": 2.0 + 1e-6} | fault]), 2).imus[0]
     well = flown(scenario(4.0), 2).imus[0]

@@ -181,9 +181,21 @@ def test_updates_are_undone_one_by_one_whatever_the_group():
     rows[:, :N] = K
     flat_lam, flat, score = np.append(lam, 0.0), padded(L), np.zeros(count)
     back_through_updates(
-        0, count, rows.ravel(), H, hi, np.full(count, 3, np.int8), s, nu, flat_lam, flat, np.zeros(3 * ROW),
-        np.zeros(3 * ROW), np.zeros(3 * ROW), score,
-    )  # fmt: skip
+        0,
+        count,
+        rows.ravel(),
+        H,
+        hi,
+        np.full(count, 3, np.int8),
+        s,
+        nu,
+        flat_lam,
+        flat,
+        np.zeros(3 * ROW),
+        np.zeros(3 * ROW),
+        np.zeros(3 * ROW),
+        score,
+    )
     for k in range(count - 1, -1, -1):
         h = np.zeros(N)
         h[hi[k]] = H[k]

@@ -25,11 +25,14 @@ def flown(request):
     log, imu = case.log, case.log.imus[case.log.imu]
     field = log.mags[log.mag].field
     given = {
-        "t": imu.gyro.t_best, "gyr": imu.gyro.x, "acc": imu.acc.x,
-        "mag": place(imu.gyro.t_best, field.t_best, field.x), "sampling": imu.gyro.sampling,
+        "t": imu.gyro.t_best,
+        "gyr": imu.gyro.x,
+        "acc": imu.acc.x,
+        "mag": place(imu.gyro.t_best, field.t_best, field.x),
+        "sampling": imu.gyro.sampling,
         "aids": inputs.aids_of(log, case.segments, imu, declination.model(log)),
         "declination": case.reference.declination_deg,
-    }  # fmt: skip
+    }
     return request.param, log, given
 
 
