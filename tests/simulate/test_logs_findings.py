@@ -22,6 +22,7 @@ OWN = {
     "flip": {"crash"},
     "roll-in": {"crash"},
     "clipping": {"vibration"},
+    "hard-landing": {"hard_landing"},
     "mag-anomaly": {"compass"},
     "gnss-loss": {"gnss"},
     "vibration": {"vibration"},

@@ -17,7 +17,7 @@ LEAST_R = 0.6
 """Weaker correlation is no sign: the field also changes with attitude and place."""
 LEAST_UT = 1.0
 """The earth's field has 22 uT and more: a line that ends below this, or below zero, is compared with this."""
-SHARE_PCT = (15.0, 30.0)
+SHARE_PCT = (12.0, 30.0)
 """Change of the field over the range of throttle: ardupilot.org, "Magnetic Interference", calls 30 % the limit."""
 LEAST_THROTTLE, LEAST_AMPERE = 0.1, 2.0
 """A drive that varies by less tells nothing."""
