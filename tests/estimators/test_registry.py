@@ -57,7 +57,7 @@ def test_every_built_in_estimator_loads_and_says_what_it_is() -> None:
 
 def test_every_source_of_a_built_in_estimator_is_a_reference_or_a_package() -> None:
     page = (Path(__file__).parents[2] / "docs" / "references.md").read_text(encoding="utf-8")
-    keys = set(re.findall(r"^\*\*(\w+)\*\*: ", page, re.M))
+    keys = set(re.findall(r"^(?:- )?\*\*(\w+)\*\*: ", page, re.M))
     for name in names():
         cited = {part.split()[0] for part in get(name).source.split("; ")}
         assert cited <= keys | {"package"}, name

@@ -68,7 +68,7 @@ def test_info_says_of_every_log_what_analyze_can_answer(path: Path, monkeypatch:
         assert inspect_answers(path) != answered, "no longer an exception"
         answered |= {"accuracy": True, "lag": inspect_answers(path)["lag"]}
     said = inspect(path)["answerable"]
-    large = {a["question"] for a in said if "only a filter that is further off" in (a["reason"] or "")}
+    large = {a["question"] for a in said if "only a larger error would be significant" in (a["reason"] or "")}
     assert {a["question"]: a["can"] or (a["question"] in large and answered[a["question"]]) for a in said} == answered
 
 
@@ -81,7 +81,7 @@ def test_of_a_flight_too_short_for_any_small_drift_only_large_ones_are_told(monk
     without_smoother(monkeypatch)
     said = next(a for a in inspect(path)["answerable"] if a["question"] == "yaw_drift")
     assert not said["can"]
-    assert "only a filter that is further off than that is told" in said["reason"]
+    assert "only a larger error would be significant" in said["reason"]
     told = next(v for v in analysis.evaluate(analysis.prepare(path)).verdicts if v.question == "yaw_drift")
     assert told.bars
     assert all(abs(value) > 60.0 for _, value, _ in told.bars)
@@ -96,4 +96,4 @@ def test_a_refusal_says_why_and_of_an_uncertain_number_also_who_is_told_of_one()
         (), ("no rest of 20 s",), ("no_rest",)
     )
     (why,) = questions.refused(missing(CODE, "too noisy", "deg", "rest")).why
-    assert why.startswith("too noisy; only a filter that is further off")
+    assert why.startswith("too noisy; only a larger error would be significant")
