@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from attlog.flight.model import FlightLog
@@ -53,7 +55,15 @@ def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]
             words = f"{CODES[problem.code]} {moment(problem.t)}."
             early: Weight = "note" if problem.t < MEASURED_S else "warning"
             found.append(Event("failsafe", problem.t, early, words, evidence=[problem.text]))
-    return found, told
+    return [_weighed(e, segments) for e in found], told
+
+
+def _weighed(event: Event, segments: Segments) -> Event:
+    """A failsafe as it counts: of a vehicle that is known to be disarmed it warns nobody."""
+    if "armed" in segments.unknown:
+        return event
+    driven = [(a, b + CAUSE_S) for a, b in (*segments.spans("armed"), *segments.spans("airborne"))]
+    return event if inside(np.array([event.t]), driven).any() else replace(event, severity="note")
 
 
 def _known(found: list[Event], t: float) -> bool:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments.airborne.grid import runs
+from attlog.segments.airborne.in_air import IDLING
 from attlog.segments.model import Segments
 from attlog.segments.motion import speed_m_s
 from attlog.segments.spans import Span, inside
@@ -143,7 +144,7 @@ def _pushed(segments: Segments) -> list[Span]:
     air = segments.air
     if air is None or not air.driven.any() or air.power_source == "arming":
         return []
-    up = air.driven & (air.power > OF_FLIGHT * float(air.power[air.driven].max()))
+    up = air.driven & (air.power > max(OF_FLIGHT * float(air.power[air.driven].max()), IDLING))
     found: list[Span] = []
     for a, b in runs(up):
         t0, t1 = float(air.grid.t[a]), float(air.grid.t[b - 1])

@@ -183,3 +183,10 @@ def leaning(height_m: float) -> FlightLog:
 def test_what_leans_in_a_hand_at_the_height_of_its_stand_does_not_fly():
     assert found_in(leaning(0.1)).spans == []
     assert found_in(leaning(3.0)).spans != []
+
+
+def test_movement_without_an_attitude_or_a_height_proves_no_flight():
+    """Nothing tells then whether the ground or the air carries it: a log cut at its third second."""
+    log = carried(0.05)
+    log.attitudes, log.onboard = {}, None
+    assert found_in(log).spans == []

@@ -11,7 +11,7 @@ import pytest
 
 import attlog
 from attlog import segments, story
-from attlog.flight.model import FlightLog, Stream
+from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.segments import Segments
 from attlog.story import Event
 from tests.conftest import corpus_logs
@@ -218,3 +218,19 @@ def test_a_log_that_cannot_be_replayed_is_told_without_the_comparison(corpus, tm
     assert result.headline.split(":")[0] in (tmp_path / "x.html").read_text(encoding="utf-8")
     result.to_json(tmp_path / "x.json")
     assert attlog.Result.load(tmp_path / "x.json").events == result.events
+
+
+@pytest.mark.parametrize(("t", "severity"), [(2.0, "note"), (20.0, "warning"), (35.5, "warning"), (39.0, "note")])
+def test_a_failsafe_of_a_disarmed_vehicle_warns_nobody(t, severity):
+    """Armed from 5 to 34 s; what follows within 2 s of disarming may have been its cause."""
+    line = TimeLine(np.array([0.0, 5.0, 34.0]), [False, True, False], "ARM")
+    (said,) = (e for e in made(armed=line, texts=[(t, 4, "Radio Failsafe")])[2] if e.kind == "failsafe")
+    assert said.severity == severity
+
+
+def test_idling_is_no_throttle_that_was_up():
+    """Copter 3.3 idles at 7 %."""
+    log = carried(1.0, throttle=0.07)
+    phases = segments.build(log)
+    assert "never left the ground" in story.headline(log, phases, story.events(log, phases))
+    assert "throttle up" not in story.headline(log, phases, story.events(log, phases))

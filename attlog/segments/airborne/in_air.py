@@ -196,7 +196,8 @@ def _proven(a: int, b: int, grid: Grid, levels: list[Level]) -> bool:
         return hints >= SLOW_S
     hinted = hints >= ENOUGH_S
     dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
-    moves = dynamics > PROVEN and (b - a) * STEP_S >= LONG_S
+    by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without an attitude nothing tells the ground from the air
+    moves = dynamics > PROVEN and (b - a) * STEP_S >= LONG_S and by_tilt
     return (hinted and dynamics > HINTED) or (moves and not (levels and _held(a, b, grid)))
 
 
