@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from attlog.compare.gates.gates import GateOutcome
-from attlog.fleet.ci.judged import Judged, judged
+from attlog.fleet.ci.gating import GatedLog, gated
 
 
 def outcome(row: str, status: str = "failed", excess: float = 2.0, **changes: Any) -> GateOutcome:
@@ -31,11 +31,11 @@ NASTY = "a|b<i>&\"'`*_[x](y)\x00\x1b[31m\ud800\ufffe%0A,:é.ulg"
 """A log name that is markup, escapes and bytes that are no text."""
 
 
-def some() -> list[Judged]:
+def some() -> list[GatedLog]:
     """A log that passes, one that fails, one with a nasty name, one that cannot be read."""
     return [
-        judged("good.ulg", "good.ulg", [outcome("a", "passed", 0.5), outcome("b", "skipped")], seconds=12.3456),
-        judged("bad.ulg", "bad.ulg", [outcome("a", excess=3.0), outcome("b", "passed", 0.1), outcome("c", excess=9.0)]),
-        judged(NASTY, "nasty", [outcome(NASTY, sentence=f"{NASTY}: worse\nthan that")]),
-        judged("gone.ulg", "gone.ulg", code=66, message="gone.ulg: cannot be read\n(no such file)", seconds=1234.0),
+        gated("good.ulg", "good.ulg", [outcome("a", "passed", 0.5), outcome("b", "skipped")], seconds=12.3456),
+        gated("bad.ulg", "bad.ulg", [outcome("a", excess=3.0), outcome("b", "passed", 0.1), outcome("c", excess=9.0)]),
+        gated(NASTY, "nasty", [outcome(NASTY, sentence=f"{NASTY}: worse\nthan that")]),
+        gated("gone.ulg", "gone.ulg", code=66, message="gone.ulg: cannot be read\n(no such file)", seconds=1234.0),
     ]

@@ -119,7 +119,7 @@ class AnalyzeRun:
         from attlog.fleet.processes.run import tidied
         from attlog.fleet.records.work import Work, settings_key
         from attlog.fleet.schedulers.batch import entry_of
-        from attlog.fleet.schedulers.local import here
+        from attlog.fleet.schedulers.local import local_runner
 
         deterministic = self.options.deterministic
         key = settings_key(self.config, deterministic)
@@ -132,7 +132,7 @@ class AnalyzeRun:
         done: dict[str, Entry] = {}
         started = time.monotonic()
         with tidied(self.folder), Bar(self.quiet, self.verbose > 0) as bar:
-            coming = here(jobs, bar.stage)(works)
+            coming = local_runner(jobs, bar.stage)(works)
             try:
                 bar.planned(works)
                 for record in coming:

@@ -64,12 +64,13 @@ class BatchOptions:
     def runner(self, progress: BatchProgress, bar: Bar) -> Runner:
         """What does the work."""
         if self.scheduler is None:
-            from attlog.fleet.schedulers.local import here
+            from attlog.fleet.schedulers.local import local_runner
 
-            return here(self.jobs, bar.stage)
-        from attlog.fleet.schedulers.cluster import there
+            return local_runner(self.jobs, bar.stage)
 
-        return there(self.scheduler, self.jobs, progress.say)
+        from attlog.fleet.schedulers.cluster import cluster_runner
+
+        return cluster_runner(self.scheduler, self.jobs, progress.say)
 
 
 def command(

@@ -17,7 +17,7 @@ from attlog.cli.shared.options import OneFile
 from attlog.cli.shared.printing import TextLine, console, say, to_stderr
 
 if TYPE_CHECKING:
-    from attlog.fleet.pages.across_logs import Across, Column
+    from attlog.fleet.pages.across import Across, Column
 
 FORMATS = ("md", "csv", "tex", "parquet")
 DEFAULT = "inclination_rmse_deg"
@@ -64,14 +64,14 @@ def command(
 
     Example: attlog table reports --metric heading_rmse_deg --by firmware
     """
-    from attlog.fleet.pages.across_logs import BY, across
-    from attlog.fleet.records.collection import Gathered
+    from attlog.fleet.pages.across import BY, across
+    from attlog.fleet.records.collection import EntryCollection
 
     kind = _format(form, output)
     if by is not None and by not in BY:
         raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
     asked = _listed(metric) or [DEFAULT]
-    gathered = Gathered(results, [m.partition("@")[0] for m in asked])
+    gathered = EntryCollection(results, [m.partition("@")[0] for m in asked])
     found = across(gathered, asked, _listed(row), window, by)
     for error in gathered.wrong:
         to_stderr(message(error, __version__))
@@ -103,7 +103,7 @@ def _format(form: str | None, output: Path | None) -> str:
 
 def _notes(found: Across, failed: int) -> None:
     """What the table does not show, on standard error."""
-    from attlog.fleet.pages.across_logs import references
+    from attlog.fleet.pages.across import references
     from attlog.present.numbers import counted, listed
 
     if found.twice:
@@ -122,7 +122,7 @@ def _notes(found: Across, failed: int) -> None:
 def _write(found: Across, by: str | None, kind: str, output: Path | None) -> None:
     from attlog.base.files.output import write_atomic
     from attlog.compare.tables.files import latex, markdown
-    from attlog.fleet.pages import across_table
+    from attlog.fleet.pages.across import values, words
 
     if kind == "parquet":
         assert output is not None
@@ -135,10 +135,10 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
             return
         text = "".join(line.text + "\n" for line in terminal(found, by, sys.maxsize))
     elif kind == "csv":
-        head, body = across_table.values(found, by)
+        head, body = values(found, by)
         text = spreadsheet.csv_text([head, *body])
     else:
-        table = across_table.words(found, by, found.columns, units=True)
+        table = words(found, by, found.columns, units=True)
         text = (markdown if kind == "md" else latex)(table.head, [*table.body, *table.foot])
     if output is None:
         say(map(TextLine, text.splitlines()), console())
@@ -161,7 +161,7 @@ def terminal(found: Across, by: str | None, width: int) -> Iterator[TextLine]:
 
 
 def _block(found: Across, by: str | None, columns: Sequence[Column], width: int) -> Iterator[TextLine]:
-    from attlog.fleet.pages.across_table import words
+    from attlog.fleet.pages.across import words
     from attlog.present.text import clean
 
     table = words(found, by, columns)
@@ -187,20 +187,20 @@ def _parquet(found: Across, by: str | None) -> bytes:
         from pyarrow import parquet
     except ImportError:
         raise OutputError("Parquet needs pyarrow: pip install pyarrow, or use --format csv") from None
-    from attlog.fleet.pages import across_table
+    from attlog.fleet.pages.across import LOGS, values
 
-    head, body = across_table.values(found, by)
+    head, body = values(found, by)
     first = len(head) - len(found.columns) * (4 if by else 1)
     fields, arrays = [], []
     for k, title in enumerate(head):
-        values: list[Any] = [line[k] for line in body]
-        kind = pyarrow.string() if k < first and title != across_table.LOGS else pyarrow.float64()
+        column_values: list[Any] = [line[k] for line in body]
+        kind = pyarrow.string() if k < first and title != LOGS else pyarrow.float64()
         about = {}
         if k >= first:
             column = found.columns[(k - first) // (4 if by else 1)]
             about = {"metric": column.metric, "window": column.window, "row": column.row, "unit": column.unit}
         fields.append(pyarrow.field(title, kind, metadata=about))
-        arrays.append(pyarrow.array(values, kind))
+        arrays.append(pyarrow.array(column_values, kind))
     buffer = io.BytesIO()
     parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), buffer)
     return buffer.getvalue()

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     from attlog.base.errors import AttlogError
     from attlog.cli.shared.printing import TextLine
-    from attlog.fleet.ci.gating import Gating
-    from attlog.fleet.ci.judged import Judged
+    from attlog.fleet.ci.gating import GatedLog, Gating
     from attlog.fleet.records.record import Record
 
 GatesFile = Annotated[
@@ -46,7 +45,7 @@ def report_refusal(why: str, words: Sequence[str]) -> None:
     asked = [k for k, word in enumerate(words) if word.partition("=")[0] == "--summary"]
     if not asked and not os.environ.get("GITHUB_ACTIONS"):
         return
-    from attlog.fleet.ci.gating import tell_refused
+    from attlog.fleet.ci.publish import publish_refusal
 
     summary: Path | bool = bool(asked)
     for k in asked:
@@ -55,7 +54,7 @@ def report_refusal(why: str, words: Sequence[str]) -> None:
         if named.endswith(".md"):
             summary = Path(named) if _may_be_written(Path(named)) else False
     try:
-        tell_refused(why, summary)
+        publish_refusal(why, summary)
     except OutputError as error:
         to_stderr(message(error, __version__))
 
@@ -159,7 +158,7 @@ class GateReport:
         """
         if self.gating is None or interrupted:
             return set()
-        from attlog.fleet.ci.gating import tell as report
+        from attlog.fleet.ci.publish import publish
 
         missing = [f"named {k}" for k, _ in enumerate(wrong, 1)]
         for name, error in zip(missing, wrong, strict=True):
@@ -167,30 +166,30 @@ class GateReport:
         logs = self.gating.in_order([*missing, *names])
         named = self._options.summary
         summary = False if named is None else named == ANYWHERE or Path(named)
-        codes = {1} if any(judged.failed for judged in logs) else set[int]()
+        codes = {1} if any(log.failed for log in logs) else set[int]()
         try:
-            report(logs, self._options.junit, summary)
+            publish(logs, self._options.junit, summary)
         except OutputError as error:
             to_stderr(message(error, __version__))
             codes |= {error.exit_code}
         return codes
 
 
-def lines(judged: Judged) -> list[TextLine]:
+def lines(log: GatedLog) -> list[TextLine]:
     """The verdicts of gates on one log, the worst first."""
     from attlog.cli.shared.printing import TextLine
     from attlog.present.numbers import counted
 
-    total = judged.passed + judged.failed + judged.skipped
+    total = log.passed + log.failed + log.skipped
     if not total:
         return []
-    parts = [f"{judged.failed} of {counted(total, 'check')} failed" if judged.failed else f"{judged.passed} passed"]
-    parts += [f"{judged.skipped} skipped"] if judged.skipped else []
-    if judged.excused:
-        parts.append(f"{judged.excused} beyond a limit to the baseline, but not significantly different")
-    style = "bold red" if judged.failed else "green" if judged.passed else ""
+    parts = [f"{log.failed} of {counted(total, 'check')} failed" if log.failed else f"{log.passed} passed"]
+    parts += [f"{log.skipped} skipped"] if log.skipped else []
+    if log.excused:
+        parts.append(f"{log.excused} beyond a limit to the baseline, but not significantly different")
+    style = "bold red" if log.failed else "green" if log.passed else ""
     found = [TextLine(f"gates: {', '.join(parts)}", style)]
-    found += [TextLine(f"  failed   {sentence}", "red") for sentence in judged.sentences]
-    if judged.failed > len(judged.worst):
-        found.append(TextLine(f"  ... and {judged.failed - len(judged.worst)} more"))
+    found += [TextLine(f"  failed   {sentence}", "red") for sentence in log.sentences]
+    if log.failed > len(log.worst):
+        found.append(TextLine(f"  ... and {log.failed - len(log.worst)} more"))
     return found

@@ -1,24 +1,89 @@
-"""Gates over a run of many logs: judged as results come, told together at the end."""
+"""Gates over a run of many logs, judged as results come; what they say of a log is small enough for ten thousand."""
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TextIO
 
-from attlog.base.errors import LogUnreadable, OutputError, UsageError
+from attlog.base.errors import LogUnreadable, UsageError
 from attlog.compare.gates import baseline
 from attlog.compare.gates import file as gate_file
 from attlog.compare.gates.baseline import Baseline
-from attlog.compare.gates.gates import Gates, judge
-from attlog.fleet.ci import gate_summary, github, junit
-from attlog.fleet.ci.judged import Judged, judged
+from attlog.compare.gates.gates import GateOutcome, Gates, judge, worst_first
+from attlog.fleet.ci import junit
 from attlog.fleet.records.record import Record, write_record, written
 from attlog.report import gates
 from attlog.result import Result
+
+MOST_KEPT = 50
+"""Failures kept of one log, the worst first; all of them are counted and stand in the JUnit file."""
+
+
+@dataclass(frozen=True, slots=True)
+class GatedLog:
+    """One log: ``code`` and ``message`` where it has no result, else how many gates passed, failed, were skipped.
+
+    ``known``: it had no result in an earlier run either. ``worst``: failures, the worst first. ``excused``: how many
+    are beyond a limit to the baseline that the evidence does not tell. ``suite``: what the JUnit file says of the log.
+    """
+
+    log: str
+    name: str
+    code: int = 0
+    message: str = ""
+    known: bool = False
+    passed: int = 0
+    failed: int = 0
+    skipped: int = 0
+    excused: int = 0
+    worst: tuple[GateOutcome, ...] = ()
+    suite: junit.Suite | None = None
+
+    @property
+    def broken(self) -> bool:
+        """Whether the log has no result to be judged, which is news."""
+        return self.code != 0 and not self.known
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What failed, a sentence each."""
+        return tuple(o.sentence for o in self.worst)
+
+
+def gated(
+    log: str,
+    name: str,
+    outcomes: Sequence[GateOutcome] = (),
+    *,
+    code: int = 0,
+    message: str = "",
+    known: bool = False,
+    seconds: float = 0.0,
+) -> GatedLog:
+    """A log with what gates said of it; ``name`` is that of its report, ``seconds`` what its analysis took."""
+    count = {status: sum(o.status == status for o in outcomes) for status in ("passed", "failed", "skipped")}
+    failures = [o for o in worst_first(outcomes) if o.status == "failed"]
+    return GatedLog(
+        log,
+        name,
+        code,
+        message,
+        known,
+        **count,
+        excused=sum(o.excused for o in outcomes),
+        worst=tuple(failures[:MOST_KEPT]),
+        suite=junit.suite(log, name, outcomes, code, message, seconds, known),
+    )
+
+
+def failing(logs: Iterable[GatedLog]) -> list[GatedLog]:
+    """Logs that make a build fail: broken ones first, then by their worst failure."""
+    return sorted((j for j in logs if j.broken or j.failed), key=lambda j: (not j.broken, -_excess(j)))
+
+
+def _excess(log: GatedLog) -> float:
+    return max((o.excess for o in log.worst), default=0.0)
 
 
 @dataclass(slots=True)
@@ -27,20 +92,20 @@ class Gating:
 
     gates: Gates
     baselines: Mapping[Path, Baseline] = field(default_factory=dict)
-    logs: dict[str, Judged] = field(default_factory=dict)
+    logs: dict[str, GatedLog] = field(default_factory=dict)
 
-    def result(self, log: str, name: str, found: Result, seconds: float = 0.0, report: Path | None = None) -> Judged:
+    def result(self, log: str, name: str, found: Result, seconds: float = 0.0, report: Path | None = None) -> GatedLog:
         """Judge the result of a log; ``name``: of its report. Shown in the file ``report``.
 
         OutputError if that cannot be written.
         """
         outcomes = judge(self.gates, found, self.baselines)
-        self.logs[name] = judged(log, name, outcomes, seconds=seconds)
+        self.logs[name] = gated(log, name, outcomes, seconds=seconds)
         if report is not None and outcomes:
             gates.show(report, [(o.status, f"{o.row}: {o.check}", o.sentence) for o in outcomes])
         return self.logs[name]
 
-    def file(self, log: str, name: str, path: Path, seconds: float = 0.0, report: Path | None = None) -> Judged:
+    def file(self, log: str, name: str, path: Path, seconds: float = 0.0, report: Path | None = None) -> GatedLog:
         """Judge the JSON file of a log's result. A file that cannot be read is an error of the log, never passed."""
         try:
             found = Result.load(path)
@@ -48,7 +113,7 @@ class Gating:
             return self.broken(log, name, LogUnreadable.exit_code, str(error))
         return self.result(log, name, found, seconds, report)
 
-    def record(self, record: Record, folder: Path, timed: bool = True) -> Judged:
+    def record(self, record: Record, folder: Path, timed: bool = True) -> GatedLog:
         """Judge the result that a record of a batch in a folder is of, and show it in its report.
 
         ``timed``: what was measured may be told.
@@ -61,12 +126,14 @@ class Gating:
             write_record(folder, replace(record, files=record.files | {report.name: now}))
         return found
 
-    def broken(self, log: str, name: str, code: int, message: str, seconds: float = 0.0, known: bool = False) -> Judged:
+    def broken(
+        self, log: str, name: str, code: int, message: str, seconds: float = 0.0, known: bool = False
+    ) -> GatedLog:
         """A log without a result; ``code``: what its analysis ended with; ``known``: as in an earlier run."""
-        self.logs[name] = judged(log, name, code=code, message=message, known=known, seconds=seconds)
+        self.logs[name] = gated(log, name, code=code, message=message, known=known, seconds=seconds)
         return self.logs[name]
 
-    def in_order(self, names: Iterable[str] | None = None) -> list[Judged]:
+    def in_order(self, names: Iterable[str] | None = None) -> list[GatedLog]:
         """What was said, in the order of these reports, else as it came."""
         return list(self.logs.values()) if names is None else [self.logs[n] for n in names if n in self.logs]
 
@@ -95,56 +162,5 @@ def gating(path: Path | None, strict: bool | None = None, output: Path | None = 
     return Gating(found, baseline.read_all(places))
 
 
-def tell_refused(
-    why: str,
-    summary: Path | bool = False,
-    *,
-    environment: Mapping[str, str] = os.environ,
-    out: TextIO | None = None,
-    err: TextIO | None = None,
-) -> None:
-    """What CI systems read of a run that was refused for its gates or options: else its step is red without a word."""
-    if github.on_github(environment):
-        for line in github.refused(why):
-            print(line, file=err or sys.stderr)
-    if summary is not False:
-        path = summary if isinstance(summary, Path) else None
-        print(gate_summary.publish(gate_summary.not_run(why), path, environment), end="", file=out or sys.stdout)
-
-
 def _overlap(one: Path, other: Path) -> bool:
     return one.is_relative_to(other) or other.is_relative_to(one)
-
-
-def tell(
-    logs: list[Judged],
-    junit_file: Path | None = None,
-    summary: Path | bool = False,
-    *,
-    environment: Mapping[str, str] = os.environ,
-    out: TextIO | None = None,
-    err: TextIO | None = None,
-) -> None:
-    """What CI systems read: a JUnit file, a Markdown summary, and on GitHub annotations (on standard error).
-
-    ``summary``: a file, or True for ``$GITHUB_STEP_SUMMARY`` where it is set, else standard output. OutputError for a
-    file that cannot be written; the others are written all the same.
-    """
-    wrong: list[str] = []
-    if github.on_github(environment):
-        root = environment.get("GITHUB_WORKSPACE")
-        for line in github.commands(logs, Path(root) if root else None):
-            print(line, file=err or sys.stderr)
-    if junit_file is not None:
-        try:
-            junit.write(junit_file, (j.suite for j in logs))
-        except OutputError as error:
-            wrong.append(str(error))
-    if summary is not False:
-        try:
-            text = gate_summary.write(logs, summary if isinstance(summary, Path) else None, environment)
-            print(text, end="", file=out or sys.stdout)
-        except OutputError as error:
-            wrong.append(str(error))
-    if wrong:
-        raise OutputError("\n".join(wrong))

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from attlog.fleet.ci.judged import Judged, failing
+from attlog.fleet.ci.gating import GatedLog, failing
 from attlog.present.numbers import counted
 from attlog.present.text import CONTROL
 
@@ -21,7 +21,7 @@ def on_github(environment: Mapping[str, str] = os.environ) -> bool:
     return environment.get("GITHUB_ACTIONS") == "true"
 
 
-def commands(logs: Sequence[Judged], root: Path | None = None) -> Iterator[str]:
+def commands(logs: Sequence[GatedLog], root: Path | None = None) -> Iterator[str]:
     """One line for each failure, the worst of every log before the second worst of any; ``root``: of the repository."""
     found = failing(logs)
     errors = [_command("error", j.log, "not analysed", j.message, root) for j in found if j.broken]

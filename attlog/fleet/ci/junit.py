@@ -36,7 +36,7 @@ class Suite:
 def suite(
     log: str, name: str, outcomes: Sequence[GateOutcome], code: int, message: str, seconds: float, known: bool = False
 ) -> Suite:
-    """What the file says of one log; the arguments are those of :func:`attlog.fleet.ci.judged.judged`."""
+    """What the file says of one log; the arguments are those of :func:`attlog.fleet.ci.gating.gated`."""
     time = f' time="{seconds:.3f}"' if seconds > 0.0 else ""
     failures, skipped = (sum(o.status == status for o in outcomes) for status in ("failed", "skipped"))
     skipped += known

@@ -16,7 +16,7 @@ from attlog.base.files import file_names
 from attlog.base.files.output import is_full, staged
 from attlog.fleet.records.record import written
 from attlog.fleet.records.work import Work, key, stamp
-from attlog.fleet.sources.unchanged import unchanged
+from attlog.fleet.sources.log_file import unchanged
 
 if TYPE_CHECKING:
     from attlog.analysis.config import Config

@@ -20,7 +20,7 @@ from attlog.base.processes.forks import Closed, Forks
 from attlog.fleet.processes.files import PRINTED, load_filters, process_log
 from attlog.fleet.records.record import INSIDE, Record, read_record
 from attlog.fleet.records.work import Work, content_key, done_before, keep
-from attlog.fleet.sources.unchanged import CHANGED, state
+from attlog.fleet.sources.log_file import CHANGED, state
 
 LIMIT_REACHED = 75
 """Exit code of a log that took more time or memory than it was given."""

@@ -17,8 +17,8 @@ from attlog.fleet.processes.files import report_names
 from attlog.fleet.records.record import INSIDE, read_record, record_path, records, written
 from attlog.fleet.records.results_file import CSV, PARQUET
 from attlog.fleet.records.work import Work, settings_key
+from attlog.fleet.sources.remote import is_url
 from attlog.fleet.sources.source import Source
-from attlog.fleet.sources.urls import is_url
 
 SCHEMA = "attlog-batch/1"
 

@@ -12,8 +12,8 @@ from attlog import __version__
 from attlog.analysis.config import Config
 from attlog.base.errors import AttlogError
 from attlog.fleet.records.record import Record, intact, read_record, write_record
+from attlog.fleet.sources.remote import is_url
 from attlog.fleet.sources.source import Source
-from attlog.fleet.sources.urls import is_url
 
 
 @dataclass(frozen=True, slots=True)

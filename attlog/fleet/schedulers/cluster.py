@@ -25,7 +25,7 @@ from attlog.base.errors import BUG, AttlogError, ClusterError, OutputError, Usag
 from attlog.base.files.output import is_full, write_atomic
 from attlog.fleet.records.record import Record
 from attlog.fleet.records.work import Work, done_before, keep
-from attlog.fleet.schedulers.task import OtherVersion, Returned, Unseen, sign
+from attlog.fleet.schedulers.task import OtherVersion, TaskResult, Unseen, sign
 
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 CONNECT_S = 5.0
@@ -42,7 +42,7 @@ ATTEMPTS = 3
 """At a log whose bytes were sent to a worker that went away."""
 
 
-def there(
+def cluster_runner(
     address: str, at_once: int | None = None, say: Callable[[str], None] | None = None
 ) -> Callable[[Sequence[Work]], Generator[Record, None, None]]:
     """A runner on the cluster of that scheduler, see :func:`records_of`."""
@@ -146,7 +146,7 @@ class _Run:
     def _became(self, future: Any, work: Work, attempt: int) -> Record | None:
         """The record of a task that ended; None where the log gets another attempt."""
         if future.status == "finished":
-            returned: Returned = future.result()
+            returned: TaskResult = future.result()
             if returned.record is not None:
                 self._beside |= set(returned.files) - set(returned.record.files)
                 return _kept(work, returned.record, returned.files)
@@ -200,7 +200,7 @@ def _before(work: Work) -> Record | None:
     return done_before(work) if work.resume else None
 
 
-def _doing() -> Callable[..., Returned]:
+def _doing() -> Callable[..., TaskResult]:
     """A function that travels by value: the scheduler, which reads every task, needs no attlog."""
 
     def do(*arguments: Any) -> Any:

@@ -18,7 +18,7 @@ Runner = Callable[[Sequence[Work]], Records]
 Tell = Callable[[Work, dict[str, Any]], None]
 
 
-def here(workers: int | None = None, tell: Tell | None = None, processes: Forks | None = None) -> Runner:
+def local_runner(workers: int | None = None, tell: Tell | None = None, processes: Forks | None = None) -> Runner:
     """A runner on this machine; as many ``workers`` as it has cores by default. ``tell`` hears the stages of each log.
 
     ``tell`` is called from threads. ``processes``: used again, and closed by whoever made them.

@@ -16,8 +16,8 @@ from attlog.base.errors import AttlogError
 from attlog.fleet.processes.run import run_one
 from attlog.fleet.records.record import Record
 from attlog.fleet.records.work import Work, files_of
+from attlog.fleet.sources.remote import is_url
 from attlog.fleet.sources.source import Source
-from attlog.fleet.sources.urls import is_url
 
 
 class OtherVersion(Exception):
@@ -33,7 +33,7 @@ class Cancelled(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Returned:
+class TaskResult:
     """Record and files (name: bytes) of a log; without record: the worker does not see the log's file."""
 
     record: Record | None
@@ -50,7 +50,7 @@ def sign(source: Source) -> str:
         return ""  # missing here too: whoever reads it says so
 
 
-def do(version: str, order: bytes, signed: str, have: Collection[str] = (), content: bytes | None = None) -> Returned:
+def do(version: str, order: bytes, signed: str, have: Collection[str] = (), content: bytes | None = None) -> TaskResult:
     """Analyse one log. ``order``: the pickled :class:`Work` of an attlog of that version; ``signed``: see :func:`sign`;
     ``have``: files beside reports that the client has; ``content``: the log's bytes where this machine lacks its file.
 
@@ -63,7 +63,7 @@ def do(version: str, order: bytes, signed: str, have: Collection[str] = (), cont
     if unseen:
         raise Unseen(unseen[0])
     if content is None and signed and sign(work.source) != signed:
-        return Returned(None)
+        return TaskResult(None)
     with tempfile.TemporaryDirectory(prefix="attlog-") as room:
         source = work.source
         if content is not None:
@@ -76,9 +76,9 @@ def do(version: str, order: bytes, signed: str, have: Collection[str] = (), cont
         if record.folder_full:  # this machine's trouble, not that of the folder where reports are kept
             log = work.source.name
             why = f"no room in {tempfile.gettempdir()} of the worker {socket.gethostname()}"
-            return Returned(replace(record, folder_full=False, message=f"attlog: {log}: {why}"))
+            return TaskResult(replace(record, folder_full=False, message=f"attlog: {log}: {why}"))
         written = [path for path in out.iterdir() if os.path.isfile(path) and path.name not in have]
-        return Returned(record, {path.name: path.read_bytes() for path in written})
+        return TaskResult(record, {path.name: path.read_bytes() for path in written})
 
 
 def _unless_cancelled() -> Callable[[dict[str, Any]], None]:
@@ -91,9 +91,9 @@ def _unless_cancelled() -> Callable[[dict[str, Any]], None]:
     except ValueError:  # no task: called by itself
         return lambda _: None
 
-    def hear(_: dict[str, Any]) -> None:
+    def stop_if_cancelled(_: dict[str, Any]) -> None:
         task = worker.state.tasks.get(key)
         if task is None or task.state == "cancelled":
             raise Cancelled
 
-    return hear
+    return stop_if_cancelled

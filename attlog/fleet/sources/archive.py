@@ -20,9 +20,9 @@ from typing import IO
 from attlog import formats
 from attlog.base.errors import LogUnreadable, LogUnusable
 from attlog.base.limits import MAX_MEMBERS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
-from attlog.fleet.sources.copies import BLOCK, copy, unreadable
+from attlog.fleet.sources.log_file import BLOCK, copy, unreadable
 from attlog.fleet.sources.recognition import may_be_log, named_as_log
-from attlog.fleet.sources.urls import is_url, shown
+from attlog.fleet.sources.remote import is_url, shown
 
 _ENCRYPTED = 1
 MADE_BY_MACOS = "__MACOSX"

@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 
 from attlog.base.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.fleet.sources.recognition import is_archive, is_meant, may_be_log
+from attlog.fleet.sources.remote import is_url, shown
 from attlog.fleet.sources.source import Source
-from attlog.fleet.sources.urls import is_url, shown
 from attlog.present.numbers import counted
 
 _PATTERN = frozenset("*?[")

@@ -1,18 +1,40 @@
-"""Logs behind URLs, by fsspec: which a URL means, and one of them downloaded."""
+"""Logs behind URLs, by fsspec: which words are URLs, what a URL means, and one of them downloaded."""
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 from attlog.base.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.base.limits import MAX_FETCH_S, MAX_LISTING_DEPTH, MAX_UNPACKED_BYTES, STALLED_S
-from attlog.fleet.sources.copies import BLOCK, copy
-from attlog.fleet.sources.urls import shown
+from attlog.fleet.sources.log_file import BLOCK, copy
+
+_URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
+_SECRET = re.compile(r"x-(amz|goog|ms)-.*|sig(nature)?|.*token|password|key", re.IGNORECASE)
+_WITH_USERS = frozenset(("http", "https", "ftp", "sftp", "ssh", "smb"))
+
+
+def is_url(text: str) -> bool:
+    """Whether a word is a URL; ``file://`` begins one too."""
+    return _URL.match(text) is not None
+
+
+def shown(place: str) -> str:
+    """A path as it is; a URL without user, password and signature."""
+    if not is_url(place):
+        return place
+    parts = urlsplit(place)
+    host = parts.netloc.rpartition("@")[2] if parts.scheme.lower() in _WITH_USERS else parts.netloc
+    pairs = parse_qsl(parts.query, keep_blank_values=True)
+    kept = [pair for pair in pairs if not _SECRET.fullmatch(pair[0])]
+    query = parts.query if len(kept) == len(pairs) else urlencode(kept)
+    return urlunsplit(parts._replace(netloc=host, query=query, fragment=""))
+
 
 WAITS_S = (1.0, 4.0)
 """Before the second and the third attempt at a download that broke off."""

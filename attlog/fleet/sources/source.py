@@ -16,8 +16,8 @@ from attlog.base import limits
 from attlog.base.errors import AttlogError, LogUnreadable, NotALog
 from attlog.base.files.file_names import file_name
 from attlog.base.limits import MAX_FILE_NAME_BYTES
-from attlog.fleet.sources.copies import hashed, unreadable
-from attlog.fleet.sources.urls import is_url, shown
+from attlog.fleet.sources.log_file import hashed, unreadable
+from attlog.fleet.sources.remote import is_url, shown
 
 
 @dataclass(frozen=True)

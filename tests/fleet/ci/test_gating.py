@@ -9,7 +9,8 @@ import pytest
 from junitparser import JUnitXml
 
 from attlog.base.errors import OutputError, UsageError
-from attlog.fleet.ci.gating import gating, tell
+from attlog.fleet.ci.gating import gating
+from attlog.fleet.ci.publish import publish
 from tests.compare.made import result
 from tests.fleet.gated import some
 from tests.present.made import lag, row
@@ -77,19 +78,23 @@ def test_baselines_are_read_beforehand(tmp_path: Path) -> None:
 
 def test_everybody_who_asks_is_told(tmp_path: Path) -> None:
     out, err, step = io.StringIO(), io.StringIO(), tmp_path / "step.md"
-    tell(some(), tmp_path / "j.xml", True, environment={}, out=out, err=err)
+    publish(some(), tmp_path / "j.xml", True, environment={}, out=out, err=err)
     assert len(list(JUnitXml.fromfile(str(tmp_path / "j.xml")))) == 4
     assert out.getvalue().startswith("## ❌ attlog: 3 of 4 logs failed")
     assert err.getvalue() == ""
     out = io.StringIO()
-    tell(
-        some(), environment={"GITHUB_ACTIONS": "true", "GITHUB_STEP_SUMMARY": str(step)}, summary=True, out=out, err=err
+    publish(
+        some(),
+        environment={"GITHUB_ACTIONS": "true", "GITHUB_STEP_SUMMARY": str(step)},
+        summary_to=True,
+        out=out,
+        err=err,
     )
     assert out.getvalue() == ""
     assert err.getvalue().count("::error ") == 4
     assert step.read_text(encoding="utf-8").startswith("## ❌")
     out, err = io.StringIO(), io.StringIO()
-    tell(some(), environment={"GITHUB_STEP_SUMMARY": str(step)}, out=out, err=err)
+    publish(some(), environment={"GITHUB_STEP_SUMMARY": str(step)}, out=out, err=err)
     assert out.getvalue() == err.getvalue() == ""
 
 
@@ -97,14 +102,14 @@ def test_a_file_that_cannot_be_written_keeps_nobody_else_waiting(tmp_path: Path)
     (tmp_path / "file").write_text("x")
     out = io.StringIO()
     with pytest.raises(OutputError):
-        tell(some(), tmp_path / "file" / "j.xml", tmp_path / "s.md", environment={}, out=out)
+        publish(some(), tmp_path / "file" / "j.xml", tmp_path / "s.md", environment={}, out=out)
     assert (tmp_path / "s.md").exists()
 
 
 def test_every_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(OutputError, match=r"(?s)j\.xml: cannot be written.*s\.md: cannot be written"):
-        tell(some(), tmp_path / "file" / "j.xml", tmp_path / "file" / "s.md", environment={})
+        publish(some(), tmp_path / "file" / "j.xml", tmp_path / "file" / "s.md", environment={})
 
 
 @pytest.mark.parametrize(("place", "output"), [("out", "out"), ("out/main.json", "out"), (".", "out"), ("out", ".")])

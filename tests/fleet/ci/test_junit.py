@@ -11,7 +11,7 @@ from junitparser import Error, Failure, JUnitXml, Skipped
 
 from attlog.base.errors import OutputError
 from attlog.fleet.ci import junit
-from attlog.fleet.ci.judged import judged
+from attlog.fleet.ci.gating import gated
 from tests.fleet.gated import NASTY, outcome, some
 
 OURS = Path(__file__).with_name("junit.xsd")
@@ -62,12 +62,12 @@ def test_nothing_in_a_name_breaks_the_file(file: Path) -> None:
 
 def test_checks_keep_their_place_when_outcomes_come_in_another_order() -> None:
     found = [outcome("b", excess=3.0), outcome("a", excess=2.0), outcome("a", "passed", check="status")]
-    texts = {s.text() for s in (judged("x", "x", o).suite for o in (found, found[::-1])) if s is not None}
+    texts = {s.text() for s in (gated("x", "x", o).suite for o in (found, found[::-1])) if s is not None}
     assert len(texts) == 1
 
 
 def test_ten_thousand_logs_take_little_memory() -> None:
-    many = judged("x.ulg", "x.ulg", [outcome(f"filter{k}", "passed", 0.5) for k in range(60)])
+    many = gated("x.ulg", "x.ulg", [outcome(f"filter{k}", "passed", 0.5) for k in range(60)])
     assert many.suite is not None
     assert len(many.suite.packed) < 2000
 

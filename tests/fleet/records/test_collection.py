@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from attlog.fleet.records.collection import Gathered
+from attlog.fleet.records.collection import EntryCollection
 from attlog.fleet.records.entry import FORM, index_row
 from attlog.fleet.records.record import Record, write_record
 from tests.report.conftest import make_result
@@ -19,7 +19,7 @@ def test_the_row_of_an_older_record_is_made_again_from_its_result(tmp_path: Path
     row = index_row(made)
     kept = row | {"form": form, "trouble": {"level": "of the record"}}
     write_record(tmp_path, Record("logs/a.ulg", "a.ulg", row=kept))
-    (entry,) = (entry for _, entry in Gathered([tmp_path]))
+    (entry,) = (entry for _, entry in EntryCollection([tmp_path]))
     assert entry.row["form"] == FORM
     assert entry.row["trouble"] == (kept if form == FORM else row)["trouble"]
 
@@ -28,6 +28,6 @@ def test_a_log_that_failed_is_counted_and_is_no_entry(tmp_path: Path) -> None:
     made = make_result(with_traces=False)
     write_record(tmp_path, Record("logs/a.ulg", "a.ulg", row=index_row(made)))
     write_record(tmp_path, Record("logs/b.ulg", "b.ulg", code=65, message="b.ulg: not a log"))
-    gathered = Gathered([tmp_path])
+    gathered = EntryCollection([tmp_path])
     assert [entry.log for _, entry in gathered] == ["logs/a.ulg"]
     assert gathered.failed == 1

@@ -25,7 +25,7 @@ from attlog.fleet.records.plan import Job
 from attlog.fleet.records.record import Record, records
 from attlog.fleet.records.work import Work
 from attlog.fleet.schedulers.batch import Outcome, run_batch
-from attlog.fleet.schedulers.local import here
+from attlog.fleet.schedulers.local import local_runner
 from attlog.fleet.sources.source import Source
 from tests.conftest import SAMPLES
 
@@ -61,7 +61,7 @@ def kept() -> Forks:
 
 def run(job: Job, workers: int = 1) -> tuple[Outcome, list[Record]]:
     watching = Watching()
-    return run_batch(job, here(workers, processes=kept()), watching), watching.records
+    return run_batch(job, local_runner(workers, processes=kept()), watching), watching.records
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -186,7 +186,7 @@ def test_a_batch_stops_where_the_disk_is_full(tmp_path: Path) -> None:
             if work.name == "2.bin":
                 yield Record(work.source.name, work.name, code=73, message="attlog: no space", folder_full=True)
             else:
-                yield next(iter(here(1, processes=kept())([work])))
+                yield next(iter(local_runner(1, processes=kept())([work])))
 
     watching = Watching()
     outcome = run_batch(job(tmp_path / "out", *logs, resume=True), no_room, watching)

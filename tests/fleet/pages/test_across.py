@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from attlog.base.errors import LogUnreadable, LogUnusable, UsageError
-from attlog.fleet.pages.across_logs import Log, across, grouped, references, spread, usual_window
-from attlog.fleet.pages.across_table import values, words
-from attlog.fleet.records.collection import Gathered
+from attlog.fleet.pages.across import Log, across, grouped, references, spread, usual_window, values, words
+from attlog.fleet.records.collection import EntryCollection
 from attlog.fleet.records.entry import Entry, index_row
 from attlog.fleet.records.record import Record, write_record
 from attlog.fleet.records.results_file import PARQUET, write_results
@@ -177,7 +176,7 @@ def test_a_batch_folder_is_read_by_its_records_and_other_results_by_themselves(t
     (tmp_path / "other.json").write_text("{}")
     (tmp_path / "below").mkdir()
     made(2.0).to_json(tmp_path / "below" / "c.json")
-    gathered = Gathered([tmp_path])
+    gathered = EntryCollection([tmp_path])
     found = across(gathered, [TILT])
     assert [log.value(found.columns[0]) for log in found.logs] == [1.0, 2.0]
     assert (gathered.failed, gathered.wrong) == (1, [])
@@ -192,7 +191,7 @@ def test_results_of_an_older_schema_are_read_and_broken_ones_told(tmp_path: Path
     document = json.loads(made(3.0).to_json())
     path.write_text(json.dumps(document | {"schema": "attlog-result/1"}))
     (tmp_path / "broken.json").write_text('{"schema": "attlog-result/2", ')
-    gathered = Gathered([tmp_path])
+    gathered = EntryCollection([tmp_path])
     found = across(gathered, [TILT])
     assert [log.value(found.columns[0]) for log in found.logs] == [3.0]
     assert [type(e) for e in gathered.wrong] == [LogUnusable]
@@ -201,7 +200,7 @@ def test_results_of_an_older_schema_are_read_and_broken_ones_told(tmp_path: Path
 def test_folders_and_files_without_a_result_are_told_and_lose_no_other(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     made(3.0).to_json(tmp_path / "c.json")
-    gathered = Gathered([tmp_path / "empty", tmp_path / "none.json", tmp_path / "c.json"])
+    gathered = EntryCollection([tmp_path / "empty", tmp_path / "none.json", tmp_path / "c.json"])
     assert len(list(gathered)) == 1
     assert [type(e) for e in gathered.wrong] == [LogUnreadable, LogUnreadable]
 
@@ -220,7 +219,7 @@ def kept(folder: Path) -> None:
 def test_the_results_file_tells_the_same_as_the_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pyarrow")
     kept(tmp_path)
-    slow, quick = Gathered([tmp_path]), Gathered([tmp_path], [TILT])
+    slow, quick = EntryCollection([tmp_path]), EntryCollection([tmp_path], [TILT])
     expected = across(slow, [TILT])
     monkeypatch.setattr("attlog.fleet.records.collection.records", lambda _: pytest.fail("the records were read"))
     found = across(quick, [TILT])
@@ -228,7 +227,7 @@ def test_the_results_file_tells_the_same_as_the_records(tmp_path: Path, monkeypa
     assert words(found, "firmware", found.columns) == words(expected, "firmware", expected.columns)
     assert (quick.failed, slow.failed) == (1, 1)
     with pytest.raises(UsageError, match="did you mean lag_ms"):
-        across(Gathered([tmp_path], ["lag_mss"]), ["lag_mss"])
+        across(EntryCollection([tmp_path], ["lag_mss"]), ["lag_mss"])
 
 
 @pytest.mark.parametrize("spoil", ["newer", "broken", "other"])
@@ -243,7 +242,7 @@ def test_a_results_file_that_is_out_of_date_or_broken_is_not_believed(tmp_path: 
         path.write_bytes(path.read_bytes()[:-100])
     else:
         parquet.write_table(parquet.read_table(path).drop_columns(["code"]), path)
-    found = across(Gathered([tmp_path], [TILT]), [TILT])
+    found = across(EntryCollection([tmp_path], [TILT]), [TILT])
     assert len(found.logs) == (4 if spoil == "newer" else 3)
 
 
@@ -251,7 +250,8 @@ def test_a_table_shows_the_logs_of_the_last_call_as_the_index_does(tmp_path: Pat
     pytest.importorskip("pyarrow")
     kept(tmp_path)
     write_results(tmp_path, [Entry("x/a.ulg", "a.ulg", row=flight("a.ulg", 1.0)[1].row)])
-    gathered = Gathered([tmp_path], [TILT])
+    gathered = EntryCollection([tmp_path], [TILT])
     assert [log.name for log in across(gathered, [TILT]).logs] == ["a.ulg"]
-    assert len(across(Gathered([tmp_path / PARQUET], [TILT]), [TILT]).logs) == 1  # the file stands for its folder
+    alone = EntryCollection([tmp_path / PARQUET], [TILT])  # the file stands for its folder
+    assert len(across(alone, [TILT]).logs) == 1
     assert gathered.failed == 0

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from attlog.base.errors import OutputError
-from attlog.fleet.ci.gate_summary import MOST_BYTES, summary, write
-from attlog.fleet.ci.judged import judged
+from attlog.fleet.ci.gating import gated
+from attlog.fleet.ci.publish import MOST_BYTES, summary, write
 from attlog.present.table.markdown import escaped
 from tests.fleet.gated import NASTY, outcome, some
 
@@ -39,7 +39,7 @@ def test_a_name_is_neither_markup_nor_html_nor_a_cell() -> None:
 
 
 def test_a_long_summary_stays_within_the_limit_and_counts_what_is_left() -> None:
-    logs = [judged(f"{k}.ulg", "n", [outcome(f"f{n}", sentence="x" * 200) for n in range(60)]) for k in range(200)]
+    logs = [gated(f"{k}.ulg", "n", [outcome(f"f{n}", sentence="x" * 200) for n in range(60)]) for k in range(200)]
     text = summary(logs)
     assert 0.9 * MOST_BYTES < len(text.encode()) < MOST_BYTES
     shown = text.count("xxx |")

@@ -1,15 +1,18 @@
-"""Gates as Markdown, for the summary of a CI job: what failed and by how much, worst first."""
+"""What CI systems read of gates: a Markdown summary, annotations and a JUnit file; the worst first."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TextIO
 
 from attlog import __version__
 from attlog.base.errors import OutputError
 from attlog.base.files.output import write_atomic
-from attlog.fleet.ci.judged import Judged, failing
+from attlog.fleet.ci import github, junit
+from attlog.fleet.ci.gating import GatedLog, failing
 from attlog.present.numbers import counted
 from attlog.present.table.markdown import escaped
 
@@ -17,7 +20,7 @@ MOST_BYTES = 900_000
 """GitHub refuses the whole summary of a step above 1 MiB."""
 
 
-def summary(logs: Sequence[Judged], most: int = MOST_BYTES) -> str:
+def summary(logs: Sequence[GatedLog], most: int = MOST_BYTES) -> str:
     """The summary of all logs; what does not fit is counted."""
     found = failing(logs)
     lines = [_headline(logs, found), "", _counts(logs), ""]
@@ -36,13 +39,13 @@ def summary(logs: Sequence[Judged], most: int = MOST_BYTES) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write(logs: Sequence[Judged], path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
+def write(logs: Sequence[GatedLog], path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
     """Write the summary to a file, and add it to the job's where ``$GITHUB_STEP_SUMMARY`` names one.
 
     Returns the text that is left to be printed: all of it where it was written nowhere. OutputError if a file cannot
     be written.
     """
-    return publish(summary(logs), path, environment)
+    return write_text(summary(logs), path, environment)
 
 
 def not_run(why: str) -> str:
@@ -52,7 +55,7 @@ def not_run(why: str) -> str:
     )
 
 
-def publish(text: str, path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
+def write_text(text: str, path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
     """Bring a summary to its places, as :func:`write`."""
     step = environment.get("GITHUB_STEP_SUMMARY")
     if path is not None:
@@ -66,7 +69,7 @@ def publish(text: str, path: Path | None, environment: Mapping[str, str] = os.en
     return "" if step or path is not None else text
 
 
-def _headline(logs: Sequence[Judged], found: Sequence[Judged]) -> str:
+def _headline(logs: Sequence[GatedLog], found: Sequence[GatedLog]) -> str:
     if not logs:
         return "## attlog: no log"
     if not found:
@@ -74,7 +77,7 @@ def _headline(logs: Sequence[Judged], found: Sequence[Judged]) -> str:
     return f"## ❌ attlog: {len(found)} of {counted(len(logs), 'log')} failed"
 
 
-def _counts(logs: Sequence[Judged]) -> str:
+def _counts(logs: Sequence[GatedLog]) -> str:
     passed, failed, skipped, excused = (
         sum(getattr(j, kind) for j in logs) for kind in ("passed", "failed", "skipped", "excused")
     )
@@ -87,7 +90,7 @@ def _counts(logs: Sequence[Judged]) -> str:
     return f"{', '.join(parts)} (attlog {__version__})."
 
 
-def _table(found: Sequence[Judged]) -> Iterator[str]:
+def _table(found: Sequence[GatedLog]) -> Iterator[str]:
     for j in found:
         if j.broken:
             yield _line(j.log, "", "analysis", j.message.removeprefix(f"{j.log}: "))
@@ -97,3 +100,54 @@ def _table(found: Sequence[Judged]) -> Iterator[str]:
 
 def _line(*cells: str) -> str:
     return "| " + " | ".join(map(escaped, cells)) + " |"
+
+
+def publish(
+    logs: list[GatedLog],
+    junit_file: Path | None = None,
+    summary_to: Path | bool = False,
+    *,
+    environment: Mapping[str, str] = os.environ,
+    out: TextIO | None = None,
+    err: TextIO | None = None,
+) -> None:
+    """What CI systems read: a JUnit file, a Markdown summary, and on GitHub annotations (on standard error).
+
+    ``summary_to``: a file, or True for ``$GITHUB_STEP_SUMMARY`` where it is set, else standard output. OutputError for
+    a file that cannot be written; the others are written all the same.
+    """
+    wrong: list[str] = []
+    if github.on_github(environment):
+        root = environment.get("GITHUB_WORKSPACE")
+        for line in github.commands(logs, Path(root) if root else None):
+            print(line, file=err or sys.stderr)
+    if junit_file is not None:
+        try:
+            junit.write(junit_file, (j.suite for j in logs))
+        except OutputError as error:
+            wrong.append(str(error))
+    if summary_to is not False:
+        try:
+            text = write(logs, summary_to if isinstance(summary_to, Path) else None, environment)
+            print(text, end="", file=out or sys.stdout)
+        except OutputError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise OutputError("\n".join(wrong))
+
+
+def publish_refusal(
+    why: str,
+    summary_to: Path | bool = False,
+    *,
+    environment: Mapping[str, str] = os.environ,
+    out: TextIO | None = None,
+    err: TextIO | None = None,
+) -> None:
+    """What CI systems read of a run that was refused for its gates or options: else its step is red without a word."""
+    if github.on_github(environment):
+        for line in github.refused(why):
+            print(line, file=err or sys.stderr)
+    if summary_to is not False:
+        path = summary_to if isinstance(summary_to, Path) else None
+        print(write_text(not_run(why), path, environment), end="", file=out or sys.stdout)
