@@ -200,6 +200,18 @@ class Clipping:
     whole: bool
 
 
+@dataclass(slots=True)
+class InnovationTest:
+    """How far what an ``aid`` (compass, velocity, position, height, airspeed) measured was from the onboard estimator's
+    prediction: ``ratio`` (n,) of its own gate at ``t`` (n,) s, above 1 rejected, whether logged squared or as its root.
+    """
+
+    aid: str
+    t: Array
+    ratio: Array
+    source: str
+
+
 @dataclass(frozen=True, slots=True)
 class Firmware:
     """Who flew: ``name`` is ``PX4`` or ``ArduPilot`` (or what the log says), ``version`` as text."""
@@ -299,6 +311,7 @@ class FlightLog:
     onboard_gyro_bias: Stream | None = None
     onboard_vibration: Stream | None = None
     clippings: list[Clipping] = field(default_factory=list)
+    innovation_tests: list[InnovationTest] = field(default_factory=list)
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     boot: int = 0
     boots: int = 1

@@ -9,7 +9,7 @@ from attlog.base.barrier import guarded
 from attlog.flight.model import FlightLog, part_of
 from attlog.health.fits import compass, force, turns
 from attlog.health.model import Answerable, Check, failed
-from attlog.health.onboard import against_smoother, attitude, crash, jumps, sources
+from attlog.health.onboard import against_smoother, aids, attitude, crash, jumps, sources
 from attlog.health.onboard import declination as declination_told
 from attlog.health.questions import answerable
 from attlog.health.sensors import (
@@ -59,6 +59,7 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "attitude jumps": lambda: jumps.checks(log, phases, reference),
         "second source": lambda: sources.checks(log, phases, reference),
         "field": lambda: magnetometer.checks(log, phases),
+        "aids": lambda: aids.checks(log, phases),
         "declination told": lambda: declination_told.checks(log),
         "field against motors": lambda: interference.checks(log, phases),
         "GNSS": lambda: gnss.checks(log, phases),

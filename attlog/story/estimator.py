@@ -9,6 +9,7 @@ import numpy as np
 from attlog.flight.model import FlightLog
 from attlog.segments.model import Segments
 from attlog.segments.spans import inside
+from attlog.story import rejections
 from attlog.story.event import Event, Weight
 from attlog.story.words import ANOMALY, COMPASS, JUMP, LANE, REALIGNED, Text, matching, quoted
 
@@ -16,14 +17,20 @@ TOGETHER_S = 1.5
 """Cores of one estimator do the same within so many seconds: one event."""
 LOST_S = 2.0
 FIX_3D = 3
-REJECTED = "rejected_"
+SWITCHED = ("lane_switch", "estimator_instance_changed")
+"""Codes of problems: ERR 24 of ArduPilot, and PX4's estimator_selector_status."""
 
 
 def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
     """The events in no order, and the texts that are told in them."""
     told: list[Text] = []
     found = [*_realigned(log, segments, told), *_resets(segments), *_switches(log, segments, told)]
-    return [*found, *_rejected(log), *_gnss_lost(log, segments), *_gnss_jumps(log, segments, told)], told
+    return [
+        *found,
+        *rejections.events(log, segments),
+        *_gnss_lost(log, segments),
+        *_gnss_jumps(log, segments, told),
+    ], told
 
 
 def _grouped(texts: list[Text]) -> list[list[Text]]:
@@ -80,6 +87,11 @@ def _switches(log: FlightLog, segments: Segments, told: list[Text]) -> list[Even
         t, why = group[0][0], _reason(group[0][2])
         text = f"The estimator changed its core at {t:.1f} s{why}."
         found.append(Event("lane_switch", t, "warning", text, evidence=[quoted(x) for x in group[:2]]))
+    for problem in log.problems:
+        at = problem.t
+        known = at is None or any(abs(e.t - at) < TOGETHER_S for e in found)
+        if problem.code in SWITCHED and at is not None and not known and _driven_at(segments, at):
+            found.append(Event("lane_switch", at, "warning", problem.text, evidence=[problem.code]))
     line = log.imu_that_flew
     for k in range(1, len(line.value) if line is not None else 0):
         assert line is not None
@@ -100,15 +112,6 @@ def _reason(text: str) -> str:
     """The reason that PX4 gives in brackets."""
     found = re.search(r"\(([\w ]+)\)", text)
     return "" if found is None else f" ({found.group(1)})"
-
-
-def _rejected(log: FlightLog) -> list[Event]:
-    """What the estimator rejected for longer than a second, and how far beyond its limit it was."""
-    return [
-        Event("aid_rejected", p.t, "warning", p.text, value=p.value, unit="", evidence=[p.code])
-        for p in log.problems
-        if p.code.startswith(REJECTED) and p.t is not None
-    ]
 
 
 def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from attlog.flight import physics
-from attlog.flight.ardupilot import clipping, events, gyro_bias, phases, power, receivers, remedies, vehicle
+from attlog.flight.ardupilot import clipping, ekf, events, phases, power, receivers, remedies, vehicle
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
@@ -54,10 +54,11 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.battery = builder.attempt("The battery", lambda: power.battery(builder, clock), None)
     log.acc_bias = builder.attempt("XKF2", lambda: acc_bias(builder, clock), None)
     log.onboard_gyro_bias = builder.attempt(
-        "The onboard gyro bias", lambda: gyro_bias.gyro_bias(builder, clock, values, imu), None
+        "The onboard gyro bias", lambda: ekf.gyro_bias(builder, clock, values, imu), None
     )
     log.onboard_vibration = builder.attempt("VIBE", lambda: vibration(builder, clock, imu), None)
     log.clippings = builder.attempt("Clipping", lambda: clipping.clippings(builder, clock), [])
+    log.innovation_tests = builder.attempt("Test ratios", lambda: ekf.innovation_tests(builder, clock, values), [])
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
     log.remedies = builder.attempt("Remedies", lambda: remedies.of(values), log.remedies)
     log.compass_switches = remedies.compass_switches(values)

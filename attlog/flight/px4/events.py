@@ -10,16 +10,16 @@ import numpy as np
 
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder
-from attlog.flight.model import Problem
+from attlog.flight.model import InnovationTest, Problem
+from attlog.flight.px4.gyro_bias import selected
 from attlog.flight.px4.imus import stamps
 
-REJECTED_S = 1.0
-"""Rejected for this long without a break: single outliers are what the test is for."""
 RATIOS = {
-    "mag_test_ratio": ("compass", "A disturbed or badly calibrated compass, or a wrong heading."),
-    "vel_test_ratio": ("velocity", "Bad GNSS, vibration, or a wrong attitude."),
-    "pos_test_ratio": ("horizontal position", "Bad GNSS, vibration, or a wrong attitude."),
-    "hgt_test_ratio": ("height", "A drifting barometer or vibration."),
+    "mag_test_ratio": "compass",
+    "vel_test_ratio": "velocity",
+    "pos_test_ratio": "position",
+    "hgt_test_ratio": "height",
+    "tas_test_ratio": "airspeed",
 }
 FAULTS = (
     "compass x",
@@ -54,27 +54,6 @@ def _estimator(builder: LogBuilder) -> None:
         return
     table = table.rows(builder.near(stamps(table)))
     t = builder.seconds(stamps(table))
-    for column, (what, cause) in RATIOS.items():
-        if column not in table:
-            continue
-        ratio = builder.within(table.value(column), physics.TEST_RATIO, f"estimator_status.{column}")
-        spans = _longer(t, ratio > 1.0, REJECTED_S)
-        if spans:
-            seconds = sum(b - a for a, b in spans)
-            worst = float(np.nanmax(ratio[ratio > 1.0]))
-            text = f"The EKF rejected its {what} for {seconds:.0f} s in all, by up to {worst:.1f} times its limit"
-            builder.problems.append(
-                Problem(
-                    f"rejected_{column.partition('_')[0]}",
-                    "warning",
-                    f"{text} ({column}).",
-                    t=spans[0][0],
-                    count=len(spans),
-                    value=round(worst, 2),
-                    unit="",
-                    cause=cause,
-                )
-            )
     if "filter_fault_flags" in table:
         flags = table["filter_fault_flags"].astype(np.int64)
         if flags.any():
@@ -106,8 +85,18 @@ def _failsafe(builder: LogBuilder) -> None:
         )
 
 
-def _longer(t: np.ndarray, bad: np.ndarray, least: float) -> list[tuple[float, float]]:
-    """Spans (t0, t1) in s of consecutive bad records (n,) that last at least so long."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(np.int8), [0]])))
-    pairs = [(float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return [(a, b) for a, b in pairs if b - a >= least]
+def innovation_tests(builder: LogBuilder) -> list[InnovationTest]:
+    """The test ratios of the instance that flew longest, one for each aid."""
+    instance = selected(builder)
+    table = builder.messages.tables.get(("estimator_status", instance))
+    if table is None or len(table) < 2:
+        return []
+    table = table.rows(builder.near(stamps(table)))
+    t = builder.seconds(stamps(table))
+    found = []
+    for column, aid in RATIOS.items():
+        if column in table:
+            source = f"estimator_status:{instance}.{column}"
+            ratio = np.asarray(builder.within(table.value(column), physics.TEST_RATIO, source), np.float64)
+            found.append(InnovationTest(aid, t, ratio, source))
+    return found

@@ -58,6 +58,7 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
         "The onboard gyro bias", lambda: gyro_bias.gyro_bias(builder, log.replay_imu), None
     )
     log.clippings = builder.attempt("Clipping", lambda: clipping.clippings(builder), [])
+    log.innovation_tests = builder.attempt("Test ratios", lambda: events.innovation_tests(builder), [])
     events.report(builder)
     told = {n: v for n in log.params if (v := log.param(n)) is not None}
     log.remedies = builder.attempt("Remedies", lambda: remedies.of(told), log.remedies)

@@ -39,6 +39,10 @@ CHECKS = {
     ),
     "attitude jumps": Explanation(RESET),
     "coverage": Explanation("coverage", as_warning="note"),
+    "rejected velocity": Explanation(ESTIMATOR, cause="Bad GNSS, vibration, or a wrong attitude."),
+    "rejected position": Explanation(ESTIMATOR, cause="Bad GNSS, vibration, or a wrong attitude."),
+    "rejected height": Explanation(ESTIMATOR, cause="A drifting barometer or vibration."),
+    "rejected airspeed": Explanation(ESTIMATOR, cause="A blocked or badly calibrated airspeed sensor."),
 }
 REPORTS = {
     "reference_contradicted": KIND,
@@ -47,9 +51,6 @@ REPORTS = {
     "ekf_check": ESTIMATOR,
     "ekf_failsafe": ESTIMATOR,
     "ekf_fault": ESTIMATOR,
-    "rejected_vel": ESTIMATOR,
-    "rejected_pos": ESTIMATOR,
-    "rejected_hgt": ESTIMATOR,
 }
 """What readers and autopilot say of it, by code."""
 BY_FORCE = ("gravity direction", "gravity in flight", "vertical force", "trim")

@@ -31,6 +31,9 @@ CHECKS = {
     "field against attitude": Explanation(
         KIND, cause="A disturbed or badly calibrated compass, or an attitude that turns away.", fault="compass"
     ),
+    "rejected compass": Explanation(
+        KIND, cause="A disturbed or badly calibrated compass, or a wrong heading.", fault="compass"
+    ),
     "declination": Explanation(
         KIND,
         as_warning="note",
@@ -42,14 +45,7 @@ CHECKS = {
     ),
 }
 """By the name of the check, the one that leads among equals first."""
-REPORTS = {
-    "rejected_mag": KIND,
-    "mag_spikes": KIND,
-    "mag_uncalibrated": KIND,
-    "err_3_1": KIND,
-    "err_3_4": KIND,
-    "compass_switch": KIND,
-}
+REPORTS = {"mag_spikes": KIND, "mag_uncalibrated": KIND, "err_3_1": KIND, "err_3_4": KIND, "compass_switch": KIND}
 """What readers and autopilot say of it, by code."""
 MISSING = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
 """What a reader says of a compass that is not there says it all."""

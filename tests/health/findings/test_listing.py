@@ -71,8 +71,8 @@ def test_the_worst_stands_first(log: FlightLog) -> None:
 def test_one_compass_is_one_finding_and_its_size_leads(log: FlightLog) -> None:
     checks = [check("declination"), check("field against attitude"), check("field", value=70.0)]
     jump = Check("attitude jumps", "fault", "Heading jumped.", 20.0, "deg", t=9.0, about="heading")
-    report = Problem("rejected_mag", "warning", "Rejected.", t=3.0)
-    (one,) = findings(log, [*checks, jump], [report])
+    rejected = Check("rejected compass", "warning", "Rejected.", t=3.0)
+    (one,) = findings(log, [*checks, jump, rejected])
     assert (one.kind, one.text, one.value, one.t) == ("compass", "field is off.", 70.0, None)
     assert one.evidence == ["field against attitude is off.", "declination is off.", "Heading jumped.", "Rejected."]
 
@@ -94,8 +94,8 @@ def test_who_believed_a_wrong_field_accuses_no_heading(log: FlightLog) -> None:
 
 def test_what_vibration_explains_is_its_evidence_from_its_onset_on(log: FlightLog) -> None:
     clipped = Event("clipping", 36.0, "warning", "Clipped.", 40.0, 400.0, "samples")
-    early, late = (Problem("rejected_vel", "warning", f"Rejected at {t}.", t=t) for t in (12.0, 38.0))
-    found = {f.kind: f for f in findings(log, [check("vibration", t=36.0)], [early, late], events=[clipped])}
+    early, late = (Check("rejected velocity", "warning", f"Rejected at {t}.", t=t) for t in (12.0, 38.0))
+    found = {f.kind: f for f in findings(log, [check("vibration", t=36.0), early, late], events=[clipped])}
     assert found["vibration"].text == "Clipped."
     assert set(found["vibration"].evidence) == {"vibration is off.", "Rejected at 38.0."}
     assert found["estimator"].text == "Rejected at 12.0."

@@ -1,9 +1,12 @@
-"""Which gyro bias does ArduPilot's own EKF take off the gyro that is replayed?
+"""ArduPilot's own EKF: the bias that it takes off the replayed gyro, and the test ratios of its aids.
 
 GX, GY, GZ of XKF1 and NKF1 are deg/s in body axes (ArduPilot's list of log messages, and
 FMTU since 3.6), to be subtracted; IMU, GYR, IMT and RISI are logged before. EKF1 is left
 out: ArduPilot commit ac2e5f6 (October 2014) changed its unit from deg/min to deg/s under
 the same format, which no record of the time tells apart.
+
+SV, SP, SH, SM and SVT of XKF4 and NKF4, and of EKF4 before Copter 3.4, are the roots of the test ratios in hundredths
+in all eras; the format's scale takes these out ("c" in the FMT record). Above 1 the EKF rejects.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import primary_core, unit_of_core, units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.inertial import longest_held
-from attlog.flight.model import Imu, Stream
+from attlog.flight.model import Imu, InnovationTest, Stream
 from attlog.formats.base import Messages, Table
 
 COLUMNS = ("GX", "GY", "GZ")
@@ -53,3 +56,44 @@ def cores(messages: Messages, family: str) -> dict[int, Table]:
     if second is not None:
         found.setdefault(1, second)
     return {core: table for core, table in found.items() if all(c in table for c in COLUMNS)}
+
+
+RATIOS = {"SM": "compass", "SV": "velocity", "SP": "position", "SH": "height", "SVT": "airspeed"}
+BY_AXIS = ("SMX", "SMY", "SMZ")
+"""Of the compass in EKF4."""
+
+
+def innovation_tests(builder: LogBuilder, clock: Clock, values: dict[str, float]) -> list[InnovationTest]:
+    """The ratios of the core that was primary longest, one for each aid; none where another estimator flew."""
+    table, source = flown(builder, clock, values.get("AHRS_EKF_TYPE"))
+    if table is None or len(table) < 2:
+        return []
+    stamps = clock.of(table)
+    near = builder.near(stamps)
+    table, t = table.rows(near), builder.seconds(stamps[near])
+    found = []
+    for column, aid in RATIOS.items():
+        name = f"{source}.{column}"
+        if column in table:
+            ratio = table.value(column)
+        elif column == "SM" and all(c in table for c in BY_AXIS):
+            ratio = np.max([table.value(c) for c in BY_AXIS], axis=0)
+        else:
+            continue
+        found.append(InnovationTest(aid, t, np.asarray(builder.within(ratio, physics.TEST_RATIO, name)), name))
+    return found
+
+
+def flown(builder: LogBuilder, clock: Clock, ekf: float | None) -> tuple[Table | None, str]:
+    """The records of the core that flew, with their name; before 4.0 the second core wrote NKF9 or XKF9."""
+    messages = builder.messages
+    family, t_us, cores = primary_core(messages, clock, ekf)
+    if not family:
+        return (messages.first("EKF4"), "EKF4") if ekf is None else (None, "")
+    if family not in FAMILIES.get(ekf, ()):
+        return None, ""
+    core = longest_held(t_us, cores) or 0
+    table = units(messages, f"{family}F4").get(core)
+    if table is None and core == 1:
+        return messages.first(f"{family}F9"), f"{family}F9"
+    return table, f"{family}F4:{core}"
