@@ -270,7 +270,7 @@ def _replayable(builder: LogBuilder, unit: ImuCandidate, logging: LoggingAdvice)
         builder.problem(
             "imu_low_rate",
             "warning",
-            f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and quick movements are coarse. "
+            f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and steps are coarse. "
             f"{logging.advice('fast_imu', unit.rate)}",
         )
     return True

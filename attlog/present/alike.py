@@ -20,7 +20,7 @@ def alike(result: Result, equations: bool = True) -> list[str]:
 def likeness_sentence(group: Duplicates, names: list[str]) -> str:
     """The sentence for one group."""
     which = listed(names)
-    values = [f"{name} ({', '.join(_short(v) for v in told)})" for name, told in group.differ.items()]
+    values = [f"{name} ({', '.join(_short(v) for v in own)})" for name, own in group.differ.items()]
     if group.by == "attitudes":
         but = f" in spite of {listed(values)}" if values else ""
         return f"{which} give the same attitudes in this log{but}: here they are one filter."

@@ -22,8 +22,8 @@ def caption(verdict: Verdict) -> str:
     }.get(verdict.question, "")
 
 
-def shown_unranked(verdict: Verdict) -> set[str]:
-    """Rows (by id) whose bar is pale: shown, not ranked."""
+def not_ranked(verdict: Verdict) -> set[str]:
+    """Rows (by id) whose bar is pale: not ranked."""
     return {name for name, reason in verdict.not_judged if not reason.startswith(SITUATIONS)}
 
 

@@ -1,4 +1,4 @@
-"""Who has a value in a column, who was compared, who is best, who is worst: told once for table, sentences and bars."""
+"""Who has a value in a column, who was compared, who is best, who is worst: once for table, sentences and bars."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class RankedValue:
 
     @property
     def shown(self) -> bool:
-        """Whether a card has a bar for it: filters and what flew; other onboard rows stand in the table."""
+        """Whether a card has a bar for it: filters and the onboard attitude; other onboard rows stand in the table."""
         return self.replay or self.row.name == "onboard"
 
     @property
@@ -66,7 +66,7 @@ class RankedValue:
         return low, high
 
     @property
-    def told(self) -> bool:
+    def significant(self) -> bool:
         """Whether the interval excludes zero."""
         return self.answer.ci95 is not None and not self.ends[0] <= 0.0 <= self.ends[1]
 
@@ -84,9 +84,9 @@ class MissingValue:
 class ColumnRanking:
     """One metric in one window: rows with a value, the least first, and rows without.
 
-    ``best`` are the rows that no row is told apart from as better, empty where that is
+    ``best`` are the rows that no row is significantly better than, empty where that is
     everybody (too close to rank) or where one row stands alone; ``worst`` is the one
-    that is worst. The baseline and what flew are among ``judged`` and never in these.
+    that is worst. The baseline and the onboard attitude are among ``judged`` and never in these.
     """
 
     metric: str
@@ -108,7 +108,7 @@ class ColumnRanking:
 
     @property
     def onboard(self) -> RankedValue | None:
-        """The attitude that flew, unless this column compares all rows with it."""
+        """The onboard attitude, unless this column compares all rows with it."""
         by_itself = self.metric.startswith(BY_ITSELF)
         return next((j for j in self.judged if j.row.name == "onboard" and (by_itself or not j.row.is_reference)), None)
 
@@ -137,7 +137,7 @@ def contest(result: Result, metric: str, windows: tuple[str, ...]) -> ColumnRank
 
 
 def why_unranked(judged: RankedValue) -> str:
-    """Why a value is shown and not ranked."""
+    """Why a value is not ranked."""
     if is_baseline(judged.row):
         return THE_BASELINE
     if judged.row.status != "ok":

@@ -1,4 +1,4 @@
-"""By which heading reference the drift in the air is told."""
+"""Which heading reference the drift in the air is quoted against."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "course")
 
 
 def quoted_heading_reference(result: Result) -> str:
-    """The heading reference by which drift in the air is told, whatever it ranks.
+    """The heading reference that drift in the air is quoted against, whatever it ranks.
 
     The first of QUOTED by which any replayed row has a value; truth also where it tells nothing.
     """

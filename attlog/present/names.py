@@ -20,7 +20,7 @@ def row_name(row: EstimatorRow) -> str:
 
 
 def name_in_sentence(row: EstimatorRow) -> str:
-    """The same without commas, so that names can stand in a row: ``Mahony Xu 0.6``; what flew is ``Onboard``."""
+    """The same without commas, so that names can stand in a row: ``Mahony Xu 0.6``, ``Onboard``."""
     return "Onboard" if row.name == "onboard" else _named(row, " ")
 
 
@@ -129,17 +129,17 @@ CODES = {
     "lag_at_edge": ("not a pure delay", "not pure"),
     "rate_too_low": ("rate too low", "low rate"),
     "record_too_short": ("too short", "short"),
-    "too_uncertain": ("tells nothing", "unsure"),
+    "too_uncertain": ("too uncertain", "unsure"),
     "part_failed": ("failed", "bug"),
 }
 """What a cell without a value says, by code, and the same in at most 9 letters; the sentence stands beside it."""
 
 NOT_JUDGED = {
-    "not_a_pure_delay": "wrong angle in the movement",
-    "lag_at_edge": "wrong angle in the movement",
+    "not_a_pure_delay": "wrong angle in the step",
+    "lag_at_edge": "wrong angle in the step",
     "too_few_events": "too few steps",
     "not_covered": "not comparable",
-    "too_uncertain": "too uncertain to tell",
+    "too_uncertain": "too uncertain",
     "diverged": "diverged",
     "not_converged": "did not settle",
     "failed": "failed",

@@ -93,12 +93,12 @@ def source_folder() -> Path | None:
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
-        told = json.loads(distribution("attlog").read_text("direct_url.json") or "{}").get("url", "")
+        url = json.loads(distribution("attlog").read_text("direct_url.json") or "{}").get("url", "")
     except (PackageNotFoundError, ValueError):  # run without an installation, or one that tells something else
-        told = ""
+        url = ""
     folders = [Path(__file__).parents[2]]
-    if told.startswith("file:"):
+    if url.startswith("file:"):
         from urllib.request import url2pathname
 
-        folders.append(Path(url2pathname(urlsplit(told).path)))
+        folders.append(Path(url2pathname(urlsplit(url).path)))
     return next((folder for folder in folders if (folder / "hatch_build.py").is_file()), None)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from statistics import median
 from typing import Any
 
-from attlog.present.cards import caption, lead_and_tail, reasons, shown_unranked
+from attlog.present.cards import caption, lead_and_tail, not_ranked, reasons
 from attlog.present.numbers import quantity
 from attlog.report.look import Look
 from attlog.result import Verdict
@@ -31,14 +31,14 @@ def card(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
     kept = bars
     if len(bars) > BARS:
         kept = [*bars[: BARS - 2], *[b for b in bars[BARS - 2 : -1] if b[0] == "onboard"], bars[-1]]
-    unranked = shown_unranked(verdict)
+    unranked = not_ranked(verdict)
     middle = median(abs(v) for _, v, _ in kept) if kept else 0.0
     ranked = {name for name, _, _ in kept if name not in unranked and not look[name].lost}
     low, high = span(
         [v for name, v, _ in kept if name in ranked or abs(v) <= FAR * middle],
         FULL_BAR_MS if verdict.question == "lag" else 0.0,
     )
-    pale = "; pale: shown, not ranked" if any(name in unranked for name, _, _ in kept) else ""
+    pale = "; pale: not ranked" if any(name in unranked for name, _, _ in kept) else ""
     return {
         "id": verdict.question,
         "title": verdict.title,

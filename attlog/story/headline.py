@@ -123,7 +123,7 @@ def _end(log: FlightLog, segments: Segments, events: Sequence[Event], sound: boo
         return [f"{said_}; nothing else went wrong." if sound and not warned else f"{said_}."]
     if has_open_end(events):
         return ["The log ends in the air."]
-    cannot = "Blows cannot be told." if segments.spans("airborne") and _too_slow(log) else ""
+    cannot = "Blows cannot be determined." if segments.spans("airborne") and _too_slow(log) else ""
     if sound and not warned and segments.spans("airborne"):
         return [cannot or "Nothing went wrong."]
     return [cannot, ""] if cannot else [""]

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 
-from attlog.present.cards import shown_unranked
+from attlog.present.cards import not_ranked
 from attlog.present.names import name_in_sentence
 from attlog.present.numbers import below, number, quantity
 from attlog.present.table.table import main_table
@@ -16,7 +16,7 @@ from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP,
 PHASES = {"at rest": "rest", "in hover": "hover", "in moving flight": "cruise", "with motors idling": "idle"}
 NO_ANSWER = ("Cannot be judged", "No filter can be ranked", "No filter's lag can be judged")
 CODE = re.compile(
-    r"\b[a-z]+_[a-z_]+\b|[a-z]@|\bdeg\b|\bNone\b(?! of)|\bnan\b|\+-|-0\.0|\b1 \w+(?:s|es) \w+ed\b|\b1 quick movements"
+    r"\b[a-z]+_[a-z_]+\b|[a-z]@|\bdeg\b|\bNone\b(?! of)|\bnan\b|\+-|-0\.0|\b1 \w+(?:s|es) \w+ed\b|\b1 steps"
 )
 NUMBER = re.compile(r"[−+]?<?\d[\d,]*(?:\.\d+)?(?=°|°/min| ms| %|(?: to [−+]?<?\d[\d.,]*)(?:°|\)| %|;)|\))")
 COUNT = re.compile(r"(\d+) of (\d+) filters")
@@ -29,7 +29,7 @@ def contradictions(result: Result) -> list[str]:
     for verdict in result.verdicts:
         said = verdict.sentence
         rules = [*superlatives(result, verdict), *bounds(result, verdict), *figures(result, verdict)]
-        rules += untold(result, verdict) if verdict.question == "yaw_drift" else []
+        rules += undetermined(result, verdict) if verdict.question == "yaw_drift" else []
         rules += [*answered(result, verdict), *bars(result, verdict), *heading_references(result, verdict)]
         odd = CODE.finditer(" ".join([said, *verdict.notes]))
         rules += [f"code or id in words: {m[0]!r}" for m in odd if m[0] not in messages]
@@ -59,8 +59,8 @@ def superlatives(result: Result, verdict: Verdict) -> Iterator[str]:
     for clause in re.split(r"(?<=[.;]) (?=[A-Z0-9a-z])", said):
         for kind, metric, window in claims(verdict, clause, said):
             best, worst = marked(result.best, window, metric), marked(result.worst, window, metric)
-            head = clause[: clause.find(kind)] if kind not in ("least: ",) else clause[clause.find(kind) :]
-            head = re.sub(r"^.*after a movement ", "", head)
+            head = clause[: clause.find(kind)] if kind not in ("Least: ",) else clause[clause.find(kind) :]
+            head = re.sub(r"^.*after a step ", "", head)
             named, counted = rows_in(result, head), COUNT.search(head)
             compared = marked(result.ranked, window, metric)
             if kind in WORST:
@@ -74,12 +74,12 @@ def superlatives(result: Result, verdict: Verdict) -> Iterator[str]:
                     yield f"{named} called least off, ranking says {best}"
             elif named != best - {"gyro"}:
                 yield f"{named} called best, ranking says {best}"
-    if "told apart from the others" in said.split(". ")[0] and marked(result.best, verdict.window, verdict.metric):
+    if "No significant difference" in said.split(". ")[0] and marked(result.best, verdict.window, verdict.metric):
         yield "called too close although the ranking marks some"
 
 
 def before_the_first_worse(result: Result, metric: str, window: str, best: set[str]) -> set[str]:
-    """The best rows with smaller values than all rows that are told to be worse."""
+    """The best rows with smaller values than all rows that are significantly worse."""
     values = {
         row.name: answer.value
         for row in result.estimators
@@ -93,7 +93,8 @@ def before_the_first_worse(result: Result, metric: str, window: str, best: set[s
     return {name for name, value in values.items() if name in best and value <= least_worse}
 
 
-WORST = ("is farthest", "agrees least", "wanders most", "lags most", "drifts most")
+BEST = ("is closest", "are closest", "agrees best", "agree best", "has the least noise", "have the least noise")
+WORST = ("is farthest", "agrees least", "has the most noise", "lags most", "drifts most")
 
 
 def claims(verdict: Verdict, clause: str, said: str) -> Iterator[tuple[str, str, str]]:
@@ -106,13 +107,21 @@ def claims(verdict: Verdict, clause: str, said: str) -> Iterator[tuple[str, str,
     if verdict.question == "yaw_drift":
         rest = "In the air against" not in said[: said.find(clause) + len(clause)]
         metric, window = (DRIFT_REST, "rest") if rest else (drift_metric(said), "airborne")
-    for words in ("is closest", "are closest", "agrees best", "agree best", "wanders least", "wander least", *WORST):
+    for words in (
+        "is closest",
+        "are closest",
+        "agrees best",
+        "agree best",
+        "has the least noise",
+        "have the least noise",
+        *WORST,
+    ):
         if words in clause:
             yield words, metric, window
     if verdict.question == "lag" and (m := re.search(r"(?:is|are) least off", clause)):
         yield m[0], STEP, verdict.window
-    if verdict.question == "yaw_drift" and "least: " in clause:
-        yield "least: ", metric, window
+    if verdict.question == "yaw_drift" and "Least: " in clause:
+        yield "Least: ", metric, window
     if verdict.question == "noise" and " least," in clause:
         phase = next((p for words, p in PHASES.items() if clause.lower().startswith(words)), None)
         if phase:
@@ -128,7 +137,7 @@ def drift_metric(said: str) -> str:
 
 
 def bounds(result: Result, verdict: Verdict) -> Iterator[str]:
-    """A row of which nothing is told stays below the number that is said, by both ends of its interval."""
+    """A row without significance stays below the number that is said, by both ends of its interval."""
     said = verdict.sentence
     unit, metric = {"lag": ("ms", LAG), "yaw_drift": ("deg/min", "")}.get(verdict.question, ("", ""))
     for part in re.split(r"(?=In the air against)", said):
@@ -142,23 +151,23 @@ def bounds(result: Result, verdict: Verdict) -> Iterator[str]:
             compared = row.name in marked(result.ranked, window, column) and row.estimator != "gyro"
             if not compared or answer is None or answer.value is None or answer.ci95 is None:
                 continue
-            told = not answer.ci95[0] <= 0 <= answer.ci95[1]
+            sure = not answer.ci95[0] <= 0 <= answer.ci95[1]
             if column == LAG:
-                told = told and abs(answer.value) > answer.counts_as_zero_below
-            if not told and max(map(abs, answer.ci95)) > float(stated[-1].replace(",", "")) + 1e-9:
+                sure = sure and abs(answer.value) > answer.counts_as_zero_below
+            if not sure and max(map(abs, answer.ci95)) > float(stated[-1].replace(",", "")) + 1e-9:
                 yield f"{row.name} can be {max(map(abs, answer.ci95)):.3g}, said to be less than {stated[-1]}"
 
 
-def untold(result: Result, verdict: Verdict) -> Iterator[str]:
-    """A row of which it cannot be told has no value, and neither bound nor drift is said of it."""
-    for m in re.finditer(r"it cannot be told of ([^:]*):", verdict.sentence):
+def undetermined(result: Result, verdict: Verdict) -> Iterator[str]:
+    """A row that cannot be determined has no value, and neither bound nor drift is said of it."""
+    for m in re.finditer(r"[Cc]annot be determined for ([^:]*):", verdict.sentence):
         part = next(p for p in re.split(r"(?=In the air against)", verdict.sentence) if m[0] in p)
         column = drift_metric(part) if part.startswith("In the air against") else DRIFT_REST
         for name in rows_in(result, m[1]):
             row = next(r for r in result.estimators if r.name == name)
             answer = row.metrics.get("airborne" if column != DRIFT_REST else "rest", {}).get(column)
             if answer is None or answer.code != "too_uncertain":
-                yield f"{name} could be told"
+                yield f"{name} could be determined"
 
 
 def figures(result: Result, verdict: Verdict) -> Iterator[str]:
@@ -219,7 +228,7 @@ def bars(result: Result, verdict: Verdict) -> Iterator[str]:
     at = [i for i, c in enumerate(table.columns) if (c.metric, c.window) == (verdict.metric, verdict.window)]
     if verdict.bars and not at:
         yield "bars without a column"
-    pale = shown_unranked(verdict)
+    pale = not_ranked(verdict)
     for row, cells in table.rows if at else []:
         cell, bar = cells[at[0]], next((b for b in verdict.bars if b[0] == row.name), None)
         if bar is None:

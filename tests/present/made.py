@@ -47,7 +47,7 @@ def lag(value: float, half: float = 1.0, floor: float = 2.0) -> Metrics:
     return {"airborne": {LAG: answer(value, "ms", "airborne", half, counts_as_zero_below=floor)}}
 
 
-def impure(reason: str = "follows 51 % of the movement") -> Metrics:
+def impure(reason: str = "follows 51 % of the step") -> Metrics:
     """A row whose movement is no pure delay."""
     return {"airborne": {LAG: missing("not_a_pure_delay", reason, "ms", "airborne")}}
 

@@ -12,13 +12,13 @@ from tests.present.made import TILT, row, sentence, tilt, verdict
 from tests.present.made import result as made
 
 
-def test_against_truth_tilt_and_heading_are_told_with_who_is_farthest_and_what_flew():
+def test_against_truth_tilt_and_heading_are_said_with_who_is_farthest_and_what_flew():
     rows = [row("vqf", tilt(1.2, 1.6)), row("ekf12", tilt(3.7, 13.7)), row("mahony", tilt(1.7, 4.0))]
     rows.append(row("onboard", tilt(0.9, 0.92)))
     found = made(rows, {TILT: ["vqf"], HEAD: ["vqf", "mahony"]}, {TILT: "ekf12", HEAD: "ekf12"}, "truth")
     assert sentence("accuracy", found) == (
         "VQF is closest in tilt to the logged truth: 1.2° (1.1 to 1.3). EKF12 is farthest: 3.7° (3.3 to 4.1). "
-        "In heading VQF and Mahony are closest, not told apart: 1.6° and 4.0°. "
+        "In heading VQF and Mahony are closest: 1.6° and 4.0° (not significant). "
         "EKF12 is farthest: 13.7° (12.3 to 15.1). "
         "Onboard: 0.90°, heading 0.92°."
     )
@@ -36,10 +36,10 @@ def test_against_onboard_it_is_agreement_and_the_heading_is_shown_but_not_ranked
     )
 
 
-def test_filters_that_are_not_told_apart_are_not_named():
+def test_filters_that_do_not_differ_significantly_are_not_named():
     found = made([row("vqf", tilt(1.2)), row("mahony", tilt(3.7)), row("ekf12", tilt(2.0))])
     assert sentence("accuracy", found) == (
-        "No filter is told apart from the others in tilt against onboard (agreement, not truth): 1.2° to 3.7°."
+        "No significant difference in tilt against onboard (agreement, not truth): 1.2° to 3.7°."
     )
 
 
@@ -109,7 +109,7 @@ def test_against_the_smoother_its_sigma_is_named_and_what_flew_is_judged():
     rows = [row("vqf", tilt(1.2)), row("mahony", tilt(3.7)), row("onboard", tilt(18.2))]
     assert sentence("accuracy", against_smoother(rows, onboard="fault")) == (
         "VQF is closest in tilt to the smoother (sigma 0.12°): 1.2° (1.1 to 1.3). "
-        "Mahony is farthest: 3.7° (3.3 to 4.1). Onboard: 18.2°; it is the wrong one here."
+        "Mahony is farthest: 3.7° (3.3 to 4.1). Onboard: 18.2°; it is in error here."
     )
     for verdict_on_onboard in ("ok", "warning"):  # a warning asks for a look, it calls nothing wrong
         assert sentence("accuracy", against_smoother(rows, onboard=verdict_on_onboard)).endswith("Onboard: 18.2°.")
@@ -157,4 +157,4 @@ def test_errors_that_are_shown_alike_are_all_the_same_and_what_has_no_compass_ha
     said = sentence("accuracy", made(rows))
     assert "tilt errors are all 2.1° against" in said
     assert "Heading errors are all 0.40°" in said
-    assert said.endswith(" Without a compass they know no north: each one's offset at the start was taken off.")
+    assert said.endswith(" Without a compass they know no north: each heading counts from the start.")

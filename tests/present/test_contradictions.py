@@ -32,7 +32,7 @@ COLUMNS = (
     (f"{DRIFT_AIR}.mag", "deg/min", "airborne"),
 )
 REASON = {"ok": "", "diverged": "tilt error above 30 deg", "failed": "returned NaN from 0.0 s on"}
-WHY = {"no_rest": "the vehicle never stood still", "no_events": "no quick movement", "record_too_short": "8 s"}
+WHY = {"no_rest": "the vehicle never stood still", "no_events": "no step", "record_too_short": "8 s"}
 
 
 @st.composite
@@ -40,7 +40,7 @@ def answers(draw: st.DrawFn, metric: str, unit: str, window: str) -> Answer:
     """Any answer of a column: a value with or without an interval, ranked or not, or none."""
     if draw(st.integers(0, 4)) == 0:
         code = draw(st.sampled_from(sorted(WHY) + (["not_a_pure_delay"] if metric == LAG else [])))
-        return missing(code, WHY.get(code, "follows 51 % of the movement"), unit, window)
+        return missing(code, WHY.get(code, "follows 51 % of the step"), unit, window)
     low = -300.0 if unit in ("ms", "deg/min", "%") else 0.0
     value = draw(st.floats(low, 300.0)) * draw(st.sampled_from([1.0, 0.1, 0.01, 0.001]))
     half = draw(st.floats(0.0, 100.0)) * draw(st.sampled_from([1.0, 0.1, 0.01]))

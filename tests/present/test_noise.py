@@ -11,22 +11,22 @@ from tests.present.made import result as made
 def test_one_leader_is_named_beside_its_tilt_error_and_the_worst_after_it():
     rows = [row("ekf12", merged(noise(0.047), tilt(3.1))), row("vqf", noise(0.2)), row("mahony", noise(0.5))]
     assert sentence("noise", made(rows, {NOISE: ["ekf12"]}, {NOISE: "mahony"})) == (
-        "EKF12 wanders least: 0.047° (1 sigma within 5 s; 0.042 to 0.052) at rest; its tilt error is 3.1°. "
-        "Mahony wanders most: 0.50° (0.45 to 0.55)."
+        "EKF12 has the least noise: 0.047° (1 sigma within 5 s; 0.042 to 0.052) at rest. Its tilt error is 3.1°. "
+        "Mahony has the most noise: 0.50° (0.45 to 0.55)."
     )
 
 
-def test_several_leaders_are_not_told_apart_and_nobody_is_worst_unless_the_ranking_says_so():
+def test_several_leaders_do_not_differ_significantly_and_nobody_is_worst_unless_the_ranking_says_so():
     rows = [row("ekf12", noise(0.047)), row("vqf", noise(0.06)), row("mahony", noise(0.5)), row("madgwick", noise(0.4))]
     assert sentence("noise", made(rows, {NOISE: ["ekf12", "vqf"]})) == (
-        "EKF12 and VQF wander least, not told apart: 0.047° and 0.060° (1 sigma within 5 s) at rest."
+        "EKF12 and VQF have the least noise: 0.047° and 0.060° (1 sigma within 5 s) at rest (not significant)."
     )
 
 
 def test_where_everybody_is_best_nobody_is_named():
     rows = [row(n, noise(v)) for n, v in (("ekf12", 0.047), ("vqf", 0.06), ("mahony", 0.08), ("madgwick", 0.09))]
     assert sentence("noise", made(rows)) == (
-        "No filter is told apart from the others: 0.047° to 0.090° (1 sigma within 5 s) at rest."
+        "No significant difference: 0.047° to 0.090° (1 sigma within 5 s) at rest."
     )
 
 
@@ -55,7 +55,7 @@ def test_a_phase_in_which_nothing_is_ranked_does_not_lead():
 def test_the_gyro_alone_is_never_quietest():
     rows = [row("gyro", noise(0.001)), row("vqf", noise(0.01)), row("mahony", noise(0.09))]
     found = verdict("noise", made(rows, {NOISE: ["gyro", "vqf"]}))
-    assert found.sentence.startswith("VQF wanders least: 0.010°")
+    assert found.sentence.startswith("VQF has the least noise: 0.010°")
     assert [name for name, _, _ in found.bars] == ["gyro", "vqf", "mahony"]
 
 
@@ -65,7 +65,7 @@ def test_a_row_that_was_not_compared_is_not_named_and_says_why():
         row("vqf", noise(0.01)),
     ]
     found = verdict("noise", made([*rows, row("mahony", noise(0.09))], {NOISE: ["vqf"]}))
-    assert found.sentence.startswith("VQF wanders least")
+    assert found.sentence.startswith("VQF has the least noise")
     assert ("frozen", "does not follow motion: gain 0.1") in found.not_judged
 
 

@@ -34,7 +34,7 @@ def test_a_gyro_that_reads_wrong_standing_still_is_said_by_every_card():
             "Do not rely on this, the gyro is wrong: at rest −24.34, −23.28, 2.62°/s about x, y, z. "
         )
     made.gyro_bias = [CommonBias("rest", "rest", dps=[-24.2, -24.1, 2.5])]
-    assert not any(found.sentence.startswith("Do not rely") for found in verdicts(made)), "it was taken off"
+    assert not any(found.sentence.startswith("Do not rely") for found in verdicts(made)), "it was subtracted"
     made.estimators[0].status = "not_judged"
     assert sentence("noise", made).startswith("Do not rely")
     made.audit[0].verdict = "warning"

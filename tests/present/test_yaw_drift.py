@@ -10,18 +10,18 @@ from tests.present.made import DRIFT_AIR, DRIFT_REST, absent, drift, merged, row
 from tests.present.made import result as made
 
 
-def test_a_drift_is_told_where_its_interval_excludes_zero_however_wide_it_is():
+def test_a_drift_is_significant_where_its_interval_excludes_zero_however_wide_it_is():
     rows = [row("a", drift(254.5, 40.0)), row("b", drift(0.02))]
     assert sentence("yaw_drift", made(rows)) == (
-        "At rest, A drifts +254.5°/min (+214.5 to +294.5); none is told of B: less than 0.12°/min."
+        "At rest, A drifts +254.5°/min (+214.5 to +294.5). No significant drift of B: less than 0.12°/min."
     )
 
 
 def test_others_are_bounded_by_the_larger_end_of_their_intervals_never_less():
     rows = [row("a", drift(0.02, 0.1)), row("b", drift(-0.05, 0.1234))]
-    assert sentence("yaw_drift", made(rows)) == "At rest, no drift is told of A and B: less than 0.18°/min."
+    assert sentence("yaw_drift", made(rows)) == "At rest, no significant drift of A and B: less than 0.18°/min."
     assert sentence("yaw_drift", made([row("a", drift(0.1, 0.2)), row("b", drift(3.0, 9.0))])) == (
-        "At rest, no drift is told of A and B: less than 0.30°/min to 12.0°/min, depending on the filter."
+        "At rest, no significant drift of A and B: less than 0.30°/min to 12.0°/min."
     )
 
 
@@ -29,7 +29,7 @@ def test_most_and_least_come_from_the_ranking():
     rows = [row("a", drift(-4.8)), row("b", drift(2.0)), row("c", drift(0.0))]
     found = made(rows, {DRIFT_REST: ["c"]}, {DRIFT_REST: "a"})
     assert sentence("yaw_drift", found) == (
-        "At rest, A drifts most: −4.8°/min (−4.9 to −4.7); B +2.0°/min; none is told of C: less than 0.10°/min."
+        "At rest, A drifts most: −4.8°/min (−4.9 to −4.7); B +2.0°/min. No significant drift of C: less than 0.10°/min."
     )
     assert "A and B drift: −4.8°/min and +2.0°/min" in sentence("yaw_drift", made(rows))
 
@@ -71,7 +71,7 @@ def test_a_rate_that_changes_is_said():
 def test_rows_that_diverged_are_named_last_with_their_drift_and_never_least():
     rows = [row("a", drift(1.0)), row("lost", drift(0.01, 0.001), status="diverged"), row("b", drift(2.0))]
     found = verdict("yaw_drift", made(rows))
-    assert found.sentence.endswith("; Lost, which diverged, +0.01°/min (+0.01 to +0.01).")
+    assert found.sentence.endswith(". Lost, which diverged, +0.01°/min (+0.01 to +0.01).")
     assert [name for name, _, _ in found.bars] == ["a", "b", "lost"]
 
 
@@ -102,17 +102,17 @@ def test_the_part_that_is_not_answered_is_explained():
     assert verdict("yaw_drift", made([row("a", air)])).not_judged == [("a", "at rest, no rest")]
 
 
-def test_filters_whose_drift_tells_nothing_are_named_apart_with_the_reason():
+def test_filters_whose_drift_is_not_determined_are_named_apart_with_the_reason():
     unsure = absent(f"{DRIFT_AIR}.onboard", "airborne", "too_uncertain", "34 s, too noisy to see even 60 deg/min")
     rows = [row("a", drift(1.0, 2.0, against="onboard")), row("b", unsure)]
     assert sentence("yaw_drift", made(rows)) == (
-        "In the air against onboard (agreement, not truth), no drift is told of A: less than 3.0°/min; "
-        "it cannot be told of B: 34 s, too noisy to see even 60°/min."
+        "In the air against onboard (agreement, not truth), no significant drift of A: less than 3.0°/min. "
+        "Cannot be determined for B: 34 s, too noisy to see even 60°/min."
     )
     assert sentence("yaw_drift", made([row("b", unsure)])) == ("Cannot be judged: 34 s, too noisy to see even 60°/min.")
 
 
-def test_truth_is_quoted_also_where_nothing_can_be_told_by_it():
+def test_truth_is_quoted_also_where_nothing_can_be_determined_by_it():
     rows = [
         row(
             "a",
@@ -129,7 +129,7 @@ def test_what_flew_drifts_at_rest_also_where_it_is_the_reference():
 
 def test_least_is_left_out_where_it_repeats_who_is_bounded_or_only_counts():
     rows = [row("a", drift(-4.8)), row("b", drift(0.0)), row("c", drift(0.01))]
-    assert "least" not in sentence("yaw_drift", made(rows, {DRIFT_REST: ["b", "c"]}))
+    assert "Least" not in sentence("yaw_drift", made(rows, {DRIFT_REST: ["b", "c"]}))
     rows += [row("d", drift(0.5)), row("e", drift(0.02))]
-    assert sentence("yaw_drift", made(rows, {DRIFT_REST: ["b", "c", "d"]})).endswith("; least: B, C and D.")
-    assert "least" not in sentence("yaw_drift", made(rows, {DRIFT_REST: ["b", "c", "d", "e"]}))
+    assert sentence("yaw_drift", made(rows, {DRIFT_REST: ["b", "c", "d"]})).endswith(". Least: B, C and D.")
+    assert "Least" not in sentence("yaw_drift", made(rows, {DRIFT_REST: ["b", "c", "d", "e"]}))

@@ -48,9 +48,7 @@ def row(name: str, i: int, **changes: object) -> EstimatorRow:
     drift = (-1.2, -0.43, -0.14, 0.16, -0.05)[i % 5]
     bent = i % 5 == 1
     lag_answer = (
-        missing(
-            "not_a_pure_delay", "follows 51 % of the movement; a delay fitted to that means nothing", "ms", "airborne"
-        )
+        missing("not_a_pure_delay", "follows 51 % of the step; a delay fitted to that means nothing", "ms", "airborne")
         if bent
         else answer(lag, "ms", "airborne", 1.5)
     )

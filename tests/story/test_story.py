@@ -78,7 +78,7 @@ SAID = {
         "43 to 303 s",
         "11 m and 25°",
         "upright",
-        "Blows cannot be told",
+        "Blows cannot be determined",
     ],
     "copter_3.3dev_118.BIN": ["three flights from 8 s", "165.7 s", "4.6 g", "crashed again at 300.7 s", "7.2 g"],
 }

@@ -26,7 +26,8 @@ BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
 GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
 """A record makes one group for each 10 s, 4 at least and 12 at most."""
 MIN_BLOCKS = 3
-RESOLUTION = Resolution(60.0, "the 60 deg/min that an uncalibrated gyro turns by", "seconds")
+RESOLUTION = Resolution(60.0, "60 deg/min", "seconds")
+"""An uncalibrated gyro turns by as much: 1 deg/s."""
 
 
 @dataclass(slots=True)

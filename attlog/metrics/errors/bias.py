@@ -30,7 +30,7 @@ METRICS: tuple[Metric, ...] = (
             shows at rest, averaged over windows of 5 s (one window where the rest is shorter) once the filter has
             settled. Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
         ),
-        resolution=Resolution(1.0, "the 1 deg/s that an uncalibrated gyro is off by", "windows"),
+        resolution=Resolution(1.0, "1 deg/s", "windows"),
         asked="rest",
     ),
 )

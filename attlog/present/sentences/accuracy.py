@@ -24,7 +24,7 @@ from attlog.result import Result, Verdict
 
 TILT, HEADING = "inclination_rmse_deg", "heading_rmse_deg"
 ONBOARD_CHECKS = ("onboard against smoother", "onboard against truth")
-"""The checks that say whether the onboard attitude is the wrong one."""
+"""The checks that say whether the onboard attitude is in error."""
 
 
 def accuracy_verdict(result: Result) -> Verdict:
@@ -102,12 +102,12 @@ def alike(judged: list[RankedValue]) -> str:
 
 
 def flew(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
-    """The errors of what flew, where something better is the reference, and whether it is the wrong one."""
+    """The errors of what flew, where something better is the reference, and whether it is in error."""
     if tilt.onboard is None:
         return ""
     wrong = any(check.name in ONBOARD_CHECKS and check.verdict == "fault" for check in result.audit)
     beside = f", heading {heading.onboard.text}" if heading.onboard else ""
-    return f" Onboard: {tilt.onboard.text}{beside}{'; it is the wrong one here' if wrong else ''}."
+    return f" Onboard: {tilt.onboard.text}{beside}{'; it is in error here' if wrong else ''}."
 
 
 def heading_part(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
@@ -115,7 +115,7 @@ def heading_part(result: Result, tilt: ColumnRanking, heading: ColumnRanking) ->
     if heading.ranked:
         words = QuestionWords("is closest", "are closest", "is farthest", "alone can be compared")
         if not heading.best and len(heading.ranked) > 1:
-            return f" No heading is told apart from the others: {values(heading.ranked, named=False)}."
+            return f" No significant difference in heading: {values(heading.ranked, named=False)}."
         return f" In heading {leading(heading, words)}.{last(heading, words)}"
     leaders = tilt.best or tilt.ranked
     beside = [j for j in (heading.of(leader.row) for leader in leaders) if j is not None]
@@ -128,10 +128,10 @@ def heading_part(result: Result, tilt: ColumnRanking, heading: ColumnRanking) ->
 
 
 def no_north(result: Result, heading: ColumnRanking) -> str:
-    """That headings of filters without a compass are compared with their offset taken off."""
+    """That headings of filters without a compass are compared with their offset subtracted."""
     if not heading.filters or any(row.uses_mag for row in result.estimators if row.kind == "replay"):
         return ""
-    return " Without a compass they know no north: each one's offset at the start was taken off."
+    return " Without a compass they know no north: each heading counts from the start."
 
 
 def against_north(result: Result) -> str:

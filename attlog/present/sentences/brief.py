@@ -70,7 +70,7 @@ def _lag(lag: ColumnRanking) -> BriefAnswer:
     """Which lags are measurable, the largest first, and below which bound all others are."""
     if not lag.ranked:
         return _unranked(lag)
-    moved = [j for j in lag.ranked if j.told and abs(j.value) > zero_below(j)][::-1]
+    moved = [j for j in lag.ranked if j.significant and abs(j.value) > zero_below(j)][::-1]
     rest = [j for j in lag.ranked if j not in moved]
     steps = counted(max(j.answer.n for j in lag.ranked), "step")
     text = _significant(moved, rest)
@@ -84,9 +84,9 @@ def _yaw_drift(result: Result) -> BriefAnswer:
     where, found = ("At rest", rest) if rest.ranked or not air.ranked else ("In flight", air)
     if not found.ranked:
         return _unranked(rest if rest.filters or not air.filters else air)
-    told = [j for j in found.ranked if j.told][::-1]
-    still = [j for j in found.ranked if not j.told]
-    return BriefAnswer(f"{where} {_significant(told, still)}.", _onboard(found))
+    drifting = [j for j in found.ranked if j.significant][::-1]
+    still = [j for j in found.ranked if not j.significant]
+    return BriefAnswer(f"{where} {_significant(drifting, still)}.", _onboard(found))
 
 
 def _compared(found: ColumnRanking) -> str:
@@ -102,11 +102,11 @@ def _compared(found: ColumnRanking) -> str:
     return f"{leaders}, {rest}" if others else leaders
 
 
-def _significant(told: list[RankedValue], still: list[RankedValue]) -> str:
+def _significant(beyond: list[RankedValue], still: list[RankedValue]) -> str:
     """Rows whose value is significant, and what all others stay below."""
-    parts = [_span(told)] if told else []
+    parts = [_span(beyond)] if beyond else []
     if still:
-        who = still[0].name if len(still) == 1 else f"{'' if told else 'all '}{len(still)} filters"
+        who = still[0].name if len(still) == 1 else f"{'' if beyond else 'all '}{len(still)} filters"
         parts.append(f"{who} below {bound(still)}")
     return "; ".join(parts)
 
@@ -120,7 +120,7 @@ def _span(judged: list[RankedValue]) -> str:
 
 
 def _onboard(found: ColumnRanking) -> str:
-    """What the attitude that flew did, unless all were compared with it."""
+    """The value of the onboard attitude, unless all were compared with it."""
     return f"Onboard {found.onboard.text}." if found.onboard is not None else ""
 
 

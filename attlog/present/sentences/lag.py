@@ -1,4 +1,4 @@
-"""How late, and how wrong, is a filter in a step? The lag of each row, and the angle it is off after a movement."""
+"""How much does a filter lag in a step? The lag of each row, and the angle it is off afterwards."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LAG = "lag_ms"
 STEP_DEG, STEP_PCT, AFTER = "step_error_deg.0.5s", "step_error_pct.0.5s", "0.5 s"
 NOT_PURE = ("not_a_pure_delay", "lag_at_edge")
 WRONG_PCT = 10.0
-"""From this share of the movement on a filter is called short of it or beyond it."""
+"""From this share of the step on a filter is called short of it or beyond it."""
 ONE_SAMPLE = (0.8, 1.2)
 SLOW_IMU_S = 0.015
 """Lags of one sample are said to be that where samples are further apart than this."""
@@ -25,7 +25,7 @@ SHOWN_DELAY_MS = 0.5
 
 
 def lag_verdict(result: Result) -> Verdict:
-    """The verdict on quick movements: who is late, and who shows a wrong angle afterwards."""
+    """The verdict on steps: who lags, and who shows a wrong angle afterwards."""
     lag, step = contest(result, LAG, AIR), contest(result, STEP_DEG, AIR)
     impure = [a for a in lag.absent if a.code in NOT_PURE and a.row.kind == "replay" and not is_baseline(a.row)]
     if lag.ranked:
@@ -36,28 +36,28 @@ def lag_verdict(result: Result) -> Verdict:
     elif lag.filters or impure:
         sentence = f"No filter's lag can be judged: {why_not(lag)}.{onboard_lag(lag)}{step_part(result, step)}"
     else:
-        sentence = cannot(result, lag.absent, "the flight holds too few quick movements (3 per axis are needed)")
+        sentence = cannot(result, lag.absent, "the flight holds too few steps (3 per axis are needed)")
     return Verdict("lag", "Lag", sentence, LAG, lag.window, bars(lag), left_out(lag), notes(result, lag))
 
 
 def says(result: Result, lag: ColumnRanking) -> str:
     """Who lags by its interval and by how much, else below which bound none does."""
     ranked = lag.ranked
-    slow = [j for j in ranked if j.told and j.value > zero_below(j)]
-    early = [j for j in ranked if j.told and j.value < -zero_below(j)]
+    slow = [j for j in ranked if j.significant and j.value > zero_below(j)]
+    early = [j for j in ranked if j.significant and j.value < -zero_below(j)]
     rest = [j for j in ranked if j not in slow and j not in early]
-    against = f"against {against_whom(result)} in {count(max(j.answer.n for j in ranked), 'quick movement')}"
+    against = f"against {against_whom(result)} in {count(max(j.answer.n for j in ranked), 'step')}"
     parts = []
     if slow:
         parts.append(f"{lagging(result, lag, slow)} {against}")
     if early:
         parts.append(ahead(result, early, ranked, "" if slow else f" {against}"))
     if rest and parts:
-        who = some(rest, len(ranked)) if len(rest) <= NAMED else f"The other {len(rest)} filters"
-        parts.append(f"{who} {'is' if len(rest) == 1 else 'are'} not measurably late: less than {bound(rest)}")
+        who = some(rest, len(ranked)) if len(rest) <= NAMED else f"the other {len(rest)} filters"
+        parts.append(f"No significant lag of {who}: less than {bound(rest)}")
     elif rest:
-        who = f"{rest[0].name} is not" if len(rest) == 1 else f"None of {len(rest)} filters is"
-        parts.append(f"{who} measurably late: less than {bound(rest)} {against}")
+        who = rest[0].name if len(rest) == 1 else f"{len(rest)} filters"
+        parts.append(f"No significant lag of {who}: less than {bound(rest)} {against}")
     return ". ".join(parts) + "."
 
 
@@ -67,7 +67,7 @@ def zero_below(judged: RankedValue) -> float:
 
 
 def lagging(result: Result, lag: ColumnRanking, slow: list[RankedValue]) -> str:
-    """Rows that are told late, the latest first; "most" only for the row that the ranking finds worst."""
+    """Rows that lag significantly, the largest first; "most" only for the row that the ranking finds worst."""
     slowest = slow[::-1]
     if len(slow) == 1:
         return f"{slow[0].name} lags by {slow[0].text}{slow[0].interval}{sample(result, slow[0])}"
@@ -87,23 +87,20 @@ def sample(result: Result, judged: RankedValue) -> str:
 
 
 def ahead(result: Result, early: list[RankedValue], ranked: list[RankedValue], against: str) -> str:
-    """Rows that come before what they are compared with: if all filters do, that itself is late."""
+    """Rows that come before what they are compared with: if all filters do, that itself lags."""
     who = some(early, len(ranked))
     text = f"{who} {'is' if len(early) == 1 else 'are'} ahead: {values(early)}{against}"
     flew = result.reference is not None and result.reference.choice == "onboard"
-    return f"{text}, so the onboard attitude is the late one" if flew and len(early) == len(ranked) > 1 else text
+    return f"{text}. The onboard attitude itself lags" if flew and len(early) == len(ranked) > 1 else text
 
 
 def impure_part(names: list[str], result: Result) -> str:
-    """Whose lag cannot be told because it goes through the movement in another shape."""
+    """Whose lag cannot be determined, because it goes through the step in another shape."""
     if not names:
         return ""
     called = [j.name for j in contest(result, STEP_DEG, AIR).judged if j.row.name in names]
     who = counted(called) if len(called) == len(names) else count(len(names), "filter")
-    verb = "does" if len(names) == 1 else "do"
-    return (
-        f" {who} {verb} not follow as a pure delay would, so {'its' if len(names) == 1 else 'their'} lag is not told."
-    )
+    return f" Lag cannot be determined for {who}: not a pure delay."
 
 
 def onboard_lag(lag: ColumnRanking) -> str:
@@ -113,25 +110,25 @@ def onboard_lag(lag: ColumnRanking) -> str:
 
 
 def step_part(result: Result, step: ColumnRanking) -> str:
-    """How wrong the angle is after a movement: who is short of it, and how far the others are off."""
+    """How wrong the angle is after a step: who is short of it, and how far the others are off."""
     filters = [j for j in step.filters if j.row.status == "ok"]
     if not filters:
         return ""
     percent = {j.row.name: share(j, step.window) for j in filters}
     wrong = [j for j in filters if abs(percent[j.row.name]) >= WRONG_PCT][::-1]
     best = {j.row.name for j in step.best}
-    least = list(takewhile(lambda j: j.row.name in best, filters))  # one behind a worse row is only not told apart
+    least = list(takewhile(lambda j: j.row.name in best, filters))  # one behind a worse row is only not significant
     others = [j for j in filters if j not in wrong and j not in least]
     parts = [still(wrong, percent, len(filters))] if wrong else []
     if least:
         are = "is" if len(least) == 1 else "are"
         parts.append(f"{some(least, len(filters))} {are} least off, {values(least)}")
     parts += [off(others, all_of_them=not wrong and not least)] if others else []
-    return f" {AFTER} after a movement {'; '.join(parts)}."
+    return f" {AFTER} after a step {'; '.join(parts)}."
 
 
 def still(wrong: list[RankedValue], percent: dict[str, float], of: int) -> str:
-    """Rows that show too little or too much of the movement, the largest error first."""
+    """Rows that show too little or too much of the step, the largest error first."""
     if len(wrong) > NAMED:
         shares = sorted(abs(percent[j.row.name]) for j in wrong)
         ends = f"{number(shares[0], '%')} to {quantity(shares[-1], '%')}"
@@ -145,13 +142,13 @@ def still(wrong: list[RankedValue], percent: dict[str, float], of: int) -> str:
 
 
 def share(judged: RankedValue, window: str) -> float:
-    """The error as a signed share of the movement, %; 0 where it is not told."""
+    """The error as a signed share of the step, %; 0 where it is not known."""
     answer = judged.row.metrics.get(window, {}).get(STEP_PCT)
     return 0.0 if answer is None or answer.value is None else answer.value
 
 
 def short(percent: float) -> str:
-    """How much of the movement is missing or too much."""
+    """How much of the step is missing or too much."""
     return f"{quantity(abs(percent), '%')} {'short' if percent < 0 else 'too far'}"
 
 
@@ -164,8 +161,8 @@ def off(judged: list[RankedValue], *, all_of_them: bool) -> str:
 
 def notes(result: Result, lag: ColumnRanking) -> list[str]:
     """The delay of the logged sensors, which is no filter's fault."""
-    told = [row.metrics.get(lag.window, {}).get(LAG) for row in result.estimators if row.kind == "replay"]
-    delays = [a.taken_out for a in told if a is not None and a.taken_out is not None]
+    answers = [row.metrics.get(lag.window, {}).get(LAG) for row in result.estimators if row.kind == "replay"]
+    delays = [a.taken_out for a in answers if a is not None and a.taken_out is not None]
     if not delays:
         return []
     delay = max(delays, key=abs)

@@ -1,4 +1,4 @@
-"""How much does a filter wander by itself? Its noise at rest, else in hover, in other flight, with motors idling."""
+"""How much does a filter move by itself? Its noise at rest, else in hover, in other flight, with motors idling."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ SIGMA = "1 sigma within 5 s"
 WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
 """Phases in words; flight other than hover is ``cruise``."""
 
-WORDS = QuestionWords("wanders least", "wander least", "wanders most", "is the only filter to be ranked")
+WORDS = QuestionWords(
+    "has the least noise", "have the least noise", "has the most noise", "is the only filter to be ranked"
+)
 
 
 def noise_verdict(result: Result) -> Verdict:
@@ -34,7 +36,7 @@ def noise_verdict(result: Result) -> Verdict:
 
 
 def says(result: Result, ranked: list[ColumnRanking]) -> str:
-    """Who wanders least in the first phase, what its tilt is worth, who wanders most, then the other phases."""
+    """Who has the least noise in the first phase, with its tilt error, who the most, then the other phases."""
     lead = ranked[0]
     text = leading(lead, WORDS, SIGMA, f" {WHERE[lead.window]}") + tilt_errors(result, lead) + "."
     text += last(lead, WORDS)
@@ -43,13 +45,13 @@ def says(result: Result, ranked: list[ColumnRanking]) -> str:
 
 
 def tilt_errors(result: Result, lead: ColumnRanking) -> str:
-    """The tilt error of who wanders least: a filter may be quiet and wrong."""
+    """The tilt error of who has the least noise: a filter may be quiet and wrong."""
     tilt = contest(result, TILT, AIR)
     leaders = lead.best or (lead.ranked if len(lead.ranked) == 1 else [])
     errors = [j for j in (tilt.of(leader.row) for leader in leaders) if j is not None]
     if not errors:
         return ""
-    return f"; its tilt error is {errors[0].text}" if len(errors) == 1 else f"; their tilt errors are {values(errors)}"
+    return f". Its tilt error is {errors[0].text}" if len(errors) == 1 else f". Their tilt errors are {values(errors)}"
 
 
 def clause(found: ColumnRanking) -> str:
@@ -57,7 +59,7 @@ def clause(found: ColumnRanking) -> str:
     if len(found.ranked) == 1:
         return f"{found.ranked[0].name} {found.ranked[0].text}"
     if not found.best:
-        return f"not told apart, {values(found.ranked, named=False)}"
+        return f"no significant difference, {values(found.ranked, named=False)}"
     return f"{some(found.best, len(found.ranked))} least, {values(found.best)}"
 
 

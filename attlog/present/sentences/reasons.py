@@ -32,12 +32,12 @@ def cannot(result: Result, without: list[MissingValue], nothing: str) -> str:
 
 
 def undetermined(found: ColumnRanking) -> str:
-    """Whose value leaves too much open, and why: ``it cannot be told of Madgwick: ...``; empty for nobody."""
+    """Whose value leaves too much open, and why: ``cannot be determined for Madgwick: ...``; empty for nobody."""
     unsure = [a for a in found.absent if a.code == TOO_UNCERTAIN and a.row.status == "ok"]
     rows = [a for a in unsure if a.row.kind == "replay" and not is_baseline(a.row)]
     if not rows:
         return ""
-    return f"it cannot be told of {counted([name_in_sentence(a.row) for a in rows])}: {commonest(rows)[1]}"
+    return f"cannot be determined for {counted([name_in_sentence(a.row) for a in rows])}: {commonest(rows)[1]}"
 
 
 def switch(result: Result, code: str) -> str:
@@ -47,11 +47,11 @@ def switch(result: Result, code: str) -> str:
 
 
 def commonest(without: list[MissingValue]) -> tuple[str, str]:
-    """Code and reason that most filters give; the baseline, what flew and what does not apply only without others."""
+    """Code and reason that most filters give; the baseline and onboard rows count only without others."""
     filters = [a for a in without if a.row.kind == "replay" and not is_baseline(a.row)]
-    given = [(a.code, why_absent(a.row, a.reason)) for a in filters or without]
-    reasons = Counter((code, reason) for code, reason in given if reason and code != "not_applicable")
-    reasons = reasons or Counter((code, reason) for code, reason in given if reason)
+    said = [(a.code, why_absent(a.row, a.reason)) for a in filters or without]
+    reasons = Counter((code, reason) for code, reason in said if reason and code != "not_applicable")
+    reasons = reasons or Counter((code, reason) for code, reason in said if reason)
     if not reasons:
         return "", ""
     code, reason = reasons.most_common(1)[0][0]

@@ -15,7 +15,7 @@ SPOILING = {
 
 def spoiling(result: Result) -> Check | None:
     """The first bad check of a sensor that every filter lives on, None where both can be used: a gyro that is off
-    can where that was taken off and rows were judged all the same."""
+    can where that was subtracted and rows were judged all the same."""
     judged = all(row.status != "not_judged" for row in result.estimators)
     mended = judged and any(bias.dps is not None for bias in result.gyro_bias)
     bad = [check for check in result.audit if check.verdict == "fault" and check.name in SPOILING]

@@ -21,9 +21,9 @@ LOST = ("diverged", "not_converged", "failed")
 class QuestionWords:
     """The words of a question: verb phrases for one and several rows.
 
-    ``one`` and ``several`` follow names ("wanders least", "wander least"), ``last`` follows
+    ``one`` and ``several`` follow names ("has the least noise", "have the least noise"), ``last`` follows
     the name of the worst row, ``alone`` the only row that could be compared. ``close``
-    follows "No filter is told apart from the others".
+    follows "No significant difference".
     """
 
     one: str
@@ -45,9 +45,8 @@ def leading(found: ColumnRanking, words: QuestionWords, unit: str = "", where: s
         return f"{best[0].name} {words.one}: {single(best[0], unit)}{where}"
     noted = f" ({unit})" if unit else ""
     if best:
-        return f"{some(best, len(ranked))} {words.several}, not told apart: {values(best)}{noted}{where}"
-    who = "The two filters are not told apart" if len(ranked) == 2 else "No filter is told apart from the others"
-    return f"{who}{words.close}: {values(ranked, named=False)}{noted}{where}"
+        return f"{some(best, len(ranked))} {words.several}: {values(best)}{noted}{where} (not significant)"
+    return f"No significant difference{words.close}: {values(ranked, named=False)}{noted}{where}"
 
 
 def single(judged: RankedValue, unit: str = "") -> str:
@@ -57,7 +56,7 @@ def single(judged: RankedValue, unit: str = "") -> str:
 
 
 def last(found: ColumnRanking, words: QuestionWords) -> str:
-    """Who is worst, as a sentence after a blank; empty where nobody is told to be."""
+    """Who is worst, as a sentence after a blank; empty where nobody significantly is."""
     return f" {found.worst.name} {words.last}: {found.worst.text}{found.worst.interval}." if found.worst else ""
 
 
@@ -118,7 +117,7 @@ def bars(found: ColumnRanking) -> list[tuple[str, float, str]]:
 
 
 def onboard_part(found: ColumnRanking, *, interval: bool = False) -> str:
-    """What the attitude that flew did, as a short last sentence; empty where all were compared with it."""
+    """The value of the onboard attitude, as a short last sentence; empty where all were compared with it."""
     flew = found.onboard
     return f" Onboard: {flew.text}{flew.interval if interval else ''}." if flew is not None else ""
 

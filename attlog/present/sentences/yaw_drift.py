@@ -8,7 +8,7 @@ from typing import Any
 from attlog.present.contest import ColumnRanking, RankedValue, contest
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
 from attlog.present.names import NOT_JUDGED, against_heading
-from attlog.present.numbers import below, duration, moment, quantity
+from attlog.present.numbers import below, duration, listed, moment, quantity
 from attlog.present.numbers import counted as count
 from attlog.present.sentences.reasons import cannot, commonest, switch, undetermined, why_not
 from attlog.present.sentences.words import NAMED, bars, bound, counted, left_out, onboard_part, some, values
@@ -23,7 +23,7 @@ SITUATIONS = ("at rest", "in the air")
 
 
 def yaw_drift_verdict(result: Result) -> Verdict:
-    """The verdict on heading drift: told where the interval excludes zero, else bounded by its larger end."""
+    """The verdict on heading drift: significant where the interval excludes zero, else bounded by its larger end."""
     reference = quoted_heading_reference(result)
     rest = contest(result, DRIFT_REST, REST)
     air = contest(result, f"{DRIFT_AIR}.{reference}", AIR)
@@ -52,7 +52,7 @@ def has_value(found: ColumnRanking, name: str) -> bool:
 
 
 def says(result: Result, rest: ColumnRanking, air: ColumnRanking, reference: str) -> str:
-    """A sentence for each situation that can be told, else why none can."""
+    """A sentence for each situation that can be determined, else why none can."""
     in_air = f"In the air against {against_heading(reference)}"
     said = [
         drift_part(found, where) for found, where in ((rest, "At rest"), (air, in_air)) if found.ranked or found.filters
@@ -67,15 +67,14 @@ def says(result: Result, rest: ColumnRanking, air: ColumnRanking, reference: str
 
 def drift_part(found: ColumnRanking, where: str) -> str:
     """One situation: who drifts, below which bound the others stay, whose rests disagree, who lost its way."""
-    told = [j for j in found.ranked if j.told][::-1]
-    still = [j for j in found.ranked if not j.told]
-    parts = [drifts(found, told)] if told else []
+    significant = [j for j in found.ranked if j.significant][::-1]
+    still = [j for j in found.ranked if not j.significant]
+    parts = [drifts(found, significant)] if significant else []
     if still:
-        no = "no drift is told of" if len(still) > 1 or not told else "none is told of"
-        who = counted([j.name for j in still]) if len(still) <= 3 or told else f"any of {len(still)} filters"
-        parts.append(f"{no} {who}: less than {bounds(still)}")
+        who = f"{len(still)} filters" if len(still) > 2 else listed([j.name for j in still])
+        parts.append(f"no significant drift of {who}: less than {bounds(still)}")
     least = {j.row.name for j in found.best}
-    if told and 0 < len(least) <= NAMED and least != {j.row.name for j in still}:
+    if significant and 0 < len(least) <= NAMED and least != {j.row.name for j in still}:
         parts.append(f"least: {some(found.best, len(found.ranked))}")
     disagree = [j for j in found.filters if j.row.status == "ok" and j.answer.disagree is not None]
     if disagree:
@@ -87,18 +86,19 @@ def drift_part(found: ColumnRanking, where: str) -> str:
     parts += last_named([j for j in found.filters if j.row.status not in ("ok", "not_judged")])
     if not parts:
         parts = [f"no filter can be ranked: {why_not(found)}"]
-    return f"{where}, {'; '.join(parts)}.{onboard_part(found, interval=True)}"
+    text = ". ".join([f"{where}, {parts[0]}", *(part[:1].upper() + part[1:] for part in parts[1:])])
+    return f"{text}.{onboard_part(found, interval=True)}"
 
 
-def drifts(found: ColumnRanking, told: list[RankedValue]) -> str:
-    """Rows whose drift is told, the fastest first; "most" only for the row that the ranking finds worst."""
-    if len(told) == 1:
-        return f"{told[0].name} drifts {told[0].text}{told[0].interval}{changing(told[0])}"
-    if found.worst is not None and found.worst.row.name == told[0].row.name:
-        most, others = told[0], told[1:]
+def drifts(found: ColumnRanking, significant: list[RankedValue]) -> str:
+    """Rows with significant drift, the fastest first; "most" only for the row that the ranking finds worst."""
+    most, others = significant[0], significant[1:]
+    if not others:
+        return f"{most.name} drifts {most.text}{most.interval}{changing(most)}"
+    if found.worst is not None and found.worst.row.name == most.row.name:
         text = f"{most.name} drifts most: {most.text}{most.interval}{changing(most)}"
         return f"{text}; {some(others, len(found.ranked))} {values(others[::-1])}"
-    return f"{some(told, len(found.ranked))} drift: {values(told)}"
+    return f"{some(significant, len(found.ranked))} drift: {values(significant)}"
 
 
 def bounds(still: list[RankedValue]) -> str:
@@ -106,7 +106,7 @@ def bounds(still: list[RankedValue]) -> str:
     ends = sorted(max(map(abs, j.ends)) for j in still)
     if ends[-1] <= BOUNDS_DIFFER * ends[0]:
         return bound(still)
-    return f"{below(ends[0], 'deg/min')} to {below(ends[-1], 'deg/min')}, depending on the filter"
+    return f"{below(ends[0], 'deg/min')} to {below(ends[-1], 'deg/min')}"
 
 
 def changing(judged: RankedValue) -> str:
@@ -121,7 +121,7 @@ def signed(value: float) -> str:
 
 
 def spread(judged: list[RankedValue]) -> str:
-    """The range over rests that do not tell one drift."""
+    """The range over rests that do not agree."""
     ranges = [j.answer.disagree for j in judged if j.answer.disagree is not None]
     low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
     return f"{signed(low)} to {signed(high)}"

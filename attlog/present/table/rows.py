@@ -63,7 +63,7 @@ def is_ranked(result: Result, row: EstimatorRow, metric: str, window: str) -> bo
 
 
 def is_best(result: Result, row: EstimatorRow, metric: str, window: str) -> bool:
-    """Whether no row is told apart from this one as better, and at least one as worse."""
+    """Whether no row is significantly better than this one, and at least one significantly worse."""
     return not is_baseline(row) and row.name in result.best.get(window, {}).get(metric, ())
 
 

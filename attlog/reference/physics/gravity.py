@@ -57,10 +57,8 @@ def check(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[st
     text = f"{where} {reference.source} and gravity in the accelerometer differ by this tilt (median of {len(tilts)})"
     step = AlignmentStep("gravity_check", text, tilt, "deg", f"accelerometer {where}", False)
     if tilt > FAULT_DEG:
-        fault = (
-            f"{reference.source} disagrees with gravity {where} by {tilt:.0f} deg: it or the sensor's frame is wrong"
-        )
-        return f"{fault}, so agreement with it would mean nothing", [step]
+        fault = f"{reference.source} disagrees with gravity {where} by {tilt:.0f} deg"
+        return f"{fault}; it or the sensor's frame is wrong", [step]
     return _sometimes(reference, quiet), [step]
 
 
@@ -73,9 +71,8 @@ def _sometimes(reference: Reference, quiet: list[QuietSegment]) -> str:
         return ""
     worst = max(wrong, key=lambda q: q.tilt)
     return (
-        f"{reference.source} is wrong by {worst.tilt:.0f} deg {WHERE[worst.kind]} at {worst.t0:.0f} s, where the "
-        f"accelerometer shows {worst.force:.1f} m/s^2, near gravity, and {len(wrong)} of {len(sound)} times in all: "
-        "agreement with it would mean nothing"
+        f"{reference.source} is wrong by {worst.tilt:.0f} deg {WHERE[worst.kind]} at {worst.t0:.0f} s; the "
+        f"accelerometer shows {worst.force:.1f} m/s^2 there; so in {len(wrong)} of {len(sound)} such times"
     )
 
 

@@ -1,4 +1,4 @@
-"""How much lag: one movement like most, what all have in common, lags with intervals, response to the set-point."""
+"""How much lag: one step like most, what all have in common, lags with intervals, response to the set-point."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
 MOVED_STEP = 0.002
-"""Degrees per stored step of a single movement."""
+"""Degrees per stored step of a single step."""
 
 
 def steps(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[PageFigure]:
-    """Quick movements: one of them, all of them, lags as dots, set-point response."""
+    """Steps: one of them, all of them, lags as dots, set-point response."""
     figures = []
     if by.get("step"):
-        figures.append(one_movement(by["step"], names, store))
+        figures.append(one_step(by["step"], names, store))
     if by.get("steps"):
-        figures.append(all_movements(by["steps"], names))
+        figures.append(all_steps(by["steps"], names))
     dots = lag_dots(result, names)
     if dots:
         caption = (
-            "Line: lag with 95 % interval; small dots: single movements. Hollow: shown, not ranked. "
+            "Line: lag with 95 % interval; small dots: single steps. Hollow: not ranked. "
             "▶ beyond the figure. Grey: half an IMU sample either way."
         )
         rate = float((result.log.get("imu") or {}).get("rate_hz") or 0.0)
@@ -45,40 +45,38 @@ def steps(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result)
     return figures
 
 
-def one_movement(traces: list[Trace], names: Rows, store: Store) -> PageFigure:
-    """The representative movement: what set-point, reference and filters turned since its start."""
+def one_step(traces: list[Trace], names: Rows, store: Store) -> PageFigure:
+    """The representative step: what set-point, reference and filters turned since its start."""
     axis, _, at = traces[0].key.partition("@")
     lines = [{"r": names.index(t.row)} | stored(t, ("est", "ref", "set"), store, MOVED_STEP) for t in traces]
     when = f", at {moment(float(at), 1)}" if at else ""
-    title = f"One movement in {axis}{when}"
+    title = f"One step in {axis}{when}"
     wanted = any("set" in t.columns for t in traces)
-    caption = "The movement of middle size about the axis that moved most often. Black: reference"
+    caption = "The step of middle size about the axis that moved most often. Black: reference"
     caption += ", grey dashes: set-point. " if wanted else ". "
     caption += "Below: filter minus reference."
     data = {"axis": axis, "lines": lines} | ({"t": float(at)} if at else {})
     return PageFigure("step", "step", title, caption, 430, data)
 
 
-def all_movements(traces: list[Trace], names: Rows) -> PageFigure:
-    """Median and middle 80 % of every filter over all movements, the axis to be chosen."""
+def all_steps(traces: list[Trace], names: Rows) -> PageFigure:
+    """Median and middle 80 % of every filter over all steps, the axis to be chosen."""
     keys = list(dict.fromkeys(t.key for t in traces))
     views, called = [], []
     for key in keys:
         own = [t for t in traces if t.key == key]
         count = int(max(t.values.get("events", 0.0) for t in own))
-        called.append(f"{key} ({counted(count, 'movement')})" if count else key)
+        called.append(f"{key} ({counted(count, 'step')})" if count else key)
         lines = [{"r": names.index(t.row)} | {c: listed(t.columns[c]) for c in ("median", "low", "high")} for t in own]
         views.append({"x": listed(1e3 * own[0].t), "lines": lines})
-    caption = (
-        "All movements laid on their start, filter minus reference in % of the movement: median, and the band that "
-    )
-    caption += "holds 80 % of the movements."
-    title = "All movements together"
+    caption = "All steps laid on their start, filter minus reference in % of the step: median, and the band that "
+    caption += "holds 80 % of the steps."
+    title = "All steps together"
     return PageFigure("steps", "steps", title, caption, 360, {"views": views}, views=called)
 
 
 def lag_dots(result: Result, names: Rows) -> list[dict[str, Any]]:
-    """Lag of every row that has one: value, interval, single movements."""
+    """Lag of every row that has one: value, interval, single steps."""
     out = []
     for row in result.estimators:
         found = find(row, "lag_ms", AIR)

@@ -138,7 +138,7 @@ const draws = {
     const black = css('--e0'), x = ms(times(longest.t));
     traces.push(plain('reference', black, x, gaps(values(longest.y.ref)), { mode: x.length < 90 ? 'lines+markers' : 'lines', line: { color: black, width: 2.2 }, marker: { size: 5, color: black }, say: '°', at: ' ms' }));
     if (longest.y.set) traces.push(plain('set-point', black, x, gaps(values(longest.y.set)), { line: { color: css('--mu'), width: 2, dash: 'dash' }, say: '°', at: ' ms' }));
-    L.xaxis = axis('time from the start of the movement, ms', { anchor: 'y2' });
+    L.xaxis = axis('time from the start of the step, ms', { anchor: 'y2' });
     L.yaxis = axis(safe(short(f.axis, 110)) + ' change, °', { domain: [0.42, 1], range: fitted(traces, 'y', 1, true) });
     L.yaxis2 = axis('minus reference, °', { domain: [0, 0.34], nticks: 5, range: fitted(traces, 'y2', 0.5, true) });
     return leaving({ traces, layout: L });
@@ -150,8 +150,8 @@ const draws = {
       bands.push(trace(l.r, x, pick(l.low), Object.assign({}, edge, { name: name(l.r) + ', 10 %' })), trace(l.r, x, pick(l.high), Object.assign({}, edge, { name: name(l.r) + ', 90 %', fill: 'tonexty', fillcolor: faded(colour(l.r), 0.09) })));
       lines.push(trace(l.r, x, pick(l.median), { say: ' %', digits: 1, at: ' ms', line: line(l.r, 2) }));
     }
-    L.xaxis = axis('time from the start of the movement, ms', { range: [f.x[0], f.x[f.x.length - 1]] });
-    L.yaxis = axis('minus reference, % of the movement', { range: fitted(lines.concat(bands), 'y', 4, true) });
+    L.xaxis = axis('time from the start of the step, ms', { range: [f.x[0], f.x[f.x.length - 1]] });
+    L.yaxis = axis('minus reference, % of the step', { range: fitted(lines.concat(bands), 'y', 4, true) });
     const p = leaving({ traces: lines, layout: L });
     return { traces: bands.concat(p.traces), layout: L };
   },

@@ -28,7 +28,7 @@ const band = (a, b, fill) => ({ type: 'rect', xref: 'x', yref: 'paper', x0: a, x
 const bar = (x, color, dash) => ({ type: 'line', xref: 'x', yref: 'paper', x0: x, x1: x, y0: 0, y1: 1, line: { color, width: 1.2, dash }, layer: 'below' });
 const note = (x, text, more) => Object.assign({ x, y: 1, xref: 'x', yref: 'paper', yanchor: 'bottom', text, showarrow: false, font: { size: 11.5, color: css('--mu') } }, more || {});
 const MANY_MARKS = 80;
-// too many to be told apart are not drawn until the figure is zoomed
+// too many to be seen singly are not drawn until the figure is zoomed
 const few = (marks, range) => { const here = marks.filter((m) => (m.length > 2 ? m[1] : m[0]) >= range[0] && m[0] <= range[1]); return here.length > MANY_MARKS ? [] : here; };
 
 // rest, airborne, impact, gaps and resets behind a figure with flight time
@@ -75,7 +75,7 @@ function panels(id, f, columns, options) {
     let y = values(s.y[key]);
     if (opt && opt.map) y = y.map(opt.map);
     const own = Object.assign({ yaxis: i ? 'y' + (i + 1) : 'y' }, options.trace);
-    // more than 1.5 s in a pixel: nobody can see movements, lines would be a carpet
+    // more than 1.5 s in a pixel: nobody can see steps, lines would be a carpet
     if ((range[1] - range[0]) / width(id) > SPARSE_S) {
       const e = enveloped(times(s.t), y, range, width(id), opt && opt.wraps);
       traces.push(trace(s.r, e.bandX, e.bandY, Object.assign({}, own, { fill: 'toself', fillcolor: faded(colour(s.r), 0.08), line: { color: colour(s.r), width: 0 }, hoverinfo: 'skip', say: undefined })));

@@ -32,7 +32,7 @@ function reduced(t, y, range, pixels, wraps) {
   return [X, Y];
 }
 
-// Middle and band of smallest to largest value per three pixel columns, for ranges in which nobody can see movements.
+// Middle and band of smallest to largest value per three pixel columns, for ranges in which nobody can see steps.
 function enveloped(t, y, range, pixels, wraps) {
   const from = Math.max(at(t, range[0]) - 1, 0), to = Math.min(at(t, range[1]) + 1, t.length), n = Math.max(Math.round(pixels / 3), 50);
   const X = [], Y = [], bandX = [], bandY = [];

@@ -49,9 +49,9 @@ def test_the_reason_tells_a_record_that_is_too_short_from_one_that_is_too_noisy(
     short, noisy = answer(-90.0, 60.0), answer(-900.0, 60.0)
     withhold(definitions()[DRIFT], short)
     withhold(definitions()[DRIFT], noisy)
-    assert short.reason.startswith("34 s are too short to show even the 60 deg/min")
+    assert short.reason.startswith("34 s are too short to show even 60 deg/min")
     assert short.reason.endswith("; about 80 s are needed")  # 34 x 1.5^2
-    assert noisy.reason.startswith("34 s are too noisy to show even the 60 deg/min")
+    assert noisy.reason.startswith("34 s are too noisy to show even 60 deg/min")
     few = answer(-60.0, 20.0, "ms", n=4)
     withhold(definitions()["lag_ms"], few)
     assert few.reason.startswith("4 steps are too few to show even a lag of 50 ms")

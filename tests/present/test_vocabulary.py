@@ -1,0 +1,69 @@
+"""What people read of the sample logs uses the words of docs/nomenclature.md, in short sentences."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+import attlog
+from attlog.base.plain import plain
+from attlog.cli.shared.terminal import printed
+from attlog.result import Result
+from tests.conftest import SAMPLES
+
+FORBIDDEN = re.compile(
+    r"quick movement|told apart|\bbe told\b|\bis told\b|not told|taken off|takes off the gyro|attitude that flew|"
+    r"filter as it is|the wrong one|shown, not ranked|witness|hopeless"
+)
+LONGEST = 18
+"""Words of a sentence, or of what stands between semicolons; what stands in brackets does not count."""
+
+
+@functools.cache
+def analysed(name: str) -> Result:
+    """A sample log with three filters and no figures."""
+    return attlog.analyze(SAMPLES / name, {"estimators": ["mahony", "madgwick", "ekf12"]})
+
+
+def texts(value: Any) -> Iterator[str]:
+    """Every text in a document."""
+    if isinstance(value, dict):
+        for one in value.values():
+            yield from texts(one)
+    elif isinstance(value, list):
+        for one in value:
+            yield from texts(one)
+    elif isinstance(value, str):
+        yield value
+
+
+def words(sentence: str) -> list[int]:
+    """How many words each sentence or clause of a text has."""
+    bare = re.sub(r"\s*\([^()]*\)", "", sentence)
+    return [len(part.split()) for part in re.split(r"(?<=[.;])\s+", bare)]
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_yaw_turns.bin"])
+def test_old_words_stand_nowhere(name: str) -> None:
+    result = analysed(name)
+    document = plain(result) | {"definitions": result.definitions}
+    lines = [line.text for line in printed(result, "all", 1000, "utf-8", verbose=True)]
+    found = {text for text in (*texts(document), *lines) if FORBIDDEN.search(text)}
+    assert not found
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_yaw_turns.bin"])
+def test_sentences_of_the_answers_are_short(name: str) -> None:
+    long = [v.sentence for v in analysed(name).verdicts if max(words(v.sentence)) > LONGEST]
+    assert not long
+
+
+def test_the_rule_finds_what_was_said_before() -> None:
+    assert FORBIDDEN.search("EKF12 and VQF wander least, not told apart: 0.05°.")
+    assert FORBIDDEN.search("No gyro bias was taken off before the filters ran.")
+    assert max(words("so " * LONGEST + "long.")) == LONGEST + 1
+    assert words("A is closest (1.0 to 2.0 of many words). B is not; C is.") == [3, 3, 2]
