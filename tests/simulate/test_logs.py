@@ -30,8 +30,8 @@ def made(name: str, *settings: str, seed: int = 0) -> Flight:
 
 @pytest.fixture(scope="module")
 def flown() -> Flight:
-    """The first 45 s of the hover: at rest, armed, taken off."""
-    return made("hover", "seconds=45", *TWO)
+    """The first 30 s of the hover: at rest, armed, taken off."""
+    return made("hover", "seconds=30", *TWO)
 
 
 @pytest.fixture(scope="module")
