@@ -123,6 +123,7 @@ def estimate_batch(
 ) -> list[Estimate]:
     """One estimate for each parameter set of ``params``, in their order; arguments as in :func:`attlog.estimate`.
 
+    ``t`` (n,) s, ``gyr`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2, ``mag`` (n, 3) any unit, body axes; ``dt`` (n,) s.
     UsageError for unknown or impossible values.
     """
     if dtype not in WIDTH:

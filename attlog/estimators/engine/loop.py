@@ -103,7 +103,10 @@ def run(
     every: int = 1,
     aids: Aids | None = None,
 ) -> Estimate:
-    """The estimate of one filter on prepared samples; ``values`` are all parameters, resolved."""
+    """The estimate of one filter on prepared samples; ``values`` are all parameters, resolved.
+
+    ``q0`` (4,) body to true north starts the first segment; of every ``every``-th sample the output is kept.
+    """
     if estimator.run is not None:
         return _whole_segments(estimator, samples, values, q0, aids or Aids())
     params = estimator.pack(values)
@@ -318,7 +321,7 @@ def _try_plainly(estimator: Estimator) -> None:
 
 
 def end_to_end(parts: list[Array]) -> Array:
-    """Arrays joined; of one, the usual case, itself: in long logs a copy adds up."""
+    """Arrays (n, ...) joined along the first axis; of one, the usual case, itself: in long logs a copy adds up."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 

@@ -82,6 +82,8 @@ def prepare(
 ) -> PreparedSamples:
     """Cleaned samples for the kernels; the input is never changed. UsageError for wrong shapes.
 
+    ``t`` (n,) s ascending, ``gyr`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2, ``mag`` (n, 3) in any unit, NaN rows where there
+    is no new sample, all body axes (FRD); ``dt`` (n,) s a sample's own time of integration.
     ``lead``: whether :func:`handed` will be asked for the vectors of the sample before, which then need no copy.
     ``ours``: for filters that write to none of their inputs; the rate, and without ``lead`` the vectors, may then be
     the input itself.

@@ -99,7 +99,8 @@ def first_seconds(
 def initial_state(
     estimator: Estimator, seen: StartVectors, params: Array, values: Mapping[str, float | str], q0: ArrayLike | None
 ) -> Array:
-    """The state (float64) with which a segment starts; ``q0`` is the user's attitude."""
+    """The state (size,) with which a segment starts; ``params`` packed, ``q0`` (4,) the user's attitude, body to true
+    north."""
     attitude = start_attitude(seen.acc, seen.mag, declination_rad(values)) if q0 is None else _q0(q0, values)
     return _started(estimator, params, seen.acc, seen.mag, attitude)
 
@@ -187,6 +188,6 @@ def declination_rad(values: Mapping[str, float | str]) -> float:
 
 
 def to_true_north(q: Array, values: Mapping[str, float | str]) -> Array:
-    """Attitudes relative to true north: magnetic ones turned by the declination."""
+    """Attitudes (n, 4) relative to true north: magnetic ones ``q`` (n, 4) turned by the declination."""
     angle = declination_rad(values)
     return rotation.turn_about_down(q, angle) if angle else q

@@ -38,6 +38,7 @@ class UniformSamples:
 def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> UniformSamples:
     """The samples as they are where their spacing varies by under 5 %, else resampled at the median rate.
 
+    ``t`` (n,) s, ``gyr`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2, ``mag`` (n, 3) with NaN rows where it has no sample.
     Rates and specific forces are means over the interval before their time, so it is
     their integrals that are interpolated: no turn is lost.
     """

@@ -64,7 +64,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
 
 
 def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
-    """One part of a run, by itself."""
+    """One part of a run, by itself: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3), NaN where missing."""
     clock = time.thread_time()
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
     if inputs.velocity is None and inputs.position is None:
@@ -87,7 +87,7 @@ def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappi
 
 
 def inertial(inputs: Inputs, mag: Array) -> Estimate:
-    """Without GNSS: a body that does not fly away."""
+    """Without GNSS: a body that does not fly away; ``mag`` (n, 3), NaN where missing."""
     from attlog.estimators.filters.inertial.backward import smooth
 
     found = smooth(inputs.t, inputs.gyr, inputs.acc, mag)

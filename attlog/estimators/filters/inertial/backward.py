@@ -365,7 +365,7 @@ def quality(run: ForwardRecord, has_mag: bool, tilt: Array, heading: Array) -> d
 
 
 def short(t: Array, run: ForwardRecord, begin: int, clock: float) -> Estimate:
-    """A recording that ends within the alignment: its running solution, held before the first field."""
+    """A recording (``t`` (n,) s) that ends within the alignment: its running solution, held before sample ``begin``."""
     q = np.vstack([np.tile(run.q[:1], (begin, 1)), run.q]) if len(run.q) else np.empty((0, 4))
     tilt, heading = (np.full(len(t), sigma) for sigma in run.state[SIGMA : SIGMA + 2])
     return Estimate(

@@ -52,7 +52,8 @@ def smoothed_samples(found: Pass, inputs: Inputs) -> tuple[Array, Array]:
 
 
 def at_stamps(inputs: Inputs, q: Array, bias: Array) -> Array:
-    """Attitudes at the stamps from those at the times the samples were taken (a low-pass is late), by the gyro."""
+    """Attitudes (n, 4) at the stamps from ``q`` (n, 4) at the times the samples were taken, which a low-pass makes
+    earlier, turned by the gyro less ``bias`` (n, 3) rad/s."""
     if inputs.lag == 0.0:
         return q
     sensed, out = inputs.sensed_at, np.empty_like(q)
@@ -136,7 +137,7 @@ def quality_of_passes(solution: Solution) -> dict[str, float | str]:
 
 
 def own_sigma(tilt: Array, heading: Array) -> dict[str, float | str]:
-    """Root mean squares in deg of what a run says of its errors."""
+    """Root mean squares in deg of what a run says of its errors: ``tilt`` and ``heading`` (n,) rad, one sigma."""
     return {"sigma_tilt_deg": _rms_deg(tilt), "sigma_heading_deg": _rms_deg(heading)}
 
 

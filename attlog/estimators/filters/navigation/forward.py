@@ -139,7 +139,7 @@ SCRATCH = {
 
 
 def open_covariance(P: Any, kind: int, r: Any) -> None:
-    """Additive noise where an aid was refused for long."""
+    """Additive noise where an aid was refused for long; P (39 * ROW,) flat, ``r`` (3,) its residual."""
     for i in range(3):
         if kind == VELOCITY:
             P[(ROW + 1) * (V + i)] += r[i] * r[i]
@@ -173,7 +173,7 @@ def project(P: Any, count: int, wide: int, hi: Any, hv: Any, ph: Any) -> None:
 
 
 def along_row(i: int, wide: int, hi: Any, hv: Any, x: Any, at: int) -> float:
-    """Row i of an event times the vector that begins at ``at``."""
+    """Row i of an event, whose ``wide`` entries ``hv`` stand at states ``hi`` (3, WIDE), times x from ``at`` on."""
     total = 0.0
     for k in range(wide):
         total += hv[i, k] * x[at + hi[i, k]]
@@ -202,7 +202,7 @@ def shrink(P: Any, count: int, u: Any) -> None:
 
 
 def grow(P: Any, T: float, par: Any, rest: int) -> None:
-    """Process noise of an interval."""
+    """Process noise of an interval of ``T`` s into P (39 * ROW,); ``par`` see layout."""
     qg = 1e-12 if rest == 1 else par[Q_GYRO] * par[Q_GYRO]
     qa = par[Q_ACC_REST] * par[Q_ACC_REST] if rest == 1 else par[Q_ACC] * par[Q_ACC]
     for i in range(3):
@@ -252,7 +252,7 @@ def carry(
 
 
 def turned_sums(R: Any, L: Any, sums: Any, work: Any) -> None:
-    """The sums as they would be along the attitude L instead of R: turned by L R^T."""
+    """The sums (SUMS,) as they would be along the attitude L (3, 3) instead of R: turned by L R^T."""
     for block in range(7):
         at = SUM_A if block == 0 else SUM_D + (block - 1) % 3 + (9 if block > 3 else 0)
         step = 1 if block == 0 else 3

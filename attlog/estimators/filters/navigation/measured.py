@@ -92,7 +92,10 @@ class Inputs:
 
 
 def made_ready(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, declination: float, ahead: bool) -> Inputs:
-    """The inputs of one segment. ``declination`` rad; ``ahead``: whether levels may be taken from the whole run."""
+    """The inputs of one segment: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3) with NaN rows.
+
+    ``declination`` rad; ``ahead``: whether levels may be taken from the whole run.
+    """
     lag, lag_acc = aids.lag
     f = _filled(t, acc)
     if aids.sampling == "instant" and len(t) > 1:
@@ -129,8 +132,9 @@ def made_ready(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, declina
 
 
 def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-    """Which sample intervals lie in rest: with half a second of margin on both sides, and without.
+    """Which sample intervals (n,) lie in rest: with half a second of margin on both sides, and without.
 
+    ``t`` (n,) s, ``gyr`` (n, 3) rad/s, ``spans`` (k, 2) s in which the vehicle says that it stands.
     A span ends where the gyro contradicts it.
     """
     rest, still = np.zeros(len(t), bool), np.zeros(len(t), bool)
@@ -150,7 +154,10 @@ def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8]
 
 
 def gnss(aids: Aids, declination: float, t: Array, ahead: bool) -> tuple[Measurements | None, Measurements | None]:
-    """Velocity and position in local axes turned by the declination; the sigmas are shapes around one."""
+    """Velocity (m/s) and position (m) in local NED axes turned by the declination (rad); sigmas are shapes around one.
+
+    ``t`` (n,) s are the samples' times.
+    """
     turn = np.eye(3)
     c, s = math.cos(declination), math.sin(declination)
     turn[:2, :2] = [[c, s], [-s, c]]

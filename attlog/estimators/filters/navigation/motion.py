@@ -48,7 +48,7 @@ def cross_times(a: Any, m: Any, out: Any) -> None:
 
 
 def matrices(sums: Any, rest: int, A: Any, D: Any, W: Any, AD: Any, AW: Any) -> None:
-    """Unpack the sums of an interval: [A], D, W, 1/2 [A] D, 1/2 [A] W; what the gyro does is zero at rest."""
+    """Unpack the ``sums`` (SUMS,) to [A], D, W, 1/2 [A] D, 1/2 [A] W, (3, 3) each; at rest those of the gyro are 0."""
     a = sums[SUM_A : SUM_A + 3]
     A[0, 0], A[0, 1], A[0, 2] = 0.0, -a[2], a[1]
     A[1, 0], A[1, 1], A[1, 2] = a[2], 0.0, -a[0]
@@ -105,7 +105,10 @@ def add_share(P: Any, to: int, at: int, share: float) -> None:
 
 
 def forward_rows(P: Any, T: float, M: Any, rest: int) -> None:
-    """P <- Phi P, but for the wandering position error. ``M``: A, D, W, AD, AW, see :func:`matrices`."""
+    """P <- Phi P, but for the wandering position error; P (39 * ROW,) flat.
+
+    ``M`` (5, 3, 3): A, D, W, AD, AW, see :func:`matrices`; ``T`` s; ``rest`` 1 or 0.
+    """
     A, D, W, AD, AW = M[0], M[1], M[2], M[3], M[4]
     add_share(P, POS, V, T)
     add_product(P, POS, PHI, -0.5 * T, A)
@@ -145,7 +148,7 @@ def forward_columns(P: Any, row: int, T: float, M: Any, rest: int) -> None:
 
 
 def predict(P: Any, sums: Any, rest: int, tau: float, M: Any) -> None:
-    """P <- Phi P Phi^T."""
+    """P <- Phi P Phi^T over an interval: P (39 * ROW,) flat, ``sums`` (SUMS,), ``tau`` s of wandering, M scratch."""
     matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
     T = sums[SUM_T]
     fade(P, math.exp(-T / tau))
@@ -213,7 +216,7 @@ def backward_columns(L: Any, o: int, last: int, T: float, M: Any, rest: int) -> 
 
 
 def undo(lam: Any, Lam: Any, sums: Any, rest: int, tau: float, M: Any) -> None:
-    """lam <- Phi^T lam, Lam <- Phi^T Lam Phi."""
+    """lam <- Phi^T lam, Lam <- Phi^T Lam Phi: ``lam`` (ROW,), ``Lam`` (39 * ROW,) flat; else as :func:`predict`."""
     matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
     T = sums[SUM_T]
     share = math.exp(-T / tau)

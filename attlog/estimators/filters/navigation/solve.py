@@ -71,7 +71,7 @@ class Runner:
         self.store: dict[str, Array] = {}
 
     def forward(self, schedule: Schedule, begin: StartState, par: Array, along: Array | None = None) -> Pass:
-        """The way forth alone."""
+        """The way forth alone; ``par`` (k,) see layout, ``along`` (m, 4) the trajectory of linearisation at nodes."""
         found, state = self._new(schedule, begin)
         self._run(0, len(schedule.node_at), found, state, begin, par, along, None)
         return found

@@ -130,7 +130,10 @@ def _level(inputs: Inputs, samples: Array) -> Array:
 
 
 def from_vectors(force: Array, field: Array | None, earth_field: Array | None) -> Array:
-    """The attitude whose down is against ``force`` and in which ``field`` lies over the earth's; identity without."""
+    """The attitude (4,), body to earth: down is against ``force`` (3,) m/s^2, ``field`` (3,) lies over ``earth_field``.
+
+    Identity without a force.
+    """
     size = float(np.sqrt(np.sum(force**2)))
     if not size > 1e-6:
         return np.array([1.0, 0.0, 0.0, 0.0])

@@ -170,7 +170,7 @@ def soft_times(x: Any, row: int, m: Any, c: Any, lead: float) -> float:
 def rows(
     kind: int, x: Any, R: Any, e: float, f: Any, w: Any, z: Any, par: Any, work: Any, r: Any, hi: Any, hv: Any
 ) -> int:
-    """Residual r and rows of an event other than a field sample; returns entries per row."""
+    """Residual ``r`` (3,) and rows (``hi``, ``hv`` (3, WIDE)) of an event that is no field sample; entries per row."""
     if kind == VELOCITY:
         a, u = work[0], work[1]
         for i in range(3):
