@@ -200,10 +200,8 @@ def predict(state: Any, params: Any, dt: float, gx: float, gy: float, gz: float)
     inject(state, mx, my, mz, 0.0, 0.0, 0.0)
 
 
-def correct_by_force(state: Any, params: Any, dt: float, fx: float, fy: float, fz: float) -> None:
-    """The update with the specific force: gravity, and accelerations as its noise."""
-    draw(state)
-    dx, dy, dz = down(state)
+def expected_forces(state: Any, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
+    """The force (3,) m/s^2, body axes, at each point to Y, and their mean; ``d`` is the earth's down as the mean sees it."""
     ax = -W0 * GRAVITY * dx
     ay = -W0 * GRAVITY * dy
     az = -W0 * GRAVITY * dz
@@ -217,6 +215,55 @@ def correct_by_force(state: Any, params: Any, dt: float, fx: float, fy: float, f
         ax -= WI * GRAVITY * ux
         ay -= WI * GRAVITY * uy
         az -= WI * GRAVITY * uz
+    return ax, ay, az
+
+
+def inverse(
+    xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
+) -> tuple[float, float, float, float, float, float]:
+    """The inverse of a symmetric matrix (3, 3) by its upper triangle: cofactors by determinant."""
+    ixx = yy * zz - yz * yz
+    ixy = xz * yz - xy * zz
+    ixz = xy * yz - xz * yy
+    inv = 1.0 / (xx * ixx + xy * ixy + xz * ixz)
+    iyy = inv * (xx * zz - xz * xz)
+    iyz = inv * (xy * xz - xx * yz)
+    izz = inv * (xx * yy - xy * xy)
+    return ixx * inv, ixy * inv, ixz * inv, iyy, iyz, izz
+
+
+def reduce_by_force(state: Any, ixx: float, ixy: float, ixz: float, iyy: float, iyz: float, izz: float) -> None:
+    """P -= C S^-1 C^T: C of error and force stays in K; S^-1 by its upper triangle."""
+    for i in range(6):
+        cx = 0.0
+        cy = 0.0
+        cz = 0.0
+        for k in range(12):
+            w = WI * state[X + 6 * k + i]
+            cx += w * state[Y + 3 * k]
+            cy += w * state[Y + 3 * k + 1]
+            cz += w * state[Y + 3 * k + 2]
+        state[K + 3 * i] = cx
+        state[K + 3 * i + 1] = cy
+        state[K + 3 * i + 2] = cz
+    for i in range(6):
+        cx = state[K + 3 * i]
+        cy = state[K + 3 * i + 1]
+        cz = state[K + 3 * i + 2]
+        kx = ixx * cx + ixy * cy + ixz * cz
+        ky = ixy * cx + iyy * cy + iyz * cz
+        kz = ixz * cx + iyz * cy + izz * cz
+        for j in range(i, 6):
+            p = state[P + 6 * i + j] - (kx * state[K + 3 * j] + ky * state[K + 3 * j + 1] + kz * state[K + 3 * j + 2])
+            state[P + 6 * i + j] = p
+            state[P + 6 * j + i] = p
+
+
+def correct_by_force(state: Any, params: Any, dt: float, fx: float, fy: float, fz: float) -> None:
+    """The update with the specific force: gravity, and accelerations as its noise."""
+    draw(state)
+    dx, dy, dz = down(state)
+    ax, ay, az = expected_forces(state, dx, dy, dz)
     ex = fx + GRAVITY * dx
     ey = fy + GRAVITY * dy
     ez = fz + GRAVITY * dz
@@ -246,17 +293,7 @@ def correct_by_force(state: Any, params: Any, dt: float, fx: float, fy: float, f
         syy += WI * y * y
         syz += WI * y * z
         szz += WI * z * z
-    # The inverse of S: cofactors by determinant.
-    ixx = syy * szz - syz * syz
-    ixy = sxz * syz - sxy * szz
-    ixz = sxy * syz - sxz * syy
-    inv = 1.0 / (sxx * ixx + sxy * ixy + sxz * ixz)
-    ixx *= inv
-    ixy *= inv
-    ixz *= inv
-    iyy = inv * (sxx * szz - sxz * sxz)
-    iyz = inv * (sxy * sxz - sxx * syz)
-    izz = inv * (sxx * syy - sxy * sxy)
+    ixx, ixy, ixz, iyy, iyz, izz = inverse(sxx, sxy, sxz, syy, syz, szz)
     zx = fx - ax
     zy = fy - ay
     zz = fz - az
@@ -264,29 +301,7 @@ def correct_by_force(state: Any, params: Any, dt: float, fx: float, fy: float, f
     gy = ixy * zx + iyy * zy + iyz * zz
     gz = ixz * zx + iyz * zy + izz * zz
     state[RATIO] = math.sqrt(max(zx * gx + zy * gy + zz * gz, 0.0) / 3.0)
-    for i in range(6):
-        cx = 0.0
-        cy = 0.0
-        cz = 0.0
-        for k in range(12):
-            w = WI * state[X + 6 * k + i]
-            cx += w * state[Y + 3 * k]
-            cy += w * state[Y + 3 * k + 1]
-            cz += w * state[Y + 3 * k + 2]
-        state[K + 3 * i] = cx
-        state[K + 3 * i + 1] = cy
-        state[K + 3 * i + 2] = cz
-    for i in range(6):
-        cx = state[K + 3 * i]
-        cy = state[K + 3 * i + 1]
-        cz = state[K + 3 * i + 2]
-        kx = ixx * cx + ixy * cy + ixz * cz
-        ky = ixy * cx + iyy * cy + iyz * cz
-        kz = ixz * cx + iyz * cy + izz * cz
-        for j in range(i, 6):
-            p = state[P + 6 * i + j] - (kx * state[K + 3 * j] + ky * state[K + 3 * j + 1] + kz * state[K + 3 * j + 2])
-            state[P + 6 * i + j] = p
-            state[P + 6 * j + i] = p
+    reduce_by_force(state, ixx, ixy, ixz, iyy, iyz, izz)
     inject(
         state,
         state[K] * gx + state[K + 1] * gy + state[K + 2] * gz,
