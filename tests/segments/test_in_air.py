@@ -190,3 +190,12 @@ def test_movement_without_an_attitude_or_a_height_proves_no_flight():
     log = carried(0.05)
     log.attitudes, log.onboard = {}, None
     assert found_in(log).spans == []
+
+
+def test_motors_that_spin_up_have_not_lifted_off_where_no_height_tells():
+    """From 5 s on at half of what it flies with, from 9 s on with all of it: copter 3.4 on an Erle-Brain."""
+    log = carried(0.05)
+    t = log.throttle.t
+    log.throttle.x[(t > 5.0) & (t < 9.0)] = 0.27
+    ((begin, _),) = found_in(log).spans
+    assert begin == pytest.approx(9.0, abs=0.6)

@@ -149,6 +149,8 @@ def _flights(
         before = driven & (power > OF_HOVER * own) & ~grid.contact & (dynamics > STILL)
         if before[:a].all():  # a log that begins in the air
             a = 0
+        while not levels and 0 < a < b - 1 and power[a] < OF_OWN * own:
+            a += 1  # no height tells: motors spin up on the ground
         found.append((a, b))
     if grid.slow:
         return _bridged(found, grid.known)
