@@ -201,7 +201,7 @@ def predict(state: Any, params: Any, dt: float, gx: float, gy: float, gz: float)
 
 
 def expected_forces(state: Any, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
-    """The force (3,) m/s^2, body axes, at each point to Y; their mean. ``d`` is the earth's down as the mean sees it."""
+    """The force (3,) m/s^2, body axes, at each point to Y; their mean. ``d`` is the earth's down as the mean has it."""
     ax = -W0 * GRAVITY * dx
     ay = -W0 * GRAVITY * dy
     az = -W0 * GRAVITY * dz
