@@ -6,12 +6,13 @@ import numpy as np
 
 from attlog.base import rotation
 from attlog.flight import magnetic
-from attlog.flight.model import Array, FlightLog
+from attlog.flight.model import Array, Attitude, FlightLog
 from attlog.health.model import Check, graded, not_judged
 from attlog.health.sensors import frozen
 from attlog.health.sensors.accelerometer import of_imu
 from attlog.health.sound import in_use
-from attlog.reference import declination
+from attlog.reference import declination, scoring
+from attlog.segments import resets
 from attlog.segments.model import Segments
 
 STRENGTH_UT = (15.0, 90.0)
@@ -19,6 +20,10 @@ STRENGTH_UT = (15.0, 90.0)
 
 LEAST, LEAST_S = 10, 8.0
 """Fewer samples, or seconds of them, tell no size."""
+ALIGNED_S = 5.0
+"""In its first seconds an onboard heading may lie anywhere: there sound compasses spread by 20 to 92 deg."""
+MIDDLE_SIGMAS = 3.29
+"""Standard deviations between the 5th and the 95th percentile of a normal distribution."""
 STEADY_DEG, UNSTEADY_DEG = 5.0, 20.0
 """How much the direction of the field may vary in earth axes; beyond the second a mean within it tells none."""
 
@@ -42,7 +47,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
             strength(log, segments),
             *(not_judged(name, why) for name in ("field against attitude", "declination")),
         ]
-    return [*found, strength(log, segments), *against_attitude(log)]
+    return [*found, strength(log, segments), *against_attitude(log, segments)]
 
 
 def strength(log: FlightLog, segments: Segments) -> Check:
@@ -74,8 +79,11 @@ def strength(log: FlightLog, segments: Segments) -> Check:
     return Check("field", verdict, text + ".", round(value, 2), "uT", limit)
 
 
-def against_attitude(log: FlightLog) -> list[Check]:
-    """Direction of the horizontal field, rotated by truth or the onboard attitude: steady, and the declination."""
+def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
+    """Direction of the horizontal field, rotated by truth or the onboard attitude: steady, and the declination.
+
+    From the attitude's own alignment on, in use: no wreck, not upside down, not the ground where something flew.
+    """
     limit = f"ok up to {STEADY_DEG:.0f} deg, fault above {UNSTEADY_DEG:.0f} deg"
     name, attitude = ("truth", log.truth) if log.truth is not None else (log.onboard, log.onboard_attitude)
     if attitude is None:
@@ -83,33 +91,48 @@ def against_attitude(log: FlightLog) -> list[Check]:
     q = attitude.q if name == "truth" else of_imu(log, attitude)
     field = log.mags[log.mag or 0].field
     turned = rotation.slerp(attitude.t, q, field.t_best)
-    good = rotation.finite(turned) & rotation.finite(field.x)
-    if good.sum() < 10:
+    good = rotation.finite(turned) & rotation.finite(field.x) & in_use(log, segments, field.t_best)
+    good &= field.t_best >= aligned(log, attitude, segments)
+    if good.sum() < LEAST:
         return [not_judged("field against attitude", f"{name} covers {good.sum()} magnetometer samples only.", limit)]
     north = rotation.rotate(turned[good], field.x[good])
     azimuth, spread = circular(np.arctan2(north[:, 1], north[:, 0]))
+    model = declination.model(log)
+    off = azimuth if model is None else float(np.degrees(rotation.wrap(np.radians(azimuth - model.declination_deg))))
     whose = "the true" if name == "truth" else f"{name}'s"
-    text = f"The field's north lies {azimuth:.1f} deg from {whose} north and varies by {spread:.1f} deg (1 sigma)."
+    less = "" if model is None else f", less the declination of {model.declination_deg:.1f} deg,"
+    text = f"The field's north lies {off:.1f} deg from {whose} north{less} and varies by {spread:.1f} deg (1 sigma)."
     verdict = graded(spread, STEADY_DEG, UNSTEADY_DEG)
     found = [Check("field against attitude", verdict, text, round(spread, 2), "deg", limit)]
-    model = declination.model(log)
     limit = "ok within 4 deg of the model, fault above 15 deg"
     if model is None:
         return [
             *found,
             not_judged("declination", "There is no GNSS position, so no declination to compare with.", limit),
         ]
-    difference = float(np.degrees(rotation.wrap(np.radians(azimuth - model.declination_deg))))
-    if max(UNSTEADY_DEG, abs(difference)) < spread:
+    if max(UNSTEADY_DEG, abs(off)) < spread:
         return [*found, not_judged("declination", "The field varies too much to tell a declination.", limit)]
     expected = f"the model says {model.declination_deg:.1f} deg"
     text = f"The field's north lies {azimuth:.1f} deg from {whose} north; {expected}."
-    found.append(Check("declination", graded(abs(difference), 4.0, 15.0), text, round(azimuth, 2), "deg", limit))
+    found.append(Check("declination", graded(abs(off), 4.0, 15.0), text, round(azimuth, 2), "deg", limit))
     return found
 
 
+def aligned(log: FlightLog, attitude: Attitude, segments: Segments) -> float:
+    """When the attitude had its own heading, s: after its last jump before the flight, and ALIGNED_S from its start."""
+    if attitude is log.truth:
+        return -np.inf
+    index, _ = resets.known(log, log.onboard or "", segments)
+    jumped = scoring.aligned_at(attitude, index, segments)
+    began = float(attitude.t[0]) + ALIGNED_S
+    return began if jumped is None else max(jumped, began)
+
+
 def circular(angle: Array) -> tuple[float, float]:
-    """Circular mean and standard deviation in deg of angles (n,) in rad."""
-    mean = np.mean(np.exp(1j * angle))
-    length = min(max(abs(mean), 1e-12), 1.0)
-    return float(np.degrees(np.angle(mean))), float(np.degrees(np.sqrt(max(-2.0 * np.log(length), 0.0))))
+    """Circular mean and standard deviation in deg of angles (n,) in rad, this by the middle 90 % of them.
+
+    A twentieth at either end does not count: turns that the field's clock is late in.
+    """
+    mean = float(np.angle(np.mean(np.exp(1j * angle))))
+    low, high = np.quantile(np.degrees(rotation.wrap(angle - mean)), [0.05, 0.95])
+    return float(np.degrees(mean)), float(high - low) / MIDDLE_SIGMAS
