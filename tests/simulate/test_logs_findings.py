@@ -63,14 +63,14 @@ def fault(**values: object) -> list[str]:
 FAULTS: dict[str, tuple[str, list[str], dict[str, float], set[str]]] = {
     "swapped axes": ("steps", [TRUTH, "sensors.imu.0.rotation_deg=[0,0,90]"], {}, {"simulator"}),
     "flipped axes": ("steps", [TRUTH, *fault(t=0, part="gyro", kind="flipped")], {}, {"simulator"}),
-    "gyro scale": ("steps", [TRUTH, "sensors.imu.0.gyro.scale_pct=[15,15,15]"], {}, {"simulator"}),
+    "gyro scale": ("steps", [TRUTH, "sensors.imu.0.gyro.scale_pct=[15,15,15]"], {}, {"gyro_scale"}),
     "gyro bias": ("hover", ["sensors.imu.0.gyro.bias_dps=[4,0,0]"], {}, {"gyro_bias"}),
     "accelerometer scale": ("hover", ["sensors.imu.0.acc.scale_pct=[8,8,8]"], {}, {"accelerometer"}),
     "tilted sensor": ("hover", [TRUTH, "sensors.imu.0.rotation_deg=[8,0,0]"], {}, {"accelerometer"}),
     "saturation": ("aggressive", [TRUTH, "sensors.imu.0.gyro.range_dps=125"], {}, {"gyro_range"}),
-    "gaps": ("waypoints", [TRUTH, "sensors.imu.0.gaps=[[40,40.6],[50,50.3]]"], {}, {"gaps"}),
+    "gaps": ("waypoints", [TRUTH, "sensors.imu.0.gaps=[[40,40.6],[50,50.3],[60,60.4]]"], {}, {"gaps"}),
     "vibration": ("hover", [TRUTH, "sensors.imu.0.vibration.acc_m_s2=[20,10]"], {}, {"vibration"}),
-    "hidden delay": ("steps", [TRUTH, "sensors.imu.0.hidden_delay_s=0.02"], {}, {"delay"}),
+    "hidden delay": ("steps", [TRUTH, "sensors.imu.0.hidden_delay_s=0.02"], {}, {"imu_delay"}),
     "hard iron": ("waypoints", [TRUTH, "sensors.mag.0.hard_iron_ut=[30,0,20]"], {}, {"compass"}),
     "current": ("hover", [TRUTH, "sensors.mag.0.current_ut_a=[0.6,0,0.6]"], {}, {"compass"}),
     "iron at a place": (
