@@ -232,6 +232,38 @@ def correct_heading(
         state[I_SUM + 2] += upright * error * KI_YAW * since
 
 
+def mean_force(state: Any, scale: float, by_velocity: bool) -> tuple[float, float, float]:
+    """The summed specific force (3,) in earth axes, in g; that of the interval before where velocities are compared."""
+    fx = scale * state[SUM]
+    fy = scale * state[SUM + 1]
+    fz = scale * state[SUM + 2]
+    if by_velocity:
+        ux = state[BEFORE]
+        uy = state[BEFORE + 1]
+        uz = state[BEFORE + 2]
+        state[BEFORE] = fx
+        state[BEFORE + 1] = fy
+        state[BEFORE + 2] = fz
+        if ux != 0.0 or uy != 0.0 or uz != 0.0:
+            return ux, uy, uz
+    return fx, fy, fz
+
+
+def learn_bias(state: Any, bx: float, by: float, bz: float, spin: float) -> None:
+    """The bias from the tilt's error (3,), body axes, summed while the turn (``spin`` rad/s) is slow, then limited."""
+    if spin < SPIN_I:
+        state[I_SUM] += bx * KI * state[SUM_TIME]
+        state[I_SUM + 1] += by * KI * state[SUM_TIME]
+        state[I_SUM + 2] += bz * KI * state[SUM_TIME]
+        state[I_TIME] += state[SUM_TIME]
+    if state[I_TIME] >= I_AFTER_S:
+        limit = DRIFT_LIMIT * state[I_TIME]
+        for i in range(3):
+            state[4 + i] -= min(max(state[I_SUM + i], -limit), limit)
+            state[I_SUM + i] = 0.0
+        state[I_TIME] = 0.0
+
+
 def correct_tilt(
     state: Any, params: Any, dt: float, acc: Any, aid: Any, fix: bool, by_compass: bool, gain: float, spin: float
 ) -> None:
@@ -279,20 +311,7 @@ def correct_tilt(
     state[VELOCITY] = vx
     state[VELOCITY + 1] = vy
     state[VELOCITY + 2] = vz
-    fx = scale * state[SUM]
-    fy = scale * state[SUM + 1]
-    fz = scale * state[SUM + 2]
-    if by_velocity:
-        ux = state[BEFORE]
-        uy = state[BEFORE + 1]
-        uz = state[BEFORE + 2]
-        state[BEFORE] = fx
-        state[BEFORE + 1] = fy
-        state[BEFORE + 2] = fz
-        if ux != 0.0 or uy != 0.0 or uz != 0.0:
-            fx = ux
-            fy = uy
-            fz = uz
+    fx, fy, fz = mean_force(state, scale, by_velocity)
     length = math.sqrt((fx * fx + fy * fy + fz * fz) * (tx * tx + ty * ty + tz * tz))
     inv = 1.0 / length if length > 0.0 else 0.0
     ex = inv * (fy * tz - fz * ty)
@@ -310,15 +329,5 @@ def correct_tilt(
     state[P] = k * bx
     state[P + 1] = k * by
     state[P + 2] = k * bz
-    if spin < SPIN_I:
-        state[I_SUM] += bx * KI * state[SUM_TIME]
-        state[I_SUM + 1] += by * KI * state[SUM_TIME]
-        state[I_SUM + 2] += bz * KI * state[SUM_TIME]
-        state[I_TIME] += state[SUM_TIME]
-    if state[I_TIME] >= I_AFTER_S:
-        limit = DRIFT_LIMIT * state[I_TIME]
-        for i in range(3):
-            state[4 + i] -= min(max(state[I_SUM + i], -limit), limit)
-            state[I_SUM + i] = 0.0
-        state[I_TIME] = 0.0
+    learn_bias(state, bx, by, bz, spin)
     state[SUM] = state[SUM + 1] = state[SUM + 2] = state[SUM_TIME] = 0.0
