@@ -70,7 +70,10 @@ def _met(reference: Reference, t: Array, number: Index, faster: bool, has: NDArr
 def measured(
     t: Array, q_est: Array, q_ref: Array, gap_segment: Index, segment: Index, scored: NDArray[np.bool_]
 ) -> AttitudeErrors:
-    """The errors between attitudes at common times (docs/metrics.md)."""
+    """The errors between attitudes (n, 4), body to earth, at common times ``t`` (n,) s (docs/metrics.md).
+
+    ``gap_segment``, ``segment`` and ``scored`` (n,) are kept beside them; errors are angles (n,) in deg.
+    """
     total, heading, inclination = angles = np.empty((3, len(t)))
     for a in range(0, len(t), CHUNK):
         e = rotation.error(q_est[a : a + CHUNK], q_ref[a : a + CHUNK])

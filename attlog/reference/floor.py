@@ -69,7 +69,7 @@ def missing_deg(imu: Imu | None) -> float:
 
 
 def step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[float, float, AlignmentStep]:
-    """Floor and logged step in deg, and the sentence that says what the floor is made of."""
+    """Floor and logged step in deg of attitudes ``q`` (n, 4) at ``t`` (n,) s, and what the floor is made of."""
     own = known_step if known_step > 0 else step_deg(q)
     tick = tick_s(t)
     rate = 0.0

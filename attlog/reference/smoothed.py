@@ -168,7 +168,7 @@ def _aids(estimate: Estimate) -> list[str]:
 
 
 def thinned(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Array]:
-    """Times, attitudes, segments between restarts, sigmas (deg) of tilt and heading of an estimate."""
+    """Times (n,) s, attitudes (n, 4), segments between restarts (n,), sigmas (n,) deg of tilt and heading."""
     t = np.asarray(estimate.t, np.float64)
     step = max(1, int(1.01 * gaps.rate(t) / ENOUGH_HZ))
     segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)

@@ -20,7 +20,10 @@ def apply(q: Array, trim: Array) -> Array:
 
 
 def step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array | None, AlignmentStep]:
-    """What to take out of replays for a comparison with this attitude (None: nothing), and why."""
+    """The trim, a rotation vector (3,) in rad, to take out of replays for a comparison with this attitude, and why.
+
+    None for nothing.
+    """
     if not attitude.has_trim:
         text = f"{attitude.source} is the attitude of the IMU itself: nothing to take out"
         return None, AlignmentStep("trim", text, 0.0, "deg", attitude.source, False, "config: trim")

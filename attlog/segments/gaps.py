@@ -16,7 +16,7 @@ T = TypeVar("T", bound=np.generic)
 
 
 def rate(t: Array) -> float:
-    """Samples per second in Hz where there are samples: time lost in gaps does not count; 0 for fewer than two."""
+    """Samples per second in Hz of times ``t`` (n,) s: time lost in gaps does not count; 0 for fewer than two."""
     dt = np.diff(t)
     dt = dt[(dt > 0) & (dt <= gap.limit_of(t))]
     return len(dt) / float(np.sum(dt)) if len(dt) else 0.0

@@ -13,6 +13,7 @@ from attlog.base.limits import MAX_RESULT_BYTES
 from attlog.base.plain import plain
 from attlog.base.validation import checked
 from attlog.compare.differences.paired import Direction, Scale
+from attlog.compare.differences.pooled import PooledMean
 
 SCHEMA = "attlog-comparison/2"
 
@@ -81,23 +82,13 @@ class LogDifference:
     reason: str = ""
 
 
-@dataclass(slots=True)
-class PooledDifference:
-    """The same over all logs that have a value: ``better``, ``worse``, ``same`` count logs by sign, significant or not.
+@dataclass(frozen=True, slots=True)
+class PooledDifference(PooledMean):
+    """The differences of all logs that have a value as one; of ratios ``value`` and ``ci95`` are ratios again.
 
-    ``tau`` is the scatter of the true difference from log to log (of the logarithm for ratios).
+    ``tau`` stays on the scale of their logarithm. ``floor``: the size below which it counts as none.
     """
 
-    value: float
-    ci95: tuple[float, float] | None
-    p: float | None
-    logs: int
-    better: int
-    worse: int
-    same: int
-    tau: float
-    i2_pct: float
-    method: str
     floor: float
     direction: Direction
 

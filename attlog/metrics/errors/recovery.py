@@ -42,7 +42,10 @@ METRICS: tuple[Metric, ...] = (
 
 
 def largest(t: Array, vectors: Array, usual: float) -> Span | None:
-    """The segment over 0.5 s with |vector| off ``usual`` by more than 30 % that has most excess; None without any."""
+    """The segment over 0.5 s with |vector| off ``usual`` by more than 30 % that has most excess; None without any.
+
+    ``t`` (n,) s; ``vectors`` (n, 3) and their ``usual`` length in one unit, body axes.
+    """
     if len(t) < 3 or usual <= 0:
         return None
     count = max(1, round(SMOOTH_S / max(float(np.median(np.diff(t))), 1e-6)))

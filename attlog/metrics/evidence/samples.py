@@ -35,7 +35,7 @@ def within(t: Array, span: Span, segment_of: NDArray[np.int64] | None = None) ->
 
 
 def seconds(t: Array, segments: list[slice]) -> float:
-    """Time covered by the segments, s."""
+    """Time covered by segments of the times ``t`` (n,) s, in s."""
     return float(sum(t[s.stop - 1] - t[s.start] for s in segments))
 
 

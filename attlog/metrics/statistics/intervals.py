@@ -48,7 +48,7 @@ def of_neighbours(values: ArrayLike) -> Interval | None:
 
 
 def of_jackknife(value: float, left_out: ArrayLike) -> Interval | None:
-    """t interval around ``value`` from the k values found with one event left out; None for fewer than three."""
+    """t interval around ``value`` from the values (k,) found with one event left out; None for fewer than three."""
     x = np.asarray(left_out, np.float64)
     k = len(x)
     if k < 3 or not np.isfinite(x).all():
@@ -134,7 +134,7 @@ def quantile(ordered: Array, probability: float) -> float:
 def of_quantile(
     values: Array, probability: float, groups: list[slice], ordered: Array | None = None
 ) -> Interval | None:
-    """Interval of a quantile of correlated values: Woodruff's, with the groups as independent evidence.
+    """Interval of a quantile of correlated values (n,): Woodruff's, with the groups as independent evidence.
 
     The share of each group below the quantile has a t interval over the groups (`of_neighbours`); its
     ends are turned back into values (Woodruff 1952). ``ordered``: the values in ascending order, where they are known.

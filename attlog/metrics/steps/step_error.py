@@ -111,12 +111,12 @@ class ErrorOnEvents:
 
 
 def magnitude(errors: EventErrors) -> Array:
-    """Errors without sign, deg."""
+    """Errors without sign (k,), deg."""
     return np.abs(errors.deg)
 
 
 def percent(errors: EventErrors) -> Array:
-    """Signed errors in percent of the stroke."""
+    """Signed errors (k,) in percent of the step."""
     return np.asarray(100.0 * errors.deg / errors.stroke)
 
 

@@ -95,7 +95,7 @@ def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
 
 @per_row
 def gains(case: Case, row: Row) -> Array | None:
-    """How much of the pulse the row's filter shows at its end, about body x, y, z; None where it cannot be replayed.
+    """Shares (3,) of the pulse about body x, y, z that the row's filter shows at its end; None without a replay.
 
     On the end of the log's longest rest, else on made samples. Real filters show 1.00,
     accelerometer-only ones 0.2 to 0.7, a frozen one 0.

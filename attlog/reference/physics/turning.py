@@ -57,7 +57,7 @@ class TurningFault:
 def contradiction(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: Mag | None) -> TurningFault:
     """Whether gyro and attitude turn differently, and which of them may then not be used.
 
-    ``jumps`` are indices of the attitude's samples after resets. The magnetic field tells who is right.
+    ``jumps`` (k,) are indices of the attitude's samples after resets. The magnetic field tells who is right.
     Where it does not, the gyro is out if the attitude moves as it does in another scale, axis or sign:
     nothing tells then which is right, and all that is replayed is made of the gyro.
     """
@@ -144,6 +144,8 @@ def mounting(g: Array, a: Array) -> Array:
 def alike(by_gyro: Array, by_attitude: Array) -> bool:
     """Whether some axis of the attitude moves as some axis of the gyro does, whatever its scale, axis and sign.
 
+    Both are rates (n, 3) in rad/s over the same intervals, body axes.
+
     Then both saw the same flight. Where the attitude does what the gyro never did, it is the
     attitude that nothing supports.
     """
@@ -159,6 +161,7 @@ def field_follows(
     """With which of the two the magnetic field turns: ``gyro``, ``attitude``, empty where it does not tell.
 
     What is left of the change of the field's direction over STEP_S after the turn is taken out.
+    ``jumps`` (k,): indices of the attitude after resets.
     """
     if mag is None:
         return ""
@@ -225,7 +228,10 @@ def _correlation(x: Array, y: Array) -> float:
 
 
 def other_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
-    """Which axes seem swapped or reversed, empty if the identity fits."""
+    """Which axes seem swapped or reversed, empty if the identity fits.
+
+    ``g``, ``a`` (n, 3): rates in rad/s of gyro and attitude, body axes; ``moving`` (3,): the axes that turned.
+    """
     size = np.sqrt(np.outer(np.sum(a * a, axis=0), np.sum(g * g, axis=0)))
     match = np.divide(a.T @ g, size, out=np.zeros((3, 3)), where=size > 0)
     axes = [k for k in range(3) if moving[k]]

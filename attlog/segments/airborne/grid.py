@@ -197,5 +197,5 @@ def held(t: Array, stream: Stream, nothing: float = 0.0) -> Array:
 
 
 def during(t: Array, wanted: list[Span]) -> Mask:
-    """Which of the grid's times lie in spans."""
+    """Which (n,) of the grid's times ``t`` (n,) s lie in spans."""
     return spans.inside(t, wanted)

@@ -136,7 +136,7 @@ def _lies_by(scene: Scene, imu: Imu, t0: float, t1: float) -> float | None:
 
 
 def stands(scene: Scene) -> Array:
-    """Down in body axes as the vehicle stands: along z, but for a tail-sitter as it stood before its first flight."""
+    """Down (3,) in body axes as the vehicle stands: along z; of a tail-sitter as it stood before its first flight."""
     level = np.array([0.0, 0.0, 1.0])
     first = min((a for a, _ in scene.air.spans), default=0.0)
     grid = scene.air.grid

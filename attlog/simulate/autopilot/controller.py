@@ -73,7 +73,7 @@ class Gains:
         )
 
     def pack(self) -> Array:
-        """The array that :func:`control` takes."""
+        """The array (k,) that :func:`control` takes."""
         parts = (self.angle_kp, self.angle_ki, self.rate_kp, self.rate_ki, self.rate_kd, self.rate_limit)
         return np.array([*sum((*parts, self.angle_part, self.rate_part), ()), self.derivative_hz, self.idle])
 

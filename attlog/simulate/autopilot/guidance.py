@@ -60,7 +60,10 @@ class Guidance:
         self._touching = 0.0
 
     def step(self, t: float, dt: float, q: Array, p: Array, v: Array, placed: bool) -> None:
-        """Set-points at ``t`` from attitude, position and velocity as believed; ``placed``: the position is known."""
+        """Set-points at ``t`` s from what is believed: attitude ``q`` (4,), position ``p`` (3,) m, velocity ``v`` (3,).
+
+        NED, velocity in m/s; ``placed``: the position is known.
+        """
         w, x, y, z = q.tolist()
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         while self._next < len(self._commands) and t >= self._commands[self._next].t:

@@ -42,7 +42,7 @@ class LoopAxis:
 
     @property
     def rate_feedback(self) -> tuple[Array, Array]:
-        """F(s): numerator and denominator."""
+        """F(s): numerator and denominator, coefficients (k,) from the highest power."""
         g, i = self.gains, self.index
         corner = 1.0 / (2.0 * math.pi * g.derivative_hz)
         low_pass = np.array([corner, 1.0])
@@ -51,7 +51,7 @@ class LoopAxis:
 
     @property
     def forward(self) -> tuple[Array, Array]:
-        """C(s) Co(s): numerator and denominator."""
+        """C(s) Co(s): numerator and denominator, coefficients (k,) from the highest power."""
         g, i = self.gains, self.index
         return np.polymul([g.rate_kp[i], g.rate_ki[i]], [g.angle_kp[i], g.angle_ki[i]]), np.array([1.0, 0.0, 0.0])
 
@@ -64,7 +64,7 @@ class LoopAxis:
         return found
 
     def closed(self) -> tuple[Array, Array]:
-        """Numerator and denominator of angle / set-point, the delay as a Pade fraction."""
+        """Numerator and denominator (k,) of angle / set-point, the delay as a Pade fraction."""
         d = self.delay
         ahead, behind = np.array([d * d / 12.0, -d / 2.0, 1.0]), np.array([d * d / 12.0, d / 2.0, 1.0])
         plant_num = self.authority * ahead
@@ -126,7 +126,7 @@ def margins(axis: LoopAxis) -> Margins:
 
 
 def rise_and_overshoot(t: Array, y: Array) -> tuple[float, float]:
-    """Time from 10 to 90 % of a unit step (s), and the largest excess over 1."""
+    """Time from 10 to 90 % of a unit step ``y`` (n,) at ``t`` (n,) s, in s, and the largest excess over 1."""
     a, b = (float(np.interp(level, np.maximum.accumulate(y), t)) for level in (0.1, 0.9))
     return b - a, float(y.max() - 1.0)
 

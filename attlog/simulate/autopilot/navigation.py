@@ -62,7 +62,7 @@ class Navigator:
             self._memory[self._row] = (t, *p, *v)
 
     def fix(self, t: float, epoch: float, ned: Array, velocity: Array) -> None:
-        """A fix that arrives at ``t`` and holds at ``epoch``; without numbers it is none."""
+        """A fix that arrives at ``t`` s and holds at ``epoch``: ``ned`` (3,) m, ``velocity`` (3,) m/s; NaN is none."""
         if not (np.isfinite(ned).all() and np.isfinite(velocity).all()):
             return
         if not self.placed(t):

@@ -148,7 +148,7 @@ def _receiver(gnss: GnssStream) -> Iterator[tuple[Key, Columns]]:
 
 
 def gps_time(unix: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """GPS week and milliseconds of the week at Unix times [s]."""
+    """GPS week (n,) and milliseconds of the week (n,) at Unix times (n,) [s]."""
     leap = np.zeros(len(unix))
     for start, seconds in LEAP_SECONDS:
         leap = np.where(unix >= start, seconds, leap)
@@ -294,5 +294,5 @@ def parameters(flight: Flight) -> list[ParamChange]:
 
 
 def held_numbers(line: list[tuple[float, str]], at: Array) -> NDArray[np.int64]:
-    """Copter's numbers of the modes that hold at each time."""
+    """Copter's numbers (n,) of the modes that hold at times ``at`` (n,) s."""
     return np.array(numbered(held(line, at), MODES, "ArduCopter"), np.int64)

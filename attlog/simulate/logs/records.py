@@ -25,7 +25,7 @@ VIBRATION_FLOOR_HZ, VIBRATION_HZ = 5.0, 2.0
 
 
 def micros(t: Array) -> NDArray[np.uint64]:
-    """Boot clock [us] at times [s] of a flight."""
+    """Boot clock (n,) [us] at times (n,) [s] of a flight."""
     return (START_US + np.rint(np.asarray(t, np.float64) * 1e6)).astype(np.uint64)
 
 
@@ -43,7 +43,7 @@ def last_before(t: Array, at: Array) -> Index:
 
 
 def state_times(flight: Flight, lines: Sequence[list[tuple[float, Any]]], hz: float) -> Array:
-    """When states are told: ``hz`` times a second and at each change."""
+    """Times (n,) s at which states are sent: ``hz`` times a second and at each change."""
     regular = np.arange(0.0, flight.seconds + 1e-9, 1.0 / hz)
     changes = [t for line in lines for t, _ in line if 0.0 <= t <= flight.seconds]
     return np.unique(np.round(np.concatenate([regular, changes]), 6))
@@ -75,7 +75,10 @@ def texts(flight: Flight, at_us: int) -> list[Text]:
 
 
 def place_while_lost(gnss: GnssStream) -> tuple[Array, Array, Array, Array]:
-    """Latitude, longitude, height and velocity as receivers send them: the last ones, at first 0, without a fix."""
+    """Latitude, longitude (n,) deg, height (n,) m, velocity (n, 3) m/s NED as receivers send them.
+
+    Without a fix the last ones, at first 0.
+    """
     k = np.maximum.accumulate(np.where(gnss.fix > 0, np.arange(len(gnss.t)), -1))
     lat, lon, alt, vel = (np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
                           for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel))

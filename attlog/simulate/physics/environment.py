@@ -58,12 +58,12 @@ def field_at(scenario: Scenario, home: Environment, p: Array) -> Array:
 
 
 def pressure(height: Array) -> Array:
-    """Pressure [Pa] at a height above the sea [m] in the standard atmosphere."""
+    """Pressure (n,) [Pa] at heights above the sea (n,) [m] in the standard atmosphere."""
     return SEA_PRESSURE_PA * (1.0 - LAPSE * height / SEA_KELVIN) ** EXPONENT
 
 
 def height_of(pressure_pa: Array) -> Array:
-    """Height above the sea [m] of a pressure [Pa] in the standard atmosphere."""
+    """Height above the sea (n,) [m] of pressures (n,) [Pa] in the standard atmosphere."""
     return SEA_KELVIN / LAPSE * (1.0 - (pressure_pa / SEA_PRESSURE_PA) ** (1.0 / EXPONENT))
 
 

@@ -164,7 +164,7 @@ class ImuSensor:
 
 
 def warming(s: ImuSettings, t: Array) -> Array:
-    """How much warmer than at the start [K] the unit is at ``t`` s."""
+    """How much warmer than at the start (n,) [K] the unit is at times ``t`` (n,) s."""
     return s.warming_k * -np.expm1(-t / s.warming_s)
 
 

@@ -100,7 +100,7 @@ class Sums:
         return x
 
     def step(self, x: Array) -> Array:
-        """The change of delay (...) in s that a coefficient of the slope means; the reference's comes with the gain."""
+        """The change of delay (...,) in s by coefficients ``x`` (..., k) of the fit: slope over gain."""
         gain = np.where(self.slow_row & (np.abs(x[..., 1]) > 0.1), x[..., 1], 1.0)
         return np.asarray(-x[..., 0] / gain)
 

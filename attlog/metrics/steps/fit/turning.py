@@ -62,7 +62,7 @@ def summed_turning(out: Array, q: Array) -> None:
 
 
 def summed_at_once(out: Array, q: Array) -> None:
-    """The same in numpy."""
+    """The same in numpy: summed turning ``out`` (n, 3) in deg of attitudes ``q`` (n, 4), body axes."""
     turn = rotation.increments(q)
     out[:1] = 0.0
     np.cumsum(np.degrees(turn, out=turn), axis=0, out=out[1:])
