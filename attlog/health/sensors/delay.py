@@ -44,6 +44,11 @@ def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
     if abs(off) <= max(AGREES_MS, SIGMAS * sigma):
         text = f"Against {reference.source} the rates of {imu.gyro.source} are late by {late:.1f} ms: {known}."
         return [own, Check(UNEXPLAINED, "ok", text, round(late, 2), "ms", SEEN_LIMIT)]
+    if off < 0 and reference.kind == "onboard":
+        text = (
+            f"{reference.source} comes {-off:.1f} ms later than {imu.gyro.source}: the attitude, not the IMU, is late."
+        )
+        return [own, Check(UNEXPLAINED, "ok", text, round(late, 2), "ms", SEEN_LIMIT)]
     text = f"{imu.gyro.source} comes {abs(off):.1f} ms {way} ({interval(abs(off), sigma, 1)}, 95 %) against "
     text += f"{reference.source} than {known} makes it: {late:.1f} ms in all."
     verdict = "fault" if abs(off) > WRONG_CLOCK_MS else "warning"
