@@ -46,7 +46,7 @@ class Config:
     ``estimators``: row specifications (``default``, ``all``, ``NAME[@PRESET][:k=v,...]``,
     ``FILE.py``). ``imu``, ``mag``: instance to replay, None for the choice of the log,
     ``"all"`` / ``"none"``. ``window``: the window that table and verdicts show beside the
-    standard ones. ``gyro_bias``: what is taken off the gyro for every filter alike: its mean over the
+    standard ones. ``gyro_bias``: what is subtracted from the gyro for every filter: its mean over the
     rest before take-off, nothing, or the onboard estimator's own.
     ``params``: a parameter file for what the log does not tell. Times are seconds
     on the log's clock (0 = first IMU sample). Whatever is set is checked: UsageError.

@@ -175,7 +175,7 @@ def streams(log: FlightLog) -> Iterator[Extract]:
 def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
     """The attitudes of re-run estimators at IMU rate, one table per row specification.
 
-    As in an analysis the gyro's bias at rest is taken off first; ``bias`` columns contain it.
+    As in an analysis the gyro's bias at rest is subtracted first; ``bias`` columns contain it.
     """
     from attlog.analysis import prepare
     from attlog.analysis.replay import run_rows
@@ -186,7 +186,7 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
         taken = None if row.imu is None else case.bias_of(row.imu)
         if taken is not None and taken.dps is not None:
             x, y, z = taken.dps
-            table.note += f"; taken off the gyro first: {x:.4f}, {y:.4f}, {z:.4f} deg/s ({taken.taken})"
+            table.note += f"; subtracted from the gyro first: {x:.4f}, {y:.4f}, {z:.4f} deg/s ({taken.taken})"
         if row.bias is not None:
             for k, axis in enumerate("xyz"):
                 table.columns[f"bias_{axis}_rad_s"] = row.bias[:, k]

@@ -150,7 +150,7 @@ class Result:
     segments: list[Segment] = field(default_factory=list)
     reference: ReferenceSummary | None = None
     gyro_bias: list[CommonBias] = field(default_factory=list)
-    """What was taken off the gyro for every filter alike, one for each replayed IMU."""
+    """What was subtracted from the gyro for every filter alike, one for each replayed IMU."""
     estimators: list[EstimatorRow] = field(default_factory=list)
     alike: list[Duplicates] = field(default_factory=list)
     """Rows that share an equation, or whose attitudes are equal."""

@@ -153,7 +153,7 @@ def test_terminal_page_json_and_info_say_it(attlog, samples, tmp_path):
     run = attlog(
         "analyze", samples / "px4_hover.ulg", "-o", tmp_path, "--estimators", "gyro", "--gyro-bias", "none", "-v"
     )
-    assert "No gyro bias was taken off" in run.out
+    assert "No gyro bias was subtracted" in run.out
     assert attlog("analyze", samples / "px4_hover.ulg", "-o", tmp_path, "--gyro-bias", "some").code == 2
 
 
@@ -163,7 +163,7 @@ def test_extracted_attitudes_are_those_of_the_analysis(attlog, samples, tmp_path
 
     assert attlog("extract", samples / "px4_hover.ulg", "--estimates", "mahony", "-o", tmp_path).code == 0
     about = json.loads((tmp_path / "estimate_mahony.csv.json").read_text())
-    assert "taken off the gyro first: -0.3576, 0.5492, 0.8937 deg/s (rest)" in about["source"]
+    assert "subtracted from the gyro first: -0.3576, 0.5492, 0.8937 deg/s (rest)" in about["source"]
     columns = np.genfromtxt(tmp_path / "estimate_mahony.csv", delimiter=",", names=True, max_rows=5)
     begun = [np.degrees(columns[f"bias_{axis}_rad_s"][0]) for axis in "xyz"]
     assert begun == pytest.approx([-0.3576, 0.5492, 0.8937], abs=0.001), "all that is subtracted, not the rest of it"
