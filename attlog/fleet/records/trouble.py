@@ -16,7 +16,7 @@ from attlog.present.numbers import listed
 from attlog.result import EstimatorRow, Finding, Result
 
 ATTITUDE = frozenset({"attitude", "mounting", "estimator"})
-"""Kinds of findings that say the attitude that flew was wrong, or that its estimator failed."""
+"""Kinds of findings that say the onboard attitude was wrong, or that its estimator failed."""
 RESETS = frozenset({"reset", "realigned"})
 SENSORS = frozenset(
     {
@@ -124,7 +124,7 @@ def reasons(result: Result) -> list[Reason]:
     refused = result.reference.refused if result.reference else {}
     for kind, why in refused.items():
         if kind == "truth" or (kind == "onboard" and not codes & ATTITUDE):
-            said = "truth" if kind == "truth" else "attitude that flew"
+            said = "truth" if kind == "truth" else "onboard attitude"
             found.append(Reason("attitude", "refused", REFUSED_POINTS, f"The {said} is refused as reference: {why}."))
     shown = bool(crashes) or not result.events  # what the autopilot alone reports as a crash is often a bench
     landed = _last_landing(result)
@@ -167,10 +167,10 @@ def kind_of(finding: str) -> str:
 
 
 def _of_rows(result: Result) -> list[Reason]:
-    """Rows that diverged or failed: the attitude that flew on its own, the filters together."""
+    """Rows that diverged or failed: the onboard attitude on its own, the filters together."""
     names = row_names(result)
     found = [
-        Reason("attitude", r.status, POINTS["attitude", "serious"], f"The attitude that flew {r.status}: {r.reason}.")
+        Reason("attitude", r.status, POINTS["attitude", "serious"], f"The onboard attitude {r.status}: {r.reason}.")
         for r in result.estimators
         if r.name == "onboard" and r.status in ("diverged", "failed")
     ]

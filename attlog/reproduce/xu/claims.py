@@ -197,7 +197,7 @@ def _best(runs: Sequence[GainErrors]) -> Claim:
         "The best gain lies between 0.6 and 1.1.",
         "section 3",
         f"RMS error of tilt and heading in the air for gains from {SWEPT[0]:g} to {SWEPT[-1]:g}. Parts: 0.6 beats 1.1 "
-        "and 2 in tilt; a gain between 0.6 and 1.1 is best or not told apart from the best.",
+        "and 2 in tilt; a gain between 0.6 and 1.1 is best or not significantly different.",
         tuple(n for called, found in best.items() for n in (*three[called], *(b.over for b in found))),
         _verdict(measured, parts),
         f"The errors of tilt with 1.1 and 2 are {_text(three[first])} that of 0.6 on {first}. Of all gains: "

@@ -83,7 +83,7 @@ def test_the_attitude_that_flew_and_diverged_is_serious_another_of_the_log_is_no
     made = result([row("onboard", {}, status="diverged", reason="heading error above 45 deg")])
     found = trouble(reasons(made))
     assert found["level"] == "serious"
-    assert found["reasons"][0]["text"] == "The attitude that flew diverged: heading error above 45 deg."
+    assert found["reasons"][0]["text"] == "The onboard attitude diverged: heading error above 45 deg."
     assert trouble(reasons(result([row("onboard:AHR2", {}, status="diverged")])))["reasons"] == []
 
 
