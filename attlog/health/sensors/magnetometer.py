@@ -24,6 +24,8 @@ ALIGNED_S = 5.0
 """In its first seconds an onboard heading may lie anywhere: there sound compasses spread by 20 to 92 deg."""
 MIDDLE_SIGMAS = 3.29
 """Standard deviations between the 5th and the 95th percentile of a normal distribution."""
+SLOW_HZ, SLOW_DPS = 8.0, 15.0
+"""Below this rate field and attitude are not of one moment, unless the vehicle turns slower than that."""
 STEADY_DEG, UNSTEADY_DEG = 5.0, 20.0
 """How much the direction of the field may vary in earth axes; beyond the second a mean within it tells none."""
 
@@ -82,9 +84,10 @@ def strength(log: FlightLog, segments: Segments) -> Check:
 def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
     """Direction of the horizontal field, rotated by truth or the onboard attitude: steady, and the declination.
 
-    From the attitude's own alignment on, in use: no wreck, not upside down, not the ground where something flew.
+    From the attitude's own alignment on, in use: no wreck, not upside down, not the ground where something flew. Where
+    field or attitude are slow they are not of one moment: only slow turns count there, and less strictly.
     """
-    limit = f"ok up to {STEADY_DEG:.0f} deg, fault above {UNSTEADY_DEG:.0f} deg"
+    limit = f"ok up to {STEADY_DEG:.0f} deg, twice that below {SLOW_HZ:.0f} Hz, fault above {UNSTEADY_DEG:.0f} deg"
     name, attitude = ("truth", log.truth) if log.truth is not None else (log.onboard, log.onboard_attitude)
     if attitude is None:
         return [not_judged("field against attitude", "There is no attitude to rotate the field by.", limit)]
@@ -93,8 +96,12 @@ def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
     turned = rotation.slerp(attitude.t, q, field.t_best)
     good = rotation.finite(turned) & rotation.finite(field.x) & in_use(log, segments, field.t_best)
     good &= field.t_best >= aligned(log, attitude, segments)
+    slow = min(field.rate, attitude.rate) < SLOW_HZ
+    if slow:
+        good &= turning_dps(attitude.t, q, field.t_best) < SLOW_DPS
     if good.sum() < LEAST:
-        return [not_judged("field against attitude", f"{name} covers {good.sum()} magnetometer samples only.", limit)]
+        said = f"{name} covers {good.sum()} magnetometer samples only" + (", at slow turns." if slow else ".")
+        return [not_judged("field against attitude", said, limit)]
     north = rotation.rotate(turned[good], field.x[good])
     azimuth, spread = circular(np.arctan2(north[:, 1], north[:, 0]))
     model = declination.model(log)
@@ -102,7 +109,7 @@ def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
     whose = "the true" if name == "truth" else f"{name}'s"
     less = "" if model is None else f", less the declination of {model.declination_deg:.1f} deg,"
     text = f"The field's north lies {off:.1f} deg from {whose} north{less} and varies by {spread:.1f} deg (1 sigma)."
-    verdict = graded(spread, STEADY_DEG, UNSTEADY_DEG)
+    verdict = graded(spread, STEADY_DEG * (2.0 if slow else 1.0), UNSTEADY_DEG)
     found = [Check("field against attitude", verdict, text, round(spread, 2), "deg", limit)]
     limit = "ok within 4 deg of the model, fault above 15 deg"
     if model is None:
@@ -126,6 +133,16 @@ def aligned(log: FlightLog, attitude: Attitude, segments: Segments) -> float:
     jumped = scoring.aligned_at(attitude, index, segments)
     began = float(attitude.t[0]) + ALIGNED_S
     return began if jumped is None else max(jumped, began)
+
+
+def turning_dps(t: Array, q: Array, at: Array) -> Array:
+    """How fast (n,) in deg/s an attitude (m, 4) at ``t`` (m,) turns around times ``at`` (n,); infinite beyond it."""
+    if len(t) < 2:
+        return np.full(len(at), np.inf)
+    rate = np.degrees(rotation.length(rotation.increments(q))) / np.maximum(np.diff(t), 1e-6)
+    k = np.searchsorted(t, at) - 1
+    around = [rate[np.clip(k + j, 0, len(rate) - 1)] for j in (-1, 0, 1)]
+    return np.where((at >= t[0]) & (at <= t[-1]), np.maximum.reduce(around), np.inf)
 
 
 def circular(angle: Array) -> tuple[float, float]:
