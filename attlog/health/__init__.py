@@ -43,7 +43,7 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
     if (reference is None or reference.kind == "smoother") and segments is not None and log.imu is not None:
         rates = part_of(log, "The reference", lambda: choose(log, phases), lambda: reference)
     every: dict[str, Callable[[], list[Check]]] = {
-        "gaps and rate": lambda: timing.checks(log),
+        "gaps and rate": lambda: timing.checks(log, phases),
         "delay": lambda: delay.checks(log, rates),
         "gyro": lambda: gyro.checks(log, phases),
         "frozen sensors": lambda: frozen.checks(log, phases),

@@ -17,6 +17,7 @@ from attlog.base.errors import AttlogError
 from attlog.flight.model import FlightLog, Mag
 from attlog.health import answerable, audit
 from attlog.health.model import Check
+from attlog.health.sensors import timing
 from attlog.health.sensors.accelerometer import mounting_hint
 from attlog.metrics.base import Case
 from attlog.metrics.steps import events as steps
@@ -197,7 +198,7 @@ def test_a_low_pass_is_confirmed_by_the_rates() -> None:
     assert [found[name].value for name in ("delay", "imu delay")] == pytest.approx([2.8, 2.8], abs=0.5)
 
 
-def test_lost_samples_show_as_gaps_but_not_where_the_logger_pauses_while_disarmed() -> None:
+def test_lost_samples_show_as_gaps_but_not_where_the_logger_pauses_on_the_ground() -> None:
     begin, end = segments.build(good("px4_steps.ulg")).spans("armed")[0]
 
     def lost(first: float) -> Check:
@@ -215,7 +216,18 @@ def test_lost_samples_show_as_gaps_but_not_where_the_logger_pauses_while_disarme
     assert armed.t == pytest.approx(0.5 * (begin + end), abs=0.1)
     paused = lost(begin - 4.0)
     assert paused.verdict == "ok"
-    assert "The logger paused once while disarmed" in paused.text
+    assert "The logger paused once on the ground" in paused.text
+
+
+def test_a_long_gap_is_a_pause_where_no_flight_goes_into_it_though_disarming_was_not_logged() -> None:
+    log = deepcopy(good("px4_steps.ulg"))
+    flights = segments.build(log)
+    landed = flights.spans("airborne")[-1][1]
+    assert log.armed is not None
+    log.armed.t, log.armed.value = log.armed.t[:1], [True]
+    assert timing.pauses(landed + 2.0, landed + 8.0, log, flights)
+    assert not timing.pauses(landed - 20.0, landed - 14.0, log, flights)
+    assert not timing.pauses(landed + 2.0, landed + 8.0, log, Segments([], unknown=("airborne",)))
 
 
 def prepared(log: FlightLog, phases: Segments | None = None) -> Case:

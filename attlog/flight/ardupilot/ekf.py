@@ -80,7 +80,9 @@ def innovation_tests(builder: LogBuilder, clock: Clock, values: dict[str, float]
             ratio = np.max([table.value(c) for c in BY_AXIS], axis=0)
         else:
             continue
-        found.append(InnovationTest(aid, t, np.asarray(builder.within(ratio, physics.TEST_RATIO, name)), name))
+        # an int16 in hundredths wraps above 327, which tells nothing but that it was large
+        possible = (ratio >= physics.TEST_RATIO.low) & (ratio <= physics.TEST_RATIO.high)
+        found.append(InnovationTest(aid, t, np.where(possible, ratio, np.nan), name))
     return found
 
 

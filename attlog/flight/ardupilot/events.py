@@ -79,7 +79,7 @@ ERRORS: dict[tuple[int, int], EventMeaning] = {
         code="ekf_check",
     ),
     (17, 1): EventMeaning(
-        "EKF failsafe: the EKF was given up in flight",
+        "EKF failsafe: the EKF was given up",
         "error",
         cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
         code="ekf_failsafe",

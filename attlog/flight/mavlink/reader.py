@@ -139,7 +139,7 @@ def candidates(
         if np.mean((gyro != 0).any(axis=1) | (acc != 0).any(axis=1)) < 0.01:
             builder.problem(
                 "imu_all_zero",
-                "warning" if unit else "error",
+                "note" if unit else "error",
                 f"{name}: its gyro and accelerometer values are zero; this unit is not used.",
             )
             continue

@@ -51,6 +51,8 @@ def against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments: Segm
     name = log.onboard or ""
     jumps, _ = resets.known(log, name, segments) if imu is log.replay_imu else resets.find(onboard, imu)
     by_gyro, by_attitude = rotations(imu, onboard, jumps)
+    if imu.gyro.rate < LEAST_HZ:
+        return not_judged("gyro against attitude", f"At {imu.gyro.rate:.0f} Hz {imu.gyro.source} misses turns.", limit)
     if len(by_gyro) < LEAST_INTERVALS:
         return not_judged("gyro against attitude", f"{name} has too few intervals with inertial data.", limit)
     g, a = centred(by_gyro), centred(by_attitude)

@@ -9,8 +9,9 @@ from attlog.flight.inertial import LOW_RATE_HZ, REPLAY_MIN_HZ, fast_enough
 from attlog.flight.model import Array, FlightLog
 from attlog.health.model import Check, graded
 from attlog.segments.flags import held
+from attlog.segments.model import Segments
 
-PAUSE_S, LONG_S = 2.0, 5.0
+PAUSE_S, LONG_S, NEAR_S = 2.0, 5.0, 1.0
 """A shorter gap is lost records; where nothing tells of arming, a longer one is none."""
 ARMED_S, ARMED_SHARE = 1.0, 0.1
 """A pause begins up to so long after disarming, and ends with arming."""
@@ -23,7 +24,7 @@ FULL_HZ = 95.0
 """Above this the rotation between samples is small enough for every estimator."""
 
 
-def checks(log: FlightLog) -> list[Check]:
+def checks(log: FlightLog, segments: Segments) -> list[Check]:
     """The checks that need no attitude."""
     if not log.imus:
         return [Check("rate", "fault", "There is no usable gyro and accelerometer data.", 0.0, "Hz", ">= 10 Hz")]
@@ -34,7 +35,7 @@ def checks(log: FlightLog) -> list[Check]:
     dt = np.diff(t)
     breaks = gaps(t) - 1
     steady = np.delete(dt, breaks)
-    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log), jitter_check(steady)]
+    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log, segments), jitter_check(steady)]
 
 
 def rate_check(source: str, rate: float) -> Check:
@@ -54,16 +55,16 @@ def rate_check(source: str, rate: float) -> Check:
     )
 
 
-def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog) -> Check:
+def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segments) -> Check:
     """Are samples missing? ``breaks`` are the samples before the gaps of ``t`` (n,) s.
 
-    A gap from disarming to arming is the logger, which rests while the vehicle does.
+    A gap from disarming to arming is the logger, which rests while the vehicle does; so is a long one on the ground.
     """
     if len(breaks) == 0:
         return Check("gaps", "ok", "No gap in the inertial data.", 0.0, "s", GAP_LIMIT)
     begin, end = t[breaks], t[breaks + 1]
-    paused = np.array([pauses(a, b, log) for a, b in zip(begin.tolist(), end.tolist(), strict=True)])
-    rest = f"The logger paused {'once' if paused.sum() == 1 else f'{paused.sum()} times'} while disarmed, "
+    paused = np.array([pauses(a, b, log, segments) for a, b in zip(begin.tolist(), end.tolist(), strict=True)])
+    rest = f"The logger paused {'once' if paused.sum() == 1 else f'{paused.sum()} times'} on the ground, "
     rest += f"{float((end - begin)[paused].sum()):.0f} s in all."
     if paused.all():
         return Check("gaps", "ok", rest, 0.0, "s", GAP_LIMIT)
@@ -105,10 +106,16 @@ def logged_in_gaps(log: FlightLog, start: Array, end: Array) -> int:
     return int(np.count_nonzero(there >= np.maximum(2.0, 0.5 * onboard.rate * (end - start))))
 
 
-def pauses(t0: float, t1: float, log: FlightLog) -> bool:
-    """Whether a gap from ``t0`` to ``t1`` s lies where the vehicle was disarmed; where nothing tells, a long one."""
+def pauses(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
+    """Whether a gap from ``t0`` to ``t1`` s lies where the vehicle was disarmed; where nothing tells, a long one.
+
+    The record of disarming is often lost with the others: a long gap that no flight goes into or comes out of counts.
+    """
     if log.armed is None or not log.armed.value:
         return t1 - t0 > LONG_S
+    flown = any(a < t1 + NEAR_S and t0 - NEAR_S < b for a, b in segments.spans("airborne"))
+    if t1 - t0 > LONG_S and "airborne" not in segments.unknown and not flown:
+        return True
     armed = sum(b - a for a, b in held(log.armed, True, t0, t1))
     return t1 - t0 > PAUSE_S and armed < ARMED_SHARE * (t1 - t0) + ARMED_S
 

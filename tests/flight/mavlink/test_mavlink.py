@@ -16,6 +16,7 @@ from attlog.flight.mavlink.clock import rising, steady
 from attlog.flight.model import FlightLog
 from attlog.formats import Recording
 from attlog.health.sensors.timing import checks as rate_audit
+from attlog.segments.model import Segments
 from tests.flight.fake import messages
 
 UNIX = 1_700_000_000_000_000
@@ -173,7 +174,7 @@ def test_a_rate_is_judged_as_it_is_shown(hz: float, replayed: bool) -> None:
     log = read({("RAW_IMU", ME): raw_imu(300, hz), ("ATTITUDE", ME): attitude(100, 4)})
     assert (log.imu is not None) == replayed
     assert all("10.0 Hz; a replay needs" not in p.text for p in log.problems)
-    rate = next(check for check in rate_audit(log) if check.name == "rate")
+    rate = next(check for check in rate_audit(log, Segments()) if check.name == "rate")
     assert (rate.verdict != "fault") == replayed
 
 
