@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from attlog.health.model import Check
 from attlog.metrics.answer import missing
+from attlog.present.sentences.brief import brief_answers
 from tests.present.made import LAG, STEP, absent, impure, lag, merged, row, sentence, step, verdict
 from tests.present.made import result as made
 
@@ -36,6 +38,17 @@ def test_most_is_said_only_of_the_row_that_the_ranking_finds_worst():
     assert "B lags most: +14 ms (+13 to +15); A by +12 ms against" in sentence(
         "lag", made(rows, {LAG: ["c"]}, {LAG: "b"})
     )
+
+
+@pytest.mark.parametrize(
+    ("verdict_", "ms", "said"), [("warning", 15.2, True), ("ok", 3.0, False), ("fault", -25.0, False)]
+)
+def test_an_imu_that_is_late_by_itself_is_said_to_make_every_filter_late(verdict_, ms, said):
+    found = made([row("a", lag(15)), row("b", lag(16))])
+    found.audit = [Check("imu delay", verdict_, "IMU:0 comes later.", ms, "ms")]
+    expected = "The IMU itself is 15 ms late, and every filter with it."
+    assert (expected in sentence("lag", found)) == said
+    assert (expected in brief_answers(found)["lag"].text) == said
 
 
 def test_one_step_is_in_the_singular():

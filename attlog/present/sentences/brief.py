@@ -11,7 +11,7 @@ from attlog.present.contest import ColumnRanking, RankedValue, contest
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
 from attlog.present.numbers import counted
 from attlog.present.sentences.accuracy import TILT
-from attlog.present.sentences.lag import LAG, zero_below
+from attlog.present.sentences.lag import LAG, late_imu, zero_below
 from attlog.present.sentences.noise import NOISE, WHERE
 from attlog.present.sentences.reasons import commonest, why_not
 from attlog.present.sentences.spoiled import SPOILING, spoiling
@@ -41,7 +41,7 @@ def brief_answers(result: Result) -> dict[str, BriefAnswer]:
     found = {
         "accuracy": _accuracy(result),
         "noise": _noise(result),
-        "lag": _lag(contest(result, LAG, AIR)),
+        "lag": _lag(result, contest(result, LAG, AIR)),
         "yaw_drift": _yaw_drift(result),
     }
     check = spoiling(result)
@@ -66,7 +66,7 @@ def _noise(result: Result) -> BriefAnswer:
     return BriefAnswer(f"{where[0].upper()}{where[1:]} {_compared(lead)}.", _onboard(lead))
 
 
-def _lag(lag: ColumnRanking) -> BriefAnswer:
+def _lag(result: Result, lag: ColumnRanking) -> BriefAnswer:
     """Which lags are measurable, the largest first, and below which bound all others are."""
     if not lag.ranked:
         return _unranked(lag)
@@ -74,7 +74,7 @@ def _lag(lag: ColumnRanking) -> BriefAnswer:
     rest = [j for j in lag.ranked if j not in moved]
     steps = counted(max(j.answer.n for j in lag.ranked), "step")
     text = _significant(moved, rest)
-    return BriefAnswer(f"{text[0].upper()}{text[1:]} ({steps}).", _onboard(lag))
+    return BriefAnswer(f"{text[0].upper()}{text[1:]} ({steps}).{late_imu(result)}", _onboard(lag))
 
 
 def _yaw_drift(result: Result) -> BriefAnswer:

@@ -31,7 +31,7 @@ def lag_verdict(result: Result) -> Verdict:
     if lag.ranked:
         unsure = undetermined(lag)
         sentence = says(result, lag) + (f" {unsure[0].upper()}{unsure[1:]}." if unsure else "")
-        sentence += impure_part([a.row.name for a in impure], result)
+        sentence += late_imu(result) + impure_part([a.row.name for a in impure], result)
         sentence += onboard_lag(lag) + step_part(result, step)
     elif lag.filters or impure:
         sentence = f"No filter's lag can be judged: {why_not(lag)}.{onboard_lag(lag)}{step_part(result, step)}"
@@ -92,6 +92,15 @@ def ahead(result: Result, early: list[RankedValue], ranked: list[RankedValue], a
     text = f"{who} {'is' if len(early) == 1 else 'are'} ahead: {values(early)}{against}"
     flew = result.reference is not None and result.reference.choice == "onboard"
     return f"{text}. The onboard attitude itself lags" if flew and len(early) == len(ranked) > 1 else text
+
+
+def late_imu(result: Result) -> str:
+    """That the IMU itself comes late, by more than its filters explain: no filter can be earlier."""
+    for check in result.audit:
+        if check.name == "imu delay" and check.verdict in ("warning", "fault") and isinstance(check.value, float):
+            if check.value > 0.0:
+                return f" The IMU itself is {quantity(check.value, 'ms', signed=False)} late, and every filter with it."
+    return ""
 
 
 def impure_part(names: list[str], result: Result) -> str:
