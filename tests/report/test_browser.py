@@ -195,7 +195,7 @@ def test_a_figure_can_be_saved_with_its_legend_as_picture_and_numbers(visit, rep
         return download.value.path().read_bytes()
 
     svg = saved("steps", "svg").decode()
-    for text in ("All movements together", "Mahony, Xu 0.6", "VQF"):
+    for text in ("All steps together", "Mahony, Xu 0.6", "VQF"):
         assert text in svg
     assert saved("steps", "png")[:8] == b"\x89PNG\r\n\x1a\n"
     lines = saved("bias", "csv").decode().splitlines()
