@@ -66,8 +66,9 @@ class _Server:
                     self._wake.recv(4096)
                     self._reap()
                 elif ready is not self._control:
-                    self._events.unregister(ready)
+                    # a child that ended in the same moment is reaped, its life closed and forgotten already
                     for pid in [pid for pid, life in self._lives.items() if life is ready]:
+                        self._events.unregister(ready)
                         end_session(pid)
                 elif not self._ordered():
                     for pid in self._lives:
