@@ -18,7 +18,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from attlog.base.processes.child import start_of
 from attlog.kernels import emit, processor, sources, store
 from attlog.kernels.folder import write
 from attlog.kernels.kernel import Kernel
@@ -125,11 +124,10 @@ def build(target: Path, levels: tuple[str, ...], every: bool = True) -> None:
 def _compile_in_processes(target: Path, levels: tuple[str, ...], parts: int, every: bool) -> None:
     """One process for each level and part; each object that it says it made is counted on the line that stands."""
     counted, count = threading.Lock(), 0
-    start = start_of("attlog.prebuilt")
 
     def run(level: str, part: int) -> tuple[int, str]:
         nonlocal count
-        command = [sys.executable, "-P", "-c", start, str(target), "--share", str(part), str(parts)]
+        command = [sys.executable, "-m", "attlog.prebuilt", str(target), "--share", str(part), str(parts)]
         command += ["--all"] if every else []
         # The order in which numba goes through sets shows in the code: unfixed, two builds differ in some bytes.
         environment = {**os.environ, LEVEL: level, "PYTHONHASHSEED": "0"}

@@ -161,24 +161,6 @@ def test_two_builds_go_through_sets_in_the_same_order(tmp_path: Path, monkeypatc
     assert {env[prebuilt.LEVEL] for env in told} == set(processor.portable())
 
 
-def test_the_processes_of_a_build_import_nothing_from_the_folder_in_which_it_is_started(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "json.py").write_text("raise SystemExit('the wrong json')\n")
-    start, helped = subprocess.Popen, list[tuple[int, str, str]]()
-
-    def ask_for_help(command: list[str], **_: Any) -> Any:
-        words = [*command[: command.index("--share")], "--help"]
-        with start(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            out, err = process.communicate()
-        helped.append((process.returncode, out[:6], err))
-        return contextlib.nullcontext(SimpleNamespace(stdout=[], stderr=io.StringIO(), returncode=0))
-
-    monkeypatch.setattr(prebuilt.subprocess, "Popen", ask_for_help)
-    prebuilt._compile_in_processes(tmp_path, processor.levels()[:1], 1, every=False)
-    assert helped == [(0, "usage:", "")]
-
-
 def test_a_build_counts_what_it_makes_and_keeps_what_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

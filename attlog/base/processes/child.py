@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from attlog.base.processes import life
 from attlog.base.processes.memory import resident_mb
 from attlog.base.processes.serve import CUT_OFF, FAILED, MESSAGE
 from attlog.base.processes.wire import ANY_SIZE, NonsenseError, Wire, value
@@ -206,33 +205,22 @@ class Child:
         raise Died(self.end(ENDING_S))
 
 
-def start_of(module: str, arguments: str = "") -> str:
-    """What a fresh interpreter (``-P -c``) runs to call ``main`` of a module, which it finds where this one does."""
-    path = [os.path.abspath(p) if p else os.getcwd() for p in sys.path]
-    return START.format(path=path, module=module, arguments=arguments)
-
-
 class Interpreter:
-    """A fresh interpreter that runs ``main(number of a socket, number of a pipe, *arguments)`` of a module.
-
-    It ends with this process, whatever either is doing; the pipe is for :func:`attlog.base.processes.life.end_with`.
-    """
+    """A fresh interpreter that runs ``main(number of a socket, *arguments)`` of a module."""
 
     def __init__(self, module: str, theirs: socket.socket, environment: Mapping[str, str], *arguments: Any) -> None:
+        path = [os.path.abspath(p) if p else os.getcwd() for p in sys.path]
         number = theirs.fileno()
-        watched, kept = life.pipe()
-        said = ", ".join(map(repr, (number, watched, *arguments)))
+        start = START.format(path=path, module=module, arguments=", ".join(map(repr, (number, *arguments))))
         windows = sys.platform == "win32"
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", start_of(module, said)],
-            pass_fds=[] if windows else [fd for fd in (number, watched) if fd != life.NO_LIFE],
+            [sys.executable, "-P", "-c", start],
+            pass_fds=[] if windows else [number],
             stdin=subprocess.PIPE if windows else subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env=dict.fromkeys(ONE_THREAD, "1") | dict(environment) | os.environ,
             **OWN_GROUP,
         )
-        life.close(watched)
-        self._last = weakref.finalize(self, _killed, self._process, kept, os.getpid())
         if sys.platform == "win32":  # not tried
             self._process.communicate(theirs.share(self._process.pid))
         self._lock = threading.Lock()
@@ -260,9 +248,7 @@ class Interpreter:
             if self._process.returncode is None:
                 with suppress(OSError):
                     os.killpg(self.pid, signal.SIGKILL) if OWN_GROUP else self._process.kill()
-            status = self._process.wait()
-            self._last()
-            return Exit(status)
+            return Exit(self._process.wait())
 
 
 def end_session(leader: int) -> None:
@@ -279,17 +265,6 @@ def end_session(leader: int) -> None:
     for end, number in [*((os.killpg, group) for group in groups), (os.kill, leader)]:
         with suppress(OSError):
             end(number, signal.SIGKILL)
-
-
-def _killed(process: subprocess.Popen[bytes], kept: int, owner: int) -> None:
-    """End an interpreter that nobody ended, at the latest when this program ends; a fork leaves it to its owner."""
-    if os.getpid() != owner:
-        return
-    if process.returncode is None:
-        with suppress(OSError):
-            os.killpg(process.pid, signal.SIGKILL) if OWN_GROUP else process.kill()
-        process.wait()
-    life.close(kept)
 
 
 def _ended(process: Process, connection: socket.socket, owner: int) -> None:

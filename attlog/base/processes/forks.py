@@ -91,7 +91,6 @@ class Forks:
             with theirs:
                 module = "attlog.base.processes.server"
                 self._program = Interpreter(module, theirs, self._environment, self._preloaded)
-            weakref.finalize(self, _forgotten, self._program, self._control, os.getpid())
             self._prepared = False
             if self.closed:  # meanwhile
                 self._end()
@@ -104,13 +103,6 @@ class Forks:
             control.close()
         if program is not None:
             program.end(BUSY_S)  # it may be compiling a filter, which comes before the first child
-
-
-def _forgotten(program: Interpreter, control: socket.socket, owner: int) -> None:
-    """End the program of forks that nobody closed, at the latest when this program ends."""
-    if os.getpid() == owner:
-        control.close()
-        program.end(BUSY_S)
 
 
 class Fork:

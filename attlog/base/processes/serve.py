@@ -15,7 +15,6 @@ from pickle import PicklingError
 from queue import SimpleQueue
 from typing import Any
 
-from attlog.base.processes.life import end_with
 from attlog.base.processes.wire import Wire, parts, value
 
 Tell = Callable[[dict[str, Any]], None]
@@ -27,9 +26,8 @@ GRACE_S = 10
 """After so much more than its limit a process ends itself: whoever would have ended it is gone."""
 
 
-def main(descriptor: int, life: int) -> None:
+def main(descriptor: int) -> None:
     """A fresh interpreter: serve over the socket with this number. Interrupts are for whoever asks."""
-    end_with(life)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     connection = received(descriptor)
     with suppress(OSError):

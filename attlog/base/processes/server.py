@@ -26,7 +26,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from attlog.base.processes.child import Exit, end_session
-from attlog.base.processes.life import close, end_with
 from attlog.base.processes.serve import answer, serve
 from attlog.base.processes.wire import Wire
 
@@ -34,7 +33,7 @@ FORK, SELF = b"f", b"s"
 """Orders: a child, or a request that this program answers itself."""
 
 
-def main(descriptor: int, life: int, preloaded: Sequence[str]) -> None:
+def main(descriptor: int, preloaded: Sequence[str]) -> None:
     """Serve until the parent is gone."""
     for name in preloaded:
         importlib.import_module(name)
@@ -46,14 +45,14 @@ def main(descriptor: int, life: int, preloaded: Sequence[str]) -> None:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted, and decides
     with socket.socket(fileno=descriptor) as control:
-        _Server(control, wake, waker, life).run()
+        _Server(control, wake, waker).run()
 
 
 class _Server:
     """Children by their numbers, each with the socket of its life."""
 
-    def __init__(self, control: socket.socket, wake: socket.socket, waker: socket.socket, life: int) -> None:
-        self._control, self._wake, self._waker, self._life = control, wake, waker, life
+    def __init__(self, control: socket.socket, wake: socket.socket, waker: socket.socket) -> None:
+        self._control, self._wake, self._waker = control, wake, waker
         self._lives: dict[int, socket.socket] = {}
         self._events = selectors.DefaultSelector()
         for end in (control, wake):
@@ -85,9 +84,8 @@ class _Server:
         connection = socket.socket(fileno=descriptors[0])
         if order == SELF:
             with connection, suppress(EOFError, OSError):
-                wire, watched = Wire(connection), end_with(self._life)  # what it loads may hang
+                wire = Wire(connection)
                 answer(wire, wire.receive())
-                close(watched)
             gc.freeze()
             return True
         life = socket.socket(fileno=descriptors[1])
@@ -108,7 +106,6 @@ class _Server:
             for other in (self._control, self._wake, self._waker, life, *self._lives.values()):
                 other.close()
             os.setsid()  # whatever the child starts is killed with it
-            end_with(self._life)
             serve(connection)
         except BaseException:
             sys.excepthook(*sys.exc_info())

@@ -39,22 +39,44 @@ def ended_by_signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
+INTERRUPTED_S = 2
+"""A terminal interrupts both processes, another program (``kill -INT``) this one alone. Which it was cannot be known: a
+child that is still there after so long is interrupted by this one."""
+
+
 def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
     """The exit code of ``run``, in a child process where one of the ``words`` names a file that is mapped."""
     large = [word for word in words if os.path.isfile(word) and os.path.getsize(word) > limits.READ_BYTES]
     if not large or not hasattr(os, "fork"):
         return run()
-    from attlog.base.processes.forked import in_fork
-
-    def mapped() -> int:
+    child = os.fork()
+    if not child:
         os.environ[limits.MAPPED] = "1"
+        code = 70
         try:
-            return run()
+            code = run()
         except BaseException as error:  # ``run`` reports errors itself, unless memory is too short even for that
+            code = exit_code(error)
             os.write(2, f"{message(error, __version__)}\n".encode(errors="replace"))
-            return exit_code(error)
+        finally:
+            os._exit(code)
 
-    code = in_fork(mapped)
+    def hand_on(number: int, _: Any) -> None:
+        os.kill(child, number)
+
+    def hand_on_later(number: int, _: Any) -> None:
+        signal.signal(signal.SIGALRM, lambda *_: os.kill(child, number))
+        signal.alarm(INTERRUPTED_S)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)}
+    before[signal.SIGALRM] = signal.getsignal(signal.SIGALRM)
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+        if before[number] != signal.SIG_IGN:
+            signal.signal(number, hand_on_later if number == signal.SIGINT else hand_on)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    signal.alarm(0)
+    for number, handler in before.items():
+        signal.signal(number, handler)
     if code == -signal.SIGBUS:
         print(f"attlog: {large[0]}: became shorter while it was read; try again when it is whole", file=sys.stderr)
         return LogUnreadable.exit_code

@@ -135,46 +135,6 @@ def test_processes_end_with_a_caller_that_is_killed() -> None:
     assert all(map(gone, pids))
 
 
-HOLDING = "re.match, '(a+)+$', 'a' * 60 + 'b'"
-"""A call that holds the interpreter lock for years: no thread of its process runs."""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="no other system kills a process when a pipe closes")
-@pytest.mark.parametrize(
-    "calls",
-    [
-        f"child = Child.started()\nprint(child.call(work.starting), flush=True)\nchild.call({HOLDING})",
-        f"forks = Forks()\nforks.prepare(print)\nprint(forks._program.pid, flush=True)\nforks._prepared = False\n"
-        f"forks.prepare({HOLDING})",
-        "import os\nfrom attlog.base.processes.forked import in_fork\n"
-        f"def run():\n    print(os.getpid(), flush=True)\n    held({HOLDING})\nin_fork(run)",
-    ],
-    ids=["fresh", "forking program", "fork of the caller"],
-)
-def test_a_busy_process_ends_with_a_caller_that_is_killed_and_with_all_that_it_started(calls: str) -> None:
-    code = (
-        "import re\nfrom attlog.base.processes.child import Child\nfrom attlog.base.processes.forks import Forks\n"
-        f"from tests.base.processes import work\nheld = lambda f, *x: f(*x)\n{calls}"
-    )
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as caller:
-        assert caller.stdout is not None
-        pid = int(caller.stdout.readline())
-        time.sleep(0.2)
-        caller.kill()
-    assert gone(pid)
-
-
-def test_a_program_that_forgets_its_processes_ends_them_without_a_warning() -> None:
-    code = (
-        "import functools\nfrom attlog.base.processes.forks import Forks\nfrom tests.base.processes import work\n"
-        "forks = functools.cache(Forks)\nwith forks().child() as child:\n    child.call(work.process)\n"
-        "print(forks()._program.pid)"
-    )
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
-    assert done.stderr == ""
-    assert gone(int(done.stdout))
-
-
 def test_closing_forks_ends_what_they_do_and_starts_nothing_more() -> None:
     forks = Forks()
     ended: list[BaseException] = []

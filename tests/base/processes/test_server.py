@@ -17,7 +17,7 @@ def test_a_child_that_ends_as_its_caller_lets_go_of_it_ends_nothing_else() -> No
     """Its end, the end of its life and the end of the orders are read in one batch, in this order."""
     pairs = [socket.socketpair() for _ in range(3)]
     (parent, control), (wake, waker), (held, life) = pairs
-    server = _Server(control, wake, waker, -1)
+    server = _Server(control, wake, waker)
     pid = os.fork()
     if not pid:
         os._exit(0)

@@ -53,10 +53,9 @@ FORKS = pytest.mark.skipif(sys.platform == "win32", reason="nothing is forked th
 HEAD = """
 import signal, sys, time
 from attlog.base import limits
-from attlog.base.processes import forked
 from attlog.cli.shared import process
 limits.READ_BYTES = 1
-forked.INTERRUPTED_S = 1
+process.INTERRUPTED_S = 1
 """
 
 
