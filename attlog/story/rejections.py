@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from attlog.flight.model import FlightLog, InnovationTest
+from attlog.segments.airborne.grid import runs
 from attlog.segments.model import Segments
 from attlog.segments.spans import Span, inside
 from attlog.story.event import Event
@@ -60,8 +61,7 @@ def _of(test: InnovationTest, flown: list[Span]) -> Rejection | None:
     if np.count_nonzero(use) < 2:
         return None
     beyond = use & (test.ratio > 1.0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], beyond.astype(np.int8), [0]])))
-    pairs = [(float(test.t[a]), float(test.t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    pairs = [(float(test.t[a]), float(test.t[b - 1])) for a, b in runs(beyond)]
     long = [(a, b) for a, b in pairs if b - a >= LEAST_S]
     worst = max((float(test.ratio[beyond & inside(test.t, [pair])].max()) for pair in long), default=0.0)
     return Rejection(test.aid, long, worst, test.source, float(sum(b - a for a, b in flown)))

@@ -18,7 +18,7 @@ OFF = 0.2
 """One that is off by more, while another is sound, is not to be used."""
 
 
-def given(findings: Sequence[Finding], log: FlightLog) -> list[Finding]:
+def with_actions(findings: Sequence[Finding], log: FlightLog) -> list[Finding]:
     """The findings, worst first, with the actions that this vehicle can take; what stands above is not said again."""
     taken: set[str] = set()
     found = []

@@ -67,7 +67,7 @@ def findings(
     found = merged(record.settled(told))
     place = {kind: i for i, kind in enumerate(dict.fromkeys([*FIRST, *(about.kind for about in ABOUT.values())]))}
     found.sort(key=lambda f: (ORDER.index(f.severity), place.get(f.kind, len(place)), f.t or 0.0))
-    return actions.given(found, log)
+    return actions.with_actions(found, log)
 
 
 def of_check(check: Check, log: FlightLog) -> Finding:

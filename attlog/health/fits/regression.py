@@ -11,7 +11,7 @@ from attlog.flight.model import Array
 BLOCK_S = 5.0
 """Errors of an attitude last for seconds: samples of one block count as one cluster."""
 HUBER = 2.0
-"""Residuals beyond so many robust deviations are weighted down (Huber 1964)."""
+"""Residuals beyond so many robust deviations are weighted down (Huber1964)."""
 PASSES = 6
 
 
@@ -34,7 +34,7 @@ def fit(t: Array, columns: Array, y: Array, prior: Array | None = None) -> Robus
     """Solve ``columns`` (n, k, p) times x = ``y`` (n, k) at ``t`` (n,) s; None where the columns do not determine x.
 
     ``prior`` (p,): standard deviation of a coefficient about 0, infinity for none. Huber weights; the covariance is
-    clustered by blocks of BLOCK_S (Cameron and Miller 2015, eq. 11), with the prior's own share added.
+    clustered by blocks of BLOCK_S (Cameron2015 10 and 11), with the prior's own share added.
     """
     n, k, p = columns.shape
     flat, target = columns.reshape(n * k, p), y.ravel()

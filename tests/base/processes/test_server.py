@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import socket
 import sys
-import time
 
 import pytest
 
@@ -21,7 +20,7 @@ def test_a_child_that_ends_as_its_caller_lets_go_of_it_ends_nothing_else() -> No
     pid = os.fork()
     if not pid:
         os._exit(0)
-    time.sleep(0.2)  # it has ended, and nobody has waited for it
+    os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # it has ended, and is still to be reaped
     server._lives[pid] = life
     server._events.register(life, 1)
     waker.send(b"x")
