@@ -1,0 +1,1 @@
+"""What do GNSS and gravity say of an attitude, without a filter: numbers only."""
