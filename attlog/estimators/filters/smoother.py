@@ -8,6 +8,9 @@ disturbances; the last two are linearised along the pass before. Uses what there
 and rest; without GNSS it is the model of ``mekf`` forth and back. What follows an impact is smoothed by itself, so that
 a crash does not reach back. Looks ahead: it is a reference and not a filter that could fly.
 
+Run twice, with and without the compass: a wrong one is left out where motion shows the heading, and where neither can
+be trusted there is none (``pair.py``). ``quality["heading_from"]`` says which.
+
 Without GNSS it is the model of ``mekf``, which expects the body not to fly away, with a backward pass (Rauch1965;
 ``inertial/backward.py``).
 
@@ -24,6 +27,7 @@ import numpy as np
 
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
+from attlog.estimators.filters import pair
 from attlog.estimators.filters.navigation import attitude, passes
 from attlog.estimators.filters.navigation.measured import Inputs, made_ready
 from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
@@ -65,36 +69,47 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
 
 def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
     """One part of a run, by itself: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3), NaN where missing."""
-    clock = time.thread_time()
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
     if inputs.velocity is None and inputs.position is None:
         return inertial(inputs, mag)
+    by_motion = aided(replace(inputs, mag=None), params)
+    if inputs.mag is None:
+        return pair.alone(by_motion)
+    with_compass = aided(inputs, params)
+    both = pair.chosen(with_compass, by_motion)
+    return replace(both, ns_per_update=with_compass.ns_per_update + by_motion.ns_per_update)
+
+
+def aided(inputs: Inputs, params: Mapping[str, float | str]) -> Estimate:
+    """One smoothed run with the aids that the inputs hold."""
+    clock = time.thread_time()
+    n = len(inputs.t)
     solution = passes.solved(inputs, started(params), float(params["soft_gate"]), int(params["passes"]))
     found = solution.found
     q, bias = attitude.smoothed_samples(found, inputs)
     tilt, heading = attitude.sigmas(inputs, found, found.spread)
     told = attitude.quality(inputs, found, solution.tuned, tilt, heading) | attitude.quality_of_passes(solution)
-    told["refused"] = attitude.refusal(told)
     return Estimate(
-        t=t,
+        t=inputs.t,
         q=attitude.at_stamps(inputs, q, bias),
         bias=bias,
-        aux={"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, len(t))},
+        aux={"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, n)},
         quality=told,
-        ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1),
+        ns_per_update=1e9 * (time.thread_time() - clock) / max(n, 1),
         causal=False,
     )
 
 
 def inertial(inputs: Inputs, mag: Array) -> Estimate:
-    """Without GNSS: a body that does not fly away; ``mag`` (n, 3), NaN where missing."""
+    """Without GNSS: a body that does not fly away; ``mag`` (n, 3), NaN where missing.
+
+    One run: the tilt is the same without the compass, and nothing else shows where north is.
+    """
     from attlog.estimators.filters.inertial.backward import smooth
 
     found = smooth(inputs.t, inputs.gyr, inputs.acc, mag)
     assert found.bias is not None
     tilt, heading = found.aux["sigma_tilt"], found.aux["sigma_heading"]
     told = found.quality | attitude.own_sigma(tilt, heading) | attitude.lag_corrected(inputs)
-    if np.isnan(mag).all():
-        told["sigma_heading_deg"] = 180.0
-    told["refused"] = attitude.refusal(told)
-    return replace(found, q=attitude.at_stamps(inputs, found.q, found.bias), quality=told)
+    found = replace(found, q=attitude.at_stamps(inputs, found.q, found.bias), quality=told)
+    return pair.without_heading(found, pair.NO_NORTH) if np.isnan(mag).all() else pair.by_compass(found)

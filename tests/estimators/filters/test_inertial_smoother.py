@@ -99,12 +99,20 @@ def test_a_field_that_comes_late_tells_the_heading_from_the_first_sample() -> No
 
 def test_without_magnetometer_heading_begins_at_0_and_its_sigma_is_that_of_the_drift_since() -> None:
     m = motion(lambda t: (0.3 * np.sin(t), 0.2 * np.sin(1.7 * t), 0.2 * t), 60.0, noise=CONSUMER)
-    e = estimate("smoother", m.t, m.gyr, m.acc)
+    e = backward.smooth(m.t, m.gyr, m.acc)
     assert e.quality["aided_by"] == "rest"
     assert heading_deg(e.q[:1], m.q[:1]) == pytest.approx(0.0, abs=1.5)
     sigma = np.rad2deg(e.aux["sigma_heading"].ravel())
     assert sigma[0] < 0.1 < sigma[-1]
     assert rms(heading_deg(e.q, m.q)) < 3.0 * sigma.max()
+
+
+def test_without_gnss_a_heading_rests_on_the_compass_alone_or_is_none() -> None:
+    m = flight(60.0, noise=CONSUMER)
+    assert estimate("smoother", *m.sensors).quality["heading_from"] == "compass"
+    e = estimate("smoother", m.t, m.gyr, m.acc)
+    assert e.quality["heading_from"] == "nobody"
+    assert (e.aux["sigma_heading"] == np.pi).all()
 
 
 def test_the_delay_of_the_magnetometer_is_told() -> None:

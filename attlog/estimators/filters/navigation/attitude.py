@@ -149,9 +149,12 @@ def lag_corrected(inputs: Inputs) -> dict[str, float | str]:
 def refusal(told: dict[str, float | str]) -> str:
     """Why a smoothed run is no reference; empty where it is one."""
     reasons = []
+    heading = "its own heading sigma is {:.1f} deg"
+    if told.get("heading_from") == "nobody":
+        heading = f"no heading: {told['heading_why']}"
     for name, limit, text in (
         ("sigma_tilt_deg", SURE_DEG, "its own tilt sigma is {:.1f} deg"),
-        ("sigma_heading_deg", SURE_DEG, "its own heading sigma is {:.1f} deg"),
+        ("sigma_heading_deg", SURE_DEG, heading),
         ("worst_ratio", WORST_RATIO, "an aid does not fit: residuals {:.1f} times the calibrated noise (squared)"),
         ("soft_gated_pct", MOST_SOFT_PCT, "{:.0f} % of the GNSS velocities do not fit"),
         ("openings", MOST_OPENINGS, "it lost an aid {:.0f} times"),

@@ -58,16 +58,23 @@ def flight(
     metres: float = 0.5,
     seed: int = 0,
     rate: float = 100.0,
+    reach: float = 1.0,
 ) -> Made:
-    """Rest for ``still`` s, then a flight that leans, climbs and yaws. Densities, 1 sigma of GNSS, delays in s."""
+    """Rest for ``still`` s, then a flight that leans, climbs and yaws. Densities, 1 sigma of GNSS, delays in s.
+
+    ``reach`` scales how far it moves and leans: 0.01 is a hover that yaws.
+    """
 
     def angles(t: Array) -> tuple[Array, Array, Array]:
         move = ramp(t, still)
-        return 0.3 * np.sin(0.8 * t) * move, 0.25 * np.sin(0.6 * t + 1.0) * move, 1.0 + 1.5 * np.sin(0.2 * t) * move
+        lean = reach * move
+        return 0.3 * np.sin(0.8 * t) * lean, 0.25 * np.sin(0.6 * t + 1.0) * lean, 1.0 + 1.5 * np.sin(0.2 * t) * move
 
     # Twice the rate, then means over two intervals, as an autopilot logs them.
     noise = Noise(gyro=gyro, acc=acc, bias=gyro_bias)
-    m = motion(angles, seconds, 2.0 * rate, acceleration=lambda t: derivative(t, still, 2), noise=noise, seed=seed)
+    m = motion(
+        angles, seconds, 2.0 * rate, acceleration=lambda t: reach * derivative(t, still, 2), noise=noise, seed=seed
+    )
     even = np.arange(2, len(m.t), 2)
     gyr = np.vstack([m.gyr[:1], 0.5 * (m.gyr[even] + m.gyr[even - 1])])
     force = np.vstack([m.acc[:1], 0.25 * m.acc[even - 2] + 0.5 * m.acc[even - 1] + 0.25 * m.acc[even]])
@@ -80,12 +87,12 @@ def flight(
     kept = Motion(m.t[even], m.q[even], gyr, force + np.array(acc_bias), mag)
     random = np.random.default_rng(seed + 2)
     fixes = np.arange(0.5, seconds - 0.2, 0.2)
-    v = derivative(fixes - delay, still, 1) + velocity * random.standard_normal((len(fixes), 3))
-    p = position(fixes - delay, still) + metres * random.standard_normal((len(fixes), 3))
+    v = reach * derivative(fixes - delay, still, 1) + velocity * random.standard_normal((len(fixes), 3))
+    p = reach * position(fixes - delay, still) + metres * random.standard_normal((len(fixes), 3))
     lat = PLACE[0] + np.degrees(p[:, 0] / 6_367_800.0)
     lon = PLACE[1] + np.degrees(p[:, 1] / (6_389_600.0 * np.cos(np.radians(PLACE[0]))))
     heights = np.arange(0.3, seconds - 0.1, 0.05)
-    baro = -position(heights, still)[:, 2] + 0.15 * random.standard_normal(len(heights)) + 30.0
+    baro = -reach * position(heights, still)[:, 2] + 0.15 * random.standard_normal(len(heights)) + 30.0
     aids = Aids(
         position=Measurements(fixes, np.column_stack([lat, lon, PLACE[2] - p[:, 2]]), np.full((len(fixes), 2), metres)),
         velocity=Measurements(fixes, v, np.full(len(fixes), velocity)),

@@ -15,8 +15,9 @@ from attlog.reference import declination
 from tests.conftest import few
 
 SAMPLES = Path(__file__).parents[4] / "sample_logs"
-FLIGHTS = {"copter_yaw_turns.bin": (0.25, 0.9, 117.0), "px4_steps.ulg": (0.8, 0.6, 0.0)}
-"""Most that tilt and heading errors of the smoother may be of the onboard attitude's; the delay of GNSS in ms."""
+FLIGHTS = {"copter_yaw_turns.bin": (0.25, 0.9, 117.0, "nobody"), "px4_steps.ulg": (0.8, 0.6, 0.0, "both")}
+"""Most that tilt and heading errors of the smoother may be of the onboard attitude's; the delay of GNSS in ms; what
+heading rests on: turns on the spot show GNSS none."""
 
 
 @pytest.fixture(scope="module", params=FLIGHTS)
@@ -46,7 +47,7 @@ def rms_deg(log, t, q):
 
 def test_the_smoother_is_closer_to_truth_than_what_flew(flown):
     name, log, given = flown
-    tilt, heading, delay = FLIGHTS[name]
+    tilt, heading, delay, heading_from = FLIGHTS[name]
     e = estimate("smoother", **given)
     onboard = log.onboard_attitude
     at = onboard.t if onboard.t_sample is None else onboard.t_sample
@@ -54,7 +55,8 @@ def test_the_smoother_is_closer_to_truth_than_what_flew(flown):
     assert ratio[0] < tilt
     assert ratio[1] < heading
     assert e.quality["gnss_delay_ms"] == pytest.approx(delay, abs=20.0)
-    assert e.quality["refused"] == ""
+    assert e.quality["heading_from"] == heading_from
+    assert (e.quality["refused"] == "") == (heading_from == "both")
 
 
 @pytest.mark.parametrize("spec", few(["eskf", "eskf@fixed"], 1))
