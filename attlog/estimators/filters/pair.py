@@ -39,7 +39,7 @@ NO_NORTH = "neither GNSS nor a compass shows north"
 
 def alone(run: Estimate) -> Estimate:
     """The run of a log without a compass: its heading is from motion where it is sure of it, else from nobody."""
-    if _own_deg(run, "sigma_heading") <= SURE_DEG:
+    if own_deg(run) <= SURE_DEG:
         return _with_heading(run, "motion")
     return without_heading(run, "no compass, and motion does not show it")
 
@@ -55,14 +55,14 @@ def chosen(with_compass: Estimate, without: Estimate) -> Estimate:
     disagreement = rms(heading / _joint_sigma(with_compass, without, "sigma_heading"))
     agree = disagreement <= MOST_DISAGREEMENT
     told: dict[str, float | str] = {"compass_disagreement": disagreement}
-    if _own_deg(without, "sigma_heading") <= SURE_DEG:
+    if own_deg(without) <= SURE_DEG:
         if agree:
             return _with_heading(_widened(with_compass, rms(tilt), rms(heading)), "both", told)
         return _with_heading(without, "motion", told)
-    if agree and _own_deg(with_compass, "sigma_heading") <= SURE_DEG:
+    if agree and own_deg(with_compass) <= SURE_DEG:
         return _with_heading(with_compass, "compass", told)
     differ = rms(tilt / _joint_sigma(with_compass, without, "sigma_tilt")) > MOST_DISAGREEMENT
-    surer = _own_deg(without, "sigma_tilt") < _own_deg(with_compass, "sigma_tilt")
+    surer = own_deg(without, "sigma_tilt") < own_deg(with_compass, "sigma_tilt")
     why = "neither compass nor motion is sure of it"
     if not agree:
         why = f"compass and motion differ by {math.degrees(rms(heading)):.0f} deg, and motion is not sure of it"
@@ -88,7 +88,7 @@ def rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x * x))) if len(x) else 0.0
 
 
-def _own_deg(run: Estimate, name: str) -> float:
+def own_deg(run: Estimate, name: str = "sigma_heading") -> float:
     """What a run says of its errors, RMS in deg; no number is not sure."""
     own = math.degrees(rms(run.aux[name]))
     return own if math.isfinite(own) else math.inf

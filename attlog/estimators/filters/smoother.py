@@ -27,7 +27,7 @@ import numpy as np
 
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.filters import pair
+from attlog.estimators.filters import heading_checks, pair
 from attlog.estimators.filters.navigation import attitude, passes
 from attlog.estimators.filters.navigation.measured import Inputs, made_ready
 from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
@@ -74,10 +74,11 @@ def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappi
         return inertial(inputs, mag)
     by_motion = aided(replace(inputs, mag=None), params)
     if inputs.mag is None:
-        return pair.alone(by_motion)
+        return heading_checks.checked(pair.alone(by_motion), inputs)
     with_compass = aided(inputs, params)
-    both = pair.chosen(with_compass, by_motion)
-    return replace(both, ns_per_update=with_compass.ns_per_update + by_motion.ns_per_update)
+    spent = with_compass.ns_per_update + by_motion.ns_per_update
+    stands = heading_checks.checked(pair.chosen(with_compass, by_motion), inputs)
+    return replace(stands, ns_per_update=spent)
 
 
 def aided(inputs: Inputs, params: Mapping[str, float | str]) -> Estimate:

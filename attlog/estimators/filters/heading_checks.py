@@ -1,0 +1,57 @@
+"""May a smoothed heading stand? GNSS acceleration and the gyro at rest, which no filter's model has part in, say so.
+
+A gyro whose bias jumps turns the heading of every run alike, with the compass or without it, and both stay sure.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from attlog.estimators.base import Array, Estimate
+from attlog.estimators.evidence.gnss_heading import HeadingOffset, heading_offset
+from attlog.estimators.filters import pair
+from attlog.estimators.filters.navigation.measured import Inputs
+
+LEAST_DEG, SIGMAS = 3.0, 3.0
+"""A heading that is off by more than this by GNSS acceleration, in deg and in joint sigmas, does not stand."""
+BIAS_CHANGED_DPS, REST_S = 0.5, 2.0
+"""A gyro's bias drifts less in a flight, unless it jumps; each rest shows it for so long at least."""
+
+
+def checked(run: Estimate, inputs: Inputs) -> Estimate:
+    """The run, without its heading where something contradicts it; in its quality what GNSS says of the heading."""
+    if run.quality["heading_from"] == "nobody":
+        return run
+    offset = by_gnss(run, inputs)
+    told: dict[str, float | str] = {}
+    if offset is not None and offset.told:
+        told = {"heading_gnss_deg": offset.offset_deg, "heading_gnss_sigma_deg": offset.sigma_deg}
+        run.quality.update(told)
+        if abs(offset.offset_deg) > max(LEAST_DEG, SIGMAS * math.hypot(offset.sigma_deg, pair.own_deg(run))):
+            return pair.without_heading(run, f"GNSS acceleration shows it {abs(offset.offset_deg):.0f} deg off")
+    changed = 0.0 if "gyro_jump_s" in run.quality else bias_change_dps(inputs)
+    if changed > BIAS_CHANGED_DPS:
+        return pair.without_heading(run, f"the gyro's bias at rest changed by {changed:.1f} deg/s")
+    return run
+
+
+def by_gnss(run: Estimate, inputs: Inputs) -> HeadingOffset | None:
+    """How far the run's heading is off by GNSS acceleration; None without GNSS velocity."""
+    fixes = inputs.velocity
+    if fixes is None:
+        return None
+    return heading_offset(inputs.t, inputs.acc, run.q, fixes.t, fixes.x)
+
+
+def bias_change_dps(inputs: Inputs) -> float:
+    """By how much in deg/s the mean gyro of the last rest differs from that of the first; 0 without two rests."""
+    edges = np.flatnonzero(np.diff(inputs.still.astype(np.int8), prepend=0, append=0))
+    means: list[Array] = []
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        if inputs.t[b - 1] - inputs.t[a] >= REST_S:
+            means.append(np.mean(inputs.gyr[a:b], axis=0))
+    if len(means) < 2:
+        return 0.0
+    return math.degrees(float(np.sqrt(np.sum((means[-1] - means[0]) ** 2))))
