@@ -124,16 +124,24 @@ def why_not(estimate: Estimate) -> str:
 def joined(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
     """One estimate of those of the segments (in order) that pass their own checks; all of them with ``whatever``.
 
-    It says of itself what its longest segment says. UsageError where less than half of the time is left.
+    A segment without a heading is left out where the others hold most of the time: their headings would not be compared
+    for its sake. It says of itself what its longest segment says, and that its heading rests on the compass alone where
+    that of any segment does. UsageError where less than half of the time is left.
     """
     why = {k: why_not(one) for k, one in enumerate(found)}
-    sound = [one for k, one in enumerate(found) if whatever or not why[k]]
     length = [float(one.t[-1] - one.t[0]) if len(one.t) else 0.0 for one in found]
+    headless = [k for k in why if not why[k] and found[k].quality.get("heading_from") == "nobody"]
+    if sum(length[k] for k in why if not why[k] and k not in headless) >= LEAST_COVERED * sum(length):
+        why |= {k: str(found[k].quality["heading_why"]) for k in headless}
+    sound = [one for k, one in enumerate(found) if whatever or not why[k]]
     kept = sum(length[k] for k in why if whatever or not why[k])
     longest = int(np.argmax([length[k] if why[k] else 0.0 for k in why])) if found else 0
     if not sound or kept < LEAST_COVERED * sum(length):
         raise UsageError(why.get(longest, "no segment of the log can be smoothed"))
     longest_sound = max(sound, key=lambda one: len(one.t))
+    quality = dict(longest_sound.quality)
+    if quality.get("heading_from") != "nobody" and any(one.quality.get("heading_from") == "compass" for one in sound):
+        quality["heading_from"] = "compass"
     counts = [np.full(len(one.t), k) for k, one in enumerate(sound)]
     names = set.intersection(*(set(one.aux) for one in sound))
     return replace(
@@ -141,6 +149,7 @@ def joined(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
         t=np.concatenate([one.t for one in sound]),
         q=np.concatenate([one.q for one in sound]),
         bias=None,
+        quality=quality,
         aux={name: np.concatenate([one.aux[name] for one in sound]) for name in sorted(names)},
         segment=np.concatenate(counts),
     )

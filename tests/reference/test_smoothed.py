@@ -376,3 +376,28 @@ def test_a_smoother_accuses_nobody_of_less_than_three_of_its_sigmas(sigma: float
     lean = rotation.from_rotvec(np.radians([14.0, 0.0, 0.0]))
     onboard.q = rotation.multiply(lean, onboard.q)
     assert (attitude.source in smoothed.contradicts(smoother, onboard)) is refused
+
+
+def segment_of(seconds: float, heading_from: str, heading: float = 0.2) -> Estimate:
+    """A smoothed segment that long, at 10 Hz, and what its heading rests on."""
+    t = np.arange(0.0, seconds, 0.1)
+    off = Estimate(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))
+    return made(heading=heading, off=off, heading_from=heading_from, heading_why="neither is sure of it")
+
+
+def test_a_short_segment_without_a_heading_does_not_cost_the_others_theirs() -> None:
+    flown, ground = segment_of(60.0, "both"), segment_of(25.0, "nobody", 180.0)
+    found = smoothed.joined([ground, flown])
+    assert len(found.t) == len(flown.t)
+    assert np.degrees(found.aux["sigma_heading"]).max() == pytest.approx(0.2)
+
+
+def test_headings_of_a_lesser_part_are_not_compared() -> None:
+    found = smoothed.joined([segment_of(60.0, "nobody", 180.0), segment_of(25.0, "both")])
+    assert len(found.t) == 850
+    assert found.quality["heading_from"] == "nobody"
+
+
+def test_one_segment_by_the_compass_alone_leaves_nobody_to_be_accused_of_heading() -> None:
+    found = smoothed.joined([segment_of(60.0, "both"), segment_of(25.0, "compass")])
+    assert found.quality["heading_from"] == "compass"
