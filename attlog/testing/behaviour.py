@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from attlog.base import rotation
-from attlog.estimators import Parameter, estimate, not_compiled
+from attlog.estimators import Estimate, Parameter, estimate, not_compiled
 from attlog.estimators.base import AIDS
 from attlog.testing.extras import aids_in_place
 from attlog.testing.motion import CONSUMER, FIELD_T, Array, Motion, Noise, flight, motion, one_turn, still, swing
@@ -218,7 +218,7 @@ def uses_every_parameter(s: Subject) -> None:
 
 
 def _try_parameters(s: Subject, m: Motion, unused: dict[str, Parameter], given: dict[str, Any]) -> None:
-    """Take out of ``unused`` every parameter that changes the attitudes of this motion."""
+    """Take out of ``unused`` every parameter that changes the attitudes of this motion, or their sigmas."""
     q0 = rotation.multiply(m.q[0], rotation.from_rotvec((0.9, -0.6, 1.2)))
     start = given | ({"q0": q0} if s.steps else {})
     settings: list[dict[str, float | str]] = [{}, *(dict(p) for p in s.estimator.presets.values())]
@@ -232,10 +232,15 @@ def _try_parameters(s: Subject, m: Motion, unused: dict[str, Parameter], given: 
             values = parameter.choices or (parameter.low, parameter.high, _near(parameter))
             for value in values:
                 option = {**base, name: value}
-                differs = not np.array_equal(s.run(m, **start, **option).q, plain.q)
-                if differs or not np.array_equal(s.run(m, **given, **option).q, plain_cold.q):
+                if _differs(s.run(m, **start, **option), plain) or _differs(s.run(m, **given, **option), plain_cold):
                     del unused[name]
                     break
+
+
+def _differs(a: Estimate, b: Estimate) -> bool:
+    """Whether attitudes or their own sigmas are others."""
+    sigmas = [name for name in a.aux if name.startswith("sigma_")]
+    return not np.array_equal(a.q, b.q) or any(not np.array_equal(a.aux[n], b.aux.get(n)) for n in sigmas)
 
 
 def _near(parameter: object) -> float:

@@ -26,7 +26,7 @@ of a motion does no harm; of a start attitude that is given only the heading cou
 covariance moves in blocks of ``block`` seconds, the attitude at every sample.
 
 ``sigma_tilt`` is that of the angle between true and estimated vertical (two axes together), ``sigma_heading`` that of
-the heading, both in rad.
+the heading, both in rad: of the covariance, and of what it leaves out (``inertial/doubt.py``).
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ import numpy as np
 from attlog.estimators.base import Parameter
 from attlog.estimators.engine.vectors import turn
 from attlog.estimators.filters.inertial.compass import field
+from attlog.estimators.filters.inertial.doubt import add_slow_variance, correct_reach, fade_slow, own_sigmas, weigh_slow
 from attlog.estimators.filters.inertial.layout import (
     ACC_BIAS_SIGMA,
     ALIGNING,
@@ -64,6 +65,7 @@ from attlog.estimators.filters.inertial.layout import (
     QUIET,
     RAD,
     RATE_NOISE,
+    REACH,
     SIGMA,
     STAGE,
     TILT_SIGMA,
@@ -115,6 +117,8 @@ STATE = {
     "_field": 14,
     "_calibration": 57,
     "_expected": 2,
+    "_reach": 63,
+    "_slow": 4,
 }
 RECORDED = "tuned on BROAD and EuRoC with altered copies"
 PHYSICAL = "attlog; MEMS data sheets"
@@ -157,6 +161,15 @@ PARAMETERS = (
     Parameter("field_sigma", 0.0, "deg", 0, 90, "deviation of the local field's heading", RECORDED),
     Parameter("field_time", 60.0, "s", 0.1, 10000, "time of motion after which it is another", RECORDED),
     Parameter("lead", 0.0, "ms", -100, 100, "output turned on by this time: for an IMU that lags", "attlog"),
+    Parameter(
+        "acc_bias_considered",
+        0.12,
+        "m/s^2",
+        0,
+        10,
+        "accelerometer bias that sigmas count beyond the one expected; it moves no attitude",
+        "attlog; half of the flights with truth",
+    ),
 )
 PRESETS: dict[str, dict[str, float | str]] = {
     "smoother": {
@@ -169,6 +182,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
         "misalignment_sigma": 0.0018,
         "mag_noise": 8.0,
         "field_sigma": 4.5,
+        "acc_bias_considered": 0.1,
     }
 }
 EXPECT_EVERY = 5.0
@@ -179,7 +193,7 @@ REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """The state before the first sample: everything but the attitude is found during the first ``align_time``."""
-    state = np.zeros(654)
+    state = np.zeros(721)
     state[0:4] = q0
     state[Q:M] = q0
     state[SIGMA] = math.sqrt(2.0) * RAD * params[TILT_SIGMA]
@@ -197,7 +211,7 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> No
     if state[T] >= params[BLOCK] - 0.25 * dt:
         predict(state, params)
         correct(state, params)
-        finish(state)
+        finish(state, params)
     report(state, params, gyr)
 
 
@@ -289,7 +303,7 @@ def sum_column(state: Any, i: int, x: float, y: float, z: float, ux: float, uy: 
 
 
 def predict(state: Any, params: Any) -> None:
-    """P <- F P F^T + Q over the block (4, 5): five rows of F are more than the identity, d decays."""
+    """P <- F P F^T + Q and D <- F D over the block (4, 5): five rows of F are more than the identity, d decays."""
     time = state[T]
     moving = min(1.0, math.sqrt(state[TURNED] / time) / MOVING_RATE)
     keep = math.exp(-time * moving / params[FIELD_TIME])
@@ -309,6 +323,14 @@ def predict(state: Any, params: Any) -> None:
         state[P + N * i + 18] = vn
         state[P + N * i + 19] = ve
         state[P + N * i + 20] *= keep
+    for i in range(3):
+        tx, ty, tz, vn, ve = moved(state, REACH + N * i, 1)
+        state[REACH + N * i] = tx
+        state[REACH + N * i + 1] = ty
+        state[REACH + N * i + 2] = tz
+        state[REACH + N * i + 18] = vn
+        state[REACH + N * i + 19] = ve
+        state[REACH + N * i + 20] *= keep
     for i in range(1, N):
         for j in range(i):
             state[P + N * j + i] = state[P + N * i + j]
@@ -356,8 +378,12 @@ def correct(state: Any, params: Any) -> None:
     state[V_MEAN] += (1.0 - math.exp(-time / params[VELOCITY_TIME])) * (square_speed - state[V_MEAN])
     spread = (square(params[VELOCITY_SIGMA]) + params[VELOCITY_FACTOR] * state[V_MEAN]) * 0.5 / time
     spread = square(REST_VELOCITY) if rest else spread
+    fade_slow(state)
+    add_slow_variance(state, 18, spread)
     update(state, 18, -state[V], spread)
+    add_slow_variance(state, 19, spread)
     update(state, 19, -state[V + 1], spread)
+    weigh_slow(state)
     if rest:
         spread = square(REST_RATE) / time
         update(state, 3, state[G] / time - state[BIAS], spread)
@@ -374,6 +400,7 @@ def expect(state: Any, params: Any) -> None:
 
     sigma^2 = (sum of ba_i^2 + P_ii over the axes + what was expected^2) / 4, a step of expectation maximisation. ba is
     constant, so another prior is one more measurement of 0 with variance 1/(1/new - 1/old), negative for a wider one.
+    Of a bias b it sees -ba, not b - ba: its part in D is one less.
     """
     state[EXPECT_TIME] += state[T]
     if state[EXPECT_TIME] < EXPECT_EVERY or params[ACC_BIAS_SIGMA] <= 0.0:
@@ -387,9 +414,10 @@ def expect(state: Any, params: Any) -> None:
     if abs(new - old) < 0.01 * old:
         return
     spread = 1.0 / (1.0 / new - 1.0 / old)
-    update(state, 15, -state[BA], spread)
-    update(state, 16, -state[BA + 1], spread)
-    update(state, 17, -state[BA + 2], spread)
+    for i in range(3):
+        state[REACH + N * i + DBA + i] -= 1.0
+        update(state, DBA + i, -state[BA + i], spread)
+        state[REACH + N * i + DBA + i] += 1.0
     state[EXPECTED] = new
 
 
@@ -405,15 +433,15 @@ def update(state: Any, k: int, value: float, r: float) -> None:
         c = s * state[C + i]
         for j in range(N):
             state[P + N * i + j] -= c * state[C + j]
+    correct_reach(state, k, s, C)
 
 
-def finish(state: Any) -> None:
+def finish(state: Any, params: Any) -> None:
     """The error x goes into the state, the block's sums to zero."""
     inject(state)
     for i in range(T, H_COUNT + 1):
         state[i] = 0.0
-    state[SIGMA] = math.sqrt(max(state[P] + state[P + N + 1], 0.0))
-    state[SIGMA + 1] = math.sqrt(max(state[P + 2 * (N + 1)], 0.0))
+    own_sigmas(state, params)
 
 
 def inject(state: Any) -> None:

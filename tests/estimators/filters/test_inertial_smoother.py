@@ -28,8 +28,8 @@ def raw(seconds: float = 60.0) -> Motion:
     return replace(m, gyr=m.gyr @ (np.eye(3) + 0.003 * np.arange(-4.0, 5.0).reshape(3, 3) / 4.0))
 
 
-def recorded(m: Motion) -> tuple[backward.ForwardRecord, Array]:
-    values = backward.mekf_values({}, 60.0)
+def recorded(m: Motion, **given: float) -> tuple[backward.ForwardRecord, Array]:
+    values = backward.mekf_values(given, 60.0)
     data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, m.acc, m.mag]
     return backward.forward(data, values, None), values
 
@@ -54,6 +54,24 @@ def test_it_equals_a_dense_smoother_written_from_the_definition() -> None:
     assert back.at_begin[first + 1] == pytest.approx(mean[:3], rel=1e-4, abs=1e-8)
     assert back.tilt[first] == pytest.approx(np.sqrt(spread[0, 0] + spread[1, 1]), rel=1e-4)
     assert back.heading[first] == pytest.approx(np.sqrt(spread[2, 2]), rel=1e-4)
+
+
+def test_what_an_accelerometer_bias_does_to_the_smoothed_error_is_known() -> None:
+    """Smoothed attitudes of two runs whose accelerometers differ by a little, against D carried backward."""
+    m, delta = swing(30.0, noise=CONSUMER), 1e-3
+    squares = np.zeros(1)
+    for axis in range(3):
+        q = []
+        for change in (0.0, delta):
+            shifted = m.acc.copy()
+            shifted[:, axis] += change
+            run, values = recorded(replace(m, acc=shifted), velocity_factor=0.0)
+            back = backward.backward(run, values)
+            q.append(backward.between(run, back, np.diff(m.t, prepend=m.t[:1]), m.gyr, 0)[0][run.end])
+        turn = rotation.to_rotvec(rotation.multiply(q[1], rotation.conjugate(q[0]))) / delta
+        squares = squares + np.sum(turn[:, :2] ** 2, axis=1)
+    inner = slice(5, -5)
+    assert np.sqrt(squares)[inner] == pytest.approx(np.sqrt(back.considered[inner, 0]), rel=0.05)
 
 
 def test_what_is_constant_is_one_number_over_the_whole_run() -> None:

@@ -10,7 +10,7 @@ import pytest
 from attlog.base import rotation
 from attlog.estimators import estimate, get
 from attlog.estimators.filters import mekf
-from attlog.estimators.filters.inertial import compass, layout, start
+from attlog.estimators.filters.inertial import backward, compass, layout, start
 from attlog.estimators.filters.inertial.layout import BA, BIAS, DD, DV, A, B, D, M, N, P, Q, S, T, V, X
 from attlog.kernels.cache import compiled
 from attlog.kernels.generate import with_helpers
@@ -292,6 +292,80 @@ def test_its_sigmas_are_those_of_its_errors() -> None:
         heading.append(heading_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_heading"].ravel()[late]))
     assert 0.5 < rms(np.concatenate(tilt)) < 1.3
     assert rms(np.concatenate(heading)) < 1.3
+
+
+def test_what_an_accelerometer_bias_does_to_the_error_is_known() -> None:
+    """D of doubt.py is what two accelerometers that differ by a little make of a turning body."""
+    m = swing(30.0, noise=CONSUMER)
+    delta = 1e-3
+    for axis in range(3):
+        shifted = m.acc.copy()
+        shifted[:, axis] += delta
+        ends = [final(m, acc, velocity_factor=0.0) for acc in (m.acc, shifted)]
+        reach = ends[0][layout.REACH + N * axis : layout.REACH + N * (axis + 1)]
+        error = -apart(ends[1], ends[0])
+        error[layout.DBA + axis] += delta
+        assert error[:2] == pytest.approx(delta * reach[:2], rel=0.03, abs=0.002 * delta)
+        assert error[15:18] == pytest.approx(delta * reach[15:18], rel=0.01, abs=0.002 * delta)
+
+
+def final(m: Motion, acc: Array, **given: float) -> Array:
+    """The state after the motion, its accelerometer read as ``acc``."""
+    data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, np.ascontiguousarray(acc), m.mag]
+    return backward.forward(data, parameters(**given), None, keep=False).state
+
+
+def test_another_prior_says_nothing_of_the_bias_itself() -> None:
+    """It is held against 0 and not against the bias: D <- D - K (D_k - 1) in the bias' own column."""
+    state, params = running(1), parameters(acc_bias_sigma=0.4)
+    state[layout.REACH : layout.REACH + 3 * N] = np.random.default_rng(1).standard_normal(3 * N)
+    state[layout.T], state[layout.EXPECTED], state[layout.EXPECT_TIME] = 0.025, 0.02**2, 10.0
+    p, reach = (
+        state[P : P + N * N].reshape(N, N).copy(),
+        state[layout.REACH : layout.REACH + 3 * N].reshape(3, N).copy(),
+    )
+    new = (0.4**2 + sum(state[BA + i] ** 2 + p[15 + i, 15 + i] for i in range(3))) / 4.0
+    spread = 1.0 / (1.0 / new - 1.0 / 0.02**2)
+    mekf.expect(state, params)
+    for k in range(15, 18):
+        gain = p[k] / (p[k, k] + spread)
+        for c in range(3):
+            reach[c] -= gain * (reach[c, k] - (c == k - 15))
+        p -= np.outer(gain, p[k])
+    assert state[layout.REACH : layout.REACH + 3 * N].reshape(3, N) == pytest.approx(reach, rel=1e-9, abs=1e-9)
+
+
+def test_sigma_of_tilt_covers_biases_that_a_flight_does_not_show() -> None:
+    """Hover in wandering air with an accelerometer off by 0.1 m/s^2 per axis, which no turn tells from tilt."""
+    ratios = []
+    for seed in range(6):
+        random = np.random.default_rng(seed)
+        m = still(60.0, noise=CONSUMER)
+        slow = np.cumsum(random.standard_normal((len(m.t), 3)), axis=0) * 0.01
+        slow -= slow.mean(axis=0) + 0.02 * np.gradient(slow, axis=0)
+        acc = m.acc + 0.1 * random.standard_normal(3) + 0.3 * random.standard_normal(m.acc.shape)
+        e = estimate("mekf", m.t, m.gyr, acc + 0.1 * slow, m.mag)
+        late = m.t > 15.0
+        ratios.append(inclination_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_tilt"].ravel()[late]))
+    assert 0.5 < rms(np.concatenate(ratios)) < 1.3
+
+
+def test_velocity_that_lasts_widens_the_sigma_and_white_noise_does_not() -> None:
+    """Accelerations of 0.5 m/s^2 that keep their sign for 5 s are 3 deg of false tilt."""
+    m = still(90.0, noise=CONSUMER)
+    random = np.random.default_rng(2)
+    lasting = np.repeat(random.choice([-0.5, 0.5], (18, 2)), 500, axis=0)[: len(m.t)]
+    late = m.t > 30.0
+    ratio, excess = {}, {}
+    for name, push in (("white", 0.5 * random.standard_normal((len(m.t), 2))), ("lasting", lasting)):
+        acc = m.acc + np.column_stack([push, np.zeros(len(push))])
+        e = estimate("mekf:acc_bias_considered=0", m.t, m.gyr, acc, m.mag)
+        sigma = np.rad2deg(e.aux["sigma_tilt"].ravel()[late])
+        ratio[name], excess[name] = rms(inclination_deg(e.q, m.q)[late] / sigma), final(m, acc)[layout.EXCESS]
+    assert excess["white"] < 1.3
+    assert excess["lasting"] > 3.0
+    assert ratio["white"] < 1.5
+    assert ratio["lasting"] < 2.0
 
 
 def test_sigma_of_heading_grows_without_a_field_and_not_at_rest_below_what_one_place_tells() -> None:

@@ -26,7 +26,9 @@ from attlog.base import rotation
 from attlog.estimators.base import Array, Estimate
 from attlog.estimators.engine import SOURCES
 from attlog.estimators.filters import mekf
+from attlog.estimators.filters.inertial.doubt import EXCESS_TIME
 from attlog.estimators.filters.inertial.layout import (
+    ACC_BIAS_CONSIDERED,
     ACC_BIAS_SIGMA,
     ALIGNING,
     BA,
@@ -39,11 +41,13 @@ from attlog.estimators.filters.inertial.layout import (
     DD,
     DM,
     DV,
+    EXCESS,
     EXPECT_TIME,
     FIELD_TIME,
     LEAD,
     MOVING_RATE,
     OFFSET_SIGMA,
+    REACH,
     SIGMA,
     STAGE,
     UNIT,
@@ -69,6 +73,9 @@ LEAST_TILT = np.deg2rad(0.3)
 LATE_S = 0.002
 """What the model does not know of a smoothed tilt: the accelerometer's scale (0.5 % of g), and the time of a sample."""
 SUMS = 41
+BEFORE, AFTER = SUMS + 1, SUMS + 1 + 3 * N
+"""After the sums of a block: excess, then D of doubt.py (3 N) before and after the measurements at its end."""
+RECORDED = SUMS + 1 + 6 * N
 CHUNK = 500
 
 KERNEL: dict[str, Callable[..., Any]] = {
@@ -107,12 +114,17 @@ def record(state, params, dt, gyr, acc, mag, keep, q, end, nominal, sums, before
                 for j in range({SUMS}):
                     sums[row, j] = state[{T} + j]
                 predict(state, params)
+                for j in range({3 * N}):
+                    sums[row, {BEFORE} + j] = state[{REACH} + j]
                 for j in range({N * N}):
                     before[row, j] = state[{P} + j]
                 correct(state, params)
                 for j in range({N}):
                     error[row, j] = state[{X} + j]
-                finish(state)
+                finish(state, params)
+            sums[row, {SUMS}] = state[{EXCESS}]
+            for j in range({3 * N}):
+                sums[row, {AFTER} + j] = state[{REACH} + j]
             for j in range({N * N}):
                 after[row, j] = state[{P} + j]
             for j in range(3):
@@ -141,8 +153,8 @@ class ForwardRecord:
     """What the forward run leaves, per sample (n) and per block end (m); block 0 is the end of the alignment.
 
     ``q`` (n, 4) before the correction at a block's end, ``end`` (m,) sample numbers, ``nominal`` (m, N - 3) the error's
-    other states after it, ``sums`` (m, 41) of the block, ``before`` and ``after`` (m, N, N) the covariance,
-    ``error`` (m, N) what was corrected, ``state`` at the end.
+    other states after it, ``sums`` (m, RECORDED) of the block, its excess and D, ``before`` and ``after`` (m, N, N)
+    the covariance, ``error`` (m, N) what was corrected, ``state`` at the end.
     """
 
     q: Array
@@ -158,13 +170,14 @@ class ForwardRecord:
 @dataclass(slots=True)
 class BackwardPass:
     """Per block end (m): ``at_begin`` and ``at_end`` (m, 3) attitude corrections of the block, ``states`` (m, N - 3)
-    smoothed, ``tilt`` and ``heading`` (m,) sigma in rad."""
+    smoothed, ``tilt`` and ``heading`` (m,) sigma in rad of the model, ``considered`` (m, 2) squares of D for both."""
 
     at_begin: Array
     at_end: Array
     states: Array
     tilt: Array
     heading: Array
+    considered: Array
 
 
 def smooth(
@@ -197,8 +210,9 @@ def smooth(
     q, bias = between(run, back, dt, gyr, begin)
     block = np.clip(np.searchsorted(begin + run.end, np.arange(len(t))), 0, len(run.end) - 1)
     late = LATE_S**2 * np.sum(gyr**2, axis=1)
-    tilt = np.sqrt(back.tilt[block] ** 2 + LEAST_TILT**2 + late)
-    heading = back.heading if len(fields) else np.sqrt(np.abs(back.heading**2 - back.heading[0] ** 2))
+    tilt, heading = own_sigmas(run, back, values)
+    tilt = np.sqrt(tilt[block] ** 2 + LEAST_TILT**2 + late)
+    heading = heading if len(fields) else np.sqrt(np.abs(heading**2 - heading[0] ** 2))
     heading = np.sqrt(heading[block] ** 2 + late)
     if len(fields) == 0:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
@@ -261,7 +275,7 @@ def forward(data: list[Array], values: Array, known: Array | None, keep: bool = 
         p[range(6), range(6)] = np.repeat([0.01, values[OFFSET_SIGMA] ** 2], 3)
         p[6, 6] = known[UNIT - 1]
     q, end = np.empty((n, 4)), np.zeros(blocks, np.int64)
-    shapes = (N - 3, SUMS, N * N, N * N, N)
+    shapes = (N - 3, RECORDED, N * N, N * N, N)
     kept = [np.zeros((blocks, k)) for k in shapes]
     count = int(kernel(cache.jit_wanted())(state, values, *data, keep, q, end, *kept)) if n else 0
     count = count if keep else min(count, 1)
@@ -303,6 +317,8 @@ def backward(run: ForwardRecord, values: Array) -> BackwardPass:
     at_begin, at_end = np.zeros((m, 3)), np.zeros((m, 3))
     states, variance = np.empty((m, N - 3)), np.empty((m, 2))
     dx, covariance = np.zeros(N), run.after[-1].ravel().copy()
+    reach_before, reach_after = (np.ascontiguousarray(run.sums[:, k : k + 3 * N]) for k in (BEFORE, AFTER))
+    reach, considered = reach_after[-1].copy(), np.empty((m, 2))
     before, after = run.before.reshape(m, N * N), run.after.reshape(m, N * N)
     for b in range(m, 1, -CHUNK):
         a = max(b - CHUNK, 1)
@@ -319,12 +335,27 @@ def backward(run: ForwardRecord, values: Array) -> BackwardPass:
             at_end[own],
             states[own],
             variance[own],
+            reach_before[own],
+            reach_after[a - 1 : b - 1],
+            reach,
+            considered[own],
         )
     states[0] = run.nominal[0] + dx[3:]
     variance[0] = covariance[0] + covariance[N + 1], covariance[2 * N + 2]
+    considered[0] = np.sum(reach.reshape(3, N)[:, :2] ** 2), np.sum(reach.reshape(3, N)[:, 2] ** 2)
     at_end[0] = at_begin[0] = dx[:3]
     tilt, heading = np.sqrt(np.maximum(variance, 0.0)).T
-    return BackwardPass(at_begin, at_end, states, tilt, heading)
+    return BackwardPass(at_begin, at_end, states, tilt, heading, considered)
+
+
+def own_sigmas(run: ForwardRecord, back: BackwardPass, values: Array) -> tuple[Array, Array]:
+    """Sigmas (m,) of tilt and heading in rad at the blocks' ends, with what ``doubt.py`` adds."""
+    # A running mean of that length is that much late.
+    m = len(run.end)
+    centred = np.minimum(np.arange(m) + int(EXCESS_TIME / values[BLOCK]), m - 1)
+    excess = np.maximum(run.sums[centred, SUMS], 1.0)
+    bias = values[ACC_BIAS_CONSIDERED] ** 2 * back.considered
+    return np.sqrt(excess * back.tilt**2 + bias[:, 0]), np.sqrt(back.heading**2 + bias[:, 1])
 
 
 def between(run: ForwardRecord, back: BackwardPass, dt: Array, gyr: Array, begin: int) -> tuple[Array, Array]:

@@ -38,6 +38,7 @@ from attlog.estimators.filters.inertial.layout import (
     OFFSET_SIGMA,
     QUIET,
     RAD,
+    REACH,
     REJECTED,
     RUNNING,
     STAGE,
@@ -207,6 +208,12 @@ def heading(state: Any, params: Any, value: float, x: float, y: float, z: float,
             for j in range(2, DM):
                 state[P + N * i + j] -= c * state[C + j]
             state[P + N * i + DD] -= c * state[C + DD]
+    for i in range(3):
+        k = REACH + N * i
+        c = s * (state[k + 2] + hx * state[k] + hy * state[k + 1] - state[k + DD])
+        for j in range(2, DM):
+            state[k + j] -= c * state[C + j]
+        state[k + DD] -= c * state[C + DD]
 
 
 def trust(state: Any, params: Any, x: float, y: float, z: float) -> float:
@@ -304,6 +311,9 @@ def first_field(state: Any, params: Any, x: float, y: float, z: float) -> None:
     for j in range(N):
         turn_pair(state, P + j, N, c, s)
         turn_pair(state, P + DV * N + j, N, c, s)
+    for i in range(3):
+        turn_pair(state, REACH + N * i, 1, c, s)
+        turn_pair(state, REACH + N * i + DV, 1, c, s)
     for i in range(N):
         turn_pair(state, P + N * i, 1, c, s)
         turn_pair(state, P + N * i + DV, 1, c, s)
@@ -333,5 +343,7 @@ def first_heading(state: Any, params: Any, x: float, y: float, z: float) -> None
     for j in range(N):
         state[P + N * j + 2] = state[P + N * 2 + j]
         state[P + N * j + DD] = state[P + N * DD + j]
+    for i in range(3):
+        state[REACH + N * i + 2] = lean * state[REACH + N * i]
     state[X + 2] = lean * state[X]
     state[X + DD] = 0.0

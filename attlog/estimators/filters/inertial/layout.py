@@ -12,6 +12,7 @@ FAST_G, SLOW_G, FAST_A, SLOW_A, QUIET = 560, 563, 566, 569, 572
 AGE, STAGE, SUM_F, SUM_M = 573, 574, 575, 578
 HL, HC, NORM, DIP, H_TIME, H_SINCE, UNDISTURBED, REJECTED, CLOCK = 581, 584, 587, 588, 589, 590, 591, 592, 593
 CAL, CAL_P, UNIT, EXPECTED, EXPECT_TIME = 595, 602, 651, 652, 653
+REACH, SLOW, SLOW_VARIANCE, EXCESS = 654, 717, 719, 720
 """Where things stand in the state; the error x holds theta 0, db 3, dM 6, dba 15, dv 18, dd 20."""
 TH, DB, DM, DBA, DV, DD = 0, 3, 6, 15, 18, 20
 RAD = math.pi / 180.0
@@ -46,7 +47,8 @@ MOVING_RATE = 0.35
     FIELD_SIGMA,
     FIELD_TIME,
     LEAD,
-) = 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21
+    ACC_BIAS_CONSIDERED,
+) = 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22
 
 
 def square(x: float) -> float:

@@ -15,9 +15,9 @@ from attlog.kernels.obtain import obtained
 
 SIGNATURE = (
     "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], "
-    "f8[:, ::1], f8[:, ::1])"
+    "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1])"
 )
-SCRATCH = (("f8", (N * N,)), ("f8", (N * N,)), ("f8", (N,)))
+SCRATCH = (("f8", (N * N,)), ("f8", (N * N,)), ("f8", (N,)), ("f8", (N,)))
 
 
 def composed(a: Any, b: Any, out: Any) -> None:
@@ -72,15 +72,22 @@ def recursion(
     at_end: Any,
     states: Any,
     variance: Any,
+    reach_before: Any,
+    reach_after: Any,
+    reach: Any,
+    considered: Any,
     half: Any,
     turned: Any,
     delta: Any,
+    gap: Any,
 ) -> None:
     """Blocks (m), last first: ``dx`` (N,) and ``covariance`` (N * N,) are carried on in place.
 
     ``gains`` C from a block to the one before it, ``before`` of the block, ``after`` of the one before it (m, N * N);
     ``error`` (m, N), ``nominal`` (m, N - 3). Written: ``at_begin``, ``at_end`` (m, 3), ``states`` (m, N - 3), and
-    ``variance`` (m, 2) of tilt and heading at the block's end. The last arguments are scratch.
+    ``variance`` (m, 2) of tilt and heading at the block's end. D of ``doubt.py`` is an error like another: ``reach``
+    (3 * N,) is carried on, with ``reach_before`` of the block and ``reach_after`` (m, 3 * N) of the one before it;
+    ``considered`` (m, 2) are its squares for tilt and heading. The last arguments are scratch.
     """
     for k in range(len(gains) - 1, -1, -1):
         for i in range(N - 3):
@@ -102,6 +109,19 @@ def recursion(
         for i in range(N * N):
             covariance[i] -= before[k, i]
         sandwiched(gains[k], covariance, after[k], half, turned)
+        considered[k, 0] = 0.0
+        considered[k, 1] = 0.0
+        for c in range(3):
+            at = c * N
+            considered[k, 0] += reach[at] * reach[at] + reach[at + 1] * reach[at + 1]
+            considered[k, 1] += reach[at + 2] * reach[at + 2]
+            for i in range(N):
+                gap[i] = reach[at + i] - reach_before[k, at + i]
+            for i in range(N):
+                total = reach_after[k, at + i]
+                for j in range(N):
+                    total += gains[k, i * N + j] * gap[j]
+                reach[at + i] = total
 
 
 RECURSION_KERNEL = Kernel(

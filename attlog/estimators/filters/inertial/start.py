@@ -19,6 +19,7 @@ from attlog.estimators.filters.inertial.layout import (
     DD,
     DM,
     DV,
+    EXCESS,
     EXPECTED,
     FAST_A,
     FAST_G,
@@ -27,6 +28,7 @@ from attlog.estimators.filters.inertial.layout import (
     NO_FIELD,
     QUIET,
     RAD,
+    REACH,
     RUNNING,
     SCALE_SIGMA,
     SLOW_A,
@@ -153,9 +155,28 @@ def begin(state: Any, params: Any) -> None:
         state[P + (N + 1) * i] = square(RAD * (params[TILT_SIGMA] if i < 2 else params[HEADING_SIGMA]))
         state[P + (N + 1) * (DB + i)] = square(RAD * params[BIAS_SIGMA])
         state[P + (N + 1) * (DBA + i)] = square(params[ACC_BIAS_SIGMA])
+    start_reach(state)
     for i in range(9):
         state[P + (N + 1) * (DM + i)] = square(params[SCALE_SIGMA] if i % 4 == 0 else params[MISALIGNMENT_SIGMA])
     for i in range(DV, DD):
         state[P + (N + 1) * i] = 1.0
+    state[EXCESS] = 1.0
     state[EXPECTED] = square(params[ACC_BIAS_SIGMA])
     state[V_MEAN] = square(params[VELOCITY_SIGMA])
+
+
+def start_reach(state: Any) -> None:
+    """D of ``doubt.py`` at the end of the alignment, which takes an accelerometer bias for a tilt."""
+    q0 = state[Q]
+    q1 = state[Q + 1]
+    q2 = state[Q + 2]
+    q3 = state[Q + 3]
+    g = 9.80665
+    for i in range(3):
+        state[REACH + N * i + DBA + i] = 1.0
+    state[REACH] = 2.0 * (q1 * q2 + q0 * q3) / g
+    state[REACH + 1] = -(1.0 - 2.0 * (q2 * q2 + q3 * q3)) / g
+    state[REACH + N] = (1.0 - 2.0 * (q1 * q1 + q3 * q3)) / g
+    state[REACH + N + 1] = -2.0 * (q1 * q2 - q0 * q3) / g
+    state[REACH + 2 * N] = 2.0 * (q2 * q3 - q0 * q1) / g
+    state[REACH + 2 * N + 1] = -2.0 * (q1 * q3 + q0 * q2) / g
