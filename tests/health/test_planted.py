@@ -137,6 +137,24 @@ def test_a_second_source_that_leaves_is_told_with_its_size_and_time() -> None:
     assert "backup differs from vehicle_attitude by 70 deg in heading; nothing here tells which is right" in found.text
 
 
+def test_a_second_source_that_comes_and_goes_is_told_with_its_share_and_its_end() -> None:
+    log, phases = flown()
+    flew = log.onboard_attitude
+    assert flew is not None
+    a, b = max(phases.spans("airborne"), key=lambda s: s[1] - s[0])
+    q, later = flew.q.copy(), np.zeros(len(flew.t), bool)
+    for share in (0.2, 0.5):
+        later |= np.abs(flew.t - a - share * (b - a)) < 0.09 * (b - a)
+    turned = np.tile(rotation.from_euler(0.0, 0.0, np.radians(70.0)), (later.sum(), 1))
+    q[later] = rotation.multiply(turned, q[later])
+    log.attitudes["backup"] = Attitude(flew.t, q, "backup", t_sample=flew.t_sample)
+    (found,) = sources.checks(log, phases)
+    assert found.t_end == pytest.approx(a + 0.59 * (b - a), abs=1.0)
+    share, _, rest = found.text.removeprefix("In ").partition(" % of the time from ")
+    assert float(share) == pytest.approx(100 * 0.36 / 0.48, abs=10.0)
+    assert f"to {found.t_end:.0f} s backup differs from vehicle_attitude by 70 deg in heading" in rest
+
+
 def test_an_estimated_bias_is_told_as_tilt_and_as_what_it_explains() -> None:
     log, phases = flown()
     imu, onboard = log.replay_imu, log.onboard_attitude

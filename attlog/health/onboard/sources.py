@@ -21,6 +21,8 @@ STEEP_DEG = 60.0
 """Heading means nothing beyond this tilt."""
 SHARE, LASTING, SETTLED_S = 0.2, 0.9, 15.0
 """Off for a fifth of the time; since the moment after which it is off most of the time; not while it starts."""
+ENDS_S = 5.0
+"""A difference that ends so long before the attitude has an end of its own."""
 SAMPLES = 20
 CLEARLY = 0.4
 """One of two is wrong where the other has so much of its error at most."""
@@ -58,7 +60,7 @@ def checks(log: FlightLog, segments: Segments, reference: Reference | None = Non
     shown = " and ".join(f"{size:.0f} deg in {what}" for size, least, what in sizes if size > least)
     differ = "differ" if len(same) > 1 else "differs"
     since = worst.since or 0.0
-    text = f"From {since:.0f} s on {listed(same)} {differ} from {log.onboard} by {shown}"
+    text = f"{when(worst, flew)} {listed(same)} {differ} from {log.onboard} by {shown}"
     about = "tilt" if worst.tilt > TILT_DEG[0] else "heading"
     size = worst.heading if worst.heading / HEADING_DEG[0] > worst.tilt / TILT_DEG[0] else worst.tilt
     errors = against(reference, log, name, about, since)
@@ -66,7 +68,8 @@ def checks(log: FlightLog, segments: Segments, reference: Reference | None = Non
     if errors is not None and who and errors[0] < errors[1]:
         verdict = "warning"  # what flew is right
     text += f"; {who}." if who else "; nothing here tells which is right."
-    return [Check("second source", verdict, text, round(size, 1), "deg", limit, t=worst.since, about=about)]
+    t, t_end = worst.since, worst.until
+    return [Check("second source", verdict, text, round(size, 1), "deg", limit, t=t, t_end=t_end, about=about)]
 
 
 def against(
@@ -103,6 +106,14 @@ def said_wrong(errors: tuple[float, float] | None, flew: str, others: str, refer
     return f"{wrong} {verb} wrong by {whom}, {right} off by {min(errors):.0f} deg"
 
 
+def when(off: SourceDifference, flew: Attitude) -> str:
+    """When two attitudes differ: from its begin on, from then to then, or now and then."""
+    if not off.lasts:
+        return f"In {100 * off.share:.0f} % of the time from {off.since or 0.0:.0f} s to {off.until:.0f} s"
+    ends = flew.t[-1] - off.until > ENDS_S
+    return f"From {off.since or 0.0:.0f} s {f'to {off.until:.0f} s' if ends else 'on'}"
+
+
 def listed(names: list[str]) -> str:
     """Names as a part of a sentence."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
@@ -110,11 +121,15 @@ def listed(names: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class SourceDifference:
-    """Median tilt and heading difference in deg while beyond the limits: ``since`` s, None where it never is long."""
+    """Median tilt and heading difference in deg while beyond the limits, which it is from ``since`` s (None: never
+    long) to ``until`` s: most of that time if it ``lasts``, else for that ``share`` of it."""
 
     tilt: float
     heading: float
     since: float | None
+    until: float = 0.0
+    share: float = 0.0
+    lasts: bool = True
 
 
 def difference(flew: Attitude, other: Attitude, segments: Segments) -> SourceDifference | None:
@@ -139,8 +154,11 @@ def difference(flew: Attitude, other: Attitude, segments: Segments) -> SourceDif
         return SourceDifference(float(np.median(tilt)), float(np.median(heading)), None)
     share_after = np.cumsum(off[::-1])[::-1] / np.arange(len(off), 0, -1)
     lasting = np.flatnonzero(off & (share_after > LASTING))
-    since = float(t[lasting[0]]) if len(lasting) else float(t[np.argmax(off)])
-    return SourceDifference(float(np.median(tilt[off])), float(np.median(heading[off])), since)
+    beyond = np.flatnonzero(off)
+    first, last = lasting[0] if len(lasting) else beyond[0], beyond[-1]
+    share = float(np.mean(off[first : last + 1]))
+    sizes = float(np.median(tilt[off])), float(np.median(heading[off]))
+    return SourceDifference(*sizes, float(t[first]), float(t[last]), share, share > LASTING)
 
 
 def heading_between(a: Array, b: Array) -> Array:

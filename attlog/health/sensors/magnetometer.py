@@ -29,6 +29,10 @@ SLOW_HZ, SLOW_DPS = 8.0, 15.0
 STEADY_DEG, UNSTEADY_DEG = 5.0, 20.0
 """How much the direction of the field may vary in earth axes; beyond the second a mean within it tells none."""
 
+NORTH_DEG, FAR_DEG = 4.0, 15.0
+"""How far the field's north may lie from the model's, twice that below SLOW_HZ; beyond the second compass or heading is
+wrong."""
+
 
 def checks(log: FlightLog, segments: Segments) -> list[Check]:
     """Field strength, steadiness in earth axes, declination."""
@@ -111,7 +115,8 @@ def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
     text = f"The field's north lies {off:.1f} deg from {whose} north{less} and varies by {spread:.1f} deg (1 sigma)."
     verdict = graded(spread, STEADY_DEG * (2.0 if slow else 1.0), UNSTEADY_DEG)
     found = [Check("field against attitude", verdict, text, round(spread, 2), "deg", limit)]
-    limit = "ok within 4 deg of the model, fault above 15 deg"
+    within = NORTH_DEG * (2.0 if slow else 1.0)
+    limit = f"ok within {within:.0f} deg of the model, fault above {FAR_DEG:.0f} deg"
     if model is None:
         return [
             *found,
@@ -121,7 +126,7 @@ def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
         return [*found, not_judged("declination", "The field varies too much to tell a declination.", limit)]
     expected = f"the model says {model.declination_deg:.1f} deg"
     text = f"The field's north lies {azimuth:.1f} deg from {whose} north; {expected}."
-    found.append(Check("declination", graded(abs(off), 4.0, 15.0), text, round(azimuth, 2), "deg", limit))
+    found.append(Check("declination", graded(abs(off), within, FAR_DEG), text, round(azimuth, 2), "deg", limit))
     return found
 
 

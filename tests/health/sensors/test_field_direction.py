@@ -72,3 +72,17 @@ def test_the_declination_is_taken_off_before_a_field_lies() -> None:
     assert "deg from vehicle_attitude's north, less the declination of 15." in direction(px4()).text
     lies = float(direction(px4()).text.split("lies ")[1].split(" deg")[0])
     assert abs(lies) < 4.0
+
+
+@pytest.mark.parametrize(("every", "verdict"), [(1, "warning"), (10, "ok")])
+def test_a_slow_field_bears_twice_the_declination(every: int, verdict: str) -> None:
+    """The same heading, 6 deg off its compass, with the field at its own rate and at a tenth of it."""
+    log = px4()
+    attitude, field = log.onboard_attitude, log.mags[log.mag or 0].field
+    assert attitude is not None
+    lies = float(direction(log).text.split("lies ")[1].split(" deg")[0])
+    turn(log, np.ones(len(attitude.t), bool), 6.0 - lies)
+    field.t, field.x = field.t[::every], field.x[::every]
+    field.t_sample = None if field.t_sample is None else field.t_sample[::every]
+    found = magnetometer.checks(log, segments.build(log))
+    assert next(c for c in found if c.name == "declination").verdict == verdict
