@@ -59,6 +59,8 @@ class Answer:
 
     - ``floor``: the difference below which two values are the same, for the ranking
     - ``counts_as_zero_below``: a smaller value is no different from zero
+    - ``gyro_share``: what the gyro itself wanders by, of noise that is added to it; variances that differ by less
+      than its square are the same
     - ``coverage_pct``: the share of the time that a comparison stands on where that is not nearly all
     - ``each``: the value of every single event; ``records``: each span of time on its own
     - ``disagree``: least and largest of the records where one value does not explain them all
@@ -80,6 +82,7 @@ class Answer:
     detail: dict[str, Any] = field(default_factory=dict)
     floor: float = 0.0
     counts_as_zero_below: float = 0.0
+    gyro_share: float = 0.0
     coverage_pct: float | None = None
     each: list[float] = field(default_factory=list)
     records: list[SpanAnswer] = field(default_factory=list)

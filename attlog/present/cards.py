@@ -14,9 +14,10 @@ from attlog.result import Verdict
 def caption(verdict: Verdict) -> str:
     """What the bars of a card are."""
     drift = "Drift at rest" if "rest" in verdict.metric else "Drift in the air"
+    noise = "Noise" if verdict.window == "rest" else "Noise added to the gyro's"
     return {
         "accuracy": "Tilt error, RMS",
-        "noise": f"Noise of roll and pitch (1σ within 5 s), {WHERE.get(verdict.window, verdict.window)}",
+        "noise": f"{noise} of roll and pitch (1σ within 5 s), {WHERE.get(verdict.window, verdict.window)}",
         "lag": f"Lag against the reference; {MINUS}: ahead of it",
         "yaw_drift": drift,
     }.get(verdict.question, "")

@@ -93,8 +93,11 @@ def before_the_first_worse(result: Result, metric: str, window: str, best: set[s
     return {name for name, value in values.items() if name in best and value <= least_worse}
 
 
-BEST = ("is closest", "are closest", "agrees best", "agree best", "has the least noise", "have the least noise")
-WORST = ("is farthest", "agrees least", "has the most noise", "lags most", "drifts most")
+BEST = (
+    *("is closest", "are closest", "agrees best", "agree best"),
+    *("has the least noise", "have the least noise", "adds the least noise", "add the least noise"),
+)
+WORST = ("is farthest", "agrees least", "has the most noise", "adds the most noise", "lags most", "drifts most")
 
 
 def claims(verdict: Verdict, clause: str, said: str) -> Iterator[tuple[str, str, str]]:
@@ -107,15 +110,7 @@ def claims(verdict: Verdict, clause: str, said: str) -> Iterator[tuple[str, str,
     if verdict.question == "yaw_drift":
         rest = "In the air against" not in said[: said.find(clause) + len(clause)]
         metric, window = (DRIFT_REST, "rest") if rest else (drift_metric(said), "airborne")
-    for words in (
-        "is closest",
-        "are closest",
-        "agrees best",
-        "agree best",
-        "has the least noise",
-        "have the least noise",
-        *WORST,
-    ):
+    for words in (*BEST, *WORST):
         if words in clause:
             yield words, metric, window
     if verdict.question == "lag" and (m := re.search(r"(?:is|are) least off", clause)):
@@ -177,6 +172,8 @@ def figures(result: Result, verdict: Verdict) -> Iterator[str]:
     known = {text for row in result.estimators for text in numbers_of(row, verdict.question)}
     own = result.reference.sigma_tilt_deg if result.reference is not None and verdict.question == "accuracy" else None
     known |= set() if own is None else {number(own, "deg", False)}
+    shares = {a.gyro_share for row in result.estimators for m in row.metrics.values() for a in m.values()}
+    known |= {number(float(f"{share:.1g}"), "deg") for share in shares} if verdict.question == "noise" else set()
     said = re.sub(r"^Do not rely on this, .*?\. (?=[A-Z])", "", verdict.sentence)
     said = re.sub(r" to show even [^;.]*", "", said)  # what is known without the log
     for m in NUMBER.finditer(said):

@@ -35,7 +35,7 @@ def test_a_filter_alone_has_its_interval() -> None:
 
 def test_noise_says_in_which_phase_it_was_measured() -> None:
     made = result([row("a", noise(0.01, "hover")), row("b", noise(0.03, "hover"))], {NOISE: ["a"]})
-    assert brief("noise", made) == "In hover A 0.010°, B 0.030°."
+    assert brief("noise", made) == "Added in hover: A 0.010°, B 0.030°."
 
 
 def test_lags_that_can_be_measured_stand_before_the_bound_of_all_others() -> None:

@@ -42,7 +42,7 @@ def test_the_first_phase_with_an_answer_leads_and_others_follow_unpooled(phases,
     rows = [row(n, merged(*(noise(v, p) for p in phases))) for n, v in (("vqf", 0.01), ("mahony", 0.09))]
     found = verdict("noise", made(rows, {NOISE: ["vqf"]}))
     assert f"(1 sigma within 5 s; 0.009 to 0.011) {lead}." in found.sentence
-    assert found.sentence.endswith(f" {rest} VQF least, 0.010°.")
+    assert found.sentence.endswith(f" {rest} VQF adds least, 0.010°.")
     assert found.window == phases[1]
 
 
@@ -91,3 +91,13 @@ def test_a_lone_filter_is_not_called_best():
 def test_a_log_without_rest_says_how_the_vehicle_would_log_one(advice):
     found = made([row("vqf", absent(NOISE, "rest", "no_rest", "The log holds no rest."))], advice={"rest": advice})
     assert sentence("noise", found) == f"Cannot be judged: the log holds no rest. {advice}".rstrip()
+
+
+def test_in_motion_filters_add_noise_and_the_gyros_own_is_told_where_it_is_larger():
+    rows = [row(n, noise(v, "hover", gyro_share=0.0184)) for n, v in (("vqf", 0.01), ("mahony", 0.09))]
+    assert sentence("noise", made(rows, {NOISE: ["vqf"]}, {NOISE: "mahony"})) == (
+        "VQF adds the least noise: 0.010° (1 sigma within 5 s; 0.009 to 0.011) in hover. "
+        "Mahony adds the most noise: 0.090° (0.081 to 0.099). The gyro itself wanders by about 0.020°."
+    )
+    rows = [row(n, noise(v, "hover", gyro_share=0.0184)) for n, v in (("vqf", 0.05), ("mahony", 0.09))]
+    assert "gyro itself" not in sentence("noise", made(rows, {NOISE: ["vqf"]}))

@@ -69,10 +69,11 @@ def asked(metrics: Sequence[str] = (), window: str | None = None) -> list[Compar
 
 
 def _main(name: str, places: tuple[str, ...], windows: tuple[str, ...] | None) -> ComparedMetric:
-    """One of MAIN, called by its noun: ``Tilt error``, ``Noise in hover``."""
+    """One of MAIN, called by its noun: ``Tilt error``, ``Noise added in hover``."""
     metric = named(definitions().values(), name)
     noun = metric.wording.noun if metric.wording is not None else metric.title
-    place = f" {PLACES[places[0]]}" if metric.asked == "phases" else ""
+    added = " added" if places[0] != "rest" else ""
+    place = f"{added} {PLACES[places[0]]}" if metric.asked == "phases" else ""
     return ComparedMetric(name, windows or places, f"{noun[:1].upper()}{noun[1:]}{place}", metric.scale)
 
 

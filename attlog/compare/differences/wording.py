@@ -81,7 +81,7 @@ def wording(question: Question) -> Wording:
 
 
 def subject_of(question: Question) -> str:
-    """A question after "in": ``tilt error``, ``noise in hover``."""
+    """A question after "in": ``tilt error``, ``noise added in hover``."""
     return question.title[:1].lower() + question.title[1:]
 
 

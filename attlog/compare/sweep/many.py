@@ -42,7 +42,7 @@ class SweptMetric:
 
     @property
     def title(self) -> str:
-        """What it is called in words: ``Noise in hover``, ``Heading error, root mean square``."""
+        """What it is called in words: ``Noise added in hover``, ``Heading error, root mean square``."""
         if self.metric == "noise_tilt_deg":
             return NOISE_TITLES.get("rest" if self.window == "all" else self.window, f"Noise, {self.window}")
         title = (

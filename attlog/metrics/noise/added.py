@@ -12,6 +12,7 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, Resolution, Wording, paragraph, per_case
 from attlog.metrics.evidence.phases import phase_of, why_none
 from attlog.metrics.evidence.samples import imu_of
+from attlog.metrics.noise.gyro_share import gyro_share
 from attlog.metrics.noise.variances import AXES, PhaseVariances, measured
 from attlog.metrics.noise.windows import SECONDS
 from attlog.metrics.ranking import following
@@ -35,17 +36,18 @@ moves about it: a single window says little of the next, both axes of tilt toget
 SMALLEST_DEG = 1e-9
 """A variance of exactly zero (a gyro that shows one value) has no logarithm."""
 _TEXT = paragraph(
-    """How much the row moves by itself within 5 s, 1 sigma. At rest: rotation away from the window's mean
-    attitude, about the level roll and pitch axis and the vertical, straight line removed. In hover, cruise
-    (other flight) and idle (motors turning on the ground): rotation away from the gyro alone, integrated over
-    the same samples, a constant offset and a constant gyro offset in body axes removed, in windows in which the
-    vehicle stays within 20 deg of its mean attitude (onboard rows 10 deg). True motion and the gyro's own noise
-    are in both and cancel, so that no reference is needed: what is left is what accelerometer and magnetometer
-    push in. Value: exp(mean ln v / 2) over windows of 5 s with variance v = sum r^2 / (N - 2), the typical
-    window; tilt: v is the mean of roll and pitch. Interval: moderated t on ln v (Smyth 2004). Left out: 10 s
-    after the filter's start, 5 s after the motors stop, leading windows of a rest with more than 4 times the
-    later variance. Ranked only for rows that follow motion and are corrected by gravity; at rest only above half
-    the step of the logged values and above what the steps of the logged gyro can hide."""
+    """How much the row moves by itself within 5 s, 1 sigma. At rest: rotation away from the window's mean attitude,
+    about the level roll and pitch axis and the vertical, straight line removed. In hover, cruise (other flight) and
+    idle (motors turning on the ground): rotation away from the gyro alone, integrated over the same samples, a
+    constant offset and a constant gyro offset in body axes removed, in windows in which the vehicle stays within 20
+    deg of its mean attitude (onboard rows 10 deg). True motion and the gyro's own wander are in both and cancel, so
+    that no reference is needed: what is left is what the filter adds. Rows whose variances differ by less than the
+    gyro's own (from its changes between samples) are not ordered. Value: exp(mean ln v / 2) over windows of 5 s
+    with variance v = sum r^2 / (N - 2), the typical window; tilt: v is the mean of roll and pitch. Interval:
+    moderated t on ln v (Smyth 2004). Left out: 10 s after the filter's start, 5 s after the motors stop, leading
+    windows of a rest with more than 4 times the later variance. Ranked only for rows that follow motion and are
+    corrected by gravity; at rest only above half the step of the logged values and above what the steps of the
+    logged gyro can hide."""
 )
 _TEXT_P2P = paragraph(
     """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
@@ -181,6 +183,7 @@ def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Pha
         ranked=reason is None,
         detail=detail,
         floor=max(0.5 * step, hidden if shown else 0.0),
+        gyro_share=_gyro_share(case, row, phase, axis) if phase != "rest" else 0.0,
         units=UnitValues("log_variance", ids, values, on),
     )
     return _guarded(case, row, axis, answer)
@@ -203,6 +206,13 @@ def _hidden(case: Case, row: Row, axis: str) -> float:
         return 0.0
     hidden = hidden_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit.index == imu.index))
     return max(hidden[:2]) if axis == "tilt" else hidden[AXES.index(axis)]
+
+
+def _gyro_share(case: Case, row: Row, phase: str, axis: str) -> float:
+    """What the row's gyro itself wanders by in a phase, deg; 0 of samples that were changed before the filter."""
+    imu = imu_of(case, row)
+    index = None if imu is None else next((k for k, unit in enumerate(case.log.imus) if unit.index == imu.index), None)
+    return 0.0 if index is None else gyro_share(case, index, phase)[AXES.index(axis)]
 
 
 STEP_SAMPLES = 20_000

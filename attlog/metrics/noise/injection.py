@@ -248,6 +248,10 @@ def of_windows(case: Case, row: Row, inside: list[slice]) -> list[Array | None]:
         return [None] * len(inside)
     limit = TURN_ONBOARD_DEG if row.kind == "onboard" else TURN_DEG
     index = None if (imu := imu_of(case, row)) is None else logged_unit(case, imu)
+    corrected = 1e-3 * float(row.quality.get("imu_lag_corrected_ms", 0.0))
+    if corrected:
+        # such a row shows the moment at which the sensor felt it: what it corrects it does not add
+        gyro, index = GyroAttitude(gyro.t - corrected, gyro.q, gyro.segment), None
     use = of_use(row.t, gyro, limit, inside) if index is None else _of_use(case, row.t, index, inside, limit)
     left = residuals(row.t, row.q, gyro, [part for part, good in zip(inside, use, strict=True) if good])
     return [next(left) if good else None for good in use]

@@ -8,6 +8,7 @@ log resolves. The best rows are those that no row is significantly better than.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
@@ -97,8 +98,13 @@ def distance(answer: Answer, better: str) -> tuple[float, float, float]:
 
 
 def floor(a: Answer, b: Answer) -> float:
-    """The difference below which two answers are the same, in their unit: the larger floor of both rows."""
-    return max(a.floor, a.counts_as_zero_below, b.floor, b.counts_as_zero_below)
+    """The difference below which two answers are the same, in their unit: the larger floor of both rows.
+
+    With a ``gyro_share`` g: variances add, so that the larger must exceed sqrt(smaller^2 + g^2).
+    """
+    share, smaller = max(a.gyro_share, b.gyro_share), min(abs(a.value or 0.0), abs(b.value or 0.0))
+    hidden = math.hypot(smaller, share) - smaller
+    return max(a.floor, a.counts_as_zero_below, b.floor, b.counts_as_zero_below, hidden)
 
 
 def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:

@@ -62,7 +62,7 @@ def _noise(result: Result) -> BriefAnswer:
     lead = next((found for found in phases if found.ranked), next((f for f in phases if f.filters), phases[0]))
     if not lead.ranked:
         return _unranked(lead)
-    where = WHERE[lead.window]
+    where = WHERE[lead.window] if lead.window == "rest" else f"added {WHERE[lead.window]}:"
     return BriefAnswer(f"{where[0].upper()}{where[1:]} {_compared(lead)}.", _onboard(lead))
 
 

@@ -1,9 +1,10 @@
-"""How much does a filter move by itself? Its noise at rest, else in hover, in other flight, with motors idling."""
+"""How much does a filter move by itself? Its noise at rest, else what it adds to the gyro's in motion."""
 
 from __future__ import annotations
 
 from attlog.present.contest import ColumnRanking, contest
 from attlog.present.numbers import counted as count
+from attlog.present.numbers import quantity
 from attlog.present.sentences.accuracy import TILT
 from attlog.present.sentences.reasons import cannot, why_not
 from attlog.present.sentences.words import QuestionWords, bars, last, leading, left_out, onboard_part, some, values
@@ -18,6 +19,14 @@ WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "
 WORDS = QuestionWords(
     "has the least noise", "have the least noise", "has the most noise", "is the only filter to be ranked"
 )
+WORDS_IN_MOTION = QuestionWords(
+    "adds the least noise",
+    "add the least noise",
+    "adds the most noise",
+    "is the only filter to be ranked",
+    " in added noise",
+)
+"""There the gyro's own noise is in every row, and cancels."""
 
 
 def noise_verdict(result: Result) -> Verdict:
@@ -38,8 +47,9 @@ def noise_verdict(result: Result) -> Verdict:
 def says(result: Result, ranked: list[ColumnRanking]) -> str:
     """Who has the least noise in the first phase, with its tilt error, who the most, then the other phases."""
     lead = ranked[0]
-    text = leading(lead, WORDS, SIGMA, f" {WHERE[lead.window]}") + tilt_errors(result, lead) + "."
-    text += last(lead, WORDS)
+    words = WORDS if lead.window == "rest" else WORDS_IN_MOTION
+    text = leading(lead, words, SIGMA, f" {WHERE[lead.window]}") + tilt_errors(result, lead) + "."
+    text += last(lead, words) + gyro_part(lead)
     others = [f"{WHERE[found.window]} {clause(found)}" for found in ranked[1:]]
     return text + (f" {others[0][0].upper()}{'; '.join(others)[1:]}." if others else "")
 
@@ -54,13 +64,22 @@ def tilt_errors(result: Result, lead: ColumnRanking) -> str:
     return f". Its tilt error is {errors[0].text}" if len(errors) == 1 else f". Their tilt errors are {values(errors)}"
 
 
+def gyro_part(lead: ColumnRanking) -> str:
+    """What the gyro itself wanders by, as a sentence after a blank, where a row adds less; else empty."""
+    share = max((j.answer.gyro_share for j in lead.ranked), default=0.0)
+    if not any(j.value < share for j in lead.ranked):
+        return ""
+    return f" The gyro itself wanders by about {quantity(float(f'{share:.1g}'), 'deg')}."
+
+
 def clause(found: ColumnRanking) -> str:
-    """Another phase in few words."""
+    """Another phase in few words; all but rest, which leads where it is ranked, tell what is added."""
     if len(found.ranked) == 1:
-        return f"{found.ranked[0].name} {found.ranked[0].text}"
+        return f"{found.ranked[0].name} adds {found.ranked[0].text}"
     if not found.best:
-        return f"no significant difference, {values(found.ranked, named=False)}"
-    return f"{some(found.best, len(found.ranked))} least, {values(found.best)}"
+        return f"no significant difference, {values(found.ranked, named=False)} added"
+    adds = "adds" if len(found.best) == 1 else "add"
+    return f"{some(found.best, len(found.ranked))} {adds} least, {values(found.best)}"
 
 
 def notes(shown: list[ColumnRanking]) -> list[str]:

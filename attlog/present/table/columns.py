@@ -28,7 +28,12 @@ class TableColumn:
 
 
 NOISE = "noise_tilt_deg"
-NOISE_TITLES = {"rest": "Noise at rest", "hover": "Noise in hover", "cruise": "Noise moving", "idle": "Noise idling"}
+NOISE_TITLES = {
+    "rest": "Noise at rest",
+    "hover": "Noise added in hover",
+    "cruise": "Noise added moving",
+    "idle": "Noise added idling",
+}
 
 ERRORS = (
     TableColumn("Tilt error RMS", "inclination_rmse_deg", AIR, short="Tilt"),

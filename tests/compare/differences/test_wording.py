@@ -67,5 +67,5 @@ def test_a_metric_of_a_stranger_is_withheld_by_its_own_resolution() -> None:
 def test_a_question_is_called_by_the_noun_of_its_metric_and_the_phase() -> None:
     titles = {question.id: question.title for question in asked()}
     assert titles["inclination_rmse_deg@airborne"] == "Tilt error"
-    assert titles["noise_tilt_deg@hover"] == "Noise in hover"
+    assert titles["noise_tilt_deg@hover"] == "Noise added in hover"
     assert titles["drift_air_deg_per_min@airborne"] == "Drift in the air"

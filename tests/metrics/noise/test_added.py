@@ -342,3 +342,23 @@ def test_a_single_axis_in_cruise_is_known_less_from_one_window_than_tilt():
     widths = [np.diff(interval.of_moderated([0.0], noise.prior_of(row, "cruise", axis)))[0] for axis in variances.AXES]
     assert widths[0] == widths[1] == widths[2] > 1.5 * widths[3]
     assert noise.prior_of(row, "hover", "roll") == noise.prior_of(row, "hover", "tilt")
+
+
+def test_a_filter_that_corrects_the_lag_of_its_sensor_does_not_add_the_lag():
+    """Its attitude at a stamp is the one that the gyro shows 20 ms later: at 40 deg/s 0.8 deg, and no noise."""
+    case, row = flown()
+    added_by_it = noise.compute(case, row, "hover")["noise_tilt_deg"].value
+    late = case.log.imus[0].gyro.t_best - 0.02
+    row.q = rotation.slerp(late, row.q, row.t.clip(late[0], late[-1]))
+    case.forget()
+    assert noise.compute(case, row, "hover")["noise_tilt_deg"].value > 1.1 * added_by_it
+    case.forget()
+    row.quality = {"imu_lag_corrected_ms": 20.0}
+    assert noise.compute(case, row, "hover")["noise_tilt_deg"].value == pytest.approx(added_by_it, rel=0.05)
+
+
+@pytest.mark.parametrize("phase", ["hover", "cruise", "idle"])
+def test_what_the_gyro_itself_wanders_by_stands_beside_what_is_added_to_it(phase):
+    case, row = flown()
+    assert noise.compute(case, row, phase)["noise_tilt_deg"].gyro_share > 0.0
+    assert noise.compute(case, row, "rest")["noise_tilt_deg"].gyro_share == 0.0

@@ -203,3 +203,13 @@ def test_all_couples_are_compared_as_each_alone(monkeypatch):
         assert ranking._p_of_all(rows, ids).tolist() == pytest.approx(alone, rel=1e-12)
         assert [p == 1.0 for p in alone].count(True) >= 4
         assert min(alone) < 1.0
+
+
+def test_noise_is_ordered_only_where_its_variance_exceeds_the_others_by_more_than_the_gyros_own():
+    """0.004 and 0.008 deg are added to a wander of 0.02: nobody can tell who is noisier in the end; of 0.03 one can."""
+    column = {name: by_units([s] * 20, gyro_share=0.02) for name, s in (("a", 0.004), ("b", 0.008), ("c", 0.03))}
+    found = ranking.family(column, "low")
+    assert found.best == ["a", "b"]
+    assert set(found.significant) == {("a", "c"), ("b", "c")}
+    loud = {name: by_units([s] * 20, gyro_share=0.2) for name, s in (("a", 0.5), ("b", 0.6))}
+    assert ranking.family(loud, "low").best == ["a"]  # the difference is smaller, that of the variances larger

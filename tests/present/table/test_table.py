@@ -33,7 +33,7 @@ def test_each_phase_has_its_own_column_of_noise_in_the_order_of_the_sentence():
         for phase in ("idle", "hover"):
             row.metrics[phase] = {TILT_NOISE: answer(0.3, "deg", phase, 0.1)}
     found = [(c.title, c.window) for c in main_table(result).columns if c.metric == TILT_NOISE]
-    assert found == [("Noise at rest", "rest"), ("Noise in hover", "hover"), ("Noise idling", "idle")]
+    assert found == [("Noise at rest", "rest"), ("Noise added in hover", "hover"), ("Noise added idling", "idle")]
 
 
 def test_a_column_has_one_window_for_all_rows():
