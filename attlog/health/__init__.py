@@ -9,7 +9,7 @@ from attlog.base.barrier import guarded
 from attlog.flight.model import FlightLog, part_of
 from attlog.health.fits import compass, force, turns
 from attlog.health.model import Answerable, Check, failed
-from attlog.health.onboard import against_smoother, aids, attitude, crash, jumps, sources
+from attlog.health.onboard import against_smoother, aids, attitude, crash, gnss_heading, jumps, sources
 from attlog.health.onboard import declination as declination_told
 from attlog.health.questions import answerable
 from attlog.health.sensors import (
@@ -49,6 +49,7 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "frozen sensors": lambda: frozen.checks(log, phases),
         "sensor faults": lambda: sensor_faults.checks(rates),
         "onboard against smoother": lambda: against_smoother.checks(log, phases, reference),
+        "heading by GNSS": lambda: gnss_heading.checks(log, phases),
         "turns": lambda: turns.checks(log, phases, rates),
         "force": lambda: force.checks(log, phases, reference or rates),
         "compass error": lambda: compass.checks(log, phases, _heading(reference, rates)),

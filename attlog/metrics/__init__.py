@@ -42,6 +42,7 @@ QUESTIONS = (
     "drift.air",
     "drift.wander",
     "errors.rmse",
+    "errors.gnss_heading",
     "noise.allan",
     "errors.convergence",
     "errors.recovery",

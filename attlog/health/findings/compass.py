@@ -6,9 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from attlog.health.findings.finding import Explanation, Finding
+from attlog.health.onboard import gnss_heading
 
 KIND = "compass"
 CHECKS = {
+    gnss_heading.NAME: Explanation(
+        KIND,
+        as_fault="serious",
+        cause="The compass is turned, badly calibrated or disturbed, or the declination is wrong.",
+        fault="compass",
+    ),
     "compass axes": Explanation(
         KIND,
         as_fault="serious",
@@ -53,9 +60,18 @@ DEAD = Explanation("mag_dead", cause="Its wiring, its bus or the compass itself.
 """Of a compass that measures no field."""
 ATTITUDE, SHARED = "attitude", ("realigned", "reset", "attitude")
 """Kinds that are of the compass where they speak of heading and the compass is in doubt."""
+LOST = "The onboard estimator was not aligned, or drifted without a compass."
 BY_FIELD = ("compass axes", "field", "field against motors")
 BENT_PCT = 30.0
-LEADS = ("compass axes", "compass turn", "compass offset", *BY_FIELD[1:], "field against attitude", "declination")
+LEADS = (
+    gnss_heading.NAME,
+    "compass axes",
+    "compass turn",
+    "compass offset",
+    *BY_FIELD[1:],
+    "field against attitude",
+    "declination",
+)
 """Checks of the compass alone, and what tells most of it first."""
 BY_ATTITUDE = ("field against attitude", "declination", "compass turn", "compass offset")
 """Checks that turn the field by the onboard attitude."""
@@ -67,6 +83,7 @@ def settled(signs: Sequence[Finding]) -> list[Finding]:
     A heading that jumps or differs while the field is wrong has the same cause, and nobody who believed that field
     can tell whose heading is wrong.
     """
+    signs = _by_gnss(signs)
     if any(sign.kind in MISSING and sign.is_trouble for sign in signs):
         signs = [sign for sign in signs if sign.kind != KIND]
     if any(sign.kind == KIND and sign.about in BY_FIELD and sign.is_trouble for sign in signs):
@@ -77,6 +94,30 @@ def settled(signs: Sequence[Finding]) -> list[Finding]:
         return list(signs)
     own = [replace(sign, kind=KIND) if _of_heading(sign) else sign for sign in signs]
     return sorted(own, key=_place)
+
+
+def _by_gnss(signs: Sequence[Finding]) -> list[Finding]:
+    """The signs with what says that the heading is wrong under the compass too, where GNSS shows that it is.
+
+    GNSS believed no field: nobody has to doubt it. What the field shows tells the cause better. Without a compass it
+    is the attitude's.
+    """
+    gnss = [sign for sign in signs if sign.about == gnss_heading.NAME and sign.is_trouble]
+    if not gnss:
+        return list(signs)
+    if any(sign.kind in MISSING and sign.is_trouble for sign in signs):
+        return [
+            replace(sign, kind=ATTITUDE, about="heading", cause=LOST, action="") if sign in gnss else sign
+            for sign in signs
+        ]
+    others = [sign for sign in signs if sign.kind == KIND and sign.is_trouble and sign not in gnss and sign.action]
+    if others:
+        signs = [replace(sign, cause="", action="") if sign in gnss else sign for sign in signs]
+    return [_under_compass(sign) if sign.kind in SHARED and sign.about == "heading" else sign for sign in signs]
+
+
+def _under_compass(sign: Finding) -> Finding:
+    return replace(sign, kind=KIND, cause="", action="")
 
 
 def _place(sign: Finding) -> int:
