@@ -179,6 +179,7 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
     """
     from attlog.analysis import prepare
     from attlog.analysis.replay import run_rows
+    from attlog.reference.meaning import heading_words
 
     case = prepare(log, {"estimators": specs})
     for row in run_rows(case, specs):
@@ -187,6 +188,8 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
         if taken is not None and taken.dps is not None:
             x, y, z = taken.dps
             table.note += f"; subtracted from the gyro first: {x:.4f}, {y:.4f}, {z:.4f} deg/s ({taken.taken})"
+        if words := heading_words(row.quality):
+            table.note += f"; {words}"
         if row.bias is not None:
             for k, axis in enumerate("xyz"):
                 table.columns[f"bias_{axis}_rad_s"] = row.bias[:, k]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from attlog.reference.model import Reference
 from attlog.reference.smoothed import sigma_deg
@@ -23,6 +24,18 @@ def own_sigma_deg(ref: Reference, angle: str) -> float | None:
     """How wrong a reference says its ``angle`` may be, RMS in deg; None for one that does not tell."""
     own = sigma_deg(ref, angle)
     return own if ref.kind == "smoother" and math.isfinite(own) else None
+
+
+def heading_words(quality: Mapping[str, float | str]) -> str:
+    """What a smoothed heading rests on, as a clause; empty of an estimate that does not tell."""
+    found = str(quality.get("heading_from", ""))
+    words = {
+        "both": "compass and motion agree on the heading",
+        "compass": "the heading rests on the compass alone",
+        "motion": "the heading is from motion, without the compass",
+        "nobody": f"there is no heading: {quality.get('heading_why', 'nothing shows it')}",
+    }
+    return words.get(found, "")
 
 
 def _of_smoother(ref: Reference) -> str:

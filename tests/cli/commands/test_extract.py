@@ -85,6 +85,15 @@ def test_estimates_are_unit_quaternions_with_euler_angles_that_match(attlog, sam
     assert np.allclose(table[["roll_deg", "pitch_deg", "yaw_deg"]], np.column_stack([roll, pitch, yaw]), atol=1e-6)
 
 
+def test_the_smoother_s_table_says_what_its_heading_rests_on(attlog, samples, tmp_path):
+    out = tmp_path / "q.csv"
+    assert attlog("extract", samples / "px4_steps.ulg", "--estimates", "smoother", "-o", out).code == 0
+    about = json.loads((tmp_path / "q.csv.json").read_text())
+    assert about["source"].endswith("compass and motion agree on the heading")
+    table = pandas.read_csv(out)
+    assert np.degrees(table["sigma_heading"]).max() < 1.0
+
+
 def test_an_unknown_message_is_told_with_what_there_is(attlog, samples, tmp_path):
     done = attlog("extract", samples / "copter_steps_stabilize.bin", "ATTI", "-o", tmp_path / "x.csv")
     assert done.code == 2
