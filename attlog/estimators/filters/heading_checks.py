@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from attlog.estimators.base import Array, Estimate
+from attlog.estimators.base import Estimate
 from attlog.estimators.evidence.gnss_heading import HeadingOffset, heading_offset
 from attlog.estimators.filters import pair
 from attlog.estimators.filters.navigation.measured import Inputs
+from attlog.estimators.filters.navigation.passes.jumps import BIAS_CHANGED_DPS, bias_change_dps
 
 LEAST_DEG, SIGMAS = 3.0, 3.0
 """A heading that is off by more than this by GNSS acceleration, in deg and in joint sigmas, does not stand."""
-BIAS_CHANGED_DPS, REST_S = 0.5, 2.0
-"""A gyro's bias drifts less in a flight, unless it jumps; each rest shows it for so long at least."""
 
 
 def checked(run: Estimate, inputs: Inputs) -> Estimate:
@@ -43,15 +40,3 @@ def by_gnss(run: Estimate, inputs: Inputs) -> HeadingOffset | None:
     if fixes is None:
         return None
     return heading_offset(inputs.t, inputs.acc, run.q, fixes.t, fixes.x)
-
-
-def bias_change_dps(inputs: Inputs) -> float:
-    """By how much in deg/s the mean gyro of the last rest differs from that of the first; 0 without two rests."""
-    edges = np.flatnonzero(np.diff(inputs.still.astype(np.int8), prepend=0, append=0))
-    means: list[Array] = []
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
-        if inputs.t[b - 1] - inputs.t[a] >= REST_S:
-            means.append(np.mean(inputs.gyr[a:b], axis=0))
-    if len(means) < 2:
-        return 0.0
-    return math.degrees(float(np.sqrt(np.sum((means[-1] - means[0]) ** 2))))

@@ -9,7 +9,8 @@ and rest; without GNSS it is the model of ``mekf`` forth and back. What follows 
 a crash does not reach back. Looks ahead: it is a reference and not a filter that could fly.
 
 Run twice, with and without the compass: a wrong one is left out where motion shows the heading, and where neither can
-be trusted there is none (``pair.py``). ``quality["heading_from"]`` says which.
+be trusted there is none (``pair.py``). ``quality["heading_from"]`` says which. Where the likelihood wants a jump of the
+gyro bias the passes begin anew with one, which a faulty gyro needs (``navigation/passes/jumps.py``).
 
 Without GNSS it is the model of ``mekf``, which expects the body not to fly away, with a backward pass (Rauch1965;
 ``inertial/backward.py``).
@@ -69,34 +70,34 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
 
 def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
     """One part of a run, by itself: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3), NaN where missing."""
+    clock = time.thread_time()
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
     if inputs.velocity is None and inputs.position is None:
         return inertial(inputs, mag)
-    by_motion = aided(replace(inputs, mag=None), params)
+    tuned, gate, count = started(params), float(params["soft_gate"]), int(params["passes"])
     if inputs.mag is None:
-        return heading_checks.checked(pair.alone(by_motion), inputs)
-    with_compass = aided(inputs, params)
-    spent = with_compass.ns_per_update + by_motion.ns_per_update
-    stands = heading_checks.checked(pair.chosen(with_compass, by_motion), inputs)
-    return replace(stands, ns_per_update=spent)
+        stands = pair.alone(smoothed(inputs, passes.solved(inputs, tuned, gate, count)))
+    else:
+        with_compass, without = passes.solved_twice(inputs, tuned, gate, count)
+        stands = pair.chosen(smoothed(inputs, with_compass), smoothed(replace(inputs, mag=None), without))
+    if "gyro_jump_unmodelled" in stands.quality:
+        stands = pair.without_heading(stands, "the gyro bias changes as no jump explains")
+    stands = heading_checks.checked(stands, inputs)
+    return replace(stands, ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1))
 
 
-def aided(inputs: Inputs, params: Mapping[str, float | str]) -> Estimate:
+def smoothed(inputs: Inputs, solution: passes.Solution) -> Estimate:
     """One smoothed run with the aids that the inputs hold."""
-    clock = time.thread_time()
-    n = len(inputs.t)
-    solution = passes.solved(inputs, started(params), float(params["soft_gate"]), int(params["passes"]))
     found = solution.found
     q, bias = attitude.smoothed_samples(found, inputs)
-    tilt, heading = attitude.sigmas(inputs, found, found.spread)
+    tilt, heading = attitude.sigmas(inputs, found, found.spread, solution.jumps)
     told = attitude.quality(inputs, found, solution.tuned, tilt, heading) | attitude.quality_of_passes(solution)
     return Estimate(
         t=inputs.t,
         q=attitude.at_stamps(inputs, q, bias),
         bias=bias,
-        aux={"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, n)},
+        aux={"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, len(inputs.t))},
         quality=told,
-        ns_per_update=1e9 * (time.thread_time() - clock) / max(n, 1),
         causal=False,
     )
 

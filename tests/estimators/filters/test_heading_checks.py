@@ -9,8 +9,9 @@ import pytest
 
 from attlog.base import rotation
 from attlog.estimators import Aids, Estimate
-from attlog.estimators.filters.heading_checks import bias_change_dps, checked
+from attlog.estimators.filters.heading_checks import checked
 from attlog.estimators.filters.navigation.measured import Inputs, made_ready
+from attlog.estimators.filters.navigation.passes.jumps import bias_change_dps
 from attlog.testing import still
 from attlog.testing.motion import Motion
 from tests.estimators.filters.navigation.made import Made, flight

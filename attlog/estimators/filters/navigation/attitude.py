@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,7 @@ from attlog.estimators.filters.navigation import turns
 from attlog.estimators.filters.navigation.layout import KICKED, OPENED, SEEN, SOFTENED
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.passes import Solution
+from attlog.estimators.filters.navigation.passes.jumps import Jump
 from attlog.estimators.filters.navigation.settings import LEAST_R, NoiseLevels
 from attlog.estimators.filters.navigation.solve import Pass
 from attlog.kernels.loops import function_of
@@ -66,13 +69,22 @@ def at_stamps(inputs: Inputs, q: Array, bias: Array) -> Array:
     return out
 
 
-def sigmas(inputs: Inputs, found: Pass, spread: Array) -> tuple[Array, Array]:
-    """Standard deviations (n,) in rad of tilt and heading from variances (m, 3) of the attitude at the nodes."""
+def sigmas(inputs: Inputs, found: Pass, spread: Array, jumps: Sequence[Jump] = ()) -> tuple[Array, Array]:
+    """Standard deviations (n,) in rad of tilt and heading from variances (m, 3) of the attitude at the nodes.
+
+    Within two sigma of the time of a jump of the gyro bias, what it turns in one sigma of it is added.
+    """
     at = inputs.sensed_at[found.schedule.node_at]
     rate = np.sqrt(np.sum(inputs.gyr**2, axis=1)) * LEAST_TIME_S
     three = [np.interp(inputs.t, at, np.maximum(spread[:, i], 0.0)) for i in range(3)]
-    tilt = np.sqrt(HONEST**2 * (three[0] + three[1]) + LEAST_TILT**2 + rate**2)
-    return tilt, np.sqrt(HONEST**2 * three[2] + LEAST_HEADING**2 + rate**2)
+    tilt = HONEST**2 * (three[0] + three[1]) + LEAST_TILT**2 + rate**2
+    heading = HONEST**2 * three[2] + LEAST_HEADING**2 + rate**2
+    for jump in jumps:
+        near = np.flatnonzero(np.abs(inputs.sensed_at - jump.t) <= 2.0 * jump.t_sigma)
+        turned = rotation.rotate(found.q[near], np.tile(jump.size * jump.t_sigma, (len(near), 1)))
+        tilt[near] += np.sum(turned[:, :2] ** 2, axis=1)
+        heading[near] += turned[:, 2] ** 2
+    return np.sqrt(tilt), np.sqrt(heading)
 
 
 def test_ratios(found: Pass, n: int) -> dict[str, Array]:
@@ -133,7 +145,27 @@ def quality_of_passes(solution: Solution) -> dict[str, float | str]:
         "passes": float(solution.passes),
         "pass_kept": float(solution.kept + 1),
         "worst_ratio": float(np.max(known)) if len(known) else 0.0,
+        **quality_of_jumps(solution.jumps),
+        **({"gyro_jump_unmodelled": solution.unmodelled} if solution.unmodelled else {}),
     }
+
+
+def quality_of_jumps(jumps: Sequence[Jump]) -> dict[str, float | str]:
+    """The largest jump of the gyro bias: when, about which axes, how sure; how many there are. Empty without one."""
+    jumps = [jump for jump in jumps if jump.counts]
+    if not jumps:
+        return {}
+    jump = max(jumps, key=lambda one: one.rate)
+    axes = zip("xyz", np.degrees(jump.size), np.degrees(jump.sigma), strict=True)
+    told: dict[str, float | str] = {
+        "gyro_jumps": float(len(jumps)),
+        "gyro_jump_s": jump.t,
+        "gyro_jump_s_sigma": jump.t_sigma,
+        "gyro_jump_dps": float(np.degrees(jump.rate)),
+    }
+    for axis, size, sigma in axes:
+        told[f"gyro_jump_{axis}_dps"], told[f"gyro_jump_{axis}_sigma_dps"] = float(size), float(sigma)
+    return told
 
 
 def own_sigma(tilt: Array, heading: Array) -> dict[str, float | str]:

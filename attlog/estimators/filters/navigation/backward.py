@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import Any
 
 from attlog.estimators.engine import SOURCES
-from attlog.estimators.filters.navigation.layout import ROW, SUM_T, WANDER_TAU, N
+from attlog.estimators.filters.navigation.layout import BG, ROW, SUM_T, WANDER_TAU, N
 from attlog.estimators.filters.navigation.motion import dot, undo
 from attlog.kernels.loops import kernel_of
 
@@ -44,6 +44,7 @@ TYPES = {
     "spread": "f8[:, ::1]",
     "score": "f8[::1]",
     "scores": "f8[:, ::1]",
+    "shocks": "f8[:, ::1]",
     "gone": "b1",
     "wanted": "b1",
 }
@@ -71,6 +72,7 @@ def backward(
     spread: Any,
     score: Any,
     scores: Any,
+    shocks: Any,
     gone: bool,
     wanted: bool,
     M: Any,
@@ -82,7 +84,7 @@ def backward(
 
     Written: ``d`` (m, 6) smoothed error of attitude and gyro bias, where ``wanted`` ``spread`` (m, 3) smoothed variance
     of the attitude, ``score`` (u,) u^2 / D of every update, ``scores`` (2, 39) sums of T min(lam^2, 9 Lam) and T Lam
-    while moving.
+    while moving, ``shocks`` (m, 12) lam (3) and Lam (9) of the gyro bias as each node begins.
     ``gone`` tells whether node 0 is the first of the run, before which nothing moves. The last arguments are scratch.
     """
     for node in range(nodes - 1, -1, -1):
@@ -96,6 +98,10 @@ def backward(
         back_through_updates(
             update_of[node], update_of[node + 1], K, H, H_at, wide_of, s_of, nu_of, lam, Lam, Lk, w, h, score
         )
+        for i in range(3):
+            shocks[node, i] = lam[BG + i]
+            for j in range(3):
+                shocks[node, 3 + 3 * i + j] = Lam[(BG + i) * ROW + BG + j]
         if gone and node == 0:
             break
         T = sums[node, SUM_T]

@@ -93,6 +93,7 @@ TYPES = {
     "f_mean": "f8[:, ::1]",
     "w_mean": "f8[:, ::1]",
     "sigma": "f8[:, ::1]",
+    "jump": "f8[::1]",
     "par": "f8[::1]",
     "along": "f8[:, ::1]",
     "use_along": "b1",
@@ -361,6 +362,7 @@ def forward(
     f_mean: Any,
     w_mean: Any,
     sigma: Any,
+    jump: Any,
     par: Any,
     along: Any,
     use_along: bool,
@@ -402,13 +404,13 @@ def forward(
 ) -> int:
     """Nodes ``first`` to ``last`` (exclusive) of a run; state, covariance and memory are carried on in place.
 
-    Samples: ``dt`` (n,), ``gyr``, ``acc`` (n, 3), ``rest`` (n,). Nodes: ``node_at`` (m,) sample, ``node_event``
-    (m + 1,) first event. Events: ``kind``, ``offset`` (e,) s, values ``z``, centred means ``f_mean``, ``w_mean``, noise
-    ``sigma`` (e, 3), 0 where a component is not told. ``par`` see layout; ``along`` (m, 4) the trajectory of
-    linearisation where ``use_along``; ``P`` (39 * ROW,) flat; ``x0`` (39,) the state at the start of the pass. Written
-    always: ``q_all`` (n, 4), ``bias`` and ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where
-    ``keep`` also what the backward pass needs, counted from ``first``; the rest is scratch. Returns how many updates
-    were kept.
+    Samples: ``dt`` (n,), ``gyr``, ``acc`` (n, 3), ``rest`` (n,). Nodes: ``node_at`` (m,) sample, ``node_event`` (m
+    + 1,) first event. Events: ``kind``, ``offset`` (e,) s, values ``z``, centred means ``f_mean``, ``w_mean``,
+    noise ``sigma`` (e, 3), 0 where a component is not told. ``par`` see layout; ``jump`` (m,) rad/s by which the
+    gyro bias may jump at nodes; ``along`` (m, 4) the trajectory of linearisation where ``use_along``; ``P`` (39 *
+    ROW,) flat; ``x0`` (39,) the state at the start of the pass. Written always: ``q_all`` (n, 4), ``bias`` and
+    ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where ``keep`` also what the backward pass
+    needs, counted from ``first``; the rest is scratch. Returns how many updates were kept.
     """
     used = 0
     for node in range(first, last):
@@ -436,6 +438,8 @@ def forward(
                 x[WANDER + i] *= fade
             predict(P, own, resting, par[WANDER_TAU], M)
             grow(P, own[SUM_T], par, resting)
+            for i in range(3):
+                P[(ROW + 1) * (BG + i)] += jump[node] * jump[node]
             memory[SINCE_KICK] += own[SUM_T]
         if keep:
             for i in range(SUMS):

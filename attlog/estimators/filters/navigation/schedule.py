@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.layout import BARO, MAG, NO_RATE, POSITION, STILL, VELOCITY
 from attlog.estimators.filters.navigation.measured import Inputs, RunningMean
-from attlog.estimators.filters.navigation.settings import NODE_S, REST_EVERY_S, REST_MEAN_S, NoiseLevels
+from attlog.estimators.filters.navigation.settings import JUMP_RAD_S, NODE_S, REST_EVERY_S, REST_MEAN_S, NoiseLevels
 
 FORCE_S, RATE_S = 0.05, 0.03
 """Half widths of the centred means in an event's rows."""
@@ -37,6 +37,8 @@ class Schedule:
     rest_of: NDArray[np.int8]
     scalars: Ints
     """(m + 1,) how many scalar updates the events before each node can make."""
+    jump: Array
+    """(m,) rad/s by which the gyro bias may jump at each node, one sigma."""
 
     def nodes(self) -> Schedule:
         """The nodes without the events, for who does not run again."""
@@ -52,6 +54,7 @@ class Schedule:
             none,
             self.rest_of,
             np.zeros_like(self.scalars),
+            self.jump,
         )
 
 
@@ -81,6 +84,7 @@ class Timetable:
         self.rate = RunningMean(self.t, inputs.gyr)
         self.resting_rate = self.rate.mean(self.looks - REST_MEAN_S, self.looks)
         self.kept: dict[int, tuple[float, PlacedEvents]] = {}
+        self.jumps: tuple[float, ...] = ()
 
     def scheduled(
         self,
@@ -136,6 +140,7 @@ class Timetable:
             sigma,
             np.ascontiguousarray(self.inputs.rest[nodes]),
             scalars[node_event].astype(np.int64),
+            self.jumps_at(nodes, self.jumps),
         )
 
     def _placed(self, tuned: NoiseLevels, within: tuple[float, float] | None) -> list[PlacedEvents]:
@@ -185,6 +190,13 @@ class Timetable:
         force = self.force.mean(centre - FORCE_S, centre + FORCE_S) if kind == VELOCITY and some else none
         rate = self.rate.mean(centre - RATE_S, centre + RATE_S) if kind in (VELOCITY, MAG) and some else none
         return PlacedEvents(kind, when, at, when - centre, z, shape, force, rate)
+
+    def jumps_at(self, nodes: Ints, jumps: tuple[float, ...]) -> Array:
+        """How far the gyro bias may jump at each node (m,): the first at or after each of the times ``jumps`` in s."""
+        out = np.zeros(len(nodes))
+        at = np.searchsorted(self.t[nodes], np.array(jumps) - TIE_S)
+        out[at[at < len(nodes)]] = JUMP_RAD_S
+        return out
 
     def _nodes(self, at: Ints, every: float) -> Ints:
         """Samples with events, the ends, where rest begins and ends, and enough others."""

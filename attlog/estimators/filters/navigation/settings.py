@@ -38,6 +38,8 @@ NODE_S, FINE_S = 0.04, 0.02
 MAG_BLOCK_S, BARO_BLOCK_S = 0.04, 0.05
 HARD_SIGMA = 30.0
 WANDER_S, WANDER_M = 100.0, 1.0
+JUMP_RAD_S = np.deg2rad(3.0)
+"""How far the gyro bias may jump where it does, one sigma."""
 REST_SPEED, REST_EVERY_S, REST_MEAN_S = 0.02, 0.2, 0.2
 LEAST_R = (0.02, 0.02, 0.03, 0.03, 0.02, 0.001, 1e-6, REST_SPEED)
 """Receivers are never better: a GNSS of 4 mm/s would make timing errors look like information. m/s, m, m, G, rad/s."""

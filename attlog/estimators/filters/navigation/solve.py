@@ -48,6 +48,7 @@ class Pass:
     group: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8))
     soft: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8))
     scores: Array = field(default_factory=lambda: np.zeros((2, N)))
+    shocks: Array = field(default_factory=lambda: np.zeros((0, 12)))
     first: Array = field(default_factory=lambda: np.zeros(N))
     first_spread: Array = field(default_factory=lambda: np.zeros(N))
 
@@ -91,7 +92,7 @@ class Runner:
             saved.append([x.copy() for x in state])
             if b < m:
                 self._run(a, b, found, state, begin, par, along, None)
-        found.d, found.spread = np.empty((m, 6)), np.empty((m, 3))
+        found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
         lam, Lam = np.zeros(ROW), np.zeros(N * ROW)
         told: list[tuple[Array, Array, Array]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
@@ -119,6 +120,7 @@ class Runner:
                 found.spread[a:b],
                 score,
                 found.scores,
+                found.shocks[a:b],
                 a == 0,
                 spread,
             )
@@ -166,6 +168,7 @@ class Runner:
             s.f_mean,
             s.w_mean,
             s.sigma,
+            s.jump,
             par,
             np.zeros((1, 4)) if along is None else along,
             along is not None,

@@ -49,6 +49,7 @@ def step(inputs, schedule, begin, par, state, node, events):
         schedule.f_mean,
         schedule.w_mean,
         schedule.sigma,
+        schedule.jump,
         par,
         np.zeros((1, 4)),
         False,

@@ -1,0 +1,7 @@
+"""Passes over a log: each calibrates noise, delays and prior spreads for the next, and the likeliest one is kept."""
+
+from attlog.estimators.filters.navigation.passes.causal import CONSTANTS, causal, held, telling
+from attlog.estimators.filters.navigation.passes.sequence import Solution, first_start, solved
+from attlog.estimators.filters.navigation.passes.twice import solved_twice
+
+__all__ = ["CONSTANTS", "Solution", "causal", "first_start", "held", "solved", "solved_twice", "telling"]
