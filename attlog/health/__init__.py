@@ -50,7 +50,7 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "sensor faults": lambda: sensor_faults.checks(rates),
         "onboard against smoother": lambda: against_smoother.checks(log, phases, reference),
         "heading by GNSS": lambda: gnss_heading.checks(log, phases),
-        "turns": lambda: turns.checks(log, phases, rates),
+        "turns": lambda: turns.checks(log, phases, rates, reference),
         "force": lambda: force.checks(log, phases, reference or rates),
         "compass error": lambda: compass.checks(log, phases, _heading(reference, rates)),
         "gravity": lambda: accelerometer.checks(log, phases),

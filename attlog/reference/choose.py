@@ -225,6 +225,7 @@ def _smoothed(log: FlightLog, segments: Segments, options: ReferenceOptions, smo
     reference = build(log, segments, options, "smoother", "", Attitude(t, q, "the smoother"), why, segment)
     used = np.isin(t, reference.t)
     reference.sigma_tilt_deg, reference.sigma_heading_deg = tilt[used], heading[used]
+    reference.gyro_jumps = smoothed.gyro_jumps(estimate)
     own = [smoothed.sigma_deg(reference, angle) for angle in ("inclination", "heading")]
     if not own[0] <= smoothed.USELESS_DEG and options.reference == "auto":
         return f"own tilt sigma {own[0]:.1f} deg" if np.isfinite(own[0]) else "none of its attitudes is scored"

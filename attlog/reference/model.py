@@ -83,6 +83,15 @@ class SensorFault:
     """Whether a smoother that believes it is sure of a wrong attitude."""
 
 
+@dataclass(frozen=True, slots=True)
+class GyroJump:
+    """A step of the gyro's bias at ``t`` s by ``size_dps`` about x, y, z, one sigma ``sigma_dps``, both in deg/s."""
+
+    t: float
+    size_dps: tuple[float, float, float]
+    sigma_dps: tuple[float, float, float]
+
+
 @dataclass(slots=True)
 class Reference:
     """The attitude to compare with. ``kind`` says what agreement with it proves.
@@ -129,6 +138,8 @@ class Reference:
     heading_why: str = ""
     gyro_fault: str = ""
     """Why nothing that is made of the logged gyro can be judged (``reference.turning``); empty where nothing is."""
+    gyro_jumps: tuple[GyroJump, ...] | None = None
+    """The steps of the gyro's bias that a smoother found, of several the largest; None where it looks for none."""
     sensor_faults: dict[str, SensorFault] = field(default_factory=dict)
     """What physics contradicts of the sensors that are replayed, by name (``reference.sensor_faults``)."""
     second: Reference | None = None

@@ -18,7 +18,7 @@ from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
 from attlog.reference import scoring
 from attlog.reference.compare import interpolate
-from attlog.reference.model import AlignmentStep, Reference
+from attlog.reference.model import AlignmentStep, GyroJump, Reference
 from attlog.segments import Segments, gaps
 from attlog.segments.spans import Span, complement, intersect
 
@@ -158,6 +158,18 @@ def joined(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
 def tells_sigma(estimate: Estimate) -> bool:
     """Whether it says how sure it is of tilt and heading."""
     return len(estimate.t) > 1 and {"sigma_tilt", "sigma_heading"} <= estimate.aux.keys()
+
+
+def gyro_jumps(estimate: Estimate) -> tuple[GyroJump, ...] | None:
+    """The largest jump of the gyro's bias that a smoother found; None where it looks for none."""
+    if "gyro_jumps" not in estimate.quality:
+        return None
+    if "gyro_jump_s" not in estimate.quality:
+        return ()
+    x, y, z, sigma_x, sigma_y, sigma_z = (
+        _number(estimate, f"gyro_jump_{axis}_{kind}") for kind in ("dps", "sigma_dps") for axis in "xyz"
+    )
+    return (GyroJump(_number(estimate, "gyro_jump_s"), (x, y, z), (sigma_x, sigma_y, sigma_z)),)
 
 
 def _number(estimate: Estimate, name: str) -> float:

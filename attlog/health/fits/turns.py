@@ -3,6 +3,7 @@
 Over intervals of SPAN_S the attitude turned by ``a = S g + b`` where the gyro turned by ``g``. Off-diagonal elements of
 S are the mounting, the diagonal is one over the gyro's scale, -b its bias. A smoother is made of this very gyro and
 cannot judge its scale: truth or the onboard attitude does, whose aids keep it from turning as far as a wrong scale.
+Whether the bias steps a smoother with GNSS knows best, by likelihood: where it is the reference its word is taken.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.flight.model import Array, FlightLog, Imu
 from attlog.health.fits.regression import BLOCK_S, RobustFit, fit, interval
-from attlog.health.model import Check, not_judged
-from attlog.reference.model import Reference
+from attlog.health.model import Check, graded, not_judged
+from attlog.reference.model import GyroJump, Reference
 from attlog.segments import increments
 from attlog.segments.model import Segments
 
@@ -39,12 +40,24 @@ BEFORE_AFTER = 3
 STEP_LIMIT = f"ok: no step above {STEP_DPS} deg/s and {STEP_SIGMAS:.0f} sigma; fault above {FAR_DPS:.0f} deg/s"
 
 
-def checks(log: FlightLog, segments: Segments, reference: Reference | None) -> list[Check]:
-    """Scale and steps of the bias in flight; nothing where nothing flew."""
+def checks(
+    log: FlightLog, segments: Segments, reference: Reference | None, smoother: Reference | None = None
+) -> list[Check]:
+    """Scale and steps of the bias in flight; nothing where nothing flew.
+
+    ``reference`` is not made of this gyro alone; ``smoother`` may know of steps, where that is what it is.
+    """
     imu = log.replay_imu
     flown = segments.spans("airborne")
     if imu is None or not flown:
         return []
+    jumps = None if smoother is None else smoother.gyro_jumps
+    found = _rates(imu, segments, reference)
+    return found if jumps is None else [_jump(imu, jumps) if check.name == STEP else check for check in found]
+
+
+def _rates(imu: Imu, segments: Segments, reference: Reference | None) -> list[Check]:
+    """Both by the rates of an attitude."""
     if reference is None or reference.kind not in ("truth", "onboard") or reference.gyro_fault:
         why = "No attitude that is not made of this gyro can be trusted."
         return [not_judged(SCALE, why, LIMIT), not_judged(STEP, why, STEP_LIMIT)]
@@ -74,6 +87,19 @@ def turned(imu: Imu, reference: Reference) -> tuple[Array, Array, Array]:
     good &= rotation.finite(by_attitude) & rotation.finite(by_gyro) & (rotation.length(by_gyro) < LARGEST_RAD)
     dt = (end - start)[good, None]
     return start[good], by_gyro[good] / dt, by_attitude[good] / dt
+
+
+def _jump(imu: Imu, jumps: tuple[GyroJump, ...]) -> Check:
+    """The step of the bias that a smoother found by likelihood."""
+    if not jumps:
+        return Check(STEP, "ok", f"The smoother finds no step of the bias of {imu.gyro.source}.", threshold=STEP_LIMIT)
+    jump = jumps[0]
+    axis = int(np.argmax(np.abs(jump.size_dps)))
+    size, sigma = jump.size_dps[axis], math.hypot(jump.sigma_dps[axis], STEP_FLOOR_DPS)
+    verdict = graded(abs(size), STEP_DPS, FAR_DPS)
+    text = f"The bias of {imu.gyro.source} steps by {size:+.2f} deg/s about {'xyz'[axis]} "
+    text += f"({interval(size, sigma, 2)}, 95 %) at {jump.t:.0f} s by the smoother, which models it."
+    return Check(STEP, verdict, text, round(size, 2), "deg/s", STEP_LIMIT, t=round(jump.t, 1))
 
 
 def _scale(imu: Imu, reference: Reference, t: Array, g: Array, found: list[RobustFit | None]) -> Check:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import attlog
 from attlog import flight, segments
 from attlog.base import rotation
 from attlog.flight.model import FlightLog
@@ -105,6 +106,30 @@ def test_a_bias_that_steps_in_flight_is_told_with_axis_sign_and_time() -> None:
     assert check.value == pytest.approx(-1.2, abs=0.2)
     assert check.t == pytest.approx(50.0, abs=2.0)
     assert "about y" in check.text
+
+
+def test_a_step_about_z_that_no_onboard_heading_shows_is_told_by_the_smoother_with_its_time() -> None:
+    log = deepcopy(read(COPTER))
+    log.truth = None
+    each_gyro(lambda t, x: x + np.outer(t > 50.0, np.radians([0.0, 0.0, 1.2])))(log)
+    case = attlog.prepare(log)
+    assert case.reference.kind == "smoother"
+    (check,) = (c for c in audit(case.log, case.segments, case.reference) if c.name == "gyro bias step")
+    assert (check.verdict, check.value) == ("warning", pytest.approx(1.2, abs=0.1))
+    assert check.t == pytest.approx(50.0, abs=1.0)
+    assert "about z" in check.text
+    assert "by the smoother" in check.text
+    (found,) = (f for f in findings(case.log, [check]) if f.kind == "gyro_bias")
+    assert (found.t, found.value) == (check.t, check.value)
+
+
+def test_where_the_smoother_finds_no_step_none_is_told() -> None:
+    log = deepcopy(read(COPTER))
+    log.truth = None
+    case = attlog.prepare(log)
+    (check,) = (c for c in audit(case.log, case.segments, case.reference) if c.name == "gyro bias step")
+    assert check.verdict == "ok"
+    assert case.reference.gyro_jumps == ()
 
 
 @pytest.mark.parametrize("path", [QUAD, COPTER], ids=lambda p: p.name)

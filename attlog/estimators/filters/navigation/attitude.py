@@ -151,10 +151,10 @@ def quality_of_passes(solution: Solution) -> dict[str, float | str]:
 
 
 def quality_of_jumps(jumps: Sequence[Jump]) -> dict[str, float | str]:
-    """The largest jump of the gyro bias: when, about which axes, how sure; how many there are. Empty without one."""
+    """How many jumps the gyro bias makes; of the largest when, about which axes, how sure."""
     jumps = [jump for jump in jumps if jump.counts]
     if not jumps:
-        return {}
+        return {"gyro_jumps": 0.0}
     jump = max(jumps, key=lambda one: one.rate)
     axes = zip("xyz", np.degrees(jump.size), np.degrees(jump.sigma), strict=True)
     told: dict[str, float | str] = {
