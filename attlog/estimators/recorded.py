@@ -27,6 +27,15 @@ PARAMETERS = (
         "the user",
     ),
     Parameter(
+        "delay",
+        0.0,
+        "ms",
+        -1000,
+        1000,
+        "known delay of the sensors it was computed from, subtracted from its lag; the logged IMU's is not its own",
+        "the user",
+    ),
+    Parameter(
         "frame",
         "auto",
         "",

@@ -249,6 +249,8 @@ def of_windows(case: Case, row: Row, inside: list[slice]) -> list[Array | None]:
     limit = TURN_ONBOARD_DEG if row.kind == "onboard" else TURN_DEG
     index = None if (imu := imu_of(case, row)) is None else logged_unit(case, imu)
     corrected = 1e-3 * float(row.quality.get("imu_lag_corrected_ms", 0.0))
+    if estimators.is_recorded(row.estimator):
+        corrected = case.reference.input_delay_s - 1e-3 * float(row.parameters.get("delay", 0.0))
     if corrected:
         # such a row shows the moment at which the sensor felt it: what it corrects it does not add
         gyro, index = GyroAttitude(gyro.t - corrected, gyro.q, gyro.segment), None

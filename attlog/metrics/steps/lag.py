@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.estimators import is_recorded
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, Resolution, Wording, applies_to, paragraph, per_times
 from attlog.metrics.evidence.phases import why_no_errors
@@ -102,8 +103,11 @@ UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
 def input_delay(case: Case, row: Row) -> float:
     """The delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
 
-    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven only what it left.
+    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven only what it left. An attitude that
+    was computed elsewhere has no delay but the one that its user knows.
     """
+    if is_recorded(row.estimator):
+        return 1e-3 * float(row.parameters.get("delay", 0.0))
     if case.reference.input_delay_shared or row.kind != "replay":
         return 0.0
     corrected = 1e-3 * float(row.quality.get("imu_lag_corrected_ms", 0.0))
@@ -201,7 +205,7 @@ def _lag_answer(
     if found.at_edge:
         reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
         return answer(None, "ms", window, code="lag_at_edge", reason=reason)
-    may_be_early = case.reference.kind == "onboard" or not row.causal
+    may_be_early = case.reference.kind == "onboard" or not row.causal or is_recorded(row.estimator)
     earliest = -math.inf if may_be_early else -half_sample
     why = why_no_pure_delay(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
     if why is not None:

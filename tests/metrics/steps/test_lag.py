@@ -181,3 +181,16 @@ def test_scale_of_the_logged_gyro_stays_in_the_interval_of_a_gain():
     gain = lag.compute(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")["step_gain"]
     assert gain.ci95[0] <= gain.value - lag.COMMON_GAIN
     assert gain.ci95[1] == pytest.approx(gain.value + lag.COMMON_GAIN, rel=1e-3)
+
+
+@pytest.mark.parametrize(("own_ms", "known_ms"), [(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (-8.0, 0.0)])
+def test_an_attitude_computed_elsewhere_has_its_own_delay_and_not_that_of_the_logged_imu(own_ms, known_ms):
+    """Truth itself came out early by the IMU's delay; a clock that is ahead is no impossible filter."""
+    t, q = motion("steps", 40.0)
+    est = sampled(t, q, 200.0, delay=1e-3 * own_ms)
+    case, row = step_case(est, sampled(t, q, 25.0), estimator="estimate.csv", parameters={"delay": known_ms})
+    case.reference.input_delay_s = 0.00375
+    told = lag.compute(case, row, "all")["lag_ms"]
+    assert told.value == pytest.approx(own_ms - known_ms, abs=0.3)
+    assert told.ci95[0] < own_ms - known_ms < told.ci95[1]
+    assert told.taken_out == known_ms
