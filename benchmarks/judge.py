@@ -1,17 +1,18 @@
 """Sensor faults planted in flights with hidden truth: does the smoother know that it is wrong, and who is accused?
 
-    python benchmarks/judge.py [--corpus DIR] [--simulated] [--faults NAME,...] [--json FILE] [-v] [FLIGHT ...]
+    python benchmarks/judge.py [--corpus DIR] [--simulated] [--others] [--faults NAME,...] [--json FILE] [FLIGHT ...]
 
 Flights are those of ``sitl/`` below the corpus folder (default $ATTLOG_CORPUS), all or those named (part of a file
-name); ``--simulated`` adds scenarios of ``attlog simulate``. Each fault of FAULTS is put into a copy of the read log,
-into every unit of the sensor; the truth is taken away, the reference is chosen as ``attlog analyze`` does, and the
-audit is made with it. Truth then scores both, where they are scored in an analysis. Columns of the table:
+name); ``--simulated`` adds scenarios of ``attlog simulate``. Each fault of FAULTS, with ``--others`` of
+``other_faults.py``, on which no threshold was chosen, is put into a copy of the read log, into every unit of the
+sensor. The truth is taken away, the reference is chosen as ``attlog analyze`` does, and the audit is made with it.
+Truth then scores both, where they are scored in an analysis. ``-v`` prints each outcome. Columns of the table:
 
 - *kept*: flights with the smoother as reference; *heading*: with its own heading (sigma up to 1 deg).
 - *heading beyond 2 sigma*: of those with a heading, how many have an rms of error over sigma above 2; the median and
   the largest of that rms. *Tilt* likewise, of those kept.
 - *sound accused*: accusations of an onboard angle whose median error in the accused time is below 3 deg (tilt) or
-  8 deg (heading), of all accusations. *named*: flights whose turned onboard heading is accused.
+  8 deg (heading), of all accusations. *named*: flights whose turned onboard angle is accused.
 
 The last lines give the smoother's error over the onboard one's in the air, where nothing was planted.
 """
@@ -24,7 +25,7 @@ import os
 import re
 import time
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -32,7 +33,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import other_faults
 from numpy.typing import NDArray
+from other_faults import Fault
 
 from attlog import flight, formats, reference, segments
 from attlog.analysis import replay
@@ -47,13 +50,12 @@ from attlog.segments.model import Segments
 from attlog.segments.once import once
 
 Array = NDArray[np.float64]
-Fault = Callable[[FlightLog, float, np.random.Generator], None]
-"""Changes a log from the middle of its flight (s) on, or all of it, with its own random numbers."""
 
 SCENARIOS = ("steps", "waypoints", "aggressive", "yaw")
 SOUND_DEG = {"tilt": 3.0, "heading": 8.0}
 BAD = ("warning", "fault")
-TURNED = ("onboard heading 20 deg off", "onboard heading 30 deg off for 40 s")
+ONBOARD = "onboard"
+"""Names of faults that leave the sensors alone begin so."""
 METRES_PER_DEG = 111_320.0
 
 
@@ -149,8 +151,8 @@ FAULTS: dict[str, Fault] = {
     "GNSS noisy": gnss_noisy,
     "GNSS 120 ms late": gnss_late,
     "no GNSS": no_gnss,
-    TURNED[0]: partial(onboard_turned, 20.0, 1e6),
-    TURNED[1]: partial(onboard_turned, 30.0, 40.0),
+    "onboard heading 20 deg off": partial(onboard_turned, 20.0, 1e6),
+    "onboard heading 30 deg off for 40 s": partial(onboard_turned, 30.0, 40.0),
 }
 
 
@@ -224,7 +226,7 @@ def accused(log: FlightLog, checks: Iterable[Check], ref: Reference) -> list[tup
     for check in checks:
         if check.verdict not in BAD:
             continue
-        if check.name.startswith("onboard"):
+        if check.name.startswith("onboard") or check.name == "heading by GNSS":
             said = [match.groups() for text in (check.text, *check.evidence) for match in SAID.finditer(text)]
             spans = [(angle.lower(), float(a), float(b)) for angle, a, b in said]
             own = (check.about or "heading", check.t or 0.0, end if check.t_end is None else check.t_end)
@@ -264,7 +266,7 @@ def outcome(name: str, log: FlightLog, fault: str, middle: float) -> Outcome:
     copy = deepcopy(log)
     log.truth = truth
     assert truth is not None
-    FAULTS[fault](copy, middle, np.random.default_rng(zlib.crc32(f"{name} {fault}".encode())))
+    (FAULTS | other_faults.FAULTS)[fault](copy, middle, np.random.default_rng(zlib.crc32(f"{name} {fault}".encode())))
     ref, phases, checks, quality = judged(copy)
     own: dict[str, float | None] = dict.fromkeys(("tilt", "heading", "tilt z", "heading z", "tilt ratio"))
     t, *onboard = onboard_errors(copy, truth)
@@ -343,7 +345,8 @@ def row(fault: str, of: Sequence[Outcome]) -> str:
     """A line of the table."""
     kept = [o for o in of if o.kept]
     accusations = [a for o in of for a in o.accusations]
-    named = sum(any(a.angle == "heading" and not a.false for a in o.accusations) for o in of)
+    angle = "tilt" if "tilt" in fault else "heading"
+    named = sum(any(a.angle == angle and not a.false for a in o.accusations) for o in of)
     cells = [
         str(len(of)),
         str(len(kept)),
@@ -351,7 +354,7 @@ def row(fault: str, of: Sequence[Outcome]) -> str:
         beyond([o.heading_sigmas for o in kept]),
         beyond([o.tilt_sigmas for o in kept]),
         f"{sum(a.false for a in accusations)} of {len(accusations)}",
-        str(named) if fault in TURNED else "-",
+        str(named) if fault.startswith(ONBOARD) else "-",
     ]
     return f"| {fault} | {' | '.join(cells)} |"
 
@@ -363,8 +366,10 @@ def table(found: Sequence[Outcome]) -> str:
         "| sound accused | named |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
-    lines += [row(fault, of) for fault in FAULTS if (of := [o for o in found if o.fault == fault])]
-    planted = [o for o in found if o.fault not in ("nothing", *TURNED)]
+    lines += [
+        row(fault, of) for fault in (FAULTS | other_faults.FAULTS) if (of := [o for o in found if o.fault == fault])
+    ]
+    planted = [o for o in found if o.fault != "nothing" and not o.fault.startswith(ONBOARD)]
     lines += [row("all faults of sensors", planted)] if planted else []
     sound = [o for o in found if o.fault == "nothing"]
     for angle in ("tilt", "heading"):
@@ -379,11 +384,13 @@ def main() -> None:
     parser.add_argument("flights", nargs="*", help="parts of file names; all without")
     parser.add_argument("--corpus", default=os.environ.get("ATTLOG_CORPUS", ""))
     parser.add_argument("--simulated", action="store_true", help="add scenarios of attlog simulate")
+    parser.add_argument("--others", action="store_true", help="other faults instead")
     parser.add_argument("--faults", default="", help="parts of names of faults; all without")
     parser.add_argument("--json", type=Path, help="save every outcome")
     parser.add_argument("--verbose", "-v", action="store_true")
     given = parser.parse_args()
-    wanted = [fault for fault in FAULTS if any(part in fault for part in given.faults.split(","))]
+    known = other_faults.FAULTS if given.others else FAULTS
+    wanted = [fault for fault in known if any(part in fault for part in given.faults.split(","))]
     found: list[Outcome] = []
     with TemporaryDirectory() as folder:
         paths = sorted(p for p in (Path(given.corpus) / "sitl").rglob("*") if p.suffix in (".ulg", ".bin"))
