@@ -265,6 +265,8 @@ class FlightLog:
     ``acc_bias`` (n, 3) m/s^2 is what the onboard estimator takes off the accelerometer in body axes,
     ``onboard_gyro_bias`` (n, 3) rad/s what it takes off the gyro that is replayed, None where it runs on another one;
     ``onboard_vibration`` (n, 3) m/s^2 the level that the autopilot measures itself at full rate.
+    ``yaw_estimator`` (n, 2) rad is the heading that the autopilot finds from GNSS motion without a compass, and its one
+    sigma, where it calls it valid.
     """
 
     path: Path
@@ -310,6 +312,7 @@ class FlightLog:
     acc_bias: Stream | None = None
     onboard_gyro_bias: Stream | None = None
     onboard_vibration: Stream | None = None
+    yaw_estimator: Stream | None = None
     clippings: list[Clipping] = field(default_factory=list)
     innovation_tests: list[InnovationTest] = field(default_factory=list)
     texts: list[tuple[float, int, str]] = field(default_factory=list)

@@ -61,6 +61,7 @@ SPEED = _symmetric(
 PLACE_ACCURACY = Quantity("GNSS position accuracy", 0.0, 1e5, "m", "worse is no position")
 SPEED_ACCURACY = Quantity("GNSS speed accuracy", 0.0, 1e4, "m/s", "worse is no speed")
 GNSS_YAW = _symmetric("GNSS heading", 2.0 * math.pi, "rad", "one turn")
+ESTIMATED_YAW = _symmetric("estimated heading", 2.0 * math.pi, "rad", "one turn")
 
 BARO = Quantity("barometric height", -5_000.0, 100_000.0, "m", "pressures between 1 and 1,800 hPa")
 RANGE = Quantity("distance to the ground", 0.0, 5_000.0, "m", "no rangefinder of an autopilot reaches further")

@@ -12,7 +12,7 @@ TOO_UNCERTAIN = "too_uncertain"
 """The code of an answer that leaves so much open that it tells nothing."""
 TOO_SHORT = "record_too_short"
 """The code of a heading reference that is there for less time than a drift takes."""
-QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "course")
+QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "yaw_estimator", "course")
 """The order in which a heading reference is quoted; with truth no other is."""
 
 

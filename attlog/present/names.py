@@ -73,6 +73,7 @@ HEADING_REFERENCE = {
     "onboard": ("onboard", "onboard"),
     "gnss_yaw": ("GNSS yaw", "the GNSS heading"),
     "mag": ("mag", "the magnetometer"),
+    "yaw_estimator": ("yaw estimator", "the onboard yaw estimator"),
     "course": ("GNSS course", "the GNSS course"),
 }
 """A heading reference in a column heading, and in a sentence after "against"."""

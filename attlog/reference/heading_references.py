@@ -25,7 +25,7 @@ LEAST = 10
 
 
 def heading_references(log: FlightLog, segments: Segments, reference: Reference) -> dict[str, HeadingReference]:
-    """Headings by name: onboard, truth, mag, gnss_yaw, course, as far as the log has them.
+    """Headings by name: onboard, truth, mag, gnss_yaw, yaw_estimator, course, as far as the log has them.
 
     Degrees on the log's clock; segments end at gaps and at resets of the heading reference. An
     attitude that was refused as reference is no heading reference either.
@@ -39,7 +39,7 @@ def heading_references(log: FlightLog, segments: Segments, reference: Reference)
             found[name] = HeadingReference(
                 name, t, np.degrees(rotation.to_euler(q)[:, 2]), segment, f"yaw of {attitude.source}"
             )
-    for heading_reference in (_magnetic(log, reference), _dual_antenna(log), _course(log)):
+    for heading_reference in (_magnetic(log, reference), _dual_antenna(log), _yaw_estimator(log), _course(log)):
         if heading_reference is not None:
             found[heading_reference.name] = heading_reference
     return found
@@ -125,6 +125,20 @@ def _dual_antenna(log: FlightLog) -> HeadingReference | None:
             heading = np.degrees(rotation.wrap(yaw[:, 0]))
             return HeadingReference("gnss_yaw", t, heading, gaps.number(t), f"dual-antenna yaw of {gnss.source}")
     return None
+
+
+def _yaw_estimator(log: FlightLog) -> HeadingReference | None:
+    """Heading by the autopilot's own estimator of yaw from GNSS motion, where it calls it valid."""
+    own = log.yaw_estimator
+    if own is None:
+        return None
+    t, x = gaps.rising(own.t_best, own.x)
+    if len(t) < LEAST:
+        return None
+    heading = np.degrees(rotation.wrap(x[:, 0]))
+    sigma = float(np.degrees(np.median(x[:, 1])))
+    text = f"yaw of {own.source} from GNSS motion, no compass (median sigma {sigma:.1f} deg)"
+    return HeadingReference("yaw_estimator", t, heading, gaps.number(t), text)
 
 
 def _course(log: FlightLog) -> HeadingReference | None:

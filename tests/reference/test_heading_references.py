@@ -124,3 +124,13 @@ def test_a_magnetometer_that_is_all_zero_is_no_heading_reference():
     log = with_mag()
     log.mags[0].field.x[:] = 0.0
     assert "mag" not in told(log)[0]
+
+
+def test_the_yaw_that_an_autopilot_finds_from_gnss_motion_is_a_heading_of_its_own():
+    log = flight()
+    t = np.arange(0.0, SECONDS, 0.2)
+    yaw = rotation.to_euler(attitude_at(t))[:, 2]
+    log.yaw_estimator = Stream(t, np.column_stack([yaw, np.full(len(t), 0.05)]), "rad", "NED", "yaw_estimator_status")
+    heading_reference = told(log)[0]["yaw_estimator"]
+    assert np.abs(off_deg(heading_reference)).max() < 1e-6
+    assert "sigma 2.9 deg" in heading_reference.text

@@ -26,6 +26,7 @@ HEADING_REFERENCES = {
     "smoother": "the smoothed heading",
     "mag": "the tilt-compensated magnetometer heading",
     "gnss_yaw": "the heading of a dual-antenna GNSS receiver",
+    "yaw_estimator": "the heading that the autopilot finds from GNSS motion without a compass",
     "course": "the direction of the GNSS velocity of a plane (wind-compensated where its text says so)",
 }
 ABSENT = {
@@ -34,6 +35,7 @@ ABSENT = {
     "smoother": ("no_reference", "no smoothed attitude was built"),
     "mag": ("no_magnetometer", "the log holds no usable magnetometer heading"),
     "gnss_yaw": ("no_gnss", "the log holds no heading of a dual-antenna GNSS receiver"),
+    "yaw_estimator": ("not_applicable", "no yaw estimator of the autopilot is logged, or none is valid"),
     "course": ("no_gnss", "needs GNSS velocity of a plane faster than 5 m/s"),
 }
 STEEP_RAD = math.radians(60.0)

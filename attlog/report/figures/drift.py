@@ -16,6 +16,7 @@ SYMBOLS = {
     "against onboard": "○",
     "against mag": "□",
     "against gnss_yaw": "△",
+    "against yaw_estimator": "⬠",
     "against course": "▽",
 }
 """How a drift is drawn by where it was found; the script has the same list."""

@@ -216,7 +216,7 @@ const draws = {
 };
 const ratios = (low, high, most) => { const t = [0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.25, 1.5, 2, 3, 5, 10, 20].filter((v) => v >= low && v <= high); return t.length > most ? t.filter((v) => v === 1 || [0.1, 0.2, 0.5, 0.7, 1.5, 2, 5, 10].includes(v)) : t; };
 const FAR = 0.985;
-const SYMBOLS = { 'against truth': 'diamond', 'against smoother': 'diamond', 'against mag': 'square', 'against gnss_yaw': 'triangle-up', 'against course': 'triangle-down' };
+const SYMBOLS = { 'against truth': 'diamond', 'against smoother': 'diamond', 'against mag': 'square', 'against gnss_yaw': 'triangle-up', 'against yaw_estimator': 'pentagon', 'against course': 'triangle-down' };
 const REFIT = ['forest', 'lag', 'drifts', 'difference', 'rest', 'drift', 'step', 'steps'];
 const TIMED = ['strip', 'attitude', 'difference', 'bias', 'vibration', 'size'];
 const gaps = (y) => Array.from(y, (v) => (Number.isNaN(v) ? null : v));
