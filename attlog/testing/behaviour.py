@@ -240,7 +240,7 @@ def _try_parameters(s: Subject, m: Motion, unused: dict[str, Parameter], given: 
 def _differs(a: Estimate, b: Estimate) -> bool:
     """Whether attitudes or their own sigmas are others."""
     sigmas = [name for name in a.aux if name.startswith("sigma_")]
-    return not np.array_equal(a.q, b.q) or any(not np.array_equal(a.aux[n], b.aux.get(n)) for n in sigmas)
+    return not np.array_equal(a.q, b.q) or any(n not in b.aux or not np.array_equal(a.aux[n], b.aux[n]) for n in sigmas)
 
 
 def _near(parameter: object) -> float:
