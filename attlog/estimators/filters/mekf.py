@@ -119,6 +119,7 @@ STATE = {
     "_expected": 2,
     "_reach": 63,
     "_slow": 4,
+    "_field_doubt": 8,
 }
 RECORDED = "tuned on BROAD and EuRoC with altered copies"
 PHYSICAL = "attlog; MEMS data sheets"
@@ -193,7 +194,7 @@ REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """The state before the first sample: everything but the attitude is found during the first ``align_time``."""
-    state = np.zeros(721)
+    state = np.zeros(729)
     state[0:4] = q0
     state[Q:M] = q0
     state[SIGMA] = math.sqrt(2.0) * RAD * params[TILT_SIGMA]

@@ -368,6 +368,47 @@ def test_velocity_that_lasts_widens_the_sigma_and_white_noise_does_not() -> None
     assert ratio["lasting"] < 2.0
 
 
+def turning(noise: Noise = CONSUMER) -> Motion:
+    """Half a minute of rest, then a vehicle that turns to either side, 60 deg/s at most."""
+    return motion(
+        lambda t: (
+            0.2 * np.sin(0.9 * t),
+            0.15 * np.sin(0.7 * t),
+            np.where(t < 30.0, 0.0, 2.0 * np.sin(0.5 * (t - 30.0))),
+        ),
+        120.0,
+        noise=noise,
+    )
+
+
+@pytest.mark.parametrize("fault", ["currents", "stuck"])
+@pytest.mark.parametrize("name", ["mekf", "smoother"])
+def test_sigma_of_heading_says_that_a_compass_is_ruined(fault: str, name: str) -> None:
+    """Currents beside it that change every 6 s, or one reading for ever."""
+    m = turning()
+    size = float(np.linalg.norm(m.mag[0]))
+    level = np.repeat(np.random.default_rng(4).standard_normal(20), 600)[: len(m.t), None]
+    if fault == "currents":
+        ruined = m.mag + 0.5 * size * level * np.array([0.5, 0.8, 0.3])
+    else:
+        ruined = np.tile([0.3 * size, 0.5 * size, 0.8 * size], (len(m.t), 1))
+    e = estimate(name, m.t, m.gyr, m.acc, ruined)
+    late = m.t > 60.0
+    sigma = np.rad2deg(e.aux["sigma_heading"].ravel()[late])
+    error = np.abs(heading_deg(e.q, m.q)[late])
+    assert rms(error) > 10.0
+    assert rms(error / sigma) < 2.0
+    assert sigma.max() > 20.0
+
+
+def test_a_sound_compass_leaves_no_doubt() -> None:
+    m = turning()
+    state = final(m, m.acc)
+    assert state[layout.FIELD_CLOCK] > 20.0
+    assert state[layout.HEADING_DOUBT] == 0.0
+    assert np.rad2deg(state[layout.SIGMA + 1]) < 6.0
+
+
 def test_sigma_of_heading_grows_without_a_field_and_not_at_rest_below_what_one_place_tells() -> None:
     m = still(60.0, noise=CONSUMER)
     without = np.rad2deg(estimate("mekf", m.t, m.gyr, m.acc).aux["sigma_heading"].ravel())

@@ -44,6 +44,7 @@ from attlog.estimators.filters.inertial.layout import (
     EXCESS,
     EXPECT_TIME,
     FIELD_TIME,
+    HEADING_DOUBT,
     LEAD,
     MOVING_RATE,
     OFFSET_SIGMA,
@@ -73,9 +74,9 @@ LEAST_TILT = np.deg2rad(0.3)
 LATE_S = 0.002
 """What the model does not know of a smoothed tilt: the accelerometer's scale (0.5 % of g), and the time of a sample."""
 SUMS = 41
-BEFORE, AFTER = SUMS + 1, SUMS + 1 + 3 * N
-"""After the sums of a block: excess, then D of doubt.py (3 N) before and after the measurements at its end."""
-RECORDED = SUMS + 1 + 6 * N
+BEFORE, AFTER = SUMS + 2, SUMS + 2 + 3 * N
+"""After the sums of a block: excess and doubt of doubt.py, then its D (3 N) before and after what was measured."""
+RECORDED = SUMS + 2 + 6 * N
 CHUNK = 500
 
 KERNEL: dict[str, Callable[..., Any]] = {
@@ -123,6 +124,7 @@ def record(state, params, dt, gyr, acc, mag, keep, q, end, nominal, sums, before
                     error[row, j] = state[{X} + j]
                 finish(state, params)
             sums[row, {SUMS}] = state[{EXCESS}]
+            sums[row, {SUMS + 1}] = state[{HEADING_DOUBT}]
             for j in range({3 * N}):
                 sums[row, {AFTER} + j] = state[{REACH} + j]
             for j in range({N * N}):
@@ -355,7 +357,9 @@ def own_sigmas(run: ForwardRecord, back: BackwardPass, values: Array) -> tuple[A
     centred = np.minimum(np.arange(m) + int(EXCESS_TIME / values[BLOCK]), m - 1)
     excess = np.maximum(run.sums[centred, SUMS], 1.0)
     bias = values[ACC_BIAS_CONSIDERED] ** 2 * back.considered
-    return np.sqrt(excess * back.tilt**2 + bias[:, 0]), np.sqrt(back.heading**2 + bias[:, 1])
+    # Smoothed, every field has its say at every time.
+    doubt = float(np.mean(run.sums[:, SUMS + 1]))
+    return np.sqrt(excess * back.tilt**2 + bias[:, 0]), np.sqrt(back.heading**2 + bias[:, 1] + doubt)
 
 
 def between(run: ForwardRecord, back: BackwardPass, dt: Array, gyr: Array, begin: int) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from attlog.estimators.filters.inertial.doubt import take_field, watch_field
 from attlog.estimators.filters.inertial.layout import (
     CAL,
     CAL_P,
@@ -93,9 +94,10 @@ def field(state: Any, params: Any) -> None:
     if level <= 0.0:
         return
     weight = trust(state, params, x, y, z)
+    value = wrapped(state[D] - math.atan2(y, x))
+    watch_field(state, value)
     if weight > 0.0:
-        psi = math.atan2(y, x)
-        heading(state, params, wrapped(state[D] - psi), x, y, z, weight)
+        heading(state, params, value, x, y, z, weight)
 
 
 def calibrated(state: Any, params: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -194,6 +196,7 @@ def heading(state: Any, params: Any, value: float, x: float, y: float, z: float,
             return
         spread *= state[P + 2 * (N + 1)] / room
     s = 1.0 / (state[C + 2] + hx * state[C] + hy * state[C + 1] - state[C + DD] + spread)
+    take_field(state, s * state[C + 2])
     value -= state[X + 2] + hx * state[X] + hy * state[X + 1] - state[X + DD]
     for i in range(2, DM):
         state[X + i] += s * value * state[C + i]

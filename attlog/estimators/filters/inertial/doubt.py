@@ -2,11 +2,17 @@
 
     D = d error / d bias:   D <- F D,   D <- (I - K H) D,   variance += sigma^2 D D^T                  (1)
     excess = <u^2 / w>,     u = sum of what velocity corrects in tilt,   w = its variance as modelled   (2)
+    doubt  = (<(L - <L>)^2> + <(Z - <Z>)^2>) / <L>^2,   L, Z the field's level and down parts,
+             or <(D - psi)^2> where that is more                                                     (3)
 
 The prior of the bias is tight, because a wide one takes every acceleration that lasts for a bias (flights: tilt 1.0 to
 1.5 deg and more). The attitude keeps it; the sigma does not: (1) is Schmidt's consider parameter, a bias that is not
 estimated but counted. (2) asks whether corrections add up as white noise would. Velocity that lasts for seconds makes
 them agree with each other; the variance of tilt is multiplied by their excess.
+
+A field fixed to the body bends the heading as much as it changes L and Z, on average over a turn; a compass that is
+stuck turns with the body. (3) beyond what rooms do is a variance of heading that no averaging takes away. It moves no
+attitude either.
 
 Source: Jazwinski1970, chapter 8 (consider parameters).
 """
@@ -18,11 +24,23 @@ from typing import Any
 
 from attlog.estimators.filters.inertial.layout import (
     ACC_BIAS_CONSIDERED,
+    DOWN,
+    DOWN_SPREAD,
     EXCESS,
+    FIELD_CLOCK,
+    FIELD_DOUBT,
+    FIELD_OFF,
+    H_SINCE,
+    HEADING_DOUBT,
+    HL,
+    LEVEL,
+    LEVEL_SPREAD,
+    MOVING_RATE,
     REACH,
     SIGMA,
     SLOW,
     SLOW_VARIANCE,
+    TURNED,
     N,
     P,
     T,
@@ -32,6 +50,11 @@ from attlog.estimators.filters.inertial.layout import (
 
 SLOW_TIME, EXCESS_TIME = 5.0, 20.0
 """Corrections add up over that long [s]; the excess is a mean over that long. 3 to 10 and 10 to 30 s give the same."""
+
+SOUND_FIELD, LOST = math.radians(12.0), math.radians(104.0)
+"""Rooms and currents bend a sound field by that much; sigma [rad] of a heading of which nothing is known."""
+FIELD_MEMORY, FIELD_KNOWN = 30.0, 20.0
+"""Seconds of motion over which the field is compared with itself; before that much the heading is its first."""
 
 
 def correct_reach(state: Any, k: int, s: float, C: int) -> None:
@@ -64,6 +87,36 @@ def weigh_slow(state: Any) -> None:
     state[EXCESS] += (1.0 - math.exp(-state[T] / EXCESS_TIME)) * (ratio - state[EXCESS])
 
 
+def watch_field(state: Any, value: float) -> None:
+    """(3) after the low-passed field ``HL`` was renewed; ``value`` [rad]: by how much it would turn the heading."""
+    level = math.sqrt(square(state[HL]) + square(state[HL + 1]))
+    down = state[HL + 2]
+    if state[FIELD_CLOCK] == 0.0:
+        state[LEVEL] = level
+        state[DOWN] = down
+    moving = min(1.0, math.sqrt(state[TURNED] / state[T]) / MOVING_RATE)
+    state[FIELD_CLOCK] += moving * state[H_SINCE]
+    share = moving * state[H_SINCE] / min(max(state[FIELD_CLOCK], 1.0), FIELD_MEMORY)
+    off = level - state[LEVEL]
+    state[LEVEL] += share * off
+    state[LEVEL_SPREAD] += share * (off * off - state[LEVEL_SPREAD])
+    off = down - state[DOWN]
+    state[DOWN] += share * off
+    state[DOWN_SPREAD] += share * (off * off - state[DOWN_SPREAD])
+    state[FIELD_OFF] += share * (value * value - state[FIELD_OFF])
+    spread = (state[LEVEL_SPREAD] + state[DOWN_SPREAD]) / max(square(state[LEVEL]), 1e-30)
+    spread = max(spread, state[FIELD_OFF])
+    state[FIELD_DOUBT] = min(max(spread - square(SOUND_FIELD), 0.0), square(LOST))
+    if state[FIELD_CLOCK] < FIELD_KNOWN:
+        state[HEADING_DOUBT] = state[FIELD_DOUBT]
+
+
+def take_field(state: Any, gain: float) -> None:
+    """(3): the heading takes on that share of the field's doubt."""
+    keep = square(1.0 - gain)
+    state[HEADING_DOUBT] = keep * state[HEADING_DOUBT] + (1.0 - keep) * state[FIELD_DOUBT]
+
+
 def own_sigmas(state: Any, params: Any) -> None:
     """Sigma of tilt (two axes together) and of heading."""
     tilt = 0.0
@@ -74,4 +127,4 @@ def own_sigmas(state: Any, params: Any) -> None:
     bias = square(params[ACC_BIAS_CONSIDERED])
     known = max(state[P] + state[P + N + 1], 0.0)
     state[SIGMA] = math.sqrt(known * max(state[EXCESS], 1.0) + bias * tilt)
-    state[SIGMA + 1] = math.sqrt(max(state[P + 2 * (N + 1)], 0.0) + bias * heading)
+    state[SIGMA + 1] = math.sqrt(max(state[P + 2 * (N + 1)], 0.0) + bias * heading + state[HEADING_DOUBT])

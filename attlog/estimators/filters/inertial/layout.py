@@ -13,6 +13,16 @@ AGE, STAGE, SUM_F, SUM_M = 573, 574, 575, 578
 HL, HC, NORM, DIP, H_TIME, H_SINCE, UNDISTURBED, REJECTED, CLOCK = 581, 584, 587, 588, 589, 590, 591, 592, 593
 CAL, CAL_P, UNIT, EXPECTED, EXPECT_TIME = 595, 602, 651, 652, 653
 REACH, SLOW, SLOW_VARIANCE, EXCESS = 654, 717, 719, 720
+LEVEL, LEVEL_SPREAD, DOWN, DOWN_SPREAD, FIELD_CLOCK, FIELD_DOUBT, HEADING_DOUBT, FIELD_OFF = (
+    721,
+    722,
+    723,
+    724,
+    725,
+    726,
+    727,
+    728,
+)
 """Where things stand in the state; the error x holds theta 0, db 3, dM 6, dba 15, dv 18, dd 20."""
 TH, DB, DM, DBA, DV, DD = 0, 3, 6, 15, 18, 20
 RAD = math.pi / 180.0
