@@ -88,7 +88,7 @@ def test_the_angle_after_a_step_is_named_for_who_is_short_of_it():
         row("ekf12", merged(lag(0), step(4.4, 7.0))),
     ]
     assert sentence("lag", made(rows)).endswith(
-        " 0.5 s after a step Complementary Fan is still 52 % short (12.7°) and Mahony Xu 0.6 25 % (8.0°); "
+        " 0.5 s after a step (28 steps) Complementary Fan is still 52 % short (12.7°) and Mahony Xu 0.6 25 % (8.0°); "
         "Madgwick and EKF12 are off by 1.5° and 4.4°."
     )
     assert "Madgwick is least off, 1.5°; EKF12 is off by 4.4°." in sentence("lag", made(rows, {STEP: ["madgwick"]}))

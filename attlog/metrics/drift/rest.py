@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.metrics.answer import Answer, SpanAnswer, missing
-from attlog.metrics.base import Case, Metric, Wording, applies_to, paragraph, per_row
+from attlog.metrics.base import Case, Metric, Wording, applies_to, paragraph, per_case, per_row
 from attlog.metrics.drift import slope as drift
 from attlog.metrics.evidence.phases import why_none
 from attlog.metrics.evidence.samples import DRIFT_REST_S, DRIFT_SLACK_S, row_segments, within
 from attlog.metrics.ranking import following
 from attlog.reference.model import Row
+from attlog.segments import gaps
 from attlog.segments.settled import DRIFT_AFTER_START_S, settled
 from attlog.segments.spans import Span, between, intersect, merge
 
@@ -20,12 +21,13 @@ Array = NDArray[np.float64]
 
 _TEXT = paragraph(
     """Mean slope of the row's own heading while the vehicle stands still: the heading itself should be constant.
-    Nothing within 20 s of the filter's start or restart and within 5 s of the motors' stop counts; 8 s of the rest must
-    remain. Block means over 1 s (0.5 s where less than 20 s remain), cut at gaps and resets; one group for each
-    10 s, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The drift is
-    significant where the interval excludes zero, else bounded by its larger end. Rests that agree are pooled, others
-    are a range. It is the mean drift of this record, not a property of the filter for ever. The earth's own turn (up to
-    0.25 deg/min) is part of it for filters that follow the gyro."""
+    Nothing within 20 s of the filter's start or restart and within 5 s of the motors' stop counts; 8 s of the rest
+    must remain. Block means over 1 s (0.5 s where less than 20 s remain), cut at gaps and resets; one group for
+    each 10 s, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The
+    drift is significant where the interval excludes zero, else bounded by its larger end. Rests that agree are
+    pooled, others are a range; a row that lacks one of the rests that are long enough has no drift at rest. It is
+    the mean drift of this record, not a property of the filter for ever. The earth's own turn (up to 0.25 deg/min)
+    is part of it for filters that follow the gyro."""
 )
 METRICS: tuple[Metric, ...] = (
     Metric(
@@ -58,12 +60,16 @@ def rest_blocks(case: Case, row: Row, spans: tuple[Span, ...]) -> drift.HeadingB
     return drift.block_means(np.concatenate(t), np.concatenate(e), np.concatenate(label))
 
 
+def _whole(case: Case, window: str) -> list[Span]:
+    """The rests of a window."""
+    whole = case.segments.spans("rest.long" if window == "rest.long" else "rest")
+    return intersect(whole, case.segments.spans(window)) if ":" in window else whole
+
+
 @per_row
 def rests(case: Case, row: Row, window: str) -> list[tuple[Span, tuple[Span, ...]]]:
     """Each rest of the window with its usable spans: those in which the row has settled."""
-    whole = case.segments.spans("rest.long" if window == "rest.long" else "rest")
-    if ":" in window:
-        whole = intersect(whole, case.segments.spans(window))
+    whole = _whole(case, window)
     restarts = row.t[1:][np.diff(row.segment) != 0].tolist() if row.kind == "replay" else []
     starts = [row.start, *restarts]
     usable = settled(whole, case.segments, starts, DRIFT_AFTER_START_S)
@@ -88,6 +94,16 @@ def _too_short(one: drift.Drift, usable_s: float) -> str:
     return f"after settling {drift.too_short(one, DRIFT_REST_S)}"
 
 
+@per_case
+def long_enough(case: Case, window: str) -> int:
+    """In how many rests of the window a row that runs from the log's first sample on can show a drift."""
+    whole = _whole(case, window)
+    starts = [t0 for t0, _ in case.segments.spans("all")]
+    first = gaps.restarts(np.array([x for span in case.segments.spans("all") for x in span])[::2]) if starts else starts
+    usable = settled(whole, case.segments, [float(t) for t in first], DRIFT_AFTER_START_S)
+    return sum(sum(b - a for a, b in spans) >= DRIFT_REST_S for spans in usable)
+
+
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
     if not applies_to(window, "all", "rest", "rest.long"):
@@ -101,6 +117,12 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     change = heading_change(case, row, window)
     if pooled.value is None:
         return {METRICS[0].name: _none_long_enough(pooled, change, window)}
+    shown, rests_of_log = sum(one.value is not None for one in found), long_enough(case, window)
+    if shown < rests_of_log:
+        reason = f"it is measured in {shown} of {rests_of_log} rests, and the rests of a log may disagree"
+        answer = missing("not_covered", reason, "deg/min", window, **change)
+        answer.records = pooled.records
+        return {METRICS[0].name: answer}
     answer = drift.answer(pooled, window, "rest")
     usable = [span for _, spans in rests(case, row, window) for span in spans]
     answer.detail |= bias_beside(row, answer.value, usable) | change

@@ -31,7 +31,7 @@ SMOOTHED_DEG = 0.05
 _ERROR = """How far the attitude is off {after:.1f} s after a step: the row's error relative to its own
     mean over 0.3 s before the onset, about the axis of the step, {after:.1f} s after 90 % of it (mean over
     +-50 ms). A constant heading offset or misalignment does not count. """
-_DEG = _ERROR + "Median of the magnitude over events; detail: 90 %."
+_DEG = _ERROR + "Median of the magnitude over the events that are seen so long; detail: 90 %."
 _PCT = _ERROR + "Percent of the step, signed: negative where the row shows too little. Median over events."
 _INTERVAL = """ Interval: order statistics, from 6 events on. Against the smoother rows that differ by less than
     0.05 deg are the same."""
@@ -155,7 +155,7 @@ def _answer(
         count,
         seconds,
         summary.ci95,
-        f"median of {count} events, order statistics",
+        f"median of {count} of {len(found)} events, order statistics",
         detail={"p90": np.quantile(np.abs(values), 0.9)},
         each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, magnitude(errors), here),

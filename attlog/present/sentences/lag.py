@@ -133,7 +133,13 @@ def step_part(result: Result, step: ColumnRanking) -> str:
         are = "is" if len(least) == 1 else "are"
         parts.append(f"{some(least, len(filters))} {are} least off, {values(least)}")
     parts += [off(others, all_of_them=not wrong and not least)] if others else []
-    return f" {AFTER} after a step {'; '.join(parts)}."
+    return f" {AFTER} after a step ({movements(filters)}) {'; '.join(parts)}."
+
+
+def movements(judged: list[RankedValue]) -> str:
+    """How many steps count: fewer than for the lag, for a step that ends early tells no error after it."""
+    least, most = (end(j.answer.n for j in judged) for end in (min, max))
+    return count(most, "step") if least == most else f"{least} to {count(most, 'step')}"
 
 
 def still(wrong: list[RankedValue], percent: dict[str, float], of: int) -> str:
@@ -169,8 +175,12 @@ def off(judged: list[RankedValue], *, all_of_them: bool) -> str:
 
 
 def notes(result: Result, lag: ColumnRanking) -> list[str]:
-    """The delay of the logged sensors, which is no filter's fault."""
-    answers = [row.metrics.get(lag.window, {}).get(LAG) for row in result.estimators if row.kind == "replay"]
+    """The delay of the logged sensors, which is no filter's fault; an attitude from a file has its own clock."""
+    answers = [
+        row.metrics.get(lag.window, {}).get(LAG)
+        for row in result.estimators
+        if row.kind == "replay" and "clock" not in row.quality
+    ]
     delays = [a.taken_out for a in answers if a is not None and a.taken_out is not None]
     if not delays:
         return []

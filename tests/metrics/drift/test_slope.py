@@ -262,6 +262,24 @@ def test_every_rest_is_listed_with_its_drift_or_what_it_lacks():
     assert answer.seconds == pytest.approx(35.0, abs=1.1)
 
 
+@pytest.mark.parametrize("missed", ["begins late", "has no numbers there"])
+def test_a_row_that_lacks_one_of_several_rests_tells_no_drift_of_the_others(missed):
+    """A gyro bias that changes in flight shows in one rest of two: half of it is no drift at rest."""
+    t = np.arange(0.0, 200.0, 0.02)
+    row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.02) * t))
+    rests = [Segment("rest.long", 0, 60), Segment("rest.long", 140, 200)]
+    phases = [Segment("continuous", 0, 200), Segment("armed", 60, 140), *rests]
+    assert drift_rest.compute(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"].value
+    if missed == "begins late":
+        late = flights.row(t[t > 100], row.q[t > 100], start=100.0)
+    else:
+        late = flights.row(t, np.where(((t > 25) & (t < 55))[:, None], np.nan, row.q))
+    answer = drift_rest.compute(flights.case([late], phases), late, "rest")["drift_rest_deg_per_min"]
+    assert (answer.value, answer.code) == (None, "not_covered")
+    assert "1 of 2 rests" in answer.reason
+    assert [r.value for r in answer.records] == [None, pytest.approx(1.2)]
+
+
 def test_rests_that_are_all_too_short_tell_the_longest_and_the_turn_between_them():
     t = np.arange(0.0, 100.0, 0.02)
     row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(3.0) * (t > 50)))
