@@ -96,8 +96,16 @@ def test_two_unsure_runs_have_no_heading_though_they_agree() -> None:
     assert pair.chosen(estimated(10.0, 1.5), estimated(11.0, 2.0)).quality["heading_from"] == "nobody"
 
 
-def test_where_no_heading_stands_the_surer_of_two_different_tilts_does() -> None:
-    unsure, sure = estimated(40.0, 0.5, sigma_tilt=0.8, lean=3.0), estimated(0.0, 2.0, sigma_tilt=0.3)
-    kept = pair.chosen(unsure, sure)
-    assert kept.quality["heading_from"] == "nobody"
-    assert np.array_equal(kept.q, sure.q)
+def test_where_no_heading_stands_tilt_is_as_sure_as_the_runs_agree() -> None:
+    """Own sigma 0.3 deg, 0.4 deg apart: hypot is 0.5 deg."""
+    e = pair.chosen(estimated(40.0, 0.5, sigma_tilt=0.3, lean=0.4), estimated(0.0, 2.0))
+    assert e.quality["heading_from"] == "nobody"
+    assert np.degrees(e.aux["sigma_tilt"]) == pytest.approx(0.5, rel=1e-3)
+
+
+def test_up_to_two_joint_sigmas_it_is_open_who_errs() -> None:
+    """Joint sigma 0.5 deg: at 0.8 deg the difference is part of the sigma, at 5 deg the compass errs."""
+    near, far = (pair.chosen(estimated(10.0 + d, 0.3), estimated(10.0, 0.4)) for d in (0.8, 5.0))
+    assert near.quality["heading_from"] == far.quality["heading_from"] == "motion"
+    assert np.degrees(near.aux["sigma_heading"]) == pytest.approx(np.hypot(0.4, 0.8))
+    assert np.degrees(far.aux["sigma_heading"]) == pytest.approx(0.4)
