@@ -48,5 +48,6 @@ def _of_smoother(ref: Reference) -> str:
     return (
         "Smoother: an estimate from both sides of each moment, from all sensors of the log, with the same IMU as the "
         "filters and the model of ESKF (without GNSS of MEKF). "
-        f"Differences below its own sigma mean nothing: {tilt:.2g} deg in tilt, {whose}."
+        "Differences below its own sigma, relative to the IMU as mounted, mean nothing: "
+        f"{tilt:.2g} deg in tilt, {whose}."
     )

@@ -32,6 +32,8 @@ second never; less sure than the first of its heading it is none for headings.""
 MOST_OPENINGS, MOST_SOFT_GATED_PCT, MOST_RATIO = 5.0, 40.0, 3.0
 """Its own checks: how often a sensor had to be believed anew, the share of GNSS velocities that did not fit, and the
 largest ratio of a sensor's errors to what was expected of it."""
+UNKNOWN_DEG = 90.0
+"""A heading less sure than this is none: pi stands for it."""
 SECONDS = 20.0, 1800.0
 """Shorter segments show a smoother nothing, longer logs cost it minutes and gigabytes."""
 FORCES_M_S2 = 6.0, 14.0
@@ -261,7 +263,10 @@ def with_heading_of(reference: Reference, onboard: Reference | None) -> Referenc
     """
     if sure_of_heading(reference):
         return reference
-    why = f"the smoother's own heading sigma is {sigma_deg(reference, 'heading'):.1f} deg"
+    own = sigma_deg(reference, "heading")
+    why = f"the smoother's own heading sigma is {own:.1f} deg"
+    if not own < UNKNOWN_DEG:
+        why = "neither compass nor motion shows the smoother a heading that stands"
     step = AlignmentStep("heading_by", f"{why}: no heading is compared", source="nobody")
     heading = np.zeros(0) if onboard is None else differences_deg(reference, onboard.t, onboard.q)[1]
     known = np.isfinite(heading)

@@ -378,6 +378,12 @@ def test_a_smoother_accuses_nobody_of_less_than_three_of_its_sigmas(sigma: float
     assert (attitude.source in smoothed.contradicts(smoother, onboard)) is refused
 
 
+def test_a_smoother_without_a_heading_is_not_quoted_with_a_sigma_of_it() -> None:
+    reference = chosen(flight(), made(heading=180.0))
+    assert reference.heading_by == "onboard"
+    assert reference.heading_why == "neither compass nor motion shows the smoother a heading that stands"
+
+
 def segment_of(seconds: float, heading_from: str, heading: float = 0.2) -> Estimate:
     """A smoothed segment that long, at 10 Hz, and what its heading rests on."""
     t = np.arange(0.0, seconds, 0.1)
