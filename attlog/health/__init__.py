@@ -32,6 +32,10 @@ from attlog.segments.model import Segments
 __all__ = ["Answerable", "Check", "answerable", "audit"]
 
 
+BEFORE = "heading by GNSS"
+"""The onboard attitude stands before this check and is judged when all sensors are."""
+
+
 def audit(log: FlightLog, segments: Segments | None, reference: Reference | None = None) -> list[Check]:
     """Every check of the log in a fixed order; ``segments`` None where there is no usable IMU.
 
@@ -41,14 +45,13 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
     phases = segments or Segments()
     rates = reference
     if (reference is None or reference.kind == "smoother") and segments is not None and log.imu is not None:
-        rates = part_of(log, "The reference", lambda: choose(log, phases), lambda: reference)
+        rates = part_of(log, "The reference", lambda: choose(log, phases, heading=False), lambda: reference)
     every: dict[str, Callable[[], list[Check]]] = {
         "gaps and rate": lambda: timing.checks(log, phases),
         "delay": lambda: delay.checks(log, rates),
         "gyro": lambda: gyro.checks(log, phases),
         "frozen sensors": lambda: frozen.checks(log, phases),
         "sensor faults": lambda: sensor_faults.checks(rates),
-        "onboard against smoother": lambda: against_smoother.checks(log, phases, reference),
         "heading by GNSS": lambda: gnss_heading.checks(log, phases),
         "turns": lambda: turns.checks(log, phases, rates, reference),
         "force": lambda: force.checks(log, phases, reference or rates),
@@ -66,9 +69,16 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "GNSS": lambda: gnss.checks(log, phases),
         "crash": lambda: crash.checks(log, phases) if log.imus else [],
     }
-    return [c for name, make in every.items() for c in guarded(f"The check {name}", make, partial(failed, name))]
+    found = {name: guarded(f"The check {name}", make, partial(failed, name)) for name, make in every.items()}
+    sensors = [check for made in found.values() for check in made]
+    name = against_smoother.NAME
+    accused = guarded(
+        f"The check {name}", lambda: against_smoother.checks(log, phases, reference, sensors), partial(failed, name)
+    )
+    return [check for room, made in found.items() for check in [*(accused if room == BEFORE else []), *made]]
 
 
 def _heading(reference: Reference | None, otherwise: Reference | None) -> Reference | None:
-    """Whose heading may judge the compass: truth's or a smoother's own, else the onboard attitude's."""
-    return reference if reference is not None and reference.heading_by == "own" else otherwise
+    """Whose heading may judge the compass: truth's or a smoother's own, else the onboard attitude's if it is right."""
+    judge = reference if reference is not None and reference.heading_by == "own" else otherwise
+    return judge if judge is None or judge.heading_by == "own" else None

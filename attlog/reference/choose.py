@@ -10,10 +10,10 @@ import numpy as np
 from attlog.base.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, part_of
-from attlog.reference import clock, smoothed
+from attlog.reference import accusing, clock, smoothed
 from attlog.reference.build import build, frozen, without
 from attlog.reference.model import AlignmentStep, Reference, ReferenceOptions, SensorFault
-from attlog.reference.physics import sensor_faults, turning
+from attlog.reference.physics import onboard_heading, sensor_faults, standing, turning
 from attlog.segments import Segments, resets
 
 Smooth = Callable[[], Estimate]
@@ -29,17 +29,21 @@ def choose(
     smooth: Smooth | None = None,
     refused: Mapping[str, str] | None = None,
     second: Reference | None = None,
+    heading: bool = True,
 ) -> Reference:
     """The reference of a log: truth, else the smoother, else the onboard attitude, else none; with its steps.
 
     ``smooth`` runs the smoother and is called only where it is wanted (None: there is none);
     ``refused``: attitudes that are out for a reason found before, ``second`` the smoother that stood behind them.
+    ``heading``: whether headings are compared; else an onboard attitude whose heading is wrong is taken all the same.
     UsageError for an option that names something the log does not hold.
 
     Refused for the next best unless the user asked for it is an attitude that gravity contradicts
-    by more than 10 deg or that stands still while the gyro turns; a smoother that is not sure of its
-    tilt, if the onboard attitude is sound; an onboard attitude that such a smoother contradicts. No
-    smoother is made of a gyro that is not the one that turned (``reference.turning``).
+    by more than 10 deg or that stands still while the gyro turns; a smoother that gravity refuses where the
+    vehicle stands still, or that is not sure of its tilt, if the onboard attitude is sound; an onboard attitude whose
+    heading GNSS acceleration contradicts, or of which gravity says that such a smoother is right and it is wrong. No
+    smoother is made of a gyro that is not the one that turned (``reference.turning``). Nothing is borrowed from an
+    onboard attitude that is in error by the smoother.
     """
     options = options or ReferenceOptions()
     if options.clock not in ("sample", "publication"):
@@ -56,8 +60,9 @@ def choose(
     out |= {name: fault.why for name, fault in faults.items() if fault.of == "attitude"}
     misled = gyro_fault or next((fault.why for fault in broken.values() if fault.misleads), "")
     out |= {smoothed.NAME: misled} if misled else {}
-    best = _best(log, segments, options, smooth, out, second, broken)
-    return replace(best, gyro_fault=gyro_fault, sensor_faults=broken)
+    wrong = part_of(log, "The heading by GNSS", lambda: onboard_heading.wrong_onboard(log, segments), str)
+    best = _best(log, segments, options, smooth, out, second, broken, wrong, heading)
+    return replace(best, gyro_fault=gyro_fault, sensor_faults=broken, wrong_heading=wrong)
 
 
 def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.TurningFault]:
@@ -80,10 +85,13 @@ def _best(
     out: dict[str, str],
     second: Reference | None,
     broken: Mapping[str, SensorFault],
+    wrong_heading: str,
+    heading: bool,
 ) -> Reference:
     """The first of truth, smoother and onboard attitude that nothing speaks against; ``out``: those already refused.
 
-    ``broken``: what is wrong with the sensors.
+    ``broken``: what is wrong with the sensors, ``wrong_heading``: why the onboard heading is, which counts where a
+    ``heading`` is wanted.
     """
     truth = None if "truth" in out else _truth(log, segments, options)
     if _sound("truth", truth, log, out, broken):
@@ -91,27 +99,39 @@ def _best(
         return truth
     smoother = _own_smoother(log, segments, options, smooth, out, second)
     unsure = "" if smoother is None else smoothed.unsure_of_tilt(smoother)
-    if smoother is not None and not unsure and smoothed.sure_of_heading(smoother):
-        return _taken(smoother, out)
+    if smoother is not None and smoother is not second:
+        smoother.unscored = [*smoother.unscored, *smoother.refuted]
+    if smoother is not None and not unsure:
+        smoother.onboard_error = wrong_heading or accusing.onboard_error(log, segments, smoother)
+        if smoothed.sure_of_heading(smoother):
+            return _taken(smoother, out)
     onboard = None if "onboard" in out else _onboard(log, segments, options)
-    if not _sound("onboard", onboard, log, out, broken, smoother):
+    if onboard is not None and wrong_heading and heading:
+        out["onboard"], onboard = wrong_heading, None
+    if not _sound("onboard", onboard, log, out, broken):
         onboard = None
+    if onboard is not None and smoother is not None and unsure and (why := _tilted(log, smoother)):
+        out["onboard"], onboard = why, None
     # a smoother that is sure of its tilt alone borrows a sound heading; one that is not stands back
     if smoother is not None and (onboard is None or not unsure):
-        return _taken(smoothed.with_heading_of(smoother, onboard), out)
+        lender = None if smoother.onboard_error else onboard
+        return _taken(smoothed.with_heading_of(smoother, lender), out)
     if onboard is not None:
         onboard.second = smoother
+        if wrong_heading:
+            onboard.heading_by, onboard.heading_why = "nobody", wrong_heading
         return _taken(onboard, out | ({smoothed.NAME: unsure} if unsure else {}))
     return _nothing(log, segments, options, out)
 
 
+def _tilted(log: FlightLog, smoother: Reference) -> str:
+    """Why a smoother that is not sure of its tilt refuses the onboard attitude: gravity says so of both."""
+    found = standing.residuals(log, smoother, log.onboard_attitude)
+    return "" if found is None else standing.wrong(found, log.onboard or "", "the smoother")
+
+
 def _sound(
-    name: str,
-    attitude: Reference | None,
-    log: FlightLog,
-    out: dict[str, str],
-    broken: Mapping[str, SensorFault],
-    smoother: Reference | None = None,
+    name: str, attitude: Reference | None, log: FlightLog, out: dict[str, str], broken: Mapping[str, SensorFault]
 ) -> bool:
     """Whether there is this attitude and nothing speaks against it; why something does goes into ``out``.
 
@@ -121,8 +141,6 @@ def _sound(
         return False
     if sensor_faults.FRAME in broken:
         attitude.fault = frozen(attitude, log.replay_imu)
-    if smoother is not None:
-        attitude.fault = attitude.fault or smoothed.contradicts(smoother, attitude)
     if attitude.fault:
         out[name] = attitude.fault
     return not attitude.fault
@@ -141,7 +159,23 @@ def _own_smoother(
     if isinstance(found, str) or (found is not None and found.fault):
         out[smoothed.NAME] = found if isinstance(found, str) else found.fault
         return None
+    if found is not None and found is not second and (why := _off_gravity(log, found)):
+        out[smoothed.NAME] = why
+        return None
     return found
+
+
+def _off_gravity(log: FlightLog, smoother: Reference) -> str:
+    """Why gravity refuses a smoother throughout, empty where it does not; where it does now and then, a step."""
+    found = standing.residuals(log, smoother, log.onboard_attitude)
+    if found is None:
+        return ""
+    why, smoother.refuted = standing.refusal(found, smoother, log.onboard or "onboard")
+    if smoother.refuted and not why:
+        text = "standing still it is off gravity for so long in all: nothing is scored there"
+        seconds = sum(b - a for a, b in smoother.refuted)
+        smoother.steps.append(AlignmentStep("gravity_at_standstill", text, seconds, "s", "the accelerometer"))
+    return why
 
 
 def _taken(reference: Reference, refused: dict[str, str]) -> Reference:
@@ -226,6 +260,7 @@ def _smoothed(log: FlightLog, segments: Segments, options: ReferenceOptions, smo
     used = np.isin(t, reference.t)
     reference.sigma_tilt_deg, reference.sigma_heading_deg = tilt[used], heading[used]
     reference.gyro_jumps = smoothed.gyro_jumps(estimate)
+    reference.quality = dict(estimate.quality)
     own = [smoothed.sigma_deg(reference, angle) for angle in ("inclination", "heading")]
     if not own[0] <= smoothed.USELESS_DEG and options.reference == "auto":
         return f"own tilt sigma {own[0]:.1f} deg" if np.isfinite(own[0]) else "none of its attitudes is scored"

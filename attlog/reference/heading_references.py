@@ -28,11 +28,11 @@ def heading_references(log: FlightLog, segments: Segments, reference: Reference)
     """Headings by name: onboard, truth, mag, gnss_yaw, yaw_estimator, course, as far as the log has them.
 
     Degrees on the log's clock; segments end at gaps and at resets of the heading reference. An
-    attitude that was refused as reference is no heading reference either.
+    attitude that was refused as reference, or is in error, is no heading reference either.
     """
     found: dict[str, HeadingReference] = {}
     for name, attitude in (("onboard", log.onboard_attitude), ("truth", log.truth)):
-        if attitude is None or name in reference.refused:
+        if attitude is None or name in reference.refused or (name == "onboard" and reference.onboard_error):
             continue
         t, q, segment = _attitude(log, segments, reference, name, attitude)
         if len(t) >= LEAST:

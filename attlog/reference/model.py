@@ -132,6 +132,14 @@ class Reference:
     clock: Literal["sample", "publication"] = "sample"
     fault: str = ""
     refused: dict[str, str] = field(default_factory=dict)
+    onboard_error: str = ""
+    """What is in error of the onboard attitude, which then is compared with nowhere; empty where nothing is."""
+    wrong_heading: str = ""
+    """Why the onboard heading is wrong by GNSS acceleration; empty where it is not."""
+    quality: dict[str, float | str] = field(default_factory=dict)
+    """What a smoother says of itself."""
+    refuted: list[tuple[float, float]] = field(default_factory=list)
+    """Where gravity refutes a smoother while the vehicle stands still, s."""
     sigma_tilt_deg: Array | None = None
     sigma_heading_deg: Array | None = None
     heading_by: Literal["own", "onboard", "nobody"] = "own"

@@ -48,9 +48,6 @@ TIPPING_S = 1.0
 LEAST_COVERED = 0.5
 """Of what is flown and rested; a smoother of which less is sound is none for the log."""
 FIX_3D = 3
-WRONG_DEG, WRONG_SIGMAS, WRONG_SHARE = 10.0, 3.0, 0.2
-"""An onboard attitude tilted against a smoother by more than this, in degrees and in sigmas, for this share of the time
-is refused, and its heading with it."""
 TURNED_S = 2.0
 """A heading is turned to another's by the mean of their difference over so long: slowly, so that steps stay."""
 
@@ -235,23 +232,6 @@ def unsure_of_tilt(reference: Reference) -> str:
 def sure_of_heading(reference: Reference) -> bool:
     """Whether headings can be compared with a smoother's own."""
     return sigma_deg(reference, "heading") <= MOST_SIGMA_DEG
-
-
-def contradicts(reference: Reference, onboard: Reference) -> str:
-    """Why a smoother refuses an onboard attitude: its tilt is elsewhere, by far and for long; empty where it is not."""
-    if reference.sigma_tilt_deg is None:
-        return ""
-    tilt, _ = differences_deg(reference, onboard.t, onboard.q)
-    counted = np.isfinite(tilt) & scoring.scored(onboard, onboard.t)
-    sigma = np.interp(onboard.t, reference.t, reference.sigma_tilt_deg)
-    wrong = counted & (tilt > np.maximum(WRONG_DEG, WRONG_SIGMAS * sigma))
-    if np.count_nonzero(wrong) <= WRONG_SHARE * np.count_nonzero(counted):
-        return ""
-    return (
-        f"{onboard.source} is tilted by {np.median(tilt[wrong]):.0f} deg against the smoother (sigma "
-        f"{np.median(sigma[wrong]):.1f} deg) for {100.0 * np.count_nonzero(wrong) / np.count_nonzero(counted):.0f} % "
-        "of the time"
-    )
 
 
 def with_heading_of(reference: Reference, onboard: Reference | None) -> Reference:

@@ -91,7 +91,7 @@ def test_an_onboard_attitude_that_the_accelerometer_refutes_is_said_and_is_no_re
     """copter_3.3dev_31: on the ground at 320 s ATT roll is -18.5 deg, the accelerometer says -0.3."""
     found = said("copter_3.3dev_31.BIN")
     assert found["attitude"].severity == "serious"
-    assert "The onboard attitude was wrong: tilt 1" in found["attitude"].text
+    assert "wrong by 17 deg on the ground with motors on" in found["attitude"].text
     assert "the accelerometer shows" in words(found["attitude"])
     assert "mounting" not in found
     judged = result("copter_3.3dev_31.BIN")

@@ -26,10 +26,11 @@ G_M_S2, NEAR_M_S2 = 9.8, 0.6
 WINDOW_S = PARTS * PART_S
 
 
-def still_windows(t: Array, gyr: Array, acc: Array) -> Array:
+def still_windows(t: Array, gyr: Array, acc: Array, near_m_s2: float = NEAR_M_S2) -> Array:
     """Begin and end (k, 2) s of the windows in which the body was still; they overlap.
 
-    ``t`` (n,) s ascending, gyro rad/s and specific force m/s^2 (n, 3) in body axes. Samples that are no numbers are
+    ``t`` (n,) s ascending, gyro rad/s and specific force m/s^2 (n, 3) in body axes; the mean force lies within
+    ``near_m_s2`` of gravity. Samples that are no numbers are
     left out; a part without a sample breaks every window that holds it.
     """
     good = np.isfinite(t) & rotation.finite(gyr) & rotation.finite(acc)
@@ -46,7 +47,7 @@ def still_windows(t: Array, gyr: Array, acc: Array) -> Array:
     if not len(begin):
         return np.zeros((0, 2))
     eighths = begin[:, None] + np.arange(PARTS)
-    still = _steady_force(force[eighths]) & (_excursion_deg(rate[eighths]) < EXCURSION_DEG)
+    still = _steady_force(force[eighths], near_m_s2) & (_excursion_deg(rate[eighths]) < EXCURSION_DEG)
     start = t[0] + PART_S * part[begin[still]]
     return np.column_stack([start, start + WINDOW_S])
 
@@ -91,12 +92,12 @@ def _sums(x: Array, first: NDArray[np.int64]) -> Array:
     return np.asarray(np.add.reduceat(x, first, axis=0))
 
 
-def _steady_force(force: Array) -> NDArray[np.bool_]:
+def _steady_force(force: Array, near_m_s2: float) -> NDArray[np.bool_]:
     """Which windows' mean forces (k, 8, 3) are steady, point one way and are as large as gravity."""
     mean = force.mean(axis=1)
     size = rotation.length(mean)
     spread = np.sqrt(np.sum(force.var(axis=1), axis=1))
-    steady: NDArray[np.bool_] = (spread < SPREAD_M_S2) & (np.abs(size - G_M_S2) < NEAR_M_S2)
+    steady: NDArray[np.bool_] = (spread < SPREAD_M_S2) & (np.abs(size - G_M_S2) < near_m_s2)
     whole = np.repeat(mean[steady, None], PARTS, axis=1)
     across = rotation.length(np.cross(force[steady], whole))
     angle = np.degrees(np.arctan2(across, np.sum(force[steady] * whole, axis=2)))

@@ -95,12 +95,16 @@ def of_check(check: Check, log: FlightLog) -> Finding:
 
 
 def contradiction(reference: Reference) -> list[Problem]:
-    """A reference that physics contradicts, or that had to give way to the smoother, as an entry; none otherwise."""
+    """A reference that physics contradicts, or that had to give way to the smoother, as an entry; none otherwise.
+
+    A wrong onboard heading is an entry by its own check.
+    """
     taken = reference.kind in ("smoother", "onboard")
-    gave_way = [reference.refused[name] for name in ("truth", "onboard") if taken and name in reference.refused]
+    told = {name: why for name, why in reference.refused.items() if why != reference.wrong_heading}
+    gave_way = [told[name] for name in ("truth", "onboard") if taken and name in told]
     if gave_way:
         return [Problem("reference_contradicted", "error", as_sentence(why)) for why in gave_way]
-    if not reference.fault:
+    if not reference.fault or reference.fault == reference.wrong_heading:
         return []
     sentences = [reference.fault, *(step.text for step in reference.steps if step.name == "contradiction")]
     return [Problem("reference_contradicted", "error", f"{sentence}.") for sentence in sentences]

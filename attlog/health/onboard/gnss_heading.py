@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
-
-from attlog.estimators.evidence.gnss_heading import WRONG_DEG, WRONG_SIGMAS, HeadingOffset
+from attlog.estimators.evidence.gnss_heading import WRONG_DEG, WRONG_SIGMAS
 from attlog.flight.model import FlightLog
 from attlog.health.model import Check, not_judged
-from attlog.reference import clock, scoring
-from attlog.reference.physics.gnss_motion import GnssMotion, motion_of
-from attlog.segments import gaps, resets
+from attlog.reference.physics.gnss_motion import motion_of
+from attlog.reference.physics.onboard_heading import WrongHeading, onboard_offsets, wrong_heading
 from attlog.segments.model import Segments
-from attlog.segments.spans import Span, intersect, merge
+from attlog.segments.spans import Span, intersect
 from attlog.story.rejections import tested
 
 NAME = "heading by GNSS"
 SERIOUS_DEG = 15.0
 """So far off, position hold circles instead of holding."""
 LIMIT = f"ok up to {WRONG_DEG:.0f} deg or {WRONG_SIGMAS:.0f} sigma, fault above {SERIOUS_DEG:.0f} deg"
-
-
-@dataclass(frozen=True, slots=True)
-class WrongHeading:
-    """When the heading is wrong, the best known of these offsets, and whether it is right at other times."""
-
-    spans: list[Span]
-    offset: HeadingOffset
-    partly: bool = False
 
 
 def checks(log: FlightLog, segments: Segments) -> list[Check]:
@@ -45,28 +31,6 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     size = abs(whole.offset_deg)
     text = f"{log.onboard}'s heading is {size:.1f} deg off by GNSS acceleration (± {whole.sigma_deg:.1f} deg)."
     return [Check(NAME, "ok", text, round(size, 1), "deg", LIMIT)]
-
-
-def onboard_offsets(
-    log: FlightLog, segments: Segments, motion: GnssMotion
-) -> tuple[HeadingOffset, list[HeadingOffset]]:
-    """The heading error of the attitude that flew, over the flight and in each 30 s, from its own alignment on."""
-    attitude = log.onboard_attitude
-    assert attitude is not None
-    t, q, _ = clock.usable(attitude, "sample")
-    aligned = scoring.aligned_at(attitude, resets.known(log, log.onboard or "", segments)[0], segments)
-    return motion.offsets(t, q, gaps.number(t), -np.inf if aligned is None else aligned)
-
-
-def wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> WrongHeading | None:
-    """When the heading is wrong: all the time, or in some of the 30 s; None where it nowhere is."""
-    off = [part for part in parts if part.wrong]
-    if whole.wrong and not any(part.told and not part.wrong for part in parts):
-        return WrongHeading([(whole.t0, whole.t1)], whole)
-    if off:
-        spans = list(merge((part.t0, part.t1) for part in off))
-        return WrongHeading(spans, min(off, key=lambda part: part.sigma_deg), partly=any(part.sound for part in parts))
-    return WrongHeading([(whole.t0, whole.t1)], whole) if whole.wrong else None
 
 
 def _wrong(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Check:

@@ -11,7 +11,7 @@ from attlog.base import earth, rotation
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
 from attlog.health.sensors.gyro import alive
-from attlog.health.sensors.stillness import degrees_between, still_windows
+from attlog.health.sensors.stillness import degrees_between, still_directions
 from attlog.reference import declination
 from attlog.segments.model import Segments
 
@@ -99,7 +99,7 @@ def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segme
     q = rotation.slerp(onboard.t, of_imu(log, onboard), imu.acc.t[rest])
     whole = np.full((len(imu.acc.x), 4), np.nan)
     whole[rest] = q
-    measured, up = still_windows(imu, rest, whole)
+    measured, up = still_directions(imu, rest, whole)
     if not len(measured):
         return not_judged("gravity direction", "The onboard attitude covers no still time on the ground.", limit)
     angle = float(np.median(degrees_between(measured, up)))

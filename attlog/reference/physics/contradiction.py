@@ -2,7 +2,8 @@
 
 A filter that differs from the reference may be wrong. Where several different filters
 stay together and the reference alone is elsewhere, the mean specific force decides:
-turned to earth axes less the change of velocity it must be gravity.
+turned to earth axes less the change of velocity it must be gravity. Without GNSS a smoother shares
+the model of ``mekf`` and what that gets wrong: where only these two stand together, it is no reference.
 """
 
 from __future__ import annotations
@@ -32,6 +33,11 @@ SHARE, LEAST_S = 0.2, 2.0
 """For a fifth of the scored time, and 2 s without a break."""
 RIGHT_M_S2, WRONG_M_S2 = 1.0, 2.0
 """What is left of the mean force without gravity: by the filters at most, by the reference at least."""
+SAME_MODEL = "mekf"
+"""The filter whose model a smoother without GNSS has."""
+CLOSE_DEG, ALONE_DEG, ALONE_SIGMAS = 3.0, 5.0, 4.0
+"""Filters of other models stay this close to their common down, and the smoother is further from it than 5 deg, four of
+its sigmas (three joint ones) and 2.5 times their spread."""
 SAMPLES = 4000
 DOWN = np.array([0.0, 0.0, 1.0])
 
@@ -66,7 +72,8 @@ class ReferenceCheck:
         if len(self._heard) < FILTERS:
             return None
         filters, downs = [row for row, _ in self._heard.values()], np.stack([d for _, d in self._heard.values()])
-        return _judged(self._log, self._imu, self._reference, filters, downs, self._use, self._again)
+        found = _judged(self._log, self._imu, self._reference, filters, downs, self._use, self._again)
+        return found or _alone(self._reference, [row.estimator for row in filters], downs, self._use)
 
 
 def contradicted(
@@ -134,6 +141,42 @@ def _judged(
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
     )
     return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)
+
+
+def _alone(
+    reference: Reference, names: Sequence[str], downs: Array, use: NDArray[np.int64]
+) -> tuple[str, AlignmentStep] | None:
+    """The verdict over a smoother without GNSS from which all models but its own stay away together.
+
+    ``downs`` (k, m, 3) of the filters ``names`` (k,) at samples ``use`` (m,) of the reference.
+    """
+    sigma = reference.sigma_tilt_deg
+    if reference.kind != "smoother" or sigma is None or "gnss" in str(reference.quality.get("aided_by", "")).split():
+        return None
+    others = downs[[name != SAME_MODEL for name in names]]
+    shared = np.isfinite(others).all(axis=(0, 2))
+    if len(others) < FILTERS or shared.sum() < 10:
+        return None
+    use, others = use[shared], others[:, shared]
+    common = np.median(others, axis=0)
+    common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
+    distance = _angle(others, common)
+    near = np.median(distance, axis=1) <= CLOSE_DEG
+    if near.sum() < max(FILTERS, (len(others) + 1) // 2):
+        return None
+    own = _angle(rotation.rotate_inverse(reference.q[use], DOWN), common)
+    spread = distance[near].max(axis=0)
+    alone = own > np.maximum(np.maximum(ALONE_DEG, ALONE_SIGMAS * sigma[use]), TIMES * spread)
+    t, segment = reference.t[use], reference.segment[use]
+    spans = [s for s in gaps.slices(alone, segment) if t[s.stop - 1] - t[s.start] >= LEAST_S]
+    if not spans or sum(float(t[s.stop - 1] - t[s.start]) for s in spans) < SHARE * _seconds(t, segment):
+        return None
+    angle = float(np.median(own[spans[0]]))
+    fault = (
+        f"{near.sum()} of {len(others)} filters of other models agree with each other, {angle:.0f} deg from it: only "
+        f"{SAME_MODEL}, whose model it shares, can be with it"
+    )
+    return fault, AlignmentStep("agreement", fault, angle, "deg", reference.source, False)
 
 
 def _seconds(t: Array, segment: NDArray[np.int64]) -> float:
