@@ -78,13 +78,14 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
         solution = passes.solved(passes.telling(inputs, TOLD_S), tuned, gate, spread=False)
         tuned, known = passes.held(solution.next), solution.begin.x + solution.found.first
         del solution  # with what its passes stored
-    found, begin = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])
+    found, begin, jumps = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])
     bias = found.bias[attitude.node_before(found, len(t))]
     horizon = inputs.lag + MARGIN_S + max(tuned.gnss_delay, tuned.mag_delay, 0.0)
     q = attitude.predicted(inputs, found.q, bias, begin.x[BG : BG + 3], horizon)
     found.q, found.bias = found.q[:0].copy(), found.bias[:0].copy()  # in long logs copies add up
     tilt, heading = attitude.sigmas(inputs, found, found.variance)
     told = attitude.quality(inputs, found, tuned, tilt, heading)
+    told |= attitude.quality_of_jumps(jumps)
     told["constants"] = str(constants) if looks or constants == "fixed" else "fixed"
     return Estimate(
         t=t,

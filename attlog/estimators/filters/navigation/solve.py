@@ -73,8 +73,8 @@ class Runner:
 
     def forward(self, schedule: Schedule, begin: StartState, par: Array, along: Array | None = None) -> Pass:
         """The way forth alone; ``par`` (k,) see layout, ``along`` (m, 4) the trajectory of linearisation at nodes."""
-        found, state = self._new(schedule, begin)
-        self._run(0, len(schedule.node_at), found, state, begin, par, along, None)
+        found, state = self.begun(schedule, begin)
+        self.run(0, len(schedule.node_at), found, state, begin, par, along, None)
         return found
 
     def both(
@@ -84,46 +84,24 @@ class Runner:
 
         ``spread``: whether the smoothed variance of the attitude is asked for; else it is not found.
         """
-        found, state = self._new(schedule, begin)
+        found, state = self.begun(schedule, begin)
         m = len(schedule.node_at)
         parts = [(a, min(a + PART_NODES, m)) for a in range(0, m, PART_NODES)]
         saved = []
         for a, b in parts:
             saved.append([x.copy() for x in state])
             if b < m:
-                self._run(a, b, found, state, begin, par, along, None)
+                self.run(a, b, found, state, begin, par, along, None)
         found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
         lam, Lam = np.zeros(ROW), np.zeros(N * ROW)
         told: list[tuple[Array, Array, Array]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
             store = self._storage(schedule, a, b)
-            used = self._run(a, b, found, kept, begin, par, along, store)
+            used = self.run(a, b, found, kept, begin, par, along, store)
             if b == m:
                 found.memory = kept[3]
             score = np.zeros(used)
-            function_of(backward.KERNEL, backward.backward)(
-                b - a,
-                np.ascontiguousarray(schedule.rest_of[a:b]),
-                par,
-                store["P_rows"],
-                store["sums"],
-                store["update_of"],
-                store["K"],
-                store["H"],
-                store["H_at"],
-                store["wide_of"],
-                store["s_of"],
-                store["nu_of"],
-                lam,
-                Lam,
-                found.d[a:b],
-                found.spread[a:b],
-                score,
-                found.scores,
-                found.shocks[a:b],
-                a == 0,
-                spread,
-            )
+            self._back(a, b, found, par, store, lam, Lam, score, a == 0, spread)
             told.append((score, store["group"][:used].copy(), store["soft"][:used].copy()))
         # lam and Lam now stand before the updates of the first node, whose covariance is the prior's.
         found.first = -begin.P @ lam[:N]
@@ -131,14 +109,32 @@ class Runner:
         found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(told), strict=True))
         return found
 
-    def _new(self, schedule: Schedule, begin: StartState) -> tuple[Pass, list[Array]]:
+    def shocks(
+        self, schedule: Schedule, begin: StartState, par: Array, state: list[Array], a: int, b: int
+    ) -> tuple[Array, list[Array]]:
+        """Scores (b - a, 12) of a shock of the gyro bias at the nodes a to b, by what came up to b alone.
+
+        ``state`` is that before node a, which stays; returned is also the state after node b - 1.
+        """
+        # Of a long run only these nodes' share of the memory is ever touched.
+        n, m = len(self.inputs.t), len(schedule.node_at)
+        q, ratio = np.empty((n, 4)), np.empty((m, 4))
+        found = Pass(schedule, q, np.empty((m, 3)), np.empty((m, 3)), ratio, state[3])
+        found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
+        state, store = [x.copy() for x in state], self._storage(schedule, a, b)
+        used = self.run(a, b, found, state, begin, par, None, store)
+        self._back(a, b, found, par, store, np.zeros(ROW), np.zeros(N * ROW), np.zeros(used), a == 0, False)
+        return found.shocks[a:b], state
+
+    def begun(self, schedule: Schedule, begin: StartState) -> tuple[Pass, list[Array]]:
+        """A pass with nothing in it yet, and the state that :meth:`run` carries on in place."""
         n, m = len(self.inputs.t), len(schedule.node_at)
         memory = np.zeros(MEMORY)
         memory[FROZEN : FROZEN + 4] = begin.q
         found = Pass(schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory)
         return found, [begin.q.copy(), begin.x.copy(), padded(begin.P), memory]
 
-    def _run(
+    def run(
         self,
         a: int,
         b: int,
@@ -149,6 +145,7 @@ class Runner:
         along: Array | None,
         store: dict[str, Array] | None,
     ) -> int:
+        """The way forth over the nodes a to b, which the kernel describes; returns the updates kept in ``store``."""
         s, i = found.schedule, self.inputs
         keep = store is not None
         store = self._storage(s, 0, 0) if store is None else store
@@ -196,6 +193,44 @@ class Runner:
             store["soft"],
         )
         return int(used)
+
+    def _back(
+        self,
+        a: int,
+        b: int,
+        found: Pass,
+        par: Array,
+        store: dict[str, Array],
+        lam: Array,
+        Lam: Array,
+        score: Array,
+        gone: bool,
+        wanted: bool,
+    ) -> None:
+        """The way back through the nodes a to b, which ``store`` holds; ``lam``, ``Lam`` are carried on in place."""
+        function_of(backward.KERNEL, backward.backward)(
+            b - a,
+            np.ascontiguousarray(found.schedule.rest_of[a:b]),
+            par,
+            store["P_rows"],
+            store["sums"],
+            store["update_of"],
+            store["K"],
+            store["H"],
+            store["H_at"],
+            store["wide_of"],
+            store["s_of"],
+            store["nu_of"],
+            lam,
+            Lam,
+            found.d[a:b],
+            found.spread[a:b],
+            score,
+            found.scores,
+            found.shocks[a:b],
+            gone,
+            wanted,
+        )
 
     def _storage(self, s: Schedule, a: int, b: int) -> dict[str, Array]:
         """Arrays large enough for the nodes a to b; used again."""

@@ -79,7 +79,7 @@ def step(inputs, schedule, begin, par, state, node, events):
 def test_the_way_back_is_rauch_tung_striebel(run):
     inputs, schedule, begin, par = run
     m = len(schedule.node_at)
-    state = Runner(inputs)._new(schedule, begin)[1]
+    state = Runner(inputs).begun(schedule, begin)[1]
     after, before, correction, moves = [], [], [], []
     for node in range(m):
         predicted = [x.copy() for x in state]
@@ -118,7 +118,7 @@ def test_parts_of_a_run_give_what_the_whole_gives(run, monkeypatch):
 
 def test_the_covariance_stays_symmetric_and_positive(run):
     inputs, schedule, begin, par = run
-    state = Runner(inputs)._new(schedule, begin)[1]
+    state = Runner(inputs).begun(schedule, begin)[1]
     for node in range(len(schedule.node_at)):
         step(inputs, schedule, begin, par, state, node, events=True)
         if node % 50 == 0:

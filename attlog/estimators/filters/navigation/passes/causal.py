@@ -10,6 +10,8 @@ import numpy as np
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.layout import ARM, BA, EARTH, HARD, SCALE, SOFT
 from attlog.estimators.filters.navigation.measured import Inputs
+from attlog.estimators.filters.navigation.passes import online
+from attlog.estimators.filters.navigation.passes.jumps import Jump
 from attlog.estimators.filters.navigation.passes.sequence import first_start
 from attlog.estimators.filters.navigation.settings import NoiseLevels
 from attlog.estimators.filters.navigation.solve import Pass, Runner
@@ -55,7 +57,7 @@ def telling(inputs: Inputs, longest: float) -> Inputs:
 
 def causal(
     inputs: Inputs, tuned: NoiseLevels, gate: float, known: Array | None = None, constants: Collection[str] = ()
-) -> tuple[Pass, StartState]:
+) -> tuple[Pass, StartState, tuple[Jump, ...]]:
     """One pass forward. ``tuned`` says noise and delays; ``constants`` of a ``known`` state (39,) are begun with."""
     runner = Runner(inputs)
     begin = first_start(runner, inputs, tuned, gate)
@@ -64,9 +66,9 @@ def causal(
     settling = begin.how == "motion" and inputs.velocity is not None
     schedule = runner.timetable.scheduled(tuned, settling, once=True)
     del runner.timetable
-    found = runner.forward(schedule, begin, tuned.packed(inputs.gravity, gate))
+    found, jumps = online.filtered(runner, schedule, begin, tuned.packed(inputs.gravity, gate))
     found.schedule = schedule.nodes()
-    return found, begin
+    return found, begin, jumps
 
 
 def held(tuned: NoiseLevels) -> NoiseLevels:

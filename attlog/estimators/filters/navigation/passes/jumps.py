@@ -68,9 +68,12 @@ class Jump:
         return float(np.sqrt(np.sum(self.size**2)))
 
 
-def gains(found: Pass) -> tuple[Array, Array]:
-    """What a jump at each node (m,) would add to the logarithm of the likelihood, and its size (m, 3) in rad/s."""
-    lam, Lam = found.shocks[:, :3], found.shocks[:, 3:].reshape(-1, 3, 3)
+def gains(shocks: Array) -> tuple[Array, Array]:
+    """What a jump at each node (m,) would add to the logarithm of the likelihood, and its size (m, 3) in rad/s.
+
+    ``shocks`` (m, 12) as of :class:`Pass`.
+    """
+    lam, Lam = shocks[:, :3], shocks[:, 3:].reshape(-1, 3, 3)
     size = -np.linalg.solve(Lam + np.eye(3) / JUMP_RAD_S**2, lam[:, :, None])[:, :, 0]
     volume = np.linalg.slogdet(np.eye(3) + JUMP_RAD_S**2 * Lam)[1]
     return -0.5 * np.sum(size * lam, axis=1) - 0.5 * volume, size
@@ -81,7 +84,7 @@ def candidate(found: Pass, when: Array, known: Times) -> tuple[float, float]:
     usable = (when > when[0] + EDGE_S) & (when < when[-1] - EDGE_S)
     for t in known:
         usable &= np.abs(when - t) > EDGE_S
-    gain, size = gains(found)
+    gain, size = gains(found.shocks)
     usable &= np.sum(size**2, axis=1) > SMALLEST_RAD_S**2
     if not usable.any():
         return float(when[0]), 0.0

@@ -184,7 +184,7 @@ class Sequence:
         return jumping.candidate(found, self.runner.inputs.sensed_at[found.schedule.node_at], self.jumps)
 
     def tried(self, when: float) -> tuple[jumping.Times, float]:
-        """The jumps with one more near ``when`` s, and what that adds to the way forth with the present levels."""
+        """The jumps with one more near ``when`` s, and what that adds to the way forth."""
         likelihood = self._likelihood()
         times, _ = jumping.placed(tuple(sorted((*self.jumps, when))), likelihood)
         return times, likelihood(times) - likelihood(self.jumps)
@@ -194,10 +194,10 @@ class Sequence:
         self.jumps, self.jump_sigmas = jumping.placed(self.jumps, self._likelihood())
 
     def _likelihood(self) -> Callable[[jumping.Times], float]:
-        """The logarithm of the likelihood of the way forth by the times of jumps, with the present levels."""
+        """The logarithm of the likelihood of the way forth by the times of jumps, with the levels of the best pass."""
         timetable, gravity = self.runner.timetable, self.runner.inputs.gravity
-        begin = start(self.runner.inputs, self.tuned, self.begin if self.moving else None)
-        schedule, par = timetable.scheduled(self.tuned), self.tuned.packed(gravity, self.gate)
+        begin, tuned = self.best.begin, self.best.tuned
+        schedule, par = timetable.scheduled(tuned), tuned.packed(gravity, self.gate)
 
         def likelihood(times: jumping.Times) -> float:
             at = replace(schedule, jump=timetable.jumps_at(schedule.node_at, times))

@@ -82,7 +82,7 @@ def test_the_predicted_gain_is_what_the_way_forth_gains(made):
     schedule, runner = timetable.scheduled(tuned), Runner(inputs)
     without = runner.both(schedule, begin, par)
     when = inputs.sensed_at[schedule.node_at]
-    gain, _ = jumps.gains(without)
+    gain, _ = jumps.gains(without.shocks)
     for t in (30.0, WHEN, 70.0):
         opened = replace(schedule, jump=timetable.jumps_at(schedule.node_at, (t,)))
         k = int(np.flatnonzero(opened.jump)[0])
