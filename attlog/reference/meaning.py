@@ -45,9 +45,11 @@ def _of_smoother(ref: Reference) -> str:
         "onboard": "headings are compared with onboard",
         "nobody": "headings are not compared",
     }[ref.heading_by]
+    words = heading_words(ref.quality)
+    rests = f" {words[0].upper()}{words[1:]}." if words else ""
     return (
         "Smoother: an estimate from both sides of each moment, from all sensors of the log, with the same IMU as the "
         "filters and the model of ESKF (without GNSS of MEKF). "
         "Differences below its own sigma, relative to the IMU as mounted, mean nothing: "
-        f"{tilt:.2g} deg in tilt, {whose}."
+        f"{tilt:.2g} deg in tilt, {whose}.{rests}"
     )

@@ -25,6 +25,7 @@ from attlog.reference import (
     contradicted,
     expected_reference,
     heading_references,
+    meaning,
     onboard_rows,
     scoring,
     sigma_deg,
@@ -421,6 +422,21 @@ def test_a_smoother_without_a_heading_is_not_quoted_with_a_sigma_of_it() -> None
     reference = chosen(flight(), made(heading=180.0))
     assert reference.heading_by == "onboard"
     assert reference.heading_why == "neither compass nor motion shows the smoother a heading that stands"
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (made(heading_from="both"), "Compass and motion agree on the heading."),
+        (made(heading_from="compass"), "The heading rests on the compass alone."),
+        (made(heading_from="motion"), "The heading is from motion, without the compass."),
+        (made(heading=180.0, heading_from="nobody", heading_why="they differ"), "There is no heading: they differ."),
+    ],
+)
+def test_the_page_says_what_a_heading_rests_on(found: Estimate, words: str) -> None:
+    said = meaning(chosen(flight(), found))
+    assert said.endswith(words)
+    assert "relative to the IMU as mounted" in said
 
 
 def segment_of(seconds: float, heading_from: str, heading: float = 0.2) -> Estimate:
