@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.estimators.evidence.still import WINDOW_S, still_windows, tilt_residual, within
+from attlog.estimators.evidence.still import still_windows, tilt_residual, within
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.reference import clock, trim
 from attlog.reference.compare import interpolate
@@ -25,6 +25,8 @@ REFUSED_DEG, SIGMAS, FLOOR_DEG = 3.0, 3.0, 1.0
 """A judge that is further from gravity, in degrees and in its sigmas (with 1 deg of the accelerometer's own)."""
 DOUBTED_DEG, TWICE = 2.0, 2.0
 """Or by this, and so many times as far as the attitude it judges."""
+BORDER_S = 1.0
+"""A window this near borders a span."""
 FEWEST = 3
 """Windows; a single one may be a slow landing."""
 WRONG_DEG = 5.0
@@ -51,7 +53,7 @@ class StillResiduals:
         begin, end = self.windows.T
         inside = known & (begin >= span[0]) & (end <= span[1])
         if not inside.any():
-            inside = known & (begin >= span[0] - WINDOW_S) & (end <= span[1] + WINDOW_S)
+            inside = known & (end >= span[0] - BORDER_S) & (begin <= span[1] + BORDER_S)
         if not inside.any():
             return None
         return float(np.median(self.judge[inside])), float(np.median(self.accused[inside]))

@@ -10,7 +10,8 @@ from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.health import Check, audit
 from attlog.health.findings import findings
-from attlog.reference import Reference, choose
+from attlog.health.onboard import against_smoother
+from attlog.reference import Reference, accusing, choose
 from attlog.segments.model import Segment
 from tests.reference.flights import flight
 from tests.reference.test_smoothed import made
@@ -126,3 +127,37 @@ def test_truth_judges_the_attitude_that_flew_without_sigmas() -> None:
     log.attitudes["ATT"] = flight().attitudes["ATT"]
     check = next(c for c in audit(log, phases, choose(log, phases)) if c.name == "onboard against truth")
     assert (check.verdict, check.text) == ("ok", "ATT differs from the truth by tilt 0.0 deg, heading 0.0 deg.")
+
+
+def test_a_smoother_whose_sensors_failed_a_check_accuses_nobody() -> None:
+    log = off(flight(), (18.0, 0.0, 0.0), 30.0, 50.0)
+    phases = segments.build(log)
+    phases.segments.append(Segment("airborne", 22.0, 60.0))
+    reference = choose(log, phases, smooth=lambda: made(tilt=0.3))
+    spikes = Check("gyro spikes", "fault", "The gyro jumps.")
+    (check,) = against_smoother.checks(log, phases, reference, [spikes])
+    assert check.verdict == "unknown"
+    assert "Who is wrong is open: `gyro spikes` failed." in check.text
+    constant = Check("gyro bias", "warning", "The gyro reads 1.2 deg/s.")
+    (check,) = against_smoother.checks(log, phases, reference, [constant])
+    assert check.verdict == "fault"  # a smoother finds a constant bias
+
+
+@pytest.mark.parametrize(("what", "angles"), [("both", {"heading"}), ("compass", set())])
+def test_a_heading_that_rests_on_the_compass_alone_accuses_nobody(what: str, angles: set[str]) -> None:
+    log = off(flight(), (0.0, 0.0, 60.0), 30.0, 50.0)
+    phases = segments.build(log)
+    phases.segments.append(Segment("airborne", 22.0, 60.0))
+    found = accusing.compared(log, phases, choose(log, phases, smooth=lambda: made(heading_from=what)))
+    assert found is not None
+    assert {error.angle for error in found.errors} == angles
+
+
+def test_a_smoother_without_gnss_accuses_of_a_small_tilt_only_where_gravity_does() -> None:
+    for aids, count in (("gnss mag", 1), ("mag", 0)):
+        log = off(flight(), (5.0, 0.0, 0.0), 30.0, 50.0)
+        phases = segments.build(log)
+        phases.segments.append(Segment("airborne", 22.0, 60.0))
+        found = accusing.compared(log, phases, choose(log, phases, smooth=lambda aids=aids: made(aided_by=aids)))
+        assert found is not None
+        assert len(found.errors) == count

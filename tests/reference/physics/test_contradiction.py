@@ -7,6 +7,7 @@ import pytest
 
 from attlog import segments
 from attlog.base import rotation
+from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, Gnss
 from attlog.reference import ReferenceCheck, ReferenceOptions, Row, choose, contradicted
 from attlog.segments import Segment, Segments
@@ -132,3 +133,31 @@ def test_an_attitude_that_leans_to_both_sides_in_turn_is_not_refuted_by_a_mean_f
     side = np.where((T % 2.0 < 1.0)[:, None], tilted(TURN, 25.0), tilted(TURN, -25.0))
     assert refusal(flight(side), rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0))) == ""
     assert refusal(flight(tilted(TURN, 25.0)), rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0)))
+
+
+def named(q: dict[str, np.ndarray]) -> list[Row]:
+    return [Row(name, "replay", T, x, np.zeros(len(T), np.int64), True, estimator=name) for name, x in q.items()]
+
+
+@pytest.mark.parametrize(
+    ("aids", "others", "refused"),
+    [
+        ("mag rest", (0.0, 0.5, -0.5), True),
+        ("gnss mag", (0.0, 0.5, -0.5), False),  # filters without GNSS may all follow an acceleration
+        ("mag rest", (0.0, 0.5), False),  # two models are not enough
+        ("mag rest", (8.0, 7.5, 8.5), False),  # other models are with it
+        ("mag rest", (0.0, 9.0, -9.0), False),  # they do not agree
+    ],
+)
+def test_a_smoother_that_stands_with_the_filter_of_its_own_model_alone_is_no_reference(
+    aids: str, others: tuple[float, ...], refused: bool
+) -> None:
+    from tests.reference.test_smoothed import made
+
+    log, phases = flight(TURN), segments.Segments([segments.Segment("continuous", 0.0, 60.0)])
+    smoother = made(off=Estimate(T, tilted(TURN, 8.0)), tilt=0.5, aided_by=aids)
+    reference = choose(log, phases, smooth=lambda: smoother)
+    assert reference.kind == "smoother"
+    models = {f"f{k}": tilted(TURN, deg) for k, deg in enumerate(others)} | {"mekf": tilted(TURN, 8.0)}
+    found = contradicted(log, log.imus[0], reference, named(models))
+    assert (found is not None and "only mekf" in found[0]) is refused
