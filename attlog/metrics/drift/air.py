@@ -12,8 +12,10 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, HeadingReference, Metric, Wording, applies_to, paragraph, per_row
 from attlog.metrics.drift import slope as drift
 from attlog.metrics.drift.rest import bias_beside
+from attlog.metrics.errors.rmse import own_sigma
 from attlog.metrics.evidence.phases import why_never_airborne
 from attlog.metrics.evidence.samples import DRIFT_AIR_S
+from attlog.metrics.statistics import intervals as interval
 from attlog.reference.model import Row
 from attlog.segments import gaps
 from attlog.segments.spans import inside, intersect
@@ -51,9 +53,10 @@ METRICS: tuple[Metric, ...] = tuple(
         paragraph(
             f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start, from 20 s on:
             1 s block means, cut at gaps and at resets of the heading reference; one group for each 10 s of the
-            record, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The
-            drift is significant where the interval excludes zero, else bounded by its larger end: how the row drifts
-            away from this heading reference: a drift of the heading reference counts too."""
+            record, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them (and
+            2 sigma of a smoother over the record). The drift is significant where the interval excludes zero, else
+            bounded by its larger end: how the row drifts away from this heading reference, whose own drift counts
+            too."""
         ),
         resolution=drift.RESOLUTION,
         wording=Wording("drifts", "less in the air", "more in the air", "drift in the air"),
@@ -120,13 +123,14 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
 
 
 def _against(case: Case, row: Row, name: str, window: str) -> Answer:
-    if name in case.reference.refused:
-        return missing("no_reference", case.reference.refused[name], "deg/min", window)
-    if name not in case.heading_references and name != case.reference.kind:
+    reference = case.reference
+    if name in reference.refused:
+        return missing("no_reference", reference.refused[name], "deg/min", window)
+    if name not in case.heading_references and name != reference.kind:
         return missing(*ABSENT[name], "deg/min", window)
-    if name == "smoother" and case.reference.heading_by != "own":
-        return missing("no_reference", case.reference.heading_why, "deg/min", window)
-    if name == row.name or (row.is_reference and name == case.reference.kind):
+    if name == "smoother" and reference.heading_by != "own":
+        return missing("no_reference", reference.heading_why, "deg/min", window)
+    if name == row.name or (row.is_reference and name == reference.kind):
         return missing("not_applicable", "this row is the heading reference itself", "deg/min", window)
     if not case.segments.spans("airborne"):
         return missing("not_covered", why_never_airborne(case), "deg/min", window)
@@ -139,6 +143,9 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
     if found.value is None:
         reason = f"flight to compare with {HEADING_REFERENCES[name]}: {drift.too_short(found, DRIFT_AIR_S)}"
         return missing("record_too_short", reason, "deg/min", window)
+    if name == reference.kind and found.ci95 is not None:
+        per_min = 60.0 * own_sigma(case, "heading", window) / found.seconds
+        found.ci95 = interval.with_reference(found.value, found.ci95, per_min)
     answer = drift.answer(found, window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
     if name in case.heading_references and case.heading_references[name].text:

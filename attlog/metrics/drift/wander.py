@@ -12,6 +12,7 @@ from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.drift import slope as drift
 from attlog.metrics.drift.air import error_blocks
 from attlog.metrics.drift.rest import rest_blocks, rests
+from attlog.metrics.errors.rmse import own_sigma
 from attlog.metrics.evidence.phases import why_no_errors, why_no_heading
 from attlog.metrics.evidence.samples import DRIFT_AIR_S, DRIFT_REST_S
 from attlog.metrics.ranking import following
@@ -31,7 +32,7 @@ METRICS: tuple[Metric, ...] = (
         paragraph(
             """RMS of the block means of the heading (1 s, 0.5 s in records under 20 s) after the mean drift and each
             segment's offset are removed: of the heading itself at rest, of the heading error against the reference in
-            the window airborne. Interval: t over the mean squares of the drift's groups."""
+            the window airborne. Interval: t over the mean squares of the drift's groups, and 2 sigma of a smoother."""
         ),
     ),
 )
@@ -79,6 +80,9 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         reason = f"the longest record is {longest:.0f} s; {shortest_s:.0f} s are needed"
         return {"wander_deg": missing("record_too_short", reason, "deg", window)}
     value, ci95, groups = found
+    if window == "airborne" and ci95 is not None:
+        low, high = interval.with_reference(value, ci95, own_sigma(case, "heading", window))
+        ci95 = max(low, 0.0), high
     if value > LARGEST_DEG:
         reason = f"the heading runs round by {value:.0f} deg about its mean drift: it does not wander, it is lost"
         return {"wander_deg": missing("diverged", reason, "deg", window)}

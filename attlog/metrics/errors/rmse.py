@@ -14,16 +14,7 @@ from attlog.metrics.base import Case, Metric, Wording, paragraph, per_case, per_
 from attlog.metrics.evidence.phases import why_no_errors, why_no_heading
 from attlog.metrics.evidence.samples import seconds
 from attlog.metrics.statistics import intervals as interval
-from attlog.metrics.statistics.angles import (
-    GROUP_S,
-    MAX_GROUPS,
-    MIN_SAMPLES,
-    SHORTEST_S,
-    STATISTICS,
-    groups_of,
-    root_mean_square,
-    statistic,
-)
+from attlog.metrics.statistics.angles import MIN_SAMPLES, PIECES, SHORTEST_S, STATISTICS, ErrorSize
 from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference import scoring, sigma_deg
 from attlog.reference.model import Row
@@ -43,15 +34,16 @@ BLOCK_S = {"inclination": 5.0, "heading": 15.0, "total": 15.0}
 after 5 s, in heading 0.48 (which made up to 7 % of the claims wrong), after 15 s next to nothing."""
 MIN_BLOCKS = {"inclination": 4, "heading": 3, "total": 3}
 BLOCK_FILLED = 0.8
-_EVIDENCE = """Interval: t over consecutive groups of about {seconds:.0f} s (at least 4), so that neighbouring
-    samples do not count as independent evidence, widened where neighbouring groups resemble each other."""
+_EVIDENCE = """Interval: what the next flight of that length would show, from the changes between halves and quarters
+    (errors wander on every scale: more seconds do not average them out). Against a smoother it holds 2 sigma of the
+    smoother's own error."""
 _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s (at least 4). Rows that gravity does
     not correct are not ranked: their error grows with the flight."""
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
     truth or smoother: against the onboard attitude 13 to 30 % of significant pairs turned around in the remainder."""
 NAMES = {"total": "attitude", "heading": "heading", "inclination": "tilt"}
 """What an error is called in a sentence."""
-_EXTREME = "An extreme of this record has no interval and is never ranked."
+_EXTREME = "An extreme of this record is never ranked; its interval is the 2 sigma of a smoother's own error."
 METRICS: tuple[Metric, ...] = tuple(
     Metric(
         f"{angle}_{statistic}_deg",
@@ -62,7 +54,7 @@ METRICS: tuple[Metric, ...] = tuple(
         paragraph(
             f"""{words[0].upper()}{words[1:]} of {meaning}, with e = q_est q_ref* seen in earth axes, over the scored
             samples of the window at the times of the slower of row and reference.
-            {_EXTREME if statistic == "max" else _EVIDENCE.format(seconds=GROUP_S[angle])}
+            {_EXTREME if statistic == "max" else _EVIDENCE}
             {_RANKED if angle == "inclination" else _RANKED_HEADING}"""
         ),
         "" if statistic == "rmse" else f"{angle}_rmse_deg",
@@ -100,22 +92,20 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
             answers |= {f"{angle}_{name}_deg": missing(*why_not, "deg", window) for name in asked}
             continue
         own = own_sigma(case, angle, window)
-        groups = groups_of(count, duration, GROUP_S[angle])
-        values = np.abs(getattr(errors, angle)[good])
+        size = ErrorSize(np.abs(getattr(errors, angle)[good]), duration, own)
         units = block_units(case, row, window, angle)
-        ordered, whole = np.sort(values), root_mean_square(values, groups)
         for name in asked:
-            value, ci95 = statistic(values, name, groups, ordered, whole)
+            value, ci95 = size.of(name)
             alone = why_unranked(case, row, angle, name, ci95, duration)
             why = alone or _among_others(case, row, angle) or _too_few(units, angle)
             answer = answers[f"{angle}_{name}_deg"] = Answer(
                 value,
                 "deg",
                 window,
-                len(groups) or 1,
+                size.pieces or 1,
                 duration,
                 ci95,
-                f"{STATISTICS[name]}, {len(groups)} groups" if groups else STATISTICS[name],
+                f"{STATISTICS[name]}, {size.pieces} pieces" if size.pieces else STATISTICS[name],
                 reason=why,
                 ranked=why is None,
                 detail={"samples": count},
@@ -194,7 +184,8 @@ def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
         full = count >= max(needed, 2)
         begin, values = begin[full], total[full] / count[full]
     chosen = ids_of(begin)
-    return UnitValues("mean_square", chosen, values, partial(of_blocks, chosen, values))
+    sigma = own_sigma(case, angle, window)
+    return UnitValues("mean_square", chosen, values, partial(of_blocks, chosen, values, length=length, sigma=sigma))
 
 
 @per_times
@@ -219,11 +210,15 @@ def _counted(case: Case, row: Row) -> Array:
     return _scored(case, row).astype(np.float64)
 
 
-def of_blocks(ids: Ids, squares: Array, wanted: Ids) -> Summary:
-    """The RMSE of some of the blocks (k,), with its interval."""
+def of_blocks(
+    ids: Ids, squares: Array, wanted: Ids, length: float = BLOCK_S["inclination"], sigma: float = 0.0
+) -> Summary:
+    """The RMSE of some of the blocks (k,) of ``length`` s, with its interval against a reference of that sigma, deg.
+
+    A block counts as several samples: quarters of a record may cut through it.
+    """
     chosen = squares[np.isin(ids, wanted)]
-    groups = interval.equal_groups(len(chosen), min(len(chosen), MAX_GROUPS))
-    return Summary(*root_mean_square(np.sqrt(chosen), groups))
+    return Summary(*ErrorSize(np.repeat(np.sqrt(chosen), PIECES), length * len(chosen), sigma).of("rmse"))
 
 
 def why_unranked(

@@ -12,28 +12,27 @@ from attlog.metrics.statistics import intervals as interval
 Array = NDArray[np.float64]
 
 
-Whole = tuple[float, interval.Interval | None]
-"""A value and its interval."""
 STATISTICS = {"rmse": "root mean square", "median": "median", "p95": "95th percentile", "max": "largest value"}
-GROUP_S = {"inclination": 5.0, "heading": 10.0, "total": 10.0}
-"""Errors of filters wander over seconds, heading for longer than tilt: shorter groups would count one swing twice. With
-5 s for heading the interval of half a flight met the other half in 82 % only."""
-MAX_GROUPS = 20
+QUANTILES = {"median": 0.5, "p95": 0.95, "max": 1.0}
+MOST = {"rmse": 3.0, "p95": 3.0, "median": math.inf}
+"""An interval ends at so many times the value: what came in one burst was not seen to be larger than this elsewhere
+(halves of flights agree as often as without). A median leaves bursts out."""
+PIECES = 4
+GROUP_S, MAX_GROUPS = 5.0, 20
 SHORTEST_S, MIN_SAMPLES = 4.0, 8
 HALF_TURN_DEG = 180.0
 """No attitude is further from another, so no interval of an error ends beyond it."""
 
 
-def groups_of(n: int, duration: float, length: float = GROUP_S["inclination"]) -> list[slice]:
-    """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of ``length`` s; none below 4 s."""
+def groups_of(n: int, duration: float) -> list[slice]:
+    """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of 5 s; none below 4 s."""
     if duration < SHORTEST_S or n < MIN_SAMPLES:
         return []
-    return interval.equal_groups(n, int(np.clip(duration // length, 4, MAX_GROUPS)))
+    return interval.equal_groups(n, int(np.clip(duration // GROUP_S, 4, MAX_GROUPS)))
 
 
 def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
-    """RMS of an error angle (n,) and its interval: t over the mean squares of the groups, which may resemble
-    their neighbours, on logarithmic scale.
+    """RMS of an angle (n,) without memory beyond its groups, and its interval: t over their mean squares.
 
     The relative error of the mean square becomes a factor (delta method), so that the
     interval of a short, uneven record does not reach below zero.
@@ -47,32 +46,59 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval
     return math.sqrt(square), (math.sqrt(square) / factor, min(math.sqrt(square) * factor, HALF_TURN_DEG))
 
 
-def statistic(
-    angle: Array, name: str, groups: list[slice], ordered: Array | None = None, whole: Whole | None = None
-) -> Whole:
-    """One of STATISTICS of an error angle without sign (n,), with its interval where it has one.
+class ErrorSize:
+    """The sizes of an error angle without sign (n,), in deg, over a record of ``duration`` s.
 
-    Where several are asked for: ``ordered`` are the same angles in ascending order, ``whole`` is their RMS.
+    ``sigma``: how wrong the reference may be itself (one sigma, RMS over the record, deg).
     """
-    if name == "rmse":
-        return whole or root_mean_square(angle, groups)
-    ordered = np.sort(angle) if ordered is None else ordered
-    if name == "max":
-        return float(ordered[-1]), None
-    if name == "median":
-        return interval.quantile(ordered, 0.5), interval.of_quantile(angle, 0.5, groups, ordered)
-    return percentile_95(angle, groups, ordered, whole or root_mean_square(angle, groups))
+
+    def __init__(self, angle: Array, duration: float, sigma: float = 0.0) -> None:
+        self._angle, self._sigma = angle, sigma
+        self.pieces = PIECES if duration >= SHORTEST_S and len(angle) >= MIN_SAMPLES else 0
+        self._squares: Array | None = None
+
+    def of(self, name: str) -> tuple[float, interval.Interval | None]:
+        """One of STATISTICS with its interval where it has one; an extreme has one of the reference alone."""
+        if name == "max":
+            value = float(np.max(self._angle))
+            return value, self._with_reference(value, (value, value)) if self._sigma > 0.0 else None
+        whole, *parts = self._sizes(name)
+        if not self.pieces:
+            return whole, None
+        changes = _changes(parts, whole)
+        if name != "rmse":  # where few samples reach, their changes say little: the size of the error changes too
+            square, *squares = self._sizes("rmse")
+            changes = np.maximum(changes, _changes(squares, square))
+        low, high = interval.of_wandering(whole, changes)
+        return whole, self._with_reference(whole, (low, min(high, MOST[name] * whole)))
+
+    def _with_reference(self, value: float, ci95: interval.Interval) -> interval.Interval:
+        low, high = interval.with_reference(value, ci95, self._sigma)
+        return max(low, 0.0), min(high, HALF_TURN_DEG)
+
+    def _sizes(self, name: str) -> list[float]:
+        """The size of the whole; where there are pieces also of both halves and the four quarters."""
+        halves, quarters = (interval.equal_groups(len(self._angle), n) if self.pieces else [] for n in (2, PIECES))
+        if name == "rmse":
+            if self._squares is None:
+                self._squares = self._angle**2
+            square = interval.means(self._squares, [slice(0, len(self._angle)), *halves, *quarters])
+            return [float(x) for x in np.sqrt(square)]
+        probability = QUANTILES[name]
+        parts = [self._angle, *(self._angle[piece] for piece in (*halves, *quarters))]
+        return [interval.quantile(_ordered_at(part, probability), probability) for part in parts]
 
 
-def percentile_95(angle: Array, groups: list[slice], ordered: Array, whole: Whole) -> Whole:
-    """The 95th percentile of an error angle (n,) and its interval: Woodruff's, widened to that of the whole's size.
+def _changes(parts: list[float], whole: float) -> Array:
+    """How much the logarithm of the mean square changes (3,) between halves, and between the quarters of each.
 
-    Few groups reach the 95th percentile at all, so the shares below it say little about how far it lies: alone they
-    met the other half of a flight in 50 to 70 %. It grows and shrinks with the RMSE, whose relative interval counts.
+    A part that is a thousand times smaller than the whole counts as that: its logarithm could be anything.
     """
-    value = interval.quantile(ordered, 0.95)
-    shares = interval.of_quantile(angle, 0.95, groups, ordered)
-    if shares is None or whole[1] is None or whole[0] == 0.0:
-        return value, shares
-    low, high = (value * end / whole[0] for end in whole[1])
-    return value, (min(shares[0], low), min(max(shares[1], high), HALF_TURN_DEG))
+    size = 2.0 * np.log(np.maximum(parts, 1e-3 * whole)) if whole > 0.0 else np.zeros(len(parts))
+    return np.abs(size[1::2] - size[::2])
+
+
+def _ordered_at(values: Array, probability: float) -> Array:
+    """The values (n,), those at a quantile where they stand in ascending order."""
+    place = int(probability * (len(values) - 1))
+    return np.partition(values, [place, min(place + 1, len(values) - 1)])

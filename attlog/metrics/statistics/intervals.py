@@ -16,6 +16,24 @@ Array = NDArray[np.float64]
 
 
 Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class VariancePrior:
+    """What is known of the variance of one value: ``variance``, worth ``dof`` degrees of freedom."""
+
+    variance: float
+    dof: float
+
+
+WANDERING = VariancePrior(1.3, 2.0)
+"""Squared change of the logarithm of an error's mean square from one piece of a flight to the next: 0.9 to 1.5 whether
+pieces last 2.5 or 80 s, in flights with truth and in real logs (its prior is worth what makes halves of flights
+agree)."""
+WEIGHTS = (1.5, 0.75, 0.75)
+"""What the change between halves counts, and those between the quarters of each: what both tell of the next record."""
+REFERENCE_SIGMAS = 2.0
+"""A sum of errors that last as long as the record: of those against a smoother 95 % were within one of its sigmas."""
 MOST_ALIKE = 0.6
 """Few values tell their own correlation badly: none is taken for more than this, which doubles an interval."""
 
@@ -45,6 +63,30 @@ def of_neighbours(values: ArrayLike) -> Interval | None:
     r = min(max(float(d[1:] @ d[:-1]) / square + 1.0 / len(x), 0.0), MOST_ALIKE)
     centre, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]) * math.sqrt((1.0 + r) / (1.0 - r))
     return centre - half, centre + half
+
+
+def of_wandering(value: float, changes: ArrayLike) -> Interval:
+    """Interval of the size of an error that wanders on every scale of time: longer records do not average it out.
+
+    ``changes`` (3,): by how much the logarithm of its mean square changes from the first to the second half of the
+    record, and between the two quarters of each half. They tell how much it would change to the next record (a half is
+    to the other what the record is to the next), moderated by WANDERING. The interval is a factor.
+    """
+    weights = np.array(WEIGHTS)
+    dof = WANDERING.dof + float(np.sum(weights))
+    square = (WANDERING.dof * WANDERING.variance + float(weights @ np.asarray(changes, np.float64) ** 2)) / dof
+    factor = math.exp(0.5 * student(0.975, dof) * math.sqrt(0.5 * square))
+    return value / factor, value * factor
+
+
+def with_reference(value: float, ci95: Interval, sigma: float) -> Interval:
+    """The interval of an error against a reference that is wrong itself by ``sigma`` (one sigma, RMS).
+
+    The RMS of a difference is within the RMS of the reference's error of that of the truth, however both are correlated
+    (triangle inequality): 2 sigma, independent of the rest.
+    """
+    low, high = (math.hypot(value - end, REFERENCE_SIGMAS * sigma) for end in ci95)
+    return value - low, value + high
 
 
 def of_jackknife(value: float, left_out: ArrayLike) -> Interval | None:
@@ -129,34 +171,6 @@ def quantile(ordered: Array, probability: float) -> float:
     below = min(int(place), len(ordered) - 1)
     low, high = float(ordered[below]), float(ordered[min(below + 1, len(ordered) - 1)])
     return low + (place - below) * (high - low)
-
-
-def of_quantile(
-    values: Array, probability: float, groups: list[slice], ordered: Array | None = None
-) -> Interval | None:
-    """Interval of a quantile of correlated values (n,): Woodruff's, with the groups as independent evidence.
-
-    The share of each group below the quantile has a t interval over the groups (`of_neighbours`); its
-    ends are turned back into values (Woodruff 1952). ``ordered``: the values in ascending order, where they are known.
-    """
-    groups = [g for g in groups if g.stop > g.start]
-    if len(groups) < 2:
-        return None
-    ordered = np.sort(values) if ordered is None else ordered
-    share = of_neighbours(means((values <= quantile(ordered, probability)).astype(np.float64), groups))
-    if share is None:
-        return None
-    half = 0.5 * (share[1] - share[0])
-    low, high = (quantile(ordered, min(max(p, 0.0), 1.0)) for p in (probability - half, probability + half))
-    return low, high
-
-
-@dataclass(frozen=True, slots=True)
-class VariancePrior:
-    """What is known of the variance of one value: ``variance``, worth ``dof`` degrees of freedom."""
-
-    variance: float
-    dof: float
 
 
 def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float]:

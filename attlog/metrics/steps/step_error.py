@@ -33,8 +33,8 @@ _ERROR = """How far the attitude is off {after:.1f} s after a step: the row's er
     +-50 ms). A constant heading offset or misalignment does not count. """
 _DEG = _ERROR + "Median of the magnitude over the events that are seen so long; detail: 90 %."
 _PCT = _ERROR + "Percent of the step, signed: negative where the row shows too little. Median over events."
-_INTERVAL = """ Interval: order statistics, from 6 events on. Against the smoother rows that differ by less than
-    0.05 deg are the same."""
+_INTERVAL = """ Interval: order statistics, from 6 events on; against the smoother with 2 sigma of 0.05 deg, below
+    which rows do not differ."""
 
 _KINDS: tuple[tuple[str, str, Literal["low", "zero"], str, Resolution | None], ...] = (
     ("deg", "deg", "low", _DEG, None),
@@ -98,16 +98,24 @@ def error_at(curve: Curve, at: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class ErrorOnEvents:
-    """The median over a choice of events: magnitude in deg, or signed percent."""
+    """The median over a choice of events: magnitude in deg, or signed percent.
+
+    ``sigma``: how wrong the reference may be itself, in that unit.
+    """
 
     errors: EventErrors
     unit: Literal["deg", "pct"]
+    sigma: float = 0.0
 
     def __call__(self, ids: Ids) -> Summary:
         """Median and interval on the events with these ids."""
         values = magnitude(self.errors) if self.unit == "deg" else percent(self.errors)
         chosen = values[np.isin(self.errors.ids, ids)]
-        return Summary(float(np.median(chosen)), interval.of_median(chosen))
+        value, ci95 = float(np.median(chosen)), interval.of_median(chosen)
+        if ci95 is None:
+            return Summary(value, None)
+        low, high = interval.with_reference(value, ci95, self.sigma)
+        return Summary(value, (max(low, 0.0) if self.unit == "deg" else low, high))
 
 
 def magnitude(errors: EventErrors) -> Array:
@@ -145,7 +153,8 @@ def _answer(
     if count < MIN_EVENTS:
         reason = too_few(count)
         return missing("too_few_events" if count else "no_events", reason, sign, window)
-    here = ErrorOnEvents(errors, unit)
+    sigma = own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0)
+    here = ErrorOnEvents(errors, unit, sigma)
     summary, values = here(errors.ids), percent(errors) if unit == "pct" else magnitude(errors)
     seconds = math.fsum(c.event.end - c.event.begin for c in found)
     return Answer(
@@ -159,5 +168,5 @@ def _answer(
         detail={"p90": np.quantile(np.abs(values), 0.9)},
         each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, magnitude(errors), here),
-        floor=own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0),
+        floor=sigma,
     )

@@ -25,12 +25,6 @@ def test_a_quantile_of_ordered_values_is_that_of_numpy(n):
         assert interval.quantile(np.sort(x), p) == pytest.approx(np.quantile(x, p), rel=1e-12, abs=1e-12)
 
 
-def test_the_interval_of_a_quantile_needs_no_second_sorting():
-    x = np.random.default_rng(2).standard_normal(400)
-    groups = interval.equal_groups(400, 10)
-    assert interval.of_quantile(x, 0.9, groups, np.sort(x)) == interval.of_quantile(x, 0.9, groups)
-
-
 def test_quantiles_of_what_is_known_are_those_of_numpy():
     x = np.random.default_rng(1).standard_normal((9, 40))
     x[np.random.default_rng(2).random(x.shape) < 0.5] = np.nan
@@ -59,6 +53,25 @@ def test_neighbours_that_resemble_each_other_widen_as_a_first_order_process():
     assert wider == pytest.approx(np.sqrt(1.05 / 0.95))
     slow = np.repeat([1.0, -1.0], 10)
     assert np.diff(interval.of_neighbours(slow)) / np.diff(interval.of_mean(slow)) == pytest.approx(2.0)
+
+
+def test_an_error_that_does_not_change_is_known_by_a_factor_of_two():
+    """Without changes the variance is 2 * 1.3 / 5 for the difference of two records, half of it for one."""
+    low, high = interval.of_wandering(3.0, [0.0, 0.0, 0.0])
+    factor = np.exp(0.5 * stats.t.ppf(0.975, 5) * np.sqrt(0.5 * 2 * 1.3 / 5))
+    assert (low, high) == pytest.approx((3.0 / factor, 3.0 * factor))
+    assert factor == pytest.approx(1.93, abs=0.01)
+
+
+def test_a_change_between_halves_counts_as_those_of_both_quarters():
+    of_halves, of_quarters = interval.of_wandering(1.0, [1.5, 0.0, 0.0]), interval.of_wandering(1.0, [0.0, 1.5, 1.5])
+    assert of_halves == pytest.approx(of_quarters)
+    assert of_halves[1] > interval.of_wandering(1.0, [1.0, 0.0, 0.0])[1] > interval.of_wandering(1.0, [0.0] * 3)[1]
+
+
+@pytest.mark.parametrize(("half", "sigma", "wanted"), [(0.0, 0.1, 0.2), (0.3, 0.2, 0.5), (0.3, 0.0, 0.3)])
+def test_the_sigma_of_a_reference_adds_in_quadrature_twice(half, sigma, wanted):
+    assert interval.with_reference(1.0, (1.0 - half, 1.0 + half), sigma) == pytest.approx((1.0 - wanted, 1.0 + wanted))
 
 
 def test_a_jackknife_of_means_is_the_t_interval_of_the_values():
