@@ -247,7 +247,7 @@ def acc_bias_spread(run: ForwardRecord, expected: float) -> float:
     sensor keeps a tight prior, a raw one (EuRoC: 0.1 m/s^2) gets the room it needs.
     """
     found = run.state[BA : BA + 3] ** 2 + np.diag(run.after[-1])[DBA:DV]
-    return float(np.sqrt((found.sum() + expected**2) / 4.0))
+    return min(float(np.sqrt((found.sum() + expected**2) / 4.0)), max(mekf.WIDEST_BIAS, expected))
 
 
 @functools.lru_cache(maxsize=2)
