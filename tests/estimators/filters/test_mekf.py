@@ -315,13 +315,18 @@ def final(m: Motion, acc: Array, **given: float) -> Array:
     return backward.forward(data, parameters(**given), None, keep=False).state
 
 
-def test_a_hand_on_a_standing_body_is_no_bias_of_the_accelerometer() -> None:
-    """Pushes of 4 s that do not cancel, then a minute of rest; the tilt once ran away to 9 deg at rest."""
-    m = still(120.0, noise=CONSUMER)
-    push = np.where((m.t > 5.0) & (m.t < 9.0), 0.35, 0.0)[:, None] * np.array([1.0, -0.5, 0.2])
-    for name in ("mekf", "smoother"):
-        e = estimate(name, m.t, m.gyr, m.acc + push, m.mag)
-        assert inclination_deg(e.q, m.q)[m.t > 30.0].max() < 1.5
+def test_the_prior_of_a_bias_grows_in_motion_only_and_not_beyond_what_sensors_are() -> None:
+    """At rest nothing tells a bias from tilt: what a push left would be taken for more and more of it."""
+    spread = {}
+    for quiet in (0.0, 5.0):
+        state, params = running(2), parameters()
+        state[BA : BA + 3] = 1.0
+        state[layout.T], state[layout.EXPECT_TIME], state[layout.QUIET] = 0.025, 10.0, quiet
+        state[layout.EXPECTED] = 0.016**2
+        mekf.expect(state, params)
+        spread[quiet] = np.sqrt(state[layout.EXPECTED])
+    assert spread[0.0] == pytest.approx(0.05)
+    assert spread[5.0] == pytest.approx(0.016)
 
 
 def test_another_prior_says_nothing_of_the_bias_itself() -> None:
