@@ -194,7 +194,7 @@ def text(metric: str, row: str, a: Answer, true: float) -> str:
 def told(answers: dict[str, Answer], metric: str) -> list[tuple[str, str]]:
     """Pairs (better, worse) that the ranking tells apart; the answers keep their values."""
     copies = {name: replace(a, detail=dict(a.detail)) for name, a in answers.items()}
-    return ranking.family(copies, DEFINED[metric].better).told
+    return ranking.family(copies, DEFINED[metric].better).significant
 
 
 def judge_pairs(
