@@ -235,7 +235,7 @@ def accused(log: FlightLog, checks: Iterable[Check], ref: Reference) -> list[tup
         if check.name == "second source" and f"{log.onboard} is wrong" in check.text:
             found.append((check.name, check.about, check.t or 0.0, end, check.text))
     if ref.refused.get("onboard", "") not in ("", ref.wrong_heading):  # a wrong heading has its own check
-        found.append(("refused", "tilt", 0.0, end, why))
+        found.append(("refused", "tilt", 0.0, end, ref.refused["onboard"]))
     return found
 
 
