@@ -69,7 +69,7 @@ class Measurements:
     def between(self, t0: float, t1: float) -> Measurements | None:
         """The samples with t0 <= t <= t1; None if there is none."""
         a, b = np.searchsorted(self.t, [t0, np.nextafter(t1, np.inf)])
-        if a == b:
+        if a >= b:  # also for a span that ends before it begins
             return None
         if b - a == len(self.t):
             return self

@@ -76,6 +76,10 @@ def test_a_cut_keeps_what_lies_inside_with_both_ends() -> None:
     assert cut.at_rest.tolist() == [[1.0, 1.5], [1.8, 1.9]]
 
 
+def test_a_span_that_ends_before_it_begins_holds_nothing() -> None:
+    assert Measurements(T, NED).between(T[2], T[1]) is None
+
+
 def test_rest_is_yes_no_or_unknown() -> None:
     t = np.array([-1.0, 0.0, 0.5, 0.6, 2.0])
     assert Aids(at_rest=[[0.0, 0.5], [1.9, 2.5]]).resting(t).tolist() == [0, 1, 1, 0, 1]
