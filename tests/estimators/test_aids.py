@@ -77,7 +77,7 @@ def test_a_cut_keeps_what_lies_inside_with_both_ends() -> None:
 
 
 def test_a_span_that_ends_before_it_begins_holds_nothing() -> None:
-    assert Measurements(T, NED).between(T[2], T[1]) is None
+    assert Measurements(T, NED).between(1.5, 0.5) is None
 
 
 def test_rest_is_yes_no_or_unknown() -> None:
