@@ -1,4 +1,4 @@
-"""ArduPilot's own EKF: the bias that it takes off the replayed gyro, and the test ratios of its aids.
+"""ArduPilot's own EKF: the bias that it takes off the replayed gyro, test ratios of its aids, GNSS heading.
 
 GX, GY, GZ of XKF1 and NKF1 are deg/s in body axes (ArduPilot's list of log messages, and
 FMTU since 3.6), to be subtracted; IMU, GYR, IMT and RISI are logged before. EKF1 is left
@@ -7,9 +7,16 @@ the same format, which no record of the time tells apart.
 
 SV, SP, SH, SM and SVT of XKF4 and NKF4, and of EKF4 before Copter 3.4, are the roots of the test ratios in hundredths
 in all eras; the format's scale takes these out ("c" in the FMT record). Above 1 the EKF rejects.
+
+XKY0 and NKY0 (EKF-GSF, #13603 of 2020, written while velocities are fused) hold the heading from true north that
+GNSS motion shows, YC, and its one sigma, YCS. Radians before 4.3; since (#20546, April 2022) YC is degrees 0
+to 360, and YCS, though labelled deg, is sqrt(degrees(variance)) of a variance in rad^2: the estimator starts at
+2 pi / sqrt(10) rad, which is 114 deg, and such logs start at 15.04.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -18,7 +25,7 @@ from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import primary_core, unit_of_core, units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.inertial import longest_held
-from attlog.flight.model import Imu, InnovationTest, Stream
+from attlog.flight.model import Array, Imu, InnovationTest, Stream
 from attlog.formats.base import Messages, Table
 
 COLUMNS = ("GX", "GY", "GZ")
@@ -99,3 +106,41 @@ def flown(builder: LogBuilder, clock: Clock, ekf: float | None) -> tuple[Table |
     if table is None and core == 1:
         return messages.first(f"{family}F9"), f"{family}F9"
     return table, f"{family}F4:{core}"
+
+
+MOST_SIGMA_RAD = math.radians(15.0)
+"""GSF_YAW_ACCURACY_THRESHOLD_DEG of both EKFs."""
+LARGEST_ROOT = 15.1
+"""Just above what ``sqrt(degrees(variance))`` is at the start; a larger ``YCS`` is degrees."""
+
+
+def yaw_estimator(builder: LogBuilder, clock: Clock, values: dict[str, float]) -> Stream | None:
+    """Heading and its one sigma (n, 2) in rad where the EKF would use it; None where the log does not tell.
+
+    It is that of the core that was primary longest, or of the first that has one.
+    """
+    family, t_us, lanes = primary_core(builder.messages, clock, values.get("AHRS_EKF_TYPE"))
+    first = longest_held(t_us, lanes) or 0
+    for name in sorted(FAMILIES[None], key=lambda f: f != family):
+        found = {c: t for c, t in units(builder.messages, f"{name}Y0").items() if "YC" in t and "YCS" in t}
+        for core in sorted(found, key=lambda c: (c != first, c)):
+            table = found[core]
+            yaw, sigma = radians(table)
+            valid = (sigma > 0.0) & (sigma < MOST_SIGMA_RAD)
+            if not valid.any():
+                continue
+            x, source = np.column_stack([yaw, sigma])[valid], f"{table.name}:{core}"
+            within = physics.ESTIMATED_YAW
+            return builder.stream(clock.of(table)[valid], x, "rad", source, frame="NED", within=within)
+    return None
+
+
+def radians(table: Table) -> tuple[Array, Array]:
+    """Heading and one sigma (n,) in rad of the records of any era."""
+    yaw, sigma = table.value("YC"), table.value("YCS")
+    unit = table.fields["YC"].unit
+    if unit == "rad" or (unit is None and not np.any(np.abs(yaw) > 2.0 * math.pi)):
+        return yaw, sigma
+    if np.any(sigma > LARGEST_ROOT):
+        return np.radians(yaw), np.radians(sigma)
+    return np.radians(yaw), np.sqrt(np.radians(sigma**2))

@@ -57,6 +57,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
         "The onboard gyro bias", lambda: ekf.gyro_bias(builder, clock, values, imu), None
     )
     log.onboard_vibration = builder.attempt("VIBE", lambda: vibration(builder, clock, imu), None)
+    log.yaw_estimator = builder.attempt("The yaw estimator", lambda: ekf.yaw_estimator(builder, clock, values), None)
     log.clippings = builder.attempt("Clipping", lambda: clipping.clippings(builder, clock), [])
     log.innovation_tests = builder.attempt("Test ratios", lambda: ekf.innovation_tests(builder, clock, values), [])
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)

@@ -37,7 +37,7 @@ ABSENT = {
     "smoother": ("no_reference", "no smoothed attitude was built"),
     "mag": ("no_magnetometer", "the log holds no usable magnetometer heading"),
     "gnss_yaw": ("no_gnss", "the log holds no heading of a dual-antenna GNSS receiver"),
-    "yaw_estimator": ("not_applicable", "no yaw estimator of the autopilot is logged, or none is valid"),
+    "yaw_estimator": ("not_applicable", "the autopilot logged no valid yaw estimator, or the reference contradicts it"),
     "course": ("no_gnss", "needs GNSS velocity of a plane faster than 5 m/s"),
 }
 STEEP_RAD = math.radians(60.0)
