@@ -67,6 +67,8 @@ def checks(log: FlightLog, segments: Segments, reference: Reference | None = Non
     who = said_wrong(errors, str(log.onboard), listed(same), reference)
     if errors is not None and who and errors[0] < errors[1]:
         verdict = "warning"  # what flew is right
+    if not who and about == "heading" and reference is not None and reference.wrong_heading:
+        who = f"GNSS acceleration contradicts {log.onboard}"
     text += f"; {who}." if who else "; nothing here tells which is right."
     t, t_end = worst.since, worst.until
     return [Check("second source", verdict, text, round(size, 1), "deg", limit, t=t, t_end=t_end, about=about)]

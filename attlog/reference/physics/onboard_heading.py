@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from attlog.estimators.evidence.gnss_heading import HeadingOffset
+from attlog.estimators.evidence.gnss_heading import WRONG_DEG, WRONG_SIGMAS, HeadingOffset
 from attlog.flight.model import FlightLog
 from attlog.reference import clock, scoring
 from attlog.reference.physics.gnss_motion import GnssMotion, motion_of
 from attlog.segments import Segments, gaps, resets
 from attlog.segments.once import asked_once
 from attlog.segments.spans import Span, merge
+
+SAME_SIGMAS = 2.0
+"""Two 30 s are off alike up to so many joint sigmas."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +45,25 @@ def wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> WrongHead
     if whole.wrong and not any(part.told and not part.wrong for part in parts):
         return WrongHeading([(whole.t0, whole.t1)], whole)
     if off:
-        spans = list(merge((part.t0, part.t1) for part in off))
+        spans = list(merge((part.t0, part.t1) for part in [*off, *_alike(off, parts)]))
         return WrongHeading(spans, min(off, key=lambda part: part.sigma_deg), partly=any(part.sound for part in parts))
     return WrongHeading([(whole.t0, whole.t1)], whole) if whole.wrong else None
+
+
+def _alike(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list[HeadingOffset]:
+    """Neighbours of wrong 30 s that are off as far, though less clearly: they accuse nobody, but say since when."""
+    found: list[HeadingOffset] = []
+    queue = list(off)
+    while queue:
+        one = queue.pop()
+        for part in parts:
+            apart = abs((part.offset_deg - one.offset_deg + 180.0) % 360.0 - 180.0)
+            near = part.t0 <= one.t1 and part.t1 >= one.t0 and part not in found and not part.told
+            off_too = abs(part.offset_deg) > max(WRONG_DEG, WRONG_SIGMAS * part.sigma_deg)
+            if near and off_too and apart <= SAME_SIGMAS * math.hypot(part.sigma_deg, one.sigma_deg):
+                found.append(part)
+                queue.append(part)
+    return found
 
 
 @asked_once

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from attlog import segments
 from attlog.base import rotation
+from attlog.estimators.evidence.gnss_heading import HeadingOffset
 from attlog.flight.model import Clipping, FlightLog, InnovationTest, Problem
 from attlog.health import Check
 from attlog.health.findings import findings
-from attlog.health.onboard import gnss_heading
+from attlog.health.onboard import gnss_heading, sources
+from attlog.reference import choose
+from attlog.reference.physics.onboard_heading import wrong_heading
 from tests.health.test_health import good
 
 
@@ -90,3 +94,28 @@ def test_without_a_compass_the_attitude_itself_is_wrong() -> None:
     log.problems = [Problem("no_mag", "warning", "No compass is logged.")]
     found = findings(log, [checked(turned(40.0))])
     assert any(f.kind == "attitude" and "GNSS acceleration" in f.text and f.severity == "serious" for f in found)
+
+
+def part(t0: float, off: float, sigma: float, told: bool) -> HeadingOffset:
+    """30 s of a flight."""
+    return HeadingOffset(off, sigma, 0.8, 0.75 if told else 0.65, 0.1, 4.0, t0, t0 + 30.0, told, "")
+
+
+def test_neighbours_that_are_off_as_far_say_since_when_and_others_do_not() -> None:
+    right, unclear, wrong = part(0.0, 2.0, 4.0, True), part(45.0, -50.0, 12.0, False), part(60.0, -48.0, 8.0, True)
+    whole = replace(right, told=False)
+    found = wrong_heading(whole, [right, part(30.0, 45.0, 12.0, False), unclear, wrong])
+    assert found is not None
+    assert found.spans == [(45.0, 90.0)]
+    assert wrong_heading(whole, [right, unclear]) is None
+
+
+def test_a_second_source_that_differs_is_not_left_open_where_gnss_tells() -> None:
+    log = turned(40.0)
+    log.truth = None
+    flew = log.onboard_attitude
+    assert flew is not None
+    log.attitudes["second"] = replace(flew, q=rotation.turn_about_down(flew.q, np.full(len(flew.t), np.radians(-40.0))))
+    phases = segments.build(log)
+    (check,) = sources.checks(log, phases, choose(log, phases))
+    assert check.text.endswith(f"; GNSS acceleration contradicts {log.onboard}.")
