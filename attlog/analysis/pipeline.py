@@ -251,5 +251,6 @@ def summarize(ref: Reference) -> ReferenceSummary:
         reference.own_sigma_deg(ref, "inclination"),
         reference.own_sigma_deg(ref, "heading"),
         ref.heading_by,
+        reference.caveat(ref),
         ref.refused,
     )

@@ -92,12 +92,30 @@ def heading_reference_name(reference: str) -> str:
     return HEADING_REFERENCE.get(reference, ("", reference))[1]
 
 
-def against_heading(reference: str) -> str:
-    """The same in a verdict, with a warning where it is no truth."""
-    shared = reference in ("onboard", "mag")
-    return (
-        f"{heading_reference_name(reference)} (agreement, not truth)" if shared else heading_reference_name(reference)
-    )
+DOUBTS = {
+    "onboard": {"heading by GNSS": "GNSS contradicts it", "attitude jumps": "it jumps"},
+    "mag": {
+        "field": "its field is wrong",
+        "compass axes": "its axes are wrong",
+        "compass offset": "it is off",
+        "field against motors": "motors disturb it",
+    },
+}
+"""Checks that put a heading reference in doubt, in what words."""
+
+
+def against_heading(result: Result, reference: str) -> str:
+    """The same in a verdict, with a warning where it is no truth, or in doubt."""
+    name = heading_reference_name(reference)
+    return f"{name} ({heading_warning(result, reference)})" if reference in DOUBTS else name
+
+
+def heading_warning(result: Result, reference: str) -> str:
+    """That a heading which filters share, or which flew, is no truth; why it is in doubt where it failed a check."""
+    least = ("fault",) if reference == "onboard" else ("fault", "warning")
+    failed = {check.name for check in result.audit if check.verdict in least}
+    doubt = next((words for name, words in DOUBTS[reference].items() if name in failed), "")
+    return f"in doubt: {doubt}" if doubt else "agreement, not truth"
 
 
 def against_whom(result: Result, *, sigma: bool = False) -> str:

@@ -3,7 +3,7 @@
 from attlog.reference.choose import choose
 from attlog.reference.declination import measured_deg
 from attlog.reference.heading_references import heading_references
-from attlog.reference.meaning import meaning, own_sigma_deg
+from attlog.reference.meaning import caveat, meaning, own_sigma_deg
 from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, ReferenceOptions, Row
 from attlog.reference.physics.contradiction import ReferenceCheck, contradicted
 from attlog.reference.rows import onboard_rows, replayed, withhold
@@ -19,6 +19,7 @@ __all__ = [
     "ReferenceCheck",
     "ReferenceOptions",
     "Row",
+    "caveat",
     "choose",
     "contradicted",
     "expected_reference",

@@ -56,13 +56,28 @@ def choose(
     broken = sensor_faults.found(log, segments)
     if kind != "auto":
         asked = _asked(log, segments, options, kind, smooth)
-        return replace(asked, gyro_fault=gyro_fault, sensor_faults=broken)
+        doubt = asked.doubt or _doubt(log, segments, asked, faults)
+        return replace(asked, gyro_fault=gyro_fault, sensor_faults=broken, doubt=doubt)
     out |= {name: fault.why for name, fault in faults.items() if fault.of == "attitude"}
     misled = gyro_fault or next((fault.why for fault in broken.values() if fault.misleads), "")
     out |= {smoothed.NAME: misled} if misled else {}
     wrong = part_of(log, "The heading by GNSS", lambda: onboard_heading.wrong_onboard(log, segments), str)
     best = _best(log, segments, options, smooth, out, second, broken, wrong, heading)
     return replace(best, gyro_fault=gyro_fault, sensor_faults=broken, wrong_heading=wrong)
+
+
+def _doubt(log: FlightLog, segments: Segments, asked: Reference, faults: Mapping[str, turning.TurningFault]) -> str:
+    """Why a reference that was asked for would be refused; empty where it would not."""
+    if asked.kind == "smoother":
+        found = standing.residuals(log, asked, log.onboard_attitude)
+        return "" if found is None else standing.refusal(found, asked, log.onboard or "onboard")[0]
+    if asked.fault:
+        return asked.fault
+    turned = faults.get(asked.kind)
+    if turned is not None and turned.of == "attitude":
+        return turned.why
+    flew = asked.kind == "onboard" and asked.name == log.onboard
+    return onboard_heading.wrong_onboard(log, segments) if flew else ""
 
 
 def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.TurningFault]:
@@ -260,11 +275,12 @@ def _smoothed(log: FlightLog, segments: Segments, options: ReferenceOptions, smo
     used = np.isin(t, reference.t)
     reference.sigma_tilt_deg, reference.sigma_heading_deg = tilt[used], heading[used]
     reference.gyro_jumps = smoothed.gyro_jumps(estimate)
-    reference.quality = dict(estimate.quality)
+    reference.quality, reference.doubt = dict(estimate.quality), failed
     own = [smoothed.sigma_deg(reference, angle) for angle in ("inclination", "heading")]
     if not own[0] <= smoothed.USELESS_DEG and options.reference == "auto":
         return f"own tilt sigma {own[0]:.1f} deg" if np.isfinite(own[0]) else "none of its attitudes is scored"
-    text = f"its own sigma: tilt {own[0]:.2f} deg, heading {own[1]:.2f} deg (RMS)"
+    of_heading = f"heading {own[1]:.2f} deg" if own[1] < smoothed.UNKNOWN_DEG else "no heading"
+    text = f"its own sigma: tilt {own[0]:.2f} deg, {of_heading} (RMS)"
     text += f"; its own checks fail: {failed}" if failed else ""
     reference.steps.insert(1, AlignmentStep("own_sigma", text, own[0], "deg", "the smoother"))
     return reference

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from attlog.reference.model import Reference
-from attlog.reference.smoothed import sigma_deg
+from attlog.reference.smoothed import NAME, sigma_deg, unsure_of_tilt
 
 
 def meaning(ref: Reference) -> str:
@@ -21,9 +21,46 @@ def meaning(ref: Reference) -> str:
 
 
 def own_sigma_deg(ref: Reference, angle: str) -> float | None:
-    """How wrong a reference says its ``angle`` may be, RMS in deg; None for one that does not tell."""
+    """How wrong a reference says its ``angle`` may be, RMS in deg; None for one that does not tell, or borrows it."""
+    if ref.kind != "smoother" or (angle == "heading" and ref.heading_by != "own"):
+        return None
     own = sigma_deg(ref, angle)
-    return own if ref.kind == "smoother" and math.isfinite(own) else None
+    return own if math.isfinite(own) else None
+
+
+def caveat(ref: Reference) -> str:
+    """What a ranking by it has to say beside it: clauses without capital and full stop, with semicolons; may be empty.
+
+    Whether it is in doubt or would have been refused, what its heading rests on, and why no better one was taken.
+    """
+    parts = [_doubt(ref)]
+    if ref.kind == "smoother":
+        parts.append(_heading_caveat(ref))
+    if ref.kind in ("onboard", "none") and NAME in ref.refused:
+        parts.append(f"the smoother was refused: {_short(ref.refused[NAME])}")
+    return "; ".join(part for part in parts if part)
+
+
+def _doubt(ref: Reference) -> str:
+    """Why a reference that was taken all the same is in doubt."""
+    why = ref.doubt
+    if ref.kind == "smoother":
+        why = why or unsure_of_tilt(ref)
+    return f"the {ref.kind} is in doubt: {_short(why)}" if why else ""
+
+
+def _short(why: str) -> str:
+    """The first part of a reason."""
+    return why.partition(";")[0].partition(", ")[0]
+
+
+def _heading_caveat(ref: Reference) -> str:
+    """What its own heading rests on, empty where compass and motion agree; why no heading is compared."""
+    if ref.heading_by == "nobody":
+        why = str(ref.quality.get("heading_why", "")) if ref.quality.get("heading_from") == "nobody" else ""
+        return f"no heading is compared: {_short(why or ref.heading_why)}"
+    one_source = ref.heading_by == "own" and ref.quality.get("heading_from") in ("compass", "motion")
+    return heading_words(ref.quality) if one_source else ""
 
 
 def heading_words(quality: Mapping[str, float | str]) -> str:
@@ -46,6 +83,8 @@ def _of_smoother(ref: Reference) -> str:
         "nobody": "headings are not compared",
     }[ref.heading_by]
     words = heading_words(ref.quality)
+    if ref.heading_by == "onboard" and ref.quality.get("heading_from") != "nobody":
+        words = ref.heading_why
     rests = f" {words[0].upper()}{words[1:]}." if words else ""
     return (
         "Smoother: an estimate from both sides of each moment, from all sensors of the log, with the same IMU as the "

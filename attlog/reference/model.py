@@ -131,6 +131,8 @@ class Reference:
     trim: Array | None = None
     clock: Literal["sample", "publication"] = "sample"
     fault: str = ""
+    doubt: str = ""
+    """Why one that the user asked for would have been refused; empty where it would not."""
     refused: dict[str, str] = field(default_factory=dict)
     onboard_error: str = ""
     """What is in error of the onboard attitude, which then is compared with nowhere; empty where nothing is."""

@@ -121,6 +121,8 @@ class ReferenceSummary:
     sigma_tilt_deg: float | None = None
     sigma_heading_deg: float | None = None
     heading_by: str = "own"
+    caveat: str = ""
+    """What a ranking by it has to say beside it, as a clause: in doubt, what its heading rests on, who was refused."""
     refused: dict[str, str] = field(default_factory=dict)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from attlog.present.cards import not_ranked
 from attlog.present.names import name_in_sentence
 from attlog.present.numbers import below, number, quantity
+from attlog.present.sentences.accuracy import caveat_part
 from attlog.present.table.table import main_table
 from attlog.result import Answer, EstimatorRow, Result, Verdict
 from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT
@@ -175,6 +176,7 @@ def figures(result: Result, verdict: Verdict) -> Iterator[str]:
     shares = {a.gyro_share for row in result.estimators for m in row.metrics.values() for a in m.values()}
     known |= {number(float(f"{share:.1g}"), "deg") for share in shares} if verdict.question == "noise" else set()
     said = re.sub(r"^Do not rely on this, .*?\. (?=[A-Z])", "", verdict.sentence)
+    said = said.removesuffix(caveat_part(result))  # the reference's own numbers
     said = re.sub(r" to show even [^;.]*", "", said)  # what is known without the log
     for m in NUMBER.finditer(said):
         if m[0].lstrip("+−") not in known and m[0] not in known:

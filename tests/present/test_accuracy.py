@@ -158,3 +158,33 @@ def test_errors_that_are_shown_alike_are_all_the_same_and_what_has_no_compass_ha
     assert "tilt errors are all 2.1° against" in said
     assert "Heading errors are all 0.40°" in said
     assert said.endswith(" Without a compass they know no north: each heading counts from the start.")
+
+
+def test_what_the_ranking_rests_on_is_said_once():
+    rows = [row("vqf", tilt(1.2, 1.6)), row("mahony", tilt(3.7, 4.0))]
+    found = against_smoother(rows)
+    found.reference.caveat = "the heading rests on the compass alone"
+    assert sentence("accuracy", found).endswith(" The heading rests on the compass alone.")
+    found.reference.caveat = "the smoother is in doubt: own tilt sigma 1.8 deg; no heading is compared"
+    assert sentence("accuracy", found).endswith(
+        " The smoother is in doubt: own tilt sigma 1.8°. No heading is compared."
+    )
+    found = made(rows)
+    found.reference.caveat = "the smoother was refused: own tilt sigma 2.3 deg"
+    assert sentence("accuracy", found).endswith(" The smoother was refused: own tilt sigma 2.3°.")
+    assert "refused" not in sentence("lag", found) + sentence("yaw_drift", found)
+
+
+def test_an_onboard_heading_that_gnss_contradicts_is_in_error_beside_its_tilt():
+    found = against_smoother([row("vqf", tilt(1.2)), row("mahony", tilt(3.7)), row("onboard", tilt(0.9))])
+    found.audit = [Check("heading by GNSS", "fault", "")]
+    assert sentence("accuracy", found).endswith("Onboard: 0.90°; its heading is in error.")
+
+
+def test_headings_against_an_onboard_heading_that_jumps_are_in_doubt():
+    rows = [row("vqf", tilt(1.2, 9.4)), row("mahony", tilt(3.7, 2.0)), row("onboard", tilt(0.5))]
+    for one in rows[:2]:
+        one.metrics["airborne"][HEAD].ranked = False
+    found = against_smoother(rows, "onboard")
+    found.audit = [Check("attitude jumps", "fault", "")]
+    assert "against onboard (in doubt: it jumps), not ranked." in sentence("accuracy", found)

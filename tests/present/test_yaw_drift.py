@@ -6,6 +6,8 @@ import pytest
 
 from attlog.metrics.answer import SpanAnswer
 from attlog.present.heading import quoted_heading_reference
+from attlog.present.sentences.brief import brief_answers
+from attlog.result import Check
 from tests.present.made import DRIFT_AIR, DRIFT_REST, absent, drift, merged, row, sentence, verdict
 from tests.present.made import result as made
 
@@ -133,3 +135,12 @@ def test_least_is_left_out_where_it_repeats_who_is_bounded_or_only_counts():
     rows += [row("d", drift(0.5)), row("e", drift(0.02))]
     assert sentence("yaw_drift", made(rows, {DRIFT_REST: ["b", "c", "d"]})).endswith(". Least: B, C and D.")
     assert "Least" not in sentence("yaw_drift", made(rows, {DRIFT_REST: ["b", "c", "d", "e"]}))
+
+
+def test_drift_against_a_compass_whose_field_is_wrong_is_in_doubt():
+    found = made([row(n, drift(v, against="mag")) for n, v in (("vqf", 1.0), ("mahony", 2.0))], reference="none")
+    assert "against the magnetometer (agreement, not truth)" in sentence("yaw_drift", found)
+    assert "against" not in brief_answers(found)["yaw_drift"].text
+    found.audit = [Check("field", "warning", "")]
+    assert "against the magnetometer (in doubt: its field is wrong)" in sentence("yaw_drift", found)
+    assert "in doubt: its field is wrong" in brief_answers(found)["yaw_drift"].text

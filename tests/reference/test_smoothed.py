@@ -21,12 +21,14 @@ from attlog.health.findings import contradiction, findings
 from attlog.reference import (
     Reference,
     ReferenceOptions,
+    caveat,
     choose,
     contradicted,
     expected_reference,
     heading_references,
     meaning,
     onboard_rows,
+    own_sigma_deg,
     scoring,
     sigma_deg,
     smoothed,
@@ -437,6 +439,34 @@ def test_the_page_says_what_a_heading_rests_on(found: Estimate, words: str) -> N
     said = meaning(chosen(flight(), found))
     assert said.endswith(words)
     assert "relative to the IMU as mounted" in said
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (made(heading_from="both"), ""),
+        (made(heading_from="compass"), "the heading rests on the compass alone"),
+        (made(heading_from="motion"), "the heading is from motion, without the compass"),
+        (made(tilt=2.0), "the smoother was refused: own tilt sigma 2.0 deg"),
+    ],
+)
+def test_a_ranking_says_in_a_clause_what_it_rests_on(found: Estimate, words: str) -> None:
+    assert caveat(chosen(flight(), found)) == words
+
+
+def test_a_smoother_that_was_asked_for_although_its_checks_fail_is_in_doubt() -> None:
+    failed = made(worst_ratio=4.0)
+    assert caveat(chosen(flight(), failed, "smoother")).startswith(
+        "the smoother is in doubt: a sensor's errors are 4.0"
+    )
+    assert caveat(chosen(flight(), made(tilt=2.0), "smoother")) == "the smoother is in doubt: own tilt sigma 2.0 deg"
+
+
+def test_a_heading_that_is_borrowed_has_no_sigma_of_the_smoothers() -> None:
+    reference = chosen(flight(), made(heading=5.0, heading_from="compass"))
+    assert own_sigma_deg(reference, "heading") is None
+    assert own_sigma_deg(reference, "inclination") == pytest.approx(0.1)
+    assert "compass alone" not in meaning(reference)
 
 
 def segment_of(seconds: float, heading_from: str, heading: float = 0.2) -> Estimate:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from attlog.cli.shared.printing import TextLine
-from attlog.present.text import clean
+from attlog.present.text import clean, typeset
 
 if TYPE_CHECKING:
     from attlog.present.table.cells import TableCell
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 GAP = "  "
 MARKS = {"*": "* none significantly better", "~": "~ not ranked", "±": "± 95 %"}
 AGAINST = {
-    "truth": "Against the logged truth.",
-    "smoother": "Against the smoother.",
-    "onboard": "Agreement with onboard, not truth.",
+    "truth": "Against the logged truth",
+    "smoother": "Against the smoother",
+    "onboard": "Agreement with onboard, not truth",
 }
 SHORTEST_NAME = 8
 
@@ -77,7 +77,7 @@ def comparison(result: Result, window: str, width: int, shown: Shown = str, verb
         names = {key: name if len(name) <= least else name[: least - 2] + ".." for key, name in names.items()}
         lines = laid_out(table.columns, table.rows, names, room, shown)
     left_out = [c.title[0].lower() + c.title[1:] for c in table.columns if c.spare > room.spare]
-    said = legend(result, table, room, width)
+    said = legend(result, table, room, width, caveat=not verbose)
     said += textwrap.wrap(f"No room for: {', '.join(left_out)}.", width) if left_out else []
     return [TextLine(line) for line in lines] + [TextLine(shown(line), "dim") for line in said]
 
@@ -96,13 +96,25 @@ def shortened(table: FilterTable) -> FilterTable:
     )
 
 
-def legend(result: Result, table: FilterTable, room: Room, width: int) -> list[str]:
+def against(result: Result, caveat: bool) -> str:
+    """What errors are against, as a sentence, with a ``caveat`` where sentences with it do not stand above."""
+    reference = result.reference
+    if reference is None or reference.choice not in AGAINST:
+        return ""
+    from attlog.present.names import against_heading
+
+    borrowed = reference.heading_by == "onboard"
+    parts = [AGAINST[reference.choice], f"headings against {against_heading(result, 'onboard')}" if borrowed else ""]
+    parts.append(typeset(reference.caveat) if caveat else "")
+    return "; ".join(part for part in parts if part) + "."
+
+
+def legend(result: Result, table: FilterTable, room: Room, width: int, *, caveat: bool) -> list[str]:
     """What errors are against and what the marks mean, those that stand in the table."""
     cells = [cell for _, row in table.rows for cell in row]
     marks = {"*": any(c.best for c in cells), "~": any(c.unranked for c in cells)}
     marks["±"] = room.halves and any(c.half for c in cells)
-    against = AGAINST.get(result.reference.choice if result.reference else "", "")
-    lines = [against] if against else []
+    lines = textwrap.wrap(against(result, caveat), width)
     for part in (text for mark, text in MARKS.items() if marks[mark]):
         if lines and len(lines[-1]) + len(GAP) + len(part) <= width:
             lines[-1] += GAP + part

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from attlog.present.contest import ColumnRanking, RankedValue, contest
-from attlog.present.names import AGREEMENT, against_whom
+from attlog.present.names import against_heading, against_whom
 from attlog.present.numbers import duration, listed
 from attlog.present.sentences.reasons import cannot
 from attlog.present.sentences.words import (
@@ -25,6 +25,8 @@ from attlog.result import Result, Verdict
 TILT, HEADING = "inclination_rmse_deg", "heading_rmse_deg"
 ONBOARD_CHECKS = ("onboard against smoother", "onboard against truth")
 """The checks that say whether the onboard attitude is in error."""
+HEADING_CHECK = "heading by GNSS"
+"""The one that says whether its heading is."""
 
 
 def accuracy_verdict(result: Result) -> Verdict:
@@ -37,6 +39,7 @@ def accuracy_verdict(result: Result) -> Verdict:
         sentence = unranked(result, tilt, heading)
     else:
         sentence = cannot(result, tilt.absent, "the log holds no attitude to compare with")
+    sentence += caveat_part(result)
     return Verdict(
         "accuracy", title(result), sentence, TILT, tilt.window, bars(tilt), left_out(tilt), notes(result, tilt)
     )
@@ -56,6 +59,12 @@ def says(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
     text += heading_part(result, tilt, heading) + no_north(result, heading) + flew(result, tilt, heading)
     gone = lost_part(lost(result))
     return text + (f" {gone}." if gone else "")
+
+
+def caveat_part(result: Result) -> str:
+    """What the ranking has to say of its reference, as sentences after a blank; empty for nothing."""
+    said = typeset(result.reference.caveat) if result.reference else ""
+    return "".join(f" {part[0].upper()}{part[1:]}." for part in said.split("; ") if part)
 
 
 def tilt_words(result: Result, *, agrees: bool) -> QuestionWords:
@@ -105,9 +114,11 @@ def flew(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
     """The errors of what flew, where something better is the reference, and whether it is in error."""
     if tilt.onboard is None:
         return ""
-    wrong = any(check.name in ONBOARD_CHECKS and check.verdict == "fault" for check in result.audit)
+    failed = {check.name for check in result.audit if check.verdict == "fault"}
+    error = "; it is in error here" if failed.intersection(ONBOARD_CHECKS) else ""
+    error = error or ("; its heading is in error" if HEADING_CHECK in failed else "")
     beside = f", heading {heading.onboard.text}" if heading.onboard else ""
-    return f" Onboard: {tilt.onboard.text}{beside}{'; it is in error here' if wrong else ''}."
+    return f" Onboard: {tilt.onboard.text}{beside}{error}."
 
 
 def heading_part(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
@@ -137,7 +148,7 @@ def no_north(result: Result, heading: ColumnRanking) -> str:
 def against_north(result: Result) -> str:
     """What headings are compared with, where that is another than what tilt is compared with."""
     shared = result.reference is not None and result.reference.heading_by == "onboard"
-    return f" against {AGREEMENT}" if shared else ""
+    return f" against {against_heading(result, 'onboard')}" if shared else ""
 
 
 def notes(result: Result, tilt: ColumnRanking) -> list[str]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from attlog.present.contest import ColumnRanking, RankedValue, contest
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
+from attlog.present.names import against_heading
 from attlog.present.numbers import counted
 from attlog.present.sentences.accuracy import TILT
 from attlog.present.sentences.lag import LAG, late_imu, zero_below
@@ -86,6 +87,8 @@ def _yaw_drift(result: Result) -> BriefAnswer:
         return _unranked(rest if rest.filters or not air.filters else air)
     drifting = [j for j in found.ranked if j.significant][::-1]
     still = [j for j in found.ranked if not j.significant]
+    against = against_heading(result, quoted_heading_reference(result)) if found is air else ""
+    where += f" against {against}:" if "in doubt" in against else ""
     return BriefAnswer(f"{where} {_significant(drifting, still)}.", _onboard(found))
 
 

@@ -53,7 +53,7 @@ def has_value(found: ColumnRanking, name: str) -> bool:
 
 def says(result: Result, rest: ColumnRanking, air: ColumnRanking, reference: str) -> str:
     """A sentence for each situation that can be determined, else why none can."""
-    in_air = f"In the air against {against_heading(reference)}"
+    in_air = f"In the air against {against_heading(result, reference)}"
     said = [
         drift_part(found, where) for found, where in ((rest, "At rest"), (air, in_air)) if found.ranked or found.filters
     ]

@@ -149,3 +149,19 @@ def test_filters_with_equal_attitudes_are_always_told_and_a_shared_equation_only
         found = " ".join(line.text for line in printed(result, "all", 80, "utf-8", verbose))
         assert "give the same attitudes in this log" in found
         assert ("share one equation" in found) == verbose
+
+
+def test_the_last_line_says_what_the_reference_rests_on_unless_a_sentence_above_does():
+    result = make_result()
+    result.reference.caveat = "the smoother was refused: own tilt sigma 2.3 deg"
+    said = " ".join(lines(result, 80, verbose=False))
+    assert "Agreement with onboard, not truth; the smoother was refused: own tilt sigma 2.3°." in said
+    assert max(map(len, lines(result, 80, verbose=False))) <= 80
+    assert "refused" not in " ".join(lines(result, 80))
+
+
+def test_borrowed_headings_are_told_in_the_last_line():
+    result = make_result()
+    result.reference.choice, result.reference.heading_by = "smoother", "onboard"
+    said = " ".join(lines(result, 80))
+    assert "Against the smoother; headings against onboard (agreement, not truth)." in said
