@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation import backward, forward
-from attlog.estimators.filters.navigation.layout import FROZEN, LIKELIHOOD, MEMORY, ROW, SUMS, WIDE, N
+from attlog.estimators.filters.navigation.layout import FROZEN, GROUPS, LIKELIHOOD, MEMORY, ROW, SUMS, WIDE, N
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.motion import padded, square
 from attlog.estimators.filters.navigation.schedule import Schedule, Timetable
@@ -111,10 +111,11 @@ class Runner:
 
     def shocks(
         self, schedule: Schedule, begin: StartState, par: Array, state: list[Array], a: int, b: int
-    ) -> tuple[Array, list[Array]]:
+    ) -> tuple[Array, list[Array], Array]:
         """Scores (b - a, 12) of a shock of the gyro bias at the nodes a to b, by what came up to b alone.
 
-        ``state`` is that before node a, which stays; returned is also the state after node b - 1.
+        ``state`` is that before node a, which stays; returned are also the state after node b - 1 and the logarithm of
+        the likelihood (8,) of the innovations of each group.
         """
         # Of a long run only these nodes' share of the memory is ever touched.
         n, m = len(self.inputs.t), len(schedule.node_at)
@@ -124,7 +125,10 @@ class Runner:
         state, store = [x.copy() for x in state], self._storage(schedule, a, b)
         used = self.run(a, b, found, state, begin, par, None, store)
         self._back(a, b, found, par, store, np.zeros(ROW), np.zeros(N * ROW), np.zeros(used), a == 0, False)
-        return found.shocks[a:b], state
+        s, nu = store["s_of"][:used], store["nu_of"][:used]
+        told = store["group"][:used]
+        by_group = np.array([-0.5 * np.sum((nu * nu / s + np.log(s))[told == g]) for g in range(GROUPS)])
+        return found.shocks[a:b], state, by_group
 
     def begun(self, schedule: Schedule, begin: StartState) -> tuple[Pass, list[Array]]:
         """A pass with nothing in it yet, and the state that :meth:`run` carries on in place."""

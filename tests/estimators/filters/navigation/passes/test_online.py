@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from attlog.base import rotation
 from attlog.estimators import estimate
 from tests.estimators.filters.navigation.made import flight, off
 
@@ -50,4 +51,12 @@ def test_a_field_that_changes_is_no_jump(made):
     m = made.motion
     field = m.mag + 6e-6 * np.outer(m.t >= WHEN, [1.0, -0.6, 0.4])
     e = estimate("eskf", m.t, m.gyr, m.acc, field, aids=made.aids)
+    assert e.quality["gyro_jumps"] == 0.0
+
+
+@pytest.mark.parametrize(("name", "deg"), [("eskf@fixed", 15.0), ("eskf", 40.0)])
+def test_a_turned_compass_that_gnss_contradicts_is_no_jump(made, name, deg):
+    m = made.motion
+    field = rotation.rotate(rotation.from_euler(0.0, 0.0, np.radians(deg)), m.mag)
+    e = estimate(name, m.t, m.gyr, m.acc, field, aids=made.aids)
     assert e.quality["gyro_jumps"] == 0.0
