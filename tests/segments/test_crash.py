@@ -15,6 +15,7 @@ from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments import crash, flags
 from attlog.segments.crash import Ending
+from attlog.segments.crash.blows import blows
 from attlog.segments.crash.scene import Scene, fastest_dps, lies, tilt_of
 from attlog.segments.spans import Span
 
@@ -227,3 +228,14 @@ def test_a_fall_to_one_side_with_motors_driven_is_a_crash_though_it_never_flew()
 def test_a_tilt_that_the_force_does_not_show_a_drift_of_either_and_a_short_lean_are_no_fall(degrees, leans, seconds):
     """Rotors push along their own axis; an attitude or an accelerometer that errs is alone with it."""
     assert fallen_endings(fallen(degrees, leans, seconds)) == []
+
+
+@pytest.mark.parametrize(("spin", "found"), [(0.0, [5.1]), (20.0, [])])
+def test_the_pull_of_a_spin_is_no_blow(spin, found):
+    """At 20 rad/s a sensor 0.1 m off the axis feels 20^2 x 0.1 / 9.81 = 4.1 g beside gravity."""
+    log = flight()
+    imu = log.imus[0]
+    part = (imu.acc.t >= 60.0) & (imu.acc.t < 60.3)
+    imu.acc.x[part] = [4.1 * 9.81, 0.0, -3.0 * 9.81]
+    imu.gyro.x[part] = [0.0, 0.0, spin]
+    assert [b.g for b in blows(imu, [(TAKE_OFF, LANDED)], 3.0)] == pytest.approx(found, abs=0.1)

@@ -11,9 +11,10 @@ import pytest
 
 import attlog
 from attlog import segments, story
-from attlog.flight.model import FlightLog, Stream, TimeLine
+from attlog.flight.model import Clipping, FlightLog, Stream, TimeLine
 from attlog.segments import Segments
-from attlog.story import Event
+from attlog.segments.crash import Ending
+from attlog.story import Event, flights, sensors
 from tests.conftest import corpus_logs
 from tests.segments.test_in_air import carried
 
@@ -234,3 +235,26 @@ def test_idling_is_no_throttle_that_was_up():
     phases = segments.build(log)
     assert "never left the ground" in story.headline(log, phases, story.events(log, phases))
     assert "throttle up" not in story.headline(log, phases, story.events(log, phases))
+
+
+def crashed(t: float) -> Ending:
+    """A blow at a time."""
+    return Ending("impact", t, t, 8.0, "g", "a blow of 8.0 g", 60.0, 200.0, ("IMU:0",))
+
+
+@pytest.mark.parametrize(
+    ("before_s", "crash", "told"), [(3.0, False, 1), (0.5, False, 0), (0.5, True, 1), (0.0, True, 0)]
+)
+def test_clipping_counts_up_to_the_touch_down_or_the_blow_of_a_crash(before_s, crash, told):
+    log, phases, _ = made()
+    end = phases.spans("airborne")[-1][1]
+    phases.endings = [crashed(end)] if crash else []
+    log.clippings = [Clipping("accelerometer", 0, "IMU:0", np.array([end - before_s]), np.array([50]), True)]
+    assert len(sensors.events(log, phases)[0]) == told
+
+
+def test_what_the_autopilot_says_of_a_crash_is_said_after_it():
+    log, phases, _ = made(texts=[(15.0, 4, "Crash: Disarming"), (23.0, 4, "Crash: Disarming again")])
+    phases.endings = [crashed(20.0)]
+    (impact,) = (e for e in flights.events(log, phases)[0] if e.kind == "impact")
+    assert [x for x in impact.evidence if x.startswith("text")] == ["text at 23.0 s: Crash: Disarming again"]
