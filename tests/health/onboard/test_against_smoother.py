@@ -56,6 +56,7 @@ def test_a_tilt_that_is_off_for_long_is_the_wrong_one_with_size_sigma_and_time()
         ((5.0, 0.0, 0.0), (30.0, 50.0), 0.1, "warning"),  # a look, but not the wrong attitude
         ((18.0, 0.0, 0.0), (30.0, 33.0), 0.1, "ok"),  # 3 s are no "for long"
         ((2.5, 0.0, 0.0), (30.0, 50.0), 0.9, "ok"),  # within three sigmas of the smoother
+        ((3.5, 0.0, 0.0), (30.0, 50.0), 0.9, "ok"),  # beyond them, within three of both
         ((0.0, 0.0, 20.0), (30.0, 50.0), 0.1, "warning"),
         ((0.0, 0.0, 60.0), (30.0, 50.0), 0.1, "fault"),
     ],
@@ -159,5 +160,17 @@ def test_a_smoother_without_gnss_accuses_of_a_small_tilt_only_where_gravity_does
         phases = segments.build(log)
         phases.segments.append(Segment("airborne", 22.0, 60.0))
         found = accusing.compared(log, phases, choose(log, phases, smooth=lambda aids=aids: made(aided_by=aids)))
+        assert found is not None
+        assert len(found.errors) == count
+
+
+def test_a_smoother_that_gravity_refutes_elsewhere_accuses_of_no_tilt_in_flight() -> None:
+    log = off(flight(), (18.0, 0.0, 0.0), 30.0, 50.0)
+    phases = segments.build(log)
+    phases.segments.append(Segment("airborne", 22.0, 60.0))
+    reference = choose(log, phases, smooth=lambda: made(tilt=0.3))
+    for refuted, count in (([], 1), ([(5.0, 15.0)], 0)):
+        reference.refuted = refuted
+        found = accusing.compared(log, phases, reference)
         assert found is not None
         assert len(found.errors) == count

@@ -119,3 +119,11 @@ def test_a_second_source_that_differs_is_not_left_open_where_gnss_tells() -> Non
     phases = segments.build(log)
     (check,) = sources.checks(log, phases, choose(log, phases))
     assert check.text.endswith(f"; GNSS acceleration contradicts {log.onboard}.")
+
+
+def test_neighbours_on_both_sides_of_south_are_off_alike() -> None:
+    """178 deg one way and 177 deg the other way are 5 deg from each other."""
+    wrong, unclear = part(60.0, 178.0, 8.0, True), part(45.0, -177.0, 12.0, False)
+    found = wrong_heading(replace(wrong, told=False), [unclear, wrong])
+    assert found is not None
+    assert found.spans == [(45.0, 90.0)]

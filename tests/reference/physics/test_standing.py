@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.reference.physics.standing import StillResiduals
+from attlog.base import rotation
+from attlog.flight.model import Attitude
+from attlog.reference import Reference
+from attlog.reference.physics.standing import StillResiduals, refusal
+from attlog.reference.physics.standing import residuals as residuals_of
+from tests.reference.flights import attitude_at, flight
 
 
 def residuals(judge: float, accused: float, sigma: float = 0.5, begin: float = 10.0) -> StillResiduals:
@@ -51,3 +56,31 @@ def test_gravity_refuses_a_judge_that_is_further_off_than_it_says(
     judge: float, accused: float, sigma: float, refused: bool
 ) -> None:
     assert bool(residuals(judge, accused, sigma).refusing()) is refused
+
+
+def judge_over(seconds: float) -> Reference:
+    """A smoother without gaps."""
+    t = np.arange(0.0, seconds, 0.1)
+    none = np.zeros(len(t), np.int64)
+    return Reference("smoother", "made", t, attitude_at(t), none, none)
+
+
+def test_a_judge_is_refused_throughout_where_little_else_is_known_of_it() -> None:
+    """Off gravity from 10 to 16.5 s: a third of 20 s, but little of 100 s."""
+    found = residuals(8.0, 1.0)
+    why, refused = refusal(found, judge_over(20.0), "ATT")
+    assert why == "standing still from 10 to 16 s it is 8.0 deg off gravity (sigma 0.5), ATT 1.0 deg"
+    assert refused == [(0.0, pytest.approx(19.9))]
+    assert refusal(found, judge_over(100.0), "ATT") == ("", [(10.0, 16.5)])
+
+
+def test_the_trim_of_vehicle_and_judge_is_no_residual() -> None:
+    """Both are attitudes of a vehicle in which the IMU sits tilted: ``q_imu (x) exp(-trim)``."""
+    log, judge, vector = flight(), judge_over(60.0), np.radians([4.0, -3.0, 0.0])
+    mount = rotation.from_rotvec(-vector)
+    judge.q, judge.trim, log.trim = rotation.multiply(judge.q, mount), vector, vector
+    onboard = Attitude(judge.t, judge.q, "ATT", has_trim=True)
+    found = residuals_of(log, judge, onboard)
+    assert found is not None
+    assert found.judge == pytest.approx(0.0, abs=0.2)
+    assert found.accused == pytest.approx(0.0, abs=0.2)
