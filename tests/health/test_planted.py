@@ -119,6 +119,31 @@ def test_a_realignment_in_flight_is_told_with_size_and_time_and_one_before_armin
     assert found.about == "heading"
 
 
+def test_the_same_realignment_before_take_off_is_a_warning() -> None:
+    """Armed on the ground until after it."""
+    log, _ = flown()
+    attitude = log.onboard_attitude
+    assert attitude is not None
+    a, b = max(segments.build(log).spans("airborne"), key=lambda s: s[1] - s[0])
+    at = 0.5 * (a + b)
+    attitude.q = rotation.turn_about_down(attitude.q, np.where(attitude.t >= at, np.radians(25.0), 0.0))
+    phases = segments.build(log)
+    phases.segments = [s for s in phases.segments if s.kind != "airborne"]
+    phases.segments.append(segments.Segment("airborne", at + 5.0, b))
+    found = only(jumps.checks(log, phases), "attitude jumps")
+    assert (found.verdict, found.value) == ("warning", pytest.approx(25.0, abs=1.0))
+
+
+def test_two_headings_of_a_vehicle_that_hangs_on_its_rotors_do_not_differ() -> None:
+    """Beyond 60 deg of tilt a heading means nothing; at 50 deg it does."""
+    t = np.arange(0.0, 60.0, 0.1)
+    for pitch, since in ((50.0, True), (70.0, False)):
+        one, two = (np.tile(rotation.from_euler(0.0, np.radians(pitch), yaw), (len(t), 1)) for yaw in (0.2, 1.2))
+        found = sources.difference(Attitude(t, one, "one"), Attitude(t, two, "two"), segments.Segments())
+        assert found is not None
+        assert (found.since is not None) == since
+
+
 def test_a_second_source_that_leaves_is_told_with_its_size_and_time() -> None:
     log, phases = flown()
     flew = log.onboard_attitude

@@ -19,7 +19,9 @@ from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.health import audit
 from attlog.health.findings import findings
+from attlog.health.fits import compass, force
 from attlog.health.model import Check
+from attlog.reference import choose
 from tests.conftest import SAMPLES
 
 QUAD, COPTER = SAMPLES / "px4_steps.ulg", SAMPLES / "copter_steps_stabilize.bin"
@@ -225,3 +227,45 @@ def test_what_a_flight_cannot_tell_is_unknown_with_its_reason() -> None:
     found = checked(QUAD, blind)
     assert found["force axes"].verdict == found["force offset"].verdict == "unknown"
     assert "GNSS velocity" in found["force axes"].text
+
+
+def test_a_receiver_that_is_late_fits_as_well_as_one_that_is_not() -> None:
+    """What it shows at a time was the velocity 0.3 s before."""
+    found = []
+    for late_s in (0.0, 0.3):
+        log = deepcopy(read(QUAD))
+        for gnss in log.gnss:
+            gnss.t = gnss.t + late_s
+        phases = segments.build(read(QUAD))
+        fit = force.measured(log, phases, choose(log, phases))
+        assert fit is not None
+        assert fit.solution.x[:4] == pytest.approx([1.0, 0.0, 0.0, 1.0], abs=0.1)
+        found.append(fit.solution.scatter)
+    assert found[1] == pytest.approx(found[0], rel=0.2)
+
+
+@pytest.mark.parametrize(("since", "steady"), [(0.0, True), (0.5, False)])
+def test_iron_that_comes_during_the_flight_is_no_constant_offset(since: float, steady: bool) -> None:
+    log = deepcopy(read(QUAD))
+    phases = segments.build(log)
+    a, b = phases.spans("airborne")[0]
+    for mag in log.mags:
+        later = mag.field.t_best >= a + since * (b - a)
+        mag.field.x = mag.field.x + np.outer(later, 1e-6 * np.array([20.0, -10.0, 0.0]))
+    found = compass.measured(log, phases, choose(log, phases))
+    assert found is not None
+    assert found.steady is steady
+
+
+def test_an_onboard_heading_that_a_compass_drags_is_no_step_of_the_gyro() -> None:
+    """By 1.5 deg/s from 50 s on: about z an onboard attitude does not judge the gyro."""
+
+    def drag(log: FlightLog) -> None:
+        attitude = log.onboard_attitude
+        assert attitude is not None
+        turned = np.radians(1.5) * np.maximum(attitude.t - 50.0, 0.0)
+        attitude.q = rotation.turn_about_down(attitude.q, turned)
+
+    check = checked(COPTER, drag, truth=False)["gyro bias step"]
+    assert check.verdict == "ok"
+    assert "about x and y" in check.text
