@@ -27,6 +27,13 @@ def test_others_are_bounded_by_the_larger_end_of_their_intervals_never_less():
     )
 
 
+def test_a_drift_to_the_left_is_bounded_by_the_end_further_left():
+    """From -12 to +6 and from -0.3 to +0.1 deg/min."""
+    assert sentence("yaw_drift", made([row("a", drift(-0.1, 0.2)), row("b", drift(-3.0, 9.0))])) == (
+        "At rest, no significant drift of A and B: less than 0.30°/min to 12.0°/min."
+    )
+
+
 def test_most_and_least_come_from_the_ranking():
     rows = [row("a", drift(-4.8)), row("b", drift(2.0)), row("c", drift(0.0))]
     found = made(rows, {DRIFT_REST: ["c"]}, {DRIFT_REST: "a"})

@@ -39,6 +39,16 @@ def test_a_flag_leaves_out_what_the_estimator_itself_calls_invalid() -> None:
     np.testing.assert_allclose(stream.x[:, 0], [0.4, 0.5], rtol=1e-6)
 
 
+@pytest.mark.parametrize("selected", [0, 1])
+def test_of_two_estimators_it_is_the_selected_ones(selected: int) -> None:
+    chosen = {"timestamp": micros(5, 1.0, 11_000_000), "primary_instance": np.full(5, selected, np.uint8)}
+    tables = {("sensor_combined", 0): combined(), ("estimator_selector_status", 0): chosen, (TOPIC, 0): estimated()}
+    stream = read(tables | {(TOPIC, 1): estimated(yaw_composite=np.full(5, 1.5, np.float32))}).yaw_estimator
+    assert stream is not None
+    assert stream.source == f"{TOPIC}:{selected}"
+    np.testing.assert_allclose(stream.x[:, 0], [[0.3, 0.4, 0.5], [1.5, 1.5, 1.5]][selected], rtol=1e-6)
+
+
 @pytest.mark.parametrize("without", ["yaw_composite", "yaw_variance"])
 def test_without_yaw_or_variance_there_is_none(without: str) -> None:
     topic = {name: x for name, x in estimated().items() if name != without}
