@@ -93,7 +93,11 @@ def heading_reference_name(reference: str) -> str:
 
 
 DOUBTS = {
-    "onboard": {"heading by GNSS": "GNSS contradicts it", "attitude jumps": "it jumps"},
+    "onboard": {
+        "heading by GNSS": "GNSS contradicts it",
+        "attitude jumps": "it jumps",
+        "second source": "another source differs",
+    },
     "mag": {
         "field": "its field is wrong",
         "compass axes": "its axes are wrong",

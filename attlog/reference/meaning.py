@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from attlog.reference.model import Reference
-from attlog.reference.smoothed import NAME, sigma_deg, unsure_of_tilt
+from attlog.reference.smoothed import MOST_SIGMA_DEG, NAME, sigma_deg, unsure_of_tilt
 
 
 def meaning(ref: Reference) -> str:
@@ -37,15 +37,18 @@ def caveat(ref: Reference) -> str:
     if ref.kind == "smoother":
         parts.append(_heading_caveat(ref))
     if ref.kind in ("onboard", "none") and NAME in ref.refused:
-        parts.append(f"the smoother was refused: {_short(ref.refused[NAME])}")
+        why = ref.refused[NAME]
+        by_sensors = why in (ref.gyro_fault, *(fault.why for fault in ref.sensor_faults.values()))
+        why = "its sensors failed a check" if by_sensors else _short(why)  # the check has its own entry
+        parts.append(f"the smoother was refused: {why}")
     return "; ".join(part for part in parts if part)
 
 
 def _doubt(ref: Reference) -> str:
     """Why a reference that was taken all the same is in doubt."""
     why = ref.doubt
-    if ref.kind == "smoother":
-        why = why or unsure_of_tilt(ref)
+    if not why and ref.kind == "smoother" and unsure_of_tilt(ref):
+        why = f"its tilt sigma is above {MOST_SIGMA_DEG:.0f} deg"
     return f"the {ref.kind} is in doubt: {_short(why)}" if why else ""
 
 

@@ -175,8 +175,10 @@ def test_what_the_ranking_rests_on_is_said_once():
     assert "refused" not in sentence("lag", found) + sentence("yaw_drift", found)
 
 
-def test_an_onboard_heading_that_gnss_contradicts_is_in_error_beside_its_tilt():
+def test_an_onboard_attitude_that_was_refused_is_in_error_its_heading_where_gnss_contradicts_that():
     found = against_smoother([row("vqf", tilt(1.2)), row("mahony", tilt(3.7)), row("onboard", tilt(0.9))])
+    found.reference.refused = {"onboard": "gravity contradicts it"}
+    assert sentence("accuracy", found).endswith("Onboard: 0.90°; it is in error here.")
     found.audit = [Check("heading by GNSS", "fault", "")]
     assert sentence("accuracy", found).endswith("Onboard: 0.90°; its heading is in error.")
 

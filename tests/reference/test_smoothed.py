@@ -33,6 +33,7 @@ from attlog.reference import (
     sigma_deg,
     smoothed,
 )
+from attlog.reference.model import SensorFault
 from attlog.segments.model import Segment, Segments
 
 from .flights import RATE, SECONDS, ardupilot, attitude_at, estimate, flight, sampled
@@ -459,7 +460,17 @@ def test_a_smoother_that_was_asked_for_although_its_checks_fail_is_in_doubt() ->
     assert caveat(chosen(flight(), failed, "smoother")).startswith(
         "the smoother is in doubt: a sensor's errors are 4.0"
     )
-    assert caveat(chosen(flight(), made(tilt=2.0), "smoother")) == "the smoother is in doubt: own tilt sigma 2.0 deg"
+    assert (
+        caveat(chosen(flight(), made(tilt=2.0), "smoother"))
+        == "the smoother is in doubt: its tilt sigma is above 1 deg"
+    )
+
+
+def test_a_smoother_refused_by_its_sensors_leaves_their_names_to_the_check() -> None:
+    reference = chosen(flight(), made(tilt=2.0))
+    reference.refused["smoother"] = "the field of vehicle_magnetometer:0 points 8 deg above the level"
+    reference.sensor_faults = {"field": SensorFault(reference.refused["smoother"])}
+    assert caveat(reference) == "the smoother was refused: its sensors failed a check"
 
 
 def test_a_heading_that_is_borrowed_has_no_sigma_of_the_smoothers() -> None:

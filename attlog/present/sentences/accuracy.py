@@ -117,6 +117,8 @@ def flew(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
     failed = {check.name for check in result.audit if check.verdict == "fault"}
     error = "; it is in error here" if failed.intersection(ONBOARD_CHECKS) else ""
     error = error or ("; its heading is in error" if HEADING_CHECK in failed else "")
+    refused = result.reference is not None and "onboard" in result.reference.refused
+    error = error or ("; it is in error here" if refused else "")
     beside = f", heading {heading.onboard.text}" if heading.onboard else ""
     return f" Onboard: {tilt.onboard.text}{beside}{error}."
 
