@@ -1,18 +1,20 @@
 """Are estimators as wrong as they say? RMS of error over own sigma where the truth is known.
 
     python benchmarks/sigmas.py [--corpus DIR] [--estimators mekf,eskf,eskf@fixed,smoother] [--each]
+                                [--compass turned,offset]
 
 Sets below the corpus folder (default $ATTLOG_CORPUS): ``sitl/`` (airborne, from 15 s after the first sample on),
 ``broad/`` (motion phases), ``euroc/`` (after 20 s, tilt only). ``smoother`` runs with the aids of the log, and as
 ``smoother, no GNSS`` without; on BROAD and EuRoC there is no GNSS. Per row: pooled over the set, and the range over its
-flights. ``--each`` prints every flight: error and sigma in deg, and their ratio.
+flights. ``--compass``: ``sitl/`` once with each of these faults, of which ``turned`` is by 15 deg and ``offset`` by
+100, -60, 40 mG. ``--each`` prints every flight: error and sigma in deg, and their ratio.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +28,18 @@ from attlog.estimators import Aids, estimate
 
 Array = NDArray[np.float64]
 NO_GNSS = ", no GNSS"
+COMPASS: dict[str, Callable[[Array], Array]] = {
+    "sound": lambda field: field,
+    "turned": lambda field: rotation.rotate(rotation.from_euler(0.0, 0.0, np.radians(15.0)), field),
+    "offset": lambda field: field + 1e-7 * np.array([100.0, -60.0, 40.0]),
+}
+"""What a fault makes of the field (n, 3) in T."""
 Flight = tuple[str, dict[str, Any], Array, Array, NDArray[np.bool_]]
 """Name, arguments of ``estimate``, truth's times and attitudes, which of them are scored."""
 
 
-def simulated(root: Path) -> Iterator[Flight]:
-    """The simulated firmware flights with truth."""
+def simulated(root: Path, compass: list[str]) -> Iterator[Flight]:
+    """The simulated firmware flights with truth, once with each state of the compass."""
     for path in accuracy.flights(root):
         case, given = samples(path)
         truth = case.log.truth
@@ -40,7 +48,11 @@ def simulated(root: Path) -> Iterator[Flight]:
         flown = np.zeros(len(truth.t), bool)
         for span in case.segments.of("airborne"):
             flown |= (truth.t >= span.t0) & (truth.t <= span.t1)
-        yield path.stem, given, truth.t, truth.q, flown & (truth.t >= given["t"][0] + SCORED_S)
+        scored = flown & (truth.t >= given["t"][0] + SCORED_S)
+        for name in compass:
+            if name == "sound" or given["mag"] is not None:
+                changed = given if given["mag"] is None else given | {"mag": COMPASS[name](given["mag"])}
+                yield path.stem, changed, truth.t, truth.q, scored
 
 
 def trials(found: Iterator[accuracy.Trial]) -> Iterator[Flight]:
@@ -77,11 +89,12 @@ def main() -> None:
     parser.add_argument("--corpus", type=Path, default=os.environ.get("ATTLOG_CORPUS"), help="folder with the data")
     parser.add_argument("--estimators", default="mekf,eskf,eskf@fixed,smoother")
     parser.add_argument("--sets", default="sitl,broad,euroc")
+    parser.add_argument("--compass", default="sound")
     parser.add_argument("--each", action="store_true")
     args = parser.parse_args()
     names = [x for n in args.estimators.split(",") for x in ([n, n + NO_GNSS] if n == "smoother" else [n])]
     sets = {
-        "sitl": lambda: simulated(args.corpus),
+        "sitl": lambda: simulated(args.corpus, args.compass.split(",")),
         "broad": lambda: trials(accuracy.broad(args.corpus)),
         "euroc": lambda: trials(accuracy.euroc(args.corpus)),
     }
