@@ -87,6 +87,7 @@ def command(
     check_window(own.window)
     from attlog.compare.configurations.command_words import sorted_out, with_params
     from attlog.compare.differences.compare import compare
+    from attlog.compare.differences.same_flight import counted_once
     from attlog.fleet.sources.find import find
 
     found = sorted_out(words)
@@ -114,6 +115,9 @@ def command(
                 command=command_line(),
                 tell=LogReport(stages, len(logs), common.verbose, codes).one,
             )
+    for line in result.logs if result is not None else ():
+        if line.same_as:
+            to_stderr(f"attlog: {counted_once(line.name, line.same_as)}")
     if result is not None:
         codes |= {line.code for line in result.logs}
         page = _written(result, options.output, own.name)

@@ -40,21 +40,31 @@ def all_problems(*checks: Callable[[], object]) -> None:
         raise UsageError("\n".join(wrong))
 
 
+TELEMETRY = ".tlog"
+"""Logs of a radio come last: of one flight they have the slower IMU, and the first log of a flight counts."""
+
+
 class PreparedLogs:
-    """Logs made ready one after the other; what is wrong with one is said as it comes and kept in ``errors``."""
+    """Logs made ready one after the other; what is wrong with one is said as it comes and kept in ``errors``.
+
+    Of several logs of one flight the first is given, and the others are named on standard error.
+    """
 
     def __init__(self, paths: Sequence[Path], settings: Config) -> None:
         from attlog.fleet.sources.find import find
 
         self._settings = settings
         self._logs, self.errors = find(paths)
+        self._logs.sort(key=lambda path: path.suffix.lower() == TELEMETRY)
         self._summaries: list[dict[str, Any]] = []
 
     def __iter__(self) -> Iterator[Case]:
         """The cases; the first error is raised after the last log if there was none."""
         from attlog.analysis import prepare
+        from attlog.compare.differences.same_flight import FlightTrack, counted_once, same_flight, track_of
 
         late = list(self.errors)
+        tracks: list[FlightTrack] = []
         for log in self._logs:
             try:
                 case = prepare(log, self._settings)
@@ -65,7 +75,13 @@ class PreparedLogs:
             for wrong in late:
                 to_stderr(message(wrong, __version__))
             late.clear()
-            self._summaries.append(_about_log(case))
+            about = _about_log(case)
+            track = track_of(case.log, about["name"], about["sha256"])
+            if same := next((other for other in tracks if same_flight(track, other)), None):
+                to_stderr(f"attlog: {counted_once(track.name, same.name)}")
+                continue
+            tracks.append(track)
+            self._summaries.append(about)
             yield case
             del case
         for wrong in late if self._summaries else late[1:]:

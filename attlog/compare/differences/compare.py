@@ -16,6 +16,7 @@ from attlog.compare.differences.comparison import Comparison
 from attlog.compare.differences.one_log import LogComparison, Plan, failed, measured
 from attlog.compare.differences.over_logs import gathered
 from attlog.compare.differences.questions import asked
+from attlog.compare.differences.same_flight import repeated
 
 
 def compare(
@@ -32,8 +33,8 @@ def compare(
 
     ``config``: options as of ``attlog analyze``, its window among them; ``metrics``: other questions than the main
     ones (``all`` for every metric). A log that cannot be used is a line with its reason, the others
-    finish. ``tell`` is called with each log as it is done. UsageError for fewer than two
-    configurations or an unknown metric.
+    finish. Logs of one flight count once where they are pooled. ``tell`` is called with each log as it is
+    done. UsageError for fewer than two configurations or an unknown metric.
     """
     if len(configurations) < 2:
         raise UsageError(
@@ -54,6 +55,9 @@ def compare(
         if tell is not None:
             tell(one)
     ordered = [found[name] for name in names]
+    again = repeated([one.track for one in ordered if one.track is not None])
+    for one in ordered:
+        one.line.same_as = again.get(one.line.name, "")
     return gathered(configurations, ordered, questions, attlog=versions(), command=command, config=config.resolved())
 
 

@@ -34,7 +34,10 @@ class ConfigurationSummary:
 
 @dataclass(slots=True)
 class LogLine:
-    """One log: what it is and was compared with, or why it could not be used (``code`` as of the command line)."""
+    """One log: what it is and was compared with, or why it could not be used (``code`` as of the command line).
+
+    ``same_as`` names the log of the same flight that counts in its place where logs are pooled.
+    """
 
     name: str
     path: str
@@ -45,6 +48,7 @@ class LogLine:
     reference: str = ""
     code: int = 0
     reason: str = ""
+    same_as: str = ""
 
 
 @dataclass(slots=True)

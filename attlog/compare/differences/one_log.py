@@ -16,6 +16,7 @@ from attlog.compare.configurations.run import ConfiguredFilter
 from attlog.compare.differences.comparison import ConfigurationAnswer, LogDifference, LogLine
 from attlog.compare.differences.paired import PairedDifference, Scale, paired
 from attlog.compare.differences.questions import ComparedMetric
+from attlog.compare.differences.same_flight import FlightTrack, track_of
 from attlog.metrics.ranking import best as ranking
 from attlog.present.heading import DRIFT_AIR, QUOTED
 from attlog.present.table.rows import has_value
@@ -41,6 +42,8 @@ class LogComparison:
     trace: str = ""
     late: tuple[str, ...] = ()
     """Sentences on filters from files that took longer than they were given."""
+    track: FlightTrack | None = None
+    """What shows whether another log is of the same flight; None of a log that could not be used."""
     nothing_ran: str = ""
     """Why the first configuration failed, where all of them did."""
 
@@ -65,8 +68,10 @@ def failed(log: Path, name: str, error: Exception) -> LogComparison:
 
 def _measured(log: Path, name: str, plan: Plan) -> LogComparison:
     runs = [ConfiguredFilter(parse(text, called)) for called, text in plan.configurations]
-    result = evaluate(prepare(log, plan.options), runs, only={question.metric for question in plan.questions})
+    case = prepare(log, plan.options)
+    result = evaluate(case, runs, only={question.metric for question in plan.questions})
     facts = result.log
+    track = track_of(case.log, name, str(facts.get("sha256") or ""))
     line = LogLine(
         name,
         str(log),
@@ -79,7 +84,7 @@ def _measured(log: Path, name: str, plan: Plan) -> LogComparison:
     rows = {row.name: row for row in result.estimators}
     late = tuple(finding.text for finding in result.findings if finding.kind == TIMED_OUT)
     return read_off(
-        LogComparison(line, late=late, nothing_ran=nothing_ran(result.estimators)),
+        LogComparison(line, late=late, track=track, nothing_ran=nothing_ran(result.estimators)),
         result,
         [rows[called] for called, _ in plan.configurations],
         plan.questions,

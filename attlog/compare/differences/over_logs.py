@@ -55,7 +55,8 @@ def gathered(
         question.cells = {m.line.name: m.cells[asked.id] for m in usable}
         for c in configurations[1:]:
             each = [m.beside[asked.id][c.name] for m in usable]
-            question.contrasts.append(Contrast(c.name, each, over(each, asked.scale)))
+            once = [b for m, b in zip(usable, each, strict=True) if not m.line.same_as]
+            question.contrasts.append(Contrast(c.name, each, over(once, asked.scale)))
         if any(cell.value is not None for cells in question.cells.values() for cell in cells.values()):
             found.questions.append(question)
             found.definitions[asked.id] = metric.definition

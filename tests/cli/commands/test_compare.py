@@ -39,7 +39,7 @@ def test_the_terminal_tells_all_logs_in_a_table_and_each_log_only_when_asked() -
     short, whole = ([line.text for line in printed(found, 80, verbose)] for verbose in (False, True))
     assert " ".join(short).startswith(found.verdicts[0].lead)
     rows = {line.split("  ")[0]: line.split() for line in short}
-    assert rows["Noise in moving flight"][-4:] == ["worse", "0", "of", "1"]
+    assert rows["Noise added in moving flight"][-4:] == ["worse", "0", "of", "1"]
     assert rows["Tilt error"][-4:] == ["no", "0", "of", "2"]
     assert not any(log.name in line for line in short for log in logs)
     assert all(any(log.name in line for line in whole) for log in logs)

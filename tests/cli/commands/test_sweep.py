@@ -47,3 +47,20 @@ def test_wrong_usage_is_2_with_everything_that_is_wrong(attlog, tmp_path: Path) 
 def test_a_log_that_is_not_there_is_66(attlog, tmp_path: Path) -> None:
     done = attlog("sweep", tmp_path / "none.ulg", "mahony", "kp=1")
     assert (done.code, "none.ulg" in done.err) == (66, True)
+
+
+def test_a_flight_that_is_given_twice_is_swept_once_and_both_are_named(attlog, tmp_path: Path) -> None:
+    again = tmp_path / "again.ulg"
+    again.write_bytes(LOG.read_bytes())
+    done = attlog("sweep", LOG, again, "mahony", "kp=0.3,0.6", "-o", tmp_path, "--json")
+    assert done.code == 0, done.err
+    assert f"again.ulg and {LOG.name} are one flight: only {LOG.name} counts" in done.err
+    assert [log["name"] for log in json.loads(done.out)["logs"]] == [LOG.name]
+
+
+def test_the_log_of_a_radio_comes_last_for_of_one_flight_the_card_counts() -> None:
+    from attlog.analysis.config import Config
+    from attlog.cli.shared.prepared_logs import PreparedLogs
+
+    card, radio = SAMPLES / "copter_steps_stabilize.bin", next(SAMPLES.glob("*.tlog"))
+    assert PreparedLogs([radio, card], Config())._logs == [card, radio]

@@ -86,6 +86,22 @@ def test_one_broken_log_of_many_is_a_line_with_its_reason(tmp_path: Path) -> Non
     assert tilt.logs == 2
 
 
+def test_a_flight_that_is_given_twice_counts_once_where_logs_are_pooled(tmp_path: Path) -> None:
+    again = Path(shutil.copy(STEPS, tmp_path / "again.bin"))
+    configurations = [parse(text) for text in ["mahony:kp=0.3", "mahony:kp=0.6"]]
+    twice, once = compare([STEPS, again, TURNS], configurations), compare([STEPS, TURNS], configurations)
+    assert [line.same_as for line in twice.logs] == ["", STEPS.name, ""]
+    for metric in ("inclination_rmse_deg", "lag_ms"):
+        assert over(twice, metric, "mahony:kp=0.6") == over(once, metric, "mahony:kp=0.6")
+    assert Comparison.load(_saved(twice, tmp_path)).logs[1].same_as == STEPS.name
+
+
+def _saved(found: Comparison, folder: Path) -> Path:
+    path = folder / "found.json"
+    path.write_text(found.to_json(), encoding="utf-8")
+    return path
+
+
 @pytest.mark.slow
 def test_processes_find_what_one_process_finds(tmp_path: Path) -> None:
     configurations = [parse(text) for text in ["mahony:kp=0.3", "mahony:kp=0.6"]]
