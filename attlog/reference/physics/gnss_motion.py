@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from attlog.estimators.evidence.gnss_heading import HeadingOffset, both
 from attlog.flight.model import FlightLog, Imu
 from attlog.reference.compare import interpolate
+from attlog.reference.physics import sensor_faults
 from attlog.reference.smoothed import smoothable
 from attlog.segments import Segments, gaps
 from attlog.segments.spans import Span, complement, intersect
@@ -44,11 +45,12 @@ class GnssMotion:
 def motion_of(log: FlightLog, segments: Segments, imu: Imu | None = None) -> GnssMotion | None:
     """The motion that a log shows in flight, up to a blow; anywhere where it tells of no flight. None without GNSS.
 
-    ``imu`` is the unit that is taken, that which is replayed where it is None.
+    ``imu`` is the unit that is taken, that which is replayed where it is None. None, too, where the replayed
+    accelerometer's axes are wrong: turned force shows every heading wrong.
     """
     imu = imu or log.replay_imu
     receiver = next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
-    if imu is None or receiver is None:
+    if imu is None or receiver is None or (imu is log.replay_imu and sensor_faults.wrong_frame(log, segments)):
         return None
     fixes_t, velocity = gaps.rising(np.where(receiver.fix >= FIX_3D, receiver.t, np.nan), receiver.vel_ned)
     if len(fixes_t) < 2:

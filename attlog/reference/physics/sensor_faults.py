@@ -13,6 +13,7 @@ from attlog.flight.model import FlightLog, part_of
 from attlog.reference.model import SensorFault
 from attlog.reference.physics import compass, dip, late_force, spikes
 from attlog.segments import Segments
+from attlog.segments.once import asked_once
 
 GYRO, COMPASS, LATE, FRAME = "gyro spikes", "compass axes", "accelerometer delay", "accelerometer axes"
 
@@ -21,15 +22,25 @@ def found(log: FlightLog, segments: Segments) -> dict[str, SensorFault]:
     """The faults of the sensors that would be replayed, by name; empty where physics contradicts none."""
     attitude = log.onboard_attitude
     source = "" if log.mag is None else log.mags[log.mag].field.source
-    seen = part_of(log, "The dip of the field", lambda: dip.dips(log, segments, attitude), lambda: None)
+    seen = part_of(log, "The dip of the field", lambda: _dips(log, segments), lambda: None)
     asked: dict[str, Callable[[], SensorFault | None]] = {
         GYRO: lambda: _spikes(log),
         COMPASS: lambda: _fault(compass.other_axes(log) or dip.compass_contradicted(seen, attitude, source)),
         LATE: lambda: _late(log),
-        FRAME: lambda: _fault(dip.accelerometer_contradicted(seen, attitude)),
+        FRAME: lambda: _fault(wrong_frame(log, segments)),
     }
     made = {name: part_of(log, f"The check {name}", ask, lambda: None) for name, ask in asked.items()}
     return {name: fault for name, fault in made.items() if fault is not None}
+
+
+def wrong_frame(log: FlightLog, segments: Segments) -> str:
+    """Why the force of the replayed accelerometer is in wrong axes; empty where the field does not say so."""
+    return dip.accelerometer_contradicted(_dips(log, segments), log.onboard_attitude)
+
+
+@asked_once
+def _dips(log: FlightLog, segments: Segments) -> dip.DipAngles | None:
+    return dip.dips(log, segments, log.onboard_attitude)
 
 
 def _fault(why: str) -> SensorFault | None:
