@@ -15,6 +15,8 @@ from attlog.present.table.rows import AIR, ALL, PHASES, REST
 EVERY = ("all", "airborne", "armed", "rest", "hover", "cruise", "idle")
 PLACES = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
 """What the phases are called after a noun."""
+SHORT = PLACES | {"cruise": "moving", "idle": "idling"}
+"""The same in a title, as the table of one log has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,7 @@ def _main(name: str, places: tuple[str, ...], windows: tuple[str, ...] | None) -
     metric = named(definitions().values(), name)
     noun = metric.wording.noun if metric.wording is not None else metric.title
     added = " added" if places[0] != "rest" else ""
-    place = f"{added} {PLACES[places[0]]}" if metric.asked == "phases" else ""
+    place = f"{added} {SHORT[places[0]]}" if metric.asked == "phases" else ""
     return ComparedMetric(name, windows or places, f"{noun[:1].upper()}{noun[1:]}{place}", metric.scale)
 
 

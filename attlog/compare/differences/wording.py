@@ -124,10 +124,12 @@ def scale_title(question: Question, first: str) -> str:
 
 
 def span(view: DirectedDifference) -> str:
-    """The interval of a difference as it stands in the table: ``−31 % to −15 %``; empty without one."""
+    """The interval of a difference as it stands in the table: ``−31 to −15 %``; empty without one."""
     if view.ci95 is None:
         return ""
-    return f"{signed(view.ci95[0], view.question)} to {signed(view.ci95[1], view.question)}"
+    low, high = (signed(end, view.question) for end in view.ci95)
+    unit = "%" if view.question.scale == "ratio" else unit_sign(view.question.unit)
+    return f"{low.removesuffix(unit).rstrip()} to {high}"
 
 
 def favour(view: DirectedDifference) -> str:

@@ -56,14 +56,14 @@ def test_a_larger_lag_is_said() -> None:
 
 def test_an_interval_that_allows_a_larger_lag_is_not_called_no_more() -> None:
     found = comparison({"inclination_rmse_deg": [(-0.3, 0.1)], "lag_ms": [(2.0, 6.0)]})
-    assert found.verdicts[0].lead.endswith("and does not differ significantly from kp 0.3 in lag (−4.0 ms to +8.0 ms).")
+    assert found.verdicts[0].lead.endswith("and does not differ significantly from kp 0.3 in lag (−4.0 to +8.0 ms).")
 
 
 def test_where_nothing_is_significant_the_interval_says_how_far_apart_they_can_be() -> None:
     found = comparison({"inclination_rmse_deg": [(0.02, 0.1), (-0.03, 0.1), (0.01, 0.1)]})
     assert re.match(
         r"kp 0\.6 does not differ significantly from kp 0\.3 in tilt error "
-        r"\(−\d+ % to \+\d+ %, better on 1 of 3 logs\)\.",
+        r"\(−\d+ to \+\d+ %, better on 1 of 3 logs\)\.",
         found.verdicts[0].lead,
     )
 
