@@ -101,3 +101,14 @@ def test_in_motion_filters_add_noise_and_the_gyros_own_is_told_where_it_is_large
     )
     rows = [row(n, noise(v, "hover", gyro_share=0.0184)) for n, v in (("vqf", 0.05), ("mahony", 0.09))]
     assert "gyro itself" not in sentence("noise", made(rows, {NOISE: ["vqf"]}))
+
+
+def test_why_filters_far_from_each_other_share_a_rank_is_said_of_every_phase():
+    rows = [
+        row(n, merged(noise(0.01 * k), noise(0.01 * k, "hover", gyro_share=0.8)))
+        for k, n in enumerate(("vqf", "mahony", "madgwick"), 1)
+    ]
+    found = sentence("noise", made(rows, {NOISE: ["vqf", "mahony"]}))
+    assert found.endswith(
+        "In hover VQF and Mahony add least, 0.010° and 0.020° (the gyro's own wander is about 0.80°)."
+    )

@@ -66,10 +66,14 @@ def tilt_errors(result: Result, lead: ColumnRanking) -> str:
 
 def gyro_part(lead: ColumnRanking) -> str:
     """What the gyro itself wanders by, as a sentence after a blank, where a row adds less; else empty."""
-    share = max((j.answer.gyro_share for j in lead.ranked), default=0.0)
-    if not any(j.value < share for j in lead.ranked):
-        return ""
-    return f" The gyro itself wanders by about {quantity(float(f'{share:.1g}'), 'deg')}."
+    own = gyro_wander(lead)
+    return own and f" The gyro itself wanders by about {own}."
+
+
+def gyro_wander(found: ColumnRanking) -> str:
+    """What the gyro itself wanders by, where a row adds less and rows below it share a rank; else empty."""
+    share = max((j.answer.gyro_share for j in found.ranked), default=0.0)
+    return quantity(float(f"{share:.1g}"), "deg") if any(j.value < share for j in found.ranked) else ""
 
 
 def clause(found: ColumnRanking) -> str:
@@ -79,7 +83,9 @@ def clause(found: ColumnRanking) -> str:
     if not found.best:
         return f"no significant difference, {values(found.ranked, named=False)} added"
     adds = "adds" if len(found.best) == 1 else "add"
-    return f"{some(found.best, len(found.ranked))} {adds} least, {values(found.best)}"
+    own = gyro_wander(found)
+    beside = f" (the gyro's own wander is about {own})" if own and len(found.best) > 1 else ""
+    return f"{some(found.best, len(found.ranked))} {adds} least, {values(found.best)}{beside}"
 
 
 def notes(shown: list[ColumnRanking]) -> list[str]:
