@@ -11,7 +11,7 @@ import pytest
 from attlog import health
 from attlog.flight.model import FlightLog, Problem
 from attlog.flight.remedies import GENERAL
-from attlog.health.findings import ABOUT, OpenQuestion, findings, nothing_wrong, unusable
+from attlog.health.findings import ABOUT, OpenQuestion, autopilot, findings, nothing_wrong, unusable
 from attlog.health.findings.finding import Finding
 from attlog.health.model import Check, not_judged
 from attlog.story.event import Event
@@ -232,3 +232,30 @@ def test_every_check_has_its_row_in_the_documentation() -> None:
     named = set(re.findall(r"\bCheck\(\s*\"([^\"]+)\"", source))
     assert len(named) > 15
     assert sorted((named | set(ABOUT)) - told) == []
+
+
+def test_equal_findings_stand_in_the_order_of_time(log: FlightLog) -> None:
+    found = findings(log, [check("tea temperature", t=20.0), check("coffee temperature", t=10.0)])
+    assert [f.t for f in found] == [10.0, 20.0]
+
+
+@pytest.mark.parametrize(("percent", "leads"), [(40.0, "field against motors"), (20.0, "field")])
+def test_motors_that_bend_the_field_by_a_third_lead_what_is_said_of_a_compass(
+    log: FlightLog, percent: float, leads: str
+) -> None:
+    (one,) = findings(log, [check("field", value=70.0), check("field against motors", value=percent)])
+    assert (one.kind, one.text) == ("compass", f"{leads} is off.")
+
+
+def test_a_wrong_attitude_explains_no_vibration(log: FlightLog) -> None:
+    """The vertical force is off by the barometer too, which no attitude turns."""
+    refused = Problem("reference_contradicted", "error", "ATT is wrong.")
+    found = findings(log, [check("vertical force"), check("gravity in flight")], [refused])
+    assert {f.kind: f.evidence for f in found} == {"attitude": ["gravity in flight is off."], "vibration": []}
+
+
+def test_reports_of_a_wreck_are_notes_until_it_lifts_off_again() -> None:
+    events = [Event("impact", 10.0, "serious", "Hit the ground.")]
+    events += [Event("liftoff", t, "info", "Lifted off.") for t in (2.0, 20.0, 40.0)]
+    reports = [Finding("ekf_check", "warning", "EKF check.", t=t) for t in (5.0, 15.0, 30.0)]
+    assert [r.severity for r in autopilot.after_crashes(reports, events)] == ["warning", "note", "warning"]
