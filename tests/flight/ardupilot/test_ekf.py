@@ -64,3 +64,12 @@ def test_the_second_core_of_old_logs_stands_under_its_own_name() -> None:
 @pytest.mark.parametrize(("name", "ekf"), [("EKF1", 1.0), ("XKF1", 0.0)])
 def test_an_unknown_unit_and_an_ekf_that_did_not_fly_give_none(name: str, ekf: float) -> None:
     assert read({("IMU", 0): imu(), (name, 0): state()}, {"AHRS_EKF_TYPE": ekf}).onboard_gyro_bias is None
+
+
+def test_the_accelerometer_bias_is_that_of_the_primary_core() -> None:
+    def learned(x: float) -> dict[str, Any]:
+        return {"TimeUS": micros(20, 5.0), **{a: np.full(20, x, np.float32) for a in ("AX", "AY", "AZ")}}
+
+    stream = read(two_cores() | {("XKF2", 0): learned(0.1), ("XKF2", 1): learned(-0.3)}).acc_bias
+    assert stream is not None
+    np.testing.assert_allclose(stream.x[0], -0.3, rtol=1e-6)

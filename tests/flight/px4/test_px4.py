@@ -302,9 +302,8 @@ def test_a_compass_inside_sensor_combined_counts_only_new_values_at_their_own_ti
     assert np.median(mag.x) == pytest.approx(0.3e-4, rel=0.02)
 
 
-@pytest.mark.parametrize("new", [True, False])
-def test_positions_are_degrees_and_metres_in_both_eras(new: bool) -> None:
-    place = (47.3977, 8.5456, 488.0)
+def receiver(new: bool, place: tuple[float, float, float] = (47.3977, 8.5456, 488.0)) -> dict[str, Any]:
+    """Twenty fixes of one place, whose velocity is 0.5 m/s along each axis."""
     columns: dict[str, Any] = {"timestamp": micros(20, 5), "time_utc_usec": micros(20, 5, 1_700_000_000_000_000)}
     columns["fix_type"] = np.full(20, 3, np.uint8)
     for name in ("eph", "epv", "s_variance_m_s", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s"):
@@ -312,10 +311,23 @@ def test_positions_are_degrees_and_metres_in_both_eras(new: bool) -> None:
     names = ("latitude_deg", "longitude_deg", "altitude_msl_m") if new else ("lat", "lon", "alt")
     for name, value, factor in zip(names, place, (1, 1, 1) if new else (1e7, 1e7, 1e3), strict=True):
         columns[name] = np.full(20, value * factor, np.float64 if new else np.int32)
-    log = read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): columns})
+    return columns
+
+
+@pytest.mark.parametrize("new", [True, False])
+def test_positions_are_degrees_and_metres_in_both_eras(new: bool) -> None:
+    place = (47.3977, 8.5456, 488.0)
+    log = read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): receiver(new, place)})
     got = log.gnss[0]
     np.testing.assert_allclose([got.lat[0], got.lon[0], got.alt[0]], place, atol=1e-6)
     assert log.utc_offset == pytest.approx(1_700_000_000)
+
+
+def test_a_velocity_that_the_receiver_calls_invalid_is_none() -> None:
+    valid = np.arange(20) >= 5
+    columns = receiver(True) | {"vel_ned_valid": valid.astype(np.uint8)}
+    got = read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): columns}).gnss[0]
+    assert np.isfinite(got.vel_ned).all(axis=1).tolist() == valid.tolist()
 
 
 def test_a_switch_of_the_gyro_in_flight_is_told() -> None:
