@@ -14,7 +14,7 @@ import attlog
 from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments import crash, flags
-from attlog.segments.crash import Ending
+from attlog.segments.crash import Ending, wrecks
 from attlog.segments.crash.blows import blows
 from attlog.segments.crash.scene import Scene, fastest_dps, lies, tilt_of
 from attlog.segments.spans import Span
@@ -239,3 +239,13 @@ def test_the_pull_of_a_spin_is_no_blow(spin, found):
     imu.acc.x[part] = [4.1 * 9.81, 0.0, -3.0 * 9.81]
     imu.gyro.x[part] = [0.0, 0.0, spin]
     assert [b.g for b in blows(imu, [(TAKE_OFF, LANDED)], 3.0)] == pytest.approx(found, abs=0.1)
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_a_wreck_stands_again_when_it_is_upright_still_and_undriven(driven):
+    """Motors that turn hold a vehicle upright too, or let it fall over."""
+    log = flight(calm=True)
+    air = found_in(log)
+    air.driven = np.full(len(air.grid.t), driven)
+    stood = wrecks._stood(air.grid, air.driven, 1.0, 25.0)
+    assert (stood is None) == driven

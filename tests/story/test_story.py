@@ -258,3 +258,18 @@ def test_what_the_autopilot_says_of_a_crash_is_said_after_it():
     phases.endings = [crashed(20.0)]
     (impact,) = (e for e in flights.events(log, phases)[0] if e.kind == "impact")
     assert [x for x in impact.evidence if x.startswith("text")] == ["text at 23.0 s: Crash: Disarming again"]
+
+
+def test_a_yaw_that_is_aligned_again_while_armed_is_an_anomaly():
+    """Both cores say so within a second: one event."""
+    texts = [(t, 6, f"EKF3 IMU{core} yaw aligned") for t in (8.0, 20.0) for core in (0, 1)]
+    found = [e for e in made(texts=texts)[2] if e.kind == "realigned"]
+    assert [(e.t, e.severity) for e in found] == [(8.0, "info"), (20.0, "warning")]
+
+
+@pytest.mark.parametrize(("after_s", "severity"), [(-5.0, "warning"), (0.5, "warning"), (3.0, "note")])
+def test_a_kill_switch_in_flight_or_with_its_end_is_a_warning_and_on_the_ground_a_note(after_s, severity):
+    end = made()[1].spans("airborne")[-1][1]
+    _, _, events = made(texts=[(end + after_s, 4, "Kill switch engaged")], armed=None)
+    (said,) = (e for e in events if e.kind == "failsafe")
+    assert (said.t, said.severity) == (end + after_s, severity)
