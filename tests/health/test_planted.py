@@ -89,6 +89,22 @@ def test_a_field_that_follows_the_throttle_is_told_in_percent(share: float, verd
     assert found.value == pytest.approx(100 * abs(share) / min(1.0, 1.0 + share), rel=0.1)
 
 
+def test_of_current_and_throttle_the_one_that_bends_the_field_counts() -> None:
+    """A current that follows nothing stands before a throttle by which the field doubles."""
+    rng = np.random.default_rng(2)
+    t = np.arange(0.0, 60.0, 0.1)
+    throttle = 0.5 + 0.3 * np.sin(0.3 * t)
+    field = 40e-6 * (0.5 + throttle)
+    log, _ = flown()
+    x = np.column_stack([field, np.zeros_like(t), np.zeros_like(t)]) + 0.1e-6 * rng.normal(size=(len(t), 3))
+    log.mags[0].field, log.mag = Stream(t, x, "T", "FRD", "mag"), 0
+    log.battery = Stream(t, np.column_stack([0 * t + 15.0, 10.0 + 5.0 * np.cos(1.7 * t)]), "V A", "", "battery")
+    log.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
+    (found,) = interference.checks(log, segments.Segments([segments.Segment("armed", 0.0, 60.0)]))
+    assert found.verdict == "fault"
+    assert "with the throttle" in found.text
+
+
 def test_a_field_that_does_not_follow_the_throttle_is_good_however_it_varies() -> None:
     t = np.arange(0.0, 60.0, 0.1)
     seen = interference.follow(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from attlog import segments
-from attlog.flight.model import FlightLog, Mag, Stream
+from attlog.flight.model import FlightLog, Gnss, Mag, Stream
 from attlog.health.findings import unusable
 from attlog.health.model import Check
 from attlog.health.sensors import frozen
@@ -83,3 +83,19 @@ def test_values_without_a_number_are_no_value_that_stays() -> None:
     x = np.full_like(log.mags[log.mag].field.x, np.nan)
     log.mags[log.mag] = Mag(0, Stream(log.mags[log.mag].field.t, x, "T", "FRD", "MAG"))
     assert found(log)["frozen sensors"].verdict == "ok"
+
+
+@pytest.mark.parametrize(("climbs", "verdict"), [((0.0, 20.0), "ok"), ((30.0, 60.0), "warning")])
+def test_a_barometer_stands_still_where_the_vehicle_rises_in_flight_and_not_where_gnss_finds_its_height(
+    climbs: tuple[float, float], verdict: str
+) -> None:
+    log = moving()
+    t = np.arange(0.0, 60.0, 0.1)
+    log.baro = [Stream(t, np.full((len(t), 1), 3.0), "m", "", "BARO:0")]
+    height, one = np.interp(t, climbs, [0.0, 40.0]), np.ones(len(t))
+    log.gnss = [Gnss(0, t, "GPS", one, one, height, np.zeros((len(t), 3)), one, one, one, np.full(len(t), 3))]
+    phases = segments.build(log)
+    phases.segments = [s for s in phases.segments if s.kind != "airborne"]
+    phases.segments.append(segments.Segment("airborne", 25.0, 60.0))
+    (check,) = (c for c in frozen.checks(log, phases) if c.name == frozen.OTHERS)
+    assert check.verdict == verdict
