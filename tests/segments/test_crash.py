@@ -12,9 +12,9 @@ import pytest
 
 import attlog
 from attlog.base import rotation
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, Stream
 from attlog.segments import crash, flags
-from attlog.segments.crash import Ending, wrecks
+from attlog.segments.crash import Ending, overturns, wrecks
 from attlog.segments.crash.blows import blows
 from attlog.segments.crash.scene import Scene, fastest_dps, lies, tilt_of
 from attlog.segments.spans import Span
@@ -249,3 +249,29 @@ def test_a_wreck_stands_again_when_it_is_upright_still_and_undriven(driven):
     air.driven = np.full(len(air.grid.t), driven)
     stood = wrecks._stood(air.grid, air.driven, 1.0, 25.0)
     assert (stood is None) == driven
+
+
+@pytest.mark.parametrize(("asked_dps", "tumbles"), [(0.0, True), (200.0, True), (300.0, False), (600.0, False)])
+def test_a_fast_turn_of_which_half_was_asked_for_is_no_tumble(asked_dps, tumbles):
+    """At 500 deg/s for a second, just before the flight ends."""
+    log = flight(calm=True)
+    imu = log.imus[0]
+    imu.gyro.x[(imu.gyro.t >= 72.0) & (imu.gyro.t < 73.0), 0] = np.radians(500.0)
+    t = np.arange(0.0, 105.0, 0.02)
+    asked = np.where((t >= 71.9) & (t < 73.1), asked_dps, 0.0)
+    log.rate_setpoints = Stream(t, np.radians(np.column_stack([asked, 0 * t, 0 * t])), "rad/s", "FRD", "RATE")
+    scene = scene_of(log)
+    scene.air.spans = [(TAKE_OFF, LANDED)]
+    assert [e.t for e in overturns.tumbles(scene)] == ([pytest.approx(72.0, abs=0.01)] if tumbles else [])
+
+
+@pytest.mark.parametrize(("driven", "angle"), [(False, 60.0), (True, None)])
+def test_an_attitude_argues_with_how_it_lies_only_while_motors_push(driven, angle):
+    """The onboard attitude says level: with motors off the accelerometer is right."""
+    log = made(8.0, LANDED - 0.3, lies_deg=60.0)
+    attitude = log.attitudes["ATT"]
+    attitude.q[attitude.t > LANDED - 0.3] = [1.0, 0.0, 0.0, 0.0]
+    scene = scene_of(log)
+    scene.air.driven[:] = driven
+    found = lies(scene, LANDED - 0.3)
+    assert found == (None if angle is None else pytest.approx(angle, abs=1.0))

@@ -9,7 +9,8 @@ from attlog import segments
 from attlog.base import rotation
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, Gnss
-from attlog.reference import ReferenceCheck, ReferenceOptions, Row, choose, contradicted
+from attlog.reference import Reference, ReferenceCheck, ReferenceOptions, Row, choose, contradicted
+from attlog.reference.physics import contradiction
 from attlog.segments import Segment, Segments
 
 T = np.arange(0.0, 60.0, 0.02)
@@ -161,3 +162,12 @@ def test_a_smoother_that_stands_with_the_filter_of_its_own_model_alone_is_no_ref
     models = {f"f{k}": tilted(TURN, deg) for k, deg in enumerate(others)} | {"mekf": tilted(TURN, 8.0)}
     found = contradicted(log, log.imus[0], reference, named(models))
     assert (found is not None and "only mekf" in found[0]) is refused
+
+
+def test_the_mean_force_of_a_vehicle_whose_imu_sits_tilted_is_gravity() -> None:
+    """Attitudes are the vehicle's, ``q_imu (x) exp(-trim)``, forces the IMU's."""
+    vector = np.radians([6.0, -4.0, 0.0])
+    own, none = rotation.multiply(TURN, rotation.from_rotvec(-vector)), np.zeros(len(T), np.int64)
+    reference = Reference("onboard", "ATT", T, own, none, none, trim=vector)
+    force = contradiction._mean_force(flight(own).imus[0], reference, T, own, none, 10.0, 50.0)
+    assert force == pytest.approx([0.0, 0.0, -9.80665], abs=1e-6)
