@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.flight.magnetic import dead, turn
+from attlog.flight.magnetic import dead, spikes, turn
 from attlog.flight.model import Imu, Mag, Stream
 
 T = np.arange(0.0, 10.0, 0.01)
@@ -30,3 +30,12 @@ def test_a_field_that_never_changes_is_none_only_where_the_vehicle_turns(deg: fl
 
 def test_a_field_of_zero_is_none_whatever_the_vehicle_does() -> None:
     assert dead(compass(np.zeros(3)), None) == "all its values are zero"
+
+
+def test_a_record_three_times_as_large_or_small_as_its_neighbours_is_a_spike() -> None:
+    rng = np.random.default_rng(3)
+    field = np.array([21e-6, 2e-6, 42e-6]) * (1.0 + 0.05 * rng.standard_normal((100, 1)))
+    for k, factor in ((20, 4.0), (40, 0.2), (60, 2.0), (70, 0.5), (0, 0.2), (99, 4.0)):
+        field[k] *= factor
+    field[80], field[90] = 0.0, np.nan
+    assert np.flatnonzero(spikes(field)).tolist() == [0, 20, 40, 80, 90, 99]

@@ -475,3 +475,19 @@ def test_every_firmware_says_who_it_is(text: str, firmware: str, vehicle: str) -
 def test_an_impossible_cutoff_is_unknown(value: float) -> None:
     unit = read({("IMU", 0): imu()}, [ParamChange("INS_GYRO_FILTER", value, 1)]).imus[0]
     assert (unit.filtered, unit.gyro.delay) == ("unknown", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("banner", "column", "stored"),
+    [
+        ("ArduCopter V4.6.2 (1ebd4d99)", "ThO", 0.5),
+        ("ArduCopter V3.2.1 (36b405fb)", "ThrOut", 500.0),
+        ("ArduPlane V4.5.0 (1ebd4d99)", "ThO", 50.0),
+        ("ArduRover V4.5.0 (1ebd4d99)", "ThO", 50.0),
+    ],
+)
+def test_half_throttle_is_a_half_in_every_vehicle(banner: str, column: str, stored: float) -> None:
+    control = {"TimeUS": micros(20, 5), column: np.full(20, stored, np.float32)}
+    log = read({("IMU", 0): imu(), ("CTUN", 0): control}, texts=(Text(banner, 6, 9_000_000),))
+    assert log.throttle is not None
+    np.testing.assert_allclose(log.throttle.x, 0.5, rtol=1e-6)

@@ -341,3 +341,29 @@ def test_a_switch_of_the_gyro_in_flight_is_told() -> None:
     log = read(tables)
     assert log.imu_that_flew.value == [0, 1]
     assert "imu_switched" in {p.code for p in log.problems}
+
+
+def test_without_a_fix_neither_place_nor_velocity_counts() -> None:
+    fix = np.where(np.arange(20) < 5, 0, 3).astype(np.uint8)
+    got = read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): receiver(True) | {"fix_type": fix}})
+    known = np.isfinite(np.column_stack([got.gnss[0].lat, got.gnss[0].alt, got.gnss[0].vel_ned]))
+    assert (known == (fix >= 3)[:, None]).all()
+
+
+def test_a_counter_of_clipped_samples_tells_what_came_since_the_record_before() -> None:
+    """It stands at 40 as the log begins, and an axis may start anew."""
+    status = {"timestamp": micros(4, 1.0)}
+    status["accel_clipping"] = np.array([[40, 0, 7], [40, 2, 7], [45, 2, 0], [45, 2, 1]], np.uint32)
+    log = read({("sensor_combined", 0): combined(), ("vehicle_imu_status", 0): status})
+    (found,) = log.clippings
+    assert found.new.tolist() == [0, 2, 5, 1]
+
+
+@pytest.mark.parametrize(("bit", "name"), [(0, "compass x"), (9, "velocity north"), (15, "accelerometer bias")])
+def test_fusions_that_failed_are_named_by_their_bit(bit: int, name: str) -> None:
+    flags = np.where(np.arange(5) >= 2, 1 << bit, 0).astype(np.uint16)
+    status = {"timestamp": micros(5, 1.0, 11_000_000), "filter_fault_flags": flags}
+    log = read({("sensor_combined", 0): combined(), ("estimator_status", 0): status})
+    (found,) = (p for p in log.problems if p.code == "ekf_fault")
+    assert found.text == f"The EKF failed numerically: {name}."
+    assert found.t == pytest.approx(3.0)
