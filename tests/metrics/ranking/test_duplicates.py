@@ -99,3 +99,9 @@ def test_the_default_rows_hold_the_baseline_and_no_filter_twice():
     assert DEFAULT[-1] == "gyro"
     assert {"complementary", "mahony", "madgwick", "ekf12", "vqf"} <= set(DEFAULT)
     assert len(DEFAULT) <= 8, "more than the page shows at first"
+
+
+def test_of_several_equal_rows_the_largest_angle_is_told():
+    (group,) = alike([made("a"), made("b", turned(4e-7)), made("c", turned(1e-7))])
+    assert group.rows == ["a", "b", "c"]
+    assert group.apart_deg == pytest.approx(4e-7, rel=0.2)

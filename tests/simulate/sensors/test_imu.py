@@ -298,3 +298,14 @@ def test_a_planted_fault_acts_from_its_time_on_and_not_before(fault: dict[str, A
     assert np.array_equal(hurt.gyro[:800], well.gyro[:800])
     assert np.array_equal(hurt.acc[:800], well.acc[:800])
     assert check(hurt, well)
+
+
+def test_one_rotor_out_of_balance_shakes_by_its_own_harmonics_while_it_lasts() -> None:
+    fault = {"t": 1.0, "seconds": 1.0, "part": "rotor", "kind": "unbalanced", "factor": 5.0, "instance": 2}
+    shaking = {"harmonics": [1, 2], "gyro_dps": [3.0, 1.0], "acc_m_s2": [4.0, 2.0]}
+    unit = ImuSensor(scenario(4.0, sensors={"imu": [{"vibration": shaking}]}, fault=[fault]), 0, 5, G)
+    for t, factor in ((0.5, 1.0), (1.5, 5.0), (2.5, 1.0)):
+        unit._shake_at(t)
+        times = np.ones((1, 4, 1))
+        times[0, 2] = factor
+        np.testing.assert_allclose(unit.shake, unit.balanced * times)
