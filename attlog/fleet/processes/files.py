@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import traceback
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,6 +84,22 @@ class MessageHandler(logging.Handler):
         self._tell({STAGES[record.name]: record.getMessage()})
 
 
+@contextmanager
+def messages_to(tell: Callable[[dict[str, Any]], None]) -> Iterator[None]:
+    """A block in which stages and what is compiled are handed on, and reach nobody else."""
+    loggers = [logging.getLogger(name) for name in STAGES]
+    before = [(logger.handlers, logger.propagate, logger.level) for logger in loggers]
+    for logger in loggers:
+        logger.handlers, logger.propagate = [MessageHandler(tell)], False
+        logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        for logger, (handlers, propagate, level) in zip(loggers, before, strict=True):
+            logger.handlers, logger.propagate = handlers, propagate
+            logger.setLevel(level)
+
+
 def load_filters(specs: list[str], *, tell: Callable[[dict[str, Any]], None]) -> None:
     """Load filters into this process, which forks others that then have them; those that are compiled are told.
 
@@ -91,12 +107,8 @@ def load_filters(specs: list[str], *, tell: Callable[[dict[str, Any]], None]) ->
     """
     from attlog.analysis.preload import preload
 
-    logger, handler = logging.getLogger("attlog.compiling"), MessageHandler(tell)
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO)
-    with suppress(Exception):
+    with messages_to(tell), suppress(Exception):
         preload(specs)
-    logger.removeHandler(handler)
 
 
 def process_log(work: Work, scratch: Path, *, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
@@ -111,14 +123,10 @@ def fields_of_record(work: Work, scratch: Path, tell: Callable[[dict[str, Any]],
     """Analyse a log to files in ``scratch / "out"``; the fields of its record. An error is told by them, not raised."""
     from attlog.fleet.records.entry import index_row
 
-    for name in STAGES:
-        logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [MessageHandler(tell)], False
-        logger.setLevel(logging.INFO)
     content, out = "", scratch / "out"
     try:
         sign = _stamp(work)
-        with unchanged(Path(work.source.place)), work.source.local(scratch) as log:
+        with messages_to(tell), unchanged(Path(work.source.place)), work.source.local(scratch) as log:
             content = log.sha256
             files = analyze_to_files(
                 log.path, work.config, out, work.name, command=work.command, deterministic=work.deterministic
