@@ -42,6 +42,8 @@ def test_lags_that_can_be_measured_stand_before_the_bound_of_all_others() -> Non
     made = result([row("a", lag(40)), row("b", lag(0)), row("c", lag(3, floor=5.0))])
     assert brief("lag", made) == "A +40 ms; 2 filters below 4 ms (28 steps)."
     assert brief("lag", result([row("a", lag(0)), row("b", lag(1))])) == "All 2 filters below 2 ms (28 steps)."
+    ahead = result([row("a", lag(-40)), row("b", lag(0))])
+    assert brief("lag", ahead) == "A \N{MINUS SIGN}40 ms; B below 1 ms (28 steps)."
 
 
 def test_a_drift_is_told_where_its_interval_excludes_zero_in_the_air_only_without_a_rest() -> None:

@@ -52,3 +52,10 @@ def test_the_worse_of_what_is_measured_and_what_the_autopilot_says_is_told(
     told = Stream(np.arange(0.0, 60.0, 0.1), np.full((600, 3), own), "m/s^2", "FRD", "VIBE")
     log.onboard_vibration = told
     assert vibration.level(log, log.imus[0], [(5.0, 55.0)]).verdict == verdict
+
+
+@pytest.mark.parametrize("a", [0.4, -0.3])
+def test_a_height_that_rises_faster_and_faster_shows_an_acceleration_upwards(a: float) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    height = Stream(t, (2.0 * t + 0.5 * a * t**2)[:, None], "m", "", "BARO")
+    assert vibration._acceleration(height, (4.0, 14.0)) == pytest.approx(a, rel=1e-6)

@@ -122,3 +122,14 @@ def test_it_has_landed_when_it_does_not_sink_any_more_and_disarms_itself() -> No
     made = after(landing, seconds=3.0)
     assert (made.landed, made.armed, made.mode) == (True, True, "LAND")
     assert not after(landing, seconds=6.0).armed
+
+
+def test_what_has_not_begun_to_sink_has_not_landed() -> None:
+    """For 0.9 s after the command it still stands in the air; on the ground it is landed after 0.6 s."""
+    made = after(seconds=3.0)
+    made._commands += (Command(t=3.0, do="land"),)
+    for k in range(round(4.0 / DT)):
+        t = 3.0 + k * DT
+        sinking = 0.9 <= t - 3.0 < 2.0
+        made.step(t, DT, LEVEL, NOWHERE, np.array([0.0, 0.0, 0.5 if sinking else 0.0]), True)
+        assert made.landed == (t - 3.0 > 2.0 + 0.6 + DT) or abs(t - 5.6) < 3 * DT

@@ -1,0 +1,17 @@
+"""A log in a few lines."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.analysis import summary
+from attlog.flight.model import TimeLine
+from tests.reference.flights import flight
+
+
+def test_a_parameter_that_was_set_in_flight_is_told_with_its_last_value_where_that_is_not_the_default() -> None:
+    log = flight()
+    values = {"SET": [1.0, 3.0], "BACK": [3.0, 1.0], "SAME": [1.0], "OTHER": [2.0]}
+    log.params = {name: TimeLine(np.arange(len(v), dtype=float), v, "PARM") for name, v in values.items()}
+    log.param_defaults = dict.fromkeys(("SET", "BACK", "SAME"), 1.0)
+    assert summary._changed(log) == {"SET": [3.0, 1.0]}
