@@ -18,6 +18,7 @@ from attlog import estimators, metrics, reference, segments, story
 from attlog.analysis import choices, problems, replay
 from attlog.analysis.config import Config
 from attlog.analysis.measurement import Measurement
+from attlog.analysis.sensors import assessments
 from attlog.analysis.stages import Stages
 from attlog.analysis.summary import describe
 from attlog.analysis.unreplayed import without_replay
@@ -166,6 +167,8 @@ def evaluate(
         timing=stage.seconds,
     )
     if not only:
+        with stage("sensors"):
+            result.health = assessments(case, checks)
         result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
         result.findings = problems.all_of(case, result, checks, rows, own)
         sound = nothing_wrong(result.findings)

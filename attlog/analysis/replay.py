@@ -59,12 +59,15 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
     return rows
 
 
-def smoother(log: FlightLog, segments: Segments, options: reference.ReferenceOptions) -> Estimate:
+def smoother(
+    log: FlightLog, segments: Segments, options: reference.ReferenceOptions, *, compass: bool = True
+) -> Estimate:
     """What the whole-run smoother finds in the IMU that flew, from both sides of each moment.
 
     It knows the lag of the IMU's filters, gives the attitude of each stamp itself and does not share that lag. Each
     segment between gaps, impacts and losses of control stands for itself; those that fail their own checks are left
-    out. UsageError where that leaves too little, for a log too long, or without accelerometer.
+    out. UsageError where that leaves too little, for a log too long, or without accelerometer. Not ``compass``: as if
+    the log held none.
     """
     imu = log.replay_imu
     asked = options.reference != "auto"
@@ -79,7 +82,7 @@ def smoother(log: FlightLog, segments: Segments, options: reference.ReferenceOpt
         field = replace(field, declination_deg=north)
     aids, facts = inputs.aids_of(log, segments, imu, field), inputs.facts_of(log, segments, imu, north)
     t = imu.gyro.t_best
-    mag = None if log.mag is None else log.mags[log.mag]
+    mag = None if log.mag is None or not compass else log.mags[log.mag]
 
     def smoothed(span: Span) -> Estimate:
         use = np.flatnonzero((t >= span[0]) & (t <= span[1]))

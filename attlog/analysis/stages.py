@@ -19,6 +19,7 @@ SENTENCES = {
     "estimators": "running filters",
     "metrics": "measuring",
     "audit": "checking against physics",
+    "sensors": "assessing the sensors",
 }
 
 

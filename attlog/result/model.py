@@ -18,6 +18,7 @@ import numpy as np
 from attlog.base.files.settings_file import bytes_of
 from attlog.base.limits import MAX_RESULT_BYTES
 from attlog.base.plain import IN_JSON, NotANumber
+from attlog.health.assessments.model import Assessment
 from attlog.health.findings import Finding
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
@@ -149,6 +150,8 @@ class Result:
     """What happened, in time order, each with its evidence."""
     findings: list[Finding] = field(default_factory=list)
     audit: list[Check] = field(default_factory=list)
+    health: list[Assessment] = field(default_factory=list)
+    """Can the sensors be trusted, and what should be set."""
     segments: list[Segment] = field(default_factory=list)
     reference: ReferenceSummary | None = None
     gyro_bias: list[CommonBias] = field(default_factory=list)

@@ -1,0 +1,35 @@
+"""A prepared log as the questions about its sensors see it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.analysis import choices, replay
+from attlog.analysis.config import Config
+from attlog.base.errors import UsageError
+from attlog.flight.model import part_of
+from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, assess
+from attlog.health.model import Check
+from attlog.metrics.base import Case
+
+
+def assessments(case: Case, checks: list[Check]) -> list[Assessment]:
+    """Every question about the sensors of a prepared log; ``checks`` are those of the audit."""
+    asked = HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case))
+    return part_of(case.log, "The sensors", lambda: assess(asked), list)
+
+
+def motion_attitude(case: Case) -> MotionAttitude | None:
+    """The smoother without any compass; None where there is no velocity by GNSS or it cannot be run."""
+    if not any(np.isfinite(receiver.vel_ned).any() for receiver in case.log.gnss):
+        return None
+    try:
+        found = replay.smoother(
+            case.log, case.segments, choices.reference_options(Config.trusted(case.settings)), compass=False
+        )
+    except UsageError:
+        return None
+    segment = np.zeros(len(found.t), np.int64) if found.segment is None else np.asarray(found.segment, np.int64)
+    return MotionAttitude(
+        found.t, found.q, segment, found.aux["sigma_tilt"], found.aux["sigma_heading"], dict(found.quality)
+    )
