@@ -18,6 +18,7 @@ from attlog.flight.model import FlightLog, part_of
 from attlog.formats import Messages
 from attlog.health import answerable, audit
 from attlog.health.findings import contradiction, findings, nothing_wrong
+from attlog.health.onboard.proven_wrong import wrong_angle
 from attlog.kernels.loops import briefly
 from attlog.metrics import Case
 from attlog.metrics.evidence.common_bias import common_bias
@@ -69,7 +70,7 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     happened = story.events(log, flown)
     described = plain(describe(log, phases))  # before the findings: what breaks in it is one
     wrong = findings(log, checks, [] if chosen is None else contradiction(chosen), events=happened)
-    headline = story.headline(log, flown, happened, nothing_wrong(wrong))
+    headline = story.headline(log, flown, happened, nothing_wrong(wrong), wrong_angle(checks))
     verification = None
     if verify:
         from attlog.formats.verify import verify as compare

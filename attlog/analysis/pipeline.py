@@ -30,6 +30,7 @@ from attlog.flight.model import FlightLog, part_of
 from attlog.health import Check, audit
 from attlog.health.findings import nothing_wrong, unusable
 from attlog.health.findings.finding import of_problem
+from attlog.health.onboard.proven_wrong import wrong_angle
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.evidence.common_bias import common_bias
 from attlog.metrics.evidence.common_bias import none as no_bias
@@ -172,7 +173,8 @@ def evaluate(
         result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
         result.findings = problems.all_of(case, result, checks, rows, own)
         sound = nothing_wrong(result.findings)
-        told = partial(story.headline, case.log, case.segments, result.events, sound)
+        wrong = wrong_angle(checks)
+        told = partial(story.headline, case.log, case.segments, result.events, sound, wrong)
         result.headline = part_of(case.log, "The headline", told, str)
     return result
 

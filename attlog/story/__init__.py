@@ -9,9 +9,9 @@ from attlog.segments.model import Segments
 from attlog.segments.spans import Span
 from attlog.story import estimator, failsafes, flights, sensors, words
 from attlog.story.event import CRASHES, KINDS, Event
-from attlog.story.headline import headline
+from attlog.story.headline import WrongAngle, headline
 
-__all__ = ["CRASHES", "KINDS", "Event", "events", "headline"]
+__all__ = ["CRASHES", "KINDS", "Event", "WrongAngle", "events", "headline"]
 
 BEGUN_S = 0.5
 

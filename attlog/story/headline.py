@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,15 +37,31 @@ TOLD_FIRST = (
     "gnss_jump",
 )
 """What may explain an end, by kind."""
+THROUGHOUT_S = 10.0
+"""An angle that is wrong from so soon after the first lift-off until so shortly before the last landing."""
 
 
-def headline(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool = True) -> str:
-    """The headline. ``events``: of the flight, in time order; ``sound``: no finding is a warning.
+@dataclass(frozen=True, slots=True)
+class WrongAngle:
+    """An angle (tilt, heading) of the onboard attitude, proven wrong by ``size_deg`` from ``t`` to ``t_end`` s."""
+
+    angle: str
+    size_deg: float
+    t: float
+    t_end: float
+
+
+def headline(
+    log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool = True, wrong: WrongAngle | None = None
+) -> str:
+    """The headline. ``events``: of the flight, in time order; ``sound``: no finding is a warning; ``wrong``: what was
+    wrong with the onboard attitude in flight.
 
     The fullest wording that fits into 30 words is taken.
     """
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
-    flew, first, end = flown(log, segments, events), _first(segments, events), _end(log, segments, events, sound)
+    flew, end = flown(log, segments, events), _end(log, segments, events, sound)
+    first = _with_angle(_first(segments, events), wrong, segments)
     said = ""
     for b, c, a in itertools.product(end, first, flew):
         said = f"{who}: " + " ".join(x for x in (a, c, b) if x)
@@ -96,6 +113,17 @@ def _first(segments: Segments, events: Sequence[Event]) -> list[str]:
     }[first.kind]
     more = f" (vibration {figures(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
     return [f"{words}{more}.", f"{words}.", ""] if more else [f"{words}.", ""]
+
+
+def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments) -> list[str]:
+    """What went wrong first with an angle that was wrong in flight, which explains what the estimator did."""
+    flights = segments.spans("airborne")
+    if wrong is None or not flights:
+        return first
+    whole = wrong.t <= flights[0][0] + THROUGHOUT_S and wrong.t_end >= flights[-1][1] - THROUGHOUT_S
+    when = "throughout" if whole else f"from {wrong.t:.0f} to {wrong.t_end:.0f} s"
+    said = f"{wrong.angle.capitalize()} was {wrong.size_deg:.0f}° wrong {when}"
+    return [*(f"{said}; {text}" for text in first if text), f"{said}."]
 
 
 def _realigned(found: Sequence[Event]) -> str:

@@ -165,6 +165,19 @@ def test_nothing_went_wrong_is_said_where_no_finding_is_a_warning():
     assert "Nothing went wrong" not in story.headline(log, phases, events, sound=False)
 
 
+def test_an_angle_that_was_proven_wrong_stands_first_with_its_time():
+    log, phases, events = made()
+    (lift, land) = phases.spans("airborne")[0]
+    whole = story.WrongAngle("heading", 27.4, lift + 1.0, land - 1.0)
+    part = story.WrongAngle("tilt", 12.0, lift + 15.0, land)
+    assert "Heading was 27° wrong throughout." in story.headline(log, phases, events, False, whole)
+    assert f"Tilt was 12° wrong from {lift + 15:.0f} to {land:.0f} s." in story.headline(
+        log, phases, events, False, part
+    )
+    on_the_ground = segments.Segments()
+    assert "wrong" not in story.headline(log, on_the_ground, [], False, whole)
+
+
 def test_a_text_of_the_autopilot_in_flight_is_a_warning_and_on_the_ground_a_note():
     texts = [(2.0, 4, "[a] Compass inconsistent"), (20.0, 4, "[a] High wind lost"), (21.0, 6, "Reached command")]
     found = [(e.text, e.severity) for e in made(texts=texts)[2] if e.kind == "message"]

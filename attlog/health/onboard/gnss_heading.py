@@ -34,7 +34,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
 
 
 def _wrong(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Check:
-    size = abs(wrong.offset.offset_deg)
+    size = round(abs(wrong.offset.offset_deg), 1)  # what is printed from the value says the same
     first, last = wrong.spans[0][0], wrong.spans[-1][1]
     seconds = sum(b - a for a, b in wrong.spans)
     when = f" from {first:.0f} s to {last:.0f} s" + (f", {seconds:.0f} s in all" if len(wrong.spans) > 1 else "")
@@ -44,7 +44,7 @@ def _wrong(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Check:
     if rejected:
         evidence.append(f"The EKF rejected {rejected} then: its heading is wrong, not GNSS.")
     verdict = "fault" if size > SERIOUS_DEG else "warning"
-    return Check(NAME, verdict, text, round(size, 1), "deg", LIMIT, t=first, t_end=last, evidence=evidence)
+    return Check(NAME, verdict, text, size, "deg", LIMIT, t=first, t_end=last, evidence=evidence)
 
 
 def _rejected(log: FlightLog, segments: Segments, spans: list[Span]) -> str:
