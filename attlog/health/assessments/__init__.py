@@ -7,11 +7,24 @@ from functools import partial
 
 from attlog.base.barrier import guarded
 from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, unknown
+from attlog.health.assessments.offered import offered
+from attlog.health.assessments.topics import TOPICS, SensorQuestion
 
-__all__ = ["Assessment", "HealthCase", "MotionAttitude", "Setting", "Verdict", "assess", "unknown"]
+__all__ = [
+    "TOPICS",
+    "Assessment",
+    "HealthCase",
+    "MotionAttitude",
+    "SensorQuestion",
+    "Setting",
+    "Verdict",
+    "assess",
+    "offered",
+    "unknown",
+]
 
 QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {}
-"""By name, in the order of the table: each gives no, one or several assessments."""
+"""By name, in the order of the table: each gives no, one or several assessments, with ids of :data:`TOPICS`."""
 
 
 def assess(case: HealthCase) -> list[Assessment]:

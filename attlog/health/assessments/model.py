@@ -81,12 +81,12 @@ class MotionAttitude:
 class HealthCase:
     """What every question may look at. ``reference`` and ``checks`` are those of the analysis.
 
-    ``segments`` and ``reference`` are None where no IMU can be replayed. ``smooth`` runs the smoother without a
-    compass, at most once (``motion``).
+    ``segments`` are there without an IMU too, as far as arming, position and attitudes tell them; ``reference`` is None
+    where no IMU can be replayed. ``smooth`` runs the smoother without a compass, at most once (``motion``).
     """
 
     log: FlightLog
-    segments: Segments | None
+    segments: Segments
     reference: Reference | None
     checks: list[Check]
     smooth: Callable[[], MotionAttitude | None]
