@@ -24,9 +24,10 @@ def with_assessments(signs: Iterable[Finding], health: Iterable[Assessment]) -> 
 
 
 def troubles(health: Iterable[Assessment]) -> list[Assessment]:
-    """The assessments that are faults or warnings, faults first."""
+    """The assessments that are faults or warnings: first those with something to set, so that a finding's sentence and
+    its action are of one sensor, then faults."""
     found = [a for a in health if a.verdict in TROUBLE and a.question in TOPICS]
-    return sorted(found, key=lambda assessment: -TROUBLE.index(assessment.verdict))
+    return sorted(found, key=lambda a: (not a.settings, -TROUBLE.index(a.verdict)))
 
 
 def actions_of(health: Sequence[Assessment]) -> dict[str, str]:
