@@ -26,9 +26,9 @@ ANSWER = 10
 def printed(result: Result, window: str, width: int, encoding: str, verbose: bool = False) -> Iterator[TextLine]:
     """The lines for one log, at most ``width`` columns wide where words can be broken.
 
-    Title, headline, findings, what to set, four answers, the table; of a healthy log at most 19 lines of 80 columns. ``window``:
-    where the table looks; ``encoding``: of the output, signs that it lacks get stand-ins; ``verbose``: notes among the
-    findings and why, whole sentences instead of short answers, every column and row of the table.
+    Title, headline, findings, what to set, four answers, the table: 19 lines of 80 columns at most of a healthy log.
+    ``window``: where the table looks; ``encoding``: of the output, signs that it lacks get stand-ins; ``verbose``:
+    notes among the findings and why, whole sentences instead of short answers, every column and row of the table.
     """
     from attlog.cli.shared.sensor_table import set_line
     from attlog.present.alike import alike
