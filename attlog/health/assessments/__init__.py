@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from attlog.base.barrier import guarded
-from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, unknown
+from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, finite, unknown
 from attlog.health.assessments.offered import offered
 from attlog.health.assessments.topics import TOPICS, SensorQuestion
 
@@ -33,7 +33,7 @@ def assess(case: HealthCase) -> list[Assessment]:
     for name, answer in QUESTIONS.items():
         failed = partial(_failed, name)
         found += guarded(f"The question {name}", partial(answer, case), failed)
-    return found
+    return list(map(finite, found))
 
 
 def _failed(name: str, sentence: str) -> list[Assessment]:

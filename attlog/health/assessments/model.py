@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -58,6 +59,24 @@ class Assessment:
     why_no_setting: str = ""
     action: str = ""
     evidence: list[str] = field(default_factory=list)
+
+
+def finite(found: Assessment) -> Assessment:
+    """The assessment without numbers that are none: JSON holds no NaN, and a vehicle takes none.
+
+    With one value to set that is none all of them go, because they only fit together.
+    """
+    numbers = [found.value] if found.value is not None else []
+    lists = [numbers, list(found.ci95 or ()), found.vector, found.vector_ci95, [s.new for s in found.settings]]
+    value, ci95, vector, vector_ci95, settings = (all(map(math.isfinite, each)) for each in lists)
+    return replace(
+        found,
+        value=found.value if value else None,
+        ci95=found.ci95 if ci95 and value else None,
+        vector=found.vector if vector else [],
+        vector_ci95=found.vector_ci95 if vector and vector_ci95 else [],
+        settings=found.settings if settings else [],
+    )
 
 
 @dataclass(frozen=True, slots=True)
