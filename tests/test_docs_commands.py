@@ -88,6 +88,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with zipfile.ZipFile(folder / "more.zip", "w") as archive:
         archive.write(SAMPLES / "copter_steps_stabilize.tlog", "seven.tlog")
     (folder / "filters.toml").write_text(blocks("docs/compare.md", "toml")[0])
+    (folder / "new.param").write_text("COMPASS_OFS_X,10\n")
     (folder / "gates.toml").write_text('[gates]\n"drift_air_deg_per_min.onboard" = { max = 1000.0 }\n')
     before = [
         "attlog analyze flight.ulg --estimators gyro,mahony -o before",

@@ -118,7 +118,9 @@ def test_knowledge_of_firmwares_ends_at_flight(module: str) -> None:
     assert [t for t in texts if isinstance(t, str) and FIRMWARE_WORDS.search(t)] == []
 
 
-@pytest.mark.parametrize("command", [["--help"], ["--version"], ["analyze", "--help"], ["estimators", "--help"]])
+@pytest.mark.parametrize(
+    "command", [["--help"], ["--version"], ["analyze", "--help"], ["health", "--help"], ["estimators", "--help"]]
+)
 def test_help_imports_nothing_heavy(command: list[str]) -> None:
     heavy = {"numpy", "scipy", "numba", "pandas", "plotly", "pymavlink", "pyulog", "pyarrow", "vqf", "jinja2"}
     code = (

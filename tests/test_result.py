@@ -16,6 +16,7 @@ from attlog.base.errors import LogUnreadable, UsageError
 from attlog.base.plain import plain, rounded
 from attlog.result import SCHEMA, Answer, EstimatorRow, Result
 from tests.conftest import SAMPLES, few
+from tests.health.assessments.made import MADE
 
 LOGS = [p for p in sorted(SAMPLES.iterdir()) if p.suffix in (".ulg", ".bin", ".tlog")]
 
@@ -289,3 +290,40 @@ def test_problems_of_older_results_are_read_as_findings(written: Path, tmp_path:
     file.write_text(json.dumps(document))
     (found,) = Result.load(file).findings
     assert (found.kind, found.severity, found.t, found.action) == ("field", "serious", 3.0, "Calibrate it.")
+
+
+def test_assessments_of_sensors_read_back_and_defaults_stay_out(written: Path, tmp_path: Path) -> None:
+    result = Result.load(written)
+    result.health = list(MADE)
+    text = result.to_json(tmp_path / "a.json", deterministic=True)
+    told = json.loads(text)["health"]
+    assert told[-1] == {
+        "sensor": "GPS.0",
+        "question": "gnss_delay",
+        "verdict": "unknown",
+        "text": "The flight has too few turns.",
+    }
+    again = Result.load(tmp_path / "a.json")
+    assert again.health == MADE
+    assert again.to_json(deterministic=True) == text
+
+
+def test_a_document_without_assessments_reads_as_none(written: Path, tmp_path: Path) -> None:
+    document = json.loads(written.read_text(encoding="utf-8"))
+    document.pop("health", None)
+    for schema in (SCHEMA, "attlog-result/4"):
+        (tmp_path / "a.json").write_text(json.dumps(document | {"schema": schema}), encoding="utf-8")
+        assert Result.load(tmp_path / "a.json").health == []
+    document["health"] = [{"sensor": "MAG.0", "question": "x", "verdict": "great", "text": "x."}]
+    (tmp_path / "a.json").write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(UsageError, match="health"):
+        Result.load(tmp_path / "a.json")
+
+
+def test_the_schema_tells_what_an_assessment_holds() -> None:
+    from attlog.result.schema import schema
+
+    parts = schema()["$defs"]
+    assert parts["Assessment"]["properties"]["verdict"]["enum"] == ["ok", "warning", "fault", "unknown"]
+    assert set(parts["Setting"]["properties"]) == {"name", "old", "new", "unit"}
+    assert set(parts["Assessment"]["required"]) == {"sensor", "question", "verdict", "text"}

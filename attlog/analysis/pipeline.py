@@ -200,6 +200,21 @@ def analyze(
     return evaluate(case, traces=True, cost=True, command=command)
 
 
+def health(
+    source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
+) -> Result:
+    """What ``attlog health`` tells: headline, checks, assessments of the sensors and findings; no filter runs.
+
+    Arguments and errors as of :func:`analyze`.
+    """
+    settings, stage = Config.of(config), Stages()
+    with once():
+        with stage("read"):
+            log = choices.flight_of(source, settings)
+        replayable = log.imu is not None or not has_a_story(log)
+        return without_replay(log, settings, stage, command, _prepared(log, settings, stage) if replayable else None)
+
+
 def has_a_story(log: FlightLog) -> bool:
     """Whether a log that cannot be replayed holds something that happened at a known time."""
     armed = log.armed is not None and len(log.armed.t) > 1 and log.armed.t[-1] > log.armed.t[0]

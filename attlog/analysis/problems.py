@@ -45,7 +45,7 @@ def all_of(
     return part_of(
         case.log,
         "The findings",
-        lambda: findings(case.log, checks, own, unanswered, result.events),
+        lambda: findings(case.log, checks, own, unanswered, result.events, result.health),
         lambda: [of_problem(problem) for problem in (*case.log.problems, *own)],
     )
 

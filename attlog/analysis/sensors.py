@@ -1,4 +1,4 @@
-"""A prepared log as the questions about its sensors see it."""
+"""A log as the questions about its sensors see it, prepared for a replay or without one."""
 
 from __future__ import annotations
 
@@ -7,16 +7,23 @@ import numpy as np
 from attlog.analysis import choices, replay
 from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
-from attlog.flight.model import part_of
+from attlog.flight.model import FlightLog, part_of
 from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, assess
 from attlog.health.model import Check
 from attlog.metrics.base import Case
+from attlog.segments.model import Segments
 
 
 def assessments(case: Case, checks: list[Check]) -> list[Assessment]:
     """Every question about the sensors of a prepared log; ``checks`` are those of the audit."""
     asked = HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case))
     return part_of(case.log, "The sensors", lambda: assess(asked), list)
+
+
+def assessments_unreplayed(log: FlightLog, segments: Segments, checks: list[Check]) -> list[Assessment]:
+    """The same of a log that no filter can be run on, such as telemetry: there is no attitude to judge sensors by."""
+    asked = HealthCase(log, segments, None, checks, lambda: None)
+    return part_of(log, "The sensors", lambda: assess(asked), list)
 
 
 def motion_attitude(case: Case) -> MotionAttitude | None:

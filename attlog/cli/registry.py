@@ -15,6 +15,7 @@ COMMANDS: dict[str, tuple[str, type[Plain]]] = {
     "analyze": ("analyze", WithJson),
     "batch": ("batch", WithGates),
     "info": ("info", WithJson),
+    "health": ("health", WithJson),
     "extract": ("extract", Plain),
     "compare": ("compare", WithJson),
     "diff": ("diff", WithJson),

@@ -5,6 +5,8 @@ What stands in a result comes from here for those above it, wherever it is defin
 
 from __future__ import annotations
 
+from attlog.health.assessments import TOPICS, Assessment, Setting, offered
+from attlog.health.assessments.offered import number_text as setting_number
 from attlog.health.findings import Finding
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
@@ -22,8 +24,10 @@ __all__ = [
     "SCHEMA",
     "SCHEMA_NAME",
     "TIMED_OUT",
+    "TOPICS",
     "AlignmentStep",
     "Answer",
+    "Assessment",
     "Check",
     "CommonBias",
     "Duplicates",
@@ -34,7 +38,10 @@ __all__ = [
     "ReferenceSummary",
     "Result",
     "Segment",
+    "Setting",
     "Trace",
     "Verdict",
     "nothing_ran",
+    "offered",
+    "setting_number",
 ]

@@ -152,7 +152,7 @@ def test_analyze_is_both_halves() -> None:
             m: a.value for m, a in answers(whole, "mahony")[window].items() if not m.startswith("cost")
         }
     assert whole.config == halves.config
-    assert list(whole.timing) == ["read", "segments", "reference", "estimators", "audit", "metrics"]
+    assert list(whole.timing) == ["read", "segments", "reference", "estimators", "audit", "metrics", "sensors"]
 
 
 def test_the_result_tells_which_time_is_scored() -> None:

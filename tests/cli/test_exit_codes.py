@@ -21,17 +21,17 @@ def expect(done, code: int, *words: str) -> None:
         assert word in done.err, done.err
 
 
-@pytest.mark.parametrize("command", ["analyze", "info", "extract"])
+@pytest.mark.parametrize("command", ["analyze", "info", "health", "extract"])
 def test_a_missing_file_is_66(attlog, tmp_path, command):
     expect(attlog(command, tmp_path / "none.ulg"), 66, "none.ulg", "no such file")
 
 
-@pytest.mark.parametrize("command", ["analyze", "info", "extract"])
+@pytest.mark.parametrize("command", ["analyze", "info", "health", "extract"])
 def test_a_folder_is_66(attlog, tmp_path, command):
     expect(attlog(command, tmp_path), 66, "folder")
 
 
-@pytest.mark.parametrize("command", ["analyze", "info", "extract"])
+@pytest.mark.parametrize("command", ["analyze", "info", "health", "extract"])
 def test_standard_input_is_refused_with_the_reason(attlog, command):
     expect(attlog(command, "-"), 2, "memory-mapped")
 
@@ -46,7 +46,7 @@ STRANGE = {
 
 
 @pytest.mark.parametrize("content", STRANGE.values(), ids=STRANGE.keys())
-@pytest.mark.parametrize("command", ["analyze", "info", "extract"])
+@pytest.mark.parametrize("command", ["analyze", "info", "health", "extract"])
 def test_what_is_no_log_is_65(attlog, tmp_path, command, content):
     path = tmp_path / "strange.bin"
     path.write_bytes(content)

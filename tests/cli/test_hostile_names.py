@@ -70,6 +70,8 @@ def test_a_planted_link_is_replaced_and_not_followed(attlog, hostile, tmp_path):
         ["info"],
         ["info", "-v"],
         ["info", "--json"],
+        ["health", "-v"],
+        ["health", "--json"],
         ["analyze", "--estimators", "gyro", "-v"],
         ["analyze", "--estimators", "gyro", "--json"],
         ["extract", "nothing"],
@@ -89,7 +91,7 @@ def test_no_command_of_a_log_reaches_the_terminal(attlog, hostile, tmp_path, com
 def test_a_name_of_a_file_steers_no_terminal(attlog, tmp_path):
     log = tmp_path / "\x1b[31m\x9b\u202e[red].ulg"
     log.write_bytes(b"no log")
-    for command in ("info", "analyze", "extract", "compare"):
+    for command in ("info", "health", "analyze", "extract", "compare"):
         done = attlog(
             command,
             log,

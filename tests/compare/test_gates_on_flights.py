@@ -10,7 +10,8 @@ import attlog
 from attlog import segments
 from attlog.compare.gates import baseline
 from attlog.compare.gates import file as gate_file
-from attlog.compare.gates.gates import GateOutcome, judge
+from attlog.compare.gates.gates import judge
+from attlog.compare.gates.outcome import GateOutcome
 from tests.compare import faulty
 from tests.conftest import SAMPLES, few
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from attlog.compare.gates.gates import GateOutcome
+from attlog.compare.gates.outcome import GateOutcome
 from attlog.fleet.ci.gating import GatedLog, gated
 
 

@@ -52,6 +52,23 @@ def test_it_opens_without_a_complaint_or_a_request_and_says_what_is_wrong(index:
 
 
 @pytest.mark.slow
+def test_logs_with_a_value_to_set_have_a_tile_and_say_what_to_set(visit: Any, tmp_path: Path) -> None:
+    off = flown("off.bin")
+    assert off.row is not None
+    off.row["sensors"] = {"faults": 1, "warnings": 0, "to_set": ["COMPASS_OFS_X -12 -> 145"]}
+    shown = visit(write_index(tmp_path, [off, flown("fine.bin")]))
+    drawn(shown, 2)
+    shown.page.click(".tile.set")
+    drawn(shown, 1)
+    assert names(shown) == ["off.bin"]
+    shown.page.click("tr[data-log] .open")
+    text = shown.page.locator("tr.more").inner_text()
+    assert "1 fault" in text
+    assert "COMPASS_OFS_X -12 -> 145" in text
+    assert shown.complaints == []
+
+
+@pytest.mark.slow
 def test_words_tiles_and_lists_filter(index: Any) -> None:
     page = index.page
     page.fill("#q", "BLOW 5.2")

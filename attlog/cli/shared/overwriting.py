@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from attlog.base.errors import AttlogError, UsageError
@@ -25,12 +25,17 @@ def check(command: str, params: Mapping[str, Any]) -> None:
         if name == "output" and command not in OUTPUT_IS_A_FILE:
             continue
         for path in _words(params.get(name)):
-            if not os.path.isfile(path):
-                continue
-            if any(os.path.isfile(word) and os.path.samefile(path, word) for word in read):
-                raise UsageError(f"{option} {path}: is read by this command and would be overwritten; use another name")
-            if command != WRITES_LOGS and _is_log(path):
-                raise UsageError(f"{option} {path}: is a flight log and would be overwritten; use another name")
+            refuse(option, path, read, logs=command != WRITES_LOGS)
+
+
+def refuse(option: str, path: str, read: Iterable[str], *, logs: bool = True) -> None:
+    """UsageError where ``path``, which ``option`` would write, is a file that is read or, with ``logs``, a log."""
+    if not os.path.isfile(path):
+        return
+    if any(os.path.isfile(word) and os.path.samefile(path, word) for word in read):
+        raise UsageError(f"{option} {path}: is read by this command and would be overwritten; use another name")
+    if logs and _is_log(path):
+        raise UsageError(f"{option} {path}: is a flight log and would be overwritten; use another name")
 
 
 def _words(value: Any) -> Iterator[str]:

@@ -26,11 +26,13 @@ ANSWER = 10
 def printed(result: Result, window: str, width: int, encoding: str, verbose: bool = False) -> Iterator[TextLine]:
     """The lines for one log, at most ``width`` columns wide where words can be broken.
 
-    Title, headline, findings, four answers, the table; of a healthy log at most 19 lines of 80 columns. ``window``:
-    where the table looks; ``encoding``: of the output, signs that it lacks get stand-ins; ``verbose``: notes among the
-    findings and why, whole sentences instead of short answers, every column and row of the table.
+    Title, headline, findings, what to set, four answers, the table: 19 lines of 80 columns at most of a healthy log.
+    ``window``: where the table looks; ``encoding``: of the output, signs that it lacks get stand-ins; ``verbose``:
+    notes among the findings and why, whole sentences instead of short answers, every column and row of the table.
     """
+    from attlog.cli.shared.sensor_table import set_line
     from attlog.present.alike import alike
+    from attlog.result import offered
 
     def shown(text: str) -> str:
         return stand_in(text, encoding)
@@ -41,6 +43,8 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     found = findings(result)
     if verbose or any(not finding.is_note for finding in found):
         yield from wrong(found, shown, width, verbose)
+    name = clean(stand_in(str(result.log.get("name") or "LOG"), "utf-8"))
+    yield from (TextLine(shown(line.text)) for line in set_line(offered(result.health), name, width))
     for label, sentence in answers(result, min(width, SENTENCES) - ANSWER, verbose):
         yield from wrapped(f"{label:<{ANSWER}}", shown(sentence), width)
     table = comparison(result, window, width, shown, verbose)

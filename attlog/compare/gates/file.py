@@ -7,6 +7,9 @@ inclination_p95_deg = { max = 2.0, filters = ["mekf", "soft-*"], window = "airbo
 lag_ms = [{ max = 5 }, { max = 10, filters = ["onboard"], optional = true }]
 inclination_rmse_deg = { baseline = true }              # not worse than it
 heading_rmse_deg = { max_ratio_to_onboard = 1.2 }
+
+[gates.health]                  # of sensors: :mod:`attlog.compare.gates.sensor_file`
+compass_offset = { max = 5 }
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from attlog.base.errors import LogUnreadable, UsageError, suggestion
 from attlog.base.files.settings_file import text_of, toml_of
 from attlog.base.validation import NumberRange, Parsed, checked_or_problems
+from attlog.compare.gates import sensor_file
 from attlog.compare.gates.gates import Gate, Gates
 from attlog.compare.gates.limits import KINDS, GateLimit
 from attlog.compare.gates.rows import windows
@@ -94,15 +98,17 @@ def read(path: Path) -> Gates:
     problems += [f"{_at(path, lines, str(place[0]))}: {said}" for place, said in wrong]
     baseline = table["baseline"] if isinstance(table.get("baseline"), str) else None
     gates = []
-    for metric, one in _entries({k: v for k, v in table.items() if k not in names}):
+    for metric, one in _entries({k: v for k, v in table.items() if k not in (*names, sensor_file.KEY)}):
         gate, said_of = _gate(metric, one, path, baseline)
         problems += [f"{_at(path, lines, key or metric, metric)}: {metric}: {said}" for key, said in said_of]
         gates += [] if gate is None else [gate]
-    if not gates and not problems:
+    of_sensors, said_of_sensors = sensor_file.sensor_gates(table.get(sensor_file.KEY, {}))
+    problems += [f"{_at(path, lines, key or name, name)}: {name}: {said}" for name, key, said in said_of_sensors]
+    if not gates and not of_sensors and not problems:
         problems.append(f"{path}: [{TABLE}] holds no gate, such as lag_ms = {{ max = 5 }}")
     if problems or common is None:
         raise UsageError("\n".join(problems))
-    return Gates(tuple(gates), common.strict)
+    return Gates(tuple(gates), common.strict, tuple(of_sensors))
 
 
 def _entries(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -121,7 +127,8 @@ def _entries(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
 def _gate(metric: str, table: Any, path: Path, baseline: str | None) -> tuple[Gate | None, list[tuple[str, str]]]:
     """A gate of its table, or None and all that is wrong with it: sentences with the key that each is about."""
     if metric not in definitions():
-        return None, [("", f"there is no such metric{suggestion(metric, [*definitions(), 'baseline', 'strict'])}")]
+        near = suggestion(metric, [*definitions(), "baseline", "strict", sensor_file.KEY])
+        return None, [("", f"there is no such metric{near}")]
     if not isinstance(table, Mapping):
         return None, [("", f"is {table!r}; write {metric} = {{ max = 2.0 }}")]
     found, problems = checked_or_problems(GateTable, table, strict=True)

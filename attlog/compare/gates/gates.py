@@ -3,33 +3,31 @@
 A gate asks one metric in one window of every row that it means (:mod:`attlog.compare.gates.rows`) for one or more
 limits (:mod:`attlog.compare.gates.limits`). It fails a row that failed or diverged, whatever its numbers; it fails an
 answer that is not there, unless it is optional, in which case that is skipped and never passed; and it fails where it
-means no row. A strict set of gates also fails every row that failed or diverged and that no gate asks.
+means no row. A strict set of gates also fails every row that failed or diverged and that no gate asks. Gates of sensors
+ask assessments instead of rows (:mod:`attlog.compare.gates.sensors`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from attlog.compare.gates import limits as gate_limits
 from attlog.compare.gates import rows as gate_rows
+from attlog.compare.gates import sensors
 from attlog.compare.gates import text as gate_words
 from attlog.compare.gates.baseline import Baseline, BaselineResult
 from attlog.compare.gates.limits import GateLimit
+from attlog.compare.gates.outcome import Cause, GateOutcome, Status, worst_first
 from attlog.compare.gates.rows import LOST
+from attlog.compare.gates.sensors import SensorGate
 from attlog.metrics.answer import Answer
 from attlog.result import EstimatorRow, Result
 
-Status = Literal["passed", "failed", "skipped"]
-Cause = Literal["row", "limit", "unanswered", "no_row"]
 STATUS = "status"
 """What the check of a strict set is called."""
-ORDER = ("failed", "skipped", "passed")
-FIRST = ("row", "limit", "unanswered", "no_row", None)
-"""Causes of a failure, the worst first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,34 +48,14 @@ class Gate:
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """The gates of a file. ``strict``: rows that failed or diverged count also where no gate asks them."""
+    """The gates of a file. ``strict``: rows that failed or diverged count also where no gate asks them.
+
+    ``health``: gates of what the assessments of the sensors say.
+    """
 
     gates: tuple[Gate, ...] = ()
     strict: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class GateOutcome:
-    """What one limit of a gate said of one row.
-
-    ``check`` names gate and limit as in the file (``lag_ms@airborne max=5``), the same for every log. ``cause`` of what
-    did not pass: the ``row`` is lost, ``no_row`` is meant, the ``limit`` is exceeded, the metric is ``unanswered``.
-    ``excess``: how many times beyond the limit (1 at the limit), for the order. ``sentence`` tells it all. ``excused``:
-    passed though beyond a limit to the baseline, because the evidence does not tell it from that.
-    """
-
-    row: str
-    check: str
-    metric: str
-    window: str
-    status: Status
-    cause: Cause | None
-    value: float | None
-    unit: str
-    allowed: float | None
-    excess: float
-    sentence: str
-    excused: bool = False
+    health: tuple[SensorGate, ...] = ()
 
 
 def judge(gates: Gates, result: Result, baselines: Mapping[Path, Baseline] | None = None) -> list[GateOutcome]:
@@ -99,14 +77,10 @@ def judge(gates: Gates, result: Result, baselines: Mapping[Path, Baseline] | Non
                 text = gate_words.no_filter(names) if gate.filters is None else gate_words.no_row(pattern, names)
                 found.append(_without_value(gate, limit, pattern, "no_row", text))
             found += [_of_limit(gate, limit, row, rows, beside) for row in meant]
+    found += [outcome for gate in gates.health for outcome in sensors.judged(gate, result.health)]
     if gates.strict:
         found += [_of_row(row) for row in gate_rows.selected(rows, None)[0]]
     return worst_first(found)
-
-
-def worst_first(outcomes: Iterable[GateOutcome]) -> list[GateOutcome]:
-    """Failed before skipped before passed; lost rows first, then by how far beyond the limit."""
-    return sorted(outcomes, key=lambda o: (ORDER.index(o.status), FIRST.index(o.cause), -o.excess))
 
 
 def _of_limit(

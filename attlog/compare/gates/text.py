@@ -46,7 +46,7 @@ def measured(
     row: str, metric: str, window: str, answer: Answer, limit: GateLimit, other: Answer | None, verdict: LimitVerdict
 ) -> str:
     """A value beside its limit."""
-    unit, sign, shown = answer.unit, _with(answer.unit), quantity(answer.value, answer.unit)
+    unit, sign, shown = answer.unit, with_unit(answer.unit), quantity(answer.value, answer.unit)
     if limit.kind in ("min", "max"):
         word = "least" if limit.kind == "min" else "most"
         value = beyond_limit_text(float(answer.value or 0.0), limit.value, shown, sign)
@@ -82,6 +82,7 @@ def _side(value: float, limit: float) -> int:
     return (value > limit) - (value < limit)
 
 
-def _with(unit: str) -> str:
+def with_unit(unit: str) -> str:
+    """A unit as it stands behind a number."""
     sign = unit_sign(unit)
     return sign if not sign or sign.startswith("°") else f" {sign}"

@@ -10,7 +10,8 @@ from attlog.base.errors import LogUnreadable, UsageError
 from attlog.compare.gates import baseline
 from attlog.compare.gates import file as gate_file
 from attlog.compare.gates.baseline import Baseline
-from attlog.compare.gates.gates import GateOutcome, Gates, judge, worst_first
+from attlog.compare.gates.gates import Gates, judge
+from attlog.compare.gates.outcome import GateOutcome, worst_first
 from attlog.fleet.ci import junit
 from attlog.fleet.records.record import Record, write_record, written
 from attlog.report import gates
@@ -148,7 +149,7 @@ def gating(path: Path | None, strict: bool | None = None, output: Path | None = 
         return Gating(Gates((), True)) if strict else None
     found = gate_file.read(path)
     if strict is not None:
-        found = Gates(found.gates, strict)
+        found = replace(found, strict=strict)
     places = dict.fromkeys(gate.baseline for gate in found.gates if gate.baseline is not None)
     own = [p for p in places if output is not None and _overlap(p.resolve(), output.resolve())]
     if own:

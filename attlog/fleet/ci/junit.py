@@ -14,7 +14,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from attlog import __version__
 from attlog.base.files.output import writing
-from attlog.compare.gates.gates import GateOutcome
+from attlog.compare.gates.outcome import GateOutcome
 
 NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold in any form, bytes of a file name that are not UTF-8 among them."""

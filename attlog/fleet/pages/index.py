@@ -14,7 +14,7 @@ from typing import Any
 from attlog.base.files.output import write_atomic
 from attlog.compare.gates.rows import BASELINES
 from attlog.fleet.pages.order import LEVELS, RankedLog, natural, ordered, short_names
-from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.entry import Entry, sensors_of
 from attlog.fleet.records.thumbnail import POINTS, encoded
 from attlog.present.numbers import counted, listed, unit_sign
 from attlog.present.text import clean, cleaned, typeset
@@ -102,6 +102,7 @@ def policy(style: str, script: str) -> str:
 def page_data(lines: list[RankedLog]) -> tuple[dict[str, Any], bytes]:
     """Columns of values, one for each thing that the page shows, and the thumbnails: POINTS bytes of each curve."""
     flights: list[dict[str, Any]] = [x.row["flight"] if x.row else {} for x in lines]
+    sensors = [sensors_of(x.row or {}) for x in lines]
     names, columns = numbers(lines)
     thumbnails = bytearray()
     data = {
@@ -121,6 +122,7 @@ def page_data(lines: list[RankedLog]) -> tuple[dict[str, Any], bytes]:
         "vehicle": _coded([f.get("vehicle") for f in flights]),
         "board": _coded([f.get("board") for f in flights]),
         "text": [clean(x.text) for x in lines],
+        "sensors": [[s["faults"], s["warnings"], [clean(text) for text in s["to_set"]]] for s in sensors],
         "says": [[typeset(v["sentence"]) for v in x.row["verdicts"]] if x.row else [] for x in lines],
         "thumb": [encoded(x.row["thumbnail"] if x.row else None, thumbnails) for x in lines],
         "points": POINTS,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from attlog.compare.gates.rows import BASELINES
 from attlog.fleet.pages.order import RankedLog, failure, ordered
-from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.entry import Entry, sensors_of
 from attlog.fleet.records.trouble import RANKS
 from attlog.present.flight import COMPARED_WITH
 from attlog.present.numbers import counted, duration
@@ -63,6 +63,7 @@ def summary(
     gates = sum(bool(entry.gates) for entry in entries)
     if gates:
         yield f"  gates failed on {gates} of {counted(len(done), 'log')}"
+    yield from _of_sensors(done)
     yield from _found(ordered(done), width)
 
 
@@ -79,6 +80,17 @@ def _found(logs: Sequence[RankedLog], width: int) -> Iterator[str]:
         yield "  open first:"
     for log in first:
         yield from _wrapped(f"    {log.name}: {log.text}", min(width, FIRST_COLUMNS), "      ")
+
+
+def _of_sensors(done: Sequence[Entry]) -> Iterator[str]:
+    """In how many logs sensors are off, and for how many there is something to set; nothing where there is neither."""
+    told = [sensors_of(entry.row) for entry in done if entry.row is not None]
+    faults, warnings, offers = (sum(bool(one[key]) for one in told) for key in ("faults", "warnings", "to_set"))
+    parts = [f"faults in {counted(faults, 'log')}"] * bool(faults)
+    parts += [f"warnings in {counted(warnings, 'log')}"] * bool(warnings)
+    parts += [f"settings offered for {counted(offers, 'log')}"] * bool(offers)
+    if parts:
+        yield f"  sensors: {', '.join(parts)}"
 
 
 LESS = {"serious": "with a serious finding on the ground", "look": "to look at"}

@@ -1,4 +1,4 @@
-"""Every number of a result in little space: for tables over many logs."""
+"""Every number of a result in little space, filters' and sensors': for tables over many logs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from attlog.result import MEASURED_TIMES, Answer, Result
+from attlog.result import MEASURED_TIMES, Answer, Assessment, Result
+
+SENSORS = "sensors"
+"""The window of what assessments say of sensors: each question knows its own seconds. The row is the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +30,7 @@ class Number:
 
 
 def packed(result: Result) -> dict[str, Any]:
-    """All answers as plain values, without measured times.
+    """All answers as plain values, without measured times; assessments stand as metrics of their sensor.
 
     ``values``: row -> window -> metric -> [value, low, high, n, seconds], or the place in ``missing`` of
     [code, reason]; ``units``: metric -> unit. A sentence that many answers share stands there once.
@@ -42,6 +45,10 @@ def packed(result: Result) -> dict[str, Any]:
             if kept:
                 place = values.setdefault(row.name, {}).setdefault(window, {})
                 place |= {m: _packed(a, missing) for m, a in kept.items()}
+    for found in result.health:
+        units[found.question] = found.unit or units.get(found.question, "")
+        place = values.setdefault(found.sensor or SENSORS, {}).setdefault(SENSORS, {})
+        place[found.question] = _of_sensor(found, missing)
     return {"values": values, "missing": [list(k) for k in missing], "units": units}
 
 
@@ -50,6 +57,14 @@ def _packed(answer: Answer, missing: dict[tuple[str, str], int]) -> Any:
         return missing.setdefault((answer.code or "", answer.reason or ""), len(missing))
     low, high = answer.ci95 or (None, None)
     return [answer.value, low, high, answer.n, answer.seconds]
+
+
+def _of_sensor(found: Assessment, missing: dict[tuple[str, str], int]) -> Any:
+    """An assessment as an answer; one without a value tells its verdict in place of a code."""
+    if found.value is None:
+        return missing.setdefault((found.verdict, found.text), len(missing))
+    low, high = found.ci95 or (None, None)
+    return [found.value, low, high, found.n, found.seconds]
 
 
 def numbers(answers: dict[str, Any], wanted: Container[str] | None = None) -> Iterator[Number]:

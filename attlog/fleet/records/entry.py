@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +11,10 @@ from attlog.fleet.records import answers
 from attlog.fleet.records.thumbnail import thumbnail
 from attlog.fleet.records.trouble import reasons, trouble
 from attlog.present.flight import firmware
+from attlog.present.health import change
 from attlog.present.names import row_names
 from attlog.present.table.table import main_table
-from attlog.result import MEASURED_TIMES, Answer, Result, Verdict
+from attlog.result import MEASURED_TIMES, Answer, Result, Verdict, offered
 
 FORM = 2
 """Grows when what stands in a row changes its meaning."""
@@ -45,7 +47,8 @@ def index_row(result: Result) -> dict[str, Any]:
     ``flight``: what flew, when, how long (s); ``rows``: every row of the comparison by id; ``verdicts``: the four
     sentences with their numbers; ``trouble``: see :func:`attlog.fleet.records.trouble.trouble`; ``columns``: the
     columns of the comparison with their values by row; ``thumbnail``: the flight at a glance, None where the result
-    holds no traces; ``answers``: every metric, see :func:`attlog.fleet.records.answers.packed`.
+    holds no traces; ``sensors``: how many assessments are faults and warnings, and what to set; ``answers``: every
+    metric, see :func:`attlog.fleet.records.answers.packed`.
     """
     row: dict[str, Any] = plain(
         {
@@ -57,6 +60,7 @@ def index_row(result: Result) -> dict[str, Any]:
             "trouble": trouble(reasons(result)),
             "columns": _columns(result),
             "thumbnail": thumbnail(result),
+            "sensors": _sensors(result),
             HEAVY: answers.packed(result),
         }
     )
@@ -66,6 +70,12 @@ def index_row(result: Result) -> dict[str, Any]:
 def light(row: dict[str, Any]) -> dict[str, Any]:
     """A row without the part that only tables need: a tenth of its size, for those who hold many in memory."""
     return {key: value for key, value in row.items() if key != HEAVY}
+
+
+def sensors_of(row: dict[str, Any]) -> dict[str, Any]:
+    """What a row tells of sensors: ``faults``, ``warnings``, ``to_set``; nothing is off in one of an older version."""
+    found: dict[str, Any] = {"faults": 0, "warnings": 0, "to_set": []} | (row.get("sensors") or {})
+    return found
 
 
 def _flight(result: Result) -> dict[str, Any]:
@@ -90,6 +100,12 @@ def _flight(result: Result) -> dict[str, Any]:
         "attlog": result.attlog.get("version"),
         "schema": result.schema,
     }
+
+
+def _sensors(result: Result) -> dict[str, Any]:
+    verdicts = Counter(assessment.verdict for assessment in result.health)
+    settings = [change(setting) for setting in offered(result.health)]
+    return {"faults": verdicts["fault"], "warnings": verdicts["warning"], "to_set": settings}
 
 
 def _rows(result: Result) -> dict[str, dict[str, Any]]:

@@ -12,13 +12,16 @@ from typing import Any, BinaryIO
 
 from attlog.base.files import spreadsheet
 from attlog.base.files.output import writing
-from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.entry import Entry, sensors_of
 
 PARQUET, CSV = "results.parquet", "results.csv"
 TEXTS = ("log", "report", "sha256", "date_utc", "vehicle", "firmware", "version", "board", "reference", "attlog")
 """Columns that say of which log a line is."""
 COLUMNS: dict[str, str] = {
     **dict.fromkeys(TEXTS, "string"),
+    "sensor_faults": "int64",
+    "sensor_warnings": "int64",
+    "to_set": "string",
     "row": "string",
     "window": "string",
     "metric": "string",
@@ -40,8 +43,11 @@ ABOUT = {
     "version": "of the firmware",
     "attlog": "version that made the result",
     "reference": "what errors are differences from: truth, smoother, onboard or none",
-    "row": "estimator with preset, or an attitude of the log (onboard, onboard:NAME)",
-    "window": "which seconds of the log",
+    "sensor_faults": "assessments of the log's sensors that are faults",
+    "sensor_warnings": "assessments of the log's sensors that are warnings",
+    "to_set": "parameters that should be set, NAME old -> new; empty without",
+    "row": "estimator with preset, an attitude of the log (onboard, onboard:NAME), or a sensor",
+    "window": "which seconds of the log; sensors for what is said of a sensor",
     "low": "lower end of the 95 % interval",
     "high": "upper end of the 95 % interval",
     "n": "independent pieces of evidence",
@@ -100,11 +106,13 @@ def columns(entry: Entry) -> list[list[Any]]:
     missing = [(None, None, None, None, None, code, reason) for code, reason in answers["missing"]]
     cells = [missing[f] if isinstance(f, int) else (*f, None, None) for f in found]
     flight = entry.row["flight"]
-    about = [_text(t) for t in (entry.log, entry.name, *(flight.get(key) for key in TEXTS[2:]))]
+    about: list[Any] = [_text(t) for t in (entry.log, entry.name, *(flight.get(key) for key in TEXTS[2:]))]
     row_, window_, metric, unit = places
     value, low, high, n, seconds, code, reason = (
         map(list, zip(*cells, strict=True)) if cells else ([] for _ in range(7))
     )
+    sensors = sensors_of(entry.row)
+    about += [sensors["faults"], sensors["warnings"], "; ".join(sensors["to_set"])]
     return [[t] * len(found) for t in about] + [row_, window_, metric, value, low, high, n, seconds, unit, code, reason]
 
 

@@ -1,7 +1,7 @@
 // The page: filters, sorts, shows rows as far as they are asked for, keeps its state in the address.
 const PAGE = 25, STEP = 200;
 const SAID = { serious: 'Serious', failed: 'Failed', look: 'Look', none: 'Fine' };
-const TILES = [['', 'logs'], ['serious', 'in serious trouble'], ['gates', 'with a failed gate'], ['look', 'to look at'], ['failed', 'not analysed'], ['none', 'without trouble']];
+const TILES = [['', 'logs'], ['serious', 'in serious trouble'], ['gates', 'with a failed gate'], ['look', 'to look at'], ['set', 'with a value to set'], ['failed', 'not analysed'], ['none', 'without trouble']];
 const KIND = { gate: 'Gate failed', attitude: 'Attitude', crash: 'Crash', reset: 'Attitude jumped', filter: 'Filters lost', sensor: 'Sensor', log: 'Recording' };
 const NUMBERS = 5;
 const QUESTIONS = ['Accuracy', 'Noise', 'Lag', 'Yaw drift'];
@@ -10,12 +10,15 @@ let shownRows = PAGE, list = [], hay = [], opened = new Set();
 
 const hasKind = (i, k) => D.reasons[i].some((r) => r[0] === k);
 const hasGate = (i) => hasKind(i, 0);
+const toSet = (i) => D.sensors[i][2];
+// what a tile means: a level of trouble, or a mark of its own
+const isIn = (i, level) => !level || (level === 'gates' ? hasGate(i) : level === 'set' ? toSet(i).length > 0 : D.levels[D.level[i]] === level);
 const column = (title) => D.columns.find((c) => c.title === title);
 // one column of each question: noise at rest, where it is known, and not noise in hover as well
 const inTable = () => { const found = D.columns.filter((c) => c.values[state.row]); return found.filter((c, k) => found.findIndex((d) => d.metric === c.metric) === k).slice(0, NUMBERS); };
 
 function matches(i) {
-  if (state.level === 'gates' ? !hasGate(i) : state.level && D.levels[D.level[i]] !== state.level) return false;
+  if (!isIn(i, state.level)) return false;
   if (state.kind && !hasKind(i, D.kinds.indexOf(state.kind))) return false;
   if (state.firmware && D.firmware.words[D.firmware.at[i]] !== state.firmware) return false;
   if (state.vehicle && D.vehicle.words[D.vehicle.at[i]] !== state.vehicle) return false;
@@ -57,7 +60,7 @@ let waiting;
 function later(what) { clearTimeout(waiting); waiting = setTimeout(what, 0); }
 
 function tiles() {
-  const count = (level) => { let n = 0; for (let i = 0; i < D.name.length; i++) if (!level || (level === 'gates' ? hasGate(i) : D.levels[D.level[i]] === level)) n++; return n; };
+  const count = (level) => { let n = 0; for (let i = 0; i < D.name.length; i++) if (isIn(i, level)) n++; return n; };
   if (!$('tiles').children.length) {
     for (const [level, text] of TILES) {
       const n = count(level);
@@ -160,12 +163,18 @@ function details(i) {
   const said = D.reasons[i].map(([k, text, t]) => el('li', {}, el('b', {}, KIND[D.kinds[k]] + ': '), text, t !== null && !text.includes(' ' + t + ' s') ? ' (at ' + clockTime(t) + ')' : ''));
   const facts = [['Log', D.log[i]], ['Recorded', [minute(D.date[i]), duration(D.seconds[i]) + ' long'].filter(Boolean).join(', ')], ['Board', D.board.words[D.board.at[i]]],
     ['Compared with', { truth: 'the logged truth', smoother: 'the smoother', onboard: 'the onboard attitude (agreement, not truth)', none: 'nothing' }[D.reference.words[D.reference.at[i]]]],
+    ['Sensors', sensors(i)], ['To set', toSet(i).join(', ')],
     ...D.says[i].map((s, k) => [QUESTIONS[k], s])].filter(([, v]) => v);
   const parts = [];
   if (said.length) parts.push(el('ul', {}, ...said));
   if (D.href[i]) parts.push(el('p', {}, el('a', { href: D.href[i] }, 'Open the report')));
   parts.push(el('dl', {}, ...(D.href[i] ? facts : facts.slice(0, 1)).flatMap(([k, v]) => [el('dt', {}, k), el('dd', {}, v)])));
   return el('tr', { role: 'row', class: 'more' }, el('td', { role: 'cell', colspan: 12 }, ...parts));
+}
+
+function sensors(i) {
+  const [faults, warnings] = D.sensors[i];
+  return [faults ? counted(faults, 'fault') : '', warnings ? counted(warnings, 'warning') : ''].filter(Boolean).join(', ');
 }
 
 function charts(filtered) {

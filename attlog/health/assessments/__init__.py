@@ -6,12 +6,25 @@ from collections.abc import Callable
 from functools import partial
 
 from attlog.base.barrier import guarded
-from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, unknown
+from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, finite, unknown
+from attlog.health.assessments.offered import offered
+from attlog.health.assessments.topics import TOPICS, SensorQuestion
 
-__all__ = ["Assessment", "HealthCase", "MotionAttitude", "Setting", "Verdict", "assess", "unknown"]
+__all__ = [
+    "TOPICS",
+    "Assessment",
+    "HealthCase",
+    "MotionAttitude",
+    "SensorQuestion",
+    "Setting",
+    "Verdict",
+    "assess",
+    "offered",
+    "unknown",
+]
 
 QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {}
-"""By name, in the order of the table: each gives no, one or several assessments."""
+"""By name, in the order of the table: each gives no, one or several assessments, with ids of :data:`TOPICS`."""
 
 
 def assess(case: HealthCase) -> list[Assessment]:
@@ -20,7 +33,7 @@ def assess(case: HealthCase) -> list[Assessment]:
     for name, answer in QUESTIONS.items():
         failed = partial(_failed, name)
         found += guarded(f"The question {name}", partial(answer, case), failed)
-    return found
+    return list(map(finite, found))
 
 
 def _failed(name: str, sentence: str) -> list[Assessment]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -60,6 +61,24 @@ class Assessment:
     evidence: list[str] = field(default_factory=list)
 
 
+def finite(found: Assessment) -> Assessment:
+    """The assessment without numbers that are none: JSON holds no NaN, and a vehicle takes none.
+
+    With one value to set that is none all of them go, because they only fit together.
+    """
+    numbers = [found.value] if found.value is not None else []
+    lists = [numbers, list(found.ci95 or ()), found.vector, found.vector_ci95, [s.new for s in found.settings]]
+    value, ci95, vector, vector_ci95, settings = (all(map(math.isfinite, each)) for each in lists)
+    return replace(
+        found,
+        value=found.value if value else None,
+        ci95=found.ci95 if ci95 and value else None,
+        vector=found.vector if vector else [],
+        vector_ci95=found.vector_ci95 if vector and vector_ci95 else [],
+        settings=found.settings if settings else [],
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class MotionAttitude:
     """The smoother without any compass: its heading is that of motion alone.
@@ -81,12 +100,12 @@ class MotionAttitude:
 class HealthCase:
     """What every question may look at. ``reference`` and ``checks`` are those of the analysis.
 
-    ``segments`` and ``reference`` are None where no IMU can be replayed. ``smooth`` runs the smoother without a
-    compass, at most once (``motion``).
+    ``segments`` are there without an IMU too, as far as arming, position and attitudes tell them; ``reference`` is None
+    where no IMU can be replayed. ``smooth`` runs the smoother without a compass, at most once (``motion``).
     """
 
     log: FlightLog
-    segments: Segments | None
+    segments: Segments
     reference: Reference | None
     checks: list[Check]
     smooth: Callable[[], MotionAttitude | None]

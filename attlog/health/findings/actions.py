@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,13 +18,18 @@ OFF = 0.2
 """One that is off by more, while another is sound, is not to be used."""
 
 
-def with_actions(findings: Sequence[Finding], log: FlightLog) -> list[Finding]:
-    """The findings, worst first, with the actions that this vehicle can take; what stands above is not said again."""
+def with_actions(findings: Sequence[Finding], log: FlightLog, to_set: Mapping[str, str] = {}) -> list[Finding]:
+    """The findings, worst first, with the actions that this vehicle can take; what stands above is not said again.
+
+    ``to_set``: by the kind of finding, what the assessments of its sensors offer to set; it wins.
+    """
     taken: set[str] = set()
     found = []
     for finding in findings:
         action = finding.action
-        if finding.kind == compass.KIND and finding.is_trouble:
+        if finding.is_trouble and to_set.get(finding.kind):
+            action = to_set[finding.kind]
+        elif finding.kind == compass.KIND and finding.is_trouble:
             action = other_compass(log) or action
         found.append(replace(finding, action="" if action in taken else action))
         taken.add(action)

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from attlog.flight.model import FlightLog, Problem
-from attlog.health.findings import actions, attitude, autopilot, compass, record, repeated, sensors
+from attlog.health.assessments.model import Assessment
+from attlog.health.findings import actions, assessed, attitude, autopilot, compass, record, repeated, sensors
 from attlog.health.findings.finding import ORDER, Explanation, Finding, merged, of_problem
 from attlog.health.model import FAILED, Check
 from attlog.health.onboard.attitude import CONTRADICTED
@@ -43,12 +44,14 @@ def findings(
     others: Iterable[Problem] = (),
     unanswered: Iterable[OpenQuestion] = (),
     events: Iterable[Event] = (),
+    health: Iterable[Assessment] = (),
 ) -> list[Finding]:
     """Everything that is not ok, worst first, one entry for each cause.
 
-    ``others`` are problems that the analysis itself found, ``events`` what happened.
+    ``others`` are problems that the analysis itself found, ``events`` what happened, ``health`` the assessments of the
+    sensors: what they offer to set is the action of the findings that they belong to.
     """
-    checks, events = list(checks), list(events)
+    checks, events, health = list(checks), list(events), list(health)
     reports = [of_problem(p) for p in [*log.problems, *others]]
     happened = autopilot.of_events(events, reports)
     crashed = any(sign.kind == autopilot.CRASH for sign in happened)
@@ -62,12 +65,13 @@ def findings(
         reports = [autopilot.doubted(report) if report.kind == autopilot.CRASH else report for report in reports]
     told += [replace(report, kind=REPORTS.get(report.kind, report.kind)) for report in reports]
     told = sensors.settled(attitude.settled(compass.settled(repeated.joined(told)), log))
+    told = assessed.with_assessments(told, health)
     told += [Finding(FAILED, "serious", check.text) for check in checks if check.value == FAILED]
     told += [*_unchecked(checks), *_open(list(unanswered))]
     found = merged(record.settled(told))
     place = {kind: i for i, kind in enumerate(dict.fromkeys([*FIRST, *(about.kind for about in ABOUT.values())]))}
     found.sort(key=lambda f: (ORDER.index(f.severity), place.get(f.kind, len(place)), f.t or 0.0))
-    return actions.with_actions(found, log)
+    return actions.with_actions(found, log, assessed.actions_of(health))
 
 
 def of_check(check: Check, log: FlightLog) -> Finding:

@@ -89,7 +89,7 @@ def test_a_comparison_stays_in_its_folder(attlog: Callable[..., Any], tmp_path: 
 
 
 @POSIX
-@pytest.mark.parametrize("command", ["info", "analyze", "batch", "compare", "extract"])
+@pytest.mark.parametrize("command", ["info", "health", "analyze", "batch", "compare", "extract"])
 def test_a_pipe_in_place_of_a_log_is_refused_at_once(attlog: Callable[..., Any], tmp_path: Path, command: str) -> None:
     pipe = tmp_path / "log.ulg"
     os.mkfifo(pipe)
@@ -123,7 +123,7 @@ def test_what_is_no_log_is_refused_before_it_is_read(attlog: Callable[..., Any],
     assert attlog("analyze", LOG, "--config", settings).code == 2
 
 
-@pytest.mark.parametrize("command", ["info", "analyze", "extract"])
+@pytest.mark.parametrize("command", ["info", "health", "analyze", "extract"])
 def test_a_log_that_no_memory_can_hold_is_no_bug(
     attlog: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:

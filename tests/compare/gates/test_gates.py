@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from attlog.compare.gates.baseline import Baseline, BaselineResult
-from attlog.compare.gates.gates import Gate, GateOutcome, Gates, judge
+from attlog.compare.gates.gates import Gate, Gates, judge
 from attlog.compare.gates.limits import GateLimit, at_least, judged
+from attlog.compare.gates.outcome import GateOutcome
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.statistics.units import UnitValues, ids_of
 from attlog.result import EstimatorRow

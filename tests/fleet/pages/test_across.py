@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from attlog.fleet.records.record import Record, write_record
 from attlog.fleet.records.results_file import PARQUET, write_results
 from attlog.present.names import CODES
 from attlog.result import EstimatorRow, Result
+from tests.health.assessments.made import OFFSET
 from tests.present.made import absent, lag, merged, result, row, tilt
 
 TILT = "inclination_rmse_deg"
@@ -255,3 +257,14 @@ def test_a_table_shows_the_logs_of_the_last_call_as_the_index_does(tmp_path: Pat
     alone = EntryCollection([tmp_path / PARQUET], [TILT])  # the file stands for its folder
     assert len(across(alone, [TILT]).logs) == 1
     assert gathered.failed == 0
+
+
+def test_an_assessment_is_a_number_of_its_sensor() -> None:
+    entries = []
+    for name, size in (("a", 24.0), ("b", 3.0)):
+        made = result([made_row("mekf", 1.0, "airborne")], name=name, sha256=name)
+        made.health = [replace(OFFSET, value=size)]
+        entries.append(("batch", Entry(name, name, row=index_row(made))))
+    found = across(entries, ["compass_offset"])
+    assert [(c.row, c.window, c.unit) for c in found.columns] == [("MAG.0", "sensors", "uT")]
+    assert [log.value(found.columns[0]) for log in found.logs] == [24.0, 3.0]

@@ -148,3 +148,14 @@ def test_numbers_of_the_attitude_that_flew_are_shown_first_where_most_logs_have_
     assert first_row(rows, [few | {"values": few["values"] | {"onboard": [1.0, 1.0, None]}}], 3) == "onboard"
     assert first_row(["gyro"], [column(gyro=[1.0])], 3) == "gyro"
     assert first_row([], [], 0) == ""
+
+
+def test_the_page_holds_what_is_off_with_the_sensors_and_what_to_set_without_signs_that_steer() -> None:
+    entry = flown("a.ulg")
+    assert entry.row is not None
+    entry.row["sensors"] = {"faults": 1, "warnings": 2, "to_set": ["A\x1b[31m 1 -> 2"]}
+    data, _ = inside(render([entry, failed("b.bin")]))
+    sensors = dict(zip(data["name"], data["sensors"], strict=True))
+    assert sensors["a.ulg"][:2] == [1, 2]
+    assert sensors["b.bin"] == [0, 0, []]
+    assert "\x1b" not in sensors["a.ulg"][2][0]

@@ -106,3 +106,14 @@ def test_many_reasons_do_not_fill_the_screen_and_every_log_is_counted() -> None:
         "  2 logs crashed or hit a bug (exit code 70) for other reasons",
     ]
     assert len(lines) == 9
+
+
+def test_it_counts_the_logs_whose_sensors_are_off_and_those_with_something_to_set() -> None:
+    logs = [flown(f"{k}.ulg") for k in range(4)]
+    for entry, faults, warnings, settings in zip(
+        logs, (2, 0, 1), (0, 1, 3), ([], ["A 1 -> 2", "B 3"], []), strict=False
+    ):
+        assert entry.row is not None
+        entry.row["sensors"] = {"faults": faults, "warnings": warnings, "to_set": settings}
+    assert "  sensors: faults in 2 logs, warnings in 2 logs, settings offered for 1 log" in summary(logs, 4, 1.0, OUT)
+    assert not [line for line in summary(logs[3:], 1, 1.0, OUT) if "sensors" in line]

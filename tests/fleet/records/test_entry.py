@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from attlog import Config, Result, analyze
-from attlog.fleet.records.answers import numbers
-from attlog.fleet.records.entry import index_row, light
+from attlog.fleet.records.answers import SENSORS, numbers
+from attlog.fleet.records.entry import index_row, light, sensors_of
 from attlog.fleet.records.thumbnail import POINTS, thumbnail
 from attlog.metrics.figures.trace import Trace
 from attlog.result import MEASURED_TIMES, Segment
 from tests.conftest import SAMPLES
+from tests.health.assessments.made import MADE, OFFSET, REFUSED, SILENT, SOUND
 from tests.report.conftest import make_result
 
 
@@ -47,7 +48,9 @@ def test_every_answer_of_the_result_comes_back(flown: Result) -> None:
         for m, a in answers.items()
         if m not in MEASURED_TIMES
     }
-    assert found.keys() == expected.keys()
+    of_sensors = {key for key in found if key[1] == SENSORS}
+    assert {key[2] for key in of_sensors} == {a.question for a in flown.health}
+    assert found.keys() - of_sensors == expected.keys()
     for key, a in expected.items():
         n = found[key]
         assert (n.value, n.unit, n.code, n.reason if a.value is None else None) == (
@@ -142,3 +145,22 @@ def test_odd_numbers_stay_out() -> None:
     made.traces = [replace(t, t=t.t * np.nan) if t.row == "gyro" else t for t in made.traces]
     row = index_row(made)
     assert json.loads(json.dumps(row, allow_nan=False))["flight"]["duration_s"] is None
+
+
+def test_a_row_counts_what_is_off_and_names_what_to_set() -> None:
+    made = make_result()
+    made.health = [*MADE, replace(REFUSED, verdict="warning"), SOUND]
+    told = index_row(made)["sensors"]
+    assert told == {"faults": 1, "warnings": 2, "to_set": ["COMPASS_OFS_X -12 -> 145", "COMPASS_OFS_Y 4.5 -> -20.25"]}
+    assert sensors_of({"sensors": told}) == told
+    assert sensors_of({}) == {"faults": 0, "warnings": 0, "to_set": []}, "a row of an older version"
+
+
+def test_assessments_are_numbers_of_their_sensor() -> None:
+    made = make_result()
+    made.health = [OFFSET, SILENT]
+    found = {n.row: n for n in numbers(index_row(made)["answers"]) if n.window == SENSORS}
+    offset, silent = found["MAG.0"], found["GPS.0"]
+    assert (offset.metric, offset.unit, offset.value) == ("compass_offset", "uT", 24.0)
+    assert (offset.low, offset.high, offset.n, offset.seconds) == (21.0, 27.0, 40, 200.0)
+    assert (silent.metric, silent.value, silent.code, silent.reason) == ("gnss_delay", None, "unknown", SILENT.text)

@@ -15,6 +15,7 @@ from attlog.fleet.records import results_file
 from attlog.fleet.records.entry import Entry, index_row
 from attlog.fleet.records.results_file import COLUMNS, CSV, PARQUET, write_results
 from attlog.result import MEASURED_TIMES, Result
+from tests.health.assessments.made import MADE
 from tests.report.conftest import make_result
 
 
@@ -138,3 +139,18 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
         write_results(tmp_path, broken())
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_every_line_tells_what_is_off_with_the_sensors_and_what_to_set(tmp_path: Path, without_pyarrow: None) -> None:
+    made = make_result(with_traces=False)
+    made.health = list(MADE)
+    entries = [Entry("logs/off.ulg", "off.ulg", row=index_row(made)), flown()]
+    with write_results(tmp_path, entries).open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    told = {(x["report"], x["sensor_faults"], x["sensor_warnings"], x["to_set"]) for x in lines}
+    assert told == {
+        ("off.ulg", "1", "1", "COMPASS_OFS_X -12 -> 145; COMPASS_OFS_Y 4.5 -> -20.25"),
+        ("a.ulg", "0", "0", ""),
+    }
+    (offset,) = [x for x in lines if x["metric"] == "compass_offset"]
+    assert (offset["row"], offset["window"], offset["value"], offset["unit"]) == ("MAG.0", "sensors", "24.0", "uT")
