@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from attlog.flight.calibration import flown
 from attlog.flight.calibration.correction import Calibration, CalibrationUnknownError
-from attlog.flight.model import Array, FlightLog, Problem, Stream
+from attlog.flight.model import Array, FlightLog, Imu, Mag, Problem, Stream
 
 COMPASS = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT).*|CAL_MAG\d_.(OFF|SCALE|ODIAG|COMP)|CAL_MAG_COMP_TYP")
 ACCELEROMETER = re.compile(r"INS\d?_ACC\d?(OFFS|SCAL)_.|CAL_ACC\d_.(OFF|SCALE)")
@@ -42,6 +43,21 @@ def recorrect(log: FlightLog, file: str, given: Mapping[str, float]) -> set[str]
         for imu in log.imus:
             used |= _recorrected(log, file, imu.acc, differ, partial(flown.accelerometer, log, imu), _nothing)
     return used
+
+
+def calibrates(names: Iterable[str]) -> bool:
+    """Whether any of the parameters calibrates a compass or an accelerometer."""
+    return any(COMPASS.fullmatch(name) or ACCELEROMETER.fullmatch(name) for name in names)
+
+
+def units_with(
+    log: FlightLog, file: str, given: Mapping[str, float], imu: Imu, mag: Mag | None
+) -> tuple[Imu, Mag | None]:
+    """An IMU and a compass of a log as :func:`recorrect` makes them; the log's own stay as they are."""
+    imus, mags = [replace(imu, acc=replace(imu.acc))], [] if mag is None else [replace(mag, field=replace(mag.field))]
+    if not recorrect(replace(log, imus=imus, mags=mags, problems=[]), file, given):
+        return imu, mag
+    return imus[0], mags[0] if mags else None
 
 
 def _same(a: float, b: float) -> bool:

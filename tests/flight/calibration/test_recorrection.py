@@ -9,7 +9,7 @@ import pytest
 
 from attlog import formats
 from attlog.flight import flight_in, read
-from attlog.flight.calibration.recorrection import recorrect
+from attlog.flight.calibration.recorrection import recorrect, units_with
 from attlog.flight.model import FlightLog
 from tests.flight.calibration.made import GAUSS, OLD, T, amperes, ardupilot, ardupilot_field, px4, raw_field
 
@@ -82,6 +82,18 @@ def test_an_accelerometer_is_corrected_too(values: dict[str, float]) -> None:
     log = ardupilot(values | OLD) if own else px4(values | {"CAL_ACC1_ID": 7.0}, raw_field(), None)
     assert recorrect(log, "new.param", {name: 0.3 for name in values}) == set(values)
     np.testing.assert_allclose(log.imus[0].acc.x, np.tile([0.1, -0.4, -10.0], (len(T), 1)), atol=1e-12)
+
+
+def test_units_for_one_configuration_leave_the_log_as_it_is() -> None:
+    log = ardupilot(OLD)
+    before, imu, mag = log.mags[0].field.x.copy(), log.imus[0], log.mags[0]
+    other_imu, other = units_with(log, "new.param", NEW, imu, mag)
+    assert other is not None
+    np.testing.assert_allclose(other.field.x, ardupilot_field(raw_field(), OLD | NEW, power=amperes()), atol=1e-12)
+    np.testing.assert_array_equal(log.mags[0].field.x, before)
+    assert (other_imu.acc.x == imu.acc.x).all()
+    assert log.problems == []
+    assert units_with(log, "new.param", {"AHRS_RP_P": 0.1}, imu, None) == (imu, None)
 
 
 def shifted(path: Path, milligauss: tuple[int, int, int], params: Path | None) -> FlightLog:
