@@ -105,7 +105,7 @@ def compass_motor_type(values: Values, index: int, power: str) -> dict[str, floa
     symmetric = vector(values, triple(f"COMPASS_ODI{suffix(slot)}"))
     dia = vector(values, triple(f"COMPASS_DIA{suffix(slot)}"))
     if f"COMPASS_SCALE{suffix(slot)}" not in values and (symmetric.any() or (dia.any() and (dia != 1.0).any())):
-        raise CalibrationUnknownError("This version adds COMPASS_MOT before a scale that is set. Update the firmware.")
+        raise CalibrationUnknownError("Before version 4.0 COMPASS_MOT is added before the scales COMPASS_DIA.")
     wanted = next(number for number, name in POWERS.items() if name == power)
     now = int(values.get("COMPASS_MOTCT", 0))
     if now == wanted:

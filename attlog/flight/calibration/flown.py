@@ -23,6 +23,8 @@ NAMES = ("COMPASS_", "INS", "AHRS_ORIENTATION", "CAL_", "SENS_BOARD_")
 FEWEST = 5
 SAME_T = 2.5e-6
 """A calibrated compass is its raw values corrected, to 25 mG: both are sampled some 10 ms apart in turns."""
+OF_MEDIAN, PRECISE_T = 1.86, 5e-7
+"""Standard error of a median from the median deviation of normal noise (1.4826 times 1.2533); known to 5 mG."""
 BY_SLOT, LEARNS = (1, 12), (1, 13)
 """PX4 versions: since when calibrations are found by device, and when a bias is subtracted before arming."""
 
@@ -119,8 +121,11 @@ def learnt_bias(log: FlightLog, mag: Mag, found: Calibration) -> Array:
     motor = power(log, found.motor_power, at[use]) if found.correction.motor.any() else 0.0
     beside = logged - found.correction.body(mag.raw.x[use], motor)
     bias: Array = np.median(beside, axis=0)
-    if len(beside) < FEWEST or (np.median(np.abs(beside - bias), axis=0) > SAME_T).any():
+    scatter = np.median(np.abs(beside - bias), axis=0)
+    if len(beside) < FEWEST or (scatter > SAME_T).any():
         raise CalibrationUnknownError("The raw values, corrected by the parameters, are not those of the compass.")
+    if (OF_MEDIAN * scatter / np.sqrt(len(beside)) > PRECISE_T).any():
+        raise CalibrationUnknownError("Too few raw values are logged: set bit 6 of SDLOG_PROFILE.")
     return bias
 
 
@@ -141,8 +146,12 @@ def power(log: FlightLog, kind: str, t: Array) -> Array:
 def _firmware(log: FlightLog, what: str) -> str:
     """Whose formula counts."""
     name = log.firmware.name
+    if log.format in ("tlog", "mavlink"):
+        raise CalibrationUnknownError(
+            "Telemetry does not hold what the firmware corrected: use the autopilot's own log."
+        )
     if log.format not in ("ulog", "dataflash", "dataflash_text") or name not in ("PX4", "ArduPilot"):
-        raise CalibrationUnknownError(f"How this log's {what} was calibrated is not known.")
+        raise CalibrationUnknownError(f"How this firmware calibrates its {what} is not known.")
     if name == "PX4" and (0, 0) < version_number(log.firmware.version) < BY_SLOT:
         raise CalibrationUnknownError("Before version 1.12 calibrations were not found by device.")
     return name
@@ -150,7 +159,7 @@ def _firmware(log: FlightLog, what: str) -> str:
 
 def _device(log: FlightLog, device: str | None) -> int:
     if not device or not device.isdecimal() or device == "0":
-        raise CalibrationUnknownError("The log does not tell the sensor's device id.")
+        raise CalibrationUnknownError("The log does not hold the sensor's device id.")
     return int(device)
 
 
@@ -164,7 +173,7 @@ def _steady(log: FlightLog, found: Calibration) -> None:
 def _agree(log: FlightLog, mag: Mag, found: Calibration) -> None:
     """The offsets that flew are those of the parameters, cut to whole mG as ArduPilot logs them."""
     if mag.offsets is None or not len(mag.offsets.t):
-        raise CalibrationUnknownError(f"{mag.field.source} does not tell the offsets that flew.")
+        raise CalibrationUnknownError(f"{mag.field.source} does not hold the offsets that flew.")
     begin, end = span(log)
     before = mag.offsets.t <= end
     flew = np.round((mag.offsets.x[before] if before.any() else mag.offsets.x)[-1] / ardupilot.MILLIGAUSS)

@@ -66,7 +66,7 @@ def test_the_type_of_compensation_is_set_only_where_nothing_else_comes_into_effe
 def test_a_version_that_adds_motors_before_a_scale_is_refused() -> None:
     """Before COMPASS_SCALE: refused where DIA or ODI do anything, not where they are unset or one."""
     older = {name: v for name, v in OLD.items() if name != "COMPASS_SCALE"}
-    with pytest.raises(CalibrationUnknownError, match="before a scale"):
+    with pytest.raises(CalibrationUnknownError, match="before the scales"):
         ardupilot.compass_motor_type(older, 0, "current")
     plain = {name: v for name, v in older.items() if "ODI" not in name}
     for one in (0.0, 1.0):
