@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ from attlog import formats
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.base.limits import MAX_ATTITUDES
 from attlog.flight import memory as room
+from attlog.flight.calibration.recorrection import recorrect
 from attlog.flight.clock.pieces import others, seconds_of
-from attlog.flight.model import FlightLog, Problem, Severity
+from attlog.flight.model import FlightLog, Problem, Severity, part_of
 from attlog.flight.parameters import file as parameter_file
 from attlog.flight.parameters import limits as parameter_limits
 from attlog.formats.base import Messages
@@ -47,7 +49,8 @@ def read(
     ``path``: a ULog, DataFlash (``.bin``, ``.log``), tlog or ``.px4log`` file, also with gzip around it. ``imu`` and
     ``mag`` name an instance instead of the one that flew (``mag="none"``: no magnetometer), ``boot`` one of several
     power-ups in a file, ``system`` one of several vehicles in a tlog, ``params`` a ground station's parameter file for
-    what the log does not tell (filters under the firmware's names take all of it). NotALog or LogUnusable if the file
+    what the log does not tell (filters under the firmware's names take all of it; compasses and accelerometers are
+    corrected by its calibration instead of the log's). NotALog or LogUnusable if the file
     holds no flight, LogUnreadable if it cannot be opened, TooLittleMemory if the machine cannot hold it, UsageError for
     a bad parameter file. A log without usable IMU is returned with ``imu`` None and the reason among ``problems``.
     """
@@ -80,10 +83,12 @@ def flight_in(
     log.boot, log.boots = chosen, boots
     log.problems += refused
     log.given_params, log.filled_params = given, filled
+    log.seconds = duration(log, part)
     if params is not None:
         own = {name: v for name in log.params if name not in filled and (v := log.param(name)) is not None}
-        log.problems += parameter_file.notes(params, given, own)
-    log.seconds = duration(log, part)
+        corrected = partial(recorrect, log, Path(params).name, given)
+        applied: set[str] = part_of(log, "The calibration of the parameter file", corrected, set)
+        log.problems += parameter_file.notes(params, given, own, applied)
     if boots > 1:
         log.problems.insert(
             0,

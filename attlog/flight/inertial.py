@@ -76,6 +76,7 @@ class ImuCandidate:
     note: str = ""
     usable: bool = True
     acc_source: str = ""
+    acc_device: str | None = None
     fastest_hz: float = physics.FUSED_HZ
     refused: float = 0.0
     problems: list[Problem] = field(default_factory=list)
@@ -322,6 +323,7 @@ def build(builder: LogBuilder, candidate: ImuCandidate) -> Imu:
         None,
         candidate.dt,
         candidate.note,
+        candidate.acc_device,
     )
     if candidate.temperature is not None and candidate.temperature.shape == t.shape:
         celsius = builder.within(candidate.temperature, physics.TEMPERATURE, candidate.source)

@@ -85,7 +85,7 @@ class Imu:
 
     ``filtered`` says what happened before logging ("none", "low-pass 80 Hz", ...).
     ``dt`` (n,) is the own integration time of each sample where the log holds
-    increments (delta angles), else None.
+    increments (delta angles), else None. ``acc_device`` is the accelerometer's id where the log tells it.
     """
 
     index: int
@@ -97,17 +97,24 @@ class Imu:
     temperature: Stream | None = None
     dt: Array | None = None
     note: str = ""
+    acc_device: str | None = None
 
 
 @dataclass(slots=True)
 class Mag:
-    """One magnetometer, ``field`` in tesla (n, 3), body FRD, calibrated unless said."""
+    """One magnetometer, ``field`` in tesla (n, 3), body FRD, calibrated unless said.
+
+    ``raw`` are some hundred records of what the driver gave before any calibration, in the sensor's axes, where the log
+    holds them beside; ``offsets`` the offsets that the firmware says it applied, at each change. Both in tesla.
+    """
 
     index: int
     field: Stream
     calibrated: bool = True
     device: str | None = None
     enabled: bool = True
+    raw: Stream | None = None
+    offsets: Stream | None = None
 
 
 @dataclass(slots=True)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from attlog import formats
 from tests.conftest import few
 
 SPELLINGS = {
@@ -68,3 +70,32 @@ def test_a_bad_file_is_told_once_with_every_line_and_exit_code_2(attlog, samples
     assert done.err.count("line 1") == done.err.count("line 2") == 1
     assert not (tmp_path / "r").exists()
     assert attlog("analyze", log, "-o", tmp_path / "r", "--params", tmp_path / "none.param").code == 66
+
+
+def planted(log: Path, path: Path, milligauss: tuple[int, int, int]) -> None:
+    """A copy of an ArduPilot log whose first compass read so much more, as with wrong COMPASS_OFS (``QBhhh...``)."""
+    raw = np.frombuffer(log.read_bytes(), np.uint8).copy()
+    table = formats.open(log)["MAG", 0]
+    for axis, (column, more) in enumerate(zip(("MagX", "MagY", "MagZ"), milligauss, strict=True)):
+        at = np.asarray(table.offsets)[:, None] + 3 + 8 + 1 + 2 * axis + np.arange(2)
+        assert (raw[at].view("<i2")[:, 0] == table[column]).all()
+        raw[at] = (table[column] + more).astype("<i2")[:, None].view(np.uint8)
+    path.write_bytes(raw.tobytes())
+
+
+@pytest.mark.slow
+def test_a_file_with_the_right_offsets_lowers_the_heading_error(attlog, samples: Path, tmp_path: Path) -> None:
+    """Planted 130 mG; COMPASS_OFS of the file is lower by what was planted: the error is that of the sound log."""
+    sound, wrong, file = samples / "copter_yaw_turns.bin", tmp_path / "wrong.bin", tmp_path / "new.param"
+    planted(sound, wrong, (90, -80, 50))
+    file.write_text("COMPASS_OFS_X,-85\nCOMPASS_OFS_Y,93\nCOMPASS_OFS_Z,-68\n")
+    errors = []
+    for log, options in ((sound, []), (wrong, []), (wrong, ["--params", file])):
+        out = tmp_path / str(len(errors))
+        assert attlog("analyze", log, "-o", out, "-q", "--estimators", "mahony", *options).code == 0
+        result = json.loads(next(out.glob("*.json")).read_text())
+        row = next(e for e in result["estimators"] if e["name"] == "mahony")
+        errors.append(row["metrics"]["airborne"]["heading_rmse_deg"]["value"])
+    assert errors[1] > 3 * errors[0]
+    assert errors[2] == pytest.approx(errors[0], abs=0.05)
+    assert "calibration_applied" in {f["kind"] for f in result["findings"]}

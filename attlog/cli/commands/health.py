@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -134,15 +134,13 @@ def write(result: Result, path: Path, params: str | None) -> str | None:
     """
     from attlog.base.files.output import write_atomic
     from attlog.cli.shared.overwriting import refuse
-    from attlog.health.settings.file import param_file
-    from attlog.result import offered
+    from attlog.result.parameters import parameter_file
 
-    settings: Sequence[Any] = offered(result.health)
-    if not settings:
+    text = parameter_file(result)
+    if not text:
         return f"nothing to set; {path} is of an earlier run" if path.exists() else None
     refuse("-o", str(path), [] if params is None else [params])
-    firmware = str((result.log.get("firmware") or {}).get("name") or "")
-    write_atomic(path, param_file(firmware, str(result.log.get("name") or path.name), list(settings)))
+    write_atomic(path, text)
     return f"parameters: {path}"
 
 

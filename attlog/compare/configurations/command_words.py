@@ -12,6 +12,7 @@ from attlog import estimators
 from attlog.base.errors import AttlogError, UsageError, suggestion
 from attlog.compare.configurations import toml_file
 from attlog.compare.configurations.configuration import Configuration, parse
+from attlog.flight.calibration.recorrection import calibrates
 from attlog.flight.parameters.file import read_file
 
 KEYS = re.compile(r"[^:]*:[A-Za-z_]\w*=")
@@ -82,6 +83,7 @@ def is_configuration(word: str, filters: Collection[str]) -> bool:
 def with_params(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:
     """The configurations, and behind each whose filter takes firmware parameters the same with those of a file.
 
+    Where the file calibrates a compass or an accelerometer every filter takes it: its samples are others.
     Without any configuration the filter stands in that replays a firmware's own estimator and whose parameters are in
     the file. UsageError where no filter takes such parameters; errors of reading the file as they come.
     """
@@ -90,7 +92,9 @@ def with_params(configurations: Sequence[Configuration], path: Path) -> list[Con
     if not named:
         replicas = [parse(name) for name in REPLICAS if name in estimators.names()]
         named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}]
-    taking = [c for c in named if c.row.estimator.from_log is not None and "params" not in c.before]
+    samples = calibrates(set_there)
+    runs = [c for c in named if "params" not in c.before and not estimators.is_recorded(c.row.estimator.origin)]
+    taking = [c for c in runs if samples or c.row.estimator.from_log is not None]
     if not taking or (not configurations and len(named) > 1):
         which = ", ".join(n for n in REPLICAS if n in estimators.names())
         raise UsageError(

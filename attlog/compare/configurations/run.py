@@ -10,6 +10,7 @@ from attlog.base.errors import UsageError
 from attlog.compare.configurations.configuration import Configuration
 from attlog.compare.configurations.input_changes import prepared
 from attlog.compare.configurations.settings import SETTINGS
+from attlog.flight.calibration.recorrection import units_with
 from attlog.flight.model import Imu
 from attlog.flight.parameters.file import read_file
 from attlog.metrics.base import Case
@@ -52,7 +53,9 @@ class ConfiguredFilter:
         settings = {name: value for name, value in c.before.items() if name != "params"}
         facts = replay.facts(case, suffix)
         if c.params is not None:
-            facts = replace(facts, given={**facts.given, **read_file(c.params)})
+            given = read_file(c.params)
+            facts = replace(facts, given={**facts.given, **given})
+            imu, mag = units_with(log, c.params.name, given, imu, mag)
         if settings:  # else the log's own unit, for which metrics find what they need once
             imu, mag = prepared(settings, log, imu, mag)
         row, line = replay.replayed(case, imu, mag, c.row, facts, replay.aids_of(case, suffix), c.name + suffix)

@@ -12,6 +12,7 @@ from attlog.base.errors import UsageError, suggestion
 from attlog.compare.configurations.configuration import Configuration
 from attlog.compare.configurations.input_changes import prepared
 from attlog.compare.sweep.grid import Setting, text_of
+from attlog.flight.calibration.recorrection import units_with
 from attlog.flight.model import Imu, Mag
 from attlog.flight.parameters.file import read_file
 from attlog.metrics.answer import Answer, missing
@@ -105,7 +106,9 @@ class FilterInput:
         mag = None if case.log.mag is None else case.log.mags[case.log.mag]
         facts = replay.facts(case, suffix)
         if configuration.params is not None:
-            facts = replace(facts, given={**facts.given, **read_file(configuration.params)})
+            given = read_file(configuration.params)
+            facts = replace(facts, given={**facts.given, **given})
+            imu, mag = units_with(case.log, configuration.params.name, given, imu, mag)
         before = {name: value for name, value in configuration.before.items() if name != "params"}
         if before:
             imu, mag = prepared(before, case.log, imu, mag)

@@ -16,13 +16,11 @@ from attlog.flight.ardupilot.advice import ArduPilotLogging
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.calibration.ardupilot import MILLIGAUSS, compass_device
 from attlog.flight.clock.timing import Stamps, on_a_clock
-from attlog.flight.model import Firmware, FlightLog, Mag
+from attlog.flight.model import Firmware, FlightLog, Mag, Stream
 from attlog.flight.parameters import history as parameters
 from attlog.formats.base import Messages
-
-MILLIGAUSS = 1e-7
-"""Tesla per milligauss, the unit of MAG records."""
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
@@ -143,7 +141,8 @@ def magnetometers(builder: LogBuilder, clock: Clock, values: dict[str, float]) -
         t = clock.of(table)
         field = columns(table, "MagX", "MagY", "MagZ")
         source = imus.name_of(table, unit)
-        if "OfsX" in table and only_offsets(field, columns(table, "OfsX", "OfsY", "OfsZ")):
+        offsets = columns(table, "OfsX", "OfsY", "OfsZ") if "OfsX" in table else None
+        if offsets is not None and only_offsets(field, offsets):
             builder.problem(
                 "mag_only_offsets",
                 "warning",
@@ -153,10 +152,20 @@ def magnetometers(builder: LogBuilder, clock: Clock, values: dict[str, float]) -
             field = np.zeros_like(field)
         sampled = t - (t - table["S"].astype(np.int64)) % 2**32 if "S" in table else None  # S: us, 32 bits
         use = values.get("COMPASS_USE" + ("" if unit == 0 else str(unit + 1)), 1.0)
-        mag = magnetic.build(builder, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, enabled=use != 0)
+        device = compass_device(values, unit)
+        mag = magnetic.build(
+            builder, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, device=device, enabled=use != 0
+        )
         if mag is not None:
+            mag.offsets = None if offsets is None else applied_offsets(builder, t, offsets * MILLIGAUSS, source)
             found.append(mag)
     return found or replay_magnetometers(builder)
+
+
+def applied_offsets(builder: LogBuilder, t_us: Stamps, offsets_t: np.ndarray, source: str) -> Stream | None:
+    """The offsets (k, 3) in tesla that the records name, at the first of them and at each change."""
+    new = np.concatenate([[True], np.diff(offsets_t, axis=0).any(axis=1)]) if len(t_us) else np.zeros(0, bool)
+    return LogBuilder(builder.messages, t0_us=builder.t0_us).stream(t_us[new], offsets_t[new], "T", source)
 
 
 def replay_magnetometers(builder: LogBuilder) -> list[Mag]:

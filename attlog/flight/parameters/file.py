@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from attlog.base.errors import UsageError
@@ -66,17 +66,24 @@ def add_missing(messages: Messages, given: Mapping[str, float]) -> frozenset[str
     return frozenset(change.name for change in added)
 
 
-def notes(path: str | Path, given: Mapping[str, float], own: Mapping[str, float]) -> list[Problem]:
-    """What is to be said of a file beside a log with parameters of its own: what differs, and what it does not know."""
+def notes(
+    path: str | Path, given: Mapping[str, float], own: Mapping[str, float], applied: Collection[str] = ()
+) -> list[Problem]:
+    """What is to be said of a file beside a log with parameters of its own: what differs, and what it does not know.
+
+    ``applied``: parameters by which sensors were corrected, which is said elsewhere.
+    """
     if not own:
         return []
     name = Path(path).name
     found = []
-    other = [n for n, v in given.items() if n in own and not math.isclose(v, own[n], rel_tol=1e-6, abs_tol=1e-9)]
+    differ = [n for n, v in given.items() if n in own and not math.isclose(v, own[n], rel_tol=1e-6, abs_tol=1e-9)]
+    other = [n for n in differ if n not in applied]
     if other:
         changes = _listed([f"{n} {own[n]:g} -> {given[n]:g}" for n in other])
         text = f"{name} differs from the log in {changes}. Filters with parameters of the firmware take the file's, "
-        found.append(Problem("params_differ", "note", text + "everything else the log's."))
+        text += "everything else the log's" + (", but for the sensors named as corrected." if applied else ".")
+        found.append(Problem("params_differ", "note", text))
     unknown = [n for n in given if n not in own]
     if unknown:
         near = {n: difflib.get_close_matches(n, own, n=1, cutoff=0.8) for n in unknown[:SHOWN]}

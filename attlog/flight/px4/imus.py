@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.calibration.px4 import calibrate
 from attlog.flight.clock.timing import Stamps, stamps_of
 from attlog.flight.inertial import REFUSED_SHARE, ImuCandidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array, Problem
-from attlog.flight.px4.calibration import calibrate
 from attlog.flight.px4.clipping import gyro_mask_problem
 from attlog.formats.base import Table
 
@@ -58,7 +58,7 @@ def fifo(builder: LogBuilder, values: dict[str, float]) -> list[ImuCandidate]:
         accelerometer = fifo_acceleration(builder, values, i)
         if accelerometer is None:
             continue
-        t_acc, acc, known_acc, source = accelerometer
+        t_acc, acc, known_acc, source, acc_device = accelerometer
         t, gyro = unpack_fifo(table)
         gyro, known = calibrate("GYRO", values, own, gyro)
         unit = unit_of_device(builder, own)
@@ -74,6 +74,7 @@ def fifo(builder: LogBuilder, values: dict[str, float]) -> list[ImuCandidate]:
             filtered="none",
             device=str(own),
             acc_source=source,
+            acc_device=acc_device,
         )
         damaged = too_many(table)
         one.problems += damaged
@@ -94,19 +95,20 @@ def too_many(table: Table) -> list[Problem]:
 
 def fifo_acceleration(
     builder: LogBuilder, values: dict[str, float], unit: int
-) -> tuple[Stamps, Array, bool, str] | None:
-    """Stamps, body-frame acceleration, whether calibrated, and source, to go with a gyro FIFO; None without any."""
+) -> tuple[Stamps, Array, bool, str, str | None] | None:
+    """Stamps, body-frame acceleration, whether calibrated, source and device, to go with a gyro FIFO; None without."""
     messages = builder.messages
     instances = messages.instances("sensor_accel_fifo")
     if instances:
         table = messages["sensor_accel_fifo", unit if unit in instances else instances[0]]
         t, raw_acc = unpack_fifo(table)
         acc, known = calibrate("ACC", values, device(table), raw_acc)
-        return t, acc, known, f"sensor_accel_fifo:{table.instance}"
+        return t, acc, known, f"sensor_accel_fifo:{table.instance}", str(device(table))
     voted = messages.first("sensor_combined")
     if voted is None or "accelerometer_m_s2" not in voted:
         return None
-    return stamps(voted), columns(voted, "accelerometer_m_s2"), True, "sensor_combined"
+    acc = columns(voted, "accelerometer_m_s2")
+    return stamps(voted), acc, True, "sensor_combined", voted_accelerometer(builder)
 
 
 def unpack_fifo(table: Table) -> tuple[Stamps, Array]:
@@ -173,6 +175,7 @@ def vehicle_imu(builder: LogBuilder) -> list[ImuCandidate]:
                 "interval",
                 filtered="none",
                 device=str(int(table["gyro_device_id"][0])),
+                acc_device=str(device(table, "accel_device_id")) if "accel_device_id" in table else None,
                 dt=dt[good],
                 usable=not decimated(t, dt[good]),
             )
@@ -215,6 +218,7 @@ def sensor_combined(builder: LogBuilder, selected: int) -> list[ImuCandidate]:
         "interval",
         filtered="none",
         usable=not lossy,
+        acc_device=voted_accelerometer(builder),
         temperature=status_temperature(builder, selected, t),
         note="holds the unit that the autopilot's voter chose",
     )
@@ -299,6 +303,7 @@ def raw(builder: LogBuilder, values: dict[str, float]) -> list[ImuCandidate]:
             filtered="driver",
             device=str(device(gyro_table)),
             acc_source=f"sensor_accel:{i}",
+            acc_device=str(device(acc_table)),
         )
         one = complete(one)
         if one.rate >= FAST_HZ:
@@ -306,11 +311,21 @@ def raw(builder: LogBuilder, values: dict[str, float]) -> list[ImuCandidate]:
     return found
 
 
-def device(table: Table) -> int:
+def voted_accelerometer(builder: LogBuilder) -> str | None:
+    """Device id of the accelerometer inside ``sensor_combined``; None where it changed, or the log does not tell."""
+    for name in ("sensor_selection", "estimator_selector_status"):
+        table = builder.messages.tables.get((name, 0))
+        if table is not None and "accel_device_id" in table and len(table):
+            ids = np.unique(table["accel_device_id"])
+            return str(int(ids[0])) if len(ids) == 1 and ids[0] else None
+    return None
+
+
+def device(table: Table, column: str = "device_id") -> int:
     """The device id that most records of a topic carry, 0 if it has none."""
-    if "device_id" not in table or len(table) == 0:
+    if column not in table or len(table) == 0:
         return 0
-    ids: NDArray[Any] = table["device_id"]
+    ids: NDArray[Any] = table[column]
     known, count = np.unique(ids, return_counts=True)
     return int(known[np.argmax(count)])
 

@@ -6,10 +6,13 @@ import numpy as np
 
 from attlog.flight import magnetic
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.calibration.px4 import calibrate, priority, slot_of
 from attlog.flight.clock.timing import only_new
-from attlog.flight.model import Mag
-from attlog.flight.px4.calibration import calibrate, priority, slot_of
+from attlog.flight.model import Mag, Stream
 from attlog.flight.px4.imus import device, sample_stamps, stamps
+
+RAW_RECORDS = 400
+"""So many raw values of a compass tell what the firmware subtracts from it beside the parameters."""
 
 
 def magnetometers(builder: LogBuilder, values: dict[str, float]) -> list[Mag]:
@@ -36,8 +39,22 @@ def published(builder: LogBuilder) -> list[Mag]:
             t_sample_us=sample_stamps(table),
             device=str(own) if own else None,
         )
-        found += [mag] if mag is not None else []
+        if mag is not None:
+            mag.raw = uncalibrated(builder, own)
+            found.append(mag)
     return found
+
+
+def uncalibrated(builder: LogBuilder, own: int) -> Stream | None:
+    """At most RAW_RECORDS of what the driver of a device gave (``sensor_mag``), spread over the log; None without."""
+    for i in builder.messages.instances("sensor_mag") if own else ():
+        table = builder.messages["sensor_mag", i]
+        if device(table) != own or "x" not in table:
+            continue
+        some = table.rows(np.unique(np.linspace(0, len(table) - 1, RAW_RECORDS).astype(np.int64)))
+        field, quiet = columns(some, "x", "y", "z") * magnetic.GAUSS, LogBuilder(builder.messages, t0_us=builder.t0_us)
+        return quiet.stream(stamps(some), field, "T", f"sensor_mag:{i}", t_sample_us=sample_stamps(some))
+    return None
 
 
 def combined(builder: LogBuilder) -> list[Mag]:

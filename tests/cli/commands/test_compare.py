@@ -11,7 +11,7 @@ from attlog.analysis import prepare
 from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
 from attlog.cli.commands.compare import printed
-from attlog.compare.configurations.command_words import sorted_out
+from attlog.compare.configurations.command_words import sorted_out, with_params
 from attlog.compare.configurations.configuration import parse
 from attlog.compare.differences.compare import compare
 from attlog.compare.differences.comparison import Comparison
@@ -100,6 +100,16 @@ def test_other_firmware_parameters_are_those_of_the_filter_itself(attlog, tmp_pa
     same, other = Comparison.load(tmp_path / "compare.json").verdicts
     assert same.lead.startswith("No difference")
     assert not other.lead.startswith("No difference")
+
+
+def test_a_calibration_in_a_file_is_one_for_every_filter_that_runs(tmp_path: Path) -> None:
+    new = tmp_path / "new.param"
+    new.write_text("COMPASS_OFS_X,100\n")
+    csv = tmp_path / "estimate.csv"
+    csv.write_text("t,qw,qx,qy,qz\n0,1,0,0,0\n")
+    found = with_params([parse("mahony"), parse("vqf"), parse(str(csv))], new)
+    assert [c.name.split(":params")[0] for c in found] == ["mahony", "mahony", "vqf", "vqf", str(csv)]
+    assert [c.params for c in found] == [None, new, None, new, None]
 
 
 def test_a_file_that_fits_no_filter_is_refused(attlog, tmp_path: Path) -> None:

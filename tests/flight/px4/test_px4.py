@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.base import rotation
+from attlog.flight.calibration.px4 import board, calibrate
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
-from attlog.flight.px4.calibration import board, calibrate
 from tests.flight.fake import gravity, level, messages, micros
 
 N, RATE = 1000, 200.0

@@ -1,0 +1,1 @@
+"""What a firmware makes of a sensor's raw values, and which parameters hold it."""
