@@ -1,0 +1,15 @@
+"""Does the onboard estimator know the delays of its aids, does it accept them, and are its aids any good?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from attlog.health.assessments.model import Assessment, HealthCase
+from attlog.health.assessments.onboard import field_delay, gnss_delay
+
+QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
+    "GNSS delay": gnss_delay.assessments,
+    "magnetometer delay": field_delay.assessments,
+    "IMU delay": field_delay.of_imu,
+}
+"""By name, in the order of the table."""
