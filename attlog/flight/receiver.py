@@ -41,8 +41,8 @@ def build(
     ``utc_us`` (n,) Unix time. Where records tell of no fix, place and velocity become NaN
     and nothing in them counts as wrong. ``repeats``: the last record is sent again until there
     is a new one, with its stamp or none, so that times tell no fault. ``received_us`` (n,) us is when the autopilot
-    took a record to have come, NaN where unknown; ``reception``: columns (n,) of :class:`Reception`. ValueError where the log's
-    definitions make arrays of single numbers.
+    took a record to have come, NaN where unknown; ``reception``: columns (n,) of :class:`Reception`.
+    ValueError where the log's definitions make arrays of single numbers.
     """
     if not all(len(t_us) == len(x) and x.ndim == 1 for x in (fix, *accuracy, yaw, utc_us) if x is not None):
         raise ValueError(f"{source} does not hold one value per record")
@@ -91,7 +91,7 @@ LATEST_US = 1e6
 
 def _received(builder: LogBuilder, t_us: Stamps, received_us: Array | None) -> Array | None:
     """When each record came (n,) s, its own stamp where that is not known; None where none is."""
-    if received_us is None:
+    if received_us is None or received_us.shape != t_us.shape:
         return None
     since = t_us - received_us
     known = (since >= 0.0) & (since < LATEST_US)
@@ -103,9 +103,11 @@ def _received(builder: LogBuilder, t_us: Stamps, received_us: Array | None) -> A
 def _reception(told: Mapping[str, Array]) -> Reception | None:
     """What a receiver tells of its signals, NaN where it tells nothing or what cannot be; None if it never does."""
     limits = {"satellites": physics.SATELLITES, "hdop": physics.HDOP}
+    unknown = np.full(len(next(iter(told.values()))), np.nan)
     found = {}
     for name in Reception.__slots__:
-        x = told.get(name, np.full(len(next(iter(told.values()))), np.nan)).astype(np.float64)
+        x = told.get(name, unknown).astype(np.float64)
+        x = x if x.shape == unknown.shape else unknown  # a damaged definition makes arrays of single numbers
         found[name] = np.where(limits[name].outside(x), np.nan, x) if name in limits else x
     return Reception(**found) if any(np.isfinite(x).any() for x in found.values()) else None
 

@@ -44,19 +44,21 @@ class AttitudePath:
 class DelayFit:
     """A delay and its standard error in s; ``halves`` are those of both halves of the flight.
 
-    ``moving``: RMS of what shows it, m/s^2 or uT/s. ``n`` samples in ``seconds``.
+    ``turn_deg`` is the turn of the attitude about the vertical that fits best. ``moving``: RMS of what shows the
+    delay, m/s^2 or uT/s. ``n`` samples in ``seconds``.
     """
 
     delay: float
     sigma: float
     halves: tuple[float, float]
+    turn_deg: float
     moving: float
     n: int
     seconds: float
 
 
 Equations = Callable[[float], tuple[Array, Array, Array]]
-"""Times (n,), columns (n, k, p) whose first belongs to the delay, and the rest (n, k), all at a delay in s."""
+"""At a delay in s: times (n,), columns (n, k, p), the first two those of delay and turn, and the rest (n, k)."""
 
 
 def gnss(imu: Imu, receiver: Gnss, path: AttitudePath, flown: list[Span], guess: float) -> DelayFit | None:
@@ -83,8 +85,9 @@ def gnss(imu: Imu, receiver: Gnss, path: AttitudePath, flown: list[Span], guess:
 
     def equations(tau: float) -> tuple[Array, Array, Array]:
         a, b = t[i] - tau, t[j] - tau
-        whole = np.interp(b + SLOPE_S, s, broken) - np.interp(a - SLOPE_S, s, broken) < 0.5
-        whole &= (a - SLOPE_S > s[0]) & (b + SLOPE_S < s[-1])
+        whole: NDArray[np.bool_] = (a - SLOPE_S > s[0]) & (b + SLOPE_S < s[-1])
+        first, last = np.searchsorted(s, a - SLOPE_S, side="right"), np.searchsorted(s, b + SLOPE_S)
+        whole &= broken[np.minimum(last, len(s) - 1)] == broken[np.maximum(first - 1, 0)]
         a, b = a[whole], b[whole]
         change, apart = at(b) - at(a), (b - a)
         columns = np.zeros((len(a), 2, 4))
@@ -118,7 +121,7 @@ def compass(t: Array, field: Array, earth: Array, path: AttitudePath) -> DelayFi
 
 
 def _integral(imu: Imu, path: AttitudePath, flown: list[Span]) -> tuple[Array, Array, Array]:
-    """Times (n,) s when the force was felt, its integral (n, 2) m/s north and east, and a count of holes (n,)."""
+    """Times (n,) s when the force was felt, its integral (n, 2) m/s north and east, and the holes up to each."""
     begin, end = (flown[0][0] - 2.0, flown[-1][1] + 2.0) if flown else (0.0, -1.0)
     stamps = imu.acc.t_best
     use = np.flatnonzero((stamps >= begin) & (stamps <= end))
@@ -135,25 +138,26 @@ def _integral(imu: Imu, path: AttitudePath, flown: list[Span]) -> tuple[Array, A
 
 def _solved(equations: Equations, guess: float) -> DelayFit | None:
     """The delay at which nothing is left to change."""
-    tau = guess
+    before = guess
     for _ in range(PASSES):
-        t, columns, rest = equations(tau)
-        found = _fit(t, columns, rest)
-        if found is None:
+        t, columns, rest = equations(before)
+        solution = _fit(t, columns, rest)
+        if solution is None:
             return None
-        step = float(found.x[0])
-        tau += step
+        found: RobustFit = solution
+        tau = before + float(found.x[0])
         if abs(tau) > LONGEST_S:
             return None
-        if abs(step) < DONE_S:
+        if abs(tau - before) < DONE_S:
             break
+        before = tau
     half = len(t) // 2
     parts = [_fit(t[k], columns[k], rest[k]) for k in (slice(None, half), slice(half, None))]
-    before = tau - step
-    halves = tuple(before + float(one.x[0]) if one is not None else np.nan for one in parts)
+    one, two = (np.nan if part is None else before + float(part.x[0]) for part in parts)
     moving = float(np.sqrt(np.mean(np.sum(columns[:, :, 0] ** 2, axis=1))))
+    turn = float(np.degrees(found.x[1]))
     seconds = float(np.minimum(np.diff(t), OVER_S).sum())
-    return DelayFit(tau, float(found.sigma[0]), (halves[0], halves[1]), moving, len(t), seconds)
+    return DelayFit(tau, float(found.sigma[0]), (one, two), turn, moving, len(t), seconds)
 
 
 def _fit(t: Array, columns: Array, rest: Array) -> RobustFit | None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from attlog.health.assessments.model import Assessment, HealthCase
-from attlog.health.assessments.onboard import field_delay, gnss_delay
+from attlog.health.assessments.onboard import field_delay, gnss_delay, gnss_quality, innovations, lanes
 
 QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
     "GNSS delay": gnss_delay.assessments,
     "magnetometer delay": field_delay.assessments,
     "IMU delay": field_delay.of_imu,
+    "innovations": innovations.assessments,
+    "lanes": lanes.assessments,
+    "GNSS quality": gnss_quality.assessments,
 }
 """By name, in the order of the table."""

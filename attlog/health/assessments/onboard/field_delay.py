@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from attlog.base import rotation
+from attlog.flight.aiding import delays as aiding
+from attlog.flight.aiding.delays import DelayParameter
 from attlog.health.assessments.model import Assessment, HealthCase, Setting, unknown
 from attlog.health.assessments.onboard import in_flight
 from attlog.health.fits import delays
@@ -21,9 +23,6 @@ OFF_MS, SIGMAS, FLOOR_MS, SURE_MS = 20.0, 3.0, 5.0, 15.0
 LEAST_UT_S, LEAST_S = 1.5, 20.0
 """The field must change so fast (RMS), for so long."""
 APART_MS = 25.0
-PX4, PX4_MOST_MS = "EKF2_MAG_DELAY", 300.0
-ARDUPILOT_MS = 60.0
-"""``magDelay_ms`` of EKF2 and EKF3: a constant, no parameter."""
 ROUND_MS = 5.0
 LIMIT = f"ok within {OFF_MS:.0f} ms or {SIGMAS:.0f} sigma of what the estimator was told"
 SOURCE = "24 simulated flights"
@@ -39,38 +38,36 @@ def assessments(case: HealthCase) -> list[Assessment]:
     field = log.mags[log.mag].field
     path = None if log.replay_imu is None else in_flight.attitude_path(case)
     if path is None:
-        why = "No attitude is known well enough to show a delay of the compass."
-        return [unknown(field.source, QUESTION, why, LIMIT, SOURCE)]
+        return [unknown(field.source, QUESTION, in_flight.no_path(case), LIMIT, SOURCE)]
     use = inside(field.t_best, flown) & rotation.finite(field.x)
     found = delays.compass(field.t_best[use], 1e6 * field.x[use], 1e6 * np.array(model.ned_t), path)
     why = _doubt(found)
     if found is None or why:
         return [unknown(field.source, QUESTION, why, LIMIT, SOURCE)]
-    told = _told(case, field.source, found)
+    told = _told(field.source, found, aiding.of_compass(log, flown[0][0]))
     told.n, told.seconds = found.n, round(found.seconds, 1)
     told.evidence = [f"Found by {path.name} in {found.seconds:.0f} s of flight."]
     return [told]
 
 
-def _told(case: HealthCase, source: str, found: DelayFit) -> Assessment:
+def _told(source: str, found: DelayFit, parameter: DelayParameter | str) -> Assessment:
     late, sigma = 1e3 * found.delay, math.hypot(1.5e3 * found.sigma, FLOOR_MS)
     text = f"{source} is {late:.0f} ms late ({late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}, 95 %)"
     told = Assessment(source, QUESTION, "ok", f"{text}.", threshold=LIMIT, source=SOURCE)
     told.value, told.unit = round(late, 1), "ms"
     told.ci95 = (round(late - 1.96 * sigma, 1), round(late + 1.96 * sigma, 1))
-    old = case.log.param(PX4) if case.log.firmware.name == "PX4" else None
-    if case.log.firmware.name == "ArduPilot":
-        told.text = f"{text}; the EKF takes {ARDUPILOT_MS:.0f} ms."
-        if late - ARDUPILOT_MS > max(OFF_MS, SIGMAS * sigma):
-            told.verdict, told.why_no_setting = "warning", "ArduPilot has no parameter for the delay of a compass."
-    elif isinstance(old, int | float):
-        told.text = f"{text}; {PX4} says {old:.0f} ms."
-        new = ROUND_MS * round(late / ROUND_MS)
-        if abs(late - old) > max(OFF_MS, SIGMAS * sigma) and 0.0 <= new <= PX4_MOST_MS and new != old:
-            told.verdict, told.settings = "warning", [Setting(PX4, float(old), new, "ms")]
-            told.action = f"Set {PX4} to {new:.0f} ms, reboot, and compare test ratios of the next flight."
-    else:
-        told.why_no_setting = "The log holds no parameter for the delay of a compass."
+    if isinstance(parameter, str):
+        told.why_no_setting = parameter
+        return told
+    told.text = f"{text}; {parameter.words}."
+    if max(parameter.low - late, late - parameter.high) <= max(OFF_MS, SIGMAS * sigma):
+        return told
+    told.verdict, new = "warning", ROUND_MS * round(late / ROUND_MS)
+    if not 0.0 < new <= parameter.most:
+        told.why_no_setting = "No parameter can tell the estimator this delay of a compass."
+        return told
+    told.settings = [Setting(parameter.name, parameter.old, new, "ms")]
+    told.action = f"Set {parameter.name} to {new:.0f} ms, reboot, and compare test ratios of the next flight."
     return told
 
 

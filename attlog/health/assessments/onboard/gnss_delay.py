@@ -1,17 +1,18 @@
 """How late is GNSS, and does the onboard estimator know it?
 
-Two estimates with little in common: the fit of velocities by :mod:`attlog.health.fits.delays`, and the likelihood of
-the smoother. Their mean is told; half their difference is part of its error.
+Estimates with little in common: the fit of velocities by :mod:`attlog.health.fits.delays`, and the likelihood of the
+smoother, without and with the compass. Their mean is told; half their range is part of its error.
 """
 
 from __future__ import annotations
 
 import math
 
-from attlog.flight.model import FlightLog, Gnss
+from attlog.flight.aiding import delays as aiding
+from attlog.flight.aiding.delays import DelayParameter
+from attlog.flight.model import Gnss
 from attlog.health.assessments.model import Assessment, HealthCase, Setting, unknown
-from attlog.health.assessments.onboard import delay_parameters, in_flight
-from attlog.health.assessments.onboard.delay_parameters import DelayParameter
+from attlog.health.assessments.onboard import in_flight
 from attlog.health.fits import delays
 from attlog.health.fits.delays import DelayFit
 
@@ -21,7 +22,9 @@ OFF_MS, SIGMAS, FLOOR_MS = 20.0, 3.0, 8.0
 LEAST_M_S2, LEAST_S = 0.4, 15.0
 """Change of the horizontal force that shows a delay (RMS), and how much flight."""
 APART_MS = 40.0
-"""Two estimates further apart than this tell nothing."""
+"""Estimates further apart than this tell nothing."""
+TURNED_DEG = 10.0
+"""The equations are linear in a turn of the heading: up to so much."""
 SURE_MS = 30.0
 """A delay known less well than this (one sigma) is not told."""
 ROUND_MS = 5.0
@@ -44,28 +47,28 @@ def _assessed(
 ) -> Assessment:
     imu = case.log.replay_imu
     if imu is None or path is None:
-        why = "No attitude is known well enough to turn the force: the delay of GNSS cannot be found."
-        return unknown(receiver.source, QUESTION, why, LIMIT, SOURCE)
-    smoothed = _of_smoother(case, receiver)
-    found = delays.gnss(imu, receiver, path, flown, 0.1 if smoothed is None else 1e-3 * smoothed)
+        return unknown(receiver.source, QUESTION, in_flight.no_path(case), LIMIT, SOURCE)
+    smoothed = _of_smoothers(case, receiver)
+    found = delays.gnss(imu, receiver, path, flown, 1e-3 * smoothed[0] if smoothed else 0.1)
     why = _doubt(found, smoothed)
     if found is None or why:
         return unknown(receiver.source, QUESTION, why, LIMIT, SOURCE)
     own = 1e3 * found.delay
-    late = own if smoothed is None else 0.5 * (own + smoothed)
-    apart = 0.0 if smoothed is None else 0.5 * abs(own - smoothed)
+    every = [own, *smoothed]
+    late, apart = sum(every) / len(every), 0.5 * (max(every) - min(every))
     sigma = math.sqrt((1.5e3 * found.sigma) ** 2 + FLOOR_MS**2 + apart**2)
-    parameter = delay_parameters.of_receiver(case.log, receiver, flown[0][0])
-    told = _told(case.log, receiver, late, sigma, parameter)
+    parameter = aiding.of_receiver(case.log, receiver, flown[0][0])
+    told = _told(receiver, late, sigma, parameter, aiding.buffer(case.log, flown[0][0]))
     told.n, told.seconds = found.n, round(found.seconds, 1)
     told.evidence.insert(0, f"By {path.name} the velocities are {own:.0f} ms late in {found.seconds:.0f} s of flight.")
-    if smoothed is not None:
-        told.evidence.insert(1, f"The smoother itself finds {smoothed:.0f} ms.")
+    if smoothed:
+        shown = " and ".join(f"{x:.0f} ms" for x in smoothed)
+        told.evidence.insert(1, f"The likelihood of the smoother finds {shown}.")
     return told
 
 
 def _told(
-    log: FlightLog, receiver: Gnss, late: float, sigma: float, parameter: DelayParameter | str
+    receiver: Gnss, late: float, sigma: float, parameter: DelayParameter | str, buffer: DelayParameter | None
 ) -> Assessment:
     """The delay beside the parameter; a value where it is off by more than both limits."""
     interval = f"{late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}"
@@ -86,21 +89,21 @@ def _told(
         found.why_no_setting = f"{parameter.name} ends at {parameter.most:.0f} ms: look for what delays the receiver."
         return found
     found.settings = [Setting(parameter.name, parameter.old, new, "ms")]
-    buffer = log.param("EKF2_DELAY_MAX")
-    if isinstance(buffer, int | float) and new > buffer:
-        found.settings.append(Setting("EKF2_DELAY_MAX", float(buffer), new, "ms"))
+    if buffer is not None and new > buffer.old:
+        found.settings.append(Setting(buffer.name, buffer.old, new, "ms"))
     found.action = f"Set {parameter.name} to {new:.0f} ms, reboot, and compare test ratios of the next flight."
     return found
 
 
-def _of_smoother(case: HealthCase, receiver: Gnss) -> float | None:
-    """What the smoother finds in ms since the record's receipt, of the receiver that it uses; else None."""
+def _of_smoothers(case: HealthCase, receiver: Gnss) -> list[float]:
+    """What smoothers without and with the compass find in ms since a record's receipt, of the receiver they use."""
     used = next((g for g in case.log.gnss if (g.fix >= delays.FIX_3D).sum() > 1), None)
-    quality = {} if case.motion is None else case.motion.quality
-    late = quality.get("gnss_delay_ms")
-    if used is not receiver or not isinstance(late, float):
-        return None
-    return late - 1e3 * _written_after(receiver)
+    qualities = [] if case.motion is None else [case.motion.quality]
+    if case.reference is not None and case.reference.kind == "smoother":
+        qualities.append(case.reference.quality)
+    found = [quality.get("gnss_delay_ms") for quality in qualities]
+    between = 1e3 * _written_after(receiver)
+    return [late - between for late in found if isinstance(late, float)] if used is receiver else []
 
 
 def _written_after(receiver: Gnss) -> float:
@@ -111,7 +114,7 @@ def _written_after(receiver: Gnss) -> float:
     return float(between[len(between) // 2])
 
 
-def _doubt(found: DelayFit | None, smoothed: float | None) -> str:
+def _doubt(found: DelayFit | None, smoothed: list[float]) -> str:
     """Why a fit is not believed; empty where it is."""
     if found is None:
         return "Too few GNSS velocities in flight to find their delay."
@@ -121,8 +124,11 @@ def _doubt(found: DelayFit | None, smoothed: float | None) -> str:
         return f"The force changes by {found.moving:.2f} m/s^2 only; accelerate and brake to show the delay of GNSS."
     if 1.5e3 * found.sigma > SURE_MS:
         return f"The delay of GNSS is known to {1.5e3 * found.sigma:.0f} ms only; accelerate and brake more."
-    if smoothed is not None and abs(1e3 * found.delay - smoothed) > APART_MS:
-        return f"Two estimates of the GNSS delay differ: {1e3 * found.delay:.0f} and {smoothed:.0f} ms."
+    if abs(found.turn_deg) > TURNED_DEG:
+        return f"The attitude's heading is {abs(found.turn_deg):.0f} deg off GNSS velocities: no delay can be told."
+    if any(abs(1e3 * found.delay - late) > APART_MS for late in smoothed):
+        shown = " and ".join(f"{x:.0f}" for x in (1e3 * found.delay, *smoothed))
+        return f"Estimates of the GNSS delay differ: {shown} ms."
     one, two = found.halves
     if not abs(one - two) <= max(3.0 * math.sqrt(8.0) * found.sigma, 1e-3 * APART_MS):
         return f"The halves of the flight show different GNSS delays: {1e3 * one:.0f} and {1e3 * two:.0f} ms."

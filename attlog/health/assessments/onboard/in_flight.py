@@ -14,8 +14,8 @@ EDGE_S = 1.0
 """Left out at both ends of a flight: the ground pushes there."""
 BLOCK_S = 5.0
 """Samples within so long are not independent: intervals come from blocks."""
-SURE_DEG = 5.0
-"""A heading by motion alone that is surer than this turns velocities well enough (SENSORS 1)."""
+SURE_HEADING_DEG, SURE_TILT_DEG = 5.0, 1.0
+"""A smoother that is surer than this knows its heading by motion alone; its tilt, where only that is needed."""
 
 
 def flown(case: HealthCase) -> list[Span]:
@@ -39,23 +39,37 @@ def armed(log: FlightLog) -> list[Span]:
 
 def _last(log: FlightLog) -> float:
     """The last time of anything that is asked for here, s."""
-    times = [x.t[-1] for x in (*log.attitudes.values(), *log.gnss, *log.innovation_tests) if len(x.t)]
-    return float(max(times, default=log.seconds))
+    every = [a.t for a in log.attitudes.values()] + [g.t for g in log.gnss] + [i.t for i in log.innovation_tests]
+    return max((float(t[-1]) for t in every if len(t)), default=log.seconds)
 
 
 def attitude_path(case: HealthCase) -> AttitudePath | None:
-    """The attitude by motion alone where it knows its heading, else truth or a smoother; None without any."""
+    """The attitude that the delays of other sensors are measured by; None where none is sound.
+
+    By motion alone where that knows its heading, else truth or a smoother with its own heading, else motion alone
+    with a heading that the fits turn as they need.
+    """
     motion, reference = case.motion, case.reference
-    if motion is not None and sure(motion.quality.get("sigma_heading_deg")):
-        return AttitudePath(motion.t, motion.q, motion.segment, "the smoother without compass")
+    by_motion = None if motion is None else AttitudePath(motion.t, motion.q, motion.segment, "motion alone")
+    if motion is not None and _at_most(motion.quality, "sigma_heading_deg", SURE_HEADING_DEG):
+        return by_motion
     if reference is not None and reference.kind in ("truth", "smoother") and reference.heading_by == "own":
         return AttitudePath(reference.t, reference.q, reference.gap_segment, f"the {reference.kind}")
+    if motion is not None and _at_most(motion.quality, "sigma_tilt_deg", SURE_TILT_DEG):
+        return by_motion
     return None
 
 
-def sure(sigma_deg: float | str | None) -> bool:
-    """Whether a smoother's own heading sigma is small enough."""
-    return isinstance(sigma_deg, float) and sigma_deg <= SURE_DEG
+def _at_most(quality: dict[str, float | str], name: str, limit: float) -> bool:
+    value = quality.get(name)
+    return isinstance(value, float) and value <= limit
+
+
+def no_path(case: HealthCase) -> str:
+    """Why there is no attitude to measure delays by, and what would give one."""
+    if case.log.replay_imu is None:
+        return f"No IMU of this log can be replayed. {case.log.advice('imu')}".strip()
+    return "No attitude of this log is sure enough to measure delays by; fly longer with GNSS, faster and slower."
 
 
 def median_interval(t: Array, x: Array) -> tuple[float, float]:
@@ -75,4 +89,4 @@ def held_seconds(t: Array) -> Array:
         return np.zeros(len(t))
     step = np.diff(t)
     usual = float(np.median(step))
-    return np.minimum(np.append(step, usual), 3.0 * usual)
+    return np.asarray(np.minimum(np.append(step, usual), 3.0 * usual))

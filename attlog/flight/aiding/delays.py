@@ -1,8 +1,9 @@
-"""Which parameter tells the onboard estimator how late a receiver is, what it was, and what it may be?
+"""Which parameter tells the onboard estimator how late a receiver or compass is, what it was, and what it may be?
 
 PX4 subtracts EKF2_GPS_DELAY from the record's stamp, since 2026 SENS_GPSn_DELAY (VehicleGPSPosition). ArduPilot's EKF
 subtracts ``AP_GPS::get_lag`` from GPA.SMS: GPS_DELAY_MS, or where that is 0 the driver's own number, of u-blox by
 hardware (AP_GPS_UBLOX.cpp). EKF2 of Copter 3.4 has EK2_GPS_DELAY instead.
+The delay of a compass is 60 ms there, a constant (``magDelay_ms``); PX4 has EKF2_MAG_DELAY.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ def _ardupilot(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str
     name = next((n for n in (f"GPS{slot}_DELAY_MS", f"GPS_DELAY_MS{'' if slot == 1 else slot}") if n in log.params), "")
     old = _known(log, name, t) if name else None
     second = _known(log, "EK2_GPS_DELAY", t)
+    if _known(log, "AHRS_EKF_TYPE", t) not in (2, 3):
+        return "No EKF flew that takes a delay (AHRS_EKF_TYPE)."
     if _known(log, "AHRS_EKF_TYPE", t) == 2 and second is not None:
         if old is None and slot == 1:
             return DelayParameter("EK2_GPS_DELAY", second, second, second, 250.0, f"EK2_GPS_DELAY says {second:.0f} ms")
@@ -75,7 +78,9 @@ def _ardupilot(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str
     assumed = _by_hardware(log, slot)
     if assumed is None:
         low, high = BY_DRIVER_MS
-        return DelayParameter(name, old, low, high, 250.0, f"{name} 0 leaves it to the driver ({low:.0f} to {high:.0f})")
+        return DelayParameter(
+            name, old, low, high, 250.0, f"{name} 0 leaves it to the driver ({low:.0f} to {high:.0f})"
+        )
     return DelayParameter(name, old, assumed, assumed, 250.0, f"{name} 0 stands for the driver's {assumed:.0f} ms")
 
 
@@ -86,3 +91,23 @@ def _by_hardware(log: FlightLog, slot: int) -> float | None:
         if found:
             return U_BLOX_MS.get(int(found.group(1), 16))
     return None
+
+
+COMPASS_MS = 60.0
+"""ArduPilot's constant."""
+
+
+def of_compass(log: FlightLog, t: float) -> DelayParameter | str:
+    """What the estimator took at ``t`` s for the delay of a compass; ``most`` is 0 where no parameter sets it."""
+    if log.firmware.name == "ArduPilot":
+        return DelayParameter("", COMPASS_MS, 0.0, COMPASS_MS, 0.0, f"the EKF takes {COMPASS_MS:.0f} ms")
+    old = _known(log, "EKF2_MAG_DELAY", t)
+    if old is None:
+        return "The log holds no parameter for the delay of a compass."
+    return DelayParameter("EKF2_MAG_DELAY", old, old, old, 300.0, f"EKF2_MAG_DELAY says {old:.0f} ms")
+
+
+def buffer(log: FlightLog, t: float) -> DelayParameter | None:
+    """How long PX4's estimator keeps its past (since 1.14): no aid may be later. None where nothing is told."""
+    old = _known(log, "EKF2_DELAY_MAX", t)
+    return None if old is None else DelayParameter("EKF2_DELAY_MAX", old, old, old, 1000.0, "")
