@@ -128,7 +128,7 @@ def _integral(imu: Imu, path: AttitudePath, flown: list[Span]) -> tuple[Array, A
     s = stamps[use] - imu.acc.delay
     q, _ = rotation.interpolated(path.t, path.q, path.segment, s)
     force = rotation.rotate(q, imu.acc.x[use])[:, :2]
-    known = np.isfinite(force).all(axis=1)
+    known: NDArray[np.bool_] = rotation.finite(force)
     force = np.where(known[:, None], force, 0.0)
     dt = np.diff(s, prepend=s[:1])
     mean = force if imu.acc.sampling == "interval" else 0.5 * (force + np.vstack([force[:1], force[:-1]]))

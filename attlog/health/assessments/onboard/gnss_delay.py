@@ -82,6 +82,10 @@ def _told(
     found.text = f"{text}; {parameter.words}."
     off = max(parameter.low - late, late - parameter.high, 0.0)
     if off <= max(OFF_MS, SIGMAS * sigma):
+        if off > OFF_MS:
+            found.evidence.append(
+                f"A difference of {off:.0f} ms is within {SIGMAS:.0f} sigma: accelerate and brake more."
+            )
         return found
     found.verdict = "warning"
     new = ROUND_MS * round(late / ROUND_MS)
