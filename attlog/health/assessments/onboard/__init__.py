@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from attlog.health.assessments.model import Assessment, HealthCase
-from attlog.health.assessments.onboard import field_delay, gnss_delay, gnss_quality, innovations, lanes
+from attlog.health.assessments.onboard import barometer, field_delay, gnss_delay, gnss_quality, innovations, lanes
 
 QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
     "GNSS delay": gnss_delay.assessments,
@@ -14,5 +14,6 @@ QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
     "innovations": innovations.assessments,
     "lanes": lanes.assessments,
     "GNSS quality": gnss_quality.assessments,
+    "barometer": barometer.assessments,
 }
 """By name, in the order of the table."""
