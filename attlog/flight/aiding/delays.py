@@ -63,16 +63,18 @@ def _ardupilot(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str
     name = next((n for n in (f"GPS{slot}_DELAY_MS", f"GPS_DELAY_MS{'' if slot == 1 else slot}") if n in log.params), "")
     old = _known(log, name, t) if name else None
     second = _known(log, "EK2_GPS_DELAY", t)
+    if old is None and second is None:
+        return "The log holds no delay parameter of this receiver."
     if _known(log, "AHRS_EKF_TYPE", t) not in (2, 3):
         return "No EKF flew that takes a delay (AHRS_EKF_TYPE)."
+    if receiver.received is None:
+        return "GPA.SMS is not logged, from which the EKF subtracts the delay."
     if _known(log, "AHRS_EKF_TYPE", t) == 2 and second is not None:
         if old is None and slot == 1:
             return DelayParameter("EK2_GPS_DELAY", second, second, second, 250.0, f"EK2_GPS_DELAY says {second:.0f} ms")
         return "This version has both EK2_GPS_DELAY and GPS_DELAY_MS: the log does not tell which one counted."
     if old is None:
         return "The log holds no delay parameter of this receiver."
-    if receiver.received is None:
-        return f"GPA.SMS is not logged, from which the EKF subtracts {name}."
     if old > 0:
         return DelayParameter(name, old, old, old, 250.0, f"{name} says {old:.0f} ms")
     assumed = _by_hardware(log, slot)

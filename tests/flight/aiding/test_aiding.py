@@ -47,6 +47,12 @@ def test_what_the_log_cannot_tell_is_a_sentence(firmware: str, params: dict[str,
     assert found.endswith(".")
 
 
+def test_without_the_time_of_receipt_the_parameter_says_nothing() -> None:
+    for params in ({"GPS_DELAY_MS": 90.0, "AHRS_EKF_TYPE": 3.0}, {"EK2_GPS_DELAY": 220.0, "AHRS_EKF_TYPE": 2.0}):
+        log = flight(firmware="ArduPilot", params=params)
+        assert "GPA.SMS" in str(delays.of_receiver(log, log.gnss[0], 5.0))
+
+
 def test_compasses_have_a_parameter_in_one_firmware_and_a_constant_in_the_other() -> None:
     px4 = delays.of_compass(flight(params={"EKF2_MAG_DELAY": 10.0}), 0.0)
     other = delays.of_compass(flight(firmware="ArduPilot"), 0.0)

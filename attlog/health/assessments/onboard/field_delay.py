@@ -57,7 +57,7 @@ def _told(source: str, found: DelayFit, parameter: DelayParameter | str) -> Asse
     told.value, told.unit = round(late, 1), "ms"
     told.ci95 = (round(late - 1.96 * sigma, 1), round(late + 1.96 * sigma, 1))
     if isinstance(parameter, str):
-        told.why_no_setting = parameter
+        told.verdict, told.why_no_setting = "unknown", parameter
         return told
     told.text = f"{text}; {parameter.words}."
     if max(parameter.low - late, late - parameter.high) <= max(OFF_MS, SIGMAS * sigma):

@@ -77,7 +77,7 @@ def _told(
     found.value, found.unit = round(late, 1), "ms"
     found.ci95 = (round(late - 1.96 * sigma, 1), round(late + 1.96 * sigma, 1))
     if isinstance(parameter, str):
-        found.why_no_setting = parameter
+        found.verdict, found.why_no_setting = "unknown", parameter
         return found
     found.text = f"{text}; {parameter.words}."
     off = max(parameter.low - late, late - parameter.high, 0.0)
@@ -86,6 +86,9 @@ def _told(
             found.evidence.append(
                 f"A difference of {off:.0f} ms is within {SIGMAS:.0f} sigma: accelerate and brake more."
             )
+        if parameter.low < parameter.high:
+            found.verdict = "unknown"
+            found.why_no_setting = "The log does not name the receiver's hardware: log from boot on."
         return found
     found.verdict = "warning"
     new = ROUND_MS * round(late / ROUND_MS)

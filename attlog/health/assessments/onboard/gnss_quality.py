@@ -54,9 +54,7 @@ def _quality(case: HealthCase, receiver: Gnss, flown: list[Span], use: np.ndarra
     lost = outages(receiver, flown, case.log)
     if not known:
         return unknown(receiver.source, QUALITY, "The log holds no satellites and no accuracy of GNSS.", LIMIT)
-    words = [
-        f"{name} {value:.0f}" if name == "satellites" else f"{name} {value:.2g}{unit}" for name, value, unit, _ in known
-    ]
+    words = [f"{name} {_number(value)}{unit}" for name, value, unit, _ in known]
     bad = [word for word, one in zip(words, known, strict=True) if one[3]]
     told = Assessment(receiver.source, QUALITY, "ok", "", threshold=LIMIT, source=needs.source, n=int(use.sum()))
     told.seconds = round(float(sum(b - a for a, b in flown)), 1)
@@ -79,6 +77,11 @@ def _quality(case: HealthCase, receiver: Gnss, flown: list[Span], use: np.ndarra
         if not bad:
             told.text = f"GNSS had no fix for {seconds:.0f} s in flight, first at {lost[0][0]:.0f} s."
     return told
+
+
+def _number(x: float) -> str:
+    """Two digits, of whole numbers all."""
+    return f"{x:.0f}" if x >= 10.0 or x == round(x) else f"{x:.2g}"
 
 
 def _percentile(x: Array, percent: float) -> float:

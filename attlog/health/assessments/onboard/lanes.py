@@ -82,9 +82,10 @@ def lanes_of(log: FlightLog) -> dict[int, str]:
 def in_use(log: FlightLog, flown: list[Span]) -> int:
     """The lane that flew longest in flight."""
     assert log.lane is not None
-    at = np.concatenate([np.linspace(a, b, 50) for a, b in flown])
-    held = [log.lane.at(float(t)) for t in at]
-    return int(max(set(held), key=held.count))
+    at = np.concatenate([np.arange(a, b, 0.5) for a, b in flown])
+    k = np.maximum(np.searchsorted(log.lane.t, at, side="right") - 1, 0)
+    numbers, counts = np.unique(np.asarray(log.lane.value)[k], return_counts=True)
+    return int(numbers[np.argmax(counts)])
 
 
 def _switches(log: FlightLog, flown: list[Span]) -> str:

@@ -48,6 +48,12 @@ def test_a_lane_in_use_that_is_better_or_no_worse_or_small_is_ok(tilts: tuple[fl
     assert told(flew(*tilts)).verdict == "ok"
 
 
+def test_the_lane_that_flew_longest_is_the_one_in_use() -> None:
+    one = told(flew(1.0, 8.0, used=1))
+    assert one.verdict == "warning"
+    assert "Lane 1 flew 8.0 deg off" in one.text
+
+
 def test_without_truth_or_smoother_nobody_judges_but_the_difference_is_told() -> None:
     one = told(flew(8.0, 1.0, judged=False))
     assert one.verdict == "unknown"
