@@ -118,11 +118,28 @@ class Mag:
 
 
 @dataclass(slots=True)
+class Reception:
+    """What a receiver says of its signals at the times of :class:`Gnss`: all (n,), NaN where it does not tell.
+
+    ``noise`` and ``jamming`` (0 to 255) are u-blox's noise level and indicator of narrow-band interference;
+    ``jamming_state`` 1 ok, 2 warning, 3 critical, ``spoofing_state`` 1 none, 2 indicated, 3 by several signs.
+    """
+
+    satellites: Array
+    hdop: Array
+    noise: Array
+    jamming: Array
+    jamming_state: Array
+    spoofing_state: Array
+
+
+@dataclass(slots=True)
 class Gnss:
     """One receiver at ``t`` (n,): degrees, metres, m/s NED; NaN where the log has no value.
 
     ``yaw`` (n,) rad is the heading of a receiver with two antennas, ``utc_us`` (n,) Unix
-    time, 0 where unknown. Without a fix position and velocity are NaN.
+    time, 0 where unknown. Without a fix position and velocity are NaN. ``received`` (n,) s is when the autopilot took
+    the record to have come, before its delay parameter, None where that is ``t``.
     """
 
     index: int
@@ -138,6 +155,8 @@ class Gnss:
     fix: NDArray[np.int64]
     yaw: Array | None = None
     utc_us: NDArray[np.int64] | None = None
+    received: Array | None = None
+    reception: Reception | None = None
 
 
 @dataclass(slots=True)
@@ -272,6 +291,7 @@ class FlightLog:
     ``acc_bias`` (n, 3) m/s^2 is what the onboard estimator takes off the accelerometer in body axes,
     ``onboard_gyro_bias`` (n, 3) rad/s what it takes off the gyro that is replayed, None where it runs on another one;
     ``onboard_vibration`` (n, 3) m/s^2 the level that the autopilot measures itself at full rate.
+    ``lane`` is the EKF core or instance that flew, by its number.
     ``yaw_estimator`` (n, 2) rad is the heading that the autopilot finds from GNSS motion without a compass, and its one
     sigma, where it calls it valid.
     """
@@ -322,6 +342,7 @@ class FlightLog:
     yaw_estimator: Stream | None = None
     clippings: list[Clipping] = field(default_factory=list)
     innovation_tests: list[InnovationTest] = field(default_factory=list)
+    lane: TimeLine | None = None
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     boot: int = 0
     boots: int = 1

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight import physics
 from attlog.flight.builder import OF_VALUES, LogBuilder, on_earth
 from attlog.flight.clock.timing import Stamps
-from attlog.flight.model import Array, Gnss
+from attlog.flight.model import Array, Gnss, Reception
 from attlog.flight.physics import Quantity
 
 FIX = 2
@@ -29,6 +31,8 @@ def build(
     yaw: Array | None = None,
     utc_us: NDArray[np.int64] | None = None,
     repeats: bool = False,
+    received_us: Array | None = None,
+    reception: Mapping[str, Array] | None = None,
 ) -> Gnss | None:
     """The receiver ``unit``; None if no record is left.
 
@@ -36,8 +40,9 @@ def build(
     ``accuracy``: horizontal and vertical in m, of the speed in m/s, each (n,). ``yaw`` (n,) rad,
     ``utc_us`` (n,) Unix time. Where records tell of no fix, place and velocity become NaN
     and nothing in them counts as wrong. ``repeats``: the last record is sent again until there
-    is a new one, with its stamp or none, so that times tell no fault. ValueError where the log's
-    definitions make arrays of single numbers.
+    is a new one, with its stamp or none, so that times tell no fault. ``received_us`` (n,) us is when the autopilot
+    took a record to have come, NaN where unknown; ``reception``: columns (n,) of :class:`Reception`.
+    ValueError where the log's definitions make arrays of single numbers.
     """
     if not all(len(t_us) == len(x) and x.ndim == 1 for x in (fix, *accuracy, yaw, utc_us) if x is not None):
         raise ValueError(f"{source} does not hold one value per record")
@@ -75,7 +80,36 @@ def build(
         fix,
         yaw,
         utc_us,
+        _received(builder, t_us[index], None if received_us is None else received_us[index]),
+        None if reception is None else _reception({name: x[index] for name, x in reception.items()}),
     )
+
+
+LATEST_US = 1e6
+"""A record is not written later than this after it came."""
+
+
+def _received(builder: LogBuilder, t_us: Stamps, received_us: Array | None) -> Array | None:
+    """When each record came (n,) s, its own stamp where that is not known; None where none is."""
+    if received_us is None or received_us.shape != t_us.shape:
+        return None
+    since = t_us - received_us
+    known = (since >= 0.0) & (since < LATEST_US)
+    if not known.any():
+        return None
+    return builder.seconds(t_us) - 1e-6 * np.where(known, since, 0.0)
+
+
+def _reception(told: Mapping[str, Array]) -> Reception | None:
+    """What a receiver tells of its signals, NaN where it tells nothing or what cannot be; None if it never does."""
+    limits = {"satellites": physics.SATELLITES, "hdop": physics.HDOP}
+    unknown = np.full(len(next(iter(told.values()))), np.nan)
+    found = {}
+    for name in Reception.__slots__:
+        x = told.get(name, unknown).astype(np.float64)
+        x = x if x.shape == unknown.shape else unknown  # a damaged definition makes arrays of single numbers
+        found[name] = np.where(limits[name].outside(x), np.nan, x) if name in limits else x
+    return Reception(**found) if any(np.isfinite(x).any() for x in found.values()) else None
 
 
 def _where_fixed(builder: LogBuilder, x: Array, fixed: NDArray[np.bool_], quantity: Quantity, source: str) -> Array:

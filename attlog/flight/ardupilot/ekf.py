@@ -25,7 +25,7 @@ from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import primary_core, unit_of_core, units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.inertial import longest_held
-from attlog.flight.model import Array, Imu, InnovationTest, Stream
+from attlog.flight.model import Array, Imu, InnovationTest, Stream, TimeLine
 from attlog.formats.base import Messages, Table
 
 COLUMNS = ("GX", "GY", "GZ")
@@ -106,6 +106,13 @@ def flown(builder: LogBuilder, clock: Clock, ekf: float | None) -> tuple[Table |
     if table is None and core == 1:
         return messages.first(f"{family}F9"), f"{family}F9"
     return table, f"{family}F4:{core}"
+
+
+def lane(builder: LogBuilder, clock: Clock, values: dict[str, float]) -> TimeLine | None:
+    """Which core flew; None where another estimator did or the log does not tell."""
+    ekf = values.get("AHRS_EKF_TYPE")
+    family, t_us, cores = primary_core(builder.messages, clock, ekf)
+    return builder.time_line(t_us, cores, f"{family}F4.PI") if family in FAMILIES.get(ekf, ()) else None
 
 
 MOST_SIGMA_RAD = math.radians(15.0)

@@ -1,4 +1,8 @@
-"""Satellite receivers of an ArduPilot log: as flown, and as given to the EKF for replay."""
+"""Satellite receivers of an ArduPilot log: as flown, and as given to the EKF for replay.
+
+GPA.SMS (boot time, ms) is ``last_message_time_ms``, from which the EKF subtracts GPS_DELAY_MS; GPS and GPA are written
+10 to 50 ms later.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +44,17 @@ def one_receiver(builder: LogBuilder, clock: Clock, unit: int, table: Table) -> 
         accuracy=(h_acc, v_acc, s_acc),
         yaw=yaw,
         utc_us=utc_us(table),
+        received_us=1e3 * accuracy(builder, clock, unit, t_us, "SMS"),
+        reception={name: told(table, column) for name, column in RECEPTION.items()},
     )
+
+
+RECEPTION = {"satellites": "NSats", "hdop": "HDop"}
+
+
+def told(table: Table, column: str) -> Array:
+    """A column (n,), NaN where the record has none."""
+    return table.value(column).astype(np.float64) if column in table else np.full(len(table), np.nan)
 
 
 def replay_receivers(builder: LogBuilder) -> list[Gnss]:

@@ -60,6 +60,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.yaw_estimator = builder.attempt("The yaw estimator", lambda: ekf.yaw_estimator(builder, clock, values), None)
     log.clippings = builder.attempt("Clipping", lambda: clipping.clippings(builder, clock), [])
     log.innovation_tests = builder.attempt("Test ratios", lambda: ekf.innovation_tests(builder, clock, values), [])
+    log.lane = builder.attempt("The EKF's core", lambda: ekf.lane(builder, clock, values), None)
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
     log.remedies = builder.attempt("Remedies", lambda: remedies.of(values), log.remedies)
     log.compass_switches = remedies.compass_switches(values)

@@ -9,7 +9,7 @@ import numpy as np
 from attlog.flight import physics, receiver
 from attlog.flight.ardupilot import vehicle
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.mavlink import vibration
+from attlog.flight.mavlink import ekf, vibration
 from attlog.flight.mavlink.clock import UNIX_US, PacketClock
 from attlog.flight.model import Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import ardupilot_mode, px4_custom_mode
@@ -63,6 +63,7 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
     log.clippings = builder.attempt("Clipping", lambda: vibration.clippings(builder, clock, instance), [])
     if autopilot == ARDUPILOT:
         log.onboard_vibration = builder.attempt("VIBRATION", lambda: vibration.level(builder, clock, instance), None)
+    log.innovation_tests = builder.attempt("Test ratios", lambda: ekf.innovation_tests(builder, clock, instance), [])
     log.texts = builder.attempt("Texts", builder.texts, [])
 
 
@@ -149,7 +150,7 @@ def one_receiver(builder: LogBuilder, clock: PacketClock, instance: int, unit: i
     if "yaw" in table and ((table["yaw"] > 0) & (table["yaw"] != 0xFFFF)).any():
         known = (table["yaw"] > 0) & (table["yaw"] != 0xFFFF)
         yaw = np.where(known, (np.radians(table["yaw"] * 0.01) + np.pi) % (2 * np.pi) - np.pi, np.nan)
-    unix = table["time_usec"].astype(np.int64)
+    unix, unknown = table["time_usec"].astype(np.int64), np.full(len(fix), np.nan)
     return receiver.build(
         builder,
         unit,
@@ -161,6 +162,10 @@ def one_receiver(builder: LogBuilder, clock: PacketClock, instance: int, unit: i
         accuracy=(h_acc, v_acc, s_acc),
         yaw=yaw,
         utc_us=unix if (unix > UNIX_US).any() else None,
+        reception={
+            "satellites": table["satellites_visible"].astype(np.float64) if "satellites_visible" in table else unknown,
+            "hdop": table["eph"] * 0.01 if "eph" in table else unknown,
+        },
         repeats=True,
     )
 

@@ -1,7 +1,9 @@
 """What PX4 reports of its estimator and of failsafes: ``estimator_status`` and ``vehicle_status``.
 
-Test ratios above 1 are measurements that the EKF rejects, whether a version logs the
-ratio or its square root. Bits of ``filter_fault_flags``: ``msg/EstimatorStatus.msg``.
+Test ratios above 1 are measurements that the EKF rejects. ``estimator_status`` holds roots, innovation over gate
+and standard deviation, in all versions; low-passed since 1.16, where the heading's is called ``hdg_test_ratio``.
+``estimator_innovation_test_ratios`` holds squares, of each axis; the largest is taken for aids that the former lacks.
+Bits of ``filter_fault_flags``: ``msg/EstimatorStatus.msg``.
 """
 
 from __future__ import annotations
@@ -9,13 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight import physics
-from attlog.flight.builder import LogBuilder
-from attlog.flight.model import InnovationTest, Problem
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.model import Array, InnovationTest, Problem, TimeLine
 from attlog.flight.px4.gyro_bias import selected
 from attlog.flight.px4.imus import stamps
+from attlog.formats.base import Table
 
 RATIOS = {
     "mag_test_ratio": "compass",
+    "hdg_test_ratio": "compass",
     "vel_test_ratio": "velocity",
     "pos_test_ratio": "position",
     "hgt_test_ratio": "height",
@@ -85,18 +89,54 @@ def _failsafe(builder: LogBuilder) -> None:
         )
 
 
+SQUARED = {
+    "compass": ("mag_field", "heading"),
+    "velocity": ("gps_hvel", "gps_vvel"),
+    "position": ("gps_hpos",),
+    "height": ("baro_vpos", "gps_vpos"),
+    "airspeed": ("airspeed",),
+}
+"""Columns of ``estimator_innovation_test_ratios`` by aid."""
+
+
 def innovation_tests(builder: LogBuilder) -> list[InnovationTest]:
     """The test ratios of the instance that flew longest, one for each aid."""
     instance = selected(builder)
-    table = builder.messages.tables.get(("estimator_status", instance))
-    if table is None or len(table) < 2:
-        return []
-    table = table.rows(builder.near(stamps(table)))
-    t = builder.seconds(stamps(table))
-    found = []
-    for column, aid in RATIOS.items():
-        if column in table:
-            source = f"estimator_status:{instance}.{column}"
-            ratio = np.asarray(builder.within(table.value(column), physics.TEST_RATIO, source), np.float64)
-            found.append(InnovationTest(aid, t, ratio, source))
-    return found
+    found: dict[str, InnovationTest] = {}
+    for name in ("estimator_status", "estimator_innovation_test_ratios"):
+        table = builder.messages.tables.get((name, instance))
+        if table is None or len(table) < 2:
+            continue
+        table = table.rows(builder.near(stamps(table)))
+        t = builder.seconds(stamps(table))
+        if name == "estimator_status":
+            for column, aid in RATIOS.items():
+                if column in table and aid not in found:
+                    source = f"{name}:{instance}.{column}"
+                    ratio = np.asarray(builder.within(table.value(column), physics.TEST_RATIO, source), np.float64)
+                    found[aid] = InnovationTest(aid, t, ratio, source)
+            continue
+        for aid in SQUARED:
+            if aid not in found and (squared := _largest(table, SQUARED[aid])) is not None:
+                found[aid] = InnovationTest(aid, t, np.sqrt(squared), f"{name}:{instance}.{SQUARED[aid][0]}")
+    return [found[aid] for aid in SQUARED if aid in found]
+
+
+def _largest(table: Table, names: tuple[str, ...]) -> Array | None:
+    """The largest squared ratio (n,) of some columns; NaN, None where there is none: axes not fused are infinite."""
+    have = [name for name in names if name in table]
+    if not have:
+        return None
+    x = columns(table, *have)
+    possible = np.isfinite(x) & (x >= physics.TEST_RATIO.low) & (x <= physics.TEST_RATIO.high)
+    largest = np.max(np.where(possible, x, -1.0), axis=1)
+    return np.where(largest >= 0.0, largest, np.nan) if np.any(largest > 0.0) else None
+
+
+def lane(builder: LogBuilder) -> TimeLine | None:
+    """Which instance flew; None where there is no selector."""
+    table = builder.messages.tables.get(("estimator_selector_status", 0))
+    if table is None or "primary_instance" not in table:
+        return None
+    numbers = table["primary_instance"].astype(np.int64).tolist()
+    return builder.time_line(stamps(table), numbers, "estimator_selector_status")

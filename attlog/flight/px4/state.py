@@ -60,6 +60,7 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
     log.yaw_estimator = builder.attempt("The yaw estimator", lambda: yaw_estimator.yaw_estimator(builder), None)
     log.clippings = builder.attempt("Clipping", lambda: clipping.clippings(builder), [])
     log.innovation_tests = builder.attempt("Test ratios", lambda: events.innovation_tests(builder), [])
+    log.lane = builder.attempt("The estimator's instance", lambda: events.lane(builder), None)
     events.report(builder)
     told = {n: v for n in log.params if (v := log.param(n)) is not None}
     log.remedies = builder.attempt("Remedies", lambda: remedies.of(told), log.remedies)
@@ -145,6 +146,16 @@ def rate_setpoints(builder: LogBuilder) -> Stream | None:
     )
 
 
+RECEPTION = {
+    "satellites": "satellites_used",
+    "hdop": "hdop",
+    "noise": "noise_per_ms",
+    "jamming": "jamming_indicator",
+    "jamming_state": "jamming_state",
+    "spoofing_state": "spoofing_state",
+}
+
+
 def gnss(builder: LogBuilder) -> list[Gnss]:
     """Receivers: ``vehicle_gps_position`` or ``sensor_gps``, whichever was logged faster."""
     messages = builder.messages
@@ -184,6 +195,7 @@ def one_receiver(builder: LogBuilder, name: str, instance: int) -> Gnss | None:
         accuracy=(accuracy(table, "eph"), accuracy(table, "epv"), accuracy(table, "s_variance_m_s")),
         yaw=columns(table, "heading")[:, 0] if "heading" in table else None,
         utc_us=table["time_utc_usec"].astype(np.int64) if "time_utc_usec" in table else None,
+        reception={name: accuracy(table, column) for name, column in RECEPTION.items()},
     )
 
 

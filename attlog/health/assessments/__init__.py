@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from attlog.base.barrier import guarded
+from attlog.health.assessments import compass, inertial, onboard, vibration
 from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, finite, unknown
 from attlog.health.assessments.offered import offered
 from attlog.health.assessments.topics import TOPICS, SensorQuestion
@@ -23,7 +24,12 @@ __all__ = [
     "unknown",
 ]
 
-QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {}
+QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
+    **compass.QUESTIONS,
+    **inertial.QUESTIONS,
+    **vibration.QUESTIONS,
+    **onboard.QUESTIONS,
+}
 """By name, in the order of the table: each gives no, one or several assessments, with ids of :data:`TOPICS`."""
 
 

@@ -328,6 +328,22 @@ def test_accuracies_belong_to_their_fix_and_a_heading_of_zero_is_none() -> None:
     np.testing.assert_allclose(gnss.yaw[10:], np.radians(-90.0))
 
 
+def test_a_fix_came_when_gpa_says_and_not_when_it_was_written() -> None:
+    """SMS is 30 ms before TimeUS; where it is later, or a second before, it is not believed."""
+    n, t = 50, micros(50, 5.0)
+    one = np.ones(n)
+    fixes = {"TimeUS": t, "Status": np.full(n, 3, np.uint8), "Lat": 47 * one, "Lng": 8 * one, "Alt": 400 * one}
+    fixes |= {"Spd": 2 * one, "GCrs": 90 * one, "NSats": np.full(n, 17, np.uint8), "HDop": np.full(n, 99.99)}
+    before = np.where(np.arange(n) < 40, 30, np.where(np.arange(n) < 45, -20, 1500))
+    told = {"TimeUS": t, "SMS": (t.astype(np.int64) // 1000 - before).astype(np.uint32)}
+    gnss = read({("IMU", 0): imu(), ("GPS", 0): fixes, ("GPA", 0): told}).gnss[0]
+    assert gnss.received is not None
+    np.testing.assert_allclose(gnss.t - gnss.received, np.where(np.arange(n) < 40, 0.03, 0.0), atol=1e-3)
+    assert gnss.reception is not None
+    assert gnss.reception.satellites.tolist() == [17.0] * n
+    assert np.isnan(gnss.reception.hdop).all()
+
+
 def test_gps_week_and_leap_seconds_give_the_calendar() -> None:
     # 2016-12-31 23:59:59 and 2017-01-01 00:00:00 UTC lie two GPS seconds apart: a leap second between them
     week, before, after = np.array([1930]), np.array([17_000]), np.array([18_000])

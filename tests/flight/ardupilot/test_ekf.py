@@ -73,3 +73,12 @@ def test_the_accelerometer_bias_is_that_of_the_primary_core() -> None:
     stream = read(two_cores() | {("XKF2", 0): learned(0.1), ("XKF2", 1): learned(-0.3)}).acc_bias
     assert stream is not None
     np.testing.assert_allclose(stream.x[0], -0.3, rtol=1e-6)
+
+
+def test_the_core_that_flew_is_a_time_line() -> None:
+    changes = primary(0) | {"PI": np.where(np.arange(20) < 8, 0, 1).astype(np.int8)}
+    lane = read({("IMU", 0): imu(), ("XKF4", 0): changes}, {"AHRS_EKF_TYPE": 3.0}).lane
+    assert lane is not None
+    assert lane.value == [0, 1]
+    assert lane.t[1] - lane.t[0] == pytest.approx(8 / 5.0)
+    assert read({("IMU", 0): imu(), ("XKF4", 0): changes}, {"AHRS_EKF_TYPE": 0.0}).lane is None

@@ -278,3 +278,20 @@ def test_packets_that_come_in_bursts_are_steady_where_they_are_late_by_less_than
     late = 3_000 * (-1) ** np.arange(len(boot))  # steps are wrong by 6 ms: half of the mean is 12.5, of the median 0.5
     assert steady(boot + late, boot)
     assert not steady(boot + 3 * late, boot)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "columns"),
+    [
+        (3, "EKF_STATUS_REPORT", ("compass_variance", "velocity_variance")),
+        (12, "ESTIMATOR_STATUS", ("mag_ratio", "vel_ratio")),
+    ],
+)
+def test_test_ratios_of_both_firmwares_are_read(autopilot: int, name: str, columns: tuple[str, str]) -> None:
+    sent = clock(20, 1.0) | {columns[0]: np.full(20, 0.4, np.float32), columns[1]: np.full(20, -1.0, np.float32)}
+    tables = {("RAW_IMU", ME): raw_imu(600, 25.0), ("ATTITUDE", ME): attitude(240, 10.0), (name, ME): sent}
+    log = reader.read(messages("tlog", tables, info=systems(autopilot)), None, None, None)
+    compass, velocity = log.innovation_tests
+    assert (compass.aid, velocity.aid) == ("compass", "velocity")
+    np.testing.assert_allclose(compass.ratio, 0.4, rtol=1e-6)
+    assert np.isnan(velocity.ratio).all()

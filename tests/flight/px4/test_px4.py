@@ -367,3 +367,48 @@ def test_fusions_that_failed_are_named_by_their_bit(bit: int, name: str) -> None
     (found,) = (p for p in log.problems if p.code == "ekf_fault")
     assert found.text == f"The EKF failed numerically: {name}."
     assert found.t == pytest.approx(3.0)
+
+
+def test_what_a_receiver_says_of_its_signals_is_kept_by_name() -> None:
+    told = {
+        "satellites_used": np.full(20, 14, np.uint8),
+        "hdop": np.full(20, 0.7, np.float32),
+        "noise_per_ms": np.full(20, 101, np.int32),
+        "jamming_indicator": np.full(20, 33, np.int32),
+        "jamming_state": np.full(20, 2, np.uint8),
+        "spoofing_state": np.where(np.arange(20) < 5, 1, 3).astype(np.uint8),
+    }
+    tables = {("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): receiver(True) | told}
+    reception = read(tables).gnss[0].reception
+    assert reception is not None
+    assert (reception.satellites[0], reception.noise[0], reception.jamming[0]) == (14.0, 101.0, 33.0)
+    assert (reception.jamming_state[0], reception.spoofing_state[0], reception.spoofing_state[-1]) == (2.0, 1.0, 3.0)
+    assert reception.hdop[0] == pytest.approx(0.7)
+    assert (
+        read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): receiver(True)}).gnss[0].reception
+        is None
+    )
+
+
+def test_the_headings_ratio_of_1_16_is_the_compass_and_squares_fill_what_is_missing() -> None:
+    n = 20
+    status = {"timestamp": micros(n, 1.0), "hdg_test_ratio": np.full(n, 0.3, np.float32)}
+    squares = {
+        "timestamp": micros(n, 1.0),
+        "gps_hvel": np.tile(np.array([0.04, 0.25], np.float32), (n, 1)),
+        "gps_vvel": np.full(n, 0.09, np.float32),
+        "gps_hpos": np.full((n, 2), np.inf, np.float32),
+        "mag_field": np.full((n, 3), 4.0, np.float32),
+    }
+    tables = {("sensor_combined", 0): combined(), ("estimator_status", 0): status}
+    log = read(tables | {("estimator_innovation_test_ratios", 0): squares})
+    ratios = {one.aid: float(one.ratio[3]) for one in log.innovation_tests}
+    assert ratios == {"compass": pytest.approx(0.3), "velocity": pytest.approx(0.5)}
+
+
+def test_the_instance_that_flew_is_a_time_line() -> None:
+    selector = {"timestamp": micros(4, 1.0), "primary_instance": np.array([0, 0, 1, 1], np.uint8)}
+    log = read({("sensor_combined", 0): combined(), ("estimator_selector_status", 0): selector})
+    assert log.lane is not None
+    assert log.lane.value == [0, 1]
+    assert read({("sensor_combined", 0): combined()}).lane is None
