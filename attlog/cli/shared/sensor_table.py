@@ -87,8 +87,10 @@ def _table(rows: Sequence[ShownAssessment], shown: Shown, width: int, verbose: b
 
 
 def _ends(rows: Sequence[ShownAssessment], verbose: bool) -> Iterator[str]:
-    """The last cell of each row: what to set, why there is nothing, else what was found; what a question says of several
-    sensors alike stands once."""
+    """The last cell of each row: what to set, why there is nothing, else what was found.
+
+    What a question says of several sensors alike stands once.
+    """
     said: dict[tuple[str, str], str] = {}
     for row in rows:
         text = row.to_set or ("" if verbose else row.text)
