@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,8 @@ Shown = Callable[[str], str]
 
 
 def sensor_lines(health: Sequence[Assessment], shown: Shown, width: int, verbose: bool) -> Iterator[TextLine]:
-    """The table of what is off or may be set, faults first; what is ok and what cannot be told in a line each.
+    """The table of what is off or may be set, faults first; what is ok and what cannot be told in a line each, with the
+    number of sensors where there are several.
 
     ``verbose``: every assessment with its sentence and evidence.
     """
@@ -31,13 +33,11 @@ def sensor_lines(health: Sequence[Assessment], shown: Shown, width: int, verbose
     listed = [a for a in every if verbose or a.verdict in STYLES or a.offers]
     yield from _table(listed, shown, width, verbose)
     rest = [a for a in every if a not in listed]
-    sound = [f"{a.question} {a.sensor} {a.value}" for a in rest if a.verdict == "ok"]
-    silent = [f"{a.question} {a.sensor}" for a in rest if a.verdict == "unknown"]
-    for label, parts in (("ok", sound), ("cannot tell", silent)):
-        if parts:
-            why = " (why: -v)" if label == "cannot tell" else ""
-            text = ", ".join(" ".join(part.split()) for part in parts)
-            yield from wrapped(f"  {label}: ", shown(f"{text}{why}"), width)
+    for label, verdict, more in (("ok", "ok", ""), ("cannot tell", "unknown", " (why: -v)")):
+        times = Counter(a.question for a in rest if a.verdict == verdict)
+        if times:
+            text = ", ".join(f"{question} ({n})" if n > 1 else question for question, n in times.items())
+            yield from wrapped(f"  {label}: ", shown(f"{text}{more}"), width)
     if not every:
         yield TextLine("  No question about a sensor can be answered from this log.")
 
@@ -72,7 +72,7 @@ def _table(rows: Sequence[ShownAssessment], shown: Shown, width: int, verbose: b
     cells = [tuple(shown(text) for text in (a.sensor, a.question, a.verdict, a.value)) for a in rows]
     before = 2 + sum(max(len(row[i]) for row in (head, *cells)) + 2 for i in range(4))
     beside = width - before >= BESIDE
-    ends = [shown(a.to_set or ("" if verbose else a.text)) for a in rows]
+    ends = [shown(text) for text in _ends(rows, verbose)]
     laid = columns([head, *((*c, end if beside else "") for c, end in zip(cells, ends, strict=True))], width)
     yield from (TextLine(line.rstrip() if beside else line[:before].rstrip(), "bold") for line in laid[0])
     for assessment, lines, end in zip(rows, laid[1:], ends, strict=True):
@@ -84,3 +84,15 @@ def _table(rows: Sequence[ShownAssessment], shown: Shown, width: int, verbose: b
             room = max(min(width, SENTENCES) - 6, 20)
             folded = textwrap.wrap(shown(sentence), room, break_long_words=False, break_on_hyphens=False)
             yield from (TextLine(" " * 6 + line, "dim") for line in folded)
+
+
+def _ends(rows: Sequence[ShownAssessment], verbose: bool) -> Iterator[str]:
+    """The last cell of each row: what to set, why there is nothing, else what was found.
+
+    What a question says of several sensors alike stands once.
+    """
+    said: dict[tuple[str, str], str] = {}
+    for row in rows:
+        text = row.to_set or ("" if verbose else row.text)
+        first = said.setdefault((row.question, text), row.sensor)
+        yield text if first == row.sensor or row.offers or not text else f"As for {first}."

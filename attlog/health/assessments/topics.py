@@ -47,6 +47,8 @@ TOPICS: Mapping[str, SensorQuestion] = {
     "innovations": SensorQuestion("test ratios", ESTIMATOR),
     "lanes": SensorQuestion("estimator lane in use", ESTIMATOR),
     "gnss_quality": SensorQuestion("GNSS quality", GNSS),
-    "barometer": SensorQuestion("barometer", ESTIMATOR),
+    "gnss_jumps": SensorQuestion("GNSS jumps", GNSS),
+    "gnss_interference": SensorQuestion("GNSS interference", GNSS),
+    "barometer_noise": SensorQuestion("barometer noise", ESTIMATOR),
 }
 """By question id, in the order of tables."""

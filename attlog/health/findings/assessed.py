@@ -11,6 +11,9 @@ from attlog.health.findings.finding import Finding
 
 TROUBLE = ("warning", "fault")
 """Verdicts of which a finding is made: what is unknown is none."""
+SURER = ("compass",)
+"""Kinds whose assessments know more of the cause than checks: a calibration mends no field of motors. What they say is
+to be done wins also without values to set."""
 
 
 def with_assessments(signs: Iterable[Finding], health: Iterable[Assessment]) -> list[Finding]:
@@ -31,13 +34,23 @@ def troubles(health: Iterable[Assessment]) -> list[Assessment]:
 
 
 def actions_of(health: Sequence[Assessment]) -> dict[str, str]:
-    """What should be set, a sentence for each kind of finding; values that questions dispute are left out."""
+    """What should be set, or done, for each kind of finding; values that questions dispute are left out."""
     agreed = {setting.name for setting in offered(health)}
-    kinds: dict[str, list[Assessment]] = {}
-    for assessment in troubles(health):
-        if assessment.settings and all(setting.name in agreed for setting in assessment.settings):
-            kinds.setdefault(TOPICS[assessment.question].finding, []).append(assessment)
-    return {kind: sentence(offered(same)) for kind, same in kinds.items()}
+    to_set: dict[str, dict[str, None]] = {}
+    to_do: dict[str, str] = {}
+    for found in troubles(health):
+        kind = TOPICS[found.question].finding
+        if found.settings and all(setting.name in agreed for setting in found.settings):
+            to_set.setdefault(kind, {})[_to_set(found)] = None
+        elif found.action and kind in SURER:
+            to_do.setdefault(kind, found.action)
+    return to_do | {kind: " ".join(sentences) for kind, sentences in to_set.items()}
+
+
+def _to_set(found: Assessment) -> str:
+    """The question's own words where they name each parameter, such as a suggestion; else what to set."""
+    named = found.action and all(setting.name in found.action for setting in found.settings)
+    return found.action if named else sentence(found.settings)
 
 
 def _sign(assessment: Assessment) -> Finding:
@@ -51,5 +64,5 @@ def _sign(assessment: Assessment) -> Finding:
         unit=assessment.unit if assessment.value is not None else "",
         about=assessment.question,
         evidence=list(assessment.evidence),
-        action=assessment.action or sentence(assessment.settings) or assessment.why_no_setting,
+        action=_to_set(assessment) or assessment.action or assessment.why_no_setting,
     )

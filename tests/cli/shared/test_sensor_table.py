@@ -54,3 +54,11 @@ def test_settings_stand_a_line_each() -> None:
         "  COMPASS_OFS_Y 4.5 -> -20.25",
     ]
     assert list(setting_lines([])) == []
+
+
+def test_what_is_folded_counts_its_sensors_and_the_same_words_stand_once() -> None:
+    twice = [REFUSED, replace(REFUSED, sensor="MAG.2"), SOUND, replace(SOUND, sensor="IMU.1"), SOUND]
+    lines = [line.text for line in sensor_lines(twice, str, 160, False)]
+    assert lines[-1] == "  ok: vibration (3)"
+    assert "\n".join(lines).count(REFUSED.why_no_setting) == 1
+    assert [line for line in lines if line.endswith("As for MAG.1.")]

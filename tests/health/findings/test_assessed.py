@@ -63,3 +63,23 @@ def test_a_disputed_value_is_no_action() -> None:
 
 def test_a_question_that_nobody_knows_makes_no_finding() -> None:
     assert findings(LOG, [], health=[replace(OFFSET, question="not_known")]) == findings(LOG, [])
+
+
+def test_a_question_that_names_its_parameters_says_itself_what_to_set() -> None:
+    words = "A suggestion: COMPASS_OFS_X 145 and COMPASS_OFS_Y -20.25."
+    (found,) = of("compass", [CHECK], replace(OFFSET, action=words))
+    assert found.action == words
+    (found,) = of("compass", [CHECK], replace(OFFSET, action="Reboot."))
+    assert found.action == SET
+
+
+def test_of_the_compass_what_an_assessment_advises_wins_without_values_too() -> None:
+    """A calibration, which checks advise, mends no field of motors."""
+    (found,) = of("compass", [CHECK], replace(REFUSED, action="Move it away from power wires."))
+    assert found.action == "Move it away from power wires."
+    check = Check("vibration", "warning", "It vibrates.")
+    (before,), (after,) = (
+        of("vibration", [check]),
+        of("vibration", [check], replace(SOUND, verdict="fault", action="X.")),
+    )
+    assert after.action == before.action
