@@ -35,7 +35,8 @@ def text(log: FlightLog, values: Mapping[str, float], head: Sequence[str], besid
             lines.append(f"# left out: {name} {value:.0f} swaps the compasses at a boot. Set it alone, reboot, fly.")
             continue
         lines += [f"# {beside[name]}"] if beside.get(name) else []
-        whole = ranges.is_whole(name)
+        own = log.params.get(name)
+        whole = ranges.is_whole(name) or (own is not None and isinstance(own.at(0.0), int))  # as the log stores it
         number = f"{value:.0f}" if whole else f"{value:.9g}"
         if log.firmware.name == "PX4":
             lines.append(f"{own_vehicle}\t{AUTOPILOT}\t{name}\t{number}\t{INT32 if whole else FLOAT}")

@@ -56,6 +56,14 @@ def test_a_px4_file_has_the_vehicle_the_component_and_the_type(tmp_path: Path) -
     assert "# CAL_MAG0_XOFF was 0.01 G when the log was flown, 0.012 at its end" in path.read_text()
 
 
+def test_a_parameter_that_the_log_holds_as_an_integer_is_written_as_one() -> None:
+    log = px4({}, raw_field(), None)
+    log.params |= {"EKF2_MAG_TYPE": TimeLine(np.zeros(1), [1], ""), "EKF2_MAG_NOISE": TimeLine(np.zeros(1), [1.0], "")}
+    text = file.text(log, [Setting("EKF2_MAG_TYPE", 1.0, 0.0), Setting("EKF2_MAG_NOISE", 1.0, 2.0)])
+    assert "EKF2_MAG_TYPE\t0\t6" in text
+    assert "EKF2_MAG_NOISE\t2\t9" in text
+
+
 def test_the_order_of_compasses_never_stands_beside_their_offsets() -> None:
     order = Setting("COMPASS_PRIO1_ID", 97539.0, 131874.0)
     assert "COMPASS_PRIO1_ID,131874" in file.text(ardupilot(OLD), [order])
