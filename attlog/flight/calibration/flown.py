@@ -40,7 +40,7 @@ def span(log: FlightLog) -> tuple[float, float]:
 
 
 def values(log: FlightLog) -> dict[str, float]:
-    """The parameters of calibration that flew, by name; those that only a given file tells are none of them."""
+    """The parameters of calibration that flew, by name; those that only a given file holds are not among them."""
     at = span(log)[0]
     own = (name for name in log.params if name.startswith(NAMES) and name not in log.filled_params)
     return {name: float(value) for name in own if (value := log.params[name].at(at)) is not None}
@@ -179,9 +179,9 @@ def _agree(log: FlightLog, mag: Mag, found: Calibration) -> None:
     flew = np.round((mag.offsets.x[before] if before.any() else mag.offsets.x)[-1] / ardupilot.MILLIGAUSS)
     if ((mag.offsets.t > begin) & (mag.offsets.t < end - STATUS_LAG_S)).any():
         raise CalibrationUnknownError(f"The offsets of {mag.field.source} changed during the flight.")
-    told = found.correction.offset / ardupilot.MILLIGAUSS
-    if (np.trunc(told + np.copysign(1e-3, told)) != flew).any():
-        sizes = [", ".join(f"{x:.0f}" for x in three) for three in (flew, told)]
+    held = found.correction.offset / ardupilot.MILLIGAUSS
+    if (np.trunc(held + np.copysign(1e-3, held)) != flew).any():
+        sizes = [", ".join(f"{x:.0f}" for x in three) for three in (flew, held)]
         raise CalibrationUnknownError(
             f"{mag.field.source} flew with offsets {sizes[0]} mG, the parameters say {sizes[1]}: those of another boot."
         )

@@ -45,7 +45,7 @@ RANGES: tuple[tuple[str, float, float], ...] = (
     (r"IMU_GYRO_DNF_BW", 5.0, 30.0),
     (r"IMU_GYRO_DNF_HMC", 1.0, 7.0),
     (r"IMU_GYRO_CUTOFF|IMU_ACCEL_CUTOFF", 0.0, 1000.0),
-    (r"EKF2_(GPS|MAG|BARO|ASP|OF|RNG|EV)_DELAY", 0.0, 300.0),
+    (r"EKF2_(GPS|MAG|BARO|ASP|OF|RNG|EV)_DELAY|SENS_GPS\d_DELAY", 0.0, 300.0),
     (r"EKF2_MAG_NOISE", 0.001, 1.0),
     (r"EKF2_HEAD_NOISE", 0.01, 1.0),
     (r"EKF2_GPS_V_NOISE", 0.01, 5.0),

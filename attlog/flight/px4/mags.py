@@ -40,7 +40,8 @@ def published(builder: LogBuilder) -> list[Mag]:
             device=str(own) if own else None,
         )
         if mag is not None:
-            mag.raw = uncalibrated(builder, own)
+            one = "device_id" in table and len(np.unique(table["device_id"])) == 1  # else two sensors take turns
+            mag.raw = uncalibrated(builder, own) if one else None
             found.append(mag)
     return found
 

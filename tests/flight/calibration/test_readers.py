@@ -41,14 +41,14 @@ def test_offsets_are_told_at_each_change() -> None:
     np.testing.assert_allclose(offsets.x[:, 0] * 1e7, [10.0, -20.0])
 
 
-def px4_log(selected: list[int]):
+def px4_log(selected: list[int], published_by: tuple[int, ...] = (42,)):
     t = micros(N, 200)
     combined = {"timestamp": t, "gyro_rad": np.full((N, 3), 0.01, np.float32), "accelerometer_m_s2": gravity(N)}
     combined |= {
         "gyro_integral_dt": np.full(N, 5000, np.uint32),
         "accelerometer_integral_dt": np.full(N, 5000, np.uint32),
     }
-    published = {"timestamp": t, "device_id": np.full(N, 42, np.uint32)}
+    published = {"timestamp": t, "device_id": np.resize(np.array(published_by, np.uint32), N)}
     published |= {"magnetometer_ga": np.random.default_rng(1).normal(0.3, 0.01, (N, 3)).astype(np.float32)}
     raw = {"timestamp": t, "device_id": np.full(N, 42, np.uint32)}
     raw |= {a: (0.1 * k + np.linspace(0.1, 0.2, N)).astype(np.float32) for k, a in enumerate("xyz")}
@@ -67,6 +67,10 @@ def test_a_px4_log_tells_some_raw_values_of_the_same_device() -> None:
     assert len(raw.t) <= RAW_RECORDS
     assert raw.t[-1] == pytest.approx((N - 1) / 200.0, abs=1e-3)
     np.testing.assert_allclose(raw.x[[0, -1], 0] * 1e4, [0.1, 0.2], atol=1e-6)
+
+
+def test_two_compasses_that_take_turns_have_no_raw_values() -> None:
+    assert px4_log([7, 7], (42, 42, 43)).mags[0].raw is None
 
 
 def test_the_voted_accelerometer_has_an_id_where_it_stayed_the_same() -> None:
