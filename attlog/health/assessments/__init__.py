@@ -6,11 +6,27 @@ from collections.abc import Callable
 from functools import partial
 
 from attlog.base.barrier import guarded
+from attlog.health.assessments.inertial import (
+    accelerometer_offset,
+    accelerometer_rest,
+    gyro_bias,
+    gyro_scale,
+    imu_instances,
+    temperature,
+)
 from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, unknown
 
 __all__ = ["Assessment", "HealthCase", "MotionAttitude", "Setting", "Verdict", "assess", "unknown"]
 
-QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {}
+QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
+    "accelerometer offset": accelerometer_offset.answer,
+    "accelerometer rest": accelerometer_rest.answer,
+    "IMU instances": imu_instances.answer,
+    "gyro bias": gyro_bias.answer,
+    "gyro scale": gyro_scale.answer,
+    "gyro temperature": temperature.gyro,
+    "accelerometer temperature": temperature.accelerometer,
+}
 """By name, in the order of the table: each gives no, one or several assessments."""
 
 

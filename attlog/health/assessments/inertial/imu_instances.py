@@ -1,0 +1,156 @@
+"""Do the inertial units of a vehicle agree, standing still and in flight, and if not, which one is off?
+
+The faster unit is interpolated to the samples of the slower one; medians over blocks of 5 s part a lasting difference
+from noise and vibration. Which one is off gravity and zero rate tell at rest, the smoother's biases in flight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from attlog.base import rotation
+from attlog.flight.model import Array, Imu, Stream
+from attlog.health.assessments.inertial import accelerometer_rest
+from attlog.health.assessments.inertial.biases import Bias, acc_bias, gyro_bias
+from attlog.health.assessments.inertial.blocks import Blocks, blocks, good, in_air, listed, of_stream, still, usable
+from attlog.health.assessments.model import Assessment, HealthCase, unknown
+from attlog.health.model import graded
+from attlog.health.sensors.accelerometer import expected
+from attlog.segments.spans import Span, inside
+
+QUESTION = "imu_instances"
+Kind = Literal["acc", "gyro"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How far two units may differ: ``ok`` up to ``off``, a fault beyond ``far``; an error below ``least`` is none."""
+
+    unit: str
+    off: float
+    far: float
+    least: float
+    floor: float
+    source: str
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"ok up to {self.off:g} {self.unit} or {SIGMAS:.0f} sigma, fault above {self.far:g}"
+
+
+SIGMAS = 4.0
+LIMITS: dict[Kind, Limits] = {
+    "acc": Limits("m/s^2", 0.5, 0.75, 0.15, 0.02, "3 deg of tilt; arming checks refuse from 0.7 to 0.75 m/s^2"),
+    "gyro": Limits("deg/s", 1.0, 5.0, 0.5, 0.02, "the limit of a gyro's bias; arming checks refuse from 5 deg/s"),
+}
+TIMES = 2.0
+"""One unit is off where its error is so many times the other's."""
+
+
+def answer(case: HealthCase) -> list[Assessment]:
+    """Two assessments, accelerometer and gyro, for each unit beside the one that is replayed; none for a single one."""
+    units = usable(case)
+    if len(units) < 2:
+        return []
+    pairs = [(kind, units[0], other) for other in units[1:] for kind in LIMITS]
+    found = [one for pair in pairs if (one := _assessed(case, *pair)) is not None]
+    why = "The units have no time in common, at rest or in flight."
+    return found or [unknown(units[0].acc.source, QUESTION, why, LIMITS["acc"].text, LIMITS["acc"].source)]
+
+
+def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
+    """How much ``b`` reads more than ``a`` over blocks (n, 3) within ``spans``; None where they share no time."""
+    if not spans:
+        return None
+    fast, slow, sign = (a, b, 1.0) if a.rate >= b.rate else (b, a, -1.0)
+    (t_fast, x_fast), (t, x) = good(fast, spans), good(slow, spans)
+    if len(t_fast) < 2 or len(t) == 0:
+        return None
+    use = (t >= t_fast[0]) & (t <= t_fast[-1]) & inside(t, spans)
+    t, x = t[use], x[use]
+    common = np.column_stack([np.interp(t, t_fast, column) for column in x_fast.T])
+    return blocks(t, sign * (x - common), spans)
+
+
+def _assessed(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Assessment | None:
+    """The difference of two units where it is larger, at rest or in flight."""
+    if case.segments is None:
+        return None
+    limits, factor = LIMITS[kind], 1.0 if kind == "acc" else float(np.degrees(1.0))
+    rest, where = still(case.segments)
+    told: list[tuple[float, float, Array, Array, Blocks, str]] = []
+    for spans, words in ((rest, where), (in_air(case.segments), "in flight")):
+        found = difference(getattr(a, kind), getattr(b, kind), spans)
+        if found is None:
+            continue
+        middle, sigma = factor * found.middle, np.hypot(factor * found.sigma(0.0), limits.floor)
+        size = float(rotation.length(middle[None])[0])
+        along = float(np.sqrt(np.sum((middle * sigma) ** 2))) / size if size > 0 else float(sigma.max())
+        told.append((size, along, middle, sigma, found, words))
+    if not told:
+        return None
+    size, along, middle, sigma, found, words = max(told, key=lambda one: one[0] - SIGMAS * one[1])
+    verdict = graded(size, max(limits.off, SIGMAS * along), max(limits.far, SIGMAS * along))
+    wrong, why = (None, "") if verdict == "ok" else _which(case, kind, a, b, middle)
+    names = b.acc.source, a.acc.source
+    text = f"{names[0]} and {names[1]} differ by {size:.2f} ± {1.96 * along:.2f} {limits.unit} {words} "
+    text += f"({listed(middle)})."
+    evidence = [f"{s:.2f} ± {1.96 * u:.2f} {limits.unit} {w}." for s, u, _, _, _, w in told if w != words]
+    sensor = names[0] if wrong is None else wrong.acc.source
+    return Assessment(
+        sensor,
+        QUESTION,
+        verdict,
+        text + (f" {why}" if wrong is not None else ""),
+        value=round(size, 3),
+        unit=limits.unit,
+        ci95=(round(max(size - 1.96 * along, 0.0), 3), round(size + 1.96 * along, 3)),
+        vector=[round(float(v), 3) for v in middle],
+        vector_ci95=[round(1.96 * float(v), 3) for v in sigma],
+        n=found.samples,
+        seconds=round(found.seconds, 1),
+        threshold=limits.text,
+        source=limits.source,
+        why_no_setting="" if verdict == "ok" or wrong is not None else why,
+        action="" if verdict == "ok" else case.log.remedies.get("accelerometer" if kind == "acc" else "gyro_bias", ""),
+        evidence=evidence,
+    )
+
+
+def _which(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> tuple[Imu | None, str]:
+    """Which of two units is off, and by what that is known; None with the reason where it is not.
+
+    ``apart`` (3,) m/s^2 or deg/s: what b reads more than a.
+    """
+    least = LIMITS[kind].least
+    if kind == "acc":
+        g = expected(case.log)
+        shown = [accelerometer_rest.size_at_rest(case, imu) for imu in (a, b)]
+        sizes = [abs(float(one.middle[0]) - g) for one in shown if one is not None]
+        by = f"gravity {still(case.segments)[1]}" if case.segments is not None else ""
+    else:
+        spans = [] if case.segments is None else still(case.segments)[0]
+        rates = [of_stream(imu.gyro, spans) for imu in (a, b)]
+        sizes = [float(np.degrees(rotation.length(one.middle[None])[0])) for one in rates if one is not None]
+        by = "its rate while standing still"
+    wrong = _larger(sizes, least)
+    if wrong is None:
+        bias: Bias | None = acc_bias(case) if kind == "acc" else gyro_bias(case)
+        if bias is not None and bias.sure and a is case.log.replay_imu:
+            sizes = [float(rotation.length(x[None])[0]) for x in (bias.mean, bias.mean + apart)]
+            wrong, by = _larger(sizes, least), "its bias in flight"
+    if wrong is None:
+        return None, "Which one is off neither rest nor flight tells."
+    return (a, b)[wrong], f"{(a, b)[wrong].acc.source} is off by {by}."
+
+
+def _larger(sizes: list[float], least: float) -> int | None:
+    """Which of two errors is clearly the larger one."""
+    if len(sizes) < 2:
+        return None
+    k = int(np.argmax(sizes))
+    return k if sizes[k] >= max(least, TIMES * sizes[1 - k]) else None
