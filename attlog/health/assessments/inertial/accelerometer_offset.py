@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.flight.model import Array, Imu
 from attlog.health.assessments.inertial import accelerometer_rest
@@ -85,19 +86,27 @@ def _of_unit(case: HealthCase, own: Bias, replayed: Imu, imu: Imu) -> Bias | Non
     return replace(own, mean=own.mean + more.middle, sigma=np.hypot(own.sigma, more.sigma(0.0)))
 
 
+def limit_of(bias: Bias) -> Array:
+    """From which size (3,) on an offset is one, m/s^2."""
+    return np.asarray(np.maximum(OFF_M_S2, SIGMAS * bias.sigma))
+
+
+def is_off(bias: Bias) -> NDArray[np.bool_]:
+    """Along which axes (3,) there surely is an offset that counts."""
+    return np.asarray(np.array(bias.known) & (np.abs(bias.mean) > limit_of(bias)))
+
+
 def _assessed(case: HealthCase, imu: Imu, bias: Bias) -> Assessment:
-    known = np.array(bias.known)
-    limits = np.maximum(OFF_M_S2, SIGMAS * bias.sigma)
-    off = known & (np.abs(bias.mean) > limits)
+    known, limits, off = np.array(bias.known), limit_of(bias), is_off(bias)
     worst = int(np.argmax(np.where(known, np.abs(bias.mean) / limits, -1.0)))
     size, sigma = float(bias.mean[worst]), float(bias.sigma[worst])
     verdict: Verdict = graded(abs(size), float(limits[worst]), max(float(FAR_M_S2[worst]), float(limits[worst])))
     source, told = imu.acc.source, interval(size, sigma, 2)
     if off.any():
         also = ", offset or scale" if worst == 2 else ""
-        text = f"{source} reads {size:+.2f} m/s^2 too much along {'xyz'[worst]} ({told}, 95 %) in flight{also}."
+        text = f"{source} is off by {size:+.2f} m/s^2 along {'xyz'[worst]} ({told}, 95 %) in flight{also}."
     elif known.all():
-        text = f"{source} reads {listed(bias.mean)} m/s^2 too much in flight, which is little."
+        text = f"{source} is off by {listed(bias.mean)} m/s^2 in flight, which is little."
     else:
         verdict = "unknown"
         axes, others = (" and ".join("xyz"[k] for k in np.flatnonzero(which)) for which in (known, ~known))
@@ -128,10 +137,13 @@ def _assessed(case: HealthCase, imu: Imu, bias: Bias) -> Assessment:
     return found
 
 
-def _refusal(case: HealthCase, imu: Imu, bias: Bias, off: Array) -> str:
+def _refusal(case: HealthCase, imu: Imu, bias: Bias, off: NDArray[np.bool_]) -> str:
     """Why an offset that is there is not offered as a number; empty where it is."""
     if float(np.abs(bias.mean[off]).max()) > MOST_M_S2:
         return "Above 1 m/s^2 a flight does not tell it exactly; six positions do."
+    flew = case.log.imu_that_flew
+    if flew is not None and len(set(flew.value)) > 1:
+        return "The unit in use changed, and the offset of each is not known."
     shaken = next((c for c in case.checks if c.name == "vibration" and c.verdict in ("warning", "fault")), None)
     if shaken is not None:
         return "Vibration shifts the accelerometer too. Reduce it first, then fly again."
@@ -141,7 +153,9 @@ def _refusal(case: HealthCase, imu: Imu, bias: Bias, off: Array) -> str:
             return "No rest on the ground confirms the vertical offset. Log before arming."
         shown, foreseen = ground
         if abs(shown - foreseen) > max(0.1, CONFIRMED * abs(float(bias.mean[2]))):
-            return f"On the ground it shows {shown:+.2f} m/s^2, not {foreseen:+.2f}: vibration in flight, no offset."
+            return (
+                f"The force on the ground is {shown:+.2f} m/s^2 off gravity, not {foreseen:+.2f}: no constant offset."
+            )
     return ""
 
 
@@ -162,7 +176,9 @@ def _evidence(case: HealthCase, imu: Imu, bias: Bias) -> list[str]:
     """What found it, the ground, and what the onboard estimator subtracts."""
     told = [f"By {bias.by}, {bias.seconds:.0f} s."]
     if bias.known[2] and (ground := on_ground(case, imu, bias)) is not None:
-        told.append(f"On the ground it shows {ground[0]:+.2f} m/s^2 beside gravity; {ground[1]:+.2f} by this offset.")
+        told.append(
+            f"The force on the ground is {ground[0]:+.2f} m/s^2 off gravity; this offset makes {ground[1]:+.2f}."
+        )
     if case.log.acc_bias is not None and imu is case.log.replay_imu and len(case.log.acc_bias.x):
         own = np.nanmedian(case.log.acc_bias.x, axis=0)
         if np.isfinite(own).all():

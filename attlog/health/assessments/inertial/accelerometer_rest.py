@@ -29,9 +29,16 @@ def answer(case: HealthCase) -> list[Assessment]:
     if not units:
         return []
     sizes = {imu.acc.source: size_at_rest(case, imu) for imu in units}
-    found = [_assessed(case, imu, size) for imu in units if (size := sizes[imu.acc.source]) is not None]
-    why = "The vehicle never stands still on the ground in this log."
+    found = [
+        _assessed(case, imu, size) for imu in units if (size := sizes[imu.acc.source]) is not None and _tells(size)
+    ]
+    why = "The vehicle never stands still on the ground in this log, or shakes too much."
     return found or [unknown(units[0].acc.source, QUESTION, why, LIMIT, SOURCE)]
+
+
+def _tells(size: Blocks) -> bool:
+    """Whether it is known as well as an error of it counts."""
+    return 1.96 * float(size.sigma(FLOOR_M_S2)[0]) <= OFF_M_S2
 
 
 def size_at_rest(case: HealthCase, imu: Imu) -> Blocks | None:
@@ -47,7 +54,8 @@ def _assessed(case: HealthCase, imu: Imu, found: Blocks) -> Assessment:
     where, g = still(case.segments)[1], expected(case.log)
     size, sigma = float(found.middle[0]), float(found.sigma(FLOOR_M_S2)[0])
     error = size - g
-    verdict = graded(abs(error), max(OFF_M_S2, SIGMAS * sigma), FAR_M_S2)
+    off_from = max(OFF_M_S2, SIGMAS * sigma)
+    verdict = graded(abs(error), off_from, max(FAR_M_S2, off_from))
     text = f"{imu.acc.source} shows {size:.2f} ± {1.96 * sigma:.2f} m/s^2 {where}; gravity is {g:.2f}."
     off = verdict != "ok"
     return Assessment(

@@ -17,10 +17,12 @@ from attlog.health.sensors.gyro import alive
 from attlog.health.sound import crashed
 from attlog.segments import gaps
 from attlog.segments.model import Segments
-from attlog.segments.spans import Span, between, complement, intersect
+from attlog.segments.spans import Span, between, complement, intersect, seconds
 
 FEWEST = 5
 """Samples of a block: a unit logged at 2 Hz has ten in one."""
+MANY, SHORT_S, LEAST_S = 5, 1.0, 2.0
+"""Where a phase has fewer blocks of 5 s than MANY they are of 1 s; less than LEAST_S tells nothing."""
 EDGE_S = 1.0
 """Left out at both ends of a flight, where the ground pushes."""
 INFLATED, MAD = 1.5, 1.4826
@@ -29,7 +31,7 @@ INFLATED, MAD = 1.5, 1.4826
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Medians ``x`` (b, k) of blocks of 5 s at their middles ``t`` (b,) s, by ``samples`` in ``seconds``."""
+    """Medians ``x`` (b, k) of blocks at their middles ``t`` (b,) s, by ``samples`` in ``seconds``."""
 
     t: Array
     x: Array
@@ -51,25 +53,28 @@ class Blocks:
 
 
 def blocks(t: Array, x: Array, spans: list[Span]) -> Blocks | None:
-    """Blocks of ``x`` (n, k) at rising ``t`` (n,) s within ``spans``; None where no block has enough samples."""
+    """Blocks of ``x`` (n, k) at rising ``t`` (n,) s within ``spans``; None where there are less than 2 s of them."""
     times: list[float] = []
     medians: list[Array] = []
     spreads: list[Array] = []
     samples = 0
     rate = logged_rate(t)
+    if rate <= 0.0:
+        return None
+    length = BLOCK_S if seconds(spans) >= MANY * BLOCK_S else max(SHORT_S, FEWEST / rate)
     for a, b in spans:
         own = between(t, a, b)
         mine, values = t[own], x[own]
-        edges = np.searchsorted(mine, np.arange(a, b + BLOCK_S, BLOCK_S))
+        edges = np.searchsorted(mine, np.arange(a, b + length, length))
         for i, j in pairwise(edges):
-            if j - i < FEWEST or (medians and j - i < 0.5 * rate * BLOCK_S):  # what is left of a span adds noise only
+            if j - i < FEWEST or (medians and j - i < 0.5 * rate * length):  # what is left of a span adds noise only
                 continue
             middle = np.median(values[i:j], axis=0)
             times.append(float(0.5 * (mine[i] + mine[j - 1])))
             medians.append(middle)
             spreads.append(MAD * np.median(np.abs(values[i:j] - middle), axis=0))
             samples += int(j - i)
-    if not medians or rate <= 0.0:
+    if samples < LEAST_S * rate:
         return None
     spread = np.asarray(np.median(np.array(spreads), axis=0))
     return Blocks(np.array(times), np.array(medians), samples, samples / rate, spread)

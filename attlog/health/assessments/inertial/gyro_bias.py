@@ -46,6 +46,8 @@ def _assessed(case: HealthCase, imu: Imu) -> Assessment | None:
         return None
     spans, where = still(case.segments)
     rest, air = of_stream(imu.gyro, spans), _flown(case, imu)
+    if rest is not None and 1.96 * float(np.degrees(rest.sigma(0.0).max())) > BIAS_DPS[0]:
+        rest = None
     if rest is None and air is None:
         return None
     if rest is not None:
@@ -85,14 +87,16 @@ def _assessed(case: HealthCase, imu: Imu) -> Assessment | None:
 def _flown(case: HealthCase, imu: Imu) -> Bias | None:
     """The bias in flight: the smoother's of the replayed unit, and what another one reads more."""
     found, replayed = gyro_bias(case), case.log.replay_imu
-    if found is None or replayed is None or case.segments is None or not found.sure:
+    if found is None or replayed is None or case.segments is None or not in_air(case.segments):
         return None
     if imu is replayed:
-        return found
+        return found if found.sure else None
     more = difference(replayed.gyro, imu.gyro, in_air(case.segments))
     if more is None:
         return None
     sigma = np.hypot(found.sigma, np.degrees(more.sigma(0.0)))
+    if not found.sure or 1.96 * float(sigma.max()) > BIAS_DPS[0]:
+        return None
     return Bias(found.mean + np.degrees(more.middle), sigma, found.known, found.n, found.seconds, found.by)
 
 

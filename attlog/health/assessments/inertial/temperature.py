@@ -74,7 +74,7 @@ def _answer(case: HealthCase, question: str) -> list[Assessment]:
             found.append(_assessed(case, imu, question, line))
     if found:
         return found
-    why = f"At rest the temperature spans {widest:.1f} K; {SPAN_K:.0f} are needed."
+    why = f"At rest the temperature spans {widest:.1f} K; {SPAN_K:.0f} are needed, seen at several temperatures."
     if all(imu.temperature is None for imu in units):
         why = "The log holds no temperature of its inertial units."
     elif not spans:
