@@ -29,6 +29,8 @@ OFF_M_S2, FAR_M_S2 = np.array([0.17, 0.17, 0.3]), np.array([0.5, 0.5, 1.0])
 """1 and 3 deg of tilt horizontally; along z the limits of gravity's size at rest."""
 SIGMAS, MOST_M_S2 = 4.0, 1.0
 """Offered from so many sigma up to this size: beyond it the smoother's prior holds it back (4.5 became 3.5)."""
+TILTED_M_S2 = 0.5
+"""3 deg: by less two units of one board may be mounted differently, and their difference is then no offset."""
 CONFIRMED = 0.3
 """The ground shows the vertical offset to 0.1 m/s^2 or this part of it."""
 LIMIT = "ok up to 0.17 m/s^2 horizontally, 0.3 along z, or 4 sigma; fault above 0.5 and 1 m/s^2"
@@ -43,11 +45,11 @@ def answer(case: HealthCase) -> list[Assessment]:
         return []
     own, why = _replayed(case)
     if own is None or not any(own.known):
-        found = unknown(units[0].acc.source, QUESTION, why, LIMIT, SOURCE)
-        return [replace(found, action=MOVE)]
+        return [replace(unknown(units[0].acc.source, QUESTION, why, LIMIT, SOURCE), action=MOVE)]
     if units[0] is not case.log.replay_imu:
         return []
-    found = [_assessed(case, imu, bias) for imu in units if (bias := _of_unit(case, own, units[0], imu)) is not None]
+    biases = [(imu, bias) for imu in units if (bias := _of_unit(case, own, units[0], imu)) is not None]
+    found = [_assessed(case, imu, bias, own) for imu, bias in biases]
     return [one for k, one in enumerate(found) if k == 0 or one.verdict != "unknown"]
 
 
@@ -58,7 +60,8 @@ def _replayed(case: HealthCase) -> tuple[Bias | None, str]:
     found, reference = acc_bias(case), case.reference
     if found is not None and any(found.known):
         return found, ""
-    if reference is not None and reference.kind in ("truth", "smoother"):
+    kinds = ("truth", "smoother") if found is None else ("truth",)  # a smoother that does not know it turns no force
+    if reference is not None and reference.kind in kinds:
         fitted = force.measured(case.log, case.segments, reference)
         if fitted is not None:
             sigma = np.append(np.hypot(1.5 * fitted.solution.sigma[4:6], FLOOR_M_S2[:2]), np.inf)
@@ -96,7 +99,8 @@ def is_off(bias: Bias) -> NDArray[np.bool_]:
     return np.asarray(np.array(bias.known) & (np.abs(bias.mean) > limit_of(bias)))
 
 
-def _assessed(case: HealthCase, imu: Imu, bias: Bias) -> Assessment:
+def _assessed(case: HealthCase, imu: Imu, bias: Bias, own: Bias) -> Assessment:
+    """The answer for a unit; ``own`` is the bias of the replayed one, by which it was found."""
     known, limits, off = np.array(bias.known), limit_of(bias), is_off(bias)
     worst = int(np.argmax(np.where(known, np.abs(bias.mean) / limits, -1.0)))
     size, sigma = float(bias.mean[worst]), float(bias.sigma[worst])
@@ -129,7 +133,7 @@ def _assessed(case: HealthCase, imu: Imu, bias: Bias) -> Assessment:
         action=MOVE if verdict == "unknown" else "",
     )
     if off.any():
-        found.why_no_setting = _refusal(case, imu, bias, off)
+        found.why_no_setting = _refusal(case, imu, bias, own)
         if not found.why_no_setting:
             offered = proposal(case.log, imu, np.where(off, bias.mean, 0.0))
             found.settings, found.why_no_setting = offered.settings, offered.refused
@@ -137,16 +141,21 @@ def _assessed(case: HealthCase, imu: Imu, bias: Bias) -> Assessment:
     return found
 
 
-def _refusal(case: HealthCase, imu: Imu, bias: Bias, off: NDArray[np.bool_]) -> str:
+def _refusal(case: HealthCase, imu: Imu, bias: Bias, own: Bias) -> str:
     """Why an offset that is there is not offered as a number; empty where it is."""
-    if float(np.abs(bias.mean[off]).max()) > MOST_M_S2:
+    off = is_off(bias)
+    if float(np.abs(own.mean[np.array(own.known)]).max()) > MOST_M_S2:
         return "Above 1 m/s^2 a flight does not tell it exactly; six positions do."
+    if imu is not case.log.replay_imu and (off & (np.abs(bias.mean) < TILTED_M_S2))[:2].any():
+        return "A unit that is mounted 1 to 3 deg off level reads the same; six positions tell."
     flew = case.log.imu_that_flew
     if flew is not None and len(set(flew.value)) > 1:
         return "The unit in use changed, and the offset of each is not known."
-    shaken = next((c for c in case.checks if c.name == "vibration" and c.verdict in ("warning", "fault")), None)
-    if shaken is not None:
+    bad = {c.name for c in case.checks if c.verdict in ("warning", "fault")}
+    if "vibration" in bad:
         return "Vibration shifts the accelerometer too. Reduce it first, then fly again."
+    if force.AXES in bad:
+        return "Its axes are exchanged or reversed: correct these first."
     if off[2]:
         ground = on_ground(case, imu, bias)
         if ground is None:

@@ -47,12 +47,15 @@ def test_an_offset_is_offered_along_the_axes_that_are_off_only(asked: Asked) -> 
     assert found.ci95 == pytest.approx((0.3 - 1.96 * 0.0335, 0.3 + 1.96 * 0.0335), abs=1e-3)
 
 
-def test_another_unit_has_the_bias_of_the_first_and_what_it_reads_more(asked: Asked) -> None:
-    log = log_of(unit(0, 100.0, (0.1, 0.0, 0.0), NONE), unit(1, 50.0, (0.4, 0.0, 0.0), NONE))
+@pytest.mark.parametrize(("more", "verdict"), [(0.4, "warning"), (0.9, "fault"), (1.7, "fault")])
+def test_another_unit_has_the_bias_of_the_first_and_what_it_reads_more(asked: Asked, more: float, verdict: str) -> None:
+    """By the difference its size may be large; 0.4 m/s^2 are also 2.3 deg between the units."""
+    log = log_of(unit(0, 100.0, (0.1, 0.0, 0.0), NONE), unit(1, 50.0, (more, 0.0, 0.0), NONE))
     first, second = answer(case(log, told((0.1, 0.0, 0.0))))
-    assert (first.verdict, second.verdict) == ("ok", "warning")
-    assert second.vector == pytest.approx([0.4, 0.0, 0.0], abs=0.03)
-    assert [name for name, _ in asked] == ["IMU:1"]
+    assert (first.verdict, second.verdict) == ("ok", verdict)
+    assert second.vector == pytest.approx([more, 0.0, 0.0], abs=0.03)
+    assert [name for name, _ in asked] == (["IMU:1"] if more > 0.5 else [])
+    assert bool(second.why_no_setting) == (more < 0.5)
 
 
 @pytest.mark.parametrize(("on_ground", "offered"), [(0.5, True), (0.0, False), (-0.5, False)])
