@@ -16,7 +16,7 @@ from attlog.flight.model import Array, Imu
 from attlog.health.assessments.inertial import accelerometer_rest
 from attlog.health.assessments.inertial.biases import FLOOR_M_S2, Bias, acc_bias
 from attlog.health.assessments.inertial.blocks import in_air, listed, of_stream, still, usable
-from attlog.health.assessments.inertial.imu_instances import difference
+from attlog.health.assessments.inertial.imu_instances import LEAST_FLOWN_HZ, difference
 from attlog.health.assessments.model import Assessment, HealthCase, Verdict, unknown
 from attlog.health.fits import force
 from attlog.health.fits.regression import interval
@@ -82,7 +82,8 @@ def _of_unit(case: HealthCase, own: Bias, replayed: Imu, imu: Imu) -> Bias | Non
     """The bias of a unit: that of the replayed one, and what it reads more in flight."""
     if imu is replayed:
         return own
-    assert case.segments is not None
+    if case.segments is None or imu.acc.rate < LEAST_FLOWN_HZ:
+        return None
     more = difference(replayed.acc, imu.acc, in_air(case.segments))
     if more is None:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from attlog.health.assessments.inertial.imu_instances import answer, difference
-from tests.health.assessments.inertial.cases import case, log_of, phases, told, unit
+from tests.health.assessments.inertial.cases import AIR_S, REST_S, case, log_of, phases, told, unit
 
 NONE = (0.0, 0.0, 0.0)
 
@@ -53,6 +53,18 @@ def test_a_stream_that_repeats_another_one_is_no_second_unit() -> None:
     """PX4's selected unit after a switch: the same numbers twice."""
     a = unit(0, 100.0, NONE, NONE)
     assert difference(a.acc, replace(a.acc, t=a.acc.t[::10], x=a.acc.x[::10]), [(0.0, 28.0)]) is None
+
+
+def test_units_that_differ_in_flight_only_are_parted_by_vibration_and_slow_ones_are_not_compared_there() -> None:
+    fast, slow = (unit(1, rate, NONE, NONE) for rate in (50.0, 2.0))
+    for one in (fast, slow):
+        one.acc.x[(one.acc.t > REST_S) & (one.acc.t < AIR_S), 2] += 1.3
+    shaken = answer(case(log_of(unit(0, 100.0, NONE, NONE), fast)))[0]
+    assert shaken.verdict == "warning"
+    assert "vibration" in shaken.text
+    assert shaken.value == pytest.approx(1.3, abs=0.05)
+    folded = answer(case(log_of(unit(0, 100.0, NONE, NONE), slow)))[0]
+    assert (folded.verdict, folded.seconds < 60.0) == ("ok", True)
 
 
 def test_one_unit_says_nothing_and_units_without_common_time_that_they_cannot_be_compared() -> None:
