@@ -71,6 +71,7 @@ def test_wrecks_and_what_follows_an_impact_are_no_rest_and_no_flight() -> None:
     assert still(crashed)[0] == [(0.0, 20.0)]
     assert in_air(whole) == [(21.0, 59.0)]
     assert in_air(crashed) == [(21.0, 50.0)]
+    assert in_air(Segments([*phases, Segment("impact", 40.0, 40.5)])) == [(21.0, 40.0)]  # and flies on, bent
     assert intact(crashed, []) == []
 
 
