@@ -21,6 +21,7 @@ Fault = Literal[
     "bus",
     "clock",
     "gyro_scale",
+    "temperature",
 ]
 """What a remedy is asked for."""
 
@@ -40,5 +41,6 @@ GENERAL: Mapping[Fault, str] = {
     "bus": "Check the sensor's connection, or fly on another unit.",
     "clock": "Log raw samples with their time of measurement, or fly on another unit.",
     "gyro_scale": "Fly on another unit, and replace this one.",
+    "temperature": "Switch on, wait until the sensors are warm, then calibrate them and take off.",
 }
 """Where nothing is known of the firmware."""

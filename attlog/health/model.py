@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 
 @dataclass(slots=True)
@@ -12,6 +13,7 @@ class Check:
     ``t`` s is where it begins and ``t_end`` s where it ends, None for all of the log; ``count`` how often it happens.
     ``about``: the angle (tilt, heading) or the sensor that it speaks of, where not of what its name says.
     ``evidence``: further sentences with numbers. ``cause`` where this log tells it, empty where it is the usual one.
+    ``ci95``: the 95 % interval of ``value`` where one is known, by so many ``samples`` in ``seconds``.
     """
 
     name: str
@@ -26,6 +28,9 @@ class Check:
     about: str = ""
     evidence: list[str] = field(default_factory=list)
     cause: str = ""
+    ci95: tuple[float, float] | None = None
+    samples: int = 0
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +47,7 @@ class Answerable:
     setting: str = ""
 
 
-def graded(value: float, ok: float, warning: float) -> str:
+def graded(value: float, ok: float, warning: float) -> Literal["ok", "warning", "fault"]:
     """The verdict of a size: ok up to ``ok``, warning up to ``warning``, else fault."""
     return "ok" if value <= ok else "warning" if value <= warning else "fault"
 

@@ -92,6 +92,7 @@ def smoothed(inputs: Inputs, solution: passes.Solution) -> Estimate:
     q, bias = attitude.smoothed_samples(found, inputs)
     tilt, heading = attitude.sigmas(inputs, found, found.spread, solution.jumps)
     told = attitude.quality(inputs, found, solution.tuned, tilt, heading) | attitude.quality_of_passes(solution)
+    told |= attitude.quality_of_biases(inputs, solution, bias)
     return Estimate(
         t=inputs.t,
         q=attitude.at_stamps(inputs, q, bias),

@@ -31,6 +31,9 @@ def of(values: Mapping[str, float]) -> dict[Fault, str]:
         del found["declination"]
     elif "COMPASS_AUTODEC" in values:
         found["declination"] = "Set COMPASS_AUTODEC to 1."
+    if "INS_TCAL1_ENABLE" in values:
+        now = f"{values['INS_TCAL1_ENABLE']:g}"
+        found["temperature"] = f"Calibrate over temperature: INS_TCAL1_ENABLE is {now}, 2 learns from a cold start."
     return found
 
 

@@ -21,4 +21,7 @@ def of(values: Mapping[str, float]) -> dict[Fault, str]:
         found["compass_mounting"] = f"Compare the mounting with CAL_MAG0_ROT {now}, then calibrate the compass."
     if values.get("CAL_MAG_COMP_TYP") == 0:
         found["interference"] += " CAL_MAG_COMP_TYP is 0: nothing compensates for them."
+    if "TC_G_ENABLE" in values:
+        now = f"{values['TC_G_ENABLE']:g}"
+        found["temperature"] = f"Run the thermal calibration from a cold start (TC_G_ENABLE is {now}; 1 uses it)."
     return found

@@ -9,6 +9,7 @@ Whether the bias steps a smoother with GNSS knows best, by likelihood: where it 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,8 @@ def _jump(imu: Imu, jumps: tuple[GyroJump, ...]) -> Check:
     verdict = graded(abs(size), STEP_DPS, FAR_DPS)
     text = f"The bias of {imu.gyro.source} steps by {size:+.2f} deg/s about {'xyz'[axis]} "
     text += f"({interval(size, sigma, 2)}, 95 %) at {jump.t:.0f} s by the smoother, which models it."
-    return Check(STEP, verdict, text, round(size, 2), "deg/s", STEP_LIMIT, t=round(jump.t, 1))
+    ci95 = round(size - 1.96 * sigma, 2), round(size + 1.96 * sigma, 2)
+    return Check(STEP, verdict, text, round(size, 2), "deg/s", STEP_LIMIT, t=round(jump.t, 1), ci95=ci95)
 
 
 def _scale(imu: Imu, reference: Reference, t: Array, g: Array, found: list[RobustFit | None]) -> Check:
@@ -116,16 +118,18 @@ def _scale(imu: Imu, reference: Reference, t: Array, g: Array, found: list[Robus
     error, sigma, _ = max(told, key=lambda one: abs(one[0]) / one[1])
     off = [one for one in told if abs(one[0]) > max(OFF, SIGMAS * one[1])]
     seconds = len(t) * SPAN_S
+    ci95 = round(100.0 * error - 196.0 * sigma, 2), round(100.0 * error + 196.0 * sigma, 2)
+    made = partial(Check, SCALE, unit="%", threshold=LIMIT, ci95=ci95, samples=len(t), seconds=round(seconds, 1))
     if not off:
         shown = ", ".join(f"{'xyz'[k]} {1.0 + e:.3f}" for e, _, k in told)
         text = f"{imu.gyro.source} against {reference.source} turns {shown} times as far in {seconds:.0f} s of flight."
-        return Check(SCALE, "ok", text, round(100.0 * error, 2), "%", LIMIT)
+        return made("ok", text, round(100.0 * error, 2))
     verdict = "fault" if max(abs(one[0]) for one in off) > FAR else "warning"
     which = ", ".join("xyz"[k] for _, _, k in off)
     text = f"{imu.gyro.source} reads {100 * abs(error):.1f} % too {'much' if error > 0 else 'little'} about {which} "
     text += f"({interval(100 * abs(error), 100 * sigma, 1)}, 95 %) against {reference.source}, "
     text += f"{len(t)} intervals in {seconds:.0f} s of flight."
-    return Check(SCALE, verdict, text, round(100.0 * error, 2), "%", LIMIT)
+    return made(verdict, text, round(100.0 * error, 2))
 
 
 def _step(imu: Imu, reference: Reference, t: Array, columns: Array, a: Array, found: list[RobustFit | None]) -> Check:
@@ -151,7 +155,10 @@ def _step(imu: Imu, reference: Reference, t: Array, columns: Array, a: Array, fo
     verdict = "fault" if abs(size) > FAR_DPS else "warning"
     text = f"The bias of {imu.gyro.source} steps by {size:+.2f} deg/s about {'xyz'[axis]} "
     text += f"({interval(size, sigma, 2)}, 95 %) at {when:.0f} s against {reference.source}."
-    return Check(STEP, verdict, text, round(size, 2), "deg/s", STEP_LIMIT, t=round(when, 1))
+    ci95 = round(size - 1.96 * sigma, 2), round(size + 1.96 * sigma, 2)
+    seconds = round(len(t) * SPAN_S, 1)
+    told = partial(Check, STEP, verdict, text, round(size, 2), "deg/s", STEP_LIMIT, t=round(when, 1))
+    return told(ci95=ci95, samples=len(t), seconds=seconds)
 
 
 def largest_step(bias: Array) -> tuple[float, float, int, int]:

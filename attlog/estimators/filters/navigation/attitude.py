@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation import turns
-from attlog.estimators.filters.navigation.layout import KICKED, OPENED, SEEN, SOFTENED
+from attlog.estimators.filters.navigation.layout import BA, BG, KICKED, OPENED, SEEN, SOFTENED
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.passes import Solution
 from attlog.estimators.filters.navigation.passes.jumps import Jump
@@ -148,6 +148,24 @@ def quality_of_passes(solution: Solution) -> dict[str, float | str]:
         **quality_of_jumps(solution.jumps),
         **({"gyro_jump_unmodelled": solution.unmodelled} if solution.unmodelled else {}),
     }
+
+
+def quality_of_biases(inputs: Inputs, solution: Solution, gyro_bias: Array) -> dict[str, float | str]:
+    """What the sensors read too much along x, y, z, and the model's own sigma of it as the run begins.
+
+    Of the accelerometer [m/s^2] as the run begins, of the gyro [deg/s] the median of ``gyro_bias`` (n, 3) rad/s while
+    the vehicle moves.
+    """
+    begin, found, moving = solution.begin, solution.found, inputs.rest == 0
+    sigma = np.sqrt(np.maximum(found.first_spread, 0.0))
+    acc = begin.x[BA : BA + 3] + found.first[BA : BA + 3]
+    gyro = np.median(gyro_bias[moving] if moving.any() else gyro_bias, axis=0)
+    told: dict[str, float | str] = {}
+    for k, axis in enumerate("xyz"):
+        told[f"acc_bias_{axis}_m_s2"], told[f"acc_bias_{axis}_sigma_m_s2"] = float(acc[k]), float(sigma[BA + k])
+        told[f"gyro_bias_{axis}_dps"] = float(np.degrees(gyro[k]))
+        told[f"gyro_bias_{axis}_sigma_dps"] = float(np.degrees(sigma[BG + k]))
+    return told
 
 
 def quality_of_jumps(jumps: Sequence[Jump]) -> dict[str, float | str]:

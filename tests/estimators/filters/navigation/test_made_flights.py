@@ -45,6 +45,19 @@ def test_the_smoother_is_far_better_than_the_sensors_biases(smoothed):
         assert e.bias[-1] == pytest.approx([0.004, -0.003, 0.002], abs=3e-4)
 
 
+def test_the_biases_are_told_with_a_sigma_that_holds_them(smoothed):
+    """Told are (0.05, -0.08, 0.04) m/s^2 and (0.004, -0.003, 0.002) rad/s; the sigma is too small by half."""
+    for _, e in smoothed:
+        acc, acc_sigma, gyro, gyro_sigma = (
+            np.array([e.quality[name.format(axis)] for axis in "xyz"])
+            for name in ("acc_bias_{}_m_s2", "acc_bias_{}_sigma_m_s2", "gyro_bias_{}_dps", "gyro_bias_{}_sigma_dps")
+        )
+        assert (np.abs(acc - [0.05, -0.08, 0.04]) < 3.0 * np.hypot(1.5 * acc_sigma, 0.005)).all()
+        assert (acc_sigma < 0.03).all()
+        assert gyro == pytest.approx(np.degrees([0.004, -0.003, 0.002]), abs=0.02)
+        assert (gyro_sigma < 0.1).all()
+
+
 def test_the_delay_of_gnss_is_found(smoothed):
     found = [e.quality["gnss_delay_ms"] for _, e in smoothed]
     assert np.mean(found) == pytest.approx(100.0, abs=6.0)
