@@ -7,10 +7,15 @@ from functools import partial
 
 from attlog.base.barrier import guarded
 from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, unknown
+from attlog.health.assessments.vibration import gyro_spectrum, notch, vibration_level
 
 __all__ = ["Assessment", "HealthCase", "MotionAttitude", "Setting", "Verdict", "assess", "unknown"]
 
-QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {}
+QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
+    "vibration level": vibration_level,
+    "gyro spectrum": gyro_spectrum,
+    "notch": notch,
+}
 """By name, in the order of the table: each gives no, one or several assessments."""
 
 
