@@ -19,7 +19,7 @@ from attlog.base.barrier import guarded
 from attlog.flight.advice import LoggingAdvice, What, stand_still
 from attlog.flight.remedies import GENERAL, Fault
 from attlog.flight.vehicle import VehicleKind, kind_of
-from attlog.flight.vibration import Burst, OnboardSpectrum, OnboardVibration
+from attlog.flight.vibration.model import Burst, OnboardSpectrum, OnboardVibration
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

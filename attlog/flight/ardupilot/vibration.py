@@ -17,7 +17,7 @@ from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Clipping, Imu, Stream
-from attlog.flight.vibration import Burst, OnboardVibration
+from attlog.flight.vibration.model import Burst, OnboardVibration
 from attlog.formats.base import Table
 
 AXES = ("VibeX", "VibeY", "VibeZ")
@@ -52,7 +52,7 @@ def levels(builder: LogBuilder, clock: Clock) -> list[OnboardVibration]:
             source = f"VIBE:{unit}" if "IMU" in table else "VIBE"
             stream = own.stream(clock.of(table), columns(table, *AXES), "m/s^2", source, within=physics.VIBRATION)
             if stream is not None:
-                found.append(OnboardVibration(unit, "VIBE", source, stream.t, stream.x.max(axis=1)))
+                found.append(OnboardVibration(unit, "rest", source, stream.t, stream.x.max(axis=1)))
     return found
 
 

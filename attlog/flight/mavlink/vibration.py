@@ -12,7 +12,7 @@ from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.mavlink.clock import PacketClock
 from attlog.flight.model import Clipping, Stream
-from attlog.flight.vibration import OnboardVibration
+from attlog.flight.vibration.model import OnboardVibration
 
 UNITS = 3
 
@@ -41,4 +41,4 @@ def level(builder: LogBuilder, clock: PacketClock, instance: int) -> Stream | No
 
 def levels(level_: Stream | None) -> list[OnboardVibration]:
     """The same of the worst axis; the message tells of the primary unit, here 0."""
-    return [] if level_ is None else [OnboardVibration(0, "VIBE", level_.source, level_.t, level_.x.max(axis=1))]
+    return [] if level_ is None else [OnboardVibration(0, "rest", level_.source, level_.t, level_.x.max(axis=1))]

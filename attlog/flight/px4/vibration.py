@@ -13,7 +13,7 @@ import numpy as np
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import stamps_of
-from attlog.flight.vibration import OnboardSpectrum, OnboardVibration
+from attlog.flight.vibration.model import OnboardSpectrum, OnboardVibration
 
 FASTEST_INTEGRATION_HZ = 1000.0
 DEFAULT_RATE_HZ = 200.0
@@ -32,7 +32,7 @@ def levels(builder: LogBuilder) -> list[OnboardVibration]:
         x = table.value("accel_vibration_metric") * scale
         stream = builder.stream(stamps_of(table, "timestamp"), x, "m/s^2", source, within=physics.VIBRATION)
         if stream is not None:
-            found.append(OnboardVibration(unit, "PX4", source, stream.t, stream.x[:, 0]))
+            found.append(OnboardVibration(unit, "difference", source, stream.t, stream.x[:, 0]))
     return found
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.model import FlightLog, Imu
-from attlog.flight.vibration import Burst, Measure, OnboardVibration
+from attlog.flight.vibration.advice import level_missing, measures_differences
+from attlog.flight.vibration.model import LIMITS, Burst, OnboardVibration
 from attlog.health.assessments.model import Assessment, HealthCase, Verdict, unknown
-from attlog.health.sensors.vibration import ONBOARD_M_S2, more_power, onset
+from attlog.health.sensors.vibration import more_power, onset
 from attlog.health.sound import crashed
 from attlog.segments.model import Segments
 from attlog.segments.spans import Span, complement, inside, intersect
@@ -29,23 +28,6 @@ FEW_CLIPS, MANY_CLIPS, LASTING_S = 10, 100, 3
 """ardupilot.org, "Measuring Vibration": below 100 is likely fine, a number that keeps growing is not."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What a measure's level may be: ``share`` of the flight is judged, ``warning`` and ``fault`` in m/s^2."""
-
-    share: float
-    warning: float
-    fault: float
-    source: str
-
-
-LIMITS: dict[Measure, Limits] = {
-    "VIBE": Limits(0.95, *ONBOARD_M_S2, "ardupilot.org, Measuring Vibration"),
-    "PX4": Limits(0.80, 9.81, np.inf, "PX4 Flight Review, Vibration Metrics"),
-}
-"""PX4 names no level at which a flight fails, only where its plot turns red; clipping tells that."""
-
-
 def flown(segments: Segments | None, log: FlightLog) -> list[Span]:
     """When vibration counts: in flight but for take-off and touch-down, never as a wreck; armed for what cannot fly."""
     if segments is None:
@@ -62,7 +44,7 @@ def vibration_level(case: HealthCase) -> list[Assessment]:
     clips = clipping(case.log, within)
     seen = measured(case.log)
     if not seen:
-        return [unknown("", "vibration_level", _not_logged(case.log)), *clips]
+        return [unknown("", "vibration_level", level_missing(case.log)), *clips]
     longest = max(len(in_flight(one, within)[0]) for one in seen)
     if longest < LEAST_S:
         why = f"Percentiles of vibration need {LEAST_S} s of sound flight; this log holds {longest} s."
@@ -77,7 +59,7 @@ def measured(log: FlightLog) -> list[OnboardVibration]:
     if raw := [b for b in log.bursts if b.sensor == "accelerometer" and not b.filtered]:
         return [of_bursts([b for b in raw if b.unit == unit]) for unit in sorted({b.unit for b in raw})]
     imu = log.replay_imu
-    if imu is not None and "PX4" in log.firmware.name and imu.filtered == "none" and imu.acc.rate >= FULL_RATE_HZ:
+    if imu is not None and measures_differences(log) and imu.filtered == "none" and imu.acc.rate >= FULL_RATE_HZ:
         return [of_samples(imu)]
     return []
 
@@ -87,7 +69,7 @@ def of_bursts(bursts: list[Burst]) -> OnboardVibration:
     a low-pass of 5 Hz leaves. The 2 Hz low-pass of the firmware becomes the mean over the burst."""
     levels = [float(np.sqrt(np.mean(fast(b.x, b.rate) ** 2, axis=0)).max()) for b in bursts]
     t = np.array([b.t + len(b.x) / b.rate for b in bursts])
-    return OnboardVibration(bursts[0].unit, "VIBE", bursts[0].source, t, np.array(levels))
+    return OnboardVibration(bursts[0].unit, "rest", bursts[0].source, t, np.array(levels))
 
 
 def fast(x: NDArray[np.float32], rate: float) -> Array:
@@ -107,7 +89,7 @@ def of_samples(imu: Imu) -> OnboardVibration:
     dt = np.diff(t)
     good = (dt > 0) & (dt < 3.0 / imu.acc.rate) & np.isfinite(step)
     starts, level = seconds_of(t[1:][good], step[good])
-    return OnboardVibration(imu.index, "PX4", imu.acc.source, starts + 1.0, level)
+    return OnboardVibration(imu.index, "difference", imu.acc.source, starts + 1.0, level)
 
 
 def seconds_of(t: Array, x: Array) -> tuple[Array, Array]:
@@ -200,18 +182,6 @@ def clipping(log: FlightLog, within: list[Span]) -> list[Assessment]:
             )
         )
     return found
-
-
-def _not_logged(log: FlightLog) -> str:
-    """Why there is no level, and what would log one."""
-    if "PX4" in log.firmware.name:
-        return (
-            "This log holds no vehicle_imu_status (PX4 1.11 and later log it) and no sensor_combined at "
-            f"{FULL_RATE_HZ:.0f} Hz, so vibration cannot be measured."
-        )
-    if log.firmware.name == "ArduPilot":
-        return "This log holds no VIBE record; ArduPilot 3.4 and later write it with the IMU's bit of LOG_BITMASK."
-    return "This log holds no vibration level of the autopilot, and its samples are too slow for one."
 
 
 def levels(case: HealthCase) -> list[dict[str, object]]:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight.model import FlightLog
-from attlog.health.assessments.model import Assessment, HealthCase, Verdict, unknown
-from attlog.health.assessments.vibration.active import ActiveNotch, notches
+from attlog.flight.vibration.advice import fast_gyro, filters_gyro
+from attlog.flight.vibration.notches import ActiveNotch, notches
+from attlog.flight.vibration.wanted import WantedNotch, after_reboot, values_for
+from attlog.health.assessments.model import Assessment, HealthCase, Setting, Verdict, unknown
 from attlog.health.assessments.vibration.level import flown
-from attlog.health.assessments.vibration.offer import settings_for, to_log
-from attlog.health.assessments.vibration.origin import LEAST_MOVED, TRUSTED_RATE_HZ, analysed
-from attlog.health.assessments.vibration.peaks import Peak, interval, peaks, tolerance
+from attlog.health.assessments.vibration.origin import LEAST_MOVED, TRUSTED_RATE_HZ, analysed, at_windows, rotors
+from attlog.health.assessments.vibration.peaks import Peak, interval, peaks, tolerance, track
 from attlog.health.assessments.vibration.spectra import Spectra, all_of, of_bursts
 from attlog.segments.spans import Span
 
@@ -31,7 +32,7 @@ SOURCE = "ardupilot.org, Managing Gyro Noise; docs.px4.io, MC Filter Tuning"
 def notch(case: HealthCase) -> list[Assessment]:
     """The notch that would help, the one that does already, or what to log to know."""
     log, within = case.log, flown(case.segments, case.log)
-    if not log.kind.hovers or log.firmware.name not in ("PX4", "ArduPilot"):
+    if not log.kind.hovers or not filters_gyro(log):
         return []
     sources = all_of(log, within)
     if not sources:
@@ -122,7 +123,8 @@ def reduction(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span]) 
 
 def _offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Assessment:
     """The parameters of a notch for a peak, or why this firmware has none."""
-    settings = settings_for(log, spectra, peak)
+    values = values_for(log, wanted(log, spectra, peak))
+    settings = [Setting(n, log.param(n), value, unit) for n, (value, unit) in values.items()]
     changed = [s for s in settings if s.old is None or abs(s.old - s.new) > 1e-3 * max(1.0, abs(s.new))]
     whose = "the rotors" if peak.follows == "rotors" else "throttle"
     text = f"The gyro vibrates by {peak.rms:.1f} deg/s at {peak.true:.0f} Hz, which follows {whose}."
@@ -138,15 +140,30 @@ def _offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Assessment:
         return found
     found.settings = changed
     found.action = "Set the notch, reboot, hover for a minute and compare the gyro before and behind the filters."
-    if any(s.name == "INS_HNTCH_ENABLE" for s in changed):
-        found.action = f"Set INS_HNTCH_ENABLE and reboot first: only then do the others exist. {found.action}"
+    found.action = f"{after_reboot({s.name: s.new for s in changed})} {found.action}".strip()
     return found
+
+
+def wanted(log: FlightLog, spectra: Spectra, peak: Peak) -> WantedNotch:
+    """The notch for a peak whose frequency is known."""
+    speeds = rotors(log, spectra)
+    throttle = None if log.throttle is None or len(log.throttle.t) < 2 else at_windows(log.throttle, spectra)[:, 0]
+    places = track(spectra, peak.frequency)
+    places = places[np.isfinite(places)]
+    return WantedNotch(
+        peak.true or peak.frequency,
+        "rotors" if peak.follows == "rotors" else "throttle",
+        None if throttle is None or not np.isfinite(throttle).any() else float(np.nanmedian(throttle)),
+        peak.harmonic,
+        None if speeds is None else float(np.nanquantile(speeds, 0.05)),
+        float(np.ptp(np.quantile(places, [0.05, 0.95]))) if len(places) else 0.0,
+    )
 
 
 def _unknown(why: str, log: FlightLog) -> Assessment:
     """A refusal with what to log."""
     found = unknown("GYR", "notch", why, THRESHOLD, SOURCE)
-    found.why_no_setting = found.action = to_log(log)
+    found.why_no_setting = found.action = fast_gyro(log)
     return found
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.model import FlightLog, Stream
-from attlog.flight.vibration import OnboardSpectrum
+from attlog.flight.vibration.model import OnboardSpectrum
 from attlog.health.assessments.vibration.peaks import LOWEST_HZ, TRACKED, Peak, peaks, tolerance, track
 from attlog.health.assessments.vibration.spectra import Spectra
 from attlog.segments.spans import Span, inside

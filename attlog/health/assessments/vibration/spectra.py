@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.model import FlightLog, Stream
-from attlog.flight.vibration import Burst
+from attlog.flight.vibration.model import Burst
 from attlog.segments import gaps
 from attlog.segments.spans import Span, inside
 

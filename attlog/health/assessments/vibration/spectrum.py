@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight.model import FlightLog
+from attlog.flight.vibration.advice import fast_gyro
+from attlog.flight.vibration.notches import notches
+from attlog.flight.vibration.wanted import placed
 from attlog.health.assessments.model import Assessment, HealthCase, Setting, unknown
-from attlog.health.assessments.vibration.active import notches
 from attlog.health.assessments.vibration.level import MOST_POINTS, flown
 from attlog.health.assessments.vibration.notch import notch
-from attlog.health.assessments.vibration.offer import to_log
 from attlog.health.assessments.vibration.origin import analysed, rotors
 from attlog.health.assessments.vibration.peaks import LOWEST_HZ, PROMINENT_DB, Peak, interval
 from attlog.health.assessments.vibration.spectra import LEAST_RATE_HZ, WINDOW_S, Spectra, all_of
@@ -31,7 +32,7 @@ def gyro_spectrum(case: HealthCase) -> list[Assessment]:
     sources = all_of(log, within)
     if not sources:
         found = unknown("", "gyro_spectrum", _too_slow(log), LIMIT)
-        found.action = to_log(log)
+        found.action = fast_gyro(log)
         return [found]
     first: dict[int, Spectra] = {}
     for one in sources:
@@ -70,7 +71,7 @@ def _described(log: FlightLog, spectra: Spectra, found: list[Peak]) -> Assessmen
         made.text = (
             f"Gyro {spectra.unit} shows {top.rms:.1f} deg/s at {top.frequency:.0f} Hz, which may be {others} Hz folded."
         )
-        made.action = to_log(log)
+        made.action = fast_gyro(log)
         made.why_no_setting = "Samples at twice the highest of these frequencies would tell which one it is."
     made.evidence += [_sentence(p) for p in found]
     return made
@@ -127,14 +128,8 @@ def _label(peak: Peak) -> dict[str, object]:
 
 def _proposed(settings: list[Setting]) -> list[dict[str, object]]:
     """The notch that settings make, none where they have no fixed frequency."""
-    value = {s.name: s.new for s in settings}
-    for frequency, width in (
-        ("INS_HNTCH_FREQ", "INS_HNTCH_BW"),
-        ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
-        ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
-    ):
-        if frequency in value:
-            return [
-                {"name": frequency, "frequency": value[frequency], "width": value.get(width, 0.0), "proposed": True}
-            ]
-    return []
+    found = placed({s.name: s.new for s in settings})
+    if found is None:
+        return []
+    name, frequency, width = found
+    return [{"name": name, "frequency": frequency, "width": width, "proposed": True}]

@@ -9,9 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Measure = Literal["VIBE", "PX4"]
-"""How a level is made. VIBE: root of the low-passed square of what a 5 Hz low-pass leaves, per axis. PX4: low-passed
-length of the difference of successive samples."""
+Measure = Literal["rest", "difference"]
+"""How a level is made. ``rest`` (ArduPilot's VIBE): root of the low-passed square of what a 5 Hz low-pass leaves, per
+axis. ``difference`` (PX4): low-passed length of the difference of successive samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationLimits:
+    """What a measure's level may be: ``share`` of the flight is judged, ``warning`` and ``fault`` in m/s^2."""
+
+    share: float
+    warning: float
+    fault: float
+    source: str
+
+
+LIMITS: dict[Measure, VibrationLimits] = {
+    "rest": VibrationLimits(0.95, 30.0, 60.0, "ardupilot.org, Measuring Vibration"),
+    "difference": VibrationLimits(0.80, 9.81, np.inf, "PX4 Flight Review, Vibration Metrics"),
+}
+"""PX4 names no level at which a flight fails, only where its plot turns red; clipping tells that."""
 
 
 @dataclass(slots=True)
