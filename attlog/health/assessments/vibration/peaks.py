@@ -36,7 +36,7 @@ TRACKED = (0.72, 1.4)
 @dataclass(slots=True)
 class Peak:
     """A peak at ``frequency`` Hz as the source shows it, ``height`` dB above the floor, ``rms`` in the sensor's unit
-    (deg/s or m/s^2) along its strongest ``axis`` (0 to 2).
+    (deg/s or m/s^2) along its strongest ``axis`` (0 to 2), ``density`` that of all axes at its line.
 
     ``share`` of the windows show it; it ``follows`` throttle, rotors or nothing in ``windows`` that could tell.
     ``possible``: the frequencies in Hz that a source of this rate shows here; ``true``: the one that it is, None
@@ -47,6 +47,7 @@ class Peak:
     height: float
     rms: float
     axis: int
+    density: float
     share: float = 0.0
     follows: Follows = ""
     windows: int = 0
@@ -77,15 +78,21 @@ def peaks(spectra: Spectra) -> list[Peak]:
     for k in sorted(np.flatnonzero(inner), key=lambda k: -usual[k]):
         if any(abs(f[k] - p.frequency) < NEAR_HZ for p in found) or len(found) == MOST:
             continue
+        if any(_hidden(float(f[k] / p.frequency), float(usual[k]), p) for p in found):
+            continue
         wide = slice(max(k - 3, 0), k + 4)
         axes = spectra.median[wide].sum(axis=0)
         power = max(float(axes.max()) - float(low[wide].sum()) * float(axes.max() / axes.sum()), 0.0)
         near = spectra.total[:, wide].sum(axis=1) > 10.0 ** (PRESENT_DB / 10.0) * float(low[wide].sum())
-        found.append(
-            Peak(_between(usual, int(k), spectra.step), float(height[k]), float(np.sqrt(power * spectra.step)),
-                 int(np.argmax(axes)), float(near.mean()))
-        )  # fmt: skip
+        at, axis = _between(usual, int(k), spectra.step), int(np.argmax(axes))
+        rms = float(np.sqrt(power * spectra.step))
+        found.append(Peak(at, float(height[k]), rms, axis, float(usual[k]), float(near.mean())))
     return found
+
+
+def _hidden(ratio: float, density: float, peak: Peak) -> bool:
+    """Whether a line lies where a much stronger peak goes, so that it would be taken for that one."""
+    return TRACKED[0] <= ratio <= TRACKED[1] and density < peak.density * 10.0 ** (-PROMINENT_DB / 10.0)
 
 
 def _between(density: Array, k: int, step: float) -> float:

@@ -20,7 +20,7 @@ WINDOW_S, SEGMENTS = 2.0, 4
 """A window of a stream is cut into so many lengths of a segment, which overlap by half: 2 Hz at 2 s."""
 BURST_SEGMENTS = 2
 """Of a burst, which is 0.5 s long: 4 Hz."""
-MOST_WINDOWS, MOST_SAMPLES = 150, 400_000
+MOST_WINDOWS, MOST_SAMPLES = 150, 200_000
 """Of a source, evenly spread over the flight: hours of it, or 8 kHz, cost no more than these."""
 LEAST_RATE_HZ = 45.0
 """A slower stream shows nothing of rotors but aliases of aliases."""
