@@ -92,9 +92,9 @@ def test_steady_throttle_is_refused() -> None:
 
 
 def test_measured_rotors_get_a_notch_that_follows_them_even_by_a_slow_stream() -> None:
-    log = shaken(200.0, with_throttle(130.0), rpm=rotors_of(130.0), params=params(**OFF))
+    log = shaken(200.0, with_throttle(140.0), rpm=rotors_of(140.0), params=params(**OFF))
     found = offered(log)
-    slowest = 130.0 * math.sqrt(0.6)
+    slowest = 140.0 * math.sqrt(0.6)
     assert found["INS_HNTCH_MODE"] == 3.0
     assert found["INS_HNTCH_REF"] == 1.0
     assert found["INS_HNTCH_FREQ"] == pytest.approx(0.9 * slowest, abs=2.0)
