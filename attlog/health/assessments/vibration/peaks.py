@@ -99,7 +99,7 @@ def _between(density: Array, k: int, step: float) -> float:
     """A peak's frequency in Hz, between lines, by the parabola through three logarithms."""
     a, b, c = np.log(np.maximum(density[k - 1 : k + 2], 1e-300))
     bend = a - 2.0 * b + c
-    return (k + (0.5 * (a - c) / bend if bend < 0 else 0.0)) * step
+    return float((k + (0.5 * (a - c) / bend if bend < 0 else 0.0)) * step)
 
 
 def track(spectra: Spectra, frequency: float) -> Array:

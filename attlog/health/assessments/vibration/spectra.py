@@ -22,8 +22,8 @@ BURST_SEGMENTS = 2
 """Of a burst, which is 0.5 s long: 4 Hz."""
 MOST_WINDOWS, MOST_SAMPLES = 150, 200_000
 """Of a source, evenly spread over the flight: hours of it, or 8 kHz, cost no more than these."""
-LEAST_RATE_HZ = 45.0
-"""A slower stream shows nothing of rotors but aliases of aliases."""
+LEAST_RATE_HZ = 90.0
+"""Rotors turn 30 to 250 times a second: a slower stream shows nothing of them but aliases of aliases."""
 GAP, LOST = 5.0, 0.1
 """A window holds no interval longer than 5 usual ones, and lacks at most a tenth of its samples: loggers drop single
 ones, which are interpolated."""

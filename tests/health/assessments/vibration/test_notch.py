@@ -62,7 +62,6 @@ def test_what_is_set_is_not_offered_again() -> None:
         ("may be one at", lambda: shaken(200.0, 60.0, params=params(**OFF))),
         ("does not follow throttle", lambda: shaken(1000.0, 90.0, params=params(**OFF))),
         ("too slow", lambda: shaken(200.0, 60.0, rms_dps=0.0, params=params(**OFF))),
-        ("No gyro spectrum", lambda: shaken(25.0, 5.0, params=params(**OFF))),
     ],
 )
 def test_thin_evidence_is_refused_with_what_to_log(why: str, log: object) -> None:
@@ -146,6 +145,15 @@ def test_a_notch_that_measures_is_on_already_and_bursts_say_by_how_much_it_helps
         assert f"{20 * math.log10(5.0 / rms):.0f} dB" in " ".join([found.text, *found.evidence])
 
 
+def test_a_slow_log_says_once_that_it_is_slow() -> None:
+    log = shaken(50.0, 5.0, params=params(**OFF))
+    (found,) = gyro_spectrum(case(log))
+    assert found.verdict == "unknown"
+    assert "50 Hz" in found.text
+    assert "INS_LOG_BAT_MASK to 1" in found.action
+    assert notch(case(log)) == []
+
+
 def test_planes_and_unknown_firmware_are_not_asked() -> None:
     plane = shaken(200.0, 60.0)
     plane.vehicle = "fixed wing"
@@ -169,6 +177,6 @@ def test_hardly_any_samples_are_unknown(n: int) -> None:
     for stream in (log.imus[0].gyro, log.imus[0].acc):
         stream.t, stream.x = stream.t[:n], stream.x[:n]
     log.throttle = Stream(np.zeros(0), np.zeros((0, 1)), "1", "", "")
-    assert asked(log).verdict == "unknown"
+    assert notch(case(log)) == []
     assert [a.verdict for a in gyro_spectrum(case(log))] == ["unknown"]
     assert spectrum(case(log)) == []

@@ -90,7 +90,7 @@ def test_bursts_in_flight_have_spectra_at_the_sensors_rate() -> None:
 
 
 def test_hours_cost_no_more_than_minutes() -> None:
-    t = np.arange(0.0, 3600.0, 0.02)
+    t = np.arange(0.0, 3600.0, 0.01)
     stream = Stream(t, np.zeros((len(t), 3)), "rad/s", "FRD", "GYR")
     found = spectra.of_stream(stream, [(0.0, 3600.0)], "gyro", 0, False)
     assert found is not None
