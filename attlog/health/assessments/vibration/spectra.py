@@ -83,34 +83,47 @@ def of_stream(stream: Stream, within: list[Span], sensor: str, unit: int, filter
     t = stream.t_best
     if len(t) < 8:
         return None
-    dt = float(np.median(np.diff(t)))
+    number, dt = numbered(t)
     rate = 1.0 / dt if dt > 0 else 0.0
     if rate < LEAST_RATE_HZ:
         return None
     n = round(WINDOW_S * rate)
-    starts = _whole(t, within, dt, n)
+    starts = _whole(t, number, within, dt, n)
     if len(starts) == 0:
         return None
     most = max(1, min(MOST_WINDOWS, MOST_SAMPLES // n))
     starts = starts[np.unique(np.linspace(0, len(starts) - 1, most).round().astype(int))]
-    grid = starts[:, None] + dt * np.arange(n)
-    x = np.stack([np.interp(grid, t, stream.x[:, k]) for k in range(3)], axis=-1)
+    grid = starts[:, None] + np.arange(n)
+    x = np.stack([np.interp(grid, number, stream.x[:, k]) for k in range(3)], axis=-1)
     good = np.isfinite(x).all(axis=(1, 2))
     if not good.any():
         return None
     frequency, density = welch(x[good], rate, n // SEGMENTS, sensor)
-    middle = starts[good] + 0.5 * n * dt
+    middle = np.interp(starts[good] + 0.5 * n, number, t)
     return Spectra(sensor, unit, stream.source, rate, n * dt, filtered, middle, frequency, density)
 
 
-def _whole(t: Array, within: list[Span], dt: float, n: int) -> Array:
-    """Starts (m,) in s of windows of ``n`` samples that lie in the spans, have no gap and few lost samples."""
+def numbered(t: Array) -> tuple[Array, float]:
+    """The number (n,) of each sample at t (n,) s, one more for each that was lost between, and the seconds between
+    two numbers. By numbers and not by times, because interpolation between samples would take high frequencies out."""
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    if not usual > 0:
+        return np.arange(len(t), dtype=np.float64), 0.0
+    count = np.clip(np.round(steps / usual), 1.0, GAP)
+    near = (steps > 0) & (steps < GAP * usual)
+    dt = float(steps[near].sum() / count[near].sum()) if near.any() else usual
+    return np.concatenate([[0.0], np.cumsum(count)]), dt
+
+
+def _whole(t: Array, number: Array, within: list[Span], dt: float, n: int) -> Array:
+    """First numbers (m,) of windows of ``n`` numbers that lie in the spans, have no gap and few lost samples."""
     found: list[Array] = []
     for part in gaps.slices(inside(t, within), gaps.number(t, GAP * dt)):
-        count = int((t[part.stop - 1] - t[part.start]) / (n * dt))
-        found.append(t[part.start] + n * dt * np.arange(count))
+        first, last = number[part.start], number[part.stop - 1]
+        found.append(first + n * np.arange(int((last - first + 1) // n)))
     starts = np.concatenate(found) if found else np.zeros(0)
-    held = np.searchsorted(t, starts + n * dt) - np.searchsorted(t, starts)
+    held = np.searchsorted(number, starts + n) - np.searchsorted(number, starts)
     return starts[held >= (1.0 - LOST) * n]
 
 

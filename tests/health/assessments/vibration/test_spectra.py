@@ -36,7 +36,7 @@ def test_windows_lie_in_flight_and_hold_no_gap() -> None:
     found = spectra.of_stream(stream, [(10.0, 20.0)], "gyro", 0, False)
     assert found is not None
     begin, end = found.t - 0.5 * found.seconds, found.t + 0.5 * found.seconds
-    assert len(begin) == 4 - 1  # 10 to 15 s holds two, 16 to 20 s one and a half
+    assert len(begin) == 4  # two from 10 to 15 s, two from 16 to 20 s
     assert begin.min() >= 9.99
     assert end.max() <= 20.01
     assert not ((begin < 15.0) & (end > 16.0)).any()
@@ -53,6 +53,20 @@ def test_single_lost_samples_do_not_end_a_window_and_move_no_peak() -> None:
     assert found is not None
     assert len(found.t) > 0.7 * len(whole.t)
     assert found.frequency[np.argmax(np.median(found.total, axis=0))] == pytest.approx(40.0, abs=found.step)
+
+
+def test_jitter_of_the_stamps_takes_nothing_out_near_half_the_rate() -> None:
+    """A tone at 53 of 60 Hz; stamps wander by a fifth of an interval, and their usual step is not the mean one."""
+    rng = np.random.default_rng(4)
+    number = np.arange(120 * 60)
+    x = np.zeros((len(number), 3))
+    x[:, 0] = 2.0 * np.sqrt(2.0) * np.sin(2 * np.pi * 53.0 * number / 120.0)
+    t = number / 120.0 + rng.uniform(0.0, 0.2 / 120.0, len(number)) + np.where(number % 5 == 0, 0.2 / 120.0, 0.0)
+    found = spectra.of_stream(Stream(t, x, "m/s^2", "FRD", "ACC"), [(0.0, 60.0)], "accelerometer", 0, False)
+    assert found is not None
+    assert found.rate == pytest.approx(120.0, rel=0.002)
+    near = np.abs(found.frequency - 53.0) < 5.0
+    assert np.sqrt(found.median[near, 0].sum() * found.step) == pytest.approx(2.0, rel=0.01)
 
 
 @pytest.mark.parametrize(("n", "rate"), [(0, 200.0), (1, 200.0), (5, 200.0), (3000, 25.0)])
