@@ -37,6 +37,14 @@ def test_noise_has_no_peak_and_a_tone_in_it_needs_ten_decibels() -> None:
     assert peaks(spectra.all_of(log, WITHIN)[0]) == []
 
 
+@pytest.mark.parametrize(("decibels", "found"), [(9.5, 0), (10.5, 1)])
+def test_a_peak_stands_ten_decibels_above_the_floor(decibels: float, found: int) -> None:
+    density = np.ones((5, 200, 3))
+    density[:, 50] = 10.0 ** (decibels / 10.0)
+    one = spectra.Spectra("gyro", 0, "", 800.0, 2.0, False, np.arange(5.0), 2.0 * np.arange(200), density)
+    assert [p.frequency for p in peaks(one)] == [100.0] * found
+
+
 def test_the_floor_is_the_local_median() -> None:
     density = np.ones(200)
     density[100] = 1e4
@@ -100,6 +108,13 @@ def test_rotors_name_their_peak_even_where_it_is_folded(rate: float, harmonic: i
 def test_a_fixed_peak_where_rotors_fold_to_by_chance_is_not_theirs() -> None:
     """At hover 130 Hz are shown at 70: a resonance at 70 Hz does not move with them."""
     assert strongest(shaken(200.0, 70.0, rpm=rotors_of(130.0))).follows != "rotors"
+
+
+def test_a_peak_must_move_when_folded_rotors_do_even_where_they_hardly_ever_do() -> None:
+    t = np.arange(0.0, SECONDS, 0.1)
+    turns = np.where(np.floor(t / 5.0) % 5 == 1, 150.0, 130.0)
+    log = shaken(200.0, 70.0, rpm=Stream(t, 60.0 * turns[:, None], "rpm", "", "ESC"))
+    assert strongest(log).follows != "rotors"
 
 
 def test_rotors_whose_lines_cover_the_band_name_nothing() -> None:
