@@ -19,6 +19,7 @@ from attlog.base.barrier import guarded
 from attlog.flight.advice import LoggingAdvice, What, stand_still
 from attlog.flight.remedies import GENERAL, Fault
 from attlog.flight.vehicle import VehicleKind, kind_of
+from attlog.flight.vibration.model import Burst, OnboardSpectrum, OnboardVibration
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -290,7 +291,9 @@ class FlightLog:
     ``remedies`` what to do about a fault, ``compass_switches`` the parameter that uses a compass, by its index.
     ``acc_bias`` (n, 3) m/s^2 is what the onboard estimator takes off the accelerometer in body axes,
     ``onboard_gyro_bias`` (n, 3) rad/s what it takes off the gyro that is replayed, None where it runs on another one;
-    ``onboard_vibration`` (n, 3) m/s^2 the level that the autopilot measures itself at full rate.
+    ``onboard_vibration`` (n, 3) m/s^2 the level that the autopilot measures itself at full rate, ``vibrations`` that of
+    every unit in the firmware's own measure, ``bursts`` samples at the sensors' own rate, ``onboard_spectrum`` the
+    peaks that the autopilot finds in its gyro.
     ``lane`` is the EKF core or instance that flew, by its number.
     ``yaw_estimator`` (n, 2) rad is the heading that the autopilot finds from GNSS motion without a compass, and its one
     sigma, where it calls it valid.
@@ -339,6 +342,9 @@ class FlightLog:
     acc_bias: Stream | None = None
     onboard_gyro_bias: Stream | None = None
     onboard_vibration: Stream | None = None
+    vibrations: list[OnboardVibration] = field(default_factory=list)
+    bursts: list[Burst] = field(default_factory=list)
+    onboard_spectrum: OnboardSpectrum | None = None
     yaw_estimator: Stream | None = None
     clippings: list[Clipping] = field(default_factory=list)
     innovation_tests: list[InnovationTest] = field(default_factory=list)

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from attlog.flight import physics
-from attlog.flight.ardupilot import clipping, ekf, events, phases, power, receivers, remedies, vehicle
+from attlog.flight.ardupilot import ekf, events, phases, power, receivers, remedies, vehicle, vibration
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
@@ -56,9 +56,11 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.onboard_gyro_bias = builder.attempt(
         "The onboard gyro bias", lambda: ekf.gyro_bias(builder, clock, values, imu), None
     )
-    log.onboard_vibration = builder.attempt("VIBE", lambda: vibration(builder, clock, imu), None)
+    log.onboard_vibration = builder.attempt("VIBE", lambda: vibration.level(builder, clock, imu), None)
+    log.vibrations = builder.attempt("VIBE", lambda: vibration.levels(builder, clock), [])
+    log.bursts = builder.attempt("ISBH and ISBD", lambda: vibration.bursts(builder, values), [])
     log.yaw_estimator = builder.attempt("The yaw estimator", lambda: ekf.yaw_estimator(builder, clock, values), None)
-    log.clippings = builder.attempt("Clipping", lambda: clipping.clippings(builder, clock), [])
+    log.clippings = builder.attempt("Clipping", lambda: vibration.clippings(builder, clock), [])
     log.innovation_tests = builder.attempt("Test ratios", lambda: ekf.innovation_tests(builder, clock, values), [])
     log.lane = builder.attempt("The EKF's core", lambda: ekf.lane(builder, clock, values), None)
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
@@ -163,13 +165,3 @@ def acc_bias(builder: LogBuilder, clock: Clock) -> Stream | None:
     return builder.stream(
         clock.of(table), columns(table, "AX", "AY", "AZ"), "m/s^2", "XKF2", frame="FRD", within=physics.ACC_BIAS
     )
-
-
-def vibration(builder: LogBuilder, clock: Clock, imu: Imu | None) -> Stream | None:
-    """VIBE (n, 3) in m/s^2 of the replayed unit; before 4.1 there is one record for all."""
-    tables = units(builder.messages, "VIBE")
-    table = tables.get(imu.index if imu is not None else 0, tables.get(0))
-    if table is None or not all(c in table for c in ("VibeX", "VibeY", "VibeZ")):
-        return None
-    x = columns(table, "VibeX", "VibeY", "VibeZ")
-    return builder.stream(clock.of(table), x, "m/s^2", "VIBE", frame="FRD", within=physics.VIBRATION)

@@ -63,6 +63,7 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
     log.clippings = builder.attempt("Clipping", lambda: vibration.clippings(builder, clock, instance), [])
     if autopilot == ARDUPILOT:
         log.onboard_vibration = builder.attempt("VIBRATION", lambda: vibration.level(builder, clock, instance), None)
+        log.vibrations = vibration.levels(log.onboard_vibration)
     log.innovation_tests = builder.attempt("Test ratios", lambda: ekf.innovation_tests(builder, clock, instance), [])
     log.texts = builder.attempt("Texts", builder.texts, [])
 

@@ -12,6 +12,7 @@ from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.mavlink.clock import PacketClock
 from attlog.flight.model import Clipping, Stream
+from attlog.flight.vibration.model import OnboardVibration
 
 UNITS = 3
 
@@ -36,3 +37,8 @@ def level(builder: LogBuilder, clock: PacketClock, instance: int) -> Stream | No
         return None
     x = columns(table, "vibration_x", "vibration_y", "vibration_z")
     return builder.stream(clock.of(table), x, "m/s^2", "VIBRATION", frame="FRD", within=physics.VIBRATION)
+
+
+def levels(level_: Stream | None) -> list[OnboardVibration]:
+    """The same of the worst axis; the message tells of the primary unit, here 0."""
+    return [] if level_ is None else [OnboardVibration(0, "rest", level_.source, level_.t, level_.x.max(axis=1))]

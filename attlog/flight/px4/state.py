@@ -10,7 +10,7 @@ from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import only_new
 from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import px4_mode
-from attlog.flight.px4 import clipping, events, gyro_bias, remedies, yaw_estimator
+from attlog.flight.px4 import clipping, events, gyro_bias, remedies, vibration, yaw_estimator
 from attlog.flight.px4.imus import stamps
 from attlog.flight.vehicle import PX4_TYPES, named
 from attlog.formats.base import Messages, Table
@@ -59,6 +59,8 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
     )
     log.yaw_estimator = builder.attempt("The yaw estimator", lambda: yaw_estimator.yaw_estimator(builder), None)
     log.clippings = builder.attempt("Clipping", lambda: clipping.clippings(builder), [])
+    log.vibrations = builder.attempt("The vibration metric", lambda: vibration.levels(builder), [])
+    log.onboard_spectrum = builder.attempt("sensor_gyro_fft", lambda: vibration.spectrum(builder), None)
     log.innovation_tests = builder.attempt("Test ratios", lambda: events.innovation_tests(builder), [])
     log.lane = builder.attempt("The estimator's instance", lambda: events.lane(builder), None)
     events.report(builder)

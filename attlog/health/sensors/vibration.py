@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.flight.model import FlightLog, Imu, Stream
+from attlog.flight.vibration.model import LIMITS
 from attlog.health.model import Check, not_judged
 from attlog.health.sensors.accelerometer import of_imu
 from attlog.segments.airborne.heights import height
@@ -20,8 +21,8 @@ Array = NDArray[np.float64]
 
 STRONG_M_S2, VERY_STRONG_M_S2 = 3.0, 15.0
 """Of the logged, mostly low-passed accelerometer: measured on the logs in hand (docs/flight.md)."""
-ONBOARD_M_S2 = (30.0, 60.0)
-"""Of the autopilot's own level at full rate: ardupilot.org, "Measuring Vibration"."""
+ONBOARD_M_S2 = (LIMITS["rest"].warning, LIMITS["rest"].fault)
+"""Of the autopilot's own level at full rate."""
 LEAST_S = 10
 GROWN, BEFORE_S, AFTER_S = 3.0, 20, 10
 """Onset: the median of the next 10 s is three times the median of all flight before, at least 20 s."""

@@ -1,0 +1,1 @@
+"""What autopilots log of vibration, and how they filter it."""
