@@ -6,11 +6,12 @@ from collections.abc import Callable
 from functools import partial
 
 from attlog.base.barrier import guarded
+from attlog.health.assessments import compass
 from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, unknown
 
 __all__ = ["Assessment", "HealthCase", "MotionAttitude", "Setting", "Verdict", "assess", "unknown"]
 
-QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {}
+QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {"compass": compass.assessed}
 """By name, in the order of the table: each gives no, one or several assessments."""
 
 
