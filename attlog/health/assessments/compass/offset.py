@@ -43,7 +43,10 @@ def assessed(case: HealthCase, study: CompassStudy) -> Assessment:
         evidence=_evidence(study),
     )
     if verdict == "unknown":
-        answer.why_no_setting = "The flight turns too little or its heading is too unsure. Fly turns and hard stops."
+        why = unsound(study)
+        answer.why_no_setting = (
+            why or "The flight turns too little or its heading is too unsure. Fly turns and hard stops."
+        )
     elif verdict != "ok":
         answer.why_no_setting = why_not(case, study)
         if not answer.why_no_setting:
