@@ -25,6 +25,8 @@ HALVES_SHARE, HALVES_SIGMAS = 0.4, 3.0
 GROUND_UT, GROUND_SHARE = 2.0, 0.5
 """Ground and air differ beyond four sigmas and 20 mG; the ground confirms an offset that lies nearer to it than to
 none."""
+AS_GOOD, AS_GOOD_DEG = 1.1, 0.5
+"""Where the power hardly changes, a constant offset explains the flight as well as the motors do: up to this."""
 Cause = Literal["offset", "turn", "neither"]
 
 
@@ -87,7 +89,8 @@ class CompassStudy:
     @property
     def follows_motors(self) -> bool:
         """Whether power explains the heading in flight, and no worse than a constant offset does."""
-        return self.motor_proof is not None and self.motor_proof.holds and self.motor_proof.after <= self.proof.after
+        one, other = self.motor_proof, self.proof
+        return one is not None and one.holds and one.after <= AS_GOOD * other.after + AS_GOOD_DEG
 
     @property
     def ground_repeats(self) -> bool:
