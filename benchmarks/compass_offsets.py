@@ -2,10 +2,10 @@
 
     python benchmarks/compass_offsets.py [--corpus DIR] [--filters] [-v]
 
-The set is ``sitl/`` below the corpus folder (default $ATTLOG_CORPUS). The attitude by motion alone is made once for
-each flight, because no compass has part in it; each plant is put into a copy of every compass; flights whose compass
-fails on the way are left out. An offset of the sizes OFFSETS_UT in each of DIRECTIONS; a motor field of MOTOR_UT_A for each ampere (where a log holds the throttle alone, of
-as much in hover), in two directions. Columns of the table:
+The set is ``sitl/`` below the corpus folder (default $ATTLOG_CORPUS) without flights whose compass fails on the way. The
+attitude by motion alone is made once for each flight, because no compass has part in it; each plant is put into a copy
+of every compass. An offset of the sizes OFFSETS_UT in each of DIRECTIONS; a motor field of MOTOR_UT_A for each ampere
+(where a log holds the throttle alone, of as much in hover), in two directions. Columns of the table:
 
 - *judged*: compasses that an attitude by motion can judge, of all; the rest says why not (``-v``).
 - *found*: the offset (or the motors' field) counts. *inside*: axes whose planted size lies in the 95 % interval.

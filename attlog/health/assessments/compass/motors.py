@@ -13,7 +13,7 @@ from attlog.health.assessments.compass.fitting import SIGMAS
 from attlog.health.assessments.compass.offset import UNSURE_UT, axes, unsound
 from attlog.health.assessments.compass.study import CompassStudy
 from attlog.health.assessments.model import Assessment, HealthCase, unknown
-from attlog.health.settings.compass import proposal
+from attlog.health.settings import compass as parameters
 
 MOTORS = "compass_motors"
 FAR_SHARE = 0.3
@@ -56,7 +56,9 @@ def assessed(case: HealthCase, study: CompassStudy) -> Assessment:
         if not unsound(study):
             answer.action = "Move the compass away from power wires, or calibrate it against the motors."
         if found is not None and not answer.why_no_setting:
-            offer = proposal(case.log, samples.mag, 1e-6 * found.offset, 1e-6 * found.per_unit, samples.power_kind)
+            offer = parameters.proposal(
+                case.log, samples.mag, 1e-6 * found.offset, 1e-6 * found.per_unit, samples.power_kind
+            )
             answer.settings, answer.why_no_setting = offer.settings, offer.refused
     return answer
 

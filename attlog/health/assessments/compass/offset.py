@@ -11,7 +11,7 @@ import numpy as np
 from attlog.health.assessments.compass.fitting import LEAST_UT, SIGMAS
 from attlog.health.assessments.compass.study import CompassStudy
 from attlog.health.assessments.model import Array, Assessment, HealthCase, Verdict
-from attlog.health.settings.compass import proposal
+from attlog.health.settings import compass as parameters
 
 OFFSET = "compass_offset"
 FAR_UT = 15.0
@@ -50,7 +50,7 @@ def assessed(case: HealthCase, study: CompassStudy) -> Assessment:
     elif verdict != "ok":
         answer.why_no_setting = why_not(case, study)
         if not answer.why_no_setting:
-            offer = proposal(case.log, samples.mag, 1e-6 * found.offset)
+            offer = parameters.proposal(case.log, samples.mag, 1e-6 * found.offset)
             answer.settings, answer.why_no_setting = offer.settings, offer.refused
     return answer
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from attlog.health.assessments.compass import motors, offset
 from attlog.health.assessments.compass.samples import FieldSamples
 from attlog.health.assessments.compass.study import CompassStudy, studied
 from attlog.health.assessments.model import Assessment, Setting
-from attlog.health.settings.compass import Proposal
+from attlog.health.settings import compass as parameters
 from tests.health.assessments.compass.made import HOVER, case_of, empty_log, samples
 
 ASKED: list[tuple[Any, ...]] = []
@@ -21,13 +22,12 @@ ASKED: list[tuple[Any, ...]] = []
 def _offers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every proposal is granted, and remembered in ASKED."""
 
-    def grant(log: Any, mag: Any, o: Any, c: Any = None, power: str = "current") -> Proposal:
+    def grant(log: Any, mag: Any, o: Any, c: Any = None, power: str = "current") -> SimpleNamespace:
         ASKED.append((mag.index, o, c, power))
-        return Proposal([Setting("SET", 0.0, 1.0)])
+        return SimpleNamespace(refused="", settings=[Setting("SET", 0.0, 1.0)])
 
     ASKED.clear()
-    monkeypatch.setattr(offset, "proposal", grant)
-    monkeypatch.setattr(motors, "proposal", grant)
+    monkeypatch.setattr(parameters, "proposal", grant)
 
 
 def study(made: FieldSamples) -> CompassStudy:
