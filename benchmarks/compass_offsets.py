@@ -2,7 +2,7 @@
 
     python benchmarks/compass_offsets.py [--corpus DIR] [--filters] [-v]
 
-The set is ``sitl/`` below the corpus folder (default $ATTLOG_CORPUS) without flights whose compass fails on the way. The
+The set is ``sitl/`` below the corpus folder (default $ATTLOG_CORPUS), without flights whose compass fails. The
 attitude by motion alone is made once for each flight, because no compass has part in it; each plant is put into a copy
 of every compass. An offset of the sizes OFFSETS_UT in each of DIRECTIONS; a motor field of MOTOR_UT_A for each ampere
 (where a log holds the throttle alone, of as much in hover), in two directions. Columns of the table:
