@@ -7,6 +7,7 @@ import numpy as np
 from attlog.analysis import choices, replay
 from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
+from attlog.estimators.filters.pair import OWN_HEADING
 from attlog.flight.model import FlightLog, part_of
 from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, assess
 from attlog.health.model import Check
@@ -37,6 +38,5 @@ def motion_attitude(case: Case) -> MotionAttitude | None:
     except UsageError:
         return None
     segment = np.zeros(len(found.t), np.int64) if found.segment is None else np.asarray(found.segment, np.int64)
-    return MotionAttitude(
-        found.t, found.q, segment, found.aux["sigma_tilt"], found.aux["sigma_heading"], dict(found.quality)
-    )
+    heading = found.aux.get(OWN_HEADING, found.aux["sigma_heading"])
+    return MotionAttitude(found.t, found.q, segment, found.aux["sigma_tilt"], heading, dict(found.quality))

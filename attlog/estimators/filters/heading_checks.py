@@ -16,17 +16,21 @@ from attlog.estimators.filters.navigation.passes.jumps import BIAS_CHANGED_DPS, 
 LEAST_DEG, SIGMAS = 3.0, 3.0
 """A heading that is off by more than this by GNSS acceleration, in deg and in joint sigmas, does not stand."""
 
+USEFUL_DEG = 5.0
+"""A heading by motion alone that is no reference still judges a compass up to this sigma: it is checked as well."""
+
 
 def checked(run: Estimate, inputs: Inputs) -> Estimate:
     """The run, without its heading where something contradicts it; in its quality what GNSS says of the heading."""
-    if run.quality["heading_from"] == "nobody":
+    own = pair.own_deg(run, pair.OWN_HEADING if pair.OWN_HEADING in run.aux else "sigma_heading")
+    if run.quality["heading_from"] == "nobody" and own > USEFUL_DEG:
         return run
     offset = by_gnss(run, inputs)
     told: dict[str, float | str] = {}
     if offset is not None and offset.told:
         told = {"heading_gnss_deg": offset.offset_deg, "heading_gnss_sigma_deg": offset.sigma_deg}
         run.quality.update(told)
-        if abs(offset.offset_deg) > max(LEAST_DEG, SIGMAS * math.hypot(offset.sigma_deg, pair.own_deg(run))):
+        if abs(offset.offset_deg) > max(LEAST_DEG, SIGMAS * math.hypot(offset.sigma_deg, own)):
             return pair.without_heading(run, f"GNSS acceleration shows it {abs(offset.offset_deg):.0f} deg off")
     changed = 0.0 if "gyro_jump_s" in run.quality else bias_change_dps(inputs)
     if changed > BIAS_CHANGED_DPS:

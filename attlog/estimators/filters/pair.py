@@ -37,6 +37,8 @@ MOST_DISAGREEMENT = 1.0
 (24 simulated flights), turned by 15 deg they are above it on 22."""
 COMPARED = 20_000
 """Samples that are compared: smoothed attitudes differ slowly, and a long run's copies are large."""
+OWN_HEADING = "own_sigma_heading"
+"""What a run by motion alone says of its heading (rad) where that is too unsure for a reference; pi if contradicted."""
 NO_NORTH = "neither GNSS nor a compass shows north"
 OPEN = 2.0
 """Up to so many joint sigmas it is open which of the runs errs, and the difference is part of the sigma: a wrong gyro
@@ -47,7 +49,8 @@ def alone(run: Estimate) -> Estimate:
     """The run of a log without a compass: its heading is from motion where it is sure of it, else from nobody."""
     if own_deg(run) <= SURE_DEG:
         return _with_heading(run, "motion")
-    return without_heading(run, "no compass, and motion does not show it")
+    unsure = without_heading(run, "no compass, and motion does not show it")
+    return replace(unsure, aux=unsure.aux | {OWN_HEADING: run.aux["sigma_heading"]})
 
 
 def by_compass(run: Estimate) -> Estimate:
@@ -79,7 +82,7 @@ def without_heading(run: Estimate, why: str, told: Mapping[str, float | str] | N
     """The run with a heading that nobody vouches for; ``why`` completes "no heading: "."""
     unknown = np.full(len(run.t), np.pi)
     told = {**(told or {}), "heading_why": why, "sigma_heading_deg": 180.0}
-    run = replace(run, aux=run.aux | {"sigma_heading": unknown})
+    run = replace(run, aux=run.aux | {"sigma_heading": unknown, OWN_HEADING: unknown})
     return _with_heading(run, "nobody", told)
 
 

@@ -84,8 +84,9 @@ class MotionAttitude:
     """The smoother without any compass: its heading is that of motion alone.
 
     ``q`` (n, 4) turns vectors in the axes of the replayed IMU to north-east-down at ``t`` (n,) s; ``segment`` (n,)
-    numbers what is between gaps. ``sigma_tilt``, ``sigma_heading`` (n,) rad. ``quality``: what it says of
-    itself.
+    numbers what is between gaps. ``sigma_tilt``, ``sigma_heading`` (n,) rad: what the run says of itself, of the
+    heading also where it is too unsure for a reference of attitudes; pi where something contradicts it. ``quality``:
+    the same in single numbers.
     """
 
     t: Array

@@ -128,9 +128,9 @@ def measured(log: FlightLog, segments: Segments, reference: Reference) -> Compas
     if len(t) < FEWEST or seconds < LEAST_S:
         return None
     u = rotation.rotate_inverse(q[use], 1e6 * np.array(model.ned_t))
-    found = _simplest(t, u, m, seconds)
+    found = simplest(t, u, m, seconds)
     middle = len(t) // 2
-    halves = [_simplest(t[k], u[k], m[k], seconds / 2) for k in (slice(None, middle), slice(middle, None))]
+    halves = [simplest(t[k], u[k], m[k], seconds / 2) for k in (slice(None, middle), slice(middle, None))]
     return None if found is None else replace(found, steady=_agree(found, *halves))
 
 
@@ -146,7 +146,7 @@ def _agree(found: CompassFit, one: CompassFit | None, two: CompassFit | None) ->
     return same_turn and apart <= max(SAME * size, 3.0 * unsure)
 
 
-def _simplest(t: Array, u: Array, m: Array, seconds: float) -> CompassFit | None:
+def simplest(t: Array, u: Array, m: Array, seconds: float) -> CompassFit | None:
     """One fault where it explains the field, else both. ``u``, ``m`` (n, 3) uT: the earth's field and the compass's.
 
     ``m_x = a u_x + b u_y + o_x`` and ``m_y = a u_y - b u_x + o_y``: a turn by the angle of (a, b).

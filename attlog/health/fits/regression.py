@@ -30,11 +30,12 @@ class RobustFit:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
-def fit(t: Array, columns: Array, y: Array, prior: Array | None = None) -> RobustFit | None:
+def fit(t: Array, columns: Array, y: Array, prior: Array | None = None, huber: float = HUBER) -> RobustFit | None:
     """Solve ``columns`` (n, k, p) times x = ``y`` (n, k) at ``t`` (n,) s; None where the columns do not determine x.
 
-    ``prior`` (p,): standard deviation of a coefficient about 0, infinity for none. Huber weights; the covariance is
-    clustered by blocks of BLOCK_S (Cameron2015 10 and 11), with the prior's own share added.
+    ``prior`` (p,): standard deviation of a coefficient about 0, infinity for none. Huber weights
+    (``huber`` robust deviations); the covariance is clustered by blocks of BLOCK_S (Cameron2015 10 and 11), with the
+    prior's own share added.
     """
     n, k, p = columns.shape
     flat, target = columns.reshape(n * k, p), y.ravel()
@@ -50,17 +51,14 @@ def fit(t: Array, columns: Array, y: Array, prior: Array | None = None) -> Robus
         x = np.asarray(np.linalg.solve(normal, flat.T @ (weight * target)), np.float64)
         left = np.abs(target - flat @ x)
         scatter = max(1.4826 * float(np.median(left)), 1e-9)
-        weight = np.minimum(1.0, HUBER * scatter / np.maximum(left, 1e-12))
+        weight = np.minimum(1.0, huber * scatter / np.maximum(left, 1e-12))
         if prior is not None and turn < PASSES - 1:
             penalty = scatter**2 / np.asarray(prior) ** 2
     residual = target - flat @ x
-    block = np.repeat((t // BLOCK_S).astype(np.int64), k)
-    numbers = np.unique(block)
-    middle = np.zeros((p, p))
-    for number in numbers:
-        inside = block == number
-        score = flat[inside].T @ (weight[inside] * residual[inside])
-        middle += np.outer(score, score)
+    numbers, block = np.unique((t // BLOCK_S).astype(np.int64), return_inverse=True)
+    score = (flat * (weight * residual)[:, None]).reshape(n, k, p).sum(axis=1)
+    sums = np.stack([np.bincount(block, score[:, j], len(numbers)) for j in range(p)])
+    middle = sums @ sums.T
     inverse = np.linalg.inv(normal)
     few = len(numbers) / max(len(numbers) - p / k, 1.0)
     covariance = few * inverse @ middle @ inverse + scatter**2 * inverse @ np.diag(penalty) @ inverse

@@ -9,6 +9,7 @@ import pytest
 
 from attlog.base import rotation
 from attlog.estimators import Aids, Estimate
+from attlog.estimators.filters import pair
 from attlog.estimators.filters.heading_checks import checked
 from attlog.estimators.filters.navigation.measured import Inputs, made_ready
 from attlog.estimators.filters.navigation.passes.jumps import bias_change_dps
@@ -53,6 +54,14 @@ def test_a_heading_that_gnss_acceleration_contradicts_is_withheld(degrees: float
 def test_a_heading_within_its_own_sigma_of_gnss_acceleration_stands() -> None:
     made = flight()
     assert checked(turned(made.motion, 12.0, sigma=6.0), ready(made)).quality["heading_from"] == "compass"
+
+
+@pytest.mark.parametrize(("degrees", "contradicted"), [(0.0, False), (25.0, True)])
+def test_an_unsure_heading_by_motion_is_checked_as_well(degrees: float, contradicted: bool) -> None:
+    made = flight()
+    run = checked(pair.alone(turned(made.motion, degrees, sigma=3.0)), ready(made))
+    assert run.quality["heading_from"] == "nobody"
+    assert (run.aux[pair.OWN_HEADING] == np.pi).all() == contradicted
 
 
 def rested(step_dps: float) -> Inputs:

@@ -109,3 +109,17 @@ def test_up_to_two_joint_sigmas_it_is_open_who_errs() -> None:
     assert near.quality["heading_from"] == far.quality["heading_from"] == "motion"
     assert np.degrees(near.aux["sigma_heading"]) == pytest.approx(np.hypot(0.4, 0.8))
     assert np.degrees(far.aux["sigma_heading"]) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("sigma", [0.4, 3.0])
+def test_a_run_by_motion_alone_keeps_what_it_says_of_its_own_heading(sigma: float) -> None:
+    n = 10
+    run = Estimate(
+        np.arange(n, dtype=float),
+        np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+        aux={"sigma_tilt": np.full(n, 0.001), "sigma_heading": np.radians(np.full(n, sigma))},
+    )
+    stands = pair.alone(run)
+    own = stands.aux.get(pair.OWN_HEADING, stands.aux["sigma_heading"])
+    assert np.degrees(own) == pytest.approx(sigma)
+    assert (pair.without_heading(stands, "a sensor contradicts it").aux[pair.OWN_HEADING] == np.pi).all()

@@ -1,0 +1,101 @@
+"""Do the motors bend a compass's field, and by how much per ampere? Two points tell: the ground and the air.
+
+A regression over the power in flight was never sure enough on 64 real logs. What the place adds (steel in the ground, a
+car) goes with the ground as well: so the ground before take-off and after landing must agree, and the heading in
+flight must improve.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.health.assessments.compass.fitting import SIGMAS
+from attlog.health.assessments.compass.offset import UNSURE_UT, axes, unsound
+from attlog.health.assessments.compass.study import CompassStudy
+from attlog.health.assessments.model import Assessment, HealthCase, unknown
+from attlog.health.settings import compass as parameters
+
+MOTORS = "compass_motors"
+FAR_SHARE = 0.3
+"""Of the earth's horizontal field: ardupilot.org, "Magnetic Interference", calls 30 % the limit."""
+LIMIT = "ok where ground and air agree within 4 sigma or 2 uT, fault above 30 % of the horizontal field"
+SOURCE = "ground against air, two points; 30 %: ardupilot.org, Magnetic Interference"
+
+
+def assessed(case: HealthCase, study: CompassStudy) -> Assessment:
+    """What the motors add to one compass, by the ground and the air."""
+    samples, ground, found = study.samples, study.ground, study.motors
+    advice = case.log.advice("rest")
+    if ground is None:
+        why = "No field on the ground with motors off is logged, so their own field is unknown."
+        return unknown(samples.source, MOTORS, f"{why} {advice}".strip(), LIMIT, SOURCE)
+    added, sigma = study.air.offset - ground.offset, np.hypot(study.air.sigma, ground.sigma)
+    size = float(np.linalg.norm(added))
+    half = 1.96 * float(np.linalg.norm(sigma * added)) / max(size, 1e-9)
+    level = float(np.hypot(added[0], added[1])) / max(float(np.hypot(samples.earth[0], samples.earth[1])), 1e-9)
+    agrees = not study.ground_differs
+    unsure = agrees and SIGMAS * float(sigma.max()) > UNSURE_UT
+    answer = Assessment(
+        samples.source,
+        MOTORS,
+        "unknown" if unsure else "ok" if agrees else "fault" if level > FAR_SHARE else "warning",
+        f"In flight {samples.source} reads {axes(added, sigma)} uT more in x, y, z than on the ground{_at(study)}.",
+        round(size, 1),
+        "uT",
+        (round(max(size - half, 0.0), 1), round(size + half, 1)),
+        [round(float(x), 2) for x in added],
+        [round(1.96 * float(s), 2) for s in sigma],
+        study.air.n + ground.n,
+        round(samples.seconds, 1),
+        threshold=LIMIT,
+        source=SOURCE,
+        evidence=_evidence(study),
+    )
+    if not agrees:
+        answer.why_no_setting = why_not(study)
+        if not unsound(study):
+            answer.action = "Move the compass away from power wires, or calibrate it against the motors."
+        if found is not None and not answer.why_no_setting:
+            offer = parameters.proposal(
+                case.log, samples.mag, 1e-6 * found.offset, 1e-6 * found.per_unit, samples.power_kind
+            )
+            answer.settings, answer.why_no_setting = offer.settings, offer.refused
+    return answer
+
+
+def why_not(study: CompassStudy) -> str:
+    """Why no compensation for the motors is offered; empty where it may be."""
+    if why := unsound(study):
+        return why
+    if study.motors is None:
+        return "The log holds no current and no throttle that the field could follow."
+    if study.before is None or study.after is None:
+        missing = "before take-off" if study.before is None else "after landing"
+        return f"The ground {missing} is not logged: motors or the place bend the field. Stay there 20 s, logging."
+    if not study.ground_repeats:
+        return "The ground before take-off and after landing differ: it is the field of the motors or of the place."
+    if not study.follows_motors:
+        return "A compensation does not improve the heading enough in the half that it was not fitted to."
+    return ""
+
+
+def _at(study: CompassStudy) -> str:
+    if study.motors is None:
+        return ""
+    power = study.motors.power
+    return f", at {power:.3g} A" if study.samples.power_kind == "current" else f", at {100 * power:.0f} % of throttle"
+
+
+def _evidence(study: CompassStudy) -> list[str]:
+    found, samples = study.motors, study.samples
+    said = []
+    if found is not None and study.ground_differs:
+        unit = "uT per ampere" if samples.power_kind == "current" else "uT at full throttle"
+        shown = ", ".join(f"{x:.3g}" for x in found.per_unit)
+        said.append(f"That is {shown} {unit} in x, y, z.")
+    if study.motor_proof is not None and study.ground_differs:
+        said.append(study.motor_proof.sentence)
+    if study.before is not None and study.after is not None:
+        apart = float(np.linalg.norm(study.before.offset - study.after.offset))
+        said.append(f"Before take-off and after landing the ground differs by {apart:.1f} uT.")
+    return said
