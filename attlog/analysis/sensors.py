@@ -9,14 +9,22 @@ from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
 from attlog.flight.model import part_of
 from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, assess
+from attlog.health.figures import traces
 from attlog.health.model import Check
 from attlog.metrics.base import Case
+from attlog.metrics.figures.trace import Trace
 
 
-def assessments(case: Case, checks: list[Check]) -> list[Assessment]:
-    """Every question about the sensors of a prepared log; ``checks`` are those of the audit."""
+def assessments(case: Case, checks: list[Check], *, drawn: list[Trace] | None = None) -> list[Assessment]:
+    """Every question about the sensors of a prepared log; ``checks`` are those of the audit.
+
+    ``drawn``: where the arrays of their figures go, None where none are wanted.
+    """
     asked = HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case))
-    return part_of(case.log, "The sensors", lambda: assess(asked), list)
+    found = part_of(case.log, "The sensors", lambda: assess(asked), list[Assessment])
+    if drawn is not None:
+        drawn += traces(asked, found)
+    return found
 
 
 def motion_attitude(case: Case) -> MotionAttitude | None:

@@ -5,6 +5,7 @@ What stands in a result comes from here for those above it, wherever it is defin
 
 from __future__ import annotations
 
+from attlog.health.assessments.model import Assessment, Setting
 from attlog.health.findings import Finding
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
@@ -24,6 +25,7 @@ __all__ = [
     "TIMED_OUT",
     "AlignmentStep",
     "Answer",
+    "Assessment",
     "Check",
     "CommonBias",
     "Duplicates",
@@ -34,6 +36,7 @@ __all__ = [
     "ReferenceSummary",
     "Result",
     "Segment",
+    "Setting",
     "Trace",
     "Verdict",
     "nothing_ran",
