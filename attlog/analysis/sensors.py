@@ -7,12 +7,13 @@ import numpy as np
 from attlog.analysis import choices, replay
 from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
-from attlog.flight.model import part_of
+from attlog.flight.model import FlightLog, part_of
 from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, assess
 from attlog.health.figures import traces
 from attlog.health.model import Check
 from attlog.metrics.base import Case
 from attlog.metrics.figures.trace import Trace
+from attlog.segments.model import Segments
 
 
 def assessments(case: Case, checks: list[Check], *, drawn: list[Trace] | None = None) -> list[Assessment]:
@@ -20,8 +21,18 @@ def assessments(case: Case, checks: list[Check], *, drawn: list[Trace] | None = 
 
     ``drawn``: where the arrays of their figures go, None where none are wanted.
     """
-    asked = HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case))
-    found = part_of(case.log, "The sensors", lambda: assess(asked), list[Assessment])
+    return _assessed(HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case)), drawn)
+
+
+def assessments_unreplayed(
+    log: FlightLog, segments: Segments, checks: list[Check], *, drawn: list[Trace] | None = None
+) -> list[Assessment]:
+    """The same of a log that no filter can be run on, such as telemetry: there is no attitude to judge sensors by."""
+    return _assessed(HealthCase(log, segments, None, checks, lambda: None), drawn)
+
+
+def _assessed(asked: HealthCase, drawn: list[Trace] | None) -> list[Assessment]:
+    found = part_of(asked.log, "The sensors", lambda: assess(asked), list[Assessment])
     if drawn is not None:
         drawn += traces(asked, found)
     return found

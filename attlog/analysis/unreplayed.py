@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from attlog import segments, story
 from attlog.analysis.config import Config
+from attlog.analysis.sensors import assessments_unreplayed
 from attlog.analysis.stages import Stages
 from attlog.analysis.summary import describe
 from attlog.base.versions import versions
 from attlog.flight.model import FlightLog
 from attlog.health import audit
 from attlog.health.findings import findings, nothing_wrong
-from attlog.result import Result
+from attlog.result import Result, Trace
 
 
 def without_replay(log: FlightLog, config: Config, stage: Stages, command: str) -> Result:
@@ -21,6 +22,9 @@ def without_replay(log: FlightLog, config: Config, stage: Stages, command: str) 
     with stage("audit"):
         checks = audit(log, None)
         found = findings(log, checks, events=happened)
+    drawn: list[Trace] = []
+    with stage("sensors"):
+        health = assessments_unreplayed(log, phases, checks, drawn=drawn)
     return Result(
         attlog=versions(),
         command=command,
@@ -30,6 +34,8 @@ def without_replay(log: FlightLog, config: Config, stage: Stages, command: str) 
         events=happened,
         findings=found,
         audit=list(checks),
+        health=health,
+        traces=drawn,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         timing=stage.seconds,
     )

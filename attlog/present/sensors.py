@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from attlog.present.numbers import MINUS, duration, interval, listed, quantity
+from attlog.present.numbers import MINUS, decimals, duration, interval, listed, number, quantity
 from attlog.present.text import typeset
 
 if TYPE_CHECKING:
@@ -132,7 +133,10 @@ def _pairs(one: Assessment) -> list[tuple[float, float | None]]:
 
 def _axis(name: str, pair: tuple[float, float | None], unit: str) -> str:
     value, half = pair
-    return f"{name} {quantity(value, unit)}" + (f" ± {quantity(half, unit)}" if half is not None else "")
+    if half is None or not (math.isfinite(value) and math.isfinite(half)):
+        return f"{name} {number(value, unit)}".rstrip()
+    places = decimals(max(abs(value), half), unit)
+    return f"{name} {value:.{places}f} ± {half:.{places}f}".replace("-", MINUS)
 
 
 def _plain(value: float | None) -> str:

@@ -70,6 +70,9 @@ def _attitude(case: HealthCase, t: Array) -> tuple[Array, bool]:
         aloft = inside(motion.t, [] if case.segments is None else case.segments.spans("airborne"))
         if aloft.any() and float(np.median(motion.sigma_heading[aloft])) <= SURE:
             return rotation.interpolated(motion.t, motion.q, motion.segment, t)[0], True
+    onboard = case.log.onboard_attitude
+    if reference is None and onboard is not None:  # a log that is not replayed: nothing else was looked for
+        return rotation.interpolated(onboard.t, onboard.q, None, t)[0], False
     if reference is None or reference.kind == "none" or reference.heading_by == "nobody" or len(reference.t) == 0:
         return np.full((len(t), 4), np.nan), False
     return rotation.interpolated(reference.t, reference.q, reference.gap_segment, t)[0], False

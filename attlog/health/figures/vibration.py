@@ -48,7 +48,7 @@ def clipping(case: HealthCase) -> list[Trace]:
         mine = inside(one.t, within) & (one.new > 0)
         if one.sensor == "accelerometer" and mine.any():
             second, place = np.unique(np.floor(one.t[mine] / SECOND), return_inverse=True)
-            samples = np.bincount(place, one.new[mine])
+            samples = np.bincount(place, one.new[mine].astype(np.float64)).astype(np.float64)
             kept = np.sort(np.argsort(-samples, kind="stable")[:MOST])
             at, total = SECOND * (second + 0.5), {"samples": float(samples.sum())}
             found.append(Trace("clipping", "", at[kept], {"samples": samples[kept]}, one.source, values=total))

@@ -33,7 +33,7 @@ Object.assign(draws, {
     names.forEach((k, i) => {
       const yaxis = i ? 'y' + (i + 1) : 'y', own = i < 3 ? ofAxis(k) : css('--mu');
       for (const [what, columns, dash, w] of drawn) traces.push(plain(k + ' ' + what, what === 'expected' ? css('--tx') : own, t, columns[i], { yaxis, line: { color: what === 'expected' ? css('--tx') : own, width: w, dash }, say: ' µT', unit: 'uT', digits: 1 }));
-      const here = drawn.flatMap((d) => visibleIn(t, d[1][i].map((v) => (v === null ? NaN : v)), range)), low = share(here, 1 - FAR), high = share(here, FAR), pad = Math.max(0.15 * (high - low), 1);
+      const here = drawn.flatMap((d) => visibleIn(t, d[1][i].map((v) => (v === null ? NaN : v)), range)), low = share(here, 0.003), high = share(here, 0.997), pad = Math.max(0.1 * (high - low), 1);
       const top = 1 - i * (height + gap);
       L['yaxis' + (i ? i + 1 : '')] = axis(k + ', µT', { domain: [Math.max(top - height, 0), top], nticks: 5, zeroline: true, range: here.length ? [low - pad, high + pad] : [-1, 1] });
     });
