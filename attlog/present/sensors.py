@@ -29,7 +29,7 @@ TITLES = {
 
 
 @dataclass(frozen=True, slots=True)
-class ShownSetting:
+class ParameterChange:
     """A parameter to set: its name, its value when the log was flown (empty where unknown) and the new one."""
 
     name: str
@@ -38,7 +38,7 @@ class ShownSetting:
 
 
 @dataclass(frozen=True, slots=True)
-class ShownAssessment:
+class SensorAnswer:
     """An answer as it is shown. ``value`` with its unit, ``ci`` its 95 % interval, ``axes`` x, y, z where it has any.
 
     ``advice``: what to do where there is nothing to set; ``why``: evidence, extent, limit with source, a line each.
@@ -51,19 +51,19 @@ class ShownAssessment:
     value: str
     ci: str
     axes: tuple[str, ...]
-    settings: tuple[ShownSetting, ...]
+    settings: tuple[ParameterChange, ...]
     advice: str
     why: tuple[str, ...]
     t: float | None
 
 
 @dataclass(frozen=True, slots=True)
-class ShownHealth:
+class SensorAnswers:
     """All answers: ``trouble`` (faults, then warnings), what is ``ok``, what is ``unknown``; ``summary`` of all."""
 
-    trouble: list[ShownAssessment]
-    ok: list[ShownAssessment]
-    unknown: list[ShownAssessment]
+    trouble: list[SensorAnswer]
+    ok: list[SensorAnswer]
+    unknown: list[SensorAnswer]
 
     @property
     def ok_titles(self) -> str:
@@ -71,11 +71,11 @@ class ShownHealth:
         return listed(list(dict.fromkeys(f"{one.title} {one.sensor}".strip() for one in self.ok)))
 
 
-def health(result: Result) -> ShownHealth:
+def health(result: Result) -> SensorAnswers:
     """The assessments of a result as they are shown."""
     found = [_shown(one) for one in sorted(result.health, key=lambda one: ORDER.get(one.verdict, 2))]
     by = {verdict: [one for one in found if one.verdict == verdict] for verdict in ORDER}
-    return ShownHealth([*by["fault"], *by["warning"]], by["ok"], by["unknown"])
+    return SensorAnswers([*by["fault"], *by["warning"]], by["ok"], by["unknown"])
 
 
 def to_set(result: Result) -> list[Setting]:
@@ -102,7 +102,7 @@ def title(question: str) -> str:
     return " ".join([words[0][:1].upper() + words[0][1:], *words[1:]]) if words else "Question"
 
 
-def _shown(one: Assessment) -> ShownAssessment:
+def _shown(one: Assessment) -> SensorAnswer:
     ci = interval(one.ci95, one.unit)
     extent = [f"n = {one.n:,}"] if one.n else []
     extent += [f"over {duration(one.seconds)}"] if one.seconds > 0 else []
@@ -111,7 +111,7 @@ def _shown(one: Assessment) -> ShownAssessment:
     if one.settings:  # what to set is the action
         lines = [one.action, *lines]
     advice = "" if one.settings else " ".join(text for text in (one.action, one.why_no_setting) if text)
-    return ShownAssessment(
+    return SensorAnswer(
         one.sensor,
         title(one.question),
         one.verdict if one.verdict in ORDER else "unknown",
@@ -119,7 +119,7 @@ def _shown(one: Assessment) -> ShownAssessment:
         quantity(one.value, one.unit),
         ci,
         tuple(_axis(*pair, one.unit) for pair in zip("xyz", _pairs(one), strict=False)),
-        tuple(ShownSetting(s.name, _plain(s.old), _plain(s.new)) for s in one.settings),
+        tuple(ParameterChange(s.name, _plain(s.old), _plain(s.new)) for s in one.settings),
         typeset(advice),
         tuple(typeset(text) for text in lines if text),
         one.t,
@@ -140,5 +140,5 @@ def _axis(name: str, pair: tuple[float, float | None], unit: str) -> str:
 
 
 def _plain(value: float | None) -> str:
-    """A parameter's value with the digits that a vehicle keeps."""
-    return "" if value is None else f"{value:.6g}".replace("-", MINUS)
+    """A parameter's value with the digits that a vehicle keeps, in signs that can be pasted into a ground station."""
+    return "" if value is None else f"{value:.6g}"

@@ -29,7 +29,7 @@ def test_value_interval_axes_and_settings_are_written_as_everywhere():
     assert (offset.value, offset.ci) == ("12.0 µT", "10.0 to 14.0")
     assert offset.axes == ("x 12.0 ± 2.0", "y −0.50 ± 2.00", "z 0.20 ± 1.00")
     assert [(s.name, s.old, s.new) for s in offset.settings] == [
-        ("COMPASS_OFS_X", "−12.5", "−133.5"),
+        ("COMPASS_OFS_X", "-12.5", "-133.5"),
         ("COMPASS_OFS_Y", "", "0"),
     ]
     assert offset.why == (

@@ -40,7 +40,7 @@ def test_faults_and_warnings_are_open_and_the_rest_is_a_line_each():
 def test_what_to_set_shows_old_and_new():
     text = html.unescape(re.sub(r"<[^>]+>", " ", section(make_result())))
     text = " ".join(text.split())
-    assert "COMPASS_OFS_X −12.5 → −133.5" in text
+    assert "COMPASS_OFS_X -12.5 → -133.5" in text
     assert "COMPASS_OFS_Y not logged → 0" in text
 
 

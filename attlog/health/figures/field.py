@@ -19,6 +19,8 @@ SURE = math.radians(5.0)
 """The attitude by motion alone has a heading worth drawing up to this sigma."""
 UNITS = {"uT": 1.0, "mG": 0.1}
 """Of an offset, in uT."""
+MOVES_M_S2, MOVES_S = 0.25, 30
+"""What carries that heading is GNSS acceleration: standing still it was 85 to 132 deg wrong at a claimed 1.8 to 5."""
 FEWEST = 10
 
 
@@ -63,12 +65,26 @@ def offered(mag: Mag, found: list[Assessment]) -> Array | None:
     return None
 
 
+def moves(case: HealthCase) -> bool:
+    """Whether the vehicle accelerates enough in flight for a heading by motion: horizontally, in 1 s differences."""
+    spans = [] if case.segments is None else case.segments.spans("airborne")
+    for receiver in case.log.gnss:
+        use = rotation.finite(receiver.vel_ned[:, :2]) & inside(receiver.t, spans)
+        t, level = receiver.t[use], receiver.vel_ned[use, :2]
+        first = np.unique(np.floor(t), return_index=True)[1]
+        step, change = np.diff(t[first]), np.diff(level[first], axis=0)
+        change = change[step < 1.5]  # not across a hole
+        if len(change) >= MOVES_S:
+            return float(np.sqrt(np.mean(np.sum(change**2, axis=1)))) >= MOVES_M_S2
+    return False
+
+
 def _attitude(case: HealthCase, t: Array) -> tuple[Array, bool]:
     """Attitudes (n, 4) at ``t`` (n,) s, NaN where there is none, and whether their heading is that of motion alone."""
     motion, reference = case.motion, case.reference
     if motion is not None and len(motion.t):
         aloft = inside(motion.t, [] if case.segments is None else case.segments.spans("airborne"))
-        if aloft.any() and float(np.median(motion.sigma_heading[aloft])) <= SURE:
+        if aloft.any() and float(np.median(motion.sigma_heading[aloft])) <= SURE and moves(case):
             return rotation.interpolated(motion.t, motion.q, motion.segment, t)[0], True
     onboard = case.log.onboard_attitude
     if reference is None and onboard is not None:  # a log that is not replayed: nothing else was looked for

@@ -25,15 +25,16 @@ def attitude() -> np.ndarray:
 
 
 def log(offset_ut: tuple[float, float, float] = (0.0, 0.0, 0.0), per_ampere: float = 0.0) -> FlightLog:
-    """A vehicle near Zurich whose compass is off by an offset, and along z by so much per ampere."""
+    """A vehicle near Zurich that sways, whose compass is off by an offset, and along z by so much per ampere."""
     still = np.tile([0.0, 0.0, -9.8], (len(T), 1))
     imu = Imu(0, Stream(T, 0 * still, "rad/s", "FRD", "IMU:0"), Stream(T, still, "m/s^2", "FRD", "IMU:0"))
     made = FlightLog(
         Path("x.bin"), "DataFlash", 0, 0, Firmware("ArduPilot"), "Copter", imus=[imu], imu=0, seconds=SECONDS
     )
     where = [np.full(len(T), v) for v in (47.4, 8.5, 500.0)]
+    velocity = np.column_stack([3.0 * np.sin(T / 2), 0 * T, 0 * T])
     ones, fix = np.ones(len(T)), np.full(len(T), 3)
-    made.gnss = [Gnss(0, T, "GPS:0", *where, np.zeros((len(T), 3)), ones, ones, ones, fix)]
+    made.gnss = [Gnss(0, T, "GPS:0", *where, velocity, ones, ones, ones, fix)]
     amperes = np.where((T > AIR[0]) & (T < AIR[1]), 20.0 + 10.0 * np.sin(T / 3), 0.5)
     made.battery = Stream(T, np.column_stack([15.0 + 0 * T, amperes]), "V, A", "", "BAT")
     field = rotation.rotate_inverse(attitude(), np.array(declination.model(made).ned_t))

@@ -82,3 +82,11 @@ def test_damaged_fields_are_left_out():
     np.testing.assert_allclose(off(trace, ""), OFFSET, atol=1e-6)
     made.mags[0].field.x[:] = np.nan
     assert field(case(made), []) == []
+
+
+def test_a_vehicle_that_stands_in_the_air_has_no_heading_by_motion():
+    made = log()
+    made.gnss[0].vel_ned[:, 0] *= 0.1
+    assert field(case(made), [])[0].values == {"by_motion": 0.0}
+    made.gnss[0].vel_ned[:] = np.nan
+    assert field(case(made), [])[0].values == {"by_motion": 0.0}
