@@ -53,7 +53,7 @@ def case(made: FlightLog, sigma_deg: float | None = 1.0, crash: float | None = N
     if sigma_deg is not None:
         motion = MotionAttitude(T, attitude(), number, 0 * T, 0 * T + np.radians(sigma_deg), {})
     kinds = [Segment("continuous", 0.0, SECONDS), Segment("armed", 5.0, 95.0), Segment("airborne", *AIR)]
-    kinds += [] if crash is None else [Segment("impact", crash, crash + 0.5), Segment("wreck", crash, SECONDS)]
+    kinds += [] if crash is None else [Segment("impact", crash, crash + 0.5), Segment("wreck", crash, crash + 10.0)]
     return HealthCase(made, Segments(kinds), reference, [], lambda: motion)
 
 
