@@ -36,7 +36,11 @@ def spectrum(traces: list[Trace], rotor: list[Trace], notches: list[Trace]) -> P
         caption += f" Hatched: shaking between {nyquist:.0f} and {FASTEST_HZ:.0f} Hz would show here, folded."
     if rotor:
         data["rotor"] = [bar(low, f, high) for low, f, high in bands(rotor[0])]
-        caption += f" Grey: rotors, {number(float(rotor[0].t[0]), 'Hz')} Hz and harmonics."
+        turning = f"{number(float(rotor[0].t[0]), 'Hz')} Hz"
+        seen = float(rotor[0].t[0]) < nyquist
+        caption += (
+            f" Grey: rotors, {turning} and harmonics." if seen else f" Rotors turn at {turning}, beyond half the rate."
+        )
     if notches:
         data["notches"] = [bar(*b) | {"key": t.key} for t in notches for b in bands(t)]
         caption += " " + "; ".join(notch_text(t) for t in notches) + "."

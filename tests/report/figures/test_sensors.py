@@ -82,8 +82,16 @@ def test_a_rate_beyond_twice_the_fastest_rotor_folds_nothing():
 
 def test_rotors_and_notches_are_bands_of_the_spectrum():
     data = drawn()["spectrum"].data
+    assert "Grey: rotors, 8.0 Hz and harmonics." in drawn()["spectrum"].caption
     assert [b["f"] for b in data["rotor"]] == [8.0, 16.0, 24.0]
     assert [(b["key"], b["f"]) for b in data["notches"]] == [("set", 8.0), ("proposed", 16.0)]
+
+
+def test_rotors_faster_than_half_the_rate_are_said_to_be_beyond_it():
+    result = make_result()
+    rotor = next(t for t in result.traces if t.figure == "rotor")
+    rotor.t = 10.0 * rotor.t
+    assert "Rotors turn at 80 Hz, beyond half the rate." in drawn(result)["spectrum"].caption
 
 
 def test_every_aid_has_a_colour_of_its_own_whoever_else_is_drawn():
