@@ -169,7 +169,7 @@ def evaluate(
     )
     if not only:
         with stage("sensors"):
-            result.health = assessments(case, checks)
+            result.health = assessments(case, checks, drawn=result.traces if traces else None)
         result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
         result.findings = problems.all_of(case, result, checks, rows, own)
         sound = nothing_wrong(result.findings)

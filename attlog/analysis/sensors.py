@@ -9,22 +9,35 @@ from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
 from attlog.estimators.filters.pair import OWN_HEADING
 from attlog.flight.model import FlightLog, part_of
-from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, assess
+from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude
+from attlog.health.assessments.questions import assess
+from attlog.health.figures import traces
 from attlog.health.model import Check
 from attlog.metrics.base import Case
+from attlog.metrics.figures.trace import Trace
 from attlog.segments.model import Segments
 
 
-def assessments(case: Case, checks: list[Check]) -> list[Assessment]:
-    """Every question about the sensors of a prepared log; ``checks`` are those of the audit."""
-    asked = HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case))
-    return part_of(case.log, "The sensors", lambda: assess(asked), list)
+def assessments(case: Case, checks: list[Check], *, drawn: list[Trace] | None = None) -> list[Assessment]:
+    """Every question about the sensors of a prepared log; ``checks`` are those of the audit.
+
+    ``drawn``: where the arrays of their figures go, None where none are wanted.
+    """
+    return _assessed(HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case)), drawn)
 
 
-def assessments_unreplayed(log: FlightLog, segments: Segments, checks: list[Check]) -> list[Assessment]:
+def assessments_unreplayed(
+    log: FlightLog, segments: Segments, checks: list[Check], *, drawn: list[Trace] | None = None
+) -> list[Assessment]:
     """The same of a log that no filter can be run on, such as telemetry: there is no attitude to judge sensors by."""
-    asked = HealthCase(log, segments, None, checks, lambda: None)
-    return part_of(log, "The sensors", lambda: assess(asked), list)
+    return _assessed(HealthCase(log, segments, None, checks, lambda: None), drawn)
+
+
+def _assessed(asked: HealthCase, drawn: list[Trace] | None) -> list[Assessment]:
+    found = part_of(asked.log, "The sensors", lambda: assess(asked), list[Assessment])
+    if drawn is not None:
+        drawn += traces(asked, found)
+    return found
 
 
 def motion_attitude(case: Case) -> MotionAttitude | None:

@@ -12,7 +12,7 @@ from attlog.flight.model import FlightLog
 from attlog.health import audit
 from attlog.health.findings import contradiction, findings, nothing_wrong
 from attlog.metrics.base import Case
-from attlog.result import Result
+from attlog.result import Result, Trace
 
 
 def without_replay(
@@ -27,8 +27,12 @@ def without_replay(
         happened = story.events(log, phases)
     with stage("audit"):
         checks = audit(log, None) if case is None else audit(log, phases, case.reference)
+    drawn: list[Trace] = []
     with stage("sensors"):
-        health = assessments_unreplayed(log, phases, checks) if case is None else assessments(case, checks)
+        if case is None:
+            health = assessments_unreplayed(log, phases, checks, drawn=drawn)
+        else:
+            health = assessments(case, checks)
     others = [] if case is None else contradiction(case.reference)
     found = findings(log, checks, others, events=happened, health=health)
     return Result(
@@ -41,6 +45,7 @@ def without_replay(
         findings=found,
         audit=list(checks),
         health=health,
+        traces=drawn,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         gyro_bias=[] if case is None else list(case.gyro_bias.values()),
         timing=stage.seconds,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from attlog.present.flight import firmware, subtitle
 from attlog.present.gyro_bias import gyro_bias
 from attlog.present.messages import alarming, level_name, messages
 from attlog.present.numbers import counted, duration, moment, number, quantity, unit_sign
+from attlog.present.sensors import checks_by_trouble, health
 from attlog.present.table.table import axis_table, main_table, window_tables
 from attlog.present.text import clean, cleaned, plain_value, typeset
 from attlog.report.bundle import Bundle, bundle, source_hash
@@ -26,9 +28,20 @@ from attlog.report.figures.marks import time_marks
 from attlog.report.look import looks
 from attlog.report.pack import Store, packed
 from attlog.result import MEASURED_TIMES, Result
+from attlog.result.parameters import parameter_file
 
 WEB = Path(__file__).parent / "web"
-SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "figures.js", "spreadsheet.js", "export.js", "page.js")
+SCRIPTS = (
+    "unpack.js",
+    "theme.js",
+    "reduce.js",
+    "plots.js",
+    "figures.js",
+    "sensors.js",
+    "spreadsheet.js",
+    "export.js",
+    "page.js",
+)
 """Joined in this order into the one script of the page."""
 FILTERS: dict[str, Callable[..., Any]] = {
     "unit": unit_sign,
@@ -76,6 +89,7 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
             }
             for v in look.values()
         ],
+        "log": file_stem(result),
         "marks": cleaned(time_marks(result)),
         "figures": {
             f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for part in figures.values() for f in part
@@ -103,6 +117,10 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         axes=axis_table(result),
         windows=window_tables(result),
         figures=figures,
+        health=health(result),
+        checks=checks_by_trouble(result.audit),
+        param_file=parameter_file(result),
+        file_stem=file_stem(result),
         messages=[(t, level_name(level), alarming(level, text), text) for t, level, text in messages(result)],
         config=toml(result.config),
         firmware=firmware(result),
@@ -112,6 +130,12 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         bundle=base64.b64encode(plot.packed).decode(),
         bundle_name=plot.name,
     )
+
+
+def file_stem(result: Result) -> str:
+    """The log's name without its suffix, in letters that every file system takes: how saved files begin."""
+    stem = Path(str(result.log.get("name") or "")).stem
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem)[:80].strip("._-") or "attlog"
 
 
 def timeless(result: Result) -> Result:

@@ -24,7 +24,7 @@ FAST_HZ = 40.0
 def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
     """Clipping of the accelerometers and vibration in flight, and the texts that are told in them."""
     found, told = [], []
-    within = _driven(segments)
+    within = driven(segments)
     clip, texts = _clipping(log, within)
     if clip is not None:
         found.append(clip)
@@ -33,7 +33,7 @@ def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]
     return [*found, *([shaken] if shaken is not None else [])], told
 
 
-def _driven(segments: Segments) -> list[Span]:
+def driven(segments: Segments) -> list[Span]:
     """When clipping counts: in flight but for the touch-down, and while something that never flew was driven."""
     flights = segments.spans("airborne")
     crashes = [e.t for e in segments.endings if e.is_crash]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from attlog.health.assessments.model import Assessment, Setting, unknown
 from attlog.health.findings import Finding
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.figures.trace import Trace
@@ -196,6 +197,66 @@ def sensors(t: np.ndarray) -> list[Trace]:
         Trace("field", "", second, {k: 5 * v for k, v in size.items()}, values={"expected": 48.3}),
         Trace("throttle", "", second, {"throttle": 50.0 * ((second > AIR[0]) & (second < AIR[1]))}),
         Trace("rest_bias", "", np.array([25.0]), {a: np.array([0.2]) for a in "xyz"}),
+        *health(second),
+    ]
+
+
+def health(t: np.ndarray) -> list[Trace]:
+    """What the figures of the questions about the sensors draw; the compass reads 12 uT too much along x."""
+    turned = {"x": 20 * np.cos(t / 20), "y": 20 * np.sin(t / 20), "z": np.full(len(t), 43.0)}
+    fields = {a: y + (12.0 if a == "x" else 0.0) for a, y in turned.items()}
+    fields |= {f"{part}_{a}": y for part in ("expected", "corrected") for a, y in turned.items()}
+    drive = np.linspace(5.0, 40.0, 200)
+    line = {"slope": 0.5, "start": -1.0, "r": 0.93, "seconds": 125.0}
+    air = t[(t > AIR[0]) & (t < AIR[1])]
+    level = {"p50": 20.0, "p80": 26.0, "worst": 48.0, "limit": 30.0, "fault": 60.0}
+    tones = np.array([80.0, 160.0, 240.0]) / 10
+    return [
+        Trace("compass", "", t, fields, "MAG:0", values={"by_motion": 1.0}),
+        Trace("interference", "", drive, {"residual": -1 + 0.5 * drive + np.sin(drive)}, "current", values=line),
+        Trace("levels", "", air, {"level": 20 + 6 * np.sin(air)}, "VIBE", values=level),
+        Trace("clipping", "", np.array([100.5]), {"samples": np.array([7.0])}, "VIBE.Clip0", values={"samples": 7.0}),
+        Trace("rotor", "", tones, {"low": 0.9 * tones, "high": 1.1 * tones}),
+        Trace("notches", "", tones[:1], {"low": 0.8 * tones[:1], "high": 1.2 * tones[:1]}, "set"),
+        Trace("notches", "", tones[1:2], {"low": 0.8 * tones[1:2], "high": 1.2 * tones[1:2]}, "proposed"),
+        Trace("ratios", "", t, {"ratio": np.where(t == 100.5, 9.0, 0.3)}, "compass"),
+        Trace("ratios", "", t, {"ratio": 0.1 + 0.05 * np.sin(t)}, "velocity"),
+    ]
+
+
+def assessments() -> list[Assessment]:
+    """One of every verdict, with and without something to set."""
+    ofs = [Setting("COMPASS_OFS_X", -12.5, -133.5, "mG"), Setting("COMPASS_OFS_Y", None, 0.0, "mG")]
+    return [
+        Assessment("GPS:0", "gnss_delay", "ok", "GNSS is 203 ms late, as set.", 203.0, "ms", (190.0, 216.0)),
+        unknown("MAG:0", "soft_iron", "The flight turned by 90 deg only: fly two full turns."),
+        Assessment(
+            "IMU:0",
+            "vibration_level",
+            "warning",
+            "It vibrates by 48.0 m/s^2.",
+            48.0,
+            "m/s^2",
+            t=100.5,
+            action="Balance.",
+        ),
+        Assessment(
+            "MAG:0",
+            "compass_offset",
+            "fault",
+            "MAG:0 reads 12.0 uT too much along x.",
+            12.0,
+            "uT",
+            (10.0, 14.0),
+            [12.0, -0.5, 0.2],
+            [2.0, 2.0, 1.0],
+            n=38,
+            seconds=125.0,
+            threshold="ok below 1.5 uT",
+            source="the prototypes",
+            settings=ofs,
+            evidence=["Heading error of the other half falls from 15.5 deg to 1.5 deg."],
+        ),
     ]
 
 
@@ -309,6 +370,7 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
             }
             for window in ("rest", "airborne", "all")
         },
+        health=assessments(),
         timing={"read": 0.21, "estimators": 0.33},
         traces=traces(names) if with_traces else [],
     )

@@ -28,7 +28,9 @@ def test_it_opens_without_complaint_or_request_and_draws_every_figure(visit, rep
         "spectrum",
         "vibration",
         "gravity",
-        "field",
+        "compass",
+        "interference",
+        "ratios",
         "bias",
     } <= set(figures)
     assert [name for name, drawn in figures.items() if not drawn] == []
@@ -53,7 +55,8 @@ def test_zoom_in_one_figure_moves_all_with_flight_time_and_double_click_returns(
     page = visit(report)
     whole = page.range("attitude")
     drag(page, "attitude", 0.3, 0.5)
-    seen = {figure: page.range(figure) for figure in ("strip", "attitude", "difference", "vibration", "bias")}
+    timed = ("strip", "attitude", "difference", "vibration", "compass", "ratios", "bias")
+    seen = {figure: page.range(figure) for figure in timed}
     assert len({tuple(round(x, 6) for x in r) for r in seen.values()}) == 1
     assert seen["bias"][0] > whole[0] + 20
     assert seen["bias"][1] < whole[1] - 20
@@ -191,7 +194,7 @@ def test_a_figure_can_be_saved_with_its_legend_as_picture_and_numbers(visit, rep
     def saved(figure: str, kind: str) -> bytes:
         with page.page.expect_download() as download:
             page.page.click(f".out[data-figure={figure}] [data-out={kind}]")
-        assert download.value.suggested_filename == f"attlog-{figure}.{kind}"
+        assert download.value.suggested_filename == f"flight-{figure}.{kind}"
         return download.value.path().read_bytes()
 
     svg = saved("steps", "svg").decode()
@@ -201,6 +204,11 @@ def test_a_figure_can_be_saved_with_its_legend_as_picture_and_numbers(visit, rep
     lines = saved("bias", "csv").decode().splitlines()
     assert lines[0] == "axis,line,x,y"
     assert '"x, °/s","VQF",0,0.4' in lines
+    lines = saved("compass", "csv").decode().splitlines()
+    assert lines[0] == "time_s,line,value,unit"
+    assert '0.5,"x measured",31.99,"uT"' in lines
+    assert '0.5,"x corrected",19.99,"uT"' in lines
+    assert saved("interference", "csv").decode().startswith('drive_a,line,value,unit\n5,"residual"')
     assert page.complaints == []
 
 
@@ -226,3 +234,40 @@ def test_the_result_can_be_saved_from_the_page(visit, report):
     saved = json.loads(download.value.path().read_text(encoding="utf-8"))
     assert saved["schema"] == "attlog-result/5"
     assert saved["estimators"][0]["name"] == "onboard"
+
+
+@pytest.mark.slow
+def test_the_parameters_to_set_can_be_saved_as_a_file(visit, report):
+    page = visit(report)
+    with page.page.expect_download() as download:
+        page.page.click("text=Save as .param")
+    assert download.value.suggested_filename == "flight.param"
+    saved = download.value.path().read_text(encoding="utf-8").splitlines()
+    assert [line for line in saved if not line.startswith("#")] == ["COMPASS_OFS_X,-133.5", "COMPASS_OFS_Y,0"]
+    assert page.complaints == []
+
+
+@pytest.mark.slow
+def test_axes_have_colours_of_their_own_that_no_filter_has(visit, report):
+    page = visit(report).page
+    lines = page.evaluate(
+        """() => [...document.querySelectorAll('.plot')].flatMap((p) => p.data
+            .filter((t) => t.mode === 'lines' && t.line && t.line.color)
+            .map((t) => [p.id, t.meta, t.name, t.line.color]))"""
+    )
+    axes = {name[0]: colour for figure, _, name, colour in lines if figure == "compass" and "measured" in name}
+    assert len({axes[a] for a in "xyz"}) == 3
+    assert all(
+        axes[name] == colour
+        for figure, _, name, colour in lines
+        if figure in ("spectrum", "vibration") and name in axes
+    )
+    assert not {axes[a] for a in "xyz"} & {colour for _, row, _, colour in lines if row is not None}
+
+
+@pytest.mark.slow
+def test_a_phone_shows_what_to_set_without_scrolling(visit, report):
+    page = visit(report, viewport={"width": 390, "height": 844}, has_touch=True).page
+    box = page.locator("#part-sensors .set").first.bounding_box()
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= 390

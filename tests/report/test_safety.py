@@ -12,7 +12,7 @@ from attlog.present.text import clean
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.page import render
-from attlog.result import ParameterValue, Result
+from attlog.result import ParameterValue, Result, Setting
 from tests.report.conftest import make_result
 
 EVIL = (
@@ -48,6 +48,12 @@ def hostile() -> Result:
     for check in result.audit:
         check.text = check.name = check.threshold = EVIL
     result.reference.text = result.reference.source = EVIL
+    for answer in result.health:
+        answer.sensor = answer.question = answer.text = answer.unit = answer.threshold = answer.source = EVIL
+        answer.action = answer.why_no_setting = EVIL
+        answer.evidence, answer.settings = [EVIL], [Setting(EVIL, 1.0, 2.0)]
+    for trace in result.traces:
+        trace.key = EVIL if trace.figure in ("compass", "levels", "clipping", "ratios", "interference") else trace.key
     result.verdicts = verdicts(result)
     return result
 

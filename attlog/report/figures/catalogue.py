@@ -27,7 +27,7 @@ def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, 
         "rest": rest(by, names, store),
         "step": steps(by, names, store, result),
         "drift": drift(by, names, store, result),
-        "sensors": sensors(by, names, store),
+        "sensors": sensors(by, names, store, result),
     }
     for part in found.values():
         fill(part)

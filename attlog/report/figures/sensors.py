@@ -1,71 +1,43 @@
-"""The sensors themselves: spectra, vibration, sizes of gravity and field, gyro bias."""
+"""The sensors themselves: compass, vibration, what the onboard estimator rejects, gravity, gyro bias."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from attlog.present.numbers import counted, duration, quantity
+from attlog.report.figures.compass import axes, interference
 from attlog.report.figures.figure import PageFigure, Rows, listed, reach, reduction_text, series
+from attlog.report.figures.ratios import ratios
+from attlog.report.figures.vibration import spectrum, vibration
 from attlog.report.pack import Store
-from attlog.result import Trace
+from attlog.result import Result, Trace
 
 AXES = ("x", "y", "z")
-DENSITY = {"gyro": "°/s/√Hz", "accelerometer": "m/s²/√Hz"}
 SIZES = {
     "gravity": ("Size of the acceleration", "m/s²", "gravity at the place", "standing still it shows gravity"),
     "field": ("Size of the magnetic field", "µT", "the earth's field there", "motors and iron change it"),
 }
 
 
-def sensors(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[PageFigure]:
-    """Spectrum, vibration, sizes over time with throttle, gyro bias."""
+def sensors(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[PageFigure]:
+    """In the order of the questions. The field's size alone is drawn where nothing tells its direction."""
     figures = []
+    if by.get("compass"):
+        figures.append(axes(by["compass"], store, result))
+    elif by.get("field"):
+        figures.append(size(by["field"][0], by.get("throttle", [])))
+    if by.get("interference"):
+        figures.append(interference(by["interference"][0]))
+    if by.get("vibration") or by.get("levels"):
+        figures.append(vibration(by.get("levels", []), by.get("vibration", []), by.get("clipping", [])))
     if by.get("spectrum"):
-        figures.append(spectrum(by["spectrum"]))
-    if by.get("vibration"):
-        figures.append(vibration(by["vibration"][0]))
-    for kind in SIZES:
-        if by.get(kind):
-            figures.append(size(by[kind][0], by.get("throttle", [])))
+        figures.append(spectrum(by["spectrum"], by.get("rotor", []), by.get("notches", [])))
+    if by.get("gravity"):
+        figures.append(size(by["gravity"][0], by.get("throttle", [])))
+    if by.get("ratios"):
+        figures.append(ratios(by["ratios"], store))
     if by.get("bias") or by.get("rest_bias"):
         figures.append(bias(by.get("bias", []), by.get("rest_bias", []), names, store))
     return figures
-
-
-def spectrum(traces: list[Trace]) -> PageFigure:
-    """Amplitude density of the three axes; gyro or accelerometer to be chosen."""
-    keys = [key for key in DENSITY if any(t.key == key for t in traces)]
-    own = {t.key: t for t in traces}
-    views = [
-        {
-            "x": listed(own[key].t),
-            "axes": {a: listed(own[key].columns[a]) for a in AXES},
-            "unit": DENSITY[key],
-            "nyquist": own[key].values["nyquist_hz"],
-        }
-        for key in keys
-    ]
-    caption = f"{duration(own[keys[0]].values['seconds'])} of flight (of the whole log without one). "
-    caption += "Dashed: half the sampling rate; what shakes faster folds back below it."
-    words = "; ".join(f"{key} highest at {peak(own[key])}" for key in keys)
-    return PageFigure("spectrum", "spectrum", "Spectrum", caption, 330, {"views": views}, False, words, keys)
-
-
-def peak(trace: Trace) -> str:
-    """Where the axis with the highest line has it, in words."""
-    axis = max(AXES, key=lambda a: float(trace.columns[a].max()))
-    return f"{quantity(float(trace.t[int(trace.columns[axis].argmax())]), 'Hz')} ({axis})"
-
-
-def vibration(trace: Trace) -> PageFigure:
-    """Standard deviation of the accelerometer over time, and where it was clipped."""
-    clipped = int(trace.values.get("samples", 0.0))
-    caption = "Standard deviation of the accelerometer within a second or more. "
-    caption += f"▼ {counted(clipped, 'sample')} at the end of its range." if clipped else "No sample was clipped."
-    data: dict[str, Any] = {"t": listed(trace.t), "axes": {a: listed(trace.columns[a]) for a in AXES}}
-    data["clipped"] = [[float(t), int(n)] for t, n in zip(trace.t, trace.columns["clipped"], strict=True) if n > 0]
-    highest = "; ".join(f"{a} up to {quantity(float(trace.columns[a].max()), 'm/s^2')}" for a in AXES)
-    return PageFigure("vibration", "vibration", "Vibration", caption, 330, data, False, highest)
 
 
 def size(trace: Trace, throttle: list[Trace]) -> PageFigure:

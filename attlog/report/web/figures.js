@@ -66,48 +66,6 @@ const draws = {
     });
     return p;
   },
-  spectrum(id, f) {
-    const L = layout(id), all = Object.values(f.axes).flat();
-    const traces = Object.entries(f.axes).map(([k, y], i) => plain(k, css('--e' + (i + 1)), f.x, y, { say: ' ' + f.unit, digits: 4, at: ' Hz' }));
-    L.shapes.push({ type: 'line', xref: 'x', yref: 'paper', x0: f.nyquist, x1: f.nyquist, y0: 0, y1: 1, line: { color: css('--bad'), width: 1.2, dash: 'dash' } });
-    L.annotations.push(note(Math.log10(f.nyquist), 'half of ' + (2 * f.nyquist).toFixed(0) + ' Hz', { xanchor: 'right' }), ...letters(f.axes));
-    L.xaxis = axis('frequency, Hz', Object.assign({ type: 'log', range: [Math.log10(f.x[0]), Math.log10(f.nyquist * 1.12)] }, decades(f.x, narrow(id) ? 6 : 10)));
-    L.yaxis = axis(f.unit, Object.assign({ type: 'log' }, decades(all, 8)));
-    const top = Math.log10(Math.max(...all)), floor = Math.log10(all.filter((v) => v > 0).sort((a, b) => a - b)[Math.floor(all.length / 100)] || 1e-6);
-    L.yaxis.range = [Math.max(floor, top - 5) - 0.1, top + 0.15];
-    L.margin.l += 10;
-    return { traces, layout: L };
-  },
-  vibration(id, f, range) {
-    const L = layout(id), traces = Object.entries(f.axes).map(([k, y], i) => plain(k, css('--e' + (i + 1)), f.t, y, { say: ' m/s²' }));
-    const top = Math.max(0.1, ...Object.values(f.axes).flatMap((y) => y.filter((_, i) => f.t[i] >= range[0] && f.t[i] <= range[1])));
-    if (f.clipped.length) traces.push(plain('clipped', css('--bad'), f.clipped.map((c) => c[0]), f.clipped.map(() => top * 1.04), {
-      mode: 'markers', marker: { symbol: 'triangle-down', size: 9, color: css('--bad') }, customdata: f.clipped.map((c) => c[1]), hoverinfo: 'skip', say: undefined,
-    }));
-    L.xaxis = axis('time, s', { range: range.slice() });
-    L.yaxis = axis('m/s²', { range: [0, top * 1.08] });
-    L.annotations.push(...letters(f.axes));
-    phases(L, false);
-    return { traces, layout: L };
-  },
-  size(id, f, range) {
-    const L = layout(id), tint = css('--e1'), here = (y) => y.filter((_, i) => f.t[i] >= range[0] && f.t[i] <= range[1]), traces = [];
-    if (f.throttle) traces.push(plain('throttle', css('--mu'), f.throttle[0], f.throttle[1], { yaxis: 'y2', line: { color: css('--edge'), width: 1 }, say: ' %', digits: 0 }));
-    traces.push(plain('smallest', tint, f.t, f.low, { line: { width: 0 }, hoverinfo: 'skip', say: undefined }));
-    traces.push(plain('largest', tint, f.t, f.high, { line: { width: 0 }, fill: 'tonexty', fillcolor: faded(tint, 0.25), hoverinfo: 'skip', say: undefined }));
-    traces.push(plain('mean', tint, f.t, f.mean, { line: { color: tint, width: 1.6 }, say: ' ' + f.unit }));
-    // a bump on landing leaves the figure: it is as high as FAR of all
-    const wanted = f.expected === undefined ? [] : [f.expected], most = (y, share) => y.slice().sort((a, b) => a - b)[Math.min(Math.floor(share * y.length), y.length - 1)];
-    const low = Math.min(most(here(f.low), 1 - FAR), ...wanted), high = Math.max(most(here(f.high), FAR), ...wanted), pad = 0.15 * (high - low) || 1;
-    const over = f.high.map((v, i) => (v > high + pad ? f.t[i] : null)).filter((t) => t !== null);
-    if (over.length) traces.push(plain('beyond', tint, over, over.map(() => high + pad), { mode: 'markers', arrow: true, hoverinfo: 'skip', say: undefined, cliponaxis: false, marker: { symbol: 'triangle-up', size: 8, color: tint } }));
-    if (wanted.length) L.shapes.push({ type: 'line', xref: 'paper', yref: 'y', x0: 0, x1: 1, y0: f.expected, y1: f.expected, line: { color: css('--tx'), width: 1.3, dash: 'dash' } });
-    L.xaxis = axis('time, s', { range: range.slice() });
-    L.yaxis = axis(f.unit, { range: [low - pad, high + pad], zeroline: false });
-    if (f.throttle) { L.yaxis2 = axis('throttle, %', { overlaying: 'y', side: 'right', range: [0, 100], showgrid: false, zeroline: false, tickvals: [0, 50, 100] }); L.margin.r += 40; }
-    phases(L, false);
-    return { traces, layout: L };
-  },
   rest(id, f) {
     const p = panels(id, f, [['roll', 'roll, °', { least: 0.002 }], ['pitch', 'pitch, °', { least: 0.002 }], ['heading', 'heading, °', { least: 0.002 }]], { range: f.range, calm: true, trace: { digits: 4, opacity: 0.85 } });
     for (const t of p.traces) if (t.line) t.line.width = 1.1;
@@ -215,14 +173,10 @@ const draws = {
   },
 };
 const ratios = (low, high, most) => { const t = [0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.25, 1.5, 2, 3, 5, 10, 20].filter((v) => v >= low && v <= high); return t.length > most ? t.filter((v) => v === 1 || [0.1, 0.2, 0.5, 0.7, 1.5, 2, 5, 10].includes(v)) : t; };
-const FAR = 0.985;
 const SYMBOLS = { 'against truth': 'diamond', 'against smoother': 'diamond', 'against mag': 'square', 'against gnss_yaw': 'triangle-up', 'against yaw_estimator': 'pentagon', 'against course': 'triangle-down' };
 const REFIT = ['forest', 'lag', 'drifts', 'difference', 'rest', 'drift', 'step', 'steps'];
-const TIMED = ['strip', 'attitude', 'difference', 'bias', 'vibration', 'size'];
+const TIMED = ['strip', 'attitude', 'difference', 'bias', 'vibration', 'size', 'compass', 'ratios'];
 const gaps = (y) => Array.from(y, (v) => (Number.isNaN(v) ? null : v));
-
-// x, y, z in their colours, in place of a legend
-const letters = (axes) => Object.keys(axes).map((k, i) => ({ x: 0.005 + 0.035 * i, y: 1, xref: 'paper', yref: 'paper', xanchor: 'left', yanchor: 'bottom', text: k, showarrow: false, font: { size: 13, color: css('--e' + (i + 1)) } }));
 
 // failsafes and critical messages across a figure
 function alarms(L, range) {

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from attlog.health import assessments
-from attlog.health.assessments import Assessment, Setting, unknown
+from attlog.health.assessments import Assessment, Setting, questions, unknown
 
 OFFSET = Assessment(
     "MAG.0",
@@ -41,4 +40,4 @@ MADE = [OFFSET, REFUSED, SOUND, SILENT]
 
 def asked(monkeypatch: pytest.MonkeyPatch, *found: Assessment) -> None:
     """Let these be what the questions find in every log."""
-    monkeypatch.setattr(assessments, "QUESTIONS", {"made": lambda case: list(found)})
+    monkeypatch.setattr(questions, "QUESTIONS", {"made": lambda case: list(found)})

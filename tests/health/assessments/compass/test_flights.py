@@ -12,8 +12,9 @@ import pytest
 from attlog import flight, reference, segments
 from attlog.analysis.config import Config
 from attlog.analysis.sensors import motion_attitude
-from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, assess, compass
+from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, compass
 from attlog.health.assessments.compass import motion
+from attlog.health.assessments.questions import assess
 from attlog.metrics.base import Case
 from attlog.reference.model import ReferenceOptions
 from attlog.segments.model import Segments
