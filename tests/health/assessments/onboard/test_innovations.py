@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.flight.model import Attitude, InnovationTest
+from attlog.flight.model import Attitude, InnovationTest, TimeLine
 from attlog.health.assessments import Assessment, HealthCase
-from attlog.health.assessments.onboard import innovations, test_ratios
+from attlog.health.assessments.onboard import gnss_quality, innovations, test_ratios
 from attlog.health.model import Check
 from tests.health.assessments.onboard.made import SECONDS, case, flight
 
@@ -107,3 +107,14 @@ def test_ratios_that_are_no_numbers_raise_nothing() -> None:
     asked.log.innovation_tests[0].ratio[:] = np.nan
     assert told(asked).verdict == "unknown"
     assert test_ratios.series(asked) == []
+
+
+def test_telemetry_without_segments_is_judged_while_armed() -> None:
+    asked = ratios(0.2, (40.0, 43.0))
+    asked.log.imus, asked.log.imu = [], None
+    asked.log.armed = TimeLine(np.array([0.0, 20.0, 60.0]), [False, True, False], "HEARTBEAT")
+    one = told(HealthCase(asked.log, None, None, [], lambda: None))
+    assert (one.verdict, one.t) == ("warning", pytest.approx(40.0, abs=0.11))
+    assert one.seconds == pytest.approx(38.0, abs=0.3)
+    found = gnss_quality.assessments(HealthCase(asked.log, None, None, [], lambda: None))
+    assert {a.question for a in found} == {"gnss_quality", "gnss_jumps"}
