@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from attlog.present.sensors import checks_by_trouble, health, title, to_set
+from attlog.present.sensors import checks_by_trouble, health, title
 from attlog.result import Assessment, Check, Setting
 from tests.report.conftest import assessments, make_result
 
@@ -51,15 +51,6 @@ def test_values_that_are_no_numbers_are_shown_as_nothing():
     one = Assessment("", "x", "fault", "?", math.nan, "uT", (math.nan, 1.0), [math.nan], [math.inf])
     found = shown(one).trouble[0]
     assert (found.value, found.ci, found.axes) == ("", "", ("x",))
-
-
-def test_a_parameter_is_set_once_as_the_worst_question_wants():
-    result = make_result(with_traces=False)
-    result.health = [
-        Assessment("", "a", "warning", "", settings=[Setting("A", 0.0, 1.0), Setting("B", 0.0, 1.0)]),
-        Assessment("", "b", "fault", "", settings=[Setting("A", 0.0, 2.0)]),
-    ]
-    assert [(s.name, s.new) for s in to_set(result)] == [("A", 2.0), ("B", 1.0)]
 
 
 def test_a_question_in_words_keeps_abbreviations():

@@ -14,6 +14,8 @@ from attlog.segments.model import Segments
 from tests.conftest import SAMPLES
 from tests.health.assessments.made import MADE, OFFSET, asked
 
+QUESTIONS = "attlog.health.assessments.questions.QUESTIONS"
+
 LOGS = ("px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog")
 
 
@@ -28,9 +30,7 @@ def test_assessments_of_every_log_have_known_ids(log: str) -> None:
 def test_a_log_that_cannot_be_replayed_is_assessed_with_its_segments(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[HealthCase] = []
     asked(monkeypatch)
-    monkeypatch.setattr(
-        "attlog.health.assessments.questions.QUESTIONS", {"made": lambda case: seen.append(case) or MADE}
-    )
+    monkeypatch.setattr(QUESTIONS, {"made": lambda case: seen.append(case) or MADE})
     log = attlog.read(SAMPLES / "copter_steps_stabilize.tlog")
     log.imu = None
     found = health(log)
@@ -55,10 +55,7 @@ def test_health_and_analyze_say_the_same_of_the_sensors(monkeypatch: pytest.Monk
 
 
 def test_a_question_that_ends_in_a_bug_is_unknown_and_costs_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "attlog.health.assessments.questions.QUESTIONS",
-        {"gyro bias": lambda case: 1 // 0, "made": lambda case: [OFFSET]},
-    )
+    monkeypatch.setattr(QUESTIONS, {"gyro bias": lambda case: 1 // 0, "made": lambda case: [OFFSET]})
     monkeypatch.delenv("ATTLOG_RAISE")
     case = HealthCase(attlog.read(SAMPLES / "px4_hover.ulg"), Segments(), None, [], lambda: None)
     found = assess(case)
