@@ -28,7 +28,8 @@ LIMITS: dict[Measure, VibrationLimits] = {
     "rest": VibrationLimits(0.95, 30.0, 60.0, "ardupilot.org, Measuring Vibration"),
     "difference": VibrationLimits(0.80, 9.81, np.inf, "PX4 Flight Review, Vibration Metrics"),
 }
-"""PX4 names no level at which a flight fails, only where its plot turns red; clipping tells that."""
+"""PX4 names no level at which a flight fails, only where its plot turns red, which its author (pull request 252 of
+Flight Review) calls a guess: it is a warning, and clipping tells the rest."""
 
 
 @dataclass(slots=True)

@@ -47,7 +47,7 @@ def vibration_level(case: HealthCase) -> list[Assessment]:
         return [unknown("", "vibration_level", level_missing(case.log)), *clips]
     longest = max(len(in_flight(one, within)[0]) for one in seen)
     if longest < LEAST_S:
-        why = f"Percentiles of vibration need {LEAST_S} s of sound flight; this log holds {longest} s."
+        why = f"Vibration can be judged from {LEAST_S} s of sound flight on; this log holds {longest} s."
         return [unknown("", "vibration_level", why), *clips]
     return [*(_level(case.log, one, within) for one in seen), *clips]
 

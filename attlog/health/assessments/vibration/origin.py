@@ -26,8 +26,8 @@ HIGHEST_HZ = 500.0
 HARMONICS = (1, 2, 3, 4)
 MOST_COVERED = 0.3
 """Where rotors' lines cover more of the band than this, a peak near one of them tells nothing."""
-TRUSTED_RATE_HZ = 400.0
-"""Of streams below, every prominent peak at 100 to 120 Hz was an alias."""
+TRUSTED_RATE_HZ = 390.0
+"""400 Hz, as stamps measure them. Of slower streams every prominent peak at 100 to 120 Hz was an alias."""
 
 
 def fold(frequency: Array | float, rate: float) -> Array:

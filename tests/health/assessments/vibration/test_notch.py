@@ -171,6 +171,15 @@ def test_a_folded_peak_says_what_it_may_be_and_a_fast_one_what_it_is() -> None:
     assert "no peak" in silent.text
 
 
+def test_a_log_without_flight_is_asked_for_no_spectrum() -> None:
+    ground = case(shaken(1000.0, 90.0, params=params(**OFF)))
+    assert ground.segments is not None
+    ground.segments.segments = ground.segments.of("continuous")
+    assert gyro_spectrum(ground) == notch(ground) == spectrum(ground) == []
+    ground.segments = None
+    assert gyro_spectrum(ground) == notch(ground) == spectrum(ground) == []
+
+
 @pytest.mark.parametrize("n", [0, 1, 3])
 def test_hardly_any_samples_are_unknown(n: int) -> None:
     log = shaken(200.0, 60.0, params={"INS_HNTCH_ENABLE": TimeLine(np.zeros(0), [], "PARM")})
