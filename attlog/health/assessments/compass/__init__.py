@@ -24,10 +24,10 @@ def assessed(case: HealthCase) -> list[Assessment]:
     answers = [offset.assessed(case, study) for study in found]
     answers += [motors.assessed(case, study) for study in found]
     answers += [soft_iron.assessed(study) for study in found]
-    return _once(answers) + choice.assessed(case, found)
+    return once(answers) + choice.assessed(case, found)
 
 
-def _once(answers: list[Assessment]) -> list[Assessment]:
+def once(answers: list[Assessment]) -> list[Assessment]:
     """Without what is unknown of another compass for the same reason."""
     said: set[str] = set()
     kept = []

@@ -39,9 +39,16 @@ def test_a_much_better_compass_is_to_be_used_with_both_numbers() -> None:
     assert len(found.evidence) == 2
 
 
-@pytest.mark.parametrize("other", [(0.0, 0.0, 0.0), (12.0, 0.0, 0.0)])
-def test_the_compass_in_use_stays_unless_it_is_much_worse(other: Vector) -> None:
-    case, studies = two((1.0, 0.0, 0.0), other)
+@pytest.mark.parametrize(
+    ("used", "other"),
+    [
+        ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ((1.0, 0.0, 0.0), (12.0, 0.0, 0.0)),
+        ((14.0, 0.0, 0.0), (0.0, 10.0, 0.0)),  # better, but not by half
+    ],
+)
+def test_the_compass_in_use_stays_unless_it_is_much_worse(used: Vector, other: Vector) -> None:
+    case, studies = two(used, other)
     (found,) = choice.assessed(case, studies)
     assert (found.verdict, found.settings) == ("ok", [])
 

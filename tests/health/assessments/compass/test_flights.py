@@ -12,7 +12,7 @@ import pytest
 from attlog import flight, reference, segments
 from attlog.analysis.config import Config
 from attlog.analysis.sensors import motion_attitude
-from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, compass
+from attlog.health.assessments import Assessment, HealthCase, MotionAttitude, compass, unknown
 from attlog.health.assessments.compass import motion
 from attlog.health.assessments.questions import assess
 from attlog.metrics.base import Case
@@ -103,6 +103,24 @@ def test_why_no_attitude_judges_is_said_with_what_would_help() -> None:
     for receiver in asked.log.gnss:
         receiver.fix[:] = 0
     assert "no position" in motion.why_none(asked)
+
+
+@pytest.mark.slow
+def test_noise_of_gnss_is_no_acceleration() -> None:
+    """A vehicle that feels nothing but gravity shows no heading, however its GNSS velocity jumps."""
+    asked = case(FLIGHTS[0])
+    phases, found = flown(FLIGHTS[0])
+    imu = asked.log.replay_imu
+    assert imu is not None
+    level = replace(found, q=np.tile([1.0, 0.0, 0.0, 0.0], (len(found.t), 1)))
+    still = HealthCase(asked.log, phases, None, [], lambda: level)
+    imu.acc.x[:] = [0.0, 0.0, -9.81]
+    assert motion.acceleration(asked.log, level, still) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_what_is_unknown_of_every_compass_is_said_once() -> None:
+    why = [unknown(f"MAG.{k}", "soft_iron", "The flight does not turn.") for k in range(2)]
+    assert [a.sensor for a in compass.once([*why, replace(why[0], verdict="ok")])] == ["MAG.0", "MAG.0"]
 
 
 def test_a_log_without_compass_or_anything_else_is_silent_or_unknown() -> None:

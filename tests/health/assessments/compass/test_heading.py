@@ -34,6 +34,15 @@ def test_each_half_is_corrected_by_the_other() -> None:
     assert half.after == pytest.approx(rms_deg(as_logged) / np.sqrt(2.0), rel=0.01)
 
 
+def test_what_was_fitted_in_a_half_is_tried_on_the_other() -> None:
+    made = samples(noise=0.0)
+    parts = halves(made)
+    made.measured[parts[1]] += [8.0, 0.0, 0.0]
+    right, nothing = np.tile([8.0, 0.0, 0.0], (len(made.t), 1)), np.zeros((len(made.t), 3))
+    assert crossed(made, parts, (right, nothing)).after == pytest.approx(0.0, abs=0.01)
+    assert crossed(made, parts, (nothing, right)).after > crossed(made, parts, (nothing, right)).before
+
+
 @pytest.mark.parametrize(
     ("before", "after", "holds"),
     [

@@ -135,6 +135,21 @@ def test_a_compass_mounted_askew_gets_no_offset() -> None:
     assert not ASKED
 
 
+def test_a_ground_that_shows_half_of_it_confirms_nothing() -> None:
+    """With a heading known to 4 deg the difference is within four sigmas, and the offset little more."""
+    one, _ = answers(samples((9.0, 0.0, 0.0), place=(-5.0, 0.0, 0.0), sigma_deg=4.0))
+    assert one.verdict == "warning"
+    assert "does not confirm" in one.why_no_setting
+    assert not ASKED
+
+
+def test_an_offset_that_hardly_turns_the_heading_is_not_offered() -> None:
+    one, _ = answers(samples((0.0, 0.0, -2.5), noise=0.05))
+    assert one.verdict == "warning"
+    assert "does not improve the heading" in one.why_no_setting
+    assert not ASKED
+
+
 def test_an_uncalibrated_compass_is_to_be_calibrated() -> None:
     one, _ = answers(samples((10.0, 0.0, 0.0), calibrated=False))
     assert "never calibrated" in one.why_no_setting
