@@ -37,6 +37,9 @@ LIMIT = "ok up to 0.17 m/s^2 horizontally, 0.3 along z, or 4 sigma; fault above 
 SOURCE = "1 and 3 deg of tilt; total error measured on 24 flights with truth"
 MOVE = "Fly a minute with GNSS: turn slowly through 360 deg and accelerate in several directions."
 
+SET = "Set the offsets, then calibrate the level; or calibrate the accelerometer in six positions."
+"""A level that was calibrated with the offset holds it: without it the vehicle would lean."""
+
 
 def answer(case: HealthCase) -> list[Assessment]:
     """One assessment for each accelerometer that can be judged; one ``unknown`` where none can."""
@@ -138,7 +141,7 @@ def _assessed(case: HealthCase, imu: Imu, bias: Bias, own: Bias) -> Assessment:
         if not found.why_no_setting:
             offered = proposal(case.log, imu, np.where(off, bias.mean, 0.0))
             found.settings, found.why_no_setting = offered.settings, offered.refused
-        found.action = case.log.remedies.get("accelerometer", "")
+        found.action = SET if found.settings else case.log.remedies.get("accelerometer", "")
     return found
 
 
