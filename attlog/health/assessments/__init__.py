@@ -15,6 +15,7 @@ from attlog.health.assessments.inertial import (
     temperature,
 )
 from attlog.health.assessments.model import Assessment, HealthCase, MotionAttitude, Setting, Verdict, unknown
+from attlog.segments.once import once
 
 __all__ = ["Assessment", "HealthCase", "MotionAttitude", "Setting", "Verdict", "assess", "unknown"]
 
@@ -33,9 +34,10 @@ QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
 def assess(case: HealthCase) -> list[Assessment]:
     """Every question about the sensors of a log, in a fixed order; one that ends in a bug is unknown and says so."""
     found: list[Assessment] = []
-    for name, answer in QUESTIONS.items():
-        failed = partial(_failed, name)
-        found += guarded(f"The question {name}", partial(answer, case), failed)
+    with once():
+        for name, answer in QUESTIONS.items():
+            failed = partial(_failed, name)
+            found += guarded(f"The question {name}", partial(answer, case), failed)
     return found
 
 
