@@ -229,7 +229,7 @@ def test_a_row_92_deg_off_in_heading_is_never_best(samples, tmp_path):
     assert rows["turned"].metrics["all"]["heading_rmse_deg"].value == pytest.approx(92.0, abs=5.0)
 
 
-def smoothed(log: object, phases: object, options: object) -> Estimate:
+def smoothed(log: object, phases: object, options: object, *, compass: bool = True) -> Estimate:
     """What a smoother would find: the truth, with its sigmas."""
     truth = attlog.read(LOG).truth
     assert truth is not None

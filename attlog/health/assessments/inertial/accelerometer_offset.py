@@ -16,13 +16,14 @@ from attlog.flight.model import Array, Imu
 from attlog.health.assessments.inertial import accelerometer_rest
 from attlog.health.assessments.inertial.biases import FLOOR_M_S2, Bias, acc_bias
 from attlog.health.assessments.inertial.blocks import in_air, listed, of_stream, still, usable
-from attlog.health.assessments.inertial.imu_instances import LEAST_FLOWN_HZ, difference
+from attlog.health.assessments.inertial.imu_instances import LEAST_FLOWN_HZ, difference_in_flight
 from attlog.health.assessments.model import Assessment, HealthCase, Verdict, unknown
 from attlog.health.fits import force
 from attlog.health.fits.regression import interval
 from attlog.health.model import graded
 from attlog.health.sensors.accelerometer import expected
 from attlog.health.settings.accelerometer import proposal
+from attlog.segments.once import asked_once
 
 QUESTION = "accelerometer_offset"
 OFF_M_S2, FAR_M_S2 = np.array([0.17, 0.17, 0.3]), np.array([0.5, 0.5, 1.0])
@@ -36,6 +37,9 @@ CONFIRMED = 0.3
 LIMIT = "ok up to 0.17 m/s^2 horizontally, 0.3 along z, or 4 sigma; fault above 0.5 and 1 m/s^2"
 SOURCE = "1 and 3 deg of tilt; total error measured on 24 flights with truth"
 MOVE = "Fly a minute with GNSS: turn slowly through 360 deg and accelerate in several directions."
+
+SET = "Set the offsets, then calibrate the level; or calibrate the accelerometer in six positions."
+"""A level that was calibrated with the offset holds it: without it the vehicle would lean."""
 
 
 def answer(case: HealthCase) -> list[Assessment]:
@@ -82,9 +86,9 @@ def _of_unit(case: HealthCase, own: Bias, replayed: Imu, imu: Imu) -> Bias | Non
     """The bias of a unit: that of the replayed one, and what it reads more in flight."""
     if imu is replayed:
         return own
-    if case.segments is None or imu.acc.rate < LEAST_FLOWN_HZ:
+    if imu.acc.rate < LEAST_FLOWN_HZ:
         return None
-    more = difference(replayed.acc, imu.acc, in_air(case.segments))
+    more = difference_in_flight(case, "acc", replayed, imu)
     if more is None:
         return None
     return replace(own, mean=own.mean + more.middle, sigma=np.hypot(own.sigma, more.sigma(0.0)))
@@ -138,7 +142,7 @@ def _assessed(case: HealthCase, imu: Imu, bias: Bias, own: Bias) -> Assessment:
         if not found.why_no_setting:
             offered = proposal(case.log, imu, np.where(off, bias.mean, 0.0))
             found.settings, found.why_no_setting = offered.settings, offered.refused
-        found.action = case.log.remedies.get("accelerometer", "")
+        found.action = SET if found.settings else case.log.remedies.get("accelerometer", "")
     return found
 
 
@@ -169,6 +173,7 @@ def _refusal(case: HealthCase, imu: Imu, bias: Bias, own: Bias) -> str:
     return ""
 
 
+@asked_once
 def on_ground(case: HealthCase, imu: Imu, bias: Bias) -> tuple[float, float] | None:
     """By how much the force on the ground exceeds gravity, and by how much it would by this bias, m/s^2."""
     size = accelerometer_rest.size_at_rest(case, imu)

@@ -13,6 +13,7 @@ from attlog.health.assessments.inertial.blocks import Blocks, of_stream, still, 
 from attlog.health.assessments.model import Assessment, HealthCase, unknown
 from attlog.health.model import graded
 from attlog.health.sensors.accelerometer import expected
+from attlog.segments.once import asked_once
 
 QUESTION = "accelerometer_rest"
 OFF_M_S2, FAR_M_S2 = 0.3, 1.0
@@ -41,6 +42,7 @@ def _tells(size: Blocks) -> bool:
     return 1.96 * float(size.sigma(FLOOR_M_S2)[0]) <= OFF_M_S2
 
 
+@asked_once
 def size_at_rest(case: HealthCase, imu: Imu) -> Blocks | None:
     """Size of the specific force (b, 1) in m/s^2 over blocks of still time on the ground; None without any."""
     spans = [] if case.segments is None else still(case.segments)[0]

@@ -17,10 +17,13 @@ from attlog.health.sensors.gyro import alive
 from attlog.health.sound import crashed
 from attlog.segments import gaps
 from attlog.segments.model import Segments
+from attlog.segments.once import asked_once
 from attlog.segments.spans import Span, between, complement, intersect, seconds
 
 FEWEST = 5
 """Samples of a block: a unit logged at 2 Hz has ten in one."""
+MOST = 250
+"""Samples of a block of which a median is taken: of more the means of neighbours."""
 MANY, SHORT_S, LEAST_S = 5, 1.0, 2.0
 """Where a phase has fewer blocks of 5 s than MANY they are of 1 s; less than LEAST_S tells nothing."""
 EDGE_S = 1.0
@@ -69,15 +72,22 @@ def blocks(t: Array, x: Array, spans: list[Span]) -> Blocks | None:
         for i, j in pairwise(edges):
             if j - i < FEWEST or (medians and j - i < 0.5 * rate * length):  # what is left of a span adds noise only
                 continue
-            middle = np.median(values[i:j], axis=0)
+            own_values = averaged(values[i:j])
+            middle = np.median(own_values, axis=0)
             times.append(float(0.5 * (mine[i] + mine[j - 1])))
             medians.append(middle)
-            spreads.append(MAD * np.median(np.abs(values[i:j] - middle), axis=0))
+            spreads.append(MAD * np.median(np.abs(own_values - middle), axis=0))
             samples += int(j - i)
     if samples < LEAST_S * rate:
         return None
     spread = np.asarray(np.median(np.array(spreads), axis=0))
     return Blocks(np.array(times), np.array(medians), samples, samples / rate, spread)
+
+
+def averaged(x: Array) -> Array:
+    """At most some MOST means of as many neighbours each, of values (n, k); medians of all cost ten times as much."""
+    each = len(x) // MOST
+    return x if each < 2 else x[: each * (len(x) // each)].reshape(-1, each, x.shape[1]).mean(axis=1)
 
 
 def of_stream(stream: Stream, spans: list[Span]) -> Blocks | None:
@@ -117,6 +127,7 @@ def intact(segments: Segments, spans: list[Span]) -> list[Span]:
     return intersect(spans, clear)
 
 
+@asked_once
 def usable(case: HealthCase) -> list[Imu]:
     """The units whose accelerometer and gyro are alive and calibrated, the one that is replayed first."""
     found = [i for i in case.log.imus if i.calibrated and len(i.acc.x) >= FEWEST and len(i.gyro.x) >= FEWEST]

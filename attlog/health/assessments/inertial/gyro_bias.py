@@ -12,7 +12,7 @@ from attlog.flight.model import Array, Imu
 from attlog.health.assessments.inertial.biases import Bias, gyro_bias
 from attlog.health.assessments.inertial.blocks import Blocks, in_air, listed, of_stream, still, usable
 from attlog.health.assessments.inertial.gyro_scale import VERDICTS
-from attlog.health.assessments.inertial.imu_instances import difference
+from attlog.health.assessments.inertial.imu_instances import difference_in_flight
 from attlog.health.assessments.model import Assessment, HealthCase, Verdict, unknown
 from attlog.health.fits import turns
 from attlog.health.model import Check, graded
@@ -91,7 +91,7 @@ def _flown(case: HealthCase, imu: Imu) -> Bias | None:
         return None
     if imu is replayed:
         return found if found.sure else None
-    more = difference(replayed.gyro, imu.gyro, in_air(case.segments))
+    more = difference_in_flight(case, "gyro", replayed, imu)
     if more is None:
         return None
     sigma = np.hypot(found.sigma, np.degrees(more.sigma(0.0)))

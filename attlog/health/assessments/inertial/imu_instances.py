@@ -18,7 +18,8 @@ from attlog.health.assessments.inertial.biases import Bias, acc_bias, gyro_bias
 from attlog.health.assessments.inertial.blocks import Blocks, blocks, good, in_air, listed, of_stream, still, usable
 from attlog.health.assessments.model import Assessment, HealthCase, Verdict, unknown
 from attlog.health.sensors.accelerometer import expected
-from attlog.segments.spans import Span, inside
+from attlog.segments.once import asked_once
+from attlog.segments.spans import Span
 
 QUESTION = "imu_instances"
 Kind = Literal["acc", "gyro"]
@@ -73,12 +74,18 @@ def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
     (t_fast, x_fast), (t, x) = good(fast, spans), good(slow, spans)
     if len(t_fast) < 2 or len(t) == 0:
         return None
-    use = (t >= t_fast[0]) & (t <= t_fast[-1]) & inside(t, spans)
-    t, x = t[use], x[use]
+    use = (t >= t_fast[0]) & (t <= t_fast[-1])
+    t, x = (t, x) if use.all() else (t[use], x[use])
     more = sign * (x - np.column_stack([np.interp(t, t_fast, column) for column in x_fast.T]))
     found = blocks(t, more, spans)
     # A stream of the unit in use repeats another one after a switch: no two sensors agree that well.
     return None if found is None or bool(np.all(found.spread < SAME)) else found
+
+
+@asked_once
+def difference_in_flight(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Blocks | None:
+    """How much ``b`` reads more than ``a`` in flight, rad/s or m/s^2; None where they share no flight."""
+    return None if case.segments is None else difference(getattr(a, kind), getattr(b, kind), in_air(case.segments))
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,12 +119,13 @@ def _differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[Differenc
         return []
     limits, factor = LIMITS[kind], 1.0 if kind == "acc" else float(np.degrees(1.0))
     one, two = (getattr(imu, kind) for imu in (a, b))
-    phases = [still(case.segments)]
+    rest, where = still(case.segments)
+    told = [(difference(one, two, rest), where)]
     if min(one.rate, two.rate) >= LEAST_FLOWN_HZ:
-        phases.append((in_air(case.segments), AIR))
+        told.append((difference_in_flight(case, kind, a, b), AIR))
     found = []
-    for spans, phase in phases:
-        if (more := difference(one, two, spans)) is not None:
+    for more, phase in told:
+        if more is not None:
             sigma = np.hypot(factor * more.sigma(0.0), limits.floor)
             found.append(Difference(factor * more.middle, sigma, more, phase))
     return [d for d in found if 1.96 * d.unsure <= limits.off or d.size > SIGMAS * d.unsure]

@@ -43,6 +43,7 @@ def test_an_offset_is_offered_along_the_axes_that_are_off_only(asked: Asked) -> 
     assert found.verdict == "warning"
     assert asked == [("IMU:0", [0.3, 0.0, 0.0])]
     assert [s.name for s in found.settings] == ["OFFSET"]
+    assert "level" in found.action
     assert found.ci95 is not None
     assert found.ci95 == pytest.approx((0.3 - 1.96 * 0.0335, 0.3 + 1.96 * 0.0335), abs=1e-3)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from attlog.flight.ardupilot import remedies as ardupilot
 from attlog.flight.model import FlightLog, Stream
+from attlog.flight.px4 import remedies as px4
 from attlog.health.assessments.inertial import temperature
 from attlog.segments import Segment, Segments
 from tests.segments.flights import imu_log
@@ -68,3 +70,10 @@ def test_a_thermometer_without_numbers_does_no_harm() -> None:
     assert log.imus[0].temperature is not None
     log.imus[0].temperature.x[:] = np.nan
     assert [a.verdict for found in of(log) for a in found] == ["unknown", "unknown"]
+
+
+def test_the_action_names_the_calibration_that_the_firmware_has_and_none_that_it_has_not() -> None:
+    assert "INS_TCAL1_ENABLE is 0" in ardupilot.of({"INS_TCAL1_ENABLE": 0.0})["temperature"]
+    assert "TC_G_ENABLE is 1" in px4.of({"TC_G_ENABLE": 1.0})["temperature"]
+    for old in (ardupilot.of({}), px4.of({})):
+        assert "ENABLE" not in old["temperature"]
