@@ -38,6 +38,7 @@ TOPICS: Mapping[str, SensorQuestion] = {
     "gyro_temperature": SensorQuestion("gyro bias and temperature", GYRO_BIAS),
     "gyro_scale": SensorQuestion("gyro scale", "gyro_scale"),
     "vibration_level": SensorQuestion("vibration", VIBRATION),
+    "clipping": SensorQuestion("clipping", VIBRATION),
     "gyro_spectrum": SensorQuestion("gyro spectrum", VIBRATION),
     "notch": SensorQuestion("notch filter", VIBRATION),
     "gnss_delay": SensorQuestion("GNSS delay", ESTIMATOR),

@@ -9,10 +9,15 @@ import pytest
 from junitparser import JUnitXml
 
 from attlog.base.errors import OutputError, UsageError
-from attlog.fleet.ci.gating import gating
+from attlog.compare.gates.gates import Gates
+from attlog.compare.gates.limits import GateLimit
+from attlog.compare.gates.sensors import SensorGate
+from attlog.fleet.ci.gating import Gating, gating
 from attlog.fleet.ci.publish import publish
+from attlog.result import Result
 from tests.compare.made import result
 from tests.fleet.gated import some
+from tests.health.assessments.made import MADE
 from tests.present.made import lag, row
 
 GATES = "[gates]\nlag_ms = { max = 5 }\n"
@@ -120,3 +125,23 @@ def test_a_baseline_that_the_run_writes_to_is_refused(tmp_path: Path, place: str
     with pytest.raises(UsageError, match="compared with themselves"):
         gating(file, output=tmp_path / output)
     assert gating(file, output=tmp_path.parent / "elsewhere") is not None
+
+
+def test_gates_of_sensors_fail_a_log_and_stand_in_its_suite_like_others() -> None:
+    made = Result({}, "", {}, {}, health=list(MADE))
+    gates = Gates(
+        strict=False,
+        health=(
+            SensorGate("compass_offset", (GateLimit("max", 5.0),)),
+            SensorGate("vibration_level", worst="ok"),
+            SensorGate("gnss_delay", worst="ok", unknown_passes=True),
+        ),
+    )
+    found = Gating(gates).result("a.bin", "a.bin", made)
+    assert (found.failed, found.passed, found.skipped) == (1, 1, 1)
+    assert found.sentences == ("MAG.0: compass_offset 24.0 µT, at most 5 µT",)
+    assert found.suite is not None
+    text = found.suite.text()
+    assert 'name="MAG.0: health.compass_offset max=5"><failure' in text
+    assert 'name="IMU.0: health.vibration_level verdict=ok"/>' in text
+    assert 'name="GPS.0: health.gnss_delay verdict=ok"><skipped' in text
