@@ -43,7 +43,7 @@ def spectrum(traces: list[Trace], rotor: list[Trace], notches: list[Trace]) -> P
         )
     if notches:
         data["notches"] = [bar(*b) | {"key": t.key} for t in notches for b in bands(t)]
-        caption += " " + "; ".join(notch_text(t) for t in notches) + "."
+        caption += "".join(f" {notch_text(t)}." for t in notches)
     words = "; ".join(f"{key} highest at {peak(own[key])}" for key in keys)
     return PageFigure("spectrum", "spectrum", "Spectrum", caption, 330, data, False, words, keys)
 
