@@ -318,3 +318,11 @@ def test_reports_of_a_wreck_are_notes_until_it_lifts_off_again() -> None:
     events += [Event("liftoff", t, "info", "Lifted off.") for t in (2.0, 20.0, 40.0)]
     reports = [Finding("ekf_check", "warning", "EKF check.", t=t) for t in (5.0, 15.0, 30.0)]
     assert [r.severity for r in autopilot.after_crashes(reports, events)] == ["warning", "note", "warning"]
+
+
+def test_a_compass_that_is_its_offsets_is_told_once_with_what_to_check(log: FlightLog) -> None:
+    zero = Check("magnetometer 0", "fault", "MAG: all its values are zero.", "zero", about="magnetometer 0")
+    other = Check("magnetometer 1", "fault", "MAG2: all its values are zero.", "zero", about="magnetometer 1")
+    left_out = Problem("mag_only_offsets", "warning", "MAG: every value equals the compass offsets.")
+    found = {f.kind: f for f in findings(log, [zero, other], [left_out])}
+    assert {k: f.text for k, f in found.items()} == {"mag_only_offsets": left_out.text, "mag_dead": other.text}
