@@ -41,7 +41,14 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if not log.mags:
         return [not_judged("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
     found = [
-        Check(f"magnetometer {m.index}", "fault", f"{m.field.source}: {reason}.", "dead", "", "must follow the field")
+        Check(
+            f"magnetometer {m.index}",
+            "fault",
+            f"{_named(log, m.field.source)}: {reason}.",
+            "dead",
+            "",
+            "must follow the field",
+        )
         for m in log.mags
         if (reason := magnetic.dead(m, log.replay_imu))
     ]
@@ -85,6 +92,11 @@ def strength(log: FlightLog, segments: Segments) -> Check:
         verdict = "warning" if verdict == "ok" else verdict
         text += "; uncalibrated"
     return Check("field", verdict, text + ".", round(value, 2), "uT", limit)
+
+
+def _named(log: FlightLog, source: str) -> str:
+    """A compass by its record, and as a compass where an IMU stands in the same record (RAW_IMU of MAVLink)."""
+    return f"The compass of {source}" if any(imu.gyro.source == source for imu in log.imus) else source
 
 
 def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
