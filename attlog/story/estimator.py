@@ -9,7 +9,7 @@ import numpy as np
 from attlog.flight.model import FlightLog
 from attlog.segments.model import Segments
 from attlog.segments.spans import inside
-from attlog.story import rejections
+from attlog.story import gnss_steps, rejections
 from attlog.story.event import Event, Weight
 from attlog.story.words import ANOMALY, COMPASS, JUMP, LANE, REALIGNED, Text, matching, quoted
 
@@ -135,21 +135,31 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
 
 
 def _gnss_jumps(log: FlightLog, segments: Segments, told: list[Text]) -> list[Event]:
-    """Positions that jumped away from the predicted ones, by ERR records or texts."""
+    """Positions that jumped away from the predicted ones, by ERR records or texts; which of both jumped, by GNSS."""
     said = matching(log, JUMP)
     told += said
     reported = [p for p in log.problems if p.code == "gnss_glitch" and p.t is not None]
     if reported and reported[0].t is not None:
         count = f", {reported[0].count} times in all" if reported[0].count > 1 else ""
-        text = f"GNSS jumped away from the prediction at {reported[0].t:.1f} s{count}."
-        return [Event("gnss_jump", reported[0].t, "warning", text, evidence=[reported[0].text])]
+        return [_apart(log, reported[0].t, "warning", count, reported[0].text)]
     return [
-        Event(
-            "gnss_jump",
-            group[0][0],
-            "warning" if _driven_at(segments, group[0][0]) else "note",
-            f"GNSS jumped at {group[0][0]:.1f} s.",
-            evidence=[quoted(group[0])],
-        )
+        _apart(log, group[0][0], "warning" if _driven_at(segments, group[0][0]) else "note", "", quoted(group[0]))
         for group in _grouped(said)
     ]
+
+
+def _apart(log: FlightLog, t: float, weight: Weight, count: str, evidence: str) -> Event:
+    """GNSS and the estimator came apart at ``t``: GNSS jumped, or it was steady and the estimator left it."""
+    size = gnss_steps.disagreement(log.gnss, t)
+    jumped = np.isfinite(size) and size >= gnss_steps.STEADY_M
+    text = f"{'GNSS jumped' if jumped else 'The EKF and GNSS came apart'} at {t:.1f} s{count}."
+    told = [evidence]
+    if np.isfinite(size):
+        told.append(f"GNSS position and velocity agree to {size:.1f} m around it")
+    value = round(float(size), 1) if np.isfinite(size) else None
+    return Event("gnss_jump", t, weight, text, value=value, unit="m" if value is not None else "", evidence=told)
+
+
+def is_steady(event: Event) -> bool:
+    """Whether an event tells that the estimator left a GNSS whose position and velocity agree."""
+    return event.kind == "gnss_jump" and event.value is not None and event.value < gnss_steps.STEADY_M

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,16 @@ AGAIN_S = 60.0
 KILLED_S = 1.0
 MEASURED_S = 1.0
 """In a log's first second a battery may not have been measured yet."""
+NAMED = (
+    (re.compile(r"\bradio|\brc\b|\bmanual control", re.I), "Radio failsafe"),
+    (re.compile(r"\bgcs\b|ground station|data ?link", re.I), "Ground station failsafe"),
+    (re.compile(r"\bekf\b", re.I), "EKF failsafe"),
+    (re.compile(r"\bgps\b|\bgnss\b", re.I), "GNSS failsafe"),
+    (re.compile(r"\bterrain", re.I), "Terrain failsafe"),
+)
+"""What a failsafe is of, where its text says so."""
+FIRST_FIX_S, FIX_3D = 5.0, 3
+"""The failsafe of GNSS means 5 s without a position: so soon after the first one they cannot have passed."""
 CODES = {
     "err_5_1": "Radio failsafe",
     "err_7_1": "GNSS failsafe",
@@ -45,17 +56,25 @@ def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]
         kind = "battery" if battery else "failsafe"
         if any(e.kind == kind and (e.t_end or e.t) > t - AGAIN_S for e in found):
             continue
-        found.append(_event(kind, t, battery, [quoted(text), *(quoted(x) for x in causes[:1])]))
+        found.append(_event(kind, t, _named(text, battery), [quoted(text), *(quoted(x) for x in causes[:1])]))
     for problem in log.problems:
         if problem.t is None or _known(found, problem.t):
             continue
         if problem.code == "err_6_1":
-            found.append(_event("battery", problem.t, True, [problem.text]))
+            found.append(_event("battery", problem.t, "Battery failsafe", [problem.text]))
         elif problem.code in CODES:
             words = f"{CODES[problem.code]} {moment(problem.t)}."
-            early: Weight = "note" if problem.t < MEASURED_S else "warning"
+            first = problem.code == "err_7_1" and _first_fix(log, problem.t)
+            early: Weight = "note" if problem.t < MEASURED_S or first else "warning"
             found.append(Event("failsafe", problem.t, early, words, evidence=[problem.text]))
     return [_weighed(e, segments) for e in found], told
+
+
+def _first_fix(log: FlightLog, t: float) -> bool:
+    """Whether GNSS has just found its first 3D fix: ArduPilot 3 counts the seconds without one from its start, and
+    begins to look only now (ArduCopter/events.pde, failsafe_gps_check)."""
+    first = min((float(g.t[g.fix >= FIX_3D][0]) for g in log.gnss if (g.fix >= FIX_3D).any()), default=np.inf)
+    return 0.0 <= t - first < FIRST_FIX_S
 
 
 def _weighed(event: Event, segments: Segments) -> Event:
@@ -70,9 +89,13 @@ def _known(found: list[Event], t: float) -> bool:
     return any(abs(e.t - t) <= AGAIN_S and e.kind in ("failsafe", "battery") for e in found)
 
 
-def _event(kind: str, t: float, battery: bool, evidence: list[str]) -> Event:
-    words = "Battery failsafe" if battery else "Failsafe"
-    weight: Weight = "note" if battery and t < MEASURED_S else "warning"
+def _named(text: Text, battery: bool) -> str:
+    """What a failsafe is called, by the autopilot's words."""
+    return "Battery failsafe" if battery else next((name for words, name in NAMED if words.search(text[2])), "Failsafe")
+
+
+def _event(kind: str, t: float, words: str, evidence: list[str]) -> Event:
+    weight: Weight = "note" if kind == "battery" and t < MEASURED_S else "warning"
     return Event(kind, t, weight, f"{words} {moment(t)}.", evidence=evidence)
 
 

@@ -15,6 +15,7 @@ from attlog.segments.model import Segments
 from attlog.segments.motion import speed_m_s
 from attlog.segments.spans import Span, inside
 from attlog.story.event import Event, figures
+from attlog.story.words import MOTOR_TEST, matching
 
 Array = NDArray[np.float64]
 
@@ -120,6 +121,7 @@ def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> li
     if not pushed:
         if not armed:
             never = "never armed" if log.armed is not None else "motors never ran"
+            never = "only motor tests" if matching(log, MOTOR_TEST) else never
             tilt = largest_tilt(log, [(-1e9, 1e9)])
             return [f"{never} in {total}" + (f", tilted up to {tilt:.0f}° by hand." if tilt and tilt > 15 else ".")]
         return [f"armed{_times(armed)} but never left the ground in {total}."]

@@ -109,7 +109,7 @@ def _first(segments: Segments, events: Sequence[Event]) -> list[str]:
         "compass_switch": f"Compass changed at {since}",
         "aid_rejected": f"{first.text.partition(' for ')[0]} from {since}",
         "gnss_lost": f"GNSS lost from {since}",
-        "gnss_jump": f"GNSS jumped at {since}",
+        "gnss_jump": first.text.partition(",")[0].rstrip("."),
     }[first.kind]
     more = f" (vibration {figures(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
     return [f"{words}{more}.", f"{words}.", ""] if more else [f"{words}.", ""]
@@ -139,8 +139,12 @@ def _end(log: FlightLog, segments: Segments, events: Sequence[Event], sound: boo
     if crashes:
         blow = next((e.t for e in crashes[0] if e.kind == "impact"), crashes[0][0].t)
         full, short = _crash(crashes[0], _where(log.kind, segments, blow))
-        again = f"; crashed again at {crashes[1][0].t:.1f} s{_size(crashes[1])}" if len(crashes) > 1 else ""
-        return list(dict.fromkeys((f"{full}{again}.", f"{short}{again}.", f"{short}.")))
+        if len(crashes) == 1:
+            return list(dict.fromkeys((f"{full}.", f"{short}.")))
+        again = f"; crashed again at {crashes[1][0].t:.1f} s"
+        sizes = f"{again}{_size(crashes[1])}"
+        bare = short.partition(" (")[0]  # a second crash is worth more than the size of the first
+        return list(dict.fromkeys((f"{full}{sizes}.", f"{short}{sizes}.", f"{bare}{again}.", f"{short}.")))
     warned = any(e.severity in ("warning", "serious") for e in events if e.kind != "hard_landing")
     hard = [e for e in segments.endings if e.kind == "hard_landing"]
     if hard:

@@ -36,6 +36,7 @@ CRASHED = re.compile(r"\bcrash(ed)?\b(?!.{0,2}(check|dump|log|catcher))|crash: d
 KILLED = re.compile(r"kill.?switch engaged|motor ?e-?stop(ped)?( |:)*(high|on|engaged)?$|emergency stop", re.IGNORECASE)
 FAILSAFE = re.compile(r"failsafe", re.IGNORECASE)
 BATTERY = re.compile(r"batt", re.IGNORECASE)
+MOTOR_TEST = re.compile(r"^starting motor test", re.IGNORECASE)
 PREARM = re.compile(r"pre-?arm|preflight fail|^arm:|arming denied|arming_checks", re.IGNORECASE)
 ARMING = re.compile(r"^pre-?arm|^arm:", re.IGNORECASE)
 PREFIX = re.compile(r"^\[[\w ]+\]\s*")

@@ -71,6 +71,7 @@ def test_a_force_that_vibration_takes_away_is_told_by_the_barometer() -> None:
     assert found.verdict == "fault"
     assert found.value == pytest.approx(2.5, abs=0.5)
     assert found.t == pytest.approx(start, abs=vibration.FORCE_S + 1.0)
+    assert f"first from {found.t:.0f} to {found.t + vibration.FORCE_S:.0f} s" in found.text  # as sharp as a window
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.05, "ok"), (0.2, "warning"), (0.5, "fault"), (-0.2, "warning")])

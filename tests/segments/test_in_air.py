@@ -143,6 +143,23 @@ def test_sideways_force_that_feels_no_tilt_is_flight_while_driven():
     assert flight == (pytest.approx(5.0, abs=2.5), pytest.approx(35.0, abs=2.5))
 
 
+def climbing(height_m: float) -> FlightLog:
+    """A flight without a stand whose motors stop from 18 to 23 s; the barometer moves by ``height_m`` meanwhile."""
+    log = carried(0.05)
+    log.armed = None
+    t = np.arange(0.0, 40.0, 0.1)
+    pause = (t > 18.0) & (t < 23.0)
+    log.throttle = Stream(t, np.where(pause, 0.0, 0.5)[:, None], "1", "", "CTUN.ThO")
+    height = 30.0 + height_m * np.clip((t - 18.0) / 5.0, 0.0, 1.0)
+    log.baro = [Stream(t, height[:, None], "m", "", "BARO")]
+    return log
+
+
+@pytest.mark.parametrize(("height_m", "flights"), [(25.0, 1), (-12.0, 1), (3.0, 2), (0.0, 2)])
+def test_what_falls_or_climbs_with_stopped_motors_is_still_in_the_air(height_m, flights):
+    assert len(found_in(climbing(height_m)).spans) == flights
+
+
 @pytest.mark.parametrize("slope", [0.9, 1.0, 1.2])
 def test_sideways_force_that_follows_the_tilt_is_the_ground_or_a_hand(slope):
     assert found_in(carried(slope)).spans == []

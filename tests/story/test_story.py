@@ -11,7 +11,7 @@ import pytest
 
 import attlog
 from attlog import segments, story
-from attlog.flight.model import Clipping, FlightLog, Stream, TimeLine
+from attlog.flight.model import Clipping, FlightLog, Gnss, Problem, Stream, TimeLine
 from attlog.segments import Segments
 from attlog.segments.crash import Ending
 from attlog.story import Event, flights, sensors
@@ -30,6 +30,12 @@ def told(path: Path) -> tuple[FlightLog, Segments, list[Event]]:
 def headline(path: Path) -> str:
     """The headline of a log."""
     return story.headline(*told(path))
+
+
+def headline_of(log: FlightLog) -> str:
+    """The headline of a made log."""
+    phases = segments.build(log)
+    return story.headline(log, phases, story.events(log, phases))
 
 
 SAID = {
@@ -240,6 +246,52 @@ def test_a_failsafe_of_a_disarmed_vehicle_warns_nobody(t, severity):
     line = TimeLine(np.array([0.0, 5.0, 34.0]), [False, True, False], "ARM")
     (said,) = (e for e in made(armed=line, texts=[(t, 4, "Radio Failsafe")])[2] if e.kind == "failsafe")
     assert said.severity == severity
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("Radio Failsafe - Disarming", "Radio failsafe"),
+        ("[failsafe] Failsafe activated", "Failsafe"),
+        ("GCS Failsafe", "Ground station failsafe"),
+        ("Failsafe: Terrain data missing", "Terrain failsafe"),
+        ("Battery 1 is low 10.1V Failsafe", "Battery failsafe"),
+    ],
+)
+def test_a_failsafe_is_named_by_what_the_autopilot_says_of_it(text, name):
+    (said,) = (e for e in made(texts=[(20.0, 4, text)])[2] if e.kind in ("failsafe", "battery"))
+    assert said.text == f"{name} at 20.0 s."
+
+
+@pytest.mark.parametrize(("fix_s", "severity"), [(17.0, "note"), (14.0, "warning"), (None, "warning")])
+def test_a_failsafe_of_gnss_just_after_its_first_fix_is_no_lost_gnss(fix_s, severity):
+    """It means 5 s without a position, and ArduPilot 3 counts them from the start where there never was one."""
+    t = np.arange(0.0, 40.0, 0.2)
+    none = np.full(len(t), np.nan)
+    fix = np.where(t >= (np.inf if fix_s is None else fix_s), 3, 1).astype(np.int64)
+    gnss = Gnss(0, t, "GPS", none, none, none, np.full((len(t), 3), np.nan), none, none, none, fix)
+    late = [Problem("err_7_1", "warning", "GNSS failsafe (ERR 7/1).", t=20.0)]
+    (said,) = (e for e in made(gnss=[gnss], problems=late)[2] if e.kind == "failsafe")
+    assert said.severity == severity
+
+
+def test_a_motor_test_is_no_motor_that_never_ran():
+    log = carried(1.0, throttle=0.0)
+    log.armed = None
+    assert "motors never ran" in headline_of(log)
+    log.texts = [(3.0, 6, "starting motor test")]
+    assert "only motor tests" in headline_of(log)
+
+
+def test_a_second_crash_is_told_beside_a_wrong_heading():
+    log, phases, _ = made()
+    phases.endings = [crashed(20.0), crashed(30.0)]
+    wrong = story.WrongAngle("heading", 31.2, 25.0, 30.0)
+    said = story.headline(log, phases, story.events(log, phases), False, wrong)
+    assert "Heading was 31° wrong from 25 to 30 s." in said
+    assert "at 20.0 s" in said
+    assert "crashed again at 30.0 s" in said
+    assert len(said.split()) <= 30
 
 
 def test_idling_is_no_throttle_that_was_up():

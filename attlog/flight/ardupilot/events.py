@@ -55,7 +55,7 @@ ERRORS: dict[tuple[int, int], EventMeaning] = {
         cause="The battery was empty or weak.",
         remedy="Land earlier or change the battery.",
     ),
-    (7, 1): replace(_NO_GNSS, text="GNSS failsafe: no position while the flight mode needed one"),
+    (7, 1): replace(_NO_GNSS, text="GNSS failsafe: no good position for 5 s while armed"),
     (8, 1): EventMeaning(
         "Ground station failsafe: no heartbeat from it",
         cause="The radio link was lost.",

@@ -9,6 +9,7 @@ Bits of ``filter_fault_flags``: ``msg/EstimatorStatus.msg``.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
@@ -43,7 +44,11 @@ FAULTS = (
     "position down",
     "accelerometer bias",
 )
-"""Fusions that failed numerically, by bit; later versions add bits that are no failures of fusion."""
+"""Fusions that failed numerically, by bit, to PX4 1.14; later bits are no failures of fusion."""
+LASTING, MOVED_FROM = 9, 0x010F0000
+"""The first bits mean the same in all versions; from ``ver_sw_release`` 1.15 on bits 10 and 11 are BY_FORCE
+(EKF/common.h, fault_status_u), and velocity and position have none."""
+BY_FORCE = {10: "bad vertical acceleration", 11: "a clipping accelerometer"}
 
 
 def report(builder: LogBuilder) -> None:
@@ -61,18 +66,31 @@ def _estimator(builder: LogBuilder) -> None:
     if "filter_fault_flags" in table:
         flags = table["filter_fault_flags"].astype(np.int64)
         if flags.any():
-            bits = np.bitwise_or.reduce(flags)
-            names = [n for k, n in enumerate(FAULTS) if bits >> k & 1]
-            if names:
-                builder.problems.append(
-                    Problem(
-                        "ekf_fault",
-                        "warning",
-                        f"The EKF failed numerically: {', '.join(names)}.",
-                        t=float(t[np.argmax(flags != 0)]),
-                        cause="Sensors contradict each other or are stuck.",
-                    )
-                )
+            bits = int(np.bitwise_or.reduce(flags))
+            moved = _moved(builder)
+            known = FAULTS[:LASTING] if moved else FAULTS
+            failed = [name for k, name in enumerate(known) if bits >> k & 1]
+            felt = [name for k, name in BY_FORCE.items() if moved and bits >> k & 1]
+            if failed:
+                _fault(builder, t, flags, 2 ** len(known) - 1, f"The EKF failed numerically: {', '.join(failed)}.")
+            if felt:
+                _fault(builder, t, flags, sum(1 << k for k in BY_FORCE), f"The EKF found {' and '.join(felt)}.")
+
+
+def _fault(builder: LogBuilder, t: Array, flags: NDArray[np.int64], mask: int, text: str) -> None:
+    """A problem with the first time at which a bit of the mask is set."""
+    first = float(t[np.argmax(flags & mask != 0)])
+    cause = "Sensors contradict each other or are stuck."
+    builder.problems.append(Problem("ekf_fault", "warning", text, t=first, cause=cause))
+
+
+def _moved(builder: LogBuilder) -> bool:
+    """Whether the log's firmware has the bits of 1.15: by the flags' own names, else by its version."""
+    named = builder.messages.tables.get(("estimator_status_flags", 0))
+    if named is not None and "fs_bad_acc_vertical" in named:
+        return "fs_bad_vel_n" not in named
+    release = builder.messages.info.get("ver_sw_release")
+    return isinstance(release, (int, np.integer)) and int(release) >= MOVED_FROM
 
 
 def _failsafe(builder: LogBuilder) -> None:

@@ -6,11 +6,12 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from attlog.health.findings import attitude, compass, sensors
+from attlog.health.findings import attitude, compass, crashes, sensors
 from attlog.health.findings.finding import Explanation, Finding, of_event
+from attlog.story.estimator import is_steady
 from attlog.story.event import CRASHES, Event
 
-CRASH = "crash"
+CRASH = crashes.KIND
 CHECKS = {CRASH: Explanation(CRASH, as_fault="serious")}
 EVENTS = {
     "hard_landing": "hard_landing",
@@ -46,6 +47,8 @@ TOLD_BY_EVENTS = {
 ACTIONS = {"battery": "Charge or change the battery, and land earlier."}
 EXPLAINED, SAME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibration_failsafe"), 0.01
 """Failsafes of a sensor or the estimator, which are signs of those, and told at the same time."""
+LEFT = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."
+"""Why the estimator says that GNSS jumped where its position and velocity agree."""
 FEW = 4
 """So many sentences of the autopilot are quoted in one finding."""
 
@@ -56,8 +59,8 @@ def of_events(events: Iterable[Event], reports: Sequence[Finding] = ()) -> list[
     A failsafe that ``reports`` of the autopilot tell with its sensor is no sign of its own.
     """
     events = list(events)
-    found = [of_event(e, CRASH) for e in events if e.is_crash]
-    ends = min((e.t for e in events if e.is_crash), default=float("inf"))
+    found = crashes.signs(events)
+    wrecks = crashes.wrecks(events)
     explained = [report.t for report in reports if report.kind in EXPLAINED and report.t is not None]
     for event in events:
         if event.kind in CRASHES or event.severity not in ("warning", "serious"):
@@ -69,13 +72,16 @@ def of_events(events: Iterable[Event], reports: Sequence[Finding] = ()) -> list[
             found.append(replace(of_event(event, kind), text=f"The autopilot said {event.text}"))
         elif event.kind in EVENTS:
             sign = of_event(event, EVENTS[event.kind])
+            if is_steady(event):
+                sign = replace(sign, kind=attitude.ESTIMATOR, value=None, unit="", cause=LEFT)
             about = {"clipping": "clipping", "realigned": "heading"}.get(event.kind, "")
             found.append(replace(sign, about=about, action=ACTIONS.get(event.kind, "")))
-    return [replace(sign, evidence=sign.evidence[:FEW]) for sign in found if sign.kind == CRASH or _counts(sign, ends)]
+    counted = [sign for sign in found if sign.kind == CRASH or not _within(sign.t, wrecks)]
+    return [replace(sign, evidence=sign.evidence[:FEW]) for sign in counted]
 
 
-def _counts(sign: Finding, ends: float) -> bool:
-    return sign.t is None or sign.t <= ends
+def _within(t: float | None, spans: Sequence[tuple[float, float]]) -> bool:
+    return t is not None and any(a < t < b for a, b in spans)
 
 
 def untold(problems: Sequence[Finding], events: Sequence[Event]) -> list[Finding]:
@@ -86,13 +92,19 @@ def untold(problems: Sequence[Finding], events: Sequence[Event]) -> list[Finding
 
 def after_crashes(reports: Sequence[Finding], events: Sequence[Event]) -> list[Finding]:
     """The reports, those of a wreck as notes: from a crash until it lifted off again."""
-    wrecks = []
-    for crash in (event for event in events if event.is_crash):
-        again = min((e.t for e in events if e.kind == "liftoff" and e.t > crash.t), default=float("inf"))
-        wrecks.append((crash.t, again))
+    wrecks = crashes.wrecks(events)
+    return [
+        replace(report, severity="note") if report.kind != CRASH and _within(report.t, wrecks) else report
+        for report in reports
+    ]
+
+
+def harmless(reports: Sequence[Finding], events: Sequence[Event]) -> list[Finding]:
+    """The reports, a failsafe as a note where the event at its time is one: disarmed, or before it could be true."""
+    notes = [event.t for event in events if event.kind == "failsafe" and event.severity == "note"]
     return [
         replace(report, severity="note")
-        if report.kind != CRASH and report.t is not None and any(a < report.t < b for a, b in wrecks)
+        if report.kind in EXPLAINED and any(report.t is not None and abs(report.t - t) < SAME_S for t in notes)
         else report
         for report in reports
     ]

@@ -54,7 +54,8 @@ CHECKS = {
 """By the name of the check, the one that leads among equals first."""
 REPORTS = {"mag_spikes": KIND, "mag_uncalibrated": KIND, "err_3_1": KIND, "err_3_4": KIND, "compass_switch": KIND}
 """What readers and autopilot say of it, by code."""
-MISSING = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
+ONLY_OFFSETS = "mag_only_offsets"
+MISSING = ("mag_dead", "no_mag", "mag_not_in_log", ONLY_OFFSETS)
 """What a reader says of a compass that is not there says it all."""
 DEAD = Explanation("mag_dead", cause="Its wiring, its bus or the compass itself.", fault="compass_wiring")
 """Of a compass that measures no field."""
@@ -83,7 +84,7 @@ def settled(signs: Sequence[Finding]) -> list[Finding]:
     A heading that jumps or differs while the field is wrong has the same cause, and nobody who believed that field
     can tell whose heading is wrong.
     """
-    signs = _by_gnss(signs)
+    signs = _by_gnss(_once_dead(signs))
     if any(sign.kind in MISSING and sign.is_trouble for sign in signs):
         signs = [sign for sign in signs if sign.kind != KIND]
     if any(sign.kind == KIND and sign.about in BY_FIELD and sign.is_trouble for sign in signs):
@@ -94,6 +95,24 @@ def settled(signs: Sequence[Finding]) -> list[Finding]:
         return list(signs)
     own = [replace(sign, kind=KIND) if _of_heading(sign) else sign for sign in signs]
     return sorted(own, key=_place)
+
+
+def _once_dead(signs: Sequence[Finding]) -> list[Finding]:
+    """The signs without "all its values are zero" of a compass whose values are its offsets, and were left out."""
+    dead = {_source(sign): sign for sign in signs if sign.kind == DEAD.kind}
+    left = {_source(sign) for sign in signs if sign.kind == ONLY_OFFSETS}
+    return [
+        replace(sign, cause=dead[_source(sign)].cause, action=dead[_source(sign)].action)
+        if sign.kind == ONLY_OFFSETS and _source(sign) in dead
+        else sign
+        for sign in signs
+        if not (sign.kind == DEAD.kind and _source(sign) in left)
+    ]
+
+
+def _source(sign: Finding) -> str:
+    """The sensor that a sentence begins with."""
+    return sign.text.partition(":")[0]
 
 
 def _by_gnss(signs: Sequence[Finding]) -> list[Finding]:

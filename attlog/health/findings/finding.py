@@ -17,6 +17,8 @@ WEIGHTS: Mapping[Severity, Weight] = {"error": "serious", "warning": "warning", 
 """Of a reader's problem."""
 APART = ("part_failed", "estimator_failed", "estimator_timed_out")
 """Kinds of which each sign has a cause of its own."""
+BY_SIZE = ("hard_landing", "estimator")
+"""Kinds whose signs have one unit (g of a blow, s of a rejection), so that the largest leads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +94,7 @@ def of_event(event: Event, kind: str) -> Finding:
 def merged(signs: Iterable[Finding]) -> list[Finding]:
     """One finding for each kind, in the order of their first sign.
 
-    The worst sign leads, the first of equals: its sentence is the finding's, those of others are evidence.
+    The worst sign leads, the largest or the first of equals: its sentence is the finding's, others are evidence.
     """
     kinds: dict[tuple[str, str], list[Finding]] = {}
     for sign in signs:
@@ -100,8 +102,13 @@ def merged(signs: Iterable[Finding]) -> list[Finding]:
     return [_one(same) for same in kinds.values()]
 
 
+def _rank(sign: Finding) -> tuple[int, float]:
+    """The place of a sign among those of its kind: the worse, then the larger, the earlier."""
+    return ORDER.index(sign.severity), -(sign.value or 0.0) if sign.kind in BY_SIZE else 0.0
+
+
 def _one(same: list[Finding]) -> Finding:
-    lead = min(same, key=lambda sign: ORDER.index(sign.severity))
+    lead = min(same, key=_rank)
     others = [sign for sign in same if sign is not lead]
     texts = [*lead.evidence, *(text for sign in others for text in (sign.text, *sign.evidence))]
     alike = [sign for sign in same if sign.text == lead.text]

@@ -16,7 +16,7 @@ from attlog.health.model import FAILED, Check
 from attlog.health.onboard.attitude import CONTRADICTED
 from attlog.health.reason import as_sentence
 from attlog.health.sensors import frozen
-from attlog.health.sensors.gyro import UNUSABLE_DPS
+from attlog.health.sensors.gyro import CONSTANT, UNUSABLE_DPS, ZERO
 from attlog.reference.model import Reference
 from attlog.story.event import Event
 
@@ -60,7 +60,7 @@ def findings(
     told = [of_check(c, log) for c in checks if c.verdict in ("warning", "fault") and not left_out.get(c.name)]
     told += happened
     crashed |= any(sign.kind == autopilot.CRASH for sign in told)
-    reports = autopilot.after_crashes(autopilot.untold(reports, events), events)
+    reports = autopilot.after_crashes(autopilot.harmless(autopilot.untold(reports, events), events), events)
     if not crashed:  # what the autopilot alone calls a crash is a bench or a hand
         reports = [autopilot.doubted(report) if report.kind == autopilot.CRASH else report for report in reports]
     told += [replace(report, kind=REPORTS.get(report.kind, report.kind)) for report in reports]
@@ -82,6 +82,7 @@ def of_check(check: Check, log: FlightLog) -> Finding:
     if check.name == "gyro bias" and severity == "serious" and not unusable([check]):
         severity = "warning"
     value = check.value if isinstance(check.value, (int, float)) else None
+    mends = check.value not in (ZERO, CONSTANT)  # no setting mends a dead sensor
     return Finding(
         about.kind,
         severity,
@@ -94,7 +95,7 @@ def of_check(check: Check, log: FlightLog) -> Finding:
         about=check.about or check.name,
         evidence=list(check.evidence),
         cause=check.cause or about.cause,
-        action=log.remedies.get(about.fault, "") if about.fault else _logging(check, log),
+        action=log.remedies.get(about.fault, "") if about.fault and mends else _logging(check, log),
     )
 
 

@@ -24,6 +24,8 @@ SHARE, LASTING, SETTLED_S = 0.2, 0.9, 15.0
 ENDS_S = 5.0
 """A difference that ends so long before the attitude has an end of its own."""
 SAMPLES = 20
+STANDS_DEG, MOVES_DEG = 0.01, 2.0
+"""A source that stands while the onboard attitude moves is an estimator that never ran, such as AHRS3 without EKF3."""
 CLEARLY = 0.4
 """One of two is wrong where the other has so much of its error at most."""
 
@@ -134,6 +136,11 @@ class SourceDifference:
     lasts: bool = True
 
 
+def _spread_deg(q: Array) -> float:
+    """The largest angle between the first and any other of attitudes (n, 4), deg."""
+    return float(np.degrees(np.max(rotation.total_angle(rotation.error(q, q[:1])))))
+
+
 def difference(flew: Attitude, other: Attitude, segments: Segments) -> SourceDifference | None:
     """How far two attitudes differ, in flight where there is flight; None without common time."""
     t = flew.t if flew.t_sample is None else flew.t_sample
@@ -146,6 +153,8 @@ def difference(flew: Attitude, other: Attitude, segments: Segments) -> SourceDif
     if use.sum() < SAMPLES:
         return None
     t, q, own = t[use], q[use], own[use]
+    if _spread_deg(q) < STANDS_DEG and _spread_deg(own) > MOVES_DEG:
+        return None
     down = np.array([0.0, 0.0, 1.0])
     one, two = rotation.rotate_inverse(own, down), rotation.rotate_inverse(q, down)
     tilt = np.degrees(np.arccos(np.clip(np.sum(one * two, axis=1), -1.0, 1.0)))

@@ -18,6 +18,9 @@ RANGES_DPS = (125.0, 250.0, 500.0, 1000.0, 2000.0)
 """Ranges of an autopilot's gyros; 2000 deg/s is the usual one."""
 AT_LIMIT = 0.0005
 """Part of the range within which a sample lies at its end."""
+ZERO, CONSTANT = "zero", "constant"
+DEAD = "The sensor does not answer: its wiring, its bus or the sensor itself."
+"""Values and the cause of a check that finds a sensor dead: no calibration mends it."""
 FLAT = 3
 """So many samples in a row at the end of a smaller range are no chance."""
 
@@ -99,9 +102,9 @@ def alive(name: str, x: np.ndarray, source: str) -> list[Check]:
     """A fault if a sensor is all zero or has an axis that never changes, else nothing."""
     limit = "every axis must change"
     if not x.any():
-        return [Check(name, "fault", f"{source}: all values are zero.", "zero", "", limit)]
+        return [Check(name, "fault", f"{source}: all values are zero.", ZERO, "", limit, cause=DEAD)]
     stuck = [axis for axis, spread in zip("xyz", map(np.ptp, x.T), strict=True) if spread == 0]
     if stuck and len(x) >= 20:
         which = "all axes are" if len(stuck) == 3 else f"axis {', '.join(stuck)} is"
-        return [Check(name, "fault", f"{source}: {which} constant.", "constant", "", limit)]
+        return [Check(name, "fault", f"{source}: {which} constant.", CONSTANT, "", limit, cause=DEAD)]
     return []

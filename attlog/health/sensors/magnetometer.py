@@ -24,6 +24,8 @@ ALIGNED_S = 5.0
 """In its first seconds an onboard heading may lie anywhere: there sound compasses spread by 20 to 92 deg."""
 MIDDLE_SIGMAS = 3.29
 """Standard deviations between the 5th and the 95th percentile of a normal distribution."""
+FAST_DPS = 60.0
+"""Faster turns are left out: 50 ms between a field and its stamp are 3 deg then, and no fault of the compass."""
 SLOW_HZ, SLOW_DPS = 8.0, 15.0
 """Below this rate field and attitude are not of one moment, unless the vehicle turns slower than that."""
 STEADY_DEG, UNSTEADY_DEG = 5.0, 20.0
@@ -39,7 +41,14 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if not log.mags:
         return [not_judged("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
     found = [
-        Check(f"magnetometer {m.index}", "fault", f"{m.field.source}: {reason}.", "dead", "", "must follow the field")
+        Check(
+            f"magnetometer {m.index}",
+            "fault",
+            f"{_named(log, m.field.source)}: {reason}.",
+            "dead",
+            "",
+            "must follow the field",
+        )
         for m in log.mags
         if (reason := magnetic.dead(m, log.replay_imu))
     ]
@@ -85,6 +94,11 @@ def strength(log: FlightLog, segments: Segments) -> Check:
     return Check("field", verdict, text + ".", round(value, 2), "uT", limit)
 
 
+def _named(log: FlightLog, source: str) -> str:
+    """A compass by its record, and as a compass where an IMU stands in the same record (RAW_IMU of MAVLink)."""
+    return f"The compass of {source}" if any(imu.gyro.source == source for imu in log.imus) else source
+
+
 def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
     """Direction of the horizontal field, rotated by truth or the onboard attitude: steady, and the declination.
 
@@ -101,10 +115,9 @@ def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
     good = rotation.finite(turned) & rotation.finite(field.x) & in_use(log, segments, field.t_best)
     good &= field.t_best >= aligned(log, attitude, segments)
     slow = min(field.rate, attitude.rate) < SLOW_HZ
-    if slow:
-        good &= turning_dps(attitude.t, q, field.t_best) < SLOW_DPS
+    good &= turning_dps(attitude.t, q, field.t_best) < (SLOW_DPS if slow else FAST_DPS)
     if good.sum() < LEAST:
-        said = f"{name} covers {good.sum()} magnetometer samples only" + (", at slow turns." if slow else ".")
+        said = f"{name} covers {good.sum()} magnetometer samples only, at slow turns."
         return [not_judged("field against attitude", said, limit)]
     north = rotation.rotate(turned[good], field.x[good])
     azimuth, spread = circular(np.arctan2(north[:, 1], north[:, 0]))

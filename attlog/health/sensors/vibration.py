@@ -141,7 +141,8 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     if verdict == "ok":
         return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit)
     since = int(np.argmax(np.abs(unexplained) > CHANGED_M_S2))
-    text = f"From {times[since]:.0f} s on the mean vertical force is up to {size:.1f} m/s^2 off what the height shows."
+    first = f"{times[since]:.0f} to {times[since] + FORCE_S:.0f} s"
+    text = f"The mean vertical force is up to {size:.1f} m/s^2 off what the height shows, first from {first}."
     seen = [
         f"At {times[worst]:.0f} s it is {force[worst]:.2f} m/s^2 after {force[0]:.2f} at first, while the height shows "
         f"an acceleration of {by_height[worst]:+.1f} m/s^2."

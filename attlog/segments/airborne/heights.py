@@ -21,6 +21,10 @@ LEVEL_S, STANDS_S = 1.0, 1.0
 MOVED_M = 0.5
 """A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing."""
 
+FALLS_S, FALLS_M = 10.0, 5.0
+"""A pause of the drive of up to so long in which the height changes by more than this is a fall or a climb in the air:
+on the ground propellers move a barometer by up to 4 m."""
+
 
 @dataclass(frozen=True, slots=True)
 class Level:
@@ -61,6 +65,27 @@ def levels_of(log: FlightLog, grid: Grid, driven: Mask) -> list[Level]:
             found.append(Level(sensor, stream.source, level - np.interp(grid.t, grid.t[ground], level[ground])))
             break
     return found
+
+
+def joined_aloft(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Index ranges of flights, as one where the height between two of them moves as nothing on the ground does.
+
+    Throttle near zero, or a force near zero, ends the signs of flight; a vehicle that falls is still in the air.
+    """
+    stream = height(log)
+    if stream is None or len(found) < 2:
+        return found
+    level = _averaged(grid.t, stream)
+    joined = found[:1]
+    for a, b in found[1:]:
+        end = joined[-1][1]
+        pause = level[end : a + 1]
+        moved = float(np.nanmax(pause) - np.nanmin(pause)) if np.isfinite(pause).any() else 0.0
+        if (a - end) * STEP_S <= FALLS_S and moved > FALLS_M and bool(grid.known[end:a].all()):
+            joined[-1] = joined[-1][0], b
+        else:
+            joined.append((a, b))
+    return joined
 
 
 def height(log: FlightLog) -> Stream | None:

@@ -16,7 +16,7 @@ from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments import spans
 from attlog.segments.airborne.grid import FASTEST_M_S, STEP_S, Grid, during, held, runs
-from attlog.segments.airborne.heights import HINT_M, Level, levels_of
+from attlog.segments.airborne.heights import HINT_M, Level, joined_aloft, levels_of
 from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ def find(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list
         driven, lifting = may & (power > max(LEAST_DRIVE, OF_FLIGHT * usual)), power > IDLING
     levels = levels_of(log, grid, driven)
     flying = _signs(log.kind, grid, levels, driven, power / max(usual, LEAST_DRIVE), lifting)
-    found = _flights(log.kind, flying, grid, levels, driven, power)
+    found = joined_aloft(log, grid, _flights(log.kind, flying, grid, levels, driven, power))
     rolls = log.kind.fixed_wing  # the force of a take-off run tells no lift-off
     edges = [(float(t[a]) if rolls else _liftoff(grid, a, driven), _landing(grid, b)) for a, b in found]
     heights = ", ".join(f"height by {level.source}" for level in levels[:2])

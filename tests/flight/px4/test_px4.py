@@ -359,7 +359,29 @@ def test_a_counter_of_clipped_samples_tells_what_came_since_the_record_before() 
     assert found.new.tolist() == [0, 2, 5, 1]
 
 
-@pytest.mark.parametrize(("bit", "name"), [(0, "compass x"), (9, "velocity north"), (15, "accelerometer bias")])
+@pytest.mark.parametrize(
+    ("bit", "old", "new"),
+    [
+        (1, "The EKF failed numerically: compass y.", "The EKF failed numerically: compass y."),
+        (10, "The EKF failed numerically: velocity east.", "The EKF found bad vertical acceleration."),
+        (11, "The EKF failed numerically: velocity down.", "The EKF found a clipping accelerometer."),
+        (9, "The EKF failed numerically: velocity north.", None),
+        (15, "The EKF failed numerically: accelerometer bias.", None),
+    ],
+)
+def test_bits_of_faults_moved_with_1_15(bit: int, old: str, new: str | None) -> None:
+    """Told by the names of ``estimator_status_flags`` where they were logged."""
+    flags = np.full(5, 1 << bit, np.uint32)
+    status = {"timestamp": micros(5, 1.0, 11_000_000), "filter_fault_flags": flags}
+    none = np.zeros(5, np.uint8)
+    named = {"timestamp": micros(5, 1.0, 11_000_000), "fs_bad_acc_vertical": none}
+    for more, told in ((named, new), (named | {"fs_bad_vel_n": none}, old)):
+        tables = {("sensor_combined", 0): combined(), ("estimator_status", 0): status}
+        log = read(tables | {("estimator_status_flags", 0): more})
+        assert [p.text for p in log.problems if p.code == "ekf_fault"] == ([told] if told else [])
+
+
+@pytest.mark.parametrize(("bit", "name"), [(0, "compass x"), (8, "optical flow y")])
 def test_fusions_that_failed_are_named_by_their_bit(bit: int, name: str) -> None:
     flags = np.where(np.arange(5) >= 2, 1 << bit, 0).astype(np.uint16)
     status = {"timestamp": micros(5, 1.0, 11_000_000), "filter_fault_flags": flags}

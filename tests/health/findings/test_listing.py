@@ -131,8 +131,67 @@ def test_crashes_come_from_events_with_the_others_as_evidence(log: FlightLog) ->
         Event("realigned", 8.0, "warning", "Realigned."),
     ]
     (one,) = findings(log, [check("crash")], events=events)
-    assert (one.text, one.t, one.action) == ("Turned over at 5.6 s.", 5.6, "")
+    assert (one.text, one.t, one.action) == ("Turned over at 5.6 s. Hit the ground.", 5.6, "")
     assert one.evidence == ["ATT", "Hit the ground."]
+
+
+def test_every_crash_is_told_and_how_it_lay_in_the_end(log: FlightLog) -> None:
+    events = [
+        Event("overturn", 28.5, "serious", "Turned over at 28.5 s, to 107°. It then lay at 6°.", t_end=29.2),
+        Event("impact", 29.1, "serious", "Hit the ground at 29.1 s: 15 g. It then lay at 8°."),
+        Event("liftoff", 40.0, "info", "Lifted off."),
+        Event("impact", 61.2, "serious", "Hit the ground at 61.2 s: 7 g."),
+        Event("overturn", 61.9, "serious", "Turned over at 61.9 s, to 170°."),
+        Event("impact", 90.3, "serious", "Hit the ground at 90.3 s: 5 g."),
+    ]
+    (one,) = findings(log, [], events=events)
+    first = "Turned over at 28.5 s, to 107°. Hit the ground at 29.1 s: 15 g. It then lay at 8°."
+    assert one.text == f"{first} Crashed again at 61.2 s and 90.3 s."
+
+
+def test_many_crashes_are_counted(log: FlightLog) -> None:
+    events = [Event("impact", 20.0 * k, "serious", f"Hit at {20.0 * k:.1f} s.") for k in range(1, 6)]
+    (one,) = findings(log, [], events=events)
+    assert one.text == "Hit at 20.0 s. Crashed again at 40.0 s, 60.0 s and 2 times more."
+
+
+def test_what_happened_in_a_flight_after_a_crash_counts_again(log: FlightLog) -> None:
+    events = [
+        Event("impact", 20.0, "serious", "Hit."),
+        Event("hard_landing", 30.0, "warning", "A wreck fell.", value=9.0, unit="g"),
+        Event("liftoff", 60.0, "info", "Lift-off."),
+        Event("hard_landing", 90.0, "warning", "Hard landing.", value=5.0, unit="g"),
+    ]
+    assert [f.text for f in findings(log, [], events=events)] == ["Hit.", "Hard landing."]
+
+
+def test_the_largest_of_a_kind_leads(log: FlightLog) -> None:
+    blows = [Event("hard_landing", t, "warning", f"{g} g.", value=g, unit="g") for t, g in ((9.0, 3.4), (50.0, 7.5))]
+    (one,) = findings(log, [], events=blows)
+    assert (one.text, one.t, one.evidence) == ("7.5 g.", 50.0, ["3.4 g."])
+    (rejected,) = findings(log, [check("rejected velocity", value=46.0), check("rejected height", value=328.0)])
+    assert rejected.text == "rejected height is off."
+
+
+def test_a_failsafe_that_harms_nobody_warns_nobody(log: FlightLog) -> None:
+    report = Problem("err_7_1", "warning", "GNSS failsafe (ERR 7/1).", t=9.0)
+    for weight in ("note", "warning"):
+        (one,) = findings(log, [], [report], events=[Event("failsafe", 9.0, weight, "GNSS failsafe.")])
+        assert one.severity == weight
+
+
+@pytest.mark.parametrize(("apart_m", "kind", "action"), [(1.2, "estimator", False), (40.0, "gnss", True)])
+def test_gnss_is_blamed_only_where_it_jumped_itself(log: FlightLog, apart_m: float, kind: str, action: bool) -> None:
+    report = Problem("gnss_glitch", "warning", "GNSS glitch (ERR 11/2).", t=9.0, remedy="Raise the antenna.")
+    event = Event("gnss_jump", 9.0, "warning", "The EKF and GNSS came apart at 9.0 s.", value=apart_m, unit="m")
+    (one,) = findings(log, [check("GNSS", "ok")] if not action else [check("GNSS")], [report], events=[event])
+    assert (one.kind, bool(one.action)) == (kind, action)
+
+
+def test_no_calibration_mends_a_sensor_that_does_not_answer(log: FlightLog) -> None:
+    (dead,) = findings(log, [check("gravity", value="zero")])
+    (wrong,) = findings(log, [check("gravity", value=9.2)])
+    assert (dead.action, bool(wrong.action)) == ("", True)
 
 
 def test_a_crash_that_only_the_autopilot_reports_is_no_crash(log: FlightLog) -> None:
@@ -259,3 +318,11 @@ def test_reports_of_a_wreck_are_notes_until_it_lifts_off_again() -> None:
     events += [Event("liftoff", t, "info", "Lifted off.") for t in (2.0, 20.0, 40.0)]
     reports = [Finding("ekf_check", "warning", "EKF check.", t=t) for t in (5.0, 15.0, 30.0)]
     assert [r.severity for r in autopilot.after_crashes(reports, events)] == ["warning", "note", "warning"]
+
+
+def test_a_compass_that_is_its_offsets_is_told_once_with_what_to_check(log: FlightLog) -> None:
+    zero = Check("magnetometer 0", "fault", "MAG: all its values are zero.", "zero", about="magnetometer 0")
+    other = Check("magnetometer 1", "fault", "MAG2: all its values are zero.", "zero", about="magnetometer 1")
+    left_out = Problem("mag_only_offsets", "warning", "MAG: every value equals the compass offsets.")
+    found = {f.kind: f for f in findings(log, [zero, other], [left_out])}
+    assert {k: f.text for k, f in found.items()} == {"mag_only_offsets": left_out.text, "mag_dead": other.text}

@@ -86,3 +86,22 @@ def test_a_slow_field_bears_twice_the_declination(every: int, verdict: str) -> N
     field.t_sample = None if field.t_sample is None else field.t_sample[::every]
     found = magnetometer.checks(log, segments.build(log))
     assert next(c for c in found if c.name == "declination").verdict == verdict
+
+
+def test_a_field_that_is_late_in_fast_turns_accuses_no_compass() -> None:
+    """Turns about down at 0 and at 200 deg/s by halves of 2 s; the field is of 60 ms before: 12 deg off in the fast."""
+    log = px4()
+    a, b = segments.build(log).spans("airborne")[0]
+    t = np.arange(a, b, 0.01)
+    heading = np.cumsum(np.where(t % 4.0 < 2.0, 0.0, np.radians(200.0))) * 0.01
+    q = rotation.from_euler(np.zeros(len(t)), np.zeros(len(t)), heading)
+    attitude, field = log.onboard_attitude, log.mags[log.mag or 0].field
+    assert attitude is not None
+    attitude.t, attitude.q, attitude.t_sample, attitude.resets = t, q, None, np.zeros(0, np.int64)
+    stamps = np.arange(a, b, 0.1)
+    field.t, field.t_sample = stamps, None
+    late = rotation.slerp(t, q, np.maximum(stamps - 0.06, a))
+    field.x = rotation.rotate_inverse(late, np.array([22e-6, 0.0, 43e-6]))
+    found = direction(log)
+    assert found.verdict == "ok"
+    assert found.value == pytest.approx(0.0, abs=0.5)

@@ -63,3 +63,14 @@ def test_a_spread_is_that_of_a_normal_distribution():
     middle, spread = magnetometer.circular(angle)
     assert middle == pytest.approx(170.0, abs=0.2)
     assert spread == pytest.approx(6.0, rel=0.03)
+
+
+def test_a_dead_compass_of_a_record_with_an_imu_is_told_apart_from_the_imu():
+    """RAW_IMU of MAVLink holds both: its gyro and accelerometer measure."""
+    log = turning(20.0)
+    log.mag = None
+    log.mags[0].field.x[:] = 0.0
+    for source, said in (("MAG:0", "MAG:0"), (log.imus[0].gyro.source, f"The compass of {log.imus[0].gyro.source}")):
+        log.mags[0].field.source = source
+        (dead, _) = magnetometer.checks(log, Segments([], {}))
+        assert dead.text == f"{said}: all its values are zero."

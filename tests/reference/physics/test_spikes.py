@@ -54,3 +54,13 @@ def test_a_sample_beside_a_gap_is_no_spike():
     unit = gyro(rate)
     unit.gyro.t = unit.gyro.t + 0.02 * (np.arange(len(rate)) // 1000)
     assert spikes.of(unit).count == 0
+
+
+def test_what_the_accelerometer_feels_as_a_blow_is_no_spike_of_the_gyro():
+    rate = flown()
+    rate[1000::1000, 1] += 20.0
+    struck = gyro(rate)
+    struck.acc.x[1001::1000, 2] = -60.0
+    assert spikes.of(struck).count == 0
+    struck.acc.x[5001:, 2] = 0.0
+    assert spikes.of(struck).count == 7
