@@ -8,6 +8,7 @@ from functools import partial
 from attlog.base.barrier import guarded
 from attlog.health.assessments import compass, inertial, onboard, vibration
 from attlog.health.assessments.model import Assessment, HealthCase, finite, unknown
+from attlog.segments.once import once
 
 QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
     **compass.QUESTIONS,
@@ -21,9 +22,10 @@ QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
 def assess(case: HealthCase) -> list[Assessment]:
     """Every question about the sensors of a log, in a fixed order; one that ends in a bug is unknown and says so."""
     found: list[Assessment] = []
-    for name, answer in QUESTIONS.items():
-        failed = partial(_failed, name)
-        found += guarded(f"The question {name}", partial(answer, case), failed)
+    with once():
+        for name, answer in QUESTIONS.items():
+            failed = partial(_failed, name)
+            found += guarded(f"The question {name}", partial(answer, case), failed)
     return list(map(finite, found))
 
 
