@@ -38,15 +38,14 @@ class ParameterChange:
 class ShownAssessment:
     """An assessment as it is shown: a row of a table on a terminal, in a file, on a page.
 
-    ``value`` with its unit and 95 % interval, ``axes`` x, y, z where it has any; ``text`` what was found; ``settings``
-    what to set, ``advice`` what to do where there is nothing to set; ``why``: evidence, extent, limit, a line each.
+    ``value`` with its unit and 95 % interval; ``text`` what was found; ``settings`` what to set, ``advice`` what to do
+    where there is nothing to set; ``why``: components, evidence, extent, limit, a line each.
     """
 
     sensor: str
     question: str
     verdict: str
     value: str
-    axes: tuple[str, ...]
     text: str
     settings: tuple[ParameterChange, ...]
     advice: str
@@ -143,13 +142,12 @@ def _shown(one: Assessment) -> ShownAssessment:
     extent += [f"over {duration(one.seconds)}"] if one.seconds > 0 else []
     limit = f"{one.threshold} ({one.source})" if one.threshold and one.source else one.threshold
     limit = f"O{limit[1:]}." if limit.startswith("ok") else f"Limit: {limit}." if limit else ""
-    why += [*one.evidence, *([f"{' '.join(extent)}."] if extent else []), *([limit] if limit else [])]
+    why += [*_axes(one), *one.evidence, *([f"{' '.join(extent)}."] if extent else []), *([limit] if limit else [])]
     return ShownAssessment(
         clean(one.sensor),
         question_title(one.question),
         one.verdict if one.verdict in VERDICTS else "unknown",
         value_text(one),
-        _axes(one),
         typeset(one.text),
         tuple(map(change, one.settings)),
         typeset(advice),
@@ -158,14 +156,13 @@ def _shown(one: Assessment) -> ShownAssessment:
     )
 
 
-def _axes(one: Assessment) -> tuple[str, ...]:
-    """The components with their intervals: ``x 12.0 ± 2.0``."""
-    halves = one.vector_ci95 if len(one.vector_ci95) == len(one.vector) else [math.nan] * len(one.vector)
-    found = []
-    for axis, value, half in zip("xyz", one.vector, halves, strict=False):
-        known = math.isfinite(value) and math.isfinite(half)
-        found.append(f"{axis} {_with_half(value, half, one.unit) if known else number(value, one.unit)}".rstrip())
-    return tuple(found)
+def _axes(one: Assessment) -> list[str]:
+    """The components along the body's axes with their intervals as one line: ``x 12.0 ± 2.0, y ... µT.``"""
+    numbers = [*one.vector, *one.vector_ci95]
+    if not one.vector or len(one.vector) != len(one.vector_ci95) or not all(map(math.isfinite, numbers)):
+        return []
+    each = zip("xyz", one.vector, one.vector_ci95, strict=False)
+    return [f"{', '.join(f'{axis} {_with_half(value, half, one.unit)}' for axis, value, half in each)} {one.unit}."]
 
 
 def _with_half(value: float, half: float, unit: str) -> str:
