@@ -16,6 +16,7 @@ from attlog.health.model import Check
 from attlog.metrics.base import Case
 from attlog.metrics.figures.trace import Trace
 from attlog.segments.model import Segments
+from attlog.segments.once import once
 
 
 def assessments(case: Case, checks: list[Check], *, drawn: list[Trace] | None = None) -> list[Assessment]:
@@ -34,9 +35,10 @@ def assessments_unreplayed(
 
 
 def _assessed(asked: HealthCase, drawn: list[Trace] | None) -> list[Assessment]:
-    found = part_of(asked.log, "The sensors", lambda: assess(asked), list[Assessment])
-    if drawn is not None:
-        drawn += traces(asked, found)
+    with once():
+        found = part_of(asked.log, "The sensors", lambda: assess(asked), list[Assessment])
+        if drawn is not None:
+            drawn += traces(asked, found)
     return found
 
 

@@ -1,40 +1,103 @@
-"""Can the sensors be trusted, and what should be set? The assessments of a result in words: rows, values, settings."""
+"""Can the sensors be trusted, and what should be set? Assessments and checks as every output shows them."""
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from attlog.present.numbers import half_width, interval, number, quantity, unit_sign
+from attlog.present.numbers import MINUS, decimals, duration, interval, number, quantity, unit_sign
 from attlog.present.text import clean, typeset
-from attlog.result import TOPICS, Assessment, Setting, setting_number
+from attlog.result import TOPICS, Assessment, Check, Setting, setting_number
 
 VERDICTS = ("fault", "warning", "ok", "unknown")
 """Worst first; what cannot be told comes last."""
+TROUBLE = ("fault", "warning")
 LOPSIDED = 0.25
 """An interval whose middle is off the value by more than this share of its half width is written as two ends."""
 
 
 @dataclass(frozen=True, slots=True)
-class ShownAssessment:
-    """An assessment as a row of a table: ``why`` are its sentences, ``to_set`` values, or why there are none.
+class ParameterChange:
+    """A parameter to set: its name, its value when the log was flown (empty where unknown) and the new one.
 
-    ``offers``: there are values.
+    In signs that every terminal has, because values are typed or pasted from here.
+    """
+
+    name: str
+    old: str
+    new: str
+
+    def __str__(self) -> str:
+        """``COMPASS_OFS_X -12 -> 145``; the new value alone where the log does not hold the old one."""
+        return f"{self.name} {self.old} -> {self.new}" if self.old else f"{self.name} {self.new}"
+
+
+@dataclass(frozen=True, slots=True)
+class ShownAssessment:
+    """An assessment as it is shown: a row of a table on a terminal, in a file, on a page.
+
+    ``value`` with its unit and 95 % interval; ``text`` what was found; ``settings`` what to set, ``advice`` what to do
+    where there is nothing to set; ``why``: components, evidence, extent, limit, a line each.
     """
 
     sensor: str
     question: str
     verdict: str
     value: str
-    to_set: str
     text: str
-    why: tuple[str, ...] = ()
-    offers: bool = False
+    settings: tuple[ParameterChange, ...]
+    advice: str
+    why: tuple[str, ...]
+    t: float | None
+
+    @property
+    def to_set(self) -> str:
+        """What to set or to do, in one line."""
+        return ", ".join(map(str, self.settings)) or self.advice
+
+    @property
+    def listed(self) -> bool:
+        """Whether a table of what matters holds it: something is off, or may be set."""
+        return self.verdict in TROUBLE or bool(self.settings)
 
 
 def shown_assessments(health: Iterable[Assessment]) -> list[ShownAssessment]:
     """The assessments as they are shown: faults, warnings, what is ok, what cannot be told; else in their order."""
-    return [_shown(assessment) for assessment in sorted(health, key=lambda a: VERDICTS.index(a.verdict))]
+    return sorted(map(_shown, health), key=lambda a: VERDICTS.index(a.verdict))
+
+
+def said_once(rows: Iterable[ShownAssessment]) -> list[ShownAssessment]:
+    """The rows of a table in which the same advice to the same question stands once, at its first sensor."""
+    first: dict[tuple[str, str], str] = {}
+    found = []
+    for row in rows:
+        sensor = first.setdefault((row.question, row.advice), row.sensor)
+        again = row.advice and sensor != row.sensor
+        found.append(replace(row, advice=f"The same as for {sensor or 'the first'}.") if again else row)
+    return found
+
+
+def titles(rows: Iterable[ShownAssessment]) -> str:
+    """The questions of rows in one line, with the number of sensors where there are several: ``vibration (3)``."""
+    times = Counter(row.question for row in rows)
+    return ", ".join(f"{question} ({n})" if n > 1 else question for question, n in times.items())
+
+
+def reasons(rows: Iterable[ShownAssessment]) -> list[tuple[str, str]]:
+    """What cannot be told, and why: questions with the same reason together."""
+    asked: dict[str, list[str]] = {}
+    for row in rows:
+        why = row.text if row.advice in row.text else f"{row.text} {row.advice}"
+        asked.setdefault(why, []).append(f"{row.question} of {row.sensor}" if row.sensor else row.question)
+    return [("; ".join(dict.fromkeys(names)), why) for why, names in asked.items()]
+
+
+def checks_by_trouble(checks: Sequence[Check]) -> tuple[list[Check], list[Check]]:
+    """Checks that found something (faults first), and the others."""
+    trouble = sorted((c for c in checks if c.verdict in TROUBLE), key=lambda c: VERDICTS.index(c.verdict))
+    return trouble, [c for c in checks if c.verdict not in TROUBLE]
 
 
 def question_title(question: str) -> str:
@@ -50,40 +113,61 @@ def value_text(assessment: Assessment) -> str:
         return quantity(assessment.value, unit)
     sign = unit_sign(unit)
     end = sign if sign.startswith(("°", "×")) or not sign else f" {sign}"
-    middle, half = 0.5 * (ci95[0] + ci95[1]), 0.5 * (ci95[1] - ci95[0])
-    if abs(middle - (assessment.value or 0.0)) > LOPSIDED * abs(half):
+    middle, half = 0.5 * (ci95[0] + ci95[1]), 0.5 * abs(ci95[1] - ci95[0])
+    if half == 0.0:
+        return quantity(assessment.value, unit)
+    if abs(middle - (assessment.value or 0.0)) > LOPSIDED * half:
         return f"{value} ({interval(ci95, unit)}){end}"
-    return f"{value} {half_width(ci95, unit).replace('±', '± ')}{end}"
+    plus = "+" if value.startswith("+") else ""
+    return f"{plus}{_with_half(assessment.value or 0.0, half, unit)}{end}"
 
 
-def change(setting: Setting) -> str:
-    """What to set: ``COMPASS_OFS_X -12 -> 145``; the new value alone where the log does not hold the old one.
-
-    In signs that every terminal has, because values are typed or pasted from here.
-    """
-    old = "" if setting.old is None else f" {setting_number(setting.old)} ->"
-    return f"{clean(setting.name)}{old} {setting_number(setting.new)}"
+def change(setting: Setting) -> ParameterChange:
+    """A parameter to set as it is shown."""
+    old = "" if setting.old is None else setting_number(setting.old)
+    return ParameterChange(clean(setting.name), old, setting_number(setting.new))
 
 
 def changes(settings: Sequence[Setting], most: int) -> str:
     """What to set in one line, at most so many by name."""
     rest = len(settings) - most
-    listed = ", ".join(change(setting) for setting in settings[:most])
-    return f"{listed} and {rest} more" if rest > 0 else listed
+    named = ", ".join(str(change(setting)) for setting in settings[:most])
+    return f"{named} and {rest} more" if rest > 0 else named
 
 
-def _shown(assessment: Assessment) -> ShownAssessment:
-    settings = ", ".join(change(setting) for setting in assessment.settings)
-    why = [assessment.text, *assessment.evidence]
-    if assessment.threshold:
-        why.append(f"Limit: {assessment.threshold}{f' ({assessment.source})' if assessment.source else ''}.")
+def _shown(one: Assessment) -> ShownAssessment:
+    advice = "" if one.settings else one.action or one.why_no_setting
+    why = [text for text in (one.action, one.why_no_setting) if text and text != advice]
+    extent = [f"n = {one.n:,}"] if one.n else []
+    extent += [f"over {duration(one.seconds)}"] if one.seconds > 0 else []
+    limit = f"{one.threshold} ({one.source})" if one.threshold and one.source else one.threshold
+    limit = f"O{limit[1:]}." if limit.startswith("ok") else f"Limit: {limit}." if limit else ""
+    why += [*_axes(one), *one.evidence, *([f"{' '.join(extent)}."] if extent else []), *([limit] if limit else [])]
     return ShownAssessment(
-        clean(assessment.sensor),
-        question_title(assessment.question),
-        assessment.verdict,
-        value_text(assessment),
-        settings or typeset(assessment.why_no_setting or assessment.action),
-        typeset(assessment.text),
-        tuple(typeset(sentence) for sentence in why),
-        bool(assessment.settings),
+        clean(one.sensor),
+        question_title(one.question),
+        one.verdict if one.verdict in VERDICTS else "unknown",
+        value_text(one),
+        typeset(one.text),
+        tuple(map(change, one.settings)),
+        typeset(advice),
+        tuple(map(typeset, why)),
+        one.t,
     )
+
+
+def _axes(one: Assessment) -> list[str]:
+    """The components along the body's axes with their intervals as one line: ``x 12.0 ± 2.0, y ... µT.``"""
+    numbers = [*one.vector, *one.vector_ci95]
+    if not one.vector or len(one.vector) != len(one.vector_ci95) or not all(map(math.isfinite, numbers)):
+        return []
+    each = zip("xyz", one.vector, one.vector_ci95, strict=False)
+    return [f"{', '.join(f'{axis} {_with_half(value, half, one.unit)}' for axis, value, half in each)} {one.unit}."]
+
+
+def _with_half(value: float, half: float, unit: str) -> str:
+    """A value and half the width of its interval to the same decimals, at least one of which the latter fills."""
+    places = decimals(max(abs(value), half), unit)
+    if half > 0.0:
+        places = max(places, min(-math.floor(math.log10(half)), 6))
+    return f"{value + 0.0:.{places}f} ± {half:.{places}f}".replace("-", MINUS)

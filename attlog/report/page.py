@@ -16,9 +16,9 @@ from attlog.present.events import events
 from attlog.present.findings import findings
 from attlog.present.flight import firmware, subtitle
 from attlog.present.gyro_bias import gyro_bias
+from attlog.present.health import checks_by_trouble, reasons, said_once, shown_assessments, titles
 from attlog.present.messages import alarming, level_name, messages
 from attlog.present.numbers import counted, duration, moment, number, quantity, unit_sign
-from attlog.present.sensors import checks_by_trouble, health
 from attlog.present.table.table import axis_table, main_table, window_tables
 from attlog.present.text import clean, cleaned, plain_value, typeset
 from attlog.report.bundle import Bundle, bundle, source_hash
@@ -52,6 +52,9 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "typeset": typeset,
     "moment": moment,
     "counted": counted,
+    "said_once": said_once,
+    "titles": titles,
+    "reasons": reasons,
 }
 """What its template calls."""
 
@@ -117,7 +120,7 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         axes=axis_table(result),
         windows=window_tables(result),
         figures=figures,
-        health=health(result),
+        health=shown_assessments(result.health),
         checks=checks_by_trouble(result.audit),
         param_file=parameter_file(result),
         file_stem=file_stem(result),

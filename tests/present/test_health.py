@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 
-from attlog.health.assessments import Setting
-from attlog.present.health import change, changes, question_title, shown_assessments, value_text
-from tests.health.assessments.made import MADE, OFFSET, SILENT
+from attlog.health.assessments import Setting, unknown
+from attlog.present.health import (
+    change,
+    changes,
+    checks_by_trouble,
+    question_title,
+    reasons,
+    said_once,
+    shown_assessments,
+    titles,
+    value_text,
+)
+from attlog.result import Check
+from tests.health.assessments.made import MADE, OFFSET, REFUSED, SILENT, SOUND
 
 
 @pytest.mark.parametrize(
     ("value", "unit", "ci95", "text"),
     [
-        (24.0, "uT", (21.0, 27.0), "24.0 ± 3.00 µT"),
+        (24.0, "uT", (21.0, 27.0), "24.0 ± 3.0 µT"),
         (30.0, "uT", (20.0, 60.0), "30.0 (20.0 to 60.0) µT"),
-        (-1.5, "deg", (-2.0, -1.0), "−1.5 ± 0.50°"),
+        (-1.5, "deg", (-2.0, -1.0), "−1.5 ± 0.5°"),
+        (10.208, "m/s^2", (10.174, 10.242), "10.21 ± 0.03 m/s²"),
+        (0.01, "", (0.01, 0.01), "0.010"),
         (120.0, "ms", None, "+120 ms"),
+        (120.0, "ms", (100.0, 140.0), "+120 ± 20 ms"),
         (7.0, "", (6.0, 8.0), "7.00 ± 1.00"),
         (3.0, "", None, "3.00"),
         (None, "uT", None, ""),
@@ -32,13 +47,13 @@ def test_a_value_has_its_unit_and_interval(value, unit, ci95, text):
 def test_the_worst_stands_first_and_what_cannot_be_told_last():
     shown = shown_assessments([SILENT, *MADE])
     assert [a.verdict for a in shown] == ["fault", "warning", "ok", "unknown", "unknown"]
-    assert [a.offers for a in shown] == [False, True, False, False, False]
+    assert [a.listed for a in shown] == [True, True, False, False, False]
     assert shown[1].to_set == "COMPASS_OFS_X -12 -> 145, COMPASS_OFS_Y 4.5 -> -20.25"
 
 
 def test_what_to_set_can_be_typed_and_names_the_old_value_where_it_is_known():
-    assert change(Setting("A", -12.0, 145.0)) == "A -12 -> 145"
-    assert change(Setting("A", None, 0.5)) == "A 0.5"
+    assert str(change(Setting("A", -12.0, 145.0))) == "A -12 -> 145"
+    assert str(change(Setting("A", None, 0.5))) == "A 0.5"
     settings = [Setting(name, None, 1.0) for name in "ABC"]
     assert changes(settings, 3) == "A 1, B 1, C 1"
     assert changes(settings, 1) == "A 1 and 2 more"
@@ -47,3 +62,66 @@ def test_what_to_set_can_be_typed_and_names_the_old_value_where_it_is_known():
 def test_a_question_of_another_version_is_told_by_its_id():
     assert question_title("compass_offset") == "compass offset"
     assert question_title("some_thing") == "some thing"
+
+
+def test_axes_evidence_extent_and_limit_stand_beside_the_answer():
+    (shown,) = shown_assessments([OFFSET])
+    assert shown.why == (
+        "x 24.0 ± 3.0, y −3.00 ± 3.00, z 0.50 ± 4.00 µT.",
+        "The compass heading was off by 15°, after it by 1.5°.",
+        "n = 40 over 3.3 min.",
+        "Limit: 1.5 µT and 4 standard errors (measured on 39 simulated flights).",
+    )
+
+
+def test_where_nothing_can_be_set_the_action_stands_and_the_reason_is_a_detail():
+    both = replace(REFUSED, action="Move it.")
+    (shown,) = shown_assessments([both])
+    assert (shown.to_set, shown.why) == ("Move it.", (REFUSED.why_no_setting,))
+    assert shown_assessments([replace(SOUND, threshold="ok up to 30 m/s^2")])[0].why == ("Ok up to 30 m/s².",)
+    assert shown_assessments([REFUSED])[0].to_set == REFUSED.why_no_setting
+    offering = replace(both, settings=[Setting("A", 1.0, 2.0)], why_no_setting="")
+    (shown,) = shown_assessments([offering])
+    assert (shown.advice, shown.to_set, shown.why) == ("", "A 1 -> 2", ("Move it.",))
+
+
+def test_values_that_are_no_numbers_are_shown_as_nothing():
+    broken = replace(
+        OFFSET, value=math.nan, ci95=(math.nan, 1.0), vector=[math.nan], vector_ci95=[math.inf], evidence=[]
+    )
+    (shown,) = shown_assessments([broken])
+    assert shown.value == ""
+    assert "x" not in shown.why[0]
+
+
+def test_a_verdict_of_another_version_cannot_be_told():
+    assert shown_assessments([replace(SOUND, verdict="better")])[0].verdict == "unknown"
+
+
+def test_the_same_advice_to_one_question_stands_once():
+    rows = shown_assessments([REFUSED, replace(REFUSED, sensor="MAG.2"), replace(REFUSED, question="soft_iron")])
+    assert [a.advice for a in said_once(rows)] == [
+        REFUSED.why_no_setting,
+        "The same as for MAG.1.",
+        REFUSED.why_no_setting,
+    ]
+    bare = shown_assessments([replace(SOUND, sensor=name) for name in ("IMU.0", "IMU.1")])
+    assert said_once(bare) == bare
+    assert titles(bare) == "vibration (2)"
+
+
+def test_questions_that_cannot_be_told_for_one_reason_stand_together():
+    why = "The flight is too short."
+    found = [unknown("GPS", "gnss_delay", why), unknown("", "lanes", why), unknown("", "notch", "Too slow.")]
+    found[2].action = "Log more."
+    assert reasons(shown_assessments(found)) == [
+        ("GNSS delay of GPS; estimator lane in use", why),
+        ("notch filter", "Too slow. Log more."),
+    ]
+
+
+def test_checks_that_are_not_ok_come_first_with_faults_before_warnings():
+    checks = [Check(v, v, "") for v in ("ok", "warning", "unknown", "fault")]
+    trouble, others = checks_by_trouble(checks)
+    assert [c.verdict for c in trouble] == ["fault", "warning"]
+    assert [c.verdict for c in others] == ["ok", "unknown"]

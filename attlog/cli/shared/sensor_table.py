@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from attlog.cli.shared.printing import SENTENCES, TextLine, columns, wrapped
-from attlog.present.health import ShownAssessment, change, shown_assessments
+from attlog.cli.shared.printing import SENTENCES, TextLine, wrapped
+from attlog.present.health import ShownAssessment, change, reasons, said_once, shown_assessments, titles
 
 if TYPE_CHECKING:
     from attlog.result import Assessment, Setting
 
 STYLES = {"fault": "red", "warning": "yellow"}
-BESIDE = 45
-"""What should be set stands beside the values where so many columns are left for it, else below them."""
 LABEL = 10
 """Columns of what a line is about, as of the findings and answers of ``analyze``."""
+GAP = 2
 
 Shown = Callable[[str], str]
 """A text as the output can show it."""
@@ -27,17 +24,20 @@ def sensor_lines(health: Sequence[Assessment], shown: Shown, width: int, verbose
     """The table of what is off or may be set, faults first; what is ok and what cannot be told in a line each, with the
     number of sensors where there are several.
 
-    ``verbose``: every assessment with its sentence and evidence.
+    ``verbose``: what is ok as rows, too, the evidence of each, and why the rest cannot be told.
     """
     every = shown_assessments(health)
-    listed = [a for a in every if verbose or a.verdict in STYLES or a.offers]
-    yield from _table(listed, shown, width, verbose)
-    rest = [a for a in every if a not in listed]
-    for label, verdict, more in (("ok", "ok", ""), ("cannot tell", "unknown", " (why: -v)")):
-        times = Counter(a.question for a in rest if a.verdict == verdict)
-        if times:
-            text = ", ".join(f"{question} ({n})" if n > 1 else question for question, n in times.items())
-            yield from wrapped(f"  {label}: ", shown(f"{text}{more}"), width)
+    ok = [a for a in every if a.verdict == "ok" and not a.listed]
+    silent = [a for a in every if a.verdict == "unknown" and not a.listed]
+    listed = [a for a in every if a.listed]
+    yield from _table(said_once(listed + ok if verbose else listed), shown, width, verbose)
+    if ok and not verbose:
+        yield from wrapped("  ok: ", shown(titles(ok)), width)
+    if silent and not verbose:
+        yield from wrapped("  cannot tell: ", shown(f"{titles(silent)} (why: -v)"), width)
+    for questions, why in reasons(silent) if verbose else ():
+        yield from wrapped("  cannot tell: ", shown(questions), width)
+        yield from _below([why], shown, width, 6, "dim")
     if not every:
         yield TextLine("  No question about a sensor can be answered from this log.")
 
@@ -65,34 +65,25 @@ def set_line(settings: Sequence[Setting], log: str, width: int) -> Iterator[Text
 
 
 def _table(rows: Sequence[ShownAssessment], shown: Shown, width: int, verbose: bool) -> Iterator[TextLine]:
-    """A row for each: sensor, question, verdict, value, what to set; ``verbose``: below it what else is known."""
+    """A row for each: sensor, question, verdict, value; below it what was found and what to set or to do.
+
+    Where long names leave no columns for the value it begins the lines below. ``verbose``: then what else is known.
+    """
     if not rows:
         return
-    head = ("sensor", "question", "verdict", "value", "to set")
+    head = ("sensor", "question", "verdict", "value")
     cells = [tuple(shown(text) for text in (a.sensor, a.question, a.verdict, a.value)) for a in rows]
-    before = 2 + sum(max(len(row[i]) for row in (head, *cells)) + 2 for i in range(4))
-    beside = width - before >= BESIDE
-    ends = [shown(text) for text in _ends(rows, verbose)]
-    laid = columns([head, *((*c, end if beside else "") for c, end in zip(cells, ends, strict=True))], width)
-    yield from (TextLine(line.rstrip() if beside else line[:before].rstrip(), "bold") for line in laid[0])
-    for assessment, lines, end in zip(rows, laid[1:], ends, strict=True):
-        style = STYLES.get(assessment.verdict, "")
-        yield from (TextLine(line, style) for line in lines)
-        if end and not beside:
-            yield from (TextLine(line.text, style) for line in wrapped(" " * 4, end, width))
-        for sentence in assessment.why if verbose else ():
-            room = max(min(width, SENTENCES) - 6, 20)
-            folded = textwrap.wrap(shown(sentence), room, break_long_words=False, break_on_hyphens=False)
-            yield from (TextLine(" " * 6 + line, "dim") for line in folded)
+    widths = [max(len(row[i]) for row in (head, *cells)) + GAP for i in range(len(head))]
+    beside = len(head) if GAP + sum(widths) - GAP <= width else len(head) - 1
+    laid = [(" " * GAP + "".join(map(str.ljust, row[:beside], widths))).rstrip() for row in (head, *cells)]
+    yield TextLine(laid[0], "bold")
+    for a, line, row in zip(rows, laid[1:], cells, strict=True):
+        yield TextLine(line, STYLES.get(a.verdict, ""))
+        yield from _below([*row[beside:], a.text, a.to_set], shown, width)
+        yield from _below(a.why if verbose else (), shown, width, 6, "dim")
 
 
-def _ends(rows: Sequence[ShownAssessment], verbose: bool) -> Iterator[str]:
-    """The last cell of each row: what to set, why there is nothing, else what was found.
-
-    What a question says of several sensors alike stands once.
-    """
-    said: dict[tuple[str, str], str] = {}
-    for row in rows:
-        text = row.to_set or ("" if verbose else row.text)
-        first = said.setdefault((row.question, text), row.sensor)
-        yield text if first == row.sensor or row.offers or not text else f"As for {first}."
+def _below(texts: Sequence[str], shown: Shown, width: int, indent: int = 4, style: str = "") -> Iterator[TextLine]:
+    """Texts below a row, each from a line of its own; what is empty is left out."""
+    for text in filter(None, texts):
+        yield from (TextLine(line.text, style) for line in wrapped(" " * indent, shown(text), width))

@@ -104,7 +104,7 @@ def _flight(result: Result) -> dict[str, Any]:
 
 def _sensors(result: Result) -> dict[str, Any]:
     verdicts = Counter(assessment.verdict for assessment in result.health)
-    settings = [change(setting) for setting in offered(result.health)]
+    settings = [str(change(setting)) for setting in offered(result.health)]
     return {"faults": verdicts["fault"], "warnings": verdicts["warning"], "to_set": settings}
 
 

@@ -1,16 +1,16 @@
-"""How strongly does it vibrate, second by second, by the autopilot? What was clipped, how fast are rotors?
-
-The level is never diluted by ground or wreck.
-"""
+"""How strongly does it vibrate in flight, what was clipped, how fast are rotors, and where are notches?"""
 
 from __future__ import annotations
+
+import math
+from typing import cast
 
 import numpy as np
 
 from attlog.flight.model import Array
+from attlog.health.assessments import vibration
 from attlog.health.assessments.model import HealthCase
-from attlog.health.figures.samples import MOST, broken, flown, highest
-from attlog.health.sensors.vibration import ONBOARD_M_S2
+from attlog.health.figures.samples import MOST, broken, flown
 from attlog.metrics.figures.trace import Trace
 from attlog.segments.spans import inside
 from attlog.story.sensors import driven
@@ -24,19 +24,21 @@ TURNING_RPM = 300.0
 
 
 def levels(case: HealthCase) -> list[Trace]:
-    """The autopilot's own level in flight, the worst axis of each second."""
-    own = case.log.onboard_vibration
-    if own is None or len(own.t) < FEWEST:
-        return []
-    t, level = highest(own.t, own.x.max(axis=1), flown(case.segments), SECOND)
-    limit, fault = ONBOARD_M_S2
-    return [of_arrays(own.source, t, level, limit, fault)] if len(t) >= FEWEST else []
+    """The level of each IMU in flight by the firmware's own measure, second by second, with its percentiles."""
+    found = []
+    for one in vibration.levels(case):
+        t, level, fault = np.asarray(one["t"]), np.asarray(one["level"]), one["fault"]
+        limits = (float(str(one["warning"])), math.nan if fault is None else float(str(fault)))
+        if len(t) >= FEWEST:
+            found.append(of_arrays(str(one["source"]), t, level, *limits))
+    return found
 
 
 def of_arrays(source: str, t: Array, level: Array, limit: float, fault: float) -> Trace:
     """The trace of levels (n,) m/s^2 with their percentiles, and the firmware's limits (m/s^2, NaN: none)."""
     p50, p80 = np.quantile(level, [0.5, 0.8])
-    values = {"p50": float(p50), "p80": float(p80), "worst": float(level.max()), "limit": limit, "fault": fault}
+    values = {"p50": float(p50), "p80": float(p80), "worst": float(level.max()), "limit": limit}
+    values |= {"fault": fault} if math.isfinite(fault) else {}
     return Trace("levels", "", t, {"level": broken(t, level)}, source, values=values)
 
 
@@ -67,3 +69,15 @@ def rotor(case: HealthCase) -> list[Trace]:
     low, middle, high = np.quantile(turning, [0.1, 0.5, 0.9]) / 60.0
     order = np.arange(1, HARMONICS + 1)
     return [Trace("rotor", "", middle * order, {"low": low * order, "high": high * order})]
+
+
+def notches(case: HealthCase) -> list[Trace]:
+    """Notches of the gyro that the firmware has on, and those that are proposed, where their frequency is fixed."""
+    drawn = next((one["notches"] for one in vibration.spectrum(case) if one["sensor"] == "gyro"), [])
+    found = []
+    for key, proposed in (("set", False), ("proposed", True)):
+        own = [n for n in cast("list[dict[str, float]]", drawn) if n["proposed"] == proposed]
+        if own:
+            f, width = np.array(sorted((n["frequency"], n["width"]) for n in own)).T
+            found.append(Trace("notches", "", f, {"low": f - 0.5 * width, "high": f + 0.5 * width}, key))
+    return found

@@ -51,7 +51,7 @@ def interference(trace: Trace) -> PageFigure:
     label, unit, what = DRIVES.get(trace.key, ("drive", "", "the drive"))
     value = trace.values
     slope = f"{value['slope']:+.3f}".replace("-", MINUS)
-    caption = f"Size of the field less the earth's against {what} while armed, {duration(value.get('seconds'))}. "
+    caption = f"Size of the field less the earth's against {what} in flight, {duration(value.get('seconds'))}. "
     caption += f"Line: {slope} µT per {unit}, r = {value['r']:.2f}".replace("-", MINUS) + "."
     data = {
         "x": listed(trace.t),

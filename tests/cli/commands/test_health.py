@@ -40,7 +40,7 @@ def test_verbose_says_of_every_assessment_why(attlog, samples, monkeypatch):
         assert made.text.replace(" m/s^2", " m/s²").replace(" uT", " µT") in out
     assert "off by 15°" in out
     assert "Limit: 1.5 µT and 4 standard errors (measured on 39 simulated flights)." in out
-    assert "cannot tell" not in out
+    assert "(why: -v)" not in out
 
 
 @pytest.mark.slow

@@ -26,8 +26,8 @@ def attitude() -> np.ndarray:
 
 def log(offset_ut: tuple[float, float, float] = (0.0, 0.0, 0.0), per_ampere: float = 0.0) -> FlightLog:
     """A vehicle near Zurich that sways, whose compass is off by an offset, and along z by so much per ampere."""
-    still = np.tile([0.0, 0.0, -9.8], (len(T), 1))
-    imu = Imu(0, Stream(T, 0 * still, "rad/s", "FRD", "IMU:0"), Stream(T, still, "m/s^2", "FRD", "IMU:0"))
+    force = rotation.rotate_inverse(attitude(), np.column_stack([1.5 * np.cos(T / 2), 0 * T, 0 * T - 9.8]))
+    imu = Imu(0, Stream(T, 0 * force, "rad/s", "FRD", "IMU:0"), Stream(T, force, "m/s^2", "FRD", "IMU:0"))
     made = FlightLog(
         Path("x.bin"), "DataFlash", 0, 0, Firmware("ArduPilot"), "Copter", imus=[imu], imu=0, seconds=SECONDS
     )

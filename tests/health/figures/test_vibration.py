@@ -2,35 +2,54 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-import pytest
 
 from attlog.flight.model import Clipping, Stream
-from attlog.health.figures.vibration import clipping, levels, rotor
+from attlog.flight.vibration.model import OnboardVibration
+from attlog.health.assessments import vibration
+from attlog.health.figures.vibration import clipping, levels, notches, rotor
 from tests.health.figures.made import AIR, T, case, log
 
 
-def shaken() -> np.ndarray:
-    """Level of three axes: 4 m/s^2 in flight, 50 for half a second there, 90 on the ground."""
+def shaken(unit: int = 0, t: np.ndarray = T) -> OnboardVibration:
+    """Level of one unit: 4 m/s^2 in flight, 50 for a second there, 90 on the ground."""
     level = np.where((T >= AIR[0]) & (T <= AIR[1]), 4.0, 90.0)
-    level[(T > 30.0) & (T < 30.5)] = 50.0
-    return np.column_stack([0.5 * level, level, 0.1 * level])
+    level[(T >= 30.0) & (T < 31.0)] = 50.0
+    return OnboardVibration(unit, "rest", f"VIBE:{unit}", t, level)
 
 
-def test_percentiles_are_those_of_flight_by_the_worst_axis_of_each_second():
+def test_percentiles_are_those_of_the_seconds_of_flight_of_every_unit():
     made = log()
-    made.onboard_vibration = Stream(T, shaken(), "m/s^2", "FRD", "VIBE")
-    trace = levels(case(made))[0]
-    assert trace.values == {"p50": 4.0, "p80": 4.0, "worst": 50.0, "limit": 30.0, "fault": 60.0}
-    assert AIR[0] < trace.t[0] < AIR[0] + 1.5
-    assert len(trace.t) == pytest.approx(80, abs=1)
+    made.vibrations = [shaken(0), shaken(1)]
+    first, second = levels(case(made))
+    assert (first.key, second.key) == ("VIBE:0", "VIBE:1")
+    assert first.values == {"p50": 4.0, "p80": 4.0, "worst": 50.0, "limit": 30.0, "fault": 60.0}
+    assert AIR[0] < first.t[0] < first.t[-1] < AIR[1]
     assert levels(case(made, crash=25.0))[0].values["worst"] == 4.0
+
+
+def test_a_measure_with_one_limit_has_no_second_one():
+    made = log()
+    made.vibrations = [replace(shaken(), measure="difference")]
+    assert "fault" not in levels(case(made))[0].values
 
 
 def test_two_flights_are_no_line():
     made = log()
-    made.onboard_vibration = Stream(np.where(T > 50, T + 10.0, T), shaken(), "m/s^2", "FRD", "VIBE")
+    made.vibrations = [shaken(t=np.where(T > 50, T + 10.0, T))]
     assert np.isnan(levels(case(made))[0].columns["level"]).sum() == 1
+
+
+def test_notches_that_are_set_and_proposed_have_their_edges(monkeypatch):
+    drawn = [("a", 80.0, 40.0, False), ("b", 120.0, 10.0, True), ("c", 60.0, 20.0, False)]
+    fields = ("name", "frequency", "width", "proposed")
+    spectra = [{"sensor": "gyro", "notches": [dict(zip(fields, one, strict=True)) for one in drawn]}]
+    monkeypatch.setattr(vibration, "spectrum", lambda asked: spectra)
+    on, proposed = notches(case(log()))
+    assert (on.key, on.t.tolist(), proposed.key, proposed.t.tolist()) == ("set", [60.0, 80.0], "proposed", [120.0])
+    assert (on.columns["low"].tolist(), on.columns["high"].tolist()) == ([50.0, 60.0], [70.0, 100.0])
 
 
 def test_of_the_counters_that_with_most_clipped_samples_in_flight_is_drawn():
@@ -61,7 +80,7 @@ def test_rotors_in_flight_give_the_fundamental_and_its_harmonics():
 
 def test_what_was_not_logged_is_not_drawn():
     made = log()
-    assert levels(case(made)) == clipping(case(made)) == rotor(case(made)) == []
-    made.onboard_vibration = Stream(T, np.full((len(T), 3), np.nan), "m/s^2", "FRD", "VIBE")
+    assert levels(case(made)) == clipping(case(made)) == rotor(case(made)) == notches(case(made)) == []
+    made.vibrations = [replace(shaken(), level=np.full(len(T), np.nan))]
     made.rpm = Stream(T, np.zeros((len(T), 4)), "rpm", "", "ESC")
     assert levels(case(made)) == rotor(case(made)) == []

@@ -8,13 +8,15 @@ import numpy as np
 
 from attlog.base import rotation
 from attlog.flight.model import Mag
-from attlog.health.assessments.compass import offset
-from attlog.health.assessments.compass.samples import Power, air_spans, drive_of, power_at
+from attlog.health.assessments.compass import motion, offset
+from attlog.health.assessments.compass.samples import SURE, Power, air_spans, drive_of, power_at
 from attlog.health.assessments.compass.study import CompassStudy, studies
 from attlog.health.assessments.model import Array, HealthCase
 from attlog.reference import declination
 from attlog.segments.spans import inside
 
+MOST_SURE = 0.5
+"""The attitude by motion is drawn with where its heading is sure in this share of the flight."""
 POINTS = 1500
 """A figure is not wider than so many dots."""
 
@@ -86,12 +88,18 @@ def interference(case: HealthCase) -> list[Interference]:
     return found
 
 
-def _attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray, str] | None:
-    """The attitude by motion, else the reference of the analysis: times, quaternions, segments and a name."""
-    if case.motion is not None and len(case.motion.t) > 1:
-        return case.motion.t, case.motion.q, case.motion.segment, "motion"
+def _attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None, str] | None:
+    """The attitude by motion where its heading judges compasses, else the reference of the analysis, else (of a log
+    that is not replayed) the onboard one: times, quaternions, segments and a name. None where nobody knows heading."""
+    known, own = case.motion, case.log.onboard_attitude
+    if known is not None and not motion.why_none(case):
+        sure = known.sigma_heading <= SURE
+        if sure[inside(known.t, air_spans(case.segments))].mean() >= MOST_SURE:
+            return known.t, np.where(sure[:, None], known.q, np.nan), known.segment, "motion"
     reference = case.reference
-    if reference is None or reference.kind == "none" or len(reference.t) < 2:
+    if reference is None and own is not None and len(own.t) > 1:
+        return own.t, own.q, None, own.source
+    if reference is None or reference.kind == "none" or reference.heading_by == "nobody" or len(reference.t) < 2:
         return None
     return reference.t, reference.q, reference.gap_segment, reference.source
 

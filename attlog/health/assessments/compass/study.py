@@ -15,6 +15,7 @@ from attlog.health.assessments.compass.samples import FieldSamples, Mask, gather
 from attlog.health.assessments.model import Array, HealthCase
 from attlog.health.fits import compass as one_fault
 from attlog.reference import declination
+from attlog.segments.once import asked_once
 
 ALIVE_UT, MOVES_UT = 5.0, 0.3
 """A compass that reads less, or whose axes all change by less than 3 mG while the vehicle moves, measures nothing."""
@@ -102,6 +103,7 @@ class CompassStudy:
         return apart <= max(SAME_UT, SAME_SHARE * added)
 
 
+@asked_once
 def studies(case: HealthCase) -> tuple[list[CompassStudy], str]:
     """Every compass that can be judged, and why there is none."""
     why = motion.why_none(case)
