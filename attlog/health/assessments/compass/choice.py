@@ -12,7 +12,7 @@ from attlog.health.assessments.compass.heading import heading_error, rms_deg
 from attlog.health.assessments.compass.samples import air_spans
 from attlog.health.assessments.compass.study import CompassStudy
 from attlog.health.assessments.model import Assessment, HealthCase, Setting
-from attlog.health.findings.actions import CLOSE, OFF, STEADY
+from attlog.health.findings.actions import CLOSE, OFF, STEADY, calibrated, switching
 from attlog.reference import declination
 from attlog.segments.spans import inside
 
@@ -117,11 +117,10 @@ def _size(mag: Mag, spans: list[tuple[float, float]]) -> tuple[float, float]:
 def _offer(log: FlightLog, answer: Assessment, other: Mag, used: Mag) -> None:
     """Adds the switches of both compasses where the log holds them, else words."""
     answer.action = f"Use {other.field.source} instead of {used.field.source}."
-    names = [log.compass_switches.get(mag.index, "") for mag in (other, used)]
-    if not other.calibrated:
+    if not calibrated(other):
         answer.why_no_setting = f"{other.field.source} was never calibrated: calibrate it first."
-    elif not all(names):
+        answer.action = f"Calibrate {other.field.source} and use it instead of {used.field.source}."
+        return
+    answer.settings = [Setting(name, log.param(name), new) for name, new in switching(log, other, used).items()]
+    if not answer.settings:
         answer.why_no_setting = "The log holds no parameter that switches a compass: give that one a higher priority."
-    else:
-        wanted = zip(names, (1.0, 0.0), strict=True)
-        answer.settings = [Setting(name, log.param(name), new) for name, new in wanted if log.param(name) != new]
