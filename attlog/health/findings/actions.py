@@ -16,8 +16,6 @@ CLOSE, STEADY = 0.1, 0.1
 """A compass that reads the earth's field to this share, and varies by so little, is sound."""
 OFF = 0.2
 """One that is off by more, while another is sound, is not to be used."""
-FIRST = "COMPASS_PRIMARY"
-"""NavEKF2 before ArduPilot 4.1 starts with this compass (``InitialiseVariablesMag``), whether it is used or not."""
 
 
 def with_actions(findings: Sequence[Finding], log: FlightLog, to_set: Mapping[str, str] = {}) -> list[Finding]:
@@ -65,14 +63,14 @@ def calibrated(mag: Mag) -> bool:
 def switching(log: FlightLog, other: Mag, used: Mag) -> dict[str, float]:
     """What uses one compass instead of another, of what changes; empty where the log does not hold both switches.
 
-    Where there is a first one (before ArduPilot 4.1), estimators start with it, and without any if it is switched off.
+    An estimator that starts with the first one (``FlightLog.compass_first``) has none if that is only switched off.
     """
     names = [log.compass_switches.get(mag.index, "") for mag in (other, used)]
     if not all(names):
         return {}
     wanted = dict(zip(names, (1.0, 0.0), strict=True))
-    if log.param(FIRST) is not None:
-        wanted[FIRST] = float(other.index)
+    if log.compass_first:
+        wanted[log.compass_first] = float(other.index)
     return {name: value for name, value in wanted.items() if log.param(name) != value}
 
 

@@ -56,9 +56,10 @@ def test_the_compass_in_use_stays_unless_it_is_much_worse(used: Vector, other: V
 def test_where_there_is_a_first_compass_the_switch_changes_it_too() -> None:
     """Firmware before 4.1 starts with it, and with no compass at all where it is switched off."""
     case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    case.log.params["COMPASS_PRIMARY"] = TimeLine(np.zeros(1), [0.0], "PARM")
+    case.log.compass_first = "PRIMARY"
+    case.log.params["PRIMARY"] = TimeLine(np.zeros(1), [0.0], "PARM")
     (found,) = choice.assessed(case, studies)
-    assert [(s.name, s.old, s.new) for s in found.settings] == [("FIRST", 1.0, 0.0), ("COMPASS_PRIMARY", 0.0, 1.0)]
+    assert [(s.name, s.old, s.new) for s in found.settings] == [("FIRST", 1.0, 0.0), ("PRIMARY", 0.0, 1.0)]
 
 
 def test_a_better_compass_whose_offsets_are_zero_is_to_be_calibrated_first() -> None:
