@@ -13,11 +13,13 @@ VERDICTS = ("fault", "warning", "ok", "unknown")
 """Worst first; what cannot be told comes last."""
 LOPSIDED = 0.25
 """An interval whose middle is off the value by more than this share of its half width is written as two ends."""
+COUNTED = ("satellites", "samples")
+"""Units of whole numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShownAssessment:
-    """An assessment as a row of a table: ``why`` are its sentences, ``to_set`` values, or why there are none.
+    """An assessment as a row of a table: ``why`` are its sentences, ``to_set`` values, else what to do, or why nothing.
 
     ``offers``: there are values.
     """
@@ -46,6 +48,8 @@ def value_text(assessment: Assessment) -> str:
     """The value with its unit and 95 % interval: ``15.1 ± 2.0 µT``, ``0.4 (0.1 to 1.9) m/s²``; empty without one."""
     unit, ci95 = assessment.unit, assessment.ci95
     value = number(assessment.value, unit)
+    if value and unit in COUNTED:
+        return f"{assessment.value:,.0f} {unit}"
     if not value or ci95 is None or not interval(ci95, unit):
         return quantity(assessment.value, unit)
     sign = unit_sign(unit)
@@ -75,6 +79,8 @@ def changes(settings: Sequence[Setting], most: int) -> str:
 def _shown(assessment: Assessment) -> ShownAssessment:
     settings = ", ".join(change(setting) for setting in assessment.settings)
     why = [assessment.text, *assessment.evidence]
+    if assessment.action and not settings and assessment.why_no_setting not in ("", assessment.action):
+        why.insert(1, assessment.why_no_setting)
     if assessment.threshold:
         why.append(f"Limit: {assessment.threshold}{f' ({assessment.source})' if assessment.source else ''}.")
     return ShownAssessment(
@@ -82,7 +88,7 @@ def _shown(assessment: Assessment) -> ShownAssessment:
         question_title(assessment.question),
         assessment.verdict,
         value_text(assessment),
-        settings or typeset(assessment.why_no_setting or assessment.action),
+        settings or typeset(assessment.action or assessment.why_no_setting),
         typeset(assessment.text),
         tuple(typeset(sentence) for sentence in why),
         bool(assessment.settings),

@@ -123,4 +123,5 @@ def _offer(log: FlightLog, answer: Assessment, other: Mag, used: Mag) -> None:
         return
     answer.settings = [Setting(name, log.param(name), new) for name, new in switching(log, other, used).items()]
     if not answer.settings:
-        answer.why_no_setting = "The log holds no parameter that switches a compass: give that one a higher priority."
+        how = f"set {log.compass_first} to {other.index}" if log.compass_first else "give that one a higher priority"
+        answer.why_no_setting = f"The log holds no parameter that switches a compass: {how}."
