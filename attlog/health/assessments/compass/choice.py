@@ -19,6 +19,8 @@ from attlog.segments.spans import inside
 CHOICE = "compass_choice"
 HALF, BETTER_DEG = 0.5, 5.0
 """Another is better where its heading errs by half as much, and by 5 deg less: attitudes do not err by that."""
+SOUND_DEG = 12.0
+"""A compass that errs by more is not to be flown by, as an offset that leaves more is not to be set."""
 LIMIT = f"ok unless another errs by {BETTER_DEG:.0f} deg less and half as much, else by the field's size within 10 %"
 
 
@@ -56,7 +58,9 @@ def _by_heading(log: FlightLog, own: CompassStudy, others: Sequence[CompassStudy
         threshold=LIMIT,
         evidence=[_line(study, *errors[id(study)]) for study in (own, *others)],
     )
-    if better:
+    if better and then > SOUND_DEG:
+        answer.why_no_setting = f"{one} is better, but errs too: calibrate both."
+    elif better:
         _offer(log, answer, best.samples.mag, own.samples.mag)
     return answer
 

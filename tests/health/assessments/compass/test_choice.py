@@ -71,6 +71,13 @@ def test_a_better_compass_whose_offsets_are_zero_is_to_be_calibrated_first() -> 
     assert found.why_no_setting == "MAG.1 was never calibrated: calibrate it first."
 
 
+def test_a_better_compass_that_errs_too_is_not_to_be_used() -> None:
+    case, studies = two((30.0, 0.0, 0.0), (0.0, 9.0, 0.0))
+    (found,) = choice.assessed(case, studies)
+    assert (found.verdict, found.settings) == ("warning", [])
+    assert found.why_no_setting == "MAG.1 is better, but errs too: calibrate both."
+
+
 def test_without_switches_the_choice_is_words() -> None:
     case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0), switches=False)
     (found,) = choice.assessed(case, studies)
