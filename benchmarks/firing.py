@@ -1,10 +1,12 @@
-"""How often each check fires on the corpus: logs on which it answers, warns, finds a fault, or cannot tell.
+"""How often each check and each question about a sensor fires on the corpus: logs on which it answers, warns, or finds
+a fault, and what is offered to be set.
 
-    python benchmarks/firing.py [--corpus DIR] [--list CHECK]
+    python benchmarks/firing.py [--corpus DIR] [--list NAME] [--questions]
 
-Real logs (``logs/``) and simulated flights (``sitl/``, the logged truth taken away) are counted apart; logs that were
-made or damaged on purpose (``made_``, ``hostile/``) are left out. ``--list`` prints each firing of one check with its
-sentence, to be read against the raw data. Nothing is kept between runs.
+Real logs (``logs/``) and simulated flights (``sitl/``) are counted apart; logs that were made or damaged on purpose
+(``made_``, ``hostile/``) are left out. Checks see no logged truth; questions (``--questions``) do, as in ``attlog
+health``. ``--list`` prints each firing of one check or question with its sentence, to be read against the raw data;
+with ``--list settings`` what is offered. Nothing is kept between runs.
 """
 
 from __future__ import annotations
@@ -12,21 +14,27 @@ from __future__ import annotations
 import argparse
 import os
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 from attlog import flight, segments
+from attlog.analysis.pipeline import health
 from attlog.base.errors import AttlogError
 from attlog.health import audit
+from attlog.health.assessments import offered
 
 SETS = ("logs", "sitl")
 BAD = ("warning", "fault")
 SUFFIXES = (".ulg", ".bin", ".log", ".tlog")
+Fired = tuple[str, str, str]
+"""Name, verdict, sentence."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--corpus", default=os.environ.get("ATTLOG_CORPUS", ""))
-    parser.add_argument("--list", default="", help="print the firings of this check")
+    parser.add_argument("--list", default="", help="print the firings of this check or question")
+    parser.add_argument("--questions", action="store_true", help="questions about sensors instead of checks")
     given = parser.parse_args()
     counted: dict[str, dict[str, Counter[str]]] = defaultdict(lambda: {name: Counter() for name in SETS})
     logs: Counter[str] = Counter()
@@ -35,20 +43,46 @@ def main() -> None:
             if path.suffix.lower() not in SUFFIXES or path.name.startswith("made_"):
                 continue
             try:
-                log = flight.read(path)
+                found = list(asked(path) if given.questions else checked(path))
             except AttlogError:
                 continue
-            log.truth = None
             logs[which] += 1
-            for check in audit(log, segments.build(log) if log.imus else None):
-                counted[check.name][which][check.verdict] += 1
-                if check.name == given.list and check.verdict in BAD:
-                    print(f"{path.name}: {check.verdict}: {check.text}")
-    print(f"| check | fires on {logs['logs']} real logs, of answered | on {logs['sitl']} simulated, of answered |")
+            for name, verdict, sentence in found:
+                if name == given.list and verdict in (*BAD, "set"):
+                    print(f"{path.name}: {verdict}: {sentence}")
+            for name, verdict in worst(found).items():
+                counted[name][which][verdict] += 1
+    print(f"| name | fires on {logs['logs']} real logs, of answered | on {logs['sitl']} simulated, of answered |")
     print("| --- | --- | --- |")
     for name, sets in sorted(counted.items()):
-        cells = [f"{sum(c[v] for v in BAD)} of {sum(c[v] for v in ('ok', *BAD))}" for c in sets.values()]
+        cells = [f"{sum(c[v] for v in (*BAD, 'set'))} of {c.total() - c['unknown']}" for c in sets.values()]
         print(f"| `{name}` | {cells[0]} | {cells[1]} |")
+
+
+def checked(path: Path) -> Iterator[Fired]:
+    """The checks of one log, its truth taken away."""
+    log = flight.read(path)
+    log.truth = None
+    for check in audit(log, segments.build(log) if log.imus else None):
+        yield check.name, check.verdict, check.text
+
+
+def asked(path: Path) -> Iterator[Fired]:
+    """What the questions about the sensors of one log say, and as ``settings`` what they offer."""
+    told = health(path).health
+    for one in told:
+        yield one.question, one.verdict, f"{one.sensor}: {one.text} {one.why_no_setting}".strip()
+    offers = ", ".join(f"{s.name} {s.old} -> {s.new:.7g}" for s in offered(told))
+    yield "settings", "set" if offers else "ok", offers
+
+
+def worst(found: list[Fired]) -> dict[str, str]:
+    """Of each name the worst verdict, so that a log with three sensors counts once."""
+    order = ("unknown", "ok", "set", *BAD)
+    told: dict[str, str] = {}
+    for name, verdict, _ in found:
+        told[name] = max(told.get(name, "unknown"), verdict, key=lambda v: order.index(v) if v in order else 0)
+    return told
 
 
 if __name__ == "__main__":

@@ -288,7 +288,8 @@ class FlightLog:
     log does not tell, with the names of the parameters in ``trim_source`` and
     ``declination_source``. ``given_params`` are those of a ground station's file, ``filled_params`` the names
     that only the file told. ``logging`` knows the vehicle's logging settings,
-    ``remedies`` what to do about a fault, ``compass_switches`` the parameter that uses a compass, by its index.
+    ``remedies`` what to do about a fault, ``compass_switches`` the parameter that uses a compass, by its index,
+    ``compass_first`` the one that says with which an estimator starts, empty without.
     ``acc_bias`` (n, 3) m/s^2 is what the onboard estimator takes off the accelerometer in body axes,
     ``onboard_gyro_bias`` (n, 3) rad/s what it takes off the gyro that is replayed, None where it runs on another one;
     ``onboard_vibration`` (n, 3) m/s^2 the level that the autopilot measures itself at full rate, ``vibrations`` that of
@@ -339,6 +340,7 @@ class FlightLog:
     logging: LoggingAdvice | None = None
     remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL))
     compass_switches: dict[int, str] = field(default_factory=dict)
+    compass_first: str = ""
     acc_bias: Stream | None = None
     onboard_gyro_bias: Stream | None = None
     onboard_vibration: Stream | None = None

@@ -16,6 +16,8 @@ VERDICTS = ("fault", "warning", "ok", "unknown")
 TROUBLE = ("fault", "warning")
 LOPSIDED = 0.25
 """An interval whose middle is off the value by more than this share of its half width is written as two ends."""
+COUNTED = ("satellites", "samples")
+"""Units of whole numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,8 @@ def value_text(assessment: Assessment) -> str:
     """The value with its unit and 95 % interval: ``15.1 ± 2.0 µT``, ``0.4 (0.1 to 1.9) m/s²``; empty without one."""
     unit, ci95 = assessment.unit, assessment.ci95
     value = number(assessment.value, unit)
+    if value and unit in COUNTED:
+        return f"{assessment.value:,.0f} {unit}"
     if not value or ci95 is None or not interval(ci95, unit):
         return quantity(assessment.value, unit)
     sign = unit_sign(unit)

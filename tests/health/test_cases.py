@@ -187,10 +187,13 @@ def test_vibration_of_motors_before_take_off_is_no_tilt() -> None:
     assert check.value < 1.0
 
 
-def test_another_compass_that_reads_the_earths_field_is_the_one_to_use() -> None:
-    """copter_two_compasses: compass 1 reads 71 uT, compass 2 42.4 where the earth has 41.8."""
+def test_another_compass_that_reads_the_earths_field_is_to_be_calibrated_and_used() -> None:
+    """copter_two_compasses: compass 1 reads 71 uT, compass 2 42.4 where the earth has 41.8, with offsets of zero.
+
+    COMPASS_USE2 1 and COMPASS_USE 0 alone would leave 4.0.1 without any, because COMPASS_PRIMARY is 0.
+    """
     found = said("copter_two_compasses.bin")["compass"]
-    assert found.action == "Use MAG2 instead, which reads 42.4 uT: set COMPASS_USE2 1 and COMPASS_USE 0."
+    assert found.action == "Calibrate MAG2 and use it instead of MAG."
     assert "ground mag anomaly" in words(found)
 
 

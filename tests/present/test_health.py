@@ -38,6 +38,9 @@ from tests.health.assessments.made import MADE, OFFSET, REFUSED, SILENT, SOUND
         (None, "uT", None, ""),
         (1.0, "uT", (float("nan"), 2.0), "1.00 µT"),
         (float("inf"), "uT", None, ""),
+        (7.0, "satellites", None, "7 satellites"),
+        (1317.0, "samples", None, "1,317 samples"),
+        (float("nan"), "samples", None, ""),
     ],
 )
 def test_a_value_has_its_unit_and_interval(value, unit, ci95, text):
@@ -49,6 +52,15 @@ def test_the_worst_stands_first_and_what_cannot_be_told_last():
     assert [a.verdict for a in shown] == ["fault", "warning", "ok", "unknown", "unknown"]
     assert [a.listed for a in shown] == [True, True, False, False, False]
     assert shown[1].to_set == "COMPASS_OFS_X -12 -> 145, COMPASS_OFS_Y 4.5 -> -20.25"
+
+
+def test_without_values_the_row_says_what_to_do_and_its_details_why_there_are_none():
+    made = replace(OFFSET, settings=[], action="Balance the propellers.", why_no_setting="No parameter removes it.")
+    (shown,) = shown_assessments([made])
+    assert shown.to_set == "Balance the propellers."
+    assert "No parameter removes it." in shown.why
+    (shown,) = shown_assessments([replace(made, action="")])
+    assert shown.to_set == "No parameter removes it."
 
 
 def test_what_to_set_can_be_typed_and_names_the_old_value_where_it_is_known():

@@ -41,3 +41,11 @@ def compass_switches(values: Mapping[str, float]) -> dict[int, str]:
     """The parameters that say whether a compass is used, by its index, of those that the log holds."""
     names = dict(enumerate(("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")))
     return {index: name for index, name in names.items() if name in values}
+
+
+def compass_first(values: Mapping[str, float]) -> str:
+    """The parameter that says with which compass NavEKF2 starts (``InitialiseVariablesMag``), used or not.
+
+    Empty where none does: since 4.1 the first one that is used is taken.
+    """
+    return "COMPASS_PRIMARY" if "COMPASS_PRIMARY" in values else ""

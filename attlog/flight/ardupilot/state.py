@@ -66,6 +66,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
     log.remedies = builder.attempt("Remedies", lambda: remedies.of(values), log.remedies)
     log.compass_switches = remedies.compass_switches(values)
+    log.compass_first = remedies.compass_first(values)
     log.texts = builder.attempt("Texts", lambda: builder.texts(lambda offset: int(clock.at(np.array([offset]))[0])), [])
 
 

@@ -35,6 +35,7 @@ TOPICS: Mapping[str, SensorQuestion] = {
     "accelerometer_temperature": SensorQuestion("accelerometer and temperature", ACCELEROMETER),
     "imu_instances": SensorQuestion("IMUs against each other", ACCELEROMETER),
     "gyro_bias": SensorQuestion("gyro bias", GYRO_BIAS),
+    "gyro_bias_step": SensorQuestion("step of the gyro bias", GYRO_BIAS),
     "gyro_temperature": SensorQuestion("gyro bias and temperature", GYRO_BIAS),
     "gyro_scale": SensorQuestion("gyro scale", "gyro_scale"),
     "vibration_level": SensorQuestion("vibration", VIBRATION),

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, Mag
 from attlog.health.findings import compass
 from attlog.health.findings.finding import Finding
 from attlog.reference import declination
@@ -48,12 +48,30 @@ def other_compass(log: FlightLog) -> str:
     if abs(own / earth - 1) <= OFF or not sound or log.mag in sound:
         return ""
     other, used = log.mags[sound[0]], log.mags[log.mag]
-    text = f"Use {other.field.source} instead, which reads {1e6 * sizes[sound[0]][0]:.1f} uT"
+    reads = f"{other.field.source} instead, which reads {1e6 * sizes[sound[0]][0]:.1f} uT"
+    if not calibrated(other):
+        return f"Calibrate and use {reads}."
+    changes = [f"{name} {now:g}" for name, now in switching(log, other, used).items()]
+    return f"Use {reads}: set {' and '.join(changes)}." if changes else f"Use {reads}."
+
+
+def calibrated(mag: Mag) -> bool:
+    """Whether a compass ever was: a firmware that applies offsets of zero refuses to arm with it."""
+    return mag.calibrated and (mag.offsets is None or len(mag.offsets.x) == 0 or bool(mag.offsets.x.any()))
+
+
+def switching(log: FlightLog, other: Mag, used: Mag) -> dict[str, float]:
+    """What uses one compass instead of another, of what changes; empty where the log does not hold both switches.
+
+    An estimator that starts with the first one (``FlightLog.compass_first``) has none if that is only switched off.
+    """
     names = [log.compass_switches.get(mag.index, "") for mag in (other, used)]
     if not all(names):
-        return f"{text}."
-    changes = [f"{name} {now}" for name, now in zip(names, (1, 0), strict=True) if log.param(name) != now]
-    return f"{text}: set {' and '.join(changes)}." if changes else f"{text}."
+        return {}
+    wanted = dict(zip(names, (1.0, 0.0), strict=True))
+    if log.compass_first:
+        wanted[log.compass_first] = float(other.index)
+    return {name: value for name, value in wanted.items() if log.param(name) != value}
 
 
 def _size(field: np.ndarray) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from attlog.segments.spans import inside
 
 Array = NDArray[np.float64]
 
+NAME = "field against motors"
 LEAST_R = 0.6
 """Weaker correlation is no sign: the field also changes with attitude and place."""
 LEAST_UT = 1.0
@@ -30,7 +31,6 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     """The strength of the field against the motors' current, else their throttle."""
     if log.mag is None:
         return []
-    name = "field against motors"
     limit = f"ok up to {SHARE_PCT[0]:.0f} % or r below {LEAST_R}, fault above {SHARE_PCT[1]:.0f} %"
     field = log.mags[log.mag].field
     use = in_use(log, segments, field.t_best, ("armed", "airborne"))
@@ -48,10 +48,10 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         text = f"The field goes from {low:.1f} to {high:.1f} uT with {what} (r = {r:.2f})."
         if follows and offsets_explain(field, stream, flown if flown.sum() >= SAMPLES else use):
             verdict, text = "ok", f"{text[:-1]}, but offsets of the compass explain that: not the motors."
-        check = Check(name, verdict, text, round(change, 1), "%", limit)
+        check = Check(NAME, verdict, text, round(change, 1), "%", limit)
         if best is None or (verdict != "ok" and change > float(best.value or 0.0)):
             best = check
-    return [best or not_judged(name, "The log holds no throttle or current that changes while armed.", limit)]
+    return [best or not_judged(NAME, "The log holds no throttle or current that changes while armed.", limit)]
 
 
 def drives(log: FlightLog) -> list[tuple[str, Stream, float]]:

@@ -19,4 +19,4 @@ def proposal(log: FlightLog, imu: Imu, bias: Array) -> Proposal:
     except CalibrationUnknownError as why:
         return Proposal(refused=str(why))
     values = found.offset_values(found.correction.offset_without(np.asarray(bias, float)))
-    return proposed(log, values, found.units)
+    return proposed(log, values, found.units, found.digits)

@@ -41,4 +41,4 @@ def proposal(
             units = kind.units
     except CalibrationUnknownError as why:
         return Proposal(refused=str(why))
-    return proposed(log, values, units)
+    return proposed(log, values, units, found.digits)

@@ -19,9 +19,13 @@ class Proposal:
     refused: str = ""
 
 
-def proposed(log: FlightLog, values: Mapping[str, float], units: Mapping[str, str]) -> Proposal:
-    """The proposal to set ``values`` (by name, in ``units``): all that are new, or none and the reason."""
+def proposed(log: FlightLog, values: Mapping[str, float], units: Mapping[str, str], digits: int) -> Proposal:
+    """The proposal to set ``values`` (by name, in ``units``): all that are new, or none and the reason.
+
+    One that differs from what flew in decimals beyond ``digits`` alone stays: a rounded value is no correction.
+    """
     old = flown.values(log)
-    wanted = [Setting(name, old.get(name), value, units.get(name, "")) for name, value in values.items()]
+    new = {name: old[name] if name in old and round(old[name], digits) == v else v for name, v in values.items()}
+    wanted = [Setting(name, old.get(name), value, units.get(name, "")) for name, value in new.items()]
     why = limits.refusal(log, wanted)
     return Proposal(refused=why) if why else Proposal(limits.keep(log, wanted))

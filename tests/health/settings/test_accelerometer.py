@@ -44,3 +44,9 @@ def test_without_a_slot_or_beyond_the_range_nothing_is_proposed() -> None:
     assert "range of -3.5 to 3.5" in accelerometer.proposal(log, log.imus[0], np.array([0.0, 0.0, 5.0])).refused
     log.imus[0].index = 1
     assert "INS_ACC2OFFS_X" in accelerometer.proposal(log, log.imus[0], BIAS).refused
+
+
+def test_an_axis_without_an_error_keeps_its_value_to_the_last_digit() -> None:
+    log = ardupilot(OLD | named("INS_ACCOFFS_{}", np.array([-0.27269041, 0.10993993, -0.66610938])))
+    found = accelerometer.proposal(log, log.imus[0], np.array([0.0, 0.0, -0.41]))
+    assert [(s.name, s.new) for s in found.settings] == [("INS_ACCOFFS_Z", pytest.approx(-1.0761, abs=1e-4))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from attlog.health.assessments.compass import choice, motors, offset, soft_iron
 from attlog.health.assessments.compass.figures import FieldHistory, Interference, field_against_expected, interference
@@ -20,11 +21,20 @@ def assessed(case: HealthCase) -> list[Assessment]:
     used = log.mags[log.mag or 0].field.source
     found, why = studies(case)
     if not found:
-        return [unknown(used, offset.OFFSET, why, offset.LIMIT, offset.SOURCE), *choice.assessed(case, [])]
-    answers = [offset.assessed(case, study) for study in found]
-    answers += [motors.assessed(case, study) for study in found]
-    answers += [soft_iron.assessed(study) for study in found]
+        offsets = unknown(used, offset.OFFSET, why, offset.LIMIT, offset.SOURCE)
+        return [offsets, *motors.by_size(case, used), *choice.assessed(case, [])]
+    # One that is switched off misleads nothing; where it is the better one, the choice tells its numbers.
+    judged = [study for study in found if study.samples.mag.enabled] or found
+    answers = [offset.assessed(case, study) for study in judged]
+    answers += [motors.assessed(case, study) for study in judged]
+    answers += [soft_iron.assessed(study) for study in judged]
+    answers = [answer if answer.sensor == used else spare(answer) for answer in answers]
     return once(answers) + choice.assessed(case, found)
+
+
+def spare(answer: Assessment) -> Assessment:
+    """Of a compass that is not in use: no fault, because the vehicle did not fly by it."""
+    return replace(answer, verdict="warning") if answer.verdict == "fault" else answer
 
 
 def once(answers: list[Assessment]) -> list[Assessment]:

@@ -12,13 +12,15 @@ from attlog.health.assessments.compass.heading import heading_error, rms_deg
 from attlog.health.assessments.compass.samples import air_spans
 from attlog.health.assessments.compass.study import CompassStudy
 from attlog.health.assessments.model import Assessment, HealthCase, Setting
-from attlog.health.findings.actions import CLOSE, OFF, STEADY
+from attlog.health.findings.actions import CLOSE, OFF, STEADY, calibrated, switching
 from attlog.reference import declination
 from attlog.segments.spans import inside
 
 CHOICE = "compass_choice"
 HALF, BETTER_DEG = 0.5, 5.0
 """Another is better where its heading errs by half as much, and by 5 deg less: attitudes do not err by that."""
+SOUND_DEG = 12.0
+"""A compass that errs by more is not to be flown by, as an offset that leaves more is not to be set."""
 LIMIT = f"ok unless another errs by {BETTER_DEG:.0f} deg less and half as much, else by the field's size within 10 %"
 
 
@@ -56,7 +58,9 @@ def _by_heading(log: FlightLog, own: CompassStudy, others: Sequence[CompassStudy
         threshold=LIMIT,
         evidence=[_line(study, *errors[id(study)]) for study in (own, *others)],
     )
-    if better:
+    if better and then > SOUND_DEG:
+        answer.why_no_setting = f"{one} is better, but errs too: calibrate both."
+    elif better:
         _offer(log, answer, best.samples.mag, own.samples.mag)
     return answer
 
@@ -117,11 +121,11 @@ def _size(mag: Mag, spans: list[tuple[float, float]]) -> tuple[float, float]:
 def _offer(log: FlightLog, answer: Assessment, other: Mag, used: Mag) -> None:
     """Adds the switches of both compasses where the log holds them, else words."""
     answer.action = f"Use {other.field.source} instead of {used.field.source}."
-    names = [log.compass_switches.get(mag.index, "") for mag in (other, used)]
-    if not other.calibrated:
+    if not calibrated(other):
         answer.why_no_setting = f"{other.field.source} was never calibrated: calibrate it first."
-    elif not all(names):
-        answer.why_no_setting = "The log holds no parameter that switches a compass: give that one a higher priority."
-    else:
-        wanted = zip(names, (1.0, 0.0), strict=True)
-        answer.settings = [Setting(name, log.param(name), new) for name, new in wanted if log.param(name) != new]
+        answer.action = f"Calibrate {other.field.source} and use it instead of {used.field.source}."
+        return
+    answer.settings = [Setting(name, log.param(name), new) for name, new in switching(log, other, used).items()]
+    if not answer.settings:
+        how = f"set {log.compass_first} to {other.index}" if log.compass_first else "give that one a higher priority"
+        answer.why_no_setting = f"The log holds no parameter that switches a compass: {how}."

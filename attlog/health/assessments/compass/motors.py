@@ -12,13 +12,16 @@ import numpy as np
 from attlog.health.assessments.compass.fitting import SIGMAS
 from attlog.health.assessments.compass.offset import UNSURE_UT, axes, unsound
 from attlog.health.assessments.compass.study import CompassStudy
-from attlog.health.assessments.model import Assessment, HealthCase, unknown
+from attlog.health.assessments.model import Assessment, HealthCase, Verdict, unknown
+from attlog.health.sensors import interference
 from attlog.health.settings import compass as parameters
 
 MOTORS = "compass_motors"
 FAR_SHARE = 0.3
 """Of the earth's horizontal field: ardupilot.org, "Magnetic Interference", calls 30 % the limit."""
 LIMIT = "ok where ground and air agree within 4 sigma or 2 uT, fault above 30 % of the horizontal field"
+MOVE = "Move the compass away from power wires, or calibrate it against the motors."
+VERDICTS: dict[str, Verdict] = {"ok": "ok", "warning": "warning", "fault": "fault"}
 SOURCE = "ground against air, two points; 30 %: ardupilot.org, Magnetic Interference"
 
 
@@ -54,13 +57,27 @@ def assessed(case: HealthCase, study: CompassStudy) -> Assessment:
     if not agrees:
         answer.why_no_setting = why_not(study)
         if not unsound(study):
-            answer.action = "Move the compass away from power wires, or calibrate it against the motors."
+            answer.action = MOVE
         if found is not None and not answer.why_no_setting:
             offer = parameters.proposal(
                 case.log, samples.mag, 1e-6 * found.offset, 1e-6 * found.per_unit, samples.power_kind
             )
             answer.settings, answer.why_no_setting = offer.settings, offer.refused
     return answer
+
+
+def by_size(case: HealthCase, source: str) -> list[Assessment]:
+    """Whether the size of the field follows the motors, as the audit says, where no attitude judges the compass."""
+    check = next((c for c in case.checks if c.name == interference.NAME and c.verdict in VERDICTS), None)
+    if check is None:
+        return []
+    answer = Assessment(source, MOTORS, VERDICTS[check.verdict], check.text, unit="%", threshold=check.threshold)
+    answer.value = float(check.value) if isinstance(check.value, int | float) else None
+    answer.source = "correlation in flight; ardupilot.org, Magnetic Interference"
+    if answer.verdict != "ok":
+        answer.why_no_setting = "Without a heading by motion no value is known. Fly with GNSS, turning and braking."
+        answer.action = case.log.remedies.get("interference", MOVE)
+    return [answer]
 
 
 def why_not(study: CompassStudy) -> str:

@@ -158,7 +158,7 @@ def _refusal(case: HealthCase, imu: Imu, bias: Bias, own: Bias) -> str:
         return "The unit in use changed, and the offset of each is not known."
     bad = {c.name for c in case.checks if c.verdict in ("warning", "fault")}
     if "vibration" in bad:
-        return "Vibration shifts the accelerometer too. Reduce it first, then fly again."
+        return "Vibration as strong as here shifts an accelerometer too. Reduce it first, then fly again."
     if force.AXES in bad:
         return "Its axes are exchanged or reversed: correct these first."
     if off[2]:

@@ -10,7 +10,7 @@ from attlog.flight.aiding import needs as aiding
 from attlog.flight.model import Array, Gnss
 from attlog.health.assessments.model import Assessment, HealthCase, unknown
 from attlog.health.assessments.onboard import in_flight
-from attlog.health.sensors.gnss import LOST_S, outages
+from attlog.health.sensors.gnss import outages
 from attlog.segments.spans import Span, inside
 
 QUALITY, INTERFERENCE, JUMPS = "gnss_quality", "gnss_interference", "gnss_jumps"
@@ -39,8 +39,12 @@ def assessments(case: HealthCase) -> list[Assessment]:
 
 
 def _quality(case: HealthCase, receiver: Gnss, flown: list[Span], use: np.ndarray) -> Assessment:
-    """Each number's worse end (5th or 95th percentile) against what the firmware needs."""
+    """Each number's worse end (5th or 95th percentile) against what the firmware needs, while there is a fix.
+
+    Without one receivers tell no satellites and accuracies of 100 m: that is the loss, told by itself.
+    """
     needs = aiding.of_gnss(case.log)
+    use = use & (receiver.fix >= FIX_3D)
     numbers: list[tuple[str, float, str, bool]] = []
     reception = receiver.reception
     if reception is not None:
@@ -71,11 +75,12 @@ def _quality(case: HealthCase, receiver: Gnss, flown: list[Span], use: np.ndarra
     if lost:
         told.verdict, told.t = "warning", round(lost[0][0], 1)
         seconds = sum(b - a for a, b in lost)
-        told.evidence.append(
-            f"It had no fix for {seconds:.0f} s (gaps above {LOST_S:.0f} s), first at {lost[0][0]:.0f} s."
-        )
-        if not bad:
-            told.text = f"GNSS had no fix for {seconds:.0f} s in flight, first at {lost[0][0]:.0f} s."
+        if bad:
+            told.evidence.insert(0, told.text)
+        else:
+            told.evidence = [f"With a fix it has {', '.join(words)} (95 %)."]
+        told.text = f"GNSS had no fix for {seconds:.0f} s in flight, first at {lost[0][0]:.0f} s."
+        told.value, told.unit = round(seconds, 1), "s"
     return told
 
 

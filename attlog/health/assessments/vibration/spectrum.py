@@ -42,6 +42,8 @@ def gyro_spectrum(case: HealthCase) -> list[Assessment]:
 
 def _too_slow(log: FlightLog) -> str:
     fastest = max((imu.gyro.rate for imu in log.imus), default=0.0)
+    if fastest == 0.0:
+        return "This log holds no samples of a gyro."
     if fastest < LEAST_RATE_HZ:
         return f"The gyro is logged at {fastest:.0f} Hz: no rotor's vibration can be seen in it."
     return f"No {WINDOW_S:.0f} s of sound flight without a gap are logged."

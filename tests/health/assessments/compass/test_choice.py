@@ -53,6 +53,31 @@ def test_the_compass_in_use_stays_unless_it_is_much_worse(used: Vector, other: V
     assert (found.verdict, found.settings) == ("ok", [])
 
 
+def test_where_there_is_a_first_compass_the_switch_changes_it_too() -> None:
+    """Firmware before 4.1 starts with it, and with no compass at all where it is switched off."""
+    case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    case.log.compass_first = "PRIMARY"
+    case.log.params["PRIMARY"] = TimeLine(np.zeros(1), [0.0], "PARM")
+    (found,) = choice.assessed(case, studies)
+    assert [(s.name, s.old, s.new) for s in found.settings] == [("FIRST", 1.0, 0.0), ("PRIMARY", 0.0, 1.0)]
+
+
+def test_a_better_compass_whose_offsets_are_zero_is_to_be_calibrated_first() -> None:
+    case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    other = studies[1].samples.mag
+    other.offsets = replace(other.field, x=np.zeros_like(other.field.x))
+    (found,) = choice.assessed(case, studies)
+    assert (found.verdict, found.settings) == ("warning", [])
+    assert found.why_no_setting == "MAG.1 was never calibrated: calibrate it first."
+
+
+def test_a_better_compass_that_errs_too_is_not_to_be_used() -> None:
+    case, studies = two((30.0, 0.0, 0.0), (0.0, 9.0, 0.0))
+    (found,) = choice.assessed(case, studies)
+    assert (found.verdict, found.settings) == ("warning", [])
+    assert found.why_no_setting == "MAG.1 is better, but errs too: calibrate both."
+
+
 def test_without_switches_the_choice_is_words() -> None:
     case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0), switches=False)
     (found,) = choice.assessed(case, studies)

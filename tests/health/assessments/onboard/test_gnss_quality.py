@@ -61,6 +61,20 @@ def test_an_outage_is_told_with_its_time() -> None:
     one = told(log, "gnss_quality")
     assert one.verdict == "warning"
     assert one.t == pytest.approx(40.0, abs=0.3)
+    assert one.text == "GNSS had no fix for 12 s in flight, first at 40 s."
+
+
+def test_what_a_receiver_tells_without_a_fix_is_no_quality() -> None:
+    """PX4's receivers tell no satellites and an accuracy of 100 m/s then."""
+    log = received()
+    reception, lost = log.gnss[0].reception, (log.gnss[0].t > 40.0) & (log.gnss[0].t < 52.0)
+    assert reception is not None
+    log.gnss[0].fix[lost], reception.satellites[lost], log.gnss[0].s_acc[lost] = 0, 0.0, 100.0
+    one = told(log, "gnss_quality")
+    assert one.text.startswith("GNSS had no fix for 12 s")
+    assert one.evidence == [
+        "With a fix it has satellites 15, HDOP 0.8, speed accuracy 0.3 m/s, position accuracy 0.5 m (95 %)."
+    ]
 
 
 @pytest.mark.parametrize(
