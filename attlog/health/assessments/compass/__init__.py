@@ -22,7 +22,7 @@ def assessed(case: HealthCase) -> list[Assessment]:
     if not found:
         return [unknown(used, offset.OFFSET, why, offset.LIMIT, offset.SOURCE), *choice.assessed(case, [])]
     answers = [offset.assessed(case, study) for study in found]
-    answers += [motors.assessed(case, study) for study in found]
+    answers += motors.advised([motors.assessed(case, study) for study in found], found)
     answers += [soft_iron.assessed(study) for study in found]
     return once(answers) + choice.assessed(case, found)
 
