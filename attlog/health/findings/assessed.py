@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from attlog.health.assessments.model import Assessment
 from attlog.health.assessments.offered import offered, sentence
@@ -84,6 +84,15 @@ def _to_set(found: Assessment) -> str:
     return found.action if named else sentence(found.settings)
 
 
+def explained(sign: Finding, answer: Assessment | None) -> Finding:
+    """The sign of a check, without cause and action where its answer knows none: motors that turn no heading."""
+    return replace(sign, cause="", action="") if answer is not None and _is_harmless(answer) else sign
+
+
+def _is_harmless(found: Assessment) -> bool:
+    return found.question == "compass_motors" and not (found.action or found.settings)
+
+
 def _sign(assessment: Assessment, severity: Weight = "warning") -> Finding:
     """An assessment as a sign of its kind of finding. A fault is a warning, as that of a check of a sensor: what is
     serious is an attitude that it made wrong, which another check shows."""
@@ -96,6 +105,6 @@ def _sign(assessment: Assessment, severity: Weight = "warning") -> Finding:
         unit=assessment.unit if assessment.value is not None else "",
         about=assessment.question,
         evidence=list(assessment.evidence),
-        cause=CAUSES.get(assessment.question, ""),
+        cause="" if _is_harmless(assessment) else CAUSES.get(assessment.question, ""),
         action=_to_set(assessment) or assessment.action or assessment.why_no_setting,
     )

@@ -64,7 +64,8 @@ def findings(
     crashed = any(sign.kind == autopilot.CRASH for sign in happened)
     reported = any(REPORTS.get(report.kind) == sensors.RATE for report in reports)
     left_out = {autopilot.CRASH: crashed, "rate": reported}
-    told = [of_check(c, log) for c in checks if c.verdict in ("warning", "fault") and not left_out.get(c.name)]
+    wrong = [c for c in checks if c.verdict in ("warning", "fault") and not left_out.get(c.name)]
+    told = [assessed.explained(of_check(c, log), answers.get(c.name)) for c in wrong]
     told += happened
     crashed |= any(sign.kind == autopilot.CRASH for sign in told)
     reports = autopilot.after_crashes(autopilot.harmless(autopilot.untold(reports, events), events), events)

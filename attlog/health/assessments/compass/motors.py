@@ -57,7 +57,7 @@ def assessed(case: HealthCase, study: CompassStudy) -> Assessment:
     )
     if not agrees:
         answer.why_no_setting = why_not(study)
-        if not unsound(study) and study.ground_differs_along[:2].any():
+        if not unsound(study) and turns_heading(study):
             answer.action = "Move the compass away from power wires, or calibrate it against the motors."
         if found is not None and not answer.why_no_setting:
             offer = parameters.proposal(
@@ -65,12 +65,20 @@ def assessed(case: HealthCase, study: CompassStudy) -> Assessment:
             )
             answer.settings, answer.why_no_setting = offer.settings, offer.refused
             if offer.refused and study.motor_proof is not None:
-                answer.action = f"{offer.refused} {_promise(samples.source, study.motor_proof)}"
+                answer.action = (
+                    f"{offer.refused} Run attlog health again: {_promise(samples.source, study.motor_proof)}"
+                )
     return answer
 
 
+def turns_heading(study: CompassStudy) -> bool:
+    """Whether the motors may turn the heading: their field is not vertical only, and without it it is no worse."""
+    proof = study.motor_proof
+    return bool(study.ground_differs_along[:2].any()) and (proof is None or proof.after < proof.before)
+
+
 def _promise(source: str, proof: HeadingProof) -> str:
-    return f"Compensated for the motors, {source} would err by {proof.after:.0f} deg instead of {proof.before:.0f}."
+    return f"compensated for the motors, {source} would err by {proof.after:.0f} deg instead of {proof.before:.0f}."
 
 
 def advised(answers: Sequence[Assessment], studies: Sequence[CompassStudy]) -> list[Assessment]:
@@ -84,7 +92,8 @@ def advised(answers: Sequence[Assessment], studies: Sequence[CompassStudy]) -> l
     best, study = min(proven, key=lambda pair: pair[1].motor_proof.after if pair[1].motor_proof else np.inf)
     if study.motor_proof is None or study.motor_proof.after >= min(s.proof.before for s in studies):
         return list(answers)
-    first = best.action if not best.settings else _promise(best.sensor, study.motor_proof)
+    first = f"Set the values of {best.sensor}: {_promise(best.sensor, study.motor_proof)}"
+    first = first if best.settings else best.action
     return [
         replace(a, action=f"{first} Then use {best.sensor}.") if a.action and why_not(s) else a
         for a, s in zip(answers, studies, strict=True)
