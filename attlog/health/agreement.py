@@ -24,6 +24,8 @@ SAME: Mapping[str, str] = {
 """The question that asks what a check asks, by the check's name; of ``rejected ...`` it is RATIOS, for each aid."""
 OF_THE_VEHICLE = ("vibration_level",)
 """Questions whose worst sensor answers: every IMU feels the same propellers, and estimators run on each."""
+SPOILS = ("gravity",)
+"""Checks whose fault makes every comparison worthless: that is for them to say, a wrong scale does not."""
 RATIOS = "innovations"
 ORDER = ("ok", "warning", "fault")
 
@@ -62,10 +64,13 @@ def agreed(log: FlightLog, checks: Iterable[Check], health: Iterable[Assessment]
 def _answered(check: Check, answer: Assessment) -> Check:
     if answer.question == RATIOS and "ok" not in (check.verdict, answer.verdict) and check.verdict in ORDER:
         return replace(check, verdict=answer.verdict)  # its own sentence tells when, and by how much
-    same = check.verdict == answer.verdict
+    verdict = answer.verdict
+    if check.name in SPOILS and verdict == "fault":
+        verdict = check.verdict if check.verdict in ORDER[1:] else "warning"
+    same = check.verdict == verdict
     return Check(
         check.name,
-        answer.verdict,
+        verdict,
         answer.text,
         answer.value,
         answer.unit,

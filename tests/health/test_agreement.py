@@ -65,6 +65,12 @@ def test_a_sensor_that_stopped_stands_for_itself() -> None:
     assert agreed(LOG, [stopped], [fine]) == [stopped]
 
 
+def test_a_wrong_scale_does_not_spoil_every_comparison_as_a_broken_accelerometer_does() -> None:
+    scale = Assessment("IMU:0", "accelerometer_rest", "fault", "It shows 8.2.", 8.2)
+    for own, found in (("ok", "warning"), ("warning", "warning"), ("fault", "fault")):
+        assert agreed(LOG, [Check("gravity", own, "It shows 8.2.", 8.2)], [scale])[0].verdict == found
+
+
 def test_of_vibration_the_worst_unit_counts() -> None:
     check = Check("vibration", "warning", "It vibrates by 4 m/s^2.", 4.0)
     levels = [Assessment(f"IMU.{k}", "vibration_level", v, v) for k, v in ((0, "ok"), (1, "fault"), (2, "warning"))]  # type: ignore[arg-type]
