@@ -125,3 +125,5 @@ def _offer(log: FlightLog, answer: Assessment, other: Mag, used: Mag) -> None:
     else:
         wanted = zip(names, (1.0, 0.0), strict=True)
         answer.settings = [Setting(name, log.param(name), new) for name, new in wanted if log.param(name) != new]
+        changes = " and ".join(f"{s.name} {s.new:.0f}" for s in answer.settings)
+        answer.action = f"{answer.action[:-1]}: set {changes}." if changes else answer.action
