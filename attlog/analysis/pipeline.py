@@ -28,6 +28,7 @@ from attlog.estimators.base import Estimate
 from attlog.flight import memory
 from attlog.flight.model import FlightLog, part_of
 from attlog.health import Check, audit
+from attlog.health.agreement import agreed
 from attlog.health.findings import nothing_wrong, unusable
 from attlog.health.findings.finding import of_problem
 from attlog.health.onboard.proven_wrong import wrong_angle
@@ -170,6 +171,7 @@ def evaluate(
     if not only:
         with stage("sensors"):
             result.health = assessments(case, checks, drawn=result.traces if traces else None)
+            result.audit = agreed(case.log, checks, result.health)
         result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
         result.findings = problems.all_of(case, result, checks, rows, own)
         sound = nothing_wrong(result.findings)

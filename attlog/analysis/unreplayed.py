@@ -10,7 +10,9 @@ from attlog.analysis.summary import describe
 from attlog.base.versions import versions
 from attlog.flight.model import FlightLog
 from attlog.health import audit
+from attlog.health.agreement import agreed
 from attlog.health.findings import contradiction, findings, nothing_wrong
+from attlog.health.onboard.proven_wrong import wrong_angle
 from attlog.metrics.base import Case
 from attlog.result import Result, Trace
 
@@ -34,16 +36,17 @@ def without_replay(
         else:
             health = assessments(case, checks)
     others = [] if case is None else contradiction(case.reference)
+    checks = agreed(log, checks, health)
     found = findings(log, checks, others, events=happened, health=health)
     return Result(
         attlog=versions(),
         command=command,
         config=config.resolved(),
         log=describe(log, phases),
-        headline=story.headline(log, phases, happened, nothing_wrong(found)),
+        headline=story.headline(log, phases, happened, nothing_wrong(found), wrong_angle(checks)),
         events=happened,
         findings=found,
-        audit=list(checks),
+        audit=checks,
         health=health,
         traces=drawn,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),

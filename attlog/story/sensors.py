@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.base import rotation
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, Stream
+from attlog.flight.vibration.model import LIMITS
 from attlog.segments.model import Segments
 from attlog.segments.spans import Span, inside, merge
 from attlog.segments.vibration import levels
@@ -13,7 +14,7 @@ from attlog.story.event import Event, Weight, figures
 from attlog.story.words import CLIPS, Text, matching, quoted
 
 STRONG_M_S2, STRONG_S = 15.0, 5
-ONBOARD_M_S2 = 60.0
+ONBOARD_M_S2, LEAST = 60.0, 10
 FEW, SOME = 3, 10
 """Clipped samples up to so many are chance, and no warning."""
 LANDING_S, BLOW_S = 1.0, 0.1
@@ -67,10 +68,22 @@ def _clipping(log: FlightLog, within: list[Span]) -> tuple[Event | None, list[Te
     return Event("clipping", t, weight, text, max(last), float(most), "samples", evidence), said
 
 
+def _sound(own: Stream | None, flown: list[Span]) -> bool:
+    """Whether the autopilot's own measure of the worst axis is as it should be in flight."""
+    if own is None:
+        return False
+    x = own.x[inside(own.t, flown) & rotation.finite(own.x)].max(axis=1, initial=0.0)
+    limits = LIMITS["rest"]
+    return len(x) >= LEAST and bool(np.quantile(x, limits.share) <= limits.warning)
+
+
 def _vibration(log: FlightLog, flown: list[Span]) -> Event | None:
-    """Vibration in flight above 15 m/s^2 (rms of the worst axis), or above 60 by the autopilot's own measure."""
+    """Vibration in flight above 15 m/s^2 (rms of the worst axis), or above 60 by the autopilot's own measure.
+
+    None where that measure, made of every sample, stays below its limit: the logged ones fold and count motion.
+    """
     imu = log.replay_imu
-    if imu is None:
+    if imu is None or _sound(log.onboard_vibration, flown):
         return None
     t, x = levels(imu, flown)
     strong = x.max(axis=1) > STRONG_M_S2 if len(t) else np.zeros(0, bool)

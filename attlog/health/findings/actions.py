@@ -9,6 +9,7 @@ import numpy as np
 
 from attlog.flight.model import FlightLog, Mag
 from attlog.health.findings import compass
+from attlog.health.findings.assessed import Advice
 from attlog.health.findings.finding import Finding
 from attlog.reference import declination
 
@@ -18,20 +19,23 @@ OFF = 0.2
 """One that is off by more, while another is sound, is not to be used."""
 
 
-def with_actions(findings: Sequence[Finding], log: FlightLog, to_set: Mapping[str, str] = {}) -> list[Finding]:
+def with_actions(
+    findings: Sequence[Finding], log: FlightLog, advice: Mapping[str, Advice] = {}, *, chosen: bool = False
+) -> list[Finding]:
     """The findings, worst first, with the actions that this vehicle can take; what stands above is not said again.
 
-    ``to_set``: by the kind of finding, what the assessments of its sensors offer to set; it wins.
+    ``advice``: by the kind of finding, what the assessments of its sensors say is to be done, and why; it wins.
+    ``chosen``: whether they tell which compass to use; only where they do not, the size of the fields does.
     """
     taken: set[str] = set()
     found = []
     for finding in findings:
-        action = finding.action
-        if finding.is_trouble and to_set.get(finding.kind):
-            action = to_set[finding.kind]
-        elif finding.kind == compass.KIND and finding.is_trouble:
+        action, cause = finding.action, finding.cause
+        if finding.is_trouble and finding.kind in advice:
+            action, cause = advice[finding.kind].action, advice[finding.kind].cause or cause
+        elif finding.kind == compass.KIND and finding.is_trouble and not chosen:
             action = other_compass(log) or action
-        found.append(replace(finding, action="" if action in taken else action))
+        found.append(replace(finding, cause=cause, action="" if action in taken else action))
         taken.add(action)
     return found
 

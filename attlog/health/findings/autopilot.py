@@ -74,7 +74,7 @@ def of_events(events: Iterable[Event], reports: Sequence[Finding] = ()) -> list[
             sign = of_event(event, EVENTS[event.kind])
             if is_steady(event):
                 sign = replace(sign, kind=attitude.ESTIMATOR, value=None, unit="", cause=LEFT)
-            about = {"clipping": "clipping", "realigned": "heading"}.get(event.kind, "")
+            about = {"clipping": "clipping", "realigned": "heading", "vibration": "vibration"}.get(event.kind, "")
             found.append(replace(sign, about=about, action=ACTIONS.get(event.kind, "")))
     counted = [sign for sign in found if sign.kind == CRASH or not _within(sign.t, wrecks)]
     return [replace(sign, evidence=sign.evidence[:FEW]) for sign in counted]

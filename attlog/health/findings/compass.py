@@ -68,9 +68,12 @@ LEADS = (
     gnss_heading.NAME,
     "compass axes",
     "compass turn",
+    "compass_motors",
     "compass offset",
     *BY_FIELD[1:],
     "field against attitude",
+    "compass_offset",
+    "innovations",
     "declination",
 )
 """Checks of the compass alone, and what tells most of it first."""

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from attlog.flight.model import FlightLog, Problem
+from attlog.health import agreement
 from attlog.health.assessments.model import Assessment
 from attlog.health.findings import actions, assessed, attitude, autopilot, compass, record, repeated, sensors
 from attlog.health.findings.finding import ORDER, Explanation, Finding, merged, of_problem
@@ -49,15 +50,22 @@ def findings(
     """Everything that is not ok, worst first, one entry for each cause.
 
     ``others`` are problems that the analysis itself found, ``events`` what happened, ``health`` the assessments of the
-    sensors: what they offer to set is the action of the findings that they belong to.
+    sensors: what they offer to set is the action of the findings that they belong to. One that answers a check takes
+    its place (``attlog.health.agreement``); those of sensors that are not in use are notes.
     """
-    checks, events, health = list(checks), list(events), list(health)
+    events, health = list(events), list(health)
+    checks = list(checks)
+    answers = agreement.answers(log, checks, health)
+    checks = agreement.agreed(log, checks, health)
+    spare = agreement.of_other_sensors(log, health)
+    mine = [a for a in health if a not in spare]
     reports = [of_problem(p) for p in [*log.problems, *others]]
-    happened = autopilot.of_events(events, reports)
+    happened = [sensors.shaken(sign, log.remedies) for sign in autopilot.of_events(events, reports)]
     crashed = any(sign.kind == autopilot.CRASH for sign in happened)
     reported = any(REPORTS.get(report.kind) == sensors.RATE for report in reports)
     left_out = {autopilot.CRASH: crashed, "rate": reported}
-    told = [of_check(c, log) for c in checks if c.verdict in ("warning", "fault") and not left_out.get(c.name)]
+    wrong = [c for c in checks if c.verdict in ("warning", "fault") and not left_out.get(c.name)]
+    told = [assessed.explained(of_check(c, log), answers.get(c.name)) for c in wrong]
     told += happened
     crashed |= any(sign.kind == autopilot.CRASH for sign in told)
     reports = autopilot.after_crashes(autopilot.harmless(autopilot.untold(reports, events), events), events)
@@ -65,13 +73,14 @@ def findings(
         reports = [autopilot.doubted(report) if report.kind == autopilot.CRASH else report for report in reports]
     told += [replace(report, kind=REPORTS.get(report.kind, report.kind)) for report in reports]
     told = sensors.settled(attitude.settled(compass.settled(repeated.joined(told)), log))
-    told = assessed.with_assessments(told, health)
+    told = assessed.with_assessments(told, [a for a in mine if a not in answers.values()], spare)
     told += [Finding(FAILED, "serious", check.text) for check in checks if check.value == FAILED]
     told += [*_unchecked(checks), *_open(list(unanswered))]
     found = merged(record.settled(told))
     place = {kind: i for i, kind in enumerate(dict.fromkeys([*FIRST, *(about.kind for about in ABOUT.values())]))}
     found.sort(key=lambda f: (ORDER.index(f.severity), place.get(f.kind, len(place)), f.t or 0.0))
-    return actions.with_actions(found, log, assessed.actions_of(health))
+    chosen = any(a.question == "compass_choice" and a.verdict != "unknown" for a in mine)
+    return actions.with_actions(found, log, assessed.advice_of(mine), chosen=chosen)
 
 
 def of_check(check: Check, log: FlightLog) -> Finding:

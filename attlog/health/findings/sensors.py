@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from attlog.flight.remedies import Fault
 from attlog.health.findings.attitude import ESTIMATOR
 from attlog.health.findings.finding import Explanation, Finding
 
@@ -117,6 +118,13 @@ STOPPED = "The logger stopped and went on later: no card loses seconds."
 BEFORE_S = 1.0
 
 
+def shaken(sign: Finding, remedies: Mapping[Fault, str]) -> Finding:
+    """A sign with the cause and the action of strong vibration where it is an event of that."""
+    if sign.about != "vibration":
+        return sign
+    return replace(sign, cause=CHECKS["vibration"].cause, action=remedies.get("vibration", ""))
+
+
 def settled(signs: Sequence[Finding]) -> list[Finding]:
     """The signs with what vibration explains under it: a force that is off, switches and rejections from then on."""
     signs = [replace(s, cause=STOPPED, action="") if s.about == "stopped" else s for s in signs]
@@ -126,7 +134,7 @@ def settled(signs: Sequence[Finding]) -> list[Finding]:
     strong = any(s.about == "clipping" or s.severity == "serious" for s in shaken)
     onset = min((s.t for s in shaken if s.t is not None), default=None)
     signs = [_explained(sign, onset, strong) for sign in signs]
-    own = {"clipping": 0, "vertical force": 1, "vibration": 1}
+    own = {"clipping": 0, "vertical force": 1, "vibration": 1, "vibration_level": 1}
     return sorted(signs, key=lambda sign: own.get(sign.about, 2))
 
 

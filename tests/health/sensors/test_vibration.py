@@ -40,12 +40,19 @@ def test_twenty_hours_of_flight_take_no_minutes() -> None:
 
 @pytest.mark.parametrize(
     ("shaking", "own", "verdict"),
-    [(0.5, 10.0, "ok"), (0.5, 40.0, "warning"), (0.5, 70.0, "fault"), (60.0, 40.0, "fault"), (60.0, 10.0, "fault")],
+    [
+        (0.5, 10.0, "ok"),
+        (6.0, 10.0, "ok"),
+        (0.5, 40.0, "warning"),
+        (0.5, 70.0, "fault"),
+        (60.0, 40.0, "fault"),
+        (60.0, 10.0, "fault"),
+    ],
 )
 def test_the_worse_of_what_is_measured_and_what_the_autopilot_says_is_told(
     shaking: float, own: float, verdict: str
 ) -> None:
-    """White noise on each axis; the autopilot's level never makes a vehicle better than its accelerometer shows it."""
+    """White noise on each axis; the autopilot's level clears what little its logged samples show, not a fault."""
     t = np.arange(0.0, 60.0, 0.005)
     force = np.random.default_rng(2).standard_normal((len(t), 3)) * shaking + [0.0, 0.0, -9.81]
     log = imu_log(t, np.zeros((len(t), 3)), force)

@@ -26,7 +26,7 @@ def assessed(case: HealthCase) -> list[Assessment]:
     # One that is switched off misleads nothing; where it is the better one, the choice tells its numbers.
     judged = [study for study in found if study.samples.mag.enabled] or found
     answers = [offset.assessed(case, study) for study in judged]
-    answers += [motors.assessed(case, study) for study in judged]
+    answers += motors.advised([motors.assessed(case, study) for study in judged], judged)
     answers += [soft_iron.assessed(study) for study in judged]
     answers = [answer if answer.sensor == used else spare(answer) for answer in answers]
     return once(answers) + choice.assessed(case, found)

@@ -129,3 +129,6 @@ def _offer(log: FlightLog, answer: Assessment, other: Mag, used: Mag) -> None:
     if not answer.settings:
         how = f"set {log.compass_first} to {other.index}" if log.compass_first else "give that one a higher priority"
         answer.why_no_setting = f"The log holds no parameter that switches a compass: {how}."
+        return
+    changes = " and ".join(f"{setting.name} {setting.new:.0f}" for setting in answer.settings)
+    answer.action = f"{answer.action[:-1]}: set {changes}."

@@ -7,9 +7,13 @@ flight must improve.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from attlog.health.assessments.compass.fitting import SIGMAS
+from attlog.health.assessments.compass.heading import HeadingProof
 from attlog.health.assessments.compass.offset import UNSURE_UT, axes, unsound
 from attlog.health.assessments.compass.study import CompassStudy
 from attlog.health.assessments.model import Assessment, HealthCase, Verdict, unknown
@@ -56,13 +60,17 @@ def assessed(case: HealthCase, study: CompassStudy) -> Assessment:
     )
     if not agrees:
         answer.why_no_setting = why_not(study)
-        if not unsound(study):
+        if not unsound(study) and turns_heading(study):
             answer.action = MOVE
         if found is not None and not answer.why_no_setting:
             offer = parameters.proposal(
                 case.log, samples.mag, 1e-6 * found.offset, 1e-6 * found.per_unit, samples.power_kind
             )
             answer.settings, answer.why_no_setting = offer.settings, offer.refused
+            if offer.refused and study.motor_proof is not None:
+                answer.action = (
+                    f"{offer.refused} Run attlog health again: {_promise(samples.source, study.motor_proof)}"
+                )
     return answer
 
 
@@ -78,6 +86,35 @@ def by_size(case: HealthCase, source: str) -> list[Assessment]:
         answer.why_no_setting = "Without a heading by motion no value is known. Fly with GNSS, turning and braking."
         answer.action = case.log.remedies.get("interference", MOVE)
     return [answer]
+
+
+def turns_heading(study: CompassStudy) -> bool:
+    """Whether the motors may turn the heading: their field is not vertical only, and without it it is no worse."""
+    proof = study.motor_proof
+    return bool(study.ground_differs_along[:2].any()) and (proof is None or proof.after < proof.before)
+
+
+def _promise(source: str, proof: HeadingProof) -> str:
+    return f"compensated for the motors, {source} would err by {proof.after:.0f} deg instead of {proof.before:.0f}."
+
+
+def advised(answers: Sequence[Assessment], studies: Sequence[CompassStudy]) -> list[Assessment]:
+    """The answers to the studies: of compasses that the motors bend, all say to use the one that power explains best.
+
+    Another one whose own compensation does not mend its heading has no better advice.
+    """
+    proven = [(a, s) for a, s in zip(answers, studies, strict=True) if a.action and s.motors and not why_not(s)]
+    if not proven:
+        return list(answers)
+    best, study = min(proven, key=lambda pair: pair[1].motor_proof.after if pair[1].motor_proof else np.inf)
+    if study.motor_proof is None or study.motor_proof.after >= min(s.proof.before for s in studies):
+        return list(answers)
+    first = f"Set the values of {best.sensor}: {_promise(best.sensor, study.motor_proof)}"
+    first = first if best.settings else best.action
+    return [
+        replace(a, action=f"{first} Then use {best.sensor}.") if a.action and why_not(s) else a
+        for a, s in zip(answers, studies, strict=True)
+    ]
 
 
 def why_not(study: CompassStudy) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.flight import magnetic
 from attlog.health.assessments.compass import motion
@@ -82,10 +83,15 @@ class CompassStudy:
     @property
     def ground_differs(self) -> bool:
         """Whether the compass reads another field on the ground than in the air."""
+        return bool(self.ground_differs_along.any())
+
+    @property
+    def ground_differs_along(self) -> NDArray[np.bool_]:
+        """Along which axes (3,) it does."""
         if self.ground is None:
-            return False
+            return np.zeros(3, bool)
         limit = np.maximum(SIGMAS * self.air.sigma, GROUND_UT)
-        return bool(np.any(np.abs(self.air.offset - self.ground.offset) > limit))
+        return np.asarray(np.abs(self.air.offset - self.ground.offset) > limit)
 
     @property
     def follows_motors(self) -> bool:

@@ -148,7 +148,7 @@ def _assessed(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Assessment | None
             wrong, why = _which(case, kind, a, b, worst.middle)
     text = f"{b.acc.source} and {a.acc.source} differ by {worst.text(limits.unit)} ({listed(worst.middle)})."
     return Assessment(
-        (wrong or b).acc.source,
+        (wrong or (b if verdict == "ok" or not why else a)).acc.source,
         QUESTION,
         verdict,
         f"{text} {why}".strip(),

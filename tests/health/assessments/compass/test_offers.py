@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -163,3 +164,32 @@ def test_a_heading_that_is_hardly_known_makes_no_compass_sound() -> None:
     made.sigma_heading[:] = np.radians(9.0)
     one, two = answers(made)
     assert (one.verdict, two.verdict) == ("unknown", "unknown")
+
+
+def test_a_refused_compensation_says_what_it_would_bring(monkeypatch: pytest.MonkeyPatch) -> None:
+    refused = SimpleNamespace(refused="Reboot and fly once.", settings=[])
+    monkeypatch.setattr(parameters, "proposal", lambda *args: refused)
+    _, bent = answers(samples((0.0, 0.0, 0.0), (0.5, -0.3, 0.1)))
+    proof = study(samples((0.0, 0.0, 0.0), (0.5, -0.3, 0.1))).motor_proof
+    assert proof is not None
+    assert bent.action.startswith("Reboot and fly once. Run attlog health again: compensated for the motors")
+    assert f"by {proof.after:.0f} deg instead of {proof.before:.0f}." in bent.action
+
+
+def test_motors_whose_field_is_vertical_turn_no_heading() -> None:
+    _, bent = answers(samples((0.0, 0.0, 0.0), (0.0, 0.0, 0.4)))
+    assert bent.verdict != "ok"
+    assert not bent.action
+
+
+def test_of_bent_compasses_all_say_to_use_the_one_that_a_compensation_mends() -> None:
+    """The other one, bent by the place, has none that helps."""
+    mends, place = samples((0.0, 0.0, 0.0), (0.5, -0.3, 0.1)), samples((0.0, 3.0, 0.0), (0.4, 0.0, 0.0))
+    studies = [study(place), study(mends)]
+    studies[0] = replace(studies[0], before=None)
+    answered = [motors.assessed(case_of(empty_log()), one) for one in studies]
+    one, two = motors.advised(answered, studies)
+    assert two == answered[1]
+    assert one.action.endswith(f"Then use {two.sensor}.")
+    assert "compensated for the motors" in one.action
+    assert motors.advised(answered[:1], studies[:1]) == answered[:1], "none is mended"
