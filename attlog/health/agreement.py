@@ -64,7 +64,7 @@ def agreed(log: FlightLog, checks: Iterable[Check], health: Iterable[Assessment]
 def _answered(check: Check, answer: Assessment) -> Check:
     if answer.question == RATIOS and "ok" not in (check.verdict, answer.verdict) and check.verdict in ORDER:
         return replace(check, verdict=answer.verdict)  # its own sentence tells when, and by how much
-    verdict = answer.verdict
+    verdict: str = answer.verdict
     if check.name in SPOILS and verdict == "fault":
         verdict = check.verdict if check.verdict in ORDER[1:] else "warning"
     same = check.verdict == verdict
