@@ -137,8 +137,8 @@ def estimate(
 
     The result stands at the input's own good samples; what was left out is counted in
     ``skipped``. North is magnetic unless ``declination`` is given, and without ``mag`` where the first heading
-    pointed. Equations and sources of each: docs/estimators.md, ``attlog estimators NAME``. UsageError for wrong shapes,
-    names or values, or a missing sensor; PluginError and PluginTimeout of estimators that are not attlog's.
+    pointed. Equations and sources of each: ``attlog estimators NAME``. UsageError for wrong shapes, names or values,
+    or a missing sensor; PluginError and PluginTimeout of estimators that are not attlog's.
     """
     row = parse(name) if isinstance(name, str) else name if isinstance(name, EstimatorSpec) else EstimatorSpec(name)
     estimator = row.estimator

@@ -16,7 +16,7 @@ Index = NDArray[np.int64]
 
 SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1
 NEIGHBOURS, NEIGHBOUR_FACTOR = 10, 4.0
-"""Tried on simulated flights: they find all counted resets; agile flights show 0 to 1 false ones (docs/metrics.md)."""
+"""Tried on simulated flights: they find all counted resets; agile flights show 0 to 1 false ones."""
 CHUNK = 50_000
 """Intervals per pass: temporaries of long logs stay small."""
 

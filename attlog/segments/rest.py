@@ -24,7 +24,7 @@ FORCE_STD_M_S2 = 0.15
 MEAN_RATE_DPS = 0.3
 NEIGHBOURS_S = 30.0
 LONG_S, SHORT_S, IDLE_S = 10.0, 2.0, 1.0
-"""Tried on simulated flights with truth and on real logs (docs/metrics.md)."""
+"""Tried on simulated flights with truth and on real logs."""
 IDLE_RATE_DPS = 1.0
 IDLE_OFFSET_DPS = 3.0
 """Rates up to here may be the gyro's own offset where no rest tells it."""
