@@ -44,8 +44,8 @@ def paper(options: PaperOptions) -> Paper:
             "gains; whether they print yaw's is not in hand, ours are stated.",
             "Which EKF the paper compares with is not said. Here it is the one of Fan's paper of the same field, 12 "
             "states (ekf12@fan), and beside it one that estimates biases and expects accelerations (mekf).",
-            "The filter's equations are read as `attlog estimators mahony_dcm` says: signs tested on motion, the dot of "
-            "the renormalisation added, the heading error with its sign and its factor cos(dip).",
+            "The filter's equations are read as `attlog estimators mahony_dcm` says: signs tested on motion, the dot "
+            "of the renormalisation added, the heading error with its sign and its factor cos(dip).",
         ),
         seeds=options.seeds,
     )
