@@ -4,7 +4,7 @@
 
 BATCH_DIR is the folder of an `attlog batch` run. From its records come seconds of CPU and peak memory per log, each
 fitted as a constant plus a slope over the log's size (least squares), and the median sizes of report, JSON and
-record. The table of docs/clusters.md comes from three simulated flights at full logging rates:
+record. The numbers of docs/clusters.md come from three simulated flights at full logging rates:
 
     for s in 110 300 600; do attlog simulate hover --set seconds=$s -o long/hover-$s.ulg; done
     attlog batch long -o measured -j 1 && python benchmarks/million.py measured
