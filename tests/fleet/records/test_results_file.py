@@ -21,6 +21,7 @@ from tests.report.conftest import make_result
 
 def flown(name: str = "a.ulg", **log: object) -> Entry:
     made = make_result(with_traces=False)
+    made.health = []
     made.log |= {"name": name} | log
     return Entry(f"logs/{name}", name, row=index_row(made))
 
