@@ -88,7 +88,7 @@ def test_the_best_are_marked_and_what_was_not_compared_is_told_apart():
 def healthy(width=80, verbose=False):
     """What is printed of a flight in which nothing went wrong."""
     result = make_result()
-    result.findings, result.events = [], []
+    result.findings, result.events, result.health = [], [], []
     result.headline = "Quadrotor, PX4 1.15.4: flew 36 to 140 s, up to 6 m and 23° of tilt, landed. Nothing went wrong."
     return [line.text for line in printed(result, "all", width, "utf-8", verbose)]
 
