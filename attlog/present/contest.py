@@ -12,7 +12,7 @@ from attlog.result import Answer, EstimatorRow, Result
 THE_BASELINE = "the gyro alone, shown for comparison"
 BY_ITSELF = ("noise_", "drift_rest_")
 """Columns in which a row is compared with nothing but itself."""
-NOT_COMPARED = "too little of what it was measured on is shared with the other filters"
+NOT_COMPARED = "too little data in common"
 
 
 @dataclass(slots=True)
@@ -105,6 +105,12 @@ class ColumnRanking:
     def filters(self) -> list[RankedValue]:
         """Replayed rows with a value, the baseline left out."""
         return [j for j in self.judged if j.replay and not is_baseline(j.row)]
+
+    @property
+    def compared(self) -> str:
+        """How many rows were compared: ``7 filters``, ``5 ranked filters`` where the table has others too."""
+        every = len(self.filters) + sum(a.row.kind == "replay" and not is_baseline(a.row) for a in self.absent)
+        return f"{len(self.ranked)} {'filters' if every == len(self.ranked) else 'ranked filters'}"
 
     @property
     def onboard(self) -> RankedValue | None:

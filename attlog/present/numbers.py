@@ -8,6 +8,7 @@ to show is "<0.001", never 0.
 from __future__ import annotations
 
 import math
+import re
 
 MINUS = "\u2212"
 
@@ -75,6 +76,19 @@ def quantity(value: float | None, unit: str = "", signed: bool | None = None) ->
     if not text or not sign:
         return text
     return text + sign if sign.startswith(("°", "×")) else f"{text} {sign}"
+
+
+def between(low: str, high: str) -> str:
+    """Two quantities as a range, the unit once, one quantity where both read the same: ``0.4 to 1.2°``, ``up to 3 ms``.
+
+    What is too small to show is no end of a range.
+    """
+    if low == high:
+        return high
+    if low.startswith("<"):
+        return f"up to {high}"
+    unit = re.search(r"[^\d.,]*$", high)
+    return f"{low.removesuffix(unit[0]) if unit else low} to {high}"
 
 
 def below(value: float, unit: str = "") -> str:

@@ -25,9 +25,7 @@ def test_several_leaders_do_not_differ_significantly_and_nobody_is_worst_unless_
 
 def test_where_everybody_is_best_nobody_is_named():
     rows = [row(n, noise(v)) for n, v in (("ekf12", 0.047), ("vqf", 0.06), ("mahony", 0.08), ("madgwick", 0.09))]
-    assert sentence("noise", made(rows)) == (
-        "No significant difference: 0.047° to 0.090° (1 sigma within 5 s) at rest."
-    )
+    assert sentence("noise", made(rows)) == ("No significant difference: 0.047 to 0.090° (1 sigma within 5 s) at rest.")
 
 
 @pytest.mark.parametrize(

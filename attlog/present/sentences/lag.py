@@ -51,9 +51,9 @@ def says(result: Result, lag: ColumnRanking) -> str:
     if slow:
         parts.append(f"{lagging(result, lag, slow)} {against}")
     if early:
-        parts.append(ahead(result, early, ranked, "" if slow else f" {against}"))
+        parts.append(ahead(result, early, lag, "" if slow else f" {against}"))
     if rest and parts:
-        who = some(rest, len(ranked)) if len(rest) <= NAMED else f"the other {len(rest)} filters"
+        who = some(rest, lag) if len(rest) <= NAMED else f"the other {len(rest)} filters"
         parts.append(f"No significant lag of {who}: less than {bound(rest)}")
     elif rest:
         who = rest[0].name if len(rest) == 1 else f"{len(rest)} filters"
@@ -74,8 +74,8 @@ def lagging(result: Result, lag: ColumnRanking, slow: list[RankedValue]) -> str:
     if lag.worst is not None and lag.worst.row.name == slowest[0].row.name:
         most, others = slowest[0], slowest[1:]
         text = f"{most.name} lags most: {most.text}{most.interval}{sample(result, most)}"
-        return f"{text}; {some(others, len(lag.ranked))} by {values(others[::-1])}"
-    return f"{some(slow, len(lag.ranked))} lag by {values(slow)}"
+        return f"{text}; {some(others, lag)} by {values(others[::-1])}"
+    return f"{some(slow, lag)} lag by {values(slow)}"
 
 
 def sample(result: Result, judged: RankedValue) -> str:
@@ -86,12 +86,12 @@ def sample(result: Result, judged: RankedValue) -> str:
     return f", one sample of this log's {number(rate, 'Hz')} Hz IMU,"
 
 
-def ahead(result: Result, early: list[RankedValue], ranked: list[RankedValue], against: str) -> str:
+def ahead(result: Result, early: list[RankedValue], lag: ColumnRanking, against: str) -> str:
     """Rows that come before what they are compared with: if all filters do, that itself lags."""
-    who = some(early, len(ranked))
+    who = some(early, lag)
     text = f"{who} {'is' if len(early) == 1 else 'are'} ahead: {values(early)}{against}"
     flew = result.reference is not None and result.reference.choice == "onboard"
-    return f"{text}. The onboard attitude itself lags" if flew and len(early) == len(ranked) > 1 else text
+    return f"{text}. The onboard attitude itself lags" if flew and len(early) == len(lag.ranked) > 1 else text
 
 
 def late_imu(result: Result) -> str:
@@ -131,7 +131,7 @@ def step_part(result: Result, step: ColumnRanking) -> str:
     parts = [still(wrong, percent, len(filters))] if wrong else []
     if least:
         are = "is" if len(least) == 1 else "are"
-        parts.append(f"{some(least, len(filters))} {are} least off, {values(least)}")
+        parts.append(f"{some(least, step)} {are} least off, {values(least)}")
     parts += [off(others, all_of_them=not wrong and not least)] if others else []
     return f" {AFTER} after a step ({movements(filters)}) {'; '.join(parts)}."
 

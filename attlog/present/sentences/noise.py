@@ -85,7 +85,7 @@ def clause(found: ColumnRanking) -> str:
     adds = "adds" if len(found.best) == 1 else "add"
     own = gyro_wander(found)
     beside = f" (the gyro's own wander is about {own})" if own and len(found.best) > 1 else ""
-    return f"{some(found.best, len(found.ranked))} {adds} least, {values(found.best)}{beside}"
+    return f"{some(found.best, found)} {adds} least, {values(found.best)}{beside}"
 
 
 def notes(shown: list[ColumnRanking]) -> list[str]:
