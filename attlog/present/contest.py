@@ -109,8 +109,12 @@ class ColumnRanking:
     @property
     def compared(self) -> str:
         """How many rows were compared: ``7 filters``, ``5 ranked filters`` where the table has others too."""
-        every = len(self.filters) + sum(a.row.kind == "replay" and not is_baseline(a.row) for a in self.absent)
-        return f"{len(self.ranked)} {'filters' if every == len(self.ranked) else 'ranked filters'}"
+        return f"{len(self.ranked)} {'filters' if self.total == len(self.ranked) else 'ranked filters'}"
+
+    @property
+    def total(self) -> int:
+        """How many filters the table has, the baseline left out."""
+        return len(self.filters) + sum(a.row.kind == "replay" and not is_baseline(a.row) for a in self.absent)
 
     @property
     def onboard(self) -> RankedValue | None:

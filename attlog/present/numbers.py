@@ -34,6 +34,10 @@ SIGNED = ("deg/min", "ms")
 """Where the sign is the message: which way it drifts, whether it lags or leads."""
 
 
+FACTOR, NOT_COMPARABLE = 10.0, 100.0
+"""Ratios from the first on are written as factors; beyond the second two values have nothing in common."""
+
+
 def unit_sign(unit: str) -> str:
     """The unit as people write it: ``deg/min`` is °/min."""
     return UNITS.get(unit, unit)
@@ -76,6 +80,20 @@ def quantity(value: float | None, unit: str = "", signed: bool | None = None) ->
     if not text or not sign:
         return text
     return text + sign if sign.startswith(("°", "×")) else f"{text} {sign}"
+
+
+def change(ratio: float, *, signed: bool = True) -> str:
+    """A ratio as the change that it is: ``−24 %``, from ten on the factor (``12 times``), beyond 100 in either
+    direction that it cannot be compared. A change too small to show is ``<0.1 %``."""
+    if not 1.0 / NOT_COMPARABLE <= ratio <= NOT_COMPARABLE:
+        return "not comparable"
+    if ratio >= FACTOR:
+        return f"{ratio:.0f} times"
+    size = abs(100.0 * (ratio - 1.0))
+    text = f"{size:.{0 if size >= 9.95 else 1}f}"
+    if float(text) == 0.0:
+        return "<0.1 %" if size > 0.0 else "0 %"
+    return f"{'' if not signed else MINUS if ratio < 1.0 else '+'}{text} %"
 
 
 def between(low: str, high: str) -> str:

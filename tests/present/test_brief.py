@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from attlog.present.sentences.brief import BriefAnswer, brief_answers
 from attlog.result import Check, Result
 from tests.present.made import DRIFT_REST, LAG, NOISE, TILT, absent, drift, lag, noise, result, row, tilt

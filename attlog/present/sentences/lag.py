@@ -132,7 +132,7 @@ def step_part(result: Result, step: ColumnRanking) -> str:
     if least:
         are = "is" if len(least) == 1 else "are"
         parts.append(f"{some(least, step)} {are} least off, {values(least)}")
-    parts += [off(others, all_of_them=not wrong and not least)] if others else []
+    parts += [off(others, all_of_them=len(others) == step.total)] if others else []
     return f" {AFTER} after a step ({movements(filters)}) {'; '.join(parts)}."
 
 
@@ -171,7 +171,7 @@ def off(judged: list[RankedValue], *, all_of_them: bool) -> str:
     """How far rows are off, in degrees."""
     if len(judged) <= NAMED:
         return f"{listed([j.name for j in judged])} {'is' if len(judged) == 1 else 'are'} off by {values(judged)}"
-    return f"{'all' if all_of_them else 'the other'} {len(judged)} filters are off by {values(judged)}"
+    return f"{'all ' if all_of_them else ''}{len(judged)} filters are off by {values(judged)}"
 
 
 def notes(result: Result, lag: ColumnRanking) -> list[str]:

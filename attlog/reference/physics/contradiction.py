@@ -131,7 +131,7 @@ def _judged(
     if right > RIGHT_M_S2 or wrong < WRONG_M_S2:
         return None
     angle = float(np.median(angles[longest]))
-    who = f"all {len(filters)}" if len(near) == len(filters) else f"{len(near)} of {len(filters)}"
+    who = "all" if len(near) == len(filters) else "most"
     fault = (
         f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree with each other, and by them the mean "
         "force is gravity"
