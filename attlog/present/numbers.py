@@ -96,6 +96,12 @@ def change(ratio: float, *, signed: bool = True) -> str:
     return f"{'' if not signed else MINUS if ratio < 1.0 else '+'}{text} %"
 
 
+def change_end(ratio: float, *, signed: bool = True) -> str:
+    """The same of the end of an interval: ``over 100 times`` where the value itself may be comparable."""
+    text = change(ratio, signed=signed)
+    return text if text != "not comparable" else "over 100 times" if ratio > 1.0 else f"{MINUS * signed}99 %"
+
+
 def between(low: str, high: str) -> str:
     """Two quantities as a range, the unit once, one quantity where both read the same: ``0.4 to 1.2°``, ``up to 3 ms``.
 

@@ -10,7 +10,7 @@ from attlog.compare.differences.paired import Direction
 from attlog.compare.differences.questions import PLACES
 from attlog.metrics import definitions
 from attlog.metrics.base import Wording, named
-from attlog.present.numbers import MINUS, change, decimals, number, unit_sign
+from attlog.present.numbers import MINUS, between, change, change_end, decimals, number, unit_sign
 
 TURNED: dict[Direction, Direction] = {"better": "worse", "worse": "better"}
 """The direction of a difference as the other one sees it, where that is another."""
@@ -125,9 +125,10 @@ def span(view: DirectedDifference) -> str:
     """The interval of a difference as it stands in the table: ``−31 to −15 %``; empty without one."""
     if view.ci95 is None:
         return ""
+    if view.question.scale == "ratio":
+        return between(*map(change_end, view.ci95))
     low, high = (signed(end, view.question) for end in view.ci95)
-    unit = "%" if view.question.scale == "ratio" else unit_sign(view.question.unit)
-    return f"{low.removesuffix(unit).rstrip() if high.endswith(unit) else low} to {high}"
+    return f"{low.removesuffix(unit_sign(view.question.unit)).rstrip()} to {high}"
 
 
 def favour(view: DirectedDifference) -> str:
@@ -160,8 +161,8 @@ def clause(view: DirectedDifference, other: str) -> str:
     if size == "not comparable":
         return f"is {size} with {other} in {subject_of(question)}"
     ends = None if view.ci95 is None else sorted(view.ci95, key=lambda x: _size(x, question))
-    between = "" if ends is None else f"{amount(ends[0], question)} to {amount(ends[1], question)}"
-    inside = ", ".join(p for p in (between, count) if p)
+    reach = "" if ends is None else f"{amount(ends[0], question)} to {amount(ends[1], question)}"
+    inside = ", ".join(p for p in (reach, count) if p)
     word = words.more if view.direction == "better" else words.less
     tail = f" ({inside})" if inside else ""
     return f"{words.verb} {size} {word} than {other}{tail}"
