@@ -40,21 +40,22 @@ class CompareOptions:
 
     metric: Annotated[
         list[str] | None,
-        typer.Option(metavar="ID|all", help="Compare by this metric; may be repeated. [default: the main ones]"),
+        typer.Option(metavar="ID|all", help="Compare by this metric; repeat it for more. [default: the main ones]"),
     ] = None
     window: Annotated[
         str | None,
         typer.Option(
             metavar="W",
             autocompletion=completion.windows,
-            help="Look here only: all, rest, airborne, hover, cruise, ... or T0:T1 (s). [default: by question]",
+            help="Compare in this window: all, rest, airborne, hover, cruise, idle or T0:T1 (s). [default: by "
+            "question]",
         ),
     ] = None
     params: Annotated[
         Path | None,
         typer.Option(
             metavar="NEW.param",
-            help="Run the firmware's own filters with the parameters of this file too. [default: none]",
+            help="Use the parameters of this file for the firmware's own filters, beside the log's. [default: none]",
         ),
     ] = None
     name: Annotated[str, typer.Option(metavar="NAME", help="Call the files this.")] = "compare"
@@ -68,7 +69,8 @@ def command(
         typer.Argument(
             metavar="LOG... CONFIGURATION...",
             show_default=False,
-            help="Logs, folders, patterns; NAME[@PRESET][:key=value,...], FILE.py, filters.toml, estimate.csv.",
+            help="Compare these filters on these logs: NAME[@PRESET][:key=value,...], FILE.py, filters.toml, "
+            "estimate.csv.",
         ),
     ],
     options: ComparisonOptions,

@@ -38,8 +38,8 @@ SettingWords = Annotated[
     typer.Argument(
         metavar="LOG... FILTER [NAME=VALUES...]",
         show_default=False,
-        help="Logs, folders, quoted patterns; a filter as in analyze; what to vary: kp=0.6,1.1,2 (values), "
-        "ki=0..0.05/6 (6 values, even steps), ki=1e-4..0.1/7log (equal factors), mag_form=heading,vector (a switch).",
+        help="Vary these parameters of this filter on these logs: kp=0.6,1.1,2 (values), ki=0..0.05/6 (6 even steps), "
+        "ki=1e-4..0.1/7log (equal factors), mag_form=heading,vector (a switch).",
     ),
 ]
 MetricList = Annotated[
@@ -47,7 +47,7 @@ MetricList = Annotated[
     typer.Option(
         "--metric",
         metavar="METRIC[@WINDOW]",
-        help="What is measured, the first decides; more by repeating it. [default: " + ", ".join(METRICS) + "]",
+        help="Compare by this metric, the first decides; repeat it for more. [default: " + ", ".join(METRICS) + "]",
     ),
 ]
 

@@ -36,8 +36,8 @@ TuneWords = Annotated[
     typer.Argument(
         metavar="LOG... FILTER [NAME=LOW..HIGH[log]...]",
         show_default=False,
-        help="Logs, folders, quoted patterns; a filter as in analyze; which gains between what. Without any: all that "
-        "it has, a factor of 20 around their defaults.",
+        help="Tune this filter on these logs between these gains. Without any: all that it has, a factor of 20 "
+        "around the defaults.",
     ),
 ]
 
@@ -54,9 +54,7 @@ def command(
             "METRIC[@WINDOW], with weights. [default: tilt=1, with a magnetometer heading=1 too]",
         ),
     ] = None,
-    seed: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Another seed, another search; the same one repeats it.")
-    ] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed the search; the same seed repeats it.")] = 0,
 ) -> None:
     """Find gains that hold on logs they were not found on.
 
