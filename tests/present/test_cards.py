@@ -17,8 +17,8 @@ from attlog.result import Verdict
         ("No filter can be ranked: a (diverged).", "No filter can be ranked:"),
         ("Nothing", "Nothing"),
         (
-            "A wanders least: 0.1° (1 sigma; 0.1 to 0.2) at rest; more.",
-            "A wanders least: 0.1° (1 sigma; 0.1 to 0.2) at rest;",
+            "A has the least noise: 0.1° (1 sigma; 0.1 to 0.2) at rest; more.",
+            "A has the least noise: 0.1° (1 sigma; 0.1 to 0.2) at rest;",
         ),
     ],
 )

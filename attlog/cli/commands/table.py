@@ -118,7 +118,7 @@ def _notes(found: Across, failed: int) -> None:
     if found.twice:
         to_stderr(
             f"attlog: {counted(found.twice, 'result')} left out: of a log that comes twice the newest one counts"
-            " (--by batch keeps batches apart)"
+            " (--by batch lists each batch)"
         )
     against = references(found)
     if len(against) > 1:

@@ -32,9 +32,9 @@ class LogOptions:
             help="Run these filters, with commas: default, all, NAME[@PRESET][:k=v,...], FILE.py. [default: default]",
         ),
     ] = None
-    imu: Annotated[str | None, typer.Option(metavar="N|all", help="Replay this IMU. [default: the one that flew]")] = (
-        None
-    )
+    imu: Annotated[
+        str | None, typer.Option(metavar="N|all", help="Replay this IMU. [default: the one used in flight]")
+    ] = None
     mag: Annotated[
         str | None, typer.Option(metavar="N|none", help="Replay this magnetometer. [default: the log's choice]")
     ] = None

@@ -123,4 +123,4 @@ def why_never_airborne(case: Case) -> str:
     """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
     if not case.log.kind.flies:
         return f"a {case.log.vehicle} does not fly"
-    return "the vehicle was never airborne (as far as the log tells)"
+    return "the vehicle was never airborne (as far as the log shows)"

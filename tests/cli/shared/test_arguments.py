@@ -77,7 +77,7 @@ def test_help_is_plain_and_loses_no_bracket(attlog, command):
     assert [line for line in done.out.splitlines() if line != line.rstrip()] == []
     if command == "analyze":
         text = " ".join(done.out.split())
-        for told in ("NAME[@PRESET][:k=v,...]", "[default: the one that flew]", "[default: reports]"):
+        for told in ("NAME[@PRESET][:k=v,...]", "[default: the one used in flight]", "[default: reports]"):
             assert told in text
 
 
