@@ -15,9 +15,9 @@ from attlog.result import EstimatorRow, Result, Verdict
 from tests.present.made import DRIFT_REST, HEADING, LAG, NOISE, TILT
 
 TROUBLE = ("warning", "fault")
-ABOUT_NOTHING = {"deg/min": 15.0, "ms": 50.0}
-"""Bounds above these exclude nothing that anybody would assume."""
-BOUND = re.compile(r"(?:less than|below) (?:[\d.,]+(?:°/min)? to )?([\d.,]+) ?(°/min|ms)")
+ABOUT_NOTHING = 15.0
+"""A drift below more than this, deg/min, may be any; a lag that may be any has no value to begin with."""
+BOUND = re.compile(r"(?:less than|below) (?:[\d.,]+(?:°/min)? to )?([\d.,]+)°/min")
 OF = re.compile(r"\b(?:[Aa]ll|\d+ of) (\d+) (ranked )?filters")
 LARGEST = ("is farthest", "agrees least", "has the most noise", "adds the most noise", "lags most", "drifts most")
 JUMPS = re.compile(r"[Hh]eading jumped|[Aa]ttitude jumped|jumped in (?:heading|tilt)")
@@ -63,10 +63,9 @@ def empty_bounds(result: Result, verdict: Verdict) -> Iterator[str]:
 
 def bounds_of(said: str) -> Iterator[str]:
     """Bounds in a text that exclude nothing."""
-    for bound, sign in BOUND.findall(re.sub(r" to show even [^;.]*", "", said)):
-        unit = "ms" if sign == "ms" else "deg/min"
-        if float(bound.strip(".,").replace(",", "")) > ABOUT_NOTHING[unit]:
-            yield f"the bound {bound} {sign} excludes nothing"
+    for bound in BOUND.findall(re.sub(r" to show even [^;.]*", "", said)):
+        if float(bound.strip(".,").replace(",", "")) > ABOUT_NOTHING:
+            yield f"the bound {bound}°/min excludes nothing"
 
 
 def largest_of_all(result: Result, verdict: Verdict) -> Iterator[str]:

@@ -57,6 +57,13 @@ def words(sentence: str) -> list[int]:
     return [len(part.split()) for part in re.split(r"(?<=[.;])\s+", bare)]
 
 
+def is_old(text: str) -> bool:
+    """Whether a text has an old word that no metric is called by."""
+    for own in OWN_WORDS:
+        text = text.replace(own, "")
+    return FORBIDDEN.search(text) is not None
+
+
 def spoken(source: str) -> Iterator[str]:
     """Every string of several words in a file of Python that is no docstring."""
     tree = ast.parse(source)
@@ -77,7 +84,7 @@ def test_no_string_for_people_has_an_old_word(room: str) -> None:
         f"{path.name}: {text}"
         for path in (Path(attlog.__file__).parent / room).rglob("*.py")
         for text in spoken(path.read_text(encoding="utf-8"))
-        if FORBIDDEN.search(text) and not any(own in text for own in OWN_WORDS)
+        if is_old(text)
     }
     assert not found
 
@@ -87,7 +94,7 @@ def test_old_words_stand_nowhere(name: str) -> None:
     result = analysed(name)
     document = plain(result) | {"definitions": result.definitions}
     lines = [line.text for line in printed(result, "all", 1000, "utf-8", verbose=True)]
-    found = {text for text in (*texts(document), *lines) if FORBIDDEN.search(text)}
+    found = {text for text in (*texts(document), *lines) if is_old(text)}
     assert not found
 
 
