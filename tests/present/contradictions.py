@@ -176,7 +176,7 @@ def figures(result: Result, verdict: Verdict) -> Iterator[str]:
     known |= set() if own is None else {number(own, "deg", False)}
     shares = {a.gyro_share for row in result.estimators for m in row.metrics.values() for a in m.values()}
     known |= {number(float(f"{share:.1g}"), "deg") for share in shares} if verdict.question == "noise" else set()
-    said = re.sub(r"^Do not rely on this, .*?\. (?=[A-Z])", "", verdict.sentence)
+    said = re.sub(r"^Unreliable, .*?\. (?=[A-Z])", "", verdict.sentence)
     said = said.removesuffix(caveat_part(result))  # the reference's own numbers
     said = re.sub(r" to show even [^;.]*", "", said)  # what is known without the log
     for m in NUMBER.finditer(said):

@@ -147,13 +147,13 @@ def still(wrong: list[RankedValue], percent: dict[str, float], of: int) -> str:
     if len(wrong) > NAMED:
         shares = sorted(abs(percent[j.row.name]) for j in wrong)
         ends = f"{number(shares[0], '%')} to {quantity(shares[-1], '%')}"
-        return f"{len(wrong)} of {of} filters are still off by {ends} of it ({values(wrong)})"
+        return f"{len(wrong)} of {of} filters are off by {ends} of it ({values(wrong)})"
     said = []
     for k, j in enumerate(wrong):
         same = k > 0 and (percent[j.row.name] < 0) == (percent[wrong[k - 1].row.name] < 0)
         text = quantity(abs(percent[j.row.name]), "%") if same else short(percent[j.row.name])
         said.append(f"{j.name} {'' if same else 'is still '}{text} ({j.text})")
-    return listed(said)
+    return listed(said) if len({percent[j.row.name] < 0 for j in wrong}) == 1 else "; ".join(said)
 
 
 def share(judged: RankedValue, window: str) -> float:

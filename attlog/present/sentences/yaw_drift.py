@@ -107,7 +107,7 @@ def bounds(still: list[RankedValue]) -> str:
     """What these drifts stay below, a range where the bounds differ much; what is possible where that says nothing."""
     ends = sorted(max(map(abs, j.ends)) for j in still)
     if ends[-1] > EXCLUDES_NOTHING:
-        return f"up to {bound(still)} is possible"
+        return f"up to {bound(still)} possible"
     if ends[-1] <= BOUNDS_DIFFER * ends[0]:
         return f"less than {bound(still)}"
     return f"less than {below(ends[0], 'deg/min')} to {below(ends[-1], 'deg/min')}"

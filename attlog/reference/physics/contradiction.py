@@ -132,10 +132,7 @@ def _judged(
         return None
     angle = float(np.median(angles[longest]))
     who = "all" if len(near) == len(filters) else "most"
-    fault = (
-        f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree with each other, and by them the mean "
-        "force is gravity"
-    )
+    fault = f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree, and their mean force is gravity"
     text = (
         f"Filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
