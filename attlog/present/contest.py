@@ -87,10 +87,12 @@ class ColumnRanking:
     ``best`` are the rows that no row is significantly better than, empty where that is
     everybody (too close to rank) or where one row stands alone; ``worst`` is the one
     that is worst. The baseline and the onboard attitude are among ``judged`` and never in these.
+    ``total``: how many filters the table has, the baseline left out.
     """
 
     metric: str
     window: str
+    total: int
     judged: list[RankedValue] = field(default_factory=list)
     absent: list[MissingValue] = field(default_factory=list)
     best: list[RankedValue] = field(default_factory=list)
@@ -112,11 +114,6 @@ class ColumnRanking:
         return f"{len(self.ranked)} {'filters' if self.total == len(self.ranked) else 'ranked filters'}"
 
     @property
-    def total(self) -> int:
-        """How many filters the table has, the baseline left out."""
-        return len(self.filters) + sum(a.row.kind == "replay" and not is_baseline(a.row) for a in self.absent)
-
-    @property
     def onboard(self) -> RankedValue | None:
         """The onboard attitude, unless this column compares all rows with it."""
         by_itself = self.metric.startswith(BY_ITSELF)
@@ -130,7 +127,8 @@ class ColumnRanking:
 def contest(result: Result, metric: str, windows: tuple[str, ...]) -> ColumnRanking:
     """The column of a metric in the first of the windows in which a filter has a value."""
     window = window_of(result, metric, windows)
-    found = ColumnRanking(metric, window)
+    every = sum(row.kind == "replay" and not is_baseline(row) for row in result.estimators)
+    found = ColumnRanking(metric, window, every)
     for row in result.estimators:
         answer = row.metrics.get(window, {}).get(metric)
         if answer is None:

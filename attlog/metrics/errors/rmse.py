@@ -105,7 +105,7 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
                 size.pieces or 1,
                 duration,
                 ci95,
-                f"{STATISTICS[name]}, {size.pieces} pieces" if size.pieces else STATISTICS[name],
+                f"{STATISTICS[name]}, {size.pieces} segments" if size.pieces else STATISTICS[name],
                 reason=why,
                 ranked=why is None,
                 detail={"samples": count},
