@@ -39,7 +39,7 @@ def length(result: Result) -> str:
     """How long the log is, and how much of it was flown."""
     flown = (result.log.get("seconds") or {}).get("airborne")
     whole = duration(result.log.get("duration_s"))
-    return f"{whole}, {duration(flown)} in flight" if flown else f"{whole}, never in flight" if whole else ""
+    return f"{whole}, {duration(flown)} in flight" if flown else whole
 
 
 def rates(result: Result) -> str:

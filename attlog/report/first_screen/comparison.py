@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from attlog.present.contest import ColumnRanking, RankedValue, why_unranked
 from attlog.present.names import CODES
-from attlog.present.numbers import SIGNED, duration, interval, number, quantity
+from attlog.present.numbers import MINUS, SIGNED, duration, interval, number, quantity
 from attlog.present.sentences.brief import BriefAnswer, brief_answers
 from attlog.present.table.rows import is_baseline
 from attlog.report.first_screen.scale import DotScale, log_scale, zero_scale
@@ -21,6 +21,7 @@ TITLES = {
     "yaw_drift": ("Yaw drift", "part-drift"),
 }
 """What a column is called, and where its figures stand."""
+SAME_REASON = "Cannot be determined, for the same reason."
 PLACES = {"rest": "at rest", "hover": "added in hover", "cruise": "added in flight", "idle": "added with motors idling"}
 
 
@@ -38,7 +39,7 @@ class Dot:
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class QuestionColumn:
     """A column. ``empty``: this log cannot answer it, the sentence says why. ``ticks``: place and label."""
 
     id: str
@@ -54,22 +55,25 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class FourQuestions:
     """Rows (ids, from top to bottom) and the four questions; ``nothing`` says why where none can be answered."""
 
     rows: list[str]
-    questions: list[Question]
+    questions: list[QuestionColumn]
     nothing: str = ""
 
 
-def comparison(result: Result, look: Mapping[str, Look]) -> Comparison:
+def comparison(result: Result, look: Mapping[str, Look]) -> FourQuestions:
     """The figure of a result."""
     answers = brief_answers(result)
     rows = in_order(result, answers["accuracy"].column)
     rows = [row for row in rows if row.name in look]
     found = [question(key, answers[key], rows) for key in TITLES]
     nothing = " ".join(dict.fromkeys(q.sentence for q in found)) if all(q.empty for q in found) else ""
-    return Comparison([row.name for row in rows], found, nothing)
+    for i, one in enumerate(found):
+        if one.empty and any(one.sentence == other.sentence for other in found[:i]):
+            found[i] = replace(one, sentence=SAME_REASON)
+    return FourQuestions([row.name for row in rows], found, nothing)
 
 
 def in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorRow]:
@@ -84,18 +88,17 @@ def in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorRow]:
     return sorted(shown, key=key)
 
 
-def question(key: str, answer: BriefAnswer, rows: list[EstimatorRow]) -> Question:
+def question(key: str, answer: BriefAnswer, rows: list[EstimatorRow]) -> QuestionColumn:
     """One column of all rows."""
     column = answer.column
     title, figures = TITLES[key]
     sentence = f"{answer.text} {answer.onboard}".strip()
     if not column.filters:
-        return Question(key, title, figures, "", sentence, True)
+        return QuestionColumn(key, title, figures, "", sentence, True)
     scale = scale_of(column)
     dots = [dot(row, column, scale) for row in rows]
-    unit = column.judged[0].answer.unit
     onboard = next((d.x for d, row in zip(dots, rows, strict=True) if row.name == "onboard"), None)
-    return Question(
+    return QuestionColumn(
         key,
         title,
         figures,
@@ -103,7 +106,7 @@ def question(key: str, answer: BriefAnswer, rows: list[EstimatorRow]) -> Questio
         sentence,
         False,
         dots,
-        [(scale.place(t), number(t, unit) if unit not in SIGNED else f"{t:g}".replace("-", "−")) for t in scale.ticks],
+        [(scale.place(t), f"{t:g}".replace("-", MINUS)) for t in scale.ticks],
         None if scale.log else scale.place(0.0),
         onboard,
     )

@@ -11,6 +11,8 @@ Span = tuple[float, float]
 
 FAR = 4.0
 """A value so many times the middle one is drawn at the edge."""
+APART = 22.0
+"""Percent of the width between two ticks, so that their labels do not touch in a narrow column."""
 EDGE = 3.0
 """Percent of the width left free at both ends."""
 LEAST = {"ms": 10.0, "deg/min": 1.0}
@@ -41,7 +43,11 @@ class DotScale:
     @property
     def ticks(self) -> list[float]:
         """Two to four round values: 1, 2 or 5 times a power of ten."""
-        return _decades(self.low, self.high) if self.log else _steps(self.low, self.high)
+        found: list[float] = []
+        for tick in _decades(self.low, self.high) if self.log else _steps(self.low, self.high):
+            if not found or self.place(tick) - self.place(found[-1]) >= APART:
+                found.append(tick)
+        return found
 
 
 def log_scale(values: Sequence[float], spans: Sequence[Span]) -> DotScale:

@@ -13,8 +13,7 @@ import numpy as np
 from attlog.present.events import LABELS
 from attlog.present.numbers import duration, moment
 from attlog.report.figures.marks import time_range
-from attlog.result import Result
-from attlog.story.event import Event
+from attlog.result import Event, Result
 
 HEIGHT = 60
 """Of the area of the curve, in its own units."""
@@ -22,8 +21,6 @@ LEAST_M = 1.0
 WIDE_PX, LETTER_PX, GAP_PX = 830.0, 6.6, 8.0
 """Labels are placed for a strip of a screen's width; a phone shows only those of serious events."""
 LEVELS = 3
-TOP_LABEL = (0.0, 45.0)
-"""On the second level stands how high it went."""
 MOST = 40
 ROUTINE = ("armed", "liftoff", "landing")
 """Kinds that get a mark though nothing is wrong with them."""
@@ -50,6 +47,7 @@ class Strip:
     curve: str
     top: str
     end: str
+    peak: float = 50.0
     air: list[tuple[float, float]] = field(default_factory=list)
     modes: list[tuple[float, float, str]] = field(default_factory=list)
     marks: list[Mark] = field(default_factory=list)
@@ -66,17 +64,19 @@ def strip(result: Result) -> Strip:
 
     air = [(place(a), place(b)) for a, b in line.get("airborne") or []]
     modes = [(place(a), place(b), fitting(str(name), place(b) - place(a))) for a, b, name in line.get("modes") or []]
-    curve, top = height(result, start, end)
-    marks = labelled([Mark(e.t, place(e.t), style(e), e.text, LABELS.get(e.kind, "")) for e in chosen(result.events)])
+    curve, top, highest = height(result, start, end)
+    peak = min(max(place(highest), 3.0), 97.0)
+    marks = [Mark(e.t, place(e.t), style(e), e.text, LABELS.get(e.kind, "")) for e in chosen(result.events)]
+    labelled(marks, peak if top else None)
     words = f"{duration(end - start)} of log" + (f", up to {top}" if top else "")
-    return Strip(curve, top, moment(end, 0), air, modes, marks, words)
+    return Strip(curve, top, moment(end, 0), peak, air, modes, marks, words)
 
 
-def height(result: Result, start: float, end: float) -> tuple[str, str]:
-    """The path of the height, and its largest in flight as text; both empty where it is unknown."""
+def height(result: Result, start: float, end: float) -> tuple[str, str, float]:
+    """The path of the height, its largest in flight as text, and when that was; texts are empty where unknown."""
     trace = next((t for t in result.traces if t.figure == "height"), None)
     if trace is None or not np.isfinite(trace.columns["height"]).any():
-        return "", ""
+        return "", "", start
     t, y = np.asarray(trace.t, np.float64), np.asarray(trace.columns["height"], np.float64)
     flying = np.zeros(len(t), bool)
     for a, b in (result.log.get("timeline") or {}).get("airborne") or []:
@@ -86,10 +86,9 @@ def height(result: Result, start: float, end: float) -> tuple[str, str]:
     x = np.clip(1000.0 * (t - start) / (end - start), 0.0, 1000.0)
     down = HEIGHT * (1.0 - np.clip(np.nan_to_num(y) / top, 0.0, 1.0))
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, down, strict=True))
-    return (
-        f"M{x[0]:.1f},{HEIGHT} L{points} {x[-1]:.1f},{HEIGHT}Z",
-        f"{most:.{0 if most >= 9.95 else 1}f} m" if most >= LEAST_M else "",
-    )
+    text = f"{most:.{0 if most >= 9.95 else 1}f} m" if most >= LEAST_M else ""
+    highest = float(t[np.nanargmax(np.where(flying, y, np.nan))]) if text else start
+    return f"M{x[0]:.1f},{HEIGHT} L{points} {x[-1]:.1f},{HEIGHT}Z", text, highest
 
 
 def chosen(events: list[Event]) -> list[Event]:
@@ -104,9 +103,14 @@ def style(event: Event) -> str:
     return {"serious": "bad", "warning": "warn"}.get(event.severity, "")
 
 
-def labelled(marks: list[Mark]) -> list[Mark]:
-    """Labels where they collide with none that matters more; a mark without room keeps its sentence only."""
-    taken: list[list[tuple[float, float]]] = [[TOP_LABEL] if level == 1 else [] for level in range(LEVELS)]
+def labelled(marks: list[Mark], peak: float | None = None) -> list[Mark]:
+    """Labels where they collide with none that matters more; a mark without room keeps its sentence only.
+
+    ``peak`` %: there the second level holds how high it went.
+    """
+    taken: list[list[tuple[float, float]]] = [[] for _ in range(LEVELS)]
+    if peak is not None:
+        taken[1].append((peak * WIDE_PX / 100.0 - 20.0, peak * WIDE_PX / 100.0 + 20.0))
     order = sorted(marks, key=lambda m: (-{"bad": 2, "warn": 1}.get(m.style, 0), m.t))
     said: set[tuple[str, str]] = set()
     for mark in order:

@@ -111,7 +111,7 @@ function printed() {
   let theme, opened = [];
   addEventListener('beforeprint', () => {
     theme = root.dataset.theme; printing = true; root.dataset.theme = 'light';
-    const whole = root.dataset.print === 'all' || !document.querySelector('.summary');
+    const whole = !summed();
     opened = whole ? [...document.querySelectorAll('details.inprint:not([open])')] : [];
     opened.forEach((d) => { d.open = true; });
     waiting.clear();
