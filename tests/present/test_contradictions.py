@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from attlog.metrics.answer import Answer, missing
+from attlog.present.contest import contest
 from attlog.present.sentences import verdicts
 from attlog.present.sentences.brief import BriefAnswer, brief_answers
 from attlog.result import Assessment, Check, EstimatorRow, Finding, Result
@@ -203,7 +204,10 @@ def test_a_finding_of_a_sensor_that_its_check_calls_ok_is_found():
 
 def test_a_number_of_a_short_answer_that_is_not_in_the_table_is_found(monkeypatch):
     made = told()
-    said = {q: BriefAnswer("At rest A 7.7°.") for q in ("accuracy", "noise", "lag", "yaw_drift")}
+    said = {
+        q: BriefAnswer("At rest A 7.7°.", contest(made, TILT, ("airborne",)))
+        for q in ("accuracy", "noise", "lag", "yaw_drift")
+    }
     monkeypatch.setattr("tests.present.disagreements.brief_answers", lambda result: said)
     assert wrong(made, "7.7 is no number of the table")
 

@@ -29,9 +29,10 @@ NO_ANSWER = "Cannot be determined: "
 
 @dataclass(frozen=True, slots=True)
 class BriefAnswer:
-    """An answer, and the same of the onboard attitude as a sentence of its own (may be empty)."""
+    """An answer from a column, and the same of the onboard attitude as a sentence of its own (may be empty)."""
 
     text: str
+    column: ColumnRanking
     onboard: str = ""
 
     def within(self, width: int) -> str:
@@ -41,7 +42,7 @@ class BriefAnswer:
 
     def led(self, warning: str) -> BriefAnswer:
         """The answer behind a warning."""
-        return BriefAnswer(warning + self.text, self.onboard)
+        return BriefAnswer(warning + self.text, self.column)
 
 
 def brief_answers(result: Result) -> dict[str, BriefAnswer]:
@@ -65,7 +66,7 @@ def _accuracy(result: Result) -> BriefAnswer:
     tilt = contest(result, TILT, AIR)
     if not tilt.ranked:
         return _unranked(tilt, "tilt ")
-    return BriefAnswer(f"Tilt: {_compared(tilt)}.", _onboard(tilt))
+    return BriefAnswer(f"Tilt: {_compared(tilt)}.", tilt, _onboard(tilt))
 
 
 def _noise(result: Result) -> BriefAnswer:
@@ -74,7 +75,7 @@ def _noise(result: Result) -> BriefAnswer:
     if not lead.ranked:
         return _unranked(lead)
     where = WHERE[lead.window] if lead.window == "rest" else f"added {WHERE[lead.window]}:"
-    return BriefAnswer(f"{where[0].upper()}{where[1:]} {_compared(lead)}.", _onboard(lead))
+    return BriefAnswer(f"{where[0].upper()}{where[1:]} {_compared(lead)}.", lead, _onboard(lead))
 
 
 def _lag(result: Result, lag: ColumnRanking) -> BriefAnswer:
@@ -90,7 +91,7 @@ def _lag(result: Result, lag: ColumnRanking) -> BriefAnswer:
         text = f"{_who(moved, lag)} {between(least, most)} ahead of onboard"
     else:
         text = _significant(moved, rest, lag)
-    return BriefAnswer(f"{text[0].upper()}{text[1:]} ({steps}).{late_imu(result)}", _onboard(lag))
+    return BriefAnswer(f"{text[0].upper()}{text[1:]} ({steps}).{late_imu(result)}", lag, _onboard(lag))
 
 
 def _yaw_drift(result: Result) -> BriefAnswer:
@@ -108,7 +109,7 @@ def _yaw_drift(result: Result) -> BriefAnswer:
     if still and max(abs(end) for j in still for end in j.ends) > EXCLUDES_NOTHING:
         possible = f"up to {bound(still)}"
         text = f"{_span(drifting)}; others uncertain ({possible})" if drifting else f"uncertain, {possible} is possible"
-    return BriefAnswer(f"{where} {text}.", _onboard(found))
+    return BriefAnswer(f"{where} {text}.", found, _onboard(found))
 
 
 def _compared(found: ColumnRanking) -> str:
@@ -159,10 +160,11 @@ def _unranked(found: ColumnRanking, what: str = "") -> BriefAnswer:
     sound = [j for j in found.filters if j.row.status == "ok"]
     if sound:
         why = typeset(why_unranked(sound[0])).partition(":")[0].removesuffix(" to rank")
-        return BriefAnswer(f"Not ranked ({why}): {what}{_range(sound)}.", _onboard(found))
+        return BriefAnswer(f"Not ranked ({why}): {what}{_range(sound)}.", found, _onboard(found))
     gone = {j.row.status for j in found.filters}
     if len(gone) == 1 and len(found.filters) > 1 and not found.absent:
         why = typeset(found.filters[0].row.reason) if "not_judged" in gone else ""
-        return BriefAnswer(f"{NO_ANSWER}{why or f'all {len(found.filters)} filters {NOT_JUDGED[gone.pop()]}'}.")
+        why = why or f"all {len(found.filters)} filters {NOT_JUDGED[gone.pop()]}"
+        return BriefAnswer(f"{NO_ANSWER}{why}.", found)
     why = why_not(found) if found.filters else commonest(found.absent)[1] or NONE
-    return BriefAnswer(f"{NO_ANSWER}{why.partition(';')[0]}.", _onboard(found))
+    return BriefAnswer(f"{NO_ANSWER}{why.partition(';')[0]}.", found, _onboard(found))
