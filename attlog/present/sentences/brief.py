@@ -18,7 +18,7 @@ from attlog.present.sentences.reasons import commonest, why_not
 from attlog.present.sentences.spoiled import SPOILING, spoiling
 from attlog.present.sentences.words import bound
 from attlog.present.sentences.yaw_drift import DRIFT_REST, EXCLUDES_NOTHING
-from attlog.present.table.rows import AIR, PHASES, REST
+from attlog.present.table.rows import AIR, PHASES, REST, is_baseline
 from attlog.present.text import typeset
 from attlog.result import Result
 
@@ -161,10 +161,10 @@ def _unranked(found: ColumnRanking, what: str = "") -> BriefAnswer:
     if sound:
         why = typeset(why_unranked(sound[0])).partition(":")[0].removesuffix(" to rank")
         return BriefAnswer(f"Not ranked ({why}): {what}{_range(sound)}.", found, _onboard(found))
-    gone = {j.row.status for j in found.filters}
-    if len(gone) == 1 and len(found.filters) > 1 and not found.absent:
-        why = typeset(found.filters[0].row.reason) if "not_judged" in gone else ""
-        why = why or f"all {len(found.filters)} filters {NOT_JUDGED[gone.pop()]}"
-        return BriefAnswer(f"{NO_ANSWER}{why}.", found)
+    rows = [j.row for j in found.filters] + [a.row for a in found.absent if a.row.kind == "replay"]
+    rows = [row for row in rows if not is_baseline(row)]
+    if len(rows) == found.total > 1 and rows[0].status != "ok" and all(row.status == rows[0].status for row in rows):
+        why = typeset(rows[0].reason) if rows[0].status == "not_judged" else ""
+        return BriefAnswer(f"{NO_ANSWER}{why or f'all {len(rows)} filters {NOT_JUDGED[rows[0].status]}'}.", found)
     why = why_not(found) if found.filters else commonest(found.absent)[1] or NONE
     return BriefAnswer(f"{NO_ANSWER}{why.partition(';')[0]}.", found, _onboard(found))
