@@ -64,7 +64,7 @@ def one_step(traces: list[Trace], names: Rows, store: Store, result: Result) -> 
 
 
 def all_steps(traces: list[Trace], names: Rows, band: str) -> PageFigure:
-    """Median of every filter over all steps, the axis to be chosen; the middle 80 % of one filter, ``band`` at first."""
+    """Median of every filter over all steps, the axis to be chosen; the middle 80 % of one, ``band`` at first."""
     keys = list(dict.fromkeys(t.key for t in traces))
     views, called = [], []
     for key in keys:
