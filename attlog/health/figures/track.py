@@ -23,15 +23,17 @@ FEWEST = 10
 FIX_3D = 3
 M_PER_DEG = 6371008.8 * math.pi / 180.0
 """Of latitude on a sphere of the earth's mean radius; a flight is too short for more."""
-MOVED_M = 15.0
-"""A receiver at rest wanders by less."""
+MOVED_M, WANDER_M, MOVED_S = 5.0, 15.0, 3.0
+"""So far a vehicle goes that shows a course for MOVED_S; a receiver without velocities wanders by less than WANDER_M."""
+SLOW_M_S = 1.0
+"""Slower than this GNSS tells no course."""
 FAST_M_S, WINGED_M_S = 2.0, 5.0
-"""Slower than this (a plane: than that) GNSS tells no course."""
+"""From this speed on (a plane: from that) heading and course are compared."""
 NEAR_S = 1.0
 
 
 def track(case: HealthCase) -> list[Trace]:
-    """The path of the receiver with most fixes; nothing where the vehicle stayed within MOVED_M while driven."""
+    """The path of the receiver with most fixes; nothing where the vehicle stayed in its place while driven."""
     log = case.log
     receiver = max(log.gnss, key=lambda g: int(np.count_nonzero(_placed(g))), default=None)
     if receiver is None or np.count_nonzero(_placed(receiver)) < FEWEST:
@@ -41,7 +43,9 @@ def track(case: HealthCase) -> list[Trace]:
     least = WINGED_M_S if log.kind.fixed_wing else FAST_M_S
     found = path(receiver, log.onboard_attitude, spans, least, end_of(case.segments))
     driven = found.columns["driven"] > 0 if spans else np.ones(len(found.t), bool)
-    if driven.sum() < FEWEST or _extent(found, driven) < MOVED_M:
+    moving = driven & np.isfinite(found.columns["course"])
+    enough = MOVED_M if covered_seconds(found.t[moving]) >= MOVED_S else WANDER_M
+    if driven.sum() < FEWEST or _extent(found, driven) < enough:
         return []
     found.values["forward"] = float(forward)
     return [found]
@@ -50,8 +54,9 @@ def track(case: HealthCase) -> list[Trace]:
 def path(receiver: Gnss, attitude: Attitude | None, spans: list[Span], least: float, end: float) -> Trace:
     """The path of a receiver: north and east (m), heading and course (deg), speed (m/s), driven 1 within ``spans``.
 
-    Course and heading are NaN below ``least`` m/s. Values: ``lat``, ``lon`` (deg) of zero; ``difference``, ``low``,
-    ``high``: median and quartiles of heading minus course (deg) while driven before ``end`` s, and ``seconds`` of it.
+    Course and heading are NaN below SLOW_M_S. Values: ``lat``, ``lon`` (deg) of zero; ``difference``, ``low``,
+    ``high``: median and quartiles of heading minus course (deg) while driven before ``end`` s at ``least`` m/s or more,
+    and ``seconds`` of it.
     """
     use = _placed(receiver)
     t, x = rising(np.where(use, receiver.t, np.nan), np.column_stack([receiver.lat, receiver.lon]).astype(np.float64))
@@ -60,12 +65,14 @@ def path(receiver: Gnss, attitude: Attitude | None, spans: list[Span], least: fl
     north = (x[:, 0] - lat) * M_PER_DEG
     east = ((x[:, 1] - lon + 180.0) % 360.0 - 180.0) * M_PER_DEG * math.cos(math.radians(lat))
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    slow = ~(speed >= least)
+    slow = ~(speed >= SLOW_M_S)
     course = np.where(slow, np.nan, np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0])))
     heading = np.where(slow, np.nan, heading_at(attitude, t))
     driven = inside(t, spans)
     columns = {"north": north, "east": east, "heading": heading, "course": course, "speed": speed, "driven": driven}
-    values = {"lat": lat, "lon": lon, "least": least} | off_course(t, heading - course, driven & (t <= end))
+    values = {"lat": lat, "lon": lon, "least": least} | off_course(
+        t, heading - course, driven & (t <= end) & (speed >= least)
+    )
     kept = slice(None, None, -(-len(t) // MOST))
     pause = np.append(False, ~running(t[kept]))
     columns = {name: np.where(pause, np.nan, y[kept]) for name, y in columns.items()}

@@ -39,12 +39,13 @@ def attitude(found: list[Trace], demand: list[Trace], names: Rows, store: Store,
     data: dict[str, Any] = {"series": drawn, "cut": heading_cut(found)}
     if demand:
         data["demand"] = stored(demand[0], ANGLES, store, ANGLE_STEP)
-    replays = {row.name for row in result.estimators if row.kind == "replay"}
-    focus = [names.index(t.row) for t in found if t.row not in replays]
+    known = {row.name for row in result.estimators if not row.is_reference}
+    focus = [t.row for t in found if t.row == "onboard" or t.row not in known]
     called = []
     if focus and len(focus) < len(found):
-        data["views"] = [{"focus": focus}, {}]
-        called = ["Onboard, reference" + (", set-point" if demand else ""), "With the filters"]
+        data["views"] = [{"focus": [names.index(row) for row in focus]}, {}]
+        first = [names[names.index(row)].partition(" (")[0] for row in focus] + ["Set-point"] * bool(demand)
+        called = [", ".join(first).capitalize(), "With the filters"]
     caption = "Drag across a figure to zoom: all figures with flight time follow. Double-click to go back. "
     caption += " ".join([*legend(result), reduction_text(ratio)])
     return PageFigure("attitude", "attitude", "Attitude", caption, 470, data, True, reach(found, names), called)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from attlog.present.messages import WARNING, alarming, messages
@@ -19,7 +20,8 @@ def time_marks(result: Result) -> dict[str, Any]:
     line = result.log.get("timeline") or {}
     return {
         "range": time_range(result),
-        "first": [time_range(result)[0], first_end(result)],
+        "first": [time_range(result)[0], min(time_range(result)[1], crash(result) + AFTER_S)],
+        "crash": crash(result) if crash(result) < time_range(result)[1] else None,
         "modes": [[float(a), float(b), str(name)] for a, b, name in line.get("modes") or []],
         "armed": [[float(a), float(b)] for a, b in line.get("armed") or []],
         "airborne": [[float(a), float(b)] for a, b in line.get("airborne") or []],
@@ -48,13 +50,11 @@ def time_range(result: Result) -> list[float]:
     return [min([*times, 0.0]), end]
 
 
-def first_end(result: Result) -> float:
-    """Where figures end at first, s: a little after the crash that ended the last flight, else where all ends."""
-    end = time_range(result)[1]
-    starts = [float(a) for a, _ in (result.log.get("timeline") or {}).get("airborne") or []]
-    last = max(starts, default=0.0)
-    crashes = [e.t for e in result.events if e.is_crash and e.t >= last]
-    return min([end, *(t + AFTER_S for t in crashes)])
+def crash(result: Result) -> float:
+    """When the last flight ended in a crash, s; infinite where it did not."""
+    flights = [float(a) for a, _ in (result.log.get("timeline") or {}).get("airborne") or []]
+    last = max(flights, default=-math.inf)
+    return min((e.t for e in result.events if e.is_crash and e.t >= last), default=math.inf)
 
 
 def drawn(found: list[tuple[float, int, str]]) -> list[list[Any]]:

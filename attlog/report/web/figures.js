@@ -50,7 +50,7 @@ const draws = {
     return headed(id, p);
   },
   difference(id, f, range) {
-    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]], { range, phases: 'named', from: f.scored });
+    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]], { range, phases: 'named', from: f.scored, to: D.marks.crash });
     // how wrong the smoother may be itself: a grey band below the lines
     const none = { line: { width: 0 }, hoverinfo: 'skip', say: undefined }, grey = faded(css('--tx'), 0.14);
     if (f.sigma) [['inclination', 'y', 0], ['heading', 'y4', -1]].forEach(([key, yaxis, low]) => {
@@ -63,7 +63,7 @@ const draws = {
     return headed(id, p);
   },
   bias(id, f, range) {
-    const p = panels(id, f, ['x', 'y', 'z'].map((k) => [k, k + ', °/s', { least: 0.02 }]), { range, phases: 'plain', trace: { say: ' °/s', digits: 3 } });
+    const p = panels(id, f, ['x', 'y', 'z'].map((k) => [k, k + ', °/s', { least: 0.02 }]), { range, phases: 'plain', trace: { say: ' °/s', digits: 3 }, to: D.marks.crash });
     if (f.rests) ['x', 'y', 'z'].forEach((k, i) => {
       const ax = p.layout['yaxis' + (i ? i + 1 : '')], all = f.rests[k], low = Math.min(...all), high = Math.max(...all), pad = 0.06 * (Math.max(high, ax.range[1]) - Math.min(low, ax.range[0]));
       p.traces.push(plain('gyro at rest', css('--tx'), f.rests.t, all, { mode: 'markers', marker: { size: 9, color: css('--tx') }, yaxis: i ? 'y' + (i + 1) : 'y', say: ' °/s', digits: 3 }));
@@ -154,7 +154,7 @@ const draws = {
     const L = layout(id, { hovermode: 'closest' }), blue = css('--ac'), black = css('--e0'), here = f.t.map((_, i) => i).filter((i) => f.t[i] >= range[0] && f.t[i] <= range[1] && f.north[i] !== null);
     const path = (what, color, w, keep) => plain(what, color, here.map((i) => (keep(i) ? f.east[i] : null)), here.map((i) => (keep(i) ? f.north[i] : null)), { line: { color, width: w }, customdata: here.map((i) => clock(f.t[i])), say: undefined, hoverinfo: undefined, hovertemplate: '%{customdata}: north %{y:.1f} m, east %{x:.1f} m<extra></extra>' });
     const driven = (i) => f.driven[i] > 0, some = here.some(driven), fit = here.filter((i) => !some || driven(i));
-    const traces = [path('on the ground', css('--edge'), 1.2, (i) => !driven(i) || !driven(i - 1)), path('path', blue, 1.6, driven)];
+    const traces = [path('on the ground', css('--edge'), 1.2, (i) => !driven(i) || !driven(i - 1)), path('path', blue, 1.6, driven)].filter((t) => t.y.some((v) => v !== null));
     const [ex, ny] = [f.east, f.north].map((y) => { const all = fit.map((i) => y[i]), low = share(all, 0.002), high = share(all, 0.998); return [(low + high) / 2, high - low]; });
     const w = L.width - L.margin.l - L.margin.r, h = L.height - L.margin.t - L.margin.b, scale = Math.max(ex[1] / w, ny[1] / h, 4 / h) * 1.15, long = 26 * scale;
     const at = [];

@@ -93,7 +93,7 @@ function panels(id, f, columns, options) {
   L.xaxis = axis(options.time || 'time, s', { range: range.slice(), anchor: last, hoverformat: '.2f', showspikes: true, spikemode: 'across', spikethickness: 1, spikecolor: css('--mu'), spikedash: 'dot' });
   columns.forEach(([, title, opt], i) => {
     const top = 1 - i * (height + gap), own = 'y' + (i || '' ? i + 1 : '');
-    L['yaxis' + (i ? i + 1 : '')] = axis(title, Object.assign({ domain: [Math.max(top - height, 0), top], nticks: 5, range: fitted(traces, i ? own : 'y', opt && opt.least || 0.2, options.calm, options.from), zeroline: !(opt && opt.map) }, opt && opt.axis));
+    L['yaxis' + (i ? i + 1 : '')] = axis(title, Object.assign({ domain: [Math.max(top - height, 0), top], nticks: 5, range: fitted(traces, i ? own : 'y', opt && opt.least || 0.2, options.calm, options.from, options.to), zeroline: !(opt && opt.map) }, opt && opt.axis));
   });
   if (options.phases) phases(L, options.phases === 'named');
   return leaving({ traces, layout: L });
