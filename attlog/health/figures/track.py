@@ -24,7 +24,7 @@ FIX_3D = 3
 M_PER_DEG = 6371008.8 * math.pi / 180.0
 """Of latitude on a sphere of the earth's mean radius; a flight is too short for more."""
 MOVED_M, WANDER_M, MOVED_S = 5.0, 15.0, 3.0
-"""So far a vehicle goes that shows a course for MOVED_S; a receiver without velocities wanders by less than WANDER_M."""
+"""So far goes what shows a course for MOVED_S; without velocities a receiver wanders by less than WANDER_M."""
 SLOW_M_S = 1.0
 """Slower than this GNSS tells no course."""
 FAST_M_S, WINGED_M_S = 2.0, 5.0
