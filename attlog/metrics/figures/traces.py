@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
+from attlog.flight.model import running
 from attlog.metrics.base import Case, per_times
 from attlog.metrics.drift import air as drift_air
 from attlog.metrics.drift import rest as drift_rest
@@ -139,6 +140,7 @@ def drifts(case: Case, row: Row) -> list[Trace]:
         if blocks is not None and len(blocks.t) >= drift.MIN_BLOCKS:
             mean = float(np.mean(blocks.e[np.isfinite(blocks.e)])) if np.isfinite(blocks.e).any() else 0.0
             columns = {"heading": blocks.e - mean, "line": drift.line(blocks) - mean}
+            columns["heading"][1:][~running(blocks.t)] = np.nan
             found.append(Trace("drift", row.name, blocks.t, columns, key))
     return found
 

@@ -74,8 +74,8 @@ def track(trace: Trace) -> PageFigure:
     columns = {name: listed(trace.columns[name]) for name in ("north", "east", "heading", "course", "speed")}
     data = {"t": [round(float(t), 2) for t in trace.t]} | columns
     data["driven"] = [int(v > 0) for v in trace.columns["driven"]]
-    caption = f"By {trace.key}, north up. Blue: path, with arrows of the course; grey: on the ground. "
-    caption += "Black: heading of the onboard attitude. " + course_text(trace)
+    caption = f"By {trace.key}, north up. Arrows along the path: course; beside it: onboard heading. "
+    caption += course_text(trace)
     return PageFigure("track", "track", "Ground track", caption, 480, data, True, course_text(trace))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from attlog.present.numbers import counted, moment
-from attlog.present.table.rows import AIR, find
+from attlog.present.table.rows import AIR, find, leads
 from attlog.report.figures.figure import PageFigure, Rows, dot, dot_height, dots_text, listed, number, series, stored
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
@@ -82,9 +82,10 @@ def all_steps(traces: list[Trace], names: Rows, band: str) -> PageFigure:
 
 
 def first_band(traces: list[Trace], result: Result) -> str:
-    """The row whose band is drawn first: one of the best in lag, else the first that is drawn."""
+    """The row whose band is drawn first: of the best in lag, else of all, the one with most best values."""
     best = next((w["lag_ms"] for w in (result.best.get(name, {}) for name in AIR) if w.get("lag_ms")), [])
-    return next((t.row for t in traces if t.row in best), traces[0].row)
+    drawn = list(dict.fromkeys(t.row for t in traces))
+    return max([row for row in drawn if row in best] or drawn, key=lambda row: leads(result, row))
 
 
 def lag_dots(result: Result, names: Rows) -> list[dict[str, Any]]:

@@ -13,6 +13,7 @@ function axis(title, more) {
   return Object.assign({
     title: { text: title, font: { size: 12, color: muted }, standoff: 6 }, gridcolor: border, zerolinecolor: muted,
     zerolinewidth: 1, linecolor: border, tickfont: { size: 12, color: muted }, automargin: false, exponentformat: 'none',
+    ticklabeloverflow: 'allow', // else plotly measures every label
   }, more || {});
 }
 
@@ -110,7 +111,7 @@ function named(traces) {
 
 function headed(id, p) {
   const lines = named(p.traces), texts = lines.map((t) => (STROKES[t.line.dash || 'solid'] || '') + t.name);
-  if (!lines.length || narrow(id)) return p;
+  if (!lines.length || texts.reduce((sum, t) => sum + 12 * (0.56 * t.length + 1.2), 0) > width(id) - p.layout.margin.l) return p;
   p.layout.margin.t += 14;
   p.layout.annotations.push(...letters(id, texts, lines.map((t) => t.line.color)).map((a) => Object.assign(a, { yshift: 15 })));
   return p;
