@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.earth import middle_longitude
 from attlog.flight.model import Array, Attitude, Gnss, covered_seconds, running
 from attlog.flight.vehicle import VehicleKind
 from attlog.health.assessments.model import HealthCase
@@ -61,14 +60,14 @@ def path(receiver: Gnss, attitude: Attitude | None, spans: list[Span], least: fl
     use = _placed(receiver)
     t, x = rising(np.where(use, receiver.t, np.nan), np.column_stack([receiver.lat, receiver.lon]).astype(np.float64))
     velocity = receiver.vel_ned[np.searchsorted(receiver.t, t).clip(max=len(receiver.t) - 1), :2]
-    lat, lon = float(np.median(x[:, 0])), middle_longitude(x[:, 1])
+    driven = inside(t, spans)
+    lat, lon = (float(v) for v in x[int(np.argmax(driven))])  # where it started
     north = (x[:, 0] - lat) * M_PER_DEG
     east = ((x[:, 1] - lon + 180.0) % 360.0 - 180.0) * M_PER_DEG * math.cos(math.radians(lat))
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     slow = ~(speed >= SLOW_M_S)
     course = np.where(slow, np.nan, np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0])))
     heading = np.where(slow, np.nan, heading_at(attitude, t))
-    driven = inside(t, spans)
     columns = {"north": north, "east": east, "heading": heading, "course": course, "speed": speed, "driven": driven}
     values = {"lat": lat, "lon": lon, "least": least} | off_course(
         t, heading - course, driven & (t <= end) & (speed >= least)
