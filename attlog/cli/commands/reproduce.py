@@ -23,12 +23,15 @@ SEEDS = 20
 
 def command(
     papers: Annotated[
-        list[str], typer.Argument(metavar="lyu|fan|huang|xu|all...", show_default=False, help="Which papers.")
+        list[str],
+        typer.Argument(
+            metavar="lyu|fan|huang|xu|all...", show_default=False, help="Run the experiments of these papers."
+        ),
     ],
     common: CommonOptions,
     output: Folder = Path("reports"),
     seeds: Annotated[
-        int, typer.Option("--seeds", metavar="N", min=1, help="Fly so many simulated flights for each number.")
+        int, typer.Option("--seeds", metavar="N", min=1, help="Fly N simulated flights for each number.")
     ] = SEEDS,
     logs: Annotated[
         list[Path] | None,

@@ -110,7 +110,7 @@ def _by_walk(verdicts: Sequence[Verdict]) -> str:
         said = "with our random walks alone" if held == ["1"] else f"with random walks {listed(held)} times ours"
     if not untold:
         return said
-    return f"{said}, and cannot be told with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
+    return f"{said}, and cannot be determined with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
 
 
 def _span(numbers: Sequence[PaperNumber], unit: str) -> str:

@@ -94,8 +94,8 @@ def _at_rest(found: list[BenchResult]) -> Claim:
         together(verdicts),
         f"Not by anything: the two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The "
         f"integral fades above |e| = {ERR1:g}, at rest |e| stays below {math.ceil(100 * largest) / 100:g}: there it is "
-        "one filter, and a quieter trace must come from something else. Even without any integral the spread is "
-        f"{quantity(none.value, 'ratio')} as large.",
+        "one filter, and a trace with less noise must come from something else. Even without any integral the "
+        f"spread is {quantity(none.value, 'ratio')} as large.",
     )
 
 

@@ -57,7 +57,7 @@ class BestGain:
     def words(self) -> str:
         """In words: ``smallest with kp 0.03 to 0.1 (with 0.6 3.4 times)``."""
         if not self.tells:
-            return f"smallest with kp {self.kp:g}, from which no gain is told apart"
+            return f"smallest with kp {self.kp:g}, from which no gain differs significantly"
         span = f"kp {self.alike[0]:g}" + (f" to {self.alike[-1]:g}" if len(self.alike) > 1 else "")
         return f"smallest with {span} (with 0.6 {quantity(self.over.value, 'ratio')})"
 

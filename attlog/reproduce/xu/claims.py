@@ -87,7 +87,7 @@ def _notes(logs: Sequence[LogOscillation]) -> tuple[str, ...]:
         "With ki = 0 the filter is of first order and cannot oscillate by itself: what grows with kp is how much of "
         "the accelerations, vibration and field disturbances it lets into the attitude.",
         "Which gain errs least depends on the gyro's bias, which a filter with ki = 0 turns into a tilt of bias / kp. "
-        "On logs the bias at rest is taken off first where the log has a rest.",
+        "On logs the bias at rest is subtracted first where the log has a rest.",
     ]
     if kinds:
         found.append(f"Errors on logs are against the reference of an analysis: {listed(sorted(kinds))}.")

@@ -119,11 +119,11 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
         (("cannot be judged",) * 3, "with none of the random walks for certain"),
         (
             ("cannot be judged", "does not hold", "does not hold"),
-            "with none of the random walks, and cannot be told with ours",
+            "with none of the random walks, and cannot be determined with ours",
         ),
         (
             ("holds", "cannot be judged", "cannot be judged"),
-            "with our random walks alone, and cannot be told with 3 and 10 times ours",
+            "with our random walks alone, and cannot be determined with 3 and 10 times ours",
         ),
         (("does not hold", "holds", "holds"), "with random walks 3 and 10 times ours"),
     ],
