@@ -19,7 +19,7 @@ from attlog.present.text import typeset
 
 K = TypeVar("K", str, tuple[bool, int])
 
-SHORTEST, REASONS, NAME = 30, 6, 40
+SHORTEST, REASONS = 30, 5
 FIRST_COLUMNS = 100
 """Columns over which headlines are laid out."""
 WHY = {
@@ -99,18 +99,21 @@ def _failures(failed: Sequence[Entry], width: int) -> Iterator[str]:
     """How logs ended, new failures first, and why: a line for each reason; those that differ in numbers alone are one."""
     left = REASONS
     for (known, code), ended in _grouped(failed, lambda entry: (entry.known, entry.code)):
-        yield f"  {counted(len(ended), 'log')} {WHY.get(code, 'failed')}{', as before' if known else f' (exit code {code})'}:"
         reasons = _grouped(ended, lambda entry: re.sub(r"\d+", "0", _reason(entry)))
-        for _, alike in reasons[:left]:
-            name = alike[0].name
-            name = name if len(name) <= NAME else f"{name[: NAME - 3]}..."
-            such = f"{name} and {len(alike) - 1} more" if len(alike) > 1 else name
-            room = max(width - len(such) - len("     ()"), SHORTEST)
-            yield f"    {textwrap.shorten(_reason(alike[0]), room, placeholder=' ...')} ({such})"
-        others = sum(len(alike) for _, alike in reasons[left:])
-        left = max(left - len(reasons), 0)
-        if others:
-            yield f"    {others} for other reasons"
+        shown, left = reasons[:left], max(left - len(reasons), 0)
+        what = f"{counted(len(ended), 'log')} {WHY.get(code, 'failed')}"
+        what += ", as before" if known else f" (exit code {code})"
+        yield f"  {what}" + ("" if not shown else ":" if len(shown) == len(reasons) else ", such as:")
+        for _, alike in shown:
+            yield f"    {_why(alike, width - 4)}"
+
+
+def _why(alike: Sequence[Entry], width: int) -> str:
+    """The reason of logs that failed alike, and the first one's name, in one line."""
+    name, most = alike[0].name, max(width, SHORTEST) // 3
+    name = name if len(name) <= most else f"{name[: most - 3]}..."
+    such = f" ({name} and {len(alike) - 1} more)" if len(alike) > 1 else f" ({name})"
+    return textwrap.shorten(_reason(alike[0]), max(width - len(such), SHORTEST), placeholder=" ...") + such
 
 
 def _grouped(entries: Sequence[Entry], key: Callable[[Entry], K]) -> list[tuple[K, list[Entry]]]:
