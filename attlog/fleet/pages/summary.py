@@ -96,7 +96,7 @@ def _is_filter(row: str) -> bool:
 
 
 def _failures(failed: Sequence[Entry], width: int) -> Iterator[str]:
-    """How logs ended, new failures first, and why: a line for each reason; those that differ in numbers alone are one."""
+    """How logs ended, new failures first, and a line for each reason; those that differ in numbers alone are one."""
     left = REASONS
     for (known, code), ended in _grouped(failed, lambda entry: (entry.known, entry.code)):
         reasons = _grouped(ended, lambda entry: re.sub(r"\d+", "0", _reason(entry)))

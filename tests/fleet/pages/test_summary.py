@@ -111,7 +111,9 @@ def test_many_reasons_do_not_fill_the_screen_and_every_log_is_counted() -> None:
 
 def test_a_hundred_logs_take_twenty_five_lines() -> None:
     kinds = [reason("crash"), reason("attitude"), reason("sensor"), reason("sensor", "warning")]
-    headline = "Quadrotor, PX4 1.14.3: flew 34 to 46 s. Accelerometer clipped from 37 s. Hit the ground at 46.1 s (13 g)."
+    headline = (
+        "Quadrotor, PX4 1.14.3: flew 34 to 46 s. Accelerometer clipped from 37 s. Hit the ground at 46.1 s (13 g)."
+    )
     logs = [flown(f"{k}.ulg", kinds[k % 4], headline=headline) for k in range(80)]
     logs += [failed(f"{k}.bin", f"why {'x' * (k % 9)} not " * 9, (65, 66, 70)[k % 3]) for k in range(20)]
     assert len(list(summary(logs, 100, 60.0, OUT, width=100))) <= 25
