@@ -61,7 +61,7 @@ def render(entries: Iterable[Entry], *, title: str = "", results: str = "") -> s
         script=script,
         title=clean(title),
         subtitle=subtitle(lines),
-        worst=[x for x in lines if x.level != "none"][:WITHOUT_SCRIPT],
+        worst=[x for x in lines if x.level not in ("unjudged", "none")][:WITHOUT_SCRIPT],
         count=len(lines),
         data=block(data, thumbnails),
         results=results,

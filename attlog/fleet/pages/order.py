@@ -24,10 +24,11 @@ TITLES = {
     "ground": "serious on the ground",
     "look": "to look at",
     "failed": "failed",
-    "none": "fine",
+    "unjudged": "no attitude to judge",
+    "none": "without trouble",
 }
 """How urgent a log is, in words. A failed gate is a serious finding. A log that failed may hide anything, but there is
-nothing to open."""
+nothing to open; one of which nothing could be re-run hides less."""
 LEVELS = tuple(TITLES)
 FIRST = 5
 """So many logs are named to be opened first."""
@@ -64,7 +65,7 @@ class RankedLog:
     @property
     def opens_first(self) -> bool:
         """Whether there is a report in which something is wrong."""
-        return self.level not in ("failed", "none")
+        return self.level not in ("failed", "unjudged", "none")
 
     @property
     def text(self) -> str:
@@ -85,7 +86,7 @@ def ranked(entry: Entry) -> RankedLog:
         entry.name,
         entry.log,
         quote(os.fsencode(f"{entry.name}.html")) if entry.row else "",
-        _level(found) if entry.row else "failed",
+        _level(found, entry.row),
         found["score"],
         found["reasons"],
         failure(entry),
@@ -93,8 +94,12 @@ def ranked(entry: Entry) -> RankedLog:
     )
 
 
-def _level(found: dict[str, Any]) -> str:
+def _level(found: dict[str, Any], row: dict[str, Any] | None) -> str:
     """Which of LEVELS a log with such trouble has."""
+    if row is None:
+        return "failed"
+    if found["level"] == "none" and row["flight"].get("reference") is None:
+        return "unjudged"
     rank = RANKS[found["rank"]]
     if rank in LEVELS:
         return rank

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.compare.gates.rows import BASELINES
-from attlog.result import Result, Trace
+from attlog.result import Result
 
 Array = NDArray[np.float64]
 
@@ -26,11 +26,13 @@ MARKED = {"reset": "The attitude jumped", "impact": "Impact", "loss_of_control":
 def thumbnail(result: Result) -> dict[str, Any] | None:
     """The largest height or tilt in each of POINTS equal parts of the log; None without traces of either.
 
-    ``height`` (m) above the ground it stood on, else ``tilt`` (degrees) of the attitude that everything is compared
-    with, of the one that flew, or of a filter; None where nothing is known. ``t0`` and ``t1``: the log's ends (s);
+    ``height`` (m) above the ground it stood on, of a log that never flew or tells no height the ``tilt`` (degrees) of
+    the attitude that everything is compared with, of the one that flew, or of a filter; None where nothing is known.
+    ``t0`` and ``t1``: the log's ends (s);
     ``air``: seconds in the air; ``marks``: [seconds, sentences] of serious events, those of one place together.
     """
-    found = _curve(result)
+    air = (result.log.get("timeline") or {}).get("airborne") or []
+    found = (_height(result) if air else None) or _tilt(result)
     if found is None:
         return None
     name, t, y = found
@@ -41,10 +43,7 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
         "t0": round(start, 2),
         "t1": round(float(edges[-1]), 2),
         name: [round(float(v), 1) if math.isfinite(v) else None for v in _largest(t, y, edges)],
-        "air": [
-            [round(float(a), 1), round(float(b), 1)]
-            for a, b in (result.log.get("timeline") or {}).get("airborne", [])[:MOST_SPANS]
-        ],
+        "air": [[round(float(a), 1), round(float(b), 1)] for a, b in air[:MOST_SPANS]],
         "marks": _marks(result, edges),
     }
 
@@ -70,23 +69,24 @@ def encoded(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
     return [at, seen["t0"], seen["t1"], words, seen["air"], [[t, MARKED.get(text, text)] for t, text in seen["marks"]]]
 
 
-def _curve(result: Result) -> tuple[str, Array, Array] | None:
-    """What is drawn: its name, times (n,) s, values (n,)."""
-    height = next((t for t in result.traces if t.figure == "height"), None)
-    if height is not None and np.isfinite(height.t).any() and np.isfinite(height.columns["height"]).any():
-        return "height", height.t, height.columns["height"]
+def _height(result: Result) -> tuple[str, Array, Array] | None:
+    """The name of the curve, times (n,) s and heights (n,) m; None where no sensor tells them."""
+    found = next((t for t in result.traces if t.figure == "height"), None)
+    if found is None or not np.isfinite(found.columns["height"]).any():
+        return None
+    return "height", found.t, found.columns["height"]
+
+
+def _tilt(result: Result) -> tuple[str, Array, Array] | None:
+    """The name of the curve, times (n,) s and angles (n,) degrees; None without any attitude."""
     attitudes = {t.row: t for t in result.traces if t.figure == "attitude" and np.isfinite(t.t).any()}
     if not attitudes:
         return None
     choice = result.reference.choice if result.reference else ""
     filters = [r.name for r in result.estimators if r.kind == "replay" and r.estimator not in BASELINES]
     shown = next(attitudes[k] for k in (choice, "onboard", *filters, *attitudes) if k in attitudes)
-    return "tilt", shown.t, _tilt(shown)
-
-
-def _tilt(trace: Trace) -> Array:
-    roll, pitch = (np.radians(trace.columns[c]) for c in ("roll", "pitch"))
-    return np.asarray(np.degrees(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0))), np.float64)
+    roll, pitch = (np.radians(shown.columns[c]) for c in ("roll", "pitch"))
+    return "tilt", shown.t, np.degrees(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)))
 
 
 def _largest(t: Array, y: Array, edges: Array) -> Array:

@@ -244,11 +244,11 @@ def _tracks(found: list[HuangSeed]) -> Claim:
         "fig. 5, 6, 8, 9",
         "Fundamental of the true angle against that of the set-point's sine. It follows where the whole interval of "
         f"the gain is above {HALF_POWER:.3f} (-3 dB).",
-        tuple(numbers),
+        led((numbers[0], numbers[1], numbers[4]), numbers),
         together(verdicts),
         f"{' '.join(said)} The delay is the loop's own, about 1 over the outer gain of 4.5/s. Nothing in the "
         "controller looks ahead.",
-        shown=2,
+        shown=3,
     )
 
 

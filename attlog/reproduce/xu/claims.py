@@ -152,7 +152,7 @@ def _oscillates(runs: Sequence[GainErrors]) -> Claim:
         "gains are above 1. Dominant: the frequency with most power per octave.",
         (*whole.values(), *(n for r in runs for n in steps[r.called]), *hz),
         _verdict(runs, {called: [above(n, 1.0) for n in numbers] for called, numbers in steps.items()}),
-        "Roll moves more from 0.6 to 2 as well. A filter with ki = 0 has no frequency of its own. The dominant one is "
+        "A filter with ki = 0 has no frequency of its own. The dominant one is "
         f"{min(ends):.2f} to {max(ends):.2f} Hz with every gain, near the slow end of the band.",
         shown=len(whole),
     )

@@ -32,7 +32,7 @@ def test_it_counts_what_was_answered_and_what_logs_were_compared_with() -> None:
         "6 logs: 5 reports in out, 62 s; 3 done before; 1 not reached",
         "  compared with: truth 1, smoother 2, onboard 1, nothing 1",
         "  answered: accuracy 3, noise 1, lag 0, yaw drift 0",
-        "  found: fine 5",
+        "  found: without trouble 5",
     ]
 
 
@@ -54,7 +54,7 @@ def test_it_counts_by_reason_and_names_five_logs_to_open_first_with_what_happene
         "other serious finding in flight 1",
         "serious on the ground 1",
         "to look at 4",
-        "fine 1",
+        "without trouble 1",
     ]
     assert lines[1:] == [
         "  open first:",

@@ -93,7 +93,7 @@ def leaning(*more: Trace) -> Result:
     """A log of 96 s in which the onboard attitude leans from 48 s on, with other traces."""
     made = make_result(("mahony@xu-0.6",), with_traces=False)
     half = np.where(T < 48.0, 0.0, 30.0)
-    made.log |= {"duration_s": 96.0}
+    made.log |= {"duration_s": 96.0, "timeline": {"airborne": [[1.0, 95.0]]}}
     made.traces = [Trace("attitude", "onboard", T, {"roll": half, "pitch": -half, "heading": T}), *more]
     return made
 
@@ -107,6 +107,15 @@ def test_the_thumbnail_is_the_height_else_the_tilt() -> None:
     assert seen is not None
     leaned = math.degrees(math.acos(math.cos(math.radians(30.0)) ** 2))
     assert seen["tilt"] == [0.0] * (POINTS // 2) + [round(leaned, 1)] * (POINTS // 2)
+
+
+def test_the_thumbnail_of_a_log_that_never_flew_is_its_tilt() -> None:
+    made = leaning(Trace("height", "", T, {"height": np.full(len(T), 699.0)}))
+    made.log["timeline"]["airborne"] = []
+    seen = thumbnail(made)
+    assert seen is not None
+    assert "tilt" in seen
+    assert "height" not in seen
 
 
 def test_the_thumbnail_ends_where_the_log_ends() -> None:
