@@ -54,7 +54,7 @@ def encoded(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
     if seen is None:
         return None
     at = len(out)
-    curve = seen.get("height", seen.get("tilt"))
+    curve = seen["height" if "height" in seen else "tilt"]
     held = [v for v in curve if v is not None]
     top = max(held, default=0.0)
     if "height" in seen:
