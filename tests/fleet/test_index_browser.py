@@ -272,7 +272,7 @@ def test_a_picture_tells_in_words_what_it_draws_and_its_marks_what_happened(visi
     }
     page = visit(write_index(tmp_path, [entry, flown("b.ulg")])).page
     picture = page.locator("tr[data-log]", has_text="a.ulg").locator("svg")
-    assert picture.get_attribute("aria-label") == "Height up to 36 m; It fell."
+    assert picture.get_attribute("aria-label") == "Height over time; It fell."
     assert picture.locator(".mark title").text_content() == "It fell."
     assert picture.locator(".mark line").get_attribute("x1") == "11.3"  # 3 s of 48 in a width of 180
     drawn_at = re.findall(r"L[\d.]+ ([\d.]+)", picture.locator(".area").get_attribute("d") or "")

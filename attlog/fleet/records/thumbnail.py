@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 POINTS = 48
 """Points of a thumbnail over the whole log."""
 MOST_SPANS = 20
+BRIDGED = 4
+"""Points without a sample between two with one that are drawn straight, as in a short log with a slow barometer."""
 FULL_DEG, LEAST_M = 90.0, 5.0
 """The full height of the picture: of tilt, on a square root's scale; of height at least."""
 FULL_BYTE, NO_BYTE = 254, 255
@@ -42,7 +45,7 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
     return {
         "t0": round(start, 2),
         "t1": round(float(edges[-1]), 2),
-        name: [round(float(v), 1) if math.isfinite(v) else None for v in _largest(t, y, edges)],
+        name: [round(float(v), 1) if math.isfinite(v) else None for v in _bridged(_largest(t, y, edges))],
         "air": [[round(float(a), 1), round(float(b), 1)] for a, b in air[:MOST_SPANS]],
         "marks": _marks(result, edges),
     }
@@ -61,10 +64,10 @@ def encoded(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
         low = min(0.0, *held, 0.0)
         span = max(LEAST_M, top - low)
         shares = [None if v is None else (v - low) / span for v in curve]
-        words = f"Height up to {top:.0f} m" if top >= 2.0 else f"Height up to {top:.1f} m"
+        words = "Height over time"
     else:
         shares = [None if v is None else math.sqrt(min(v, FULL_DEG) / FULL_DEG) for v in curve]
-        words = f"Tilt up to {top:.0f}°"
+        words = "Tilt over time"
     out += bytes(NO_BYTE if v is None else round(FULL_BYTE * v) for v in shares)
     return [at, seen["t0"], seen["t1"], words, seen["air"], [[t, MARKED.get(text, text)] for t, text in seen["marks"]]]
 
@@ -96,6 +99,15 @@ def _largest(t: Array, y: Array, edges: Array) -> Array:
     out = np.full(len(edges) - 1, -np.inf)
     np.maximum.at(out, np.clip(np.searchsorted(edges, t[good], "right") - 1, 0, len(out) - 1), y[good])
     return np.where(np.isfinite(out), out, np.nan)
+
+
+def _bridged(values: Array) -> Array:
+    """The same with straight lines across short gaps."""
+    known = np.flatnonzero(np.isfinite(values))
+    for a, b in itertools.pairwise(known):
+        if b - a <= BRIDGED:
+            values[a : b + 1] = np.linspace(values[a], values[b], b - a + 1)
+    return values
 
 
 def _marks(result: Result, edges: Array) -> list[list[Any]]:

@@ -134,7 +134,7 @@ function line(i, k, numbers) {
     el('td', { role: 'cell', class: 'why' }, el('span', { class: 'clamp' }, el('span', { class: 'chip ' + level }, SAID[level]), text), why ? el('small', {}, why[1]) : ''),
     el('td', { role: 'cell' }, thumbnail(i)),
     el('td', { role: 'cell', class: 'd' }, day(D.date[i])),
-    el('td', { role: 'cell', class: 'n', 'data-title': 'In the air' }, duration(D.air[i])),
+    el('td', { role: 'cell', class: 'n', 'data-title': 'In the air' }, D.air[i] === 0 ? '0 s' : duration(D.air[i])),
     ...numbers.map((c) => el('td', { role: 'cell', class: 'n', 'data-title': c.title }, number(c.values[state.row][i], c.unit))));
 }
 

@@ -118,6 +118,13 @@ def test_the_thumbnail_of_a_log_that_never_flew_is_its_tilt() -> None:
     assert "height" not in seen
 
 
+def test_a_slow_height_is_drawn_as_a_line_and_a_long_gap_stays_one() -> None:
+    at = np.array([1.0, 5.0, 9.0, 95.0])
+    seen = thumbnail(leaning(Trace("height", "", at, {"height": np.array([0.0, 2.0, 4.0, 0.0])})))
+    assert seen is not None
+    assert seen["height"][:6] == [0.0, 1.0, 2.0, 3.0, 4.0, None]
+
+
 def test_the_thumbnail_ends_where_the_log_ends() -> None:
     made = leaning()
     made.log["duration_s"] = 192.0
@@ -155,7 +162,7 @@ def test_the_page_gets_a_byte_for_each_point_and_what_is_shown_in_words() -> Non
     out = bytearray()
     height = [0.0, 18.0, 36.0, None] + [0.0] * (POINTS - 4)
     seen = {"t0": 0.0, "t1": 9.0, "height": height, "air": [], "marks": [[8.0, "It fell."]]}
-    assert encoded(seen, out) == [0, 0.0, 9.0, "Height up to 36 m", [], [[8.0, "It fell."]]]
+    assert encoded(seen, out) == [0, 0.0, 9.0, "Height over time", [], [[8.0, "It fell."]]]
     assert list(out[:4]) == [0, 127, 254, 255]
     assert encoded(None, out) is None
     low = seen | {"height": [1.0, -4.0] + [0.0] * (POINTS - 2)}
@@ -167,7 +174,7 @@ def test_a_thumbnail_of_an_earlier_version_shows_its_tilt() -> None:
     out = bytearray()
     curves = {"tilt": [22.5, None] + [0.0] * (POINTS - 2), "tilt_diff": [1.0] * POINTS, "heading_diff": [1.0] * POINTS}
     seen = {"t0": 0.0, "t1": 9.0, "of": "onboard", "air": [], "marks": [[8.0, "impact"]]} | curves
-    assert encoded(seen, out) == [0, 0.0, 9.0, "Tilt up to 22°", [], [[8.0, "Impact"]]]
+    assert encoded(seen, out) == [0, 0.0, 9.0, "Tilt over time", [], [[8.0, "Impact"]]]
     assert list(out[:3]) == [127, 255, 0]
     assert len(out) == POINTS
 
