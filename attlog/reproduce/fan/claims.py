@@ -37,8 +37,8 @@ def paper(options: PaperOptions) -> Paper:
         (_table(found),),
         (
             "The paper gives no noise values for its Kalman filter. They decide how fast it follows accelerometer "
-            "and magnetometer: with ours (the defaults of ekf12) 0.14 rad/s. Hence each claim about it is judged with "
-            "random walks of gravity and field 1, 3 and 10 times ours.",
+            "and magnetometer: with ours (the defaults of ekf12) 0.14 rad/s. So each claim is judged with random walks "
+            "of gravity and field 1, 3 and 10 times ours.",
             _jointly([verdicts for _, verdicts in judged]),
             "The complementary filter compares the whole field vector, as printed. So the magnetometer's noise reaches "
             "roll and pitch.",
@@ -84,8 +84,8 @@ def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
     said = [
         f"{count} with {CALLED[wider(f)].partition(', ')[2] or 'ours'}" for f, count in zip(WIDER, counts, strict=True)
     ]
-    most = f"no set gives all {len(verdicts)}" if max(counts) < len(verdicts) else f"one gives all {len(verdicts)}"
-    return f"Claims about the Kalman filter that hold at once: {listed(said)}; {most}."
+    most = f"No set gives all {len(verdicts)}" if max(counts) < len(verdicts) else f"One gives all {len(verdicts)}"
+    return f"Claims that hold at once: {listed(said)}. {most}."
 
 
 def _spreads(found: Sequence[FanSeed], row: str, over: str, axis: int) -> PaperNumber:
@@ -198,7 +198,7 @@ def _spikes(found: list[FanSeed]) -> Judged:
         "spikes",
         "In rotation the complementary filter shows spikes that the Kalman filter does not.",
         "fig. 5",
-        f"How often the error is {SPIKE_DEG:g} deg off its own median of 2 s (a spike), and by how much at most. "
+        f"A spike is an error {SPIKE_DEG:g} deg off its own median of 2 s. Spikes are counted, the largest is kept. "
         "Holds if the ratio of the largest values is above 1.",
         (*peaks, *counts, own),
         alternatives(verdicts),

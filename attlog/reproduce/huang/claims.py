@@ -91,7 +91,7 @@ def _follows(found: list[HuangSeed]) -> Claim:
         f"below {TILT_DEG:g} deg (roll, pitch) and {HEADING_DEG:g} deg (heading).",
         led((numbers[0], numbers[3]), (*numbers, *stand)),
         together(verdicts),
-        f"Roll and pitch are off by up to {said[0]} in hover, {said[1]} in free flight, {said[2]} on the stand. The "
+        f"Roll and pitch err by up to {said[0]} in hover, {said[1]} in free flight, {said[2]} on the stand. The "
         "filter takes the accelerometer for gravity. A tilted quadrotor that gathers speed feels its thrust alone: to "
         "the filter it is level.",
         shown=2,
@@ -210,7 +210,7 @@ def _hover(found: list[HuangSeed]) -> Claim:
         "hover",
         f"In hover roll and pitch stay within +-{WITHIN_DEG:g} deg.",
         "fig. 5, 6, 8, 9",
-        "Largest true roll or pitch in 30 s of hover on Huang's filter, position held by GNSS and barometer. "
+        "Largest true roll or pitch in 30 s of hover on Huang's filter with GNSS and barometer. "
         f"Holds if its whole interval is below {WITHIN_DEG:g} deg.",
         (size, inside, scatter, reach, *windy),
         below(size, WITHIN_DEG),

@@ -223,7 +223,7 @@ def _adaptive(runs: Sequence[GainErrors]) -> Claim:
         f"fixed gain 0.6. Holds if the intervals are below {BETTER:g}.",
         tuple(n for found in numbers.values() for n in found),
         _verdict(runs, {called: [below(n, BETTER) for n in found] for called, found in numbers.items()}),
-        f"With our law the error of tilt is {listed(told)} that of the fixed gain. The law sees the size of the "
+        f"Over the fixed gain's the error of tilt is {listed(told)}. The law sees the size of the "
         "specific force alone. Accelerations across gravity pass it up to 0.46 g, where the size is 10 % off.",
         shown=2,
     )
