@@ -20,6 +20,7 @@ from attlog.reproduce.xu.best import best_gain
 from attlog.reproduce.xu.logs import on_log
 from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, ROWS, SWEPT, XuSeed, gain
 from tests.conftest import SAMPLES
+from tests.reproduce.made import long_sentences
 
 SEEDS = 2
 LOGS = (SAMPLES / "px4_hover.ulg", SAMPLES / "copter_steps_stabilize.bin")
@@ -133,3 +134,8 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
         assert figure.lines
         for line in figure.lines:
             assert np.isfinite(np.asarray(line.y)).all()
+
+
+@pytest.mark.slow
+def test_its_sentences_are_short(found: Paper) -> None:
+    assert long_sentences(found) == []
