@@ -16,7 +16,7 @@ WORDS = r"""(height) => {
         const place = document.createRange();
         place.selectNodeContents(n);
         const box = place.getBoundingClientRect();
-        if (['SCRIPT', 'STYLE', 'NOSCRIPT'].includes(n.parentElement.tagName)) continue;
+        if (n.parentElement.closest('script, style, noscript, .vh')) continue;
         if (box.width < 2 || box.height < 2 || !n.parentElement.checkVisibility()) continue;
         const count = (n.textContent.match(/\S*[A-Za-z]\S*/g) || []).length;
         all += count;
