@@ -15,9 +15,9 @@ from attlog.compare.sweep.page import _places, figures, sweep_page
 from attlog.compare.sweep.sweep import Sweep, sweep
 from attlog.compare.tables.files import csv_text, latex, markdown
 from attlog.estimators import get
+from tests.compare.pages import stands
 from tests.compare.sweep.test_sweep import Made
 from tests.conftest import few
-from tests.compare.pages import stands
 from tests.report.browser import Visit
 from tests.report.test_safety import EVIL
 
