@@ -12,8 +12,6 @@ from attlog.metrics import definitions
 from attlog.metrics.base import Wording, named
 from attlog.present.numbers import MINUS, decimals, number, unit_sign
 
-FACTOR, MOST_FACTOR = 10.0, 100.0
-"""A ratio from here on is said as a factor, beyond the second it is not comparable."""
 TURNED: dict[Direction, Direction] = {"better": "worse", "worse": "better"}
 """The direction of a difference as the other one sees it, where that is another."""
 
@@ -114,49 +112,24 @@ def value(x: float | None, question: Question) -> str:
 
 
 def signed(x: float, question: Question) -> str:
-    """The same with the sign it has: ``−24 %``, ``+3.2 ms``; a ratio of ten and more as a factor, ``×19``."""
-    if question.scale == "ratio" and x >= FACTOR:
-        return factor(x)
+    """The same with the sign it has: ``−24 %``, ``+3.2 ms``."""
     even, text = 1.0 if question.scale == "ratio" else 0.0, amount(x, question)
     return ("" if x == even or text.startswith("<") else MINUS if x < even else "+") + text
 
 
-def factor(x: float) -> str:
-    """A ratio as a factor: ``×19``; beyond a hundred, either way, no more than that."""
-    if x > MOST_FACTOR:
-        return f">×{MOST_FACTOR:.0f}"
-    return f"<×{1.0 / MOST_FACTOR:.2f}" if x < 1.0 / MOST_FACTOR else f"×{x:.2g}"
-
-
-def scale_unit(question: Question) -> str:
-    """The unit of a difference: percent of a ratio, else that of the metric."""
-    return "%" if question.scale == "ratio" else unit_sign(question.unit)
-
-
 def scale_title(question: Question, first: str) -> str:
     """What the axis of a plot of differences says."""
-    unit = scale_unit(question)
+    unit = "%" if question.scale == "ratio" else unit_sign(question.unit)
     return f"beside {first}, {unit}" if unit else f"beside {first}"
 
 
-def ends(view: DirectedDifference) -> tuple[str, str] | None:
-    """Both ends of the interval of a difference without their unit, None without one; both as factors where one is."""
-    if view.ci95 is None:
-        return None
-    if view.question.scale == "ratio" and view.ci95[1] >= FACTOR:
-        return factor(view.ci95[0]), factor(view.ci95[1])
-    unit = scale_unit(view.question)
-    low, high = (signed(end, view.question).removesuffix(unit).rstrip() for end in view.ci95)
-    return low, high
-
-
 def span(view: DirectedDifference) -> str:
-    """The interval of a difference as it stands in the table: ``−31 to −15 %``, ``×9.1 to ×38``; empty without one."""
-    both = ends(view)
-    if both is None:
+    """The interval of a difference as it stands in the table: ``−31 to −15 %``; empty without one."""
+    if view.ci95 is None:
         return ""
-    unit = "" if "×" in both[1] else scale_unit(view.question)
-    return f"{both[0]} to {both[1]}{unit if unit.startswith('°') else f' {unit}'}".rstrip()
+    low, high = (signed(end, view.question) for end in view.ci95)
+    unit = "%" if view.question.scale == "ratio" else unit_sign(view.question.unit)
+    return f"{low.removesuffix(unit).rstrip()} to {high}"
 
 
 def favour(view: DirectedDifference) -> str:

@@ -7,7 +7,7 @@ from statistics import median
 
 from attlog.compare.differences.comparison import Comparison, LogDifference, LogLine, PooledDifference, Question
 from attlog.compare.differences.paired import Direction
-from attlog.compare.differences.wording import directed, ends, signed, value
+from attlog.compare.differences.wording import directed, signed, span, value
 from attlog.present.numbers import unit_sign
 
 
@@ -89,8 +89,7 @@ def _cell(question: Question, found: LogDifference | PooledDifference) -> Matrix
     if view.direction == "same":
         return MatrixCell("0", "equal", "same")
     count = f"{view.better if view.value < _even(question) else view.worse}/{view.logs}" if view.logs > 1 else ""
-    both = ends(view)
-    interval = f"[{both[0]}, {both[1]}]" if both else ""
+    interval = f"[{span(view).replace(' to ', ', ')}]" if view.ci95 else ""
     return MatrixCell(signed(view.value, question), f"{interval} {count}".strip(), view.direction)
 
 

@@ -13,7 +13,7 @@ from statistics import median, median_low
 from attlog.compare.differences.comparison import Comparison, Contrast, LogDifference, Question
 from attlog.compare.differences.over_logs import commonest
 from attlog.compare.differences.paired import Direction
-from attlog.compare.differences.wording import DirectedDifference, directed, scale_unit, signed, span, subject_of
+from attlog.compare.differences.wording import DirectedDifference, directed, signed, span, subject_of
 from attlog.compare.tables.matrix import first_value
 from attlog.present.heading import DRIFT_AIR
 from attlog.present.numbers import counted, listed, unit_sign
@@ -154,6 +154,11 @@ def _column(found: Comparison, title: str, question: Question) -> OverviewColumn
         (signed(far[0], question).removesuffix(unit), signed(far[1], question).removesuffix(unit)),
         cells,
     )
+
+
+def scale_unit(question: Question) -> str:
+    """The unit of a difference: percent of a ratio, else that of the metric."""
+    return "%" if question.scale == "ratio" else unit_sign(question.unit)
 
 
 def _sentence(better: Sequence[str], worse: Sequence[str]) -> str:

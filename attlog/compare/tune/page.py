@@ -28,11 +28,9 @@ def tune_page(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, str]) 
 
 def _sections(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, str]) -> Iterator[PageSection]:
     tried = [_tried(t, f, k) for k, f in enumerate(t.free)]
-    yield PageSection(
-        "How flat the optimum is", figures=tried, said=list(sentences(t, references_of(about), judged=False))
-    )
+    yield PageSection("How flat the optimum is", figures=tried, said=list(sentences(t, references_of(about))))
     yield PageSection("Gains, ready to paste", code="\n".join(paste(t, firmware)))
-    yield PageSection("On what was left out", table=judged_rows(t))
+    yield PageSection("On what was left out", table=judged_rows(t), folded=True)
     yield PageSection("How much the gains depend on the logs", table=gain_rows(t), folded=True)
     yield PageSection("Each part, with gains that were not found on it", table=part_rows(t), folded=True)
 

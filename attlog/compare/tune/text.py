@@ -17,17 +17,13 @@ from attlog.present.text import clean
 SCHEMA = "attlog-tune/1"
 
 
-def sentences(t: Tuning, references: Mapping[str, int], judged: bool = True) -> Iterator[str]:
-    """What was found, how it was judged, what it gained and cost; ``references``: how many logs have which.
-
-    Without ``judged`` the single metrics are left to the table.
-    """
+def sentences(t: Tuning, references: Mapping[str, int]) -> Iterator[str]:
+    """What was found, how it was judged, what it gained and cost; ``references``: how many logs have which."""
     what = ", ".join(f"{term.name} {term.weight:g}" for term in t.terms)
     yield f"{t.filter}: {named(t.found.setting)} (was {named(t.start)}), found for {what} on {_where(t)}."
-    if judged:
-        yield f"On what was left out: {'; '.join(judged_text(j) for j in t.judged if j.weight > 0)}."
+    yield f"On what was left out: {'; '.join(judged_text(j) for j in t.judged if j.weight > 0)}."
     others = [j for j in t.judged if j.weight == 0 and j.beside.value is not None]
-    if others and judged:
+    if others:
         yield f"Elsewhere, left out too: {'; '.join(judged_text(j) for j in others)}."
     yield _sure(t)
     edges = at_edge(t)

@@ -11,7 +11,6 @@ import pytest
 
 from attlog import metrics
 from attlog.compare.differences.questions import asked
-from attlog.compare.differences.wording import directed, signed, span
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Metric, Resolution, Wording
 from tests.compare.flights import comparison
@@ -70,12 +69,3 @@ def test_a_question_is_called_by_the_noun_of_its_metric_and_the_phase() -> None:
     assert titles["inclination_rmse_deg@airborne"] == "Tilt error"
     assert titles["noise_tilt_deg@hover"] == "Noise added in hover"
     assert titles["drift_air_deg_per_min@airborne"] == "Drift in the air"
-
-
-def test_a_ratio_of_ten_and_more_is_a_factor_and_beyond_a_hundred_not_comparable() -> None:
-    question = asked(["noise_tilt_deg"], "rest")[0]
-    found = comparison({"noise_tilt_deg": [(3.0, 0.5)]}, questions=[question])
-    view = directed(found.questions[0], found.questions[0].contrasts[0].logs[0])
-    assert view is not None
-    assert [signed(x, view.question) for x in (1.5, 20.1, 5e6)] == ["+50 %", "×20", ">×100"]
-    assert span(view) == "×12 to ×33"
