@@ -85,3 +85,14 @@ def test_ardupilots_gates_are_hundredths_of_a_standard_deviation_and_px4s_whole_
         found = noise.of_aid(flight(firmware=firmware, params={name: 0.5, gate: 500.0}), aid, source)
         assert found is not None
         assert (found.old, found.gate) == (0.5, pytest.approx(500.0 * unit))
+
+
+def test_the_delay_of_the_first_receiver_is_not_that_of_a_second_one() -> None:
+    """EKF2_GPS_DELAY was one for all before SENS_GPS1_DELAY: which receiver it fits nobody knows."""
+    log = flight(params={"EKF2_GPS_DELAY": 110.0})
+    log.gnss[0].index = 1
+    assert delays.of_receiver(log, log.gnss[0], 5.0) == "The log holds no delay parameter of this receiver."
+    log.params["SENS_GPS1_DELAY"] = flight(params={"SENS_GPS1_DELAY": 70.0}).params["SENS_GPS1_DELAY"]
+    found = delays.of_receiver(log, log.gnss[0], 5.0)
+    assert isinstance(found, delays.DelayParameter)
+    assert (found.name, found.old) == ("SENS_GPS1_DELAY", 70.0)
