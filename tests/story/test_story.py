@@ -349,3 +349,11 @@ def test_a_slow_receiver_is_not_lost_between_its_fixes_and_is_when_five_are_miss
         gnss = Gnss(0, t, "GPS", none, none, none, np.full((len(t), 3), np.nan), none, none, none, fix)
         found.append([(e.t, e.value) for e in made(gnss=[gnss])[2] if e.kind == "gnss_lost"])
     assert found == [[], [(15.0, 15.0)]]
+
+
+def test_an_angle_that_was_right_again_long_before_the_landing_was_not_wrong_throughout():
+    log, phases, events = made()
+    (lift, land) = phases.spans("airborne")[0]
+    early = story.WrongAngle("heading", 27.4, lift, land - 12.0)
+    said = story.headline(log, phases, events, False, early)
+    assert f"Heading was 27° wrong from {lift:.0f} to {land - 12.0:.0f} s." in said
