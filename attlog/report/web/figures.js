@@ -8,7 +8,7 @@ const draws = {
     const lane = (y, spans, fill, label, hover) => traces.push({
       type: 'bar', orientation: 'h', base: spans.map((s) => s[0]), x: spans.map((s) => s[1] - s[0]), y: spans.map(() => y), width: 0.76,
       marker: { color: fill, line: { color: css('--bg'), width: 1 } }, text: spans.map(label), textposition: 'inside', insidetextanchor: 'start',
-      constraintext: 'none', cliponaxis: true, textfont: { size: 11.5, color: css('--tx') }, customdata: spans.map(hover), hovertemplate: '%{customdata}<extra></extra>', textangle: 0,
+      constraintext: 'none', cliponaxis: true, textfont: { size: 12, color: css('--tx') }, customdata: spans.map(hover), hovertemplate: '%{customdata}<extra></extra>', textangle: 0,
     });
     const names = [...new Set(M.modes.map((m) => m[2]))], tint = names.map((_, i) => css('--m' + (i % 4)));
     const pixels = (width(id) - L.margin.l - L.margin.r) / (range[1] - range[0]);
@@ -168,7 +168,7 @@ const draws = {
     L.yaxis = axis('', { tickvals: f.lines.map((_, i) => lines - 1 - i), ticktext: f.lines.map((t) => safe(short(t, 28))), range: [-0.6, lines - 0.4], fixedrange: true, zeroline: false });
     L.shapes.push({ type: 'line', xref: 'x', yref: 'paper', x0: f.log ? 1 : 0, x1: f.log ? 1 : 0, y0: 0, y1: 1, line: { color: css('--tx'), width: 1.3 } });
     if (f.all) L.shapes.push({ type: 'line', xref: 'paper', yref: 'y', x0: 0, x1: 1, y0: 0.5, y1: 0.5, line: { color: css('--bd'), width: 1 } });
-    for (const [x, text, anchor] of [[0, '← nearer to perfect', 'left'], [1, 'farther →', 'right']]) L.annotations.push({ x, y: 1, xref: 'paper', yref: 'paper', xanchor: anchor, yanchor: 'bottom', text, showarrow: false, font: { size: 11.5, color: css('--mu') } });
+    for (const [x, text, anchor] of [[0, '← nearer to perfect', 'left'], [1, 'farther →', 'right']]) L.annotations.push({ x, y: 1, xref: 'paper', yref: 'paper', xanchor: anchor, yanchor: 'bottom', text, showarrow: false, font: { size: 12, color: css('--mu') } });
     return { traces, layout: L };
   },
 };

@@ -19,14 +19,14 @@ function layout(id, more) {
     width: width(id), height: tall(id), paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)',
     font: { family: 'system-ui,-apple-system,Segoe UI,Roboto,Arial,sans-serif', size: 12, color: text }, showlegend: false,
     margin: { l: small ? 50 : 64, r: small ? 8 : 14, t: 22, b: 40 }, hovermode: 'x',
-    hoverlabel: { bgcolor: css('--bg'), bordercolor: css('--bd'), font: { size: 11.5, color: text }, namelength: 40 },
+    hoverlabel: { bgcolor: css('--bg'), bordercolor: css('--bd'), font: { size: 12, color: text }, namelength: 40 },
     dragmode: small ? false : 'zoom', shapes: [], annotations: [],
   }, more || {});
 }
 
 const band = (a, b, fill) => ({ type: 'rect', xref: 'x', yref: 'paper', x0: a, x1: b, y0: 0, y1: 1, fillcolor: fill, line: { width: 0 }, layer: 'below' });
 const bar = (x, color, dash) => ({ type: 'line', xref: 'x', yref: 'paper', x0: x, x1: x, y0: 0, y1: 1, line: { color, width: 1.2, dash }, layer: 'below' });
-const note = (x, text, more) => Object.assign({ x, y: 1, xref: 'x', yref: 'paper', yanchor: 'bottom', text, showarrow: false, font: { size: 11.5, color: css('--mu') } }, more || {});
+const note = (x, text, more) => Object.assign({ x, y: 1, xref: 'x', yref: 'paper', yanchor: 'bottom', text, showarrow: false, font: { size: 12, color: css('--mu') } }, more || {});
 const MANY_MARKS = 80;
 // too many to be seen singly are not drawn until the figure is zoomed
 const few = (marks, range) => { const here = marks.filter((m) => (m.length > 2 ? m[1] : m[0]) >= range[0] && m[0] <= range[1]); return here.length > MANY_MARKS ? [] : here; };
@@ -50,7 +50,7 @@ function phases(L, named) {
   const least = 50 / L.width;
   label(M.rest, 'rest', least);
   label(M.airborne, 'in the air', 1.6 * least);
-  for (const [a] of M.impact) if (seen(a, a)) L.annotations.push(note(a, 'impact', { font: { size: 11.5, color: css('--bad') } }));
+  for (const [a] of M.impact) if (seen(a, a)) L.annotations.push(note(a, 'impact', { font: { size: 12, color: css('--bad') } }));
 }
 
 const line = (r, w) => ({ color: colour(r), width: w || (D.rows[r].onboard ? 2.2 : 1.5), dash: D.rows[r].dash });

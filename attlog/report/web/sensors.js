@@ -16,7 +16,7 @@ function letters(id, names, colours) {
 
 const axisLetters = (id) => letters(id, AXES, AXES.map(ofAxis));
 const level = (y, color, dash) => ({ type: 'line', xref: 'paper', yref: 'y', x0: 0, x1: 1, y0: y, y1: y, line: { color, width: 1.3, dash } });
-const beside = (y, text, color, right, below) => ({ x: right ? 1 : 0, y, xref: 'paper', yref: 'y', xanchor: right ? 'right' : 'left', yanchor: below ? 'top' : 'bottom', text, showarrow: false, font: { size: 11, color } });
+const beside = (y, text, color, right, below) => ({ x: right ? 1 : 0, y, xref: 'paper', yref: 'y', xanchor: right ? 'right' : 'left', yanchor: below ? 'top' : 'bottom', text, showarrow: false, font: { size: 12, color } });
 const visibleIn = (t, y, range) => Array.from(y).filter((v, i) => Number.isFinite(v) && t[i] >= range[0] && t[i] <= range[1]);
 const share = (all, p) => all.slice().sort((a, b) => a - b)[Math.min(Math.floor(p * all.length), all.length - 1)];
 const beyond = (text, color, t, y, top, more) => plain(text, color, t.filter((_, i) => y[i] > top), t.filter((_, i) => y[i] > top).map(() => top), Object.assign({ mode: 'markers', arrow: true, hoverinfo: 'skip', say: undefined, cliponaxis: false, marker: { symbol: 'triangle-up', size: 8, color } }, more || {}));
