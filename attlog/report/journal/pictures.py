@@ -1,0 +1,111 @@
+"""Which figures a result can fill, and each of them as a plotly figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from attlog.base.errors import UsageError
+from attlog.report.figures.catalogue import sections
+from attlog.report.figures.figure import PageFigure
+from attlog.report.figures.marks import time_marks
+from attlog.report.journal import compass, dots, drift, flight, rest, sensors, spectrum, steps
+from attlog.report.journal.canvas import Canvas, row_lines
+from attlog.report.journal.store import PlainStore
+from attlog.report.look import Look, looks
+from attlog.result import Result
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+DRAWERS: dict[str, Callable[[Canvas, dict[str, Any]], None]] = {
+    "strip": flight.strip,
+    "attitude": flight.attitude,
+    "difference": flight.difference,
+    "rest": rest.rest,
+    "spread": rest.spread,
+    "allan": rest.allan,
+    "step": steps.step,
+    "steps": steps.steps,
+    "lag": dots.lag,
+    "setpoint": steps.setpoint,
+    "drift": drift.drift,
+    "drifts": dots.drifts,
+    "bias": sensors.bias,
+    "size": sensors.size,
+    "vibration": sensors.vibration,
+    "ratios": sensors.ratios,
+    "compass": compass.compass,
+    "interference": compass.interference,
+    "spectrum": spectrum.spectrum,
+}
+"""The drawing function of each kind of figure; the page's scripts have the same kinds."""
+
+UNTITLED = "Flight modes, armed and airborne time, messages"
+"""The strip has no title on the page: what stands on its axis tells."""
+
+
+def figures(result: Result) -> dict[str, str]:
+    """Titles of the figures that the result can fill, by their names; see :meth:`Result.figure`."""
+    return {f.id: f.title or UNTITLED for f in _found(result, looks(result)).values()}
+
+
+def figure(
+    result: Result,
+    name: str,
+    *,
+    view: str | int = 0,
+    rows: Sequence[str] | None = None,
+    span: tuple[float, float] | None = None,
+) -> plotly.graph_objects.Figure:
+    """One figure; see :meth:`Result.figure`."""
+    import plotly.graph_objects as go
+
+    look = looks(result)
+    found = _found(result, look)
+    if name not in found:
+        raise UsageError(_missing(result, name, found))
+    marks = time_marks(result)
+    start, end = span or marks["range"]
+    if not start < end:
+        raise UsageError(f"span: from {start:g} s to {end:g} s is no stretch of time")
+    canvas = Canvas(row_lines(look.values()), _shown(look, rows), marks, (float(start), float(end)))
+    drawn = found[name]
+    DRAWERS[drawn.kind](canvas, drawn.data | _view(drawn, view))
+    return go.Figure(canvas.finished())
+
+
+def _found(result: Result, look: dict[str, Look]) -> dict[str, PageFigure]:
+    """The page's figures by name, in its order, with arrays as they are."""
+    return {f.id: f for part in sections(result, look, PlainStore()).values() for f in part}
+
+
+def _missing(result: Result, name: str, found: dict[str, PageFigure]) -> str:
+    """Why there is no such figure."""
+    words = f"no figure {name!r}; this result has {', '.join(found)}"
+    if result.traces:
+        return words
+    return f"{words}. A result read from JSON holds no lines: attlog.analyze(log) gives one with all figures"
+
+
+def _shown(look: dict[str, Look], rows: Sequence[str] | None) -> set[int]:
+    """Positions of the rows to draw: those asked for, by id or name, else those that the page shows at first."""
+    if rows is None:
+        return {i for i, own in enumerate(look.values()) if own.shown}
+    asked = [rows] if isinstance(rows, str) else list(rows)
+    known = {name: i for i, own in enumerate(look.values()) for name in (own.name,)}
+    known |= {name: i for i, name in enumerate(look)}
+    if wrong := [name for name in asked if name not in known]:
+        raise UsageError(f"rows: no row {wrong[0]!r}; this result has {', '.join(look)}")
+    return {known[name] for name in asked}
+
+
+def _view(drawn: PageFigure, view: str | int) -> dict[str, Any]:
+    """What can be chosen in a figure, by its place or its name on the page."""
+    views = drawn.data.get("views") or [{}]
+    if isinstance(view, int) and -len(views) <= view < len(views):
+        return dict(views[view])
+    for i, called in enumerate(drawn.views):
+        if isinstance(view, str) and called.startswith(view):
+            return dict(views[i])
+    raise UsageError(f"{drawn.id}: no view {view!r}; use {', '.join(map(repr, drawn.views)) or 0}")
