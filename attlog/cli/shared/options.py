@@ -63,6 +63,10 @@ Form = Annotated[
         "--format", metavar="md|csv|tex", help="Print the table in this form on standard output. [default: for reading]"
     ),
 ]
+Figures = Annotated[
+    Path | None,
+    typer.Option("--figures", metavar="DIR", help="Write the figures to this folder too, as SVG and PNG for papers."),
+]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
 Reference = Annotated[
     str | None,

@@ -15,7 +15,7 @@ from attlog.report.look import Look
 
 Array = NDArray[np.float64]
 
-LEFT, RIGHT, BOTTOM = 50, 11, 34
+LEFT, RIGHT, BOTTOM = 54, 11, 34
 ABOVE = 1.2 * TEXT
 """Pixels of words above the figure."""
 
@@ -117,7 +117,11 @@ class Canvas:
 
     def finished(self) -> dict[str, Any]:
         """Traces and layout as plotly takes them."""
-        keys = list(self.keys.values()) if len(self.keys) > 1 else []
+        keys = list(self.keys.values())
+        if len(keys) == 1 and not keys[0].fill:
+            keys = []  # one line alone: the axis says what it is
+        if "domain" not in self.axes["yaxis"]:
+            self.axes["yaxis"]["title"]["standoff"] = 3  # of several panels the titles stand in line instead
         shapes, texts, high = legend(keys, self.left, self.above)
         top = 6.0 + high + self.above
         layout: dict[str, Any] = {

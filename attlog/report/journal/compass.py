@@ -15,7 +15,7 @@ from attlog.report.journal.store import array
 from attlog.report.journal.style import DASH, DOT, INK, LINE, STRONG, axis, below, palette
 
 AXES = ("x", "y", "z")
-PARTS = (("expected_", "expected", DASH), ("", "measured", "solid"), ("corrected_", "corrected", DOT))
+PARTS = (("", "measured", "solid"), ("expected_", "expected", DASH), ("corrected_", "corrected", DOT))
 
 
 def compass(canvas: Canvas, data: dict[str, Any]) -> None:

@@ -23,13 +23,14 @@ FULL = ("", "at rest", "against truth")
 """Where a drift was found whose dot is filled."""
 NEAR = 4.0
 """What is beyond so many times the largest ranked value runs out of the figure."""
-LETTERS = 22
+LETTERS = 26
 
 
 def lag(canvas: Canvas, data: dict[str, Any]) -> None:
     """Lag of each row with its interval and its single steps; grey: half a sample of the IMU either way."""
     if data["half"]:
         canvas.band(-data["half"], data["half"], palette()["arm"])
+        canvas.key(Key("± half a sample of the IMU", palette()["mu"], fill=True))
     dots(canvas, data["rows"], "lag, ms")
 
 

@@ -32,9 +32,9 @@ def strip(canvas: Canvas, data: dict[str, Any]) -> None:
         if times:
             canvas.marker(times, [0] * len(times), {"symbol": symbol, "size": MARKER, "color": colour}, name=name)
     canvas.axes["xaxis"] = time_axis(canvas.span)
-    lanes = {"tickvals": [0, 1, 2], "ticktext": list(LANES), "ticks": "", "showline": False}
+    lanes = {"tickvals": [0, 1, 2], "ticktext": list(LANES), "ticks": "", "showline": False, "ticklabelstandoff": 3}
     canvas.axes["yaxis"] = axis("", range=[-0.5, 2.5], **lanes)
-    canvas.left = 12.0 + max(map(text_width, LANES))
+    canvas.left = 14.0 + max(map(text_width, LANES))
 
 
 def _lane(canvas: Canvas, y: float, spans: list[tuple[float, float, str, str]]) -> None:

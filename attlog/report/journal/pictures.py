@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from attlog.base.errors import UsageError
@@ -45,39 +46,52 @@ UNTITLED = "Flight modes, armed and airborne time, messages"
 """The strip has no title on the page: what stands on its axis tells."""
 
 
+@dataclass(frozen=True, slots=True)
+class Album:
+    """The figures that a result can fill, by name in the order of the page, and what they share."""
+
+    result: Result
+    look: dict[str, Look]
+    found: dict[str, PageFigure]
+    marks: dict[str, Any]
+
+    @classmethod
+    def of(cls, result: Result) -> Album:
+        """Of a result, with arrays as they are."""
+        look = looks(result)
+        found = {f.id: f for part in sections(result, look, PlainStore()).values() for f in part}
+        return cls(result, look, found, time_marks(result))
+
+    def drawn(
+        self,
+        name: str,
+        *,
+        view: str | int = 0,
+        rows: Sequence[str] | None = None,
+        span: tuple[float, float] | None = None,
+    ) -> dict[str, Any]:
+        """``data`` and ``layout`` of a figure; see :meth:`Result.figure`."""
+        if name not in self.found:
+            raise UsageError(_missing(self.result, name, self.found))
+        start, end = span or self.marks["range"]
+        if not start < end:
+            raise UsageError(f"span: from {start:g} s to {end:g} s is no stretch of time")
+        canvas = Canvas(row_lines(self.look.values()), _shown(self.look, rows), self.marks, (float(start), float(end)))
+        own = self.found[name]
+        DRAWERS[own.kind](canvas, own.data | _view(own, view))
+        return canvas.finished()
+
+
 def figures(result: Result) -> dict[str, str]:
-    """Titles of the figures that the result can fill, by their names; see :meth:`Result.figure`."""
-    return {f.id: f.title or UNTITLED for f in _found(result, looks(result)).values()}
+    """Titles of the figures that the result can fill, by their names; see :meth:`Result.figures`."""
+    return {name: f.title or UNTITLED for name, f in Album.of(result).found.items()}
 
 
-def figure(
-    result: Result,
-    name: str,
-    *,
-    view: str | int = 0,
-    rows: Sequence[str] | None = None,
-    span: tuple[float, float] | None = None,
-) -> plotly.graph_objects.Figure:
+def figure(result: Result, name: str, **options: Any) -> plotly.graph_objects.Figure:
     """One figure; see :meth:`Result.figure`."""
     import plotly.graph_objects as go
 
-    look = looks(result)
-    found = _found(result, look)
-    if name not in found:
-        raise UsageError(_missing(result, name, found))
-    marks = time_marks(result)
-    start, end = span or marks["range"]
-    if not start < end:
-        raise UsageError(f"span: from {start:g} s to {end:g} s is no stretch of time")
-    canvas = Canvas(row_lines(look.values()), _shown(look, rows), marks, (float(start), float(end)))
-    drawn = found[name]
-    DRAWERS[drawn.kind](canvas, drawn.data | _view(drawn, view))
-    return go.Figure(canvas.finished())
-
-
-def _found(result: Result, look: dict[str, Look]) -> dict[str, PageFigure]:
-    """The page's figures by name, in its order, with arrays as they are."""
-    return {f.id: f for part in sections(result, look, PlainStore()).values() for f in part}
+    return go.Figure(Album.of(result).drawn(name, **options))
 
 
 def _missing(result: Result, name: str, found: dict[str, PageFigure]) -> str:

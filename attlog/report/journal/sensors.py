@@ -14,6 +14,8 @@ from attlog.report.journal.store import array
 from attlog.report.journal.style import AXIS_DASHES, DASH, DASHES, DOT, INK, LINE, MARKER, axis, faded, palette
 
 HIGHEST_RATIO = 4.0
+IN_SIGHT = 6.0
+"""A limit beyond so many times the highest level is not shown."""
 AXES = ("x", "y", "z")
 
 
@@ -98,7 +100,7 @@ def _levels(canvas: Canvas, data: dict[str, Any]) -> float:
     """The level and those percentiles and limits that are in sight; the upper end of the axis."""
     tint, t, y = palette()["e1"], array(data["t"]), array(data["level"])
     most = max(0.1, float(np.max(within(t, y, canvas.span), initial=0.0)))
-    top: float = max([1.15 * most, *(min(1.1 * v, 6.0 * most) for v in data["limits"][:1])])
+    top: float = max([1.15 * most, *(1.1 * v for v in data["limits"][:1] if 1.1 * v < IN_SIGHT * most)])
     canvas.plain("level", tint, *thinned(t, y, canvas.span))
     for what, v in data["shares"].items():
         if v <= top and what != "worst":

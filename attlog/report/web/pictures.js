@@ -2,12 +2,20 @@
 (async () => {
   const { figures, scale } = JSON.parse(document.getElementById('figures').textContent), drawn = [];
   const body = (url) => url.slice(url.indexOf(',') + 1);
+  const painted = async (url, { width, height }) => {
+    const image = new Image(), canvas = document.createElement('canvas');
+    image.src = url;
+    await image.decode();
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+    canvas.getContext('2d').drawImage(image, 0, 0, canvas.width, canvas.height);
+    return canvas.toDataURL('image/png');
+  };
   let answer = drawn;
   try {
     for (const f of figures) {
-      const size = { width: f.layout.width, height: f.layout.height };
-      const svg = await Plotly.toImage(f, { format: 'svg', ...size }), png = await Plotly.toImage(f, { format: 'png', ...size, scale });
-      drawn.push([decodeURIComponent(body(svg)), body(png)]);
+      const svg = await Plotly.toImage(f, { format: 'svg', width: f.layout.width, height: f.layout.height });
+      drawn.push([decodeURIComponent(body(svg)), body(await painted(svg, f.layout))]);
     }
   } catch (error) { answer = String(error); }
   const bytes = new TextEncoder().encode(JSON.stringify(answer));
