@@ -55,7 +55,8 @@ def analyze_to_files(
     Errors as in :func:`attlog.analyze`; LogUnreadable where the log changed meanwhile; OutputError if a file cannot
     be written.
     ``deterministic`` leaves measured times out of both files. ``figures``: how the paths of figures begin that are
-    written after the report, all of them or none; a report stays where they fail. The logger ``attlog.stages`` tells the stage.
+    written after the report, all of them or none; a report stays where they fail. The logger ``attlog.stages`` tells
+    the stage.
     """
     from attlog.analysis import analyze
 

@@ -23,6 +23,9 @@ def write_figures(result: Result, start: Path) -> list[Path]:
     """
     album = Album.of(result)
     drawn = {name: plain(album.drawn(name)) for name in album.found}
+    for figure in drawn.values():
+        for i, trace in enumerate(figure["data"]):
+            trace["uid"] = str(i)  # else plotly names it by chance, and no two files are equal
     with staged(start.parent) as stage:
         for name, picture in pictures(drawn, stage.parent).items():
             path = stage / f"{start.name}_{name}"

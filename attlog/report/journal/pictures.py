@@ -10,8 +10,8 @@ from attlog.base.errors import UsageError
 from attlog.report.figures.catalogue import sections
 from attlog.report.figures.figure import PageFigure
 from attlog.report.figures.marks import time_marks
-from attlog.report.journal import compass, dots, drift, flight, rest, sensors, spectrum, steps
 from attlog.report.journal.canvas import Canvas, row_lines
+from attlog.report.journal.drawers import compass, dots, drift, flight, rest, sensors, spectrum, steps
 from attlog.report.journal.store import PlainStore
 from attlog.report.look import Look, looks
 from attlog.result import Result
