@@ -8,7 +8,7 @@ the figures; they go packed into the page, not into the JSON file.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -237,7 +237,14 @@ class Result:
 
         return figures(self)
 
-    def figure(self, name: str, **options: Any) -> plotly.graph_objects.Figure:
+    def figure(
+        self,
+        name: str,
+        *,
+        view: str | int = 0,
+        rows: Sequence[str] | None = None,
+        span: tuple[float, float] | None = None,
+    ) -> plotly.graph_objects.Figure:
         """A figure of the report for a paper or a notebook: one column (88 mm), 8 pt, black axes, light colours.
 
         ``view``: which of the figure's views, by its name on the page or the start of it (``"pitch"``), else by its
@@ -247,7 +254,7 @@ class Result:
         """
         from attlog.report.journal import figure
 
-        return figure(self, name, **options)
+        return figure(self, name, view=view, rows=rows, span=span)
 
     def table(self, window: str = "all") -> pandas.DataFrame:
         """Values of one window: a line for each row, by its name, a column for each metric; NaN where there is none.
