@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from attlog.report.journal.legend import Key, legend
 from attlog.report.journal.style import AXIS_LINE, DASH, DASHES, FONT, INK, LINE, STRONG, TEXT, WIDTH, palette, safe
+from attlog.report.look import DASHES as PAGE_DASHES
 from attlog.report.look import Look
 
 Array = NDArray[np.float64]
@@ -33,14 +34,13 @@ class RowLine:
 
 
 def row_lines(looks: Iterable[Look]) -> list[RowLine]:
-    """Of all rows: the page's colours; filters have dashes in turn, onboard rows their own."""
+    """Of all rows: the page's colours; the dash follows from the colour, and from the page's dash."""
     found: list[RowLine] = []
-    filters = 0
     for look in looks:
-        colour = palette()[f"e{look.slot}"]
-        dash, width = (look.dash, STRONG) if look.onboard else (DASHES[filters % len(DASHES)], LINE)
-        filters += not look.onboard
-        found.append(RowLine(safe(look.name, 40), colour, dash, width, look.lost, look.onboard))
+        shift = PAGE_DASHES.index(look.dash)
+        dash = DASHES[shift if look.slot == 0 else (look.slot - 1 + 3 * shift) % len(DASHES)]
+        width = STRONG if look.onboard else LINE
+        found.append(RowLine(safe(look.name, 40), palette()[f"e{look.slot}"], dash, width, look.lost, look.onboard))
     return found
 
 

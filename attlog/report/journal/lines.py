@@ -48,18 +48,22 @@ def _extremes(y: Array, edges: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def fitted(
-    canvas: Canvas, traces: Iterable[dict[str, Any]], least: float, calm: bool = False, start: float = -np.inf
+    canvas: Canvas,
+    traces: Iterable[dict[str, Any]],
+    least: float,
+    calm: bool = False,
+    between: tuple[float, float] = (-np.inf, np.inf),
 ) -> list[float]:
-    """A range, ``least`` wide or wider, for lines: diverged rows do not set it; values before ``start`` do not."""
+    """A range, ``least`` wide or wider, for lines: diverged rows do not set it; values not ``between`` do not."""
     lines = [(t.get("meta"), array(t["x"]), array(t["y"])) for t in traces]
     sound = [line for line in lines if line[0] is None or not canvas.rows[line[0]].lost] or lines
     if calm and sound:
         travel = [float(np.nanmax(y) - np.nanmin(y)) if np.isfinite(y).any() else 0.0 for _, _, y in sound]
         far = CALM * sorted(travel)[len(travel) // 2]
         sound = [line for line, moved in zip(sound, travel, strict=True) if moved <= far] or sound
-    if not any(len(x) and x[-1] > start for _, x, _ in sound):
-        start = -np.inf
-    parts = [y[(x >= start) & np.isfinite(y)] for _, x, y in sound]
+    start = between[0] if any(len(x) and x[-1] > between[0] for _, x, _ in sound) else -np.inf
+    end = between[1] if any(len(x) and x[0] < between[1] for _, x, _ in sound) else np.inf
+    parts = [y[(x >= start) & (x <= end) & np.isfinite(y)] for _, x, y in sound]
     values = np.concatenate([*parts, np.zeros(0)])
     if not len(values):
         return [-least, least]

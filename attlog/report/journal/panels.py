@@ -33,6 +33,13 @@ class Panel:
     cut: float | None = None
     more: dict[str, Any] = field(default_factory=dict)
 
+    def line(self, stored: dict[str, Any], span: tuple[float, float]) -> tuple[Any, Any]:
+        """Times and values of stored lines in this panel."""
+        y = array(stored["y"][self.key])
+        if self.cut is not None:
+            y = y - 360.0 * np.floor((y - self.cut) / 360.0)
+        return thinned(array(stored["t"]), y, span, self.wraps)
+
 
 def domains(n: int) -> list[list[float]]:
     """The vertical places of ``n`` panels from the top down."""
@@ -52,10 +59,9 @@ def panels(
     span: tuple[float, float],
     *,
     calm: bool = False,
-    start: float = -np.inf,
-    arrows: bool = True,
+    between: tuple[float, float] = (-np.inf, np.inf),
 ) -> None:
-    """Lines of the rows in each panel, below them the time."""
+    """Lines of the rows in each panel, below them the time; what is ``between`` sets the ranges."""
     canvas.height = 72.0 * len(columns) if len(columns) > 1 else 120.0
     place = domains(len(columns))
     canvas.axes["xaxis"] = time_axis(span, axis_key(len(columns) - 1))
@@ -63,16 +69,17 @@ def panels(
         key = axis_key(i)
         for s in canvas.drawn_rows(series):
             if panel.key in s["y"]:
-                y = array(s["y"][panel.key])
-                if panel.cut is not None:
-                    y = y - 360.0 * np.floor((y - panel.cut) / 360.0)
-                x, y = thinned(array(s["t"]), y, span, panel.wraps)
-                canvas.row(s["r"], x, y, yaxis=key)
+                canvas.row(s["r"], *panel.line(s, span), yaxis=key)
         own = [t for t in canvas.traces if t.get("yaxis") == key]
-        seen = fitted(canvas, own, panel.least, calm, start)
+        seen = fitted(canvas, own, panel.least, calm, between)
         canvas.axes["yaxis" + key[1:]] = axis(panel.title, domain=place[i], nticks=5, range=seen) | panel.more
-    if arrows:
-        leaving(canvas)
+    leaving(canvas)
+
+
+def before_the_crash(canvas: Canvas, start: float = -np.inf) -> tuple[float, float]:
+    """From when to when values set ranges, where a flight ended in a crash."""
+    crash = canvas.marks["crash"]
+    return start, np.inf if crash is None else float(crash)
 
 
 def time_axis(span: tuple[float, float], anchor: str = "y") -> dict[str, Any]:

@@ -11,7 +11,7 @@ from attlog.report.figures.catalogue import sections
 from attlog.report.figures.figure import PageFigure
 from attlog.report.figures.marks import time_marks
 from attlog.report.journal.canvas import Canvas, row_lines
-from attlog.report.journal.drawers import compass, dots, drift, flight, rest, sensors, spectrum, steps
+from attlog.report.journal.drawers import compass, dots, drift, flight, rest, sensors, spectrum, steps, track
 from attlog.report.journal.store import PlainStore
 from attlog.report.look import Look, looks
 from attlog.result import Result
@@ -39,6 +39,7 @@ DRAWERS: dict[str, Callable[[Canvas, dict[str, Any]], None]] = {
     "compass": compass.compass,
     "interference": compass.interference,
     "spectrum": spectrum.spectrum,
+    "track": track.track,
 }
 """The drawing function of each kind of figure; the page's scripts have the same kinds."""
 
@@ -73,12 +74,14 @@ class Album:
         """``data`` and ``layout`` of a figure; see :meth:`Result.figure`."""
         if name not in self.found:
             raise UsageError(_missing(self.result, name, self.found))
-        start, end = span or self.marks["range"]
+        start, end = span or self.marks["first"]
         if not start < end:
             raise UsageError(f"span: from {start:g} s to {end:g} s is no stretch of time")
-        canvas = Canvas(row_lines(self.look.values()), _shown(self.look, rows), self.marks, (float(start), float(end)))
         own = self.found[name]
-        DRAWERS[own.kind](canvas, own.data | _view(own, view))
+        data = own.data | _view(own, view)
+        shown = set(data["focus"]) if rows is None and "focus" in data else _shown(self.look, rows)
+        canvas = Canvas(row_lines(self.look.values()), shown, self.marks, (float(start), float(end)))
+        DRAWERS[own.kind](canvas, data)
         return canvas.finished()
 
 

@@ -24,8 +24,11 @@ MARKER = 4.5
 
 INK = "#000000"
 DASH, DOT = "4px,2px", "1.2px,1.8px"
-DASHES = ("solid", DASH, DOT, "5px,1.6px,1.2px,1.6px", "8px,2px", "8px,1.6px,1.2px,1.6px,1.2px,1.6px")
-"""Lines of filters in turn, so that they differ in grey print; plotly's own are too long for a small figure."""
+DASHES = (
+    *("solid", DASH, DOT, "5px,1.6px,1.2px,1.6px", "8px,2px", "8px,1.6px,1.2px,1.6px,1.2px,1.6px"),
+    *("2.4px,2.4px", "6px,1.6px,2.4px,1.6px", "10px,1.6px,4px,1.6px"),
+)
+"""Of lines, for each colour of the palette its own: filters differ in grey print too. plotly's are too long here."""
 AXIS_DASHES = {"x": "solid", "y": DASH, "z": DOT}
 SIGNS = str.maketrans({"&": "＆", "<": "‹", ">": "›", "$": "＄"})
 """plotly reads tags, entities and formulas in texts: nothing that looks like one may reach it."""

@@ -21,7 +21,7 @@ SAME = {"bias": "bias", "compass": "compass", "gravity": "gravity", "spectrum": 
 SAME |= {name: name for name in ("attitude", "difference", "rest", "spread", "allan", "step", "drift", "ratios")}
 """Figures and the traces that they draw without a change."""
 UNIT = re.compile(
-    r", (°|°/s|°/min|ms|s|Hz|%|A|µT|m/s²|°/s/√Hz|share of the gate|% of the step)$|^share of the command$"
+    r", (°|°/s|°/min|ms|s|Hz|%|A|m|µT|m/s²|°/s/√Hz|share of the gate|% of the step)$|^share of the command$"
 )
 
 
@@ -131,12 +131,30 @@ def test_filters_have_the_colours_of_the_page_and_dashes_that_differ(album: Albu
     assert len({line["dash"] for line in lines.values()}) == len(lines)
 
 
+def test_the_attitude_shows_the_rows_of_its_view(album: Album, drawn: dict[str, Any]) -> None:
+    focused = {t["name"] for t in drawn["attitude"]["data"]}
+    everybody = {t["name"] for t in album.drawn("attitude", view=1)["data"]}
+    assert focused == {"Onboard", "set-point"}
+    assert everybody - focused == {"Gyro", "Complementary, Fan", "Mahony, Xu 0.6"}
+
+
+def test_a_metre_of_the_track_is_as_long_in_both_directions(drawn: dict[str, Any]) -> None:
+    layout = drawn["track"]["layout"]
+    inside = layout["width"] - layout["margin"]["l"] - layout["margin"]["r"]
+    high = layout["height"] - layout["margin"]["t"] - layout["margin"]["b"]
+    per_metre = [p / np.ptp(layout[key]["range"]) for p, key in ((inside, "xaxis"), (high, "yaxis"))]
+    assert per_metre[0] == pytest.approx(per_metre[1], rel=0.01)
+    heads = [t for t in drawn["track"]["data"] if "angle" in t.get("marker", {})]
+    assert len(heads) == 2
+    assert all(2 <= len(t["x"]) <= 61 for t in heads)
+
+
 def test_rows_views_and_a_part_of_the_flight_can_be_chosen(album: Album) -> None:
     one = album.drawn("attitude", rows=[NAMES[2]], span=(70.0, 80.0))
-    assert {t["name"] for t in one["data"]} == {"Mahony, Xu 0.6"}
+    assert {t["name"] for t in one["data"]} == {"Mahony, Xu 0.6", "set-point"}
     assert one["layout"]["xaxis"]["range"] == [70.0, 80.0]
     inside = [t["x"] for t in one["data"] if t["mode"] == "lines"]
-    assert all(69.9 <= x.min() and x.max() <= 80.1 for x in inside)
+    assert all(69.8 <= x.min() and x.max() <= 80.2 for x in inside)
     assert "accelerometer" in album.drawn("spectrum", view="acc")["layout"]["yaxis"]["title"]["text"]
     assert "gyro" in album.drawn("spectrum", view=0)["layout"]["yaxis"]["title"]["text"]
 

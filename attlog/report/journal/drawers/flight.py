@@ -9,9 +9,9 @@ import numpy as np
 from attlog.report.journal.canvas import Canvas
 from attlog.report.journal.legend import Key, text_width
 from attlog.report.journal.lines import thinned
-from attlog.report.journal.panels import Panel, alarms, panels, phases, time_axis
+from attlog.report.journal.panels import Panel, alarms, axis_key, before_the_crash, panels, phases, time_axis
 from attlog.report.journal.store import array
-from attlog.report.journal.style import INK, MARKER, TEXT, axis, faded, palette, safe
+from attlog.report.journal.style import DASH, INK, MARKER, TEXT, axis, faded, palette, safe
 
 LANES = ("messages", "armed", "mode")
 GRADES = (("message", "circle"), ("warning", "triangle-up"), ("failsafe, critical message", "diamond"))
@@ -62,6 +62,10 @@ def attitude(canvas: Canvas, data: dict[str, Any]) -> None:
     ]
     panels(canvas, data["series"], columns, canvas.span)
     _headings(canvas.axes["yaxis3"])
+    if "demand" in data:  # it sets no range: in a crash nothing follows it
+        for i, panel in enumerate(columns):
+            line = {"color": palette()["mu"], "dash": DASH}
+            canvas.plain("set-point", INK, *panel.line(data["demand"], canvas.span), yaxis=axis_key(i), line=line)
     phases(canvas)
     alarms(canvas)
 
@@ -90,6 +94,6 @@ def difference(canvas: Canvas, data: dict[str, Any]) -> None:
                 canvas.edge(x, low * y, yaxis=yaxis)
                 canvas.edge(x, y, yaxis=yaxis, **grey)
                 canvas.key(Key("sigma of the smoother", INK, fill=True))
-    panels(canvas, data["series"], columns, canvas.span, start=float(data["scored"]))
+    panels(canvas, data["series"], columns, canvas.span, between=before_the_crash(canvas, float(data["scored"])))
     phases(canvas)
     alarms(canvas)

@@ -9,7 +9,7 @@ import numpy as np
 from attlog.report.journal.canvas import Canvas
 from attlog.report.journal.legend import Key
 from attlog.report.journal.lines import FAR, beyond, share, thinned, within
-from attlog.report.journal.panels import Panel, panels, phases, time_axis
+from attlog.report.journal.panels import Panel, before_the_crash, panels, phases, time_axis
 from attlog.report.journal.store import array
 from attlog.report.journal.style import AXIS_DASHES, DASH, DASHES, DOT, INK, LINE, MARKER, axis, faded, palette
 
@@ -21,7 +21,13 @@ AXES = ("x", "y", "z")
 
 def bias(canvas: Canvas, data: dict[str, Any]) -> None:
     """Gyro bias that filters found, and what the gyro shows at rest."""
-    panels(canvas, data["series"], [Panel(a, f"{a}, °/s", 0.02) for a in AXES], canvas.span)
+    panels(
+        canvas,
+        data["series"],
+        [Panel(a, f"{a}, °/s", 0.02) for a in AXES],
+        canvas.span,
+        between=before_the_crash(canvas),
+    )
     for i, a in enumerate(AXES if "rests" in data else ()):
         key = f"y{i + 1}" if i else "y"
         y = array(data["rests"][a])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from attlog.report.journal.canvas import Canvas
+from attlog.report.journal.legend import Key
 from attlog.report.journal.lines import fitted, leaving
 from attlog.report.journal.store import array
 from attlog.report.journal.style import DASH, DOT, INK, STRONG, axis, below, faded, palette, safe
@@ -26,7 +27,9 @@ def step(canvas: Canvas, data: dict[str, Any]) -> None:
         dashed = {"color": palette()["mu"], "dash": DASH}
         canvas.plain("set-point", INK, x, array(longest["y"]["set"]), line=dashed, yaxis="y")
     marked = "lines+markers" if len(x) < FEW else "lines"
-    reference = {"line": {"width": STRONG}, "marker": {"size": 3, "color": INK}, "mode": marked}
+    own = canvas.rows[data["reference"]] if "reference" in data else None
+    line = {"width": STRONG} | ({} if own is None else {"color": own.colour, "dash": own.dash})
+    reference = {"line": line, "marker": {"size": 3, "color": line.get("color", INK)}, "mode": marked}
     canvas.plain("reference", INK, x, array(longest["y"]["ref"]), yaxis="y", **reference)
     for line in canvas.drawn_rows(data["lines"]):
         t, turned = 1e3 * array(line["t"]), array(line["y"]["est"])
@@ -42,14 +45,16 @@ def step(canvas: Canvas, data: dict[str, Any]) -> None:
 
 
 def steps(canvas: Canvas, data: dict[str, Any]) -> None:
-    """Median over all steps of filter minus reference; the band holds 80 % of them."""
+    """Median over all steps of filter minus reference; the band of one filter holds 80 % of them."""
     x = array(data["x"])
     lines = canvas.drawn_rows(data["lines"])
-    for line in lines:
-        fill = faded(canvas.rows[line["r"]].colour, 0.12)
+    for line in [line for line in lines if line["r"] == data["band"]] or lines[:1]:
+        own = canvas.rows[line["r"]]
         known = np.isfinite(array(line["median"]))
         canvas.edge(x[known], array(line["low"])[known], meta=line["r"])
-        canvas.edge(x[known], array(line["high"])[known], meta=line["r"], fill="tonexty", fillcolor=fill)
+        fill = {"fill": "tonexty", "fillcolor": faded(own.colour, 0.25)}
+        canvas.edge(x[known], array(line["high"])[known], meta=line["r"], **fill)
+        canvas.key(Key(f"{own.name}: 80 % of the steps", own.colour, fill=True))
     for line in lines:
         known = np.isfinite(array(line["median"]))
         canvas.row(line["r"], x[known], array(line["median"])[known])
