@@ -268,25 +268,26 @@ def test_a_saved_table_holds_data_with_units_and_not_what_is_drawn(visit, report
         assert download.value.suggested_filename == f"flight_{figure}.csv"
         return list(csv.DictReader(download.value.path().open(encoding="utf-8")))
 
-    for figure in page.figures():
-        rows = saved(figure)
+    tables = {figure: saved(figure) for figure in page.figures()}
+    for figure, rows in tables.items():
         assert rows, figure
         assert all(None not in row and None not in row.values() for row in rows), figure
         assert {"quantity", "value"} <= set(rows[0]), figure
         assert figure == "strip" or {row["unit"] for row in rows} - {""}, figure
         assert figure == "strip" or all(math.isfinite(float(row["value"])) for row in rows), figure
-    modes = [row for row in saved("strip") if row["quantity"] == "mode"]
+    modes = [row for row in tables["strip"] if row["quantity"] == "mode"]
     assert [(m["time_s"], m["end_s"], m["value"]) for m in modes][1] == ("75", "150", "LOITER")
-    lag = next(row for row in saved("lag") if row["filter"] == "VQF")
+    lag = next(row for row in tables["lag"] if row["filter"] == "VQF")
     assert list(lag) == ["filter", "quantity", "value", "lower", "upper", "n", "unit"]
     assert list(lag.values()) == ["VQF", "lag", "-1", "-2.5", "0.5", "28", "ms"]
-    drifts = {(row["filter"], row["quantity"]): row for row in saved("drifts")}
+    drifts = {(row["filter"], row["quantity"]): row for row in tables["drifts"]}
     assert drifts["VQF", "drift at rest"]["upper"] == "0.05"
-    assert {row["filter"] for row in saved("attitude")} == {"Onboard", "set-point"}
+    assert {row["filter"] for row in tables["attitude"]} == {"Onboard", "set-point"}
+    assert {row["quantity"] for row in tables["steps"]} == {"median error, all axes"}
+    assert {row["unit"] for row in tables["compass"]} == {"uT"}
     page.page.select_option("select[data-figure=attitude]", label="With the filters")
     attitude = [row for row in saved("attitude") if row["filter"] == "VQF" and row["quantity"] == "roll"]
     assert len(attitude) == 20_000
-    assert {row["unit"] for row in saved("compass")} == {"uT"}
     assert page.complaints == []
 
 

@@ -59,7 +59,7 @@ const tables = {
   size: (f, range) => [SENSED, ...samples(f.t, { smallest: f.low, mean: f.mean, largest: f.high }, ASCII[f.unit] || f.unit, range), ...(f.throttle ? samples(f.throttle[0], { throttle: f.throttle[1] }, '%', range) : [])],
 };
 // the same lines again in every view are named by what is chosen
-const viewOf = (id) => { const select = document.querySelector('select[data-figure=' + id + ']'); return select && select.options.length > 1 ? select.selectedOptions[0].textContent : ''; };
+const viewOf = (id) => { const select = document.querySelector('select[data-figure=' + id + ']'); return select && select.options.length > 1 ? select.selectedOptions[0].textContent.replace(/ \(.*/, '') : ''; };
 
 function tableOf(id) {
   const f = shownOf(id), kind = D.figures[id].kind;

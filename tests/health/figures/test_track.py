@@ -57,7 +57,7 @@ def test_a_long_flight_keeps_few_points():
 def test_a_plane_flies_where_it_points_and_a_copter_may_not():
     made = circling()
     assert track(case(made))[0].values["forward"] == 0.0
-    made.vehicle = "Plane"
+    made.vehicle = "fixed wing"
     values = track(case(made))[0].values
     assert values["forward"] == 1.0
     assert "difference" not in values  # at 3 m/s wind would be most of it
