@@ -44,7 +44,7 @@ class Trace:
     of an axis, ``ref`` the reference's median, ``key`` = "axis (events)"; ``setpoint``: roll and pitch response to a
     unit step, t from the step; ``demand`` (no row): roll pitch heading of the attitude set-point.
 
-    Traces of sensors have no row: see :mod:`attlog.metrics.figures.sensors`.
+    Traces of sensors and the height have no row: see :mod:`attlog.metrics.figures.sensors` and ``height``.
 
     Long arrays are envelopes: smallest and largest value of each bucket; ``ratio`` is
     the number of samples that one stored sample stands for. ``values`` are single

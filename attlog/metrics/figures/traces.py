@@ -14,6 +14,7 @@ from attlog.metrics.drift import air as drift_air
 from attlog.metrics.drift import rest as drift_rest
 from attlog.metrics.drift import slope as drift
 from attlog.metrics.evidence.samples import deviations
+from attlog.metrics.figures.height import height_trace
 from attlog.metrics.figures.rest import RestTraces
 from attlog.metrics.figures.sensors import sensor_traces
 from attlog.metrics.figures.setpoint import demanded, response
@@ -81,8 +82,8 @@ class Drawing:
         ]
 
     def last(self) -> list[Trace]:
-        """What is drawn of all rows together, and of the sensors."""
-        return [*demanded(self.case), *self._rest.drawn(), *sensor_traces(self.case)]
+        """What is drawn of all rows together, of the sensors, and the height."""
+        return [*demanded(self.case), *self._rest.drawn(), *sensor_traces(self.case), *height_trace(self.case)]
 
 
 def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Share) -> list[Trace]:

@@ -21,6 +21,10 @@ FAR = 0.985
 """Share of the values that set a range: a bump on landing leaves the figure."""
 
 
+MOSTLY = 0.05
+"""A row more of whose values leave the figure is drawn pale: else its strokes hide the others."""
+
+
 def thinned(t: Array, y: Array, span: tuple[float, float] | None = None, wraps: bool = False) -> tuple[Array, Array]:
     """Smallest and largest value (and a gap) of each bucket of a line (n,) within a span; a full turn breaks it."""
     if span is not None:
@@ -84,7 +88,7 @@ def within(t: Array, y: Array, span: tuple[float, float]) -> Array:
 
 
 def leaving(canvas: Canvas) -> None:
-    """An arrow at the edge where the line of a row leaves the figure."""
+    """An arrow at the edge where the line of a row leaves the figure; one that mostly does is pale."""
     for t in list(canvas.traces):
         key = t.get("yaxis", "y")
         ax = canvas.axes.get("yaxis" + key[1:], {})
@@ -95,6 +99,8 @@ def leaving(canvas: Canvas) -> None:
         here = (x >= seen[0]) & (x <= seen[1])
         for edge, beyond, symbol in ((1, y > ax["range"][1], "triangle-up"), (0, y < ax["range"][0], "triangle-down")):
             out = np.flatnonzero(beyond & here)
+            if len(out) > MOSTLY * len(y):
+                t["opacity"] = 0.35
             if len(out):
                 marker = {"symbol": symbol, "size": 6, "color": canvas.rows[t["meta"]].colour}
                 canvas.marker([x[out[0]]], [ax["range"][edge]], marker, yaxis=key, cliponaxis=False, hoverinfo="skip")

@@ -129,6 +129,8 @@ def _labels(canvas: Canvas) -> None:
         if fits and all(middle + half < a or middle - half > b for a, b in taken):
             taken.append((middle - half, middle + half))
             canvas.note(middle, word, palette()["bad"] if word == "impact" else INK)
+        elif word == "in the air":
+            canvas.key(Key(word, palette()["mu"], fill=True))
 
 
 def alarms(canvas: Canvas) -> None:

@@ -30,7 +30,8 @@ def strip(canvas: Canvas, data: dict[str, Any]) -> None:
         times = [t for t, grade, _ in marks["texts"] if grade == level and canvas.span[0] <= t <= canvas.span[1]]
         name, symbol = GRADES[level]
         if times:
-            canvas.marker(times, [0] * len(times), {"symbol": symbol, "size": MARKER, "color": colour}, name=name)
+            marker = {"symbol": symbol, "size": MARKER, "color": colour}
+            canvas.marker(times, [0] * len(times), marker, name=name, cliponaxis=False)
     canvas.axes["xaxis"] = time_axis(canvas.span)
     lanes = {"tickvals": [0, 1, 2], "ticktext": list(LANES), "ticks": "", "showline": False, "ticklabelstandoff": 3}
     canvas.axes["yaxis"] = axis("", range=[-0.5, 2.5], **lanes)

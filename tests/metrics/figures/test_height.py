@@ -1,0 +1,35 @@
+"""The height over a flight is that over the ground it stood on, though its barometer drifts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.flight.model import Stream
+from attlog.metrics.figures.height import averaged, ground
+
+T = np.arange(0.0, 200.0, 0.1)
+FLIGHT = (50.0, 150.0)
+
+
+def test_a_drift_of_the_barometer_is_no_height() -> None:
+    true = 8.0 * ((T > FLIGHT[0] + 1) & (T < FLIGHT[1] - 1))
+    x = 100.0 + 0.02 * T + true
+    above = x - ground(Stream(T, x[:, None], "m", "", "BARO"), [FLIGHT])
+    inside = (T > FLIGHT[0] + 1) & (T < FLIGHT[1] - 1)
+    assert np.abs(above[inside] - 8.0).max() < 0.1
+
+
+def test_without_a_flight_the_middle_is_the_ground_and_without_ground_the_lowest() -> None:
+    x = np.where(T < 20.0, 103.0, 100.0)
+    stream = Stream(T, x[:, None], "m", "", "BARO")
+    assert ground(stream, [])[0] == 100.0
+    assert ground(stream, [(T[0], T[-1])])[0] == 100.0
+
+
+def test_a_part_of_the_log_without_samples_has_no_height() -> None:
+    t = np.concatenate([T[:800], T[1200:]])
+    at, means = averaged(t, np.ones(len(t)))
+    silent = (at > 80.5) & (at < 119.5)
+    assert silent.any()
+    assert np.isnan(means[silent]).all()
+    assert np.nanmax(np.abs(means - 1.0)) == 0.0
