@@ -102,7 +102,7 @@ def _missing(result: Result, name: str, found: dict[str, PageFigure]) -> str:
     words = f"no figure {name!r}; this result has {', '.join(found)}"
     if result.traces:
         return words
-    return f"{words}. A result read from JSON holds no lines: attlog.analyze(log) gives one with all figures"
+    return f"{words}. It holds no lines, as none does that is read from JSON; attlog.analyze(log) gives one with them"
 
 
 def _shown(look: dict[str, Look], rows: Sequence[str] | None) -> set[int]:

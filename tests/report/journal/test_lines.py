@@ -47,6 +47,7 @@ def test_a_diverged_row_does_not_set_the_range_and_leaves_with_an_arrow() -> Non
     figure.axes = {"xaxis": {"range": [0.0, 10.0]}, "yaxis": {"range": [low, high]}}
     leaving(figure)
     assert [t["marker"]["symbol"] for t in figure.traces if t["mode"] == "markers"] == ["triangle-up"]
+    assert [t.get("opacity", 1.0) for t in figure.traces if t["mode"] == "lines"] == [1.0, 0.35]
 
 
 def test_a_calm_figure_leaves_out_who_moves_far_more() -> None:
