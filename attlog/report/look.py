@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from attlog.present.names import row_names
@@ -111,7 +112,7 @@ def lines_of(filters: Iterable[str]) -> list[tuple[int, str]]:
     unknown = [f for f in dict.fromkeys(filters) if f not in FIXED]
     home = FIXED | {f: (spare[k % len(spare)], "") for k, f in enumerate(unknown)}
     taken: set[tuple[int, str]] = set()
-    found = []
+    found: list[tuple[int, str]] = []
     for name in filters:
         slot, dash = home[name]
         choices = [dash] if (slot, dash) in known and (slot, dash) not in taken else []
@@ -120,3 +121,10 @@ def lines_of(filters: Iterable[str]) -> list[tuple[int, str]]:
         taken.add(line)
         found.append(line)
     return found
+
+
+def colours_of(names: Sequence[str]) -> list[int]:
+    """Slots of configurations (``mahony:kp=0.5``), which colour alone tells: of each filter its own, of several of one
+    filter one after another, the first black."""
+    own = [slot for slot, _ in lines_of(re.split("[@:]", name)[0] for name in names)]
+    return own if len(set(own)) == len(own) else [0 if not k else 1 + (k - 1) % COLOURS for k in range(len(names))]

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from attlog.estimators.registry import BUILT_IN
-from attlog.report.look import COLOURS, FIXED, GREY, lines_of, looks
+from attlog.report.look import COLOURS, FIXED, GREY, colours_of, lines_of, looks
 from attlog.report.page import WEB
 from tests.report.conftest import make_result
 
@@ -54,3 +54,8 @@ def test_a_filter_that_bounces_sets_no_range():
     found = looks(make_result(("accel_mag", "vqf")))
     assert found["accel_mag"].lost
     assert not found["vqf"].lost
+
+
+def test_configurations_of_filters_have_the_colours_of_the_filters():
+    assert colours_of(["mahony", "vqf@fast", "eskf:sigma=2"]) == [FIXED[f][0] for f in ("mahony", "vqf", "eskf")]
+    assert colours_of(["mahony:kp=0.5", "mahony:kp=1", "vqf"]) == [0, 1, 2]

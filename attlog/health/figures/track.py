@@ -106,7 +106,7 @@ def off_course(t: Array, difference: Array, use: NDArray[np.bool_]) -> dict[str,
 def _placed(receiver: Gnss) -> NDArray[np.bool_]:
     """Which records (n,) hold a position with a 3D fix; 0, 0 is none."""
     known = np.isfinite(receiver.lat) & np.isfinite(receiver.lon) & (receiver.fix >= FIX_3D)
-    return known & ((receiver.lat != 0.0) | (receiver.lon != 0.0))
+    return np.asarray(known & ((receiver.lat != 0.0) | (receiver.lon != 0.0)))
 
 
 def _extent(found: Trace, use: NDArray[np.bool_]) -> float:

@@ -82,8 +82,9 @@ class Drawing:
         ]
 
     def last(self) -> list[Trace]:
-        """What is drawn of all rows together, of the sensors, and the height."""
-        return [*demanded(self.case), *self._rest.drawn(), *sensor_traces(self.case), *height_trace(self.case)]
+        """What is drawn of all rows together, of the sensors, the set-point and the height."""
+        case = self.case
+        return [*demanded(case), *self._rest.drawn(), *sensor_traces(case), *height_trace(case)]
 
 
 def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Share) -> list[Trace]:

@@ -72,7 +72,7 @@ def difference(found: list[Trace], sigma: list[Trace], names: Rows, store: Store
 def track(trace: Trace) -> PageFigure:
     """The path over ground, north up, with arrows of heading and course."""
     columns = {name: listed(trace.columns[name]) for name in ("north", "east", "heading", "course", "speed")}
-    data = {"t": [round(float(t), 2) for t in trace.t]} | columns
+    data: dict[str, Any] = {"t": [round(float(t), 2) for t in trace.t]} | columns
     data["driven"] = [int(v > 0) for v in trace.columns["driven"]]
     caption = f"By {trace.key}, north up. Arrows along the path: course; beside it: onboard heading. "
     caption += course_text(trace)
