@@ -118,7 +118,7 @@ class Canvas:
     def finished(self) -> dict[str, Any]:
         """Traces and layout as plotly takes them."""
         keys = list(self.keys.values())
-        if len(keys) == 1 and not keys[0].fill:
+        if len(keys) == 1 and not (keys[0].fill or keys[0].symbol):
             keys = []  # one line alone: the axis says what it is
         if "domain" not in self.axes["yaxis"]:
             self.axes["yaxis"]["title"]["standoff"] = 3  # of several panels the titles stand in line instead

@@ -11,7 +11,18 @@ from attlog.report.figures.catalogue import sections
 from attlog.report.figures.figure import PageFigure
 from attlog.report.figures.marks import time_marks
 from attlog.report.journal.canvas import Canvas, row_lines
-from attlog.report.journal.drawers import compass, dots, drift, flight, rest, sensors, spectrum, steps, track
+from attlog.report.journal.drawers import (
+    comparison,
+    compass,
+    dots,
+    drift,
+    flight,
+    rest,
+    sensors,
+    spectrum,
+    steps,
+    track,
+)
 from attlog.report.journal.store import PlainStore
 from attlog.report.look import Look, looks
 from attlog.result import Result
@@ -20,6 +31,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 DRAWERS: dict[str, Callable[[Canvas, dict[str, Any]], None]] = {
+    "comparison": comparison.draw,
     "strip": flight.strip,
     "attitude": flight.attitude,
     "difference": flight.difference,
@@ -41,7 +53,7 @@ DRAWERS: dict[str, Callable[[Canvas, dict[str, Any]], None]] = {
     "spectrum": spectrum.spectrum,
     "track": track.track,
 }
-"""The drawing function of each kind of figure; the page's scripts have the same kinds."""
+"""The drawing function of each kind of figure; the page's scripts have the same kinds, but for the first screen."""
 
 UNTITLED = "Flight modes, armed and airborne time, messages"
 """The strip has no title on the page: what stands on its axis tells."""
@@ -60,8 +72,8 @@ class Album:
     def of(cls, result: Result) -> Album:
         """Of a result, with arrays as they are."""
         look = looks(result)
-        found = {f.id: f for part in sections(result, look, PlainStore()).values() for f in part}
-        return cls(result, look, found, time_marks(result))
+        parts = [comparison.comparison(result, look), *sections(result, look, PlainStore()).values()]
+        return cls(result, look, {f.id: f for part in parts for f in part}, time_marks(result))
 
     def drawn(
         self,

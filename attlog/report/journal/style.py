@@ -69,6 +69,7 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
         "showgrid": False,
         "zeroline": False,
         "automargin": False,
+        "tickangle": 0,
         "exponentformat": "none",
     } | more
 

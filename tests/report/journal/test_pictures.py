@@ -17,11 +17,13 @@ from tests.report.conftest import NAMES, make_result
 
 OF_OTHER_PAGES = {"forest"}
 """Kinds that only the pages of ``compare`` draw: no figure of a result."""
+OF_THE_FIRST_SCREEN = {"comparison"}
+"""Drawn by a template there."""
 SAME = {"bias": "bias", "compass": "compass", "gravity": "gravity", "spectrum": "spectrum", "steps": "steps"}
 SAME |= {name: name for name in ("attitude", "difference", "rest", "spread", "allan", "step", "drift", "ratios")}
 """Figures and the traces that they draw without a change."""
 UNIT = re.compile(
-    r", (°|°/s|°/min|ms|s|Hz|%|A|m|µT|m/s²|°/s/√Hz|share of the gate|% of the step)$|^share of the command$"
+    r", (°|RMS °|°/s|°/min|ms|s|Hz|%|A|m|µT|m/s²|°/s/√Hz|share of the gate|% of the step)$|^share of the command$"
 )
 
 
@@ -36,7 +38,7 @@ def axes(layout: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def test_every_kind_of_the_page_can_be_drawn_and_no_other() -> None:
-    assert set(DRAWERS) == kinds_of_the_page() - OF_OTHER_PAGES
+    assert set(DRAWERS) - OF_THE_FIRST_SCREEN == kinds_of_the_page() - OF_OTHER_PAGES
 
 
 def test_a_result_lists_the_figures_of_its_page_and_draws_each(album: Album, drawn: dict[str, Any]) -> None:
@@ -97,11 +99,26 @@ def test_dots_stand_at_the_answers_with_their_intervals(album: Album, drawn: dic
     }
 
 
+def test_the_comparison_shows_the_answers_of_the_four_questions(album: Album, drawn: dict[str, Any]) -> None:
+    layout, rows = drawn["comparison"]["layout"], {row.name: row for row in album.result.estimators}
+    titles = [note["text"] for note in layout["annotations"] if note["text"].startswith("<b>")]
+    assert titles == ["<b>Accuracy</b>", "<b>Static noise</b>", "<b>Step response</b>", "<b>Yaw drift</b>"]
+    for number, window, metric in (("", "airborne", "inclination_rmse_deg"), ("3", "airborne", "lag_ms")):
+        dots = {t["meta"]: t for t in drawn["comparison"]["data"] if t["xaxis"] == f"x{number}"}
+        answers = {i: rows[name].metrics[window][metric] for i, name in enumerate(album.look)}
+        assert set(dots) == {i for i, a in answers.items() if a.value is not None}
+        ends = layout[f"xaxis{number}"]["range"] if number else [10.0**v for v in layout["xaxis"]["range"]]
+        inside = {i: dot for i, dot in dots.items() if dot["marker"]["symbol"] == "circle"}
+        assert inside
+        assert all(dot["x"] == [answers[i].value] for i, dot in inside.items())
+        assert all(ends[0] < answers[i].value < ends[1] for i in inside)
+
+
 def test_every_axis_of_numbers_tells_its_unit(drawn: dict[str, Any]) -> None:
     for name, figure in drawn.items():
         for key, ax in axes(figure["layout"]).items():
             if "ticktext" in ax and not ax["title"]["text"]:
-                assert any(c.isalpha() for c in "".join(ax["ticktext"])), (name, key)
+                assert not [t for t in ax["ticktext"] if t.replace(".", "").isdigit()], (name, key)
             else:
                 assert UNIT.search(ax["title"]["text"]), (name, key, ax["title"]["text"])
 
@@ -162,7 +179,7 @@ def test_rows_views_and_a_part_of_the_flight_can_be_chosen(album: Album) -> None
 @pytest.mark.parametrize(
     ("name", "options", "said"),
     [
-        ("atitude", {}, "no figure 'atitude'; this result has strip, attitude"),
+        ("atitude", {}, "no figure 'atitude'; this result has comparison, strip, attitude"),
         ("attitude", {"rows": ["mahonny"]}, "no row 'mahonny'"),
         ("spectrum", {"view": "compass"}, "use 'gyro', 'accelerometer'"),
         ("spectrum", {"view": 2}, "no view 2"),
@@ -179,7 +196,7 @@ def test_what_is_asked_for_wrongly_is_refused_with_what_there_is(
 def test_a_result_from_json_has_the_figures_that_need_no_lines() -> None:
     result = make_result(NAMES[:2])
     loaded = Result.read(result.to_json().encode(), "r.json")
-    assert list(loaded.figures()) == ["strip", "lag", "drifts"]
+    assert list(loaded.figures()) == ["comparison", "strip", "lag", "drifts"]
     assert loaded.figure("lag").data
     with pytest.raises(UsageError, match=r"It holds no lines, .* attlog.analyze\(log\) gives one"):
         loaded.figure("attitude")
