@@ -9,7 +9,7 @@ import numpy as np
 from attlog.present.messages import alarming, messages
 from attlog.present.numbers import duration, moment, quantity
 from attlog.report.figures.figure import PageFigure, Rows, listed, reach, reduction_text, series, stored
-from attlog.report.figures.marks import jumps
+from attlog.report.figures.marks import jumps, time_range
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
@@ -101,7 +101,8 @@ def legend(result: Result) -> list[str]:
     found = [text for kind, text in MARKS.items() if kind in kinds]
     if jumps(result):
         found.append("Dotted red: jump of the onboard attitude.")
-    if any(alarming(level, text) for _, level, text in messages(result)):
+    first, last = time_range(result)
+    if any(alarming(level, text) and first <= t <= last for t, level, text in messages(result)):
         found.append("Dashed red: failsafe or critical message.")
     return found
 

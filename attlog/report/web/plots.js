@@ -176,11 +176,12 @@ function dotted(id, all, title, unit) {
   return { traces, layout: L, place };
 }
 
-// fitted to what is ranked: values far beyond it and intervals far wider run out of the figure
+// fitted to what is ranked, else to the middle: values far beyond it and intervals far wider run out of the figure
 function spanOf(dots) {
   const values = (some) => some.flatMap((d) => [...(d.v === null ? [] : [d.v]), ...(d.single || [])]);
   const sound = dots.filter((d) => d.ok !== false && !D.rows[d.r].lost), best = sound.length ? sound : dots;
-  const core = best.filter((d) => d.v !== null).map((d) => Math.abs(d.v)), most = Math.max(1e-3, ...core);
+  const core = best.filter((d) => d.v !== null).map((d) => Math.abs(d.v)).sort((a, b) => a - b);
+  const most = Math.max(1e-3, sound.length ? core[core.length - 1] || 0 : core[core.length >> 1] || 0);
   const near = (v) => Math.abs(v) < 4 * most, all = [...values(best).filter(near), ...values(dots).filter(near), ...best.flatMap((d) => d.ci || []).filter(near)];
   const low = Math.min(0, ...all), high = Math.max(0, ...all), pad = (high - low) * 0.08 || 1;
   return [low - pad, high + pad];

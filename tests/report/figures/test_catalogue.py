@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -142,6 +144,22 @@ def test_the_ground_track_says_how_far_heading_and_course_differ():
     trace = next(t for t in result.traces if t.figure == "track")
     trace.values = {"least": 5.0, "forward": 1.0}
     assert figures(result)["track"].caption.endswith("Too little time above 5 m/s to compare heading and course.")
+
+
+def test_an_alarm_is_explained_only_where_it_is_drawn():
+    result = make_result()
+    assert "failsafe" in figures(result)["attitude"].caption
+    result.log["timeline"]["texts"] = [[-30.0, 2, "Radio Failsafe"]]
+    assert "failsafe" not in figures(result)["attitude"].caption
+
+
+def test_a_drift_that_several_windows_tell_is_one_dot():
+    result = make_result()
+    before = len(figures(result)["drifts"].data["rows"])
+    for row in result.estimators:
+        found = row.metrics["rest"]["drift_rest_deg_per_min"]
+        row.metrics.setdefault("all", {})["drift_rest_deg_per_min"] = replace(found, n=found.n + 1)
+    assert len(figures(result)["drifts"].data["rows"]) == before
 
 
 def test_dots_hold_how_many_they_stand_on():
