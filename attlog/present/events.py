@@ -9,6 +9,32 @@ if TYPE_CHECKING:
     from attlog.result import Result
 
 STYLE = {"serious": "bad", "warning": "warn"}
+LABELS = {
+    "armed": "armed",
+    "disarmed": "disarmed",
+    "liftoff": "lift-off",
+    "landing": "landing",
+    "hard_landing": "hard landing",
+    "impact": "impact",
+    "overturn": "overturned",
+    "tumble": "tumbling",
+    "wreck_moved": "carried",
+    "ends_in_air": "log ends",
+    "clipping": "clipping",
+    "vibration": "vibration",
+    "realigned": "EKF realigned",
+    "reset": "attitude jump",
+    "lane_switch": "EKF lane",
+    "sensor_switch": "sensor switch",
+    "compass_switch": "compass switch",
+    "aid_rejected": "aid rejected",
+    "gnss_lost": "GNSS lost",
+    "gnss_jump": "GNSS jump",
+    "failsafe": "failsafe",
+    "battery": "battery",
+    "message": "message",
+}
+"""An event in two words, by its kind."""
 CUSTOMARY = ("power_up", "reset")
 """Kinds that are listed only where somebody asks for all."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from attlog.present.numbers import counted, duration, listed, number
+from attlog.present.numbers import duration, number
 from attlog.result import Result
 
 COMPARED_WITH = {"truth": "the logged truth", "smoother": "the smoother", "onboard": "the onboard attitude"}
@@ -11,22 +11,35 @@ COMPARED_WITH = {"truth": "the logged truth", "smoother": "the smoother", "onboa
 def subtitle(result: Result) -> list[str]:
     """The parts of the line below the title."""
     log, reference = result.log, result.reference
-    parts = [str(log.get("vehicle") or ""), firmware(result), "simulated" if log.get("simulated") else ""]
-    parts.append(str(log["date_utc"])[:16].replace("T", " ") + " UTC" if log.get("date_utc") else "date unknown")
-    parts += [length(result), rates(result)]
+    vehicle = str(log.get("vehicle") or "vehicle unknown")
+    what = [firmware(result), "(simulated)" if log.get("simulated") else ""]
+    date = str(log["date_utc"])[:16].replace("T", " ") + " UTC" if log.get("date_utc") else "date unknown"
     compared = COMPARED_WITH.get(reference.choice) if reference else None
-    filters = counted(sum(r.kind == "replay" for r in result.estimators), "filter") + " re-run"
-    parts.append(f"{filters}, compared with {compared}" if compared else f"{filters}, nothing to compare with")
-    return [p for p in parts if p]
+    parts = [vehicle[:1].upper() + vehicle[1:], " ".join(filter(None, what)), date, length(result)]
+    return [p for p in parts if p] + [f"compared with {compared}" if compared else "nothing to compare with"]
+
+
+def what_happened(result: Result) -> str:
+    """The headline without who flew, which stands in the line below the title."""
+    who, colon, what = result.headline.partition(": ")
+    return what[:1].upper() + what[1:] if colon else who
+
+
+def tone(result: Result) -> str:
+    """How bad a flight was: ``bad``, ``warn``, ``good``, or empty where nothing flew or nothing can be told."""
+    if any(event.is_crash for event in result.events):
+        return "bad"
+    found = {finding.severity for finding in result.findings}
+    if "serious" in found or "warning" in found:
+        return "bad" if "serious" in found else "warn"
+    return "good" if (result.log.get("seconds") or {}).get("airborne") else ""
 
 
 def length(result: Result) -> str:
-    """How long the log is, and how much of it was flown and rested."""
-    seconds = result.log.get("seconds") or {}
-    phases = (("airborne", "in the air"), ("rest", "at rest"))
-    used = [f"{duration(seconds[k])} {words}" for k, words in phases if seconds.get(k)]
+    """How long the log is, and how much of it was flown."""
+    flown = (result.log.get("seconds") or {}).get("airborne")
     whole = duration(result.log.get("duration_s"))
-    return f"{whole}, of which {listed(used)}" if used else whole
+    return f"{whole}, {duration(flown)} in flight" if flown else whole
 
 
 def rates(result: Result) -> str:

@@ -92,6 +92,13 @@ def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> 
     return f"{number(low, unit)} to {number(high, unit)}"
 
 
+def bracketed(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
+    """The interval as a table writes it, ``[−6.7, −2.7]``; empty where there is none."""
+    if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
+        return ""
+    return f"[{number(ci95[0], unit)}, {number(ci95[1], unit)}]"
+
+
 def half_width(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
     """Half of the interval as text, ``±2.0``; empty where there is none."""
     if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):

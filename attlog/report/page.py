@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,20 +14,22 @@ from attlog.base.files.output import write_atomic
 from attlog.present.alike import alike
 from attlog.present.events import events
 from attlog.present.findings import findings
-from attlog.present.flight import firmware, subtitle
+from attlog.present.flight import firmware, subtitle, tone, what_happened
 from attlog.present.gyro_bias import gyro_bias
 from attlog.present.health import checks_by_trouble, reasons, said_once, shown_assessments, titles
 from attlog.present.messages import alarming, level_name, messages
+from attlog.present.not_judged import reasons as not_judged
 from attlog.present.numbers import counted, duration, moment, number, quantity, unit_sign
 from attlog.present.table.table import axis_table, main_table, window_tables
 from attlog.present.text import clean, cleaned, plain_value, typeset
 from attlog.report.bundle import Bundle, bundle, source_hash
-from attlog.report.cards import card
 from attlog.report.figures.catalogue import sections
 from attlog.report.figures.marks import time_marks
-from attlog.report.look import looks
+from attlog.report.first_screen.comparison import comparison
+from attlog.report.first_screen.strip import HEIGHT, strip
+from attlog.report.look import Look, looks
 from attlog.report.pack import Store, packed
-from attlog.result import MEASURED_TIMES, Result
+from attlog.result import MEASURED_TIMES, Result, Verdict
 from attlog.result.parameters import parameter_file
 
 WEB = Path(__file__).parent / "web"
@@ -110,13 +112,18 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         look=look,
         title=str(result.log.get("name") or "log"),
         subtitle=subtitle(result),
-        cards=[card(v, look) for v in result.verdicts],
-        headline=result.headline,
+        headline=what_happened(result),
+        tone=tone(result),
+        strip=strip(result),
+        strip_height=HEIGHT,
         happened=events(result),
+        four=comparison(result, look),
+        checked=sum(check.verdict == "ok" for check in result.audit),
+        answers={v.question: spoken(v, look) for v in result.verdicts},
         findings=findings(result),
         gyro_bias=gyro_bias(result),
         alike=alike(result),
-        table=main_table(result),
+        numbers=main_table(result),
         axes=axis_table(result),
         windows=window_tables(result),
         figures=figures,
@@ -133,6 +140,13 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         bundle=base64.b64encode(plot.packed).decode(),
         bundle_name=plot.name,
     )
+
+
+def spoken(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
+    """An answer in whole sentences: how it was measured, who is not judged and why."""
+    names = {key: v.name for key, v in look.items()}
+    silent = not_judged(verdict, names, {key for key, v in look.items() if not v.onboard})
+    return {"sentence": verdict.sentence, "notes": verdict.notes, "reasons": silent}
 
 
 def file_stem(result: Result) -> str:

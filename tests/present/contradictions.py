@@ -6,8 +6,8 @@ import math
 import re
 from collections.abc import Iterator
 
-from attlog.present.cards import not_ranked
 from attlog.present.names import name_in_sentence
+from attlog.present.not_judged import not_ranked
 from attlog.present.numbers import below, number, quantity
 from attlog.present.sentences.accuracy import caveat_part
 from attlog.present.table.table import main_table

@@ -58,7 +58,7 @@ def test_the_onboard_attitude_is_added_where_it_fits() -> None:
     found = brief_answers(made)["accuracy"]
     assert found.within(70) == "Tilt: A 0.40°, B 1.2°. Onboard 0.90°."
     assert found.within(30) == "Tilt: A 0.40°, B 1.2°."
-    assert BriefAnswer("ab", "cd").within(5) == "ab cd"
+    assert BriefAnswer("ab", found.column, "cd").within(5) == "ab cd"
 
 
 def test_what_has_no_answer_says_why_and_what_is_not_ranked_shows_its_range() -> None:

@@ -46,13 +46,12 @@ def test_it_opens_without_complaint_or_request_and_draws_every_figure(visit, rep
 @pytest.mark.slow
 def test_the_verdicts_stand_in_the_first_screen_without_script(visit, report):
     page = visit(report, java_script_enabled=False).page
-    for card in page.query_selector_all(".card"):
-        box = card.bounding_box()
-        assert box["y"] + box["height"] < 900
-        assert len(card.query_selector(".say").inner_text()) > 40
-    assert page.query_selector("#findings").bounding_box()["y"] < 720
-    assert page.query_selector("#table").bounding_box()["y"] < 950
-    assert page.query_selector("#part-flight").bounding_box()["y"] > 900
+    for question in page.query_selector_all(".q"):
+        box = question.bounding_box()
+        assert box["y"] + box["height"] < 800
+        assert len(question.query_selector("caption span").inner_text()) > 20
+    assert page.query_selector("#findings").bounding_box()["y"] < 250
+    assert page.query_selector("#part-flight").bounding_box()["y"] > 800
     assert page.query_selector("noscript") is not None
     assert page.query_selector("#table").inner_text().count("\n") > 5
 
@@ -185,8 +184,9 @@ def test_a_phone_never_scrolls_sideways(visit, report):
 
 
 @pytest.mark.slow
-def test_print_holds_every_figure_and_cuts_none(visit, report, tmp_path):
+def test_print_of_all_holds_every_figure_and_cuts_none(visit, report, tmp_path):
     page = visit(report)
+    page.page.evaluate("() => { document.documentElement.dataset.print = 'all'; }")
     page.page.emulate_media(media="print")
     page.page.evaluate("() => dispatchEvent(new Event('beforeprint'))")
     assert [name for name, drawn in page.figures().items() if not drawn] == []
@@ -199,13 +199,28 @@ def test_print_holds_every_figure_and_cuts_none(visit, report, tmp_path):
     )
     assert max(tall) < 1000
     broken = page.page.evaluate(
-        """() => [...document.querySelectorAll('figure, .card')]
+        """() => [...document.querySelectorAll('figure')]
             .filter((f) => getComputedStyle(f).breakInside !== 'avoid').length"""
     )
     assert broken == 0
     pdf = page.page.pdf(path=tmp_path / "report.pdf", format="A4")
     assert pdf[:5] == b"%PDF-"
     assert page.complaints == []
+
+
+@pytest.mark.slow
+def test_print_sums_up_on_one_page(visit, report, tmp_path):
+    page = visit(report)
+    page.page.pdf(path=tmp_path / "report.pdf", format="A4")
+    pages = (tmp_path / "report.pdf").read_bytes().count(b"/Type /Page\n")
+    assert pages == 1
+    page.page.emulate_media(media="print")
+    page.page.evaluate("() => dispatchEvent(new Event('beforeprint'))")
+    seen = (
+        "() => [...document.querySelectorAll('main > *, figure')].filter((e) => e.checkVisibility()).map((e) => e.id)"
+    )
+    assert {"findings", "comparison", "fig-attitude", "fig-difference"} <= set(page.page.evaluate(seen))
+    assert not {"table", "expert", "fig-rest"} & set(page.page.evaluate(seen))
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_page_has_one_place_for_gates_which_is_empty_at_first(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert text.count(BEGIN + END) == text.count(BEGIN) == 1
-    assert text.index('<main id="main">') < text.index(BEGIN) < text.index('class="cards"')
+    assert text.index('<main id="main"') < text.index(BEGIN) < text.index('id="findings"')
 
 
 def test_gates_are_filled_in_and_filled_anew(page: Path, tmp_path: Path) -> None:

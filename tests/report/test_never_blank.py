@@ -136,7 +136,7 @@ def test_a_poor_log_gives_a_whole_page(visit, tmp_path, make):
     for heading in ("h-table", "h-findings", "h-flight", "h-rest", "h-step", "h-drift", "h-sensors", "h-expert"):
         section = page.page.locator(f"section:has(> #{heading})")
         assert len(section.inner_text()) > len(page.page.locator(f"#{heading}").inner_text()) + 10, heading
-    for card in page.page.query_selector_all(".say"):
+    for card in page.page.query_selector_all(".q caption span"):
         assert len(card.inner_text()) > 20
 
 

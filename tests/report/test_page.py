@@ -74,13 +74,13 @@ def test_every_definition_parameter_segment_and_alignment_step_is_in_the_page():
         assert value in text
 
 
-def test_what_to_fix_stands_above_the_cards_with_its_action_and_why():
+def test_what_to_fix_stands_above_the_comparison_with_its_action_and_why():
     result = make_result()
     result.findings.append(
         Finding("x", "serious", "It shakes heavily from 12.0 s.", t=12.0, cause="A loose arm.", action="Fasten it.")
     )
     page = render(result, bundle())
-    places = [page.index(mark) for mark in ('id="findings"', "It shakes heavily", 'class="cards"', 'id="comparison"')]
+    places = [page.index(mark) for mark in ('id="findings"', "It shakes heavily", 'id="comparison"', 'id="table"')]
     assert places == sorted(places)
     assert all(text in page for text in ("Cause: A loose arm.", "<b>Fasten it.</b>"))
     assert 'heavily from <a href="#part-flight" data-t="12.0">12.0 s</a>.' in page

@@ -26,9 +26,10 @@ NONE = "no filter was run"
 
 @dataclass(frozen=True, slots=True)
 class BriefAnswer:
-    """An answer, and the same of the onboard attitude as a sentence of its own (may be empty)."""
+    """An answer from a column, and the same of the onboard attitude as a sentence of its own (may be empty)."""
 
     text: str
+    column: ColumnRanking
     onboard: str = ""
 
     def within(self, width: int) -> str:
@@ -48,14 +49,15 @@ def brief_answers(result: Result) -> dict[str, BriefAnswer]:
     check = spoiling(result)
     if check is None:
         return found
-    return {q: BriefAnswer(f"Unreliable, {SPOILING[check.name]}: {answer.text}") for q, answer in found.items()}
+    doubt = f"Unreliable, {SPOILING[check.name]}: "
+    return {q: BriefAnswer(doubt + answer.text, answer.column) for q, answer in found.items()}
 
 
 def _accuracy(result: Result) -> BriefAnswer:
     tilt = contest(result, TILT, AIR)
     if not tilt.ranked:
         return _unranked(tilt, "tilt ")
-    return BriefAnswer(f"Tilt: {_compared(tilt)}.", _onboard(tilt))
+    return BriefAnswer(f"Tilt: {_compared(tilt)}.", tilt, _onboard(tilt))
 
 
 def _noise(result: Result) -> BriefAnswer:
@@ -64,7 +66,7 @@ def _noise(result: Result) -> BriefAnswer:
     if not lead.ranked:
         return _unranked(lead)
     where = WHERE[lead.window] if lead.window == "rest" else f"added {WHERE[lead.window]}:"
-    return BriefAnswer(f"{where[0].upper()}{where[1:]} {_compared(lead)}.", _onboard(lead))
+    return BriefAnswer(f"{where[0].upper()}{where[1:]} {_compared(lead)}.", lead, _onboard(lead))
 
 
 def _lag(result: Result, lag: ColumnRanking) -> BriefAnswer:
@@ -75,7 +77,7 @@ def _lag(result: Result, lag: ColumnRanking) -> BriefAnswer:
     rest = [j for j in lag.ranked if j not in moved]
     steps = counted(max(j.answer.n for j in lag.ranked), "step")
     text = _significant(moved, rest)
-    return BriefAnswer(f"{text[0].upper()}{text[1:]} ({steps}).{late_imu(result)}", _onboard(lag))
+    return BriefAnswer(f"{text[0].upper()}{text[1:]} ({steps}).{late_imu(result)}", lag, _onboard(lag))
 
 
 def _yaw_drift(result: Result) -> BriefAnswer:
@@ -89,7 +91,7 @@ def _yaw_drift(result: Result) -> BriefAnswer:
     still = [j for j in found.ranked if not j.significant]
     against = against_heading(result, quoted_heading_reference(result)) if found is air else ""
     where += f" against {against}:" if "in doubt" in against else ""
-    return BriefAnswer(f"{where} {_significant(drifting, still)}.", _onboard(found))
+    return BriefAnswer(f"{where} {_significant(drifting, still)}.", found, _onboard(found))
 
 
 def _compared(found: ColumnRanking) -> str:
@@ -131,6 +133,6 @@ def _unranked(found: ColumnRanking, what: str = "") -> BriefAnswer:
     """Why filters were not compared, and what they show all the same."""
     sound = [j for j in found.filters if j.row.status == "ok"]
     if sound:
-        return BriefAnswer(f"Not ranked: {what}{values(sound, named=False)}.", _onboard(found))
+        return BriefAnswer(f"Not ranked: {what}{values(sound, named=False)}.", found, _onboard(found))
     why = why_not(found) if found.filters else commonest(found.absent)[1] or NONE
-    return BriefAnswer(f"Cannot be determined: {why.partition(';')[0]}.", _onboard(found))
+    return BriefAnswer(f"Cannot be determined: {why.partition(';')[0]}.", found, _onboard(found))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from attlog.present.contest import RankedValue, why_unranked
 from attlog.present.names import CODES
-from attlog.present.numbers import SIGNED, half_width, interval, number
+from attlog.present.numbers import SIGNED, bracketed, half_width, number
 from attlog.present.table.columns import TableColumn
 from attlog.present.table.rows import has_value, is_best, is_ranked, value_of
 from attlog.present.text import typeset
@@ -46,7 +46,7 @@ def cell(result: Result, row: EstimatorRow, column: TableColumn, window: str) ->
     ranked = is_ranked(result, row, column.metric, window)
     return TableCell(
         number(answer.value, answer.unit),
-        tuple(x for x in (interval(answer.ci95, answer.unit), share(answer)) if x),
+        tuple(x for x in (bracketed(answer.ci95, answer.unit), share(answer)) if x),
         half=half_width(answer.ci95, answer.unit) if answer.unit in SIGNED else "",
         brief=number(answer.value, answer.unit),
         best=column.contest and is_best(result, row, column.metric, window),

@@ -109,10 +109,10 @@ function sortable(table) {
 
 function themes() {
   const button = $('theme'), say = () => { button.textContent = isDark() ? 'Light' : 'Dark'; };
-  button.hidden = $('print').hidden = false;
+  button.hidden = false;
   button.addEventListener('click', () => { root.dataset.theme = isDark() ? 'light' : 'dark'; say(); if (D) redraw(); });
   wantsDark.addEventListener('change', () => { say(); if (D) redraw(); });
-  $('print').addEventListener('click', () => window.print());
+  document.querySelectorAll('button[data-print]').forEach((b) => { b.hidden = false; b.addEventListener('click', () => { root.dataset.print = b.dataset.print; window.print(); }); });
   say();
 }
 
@@ -120,13 +120,15 @@ function printed() {
   let theme, opened = [];
   addEventListener('beforeprint', () => {
     theme = root.dataset.theme; printing = true; root.dataset.theme = 'light';
-    opened = [...document.querySelectorAll('details.inprint:not([open])')];
+    const whole = !summed();
+    opened = whole ? [...document.querySelectorAll('details.inprint:not([open])')] : [];
     opened.forEach((d) => { d.open = true; });
     waiting.clear();
-    redraw();
+    redraw(whole ? null : (id) => $(id).closest('.summary'));
   });
   addEventListener('afterprint', () => {
     printing = false;
+    delete root.dataset.print;
     if (theme) root.dataset.theme = theme; else delete root.dataset.theme;
     opened.forEach((d) => { d.open = false; });
     redraw();
@@ -187,7 +189,7 @@ async function drawAll() {
 
 async function start() {
   themes();
-  document.querySelectorAll('#table').forEach(sortable);
+  document.querySelectorAll('#numbers, table.sortable').forEach(sortable);
   await painted();
   if (!('DecompressionStream' in window)) throw new Error('this browser is too old (it lacks DecompressionStream)');
   await startData();

@@ -113,7 +113,7 @@ def test_low_coverage_is_printed_beside_the_value():
     poor = answer(2.0, "deg", "airborne")
     poor.coverage_pct = 62.0
     result.estimators[1].metrics["airborne"]["inclination_rmse_deg"] = poor
-    assert cells(result, "gyro")["inclination_rmse_deg"].small == ("1.9 to 2.1", "of 62 %")
+    assert cells(result, "gyro")["inclination_rmse_deg"].small == ("[1.9, 2.1]", "of 62 %")
 
 
 def test_drift_in_the_air_has_the_column_of_the_quoted_heading_reference():

@@ -10,13 +10,11 @@ import pytest
 from attlog.metrics.figures.trace import Trace
 from attlog.present.names import row_name
 from attlog.report import write_report
-from attlog.report.cards import card
 from attlog.report.figures.catalogue import sections
 from attlog.report.figures.figure import Rows, dots_text, reach
 from attlog.report.figures.marks import time_marks
 from attlog.report.look import looks
 from attlog.report.pack import Store
-from attlog.result import Verdict
 from attlog.story.event import Event
 from tests.report.browser import own_bytes
 from tests.report.conftest import make_result
@@ -73,18 +71,6 @@ def test_lines_in_words_are_their_smallest_and_largest_value():
 def test_dots_in_words_are_value_and_interval():
     dots = [{"r": 0, "v": 9.3, "ci": [7.0, 11.0], "ok": True}, {"r": 1, "v": None, "ci": None, "ok": False}]
     assert dots_text(dots, ["ekf", "fan"], "ms") == "ekf: +9 ms (+7 to +11); fan: not judged"
-
-
-def test_a_row_that_is_not_ranked_and_far_beyond_runs_out_of_its_card():
-    bars = [("vqf", 1.0, "deg/min"), ("gyro", -40.0, "deg/min"), ("mahony@xu-0.6", 2.0, "deg/min")]
-    verdict = Verdict(
-        "yaw_drift", "?", "VQF drifts least.", "drift_rest_deg_per_min", "rest", bars, [("gyro", "diverged")]
-    )
-    drawn = {bar["id"]: bar for bar in card(verdict, looks(make_result()))["bars"]}
-    assert drawn["gyro"]["beyond"] == "◂ "
-    assert drawn["mahony@xu-0.6"]["beyond"] == ""
-    assert drawn["mahony@xu-0.6"]["width"] == pytest.approx(2 * drawn["vqf"]["width"])
-    assert drawn["mahony@xu-0.6"]["width"] == 100.0
 
 
 def test_the_lag_figure_shows_single_movements_of_ranked_rows_only():

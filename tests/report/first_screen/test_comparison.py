@@ -1,0 +1,74 @@
+"""The four questions on the first screen: order of rows, words for what is missing, one box where nothing can be."""
+
+from __future__ import annotations
+
+from attlog.report.first_screen.comparison import comparison
+from attlog.report.look import looks
+from attlog.result import Result
+from tests.report.conftest import make_result
+
+
+def drawn(result: Result):
+    return comparison(result, looks(result))
+
+
+def test_onboard_stands_first_then_filters_by_accuracy_and_the_gyro_last() -> None:
+    result = make_result()
+    tilt = {
+        r.name: r.metrics["airborne"]["inclination_rmse_deg"].value for r in result.estimators if r.kind == "replay"
+    }
+    shown = drawn(result).rows
+    assert shown[0] == "onboard"
+    assert shown[-1] == "gyro"
+    assert shown[1:-1] == sorted((n for n in tilt if n != "gyro"), key=lambda name: tilt[name])
+
+
+def test_every_column_has_a_dot_or_a_word_for_every_row() -> None:
+    found = drawn(make_result())
+    assert [q.title for q in found.questions] == ["Accuracy", "Static noise", "Step response", "Yaw drift"]
+    for question in found.questions:
+        assert len(question.dots) == len(found.rows)
+        assert all(dot.text for dot in question.dots)
+        assert all(dot.low <= dot.x <= dot.high for dot in question.dots if dot.x is not None)
+
+
+def test_a_filter_without_a_lag_says_why_in_its_place() -> None:
+    result = make_result()
+    found = drawn(result)
+    dot = found.questions[2].dots[found.rows.index("complementary@fan")]
+    assert dot.x is None
+    assert dot.text == "not a pure delay"
+    assert "follows 51 % of the step" in dot.hint
+
+
+def test_a_value_that_is_not_ranked_is_pale_and_says_so() -> None:
+    result = make_result()
+    found = drawn(result)
+    dot = found.questions[1].dots[found.rows.index("gyro")]
+    assert dot.pale
+    assert not dot.best
+    assert "Not ranked: the gyro alone" in dot.hint
+
+
+def test_the_hint_tells_interval_number_and_seconds() -> None:
+    found = drawn(make_result())
+    dot = found.questions[1].dots[found.rows.index("vqf")]
+    assert dot.hint.startswith("VQF: 0.00")
+    assert "(95 %: " in dot.hint
+    assert ", n 28, 40 s" in dot.hint
+
+
+def test_a_log_that_answers_nothing_has_one_box_with_the_reasons() -> None:
+    result = make_result()
+    for one in result.estimators:
+        one.metrics = {}
+    found = drawn(result)
+    assert found.nothing.startswith("Cannot be determined")
+    assert all(q.empty for q in found.questions)
+    assert not drawn(make_result()).nothing
+
+
+def test_without_filters_the_box_says_that_none_was_run() -> None:
+    result = make_result()
+    result.estimators = [r for r in result.estimators if r.kind != "replay"]
+    assert "no filter was run" in drawn(result).nothing
