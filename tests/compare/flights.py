@@ -33,8 +33,12 @@ def comparison(
     configurations: list[Configuration] | None = None,
     broken: list[LogLine] | None = None,
     questions: list[ComparedMetric] | None = None,
+    factors: tuple[float, ...] = (1.0,),
 ) -> Comparison:
-    """A comparison of two configurations: by metric id, for each log (change, half interval)."""
+    """A comparison of configurations: by metric id, for each log (change, half interval).
+
+    ``factors``: what the changes of each configuration after the first are multiplied by.
+    """
     chosen = configurations or CONFIGURATIONS
     questions = questions or [next(q for q in asked() if q.metric == metric) for metric in changes]
     count = max(len(each) for each in changes.values())
@@ -42,15 +46,14 @@ def comparison(
     for k in range(count):
         one = LogComparison(LogLine(f"flight{k + 1}.ulg", f"flight{k + 1}.ulg"))
         for q in questions:
-            name = chosen[1].name
             each = changes[q.metric]
-            found = (
-                beside(one.line.name, q, *each[k])
+            one.cells[q.id] = {c.name: ConfigurationAnswer(1.0, (0.9, 1.1), 9, q.windows[0]) for c in chosen}
+            one.beside[q.id] = {
+                c.name: beside(one.line.name, q, factor * each[k][0], each[k][1])
                 if k < len(each)
                 else LogDifference(one.line.name, None, reason="no steps")
-            )
-            one.cells[q.id] = {c.name: ConfigurationAnswer(1.0, (0.9, 1.1), 9, q.windows[0]) for c in chosen}
-            one.beside[q.id] = {name: found}
+                for c, factor in zip(chosen[1:], factors, strict=True)
+            }
         logs.append(one)
     logs += [LogComparison(line) for line in broken or []]
     return gathered(chosen, logs, questions, attlog={"version": "0"}, command="attlog compare")

@@ -9,10 +9,12 @@ import typer
 
 from attlog import __version__
 from attlog.base.errors import UsageError, exit_code, message, worst
-from attlog.cli.shared.options import CommonOptions, Json, OneFile, one_form
+from attlog.cli.shared.arguments import command_line
+from attlog.cli.shared.options import CommonOptions, Json, one_form
 from attlog.cli.shared.printing import TextLine, console, say, to_stderr
 
 if TYPE_CHECKING:
+    from attlog.compare.diff.changes import RunDifference
     from attlog.compare.diff.result_files import ResultPairs
 
 
@@ -40,11 +42,20 @@ def command(
         typer.Option("--format", metavar="md", help="Print the table as Markdown. [default: for reading]"),
     ] = None,
     json: Json = False,
-    output: OneFile = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FOLDER",
+            help="Write a page and its JSON into this folder; with --format or --json this file. [default: print]",
+        ),
+    ] = None,
 ) -> None:
     """Compare two results, or two folders of them.
 
-    Numbers beyond their tolerance are printed, and parameters, rows and logs that changed. Exit code 1: something did.
+    What is told otherwise and numbers beyond their tolerance are printed, worst first, then parameters and gains.
+    Exit code 1: something changed.
 
     Example: attlog diff reports-old reports-new --tolerance lag_ms=2
     """
@@ -70,12 +81,15 @@ def command(
     ]
     count = sum(d.count for d in differences) + len(_alone(found))
     alone = _alone(found)
+    paged = output is not None and not json and form is None
     if json:
         lines = dumps(diff_words.document(differences, alone), indent=1, allow_nan=False).split("\n")
     else:
         words = diff_words.lines if form is None else diff_words.markdown
         lines = list(words(differences, alone, common.verbose > 0))
-    _write(lines, output)
+    if output is not None and paged:
+        lines += ["", f"page: {_page(differences, alone, (old, new), output)}"]
+    _write(lines, None if paged else output)
     code = worst([exit_code(error) for error in found.wrong] + [1 if count else 0])
     if code:
         raise typer.Exit(code)
@@ -84,6 +98,24 @@ def command(
 def _alone(found: ResultPairs) -> list[tuple[str, str]]:
     """Logs that one side has alone, and which side."""
     return [(n, "new" if a is None else "old") for n, (a, b) in found.pairs.items() if a is None or b is None]
+
+
+def _page(
+    differences: list[RunDifference], alone: list[tuple[str, str]], sides: tuple[Path, Path], folder: Path
+) -> Path:
+    """The page and the JSON, written together."""
+    from json import dumps
+
+    from attlog.base.files.output import write_together
+    from attlog.compare.diff import text as diff_words
+    from attlog.compare.diff.page import diff_page
+
+    whole = dumps(diff_words.document(differences, alone), indent=1, allow_nan=False) + "\n"
+    same = sides[0].name == sides[1].name
+    names = [f"{side.parent.name}/{side.name}" if same else side.name for side in sides]
+    page = diff_page(differences, alone, names[0], names[1], __version__, command_line())
+    write_together({folder / "diff.html": page, folder / "diff.json": whole})
+    return folder / "diff.html"
 
 
 def _write(lines: list[str], output: Path | None) -> None:

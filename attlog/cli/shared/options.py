@@ -64,6 +64,10 @@ Form = Annotated[
         "--format", metavar="md|csv|tex", help="Print the table as Markdown, CSV or LaTeX. [default: for reading]"
     ),
 ]
+Figures = Annotated[
+    Path | None,
+    typer.Option("--figures", metavar="DIR", help="Write the figures to this folder too, as SVG and PNG for papers."),
+]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
 Reference = Annotated[
     str | None,

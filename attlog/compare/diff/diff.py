@@ -10,84 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
+from attlog.compare.diff.changes import ABSENT, Interval, NumberChange, RunDifference, TextChange, Verdict
+from attlog.compare.diff.order import sorted_changes
 from attlog.compare.diff.tolerance import Tolerances
 from attlog.result import MEASURED_TIMES, Answer, EstimatorRow, Result
-
-Verdict = Literal["beyond", "within", "not_significant", "appeared", "vanished"]
-Interval = tuple[float, float]
-ABSENT = "(absent)"
-
-
-@dataclass(frozen=True, slots=True)
-class NumberChange:
-    """A number that differs. ``closer``: the newer value is the better one; None where neither is.
-
-    ``verdict``: ``beyond`` the tolerance, ``within``, ``not_significant`` (two flights whose intervals overlap, or
-    without interval), ``appeared``, ``vanished`` (``reason`` says why there is no value). ``interval`` is that of the
-    difference of two flights.
-    """
-
-    row: str
-    window: str
-    metric: str
-    unit: str
-    old: float | None
-    new: float | None
-    old_ci95: Interval | None
-    new_ci95: Interval | None
-    difference: float | None
-    interval: Interval | None
-    tolerance: float | None
-    verdict: Verdict
-    closer: bool | None = None
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class TextChange:
-    """A setting, text or state that differs; ``(absent)`` where one side does not have it."""
-
-    name: str
-    old: Any
-    new: Any
-
-
-@dataclass(slots=True)
-class RunDifference:
-    """Two results side by side. ``counts``: whether appeared and vanished values count as differences.
-
-    ``made_by``: versions of attlog; ``log``: firmware, vehicle and what else describes the flight; ``config``: options;
-    ``parameters``: of the log, first those that both have (none of two kinds of autopilot), None where a side was
-    written before results held them; ``gains``: filter parameters;
-    ``status``: of rows.
-    """
-
-    name: str
-    same_log: bool
-    made_by: list[TextChange] = field(default_factory=list)
-    log: list[TextChange] = field(default_factory=list)
-    config: list[TextChange] = field(default_factory=list)
-    parameters: list[TextChange] | None = None
-    gains: list[TextChange] = field(default_factory=list)
-    rows_appeared: list[str] = field(default_factory=list)
-    rows_vanished: list[str] = field(default_factory=list)
-    status: list[TextChange] = field(default_factory=list)
-    moved: list[NumberChange] = field(default_factory=list)
-    equal: int = 0
-
-    @property
-    def beyond(self) -> list[NumberChange]:
-        """The numbers that count as different."""
-        gone = ("appeared", "vanished") if self.same_log else ()
-        return [m for m in self.moved if m.verdict == "beyond" or m.verdict in gone]
-
-    @property
-    def count(self) -> int:
-        """How many differences count: numbers, rows, states of rows."""
-        return len(self.beyond) + len(self.rows_appeared) + len(self.rows_vanished) + len(self.status)
 
 
 def units_of(*results: Result) -> dict[str, str]:
@@ -100,6 +28,8 @@ def difference(name: str, old: Result, new: Result, tolerances: Tolerances, wind
     """What differs between two results; ``window`` limits the numbers to one."""
     sha = [r.log.get("sha256") for r in (old, new)]
     found = RunDifference(name, same_log=sha[0] is not None and sha[0] == sha[1])
+    found.told = _told(old, new)
+    found.verdicts = _changed(*({v.title: v.sentence for v in r.verdicts} for r in (old, new)))
     found.made_by = _changed({"attlog": old.attlog.get("version")}, {"attlog": new.attlog.get("version")})
     about = ("name", "firmware", "vehicle", "format")
     found.log = [] if found.same_log else _changed(*(_flat({k: r.log.get(k) for k in about}) for r in (old, new)))
@@ -122,7 +52,18 @@ def difference(name: str, old: Result, new: Result, tolerances: Tolerances, wind
                 found.equal += 1
             else:
                 found.moved.append(moved)
+    found.moved = sorted_changes(found.moved)
     return found
+
+
+def _told(old: Result, new: Result) -> list[TextChange]:
+    """What a report says otherwise: its headline (older results have none), its findings but notes."""
+    sides = []
+    for result in (old, new):
+        headline = {"headline": result.headline} if old.headline and new.headline else {}
+        findings = {f"finding: {f.kind}": f.text for f in reversed(result.findings) if f.is_trouble}
+        sides.append((headline, findings))
+    return [change for a, b in zip(*sides, strict=True) for change in _changed(a, b)]
 
 
 def _moved(

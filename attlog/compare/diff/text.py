@@ -7,14 +7,17 @@ from dataclasses import asdict
 from typing import Any
 
 from attlog.base import plain
-from attlog.compare.diff.diff import ABSENT, NumberChange, RunDifference, TextChange
+from attlog.compare.diff.changes import ABSENT, NumberChange, RunDifference, TextChange
+from attlog.compare.diff.order import ORDER, question_of, sorted_changes
 from attlog.present.numbers import MINUS, counted, half_width, quantity, unit_sign
 from attlog.present.table.markdown import escaped
 from attlog.present.text import clean
 
 SCHEMA = "attlog-diff/2"
 MOST = 40
-"""So many numbers and settings of a log are listed; the JSON holds all."""
+"""So many settings of a log, and numbers of a question in Markdown, are listed; the JSON holds all."""
+FEW = 5
+"""So many of each on a terminal."""
 HEAD = ("row", "window", "metric", "old", "new", "difference", "tolerance", "")
 SIGNS = {"appeared": "new", "vanished": "gone", "not_significant": "not significant", "within": "within"}
 
@@ -32,37 +35,57 @@ def document(differences: Sequence[RunDifference], alone: Sequence[tuple[str, st
 
 
 def lines(differences: Sequence[RunDifference], alone: Sequence[tuple[str, str]], everything: bool) -> Iterator[str]:
-    """The text for a terminal; ``everything`` also lists what stays within its tolerance."""
+    """The text for a terminal, worst first; ``everything`` also lists what stays within its tolerance."""
+    most = None if everything else FEW
     for d in differences:
         yield clean(f"{d.name}: {summary(d)}")
-        for title, entries in _settings(d):
-            yield f"  {title}"
-            yield from (f"    {text}" for text in _limited([_entry_line(e) for e in entries], everything))
-        rows, left = _numbers(d, everything)
-        yield from _aligned(rows)
-        if left:
-            yield f"  and {left} more; -v lists all, --format json holds all"
+        for title, entries in before(d):
+            yield from _listing(title, entries, most)
+        for title, moved in by_question(d, everything):
+            shown = moved[:most]
+            yield f"  {title} ({len(moved)})"
+            yield from (f"  {line}" for line in _aligned([row(m) for m in shown]))
+            if len(shown) < len(moved):
+                yield f"    and {len(moved) - len(shown)} more; -v lists all"
+        for title, entries in after(d):
+            yield from _listing(title, entries, most)
     for name, side in alone:
         yield clean(f"{name}: only in {side.upper()}")
 
 
+def _listing(title: str, entries: Sequence[TextChange | str], most: int | None) -> Iterator[str]:
+    """Names on one line, changes on one each."""
+    texts = [entry_line(e) for e in entries]
+    if all(isinstance(e, str) for e in entries):
+        yield f"  {title}: {', '.join(texts)}"
+        return
+    yield f"  {title}"
+    yield from (f"    {text}" for text in _limited(texts, most))
+
+
 def markdown(differences: Sequence[RunDifference], alone: Sequence[tuple[str, str]], everything: bool) -> Iterator[str]:
     """The same as Markdown."""
+    most = None if everything else MOST
     for d in differences:
         yield from (f"### {escaped(d.name)}", "", escaped(summary(d)), "")
-        for title, entries in _settings(d):
-            texts = _limited([_entry_line(e) for e in entries], everything)
-            yield from (f"**{title}**", "", *(f"- {escaped(text)}" for text in texts), "")
-        rows, left = _numbers(d, everything)
-        if len(rows) > 1:
-            yield "| " + " | ".join(map(escaped, rows[0])) + " |"
+        yield from _lists(before(d), most)
+        for title, moved in by_question(d, everything):
+            yield from (f"**{title} ({len(moved)})**", "")
+            yield "| " + " | ".join(map(escaped, HEAD)) + " |"
             yield "|" + " --- |" * 3 + " ---: |" * 4 + " --- |"
-            yield from ("| " + " | ".join(map(escaped, row)) + " |" for row in rows[1:])
+            yield from ("| " + " | ".join(map(escaped, row(m))) + " |" for m in moved[:most])
             yield ""
-        if left:
-            yield from (f"and {left} more", "")
+            if most is not None and len(moved) > most:
+                yield from (f"and {len(moved) - most} more", "")
+        yield from _lists(after(d), most)
     if alone:
         yield from (f"- {escaped(name)}: only in {side.upper()}" for name, side in alone)
+
+
+def _lists(found: Iterable[tuple[str, list[TextChange | str]]], most: int | None) -> Iterator[str]:
+    for title, entries in found:
+        texts = _limited([entry_line(e) for e in entries], most)
+        yield from (f"**{title}**", "", *(f"- {escaped(text)}" for text in texts), "")
 
 
 def summary(d: RunDifference) -> str:
@@ -73,40 +96,48 @@ def summary(d: RunDifference) -> str:
     within = sum(m.verdict == "within" for m in d.moved)
     unsure = sum(m.verdict == "not_significant" for m in d.moved)
     total = d.equal + len(d.moved)
-    parts = [f"{counted(len(d.beyond), 'value')} of {total:,} beyond tolerance"]
+    parts = [f"{len(d.beyond):,} of {counted(total, 'number')} beyond tolerance"]
     parts += [f"{within:,} within"] if within else []
-    parts += [f"{unsure:,} not significant by their intervals"] if unsure else []
+    parts += [f"{unsure:,} not significant"] if unsure else []
     more = d.count - len(d.beyond)
-    parts += [f"{counted(more, 'row')} appeared, vanished or of another state"] if more else []
-    return f"{what}{by}: {', '.join(parts)}" if d.moved or more else f"{what}{by}: no difference in {total:,} values"
+    parts += [f"{counted(more, 'filter')} came, went or changed state"] if more else []
+    return f"{what}{by}: {', '.join(parts)}" if d.moved or more else f"{what}{by}: no difference in {total:,} numbers"
 
 
-def _settings(d: RunDifference) -> Iterator[tuple[str, list[TextChange | str]]]:
-    """What differs beside the numbers, each list under its title."""
-    lists: tuple[tuple[str, Sequence[TextChange | str]], ...] = (
-        ("log", d.log),
-        ("options", d.config),
-        ("parameters of the log", d.parameters or []),
-        ("filter gains", d.gains),
-        ("rows that appeared", d.rows_appeared),
-        ("rows that vanished", d.rows_vanished),
-        ("state of rows", d.status),
+def before(d: RunDifference) -> Iterator[tuple[str, list[TextChange | str]]]:
+    """What is told before the numbers: headline, verdicts, findings, filters that came, went or changed their state."""
+    yield from _titled(
+        ("Headline and findings", d.told),
+        ("Verdicts that differ", [c.name for c in d.verdicts]),
+        ("Filters that vanished", d.rows_vanished),
+        ("Filters that appeared", d.rows_appeared),
+        ("State of filters", d.status),
     )
-    yield from ((f"{title} ({len(found)})", list(found)) for title, found in lists if found)
+
+
+def after(d: RunDifference) -> Iterator[tuple[str, list[TextChange | str]]]:
+    """What may be the cause, each list under its title."""
+    yield from _titled(
+        ("Parameters of the log", d.parameters or []), ("Filter gains", d.gains), ("Options", d.config), ("Log", d.log)
+    )
     if d.parameters is None and not d.same_log:
-        yield "parameters of the log", ["not compared: a result was written before results held them; analyse it again"]
+        yield "Parameters of the log", ["not compared: a result was written before results held them; analyse it again"]
 
 
-def _numbers(d: RunDifference, everything: bool) -> tuple[Table, int]:
-    """The table with its heading, and how many numbers it leaves out."""
-    counting = {id(m) for m in d.beyond}
-    chosen = d.moved if everything else [m for m in d.moved if id(m) in counting]
-    ordered = sorted(chosen, key=lambda m: id(m) not in counting)
-    shown = ordered if everything else ordered[:MOST]
-    return [HEAD, *(_row(m, id(m) in counting) for m in shown)] if shown else [], len(ordered) - len(shown)
+def _titled(*lists: tuple[str, Sequence[TextChange | str]]) -> Iterator[tuple[str, list[TextChange | str]]]:
+    yield from ((f"{title} ({len(found)})", list(found)) for title, found in lists if found)
 
 
-def _row(m: NumberChange, counts: bool) -> tuple[str, ...]:
+def by_question(d: RunDifference, everything: bool = False) -> list[tuple[str, list[NumberChange]]]:
+    """The numbers that count under their questions, in the order of the difference; ``everything``: all that moved."""
+    groups: dict[str, list[NumberChange]] = {}
+    for m in sorted_changes(d.moved) if everything else d.beyond:
+        groups.setdefault(question_of(m.metric), []).append(m)
+    return [(title, groups[title]) for title in ORDER if title in groups]
+
+
+def row(m: NumberChange) -> tuple[str, ...]:
+    """A number that moved as the cells of HEAD; the last says which way it counts."""
     sign = SIGNS.get(m.verdict, "")
     if m.verdict == "beyond":
         sign = "" if m.closer is None else "better" if m.closer else "worse"
@@ -129,7 +160,7 @@ def _value(value: float | None, ci95: tuple[float, float] | None, unit: str) -> 
     return " ".join(x for x in (quantity(value, unit, signed=None), half_width(ci95, unit)) if x)
 
 
-def _entry_line(entry: TextChange | str) -> str:
+def entry_line(entry: TextChange | str) -> str:
     if isinstance(entry, str):
         return clean(entry)
     ends = entry.old, entry.new
@@ -139,22 +170,18 @@ def _entry_line(entry: TextChange | str) -> str:
     return clean(f"{entry.name}: {sides[0]} → {sides[1]}")
 
 
-def _limited(texts: list[str], everything: bool) -> list[str]:
-    if everything or len(texts) <= MOST:
+def _limited(texts: list[str], most: int | None) -> list[str]:
+    if most is None or len(texts) <= most + 1:
         return texts
-    return [*texts[:MOST], f"and {len(texts) - MOST} more; -v lists all, --format json holds all"]
+    return [*texts[:most], f"and {len(texts) - most} more; -v lists all"]
 
 
 def _aligned(rows: Table) -> Iterable[str]:
     """Columns under each other: names to the left, numbers to the right."""
-    if not rows:
-        return []
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
-    cells = [
-        [
+    for r in rows:
+        cells = (
             c.ljust(w) if i < 3 or i == len(HEAD) - 1 else c.rjust(w)
             for i, (c, w) in enumerate(zip(r, widths, strict=True))
-        ]
-        for r in rows
-    ]
-    return ["  " + "  ".join(row).rstrip() for row in cells]
+        )
+        yield "  " + "  ".join(cells).rstrip()

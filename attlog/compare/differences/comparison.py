@@ -134,7 +134,10 @@ class ConfigurationSentences:
 
 @dataclass(slots=True)
 class Comparison:
-    """Everything ``attlog compare`` found out. The first of ``configurations`` is what the others are compared with."""
+    """Everything ``attlog compare`` found out. The first of ``configurations`` is what the others are compared with.
+
+    ``unanswered``: question id -> why no log answers it.
+    """
 
     attlog: dict[str, str]
     command: str
@@ -142,6 +145,7 @@ class Comparison:
     configurations: list[ConfigurationSummary] = field(default_factory=list)
     logs: list[LogLine] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
+    unanswered: dict[str, str] = field(default_factory=dict)
     verdicts: list[ConfigurationSentences] = field(default_factory=list)
     definitions: dict[str, str] = field(default_factory=dict)
     schema: str = SCHEMA

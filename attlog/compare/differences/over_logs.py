@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from statistics import median
 from typing import Any
 
@@ -57,11 +57,20 @@ def gathered(
             each = [m.beside[asked.id][c.name] for m in usable]
             once = [b for m, b in zip(usable, each, strict=True) if not m.line.same_as]
             question.contrasts.append(Contrast(c.name, each, over(once, asked.scale)))
-        if any(cell.value is not None for cells in question.cells.values() for cell in cells.values()):
+        cells = [cell for by_name in question.cells.values() for cell in by_name.values()]
+        if any(cell.value is not None for cell in cells):
             found.questions.append(question)
             found.definitions[asked.id] = metric.definition
+        else:
+            found.unanswered[asked.id] = commonest(cell.reason for cell in cells) or "no log could be used"
     found.verdicts = verdicts(found)
     return found
+
+
+def commonest(reasons: Iterable[str]) -> str:
+    """The reason given most often, empty where none is given."""
+    given = [reason for reason in reasons if reason]
+    return max(dict.fromkeys(given), key=given.count) if given else ""
 
 
 def over(each: Sequence[LogDifference], scale: Scale) -> PooledDifference | None:

@@ -1,4 +1,4 @@
-"""The page of a sweep: sentences, figures (a heat map of the first two parameters, a curve along each), tables."""
+"""The page of a sweep: a curve along each parameter, a heat map of the first two, what they show, tables."""
 
 from __future__ import annotations
 
@@ -23,41 +23,44 @@ DARKEST = 3.0
 def sweep_page(s: Sweep, about: Mapping[str, Any]) -> str:
     """The page as text; ``about``: version, command and logs as in the JSON."""
     title = f"{s.filter}: {counted(len(s.grid), 'setting')} on {counted(len(s.logs), 'log')}"
-    subtitle = f"attlog {about['attlog']['version']} · {about['command']}"
-    said = list(sentences(s, references_of(about)))
-    return render(SettingsPage("sweep", title, subtitle, said, document(s, dict(about)), list(_sections(s, about))))
+    return render(SettingsPage("sweep", title, document(s, dict(about)), list(_sections(s, about))))
 
 
 def _sections(s: Sweep, about: Mapping[str, Any]) -> Iterator[PageSection]:
-    yield PageSection("Figures", figures=figures(s))
-    yield PageSection("Settings", table=rows(s))
+    said = list(sentences(s, references_of(about)))
+    for m, column in enumerate(s.columns):
+        last = m + 1 == len(s.columns)
+        under = said[m:] if last else said[m : m + 1]
+        yield PageSection(column.metric.title, figures=list(_of(s, m)), said=under)
     single = s.columns[0].single
     if single is not None:
         own = text_of(s.settings[single])
         paste = f"attlog analyze LOG --estimators {s.filter}{',' if ':' in s.filter else ':'}{own}"
         yield PageSection("The best setting, ready to paste", code=paste)
+    yield PageSection("Every setting", table=rows(s), folded=True)
     if len(s.logs) > 1:
         for column in (c for c in s.columns if c.single is not None):
-            yield PageSection(f"Each log: {column.metric.title}", table=log_rows(s, column), left=2)
+            yield PageSection(f"Each log: {column.metric.title}", table=log_rows(s, column), left=2, folded=True)
     keys = ("name", "vehicle", "firmware", "reference")
     logs = [[str(log[k]) for k in keys] for log in about["logs"]]
-    yield PageSection("Logs", table=(["log", "vehicle", "firmware", "compared with"], logs), left=3)
+    yield PageSection("Logs", table=(["log", "vehicle", "firmware", "compared with"], logs), left=3, folded=True)
 
 
 def figures(s: Sweep) -> list[PageFigure]:
     """Every figure, metric by metric."""
-    return list(_numbered(s))
+    return [figure for m in range(len(s.columns)) for figure in _of(s, m)]
 
 
-def _numbered(s: Sweep) -> Iterator[PageFigure]:
+def _of(s: Sweep, m: int) -> Iterator[PageFigure]:
+    """The figures of one metric; none where no setting can be judged."""
     free = [a for a in s.grid.axes if len(a.values) > 1]
-    for m, column in enumerate(s.columns):
-        if column.single is None:
-            continue
-        if len(free) > 1:
-            yield _heat_map(s, column, free, f"cells{m}")
-        for k, axis in enumerate(free):
-            yield _curve(s, column, axis, f"along{m}_{k}", alone=len(free) == 1)
+    column = s.columns[m]
+    if column.single is None:
+        return
+    for k, axis in enumerate(free):
+        yield _curve(s, column, axis, f"along{m}_{k}", alone=len(free) == 1)
+    if len(free) > 1:
+        yield _heat_map(s, column, free, f"cells{m}")
 
 
 def _heat_map(s: Sweep, c: SweepColumn, free: list[GridAxis], name: str) -> PageFigure:
@@ -97,11 +100,8 @@ def _heat_map(s: Sweep, c: SweepColumn, free: list[GridAxis], name: str) -> Page
         "y": _titled(down),
         "table": _table(s, c, near),
     }
-    mean = "The mean over the logs. " if len(s.logs) > 1 else ""
-    caption = (
-        f"{mean}Pale: near the best; full colour: three times as far from perfect, or more. Framed: the best; with a "
-        "dot: no significant difference; empty: no value on every log."
-    )
+    mean = "Mean of the logs. " if len(s.logs) > 1 else ""
+    caption = f"{mean}Dark: three times as far from perfect, or more. Framed: the best. Dot: not significantly worse."
     title = f"{c.metric.title} over {down.name} and {across.name}{_at_best(others)}"
     return PageFigure(name, "cells", title, caption, 96 + 34 * len(down.values), data, True, _described(s, c))
 
@@ -135,10 +135,10 @@ def _curve(s: Sweep, c: SweepColumn, axis: GridAxis, name: str, *, alone: bool) 
         name,
         "along",
         f"{c.metric.title} along {axis.name}{'' if alone else _at_best('all others')}",
-        f"Red: the best. Filled: no significant difference.{lines}",
+        f"Red: the best. Band and filled: not significantly worse.{lines}",
         300,
         data,
-        False,
+        alone,
         _described(s, c),
     )
 

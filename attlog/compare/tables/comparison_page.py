@@ -1,4 +1,4 @@
-"""A comparison as one self-contained page: sentences, forest plots, tables. The report's own machinery draws it."""
+"""A comparison as one self-contained page: what is significant, dots and intervals, tables, forest plots."""
 
 from __future__ import annotations
 
@@ -7,29 +7,27 @@ from typing import Any
 
 from attlog.base.plain import plain
 from attlog.compare.differences.comparison import Comparison, LogDifference, PooledDifference, Question
+from attlog.compare.differences.sentences import STATUS
 from attlog.compare.differences.wording import directed, scale_title, signed, span
-from attlog.compare.tables.table import ComparisonTable, tables
+from attlog.compare.tables.matrix import of_log, over_all
+from attlog.compare.tables.overview import headline, overview
+from attlog.present.numbers import counted, listed
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure
+from attlog.report.look import colours_of
 from attlog.report.pack import Store
 
 OWN = Path(__file__).parents[1] / "web"
-COLOURS = 8
 
 
 def render(found: Comparison) -> str:
     """The page as text: nothing in it is loaded from anywhere."""
+    used = [line for line in found.logs if not line.code]
     figures = {q.id: _forest(found, q, number) for number, q in enumerate(found.questions) if q.main and _drawn(q)}
+    slots = colours_of([c.name for c in found.configurations])
     rows = [
-        {
-            "name": c.label,
-            "slot": 0 if not k else 1 + (k - 1) % COLOURS,
-            "dash": "solid",
-            "shown": True,
-            "onboard": False,
-            "lost": False,
-        }
-        for k, c in enumerate(found.configurations)
+        {"name": c.label, "slot": slot, "dash": "solid", "shown": True, "onboard": False, "lost": False}
+        for c, slot in zip(found.configurations, slots, strict=True)
     ]
     return shell.render(
         "compare.html",
@@ -38,20 +36,33 @@ def render(found: Comparison) -> str:
         figures=figures.values(),
         store=Store(),
         document=plain(found),
+        scripts=("folded.js",),
+        styles=("compare.css",),
         found=found,
         names={c.name: c.label for c in found.configurations},
         slots={c.name: row["slot"] for c, row in zip(found.configurations, rows, strict=True)},
-        places=figures,
-        tables=_by_question(found),
+        plots=figures.values(),
+        said=headline(found),
+        columns=overview(found),
+        troubles=troubles(found),
+        onboard=sum(line.reference.startswith("onboard") for line in used),
+        used=used,
+        whole=over_all(found),
+        each=[(line, of_log(found, line)) for line in used],
         config=as_toml(found),
     )
 
 
-def _by_question(found: Comparison) -> dict[str, list[ComparisonTable]]:
-    by: dict[str, list[ComparisonTable]] = {}
-    for table in tables(found):
-        by.setdefault(table.question.id, []).append(table)
-    return by
+def troubles(found: Comparison) -> dict[str, str]:
+    """What became of configurations that are not compared on some logs, by name: ``diverged on 2 logs``."""
+    said = {}
+    for c in found.configurations:
+        cells = [cells[c.name] for cells in found.questions[0].cells.values()] if found.questions else []
+        states = [cell.status for cell in cells if cell.status != "ok"]
+        parts = [f"{STATUS.get(s, s)} on {counted(states.count(s), 'log')}" for s in dict.fromkeys(states)]
+        if parts:
+            said[c.name] = listed(parts)
+    return said
 
 
 def _drawn(question: Question) -> bool:

@@ -1,4 +1,4 @@
-"""A page about settings of one filter: sentences, figures and tables in an order, drawn by the report's machinery."""
+"""A page about settings of one filter: figures, the sentences under them, tables; drawn by the report's machinery."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
 @dataclass(slots=True)
 class PageSection:
-    """What stands under a heading: text to be copied, figures, a table whose first ``left`` columns and last hold
-    words."""
+    """What stands under a heading: figures, sentences, text to be copied, a table whose first ``left`` columns and last
+    hold words. ``folded``: only the title is shown at first."""
 
     title: str
     code: str = ""
     figures: Sequence[PageFigure] = ()
+    said: Sequence[str] = ()
     table: Table | None = None
     left: int = 1
+    folded: bool = False
 
 
 @dataclass(slots=True)
 class SettingsPage:
-    """``name`` begins the names of tables saved from it; ``document`` is the JSON that can be saved; ``subtitle``: the
-    version and the command."""
+    """``name`` begins the names of tables saved from it; ``document`` is the JSON that can be saved, which holds
+    version and command."""
 
     name: str
     title: str
-    subtitle: str
-    said: Sequence[str]
     document: dict[str, Any]
     sections: list[PageSection] = field(default_factory=list)
 

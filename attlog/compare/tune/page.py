@@ -1,4 +1,4 @@
-"""The page of a tuning: sentences, gains to paste, what was judged where, and how flat the optimum is."""
+"""The page of a tuning: how flat the optimum is, what was gained, gains to paste, what was judged where."""
 
 from __future__ import annotations
 
@@ -21,20 +21,18 @@ WORST_SHOWN = 1.5
 def tune_page(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, str]) -> str:
     """The page as text; ``about``: version, command and logs as in the JSON."""
     where = counted(len(t.logs), "log") if len(t.logs) > 1 else "one log"
-    subtitle = f"attlog {about['attlog']['version']} · {about['command']}"
-    said = list(sentences(t, references_of(about)))
+    sections = list(_sections(t, about, firmware))
     whole = document(t, dict(about), dict(firmware))
-    return render(
-        SettingsPage("tune", f"{t.filter}: gains from {where}", subtitle, said, whole, list(_sections(t, firmware)))
-    )
+    return render(SettingsPage("tune", f"{t.filter}: gains from {where}", whole, sections))
 
 
-def _sections(t: Tuning, firmware: Mapping[str, str]) -> Iterator[PageSection]:
+def _sections(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, str]) -> Iterator[PageSection]:
+    tried = [_tried(t, f, k) for k, f in enumerate(t.free)]
+    yield PageSection("How flat the optimum is", figures=tried, said=list(sentences(t, references_of(about))))
     yield PageSection("Gains, ready to paste", code="\n".join(paste(t, firmware)))
-    yield PageSection("On what was left out", table=judged_rows(t))
-    yield PageSection("How much the gains depend on the logs", table=gain_rows(t))
-    yield PageSection("How flat the optimum is", figures=[_tried(t, f, k) for k, f in enumerate(t.free)])
-    yield PageSection("Each part, with gains that were not found on it", table=part_rows(t))
+    yield PageSection("On what was left out", table=judged_rows(t), folded=True)
+    yield PageSection("How much the gains depend on the logs", table=gain_rows(t), folded=True)
+    yield PageSection("Each part, with gains that were not found on it", table=part_rows(t), folded=True)
 
 
 def _tried(t: Tuning, f: FreeParameter, number: int) -> PageFigure:
@@ -43,7 +41,9 @@ def _tried(t: Tuning, f: FreeParameter, number: int) -> PageFigure:
     low, middle = min(changes), sorted(changes)[len(changes) // 2]
     gains = [float(setting[f.name]) for setting, _ in t.found.tried]
     unit = unit_sign(f.unit)
+    again = [float(fold.found.setting[f.name]) for fold in t.folds]
     data = {
+        "band": [min(again), max(again)],
         "x": listed(gains),
         "y": listed(changes),
         "log": f.log,
@@ -55,8 +55,15 @@ def _tried(t: Tuning, f: FreeParameter, number: int) -> PageFigure:
         "title": "objective, % of the default gains",
         "table": [[f.name, "objective [%]"], *([g, c] for g, c in zip(listed(gains), listed(changes), strict=True))],
     }
-    caption = "Red: the gains found. Triangles: worse than the figure reaches."
+    caption = "Red: the gains found. Band: found with logs left out. Triangles: worse than the figure reaches."
     words = f"{named(t.found.setting)}: {min(changes):+.0f} %"
     return PageFigure(
-        f"tried{number}", "tried", f"Every setting that was tried, by {f.name}", caption, 300, data, False, words
+        f"tried{number}",
+        "tried",
+        f"Every setting that was tried, by {f.name}",
+        caption,
+        300,
+        data,
+        len(t.free) == 1,
+        words,
     )

@@ -44,6 +44,15 @@ draws.along = (id, f) => {
   const at = f.x.map(to), pad = 0.06 * (Math.max(...at) - Math.min(...at)) || 0.5;
   L.xaxis = axis(safe(f.axis), { type: f.log ? 'log' : 'linear', range: [Math.min(...at) - pad, Math.max(...at) + pad], tickangle: 0, tickvals: f.x, ticktext: thinned(f.ticks, L.width - L.margin.l - L.margin.r), zeroline: false });
   L.yaxis = axis(safe(f.title), { range: [from, (top + 0.06 * (top - from)) || 1], nticks: 6, zeroline: false });
+  // settings that are not significantly worse, half of the way to their neighbours
+  const order = at.map((_, i) => i).sort((a, b) => at[a] - at[b]), back = f.log ? (v) => 10 ** v : (v) => v;
+  const edge = (k) => back(k < 0 ? at[order[0]] - pad : k + 1 === order.length ? at[order[k]] + pad : (at[order[k]] + at[order[k + 1]]) / 2);
+  order.forEach((i, k) => {
+    if (!f.near[i] || f.near[order[k - 1]]) return;
+    let last = k;
+    while (f.near[order[last + 1]]) last += 1;
+    L.shapes.push(band(edge(k - 1), edge(last), css('--good')));
+  });
   return { traces, layout: L };
 };
 const name_of = (text) => safe(short(text, 40));
@@ -56,6 +65,7 @@ draws.tried = (id, f) => {
   t.marker.size = best.map((b) => (b ? 11 : 7));
   L.xaxis = axis(safe(f.axis), Object.assign({ type: f.log ? 'log' : 'linear', range: [ends[0] - pad, ends[1] + pad], zeroline: false }, f.log ? decades(f.range, narrow(id) ? 4 : 8) : { nticks: 7 }));
   L.yaxis = axis(safe(f.title), { range: [low - edge, f.top + edge], nticks: 6 });
+  L.shapes.push(band(f.band[0], f.band[1], css('--good')));
   return { traces: [t], layout: L };
 };
 

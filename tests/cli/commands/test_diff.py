@@ -43,6 +43,15 @@ def test_formats_go_to_the_terminal_or_to_a_file(attlog, two: tuple[Path, Path],
     assert r"| mahony | airborne | lag\_ms |" in (tmp_path / "x.md").read_text(encoding="utf-8")
 
 
+def test_a_folder_gets_the_page_and_its_json(attlog, two: tuple[Path, Path], tmp_path: Path) -> None:
+    done = attlog("diff", *two, "-o", tmp_path / "out")
+    assert done.code == 1
+    assert "lag_ms" in done.out
+    assert "diff.html" in done.out
+    assert json.loads((tmp_path / "out/diff.json").read_text(encoding="utf-8"))["count"] == 1
+    assert "old.json to new.json" in (tmp_path / "out/diff.html").read_text(encoding="utf-8")
+
+
 def test_wrong_usage_is_2_and_files_that_cannot_be_used_are_65_and_66(
     attlog, two: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -67,7 +67,7 @@ def test_a_summary_names_what_has_no_report(attlog, samples, tmp_path):
     done = attlog(samples / "copter_yaw_turns.bin", tmp_path / "bad.ulg", "-o", tmp_path, "--estimators", "gyro")
     assert done.code == 65
     assert "2 logs: 1 report in" in done.out
-    assert "1 log cannot be used (exit code 65): not a flight log" in done.out
+    assert "1 log cannot be used (exit code 65):\n    not a flight log" in done.out
     assert "(bad.ulg)" in done.out
 
 

@@ -7,10 +7,13 @@ import math
 import pytest
 
 from attlog.base.errors import UsageError
-from attlog.compare.diff.diff import TextChange, difference, interval, units_of
-from attlog.compare.diff.text import _entry_line, document, lines, markdown
+from attlog.compare.diff.changes import TextChange
+from attlog.compare.diff.diff import difference, interval, units_of
+from attlog.compare.diff.text import by_question, document, entry_line, lines, markdown
 from attlog.compare.diff.tolerance import SHARE, SMALLEST, Tolerances, tolerances
+from attlog.health.findings.finding import Finding
 from attlog.metrics.answer import Answer
+from attlog.result import EstimatorRow
 from tests.compare.made import filtered, result
 from tests.present.made import absent, lag, merged, noise, tilt
 
@@ -25,7 +28,7 @@ def test_the_same_result_has_no_difference() -> None:
     one = result(filtered(merged(tilt(2.0), noise(0.05))))
     found = difference("x", one, one, NONE)
     assert (found.count, found.moved, found.equal) == (0, [], 2)
-    assert "no difference in 2 values" in next(lines([found], [], False))
+    assert "no difference in 2 numbers" in next(lines([found], [], False))
 
 
 def test_of_one_log_a_value_counts_beyond_its_tolerance_whatever_its_interval() -> None:
@@ -151,7 +154,51 @@ def test_the_json_holds_what_was_compared_and_what_stands_alone() -> None:
 
 def test_what_differs_behind_the_digits_shown_is_shown_with_all_of_them_and_nothing_as_none() -> None:
     said = [
-        _entry_line(TextChange(*change))
-        for change in (("a", 3.473641512, 3.473641513), ("b", "", "x"), ("c", 1.5, 2.0))
+        entry_line(TextChange(*change)) for change in (("a", 3.473641512, 3.473641513), ("b", "", "x"), ("c", 1.5, 2.0))
     ]
     assert said == ["a: 3.473641512 → 3.473641513", "b: none → x", "c: 1.5 → 2"]
+
+
+def test_changes_stand_by_question_the_main_ones_first_worse_before_better() -> None:
+    def row_of(tilt_deg: float, noise_deg: float, lag_ms: float, other: float) -> EstimatorRow:
+        more = {"all": {"inclination_rmse_deg": Answer(other, "deg", "all")}}
+        return filtered(merged(tilt(tilt_deg), noise(noise_deg), lag(lag_ms), more))
+
+    found = difference("x", result(row_of(2.0, 0.1, 1.0, 1.0)), result(row_of(1.0, 0.3, 9.0, 9.0)), NONE)
+    assert [(m.metric, m.window) for m in found.moved] == [
+        ("inclination_rmse_deg", "airborne"),
+        ("inclination_rmse_deg", "all"),
+        ("noise_tilt_deg", "rest"),
+        ("lag_ms", "airborne"),
+    ]
+    assert [title for title, _ in by_question(found)] == ["Accuracy", "Noise", "Step response"]
+    text = [line.strip() for line in lines([found], [], False)]
+    assert text.index("Accuracy (2)") < text.index("Noise (1)") < text.index("Step response (1)")
+    assert [m["metric"] for m in document([found], [])["logs"][0]["moved"]] == [m.metric for m in found.moved]
+    old, new = (result(filtered(tilt(a)), filtered(tilt(b), "vqf")) for a, b in ((1.0, 9.0), (2.0, 1.0)))
+    two = difference("x", old, new, NONE)
+    assert [m.closer for m in two.moved] == [False, True]
+
+
+def test_headline_verdicts_and_findings_are_told_first_and_count_for_nothing() -> None:
+    old, new = result(filtered(lag(1.0))), result(filtered(lag(1.0)))
+    old.headline, new.headline = "A flight.", "A crash."
+    new.findings = [Finding("crash", "serious", "It fell."), Finding("dust", "note", "Some dust.")]
+    found = difference("x", old, new, NONE)
+    assert found.told == [
+        TextChange("headline", "A flight.", "A crash."),
+        TextChange("finding: crash", "(absent)", "It fell."),
+    ]
+    assert found.count == 0
+    assert "    headline: A flight. → A crash." in list(lines([found], [], False))
+    old.headline = ""
+    assert difference("x", old, new, NONE).told == [TextChange("finding: crash", "(absent)", "It fell.")]
+
+
+def test_a_terminal_lists_few_of_each_question_and_all_with_everything() -> None:
+    sides = [filtered({"all": {f"noise_{k}_deg": Answer(v, "deg", "all") for k in range(30)}}) for v in (1.0, 2.0)]
+    found = difference("x", result(sides[0]), result(sides[1]), NONE)
+    short, whole = (list(lines([found], [], everything)) for everything in (False, True))
+    assert len(short) < 12
+    assert "    and 25 more; -v lists all" in short
+    assert len(whole) == 32

@@ -15,6 +15,7 @@ from attlog.compare.sweep.page import _places, figures, sweep_page
 from attlog.compare.sweep.sweep import Sweep, sweep
 from attlog.compare.tables.files import csv_text, latex, markdown
 from attlog.estimators import get
+from tests.compare.pages import stands
 from tests.compare.sweep.test_sweep import Made
 from tests.conftest import few
 from tests.report.browser import Visit
@@ -43,8 +44,8 @@ def test_the_page_loads_nothing_and_shows_names_as_text() -> None:
     few(
         [
             (["kp=0.1,0.2,0.4"], ["along"]),
-            (["kp=0.1..2/4log", "ki=0,0.01"], ["cells", "along", "along"]),
-            (["kp=0.1,0.2", "mag_form=heading,vector", "ki=0,1"], ["cells", "along", "along", "along"]),
+            (["kp=0.1..2/4log", "ki=0,0.01"], ["along", "along", "cells"]),
+            (["kp=0.1,0.2", "mag_form=heading,vector", "ki=0,1"], ["along", "along", "along", "cells"]),
         ],
         1,
     ),
@@ -104,11 +105,42 @@ def test_figures_and_tables_are_saved_as_numbers(tmp_path: Path, browser: Any) -
     ]
     assert [float(line[2]) for line in lines[1:]] == pytest.approx(column.score[:6].tolist(), rel=1e-4)
     assert [line[3] for line in lines[1:]] == ["no" if k in column.near else "yes" for k in range(6)]
+    visit.page.click("summary:has-text('Every setting')")
     with visit.page.expect_download() as download:
         visit.page.click("button.csv >> nth=0")
-    assert download.value.suggested_filename == "sweep-table-2.csv"
+    assert download.value.suggested_filename == "sweep-table-3.csv"
     assert len(Path(download.value.path()).read_text().splitlines()) == 1 + 7
     visit.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_is_short_and_accessible(tmp_path: Path, browser: Any, scheme: str) -> None:
+    path = tmp_path / "sweep.html"
+    path.write_text(sweep_page(swept("kp=0.1,0.2,0.4", "ki=0,0.01"), ABOUT), encoding="utf-8")
+    first, whole = stands(browser, path, scheme)
+    assert first <= 150
+    assert whole <= 1000
+
+
+def test_the_figure_stands_above_the_sentence_and_the_table_is_folded() -> None:
+    page = sweep_page(swept("kp=0.1,0.2,0.4"), ABOUT)
+    body = page[page.index("<main") :]
+    assert body.index('id="along0_0"') < body.index('class="say"') < body.index("<details><summary>Every setting")
+
+
+@pytest.mark.slow
+def test_the_band_spans_the_settings_that_are_not_significantly_worse(tmp_path: Path, browser: Any) -> None:
+    found = sweep("mahony", grid(["kp=0.1,0.2,0.21,0.8,6.4"], get("mahony")), [Made("x", 0.2)])  # type: ignore[list-item]
+    figure = figures(found)[0]
+    path = tmp_path / "sweep.html"
+    path.write_text(sweep_page(found, ABOUT), encoding="utf-8")
+    visit = Visit(browser, path)
+    bands = visit.page.evaluate("document.getElementById('along0_0').layout.shapes.map((s) => [s.x0, s.x1])")
+    visit.close()
+    inside = [any(a <= x <= b for a, b in bands) for x in figure.data["x"]]
+    assert inside == figure.data["near"]
+    assert 0 < sum(inside) < len(inside)
 
 
 @pytest.mark.slow

@@ -16,7 +16,9 @@ from attlog.compare.configurations.toml_file import read
 from attlog.compare.differences.comparison import Comparison, LogLine
 from attlog.compare.tables import comparison_page as page
 from attlog.compare.tables import export
+from attlog.compare.tables.overview import headline, overview
 from tests.compare.flights import CONFIGURATIONS, FIRST, SECOND, comparison
+from tests.compare.pages import stands
 from tests.report.browser import Visit
 from tests.report.test_safety import EVIL
 
@@ -53,7 +55,7 @@ def test_what_is_no_comparison_is_refused(tmp_path: Path, text: str, why: str) -
 def test_the_page_says_every_sentence_and_which_log_was_not_used() -> None:
     found = made()
     text = page.render(found)
-    for said in (found.verdicts[0].lead, *found.verdicts[0].more):
+    for said in (*headline(found), *(column.sentence for column in overview(found))):
         assert said.replace("<", "&lt;") in text.replace("\u00a0", " ")
     assert WHY in text
     assert "=&#34;" not in text, "an attribute of the template was taken for text"
@@ -71,6 +73,8 @@ def test_figures_are_drawn_in_a_browser_and_saved_as_numbers(tmp_path: Path, bro
     path = tmp_path / "compare.html"
     write_together({path: page.render(made())})
     visit = Visit(browser, path)
+    visit.page.click("#plots summary")
+    visit.page.wait_for_function("document.getElementById('forest0').querySelector('svg').clientWidth > 600")
     assert visit.figures() == {"forest0": True, "forest1": True}
     assert visit.complaints == []
     assert visit.requests == [path.as_uri()]
@@ -82,6 +86,30 @@ def test_figures_are_drawn_in_a_browser_and_saved_as_numbers(tmp_path: Path, bro
     with visit.page.expect_download() as download:
         visit.page.click("#fig-forest0 button[data-out=svg]")
     assert "<svg" in Path(download.value.path()).read_text()
+    visit.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_is_short_and_accessible(tmp_path: Path, browser: Any, scheme: str) -> None:
+    path = tmp_path / "compare.html"
+    path.write_text(page.render(made()), encoding="utf-8")
+    first, whole = stands(browser, path, scheme)
+    assert first <= 150
+    assert whole <= 1000
+
+
+@pytest.mark.slow
+def test_on_a_phone_the_name_of_a_configuration_stands_above_its_cells(tmp_path: Path, browser: Any) -> None:
+    path = tmp_path / "compare.html"
+    path.write_text(page.render(made()), encoding="utf-8")
+    visit = Visit(browser, path, viewport={"width": 390, "height": 844})
+    for row in visit.page.query_selector_all("#overview tbody tr:not(.scale)"):
+        name = row.query_selector("th").bounding_box()
+        for cell in row.query_selector_all(".cell"):
+            box = cell.bounding_box()
+            assert box["y"] >= name["y"] + name["height"]
+            assert box["x"] + box["width"] <= 390
     visit.close()
 
 

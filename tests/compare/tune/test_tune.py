@@ -20,6 +20,7 @@ from attlog.compare.tune.text import document, mean_left_out, paste, sentences, 
 from attlog.compare.tune.tune import Tuning, tune
 from attlog.flight.model import Attitude, FlightLog
 from attlog.testing.motion import GRAVITY, Noise, motion
+from tests.compare.pages import stands
 from tests.report.browser import Visit
 from tests.segments.flights import imu_log
 
@@ -128,7 +129,20 @@ def test_every_setting_that_was_tried_is_drawn(planted: Tuning, tmp_path: Path, 
     assert sorted(dots[0]) == pytest.approx(sorted(float(s["kp"]) for s, _ in planted.found.tried), rel=1e-4)
     red = [x for x, colour in zip(*dots, strict=True) if dots[1].count(colour) == 1]
     assert red == [pytest.approx(planted.found.setting["kp"], rel=1e-4)]
+    shapes = visit.page.evaluate("document.getElementById('tried0').layout.shapes.map((s) => [s.x0, s.x1])")
+    again = [float(fold.found.setting["kp"]) for fold in planted.folds]
+    assert shapes == [pytest.approx([min(again), max(again)], rel=1e-4)]
     visit.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_is_short_and_accessible(planted: Tuning, tmp_path: Path, browser: Any, scheme: str) -> None:
+    path = tmp_path / "tune.html"
+    path.write_text(tune_page(planted, ABOUT, {}), encoding="utf-8")
+    first, whole = stands(browser, path, scheme)
+    assert first <= 150
+    assert whole <= 1000
 
 
 def test_nothing_to_judge_by_is_refused_with_the_reason() -> None:
