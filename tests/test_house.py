@@ -23,7 +23,7 @@ ROOMS_TABLE = HOUSE.partition("## Rooms")[2].partition("## ")[0]
 MAY_IMPORT = {room: set(re.findall(r"`([\w.]+)`", others)) for room, others in ROW.findall(ROOMS_TABLE)}
 """What each row of the docs' table may import, beside EVERYWHERE and itself."""
 LATE_UPWARDS = {("result", "report")}
-"""The one import against the flow: ``Result.to_html``."""
+"""The one import against the flow: of ``Result.to_html`` and ``Result.figure``."""
 
 
 def module_of(path: Path) -> str:

@@ -328,3 +328,25 @@ def test_the_schema_tells_what_an_assessment_holds() -> None:
     assert parts["Assessment"]["properties"]["verdict"]["enum"] == ["ok", "warning", "fault", "unknown"]
     assert set(parts["Setting"]["properties"]) == {"name", "old", "new", "unit"}
     assert set(parts["Assessment"]["required"]) == {"sensor", "question", "verdict", "text"}
+
+
+def test_an_answer_without_a_value_does_not_say_that_it_is_not_ranked():
+    """Nobody can rank it: answers that share their reason share their evidence, whatever was left out."""
+    from attlog.result.document import Shared
+
+    shared = Shared()
+    own = [shared.taken_from({"code": "no_reference", "reason": "none", **more}) for more in ({"ranked": False}, {})]
+    assert own == [{"code": "no_reference", "evidence": 0}] * 2
+    assert shared.lists() == {"sentences": ["none"], "evidence": [{"reason": 0}]}
+    ranked = shared.taken_from({"value": 1.0, "ranked": False})
+    assert shared.lists()["evidence"][ranked["evidence"]] == {"ranked": False}
+
+
+@pytest.mark.parametrize(("number", "why"), [(1, "newer"), (-99, "analyse the log again")])
+def test_the_very_next_schema_is_refused_as_that_of_a_newer_version(number, why):
+    from attlog.result.document import SCHEMA_NAME, SCHEMA_NUMBER
+    from attlog.result.reading import read
+
+    text = f'{{"schema": "{SCHEMA_NAME}{max(SCHEMA_NUMBER + number, 0)}"}}'
+    with pytest.raises(UsageError, match=why):
+        read(attlog.Result, text.encode(), "x.json")

@@ -222,7 +222,7 @@ def _asked_unit(builder: LogBuilder, units: list[ImuCandidate], asked: int) -> t
 def _flown_unit(units: list[ImuCandidate], flew: int | None, why: str) -> tuple[int | None, str]:
     """Position of the unit that flew, else of the first, and why it is the one."""
     used = [k for k, u in enumerate(units) if u.index == flew]
-    return (used[0], why) if used else (0, "the first in the log; nothing tells which one flew")
+    return (used[0], why) if used else (0, "the first in the log; nothing shows which one was used")
 
 
 def _faster_unit(

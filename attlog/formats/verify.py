@@ -82,7 +82,7 @@ def _who_is_right(found: Verification) -> str:
         said += (
             f". {found.oracle} leaves out {found.only_ours} records that stand in the file: it is framed by its own "
             "definitions from the first byte to the last, without a gap, so they are there; whether their values are "
-            f"right {found.oracle} cannot tell"
+            f"right {found.oracle} cannot show"
         )
     if found.only_theirs:
         said += (
@@ -91,7 +91,7 @@ def _who_is_right(found: Verification) -> str:
         )
     if found.unequal:
         said += (
-            f". Of {found.unequal} values both readers have a reading each, and nothing in the file tells which is "
+            f". Of {found.unequal} values both readers have a reading each, and the file does not show which is "
             "right; please report this log"
         )
     return said

@@ -64,7 +64,7 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "second source": lambda: sources.checks(log, phases, reference),
         "field": lambda: magnetometer.checks(log, phases),
         "aids": lambda: aids.checks(log, phases),
-        "declination told": lambda: declination_told.checks(log),
+        "declination set": lambda: declination_told.checks(log),
         "field against motors": lambda: interference.checks(log, phases),
         "GNSS": lambda: gnss.checks(log, phases),
         "crash": lambda: crash.checks(log, phases) if log.imus else [],

@@ -12,7 +12,7 @@ from attlog.result import Answer, EstimatorRow, Result
 THE_BASELINE = "the gyro alone, shown for comparison"
 BY_ITSELF = ("noise_", "drift_rest_")
 """Columns in which a row is compared with nothing but itself."""
-NOT_COMPARED = "too little of what it was measured on is shared with the other filters"
+NOT_COMPARED = "too little data in common"
 
 
 @dataclass(slots=True)
@@ -87,10 +87,12 @@ class ColumnRanking:
     ``best`` are the rows that no row is significantly better than, empty where that is
     everybody (too close to rank) or where one row stands alone; ``worst`` is the one
     that is worst. The baseline and the onboard attitude are among ``judged`` and never in these.
+    ``total``: how many filters the table has, the baseline left out.
     """
 
     metric: str
     window: str
+    total: int
     judged: list[RankedValue] = field(default_factory=list)
     absent: list[MissingValue] = field(default_factory=list)
     best: list[RankedValue] = field(default_factory=list)
@@ -107,6 +109,11 @@ class ColumnRanking:
         return [j for j in self.judged if j.replay and not is_baseline(j.row)]
 
     @property
+    def compared(self) -> str:
+        """How many rows were compared: ``7 filters``, ``5 ranked filters`` where the table has others too."""
+        return f"{len(self.ranked)} {'filters' if self.total == len(self.ranked) else 'ranked filters'}"
+
+    @property
     def onboard(self) -> RankedValue | None:
         """The onboard attitude, unless this column compares all rows with it."""
         by_itself = self.metric.startswith(BY_ITSELF)
@@ -120,7 +127,8 @@ class ColumnRanking:
 def contest(result: Result, metric: str, windows: tuple[str, ...]) -> ColumnRanking:
     """The column of a metric in the first of the windows in which a filter has a value."""
     window = window_of(result, metric, windows)
-    found = ColumnRanking(metric, window)
+    every = sum(row.kind == "replay" and not is_baseline(row) for row in result.estimators)
+    found = ColumnRanking(metric, window, every)
     for row in result.estimators:
         answer = row.metrics.get(window, {}).get(metric)
         if answer is None:

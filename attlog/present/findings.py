@@ -93,7 +93,7 @@ def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
     if t is None:
         return (f"{text.rstrip('.')} ({times})." if times else text), "", ""
     for written in dict.fromkeys((moment(t), f"{t:.1f} s", f"{t:.1f}", f"{t:.0f} s", f"{t:.0f}")):
-        found = re.search(rf"(?:(?<=at )|(?<=rom )){re.escape(written)}(?![\d.]\d)", text)
+        found = re.search(rf"(?:(?<=at )|(?<=rom )|(?<=, )(?=[\d.]+ to )){re.escape(written)}(?![\d.]\d)", text)
         if found:
             after = text[found.end() :]
             return text[: found.start()], written, f"{after.rstrip('.')} ({times})." if times else after

@@ -8,6 +8,7 @@ to show is "<0.001", never 0.
 from __future__ import annotations
 
 import math
+import re
 
 MINUS = "\u2212"
 
@@ -31,6 +32,10 @@ CLOCK_FROM_S = 600.0
 
 SIGNED = ("deg/min", "ms")
 """Where the sign is the message: which way it drifts, whether it lags or leads."""
+
+
+FACTOR, NOT_COMPARABLE = 10.0, 100.0
+"""Ratios from the first on are written as factors; beyond the second two values have nothing in common."""
 
 
 def unit_sign(unit: str) -> str:
@@ -75,6 +80,39 @@ def quantity(value: float | None, unit: str = "", signed: bool | None = None) ->
     if not text or not sign:
         return text
     return text + sign if sign.startswith(("°", "×")) else f"{text} {sign}"
+
+
+def change(ratio: float, *, signed: bool = True) -> str:
+    """A ratio as the change that it is: ``−24 %``, from ten on the factor (``12 times``), beyond 100 in either
+    direction that it cannot be compared. A change too small to show is ``<0.1 %``."""
+    if not 1.0 / NOT_COMPARABLE <= ratio <= NOT_COMPARABLE:
+        return "not comparable"
+    if ratio >= FACTOR:
+        return f"{ratio:.0f} times"
+    size = abs(100.0 * (ratio - 1.0))
+    text = f"{size:.{0 if size >= 9.95 else 1}f}"
+    if float(text) == 0.0:
+        return "<0.1 %" if size > 0.0 else "0 %"
+    return f"{'' if not signed else MINUS if ratio < 1.0 else '+'}{text} %"
+
+
+def change_end(ratio: float, *, signed: bool = True) -> str:
+    """The same of the end of an interval: ``over 100 times`` where the value itself may be comparable."""
+    text = change(ratio, signed=signed)
+    return text if text != "not comparable" else "over 100 times" if ratio > 1.0 else f"{MINUS * signed}99 %"
+
+
+def between(low: str, high: str) -> str:
+    """Two quantities as a range, the unit once, one quantity where both read the same: ``0.4 to 1.2°``, ``up to 3 ms``.
+
+    What is too small to show is no end of a range.
+    """
+    if low == high:
+        return high
+    if low.startswith("<"):
+        return f"up to {high}"
+    unit = re.search(r"[^\d.,]*$", high)
+    return f"{low.removesuffix(unit[0]) if unit else low} to {high}"
 
 
 def below(value: float, unit: str = "") -> str:

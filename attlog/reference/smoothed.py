@@ -107,7 +107,7 @@ def why_not(estimate: Estimate) -> str:
     if len(estimate.t) < 2:
         return "no sample of the log can be used"
     if not tells_sigma(estimate):
-        return "it does not tell how wrong it may be"
+        return "it does not say how wrong it may be"
     if not np.isfinite(estimate.q).all():
         return "it lost its way: some of its attitudes are no numbers"
     openings, soft, ratio = (_number(estimate, n) for n in ("openings", "soft_gated_pct", "worst_ratio"))

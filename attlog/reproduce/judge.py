@@ -45,6 +45,17 @@ def mean_text(values: Sequence[float], unit: str) -> str:
     return quantity(mean("", values, unit).value, unit)
 
 
+def ends(numbers: Sequence[PaperNumber]) -> tuple[PaperNumber, PaperNumber]:
+    """The smallest and the largest of numbers of one kind; those that could not be measured are neither."""
+    known = [n for n in numbers if n.value is not None] or list(numbers)
+    return min(known, key=lambda n: n.value or 0.0), max(known, key=lambda n: n.value or 0.0)
+
+
+def led(first: Sequence[PaperNumber], numbers: Sequence[PaperNumber]) -> tuple[PaperNumber, ...]:
+    """Numbers of a claim, ``first`` ahead of the others."""
+    return (*first, *(n for n in numbers if n not in first))
+
+
 def share(what: str, hits: Sequence[bool]) -> PaperNumber:
     """The percentage of seeds on which something is so, with Wilson's interval (1927)."""
     n = len(hits)

@@ -10,13 +10,13 @@ import numpy as np
 
 from attlog.base.files.output import write_atomic
 from attlog.base.plain import plain
-from attlog.present.numbers import interval, quantity, unit_sign
+from attlog.present.numbers import below, interval, quantity, unit_sign
 from attlog.present.text import typeset
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure as Place
 from attlog.report.figures.figure import listed
 from attlog.report.pack import Store
-from attlog.reproduce.paper import TRUTH, FigureLine, Paper, PaperFigure, PaperNumber
+from attlog.reproduce.paper import TRUTH, FigureLine, Paper, PaperFigure, PaperNumber, tally
 
 OWN = Path(__file__).parent / "web"
 COLOURS = 8
@@ -49,6 +49,7 @@ def render(paper: Paper) -> str:
         places=list(zip(paper.figures, figures, strict=True)),
         chip=CHIP,
         measured=measured,
+        tally=tally(paper),
     )
 
 
@@ -72,6 +73,11 @@ def measured(number: PaperNumber) -> str:
     """A number with its interval and how many flights it stands on: ``0.42° (0.40 to 0.44; 20)``."""
     if number.value is None:
         return "not measurable"
+    most = max(map(abs, (number.value, *(number.ci95 or ()))))
+    if quantity(most, number.unit, False).startswith("<"):  # nothing of it can be shown
+        return f"below {below(most, number.unit)} ({number.n})"
+    if most == 0.0:
+        return f"0{'' if number.unit == 'deg' else ' '}{unit_sign(number.unit)} ({number.n})"
     ends = interval(number.ci95, number.unit)
     return (
         f"{quantity(number.value, number.unit)} ({ends}; {number.n})" if ends else quantity(number.value, number.unit)

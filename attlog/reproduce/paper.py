@@ -6,6 +6,7 @@ Texts are plain (``deg``, ``m/s^2``, ``-1``): the page and the terminal typeset 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,13 @@ from attlog.base.plain import IN_JSON
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]
 SCHEMA = "attlog-paper/1"
+MANY: dict[Verdict, str] = {
+    "holds": "hold",
+    "holds in part": "hold in part",
+    "does not hold": "do not hold",
+    "cannot be judged": "cannot be judged",
+}
+"""Each verdict as it is said of several claims."""
 TRUTH = "truth"
 """The name of a line that shows what really was; it is drawn in black."""
 
@@ -42,8 +50,8 @@ class Claim:
     """A sentence of a paper and what became of it.
 
     ``says`` in our words; ``where`` figure, table or section; ``paper`` the number it prints, empty where it prints
-    none; ``measured`` how it was measured here; ``numbers`` what was, the first the one that tells most; ``by`` by how
-    much it holds or not, one or two sentences.
+    none; ``measured`` how it was measured here; ``numbers`` what was, the ``shown`` first ones those that tell most;
+    ``by`` by how much it holds or not, in short sentences.
     """
 
     id: str
@@ -54,6 +62,7 @@ class Claim:
     verdict: Verdict
     by: str
     paper: str = ""
+    shown: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +138,16 @@ class Paper:
     schema: str = SCHEMA
     attlog: dict[str, str] = field(default_factory=dict)
     command: str = ""
+
+
+def tally(paper: Paper) -> str:
+    """How many claims have which verdict: ``1 holds, 3 hold in part``."""
+    counts = Counter(claim.verdict for claim in paper.claims)
+    return ", ".join(
+        f"{counts[verdict]} {verdict if counts[verdict] == 1 else plural}"
+        for verdict, plural in MANY.items()
+        if counts[verdict]
+    )
 
 
 @dataclass(frozen=True, slots=True)

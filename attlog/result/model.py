@@ -8,7 +8,7 @@ the figures; they go packed into the page, not into the JSON file.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -33,6 +33,7 @@ from attlog.story.event import Event
 
 if TYPE_CHECKING:
     import pandas
+    import plotly.graph_objects
 
 TIMED_OUT = "estimator_timed_out"
 """The kind of the finding that a user's filter took longer than it was given; its row has failed."""
@@ -226,6 +227,34 @@ class Result:
         from attlog.report import write_report
 
         write_report(self, Path(path), **options)
+
+    def figures(self) -> dict[str, str]:
+        """Titles of the figures of the report that this result can fill, by the names that :meth:`figure` takes.
+
+        Of a result read from JSON these are the few that need no lines.
+        """
+        from attlog.report.journal import figures
+
+        return figures(self)
+
+    def figure(
+        self,
+        name: str,
+        *,
+        view: str | int = 0,
+        rows: Sequence[str] | None = None,
+        span: tuple[float, float] | None = None,
+    ) -> plotly.graph_objects.Figure:
+        """A figure of the report for a paper or a notebook: one column (88 mm), 8 pt, black axes, light colours.
+
+        ``view``: which of the figure's views, by its name on the page or the start of it (``"pitch"``), else by its
+        place. ``rows``: filters and onboard rows to draw; else those that the page shows at first. ``span``: flight
+        time (from, to) in s. Long lines are the extremes of 600 buckets of what is in the span. UsageError for a name
+        that is not in :meth:`figures`.
+        """
+        from attlog.report.journal import figure
+
+        return figure(self, name, view=view, rows=rows, span=span)
 
     def table(self, window: str = "all") -> pandas.DataFrame:
         """Values of one window: a line for each row, by its name, a column for each metric; NaN where there is none.

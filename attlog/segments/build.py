@@ -56,7 +56,7 @@ def _found(log: FlightLog) -> Segments:
     found: list[Segment] = gaps.find(clock)
     if imu is None:
         notes["continuous"] = (
-            "no IMU to replay: continuous segments are those of the onboard attitude, and nothing tells rest"
+            "no IMU to replay: continuous segments are those of the onboard attitude, and nothing shows rest"
         )
     if not found:
         return Segments([], notes, UNKNOWN)

@@ -77,7 +77,7 @@ def motors(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagSpans:
     for name, stream, limit in (("RPM", log.rpm, 100.0), ("throttle", log.throttle, 0.05)):
         if stream is not None and len(stream.t) > 1 and (name != "RPM" or np.fmax.reduce(stream.x, axis=None) > limit):
             return FlagSpans(True, _above(stream, limit), f"motors turn by {name}")
-    return FlagSpans(False, [], "nothing tells whether motors turned")
+    return FlagSpans(False, [], "nothing shows whether motors turned")
 
 
 def busy(armed: FlagSpans, motors: FlagSpans) -> list[Span]:

@@ -113,7 +113,7 @@ def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> li
         top = float(np.nanmax(speed))
         return [f"moved at up to {figures(top)} m/s in {total}." if top > 0.5 else f"stood still for {total}."]
     if "airborne" in segments.unknown:
-        return [f"{f'{total}; ' if log.seconds > 0 else ''}nothing in the log tells whether it flew."]
+        return [f"{f'{total}; ' if log.seconds > 0 else ''}nothing in the log shows whether it flew."]
     if any(e.is_crash for e in events):
         return ["never flew."]
     armed = sum(e.kind == "armed" for e in events)

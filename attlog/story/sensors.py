@@ -30,7 +30,10 @@ def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]
     if clip is not None:
         found.append(clip)
         told += texts
-    shaken = _vibration(log, segments.spans("airborne"))
+    crashes = [e.t for e in segments.endings if e.is_crash]
+    shaken = _vibration(
+        log, [(a, min([b, *(t - LANDING_S for t in crashes if a < t)])) for a, b in segments.spans("airborne")]
+    )
     return [*found, *([shaken] if shaken is not None else [])], told
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,3 +52,11 @@ def test_a_px4log_is_recognised_by_its_time_record(path: Path) -> None:
 def test_a_log_whose_formats_name_no_columns_is_refused(corpus: Path) -> None:
     with pytest.raises(LogUnusable, match="name no columns"):
         sdlog2.read(corpus / "logs" / "px4log_tiny_badformat.px4log")
+
+
+def test_records_before_the_first_time_record_have_no_time() -> None:
+    """-1 stands for none, and a false time record takes it from its whole group."""
+    at, time = np.array([100, 200, 300]), np.array([5_000, -1, 9_000])
+    table: Any = SimpleNamespace(offsets=np.array([50, 150, 250, 350]))
+    decode = sdlog2._with_time(table, at, time)
+    assert decode(sdlog2.TIME, table.offsets).tolist() == [-1, 5_000, -1, 9_000]

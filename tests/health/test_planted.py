@@ -176,7 +176,7 @@ def test_a_second_source_that_leaves_is_told_with_its_size_and_time() -> None:
     assert found.verdict == "fault"
     assert found.value == pytest.approx(70.0, abs=1.0)
     assert found.t == pytest.approx(at, abs=2.0)
-    assert "backup differs from vehicle_attitude by 70 deg in heading; nothing here tells which is right" in found.text
+    assert "backup differs from vehicle_attitude by 70 deg in heading; which is right" in found.text
 
 
 def test_a_second_source_that_comes_and_goes_is_told_with_its_share_and_its_end() -> None:

@@ -12,6 +12,7 @@ from attlog.present.numbers import below, number, quantity
 from attlog.present.sentences.accuracy import caveat_part
 from attlog.present.table.table import main_table
 from attlog.result import Answer, EstimatorRow, Result, Verdict
+from tests.present.disagreements import disagreements
 from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT
 
 PHASES = {"at rest": "rest", "in hover": "hover", "in moving flight": "cruise", "with motors idling": "idle"}
@@ -19,8 +20,8 @@ NO_ANSWER = ("Cannot be judged", "No filter can be ranked", "No filter's lag can
 CODE = re.compile(
     r"\b[a-z]+_[a-z_]+\b|[a-z]@|\bdeg\b|\bNone\b(?! of)|\bnan\b|\+-|-0\.0|\b1 \w+(?:s|es) \w+ed\b|\b1 steps"
 )
-NUMBER = re.compile(r"[−+]?<?\d[\d,]*(?:\.\d+)?(?=°|°/min| ms| %|(?: to [−+]?<?\d[\d.,]*)(?:°|\)| %|;)|\))")
-COUNT = re.compile(r"(\d+) of (\d+) filters")
+NUMBER = re.compile(r"[−+]?<?\d[\d,]*(?:\.\d+)?(?=°|°/min| ms| %|(?: to [−+]?<?\d[\d.,]*)(?:°|\)| %|;| ms)|\))")
+COUNT = re.compile(r"(\d+) of (\d+) (?:ranked )?filters|All (\d+) (?:ranked )?filters")
 
 
 def contradictions(result: Result) -> list[str]:
@@ -35,7 +36,7 @@ def contradictions(result: Result) -> list[str]:
         odd = CODE.finditer(" ".join([said, *verdict.notes]))
         rules += [f"code or id in words: {m[0]!r}" for m in odd if m[0] not in messages]
         found += [f"{verdict.question}: {why} | {said}" for why in rules]
-    return found + list(marks(result))
+    return found + list(marks(result)) + list(disagreements(result))
 
 
 def marked(table: dict[str, dict[str, list[str]]], window: str, metric: str) -> set[str]:
@@ -68,7 +69,7 @@ def superlatives(result: Result, verdict: Verdict) -> Iterator[str]:
                 if named != worst:
                     yield f"{named} called worst, ranking says {worst}"
             elif counted:
-                if int(counted[1]) != len(best & compared):
+                if int(counted[1] or counted[3]) != len(best & compared):
                     yield f"{counted[0]} called best, ranking says {best}"
             elif metric == STEP:
                 if named != before_the_first_worse(result, metric, window, best):
@@ -175,7 +176,7 @@ def figures(result: Result, verdict: Verdict) -> Iterator[str]:
     known |= set() if own is None else {number(own, "deg", False)}
     shares = {a.gyro_share for row in result.estimators for m in row.metrics.values() for a in m.values()}
     known |= {number(float(f"{share:.1g}"), "deg") for share in shares} if verdict.question == "noise" else set()
-    said = re.sub(r"^Do not rely on this, .*?\. (?=[A-Z])", "", verdict.sentence)
+    said = re.sub(r"^Unreliable, .*?\. (?=[A-Z])", "", verdict.sentence)
     said = said.removesuffix(caveat_part(result))  # the reference's own numbers
     said = re.sub(r" to show even [^;.]*", "", said)  # what is known without the log
     for m in NUMBER.finditer(said):

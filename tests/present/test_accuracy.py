@@ -39,7 +39,7 @@ def test_against_onboard_it_is_agreement_and_the_heading_is_shown_but_not_ranked
 def test_filters_that_do_not_differ_significantly_are_not_named():
     found = made([row("vqf", tilt(1.2)), row("mahony", tilt(3.7)), row("ekf12", tilt(2.0))])
     assert sentence("accuracy", found) == (
-        "No significant difference in tilt against onboard (agreement, not truth): 1.2° to 3.7°."
+        "No significant difference in tilt against onboard (agreement, not truth): 1.2 to 3.7°."
     )
 
 

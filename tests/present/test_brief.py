@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from attlog.present.sentences.brief import BriefAnswer, brief_answers
 from attlog.result import Check, Result
 from tests.present.made import DRIFT_REST, LAG, NOISE, TILT, absent, drift, lag, noise, result, row, tilt
@@ -19,14 +17,14 @@ def rows(*values: float) -> list:
 
 
 def test_who_is_best_stands_first_and_all_others_are_a_range() -> None:
-    assert brief("accuracy", result(rows(0.4, 1.2, 0.9), {TILT: ["a"]})) == "Tilt: A 0.40°, others 0.90° and 1.2°."
+    assert brief("accuracy", result(rows(0.4, 1.2, 0.9), {TILT: ["a"]})) == "Tilt: A 0.40°, others 0.90 to 1.2°."
     assert brief("accuracy", result(rows(0.4, 1.2), {TILT: ["a"]})) == "Tilt: A 0.40°, B 1.2°."
 
 
 def test_filters_that_do_not_differ_significantly_are_said_so() -> None:
     tied = result(rows(0.4, 0.5, 3.2), {TILT: ["a", "b"]})
-    assert brief("accuracy", tied) == "Tilt: 2 filters 0.40° to 0.50° (not significant), C 3.2°."
-    assert brief("accuracy", result(rows(0.4, 0.5, 0.6))) == "Tilt: all 3 filters 0.40° to 0.60° (not significant)."
+    assert brief("accuracy", tied) == "Tilt: best A and B 0.40 to 0.50°, C 3.2°."
+    assert brief("accuracy", result(rows(0.4, 0.5, 0.6))) == "Tilt: all 3 filters 0.40 to 0.60° (not significant)."
 
 
 def test_a_filter_alone_has_its_interval() -> None:
@@ -40,15 +38,15 @@ def test_noise_says_in_which_phase_it_was_measured() -> None:
 
 def test_lags_that_can_be_measured_stand_before_the_bound_of_all_others() -> None:
     made = result([row("a", lag(40)), row("b", lag(0)), row("c", lag(3, floor=5.0))])
-    assert brief("lag", made) == "A +40 ms; 2 filters below 4 ms (28 steps)."
-    assert brief("lag", result([row("a", lag(0)), row("b", lag(1))])) == "All 2 filters below 2 ms (28 steps)."
+    assert brief("lag", made) == "A +40 ms; B and C below 4 ms (28 steps)."
+    assert brief("lag", result([row("a", lag(0)), row("b", lag(1))])) == "A and B below 2 ms (28 steps)."
     ahead = result([row("a", lag(-40)), row("b", lag(0))])
     assert brief("lag", ahead) == "A \N{MINUS SIGN}40 ms; B below 1 ms (28 steps)."
 
 
 def test_a_drift_is_told_where_its_interval_excludes_zero_in_the_air_only_without_a_rest() -> None:
     made = [row("a", drift(4.0)), row("b", drift(0.05)), row("c", drift(-0.1, 0.3))]
-    assert brief("yaw_drift", result(made)) == "At rest A +4.0°/min; 2 filters below 0.40°/min."
+    assert brief("yaw_drift", result(made)) == "At rest A +4.0°/min; B and C below 0.40°/min."
     air = [row("a", drift(4.0, against="truth")), row("b", drift(0.0, against="truth"))]
     assert brief("yaw_drift", result(air, reference="truth")) == "In flight A +4.0°/min; B below 0.10°/min."
 
@@ -66,11 +64,32 @@ def test_what_has_no_answer_says_why_and_what_is_not_ranked_shows_its_range() ->
     assert brief("lag", made) == "Cannot be determined: no step in flight."
     assert brief("noise", result([])) == "Cannot be determined: no filter was run."
     unranked = result([row("a", tilt(0.4, ranked=False)), row("b", tilt(0.7, ranked=False))])
-    assert brief("accuracy", unranked) == "Not ranked: tilt 0.40° and 0.70°."
+    assert brief("accuracy", unranked) == "Not ranked (too little data in common): tilt 0.40 to 0.70°."
 
 
-@pytest.mark.parametrize("question", ["accuracy", "noise", "lag", "yaw_drift"])
-def test_a_sensor_that_spoils_all_filters_is_named_in_each_answer(question: str) -> None:
+def test_a_sensor_that_spoils_all_filters_is_named_in_each_answer_that_has_a_value() -> None:
     made = result([row("a", drift(4.0)), row("b", drift(0.05))], {DRIFT_REST: ["b"]})
     made.audit = [Check("gravity", "fault", "It is 12 m/s^2.")]
-    assert brief(question, made).startswith("Unreliable, the accelerometer is wrong: ")
+    assert brief("yaw_drift", made) == "Unreliable, the accelerometer is wrong: At rest A +4.0°/min; B below 0.15°/min."
+    assert brief("noise", made) == "Cannot be determined: no filter was run."
+
+
+def test_a_bound_that_excludes_nothing_is_called_uncertain() -> None:
+    made = [row("a", drift(40.0, 9.0)), row("b", drift(1.0, 20.0)), row("c", drift(-2.0, 20.0))]
+    assert brief("yaw_drift", result(made)) == "At rest A +40.0°/min; others uncertain (up to 22.0°/min)."
+    assert brief("yaw_drift", result(made[1:])) == "At rest uncertain, up to 22.0°/min is possible."
+
+
+def test_all_are_said_only_of_all_rows_of_the_table() -> None:
+    made = result([*rows(0.4, 0.5, 0.6), row("e", tilt(5.0), status="diverged")])
+    assert brief("accuracy", made) == "Tilt: all 3 ranked filters 0.40 to 0.60° (not significant)."
+
+
+def test_filters_that_all_come_before_what_flew_are_said_to_be_ahead_of_it() -> None:
+    early = result([row("a", lag(-7)), row("b", lag(-6)), row("c", lag(-7))])
+    assert brief("lag", early) == "All 3 filters 6 to 7 ms ahead of onboard (28 steps)."
+
+
+def test_filters_that_are_all_lost_are_said_so_once() -> None:
+    made = result([row(name, tilt(50.0), status="diverged") for name in ("a", "b")])
+    assert brief("accuracy", made) == "Cannot be determined: all 2 filters diverged."

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from attlog.metrics.answer import Answer, missing
+from attlog.present.contest import contest
 from attlog.present.sentences import verdicts
-from attlog.result import EstimatorRow, Result
-from tests.conftest import corpus_logs, few
+from attlog.present.sentences.brief import BriefAnswer, brief_answers
+from attlog.result import Assessment, Check, EstimatorRow, Finding, Result
+from tests.conftest import corpus_logs, corpus_root, few
 from tests.present.contradictions import contradictions
 from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT, merged, result, row
+from tests.present.test_vocabulary import LONGEST, words
 
 NAMES = ("gyro", "complementary@fan", "mahony", "mahony@xu-0.6", "madgwick", "ekf12", "vqf")
 COLUMNS = (
@@ -145,8 +149,77 @@ def test_a_bar_or_a_star_that_differs_from_the_table_is_found():
     assert any("pale" in line for line in contradictions(made))
 
 
+def wrong(made: Result, words: str) -> bool:
+    """Whether a contradiction with these words is found."""
+    return any(words in line for line in contradictions(made))
+
+
+def test_a_bound_that_excludes_nothing_is_found():
+    made = told()
+    made.verdicts[3].sentence = "At rest, no significant drift of VQF: less than 57.0°/min."
+    assert wrong(made, "excludes nothing")
+
+
+def test_all_filters_that_are_not_all_of_the_table_are_found():
+    made = told()
+    made.verdicts[2].sentence = "All 5 filters lag by 1 to 9 ms."
+    assert wrong(made, "the table has [3]")
+    made.verdicts[2].sentence = "2 of 2 ranked filters lag by 1 to 9 ms."
+    assert wrong(made, "the table has [3]")
+
+
+def test_most_beside_larger_values_is_found():
+    made = told()
+    made.verdicts[1].sentence = "Mahony has the most noise: 2.0°."
+    assert wrong(made, "beside larger values")
+
+
+def test_in_error_beside_a_value_better_than_most_is_found():
+    made = told()
+    made.estimators.append(row("onboard", {"airborne": {TILT: Answer(0.5, "deg", "airborne", 9, 60.0)}}))
+    made.verdicts[0].sentence += " Onboard: 0.50°; it is in error here."
+    assert wrong(made, "better than most")
+
+
+def test_a_headline_that_its_findings_deny_is_found():
+    made = told()
+    made.headline = "Quadrotor: flew 3 to 80 s. Nothing went wrong."
+    assert not wrong(made, "headline")
+    made.findings = [Finding("crash", "serious", "Hit the ground at 9 s.")]
+    assert wrong(made, "nothing went wrong beside")
+    made.headline = "Quadrotor: EKF re-aligned yaw at 6 s."
+    assert wrong(made, "no event says so")
+
+
+def test_a_finding_of_a_sensor_that_its_check_calls_ok_is_found():
+    made = told()
+    made.findings = [Finding("compass", "warning", "The field is 9 uT off.", about="field")]
+    made.audit = [Check("field", "warning", "9 uT off.")]
+    assert not wrong(made, "finding")
+    made.audit[0].verdict = "ok"
+    assert wrong(made, "ok by its check")
+    made.audit, made.health = [], [Assessment("MAG.0", "field", "ok", "0.1 uT off.")]
+    assert wrong(made, "by the sensors' table")
+
+
+def test_a_number_of_a_short_answer_that_is_not_in_the_table_is_found(monkeypatch):
+    made = told()
+    said = {
+        q: BriefAnswer("At rest A 7.7°.", contest(made, TILT, ("airborne",)))
+        for q in ("accuracy", "noise", "lag", "yaw_drift")
+    }
+    monkeypatch.setattr("tests.present.disagreements.brief_answers", lambda result: said)
+    assert wrong(made, "7.7 is no number of the table")
+
+
+def case_logs() -> list[Path]:
+    """The cases that were looked into by hand, where the corpus has them."""
+    root = corpus_root()
+    return sorted((root / "logs" / "cases").glob("*.[bBulLt]*")) if root is not None else []
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("path", corpus_logs(), ids=lambda p: p.name)
+@pytest.mark.parametrize("path", [*corpus_logs(), *case_logs()], ids=lambda p: p.name)
 def test_no_log_in_hand_contradicts_itself(path):
     from attlog.analysis import evaluate, prepare
     from attlog.base.errors import AttlogError
@@ -156,3 +229,6 @@ def test_no_log_in_hand_contradicts_itself(path):
     except AttlogError as error:
         pytest.skip(str(error))
     assert contradictions(found) == []
+    brief = [answer.text for answer in brief_answers(found).values()]
+    long = [text for text in (*(v.sentence for v in found.verdicts), *brief) if max(words(text)) > LONGEST]
+    assert not long

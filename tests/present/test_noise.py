@@ -25,9 +25,7 @@ def test_several_leaders_do_not_differ_significantly_and_nobody_is_worst_unless_
 
 def test_where_everybody_is_best_nobody_is_named():
     rows = [row(n, noise(v)) for n, v in (("ekf12", 0.047), ("vqf", 0.06), ("mahony", 0.08), ("madgwick", 0.09))]
-    assert sentence("noise", made(rows)) == (
-        "No significant difference: 0.047° to 0.090° (1 sigma within 5 s) at rest."
-    )
+    assert sentence("noise", made(rows)) == ("No significant difference: 0.047 to 0.090° (1 sigma within 5 s) at rest.")
 
 
 @pytest.mark.parametrize(
@@ -97,7 +95,7 @@ def test_in_motion_filters_add_noise_and_the_gyros_own_is_told_where_it_is_large
     rows = [row(n, noise(v, "hover", gyro_share=0.0184)) for n, v in (("vqf", 0.01), ("mahony", 0.09))]
     assert sentence("noise", made(rows, {NOISE: ["vqf"]}, {NOISE: "mahony"})) == (
         "VQF adds the least noise: 0.010° (1 sigma within 5 s; 0.009 to 0.011) in hover. "
-        "Mahony adds the most noise: 0.090° (0.081 to 0.099). The gyro itself wanders by about 0.020°."
+        "Mahony adds the most noise: 0.090° (0.081 to 0.099). The gyro's own noise is about 0.020°."
     )
     rows = [row(n, noise(v, "hover", gyro_share=0.0184)) for n, v in (("vqf", 0.05), ("mahony", 0.09))]
     assert "gyro itself" not in sentence("noise", made(rows, {NOISE: ["vqf"]}))
@@ -109,6 +107,4 @@ def test_why_filters_far_from_each_other_share_a_rank_is_said_of_every_phase():
         for k, n in enumerate(("vqf", "mahony", "madgwick"), 1)
     ]
     found = sentence("noise", made(rows, {NOISE: ["vqf", "mahony"]}))
-    assert found.endswith(
-        "In hover VQF and Mahony add least, 0.010° and 0.020° (the gyro's own wander is about 0.80°)."
-    )
+    assert found.endswith("In hover VQF and Mahony add least, 0.010° and 0.020° (the gyro's own noise is about 0.80°).")

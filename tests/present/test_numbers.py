@@ -6,7 +6,19 @@ import math
 
 import pytest
 
-from attlog.present.numbers import counted, duration, half_width, interval, listed, moment, number, quantity
+from attlog.present.numbers import (
+    between,
+    change,
+    change_end,
+    counted,
+    duration,
+    half_width,
+    interval,
+    listed,
+    moment,
+    number,
+    quantity,
+)
 
 
 @pytest.mark.parametrize(
@@ -82,3 +94,32 @@ def test_one_is_singular():
 def test_half_of_an_interval_has_no_sign():
     assert half_width((-6.7, -2.7), "deg/min") == "±2.0"
     assert half_width(None, "ms") == ""
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"),
+    [
+        (0.76, "\N{MINUS SIGN}24 %"),
+        (1.063, "+6.3 %"),
+        (1.0, "0 %"),
+        (1.0001, "<0.1 %"),
+        (3.18, "+218 %"),
+        (12.2, "12 times"),
+        (885502.5, "not comparable"),
+        (0.001, "not comparable"),
+        (math.inf, "not comparable"),
+        (math.nan, "not comparable"),
+    ],
+)
+def test_a_change_beyond_ten_is_a_factor_and_beyond_a_hundred_no_comparison(ratio: float, text: str) -> None:
+    assert change(ratio) == text
+    assert change(ratio, signed=False) == text.lstrip("+\N{MINUS SIGN}")
+
+
+def test_a_range_has_its_unit_once_and_no_end_that_cannot_be_shown() -> None:
+    assert between("0.86°", "1.5°") == "0.86 to 1.5°"
+    assert between("4 ms", "12 ms") == "4 to 12 ms"
+    assert between("1.0°", "1.0°") == "1.0°"
+    assert between("<0.001°", "0.004°") == "up to 0.004°"
+    assert between(change_end(0.001), change_end(700.0)) == "\N{MINUS SIGN}99 % to over 100 times"
+    assert between("+40 %", "12 times") == "+40 % to 12 times"

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from attlog import segments
 from attlog.base import rotation
 from attlog.reference import ReferenceOptions, choose, onboard_rows, replayed, scoring
-from attlog.segments.model import Segment
+from attlog.segments.model import Segment, Segments
 
 from .flights import RATE, SECONDS, compared, estimate, flight
 
@@ -164,3 +167,13 @@ def test_a_reference_that_is_written_for_a_third_of_the_flight_covers_a_third():
     (row,) = onboard_rows(log, found, choose(log, found, ReferenceOptions(declination=0.0)))
     assert row.is_reference
     assert row.coverage_pct == pytest.approx(100 * (15 + 2) / 45, abs=2.0)
+
+
+def test_flight_after_the_end_of_what_is_scored_is_not_missing_from_the_coverage():
+    """An impact at 30 s ends the comparison of a flight from 10 to 50 s; of the 20 s before it 5 were lost."""
+    t = np.arange(0.0, 60.0, 0.1)
+    reference: Any = SimpleNamespace(scoring_start=10.0, end=30.0)
+    counted = (t >= 10.0) & (t <= 25.0)
+    flown = Segments([Segment("airborne", 10.0, 50.0)])
+    covered = scoring.coverage_pct(t, np.zeros(len(t), np.int64), counted, reference, flown)
+    assert covered == pytest.approx(75.0, abs=0.5)

@@ -13,6 +13,7 @@ from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep
 from attlog.result import Check, EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import Segment
+from attlog.story.event import Event
 
 NAMES = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick@marg", "vqf")
 TITLES = {"mahony": "Mahony's explicit complementary filter", "vqf": "VQF, by its authors' own package"}
@@ -177,7 +178,19 @@ def traces(names: tuple[str, ...]) -> list[Trace]:
         angle = np.linspace(-0.05, 0.05, 61)
         share = np.exp(-0.5 * (angle / size) ** 2)
         out.append(Trace("spread", name, angle, {"angle": angle, "share": 100 * share / share.sum()}))
-    return out + sensors(t)
+    return [*out, *flown(t, truth), *sensors(t)]
+
+
+def flown(t: np.ndarray, truth: dict[str, np.ndarray]) -> list[Trace]:
+    """The set-point, half a second ahead, and the path over ground, whose heading is 20 deg off the course."""
+    ahead = {a: np.roll(truth[a], -50)[::10] for a in AXES}
+    second = t[(t > AIR[0]) & (t < AIR[1])][:: int(RATE)]
+    course = 140 + 2.2 * (second - AIR[0])
+    north, east = (np.cumsum(5 * f(np.radians(course))) for f in (np.cos, np.sin))
+    columns = {"north": north, "east": east, "heading": course + 20, "course": course}
+    columns |= {"speed": np.full(len(second), 5.0), "driven": np.ones(len(second))}
+    values = {"least": 2.0, "forward": 0.0, "difference": 20.0, "low": 18.0, "high": 22.0, "seconds": 125.0}
+    return [Trace("demand", "", t[::10], ahead), Trace("track", "", second, columns, "GPS:0", values=values)]
 
 
 def sensors(t: np.ndarray) -> list[Trace]:
@@ -370,6 +383,7 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
             }
             for window in ("rest", "airborne", "all")
         },
+        events=[Event("reset", 103.4, "note", "The onboard attitude was reset at 103.4 s: 15.7 deg without rotation.")],
         health=assessments(),
         timing={"read": 0.21, "estimators": 0.33},
         traces=traces(names) if with_traces else [],

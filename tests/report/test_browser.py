@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import math
+
 import pytest
 
+from attlog.report import write_report
+from attlog.story.event import Event
 from tests.report.browser import Visit
+from tests.report.conftest import make_result
 
 
 def test_it_opens_without_complaint_or_request_and_draws_every_figure(visit, report):
@@ -17,6 +23,7 @@ def test_it_opens_without_complaint_or_request_and_draws_every_figure(visit, rep
         "strip",
         "attitude",
         "difference",
+        "track",
         "rest",
         "spread",
         "allan",
@@ -69,7 +76,7 @@ def test_zoom_shows_more_samples_than_the_overview(visit, report):
     page = visit(report)
     count = """() => {
         const p = document.getElementById('attitude'), r = p._fullLayout.xaxis.range;
-        const x = p.data.find((t) => t.meta === 1).x.filter((x) => x >= r[0] && x <= r[1]);
+        const x = p.data.find((t) => t.meta === 0).x.filter((x) => x >= r[0] && x <= r[1]);
         return x.length / (r[1] - r[0]);
     }"""
     before = page.page.evaluate(count)
@@ -91,6 +98,53 @@ def drag(page: Visit, figure: str, start: float, end: float) -> None:
     page.page.mouse.move(box["x"] + box["width"] * end, y, steps=4)
     page.page.mouse.up()
     page.page.wait_for_timeout(500)
+
+
+@pytest.mark.slow
+def test_the_attitude_shows_onboard_and_set_point_until_a_filter_is_asked_for(visit, report):
+    page = visit(report)
+    assert page.visible("attitude") == {"0": True}
+    names = "() => [...new Set(document.getElementById('attitude').data.map((t) => t.name))]"
+    assert page.page.evaluate(names) == ["Onboard", "set-point"]
+    assert page.visible("difference")["4"] is True
+    page.page.select_option("select[data-figure=attitude]", label="With the filters")
+    assert page.visible("attitude") == dict.fromkeys("012345", True)
+
+
+@pytest.mark.slow
+def test_all_steps_show_the_band_of_one_filter(visit, report):
+    page = visit(report)
+    bands = "() => document.getElementById('steps').data.filter((t) => t.fill === 'tonexty').map((t) => t.name)"
+    assert page.page.evaluate(bands) == ["VQF, 90 %"]
+    page.page.select_option("select[data-band=steps]", label="Gyro")
+    assert page.page.evaluate(bands) == ["Gyro, 90 %"]
+
+
+@pytest.mark.slow
+def test_the_ground_track_has_equal_scales_and_follows_the_zoom(visit, report):
+    page = visit(report)
+    scales = """() => ['xaxis', 'yaxis'].map((k) => {
+        const a = document.getElementById('track')._fullLayout[k];
+        return a._length / (a.range[1] - a.range[0]);
+    })"""
+    east, north = page.page.evaluate(scales)
+    assert east == pytest.approx(north, rel=0.01)
+    points = "() => document.getElementById('track').data.find((t) => t.name === 'path').x.length"
+    before = page.page.evaluate(points)
+    drag(page, "attitude", 0.5, 0.6)
+    assert page.page.evaluate(points) < 0.3 * before
+
+
+@pytest.mark.slow
+def test_after_a_crash_the_figures_end_until_full_time_is_asked_for(visit, tmp_path):
+    result = make_result()
+    result.events.append(Event("impact", 150.0, "serious", "It crashed at 150.0 s."))
+    write_report(result, tmp_path / "crash.html")
+    page = visit(tmp_path / "crash.html")
+    timed = ("strip", "attitude", "difference", "vibration", "compass", "ratios", "bias")
+    assert [page.range(figure) for figure in timed] == [pytest.approx([0, 155])] * len(timed)
+    page.page.click("#reset")
+    assert page.range("attitude") == pytest.approx([0, 200])
 
 
 @pytest.mark.slow
@@ -209,21 +263,46 @@ def test_a_figure_can_be_saved_with_its_legend_as_picture_and_numbers(visit, rep
     def saved(figure: str, kind: str) -> bytes:
         with page.page.expect_download() as download:
             page.page.click(f".out[data-figure={figure}] [data-out={kind}]")
-        assert download.value.suggested_filename == f"flight-{figure}.{kind}"
+        assert download.value.suggested_filename == f"flight_{figure}.{kind}"
         return download.value.path().read_bytes()
 
     svg = saved("steps", "svg").decode()
     for text in ("All steps together", "Mahony, Xu 0.6", "VQF"):
         assert text in svg
     assert saved("steps", "png")[:8] == b"\x89PNG\r\n\x1a\n"
-    lines = saved("bias", "csv").decode().splitlines()
-    assert lines[0] == "axis,line,x,y"
-    assert '"x, °/s","VQF",0,0.4' in lines
-    lines = saved("compass", "csv").decode().splitlines()
-    assert lines[0] == "time_s,line,value,unit"
-    assert '0.5,"x measured",31.99,"uT"' in lines
-    assert '0.5,"x corrected",19.99,"uT"' in lines
-    assert saved("interference", "csv").decode().startswith('drive_a,line,value,unit\n5,"residual"')
+    assert page.complaints == []
+
+
+@pytest.mark.slow
+def test_a_saved_table_holds_data_with_units_and_not_what_is_drawn(visit, report):
+    page = visit(report)
+
+    def saved(figure: str) -> list[dict[str, str]]:
+        with page.page.expect_download() as download:
+            page.page.click(f".out[data-figure={figure}] [data-out=csv]")
+        assert download.value.suggested_filename == f"flight_{figure}.csv"
+        return list(csv.DictReader(download.value.path().open(encoding="utf-8")))
+
+    tables = {figure: saved(figure) for figure in page.figures()}
+    for figure, rows in tables.items():
+        assert rows, figure
+        assert all(None not in row and None not in row.values() for row in rows), figure
+        assert {"quantity", "value"} <= set(rows[0]), figure
+        assert figure == "strip" or {row["unit"] for row in rows} - {""}, figure
+        assert figure == "strip" or all(math.isfinite(float(row["value"])) for row in rows), figure
+    modes = [row for row in tables["strip"] if row["quantity"] == "mode"]
+    assert [(m["time_s"], m["end_s"], m["value"]) for m in modes][1] == ("75", "150", "LOITER")
+    lag = next(row for row in tables["lag"] if row["filter"] == "VQF")
+    assert list(lag) == ["filter", "quantity", "value", "lower", "upper", "n", "unit"]
+    assert list(lag.values()) == ["VQF", "lag", "-1", "-2.5", "0.5", "28", "ms"]
+    drifts = {(row["filter"], row["quantity"]): row for row in tables["drifts"]}
+    assert drifts["VQF", "drift at rest"]["upper"] == "0.05"
+    assert {row["filter"] for row in tables["attitude"]} == {"Onboard", "set-point"}
+    assert {row["quantity"] for row in tables["steps"]} == {"median error, all axes"}
+    assert {row["unit"] for row in tables["compass"]} == {"uT"}
+    page.page.select_option("select[data-figure=attitude]", label="With the filters")
+    attitude = [row for row in saved("attitude") if row["filter"] == "VQF" and row["quantity"] == "roll"]
+    assert len(attitude) == 20_000
     assert page.complaints == []
 
 

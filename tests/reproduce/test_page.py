@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,7 +12,7 @@ import pytest
 
 from attlog.reproduce import page
 from attlog.reproduce.document import as_json
-from attlog.reproduce.paper import Verdict
+from attlog.reproduce.paper import PaperNumber, Verdict
 from tests.report.browser import Visit
 from tests.reproduce.made import EVIL, paper
 
@@ -40,11 +41,40 @@ def test_the_claims_stand_in_a_table_ahead_of_the_figures(path: Path) -> None:
     rows = re.findall(r"<tr><th scope=\"row\">(.*?)</tr>", table, re.S)
     shown = [re.sub(r"<[^>]+>", " ", row).split() for row in rows]
     expected = [
-        f"{k}. {c.says} {c.where} {'0.5°' if c.paper else 'none'} 0.80× (0.70 to 0.90; 20) "
-        f"{c.numbers[0].what} {c.verdict}"
+        f"{k}. {c.says} {c.where} {'0.5° ' if c.paper else ''}0.80× (0.70 to 0.90; 20) {c.numbers[0].what} {c.verdict}"
         for k, c in enumerate(paper().claims, 1)
     ]
     assert shown == [words.split() for words in expected]
+    silent = page.render(replace(paper(), claims=paper().claims[1:]))
+    assert ">Its number<" in text
+    assert ">Its number<" not in silent
+    assert "it prints no numbers" in silent
+
+
+def test_numbers_that_tell_most_stand_beside_their_claim_and_verdicts_are_counted() -> None:
+    made = paper()
+    first = replace(made.claims[0], shown=2, verdict="cannot be judged")
+    text = page.render(replace(made, claims=(first, *made.claims[1:])))
+    row = text[text.index('<tr><th scope="row">1.') : text.index('<tr class="why">')]
+    assert [what in row for what in ("spread, ours over theirs", "spread of a filter that failed")] == [True, True]
+    assert "1 holds in part, 1 does not hold, 2 cannot be judged" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "ci95", "unit", "text"),
+    [
+        (0.42, (0.4, 0.44), "deg", "0.42° (0.40 to 0.44; 20)"),
+        (0.0002, (-0.0004, 0.0004), "deg", "below 0.001° (20)"),
+        (0.0, (0.0, 0.0), "deg", "0° (20)"),
+        (0.0, (0.0, 0.0), "s", "0 s (20)"),
+        (None, None, "deg", "not measurable"),
+        (2.0, None, "ratio", "2.00×"),
+    ],
+)
+def test_a_number_stands_with_its_interval_and_its_flights(
+    value: float | None, ci95: tuple[float, float] | None, unit: str, text: str
+) -> None:
+    assert page.measured(PaperNumber("x", value, unit, ci95, 20)) == text
 
 
 def test_the_document_holds_claims_and_no_points_of_figures() -> None:

@@ -63,3 +63,9 @@ def test_an_excursion_is_what_is_quicker_than_the_median_follows() -> None:
     assert np.max(found[:, 1]) == pytest.approx(3.0, abs=0.3)
     assert 4.0 < t[np.argmax(found[:, 1])] < 4.3
     assert (t[0], t[-1]) == pytest.approx((1.0, 8.98), abs=0.03)
+
+
+def test_an_error_has_settled_at_the_first_sample_that_is_within_and_not_at_the_last_beyond() -> None:
+    t, error = np.arange(6.0), np.array([9.0, 9.0, 9.0, 2.0, 1.0, 0.0])
+    assert response.settling_s(t, error, 1.0, 2.0) == 2.0
+    assert response.settling_s(t, error, 1.0, 1.0) == 3.0

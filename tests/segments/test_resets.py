@@ -126,3 +126,14 @@ def test_a_jump_is_more_than_a_degree_and_a_tenth_of_what_was_turned(rate_dps, s
     attitude = Attitude(at, rotation.from_euler(0 * at, 0 * at, np.radians(rate_dps) * at), "ATT")
     jump(attitude, 200, size)
     assert resets.find(attitude, imu)[0].tolist() == ([200] if told else [])
+
+
+def test_before_the_gyro_begins_and_after_it_ends_nothing_is_said_of_a_jump():
+    imu, attitude = agile()
+    for stream in (imu.gyro, imu.acc):
+        inside = (stream.t >= 5.0) & (stream.t <= 30.0)
+        stream.t, stream.x = stream.t[inside], stream.x[inside]
+    found = resets.unexplained_deg(attitude, imu)
+    assert found is not None
+    known = np.isfinite(found[0])
+    np.testing.assert_array_equal(known, (attitude.t[:-1] >= imu.gyro.t[0]) & (attitude.t[1:] <= imu.gyro.t[-1]))

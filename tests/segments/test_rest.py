@@ -191,3 +191,18 @@ def test_flight_is_hover_or_cruise_and_never_both():
     assert cruise
     assert spans.intersect(hover, cruise) == []
     assert spans.seconds(hover) + spans.seconds(cruise) == pytest.approx(spans.seconds(air))
+
+
+def test_motors_idle_at_a_gyro_that_no_rest_could_tell_the_offset_of():
+    """Without any rest 2 deg/s may be the gyro's own offset; beside a rest that shows zero the vehicle turns."""
+    from attlog.segments import rest, windows
+    from attlog.segments.flags import FlagSpans
+
+    t = np.arange(0.0, 10.0, 0.01)
+    gyro = np.radians(np.where(t[:, None] < 5.0, 0.0, [0.0, 0.0, 2.0]))
+    built = windows.build(t, gyro, np.tile([0.0, 0.0, -9.8], (len(t), 1)))
+    ground, motors = FlagSpans(True, [], "not airborne"), FlagSpans(True, [(5.0, 10.0)], "armed")
+    nothing, first = np.zeros(len(built.t0), bool), built.t1 <= 5.0
+    (idle,) = rest.idles(built, nothing, ground, motors, [])
+    assert (idle.t0, idle.t1) == (5.0, pytest.approx(10.0))
+    assert rest.idles(built, first, ground, motors, [(0.0, 5.0)]) == []

@@ -37,3 +37,10 @@ def test_settled_time_is_what_neither_start_nor_motors_disturb(seed: int) -> Non
 
 def test_without_a_start_nothing_is_settled() -> None:
     assert list(settled([(0.0, 10.0), (20.0, 30.0)], Segments(), [], 5.0)) == [[], []]
+
+
+@pytest.mark.parametrize("kind", ["armed", "airborne", "idle"])
+def test_every_sign_of_motors_that_stop_unsettles_and_what_tells_no_motor_does_not(kind: str) -> None:
+    for name, free in ((kind, (30.0 + AFTER_MOTORS_S, 60.0)), ("hover", (30.0, 60.0))):
+        (found,) = settled([(30.0, 60.0)], Segments([Segment(name, 10.0, 30.0)]), [0.0], 20.0)
+        assert found == [free]

@@ -72,3 +72,10 @@ def test_ratios_of_real_logs_are_roots_of_one_scale_in_every_era(corpus: Path) -
         log = attlog.read(corpus / "logs" / "cases" / name)
         ratio = {test.source: test.ratio for test in log.innovation_tests}[source]
         assert np.nanmax(ratio) == pytest.approx(worst, rel=0.01)
+
+
+def test_the_first_and_the_last_second_of_a_flight_count_for_no_rejection() -> None:
+    (begin, end) = segments.build(flown()).spans("airborne")[0]
+    edges = flown((begin, begin + 1.6, 5.0), (end - 1.6, end, 5.0))
+    (one,) = rejections.tested(edges, segments.build(edges))
+    assert (one.spans, one.seconds_flown) == ([], pytest.approx(end - begin - 2.0))

@@ -338,3 +338,22 @@ def test_a_kill_switch_in_flight_or_with_its_end_is_a_warning_and_on_the_ground_
     _, _, events = made(texts=[(end + after_s, 4, "Kill switch engaged")], armed=None)
     (said,) = (e for e in events if e.kind == "failsafe")
     assert (said.t, said.severity) == (end + after_s, severity)
+
+
+def test_a_slow_receiver_is_not_lost_between_its_fixes_and_is_when_five_are_missing():
+    """Records every 2.5 s, as of slow telemetry, and then none from 15 to 30 s."""
+    t = np.arange(0.0, 40.1, 2.5)
+    found = []
+    for gone in (np.zeros(len(t), bool), (t > 15.1) & (t < 29.9)):
+        none, fix = np.full(len(t), np.nan), np.where(gone, 1, 3)
+        gnss = Gnss(0, t, "GPS", none, none, none, np.full((len(t), 3), np.nan), none, none, none, fix)
+        found.append([(e.t, e.value) for e in made(gnss=[gnss])[2] if e.kind == "gnss_lost"])
+    assert found == [[], [(15.0, 15.0)]]
+
+
+def test_an_angle_that_was_right_again_long_before_the_landing_was_not_wrong_throughout():
+    log, phases, events = made()
+    (lift, land) = phases.spans("airborne")[0]
+    early = story.WrongAngle("heading", 27.4, lift, land - 12.0)
+    said = story.headline(log, phases, events, False, early)
+    assert f"Heading was 27° wrong from {lift:.0f} to {land - 12.0:.0f} s." in said

@@ -14,7 +14,18 @@ from attlog import __version__
 from attlog.base.errors import BUG, INTERRUPTED, PluginError, PluginTimeout, exit_code, message, worst
 from attlog.cli.shared.arguments import command_line
 from attlog.cli.shared.gates import GateOptions, GateReport, GatesFile
-from attlog.cli.shared.options import CommonOptions, Folder, Form, Jobs, Json, Open, Places, TableForm, one_form
+from attlog.cli.shared.options import (
+    CommonOptions,
+    Figures,
+    Folder,
+    Form,
+    Jobs,
+    Json,
+    Open,
+    Places,
+    TableForm,
+    one_form,
+)
 from attlog.cli.shared.printing import TextLine, console, json_line, json_to_stdout, say, table_to_stdout, to_stderr
 from attlog.cli.shared.process import is_of_a_stream
 from attlog.cli.shared.progress import Bar, progress
@@ -36,6 +47,7 @@ def command(
     form: Form = None,
     json: Json = False,
     gates: GatesFile = None,
+    figures: Figures = None,
     open_report: Open = False,
 ) -> None:
     """Compare attitude filters with the onboard attitude.
@@ -47,7 +59,12 @@ def command(
     """
     one_form(json, form)
     settings = configured(options)
-    run = AnalyzeRun(settings, options, common, output, GateReport(GateOptions(gates), output), json, form, open_report)
+    if figures is not None:
+        from attlog.report.journal.browser import browser
+
+        browser()  # none: said before the logs are read
+    gate_report = GateReport(GateOptions(gates), output)
+    run = AnalyzeRun(settings, options, common, output, gate_report, json, form, open_report, figures)
     from attlog.fleet.processes.files import report_names
     from attlog.fleet.sources.find import sources
 
@@ -83,16 +100,17 @@ class AnalyzeRun:
         json: bool,
         form: TableForm | None,
         open_report: bool,
+        figures: Path | None,
     ) -> None:
         self.config, self.options, self.folder, self.gates = config, options, folder, gates
         self.quiet, self.verbose = common.quiet, common.verbose
-        self.json, self.form, self.open_report = json, form, open_report
+        self.json, self.form, self.open_report, self.figures = json, form, open_report, figures
         self.results: list[Result] = []
         self.codes: set[int] = set()
 
     def one(self, source: Source) -> None:
         """Analyse one log in this process and show it."""
-        from attlog.fleet.processes.files import analyze_to_files, report_names
+        from attlog.fleet.processes.files import analyze_to_files, figure_starts, report_names
 
         name = report_names([source.file_name])[0]
         try:
@@ -104,6 +122,7 @@ class AnalyzeRun:
                     name,
                     command=command_line(),
                     deterministic=self.options.deterministic,
+                    figures=None if self.figures is None else figure_starts(self.figures, [source.file_name])[0],
                 )
             self._show(source.name, written.result, written.report)
         except KeyboardInterrupt:
@@ -115,7 +134,7 @@ class AnalyzeRun:
 
     def several(self, logs: Sequence[Source], jobs: int) -> None:
         """Analyse each log in a process of its own and show it as it comes."""
-        from attlog.fleet.processes.files import report_names
+        from attlog.fleet.processes.files import figure_starts, report_names
         from attlog.fleet.processes.run import tidied
         from attlog.fleet.records.work import Work, settings_key
         from attlog.fleet.schedulers.batch import entry_of
@@ -124,10 +143,13 @@ class AnalyzeRun:
         deterministic = self.options.deterministic
         key = settings_key(self.config, deterministic)
         names = report_names([source.file_name for source in logs])
+        starts: Sequence[Path | None] = [None] * len(logs)
+        if self.figures is not None:
+            starts = figure_starts(self.figures, [source.file_name for source in logs])
         typed = commands(self.options, [source.name for source in logs])
         works = [
-            Work(source, name, self.folder, self.config, key, words, deterministic=deterministic, keep=False)
-            for source, name, words in zip(logs, names, typed, strict=True)
+            Work(source, name, self.folder, self.config, key, words, deterministic, figures=start, keep=False)
+            for source, name, words, start in zip(logs, names, typed, starts, strict=True)
         ]
         done: dict[str, Entry] = {}
         started = time.monotonic()
@@ -181,6 +203,8 @@ class AnalyzeRun:
 
             say(printed(result, self.config.window or "all", out.width, out.encoding, self.verbose > 0), out)
             say([TextLine(f"report: {report}")], out)
+            if self.figures is not None:
+                say([TextLine(f"figures: {self.figures}")], out)
             if notice := bundle_notice():
                 to_stderr(f"attlog: {notice}")
         self.gates.shown(log, report, self.quiet, out)

@@ -125,7 +125,10 @@ def command(
 
 
 class BatchProgress:
-    """How a batch goes: a bar, and a line for each log that fails (with -v for each log)."""
+    """How a batch goes: a bar, and a line for each log that fails (with -v for each log).
+
+    Where a bar is shown it counts what fails; why, by reason, stands in the summary below it.
+    """
 
     def __init__(self, bar: Bar, verbose: int) -> None:
         self._bar, self._verbose = bar, verbose
@@ -139,7 +142,7 @@ class BatchProgress:
         self._bar.advance(record)
         lines = [f"attlog: {record.log}: gate: {sentence}" for sentence in entry.gates]
         if not record.done:
-            if not record.known or self._verbose:
+            if self._verbose or not (record.known or self._bar.is_shown):
                 lines.append(record.trace * (self._verbose > 1) + record.message)
         elif self._verbose:
             how = "done before" if record.again else f"{record.wall_s:.1f} s, {record.peak_mb:.0f} MB"

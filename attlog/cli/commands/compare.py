@@ -40,21 +40,22 @@ class CompareOptions:
 
     metric: Annotated[
         list[str] | None,
-        typer.Option(metavar="ID|all", help="Compare by this metric; may be repeated. [default: the main ones]"),
+        typer.Option(metavar="ID|all", help="Compare by this metric; repeat it for more. [default: the main ones]"),
     ] = None
     window: Annotated[
         str | None,
         typer.Option(
             metavar="W",
             autocompletion=completion.windows,
-            help="Look here only: all, rest, airborne, hover, cruise, ... or T0:T1 (s). [default: by question]",
+            help="Compare in this window: all, rest, airborne, hover, cruise, idle or T0:T1 (s). [default: by "
+            "question]",
         ),
     ] = None
     params: Annotated[
         Path | None,
         typer.Option(
             metavar="NEW.param",
-            help="Run the firmware's own filters with the parameters of this file too. [default: none]",
+            help="Use the parameters of this file for the firmware's own filters, beside the log's. [default: none]",
         ),
     ] = None
     name: Annotated[str, typer.Option(metavar="NAME", help="Call the files this.")] = "compare"
@@ -68,7 +69,8 @@ def command(
         typer.Argument(
             metavar="LOG... CONFIGURATION...",
             show_default=False,
-            help="Logs, folders, patterns; NAME[@PRESET][:key=value,...], FILE.py, filters.toml, estimate.csv.",
+            help="Compare these filters on these logs: NAME[@PRESET][:key=value,...], FILE.py, filters.toml, "
+            "estimate.csv.",
         ),
     ],
     options: ComparisonOptions,
@@ -176,32 +178,39 @@ def _print(result: Comparison, page: Path, options: ComparisonOptions, common: C
 
 
 def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[TextLine]:
-    """What is significant in sentences, then the change over all logs, at most ``width`` columns where words break.
+    """What is significant in a sentence, the change over all logs, the sentence again; ``width`` columns where words
+    break.
 
-    ``verbose``: also what is not significant in sentences, and tables with a row for each log.
+    ``verbose``: also a sentence for each significant question, and tables with a row for each log.
     """
     from attlog.present.text import clean, typeset
 
-    for verdict in result.verdicts:
-        yield from (TextLine(line.text, "bold") for line in wrapped("", typeset(clean(verdict.lead)), width))
-        for text in verdict.more if verbose else ():
-            yield from wrapped("  ", typeset(clean(text)), width)
-    if result.verdicts:
-        yield TextLine("")
-    yield from _each_log(result, width) if verbose else _over_all_logs(result)
-    broken = [line for line in result.logs if line.code]
-    for line in broken:
+    leads = [
+        TextLine(line.text, "bold")
+        for verdict in result.verdicts
+        for line in wrapped("", typeset(clean(verdict.lead)), width)
+    ]
+    yield from leads
+    for text in (text for verdict in result.verdicts for text in (verdict.more if verbose else ())):
+        yield from wrapped("  ", typeset(clean(text)), width)
+    yield TextLine("")
+    table = list(_each_log(result, width) if verbose else _over_all_logs(result, width))
+    yield from table
+    for line in (line for line in result.logs if line.code):
         yield from wrapped("not used: ", clean(f"{line.name}: {line.reason}"), width)
+    if table:
+        yield from leads
 
 
-def _over_all_logs(result: Comparison) -> Iterator[TextLine]:
-    """A table for each configuration, a row for each question."""
-    from attlog.compare.tables.table import pooled_tables
+def _over_all_logs(result: Comparison, width: int) -> Iterator[TextLine]:
+    """A row for each question: of one configuration all about its change, of several the changes side by side."""
+    from attlog.compare.tables.table import pooled_tables, side_by_side
     from attlog.present.text import clean
 
-    for table in pooled_tables(result):
+    found = pooled_tables(result)
+    for table in found if len(found) < 2 else side_by_side(result, width):
         yield TextLine(clean(table.title), "bold")
-        for line in aligned(table.head, table.rows):
+        for line in aligned([*map(clean, table.head)], table.rows):
             yield TextLine(line.text.removeprefix("  "), line.style)
         yield TextLine("")
 

@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 
 
 def command(
-    old: Annotated[Path, typer.Argument(metavar="OLD", show_default=False, help="A JSON of analyze, or a folder.")],
-    new: Annotated[Path, typer.Argument(metavar="NEW", show_default=False, help="The same of the newer run.")],
+    old: Annotated[
+        Path,
+        typer.Argument(metavar="OLD", show_default=False, help="Compare this result of analyze, or folder of results."),
+    ],
+    new: Annotated[
+        Path, typer.Argument(metavar="NEW", show_default=False, help="Compare it with these of a newer run.")
+    ],
     common: CommonOptions,
     tolerance: Annotated[
         list[str] | None,
@@ -30,11 +35,11 @@ def command(
         ),
     ] = None,
     window: Annotated[
-        str | None, typer.Option(metavar="W", help="Compare the numbers of this window only. [default: every window]")
+        str | None, typer.Option(metavar="W", help="Compare the numbers of this window. [default: every window]")
     ] = None,
     form: Annotated[
         Literal["md"] | None,
-        typer.Option("--format", metavar="md", help="Print it as Markdown. [default: for reading]"),
+        typer.Option("--format", metavar="md", help="Print the table as Markdown. [default: for reading]"),
     ] = None,
     json: Json = False,
     output: Annotated[

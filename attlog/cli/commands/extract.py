@@ -40,7 +40,10 @@ class ExtractOptions:
     start: Annotated[
         float | None,
         typer.Option(
-            "--from", metavar="T", callback=finite, help="Begin at this time (s, 0 = first IMU sample). [default: all]"
+            "--from",
+            metavar="T",
+            callback=finite,
+            help="Begin at this time (s, 0 is the first IMU sample). [default: all]",
         ),
     ] = None
     end: Annotated[
@@ -48,7 +51,11 @@ class ExtractOptions:
     ] = None
     kind: Annotated[
         str | None,
-        typer.Option("--format", metavar="csv|parquet", help="Write this form. [default: by the suffix of -o, or csv]"),
+        typer.Option(
+            "--format",
+            metavar="csv|parquet",
+            help="Write the table as CSV or Parquet. [default: by the suffix of -o, or csv]",
+        ),
     ] = None
     output: Annotated[
         Path,
@@ -56,7 +63,7 @@ class ExtractOptions:
             "-o",
             "--output",
             metavar="PATH|-",
-            help="Write to a folder, a file (.csv, .parquet) for one table, - for standard output.",
+            help="Write to this folder, file (.csv, .parquet) for one table, or - for standard output.",
         ),
     ] = Path("extract")
     boot: Boot = None
@@ -73,7 +80,7 @@ def command(
             metavar="[MESSAGE[.N]]...",
             show_default=False,
             autocompletion=completion.messages,
-            help="Messages by name, in any case; MAG.0 or MAG[0] is one instance. [default: all]",
+            help="Write these messages, in any case; MAG.0 or MAG[0] is one instance. [default: all]",
         ),
     ] = None,
 ) -> None:

@@ -39,7 +39,10 @@ def command(
     ] = None,
     params: Annotated[
         str | None,
-        typer.Option(metavar="F.param", help="What if: as if the vehicle had flown with these. [default: none]"),
+        typer.Option(
+            metavar="F.param",
+            help="Use the parameters of this file, as if the vehicle had flown with them. [default: those of the log]",
+        ),
     ] = None,
     form: Form = None,
     json: Json = False,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,16 +21,21 @@ if TYPE_CHECKING:
     from attlog.reproduce.paper import Paper
 
 SEEDS = 20
+WIDEST, VERDICT, GAP = 110, len("cannot be judged"), "  "
+"""Columns of the table of claims: at most, of its last column, and what stands between two."""
 
 
 def command(
     papers: Annotated[
-        list[str], typer.Argument(metavar="lyu|fan|huang|xu|all...", show_default=False, help="Which papers.")
+        list[str],
+        typer.Argument(
+            metavar="lyu|fan|huang|xu|all...", show_default=False, help="Run the experiments of these papers."
+        ),
     ],
     common: CommonOptions,
     output: Folder = Path("reports"),
     seeds: Annotated[
-        int, typer.Option("--seeds", metavar="N", min=1, help="Fly so many simulated flights for each number.")
+        int, typer.Option("--seeds", metavar="N", min=1, help="Fly N simulated flights for each number.")
     ] = SEEDS,
     logs: Annotated[
         list[Path] | None,
@@ -78,22 +85,37 @@ def command(
             json_to_stdout(as_json(found))
         if not common.quiet:
             out = console(stderr=json)
-            say(printed(found, place, common.verbose > 0), out)
+            say(printed(found, place, common.verbose > 0, out.width), out)
 
 
-def printed(paper: Paper, place: Path, verbose: bool = False) -> Iterator[TextLine]:
-    """The claims of a paper on the terminal; ``verbose`` adds how each was measured and its numbers."""
+def printed(paper: Paper, place: Path, verbose: bool = False, width: int = 80) -> Iterator[TextLine]:
+    """The claims of a paper as a table; ``verbose`` adds to each why, how it was measured and all of its numbers."""
     from attlog.present.text import typeset
     from attlog.reproduce.page import measured
+    from attlog.reproduce.paper import tally
 
-    width = 110
+    width = min(width, WIDEST)
+    half = (width - VERDICT - 2 * len(GAP)) // 2
     yield TextLine(f"{paper.key}: {paper.title}", "bold")
+    yield from _row(("The paper says", "Ours (95 % interval; flights)", "Verdict"), half, "bold")
     for number, claim in enumerate(paper.claims, 1):
-        yield from wrapped(f"{number:>3}. ", f"{typeset(claim.says)} ({claim.where})", width)
-        yield from wrapped(f"     {claim.verdict}: ", typeset(claim.by), width)
+        says = f"{number}. {typeset(claim.says)} ({claim.where}{f': {typeset(claim.paper)}' if claim.paper else ''})"
+        ours = "\n".join(f"{measured(n)}: {typeset(n.what)}" for n in claim.numbers[: claim.shown])
+        yield from _row((says, ours, claim.verdict), half)
         if verbose:
-            yield from wrapped("       ", typeset(claim.measured), width)
+            for text in (claim.by, claim.measured):
+                yield from wrapped("     ", typeset(text), width)
             for n in claim.numbers:
-                yield from wrapped("       ", f"{typeset(n.what)}: {measured(n)}", width)
-    yield TextLine(f"page: {place}   data: {place.with_suffix('.json').name}")
-    yield TextLine("")
+                yield from wrapped("     ", f"{typeset(n.what)}: {measured(n)}", width)
+    yield TextLine(tally(paper))
+    yield TextLine(f"page: {place}")
+
+
+def _row(cells: tuple[str, str, str], half: int, style: str = "") -> Iterator[TextLine]:
+    """A row of the table: two cells of equal width and a short one, each laid out over as many lines as it needs."""
+    columns = [
+        [line for part in cell.split("\n") for line in textwrap.wrap(part, half, break_on_hyphens=False) or [""]]
+        for cell in cells
+    ]
+    for a, b, c in zip_longest(*columns, fillvalue=""):
+        yield TextLine(f"{a:<{half}}{GAP}{b:<{half}}{GAP}{c}".rstrip(), style)

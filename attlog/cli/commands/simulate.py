@@ -34,14 +34,17 @@ class SimulationOptions:
             "--output",
             metavar="FILE|DIR",
             show_default=False,
-            help="Write x.ulg, x.bin or x.tlog; may be repeated: several logs of one flight. "
-            "A folder gets SCENARIO.ulg.",
+            help="Write to this file (.ulg, .bin, .tlog) or folder; repeat it for several logs of one flight.",
         ),
     ] = None
     seed: Annotated[
         int | None,
         typer.Option(
-            "--seed", min=0, metavar="N", show_default=False, help="Draw noise, bias and gusts by it. [default: 0]"
+            "--seed",
+            min=0,
+            metavar="N",
+            show_default=False,
+            help="Seed noise, bias and gusts; the same seed repeats the flight. [default: 0]",
         ),
     ] = None
     seeds: Annotated[
@@ -50,7 +53,7 @@ class SimulationOptions:
             "--seeds",
             metavar="1..20|1,5,9",
             show_default=False,
-            help="Fly once for each; -o is a folder, which gets SCENARIO-SEED.ulg. [default: one flight]",
+            help="Fly once for each seed and write SCENARIO-SEED.ulg to the folder of -o. [default: one flight]",
         ),
     ] = None
     kinds: Annotated[
@@ -59,7 +62,7 @@ class SimulationOptions:
             "--format",
             metavar="ulg|bin|tlog",
             show_default=False,
-            help="Write this format to a folder; may be repeated. [default: ulg]",
+            help="Write the logs in this format; repeat it for more. [default: ulg]",
         ),
     ] = None
     estimator: Annotated[
@@ -103,7 +106,7 @@ def command(
             metavar="SCENARIO",
             show_default=False,
             autocompletion=scenarios,
-            help="The name of a scenario that comes with attlog, or a TOML file. Without one they are listed.",
+            help="Fly this scenario of attlog, or TOML file. Without one they are listed.",
         ),
     ] = "",
 ) -> None:

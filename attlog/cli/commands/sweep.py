@@ -30,15 +30,16 @@ if TYPE_CHECKING:
 
 EXAMPLE = "attlog sweep *.bin mahony kp=0.6,1.1,2 ki=0..0.05/6"
 METRICS = ("inclination_rmse_deg", "heading_rmse_deg")
-SHOWN = 15
+SHOWN = 8
+"""So many settings are listed; -v lists all, and each log's own optimum."""
 
 SettingWords = Annotated[
     list[str],
     typer.Argument(
         metavar="LOG... FILTER [NAME=VALUES...]",
         show_default=False,
-        help="Logs, folders, quoted patterns; a filter as in analyze; what to vary: kp=0.6,1.1,2 (values), "
-        "ki=0..0.05/6 (6 values, even steps), ki=1e-4..0.1/7log (equal factors), mag_form=heading,vector (a switch).",
+        help="Vary these parameters of this filter on these logs: kp=0.6,1.1,2 (values), ki=0..0.05/6 (6 even steps), "
+        "ki=1e-4..0.1/7log (equal factors), mag_form=heading,vector (a switch).",
     ),
 ]
 MetricList = Annotated[
@@ -46,7 +47,7 @@ MetricList = Annotated[
     typer.Option(
         "--metric",
         metavar="METRIC[@WINDOW]",
-        help="What is measured, the first decides; more by repeating it. [default: " + ", ".join(METRICS) + "]",
+        help="Compare by this metric, the first decides; repeat it for more. [default: " + ", ".join(METRICS) + "]",
     ),
 ]
 
@@ -120,11 +121,11 @@ def _printed(found: Sweep, files: Sequence[Path], about: dict[str, Any], everyth
         yield from wrapped("", sentence, 100)
     yield TextLine("")
     head, rows = sweep_words.rows(found)
-    shown = rows if everything or len(rows) <= SHOWN + 2 else rows[:SHOWN]
+    shown = rows if everything or len(rows) <= SHOWN + 1 else rows[:SHOWN]
     yield from aligned(head, shown)
     if len(shown) < len(rows):
         yield TextLine(f"  and {len(rows) - len(shown)} more; -v lists all")
-    if len(found.logs) > 1 and found.columns[0].single is not None:
+    if everything and len(found.logs) > 1 and found.columns[0].single is not None:
         yield TextLine("")
         yield from aligned(*sweep_words.log_rows(found, found.columns[0]))
     yield TextLine("")

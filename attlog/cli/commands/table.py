@@ -30,31 +30,40 @@ def command(
         typer.Argument(
             metavar="DIR|RESULT.json...",
             show_default=False,
-            help="Folders of batch or analyze, or single results; of a log that comes twice the newest result counts.",
+            help="Read these folders of batch or analyze, or single results; the newest result of a log counts.",
         ),
     ],
     metric: Annotated[
         list[str] | None,
-        typer.Option(metavar="M[@WINDOW]", help=f"Show this number; more with commas or again. [default: {DEFAULT}]"),
+        typer.Option(metavar="M[@WINDOW]", help=f"Show these metrics, with commas. [default: {DEFAULT}]"),
     ] = None,
     row: Annotated[
         list[str] | None,
-        typer.Option("--row", "--estimators", metavar="NAME|PATTERN", help="Show these: mekf,onboard. [default: all]"),
+        typer.Option(
+            "--row",
+            "--estimators",
+            metavar="NAME|PATTERN",
+            help="Show these filters and onboard sources, with commas. [default: all]",
+        ),
     ] = None,
     window: Annotated[
-        str | None, typer.Option(metavar="W", help="Take the numbers of these seconds. [default: as in the report]")
+        str | None, typer.Option(metavar="W", help="Show the numbers of this window. [default: as in the report]")
     ] = None,
     by: Annotated[
         str | None,
         typer.Option(
             metavar="GROUP",
-            help="A line for each firmware, version, vehicle, board, reference, batch, month, year or attlog (its"
+            help="Show a line for each firmware, version, vehicle, board, reference, batch, month, year or attlog (its"
             " version), with median and quartiles. [default: a line for each log]",
         ),
     ] = None,
     form: Annotated[
         str | None,
-        typer.Option("--format", metavar="|".join(FORMATS), help="Write it in this form. [default: by -o, or to read]"),
+        typer.Option(
+            "--format",
+            metavar="|".join(FORMATS),
+            help="Write the table in this format. [default: by -o, or for reading]",
+        ),
     ] = None,
     output: OneFile = None,
 ) -> None:
@@ -109,7 +118,7 @@ def _notes(found: Across, failed: int) -> None:
     if found.twice:
         to_stderr(
             f"attlog: {counted(found.twice, 'result')} left out: of a log that comes twice the newest one counts"
-            " (--by batch keeps batches apart)"
+            " (--by batch lists each batch)"
         )
     against = references(found)
     if len(against) > 1:

@@ -36,8 +36,8 @@ TuneWords = Annotated[
     typer.Argument(
         metavar="LOG... FILTER [NAME=LOW..HIGH[log]...]",
         show_default=False,
-        help="Logs, folders, quoted patterns; a filter as in analyze; which gains between what. Without any: all that "
-        "it has, a factor of 20 around their defaults.",
+        help="Tune this filter on these logs between these gains. Without any: all that it has, a factor of 20 "
+        "around the defaults.",
     ),
 ]
 
@@ -54,9 +54,7 @@ def command(
             "METRIC[@WINDOW], with weights. [default: tilt=1, with a magnetometer heading=1 too]",
         ),
     ] = None,
-    seed: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Another seed, another search; the same one repeats it.")
-    ] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed the search; the same seed repeats it.")] = 0,
 ) -> None:
     """Find gains that hold on logs they were not found on.
 
@@ -93,7 +91,10 @@ def command(
     if options.form is not None:
         table_to_stdout(options.form, *tune_words.judged_rows(found))
     if not common.quiet:
-        say(_printed(found, files, prepared.about(), firmware), console(stderr=options.for_a_program))
+        say(
+            _printed(found, files, prepared.about(), firmware, common.verbose > 0),
+            console(stderr=options.for_a_program),
+        )
     end(prepared.errors)
 
 
@@ -123,8 +124,9 @@ def _written(found: Tuning, folder: Path, about: dict[str, Any], firmware: dict[
 
 
 def _printed(
-    found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str]
+    found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str], everything: bool
 ) -> Iterator[TextLine]:
+    """What to do, the gains to paste, what they change; ``everything``: also the gains of each fold."""
     from attlog.compare.sweep.text import references_of
     from attlog.compare.tune import text as tune_words
 
@@ -135,7 +137,8 @@ def _printed(
         yield TextLine(f"  {line}", "bold")
     yield TextLine("")
     yield from aligned(*tune_words.judged_rows(found))
-    yield TextLine("")
-    yield from aligned(*tune_words.gain_rows(found))
+    if everything:
+        yield TextLine("")
+        yield from aligned(*tune_words.gain_rows(found))
     yield TextLine("")
     yield TextLine(f"page: {files[0]}   data: {files[1].name}")

@@ -68,6 +68,15 @@ def _path(word: str) -> Path | None:
 WORDS: dict[Any, Callable[[str], Any]] = {str: str, Path: _path}
 
 
+SECTIONS = {
+    "Output": ("output", "format", "json", "open", "name", "deterministic", "junit", "summary"),
+    "Logs and filters": tuple("estimators imu mag reference window gyro-bias params config boot system".split()),
+    "Every command": ("quiet", "verbose", "no-color", "help"),
+}
+"""Options of the help by what they are about; those of the command's own work stand before them."""
+TYPE = re.compile(r" <[^<>]*>$")
+"""What Typer writes behind the name of an argument."""
+
 DEFAULT = "analyze"
 COMMON = re.compile("-[qv]+")
 """Options of every command that are written together."""
@@ -129,6 +138,23 @@ class Plain(AsTyped, TyperCommand):
             if name in ELSEWHERE and name not in own:
                 raise UsageError(f"{name}: no option of {self.name}; {ELSEWHERE[name]}")
         return super().parse_args(ctx, args)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """The help of arguments and options, in sections."""
+        section = {f"--{name}": title for title, names in SECTIONS.items() for name in names}
+        found: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Arguments", "Options", *SECTIONS)}
+        for parameter in self.get_params(ctx):
+            written = parameter.get_help_record(ctx)
+            if written is not None:
+                argument = parameter.param_type_name == "argument"
+                title = "Arguments" if argument else section.get(max(parameter.opts, key=len), "Options")
+                found[title].append((TYPE.sub("", written[0]), written[1]))
+        for title, lines in found.items():
+            order = {f"--{name}": k for k, name in enumerate(SECTIONS.get(title, ()))}
+            lines.sort(key=lambda line: next((order[w] for w in re.split("[ ,]+", line[0]) if w in order), 0))
+            if lines:
+                with formatter.section(title):
+                    formatter.write_dl(lines)
 
     def invoke(self, ctx: Any) -> Any:
         check(str(self.name), ctx.params)

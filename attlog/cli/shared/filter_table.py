@@ -83,14 +83,20 @@ def comparison(result: Result, window: str, width: int, shown: Shown = str, verb
 
 
 def shortened(table: FilterTable) -> FilterTable:
-    """The first column of each question that has a short title, for filters, what flew and the reference."""
+    """The first column of each question that has a short title, for filters, what flew and the reference.
+
+    The gyro alone wins nothing and stands there only without other filters.
+    """
+    from attlog.present.table.rows import is_baseline
     from attlog.present.table.table import FilterTable
 
     first: dict[str, int] = {}
     for i, heading in enumerate(table.columns):
         if heading.short:
             first.setdefault(heading.short, i)
-    rows = [(r, cells) for r, cells in table.rows if r.kind == "replay" or r.name == "onboard" or r.is_reference]
+    filters = [r.name for r, _ in table.rows if r.kind == "replay"]
+    filters = [r.name for r, _ in table.rows if r.name in filters and not is_baseline(r)] or filters
+    rows = [(r, cells) for r, cells in table.rows if r.name in [*filters, "onboard"] or r.is_reference]
     return FilterTable(
         [table.columns[i] for i in first.values()], [(r, [c[i] for i in first.values()]) for r, c in rows]
     )

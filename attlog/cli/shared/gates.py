@@ -27,7 +27,7 @@ GatesFile = Annotated[
     typer.Option(
         "--gates",
         metavar="F.toml",
-        help="Hold every log against the limits of this file; exit code 1 where one fails. [default: none]",
+        help="Check every log against the limits of this file; exit with 1 where one fails. [default: none]",
     ),
 ]
 HEADING = b"## "

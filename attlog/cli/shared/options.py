@@ -25,7 +25,7 @@ Logs = Annotated[
         metavar="LOG|DIR|GLOB...",
         readable=False,
         show_default=False,
-        help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns.",
+        help="Read these flight logs (.ulg, .bin, .log, .tlog, .px4log, also as .gz), folders, quoted patterns.",
     ),
 ]
 Places = Annotated[
@@ -33,35 +33,40 @@ Places = Annotated[
     typer.Argument(
         metavar="LOG|DIR|GLOB|URL...",
         show_default=False,
-        help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns, "
-        "zip archives and members, URLs.",
+        help="Read these flight logs (.ulg, .bin, .log, .tlog, .px4log, also as .gz), folders, quoted patterns, "
+        "zip archives, URLs.",
     ),
 ]
 Log = Annotated[
     Path,
     typer.Argument(
-        metavar="LOG", readable=False, show_default=False, help="A flight log, known by its content; also as .gz."
+        metavar="LOG",
+        readable=False,
+        show_default=False,
+        help="Read this flight log, known by its content; also as .gz.",
     ),
 ]
 Folder = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Write pages and data to this folder.")]
 OneFile = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file. [default: print]")
 ]
-Jobs = Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on so many at a time.")]
+Jobs = Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on N at a time.")]
 JobsOfCores = Annotated[
     int | None,
-    typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on so many at a time. [default: one for each core]"),
+    typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on N at a time. [default: one for each core]"),
 ]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print JSON on standard output (--json - does the same), one line for each log.")
-]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, one line for each log.")]
 TableForm = Literal["md", "csv", "tex"]
 """As in ``compare.tables.files``, which is not imported for help."""
 Form = Annotated[
     TableForm | None,
     typer.Option(
-        "--format", metavar="md|csv|tex", help="Print the table in this form on standard output. [default: for reading]"
+        "--format", metavar="md|csv|tex", help="Print the table as Markdown, CSV or LaTeX. [default: for reading]"
     ),
+]
+Figures = Annotated[
+    Path | None,
+    typer.Option("--figures", metavar="DIR", help="Write the figures to this folder too, as SVG and PNG for papers."),
 ]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
 Reference = Annotated[
@@ -76,29 +81,23 @@ GyroBias = Annotated[
     str | None,
     typer.Option(
         metavar="rest|none|onboard",
-        help="Subtract this gyro bias for every filter: the mean at rest before take-off, none, or the onboard "
-        "estimator's. [default: rest]",
+        help="Subtract this gyro bias: the mean at rest before take-off, none, or the onboard estimator's. "
+        "[default: rest]",
     ),
 ]
 ConfigFile = Annotated[
     Path | None,
     typer.Option(
-        metavar="F.toml|F.json",
-        help="Read settings from a file or an earlier result; options win. Only here: score_from, clock, declination, "
-        "trim, input_delay. [default: none]",
+        metavar="F.toml|F.json", help="Read settings from a file or an earlier result; options win. [default: none]"
     ),
 ]
 Boot = Annotated[
     int | None,
-    typer.Option(
-        metavar="N", min=0, help="Take this power-up of a log with several, from 0. [default: with most data]"
-    ),
+    typer.Option(metavar="N", min=0, help="Take this power-up of several, from 0. [default: with most data]"),
 ]
 System = Annotated[
     int | None,
-    typer.Option(
-        metavar="N", min=0, max=255, help="Take this MAVLink system of a log with several. [default: the autopilot]"
-    ),
+    typer.Option(metavar="N", min=0, max=255, help="Take this MAVLink system of several. [default: the autopilot]"),
 ]
 
 
@@ -128,11 +127,12 @@ class CommonOptions:
     verbose: Annotated[
         int,
         typer.Option(
-            "-v", "--verbose", count=True, show_default=False, help="Say more; -vv shows a traceback for a bug."
+            "-v", "--verbose", count=True, show_default=False, help="Print more; -vv shows a traceback for a bug."
         ),
     ] = 0
     no_color: Annotated[
-        bool, typer.Option("--no-color", callback=_no_color, is_eager=True, help="No colours (also by NO_COLOR).")
+        bool,
+        typer.Option("--no-color", callback=_no_color, is_eager=True, help="Print without colours (as NO_COLOR does)."),
     ] = False
 
 

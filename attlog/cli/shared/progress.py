@@ -100,6 +100,11 @@ class Bar:
         self._weight = 0.0
         self._started = time.monotonic()
 
+    @property
+    def is_shown(self) -> bool:
+        """Whether somebody sees how many logs are done and how many failed."""
+        return self._shown
+
     def __enter__(self) -> Bar:
         return self
 

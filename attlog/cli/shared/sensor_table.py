@@ -34,9 +34,9 @@ def sensor_lines(health: Sequence[Assessment], shown: Shown, width: int, verbose
     if ok and not verbose:
         yield from wrapped("  ok: ", shown(titles(ok)), width)
     if silent and not verbose:
-        yield from wrapped("  cannot tell: ", shown(f"{titles(silent)} (why: -v)"), width)
+        yield from wrapped("  no answer: ", shown(f"{titles(silent)} (why: -v)"), width)
     for questions, why in reasons(silent) if verbose else ():
-        yield from wrapped("  cannot tell: ", shown(questions), width)
+        yield from wrapped("  no answer: ", shown(questions), width)
         yield from _below([why], shown, width, 6, "dim")
     if not every:
         yield TextLine("  No question about a sensor can be answered from this log.")

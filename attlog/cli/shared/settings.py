@@ -29,13 +29,12 @@ class LogOptions:
         typer.Option(
             metavar="LIST",
             autocompletion=completion.rows,
-            help="Run these filters: default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. "
-            "[default: default]",
+            help="Run these filters, with commas: default, all, NAME[@PRESET][:k=v,...], FILE.py. [default: default]",
         ),
     ] = None
-    imu: Annotated[str | None, typer.Option(metavar="N|all", help="Replay this IMU. [default: the one that flew]")] = (
-        None
-    )
+    imu: Annotated[
+        str | None, typer.Option(metavar="N|all", help="Replay this IMU. [default: the one used in flight]")
+    ] = None
     mag: Annotated[
         str | None, typer.Option(metavar="N|none", help="Replay this magnetometer. [default: the log's choice]")
     ] = None
@@ -45,7 +44,7 @@ class LogOptions:
         typer.Option(
             metavar="W",
             autocompletion=completion.windows,
-            help="Show the table of all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). "
+            help="Show the table of this window: all, rest, armed, airborne, hover, cruise, idle or T0:T1 (s). "
             "[default: all]",
         ),
     ] = None
@@ -54,14 +53,14 @@ class LogOptions:
         str | None,
         typer.Option(
             metavar="F.param",
-            help="What if: parameters for the autopilots' filters, and where the log has none. [default: none]",
+            help="Use the parameters of this file for the autopilots' filters. [default: those of the log]",
         ),
     ] = None
     config: ConfigFile = None
     boot: Boot = None
     system: System = None
     deterministic: Annotated[
-        bool, typer.Option(help="Leave measured times out of JSON and report: same log, same bytes.")
+        bool, typer.Option("--deterministic", help="Leave measured times out: the same log gives the same bytes.")
     ] = False
 
 

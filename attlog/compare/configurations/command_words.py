@@ -99,7 +99,7 @@ def with_params(configurations: Sequence[Configuration], path: Path) -> list[Con
         which = ", ".join(n for n in REPLICAS if n in estimators.names())
         raise UsageError(
             f"--params {path}: name a filter that takes these parameters ({which}); "
-            f"{'none of the configurations does' if configurations else 'the file does not tell which'}"
+            f"{'none of the configurations does' if configurations else 'the file does not say which'}"
         )
     found: dict[str, Configuration] = {}
     for c in named:

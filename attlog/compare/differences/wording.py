@@ -10,7 +10,7 @@ from attlog.compare.differences.paired import Direction
 from attlog.compare.differences.questions import PLACES
 from attlog.metrics import definitions
 from attlog.metrics.base import Wording, named
-from attlog.present.numbers import MINUS, decimals, number, unit_sign
+from attlog.present.numbers import MINUS, between, change, change_end, decimals, number, unit_sign
 
 TURNED: dict[Direction, Direction] = {"better": "worse", "worse": "better"}
 """The direction of a difference as the other one sees it, where that is another."""
@@ -86,15 +86,11 @@ def subject_of(question: Question) -> str:
 
 
 def amount(x: float, question: Question) -> str:
-    """A size with its unit: percent of a ratio, the unit of a difference. Never a sign, never a zero that is none."""
+    """A size with its unit: the change of a ratio, or a difference. Never a sign, never a zero that is none."""
     if question.scale == "ratio":
-        size, places, unit = abs(100.0 * (x - 1.0)), 1, "%"
-        if not math.isfinite(size):
-            return "∞ %"
-        places = 0 if size >= 9.95 else 1
-    else:
-        size, unit = abs(x), question.unit
-        places = (2 if size < 0.995 else 1 if size < 9.95 else 0) if unit == "ms" else decimals(size, unit)
+        return change(x, signed=False)
+    size, unit = abs(x), question.unit
+    places = (2 if size < 0.995 else 1 if size < 9.95 else 0) if unit == "ms" else decimals(size, unit)
     text = f"{size:.{places}f}"
     if float(text) == 0.0 and size > 0.0:
         text = f"<{10.0**-places:.{places}f}"
@@ -113,8 +109,10 @@ def value(x: float | None, question: Question) -> str:
 
 def signed(x: float, question: Question) -> str:
     """The same with the sign it has: ``−24 %``, ``+3.2 ms``."""
-    even, text = 1.0 if question.scale == "ratio" else 0.0, amount(x, question)
-    return ("" if x == even or text.startswith("<") else MINUS if x < even else "+") + text
+    if question.scale == "ratio":
+        return change(x)
+    text = amount(x, question)
+    return ("" if x == 0.0 or text.startswith("<") else MINUS if x < 0.0 else "+") + text
 
 
 def scale_title(question: Question, first: str) -> str:
@@ -127,9 +125,10 @@ def span(view: DirectedDifference) -> str:
     """The interval of a difference as it stands in the table: ``−31 to −15 %``; empty without one."""
     if view.ci95 is None:
         return ""
+    if view.question.scale == "ratio":
+        return between(*map(change_end, view.ci95))
     low, high = (signed(end, view.question) for end in view.ci95)
-    unit = "%" if view.question.scale == "ratio" else unit_sign(view.question.unit)
-    return f"{low.removesuffix(unit).rstrip()} to {high}"
+    return f"{low.removesuffix(unit_sign(view.question.unit)).rstrip()} to {high}"
 
 
 def favour(view: DirectedDifference) -> str:
@@ -139,7 +138,8 @@ def favour(view: DirectedDifference) -> str:
     )
     inside += [f"better on {view.better} of {view.logs} logs"] if view.logs > 1 else []
     tail = f" ({', '.join(inside)})" if inside else ""
-    return f"{amount(view.value, view.question)} {wording(view.question).more}{tail}"
+    size = amount(view.value, view.question)
+    return size if size == "not comparable" else f"{size} {wording(view.question).more}{tail}"
 
 
 def clause(view: DirectedDifference, other: str) -> str:
@@ -157,12 +157,15 @@ def clause(view: DirectedDifference, other: str) -> str:
         inside = ", ".join(p for p in (span(view.turned if view.flipped else view), "" if view.flipped else count) if p)
         tail = f" ({inside})" if inside else ""
         return f"does not differ significantly from {other} in {subject_of(question)}{tail}"
+    size = amount(view.value, question)
+    if size == "not comparable":
+        return f"is {size} with {other} in {subject_of(question)}"
     ends = None if view.ci95 is None else sorted(view.ci95, key=lambda x: _size(x, question))
-    between = "" if ends is None else f"{amount(ends[0], question)} to {amount(ends[1], question)}"
-    inside = ", ".join(p for p in (between, count) if p)
+    reach = "" if ends is None else f"{amount(ends[0], question)} to {amount(ends[1], question)}"
+    inside = ", ".join(p for p in (reach, count) if p)
     word = words.more if view.direction == "better" else words.less
     tail = f" ({inside})" if inside else ""
-    return f"{words.verb} {amount(view.value, question)} {word} than {other}{tail}"
+    return f"{words.verb} {size} {word} than {other}{tail}"
 
 
 def _at_most(view: DirectedDifference, none: float) -> str:

@@ -11,7 +11,7 @@ from attlog.base.files import spreadsheet
 from attlog.compare.sweep.grid import Setting, text_of
 from attlog.compare.sweep.many import SettingResult, SweptMetric
 from attlog.compare.sweep.sweep import SettingDifference, Sweep, SweepColumn
-from attlog.present.numbers import counted, listed, number, quantity
+from attlog.present.numbers import between, change, change_end, counted, listed, number, quantity
 from attlog.present.text import clean
 
 SCHEMA = "attlog-sweep/2"
@@ -108,21 +108,21 @@ def difference_text(b: SettingDifference, unit: str) -> str:
     """A setting beside the best: ``27 % worse (15 to 41 %)``, ``not significant``, or why they are not compared."""
     if b.value is None:
         return b.why or "no value"
-    if b.scale == "ratio":
-        change = 100.0 * (b.value - 1.0)
-        ends = (
-            ""
-            if b.ci95 is None
-            else f" ({number(100 * (b.ci95[0] - 1), '%', True)} to {number(100 * (b.ci95[1] - 1), '%', True)} %)"
-        )
-        size = f"{number(change, '%', True)} %"
-    else:
-        size = quantity(b.value, unit, signed=True)
-        ends = "" if b.ci95 is None else f" ({number(b.ci95[0], unit, True)} to {number(b.ci95[1], unit, True)})"
+    size, ends = size_and_ends(b, unit)
     if b.ci95 == (b.value, b.value):
         return "equal to it"
     alone = b.ci95 is not None and b.ci95[0] > (1.0 if b.scale == "ratio" else 0.0)
     return f"{size}{ends}, {'worse' if b.worse else 'not significant among so many' if alone else 'not significant'}"
+
+
+def size_and_ends(b: SettingDifference, unit: str) -> tuple[str, str]:
+    """How much one is beside another, with its sign, and the interval in brackets behind a blank."""
+    assert b.value is not None
+    if b.scale != "ratio":
+        ends = "" if b.ci95 is None else f" ({number(b.ci95[0], unit, True)} to {number(b.ci95[1], unit, True)})"
+        return quantity(b.value, unit, signed=True), ends
+    size = change(b.value)
+    return size, "" if b.ci95 is None or size == "not comparable" else f" ({between(*map(change_end, b.ci95))})"
 
 
 def order(s: Sweep) -> list[int]:

@@ -14,26 +14,20 @@ from attlog.compare.tables.overview import headline, overview
 from attlog.present.numbers import counted, listed
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure
+from attlog.report.look import colours_of
 from attlog.report.pack import Store
 
 OWN = Path(__file__).parents[1] / "web"
-COLOURS = 8
 
 
 def render(found: Comparison) -> str:
     """The page as text: nothing in it is loaded from anywhere."""
     used = [line for line in found.logs if not line.code]
     figures = {q.id: _forest(found, q, number) for number, q in enumerate(found.questions) if q.main and _drawn(q)}
+    slots = colours_of([c.name for c in found.configurations])
     rows = [
-        {
-            "name": c.label,
-            "slot": 0 if not k else 1 + (k - 1) % COLOURS,
-            "dash": "solid",
-            "shown": True,
-            "onboard": False,
-            "lost": False,
-        }
-        for k, c in enumerate(found.configurations)
+        {"name": c.label, "slot": slot, "dash": "solid", "shown": True, "onboard": False, "lost": False}
+        for c, slot in zip(found.configurations, slots, strict=True)
     ]
     return shell.render(
         "compare.html",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from attlog.compare.differences.comparison import Comparison, LogDifference, PooledDifference, Question
-from attlog.compare.differences.wording import directed, favour, signed, span, value
+from attlog.compare.differences.wording import DirectedDifference, directed, favour, signed, span, value
 from attlog.present.numbers import counted, unit_sign
 
 
@@ -50,8 +50,7 @@ def pooled_tables(found: Comparison) -> list[PooledTable]:
     for name in list(called)[1:]:
         rows: list[tuple[str, ...]] = []
         for question in found.questions:
-            over = next((c.over for c in question.contrasts if c.configuration == name), None)
-            view = None if over is None else directed(question, over)
+            view = _view(question, name)
             if view is not None:
                 change = ("0", "") if view.direction == "same" else (signed(view.value, question), span(view))
                 better = f"{view.better} of {view.logs}"
@@ -60,6 +59,43 @@ def pooled_tables(found: Comparison) -> list[PooledTable]:
         title = f"{called[name]} beside {called[found.configurations[0].name]}, {counted(len(found.logs), 'log')}"
         made += [PooledTable(title, head, rows)] if rows else []
     return made
+
+
+def side_by_side(found: Comparison, width: int) -> list[PooledTable]:
+    """The changes of all configurations after the first beside each other, as many a table as ``width`` columns hold.
+
+    A star marks what is significant.
+    """
+    called = {c.name: c.label for c in found.configurations}
+    titles = [question.title for question in found.questions]
+    columns: list[tuple[str, list[str]]] = []
+    for name in list(called)[1:]:
+        views = [_view(question, name) for question in found.questions]
+        cells = ["" if v is None else f"{signed(v.value, v.question)}{_star(v.direction)}" for v in views]
+        columns.append((called[name], cells))
+    first, end = max(map(len, titles), default=0), f"beside {called[found.configurations[0].name]}"
+    made: list[PooledTable] = []
+    while columns:
+        taken, used = 0, first
+        while taken < len(columns) and used + 2 + max(map(len, [columns[taken][0], *columns[taken][1]])) <= width:
+            used += 2 + max(map(len, [columns[taken][0], *columns[taken][1]]))
+            taken += 1
+        some, columns = columns[: max(taken, 1)], columns[max(taken, 1) :]
+        rows = [(title, *(cells[i] for _, cells in some), "") for i, title in enumerate(titles)]
+        title = f"change {end}, {counted(len(found.logs), 'log')}, * significant"
+        made.append(
+            PooledTable(title, ("question", *(label for label, _ in some), ""), [r for r in rows if any(r[1:])])
+        )
+    return made
+
+
+def _view(question: Question, name: str) -> DirectedDifference | None:
+    over = next((c.over for c in question.contrasts if c.configuration == name), None)
+    return None if over is None else directed(question, over)
+
+
+def _star(direction: str) -> str:
+    return "*" if direction in ("better", "worse") else " "
 
 
 def _table(found: Comparison, question: Question, name: str) -> ComparisonTable:

@@ -9,23 +9,23 @@ from typing import Any
 from attlog.base import plain
 from attlog.compare.sweep.grid import text_of
 from attlog.compare.sweep.sweep import SettingDifference
-from attlog.compare.sweep.text import named, only_agreement
+from attlog.compare.sweep.text import named, only_agreement, size_and_ends
 from attlog.compare.tune.tune import HeldOutScore, Tuning
-from attlog.present.numbers import counted, listed, number, quantity
+from attlog.present.numbers import between, change, change_end, counted, listed
 from attlog.present.text import clean
 
 SCHEMA = "attlog-tune/1"
 
 
 def sentences(t: Tuning, references: Mapping[str, int]) -> Iterator[str]:
-    """What was found, how it was judged, what it gained and cost; ``references``: how many logs have which."""
+    """Whether to take the gains, what they are, gain and cost; ``references``: how many logs have which."""
     what = ", ".join(f"{term.name} {term.weight:g}" for term in t.terms)
+    yield _sure(t)
     yield f"{t.filter}: {named(t.found.setting)} (was {named(t.start)}), found for {what} on {_where(t)}."
     yield f"On what was left out: {'; '.join(judged_text(j) for j in t.judged if j.weight > 0)}."
-    others = [j for j in t.judged if j.weight == 0 and j.beside.value is not None]
+    others = [j for j in t.judged if j.weight == 0 and significant_side(j.beside)]
     if others:
         yield f"Elsewhere, left out too: {'; '.join(judged_text(j) for j in others)}."
-    yield _sure(t)
     edges = at_edge(t)
     if edges:
         lie = "lies" if len(edges) == 1 else "lie"
@@ -66,15 +66,10 @@ def significant_side(b: SettingDifference) -> int:
 def _change(b: SettingDifference, unit: str, signed: bool = False) -> tuple[str, str]:
     """How much, and the interval in brackets; without signs where words say on which side, unless ``signed``."""
     assert b.value is not None
-    if b.scale != "ratio":
-        ends = "" if b.ci95 is None else f" ({number(b.ci95[0], unit, True)} to {number(b.ci95[1], unit, True)})"
-        return quantity(b.value, unit, signed=True), ends
-    value, low, high = (100.0 * (x - 1.0) for x in (b.value, *(b.ci95 or (b.value, b.value))))
-    if b.ci95 is None or signed or significant_side(b) == 0:
-        ends = "" if b.ci95 is None else f" ({number(low, '%', True)} to {number(high, '%', True)} %)"
-        return f"{number(value, '%', True)} %", ends
-    a, z = sorted((abs(low), abs(high)))
-    return f"{abs(value):.0f} %", f" ({a:.0f} to {z:.0f} %)"
+    if b.scale != "ratio" or b.ci95 is None or signed or significant_side(b) == 0:
+        return size_and_ends(b, unit)
+    ends = [change_end(x, signed=False) for x in sorted(b.ci95, key=lambda x: abs(x - 1.0))]
+    return change(b.value, signed=False), f" ({between(*ends)})"
 
 
 def _moved(percent: float) -> str:
@@ -86,14 +81,14 @@ def _sure(t: Tuning) -> str:
     """Whether to take the gains: by what was left out, beside what was fitted."""
     weighed = [j for j in t.judged if j.weight > 0]
     fitted, left = (100.0 * (1.0 - math.exp(x)) for x in (t.found.cost, mean_left_out(t)))
-    sizes = f"the objective {_moved(fitted)} where the gains were found and {_moved(left)} where they were not"
+    sizes = f"the objective {_moved(left)} on what was left out, {_moved(fitted)} where the gains were found"
     if any(significant_side(j.beside) < 0 for j in weighed) and not any(
         significant_side(j.beside) > 0 for j in weighed
     ):
         return f"Worth taking: {sizes}."
     if any(significant_side(j.beside) > 0 for j in weighed):
-        return f"To be weighed: one metric is significantly worse on what was left out; {sizes}."
-    return f"No significant gain on what was left out ({sizes}): keep what you have until more logs show one."
+        return f"To be weighed: one metric is significantly worse on what was left out. {sizes[0].upper()}{sizes[1:]}."
+    return f"No significant gain: keep what you have until more logs show one. {sizes[0].upper()}{sizes[1:]}."
 
 
 def mean_left_out(t: Tuning) -> float:
@@ -216,4 +211,4 @@ def _gains(t: Tuning, setting: Mapping[str, float | str]) -> list[str]:
 
 
 def _percent(cost: float) -> str:
-    return f"{number(100.0 * (math.exp(cost) - 1.0), '%', True)} %"
+    return change(math.exp(cost))

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 from collections import Counter
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from attlog.base.files.output import write_atomic
 from attlog.compare.gates.rows import BASELINES
-from attlog.fleet.pages.order import LEVELS, RankedLog, natural, ordered, short_names
+from attlog.fleet.pages.across import AGAINST_REFERENCE
+from attlog.fleet.pages.order import FIRST, LEVELS, TITLES, RankedLog, natural, ordered, short_names
 from attlog.fleet.records.entry import Entry, sensors_of
 from attlog.fleet.records.thumbnail import POINTS, encoded
 from attlog.present.numbers import counted, listed, unit_sign
@@ -31,10 +30,9 @@ INDEX = "index.html"
 KINDS = ("gate", "attitude", "crash", "reset", "filter", "sensor", "log")
 MOST_ROWS, MOST_COLUMNS = 16, 10
 """Rows and columns of numbers that the page offers, the most common ones; all stand in the results file."""
-LEAST_SHARE = 0.5
-"""The attitude that flew is shown first where so many logs have numbers for it."""
-NEARLY_ALL = 0.9
 AUTO = "onboard"
+JUDGES = ("truth", "smoother")
+"""References that may judge an onboard attitude; what else is compared with shows agreement, not error."""
 
 
 def write_index(folder: Path, entries: Iterable[Entry], *, title: str = "", results: str = "") -> Path:
@@ -63,7 +61,7 @@ def render(entries: Iterable[Entry], *, title: str = "", results: str = "") -> s
         script=script,
         title=clean(title),
         subtitle=subtitle(lines),
-        worst=[x for x in lines if x.level != "none"][:WITHOUT_SCRIPT],
+        worst=[x for x in lines if x.level not in ("unjudged", "none")][:WITHOUT_SCRIPT],
         count=len(lines),
         data=block(data, thumbnails),
         results=results,
@@ -72,13 +70,13 @@ def render(entries: Iterable[Entry], *, title: str = "", results: str = "") -> s
 
 
 def subtitle(lines: list[RankedLog]) -> list[str]:
-    """How many logs, of what, from when to when, how long they flew."""
+    """What flew, from when to when, how long; how many logs there are stands in a tile."""
     flights = [x.row["flight"] for x in lines if x.row]
     vehicles = Counter(clean(f["vehicle"]) for f in flights if f["vehicle"])
     dates = sorted(str(f["date_utc"])[:10] for f in flights if f["date_utc"])
     hours = sum(f["airborne_s"] or 0.0 for f in flights) / 3600.0
     kinds = listed([counted(n, name) for name, n in vehicles.most_common(4)])
-    parts = [counted(len(lines), "log"), kinds + (" and others" if len(vehicles) > 4 else "")]
+    parts = [kinds + (" and others" if len(vehicles) > 4 else "")]
     parts.append(clean(dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}") if dates else "")
     parts.append(f"{hours:.1f} h in the air" if hours >= 1.0 else f"{60.0 * hours:.0f} min in the air")
     return [p for p in parts if p]
@@ -100,7 +98,7 @@ def policy(style: str, script: str) -> str:
 
 
 def page_data(lines: list[RankedLog]) -> tuple[dict[str, Any], bytes]:
-    """Columns of values, one for each thing that the page shows, and the thumbnails: POINTS bytes of each curve."""
+    """Columns of values, one for each thing that the page shows, and the thumbnails: POINTS bytes each."""
     flights: list[dict[str, Any]] = [x.row["flight"] if x.row else {} for x in lines]
     sensors = [sensors_of(x.row or {}) for x in lines]
     names, columns = numbers(lines)
@@ -126,11 +124,12 @@ def page_data(lines: list[RankedLog]) -> tuple[dict[str, Any], bytes]:
         "says": [[typeset(v["sentence"]) for v in x.row["verdicts"]] if x.row else [] for x in lines],
         "thumb": [encoded(x.row["thumbnail"] if x.row else None, thumbnails) for x in lines],
         "points": POINTS,
+        "top": sum(x.opens_first for x in lines[:FIRST]),
         "kinds": KINDS,
-        "levels": LEVELS,
+        "levels": TITLES,
         "rows": names,
         "columns": columns,
-        "first": first_row(names, columns, sum(x.row is not None for x in lines)),
+        "first": first_row(names, columns),
     }
     return data, bytes(thumbnails)
 
@@ -161,27 +160,24 @@ def numbers(lines: list[RankedLog]) -> tuple[dict[str, str], list[dict[str, Any]
             place = columns.setdefault(column["title"], about)["values"]
             for name in kept:
                 value = column["values"].get(name)
-                if isinstance(value, (int, float)):
+                if isinstance(value, (int, float)) and _judged(name, column["metric"], x):
                     place.setdefault(name, [None] * len(lines))[i] = float(f"{value:.4g}")
     order = {title: k for k, title in enumerate(_order(lines))}
     found = sorted(columns.values(), key=lambda c: order[c["title"]])
     return {name: clean(names.get(name, name)) for name in sorted(kept, key=_place)}, found
 
 
-def first_row(names: Iterable[str], columns: list[dict[str, Any]], count: int) -> str:
-    """The row whose numbers are shown at first: the attitude that flew, where most logs have an error of it.
+def first_row(names: Iterable[str], columns: list[dict[str, Any]]) -> str:
+    """The row whose numbers are shown at first: the onboard attitude, else the filter with most numbers."""
+    known = Counter({row: sum(v is not None for c in columns for v in c["values"].get(row, ())) for row in names})
+    filters = [row for row in known if row not in BASELINES and not row.startswith(AUTO)]
+    return AUTO if known[AUTO] else max(filters or known, key=lambda row: known[row], default="")
 
-    Else, of the rows with nearly the most values, the one that has the smallest middle in the first column.
-    """
-    known = {row: sum(v is not None for c in columns for v in c["values"].get(row, ())) for row in names}
-    errors = columns[0]["values"] if columns else {}
-    if sum(v is not None for v in errors.get(AUTO, ())) >= LEAST_SHARE * max(count, 1):
-        return AUTO
-    filters = {row: n for row, n in known.items() if row not in BASELINES and not row.startswith(AUTO)} or known
-    most = max(filters.values(), default=0)
-    common = [row for row, n in filters.items() if n >= NEARLY_ALL * most]
-    middle = {row: [abs(v) for v in errors.get(row, ()) if v is not None] for row in common}
-    return min(common, key=lambda row: median(middle[row]) if middle[row] else math.inf, default="")
+
+def _judged(row: str, metric: str, log: RankedLog) -> bool:
+    """Whether a value may be shown: what says how far onboard attitudes err needs a reference that may judge them."""
+    error_of_onboard = row.startswith(AUTO) and metric.startswith(AGAINST_REFERENCE)
+    return not error_of_onboard or (log.row or {"flight": {}})["flight"].get("reference") in JUDGES
 
 
 def _order(lines: list[RankedLog]) -> list[str]:

@@ -14,25 +14,37 @@ from typing import Any
 from urllib.parse import quote
 
 from attlog.fleet.records.entry import Entry, light
-from attlog.fleet.records.trouble import trouble, with_gates
+from attlog.fleet.records.trouble import RANKS, trouble, with_gates
 from attlog.present.text import typeset
 
-LEVELS = ("serious", "look", "failed", "none")
-"""How urgent a log is. One that failed may hide anything, but there is nothing to open."""
+TITLES = {
+    "crash": "crash or loss of control",
+    "attitude": "wrong attitude in flight",
+    "serious": "other serious finding in flight",
+    "ground": "serious on the ground",
+    "look": "to look at",
+    "failed": "failed",
+    "unjudged": "no attitude to judge",
+    "none": "without trouble",
+}
+"""How urgent a log is, in words. A failed gate is a serious finding. A log that failed may hide anything, but there is
+nothing to open; one of which nothing could be re-run hides less."""
+LEVELS = tuple(TITLES)
+FIRST = 5
+"""So many logs are named to be opened first."""
 
 
 @dataclass(frozen=True, slots=True)
 class RankedLog:
     """One log as index and summary show it.
 
-    ``rank`` is a place in :data:`attlog.fleet.records.trouble.RANKS`, ``level`` one of LEVELS. ``reasons``: why
-    somebody should look, the heaviest first; ``message``: why there is no report.
+    ``level`` is one of LEVELS. ``reasons``: why somebody should look, the heaviest first; ``message``: why there is no
+    report.
     """
 
     name: str
     log: str
     href: str
-    rank: int
     level: str
     score: float
     reasons: list[dict[str, Any]]
@@ -42,13 +54,18 @@ class RankedLog:
     @property
     def place(self) -> tuple[Any, ...]:
         """What logs are sorted by; equally bad ones stand by their names."""
-        return (self.rank, LEVELS.index(self.level), self._kind, -self.score, natural(self.name), self.log)
+        return (LEVELS.index(self.level), self._kind, -self.score, natural(self.name), self.log)
 
     @property
     def _kind(self) -> int:
         """0 of a real flight, 1 of a log in which nothing flew, 2 of a simulation."""
         flight = self.row["flight"] if self.row else {}
         return 2 if flight.get("simulated") else 0 if flight.get("airborne_s") or not self.row else 1
+
+    @property
+    def opens_first(self) -> bool:
+        """Whether there is a report in which something is wrong."""
+        return self.level not in ("failed", "unjudged", "none")
 
     @property
     def text(self) -> str:
@@ -69,13 +86,24 @@ def ranked(entry: Entry) -> RankedLog:
         entry.name,
         entry.log,
         quote(os.fsencode(f"{entry.name}.html")) if entry.row else "",
-        found["rank"],
-        found["level"] if entry.row else "failed",
+        _level(found, entry.row),
         found["score"],
         found["reasons"],
         failure(entry),
         light(entry.row) if entry.row else None,
     )
+
+
+def _level(found: dict[str, Any], row: dict[str, Any] | None) -> str:
+    """Which of LEVELS a log with such trouble has."""
+    if row is None:
+        return "failed"
+    if found["level"] == "none" and row["flight"].get("reference") is None:
+        return "unjudged"
+    rank = RANKS[found["rank"]]
+    if rank in LEVELS:
+        return rank
+    return "ground" if found["level"] == "serious" else str(found["level"])
 
 
 def natural(name: str) -> list[tuple[int, str]]:

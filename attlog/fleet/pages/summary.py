@@ -5,19 +5,21 @@ from __future__ import annotations
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from attlog.compare.gates.rows import BASELINES
-from attlog.fleet.pages.order import RankedLog, failure, ordered
+from attlog.fleet.pages.order import FIRST, TITLES, RankedLog, failure, ordered
 from attlog.fleet.records.entry import Entry, sensors_of
-from attlog.fleet.records.trouble import RANKS
 from attlog.present.flight import COMPARED_WITH
 from attlog.present.numbers import counted, duration
 from attlog.present.sentences import QUESTIONS
 from attlog.present.text import typeset
 
-OPENED, SHORTEST, REASONS, LONGEST_REASON = 5, 30, 6, 160
+K = TypeVar("K", str, tuple[bool, int])
+
+SHORTEST, REASONS = 30, 5
 FIRST_COLUMNS = 100
 """Columns over which headlines are laid out."""
 WHY = {
@@ -29,12 +31,6 @@ WHY = {
     75: "took more time or memory than allowed",
 }
 """What exit codes mean for a log."""
-FOUND = {
-    "crash": "a crash or loss of control",
-    "attitude": "a wrong attitude in flight",
-    "serious": "another serious finding in flight",
-}
-"""RANKS in words."""
 
 
 def summary(
@@ -52,13 +48,11 @@ def summary(
     )
     if done:
         references = Counter(str(entry.row["flight"].get("reference")) for entry in done if entry.row is not None)
-        against = [f"{name} {references.pop(key)}" for key, name in COMPARED_WITH.items() if key in references]
+        against = [f"{key} {references.pop(key)}" for key in COMPARED_WITH if key in references]
         against += [f"nothing {references.total()}"] if references else []
-        yield f"  compared with: {', '.join(against)} of {counted(len(done), 'log')}"
+        yield f"  compared with: {', '.join(against)}"
         answered = {name: sum(_answers(entry, q) for entry in done) for q, name in QUESTIONS.items()}
-        yield (
-            "  answered: " + ", ".join(f"{q} on {n}" for q, n in answered.items()) + f" of {counted(len(done), 'log')}"
-        )
+        yield "  answered: " + ", ".join(f"{q} {n}" for q, n in answered.items())
     yield from _failures(failed, width)
     gates = sum(bool(entry.gates) for entry in entries)
     if gates:
@@ -69,13 +63,11 @@ def summary(
 
 def _found(logs: Sequence[RankedLog], width: int) -> Iterator[str]:
     """How many logs have what, and those that somebody should open first with what happened."""
-    ranks = Counter(RANKS[log.rank] for log in logs)
-    parts = [f"{name} in {counted(ranks[rank], 'log')}" for rank, name in FOUND.items() if ranks[rank]]
-    rest = [log for log in logs if RANKS[log.rank] not in FOUND]
-    parts += [f"{n} more {text}" for level, text in LESS.items() if (n := sum(log.level == level for log in rest))]
-    if logs:
-        yield from _wrapped(f"  found: {'; '.join(parts)}" if parts else "  found: no log with trouble", width, "    ")
-    first = [log for log in logs if log.level != "none"][:OPENED]
+    levels = Counter(log.level for log in logs)
+    parts = [f"{text} {levels[level]}" for level, text in TITLES.items() if levels[level]]
+    if parts:
+        yield from _wrapped(f"  found: {', '.join(parts)}", width, "    ")
+    first = [log for log in logs[:FIRST] if log.opens_first]
     if first:
         yield "  open first:"
     for log in first:
@@ -93,9 +85,6 @@ def _of_sensors(done: Sequence[Entry]) -> Iterator[str]:
         yield f"  sensors: {', '.join(parts)}"
 
 
-LESS = {"serious": "with a serious finding on the ground", "look": "to look at"}
-
-
 def _answers(entry: Entry, question: str) -> bool:
     """Whether a filter has a number for a question on this log; the gyro alone is shown and answers nothing."""
     verdicts = entry.row["verdicts"] if entry.row is not None else []
@@ -107,30 +96,37 @@ def _is_filter(row: str) -> bool:
 
 
 def _failures(failed: Sequence[Entry], width: int) -> Iterator[str]:
-    """A line for each reason, new ones first, then those of most logs; reasons that differ in numbers alone are one."""
-    groups: dict[tuple[bool, int, str], list[Entry]] = {}
-    for entry in failed:
-        groups.setdefault((entry.known, entry.code, re.sub(r"\d+", "0", _reason(entry))), []).append(entry)
-    by_size = sorted(groups.items(), key=lambda group: (group[0][0], -len(group[1]), group[0][1]))
-    for (known, code, _), alike in by_size[:REASONS]:
-        such = f"({'such as ' if len(alike) > 1 else ''}{alike[0].name})"
-        reason = textwrap.shorten(_reason(alike[0]), LONGEST_REASON, placeholder=" ...")
-        yield from _wrapped(f"  {_what(len(alike), code, known)}: {reason} {such}", width, "    ")
-    others: Counter[tuple[bool, int]] = Counter()
-    for (known, code, _), alike in by_size[REASONS:]:
-        others[known, code] += len(alike)
-    for (known, code), n in others.items():
-        yield f"  {_what(n, code, known)} for other reasons"
+    """How logs ended, new failures first, and a line for each reason; those that differ in numbers alone are one."""
+    left = REASONS
+    for (known, code), ended in _grouped(failed, lambda entry: (entry.known, entry.code)):
+        reasons = _grouped(ended, lambda entry: re.sub(r"\d+", "0", _reason(entry)))
+        shown, left = reasons[:left], max(left - len(reasons), 0)
+        what = f"{counted(len(ended), 'log')} {WHY.get(code, 'failed')}"
+        what += ", as before" if known else f" (exit code {code})"
+        yield f"  {what}" + ("" if not shown else ":" if len(shown) == len(reasons) else ", such as:")
+        for _, alike in shown:
+            yield f"    {_why(alike, width - 4)}"
 
 
-def _what(n: int, code: int, known: bool) -> str:
-    """How many logs ended with a code."""
-    return f"{counted(n, 'log')} {WHY.get(code, 'failed')}{', as before' if known else f' (exit code {code})'}"
+def _why(alike: Sequence[Entry], width: int) -> str:
+    """The reason of logs that failed alike, and the first one's name, in one line."""
+    name, most = alike[0].name, max(width, SHORTEST) // 3
+    name = name if len(name) <= most else f"{name[: most - 3]}..."
+    such = f" ({name} and {len(alike) - 1} more)" if len(alike) > 1 else f" ({name})"
+    return textwrap.shorten(_reason(alike[0]), max(width - len(such), SHORTEST), placeholder=" ...") + such
+
+
+def _grouped(entries: Sequence[Entry], key: Callable[[Entry], K]) -> list[tuple[K, list[Entry]]]:
+    """Entries of one key together, those of most logs first; what failed before comes after what is new."""
+    groups: dict[K, list[Entry]] = {}
+    for entry in entries:
+        groups.setdefault(key(entry), []).append(entry)
+    return sorted(groups.items(), key=lambda group: (group[1][0].known, -len(group[1]), group[0]))
 
 
 def _reason(entry: Entry) -> str:
-    """Why a log failed, without its name."""
-    return typeset(" ".join(failure(entry).split()))
+    """Why a log failed, in one sentence without its name."""
+    return typeset(" ".join(failure(entry).split()).partition(". ")[0])
 
 
 def _wrapped(text: str, width: int, indent: str) -> list[str]:

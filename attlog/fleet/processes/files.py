@@ -40,14 +40,23 @@ class ReportFiles:
 
 
 def analyze_to_files(
-    log: Path, config: Config, folder: Path, name: str = "", *, command: str = "", deterministic: bool = False
+    log: Path,
+    config: Config,
+    folder: Path,
+    name: str = "",
+    *,
+    command: str = "",
+    deterministic: bool = False,
+    figures: Path | None = None,
 ) -> ReportFiles:
     """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder; ``name`` is the file's own by default.
 
     Both files appear whole or the old ones stay, and nothing is written of a log that fails.
     Errors as in :func:`attlog.analyze`; LogUnreadable where the log changed meanwhile; OutputError if a file cannot
     be written.
-    ``deterministic`` leaves measured times out of both files. The logger ``attlog.stages`` tells the stage.
+    ``deterministic`` leaves measured times out of both files. ``figures``: how the paths of figures begin that are
+    written after the report, all of them or none; a report stays where they fail. The logger ``attlog.stages`` tells
+    the stage.
     """
     from attlog.analysis import analyze
 
@@ -60,6 +69,11 @@ def analyze_to_files(
     with staged(folder) as stage:
         result.to_html(stage / files.report.name, deterministic=deterministic, document=document)
         result.to_json(stage / files.json.name, whole=document)
+    if figures is not None:
+        from attlog.report.journal.files import write_figures
+
+        logging.getLogger("attlog.stages").info("drawing the figures")
+        write_figures(result, figures)
     return files
 
 
@@ -71,6 +85,12 @@ def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     reports in the folder.
     """
     return file_names.file_names(map(str, logs), (*RESERVED, *taken))
+
+
+def figure_starts(folder: Path, logs: Iterable[str]) -> list[Path]:
+    """How the paths of each log's figures begin: the log's name without its suffixes, a second one with a number."""
+    stems = [Path(name.removesuffix(".gz")).stem or name for name in map(str, logs)]
+    return [folder / name for name in file_names.file_names(stems)]
 
 
 class MessageHandler(logging.Handler):
@@ -129,7 +149,13 @@ def fields_of_record(work: Work, scratch: Path, tell: Callable[[dict[str, Any]],
         with messages_to(tell), unchanged(Path(work.source.place)), work.source.local(scratch) as log:
             content = log.sha256
             files = analyze_to_files(
-                log.path, work.config, out, work.name, command=work.command, deterministic=work.deterministic
+                log.path,
+                work.config,
+                out,
+                work.name,
+                command=work.command,
+                deterministic=work.deterministic,
+                figures=work.figures,
             )
         return {
             "key": key(content, work.settings),

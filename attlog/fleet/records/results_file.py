@@ -50,7 +50,7 @@ ABOUT = {
     "window": "which seconds of the log; sensors for what is said of a sensor",
     "low": "lower end of the 95 % interval",
     "high": "upper end of the 95 % interval",
-    "n": "independent pieces of evidence",
+    "n": "independent units of evidence",
     "seconds": "time that the value stands on",
     "code": "why there is no value",
     "reason": "the same in words",

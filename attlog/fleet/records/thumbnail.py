@@ -1,107 +1,121 @@
-"""A flight at a glance: how far it leaned and how far attitudes differed over time, in a few dozen points."""
+"""A flight at a glance: its height over the log, or how far it leaned, with the serious events, in a few points."""
 
 from __future__ import annotations
 
+import itertools
 import math
-import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.compare.gates.rows import BASELINES
-from attlog.result import Result, Trace
+from attlog.result import Result
 
 Array = NDArray[np.float64]
-Points = list[float | None]
 
 POINTS = 48
 """Points of a thumbnail over the whole log."""
-MARKS = ("reset", "impact", "loss_of_control")
-MOST_MARKS = 20
-FULL_DEG, FULL_BYTE, NO_BYTE = 180.0, 254, 255
+MOST_SPANS = 20
+BRIDGED = 4
+"""Points without a sample between two with one that are drawn straight, as in a short log with a slow barometer."""
+FULL_DEG, LEAST_M = 90.0, 5.0
+"""The full height of the picture: of tilt, on a square root's scale; of height at least."""
+FULL_BYTE, NO_BYTE = 254, 255
+MARKED = {"reset": "The attitude jumped", "impact": "Impact", "loss_of_control": "Loss of control"}
+"""What a mark means that tells a kind instead of a sentence, as records of earlier versions have it."""
 
 
 def thumbnail(result: Result) -> dict[str, Any] | None:
-    """The largest tilt and difference in each of POINTS equal parts of the log, degrees; None without traces.
+    """The largest height or tilt in each of POINTS equal parts of the log; None without traces of either.
 
-    ``tilt`` of the attitude that everything is compared with, else of the one that flew, else of a filter.
-    ``tilt_diff`` and ``heading_diff`` of ``of``: the attitude that flew, or, where that is the reference itself,
-    the median of the filters. None where nothing is known. ``air``: seconds in the air; ``marks``: [seconds, kind]
-    of impacts, and of jumps of the attitude in the air, since one that is set right before take-off is no news.
+    ``height`` (m) above the ground it stood on, of a log that never flew or tells no height the ``tilt`` (degrees) of
+    the attitude that everything is compared with, of the one that flew, or of a filter; None where nothing is known.
+    ``t0`` and ``t1``: the log's ends (s);
+    ``air``: seconds in the air; ``marks``: [seconds, sentences] of serious events, those of one place together.
     """
-    attitudes = {t.row: t for t in result.traces if t.figure == "attitude" and np.isfinite(t.t).any()}
-    if not attitudes:
-        return None
-    start = min(0.0, *(float(np.nanmin(t.t)) for t in attitudes.values()))
-    end = max(float(np.nanmax(t.t)) for t in attitudes.values())
-    edges = np.linspace(start, max(end, start + 1e-3), POINTS + 1)
-    choice = result.reference.choice if result.reference else ""
-    shown = next(attitudes[k] for k in (choice, "onboard", *_filters(result), *attitudes) if k in attitudes)
-    of, tilt, heading = _differences(result, edges)
     air = (result.log.get("timeline") or {}).get("airborne") or []
-    marks = [s for s in result.segments if s.kind in MARKS and (s.kind != "reset" or not air or _within(s.t1, air))]
+    found = (_height(result) if air else None) or _tilt(result)
+    if found is None:
+        return None
+    name, t, y = found
+    start = min(0.0, float(np.nanmin(t)))
+    ends = [x for x in (float(np.nanmax(t)), result.log.get("duration_s")) if x is not None and math.isfinite(x)]
+    edges = np.linspace(start, max(*ends, start + 1e-3), POINTS + 1)
     return {
         "t0": round(start, 2),
         "t1": round(float(edges[-1]), 2),
-        "tilt": _points(_largest(shown.t, _tilt(shown), edges)),
-        "of": of,
-        "tilt_diff": _points(tilt),
-        "heading_diff": _points(heading),
-        "air": [[round(float(a), 1), round(float(b), 1)] for a, b in air[:MOST_MARKS]],
-        "marks": [[round(s.t1 if s.kind == "reset" else s.t0, 1), s.kind] for s in marks[:MOST_MARKS]],
+        name: [round(float(v), 1) if math.isfinite(v) else None for v in _bridged(_largest(t, y, edges))],
+        "air": [[round(float(a), 1), round(float(b), 1)] for a, b in air[:MOST_SPANS]],
+        "marks": _marks(result, edges),
     }
 
 
 def encoded(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
-    """What stands beside the curves of a thumbnail; the curves go to ``out``, small angles finer than large ones."""
+    """What stands beside the curve of a thumbnail, with what it shows in words; the curve goes to ``out``, a byte for
+    each point, from 0 at the foot of the picture to FULL_BYTE at its top."""
     if seen is None:
         return None
     at = len(out)
-    for curve in ("tilt", "tilt_diff", "heading_diff"):
-        out += bytes(NO_BYTE if v is None else round(FULL_BYTE * math.sqrt(v / FULL_DEG)) for v in seen[curve])
-    return [at, seen["t0"], seen["t1"], seen["of"], seen["air"], [t for t, _ in seen["marks"]]]
-
-
-def _within(t: float, spans: list[list[float]]) -> bool:
-    return any(a <= t <= b for a, b in spans)
-
-
-def _differences(result: Result, edges: Array) -> tuple[str, Array, Array]:
-    traces = {t.row: t for t in result.traces if t.figure == "difference" and len(t.t)}
-    if "onboard" in traces:
-        of, chosen = "onboard", [traces["onboard"]]
+    curve = seen["height" if "height" in seen else "tilt"]
+    held = [v for v in curve if v is not None]
+    top = max(held, default=0.0)
+    if "height" in seen:
+        low = min(0.0, *held, 0.0)
+        span = max(LEAST_M, top - low)
+        shares = [None if v is None else (v - low) / span for v in curve]
+        words = "Height over time"
     else:
-        of, chosen = "filters", [traces[name] for name in _filters(result) if name in traces]
-    tilt, heading = (_median([_largest(t.t, t.columns[c], edges) for t in chosen]) for c in ("inclination", "heading"))
-    return of, tilt, heading
+        shares = [None if v is None else math.sqrt(min(v, FULL_DEG) / FULL_DEG) for v in curve]
+        words = "Tilt over time"
+    out += bytes(NO_BYTE if v is None else round(FULL_BYTE * v) for v in shares)
+    return [at, seen["t0"], seen["t1"], words, seen["air"], [[t, MARKED.get(text, text)] for t, text in seen["marks"]]]
 
 
-def _filters(result: Result) -> list[str]:
-    return [r.name for r in result.estimators if r.kind == "replay" and r.estimator not in BASELINES]
+def _height(result: Result) -> tuple[str, Array, Array] | None:
+    """The name of the curve, times (n,) s and heights (n,) m; None where no sensor tells them."""
+    found = next((t for t in result.traces if t.figure == "height"), None)
+    if found is None or not np.isfinite(found.columns["height"]).any():
+        return None
+    return "height", found.t, found.columns["height"]
 
 
-def _tilt(trace: Trace) -> Array:
-    roll, pitch = (np.radians(trace.columns[c]) for c in ("roll", "pitch"))
-    return np.asarray(np.degrees(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0))), np.float64)
+def _tilt(result: Result) -> tuple[str, Array, Array] | None:
+    """The name of the curve, times (n,) s and angles (n,) degrees; None without any attitude."""
+    attitudes = {t.row: t for t in result.traces if t.figure == "attitude" and np.isfinite(t.t).any()}
+    if not attitudes:
+        return None
+    choice = result.reference.choice if result.reference else ""
+    filters = [r.name for r in result.estimators if r.kind == "replay" and r.estimator not in BASELINES]
+    shown = next(attitudes[k] for k in (choice, "onboard", *filters, *attitudes) if k in attitudes)
+    roll, pitch = (np.radians(shown.columns[c]) for c in ("roll", "pitch"))
+    return "tilt", shown.t, np.degrees(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)))
 
 
 def _largest(t: Array, y: Array, edges: Array) -> Array:
-    """The largest size of y (n,) between each pair of edges; NaN where there is no finite value."""
-    y = np.abs(np.asarray(y, np.float64))
+    """The largest y (n,) between each pair of edges; NaN where there is no finite value."""
+    y = np.asarray(y, np.float64)
     good = np.isfinite(y) & np.isfinite(t)
     out = np.full(len(edges) - 1, -np.inf)
     np.maximum.at(out, np.clip(np.searchsorted(edges, t[good], "right") - 1, 0, len(out) - 1), y[good])
-    return np.where(np.isfinite(out), np.minimum(out, FULL_DEG), np.nan)
+    return np.where(np.isfinite(out), out, np.nan)
 
 
-def _median(each: list[Array]) -> Array:
-    if not each:
-        return np.full(POINTS, np.nan)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a part of the log that no row covers stays NaN
-        return np.asarray(np.nanmedian(np.stack(each), axis=0), np.float64)
+def _bridged(values: Array) -> Array:
+    """The same with straight lines across short gaps."""
+    known = np.flatnonzero(np.isfinite(values))
+    for a, b in itertools.pairwise(known):
+        if b - a <= BRIDGED:
+            values[a : b + 1] = np.linspace(values[a], values[b], b - a + 1)
+    return values
 
 
-def _points(values: Array) -> Points:
-    return [round(float(v), 1) if math.isfinite(v) else None for v in values]
+def _marks(result: Result, edges: Array) -> list[list[Any]]:
+    """Serious events in the order of time; what lies closer than a point of the picture is one mark."""
+    found: list[list[Any]] = []
+    for event in sorted((e for e in result.events if e.severity == "serious"), key=lambda e: e.t):
+        if found and event.t - found[-1][0] < edges[1] - edges[0]:
+            found[-1][1] += f" {event.text}"
+        elif len(found) < MOST_SPANS:
+            found.append([round(event.t, 1), event.text])
+    return found

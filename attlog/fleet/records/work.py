@@ -22,7 +22,8 @@ class Work:
 
     ``name``: of its report, unique in ``folder``. ``settings``: from :func:`settings_key`. ``command`` stands in the
     result. ``timeout`` (s) and ``memory`` (MB, resident) end the log's process; None: no limit. ``resume``: a record
-    of the same key whose files are there counts as done. ``keep``: keep a record.
+    of the same key whose files are there counts as done. ``keep``: keep a record. ``figures``: how the paths of figures
+    begin that are written too.
     """
 
     source: Source
@@ -36,6 +37,7 @@ class Work:
     memory: float | None = None
     resume: bool = False
     keep: bool = True
+    figures: Path | None = None
 
 
 def settings_key(config: Config, deterministic: bool = False) -> str:

@@ -2,39 +2,34 @@
 const quantile = (sorted, p) => { const at = p * (sorted.length - 1), k = Math.floor(at); return k + 1 < sorted.length ? sorted[k] + (at - k) * (sorted[k + 1] - sorted[k]) : sorted[k]; };
 const ascending = (values) => Float64Array.from(values).sort();
 
-// angles are stored as 254 sqrt(a / 180), and drawn on the same scale up to 90 degrees
+const WIDE = 180, HIGH = 40, FOOT = 36;
+// a flight: height or tilt over the log, a bar where it was in the air, serious events with what happened
 function thumbnail(i) {
   const found = D.thumb[i];
   if (!found) return '';
-  const [at, t0, t1, of, air, marks] = found, n = D.points, W = 148, H = 32, top = 254 * Math.SQRT1_2;
-  const curve = (k) => blob.subarray(at + k * n, at + (k + 1) * n);
-  const x = (j) => (W * j / n).toFixed(1), y = (v) => (H - Math.min(1, v / top) * (H - 1)).toFixed(1);
-  const s = (t) => (W * Math.max(0, Math.min(1, (t - t0) / (t1 - t0)))).toFixed(1);
-  let area = 'M0 ' + H, line = '', pen = 'M', most = [0, 0, 0];
-  const tilt = curve(0), diff = curve(1), heading = curve(2);
+  const [at, t0, t1, said, air, marks] = found, n = D.points;
+  const x = (j) => (WIDE * j / n).toFixed(1), s = (t) => +(WIDE * Math.max(0, Math.min(1, (t - t0) / (t1 - t0)))).toFixed(1);
+  let area = 'M0 ' + FOOT;
   for (let j = 0; j < n; j++) {
-    const v = tilt[j] === 255 ? 0 : tilt[j];
-    area += 'L' + x(j) + ' ' + y(v) + 'L' + x(j + 1) + ' ' + y(v);
-    if (diff[j] === 255) pen = 'M'; else { line += pen + x(j + 0.5) + ' ' + y(diff[j]); pen = 'L'; }
-    [tilt, diff, heading].forEach((c, k) => { if (c[j] !== 255 && c[j] > most[k]) most[k] = c[j]; });
+    const v = blob[at + j], y = (FOOT - (v === 255 ? 0 : v / 254) * (FOOT - 2)).toFixed(1);
+    area += 'L' + x(j) + ' ' + y + 'L' + x(j + 1) + ' ' + y;
   }
-  const degrees = most.map((v) => Math.round(180 * (v / 254) ** 2));
-  const said = 'Leaned by up to ' + degrees[0] + '°' + (line ? '; ' + (of === 'onboard' ? 'onboard' : 'filters') + ' off by up to ' + degrees[1] + '° in tilt, ' + degrees[2] + '° in heading' : '');
-  return svg('svg', { class: 'th', viewBox: '0 0 ' + W + ' 36', preserveAspectRatio: 'none', role: 'img', 'aria-label': said },
-    svg('title', {}, said), svg('path', { class: 'area', d: area + 'L' + W + ' ' + H + 'Z' }),
-    ...air.map(([a, b]) => svg('rect', { class: 'air', x: s(a), y: 33, width: Math.max(0.5, s(b) - s(a)), height: 3 })),
-    ...(line ? [svg('path', { class: 'diff', d: line })] : []),
-    ...marks.map((t) => svg('line', { class: 'mark', x1: s(t), x2: s(t), y1: 0, y2: 36 })));
+  const words = [said, ...marks.map((m) => m[1])].join('; ');
+  return svg('svg', { class: 'th', viewBox: '0 0 ' + WIDE + ' ' + HIGH, preserveAspectRatio: 'none', role: 'img', 'aria-label': words },
+    svg('title', {}, said), svg('path', { class: said.startsWith('Tilt') ? 'area tilt' : 'area', d: area + 'L' + WIDE + ' ' + FOOT + 'Z' }),
+    ...air.map(([a, b]) => svg('rect', { class: 'air', x: s(a), y: FOOT + 1, width: Math.max(0.5, s(b) - s(a)), height: 3 })),
+    ...marks.map(([t, text]) => svg('g', { class: 'mark' }, svg('title', {}, text),
+      svg('line', { x1: s(t), x2: s(t), y1: 0, y2: HIGH }), svg('rect', { x: s(t) - 6, y: 0, width: 12, height: HIGH }))));
 }
 
-const GROUPS = 14;
+const GROUPS = 14, GRAVE = 4;  // levels of serious trouble
 // a line for each group: how many, how many in serious trouble, quartiles, and where they lie
 function spread(list, column, values, groups) {
   const found = new Map();
   for (const i of list) {
     const g = groups.at[i], place = found.get(g) || found.set(g, { g, all: 0, bad: 0, v: [] }).get(g);
     place.all++;
-    if (D.level[i] === 0) place.bad++;
+    if (D.level[i] < GRAVE) place.bad++;
     if (values && values[i] !== null) place.v.push(values[i]);
   }
   const size = (p) => (values ? p.v.length : 0) * 1e6 + p.all;
@@ -91,7 +86,7 @@ function trend(list, column, values) {
     svg('line', { class: 'grid', x1: EDGE.l, x2: wide - EDGE.r, y1: y(v), y2: y(v) }), svg('text', { x: EDGE.l - 6, y: y(v) + 4, 'text-anchor': 'end' }, number(v, column.unit))));
   const steps = wide < 480 ? 2 : 3, at0 = (k) => from + (to - from) * k / steps;
   const ticks = Array.from({ length: steps + 1 }, (_, k) => svg('text', { x: x(at0(k)), y: TALL - 8, 'text-anchor': k === 0 ? 'start' : k === steps ? 'end' : 'middle' }, day(at0(k))));
-  const paths = [['dots', (i) => D.level[i] !== 0], ['dots bad', (i) => D.level[i] === 0]].map(([name, wanted]) => {
+  const paths = [['dots', (i) => D.level[i] >= GRAVE], ['dots bad', (i) => D.level[i] < GRAVE]].map(([name, wanted]) => {
     let d = '';
     for (const i of at) if (wanted(i)) { const p = [x(D.date[i]), y(values[i]), i]; dots.push(p); d += 'M' + p[0].toFixed(1) + ' ' + p[1].toFixed(1) + 'h0'; }
     return svg('path', { class: name, d, 'stroke-width': at.length > 3000 ? 3 : at.length > 300 ? 4 : 6 });

@@ -1,18 +1,17 @@
 // The page: filters, sorts, shows rows as far as they are asked for, keeps its state in the address.
 const PAGE = 25, STEP = 200;
-const SAID = { serious: 'Serious', failed: 'Failed', look: 'Look', none: 'Fine' };
-const TILES = [['', 'logs'], ['serious', 'in serious trouble'], ['gates', 'with a failed gate'], ['look', 'to look at'], ['set', 'with a value to set'], ['failed', 'not analysed'], ['none', 'without trouble']];
+const SAID = { crash: 'Crash', attitude: 'Wrong attitude', serious: 'Serious', ground: 'On the ground', look: 'Look', failed: 'Failed', unjudged: 'Not judged', none: 'No trouble' };
+const ALWAYS = ['', 'crash', 'attitude', 'serious', 'failed'];  // tiles that stand there even when they count nothing
 const KIND = { gate: 'Gate failed', attitude: 'Attitude', crash: 'Crash', reset: 'Attitude jumped', filter: 'Filters lost', sensor: 'Sensor', log: 'Recording' };
 const NUMBERS = 5;
 const QUESTIONS = ['Accuracy', 'Noise', 'Lag', 'Yaw drift'];
 const state = { q: '', level: '', kind: '', firmware: '', vehicle: '', row: '', metric: '', by: 'firmware', sort: '', down: '' };
-let shownRows = PAGE, list = [], hay = [], opened = new Set();
+let LEVELS = [], shownRows = PAGE, list = [], hay = [], opened = new Set();
 
 const hasKind = (i, k) => D.reasons[i].some((r) => r[0] === k);
 const hasGate = (i) => hasKind(i, 0);
 const toSet = (i) => D.sensors[i][2];
-// what a tile means: a level of trouble, or a mark of its own
-const isIn = (i, level) => !level || (level === 'gates' ? hasGate(i) : level === 'set' ? toSet(i).length > 0 : D.levels[D.level[i]] === level);
+const isIn = (i, level) => !level || (level === 'gates' ? hasGate(i) : level === 'set' ? toSet(i).length > 0 : LEVELS[D.level[i]] === level);
 const column = (title) => D.columns.find((c) => c.title === title);
 // one column of each question: noise at rest, where it is known, and not noise in hover as well
 const inTable = () => { const found = D.columns.filter((c) => c.values[state.row]); return found.filter((c, k) => found.findIndex((d) => d.metric === c.metric) === k).slice(0, NUMBERS); };
@@ -27,14 +26,11 @@ function matches(i) {
 let words = [];
 
 // what a click on a heading sorts by; strings as they are, numbers by size, what is missing last
-const KEYS = {
-  log: (i) => i, name: (i) => D.name[i].toLowerCase(), date: (i) => D.date[i], vehicle: (i) => D.vehicle.at[i] < 0 ? null : D.vehicle.at[i],
-  firmware: (i) => D.firmware.at[i] < 0 ? null : D.firmware.at[i], air: (i) => D.air[i],
-};
+const KEYS = { name: (i) => D.name[i].toLowerCase(), date: (i) => D.date[i], air: (i) => D.air[i] };
 function sorted(found) {
   const c = column(state.sort), values = c && c.values[state.row];
   const key = values ? (i) => (values[i] === null ? null : Math.abs(values[i])) : KEYS[state.sort];
-  if (!key || (state.sort === 'log')) return state.down ? found.reverse() : found;
+  if (!key) return found;
   const sign = state.down ? -1 : 1, of = new Map(found.map((i) => [i, key(i)]));
   return found.sort((a, b) => {
     const x = of.get(a), y = of.get(b);
@@ -62,10 +58,10 @@ function later(what) { clearTimeout(waiting); waiting = setTimeout(what, 0); }
 function tiles() {
   const count = (level) => { let n = 0; for (let i = 0; i < D.name.length; i++) if (isIn(i, level)) n++; return n; };
   if (!$('tiles').children.length) {
-    for (const [level, text] of TILES) {
+    for (const [level, text] of [['', 'logs'], ...Object.entries(D.levels), ['gates', 'failed a gate'], ['set', 'with a setting to change']]) {
       const n = count(level);
-      if (level && !n) continue;
-      const tile = el('button', { type: 'button', class: 'tile ' + level, 'data-level': level }, el('b', {}, n.toLocaleString('en')), el('span', {}, n === 1 && !level ? 'log' : text));
+      if (!n && !ALWAYS.includes(level)) continue;
+      const tile = el('button', { type: 'button', class: 'tile ' + (n ? level : 'zero'), 'data-level': level }, el('b', {}, n.toLocaleString('en')), el('span', {}, n === 1 && !level ? 'log' : text));
       tile.addEventListener('click', () => { state.level = state.level === level ? '' : level; apply(); });
       $('tiles').append(tile);
     }
@@ -73,27 +69,14 @@ function tiles() {
   for (const tile of $('tiles').children) tile.setAttribute('aria-pressed', String(tile.dataset.level === state.level));
 }
 
-// the most common kinds of trouble, each a way to its logs
-function often() {
-  const n = D.kinds.map((_, k) => { let c = 0; for (let i = 0; i < D.name.length; i++) if (hasKind(i, k)) c++; return [D.kinds[k], c]; }).filter(([k, c]) => c && k !== 'log');
-  if (!n.length) { $('often').textContent = D.levels.some((l, k) => l !== 'none' && D.level.includes(k)) ? '' : 'Nothing is wrong with the attitude in any of these logs.'; return; }
-  n.sort((a, b) => b[1] - a[1]);
-  $('often').append('Trouble: ');
-  n.forEach(([kind, c], k) => {
-    const link = el('button', { type: 'button', class: 'btn' }, KIND[kind] + ' ' + c.toLocaleString('en'));
-    link.addEventListener('click', () => { $('kind').value = state.kind = state.kind === kind ? '' : kind; apply(); });
-    $('often').append(k ? ' ' : '', link);
-  });
-}
-
 function head() {
   const numbers = inTable();
-  const columns = [['log', 'Log'], ['why', 'What happened'], ['flight', 'Flight'], ['date', 'Date'], ['vehicle', 'Vehicle, firmware'], ['air', 'In the air'], ...numbers.map((c) => [c.title, c.title, c.sign])];
+  const columns = [['log', 'Log'], ['why', 'What happened'], ['flight', 'Flight'], ['date', 'Date'], ['air', 'In the air'], ...numbers.map((c) => [c.title, c.title, c.sign])];
   const cells = columns.map(([key, text, sign]) => {
     const number = sign !== undefined || key === 'air';
     if (key === 'why' || key === 'flight') return el('th', { scope: 'col', role: 'columnheader' }, text);
     const by = key === 'log' ? 'name' : key, now = state.sort === by;
-    const button = el('button', { type: 'button' }, el('span', {}, text), sign ? el('small', {}, sign) : '');
+    const button = el('button', { type: 'button' }, el('span', {}, sign ? text + ', ' + sign : text));
     button.addEventListener('click', () => {
       const first = number || key === 'date' ? '1' : '';  // the largest, the latest
       if (state.sort !== by) { state.sort = by; state.down = first; } else if (state.down === first) state.down = first ? '' : '1'; else { state.sort = ''; state.down = ''; }
@@ -112,15 +95,20 @@ function rows() {
   body.replaceChildren();
   append(0, Math.min(shownRows, list.length));
   const all = D.name.length, n = list.length;
-  $('count').textContent = n === all ? counted(n, 'log') + ', worst first' : n.toLocaleString('en') + ' of ' + counted(all, 'log');
-  if (state.sort) $('count').textContent = $('count').textContent.replace(', worst first', '');
+  $('h-logs').textContent = state.sort ? 'Logs' : 'Logs, worst first';
+  $('count').textContent = n === all ? '' : n.toLocaleString('en') + ' of ' + counted(all, 'log');
   $('table').setAttribute('aria-rowcount', n + 1);
   if (!n) body.append(el('tr', { role: 'row' }, el('td', { role: 'cell', colspan: 12 }, D.name.length ? 'No log matches. Clear the filters to see all.' : 'There is no log in this batch.')));
 }
 
 function append(from, to) {
   const numbers = inTable(), made = document.createDocumentFragment();
-  for (let k = from; k < to; k++) { made.append(line(list[k], k, numbers)); if (opened.has(list[k])) made.append(details(list[k])); }
+  const first = !state.sort && list.length === D.name.length && D.top < list.length ? D.top : 0;
+  for (let k = from; k < to; k++) {
+    if (first && k === 0) made.append(divider('Open first'));
+    if (first && k === first) made.append(divider('All others'));
+    made.append(line(list[k], k, numbers)); if (opened.has(list[k])) made.append(details(list[k]));
+  }
   $('table').tBodies[0].append(made);
   shownRows = to;
   const left = list.length - to;
@@ -128,26 +116,25 @@ function append(from, to) {
   $('more').textContent = 'Show ' + Math.min(STEP, left).toLocaleString('en') + ' more of ' + left.toLocaleString('en');
 }
 
+const divider = (text) => el('tr', { role: 'row', class: 'divider' }, el('td', { role: 'cell', colspan: 12 }, text));
+
 function line(i, k, numbers) {
-  const level = D.levels[D.level[i]], reasons = D.reasons[i], first = reasons[0];
+  const level = LEVELS[D.level[i]], text = D.text[i] || 'It could not be analysed.';
   const title = D.short[i] === D.name[i] ? null : D.name[i];
-  const name = D.href[i] ? el('a', { href: D.href[i], title }, D.short[i]) : el('b', { title }, D.short[i]);
-  const text = D.text[i] || (level === 'failed' ? 'It could not be analysed.' : '');
-  const why = first && first[1] !== text ? el('small', {}, KIND[D.kinds[first[0]]] + ': ' + first[1]) : '';
-  const open = el('button', { type: 'button', class: 'open', 'aria-expanded': String(opened.has(i)) }, reasons.length > 1 ? counted(reasons.length - 1, 'more reason') : 'Details', el('span', { class: 'vh' }, ' of ' + D.name[i]));
+  const name = el(D.href[i] ? 'a' : 'b', { href: D.href[i] || null, title }, ...D.short[i].split(/(?<=[_.-])/).flatMap((word) => [word, el('wbr')]));
+  const why = D.reasons[i].find((r) => D.kinds[r[0]] !== 'crash' && r[1] !== text);  // the headline tells a crash
+  const open = el('button', { type: 'button', class: 'open', 'aria-expanded': String(opened.has(i)) }, 'Details', el('span', { class: 'vh' }, ' of ' + D.name[i]));
   open.addEventListener('click', () => {
     const row = open.closest('tr');
     if (opened.delete(i)) row.nextElementSibling.remove(); else { opened.add(i); row.after(details(i)); }
     open.setAttribute('aria-expanded', String(opened.has(i)));
   });
-  const vehicle = [D.vehicle.words[D.vehicle.at[i]], D.firmware.words[D.firmware.at[i]]];
   return el('tr', { role: 'row', 'aria-rowindex': k + 2, 'data-log': i },
-    el('th', { scope: 'row', role: 'rowheader' }, name, el('small', {}, folder(D.log[i]).slice(above.length))),
-    el('td', { role: 'cell', class: 'why' }, el('span', { class: 'clamp' }, el('span', { class: 'chip ' + level }, SAID[level]), text), why, open),
+    el('th', { scope: 'row', role: 'rowheader' }, name, el('small', {}, folder(D.log[i]).slice(above.length)), open),
+    el('td', { role: 'cell', class: 'why' }, el('span', { class: 'clamp' }, el('span', { class: 'chip ' + level }, SAID[level]), text), why ? el('small', {}, why[1]) : ''),
     el('td', { role: 'cell' }, thumbnail(i)),
     el('td', { role: 'cell', class: 'd' }, day(D.date[i])),
-    el('td', { role: 'cell', class: 'v' }, vehicle[0], vehicle[1] ? el('small', {}, vehicle[1]) : ''),
-    el('td', { role: 'cell', class: 'n', 'data-title': 'In the air' }, duration(D.air[i])),
+    el('td', { role: 'cell', class: 'n', 'data-title': 'In the air' }, D.air[i] === 0 ? '0 s' : duration(D.air[i])),
     ...numbers.map((c) => el('td', { role: 'cell', class: 'n', 'data-title': c.title }, number(c.values[state.row][i], c.unit))));
 }
 
@@ -161,7 +148,7 @@ function folder(log) { const at = Math.max(log.lastIndexOf('/'), log.lastIndexOf
 
 function details(i) {
   const said = D.reasons[i].map(([k, text, t]) => el('li', {}, el('b', {}, KIND[D.kinds[k]] + ': '), text, t !== null && !text.includes(' ' + t + ' s') ? ' (at ' + clockTime(t) + ')' : ''));
-  const facts = [['Log', D.log[i]], ['Recorded', [minute(D.date[i]), duration(D.seconds[i]) + ' long'].filter(Boolean).join(', ')], ['Board', D.board.words[D.board.at[i]]],
+  const facts = [['Log', D.log[i]], ['Recorded', [minute(D.date[i]), duration(D.seconds[i]) + ' long'].filter(Boolean).join(', ')], ['Vehicle', [D.vehicle.words[D.vehicle.at[i]], D.firmware.words[D.firmware.at[i]]].filter(Boolean).join(', ')], ['Board', D.board.words[D.board.at[i]]],
     ['Compared with', { truth: 'the logged truth', smoother: 'the smoother', onboard: 'the onboard attitude (agreement, not truth)', none: 'nothing' }[D.reference.words[D.reference.at[i]]]],
     ['Sensors', sensors(i)], ['To set', toSet(i).join(', ')],
     ...D.says[i].map((s, k) => [QUESTIONS[k], s])].filter(([, v]) => v);
@@ -179,7 +166,7 @@ function sensors(i) {
 
 function charts(filtered) {
   const c = column(state.metric), values = c && c.values[state.row];
-  const groups = state.by === 'level' ? { words: D.levels.map((l) => SAID[l]), at: D.level } : D[state.by];
+  const groups = state.by === 'level' ? { words: LEVELS.map((l) => SAID[l]), at: D.level } : D[state.by];
   $('h-spread').textContent = (c ? c.title + (D.rows[state.row] ? ', ' + D.rows[state.row] : '') + ', ' : '') + 'by ' + $('by').selectedOptions[0].text.toLowerCase();
   $('h-trend').textContent = c ? c.title + (D.rows[state.row] ? ', ' + D.rows[state.row] : '') + ', over date' : '';
   spread(filtered, c, values, groups);
@@ -198,7 +185,7 @@ const DEFAULT = {};
 function selects() {
   const words = (coded) => coded.words.map((w) => [w, w]);
   const present = D.kinds.filter((_, k) => D.reasons.some((list) => list.some((r) => r[0] === k)));
-  options($('kind'), [['', 'any'], ...present.map((k) => [k, KIND[k]])], state.kind);
+  options($('kind'), [['', 'any'], ...present.map((k) => [k, KIND[k] + ' (' + D.name.filter((_, i) => hasKind(i, D.kinds.indexOf(k))).length.toLocaleString('en') + ')'])], state.kind);
   options($('firmware'), [['', 'any'], ...words(D.firmware)], state.firmware);
   options($('vehicle'), [['', 'any'], ...words(D.vehicle)], state.vehicle);
   options($('row'), Object.entries(D.rows), state.row);
@@ -257,16 +244,15 @@ async function start() {
   themes();
   if (!('DecompressionStream' in window)) throw new Error('this browser is too old (it lacks DecompressionStream)');
   await startData();
+  LEVELS = Object.keys(D.levels);
   state.row = D.first;
   settle();
   Object.assign(DEFAULT, state);
   for (const [key, value] of new URLSearchParams(location.hash.slice(1))) if (key in state) state[key] = value;
   settle();
   hay = D.name.map((_, i) => [D.name[i], D.log[i], D.text[i], D.message[i], D.firmware.words[D.firmware.at[i]], D.vehicle.words[D.vehicle.at[i]], D.board.words[D.board.at[i]], day(D.date[i]), ...D.reasons[i].map((r) => KIND[D.kinds[r[0]]] + ' ' + r[1])].join(' ').toLowerCase());
-  const of = new Set(D.thumb.filter(Boolean).map((t) => t[3]));
-  $('of').textContent = of.size > 1 ? 'onboard, or filters where onboard is the reference,' : of.has('onboard') ? 'onboard' : 'filters';
-  $('key').hidden = !of.size;
-  shared(); selects(); listen(); often();
+  $('key').hidden = !D.thumb.some(Boolean);
+  shared(); selects(); listen();
   $('filters').hidden = $('numbers').hidden = !D.name.length;
   apply();
 }

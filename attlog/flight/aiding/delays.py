@@ -40,7 +40,7 @@ def of_receiver(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | st
         return _px4(log, receiver, t)
     if log.firmware.name == "ArduPilot":
         return _ardupilot(log, receiver, t)
-    return "The log does not tell which firmware flew."
+    return "The log does not say which firmware flew."
 
 
 def _known(log: FlightLog, name: str, t: float) -> float | None:
@@ -72,7 +72,7 @@ def _ardupilot(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str
     if _known(log, "AHRS_EKF_TYPE", t) == 2 and second is not None:
         if old is None and slot == 1:
             return DelayParameter("EK2_GPS_DELAY", second, second, second, 250.0, f"EK2_GPS_DELAY says {second:.0f} ms")
-        return "This version has both EK2_GPS_DELAY and GPS_DELAY_MS: the log does not tell which one counted."
+        return "This version has both EK2_GPS_DELAY and GPS_DELAY_MS: the log does not say which one counted."
     if old is None:
         return "The log holds no delay parameter of this receiver."
     if old > 0:

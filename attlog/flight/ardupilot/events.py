@@ -145,7 +145,7 @@ def report(builder: LogBuilder, clock: Clock) -> None:
             told += 1
             if told > MOST_KINDS:
                 text = (
-                    f"{record} holds {len(kinds):,} kinds of reports, more than firmwares have; {MOST_KINDS} are told."
+                    f"{record} holds {len(kinds):,} kinds of reports, more than firmwares have; {MOST_KINDS} are shown."
                 )
                 builder.problem("damaged_reports", "warning", text, count=len(kinds))
                 break

@@ -34,7 +34,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     flew = builder.attempt("The primary EKF core", lambda: inertial.longest_held(core.t_us, core.units), None)
     why = f"it fed the primary EKF core ({core.family}F4.PI)"
     if flew is None and chosen:
-        flew, why = chosen[0].index, "the first; the log does not tell the primary one"
+        flew, why = chosen[0].index, "the first; the log does not say which is primary"
     firmware = builder.attempt("The firmware", lambda: vehicle.firmware(messages), Firmware("ArduPilot"))
     family_of_vehicle = builder.attempt("The vehicle", lambda: vehicle.family_of(messages, values), "")
     logging = ArduPilotLogging(family_of_vehicle, firmware.version, values)

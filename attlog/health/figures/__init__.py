@@ -1,6 +1,6 @@
 """Figures of the questions about the sensors, drawn from the questions' own arrays; they go packed into the page.
 
-Traces without a row, all ending at the first crash, with at most MOST samples each:
+Traces without a row, all but the track ending at the first crash, with at most MOST samples each:
 ``compass``: the field (uT, body axes) over time, ``key`` the compass, the one in use first: x y z measured,
 expected_x ... of the earth's field turned by an attitude, corrected_x ... less what is offered as an offset; value
 ``by_motion`` 1 where that attitude has its heading by motion alone;
@@ -12,7 +12,11 @@ values ``p50 p80 worst``, and ``limit`` and ``fault`` of the firmware where it h
 which they came (where there are any), ``key`` the counter; value ``samples`` in all;
 ``rotor``: ``t`` the rotors' fundamental and its harmonics (Hz), low and high: how far they went in flight;
 ``notches``: ``t`` the middle of notch filters of the gyro (Hz), low and high their edges, ``key`` set or proposed;
-``ratios``: test ratio of an aid of the onboard estimator, above 1 rejected, ``key`` the aid.
+``ratios``: test ratio of an aid of the onboard estimator, above 1 rejected, ``key`` the aid;
+``track``: the path over ground by GNSS: north east (m), heading of the onboard attitude and course (deg, NaN where too
+slow), speed (m/s), driven (1 in the air, of ground vehicles armed), ``key`` the receiver; values ``lat lon`` of zero,
+``least`` speed for a course, ``forward`` 1 where heading and course agree by design, and where there are enough
+``difference low high``: median and quartiles of heading minus course, and ``seconds``.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from attlog.flight.model import part_of
 from attlog.health.assessments.model import Assessment, HealthCase
 from attlog.health.figures.compass import field, interference
 from attlog.health.figures.estimator import ratios
+from attlog.health.figures.track import track
 from attlog.health.figures.vibration import clipping, levels, notches, rotor
 from attlog.metrics.figures.trace import Trace
 
@@ -33,5 +38,6 @@ def traces(case: HealthCase, found: list[Assessment]) -> list[Trace]:
         part_of(case.log, "The figure of the vibration", lambda: [*levels(case), *clipping(case)], list[Trace]),
         part_of(case.log, "The bands of the spectrum", lambda: [*rotor(case), *notches(case)], list[Trace]),
         part_of(case.log, "The figure of the test ratios", lambda: ratios(case), list[Trace]),
+        part_of(case.log, "The ground track", lambda: track(case), list[Trace]),
     ]
     return [trace for part in parts for trace in part]

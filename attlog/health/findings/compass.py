@@ -47,7 +47,7 @@ CHECKS = {
         cause="The compass does not point forward, or the heading is not of true north.",
         fault="compass",
     ),
-    "declination told": Explanation(
+    "declination set": Explanation(
         "declination", cause="A value set by hand, or kept from another place.", fault="declination"
     ),
 }

@@ -70,7 +70,7 @@ CHECKS = {
     "imu delay": Explanation(
         "imu_delay",
         as_fault="serious",
-        cause="Samples are stamped when published, wait in a queue, or pass a filter that no parameter tells.",
+        cause="Samples are stamped when published, wait in a queue, or pass a filter that no parameter shows.",
         fault="clock",
     ),
     "gyro scale": Explanation(

@@ -63,7 +63,7 @@ class CompassFit:
     def doubt(self, reference: Reference) -> str:
         """Why neither offset nor turn is told although the field is off; empty where they are."""
         if not self.one_fault and reference.kind != "truth":
-            return "Neither an offset nor a turn alone explains the field: the attitude's heading may be the wrong one."
+            return "Neither an offset nor a turn alone explains the field: the attitude's heading may be in error."
         return (
             "" if self.steady else "The first half of the flight shows another error than the second: none is constant."
         )

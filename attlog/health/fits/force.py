@@ -119,7 +119,7 @@ def _offset(log: FlightLog, found: ForceFit, reference: Reference) -> Check:
     worst = int(np.argmax(np.abs(offset) - SIGMAS * sigma))
     size, unsure = float(offset[worst]), float(sigma[worst])
     if unsure * SIGMAS > FAR_M_S2:
-        why = f"The flight tells the offset to {1.96 * unsure:.2f} m/s^2 only (95 %)."
+        why = f"The flight shows the offset to {1.96 * unsure:.2f} m/s^2 only (95 %)."
         return not_judged(OFFSET, why, LIMIT)
     told = abs(size) > max(OFF_M_S2, SIGMAS * unsure)
     verdict = "ok" if not told else "warning" if abs(size) <= FAR_M_S2 else "fault"

@@ -10,7 +10,7 @@ from attlog.flight.parameters.history import looks_up_declination
 from attlog.health.model import Check, graded
 from attlog.reference import declination
 
-NAME = "declination told"
+NAME = "declination set"
 LIMIT = "ok within 4 deg of the model, fault above 15 deg"
 
 

@@ -71,7 +71,7 @@ def checks(log: FlightLog, segments: Segments, reference: Reference | None = Non
         verdict = "warning"  # what flew is right
     if not who and about == "heading" and reference is not None and reference.wrong_heading:
         who = f"GNSS acceleration contradicts {log.onboard}"
-    text += f"; {who}." if who else "; nothing here tells which is right."
+    text += f"; {who}." if who else "; which is right cannot be determined."
     t, t_end = worst.since, worst.until
     return [Check("second source", verdict, text, round(size, 1), "deg", limit, t=t, t_end=t_end, about=about)]
 

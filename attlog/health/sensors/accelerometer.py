@@ -103,7 +103,7 @@ def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segme
     if not len(measured):
         return not_judged("gravity direction", "The onboard attitude covers no still time on the ground.", limit)
     angle = float(np.median(degrees_between(measured, up)))
-    text = f"Measured gravity and {log.onboard} differ by {angle:.2f} deg {where}."
+    text = f"Measured gravity and {log.onboard} differ by {angle:.3g} deg {where}."
     hint = mounting_hint(measured, up) if angle > TILT_LIMITS_DEG[1] else []
     verdict = graded(angle, *TILT_LIMITS_DEG)
     return Check("gravity direction", verdict, text, round(angle, 3), "deg", limit, evidence=hint)

@@ -38,7 +38,7 @@ def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
         text = f"{imu.gyro.source} is logged without a low-pass filter."
         own = Check(NAME, "ok", text, 0.0, "ms", LIMIT)
     else:
-        own = not_judged(NAME, f"{imu.gyro.source}: the log does not tell how it was filtered.", LIMIT)
+        own = not_judged(NAME, f"{imu.gyro.source}: the log does not show how it was filtered.", LIMIT)
     if reference is None or seen is None:
         return [own, not_judged(UNEXPLAINED, "The vehicle turns too little to show a delay.", SEEN_LIMIT)]
     late, sigma = 1e3 * seen[0], math.hypot(1.5e3 * seen[1], FLOOR_MS)

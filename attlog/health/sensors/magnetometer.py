@@ -136,7 +136,7 @@ def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
             not_judged("declination", "There is no GNSS position, so no declination to compare with.", limit),
         ]
     if max(UNSTEADY_DEG, abs(off)) < spread:
-        return [*found, not_judged("declination", "The field varies too much to tell a declination.", limit)]
+        return [*found, not_judged("declination", "The field varies too much to determine a declination.", limit)]
     expected = f"the model says {model.declination_deg:.1f} deg"
     text = f"The field's north lies {azimuth:.1f} deg from {whose} north; {expected}."
     found.append(Check("declination", graded(abs(off), within, FAR_DEG), text, round(azimuth, 2), "deg", limit))

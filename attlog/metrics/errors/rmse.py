@@ -80,7 +80,7 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
     count = int(np.count_nonzero(good))
     if count < MIN_SAMPLES:
         start = case.reference.scoring_start
-        reason = f"{count} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
+        reason = f"{count} scored samples are too few; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
     duration = seconds(errors.t, gaps.slices(good, _segments(case, row)))
     answers: dict[str, Answer] = {}
@@ -105,7 +105,7 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
                 size.pieces or 1,
                 duration,
                 ci95,
-                f"{STATISTICS[name]}, {size.pieces} pieces" if size.pieces else STATISTICS[name],
+                f"{STATISTICS[name]}, {size.pieces} segments" if size.pieces else STATISTICS[name],
                 reason=why,
                 ranked=why is None,
                 detail={"samples": count},
@@ -250,4 +250,5 @@ def _too_few(units: UnitValues, angle: str) -> str | None:
     if len(units.ids) >= MIN_BLOCKS[angle]:
         return None
     needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
-    return f"too short to rank: {len(units.ids)} whole blocks of {BLOCK_S[angle]:.0f} s; {needed:.0f} s are needed"
+    have = f"{len(units.ids)} whole block{'' if len(units.ids) == 1 else 's'} of {BLOCK_S[angle]:.0f} s"
+    return f"too short to rank: {have}; {needed:.0f} s are needed"

@@ -93,8 +93,8 @@ def why_none(case: Case, phase: str, window: str) -> tuple[str, str]:
     if ":" in window and not intersect(case.segments.spans("rest"), case.segments.spans(window)):
         return "no_rest", f"there is no rest{where}"
     return "rest_too_short", (
-        f"the filter was still settling: no {SHORTEST_S:.0f} s of rest{where} later than {START_S:.0f} s after its "
-        f"start and {MOTORS_S:.0f} s after the motors stopped"
+        f"no {SHORTEST_S:.0f} s of rest{where} after the filter settled ({START_S:.0f} s after its start, "
+        f"{MOTORS_S:.0f} s after the motors stopped)"
     )
 
 
@@ -123,4 +123,4 @@ def why_never_airborne(case: Case) -> str:
     """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
     if not case.log.kind.flies:
         return f"a {case.log.vehicle} does not fly"
-    return "the vehicle was never airborne (as far as the log tells)"
+    return "the vehicle was never airborne (as far as the log shows)"

@@ -20,6 +20,8 @@ POINTS = 400
 """Parts of the log: a strip is no wider."""
 STOOD_S = 5.0
 """The ground is what the vehicle stood on within so long before and after a flight."""
+LEAST_S = 0.5
+"""A log that ends in the air goes on for a moment after the last sample that tells so: there it stood on nothing."""
 
 
 def height_trace(case: Case) -> list[Trace]:
@@ -45,7 +47,8 @@ def ground(stream: Stream, flights: list[Span]) -> Array:
         flying |= (t >= a) & (t <= b)
     stood = [span for a, b in flights for span in ((a - STOOD_S, a), (b, b + STOOD_S))]
     parts = [(t >= a) & (t <= b) & ~flying for a, b in stood]
-    levels = [(float(np.mean(t[part])), float(np.median(x[part]))) for part in parts if part.any()]
+    long = [part for part in parts if part.any() and np.ptp(t[part]) >= LEAST_S]
+    levels = [(float(np.mean(t[part])), float(np.median(x[part]))) for part in long]
     if not levels:
         return np.full(len(t), np.min(x))
     at, level = np.array(sorted(levels)).T

@@ -42,7 +42,7 @@ class Trace:
     representative event and ``set`` (set-point), t from its onset, ``key`` = "axis@onset";
     ``steps``: median low high of the error in % of the stroke over all events
     of an axis, ``ref`` the reference's median, ``key`` = "axis (events)"; ``setpoint``: roll and pitch response to a
-    unit step, t from the step.
+    unit step, t from the step; ``demand`` (no row): roll pitch heading of the attitude set-point.
 
     Traces of sensors and the height have no row: see :mod:`attlog.metrics.figures.sensors` and ``height``.
 

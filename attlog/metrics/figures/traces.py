@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
+from attlog.flight.model import running
 from attlog.metrics.base import Case, per_times
 from attlog.metrics.drift import air as drift_air
 from attlog.metrics.drift import rest as drift_rest
@@ -16,10 +17,10 @@ from attlog.metrics.evidence.samples import deviations
 from attlog.metrics.figures.height import height_trace
 from attlog.metrics.figures.rest import RestTraces
 from attlog.metrics.figures.sensors import sensor_traces
+from attlog.metrics.figures.setpoint import demanded, response
 from attlog.metrics.figures.steps import step_traces
 from attlog.metrics.figures.trace import Budget, Share, Trace, envelope
 from attlog.metrics.noise import allan
-from attlog.metrics.steps import controller, setpoint_response
 from attlog.reference.model import Reference, Row
 
 Array = NDArray[np.float64]
@@ -77,12 +78,13 @@ class Drawing:
             *step_traces(case, row),
             *bias(row, angles),
             *onboard_bias(case, row),
-            *setpoint(case, row),
+            *response(case, row),
         ]
 
     def last(self) -> list[Trace]:
-        """What is drawn of all rows together, of the sensors, and the height."""
-        return [*self._rest.drawn(), *sensor_traces(self.case), *height_trace(self.case)]
+        """What is drawn of all rows together, of the sensors, the set-point and the height."""
+        case = self.case
+        return [*demanded(case), *self._rest.drawn(), *sensor_traces(case), *height_trace(case)]
 
 
 def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Share) -> list[Trace]:
@@ -140,6 +142,7 @@ def drifts(case: Case, row: Row) -> list[Trace]:
         if blocks is not None and len(blocks.t) >= drift.MIN_BLOCKS:
             mean = float(np.mean(blocks.e[np.isfinite(blocks.e)])) if np.isfinite(blocks.e).any() else 0.0
             columns = {"heading": blocks.e - mean, "line": drift.line(blocks) - mean}
+            columns["heading"][1:][~running(blocks.t)] = np.nan
             found.append(Trace("drift", row.name, blocks.t, columns, key))
     return found
 
@@ -172,19 +175,6 @@ def onboard_bias(case: Case, row: Row) -> list[Trace]:
         return []
     share = Share.of([len(stream.t)])
     return [_enveloped("bias", row.name, stream.t, np.degrees(stream.x), ("x", "y", "z"), share)]
-
-
-def setpoint(case: Case, row: Row) -> list[Trace]:
-    """The vehicle's response to a unit step of its set-point, roll and pitch: drawn with the onboard row."""
-    blocks = controller.moved(case, "all") if row.name == "onboard" else None
-    if blocks is None or len(blocks.axis) < controller.MIN_BLOCKS:
-        return []
-    columns, t = {}, np.zeros(0)
-    for axis, name in enumerate(("roll", "pitch")):
-        own = blocks.axis == axis
-        if own.sum() >= controller.MIN_BLOCKS // 2:
-            t, columns[name] = setpoint_response.response(blocks.only(own))
-    return [Trace("setpoint", row.name, t, columns)] if columns else []
 
 
 def _enveloped(figure: str, name: str, t: Array, columns: Array, names: tuple[str, ...], share: Share) -> Trace:

@@ -40,7 +40,7 @@ _TEXT = paragraph(
     about the level roll and pitch axis and the vertical, straight line removed. In hover, cruise (other flight) and
     idle (motors turning on the ground): rotation away from the gyro alone, integrated over the same samples, a
     constant offset and a constant gyro offset in body axes removed, in windows in which the vehicle stays within 20
-    deg of its mean attitude (onboard rows 10 deg). True motion and the gyro's own wander are in both and cancel, so
+    deg of its mean attitude (onboard rows 10 deg). True motion and the gyro's own noise are in both and cancel, so
     that no reference is needed: what is left is what the filter adds. Rows whose variances differ by less than the
     gyro's own (from its changes between samples) are not ordered. Value: exp(mean ln v / 2) over windows of 5 s
     with variance v = sum r^2 / (N - 2), the typical window; tilt: v is the mean of roll and pitch. Interval:
@@ -67,7 +67,7 @@ def _noise(axis: str, title: str) -> Metric:
         ("rest",),
         _TEXT,
         resolution=_RESOLUTION,
-        wording=Wording("is", f"quieter{about}", f"noisier{about}", f"noise{about}"),
+        wording=Wording("has", f"less noise{about}", f"more noise{about}", f"noise{about}"),
         scale="ratio",
         asked="phases",
     )

@@ -7,21 +7,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from attlog.present.contest import ColumnRanking, RankedValue, contest
+from attlog.present.contest import ColumnRanking, RankedValue, contest, why_unranked
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
-from attlog.present.names import against_heading
-from attlog.present.numbers import counted
+from attlog.present.names import NOT_JUDGED, against_heading
+from attlog.present.numbers import between, counted, listed, quantity
 from attlog.present.sentences.accuracy import TILT
 from attlog.present.sentences.lag import LAG, late_imu, zero_below
 from attlog.present.sentences.noise import NOISE, WHERE
 from attlog.present.sentences.reasons import commonest, why_not
 from attlog.present.sentences.spoiled import SPOILING, spoiling
-from attlog.present.sentences.words import bound, values
-from attlog.present.sentences.yaw_drift import DRIFT_REST
+from attlog.present.sentences.words import bound
+from attlog.present.sentences.yaw_drift import DRIFT_REST, EXCLUDES_NOTHING
 from attlog.present.table.rows import AIR, PHASES, REST
+from attlog.present.text import typeset
 from attlog.result import Result
 
 NONE = "no filter was run"
+NO_ANSWER = "Cannot be determined: "
+"""How an answer without any value begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,10 @@ class BriefAnswer:
         both = f"{self.text} {self.onboard}" if self.onboard else self.text
         return both if len(both) <= width else self.text
 
+    def led(self, warning: str) -> BriefAnswer:
+        """The answer behind a warning."""
+        return BriefAnswer(warning + self.text, self.column)
+
 
 def brief_answers(result: Result) -> dict[str, BriefAnswer]:
     """Question -> its answer in few words, in the order of the page; where sensors spoil it, that comes first."""
@@ -49,8 +56,10 @@ def brief_answers(result: Result) -> dict[str, BriefAnswer]:
     check = spoiling(result)
     if check is None:
         return found
-    doubt = f"Unreliable, {SPOILING[check.name]}: "
-    return {q: BriefAnswer(doubt + answer.text, answer.column) for q, answer in found.items()}
+    return {
+        q: answer if answer.text.startswith(NO_ANSWER) else answer.led(f"Unreliable, {SPOILING[check.name]}: ")
+        for q, answer in found.items()
+    }
 
 
 def _accuracy(result: Result) -> BriefAnswer:
@@ -76,7 +85,12 @@ def _lag(result: Result, lag: ColumnRanking) -> BriefAnswer:
     moved = [j for j in lag.ranked if j.significant and abs(j.value) > zero_below(j)][::-1]
     rest = [j for j in lag.ranked if j not in moved]
     steps = counted(max(j.answer.n for j in lag.ranked), "step")
-    text = _significant(moved, rest)
+    flew = result.reference is not None and result.reference.choice == "onboard"
+    if flew and not rest and all(j.value < 0.0 for j in moved):
+        least, most = (quantity(-j.value, "ms", signed=False) for j in (moved[-1], moved[0]))
+        text = f"{_who(moved, lag)} {between(least, most)} ahead of onboard"
+    else:
+        text = _significant(moved, rest, lag)
     return BriefAnswer(f"{text[0].upper()}{text[1:]} ({steps}).{late_imu(result)}", lag, _onboard(lag))
 
 
@@ -91,7 +105,11 @@ def _yaw_drift(result: Result) -> BriefAnswer:
     still = [j for j in found.ranked if not j.significant]
     against = against_heading(result, quoted_heading_reference(result)) if found is air else ""
     where += f" against {against}:" if "in doubt" in against else ""
-    return BriefAnswer(f"{where} {_significant(drifting, still)}.", found, _onboard(found))
+    text = _significant(drifting, still, found)
+    if still and max(abs(end) for j in still for end in j.ends) > EXCLUDES_NOTHING:
+        possible = f"up to {bound(still)}"
+        text = f"{_span(drifting)}; others uncertain ({possible})" if drifting else f"uncertain, {possible} is possible"
+    return BriefAnswer(f"{where} {text}.", found, _onboard(found))
 
 
 def _compared(found: ColumnRanking) -> str:
@@ -100,28 +118,36 @@ def _compared(found: ColumnRanking) -> str:
     if len(ranked) == 1:
         return f"{ranked[0].name} {ranked[0].text}{ranked[0].interval}"
     if not best:
-        return f"all {len(ranked)} filters {values(ranked, named=False)} (not significant)"
+        return f"all {found.compared} {_range(ranked)} (not significant)"
     others = [j for j in ranked if j not in best]
-    leaders = f"{best[0].name} {best[0].text}" if len(best) == 1 else f"{_span(best)} (not significant)"
-    rest = f"{others[0].name} {others[0].text}" if len(others) == 1 else f"others {values(others, named=False)}"
+    leaders = f"{'best ' if len(best) > 1 else ''}{_span(best)}"
+    rest = f"{others[0].name} {others[0].text}" if len(others) == 1 else f"others {_range(others)}"
     return f"{leaders}, {rest}" if others else leaders
 
 
-def _significant(beyond: list[RankedValue], still: list[RankedValue]) -> str:
+def _significant(beyond: list[RankedValue], still: list[RankedValue], found: ColumnRanking) -> str:
     """Rows whose value is significant, and what all others stay below."""
     parts = [_span(beyond)] if beyond else []
-    if still:
-        who = still[0].name if len(still) == 1 else f"{'' if beyond else 'all '}{len(still)} filters"
-        parts.append(f"{who} below {bound(still)}")
-    return "; ".join(parts)
+    return "; ".join([*parts, f"{_who(still, found)} below {bound(still)}"] if still else parts)
+
+
+def _who(judged: list[RankedValue], found: ColumnRanking) -> str:
+    """One or two rows by name, more as a count; all that were compared are said to be all."""
+    if len(judged) > 2:
+        return f"all {found.compared}" if len(judged) == len(found.ranked) else f"{len(judged)} filters"
+    return listed([j.name for j in judged])
 
 
 def _span(judged: list[RankedValue]) -> str:
-    """One row with its value, of more their number and range."""
-    if len(judged) == 1:
-        return f"{judged[0].name} {judged[0].text}"
+    """One or two rows by name, of more their number, with their range."""
+    who = listed([j.name for j in judged]) if len(judged) <= 2 else f"{len(judged)} filters"
+    return f"{who} {_range(judged)}"
+
+
+def _range(judged: list[RankedValue]) -> str:
+    """The least and the largest value."""
     ends = sorted(judged, key=lambda j: j.value)
-    return f"{len(judged)} filters {ends[0].text} to {ends[-1].text}"
+    return between(ends[0].text, ends[-1].text)
 
 
 def _onboard(found: ColumnRanking) -> str:
@@ -133,6 +159,12 @@ def _unranked(found: ColumnRanking, what: str = "") -> BriefAnswer:
     """Why filters were not compared, and what they show all the same."""
     sound = [j for j in found.filters if j.row.status == "ok"]
     if sound:
-        return BriefAnswer(f"Not ranked: {what}{values(sound, named=False)}.", found, _onboard(found))
+        why = typeset(why_unranked(sound[0])).partition(":")[0].removesuffix(" to rank")
+        return BriefAnswer(f"Not ranked ({why}): {what}{_range(sound)}.", found, _onboard(found))
+    gone = {j.row.status for j in found.filters}
+    if len(gone) == 1 and len(found.filters) > 1 and not found.absent:
+        why = typeset(found.filters[0].row.reason) if "not_judged" in gone else ""
+        why = why or f"all {len(found.filters)} filters {NOT_JUDGED[gone.pop()]}"
+        return BriefAnswer(f"{NO_ANSWER}{why}.", found)
     why = why_not(found) if found.filters else commonest(found.absent)[1] or NONE
-    return BriefAnswer(f"Cannot be determined: {why.partition(';')[0]}.", found, _onboard(found))
+    return BriefAnswer(f"{NO_ANSWER}{why.partition(';')[0]}.", found, _onboard(found))

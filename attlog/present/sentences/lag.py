@@ -51,9 +51,9 @@ def says(result: Result, lag: ColumnRanking) -> str:
     if slow:
         parts.append(f"{lagging(result, lag, slow)} {against}")
     if early:
-        parts.append(ahead(result, early, ranked, "" if slow else f" {against}"))
+        parts.append(ahead(result, early, lag, "" if slow else f" {against}"))
     if rest and parts:
-        who = some(rest, len(ranked)) if len(rest) <= NAMED else f"the other {len(rest)} filters"
+        who = some(rest, lag) if len(rest) <= NAMED else f"the other {len(rest)} filters"
         parts.append(f"No significant lag of {who}: less than {bound(rest)}")
     elif rest:
         who = rest[0].name if len(rest) == 1 else f"{len(rest)} filters"
@@ -74,8 +74,8 @@ def lagging(result: Result, lag: ColumnRanking, slow: list[RankedValue]) -> str:
     if lag.worst is not None and lag.worst.row.name == slowest[0].row.name:
         most, others = slowest[0], slowest[1:]
         text = f"{most.name} lags most: {most.text}{most.interval}{sample(result, most)}"
-        return f"{text}; {some(others, len(lag.ranked))} by {values(others[::-1])}"
-    return f"{some(slow, len(lag.ranked))} lag by {values(slow)}"
+        return f"{text}; {some(others, lag)} by {values(others[::-1])}"
+    return f"{some(slow, lag)} lag by {values(slow)}"
 
 
 def sample(result: Result, judged: RankedValue) -> str:
@@ -86,12 +86,12 @@ def sample(result: Result, judged: RankedValue) -> str:
     return f", one sample of this log's {number(rate, 'Hz')} Hz IMU,"
 
 
-def ahead(result: Result, early: list[RankedValue], ranked: list[RankedValue], against: str) -> str:
+def ahead(result: Result, early: list[RankedValue], lag: ColumnRanking, against: str) -> str:
     """Rows that come before what they are compared with: if all filters do, that itself lags."""
-    who = some(early, len(ranked))
+    who = some(early, lag)
     text = f"{who} {'is' if len(early) == 1 else 'are'} ahead: {values(early)}{against}"
     flew = result.reference is not None and result.reference.choice == "onboard"
-    return f"{text}. The onboard attitude itself lags" if flew and len(early) == len(ranked) > 1 else text
+    return f"{text}. The onboard attitude itself lags" if flew and len(early) == len(lag.ranked) > 1 else text
 
 
 def late_imu(result: Result) -> str:
@@ -131,8 +131,8 @@ def step_part(result: Result, step: ColumnRanking) -> str:
     parts = [still(wrong, percent, len(filters))] if wrong else []
     if least:
         are = "is" if len(least) == 1 else "are"
-        parts.append(f"{some(least, len(filters))} {are} least off, {values(least)}")
-    parts += [off(others, all_of_them=not wrong and not least)] if others else []
+        parts.append(f"{some(least, step)} {are} least off, {values(least)}")
+    parts += [off(others, all_of_them=len(others) == step.total)] if others else []
     return f" {AFTER} after a step ({movements(filters)}) {'; '.join(parts)}."
 
 
@@ -147,13 +147,13 @@ def still(wrong: list[RankedValue], percent: dict[str, float], of: int) -> str:
     if len(wrong) > NAMED:
         shares = sorted(abs(percent[j.row.name]) for j in wrong)
         ends = f"{number(shares[0], '%')} to {quantity(shares[-1], '%')}"
-        return f"{len(wrong)} of {of} filters are still off by {ends} of it ({values(wrong)})"
+        return f"{len(wrong)} of {of} filters are off by {ends} of it ({values(wrong)})"
     said = []
     for k, j in enumerate(wrong):
         same = k > 0 and (percent[j.row.name] < 0) == (percent[wrong[k - 1].row.name] < 0)
         text = quantity(abs(percent[j.row.name]), "%") if same else short(percent[j.row.name])
         said.append(f"{j.name} {'' if same else 'is still '}{text} ({j.text})")
-    return listed(said)
+    return listed(said) if len({percent[j.row.name] < 0 for j in wrong}) == 1 else "; ".join(said)
 
 
 def share(judged: RankedValue, window: str) -> float:
@@ -171,7 +171,7 @@ def off(judged: list[RankedValue], *, all_of_them: bool) -> str:
     """How far rows are off, in degrees."""
     if len(judged) <= NAMED:
         return f"{listed([j.name for j in judged])} {'is' if len(judged) == 1 else 'are'} off by {values(judged)}"
-    return f"{'all' if all_of_them else 'the other'} {len(judged)} filters are off by {values(judged)}"
+    return f"{'all ' if all_of_them else ''}{len(judged)} filters are off by {values(judged)}"
 
 
 def notes(result: Result, lag: ColumnRanking) -> list[str]:

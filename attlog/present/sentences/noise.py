@@ -67,7 +67,7 @@ def tilt_errors(result: Result, lead: ColumnRanking) -> str:
 def gyro_part(lead: ColumnRanking) -> str:
     """What the gyro itself wanders by, as a sentence after a blank, where a row adds less; else empty."""
     own = gyro_wander(lead)
-    return own and f" The gyro itself wanders by about {own}."
+    return own and f" The gyro's own noise is about {own}."
 
 
 def gyro_wander(found: ColumnRanking) -> str:
@@ -84,8 +84,8 @@ def clause(found: ColumnRanking) -> str:
         return f"no significant difference, {values(found.ranked, named=False)} added"
     adds = "adds" if len(found.best) == 1 else "add"
     own = gyro_wander(found)
-    beside = f" (the gyro's own wander is about {own})" if own and len(found.best) > 1 else ""
-    return f"{some(found.best, len(found.ranked))} {adds} least, {values(found.best)}{beside}"
+    beside = f" (the gyro's own noise is about {own})" if own and len(found.best) > 1 else ""
+    return f"{some(found.best, found)} {adds} least, {values(found.best)}{beside}"
 
 
 def notes(shown: list[ColumnRanking]) -> list[str]:

@@ -28,5 +28,5 @@ def spoiled(result: Result, verdict: Verdict) -> Verdict:
     if check is not None:
         found = typeset(check.text.rstrip("."))
         found = found[0].lower() + found[1:] if found[:2].istitle() else found
-        verdict.sentence = f"Do not rely on this, {SPOILING[check.name]}: {found}. {verdict.sentence}"
+        verdict.sentence = f"Unreliable, {SPOILING[check.name]}: {found}. {verdict.sentence}"
     return verdict

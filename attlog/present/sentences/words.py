@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from attlog.present.contest import ColumnRanking, RankedValue, why_unranked
 from attlog.present.names import NOT_JUDGED, name_in_sentence
-from attlog.present.numbers import below, listed
+from attlog.present.numbers import below, between, listed
 from attlog.present.table.rows import is_baseline
 from attlog.present.text import typeset
 from attlog.result import EstimatorRow, Result
@@ -45,7 +45,7 @@ def leading(found: ColumnRanking, words: QuestionWords, unit: str = "", where: s
         return f"{best[0].name} {words.one}: {single(best[0], unit)}{where}"
     noted = f" ({unit})" if unit else ""
     if best:
-        return f"{some(best, len(ranked))} {words.several}: {values(best)}{noted}{where} (not significant)"
+        return f"{some(best, found)} {words.several}: {values(best)}{noted}{where} (not significant)"
     return f"No significant difference{words.close}: {values(ranked, named=False)}{noted}{where}"
 
 
@@ -65,16 +65,15 @@ def values(judged: list[RankedValue], *, named: bool = True) -> str:
     if len(judged) <= NAMED and (named or len(judged) == 2):
         return listed([j.text for j in judged])
     ends = sorted(judged, key=lambda j: j.size)
-    low, high = ends[0].text, ends[-1].text
-    return low if low == high else f"{low} to {high}"
+    return between(ends[0].text, ends[-1].text)
 
 
-def some(judged: list[RankedValue], of: int) -> str:
-    """Up to NAMED rows by name, more as a count."""
+def some(judged: list[RankedValue], found: ColumnRanking) -> str:
+    """Up to NAMED of the rows that were compared by name, more as a count."""
     names = [j.name for j in judged]
     if len(names) <= NAMED:
         return listed(names)
-    return f"All {of} filters" if len(names) == of else f"{len(names)} of {of} filters"
+    return f"All {found.compared}" if len(names) == len(found.ranked) else f"{len(names)} of {found.compared}"
 
 
 def counted(names: list[str]) -> str:

@@ -18,6 +18,8 @@ from attlog.result import Result, Verdict
 
 DRIFT_REST = "drift_rest_deg_per_min"
 BOUNDS_DIFFER = 3.0
+EXCLUDES_NOTHING = 15.0
+"""deg/min: the bias of a warm gyro that nobody calibrated, 0.25 deg/s, turns by as much. A larger bound is no news."""
 SITUATIONS = ("at rest", "in the air")
 """Where the heading may drift; reasons of this question start with it."""
 
@@ -72,10 +74,10 @@ def drift_part(found: ColumnRanking, where: str) -> str:
     parts = [drifts(found, significant)] if significant else []
     if still:
         who = f"{len(still)} filters" if len(still) > 2 else listed([j.name for j in still])
-        parts.append(f"no significant drift of {who}: less than {bounds(still)}")
+        parts.append(f"no significant drift of {who}: {bounds(still)}")
     least = {j.row.name for j in found.best}
     if significant and 0 < len(least) <= NAMED and least != {j.row.name for j in still}:
-        parts.append(f"least: {some(found.best, len(found.ranked))}")
+        parts.append(f"least: {some(found.best, found)}")
     disagree = [j for j in found.filters if j.row.status == "ok" and j.answer.disagree is not None]
     if disagree:
         parts.append(f"the rests disagree for {counted([j.name for j in disagree])}: {spread(disagree)}")
@@ -97,16 +99,18 @@ def drifts(found: ColumnRanking, significant: list[RankedValue]) -> str:
         return f"{most.name} drifts {most.text}{most.interval}{changing(most)}"
     if found.worst is not None and found.worst.row.name == most.row.name:
         text = f"{most.name} drifts most: {most.text}{most.interval}{changing(most)}"
-        return f"{text}; {some(others, len(found.ranked))} {values(others[::-1])}"
-    return f"{some(significant, len(found.ranked))} drift: {values(significant)}"
+        return f"{text}; {some(others, found)} {values(others[::-1])}"
+    return f"{some(significant, found)} drift: {values(significant)}"
 
 
 def bounds(still: list[RankedValue]) -> str:
-    """What these drifts stay below; where the bounds of filters differ much, the range of bounds."""
+    """What these drifts stay below, a range where the bounds differ much; what is possible where that says nothing."""
     ends = sorted(max(map(abs, j.ends)) for j in still)
+    if ends[-1] > EXCLUDES_NOTHING:
+        return f"up to {bound(still)} possible"
     if ends[-1] <= BOUNDS_DIFFER * ends[0]:
-        return bound(still)
-    return f"{below(ends[0], 'deg/min')} to {below(ends[-1], 'deg/min')}"
+        return f"less than {bound(still)}"
+    return f"less than {below(ends[0], 'deg/min')} to {below(ends[-1], 'deg/min')}"
 
 
 def changing(judged: RankedValue) -> str:

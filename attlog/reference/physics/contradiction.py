@@ -131,11 +131,8 @@ def _judged(
     if right > RIGHT_M_S2 or wrong < WRONG_M_S2:
         return None
     angle = float(np.median(angles[longest]))
-    who = f"all {len(filters)}" if len(near) == len(filters) else f"{len(near)} of {len(filters)}"
-    fault = (
-        f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree with each other, and by them the mean "
-        "force is gravity"
-    )
+    who = "all" if len(near) == len(filters) else "most"
+    fault = f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree, and their mean force is gravity"
     text = (
         f"Filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"

@@ -75,7 +75,7 @@ def contradiction(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: M
         )
     if attitude.rate < LEAST_HZ or not alike(by_gyro, by_attitude) or not otherwise(by_gyro, by_attitude, FAR_SLOPES):
         return TurningFault()
-    return TurningFault("gyro", f"{said}; nothing tells which is right")
+    return TurningFault("gyro", f"{said}; which is right cannot be determined")
 
 
 def rotations(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[Array, Array]:

@@ -65,7 +65,7 @@ def drift_dots(result: Result, names: Rows) -> list[dict[str, Any]]:
                 if "drift_" in metric and found.unit == "deg/min" and found.value is not None and row.name in names:
                     where = "at rest" if metric.startswith("drift_rest") else "against " + metric.partition(".")[2]
                     entry = dot(names.index(row.name), found) | {"where": where}
-                    if entry not in dots:
+                    if not any(entry | {"n": d["n"]} == d for d in dots):
                         dots.append(entry)
     return dots
 

@@ -19,7 +19,9 @@ class PageFigure:
     """A place in the page: ``kind`` names the drawing function of the script, ``data`` is what it draws.
 
     ``words`` says for those who do not see it what it shows. ``views`` names what can be
-    chosen in it: ``data["views"]`` holds as many, each laid over the rest of ``data``.
+    chosen in it: ``data["views"]`` holds as many, each laid over the rest of ``data``. Where
+    ``data`` names rows as ``focus``, only they are drawn. ``bands`` are rows whose band can be chosen, by position and
+    name; ``data["band"]`` is drawn first.
     """
 
     id: str
@@ -31,6 +33,7 @@ class PageFigure:
     wide: bool = True
     words: str = ""
     views: list[str] = field(default_factory=list)
+    bands: list[tuple[int, str]] = field(default_factory=list)
 
 
 class Rows:
@@ -109,7 +112,8 @@ def dots_text(dots: list[dict[str, Any]], names: Rows, unit: str) -> str:
 def dot(r: int, found: Answer) -> dict[str, Any]:
     """A value with its interval as a figure draws it."""
     interval = [float(x) for x in found.ci95] if found.ci95 and all(map(number, found.ci95)) else None
-    return {"r": r, "v": None if found.value is None else float(found.value), "ci": interval, "ok": found.ranked}
+    value = None if found.value is None else float(found.value)
+    return {"r": r, "v": value, "ci": interval, "ok": found.ranked, "n": found.n}
 
 
 def dot_height(dots: list[dict[str, Any]]) -> int:

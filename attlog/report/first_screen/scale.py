@@ -82,7 +82,7 @@ def _decades(low: float, high: float) -> list[float]:
 
 
 def _steps(low: float, high: float) -> list[float]:
-    rough = (high - low) / 3.0
+    rough = (high - low) / 4.0
     power = 10.0 ** math.floor(math.log10(rough))
     step = next((s * power for s in FINE if s * power >= rough), 10.0 * power)
     first = math.ceil(low / step)

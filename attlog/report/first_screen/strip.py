@@ -46,6 +46,7 @@ class Strip:
 
     curve: str
     top: str
+    start: str
     end: str
     peak: float = 50.0
     air: list[tuple[float, float]] = field(default_factory=list)
@@ -69,7 +70,7 @@ def strip(result: Result) -> Strip:
     marks = [Mark(e.t, place(e.t), style(e), e.text, LABELS.get(e.kind, "")) for e in chosen(result.events)]
     labelled(marks, peak if top else None)
     words = f"{duration(end - start)} of log" + (f", up to {top}" if top else "")
-    return Strip(curve, top, moment(end, 0), peak, air, modes, marks, words)
+    return Strip(curve, top, moment(start, 0), moment(end, 0), peak, air, modes, marks, words)
 
 
 def height(result: Result, start: float, end: float) -> tuple[str, str, float]:

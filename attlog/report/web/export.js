@@ -1,4 +1,4 @@
-// A figure as a file: picture with title and legend, or the numbers that are drawn.
+// A figure as a file: picture with title and legend, or its numbers.
 const LEGEND_ROW = 20;
 
 function save(blob, file) {
@@ -36,24 +36,6 @@ async function picture(id, format) {
   return new Blob([bytes], { type: format === 'png' ? 'image/png' : 'image/svg+xml' });
 }
 
-// one line per drawn point: what is zoomed in is written in full; of sensors the quantity with its unit
-function numbers(id) {
-  const gd = $(id), short = (v) => (typeof v === 'number' ? +v.toPrecision(7) : spreadsheetCell(v)), lines = ['axis,line,x,y'];
-  const sensed = gd.data.filter((t) => t.unit);
-  if (sensed.length) {
-    lines[0] = (sensed[0].first || 'time_s') + ',line,value,unit';
-    for (const t of sensed) t.y.forEach((v, i) => { if (v !== null && Number.isFinite(v)) lines.push([short(t.x[i]), spreadsheetCell(t.name), short(v), spreadsheetCell(t.unit)].join(',')); });
-    return new Blob([lines.join('\n') + '\n'], { type: 'text/csv' });
-  }
-  if (D.figures[id].table) return new Blob([D.figures[id].table.map((row) => row.map((v) => (v === null ? '' : short(v))).join(',')).join('\n') + '\n'], { type: 'text/csv' });
-  for (const t of gd.data) {
-    if (t.visible === false || t.arrow || t.fill === 'toself') continue;
-    const ax = gd.layout['yaxis' + (t.yaxis || 'y').slice(1)], title = (ax && ax.title && ax.title.text) || '', x = t.base || t.x;
-    for (let i = 0; i < x.length; i++) if (t.y[i] !== null && x[i] !== null) lines.push([spreadsheetCell(title), spreadsheetCell(t.name || ''), short(x[i]), short(t.y[i])].join(','));
-  }
-  return new Blob([lines.join('\n') + '\n'], { type: 'text/csv' });
-}
-
 function exports() {
   document.querySelectorAll('button[data-save]').forEach((button) => {
     button.hidden = false;
@@ -64,7 +46,7 @@ function exports() {
     place.querySelectorAll('button').forEach((button) => button.addEventListener('click', async () => {
       const id = place.dataset.figure, kind = button.dataset.out;
       if (waiting.has(id)) draw(id);
-      save(kind === 'csv' ? numbers(id) : await picture(id, kind), (D.log || 'attlog') + '-' + id + '.' + kind);
+      save(kind === 'csv' ? new Blob([csv(tableOf(id))], { type: 'text/csv' }) : await picture(id, kind), (D.log || 'attlog') + '_' + id + '.' + kind);
     }));
   });
 }

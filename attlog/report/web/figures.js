@@ -41,11 +41,16 @@ const draws = {
     const [low, high] = p.layout.yaxis3.range;
     if (high - low > 150) Object.assign(p.layout.yaxis3, { tickvals: ticks, ticktext: text });
     else Object.assign(p.layout.yaxis3, numbered(low, high));
+    // the set-point sets no range: in a crash nothing follows it
+    if (f.demand) ['roll', 'pitch', 'heading'].forEach((key, i) => {
+      const y = values(f.demand.y[key]), [X, Y] = reduced(times(f.demand.t), i < 2 ? y : y.map(map), range, width(id), i !== 1);
+      p.traces.push(plain('set-point', css('--mu'), X, Y, { yaxis: i ? 'y' + (i + 1) : 'y', line: { color: css('--mu'), width: 1.3, dash: 'dash' }, say: '°' }));
+    });
     alarms(p.layout, range);
-    return p;
+    return headed(id, p);
   },
   difference(id, f, range) {
-    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]], { range, phases: 'named', from: f.scored });
+    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]], { range, phases: 'named', from: f.scored, to: D.marks.crash });
     // how wrong the smoother may be itself: a grey band below the lines
     const none = { line: { width: 0 }, hoverinfo: 'skip', say: undefined }, grey = faded(css('--tx'), 0.14);
     if (f.sigma) [['inclination', 'y', 0], ['heading', 'y4', -1]].forEach(([key, yaxis, low]) => {
@@ -55,10 +60,10 @@ const draws = {
       p.traces.unshift(edge(low), edge(1, { fill: 'tonexty', fillcolor: grey }));
     });
     alarms(p.layout, range);
-    return p;
+    return headed(id, p);
   },
   bias(id, f, range) {
-    const p = panels(id, f, ['x', 'y', 'z'].map((k) => [k, k + ', °/s', { least: 0.02 }]), { range, phases: 'plain', trace: { say: ' °/s', digits: 3 } });
+    const p = panels(id, f, ['x', 'y', 'z'].map((k) => [k, k + ', °/s', { least: 0.02 }]), { range, phases: 'plain', trace: { say: ' °/s', digits: 3 }, to: D.marks.crash });
     if (f.rests) ['x', 'y', 'z'].forEach((k, i) => {
       const ax = p.layout['yaxis' + (i ? i + 1 : '')], all = f.rests[k], low = Math.min(...all), high = Math.max(...all), pad = 0.06 * (Math.max(high, ax.range[1]) - Math.min(low, ax.range[0]));
       p.traces.push(plain('gyro at rest', css('--tx'), f.rests.t, all, { mode: 'markers', marker: { size: 9, color: css('--tx') }, yaxis: i ? 'y' + (i + 1) : 'y', say: ' °/s', digits: 3 }));
@@ -72,45 +77,46 @@ const draws = {
     return p;
   },
   spread(id, f) {
-    const L = layout(id), traces = f.shares.map((s) => trace(s.r, f.x, s.y, { line: Object.assign(line(s.r), { shape: 'hvh' }), say: ' %', digits: 1, at: '°' }));
+    const L = layout(id), traces = ordered(f.shares).map((s) => trace(s.r, f.x, s.y, { line: Object.assign(line(s.r), { shape: 'hvh' }), say: ' %', digits: 1, at: '°' }));
     L.xaxis = axis('angle, °', { hoverformat: '.4f' });
     L.yaxis = axis('share of samples, %', { rangemode: 'tozero' });
     return { traces, layout: L };
   },
   allan(id, f) {
     const L = layout(id), traces = [];
-    for (const c of f.curves) traces.push(trace(c.r, c.tau, c.deviation, {
+    for (const c of ordered(f.curves)) traces.push(trace(c.r, c.tau, c.deviation, {
       also: c.low ? c.tau.map((_, i) => (c.low[i] === null ? '' : ' [' + c.low[i].toPrecision(2) + ' to ' + c.high[i].toPrecision(2) + ']')) : undefined, digits: 4,
     }));
     L.xaxis = axis('averaging time τ, s', Object.assign({ type: 'log', hoverformat: '.2~r' }, decades(f.curves.flatMap((c) => c.tau), narrow(id) ? 6 : 10)));
     L.yaxis = axis('Allan deviation, °', Object.assign({ type: 'log' }, decades(f.curves.flatMap((c) => c.deviation), 8)));
     L.margin.l += 10;
-    return { traces, layout: L };
+    return ended(id, { traces, layout: L });
   },
   step(id, f) {
     const L = layout(id), traces = [], ms = (t) => Array.from(t, (v) => v * 1e3), longest = f.lines.reduce((a, b) => (b.t.n > a.t.n ? b : a));
-    for (const l of f.lines) {
+    for (const l of ordered(f.lines)) {
       const est = values(l.y.est), ref = values(l.y.ref), own = { at: ' ms', line: line(l.r, 1.8) };
       traces.push(trace(l.r, ms(times(l.t)), gaps(est), own), trace(l.r, ms(times(l.t)), gaps(est.map((v, i) => v - ref[i])), Object.assign({ yaxis: 'y2' }, own)));
     }
-    const black = css('--e0'), x = ms(times(longest.t));
-    traces.push(plain('reference', black, x, gaps(values(longest.y.ref)), { mode: x.length < 90 ? 'lines+markers' : 'lines', line: { color: black, width: 2.2 }, marker: { size: 5, color: black }, say: '°', at: ' ms' }));
+    const whose = f.reference === undefined ? { color: css('--e0') } : line(f.reference), black = whose.color, x = ms(times(longest.t));
+    traces.push(plain('reference', black, x, gaps(values(longest.y.ref)), { mode: x.length < 90 ? 'lines+markers' : 'lines', line: Object.assign({}, whose, { width: 2.4 }), marker: { size: 5, color: black }, say: '°', at: ' ms' }));
     if (longest.y.set) traces.push(plain('set-point', black, x, gaps(values(longest.y.set)), { line: { color: css('--mu'), width: 2, dash: 'dash' }, say: '°', at: ' ms' }));
     L.xaxis = axis('time from the start of the step, ms', { anchor: 'y2' });
     L.yaxis = axis(safe(short(f.axis, 110)) + ' change, °', { domain: [0.42, 1], range: fitted(traces, 'y', 1, true) });
     L.yaxis2 = axis('minus reference, °', { domain: [0, 0.34], nticks: 5, range: fitted(traces, 'y2', 0.5, true) });
-    return leaving({ traces, layout: L });
+    return ended(id, leaving({ traces, layout: L }));
   },
+  // medians of all, the band of one: many bands hide each other
   steps(id, f) {
-    const L = layout(id), bands = [], lines = [];
-    for (const l of f.lines) {
+    const L = layout(id), bands = [], lines = [], chosen = banded[id] === undefined ? f.band : banded[id];
+    for (const l of ordered(f.lines)) {
       const own = f.x.map((_, i) => i).filter((i) => l.median[i] !== null), pick = (y) => own.map((i) => y[i]), x = pick(f.x), edge = { line: { color: colour(l.r), width: 0 }, hoverinfo: 'skip', say: undefined };
-      bands.push(trace(l.r, x, pick(l.low), Object.assign({}, edge, { name: name(l.r) + ', 10 %' })), trace(l.r, x, pick(l.high), Object.assign({}, edge, { name: name(l.r) + ', 90 %', fill: 'tonexty', fillcolor: faded(colour(l.r), 0.09) })));
+      if (l.r === chosen) bands.push(trace(l.r, x, pick(l.low), Object.assign({}, edge, { name: name(l.r) + ', 10 %' })), trace(l.r, x, pick(l.high), Object.assign({}, edge, { name: name(l.r) + ', 90 %', fill: 'tonexty', fillcolor: faded(colour(l.r), 0.2) })));
       lines.push(trace(l.r, x, pick(l.median), { say: ' %', digits: 1, at: ' ms', line: line(l.r, 2) }));
     }
     L.xaxis = axis('time from the start of the step, ms', { range: [f.x[0], f.x[f.x.length - 1]] });
     L.yaxis = axis('minus reference, % of the step', { range: fitted(lines.concat(bands), 'y', 4, true) });
-    const p = leaving({ traces: lines, layout: L });
+    const p = ended(id, leaving({ traces: lines, layout: L }));
     return { traces: bands.concat(p.traces), layout: L };
   },
   lag(id, f) {
@@ -119,7 +125,7 @@ const draws = {
     const [low, high] = p.layout.xaxis.range;
     f.rows.forEach((d) => {
       const x = d.single.filter((v) => v >= low && v <= high);
-      if (x.length && !hidden.has(d.r)) p.traces.unshift({ type: 'scatter', mode: 'markers', x, y: x.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !hidden.has(d.r), name: name(d.r), marker: { size: 5, color: colour(d.r), opacity: 0.55 }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });
+      if (x.length && !off(d.r)) p.traces.unshift({ type: 'scatter', mode: 'markers', x, y: x.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !off(d.r), name: name(d.r), marker: { size: 5, color: colour(d.r), opacity: 0.55 }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });
     });
     return p;
   },
@@ -132,7 +138,7 @@ const draws = {
     }
     L.xaxis = axis('time, s', { range: f.range, hoverformat: '.0f' });
     L.yaxis = axis('heading, °', { range: fitted(traces, 'y', 0.1, true) });
-    return leaving({ traces, layout: L });
+    return ended(id, leaving({ traces, layout: L }));
   },
   setpoint(id, f) {
     const L = layout(id), traces = [];
@@ -141,11 +147,34 @@ const draws = {
     }
     L.xaxis = axis('time after the command, ms');
     L.yaxis = axis('share of the command');
-    return { traces, layout: L };
+    return ended(id, { traces, layout: L });
+  },
+  // metres, equal on both axes; arrows all along the path that is in sight, by distance flown
+  track(id, f, range) {
+    const L = layout(id, { hovermode: 'closest' }), blue = css('--ac'), black = css('--e0'), here = f.t.map((_, i) => i).filter((i) => f.t[i] >= range[0] && f.t[i] <= range[1] && f.north[i] !== null);
+    const path = (what, color, w, keep) => plain(what, color, here.map((i) => (keep(i) ? f.east[i] : null)), here.map((i) => (keep(i) ? f.north[i] : null)), { line: { color, width: w }, customdata: here.map((i) => clock(f.t[i])), say: undefined, hoverinfo: undefined, hovertemplate: '%{customdata}: north %{y:.1f} m, east %{x:.1f} m<extra></extra>' });
+    const driven = (i) => f.driven[i] > 0, some = here.some(driven), fit = here.filter((i) => !some || driven(i));
+    const traces = [path('on the ground', css('--edge'), 1.2, (i) => !driven(i) || !driven(i - 1)), path('path', blue, 1.6, driven)].filter((t) => t.y.some((v) => v !== null));
+    const [ex, ny] = [f.east, f.north].map((y) => { const all = fit.map((i) => y[i]), low = share(all, 0.002), high = share(all, 0.998); return [(low + high) / 2, high - low]; });
+    const w = L.width - L.margin.l - L.margin.r, h = L.height - L.margin.t - L.margin.b, scale = Math.max(ex[1] / w, ny[1] / h, 4 / h) * 1.15, long = 26 * scale;
+    const at = [];
+    let flown = Infinity, before = null;
+    for (const i of fit) {
+      if (before !== null) flown += Math.hypot(f.east[i] - f.east[before], f.north[i] - f.north[before]);
+      if (flown > 1.1 * long && f.course[i] !== null) { at.push(i); flown = 0; }
+      before = i;
+    }
+    const thin = at.filter((_, k) => k % Math.ceil(at.length / MOST_ARROWS) === 0);
+    for (const [what, angles, color] of [['course', f.course, blue], ['heading', f.heading, black]]) traces.push(...arrows(what, thin.filter((i) => angles[i] !== null), f, angles, long, color));
+    const ends = [fit[0], fit[fit.length - 1]].filter((i) => i !== undefined);
+    traces.push(plain('start, end', black, ends.map((i) => f.east[i]), ends.map((i) => f.north[i]), { mode: 'markers', hoverinfo: 'skip', say: undefined, arrow: true, marker: { symbol: ['circle-open', 'x-thin'], size: 12, color: black, line: { width: 2, color: black } } }));
+    L.xaxis = axis('east, m', { range: [ex[0] - scale * w / 2, ex[0] + scale * w / 2], zeroline: false });
+    L.yaxis = axis('north, m', { range: [ny[0] - scale * h / 2, ny[0] + scale * h / 2], zeroline: false, scaleanchor: 'x' });
+    return headed(id, { traces, layout: L });
   },
   // one line per log and below them all together; several configurations side by side on a line
   forest(id, f) {
-    const L = layout(id, { hovermode: 'closest' }), rows = [...new Set(f.items.filter((d) => !hidden.has(d.r)).map((d) => d.r))], traces = [], to = f.log ? Math.log10 : (v) => v, from = f.log ? (v) => 10 ** v : (v) => v;
+    const L = layout(id, { hovermode: 'closest' }), rows = [...new Set(f.items.filter((d) => !off(d.r)).map((d) => d.r))], traces = [], to = f.log ? Math.log10 : (v) => v, from = f.log ? (v) => 10 ** v : (v) => v;
     const lines = f.lines.length, wide = (d) => [d.v, ...(d.ci || [])].filter((v) => v !== null && (!f.log || v > 0)).map(to), values = f.items.flatMap((d) => [to(d.v)]), zero = 0;
     const most = Math.max(f.log ? 0.02 : 1e-6, ...values.map(Math.abs)), ends = f.items.flatMap(wide).filter((v) => Math.abs(v) < 4 * most);
     const low = Math.min(zero, ...values, ...ends), high = Math.max(zero, ...values, ...ends), pad = 0.06 * (high - low), range = [low - pad, high + pad];
@@ -174,63 +203,24 @@ const draws = {
 };
 const ratios = (low, high, most) => { const t = [0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.25, 1.5, 2, 3, 5, 10, 20].filter((v) => v >= low && v <= high); return t.length > most ? t.filter((v) => v === 1 || [0.1, 0.2, 0.5, 0.7, 1.5, 2, 5, 10].includes(v)) : t; };
 const SYMBOLS = { 'against truth': 'diamond', 'against smoother': 'diamond', 'against mag': 'square', 'against gnss_yaw': 'triangle-up', 'against yaw_estimator': 'pentagon', 'against course': 'triangle-down' };
-const REFIT = ['forest', 'lag', 'drifts', 'difference', 'rest', 'drift', 'step', 'steps'];
+const REFIT = ['forest', 'attitude', 'lag', 'drifts', 'difference', 'rest', 'drift', 'step', 'steps'];
+const FOLLOWS = ['track'];
 const TIMED = ['strip', 'attitude', 'difference', 'bias', 'vibration', 'size', 'compass', 'ratios'];
 const gaps = (y) => Array.from(y, (v) => (Number.isNaN(v) ? null : v));
+
+const MOST_ARROWS = 160;
+// shafts as one line, heads as one set of markers turned to the screen, north up
+function arrows(what, at, f, angles, long, color) {
+  const tip = (i) => { const a = angles[i] * Math.PI / 180; return [f.east[i] + long * Math.sin(a), f.north[i] + long * Math.cos(a)]; };
+  const tips = at.map(tip), none = { hoverinfo: 'skip', say: undefined };
+  return [
+    plain(what, color, at.flatMap((i, k) => [f.east[i], tips[k][0], null]), at.flatMap((i, k) => [f.north[i], tips[k][1], null]), Object.assign({}, none, { line: { color, width: 1.6 } })),
+    plain(what, color, tips.map((p) => p[0]), tips.map((p) => p[1]), Object.assign({ mode: 'markers', arrow: true, marker: { symbol: 'triangle-up', size: 7, color, angle: at.map((i) => angles[i]) } }, none)),
+  ];
+}
 
 // failsafes and critical messages across a figure
 function alarms(L, range) {
   const T = D.marks.texts.filter((m) => m[1] === 2 && m[0] >= range[0] && m[0] <= range[1]).slice(0, 60);
   for (const [t] of T) L.shapes.push(bar(t, css('--bad'), 'dash'));
-}
-
-// one line per row: a value with its interval, filled at rest, hollow in the air
-function dotted(id, all, title, unit) {
-  const dots = all.filter((d) => !hidden.has(d.r)), rows = [...new Set(dots.map((d) => d.r))], L = layout(id, { hovermode: 'closest' }), traces = [];
-  const place = (r) => rows.length - 1 - rows.indexOf(r), ends = spanOf(dots);
-  const count = new Map();
-  for (const d of dots.filter((d) => d.v !== null)) {
-    const i = count.get(d.r) || 0, n = dots.filter((o) => o.r === d.r).length;
-    count.set(d.r, i + 1);
-    const y = place(d.r) + (n > 1 ? 0.28 - (0.56 * i) / (n - 1) : 0), full = !d.where || d.where === 'at rest' || d.where === 'against truth';
-    const out = d.v < ends[0] ? -1 : d.v > ends[1] ? 1 : 0;
-    traces.push({
-      type: 'scatter', mode: 'markers', x: [out < 0 ? ends[0] : out ? ends[1] : d.v], y: [y], meta: d.r, visible: !hidden.has(d.r), name: name(d.r), cliponaxis: !out,
-      error_x: out ? undefined : d.ci ? { type: 'data', symmetric: false, array: [d.ci[1] - d.v], arrayminus: [d.v - d.ci[0]], color: colour(d.r), thickness: 2, width: 4 } : undefined,
-      marker: { size: 9, symbol: out ? (out < 0 ? 'triangle-left' : 'triangle-right') : SYMBOLS[d.where] || 'circle', color: full && d.ok !== false ? colour(d.r) : css('--bg'), line: { color: colour(d.r), width: 2 } },
-      hovertemplate: name(d.r) + (d.where ? ', ' + safe(short(d.where, 110)) : '') + ': ' + minus(d.v.toFixed(2)) + unit + (d.ci ? ' [' + minus(d.ci[0].toFixed(2)) + ' to ' + minus(d.ci[1].toFixed(2)) + ']' : '') + '<extra></extra>',
-    });
-  }
-  const longest = Math.max(1, ...rows.map((r) => Math.min(D.rows[r].name.length, 22)));
-  L.margin.l = Math.min(24 + 6.6 * longest, width(id) * 0.42);
-  L.xaxis = axis(title, { zerolinewidth: 2, range: ends });
-  L.yaxis = axis('', { tickvals: rows.map((r) => place(r)), ticktext: rows.map((r) => short(name(r), 22)), range: [-0.6, rows.length - 0.4], fixedrange: true, zeroline: false });
-  return { traces, layout: L, place };
-}
-
-// fitted to what is ranked: values far beyond it and intervals far wider run out of the figure
-function spanOf(dots) {
-  const values = (some) => some.flatMap((d) => [...(d.v === null ? [] : [d.v]), ...(d.single || [])]);
-  const sound = dots.filter((d) => d.ok !== false && !D.rows[d.r].lost), best = sound.length ? sound : dots;
-  const core = best.filter((d) => d.v !== null).map((d) => Math.abs(d.v)), most = Math.max(1e-3, ...core);
-  const near = (v) => Math.abs(v) < 4 * most, all = [...values(best).filter(near), ...values(dots).filter(near), ...best.flatMap((d) => d.ci || []).filter(near)];
-  const low = Math.min(0, ...all), high = Math.max(0, ...all), pad = (high - low) * 0.08 || 1;
-  return [low - pad, high + pad];
-}
-
-// 1, 2, 5 of every decade as ticks of a log axis
-function decades(all, most) {
-  const good = all.filter((v) => v > 0);
-  if (!good.length) return {};
-  const low = Math.log10(Math.min(...good)), high = Math.log10(Math.max(...good)), ticks = [];
-  for (let d = Math.floor(low); d <= high; d++) for (const m of high - low > 2 ? [1] : [1, 2, 5]) ticks.push(m * 10 ** d);
-  const thin = ticks.length > 2 * most ? ticks.filter((_, i) => i % 2 === 0) : ticks;
-  return { tickvals: thin, ticktext: thin.map((v) => String(+v.toPrecision(1))) };
-}
-
-// ticks of a heading axis with little range: numbers of the compass
-function numbered(low, high) {
-  const step = [1, 2, 5, 10, 20, 45].find((s) => (high - low) / s < 6) || 90, ticks = [];
-  for (let v = Math.ceil(low / step) * step; v <= high; v += step) ticks.push(v);
-  return { tickvals: ticks, ticktext: ticks.map((v) => String(((v % 360) + 360) % 360)) };
 }

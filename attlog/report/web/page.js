@@ -1,14 +1,15 @@
 // The page: draws figures when they come near, links zoom, legend, table, theme, print.
-const picked = {};
-let full = [0, 1], range = [0, 1], busy = false;
+const picked = {}, banded = {};
+let full = [0, 1], home = [0, 1], range = [0, 1], busy = false;
 const waiting = new Set(), failures = [];
 const ids = () => Object.keys(D.figures);
 const shownOf = (id) => Object.assign({}, D.figures[id], (D.figures[id].views || [])[picked[id] || 0]);
-const timed = (id) => TIMED.includes(D.figures[id].kind);
+const timed = (id) => TIMED.includes(D.figures[id].kind), inTime = (id) => timed(id) || FOLLOWS.includes(D.figures[id].kind);
 
 function draw(id) {
   waiting.delete(id);
   const f = shownOf(id);
+  focus = f.focus || null;
   stored = drawn = 0;
   try {
     $(id).style.height = tall(id) + 'px';
@@ -26,13 +27,13 @@ function draw(id) {
   $(id).on('plotly_unhover', () => { $(id + '-read').textContent = ''; });
   if (timed(id)) {
     $(id).on('plotly_relayout', (e) => { if (!busy && 'xaxis.range[0]' in e) zoom([+e['xaxis.range[0]'], +e['xaxis.range[1]']]); });
-    $(id).on('plotly_doubleclick', () => { zoom(full); return false; });
+    $(id).on('plotly_doubleclick', () => { zoom(home); return false; });
   } else $(id).on('plotly_doubleclick', () => { draw(id); return false; });
 }
 
 function zoom(to) {
   range = to[1] - to[0] > 1e-4 ? [Math.max(to[0], full[0]), Math.min(to[1], full[1])] : full;
-  redraw(timed);
+  redraw(inTime);
 }
 
 function redraw(which) {
@@ -43,6 +44,8 @@ function redraw(which) {
 
 // hidden rows vanish from every figure; those not drawn yet know it when they are
 function toggled() {
+  // who asks for a filter wants to see it, in figures with a focus too
+  for (const id of ids()) if (!picked[id] && (D.figures[id].views || []).some((v) => v.focus)) { picked[id] = 1; document.querySelector('select[data-figure=' + id + ']').value = '1'; }
   document.querySelectorAll('.lg input').forEach((box) => { const r = +box.dataset.row; if (box.checked) hidden.delete(r); else hidden.add(r); });
   busy = true;
   for (const id of ids()) if (!waiting.has(id)) {
@@ -80,6 +83,12 @@ function selectors() {
     const id = select.dataset.figure;
     select.parentNode.hidden = false;
     select.addEventListener('change', () => { picked[id] = +select.value; if (!waiting.has(id)) draw(id); });
+  });
+  document.querySelectorAll('select[data-band]').forEach((select) => {
+    const id = select.dataset.band;
+    select.closest('p').hidden = false;
+    select.value = D.figures[id].band;
+    select.addEventListener('change', () => { banded[id] = +select.value; if (!waiting.has(id)) draw(id); });
   });
 }
 
@@ -146,7 +155,7 @@ function copies() {
   $('save').addEventListener('click', async () => {
     const link = document.createElement('a');
     link.href = URL.createObjectURL(new Blob([await gunzip('result')], { type: 'application/json' }));
-    link.download = 'attlog-result.json';
+    link.download = (D.log || 'attlog') + '_result.json';
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   });
@@ -184,7 +193,7 @@ async function start() {
   await painted();
   if (!('DecompressionStream' in window)) throw new Error('this browser is too old (it lacks DecompressionStream)');
   await startData();
-  full = D.marks.range; range = full;
+  full = D.marks.range; home = range = D.marks.first || full;
   legend(); selectors(); copies();
   await startPlotly();
   if (!window.Plotly) throw new Error('plotly.js could not be loaded; it has to lie beside this file');

@@ -64,16 +64,18 @@ function enveloped(t, y, range, pixels, wraps) {
 }
 
 // the range of visible values with a margin, from what is drawn; a diverged filter may leave the figure, and in a
-// calm one also those that move CALM times as far as the middle one; `from` leaves out what comes before, if anything stays
+// calm one also those that move CALM times as far as the middle one; `from` and `to` leave out what comes before and
+// after them, if anything stays
 const CALM = 8;
-function fitted(traces, axis, least, calm, from) {
+function fitted(traces, axis, least, calm, from, to) {
   let low = Infinity, high = -Infinity;
   const here = traces.filter((t) => t.visible !== false && (t.yaxis || 'y') === axis), sound = here.filter((t) => t.meta == null || !D.rows[t.meta].lost);
   const travel = (t) => t.y.reduce((m, v) => (v === null ? m : [Math.min(m[0], v), Math.max(m[1], v)]), [Infinity, -Infinity]).reduce((a, b) => b - a);
   const far = calm ? CALM * sound.map(travel).sort((a, b) => a - b)[sound.length >> 1] : Infinity;
   const late = from !== undefined && here.some((t) => t.x[t.x.length - 1] > from) ? from : -Infinity;
+  const early = to !== null && to !== undefined && here.some((t) => t.x[0] < to) ? to : Infinity;
   for (const t of sound.length ? sound.filter((t) => travel(t) <= far) : here)
-    t.y.forEach((v, i) => { if (v !== null && v !== undefined && t.x[i] >= late) { if (v < low) low = v; if (v > high) high = v; } });
+    t.y.forEach((v, i) => { if (v !== null && v !== undefined && t.x[i] >= late && t.x[i] <= early) { if (v < low) low = v; if (v > high) high = v; } });
   if (!(low <= high)) return [-least, least];
   const pad = Math.max((high - low) * 0.06, (least - (high - low)) / 2, 1e-6);
   return [low - pad, high + pad];

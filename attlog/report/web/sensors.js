@@ -5,7 +5,7 @@ const ofAxis = (k) => css('--a' + k);
 
 // texts in the colours of their lines, in place of a legend
 function letters(id, names, colours) {
-  const size = narrow(id) ? 11 : 13, inside = width(id) - (narrow(id) ? 58 : 78);
+  const size = 12, inside = width(id) - (narrow(id) ? 58 : 78);
   let x = 0;
   return names.map((text, i) => {
     const own = { x: x / inside, y: 1, xref: 'paper', yref: 'paper', xanchor: 'left', yanchor: 'bottom', text: safe(text), showarrow: false, font: { size, color: colours[i] } };

@@ -2,7 +2,13 @@
 const wantsDark = matchMedia('(prefers-color-scheme: dark)');
 let printing = false;
 const isDark = () => !printing && (root.dataset.theme ? root.dataset.theme === 'dark' : wantsDark.matches);
-const css = (name) => getComputedStyle(root).getPropertyValue(name).trim();
+// asked once for each of both: every question makes the browser lay the page out
+const shades = new Map();
+function css(name) {
+  const key = isDark() + name;
+  if (!shades.has(key)) shades.set(key, getComputedStyle(root).getPropertyValue(name).trim());
+  return shades.get(key);
+}
 const colour = (r) => css('--e' + D.rows[r].slot);
 const PRINT_WIDTH = 684;
 

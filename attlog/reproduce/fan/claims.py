@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from attlog.present.numbers import listed, number, quantity
 from attlog.reproduce.fan.figures import figures
 from attlog.reproduce.fan.runs import ARM_M, FILTER, RAW, REST_S, SETTLED_S, SPIKE_DEG, WIDER, FanSeed, one_seed, wider
-from attlog.reproduce.judge import above, alternatives, below, difference, mean, mean_text, ratio, together
+from attlog.reproduce.judge import above, alternatives, below, difference, ends, led, mean, mean_text, ratio, together
 from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting, PaperTable, Verdict
 from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each_seed
@@ -36,12 +36,12 @@ def paper(options: PaperOptions) -> Paper:
         figures(found, CALLED),
         (_table(found),),
         (
-            "The paper gives no noise values for its Kalman filter, and they decide how fast it follows accelerometer "
-            "and magnetometer: with ours (the defaults of ekf12) 0.14 rad/s. Hence each claim about it is judged three "
-            "times, with random walks of gravity and field once, 3 and 10 times ours.",
+            "The paper gives no noise values for its Kalman filter. They decide how fast it follows accelerometer "
+            "and magnetometer: with ours (the defaults of ekf12) 0.14 rad/s. So each claim is judged with random walks "
+            "of gravity and field 1, 3 and 10 times ours.",
             _jointly([verdicts for _, verdicts in judged]),
-            "The complementary filter compares the whole field vector, as the paper prints it; the magnetometer's "
-            "noise reaches roll and pitch that way.",
+            "The complementary filter compares the whole field vector, as printed. So the magnetometer's noise reaches "
+            "roll and pitch.",
         ),
         seeds=options.seeds,
     )
@@ -84,8 +84,8 @@ def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
     said = [
         f"{count} with {CALLED[wider(f)].partition(', ')[2] or 'ours'}" for f, count in zip(WIDER, counts, strict=True)
     ]
-    most = f"no set gives all {len(verdicts)}" if max(counts) < len(verdicts) else f"one gives all {len(verdicts)}"
-    return f"Of the {len(verdicts)} claims about the Kalman filter, so many hold at once: {listed(said)}; {most}."
+    most = f"No set gives all {len(verdicts)}" if max(counts) < len(verdicts) else f"One gives all {len(verdicts)}"
+    return f"Claims that hold at once: {listed(said)}. {most}."
 
 
 def _spreads(found: Sequence[FanSeed], row: str, over: str, axis: int) -> PaperNumber:
@@ -97,20 +97,20 @@ def _spreads(found: Sequence[FanSeed], row: str, over: str, axis: int) -> PaperN
 
 
 def _by_walk(verdicts: Sequence[Verdict]) -> str:
-    """With which random walks a claim holds and with which that cannot be told, in words."""
+    """With which random walks a claim holds and with which it is not significant, in words."""
     held, untold = (
         [f"{f:g}" for f, v in zip(WIDER, verdicts, strict=True) if v == which]
         for which in ("holds", "cannot be judged")
     )
     if len(untold) == len(WIDER):
-        return "with none of the random walks for certain"
+        return "with none of the random walks significantly"
     if len(held) in (0, len(WIDER)):
         said = "with every random walk" if held else "with none of the random walks"
     else:
         said = "with our random walks alone" if held == ["1"] else f"with random walks {listed(held)} times ours"
     if not untold:
         return said
-    return f"{said}, and cannot be told with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
+    return f"{said}; not significant with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
 
 
 def _span(numbers: Sequence[PaperNumber], unit: str) -> str:
@@ -132,12 +132,13 @@ def _raw(found: list[FanSeed]) -> Claim:
         "raw",
         "Angles from accelerometer and magnetometer alone are the worst, at rest and in rotation.",
         "fig. 4, 5",
-        "Ratio of standard deviations at rest by axis, ratio of the largest quick errors in rotation (distance of the "
-        "error from its own median of 2 s); holds if all intervals are above 1.",
-        (*rest, *turned),
+        "Ratio of standard deviations at rest by axis, and of the largest quick errors in rotation. A quick error is "
+        "the error's distance from its own median of 2 s. Holds if all intervals are above 1.",
+        led((ends(rest)[0], ends(turned)[0]), (*rest, *turned)),
         together([above(n, 1.0) for n in (*rest, *turned)]),
-        f"They scatter {_span(rest, 'ratio')} as much at rest, and their largest quick errors in rotation are "
+        f"At rest they scatter {_span(rest, 'ratio')} as much. Their largest quick errors in rotation are "
         f"{_span(turned, 'ratio')} as large.",
+        shown=2,
     )
 
 
@@ -149,13 +150,14 @@ def _quieter(found: list[FanSeed]) -> Judged:
         "quieter",
         "At rest the Kalman filter is smoother than the complementary filter in roll and pitch.",
         "fig. 4",
-        "Ratio of standard deviations at rest, Kalman over complementary filter; holds if the intervals of both axes "
+        "Ratio of standard deviations at rest, Kalman over complementary filter. Holds if the intervals of both axes "
         "are below 1.",
         tuple(n for pair in numbers for n in pair),
         alternatives(verdicts),
-        f"It holds {_by_walk(verdicts)}. Its spread is {quantity(ours[0].value, 'ratio')} that of the complementary "
-        f"filter in roll and {quantity(ours[1].value, 'ratio')} in pitch with ours, "
-        f"{_span([n for p in numbers[1:] for n in p], 'ratio')} with wider ones.",
+        f"It holds {_by_walk(verdicts)}. With ours its spread is {quantity(ours[0].value, 'ratio')} in roll and "
+        f"{quantity(ours[1].value, 'ratio')} in pitch. With wider ones it is "
+        f"{_span([n for p in numbers[1:] for n in p], 'ratio')}.",
+        shown=2,
     )
     return claim, verdicts
 
@@ -167,11 +169,12 @@ def _but_yaw(found: list[FanSeed]) -> Judged:
         "yaw",
         "Only in heading the Kalman filter scatters more at rest.",
         "fig. 4",
-        "As before, for heading; holds if the interval is above 1.",
+        "As before, for heading. Holds if the interval is above 1.",
         tuple(numbers),
         alternatives(verdicts),
-        f"It holds {_by_walk(verdicts)}: its spread is {quantity(numbers[0].value, 'ratio')} that of the complementary "
-        f"filter with ours, {_span(numbers[1:], 'ratio')} with wider ones.",
+        f"It holds {_by_walk(verdicts)}. Its spread is {quantity(numbers[0].value, 'ratio')} with ours, "
+        f"{_span(numbers[1:], 'ratio')} with wider ones.",
+        shown=len(numbers),
     )
     return claim, verdicts
 
@@ -195,13 +198,15 @@ def _spikes(found: list[FanSeed]) -> Judged:
         "spikes",
         "In rotation the complementary filter shows spikes that the Kalman filter does not.",
         "fig. 5",
-        f"The error's distance from its own median of 2 s: how often it leaves {SPIKE_DEG:g} deg (a spike), and its "
-        "largest value; holds if the ratio of the largest values is above 1.",
+        f"A spike is an error {SPIKE_DEG:g} deg off its own median of 2 s. Spikes are counted, the largest is kept. "
+        "Holds if the ratio of the largest values is above 1.",
         (*peaks, *counts, own),
         alternatives(verdicts),
-        f"It holds {_by_walk(verdicts)}: {counts[0].value:.1f} spikes of up to {quantity(own.value, 'deg')} against "
-        f"{listed([f'{n.value:.1f}' for n in counts[1:]])} of the Kalman filter with walks 1, 3 and 10 times ours. "
-        "The hand's acceleration is taken for a tilt by whichever filter follows the accelerometer faster.",
+        f"It holds {_by_walk(verdicts)}. The complementary filter has {counts[0].value:.1f} spikes of up to "
+        f"{quantity(own.value, 'deg')}. The Kalman filter has {listed([f'{n.value:.1f}' for n in counts[1:]])} with "
+        "walks 1, 3 and 10 times ours. The faster a filter follows the accelerometer, the more it takes the hand's "
+        "acceleration for a tilt.",
+        shown=len(peaks),
     )
     return claim, verdicts
 
@@ -225,13 +230,14 @@ def _sooner(found: list[FanSeed]) -> Judged:
         "sooner",
         "The Kalman filter's heading answers a turn sooner.",
         "fig. 5",
-        "When heading has gone half of each of three turns (45 and 90 deg), by straight lines between samples; holds "
-        "if the interval of the difference is below 0.",
+        "When heading has gone half of each of three turns (45 and 90 deg). Holds if the interval of the difference is "
+        "below 0.",
         (*delays, *rises),
         alternatives(verdicts),
-        f"It holds {_by_walk(verdicts)}: the difference is {quantity(delays[0].value, 'ms')} with ours, "
-        f"{_span(delays[1:], 'ms')} with wider ones. Both integrate the same gyro; a filter that follows the "
+        f"It holds {_by_walk(verdicts)}. The difference is {quantity(delays[0].value, 'ms')} with ours, "
+        f"{_span(delays[1:], 'ms')} with wider ones. Both integrate the same gyro. A filter that follows the "
         "magnetometer faster also follows its errors in the turn.",
+        shown=len(delays),
     )
     return claim, verdicts
 

@@ -11,7 +11,7 @@ from attlog.reproduce.huang import runs
 from attlog.reproduce.huang.figures import figures
 from attlog.reproduce.huang.runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, WITHIN_DEG, HuangSeed, LevelReturn
 from attlog.reproduce.huang.tables import PRINTED_EKF_S, PRINTED_MAHONY_S, UPDATES, by_filter, linear, times
-from attlog.reproduce.judge import above, below, mean, ratio, share, together
+from attlog.reproduce.judge import above, below, ends, led, mean, ratio, share, together
 from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting
 from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each_seed
@@ -39,13 +39,11 @@ def paper(options: PaperOptions) -> Paper:
         (times(spent), by_filter(found), linear(found)),
         (
             "Fig. 7 shows the paper's hardware: there is nothing to run again.",
-            "Of figures 3 to 9 the paper's curves are not in hand as numbers, and which of figures 5, 6, 8 and 9 shows "
-            "which flight is not either: no number of ours stands beside one of theirs there. Tables 2 and 3 are the "
-            "gains; whether they print yaw's is not in hand, ours are stated.",
-            "Which EKF the paper compares with is not said. Here it is the one of Fan's paper of the same field, 12 "
-            "states (ekf12@fan), and beside it one that estimates biases and expects accelerations (mekf).",
-            "The filter's equations are read as `attlog estimators mahony_dcm` says: signs tested on motion, the dot "
-            "of the renormalisation added, the heading error with its sign and its factor cos(dip).",
+            "The curves of figures 3 to 9 are not in hand as numbers. Nor is it known which of figures 5, 6, 8 and 9 "
+            "shows which flight. Tables 2 and 3 are the gains; whether they print yaw's is unknown, ours are stated.",
+            "Which EKF the paper compares with is not said. Here it is Fan's with 12 states (ekf12@fan). Beside it "
+            "stands one that estimates biases and expects accelerations (mekf).",
+            "The filter's equations are those that `attlog estimators mahony_dcm` shows.",
         ),
         seeds=options.seeds,
     )
@@ -89,14 +87,14 @@ def _follows(found: list[HuangSeed]) -> Claim:
         "follows",
         "The attitude of the filter follows the true attitude.",
         "fig. 3",
-        "RMS error of what is flown on against the truth, in hover and from there on; holds if the whole interval is "
+        "RMS error of what is flown on against the truth, in hover and from there on. Holds if the whole interval is "
         f"below {TILT_DEG:g} deg (roll, pitch) and {HEADING_DEG:g} deg (heading).",
-        (*numbers, *stand),
+        led((numbers[0], numbers[3]), (*numbers, *stand)),
         together(verdicts),
-        f"Roll and pitch are off by up to {said[0]} in hover, {said[1]} in free flight with returns and sines, "
-        f"{said[2]} on the stand. The filter takes the accelerometer for gravity, and a quadrotor that is tilted and "
-        "gathers speed feels its thrust alone: to the filter it is level. The longer it is tilted, the more the filter "
-        "believes that.",
+        f"Roll and pitch err by up to {said[0]} in hover, {said[1]} in free flight, {said[2]} on the stand. The "
+        "filter takes the accelerometer for gravity. A tilted quadrotor that gathers speed feels its thrust alone: to "
+        "the filter it is level.",
+        shown=2,
     )
 
 
@@ -123,19 +121,19 @@ def _like_an_ekf(found: list[HuangSeed]) -> Claim:
         [s.replayed.errors[DCM].moving[0] for s in found],
         [s.replayed.errors[NEW_EKF].moving[0] for s in found],
     )
-    worst = max(numbers[:6], key=lambda n: n.value or 0.0)
-    best = min(numbers[:6], key=lambda n: n.value or 0.0)
+    best, worst = ends(numbers[:6])
     return Claim(
         "ekf",
         "It gives the attitude of an extended Kalman filter.",
         "fig. 4",
-        "Both over the samples of the same flight, errors against the truth; holds if the whole interval of each "
+        "Both over the samples of the same flight, errors against the truth. Holds if the whole interval of each "
         f"ratio of errors is below {NO_WORSE:g}.",
-        (*numbers, roll),
+        led((best, worst), (*numbers, roll)),
         together(verdicts),
         f"Its error is {quantity(best.value, 'ratio')} ({_axis(best.what)}) to {quantity(worst.value, 'ratio')} "
-        f"({_axis(worst.what)}) that of Fan's EKF. An EKF that expects accelerations and estimates biases is another "
-        f"thing: the error of roll in the moves is {quantity(roll.value, 'ratio')} that of mekf.",
+        f"({_axis(worst.what)}) that of Fan's EKF. Another EKF, mekf, expects accelerations and estimates biases. In "
+        f"the moves the error of roll is {quantity(roll.value, 'ratio')} that of mekf.",
+        shown=2,
     )
 
 
@@ -151,20 +149,19 @@ def _cost(spent: dict[str, list[float]], slow: dict[str, list[float]]) -> Claim:
         "cost",
         "It takes about half the time of the EKF.",
         "table 1",
-        f"Processor time of {UPDATES:,} updates of mahony_dcm@huang and ekf12@fan on the same samples, compiled "
-        "alike, nine runs in turn; holds if the whole interval of the ratio is above the paper's ratio of means.",
+        f"Processor time of {UPDATES:,} updates of mahony_dcm@huang and ekf12@fan, compiled alike, nine runs in turn. "
+        "Holds if the whole interval of the ratio is above the paper's ratio of means.",
         (own, rare, *each, printed),
         together([above(own, least), above(rare, least)]),
-        f"Here the EKF costs {quantity(own.value, 'ratio')} with a field at every update and "
-        f"{quantity(rare.value, 'ratio')} with one at every 8th, in the paper {quantity(least, 'ratio')}. Both kernels "
-        "are machine code with closed forms for the small matrices; times are of this machine.",
-        paper="mean 1.084 s and 2.029 s for 4,000 updates, ratio 1.87",
+        f"With a field at every 8th update the ratio is {quantity(rare.value, 'ratio')}. Both kernels are machine code "
+        "with closed forms for the small matrices. Times are of this machine.",
+        paper="1.084 s and 2.029 s, ratio 1.87",
     )
 
 
 def _level(found: list[HuangSeed]) -> Claim:
     numbers, verdicts = [], []
-    largest, settled, times = [], [], []
+    largest, lasting, settled, times = [], [], [], []
     for place in ("free flight", "stand"):
         rest = []
         for k, (angle, axis) in enumerate(LEVELS):
@@ -176,6 +173,7 @@ def _level(found: list[HuangSeed]) -> Claim:
             numbers += [left, there, time, mean(f"overshoot, {after}", [r.overshoot_deg for r in seen], "deg")]
             verdicts.append(below(left, runs.LEVEL_WITHIN_DEG))
             rest.append(left.value or 0.0)
+            lasting.append(left)
             settled.append(there.value or 0.0)
             times.append(math.nan if time.value is None else time.value)
         largest.append(max(rest))
@@ -183,14 +181,15 @@ def _level(found: list[HuangSeed]) -> Claim:
         "level",
         "From an initial angle the controller brings the vehicle back to level.",
         "fig. 5, 6, 8, 9",
-        f"Tilted for {runs.TILTED_S:g} s, then the set-point is level; settled: within {runs.LEVEL_WITHIN_DEG:g} deg "
+        f"Tilted for {runs.TILTED_S:g} s, then the set-point is level. Settled: within {runs.LEVEL_WITHIN_DEG:g} deg "
         f"for good. Holds if the whole interval of the true angle left is below {runs.LEVEL_WITHIN_DEG:g} deg.",
-        tuple(numbers),
+        led((max(lasting[:3], key=lambda n: n.value or 0.0), lasting[-1]), numbers),
         together(verdicts),
-        f"As the filter sees it the vehicle is level in {_at_least(min(settled))} of the returns, after "
-        f"{quantity(float(np.nanmin(times)), 's')} to {quantity(float(np.nanmax(times)), 's')} in the mean. Of the "
-        f"true angle up to {quantity(largest[0], 'deg')} are left in free flight, {quantity(largest[1], 'deg')} on the "
-        "stand: what is left is the error of the filter, not of the controller.",
+        f"To the filter the vehicle is level in {_at_least(min(settled))} of the returns, after "
+        f"{quantity(float(np.nanmin(times)), 's')} to {quantity(float(np.nanmax(times)), 's')}. Up to "
+        f"{quantity(largest[0], 'deg')} are truly left in free flight, {quantity(largest[1], 'deg')} on the stand. "
+        "What is left is the error of the filter, not of the controller.",
+        shown=2,
     )
 
 
@@ -211,13 +210,13 @@ def _hover(found: list[HuangSeed]) -> Claim:
         "hover",
         f"In hover roll and pitch stay within +-{WITHIN_DEG:g} deg.",
         "fig. 5, 6, 8, 9",
-        "Largest true roll or pitch in 30 s of hover on Huang's filter, position held by GNSS at 5 Hz and barometer; "
-        f"holds if its whole interval is below {WITHIN_DEG:g} deg.",
+        "Largest true roll or pitch in 30 s of hover on Huang's filter with GNSS and barometer. "
+        f"Holds if its whole interval is below {WITHIN_DEG:g} deg.",
         (size, inside, scatter, reach, *windy),
         below(size, WITHIN_DEG),
-        f"The largest angle is {quantity(size.value, 'deg')}, in {quantity(inside.value, 'pct')} of the flights it is "
-        f"always within. It depends on the air: with turbulence of {runs.MORE_WIND_M_S[-1]:g} m/s it is "
-        f"{quantity(windy[-2].value, 'deg')}, and {quantity(windy[-1].value, 'pct')} of the flights stay within.",
+        f"{quantity(inside.value, 'pct')} of the flights stay within. With turbulence of "
+        f"{runs.MORE_WIND_M_S[-1]:g} m/s the largest angle is {quantity(windy[-2].value, 'deg')}; "
+        f"{quantity(windy[-1].value, 'pct')} of the flights stay within.",
         paper="+-5 deg",
     )
 
@@ -234,20 +233,22 @@ def _tracks(found: list[HuangSeed]) -> Claim:
         w = 2.0 * math.pi / period
         told = runs.axis_of(0 if axis == "roll" else 1).response(w)
         said.append(
-            f"{quantity(delay.value, 'ms', False)} at {period:g} s (gain {number(gain.value, '1')}, "
-            f"on the true attitude {quantity(straight.value, 'ms', False)}, by the transfer function "
-            f"{quantity(-float(np.angle(told)) / w * 1e3, 'ms', False)})"
+            f"At a period of {period:g} s the gain is {number(gain.value, '1')}, the delay "
+            f"{quantity(delay.value, 'ms', False)}. On the true attitude it is "
+            f"{quantity(straight.value, 'ms', False)}, by the transfer function "
+            f"{quantity(-float(np.angle(told)) / w * 1e3, 'ms', False)}."
         )
     return Claim(
         "tracks",
         "The angle follows a moving set-point, with a delay.",
         "fig. 5, 6, 8, 9",
-        "Fundamental of the true angle against that of the set-point's sine; it follows where the whole interval of "
+        "Fundamental of the true angle against that of the set-point's sine. It follows where the whole interval of "
         f"the gain is above {HALF_POWER:.3f} (-3 dB).",
-        tuple(numbers),
+        led((numbers[0], numbers[1], numbers[4]), numbers),
         together(verdicts),
-        f"The delay is {' and '.join(said)}: it is the loop's own, about 1 over the outer gain of 4.5/s, "
-        f"because nothing in the controller looks ahead. A gain below {HALF_POWER:.3f} is no following.",
+        f"{' '.join(said)} The delay is the loop's own, about 1 over the outer gain of 4.5/s. Nothing in the "
+        "controller looks ahead.",
+        shown=3,
     )
 
 

@@ -57,7 +57,7 @@ def _against_ekf(flight: Flight) -> PaperFigure:
         "ekf",
         "fig. 4",
         "The filter and EKFs over the same samples, errors",
-        "Errors against the truth, because the angles themselves could hardly be told from each other.",
+        "Errors against the truth, because the angles themselves could hardly be distinguished.",
         "time, s",
         tuple(f"error of {name}" for name in AXES),
         tuple(filters(samples(flight), rows, errors=True, span=SINCE)),

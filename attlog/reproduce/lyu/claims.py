@@ -6,7 +6,7 @@ import math
 
 from attlog.present.numbers import below as bound
 from attlog.present.numbers import quantity
-from attlog.reproduce.judge import below, difference, mean, mean_text, ratio, share, together
+from attlog.reproduce.judge import below, difference, ends, led, mean, mean_text, ratio, share, together
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs
 from attlog.reproduce.lyu.figures import figures
@@ -34,10 +34,11 @@ def paper(options: PaperOptions) -> Paper:
         figures(),
         (_table(found),),
         (
-            "The paper prints no numbers: its claims are read off its figures. It does not say whether ki counts per "
-            "second or per sample, so everything is run both ways; at 200 Hz the second is 200 times the first.",
-            "Equation (16) scales what the integral puts out and goes on summing. 'Input stopped' is ours: it "
-            "scales what is summed, as is usual against wind-up.",
+            "The paper prints no numbers: its claims are read off its figures.",
+            "It does not say whether ki counts per second or per sample: everything is run both ways. At 200 Hz the "
+            "second is 200 times the first.",
+            "Equation (16) scales what the integral puts out and goes on summing. With 'input stopped', which is ours, "
+            "it scales what is summed.",
         ),
         seeds=options.seeds,
     )
@@ -88,14 +89,13 @@ def _at_rest(found: list[BenchResult]) -> Claim:
         "rest",
         "At rest the angles of the improved filter scatter less than those of the traditional one.",
         "fig. 4",
-        "Standard deviation of roll and pitch at rest, both filters on the same samples; holds if the whole "
+        "Standard deviation of roll and pitch at rest, both filters on the same samples. Holds if the whole "
         f"interval of the ratio is below {QUIETER:g}.",
         (*numbers, equal, spread, none, PaperNumber("largest |e| at rest, of 1", largest, "")),
         together(verdicts),
-        f"Not by anything: the two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The "
-        f"integral fades above |e| = {ERR1:g}, at rest |e| stays below {math.ceil(100 * largest) / 100:g}: there it is "
-        "one filter, and a quieter trace must come from something else. Even without any integral the spread is "
-        f"{quantity(none.value, 'ratio')} as large.",
+        f"The two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The integral fades above "
+        f"|e| = {ERR1:g}; at rest |e| stays below {math.ceil(100 * largest) / 100:g}. Without any integral the spread "
+        f"is {quantity(none.value, 'ratio')} as large.",
     )
 
 
@@ -156,12 +156,13 @@ def _follows(found: list[BenchResult]) -> Claim:
         "follow",
         "Lifted and dropped, the improved filter follows the movement more closely.",
         "fig. 5",
-        "RMS error of tilt from the lift to 5 s after the drop, from 20, 40 and 60 deg; holds if the whole interval of "
+        "RMS error of tilt from the lift to 5 s after the drop (20, 40, 60 deg). Holds if the whole interval of "
         f"the difference is below {CLOSER_DEG:g} deg.",
-        (*numbers, *above),
+        led(ends(numbers), (*numbers, *above)),
         together([below(n, CLOSER_DEG) for n in numbers]),
-        f"The error differs by {_range(numbers, 'deg')}. The filters differ only while |e| is above {ERR1:g}, which it "
-        f"is for less than {most} of the time: in the blow, and where the gyro's range is too small for the drop.",
+        f"The error differs by {_range(numbers, 'deg')}. The filters differ only while |e| is above {ERR1:g}: less "
+        f"than {most} of the time. That is in the blow, and where the gyro's range is too small for the drop.",
+        shown=2,
     )
 
 
@@ -173,14 +174,16 @@ def _settles(found: list[BenchResult]) -> Claim:
         "settle",
         "After a large error the improved filter is back at the true angle sooner.",
         "fig. 5",
-        f"Time from the drop until the error of roll stays within {runs.DROP_WITHIN_DEG:g} deg of where it ends; time "
-        f"from a start with a wrong angle until it stays within {runs.WRONG_WITHIN_DEG:g} deg. Holds if the whole "
-        f"interval of the difference is below {SOONER_S:g} s.",
-        (*drops, *starts, *ours),
+        f"After a drop: time until the error of roll stays within {runs.DROP_WITHIN_DEG:g} deg of where it ends. "
+        f"After a wrong start: time until it stays within {runs.WRONG_WITHIN_DEG:g} deg. Holds if the whole interval "
+        f"of the difference is below {SOONER_S:g} s.",
+        led(ends((*drops, *starts)), (*drops, *starts, *ours)),
         together([below(n, SOONER_S) for n in (*drops, *starts)]),
-        f"It differs by {_range(drops, 's')} after a drop, by {_range(starts, 's')} after a wrong start: (16) goes on "
-        "summing while nothing is put out, and the sum then drives the angle too far. Were the sum stopped instead, it "
-        f"would be {_range(ours, 's')}.",
+        f"After a drop it differs by {_range(drops, 's')}. After a wrong start it differs by {_range(starts, 's')}. "
+        "Equation (16) "
+        "goes on summing while nothing is put out; the sum then drives the angle too far. With the sum stopped "
+        f"instead, it differs by {_range(ours, 's')}.",
+        shown=2,
     )
 
 
@@ -197,13 +200,14 @@ def _overshoots(found: list[BenchResult]) -> Claim:
         "overshoot",
         "It overshoots less.",
         "fig. 5",
-        "How far roll goes beyond the true one after the drop, and after a start with a wrong angle. Holds if the "
+        "How far roll goes beyond the true one after the drop and after a wrong start. Holds if the "
         f"whole interval of the difference is below {CLOSER_DEG:g} deg.",
-        (*drops, *starts, *ours, size),
+        led(ends((*drops, *starts)), (*drops, *starts, *ours, size)),
         together([below(n, CLOSER_DEG) for n in (*drops, *starts)]),
-        f"It differs by {_range(drops, 'deg')} after a drop, by {_range(starts, 'deg')} after a wrong start, of up to "
-        f"{quantity(size.value, 'deg')} with ki per sample. Were the sum stopped instead, it would be "
-        f"{_range(ours, 'deg')}.",
+        f"After a drop it differs by {_range(drops, 'deg')}. After a wrong start it differs by "
+        f"{_range(starts, 'deg')}. It is up to {quantity(size.value, 'deg')} with ki per sample. With the sum "
+        f"stopped instead, it differs by {_range(ours, 'deg')}.",
+        shown=2,
     )
 
 
@@ -228,13 +232,14 @@ def _flies(found: list[dict[str, LyuFlight]]) -> Claim:
         "flight",
         "In flight the improved filter gives the better attitude.",
         "fig. 3",
-        "RMS error of tilt from take-off on and RMS distance of the true roll from its set-point, flown on either "
-        f"filter's attitude; holds if the whole interval of each difference is below {CLOSER_DEG:g} deg.",
+        "RMS error of tilt from take-off on, and RMS distance of the true roll from its set-point. Each flight is "
+        "flown on one filter's attitude. Holds if the whole interval of each difference is below "
+        f"{CLOSER_DEG:g} deg.",
         (*numbers, *sizes, equal, PaperNumber("largest |e| in flight, of 1", largest, "")),
         together([below(n, CLOSER_DEG) for n in numbers]),
-        f"{quantity(equal.value, 'pct')} of the flights are equal to the last bit, and the others differ by "
-        f"{_range(numbers, 'deg')} where the error of tilt is {quantity(sizes[0].value, 'deg')}: |e| reaches "
-        f"{largest:.2f}, so the integral hardly ever fades.",
+        f"{quantity(equal.value, 'pct')} of the flights are equal to the last bit. The means differ by "
+        f"{_range(numbers, 'deg')}; the error of tilt is {quantity(sizes[0].value, 'deg')}. |e| reaches "
+        f"{largest:.2f}: the integral hardly ever fades.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Which gain errs least over many flights, and which ones cannot be told apart from it."""
+"""Which gain errs least over many flights, and which ones do not differ significantly from it."""
 
 from __future__ import annotations
 
@@ -42,24 +42,25 @@ class GainErrors:
 
 @dataclass(frozen=True, slots=True)
 class BestGain:
-    """The gain with the smallest error, those that are not told apart from it, and the error of 0.6 over its."""
+    """The gain with the smallest error of ``what``, those not significantly different, and 0.6's error over its."""
 
+    what: str
     kp: float
     alike: tuple[float, ...]
     over: PaperNumber
 
     @property
     def tells(self) -> bool:
-        """Whether any gain is told apart from the best."""
+        """Whether any gain differs significantly from the best."""
         return len(self.alike) < len(SWEPT)
 
     @property
     def words(self) -> str:
-        """In words: ``smallest with kp 0.03 to 0.1 (with 0.6 3.4 times)``."""
+        """In words: ``kp 0.03 to 0.1 gives the smallest error of tilt; 0.6 gives 3.4×``."""
         if not self.tells:
-            return f"smallest with kp {self.kp:g}, from which no gain is told apart"
+            return f"no gain differs significantly in {self.what} from the best, kp {self.kp:g}"
         span = f"kp {self.alike[0]:g}" + (f" to {self.alike[-1]:g}" if len(self.alike) > 1 else "")
-        return f"smallest with {span} (with 0.6 {quantity(self.over.value, 'ratio')})"
+        return f"{span} gives the smallest error of {self.what}; 0.6 gives {quantity(self.over.value, 'ratio')}"
 
     def any_within(self, low: float, high: float) -> bool:
         """Whether one of the best lies between two gains."""
@@ -73,4 +74,4 @@ def best_gain(runs: GainErrors, errors: Mapping[str, list[float]], what: str) ->
     best = min(SWEPT, key=lambda kp: float(np.mean(np.log(found[kp]))) if usable else 0.0)
     alike = tuple(kp for kp in SWEPT if kp == best or above(ratio("", found[kp], found[best]), 1.0) != "holds")
     said = f"error of {what}, kp 0.6 over {best:g}, the best, {runs.called}"
-    return BestGain(best, alike, ratio(said, found[0.6], found[best]))
+    return BestGain(what, best, alike, ratio(said, found[0.6], found[best]))

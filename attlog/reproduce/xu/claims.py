@@ -84,17 +84,17 @@ def _notes(logs: Sequence[LogOscillation]) -> tuple[str, ...]:
     left_out = [f"{log.name} ({log.why_not})" for log in logs if log.why_not]
     kinds = {log.reference for log in logs if not log.why_not}
     found = [
-        "With ki = 0 the filter is of first order and cannot oscillate by itself: what grows with kp is how much of "
-        "the accelerations, vibration and field disturbances it lets into the attitude.",
-        "Which gain errs least depends on the gyro's bias, which a filter with ki = 0 turns into a tilt of bias / kp. "
-        "On logs the bias at rest is taken off first where the log has a rest.",
+        "With ki = 0 the filter is of first order and cannot oscillate by itself. With kp grows how much of "
+        "accelerations, vibration and field disturbances reaches the attitude.",
+        "Which gain errs least depends on the gyro's bias: with ki = 0 it becomes a tilt of bias / kp. "
+        "On logs the bias at rest is subtracted first where there is one.",
     ]
     if kinds:
         found.append(f"Errors on logs are against the reference of an analysis: {listed(sorted(kinds))}.")
     if left_out:
         found.append(f"Logs not used: {'; '.join(left_out)}.")
     if not logs:
-        found.append("No log was given (--logs) and none came with this installation: simulated missions only.")
+        found.append("No log was given (--logs) and none came with this installation. So all flights are simulated.")
     return tuple(found)
 
 
@@ -148,13 +148,13 @@ def _oscillates(runs: Sequence[GainErrors]) -> Claim:
         "oscillates",
         "Roll and pitch oscillate more as the gain grows from 0.6 over 1.1 to 2.",
         "fig. 1, 2",
-        f"RMS of roll and pitch from {BAND}, flight by flight; holds if the intervals of all ratios of neighbouring "
+        f"RMS of roll and pitch from {BAND}, flight by flight. Holds if the intervals of all ratios of neighbouring "
         "gains are above 1. Dominant: the frequency with most power per octave.",
-        (*(n for r in runs for n in steps[r.called]), *hz),
+        (*whole.values(), *(n for r in runs for n in steps[r.called]), *hz),
         _verdict(runs, {called: [above(n, 1.0) for n in numbers] for called, numbers in steps.items()}),
-        f"With kp 2 roll moves {listed([f'{_text([n])} on {called}' for called, n in whole.items()])} as much as with "
-        "0.6. A filter with ki = 0 has no frequency of its own: the one with most power is on average "
-        f"{min(ends):.2f} to {max(ends):.2f} Hz, near the slow end of what was looked at, with every gain.",
+        "A filter with ki = 0 has no frequency of its own. The dominant one is "
+        f"{min(ends):.2f} to {max(ends):.2f} Hz with every gain, near the slow end of the band.",
+        shown=len(whole),
     )
 
 
@@ -167,12 +167,13 @@ def _heading(runs: Sequence[GainErrors]) -> Claim:
         "heading",
         "Heading fluctuates from a gain of 1.1 on.",
         "fig. 3",
-        f"RMS of heading from {BAND}. Two parts: it grows from 0.6 to 1.1 to 2 (all intervals above 1); and below 1.1 "
-        f"it does not yet: from {CALMER:g} to 0.6 by less than {100 * (LITTLE - 1):.0f} %.",
+        f"RMS of heading from {BAND}. It must grow from 0.6 to 1.1 to 2: all intervals above 1. From {CALMER:g} to 0.6 "
+        f"it must grow by less than {100 * (LITTLE - 1):.0f} %.",
         tuple(n for r in runs for n in (*grows[r.called], calm[r.called])),
         _verdict(runs, parts),
-        f"On {first} it is {_text(grows[first])} as much at the steps from 0.6 over 1.1 to 2. Whether anything begins "
-        f"there: at the step from {CALMER:g} to 0.6 it is {_text([calm[first]])}.",
+        f"On {first} the steps from 0.6 over 1.1 to 2 are {_text(grows[first])}. Nothing need begin there: the "
+        f"step from {CALMER:g} to 0.6 is {_text([calm[first]])}.",
+        shown=3,
     )
 
 
@@ -191,17 +192,17 @@ def _best(runs: Sequence[GainErrors]) -> Claim:
         parts[called] = [above(n, 1.0) for n in three[called]]
         parts[called] += ["holds" if b.any_within(0.6, 1.1) else "does not hold" for b in found if b.tells]
     first = measured[0].called
-    errors = [f"on {called} the error of tilt is {t.words}, of heading {h.words}" for called, (t, h) in best.items()]
+    errors = [f"On {called} {b.words}." for called, found in best.items() for b in found]
     return Claim(
         "best",
         "The best gain lies between 0.6 and 1.1.",
         "section 3",
-        f"RMS error of tilt and heading in the air for gains from {SWEPT[0]:g} to {SWEPT[-1]:g}. Parts: 0.6 beats 1.1 "
-        "and 2 in tilt; a gain between 0.6 and 1.1 is best or not significantly different.",
-        tuple(n for called, found in best.items() for n in (*three[called], *(b.over for b in found))),
+        f"RMS error of tilt and heading in the air for gains from {SWEPT[0]:g} to {SWEPT[-1]:g}. In tilt 0.6 must beat "
+        "1.1 and 2. A gain between 0.6 and 1.1 must be best or not significantly different.",
+        tuple(n for called, found in best.items() for n in (found[0].over, *three[called], found[1].over)),
         _verdict(measured, parts),
-        f"The errors of tilt with 1.1 and 2 are {_text(three[first])} that of 0.6 on {first}. Of all gains: "
-        f"{'; '.join(errors)}.",
+        f"Tilt errors with 1.1 and 2 are {_text(three[first])} that of 0.6 on {first}. {' '.join(errors)}",
+        shown=2,
     )
 
 
@@ -218,10 +219,11 @@ def _adaptive(runs: Sequence[GainErrors]) -> Claim:
         "adaptive",
         "A gain that adapts is better than a fixed one.",
         "abstract",
-        "The paper prints no law, so this judges ours: error of tilt and RMS of roll in the band over those of the "
-        f"fixed gain 0.6; holds if the intervals are below {BETTER:g}.",
+        "The paper prints no law, so this judges ours. Error of tilt and RMS of roll in the band over those of the "
+        f"fixed gain 0.6. Holds if the intervals are below {BETTER:g}.",
         tuple(n for found in numbers.values() for n in found),
         _verdict(runs, {called: [below(n, BETTER) for n in found] for called, found in numbers.items()}),
-        f"With our law the error of tilt is {listed(told)} that of the fixed gain. The law looks at the size of the "
-        "specific force: accelerations across gravity pass it up to 0.46 g, where the size is 10 % off.",
+        f"Over the fixed gain's the error of tilt is {listed(told)}. The law sees the size of the "
+        "specific force alone. Accelerations across gravity pass it up to 0.46 g, where the size is 10 % off.",
+        shown=2,
     )

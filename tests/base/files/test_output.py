@@ -180,3 +180,20 @@ def test_the_name_of_standard_output_means_what_stands_behind_it(tmp_path: Path)
 def test_what_utf8_cannot_hold_is_written_as_an_escape(tmp_path: Path) -> None:
     write_atomic(tmp_path / "file", "a\udcffb")
     assert (tmp_path / "file").read_text(encoding="utf-8") == "a\\udcffb"
+
+
+def test_the_json_moves_last_of_what_belongs_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever finds it finds its page as well."""
+    moved: list[str] = []
+    replace = Path.replace
+
+    def noted(self: Path, target: Path) -> Path:
+        moved.append(self.name)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", noted)
+    with staged(tmp_path) as stage:
+        for name in ("a.json", "a.html", "a.param"):
+            (stage / name).write_text(name)
+    assert moved == ["a.html", "a.param", "a.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(moved)

@@ -10,6 +10,7 @@ import pytest
 from attlog.result.document import expanded
 from attlog.result.schema import schema
 from tests.conftest import few
+from tests.report.browser import executable
 
 LOGS = ("px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog")
 
@@ -165,3 +166,27 @@ def test_a_row_that_is_named_twice_stands_once(attlog, samples, tmp_path):
     assert done.code == 0, done.err
     names = [r["name"] for r in json.loads(done.out)["estimators"] if r["kind"] == "replay"]
     assert names == ["gyro", "mahony@xu-0.6"]
+
+
+def test_figures_without_a_browser_are_refused_before_a_log_is_read(attlog, samples, tmp_path, monkeypatch):
+    monkeypatch.setenv("BROWSER_PATH", str(tmp_path / "none"))
+    done = attlog("analyze", samples / LOGS[0], "-o", tmp_path / "out", "--figures", tmp_path / "figures")
+    assert done.code == 73
+    assert "figures need Chrome, Chromium or Edge" in done.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_figures_of_several_logs_stand_beside_each_other(attlog, samples, tmp_path, monkeypatch):
+    monkeypatch.setenv("BROWSER_PATH", executable())
+    figures = tmp_path / "figures"
+    logs = [samples / name for name in LOGS[1:]]
+    assert logs[0].stem == logs[1].stem
+    options = ("--estimators", "gyro", "--reference", "onboard", "-o", tmp_path / "out", "--figures", figures)
+    done = attlog("analyze", *logs, *options)
+    assert done.code == 0, done.err
+    assert f"figures: {figures}" in done.out
+    stem = logs[0].stem
+    assert {f"{stem}_attitude.svg", f"{stem}_attitude.png", f"{stem}-2_strip.svg"} <= {
+        p.name for p in figures.iterdir()
+    }

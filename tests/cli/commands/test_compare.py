@@ -15,6 +15,8 @@ from attlog.compare.configurations.command_words import sorted_out, with_params
 from attlog.compare.configurations.configuration import parse
 from attlog.compare.differences.compare import compare
 from attlog.compare.differences.comparison import Comparison
+from attlog.compare.tables.table import side_by_side
+from tests.compare.flights import comparison
 from tests.conftest import SAMPLES
 
 STEPS = SAMPLES / "copter_steps_stabilize.bin"
@@ -174,3 +176,14 @@ def test_files_are_written_together_or_the_old_ones_stay(attlog, tmp_path: Path)
     assert (done.code, "compare.csv: cannot be written" in done.err) == (73, True), done.err
     assert [(tmp_path / name).read_text() for name in ("compare.html", "compare.json")] == ["old", "old"]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["compare.csv", "compare.html", "compare.json"]
+
+
+def test_the_sentence_stands_first_and_last_and_several_configurations_side_by_side() -> None:
+    found = comparison({"inclination_rmse_deg": [(0.3, 0.01)] * 9, "noise_tilt_deg": [(3.0, 0.01)] * 9})
+    lines = [line.text for line in printed(found, 80)]
+    lead = " ".join(lines[: lines.index("")])
+    assert lead == found.verdicts[0].lead
+    assert " ".join(lines[-len(lines[: lines.index("")]) :]) == lead
+    assert len(lines) + 1 <= 25
+    (table,) = side_by_side(found, 80)
+    assert table.rows == [("Tilt error", "+35 %*", ""), ("Noise at rest", "20 times*", "")]

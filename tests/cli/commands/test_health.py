@@ -24,9 +24,9 @@ def test_it_prints_faults_first_folds_the_rest_and_names_what_to_set(attlog, sam
     first, _, *lines = done.out.splitlines()
     assert first.startswith(LOG)
     table = [line.split()[0] for line in lines if line.startswith("  ")]
-    assert table.index("MAG.1") < table.index("MAG.0") < table.index("ok:") < table.index("cannot")
+    assert table.index("MAG.1") < table.index("MAG.0") < table.index("ok:") < table.index("no")
     assert "  ok: vibration" in lines
-    assert "  cannot tell: GNSS delay (why: -v)" in lines
+    assert "  no answer: GNSS delay (why: -v)" in lines
     assert lines[-3:] == ["set", "  COMPASS_OFS_X -12 -> 145", "  COMPASS_OFS_Y 4.5 -> -20.25"]
     assert REFUSED.why_no_setting in done.out
     assert SILENT.text not in done.out

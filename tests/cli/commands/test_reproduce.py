@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from attlog.cli.commands.reproduce import printed
 from attlog.reproduce.lyu import claims as lyu
 from tests.conftest import SAMPLES
 from tests.reproduce.made import paper
@@ -29,6 +31,22 @@ def test_a_paper_is_told_on_the_terminal_and_written_as_page_and_json(
     assert verdicts <= {"holds", "holds in part", "does not hold", "cannot be judged"}
     for claim in told["claims"]:
         assert claim["verdict"] in done.out
+    assert done.out.splitlines()[-1] == f"page: {tmp_path / 'reproduce-lyu.html'}"
+
+
+@pytest.mark.parametrize("width", [70, 80, 200])
+def test_claims_are_a_table_that_fits_the_terminal(width: int) -> None:
+    lines = [line.text for line in printed(paper(), Path("a.html"), width=width)]
+    assert max(map(len, lines)) <= width
+    rows = [line for line in lines if re.match(r"\d\. Claim", line)]
+    assert [row.split("  ")[-1].strip() for row in rows] == [
+        "holds",
+        "holds in part",
+        "does not hold",
+        "cannot be judged",
+    ]
+    assert "0.80× (0.70 to" in rows[0]
+    assert lines[-2:] == ["1 holds, 1 holds in part, 1 does not hold, 1 cannot be judged", "page: a.html"]
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -66,7 +67,7 @@ def test_a_summary_names_what_has_no_report(attlog, samples, tmp_path):
     done = attlog(samples / "copter_yaw_turns.bin", tmp_path / "bad.ulg", "-o", tmp_path, "--estimators", "gyro")
     assert done.code == 65
     assert "2 logs: 1 report in" in done.out
-    assert "1 log cannot be used (exit code 65): not a flight log" in done.out
+    assert "1 log cannot be used (exit code 65):\n    not a flight log" in done.out
     assert "(bad.ulg)" in done.out
 
 
@@ -77,7 +78,7 @@ def test_help_is_plain_and_loses_no_bracket(attlog, command):
     assert [line for line in done.out.splitlines() if line != line.rstrip()] == []
     if command == "analyze":
         text = " ".join(done.out.split())
-        for told in ("NAME[@PRESET][:k=v,...]", "[default: the one that flew]", "[default: reports]"):
+        for told in ("NAME[@PRESET][:k=v,...]", "[default: the one used in flight]", "[default: reports]"):
             assert told in text
 
 
@@ -175,12 +176,19 @@ def run(words: list[str], cls: Any) -> tuple[int, Any, str]:
         ["a.ulg", "--score", "nan"],
         ["--window", "3"],
         [],
-        ["--help"],
     ],
     ids=" ".join,
 )
 def test_a_command_gets_what_typer_would_give_it(words: list[str]) -> None:
     assert run(words, Plain) == run(words, None)
+
+
+def test_the_help_has_all_that_typer_has_in_sections_without_types_of_python() -> None:
+    ours, theirs = (run(["--help"], cls)[2] for cls in (Plain, None))
+    assert set(re.findall(r"--?[a-z-]+", ours)) == set(re.findall(r"--?[a-z-]+", theirs))
+    assert ours.index("Options:") < ours.index("Logs and filters:") < ours.index("Every command:")
+    assert "<" in theirs
+    assert not re.search(r"<(str|path|list)", ours, re.IGNORECASE)
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a file that may not be read")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections import defaultdict
 from typing import Any
@@ -60,6 +61,7 @@ def test_analyze_and_batch_take_the_same_options_of_a_log_and_so_do_the_commands
         "--json",
         "--format",
         "--open",
+        "--figures",
     }
     for name in ("sweep", "tune"):
         same = {k for k in found["compare"] if found[name].get(k) == found["compare"][k]}
@@ -78,6 +80,48 @@ def test_help_is_sentences_and_an_example_that_the_command_understands(name: str
     assert words[:2] == ["attlog", name]
     command.make_context(name, words[2:], parent=context)
     assert all(o.help for o in command.params if o.param_type_name == "option")
+
+
+SENTENCE = re.compile(r"[A-Z][a-z]+ .*\.( \[default: .*\])?")
+IDEAS = {
+    "--estimators": "these filters",
+    "--format": "",
+    "--jobs": "at a time",
+    "--metric": "metric",
+    "--output": "Write ",
+    "--params": "Use the parameters of this file",
+    "--seed": "Seed ",
+    "--seeds": "Fly ",
+    "--window": "window",
+}
+"""What all helps of an option say that are not the same in each command."""
+
+
+def test_the_help_of_every_option_and_argument_is_a_sentence_with_a_full_stop() -> None:
+    found, context = group()
+    for name in COMMANDS:
+        for parameter in found.get_command(context, name).params:
+            assert SENTENCE.fullmatch(parameter.help), (name, parameter.name, parameter.help)
+
+
+def test_an_option_means_the_same_in_every_command() -> None:
+    helps: dict[str, set[str]] = defaultdict(set)
+    for of in options().values():
+        for option in of:
+            helps[longest(option)].add(option.help)
+    for name, texts in helps.items():
+        assert len(texts) == 1 or all(IDEAS[name] in text for text in texts), (name, texts)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_a_command_does_and_its_own_options_fit_one_screen(
+    attlog: Any, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    own, _, rest = attlog(name, "--help").out.partition("Logs and filters:")
+    assert len(own.splitlines()) <= 50
+    assert "Every command:" in own + rest
+    assert not re.search(r"<(str|list|path)", own + rest, re.IGNORECASE), "types of Python are no words for people"
 
 
 @pytest.mark.parametrize(

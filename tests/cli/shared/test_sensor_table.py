@@ -73,8 +73,8 @@ def test_a_long_name_of_a_sensor_leaves_the_value_a_line_of_its_own() -> None:
 
 def test_what_cannot_be_told_says_why_once_when_asked() -> None:
     same = [SILENT, replace(SILENT, sensor="GPS.1")]
-    assert [line.text for line in sensor_lines(same, str, 80, False)] == ["  cannot tell: GNSS delay (2) (why: -v)"]
+    assert [line.text for line in sensor_lines(same, str, 80, False)] == ["  no answer: GNSS delay (2) (why: -v)"]
     assert [line.text for line in sensor_lines(same, str, 80, True)] == [
-        "  cannot tell: GNSS delay of GPS.0; GNSS delay of GPS.1",
+        "  no answer: GNSS delay of GPS.0; GNSS delay of GPS.1",
         f"      {SILENT.text}",
     ]

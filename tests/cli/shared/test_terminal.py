@@ -8,12 +8,12 @@ import pytest
 
 from attlog.cli.shared.filter_table import comparison
 from attlog.cli.shared.printing import wrapped
-from attlog.cli.shared.terminal import printed
+from attlog.cli.shared.terminal import printed, said_once
 from attlog.metrics.answer import missing
 from attlog.present.names import row_names
 from attlog.present.stand_ins import stand_in
 from attlog.present.table.table import main_table
-from attlog.result import Duplicates
+from attlog.result import Duplicates, Finding
 from tests.present.made import answer
 from tests.report.conftest import make_result
 
@@ -165,3 +165,36 @@ def test_borrowed_headings_are_told_in_the_last_line():
     result.reference.choice, result.reference.heading_by = "smoother", "onboard"
     said = " ".join(lines(result, 80))
     assert "Against the smoother; headings against onboard (agreement, not truth)." in said
+
+
+def test_a_reason_why_several_questions_have_no_answer_stands_once_behind_them():
+    no = "Cannot be determined: no step."
+    found = list(
+        said_once({"accuracy": "Tilt: A 1.0°.", "noise": no, "lag": "Cannot be determined: x.", "yaw drift": no})
+    )
+    assert [label for label, _ in found] == ["accuracy", "lag", "no answer"]
+    assert found[-1][1] == "Noise and yaw drift: no step."
+
+
+def test_of_many_findings_five_stand_above_the_answers():
+    result = make_result()
+    result.findings = [Finding("x", "warning", f"Number {i} is wrong.") for i in range(9)]
+    found = [line.text for line in printed(result, "all", 80, "utf-8")]
+    assert sum("is wrong." in line for line in found) == 5
+    assert "          and 4 more with -v" in found
+    verbose = [line.text for line in printed(result, "all", 80, "utf-8", True)]
+    assert sum("is wrong." in line for line in verbose) == 9
+
+
+def test_the_table_stands_only_where_filters_were_compared():
+    result = make_result()
+    result.ranked = {}
+    assert not any(line.text.startswith("filter ") for line in printed(result, "all", 80, "utf-8"))
+    assert any(line.text.startswith("filter ") for line in printed(result, "all", 80, "utf-8", True))
+
+
+def test_the_gyro_alone_stands_in_the_short_table_only_without_other_filters():
+    result = make_result()
+    assert not any(line.startswith("Gyro") for line in lines(result, 80, verbose=False))
+    result.estimators = [r for r in result.estimators if r.estimator == "gyro" or r.kind == "onboard"]
+    assert any(line.startswith("Gyro") for line in lines(result, 80, verbose=False))

@@ -8,7 +8,7 @@ import pytest
 
 from attlog.base.errors import LogUnreadable, UsageError
 from attlog.compare.configurations.configuration import parse
-from attlog.compare.configurations.toml_file import read
+from attlog.compare.configurations.toml_file import _at, read
 
 GOOD = """metrics = ["inclination_rmse_deg", "lag_ms"]
 reference = "truth"
@@ -116,3 +116,11 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str, why: str) -> 
 def test_a_file_that_is_not_there_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(LogUnreadable):
         read(tmp_path / "none.toml")
+
+
+def test_the_line_of_a_key_is_that_in_its_own_part_of_the_file(tmp_path):
+    lines = ['reference = "truth"', "[[configuration]]", "kp = 1", "[[configuration]]", "kp = 2", "window = 3"]
+    at = [_at(tmp_path, lines, key, table) for key, table in (("reference", None), ("kp", 1), ("kp", 0))]
+    assert [place.rpartition(" ")[2] for place in at] == ["1", "5", "3"]
+    assert _at(tmp_path, lines, "window") == str(tmp_path)
+    assert _at(tmp_path, lines, "window", 0).endswith("line 2")

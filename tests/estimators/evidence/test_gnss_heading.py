@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
+from attlog.estimators.evidence import gnss_heading
 from attlog.estimators.evidence.gnss_heading import HeadingOffset, both, heading_offset, pieces, velocity_steps
 
 GRAVITY = 9.81
@@ -185,3 +186,19 @@ def test_what_stays_beside_a_gap_is_as_without_it_for_every_delay() -> None:
     assert found.force == pytest.approx(whole.force[:, same], abs=1e-9)
     left_out = whole.t0[~same]
     assert (left_out.min(), left_out.max()) == (pytest.approx(48.6, abs=0.21), pytest.approx(51.7, abs=0.21))
+
+
+def test_a_receiver_that_seems_earlier_than_any_is_not_believed() -> None:
+    found = flown(late_s=-0.4).found()
+    assert not found.told
+    assert "delay" in found.why
+
+
+@pytest.mark.parametrize("each_s", [1.0, 0.5, 0.25])
+def test_windows_of_a_second_that_overlap_are_no_more_evidence_than_those_side_by_side(each_s: float) -> None:
+    """Errors of 0.3 m/s across, to and fro, on accelerations of 1: sqrt(0.3^2 / 2 / 40) rad in 40 s, however many."""
+    t = np.arange(0.0, 40.0, each_s)
+    across = 0.3 * np.where((np.arange(len(t)) // 2) % 2 == 0, 1.0, -1.0)
+    sigma, blocks = gnss_heading._spread(t, 1.0 + 1j * across, np.ones(len(t), complex))
+    assert blocks == pytest.approx(8.0)
+    assert sigma == pytest.approx(np.sqrt(0.5 * 0.09 / 40.0), rel=0.3)

@@ -67,7 +67,7 @@ def test_numbers_stand_at_their_log() -> None:
     three, none, two = tilt["values"]["vqf"]
     assert (three / two, none) == (pytest.approx(1.5, rel=1e-3), None)
     assert not [c for c in data["columns"] if c["metric"] == "cost_ns"]
-    assert len(thumbs) == 2 * 3 * data["points"]
+    assert len(thumbs) == 2 * data["points"]
     assert data["first"] in data["rows"]
 
 
@@ -84,7 +84,8 @@ def test_only_common_rows_are_offered() -> None:
 def test_a_page_is_made_of_nothing_at_all() -> None:
     data, _ = inside(render([]))
     assert (data["name"], data["columns"], data["first"]) == ([], [], "")
-    assert inside(render([failed("a.bin")]))[0]["level"] == [2]
+    data = inside(render([failed("a.bin")]))[0]
+    assert [list(data["levels"])[k] for k in data["level"]] == ["failed"]
 
 
 def test_no_text_becomes_markup() -> None:
@@ -131,23 +132,32 @@ def test_an_old_page_survives_a_failure(tmp_path: Path) -> None:
         write_index(tmp_path / "file", [])
 
 
-def test_numbers_of_the_attitude_that_flew_are_shown_first_where_most_logs_have_its_error() -> None:
+def test_numbers_of_the_onboard_attitude_are_shown_first_else_those_of_the_filter_with_most() -> None:
     def column(**values: list[float | None]) -> dict[str, Any]:
         return {"values": values}
 
-    rows = ("onboard", "gyro", "mahony", "vqf", "rare", "onboard:AHR2")
-    few = column(
-        onboard=[1.0, None, None],
-        gyro=[0.1] * 3,
-        mahony=[2.0] * 3,
-        vqf=[1.0, 1.5, 9.0],
-        rare=[0.2, None, None],
-        **{"onboard:AHR2": [0.1] * 3},
-    )
-    assert first_row(rows, [few], 3) == "vqf"
-    assert first_row(rows, [few | {"values": few["values"] | {"onboard": [1.0, 1.0, None]}}], 3) == "onboard"
-    assert first_row(["gyro"], [column(gyro=[1.0])], 3) == "gyro"
-    assert first_row([], [], 0) == ""
+    filters = column(gyro=[0.1] * 3, mahony=[2.0, None, None], vqf=[1.0, 9.0, None], **{"onboard:AHR2": [0.1] * 3})
+    rows = ("onboard", "gyro", "mahony", "vqf", "onboard:AHR2")
+    assert first_row(rows, [filters]) == "vqf"
+    assert first_row(rows, [filters, column(onboard=[None, 1.0, None])]) == "onboard"
+    assert first_row(["gyro"], [column(gyro=[1.0])]) == "gyro"
+    assert first_row([], []) == ""
+
+
+@pytest.mark.parametrize(("reference", "judged"), [("truth", True), ("smoother", True), ("onboard", False)])
+def test_onboard_errors_stand_only_where_a_reference_may_judge_them(reference: str, judged: bool) -> None:
+    entry = flown("a.ulg", reference=reference)
+    assert entry.row is not None
+    for column in entry.row["columns"]:
+        column["values"] |= {"onboard": 1.0, "onboard:AHR2": 2.0}
+    columns = page_data(ordered([entry]))[0]["columns"]
+    errors = [c for c in columns if c["metric"] in ("inclination_rmse_deg", "lag_ms")]
+    others = [c for c in columns if c["metric"].startswith("noise_")]
+    assert errors
+    assert others
+    assert all(("onboard" in c["values"]) == ("onboard:AHR2" in c["values"]) == judged for c in errors)
+    assert all("vqf" in c["values"] for c in errors)
+    assert all("onboard" in c["values"] for c in others)
 
 
 def test_the_page_holds_what_is_off_with_the_sensors_and_what_to_set_without_signs_that_steer() -> None:

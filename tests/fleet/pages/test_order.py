@@ -37,6 +37,16 @@ def test_a_log_that_failed_stands_between_those_with_trouble_and_those_without()
     assert [log.name for log in ordered(logs)] == ["c.ulg", "b.bin", "a.ulg"]
 
 
+def test_a_log_of_which_nothing_could_be_re_run_is_not_without_trouble() -> None:
+    logs = ordered([flown("a"), flown("b", reference=None), flown("c", reason("sensor"), reference=None), failed("d")])
+    assert [(log.name, log.level, log.opens_first) for log in logs] == [
+        ("c", "serious", True),
+        ("d", "failed", False),
+        ("b", "unjudged", False),
+        ("a", "none", False),
+    ]
+
+
 def test_what_happened_is_the_headline_else_the_reason_else_the_message() -> None:
     logs = ordered(
         [

@@ -14,7 +14,7 @@ import pytest
 
 from attlog import Config, Result
 from attlog.base.errors import EXIT_ORDER, LogUnreadable, OutputError, UsageError, exit_code, message, worst
-from attlog.fleet.processes.files import analyze_to_files, report_names
+from attlog.fleet.processes.files import analyze_to_files, figure_starts, report_names
 from tests.conftest import SAMPLES
 
 LOG = SAMPLES / "copter_yaw_turns.bin"
@@ -87,3 +87,16 @@ def test_a_message_names_the_log_once() -> None:
     assert message(UsageError("a.bin: no such window"), "1", "a.bin") == "attlog: a.bin: no such window"
     assert message(UsageError("no such window"), "1", "a.bin") == "attlog: a.bin: no such window"
     assert message(ValueError("x"), "1.2", "a.bin").startswith("attlog: a.bin: a bug in attlog 1.2: ValueError: x\n")
+
+
+def test_figures_begin_with_the_name_of_their_log_without_suffix_and_each_log_has_its_own() -> None:
+    starts = figure_starts(Path("out"), ["a.ulg", "a.bin", "b.ulg.gz", ".bin"])
+    assert [path.as_posix() for path in starts] == ["out/a", "out/a-2", "out/b", "out/_bin"]
+
+
+def test_a_report_stays_where_its_figures_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BROWSER_PATH", "/bin/true")
+    with pytest.raises(OutputError, match="drew no figure"):
+        analyze_to_files(LOG, GYRO, tmp_path / "out", figures=tmp_path / "figures" / "log")
+    assert len(list((tmp_path / "out").iterdir())) == 2
+    assert not list((tmp_path / "figures").iterdir())

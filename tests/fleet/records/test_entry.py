@@ -12,9 +12,9 @@ import pytest
 from attlog import Config, Result, analyze
 from attlog.fleet.records.answers import SENSORS, numbers
 from attlog.fleet.records.entry import index_row, light, sensors_of
-from attlog.fleet.records.thumbnail import POINTS, thumbnail
+from attlog.fleet.records.thumbnail import POINTS, encoded, thumbnail
 from attlog.metrics.figures.trace import Trace
-from attlog.result import MEASURED_TIMES, Segment
+from attlog.result import MEASURED_TIMES, Event
 from tests.conftest import SAMPLES
 from tests.health.assessments.made import MADE, OFFSET, REFUSED, SILENT, SOUND
 from tests.report.conftest import make_result
@@ -86,45 +86,97 @@ def test_an_index_holds_little_of_a_row(flown: Result) -> None:
     assert len(json.dumps(light(row))) < 10_000
 
 
-def test_the_thumbnail_shows_tilt_and_difference_where_they_are() -> None:
+T = np.linspace(0.0, 96.0, 961)
+
+
+def leaning(*more: Trace) -> Result:
+    """A log of 96 s in which the onboard attitude leans from 48 s on, with other traces."""
     made = make_result(("mahony@xu-0.6",), with_traces=False)
-    t = np.linspace(0.0, 96.0, 961)
-    half = np.where(t < 48.0, 0.0, 30.0)
-    spike = np.where(np.abs(t - 10.0) < 0.05, 7.0, np.nan)
-    made.traces = [
-        Trace("attitude", "onboard", t, {"roll": half, "pitch": -half, "heading": t}),
-        Trace("difference", "mahony@xu-0.6", t, {"inclination": spike, "heading": -2 * spike}),
-    ]
-    seen = thumbnail(made)
+    half = np.where(T < 48.0, 0.0, 30.0)
+    made.log |= {"duration_s": 96.0, "timeline": {"airborne": [[1.0, 95.0]]}}
+    made.traces = [Trace("attitude", "onboard", T, {"roll": half, "pitch": -half, "heading": T}), *more]
+    return made
+
+
+def test_the_thumbnail_is_the_height_else_the_tilt() -> None:
+    height = np.where(T < 48.0, 12.0, np.nan)
+    seen = thumbnail(leaning(Trace("height", "", T, {"height": height})))
+    assert seen is not None
+    assert seen["height"] == [12.0] * (POINTS // 2) + [None] * (POINTS // 2)
+    seen = thumbnail(leaning(Trace("height", "", T, {"height": height * np.nan})))
     assert seen is not None
     leaned = math.degrees(math.acos(math.cos(math.radians(30.0)) ** 2))
     assert seen["tilt"] == [0.0] * (POINTS // 2) + [round(leaned, 1)] * (POINTS // 2)
-    place = int(10.0 / 96.0 * POINTS)
-    assert [i for i, v in enumerate(seen["tilt_diff"]) if v is not None] == [place]
-    assert (seen["tilt_diff"][place], seen["heading_diff"][place], seen["of"]) == (7.0, 14.0, "filters")
-    assert len(seen["tilt"]) <= 64
 
 
-def test_the_difference_is_that_of_the_attitude_that_flew_where_something_better_is_there(flown: Result) -> None:
-    seen = thumbnail(flown)
-    assert seen is not None
-    assert seen["of"] == "onboard"
-    assert max(v for v in seen["tilt"] if v is not None) > 15.0
-    assert seen["marks"] == []  # it was aligned at 2.5 s, long before take-off
-    assert seen["air"] == [[pytest.approx(20.0, abs=1.0), pytest.approx(80.0, abs=1.0)]]
-
-
-def test_impacts_and_jumps_in_the_air_are_marked() -> None:
-    made = make_result()
-    made.log["timeline"]["airborne"] = [[60.0, 185.0]]
-    made.segments = [Segment("reset", t - 0.01, t) for t in (5.0, 70.0)] + [Segment("impact", 186.0, 187.0)]
-    seen = thumbnail(made)
-    assert seen is not None
-    assert seen["marks"] == [[70.0, "reset"], [186.0, "impact"]]
+def test_the_thumbnail_of_a_log_that_never_flew_is_its_tilt() -> None:
+    made = leaning(Trace("height", "", T, {"height": np.full(len(T), 699.0)}))
     made.log["timeline"]["airborne"] = []
     seen = thumbnail(made)
     assert seen is not None
-    assert len(seen["marks"]) == 3  # nothing tells when it flew
+    assert "tilt" in seen
+    assert "height" not in seen
+
+
+def test_a_slow_height_is_drawn_as_a_line_and_a_long_gap_stays_one() -> None:
+    at = np.array([1.0, 5.0, 9.0, 95.0])
+    seen = thumbnail(leaning(Trace("height", "", at, {"height": np.array([0.0, 2.0, 4.0, 0.0])})))
+    assert seen is not None
+    assert seen["height"][:6] == [0.0, 1.0, 2.0, 3.0, 4.0, None]
+
+
+def test_the_thumbnail_ends_where_the_log_ends() -> None:
+    made = leaning()
+    made.log["duration_s"] = 192.0
+    seen = thumbnail(made)
+    assert seen is not None
+    assert (seen["t0"], seen["t1"]) == (0.0, 192.0)
+    assert seen["tilt"][POINTS // 2 + 1 :] == [None] * (POINTS // 2 - 1)
+
+
+def test_the_thumbnail_of_a_flight_has_its_height_and_no_mark_where_nothing_happened(flown: Result) -> None:
+    seen = thumbnail(flown)
+    assert seen is not None
+    assert max(v for v in seen["height"] if v is not None) > 2.0
+    assert seen["marks"] == []
+    assert seen["air"] == [[pytest.approx(20.0, abs=1.0), pytest.approx(80.0, abs=1.0)]]
+
+
+def test_serious_events_are_marked_with_what_happened_and_those_of_one_place_once() -> None:
+    made = leaning()
+    made.events = [
+        Event("impact", 70.02, "serious", "Hit the ground at 70.0 s: 5 g."),
+        Event("overturn", 69.98, "serious", "Turned over at 70.0 s."),
+        Event("reset", 20.0, "warning", "The onboard attitude was reset at 20.0 s."),
+        Event("impact", 90.0, "serious", "Crashed again at 90.0 s."),
+    ]
+    seen = thumbnail(made)
+    assert seen is not None
+    assert seen["marks"] == [
+        [70.0, "Turned over at 70.0 s. Hit the ground at 70.0 s: 5 g."],
+        [90.0, "Crashed again at 90.0 s."],
+    ]
+
+
+def test_the_page_gets_a_byte_for_each_point_and_what_is_shown_in_words() -> None:
+    out = bytearray()
+    height = [0.0, 18.0, 36.0, None] + [0.0] * (POINTS - 4)
+    seen = {"t0": 0.0, "t1": 9.0, "height": height, "air": [], "marks": [[8.0, "It fell."]]}
+    assert encoded(seen, out) == [0, 0.0, 9.0, "Height over time", [], [[8.0, "It fell."]]]
+    assert list(out[:4]) == [0, 127, 254, 255]
+    assert encoded(None, out) is None
+    low = seen | {"height": [1.0, -4.0] + [0.0] * (POINTS - 2)}
+    assert encoded(low, out) is not None
+    assert list(out[POINTS : POINTS + 2]) == [254, 0]
+
+
+def test_a_thumbnail_of_an_earlier_version_shows_its_tilt() -> None:
+    out = bytearray()
+    curves = {"tilt": [22.5, None] + [0.0] * (POINTS - 2), "tilt_diff": [1.0] * POINTS, "heading_diff": [1.0] * POINTS}
+    seen = {"t0": 0.0, "t1": 9.0, "of": "onboard", "air": [], "marks": [[8.0, "impact"]]} | curves
+    assert encoded(seen, out) == [0, 0.0, 9.0, "Tilt over time", [], [[8.0, "Impact"]]]
+    assert list(out[:3]) == [127, 255, 0]
+    assert len(out) == POINTS
 
 
 def test_a_result_without_traces_has_no_thumbnail_and_still_a_row() -> None:

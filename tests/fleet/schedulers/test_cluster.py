@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -248,3 +249,13 @@ def test_what_to_install_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match="pip install dask distributed"):
         list(records_of("tcp://127.0.0.1:9", works(tmp_path, 1)))
+
+
+def test_the_json_of_a_log_that_comes_back_is_written_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who waits for it finds the page as well."""
+    order: list[str] = []
+    monkeypatch.setattr(cluster, "write_atomic", lambda path, data: order.append(path.name))
+    work: Any = SimpleNamespace(folder=tmp_path, keep=False)
+    record = Record("a.ulg", "a")
+    assert cluster._kept(work, record, {"a.json": b"", "a.html": b"", "z.js": b""}) is record
+    assert order == ["a.html", "z.js", "a.json"]

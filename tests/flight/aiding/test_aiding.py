@@ -75,3 +75,24 @@ def test_gates_are_standard_deviations_in_both() -> None:
 
 def test_what_is_asked_of_gnss_is_each_firmwares() -> None:
     assert needs.of_gnss(flight()).speed < needs.of_gnss(flight(firmware="ArduPilot")).speed
+
+
+@pytest.mark.parametrize("aid", ["compass", "velocity", "position", "height"])
+def test_ardupilots_gates_are_hundredths_of_a_standard_deviation_and_px4s_whole_ones(aid: str) -> None:
+    """docs of EK3_POS_I_GATE and its kin: percent, 500 is 5 sigmas; of EKF2_GPS_P_GATE: SD."""
+    for source, firmware, unit in (("XKF4", "ArduPilot", 0.01), ("NKF4", "ArduPilot", 0.01), ("", "PX4", 1.0)):
+        name, _, _, gate, _ = noise.PARAMETERS["PX4" if firmware == "PX4" else source[:2]][aid]
+        found = noise.of_aid(flight(firmware=firmware, params={name: 0.5, gate: 500.0}), aid, source)
+        assert found is not None
+        assert (found.old, found.gate) == (0.5, pytest.approx(500.0 * unit))
+
+
+def test_the_delay_of_the_first_receiver_is_not_that_of_a_second_one() -> None:
+    """EKF2_GPS_DELAY was one for all before SENS_GPS1_DELAY: which receiver it fits nobody knows."""
+    log = flight(params={"EKF2_GPS_DELAY": 110.0})
+    log.gnss[0].index = 1
+    assert delays.of_receiver(log, log.gnss[0], 5.0) == "The log holds no delay parameter of this receiver."
+    log.params["SENS_GPS1_DELAY"] = flight(params={"SENS_GPS1_DELAY": 70.0}).params["SENS_GPS1_DELAY"]
+    found = delays.of_receiver(log, log.gnss[0], 5.0)
+    assert isinstance(found, delays.DelayParameter)
+    assert (found.name, found.old) == ("SENS_GPS1_DELAY", 70.0)

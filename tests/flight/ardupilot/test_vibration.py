@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -128,3 +129,12 @@ def test_every_unit_of_vibe_has_its_level(corpus) -> None:
     assert [v.unit for v in log.vibrations] == [0, 1, 2]
     assert log.onboard_vibration is not None
     assert np.array_equal(log.vibrations[0].level, log.onboard_vibration.x.max(axis=1))
+
+
+def test_a_counter_of_clipped_samples_that_begins_anew_has_counted_none() -> None:
+    """3, 2 and 4 new ones; between them the counter falls back to 0, as after a restart of the sensor's driver."""
+    counter = {"TimeUS": fake.micros(6, 10.0), "Clip0": np.array([7, 10, 10, 0, 2, 6], np.uint32)}
+    log = fake.messages("dataflash", {("IMU", 0): {"TimeUS": fake.micros(5, 50.0)}, ("VIBE", 0): counter})
+    clock: Any = SimpleNamespace(of=lambda table: table["TimeUS"].astype(np.int64))
+    (found,) = vibration.clippings(LogBuilder(log), clock)
+    assert (found.source, found.new.tolist()) == ("VIBE.Clip0", [0, 3, 0, 0, 2, 4])

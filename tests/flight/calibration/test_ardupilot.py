@@ -96,3 +96,14 @@ def test_other_axes_of_an_accelerometer_are_refused() -> None:
     with pytest.raises(CalibrationUnknownError, match="does not hold INS_ACC2OFFS_X"):
         ardupilot.accelerometer(values, 1, "Copter 4.5.7")
     assert ardupilot.compass(OLD, 0).correction.offset[0] == pytest.approx(12.4 * MG)
+
+
+def test_before_version_4_the_motors_field_goes_through_the_matrix_as_well() -> None:
+    """Copter 3.6, AP_Compass_Backend.cpp: offsets, motors, then DIA and ODI; 4.0 has SCALE and adds motors last."""
+    values = OLD | {"COMPASS_MOTCT": 2.0, "COMPASS_MOT_X": 3.0, "COMPASS_MOT_Y": -4.0}
+    del values["COMPASS_SCALE"]
+    x, y, z = 3.0 * MG, -4.0 * MG, 0.0
+    expected = [1.04 * x + 0.03 * y - 0.02 * z, 0.03 * x + 0.97 * y + 0.05 * z, -0.02 * x + 0.05 * y + 1.01 * z]
+    np.testing.assert_allclose(ardupilot.compass(values, 0).correction.motor, expected, rtol=1e-12)
+    newer = ardupilot.compass(values | {"COMPASS_SCALE": 1.0}, 0)
+    np.testing.assert_allclose(newer.correction.motor, [x, y, z], rtol=1e-12)

@@ -112,3 +112,9 @@ def test_a_log_that_never_tells_of_arming_counts_as_a_whole() -> None:
     log.params = {}
     assert flown.values(log) == {}
     assert "does not hold COMPASS_OFS_X" in why(log)
+
+
+def test_a_log_that_is_disarmed_within_its_first_second_has_no_span_that_runs_back() -> None:
+    log = ardupilot(OLD)
+    log.armed = TimeLine(np.array([0.0, 0.4]), [True, False], "armed")
+    assert flown.span(log) == (1.0, 1.0)

@@ -295,3 +295,11 @@ def test_test_ratios_of_both_firmwares_are_read(autopilot: int, name: str, colum
     assert (compass.aid, velocity.aid) == ("compass", "velocity")
     np.testing.assert_allclose(compass.ratio, 0.4, rtol=1e-6)
     assert np.isnan(velocity.ratio).all()
+
+
+def test_a_landed_state_that_is_undefined_is_neither_ground_nor_air() -> None:
+    extended = clock(6, 1) | {"landed_state": np.array([0, 1, 1, 0, 2, 1], np.uint8)}
+    log = read(
+        {("RAW_IMU", ME): raw_imu(500, 50), ("ATTITUDE", ME): attitude(100, 10), ("EXTENDED_SYS_STATE", ME): extended}
+    )
+    assert log.landed.value == [True, False, True]

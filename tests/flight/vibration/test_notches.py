@@ -91,3 +91,11 @@ def test_the_advice_names_what_is_not_set_yet(firmware, version, values, advice)
     log.firmware = type(log.firmware)(firmware, version)
     assert advice in fast_gyro(log)
     assert bool(fast_gyro(log)) == bool(advice)
+
+
+def test_px4s_dynamic_notch_keeps_the_sources_that_are_switched_on_already() -> None:
+    """IMU_GYRO_DNF_EN: bit 0 speed controllers, bit 1 FFT."""
+    fft = {"IMU_GYRO_FFT_EN": 1.0, "IMU_GYRO_FFT_MIN": 30.0, "IMU_GYRO_FFT_MAX": 200.0}
+    rotors, unknown = WantedNotch(90.0, "rotors"), WantedNotch(90.0, "throttle")
+    assert values_for(flew("PX4", IMU_GYRO_DNF_EN=2.0), rotors) == {"IMU_GYRO_DNF_EN": (3.0, "")}
+    assert values_for(flew("PX4", IMU_GYRO_DNF_EN=1.0, **fft), unknown) == {"IMU_GYRO_DNF_EN": (3.0, "")}

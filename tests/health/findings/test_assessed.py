@@ -145,3 +145,9 @@ def test_only_one_source_says_which_compass_to_use(monkeypatch: pytest.MonkeyPat
     (alone,), (told,) = of("compass", [CHECK]), of("compass", [CHECK], best)
     assert alone.action == "Use the other."
     assert told.action not in ("", "Use the other.")
+
+
+def test_what_is_wrong_with_a_spare_compass_is_no_evidence_against_the_one_in_use() -> None:
+    log = replace(LOG, mags=[*LOG.mags, replace(LOG.mags[0], field=replace(LOG.mags[0].field, source="spare"))])
+    (found,) = [f for f in findings(log, [CHECK], health=[replace(OFFSET, sensor="spare")]) if f.kind == "compass"]
+    assert OFFSET.text not in found.evidence

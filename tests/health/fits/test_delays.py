@@ -88,3 +88,13 @@ def test_a_late_compass_is_found_beside_offset_turn_and_scale(late_s: float) -> 
     assert one is not None
     assert one.delay == pytest.approx(late_s, abs=0.006)
     assert one.sigma < 0.004
+
+
+def test_force_that_a_filter_makes_late_is_not_taken_for_an_early_receiver() -> None:
+    log = flight(0.12)
+    imu = log.replay_imu
+    assert imu is not None
+    imu.acc.t, imu.acc.delay = imu.acc.t + 0.04, 0.04
+    one = delays.gnss(imu, log.gnss[0], path(), FLOWN, 0.1)
+    assert one is not None
+    assert one.delay == pytest.approx(0.12, abs=0.006)

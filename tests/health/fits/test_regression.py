@@ -59,3 +59,13 @@ def test_a_step_is_found_where_it_is_and_noise_is_none() -> None:
     assert (axis, at) == (2, 13)
     assert size == pytest.approx(-0.9, abs=0.1)
     assert abs(size) > 6 * sigma
+
+
+def test_a_mean_of_few_blocks_has_the_standard_error_of_few_values() -> None:
+    """Six values, one in each block: s / sqrt(6) with five degrees of freedom, as scipy has it."""
+    from scipy.stats import sem
+
+    values = np.array([1.0, 1.4, 0.7, 1.1, 0.8, 1.3])
+    found = fit(5.0 * np.arange(6) + 1.0, np.ones((6, 1, 1)), values[:, None], huber=1e9)
+    assert found is not None
+    assert found.sigma[0] == pytest.approx(sem(values), rel=1e-9)

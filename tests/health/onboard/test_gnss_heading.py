@@ -17,6 +17,7 @@ from attlog.health.findings import findings
 from attlog.health.onboard import gnss_heading, sources
 from attlog.reference import choose
 from attlog.reference.physics.onboard_heading import wrong_heading
+from attlog.story.rejections import Rejection
 from tests.health.test_health import good
 
 
@@ -127,3 +128,17 @@ def test_neighbours_on_both_sides_of_south_are_off_alike() -> None:
     found = wrong_heading(replace(wrong, told=False), [unclear, wrong])
     assert found is not None
     assert found.spans == [(45.0, 90.0)]
+
+
+def test_a_rejected_compass_is_not_told_as_rejected_gnss(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What counts are GNSS aids, a second and more of them, while the heading was wrong."""
+    found = [
+        Rejection(aid, spans, 2.0, "XKF4", 60.0)
+        for aid, spans in (
+            ("compass", [(10.0, 40.0)]),
+            ("velocity", [(5.0, 15.0), (30.0, 32.0)]),
+            ("position", [(19.5, 30.0)]),
+        )
+    ]
+    monkeypatch.setattr(gnss_heading, "tested", lambda log, segments: found)
+    assert gnss_heading._rejected(None, None, [(10.0, 20.0)]) == "GNSS velocity for 5 s"  # type: ignore[arg-type]

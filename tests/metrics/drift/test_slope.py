@@ -11,6 +11,7 @@ from attlog.metrics.drift import rest as drift_rest
 from attlog.metrics.drift import slope as drift
 from attlog.metrics.drift import wander
 from attlog.metrics.evidence.samples import DRIFT_AIR_S, DRIFT_REST_S
+from attlog.metrics.statistics import intervals as interval
 from attlog.reference.model import Row
 from attlog.segments.model import Segment
 from tests.metrics import flights
@@ -340,3 +341,18 @@ def test_the_line_that_is_drawn_is_the_least_squares_line_with_an_offset_for_eac
     design = np.column_stack([blocks.t, *(blocks.segment == s for s in np.unique(blocks.segment))])
     wanted = design @ np.linalg.lstsq(design, blocks.e, rcond=None)[0]
     np.testing.assert_allclose(drift.line(blocks), wanted, atol=1e-9)
+
+
+def test_the_interval_of_records_that_agree_has_the_degrees_of_freedom_of_welch():
+    """Two records of one length: the mean of their means is half of a sum whose interval scipy knows."""
+    from scipy import stats
+
+    one, two = np.array([1.0, 3.0, 2.0, 2.5, 1.5]), np.array([2.0, 2.6, 1.2, 2.2])
+    records = [
+        drift.Drift(float(np.mean(x)), interval.of_mean(x), x, [(float(k), k + 1.0) for k in range(len(x))], 60.0, 0.1)
+        for x in (one, two)
+    ]
+    low, high = stats.ttest_ind(one, -two, equal_var=False).confidence_interval(0.95)
+    found = drift.together(records)
+    assert found.agree
+    assert found.ci95 == pytest.approx((low / 2.0, high / 2.0), rel=1e-6)

@@ -31,3 +31,9 @@ def test_a_filter_without_a_bias_and_a_log_without_rest_have_none():
     assert error(None, [0.2, 0.2, 0.3]).code == "not_applicable"
     assert error([0.0, 0.0, 0.0], [0.2, 0.2, 0.3]).code == "not_applicable"
     assert error([0.5, 0.2, -0.1], [0.2, 0.2, 0.3], [Segment("continuous", 0, 60)]).code == "no_rest"
+
+
+def test_one_window_of_rest_has_neither_an_interval_nor_a_rank():
+    for end, windows in ((16.0, 1), (22.0, 2)):
+        found = error([0.5, 0.2, -0.1], [0.2, 0.2, 0.3], [Segment("continuous", 0, 60), Segment("rest.long", 0, end)])
+        assert (found.n, found.ranked, found.ci95 is None) == (windows, windows > 1, windows == 1)

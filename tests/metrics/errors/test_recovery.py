@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
-from attlog.flight.model import Imu, Stream
+from attlog.flight.model import Imu, Mag, Stream
 from attlog.metrics.errors import recovery
 from attlog.segments.model import Segment
 from tests.metrics import flights
@@ -68,3 +68,21 @@ def test_of_a_manoeuvre_and_a_magnetic_disturbance_the_longer_one_counts(monkeyp
     found = {"acc": (50.0, 52.0), "mag": (70.0, 70.0 + seconds)}
     monkeypatch.setattr(recovery, "disturbances", lambda case: found)
     assert recovered(1.0, force=1.8).detail["disturbance"] == kind
+
+
+def test_a_row_without_a_compass_recovers_from_no_magnetic_disturbance(monkeypatch):
+    monkeypatch.setattr(recovery, "disturbances", lambda case: {"mag": (70.0, 78.0)})
+    row = flights.row(T, rotation.from_euler(0 * T, 0 * T, 0.7))
+    case = flights.case([row], SEGMENTS, (row.t, row.q), scoring_start=15.0)
+    assert recovery.compute(case, row, "all")["recovery_s"].detail["disturbance"] == "mag"
+    row.uses_mag = False
+    assert recovery.compute(case, row, "all")["recovery_s"].code == "no_events"
+
+
+def test_a_magnetic_disturbance_is_when_the_compass_measured_it_and_not_when_it_was_told():
+    row = flights.row(T, rotation.from_euler(0 * T, 0 * T, 0.7))
+    case = flights.case([row], SEGMENTS, (row.t, row.q), scoring_start=15.0)
+    size = np.where((T >= 50.0) & (T < 54.0), 80e-6, 50e-6)
+    field = Stream(T + 0.5, size[:, None] * [1.0, 0.0, 0.0], "T", "FRD", "mag", t_sample=T)
+    case.log.mags, case.log.mag = [Mag(0, field)], 0
+    assert recovery.disturbances(case) == {"mag": pytest.approx((50.0, 54.0), abs=0.1)}

@@ -108,7 +108,7 @@ def test_a_window_with_a_gap_a_reset_or_too_few_samples_is_not_used():
 def test_why_there_is_nothing_names_what_would_be_needed():
     case = flights.case([row()], FLIGHT)
     assert phases.why_none(case, "rest", "rest")[0] == "rest_too_short"
-    assert "still settling" in phases.why_none(case, "rest", "rest")[1]
+    assert "after the filter settled" in phases.why_none(case, "rest", "rest")[1]
     bare = flights.case([row()], FLIGHT[:1])
     assert [phases.why_none(bare, p, p)[0] for p in phases.PHASES] == [
         "no_rest",

@@ -26,6 +26,12 @@ def test_without_a_flight_the_middle_is_the_ground_and_without_ground_the_lowest
     assert ground(stream, [(T[0], T[-1])])[0] == 100.0
 
 
+def test_where_a_log_ends_in_the_air_there_is_no_ground() -> None:
+    x = np.where(T < 50.0, 100.0, 130.0)
+    above = x - ground(Stream(T, x[:, None], "m", "", "BARO"), [(50.0, T[-1] - 0.15)])
+    assert (above[T > 51.0] == 30.0).all()
+
+
 def test_a_part_of_the_log_without_samples_has_no_height() -> None:
     t = np.concatenate([T[:800], T[1200:]])
     at, means = averaged(t, np.ones(len(t)))

@@ -212,8 +212,7 @@ def test_why_there_is_no_rest_is_said_without_names_of_windows():
     early = [Segment("continuous", 0, 60), Segment("rest.short", 0, 9)]
     told = [answers(row, window, early)["noise_roll_deg"].reason for window in ("rest", "rest.long", "30:40")]
     assert told == [
-        "the filter was still settling: no 2 s of rest later than 10 s after its start and 5 s after the motors "
-        "stopped",
+        "no 2 s of rest after the filter settled (10 s after its start, 5 s after the motors stopped)",
         "no rest of this log is long enough to count as long; record 20 s before arming",
         "there is no rest in 30:40 s",
     ]

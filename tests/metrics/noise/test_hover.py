@@ -65,3 +65,19 @@ def test_the_first_5_seconds_of_a_row_that_starts_in_hover_do_not_count():
     answer = jitter(np.where(t < 34.9, 10.0, 0.5) * np.sin(2 * np.pi * t), t=t)
     assert answer.seconds == pytest.approx(35.0, abs=0.1)
     assert answer.value == pytest.approx(0.5 / np.sqrt(2), abs=0.03)
+
+
+def test_windows_that_overlap_by_half_are_not_counted_twice_in_the_interval():
+    """scipy's powers of windows of 4 s that lie side by side, and its t."""
+    from scipy import signal, stats
+
+    roll = 0.3 * np.random.default_rng(7).standard_normal(len(T))
+    answer = jitter(roll)
+    hover_only = roll[(T >= 20.0) & (T < 70.0)]
+    f, _, power = signal.spectrogram(
+        hover_only, 100.0, signal.get_window("hann", 400, fftbins=False), noverlap=0, detrend="linear"
+    )
+    own = np.log(power[(f >= 0.5) & (f <= 5.0)].sum(axis=0))
+    half = 0.5 * stats.t.ppf(0.975, len(own) - 1) * stats.sem(own)
+    assert (answer.n, len(own)) == (12, 12)
+    assert np.log(answer.ci95[1] / answer.ci95[0]) == pytest.approx(2.0 * half, rel=0.02)

@@ -105,3 +105,11 @@ def test_of_several_equal_rows_the_largest_angle_is_told():
     (group,) = alike([made("a"), made("b", turned(4e-7)), made("c", turned(1e-7))])
     assert group.rows == ["a", "b", "c"]
     assert group.apart_deg == pytest.approx(4e-7, rel=0.2)
+
+
+def test_equal_attitudes_of_two_imus_are_not_one_filter():
+    one, other, same = made("one"), made("other"), made("same")
+    one.imu = same.imu = object()
+    other.imu = object()
+    (group,) = alike([one, other, same])
+    assert group.rows == ["one", "same"]

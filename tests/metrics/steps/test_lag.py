@@ -111,7 +111,7 @@ def test_no_movement_is_said_in_a_pilots_words():
     assert told.startswith("no step in flight from 0 s on; turns of 5 deg")
     del case.segments.segments[1]
     told = lag.compute(case, row, "airborne")["lag_ms"].reason
-    assert told == "the vehicle was never airborne (as far as the log tells)"
+    assert told == "the vehicle was never airborne (as far as the log shows)"
     case.log.vehicle = "boat"
     assert lag.compute(case, row, "airborne")["lag_ms"].reason == "a boat does not fly"
 

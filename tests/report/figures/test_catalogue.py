@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from attlog.report.figures.figure import Rows, dots_text, reach
 from attlog.report.figures.marks import time_marks
 from attlog.report.look import looks
 from attlog.report.pack import Store
+from attlog.story.event import Event
 from tests.report.browser import own_bytes
 from tests.report.conftest import make_result
 
@@ -95,6 +98,72 @@ def test_modes_armed_airborne_messages_and_failsafes_stand_on_the_time_axis():
     assert marks["armed"] == [[10.0, 60.0]]
     assert marks["airborne"] == [[12.0, 55.0]]
     assert [level for _, level, _ in marks["texts"]] == [0, 2]
+
+
+def test_jumps_are_those_of_the_list_of_events():
+    result = make_result()
+    assert [t for t, _ in time_marks(result)["resets"]] == [103.4]
+    assert "jump" in figures(result)["attitude"].caption
+    result.events = []
+    assert time_marks(result)["resets"] == []
+    assert "jump" not in figures(result)["attitude"].caption
+
+
+def test_figures_end_a_little_after_the_crash_that_ended_the_last_flight():
+    result = make_result()
+    assert time_marks(result)["crash"] is None
+    assert time_marks(result)["first"] == time_marks(result)["range"]
+    result.events = [Event("impact", 150.0, "serious", "It crashed.")]
+    assert time_marks(result)["first"] == [0.0, 155.0]
+    assert time_marks(result)["range"] == [0.0, 200.0]
+    result.log["timeline"]["airborne"].append([170.0, 190.0])
+    assert time_marks(result)["crash"] is None
+
+
+def test_the_attitude_starts_with_onboard_and_set_point_and_offers_the_filters():
+    figure = figures(make_result())["attitude"]
+    assert figure.views == ["Onboard, set-point", "With the filters"]
+    assert figure.data["views"] == [{"focus": [0]}, {}]
+    assert {"roll", "pitch", "heading"} == set(figure.data["demand"]["y"])
+    result = make_result()
+    result.traces = [t for t in result.traces if t.row in ("", "onboard")]
+    assert figures(result)["attitude"].views == []
+
+
+def test_the_band_is_of_one_of_the_best_in_lag():
+    figure = figures(make_result())["steps"]
+    assert dict(figure.bands)[figure.data["band"]] == "VQF"
+    assert [name for _, name in figure.bands] == [v.name for v in looks(make_result()).values() if not v.onboard]
+
+
+def test_the_ground_track_says_how_far_heading_and_course_differ():
+    figure = figures(make_result())["track"]
+    assert "median +20.0°, middle half +18.0° to +22.0°" in figure.caption
+    assert "sideways" in figure.caption
+    result = make_result()
+    trace = next(t for t in result.traces if t.figure == "track")
+    trace.values = {"least": 5.0, "forward": 1.0}
+    assert figures(result)["track"].caption.endswith("Too little time above 5 m/s to compare heading and course.")
+
+
+def test_an_alarm_is_explained_only_where_it_is_drawn():
+    result = make_result()
+    assert "failsafe" in figures(result)["attitude"].caption
+    result.log["timeline"]["texts"] = [[-30.0, 2, "Radio Failsafe"]]
+    assert "failsafe" not in figures(result)["attitude"].caption
+
+
+def test_a_drift_that_several_windows_tell_is_one_dot():
+    result = make_result()
+    before = len(figures(result)["drifts"].data["rows"])
+    for row in result.estimators:
+        found = row.metrics["rest"]["drift_rest_deg_per_min"]
+        row.metrics.setdefault("all", {})["drift_rest_deg_per_min"] = replace(found, n=found.n + 1)
+    assert len(figures(result)["drifts"].data["rows"]) == before
+
+
+def test_dots_hold_how_many_they_stand_on():
+    assert {d["n"] for d in figures(make_result())["lag"].data["rows"]} == {28}
 
 
 @pytest.mark.slow

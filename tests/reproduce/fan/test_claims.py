@@ -13,6 +13,7 @@ from attlog.reproduce.fan import claims as fan
 from attlog.reproduce.fan import runs as fan_runs
 from attlog.reproduce.fan.runs import EKF, FILTER, RAW, FanSeed
 from attlog.reproduce.paper import Paper, PaperOptions, Verdict
+from tests.reproduce.made import long_sentences
 
 SEEDS = 3
 
@@ -93,8 +94,8 @@ def test_a_claim_that_hangs_on_the_noise_values_says_with_which_it_holds(seeds: 
 def test_it_is_counted_how_many_claims_hold_at_once() -> None:
     held, not_held = "holds", "does not hold"
     some = fan._jointly([[held, held, not_held], [not_held, held, held]])
-    assert "1 with ours, 2 with walks x 3 and 1 with walks x 10; one gives all 2" in some
-    assert "no set gives all 2" in fan._jointly([[held, not_held, not_held], [not_held, held, held]])
+    assert "1 with ours, 2 with walks x 3 and 1 with walks x 10. One gives all 2" in some
+    assert "No set gives all 2" in fan._jointly([[held, not_held, not_held], [not_held, held, held]])
 
 
 @pytest.mark.slow
@@ -116,17 +117,22 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
     [
         (("holds",) * 3, "with every random walk"),
         (("does not hold",) * 3, "with none of the random walks"),
-        (("cannot be judged",) * 3, "with none of the random walks for certain"),
+        (("cannot be judged",) * 3, "with none of the random walks significantly"),
         (
             ("cannot be judged", "does not hold", "does not hold"),
-            "with none of the random walks, and cannot be told with ours",
+            "with none of the random walks; not significant with ours",
         ),
         (
             ("holds", "cannot be judged", "cannot be judged"),
-            "with our random walks alone, and cannot be told with 3 and 10 times ours",
+            "with our random walks alone; not significant with 3 and 10 times ours",
         ),
         (("does not hold", "holds", "holds"), "with random walks 3 and 10 times ours"),
     ],
 )
 def test_where_a_claim_holds_and_where_that_is_open_is_said(verdicts: tuple[Verdict, ...], said: str) -> None:
     assert fan._by_walk(verdicts) == said
+
+
+@pytest.mark.slow
+def test_its_sentences_are_short(found: Paper) -> None:
+    assert long_sentences(found) == []

@@ -15,6 +15,7 @@ from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs as lyu_runs
 from attlog.reproduce.paper import Paper, PaperOptions
 from tests.conftest import few
+from tests.reproduce.made import long_sentences
 
 SEEDS = 3
 
@@ -136,3 +137,8 @@ def test_the_error_in_flight_is_that_of_the_attitude_that_flew() -> None:
     angle = np.degrees(np.arcsin(np.linalg.norm(np.cross(down, true), axis=1)))
     told = lyu_flight.one_seed(0)[lyu_runs.fixed("second")].error_deg
     assert told == pytest.approx(np.sqrt(np.mean(angle**2)), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_its_sentences_are_short(found: Paper) -> None:
+    assert long_sentences(found) == []

@@ -6,6 +6,8 @@ import functools
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from attlog.reproduce.xu.best import best_gain
 from attlog.reproduce.xu.logs import on_log
 from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, ROWS, SWEPT, XuSeed, gain
 from tests.conftest import SAMPLES
+from tests.reproduce.made import long_sentences
 
 SEEDS = 2
 LOGS = (SAMPLES / "px4_hover.ulg", SAMPLES / "copter_steps_stabilize.bin")
@@ -133,3 +136,14 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
         assert figure.lines
         for line in figure.lines:
             assert np.isfinite(np.asarray(line.y)).all()
+
+
+@pytest.mark.slow
+def test_its_sentences_are_short(found: Paper) -> None:
+    assert long_sentences(found) == []
+
+
+def test_a_single_log_has_no_interval_and_no_say_in_a_verdict() -> None:
+    seeds, one, two = (SimpleNamespace(called=name, flights=n) for name, n in (("s", 1), ("one", 1), ("two", 2)))
+    parts: Any = {"s": ["holds"], "one": ["does not hold"], "two": ["does not hold"]}
+    assert [xu._verdict([seeds, other], parts) for other in (one, two)] == ["holds", "holds in part"]  # type: ignore[list-item]

@@ -159,3 +159,13 @@ def test_without_a_compass_the_start_does_not_wait_for_one() -> None:
     live = flown(Live("mahony", RATE, None), t, gyr, acc, np.full_like(mag, np.nan))
     batch = estimate("mahony", t, gyr, acc)
     np.testing.assert_allclose(live.estimate().q, batch.q, atol=1e-12)
+
+
+def test_an_attitude_that_was_given_for_the_start_is_not_that_of_a_restart() -> None:
+    t, gyr, acc, mag = made(4.0, still=4.0)
+    kept = (t < 1.5) | (t > 2.5)
+    data = (t[kept], gyr[kept], acc[kept], mag[kept])
+    q0 = rotation.from_euler(0.9, -0.6, 2.0)
+    live = flown(Live("mahony", RATE, RATE / MAG_EVERY, declination=4.0, q0=q0), *data)
+    assert live.skipped["restart"] == 1
+    assert_same(live, *data, q0=q0)

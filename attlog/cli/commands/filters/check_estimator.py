@@ -16,7 +16,9 @@ FAILED = 1
 Name = Annotated[
     str,
     typer.Argument(
-        metavar="NAME|FILE.py", autocompletion=completion.filters, help="A filter; @PRESET and :k=v may follow."
+        metavar="NAME|FILE.py",
+        autocompletion=completion.filters,
+        help="Check this filter; @PRESET and :k=v may follow.",
     ),
 ]
 

@@ -18,7 +18,7 @@ Name = Annotated[
     typer.Argument(
         metavar="[NAME|FILE.py]",
         autocompletion=completion.filters,
-        help="Print all about this one. [default: list all]",
+        help="Print all about this filter. [default: list all]",
     ),
 ]
 

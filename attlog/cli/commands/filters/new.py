@@ -129,7 +129,7 @@ def run(t, gyr, acc, mag, aids, params):
 
 
 def command(
-    file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file to write; must not exist.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.py", help="Write this file, which must not exist.")],
     run: Annotated[
         bool, typer.Option("--run", help="Write one that takes whole segments: for packages, C libraries, smoothers.")
     ] = False,

@@ -150,9 +150,9 @@ def _refusal(case: HealthCase, imu: Imu, bias: Bias, own: Bias) -> str:
     """Why an offset that is there is not offered as a number; empty where it is."""
     off = is_off(bias)
     if float(np.abs(own.mean[np.array(own.known)]).max()) > MOST_M_S2:
-        return "Above 1 m/s^2 a flight does not tell it exactly; six positions do."
+        return "Above 1 m/s^2 a flight does not show it exactly; six positions do."
     if imu is not case.log.replay_imu and (off & (np.abs(bias.mean) < TILTED_M_S2))[:2].any():
-        return "A unit that is mounted 1 to 3 deg off level reads the same; six positions tell."
+        return "A unit that is mounted 1 to 3 deg off level reads the same; six positions show which."
     flew = case.log.imu_that_flew
     if flew is not None and len(set(flew.value)) > 1:
         return "The unit in use changed, and the offset of each is not known."

@@ -78,5 +78,5 @@ def _assessed(case: HealthCase, imu: Imu, found: Blocks) -> Assessment:
 
 
 def _parted(scale: float) -> str:
-    also = f"Scale {scale:.3f} or an offset: one position cannot tell which." if np.isfinite(scale) else ""
+    also = f"Scale {scale:.3f} or an offset: one position cannot show which." if np.isfinite(scale) else ""
     return f"{also} Log six positions, or a flight with GNSS.".strip()

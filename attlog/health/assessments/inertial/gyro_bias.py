@@ -34,7 +34,7 @@ def answer(case: HealthCase) -> list[Assessment]:
         return []
     found = [one for imu in units if (one := _assessed(case, imu)) is not None]
     if not found:
-        why = "The vehicle never stands still in this log, and no smoother tells the bias in flight."
+        why = "The vehicle never stands still in this log, and no smoother estimates the bias in flight."
         found = [unknown(units[0].gyro.source, QUESTION, why, LIMIT, SOURCE)]
         found[0].action = STAND
     return found + _stepped(case)

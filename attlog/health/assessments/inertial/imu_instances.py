@@ -191,7 +191,7 @@ def _which(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> tuple[
             sizes = [float(rotation.length(x[None])[0]) for x in (bias.mean, bias.mean + apart)]
             wrong, by = _larger(sizes, least), "its bias in flight"
     if wrong is None:
-        return None, "Which one is off neither rest nor flight tells."
+        return None, "Neither rest nor flight shows which one is off."
     return (a, b)[wrong], f"{(a, b)[wrong].acc.source} is off by {by}."
 
 

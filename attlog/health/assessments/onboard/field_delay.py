@@ -24,7 +24,7 @@ LEAST_UT_S, LEAST_S = 1.5, 20.0
 """The field must change so fast (RMS), for so long."""
 APART_MS = 25.0
 ROUND_MS = 5.0
-LIMIT = f"ok within {OFF_MS:.0f} ms or {SIGMAS:.0f} sigma of what the estimator was told"
+LIMIT = f"ok within {OFF_MS:.0f} ms or {SIGMAS:.0f} sigma of what is set"
 SOURCE = "24 simulated flights"
 
 
@@ -64,7 +64,7 @@ def _told(source: str, found: DelayFit, parameter: DelayParameter | str) -> Asse
         return told
     told.verdict, new = "warning", ROUND_MS * round(late / ROUND_MS)
     if not 0.0 < new <= parameter.most:
-        told.why_no_setting = "No parameter can tell the estimator this delay of a compass."
+        told.why_no_setting = "No parameter holds this delay of a compass."
         return told
     told.settings = [Setting(parameter.name, parameter.old, new, "ms")]
     told.action = f"Set {parameter.name} to {new:.0f} ms, reboot, and compare test ratios of the next flight."

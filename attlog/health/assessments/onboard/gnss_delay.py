@@ -28,7 +28,7 @@ TURNED_DEG = 10.0
 SURE_MS = 30.0
 """A delay known less well than this (one sigma) is not told."""
 ROUND_MS = 5.0
-LIMIT = f"ok within {OFF_MS:.0f} ms or {SIGMAS:.0f} sigma of what the estimator was told"
+LIMIT = f"ok within {OFF_MS:.0f} ms or {SIGMAS:.0f} sigma of what is set"
 SOURCE = "planted delays on 24 simulated flights"
 
 
@@ -132,7 +132,9 @@ def _doubt(found: DelayFit | None, smoothed: list[float]) -> str:
     if 1.5e3 * found.sigma > SURE_MS:
         return f"The delay of GNSS is known to {1.5e3 * found.sigma:.0f} ms only; accelerate and brake more."
     if abs(found.turn_deg) > TURNED_DEG:
-        return f"The attitude's heading is {abs(found.turn_deg):.0f} deg off GNSS velocities: no delay can be told."
+        return (
+            f"The attitude's heading is {abs(found.turn_deg):.0f} deg off GNSS velocities: no delay can be determined."
+        )
     if any(abs(1e3 * found.delay - late) > APART_MS for late in smoothed):
         shown = " and ".join(f"{x:.0f}" for x in (1e3 * found.delay, *smoothed))
         return f"Estimates of the GNSS delay differ: {shown} ms."

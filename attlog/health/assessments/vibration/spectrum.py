@@ -74,7 +74,7 @@ def _described(log: FlightLog, spectra: Spectra, found: list[Peak]) -> Assessmen
             f"Gyro {spectra.unit} shows {top.rms:.1f} deg/s at {top.frequency:.0f} Hz, which may be {others} Hz folded."
         )
         made.action = fast_gyro(log)
-        made.why_no_setting = "Samples at twice the highest of these frequencies would tell which one it is."
+        made.why_no_setting = "Samples at twice the highest of these frequencies would show which one it is."
     made.evidence += [_sentence(p) for p in found]
     return made
 

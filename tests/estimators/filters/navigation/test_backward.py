@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
-from attlog.estimators.filters.navigation import forward, solve
-from attlog.estimators.filters.navigation.layout import N
+from attlog.estimators.filters.navigation import backward, forward, solve
+from attlog.estimators.filters.navigation.layout import ROW, SETTINGS, SUM_T, SUMS, WANDER_TAU, N
 from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.motion import square
 from attlog.estimators.filters.navigation.schedule import scheduled
@@ -127,3 +127,18 @@ def test_the_covariance_stays_symmetric_and_positive(run):
             on = np.diag(P) > 0
             assert np.array_equal(P, P.T)
             assert np.linalg.eigvalsh((P / np.outer(scale, scale))[np.ix_(on, on)]).min() > -1e-9
+
+
+@pytest.mark.parametrize("rest", [0, 1])
+def test_only_disturbances_in_motion_calibrate_and_none_counts_beyond_three_sigma(rest):
+    """lam of 2 and of 5 of a variance of 1, over half a second: 0.5 min(lam^2, 9), and 0.5, where nothing rests."""
+    par, sums, scores = np.ones(SETTINGS), np.zeros((1, SUMS)), np.zeros((2, N))
+    par[WANDER_TAU], sums[0, SUM_T] = WANDER_S, 0.5
+    lam, Lam = np.zeros(ROW), np.zeros((N, ROW))
+    lam[:N], Lam[:, :N] = np.where(np.arange(N) < 3, 2.0, 5.0), np.eye(N)
+    none, scratch = np.zeros(0), [np.zeros(shape) for _, shape in backward.SCRATCH.values()]
+    made = (np.array([rest], np.int8), par, np.zeros(6 * ROW), sums, np.zeros(2, np.int64), none, none, none, none)
+    room = (np.zeros((1, 6)), np.zeros((1, 3)), none, scores, np.zeros((1, 12)))
+    backward.backward(1, *made, none, none, lam, Lam.ravel(), *room, False, False, *scratch)
+    wanted = 0.5 * np.array([np.where(np.arange(N) < 3, 4.0, 9.0), np.ones(N)])
+    assert scores == pytest.approx(wanted if rest == 0 else np.zeros((2, N)))

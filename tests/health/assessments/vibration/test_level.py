@@ -8,6 +8,7 @@ import pytest
 from attlog.flight.model import Clipping
 from attlog.flight.vibration.model import Burst, Measure, OnboardVibration
 from attlog.health.assessments.vibration import level
+from attlog.segments.model import Segment
 from tests.health.assessments.vibration.shaken import BEGIN, END, SECONDS, case, params, shaken
 
 T = np.arange(0.05, SECONDS, 0.1)
@@ -132,3 +133,13 @@ def test_nothing_raises_where_everything_is_missing() -> None:
     assert level.levels(empty) == []
     log.vibrations = [told(np.array(np.nan))]
     assert [a.verdict for a in level.vibration_level(case(log))] == ["unknown"]
+
+
+def test_what_a_wreck_shakes_is_no_vibration_of_the_flight_that_it_ended() -> None:
+    log = shaken(50.0, 60.0, vibrations=[told(np.where(T < 40.0, 10.0, 99.0))])
+    whole = case(log)
+    assert whole.segments is not None
+    whole.segments.segments.append(Segment("impact", 40.0, SECONDS))
+    (found,) = level.vibration_level(whole)
+    assert (found.verdict, found.value) == ("ok", 10.0)
+    assert level.flown(whole.segments, log) == [(BEGIN + 1.0, 40.0)]

@@ -125,3 +125,19 @@ def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
     from attlog import prebuilt
 
     assert {kernel.name for kernel in KERNELS} <= {kernel.name for kernel in prebuilt.kernels()}
+
+
+@pytest.mark.parametrize(("low", "high", "lines"), [(-1.0, 2.0, 9), (0.25, 2.0, 6), (-1.0, 0.65, 6), (0.25, 0.65, 3)])
+def test_pairs_that_reach_beyond_either_end_of_an_event_make_no_line(low: float, high: float, lines: int) -> None:
+    """Ten samples 0.1 s apart, slopes over 0.02 s on both sides: those from 0.3 s on, those up to 0.6 s."""
+    slow, fast = 0.1 * np.arange(10), 0.05 * np.arange(-20, 40)
+    out, count = np.zeros((1, 12, 12)), np.zeros(1, np.int64)
+    room = np.empty((10, step_columns.MOVED)), np.empty((9, step_columns.SIZE))
+    turned, moved = np.tile(np.sin(slow)[:, None], (1, 7)), np.tile(np.sin(fast)[:, None], (1, 4))
+    begin = np.arange(9)
+    ends = np.array([low]), np.array([high])
+    first = np.array([0, 9])
+    step_columns.event_products(
+        out, count, *room, slow, turned, fast, moved, moved[:, 0].copy(), *ends, begin, begin + 1, first, 0.0, 0.02, 1
+    )
+    assert count.tolist() == [lines]

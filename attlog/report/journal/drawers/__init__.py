@@ -1,0 +1,1 @@
+"""One drawing function per kind of figure, by what the figure is about."""

@@ -1,0 +1,29 @@
+"""Heights over the ground, of an altitude that is given."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from attlog.base import rotation
+from attlog.flight.model import Stream
+from attlog.segments.airborne import heights
+from attlog.segments.airborne.grid import Grid
+
+
+def test_a_rangefinder_that_looks_aslant_tells_the_height_and_not_the_slant_range() -> None:
+    """It stands 0.2 m up, then hangs at 3 m and rolls by 60 deg, so that the beam is twice as long."""
+    t = np.arange(0.0, 20.0, 0.1)
+    roll = np.where(t < 15.0, 0.0, np.radians(60.0))
+    down = rotation.rotate_inverse(rotation.from_euler(roll, 0.0 * t, 0.0 * t), np.array([0.0, 0.0, 1.0]))
+    height = np.where(t < 10.0, 0.2, 3.0)
+    none, nothing, all_known = np.full(len(t), np.nan), np.zeros(len(t), bool), np.ones(len(t), bool)
+    grid = Grid(t, all_known, np.zeros((len(t), 3)), none, none, none, nothing, none, down, False)
+    beam = Stream(t, (height / np.cos(roll))[:, None], "m", "", "distance_sensor:0")
+    log = SimpleNamespace(rangefinder=beam, baro=[], gnss=[])
+    (level,) = heights.levels_of(log, grid, t >= 10.0)  # type: ignore[arg-type]
+    assert level.sensor == "range"
+    assert level.above[t > 16.0] == pytest.approx(2.8)
+    assert level.above[t < 9.0] == pytest.approx(0.0)
