@@ -15,11 +15,11 @@ from playwright.sync_api import sync_playwright
 CALLOUTS = {
     "#happened": "The flight in one sentence: what flew, when, what went wrong first, how it ended.",
     "#findings": "What to fix, the worst first. A click on a time shows it in the figures.",
-    ".cards": "Four answers, one for each question, beside the autopilot's own estimate.",
-    "#comparison": "Every filter and question with its 95 % interval. ● marks the best.",
+    "#comparison": "A row for each filter, a column for each question. Dashed: the autopilot's own estimate.",
+    "#table": "Every number with its 95 % interval. ● marks what none is significantly better than.",
 }
 """What each part is for, by its place on the page."""
-WIDTH, MARGIN, HEIGHT = 1280, 270, 1400
+WIDTH, MARGIN, HEIGHT = 1280, 270, 1200
 
 DRAW = """([callouts, width, margin]) => {
   document.body.style.width = width + 'px';
