@@ -23,7 +23,7 @@ def test_who_is_best_stands_first_and_all_others_are_a_range() -> None:
 
 def test_filters_that_do_not_differ_significantly_are_said_so() -> None:
     tied = result(rows(0.4, 0.5, 3.2), {TILT: ["a", "b"]})
-    assert brief("accuracy", tied) == "Tilt: best A and B 0.40 to 0.50°, C 3.2°."
+    assert brief("accuracy", tied) == "Tilt: A and B best (0.40 to 0.50°), C 3.2°."
     assert brief("accuracy", result(rows(0.4, 0.5, 0.6))) == "Tilt: all 3 filters 0.40 to 0.60° (not significant)."
 
 

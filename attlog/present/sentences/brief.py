@@ -120,7 +120,7 @@ def _compared(found: ColumnRanking) -> str:
     if not best:
         return f"all {found.compared} {_range(ranked)} (not significant)"
     others = [j for j in ranked if j not in best]
-    leaders = f"{'best ' if len(best) > 1 else ''}{_span(best)}"
+    leaders = f"{_counted(best)} best ({_range(best)})" if len(best) > 1 else _span(best)
     rest = f"{others[0].name} {others[0].text}" if len(others) == 1 else f"others {_range(others)}"
     return f"{leaders}, {rest}" if others else leaders
 
@@ -140,8 +140,12 @@ def _who(judged: list[RankedValue], found: ColumnRanking) -> str:
 
 def _span(judged: list[RankedValue]) -> str:
     """One or two rows by name, of more their number, with their range."""
-    who = listed([j.name for j in judged]) if len(judged) <= 2 else f"{len(judged)} filters"
-    return f"{who} {_range(judged)}"
+    return f"{_counted(judged)} {_range(judged)}"
+
+
+def _counted(judged: list[RankedValue]) -> str:
+    """One or two rows by name, of more their number."""
+    return listed([j.name for j in judged]) if len(judged) <= 2 else f"{len(judged)} filters"
 
 
 def _range(judged: list[RankedValue]) -> str:
