@@ -85,8 +85,8 @@ def unranked(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str
         states = {j.row.status for j in tilt.filters}
         if "not_judged" in states:
             return f"No filter can be judged: {typeset(tilt.filters[0].row.reason)}.{flew(result, tilt, heading)}"
-        several = f"{'' if any(a.row.kind == 'replay' for a in tilt.absent) else 'All '}{len(tilt.filters)} filters"
-        who = several if len(tilt.filters) > 1 else tilt.filters[0].name
+        whole = "All " if len(tilt.filters) == tilt.total else ""
+        who = f"{whole}{len(tilt.filters)} filters" if len(tilt.filters) > 1 else tilt.filters[0].name
         how = "diverged from" if "not_converged" not in states else "did not settle near"
         if len(states) > 1:
             how = "diverged from or did not settle near"
