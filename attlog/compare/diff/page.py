@@ -22,8 +22,8 @@ FEWEST, SHOWN = 2, 8
 
 @dataclass(frozen=True, slots=True)
 class DiffSection:
-    """One pair of results: ``statements`` and ``lists`` before the numbers, ``tables`` by question (rows shown at first, the
-    others), ``causes``; ``quiet`` says what stays within its tolerance."""
+    """One pair of results: ``statements`` and ``lists`` before the numbers, ``tables`` by question (rows shown at
+    first, the others), ``causes``; ``quiet`` says what stays within its tolerance."""
 
     name: str
     summary: str
