@@ -162,7 +162,7 @@ class Result:
     """Rows that share an equation, or whose attitudes are equal."""
     verdicts: list[Verdict] = field(default_factory=list)
     best: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    """window -> metric -> rows that no row is told apart from as better; absent where that is everybody."""
+    """window -> metric -> rows that none is significantly better than; absent where that is everybody."""
     worst: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     """window -> metric -> the one row that is worst; absent where nobody is."""
     ranked: dict[str, dict[str, list[str]]] = field(default_factory=dict)

@@ -33,7 +33,7 @@ def test_faults_and_warnings_are_open_and_the_rest_is_a_line_each():
     assert "as set." not in seen
     assert "fly two full turns" not in seen
     assert "Ok: GNSS delay<" in whole
-    assert "This log cannot tell: compass soft iron<" in whole
+    assert "Unknown on this log: compass soft iron<" in whole
     assert "GNSS is 203 ms late, as set." in whole
 
 

@@ -48,7 +48,7 @@ class TextChange:
 class RunDifference:
     """Two results side by side.
 
-    ``told``: headline and findings (warnings, serious) that differ; ``verdicts``: sentences; ``made_by``: versions
+    ``statements``: headline and findings above notes that differ; ``verdicts``: sentences; ``made_by``: versions
     of attlog; ``log``: firmware, vehicle and what else describes the flight; ``config``: options; ``parameters``: of
     the log, first those that both have (none of two kinds of autopilot), None where a side was written before results
     held them; ``gains``: filter parameters; ``status``: of rows; ``moved``: numbers that differ, sorted by
@@ -57,7 +57,7 @@ class RunDifference:
 
     name: str
     same_log: bool
-    told: list[TextChange] = field(default_factory=list)
+    statements: list[TextChange] = field(default_factory=list)
     verdicts: list[TextChange] = field(default_factory=list)
     made_by: list[TextChange] = field(default_factory=list)
     log: list[TextChange] = field(default_factory=list)

@@ -28,7 +28,7 @@ def difference(name: str, old: Result, new: Result, tolerances: Tolerances, wind
     """What differs between two results; ``window`` limits the numbers to one."""
     sha = [r.log.get("sha256") for r in (old, new)]
     found = RunDifference(name, same_log=sha[0] is not None and sha[0] == sha[1])
-    found.told = _told(old, new)
+    found.statements = _statements(old, new)
     found.verdicts = _changed(*({v.title: v.sentence for v in r.verdicts} for r in (old, new)))
     found.made_by = _changed({"attlog": old.attlog.get("version")}, {"attlog": new.attlog.get("version")})
     about = ("name", "firmware", "vehicle", "format")
@@ -56,7 +56,7 @@ def difference(name: str, old: Result, new: Result, tolerances: Tolerances, wind
     return found
 
 
-def _told(old: Result, new: Result) -> list[TextChange]:
+def _statements(old: Result, new: Result) -> list[TextChange]:
     """What a report says otherwise: its headline (older results have none), its findings but notes."""
     sides = []
     for result in (old, new):

@@ -1,4 +1,4 @@
-"""The page of a difference: what is told otherwise, then numbers by question, then causes; worst first."""
+"""The page of a difference: statements that differ, then numbers by question, then causes; worst first."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ FEWEST, SHOWN = 2, 8
 
 @dataclass(frozen=True, slots=True)
 class DiffSection:
-    """One pair of results: ``told`` and ``lists`` before the numbers, ``tables`` by question (rows shown at first, the
-    others), ``causes``; ``quiet`` says what stays within its tolerance."""
+    """One pair of results: ``statements`` and ``lists`` before the numbers, ``tables`` by question (rows shown at
+    first, the others), ``causes``; ``quiet`` says what stays within its tolerance."""
 
     name: str
     summary: str
     count: int
-    told: list[TextChange]
+    statements: list[TextChange]
     lists: list[tuple[str, list[str]]]
     tables: list[tuple[str, list[list[str]], list[list[str]]]]
     causes: list[tuple[str, list[str]]]
@@ -74,13 +74,13 @@ def _section(d: RunDifference) -> DiffSection:
     quiet = [f"{within:,} within tolerance"] if within else []
     quiet += [f"{unsure:,} not significant"] if unsure else []
     quiet += [f"{d.equal:,} equal"] if d.equal else []
-    own = bool(d.told) + bool(d.verdicts)
+    own = bool(d.statements) + bool(d.verdicts)
     lists = [(title, _lines(entries)) for title, entries in before(d)][own:]
     return DiffSection(
         d.name,
         summary(d),
         d.count,
-        [TextChange(c.name, _side(c.old), _side(c.new)) for c in (*d.told, *d.verdicts)],
+        [TextChange(c.name, _side(c.old), _side(c.new)) for c in (*d.statements, *d.verdicts)],
         lists,
         [(title, [_cells(m) for m in some], [_cells(m) for m in rest]) for title, some, rest in shown],
         [(title, _lines(entries)) for title, entries in after(d)],

@@ -105,9 +105,9 @@ def summary(d: RunDifference) -> str:
 
 
 def before(d: RunDifference) -> Iterator[tuple[str, list[TextChange | str]]]:
-    """What is told before the numbers: headline, verdicts, findings, filters that came, went or changed their state."""
+    """Statements before the numbers: headline, verdicts, findings, filters that came, went or changed their state."""
     yield from _titled(
-        ("Headline and findings", d.told),
+        ("Headline and findings", d.statements),
         ("Verdicts that differ", [c.name for c in d.verdicts]),
         ("Filters that vanished", d.rows_vanished),
         ("Filters that appeared", d.rows_appeared),

@@ -180,19 +180,19 @@ def test_changes_stand_by_question_the_main_ones_first_worse_before_better() -> 
     assert [m.closer for m in two.moved] == [False, True]
 
 
-def test_headline_verdicts_and_findings_are_told_first_and_count_for_nothing() -> None:
+def test_headline_verdicts_and_findings_come_first_and_count_for_nothing() -> None:
     old, new = result(filtered(lag(1.0))), result(filtered(lag(1.0)))
     old.headline, new.headline = "A flight.", "A crash."
     new.findings = [Finding("crash", "serious", "It fell."), Finding("dust", "note", "Some dust.")]
     found = difference("x", old, new, NONE)
-    assert found.told == [
+    assert found.statements == [
         TextChange("headline", "A flight.", "A crash."),
         TextChange("finding: crash", "(absent)", "It fell."),
     ]
     assert found.count == 0
     assert "    headline: A flight. → A crash." in list(lines([found], [], False))
     old.headline = ""
-    assert difference("x", old, new, NONE).told == [TextChange("finding: crash", "(absent)", "It fell.")]
+    assert difference("x", old, new, NONE).statements == [TextChange("finding: crash", "(absent)", "It fell.")]
 
 
 def test_a_terminal_lists_few_of_each_question_and_all_with_everything() -> None:
