@@ -140,7 +140,9 @@ def contest(result: Result, metric: str, windows: tuple[str, ...]) -> ColumnRank
     found.judged.sort(key=lambda j: j.size if j.answer.unit in SIGNED else j.value)
     found.best = [j for j in found.ranked if is_best(result, j.row, metric, window)]
     worst = result.worst.get(window, {}).get(metric, ())
-    found.worst = next((j for j in found.ranked if j.row.name in worst), None)
+    # ranked pair by pair on the time that both share: a row that is worse there may have a smaller value over all
+    largest = max((j.size for j in found.ranked), default=0.0)
+    found.worst = next((j for j in found.ranked if j.row.name in worst and j.size == largest), None)
     return found
 
 

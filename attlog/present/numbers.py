@@ -1,6 +1,6 @@
 """How numbers are written for people: the report, the verdicts and the terminal agree.
 
-Angles get 3 decimals below 0.1, 2 below 1, else 1; drifts 2 below 1, else 1 and
+Angles get 3 decimals below 0.1, 2 below 1, else 1, none from 100 on; drifts 2 below 1, else 1 and
 always a sign; ms and % are whole. Minus is the true minus sign. A value too small
 to show is "<0.001", never 0.
 """
@@ -62,6 +62,8 @@ def number(value: float | None, unit: str = "", signed: bool | None = None) -> s
 
 def decimals(size: float, unit: str) -> int:
     """How many decimals a value of this size and unit deserves."""
+    if unit in ("deg", "deg/min") and size >= 99.95:
+        return 0
     if unit == "deg":
         return 3 if size < 0.0995 else 2 if size < 0.995 else 1
     if unit == "deg/min":

@@ -31,6 +31,17 @@ def test_a_filter_alone_has_its_interval() -> None:
     assert brief("accuracy", result(rows(0.5))) == "Tilt: A 0.50° (0.45 to 0.55)."
 
 
+def test_of_several_the_only_ranked_one_does_not_read_as_the_winner() -> None:
+    made = result([*rows(0.5), row("b", absent(TILT, "airborne", "not_converged", "did not settle"))])
+    assert brief("accuracy", made).startswith("Tilt: A alone is ranked: 0.50°")
+
+
+def test_filters_that_diverged_stand_beside_the_range_of_the_others() -> None:
+    made = result([*rows(0.3, 1.2), row("c", tilt(31.0), status="diverged")])
+    made.ranked = {}
+    assert brief("accuracy", made).endswith("tilt 0.30 to 1.2°; C diverged.")
+
+
 def test_noise_says_in_which_phase_it_was_measured() -> None:
     made = result([row("a", noise(0.01, "hover")), row("b", noise(0.03, "hover"))], {NOISE: ["a"]})
     assert brief("noise", made) == "Added in hover: A 0.010°, B 0.030°."

@@ -15,7 +15,7 @@ from tests.present.made import result as made
 def test_a_drift_is_significant_where_its_interval_excludes_zero_however_wide_it_is():
     rows = [row("a", drift(254.5, 40.0)), row("b", drift(0.02))]
     assert sentence("yaw_drift", made(rows)) == (
-        "At rest, A drifts +254.5°/min (+214.5 to +294.5). No significant drift of B: less than 0.12°/min."
+        "At rest, A drifts +254°/min (+214 to +294). No significant drift of B: less than 0.12°/min."
     )
 
 

@@ -14,7 +14,7 @@ from attlog.compare.diff.text import after, before, by_question, document, entry
 from attlog.report import shell
 from attlog.report.pack import Store
 
-SENTENCE = re.compile(r"(?<=[.;]) ")
+SENTENCE = re.compile(r"(?<=[.;]) (?![^(]*\))")
 OWN = Path(__file__).parents[1] / "web"
 FEWEST, SHOWN = 2, 8
 """Of a question the numbers that a comparison asks for are shown at first: so many at least, so many at most."""

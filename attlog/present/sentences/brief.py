@@ -116,7 +116,8 @@ def _compared(found: ColumnRanking) -> str:
     """The rows that none is significantly better than, then all others."""
     ranked, best = found.ranked, found.best
     if len(ranked) == 1:
-        return f"{ranked[0].name} {ranked[0].text}{ranked[0].interval}"
+        alone = " alone is ranked:" if found.total > 1 else ""
+        return f"{ranked[0].name}{alone} {ranked[0].text}{ranked[0].interval}"
     if not best:
         return f"all {found.compared} {_range(ranked)} (not significant)"
     others = [j for j in ranked if j not in best]
@@ -164,7 +165,9 @@ def _unranked(found: ColumnRanking, what: str = "") -> BriefAnswer:
     sound = [j for j in found.filters if j.row.status == "ok"]
     if sound:
         why = typeset(why_unranked(sound[0])).partition(":")[0].removesuffix(" to rank")
-        return BriefAnswer(f"Not ranked ({why}): {what}{_range(sound)}.", found, _onboard(found))
+        lost = [j.name for j in found.filters if j.row.status == "diverged"]
+        gone = f"; {listed(lost) if len(lost) <= 2 else f'{len(lost)} filters'} diverged" if lost else ""
+        return BriefAnswer(f"Not ranked ({why}): {what}{_range(sound)}{gone}.", found, _onboard(found))
     rows = [j.row for j in found.filters] + [a.row for a in found.absent if a.row.kind == "replay"]
     rows = [row for row in rows if not is_baseline(row)]
     if len(rows) == found.total > 1 and rows[0].status != "ok" and all(row.status == rows[0].status for row in rows):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from attlog.present.contest import ColumnRanking, RankedValue, why_unranked
 from attlog.present.names import CODES
 from attlog.present.numbers import MINUS, SIGNED, duration, interval, number, quantity
-from attlog.present.sentences.brief import BriefAnswer, brief_answers
+from attlog.present.sentences.brief import NO_ANSWER, BriefAnswer, brief_answers
 from attlog.present.table.rows import is_baseline
 from attlog.report.first_screen.scale import DotScale, log_scale, zero_scale
 from attlog.report.look import Look
@@ -21,7 +21,6 @@ TITLES = {
     "yaw_drift": ("Yaw drift", "part-drift"),
 }
 """What a column is called, and where its figures stand."""
-SAME_REASON = "Cannot be determined, for the same reason."
 PLACES = {"rest": "at rest", "hover": "added in hover", "cruise": "added in flight", "idle": "added with motors idling"}
 
 
@@ -69,10 +68,14 @@ def comparison(result: Result, look: Mapping[str, Look]) -> FourQuestions:
     rows = in_order(result, answers["accuracy"].column)
     rows = [row for row in rows if row.name in look]
     found = [question(key, answers[key], rows) for key in TITLES]
-    nothing = " ".join(dict.fromkeys(q.sentence for q in found)) if all(q.empty for q in found) else ""
+    nothing = ""
+    if all(q.empty for q in found):
+        why = dict.fromkeys(q.sentence.removeprefix(NO_ANSWER).rstrip(".") for q in found)
+        nothing = f"{NO_ANSWER}{'; '.join(why)}."
     for i, one in enumerate(found):
-        if one.empty and any(one.sentence == other.sentence for other in found[:i]):
-            found[i] = replace(one, sentence=SAME_REASON)
+        first = next((other for other in found[:i] if one.empty and one.sentence == other.sentence), None)
+        if first is not None:
+            found[i] = replace(one, sentence=f"{NO_ANSWER}same reason as {first.title.lower()}.")
     return FourQuestions([row.name for row in rows], found, nothing)
 
 

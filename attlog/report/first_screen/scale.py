@@ -63,8 +63,8 @@ def log_scale(values: Sequence[float], spans: Sequence[Span]) -> DotScale:
 
 def zero_scale(values: Sequence[float], spans: Sequence[Span], unit: str) -> DotScale:
     """For values with a sign: zero is in it, and all that is not far off."""
-    ends = [x for span in spans for x in span] or [0.0]
-    most = max(LEAST.get(unit, 0.0) / 2.0, FAR * median([abs(x) for x in [*values, *ends]]))
+    ends = [x for span in spans for x in span]
+    most = max(LEAST.get(unit, 0.0) / 2.0, FAR * median([abs(x) for x in ends or values]))
     near = [x for x in [*values, *ends, 0.0] if abs(x) <= most]
     low, high = min(near), max(near)
     short = LEAST.get(unit, 1.0) - (high - low)

@@ -74,13 +74,17 @@ def strip(result: Result) -> Strip:
 
 
 def height(result: Result, start: float, end: float) -> tuple[str, str, float]:
-    """The path of the height, its largest in flight as text, and when that was; texts are empty where unknown."""
+    """The path of the height, its largest in flight as text, and when that was; texts are empty where unknown.
+
+    A barometer that never flew shows the weather.
+    """
     trace = next((t for t in result.traces if t.figure == "height"), None)
-    if trace is None or not np.isfinite(trace.columns["height"]).any():
+    flights = (result.log.get("timeline") or {}).get("airborne") or []
+    if trace is None or not flights or not np.isfinite(trace.columns["height"]).any():
         return "", "", start
     t, y = np.asarray(trace.t, np.float64), np.asarray(trace.columns["height"], np.float64)
     flying = np.zeros(len(t), bool)
-    for a, b in (result.log.get("timeline") or {}).get("airborne") or []:
+    for a, b in flights:
         flying |= (t >= a) & (t <= b)
     most = float(np.nanmax(np.where(flying, y, -math.inf))) if (flying & np.isfinite(y)).any() else math.nan
     top = max(most if math.isfinite(most) else float(np.nanmax(y)), LEAST_M)

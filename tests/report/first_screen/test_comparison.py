@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from attlog.metrics.answer import missing
 from attlog.report.first_screen.comparison import comparison
 from attlog.report.look import looks
 from attlog.result import Result
@@ -72,3 +73,14 @@ def test_without_filters_the_box_says_that_none_was_run() -> None:
     result = make_result()
     result.estimators = [r for r in result.estimators if r.kind != "replay"]
     assert "no filter was run" in drawn(result).nothing
+
+
+def test_a_reason_is_written_out_once_and_then_named_by_its_question() -> None:
+    result = make_result()
+    for one in result.estimators:
+        for metrics in one.metrics.values():
+            for name in [n for n in metrics if n.startswith(("noise_", "drift_"))]:
+                metrics[name] = missing("no_rest", "the vehicle never stood still", metrics[name].unit, "rest")
+    found = {q.id: q for q in drawn(result).questions}
+    assert found["noise"].sentence == "Cannot be determined: the vehicle never stood still."
+    assert found["yaw_drift"].sentence == "Cannot be determined: same reason as static noise."

@@ -61,3 +61,12 @@ def test_labels_of_what_is_serious_come_first_and_none_overlap() -> None:
 def test_the_same_warning_is_labelled_once() -> None:
     marks = [Mark(t, t, "warn", "x", "clipping") for t in (10.0, 40.0, 80.0)]
     assert [m.label for m in labelled(marks)] == ["clipping", "", ""]
+
+
+def test_a_barometer_that_never_flew_draws_no_height() -> None:
+    result = flown()
+    t = np.arange(0.0, 200.0, 1.0)
+    result.traces.append(Trace("height", "", t, {"height": 0.05 * t}))
+    assert strip(result).curve
+    result.log["timeline"]["airborne"] = []
+    assert strip(result).curve == ""

@@ -123,8 +123,8 @@ def _level(log: FlightLog, one: OnboardVibration, within: list[Span]) -> Assessm
     worst = int(np.argmax(level))
     verdict: Verdict = "fault" if judged > limits.fault else "warning" if judged > limits.warning else "ok"
     text = (
-        f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the flight stay below {most:.1f}, "
-        f"the worst second is {level[worst]:.1f}."
+        f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the time below {most:.1f}, "
+        f"in the worst second {level[worst]:.1f}."
     )
     found = Assessment(
         sensor, "vibration_level", verdict, text, round(judged, 2), "m/s^2", interval_of(level, limits.share),
