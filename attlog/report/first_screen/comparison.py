@@ -135,7 +135,11 @@ def scale_of(column: ColumnRanking) -> DotScale:
 
 
 def dot(row: EstimatorRow, column: ColumnRanking, scale: DotScale) -> Dot:
-    """A row's value, or the word for what is missing."""
+    """A row's value, or the word for what is missing.
+
+    ``best`` also asks that no row which is significantly worse than another has a smaller value: on the time that two
+    rows share they may rank otherwise than over all.
+    """
     judged = column.of(row)
     if judged is None:
         absent = next((m for m in column.absent if m.row.name == row.name), None)
@@ -150,7 +154,7 @@ def dot(row: EstimatorRow, column: ColumnRanking, scale: DotScale) -> Dot:
         scale.place(judged.value),
         scale.place(low),
         scale.place(high),
-        judged in column.best,
+        judged in column.best and not any(j.size < judged.size for j in column.ranked if j not in column.best),
         judged.replay and not judged.ranked,
     )
 

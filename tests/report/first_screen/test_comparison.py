@@ -84,3 +84,14 @@ def test_a_reason_is_written_out_once_and_then_named_by_its_question() -> None:
     found = {q.id: q for q in drawn(result).questions}
     assert found["noise"].sentence == "Cannot be determined: the vehicle never stood still."
     assert found["yaw_drift"].sentence == "Cannot be determined: same reason as static noise."
+
+
+def test_a_large_value_is_not_marked_beside_a_smaller_one_that_is_not() -> None:
+    result = make_result()
+    window, metric = "rest", "noise_tilt_deg"
+    sizes = {r.name: r.metrics[window][metric].value for r in result.estimators if r.kind == "replay"}
+    least, *_, most = sorted((n for n in sizes if n != "gyro"), key=lambda n: sizes[n])
+    result.best = {window: {metric: [least, most]}}
+    found = drawn(result)
+    marked = [name for name, dot in zip(found.rows, found.questions[1].dots, strict=True) if dot.best]
+    assert marked == [least]
