@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ MARKS = {"impact": "Red: impact and what followed.", "gap": "Grey between two li
 def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[PageFigure]:
     """The whole flight: time strip, attitude, difference, ground track."""
     figures = [PageFigure("strip", "strip", "", "", 120)]
+    if result.reference is not None and result.reference.heading_by == "nobody":
+        by = by | {kind: [without_heading(t, result) for t in by.get(kind, [])] for kind in ("attitude", "difference")}
     if by.get("attitude"):
         figures.append(attitude(by["attitude"], by.get("demand", []), names, store, result))
     if by.get("difference"):
@@ -31,6 +34,14 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
     if by.get("track"):
         figures.append(track(by["track"][0]))
     return figures
+
+
+def without_heading(trace: Trace, result: Result) -> Trace:
+    """A trace without what rests on the heading of a reference that has none: its own, and all differences from it."""
+    own = result.reference is not None and trace.row == result.reference.choice
+    if trace.figure == "attitude" and not own:
+        return trace
+    return replace(trace, columns={name: y for name, y in trace.columns.items() if name != "heading"})
 
 
 def attitude(found: list[Trace], demand: list[Trace], names: Rows, store: Store, result: Result) -> PageFigure:

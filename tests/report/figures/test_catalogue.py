@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import replace
 
 import numpy as np
@@ -178,3 +179,14 @@ def test_reports_of_real_logs_open_without_complaint_and_draw_everything(visit, 
     assert page.complaints == []
     assert page.requests == [path.as_uri()]
     assert [name for name, drawn in page.figures().items() if not drawn] == []
+
+
+def test_a_reference_without_a_heading_shows_none_and_no_difference_from_it():
+    result = make_result()
+    result.reference = replace(result.reference, choice="onboard", heading_by="nobody")
+    found = figures(result)
+    assert all("heading" not in line["y"] for line in found["difference"].data["series"])
+    by_row = {line["r"]: line["y"] for line in found["attitude"].data["series"]}
+    assert [r for r, y in by_row.items() if "heading" not in y] == [0]
+    result.reference = replace(result.reference, heading_by="own")
+    assert all("heading" in line["y"] for line in figures(result)["difference"].data["series"])

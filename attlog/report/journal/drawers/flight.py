@@ -87,6 +87,7 @@ def difference(canvas: Canvas, data: dict[str, Any]) -> None:
         Panel("pitch", "pitch, °"),
         Panel("heading", "heading, °", wraps=True),
     ]
+    columns = [c for c in columns if any(c.key in s["y"] for s in data["series"])]
     if "sigma" in data:
         grey = {"fill": "tonexty", "fillcolor": faded(INK, 0.15)}
         for key, yaxis, low in (("inclination", "y", 0.0), ("heading", "y4", -1.0)):
