@@ -83,7 +83,7 @@ def test_it_is_taken_before_truth_where_it_is_asked_for() -> None:
         (made(openings=6.0), "gave way 6 times"),
         (made(soft_gated_pct=41.0), "41 % of the GNSS velocities"),
         (made(worst_ratio=3.2), "3.2 times what it expects"),
-        (estimate(), "does not tell how wrong it may be"),
+        (estimate(), "does not say how wrong it may be"),
         (made(off=estimate(tilt_deg=np.where(np.arange(0, SECONDS, 1 / RATE) > 50, np.nan, 0))), "lost its way"),
     ],
 )

@@ -36,7 +36,7 @@ def _sections(s: Sweep, about: Mapping[str, Any]) -> Iterator[PageSection]:
     if single is not None:
         own = text_of(s.settings[single])
         paste = f"attlog analyze LOG --estimators {s.filter}{',' if ':' in s.filter else ':'}{own}"
-        yield PageSection("The best setting, ready to paste", code=paste)
+        yield PageSection("Best setting, to paste", code=paste)
     yield PageSection("Every setting", table=rows(s), folded=True)
     if len(s.logs) > 1:
         for column in (c for c in s.columns if c.single is not None):
@@ -135,7 +135,7 @@ def _curve(s: Sweep, c: SweepColumn, axis: GridAxis, name: str, *, alone: bool) 
         name,
         "along",
         f"{c.metric.title} along {axis.name}{'' if alone else _at_best('all others')}",
-        f"Red: the best. Band and filled: not significantly worse.{lines}",
+        f"Red: best. Band and filled: not significantly worse.{lines}",
         300,
         data,
         alone,
