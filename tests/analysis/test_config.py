@@ -88,6 +88,7 @@ def test_what_is_resolved_makes_the_same_configuration_again() -> None:
     assert pickle.loads(pickle.dumps(config)) == config
 
 
+@pytest.mark.slow
 def test_options_without_a_file_are_not_checked_twice(tmp_path: Path) -> None:
     """pydantic takes a fifth of a second to import, which a run without a file need not wait."""
     log, out = str(SAMPLES / "px4_hover.ulg"), str(tmp_path)

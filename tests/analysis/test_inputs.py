@@ -161,6 +161,7 @@ def step(state, params, dt, gyr, acc, mag, aid):
 '''
 
 
+@pytest.mark.slow
 def test_an_analysis_gives_a_plug_in_the_aids_and_parameters_of_the_log(tmp_path: Path) -> None:
     from attlog.analysis import prepare
     from attlog.analysis.replay import run_rows

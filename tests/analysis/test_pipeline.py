@@ -92,6 +92,7 @@ def test_traces_and_costs_come_when_asked_for(case: Case) -> None:
     assert answers(full, "mahony")["all"]["cost_ns"].value
 
 
+@pytest.mark.slow
 def test_nothing_of_a_row_is_left_when_the_next_one_comes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of fifty configurations of a long log one is held at a time; what the onboard rows have is kept."""
     case = attlog.prepare(LOG)  # its own: what is kept for a log must not hold a row either

@@ -31,6 +31,7 @@ def test_an_unknown_filter_is_2_with_a_suggestion(attlog):
     assert "did you mean mahony" in done.err
 
 
+@pytest.mark.slow
 def test_the_template_passes_the_checks_and_runs_in_an_analysis(attlog, samples, tmp_path):
     mine = tmp_path / "my_filter.py"
     assert attlog("new", mine).code == 0
@@ -63,6 +64,7 @@ def test_the_template_for_whole_segments_agrees_with_the_filter_it_is(attlog, tm
     assert np.abs(package.estimate(str(mine), *m.sensors).q - wanted.q).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_fails_the_checks_with_1(attlog, tmp_path):
     mine = tmp_path / "my_filter.py"
     attlog("new", mine)

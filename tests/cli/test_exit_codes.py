@@ -190,6 +190,7 @@ def harmful():
         yield broken_filter
 
 
+@pytest.mark.slow
 def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path, harmful):
     filter_file = harmful(LOGS[0], "raise ZeroDivisionError('inside')")
     logs = [samples / LOGS[0], tmp_path / "none.ulg", samples / LOGS[1]]

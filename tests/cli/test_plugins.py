@@ -151,6 +151,7 @@ def test_a_filter_of_an_installed_package_that_crashes_is_a_failed_row(attlog, s
     assert (rows["gyro"]["status"] != "failed", "SIGABRT" in rows["evil"]["reason"]) == (True, True)
 
 
+@pytest.mark.slow
 def test_a_result_runs_no_filter_file_that_only_the_result_names(attlog, samples, tmp_path):
     """Results are sent around; ``--config RESULT.json`` ran whatever file lay where the result said."""
     log, mine = samples / "copter_yaw_turns.bin", tmp_path / "mine.py"

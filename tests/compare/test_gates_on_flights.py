@@ -73,6 +73,7 @@ def test_a_swapped_gyro_fails_every_gate_that_asks_and_its_axes_are_told(tmp_pat
     assert all("the gyro's x is the attitude's y, y is the attitude's x" in o.sentence for o in outcomes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "passes"), few([(0.501, True), (1.5, False)], 1), ids=["a hair", "three times"])
 def test_a_changed_gain_is_paired_with_the_run_before(tmp_path: Path, gain: float, passes: bool) -> None:
     def run(kp: float) -> attlog.Result:

@@ -111,6 +111,7 @@ def test_a_broken_file_is_told_with_what_is_wrong(plugin: Path, find: str, put: 
     assert "mine.py" in str(told.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jit", few(["0", "1"], 1))
 @pytest.mark.parametrize(
     ("find", "put", "words"),

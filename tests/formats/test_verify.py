@@ -146,6 +146,7 @@ def test_a_library_that_never_ends_is_given_up(tmp_path: Path, monkeypatch: pyte
     assert "Not compared with pymavlink: it is not done after" in done.out
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGXCPU"), reason="no limit of CPU time on this system")
 def test_time_in_which_the_library_does_not_run_is_not_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A limit on the clock called a log different because the machine was busy: here its process waits 3 s of 2."""

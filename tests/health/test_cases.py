@@ -47,6 +47,7 @@ def test_a_gyro_that_turns_at_rest_is_said_first_and_nothing_is_judged() -> None
     assert result("rover_2.46_61.BIN").best == {}
 
 
+@pytest.mark.slow
 def test_vibration_is_said_with_its_onset_and_what_it_does_to_the_force() -> None:
     """copter_3.3dev_181: from 54 s acc z std 0.5 -> 3.5 to 5.1, vertical force 9.62 -> 7."""
     found = said("copter_3.3dev_181.BIN")
@@ -71,6 +72,7 @@ def test_error_records_are_counted_as_they_stand_in_the_file() -> None:
         assert found[code].count == int(np.sum((records["Subsys"] == subsystem) & (records["ECode"] == number)))
 
 
+@pytest.mark.slow
 def test_a_crash_is_said_with_its_time() -> None:
     """copter_3.3dev_118: crash at 165.7 s of the boot clock's first record, tilt 174 deg, ERR 12/1."""
     first = result("copter_3.3dev_118.BIN").findings[0]
@@ -87,6 +89,7 @@ def off_in_tilt(judged: Result, name: str) -> float:
     return value
 
 
+@pytest.mark.slow
 def test_an_onboard_attitude_that_the_accelerometer_refutes_is_said_and_is_no_reference() -> None:
     """copter_3.3dev_31: on the ground at 320 s ATT roll is -18.5 deg, the accelerometer says -0.3."""
     found = said("copter_3.3dev_31.BIN")
@@ -167,6 +170,7 @@ def test_the_list_is_sorted_complete_and_free_of_doubles(name: str) -> None:
             assert check.name in left_out or check.text in texts, check.name
 
 
+@pytest.mark.slow
 def test_no_action_stands_twice_or_sends_the_reader_back_to_the_list() -> None:
     for name in ("copter_3.3dev_31.BIN", "plane_px4_1.13_crash.ulg", "copter_heading_28deg_off.BIN"):
         actions = [f.action for f in result(name).findings if f.action]
@@ -174,12 +178,14 @@ def test_no_action_stands_twice_or_sends_the_reader_back_to_the_list() -> None:
         assert not any("findings" in action or "what the autopilot said" in action for action in actions)
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_stands_still_is_not_accused_by_a_smoother_that_gravity_refutes() -> None:
     """copter_4.6_standing_accused, copter_falsely_accused: 8.4 and 3.2 deg "off" where the accelerometer agrees."""
     for name in ("copter_4.6_standing_accused.BIN", "copter_falsely_accused.bin"):
         assert "attitude" not in said(name)
 
 
+@pytest.mark.slow
 def test_vibration_of_motors_before_take_off_is_no_tilt() -> None:
     """px4_1.14_hard_landing: 0.09 deg before flight, 0.3 after; the median of single samples was 4.4."""
     check = next(c for c in result("px4_1.14_hard_landing.ulg").audit if c.name == "gravity direction")
@@ -187,6 +193,7 @@ def test_vibration_of_motors_before_take_off_is_no_tilt() -> None:
     assert check.value < 1.0
 
 
+@pytest.mark.slow
 def test_another_compass_that_reads_the_earths_field_is_to_be_calibrated_and_used() -> None:
     """copter_two_compasses: compass 1 reads 71 uT, compass 2 42.4 where the earth has 41.8, with offsets of zero.
 

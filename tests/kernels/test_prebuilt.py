@@ -189,6 +189,7 @@ def test_a_build_counts_what_it_makes_and_keeps_what_is_there(
     assert made == [(1, "1"), (2, "1"), (2, "")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", few(["px4_hover.ulg", "copter_steps_stabilize.tlog", "copter_yaw_turns.bin"], 1))
 def test_an_analysis_with_defaults_runs_only_kernels_that_were_made_for_it(
     log: str, monkeypatch: pytest.MonkeyPatch

@@ -83,6 +83,7 @@ def test_default_rows_ran_and_the_corrected_filters_hold(document):
         assert rows[name]["status"] == "ok", (name, rows[name]["reason"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", few(LOGS, 1))
 def test_deterministic_runs_give_the_same_bytes(samples, tmp_path, log):
     import attlog

@@ -156,6 +156,7 @@ def test_an_estimate_of_another_log_is_a_row_with_its_reason(attlog, tmp_path: P
     assert attlog("compare", str(STEPS), "mahony", f"{file}:frame=xyz", "-o", str(tmp_path)).code == 2
 
 
+@pytest.mark.slow
 def test_the_table_of_analyze_is_printed_for_a_paper(attlog, tmp_path: Path) -> None:
     words = ("analyze", str(STEPS), "--estimators", "mahony,madgwick", "-o", str(tmp_path))
     found = {form: attlog(*words, "--format", form) for form in ("csv", "tex", "md")}

@@ -22,6 +22,7 @@ from tests.conftest import few
 GYRO = ("--estimators", "gyro", "-q")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words", few([["LOG", "-o", "OUT"], ["-o", "OUT", "LOG"], ["./*.bin", "-o", "OUT"], [".", "-o", "OUT"]], 2)
 )
@@ -40,6 +41,7 @@ def test_a_mistyped_command_is_told_with_the_one_that_was_meant(attlog):
     assert "analyze" in done.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", few([["--json"], ["--json", "-"], ["--json=-"]], 2))
 @pytest.mark.parametrize("command", ["info", "analyze"])
 def test_json_on_standard_output_with_or_without_a_dash(attlog, samples, tmp_path, asked, command):

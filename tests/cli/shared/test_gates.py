@@ -38,6 +38,7 @@ def command(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.mark.slow
 def test_green_is_0_and_red_is_1_with_the_sentence(attlog, command: str, gates, tmp_path: Path) -> None:
     args = (command, LOG, *FAST, "-o", tmp_path / "out", "--gates")
     more = () if command == "analyze" else ("--resume",)
@@ -93,6 +94,7 @@ def test_a_log_that_cannot_be_read_is_an_error_and_its_code_wins(attlog, gates, 
     assert [s.errors for s in JUnitXml.fromfile(str(report))] == [1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "word"),
     few([(CRASH, "nothing_of_that_name"), (NAN, "no finite attitude"), (ACROSS, "heading error above 45 deg")], 1),

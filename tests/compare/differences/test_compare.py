@@ -86,6 +86,7 @@ def test_one_broken_log_of_many_is_a_line_with_its_reason(tmp_path: Path) -> Non
     assert tilt.logs == 2
 
 
+@pytest.mark.slow
 def test_a_flight_that_is_given_twice_counts_once_where_logs_are_pooled(tmp_path: Path) -> None:
     again = Path(shutil.copy(STEPS, tmp_path / "again.bin"))
     configurations = [parse(text) for text in ["mahony:kp=0.3", "mahony:kp=0.6"]]

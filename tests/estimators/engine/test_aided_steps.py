@@ -100,6 +100,7 @@ def test_a_step_in_parts_gets_an_event_once_and_rest_in_each(recorder: Path) -> 
     assert aux["seen"][1:, 7].tolist() == [1, 1, 1]
 
 
+@pytest.mark.slow
 def test_what_arrives_in_a_gap_is_left_out(recorder: Path) -> None:
     t = np.r_[np.arange(100), np.arange(300, 400)] / 100.0
     fixes = np.array([0.5, 1.5, 2.5, 3.005])

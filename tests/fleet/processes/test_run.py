@@ -69,6 +69,7 @@ def test_a_record_reads_back_as_it_was(tmp_path: Path, processes: Forks) -> None
     assert record.row["flight"]["name"] == LOG.name
 
 
+@pytest.mark.slow
 def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path, processes: Forks) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
@@ -88,6 +89,7 @@ def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path,
     assert not run_one(task, processes).again
 
 
+@pytest.mark.slow
 def test_a_record_that_is_damaged_is_a_log_that_is_not_done(tmp_path: Path, processes: Forks) -> None:
     run_one(work(tmp_path), processes)
     place = record_path(tmp_path, LOG.name)

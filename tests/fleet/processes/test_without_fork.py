@@ -51,6 +51,7 @@ def test_a_fresh_process_writes_what_a_forked_one_does(tmp_path: Path, request: 
     assert (fresh.code, "stage" in stages) == (0, True)
 
 
+@pytest.mark.slow
 def test_a_fresh_process_that_fails_is_one_record(tmp_path: Path, processes: Forks) -> None:
     record = run_one(work(tmp_path, specs=harm("import os; os._exit(9)")), processes)
     assert (record.code, "without a word (exit status 9)" in record.message) == (70, True)

@@ -82,6 +82,7 @@ def cut(folder: Path, name: str, size: int = 300_000) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_batch_is_the_same_with_one_worker_and_with_two(tmp_path: Path) -> None:
     logs = [ARDUPILOT, tmp_path / "none.ulg", PX4, cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin")]
     (one, first), (two, _) = (run(job(tmp_path / str(n) / "out", *logs), n) for n in (1, 2))
@@ -173,6 +174,7 @@ def test_a_lock_ends_with_its_process_however_that_ends(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.slow
 def test_a_batch_stops_where_the_disk_is_full(tmp_path: Path) -> None:
     """Nothing half-written, nothing lost, and no log is analysed in vain."""
     logs = [cut(tmp_path / "a", f"{k}.bin") for k in range(5)]

@@ -110,6 +110,7 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_others_are_done(own
     assert "Traceback" not in found[todo[1].name].message
 
 
+@pytest.mark.slow
 def test_what_fails_in_a_task_fails_as_here(dask: Cluster, tmp_path: Path) -> None:
     (tmp_path / "no.ulg").write_bytes(b"no log")
     todo = works(tmp_path / "out", 2, places=[tmp_path / "no.ulg", tmp_path / "missing.ulg"])
@@ -140,6 +141,7 @@ def test_resume_asks_the_cluster_for_nothing_that_is_done(dask: Cluster, tmp_pat
     assert all(r.again for r in records_of("tcp://127.0.0.1:9", todo))
 
 
+@pytest.mark.slow
 def test_who_stops_reading_cancels_the_rest(dask: Cluster, tmp_path: Path) -> None:
     """Also a task that runs ends, its child with it, long before its 60 s."""
     from distributed import Client

@@ -43,6 +43,7 @@ def logs(draw: st.DrawFn) -> dict[str, dict[str, np.ndarray]]:
     return messages
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(messages=logs())
 def test_random_logs_come_back(messages: dict[str, dict[str, np.ndarray]], tmp_path: Path) -> None:

@@ -41,6 +41,7 @@ def logs(draw: st.DrawFn) -> Log:
     return messages
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(messages=logs())
 def test_random_logs_come_back_and_pymavlink_reads_the_same(messages: Log, tmp_path: Path) -> None:

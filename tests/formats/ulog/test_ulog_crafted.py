@@ -50,6 +50,7 @@ def test_four_times_the_bytes_cost_about_four_times_the_time(build: Build, tmp_p
     pytest.fail("time grows faster than the file")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", few(BUILDERS, 8), ids=lambda b: b.__name__)
 def test_memory_stays_below_ten_megabytes_and_fifty_times_the_file(build: Build, tmp_path: Path) -> None:
     raw = build(SMALL // 4)

@@ -101,6 +101,7 @@ def test_onboard_is_the_autopilot_s_own_held_until_its_next_value():
     assert "no onboard gyro bias" in found(made, asked="onboard").why
 
 
+@pytest.mark.slow
 def test_every_row_gets_the_gyro_without_it_and_reports_all_that_it_takes_off(samples):
     """The simulator put -0.35, 0.55 and 0.9 deg/s on this gyro (sample_logs/README.md)."""
     case = {asked: attlog.prepare(samples / "px4_hover.ulg", {"gyro_bias": asked}) for asked in ("rest", "none")}

@@ -37,6 +37,7 @@ def made():
     return flight()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [[0.0, 0.0, 2.0], [1.0, 0.0, 0.0], [0.0, -0.5, 0.5]])
 def test_a_step_is_found_with_its_time_and_size_and_the_attitude_stays_within_its_sigma(made, step):
     e = estimate("smoother", *stepped(made, step).motion.sensors, aids=made.aids)
