@@ -138,7 +138,6 @@ def _column(found: Comparison, title: str, question: Question) -> OverviewColumn
     limit = _limit(question)
     first = first_value(found, question)
     own = unit_sign(question.unit)
-    unit = scale_unit(question)
     cells = [_cell(found, question, c, limit) for c in question.contrasts]
     called = {c.name: c.label for c in found.configurations}
     names = {
@@ -151,9 +150,16 @@ def _column(found: Comparison, title: str, question: Question) -> OverviewColumn
         what,
         _sentence(names["better"], names["worse"]),
         first + (own if own.startswith("°") else f" {own}" if own and first else ""),
-        (signed(far[0], question).removesuffix(unit), signed(far[1], question).removesuffix(unit)),
+        (end_label(far[0], question), end_label(far[1], question)),
         cells,
     )
+
+
+def end_label(value: float, question: Question) -> str:
+    """What an end of a scale is worth, without its unit; of a ratio from ten on the factor: ``÷40``, ``×40``."""
+    if question.scale == "ratio" and not 0.1 < value < 10.0:
+        return f"×{value:.3g}" if value > 1.0 else f"÷{1.0 / value:.3g}"
+    return signed(value, question).removesuffix(scale_unit(question)).strip()
 
 
 def scale_unit(question: Question) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from attlog.compare.configurations.configuration import parse
 from attlog.compare.differences.comparison import Comparison
 from attlog.compare.tables.matrix import of_log, over_all
-from attlog.compare.tables.overview import headline, overview
+from attlog.compare.tables.overview import end_label, headline, overview
 from tests.compare.flights import comparison
 
 THREE = [parse(f"mahony:kp={kp}") for kp in (0.3, 0.6, 1.2)]
@@ -105,3 +106,8 @@ def test_a_log_without_a_difference_has_its_reason_beside_its_table() -> None:
     matrix = of_log(found, found.logs[1])
     assert [cells[0].change for _, _, cells in matrix.rows] == ["+35 %", "–"]
     assert matrix.reasons == ["no steps"]
+
+
+@pytest.mark.parametrize(("value", "label"), [(0.5, "−50"), (1.5, "+50"), (40.0, "×40"), (0.005, "÷200")])
+def test_ends_of_a_scale_of_ratios_are_percent_and_beyond_ten_a_factor(value: float, label: str) -> None:
+    assert end_label(value, SimpleNamespace(scale="ratio", unit="deg")) == label  # type: ignore[arg-type]
