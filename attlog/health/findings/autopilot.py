@@ -53,13 +53,14 @@ FEW = 4
 """So many sentences of the autopilot are quoted in one finding."""
 
 
-def of_events(events: Iterable[Event], reports: Sequence[Finding] = ()) -> list[Finding]:
+def of_events(events: Iterable[Event], reports: Sequence[Finding] = (), hovers: bool = True) -> list[Finding]:
     """The signs in what happened: crashes as one, the others by their kind; a message is a sign of what it names.
 
-    A failsafe that ``reports`` of the autopilot tell with its sensor is no sign of its own.
+    A failsafe that ``reports`` of the autopilot tell with its sensor is no sign of its own. ``hovers``: the vehicle
+    takes off upright on its rotors.
     """
     events = list(events)
-    found = crashes.signs(events)
+    found = crashes.signs(events, hovers)
     wrecks = crashes.wrecks(events)
     explained = [report.t for report in reports if report.kind in EXPLAINED and report.t is not None]
     for event in events:

@@ -60,7 +60,7 @@ def findings(
     spare = agreement.of_other_sensors(log, health)
     mine = [a for a in health if a not in spare]
     reports = [of_problem(p) for p in [*log.problems, *others]]
-    happened = [sensors.shaken(sign, log.remedies) for sign in autopilot.of_events(events, reports)]
+    happened = [sensors.shaken(sign, log.remedies) for sign in autopilot.of_events(events, reports, log.kind.hovers)]
     crashed = any(sign.kind == autopilot.CRASH for sign in happened)
     reported = any(REPORTS.get(report.kind) == sensors.RATE for report in reports)
     left_out = {autopilot.CRASH: crashed, "rate": reported}
