@@ -136,6 +136,21 @@ def step_part(result: Result, step: ColumnRanking) -> str:
     return f" {AFTER} after a step ({movements(filters)}) {'; '.join(parts)}."
 
 
+def step_remark(result: Result) -> str:
+    """Which filter misses most of a step 0.5 s after it, of several how many; empty where all follow it.
+
+    A filter whose angle is wrong may have no lag.
+    """
+    step = contest(result, STEP_DEG, AIR)
+    percent = {j.name: share(j, step.window) for j in step.filters if j.row.status == "ok"}
+    wrong = sorted((name for name, x in percent.items() if abs(x) >= WRONG_PCT), key=lambda name: -abs(percent[name]))
+    if not wrong:
+        return ""
+    if len(wrong) == 1:
+        return f"{wrong[0]} is {short(percent[wrong[0]])} after 0.5 s."
+    return f"{len(wrong)} filters are up to {quantity(abs(percent[wrong[0]]), '%')} off after 0.5 s."
+
+
 def movements(judged: list[RankedValue]) -> str:
     """How many steps count: fewer than for the lag, for a step that ends early tells no error after it."""
     least, most = (end(j.answer.n for j in judged) for end in (min, max))

@@ -9,6 +9,7 @@ from attlog.present.contest import ColumnRanking, RankedValue, why_unranked
 from attlog.present.names import CODES
 from attlog.present.numbers import MINUS, SIGNED, duration, interval, number, quantity
 from attlog.present.sentences.brief import NO_ANSWER, BriefAnswer, brief_answers
+from attlog.present.sentences.lag import step_remark
 from attlog.present.table.rows import is_baseline
 from attlog.report.first_screen.scale import DotScale, log_scale, zero_scale
 from attlog.report.look import Look
@@ -68,6 +69,7 @@ def comparison(result: Result, look: Mapping[str, Look]) -> FourQuestions:
     rows = in_order(result, answers["accuracy"].column)
     rows = [row for row in rows if row.name in look]
     found = [question(key, answers[key], rows) for key in TITLES]
+    found = [replace(q, sentence=f"{q.sentence} {step_remark(result)}".strip()) if q.id == "lag" else q for q in found]
     nothing = ""
     if all(q.empty for q in found):
         why = dict.fromkeys(q.sentence.removeprefix(NO_ANSWER).rstrip(".") for q in found)

@@ -13,6 +13,8 @@ FAR = 4.0
 """A value so many times the middle one is drawn at the edge."""
 APART = 22.0
 """Percent of the width between two ticks, so that their labels do not touch in a narrow column."""
+WIDE = 2.5
+"""An end of an interval may lie so many times further out than a value."""
 EDGE = 3.0
 """Percent of the width left free at both ends."""
 LEAST = {"ms": 10.0, "deg/min": 1.0}
@@ -65,7 +67,7 @@ def zero_scale(values: Sequence[float], spans: Sequence[Span], unit: str) -> Dot
     """For values with a sign: zero is in it, and all that is not far off."""
     ends = [x for span in spans for x in span]
     most = max(LEAST.get(unit, 0.0) / 2.0, FAR * median([abs(x) for x in ends or values]))
-    near = [x for x in [*values, *ends, 0.0] if abs(x) <= most]
+    near = [x for x in [*values, 0.0] if abs(x) <= most] + [x for x in ends if abs(x) <= WIDE * most]
     low, high = min(near), max(near)
     short = LEAST.get(unit, 1.0) - (high - low)
     return DotScale(low - max(short, 0.0) / 2.0, high + max(short, 0.0) / 2.0, False)

@@ -6,7 +6,7 @@ from attlog.metrics.answer import missing
 from attlog.report.first_screen.comparison import comparison
 from attlog.report.look import looks
 from attlog.result import Result
-from tests.report.conftest import make_result
+from tests.report.conftest import answer, make_result
 
 
 def drawn(result: Result):
@@ -40,6 +40,18 @@ def test_a_filter_without_a_lag_says_why_in_its_place() -> None:
     assert dot.x is None
     assert dot.text == "not a pure delay"
     assert "follows 51 % of the step" in dot.hint
+
+
+def test_a_filter_that_misses_the_step_is_named_beside_lags_that_are_small() -> None:
+    result = make_result()
+    for row in result.estimators:
+        wrong = row.name == "vqf"
+        row.metrics["airborne"]["step_error_deg.0.5s"] = answer(9.2 if wrong else 0.1, "deg", "airborne")
+        row.metrics["airborne"]["step_error_pct.0.5s"] = answer(-27.3 if wrong else 0.3, "pct", "airborne")
+    assert drawn(result).questions[2].sentence.endswith("VQF is 27 % short after 0.5 s.")
+    for row in result.estimators:
+        row.metrics["airborne"]["step_error_pct.0.5s"].value = 0.3
+    assert "after 0.5 s" not in drawn(result).questions[2].sentence
 
 
 def test_a_value_that_is_not_ranked_is_pale_and_says_so() -> None:

@@ -38,3 +38,9 @@ def test_a_single_value_has_a_scale() -> None:
     assert log_scale([0.46], []).holds(0.46)
     assert len(log_scale([0.46], []).ticks) >= 1
     assert zero_scale([3.0], [], "deg/min").holds(0.0)
+
+
+def test_a_wide_interval_of_a_value_nearby_is_shown_whole() -> None:
+    scale = zero_scale([1.0, 7.4, -1.0], [(-4.0, 5.0), (-12.7, 27.4), (-5.0, 3.0)], "deg/min")
+    assert scale.holds(27.4)
+    assert scale.holds(-12.7)
