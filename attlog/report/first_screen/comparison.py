@@ -98,7 +98,7 @@ def question(key: str, answer: BriefAnswer, rows: list[EstimatorRow]) -> Questio
     column = answer.column
     title, figures = TITLES[key]
     sentence = f"{answer.text} {answer.onboard}".strip()
-    if not column.filters:
+    if not column.filters or answer.text.startswith(NO_ANSWER):
         return QuestionColumn(key, title, figures, "", sentence, True)
     scale = scale_of(column)
     dots = [dot(row, column, scale) for row in rows]

@@ -107,3 +107,16 @@ def test_a_large_value_is_not_marked_beside_a_smaller_one_that_is_not() -> None:
     found = drawn(result)
     marked = [name for name, dot in zip(found.rows, found.questions[1].dots, strict=True) if dot.best]
     assert marked == [least]
+
+
+def test_a_question_that_cannot_be_answered_draws_no_values_beneath_its_sentence() -> None:
+    result = make_result()
+    for row in result.estimators:
+        if row.kind == "replay":
+            row.status, row.reason = "not_judged", "the gyro reads 24 deg/s while the vehicle stands still"
+    result.ranked, result.best = {}, {}
+    found = drawn(result)
+    for question in found.questions:
+        assert question.empty == question.sentence.startswith("Cannot be determined")
+        assert bool(question.dots) != question.empty
+    assert found.questions[0].empty
