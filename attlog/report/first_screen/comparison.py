@@ -68,17 +68,24 @@ def comparison(result: Result, look: Mapping[str, Look]) -> FourQuestions:
     answers = brief_answers(result)
     rows = in_order(result, answers["accuracy"].column)
     rows = [row for row in rows if row.name in look]
-    found = [question(key, answers[key], rows) for key in TITLES]
-    found = [replace(q, sentence=f"{q.sentence} {step_remark(result)}".strip()) if q.id == "lag" else q for q in found]
+    remarks = {"lag": step_remark(result)}
+    found = [question(key, answers[key], rows, remarks.get(key, "")) for key in TITLES]
     nothing = ""
     if all(q.empty for q in found):
         why = dict.fromkeys(q.sentence.removeprefix(NO_ANSWER).rstrip(".") for q in found)
         nothing = f"{NO_ANSWER}{'; '.join(why)}."
-    for i, one in enumerate(found):
-        first = next((other for other in found[:i] if one.empty and one.sentence == other.sentence), None)
-        if first is not None:
-            found[i] = replace(one, sentence=f"{NO_ANSWER}same reason as {first.title.lower()}.")
-    return FourQuestions([row.name for row in rows], found, nothing)
+    return FourQuestions([row.name for row in rows], reasons_once(found), nothing)
+
+
+def reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:
+    """The columns; one that is empty for the reason of an earlier one names that instead."""
+    first: dict[str, str] = {}
+    out = []
+    for one in found:
+        title = first.setdefault(one.sentence, one.title)
+        again = one.empty and title != one.title
+        out.append(replace(one, sentence=f"{NO_ANSWER}same reason as {title.lower()}.") if again else one)
+    return out
 
 
 def in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorRow]:
@@ -93,13 +100,14 @@ def in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorRow]:
     return sorted(shown, key=key)
 
 
-def question(key: str, answer: BriefAnswer, rows: list[EstimatorRow]) -> QuestionColumn:
-    """One column of all rows."""
+def question(key: str, answer: BriefAnswer, rows: list[EstimatorRow], remark: str = "") -> QuestionColumn:
+    """One column of all rows; ``remark`` follows its sentence where there is an answer."""
     column = answer.column
     title, figures = TITLES[key]
     sentence = f"{answer.text} {answer.onboard}".strip()
     if not column.filters or answer.text.startswith(NO_ANSWER):
         return QuestionColumn(key, title, figures, "", sentence, True)
+    sentence = f"{sentence} {remark}".strip()
     scale = scale_of(column)
     dots = [dot(row, column, scale) for row in rows]
     onboard = next((d.x for d, row in zip(dots, rows, strict=True) if row.name == "onboard"), None)

@@ -120,3 +120,14 @@ def test_a_question_that_cannot_be_answered_draws_no_values_beneath_its_sentence
         assert question.empty == question.sentence.startswith("Cannot be determined")
         assert bool(question.dots) != question.empty
     assert found.questions[0].empty
+
+
+def test_a_lag_that_cannot_be_determined_gets_no_remark_on_the_step() -> None:
+    result = make_result()
+    for one in result.estimators:
+        one.metrics["airborne"]["lag_ms"] = missing("no_events", "no step in flight", "ms", "airborne")
+        one.metrics["airborne"]["step_error_deg.0.5s"] = answer(9.2, "deg", "airborne")
+        one.metrics["airborne"]["step_error_pct.0.5s"] = answer(-27.3, "pct", "airborne")
+    found = drawn(result).questions[2]
+    assert found.empty
+    assert found.sentence == "Cannot be determined: no step in flight."
