@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from attlog.base.barrier import guarded
 from attlog.flight.advice import LoggingAdvice, What, stand_still
 from attlog.flight.remedies import GENERAL, Fault
+from attlog.flight.truth import TruthFit
 from attlog.flight.vehicle import VehicleKind, kind_of
 from attlog.flight.vibration.model import Burst, OnboardSpectrum, OnboardVibration
 
@@ -179,6 +180,8 @@ class Attitude:
     step_deg: float = 0.0
     normal: bool = False
     """Whether ``q`` was normalized already: who needs it so takes the array itself, because copies add up."""
+    fit: TruthFit | None = None
+    """How it came onto the log's clock and axes, of a truth that the user brought."""
 
     @property
     def rate(self) -> float:
@@ -296,6 +299,7 @@ class FlightLog:
     every unit in the firmware's own measure, ``bursts`` samples at the sensors' own rate, ``onboard_spectrum`` the
     peaks that the autopilot finds in its gyro.
     ``lane`` is the EKF core or instance that flew, by its number.
+    ``poses`` maps topics to attitudes that motion capture or vision measured, in axes of their own, not yet aligned.
     ``yaw_estimator`` (n, 2) rad is the heading that the autopilot finds from GNSS motion without a compass, and its one
     sigma, where it calls it valid.
     """
@@ -320,6 +324,7 @@ class FlightLog:
     attitudes: dict[str, Attitude] = field(default_factory=dict)
     onboard: str | None = None
     truth: Attitude | None = None
+    poses: dict[str, Attitude] = field(default_factory=dict)
     setpoints: Attitude | None = None
     rate_setpoints: Stream | None = None
     armed: TimeLine | None = None
