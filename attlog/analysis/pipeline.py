@@ -275,4 +275,5 @@ def summarize(ref: Reference) -> ReferenceSummary:
         ref.heading_by,
         reference.caveat(ref),
         ref.refused,
+        ref.fit,
     )

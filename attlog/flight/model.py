@@ -378,6 +378,11 @@ class FlightLog:
         """The attitude that flew, None where the log holds none."""
         return self.attitudes.get(self.onboard or "")
 
+    @property
+    def truth_with_north(self) -> Attitude | None:
+        """The truth where its heading means something: not of one that was brought without a north."""
+        return None if self.truth is None or (self.truth.fit and self.truth.fit.north == "nobody") else self.truth
+
     def advice(self, what: What, rate: float | None = None) -> str:
         """What would log ``what``: the setting that is missing, or the reason where every setting is right.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from attlog.present.names import truth_name
 from attlog.present.numbers import duration, number
 from attlog.result import Result
 
@@ -15,6 +16,8 @@ def subtitle(result: Result) -> list[str]:
     what = [firmware(result), "(simulated)" if log.get("simulated") else ""]
     date = str(log["date_utc"])[:16].replace("T", " ") + " UTC" if log.get("date_utc") else "date unknown"
     compared = COMPARED_WITH.get(reference.choice) if reference else None
+    if reference is not None and reference.fit is not None:
+        compared = f"{truth_name(result)} ({reference.source})"
     parts = [vehicle[:1].upper() + vehicle[1:], " ".join(filter(None, what)), date, length(result)]
     return [p for p in parts if p] + [f"compared with {compared}" if compared else "nothing to compare with"]
 

@@ -68,7 +68,7 @@ def _value(value: float | str) -> str:
 
 HEADING_REFERENCE = {
     "rest": ("rest", "standing still"),
-    "truth": ("truth", "the logged truth"),
+    "truth": ("truth", "the truth"),
     "smoother": ("smoother", "the smoother"),
     "onboard": ("onboard", "onboard"),
     "gnss_yaw": ("GNSS yaw", "the GNSS heading"),
@@ -108,9 +108,14 @@ DOUBTS = {
 """Checks that put a heading reference in doubt, in what words."""
 
 
+def truth_name(result: Result) -> str:
+    """Whose truth it is: the log's, or what the user brought."""
+    return "the logged truth" if result.reference is None or result.reference.fit is None else "your truth"
+
+
 def against_heading(result: Result, reference: str) -> str:
     """The same in a verdict, with a warning where it is no truth, or in doubt."""
-    name = heading_reference_name(reference)
+    name = truth_name(result) if reference == "truth" else heading_reference_name(reference)
     return f"{name} ({heading_warning(result, reference)})" if reference in DOUBTS else name
 
 
@@ -123,12 +128,12 @@ def heading_warning(result: Result, reference: str) -> str:
 
 
 def against_whom(result: Result, *, sigma: bool = False) -> str:
-    """What the rows were compared with, with a warning where it is no truth; with the smoother's sigma of tilt."""
+    """What the rows were compared with, with a warning where it is no truth; with its own sigma of tilt."""
     reference = result.reference
     choice = reference.choice if reference else ""
-    whom = {"truth": "the logged truth", "smoother": "the smoother"}.get(choice, AGREEMENT)
+    whom = {"truth": truth_name(result), "smoother": "the smoother"}.get(choice, AGREEMENT)
     own = reference.sigma_tilt_deg if reference is not None and sigma else None
-    return f"{whom} (sigma {quantity(own, 'deg', signed=False)})" if choice == "smoother" and own else whom
+    return f"{whom} (sigma {quantity(own, 'deg', signed=False)})" if own else whom
 
 
 CODES = {

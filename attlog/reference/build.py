@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.reference import clock, declination, floor, scoring, trim
+from attlog.reference import brought, clock, declination, floor, scoring, trim
 from attlog.reference.model import AlignmentStep, Reference, ReferenceOptions
 from attlog.reference.physics import delay, gravity
 from attlog.segments import Segments, gaps, resets
@@ -49,6 +49,8 @@ def build(
     segment = gap_segment + np.cumsum(jumped)[kept]
     reference = Reference(kind, attitude.source, t, q, gap_segment, gaps.renumber(segment), name=name, clock=which)
     reference.rate = gaps.rate(t)
+    if attitude.fit is not None:
+        brought.adopt(reference, attitude.fit)
     reference.trim, trim_step = trim.step(log, _in_axes_of(log, kind, attitude), options.trim)
     if kind == "smoother" and reference.trim is not None:
         reference.q = q = trim.apply(q, reference.trim)
@@ -66,6 +68,7 @@ def build(
     reference.steps = [
         AlignmentStep("reference", why, kind, source=attitude.source, option="--reference"),
         clock.step(log, attitude, which, kind == "smoother"),
+        *(() if attitude.fit is None else brought.steps(attitude.fit)),
         lag,
         _resampling(reference),
         AlignmentStep("resets", _reset_text(sentences), float(len(found)), "", attitude.source, len(found) > 0),
@@ -144,8 +147,8 @@ def _reset_text(sentences: list[str]) -> str:
 
 
 def _north(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[AlignmentStep]:
-    """The declination, and where this reference sees magnetic north."""
-    seen = declination.measured_deg(log, reference)
+    """The declination, and where a reference that knows north sees the magnetic one."""
+    seen = None if reference.heading_by == "relative" else declination.measured_deg(log, reference)
     if seen is None:
         return [north]
     text = f"the measured field, turned by {reference.source}, points this far east of its north (median)"

@@ -10,10 +10,10 @@ import numpy as np
 from attlog.base.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, part_of
-from attlog.reference import accusing, clock, smoothed
+from attlog.reference import clock, smoothed
 from attlog.reference.build import build, frozen, without
 from attlog.reference.model import AlignmentStep, Reference, ReferenceOptions, SensorFault
-from attlog.reference.physics import onboard_heading, sensor_faults, standing, turning
+from attlog.reference.physics import accusing, onboard_heading, sensor_faults, standing, turning
 from attlog.segments import Segments, resets
 
 Smooth = Callable[[], Estimate]
@@ -49,6 +49,8 @@ def choose(
     if options.clock not in ("sample", "publication"):
         raise UsageError(f"clock {options.clock!r}: use sample or publication")
     kind = _wanted(options.reference)
+    if kind == "auto" and log.truth is not None and log.truth.fit is not None:
+        kind = "truth"  # who brings one wants it, whatever speaks against it, which is told
     out = dict(refused or {})
     what = "Whether attitudes turn as the gyro does"
     faults = part_of(log, what, lambda: _turn_otherwise(log, segments), dict[str, turning.TurningFault])
@@ -245,7 +247,8 @@ def _truth(log: FlightLog, segments: Segments, options: ReferenceOptions) -> Ref
     """The truth of the log as reference, None where it has none."""
     if log.truth is None or not _enough(log.truth):
         return None
-    return build(log, segments, options, "truth", "", log.truth, "the log holds the truth")
+    why = "the log holds the truth" if log.truth.fit is None else "you brought it"
+    return build(log, segments, options, "truth", "", log.truth, why)
 
 
 def _onboard(log: FlightLog, segments: Segments, options: ReferenceOptions, named: str = "") -> Reference | None:

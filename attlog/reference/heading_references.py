@@ -33,7 +33,7 @@ def heading_references(log: FlightLog, segments: Segments, reference: Reference)
     attitude that was refused as reference, or is in error, is no heading reference either.
     """
     found: dict[str, HeadingReference] = {}
-    for name, attitude in (("onboard", log.onboard_attitude), ("truth", log.truth)):
+    for name, attitude in (("onboard", log.onboard_attitude), ("truth", log.truth_with_north)):
         if attitude is None or name in reference.refused or (name == "onboard" and reference.onboard_error):
             continue
         t, q, segment = _attitude(log, segments, reference, name, attitude)

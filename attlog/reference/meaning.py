@@ -13,6 +13,8 @@ def meaning(ref: Reference) -> str:
     """One or two sentences for people."""
     if ref.kind == "smoother":
         return _of_smoother(ref)
+    if ref.fit is not None:
+        return _of_brought(ref)
     return {
         "truth": "Truth: errors are errors.",
         "onboard": "The autopilot's own attitude: agreement, not truth.",
@@ -22,7 +24,7 @@ def meaning(ref: Reference) -> str:
 
 def own_sigma_deg(ref: Reference, angle: str) -> float | None:
     """How wrong a reference says its ``angle`` may be, RMS in deg; None for one that does not tell, or borrows it."""
-    if ref.kind != "smoother" or (angle == "heading" and ref.heading_by != "own"):
+    if ref.sigma_tilt_deg is None or (angle == "heading" and ref.heading_by not in ("own", "relative")):
         return None
     own = sigma_deg(ref, angle)
     return own if math.isfinite(own) else None
@@ -76,6 +78,15 @@ def heading_words(quality: Mapping[str, float | str]) -> str:
         "nobody": f"there is no heading: {quality.get('heading_why', 'nothing shows it')}",
     }
     return words.get(found, "")
+
+
+def _of_brought(ref: Reference) -> str:
+    tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("inclination", "heading"))
+    north = "" if ref.heading_by == "own" else " Its north is unknown: only changes of heading are compared."
+    return (
+        f"Truth that you brought ({ref.source}): differences are errors beyond its own sigma, {tilt:.2g} deg in tilt, "
+        f"{heading:.2g} deg in heading.{north}"
+    )
 
 
 def _of_smoother(ref: Reference) -> str:

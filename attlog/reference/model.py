@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.model import Imu
+from attlog.flight.truth import TruthFit
 
 Array = NDArray[np.float64]
 
@@ -105,9 +106,10 @@ class Reference:
     are compared, None for nothing. ``fault`` says why agreement with it means nothing;
     ``refused`` holds that sentence for each attitude (truth, smoother, onboard) that was not taken.
 
-    A smoother knows how wrong it may be: ``sigma_tilt_deg``, ``sigma_heading_deg`` (n,), None
-    of others. ``heading_by`` says whose north its heading has: its ``own``, that of the
-    ``onboard`` attitude, or of ``nobody``, with the reason in ``heading_why``.
+    A smoother and a truth that the user brought (``fit``) know how wrong they may be: ``sigma_tilt_deg``,
+    ``sigma_heading_deg`` (n,), None of others. ``heading_by`` says whose north its heading has: its ``own``, that of
+    the ``onboard`` attitude, its own but for a constant that nobody knows (``relative``), or of ``nobody``, with the
+    reason in ``heading_why``.
     """
 
     kind: Literal["truth", "smoother", "onboard", "none"]
@@ -144,8 +146,9 @@ class Reference:
     """Where gravity refutes a smoother while the vehicle stands still, s."""
     sigma_tilt_deg: Array | None = None
     sigma_heading_deg: Array | None = None
-    heading_by: Literal["own", "onboard", "nobody"] = "own"
+    heading_by: Literal["own", "onboard", "relative", "nobody"] = "own"
     heading_why: str = ""
+    fit: TruthFit | None = None
     gyro_fault: str = ""
     """Why nothing that is made of the logged gyro can be judged (``reference.turning``); empty where nothing is."""
     gyro_jumps: tuple[GyroJump, ...] | None = None

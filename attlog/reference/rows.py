@@ -20,6 +20,8 @@ from attlog.segments.spans import Span
 Array = NDArray[np.float64]
 FIRST_S, LEAST_REST_S = 10.0, 5.0
 """A heading offset is the mean over the first long rest, of which so much must be scored, else over so long."""
+NO_NORTH = ("nobody", "relative")
+"""Who gives a reference its heading where that has no north: headings are compared without their offset."""
 
 
 def replayed(
@@ -59,7 +61,7 @@ def replayed(
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
         row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="config: trim"))
     row.is_reference = reference.kind == smoothed.NAME and name == smoothed.NAME
-    free_heading = not uses_mag or reference.declination_deg is None or reference.heading_by == "nobody"
+    free_heading = not uses_mag or reference.declination_deg is None or reference.heading_by in NO_NORTH
     if late:
         size = float(sum(t1 - t0 for t0, t1 in late))
         text = "no field until then: the heading was unknown, nothing before is scored"
@@ -70,13 +72,13 @@ def replayed(
 def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Row]:
     """All onboard attitudes as rows: ``onboard`` the one that was used, others ``onboard:NAME``.
 
-    The reference itself is among them, marked, without errors. One that lends its heading to the
-    reference is judged by its tilt alone.
+    The reference itself is among them, marked, without errors; a message that was brought as truth is not. One that
+    lends its heading to the reference is judged by its tilt alone.
     """
     rows = []
     for name, attitude in log.attitudes.items():
         t, q, _ = clock.usable(attitude, reference.clock)
-        if len(t) < 2:
+        if len(t) < 2 or (reference.fit is not None and name == reference.fit.name):
             continue
         title = "onboard" if name == log.onboard else f"onboard:{name}"
         row = Row(title, "onboard", t, q, gaps.number(t), uses_mag=True, estimator=name)
@@ -97,7 +99,7 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
             rows.append(row)
         else:
             row.heading_shared = reference.heading_by == "onboard" and name == log.onboard
-            rows.append(_measure(row, segments, reference, free_heading=reference.heading_by == "nobody"))
+            rows.append(_measure(row, segments, reference, free_heading=reference.heading_by in NO_NORTH))
     return sorted(rows, key=lambda r: (r.name != "onboard", not r.is_reference))
 
 
@@ -184,7 +186,7 @@ def _remove_heading_offset(row: Row, segments: Segments, reference: Reference) -
     row.q = rotation.turn_about_down(row.q, -offset[place])
     row.heading_offset_deg = float(np.degrees(rotation.wrap(offset[own[0]])))
     text = f"mean heading difference over {sources[0]}, removed"
-    text += "; the reference has no north of its own" if reference.heading_by == "nobody" else ""
+    text += "; the reference has no north of its own" if reference.heading_by in NO_NORTH else ""
     text += f" in each of {len(sources)} segments" if len(sources) > 1 else ""
     resets = int(np.count_nonzero(jumps))
     text += f"; {resets} resets of the reference not counted" if resets else ""

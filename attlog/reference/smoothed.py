@@ -92,7 +92,7 @@ def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) ->
         chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.fault else "nothing"
     )
     if chosen.kind == "truth":
-        return f"{otherwise}."
+        return f"{otherwise}." if chosen.fit is None else f"the truth that you brought ({chosen.source})."
     if why := chosen.gyro_fault or not_smoothed(log, segments):
         return f"{otherwise} (no smoother: {why})."
     located = any(np.count_nonzero(g.fix >= FIX_3D) > 1 for g in log.gnss)
@@ -208,7 +208,7 @@ def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None
     tilt, heading = reference.sigma_tilt_deg, reference.sigma_heading_deg
     if tilt is None or heading is None:
         return 0.0
-    heading = heading if reference.heading_by == "own" else np.zeros_like(heading)
+    heading = heading if reference.heading_by in ("own", "relative") else np.zeros_like(heading)
     squares = {"inclination": tilt**2, "heading": heading**2, "total": tilt**2 + heading**2}[angle]
     used = squares[scoring.scored(reference, reference.t) if inside is None else inside]
     return float(np.sqrt(np.mean(used))) if len(used) else float("nan")

@@ -18,6 +18,7 @@ import numpy as np
 from attlog.base.files.settings_file import bytes_of
 from attlog.base.limits import MAX_RESULT_BYTES
 from attlog.base.plain import IN_JSON, NotANumber
+from attlog.flight.truth import TruthFit
 from attlog.health.assessments.model import Assessment
 from attlog.health.findings import Finding
 from attlog.health.model import Check
@@ -105,9 +106,10 @@ class Verdict:
 class ReferenceSummary:
     """What everything was compared with, and each step of the alignment.
 
-    ``sigma_tilt_deg``, ``sigma_heading_deg``: how wrong a smoother says it may be itself (RMS over what is
-    scored). ``heading_by``: whose north its heading has, ``own``, ``onboard`` or ``nobody``. ``refused``: why a
-    better attitude (truth, smoother) was not taken.
+    ``sigma_tilt_deg``, ``sigma_heading_deg``: how wrong a smoother or a brought truth may be itself (RMS over what is
+    scored). ``heading_by``: whose north its heading has, ``own``, ``onboard`` or ``nobody``; ``relative``: changes
+    alone are compared. ``refused``: why a better attitude (truth, smoother) was not taken. ``fit``: how a truth that
+    the user brought came onto the log's clock and axes.
     """
 
     choice: str
@@ -126,6 +128,7 @@ class ReferenceSummary:
     caveat: str = ""
     """What a ranking by it has to say beside it, as a clause: in doubt, what its heading rests on, who was refused."""
     refused: dict[str, str] = field(default_factory=dict)
+    fit: TruthFit | None = None
 
 
 @dataclass(slots=True)

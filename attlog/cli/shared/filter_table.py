@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 GAP = "  "
 MARKS = {"*": "* none significantly better", "~": "~ not ranked", "±": "± 95 %"}
 AGAINST = {
-    "truth": "Against the logged truth",
+    "truth": "Against {truth}",
     "smoother": "Against the smoother",
     "onboard": "Agreement with onboard, not truth",
 }
@@ -107,10 +107,13 @@ def against(result: Result, caveat: bool) -> str:
     reference = result.reference
     if reference is None or reference.choice not in AGAINST:
         return ""
-    from attlog.present.names import against_heading
+    from attlog.present.names import against_heading, truth_name
 
     borrowed = reference.heading_by == "onboard"
-    parts = [AGAINST[reference.choice], f"headings against {against_heading(result, 'onboard')}" if borrowed else ""]
+    parts = [
+        AGAINST[reference.choice].format(truth=truth_name(result)),
+        f"headings against {against_heading(result, 'onboard')}" if borrowed else "",
+    ]
     parts.append(typeset(reference.caveat) if caveat else "")
     return "; ".join(part for part in parts if part) + "."
 

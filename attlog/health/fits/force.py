@@ -8,6 +8,7 @@ permutation; -b is the offset. Only the horizontal axes are solved for: f_z hold
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,8 +30,10 @@ EDGE_S, LEAST_S, LONGEST_S = 1.0, 20.0, 900.0
 first minutes, which are enough."""
 LATE_S = np.arange(0.0, 0.61, 0.1)
 """How late a receiver may be: of these the one that fits best."""
+G = 9.80665
 TILT_M_S2 = {"truth": 0.01, "smoother": 0.05, "onboard": 0.1}
-"""Gravity that a tilted attitude shows: 0.06, 0.3 and 0.6 deg (onboard, on flights with truth: 0.3 to 0.9)."""
+"""Gravity that a tilted attitude shows: 0.06, 0.3 and 0.6 deg (onboard, on flights with truth: 0.3 to 0.9). A truth
+that was brought says itself how tilted it may be."""
 LEAST_M_S2 = 0.15
 """Horizontal force (RMS about its mean) that shows which axis is which."""
 CLEARLY = 4.0
@@ -146,11 +149,16 @@ def measured(log: FlightLog, segments: Segments, reference: Reference) -> ForceF
         if len(t) < LEAST_S / OVER_S:
             continue
         columns = means[known][:, :, :8]
-        prior = np.array([np.inf] * 6 + [TILT_M_S2[reference.kind]] * 2)
+        prior = np.array([np.inf] * 6 + [_tilt_m_s2(reference)] * 2)
         solution = fit(t, columns, y, prior)
         if solution is not None and (best is None or solution.scatter < best.solution.scatter):
             best = ForceFit(solution, columns, y, t, float(np.sum(np.minimum(np.diff(t), OVER_S))))
     return best
+
+
+def _tilt_m_s2(reference: Reference) -> float:
+    usual = TILT_M_S2[reference.kind]
+    return usual if reference.fit is None else max(usual, G * math.radians(reference.fit.sigma_tilt_deg))
 
 
 def _first(spans: list[Span], seconds: float) -> list[Span]:

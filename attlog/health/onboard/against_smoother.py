@@ -1,7 +1,7 @@
 """Is the onboard attitude the wrong one? Its difference from the truth, or from the smoother in degrees and sigmas.
 
-Where it differs, and what gravity and GNSS acceleration say of it, stands in ``reference.accusing``. A smoother whose
-own sensors failed a check accuses nobody, unless that evidence speaks against the onboard attitude too.
+Where it differs, and what gravity and GNSS acceleration say of it, stands in ``reference.physics.accusing``. A smoother
+whose own sensors failed a check accuses nobody, unless that evidence speaks against the onboard attitude too.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import numpy as np
 from attlog.base import rotation
 from attlog.flight.model import Array, FlightLog
 from attlog.health.model import Check, not_judged
-from attlog.reference import accusing
-from attlog.reference.accusing import OnboardComparison, OnboardError
 from attlog.reference.compare import interpolate
 from attlog.reference.model import Reference
+from attlog.reference.physics import accusing
+from attlog.reference.physics.accusing import OnboardComparison, OnboardError
 from attlog.segments.model import Segments
 
 NAME, TRUTH = "onboard against smoother", "onboard against truth"

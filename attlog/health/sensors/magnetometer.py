@@ -106,7 +106,8 @@ def against_attitude(log: FlightLog, segments: Segments) -> list[Check]:
     field or attitude are slow they are not of one moment: only slow turns count there, and less strictly.
     """
     limit = f"ok up to {STEADY_DEG:.0f} deg, twice that below {SLOW_HZ:.0f} Hz, fault above {UNSTEADY_DEG:.0f} deg"
-    name, attitude = ("truth", log.truth) if log.truth is not None else (log.onboard, log.onboard_attitude)
+    truth = log.truth_with_north
+    name, attitude = ("truth", truth) if truth is not None else (log.onboard, log.onboard_attitude)
     if attitude is None:
         return [not_judged("field against attitude", "There is no attitude to rotate the field by.", limit)]
     q = attitude.q if name == "truth" else of_imu(log, attitude)

@@ -101,7 +101,7 @@ def own_sigma(reference: Reference, share: Share) -> list[Trace]:
     if reference.sigma_tilt_deg is None or reference.sigma_heading_deg is None:
         return []
     columns = {"inclination": reference.sigma_tilt_deg}
-    if reference.heading_by == "own":
+    if reference.heading_by in ("own", "relative"):
         columns["heading"] = reference.sigma_heading_deg
     made = np.column_stack(list(columns.values()))
     return [

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from attlog.present.names import truth_name
 from attlog.present.numbers import MINUS, duration, quantity
 from attlog.report.figures.figure import PageFigure, listed, stored
 from attlog.report.pack import Store
@@ -36,7 +37,7 @@ def axes(traces: list[Trace], store: Store, result: Result) -> PageFigure:
 def attitude(result: Result) -> str:
     """Whose attitude turned the earth's field, in words."""
     choice = result.reference.choice if result.reference else "onboard"
-    return {"truth": "the logged truth", "smoother": "the smoother"}.get(choice, "the onboard attitude")
+    return {"truth": truth_name(result), "smoother": "the smoother"}.get(choice, "the onboard attitude")
 
 
 def left(trace: Trace, axis: str) -> float:

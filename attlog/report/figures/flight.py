@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from attlog.present.messages import alarming, messages
+from attlog.present.names import truth_name
 from attlog.present.numbers import duration, moment, quantity
 from attlog.report.figures.figure import PageFigure, Rows, listed, reach, reduction_text, series, stored
 from attlog.report.figures.marks import jumps, time_range
@@ -66,9 +67,8 @@ def difference(found: list[Trace], sigma: list[Trace], names: Rows, store: Store
     """Each row minus the reference, and how wrong a smoother may be itself."""
     drawn, ratio = series(found, ("inclination", *ANGLES), names, store, ANGLE_STEP)
     reference = result.reference.choice if result.reference else "onboard"
-    caption = {"truth": "Zero is the logged truth. ", "smoother": "Zero is the smoother; grey: its own sigma. "}.get(
-        reference, "Zero is agreement with onboard, not truth. "
-    )
+    zero = {"truth": truth_name(result), "smoother": "the smoother"}.get(reference, "agreement with onboard, not truth")
+    caption = f"Zero is {zero}{'; grey: its own sigma' if sigma else ''}. "
     caption += "Tilt is the angle between the two down directions. " + reduction_text(ratio)
     start = scored_from(result)
     if start > float(min(t.t[0] for t in found)):

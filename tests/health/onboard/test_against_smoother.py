@@ -11,7 +11,8 @@ from attlog.flight.model import FlightLog
 from attlog.health import Check, audit
 from attlog.health.findings import findings
 from attlog.health.onboard import against_smoother
-from attlog.reference import Reference, accusing, choose
+from attlog.reference import Reference, choose
+from attlog.reference.physics import accusing
 from attlog.segments.model import Segment
 from tests.reference.flights import flight
 from tests.reference.test_smoothed import made

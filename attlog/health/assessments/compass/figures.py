@@ -99,7 +99,9 @@ def _attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None, str] |
     reference = case.reference
     if reference is None and own is not None and len(own.t) > 1:
         return own.t, own.q, None, own.source
-    if reference is None or reference.kind == "none" or reference.heading_by == "nobody" or len(reference.t) < 2:
+    if reference is None or reference.kind == "none" or len(reference.t) < 2:
+        return None
+    if reference.heading_by in ("nobody", "relative"):
         return None
     return reference.t, reference.q, reference.gap_segment, reference.source
 

@@ -187,11 +187,9 @@ def _error(angle: str, found: OnboardComparison, evidence: Evidence) -> tuple[On
 
 
 def _sigmas(judge: Reference, t: Array) -> dict[str, Array] | None:
-    """The judge's own standard deviations (n,) of tilt and heading at ``t``, deg: 0 of truth; None without any."""
-    if judge.kind == "truth":
-        return dict.fromkeys(WRONG_DEG, np.zeros(len(t)))
+    """The judge's own standard deviations (n,) of tilt and heading at ``t``, deg: 0 of logged truth; None without."""
     if judge.sigma_tilt_deg is None or judge.sigma_heading_deg is None:
-        return None
+        return dict.fromkeys(WRONG_DEG, np.zeros(len(t))) if judge.kind == "truth" else None
     own = {"tilt": judge.sigma_tilt_deg, "heading": judge.sigma_heading_deg}
     return {angle: np.interp(t, judge.t, sigma) for angle, sigma in own.items()}
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from attlog import segments
-from attlog.reference import ReferenceOptions, accusing, choose
+from attlog.reference import ReferenceOptions, choose
+from attlog.reference.physics import accusing
 
-from .flights import flight
+from ..flights import flight
 
 
 def test_an_onboard_attitude_is_not_judged_before_it_is_aligned(monkeypatch: pytest.MonkeyPatch) -> None:
