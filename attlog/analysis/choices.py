@@ -13,8 +13,14 @@ from attlog.segments.model import WINDOWS, Segments
 
 
 def flight_of(source: str | Path | FlightLog, config: Config) -> FlightLog:
-    """The flight with the configured sensors. Errors as of :func:`attlog.analyze`."""
-    return _given(source, config) if isinstance(source, FlightLog) else _read(source, config)
+    """The flight with the configured sensors and truth. Errors as of :func:`attlog.analyze`."""
+    log = _given(source, config) if isinstance(source, FlightLog) else _read(source, config)
+    if config.truth is None:
+        return log
+    from attlog import truth
+
+    require_imu(log)
+    return truth.brought(log, config.truth)
 
 
 def require_imu(log: FlightLog) -> None:

@@ -48,7 +48,8 @@ class Config:
     ``"all"`` / ``"none"``. ``window``: the window that table and verdicts show beside the
     standard ones. ``gyro_bias``: what is subtracted from the gyro for every filter: its mean over the
     rest before take-off, nothing, or the onboard estimator's own.
-    ``params``: a parameter file for what the log does not tell. Times are seconds
+    ``params``: a parameter file for what the log does not tell. ``truth``: what everything is compared with, a
+    trajectory, another log, a folder of them or a message of the log (:mod:`attlog.truth`). Times are seconds
     on the log's clock (0 = first IMU sample). Whatever is set is checked: UsageError.
     """
 
@@ -56,6 +57,7 @@ class Config:
     imu: Annotated[int, NumberRange()] | Literal["all"] | None = None
     mag: Annotated[int, NumberRange()] | Literal["none"] | None = None
     reference: Annotated[str, Parsed(reference_of)] = "auto"
+    truth: str | None = None
     window: str | None = None
     score_from: Annotated[float, NumberRange(0.0, 1e6)] | None = None
     clock: Literal["sample", "publication"] = "sample"

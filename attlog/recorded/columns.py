@@ -31,6 +31,13 @@ QUATERNIONS = (
     ("qs", "qx", "qy", "qz"),
     ("quat0", "quat1", "quat2", "quat3"),
 )
+POSITIONS = (
+    ("px", "py", "pz"),
+    ("x", "y", "z"),
+    ("tx", "ty", "tz"),
+    ("posx", "posy", "posz"),
+    ("positionx", "positiony", "positionz"),
+)
 EULER = (("roll", "phi"), ("pitch", "theta"), ("yaw", "heading", "psi", "hdg"))
 ANGLE_UNITS = {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}
 STEP_S = (2e-4, 1.0)
@@ -48,6 +55,8 @@ class AttitudeColumns:
     """Unit of the Euler angles as the names tell it: deg, rad, or empty."""
     names: str
     """The columns that were taken, for messages."""
+    position: Array | None = None
+    """Where it was (n, 3), in m, if the file tells."""
 
 
 def read(path: Path) -> AttitudeColumns:
@@ -68,15 +77,17 @@ def read(path: Path) -> AttitudeColumns:
             f"{path}: no attitude among its columns {', '.join(head[:12])}; give qw, qx, qy, qz or roll, pitch, yaw"
         )
     chosen = [plain.index(n) for n in found] if found else [i for i, _ in euler or []]
-    values = np.array([[_number(row, i) for i in (time, *chosen)] for row in rows[1:]], np.float64)
-    values = values.reshape(-1, 1 + len(chosen))
+    place = _position(plain, chosen)
+    values = np.array([[_number(row, i) for i in (time, *chosen, *place)] for row in rows[1:]], np.float64)
+    values = values.reshape(-1, 1 + len(chosen) + len(place))
     units = {u for _, u in euler or [] if u}
     if len(units) > 1:
         raise UsageError(f"{path}: Euler angles in two units, {' and '.join(sorted(units))}")
     t = _seconds(path, head[time], values[:, 0])
     names = ", ".join(head[i] for i in (time, *chosen))
-    attitude = values[:, 1:]
-    return AttitudeColumns(t, attitude if found else None, None if found else attitude, next(iter(units), ""), names)
+    attitude, position = values[:, 1 : 1 + len(chosen)], values[:, 1 + len(chosen) :] if place else None
+    quaternion, angles = (attitude, None) if found else (None, attitude)
+    return AttitudeColumns(t, quaternion, angles, next(iter(units), ""), names, position)
 
 
 def _plain(name: str) -> str:
@@ -110,6 +121,15 @@ def _euler(head: list[str], plain: list[str]) -> list[tuple[int, str]] | None:
             return None
         places.append((at, ANGLE_UNITS.get(_unit(head[at], ANGLE_UNITS), "")))
     return places
+
+
+def _position(plain: list[str], taken: list[int]) -> list[int]:
+    """The columns of a position, none of which is ``taken`` by the attitude; empty where there is none."""
+    for names in POSITIONS:
+        if all(n in plain for n in names):
+            where = [plain.index(n) for n in names]
+            return [] if set(where) & set(taken) else where
+    return []
 
 
 def _number(row: list[str], i: int) -> float:

@@ -77,6 +77,14 @@ Reference = Annotated[
         help="Compare with auto, truth, smoother, onboard, onboard:NAME or none. [default: auto]",
     ),
 ]
+Truth = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE|DIR|TOPIC",
+        help="Compare with this truth: a trajectory (TUM, EuRoC, CSV), another log or bag, a folder of them, a topic "
+        "of the log; :offset=S,north=true,topic=T after it. [default: none]",
+    ),
+]
 GyroBias = Annotated[
     str | None,
     typer.Option(

@@ -14,7 +14,7 @@ import typer
 
 from attlog.base.errors import PluginError, UsageError
 from attlog.cli.shared import completion
-from attlog.cli.shared.options import Boot, ConfigFile, Folder, Form, GyroBias, Json, Reference, System, one_form
+from attlog.cli.shared.options import Boot, ConfigFile, Folder, Form, GyroBias, Json, Reference, System, Truth, one_form
 
 if TYPE_CHECKING:
     from attlog.analysis.config import Config
@@ -39,6 +39,7 @@ class LogOptions:
         str | None, typer.Option(metavar="N|none", help="Replay this magnetometer. [default: the log's choice]")
     ] = None
     reference: Reference = None
+    truth: Truth = None
     window: Annotated[
         str | None,
         typer.Option(
@@ -72,6 +73,7 @@ class ComparisonOptions:
     form: Form = None
     json: Json = False
     reference: Reference = None
+    truth: Truth = None
     gyro_bias: GyroBias = None
     config: ConfigFile = None
 
@@ -85,7 +87,7 @@ class ComparisonOptions:
 
     def of_analysis(self) -> dict[str, Any]:
         """The options that prepare a log, as far as they were typed, by their names in a configuration."""
-        options = {"reference": self.reference, "gyro_bias": self.gyro_bias}
+        options = {"reference": self.reference, "truth": self.truth, "gyro_bias": self.gyro_bias}
         return {name: value for name, value in options.items() if value is not None}
 
 
@@ -115,7 +117,20 @@ def from_file(file: Path | None, options: dict[str, Any]) -> Config:
                 parse(options[name])
             except ValueError as error:
                 raise UsageError(f"--{name.replace('_', '-')} {options[name]!r} {error}") from None
-    return Config.trusted(options) if file is None else Config.load(file, **options)
+    found = Config.trusted(options) if file is None else Config.load(file, **options)
+    check_truth(found)
+    return found
+
+
+def check_truth(config: Config) -> None:
+    """UsageError for a truth that cannot be one, before any log is read."""
+    if config.truth is None:
+        return
+    if config.reference not in ("auto", "truth"):
+        raise UsageError(f"--truth {config.truth}: the reference is {config.reference}; leave out one of the two")
+    from attlog import truth
+
+    truth.check(config.truth)
 
 
 def for_comparison(options: ComparisonOptions, before: dict[str, Any] | None = None) -> Config:

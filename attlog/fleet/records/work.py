@@ -43,7 +43,7 @@ class Work:
 def settings_key(config: Config, deterministic: bool = False) -> str:
     """A hash of all that decides what is written of a log beside its content and attlog's version.
 
-    That is the resolved configuration and what stands in the files it names: filters, estimates, parameters.
+    That is the resolved configuration and what stands in the files it names: filters, estimates, parameters, truth.
     """
     contents = {
         name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files_of(config) if os.path.isfile(name)
@@ -53,8 +53,9 @@ def settings_key(config: Config, deterministic: bool = False) -> str:
 
 
 def files_of(config: Config) -> list[str]:
-    """The files that a configuration names: filters, estimates, parameters; names of filters are no files."""
+    """The files that a configuration names: filters, estimates, parameters, truth; names of filters are no files."""
     named = [item.partition(":")[0].partition("@")[0] for item in config.estimators] + [config.params or ""]
+    named.append((config.truth or "").partition(":")[0])
     return [name for name in named if Path(name).suffix]
 
 
