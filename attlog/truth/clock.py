@@ -187,7 +187,7 @@ def refined(
 
 
 @dataclass(frozen=True, slots=True)
-class Timing:
+class TruthClock:
     """A clock and a turn between bodies that fit best, with jackknife sigmas: s, s/s, and rad (3,) about IMU axes."""
 
     offset: float
@@ -198,14 +198,14 @@ class Timing:
     turn_sigma: Array
 
 
-def timed(truth: TruthRates, gyro: GyroIncrements, offset: float, middle: float, start: RateFit) -> Timing | None:
+def timed(truth: TruthRates, gyro: GyroIncrements, offset: float, middle: float, start: RateFit) -> TruthClock | None:
     """Offset at ``middle``, drift and turn at once: least squares of gyro - turn x truth - bias, linear in all of them.
 
     The middle of a long record comes first: the clock that it tells leads to the rest. None where too little is shared.
     """
     at = 0.5 * (truth.start + truth.end) - middle
     reach = float(np.max(np.abs(at)))
-    found = Timing(offset, 0.0, start.turn, np.inf, np.inf, np.full(3, np.inf))
+    found = TruthClock(offset, 0.0, start.turn, np.inf, np.inf, np.full(3, np.inf))
     lengths = [length for length in LENGTHS_S if length < reach] + [reach]
     for length in lengths:
         part = truth.part(np.abs(at) <= length).thinned()
@@ -224,8 +224,8 @@ def timed(truth: TruthRates, gyro: GyroIncrements, offset: float, middle: float,
 
 
 def _step(
-    truth: TruthRates, gyro: GyroIncrements, middle: float, now: Timing, with_drift: bool = True
-) -> Timing | None:
+    truth: TruthRates, gyro: GyroIncrements, middle: float, now: TruthClock, with_drift: bool = True
+) -> TruthClock | None:
     """One Gauss-Newton step, and the scatter of it where a tenth of the record is left out."""
     moved = truth.shifted(now.offset, now.drift, middle)
     known = gyro.known(moved.start - NEAR_S, moved.end + NEAR_S)
@@ -258,4 +258,4 @@ def _step(
     left = np.array([np.linalg.solve(total - m, right - v) for m, v in zip(squares, sums, strict=True)])
     sigma = np.sqrt((JACKKNIFE - 1) / JACKKNIFE * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
     turn = rotation.to_matrix(rotation.from_rotvec(x[2:5])) @ now.turn
-    return Timing(now.offset + x[0], now.drift + x[1], turn, sigma[0], sigma[1], sigma[2:5])
+    return TruthClock(now.offset + x[0], now.drift + x[1], turn, sigma[0], sigma[1], sigma[2:5])

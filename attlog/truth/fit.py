@@ -15,7 +15,7 @@ from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.flight.truth import Angles, TruthFit
 from attlog.segments import increments
 from attlog.truth import axes, clock
-from attlog.truth.clock import RateFit, Timing
+from attlog.truth.clock import RateFit, TruthClock
 from attlog.truth.request import TruthRequest
 from attlog.truth.trajectory import Trajectory
 
@@ -48,7 +48,7 @@ class BestClock:
 
     reading: str
     q: Array
-    timing: Timing
+    timing: TruthClock
     middle: float
     rates: RateFit
     turning: float
