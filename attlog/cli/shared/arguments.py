@@ -70,8 +70,8 @@ WORDS: dict[Any, Callable[[str], Any]] = {str: str, Path: _path}
 
 SECTIONS = {
     "Output": ("output", "format", "json", "open", "name", "deterministic", "junit", "summary"),
-    "Logs and filters": tuple("estimators imu mag reference window gyro-bias params config boot system".split()),
-    "Every command": ("quiet", "verbose", "no-color", "help"),
+    "Logs and filters": tuple("estimators imu mag reference truth window gyro-bias params config boot system".split()),
+    "Every command": ("quiet", "verbose", "no-color", "key", "help"),
 }
 """Options of the help by what they are about; those of the command's own work stand before them."""
 TYPE = re.compile(r" <[^<>]*>$")
@@ -102,8 +102,11 @@ class Group(AsTyped, TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         none_is_empty(args)
-        own = {name for option in self.get_params(ctx) for name in (*option.opts, *option.secondary_opts)}
-        first = next((k for k, word in enumerate(args) if word not in own and not COMMON.fullmatch(word)), len(args))
+        own = {name: option for option in self.get_params(ctx) for name in (*option.opts, *option.secondary_opts)}
+        first = 0
+        while first < len(args) and (args[first] in own or COMMON.fullmatch(args[first])):
+            option = own.get(args[first])
+            first += 1 if option is None or option.is_flag or option.count else 2
         rest = args[first:]
         if rest and rest[0] not in self.commands and looks_like_a_log(rest):
             args = [*args[:first], DEFAULT, *rest]

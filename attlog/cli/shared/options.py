@@ -81,8 +81,8 @@ Truth = Annotated[
     str | None,
     typer.Option(
         metavar="FILE|DIR|TOPIC",
-        help="Compare with this truth: a trajectory (TUM, EuRoC, CSV), another log or bag, a folder of them, a topic "
-        "of the log; :offset=S,north=true,topic=T after it. [default: none]",
+        help="Compare with this trajectory (TUM, EuRoC, CSV), log or bag, with one of a folder, or with a topic of the "
+        "log; :offset=S,north=true,topic=T may follow. [default: none]",
     ),
 ]
 GyroBias = Annotated[
@@ -99,6 +99,8 @@ ConfigFile = Annotated[
         metavar="F.toml|F.json", help="Read settings from a file or an earlier result; options win. [default: none]"
     ),
 ]
+
+
 Boot = Annotated[
     int | None,
     typer.Option(metavar="N", min=0, help="Take this power-up of several, from 0. [default: with most data]"),
@@ -127,6 +129,15 @@ def _no_color(wanted: bool) -> None:
         os.environ["NO_COLOR"] = "1"
 
 
+def _key(named: Path | None) -> Path | None:
+    """The key for this process and its children, which read logs for it."""
+    if named is not None:
+        from attlog.formats.ulog.encrypted import KEY
+
+        os.environ[KEY] = str(named.absolute())
+    return named
+
+
 @dataclass(frozen=True, slots=True)
 class CommonOptions:
     """Options of every command, which may stand before the command too."""
@@ -142,6 +153,14 @@ class CommonOptions:
         bool,
         typer.Option("--no-color", callback=_no_color, is_eager=True, help="Print without colours (as NO_COLOR does)."),
     ] = False
+    key: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.pem",
+            callback=_key,
+            help="Open encrypted logs (.ulge) with this private key. [default: that of ATTLOG_KEY]",
+        ),
+    ] = None
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:

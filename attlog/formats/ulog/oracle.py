@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Messages
+from attlog.formats.mapping import map_bytes
 from attlog.formats.oracle import Columns, Key, Oracle
+from attlog.formats.ulog.encrypted import decrypted, is_encrypted
 
 
 def read(path: Path) -> Columns:
     """All topics by name and multi id."""
     from pyulog import ULog
 
-    return {(data.name, data.multi_id): dict(data.data) for data in ULog(str(path)).data_list}
+    content = map_bytes(path)
+    if is_encrypted(content[:8].tobytes()):
+        content = decrypted(path, content)
+    log = ULog(io.BytesIO(content.tobytes()))
+    return {(data.name, data.multi_id): dict(data.data) for data in log.data_list}
 
 
 def keys(log: Messages) -> list[Key]:

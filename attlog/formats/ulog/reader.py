@@ -26,8 +26,8 @@ from attlog.formats.mapping import map_bytes, offset_type
 from attlog.formats.ulog.clock import RecordClock, rise
 from attlog.formats.ulog.content import LATEST_US, Content
 from attlog.formats.ulog.definitions import Definitions
-from attlog.formats.ulog.detect import ENCRYPTED
 from attlog.formats.ulog.doubt import doubtful
+from attlog.formats.ulog.encrypted import decrypted, is_encrypted
 from attlog.formats.ulog.framing import ANCHOR_RECORDS, DATA, KINDS, Framing
 from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Segments, Sizes, chain, identifier_at
 from attlog.formats.ulog.layout import TopicLayout
@@ -48,13 +48,13 @@ def read(path: Path | str, *, data: Bytes | None = None) -> Messages:
     """The log as :class:`Messages` with ``(topic, multi id)`` keys, format ``ulog``; ``data`` are its bytes if mapped.
 
     LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable
-    if it is encrypted or needs a newer reader. Damage is listed, never raised.
+    if it is encrypted and no key opens it, or needs a newer reader. Damage is listed, never raised.
     """
     path = Path(path)
     data = map_bytes(path) if data is None else data
+    if is_encrypted(data[:FILE_HEADER].tobytes()):
+        data = decrypted(path, data)
     head = data[:FILE_HEADER].tobytes()
-    if head.startswith(ENCRYPTED):
-        raise LogUnusable(f"{path}: this ULog is encrypted; decrypt it with the key of the vehicle first")
     if not head.startswith(MAGIC) or len(head) < FILE_HEADER:
         raise NotALog(f"{path}: no ULog header at the start of the file")
     return _Reader(path, data).messages()

@@ -1,0 +1,92 @@
+"""ULogs that PX4 encrypted (``.ulge``), opened with the vehicle's private key.
+
+Layout and algorithms: PX4's guide, "Log Encryption". A header of 22 bytes names the sizes of what follows: the key of
+the stream, wrapped by RSA (OAEP, SHA-256), and its nonce; then the log by XChaCha20. Up to PX4 1.15 header, key and
+nonce lie in a file of their own (``.ulgk``), beside the log (``.ulgc``).
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.base.errors import LogUnreadable, LogUnusable, UsageError
+from attlog.formats.mapping import map_bytes
+from attlog.formats.ulog.detect import ENCRYPTED, KEY_FILE
+
+Bytes = NDArray[np.uint8]
+
+KEY = "ATTLOG_KEY"
+"""The environment variable that names the private key; ``--key`` sets it for the process and its children."""
+HEADER, VERSION, RSA_OAEP = struct.Struct("<7sBQBBHH"), 1, 4
+MOST_BYTES = 1 << 13
+"""An RSA key of 16,384 bits wraps into 2,048 bytes; larger sizes are damage."""
+
+
+def is_encrypted(head: bytes) -> bool:
+    """Whether a file that begins so is an encrypted ULog, or the key file of one."""
+    return head.startswith((ENCRYPTED, KEY_FILE))
+
+
+def decrypted(path: Path, data: Bytes) -> Bytes:
+    """The bytes of the log that an encrypted one holds: as many as are there of one that was cut.
+
+    UsageError for a key that is none, is missing its package or is named nowhere; LogUnreadable if a file cannot be
+    opened; LogUnusable for a damaged header and a key of another vehicle.
+    """
+    named = os.environ.get(KEY, "")
+    if not named:
+        raise LogUnusable(f"{path}: this ULog is encrypted; give the vehicle's private key: --key FILE.pem")
+    head = data[: HEADER.size].tobytes()
+    if len(head) < HEADER.size:
+        raise LogUnusable(f"{path}: ends within the header of an encrypted ULog")
+    magic, version, _, algorithm, _, key_size, nonce_size = HEADER.unpack(head)
+    if version != VERSION or algorithm != RSA_OAEP:
+        raise LogUnusable(f"{path}: encrypted in a way that is not known (version {version}, algorithm {algorithm})")
+    begin = HEADER.size + key_size + nonce_size
+    if not (0 < key_size <= MOST_BYTES and nonce_size in (8, 12, 24) and begin <= len(data)):
+        raise LogUnusable(f"{path}: the header of this encrypted ULog is damaged")
+    wrapped, nonce = data[HEADER.size : HEADER.size + key_size].tobytes(), data[begin - nonce_size : begin].tobytes()
+    key = _unwrapped(path, Path(named), wrapped)
+    content = data[begin:] if magic == ENCRYPTED else map_bytes(path.with_suffix(".ulgc"))
+    from Crypto.Cipher import ChaCha20
+
+    try:
+        cipher = ChaCha20.new(key=key, nonce=nonce)
+    except ValueError as error:
+        raise LogUnusable(f"{path}: the header of this encrypted ULog is damaged ({error})") from None
+    plain = bytearray(len(content))
+    cipher.decrypt(content.data, output=plain)
+    return np.frombuffer(plain, np.uint8)
+
+
+def _unwrapped(path: Path, key_file: Path, wrapped: bytes) -> bytes:
+    """The key of the stream. Errors as of :func:`decrypted`."""
+    try:
+        from Crypto.Cipher import PKCS1_OAEP
+        from Crypto.Hash import SHA256
+        from Crypto.PublicKey import RSA
+    except ImportError:
+        raise UsageError(
+            'an encrypted ULog needs pycryptodome: pip install pycryptodome, or pip install ".[encrypted]" in the '
+            "source folder"
+        ) from None
+    try:
+        text = key_file.read_bytes()
+    except OSError as error:
+        raise LogUnreadable(f"{key_file}: the key cannot be read ({error.strerror or error})") from None
+    try:
+        private = RSA.import_key(text)
+    except (ValueError, IndexError, TypeError):
+        locked = " (one with a passphrase has to be unlocked first)" if b"ENCRYPTED" in text else ""
+        raise UsageError(f"{key_file}: no private RSA key in PEM or DER form{locked}") from None
+    if not private.has_private():
+        raise UsageError(f"{key_file}: is a public key; the log opens with the private one")
+    try:
+        return PKCS1_OAEP.new(private, SHA256).decrypt(wrapped)
+    except (ValueError, TypeError):
+        raise LogUnusable(f"{path}: {key_file.name} is not the key of the vehicle that wrote it") from None
