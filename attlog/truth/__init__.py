@@ -12,18 +12,13 @@ from attlog.flight import read
 from attlog.flight.model import Attitude, FlightLog
 from attlog.truth import request, trajectory
 from attlog.truth.fit import aligned
-from attlog.truth.request import TruthRequest
+from attlog.truth.request import TruthRequest, check
 from attlog.truth.trajectory import Trajectory
 
 __all__ = ["brought", "check"]
 
 EXTERNAL = ("vehicle_mocap_odometry", "vehicle_visual_odometry", "vehicle_vision_attitude")
 """Attitudes of a PX4 log that others measured."""
-
-
-def check(given: str) -> None:
-    """Whether what stands after ``--truth`` can be one, before a log is read. UsageError, LogUnreadable."""
-    request.parsed(given)
 
 
 def brought(log: FlightLog, given: str) -> FlightLog:

@@ -258,4 +258,5 @@ def _step(
     left = np.array([np.linalg.solve(total - m, right - v) for m, v in zip(squares, sums, strict=True)])
     sigma = np.sqrt((JACKKNIFE - 1) / JACKKNIFE * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
     turn = rotation.to_matrix(rotation.from_rotvec(x[2:5])) @ now.turn
-    return TruthClock(now.offset + x[0], now.drift + x[1], turn, sigma[0], sigma[1], sigma[2:5])
+    offset, drift = now.offset + float(x[0]), now.drift + float(x[1])
+    return TruthClock(offset, drift, turn, float(sigma[0]), float(sigma[1]), sigma[2:5])

@@ -69,7 +69,7 @@ def aligned(log: FlightLog, trajectory: Trajectory, request: TruthRequest, own_c
     inside = (t >= imu.gyro.t_best[0]) & (t <= imu.gyro.t_best[-1])
     turn = axes.from_matrix(timing.turn)
     t, q = t[inside], rotation.multiply(found.q[inside], rotation.conjugate(turn))  # the IMU's body to its world
-    world = _world(log, imu, t, q, trajectory, inside, request.north or trajectory.known_axes)
+    world = _world(log, imu, t, q, trajectory, inside, request.north)
     q = rotation.multiply(world.turn, q)
     rates = found.rates
     noise = _noise(t, q, imu, rates.bias, late)
@@ -112,6 +112,8 @@ def _world(
     log: FlightLog, imu: Imu, t: Array, q: Array, trajectory: Trajectory, inside: NDArray[np.bool_], keeps_north: bool
 ) -> WorldFit:
     """How the world of attitudes ``q`` (n, 4), FRD to that world, lies in NED; velocities take motion out."""
+    if trajectory.known_axes:
+        return WorldFit(np.array([1.0, 0.0, 0.0, 0.0]), 0.0, 0.0, "file")
     velocity = None if trajectory.position is None else axes.velocity_of(t, trajectory.position[inside])
     down = axes.vertical(imu, t, q, velocity)
     if down is None:

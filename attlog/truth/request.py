@@ -34,7 +34,7 @@ class TruthRequest:
 
 
 def parsed(given: str) -> TruthRequest:
-    """What the user asks for. UsageError for a key that is none, LogUnreadable for a file that is not there."""
+    """What the user asks for. UsageError for a setting that is none."""
     name, keys = _split(given)
     values: dict[str, str] = {}
     for pair in filter(None, keys.split(",")):
@@ -43,13 +43,20 @@ def parsed(given: str) -> TruthRequest:
             near = difflib.get_close_matches(key, KEYS, 1)
             hint = f"did you mean {near[0]}=?" if near else f"use {', '.join(KEYS)}"
             raise UsageError(f"--truth {given}: {pair!r} is no setting of a truth; {hint}")
+        if key in values:
+            raise UsageError(f"--truth {given}: {key} stands there twice")
         values[key] = value
     found = TruthRequest(name, _seconds(given, values.get("offset")), _flag(given, values), values.get("topic", ""))
     if not name:
         raise UsageError(f"--truth {given!r}: name a file, a folder or a topic of the log")
-    if found.path is None and _meant_as_file(name):
-        raise LogUnreadable(f"{name}: no such file")
     return found
+
+
+def check(given: str) -> None:
+    """Whether what stands after ``--truth`` can be one. UsageError as above, LogUnreadable for a file that is none."""
+    found = parsed(given)
+    if found.path is None and _meant_as_file(found.name):
+        raise LogUnreadable(f"{found.name}: no such file")
 
 
 def _split(given: str) -> tuple[str, str]:

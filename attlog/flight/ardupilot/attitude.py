@@ -24,6 +24,7 @@ ENOUGH_OF_ATT = 0.95
 """ANG that covers less than this part of ATT's time is not the record to replace it."""
 QUATERNION = ("Q1", "Q2", "Q3", "Q4")
 EULER = ("Roll", "Pitch", "Yaw")
+POSE = ("R", "P", "Y")
 
 
 def attitudes(builder: LogBuilder, clock: Clock, resets_us: list[int]) -> dict[str, Attitude]:
@@ -119,6 +120,22 @@ def truth(builder: LogBuilder, clock: Clock) -> Attitude | None:
     if table is None or clock.of_samples(table) is None:
         return None
     return of_table(builder, clock, table, "SIM", False, ())
+
+
+def poses(builder: LogBuilder, clock: Clock) -> dict[str, Attitude]:
+    """What a camera or motion capture measured (VISP: degrees; the vehicle takes CTimeMS for the time of measurement),
+    but for records that it ignored (Ign)."""
+    table = builder.messages.first("VISP")
+    t = None if table is None else clock.of_samples(table)
+    if table is None or t is None or not all(c in table for c in POSE):
+        return {}
+    used = table["Ign"].astype(np.int64) == 0 if "Ign" in table else np.ones(len(t), bool)
+    q, step = from_euler_deg(columns(table, *POSE))
+    sampled = 1000 * table["CTimeMS"].astype(np.int64) if "CTimeMS" in table else None
+    counter = table["Rst"][used] if "Rst" in table else None
+    own = None if sampled is None else sampled[used]
+    found = builder.attitude(t[used], q[used], "VISP", t_sample_us=own, counter=counter, step_deg=step)
+    return {} if found is None else {"VISP": found}
 
 
 def setpoints(builder: LogBuilder, clock: Clock, flew: str | None) -> Attitude | None:

@@ -117,6 +117,7 @@ def _fill_attitudes(log: FlightLog, builder: LogBuilder, clock: Clock, core: Pri
     elif log.onboard not in (None, "ATT"):
         builder.choices["onboard"] = "the log holds neither ATT nor ANG"
     log.truth = builder.attempt("SIM", lambda: attitude.truth(builder, clock), None)
+    log.poses = builder.attempt("VISP", lambda: attitude.poses(builder, clock), {})
     log.setpoints = builder.attempt("Set-points", lambda: attitude.setpoints(builder, clock, log.onboard), None)
 
 
