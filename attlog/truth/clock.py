@@ -30,8 +30,8 @@ FEW = 1200
 LENGTHS_S, ROUNDS, NEAR_S = (300.0, 900.0, 2700.0), 3, 0.004
 """The record is fitted to so far from its middle, in so many steps; the gyro's change is taken over twice so long."""
 JACKKNIFE = 10
-DRIFT_SIGMAS, LEAST_DRIFT = 4.0, 1e-6
-"""A drift is taken out where it is so many sigmas, and 1 ppm."""
+DRIFT_SIGMAS, LEAST_DRIFT, LEAST_SPREAD = 4.0, 1e-6, 10.0
+"""A drift is taken out where it is so many sigmas, and 1 ppm, and the vehicle turned in so many seconds."""
 OUTLIERS, FEW_OUTLIERS = 6.0, 0.005
 """Beyond so many medians, and no larger share: where a vehicle mostly stands still, its motion is no outlier."""
 
@@ -221,13 +221,19 @@ def timed(truth: TruthRates, gyro: GyroIncrements, offset: float, middle: float,
             if better is None:
                 return None
             found = better
-    if abs(found.drift) < max(DRIFT_SIGMAS * found.drift_sigma, LEAST_DRIFT):
+    if abs(found.drift) < max(DRIFT_SIGMAS * found.drift_sigma, LEAST_DRIFT) or _spread(truth) < LEAST_SPREAD:
         sigma = found.drift_sigma
         for _ in range(ROUNDS):
             better = _step(part, gyro, middle, replace(found, drift=0.0), with_drift=False)
             found = better or found
         found = replace(found, drift=0.0, drift_sigma=sigma)
     return found
+
+
+def _spread(truth: TruthRates) -> float:
+    """In how many seconds it turns, as a number of equal ones: a drift needs motion early and late."""
+    energy = np.bincount((truth.start - truth.start[0]).astype(np.int64), np.sum(truth.rate**2, axis=1))
+    return float(np.sum(energy) ** 2 / max(float(np.sum(energy**2)), 1e-30))
 
 
 def _step(

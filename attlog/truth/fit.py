@@ -27,6 +27,8 @@ LONG_S = 1.6
 """Of one flight rates over so long correlate even under a noisy truth; those of two that look alike still do not."""
 UNSURE_DEG = 4.0
 """A turn between the bodies that is less sure is not known."""
+CLEARLY = 0.9
+"""Another reading than the usual must leave less than this share of what the usual one leaves."""
 AROUND_S, SAME_CLOCK_S = 0.5, 1.0
 """How far the clock may lie from a given offset, and that of a topic from the log's own."""
 NOISE_S = 0.1
@@ -161,7 +163,10 @@ def _on_log(trajectory: Trajectory, imu: Imu, request: TruthRequest, own_clock: 
             break
     if not tried:
         raise UsageError(f"--truth {name}: shares no 10 s with the log's gyro; give :offset=SECONDS if you know it")
-    best = max(tried, key=lambda c: c.rates.correlation)
+    usual = next(iter(trajectory.quaternions))
+    best = min(
+        tried, key=lambda c: (1.0 - max(c.rates.correlation, 0.0) ** 2) / (1.0 if c.reading == usual else CLEARLY)
+    )
     slow = clock.fit(clock.rates(trajectory.t, best.q, LONG_S).thinned(), gyro, best.offset)
     if max(best.rates.correlation, 0.0 if slow is None else slow.correlation) < CORRELATES:
         turns = math.degrees(float(np.sqrt(np.mean(np.var(imu.gyro.x[rotation.finite(imu.gyro.x)], axis=0).sum()))))
