@@ -21,7 +21,13 @@ BIAS_M_S2 = np.array([0.15, 0.15, 0.3])
 """One sigma of an accelerometer's bias before a flight tells it."""
 SPEED_M_S, SAME_WAY, LEAST_SPEEDS = 1.0, 0.9, 20
 """Motion tells north above so much speed, where both velocities correlate by so much, by so many of them."""
+LATE_S = np.arange(-0.1, 0.41, 0.02)
+"""A receiver's velocity may be late by what its driver does not know; on a curve that would turn north."""
 DOWN = np.array([0.0, 0.0, 1.0])
+SIGNIFICANT = 3.0
+"""What differs from the usual by fewer sigmas is the usual."""
+USUAL = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+"""Body axes that people give: forward-right-down and forward-left-up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +105,19 @@ def _down(mean_turn: Array, y: Array) -> Vertical | None:
     return Vertical(x[:3] / gravity, sigma, gravity)
 
 
-def levelled(down: Array) -> Array:
+def usual(turn: Array, sigma: Array) -> Array:
+    """The usual body axes where a turn (4,) of a body to FRD is no different, by ``sigma`` (3,) rad; else the turn."""
+    for named in np.array(USUAL):
+        apart = rotation.to_rotvec(rotation.error(turn, named))
+        if np.all(np.abs(apart) <= SIGNIFICANT * sigma):
+            return np.asarray(named)
+    return turn
+
+
+def levelled(down: Array, within: float = 0.0) -> Array:
     """The rotation (4,) of least angle from the nearest of the world's axes, that makes ``down`` (3,) the third axis.
+
+    A world that is level but for ``within`` rad stays so: an accelerometer's bias would only tilt it.
 
     East-north-up becomes north-east-down; a world whose vertical is its second axis is turned onto it first.
     """
@@ -118,7 +135,7 @@ def levelled(down: Array) -> Array:
     q = from_matrix(turn)
     bend = np.cross(rest, DOWN)
     size = float(np.linalg.norm(bend))
-    if size > 0:
+    if size > np.sin(within):
         q = rotation.multiply(rotation.from_rotvec(bend / size * np.arctan2(size, float(rest @ DOWN))), q)
     return np.asarray(q)
 
@@ -129,15 +146,9 @@ def north_by_gnss(log: FlightLog, t: Array, velocity: Array) -> North | None:
     None where it did not move enough, or the two do not go the same way.
     """
     for gnss in log.gnss:
-        good = (gnss.fix >= 3) & rotation.finite(gnss.vel_ned[:, :2]) & (gnss.t > t[0]) & (gnss.t < t[-1])
-        own = np.column_stack([np.interp(gnss.t[good], t, v) for v in velocity.T[:2]])
-        seen = gnss.vel_ned[good, :2]
-        fast = (np.hypot(*own.T) > SPEED_M_S) & (np.hypot(*seen.T) > SPEED_M_S)
-        if np.count_nonzero(fast) < LEAST_SPEEDS:
-            continue
-        a, b = own[fast] @ [1.0, 1j], seen[fast] @ [1.0, 1j]
-        product = np.conj(a) * b
-        same = abs(product.sum()) / np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))
+        good = (gnss.fix >= 3) & rotation.finite(gnss.vel_ned[:, :2])
+        products = [_together(t, velocity, gnss.t[good] - late, gnss.vel_ned[good]) for late in LATE_S]
+        same, product = max(products, key=lambda found: found[0])
         if same < SAME_WAY:
             continue
         heading = float(np.angle(product.sum()))
@@ -145,6 +156,19 @@ def north_by_gnss(log: FlightLog, t: Array, velocity: Array) -> North | None:
         off = np.angle((product.sum() - parts) * np.exp(-1j * heading))
         return North(heading, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((off - off.mean()) ** 2))))
     return None
+
+
+def _together(t: Array, velocity: Array, at: Array, seen: Array) -> tuple[float, NDArray[np.complex128]]:
+    """How well velocities (n, 3) at ``t`` and ``seen`` (m, 3) go the same way, 0 to 1, and their products (k,)."""
+    inside = (at > t[0]) & (at < t[-1])
+    a = np.column_stack([np.interp(at[inside], t, v) for v in velocity.T[:2]]) @ [1.0, 1j]
+    b = seen[inside, :2] @ [1.0, 1j]
+    fast = (np.abs(a) > SPEED_M_S) & (np.abs(b) > SPEED_M_S)
+    product = np.conj(a[fast]) * b[fast]
+    if len(product) < LEAST_SPEEDS:
+        return 0.0, product
+    size = np.sqrt(np.sum(np.abs(a[fast]) ** 2) * np.sum(np.abs(b[fast]) ** 2))
+    return float(np.abs(product.sum()) / size), product
 
 
 def gnss_velocity(log: FlightLog, t: Array) -> Array | None:

@@ -23,16 +23,17 @@ GRID_S, OVERLAP_S, OVERLAP = 0.05, 10.0, 0.3
 """Grid of the first search; what both must cover there, also as a share of the shorter of the two."""
 PEAKS, APART_S = 6, 0.5
 """So many offsets are looked at closer, this far from each other."""
-STEPS_S = (0.02, 0.006, 0.002)
+STEPS_S = (0.05, 0.02, 0.006, 0.002)
 """Steps around the best offset, three to each side, before a parabola."""
 FEW = 1200
 """So many intervals tell which offset is best."""
 LENGTHS_S, ROUNDS, NEAR_S = (300.0, 900.0, 2700.0), 3, 0.004
 """The record is fitted to so far from its middle, in so many steps; the gyro's change is taken over twice so long."""
 JACKKNIFE = 10
-DRIFT_SIGMAS, LEAST_DRIFT = 4.0, 1e-6
-"""A drift is taken out where it is so many sigmas, and 1 ppm."""
-OUTLIERS = 6.0
+DRIFT_SIGMAS, LEAST_DRIFT, LEAST_SPREAD = 4.0, 1e-6, 10.0
+"""A drift is taken out where it is so many sigmas, and 1 ppm, and the vehicle turned in so many seconds."""
+OUTLIERS, FEW_OUTLIERS = 6.0, 0.005
+"""Beyond so many medians, and no larger share: where a vehicle mostly stands still, its motion is no outlier."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +97,18 @@ def fit(truth: TruthRates, gyro: GyroIncrements, late: float = 0.0) -> RateFit |
     for _ in range(3):
         turn, bias = _kabsch(own[keep], seen[keep])
         off = np.sum((seen - own @ turn.T - bias) ** 2, axis=1)
-        keep = off <= OUTLIERS**2 * max(float(np.median(off)), 1e-12)
+        keep = _usual(off)
     a, b = own[keep] @ turn.T, seen[keep] - bias
     a = a - a.mean(axis=0)
     size = float(np.sqrt(np.sum(a * a) * np.sum((b - b.mean(axis=0)) ** 2)))
     correlation = float(np.sum(a * (b - b.mean(axis=0)))) / size if size > 0 else 0.0
     return RateFit(turn, bias, float(np.mean(off[keep])), correlation, int(keep.sum()))
+
+
+def _usual(square: Array) -> NDArray[np.bool_]:
+    """Which squared misfits (n,) are no outliers."""
+    beyond = max(OUTLIERS**2 * float(np.median(square)), float(np.quantile(square, 1.0 - FEW_OUTLIERS)), 1e-12)
+    return np.asarray(square <= beyond)
 
 
 def _kabsch(own: Array, seen: Array) -> tuple[Array, Array]:
@@ -214,13 +221,19 @@ def timed(truth: TruthRates, gyro: GyroIncrements, offset: float, middle: float,
             if better is None:
                 return None
             found = better
-    if abs(found.drift) < max(DRIFT_SIGMAS * found.drift_sigma, LEAST_DRIFT):
+    if abs(found.drift) < max(DRIFT_SIGMAS * found.drift_sigma, LEAST_DRIFT) or _spread(truth) < LEAST_SPREAD:
         sigma = found.drift_sigma
         for _ in range(ROUNDS):
             better = _step(part, gyro, middle, replace(found, drift=0.0), with_drift=False)
             found = better or found
         found = replace(found, drift=0.0, drift_sigma=sigma)
     return found
+
+
+def _spread(truth: TruthRates) -> float:
+    """In how many seconds it turns, as a number of equal ones: a drift needs motion early and late."""
+    energy = np.bincount((truth.start - truth.start[0]).astype(np.int64), np.sum(truth.rate**2, axis=1))
+    return float(np.sum(energy) ** 2 / max(float(np.sum(energy**2)), 1e-30))
 
 
 def _step(
@@ -248,7 +261,7 @@ def _step(
     columns[:, :, 2:5] *= -1.0
     columns[:, :, 5:] = -np.eye(3)
     size = np.sum(off * off, axis=1)
-    weight = (size <= OUTLIERS**2 * np.median(size)).astype(np.float64)
+    weight = _usual(size).astype(np.float64)
     edges = np.linspace(0, len(own), JACKKNIFE + 1).astype(np.int64)[:-1]
     squares = np.add.reduceat(np.einsum("n,nij,nik->njk", weight, columns, columns), edges, axis=0)
     sums = np.add.reduceat(np.einsum("n,nij,ni->nj", weight, columns, -off), edges, axis=0)

@@ -23,8 +23,12 @@ CORRELATES, APART = 0.9, 0.93
 """Rates of one flight correlate above the first; another offset's misfit must not be as good within the second."""
 SPANS_S, LEAST_RATES = (clock.SPAN_S, 0.3), 30
 """Rates over the shorter tell most, over the longer a noisy truth still tells a slow flight."""
+LONG_S = 1.6
+"""Of one flight rates over so long correlate even under a noisy truth; those of two that look alike still do not."""
 UNSURE_DEG = 4.0
 """A turn between the bodies that is less sure is not known."""
+CLEARLY = 0.9
+"""Another reading than the usual must leave less than this share of what the usual one leaves."""
 AROUND_S, SAME_CLOCK_S = 0.5, 1.0
 """How far the clock may lie from a given offset, and that of a topic from the log's own."""
 NOISE_S = 0.1
@@ -67,7 +71,7 @@ def aligned(log: FlightLog, trajectory: Trajectory, request: TruthRequest, own_c
     timing, late = found.timing, imu.gyro.delay
     t = trajectory.t + timing.offset + timing.drift * (trajectory.t - found.middle) - late
     inside = (t >= imu.gyro.t_best[0]) & (t <= imu.gyro.t_best[-1])
-    turn = axes.from_matrix(timing.turn)
+    turn = axes.usual(axes.from_matrix(timing.turn), timing.turn_sigma)
     t, q = t[inside], rotation.multiply(found.q[inside], rotation.conjugate(turn))  # the IMU's body to its world
     world = _world(log, imu, t, q, trajectory, inside, request.north)
     q = rotation.multiply(world.turn, q)
@@ -130,10 +134,12 @@ def _world(
         to_ned = rotation.multiply(_about_down(turned(level)), level)
         better = axes.vertical(imu, t, q, rotation.rotate(rotation.conjugate(to_ned), moving))
         down = better if better is not None and better.sigma < down.sigma else down
-        level = axes.levelled(down.down)
+    level = axes.levelled(down.down, axes.SIGNIFICANT * down.sigma)
+    left = rotation.rotate(level, down.down)
+    sigma = max(down.sigma, float(np.arctan2(np.hypot(left[0], left[1]), left[2])))
     turn = rotation.multiply(_about_down(turned(level)), level)
     whose: Literal["file", "gnss", "nobody"] = "file" if keeps_north else "gnss" if north else "nobody"
-    return WorldFit(turn, down.sigma, north.sigma if north else 0.0, whose)
+    return WorldFit(turn, sigma, north.sigma if north else 0.0, whose)
 
 
 def _about_down(angle: float) -> Array:
@@ -159,8 +165,12 @@ def _on_log(trajectory: Trajectory, imu: Imu, request: TruthRequest, own_clock: 
             break
     if not tried:
         raise UsageError(f"--truth {name}: shares no 10 s with the log's gyro; give :offset=SECONDS if you know it")
-    best = max(tried, key=lambda c: c.rates.correlation)
-    if best.rates.correlation < CORRELATES:
+    usual = next(iter(trajectory.quaternions))
+    best = min(
+        tried, key=lambda c: (1.0 - max(c.rates.correlation, 0.0) ** 2) / (1.0 if c.reading == usual else CLEARLY)
+    )
+    slow = clock.fit(clock.rates(trajectory.t, best.q, LONG_S).thinned(), gyro, best.offset)
+    if max(best.rates.correlation, 0.0 if slow is None else slow.correlation) < CORRELATES:
         turns = math.degrees(float(np.sqrt(np.mean(np.var(imu.gyro.x[rotation.finite(imu.gyro.x)], axis=0).sum()))))
         raise UsageError(
             f"--truth {name}: its rates do not follow the gyro (correlation {best.rates.correlation:.2f}, "

@@ -60,8 +60,13 @@ def read(path: Path) -> Trajectory:
         )
     t, position, q = table[:, 0], table[:, 1:4], table[:, 4:8]
     if separator is None:
-        return made(path.name, t, {"as TUM, scalar last": q[:, [3, 0, 1, 2]]}, position)
-    return made(path.name, t, {"as EuRoC, scalar first": q}, position)
+        return made(path.name, t, _both_ways(q[:, [3, 0, 1, 2]], "as TUM, scalar last"), position)
+    return made(path.name, t, _both_ways(q, "as EuRoC, scalar first"), position)
+
+
+def _both_ways(q: Array, usual: str) -> dict[str, Array]:
+    """Attitudes (n, 4) as their format says, and as their inverse, which some programs write."""
+    return {usual: q, f"{usual}, but earth to body": rotation.conjugate(q)}
 
 
 def made(name: str, t: Array, quaternions: dict[str, Array], position: Array | None = None) -> Trajectory:
