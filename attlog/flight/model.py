@@ -299,6 +299,7 @@ class FlightLog:
     every unit in the firmware's own measure, ``bursts`` samples at the sensors' own rate, ``onboard_spectrum`` the
     peaks that the autopilot finds in its gyro.
     ``lane`` is the EKF core or instance that flew, by its number.
+    ``true_heading`` (n, 1) rad is a heading that the user brought as the true one.
     ``poses`` maps topics to attitudes that motion capture or vision measured, in axes of their own, not yet aligned.
     ``yaw_estimator`` (n, 2) rad is the heading that the autopilot finds from GNSS motion without a compass, and its one
     sigma, where it calls it valid.
@@ -325,6 +326,7 @@ class FlightLog:
     onboard: str | None = None
     truth: Attitude | None = None
     poses: dict[str, Attitude] = field(default_factory=dict)
+    true_heading: Stream | None = None
     setpoints: Attitude | None = None
     rate_setpoints: Stream | None = None
     armed: TimeLine | None = None

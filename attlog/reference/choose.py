@@ -51,6 +51,8 @@ def choose(
     kind = _wanted(options.reference)
     if kind == "auto" and log.truth is not None and log.truth.fit is not None:
         kind = "truth"  # who brings one wants it, whatever speaks against it, which is told
+    if kind == "auto" and log.true_heading is not None and smooth is not None:
+        kind = smoothed.NAME
     out = dict(refused or {})
     what = "Whether attitudes turn as the gyro does"
     faults = part_of(log, what, lambda: _turn_otherwise(log, segments), dict[str, turning.TurningFault])
@@ -59,6 +61,8 @@ def choose(
     if kind != "auto":
         asked = _asked(log, segments, options, kind, smooth)
         doubt = asked.doubt or _doubt(log, segments, asked, faults)
+        if log.true_heading is not None and asked.kind == smoothed.NAME:
+            asked = smoothed.with_true_heading(asked, log.true_heading)
         return replace(asked, gyro_fault=gyro_fault, sensor_faults=broken, doubt=doubt)
     out |= {name: fault.why for name, fault in faults.items() if fault.of == "attitude"}
     misled = gyro_fault or next((fault.why for fault in broken.values() if fault.misleads), "")

@@ -64,7 +64,7 @@ def _heading_caveat(ref: Reference) -> str:
     if ref.heading_by == "nobody":
         why = str(ref.quality.get("heading_why", "")) if ref.quality.get("heading_from") == "nobody" else ""
         return f"no heading is compared: {_short(why or ref.heading_why)}"
-    one_source = ref.heading_by == "own" and ref.quality.get("heading_from") in ("compass", "motion")
+    one_source = ref.heading_by == "own" and ref.quality.get("heading_from") in ("compass", "motion", "brought")
     return heading_words(ref.quality) if one_source else ""
 
 
@@ -75,6 +75,7 @@ def heading_words(quality: Mapping[str, float | str]) -> str:
         "both": "compass and motion agree on the heading",
         "compass": "the heading rests on the compass alone",
         "motion": "the heading is from motion, without the compass",
+        "brought": "the heading is the one that you brought",
         "nobody": f"there is no heading: {quality.get('heading_why', 'nothing shows it')}",
     }
     return words.get(found, "")

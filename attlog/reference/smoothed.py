@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.base.errors import UsageError
 from attlog.estimators.base import Estimate
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, Stream
 from attlog.reference import scoring
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, GyroJump, Reference
@@ -232,6 +232,39 @@ def unsure_of_tilt(reference: Reference) -> str:
 def sure_of_heading(reference: Reference) -> bool:
     """Whether headings can be compared with a smoother's own."""
     return sigma_deg(reference, "heading") <= MOST_SIGMA_DEG
+
+
+def with_true_heading(reference: Reference, heading: Stream) -> Reference:
+    """The smoother with a heading (n, 1) rad that the user brought, whatever its own is.
+
+    Turned about the vertical by the running mean of the difference; how far single headings lie from that mean is its
+    sigma. UsageError where they share no time.
+    """
+    t = heading.t_best
+    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
+    off = rotation.wrap(heading.x[:, 0] - rotation.to_euler(own)[:, 2])
+    known = np.isfinite(off)
+    if np.count_nonzero(known) < 2:
+        raise UsageError(f"{heading.source} and the smoother share no time")
+    t, off = t[known], off[known]
+    turned, scatter = np.zeros(len(reference.t)), np.zeros(len(t))
+    segment = gaps.number(t)
+    i = np.clip(np.searchsorted(t, reference.t, side="right") - 1, 0, len(t) - 1)
+    for part in gaps.slices(np.ones(len(t), bool), segment):
+        mine, along = segment[i] == segment[part.start], np.unwrap(off[part])
+        mean = _slowly(t[part], along)
+        scatter[part] = along - mean
+        turned[mine] = np.interp(reference.t[mine], t[part], mean)
+    sigma = float(np.degrees(np.sqrt(np.mean(scatter**2))))
+    text = f"heading of {heading.source}, which you brought; it varies by {sigma:.2g} deg about its mean over 2 s"
+    step = AlignmentStep("heading_by", text, sigma, "deg", heading.source, option="--truth")
+    return replace(
+        reference,
+        q=rotation.turn_about_down(reference.q, turned),
+        sigma_heading_deg=np.full(len(reference.t), sigma),
+        quality=reference.quality | {"heading_from": "brought"},
+        steps=[*reference.steps[:2], step, *reference.steps[2:]],
+    )
 
 
 def with_heading_of(reference: Reference, onboard: Reference | None) -> Reference:

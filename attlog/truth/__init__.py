@@ -6,10 +6,13 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from attlog import formats
 from attlog.base.errors import NotALog, UsageError
 from attlog.flight import read
-from attlog.flight.model import Attitude, FlightLog
+from attlog.flight.model import Attitude, FlightLog, Stream
+from attlog.segments import gaps
 from attlog.truth import request, trajectory
 from attlog.truth.fit import aligned
 from attlog.truth.request import TruthRequest, check
@@ -19,23 +22,37 @@ __all__ = ["brought", "check"]
 
 EXTERNAL = ("vehicle_mocap_odometry", "vehicle_visual_odometry", "vehicle_vision_attitude")
 """Attitudes of a PX4 log that others measured."""
+DUAL_ANTENNA, FIX_3D, LEAST = "gnss_yaw", 3, 20
+"""The heading of a receiver with two antennas, which goes with the smoother's tilt; so many make one."""
 
 
 def brought(log: FlightLog, given: str) -> FlightLog:
     """A copy of the log with the truth that is ``given``: ``NAME[:offset=S,north=true,topic=T]``.
 
     NAME is a trajectory (TUM, EuRoC, a table with a header), another log or bag, a folder in which one bears the log's
-    own name, or a topic of the log. Its clock, body and earth axes are found by gyro and gravity; ``truth.fit`` of the
-    copy tells them. UsageError for what is not there, does not follow the gyro or turns too little; LogUnreadable and
-    NotALog for files.
+    own name, a topic of the log, or ``gnss_yaw``, which is a heading alone (``true_heading`` of the copy). Clock, body
+    and earth axes are found by gyro and gravity; ``truth.fit`` of the copy tells them. UsageError for what is not
+    there, does not follow the gyro or turns too little; LogUnreadable and NotALog for files.
     """
     asked = request.parsed(given)
     path = asked.path
+    if path is None and asked.name == DUAL_ANTENNA:
+        return replace(log, true_heading=_dual_antenna(log))
     if path is None:
         return replace(log, truth=aligned(log, _of_topic(log, asked.name), asked, own_clock=True))
     if path.is_dir():
         path = _beside(path, log.path)
     return replace(log, truth=aligned(log, _of_file(path, asked), asked))
+
+
+def _dual_antenna(log: FlightLog) -> Stream:
+    """The heading of the first receiver with two antennas. UsageError without one."""
+    for gnss in log.gnss:
+        if gnss.yaw is not None:
+            t, yaw = gaps.rising(np.where(gnss.fix >= FIX_3D, gnss.t, np.nan), gnss.yaw[:, None])
+            if len(t) >= LEAST:
+                return Stream(t, yaw, "rad", "NED", f"dual-antenna yaw of {gnss.source}")
+    raise UsageError(f"--truth {DUAL_ANTENNA}: no receiver of {log.path.name} tells a heading of two antennas")
 
 
 def _beside(folder: Path, log: Path) -> Path:
@@ -72,7 +89,9 @@ def _of_topic(log: FlightLog, topic: str) -> Trajectory:
         return _of_attitude(topic, poses[topic], known_axes=False)
     if topic in log.attitudes:
         return _of_attitude(topic, log.attitudes[topic], known_axes=True)
-    known = ", ".join([*poses, *(name for name in log.attitudes if name not in poses)]) or "no attitude at all"
+    antennas = [DUAL_ANTENNA] if any(gnss.yaw is not None for gnss in log.gnss) else []
+    names = [*poses, *(name for name in log.attitudes if name not in poses), *antennas]
+    known = ", ".join(names) or "no attitude at all"
     what = f"no file, and {log.path.name} has no topic {topic!r}" if topic else "name one of its topics with :topic="
     raise UsageError(f"--truth {topic or log.path.name}: {what}; it holds {known}")
 

@@ -9,6 +9,7 @@ import pytest
 
 from attlog import segments
 from attlog.base import rotation
+from attlog.flight.model import Stream
 from attlog.flight.truth import TruthFit
 from attlog.reference import (
     Reference,
@@ -21,6 +22,7 @@ from attlog.reference import (
     sigma_deg,
 )
 from attlog.reference.physics import accusing
+from attlog.reference.smoothed import with_true_heading
 
 from .flights import compared, estimate, flight, sampled
 
@@ -114,3 +116,38 @@ def test_a_message_of_the_log_that_is_the_truth_is_no_row():
     found = segments.build(log)
     names = [row.name for row in onboard_rows(log, found, choose(log, found))]
     assert names == ["onboard"]
+
+
+def test_a_heading_alone_goes_with_the_tilt_of_the_smoother():
+    """The smoother's own heading is 20 deg off and wanders; a receiver with two antennas knows it to 0.5 deg."""
+    log = flight()
+    t = np.arange(0.0, 60.0, 0.01)
+    own = rotation.turn_about_down(estimate(t).q, np.radians(20.0 + 3.0 * np.sin(0.2 * t)))
+    smoother = smoother_of(log, t, own)
+    at = np.arange(1.0, 59.0, 0.2)
+    true = rotation.to_euler(estimate(at).q)[:, 2] + np.radians(np.random.default_rng(1).normal(0.0, 0.5, len(at)))
+    found = with_true_heading(smoother, Stream(at, rotation.wrap(true)[:, None], "rad", "NED", "dual-antenna yaw"))
+    inside = (found.t > 2.0) & (found.t < 58.0)
+    apart = rotation.error(found.q, estimate(found.t).q)[inside]
+    assert np.degrees(np.abs(rotation.heading_angle(apart))).max() < 1.0
+    assert np.degrees(rotation.inclination_angle(apart)).max() < 1e-3
+    assert own_sigma_deg(found, "heading") == pytest.approx(0.5, abs=0.1)
+    assert "dual-antenna yaw" in next(s.text for s in found.steps if s.name == "heading_by")
+    assert "that you brought" in meaning(found)
+
+
+def smoother_of(log, t, q) -> Reference:
+    """A smoother's attitude that is sure of its tilt and knows nothing of north."""
+    found = reference_of(log)
+    zero = np.zeros(len(t), np.int64)
+    sigma = np.full(len(t), 0.1)
+    return replace(
+        found,
+        kind="smoother",
+        t=t,
+        q=q,
+        gap_segment=zero,
+        segment=zero,
+        sigma_tilt_deg=sigma,
+        sigma_heading_deg=90 * sigma,
+    )

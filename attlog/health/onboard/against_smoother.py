@@ -109,7 +109,11 @@ def _doubt(error: OnboardError, reference: Reference, failed: set[str]) -> str:
     if reference.kind == "truth":
         return ""
     relevant: tuple[str, ...] = FORCE if error.confirmed else INERTIAL
-    if not error.confirmed and error.angle == "heading" and reference.quality.get("heading_from") != "motion":
+    if (
+        not error.confirmed
+        and error.angle == "heading"
+        and reference.quality.get("heading_from") not in ("motion", "brought")
+    ):
         relevant = (*relevant, *COMPASS)
     found = [f"`{name}`" for name in relevant if name in failed]
     if not error.confirmed and reference.gyro_jumps:
