@@ -62,6 +62,9 @@ FORMATS = (
         "dataflash.oracle:TEXT",
     ),
     Format(
+        "ros", "ROS 2 bag", ".mcap", "ros.detect:is_bag", "ros.reader:read", "ros.writer:write", "ros.oracle:ORACLE"
+    ),
+    Format(
         "tlog",
         "MAVLink",
         ".tlog",
