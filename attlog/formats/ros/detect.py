@@ -4,9 +4,11 @@ from __future__ import annotations
 
 MCAP = b"\x89MCAP0\r\n"
 SQLITE = b"SQLite format 3\0"
-"""rosbag2's older storage; whether its tables are those of a bag shows when it is read."""
+"""rosbag2's older storage."""
+COLUMN = b"serialization_format"
+"""A column of rosbag2's table of topics, whose definition stands on the first page; other programs' databases lack it."""
 
 
 def is_bag(head: bytes) -> bool:
-    """Whether these first bytes are those of an MCAP file or of a SQLite database."""
-    return head.startswith((MCAP, SQLITE))
+    """Whether these first bytes are those of an MCAP file or of rosbag2's database."""
+    return head.startswith(MCAP) or (head.startswith(SQLITE) and COLUMN in head)

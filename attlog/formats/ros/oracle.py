@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from attlog.formats.base import Messages
 from attlog.formats.oracle import Columns, Key, Oracle
-from attlog.formats.ros.reader import PX4, RECORDER, VERSION, is_wanted
+from attlog.formats.ros.cdr import RECORDER
+from attlog.formats.ros.reader import is_wanted, name_of
 
 
 def read(path: Path) -> Columns:
@@ -22,9 +23,7 @@ def read(path: Path) -> Columns:
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
         kept = [c for c in bag.connections if is_wanted(c.topic, c.msgtype)]
         for connection, _, raw in bag.messages(kept) if kept else ():
-            px4 = connection.msgtype.startswith(PX4)
-            name = VERSION.sub("", connection.topic.rpartition("/")[2]) if px4 else connection.topic
-            columns = found.setdefault((name, 0), {})
+            columns = found.setdefault((name_of(connection.topic, connection.msgtype), 0), {})
             for column, value in _flat(bag.deserialize(raw, connection.msgtype), ""):
                 columns.setdefault(column, []).append(value)
     return {key: {c: np.array(values) for c, values in columns.items()} for key, columns in found.items()}

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from attlog.base.errors import UsageError
 from attlog.base.files.output import writing
 from attlog.formats.recording import Columns, Recording, only
-from attlog.formats.ros.bag import NEEDS
+from attlog.formats.ros.channels import NEEDS
 
 TYPES = {
     "u1": "uint8",
