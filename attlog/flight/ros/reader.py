@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.flight import inertial, magnetic, receiver
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag
+from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag, TimeLine
 from attlog.flight.px4 import reader as px4
 from attlog.flight.ros.advice import BagLogging
 from attlog.formats.base import Messages, Table
@@ -32,11 +32,21 @@ POSES = {
 }
 """Types that hold an attitude and a position which somebody measured or estimated, and where."""
 IMU, FIELD, FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField", "sensor_msgs/msg/NavSatFix"
+STATE, EXTENDED_STATE = "mavros_msgs/msg/State", "mavros_msgs/msg/ExtendedState"
+ON_GROUND = 1
+"""What ``ExtendedState.landed_state`` says of a vehicle at rest; 0 is unknown."""
 VELOCITY = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped")
 FIXED = 3
 """A 3D fix, of whatever augmentation: what NavSatStatus calls 0 and more."""
 RAW = "raw"
 """In a topic's name: measured and not yet fused."""
+MOST_SHARE = 0.9
+"""Topics with so many of the records that the largest has are alike in rate."""
+EARTH_T = (1e-5, 2e-4)
+UNITS = {"tesla": 1.0, "microtesla": 1e-6, "gauss": 1e-4, "milligauss times 1000, an error of MAVROS": 1e-10}
+"""REP 145 asks for tesla; drivers write others, which differ by more than the earth's field varies (``EARTH_T``)."""
+OTHER_CLOCK_US = 3_600_000_000
+"""Stamps so far from the recorder's time are of another clock."""
 
 
 def read(messages: Messages, imu: int | None, mag: int | str | None) -> FlightLog:
@@ -58,7 +68,8 @@ def _of_sensors(builder: LogBuilder, messages: Messages, imu: int | None, mag: i
     logging = BagLogging()
     found = builder.attempt("The inertial messages", lambda: candidates(builder), [])
     chosen = inertial.best_per_unit(builder, found)
-    position = inertial.choose_unit(builder, chosen, 0, "the first one", imu, logging)
+    why = "the topic with most records, raw before fused" if len(chosen) > 1 else "the only one"
+    position = inertial.choose_unit(builder, chosen, 0, why, imu, logging)
     if chosen:
         builder.t0_us = int(chosen[0 if position is None else position].t_us[0])
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, Firmware("ROS 2"), "")
@@ -73,15 +84,18 @@ def _of_sensors(builder: LogBuilder, messages: Messages, imu: int | None, mag: i
     log.gnss = builder.attempt("GNSS", lambda: receivers(builder), [])
     log.attitudes = builder.attempt("The attitude", lambda: attitudes(builder), {})
     log.onboard = next(iter(log.attitudes), None)
+    log.armed = builder.attempt("Arming", lambda: state(builder, STATE, "armed", 1), None)
+    log.landed = builder.attempt("Landing", lambda: state(builder, EXTENDED_STATE, "landed_state", ON_GROUND), None)
     log.problems, log.choices = builder.problems, builder.choices
     return log
 
 
 def of_type(messages: Messages, *kinds: str) -> list[tuple[str, Table]]:
-    """Topics of these types with their tables; those that hold raw data first."""
+    """Topics of these types with their tables: those with most records first, of alike ones the raw data."""
     types = messages.info.get("types", {})
     found = [(name, table) for (name, _), table in messages.items() if types.get(name) in kinds and len(table)]
-    return sorted(found, key=lambda pair: RAW not in pair[0])
+    most = MOST_SHARE * max((len(table) for _, table in found), default=0)
+    return sorted(found, key=lambda pair: (len(pair[1]) < most, RAW not in pair[0], -len(pair[1]), pair[0]))
 
 
 def stamps(table: Table) -> NDArray[np.int64]:
@@ -121,12 +135,28 @@ def candidates(builder: LogBuilder) -> list[inertial.ImuCandidate]:
 
 
 def magnetometers(builder: LogBuilder) -> list[Mag]:
-    """Each magnetic topic."""
-    made = (
-        magnetic.build(builder, unit, stamps(table), vectors(table, "magnetic_field"), name)
-        for unit, (name, table) in enumerate(of_type(builder.messages, FIELD))
-    )
-    return [mag for mag in made if mag is not None]
+    """Each magnetic topic, in tesla."""
+    found = []
+    for unit, (name, table) in enumerate(of_type(builder.messages, FIELD)):
+        field = vectors(table, "magnetic_field")
+        usual = float(np.median(np.linalg.norm(field, axis=1)))
+        fits = (word for word, factor in UNITS.items() if EARTH_T[0] <= usual * factor <= EARTH_T[1])
+        word = next(fits, "tesla")
+        if word != "tesla":
+            text = f"{name} holds {usual:.3g} where the earth's field is: read as {word}, not as tesla."
+            builder.problem("mag_unit", "warning", text)
+        found.append(magnetic.build(builder, unit, stamps(table), field * UNITS[word], name))
+    return [mag for mag in found if mag is not None]
+
+
+def state(builder: LogBuilder, kind: str, column: str, value: int) -> TimeLine | None:
+    """Whether a state has a value, over time; None where nobody tells it. 0 of landing is unknown."""
+    for name, table in of_type(builder.messages, kind):
+        told = table[column].astype(np.int64)
+        known = told > 0 if kind == EXTENDED_STATE else np.ones(len(told), bool)
+        if known.any():
+            return builder.time_line(stamps(table)[known], (told[known] == value).tolist(), name)
+    return None
 
 
 def receivers(builder: LogBuilder) -> list[Gnss]:
@@ -167,8 +197,8 @@ def attitudes(builder: LogBuilder) -> dict[str, Attitude]:
     found: dict[str, Attitude] = {}
     for name, table in of_type(builder.messages, IMU):
         q = quaternions(table, "orientation")
-        if not q.any() or float(np.median(table["orientation_covariance"][:, 0])) == -1.0:
-            continue
+        if not np.ptp(q, axis=0).any() or float(np.median(table["orientation_covariance"][:, 0])) == -1.0:
+            continue  # unset and the identity are no attitude either
         ned = rotation.multiply(rotation.multiply(NED_OF_ENU, q), FLU_OF_FRD)
         ned[~np.any(q != 0.0, axis=1)] = 0.0
         attitude = builder.attitude(stamps(table), ned, name)
