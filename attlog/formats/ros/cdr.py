@@ -168,9 +168,9 @@ def table(name: str, types: dict[str, Any], kind: str, messages: Sequence[bytes]
 
     def decode(column: str, rows: NDArray[Any]) -> NDArray[Any]:
         if column == RECORDER:
-            return stamps[rows]
+            return np.asarray(stamps[rows])
         whole = [part.layout.column(part.rows, column) for part in parts]
-        return whole[0][rows] if len(parts) == 1 else np.concatenate(whole)[order][rows]
+        return np.asarray(whole[0][rows] if len(parts) == 1 else np.concatenate(whole)[order][rows])
 
     return Table(name, 0, fields, np.arange(len(index)), decode)
 
@@ -195,7 +195,7 @@ def _parts(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[
             break
         usual = int(np.bincount(sizes[open_]).argmax())
         index = np.flatnonzero(open_ & (sizes == usual))
-        middle = index[len(index) // 2]
+        middle = int(index[len(index) // 2])
         try:
             layout = Layout(types, kind, messages[middle])
         except ValueError as error:

@@ -14,8 +14,8 @@ NEEDS = 'a ROS 2 bag needs mcap and rosbags: pip install mcap rosbags, or pip in
 
 @dataclass(slots=True)
 class BagChannel:
-    """One topic: ``type`` as ``pkg/msg/Name``, its ``definition`` in ``encoding`` (ros2msg, ros2idl, or empty), messages
-    as bytes and when the recorder got them, ns."""
+    """One topic: its ``type`` as ``pkg/msg/Name``, the ``definition`` in ``encoding`` (ros2msg, ros2idl, or empty), the
+    messages as bytes and when the recorder got them, ns."""
 
     topic: str
     type: str

@@ -6,7 +6,7 @@ MCAP = b"\x89MCAP0\r\n"
 SQLITE = b"SQLite format 3\0"
 """rosbag2's older storage."""
 COLUMN = b"serialization_format"
-"""A column of rosbag2's table of topics, whose definition stands on the first page; other programs' databases lack it."""
+"""A column of rosbag2's table of topics; its definition stands on the first page. Other databases lack it."""
 
 
 def is_bag(head: bytes) -> bool:

@@ -1,7 +1,7 @@
 """MCAP files record by record: what is whole is read, whatever is missing behind it.
 
-A record is an opcode (u8), a length (u64) and so many bytes; chunks hold records, packed or not. The index at the end is
-not needed, so that a recorder's power may be cut. Specification: MCAP 0, "mcap.dev/spec".
+A record is an opcode (u8), a length (u64) and so many bytes; chunks hold records, packed or not. The index at the end
+is not needed, so that a recorder's power may be cut. Specification: MCAP 0, "mcap.dev/spec".
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def read(path: Path, data: NDArray[np.uint8], wanted: WANTED) -> Bag:
         raise UsageError(f"{path}: {NEEDS}") from None
     budget = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * len(data)))
     state = _Reading(wanted, budget)
-    whole = memoryview(data).cast("B")
+    whole = data.data.cast("B")
     ended = False
     for at, opcode, body, length in _records(whole, len(MCAP)):
         if opcode == DATA_END and len(body) == length:
@@ -185,7 +185,7 @@ def _open(state: _Reading, channel: Any) -> None:
     kind = "" if schema is None else schema.name
     state.types[channel.topic] = kind
     state.encodings.add(channel.message_encoding or "unnamed messages")
-    ours = channel.message_encoding == "cdr" and schema is not None and state.wanted(channel.topic, kind)
-    text = schema.data.decode("utf-8", "replace") if ours else ""
-    made = BagChannel(channel.topic, kind, text, schema.encoding) if ours else None
-    state.channels[channel.id] = made
+    state.channels[channel.id] = None
+    if channel.message_encoding == "cdr" and schema is not None and state.wanted(channel.topic, kind):
+        text = schema.data.decode("utf-8", "replace")
+        state.channels[channel.id] = BagChannel(channel.topic, kind, text, schema.encoding)
