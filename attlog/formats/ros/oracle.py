@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +33,14 @@ def read(path: Path) -> Columns:
 def _flat(message: Any, prefix: str) -> list[tuple[str, Any]]:
     """The numbers of a message by the names of their fields."""
     found: list[tuple[str, Any]] = []
-    for name in message.__dataclass_fields__:
+    for name in (field.name for field in fields(message)):  # without the constants of its definition
         value = getattr(message, name)
         if name == "__msgtype__" or isinstance(value, str):
             continue
-        if hasattr(value, "__dataclass_fields__"):
+        if is_dataclass(value):
             found += _flat(value, f"{prefix}{name}.")
         elif isinstance(value, list):
+            value = [item for item in value if not isinstance(item, str)]
             found += [pair for k, item in enumerate(value) for pair in _flat(item, f"{prefix}{name}[{k}].")]
         else:
             found.append((prefix + name, value))
