@@ -98,7 +98,8 @@ class Layout:
 
     def _base(self, kind: str, name: str) -> None:
         if kind == "string":
-            self._at += self._length()
+            length = self._length()  # which moves on itself
+            self._at += length
             return
         self._number(np.dtype(self._order + NUMBERS[kind]), name)
 

@@ -61,6 +61,9 @@ def read(path: Path, data: NDArray[np.uint8], wanted: WANTED) -> Bag:
     whole = data.data.cast("B")
     ended = False
     for at, opcode, body, length in _records(whole, len(MCAP)):
+        if opcode in (SCHEMA, CHANNEL) and len(body) == length:  # repeated at the end, should a chunk have lost them
+            _take(state, at, opcode, body)
+    for at, opcode, body, length in _records(whole, len(MCAP)):
         if opcode == DATA_END and len(body) == length:
             ended = True
             break
@@ -71,7 +74,7 @@ def read(path: Path, data: NDArray[np.uint8], wanted: WANTED) -> Bag:
             state.lose(at, len(data) - at, "the last record, which is cut", "not at all")
         if opcode == CHUNKS:
             _chunk(state, at, body, len(body) == length)
-        elif len(body) == length:
+        elif opcode == MESSAGES and len(body) == length:
             _take(state, at, opcode, body)
     if state.encodings and "cdr" not in state.encodings:
         held = ", ".join(sorted(state.encodings))
@@ -157,8 +160,6 @@ def _take(state: _Reading, at: int, opcode: int, body: memoryview) -> None:
             if channel is not None:
                 channel.messages.append(bytes(body[MESSAGE.size :]))
                 channel.times_ns.append(time)
-        return
-    if opcode not in (SCHEMA, CHANNEL):
         return
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import McapError

@@ -33,9 +33,9 @@ def read(path: Path) -> Columns:
 def _flat(message: Any, prefix: str) -> list[tuple[str, Any]]:
     """The numbers of a message by the names of their fields."""
     found: list[tuple[str, Any]] = []
-    for name in (field.name for field in fields(message)):  # without the constants of its definition
+    for name in (field.name for field in fields(message)):
         value = getattr(message, name)
-        if name == "__msgtype__" or isinstance(value, str):
+        if name.isupper() or isinstance(value, str):  # constants of the definition are in capitals
             continue
         if is_dataclass(value):
             found += _flat(value, f"{prefix}{name}.")

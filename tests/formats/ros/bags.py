@@ -77,7 +77,7 @@ def write_mcap(path: Path, messages: Sequence[Message], packed: str = "ZSTD", ch
     """A bag as ros2 bag records it."""
     with path.open("wb") as file:
         writer = encoder.Writer(file, chunk_size=chunk, compression=writing.CompressionType[packed])
-        schemas = {kind: writer.register_msgdef(kind, definition(kind)) for _, kind, _, _ in messages}
+        schemas = {kind: writer.register_msgdef(kind, definition(kind)) for kind in {m[1]: None for m in messages}}
         for topic, kind, ns, values in messages:
             writer.write_message(topic, schemas[kind], values, START_NS + ns, START_NS + ns)
         writer.finish()
