@@ -60,7 +60,7 @@ class SimulationOptions:
         list[str] | None,
         typer.Option(
             "--format",
-            metavar="ulg|bin|tlog",
+            metavar="ulg|bin|tlog|mcap",
             show_default=False,
             help="Write the logs in this format; repeat it for more. [default: ulg]",
         ),
