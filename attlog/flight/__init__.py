@@ -119,6 +119,10 @@ def read_messages(messages: Messages, imu: int | None, mag: int | str | None, sy
         from attlog.flight.px4 import sdlog2
 
         return sdlog2.read(messages, imu, mag)
+    if messages.format == "ros":
+        from attlog.flight.ros import reader as ros
+
+        return ros.read(messages, imu, mag)
     if messages.format in ("tlog", "mavlink"):
         from attlog.flight.mavlink import reader as mavlink
 

@@ -180,6 +180,8 @@ class Attitude:
     step_deg: float = 0.0
     normal: bool = False
     """Whether ``q`` was normalized already: who needs it so takes the array itself, because copies add up."""
+    position: Array | None = None
+    """Where it was (n, 3) m, of a pose in axes of its own."""
     fit: TruthFit | None = None
     """How it came onto the log's clock and axes, of a truth that the user brought."""
 

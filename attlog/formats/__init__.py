@@ -62,6 +62,16 @@ FORMATS = (
         "dataflash.oracle:TEXT",
     ),
     Format(
+        "ros",
+        "ROS 2 bag",
+        ".mcap",
+        "ros.detect:is_bag",
+        "ros.reader:read",
+        "ros.writer:write",
+        "ros.oracle:ORACLE",
+        several_vehicles=True,
+    ),
+    Format(
         "tlog",
         "MAVLink",
         ".tlog",
@@ -116,6 +126,7 @@ WRAPPED = (
     (b"BZh", f"a bzip2 {_UNPACK}"),
     (b"\x28\xb5\x2f\xfd", f"a zstd {_UNPACK}"),
     (b"\x1f\x8b", f"a gzip {_UNPACK}"),
+    (b"#ROSBAG V", "a bag of ROS 1: convert it with rosbags-convert (pip install rosbags) to ROS 2"),
 )
 """How a file begins that may hold a log, and what is to be done with it."""
 

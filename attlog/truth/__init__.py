@@ -98,4 +98,4 @@ def _of_topic(log: FlightLog, topic: str) -> Trajectory:
 
 def _of_attitude(name: str, attitude: Attitude, known_axes: bool) -> Trajectory:
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
-    return replace(trajectory.made(name, t, {"body to earth": attitude.q}), known_axes=known_axes)
+    return replace(trajectory.made(name, t, {"body to earth": attitude.q}, attitude.position), known_axes=known_axes)

@@ -20,7 +20,7 @@ from tests.conftest import SAMPLES
 @pytest.mark.parametrize("entry", formats.FORMATS, ids=lambda entry: entry.name)
 def test_every_entry_names_what_exists(entry: Format) -> None:
     assert not entry.recognises(b"no log at all " * 300)
-    assert entry.load_oracle().library in ("pyulog", "pymavlink")
+    assert entry.load_oracle().library in ("pyulog", "pymavlink", "rosbags")
     assert formats.format_named(entry.name) is entry
 
 

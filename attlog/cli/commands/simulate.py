@@ -20,7 +20,7 @@ from attlog.cli.shared.progress import progress
 if TYPE_CHECKING:
     from attlog.simulate.scenario.scenario import Scenario
 
-SUFFIXES = (".ulg", ".bin", ".tlog")
+SUFFIXES = (".ulg", ".bin", ".tlog", ".mcap")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class SimulationOptions:
             "--output",
             metavar="FILE|DIR",
             show_default=False,
-            help="Write to this file (.ulg, .bin, .tlog) or folder; repeat it for several logs of one flight.",
+            help="Write to this file (.ulg, .bin, .tlog, .mcap) or folder; repeat it for several logs of one flight.",
         ),
     ] = None
     seed: Annotated[
@@ -60,7 +60,7 @@ class SimulationOptions:
         list[str] | None,
         typer.Option(
             "--format",
-            metavar="ulg|bin|tlog",
+            metavar="ulg|bin|tlog|mcap",
             show_default=False,
             help="Write the logs in this format; repeat it for more. [default: ulg]",
         ),
@@ -188,14 +188,14 @@ def _files(
     wanted = [f".{kind.removeprefix('.').lower()}" for kind in kinds or ["ulg"]]
     for suffix in wanted:
         if suffix not in SUFFIXES:
-            raise UsageError(f"--format {suffix.removeprefix('.')}: use ulg, bin or tlog")
+            raise UsageError(f"--format {suffix.removeprefix('.')}: use ulg, bin, tlog or mcap")
     if not output:
-        raise UsageError(f"say where to write: -o {name}.ulg (or .bin, .tlog), or -o DIR")
+        raise UsageError(f"say where to write: -o {name}.ulg (or .bin, .tlog, .mcap), or -o DIR")
     output = list(dict.fromkeys(output))
     folders = [path for path in output if os.path.isdir(path) or not path.suffix]
     for path in output:
         if path not in folders and path.suffix.lower() not in SUFFIXES:
-            raise UsageError(f"-o {path}: the suffix names the format: .ulg, .bin or .tlog")
+            raise UsageError(f"-o {path}: the suffix names the format: .ulg, .bin, .tlog or .mcap")
     if seeds is not None and len(folders) < len(output):
         raise UsageError(f"--seeds {seeds} writes several logs: -o must be a folder")
     if kinds and not folders:

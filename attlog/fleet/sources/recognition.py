@@ -8,7 +8,7 @@ from pathlib import Path, PurePath
 from attlog import formats
 from attlog.base.errors import LogUnreadable, NotALog
 
-LOG_SUFFIXES = frozenset((".ulg", ".ulge", ".tlog", ".px4log"))
+LOG_SUFFIXES = frozenset((".ulg", ".ulge", ".tlog", ".px4log", ".mcap", ".db3"))
 """A file of these names was meant as a log even where its content is none; other names serve other things too."""
 
 MAGICS = (b"PK\x03\x04", b"PK\x05\x06")

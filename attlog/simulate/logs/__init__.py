@@ -12,13 +12,13 @@ from attlog.simulate.flight import Flight
 
 
 def recording(flight: Flight, name: str, params: Mapping[str, float | int] | None = None) -> Recording:
-    """The flight as the messages of a format (``ulog``, ``dataflash``, ``tlog``). KeyError for another one.
+    """The flight as the messages of a format (``ulog``, ``dataflash``, ``tlog``, ``ros``). KeyError for another one.
 
     ``params`` are parameters that the log tells instead of, or beside, those that the flight had.
     """
-    from attlog.simulate.logs import ardupilot, mavlink, px4
+    from attlog.simulate.logs import ardupilot, mavlink, px4, ros
 
-    made = {"ulog": px4.recording, "dataflash": ardupilot.recording, "tlog": mavlink.recording}
+    made = {"ulog": px4.recording, "dataflash": ardupilot.recording, "tlog": mavlink.recording, "ros": ros.recording}
     found = made[name](flight)
     if not params:
         return found

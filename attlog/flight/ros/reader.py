@@ -1,0 +1,241 @@
+"""A bag as a FlightLog. PX4's topics are read as of a ULog; IMU messages of ROS are body forward-left-up, earth
+east-north-up (REP 103, REP 145), stamped by their headers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.base import rotation
+from attlog.flight import inertial, magnetic, receiver
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag, TimeLine
+from attlog.flight.px4 import reader as px4
+from attlog.flight.ros.advice import BagLogging
+from attlog.formats.base import Messages, Table
+
+FLU = np.array([1.0, -1.0, -1.0])
+"""Vectors forward-left-up times this are forward-right-down."""
+HALF = math.sqrt(0.5)
+NED_OF_ENU, FLU_OF_FRD = np.array([0.0, HALF, HALF, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
+INERTIAL = ("sensor_combined", "vehicle_imu", "sensor_gyro")
+POSES = {
+    "geometry_msgs/msg/PoseStamped": ("pose.orientation", "pose.position"),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose.pose.orientation", "pose.pose.position"),
+    "geometry_msgs/msg/TransformStamped": ("transform.rotation", "transform.translation"),
+    "nav_msgs/msg/Odometry": ("pose.pose.orientation", "pose.pose.position"),
+}
+"""Types that hold an attitude and a position which somebody measured or estimated, and where."""
+IMU, FIELD, FIX = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField", "sensor_msgs/msg/NavSatFix"
+STATE, EXTENDED_STATE = "mavros_msgs/msg/State", "mavros_msgs/msg/ExtendedState"
+ON_GROUND = 1
+"""What ``ExtendedState.landed_state`` says of a vehicle at rest; 0 is unknown."""
+VELOCITY = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped")
+FIXED = 3
+"""A 3D fix, of whatever augmentation: what NavSatStatus calls 0 and more."""
+RAW = "raw"
+"""In a topic's name: measured and not yet fused."""
+MOST_SHARE = 0.9
+"""Topics with so many of the records that the largest has are alike in rate."""
+EARTH_T = (1e-5, 2e-4)
+UNITS = {"tesla": 1.0, "microtesla": 1e-6, "gauss": 1e-4, "milligauss times 1000, an error of MAVROS": 1e-10}
+"""REP 145 asks for tesla; drivers write others, which differ by more than the earth's field varies (``EARTH_T``)."""
+OTHER_CLOCK_US = 3_600_000_000
+"""Stamps so far from the recorder's time are of another clock."""
+
+
+def read(messages: Messages, imu: int | None, mag: int | str | None) -> FlightLog:
+    """The flight in a bag; ``imu`` and ``mag`` ask for a unit."""
+    if any((name, 0) in messages.tables for name in INERTIAL):
+        log = px4.read(messages, imu, mag)
+        log.firmware = Firmware("PX4", log.firmware.version, log.firmware.git, log.firmware.board)
+        builder = LogBuilder(messages, t0_us=log.t0_us - _ahead_us(messages))
+    else:
+        builder = LogBuilder(messages)
+        log = _of_sensors(builder, messages, imu, mag)
+    log.poses = poses(builder)
+    log.problems += [p for p in builder.problems if p not in log.problems]
+    return log
+
+
+def _of_sensors(builder: LogBuilder, messages: Messages, imu: int | None, mag: int | str | None) -> FlightLog:
+    """The flight in messages of sensors."""
+    logging = BagLogging()
+    found = builder.attempt("The inertial messages", lambda: candidates(builder), [])
+    chosen = inertial.best_per_unit(builder, found)
+    why = "the topic with most records, raw before fused" if len(chosen) > 1 else "the only one"
+    position = inertial.choose_unit(builder, chosen, 0, why, imu, logging)
+    if chosen:
+        builder.t0_us = int(chosen[0 if position is None else position].t_us[0])
+    log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, Firmware("ROS 2"), "")
+    log.logging = logging
+    log.imus = [inertial.build(builder, c) for c in chosen]
+    log.imu = position
+    flying = None if position is None else log.imus[position]
+    log.mags = builder.attempt("The magnetometer", lambda: magnetometers(builder), [])
+    log.mag = builder.attempt(
+        "The compass", lambda: magnetic.choose(builder, log.mags, flying, 0, "the first one", mag, logging), None
+    )
+    log.gnss = builder.attempt("GNSS", lambda: receivers(builder), [])
+    log.attitudes = builder.attempt("The attitude", lambda: attitudes(builder), {})
+    log.onboard = next(iter(log.attitudes), None)
+    log.armed = builder.attempt("Arming", lambda: state(builder, STATE, "armed", 1), None)
+    log.landed = builder.attempt("Landing", lambda: state(builder, EXTENDED_STATE, "landed_state", ON_GROUND), None)
+    log.problems, log.choices = builder.problems, builder.choices
+    return log
+
+
+def of_type(messages: Messages, *kinds: str) -> list[tuple[str, Table]]:
+    """Topics of these types with their tables: those with most records first, of alike ones the raw data."""
+    types = messages.info.get("types", {})
+    found = [(name, table) for (name, _), table in messages.items() if types.get(name) in kinds and len(table)]
+    most = MOST_SHARE * max((len(table) for _, table in found), default=0)
+    return sorted(found, key=lambda pair: (len(pair[1]) < most, RAW not in pair[0], -len(pair[1]), pair[0]))
+
+
+def stamps(table: Table) -> NDArray[np.int64]:
+    """Header stamps (n,) in us, when the data were measured; where none is set, when they were recorded."""
+    own = table["header.stamp.sec"].astype(np.int64) * 1_000_000 + table["header.stamp.nanosec"] // 1000
+    return np.asarray(own if own.any() else table["log_time_ns"] // 1000, np.int64)
+
+
+def vectors(table: Table, name: str) -> Array:
+    """A vector (n, 3) in forward-right-down."""
+    return np.asarray(columns(table, *(f"{name}.{axis}" for axis in "xyz")) * FLU)
+
+
+def quaternions(table: Table, name: str) -> Array:
+    """Quaternions (n, 4), scalar first, as stored."""
+    return columns(table, *(f"{name}.{axis}" for axis in "wxyz"))
+
+
+def candidates(builder: LogBuilder) -> list[inertial.ImuCandidate]:
+    """Each IMU topic as a unit; of one driver's data before and after fusion the first is taken."""
+    found: list[inertial.ImuCandidate] = []
+    for unit, (name, table) in enumerate(of_type(builder.messages, IMU)):
+        one = inertial.validate(
+            builder,
+            inertial.ImuCandidate(
+                unit,
+                0,
+                stamps(table),
+                vectors(table, "angular_velocity"),
+                vectors(table, "linear_acceleration"),
+                name,
+                "instant",
+            ),
+        )
+        found += [one] if one is not None else []
+    return found
+
+
+def magnetometers(builder: LogBuilder) -> list[Mag]:
+    """Each magnetic topic, in tesla."""
+    found = []
+    for unit, (name, table) in enumerate(of_type(builder.messages, FIELD)):
+        field = vectors(table, "magnetic_field")
+        usual = float(np.median(np.linalg.norm(field, axis=1)))
+        fits = (word for word, factor in UNITS.items() if EARTH_T[0] <= usual * factor <= EARTH_T[1])
+        word = next(fits, "tesla")
+        if word != "tesla":
+            text = f"{name} holds {usual:.3g} where the earth's field is: read as {word}, not as tesla."
+            builder.problem("mag_unit", "warning", text)
+        found.append(magnetic.build(builder, unit, stamps(table), field * UNITS[word], name))
+    return [mag for mag in found if mag is not None]
+
+
+def state(builder: LogBuilder, kind: str, column: str, value: int) -> TimeLine | None:
+    """Whether a state has a value, over time; None where nobody tells it. 0 of landing is unknown."""
+    for name, table in of_type(builder.messages, kind):
+        told = table[column].astype(np.int64)
+        known = told > 0 if kind == EXTENDED_STATE else np.ones(len(told), bool)
+        if known.any():
+            return builder.time_line(stamps(table)[known], (told[known] == value).tolist(), name)
+    return None
+
+
+def receivers(builder: LogBuilder) -> list[Gnss]:
+    """Fixes, with the velocity of a topic beside them."""
+    moving = of_type(builder.messages, *VELOCITY)
+    found = []
+    for unit, (name, table) in enumerate(of_type(builder.messages, FIX)):
+        t_us = stamps(table)
+        velocity = np.full((len(table), 3), np.nan)
+        beside = next((v for n, v in moving if n.rpartition("/")[0] == name.rpartition("/")[0]), None)
+        if beside is not None:
+            velocity = _velocity(t_us, beside)
+        known = table["position_covariance_type"] > 0
+        accuracy = np.where(known[:, None], np.sqrt(np.maximum(table["position_covariance"], 0.0)), np.nan)
+        one = receiver.build(
+            builder,
+            unit,
+            t_us,
+            name,
+            place=columns(table, "latitude", "longitude", "altitude"),
+            velocity=velocity,
+            fix=np.where(table["status.status"].astype(np.int64) >= 0, FIXED, 0),
+            accuracy=(accuracy[:, 0], accuracy[:, 8], np.full(len(table), np.nan)),
+        )
+        found += [one] if one is not None else []
+    return found
+
+
+def _velocity(t_us: NDArray[np.int64], table: Table) -> Array:
+    """Velocities (n, 3) NED at stamps (n,) us, of a topic in east-north-up."""
+    name = "twist.linear" if "twist.linear.x" in table else "twist.twist.linear"
+    enu, at = columns(table, *(f"{name}.{axis}" for axis in "xyz")), stamps(table)
+    return np.column_stack([np.interp(t_us, at, x, np.nan, np.nan) for x in (enu[:, 1], enu[:, 0], -enu[:, 2])])
+
+
+def attitudes(builder: LogBuilder) -> dict[str, Attitude]:
+    """The orientation of each IMU topic that has one (REP 145: its covariance does not begin with -1)."""
+    found: dict[str, Attitude] = {}
+    for name, table in of_type(builder.messages, IMU):
+        q = quaternions(table, "orientation")
+        if not np.ptp(q, axis=0).any() or float(np.median(table["orientation_covariance"][:, 0])) == -1.0:
+            continue  # unset and the identity are no attitude either
+        ned = rotation.multiply(rotation.multiply(NED_OF_ENU, q), FLU_OF_FRD)
+        ned[~np.any(q != 0.0, axis=1)] = 0.0
+        attitude = builder.attitude(stamps(table), ned, name)
+        if attitude is not None:
+            found[name] = attitude
+    return found
+
+
+def poses(builder: LogBuilder) -> dict[str, Attitude]:
+    """Attitudes that others measured or estimated, by topic, in axes of their own."""
+    types = builder.messages.info.get("types", {})
+    found: dict[str, Attitude] = {}
+    for name, table in of_type(builder.messages, *POSES):
+        attitude = builder.attempt(name, partial(_pose, builder, name, table, *POSES[types[name]]), None)
+        if attitude is not None:
+            found[name] = attitude
+    return found
+
+
+def _pose(builder: LogBuilder, name: str, table: Table, orientation: str, position: str) -> Attitude | None:
+    """An attitude with its position, as stored."""
+    t_us = stamps(table)
+    attitude = builder.attitude(t_us, quaternions(table, orientation), name)
+    if attitude is None:
+        return None
+    t, p = builder.seconds(t_us), columns(table, *(f"{position}.{axis}" for axis in "xyz"))
+    order = np.argsort(t, kind="stable")
+    return replace(attitude, position=np.column_stack([np.interp(attitude.t, t[order], x[order]) for x in p.T]))
+
+
+def _ahead_us(messages: Messages) -> int:
+    """How far the autopilot's clock is ahead of the recorder's in us: of its fastest topic, the median.
+
+    Poses are stamped by the companion's clock; messages need some ms from there to here, which the rates tell later.
+    """
+    for name in INERTIAL:
+        table = messages.tables.get((name, 0))
+        if table is not None and len(table):
+            return int(np.median(table["timestamp"].astype(np.int64) - table["log_time_ns"] // 1000))
+    return 0

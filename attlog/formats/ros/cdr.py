@@ -1,0 +1,211 @@
+"""Messages of ROS 2 as columns: where in their bytes every number lies, once for all messages of a topic.
+
+OMG's Common Data Representation (XCDR1): 4 bytes that tell the byte order, then the fields in order, numbers aligned to
+their own size, texts and sequences after their length. Messages of one topic mostly have equal lengths in all these
+places: then a field lies in the same place in each, and is a column of one array of bytes. Others make arrays of their
+own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.base.limits import MAX_FIELDS, MAX_LAYOUTS, MAX_NESTING
+from attlog.formats.base import Field, Table
+
+NUMBERS = {
+    "bool": "u1",
+    "byte": "u1",
+    "octet": "u1",
+    "char": "u1",
+    "uint8": "u1",
+    "int8": "i1",
+    "uint16": "u2",
+    "int16": "i2",
+    "uint32": "u4",
+    "int32": "i4",
+    "uint64": "u8",
+    "int64": "i8",
+    "float32": "f4",
+    "float64": "f8",
+}
+BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
+"""Kinds of nodes of rosbags' parsed definitions."""
+HEAD = 4
+PLAIN = (0, 1, 6, 7)
+"""Second bytes of messages without tags beside the fields: XCDR 1 and 2, big and little endian."""
+MOST_ELEMENTS = 4096
+"""Longer sequences are pictures and clouds."""
+RECORDER = "log_time_ns"
+"""The column that says when the recorder got a message."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A field that lies ``at`` bytes from the start of each message, as ``dtype`` (of an array: with its shape)."""
+
+    name: str
+    at: int
+    dtype: np.dtype[Any]
+
+
+class Layout:
+    """Where the fields of one message lie; ``lengths`` are the places (uint32) that must be the same in others.
+
+    ValueError for a message that ends early or holds what is not decoded.
+    """
+
+    def __init__(self, types: dict[str, Any], kind: str, message: bytes) -> None:
+        self.places: dict[str, Place] = {}
+        self.lengths: list[tuple[int, int]] = []
+        self._nodes = self._depth = 0
+        self._types, self._message = types, message
+        if len(message) < HEAD or message[0] != 0 or message[1] not in PLAIN:
+            raise ValueError("it does not begin as plain CDR")
+        self._order = "<" if message[1] & 1 else ">"
+        self._most = 8 if message[1] < 6 else 4  # XCDR2 aligns to 4 at most
+        self._at = HEAD
+        self._message_of(kind, "")
+        if self._at > len(message):
+            raise ValueError(f"{len(message)} bytes are too few for {kind}")
+
+    def _message_of(self, kind: str, prefix: str) -> None:
+        self._depth += 1
+        if self._depth > MAX_NESTING:
+            raise ValueError(f"{kind} is nested too deeply")
+        for name, node in self._types[kind][1]:
+            self._node(node, prefix + name)
+        self._depth -= 1
+
+    def _node(self, node: tuple[Any, Any], name: str) -> None:
+        of, what = int(node[0]), node[1]
+        self._nodes += 1
+        if self._nodes > MAX_FIELDS:
+            raise ValueError(f"it has more than {MAX_FIELDS} fields")
+        if of == NAME:
+            self._message_of(what, f"{name}.")
+        elif of == BASE:
+            self._base(what[0], name)
+        elif of == ARRAY:
+            self._elements(what[0], what[1], name)
+        else:
+            self._elements(what[0], self._length(), name)
+
+    def _base(self, kind: str, name: str) -> None:
+        if kind == "string":
+            length = self._length()  # which moves on itself
+            self._at += length
+            return
+        self._number(np.dtype(self._order + NUMBERS[kind]), name)
+
+    def _elements(self, of: tuple[Any, Any], count: int, name: str) -> None:
+        if count > MOST_ELEMENTS:
+            raise ValueError(f"{name} has {count} elements")
+        if int(of[0]) == BASE and of[1][0] != "string":
+            if count:
+                self._number(np.dtype(self._order + NUMBERS[of[1][0]]), name, count)
+            return
+        for k in range(count):
+            self._node(of, f"{name}[{k}]")
+
+    def _number(self, dtype: np.dtype[Any], name: str, count: int = 0) -> None:
+        self._align(dtype.itemsize)
+        whole = np.dtype((dtype, (count,))) if count else dtype
+        self.places[name] = Place(name, self._at, whole)
+        self._at += whole.itemsize
+
+    def _length(self) -> int:
+        self._align(4)
+        if self._at + 4 > len(self._message):
+            raise ValueError("the message ends early")
+        length = int(np.frombuffer(self._message, self._order + "u4", 1, self._at)[0])
+        self.lengths.append((self._at, length))
+        self._at += 4
+        return length
+
+    def _align(self, size: int) -> None:
+        size = min(size, self._most)
+        self._at += -(self._at - HEAD) % size
+
+    def fields(self) -> dict[str, np.dtype[Any]]:
+        """Name and type of each number, in the machine's byte order."""
+        return {name: place.dtype.newbyteorder("=") for name, place in self.places.items()}
+
+    def column(self, rows: NDArray[np.uint8], name: str) -> NDArray[Any]:
+        """A field of messages (n, size) of this layout, in the machine's byte order."""
+        place = self.places[name]
+        part = np.ascontiguousarray(rows[:, place.at : place.at + place.dtype.itemsize])
+        flat = part.view(place.dtype.base)
+        values = flat.reshape(len(rows), *place.dtype.shape) if place.dtype.shape else flat[:, 0]
+        return np.asarray(values.astype(values.dtype.newbyteorder("=")))
+
+    def fits(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Which messages (n, size) have the same lengths in the same places."""
+        same = np.ones(len(rows), bool)
+        for at, length in self.lengths:
+            seen = np.ascontiguousarray(rows[:, at : at + 4]).view(self._order + "u4")[:, 0]
+            same &= seen == length
+        return same
+
+
+def table(name: str, types: dict[str, Any], kind: str, messages: Sequence[bytes], times_ns: Sequence[int]) -> Table:
+    """Messages of one topic as a table; those that cannot be decoded are left out.
+
+    Column ``log_time_ns`` is when the recorder got them. ValueError where nothing can be decoded.
+    """
+    parts = _parts(types, kind, messages)
+    stored = parts[0].layout.fields()
+    parts = [part for part in parts if part.layout.fields() == stored]
+    index = np.concatenate([part.index for part in parts])
+    order = np.argsort(index, kind="stable")
+    stamps = np.asarray(times_ns, np.int64)[index[order]]
+    fields = {column: Field(column, dtype) for column, dtype in stored.items()}
+    fields[RECORDER] = Field(RECORDER, stamps.dtype)
+
+    def decode(column: str, rows: NDArray[Any]) -> NDArray[Any]:
+        if column == RECORDER:
+            return np.asarray(stamps[rows])
+        whole = [part.layout.column(part.rows, column) for part in parts]
+        return np.asarray(whole[0][rows] if len(parts) == 1 else np.concatenate(whole)[order][rows])
+
+    return Table(name, 0, fields, np.arange(len(index)), decode)
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Messages of one layout: their places among all, (n,), and bytes, (n, size)."""
+
+    layout: Layout
+    index: NDArray[np.int64]
+    rows: NDArray[np.uint8]
+
+
+def _parts(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[_Part]:
+    """The messages by layout, most first. ValueError with the reason where none can be decoded."""
+    sizes = np.array([len(message) for message in messages])
+    open_ = np.ones(len(messages), bool)
+    parts: list[_Part] = []
+    reason = "no messages"
+    for _ in range(MAX_LAYOUTS):
+        if not open_.any():
+            break
+        usual = int(np.bincount(sizes[open_]).argmax())
+        index = np.flatnonzero(open_ & (sizes == usual))
+        middle = int(index[len(index) // 2])
+        try:
+            layout = Layout(types, kind, messages[middle])
+        except ValueError as error:
+            open_[middle], reason = False, str(error)
+            continue
+        rows = np.frombuffer(b"".join([messages[i] for i in index]), np.uint8).reshape(len(index), usual)
+        same = layout.fits(rows)
+        parts.append(_Part(layout, index[same], rows[same]))
+        open_[index[same]] = False
+    if not parts:
+        raise ValueError(reason)
+    return sorted(parts, key=lambda part: -len(part.index))
