@@ -202,7 +202,7 @@ def _parts(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[
         except ValueError as error:
             open_[middle], reason = False, str(error)
             continue
-        rows = np.frombuffer(b"".join([messages[i] for i in index]), np.uint8).reshape(len(index), usual)
+        rows = np.frombuffer(b"".join([messages[i] for i in index.tolist()]), np.uint8).reshape(len(index), usual)
         same = layout.fits(rows)
         parts.append(_Part(layout, index[same], rows[same]))
         open_[index[same]] = False

@@ -139,7 +139,7 @@ def test_values_and_parameters_are_taken_from_the_command_line(attlog, tmp_path)
         (("-o", "x.ulg"), 2, "name a scenario"),
         (("static", "-o", "x.csv"), 2, "x.csv: the suffix names the format"),
         (("static", "-o", "x.ulg", "--format", "bin"), 2, "--format is for a folder"),
-        (("static", "-o", "folder", "--format", "csv"), 2, "use ulg, bin or tlog"),
+        (("static", "-o", "folder", "--format", "csv"), 2, "use ulg, bin, tlog or mcap"),
         (("static", "-o", "x.ulg", "--seeds", "1..3"), 2, "-o must be a folder"),
         (("static", "-o", "folder", "--seeds", "3..1"), 2, "no range"),
         (("static", "-o", "folder", "--seeds", "a"), 2, "whole numbers"),
