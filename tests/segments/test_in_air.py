@@ -216,3 +216,16 @@ def test_motors_that_spin_up_have_not_lifted_off_where_no_height_tells():
     log.throttle.x[(t > 5.0) & (t < 9.0)] = 0.27
     ((begin, _),) = found_in(log).spans
     assert begin == pytest.approx(9.0, abs=0.6)
+
+
+def test_nothing_is_known_of_flight_where_neither_power_nor_arming_is_told():
+    """A bag of a companion computer's sensors: heights alone do not tell a flight from stairs."""
+    t = np.arange(0.0, 40.0, 0.01)
+    force = np.tile([0.0, 0.0, -9.8], (len(t), 1))
+    log = imu_log(t, np.zeros((len(t), 3)), force)
+    log.attitudes = {"ATT": Attitude(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), "ATT")}
+    log.onboard, log.armed, log.throttle = "ATT", None, None
+    log.baro = [Stream(t, np.clip(t - 10.0, 0.0, 5.0)[:, None], "m", "", "BARO")]
+    assert not found_in(log).known
+    log.armed = TimeLine(np.array([0.0]), [True], "ARM")
+    assert found_in(log).known

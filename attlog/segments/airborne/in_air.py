@@ -83,7 +83,8 @@ def find(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list
     edges = [(float(t[a]) if rolls else _liftoff(grid, a, driven), _landing(grid, b)) for a, b in found]
     heights = ", ".join(f"height by {level.source}" for level in levels[:2])
     why = f"driven ({source}) and moving as only the air lets it" + (f", {heights}" if heights else "")
-    known = bool(levels) or (source != "arming" and not grid.slow)
+    tells_drive = source != "arming" or armed is not None  # a bag of sensors alone does not say whether motors ran
+    known = tells_drive and (bool(levels) or (source != "arming" and not grid.slow))
     return InAir(grid, spans.merge(s for s in edges if s[1] > s[0]), driven, power, levels, source, why, known)
 
 
