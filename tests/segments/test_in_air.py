@@ -227,5 +227,5 @@ def test_nothing_is_known_of_flight_where_neither_power_nor_arming_is_told():
     log.onboard, log.armed, log.throttle = "ATT", None, None
     log.baro = [Stream(t, np.clip(t - 10.0, 0.0, 5.0)[:, None], "m", "", "BARO")]
     assert not found_in(log).known
-    log.armed = TimeLine(np.array([0.0]), [True], "ARM")
+    log.throttle = Stream(t, np.full((len(t), 1), 0.5), "", "RCOU")
     assert found_in(log).known
