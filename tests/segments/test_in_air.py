@@ -225,7 +225,7 @@ def test_nothing_is_known_of_flight_where_neither_power_nor_arming_is_told():
     log = imu_log(t, np.zeros((len(t), 3)), force)
     log.attitudes = {"ATT": Attitude(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), "ATT")}
     log.onboard, log.armed, log.throttle = "ATT", None, None
-    log.baro = [Stream(t, np.clip(t - 10.0, 0.0, 5.0)[:, None], "m", "", "BARO")]
+    log.baro = [Stream(t, np.clip(t - 10.0, 0.0, 5.0)[:, None], "m", "NED", "BARO")]
     assert not found_in(log).known
-    log.throttle = Stream(t, np.full((len(t), 1), 0.5), "", "RCOU")
+    log.throttle = Stream(t, np.full((len(t), 1), 0.5), "", "", "RCOU")
     assert found_in(log).known
