@@ -48,6 +48,10 @@ def settings_key(config: Config, deterministic: bool = False) -> str:
     contents = {
         name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files_of(config) if os.path.isfile(name)
     }
+    folder = (config.truth or "").partition(":")[0]
+    if os.path.isdir(folder):  # a truth for each log: which are there, and when they were written
+        found = sorted((e.name, e.stat().st_size, e.stat().st_mtime_ns) for e in os.scandir(folder))
+        contents[folder] = hashlib.sha256(repr(found).encode()).hexdigest()
     told = {"config": config.resolved(), "files": contents, "deterministic": deterministic}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
