@@ -65,6 +65,7 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         "attitude": None if onboard is None else {"source": onboard.source, "rate_hz": onboard.rate},
         "attitudes": sorted(log.attitudes),
         "truth": None if log.truth is None else {"source": log.truth.source, "rate_hz": log.truth.rate},
+        "poses": sorted(log.poses),
         "place": part("The place", lambda: place(log), None),
         "seconds": None
         if segments is None

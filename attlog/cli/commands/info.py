@@ -130,6 +130,8 @@ def _head(log: dict[str, Any], width: int) -> Iterator[TextLine]:
     for what in ("imu", "mag", "attitude", "truth"):
         sensor = log[what]
         found = "none" if sensor is None else f"{sensor['source']} at {sensor['rate_hz']:.1f} Hz"
+        if what == "truth" and log["poses"]:
+            found += f"; --truth takes {', '.join(log['poses'])}"
         reason = log["choices"].get(what, "")
         sensors.append((what, found + (f". {reason.rstrip('.')}." if reason else "")))
     yield from (TextLine(line) for row in columns(sensors, width) for line in row)

@@ -10,15 +10,19 @@ from functools import partial
 
 import numpy as np
 
+from attlog.base import rotation
 from attlog.flight import inertial, magnetic
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import Stamps, on_a_clock
-from attlog.flight.model import Attitude, Firmware, FlightLog
+from attlog.flight.model import Array, Attitude, Firmware, FlightLog
 from attlog.flight.parameters import history as parameters
 from attlog.flight.px4 import imus, mags, state
 from attlog.flight.px4.advice import OtherLogging, Px4Logging
 from attlog.flight.px4.imus import sample_stamps, stamps
 from attlog.formats.base import Messages
+
+POSES = ("vehicle_visual_odometry", "vehicle_mocap_odometry")
+"""Topics with an attitude and a position that others measured."""
 
 
 def is_px4(firmware: Firmware, messages: Messages) -> bool:
@@ -106,10 +110,26 @@ def attitudes(builder: LogBuilder) -> dict[str, Attitude]:
         for i in instances:
             times = switches if name == "vehicle_attitude" else ()
             attitude = builder.attempt(name, partial(attitude_of, builder, name, i, times), None)
+            if attitude is not None and name in POSES:
+                attitude.position = builder.attempt(name, partial(position_of, builder, name, i, attitude), None)
             if attitude is not None:
                 single = name != "estimator_attitude" and i == 0
                 found[name if single else f"{name}.{i}"] = attitude
     return found
+
+
+def position_of(builder: LogBuilder, name: str, instance: int, attitude: Attitude) -> Array | None:
+    """Where a pose was (n, 3) m at the times of its attitude, in axes of its own; None where the topic does not say."""
+    table = builder.messages[name, instance]
+    names = ("position",) if "position" in table else ("x", "y", "z")
+    if not all(column in table for column in names):
+        return None
+    t, x = builder.seconds(stamps(table)), columns(table, *names)
+    order = np.argsort(t, kind="stable")
+    order = order[rotation.finite(x[order])]
+    if len(order) < 2:
+        return None
+    return np.column_stack([np.interp(attitude.t, t[order], axis) for axis in x[order].T])
 
 
 def attitude_of(builder: LogBuilder, name: str, instance: int, switches_us: tuple[int, ...]) -> Attitude | None:

@@ -434,3 +434,20 @@ def test_the_instance_that_flew_is_a_time_line() -> None:
     assert log.lane is not None
     assert log.lane.value == [0, 1]
     assert read({("sensor_combined", 0): combined()}).lane is None
+
+
+@pytest.mark.parametrize("old", [False, True], ids=["position", "x y z"])
+def test_a_pose_of_motion_capture_has_the_position_at_the_times_of_its_attitude(old: bool) -> None:
+    """1 m/s north; every third record has no position, which lies on the line between its neighbours."""
+    n = 60
+    north = np.arange(n) * 0.1
+    place = np.column_stack([north, np.full(n, 2.0), np.full(n, -3.0)]).astype(np.float32)
+    place[1::3] = np.nan
+    named = dict(zip("xyz", place.T, strict=True)) if old else {"position": place}
+    odometry = {"timestamp": micros(n, 10.0), "q": np.tile(np.float32([1, 0, 0, 0]), (n, 1))} | named
+    log = read({("sensor_combined", 0): combined(), ("vehicle_mocap_odometry", 0): odometry})
+    found = log.attitudes["vehicle_mocap_odometry"].position
+    np.testing.assert_allclose(found, np.column_stack([north, np.full(n, 2.0), np.full(n, -3.0)]), atol=1e-5)
+    without = {name: x for name, x in odometry.items() if name not in named}
+    log = read({("sensor_combined", 0): combined(), ("vehicle_mocap_odometry", 0): without})
+    assert log.attitudes["vehicle_mocap_odometry"].position is None
