@@ -114,6 +114,12 @@ def input_delay(case: Case, row: Row) -> float:
     return max(0.0, case.reference.input_delay_s - corrected)
 
 
+def common_s(case: Case) -> float:
+    """What every delay of a log may be off by, s: the usual, and 2 sigma of the clock of a truth that was brought."""
+    fit = case.reference.fit
+    return COMMON_S if fit is None else math.hypot(COMMON_S, 2.0 * fit.offset_sigma_s)
+
+
 def half_width(found: Fit, common: float = COMMON_S) -> float:
     """Half the 95 % interval of a fitted delay, s."""
     shape, moved = PER_SHAPE * found.shape_s, PER_MOVED * found.moved_s
@@ -128,11 +134,12 @@ class LagOnEvents:
     ids: Ids
     numbers: Ids
     input_delay: float
+    common: float = COMMON_S
 
     def __call__(self, ids: Ids) -> Summary:
         """Lag and interval on the events with these ids."""
         found = self.sums.fit(self.numbers[np.isin(self.ids, ids)])
-        lag, half = 1000 * (found.delay - self.input_delay), 1000 * half_width(found)
+        lag, half = 1000 * (found.delay - self.input_delay), 1000 * half_width(found, self.common)
         return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 
 
@@ -197,7 +204,8 @@ def _lag_answer(
     case: Case, row: Row, window: str, found: Fit, events: list[steps.StepEvent], shared: dict[str, Any]
 ) -> Answer:
     delay = input_delay(case, row)
-    lag, half, half_sample = found.delay - delay, half_width(found), 0.5 * sample_step(case, row)
+    common = common_s(case)
+    lag, half, half_sample = found.delay - delay, half_width(found, common), 0.5 * sample_step(case, row)
     detail = shared | {"fitted_ms": 1000 * found.delay, "without_aiding_ms": 1000 * (lag - found.moved_s)}
     answer = functools.partial(
         Answer, detail=detail, each=[float(v) for v in 1000 * (found.each - delay)], taken_out=1000 * delay
@@ -224,7 +232,7 @@ def _lag_answer(
         reason=unranked,
         ranked=unranked is None,
         counts_as_zero_below=1000 * half_sample,
-        units=UnitValues("lag_event", ids, pseudo, LagOnEvents(found.sums, ids, found.events, delay)),
+        units=UnitValues("lag_event", ids, pseudo, LagOnEvents(found.sums, ids, found.events, delay, common)),
     )
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
+from attlog.flight.truth import TruthFit
 from attlog.metrics.steps import lag
 from attlog.segments.model import Segment
 from tests.metrics import flights
@@ -62,6 +63,19 @@ def test_the_input_delay_is_subtracted_once_and_both_numbers_are_told():
     assert told.taken_out == pytest.approx(11.3)
     case.reference.input_delay_shared = True
     assert lag.compute(case, row, "all")["lag_ms"].value == pytest.approx(11.3, abs=0.3)
+
+
+def test_the_clock_of_a_truth_that_was_brought_is_part_of_the_interval_also_of_a_choice_of_events():
+    t, q = motion("steps", 40.0)
+    case, row = step_case(sampled(t, q, 200.0, delay=0.0073), sampled(t, q, 25.0))
+    sure = lag.compute(case, row, "all")["lag_ms"]
+    none = (0.0, 0.0, 0.0)
+    case.reference.fit = TruthFit("m.tum", 1.0, 0.004, 0.0, 1.0, none, none, 0.99, 0.5, 100, 40.0, 0.1, 0.1)
+    unsure = lag.compute(case, row, "all")["lag_ms"]
+    assert unsure.value == pytest.approx(sure.value)
+    added = (unsure.ci95[1] - unsure.value) ** 2 - (sure.ci95[1] - sure.value) ** 2
+    assert np.sqrt(added) == pytest.approx(8.0)
+    assert unsure.units.on(unsure.units.ids).ci95 == pytest.approx(unsure.ci95)
 
 
 def test_a_filter_that_corrects_the_input_delay_is_not_forgiven_it_again():
