@@ -153,7 +153,7 @@ def recognise_bytes(file: BinaryIO) -> str:
 
 
 def write(path: Path | str, recording: Recording) -> None:
-    """Write a log in the format of the path's suffix (``.ulg``, ``.bin``, ``.tlog``), whole or not at all.
+    """Write a log in the format of the path's suffix (``.ulg``, ``.bin``, ``.tlog``, ``.mcap``), whole or not at all.
 
     UsageError for another suffix and for what the format cannot hold, OutputError if the file cannot be written.
     The same recording gives the same bytes.
