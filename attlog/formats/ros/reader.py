@@ -75,7 +75,8 @@ def read(path: Path | str, system: int | None = None, *, data: NDArray[np.uint8]
                 tables[name, 0] = made
     if not tables:
         what = ", ".join(sorted(set(found.types.values()))[:5]) or "no messages"
-        raise LogUnusable(f"{path}: a bag without readable topics of PX4, IMU or pose ({what})")
+        why = next((f"; {r.text}" for r in remarks if r.code == "unreadable_message"), "")
+        raise LogUnusable(f"{path}: a bag without readable topics of PX4, IMU or pose ({what}){why}")
     messages = Messages(path, "ros", len(data), tables, info={"types": found.types}, damage=found.damage)
     messages.damage_bytes = sum(d.length for d in found.damage)
     messages.damage_places, messages.remarks = len(found.damage), remarks
