@@ -79,6 +79,9 @@ def _code() -> int:
     try:
         app()
     except SystemExit as stop:
+        why = getattr(stop.__context__, "format_message", None)  # of Typer's own errors, which it has printed
+        if why is not None and sys.argv[1:]:
+            _tell_ci(why())
         return stop.code if isinstance(stop.code, int) else 0
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -89,8 +92,13 @@ def _code() -> int:
             to_stderr(traceback.format_exc())
         to_stderr(message(error, __version__))
         if isinstance(error, UsageError):
-            from attlog.cli.shared.gates import report_refusal
-
-            report_refusal(str(error), sys.argv[1:])
+            _tell_ci(str(error))
         return exit_code(error)
     return 0
+
+
+def _tell_ci(why: str) -> None:
+    """Say there too why nothing was analysed."""
+    from attlog.cli.shared.gates import report_refusal
+
+    report_refusal(why, sys.argv[1:])

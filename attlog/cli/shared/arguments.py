@@ -200,5 +200,13 @@ class WithGates(WithJson):
 
 
 def command_line() -> str:
-    """The command as it was typed."""
-    return " ".join(["attlog", *sys.argv[1:]])
+    """The command as it was typed, less the place of a private key: results are passed on."""
+    words = sys.argv[1:]
+    if "--" in words:
+        words, behind = words[: words.index("--")], words[words.index("--") :]
+    else:
+        behind = []
+    kept = [
+        w for k, w in enumerate(words) if not w.startswith("--key=") and "--key" not in words[max(k - 1, 0) : k + 1]
+    ]
+    return " ".join(["attlog", *kept, *behind])

@@ -14,6 +14,8 @@ from attlog.base.errors import AttlogError
 from attlog.fleet.records.record import Record, intact, read_record, write_record
 from attlog.fleet.sources.remote import is_url
 from attlog.fleet.sources.source import Source
+from attlog.formats.compression import first_bytes
+from attlog.formats.ulog.encrypted import HEADER, has_key, is_encrypted
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ def content_key(work: Work) -> str:
 def done_before(work: Work) -> Record | None:
     """The record of an earlier run where the log needs no new one: same key, every file as it was written.
 
+    An encrypted log that failed is tried again where there is a private key: it may be another one, or the first.
     A log that was named otherwise then (another path to the same bytes) has its record under its new name.
     """
     record = read_record(work.folder, work.name)
@@ -90,11 +93,14 @@ def done_before(work: Work) -> Record | None:
     content = record.key.partition(":")[0]
     if record.key != key(content, work.settings) or not intact(work.folder, record):
         return None
+    may_open = not record.done and has_key()
     try:
-        if record.stamp and record.stamp == stamp(work.source):
+        if record.stamp and record.stamp == stamp(work.source) and not may_open:
             return _from_before(work, record)
         with work.source.local(work.folder) as log:
-            return _from_before(work, record) if log.sha256 == content else None
+            if log.sha256 != content or (may_open and is_encrypted(first_bytes(log.path, HEADER.size))):
+                return None
+            return _from_before(work, record)
     except AttlogError:
         return None
 

@@ -52,7 +52,7 @@ def decrypted(path: Path, data: Bytes) -> Bytes:
         raise LogUnusable(f"{path}: the header of this encrypted ULog is damaged")
     wrapped, nonce = data[HEADER.size : HEADER.size + key_size].tobytes(), data[begin - nonce_size : begin].tobytes()
     key = _unwrapped(path, Path(named), wrapped)
-    content = data[begin:] if magic == ENCRYPTED else map_bytes(path.with_suffix(".ulgc"))
+    content = data[begin:] if magic == ENCRYPTED else _beside(path)
     from Crypto.Cipher import ChaCha20
 
     try:
@@ -62,6 +62,19 @@ def decrypted(path: Path, data: Bytes) -> Bytes:
     plain = bytearray(len(content))
     cipher.decrypt(content.data, output=plain)
     return np.frombuffer(plain, np.uint8)
+
+
+def has_key() -> bool:
+    """Whether a private key is named."""
+    return bool(os.environ.get(KEY))
+
+
+def _beside(path: Path) -> Bytes:
+    """The log that the key file of an older firmware belongs to."""
+    log = path.with_suffix(".ulgc")
+    if not log.exists():
+        raise LogUnreadable(f"{path}: is the key of an encrypted ULog; put {log.name} beside it, both unpacked")
+    return map_bytes(log)
 
 
 def _unwrapped(path: Path, key_file: Path, wrapped: bytes) -> bytes:
@@ -78,14 +91,16 @@ def _unwrapped(path: Path, key_file: Path, wrapped: bytes) -> bytes:
     try:
         text = key_file.read_bytes()
     except OSError as error:
-        raise LogUnreadable(f"{key_file}: the key cannot be read ({error.strerror or error})") from None
+        raise LogUnreadable(
+            f"{key_file.name} (--key, {KEY}): the key cannot be read ({error.strerror or error})"
+        ) from None
     try:
         private = RSA.import_key(text)
     except (ValueError, IndexError, TypeError):
         locked = " (one with a passphrase has to be unlocked first)" if b"ENCRYPTED" in text else ""
-        raise UsageError(f"{key_file}: no private RSA key in PEM or DER form{locked}") from None
+        raise UsageError(f"{key_file.name}: no private RSA key in PEM or DER form{locked}") from None
     if not private.has_private():
-        raise UsageError(f"{key_file}: is a public key; the log opens with the private one")
+        raise UsageError(f"{key_file.name}: is a public key; the log opens with the private one")
     try:
         return PKCS1_OAEP.new(private, SHA256).decrypt(wrapped)
     except (ValueError, TypeError):

@@ -176,6 +176,20 @@ def test_what_is_wrong_with_gates_and_options_is_told_where_ci_looks(
     assert word in (tmp_path / "s.md").read_text(encoding="utf-8")
 
 
+def test_an_option_that_there_is_not_is_told_where_ci_looks(
+    attlog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = tmp_path / "step"
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(step))
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    done = attlog("batch", LOG, "--gatez", "g.toml", "-o", tmp_path / "out", "--summary")
+    assert done.code == 2
+    assert any(line.startswith("::error ") and "--gatez" in line for line in done.err.splitlines())
+    assert "--gatez" in step.read_text(encoding="utf-8")
+    monkeypatch.delenv("GITHUB_ACTIONS")
+    assert "::error" not in attlog("batch", LOG, "--gatez", "g.toml").err
+
+
 @pytest.mark.slow
 def test_json_lines_stay_json(attlog, gates, tmp_path: Path) -> None:
     args = ("analyze", LOG, SAMPLES / "px4_hover.ulg", *FAST, "-o", tmp_path / "out", "--json", "--gates")

@@ -86,7 +86,7 @@ def test_the_key_file_of_an_older_firmware_leads_to_the_log_beside_it(key: Path,
     (tmp_path / "old.ulgc").write_bytes(stream(PLAIN.read_bytes()))
     same(formats.open(tmp_path / "old.ulgk"), formats.open(PLAIN))
     (tmp_path / "old.ulgc").unlink()
-    with pytest.raises(LogUnreadable, match=r"old\.ulgc"):
+    with pytest.raises(LogUnreadable, match=r"put old\.ulgc beside it"):
         formats.open(tmp_path / "old.ulgk")
 
 
@@ -154,6 +154,7 @@ def test_bytes_that_open_into_nonsense_are_no_log(tmp_path: Path, key: Path) -> 
         formats.open(path)
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_key_before_and_after_it(
     attlog: Any, log: Path, key: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,3 +163,39 @@ def test_the_command_takes_the_key_before_and_after_it(
     assert "px4" in attlog("info", str(log), "--key", str(key)).out.lower()
     monkeypatch.setenv(KEY, "")
     assert attlog("--key", str(key), "info", str(log)).code == 0
+
+
+@pytest.mark.slow
+def test_no_result_and_no_sentence_tells_where_the_key_lies(
+    attlog: Any, log: Path, key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Results and the pages of a batch are passed on."""
+    hidden = tmp_path / "vault"
+    hidden.mkdir()
+    secret = key.rename(hidden / "vehicle.pem")
+    more = ("--estimators", "gyro", "--reference", "onboard", "-q", "-o", tmp_path / "out")
+    for k, words in enumerate([("--key", secret), (f"--key={secret}",)]):
+        monkeypatch.setenv(KEY, "")
+        assert attlog("analyze", log, *words, *more).code == 0, k
+        for suffix in ("html", "json"):
+            assert b"vault" not in (tmp_path / "out" / f"flight.ulge.{suffix}").read_bytes()
+    secret.write_bytes(b"no key at all")
+    with pytest.raises(UsageError) as told:
+        formats.open(log)
+    assert "vehicle.pem" in str(told.value)
+    assert "vault" not in str(told.value)
+
+
+@pytest.mark.slow
+def test_a_batch_that_goes_on_with_a_key_reads_what_was_locked_before(
+    attlog: Any, log: Path, key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It counted them as failed before, and ended with 0."""
+    again = ("batch", log, "--estimators", "gyro", "--reference", "onboard", "--resume", "-o", tmp_path / "out")
+    monkeypatch.setenv(KEY, "")
+    assert attlog(*again).code == 65
+    assert "1 failed before" in attlog(*again).out
+    done = attlog(*again, "--key", key)
+    assert (done.code, "1 report" in done.out) == (0, True)
+    monkeypatch.setenv(KEY, "")
+    assert "1 done before" in attlog(*again).out
