@@ -6,8 +6,11 @@ import csv
 import io
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from attlog import formats
+from attlog.formats import Recording
 from tests.present.made import lag, merged, result, row, tilt
 
 
@@ -104,3 +107,15 @@ def test_columns_that_do_not_fit_are_named(attlog, folder: Path) -> None:
     out = attlog("table", folder / "wide.ulg.json").out.splitlines()
     assert max(map(len, out[:-1])) <= 160
     assert out[-1].startswith("No room for filter")
+
+
+@pytest.mark.slow
+def test_a_result_without_a_replay_is_a_result_too(attlog, tmp_path: Path) -> None:
+    """A bench log with an attitude and no IMU has no filters; the table refused it."""
+    t = np.arange(1_000_000, 31_000_000, 20_000, dtype=np.uint64)
+    q = np.tile(np.float32([1, 0, 0, 0]), (len(t), 1))
+    formats.write(tmp_path / "bench.ulg", Recording({("vehicle_attitude", 0): {"timestamp": t, "q": q}}))
+    assert attlog("analyze", str(tmp_path / "bench.ulg"), "-o", str(tmp_path / "out")).code == 0
+    done = attlog("table", str(tmp_path / "out" / "bench.ulg.json"))
+    assert done.code == 2
+    assert "no log has it" in done.err  # it was called no result of attlog
