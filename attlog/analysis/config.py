@@ -107,6 +107,15 @@ class Config:
         values = _from_json(text, path, options) if text.lstrip().startswith("{") else toml_of(text, path)
         return cls.build(values | options, origin=str(path))
 
+    @property
+    def truth_place(self) -> str:
+        """The file, folder or topic of the truth without its settings; empty without one."""
+        if self.truth is None:
+            return ""
+        from attlog.truth.request import parsed
+
+        return parsed(self.truth).name
+
     def resolved(self) -> dict[str, Any]:
         """Plain values for the result and for TOML; keys that are None are left out."""
         return {name: value for name, value in asdict(self).items() if value is not None}

@@ -22,6 +22,8 @@ P = ParamSpec("P")
 
 BLOCK = 4096
 """Rows per pass: what is made on the way stays in the processor's cache, and costs a long log no memory."""
+ENU, FLU = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
+"""The half turns between east-north-up and north-east-down, and between forward-left-up and forward-right-down."""
 
 
 def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]]:
@@ -195,6 +197,30 @@ def to_matrix(q: ArrayLike) -> Array:
     out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
     out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
     return out
+
+
+def from_matrix(m: Array) -> Array:
+    """The quaternion (4,) of a rotation matrix (3, 3), by the largest of its four components."""
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    k = int(np.argmax([trace, m[0, 0], m[1, 1], m[2, 2]]))
+    if k == 0:
+        q = np.array([1.0 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+    else:
+        i = k - 1
+        j, n = (i + 1) % 3, (i + 2) % 3
+        q = np.empty(4)
+        q[0] = m[n, j] - m[j, n]
+        q[1 + i] = 1.0 + m[i, i] - m[j, j] - m[n, n]
+        q[1 + j] = m[j, i] + m[i, j]
+        q[1 + n] = m[n, i] + m[i, n]
+    return normalize(q)
+
+
+def nearest(b: Array) -> Array:
+    """The rotation matrix R (3, 3) that maximises trace(R^T B): Wahba's problem [Markley1988], with B = sum a b^T the R
+    that turns vectors b onto vectors a (Kabsch1976)."""
+    u, _, v = np.linalg.svd(b)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
 
 
 def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:

@@ -269,6 +269,13 @@ class LogBuilder:
             self.seconds(stamps), unit, source, sampled, np.array(sorted(resets), np.int64), has_trim, step_deg, True
         )
 
+    def positions(self, t_us: Stamps, x: Array, at: Array) -> Array | None:
+        """Positions ``x`` (n, 3) at the times ``at`` (m,) s of an attitude of the same records; None without two."""
+        t = self.seconds(t_us)
+        order = np.argsort(t, kind="stable")
+        order = order[rotation.finite(x[order])]
+        return np.column_stack([np.interp(at, t[order], axis) for axis in x[order].T]) if len(order) > 1 else None
+
     def reset_steps(self, t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int]) -> set[int]:
         """Indices of the steps that resets at the given times made; none where one is known already."""
         found: set[int] = set()

@@ -46,6 +46,7 @@ def logged_rate(t: Array) -> float:
     return float(np.count_nonzero(running(t))) / span if span > 0 else 0.0
 
 
+FIX_3D = 3
 BEGINS_DISARMED_S = 5.0
 """A log that is armed later than this after its start does not wait for arming."""
 
@@ -159,6 +160,14 @@ class Gnss:
     utc_us: NDArray[np.int64] | None = None
     received: Array | None = None
     reception: Reception | None = None
+
+    @property
+    def heading(self) -> Stream | None:
+        """The heading (n, 1) rad of two antennas where it has a 3D fix; None of a receiver without."""
+        if self.yaw is None:
+            return None
+        good = np.isfinite(self.yaw) & np.isfinite(self.t) & (self.fix >= FIX_3D)
+        return Stream(self.t[good], self.yaw[good, None], "rad", "NED", f"dual-antenna yaw of {self.source}")
 
 
 @dataclass(slots=True)

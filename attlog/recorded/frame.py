@@ -21,8 +21,9 @@ from attlog.recorded.columns import AttitudeColumns
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
-EARTH = {"ned": (1.0, 0.0, 0.0, 0.0), "enu": (0.0, 0.5**0.5, 0.5**0.5, 0.0)}
-BODY = {"frd": (1.0, 0.0, 0.0, 0.0), "flu": (0.0, 1.0, 0.0, 0.0)}
+NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
+EARTH = {"ned": NO_TURN, "enu": rotation.ENU}
+BODY = {"frd": NO_TURN, "flu": rotation.FLU}
 """The half turns that lead from these axes to north-east-down and to forward-right-down."""
 INTERVAL_S, MANY = 0.1, 20_000
 AGREES, MOVES_DPS, LEAST = 0.5, (20.0, 8.0, 3.0), 10
@@ -66,7 +67,7 @@ def candidates(table: AttitudeColumns, rows: NDArray[np.int64], asked: str, angl
                     name = f"{body}-{earth}" if inverse else f"{earth}-{body}"
                     if asked in ("auto", name):
                         own = rotation.conjugate(q) if inverse else q
-                        ned = rotation.multiply(rotation.multiply(np.array(turn), own), np.array(half))
+                        ned = rotation.multiply(rotation.multiply(turn, own), half)
                         found.append(FrameCandidate(f"{name}{', ' + unit if unit else ''}", ned))
     return found
 

@@ -124,13 +124,10 @@ def _smooth(t: Array, heading: Array, turning: Array, segment: Index) -> Array:
 def _dual_antenna(log: FlightLog) -> HeadingReference | None:
     """Heading by the first receiver with two antennas."""
     for gnss in log.gnss:
-        if gnss.yaw is None:
-            continue
-        good = np.isfinite(gnss.yaw) & np.isfinite(gnss.t) & (gnss.fix >= 3)
-        if np.count_nonzero(good) >= LEAST:
-            t, yaw = gaps.rising(gnss.t[good], gnss.yaw[good, None])
-            heading = np.degrees(rotation.wrap(yaw[:, 0]))
-            return HeadingReference("gnss_yaw", t, heading, gaps.number(t), f"dual-antenna yaw of {gnss.source}")
+        heading = gnss.heading
+        if heading is not None and len(heading.t) >= LEAST:
+            t, yaw = gaps.rising(heading.t, heading.x)
+            return HeadingReference("gnss_yaw", t, np.degrees(rotation.wrap(yaw[:, 0])), gaps.number(t), heading.source)
     return None
 
 

@@ -6,8 +6,6 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from attlog import formats
 from attlog.base.errors import NotALog, UsageError
 from attlog.flight import read
@@ -22,7 +20,7 @@ __all__ = ["brought", "check"]
 
 EXTERNAL = ("vehicle_mocap_odometry", "vehicle_visual_odometry", "vehicle_vision_attitude")
 """Attitudes of a PX4 log that others measured."""
-DUAL_ANTENNA, FIX_3D, LEAST = "gnss_yaw", 3, 20
+DUAL_ANTENNA, LEAST = "gnss_yaw", 20
 """The heading of a receiver with two antennas, which goes with the smoother's tilt; so many make one."""
 
 
@@ -48,10 +46,10 @@ def brought(log: FlightLog, given: str) -> FlightLog:
 def _dual_antenna(log: FlightLog) -> Stream:
     """The heading of the first receiver with two antennas. UsageError without one."""
     for gnss in log.gnss:
-        if gnss.yaw is not None:
-            t, yaw = gaps.rising(np.where(gnss.fix >= FIX_3D, gnss.t, np.nan), gnss.yaw[:, None])
-            if len(t) >= LEAST:
-                return Stream(t, yaw, "rad", "NED", f"dual-antenna yaw of {gnss.source}")
+        heading = gnss.heading
+        if heading is not None and len(heading.t) >= LEAST:
+            t, yaw = gaps.rising(heading.t, heading.x)
+            return replace(heading, t=t, x=yaw)
     raise UsageError(f"--truth {DUAL_ANTENNA}: no receiver of {log.path.name} tells a heading of two antennas")
 
 

@@ -132,7 +132,7 @@ def levelled(down: Array, within: float = 0.0) -> Array:
         north[(axis + 1) % 3] = 1.0
         turn = np.array([north, np.cross(nearest, north), nearest])
     rest = turn @ down
-    q = from_matrix(turn)
+    q = rotation.from_matrix(turn)
     bend = np.cross(rest, DOWN)
     size = float(np.linalg.norm(bend))
     if size > np.sin(within):
@@ -188,17 +188,3 @@ def velocity_of(t: Array, position: Array | None) -> Array | None:
     ends = [np.column_stack([np.interp(np.clip(t + s, t[0], t[-1]), t, p) for p in position.T]) for s in (-half, half)]
     span = np.clip(t + half, t[0], t[-1]) - np.clip(t - half, t[0], t[-1])
     return np.asarray((ends[1] - ends[0]) / np.maximum(span, 1e-3)[:, None])
-
-
-def from_matrix(m: Array) -> Array:
-    """The quaternion (4,) of a rotation matrix (3, 3): the largest eigenvector of Bar-Itzhack 2000, equation 10."""
-    k = np.array(
-        [
-            [m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], m[1, 2] + m[2, 1]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1]],
-        ]
-    )
-    q = np.linalg.eigh(k)[1][:, -1]
-    return np.asarray(q if q[0] >= 0 else -q)

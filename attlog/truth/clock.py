@@ -114,8 +114,7 @@ def _usual(square: Array) -> NDArray[np.bool_]:
 def _kabsch(own: Array, seen: Array) -> tuple[Array, Array]:
     """The rotation (3, 3) and offset (3,) that take rates ``own`` (n, 3) to ``seen`` (n, 3) with least squares."""
     a, b = own - own.mean(axis=0), seen - seen.mean(axis=0)
-    u, _, v = np.linalg.svd(b.T @ a)
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    turn = rotation.nearest(b.T @ a)
     return turn, seen.mean(axis=0) - turn @ own.mean(axis=0)
 
 
@@ -253,12 +252,12 @@ def _step(
     off = seen - own
     off = off - np.median(off, axis=0)
     # gyro(t + d) = turned own + bias: d x change - (turn x own) - bias = -off
+    x, y, z = own.T
     columns = np.zeros((len(own), 3, 8))
     columns[:, :, 0], columns[:, :, 1] = change, change * along * with_drift
-    columns[:, 0, 3], columns[:, 0, 4] = own[:, 2], -own[:, 1]
-    columns[:, 1, 2], columns[:, 1, 4] = -own[:, 2], own[:, 0]
-    columns[:, 2, 2], columns[:, 2, 3] = own[:, 1], -own[:, 0]
-    columns[:, :, 2:5] *= -1.0
+    columns[:, 0, 3], columns[:, 0, 4] = -z, y
+    columns[:, 1, 2], columns[:, 1, 4] = z, -x
+    columns[:, 2, 2], columns[:, 2, 3] = -y, x
     columns[:, :, 5:] = -np.eye(3)
     size = np.sum(off * off, axis=1)
     weight = _usual(size).astype(np.float64)
@@ -267,9 +266,9 @@ def _step(
     sums = np.add.reduceat(np.einsum("n,nij,ni->nj", weight, columns, -off), edges, axis=0)
     floor = np.diag([1e-6, 1e-6 if with_drift else 1.0, *[1e-9] * 6])
     total, right = squares.sum(axis=0) + floor, sums.sum(axis=0)
-    x = np.linalg.solve(total, right)
+    step = np.linalg.solve(total, right)
     left = np.array([np.linalg.solve(total - m, right - v) for m, v in zip(squares, sums, strict=True)])
     sigma = np.sqrt((JACKKNIFE - 1) / JACKKNIFE * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-    turn = rotation.to_matrix(rotation.from_rotvec(x[2:5])) @ now.turn
-    offset, drift = now.offset + float(x[0]), now.drift + float(x[1])
+    turn = rotation.to_matrix(rotation.from_rotvec(step[2:5])) @ now.turn
+    offset, drift = now.offset + float(step[0]), now.drift + float(step[1])
     return TruthClock(offset, drift, turn, float(sigma[0]), float(sigma[1]), sigma[2:5])

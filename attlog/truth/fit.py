@@ -71,7 +71,7 @@ def aligned(log: FlightLog, trajectory: Trajectory, request: TruthRequest, own_c
     timing, late = found.timing, imu.gyro.delay
     t = trajectory.t + timing.offset + timing.drift * (trajectory.t - found.middle) - late
     inside = (t >= imu.gyro.t_best[0]) & (t <= imu.gyro.t_best[-1])
-    turn = axes.usual(axes.from_matrix(timing.turn), timing.turn_sigma)
+    turn = axes.usual(rotation.from_matrix(timing.turn), timing.turn_sigma)
     t, q = t[inside], rotation.multiply(found.q[inside], rotation.conjugate(turn))  # the IMU's body to its world
     world = _world(log, imu, t, q, trajectory, inside, request.north)
     q = rotation.multiply(world.turn, q)

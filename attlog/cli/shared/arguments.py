@@ -201,12 +201,12 @@ class WithGates(WithJson):
 
 def command_line() -> str:
     """The command as it was typed, less the place of a private key: results are passed on."""
-    words = sys.argv[1:]
-    if "--" in words:
-        words, behind = words[: words.index("--")], words[words.index("--") :]
-    else:
-        behind = []
-    kept = [
-        w for k, w in enumerate(words) if not w.startswith("--key=") and "--key" not in words[max(k - 1, 0) : k + 1]
-    ]
-    return " ".join(["attlog", *kept, *behind])
+    kept, words = ["attlog"], iter(sys.argv[1:])
+    for word in words:
+        if word == "--":
+            kept += [word, *words]
+        elif word == "--key":
+            next(words, None)
+        elif not word.startswith("--key="):
+            kept.append(word)
+    return " ".join(kept)

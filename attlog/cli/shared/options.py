@@ -99,8 +99,6 @@ ConfigFile = Annotated[
         metavar="F.toml|F.json", help="Read settings from a file or an earlier result; options win. [default: none]"
     ),
 ]
-
-
 Boot = Annotated[
     int | None,
     typer.Option(metavar="N", min=0, help="Take this power-up of several, from 0. [default: with most data]"),

@@ -50,7 +50,7 @@ def settings_key(config: Config, deterministic: bool = False) -> str:
     contents = {
         name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files_of(config) if os.path.isfile(name)
     }
-    folder = (config.truth or "").partition(":")[0]
+    folder = config.truth_place
     if os.path.isdir(folder):  # a truth for each log: which are there, and when they were written
         found = sorted((e.name, e.stat().st_size, e.stat().st_mtime_ns) for e in os.scandir(folder))
         contents[folder] = hashlib.sha256(repr(found).encode()).hexdigest()
@@ -61,8 +61,7 @@ def settings_key(config: Config, deterministic: bool = False) -> str:
 def files_of(config: Config) -> list[str]:
     """The files that a configuration names: filters, estimates, parameters, truth; names of filters are no files."""
     named = [item.partition(":")[0].partition("@")[0] for item in config.estimators] + [config.params or ""]
-    named.append((config.truth or "").partition(":")[0])
-    return [name for name in named if Path(name).suffix]
+    return [name for name in [*named, config.truth_place] if Path(name).suffix]
 
 
 def key(content: str, settings: str) -> str:

@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from attlog.base import rotation
 from attlog.flight import inertial, magnetic
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import Stamps, on_a_clock
@@ -124,12 +123,7 @@ def position_of(builder: LogBuilder, name: str, instance: int, attitude: Attitud
     names = ("position",) if "position" in table else ("x", "y", "z")
     if not all(column in table for column in names):
         return None
-    t, x = builder.seconds(stamps(table)), columns(table, *names)
-    order = np.argsort(t, kind="stable")
-    order = order[rotation.finite(x[order])]
-    if len(order) < 2:
-        return None
-    return np.column_stack([np.interp(attitude.t, t[order], axis) for axis in x[order].T])
+    return builder.positions(stamps(table), columns(table, *names), attitude.t)
 
 
 def attitude_of(builder: LogBuilder, name: str, instance: int, switches_us: tuple[int, ...]) -> Attitude | None:

@@ -4,7 +4,6 @@ east-north-up (REP 103, REP 145), stamped by their headers.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import partial
 
@@ -21,8 +20,6 @@ from attlog.formats.base import Messages, Table
 
 FLU = np.array([1.0, -1.0, -1.0])
 """Vectors forward-left-up times this are forward-right-down."""
-HALF = math.sqrt(0.5)
-NED_OF_ENU, FLU_OF_FRD = np.array([0.0, HALF, HALF, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
 INERTIAL = ("sensor_combined", "vehicle_imu", "sensor_gyro")
 POSES = {
     "geometry_msgs/msg/PoseStamped": ("pose.orientation", "pose.position"),
@@ -199,7 +196,7 @@ def attitudes(builder: LogBuilder) -> dict[str, Attitude]:
         q = quaternions(table, "orientation")
         if not np.ptp(q, axis=0).any() or float(np.median(table["orientation_covariance"][:, 0])) == -1.0:
             continue  # unset and the identity are no attitude either
-        ned = rotation.multiply(rotation.multiply(NED_OF_ENU, q), FLU_OF_FRD)
+        ned = rotation.multiply(rotation.multiply(rotation.ENU, q), rotation.FLU)
         ned[~np.any(q != 0.0, axis=1)] = 0.0
         attitude = builder.attitude(stamps(table), ned, name)
         if attitude is not None:
@@ -224,9 +221,8 @@ def _pose(builder: LogBuilder, name: str, table: Table, orientation: str, positi
     attitude = builder.attitude(t_us, quaternions(table, orientation), name)
     if attitude is None:
         return None
-    t, p = builder.seconds(t_us), columns(table, *(f"{position}.{axis}" for axis in "xyz"))
-    order = np.argsort(t, kind="stable")
-    return replace(attitude, position=np.column_stack([np.interp(attitude.t, t[order], x[order]) for x in p.T]))
+    places = columns(table, *(f"{position}.{axis}" for axis in "xyz"))
+    return replace(attitude, position=builder.positions(t_us, places, attitude.t))
 
 
 def _ahead_us(messages: Messages) -> int:

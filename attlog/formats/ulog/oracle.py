@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Messages
+from attlog.formats.compression import first_bytes
 from attlog.formats.mapping import map_bytes
 from attlog.formats.oracle import Columns, Key, Oracle
-from attlog.formats.ulog.encrypted import decrypted, is_encrypted
+from attlog.formats.ulog.encrypted import HEADER, decrypted, is_encrypted
 
 
 def read(path: Path) -> Columns:
     """All topics by name and multi id."""
     from pyulog import ULog
 
-    content = map_bytes(path)
-    if is_encrypted(content[:8].tobytes()):
-        content = decrypted(path, content)
-    log = ULog(io.BytesIO(content.tobytes()))
-    return {(data.name, data.multi_id): dict(data.data) for data in log.data_list}
+    whole: str | io.BytesIO = str(path)
+    if is_encrypted(first_bytes(path, HEADER.size)):
+        whole = io.BytesIO(decrypted(path, map_bytes(path)).tobytes())
+    return {(data.name, data.multi_id): dict(data.data) for data in ULog(whole).data_list}
 
 
 def keys(log: Messages) -> list[Key]:

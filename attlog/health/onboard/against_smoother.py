@@ -109,11 +109,8 @@ def _doubt(error: OnboardError, reference: Reference, failed: set[str]) -> str:
     if reference.kind == "truth":
         return ""
     relevant: tuple[str, ...] = FORCE if error.confirmed else INERTIAL
-    if (
-        not error.confirmed
-        and error.angle == "heading"
-        and reference.quality.get("heading_from") not in ("motion", "brought")
-    ):
+    by_compass = reference.quality.get("heading_from") not in ("motion", "brought")
+    if not error.confirmed and error.angle == "heading" and by_compass:
         relevant = (*relevant, *COMPASS)
     found = [f"`{name}`" for name in relevant if name in failed]
     if not error.confirmed and reference.gyro_jumps:
@@ -125,8 +122,7 @@ def mounted(onboard: Array, own: Array) -> bool:
     """Whether one turn of the sensor in the body explains the tilt (n, 4) of the onboard attitude against ``own``."""
     down = np.array([0.0, 0.0, 1.0])
     a, b = (rotation.rotate_inverse(q, down) for q in (own, onboard))
-    u, _, v = np.linalg.svd(b.T @ a)
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    turn = rotation.nearest(b.T @ a)
     left, whole = (float(np.median(np.sum((b - x) ** 2, axis=1))) for x in (a @ turn.T, a))
     return left < MOUNTED**2 * whole
 

@@ -135,8 +135,7 @@ def mounting(g: Array, a: Array) -> Array:
 
     A sensor that sits askew in the vehicle turns as far as the vehicle does; gravity tells of it.
     """
-    u, _, v = np.linalg.svd(a.T @ g)
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    turn = rotation.nearest(a.T @ g)
     near = np.degrees(np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0))) < MOUNTED_DEG
     return turn if near else np.eye(3)
 

@@ -19,8 +19,6 @@ from attlog.simulate.logs.records import every, micros, since_start
 TOPIC, RATE_HZ = "/mocap/pose", 100.0
 NOISE_DEG, TURNED_DEG = 0.05, 30.0
 """What motion capture adds to each attitude, and how its first axis lies to east."""
-ENU_OF_NED = np.array([0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0])
-FRD_OF_FLU = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 def left_out(topic: str) -> bool:
@@ -35,8 +33,8 @@ def recording(flight: Flight) -> Recording:
     truth = since_start(flight).truth
     k = every(truth.t, RATE_HZ)
     noise = np.radians(NOISE_DEG) * np.random.default_rng(flight.seed).standard_normal((len(k), 3))
-    world = rotation.multiply(rotation.from_rotvec([0.0, 0.0, np.radians(TURNED_DEG)]), ENU_OF_NED)
+    world = rotation.multiply(rotation.from_rotvec([0.0, 0.0, np.radians(TURNED_DEG)]), rotation.ENU)
     body = rotation.multiply(truth.q[k], rotation.from_rotvec(noise))
-    q = rotation.multiply(rotation.multiply(world, body), FRD_OF_FLU)
+    q = rotation.multiply(rotation.multiply(world, body), rotation.FLU)
     messages[TOPIC, 0] = {"timestamp": micros(truth.t[k]), "q": q, "p": rotation.rotate(world, truth.p[k])}
     return replace(made, messages=messages, params=(), texts=(), info={}, layouts={})

@@ -144,28 +144,10 @@ def from_vectors(force: Array, field: Array | None, earth_field: Array | None) -
         east = np.cross(down, np.eye(3)[int(np.argmin(np.abs(down)))])
     east /= np.sqrt(np.sum(east**2))
     north = np.cross(east, down)
-    q = from_matrix(np.array([north, east, down]))
+    q = rotation.from_matrix(np.array([north, east, down]))
     if field is None:
         return rotation.turn_about_down(q, -float(rotation.to_euler(q)[2]))
     return q if earth_field is None else rotation.turn_about_down(q, math.atan2(earth_field[1], earth_field[0]))
-
-
-def from_matrix(R: Array) -> Array:
-    """The quaternion of a rotation matrix, by the largest of its four components."""
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
-    four = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
-    k = int(np.argmax(four))
-    if k == 0:
-        q = np.array([1.0 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    else:
-        i = k - 1
-        j, m = (i + 1) % 3, (i + 2) % 3
-        q = np.empty(4)
-        q[0] = R[m, j] - R[j, m]
-        q[1 + i] = 1.0 + R[i, i] - R[j, j] - R[m, m]
-        q[1 + j] = R[j, i] + R[i, j]
-        q[1 + m] = R[m, i] + R[i, m]
-    return rotation.normalize(q)
 
 
 def _in_motion(inputs: Inputs, tuned: NoiseLevels) -> Array:
@@ -193,16 +175,10 @@ def _in_motion(inputs: Inputs, tuned: NoiseLevels) -> Array:
     if len(fields):
         target = inputs.field
         if target is None:
-            first = rotation.rotate(_wahba(B), np.mean(fields, axis=0))
+            first = rotation.rotate(rotation.from_matrix(rotation.nearest(B)), np.mean(fields, axis=0))
             target = np.array([math.hypot(first[0], first[1]), 0.0, first[2]])
         B += FIELD_WEIGHT * pairs / len(fields) * np.outer(target, np.sum(fields, axis=0))
-    return _wahba(B)
-
-
-def _wahba(B: Array) -> Array:
-    """The rotation that maximises trace(R^T B)."""
-    U, _, Vt = np.linalg.svd(B)
-    return from_matrix(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+    return rotation.from_matrix(rotation.nearest(B))
 
 
 def _pairs(inputs: Inputs, tuned: NoiseLevels, force: RunningMean, end: float) -> tuple[Array, Array]:
