@@ -61,9 +61,9 @@ class TruthRates:
         return TruthRates(self.start[use], self.end[use], self.rate[use])
 
     def shifted(self, offset: float, drift: float = 0.0, middle: float = 0.0) -> TruthRates:
-        """The same on another clock: ``drift`` seconds per second about ``middle``."""
+        """The same on another clock: ``drift`` seconds per second about ``middle``, which changes no rate."""
         start, end = (t + offset + drift * (t - middle) for t in (self.start, self.end))
-        return TruthRates(start, end, self.rate * ((self.end - self.start) / (end - start))[:, None])
+        return TruthRates(start, end, self.rate)
 
     def thinned(self, most: int = MOST) -> TruthRates:
         """At most so many of them."""

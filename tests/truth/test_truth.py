@@ -11,7 +11,7 @@ import pytest
 from attlog import truth
 from attlog.base import rotation
 from attlog.flight import read
-from attlog.flight.model import Attitude, FlightLog
+from attlog.flight.model import Attitude, FlightLog, Gnss
 from tests.reference.flights import attitude_at, flight, imu_log
 from tests.truth.files import BODY, OFFSET, SAME, WORLD, Made, euroc, made, tum
 
@@ -104,6 +104,29 @@ def test_north_of_the_file_is_kept_where_it_is_said_to_have_one(log: FlightLog, 
     assert np.degrees(rotation.total_angle(rotation.error(turned, half))) < 0.1
 
 
+def test_positions_take_motion_out_of_gravity_and_tell_north_by_gnss(tmp_path: Path) -> None:
+    """0.3 m/s^2 northwest all the time tilt the mean force by 1.8 deg; GNSS saw the same way over ground."""
+    log = flight(120.0)
+    push = 0.3 * np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0])
+    at = log.imus[0].acc.t
+    log.imus[0].acc.x += rotation.rotate_inverse(attitude_at(at), push)
+    t = np.arange(0.0, 120.0, 0.2)
+    nothing = np.full(len(t), np.nan)
+    place = np.column_stack([nothing, nothing, nothing])
+    log.gnss = [
+        Gnss(0, t, "GPS", *place.T, t[:, None] * push, *place.T, np.full(len(t), 3, np.int64))  # degrees unknown
+    ]
+    m = made()
+    way = 0.5 * (m.t + OFFSET)[:, None] ** 2 * push
+    found = brought(log, tum(tmp_path, replace(m, p=rotation.rotate(WORLD, way))))
+    assert tilt_deg(found) < 0.3
+    assert found.fit.north == "gnss"
+    assert abs(np.mean(heading_deg(found))) < 0.3
+    log.gnss = []
+    assert brought(log, tum(tmp_path, replace(m, p=rotation.rotate(WORLD, way)))).fit.north == "nobody"
+    assert tilt_deg(brought(log, tum(tmp_path, m))) > 1.0  # neither tells the motion
+
+
 def test_damage_gaps_and_signs_change_nothing(log: FlightLog, tmp_path: Path) -> None:
     m = made(4)
     rng = np.random.default_rng(4)
@@ -129,8 +152,11 @@ def test_noise_is_told(log: FlightLog, tmp_path: Path) -> None:
 def test_a_delay_that_is_known_of_the_gyro_is_not_the_clock_s(tmp_path: Path) -> None:
     late = flight(120.0, gyro_late=0.03)
     late.imus[0].gyro.delay = 0.03
-    fit = brought(late, tum(tmp_path, made())).fit
-    assert abs(fit.offset_s - OFFSET) < 4.0 * fit.offset_sigma_s
+    found = brought(late, tum(tmp_path, made()))
+    assert abs(found.fit.offset_s - OFFSET) < 4.0 * found.fit.offset_sigma_s
+    moving = heading_deg(found)[found.t > 30.0]  # it turns by 23 deg/s: 30 ms are 0.7 deg
+    still = heading_deg(found)[found.t < 15.0]
+    assert abs(np.mean(moving) - np.mean(still)) < 0.1
 
 
 def test_samples_beyond_the_log_are_dropped(log: FlightLog, tmp_path: Path) -> None:

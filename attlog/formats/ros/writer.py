@@ -61,7 +61,7 @@ def write(path: Path, recording: Recording) -> None:
     try:
         from mcap.writer import CompressionType, Writer
     except ImportError:
-        raise UsageError(f"{path}: {NEEDS}") from None
+        raise UsageError(NEEDS) from None  # whatever the file is called while it is written
     start_us = recording.checked(CLOCK)
     only("parameters", [p.name for p in recording.params], ())
     only("texts", [t.text for t in recording.texts], ())

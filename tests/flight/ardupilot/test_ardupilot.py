@@ -11,6 +11,7 @@ import pytest
 from pymavlink import DFReader, mavutil
 
 from attlog import flight
+from attlog.base import rotation
 from attlog.flight.ardupilot import reader
 from attlog.flight.clock.utc import gps_time_us
 from attlog.flight.model import FlightLog
@@ -507,3 +508,19 @@ def test_half_throttle_is_a_half_in_every_vehicle(banner: str, column: str, stor
     log = read({("IMU", 0): imu(), ("CTUN", 0): control}, texts=(Text(banner, 6, 9_000_000),))
     assert log.throttle is not None
     np.testing.assert_allclose(log.throttle.x, 0.5, rtol=1e-6)
+
+
+def test_a_pose_by_camera_has_the_time_that_the_vehicle_took_it_to_be_of() -> None:
+    """VISP comes 40 ms late (CTimeMS), by 1 deg more each time; what the vehicle ignored is left out."""
+    n = 50
+    t, roll = micros(n, 10.0), np.arange(n, dtype=np.float32)
+    visp = {"TimeUS": t, "CTimeMS": (t // 1000 - 40).astype(np.uint32), "R": roll}
+    visp |= {"P": np.zeros(n, np.float32), "Y": np.full(n, 90.0, np.float32), "Ign": (roll == 7).astype(np.uint8)}
+    log = reader.read(messages("dataflash", {("IMU", 0): imu(), ("VISP", 0): visp}), None, None)
+    pose = log.poses["VISP"]
+    assert len(pose.t) == n - 1
+    np.testing.assert_allclose(pose.t - pose.t_sample, 0.04, atol=1e-6)
+    euler = np.degrees(rotation.to_euler(pose.q))
+    np.testing.assert_allclose(euler[:, 0], roll[roll != 7], atol=1e-4)
+    np.testing.assert_allclose(euler[:, 2], 90.0, atol=1e-4)
+    assert "VISP" not in log.attitudes
