@@ -168,6 +168,16 @@ def estimate(
     if aids is not None and not isinstance(aids, Aids):
         raise UsageError(f"aids must be attlog.estimators.Aids, not {type(aids).__name__}")
     values = {k: v for k, (v, _) in estimator.resolve(row.preset, given, log=log).items()}
+    if estimator.without_gnss and (aids is None or (aids.velocity is None and aids.position is None)):
+        if "declination" in values:
+            declination = float(values["declination"])
+        other = {"sampling": sampling, "q0": q0, "declination": declination, "dt": dt, "every": every}
+        found = estimate(estimator.without_gnss, t, gyr, acc, mag, **other)  # type: ignore[arg-type]
+        told: dict[str, float | str] = {
+            "aided_by": "gravity" if mag is None else "mag",
+            "model": estimator.without_gnss,
+        }
+        return replace(found, quality=told)
     ours = estimator.origin == "attlog"
     lead = not ours or (estimator.run is None and estimator.vectors_at == "start")
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)

@@ -160,7 +160,8 @@ class Estimator:
     ``from_log(params, info) -> values`` gives the
     filter's own parameters that follow from a log (:class:`LogInfo`); a step whose ``uses``
     names aids takes one argument more (:mod:`attlog.estimators.aids`). Filters with one ``equation``
-    differ in gains and numerics alone. ``process``: the process that runs its functions, which then only stand for
+    differ in gains and numerics alone. ``without_gnss``: the built-in filter that runs in its place where the aids hold
+    no GNSS. ``process``: the process that runs its functions, which then only stand for
     those that are there; None where this one does.
     """
 
@@ -183,6 +184,7 @@ class Estimator:
     vectors_at: VectorsAt = "start"
     from_log: Callable[..., Any] | None = None
     equation: str = ""
+    without_gnss: str = ""
     process: PluginProcess | None = None
 
     @property

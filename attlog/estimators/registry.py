@@ -170,6 +170,7 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
         vectors_at=vectors_at,
         from_log=from_log,
         equation=str(getattr(module, "EQUATION", "")),
+        without_gnss=str(getattr(module, "WITHOUT_GNSS", "")) if origin == "attlog" else "",
     )
     _check_arguments(estimator, where)
     _check_tables(estimator, where)

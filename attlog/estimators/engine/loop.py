@@ -379,7 +379,7 @@ def _whole_segments(
         segment=s.segment,
         skipped=dict(skipped),
         ns_per_update=1e9 * spent / max(len(s.t), 1),
-        causal=estimator.causal,
+        causal=estimator.causal and all(one.causal for one in found),
         quality=max(found, key=lambda e: len(e.q)).quality if found else {},
         no_heading=spans,
     )

@@ -4,14 +4,18 @@
     aids: GNSS velocity and position (delay, lever arm, wander), height, field (I + S) R^T M + b_m, rest (v = 0)
 
 Innovations are gated softly at 2.5 sigma and refused at 30; what is refused for long opens the covariance, and a field
-that does not fit for a while opens the hard iron.
+that does not fit for a while opens the hard iron. Without GNSS it is ``mekf``.
 
-Attitudes are causal: each stands on samples up to its own time (a delayed aid acts when it came, and the gyro carries
-the attitude from there). ``constants=log`` (default): noise levels, delays, prior spreads, scale factors (gyro, soft
-iron) and the antenna's lever arm are constants of the sensors that the smoother finds in the log (of one above 400 s
-in those 400 s that turn most), as a tuned vehicle has them; ``fixed``: the defaults, nothing of the future;
-``calibrated``: also biases, hard iron and declination start where the smoother puts them, which no vehicle knows. Less
-than 30 s of GNSS keeps the defaults.
+Each attitude stands on samples up to its own time (a delayed aid acts when it came, and the gyro carries the attitude
+from there). Noise levels, delays, prior spreads, scale factors (gyro, soft iron) and the antenna's lever arm are
+constants of the sensors. ``constants`` says where they come from:
+
+    past (default)     learnt on the way from what came so far (``navigation/passes/learning.py``)
+    fixed              the defaults, never learnt
+    whole_log          of all of the log, as a tuned vehicle has them: knows what comes
+    whole_log_biases   also biases, hard iron and declination start where the smoother puts them: knows what comes
+
+The last two keep the defaults where GNSS lasts for less than 30 s.
 
 Source: Sola2017 (error state, here with the error in earth axes).
 """
@@ -19,7 +23,8 @@ Source: Sola2017 (error state, here with the error in earth axes).
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,38 +32,39 @@ from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.filters.navigation import attitude, passes
 from attlog.estimators.filters.navigation.layout import BG
-from attlog.estimators.filters.navigation.measured import made_ready
+from attlog.estimators.filters.navigation.measured import Inputs, made_ready
 from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
 
 SOURCE = "Sola2017"
 NEEDS = {"gyro", "acc"}
 USES = {"mag", "gnss", "baro", "at_rest"}
+WITHOUT_GNSS = "mekf"
 STATE = {"q": 4, "bias": 3}
+KNOWN: dict[str, tuple[str, ...]] = {
+    "past": ("soft", "scale", "arm"),
+    "fixed": (),
+    "whole_log": ("soft", "scale", "arm"),
+    "whole_log_biases": tuple(passes.CONSTANTS),
+}
+"""Which constants of the sensors a run begins with, by where they come from."""
+AHEAD = frozenset({"whole_log", "whole_log_biases"})
 PARAMETERS = (
     *PRIORS,
     GATE,
     Parameter(
         "constants",
-        "log",
+        "past",
         "",
         0,
         1,
-        "noise levels, delays and prior spreads: of the whole log, the defaults, or with biases and compass as well",
-        "attlog; fixed looks at nothing to come",
-        ("log", "fixed", "calibrated"),
+        "noise levels, delays, scales: learnt from the past, the defaults, of the whole log, with its biases as well",
+        "attlog; the last two look ahead",
+        tuple(KNOWN),
     ),
 )
 PRESETS: dict[str, dict[str, float | str]] = {
-    "fixed": {"constants": "fixed"},
-    "calibrated": {"constants": "calibrated"},
+    name: {"constants": name} for name in ("fixed", "whole_log", "whole_log_biases")
 }
-BEGUN_WITH: dict[str, tuple[str, ...]] = {
-    "log": ("soft", "scale", "arm"),
-    "fixed": (),
-    "calibrated": tuple(passes.CONSTANTS),
-}
-TOLD_S = 400.0
-"""Of a longer log so much is looked at for the constants, where it turns most (measured: docs/smoother.md)."""
 LEAST_GNSS_S = 30.0
 """Less tells no delay and no noise."""
 MARGIN_S = 0.6
@@ -68,30 +74,51 @@ MARGIN_S = 0.6
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
     """The filtered attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where it has no sample."""
     clock = time.thread_time()
-    fixes, constants = aids.velocity, params["constants"]
-    looks = constants != "fixed" and fixes is not None and fixes.t[-1] - fixes.t[0] >= LEAST_GNSS_S
-    inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=looks)
+    fixes, constants = aids.velocity, str(params["constants"])
+    if constants in AHEAD and (fixes is None or fixes.t[-1] - fixes.t[0] < LEAST_GNSS_S):
+        constants = "fixed"
+    ahead = constants in AHEAD
+    inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=ahead)
     del mag  # a long log's is large, and its means are in the inputs
-    tuned, gate = started(params), float(params["soft_gate"])
-    known = None
-    if looks:
-        solution = passes.solved(passes.telling(inputs, TOLD_S), tuned, gate, spread=False)
-        tuned, known = passes.held(solution.next), solution.begin.x + solution.found.first
-        del solution  # with what its passes stored
-    found, begin, jumps = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])
-    bias = found.bias[attitude.node_before(found, len(t))]
-    horizon = inputs.lag + MARGIN_S + max(tuned.gnss_delay, tuned.mag_delay, 0.0)
-    q = attitude.predicted(inputs, found.q, bias, begin.x[BG : BG + 3], horizon)
+    begun, gate = started(params), float(params["soft_gate"])
+    found = []
+    for a, b in passes.stages(inputs) if constants == "past" else [(0, len(t))]:
+        known = passes.Constants(begun)
+        if ahead:
+            known = passes.told(inputs, begun, gate)
+        elif a > 0:
+            known = passes.learnt(inputs.part(0, a), begun, gate)
+        stage = inputs if b == len(t) else inputs.part(0, b)
+        found.append(filtered(stage, a, known, gate, KNOWN[constants]))
+    told = found[-1].quality | {"constants": constants}
+    if constants == "past":
+        told["constants_learnt"] = float(len(found) - 1)
+    spent = 1e9 * (time.thread_time() - clock) / max(len(t), 1)
+    return replace(joined(found), t=t, quality=told, ns_per_update=spent, causal=not ahead)
+
+
+def filtered(inputs: Inputs, begin: int, known: passes.Constants, gate: float, names: Sequence[str]) -> Estimate:
+    """One run with known constants, those of ``names`` from the start on; its attitudes from sample ``begin`` on."""
+    n = len(inputs.t)
+    found, start, jumps = passes.causal(inputs, known.levels, gate, known.state, names)
+    bias = found.bias[attitude.node_before(found, n)]
+    horizon = inputs.lag + MARGIN_S + max(known.levels.gnss_delay, known.levels.mag_delay, 0.0)
+    q = attitude.predicted(inputs, found.q, bias, start.x[BG : BG + 3], horizon)
     found.q, found.bias = found.q[:0].copy(), found.bias[:0].copy()  # in long logs copies add up
     tilt, heading = attitude.sigmas(inputs, found, found.variance)
-    told = attitude.quality(inputs, found, tuned, tilt, heading)
+    told = attitude.quality(inputs, found, known.levels, tilt[begin:], heading[begin:])
     told |= attitude.quality_of_jumps(jumps)
-    told["constants"] = str(constants) if looks or constants == "fixed" else "fixed"
-    return Estimate(
-        t=t,
-        q=q,
-        bias=bias,
-        aux={"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, len(t))},
-        quality=told,
-        ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1),
-    )
+    aux = {"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, n)}
+    own = slice(begin, n)
+    return Estimate(inputs.t[own], q[own], bias[own], {name: x[own] for name, x in aux.items()}, quality=told)
+
+
+def joined(stages: Sequence[Estimate]) -> Estimate:
+    """The parts of a run end to end; what an aid said is missing where it was not there yet."""
+    if len(stages) == 1:
+        return stages[0]
+    names = dict.fromkeys(name for one in stages for name in one.aux)
+    aux = {n: np.concatenate([one.aux.get(n, np.full(len(one.t), np.nan)) for one in stages]) for n in names}
+    biases = [one.bias for one in stages if one.bias is not None]
+    q = np.concatenate([one.q for one in stages])
+    return replace(stages[-1], q=q, bias=np.concatenate(biases), aux=aux)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from attlog.estimators import Measurements, estimate
-from attlog.estimators.filters import eskf
 from attlog.estimators.filters.navigation.attitude import refusal
 from attlog.estimators.filters.navigation.measured import made_ready
-from attlog.estimators.filters.navigation.passes import telling
+from attlog.estimators.filters.navigation.passes import learning
+from attlog.estimators.filters.navigation.passes.learning import telling
 from attlog.testing import still, swing
 from tests.conftest import few
 from tests.estimators.filters.navigation.made import flight, off, without
@@ -106,8 +106,9 @@ def test_the_filter_is_as_good_as_it_says():
 def test_it_works_with_what_there_is_and_says_so(name, gone, aided):
     made = flight(seconds=60.0)
     e = estimate(name, *made.motion.sensors, aids=without(made.aids, *gone))
-    # Without GNSS the smoother is the inertial one, which uses no barometer.
-    assert e.quality["aided_by"] == ("mag rest" if (name, aided[:4]) == ("smoother", "baro") else aided)
+    # Without GNSS both are the inertial model, which uses no barometer.
+    inertial = {"eskf": "mag", "smoother": "mag rest"}
+    assert e.quality["aided_by"] == (inertial[name] if aided.startswith("baro") else aided)
     tilt, heading = (np.degrees(np.sqrt(np.mean(x[1500:] ** 2))) for x in off(e.q, made.motion.q))
     assert tilt < (1.0 if "gnss" in aided or "position" in aided else 3.0)
     assert heading < (2.0 if "gnss" in aided else 4.0)
@@ -172,13 +173,22 @@ def test_a_low_pass_ahead_of_the_logger_is_taken_out():
     assert np.degrees(off(late.q[3000:-2], plain.q[3002:])[0]).max() < 0.1
 
 
-def test_a_fixed_filter_does_not_see_what_comes():
+@pytest.mark.parametrize("spec", ["eskf@fixed", "eskf"])
+def test_a_causal_filter_does_not_see_what_comes(spec: str) -> None:
+    """Cut in the middle of a stage, and with another flight behind it: the attitudes before stay to the bit."""
     made = flight(seconds=60.0)
     m, half = made.motion, 3500
     end = float(m.t[half - 1])
-    whole = estimate("eskf@fixed", *m.sensors, aids=made.aids)
-    part = estimate("eskf@fixed", *m.part(slice(0, half)).sensors, aids=made.aids.between(0.0, end))
+    whole = estimate(spec, *m.sensors, aids=made.aids)
+    part = estimate(spec, *m.part(slice(0, half)).sensors, aids=made.aids.between(0.0, end))
     assert np.array_equal(whole.q[:half], part.q)
+    assert whole.causal
+
+
+@pytest.mark.parametrize("preset", ["whole_log", "whole_log_biases"])
+def test_constants_of_the_whole_log_are_told_to_look_ahead(preset: str) -> None:
+    made = flight(seconds=60.0)
+    assert not estimate(f"eskf@{preset}", *made.motion.sensors, aids=made.aids).causal
 
 
 def test_a_magnetic_fault_in_flight_is_learnt_as_an_offset():
@@ -247,9 +257,9 @@ def test_constants_of_a_long_run_are_found_where_it_moves_most(monkeypatch: pyte
     assert part.velocity is not None
     assert part.velocity.t[0] >= part.sensed_at[0]
     assert part.velocity.t[-1] <= part.sensed_at[-1]
-    whole = estimate("eskf", *made.motion.sensors, aids=made.aids)
-    monkeypatch.setattr(eskf, "TOLD_S", 100.0)
-    short = estimate("eskf", *made.motion.sensors, aids=made.aids)
+    whole = estimate("eskf@whole_log", *made.motion.sensors, aids=made.aids)
+    monkeypatch.setattr(learning, "TOLD_S", 100.0)
+    short = estimate("eskf@whole_log", *made.motion.sensors, aids=made.aids)
     assert not np.array_equal(whole.q, short.q)
     tilt, heading = off(short.q, whole.q)
     assert np.degrees(np.abs(tilt)).max() < 0.1

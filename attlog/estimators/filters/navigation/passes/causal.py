@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,10 +16,6 @@ from attlog.estimators.filters.navigation.settings import NoiseLevels
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState
 
-GRID_S = 15.0
-FASTEST, FIXES_S = 1.0, 2.0
-"""A rate in rad/s, the mean between two fixes, and the longest time between these that counts."""
-
 CONSTANTS = {
     "acc_bias": (BA, 3, 0.01),
     "hard": (HARD, 3, 1e-3),
@@ -30,29 +25,6 @@ CONSTANTS = {
     "arm": (ARM, 3, 0.01),
 }
 """Constants of the sensors: their rows and how sure the whole log is of them."""
-
-
-def telling(inputs: Inputs, longest: float) -> Inputs:
-    """What constants are found in: all of a run, or of a longer one the ``longest`` s with fixes that turn most.
-
-    Who accelerates has to turn before: without that nothing shows a delay, and without turns nothing soft iron. Rest
-    and what lacks fixes count nothing, and no rate counts more than FASTEST, else a blow would win.
-    """
-    t, fixes = inputs.sensed_at, inputs.velocity
-    if fixes is None or t[-1] - t[0] <= longest:
-        return inputs
-    at = np.clip(np.searchsorted(t, fixes.t), 0, len(t) - 1)
-    turned = np.cumsum(inputs.gyr * inputs.dt[:, None], axis=0)[at]
-    seconds = np.diff(t[at])
-    moving = (seconds > 0.0) & (seconds < FIXES_S) & (inputs.rest[at[1:]] == 0)
-    square = np.sum(np.diff(turned, axis=0) ** 2, axis=1) / np.where(moving, seconds, 1.0) ** 2
-    told = np.cumsum(np.where(moving, np.minimum(square, FASTEST**2) * seconds, 0.0))
-    told = np.concatenate([[0.0, 0.0], told])
-    begins = np.arange(t[0], t[-1] - longest + GRID_S, GRID_S)
-    seen = told[np.searchsorted(fixes.t, begins + longest)] - told[np.searchsorted(fixes.t, begins)]
-    begin = float(begins[np.argmax(seen)])
-    a, b = np.searchsorted(t, [begin, begin + longest])
-    return inputs.part(int(a), int(b))
 
 
 def causal(
@@ -69,12 +41,6 @@ def causal(
     found, jumps = online.filtered(runner, schedule, begin, tuned.packed(inputs.gravity, gate))
     found.schedule = schedule.nodes()
     return found, begin, jumps
-
-
-def held(tuned: NoiseLevels) -> NoiseLevels:
-    """Delays that were found are held within 10 and 5 ms."""
-    prior = replace(tuned.prior, gnss_delay=0.010, mag_delay=0.005)
-    return replace(tuned, prior=prior)
 
 
 def _begun_with(begin: StartState, smoothed: Array, constants: Collection[str]) -> StartState:
