@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from attlog.base import earth
 from attlog.estimators import Aids, LogFacts, LogInfo, Measurements
 from attlog.estimators.aids import LONGEST_LAG_S
-from attlog.flight.model import FlightLog, Gnss, Imu, Stream
+from attlog.flight.model import FlightLog, Gnss, Imu, Mag, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments import spans
 from attlog.segments.model import Segments
@@ -89,6 +89,12 @@ def aids_of(
         lag=(0.0, 0.0) if imu is None else (_lag(imu.gyro), _lag(imu.acc)),
         impact=min((s.t0 for s in segments.of("impact")), default=None),
     )
+
+
+def field_of(mag: Mag) -> Measurements | None:
+    """A magnetometer at its own times; None where it tells nothing."""
+    whole = np.isfinite(mag.field.x).all(axis=1)
+    return _measured(mag.field.t_best[whole], mag.field.x[whole])
 
 
 def _lag(stream: Stream) -> float:

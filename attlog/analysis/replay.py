@@ -223,6 +223,8 @@ def replayed(
     uses_mag = mag is not None and "mag" in spec.estimator.uses
     resolved = spec.resolved(told)
     t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
+    if uses_mag and spec.estimator.run is not None and spec.estimator.origin != "attlog":
+        aids = replace(aids, mag=inputs.field_of(mag))
     estimate = estimators.estimate(
         spec,
         t,

@@ -78,7 +78,7 @@ class Measurements:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aids:
-    """Measurements with their own clocks (the one of the IMU's ``t``), None where there are none.
+    """Measurements at their own times (on the clock of the IMU's ``t``), None where there are none.
 
     ``position`` x (n, 3) latitude and longitude in deg, altitude in m, sigma (n, 2) horizontal
     and vertical in m. ``velocity`` x (n, 3) m/s NED, sigma (n,) m/s. ``baro`` x (n,) height in
@@ -87,7 +87,8 @@ class Aids:
     field at the place and date, NED in T. ``lag``: how late in s low-pass filters ahead of the
     logger make gyro and accelerometer. ``sampling``: as in
     :func:`~attlog.estimators.estimate`, which sets it. ``impact``: when in s
-    a flight ended in one; what comes later must not reach back.
+    a flight ended in one; what comes later must not reach back. ``mag`` x (n, 3) any unit, body axes: the
+    magnetometer at its own times, which ``run`` otherwise sees at the first IMU sample from then on.
     UsageError for other shapes.
     """
 
@@ -100,6 +101,7 @@ class Aids:
     lag: tuple[float, float] = (0.0, 0.0)
     sampling: Literal["interval", "instant"] = "interval"
     impact: float | None = None
+    mag: Measurements | None = None
 
     def __post_init__(self) -> None:
         if self.field is not None:
@@ -109,7 +111,8 @@ class Aids:
             object.__setattr__(self, "field", field)
         if len(self.lag) != 2 or not all(0.0 <= s < LONGEST_LAG_S for s in self.lag):
             raise UsageError(f"aids: lag must be two times in s from 0 to {LONGEST_LAG_S}, not {self.lag}")
-        shapes = {"position": ((3,), (2,)), "velocity": ((3,), ()), "baro": ((), ()), "airspeed": ((), ())}
+        three, one = ((3,), ()), ((), ())
+        shapes = {"position": ((3,), (2,)), "velocity": three, "baro": one, "airspeed": one, "mag": three}
         for name, (values, sigmas) in shapes.items():
             m = getattr(self, name)
             if m is None:
@@ -143,6 +146,7 @@ class Aids:
             baro=cut(self.baro),
             airspeed=cut(self.airspeed),
             at_rest=rest,
+            mag=cut(self.mag),
         )
 
     def resting(self, t: Array) -> NDArray[np.int64]:

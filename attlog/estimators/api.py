@@ -13,7 +13,7 @@ from attlog.base.errors import PluginError, UsageError
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Estimate, Estimator, LogFacts
 from attlog.estimators.engine import loop
-from attlog.estimators.engine.samples import Sampling, prepare
+from attlog.estimators.engine.samples import Sampling, place, prepare
 from attlog.estimators.registry import BUILT_IN, get, names
 from attlog.estimators.spelling import cut_by_comma
 
@@ -132,7 +132,7 @@ def estimate(
     ``instant`` where it is the value at its time (ArduPilot). ``q0`` start attitude, else
     from the sensors. ``declination`` deg, positive east. ``dt`` (n,) s: each sample's own
     integration time where known. ``every`` keeps each n-th output. ``aids``: GNSS, barometer,
-    airspeed and times at rest for estimators that use them. ``log``: what a log tells about
+    airspeed and times at rest for estimators that use them; its ``mag`` stands in for a missing ``mag``. ``log``: what a log tells about
     parameters; a preset and ``params`` override it.
 
     The result stands at the input's own good samples; what was left out is counted in
@@ -157,6 +157,8 @@ def estimate(
             aids=aids,
             log=facts,
         )
+    if mag is None and isinstance(aids, Aids) and aids.mag is not None and "mag" in estimator.uses:
+        mag = place(t, aids.mag.t, aids.mag.x)
     for sensor, data in (("acc", acc), ("mag", mag)):
         if sensor in estimator.needs and data is None:
             raise UsageError(f"{estimator.name} needs {sensor}, which was not given")

@@ -24,6 +24,8 @@ from attlog.testing.subject import (
 AXES = ("roll", "pitch", "yaw")
 EXACT = 1e-6
 """Agreement in deg of runs that differ in rounding only."""
+EXACT_RUN, TURNED_RUN = 0.01, 0.5
+"""The same of whole runs: libraries compute in single precision, and correct along one earth axis after the other."""
 
 
 def gives_unit_quaternions(s: Subject) -> None:
@@ -103,16 +105,17 @@ def turns_with_the_earth(s: Subject) -> None:
     """Yaw equivariance: a declination or a start turned about the vertical turns the result by just that."""
     m, angle = flight(20.0), np.deg2rad(40.0)
     if s.uses_mag:
-        _require_turned(s.run(m).q, s.run(m, declination=40.0).q, angle, "a declination of 40 deg")
+        limit = EXACT if s.steps else TURNED_RUN
+        _require_turned(s.run(m).q, s.run(m, declination=40.0).q, angle, "a declination of 40 deg", limit)
     if s.steps and "mag" not in s.estimator.needs:
         plain = estimate(s.row, m.t, m.gyr, m.acc, q0=m.q[0]).q
         turned = estimate(s.row, m.t, m.gyr, m.acc, q0=rotation.turn_about_down(m.q[0], angle)).q
         _require_turned(plain, turned, angle, "a start heading that is 40 deg larger")
 
 
-def _require_turned(plain: Array, turned: Array, angle: float, what: str) -> None:
+def _require_turned(plain: Array, turned: Array, angle: float, what: str, limit: float = EXACT) -> None:
     off = total_deg(turned, rotation.turn_about_down(plain, angle)).max()
-    require(off < EXACT, f"{what} does not turn the result by 40 deg, it is {off:.2g} deg away")
+    require(off < limit, f"{what} does not turn the result by 40 deg, it is {off:.2g} deg away")
 
 
 def takes_the_field_in_any_unit(s: Subject) -> None:
@@ -121,7 +124,7 @@ def takes_the_field_in_any_unit(s: Subject) -> None:
     plain = s.run(m).q
     for unit, factor in (("gauss", 1e4), ("microtesla", 1e6)):
         off = total_deg(estimate(s.row, m.t, m.gyr, m.acc, factor * m.mag).q, plain).max()
-        require(off < EXACT, f"the field in {unit} changes the attitude by {off:.2g} deg")
+        require(off < (EXACT if s.steps else EXACT_RUN), f"the field in {unit} changes the attitude by {off:.2g} deg")
 
 
 def finds_the_gyro_bias(s: Subject) -> None:

@@ -12,6 +12,7 @@ import functools
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -20,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
-from attlog.estimators.aids import Aids
+from attlog.estimators.aids import Aids, Measurements
 from attlog.estimators.base import Array, Estimate, Estimator
 from attlog.estimators.engine import SOURCES
 from attlog.estimators.engine.events import events
@@ -357,7 +358,10 @@ def _whole_segments(
             if estimator.origin != "attlog":  # it may write to its inputs; the times go with its result
                 own = [x.copy() for x in own]
             begin, gyr, acc, mag = own
-            one = estimator.run(begin, gyr, acc, mag, aids.between(s.t[a], s.t[b - 1]), dict(values))
+            told = aids.between(s.t[a], s.t[b - 1])
+            if estimator.origin != "attlog" and told.mag is None:
+                told = replace(told, mag=_own_samples(s.t[a:b], mag))
+            one = estimator.run(begin, gyr, acc, mag, told, dict(values))
             if estimator.origin != "attlog":
                 one = returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock
@@ -383,3 +387,9 @@ def _whole_segments(
         quality=max(found, key=lambda e: len(e.q)).quality if found else {},
         no_heading=spans,
     )
+
+
+def _own_samples(t: Array, mag: Array) -> Measurements | None:
+    """The new samples of a magnetometer that stands on the IMU's times (n,), NaN rows between; None if there is none."""
+    new = np.isfinite(mag).all(axis=1)
+    return Measurements(t[new], mag[new]) if new.any() else None
