@@ -223,8 +223,6 @@ def replayed(
     uses_mag = mag is not None and "mag" in spec.estimator.uses
     resolved = spec.resolved(told)
     t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
-    if uses_mag and spec.estimator.run is not None and spec.estimator.origin != "attlog":
-        aids = replace(aids, mag=inputs.field_of(mag))
     estimate = estimators.estimate(
         spec,
         t,
@@ -233,7 +231,7 @@ def replayed(
         estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
         sampling=imu.gyro.sampling,
         dt=imu.dt,
-        aids=aids,
+        aids=_with_field(aids, spec.estimator, mag),
         log=told,
     )
     if np.array_equal(estimate.t, t):
@@ -257,6 +255,13 @@ def replayed(
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
     return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
+
+
+def _with_field(aids: estimators.Aids, estimator: estimators.Estimator, mag: Mag | None) -> estimators.Aids:
+    """The aids with the magnetometer at its own times, which whole runs of plug-ins are told."""
+    if mag is None or estimator.run is None or estimator.origin == "attlog" or "mag" not in estimator.uses:
+        return aids
+    return replace(aids, mag=inputs.field_of(mag))
 
 
 def _add_common_bias(row: Row, taken: CommonBias) -> None:
@@ -332,7 +337,7 @@ def batch(
         preset=spec.preset,
         sampling=imu.gyro.sampling,
         dt=imu.dt,
-        aids=aids,
+        aids=_with_field(aids, estimator, mag),
         log=told,
     )
     rows = []

@@ -132,8 +132,8 @@ def estimate(
     ``instant`` where it is the value at its time (ArduPilot). ``q0`` start attitude, else
     from the sensors. ``declination`` deg, positive east. ``dt`` (n,) s: each sample's own
     integration time where known. ``every`` keeps each n-th output. ``aids``: GNSS, barometer,
-    airspeed and times at rest for estimators that use them; its ``mag`` stands in for a missing ``mag``. ``log``: what a log tells about
-    parameters; a preset and ``params`` override it.
+    airspeed and times at rest for estimators that use them; its ``mag`` stands in for a missing ``mag``.
+    ``log``: what a log tells about parameters; a preset and ``params`` override it.
 
     The result stands at the input's own good samples; what was left out is counted in
     ``skipped``. North is magnetic unless ``declination`` is given, and without ``mag`` where the first heading

@@ -33,6 +33,7 @@ NED = np.ones((3, 3))
         (lambda: Aids(velocity=Measurements(T, NED[:, :2])), "velocity needs x (n, 3)"),
         (lambda: Aids(baro=Measurements(T, NED)), "baro needs x (n,)"),
         (lambda: Aids(position=Measurements(T, NED, [1.0, 1.0, 1.0])), "position needs"),
+        (lambda: Aids(mag=Measurements(T, NED[:, :2])), "mag needs x (n, 3)"),
         (lambda: Aids(velocity=(T, NED)), "velocity must be attlog.estimators.Measurements"),
         (lambda: Aids(at_rest=[1.0, 2.0]), "at_rest must be (k, 2)"),
         (lambda: Aids(at_rest=[[3.0, 2.0]]), "must follow each other"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.estimators import Aids, Estimate, estimate
+from attlog.estimators import Aids, Estimate, Measurements, estimate, place
 from attlog.estimators.engine.loop import joined_aux
 from attlog.testing import still
 from tests.conftest import few
@@ -18,10 +18,15 @@ import numpy as np
 from attlog.estimators import Estimate
 SOURCE = "test"
 NEEDS = {"gyro", "acc"}
+USES = {"mag"}
 
 def run(t, gyr, acc, mag, aids, params):
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
-    return Estimate(t=t, q=q, quality={"sampling": aids.sampling, "seconds": float(t[-1] - t[0])})
+    said = {"sampling": aids.sampling, "seconds": float(t[-1] - t[0])}
+    if aids.mag is not None:
+        times = aids.mag.t
+        said |= {"fields": len(times), "first_field": times[0], "on_imu": float(np.isin(times, t).mean())}
+    return Estimate(t=t, q=q, quality=said)
 '''
 
 
@@ -47,12 +52,37 @@ def test_the_longest_segment_speaks_for_the_run(plugin: str) -> None:
 
 @pytest.mark.slow
 def test_what_a_run_says_of_itself_stands_in_the_result(plugin: str, tmp_path: Path) -> None:
-    log = Path(__file__).parents[2] / "sample_logs" / "copter_yaw_turns.bin"
+    log = Path(__file__).parents[2] / "sample_logs" / "px4_steps.ulg"
     result = attlog.analyze(log, {"estimators": [plugin]})
     file = tmp_path / "result.json"
     file.write_text(result.to_json())
     row = next(r for r in attlog.Result.load(file).estimators if r.name == "says")
-    assert row.quality["sampling"] == "instant"
+    assert row.quality["sampling"] == "interval"
+    field = attlog.read(log).mags[0].field
+    assert row.quality["fields"] == pytest.approx(np.unique(field.t_best).size, abs=2)  # not outside the IMU's time
+    assert row.quality["on_imu"] < 0.5  # at the log's own times, not at the IMU's
+
+
+def test_a_magnetometer_comes_at_its_own_times_where_they_are_known(plugin: str) -> None:
+    m = still(2.0)
+    slow = np.full_like(m.mag, np.nan)
+    slow[3::10] = m.mag[3::10]
+    rows = estimate(plugin, m.t, m.gyr, m.acc, slow).quality
+    assert (rows["fields"], rows["first_field"], rows["on_imu"]) == (20, pytest.approx(0.03), 1.0)
+    own = Aids(mag=Measurements(np.arange(0.004, 1.9, 0.1), np.tile(m.mag[0], (19, 1))))
+    for mag in (slow, None):
+        told = estimate(plugin, m.t, m.gyr, m.acc, mag, aids=own).quality
+        assert (told["fields"], told["first_field"], told["on_imu"]) == (19, pytest.approx(0.004), 0.0)
+    assert "fields" not in estimate(plugin, m.t, m.gyr, m.acc).quality
+
+
+def test_the_times_of_a_magnetometer_stand_in_for_its_rows() -> None:
+    """Of a filter that steps, each sample goes to the first IMU sample from its time on."""
+    m = still(2.0, yaw=0.5)
+    times = np.arange(0.004, 1.9, 0.1)
+    field = np.tile(m.mag[0], (19, 1))
+    own = estimate("mekf", m.t, m.gyr, m.acc, aids=Aids(mag=Measurements(times, field)))
+    assert np.array_equal(own.q, estimate("mekf", m.t, m.gyr, m.acc, place(m.t, times, field)).q)
 
 
 def test_what_only_some_segments_tell_is_missing_in_the_others() -> None:

@@ -390,6 +390,6 @@ def _whole_segments(
 
 
 def _own_samples(t: Array, mag: Array) -> Measurements | None:
-    """The new samples of a magnetometer that stands on the IMU's times (n,), NaN rows between; None if there is none."""
+    """The new samples of a magnetometer on the IMU's times (n,), NaN rows between; None if there is none."""
     new = np.isfinite(mag).all(axis=1)
     return Measurements(t[new], mag[new]) if new.any() else None
