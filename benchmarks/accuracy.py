@@ -1,14 +1,17 @@
 """How accurate every estimator is where the truth is known, beside its peers in the same process.
 
     python benchmarks/accuracy.py [--corpus DIR] [--estimators LIST] [--peers vqf,vqf_offline,imufusion,ahrs] [--lag]
+    python benchmarks/accuracy.py --write
 
 Sets below the corpus folder (default $ATTLOG_CORPUS): ``broad/`` (9-axis IMU with optical truth; motion
 phases), the same started at 25 % of the motion phase and scored from 20 s later (``broad_mid``, without the trials with
 an attached magnet), ``euroc/`` (quadrotor without magnetometer; after 20 s, inclination only), ``sitl/`` (simulated
-firmware flights with truth; after 15 s). At the end the ratios of ``mekf`` and ``smoother`` to their peers. Without a
+firmware flights with truth; after 15 s), ``unbiased`` (the same, the gyro's bias at rest subtracted as in an
+analysis). At the end the ratios of ``mekf`` and ``smoother`` to their peers. Without a
 corpus the sample logs of the repository stand in, treated like ``sitl/``. Per row:
 mean over the set of total, heading and inclination RMSE in deg and ns per update. ``--lag`` adds lag and step gain
-from ``attlog.analyze`` on the simulated flights. ``ahrs`` is plain Python: minutes.
+from ``attlog.analyze`` on the simulated flights. ``ahrs`` is plain Python: minutes. ``--write`` puts the means with
+their intervals into attlog/estimators/accuracy.csv and the table of docs/estimators.md; what was not run stays there.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import accuracy_file
 import numpy as np
 from numpy.typing import NDArray
 
@@ -92,14 +96,29 @@ def euroc(root: Path) -> Iterator[Trial]:
             yield Trial("euroc", path.stem, t, d["gyr"].astype(float), d["acc"].astype(float), None, t, q, t > 20.0)
 
 
-def sitl(root: Path) -> Iterator[Trial]:
+def simulated(root: Path, group: str) -> Iterator[tuple[Path, Trial]]:
     """The simulated flights with truth in the log, scored after 15 s, true declination given."""
     with (root / "sitl" / "MANIFEST.csv").open(encoding="utf-8") as file:
         declination = {r["file"]: float(r["declination_true"] or 0) for r in csv.DictReader(file)}
     for path in flights(root):
-        trial = flight(path, f"sitl/{path.parent.name}", declination.get(f"{path.parent.name}/{path.name}", 0.0))
+        trial = flight(path, f"{group}/{path.parent.name}", declination.get(f"{path.parent.name}/{path.name}", 0.0))
         if trial is not None:
-            yield trial
+            yield path, trial
+
+
+def sitl(root: Path) -> Iterator[Trial]:
+    """The simulated flights as they are."""
+    for _, trial in simulated(root, "sitl"):
+        yield trial
+
+
+def unbiased(root: Path) -> Iterator[Trial]:
+    """The simulated flights with the gyro that an analysis hands to filters: its bias at rest subtracted."""
+    for path, trial in simulated(root, "unbiased"):
+        case = attlog.prepare(path)
+        imu = case.log.replay_imu
+        assert imu is not None
+        yield replace(trial, gyr=case.gyro_of(imu))
 
 
 def samples(root: Path) -> Iterator[Trial]:
@@ -254,7 +273,7 @@ def ratios(table: dict[tuple[str, str], list[Array]]) -> Iterator[str]:
         if (row, group) in table and (peer, group) in table:
             a, b = (np.mean(table[name, group], axis=0)[:3] for name in (row, peer))
             parts = "".join(f"{x:8.2f}" if np.isfinite(x) else f"{'':8}" for x in a / b)
-            yield f"{group:16}{row + ' / ' + peer[5:]:28}{len(table[row, group]):4}{parts}   ratio of means"
+            yield f"{group:20}{row + ' / ' + peer[5:]:28}{len(table[row, group]):4}{parts}   ratio of means"
 
 
 def flights(corpus: Path | None) -> list[Path]:
@@ -280,9 +299,10 @@ def lags(paths: list[Path], specs: list[str]) -> dict[str, list[Array]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--corpus", type=Path, default=os.environ.get("ATTLOG_CORPUS"), help="folder with the data")
-    parser.add_argument("--estimators", default="all", help="as on the command line of attlog")
+    parser.add_argument("--estimators", default="all,fusion@example", help="as on the command line of attlog")
     parser.add_argument("--peers", default="vqf,vqf_offline,imufusion", help=f"of {', '.join(PEERS)}; empty for none")
-    parser.add_argument("--sets", default="broad,broad_mid,euroc,sitl")
+    parser.add_argument("--sets", default="broad,broad_mid,euroc,sitl,unbiased")
+    parser.add_argument("--write", action="store_true", help="write attlog/estimators/accuracy.csv and the docs' table")
     parser.add_argument("--lag", action="store_true", help="lag and step gain on the simulated flights as well")
     given = parser.parse_args()
     if given.corpus is None:
@@ -291,20 +311,23 @@ def main() -> None:
         )
         cases = list(samples(SAMPLES))
     else:
-        sets = {"broad": broad, "broad_mid": broad_mid, "euroc": euroc, "sitl": sitl}
+        sets = {"broad": broad, "broad_mid": broad_mid, "euroc": euroc, "sitl": sitl, "unbiased": unbiased}
         cases = [c for name in given.sets.split(",") for c in sets[name](given.corpus)]
     specs = [row.name for row in select(given.estimators)]
     for spec in specs:
         estimate(spec, *(x[:50] for x in (cases[0].t, cases[0].gyr, cases[0].acc, cases[0].acc)))
     table = scores(cases, specs, [p for p in given.peers.split(",") if p])
-    print(f"{'group':16}{'row':28}{'n':>4}{'total':>8}{'heading':>9}{'incl.':>8}{'ns':>9}   RMSE in deg")
+    print(f"{'group':20}{'row':28}{'n':>4}{'total':>8}{'heading':>9}{'incl.':>8}{'ns':>9}   RMSE in deg")
     for group in dict.fromkeys(c.group for c in cases):
         for (row, where), values in table.items():
             if where == group:
                 total, heading, inclination, ns = np.mean(values, axis=0)
-                print(f"{group:16}{row:28}{len(values):4}{total:8.2f}{heading:9.2f}{inclination:8.2f}{ns:9.0f}")
+                print(f"{group:20}{row:28}{len(values):4}{total:8.2f}{heading:9.2f}{inclination:8.2f}{ns:9.0f}")
     for line in ratios(table):
         print(line)
+    if given.write:
+        accuracy_file.write(table)
+        accuracy_file.write_page()
     if given.lag:
         print(f"{'row':44}{'n':>4}{'lag ms':>9}{'step gain':>11}   medians over simulated flights")
         for row, values in lags(flights(given.corpus), specs).items():

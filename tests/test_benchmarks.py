@@ -235,3 +235,36 @@ def test_a_reader_takes_no_more_than_twice_the_file_for_the_columns_of_a_replay(
     finally:
         tracemalloc.stop()
     assert 1.0 < peak / path.stat().st_size <= 2.0
+
+
+def test_an_accuracy_has_students_interval_on_the_log_scale(script: Script) -> None:
+    from scipy import stats
+
+    mean, low, high = script("accuracy_file").interval(np.array([1.0, 2.0, 4.0, 3.0]))
+    standard_error = np.std([1.0, 2.0, 4.0, 3.0], ddof=1) / 2.0 / 2.5
+    assert mean == pytest.approx(2.5)
+    assert np.log([low, high]) == pytest.approx(np.log(2.5) + stats.t.ppf([0.025, 0.975], 3) * standard_error)
+    assert math.isnan(script("accuracy_file").interval(np.array([2.0]))[1])
+
+
+def test_measuring_some_filters_again_keeps_the_lines_of_the_others(script: Script, tmp_path: Path) -> None:
+    written, file = script("accuracy_file"), tmp_path / "accuracy.csv"
+    trial = np.array([3.0, 2.0, 1.0, 50.0])
+    groups = ("broad", "sitl/px4", "sitl/ardupilot", "broad_mid")
+    written.write({("gyro", g): [trial, 2.0 * trial] for g in groups} | {("mahony@xu-1.1", "broad"): [trial]}, file)
+    written.write({("peer vqf", "euroc"): [trial], ("gyro", "broad"): [trial, trial, trial]}, file)
+    rows = [line.split(",") for line in file.read_text().splitlines()]
+    assert [row[:4] for row in rows[1:]] == [
+        ["gyro", "broad", "3", "3"],
+        ["gyro", "simulated", "4", "4.5"],  # both firmwares together
+        ["mahony@xu-1.1", "broad", "1", "3"],
+        ["package vqf", "euroc", "1", "3"],
+    ]
+
+
+def test_the_table_of_the_filters_is_the_one_of_their_file(script: Script) -> None:
+    from attlog.estimators.accuracy import measured
+
+    table = script("accuracy_file").table(measured())
+    assert table in (ROOT / "docs" / "estimators.md").read_text(encoding="utf-8")
+    assert len(table.splitlines()) == len(measured()) + 2

@@ -18,6 +18,44 @@ def test_the_list_names_every_filter_with_source(attlog):
         assert get(name).source.split()[0] in done.out
 
 
+def test_the_list_shows_needs_errors_and_cost_within_100_columns(attlog):
+    from attlog.estimators.accuracy import measured
+
+    lines = attlog("estimators").out.splitlines()
+    begin = next(i for i, line in enumerate(lines) if "BROAD °" in line)
+    shown = {line.split()[0]: line for line in lines[begin + 1 :] if line.startswith("  ")}
+    known = measured()["madgwick"]
+    assert shown["madgwick"].split()[1:5] == [
+        *(known[key].short() for key in ("broad", "euroc", "simulated")),
+        f"{known['broad'].ns:.0f}",
+    ]
+    assert shown["madgwick"].endswith("gyro acc (mag)")
+    assert shown["eskf"].endswith("gyro acc (mag aids)")
+    assert shown["mahony_dcm"].split()[2] == "-"  # no magnetometer in EuRoC
+    assert max(map(len, lines[begin:])) <= 100
+
+
+def test_json_tells_all_of_every_filter(attlog):
+    from attlog.estimators import names
+
+    rows = [json.loads(line) for line in attlog("estimators", "--json").out.splitlines()]
+    assert [row["name"] for row in rows] == list(names())
+    mahony = next(row for row in rows if row["name"] == "mahony")
+    assert mahony["needs"] == ["acc", "gyro"]
+    assert mahony["uses"] == ["mag"]
+    total = mahony["accuracy"]["broad"]["rmse_deg"]["total"]
+    assert total["low"] < total["value"] < total["high"]
+    assert mahony["accuracy"]["broad"]["trials"] == 15
+    assert mahony["accuracy"]["broad"]["version"]
+
+
+def test_a_filter_of_ones_own_is_not_measured(attlog, tmp_path):
+    file = str(tmp_path / "mine.py")
+    attlog("new", file)
+    assert attlog("estimators", file).out.rstrip().endswith("not measured")
+    assert json.loads(attlog("estimators", file, "--json").out)["accuracy"] is None
+
+
 def test_one_filter_is_explained_with_parameters_and_presets(attlog):
     done = attlog("estimators", "mahony")
     assert done.code == 0

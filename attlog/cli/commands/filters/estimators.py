@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from attlog.cli.shared import completion
-from attlog.cli.shared.printing import TextLine, columns, console, say, to_stdout
+from attlog.cli.shared import accuracy_table, completion
+from attlog.cli.shared.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stdout
 
 if TYPE_CHECKING:
     from attlog.estimators import Estimator
@@ -23,14 +24,20 @@ Name = Annotated[
 ]
 
 
-def command(name: Name = None) -> None:
-    """List the filters, or show one with its equations.
+def command(
+    name: Name = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON on standard output, one line for each filter.")] = False,
+) -> None:
+    """List the filters with what they need, their errors on public data and their cost, or show one with its equations.
 
     Example: attlog estimators mahony
     """
-    from attlog.estimators import get
+    from attlog.estimators import get, names
 
-    if name is None:
+    if json:
+        for one in names() if name is None else [name]:
+            json_to_stdout(json_line(document(one, strict=name is not None)))
+    elif name is None:
         out = console()
         say(overview(out.width), out)
     else:
@@ -55,30 +62,58 @@ def describe(estimator: Estimator) -> str:
         for preset, values in estimator.presets.items():
             pairs = ", ".join(f"{k} {v:g}" if isinstance(v, float | int) else f"{k} {v}" for k, v in values.items())
             lines.append(f"  {estimator.name}@{preset}: {pairs}")
+    lines += ["", "Accuracy: RMSE in deg, mean over trials (95 %)", *accuracy_table.lines(estimator.name)]
     return "\n".join(lines)
 
 
+def document(name: str, strict: bool = False) -> dict[str, Any]:
+    """All about one filter as JSON; ``accuracy`` is null where none was measured.
+
+    One that cannot be loaded has its ``error``, or raises it where ``strict``.
+    """
+    from attlog.base.errors import AttlogError
+    from attlog.estimators import get
+    from attlog.estimators.accuracy import measured
+
+    try:
+        e = get(name)
+    except AttlogError as error:
+        if strict:
+            raise
+        return {"name": name, "error": str(error)}
+    sets = {key: asdict(one) for key, one in measured().get(e.name, {}).items()}
+    return {
+        "name": e.name,
+        "title": e.title,
+        "source": e.source,
+        "needs": sorted(e.needs),
+        "uses": sorted(e.uses - e.needs),
+        "presets": list(e.presets),
+        "causal": e.causal,
+        "accuracy": sets or None,
+    }
+
+
 def overview(width: int) -> Iterator[TextLine]:
-    """Every estimator with source, sensors and presets; one that cannot be loaded says why."""
+    """Every estimator with source and presets, one that cannot be loaded with why; then needs, errors and cost."""
     from attlog.base.errors import AttlogError
     from attlog.estimators import DEFAULT, get, names
 
     rows: list[tuple[str, str]] = []
+    found: list[Estimator] = []
     for name in names():
         try:
             e = get(name)
         except AttlogError as error:
             rows.append((name, str(error)))
             continue
-        optional = e.uses - e.needs
-        rows += [
-            (name, e.title),
-            ("", f"needs {_sensors(e.needs)}" + (f"; uses {_sensors(optional)} if there" if optional else "")),
-            ("", f"source: {e.source}"),
-        ]
+        found.append(e)
+        rows += [(name, e.title), ("", f"source: {e.source}")]
         rows += [("", f"presets: {', '.join(f'{name}@{p}' for p in e.presets)}")] if e.presets else []
     for row, laid in zip(rows, columns(rows, width, indent=""), strict=True):
         yield from (TextLine(line, "bold" if row[0] else "") for line in laid)
+    yield TextLine("")
+    yield from accuracy_table.table(found)
     yield TextLine("")
     yield TextLine(f"default: {', '.join(DEFAULT)}")
     yield TextLine(

@@ -111,7 +111,8 @@ def run(t, gyr, acc, mag, aids, params):
 
     t (n,) s; gyr, acc, mag (n, 3), gyr the mean rate since the sample before; acc zero where
     there is none, mag NaN where no new sample came. aids is attlog.estimators.Aids of this
-    segment, None where there is nothing. params maps names to values.
+    segment, None where there is nothing; aids.mag has the magnetometer at its own times.
+    params maps names to values.
     """
     field = propagated(t, gyr, mag)  # what a slow magnetometer would show now
     kp = params["kp"]
