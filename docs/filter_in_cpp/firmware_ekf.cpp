@@ -171,7 +171,8 @@ void Estimator::align()
 // F: attitude error -= R bias dt, velocity error += attitude error x (R f) dt, all in earth axes.
 void Estimator::predictCovariance()
 {
-    const float T = turned_s_, A[3][3] = {{0, moved_[2], -moved_[1]}, {-moved_[2], 0, moved_[0]}, {moved_[1], -moved_[0], 0}};
+    const float T = turned_s_, *m = moved_;
+    const float A[3][3] = {{0, m[2], -m[1]}, {-m[2], 0, m[0]}, {m[1], -m[0], 0}};
     float F[N][N] = {}, FP[N][N];
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {

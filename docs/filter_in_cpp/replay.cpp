@@ -1,6 +1,4 @@
 // A whole segment of a log through the library, every sample at its own time: all that Python calls.
-#include <cmath>
-
 #include "firmware_ekf.hpp"
 
 namespace {
@@ -25,8 +23,9 @@ void copy(const double *from, float *to, int n = 3)
 
 // Times in us, rising. imu (n, 7): delta angle, delta velocity, dt; mag (m, 3); gnss (k, 4): velocity, sigma.
 // out (n, 10): quaternion, bias, sigma of tilt and heading, 1 from the alignment on.
-extern "C" void replay(const double *par, long n, const uint64_t *imu_us, const double *imu, long m, const uint64_t *mag_us,
-                       const double *mag, long k, const uint64_t *gnss_us, const double *gnss, double *out)
+extern "C" void replay(const double *par, long n, const uint64_t *imu_us, const double *imu,
+                       long m, const uint64_t *mag_us, const double *mag,
+                       long k, const uint64_t *gnss_us, const double *gnss, double *out)
 {
     ekf::Estimator filter(parameters(par));  // one for each run
     long next_mag = 0, next_gnss = 0;

@@ -26,7 +26,9 @@ Name = Annotated[
 
 def command(
     name: Name = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON on standard output, one line for each filter.")] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print JSON on standard output, one line for each filter.")
+    ] = False,
 ) -> None:
     """List the filters with what they need, their errors on public data and their cost, or show one with its equations.
 
