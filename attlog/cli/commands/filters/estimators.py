@@ -30,7 +30,9 @@ def command(
         bool, typer.Option("--json", help="Print JSON on standard output, one line for each filter.")
     ] = False,
 ) -> None:
-    """List the filters with what they need, their errors on public data and their cost, or show one with its equations.
+    """List the filters, or show one with its equations.
+
+    The list says what each needs, its errors on public data and its cost.
 
     Example: attlog estimators mahony
     """
