@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import attlog
+from attlog.analysis import replay
 from attlog.base import rotation
 from attlog.base.errors import PluginError
-from attlog.estimators import Aids, Measurements, get
+from attlog.estimators import Aids, Measurements, get, parse
 from attlog.testing import Noise, check_estimator, flight, motion
 from attlog.testing.motion import FIELD_T, Motion
 from attlog.testing.subject import heading_deg, total_deg
@@ -189,3 +190,16 @@ def test_on_a_simulated_flight_it_is_as_good_as_the_onboard_filter(example: str,
     assert tilt["replay"] is not None
     assert tilt["onboard"] is not None
     assert tilt["replay"] < 1.5 * tilt["onboard"]
+
+
+@pytest.mark.slow
+def test_a_sweep_hands_over_what_an_analysis_does(example: str) -> None:
+    """The magnetometer at its own times included: at the IMU's, this log's attitudes are others."""
+    case = attlog.prepare(SAMPLES / "px4_steps.ulg")
+    imu = case.log.replay_imu
+    assert imu is not None
+    assert case.log.mag is not None
+    told = [f(case, next(iter(case.imus))) for f in (replay.facts, replay.aids_of)]
+    of_sweep = replay.batch(case, imu, case.log.mags[case.log.mag], parse(example), [{}], *told)
+    of_analysis = replay.run_rows(case, [example])
+    assert np.array_equal(of_sweep[0].q, of_analysis[0].q)
