@@ -8,6 +8,7 @@ import numpy as np
 
 from attlog.present.numbers import quantity
 from attlog.reproduce import response
+from attlog.reproduce.cost import UPDATES
 from attlog.reproduce.huang import runs
 from attlog.reproduce.huang.runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, HuangSeed
 from attlog.reproduce.judge import mean_text
@@ -18,7 +19,6 @@ from attlog.simulate.autopilot.onboard import TRUTH
 PRINTED_MAHONY_S = (0.9995, 0.9880, 1.0023, 1.0029, 0.9851, 1.1822, 1.3897, 1.1918, 1.0115)
 PRINTED_EKF_S = (1.8698, 1.8520, 1.8568, 2.2022, 2.0360, 1.9098, 2.1788, 2.4898, 1.8645)
 """Table 1: seconds for 4,000 updates, nine runs."""
-UPDATES = 4000
 NAMED = {TRUTH: "the true attitude", DCM: "Huang's filter", EKF: "Fan's EKF", NEW_EKF: "mekf"}
 
 
