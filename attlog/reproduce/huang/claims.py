@@ -36,14 +36,7 @@ def paper(options: PaperOptions) -> Paper:
         "Mahony Filter Applied to Attitude Estimation and Control of Quadrotor",
         "Huang Po, Ma Yan, Yang Wankou, 2014, 1009-3044(2014)07-1611-07, Southeast University (in Chinese)",
         _settings(),
-        (
-            _follows(found),
-            _like_an_ekf(found),
-            costs_less(spent, slow, numpy),
-            _level(found),
-            _hover(found),
-            _tracks(found),
-        ),
+        (_follows(found), _like_an_ekf(found), timed, _level(found), _hover(found), _tracks(found)),
         figures(spent, PRINTED_MAHONY_S, PRINTED_EKF_S),
         (times(spent), by_filter(found), linear(found)),
         (
