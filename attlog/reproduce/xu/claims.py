@@ -175,6 +175,7 @@ def _oscillates(runs: Sequence[GainErrors]) -> Claim:
         f"A step changes the zero crossings by {number(low.value, 'ratio')} to {quantity(high.value, 'ratio')}. The "
         f"dominant frequency is {min(dominant):.2f} to {max(dominant):.2f} Hz with every gain. With ki = 0 the filter "
         f"has none of its own. The size grows more: from kp 0.6 to 2 the RMS of roll is {numbers_text(size[:1])}.",
+        paper="kp 0.6, 1.1, 2",
         shown=len(first) + 1,
     )
 
@@ -194,6 +195,7 @@ def _heading(runs: Sequence[GainErrors]) -> Claim:
         _verdict(runs, parts),
         f"On {first} the steps from 0.6 over 1.1 to 2 are {numbers_text(grows[first])}. Nothing need begin there: the "
         f"step from {CALMER:g} to 0.6 is {numbers_text([calm[first]])}.",
+        paper="from kp 1.1 on",
         shown=3,
     )
 
@@ -223,6 +225,7 @@ def _best(runs: Sequence[GainErrors]) -> Claim:
         tuple(n for called, found in best.items() for n in (found[0].over, *three[called], found[1].over)),
         _verdict(measured, parts),
         f"Tilt errors with 1.1 and 2 are {numbers_text(three[first])} that of 0.6 on {first}. {' '.join(errors)}",
+        paper="kp 0.6 to 1.1",
         shown=2,
     )
 

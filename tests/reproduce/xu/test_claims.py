@@ -122,16 +122,9 @@ def test_the_verdicts_follow_the_numbers(seeds: list[XuSeed]) -> None:
     swap = {gain(0.6): gain(2.0), gain(2.0): gain(0.6)}
     turned = [replace(s, crossing={row: s.crossing[swap.get(row, row)] for row in ROWS}) for s in seeds]
     assert xu._oscillates([xu._of_seeds(turned)]).verdict == "does not hold"
-    faster = [
-        replace(
-            s,
-            **{
-                kind: {ADAPTIVE: (1.0,) * 3, **{gain(kp): (kp * (1.0 + 0.01 * k),) * 3 for kp in SWEPT}}
-                for kind in ("crossing", "hz")
-            },
-        )
-        for k, s in enumerate(seeds)
-    ]
+    grown = {gain(kp): kp for kp in SWEPT} | {ADAPTIVE: 1.0}
+    by_seed = [{row: (hz * (1.0 + 0.01 * k),) * 3 for row, hz in grown.items()} for k in range(SEEDS)]
+    faster = [replace(s, crossing=hz, hz=hz) for s, hz in zip(seeds, by_seed, strict=True)]
     assert xu._oscillates([xu._of_seeds(faster)]).verdict == "holds"
     slower = [replace(s, slow={row: 1.0 + 0.01 * k for row in ROWS} | {gain(0.03): 2.0}) for k, s in enumerate(seeds)]
     assert small.slow(slower, xu._of_seeds(slower)).verdict == "holds"
