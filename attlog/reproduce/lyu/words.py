@@ -11,9 +11,10 @@ from attlog.reproduce.paper import PaperNumber
 
 
 def ratio_range(ratios: Sequence[PaperNumber]) -> str:
-    """Ratios: ``0.93 to 0.94``."""
-    low, high = ends(ratios)
-    return f"{number(low.value, 'ratio')} to {quantity(high.value, 'ratio')}"
+    """Ratios: ``0.93 to 0.94×``, or one where they look alike."""
+    low, high = (n.value for n in ends(ratios))
+    same = quantity(low, "ratio") == quantity(high, "ratio")
+    return quantity(high, "ratio") if same else f"{number(low, 'ratio')} to {quantity(high, 'ratio')}"
 
 
 def reach(numbers: list[PaperNumber], unit: str) -> str:
