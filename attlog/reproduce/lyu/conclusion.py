@@ -48,7 +48,7 @@ def flies(found: list[dict[str, LyuFlight]]) -> Claim:
         "flight",
         "Flown on the improved filter the vehicle is stable and does not lose control.",
         "section 3.2",
-        "Largest true tilt from take-off on; roll is told to swing by "
+        "Largest true tilt from take-off on; the set-point of roll swings by "
         f"{lyu_flight.AMPLITUDE_DEG:g} deg. Out of control: beyond {IN_CONTROL_DEG:g} deg, or on the ground. Holds if "
         f"no flight is, and the interval of the tilt is below {IN_CONTROL_DEG:g} deg.",
         (kept[0], most[0], kept[1], most[1], size, *numbers, equal, e),
