@@ -153,7 +153,7 @@ def _oscillates(runs: Sequence[GainErrors]) -> Claim:
     steps = {r.called: [_frequency(r, "crossing", axis, *pair) for axis in (0, 1) for pair in PAIRS] for r in runs}
     peaks = {r.called: [_frequency(r, "hz", axis, 2.0, 0.6) for axis in (0, 1)] for r in runs}
     each = [
-        mean(f"{kind} of {AXES[axis]}, kp {kp:g}, {r.called}", [h[axis] for h in getattr(r, field)[row]], "Hz")
+        mean(f"{kind} of {AXES[axis]}, kp {kp:g}, {r.called}", [h[axis] for h in getattr(r, field)[row]], "1/s")
         for field, kind in FREQUENCIES.items()
         for r in runs
         for axis in (0, 1)
