@@ -41,7 +41,7 @@ def by_filter(found: list[HuangSeed]) -> PaperTable:
     """What the same flight is on each filter."""
     rows = []
     for row in runs.FLOWN_ON:
-        one = [s.flown[row] for s in found]
+        one = [s.flown[row] for s in found if row in s.flown]
         rows.append(
             (
                 NAMED[row],
@@ -67,7 +67,12 @@ def by_filter(found: list[HuangSeed]) -> PaperTable:
         f"left of {LEVELS[-1][0]:g} deg",
         "delay",
     )
-    return PaperTable("The same flight on other filters", head, tuple(rows), "Means over seeds.")
+    return PaperTable(
+        "The same flight on other filters",
+        head,
+        tuple(rows),
+        f"Means over seeds; of EKFs over the first {runs.BESIDE_SEEDS}.",
+    )
 
 
 def linear(found: list[HuangSeed]) -> PaperTable:

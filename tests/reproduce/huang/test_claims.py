@@ -94,6 +94,14 @@ def test_tracking_is_that_of_the_transfer_function(flight: Flight) -> None:
         assert one.gain == pytest.approx(abs(linear), abs=0.015)
 
 
+def test_flights_beside_the_claims_are_flown_for_the_first_seeds_alone() -> None:
+    seeds = [made(seed) for seed in range(3)]
+    fewer = [seeds[0], *(dataclasses.replace(s, flown={row: s.flown[row] for row in (DCM, TRUTH)}) for s in seeds[1:])]
+    crashed = {row[0]: row[1] for row in huang_tables.by_filter(fewer).rows}
+    assert crashed["Huang's filter"] == "0 of 3"
+    assert crashed["Fan's EKF"] == "0 of 1"
+
+
 def test_a_sine_is_found_by_its_amplitude_and_phase() -> None:
     t = np.arange(0.0, 6.0, 0.0025)
     y = 3.0 * np.sin(np.pi * (t - 0.2)) + 0.5 * t - 2.0
