@@ -136,8 +136,9 @@ def scenario(estimator: str, wind: float = WIND_M_S, seconds: float = SECONDS) -
 
 @dataclass(frozen=True, slots=True)
 class HuangSeed:
-    """Everything of one seed: the flight by filter (of the first seeds also those beside), filters over the samples of the flight on Huang's, returns to
-    level on the stand with the errors there, the largest true roll and pitch in hover by wind in m/s."""
+    """Everything of one seed: the flight by filter (of the first seeds also those beside), filters over the samples of
+    the flight on Huang's, returns to level on the stand with the errors there, the largest true roll and pitch in hover
+    by wind in m/s."""
 
     flown: dict[str, HuangFlight]
     replayed: FlightReplay
