@@ -113,9 +113,9 @@ INIT = Parameter(
     0,
     1,
     "start attitude: accelerometer and magnetometer averaged, at rest over 0.5 s, in motion over 3 s in axes that the "
-    "gyro holds still; or the first good sample",
-    "attlog; in motion a single sample is 37 deg off in the mean",
-    ("average", "first"),
+    "gyro holds still; or the first good sample; or q = (1, 0, 0, 0): level, nose to magnetic north",
+    "attlog; in motion a single sample is 37 deg off in the mean; identity is Fan section 4",
+    ("average", "first", "identity"),
 )
 DECLINATION = Parameter(
     "declination",

@@ -1,4 +1,4 @@
-"""How much a signal moves within a band of frequencies, and at which frequency most.
+"""How much a signal moves within a band of frequencies, at which frequency most, and at which in the mean.
 
 Power by Welch's method (1967): windows of 10 s that overlap by half, each without its straight line, tapered by
 Hann's window. The band's RMS is the root of the power between its ends.
@@ -34,6 +34,13 @@ class Spectrum:
         """The frequency of the band with most power per octave (f times density)."""
         inside = np.flatnonzero(self._inside(band))
         return float(self.f[inside[np.argmax(self.f[inside] * self.density[inside])]])
+
+    def crossing_hz(self, band: tuple[float, float]) -> float:
+        """How often the part of the signal within the band crosses zero upwards, 1/s: the root of the mean of f^2,
+        weighted by power (Rice 1944)."""
+        inside = self._inside(band)
+        power = self.density[inside]
+        return math.sqrt(float(np.sum(self.f[inside] ** 2 * power)) / float(np.sum(power)))
 
     def _inside(self, band: tuple[float, float]) -> NDArray[np.bool_]:
         return (self.f >= band[0]) & (self.f < band[1])

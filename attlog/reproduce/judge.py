@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 from attlog.compare.differences.pooled import pool
-from attlog.present.numbers import quantity
+from attlog.present.numbers import interval, listed, quantity
 from attlog.reproduce.paper import PaperNumber, Verdict
 
 
@@ -43,6 +43,11 @@ def typical(values: Sequence[float], unit: str = "deg") -> PaperNumber:
 def mean_text(values: Sequence[float], unit: str) -> str:
     """The mean over seeds as a table shows it."""
     return quantity(mean("", values, unit).value, unit)
+
+
+def numbers_text(numbers: Sequence[PaperNumber]) -> str:
+    """Numbers with their intervals in words."""
+    return listed([quantity(n.value, n.unit) + (f" ({interval(n.ci95, n.unit)})" if n.ci95 else "") for n in numbers])
 
 
 def ends(numbers: Sequence[PaperNumber]) -> tuple[PaperNumber, PaperNumber]:

@@ -24,6 +24,14 @@ def test_white_noise_has_the_power_of_the_bands_share() -> None:
     assert spectrum(T, NOISE).rms((0.0, 51.0)) == pytest.approx(1.0, rel=0.02)
 
 
+def test_zero_crossings_are_those_of_a_sine_and_of_white_noise_in_the_band() -> None:
+    """Of white noise Rice's formula gives the root of the mean of f^2 over the band."""
+    assert spectrum(T, np.sin(2 * np.pi * 1.3 * T)).crossing_hz((0.2, 5.0)) == pytest.approx(1.3, rel=0.02)
+    low, high = 2.0, 20.0
+    mean_square = (high**3 - low**3) / (3.0 * (high - low))
+    assert spectrum(T, NOISE).crossing_hz((low, high)) == pytest.approx(np.sqrt(mean_square), rel=0.02)
+
+
 def test_the_spectrum_is_scipys() -> None:
     found = spectrum(T, NOISE)
     f, density = signal.welch(NOISE, 100.0, "hann", 1000, 500, detrend="linear")

@@ -41,7 +41,8 @@ def test_the_claims_stand_in_a_table_ahead_of_the_figures(path: Path) -> None:
     rows = re.findall(r"<tr><th scope=\"row\">(.*?)</tr>", table, re.S)
     shown = [re.sub(r"<[^>]+>", " ", row).split() for row in rows]
     expected = [
-        f"{k}. {c.says} {c.where} {'0.5° ' if c.paper else ''}0.80× (0.70 to 0.90; 20) {c.numbers[0].what} {c.verdict}"
+        f"{k}. {c.says} {c.where} {'0.5°' if c.paper else 'no number'} 0.80× (0.70 to 0.90; 20) "
+        f"{c.numbers[0].what} {c.verdict}"
         for k, c in enumerate(paper().claims, 1)
     ]
     assert shown == [words.split() for words in expected]

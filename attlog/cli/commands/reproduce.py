@@ -76,7 +76,7 @@ def command(
         raise UsageError(f"--logs: only {', '.join(sorted(WITH_LOGS))} looks at logs, not {', '.join(names)}")
     options = PaperOptions(seeds, jobs or cores(), tuple(found_logs))
     for name in names:
-        with progress(common.quiet, common.verbose > 0) as shown:
+        with progress(common.quiet, common.verbose > 0, lines=True) as shown:
             shown.before = f"{name}: "
             found = reproduce(name, options, command_line())
             place = output / f"reproduce-{name}.html"

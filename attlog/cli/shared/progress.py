@@ -22,14 +22,14 @@ STAGES, COMPILING = "attlog.stages", "attlog.compiling"
 
 
 class StageHandler(logging.Handler):
-    """Writes to standard error: each compiled filter a line, stages one line that is overwritten.
+    """Writes to standard error: each compiled filter a line, stages one line that is overwritten, or ``lines``.
 
     ``before`` begins every stage (``[2/5] flight.ulg: ``).
     """
 
-    def __init__(self, stages: bool) -> None:
+    def __init__(self, stages: bool, lines: bool = False) -> None:
         super().__init__(logging.INFO)
-        self.stages = stages
+        self.stages, self.lines = stages, lines
         self.before = ""
         self._width = 0
 
@@ -39,6 +39,8 @@ class StageHandler(logging.Handler):
             to_stderr(f"attlog: {record.getMessage()}")
         elif self.stages:
             self.show(f"{self.before}{record.getMessage()} ...")
+        elif self.lines:
+            to_stderr(f"attlog: {self.before}{record.getMessage()}")
 
     def show(self, text: str) -> None:
         """Put a text in place of the stage that is shown; blanks wipe the old one, so no escape sequence is needed."""
@@ -58,10 +60,13 @@ class StageHandler(logging.Handler):
 
 
 @contextmanager
-def progress(quiet: bool, verbose: bool) -> Iterator[StageHandler]:
-    """Show progress while the block runs: all of it on a terminal, what is compiled also with ``verbose``."""
+def progress(quiet: bool, verbose: bool, lines: bool = False) -> Iterator[StageHandler]:
+    """Show progress while the block runs: all of it on a terminal, what is compiled also with ``verbose``.
+
+    ``lines``: with ``verbose`` every stage is a line where there is no terminal, for work of minutes.
+    """
     terminal = sys.stderr.isatty() and not quiet
-    shown = StageHandler(stages=terminal)
+    shown = StageHandler(stages=terminal, lines=lines and verbose)
     loggers = [logging.getLogger(name) for name in (STAGES, COMPILING)] if terminal or verbose else []
     for logger in loggers:
         logger.addHandler(shown)

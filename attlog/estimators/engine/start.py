@@ -69,7 +69,7 @@ def first_seconds(
     """What a segment without gaps starts with, also for whole runs that align themselves.
 
     ``t`` (n,) s; ``gyr`` (n, 3) rad/s; ``acc``, ``mag`` (n, 3), zero or NaN rows where there is no sample; ``dt``
-    (n,) s where it is not the difference of times; ``init`` average or first (good sample).
+    (n,) s where it is not the difference of times; ``init`` first (good sample), else an average.
     """
     end = int(np.searchsorted(t, t[0] + MOTION_S, side="right"))
     late = None if _there(mag[:end]).any() else next(iter(end + np.flatnonzero(_there(mag[end:]))), None)
@@ -86,7 +86,7 @@ def first_seconds(
             picked.append(rows[:1])
         else:
             picked.append(rows[t[rows] - t[rows[0]] <= REST_S] if rest and len(rows) else rows)
-    if rest and init == "average" and len(fields) and soon[fields[0]]:
+    if rest and init != "first" and len(fields) and soon[fields[0]]:
         # Nothing moves: the vectors as they are, and the gyro's noise stays out.
         held = replace(held, acc=acc[:end], mag=mag[:end])
     return StartVectors(
@@ -100,8 +100,13 @@ def initial_state(
     estimator: Estimator, seen: StartVectors, params: Array, values: Mapping[str, float | str], q0: ArrayLike | None
 ) -> Array:
     """The state (size,) with which a segment starts; ``params`` packed, ``q0`` (4,) the user's attitude, body to true
-    north."""
-    attitude = start_attitude(seen.acc, seen.mag, declination_rad(values)) if q0 is None else _q0(q0, values)
+    north, before what the parameter ``init`` says."""
+    if q0 is not None:
+        attitude = _q0(q0, values)
+    elif values.get("init") == "identity":
+        attitude = np.array([1.0, 0.0, 0.0, 0.0])
+    else:
+        attitude = start_attitude(seen.acc, seen.mag, declination_rad(values))
     return _started(estimator, params, seen.acc, seen.mag, attitude)
 
 

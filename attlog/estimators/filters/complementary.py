@@ -11,7 +11,9 @@ no magnetometer).
 
 Departures. Fan's norm without root (1), sign of +w_by in row 2 of Omega (3) and
 diagonal of the DCM (4) are printed errors and stay out. Neither paper says whether ki
-is per second or per sample: ``ki_per``. It differs from ``mahony`` in gains and in
+is per second or per sample: ``ki_per``. Fan section 4 may start at q = (1, 0, 0, 0), ``init = identity``;
+the preset starts from the first vectors as every filter does, because from there the integral keeps a
+wrong heading for minutes (kp / ki = 300 s). It differs from ``mahony`` in gains and in
 ``ki_per`` alone: the equations are the same.
 """
 

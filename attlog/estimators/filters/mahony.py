@@ -6,9 +6,11 @@
     q'  = q (x) (0, w - b + kp e)/2
 
 Source: Mahony2008 (explicit filter, equations 32); Xu section 2, who varies kp on Pixhawk logs
-(section 3: 0.6, 1.1, 2; 0.6 to 1.1 are best) and does not state ki (presets, without bias).
+(section 3: 0.6, 1.1, 2; section 4: 0.6 to 1.1 are best) and does not state ki (presets, without bias).
 
-Departures. Xu's frames (right-forward-up, ENU, order Z-X-Y) are translated to FRD
+Departures. Xu section 2 turns the accelerometer into a quaternion rate by gradient descent and adds
+it to the gyro's; here the cross product of the filter that gives the paper its name does, the gradient
+step is ``madgwick``. Xu's frames (right-forward-up, ENU, order Z-X-Y) are translated to FRD
 and NED. Printed errors stay out: (3) loses a factor 2 in 2 q1^2, rows 2-4 of (10)
 are permuted, (11) and (15) print the same quotient twice and use arctan for atan2.
 ``mag_form = vector`` is Mahony's cross product with the whole field,
@@ -41,7 +43,7 @@ PARAMETERS = (
         0,
         100,
         "gain of the error: large follows the accelerometer, small the gyro; 1/kp is the time constant",
-        "attlog; below the 0.6 that is best of Xu's section 3, because every acceleration tilts by kp",
+        "attlog; below the 0.6 to 1.1 that are best of Xu's section 4, because every acceleration tilts by kp",
     ),
     Parameter(
         "ki", 0.004, "1/s^2", 0, 10, "gain of the gyro bias estimate; 0 estimates none", "attlog; kp / ki about 100 s"

@@ -13,7 +13,7 @@ Source: Xu, whose abstract promises an adaptive gain but prints no law. **The la
 ours**: the piecewise factor of Valenti2015 (equations 60-62), applied to
 the gravity error only, because an acceleration says nothing about the field. The optional
 rate term raises the gain while the body turns, where gyro scale errors grow; it is off by
-default. Preset ``xu``: kp 0.6, the best of Xu's fixed gains (section 3), without bias.
+default. Preset ``xu``: kp 0.6, where Xu's best fixed gains begin (section 4), without bias.
 
 What is compared with g is not the sample but the specific force low-passed in earth axes, where
 turning leaves it alone: 15 m/s^2 of vibration makes |f| of every sample too large, and a filter that
@@ -47,7 +47,7 @@ PARAMETERS = (
         0,
         100,
         "gain of the error where the accelerometer is trusted in full",
-        "attlog; half of the 0.6 that is best of Xu's section 3",
+        "attlog; half of the 0.6 where the best of Xu's section 4 begin",
     ),
     Parameter(
         "ki",

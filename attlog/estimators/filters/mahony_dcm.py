@@ -9,8 +9,8 @@
     r    = r_x . r_y / 2,  r_x -= r r_y,  r_y -= r r_x,  r_i = (3 - |r_i|^2) r_i / 2,  r_z = r_x x r_y
 
 Source: Huang 2.3.2 (the filter) on the matrix of 2.3.1 with its renormalisation, which is
-Premerlani2009's; gains of tables 2 and 3 (preset ``huang``: kp 0.3, ki 0.01, first-order step,
-meant for 400 Hz).
+Premerlani2009's; gains of figure 3 (preset ``huang``: kp 0.3, ki 0.01, first-order step,
+meant for 400 Hz). Tables 2 and 3 are the gains of the controller.
 
 Departures. The dot in r_x . r_y is missing in print. The heading error of 2.3.2 is
 |Hm x Hc|, the measured field with the body x axis: without a sign, which would drive the nose
@@ -46,7 +46,7 @@ PARAMETERS = (
         0,
         100,
         "proportional gain: large follows accelerometer and magnetometer, small the gyro",
-        "Huang tables 2 and 3",
+        "Huang fig. 3",
     ),
     Parameter(
         "ki",
@@ -55,7 +55,7 @@ PARAMETERS = (
         0,
         10,
         "integral gain, takes out the gyro bias; 0 estimates none",
-        "attlog; half of Huang's 0.01 (tables 2 and 3), which turns accelerations of half a minute into bias",
+        "attlog; half of Huang's 0.01 (fig. 3), which turns accelerations of half a minute into bias",
     ),
     replace(MAG_GAIN, default=0.5, source="attlog; as mahony"),
     Parameter(

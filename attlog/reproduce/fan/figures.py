@@ -20,7 +20,7 @@ def figures(found: Sequence[FanSeed], called: Mapping[str, str], seed: int = 0) 
     return (
         PaperFigure(
             "rest",
-            "fig. 4",
+            "fig. 4a, 5a",
             "At rest",
             "The first seed. Hide the raw angles to see the others.",
             "time, s",
@@ -30,7 +30,7 @@ def figures(found: Sequence[FanSeed], called: Mapping[str, str], seed: int = 0) 
         ),
         PaperFigure(
             "turned",
-            "fig. 5",
+            "fig. 4b, 5b",
             "By hand to 45 deg both ways about each axis",
             "The first seed.",
             "time, s",
@@ -40,7 +40,7 @@ def figures(found: Sequence[FanSeed], called: Mapping[str, str], seed: int = 0) 
         ),
         PaperFigure(
             "errors",
-            "fig. 5",
+            "fig. 5b",
             "How far off in rotation",
             "What was found minus the truth.",
             "time, s",
@@ -59,7 +59,7 @@ def _spread(found: Sequence[FanSeed], called: Mapping[str, str]) -> PaperFigure:
         lines.append(points(called[row], range(len(AXES)), spreads))
     return PaperFigure(
         "spread",
-        "fig. 4",
+        "fig. 5a",
         "Spread at rest by axis and by the Kalman filter's random walks",
         "Means over seeds with their intervals; raw angles (several times as much) are in the table.",
         "",

@@ -1,7 +1,7 @@
 """Fan's experiments for one seed: a minute at rest, and turned by hand to 45 deg both ways about each axis.
 
-Three ways to an attitude on the same samples: accelerometer and magnetometer alone, the Kalman filter with 12 states,
-the complementary filter.
+Three ways to an attitude on the same samples: accelerometer and magnetometer alone, the Kalman filter with 12 states
+in its printed order, the complementary filter.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base import rotation
 from attlog.estimators import get
 from attlog.reproduce import response
 from attlog.reproduce.samples import AXES, NOBODY, FilterOutput, FlightSamples, rms, run, samples
@@ -22,10 +23,12 @@ from attlog.simulate.sensors.settings import ImuSettings, MagSettings, SensorSet
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
-RAW, EKF, FILTER = "accel_mag", "ekf12@fan", "complementary@fan"
+RAW, EKF, FILTER = "accel_mag", "ekf12@fan-printed", "complementary@fan"
+AHEAD = "ekf12@fan"
+"""Ours, for comparison: the gyro's sample before the vectors turn."""
 WIDER = (1.0, 3.0, 10.0)
 """Factors on our random walks of gravity and field: the Kalman filter's bandwidth, of which the paper says nothing."""
-REST_S, SETTLED_S = 60.0, 20.0
+REST_S, SETTLED_S, MOVED_S = 60.0, 20.0, 10.0
 SPIKE_DEG = 0.5
 SENSORS = SensorSettings(imu=(ImuSettings(rate_hz=200.0),), mag=(MagSettings(rate_hz=50.0),))
 ARM_M = (0.2, 0.0, 0.0)
@@ -36,10 +39,11 @@ ARM_M = (0.2, 0.0, 0.0)
 class HandTurn:
     """What a row made of the turns: RMS ``errors`` (roll, pitch, heading) in deg; how many ``spikes`` (errors that
     leave their own median of 2 s by more than 0.5 deg) and the largest of them; ``delay_ms`` and ``rise_ms`` of
-    heading beyond the true one's, means of three turns.
+    heading beyond the true one's, means of three turns; ``off_deg`` RMS of the whole angle to the true attitude.
     """
 
     errors: Triple
+    off_deg: float
     spikes: int
     peak_deg: float
     delay_ms: float
@@ -48,9 +52,11 @@ class HandTurn:
 
 @dataclass(frozen=True, slots=True)
 class FanSeed:
-    """What one seed gave by row: ``spread`` (roll, pitch, heading) at rest in deg, and the turns."""
+    """What one seed gave by row: ``spread`` (roll, pitch, heading) and ``off`` (RMS of the whole angle to the true
+    attitude) at rest in deg, and the turns."""
 
     spread: dict[str, Triple]
+    off: dict[str, float]
     turned: dict[str, HandTurn]
 
 
@@ -61,7 +67,8 @@ def wider(factor: float) -> str:
     return EKF if factor == 1.0 else f"{EKF}:{','.join(walks)}"
 
 
-ROWS = (RAW, FILTER, *map(wider, WIDER))
+EKFS = tuple(map(wider, WIDER))
+ROWS = (RAW, FILTER, *EKFS)
 
 
 def at_rest(seed: int) -> FlightSamples:
@@ -99,7 +106,19 @@ def heading_moves() -> list[tuple[float, float, float, float]]:
 def one_seed(seed: int) -> FanSeed:
     """Both experiments for one seed."""
     still, moved = at_rest(seed), turned(seed)
-    return FanSeed({row: _spread(run(row, still)) for row in ROWS}, {row: _turned(run(row, moved)) for row in ROWS})
+    rested = {row: run(row, still) for row in ROWS}
+    return FanSeed(
+        {row: _spread(one) for row, one in rested.items()},
+        {row: _off(one, SETTLED_S) for row, one in rested.items()},
+        {row: _turned(run(row, moved)) for row in (*ROWS, AHEAD)},
+    )
+
+
+def _off(found: FilterOutput, since: float) -> float:
+    """RMS from ``since`` on of the angle between found and true attitude."""
+    late = found.t >= since
+    angle = rotation.total_angle(rotation.error(found.q[late], found.truth[late]))
+    return rms(np.asarray(np.degrees(angle)))
 
 
 def _spread(found: FilterOutput) -> Triple:
@@ -109,12 +128,12 @@ def _spread(found: FilterOutput) -> Triple:
 
 
 def _turned(found: FilterOutput) -> HandTurn:
-    late = found.t >= 10.0
+    late = found.t >= MOVED_S
     errors = found.errors[late]
     t, quick = response.excursions(found.t[late], errors)
     count, peak = response.spikes(t, np.asarray(np.max(np.abs(quick), axis=1)), SPIKE_DEG)
     a, b, c = (rms(errors[:, axis]) for axis in range(len(AXES)))
-    return HandTurn((a, b, c), count, peak, *_heading(found))
+    return HandTurn((a, b, c), _off(found, MOVED_S), count, peak, *_heading(found))
 
 
 def _heading(found: FilterOutput) -> tuple[float, float]:

@@ -106,7 +106,7 @@ def _level(flight: Flight, seed: int) -> PaperFigure:
     panels = tuple(f"{axis} from {angle:g} deg, deg" for angle, axis in LEVELS)
     return PaperFigure(
         "level",
-        "fig. 5, 6, 8, 9",
+        "fig. 6",
         "From an angle back to level",
         "At 0 s the set-point becomes level. In free flight the filter believes it is level while the vehicle is not.",
         "time, s",
@@ -119,7 +119,7 @@ def _level(flight: Flight, seed: int) -> PaperFigure:
 def _hover(flight: Flight) -> PaperFigure:
     return PaperFigure(
         "hover",
-        "fig. 5, 6, 8, 9",
+        "fig. 8",
         "Hover",
         "Roll and pitch with the position held; the paper's bound is +-5 deg.",
         "time, s",
@@ -142,7 +142,7 @@ def _tracking(flight: Flight) -> PaperFigure:
     panels = tuple(f"{axis}, sine of {period:g} s, deg" for _, period, axis in TRACKS)
     return PaperFigure(
         "tracking",
-        "fig. 5, 6, 8, 9",
+        "fig. 9",
         "Angles that follow a set-point",
         "The angle comes a fifth of a second later.",
         "time since the begin, s",

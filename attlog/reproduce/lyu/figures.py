@@ -95,7 +95,7 @@ def _flown(seed: int) -> PaperFigure:
         lines += [drawn(NAMES[row], t, found), drawn(NAMES[row], t, found - true, 1)]
     return PaperFigure(
         "flight",
-        "fig. 3",
+        "section 3.2",
         "In flight, roll on a sine",
         "Each filter flies its own flight; the truth is that of the first.",
         "time, s",

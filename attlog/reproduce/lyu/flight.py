@@ -23,11 +23,14 @@ AMPLITUDE_DEG, PERIOD_S = 15.0, 3.0
 @dataclass(frozen=True, slots=True)
 class LyuFlight:
     """One flight from take-off to its end: RMS of the tilt error of the estimate and of the distance of the true roll
-    from its set-point (deg), the largest |e|, ``equal`` to the flight on the traditional filter to the last bit.
+    from its set-point (deg), the largest true tilt (deg), whether it ``landed`` on its own once it tracked, the
+    largest |e|, ``equal`` to the flight on the traditional filter to the last bit.
     """
 
     error_deg: float
     tracking_deg: float
+    most_deg: float
+    landed: bool
     largest_e: float
     equal: bool
 
@@ -73,4 +76,6 @@ def _flown(flown: Flight, row: str, equal: bool) -> LyuFlight:
     roll = np.degrees(rotation.to_euler(true)[:, 0] - rotation.to_euler(on.q_setpoint)[:, 0])[tracking]
     s = samples(flown, mag=False)
     e = gravity_error(s, run(row, s))[s.t >= 12.0]
-    return LyuFlight(rms(tilt), rms(roll), float(e.max()), equal)
+    lean = np.degrees(rotation.inclination_angle(truth.q))[truth.t >= 12.0]
+    landed = bool(truth.ground[truth.t >= TRACK_S].any())
+    return LyuFlight(rms(tilt), rms(roll), float(lean.max()), landed, float(e.max()), equal)

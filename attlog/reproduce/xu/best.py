@@ -16,12 +16,13 @@ from attlog.reproduce.xu.runs import SWEPT, gain
 
 @dataclass(frozen=True, slots=True)
 class GainErrors:
-    """Simulated missions or real flights, as lists by row: RMS in the band by axis in deg, dominant frequencies in Hz,
-    errors of tilt and heading in deg, NaN where a flight has none."""
+    """Simulated missions or real flights, as lists by row: RMS in the band by axis in deg, dominant frequencies and
+    those of zero crossings in Hz, errors of tilt and heading in deg, NaN where a flight has none."""
 
     called: str
     rms: Mapping[str, list[tuple[float, float, float]]]
     hz: Mapping[str, list[tuple[float, float, float]]]
+    crossing: Mapping[str, list[tuple[float, float, float]]]
     tilt: Mapping[str, list[float]]
     heading: Mapping[str, list[float]]
 

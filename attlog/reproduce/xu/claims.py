@@ -6,20 +6,23 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from attlog.present.numbers import counted, interval, listed, quantity
-from attlog.reproduce.judge import above, below, mean, ratio, together
+from attlog.present.numbers import counted, listed, number, quantity
+from attlog.reproduce import cost
+from attlog.reproduce.judge import above, below, ends, led, mean, numbers_text, ratio, together
 from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting, Verdict
 from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each, each_seed
 from attlog.reproduce.xu.best import GainErrors, best_gain
 from attlog.reproduce.xu.figures import figures, table
 from attlog.reproduce.xu.logs import LogOscillation, on_log
-from attlog.reproduce.xu.runs import ADAPTIVE, BAND_HZ, FIXED, ROWS, SWEPT, XuSeed, gain, one_seed
+from attlog.reproduce.xu.runs import ADAPTIVE, BAND_HZ, COSTED, FIXED, ROWS, SWEPT, XuSeed, gain, one_seed
+from attlog.reproduce.xu.small import dearer, slow
 
 SAMPLES = Path(__file__).parents[3] / "sample_logs"
 """The flights that come with the source; an installed package has none."""
 BAND = f"{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz"
 PAIRS = ((1.1, 0.6), (2.0, 1.1))
+FREQUENCIES = {"crossing": "zero crossings", "hz": "dominant frequency"}
 CALMER = 0.3
 """A gain below those of the paper."""
 LITTLE = 1.1
@@ -40,7 +43,14 @@ def paper(options: PaperOptions) -> Paper:
         "Xu Ensong, Lu Wenhua, Liu Yunfei, Li Baolei, Feng Wang, Shanghai University of Engineering Science "
         "(in Chinese)",
         _settings(len(used)),
-        (_oscillates(runs), _heading(runs), _best(runs), _adaptive(runs)),
+        (
+            _oscillates(runs),
+            _heading(runs),
+            _best(runs),
+            slow(seeds, runs[0]),
+            dearer(cost.nanoseconds(COSTED)),
+            _adaptive(runs),
+        ),
         figures(seeds, used),
         (table(seeds, used),),
         _notes(logs),
@@ -84,6 +94,8 @@ def _notes(logs: Sequence[LogOscillation]) -> tuple[str, ...]:
     left_out = [f"{log.name} ({log.why_not})" for log in logs if log.why_not]
     kinds = {log.reference for log in logs if not log.why_not}
     found = [
+        "In section 2 gradient descent turns the accelerometer into a quaternion rate, which is added to the gyro's. "
+        "Here mahony's cross product does; the filter with the gradient step is madgwick.",
         "With ki = 0 the filter is of first order and cannot oscillate by itself. With kp grows how much of "
         "accelerations, vibration and field disturbances reaches the attitude.",
         "Which gain errs least depends on the gyro's bias: with ki = 0 it becomes a tilt of bias / kp. "
@@ -103,6 +115,7 @@ def _of_seeds(seeds: Sequence[XuSeed]) -> GainErrors:
         "simulated missions",
         {row: [s.rms[row] for s in seeds] for row in ROWS},
         {row: [s.hz[row] for s in seeds] for row in ROWS},
+        {row: [s.crossing[row] for s in seeds] for row in ROWS},
         {row: [s.tilt[row] for s in seeds] for row in ROWS},
         {row: [s.heading[row] for s in seeds] for row in ROWS},
     )
@@ -114,6 +127,7 @@ def _of_logs(logs: Sequence[LogOscillation]) -> GainErrors:
         "logs",
         {row: [log.rms[row] for log in logs] for row in ROWS},
         {row: [log.hz[row] for log in logs] for row in ROWS},
+        {row: [log.crossing[row] for log in logs] for row in ROWS},
         {row: [log.errors.get(row, nothing)[0] for log in logs] for row in ROWS},
         {row: [log.errors.get(row, nothing)[1] for log in logs] for row in ROWS},
     )
@@ -124,9 +138,10 @@ def _step(runs: GainErrors, axis: int, high: float, low: float) -> PaperNumber:
     return ratio(what, runs.in_band(gain(high), axis), runs.in_band(gain(low), axis))
 
 
-def _text(numbers: Sequence[PaperNumber]) -> str:
-    """Numbers with their intervals in words."""
-    return listed([quantity(n.value, n.unit) + (f" ({interval(n.ci95, n.unit)})" if n.ci95 else "") for n in numbers])
+def _frequency(runs: GainErrors, field: str, axis: int, high: float, low: float) -> PaperNumber:
+    found = getattr(runs, field)
+    what = f"{FREQUENCIES[field]} of {AXES[axis]}, kp {high:g} over {low:g}, {runs.called}"
+    return ratio(what, [h[axis] for h in found[gain(high)]], [h[axis] for h in found[gain(low)]])
 
 
 def _verdict(runs: Sequence[GainErrors], parts: Mapping[str, list[Verdict]]) -> Verdict:
@@ -135,26 +150,33 @@ def _verdict(runs: Sequence[GainErrors], parts: Mapping[str, list[Verdict]]) -> 
 
 
 def _oscillates(runs: Sequence[GainErrors]) -> Claim:
-    steps = {r.called: [_step(r, axis, *pair) for axis in (0, 1) for pair in PAIRS] for r in runs}
-    hz = [
-        mean(f"dominant frequency of {AXES[axis]}, kp {kp:g}, {r.called}", [h[axis] for h in r.hz[row]], "Hz")
+    steps = {r.called: [_frequency(r, "crossing", axis, *pair) for axis in (0, 1) for pair in PAIRS] for r in runs}
+    peaks = {r.called: [_frequency(r, "hz", axis, 2.0, 0.6) for axis in (0, 1)] for r in runs}
+    each = [
+        mean(f"{kind} of {AXES[axis]}, kp {kp:g}, {r.called}", [h[axis] for h in getattr(r, field)[row]], "1/s")
+        for field, kind in FREQUENCIES.items()
         for r in runs
         for axis in (0, 1)
         for kp, row in FIXED.items()
     ]
-    ends = [n.value for n in hz if n.value is not None]
-    whole = {r.called: _step(r, 0, 2.0, 0.6) for r in runs}
+    size = [_step(r, axis, 2.0, 0.6) for r in runs for axis in (0, 1)]
+    low, high = ends([n for numbers in steps.values() for n in numbers])
+    dominant = [n.value for n in each if n.value is not None and n.what.startswith(FREQUENCIES["hz"])]
+    first = [steps[r.called][0] for r in runs]
+    judged = [n for found in (steps, peaks) for r in runs for n in found[r.called]]
     return Claim(
         "oscillates",
-        "Roll and pitch oscillate more as the gain grows from 0.6 over 1.1 to 2.",
-        "fig. 1, 2",
-        f"RMS of roll and pitch from {BAND}, flight by flight. Holds if the intervals of all ratios of neighbouring "
-        "gains are above 1. Dominant: the frequency with most power per octave.",
-        (*whole.values(), *(n for r in runs for n in steps[r.called]), *hz),
-        _verdict(runs, {called: [above(n, 1.0) for n in numbers] for called, numbers in steps.items()}),
-        "A filter with ki = 0 has no frequency of its own. The dominant one is "
-        f"{min(ends):.2f} to {max(ends):.2f} Hz with every gain, near the slow end of the band.",
-        shown=len(whole),
+        "The frequency at which roll and pitch oscillate grows with the gain.",
+        "fig. 1 to 3, section 4",
+        f"Zero crossings (upwards) per second of roll and pitch from {BAND} at kp 0.6, 1.1 and 2. Beside them the "
+        "frequency with most power per octave (dominant). Holds if the intervals of all ratios are above 1.",
+        (*led((*first, peaks[runs[0].called][0]), judged), *each, *size),
+        _verdict(runs, {r.called: [above(n, 1.0) for n in (*steps[r.called], *peaks[r.called])] for r in runs}),
+        f"A step changes the zero crossings by {number(low.value, 'ratio')} to {quantity(high.value, 'ratio')}. The "
+        f"dominant frequency is {min(dominant):.2f} to {max(dominant):.2f} Hz with every gain. With ki = 0 the filter "
+        f"has none of its own. The size grows more: from kp 0.6 to 2 the RMS of roll is {numbers_text(size[:1])}.",
+        paper="kp 0.6, 1.1, 2",
+        shown=len(first) + 1,
     )
 
 
@@ -165,14 +187,15 @@ def _heading(runs: Sequence[GainErrors]) -> Claim:
     first = runs[0].called
     return Claim(
         "heading",
-        "Heading fluctuates from a gain of 1.1 on.",
-        "fig. 3",
+        "Heading fluctuates strongly from a gain of 1.1 on.",
+        "fig. 1 to 3, section 4",
         f"RMS of heading from {BAND}. It must grow from 0.6 to 1.1 to 2: all intervals above 1. From {CALMER:g} to 0.6 "
         f"it must grow by less than {100 * (LITTLE - 1):.0f} %.",
         tuple(n for r in runs for n in (*grows[r.called], calm[r.called])),
         _verdict(runs, parts),
-        f"On {first} the steps from 0.6 over 1.1 to 2 are {_text(grows[first])}. Nothing need begin there: the "
-        f"step from {CALMER:g} to 0.6 is {_text([calm[first]])}.",
+        f"On {first} the steps from 0.6 over 1.1 to 2 are {numbers_text(grows[first])}. Nothing need begin there: the "
+        f"step from {CALMER:g} to 0.6 is {numbers_text([calm[first]])}.",
+        paper="from kp 1.1 on",
         shown=3,
     )
 
@@ -196,12 +219,13 @@ def _best(runs: Sequence[GainErrors]) -> Claim:
     return Claim(
         "best",
         "The best gain lies between 0.6 and 1.1.",
-        "section 3",
+        "section 4",
         f"RMS error of tilt and heading in the air for gains from {SWEPT[0]:g} to {SWEPT[-1]:g}. In tilt 0.6 must beat "
         "1.1 and 2. A gain between 0.6 and 1.1 must be best or not significantly different.",
         tuple(n for called, found in best.items() for n in (found[0].over, *three[called], found[1].over)),
         _verdict(measured, parts),
-        f"Tilt errors with 1.1 and 2 are {_text(three[first])} that of 0.6 on {first}. {' '.join(errors)}",
+        f"Tilt errors with 1.1 and 2 are {numbers_text(three[first])} that of 0.6 on {first}. {' '.join(errors)}",
+        paper="kp 0.6 to 1.1",
         shown=2,
     )
 
@@ -214,7 +238,7 @@ def _adaptive(runs: Sequence[GainErrors]) -> Claim:
         own, other = r.in_band(ADAPTIVE, 0), r.in_band(fixed, 0)
         roll = ratio(f"roll in the band, adaptive over fixed 0.6, {r.called}", own, other)
         numbers[r.called] = [n for n in (tilt, roll) if n.value is not None]
-    told = [f"{_text(found[:1])} on {called}" for called, found in numbers.items()]
+    told = [f"{numbers_text(found[:1])} on {called}" for called, found in numbers.items()]
     return Claim(
         "adaptive",
         "A gain that adapts is better than a fixed one.",

@@ -83,7 +83,7 @@ def _errors_by_gain(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> 
         ]
     return PaperFigure(
         "best",
-        "section 3",
+        "section 4",
         "How far off, by gain",
         "Geometric means of RMS errors over flights with their intervals; logs against their reference.",
         "kp, 1/s",

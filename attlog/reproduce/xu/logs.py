@@ -41,6 +41,7 @@ class LogOscillation:
     reference: str = ""
     rms: dict[str, Triple] = field(default_factory=dict)
     hz: dict[str, Triple] = field(default_factory=dict)
+    crossing: dict[str, Triple] = field(default_factory=dict)
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -92,6 +93,7 @@ def _measured(case: Case, rows: tuple[str, ...]) -> LogOscillation:
         case.reference.kind,
         {row: three([s.rms(BAND_HZ) for s in axes]) for row, axes in seen.items()},
         {row: three([s.dominant_hz(BAND_HZ) for s in axes]) for row, axes in seen.items()},
+        {row: three([s.crossing_hz(BAND_HZ) for s in axes]) for row, axes in seen.items()},
         _errors(case, rows) if case.reference.kind != "none" else {},
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,19 +30,24 @@ def gain(kp: float) -> str:
     return FIXED.get(kp, f"mahony@xu-0.6:kp={kp:g}")
 
 
+COSTED = (gain(0.6), "mahony_dcm:kp=0.6,ki=0,mag_gain=1,acc_form=direction,integrator=first_order")
+"""The same filter on the quaternion and on the rotation matrix."""
 ROWS = (*map(gain, SWEPT), ADAPTIVE)
 
 
 @dataclass(frozen=True, slots=True)
 class XuSeed:
     """What one seed gave by row, in the air: RMS of the error of (roll, pitch, heading) within BAND_HZ in deg, the
-    dominant frequency of each in Hz, the RMS error of tilt and of heading in deg.
+    dominant frequency of each and that of its zero crossings (upwards) in Hz, the RMS error of tilt and of heading in
+    deg, and of roll and pitch averaged over 1 / BAND_HZ[0].
     """
 
     rms: dict[str, Triple]
     hz: dict[str, Triple]
+    crossing: dict[str, Triple]
     tilt: dict[str, float]
     heading: dict[str, float]
+    slow: dict[str, float]
 
 
 def mission() -> Scenario:
@@ -77,9 +83,18 @@ def one_seed(seed: int) -> XuSeed:
     return XuSeed(
         {row: three([x.rms(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
         {row: three([x.dominant_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
+        {row: three([x.crossing_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
         {row: rms(one.tilt_error[air[row]]) for row, one in found.items()},
         {row: rms(one.heading_error[air[row]]) for row, one in found.items()},
+        {row: slow_deg(one.t[air[row]], one.errors[air[row], :2]) for row, one in found.items()},
     )
+
+
+def slow_deg(t: Array, error: Array) -> float:
+    """RMS of both columns of an error (n, 2) together, averaged over 1 / BAND_HZ[0], in its unit."""
+    size = round((len(t) - 1) / float(t[-1] - t[0]) / BAND_HZ[0])
+    total = np.cumsum(np.vstack([np.zeros((1, 2)), error]), axis=0)
+    return math.sqrt(2.0) * rms((total[size:] - total[:-size]) / size)
 
 
 def _spectra(found: FilterOutput) -> list[band.Spectrum]:

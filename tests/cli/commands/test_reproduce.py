@@ -11,6 +11,8 @@ import pytest
 
 from attlog.cli.commands.reproduce import printed
 from attlog.reproduce.lyu import claims as lyu
+from attlog.reproduce.paper import Paper, PaperOptions
+from attlog.reproduce.seeds import each_seed
 from tests.conftest import SAMPLES
 from tests.reproduce.made import paper
 
@@ -54,6 +56,20 @@ def test_json_on_standard_output_is_the_file(attlog, tmp_path: Path) -> None:
     done = attlog("reproduce", "lyu", "--seeds", "2", "-j", "1", "-o", tmp_path, "-q", "--json")
     assert done.code == 0, done.err
     assert json.loads(done.out) == json.loads((tmp_path / "reproduce-lyu.json").read_text(encoding="utf-8"))
+
+
+def test_with_v_every_seed_is_a_line_where_there_is_no_terminal(
+    attlog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def seeds(options: PaperOptions) -> Paper:
+        each_seed("flights", abs, options)
+        return replace(paper(), key="lyu")
+
+    monkeypatch.setattr(lyu, "paper", seeds)
+    for asked, lines in ((["-v"], [f"attlog: lyu: flights, {k} of 3" for k in (1, 2, 3)]), ([], [])):
+        done = attlog("reproduce", "lyu", "--seeds", "3", "-j", "1", "-o", tmp_path, *asked)
+        assert done.code == 0, done.err
+        assert [line for line in done.err.splitlines() if " of 3" in line] == lines
 
 
 def test_an_unknown_paper_is_2_with_the_known_ones(attlog, tmp_path: Path) -> None:

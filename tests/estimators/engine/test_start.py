@@ -6,9 +6,13 @@ from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 
+from attlog.base import rotation
+from attlog.estimators import estimate
 from attlog.estimators.engine import start
 from attlog.estimators.engine.samples import PreparedSamples, prepare
+from attlog.testing import still
 
 RATE_HZ = 250
 
@@ -42,3 +46,11 @@ def test_changed_samples_are_looked_at_anew() -> None:
     start.first(samples, 0, 1000, {})
     turned = replace(samples, acc=-samples.acc)
     np.testing.assert_array_equal(start.first(turned, 0, 1000, {}).acc, -start.first(samples, 0, 1000, {}).acc)
+
+
+def test_the_identity_start_is_level_with_the_nose_to_magnetic_north_unless_an_attitude_is_given() -> None:
+    m = still(3.0, roll=0.4, pitch=-0.3, yaw=1.0)
+    options = {"kp": 0.0, "ki": 0.0, "init": "identity"}
+    level = estimate("mahony", *m.sensors, **options, declination=10.0)
+    assert level.q[0] == pytest.approx(rotation.from_euler(0.0, 0.0, np.deg2rad(10.0)))
+    assert estimate("mahony", *m.sensors, **options, q0=m.q[0]).q[0] == pytest.approx(m.q[0])

@@ -79,6 +79,21 @@ def parameters() -> np.ndarray:
     return e.pack({name: value for name, (value, _) in e.resolve("fan").items()})
 
 
+def printed_step(
+    x: np.ndarray, p: np.ndarray, v: np.ndarray, dt: float, gyr: np.ndarray, acc: np.ndarray, mag: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(10) in its own order with whole matrices: all predicted with F of (11), then one update by all nine numbers."""
+    w, w_dot, g, m = x.reshape(4, 3)
+    f = np.eye(12)
+    f[:3, 3:6] = dt * np.eye(3)
+    f[6:9, :3], f[9:, :3] = dt * skew(g), dt * skew(m)
+    f[6:9, 6:9] = f[9:, 9:] = np.eye(3) - dt * skew(w)
+    x = np.concatenate([w + dt * w_dot, w_dot, g - dt * np.cross(w, g), m - dt * np.cross(w, m)])
+    p = f @ p @ f.T + dt * np.diag(np.repeat([0.0, v[3], v[4], v[5]], 3) ** 2)
+    z = np.concatenate([gyr, -acc, mag / np.linalg.norm(mag)])
+    return dense_update(x, p, np.eye(12)[[0, 1, 2, 6, 7, 8, 9, 10, 11]], z, np.repeat(v[:3], 3) ** 2 / dt)
+
+
 def initial(m: object, params: np.ndarray) -> np.ndarray:
     return ekf12.start(params, m.acc[0], m.mag[0], m.q[0])
 
@@ -131,6 +146,34 @@ def test_states_and_covariance_equal_an_independent_dense_filter() -> None:
         x, p = dense_step(x, p, params, 0.005, m.gyr[k], m.acc[k], m.mag[k])
         assert state[4:16] == pytest.approx(x, abs=1e-8)
     assert state[16:160].reshape(12, 12) == pytest.approx(p, abs=1e-8)
+
+
+def test_the_printed_preset_is_a_dense_filter_that_predicts_everything_and_then_updates() -> None:
+    """From q = (1, 0, 0, 0): g is down, M north and dips as the measured vectors say."""
+    m = flight(5.0, 200.0, noise=NOISE)
+    e = estimate("ekf12@fan-printed", *m.sensors)
+    assert e.q[0] == pytest.approx([1.0, 0.0, 0.0, 0.0])
+    x = np.concatenate([e.aux[name][0] for name in ("rate", "rate_dot", "gravity", "field")])
+    assert x[:9] == pytest.approx([0.0] * 8 + [9.80665])
+    assert x[10] == 0.0
+    assert np.linalg.norm(x[9:]) == pytest.approx(1.0)
+    p = np.diag(np.repeat([1.0, 10.0, 0.980665, 0.1], 3) ** 2)
+    params = parameters()
+    for k in range(1, len(m.t)):
+        x, p = printed_step(x, p, params, 0.005, m.gyr[k], m.acc[k], m.mag[k])
+        assert e.aux["gravity"][k] == pytest.approx(x[6:9], abs=1e-8)
+        assert e.aux["field"][k] == pytest.approx(x[9:], abs=1e-8)
+
+
+def test_the_printed_order_is_one_gyro_sample_behind_the_default_order() -> None:
+    m = flight(20.0)
+    ahead = estimate("ekf12@fan", *m.sensors, q0=m.q[0]).q
+    printed = estimate("ekf12@fan-printed", *m.sensors, q0=m.q[0]).q
+    sooner = np.vstack([m.gyr[1:], m.gyr[-1:]])
+    shifted = estimate("ekf12@fan-printed", m.t, sooner, m.acc, m.mag, q0=m.q[0]).q
+    late = m.t >= 10.0
+    assert 0.2 < total_deg(ahead, printed)[late].max() < 0.6
+    assert total_deg(ahead, shifted)[late][:-2].max() < 1e-3
 
 
 def test_attitude_is_the_papers_three_angles() -> None:

@@ -10,8 +10,9 @@ import pytest
 import attlog
 from attlog.base import rotation
 from attlog.reproduce.fan import claims as fan
+from attlog.reproduce.fan import conclusion, walks
 from attlog.reproduce.fan import runs as fan_runs
-from attlog.reproduce.fan.runs import EKF, FILTER, RAW, FanSeed
+from attlog.reproduce.fan.runs import AHEAD, EKF, FILTER, RAW, FanSeed
 from attlog.reproduce.paper import Paper, PaperOptions, Verdict
 from tests.reproduce.made import long_sentences
 
@@ -43,14 +44,58 @@ def test_the_spread_is_that_of_a_run_by_hand(found: Paper) -> None:
         s = fan_runs.at_rest(seed)
         late = s.t >= 20.0
         spreads = []
-        for name in ("ekf12@fan", "complementary@fan"):
+        for name in ("ekf12@fan-printed", "complementary@fan"):
             q = attlog.estimate(name, s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
-            pitch = np.degrees(rotation.to_euler(q)[:, 1])[late]
-            left = pitch - np.polyval(np.polyfit(s.t[late], pitch, 1), s.t[late])
+            heading = np.degrees(np.unwrap(rotation.to_euler(q)[:, 2]))[late]
+            left = heading - np.polyval(np.polyfit(s.t[late], heading, 1), s.t[late])
             spreads.append(np.sqrt(np.sum(left**2) / (len(left) - 2)))
         ratios.append(spreads[0] / spreads[1])
-    told = next(n for c in found.claims if c.id == "quieter" for n in c.numbers if "pitch" in n.what)
+    told = next(c for c in found.claims if c.id == "yaw").numbers[0]
     assert told.value == pytest.approx(np.exp(np.mean(np.log(ratios))), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_error_of_the_attitude_is_the_angle_to_the_truth_by_scipy(seeds: list[FanSeed]) -> None:
+    from scipy.spatial.transform import Rotation
+
+    s = fan_runs.at_rest(0)
+    q = attlog.estimate(EKF, s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
+    between = Rotation.from_quat(q[:, [1, 2, 3, 0]]).inv() * Rotation.from_quat(s.q[:, [1, 2, 3, 0]])
+    angle = np.degrees(between.magnitude())[s.t >= 20.0]
+    assert seeds[0].off[EKF] == pytest.approx(np.sqrt(np.mean(angle**2)), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_in_the_printed_order_the_heading_answers_one_sample_later(found: Paper, seeds: list[FanSeed]) -> None:
+    """A sample is 5 ms; used ahead, the gyro made this filter answer before the complementary one."""
+    late = [s.turned[EKF].delay_ms - s.turned[AHEAD].delay_ms for s in seeds]
+    assert late == pytest.approx([5.0] * SEEDS, abs=0.5)
+    assert all(s.turned[AHEAD].delay_ms < s.turned[FILTER].delay_ms for s in seeds)
+    assert next(c for c in found.claims if c.id == "sooner").verdict in ("does not hold", "cannot be judged")
+
+
+@pytest.mark.slow
+def test_the_more_exact_filter_is_the_one_with_smaller_errors_at_rest_and_in_rotation(seeds: list[FanSeed]) -> None:
+    better = [
+        replace(
+            s,
+            off={row: x * (0.1 if row in fan_runs.EKFS else 10.0) for row, x in s.off.items()},
+            turned={
+                row: replace(x, off_deg=x.off_deg * (0.1 if row in fan_runs.EKFS else 10.0))
+                for row, x in s.turned.items()
+            },
+        )
+        for s in seeds
+    ]
+    assert conclusion.exact(better)[0].verdict == "holds"
+    half = [replace(s, turned=t.turned) for s, t in zip(better, seeds, strict=True)]
+    assert conclusion.exact(half)[0].verdict != "holds"
+
+
+def test_more_computation_is_told_from_less() -> None:
+    spent = {FILTER: [40.0, 41.0, 40.0], EKF: [500.0, 510.0, 505.0]}
+    assert conclusion.dearer(spent).verdict == "holds"
+    assert conclusion.dearer({FILTER: spent[EKF], EKF: spent[FILTER]}).verdict == "does not hold"
 
 
 @pytest.mark.slow
@@ -77,6 +122,8 @@ def test_raw_is_worst_and_its_verdict_turns_with_the_numbers(found: Paper, seeds
     assert next(c for c in found.claims if c.id == "raw").verdict == "holds"
     swapped = [replace(s, spread=s.spread | {RAW: s.spread[FILTER], FILTER: s.spread[RAW]}) for s in seeds]
     assert fan._raw(swapped).verdict == "holds in part"
+    assert fan._small(seeds)[0].verdict == "holds"
+    assert fan._small(swapped)[0].verdict != "holds"
 
 
 @pytest.mark.slow
@@ -130,7 +177,7 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
     ],
 )
 def test_where_a_claim_holds_and_where_that_is_open_is_said(verdicts: tuple[Verdict, ...], said: str) -> None:
-    assert fan._by_walk(verdicts) == said
+    assert walks.by_walk(verdicts) == said
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import pytest
 
 import attlog
 from attlog.reproduce.lyu import claims as lyu
+from attlog.reproduce.lyu import conclusion
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs as lyu_runs
 from attlog.reproduce.paper import Paper, PaperOptions
@@ -137,6 +138,50 @@ def test_the_error_in_flight_is_that_of_the_attitude_that_flew() -> None:
     angle = np.degrees(np.arcsin(np.linalg.norm(np.cross(down, true), axis=1)))
     told = lyu_flight.one_seed(0)[lyu_runs.fixed("second")].error_deg
     assert told == pytest.approx(np.sqrt(np.mean(angle**2)), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_under_vibration_the_variable_integral_is_quieter_where_ki_counts_per_sample(found: Paper) -> None:
+    """By hand: the integral fades while |e| is above 0.3, so that less of the noise is summed."""
+    assert number(found, "rest", "mean |e| under vibration") > lyu_runs.ERR1
+    ratios = []
+    for seed in range(SEEDS):
+        s = lyu_runs.shaken(lyu_runs.at_rest(seed), seed)
+        spreads = []
+        for name in ("variable_integral@lyu:ki_per=sample", "complementary@lyu-fixed:ki_per=sample"):
+            q = attlog.estimate(name, s.t, s.gyr, s.acc, dt=s.dt).q
+            w, x, y, z = q[s.t >= 20.0].T
+            pitch = np.degrees(np.arcsin(2.0 * (w * y - z * x)))
+            left = pitch - np.polyval(np.polyfit(s.t[s.t >= 20.0], pitch, 1), s.t[s.t >= 20.0])
+            spreads.append(np.sqrt(np.sum(left**2) / (len(left) - 2)))
+        ratios.append(spreads[0] / spreads[1])
+    told = number(found, "rest", "spread of pitch under 3 m/s^2 of vibration, variable over fixed, ki per sample")
+    assert told == pytest.approx(np.exp(np.mean(np.log(ratios))), rel=1e-6)
+    assert told < 0.98
+
+
+@pytest.mark.slow
+def test_both_filters_keep_control_and_a_flight_that_does_not_is_told() -> None:
+    flights = [lyu_flight.one_seed(seed) for seed in range(2)]
+    claim = conclusion.flies(flights)
+    assert claim.verdict == "holds"
+    assert [n.value for n in claim.numbers if "in control" in n.what] == [100.0, 100.0]
+    row = lyu_runs.variable("second")
+    for change in ({"most_deg": 90.0}, {"landed": True}):
+        lost = [{**flights[0], row: replace(flights[0][row], **change)}, flights[1]]
+        assert conclusion.flies(lost).verdict == "does not hold"
+
+
+def test_an_improvement_that_costs_hardly_more_is_told_from_one_that_costs_twice_as_much() -> None:
+    new, old = lyu_runs.variable("second"), lyu_runs.fixed("second")
+    assert conclusion.dearer({new: [40.0, 41.0, 40.5], old: [33.0, 33.5, 33.0]}).verdict == "holds"
+    assert conclusion.dearer({new: [80.0, 81.0, 80.5], old: [33.0, 33.5, 33.0]}).verdict == "does not hold"
+
+
+@pytest.mark.slow
+def test_what_is_a_motive_of_the_paper_is_no_claim_of_it(found: Paper) -> None:
+    assert {c.id for c in found.claims} == {"rest", "follow", "settle", "flight", "cost"}
+    assert "overshoots" in found.tables[0].head[2]
 
 
 @pytest.mark.slow
