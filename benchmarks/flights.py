@@ -5,9 +5,9 @@
 The set is ``sitl/`` below the corpus folder (default $ATTLOG_CORPUS). Per flight: RMSE of tilt and heading in deg of
 the onboard attitude and of each estimator, their ratio, RMS of error over the estimator's own sigma, seconds of
 processor time per 100 s, and what the estimator says of itself; medians at the end. Scored from 15 s after the first
-inertial sample. ``--inject`` adds GNSS noise (0.2 m/s, 1.5 m and as much wander), soft iron of 2.5 % per entry and a
-declination error of 1 deg, the same for every run; the onboard attitude keeps its clean sensors. ``--air`` cuts what
-comes before 20 s after the first arming (or before a quarter of the log). Nothing is kept between runs.
+inertial sample, and airborne alone. ``--inject`` adds GNSS noise (0.2 m/s, 1.5 m and as much wander), soft iron of
+2.5 % per entry and a declination error of 1 deg, the same for every run; the onboard attitude keeps its clean sensors.
+``--air`` cuts what comes before 20 s after the first arming (or before a quarter of the log). Nothing is kept between runs.
 """
 
 from __future__ import annotations
@@ -108,7 +108,15 @@ def errors(t: Array, q: Array, truth_t: Array, truth_q: Array, begin: float) -> 
 
 
 def rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x * x)))
+    return float(np.sqrt(np.mean(x * x))) if len(x) else np.nan
+
+
+def flown(case: Any, when: Array) -> NDArray[np.bool_]:
+    """Which times (m,) lie in the air."""
+    inside = np.zeros(len(when), bool)
+    for span in case.segments.of("airborne"):
+        inside |= (when >= span.t0) & (when <= span.t1)
+    return inside
 
 
 def main() -> None:
@@ -133,7 +141,9 @@ def main() -> None:
         given = injected(given, zlib.crc32(path.stem.encode())) if args.inject else given
         begin = float(given["t"][0]) + SCORED_S
         at = onboard.t if onboard.t_sample is None else onboard.t_sample
-        own = [np.degrees(rms(x)) for x in errors(at, onboard.q, log.truth.t, log.truth.q, begin)[1:]]
+        seen, *both = errors(at, onboard.q, log.truth.t, log.truth.q, begin)
+        own = [np.degrees(rms(x)) for x in both]
+        own_air = [np.degrees(rms(x[flown(case, seen)])) for x in both]
         for name, found in rows.items():
             clock = time.thread_time()
             e: Estimate = estimate(name, **given)
@@ -143,10 +153,13 @@ def main() -> None:
             off = [np.degrees(rms(tilt)), np.degrees(rms(heading))]
             z = [rms(tilt / sigma[0]), rms(heading / sigma[1])]
             refused = bool(e.quality.get("refused"))
-            found.append([*off, off[0] / own[0], off[1] / own[1], *z, spent, float(refused)])
+            air = [np.degrees(rms(x[flown(case, when)])) for x in (tilt, heading)]
+            air = [a / b for a, b in zip(air, own_air, strict=True)]
+            found.append([*off, off[0] / own[0], off[1] / own[1], *z, spent, float(refused), *air])
             print(
                 f"{path.stem:24s} {name:10s} onboard {own[0]:5.2f} {own[1]:5.2f}  deg {off[0]:6.3f} {off[1]:6.3f}  "
-                f"ratio {off[0] / own[0]:5.2f} {off[1] / own[1]:5.2f}  z {z[0]:4.1f} {z[1]:4.1f}  {spent:4.1f} s  "
+                f"ratio {off[0] / own[0]:5.2f} {off[1] / own[1]:5.2f}  "
+                f"airborne {air[0]:5.2f} {air[1]:5.2f}  z {z[0]:4.1f} {z[1]:4.1f}  {spent:4.1f} s  "
                 + " ".join(f"{k}={v:.3g}" if isinstance(v, float) else f"{k}={v}" for k, v in e.quality.items()),
                 flush=True,
             )
@@ -155,7 +168,8 @@ def main() -> None:
         taken = x[x[:, 7] == 0.0]
         pooled = np.sqrt(np.mean(taken[:, 4:6] ** 2, axis=0))
         print(
-            f"{name:10s} {len(x)} flights: median ratio {np.median(x[:, 2]):.3f} {np.median(x[:, 3]):.3f}, deg "
+            f"{name:10s} {len(x)} flights: median ratio {np.median(x[:, 2]):.3f} {np.median(x[:, 3]):.3f}, airborne "
+            f"{np.nanmedian(x[:, 8]):.3f} {np.nanmedian(x[:, 9]):.3f}, deg "
             f"{np.median(x[:, 0]):.3f} {np.median(x[:, 1]):.3f}; of {len(taken)} not refused worst "
             f"{taken[:, 2].max():.2f} {taken[:, 3].max():.2f}"
             f", pooled error/sigma {pooled[0]:.2f} {pooled[1]:.2f}, above 1.5 "

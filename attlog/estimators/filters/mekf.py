@@ -152,7 +152,7 @@ PARAMETERS = (
     Parameter("delay_sigma", 15.0, "ms", 0, 1000, "delay of the magnetometer expected; it is estimated", PHYSICAL),
     Parameter(
         "offset_sigma",
-        0.03,
+        0.06,
         "",
         0,
         10,
