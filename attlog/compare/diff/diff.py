@@ -73,8 +73,8 @@ def _parameters(old: Result, new: Result) -> list[TextChange] | None:
         return None
     if len({str(dict(r.log.get("firmware") or {}).get("name")) for r in (old, new)}) > 1:
         return []
-    sides: list[dict[str, Any]] = [dict(side) for side in params]
-    told = [dict(r.log.get("params_changed") or {}) for r in (old, new)]
+    sides = [dict(side or {}) for side in params]
+    told: list[dict[str, Any]] = [dict(r.log.get("params_changed") or {}) for r in (old, new)]
     for mine, beside, known, others in zip(sides, sides[::-1], told, told[::-1], strict=True):
         if known:
             absent = [name for name in beside if name not in mine]
