@@ -9,6 +9,10 @@ install = (command -v uv >/dev/null 2>&1 && ATTLOG_KERNELS=none uv pip install -
 	|| ATTLOG_KERNELS=none $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e $(1)
 compile = $(BIN)/python -m attlog.prebuilt --here
 
+# Bytecode is kept also where the environment says not to: else each of the tests' processes compiles all of Python's
+# files that it imports, and every worker the tests themselves.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: demo test test-slowest test-all test-rights fuzz check format docs bench bench-page bench-guard clean
 
 demo: $(VENV)/installed
