@@ -20,12 +20,12 @@ demo: $(VENV)/installed
 	$(BIN)/attlog analyze sample_logs/copter_yaw_turns.bin -o reports
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n $(CORES) -m "not slow"
+	$(BIN)/python -m pytest -n $(CORES) --dist worksteal -m "not slow"
 
 # Where the time of `make test` goes. What takes more than half a second there belongs to test-all (marked slow),
 # or into a smaller case: few() in tests/conftest.py keeps the first cases of a parametrisation.
 test-slowest: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n $(CORES) -m "not slow" --durations 60 --durations-min 0.3
+	$(BIN)/python -m pytest -n $(CORES) --dist worksteal -m "not slow" --durations 60 --durations-min 0.3
 
 test-all: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n $(CORES) --durations 25
