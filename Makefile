@@ -9,6 +9,10 @@ install = (command -v uv >/dev/null 2>&1 && ATTLOG_KERNELS=none uv pip install -
 	|| ATTLOG_KERNELS=none $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e $(1)
 compile = $(BIN)/python -m attlog.prebuilt --here
 
+# Bytecode is kept also where the environment says not to: else each of the tests' processes compiles all of Python's
+# files that it imports, and every worker the tests themselves.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: demo test test-slowest test-all test-rights fuzz check format docs bench bench-page bench-guard clean
 
 demo: $(VENV)/installed
@@ -16,12 +20,12 @@ demo: $(VENV)/installed
 	$(BIN)/attlog analyze sample_logs/copter_yaw_turns.bin -o reports
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n $(CORES) -m "not slow"
+	$(BIN)/python -m pytest -n $(CORES) --dist worksteal -m "not slow"
 
 # Where the time of `make test` goes. What takes more than half a second there belongs to test-all (marked slow),
 # or into a smaller case: few() in tests/conftest.py keeps the first cases of a parametrisation.
 test-slowest: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n $(CORES) -m "not slow" --durations 60 --durations-min 0.3
+	$(BIN)/python -m pytest -n $(CORES) --dist worksteal -m "not slow" --durations 60 --durations-min 0.3
 
 test-all: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n $(CORES) --durations 25

@@ -6,15 +6,19 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import attlog
 from attlog.base.errors import LogUnreadable, UsageError
 from attlog.base.plain import plain, rounded
+from attlog.metrics.statistics.units import UnitValues
 from attlog.result import SCHEMA, Answer, EstimatorRow, Result
+from attlog.result.answers import as_written
 from tests.conftest import SAMPLES, few
 from tests.health.assessments.made import MADE
 
@@ -173,29 +177,38 @@ def answers(found: Result) -> dict[tuple[str, str, str], Answer]:
     return {(r.name, w, m): a for r in found.estimators for w, kept in r.metrics.items() for m, a in kept.items()}
 
 
+def digits(answer: Answer) -> dict[str, Any]:
+    """The plain answer with six significant digits, five of what stands behind it."""
+    return {k: rounded(v, 5 if k in ("each", "detail", "units") else 6) for k, v in plain(answer).items()}
+
+
 def test_every_answer_reads_back_whole_though_the_file_tells_it_once(tmp_path: Path) -> None:
     result = attlog.evaluate(attlog.prepare(SAMPLES / "copter_yaw_turns.bin"), ["mahony", "madgwick"])
     result.to_json(tmp_path / "a.json")
     back, made = answers(Result.load(tmp_path / "a.json")), answers(result)
     assert back.keys() == made.keys()
-    assert [key for key in made if plain(back[key]) != rounded(plain(made[key]), 10)] == []
+    assert [key for key in made if digits(made[key]) != plain(back[key])] == []
     document = json.loads((tmp_path / "a.json").read_text())
     row = document["estimators"][1]["metrics"]
-    assert row["airborne"]["lag_ms"] == {"value": row["all"]["lag_ms"]["value"], "as_in": "all"}
-    assert (tmp_path / "a.json").stat().st_size < 230_000
-    lag, gain = (document["evidence"][row["all"][name]["evidence"]] for name in ("lag_ms", "step_gain"))
+    assert document["usual"]["airborne"]["lag_ms"] == "all"
+    assert "lag_ms" not in row["airborne"]
+    assert (tmp_path / "a.json").stat().st_size < 150_000
+    of = {name: row["all"][name].get("evidence", document["usual"]["all"][name]) for name in ("lag_ms", "step_gain")}
+    lag, gain = (document["evidence"][number] for number in of.values())
     assert lag["n"] == gain["n"] == made["mahony", "all", "lag_ms"].n
     assert document["sentences"][lag["method"]] == made["mahony", "all", "lag_ms"].method
 
 
-def test_numbers_of_answers_are_written_to_a_ten_billionth(tmp_path: Path) -> None:
+def test_answers_have_six_digits_and_what_stands_behind_them_five(tmp_path: Path) -> None:
     result = Result({"version": "1"}, "", {}, {"name": "x.ulg", "t0": 1 / 3})
     answer = Answer(2 / 3, "deg", "all", 1, ci95=(1e-7 / 3, 1e7 / 3), detail={"slopes": [1 / 7]})
     result.estimators = [EstimatorRow("mahony", "replay", "mahony", "ok", metrics={"all": {"total_rmse_deg": answer}})]
     document = json.loads(result.to_json(tmp_path / "a.json"))
     written = document["estimators"][0]["metrics"]["all"]["total_rmse_deg"]
-    assert written == {"value": 0.6666666667, "ci95": [3.333333333e-08, 3333333.333], "evidence": 0}
-    assert document["evidence"] == [{"n": 1, "detail": {"slopes": [0.1428571429]}}]
+    assert written == {"value": 0.666667, "ci95": [3.33333e-08, 3333330.0], "detail": 0}
+    assert document["usual"] == {"all": {"total_rmse_deg": 0}}
+    assert document["evidence"] == [{"n": 1}]
+    assert document["details"] == [{"slopes": [0.14286]}]
     assert document["log"]["t0"] == 1 / 3
     assert Result.load(tmp_path / "a.json").to_json() == (tmp_path / "a.json").read_text()
 
@@ -207,8 +220,10 @@ def test_numbers_of_answers_are_written_to_a_ten_billionth(tmp_path: Path) -> No
         ({"as_in": "rest"}, "as_in: there is no such answer in 'rest'"),
         ({"as_in": "idle"}, "as_in: there is no such answer in 'idle'"),
         ({"value": 1.0, "as_in": "all"}, "value: differs from that in 'all'"),
-        ({"value": 1.0, "reason": 1000}, "reason: there is no sentence 1000"),
-        ({"value": 1.0, "method": -1}, "method: there is no sentence -1"),
+        ({"value": 1.0, "evidence": 0, "reason": 1000}, "reason: there is no sentence 1000"),
+        ({"value": 1.0, "evidence": 0, "detail": 1000}, "detail: there is no detail 1000"),
+        ({"value": 1.0, "evidence": 0, "units": 1000}, "units: there is no entry of units 1000"),
+        ({"value": 1.0, "evidence": 0, "method": -1}, "method: there is no sentence -1"),
         ({"value": 1.0, "evidence": 100_000}, "evidence: there is no evidence 100000"),
         ({"value": 1.0, "evidence": -1}, "evidence: there is no evidence -1"),
     ],
@@ -231,20 +246,74 @@ def test_evidence_that_is_no_number_is_an_unknown_key(written: Path, tmp_path: P
         Result.load(tmp_path / "x.json")
 
 
-def test_a_file_of_schema_4_reads_the_same(written: Path, tmp_path: Path) -> None:
+OLDER = {
+    "all": {
+        "lag_ms": {"value": 1.5, "ci95": [1.0, 2.0], "each": [1.25, 1.75], "unit_values": [1.25, 1.75], "evidence": 0},
+        "lag_roll_ms": {"code": "no_events", "evidence": 1},
+    },
+    "airborne": {"lag_ms": {"value": 1.5, "as_in": "all"}, "lag_roll_ms": {"code": "no_events", "as_in": "all"}},
+}
+"""Answers as schema 5 had them: units and detail in their evidence, no usual evidence."""
+EVIDENCE = [
+    {"n": 2, "seconds": 4.0, "method": 1, "detail": {"gain": 1.0}, "units": {"kind": "lag_event", "ids": [10, 20]}},
+    {"reason": 0},
+]
+
+
+@pytest.mark.parametrize("schema", [4, 5])
+def test_an_older_file_reads_the_same(tmp_path: Path, schema: int) -> None:
     """Schema 4 had sentences by their number and answers by an earlier window, and no evidence that answers share."""
-    whole = json.loads(written.read_text())
-    evidence = whole.pop("evidence")
-    for row in whole["estimators"]:
-        for answers_ in row["metrics"].values():
-            for answer in answers_.values():
-                answer |= evidence[answer.pop("evidence")] if "evidence" in answer else {}
-                if "unit_values" in answer:
-                    answer["units"] = answer["units"] | {"values": answer.pop("unit_values")}
-    (tmp_path / "old.json").write_text(json.dumps(whole | {"schema": "attlog-result/4"}))
+    metrics: dict[str, Any] = json.loads(json.dumps(OLDER))
+    if schema == 4:
+        for answer in metrics["all"].values():
+            answer |= EVIDENCE[answer.pop("evidence")]
+        whole = metrics["all"]["lag_ms"]
+        whole["units"] = whole["units"] | {"values": whole.pop("unit_values")}
+    row = {"name": "vqf", "kind": "replay", "estimator": "vqf", "status": "ok", "metrics": metrics}
+    document = {"attlog": {}, "command": "", "config": {}, "log": {}, "estimators": [row]}
+    document |= {"schema": f"attlog-result/{schema}", "sentences": ["No steps.", "fit"]}
+    document |= {"evidence": EVIDENCE} if schema == 5 else {}
+    (tmp_path / "old.json").write_text(json.dumps(document))
     found = Result.load(tmp_path / "old.json")
-    assert found.schema == "attlog-result/4"
-    assert found.to_dict() == Result.load(written).to_dict()
+    assert found.schema == f"attlog-result/{schema}"
+    units = UnitValues("lag_event", np.array([10, 20]), np.array([1.25, 1.75]))
+    lag = Answer(1.5, "ms", "all", 2, 4.0, (1.0, 2.0), "fit", detail={"gain": 1.0}, each=[1.25, 1.75], units=units)
+    none = Answer(None, "ms", "all", code="no_events", reason="No steps.")
+    for window in OLDER:
+        told = found.estimators[0].metrics[window]
+        assert told == {k: replace(a, window=window) for k, a in (("lag_ms", lag), ("lag_roll_ms", none))}
+        assert plain(told["lag_ms"].units) == plain(units)
+    (tmp_path / "new.json").write_text(found.to_json())
+    assert found.to_dict()["schema"] == SCHEMA
+    assert Result.load(tmp_path / "new.json").estimators == found.estimators
+
+
+def test_a_row_without_an_answer_that_others_have_reads_back_without_it(tmp_path: Path) -> None:
+    lag, over = Answer(1.5, "ms", "all", 2), Answer(1.0, "%", "all", 3)
+    answers = {"lag_ms": lag, "overshoot_pct": over}
+    rows = [EstimatorRow(n, "replay", n, "ok", metrics={"all": dict(answers)}) for n in ("gyro", "vqf", "mekf")]
+    del rows[2].metrics["all"]["lag_ms"]
+    rows[1].metrics["all"]["overshoot_pct"] = replace(over, n=7)
+    rows[2].metrics["hover"] = {"lag_ms": replace(lag, window="hover")}
+    result = Result({}, "", {}, {}, estimators=rows)
+    document = json.loads(result.to_json(tmp_path / "a.json"))
+    assert [row["metrics"]["all"] for row in document["estimators"]] == [
+        {"lag_ms": {"value": 1.5}, "overshoot_pct": {"value": 1.0}},
+        {"lag_ms": {"value": 1.5}, "overshoot_pct": {"value": 1.0, "evidence": 2}},
+        {"lag_ms": None, "overshoot_pct": {"value": 1.0}},
+    ]
+    assert Result.load(tmp_path / "a.json").estimators == rows
+    assert Result.load(tmp_path / "a.json").to_json() == (tmp_path / "a.json").read_text()
+
+
+def test_an_answer_that_was_read_equals_what_was_written() -> None:
+    units = UnitValues("lag_event", np.array([10, 20]), np.array([1 / 3, 2 / 3]))
+    made = Answer(1 / 3, "ms", "all", 2, ci95=(1 / 7, 2 / 3), each=[1 / 3, 2 / 3], units=units)
+    row = EstimatorRow("vqf", "replay", "vqf", "ok", metrics={"all": {"lag_ms": made}})
+    text = Result({}, "", {}, {}, estimators=[row]).to_json()
+    read = Result.read(text.encode(), "x.json").estimators[0].metrics["all"]["lag_ms"]
+    assert read != made
+    assert plain(read) == plain(as_written(made)) == plain(as_written(read))
 
 
 def test_a_file_of_schema_3_reads_the_same(tmp_path: Path) -> None:
@@ -332,12 +401,12 @@ def test_the_schema_tells_what_an_assessment_holds() -> None:
 
 def test_an_answer_without_a_value_does_not_say_that_it_is_not_ranked():
     """Nobody can rank it: answers that share their reason share their evidence, whatever was left out."""
-    from attlog.result.document import Shared
+    from attlog.result.answers import Shared
 
     shared = Shared()
     own = [shared.taken_from({"code": "no_reference", "reason": "none", **more}) for more in ({"ranked": False}, {})]
-    assert own == [{"code": "no_reference", "evidence": 0}] * 2
-    assert shared.lists() == {"sentences": ["none"], "evidence": [{"reason": 0}]}
+    assert own == [{"evidence": 0}] * 2
+    assert shared.lists() == {"sentences": ["none"], "evidence": [{"code": "no_reference", "reason": 0}]}
     ranked = shared.taken_from({"value": 1.0, "ranked": False})
     assert shared.lists()["evidence"][ranked["evidence"]] == {"ranked": False}
 

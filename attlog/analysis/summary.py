@@ -91,8 +91,15 @@ def _date(log: FlightLog) -> str | None:
 
 
 def _params(log: FlightLog) -> dict[str, float]:
-    """The values that parameters begin with."""
-    return {name: value for name in sorted(log.params) if (value := log.param(name)) is not None}
+    """The values that parameters begin with; where the log tells defaults, of those alone that differ from theirs.
+
+    ULog tells no default of a parameter that has it.
+    """
+    found = {name: value for name in sorted(log.params) if (value := log.param(name)) is not None}
+    if not log.param_defaults:
+        return found
+    usual = {name: value for name, value in found.items() if name not in log.filled_params} | log.param_defaults
+    return {name: value for name, value in found.items() if value != usual.get(name)}
 
 
 def place(log: FlightLog) -> dict[str, float] | None:

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 IN_JSON = "json"
 """A field that stays out of the document says so: ``field(metadata={IN_JSON: False})``."""
-DIGITS = "digits"
-"""A field of numbers that are written with so many digits says so: ``field(metadata={DIGITS: 6})``."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -68,12 +66,12 @@ def plain(value: Any, defaults: bool = True) -> Any:
     if written is None:
         return _less_common(value, defaults)
     document = {}
-    for name, default, digits in written:
+    for name, default in written:
         item = getattr(value, name)
         if not defaults and _is(item, default):
             continue
         if type(item) not in AS_THEY_ARE:
-            item = plain(item, defaults) if digits is None else rounded(plain(item), digits)
+            item = plain(item, defaults)
         document[name] = item
     return document
 
@@ -82,12 +80,12 @@ AS_THEY_ARE = frozenset((str, int, bool, type(None)))
 
 
 @functools.cache
-def _written(kind: type) -> tuple[tuple[str, Any, int | None], ...] | None:
-    """The fields of a dataclass that its document has, each with its default and digits; None for other types."""
+def _written(kind: type) -> tuple[tuple[str, Any], ...] | None:
+    """The fields of a dataclass that its document has, each with its default; None for other types."""
     if not dataclasses.is_dataclass(kind):
         return None
     return tuple(
-        (f.name, f.default if f.default_factory is dataclasses.MISSING else f.default_factory(), f.metadata.get(DIGITS))
+        (f.name, f.default if f.default_factory is dataclasses.MISSING else f.default_factory())
         for f in dataclasses.fields(kind)
         if f.metadata.get(IN_JSON, True)
     )

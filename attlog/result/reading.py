@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from attlog.base.errors import UsageError
 from attlog.base.validation import adapter, lines
-from attlog.result.document import NOT_UTF8, SCHEMA, SCHEMA_NAME, SCHEMA_NUMBER, expanded
+from attlog.result.document import NOT_UTF8, SCHEMA, SCHEMA_NAME, SCHEMA_NUMBER
+from attlog.result.restored import expanded
 
 T = TypeVar("T")
 OLDEST, SHORTENED = 1, 4

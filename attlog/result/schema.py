@@ -14,7 +14,8 @@ from attlog.base.validation import adapter
 from attlog.metrics.answer import Answer
 from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.metrics.statistics.units import UnitValues
-from attlog.result.document import MEASURED_TIMES, OWN, SCHEMA, SENTENCES
+from attlog.result.answers import OWN, SENTENCES
+from attlog.result.document import MEASURED_TIMES, SCHEMA
 from attlog.result.model import Result
 
 
@@ -45,10 +46,16 @@ def schema() -> dict[str, Any]:
         "items": {"type": "string"},
         "description": "Reasons and methods of answers, each once; evidence has their number here, from 0 on.",
     }
-    document["properties"]["evidence"] = {
-        "type": "array",
-        "items": {"$ref": "#/$defs/Evidence"},
-        "description": "What answers share, each once; an answer has its number here, from 0 on.",
+    for name, what in (("evidence", "Evidence"), ("units", "UnitValues"), ("details", "Detail")):
+        document["properties"][name] = {
+            "type": "array",
+            "items": {"$ref": f"#/$defs/{what}"},
+            "description": "What answers share, each once; they have its number here, from 0 on.",
+        }
+    document["properties"]["usual"] = {
+        "type": "object",
+        "additionalProperties": {"type": "object", "additionalProperties": {"type": ["integer", "string"]}},
+        "description": "window -> metric -> evidence, or earlier window, of answers that tell neither.",
     }
     document["required"] = ["schema", *document["required"]]
     _name_answers(document["$defs"])
@@ -65,7 +72,7 @@ def _metrics() -> dict[str, Any]:
     """Every metric by its id: an answer, and what its value means."""
     return {
         name: {
-            "$ref": "#/$defs/Answer",
+            "anyOf": [{"$ref": "#/$defs/Answer"}, {"type": "null"}],
             "title": metric.title,
             "unit": metric.unit,
             "better": metric.better,
@@ -79,13 +86,15 @@ def _name_answers(parts: dict[str, Any]) -> None:
     """Answers as they are shortened: sentences by their number, and those of an earlier window by its name."""
     fields_of_answer = parts["Answer"]["properties"]
     own = {name: fields_of_answer.pop(name) for name in OWN}
-    for name in SENTENCES:
-        fields_of_answer[name] = {"type": "integer", "minimum": 0, "description": "Which of the document's sentences."}
+    parts["Detail"] = own.pop("detail")
+    numbered = dict.fromkeys(SENTENCES, "sentences") | {"units": "units"}
+    fields_of_answer |= {name: _number(of) for name, of in numbered.items()}
     parts["Evidence"] = {"type": "object", "properties": fields_of_answer, "description": "The rest of an answer."}
     units = parts["UnitValues"]
     own["unit_values"] = units["properties"].pop("values") | {"description": "One value per id of its evidence."}
     units["required"].remove("values")
-    own["evidence"] = {"type": "integer", "minimum": 0, "description": "Which of the document's evidence."}
+    own["each"] = {"anyOf": [own["each"], {"type": "null"}], "description": "null: as unit_values."}
+    own |= {"detail": _number("details"), "evidence": _number("evidence")}
     own["as_in"] = {"type": "string", "description": "The earlier window of the row whose answer this is, too."}
     parts["Answer"]["properties"] = own
     parts["EstimatorRow"]["properties"]["metrics"] = {
@@ -93,6 +102,10 @@ def _name_answers(parts: dict[str, Any]) -> None:
         "description": "window -> metric -> answer",
         "additionalProperties": {"$ref": "#/$defs/Answers"},
     }
+
+
+def _number(of: str) -> dict[str, Any]:
+    return {"type": "integer", "minimum": 0, "description": f"Which of the document's {of}."}
 
 
 def _drop_hidden(document: dict[str, Any]) -> None:

@@ -29,12 +29,23 @@ def case() -> Case:
     return attlog.prepare(LOG)
 
 
+@pytest.fixture(scope="module")
+def alone(case: Case) -> Result:
+    """One filter, evaluated once for all tests that only look."""
+    return attlog.evaluate(case, "mahony")
+
+
+@pytest.fixture(scope="module")
+def pair(case: Case) -> Result:
+    return attlog.evaluate(case, "mahony,madgwick")
+
+
 def answers(result: Result, name: str) -> dict[str, dict[str, Answer]]:
     return next(row.metrics for row in result.estimators if row.name == name)
 
 
-def test_a_second_evaluation_prepares_nothing_again(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = attlog.evaluate(case, ["mahony"])
+def test_a_second_evaluation_prepares_nothing_again(case: Case, alone: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = alone
 
     def again(*_: object, **__: object) -> None:
         raise AssertionError("prepared again")
@@ -54,11 +65,10 @@ def test_a_second_evaluation_prepares_nothing_again(case: Case, monkeypatch: pyt
     assert (first.log, first.audit, first.reference) == (second.log, second.audit, second.reference)
 
 
-def test_a_filter_gets_the_same_answers_alone_as_among_others(case: Case) -> None:
+def test_a_filter_gets_the_same_answers_alone_as_among_others(case: Case, alone: Result) -> None:
     """But for what compares it with the others: ranking of headings, costs."""
-    alone = answers(attlog.evaluate(case, "mahony"), "mahony")
     among = answers(attlog.evaluate(case, "madgwick,mahony,ekf12"), "mahony")
-    values = {(w, m): (a.value, a.ci95) for w, found in alone.items() for m, a in found.items()}
+    values = {(w, m): (a.value, a.ci95) for w, found in answers(alone, "mahony").items() for m, a in found.items()}
     assert values == {(w, m): (a.value, a.ci95) for w, found in among.items() for m, a in found.items()}
     assert sum(v is not None for v, _ in values.values()) > 10
 
@@ -84,10 +94,9 @@ def test_two_evaluations_of_one_name_with_other_parameters_do_not_mix(case: Case
     assert noise[0] != noise[1]
 
 
-def test_traces_and_costs_come_when_asked_for(case: Case) -> None:
-    bare = attlog.evaluate(case, "mahony")
+def test_traces_and_costs_come_when_asked_for(case: Case, alone: Result) -> None:
     full = attlog.evaluate(case, "mahony", traces=True, cost=True)
-    assert (bare.traces, "cost_ns" in answers(bare, "mahony")["all"]) == ([], False)
+    assert (alone.traces, "cost_ns" in answers(alone, "mahony")["all"]) == ([], False)
     assert {"attitude", "difference"} <= {t.figure for t in full.traces}
     assert answers(full, "mahony")["all"]["cost_ns"].value
 
@@ -132,8 +141,8 @@ def test_a_row_that_has_passed_is_run_again_where_another_is_equal(case: Case, m
     assert group.apart_deg < 1e-9
 
 
-def test_only_what_is_wanted_is_measured_and_has_the_same_answers(case: Case) -> None:
-    whole = attlog.evaluate(case, "mahony,madgwick")
+def test_only_what_is_wanted_is_measured_and_has_the_same_answers(case: Case, pair: Result) -> None:
+    whole = pair
     some = attlog.evaluate(case, "mahony,madgwick", only={"lag_ms", "drift_air_deg_per_min"})
     assert (some.verdicts, some.findings) == ([], [])
     for name in ("mahony", "madgwick", "onboard"):
@@ -144,8 +153,8 @@ def test_only_what_is_wanted_is_measured_and_has_the_same_answers(case: Case) ->
     assert {m: some.best["airborne"][m] for m in some.best["airborne"]}.items() <= whole.best["airborne"].items()
 
 
-def test_analyze_is_both_halves() -> None:
-    whole, halves = attlog.analyze(LOG, {"estimators": "mahony"}), attlog.evaluate(attlog.prepare(LOG), "mahony")
+def test_analyze_is_both_halves(alone: Result) -> None:
+    whole, halves = attlog.analyze(LOG, {"estimators": "mahony"}), alone
     assert whole.traces
     assert "cost_ns" in answers(whole, "mahony")["all"]
     for window, found in answers(halves, "mahony").items():
@@ -156,15 +165,14 @@ def test_analyze_is_both_halves() -> None:
     assert list(whole.timing) == ["read", "segments", "reference", "estimators", "audit", "metrics", "sensors"]
 
 
-def test_the_result_tells_which_time_is_scored() -> None:
-    def scored(**settings: object) -> tuple[float, float | None]:
-        reference = attlog.evaluate(attlog.prepare(LOG, settings), "gyro").reference
-        assert reference is not None
-        return reference.scoring_start_s, reference.scoring_end_s
+def test_the_result_tells_which_time_is_scored(case: Case, alone: Result) -> None:
+    def scored(result: Result) -> tuple[float, float | None]:
+        assert result.reference is not None
+        return result.reference.scoring_start_s, result.reference.scoring_end_s
 
-    seconds = attlog.read(LOG).seconds
-    assert scored()[0] == pytest.approx(15.0 if seconds >= 30.0 else seconds / 3.0, abs=0.1)
-    assert scored(score_from=3.5) == (3.5, None)
+    seconds = case.log.seconds
+    assert scored(alone)[0] == pytest.approx(15.0 if seconds >= 30.0 else seconds / 3.0, abs=0.1)
+    assert scored(attlog.evaluate(attlog.prepare(LOG, {"score_from": 3.5}), "gyro")) == (3.5, None)
 
 
 def test_a_configuration_may_be_a_mapping() -> None:
@@ -238,16 +246,17 @@ def smoothed(log: object, phases: object, options: object, *, compass: bool = Tr
     return Estimate(truth.t, truth.q, aux=aux, quality={"aided_by": "gnss"})
 
 
-def test_with_the_smoother_as_reference_the_onboard_attitude_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_the_smoother_as_reference_the_onboard_attitude_is_a_row(
+    pair: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(replay, "smoother", smoothed)
     result = attlog.evaluate(attlog.prepare(LOG, {"reference": "smoother"}), "mahony,madgwick", traces=True)
-    by_truth = attlog.evaluate(attlog.prepare(LOG), "mahony,madgwick")
     assert result.reference is not None
     assert (result.reference.choice, result.reference.sigma_tilt_deg) == ("smoother", pytest.approx(0.0573, abs=1e-4))
     for name in ("onboard", "mahony"):
         for metric in ("inclination_rmse_deg", "lag_ms", "drift_air_deg_per_min.smoother"):
             found = answers(result, name)["airborne"][metric]
-            expected = answers(by_truth, name)["airborne"][metric.replace("smoother", "truth")]
+            expected = answers(pair, name)["airborne"][metric.replace("smoother", "truth")]
             assert found.value == pytest.approx(expected.value, abs=0.02), (name, metric)
     assert {"attitude", "sigma"} <= {t.figure for t in result.traces if t.row == "smoother"}
     assert "sigma 0.057" in next(v.sentence for v in result.verdicts if v.question == "accuracy")

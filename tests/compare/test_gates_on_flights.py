@@ -48,7 +48,9 @@ def found(flight: Path, folder: Path, fault: str) -> list[GateOutcome]:
 
 
 @pytest.mark.parametrize("flight", few(FLIGHTS, 1))
-@pytest.mark.parametrize(("fault", "check"), [("as it was", None), ("delay", LAG), ("scale", STEP), ("bias", DRIFT)])
+@pytest.mark.parametrize(
+    ("fault", "check"), few([("as it was", None), ("bias", DRIFT), ("delay", LAG), ("scale", STEP)], 2)
+)
 def test_a_fault_is_caught_by_its_gate_alone(
     request: pytest.FixtureRequest, tmp_path: Path, flight: str, fault: str, check: str | None
 ) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from attlog.flight import physics
-from attlog.result.document import expanded
+from attlog.result.restored import expanded
 from attlog.result.schema import schema
 
 DAY_S = physics.LONGEST_S

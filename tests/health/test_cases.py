@@ -16,7 +16,7 @@ from attlog.result import Result
 from tests.conftest import corpus_root
 
 FOLDER = None if corpus_root() is None else corpus_root() / "logs" / "cases"
-pytestmark = pytest.mark.skipif(FOLDER is None or not FOLDER.is_dir(), reason="needs the corpus")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(FOLDER is None or not FOLDER.is_dir(), reason="needs the corpus")]
 
 
 @cache

@@ -333,7 +333,7 @@ def test_the_result_can_be_saved_from_the_page(visit, report):
     with page.expect_download() as download:
         page.click("#save")
     saved = json.loads(download.value.path().read_text(encoding="utf-8"))
-    assert saved["schema"] == "attlog-result/5"
+    assert saved["schema"] == "attlog-result/6"
     assert saved["estimators"][0]["name"] == "onboard"
 
 

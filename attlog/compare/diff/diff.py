@@ -34,11 +34,7 @@ def difference(name: str, old: Result, new: Result, tolerances: Tolerances, wind
     about = ("name", "firmware", "vehicle", "format")
     found.log = [] if found.same_log else _changed(*(_flat({k: r.log.get(k) for k in about}) for r in (old, new)))
     found.config = _changed(_flat(old.config), _flat(new.config))
-    params = [r.log.get("params") for r in (old, new)]
-    if isinstance(params[0], dict) and isinstance(params[1], dict):
-        autopilots = {str(dict(r.log.get("firmware") or {}).get("name")) for r in (old, new)}
-        changed = _changed(params[0], params[1]) if len(autopilots) == 1 else []
-        found.parameters = sorted(changed, key=lambda c: ABSENT in (c.old, c.new))
+    found.parameters = _parameters(old, new)
     rows = [{row.name: row for row in r.estimators} for r in (old, new)]
     found.rows_vanished = [n for n in rows[0] if n not in rows[1]]
     found.rows_appeared = [n for n in rows[1] if n not in rows[0]]
@@ -64,6 +60,26 @@ def _statements(old: Result, new: Result) -> list[TextChange]:
         findings = {f"finding: {f.kind}": f.text for f in reversed(result.findings) if f.is_trouble}
         sides.append((headline, findings))
     return [change for a, b in zip(*sides, strict=True) for change in _changed(a, b)]
+
+
+def _parameters(old: Result, new: Result) -> list[TextChange] | None:
+    """Parameters that differ, first those that both have; none of two kinds of autopilot, None where a side has none.
+
+    A result whose log tells defaults lists what differs from them: all else has its default, which is that of the
+    other result where that tells it.
+    """
+    params = [r.log.get("params") for r in (old, new)]
+    if not all(isinstance(side, dict) for side in params):
+        return None
+    if len({str(dict(r.log.get("firmware") or {}).get("name")) for r in (old, new)}) > 1:
+        return []
+    sides = [dict(side or {}) for side in params]
+    told: list[dict[str, Any]] = [dict(r.log.get("params_changed") or {}) for r in (old, new)]
+    for mine, beside, known, others in zip(sides, sides[::-1], told, told[::-1], strict=True):
+        if known:
+            absent = [name for name in beside if name not in mine]
+            mine |= {name: others[name][1] if name in others else beside[name] for name in absent}
+    return sorted(_changed(*sides), key=lambda c: ABSENT in (c.old, c.new))
 
 
 def _moved(

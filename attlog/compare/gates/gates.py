@@ -25,6 +25,7 @@ from attlog.compare.gates.rows import LOST
 from attlog.compare.gates.sensors import SensorGate
 from attlog.metrics.answer import Answer
 from attlog.result import EstimatorRow, Result
+from attlog.result.answers import as_written
 
 STATUS = "status"
 """What the check of a strict set is called."""
@@ -98,11 +99,13 @@ def _of_limit(
     other, why = _other(limit, gate, gate.metric, row, rows, beside, window)
     if why:
         return _without_value(gate, limit, name, "unanswered", f"{name}: {why}", window)
+    if limit.against == "baseline" and other is not None:  # of which only the written digits are known
+        answer, other = as_written(answer), as_written(other)
     decided = None
     if limit.against == "baseline" and known.decided_by:
         mine = gate_rows.answer(row, known.decided_by, (window,))[1]
         theirs, _ = _other(limit, gate, known.decided_by, row, rows, beside, window)
-        decided = None if mine is None or theirs is None else (theirs, mine)
+        decided = None if mine is None or theirs is None else (as_written(theirs), as_written(mine))
     alike = limit.against != "baseline" or (isinstance(beside, BaselineResult) and beside.same_log)
     verdict = gate_limits.judged(limit, gate.metric, known.better, answer, other, same_log=alike, decided=decided)
     return GateOutcome(

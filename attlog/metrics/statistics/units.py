@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.base.plain import DIGITS, IN_JSON, NumberArray
+from attlog.base.plain import IN_JSON, NumberArray
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -40,7 +40,7 @@ class UnitValues:
 
     kind: Kind
     ids: Annotated[Ids, NumberArray(int)]
-    values: Annotated[Array, NumberArray(float)] = field(metadata={DIGITS: 6})
+    values: Annotated[Array, NumberArray(float)]
     on: Callable[[Ids], Summary] | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
 
     def of(self, ids: Ids) -> Summary:

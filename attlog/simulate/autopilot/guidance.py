@@ -65,9 +65,11 @@ class Guidance:
         NED, velocity in m/s; ``placed``: the position is known.
         """
         w, x, y, z = q.tolist()
+        at: list[float] = p.tolist()
+        speed: list[float] = v.tolist()
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         while self._next < len(self._commands) and t >= self._commands[self._next].t:
-            self._begin(self._commands[self._next], t, heading, p)
+            self._begin(self._commands[self._next], t, heading, at)
             self._next += 1
         now = self._now
         if now is None or not self.armed:
@@ -78,8 +80,8 @@ class Guidance:
             self.armed = now.do != "land" or t - self._since < 2.0
             return
         self._turn(dt)
-        vertical = self._climb(now, dt, p, v)
-        north, east = self._horizontal(now, dt, p, v, placed)
+        vertical = self._climb(now, dt, at, speed)
+        north, east = self._horizontal(now, dt, at, speed, placed)
         tilt = 1.0 - 2.0 * (x * x + y * y)
         assert self._heading is not None
         if now.do in ("attitude", "track"):
@@ -91,9 +93,9 @@ class Guidance:
         self.command[THRUST] = min(max(share, LEAST_THRUST), MOST_THRUST)
         self.command[ENGAGED] = 1.0
         if now.do == "land":
-            self._touch(t, dt, v)
+            self._touch(t, dt, speed)
 
-    def _begin(self, command: Command, t: float, heading: float, p: Array) -> None:
+    def _begin(self, command: Command, t: float, heading: float, p: list[float]) -> None:
         """What changes at once with a command."""
         self._now, self._since = command, t
         if command.do in ("disarm", "kill"):
@@ -110,10 +112,10 @@ class Guidance:
             return
         if self.landed and command.do != "land":
             self.landed = False
-            self._up = self._up_end = -float(p[2])
+            self._up = self._up_end = -p[2]
             self._climbing = self._going = 0.0
             self._push = [0.0, 0.0, 0.0]
-            self._path = p[:2].tolist()
+            self._path = p[:2]
         self._place = list(self._path)
         if command.do == "goto":
             self._place = [command.north_m, command.east_m]
@@ -134,11 +136,11 @@ class Guidance:
         way = math.remainder(self._heading_end - self._heading, 2.0 * math.pi)
         self._heading = math.remainder(self._heading + bounded(way, self._turn_rate * dt), 2.0 * math.pi)
 
-    def _climb(self, now: Command, dt: float, p: Array, v: Array) -> float:
+    def _climb(self, now: Command, dt: float, p: list[float], v: list[float]) -> float:
         """The upward acceleration wanted."""
         g = self._gains
         if now.do == "land":
-            self._up = min(self._up, -float(p[2]) + 1.0) - LAND_M_S * dt
+            self._up = min(self._up, -p[2] + 1.0) - LAND_M_S * dt
             self._climbing = 0.0
             wanted = -LAND_M_S
         else:
@@ -146,23 +148,23 @@ class Guidance:
             most = CLIMB_M_S if left > 0.0 else SINK_M_S
             self._climbing = _sped(self._climbing, math.copysign(_stopping(abs(left), most), left), dt)
             self._up += self._climbing * dt
-            wanted = self._climbing + bounded(g.height_kp * (self._up + float(p[2])), SINK_M_S)
-        error = wanted + float(v[2])
+            wanted = self._climbing + bounded(g.height_kp * (self._up + p[2]), SINK_M_S)
+        error = wanted + v[2]
         self._push[2] = bounded(self._push[2] + g.climb_ki * error * dt, 0.3 * self._g)
         return bounded(g.climb_kp * error + self._push[2], 0.6 * self._g)
 
-    def _horizontal(self, now: Command, dt: float, p: Array, v: Array, placed: bool) -> tuple[float, float]:
+    def _horizontal(self, now: Command, dt: float, p: list[float], v: list[float], placed: bool) -> tuple[float, float]:
         """The acceleration wanted to the north and east."""
         if not placed or now.do in ("attitude", "track"):
             self._push[0] = self._push[1] = self._going = 0.0
-            self._path = self._place = p[:2].tolist()
+            self._path = self._place = p[:2]
             return 0.0, 0.0
         g, going = self._gains, (0.0, 0.0)
         if now.do == "velocity":
             going = (now.north_m_s, now.east_m_s)
             self._path = [self._path[i] + going[i] * dt for i in range(2)]
             # No longer a leash than a second: wind must not pull the point away.
-            self._path = [float(p[i]) + bounded(self._path[i] - float(p[i]), 1.0 + abs(going[i])) for i in range(2)]
+            self._path = [p[i] + bounded(self._path[i] - p[i], 1.0 + abs(going[i])) for i in range(2)]
             self._place = list(self._path)
         else:
             way = [self._place[i] - self._path[i] for i in range(2)]
@@ -174,8 +176,8 @@ class Guidance:
                 self._path = [self._path[i] + share * way[i] for i in range(2)]
         pushed = []
         for i in range(2):
-            wanted = going[i] + bounded(g.position_kp * (self._path[i] - float(p[i])), 3.0)
-            error = wanted - float(v[i])
+            wanted = going[i] + bounded(g.position_kp * (self._path[i] - p[i]), 3.0)
+            error = wanted - v[i]
             self._push[i] = bounded(self._push[i] + g.velocity_ki * error * dt, 0.5 * ACCELERATION_M_S2)
             pushed.append(bounded(g.velocity_kp * error + self._push[i], ACCELERATION_M_S2))
         return pushed[0], pushed[1]
@@ -200,9 +202,9 @@ class Guidance:
         self.command[2] = cr * sp * cy + sr * cp * sy
         self.command[3] = cr * cp * sy - sr * sp * cy
 
-    def _touch(self, t: float, dt: float, v: Array) -> None:
+    def _touch(self, t: float, dt: float, v: list[float]) -> None:
         """Landed once it does not sink any more although it is wanted."""
-        sinking = float(v[2]) > LEAST_CLIMB_M_S
+        sinking = v[2] > LEAST_CLIMB_M_S
         self._touching = 0.0 if sinking or t - self._since < 1.0 else self._touching + dt
         if self._touching > TOUCH_S:
             self.landed, self._since, self._touching = True, t, 0.0

@@ -33,7 +33,7 @@ class Navigator:
         self._gravity = gravity
         # Rows of t, p, v, the oldest overwritten.
         self._memory = np.full((int(MEMORY_S / EVERY_S), 7), -np.inf)
-        self._row = 0
+        self._row, self._noted = 0, -math.inf
         self._fix_t = self._height_t = -math.inf
         self._ground = math.nan
 
@@ -46,20 +46,20 @@ class Navigator:
         a = _turned(q, force)
         a[2] += self._gravity
         fade = 1.0 if self.placed(t) else math.exp(-dt / FADE_S)
-        p, v, bias = self.p, self.v, self._bias
-        for i in range(3):
-            push = a[i] - float(bias[i])
-            if standing:
-                # Nothing moves: what is left is the error of tilt and accelerometer.
-                bias[i] += min(0.5 * dt, 1.0) * push
-                v[i] = 0.0
-            else:
-                speed = float(v[i])
-                p[i] += (speed + 0.5 * dt * push) * dt
-                v[i] = (speed + dt * push) * (fade if i < 2 else 1.0)
-        if t - self._memory[self._row, 0] >= EVERY_S - 1e-9:
-            self._row = (self._row + 1) % len(self._memory)
-            self._memory[self._row] = (t, *p, *v)
+        (fx, fy, fz), (bx, by, bz) = a, self._bias.tolist()
+        x, y, z = fx - bx, fy - by, fz - bz
+        if standing:
+            # Nothing moves: what is left is the error of tilt and accelerometer.
+            share = min(0.5 * dt, 1.0)
+            self._bias += (share * x, share * y, share * z)
+            self.v[:] = 0.0
+        else:
+            u, v, w = self.v.tolist()
+            self.p += ((u + 0.5 * dt * x) * dt, (v + 0.5 * dt * y) * dt, (w + 0.5 * dt * z) * dt)
+            self.v[:] = (u + dt * x) * fade, (v + dt * y) * fade, w + dt * z
+        if t - self._noted >= EVERY_S - 1e-9:
+            self._row, self._noted = (self._row + 1) % len(self._memory), t
+            self._memory[self._row, 0], self._memory[self._row, 1:4], self._memory[self._row, 4:] = t, self.p, self.v
 
     def fix(self, t: float, epoch: float, ned: Array, velocity: Array) -> None:
         """A fix that arrives at ``t`` s and holds at ``epoch``: ``ned`` (3,) m, ``velocity`` (3,) m/s; NaN is none."""
@@ -67,7 +67,7 @@ class Navigator:
             return
         if not self.placed(t):
             self.p[:2], self.v[:2] = ned[:2], velocity[:2]
-            self._memory[:, 0] = -np.inf
+            self._memory[:, 0] = self._noted = -math.inf
         else:
             dt = min(t - self._fix_t, LONGEST_S)
             then = self._memory[np.abs(self._memory[:, 0] - epoch).argmin()]

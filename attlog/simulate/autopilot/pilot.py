@@ -128,15 +128,16 @@ class Pilot:
         if measured.mag is not None:
             self._mag = measured.mag
         for row in measured.imu:
-            at, dt = float(row[0]), float(row[1])
-            if math.isfinite(float(row[2:5].sum())):
-                self._gyro = row[2:5].copy()
-            live.sample(at, row[2:5], row[5:8], self._mag, dt)
+            at, dt, x, y, z = row[:5].tolist()
+            rate, force = row[2:5], row[5:8]
+            if math.isfinite(x + y + z):
+                self._gyro = rate
+            live.sample(at, rate, force, self._mag, dt)
             self._mag = None
             if live.q is not None:
                 self._ready, self._q, self._bias = True, live.q, live.bias
             if self._ready:
-                navigator.inertial(t, dt, self._q, row[5:8], standing)
+                navigator.inertial(t, dt, self._q, force, standing)
 
     def _note(self, t: float, motors: Array) -> None:
         """Keep what this step believed and wanted."""

@@ -7,7 +7,7 @@ import json
 import jsonschema
 import pytest
 
-from attlog.result.document import expanded
+from attlog.result.restored import expanded
 from attlog.result.schema import schema
 from tests.conftest import few
 from tests.report.browser import executable

@@ -100,6 +100,16 @@ def test_parameters_gains_and_options_are_told_and_count_for_nothing() -> None:
     assert "R: absent → 1" in text
 
 
+def test_a_parameter_that_only_one_log_lists_had_its_default_in_the_other() -> None:
+    about = {"sha256": "b", "params": {"P": 2.0, "R": 5.0}, "params_changed": {"P": [2.0, 1.0], "R": [5.0, 4.0]}}
+    other = {"sha256": "c", "params": {"Q": 3.0, "R": 5.0}, "params_changed": {"Q": [3.0, 0.5], "R": [5.0, 4.0]}}
+    found = difference("x", result(log=about), result(log=other), NONE)
+    assert found.parameters == [TextChange("P", 2.0, 1.0), TextChange("Q", 0.5, 3.0)]
+    every = {"sha256": "d", "params": {"P": 1.0, "Q": 3.0, "R": 5.0, "S": 7.0}}  # tells no defaults
+    found = difference("x", result(log=about), result(log=every), NONE)
+    assert found.parameters == [TextChange("P", 2.0, 1.0)]
+
+
 def test_parameters_of_a_result_that_did_not_tell_them_are_said_to_be_unknown() -> None:
     old, new = result(), result(sha="b")
     del old.log["params"]

@@ -9,6 +9,9 @@ import pytest
 
 from attlog.base.errors import UsageError
 from attlog.compare.gates.baseline import Baseline, BaselineResult, read, read_all
+from attlog.compare.gates.gates import Gate, Gates, judge
+from attlog.compare.gates.limits import GateLimit, Kind
+from attlog.metrics.answer import Answer
 from attlog.result import SCHEMA
 from tests.compare.made import filtered, result
 from tests.present.made import lag
@@ -46,6 +49,19 @@ def test_results_belong_to_a_log_by_its_bytes_and_else_by_its_name(tmp_path: Pat
     answer = found.of({"name": "new.ulg", "sha256": "f" * 64})
     assert isinstance(answer, str)
     assert "has no result of this log" in answer
+
+
+@pytest.mark.parametrize("limit", ["max_ratio_to_baseline", "max_above_baseline", "baseline"])
+def test_the_same_numbers_are_not_beyond_their_own_file(tmp_path: Path, limit: Kind) -> None:
+    """A file has fewer digits than the run that is judged: of 40 values about half are rounded down."""
+    value = {"max_ratio_to_baseline": 1.0, "max_above_baseline": 0.0, "baseline": 0.0}[limit]
+    gate = Gate("lag_ms", (GateLimit(limit, value),), baseline=tmp_path)
+    for k in range(40):
+        now = result(filtered({"airborne": {"lag_ms": Answer(1.0 + 1.0 / (k + 7.0), "ms", "airborne")}}), sha="a" * 64)
+        now.log |= {"name": "one.ulg", "sha256": "a" * 64}
+        (tmp_path / "one.json").write_text(now.to_json())
+        (found,) = judge(Gates((gate,), False), now, {tmp_path: read(tmp_path)})
+        assert (found.status, found.excused) == ("passed", False)
 
 
 def test_a_single_result_is_compared_with_any_log(tmp_path: Path) -> None:

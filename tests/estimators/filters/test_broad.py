@@ -26,7 +26,10 @@ SETTINGS = {
     "madgwick": "madgwick@code2011",
 }
 
-pytestmark = pytest.mark.skipif(not TRIALS, reason="ATTLOG_CORPUS does not name a folder with broad/")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not TRIALS, reason="ATTLOG_CORPUS does not name a folder with broad/"),
+]
 
 
 @cache
