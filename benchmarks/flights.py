@@ -7,7 +7,7 @@ the onboard attitude and of each estimator, their ratio, RMS of error over the e
 processor time per 100 s, and what the estimator says of itself; medians at the end. Scored from 15 s after the first
 inertial sample, and airborne alone. ``--inject`` adds GNSS noise (0.2 m/s, 1.5 m and as much wander), soft iron of
 2.5 % per entry and a declination error of 1 deg, the same for every run; the onboard attitude keeps its clean sensors.
-``--air`` cuts what comes before 20 s after the first arming (or before a quarter of the log). Nothing is kept between runs.
+``--air`` cuts what comes before 20 s after the first arming (or before a quarter of the log).
 """
 
 from __future__ import annotations
