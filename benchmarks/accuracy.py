@@ -6,9 +6,9 @@
 Sets below the corpus folder (default $ATTLOG_CORPUS): ``broad/`` (9-axis IMU with optical truth; motion
 phases), the same started at 25 % of the motion phase and scored from 20 s later (``broad_mid``, without the trials with
 an attached magnet), ``euroc/`` (quadrotor without magnetometer; after 20 s, inclination only), ``sitl/`` (simulated
-firmware flights with truth; after 15 s), ``unbiased`` (the same, the gyro's bias at rest subtracted as in an
-analysis). At the end the ratios of ``mekf`` and ``smoother`` to their peers. Without a
-corpus the sample logs of the repository stand in, treated like ``sitl/``. Per row:
+firmware flights with truth and the log's GNSS; after 15 s), ``unbiased`` (the same, the gyro's bias at rest subtracted
+as in an analysis). At the end the ratios of ``mekf`` and ``smoother`` to their peers. Without a corpus the sample logs
+of the repository stand in, treated like ``sitl/``. Per row:
 mean over the set of total, heading and inclination RMSE in deg and ns per update. ``--lag`` adds lag and step gain
 from ``attlog.analyze`` on the simulated flights. ``ahrs`` is plain Python: minutes. ``--write`` puts the means with
 their intervals into attlog/estimators/accuracy.csv and the table of docs/estimators.md; what was not run stays there.
@@ -29,10 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import attlog
+from attlog import segments
+from attlog.analysis import inputs
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
-from attlog.estimators import estimate, place, select
+from attlog.estimators import Aids, estimate, place, select
 from attlog.estimators.engine.samples import Sampling
+from attlog.reference import declination as log_declination
 
 Array = NDArray[np.float64]
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
@@ -57,6 +60,7 @@ class Trial:
     scored: NDArray[np.bool_]
     sampling: Sampling = "interval"
     declination: float = 0.0
+    aids: Aids | None = None
 
     def errors(self, t: Array, q: Array) -> Array:
         """Total, heading, inclination RMSE in deg of attitudes ``q`` at ``t``; NaN for heading without magnetometer."""
@@ -136,6 +140,7 @@ def flight(path: Path, group: str, declination: float) -> Trial | None:
     if log.truth is None or log.imu is None or log.mag is None:
         return None
     imu, field = log.imus[log.imu], log.mags[log.mag].field
+    aids = inputs.aids_of(log, segments.build(log), imu, log_declination.model(log))
     return Trial(
         group,
         path.stem,
@@ -148,6 +153,7 @@ def flight(path: Path, group: str, declination: float) -> Trial | None:
         log.truth.t > 15.0,
         imu.gyro.sampling,
         declination,
+        aids,
     )
 
 
@@ -244,6 +250,7 @@ def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple
                     trial.mag,
                     sampling=trial.sampling,
                     declination=trial.declination,
+                    aids=trial.aids,
                 )
             except AttlogError:
                 continue

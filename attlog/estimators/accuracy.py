@@ -7,7 +7,7 @@ set                      recordings
 ======================== ==================================================================================
 ``broad``                BROAD [Laidig2021]: 9-axis IMU, optical truth; motion phases
 ``euroc``                EuRoC [Burri2016]: quadrotor without magnetometer; after 20 s, inclination only
-``simulated``            ArduPilot and PX4 SITL flights; after 15 s, without GNSS
+``simulated``            ArduPilot and PX4 SITL flights; after 15 s, GNSS for filters that use it
 ``simulated_unbiased``   the same, the gyro's bias at rest subtracted as in an analysis
 ======================== ==================================================================================
 
