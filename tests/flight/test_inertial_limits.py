@@ -50,7 +50,9 @@ def chosen(*units: ImuCandidate, flew: int | None = None, asked: int | None = No
         ({"hz": 46.0}, None),
     ],
 )
-def test_a_unit_is_replayed_with_enough_good_samples_at_a_sufficient_rate(more: dict[str, Any], code: str | None) -> None:
+def test_a_unit_is_replayed_with_enough_good_samples_at_a_sufficient_rate(
+    more: dict[str, Any], code: str | None
+) -> None:
     found, codes = chosen(unit(**more))
     assert codes == ([] if code is None else [code])
     assert (found is None) is (code is not None and code != "imu_low_rate")
@@ -73,7 +75,14 @@ def test_another_unit_takes_the_place_of_one_that_flew_and_is_too_slow() -> None
 
 @pytest.mark.parametrize(
     ("begin", "seconds", "told"),
-    [(7.0, 66.0, True), (8.0, 65.0, False), (4.9, 65.1, True), (5.1, 64.9, False), (10.0, 65.1, True), (12.0, 50.0, False)],
+    [
+        (7.0, 66.0, True),
+        (8.0, 65.0, False),
+        (4.9, 65.1, True),
+        (5.1, 64.9, False),
+        (10.0, 65.1, True),
+        (12.0, 50.0, False),
+    ],
 )
 def test_a_unit_that_was_logged_for_five_seconds_more_before_and_behind_is_told(
     begin: float, seconds: float, told: bool

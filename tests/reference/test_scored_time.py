@@ -61,7 +61,9 @@ def test_coverage_is_the_share_of_flight_and_rest_that_was_counted() -> None:
     counted = (T < 50.0) | (T >= 60.0)
     found = scoring.coverage_pct(T, number, counted, reference(scoring_start=10.0, end=70.0), segments)
     assert found == pytest.approx(100.0 * 40.0 / 50.0, abs=0.3)  # of 20 s at rest and 30 s in the air
-    whole = scoring.coverage_pct(T, number, counted, reference(scoring_start=0.0), Segments([Segment("continuous", 0, 100)]))
+    whole = scoring.coverage_pct(
+        T, number, counted, reference(scoring_start=0.0), Segments([Segment("continuous", 0, 100)])
+    )
     assert whole == pytest.approx(90.0, abs=0.2)
     assert scoring.coverage_pct(T, number, counted, reference(scoring_start=90.0, end=70.0), segments) is None
     assert scoring.coverage_pct(T, number, ~number.astype(bool), reference(), segments) == pytest.approx(100.0, abs=0.2)
@@ -82,7 +84,9 @@ def test_a_tilt_of_thirty_degrees_for_two_seconds_is_diverged(tilt: float, secon
 @pytest.mark.parametrize(
     ("heading", "seconds", "lost"), [(-46.0, 10.2, True), (44.0, 40.0, False), (90.0, 9.8, False)], ids=lambda x: str(x)
 )
-def test_a_heading_off_by_forty_five_degrees_for_ten_seconds_is_lost(heading: float, seconds: float, lost: bool) -> None:
+def test_a_heading_off_by_forty_five_degrees_for_ten_seconds_is_lost(
+    heading: float, seconds: float, lost: bool
+) -> None:
     found = scoring.lost_heading_at(errors(0.0, np.where((T >= 40.0) & (T < 40.0 + seconds), heading, 1.0)))
     assert found == (pytest.approx(40.0) if lost else None)
 
@@ -102,7 +106,9 @@ def test_a_jump_of_the_reference_is_no_loss_of_heading() -> None:
     off = np.where(T >= 50.0, 70.0, 0.0)
     assert scoring.lost_heading_at(errors(0.0, off, segment=segment)) is None
     assert scoring.lost_heading_at(errors(0.0, off)) == pytest.approx(50.0)
-    assert scoring.lost_heading_at(errors(0.0, 2.0 * np.where(T >= 70.0, 50.0, 0.0), segment=segment)) == pytest.approx(70.0)
+    assert scoring.lost_heading_at(errors(0.0, 2.0 * np.where(T >= 70.0, 50.0, 0.0), segment=segment)) == pytest.approx(
+        70.0
+    )
 
 
 def test_a_jump_at_a_reset_is_the_mean_of_a_second_on_either_side_within_its_segments() -> None:

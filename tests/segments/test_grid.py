@@ -1,4 +1,4 @@
-"""Signs of flight on the grid, lift-off and landing, by closed forms: other numbers in every axis and on either side."""
+"""Signs of flight on the grid, lift-off and landing, by closed forms: other numbers in every axis."""
 
 from __future__ import annotations
 
@@ -163,8 +163,14 @@ def test_half_a_second_above_what_proves_a_flight_is_one() -> None:
 
 @pytest.mark.parametrize(
     ("dynamics", "hint_s", "seconds", "proven"),
-    [(0.25, 0.5, 3.0, True), (0.15, 0.5, 3.0, False), (0.25, 0.4, 3.0, False), (0.6, 0.0, 1.5, True)]
-    + [(0.6, 0.0, 1.4, False), (0.5, 0.0, 3.0, False)],
+    [
+        (0.25, 0.5, 3.0, True),
+        (0.15, 0.5, 3.0, False),
+        (0.25, 0.4, 3.0, False),
+        (0.6, 0.0, 1.5, True),
+        (0.6, 0.0, 1.4, False),
+        (0.5, 0.0, 3.0, False),
+    ],
 )
 def test_movement_proves_a_flight_with_a_hint_of_height_or_for_long(
     dynamics: float, hint_s: float, seconds: float, proven: bool

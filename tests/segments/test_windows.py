@@ -87,8 +87,7 @@ def test_the_limit_of_a_still_gyro_is_four_times_its_floor_within_bounds() -> No
 
 
 @pytest.mark.parametrize(
-    ("quantity", "still", "moved"),
-    [("rate_std", 0.19, 0.21), ("force_std", 0.14, 0.16), ("force", 1.1, 0.9)],
+    ("quantity", "still", "moved"), [("rate_std", 0.19, 0.21), ("force_std", 0.14, 0.16), ("force", 1.1, 0.9)]
 )
 def test_a_window_is_still_by_each_of_its_signs(quantity: str, still: float, moved: float) -> None:
     for value, expected in ((still, True), (moved, False)):

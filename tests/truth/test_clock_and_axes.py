@@ -41,7 +41,9 @@ def truth(offset: float = 0.0, drift: float = 0.0, begin: float = 5.0, end: floa
 
 def test_rates_of_attitudes_are_means_over_a_span_in_body_axes() -> None:
     t = np.arange(0.0, 5.0, 0.02)
-    q = rotation.multiply(rotation.from_euler(0.3, 0.2, -1.0)[None], rotation.from_rotvec(t[:, None] * [0.3, -0.2, 0.5]))
+    q = rotation.multiply(
+        rotation.from_euler(0.3, 0.2, -1.0)[None], rotation.from_rotvec(t[:, None] * [0.3, -0.2, 0.5])
+    )
     found = clock.rates(t, q)
     np.testing.assert_allclose(found.rate, np.tile([0.3, -0.2, 0.5], (len(found.rate), 1)), atol=1e-9)
     np.testing.assert_allclose(found.end - found.start, 0.08, atol=1e-9)

@@ -35,8 +35,14 @@ def test_a_start_at_rest_is_the_attitude_that_force_and_field_show(roll: float, 
 
 @pytest.mark.parametrize(
     ("name", "size", "rest"),
-    [("rate", 9.5, True), ("rate", 10.5, False), ("turned", 0.9, True), ("turned", 1.1, False)]
-    + [("pushed", 0.14, True), ("pushed", 0.16, False)],
+    [
+        ("rate", 9.5, True),
+        ("rate", 10.5, False),
+        ("turned", 0.9, True),
+        ("turned", 1.1, False),
+        ("pushed", 0.14, True),
+        ("pushed", 0.16, False),
+    ],
 )
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_rest_is_a_small_rate_and_halves_that_agree(name: str, size: float, rest: bool, axis: int) -> None:
@@ -90,7 +96,10 @@ def test_a_field_within_three_seconds_is_of_the_start_and_a_later_one_is_told_by
     np.testing.assert_array_equal(found.mag, np.zeros(3))
     assert seconds(field_from=99.0).late is None
     samples = prepare(
-        np.arange(0.0, 6.0, 0.01), np.zeros((600, 3)), np.tile([0.0, 0.0, -9.8], (600, 1)), np.tile([[np.nan] * 3], (600, 1))
+        np.arange(0.0, 6.0, 0.01),
+        np.zeros((600, 3)),
+        np.tile([0.0, 0.0, -9.8], (600, 1)),
+        np.tile([[np.nan] * 3], (600, 1)),
     )
     samples.mag[450] = [0.3, 0.1, 0.5]
     assert start.first(samples, 50, 600, {}).late == 450
@@ -169,7 +178,7 @@ def test_a_field_is_held_for_one_and_a_half_of_its_periods_within_its_segment() 
 def test_an_even_grid_keeps_the_angle_of_uneven_samples_and_the_field_where_it_came() -> None:
     rng = np.random.default_rng(2)
     t = np.cumsum(rng.uniform(0.005, 0.015, 200))
-    gyr, acc = rng.normal(size=(200, 3)), rng.normal(size=(200, 3)) + [0.0, 0.0, -9.8]
+    gyr, acc = rng.normal(size=(200, 3)), rng.normal(size=(200, 3)) + np.array([0.0, 0.0, -9.8])
     mag = np.full((200, 3), np.nan)
     mag[::10] = rng.normal(size=(20, 3))
     found = uniform(t, gyr, acc, mag)

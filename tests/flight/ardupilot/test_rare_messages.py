@@ -22,7 +22,8 @@ T = fake.micros(N, 10.0)
 def made(*known: tuple[str, int, dict[str, Any]], stamps: Any = T) -> tuple[LogBuilder, Clock, Messages]:
     """A log of messages (name, instance, columns), all with the same times."""
     tables = {
-        (name, k): {"TimeUS": stamps, **{key: np.asarray(x) for key, x in columns.items()}} for name, k, columns in known
+        (name, k): {"TimeUS": stamps, **{key: np.asarray(x) for key, x in columns.items()}}
+        for name, k, columns in known
     }
     messages = fake.messages("dataflash", tables)
     return LogBuilder(messages, t0_us=int(T[0])), Clock(messages), messages
@@ -133,7 +134,9 @@ def test_rotor_speeds_are_those_of_the_escs_else_of_the_sensors() -> None:
     assert (found.source, found.x[1].tolist()) == ("RPM", [2000.0, 600.0])
 
 
-@pytest.mark.parametrize(("volts", "scale"), [(np.full(N, 1480, np.int16), 0.01), (np.full(N, 151.0), 0.01), (np.full(N, 149.0), 1.0)])
+@pytest.mark.parametrize(
+    ("volts", "scale"), [(np.full(N, 1480, np.int16), 0.01), (np.full(N, 151.0), 0.01), (np.full(N, 149.0), 1.0)]
+)
 def test_a_battery_of_whole_numbers_or_above_150_v_is_in_hundredths(volts: np.ndarray, scale: float) -> None:
     builder, clock, _ = made(("BAT", 0, {"Volt": volts, "Curr": 10.0 * np.ones(N)}))
     found = power.battery(builder, clock)
@@ -193,7 +196,13 @@ def test_the_attitude_that_flew_is_the_fast_one_where_it_covers_as_much() -> Non
 
 
 def compass(factor: float = 1.0) -> dict[str, Any]:
-    field = dict(zip(("MagX", "MagY", "MagZ"), (200.0 * factor + np.arange(N), -100.0 * np.ones(N), 400.0 * np.ones(N)), strict=True))
+    field = dict(
+        zip(
+            ("MagX", "MagY", "MagZ"),
+            (200.0 * factor + np.arange(N), -100.0 * np.ones(N), 400.0 * np.ones(N)),
+            strict=True,
+        )
+    )
     return {**field, "OfsX": np.array([5.0] * 3 + [6.0] * 3), "OfsY": np.ones(N), "OfsZ": np.zeros(N)}
 
 
@@ -221,7 +230,7 @@ def test_each_compass_is_switched_by_its_own_parameter() -> None:
 def test_a_compass_that_shows_its_offsets_alone_measures_nothing() -> None:
     offsets = np.tile([5.0, -9.0, 2.0], (N, 1))
     assert reader.only_offsets(offsets + 0.9, offsets)
-    assert not reader.only_offsets(offsets + [0.0, 1.1, 0.0], offsets)
+    assert not reader.only_offsets(offsets + np.array([0.0, 1.1, 0.0]), offsets)
     assert not reader.only_offsets(0.0 * offsets, offsets)
     assert not reader.only_offsets(offsets, 0.0 * offsets)
 
@@ -267,7 +276,7 @@ def test_records_with_a_week_have_their_boot_clock_in_t() -> None:
 
 
 def test_a_record_without_a_time_has_that_of_the_record_before_it_in_the_file() -> None:
-    builder, clock, messages = made(("ATT", 0, {"Roll": np.zeros(N)}))
+    _builder, clock, messages = made(("ATT", 0, {"Roll": np.zeros(N)}))
     at = messages["ATT", 0].offsets
     asked = np.array([at[0] - 1, at[0], at[0] + 1, at[3] + 50, at[-1] + 999])
     stamps = T.astype(np.int64)

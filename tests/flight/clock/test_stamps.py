@@ -130,7 +130,7 @@ def test_stamps_that_were_never_set_the_time_of_the_week_and_a_false_stamp_lengt
 
 def test_the_pieces_that_were_not_taken_are_told_with_their_numbers_and_lengths() -> None:
     class Pieces:
-        boots = [Boot(k, k + 1) for k in range(7)]
+        boots = tuple(Boot(k, k + 1) for k in range(7))
 
         def boot(self, k: int) -> Messages:
             return log_of(table("A", TimeUS=np.array([SECOND, (2 + k) * SECOND])))

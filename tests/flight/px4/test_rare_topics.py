@@ -152,7 +152,9 @@ def test_set_points_are_quaternions_or_where_these_are_unset_euler_angles() -> N
 
 
 def test_rates_biases_and_airspeed_keep_their_axes() -> None:
-    rates = state.rate_setpoints(builder(vehicle_rates_setpoint=dict(zip(("roll", "pitch", "yaw"), ramp(0.1, 0.2, -0.3).T, strict=True))))
+    rates = state.rate_setpoints(
+        builder(vehicle_rates_setpoint=dict(zip(("roll", "pitch", "yaw"), ramp(0.1, 0.2, -0.3).T, strict=True)))
+    )
     assert rates is not None
     np.testing.assert_allclose(rates.x, ramp(0.1, 0.2, -0.3), rtol=1e-6)
     bias = state.acc_bias(builder(estimator_sensor_bias={"accel_bias": ramp(0.01, -0.02, 0.03)}))
@@ -192,8 +194,13 @@ def test_the_version_is_three_bytes_and_the_kind_of_release_the_fourth() -> None
 
 @pytest.mark.parametrize(
     ("info", "hil", "truth", "simulated"),
-    [({"ver_hw": "PX4_FMU_V5"}, 0, False, False), ({"ver_hw": "PX4_SITL"}, 0, False, True)]
-    + [({"sys_mcu": "sitl"}, 0, False, True), ({}, 1, False, True), ({}, 0, True, True)],
+    [
+        ({"ver_hw": "PX4_FMU_V5"}, 0, False, False),
+        ({"ver_hw": "PX4_SITL"}, 0, False, True),
+        ({"sys_mcu": "sitl"}, 0, False, True),
+        ({}, 1, False, True),
+        ({}, 0, True, True),
+    ],
 )
 def test_a_log_is_simulated_by_its_board_its_state_or_its_truth(
     info: dict[str, Any], hil: int, truth: bool, simulated: bool

@@ -28,7 +28,7 @@ def reference(kind: str = "truth", **more: Any) -> Reference:
 
 def pushed(x: float, y: float) -> FlightLog:
     log = flight()
-    log.imus[0].acc.x = log.imus[0].acc.x + [x, y, 0.0]
+    log.imus[0].acc.x = log.imus[0].acc.x + np.array([x, y, 0.0])
     return log
 
 
@@ -70,7 +70,7 @@ def test_the_fit_has_the_time_that_was_flown_with_velocities_and_its_matrix_is_t
 
 def test_a_receiver_that_is_late_spoils_no_offset() -> None:
     log = flight(0.3)
-    log.imus[0].acc.x = log.imus[0].acc.x + [0.3, -0.2, 0.0]
+    log.imus[0].acc.x = log.imus[0].acc.x + np.array([0.3, -0.2, 0.0])
     one = force.measured(log, FLOWN, reference())
     assert one is not None
     np.testing.assert_allclose(one.solution.x[4:6], [-0.3, 0.2], atol=0.03)
@@ -153,7 +153,9 @@ def test_an_offset_is_told_beyond_its_limit_and_four_sigmas(x: float, sigma: flo
 EARTH = np.array([21.0, 2.0, 44.0])
 
 
-def field(turn_deg: float = 0.0, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), turns: float = 1.0) -> CompassFit:
+def field(
+    turn_deg: float = 0.0, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), turns: float = 1.0
+) -> CompassFit:
     """What a compass turned about the vehicle's vertical, with an offset, shows in a flight whose heading swings."""
     t = np.arange(0.0, 100.0, 0.1)
     heading = turns * 3.0 * np.sin(0.2 * t)
@@ -181,7 +183,9 @@ def test_iron_is_an_offset_in_each_axis_and_no_turn(offset: tuple[float, float, 
     assert found.one_fault
     level, down = np.hypot(21.0, 2.0), 44.0
     tilt = np.radians(0.8)
-    assert found.offset_sigma[2] == pytest.approx(np.sqrt((tilt * level) ** 2 + (0.01 * np.hypot(level, down)) ** 2 + 0.09))
+    assert found.offset_sigma[2] == pytest.approx(
+        np.sqrt((tilt * level) ** 2 + (0.01 * np.hypot(level, down)) ** 2 + 0.09)
+    )
     assert found.offset_sigma[0] >= np.hypot(tilt * down, 0.3)
 
 
@@ -198,7 +202,9 @@ def test_what_a_model_leaves_is_the_rms_without_its_largest_twentieth() -> None:
     assert compass._left(np.zeros((40, 2, 1)), target, np.zeros(1)) == pytest.approx(np.sqrt(squares.mean()))
 
 
-def known(turn: float = 0.0, turn_sigma: float = 0.5, offset: tuple[float, float] = (0.0, 0.0), **more: Any) -> CompassFit:
+def known(
+    turn: float = 0.0, turn_sigma: float = 0.5, offset: tuple[float, float] = (0.0, 0.0), **more: Any
+) -> CompassFit:
     sigma = np.full(3, more.pop("sigma", 0.4))
     return CompassFit(np.array([*offset, 0.0]), sigma, turn, turn_sigma, 0.5, 500, 90.0, **more)
 

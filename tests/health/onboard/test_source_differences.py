@@ -113,8 +113,14 @@ def truth(tilt_deg: float = 0.0, heading_deg: float = 0.0, kind: str = "truth", 
 
 @pytest.mark.parametrize(
     ("tilt", "heading", "verdict", "value"),
-    [(0.0, 0.0, "ok", 0.0), (15.0, 0.0, "warning", 15.0), (31.0, 0.0, "fault", 31.0), (29.0, 0.0, "warning", 29.0)]
-    + [(0.0, 59.0, "warning", 59.0), (0.0, 61.0, "fault", 61.0)],
+    [
+        (0.0, 0.0, "ok", 0.0),
+        (15.0, 0.0, "warning", 15.0),
+        (31.0, 0.0, "fault", 31.0),
+        (29.0, 0.0, "warning", 29.0),
+        (0.0, 59.0, "warning", 59.0),
+        (0.0, 61.0, "fault", 61.0),
+    ],
 )
 def test_the_verdict_is_that_of_the_larger_share_of_its_limit(
     tilt: float, heading: float, verdict: str, value: float
@@ -136,7 +142,9 @@ def test_those_that_differ_alike_are_named_together_and_the_worst_leads() -> Non
     assert "B and C differ from FLEW" in check.text
 
 
-@pytest.mark.parametrize(("of_truth", "wrong", "verdict"), [(0.0, "OTHER is wrong", "warning"), (35.0, "FLEW is wrong", "fault")])
+@pytest.mark.parametrize(
+    ("of_truth", "wrong", "verdict"), [(0.0, "OTHER is wrong", "warning"), (35.0, "FLEW is wrong", "fault")]
+)
 def test_the_truth_says_who_is_wrong(of_truth: float, wrong: str, verdict: str) -> None:
     (check,) = sources.checks(log_of(OTHER=attitude(35.0)), FLOWN, truth(of_truth))
     assert wrong in check.text
