@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from attlog.base import rotation
 from attlog.flight.model import Attitude
 from attlog.reference import scoring
 from attlog.reference.model import AttitudeErrors, Reference
+from attlog.reference.rows import withhold
 from attlog.segments.model import Segment, Segments
 
 T = np.arange(0.0, 100.0, 0.1)
@@ -144,3 +146,35 @@ def test_five_seconds_without_a_break_tell_whether_a_row_converged() -> None:
     assert not scoring.convergence_observable(errors(t=T[:49]))
     broken = np.concatenate([T[:40], 20.0 + T[:40]])
     assert not scoring.convergence_observable(errors(t=broken, gap=np.repeat([0, 1], 40)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "status", "withheld"),
+    [("replay", "ok", True), ("replay", "not_converged", True), ("replay", "diverged", True)]
+    + [("replay", "failed", False), ("onboard", "ok", False)],
+)
+def test_no_filter_is_judged_on_a_sensor_that_is_beyond_use(kind: str, status: str, withheld: bool) -> None:
+    row: Any = SimpleNamespace(kind=kind, status=status, reason="")
+    withhold(row, "")
+    assert (row.status, row.reason) == (status, "")
+    withhold(row, "the accelerometer stands still")
+    assert row.status == ("not_judged" if withheld else status)
+    assert row.reason == ("the accelerometer stands still" if withheld else "")
+
+
+@pytest.mark.parametrize(("size", "converged"), [(1.9, 0.0), (2.1, 7.0)])
+def test_a_row_has_converged_when_its_tilt_comes_within_two_degrees_of_its_median(
+    size: float, converged: float
+) -> None:
+    found = errors(np.where(T < 7.0, 1.0 + size, 1.0))
+    assert scoring.convergence_s(found, 0.0, False) == pytest.approx(converged)
+    heading = errors(1.0, -np.where(T < 7.0, 2.5 * size, 0.0))
+    assert scoring.convergence_s(heading, 0.0, True) == pytest.approx(converged)
+    assert scoring.convergence_s(heading, 0.0, False) == 0.0
+
+
+def test_more_than_sixty_seconds_are_no_convergence_and_a_later_start_counts_from_there() -> None:
+    for until, took in ((59.0, 49.0), (69.0, 59.0), (71.0, None)):
+        found = errors(np.where(T < until, 20.0, 1.0), scored=T >= 75.0)
+        told = scoring.convergence_s(found, 10.0, False)
+        assert told == (None if took is None else pytest.approx(took))

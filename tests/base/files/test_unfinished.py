@@ -13,7 +13,14 @@ HEX = "0123456789ab"
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    for name in (f".a.html.{HEX}", f".{'b' * KEPT}.{HEX}", f".c.html.{HEX}0", ".hidden", f"a.html.{HEX}", ".a.html.0123"):
+    for name in (
+        f".a.html.{HEX}",
+        f".{'b' * KEPT}.{HEX}",
+        f".c.html.{HEX}0",
+        ".hidden",
+        f"a.html.{HEX}",
+        ".a.html.0123",
+    ):
         (tmp_path / name).write_text("x")
     (tmp_path / f".{STAGE}.{HEX}" / "inner").mkdir(parents=True)
     (tmp_path / f".other.{HEX}").mkdir()
