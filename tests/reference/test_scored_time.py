@@ -150,8 +150,13 @@ def test_five_seconds_without_a_break_tell_whether_a_row_converged() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "status", "withheld"),
-    [("replay", "ok", True), ("replay", "not_converged", True), ("replay", "diverged", True)]
-    + [("replay", "failed", False), ("onboard", "ok", False)],
+    [
+        ("replay", "ok", True),
+        ("replay", "not_converged", True),
+        ("replay", "diverged", True),
+        ("replay", "failed", False),
+        ("onboard", "ok", False),
+    ],
 )
 def test_no_filter_is_judged_on_a_sensor_that_is_beyond_use(kind: str, status: str, withheld: bool) -> None:
     row: Any = SimpleNamespace(kind=kind, status=status, reason="")

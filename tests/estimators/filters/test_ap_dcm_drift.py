@@ -85,8 +85,7 @@ def test_the_bias_is_learnt_in_slow_turns_after_five_seconds_up_to_its_limit(axi
 
 @pytest.mark.parametrize(
     ("age", "every", "known"),
-    [(0.59, 0.1, True), (0.61, 0.1, False), (2.9, 1.0, True)]
-    + [(3.1, 1.0, False), (3.9, 5.0, True), (4.1, 5.0, False)],
+    [(0.59, 0.1, True), (0.61, 0.1, False), (2.9, 1.0, True), (3.1, 1.0, False), (3.9, 5.0, True), (4.1, 5.0, False)],
 )
 def test_fixes_are_lost_after_three_intervals_or_four_seconds(age: float, every: float, known: bool) -> None:
     state = np.zeros(40)
