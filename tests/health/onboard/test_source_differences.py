@@ -179,3 +179,10 @@ def test_the_heading_between_two_attitudes_has_its_sign(angle: float) -> None:
     one = attitude().q
     other = rotation.turn_about_down(one, np.full(len(T), angle))
     np.testing.assert_allclose(sources.heading_between(one, other), angle, atol=1e-9)
+
+
+@pytest.mark.parametrize(("count", "told"), [(19, False), (20, True)])
+def test_twenty_errors_tell_who_is_wrong(count: int, told: bool) -> None:
+    log = log_of(OTHER=attitude(35.0))
+    since = float(T[-count]) - 0.05
+    assert (sources.against(truth(), log, "OTHER", "tilt", since) is not None) is told
