@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from attlog.flight.ardupilot import attitude, ekf, power, reader, receivers, state
+from attlog.flight.ardupilot import attitude, ekf, imus, power, reader, receivers, state
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.builder import LogBuilder
 from attlog.flight.model import Attitude
@@ -281,3 +281,35 @@ def test_a_record_without_a_time_has_that_of_the_record_before_it_in_the_file() 
     asked = np.array([at[0] - 1, at[0], at[0] + 1, at[3] + 50, at[-1] + 999])
     stamps = T.astype(np.int64)
     assert clock.at(asked).tolist() == [stamps[0], stamps[0], stamps[0], stamps[3], stamps[-1]]
+
+
+@pytest.mark.parametrize("which", ["dt", "dt_v"])
+@pytest.mark.parametrize(("seconds", "kept"), [(0.9e-5, 5), (1.1e-5, 6), (0.99, 6), (1.01, 5), (np.nan, 5)])
+def test_increments_over_no_time_or_more_than_a_second_are_left_out(which: str, seconds: float, kept: int) -> None:
+    times = {"dt": np.full(N, 0.01), "dt_v": np.full(N, 0.02)}
+    times[which][2] = seconds
+    angle, velocity = (np.tile(x, (N, 1)) for x in ([0.001, -0.002, 0.003], [0.2, 0.4, -0.6]))
+    found = imus.from_increments(3, 1, T.astype(np.int64), times["dt"], angle, times["dt_v"], velocity, "RISI:3")
+    assert len(found.t_us) == len(found.gyro) == kept
+    np.testing.assert_allclose(found.gyro[0], [0.1, -0.2, 0.3])
+    np.testing.assert_allclose(found.acc[0], [10.0, 20.0, -30.0])
+
+
+def test_a_replay_record_has_the_time_of_the_frame_before_it() -> None:
+    frames = fake.table("RFRH", 0, {"TimeUS": np.array([100, 200, 300])}, np.array([10, 20, 30]))
+    records = fake.table("RISI", 0, {"I": np.zeros(4)}, np.array([5, 11, 25, 90]))
+    assert imus.frame_times(frames, records).tolist() == [-1, 100, 200, 300]
+
+
+def test_an_ekf_core_uses_the_set_bits_of_its_mask_in_their_order() -> None:
+    assert [imus.unit_of_core(core, 0b0110, [0, 1]) for core in range(3)] == [1, 2, 0]
+    assert [imus.unit_of_core(core, None, [0, 1]) for core in range(3)] == [0, 1, 0]
+
+
+def test_the_family_that_flew_is_that_of_its_type_and_cores_out_of_range_tell_nothing() -> None:
+    lanes = {"PI": np.array([0, 1, 7, -1, 5, 6], np.int8)}
+    _, clock, messages = made(("NKF4", 0, lanes), ("XKF4", 0, lanes))
+    assert [imus.primary_core(messages, clock, ekf)[0] for ekf in (None, 2.0, 3.0)] == ["XK", "NK", "XK"]
+    _, t_us, cores = imus.primary_core(messages, clock, None)
+    assert (cores, (t_us - int(T[0])).tolist()) == ([0, 1, 5], [0, 100_000, 400_000])
+    assert imus.primary_core(fake.messages("dataflash", {}), clock, None)[0] == ""
