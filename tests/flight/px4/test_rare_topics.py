@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.flight.builder import LogBuilder
-from attlog.flight.px4 import state
+from attlog.flight.px4 import imus, state
 from tests.flight import fake
 
 N = 6
@@ -211,3 +211,17 @@ def test_a_log_is_simulated_by_its_board_its_state_or_its_truth(
     made = builder(**topics)
     made.messages.info.update(info)
     assert state.simulated(made, made.messages.tables["vehicle_status", 0]) is simulated
+
+
+def test_units_are_found_by_the_device_of_their_increments_else_of_their_status_else_of_the_raw_gyro() -> None:
+    made = builder(
+        vehicle_imu={"gyro_device_id": np.full(N, 11, np.uint32)},
+        vehicle_imu_at_1={"gyro_device_id": np.array([0, 0, 0, 0, 0, 12], np.uint32)},
+        vehicle_imu_status={"gyro_device_id": np.full(N, 13, np.uint32)},
+        sensor_gyro_at_2={"device_id": np.array([14, 14, 14, 14, 0, 0], np.uint32)},
+        sensor_gyro={"device_id": np.full(N, 12, np.uint32)},
+    )
+    assert imus.units_of_devices(made, {11, 12, 13, 14, 0, 99}) == {11: 0, 12: 1, 13: 0, 14: 2}
+    assert imus.unit_of_device(made, 14) == 2
+    assert imus.unit_of_device(made, 99) is None
+    assert imus.unit_of_device(made, 0) is None
