@@ -1,11 +1,15 @@
 """What metrics share of a case: computed once, for the right row, and gone with it."""
 
 import gc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from attlog.flight.model import Imu, Stream
+from attlog.metrics import base
 from attlog.metrics.base import Case, per_case, per_row, per_times
+from attlog.metrics.evidence.common_bias import none
 from attlog.reference.model import Row
 from tests.metrics import flights
 
@@ -93,3 +97,21 @@ def test_what_rows_of_the_same_times_share_is_computed_once_for_each_array(calls
     del equal
     gc.collect()
     assert len(case.of_log) == known - 1  # nothing is kept of an array that is gone
+
+
+def test_the_bias_of_changed_samples_is_their_own_and_that_of_the_logs_units_is_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only where it was asked to be that at rest: a bias that was given stays what it is."""
+    t = np.arange(3.0)
+    stream = Stream(t, np.ones((3, 3)), "rad/s", "FRD", "IMU")
+    unit, changed = Imu(0, stream, stream), Imu(0, stream, stream)
+    case = flights.case([], [])
+    case.log.imus = [unit]
+    assert case.bias_of(unit).taken == "none"
+    monkeypatch.setattr(base, "common_bias", lambda log, segments, imu, asked: "anew")
+    for asked, of_changed in (("rest", "anew"), ("none", None)):
+        known = replace(none(), asked=asked)
+        case.gyro_bias = {0: known}
+        assert case.bias_of(unit) is known
+        assert case.bias_of(changed) == (of_changed or known)

@@ -8,7 +8,7 @@ import pytest
 from attlog import segments
 from attlog.base import rotation
 from attlog.base.errors import UsageError
-from attlog.flight.model import Attitude, TimeLine
+from attlog.flight.model import Attitude, Stream, TimeLine
 from attlog.reference import Reference, ReferenceOptions, choose, heading_references
 from attlog.segments.model import Segment, Segments
 
@@ -42,6 +42,16 @@ def test_the_user_decides():
     named = chosen(log, reference="onboard:AHR2")
     assert (named.kind, named.source, named.name) == ("onboard", "AHR2", "AHR2")
     assert chosen(log, reference="none").kind == "none"
+
+
+def test_a_true_heading_that_was_brought_changes_no_onboard_attitude_that_is_asked_for():
+    log = flight()
+    plain = chosen(log, reference="onboard")
+    t = np.arange(0.0, SECONDS, 0.2)
+    log.true_heading = Stream(t, np.full((len(t), 1), 2.0), "rad", "NED", "dual-antenna yaw")
+    beside = chosen(log, reference="onboard")
+    np.testing.assert_array_equal(beside.q, plain.q)
+    assert (beside.kind, beside.heading_by) == ("onboard", plain.heading_by)
 
 
 @pytest.mark.parametrize(

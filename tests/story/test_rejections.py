@@ -79,3 +79,21 @@ def test_the_first_and_the_last_second_of_a_flight_count_for_no_rejection() -> N
     edges = flown((begin, begin + 1.6, 5.0), (end - 1.6, end, 5.0))
     (one,) = rejections.tested(edges, segments.build(edges))
     assert (one.spans, one.seconds_flown) == ([], pytest.approx(end - begin - 2.0))
+
+
+@pytest.mark.parametrize(("ratio", "rejected"), [(1.0, 0), (1.01, 1)])
+def test_a_ratio_of_one_is_within_the_gate(ratio: float, rejected: int) -> None:
+    (one,) = rejections.tested(*made_phases((12.0, 15.0, ratio)))
+    assert len(one.spans) == rejected
+
+
+@pytest.mark.parametrize(("seconds", "rejected"), [(0.9, 0), (1.1, 1)])
+def test_a_rejection_lasts_a_second(seconds: float, rejected: int) -> None:
+    (one,) = rejections.tested(*made_phases((12.0, 12.0 + seconds, 3.0)))
+    assert len(one.spans) == rejected
+    assert one.worst == (3.0 if rejected else 0.0)
+
+
+def made_phases(*ratios: tuple[float, float, float]) -> tuple[FlightLog, segments.Segments]:
+    log = flown(*ratios)
+    return log, segments.build(log)

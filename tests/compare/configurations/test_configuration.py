@@ -90,3 +90,10 @@ def test_one_value_is_changed_and_the_rest_stays() -> None:
     assert c.with_value("lowpass", "40").text == "mahony:kp=0.3,lowpass=40"
     with pytest.raises(UsageError, match="did you mean"):
         c.with_value("lowpas", 3)
+
+
+def test_a_preset_is_a_part_of_what_a_configuration_of_another_filter_is_called() -> None:
+    found = labels([parse("mahony@xu-0.6"), parse("mekf"), parse("mahony:ki=0.01")])
+    assert list(found.values()) == ["mahony@xu-0.6", "mekf", "mahony ki 0.01"]
+    alike = labels([parse("mahony:ki=0.01"), parse("mahony:ki=0.02")])
+    assert list(alike.values()) == ["ki 0.01", "ki 0.02"]

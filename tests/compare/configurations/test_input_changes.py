@@ -82,6 +82,19 @@ def test_notches_follow_the_rotors_and_their_harmonics() -> None:
     assert np.max(np.abs(single.gyro.x[late, 0] - kept[late])) > 0.8
 
 
+def test_samples_before_the_first_rotor_speed_and_in_the_time_of_unknown_ones_pass() -> None:
+    """The first rotor is told from 4 s on and not from 6 to 7 s."""
+    t_rpm = np.arange(4.0, 10.0, 0.1)
+    speed = np.where((t_rpm > 5.95) & (t_rpm < 6.95), np.nan, 40.0)
+    rpm = Stream(t_rpm, 60.0 * speed[:, None], "rpm", "", "ESC")
+    imu = unit(T, tone(40.0))
+    found, _ = run("rpm_notch=6", imu, rpm)
+    passed = (T < 4.0) | ((T >= 6.0) & (T < 6.999))
+    np.testing.assert_array_equal(found.gyro.x[passed], imu.gyro.x[passed])
+    settled = ((T > 5.0) & (T < 6.0)) | (T > 8.0)
+    assert np.max(np.abs(found.gyro.x[settled])) < 0.01
+
+
 def test_a_log_without_rotor_speeds_cannot_have_their_notches() -> None:
     with pytest.raises(UsageError, match="holds none"):
         run("rpm_notch=6", unit(T, tone(5.0)))

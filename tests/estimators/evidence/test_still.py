@@ -97,3 +97,38 @@ def test_nothing_is_still_without_samples() -> None:
     for n in (0, 1, 7):
         assert still_windows(T[:n], np.zeros((n, 3)), np.zeros((n, 3))).shape == (0, 2)
     assert not within(np.zeros((0, 2)), T).any()
+
+
+@pytest.mark.parametrize("spoiled", ["time", "gyro", "force"])
+def test_a_sample_that_is_no_number_in_any_of_its_parts_is_left_out(spoiled: str) -> None:
+    """Every tenth sample: the windows stay as they are."""
+    gyr, acc, _ = standing(20.0)
+    t = T.copy()
+    {"time": t[:, None], "gyro": gyr, "force": acc}[spoiled][5::10, 0] = np.nan
+    np.testing.assert_allclose(still_windows(t, gyr, acc), still_windows(T, *standing(20.0)[:2]))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(("deg", "still"), [(0.29, True), (0.31, False)])
+def test_an_angle_may_leave_that_of_the_mean_rate_by_three_tenths_of_a_degree(
+    axis: int, deg: float, still: bool
+) -> None:
+    """The rate is larger in the first half of a window than in the second: the angle is off most in its middle."""
+    gyr, acc, _ = standing()
+    gyr[:, axis] = 0.5
+    gyr[T < 1.0, axis] += np.radians(deg)
+    gyr[(T >= 1.0) & (T < 2.0), axis] -= np.radians(deg)
+    assert bool(np.any(still_windows(T, gyr, acc)[:, 0] == 0.0)) is still
+
+
+@pytest.mark.parametrize(("off", "still"), [(0.59, True), (-0.59, True), (0.61, False), (-0.61, False)])
+def test_the_mean_force_is_gravitys_within_six_tenths(off: float, still: bool) -> None:
+    gyr, acc, _ = standing()
+    assert bool(len(still_windows(T, gyr, acc * (9.8 + off) / G))) is still
+
+
+@pytest.mark.parametrize(("size", "still"), [(0.048, True), (0.052, False)])
+def test_the_means_of_eighths_may_scatter_by_five_hundredths(size: float, still: bool) -> None:
+    gyr, acc, _ = standing()
+    acc[:, 2] += size * np.where(np.floor(T / 0.25 + 1e-9) % 2 == 0, 1.0, -1.0)
+    assert bool(len(still_windows(T, gyr, acc))) is still

@@ -63,3 +63,12 @@ def test_an_accelerometer_is_offset_scaled_and_turned() -> None:
     np.testing.assert_allclose(
         px4.accelerometer(values, 7).correction.body(raw), turn.apply((raw - 0.1) * [1.02, 0.99, 1.0]), atol=1e-12
     )
+
+
+@pytest.mark.parametrize(("angle", "axis"), [("ROLL", "x"), ("PITCH", "y"), ("YAW", "z")])
+def test_custom_angles_that_are_not_in_the_log_are_zero(angle: str, axis: str) -> None:
+    values = {"CAL_MAG0_ID": 41.0, "CAL_MAG0_ROT": 100.0, f"CAL_MAG0_{angle}": 34.0}
+    values |= {f"CAL_MAG0_{each}OFF": 0.1 for each in "XYZ"}
+    found = px4.compass(values, 41)
+    turn = Rotation.from_euler(axis, 34.0, degrees=True).as_matrix()
+    np.testing.assert_allclose(found.correction.matrix, turn, atol=1e-12)

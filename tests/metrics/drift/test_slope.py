@@ -356,3 +356,47 @@ def test_the_interval_of_records_that_agree_has_the_degrees_of_freedom_of_welch(
     found = drift.together(records)
     assert found.agree
     assert found.ci95 == pytest.approx((low / 2.0, high / 2.0), rel=1e-6)
+
+
+def test_a_drift_without_an_interval_is_neither_significant_nor_bounded():
+    unknown = drift.Drift(None, None, np.zeros(0), [], 3.0)
+    assert (unknown.significant, unknown.less_than) == (False, None)
+    for ci95, significant, bound in (((-2.0, 5.0), False, 5.0), ((-7.0, -0.1), True, 7.0), ((0.0, 3.0), False, 3.0)):
+        found = drift.Drift(1.0, ci95, np.zeros(4), [], 60.0)
+        assert (found.significant, found.less_than) == (significant, bound)
+
+
+def test_records_of_unequal_length_are_pooled_by_their_length():
+    """Values 1 and 2 over 60 and 20 s, with their own scatter: the closed forms of a weighted mean."""
+    from scipy import stats
+
+    one, two = np.array([0.6, 1.4, 1.0, 0.8, 1.2]), np.array([1.5, 2.5, 2.2, 1.8])
+    records = [
+        drift.Drift(float(np.mean(x)), interval.of_mean(x), x, [(0.0, 1.0)] * len(x), seconds, wander)
+        for x, seconds, wander in ((one, 60.0, 0.3), (two, 20.0, 0.9))
+    ]
+    found = drift.together(records)
+    variance = np.array([stats.sem(one) ** 2, stats.sem(two) ** 2])
+    weight = np.array([0.75, 0.25])
+    total = weight**2 @ variance
+    dof = total**2 / np.sum((weight**2 * variance) ** 2 / [4, 3])
+    half = stats.t.ppf(0.975, dof) * np.sqrt(total)
+    centre = np.sum([1.0, 2.0] / variance) / np.sum(1.0 / variance)
+    agree = np.sum((np.array([1.0, 2.0]) - centre) ** 2 / variance) <= stats.chi2.ppf(0.95, 1)
+    assert found.agree == agree
+    assert found.value == pytest.approx(1.25)
+    assert found.wander == pytest.approx(np.sqrt(0.75 * 0.09 + 0.25 * 0.81))
+    assert found.seconds == 80.0
+    assert found.range == (1.0, 2.0)
+    wanted = (1.25 - half, 1.25 + half) if agree else (records[0].ci95[0], records[1].ci95[1])
+    assert found.ci95 == pytest.approx(wanted, rel=1e-6)
+    wide = [
+        drift.Drift(v, interval.of_mean(x), x, [(0.0, 1.0)] * 4, s, 0.1)
+        for v, x, s in ((1.0, np.array([-1.0, 3.0, 0.0, 2.0]), 60.0), (2.0, np.array([0.0, 4.0, 1.0, 3.0]), 20.0))
+    ]
+    pooled = drift.together(wide)
+    sem = stats.sem([-1.0, 3.0, 0.0, 2.0])
+    spread = np.sqrt(np.sum(weight**2)) * sem
+    nu = np.sum(weight**2) ** 2 / np.sum(weight**4 / 3)
+    assert pooled.agree
+    assert pooled.ci95[1] - pooled.value == pytest.approx(stats.t.ppf(0.975, nu) * spread, rel=1e-6)

@@ -81,3 +81,11 @@ def test_windows_that_overlap_by_half_are_not_counted_twice_in_the_interval():
     half = 0.5 * stats.t.ppf(0.975, len(own) - 1) * stats.sem(own)
     assert (answer.n, len(own)) == (12, 12)
     assert np.log(answer.ci95[1] / answer.ci95[0]) == pytest.approx(2.0 * half, rel=0.02)
+
+
+def test_a_hover_of_four_seconds_that_lacks_single_samples_has_no_window():
+    t = T[(T < 30.0) | (T > 40.0) | (np.arange(len(T)) % 10 != 3)]
+    answer = jitter(0.5 * np.sin(2 * np.pi * t), [*SEGMENTS[:2], Segment("hover", 32.0, 36.1)], t)
+    assert answer.code == "record_too_short"
+    longer = jitter(0.5 * np.sin(2 * np.pi * t), [*SEGMENTS[:2], Segment("hover", 32.0, 37.0)], t)
+    assert longer.value == pytest.approx(0.5 / np.sqrt(2), abs=0.05)

@@ -171,3 +171,15 @@ def test_the_mean_force_of_a_vehicle_whose_imu_sits_tilted_is_gravity() -> None:
     reference = Reference("onboard", "ATT", T, own, none, none, trim=vector)
     force = contradiction._mean_force(flight(own).imus[0], reference, T, own, none, 10.0, 50.0)
     assert force == pytest.approx([0.0, 0.0, -9.80665], abs=1e-6)
+
+
+def test_the_longest_time_of_a_contradiction_is_the_one_that_is_told() -> None:
+    """By 20 deg from 16 to 26 s, and by 35 deg from 30 to 55 s."""
+    size = np.where((T >= 16.0) & (T < 26.0), 20.0, np.where((T >= 30.0) & (T < 55.0), 35.0, 0.0))
+    lean = rotation.from_euler(np.radians(size), 0.0 * T, 0.0 * T)
+    log, phases = flight(rotation.multiply(lean, TURN)), segments.Segments([Segment("continuous", 0.0, 60.0)])
+    filters = rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0))
+    found = contradicted(log, log.imus[0], choose(log, phases, ReferenceOptions()), filters)
+    assert found is not None
+    assert "is wrong by 35 deg" in found[0]
+    assert "from 30." in found[1].text

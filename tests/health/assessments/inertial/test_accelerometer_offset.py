@@ -77,8 +77,12 @@ def test_without_a_rest_on_the_ground_nothing_is_offered_along_z(asked: Asked) -
 
 @pytest.mark.parametrize(
     ("quality", "checks"),
-    [(told((1.2, 0.0, 0.0)), []), (told((0.3, 0.0, 0.0)), [Check("vibration", "fault", "It shakes.")])],
-    ids=["beyond the prior", "vibration"],
+    [
+        (told((1.2, 0.0, 0.0)), []),
+        (told((0.3, 0.0, 0.0)), [Check("vibration", "fault", "It shakes.")]),
+        (told((0.3, 0.0, 0.0)), [Check("force axes", "fault", "x and y are exchanged.")]),
+    ],
+    ids=["beyond the prior", "vibration", "axes"],
 )
 def test_what_is_not_exact_or_shaken_is_told_and_not_offered(
     asked: Asked, quality: dict[str, float | str], checks: list[Check]

@@ -107,3 +107,50 @@ def test_a_receiver_that_tells_nothing_raises_nothing() -> None:
     for name in ("lat", "lon", "vel_ned", "s_acc", "h_acc"):
         getattr(log.gnss[0], name)[:] = np.nan
     assert [a.verdict for a in gnss_quality.assessments(case(log))] == ["unknown"]
+
+
+@pytest.mark.parametrize(("count", "answered"), [(19, 0), (20, 3)])
+def test_twenty_fixes_in_flight_tell_something(count: int, answered: int) -> None:
+    log = received()
+    gnss = log.gnss[0]
+    near = np.flatnonzero(gnss.t > 30.0)[:count]
+    for name in ("t", "lat", "lon", "alt", "vel_ned", "h_acc", "v_acc", "s_acc", "fix"):
+        setattr(gnss, name, getattr(gnss, name)[near])
+    assert gnss.reception is not None
+    gnss.reception = Reception(
+        **{name: getattr(gnss.reception, name)[near] for name in ("satellites", "hdop", "noise", "jamming")},
+        jamming_state=gnss.reception.jamming_state[near],
+        spoofing_state=gnss.reception.spoofing_state[near],
+    )
+    assert len(gnss_quality.assessments(case(log))) == answered
+
+
+@pytest.mark.parametrize(("metres", "verdict"), [(2.8, "ok"), (3.3, "warning"), (-3.3, "warning")])
+@pytest.mark.parametrize("axis", ["lat", "lon"])
+def test_a_step_of_three_metres_beside_the_velocity_is_a_jump(axis: str, metres: float, verdict: str) -> None:
+    log = received()
+    gnss = log.gnss[0]
+    moved = np.degrees(metres / 6.371e6) * (gnss.t > 50.1)
+    setattr(gnss, axis, getattr(gnss, axis) + moved)
+    found = told(log, "gnss_jumps")
+    assert found.verdict == verdict
+    assert found.value == pytest.approx(abs(metres), abs=0.15)
+    if verdict == "warning":
+        assert found.t == pytest.approx(50.2, abs=0.11)
+
+
+def test_fixes_more_than_a_second_and_a_half_apart_are_not_compared() -> None:
+    for hole, verdict in ((1.3, "warning"), (1.7, "ok")):
+        log = received()
+        gnss = log.gnss[0]
+        kept = (gnss.t < 50.05) | (gnss.t > 50.0 + hole - 0.15)
+        gnss.lat = gnss.lat + np.degrees(9.0 / 6.371e6) * (gnss.t > 50.1)
+        for name in ("t", "lat", "lon", "alt", "vel_ned", "h_acc", "v_acc", "s_acc", "fix"):
+            setattr(gnss, name, getattr(gnss, name)[kept])
+        gnss.reception = None
+        assert told(log, "gnss_jumps").verdict == verdict
+
+
+def test_differences_of_longitude_stay_within_half_a_turn() -> None:
+    found = gnss_quality._wrapped(np.array([359.9, -359.9, 10.0, 180.0]))
+    np.testing.assert_allclose(found, [-0.1, 0.1, 10.0, -180.0])

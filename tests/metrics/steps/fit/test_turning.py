@@ -104,3 +104,16 @@ def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
 
     names = {kernel.name for kernel in prebuilt.kernels()}
     assert {turning.SUMMED.name, turning.ABOUT.name} <= names
+
+
+@pytest.mark.parametrize("share", [0.2, 0.98, 1.02, 9.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_turn_on_either_side_of_where_the_series_ends_is_its_rotation_vector(share: float, sign: float) -> None:
+    """The series leaves its next term: s^7 / 15 of s = tan^2 of half the angle."""
+    s = share * turning.SMALL
+    vector = 2.0 * np.arctan(np.sqrt(s)) * np.array([0.36, -0.48, 0.8])
+    q = np.roll(Rotation.from_rotvec([np.zeros(3), vector]).as_quat(), 1, axis=1)
+    q[1] *= sign
+    out = np.empty((2, 3))
+    summed_turning(out, np.ascontiguousarray(q))
+    np.testing.assert_allclose(out[1], np.degrees(vector), rtol=s**7 / 7.5 + 1e-14)

@@ -1,0 +1,315 @@
+"""Units, axes and choices of ArduPilot's rarer messages: other numbers in every column."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from attlog.flight.ardupilot import attitude, ekf, imus, power, reader, receivers, state
+from attlog.flight.ardupilot.clock import Clock, own_time
+from attlog.flight.builder import LogBuilder
+from attlog.flight.model import Attitude
+from attlog.formats.base import Messages
+from tests.flight import fake
+
+N = 6
+T = fake.micros(N, 10.0)
+
+
+def made(*known: tuple[str, int, dict[str, Any]], stamps: Any = T) -> tuple[LogBuilder, Clock, Messages]:
+    """A log of messages (name, instance, columns), all with the same times."""
+    tables = {
+        (name, k): {"TimeUS": stamps, **{key: np.asarray(x) for key, x in columns.items()}}
+        for name, k, columns in known
+    }
+    messages = fake.messages("dataflash", tables)
+    return LogBuilder(messages, t0_us=int(T[0])), Clock(messages), messages
+
+
+def ramp(*factors: float) -> list[np.ndarray]:
+    return [f * (1.0 + np.arange(N)) for f in factors]
+
+
+def receiver(**more: Any) -> dict[str, Any]:
+    values = {"Lat": 47.1, "Lng": -8.2, "Alt": 430.0, "Spd": 5.0, "GCrs": 120.0, "VZ": -0.7, "HDop": 0.8}
+    found = {name: np.full(N, value) for name, value in values.items()}
+    return {**found, "Status": np.full(N, 3, np.uint8), "NSats": np.full(N, 14, np.uint8), **more}
+
+
+def test_a_receivers_velocity_follows_from_speed_course_and_vertical_speed() -> None:
+    builder, clock, messages = made(("GPS", 0, receiver()))
+    one = receivers.one_receiver(builder, clock, 0, messages["GPS", 0])
+    assert one is not None
+    assert (one.lat[0], one.lon[0], one.alt[0]) == (47.1, -8.2, 430.0)
+    np.testing.assert_allclose(one.vel_ned[0], [5.0 * np.cos(np.radians(120)), 5.0 * np.sin(np.radians(120)), -0.7])
+    assert np.isnan(one.h_acc).all()
+    assert one.yaw is None
+
+
+def test_a_heading_of_antennas_of_zero_is_none_and_others_are_wrapped() -> None:
+    yaw = np.array([0.0, 359.0, 90.0, 181.0, 0.0, 45.0])
+    builder, clock, messages = made(("GPS", 0, receiver(Yaw=yaw)))
+    one = receivers.one_receiver(builder, clock, 0, messages["GPS", 0])
+    assert one is not None
+    assert one.yaw is not None
+    np.testing.assert_allclose(np.degrees(one.yaw), [np.nan, -1.0, 90.0, -179.0, np.nan, 45.0])
+
+
+def test_an_accuracy_is_that_of_the_nearest_record_of_its_unit_within_half_a_second() -> None:
+    at = (int(T[0]) + np.array([0, 400_000, 2_000_000])).astype(np.uint64)
+    tables: Any = {
+        ("GPA", 0): {"TimeUS": at, "HAcc": np.array([1.0, 2.0, 3.0]), "VAcc": np.array([4.0, 5.0, 6.0])},
+        ("GPA", 1): {"TimeUS": at, "HAcc": np.array([7.0, 8.0, 9.0])},
+    }
+    messages = fake.messages("dataflash", tables)
+    builder, clock = LogBuilder(messages, t0_us=int(T[0])), Clock(messages)
+    asked = int(T[0]) + np.array([0, 190_000, 210_000, 899_000, 901_000, 1_499_000, 1_501_000, 2_500_000, 2_501_000])
+    found = receivers.accuracy(builder, clock, 0, asked, "HAcc")
+    np.testing.assert_array_equal(found, [1.0, 1.0, 2.0, 2.0, np.nan, np.nan, 3.0, 3.0, np.nan])
+    np.testing.assert_array_equal(receivers.accuracy(builder, clock, 1, asked[:1], "HAcc"), [7.0])
+    assert np.isnan(receivers.accuracy(builder, clock, 1, asked, "VAcc")).all()
+
+
+def test_a_replayed_receiver_counts_tenths_of_microdegrees_centimetres_and_milliseconds() -> None:
+    lat = np.array([471_000_000, 471_000_000, 471_000_010, 0, 471_000_020, 471_000_030], np.int32)
+    columns = {
+        "TS": np.array([10_000, 10_000, 10_200, 10_400, 10_600, 10_800], np.uint32),
+        "Lat": lat,
+        "Lon": np.where(lat == 0, 0, -82_000_000).astype(np.int32),
+        "Alt": np.full(N, 43_000, np.int32),
+        **dict(zip(("VX", "VY", "VZ", "HA", "VA", "SA"), ramp(1.0, -2.0, 0.5, 0.1, 0.2, 0.3), strict=True)),
+    }
+    builder, _, _ = made(("RGPJ", 0, columns))
+    (one,) = receivers.replay_receivers(builder)
+    assert (one.lat[0], one.lon[0], one.alt[0]) == pytest.approx((47.1, -8.2, 430.0))
+    np.testing.assert_allclose(one.t, [0.0, 0.2, 0.6, 0.8], atol=1e-9)
+    np.testing.assert_allclose(one.vel_ned[1], [3.0, -6.0, 1.5])
+    assert (one.h_acc[1], one.v_acc[1], one.s_acc[1]) == pytest.approx((0.3, 0.6, 0.9))
+
+
+@pytest.mark.parametrize(
+    ("column", "family", "scale"),
+    [("ThO", "copter", 1.0), ("ThrOut", "copter", 1e-3), ("ThO", "plane", 0.01), ("ThrOut", "rover", 0.01)],
+)
+def test_throttle_is_a_share_per_mille_or_percent(column: str, family: str, scale: float) -> None:
+    builder, clock, _ = made(("CTUN", 0, {column: 0.5 * np.ones(N) / scale}))
+    found = power.throttle(builder, clock, family)
+    assert found is not None
+    assert found.x[0, 0] == pytest.approx(0.5)
+
+
+def test_motors_are_the_outputs_with_their_function_between_their_limits() -> None:
+    outputs = {f"C{n}": np.full(N, 1000.0 + 100.0 * n) for n in range(1, 9)}
+    builder, clock, _ = made(("RCOU", 0, outputs))
+    limits = {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}
+    plain = power.motors(builder, clock, "quadrotor", limits)
+    assert plain is not None
+    np.testing.assert_allclose(plain.x[0], [0.0, 0.125, 0.25, 0.375])
+    functions = {"SERVO5_FUNCTION": 33.0, "SERVO7_FUNCTION": 82.0, "SERVO8_FUNCTION": 85.0, "SERVO1_FUNCTION": 41.0}
+    own = power.motors(builder, clock, "quadrotor", limits | functions)
+    assert own is not None
+    np.testing.assert_allclose(own.x[0], [0.5, 0.75, 0.875])
+    sticks = power.motors(builder, clock, "quadrotor", {"RC3_MIN": 1000.0, "RC3_MAX": 2000.0, "MOT_PWM_MIN": 0.0})
+    assert sticks is not None
+    np.testing.assert_allclose(sticks.x[0], [0.1, 0.2, 0.3, 0.4])
+    other = {"RCMAP_THROTTLE": 2.0, "RC2_MIN": 1100.0, "RC2_MAX": 1200.0, "RC3_MIN": 1000.0, "RC3_MAX": 2000.0}
+    assert power.motors(builder, clock, "quadrotor", other) is not None
+    assert power.motors(builder, clock, "quadrotor", other | {"RC2_MAX": 1199.0}) is None
+    assert power.motors(builder, clock, "plane", limits) is None
+    assert power.motors(builder, clock, "quadrotor", {}) is None
+
+
+def test_rotor_speeds_are_those_of_the_escs_else_of_the_sensors() -> None:
+    one, two = ramp(1000.0, 300.0)
+    builder, clock, _ = made(("ESC", 0, {"RPM": one}), ("ESC", 1, {"RPM": two}), ("RPM", 0, {"rpm1": two}))
+    found = power.rpm(builder, clock)
+    assert found is not None
+    assert (found.source, found.x[1].tolist()) == ("ESC", [2000.0, 600.0])
+    builder, clock, _ = made(("RPM", 0, {"rpm1": one, "rpm2": two}))
+    found = power.rpm(builder, clock)
+    assert found is not None
+    assert (found.source, found.x[1].tolist()) == ("RPM", [2000.0, 600.0])
+
+
+@pytest.mark.parametrize(
+    ("volts", "scale"), [(np.full(N, 1480, np.int16), 0.01), (np.full(N, 151.0), 0.01), (np.full(N, 149.0), 1.0)]
+)
+def test_a_battery_of_whole_numbers_or_above_150_v_is_in_hundredths(volts: np.ndarray, scale: float) -> None:
+    builder, clock, _ = made(("BAT", 0, {"Volt": volts, "Curr": 10.0 * np.ones(N)}))
+    found = power.battery(builder, clock)
+    assert found is not None
+    np.testing.assert_allclose(found.x[0], [scale * float(volts[0]), 10.0 * scale])
+
+
+ANGLES = np.column_stack(ramp(2.0, -3.0, 20.0))
+
+
+def matches(q: np.ndarray, degrees: np.ndarray) -> bool:
+    wanted = Rotation.from_euler("ZYX", degrees[:, ::-1], degrees=True).as_quat()
+    return bool(np.allclose(np.abs(np.sum(q * np.roll(wanted, 1, axis=1), axis=1)), 1.0, atol=1e-9))
+
+
+def test_set_points_stand_beside_the_attitude_that_flew() -> None:
+    columns = dict(zip(("DesRoll", "DesPitch", "DesYaw"), ANGLES.T, strict=True))
+    doubled = {name: 0.5 * x for name, x in columns.items()}
+    builder, clock, _ = made(("ATT", 0, columns), ("ANG", 0, doubled))
+    for flew, source, factor in (("ATT", "ATT.Des", 1.0), ("ANG", "ANG.Des", 0.5), (None, "ANG.Des", 0.5)):
+        found = attitude.setpoints(builder, clock, flew)
+        assert found is not None
+        assert found.source == source
+        assert matches(found.q, factor * ANGLES)
+    builder, clock, _ = made(("ATT", 0, {"DesRoll": ANGLES[:, 0]}))
+    assert attitude.setpoints(builder, clock, "ATT") is None
+
+
+def test_a_pose_has_its_time_of_measurement_and_not_what_the_vehicle_ignored() -> None:
+    columns = dict(zip(("R", "P", "Y"), ANGLES.T, strict=True))
+    more = {"CTimeMS": (9_950 + 100 * np.arange(N)).astype(np.uint32), "Ign": np.array([0, 1, 0, 0, 0, 0], np.uint8)}
+    builder, clock, _ = made(("VISP", 0, {**columns, **more, "Rst": np.array([0, 0, 0, 1, 1, 1], np.uint8)}))
+    found = attitude.poses(builder, clock)["VISP"]
+    assert matches(found.q, np.delete(ANGLES, 1, axis=0))
+    assert found.t_sample is not None
+    np.testing.assert_allclose(found.t - found.t_sample, 0.05, atol=1e-9)
+    assert found.resets.tolist() == [2]
+    builder, clock, _ = made(("VISP", 0, {"R": ANGLES[:, 0], "Y": ANGLES[:, 2]}))
+    assert attitude.poses(builder, clock) == {}
+
+
+def flown(seconds: float, hz: float, begin: float = 0.0) -> Attitude:
+    t = begin + np.arange(0.0, seconds, 1.0 / hz)
+    return Attitude(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), "X")
+
+
+def test_the_attitude_that_flew_is_the_fast_one_where_it_covers_as_much() -> None:
+    att = flown(100.0, 10.0)
+    for ang, wins in ((flown(100.0, 400.0), "ANG"), (flown(60.0, 400.0), "ATT"), (flown(100.0, 9.0), "ATT")):
+        assert attitude.onboard({"ANG": ang, "ATT": att}, "XK", 1) == wins
+    others = {"AHR2": att, "XKQ.0": att, "XKQ.1": att, "XKF1.1": att}
+    assert attitude.onboard(others, "XK", 1) == "XKQ.1"
+    assert attitude.onboard(others, "XK", None) == "XKQ.0"
+    assert attitude.onboard({"AHR2": att, "XKF1.1": att}, "XK", 1) == "XKF1.1"
+    assert attitude.onboard({"AHR2": att, "XKF1.1": att}, "XK", 0) == "AHR2"
+    assert attitude.onboard({}, "", None) is None
+
+
+def compass(factor: float = 1.0) -> dict[str, Any]:
+    field = dict(
+        zip(
+            ("MagX", "MagY", "MagZ"),
+            (200.0 * factor + np.arange(N), -100.0 * np.ones(N), 400.0 * np.ones(N)),
+            strict=True,
+        )
+    )
+    return {**field, "OfsX": np.array([5.0] * 3 + [6.0] * 3), "OfsY": np.ones(N), "OfsZ": np.zeros(N)}
+
+
+def test_a_compass_counts_milligauss_and_its_offsets_stand_at_each_change() -> None:
+    builder, clock, _ = made(("MAG", 0, compass()))
+    (one,) = reader.magnetometers(builder, clock, {})
+    np.testing.assert_allclose(one.field.x[2], 1e-7 * np.array([202.0, -100.0, 400.0]))
+    assert one.offsets is not None
+    np.testing.assert_allclose(one.offsets.x, 1e-7 * np.array([[5.0, 1.0, 0.0], [6.0, 1.0, 0.0]]))
+    np.testing.assert_allclose(one.offsets.t, [0.0, 0.3])
+
+
+def test_each_compass_is_switched_by_its_own_parameter() -> None:
+    builder, clock, _ = made(*(("MAG", k, compass(1.0 + k)) for k in range(3)))
+    for values, enabled in (
+        ({}, [True, True, True]),
+        ({"COMPASS_USE": 0.0}, [False, True, True]),
+        ({"COMPASS_USE2": 0.0}, [True, False, True]),
+        ({"COMPASS_USE3": 0.0}, [True, True, False]),
+    ):
+        found = reader.magnetometers(builder, clock, values)
+        assert [m.enabled for m in found] == enabled
+
+
+def test_a_compass_that_shows_its_offsets_alone_measures_nothing() -> None:
+    offsets = np.tile([5.0, -9.0, 2.0], (N, 1))
+    assert reader.only_offsets(offsets + 0.9, offsets)
+    assert not reader.only_offsets(offsets + np.array([0.0, 1.1, 0.0]), offsets)
+    assert not reader.only_offsets(0.0 * offsets, offsets)
+    assert not reader.only_offsets(offsets, 0.0 * offsets)
+
+
+def test_the_first_compass_or_the_primary_one_is_preferred() -> None:
+    builder, clock, _ = made(("MAG", 1, compass()), ("MAG", 2, compass(2.0)))
+    found = reader.magnetometers(builder, clock, {})
+    assert reader.primary_compass({}, found) == 1
+    assert reader.primary_compass({"COMPASS_PRIMARY": 2.0}, found) == 2
+    assert reader.primary_compass({}, []) is None
+
+
+def test_a_yaw_estimate_needs_both_heading_and_sigma() -> None:
+    for missing in ("YC", "YCS"):
+        columns = {"YC": np.full(N, 0.3), "YCS": np.full(N, 0.1)}
+        del columns[missing]
+        builder, clock, _ = made(("XKY0", 0, columns))
+        assert ekf.yaw_estimator(builder, clock, {}) is None
+
+
+def test_rates_are_degrees_per_second_and_the_rangefinder_looks_down_within_its_range() -> None:
+    names = ("RDes", "PDes", "YDes", "R", "P", "Y")
+    builder, clock, _ = made(
+        ("RATE", 0, dict(zip(names, ramp(1.0, -2.0, 3.0, 9.0, 9.0, 9.0), strict=True))),
+        ("RFND", 0, {"Dist": ramp(1.0)[0], "Orient": np.zeros(N), "Stat": np.full(N, 4)}),
+        ("RFND", 1, {"Dist": ramp(2.0)[0], "Orient": np.full(N, 25), "Stat": np.array([4, 3, 4, 4, 5, 4])}),
+    )
+    rates = state.rate_setpoints(builder, clock, None)
+    assert rates is not None
+    np.testing.assert_allclose(np.degrees(rates.x[1]), [2.0, -4.0, 6.0])
+    found = state.rangefinder(builder, clock)
+    assert found is not None
+    assert found.x[:, 0].tolist() == [2.0, 6.0, 8.0, 12.0]
+
+
+def test_records_with_a_week_have_their_boot_clock_in_t() -> None:
+    both = {"TimeMS": np.array([7, 8]), "T": np.array([3, 4]), "Week": np.array([2000, 2000])}
+    table = fake.table("GPS", 0, both, np.arange(2))
+    assert own_time(table).tolist() == [3000, 4000]  # type: ignore[union-attr]
+    table = fake.table("ATT", 0, {"TimeMS": np.array([7, 8]), "T": np.array([3, 4])}, np.arange(2))
+    assert own_time(table).tolist() == [7000, 8000]  # type: ignore[union-attr]
+    assert own_time(fake.table("EV", 0, {"Id": np.array([1])}, np.arange(1))) is None
+
+
+def test_a_record_without_a_time_has_that_of_the_record_before_it_in_the_file() -> None:
+    _builder, clock, messages = made(("ATT", 0, {"Roll": np.zeros(N)}))
+    at = messages["ATT", 0].offsets
+    asked = np.array([at[0] - 1, at[0], at[0] + 1, at[3] + 50, at[-1] + 999])
+    stamps = T.astype(np.int64)
+    assert clock.at(asked).tolist() == [stamps[0], stamps[0], stamps[0], stamps[3], stamps[-1]]
+
+
+@pytest.mark.parametrize("which", ["dt", "dt_v"])
+@pytest.mark.parametrize(("seconds", "kept"), [(0.9e-5, 5), (1.1e-5, 6), (0.99, 6), (1.01, 5), (np.nan, 5)])
+def test_increments_over_no_time_or_more_than_a_second_are_left_out(which: str, seconds: float, kept: int) -> None:
+    times = {"dt": np.full(N, 0.01), "dt_v": np.full(N, 0.02)}
+    times[which][2] = seconds
+    angle, velocity = (np.tile(x, (N, 1)) for x in ([0.001, -0.002, 0.003], [0.2, 0.4, -0.6]))
+    found = imus.from_increments(3, 1, T.astype(np.int64), times["dt"], angle, times["dt_v"], velocity, "RISI:3")
+    assert len(found.t_us) == len(found.gyro) == kept
+    np.testing.assert_allclose(found.gyro[0], [0.1, -0.2, 0.3])
+    np.testing.assert_allclose(found.acc[0], [10.0, 20.0, -30.0])
+
+
+def test_a_replay_record_has_the_time_of_the_frame_before_it() -> None:
+    frames = fake.table("RFRH", 0, {"TimeUS": np.array([100, 200, 300])}, np.array([10, 20, 30]))
+    records = fake.table("RISI", 0, {"I": np.zeros(4)}, np.array([5, 11, 25, 90]))
+    assert imus.frame_times(frames, records).tolist() == [-1, 100, 200, 300]
+
+
+def test_an_ekf_core_uses_the_set_bits_of_its_mask_in_their_order() -> None:
+    assert [imus.unit_of_core(core, 0b0110, [0, 1]) for core in range(3)] == [1, 2, 0]
+    assert [imus.unit_of_core(core, None, [0, 1]) for core in range(3)] == [0, 1, 0]
+
+
+def test_the_family_that_flew_is_that_of_its_type_and_cores_out_of_range_tell_nothing() -> None:
+    lanes = {"PI": np.array([0, 1, 7, -1, 5, 6], np.int8)}
+    _, clock, messages = made(("NKF4", 0, lanes), ("XKF4", 0, lanes))
+    assert [imus.primary_core(messages, clock, ekf)[0] for ekf in (None, 2.0, 3.0)] == ["XK", "NK", "XK"]
+    _, t_us, cores = imus.primary_core(messages, clock, None)
+    assert (cores, (t_us - int(T[0])).tolist()) == ([0, 1, 5], [0, 100_000, 400_000])
+    assert imus.primary_core(fake.messages("dataflash", {}), clock, None)[0] == ""
