@@ -54,6 +54,7 @@ def test_each_record_has_the_time_of_its_group(tmp_path: Path) -> None:
     assert log["IMU", 0][sdlog2.TIME].tolist() == [-1, 5_000, 5_000, 25_000]
     assert log["IMU", 0]["AccX"].tolist() == [1.0, 2.0, 3.0, 4.0]
     assert log["IMU", 0]["AccY"].tolist() == [-1.0, -2.0, -3.0, -4.0]
+    assert log["TIME", 0][sdlog2.TIME].tolist() == [5_000, 25_000]
     assert log["IMU", 0].fields[sdlog2.TIME].unit == "us"
     assert next(iter(log["IMU", 0].fields)) == sdlog2.TIME
     some = log["IMU", 0].rows(np.array([0, 2, 3]))
@@ -65,8 +66,13 @@ def test_each_record_has_the_time_of_its_group(tmp_path: Path) -> None:
 def test_parameters_have_the_time_of_their_group_and_versions_are_texts(tmp_path: Path) -> None:
     ver = record(4, "NZ", b"FMU_V1", b"abc123")
     parts = [record(3, "Nf", b"A_GAIN", 0.5), time(7_000), record(3, "Nf", b"B_GAIN", -2.0)]
+    parts += [time(0), record(3, "Nf", b"C_GAIN", 3.0)]
     log = read(tmp_path, FORMS, ver, *parts, imu(1.0))
-    assert [(p.name, p.value, p.t_us) for p in log.params] == [("A_GAIN", 0.5, None), ("B_GAIN", -2.0, 7_000)]
+    assert [(p.name, p.value, p.t_us) for p in log.params] == [
+        ("A_GAIN", 0.5, None),
+        ("B_GAIN", -2.0, 7_000),
+        ("C_GAIN", 3.0, 0),
+    ]
     assert log.info["VER"] == {"Arch": "FMU_V1", "FwGit": "abc123"}
 
 
