@@ -13,8 +13,8 @@ peer                         what it takes and gives
 
 Quaternions are scalar first. ``tests/test_benchmarks.py`` holds each to a motion in closed form.
 ``pip install --no-binary qmt '.[peers]'`` brings the packages: qmt's wheels want NumPy 1. attipy 0.0.18 asks for Python
-3.12, but runs on 3.11 (``pip install --no-deps --ignore-requires-python attipy``); earlier releases have no such filter.
-A peer whose package is missing is left out.
+3.12, but runs on 3.11 (``pip install --no-deps --ignore-requires-python attipy``); 0.0.7 has another filter. A peer
+whose package is missing is left out.
 """
 
 from __future__ import annotations

@@ -295,7 +295,7 @@ STILL_S, MOVING_S, RATE_HZ = 150.0, 30.0, 50.0
 
 
 def known_motion() -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
-    """Gyro, accelerometer, magnetometer FRD, and the attitude FRD to NED: still for long, then turned about all axes."""
+    """Gyro, accelerometer, magnetometer FRD, and the attitude FRD to NED: long still, then turned about all axes."""
     t = np.arange(0.0, STILL_S + MOVING_S, 1.0 / RATE_HZ) - STILL_S
     swing = np.sin(2.0 * np.pi * 0.1 * np.maximum(t, 0.0))
     yaw = 20.0 + 260.0 * np.clip(t / 20.0, 0.0, 1.0)
@@ -311,7 +311,7 @@ def known_motion() -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PEERS)
 def test_a_peer_finds_a_motion_in_closed_form(name: str, script: Script) -> None:
-    """Axes, earth frame, order and direction of the quaternion, units and step are right: nothing else comes so near."""
+    """Axes, earth frame, order and direction of the quaternion, units and step are right: no other comes so near."""
     peers, accuracy = script("peers"), script("accuracy")
     if reason := peers.why_not(*peers.NEEDS[name]):
         pytest.skip(f"peer {name}: {reason}")
