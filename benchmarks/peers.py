@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 FLIP = np.array([1.0, -1.0, -1.0])
 FROM_NWU = np.array([1.0, 1.0, -1.0, -1.0])
 """Signs of an attitude FLU to NWU as one FRD to NED."""
-ATTIPY_YAW_VAR = 0.01**2
-"""rad²: that of attipy's documented example; it has no default."""
+ATTIPY_YAW_VAR = 0.1**2
+"""rad²: attipy has no default. The field's heading about the true vertical is 0.06 to 0.3 rad off on BROAD, mostly."""
 
 Peer = Callable[["Trial"], tuple[Array, float]]
 """Gives attitudes (FRD, NED, magnetic) at the trial's times and ns per update."""
@@ -64,6 +64,11 @@ def flu(trial: Trial) -> tuple[Array, Array, Array | None]:
     """Gyro [rad/s], accelerometer [m/s²] and magnetometer [T], forward, left, up."""
     mag = None if trial.mag is None else np.ascontiguousarray(filled(trial.mag) * FLIP)
     return np.ascontiguousarray(trial.gyr * FLIP), np.ascontiguousarray(trial.acc * FLIP), mag
+
+
+def first_attitude(trial: Trial) -> Array:
+    """FRD to NED, as the first specific force and field show it: for peers that are given their start."""
+    return start_attitude(trial.acc[0], np.zeros(3) if trial.mag is None else filled(trial.mag)[0])
 
 
 def from_enu(q: Array) -> Array:
@@ -124,24 +129,28 @@ def peer_ahrs(trial: Trial) -> tuple[Array, float]:
 
 
 def peer_qmt_madgwick(trial: Trial) -> tuple[Array, float]:
-    """qmt's Madgwick with default gain; starts at the identity."""
+    """qmt's Madgwick with default gain."""
     from qmt import oriEstMadgwick
 
     return of_qmt(oriEstMadgwick, trial)
 
 
 def peer_qmt_mahony(trial: Trial) -> tuple[Array, float]:
-    """qmt's Mahony with default gains (no bias); starts at the identity."""
+    """qmt's Mahony with default gains: no bias is estimated."""
     from qmt import oriEstMahony
 
     return of_qmt(oriEstMahony, trial)
 
 
 def of_qmt(function: Callable[..., Array], trial: Trial) -> tuple[Array, float]:
-    """What one of qmt's batch functions gives."""
+    """What one of qmt's batch functions gives, started where the first vectors point.
+
+    Their own start is the identity, from which Mahony needs minutes. ``initQuat`` is FLU to NWU, what they give to ENU.
+    """
     gyr, acc, mag = flu(trial)
+    settings = {"Ts": step(trial), "initQuat": first_attitude(trial) * FROM_NWU}
     clock = time.thread_time()
-    q = function(gyr, acc, mag, {"Ts": step(trial)})
+    q = function(gyr, acc, mag, settings)
     return from_enu(q), 1e9 * (time.thread_time() - clock) / len(gyr)
 
 
@@ -165,20 +174,26 @@ def peer_attipy(trial: Trial) -> tuple[Array, float]:
     It wants the first attitude, here that of the first vectors, and a heading, here that of each sample's field about
     the filter's own vertical.
     """
+    attipy_attitudes(trial, 3)  # compiles
+    clock = time.thread_time()
+    q = attipy_attitudes(trial, len(trial.t))
+    return q, 1e9 * (time.thread_time() - clock) / len(q)
+
+
+def attipy_attitudes(trial: Trial, n: int) -> Array:
+    """The first ``n`` attitudes (n, 4) FRD to NED."""
     from attipy import MEKF
 
-    dt, q = step(trial), np.empty((len(trial.t), 4))
+    dt, q = step(trial), np.empty((n, 4))
+    peer = MEKF(1.0 / dt, first_attitude(trial))
     fields = np.full(trial.acc.shape, np.nan) if trial.mag is None else trial.mag
     known = np.isfinite(fields).all(axis=1)
-    first = fields[np.argmax(known)] if known.any() else np.zeros(3)
-    peer = MEKF(1.0 / dt, start_attitude(trial.acc[0], first))
     attitude, turns, forces = peer.attitude.as_quaternion(), dt * trial.gyr, dt * trial.acc
-    clock = time.thread_time()
-    for k in range(len(q)):
+    for k in range(n):
         yaw = field_heading(down(attitude, turns[k]), fields[k]) if known[k] else None
         peer.update(dv=forces[k], dtheta=turns[k], yaw=yaw, yaw_var=ATTIPY_YAW_VAR)
         q[k] = attitude = peer.attitude.as_quaternion()
-    return q, 1e9 * (time.thread_time() - clock) / len(q)
+    return q
 
 
 def down(attitude: Sequence[float], turn: Sequence[float]) -> tuple[float, float, float]:
