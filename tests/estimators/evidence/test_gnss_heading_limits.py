@@ -81,6 +81,14 @@ def test_a_window_far_from_the_fit_of_the_others_is_left_out() -> None:
         odd[7] += off
         found = gnss._without_outliers(odd, b)
         assert np.flatnonzero(~found).tolist() == ([] if kept else [7])
+    # Of plane errors the median length is 1.18 sigma: four sigmas are 4 m/s where sigma is 1.
+    errors = rng.normal(size=4000) + 1j * rng.normal(size=4000)
+    errors /= np.median(np.abs(errors)) / np.sqrt(2.0 * np.log(2.0))
+    far, near = 4.3, 3.7
+    errors[np.abs(errors) > 3.0] *= 0.5
+    errors[:2] = [far, near]
+    many = 100.0 * (rng.normal(size=4000) + 1j * rng.normal(size=4000))
+    assert gnss._without_outliers(many + errors, many)[:2].tolist() == [False, True]
 
 
 def test_thirty_seconds_of_four_windows_are_a_segment() -> None:

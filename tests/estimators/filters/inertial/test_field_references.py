@@ -88,10 +88,13 @@ def test_after_a_disturbance_a_field_must_be_sound_for_half_a_second() -> None:
     assert weights == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
 
 
-@pytest.mark.parametrize(("offset", "known"), [(0.30, 0.002), (0.02, 0.002), (0.30, 0.0004)])
+@pytest.mark.parametrize(
+    ("offset", "known", "odd"), [(0.30, 0.002, 1.0), (0.02, 0.002, 1.0), (0.30, 0.0004, 1.0), (0.30, 0.0004, 30.0)]
+)
 def test_offset_and_delay_are_a_kalman_filters_and_the_offset_counts_beyond_four_sigmas(
-    offset: float, known: float
+    offset: float, known: float, odd: float
 ) -> None:
+    """A component beyond three sigmas counts as if its noise were as large."""
     random = np.random.default_rng(3)
     R = Rotation.from_euler("ZYX", [40.0, -20.0, 10.0], degrees=True).as_matrix()
     rate, T, since = np.array([0.3, -0.5, 0.7]), 0.025, 0.1
@@ -111,7 +114,7 @@ def test_offset_and_delay_are_a_kalman_filters_and_the_offset_counts_beyond_four
     state[at.CAL : at.CAL + 7] = x = np.r_[earth, o, tau]
     state[at.CAL_P : at.CAL_P + 49] = P.ravel()
     late = np.cross(R @ rate, earth)
-    seen = 2.0 * (earth + R @ o + tau * late) + [0.02, -0.03, 0.01]
+    seen = 2.0 * (earth + R @ o + tau * late) + odd * np.array([0.02, -0.03, 0.01])
     found = compass.calibrated(state, params, *seen)
     P[:3, :3] += 0.01**2 * 0.4 * since * np.eye(3)
     noise = 0.023**2 * 0.6 / since
