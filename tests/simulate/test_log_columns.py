@@ -227,3 +227,19 @@ def test_gps_weeks_count_from_1980_with_leap_seconds() -> None:
     week, milliseconds = ardupilot.gps_time(np.array([1672617600.0, 1672617600.25]))
     assert week.tolist() == [2243, 2243]
     assert milliseconds.tolist() == [86_418_000, 86_418_250]
+
+
+def test_a_stations_stamps_are_unix_time_while_the_boot_clock_begins_at_five_seconds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(mavlink, "since_start", lambda flight: flight)
+    monkeypatch.setattr(mavlink, "parameters", lambda flight: [])
+    monkeypatch.setattr(mavlink, "texts", lambda flight, at: [])
+    for part in ("_onboard", "_receivers", "_slow", "_states", "_truth"):
+        monkeypatch.setattr(mavlink, part, lambda flight: iter(()))
+    monkeypatch.setattr(mavlink, "_inertial", lambda flight: iter([("A", records.micros(T), {"x": T})]))
+    of: Any = flight()
+    found = mavlink.recording(of)
+    stamps = found.messages["A", 257][mavlink.STAMP]
+    assert stamps.tolist() == [1_700_000_000_000_000 + 100_000 * k for k in range(N)]
+    assert found.start_us == found.texts[0].t_us == 1_700_000_000_000_000
