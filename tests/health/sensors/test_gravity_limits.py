@@ -40,8 +40,15 @@ def tilted(roll_deg: float, pitch_deg: float = 0.0) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("size", "verdict"),
-    [(G + 0.29, "ok"), (G - 0.29, "ok"), (G + 0.31, "warning"), (7.05, "warning"), (6.95, "fault"), (12.95, "warning")]
-    + [(13.05, "fault")],
+    [
+        (G + 0.29, "ok"),
+        (G - 0.29, "ok"),
+        (G + 0.31, "warning"),
+        (7.05, "warning"),
+        (6.95, "fault"),
+        (12.95, "warning"),
+        (13.05, "fault"),
+    ],
 )
 def test_gravity_at_rest_is_within_three_tenths_and_a_fault_outside_7_to_13(size: float, verdict: str) -> None:
     found = check(made([0.6 * size, 0.0, -0.8 * size]), REST, "gravity")

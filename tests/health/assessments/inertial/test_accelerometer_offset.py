@@ -195,7 +195,7 @@ def test_limits_of_an_offset_are_wider_along_z(asked: Asked, offset: tuple[float
     assert found.value == pytest.approx(max(offset, key=abs), abs=1e-3)
 
 
-@pytest.mark.parametrize(("rate", "judged"), [(19.0, 1), (21.0, 2)])
+@pytest.mark.parametrize(("rate", "judged"), [(9.5, 1), (10.5, 2)])
 def test_the_lowest_rate_of_another_unit_that_is_compared(asked: Asked, rate: float, judged: int) -> None:
     log = log_of(unit(0, 100.0, NONE, NONE), unit(1, rate, (0.9, 0.0, 0.0), NONE))
     assert len(answer(case(log, told(NONE)))) == judged
