@@ -1,4 +1,4 @@
-"""Masks of a gyro at the end of its range count from 1.15 on, where no value is above the mask and something else agrees."""
+"""Masks of a gyro at the end of its range count from 1.15 on, where values are masks and something else agrees."""
 
 from __future__ import annotations
 
