@@ -1,6 +1,6 @@
 """How accurate every estimator is where the truth is known, beside its peers in the same process.
 
-    python benchmarks/accuracy.py [--corpus DIR] [--estimators LIST] [--peers vqf,vqf_offline,imufusion,ahrs] [--lag]
+    python benchmarks/accuracy.py [--corpus DIR] [--estimators LIST] [--peers LIST] [--lag]
     python benchmarks/accuracy.py --write
 
 Sets below the corpus folder (default $ATTLOG_CORPUS): ``broad/`` (9-axis IMU with optical truth; motion
@@ -10,8 +10,9 @@ firmware flights with truth and the log's GNSS; after 15 s), ``unbiased`` (the s
 as in an analysis). At the end the ratios of ``mekf`` and ``smoother`` to their peers. Without a corpus the sample logs
 of the repository stand in, treated like ``sitl/``. Per row:
 mean over the set of total, heading and inclination RMSE in deg and ns per update. ``--lag`` adds lag and step gain
-from ``attlog.analyze`` on the simulated flights. ``ahrs`` is plain Python: minutes. ``--write`` puts the means with
-their intervals into attlog/estimators/accuracy.csv and the table of docs/estimators.md; what was not run stays there.
+from ``attlog.analyze`` on the simulated flights. Peers are those of ``peers.py``; ``ahrs`` is plain Python: minutes.
+``--write`` puts the means with their intervals into attlog/estimators/accuracy.csv and the table of
+docs/estimators.md; what was not run stays there.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from __future__ import annotations
 import argparse
 import csv
 import os
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import accuracy_file
 import numpy as np
 from numpy.typing import NDArray
+from peers import PEERS, WITHOUT_HEADING, from_enu, installed
 
 import attlog
 from attlog import segments
@@ -40,9 +41,6 @@ from attlog.reference import declination as log_declination
 Array = NDArray[np.float64]
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
 FLIP = np.array([1.0, -1.0, -1.0])
-HALF = np.sqrt(0.5)
-TO_NED = np.array([0.0, HALF, HALF, 0.0])
-FLIP_BODY = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 @dataclass(slots=True)
@@ -62,13 +60,16 @@ class Trial:
     declination: float = 0.0
     aids: Aids | None = None
 
-    def errors(self, t: Array, q: Array) -> Array:
-        """Total, heading, inclination RMSE in deg of attitudes ``q`` at ``t``; NaN for heading without magnetometer."""
+    def errors(self, t: Array, q: Array, heading: bool = True) -> Array:
+        """Total, heading, inclination RMSE in deg of attitudes ``q`` at ``t``.
+
+        The first two are NaN without magnetometer and for a filter that estimates no ``heading``.
+        """
         use = self.scored & np.isfinite(self.q).all(axis=1) & (self.t_true >= t[0]) & (self.t_true <= t[-1])
         e = rotation.error(rotation.slerp(t, q, self.t_true[use]), self.q[use])
         angles = [rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e)]
         rmse = np.rad2deg([np.sqrt(np.mean(a**2)) for a in angles])
-        return rmse if self.mag is not None else np.array([np.nan, np.nan, rmse[2]])
+        return rmse if heading and self.mag is not None else np.array([np.nan, np.nan, rmse[2]])
 
 
 def broad(root: Path) -> Iterator[Trial]:
@@ -76,7 +77,7 @@ def broad(root: Path) -> Iterator[Trial]:
     for path in sorted((root / "broad").glob("*.npz")):
         with np.load(path) as d:
             t = np.arange(len(d["gyr"])) / float(d["fs"])
-            q = rotation.multiply(rotation.multiply(TO_NED, d["opt_quat"]), FLIP_BODY)
+            q = from_enu(d["opt_quat"])
             sensors = [np.asarray(d[k], np.float64) * FLIP for k in ("gyr", "acc", "mag")]
             yield Trial("broad", path.stem, t, *sensors, t, q, d["movement"].astype(bool))
 
@@ -157,85 +158,6 @@ def flight(path: Path, group: str, declination: float) -> Trial | None:
     )
 
 
-Peer = Callable[[Trial], tuple[Array, float]]
-"""Gives attitudes (FRD, NED, magnetic) at the trial's times and ns per update."""
-
-
-def filled(mag: Array) -> Array:
-    """The magnetometer held from sample to sample: what the peers' interfaces ask for."""
-    good = np.isfinite(mag).all(axis=1)
-    return mag[np.maximum.accumulate(np.where(good, np.arange(len(mag)), int(np.argmax(good))))]
-
-
-def from_enu(q: Array) -> Array:
-    """Attitudes FLU to ENU as FRD to NED."""
-    return rotation.multiply(rotation.multiply(TO_NED, q), FLIP_BODY)
-
-
-def peer_vqf(trial: Trial) -> tuple[Array, float]:
-    """vqf with default parameters, batch."""
-    from vqf import VQF
-
-    gyr, acc = (np.ascontiguousarray(x * FLIP) for x in (trial.gyr, trial.acc))
-    mag = None if trial.mag is None else np.ascontiguousarray(filled(trial.mag) * FLIP)
-    peer = VQF(float(np.median(np.diff(trial.t))))
-    clock = time.thread_time()
-    out = peer.updateBatch(gyr, acc) if mag is None else peer.updateBatch(gyr, acc, mag)
-    spent = time.thread_time() - clock
-    return from_enu(out["quat6D" if mag is None else "quat9D"]), 1e9 * spent / len(gyr)
-
-
-def peer_vqf_offline(trial: Trial) -> tuple[Array, float]:
-    """vqf's own smoother with default parameters."""
-    from vqf import offlineVQF
-
-    gyr, acc = (np.ascontiguousarray(x * FLIP) for x in (trial.gyr, trial.acc))
-    mag = None if trial.mag is None else np.ascontiguousarray(filled(trial.mag) * FLIP)
-    clock = time.thread_time()
-    out = offlineVQF(gyr, acc, mag, float(np.median(np.diff(trial.t))))
-    spent = time.thread_time() - clock
-    return from_enu(out["quat6D" if mag is None else "quat9D"]), 1e9 * spent / len(gyr)
-
-
-def peer_imufusion(trial: Trial) -> tuple[Array, float]:
-    """imufusion (Madgwick's Fusion) with default settings, sample by sample; earth axes NWU."""
-    import imufusion
-
-    gyr, acc = np.rad2deg(trial.gyr * FLIP), trial.acc * FLIP / 9.80665
-    mag = None if trial.mag is None else filled(trial.mag) * FLIP * 1e6
-    dt = float(np.median(np.diff(trial.t)))
-    peer, q = imufusion.Ahrs(), np.empty((len(gyr), 4))
-    peer.set_sample_period(dt)
-    clock = time.thread_time()
-    for k in range(len(gyr)):
-        if mag is None:
-            peer.update_no_magnetometer(gyr[k], acc[k])
-        else:
-            peer.update(gyr[k], acc[k], mag[k])
-        q[k] = peer.get_quaternion()
-    spent = time.thread_time() - clock
-    return q * np.array([1.0, 1.0, -1.0, -1.0]), 1e9 * spent / len(gyr)
-
-
-def peer_ahrs(trial: Trial) -> tuple[Array, float]:
-    """ahrs.filters.Madgwick with default gain; earth axes NWU."""
-    from ahrs.filters import Madgwick
-
-    gyr, acc = trial.gyr * FLIP, trial.acc * FLIP
-    mag = None if trial.mag is None else filled(trial.mag) * FLIP * 1e9
-    clock = time.thread_time()
-    q = Madgwick(gyr=gyr, acc=acc, mag=mag, Dt=float(np.median(np.diff(trial.t)))).Q
-    return q * np.array([1.0, 1.0, -1.0, -1.0]), 1e9 * (time.thread_time() - clock) / len(gyr)
-
-
-PEERS: dict[str, Peer] = {
-    "vqf": peer_vqf,
-    "vqf_offline": peer_vqf_offline,
-    "imufusion": peer_imufusion,
-    "ahrs": peer_ahrs,
-}
-
-
 def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple[str, str], list[Array]]:
     """Per (row, group) the list of (total, heading, inclination, ns); rows that need a missing sensor are left out."""
     found: dict[tuple[str, str], list[Array]] = {}
@@ -259,7 +181,8 @@ def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple
         for name in peers:
             q, ns = PEERS[name](trial)
             turned = rotation.turn_about_down(rotation.normalize(q), np.deg2rad(trial.declination))
-            found.setdefault((f"peer {name}", trial.group), []).append(np.append(trial.errors(trial.t, turned), ns))
+            row = np.append(trial.errors(trial.t, turned, heading=name not in WITHOUT_HEADING), ns)
+            found.setdefault((f"peer {name}", trial.group), []).append(row)
     return found
 
 
@@ -307,11 +230,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--corpus", type=Path, default=os.environ.get("ATTLOG_CORPUS"), help="folder with the data")
     parser.add_argument("--estimators", default="all,fusion@example", help="as on the command line of attlog")
-    parser.add_argument("--peers", default="vqf,vqf_offline,imufusion", help=f"of {', '.join(PEERS)}; empty for none")
+    some = ",".join(name for name in PEERS if name != "ahrs")
+    parser.add_argument("--peers", default=some, help=f"of {', '.join(PEERS)}; empty for none (default all but ahrs)")
     parser.add_argument("--sets", default="broad,broad_mid,euroc,sitl,unbiased")
     parser.add_argument("--write", action="store_true", help="write attlog/estimators/accuracy.csv and the docs' table")
     parser.add_argument("--lag", action="store_true", help="lag and step gain on the simulated flights as well")
     given = parser.parse_args()
+    peers = [name for name in given.peers.split(",") if name]
+    if unknown := set(peers) - set(PEERS):
+        parser.error(f"no peer {', '.join(sorted(unknown))}; there are {', '.join(PEERS)}")
+    peers = installed(peers)
     if given.corpus is None:
         print(
             "Neither --corpus nor ATTLOG_CORPUS: BROAD, EuRoC and simulated flights are skipped, the sample logs serve."
@@ -323,13 +251,14 @@ def main() -> None:
     specs = [row.name for row in select(given.estimators)]
     for spec in specs:
         estimate(spec, *(x[:50] for x in (cases[0].t, cases[0].gyr, cases[0].acc, cases[0].acc)))
-    table = scores(cases, specs, [p for p in given.peers.split(",") if p])
-    print(f"{'group':20}{'row':28}{'n':>4}{'total':>8}{'heading':>9}{'incl.':>8}{'ns':>9}   RMSE in deg")
+    table = scores(cases, specs, peers)
+    print(f"{'group':20}{'row':28}{'n':>4}{'total':>9}{'heading':>9}{'incl.':>9}{'ns':>9}   RMSE in deg")
     for group in dict.fromkeys(c.group for c in cases):
         for (row, where), values in table.items():
             if where == group:
-                total, heading, inclination, ns = np.mean(values, axis=0)
-                print(f"{group:20}{row:28}{len(values):4}{total:8.2f}{heading:9.2f}{inclination:8.2f}{ns:9.0f}")
+                *angles, ns = np.mean(values, axis=0)
+                cells = "".join(f"{x:9.2f}" if np.isfinite(x) else f"{'':9}" for x in angles)
+                print(f"{group:20}{row:28}{len(values):4}{cells}{ns:9.0f}", flush=True)
     for line in ratios(table):
         print(line)
     if given.write:

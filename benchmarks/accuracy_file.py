@@ -26,6 +26,10 @@ PEERS = {
     "peer vqf_offline": "package vqf, its own smoother",
     "peer imufusion": "package imufusion",
     "peer ahrs": "package ahrs, Madgwick",
+    "peer qmt_madgwick": "package qmt, Madgwick",
+    "peer qmt_mahony": "package qmt, Mahony",
+    "peer riann": "package riann",
+    "peer attipy": "package attipy",
 }
 COLUMNS = ["filter", "set", "trials", *(f"{a}{end}" for a in ANGLES for end in ("", "_low", "_high"))]
 COLUMNS += ["ns", "version", "date"]
@@ -79,11 +83,17 @@ def table(found: Mapping[str, Mapping[str, MeasuredAccuracy]]) -> str:
     trials = {s: max((sets[s].trials for sets in found.values() if s in sets), default=0) for s in SETS}
     text = [HEAD.format(**trials), "| --- | --- | --- | --- |"]
     for name, sets in found.items():
-        cells = [sets[s].short() if s in sets else "" for s in ("broad", "euroc", "simulated")]
+        cells = [cell(sets[s], s) if s in sets else "" for s in ("broad", "euroc", "simulated")]
         if "simulated_unbiased" in sets:
-            cells[2] += f" ({sets['simulated_unbiased'].rmse_deg['total'].value:.1f})"
+            rmse = sets["simulated_unbiased"].rmse_deg
+            cells[2] += f" ({rmse['total' if 'total' in rmse else 'inclination'].value:.1f})"
         text.append(f"| {name if name in PEERS.values() else f'`{name}`'} | {' | '.join(cells)} |")
     return "\n".join(text)
+
+
+def cell(one: MeasuredAccuracy, name: str) -> str:
+    """Total/heading/inclination; dashes for what a filter without heading cannot tell on a set that others can."""
+    return one.short() if name == "euroc" or "total" in one.rmse_deg else f"-/-/{one.short()}"
 
 
 def write_page(page: Path = PAGE) -> None:

@@ -8,17 +8,21 @@ import runpy
 import sys
 import tracemalloc
 from collections.abc import Callable, Iterator
+from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from attlog import formats
+from attlog.base import rotation
 from tests.conftest import ROOT, SAMPLES, few
 
 BENCHMARKS = ROOT / "benchmarks"
 Script = Callable[[str], ModuleType]
+PEERS = ["vqf", "vqf_offline", "imufusion", "ahrs", "qmt_madgwick", "qmt_mahony", "riann", "attipy"]
 
 
 @pytest.fixture
@@ -262,9 +266,111 @@ def test_measuring_some_filters_again_keeps_the_lines_of_the_others(script: Scri
     ]
 
 
+def test_a_peer_without_heading_is_written_with_its_inclination_alone(
+    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from attlog.estimators import accuracy
+
+    written, file = script("accuracy_file"), tmp_path / "accuracy.csv"
+    trial = np.array([np.nan, np.nan, 1.26, 50.0])
+    groups = ("broad", "euroc", "sitl/px4", "unbiased/px4")
+    written.write({("peer riann", group): [trial, trial] for group in groups}, file)
+    assert file.read_text().splitlines()[1].startswith("package riann,broad,2,,,,,,,1.26,")
+    monkeypatch.setattr(accuracy, "FILE", file)
+    accuracy.measured.cache_clear()
+    table = written.table(accuracy.measured())
+    accuracy.measured.cache_clear()
+    assert table.splitlines()[-1] == "| package riann | -/-/1.3 | 1.3 | -/-/1.3 (1.3) |"
+
+
 def test_the_table_of_the_filters_is_the_one_of_their_file(script: Script) -> None:
     from attlog.estimators.accuracy import measured
 
     table = script("accuracy_file").table(measured())
     assert table in (ROOT / "docs" / "estimators.md").read_text(encoding="utf-8")
     assert len(table.splitlines()) == len(measured()) + 2
+
+
+STILL_S, MOVING_S, RATE_HZ = 150.0, 30.0, 50.0
+
+
+def known_motion() -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+    """Gyro, accelerometer, magnetometer FRD, and the attitude FRD to NED: long still, then turned about all axes."""
+    t = np.arange(0.0, STILL_S + MOVING_S, 1.0 / RATE_HZ) - STILL_S
+    swing = np.sin(2.0 * np.pi * 0.1 * np.maximum(t, 0.0))
+    yaw = 20.0 + 260.0 * np.clip(t / 20.0, 0.0, 1.0)
+    q = rotation.from_euler(*np.deg2rad([10.0 + 50.0 * swing, -5.0 + 25.0 * swing, yaw]))
+    sensors = {
+        "gyr": np.vstack([np.zeros(3), rotation.increments(q)]) * RATE_HZ,
+        "acc": rotation.rotate_inverse(q, np.array([0.0, 0.0, -9.80665])),
+        "mag": rotation.rotate_inverse(q, np.array([2e-5, 0.0, 4.4e-5])),
+    }
+    return sensors, q
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PEERS)
+def test_a_peer_finds_a_motion_in_closed_form(name: str, script: Script) -> None:
+    """Axes, earth frame, order and direction of the quaternion, units and step are right: no other comes so near."""
+    peers, accuracy = script("peers"), script("accuracy")
+    if reason := peers.why_not(*peers.NEEDS[name]):
+        pytest.skip(f"peer {name}: {reason}")
+    sensors, q = known_motion()
+    t = np.arange(len(q)) / RATE_HZ
+    for mag in (sensors["mag"], None):
+        trial = accuracy.Trial("", "", t, sensors["gyr"], sensors["acc"], mag, t, q, t > STILL_S)
+        found, ns = peers.PEERS[name](trial)
+        angles = trial.errors(t, rotation.normalize(found), heading=name not in peers.WITHOUT_HEADING)
+        assert np.isnan(angles).tolist() == [mag is None or name == "riann"] * 2 + [False]
+        assert np.nanmax(angles) < 1.0
+        assert ns > 0.0
+
+
+def test_every_peer_is_known_to_the_table_and_to_the_file(script: Script) -> None:
+    peers = script("peers")
+    assert list(peers.PEERS) == list(peers.NEEDS) == PEERS
+    assert set(script("accuracy_file").PEERS) == {f"peer {name}" for name in PEERS}
+
+
+def test_a_peer_that_does_not_work_here_is_left_out_with_a_line(
+    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its package is missing, or one that it needs, or is made for another NumPy, or has not what is used."""
+    peers = script("peers")
+    (tmp_path / "needs_more.py").write_text("import of_another_package")
+    (tmp_path / "broken.py").write_text(
+        "import sys; print('Traceback', file=sys.stderr); raise ImportError('no (long)')"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(sys.modules, "riann", None)
+    needs = {"attipy": ("needs_more", "MEKF"), "qmt_mahony": ("broken", "Mahony"), "ahrs": ("vqf", "Madgwick")}
+    monkeypatch.setattr(peers, "NEEDS", peers.NEEDS | needs)
+    assert peers.installed(["riann", "attipy", "qmt_mahony", "ahrs", "vqf"]) == ["vqf"]
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert said.out.splitlines() == [
+        "peer riann: not installed",
+        "peer attipy: not installed: of_another_package",
+        "peer qmt_mahony: cannot be loaded: no",
+        f"peer ahrs: vqf {metadata.version('vqf')} has no Madgwick",
+    ]
+
+
+def test_accuracy_without_a_peers_package_makes_the_table_of_the_others(
+    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sensors, q = known_motion()
+    flu = {key: x * np.array([1.0, -1.0, -1.0]) for key, x in sensors.items()}
+    turned = rotation.multiply(rotation.multiply(rotation.ENU, q), rotation.FLU)
+    (tmp_path / "broad").mkdir()
+    np.savez(tmp_path / "broad" / "01.npz", fs=RATE_HZ, opt_quat=turned, movement=np.ones(len(q)), **flu)
+    monkeypatch.setitem(sys.modules, "riann", None)
+    options = ["--corpus", tmp_path, "--sets", "broad", "--estimators", "mahony", "--peers", "riann,vqf"]
+    monkeypatch.setattr(sys, "argv", ["accuracy.py", *map(str, options)])
+    script("accuracy").main()
+    said = capsys.readouterr()
+    assert said.err == ""
+    first, _, *rows = said.out.splitlines()
+    assert first == "peer riann: not installed"
+    assert [row.split()[1] for row in rows] == ["mahony", "peer"]
+    assert all(float(row.split()[-4]) < 1.0 for row in rows)

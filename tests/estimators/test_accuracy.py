@@ -24,14 +24,14 @@ def test_every_filter_of_attlog_was_measured_on_all_trials() -> None:
 def test_each_mean_lies_in_its_interval_and_no_part_exceeds_the_whole() -> None:
     for name, sets in measured().items():
         for key, one in sets.items():
-            assert ("total" in one.rmse_deg) == (key != "euroc"), name
+            assert ("total" in one.rmse_deg) == (key != "euroc" and name != "package riann"), name
             for rmse in one.rmse_deg.values():
                 assert rmse.low is not None
                 assert rmse.high is not None
                 assert 0.0 < rmse.low < rmse.value < rmse.high
                 # the interval is symmetric in the logarithm
                 assert rmse.low * rmse.high == pytest.approx(rmse.value**2, rel=5e-3)
-            if key != "euroc":
+            if "total" in one.rmse_deg:
                 assert max(one.rmse_deg[a].value for a in ("heading", "inclination")) <= one.rmse_deg["total"].value
 
 

@@ -127,8 +127,8 @@ def claims(verdict: Verdict, clause: str, said: str) -> Iterator[tuple[str, str,
 
 def drift_metric(said: str) -> str:
     """The column of the heading reference that a sentence quotes."""
-    words = {"truth": "truth", "smoother": "smoother", "GNSS heading": "gnss_yaw", "onboard": "onboard"}
-    words |= {"magnetometer": "mag", "GNSS course": "course"}
+    words = {"truth": "truth", "smoother": "smoother", "GNSS heading": "gnss_yaw", "yaw estimator": "yaw_estimator"}
+    words |= {"onboard": "onboard", "magnetometer": "mag", "GNSS course": "course"}
     air = said[said.find("In the air against") :].partition(",")[0]
     return f"{DRIFT_AIR}.{next(key for word, key in words.items() if word in air)}"
 

@@ -41,8 +41,10 @@ def table(estimators: Sequence[Estimator]) -> Iterator[TextLine]:
     trials = ", ".join(str(max((s[key].trials for s in every if key in s), default=0)) for key in SHOWN)
     dated = sorted({(one.date, one.version) for sets in every for one in sets.values()})
     when = " to ".join(f"{version} ({day})" for day, version in dict.fromkeys([*dated[:1], *dated[-1:]]))
-    yield TextLine(f"  Mean RMSE of {trials} trials: total/heading/inclination; EuRoC: inclination. Simulated: with GNSS.")
-    yield TextLine("  -: needs mag. aids: GNSS, barometer, airspeed or rest. ns: per update.")
+    yield TextLine(f"  Mean RMSE of {trials} trials: total/heading/inclination; EuRoC: inclination.")
+    yield TextLine(
+        "  -: needs mag. aids: GNSS, barometer, airspeed or rest, there on simulated flights. ns: per update."
+    )
     yield TextLine(f"  Measured with attlog {when}. Intervals: --json, or attlog estimators NAME.")
 
 

@@ -119,7 +119,7 @@ def _compared(found: ColumnRanking) -> str:
         alone = " alone is ranked:" if found.total > 1 else ""
         return f"{ranked[0].name}{alone} {ranked[0].text}{ranked[0].interval}"
     if not best:
-        return f"all {found.compared} {_range(ranked)} (not significant)"
+        return f"{_who(ranked, found)} {_range(ranked)} (not significant)"
     others = [j for j in ranked if j not in best]
     leaders = f"{_counted(best)} best ({_range(best)})" if len(best) > 1 else _span(best)
     rest = f"{others[0].name} {others[0].text}" if len(others) == 1 else f"others {_range(others)}"
