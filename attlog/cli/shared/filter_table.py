@@ -78,6 +78,8 @@ def comparison(result: Result, window: str, width: int, shown: Shown = str, verb
         lines = laid_out(table.columns, table.rows, names, room, shown)
     left_out = [c.title[0].lower() + c.title[1:] for c in table.columns if c.spare > room.spare]
     said = legend(result, table, room, width, caveat=not verbose)
+    ahead = [names[row.name] for row, _ in table.rows if not row.causal and not row.is_reference]
+    said += textwrap.wrap(f"Looks ahead in time: {'; '.join(ahead)}.", width) if ahead else []
     said += textwrap.wrap(f"No room for: {', '.join(left_out)}.", width) if left_out else []
     return [TextLine(line) for line in lines] + [TextLine(shown(line), "dim") for line in said]
 

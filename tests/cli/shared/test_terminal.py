@@ -69,6 +69,17 @@ def test_columns_stay_aligned_where_signs_have_stand_ins():
     assert len(starts) == 1
 
 
+def test_who_looks_ahead_is_named_and_the_reference_is_not():
+    result = make_result()
+    filters = [row for row in result.estimators if row.kind == "replay"]
+    filters[0].causal = filters[1].causal = False
+    filters[1].is_reference = True
+    said = [line for line in lines(result, 200) if line.startswith("Looks ahead")]
+    assert said == [f"Looks ahead in time: {row_names(result)[filters[0].name]}."]
+    filters[0].causal = True
+    assert not any(line.startswith("Looks ahead") for line in lines(result, 200))
+
+
 def test_a_missing_value_is_a_word_and_a_column_without_values_is_left_out():
     result = make_result()
     assert any("not a pure delay" in line for line in lines(result, 160) if line.startswith("Complementary"))
