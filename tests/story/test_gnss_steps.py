@@ -42,3 +42,35 @@ def test_a_lost_fix_is_no_steady_receiver_and_a_short_log_tells_nothing() -> Non
     assert gnss_steps.disagreement([circling(lost=True)], 18.5) == np.inf
     assert np.isnan(gnss_steps.disagreement([circling()], 2.0))
     assert np.isnan(gnss_steps.disagreement([], 18.5))
+
+
+def cut(first: float, hole: tuple[float, float] = (0.0, 0.0), jump_m: float = 0.0) -> Gnss:
+    """The circle from ``first`` s on, without what was received within a hole; a jump at 18 s."""
+    whole = circling(jump_m)
+    kept = (whole.t >= first - 1e-9) & ~((whole.t > hole[0]) & (whole.t < hole[1]))
+    for name in ("t", "lat", "lon", "alt", "vel_ned", "h_acc", "v_acc", "s_acc", "fix"):
+        setattr(whole, name, getattr(whole, name)[kept])
+    return whole
+
+
+@pytest.mark.parametrize(
+    ("receiver", "known"),
+    [(cut(13.4), True), (cut(13.6), False), (cut(0.0, (14.01, 15.99)), True), (cut(0.0, (14.01, 16.19)), False)],
+    ids=["five seconds before", "less", "two seconds of hole", "more"],
+)
+def test_five_seconds_before_without_a_hole_of_more_than_two_are_needed(receiver: Gnss, known: bool) -> None:
+    assert np.isfinite(gnss_steps.disagreement([receiver], 18.5)) == known
+
+
+@pytest.mark.parametrize(("at", "seen"), [(27.7, True), (28.1, False), (17.1, True), (16.9, False)])
+def test_what_lies_from_ten_seconds_before_to_one_after_a_report_counts(at: float, seen: bool) -> None:
+    """The jump at 18 s."""
+    found = gnss_steps.disagreement([circling(12.0)], at)
+    assert (found > 10.0) is seen
+
+
+def test_a_receiver_that_knows_nothing_leaves_it_to_the_next() -> None:
+    blind = circling(40.0)
+    blind.vel_ned[:, 0] = np.nan
+    late = cut(30.0)
+    assert gnss_steps.disagreement([late, blind, circling(12.0)], 18.5) == pytest.approx(12.0, abs=0.5)

@@ -164,3 +164,16 @@ def test_filters_begin_anew_after_a_gap() -> None:
     x[2000:] = 5.0
     found, _ = run("lowpass=5", unit(t, x))
     np.testing.assert_allclose(found.gyro.x, x, atol=1e-12)
+
+
+@pytest.mark.parametrize("how", ["rate", "pick"])
+@pytest.mark.parametrize(("hz", "n"), [(520.0, 1), (270.0, 1), (260.0, 2), (130.0, 3)])
+def test_a_rate_is_the_nearest_whole_part_of_the_logs(how: str, hz: float, n: int) -> None:
+    found, _ = run(f"{how}={hz:g}", unit(T, tone(5.0)))
+    assert np.median(np.diff(found.gyro.t)) == pytest.approx(n / HZ)
+
+
+@pytest.mark.parametrize("how", ["rate", "pick"])
+def test_a_rate_above_four_thirds_of_the_logs_is_refused(how: str) -> None:
+    with pytest.raises(UsageError, match="540 Hz is above that of the log, 400 Hz"):
+        run(f"{how}=540", unit(T, tone(5.0)))

@@ -81,3 +81,37 @@ def test_flights_that_were_logged_twice_are_found(corpus: Path, name: str) -> No
     folder = corpus / "sitl" / "ardupilot"
     tracks = [track_of(flights.read(folder / f), f) for f in (name + ".bin", name + ".tlog", "copter_long.bin")]
     assert repeated(tracks) == {name + ".tlog": name + ".bin"}
+
+
+@pytest.mark.parametrize(("steps", "same"), [(100, True), (99, False)])
+def test_twenty_seconds_in_common_are_enough(steps: int, same: bool) -> None:
+    whole = swayed(1, 20.0)
+    part = replace(whole, q=np.where(np.arange(len(whole.q))[:, None] < steps, whole.q, np.nan))
+    assert same_flight(whole, part) is same
+    assert same_flight(part, whole) is same
+
+
+@pytest.mark.parametrize(("share", "same"), [(0.5, True), (0.49, False)])
+def test_half_of_the_shorter_log_is_in_common(share: float, same: bool) -> None:
+    a = swayed(1, 60.0)
+    common = round(share * 300)
+    b = replace(a, first=a.first + 300 - common, q=np.concatenate([a.q[300 - common :], a.q])[:300])
+    assert same_flight(a, b) is same
+
+
+@pytest.mark.parametrize(("apart_deg", "same"), [(0.19, True), (0.21, False)])
+def test_attitudes_that_are_equal_to_a_fifth_of_a_degree_are_of_one_flight(apart_deg: float, same: bool) -> None:
+    a = swayed(1)
+    b = replace(
+        a, q=rotation.multiply(a.q, rotation.from_rotvec(np.radians([[0.6 * apart_deg, 0.0, 0.8 * apart_deg]])))
+    )
+    assert same_flight(a, b) is same
+
+
+@pytest.mark.parametrize(("size_deg", "same"), [(2.7, False), (2.95, True)])
+def test_two_degrees_of_motion_tell_flights_apart(size_deg: float, same: bool) -> None:
+    """A sine has its size over the root of two."""
+    t = np.arange(0.0, 60.0, 0.2)
+    swing = np.radians(size_deg) * np.column_stack([np.sin(2.0 * np.pi * t / 6.0), 0.0 * t, 0.0 * t])
+    one = FlightTrack("a", "", 100.0, 0, rotation.from_rotvec(swing))
+    assert same_flight(one, replace(one, name="b")) is same

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from attlog.compare.sweep.grid import GridAxis, grid
@@ -178,3 +179,22 @@ def test_tables_for_papers_keep_their_signs() -> None:
     assert r"$\pm$3$^\circ$ & \{\} \\" in latex(head, rows)
     assert r"| 5 % | 1\|2 |" in markdown(head, rows)
     assert csv_text(head, rows).splitlines()[1] == "5 %,1|2"
+
+
+def test_a_curve_has_the_mean_over_logs_at_each_value_and_each_log_beside() -> None:
+    s = swept("kp=0.1,0.2,0.4", "ki=0,0.01")
+    judged = next(c for c in s.columns if c.single is not None)
+    curve = next(f for f in figures(s) if f.kind == "along")
+    best = [
+        min((k for k in range(s.base) if s.settings[k]["kp"] == v), key=lambda k: float(judged.score[k]))
+        for v in (0.1, 0.2, 0.4)
+    ]
+    assert curve.data["y"] == pytest.approx([float(judged.score[k]) for k in best])
+    assert [y["name"] for y in curve.data["logs"]] == ["<a>.bin", "bb"]
+    for j, y in enumerate(curve.data["logs"]):
+        assert y["y"] == pytest.approx([abs(float(judged.values[k, j])) for k in best])
+    assert curve.data["best"] == best.index(judged.single)
+    judged.score[[k for k in range(s.base) if s.settings[k]["kp"] == 0.2]] = np.nan
+    again = next(f for f in figures(s) if f.kind == "along")
+    assert again.data["y"][1] is None
+    assert again.data["say"][1] == ""

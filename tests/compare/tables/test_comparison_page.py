@@ -152,3 +152,22 @@ def test_tables_for_papers(tmp_path: Path) -> None:
 def test_a_log_called_like_a_formula_is_no_formula_in_the_table() -> None:
     found = comparison({"lag_ms": [(0.1, 0.3)]}, broken=[LogLine("=cmd()", "x", code=65, reason="+1")])
     assert "'=cmd()" in export.numbers(found)
+
+
+def test_a_forest_has_a_line_for_each_log_and_the_diamond_on_the_last() -> None:
+    found = made()
+    by_metric = {question.metric: page._forest(found, question, 1) for question in found.questions}
+    tilt = by_metric["inclination_rmse_deg"].data
+    contrast = next(q for q in found.questions if q.metric == "inclination_rmse_deg").contrasts[0]
+    assert contrast.over is not None
+    assert tilt["lines"] == [*(b.log for b in contrast.logs), "all logs"]
+    assert [(i["line"], i["all"]) for i in tilt["items"]] == [(0, False), (1, False), (2, False), (3, True)]
+    assert [i["v"] for i in tilt["items"]] == [*(b.value for b in contrast.logs), contrast.over.value]
+    told = ("better", "worse")
+    assert [i["significant"] for i in tilt["items"]] == [b.direction in told for b in (*contrast.logs, contrast.over)]
+    assert (tilt["all"], tilt["log"]) == (True, True)
+    assert len(tilt["table"]) == 5
+    assert [row[0] for row in tilt["table"][1:]] == tilt["lines"]
+    alone = comparison({"inclination_rmse_deg": [(0.3, 0.1)]})
+    single = page._forest(alone, alone.questions[0], 2)
+    assert (single.data["all"], len(single.data["lines"]), single.height) == (False, 1, 92 + 26)

@@ -82,3 +82,14 @@ def test_the_core_that_flew_is_a_time_line() -> None:
     assert lane.value == [0, 1]
     assert lane.t[1] - lane.t[0] == pytest.approx(8 / 5.0)
     assert read({("IMU", 0): imu(), ("XKF4", 0): changes}, {"AHRS_EKF_TYPE": 0.0}).lane is None
+
+
+def test_test_ratios_of_the_second_core_of_old_logs_are_read_under_its_own_name() -> None:
+    ratios = {"TimeUS": micros(20, 5.0), "SM": np.linspace(0.1, 0.4, 20), "SV": np.linspace(0.3, 0.9, 20)}
+    for core, name in ((1, "NKF9"), (0, "NKF4:0")):
+        tables = {("IMU", 0): imu(), ("IMU2", 0): imu(), ("NKF1", 0): state(), ("NKF6", 0): state(2.0)}
+        first = primary(core) | {k: 2.0 * v for k, v in ratios.items() if k != "TimeUS"}
+        log = read(tables | {("NKF4", 0): first, ("NKF9", 0): ratios}, {"EK2_IMU_MASK": 3.0})
+        found = {test.aid: test for test in log.innovation_tests}
+        assert {aid: test.source for aid, test in found.items()} == {"compass": f"{name}.SM", "velocity": f"{name}.SV"}
+        np.testing.assert_allclose(found["compass"].ratio, (1.0 if core else 2.0) * ratios["SM"])

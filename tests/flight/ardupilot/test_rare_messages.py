@@ -313,3 +313,36 @@ def test_the_family_that_flew_is_that_of_its_type_and_cores_out_of_range_tell_no
     _, t_us, cores = imus.primary_core(messages, clock, None)
     assert (cores, (t_us - int(T[0])).tolist()) == ([0, 1, 5], [0, 100_000, 400_000])
     assert imus.primary_core(fake.messages("dataflash", {}), clock, None)[0] == ""
+
+
+@pytest.mark.parametrize(("count", "source"), [(1, "RPM"), (2, "ESC")])
+def test_two_records_of_a_motor_tell_its_speed(count: int, source: str) -> None:
+    builder, clock, _ = made(
+        ("ESC", 0, {"RPM": np.full(count, 900.0)}), ("RPM", 0, {"rpm1": np.full(count, 700.0)}), stamps=T[:count]
+    )
+    found = power.rpm(builder, clock)
+    assert found is not None
+    assert (found.source, found.x[0, 0]) == (source, 900.0 if source == "ESC" else 700.0)
+
+
+@pytest.mark.parametrize(("high", "known"), [(1099.0, False), (1100.0, True)])
+def test_outputs_of_motors_are_shares_of_a_range_of_a_hundred_microseconds(high: float, known: bool) -> None:
+    pulses = np.array([900.0, 1000.0, 1025.0, 1050.0, 1100.0, 1300.0])
+    columns = {f"C{n}": pulses + (n == 2) for n in range(1, 5)}
+    builder, clock, _ = made(("RCOU", 0, columns))
+    values = {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": high}
+    found = power.motors(builder, clock, "quadrotor", values)
+    assert (found is not None) is known
+    if found is not None:
+        np.testing.assert_allclose(found.x[:, 0], [0.0, 0.0, 0.25, 0.5, 1.0, 1.0])
+        np.testing.assert_allclose(found.x[:, 1], [0.0, 0.01, 0.26, 0.51, 1.0, 1.0])
+
+
+def test_without_limits_of_motors_those_of_the_throttle_channel_count() -> None:
+    columns = {f"C{n}": np.full(N, 1200.0) for n in range(1, 5)}
+    for channel, share in ((None, 0.1), (1, 0.2)):
+        builder, clock, _ = made(("RCOU", 0, columns))
+        values = {"RC3_MIN": 1100.0, "RC3_MAX": 2100.0, "RC1_MIN": 1000.0, "RC1_MAX": 2000.0}
+        found = power.motors(builder, clock, "quadrotor", values | ({} if channel is None else {"RCMAP_THROTTLE": 1.0}))
+        assert found is not None
+        np.testing.assert_allclose(found.x, share)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -225,3 +226,15 @@ def test_units_are_found_by_the_device_of_their_increments_else_of_their_status_
     assert imus.unit_of_device(made, 14) == 2
     assert imus.unit_of_device(made, 99) is None
     assert imus.unit_of_device(made, 0) is None
+
+
+def test_unix_time_is_that_of_the_first_receiver_with_a_fix() -> None:
+    def one(fix: int, utc_us: float, unknown: int = 0) -> Any:
+        t = np.arange(6.0)
+        utc = np.where(np.arange(6) < unknown, 0.0, utc_us + 1e6 * t)
+        return SimpleNamespace(t=t, utc_us=utc, fix=np.full(6, fix))
+
+    none = SimpleNamespace(t=np.arange(6.0), utc_us=None, fix=np.full(6, 3))
+    assert state.utc_offset([none, one(1, 8e15), one(2, 1.7e15), one(3, 1.6e15)]) == pytest.approx(1.7e9)
+    assert state.utc_offset([one(3, 1.5e15, unknown=4)]) == pytest.approx(1.5e9)
+    assert state.utc_offset([one(3, 0.0, unknown=6), none]) is None

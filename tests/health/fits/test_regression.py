@@ -69,3 +69,19 @@ def test_a_mean_of_few_blocks_has_the_standard_error_of_few_values() -> None:
     found = fit(5.0 * np.arange(6) + 1.0, np.ones((6, 1, 1)), values[:, None], huber=1e9)
     assert found is not None
     assert found.sigma[0] == pytest.approx(sem(values), rel=1e-9)
+
+
+def test_a_mean_of_two_blocks_is_not_surer_than_two_values() -> None:
+    from scipy.stats import sem
+
+    found = fit(np.array([1.0, 6.0]), np.ones((2, 1, 1)), np.array([[1.0], [1.8]]), huber=1e9)
+    assert found is not None
+    assert found.sigma[0] == pytest.approx(sem([1.0, 1.8]), rel=1e-9)
+    assert (found.x[0], found.blocks) == (pytest.approx(1.4), 2)
+
+
+@pytest.mark.parametrize(("at", "n"), [((4.9, 5.1), 2), ((5.1, 9.9), 1), ((0.0, 4.9), 1)])
+def test_blocks_are_of_five_seconds(at: tuple[float, float], n: int) -> None:
+    found = fit(np.array(at), np.ones((2, 1, 1)), np.array([[1.0], [2.0]]))
+    assert found is not None
+    assert found.blocks == n

@@ -122,3 +122,16 @@ def test_a_gyro_at_the_end_of_a_range_lies_flat_there() -> None:
     assert at_limit(wave * 250.0 / 400.0 + np.random.default_rng(0).normal(0, 0.2, 4000)) == 0
     assert at_limit(np.array([3.0, 2100.0])) == 1
     assert at_limit(np.zeros(0)) == 0
+
+
+def test_several_outages_are_told_with_the_first_their_sum_and_their_number(flown: tuple[FlightLog, Segments]) -> None:
+    log, found = deepcopy(flown[0]), flown[1]
+    first = middle(found) - 8.0
+    for one in log.gnss:
+        lost = ((one.t >= first) & (one.t < first + 4)) | ((one.t >= first + 8) & (one.t < first + 14))
+        one.fix = np.where(lost, 1, one.fix)
+    (check,) = gnss.checks(log, found)
+    assert (check.verdict, check.count) == ("warning", 2)
+    assert check.t == pytest.approx(first, abs=0.21)
+    assert check.value == pytest.approx(10.0, abs=0.81)
+    assert f"in 2 outages, first at {check.t:.0f} s." in check.text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 
@@ -74,3 +76,26 @@ def test_a_row_without_a_north_has_no_heading_error() -> None:
     row = flights.row(flight.t, flight.q, heading_offset_deg=40.0)
     row.uses_mag = False
     assert gnss_heading.own_north(row) is None
+
+
+def test_the_north_that_was_taken_out_is_known_of_one_segment_with_a_compass() -> None:
+    flight = flown()
+    row = flights.row(flight.t, flight.q, heading_offset_deg=40.0)
+    row.uses_mag = True
+    row.segment = np.full(len(row.t), 3)
+    assert gnss_heading.own_north(row) == 40.0
+    row.segment[-1] = 4
+    assert gnss_heading.own_north(row) is None
+    row.heading_offset_deg = None
+    assert gnss_heading.own_north(row) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("offset", "turned", "shown"), [(170.0, 40.0, -150.0), (-170.0, -30.0, 160.0), (5.0, 0.0, 5.0)]
+)
+def test_a_heading_that_was_taken_out_is_put_back_within_half_a_turn(
+    offset: float, turned: float, shown: float
+) -> None:
+    found = gnss_heading.HeadingOffset(**{f.name: 1.0 for f in fields(gnss_heading.HeadingOffset)})  # type: ignore[arg-type]
+    found = replace(found, offset_deg=offset)
+    assert gnss_heading._shifted(found, turned).offset_deg == pytest.approx(shown)

@@ -1,3 +1,4 @@
+import dataclasses
 import functools
 
 import numpy as np
@@ -141,3 +142,24 @@ def test_only_the_onboard_row_has_a_controller():
     case, row = flight()
     row.name = "mahony"
     assert controller.compute(case, row, "all") == {}
+
+
+def test_two_samples_of_set_point_and_attitude_at_the_least_rate_are_needed():
+    """Which code, by how many samples there are and how fast they are."""
+
+    def code(first, second, slower=1.0):
+        case, _ = flight()
+        log, flew = case.log, case.log.onboard_attitude
+        whole = log.setpoints
+        slower = slower * whole.rate / controller.MIN_RATE_HZ if slower != 1.0 else 1.0
+        log.setpoints = dataclasses.replace(whole, t=slower * whole.t[:first], q=whole.q[:first])
+        log.attitudes[log.onboard] = dataclasses.replace(flew, t=flew.t[:second], q=flew.q[:second])
+        found = controller.flown(case, "airborne")[1]
+        return None if found is None else found[0]
+
+    assert code(1, None) == code(None, 1) == "no_setpoint"
+    assert code(2, None) != "no_setpoint"
+    assert code(None, 2) != "no_setpoint"
+    assert code(None, None) is None
+    assert code(None, None, 1.02) == "rate_too_low"
+    assert code(None, None, 0.98) != "rate_too_low"

@@ -150,6 +150,12 @@ def found_with(**changes):
     [
         ({}, True, None),
         ({"gain": 0.94}, True, "94 %"),
+        ({"gain": 1.06}, True, "106 %"),
+        ({"gain": 0.951}, True, None),
+        ({"gain": 1.049}, True, None),
+        ({"distortion": 0.149}, True, None),
+        ({"share": 0.24}, False, None),
+        ({"share": 0.14, "heavy": 0.03}, True, None),
         ({"distortion": 0.16}, True, "shape error 16 %"),
         ({"share": 0.71}, True, "71 %"),
         ({"share": 0.69}, True, None),
@@ -208,3 +214,12 @@ def test_an_attitude_computed_elsewhere_has_its_own_delay_and_not_that_of_the_lo
     assert told.value == pytest.approx(own_ms - known_ms, abs=0.3)
     assert told.ci95[0] < own_ms - known_ms < told.ci95[1]
     assert told.taken_out == known_ms
+
+
+@pytest.mark.parametrize(("gain", "ranked"), [(0.949, False), (0.951, True), (1.049, True), (1.051, False)])
+def test_a_distortion_is_ranked_where_the_row_follows_the_whole_step(gain, ranked):
+    case, row = step_case(sampled(*motion("steps", 30.0), 200.0, DELAY), sampled(*motion("steps", 30.0), 25.0))
+    seen = lag.evidence(case, row, "all")
+    seen.fits["all"].gain = gain
+    answer = lag._of_axis(case, row, "all", "all", seen)["distortion_pct"]
+    assert (answer.ranked, answer.reason) == (ranked, None if ranked else f"follows {100 * gain:.0f} % of the step")

@@ -146,3 +146,56 @@ def test_no_flight_no_gnss_and_damaged_words_are_unknown_with_the_reason() -> No
         (found,) = answer(one)
         assert found.verdict == "unknown"
         assert found.action
+
+
+@pytest.mark.parametrize(
+    ("flown", "on_ground", "offered"),
+    [
+        (0.8, 0.8 - 0.22, True),
+        (0.8, 0.8 - 0.26, False),
+        (0.8, 0.8 + 0.22, True),
+        (0.8, 0.8 + 0.26, False),
+        (-0.8, -0.8 + 0.22, True),
+        (-0.8, -0.8 + 0.26, False),
+        (0.32, 0.32 - 0.085, True),
+        (0.32, 0.32 - 0.11, False),
+    ],
+)
+def test_the_ground_confirms_an_offset_to_three_tenths_of_it_or_a_tenth(
+    asked: Asked, flown: float, on_ground: float, offered: bool
+) -> None:
+    (found,) = answer(case(log_of(unit(0, 100.0, (0.0, 0.0, on_ground), NONE)), told((0.0, 0.0, flown))))
+    assert found.verdict == "warning"
+    assert (bool(asked), "no constant offset" in found.why_no_setting) == (offered, not offered)
+
+
+@pytest.mark.parametrize(("size", "offered"), [(0.98, True), (-1.02, False)])
+def test_an_offset_is_offered_up_to_a_metre_per_second_squared(asked: Asked, size: float, offered: bool) -> None:
+    (found,) = answer(case(log_of(unit(0, 100.0, NONE, NONE)), told((0.0, size, 0.0))))
+    assert (bool(asked), "six positions do" in found.why_no_setting) == (offered, not offered)
+    assert found.verdict == "fault"
+
+
+@pytest.mark.parametrize(
+    ("offset", "verdict"),
+    [
+        ((0.165, 0.0, 0.0), "ok"),
+        ((0.0, -0.175, 0.0), "warning"),
+        ((0.0, 0.0, 0.29), "ok"),
+        ((0.0, 0.0, -0.31), "warning"),
+        ((0.495, 0.0, 0.0), "warning"),
+        ((0.505, 0.0, 0.0), "fault"),
+        ((0.0, 0.0, 0.99), "warning"),
+        ((0.0, 0.0, 1.01), "fault"),
+    ],
+)
+def test_limits_of_an_offset_are_wider_along_z(asked: Asked, offset: tuple[float, float, float], verdict: str) -> None:
+    (found,) = answer(case(log_of(unit(0, 100.0, NONE, NONE)), told(offset)))
+    assert found.verdict == verdict
+    assert found.value == pytest.approx(max(offset, key=abs), abs=1e-3)
+
+
+@pytest.mark.parametrize(("rate", "judged"), [(9.5, 1), (10.5, 2)])
+def test_the_lowest_rate_of_another_unit_that_is_compared(asked: Asked, rate: float, judged: int) -> None:
+    log = log_of(unit(0, 100.0, NONE, NONE), unit(1, rate, (0.9, 0.0, 0.0), NONE))
+    assert len(answer(case(log, told(NONE)))) == judged

@@ -143,3 +143,14 @@ def test_what_a_wreck_shakes_is_no_vibration_of_the_flight_that_it_ended() -> No
     (found,) = level.vibration_level(whole)
     assert (found.verdict, found.value) == ("ok", 10.0)
     assert level.flown(whole.segments, log) == [(BEGIN + 1.0, 40.0)]
+
+
+def test_the_level_of_a_second_stands_at_its_end() -> None:
+    log = shaken(200.0, 60.0, firmware="PX4")
+    imu = log.imus[0]
+    imu.acc.x[:] = 0.0
+    begin = float(imu.acc.t[0])
+    struck = (imu.acc.t > begin + 20.1) & (imu.acc.t < begin + 20.9)
+    imu.acc.x[struck, 1] = 3.0 * (-1.0) ** np.arange(np.count_nonzero(struck))
+    one = level.of_samples(imu)
+    assert one.t[np.argmax(one.level)] == pytest.approx(begin + 21.0, abs=0.02)
