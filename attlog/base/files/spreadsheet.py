@@ -36,8 +36,6 @@ def cell(value: Any) -> Any:
         return value
     text = UNSEEN.sub("\ufffd", LINE_END.sub("\n", value))
     parts = ANOTHER.split(text)
-    if len(parts) == 1:
-        return _quoted(text, text)
     return _quoted(parts[0], text) + "".join(_quoted(part, part) for part in parts[1:])
 
 
