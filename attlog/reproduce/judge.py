@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 from attlog.compare.differences.pooled import pool
-from attlog.present.numbers import interval, listed, quantity
+from attlog.present.numbers import between, interval, listed, quantity
 from attlog.reproduce.paper import PaperNumber, Verdict
 
 
@@ -54,6 +54,12 @@ def ends(numbers: Sequence[PaperNumber]) -> tuple[PaperNumber, PaperNumber]:
     """The smallest and the largest of numbers of one kind; those that could not be measured are neither."""
     known = [n for n in numbers if n.value is not None] or list(numbers)
     return min(known, key=lambda n: n.value or 0.0), max(known, key=lambda n: n.value or 0.0)
+
+
+def span(numbers: Sequence[PaperNumber], unit: str) -> str:
+    """From the smallest to the largest of numbers, in words: ``0.93 to 0.94×``, or one where they look alike."""
+    low, high = ends(numbers)
+    return between(quantity(low.value, unit), quantity(high.value, unit))
 
 
 def led(first: Sequence[PaperNumber], numbers: Sequence[PaperNumber]) -> tuple[PaperNumber, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
 from functools import partial
 
 import numpy as np
@@ -32,8 +31,6 @@ SETTLING_S = 1.0
 """Before the start the vehicle leans into the wind on its feet."""
 BLOCK = 2000
 """Periods of a prescribed motion that are computed at once."""
-BODY = 17
-"""Numbers of a body's state that are truth: p, v, q, w, rotor speeds."""
 
 
 def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Flight:
@@ -59,7 +56,6 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
             first = _flown(scenario, home, truth, sensors, pilot, seed)
         if scenario.motion is not None:
             _prescribed(scenario, home, truth, sensors, pilot, first)
-    truth = _unshared(truth)
     check_truth(truth)
     imus = [s.stream() for s in sensors.imus]
     check_samples([(f"imu[{k}]", imu) for k, imu in enumerate(imus)])
@@ -118,15 +114,10 @@ class _Sensors:
 def _no_truth(scenario: Scenario) -> Truth:
     """Room for the truth of a scenario: a row for the start and one for the end of each period."""
     n = round(scenario.seconds * scenario.loop.rate_hz) + 1
-    table = np.zeros((n, BODY + 6))  # as a body has it, so that a period is noted at once
-    p, v, q, w, rotor, a, w_dot = np.split(table, [3, 6, 10, 13, BODY, BODY + 3], axis=1)
+    three = [np.zeros((n, 3)) for _ in range(7)]
+    w, w_dot, p, v, a, wind, field = three
     t = np.arange(n) / scenario.loop.rate_hz
-    return Truth(t, q, w, w_dot, p, v, a, rotor, np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, bool))
-
-
-def _unshared(truth: Truth) -> Truth:
-    """The truth with an array of its own for each quantity."""
-    return replace(truth, **{f.name: np.ascontiguousarray(getattr(truth, f.name)) for f in fields(truth)})
+    return Truth(t, np.zeros((n, 4)), w, w_dot, p, v, a, np.zeros((n, 4)), wind, field, np.zeros(n, bool))
 
 
 def _prescribed(
@@ -182,9 +173,7 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
             for fault in broken:
                 if fault.holds(float(truth.t[k])):
                     body.health[fault.instance] *= 0.0 if fault.kind == "off" else fault.factor
-        share = share_at(-float(truth.p[k, 2]))
-        if share != 1.0:
-            truth.wind[k + 1] *= share
+        truth.wind[k + 1] *= share_at(-float(truth.p[k, 2]))
         body.advance(command, truth.wind[k + 1], period / sub, raw)
         _note(scenario, home, truth, body, k + 1)
         sensors.advance(truth, k, raw, k + 1)
@@ -194,9 +183,9 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
 
 def _note(scenario: Scenario, home: Environment, truth: Truth, body: Body, row: int) -> None:
     """Write the body's state into a row of the truth."""
-    s, table = body.state, truth.p.base
-    assert table is not None
-    table[row, :BODY], table[row, BODY:] = s[:BODY], body.now[:6]
+    s = body.state
+    truth.p[row], truth.v[row], truth.q[row], truth.w[row] = s[0:3], s[3:6], s[6:10], s[10:13]
+    truth.a[row], truth.w_dot[row], truth.rotor[row] = body.now[0:3], body.now[3:6], s[13:17]
     if scenario.anomaly:
         truth.field[row] = field_at(scenario, home, truth.p[row : row + 1])[0]
     truth.ground[row] = any(s[TOUCHING : TOUCHING + POINTS].tolist())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,18 +9,12 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
-from attlog.flight.model import Attitude, Firmware, FlightLog, Problem, Stream
+from attlog.flight.model import Attitude, Problem, Stream
 from attlog.segments.model import Segment, Segments
 from attlog.story import estimator, flights, flown, gnss_steps, sensors
+from tests.story.made import log
 
 SPANS = Segments([Segment("continuous", 0, 60), Segment("armed", 5, 30), Segment("armed", 40, 55)])
-
-
-def log(**more: Any) -> FlightLog:
-    made = FlightLog(Path("made"), "made", 0, 0, Firmware("made"), "quadrotor")
-    for name, value in more.items():
-        setattr(made, name, value)
-    return made
 
 
 @pytest.mark.parametrize(

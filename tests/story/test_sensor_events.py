@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from attlog.flight.model import Clipping, Firmware, FlightLog, Gnss, Stream, TimeLine
+from attlog.flight.model import Clipping, FlightLog, Gnss, Stream, TimeLine
 from attlog.segments.model import Segment, Segments
 from attlog.story import estimator, sensors
+from tests.story.made import log
 
 T = np.arange(0.0, 60.0, 0.1)
 FLOWN = [(10.0, 50.0)]
 SPANS = Segments([Segment("continuous", 0, 60), Segment("armed", 5, 55), Segment("airborne", 10, 50)])
-
-
-def log(**more: Any) -> FlightLog:
-    made = FlightLog(Path("made"), "made", 0, 0, Firmware("made"), "quadrotor")
-    for name, value in more.items():
-        setattr(made, name, value)
-    return made
 
 
 def own(peak: Any, rest: float = 5.0) -> Stream:

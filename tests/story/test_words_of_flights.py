@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,19 +9,13 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
-from attlog.flight.model import Attitude, Firmware, FlightLog, TimeLine
+from attlog.flight.model import Attitude, TimeLine
 from attlog.segments.crash import Ending
 from attlog.segments.model import Segment, Segments
 from attlog.story import flights, flown
 from attlog.story.event import Event, figures, moment
 from attlog.story.headline import WrongAngle, _crashes, _first, _with_angle
-
-
-def log(**more: Any) -> FlightLog:
-    made = FlightLog(Path("made"), "made", 0, 0, Firmware("made"), "quadrotor")
-    for name, value in more.items():
-        setattr(made, name, value)
-    return made
+from tests.story.made import log
 
 
 def ending(kind: Any, t: float, size: float = 5.0, unit: str = "g", **more: Any) -> Ending:

@@ -27,8 +27,20 @@ from attlog.reproduce.fan.runs import (
     one_seed,
     wider,
 )
-from attlog.reproduce.fan.walks import CALLED, Judged, by_walk, span, spreads
-from attlog.reproduce.judge import above, alternatives, below, difference, ends, led, mean, mean_text, ratio, together
+from attlog.reproduce.fan.walks import CALLED, Judged, by_walk, spreads
+from attlog.reproduce.judge import (
+    above,
+    alternatives,
+    below,
+    difference,
+    ends,
+    led,
+    mean,
+    mean_text,
+    ratio,
+    span,
+    together,
+)
 from attlog.reproduce.paper import Claim, Paper, PaperOptions, PaperSetting, PaperTable, Verdict
 from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each_seed

@@ -5,8 +5,8 @@ from __future__ import annotations
 from attlog.present.numbers import quantity
 from attlog.reproduce import cost
 from attlog.reproduce.fan.runs import EKF, EKFS, FILTER, FanSeed
-from attlog.reproduce.fan.walks import CALLED, Judged, by_walk, span
-from attlog.reproduce.judge import above, alternatives, below, ends, led, mean, ratio, together
+from attlog.reproduce.fan.walks import CALLED, Judged, by_walk
+from attlog.reproduce.judge import above, alternatives, below, ends, led, mean, ratio, span, together
 from attlog.reproduce.paper import Claim
 
 

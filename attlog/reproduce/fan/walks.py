@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from attlog.present.numbers import listed, number, quantity
+from attlog.present.numbers import listed
 from attlog.reproduce.fan.runs import FILTER, RAW, WIDER, FanSeed, wider
 from attlog.reproduce.judge import ratio
 from attlog.reproduce.paper import Claim, PaperNumber, Verdict
@@ -41,9 +41,3 @@ def by_walk(verdicts: Sequence[Verdict]) -> str:
     if not untold:
         return said
     return f"{said}; not significant with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
-
-
-def span(numbers: Sequence[PaperNumber], unit: str) -> str:
-    """From the smallest to the largest of numbers, in words."""
-    values = sorted(n.value for n in numbers if n.value is not None)
-    return f"{number(values[0], unit)} to {quantity(values[-1], unit)}"

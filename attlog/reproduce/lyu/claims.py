@@ -7,13 +7,12 @@ import math
 from attlog.present.numbers import below as bound
 from attlog.present.numbers import quantity
 from attlog.reproduce import cost
-from attlog.reproduce.judge import below, difference, ends, led, mean, mean_text, ratio, share, together
+from attlog.reproduce.judge import below, difference, ends, led, mean, mean_text, ratio, share, span, together
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs
-from attlog.reproduce.lyu.conclusion import dearer, flies
+from attlog.reproduce.lyu.conclusion import dearer, flies, reach
 from attlog.reproduce.lyu.figures import figures
 from attlog.reproduce.lyu.runs import DROPS, ERR1, READINGS, WRONG_DEG, BenchResult, fixed, stopped, variable
-from attlog.reproduce.lyu.words import ratio_range, reach
 from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting, PaperTable
 from attlog.reproduce.seeds import each_seed
 
@@ -119,8 +118,8 @@ def _at_rest(found: list[BenchResult]) -> Claim:
         f"The two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The integral fades above "
         f"|e| = {ERR1:g}; at rest |e| stays below {math.ceil(100 * largest) / 100:g}. Without any integral the spread "
         f"is {quantity(none.value, 'ratio')} as large. With {runs.SHAKEN_M_S2:g} m/s^2 (RMS) of vibration the mean "
-        f"|e| is {shaken_e:.2f}. Then the variable integral's spread is {ratio_range(shaken[2:])} as large with ki per "
-        f"sample, {ratio_range(shaken[:2])} with ki per second. The paper's motors may have run.",
+        f"|e| is {shaken_e:.2f}. Then the variable integral's spread is {span(shaken[2:], 'ratio')} as large with ki "
+        f"per sample, {span(shaken[:2], 'ratio')} with ki per second. The paper's motors may have run.",
     )
 
 

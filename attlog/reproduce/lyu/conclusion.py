@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from attlog.present.numbers import below as bound
 from attlog.present.numbers import quantity
 from attlog.reproduce import cost
 from attlog.reproduce.judge import below, difference, mean, ratio, share, together
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu.flight import LyuFlight
 from attlog.reproduce.lyu.runs import READINGS, fixed, variable
-from attlog.reproduce.lyu.words import reach
 from attlog.reproduce.paper import Claim, PaperNumber
 
 IN_CONTROL_DEG = 45.0
@@ -78,3 +78,12 @@ def dearer(spent: dict[str, list[float]]) -> Claim:
         f"The size of the error and the ratio of (17) add {quantity(more, 'ns')} to {quantity(each[1].value, 'ns')}. "
         "Times are of this machine.",
     )
+
+
+def reach(numbers: list[PaperNumber], unit: str) -> str:
+    """Where the numbers lie, in words: from the smallest to the largest, or that all are too small to see."""
+    values = [n.value for n in numbers if n.value is not None]
+    largest = max(map(abs, values))
+    if largest < {"s": 0.05, "deg": 0.05}[unit]:
+        return f"less than {bound(largest, unit)} either way"
+    return f"{quantity(min(values), unit, True)} to {quantity(max(values), unit, True)}"

@@ -32,26 +32,6 @@ def attitude_at(q: Array, t: Array, period: float) -> Array:
     return rotation.normalize(at(q, t, period))
 
 
-def one_at(x: Array, t: float, period: float) -> list[float]:
-    """:func:`at` for a single time [s]: a row in plain numbers, to the bit and in a fifth of the time."""
-    where = float(t) / period
-    low = min(int(where), len(x) - 2)
-    u = where - low
-    return [a * (1.0 - u) + b * u for a, b in zip(x[low].tolist(), x[low + 1].tolist(), strict=True)]
-
-
-def turned_back(q: list[float], v: list[float]) -> tuple[float, float, float]:
-    """A single vector turned from earth to body axes by an attitude of any length, as whole arrays are."""
-    w, x, y, z = q
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if not 0.0 < norm < math.inf:
-        return math.nan, math.nan, math.nan
-    w, x, y, z = w / norm, -(x / norm), -(y / norm), -(z / norm)
-    vx, vy, vz = v
-    tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
-    return (vx + w * tx + (y * tz - z * ty), vy + w * ty + (z * tx - x * tz), vz + w * tz + (x * ty - y * tx))
-
-
 class SlowSensor(ABC):
     """Instance ``number`` of a ``kind``: when it measures, when that arrives, what has been told."""
 

@@ -11,7 +11,7 @@ from attlog.base import rotation
 from attlog.simulate.flight import MagStream, Truth
 from attlog.simulate.physics.streams import generator
 from attlog.simulate.scenario.scenario import Scenario
-from attlog.simulate.sensors.base import SlowSensor, at, attitude_at, one_at, turned_back
+from attlog.simulate.sensors.base import SlowSensor, at, attitude_at
 from attlog.simulate.sensors.damage import damaged, silent
 from attlog.simulate.sensors.power import current
 
@@ -39,10 +39,7 @@ class MagSensor(SlowSensor):
 
     def measure(self, truth: Truth, k: NDArray[np.int64]) -> None:
         t = self.instants[k]
-        if len(k) == 1:  # as in flight, a sample at a time
-            b = np.array([turned_back(one_at(truth.q, t[0], self.period), one_at(truth.field, t[0], self.period))])
-        else:
-            b = rotation.rotate_inverse(attitude_at(truth.q, t, self.period), at(truth.field, t, self.period))
+        b = rotation.rotate_inverse(attitude_at(truth.q, t, self.period), at(truth.field, t, self.period))
         b = b + self.hard
         if self.per_ampere.any():
             b = b + current(self.scenario, at(truth.rotor, t, self.period))[:, None] * self.per_ampere

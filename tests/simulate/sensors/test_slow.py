@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from attlog.base import earth, rotation
+from attlog.base import earth
 from attlog.simulate.flight import Flight, Truth
 from attlog.simulate.fly import fly
 from attlog.simulate.sensors.baro import BaroSensor
-from attlog.simulate.sensors.base import at, attitude_at, one_at, turned_back
 from attlog.simulate.sensors.gnss import GnssSensor
 from attlog.simulate.sensors.mag import MagSensor
 from attlog.simulate.sensors.power import current
@@ -36,18 +35,6 @@ def alone(sensor: Any) -> Any:
     still |= {"t": np.arange(n) / one.loop.rate_hz, "q": np.tile([1.0, 0, 0, 0], (n, 1)), "rotor": np.zeros((n, 4))}
     sensor.advance(Truth(**still), one.seconds)
     return sensor.stream()
-
-
-def test_a_single_sample_is_to_the_bit_what_whole_arrays_make_of_it() -> None:
-    random = np.random.default_rng(3)
-    q, field = random.normal(size=(50, 4)), random.normal(size=(50, 3))
-    q[40] = q[41] = 0.0  # no attitude between them
-    times = np.append(random.uniform(0.0, 49 / 400, 200), [0.0, 40.5 / 400, 49 / 400])
-    with np.errstate(invalid="ignore"):
-        whole = rotation.rotate_inverse(attitude_at(q, times, 1 / 400), at(field, times, 1 / 400))
-    single = [turned_back(one_at(q, t, 1 / 400), one_at(field, t, 1 / 400)) for t in times]
-    np.testing.assert_array_equal(np.array(single), whole)
-    assert np.isnan(whole).any(axis=1).sum() >= 1
 
 
 def with_mag(mag: dict[str, Any], seconds: float = 4.0, seed: int = 0, **values: Any) -> Flight:

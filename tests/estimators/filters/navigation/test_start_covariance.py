@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from attlog.estimators.filters.navigation import start
 from attlog.estimators.filters.navigation.settings import NoiseLevels, PriorSpreads
 
-PHI, V, POS, BG, BA, EARTH, HARD, SOFT, WANDER = (slice(a, a + 3) for a in (0, 3, 6, 9, 12, 15, 18, 21, 27))
+PHI, V, POS, BG, BA, EARTH, HARD, WANDER = (slice(a, a + 3) for a in (0, 3, 6, 9, 12, 15, 18, 27))
 SOFT = slice(21, 27)
 ARM, SCALE = slice(33, 36), slice(36, 39)
 BARO_BIAS, GNSS_DELAY, MAG_DELAY = 30, 31, 32
