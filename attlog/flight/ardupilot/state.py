@@ -148,12 +148,27 @@ def rangefinder(builder: LogBuilder, clock: Clock) -> Stream | None:
     return None
 
 
+SEA_LEVEL_PA, DENSITY_EXPONENT = 101_325.0, 0.81
+"""Standard atmosphere: pressure at sea level, and (density) = (pressure)^0.81, both relative to sea level."""
+
+
 def airspeed(builder: LogBuilder, clock: Clock) -> Stream | None:
-    """Airspeed of the sensor in m/s."""
-    table = builder.messages.first("ARSP")
-    if table is None or "Airspeed" not in table:
+    """True airspeed in m/s of the primary sensor while it is sound and in use; ARSP tells the equivalent one."""
+    tables = units(builder.messages, "ARSP")
+    primary = next((int(t["Pri"][-1]) for t in tables.values() if "Pri" in t and len(t)), 0)
+    table = tables.get(primary, next(iter(tables.values()), None))
+    if table is None or "Airspeed" not in table or clock.of_samples(table) is None:
         return None
-    return builder.stream(clock.of(table), table.value("Airspeed"), "m/s", "ARSP", within=physics.AIRSPEED)
+    t, x = clock.of(table), table.value("Airspeed").astype(np.float64)
+    good = np.ones(len(t), bool)
+    for flag in ("H", "U"):
+        good &= table[flag] > 0 if flag in table else True
+    baro = units(builder.messages, "BARO").get(0)
+    if baro is not None and "Press" in baro and clock.of_samples(baro) is not None:
+        pressure = np.interp(t, clock.of(baro), baro.value("Press").astype(np.float64))
+        thin = np.where(pressure > 0.0, pressure, SEA_LEVEL_PA) / SEA_LEVEL_PA
+        x = x * thin ** (-0.5 * DENSITY_EXPONENT)
+    return builder.stream(t[good], x[good], "m/s", "ARSP", within=physics.AIRSPEED)
 
 
 def acc_bias(builder: LogBuilder, clock: Clock) -> Stream | None:

@@ -266,6 +266,24 @@ def test_rates_are_degrees_per_second_and_the_rangefinder_looks_down_within_its_
     assert found.x[:, 0].tolist() == [2.0, 6.0, 8.0, 12.0]
 
 
+def test_airspeed_is_true_and_that_of_the_primary_tube_while_it_is_sound_and_used() -> None:
+    """At 79,495 Pa (2,000 m) air has 0.8217 of its density at sea level (standard atmosphere, tabulated)."""
+    flags = {"Pri": np.ones(N), "H": np.array([0, 1, 1, 1, 1, 1]), "U": np.array([1, 1, 1, 1, 0, 1])}
+    builder, clock, _ = made(
+        ("ARSP", 0, {"Airspeed": ramp(9.0)[0], **flags}),
+        ("ARSP", 1, {"Airspeed": ramp(10.0)[0], **flags}),
+        ("BARO", 0, {"Press": np.full(N, 79_495.0)}),
+    )
+    found = state.airspeed(builder, clock)
+    assert found is not None
+    np.testing.assert_allclose(found.x[:, 0], np.array([20.0, 30.0, 40.0, 60.0]) / np.sqrt(0.8217), rtol=1e-3)
+    builder, clock, _ = made(("ARSP", 0, {"Airspeed": ramp(10.0)[0]}))
+    old = state.airspeed(builder, clock)
+    assert old is not None
+    assert old.x[:, 0].tolist() == [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
+    assert state.airspeed(*made(("BARO", 0, {"Press": np.full(N, 1e5)}))[:2]) is None
+
+
 def test_records_with_a_week_have_their_boot_clock_in_t() -> None:
     both = {"TimeMS": np.array([7, 8]), "T": np.array([3, 4]), "Week": np.array([2000, 2000])}
     table = fake.table("GPS", 0, both, np.arange(2))
