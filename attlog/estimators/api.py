@@ -173,12 +173,10 @@ def estimate(
     if estimator.without_gnss and (aids is None or (aids.velocity is None and aids.position is None)):
         if "declination" in values:
             declination = float(values["declination"])
-        other = {"sampling": sampling, "q0": q0, "declination": declination, "dt": dt, "every": every}
+        other = {"sampling": sampling, "q0": q0, "declination": declination, "dt": dt, "every": every, "aids": aids}
         found = estimate(estimator.without_gnss, t, gyr, acc, mag, **other)  # type: ignore[arg-type]
-        told: dict[str, float | str] = {
-            "aided_by": "gravity" if mag is None else "mag",
-            "model": estimator.without_gnss,
-        }
+        heard = [*["mag"] * (mag is not None), *["airspeed"] * (aids is not None and aids.airspeed is not None)]
+        told: dict[str, float | str] = {"aided_by": " ".join(heard) or "gravity", "model": estimator.without_gnss}
         return replace(found, quality=told)
     ours = estimator.origin == "attlog"
     lead = not ours or (estimator.run is None and estimator.vectors_at == "start")

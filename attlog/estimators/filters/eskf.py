@@ -37,7 +37,7 @@ from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
 
 SOURCE = "Sola2017"
 NEEDS = {"gyro", "acc"}
-USES = {"mag", "gnss", "baro", "at_rest"}
+USES = {"mag", "gnss", "baro", "airspeed", "at_rest"}
 WITHOUT_GNSS = "mekf"
 STATE = {"q": 4, "bias": 3}
 KNOWN: dict[str, tuple[str, ...]] = {

@@ -2,7 +2,7 @@
 
     q, b (gyro bias), M (3x3 gyro scale and misalignment), ba (accelerometer bias), v_N, v_E, d (heading of the field)
     w    = (I + M)(gyro - b)       q <- q (x) exp(w dt)                                             (1)
-    a    = R (f - ba)              v <- v + (a_N, a_E) dt                                           (2)
+    a    = R (f - ba - V')         v <- v + (a_N, a_E) dt,  V' by airspeed: ``airspeed.py``   (2)
     error x = [theta (earth axes), db, dM, dba, dv, dd],  R_true = (I + [theta]x) R                 (3)
     theta <- theta - A db + B dM,  A = int R dt,  B = int R dw/dM dt                                (4)
     v_N  <- v_N + S_z theta_y - (A dba)_N,   v_E <- v_E - S_z theta_x - (A dba)_E,   S = int a dt   (5)
@@ -21,9 +21,13 @@ magnetometer corrects heading, gyro bias and d only; the tilt's part in psi ente
 local field's direction relative to magnetic north, changes while the body moves about; by default it is 0. How large an
 accelerometer bias may be is learnt on the way: calibrated sensors keep a tight prior, raw ones get room.
 
+Of a plane that tells its airspeed, v is what velocity there is beside airspeed along the nose: sideslip, angle of
+attack, gusts. It walks at random while the plane flies.
+
 The first ``align_time`` seconds vectors are averaged in axes that the gyro holds still, so that a start in the middle
-of a motion does no harm; of a start attitude that is given only the heading counts, and only without magnetometer. The
-covariance moves in blocks of ``block`` seconds, the attitude at every sample.
+of a motion does no harm; tilt and velocity are less certain there. Of a start attitude that is given only the heading
+counts, and only without magnetometer. The covariance moves in blocks of ``block`` seconds, the attitude at every
+sample.
 
 ``sigma_tilt`` is that of the angle between true and estimated vertical (two axes together), ``sigma_heading`` that of
 the heading, both in rad: of the covariance, and of what it leaves out (``inertial/doubt.py``).
@@ -36,12 +40,16 @@ from typing import Any
 
 import numpy as np
 
+from attlog.estimators.aids import AIRSPEED
 from attlog.estimators.base import Parameter
+from attlog.estimators.engine.airspeed import AIR_AGE, AIR_SPEED, NEVER, hear, without_flight
 from attlog.estimators.engine.vectors import turn
 from attlog.estimators.filters.inertial.compass import field
 from attlog.estimators.filters.inertial.doubt import add_slow_variance, correct_reach, fade_slow, own_sigmas, weigh_slow
 from attlog.estimators.filters.inertial.layout import (
     ACC_BIAS_SIGMA,
+    AGE,
+    AIR,
     ALIGNING,
     BA,
     BIAS,
@@ -52,6 +60,7 @@ from attlog.estimators.filters.inertial.layout import (
     DD,
     DM,
     DV,
+    END,
     EXPECT_TIME,
     EXPECTED,
     FIELD_SIGMA,
@@ -78,6 +87,7 @@ from attlog.estimators.filters.inertial.layout import (
     A,
     B,
     C,
+    F,
     G,
     H,
     M,
@@ -95,7 +105,7 @@ from attlog.estimators.filters.inertial.start import align, look_for_rest
 
 SOURCE = "Markley2003; Laidig2023"
 NEEDS = {"gyro", "acc"}
-USES = {"mag"}
+USES = {"mag", "airspeed"}
 HOLD_MAG = False
 VECTORS_AT = "end"
 STATE = {
@@ -120,6 +130,9 @@ STATE = {
     "_reach": 63,
     "_slow": 4,
     "_field_doubt": 8,
+    "_airspeed": 5,
+    "_force": 3,
+    "_swing": 5,
 }
 RECORDED = "tuned on BROAD and EuRoC with altered copies"
 PHYSICAL = "attlog; MEMS data sheets"
@@ -171,6 +184,7 @@ PARAMETERS = (
         "accelerometer bias that sigmas count beyond the one expected; it moves no attitude",
         "attlog; half of the flights with truth",
     ),
+    Parameter("moving_sigma", 4.0, "deg", 0.01, 90, "tilt error after a start in motion", "attlog; flights with truth"),
 )
 PRESETS: dict[str, dict[str, float | str]] = {
     "smoother": {
@@ -184,6 +198,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
         "mag_noise": 8.0,
         "field_sigma": 4.5,
         "acc_bias_considered": 0.1,
+        "moving_sigma": 2.0,
     }
 }
 EXPECT_EVERY = 5.0
@@ -191,13 +206,16 @@ EXPECT_EVERY = 5.0
 WIDEST_BIAS = 0.05
 """Widest prior of an accelerometer bias [m/s^2]; wider ones took what a hand or an alias did for 1.4 m/s^2 (9 deg).
 EuRoC's raw 0.1 m/s^2 is found all the same."""
+GUSTS = 0.4
+"""Random walk of the air about a plane [m/s/sqrt(s)]: gusts of 1 m/s that last for 10 s."""
 REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
 """At rest: sigma of velocity [m/s], noise density of the rate [rad/s*sqrt(s)]."""
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """The state before the first sample: everything but the attitude is found during the first ``align_time``."""
-    state = np.zeros(729)
+    state = np.zeros(742)
+    state[AIR + AIR_AGE] = NEVER
     state[0:4] = q0
     state[Q:M] = q0
     state[SIGMA] = math.sqrt(2.0) * RAD * params[TILT_SIGMA]
@@ -205,18 +223,26 @@ def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     return state
 
 
-def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
+def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: Any) -> None:
     """One sample: attitude at its end, sums for the block, and the filter where a block ends."""
     look_for_rest(state, params, dt, gyr, acc)
+    take_force(state, dt, gyr, acc, aid[AIRSPEED])
     if state[STAGE] == ALIGNING:
-        align(state, params, dt, gyr, acc, mag)
+        align(state, params, dt, gyr, state[F:END], mag)
         return
-    sample(state, dt, gyr, acc, mag)
+    sample(state, dt, gyr, state[F:END], mag)
     if state[T] >= params[BLOCK] - 0.25 * dt:
         predict(state, params)
         correct(state, params)
         finish(state, params)
     report(state, params, gyr)
+
+
+def take_force(state: Any, dt: float, gyr: Any, acc: Any, airspeed: float) -> None:
+    """The specific force less what ``airspeed`` [m/s, NaN: nothing new] tells of the flight's acceleration, to F."""
+    hear(state, AIR, dt, airspeed, state[QUIET] >= min(0.2, state[AGE]))
+    _, wy, wz = rate(state, gyr)
+    state[F], state[F + 1], state[F + 2] = without_flight(state, AIR, acc, wy, wz)
 
 
 def report(state: Any, params: Any, gyr: Any) -> None:
@@ -343,8 +369,9 @@ def predict(state: Any, params: Any) -> None:
     for i in range(3):
         state[P + (N + 1) * i] += noise
         state[P + (N + 1) * (DB + i)] += walk
+    gusts = GUSTS if state[AIR + AIR_SPEED] > 0.0 else 0.0
     for i in range(DV, DD):
-        state[P + (N + 1) * i] += square(params[VELOCITY_NOISE]) * time
+        state[P + (N + 1) * i] += (square(params[VELOCITY_NOISE]) + square(gusts)) * time
     state[P + (N + 1) * DD] += square(RAD * params[FIELD_SIGMA]) * (1.0 - keep * keep)
 
 

@@ -26,7 +26,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from attlog.estimators.aids import Aids
+from attlog.estimators.aids import Aids, Measurements
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.filters import heading_checks, pair
 from attlog.estimators.filters.navigation import attitude, passes
@@ -35,7 +35,7 @@ from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
 
 SOURCE = "Bierman1973; DeJongPenzer1998; Sola2017; Rauch1965"
 NEEDS = {"gyro", "acc"}
-USES = {"mag", "gnss", "baro", "at_rest"}
+USES = {"mag", "gnss", "baro", "airspeed", "at_rest"}
 STATE = {"q": 4, "bias": 3}
 CAUSAL = False
 PARAMETERS = (*PRIORS, GATE, Parameter("passes", 5, "", 1, 12, "passes over the log; one calibrates nothing", "attlog"))
@@ -73,7 +73,7 @@ def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappi
     clock = time.thread_time()
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
     if inputs.velocity is None and inputs.position is None:
-        return inertial(inputs, mag)
+        return inertial(inputs, mag, aids.airspeed)
     tuned, gate, count = started(params), float(params["soft_gate"]), int(params["passes"])
     if inputs.mag is None:
         stands = pair.alone(smoothed(inputs, passes.solved(inputs, tuned, gate, count)))
@@ -103,14 +103,14 @@ def smoothed(inputs: Inputs, solution: passes.Solution) -> Estimate:
     )
 
 
-def inertial(inputs: Inputs, mag: Array) -> Estimate:
-    """Without GNSS: a body that does not fly away; ``mag`` (n, 3), NaN where missing.
+def inertial(inputs: Inputs, mag: Array, airspeed: Measurements | None) -> Estimate:
+    """Without GNSS: a body that does not fly away; ``mag`` (n, 3), NaN where missing, true ``airspeed`` in m/s.
 
     One run: the tilt is the same without the compass, and nothing else shows where north is.
     """
     from attlog.estimators.filters.inertial.backward import smooth
 
-    found = smooth(inputs.t, inputs.gyr, inputs.acc, mag)
+    found = smooth(inputs.t, inputs.gyr, inputs.acc, mag, airspeed=airspeed)
     assert found.bias is not None
     tilt, heading = found.aux["sigma_tilt"], found.aux["sigma_heading"]
     told = found.quality | attitude.own_sigma(tilt, heading) | attitude.lag_corrected(inputs)

@@ -13,14 +13,14 @@
 Source: Crassidis2003 (USQUE; equation numbers above), lambda = 1, a = 1. Sigma of tilt and heading and both innovations
 in units of their expected size are auxiliary outputs.
 
-Departures. The field corrects heading and bias, its share of the tilt enters the covariance only (Schmidt). What
-the points see is asked of the field as expected: with the measured one its noise stands in gain and innovation
-and becomes a bias (8 deg of tilt with 2.7 deg of noise a sample). Noise is added once per step, not half before and
-half after. The field counts as heading, not as vector, and not while its norm or dip deviates from what they were
-(after 60 s of that with a quarter of its weight); an innovation beyond ``gate`` sigmas weighs less. Forces beside
-gravity raise their own noise, with a mean over 8 s: accelerations of a body that does not fly away cancel as
-vectors if the filter waits. A mean force that stays off by more than its sigma, and a heading that stays
-beyond the gate for 10 s, open the covariance again.
+Departures. Of a plane that tells its airspeed, f is the force without its turns (``engine/airspeed.py``). The field
+corrects heading and bias, its share of the tilt enters the covariance only (Schmidt). What the points see is asked of
+the field as expected: with the measured one its noise stands in gain and innovation and becomes a bias (8 deg of tilt
+with 2.7 deg of noise a sample). Noise is added once per step, not half before and half after. The field counts as
+heading, not as vector, and not while its norm or dip deviates from what they were (after 60 s of that with a quarter of
+its weight); an innovation beyond ``gate`` sigmas weighs less. Forces beside gravity raise their own noise, with a mean
+over 8 s: accelerations of a body that does not fly away cancel as vectors if the filter waits. A mean force that stays
+off by more than its sigma, and a heading that stays beyond the gate for 10 s, open the covariance again.
 """
 
 from __future__ import annotations
@@ -30,12 +30,14 @@ from typing import Any
 
 import numpy as np
 
+from attlog.estimators.aids import AIRSPEED, AT_REST
 from attlog.estimators.base import Parameter
+from attlog.estimators.engine.airspeed import AIR_AGE, NEVER, hear, without_flight
 from attlog.estimators.engine.vectors import GRAVITY, down, half_angle
 
 SOURCE = "Crassidis2003 5-12, 31-37"
 NEEDS = {"gyro", "acc"}
-USES = {"mag"}
+USES = {"mag", "airspeed", "at_rest"}
 HOLD_MAG = False
 STATE = {
     "q": 4,
@@ -50,6 +52,7 @@ STATE = {
     "_gain": 18,
     "_force": 4,
     "_field": 9,
+    "_airspeed": 5,
 }
 SIGMA, RATIO, P, X, Y, K = 7, 9, 11, 47, 119, 155
 FORCE_VAR, FORCE_MEAN, SINCE, NORM, DIP, LEARNT, GOOD, BAD, GATED, LEVEL = (
@@ -64,7 +67,8 @@ FORCE_VAR, FORCE_MEAN, SINCE, NORM, DIP, LEARNT, GOOD, BAD, GATED, LEVEL = (
     183,
     184,
 )
-SIZE = 186
+AIR = 186
+SIZE = 191
 """Where things stand in the state. Point i is six numbers at X + 6 i; what it sees, three numbers at Y + 3 i."""
 
 ROOT, W0, WI = math.sqrt(7.0), 1.0 / 7.0, 1.0 / 14.0
@@ -73,6 +77,8 @@ LEAST_HEADING = 3.0 * RAD
 MEAN_S, VAR_S, VAR_MOST = 3.0, 8.0, 400.0
 LEARN_S, FOLLOW_S, GOOD_S, BAD_S, GATED_S, SMOOTH_S = 10.0, 15.0, 0.5, 60.0, 10.0, 0.1
 LEAST_FIELD_S, MOST_FIELD_S = 1e-3, 0.2
+AIR_NOISE, AIR_FACTOR = 0.6, 0.1
+"""Once airspeed has taken turns out of the force, what is left is more, and shorter: at least, at most."""
 
 PARAMETERS = (
     Parameter("gyro_noise", 0.03, "deg/sqrt(s)", 1e-5, 10, "random walk of the attitude by the gyro", "attlog"),
@@ -95,6 +101,7 @@ def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """The state: as sure of the start attitude as it agrees with the vectors."""
     state = np.zeros(SIZE)
     state[0:4] = q0
+    state[AIR + AIR_AGE] = NEVER
     dx, dy, dz = down(state)
     square = float(np.sum(acc * acc))
     cosine = -(acc[0] * dx + acc[1] * dy + acc[2] * dz) / math.sqrt(square) if square > 0.0 else -1.0
@@ -112,10 +119,12 @@ def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     return state
 
 
-def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
+def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: Any) -> None:
     """One update: force, field where new, turn."""
-    if acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0:
-        correct_by_force(state, params, dt, acc[0], acc[1], acc[2])
+    hear(state, AIR, dt, aid[AIRSPEED], aid[AT_REST] == 1.0)
+    fx, fy, fz = without_flight(state, AIR, acc, gyr[1] - state[5], gyr[2] - state[6])
+    if fx != 0.0 or fy != 0.0 or fz != 0.0:
+        correct_by_force(state, params, dt, fx, fy, fz)
     state[SINCE] += dt
     if mag[0] != 0.0 or mag[1] != 0.0 or mag[2] != 0.0:
         since = min(max(state[SINCE], LEAST_FIELD_S), MOST_FIELD_S)
@@ -270,7 +279,10 @@ def correct_by_force(state: Any, params: Any, dt: float, fx: float, fy: float, f
     state[FORCE_VAR] += (1.0 - math.exp(-dt / VAR_S)) * (
         min((ex * ex + ey * ey + ez * ez) / 3.0, VAR_MOST) - state[FORCE_VAR]
     )
-    r = (params[6] * params[6] + params[7] * state[FORCE_VAR]) / dt
+    flown = state[AIR] > 0.0
+    density = max(params[6], AIR_NOISE) if flown else params[6]
+    lasting = min(params[7], AIR_FACTOR) if flown else params[7]
+    r = (density * density + lasting * state[FORCE_VAR]) / dt
     bx = -GRAVITY * dx - ax
     by = -GRAVITY * dy - ay
     bz = -GRAVITY * dz - az

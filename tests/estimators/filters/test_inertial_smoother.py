@@ -30,7 +30,7 @@ def raw(seconds: float = 60.0) -> Motion:
 
 def recorded(m: Motion, **given: float) -> tuple[backward.ForwardRecord, Array]:
     values = backward.mekf_values(given, 60.0)
-    data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, m.acc, m.mag]
+    data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, m.acc, m.mag, np.full(len(m.t), np.nan)]
     return backward.forward(data, values, None), values
 
 
@@ -172,8 +172,8 @@ def test_a_raw_accelerometer_gets_more_room_for_its_bias_than_a_calibrated_one()
     q = backward.smooth(*wrong.sensors).q
     assert rms(inclination_deg(q[late], m.q[late])) < 0.17
     values = backward.mekf_values({}, 60.0)
-    data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, m.acc, m.mag]
+    data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, m.acc, m.mag, np.full(len(m.t), np.nan)]
     expected = values[layout.ACC_BIAS_SIGMA]
     calibrated = backward.acc_bias_spread(backward.forward(data, values, None), expected)
-    raw = backward.acc_bias_spread(backward.forward([data[0], m.gyr, wrong.acc, m.mag], values, None), expected)
+    raw = backward.acc_bias_spread(backward.forward([data[0], m.gyr, wrong.acc, *data[3:]], values, None), expected)
     assert calibrated < expected < 1.5 * expected < raw

@@ -9,6 +9,7 @@ import pytest
 
 from attlog.base import rotation
 from attlog.estimators import estimate, get
+from attlog.estimators.aids import SIZE
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial import backward, compass, layout, start
 from attlog.estimators.filters.inertial.layout import BA, BIAS, DD, DV, A, B, D, M, N, P, Q, S, T, V, X
@@ -311,7 +312,7 @@ def test_what_an_accelerometer_bias_does_to_the_error_is_known() -> None:
 
 def final(m: Motion, acc: Array, **given: float) -> Array:
     """The state after the motion, its accelerometer read as ``acc``."""
-    data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, np.ascontiguousarray(acc), m.mag]
+    data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, np.ascontiguousarray(acc), m.mag, np.full(len(m.t), np.nan)]
     return backward.forward(data, parameters(**given), None, keep=False).state
 
 
@@ -460,17 +461,17 @@ def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> N
     params = parameters(field_sigma=3.0)
     loop = f"""
 @njit
-def million(state, params, gyr, acc, mag, out):
+def million(state, params, gyr, acc, mag, aid, out):
     k = 0
     for i in range(len(out)):
         for _ in range(1000):
             k = k + 1 if k + 1 < len(gyr) else 0
-            step(state, params, 0.005, gyr[k], acc[k], mag[k])
+            step(state, params, 0.005, gyr[k], acc[k], mag[k], aid)
         out[i] = state[{P}:{P + N * N}]
 """
     million = compiled(with_helpers({"step": mekf.step}, jit=True) + loop, "million")
     out = np.empty((1000, N * N))
-    million(mekf.start(params, m.acc[0], m.mag[0], m.q[0]), params, m.gyr, m.acc, m.mag, out)
+    million(mekf.start(params, m.acc[0], m.mag[0], m.q[0]), params, m.gyr, m.acc, m.mag, np.full(SIZE, np.nan), out)
     p = out.reshape(-1, N, N)
     scale = np.sqrt(np.einsum("nii->ni", p))
     p = p / scale[:, :, None] / scale[:, None, :]

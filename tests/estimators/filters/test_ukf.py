@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog.base import rotation
 from attlog.estimators import EstimatorSpec, estimate, get
+from attlog.estimators.aids import SIZE
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.filters import ukf
 from attlog.kernels.cache import compiled
@@ -22,6 +23,7 @@ NOISE = Noise(gyro=1e-3, acc=0.05, mag=1e-6, bias=(0.01, -0.01, 0.02))
 PLAIN = {"acc_factor": 0.0, "gate": 100.0, "norm_limit": 10.0, "dip_limit": 90.0}
 """Without what goes beyond the paper."""
 DEG = np.pi / 180.0
+NO_AID = np.full(SIZE, np.nan)
 
 
 def packed(**values: float) -> Array:
@@ -101,7 +103,7 @@ def test_attitude_bias_and_covariance_equal_an_independent_dense_filter() -> Non
     dense = Dense(q0, state[11:47].reshape(6, 6).copy(), params)
     for k in range(1, len(m.t)):
         mag = m.mag[k] if k % 5 == 0 else np.zeros(3)
-        ukf.step(state, params, 0.005, m.gyr[k], m.acc[k], mag)
+        ukf.step(state, params, 0.005, m.gyr[k], m.acc[k], mag, NO_AID)
         dense.step(0.005, m.gyr[k], m.acc[k], mag)
         assert total_deg(state[None, :4], dense.r.as_quat(scalar_first=True)[None]).max() < 1e-6
         assert state[4:7] == pytest.approx(dense.b, abs=1e-10)
@@ -138,7 +140,7 @@ def test_for_small_errors_it_is_the_linear_kalman_filter() -> None:
             p = p - k @ h @ p - p @ h.T @ k.T + k @ s @ k.T
         x = f @ x + np.r_[gyr * dt, 0.0, 0.0, 0.0]
         p = f @ p @ f.T + np.diag(np.repeat([(DEG * params[0]) ** 2, (DEG * params[2]) ** 2], 3)) * dt
-        ukf.step(state, params, dt, gyr, acc, mag)
+        ukf.step(state, params, dt, gyr, acc, mag, NO_AID)
     scale = np.sqrt(np.diag(p))
     found = np.r_[rotation.to_rotvec(state[:4]), state[4:7]]
     assert found / scale == pytest.approx(x / scale, abs=0.01)
@@ -226,17 +228,17 @@ def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> N
     params = packed()
     loop = """
 @njit
-def million(state, params, gyr, acc, mag, out):
+def million(state, params, gyr, acc, mag, aid, out):
     k = 0
     for i in range(len(out)):
         for _ in range(1000):
             k = k + 1 if k + 1 < len(gyr) else 0
-            step(state, params, 0.005, gyr[k], acc[k], mag[k])
+            step(state, params, 0.005, gyr[k], acc[k], mag[k], aid)
         out[i] = state[11:47]
 """
     million = compiled(with_helpers({"step": ukf.step}, jit=True) + loop, "million")
     out = np.empty((1000, 36))
-    million(ukf.start(params, m.acc[0], m.mag[0], m.q[0]), params, m.gyr, m.acc, mag, out)
+    million(ukf.start(params, m.acc[0], m.mag[0], m.q[0]), params, m.gyr, m.acc, mag, NO_AID, out)
     p = out.reshape(-1, 6, 6)
     assert np.array_equal(p, np.swapaxes(p, 1, 2))
     scale = np.sqrt(np.einsum("nii->ni", p))

@@ -23,8 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
+from attlog.estimators.aids import Measurements
 from attlog.estimators.base import Array, Estimate
 from attlog.estimators.engine import SOURCES
+from attlog.estimators.engine.airspeed import SURE
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial.doubt import EXCESS_TIME
 from attlog.estimators.filters.inertial.layout import (
@@ -41,6 +43,7 @@ from attlog.estimators.filters.inertial.layout import (
     DD,
     DM,
     DV,
+    END,
     EXCESS,
     EXPECT_TIME,
     FIELD_TIME,
@@ -52,6 +55,7 @@ from attlog.estimators.filters.inertial.layout import (
     SIGMA,
     STAGE,
     UNIT,
+    F,
     M,
     N,
     P,
@@ -82,17 +86,18 @@ CHUNK = 500
 KERNEL: dict[str, Callable[..., Any]] = {
     "look_for_rest": look_for_rest,
     "align": align,
+    "take_force": mekf.take_force,
     "sample": mekf.sample,
     "predict": mekf.predict,
     "correct": mekf.correct,
     "finish": mekf.finish,
 }
 SIGNATURE = (
-    "i8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], b1, f8[:, ::1], i8[::1], f8[:, ::1], "
-    "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
+    "i8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], b1, f8[:, ::1], i8[::1], "
+    "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
 )
 RECORD = f"""
-def record(state, params, dt, gyr, acc, mag, keep, q, end, nominal, sums, before, after, error):
+def record(state, params, dt, gyr, acc, mag, air, keep, q, end, nominal, sums, before, after, error):
     count = 0
     row = 0
     for k in range(len(dt)):
@@ -101,12 +106,14 @@ def record(state, params, dt, gyr, acc, mag, keep, q, end, nominal, sums, before
         at = {Q}
         if h > 0.0:
             look_for_rest(state, params, h, gyr[k], acc[k])
+            take_force(state, h, gyr[k], acc[k], air[k])
+            force = state[{F}:{END}]
             if state[{STAGE}] == {ALIGNING}:
-                align(state, params, h, gyr[k], acc[k], mag[k])
+                align(state, params, h, gyr[k], force, mag[k])
                 ends = state[{STAGE}] != {ALIGNING}
                 at = 0
             else:
-                sample(state, h, gyr[k], acc[k], mag[k])
+                sample(state, h, gyr[k], force, mag[k])
                 ends = state[{T}] >= params[{BLOCK}] - 0.25 * h
         for j in range(4):
             q[k, j] = state[at + j]
@@ -183,14 +190,20 @@ class BackwardPass:
 
 
 def smooth(
-    t: Array, gyr: Array, acc: Array, mag: Array | None = None, params: Mapping[str, float | str] | None = None
+    t: Array,
+    gyr: Array,
+    acc: Array,
+    mag: Array | None = None,
+    params: Mapping[str, float | str] | None = None,
+    airspeed: Measurements | None = None,
 ) -> Estimate:
     """Smoothed attitude (body FRD to earth NED, magnetic north) at ``t`` (n,) s of one segment without gaps.
 
-    ``gyr`` (n, 3) rad/s over the time since the sample before, ``acc`` (n, 3) m/s^2 specific force, ``mag`` (n, 3) any
-    unit, NaN or zero rows where there is no sample. ``params`` override ``mekf@smoother``. ``bias`` (n, 3) [rad/s];
-    ``aux["sigma_tilt"]``, ``aux["sigma_heading"]`` (n,) [rad]; ``quality`` says what it was aided by and what it found
-    of the magnetometer. Without magnetometer heading begins at 0, and its sigma is that of the gyro's drift since then.
+    ``gyr`` (n, 3) rad/s over the time since the sample before, ``acc`` (n, 3) m/s^2 specific force, ``mag`` (n, 3)
+    any unit, NaN or zero rows where there is no sample; true ``airspeed`` in m/s. ``params`` override
+    ``mekf@smoother``. ``bias`` (n, 3) [rad/s]; ``aux["sigma_tilt"]``, ``aux["sigma_heading"]`` (n,) [rad];
+    ``quality`` says what it was aided by and what it found of the magnetometer. Without magnetometer heading begins
+    at 0, and its sigma is that of the gyro's drift since then.
     """
     clock = time.thread_time()
     mag = np.zeros_like(gyr) if mag is None else np.where(np.isfinite(mag).all(axis=1, keepdims=True), mag, 0.0)
@@ -199,7 +212,8 @@ def smooth(
     # The backward pass wants one frame: it begins where the first field arrives.
     begin = max(int(fields[0]) - 1, 0) if len(fields) else 0
     values = mekf_values(params or {}, float(t[-1] - t[begin]) if len(t) else 0.0)
-    data = [np.ascontiguousarray(x[begin:], np.float64) for x in (dt, gyr, acc, mag)]
+    air = at_samples(t, airspeed)
+    data = [np.ascontiguousarray(x[begin:], np.float64) for x in (dt, gyr, acc, mag, air)]
     data[0][:1] = 0.0
     run = forward(data, values, None, keep=False)
     if len(run.end) == 0:
@@ -218,15 +232,26 @@ def smooth(
     heading = np.sqrt(heading[block] ** 2 + late)
     if len(fields) == 0:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
+    aids = [*["mag"] * (len(fields) > 0), *["airspeed"] * bool(np.any(air >= SURE)), "rest"]
     return Estimate(
         t=t,
         q=q,
         bias=bias,
         aux={"sigma_tilt": tilt, "sigma_heading": heading},
-        quality=quality(run, bool(len(fields)), tilt, heading),
+        quality=quality(run, aids, tilt, heading),
         ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1),
         causal=False,
     )
+
+
+def at_samples(t: Array, airspeed: Measurements | None) -> Array:
+    """Airspeed (n,) m/s at the first sample from its own time on, NaN where nothing new came."""
+    placed = np.full(len(t), np.nan)
+    if airspeed is not None:
+        at = np.searchsorted(t, airspeed.t)
+        inside = at < len(t)
+        placed[at[inside]] = airspeed.x[inside]
+    return placed
 
 
 def mekf_values(params: Mapping[str, float | str], seconds: float) -> Array:
@@ -259,7 +284,7 @@ def kernel(jit: bool) -> Any:
 
 
 def forward(data: list[Array], values: Array, known: Array | None, keep: bool = True) -> ForwardRecord:
-    """The filter over samples (dt, gyr, acc, mag), recorded; ``known`` is the last state of an earlier run.
+    """The filter over samples (dt, gyr, acc, mag, airspeed), recorded; ``known`` is the last state of an earlier run.
 
     Without ``keep`` there is a record of the last block alone.
     """
@@ -386,14 +411,14 @@ def between(run: ForwardRecord, back: BackwardPass, dt: Array, gyr: Array, begin
     return q, bias
 
 
-def quality(run: ForwardRecord, has_mag: bool, tilt: Array, heading: Array) -> dict[str, float | str]:
-    """What the run says of itself; ``tilt``, ``heading`` (n,) its own sigmas in rad."""
+def quality(run: ForwardRecord, aids: list[str], tilt: Array, heading: Array) -> dict[str, float | str]:
+    """What the run says of itself and its ``aids``; ``tilt``, ``heading`` (n,) its own sigmas in rad."""
     told: dict[str, float | str] = {
-        "aided_by": "mag rest" if has_mag else "rest",
+        "aided_by": " ".join(aids),
         "sigma_tilt_deg": float(np.degrees(np.sqrt(np.mean(tilt**2)))),
         "sigma_heading_deg": float(np.degrees(np.sqrt(np.mean(heading**2)))),
     }
-    if has_mag:
+    if "mag" in aids:
         told["mag_delay_ms"] = float(1e3 * run.state[CAL + 6])
         told["mag_offset_pct"] = float(100.0 * np.linalg.norm(run.state[CAL + 3 : CAL + 6]))
     return told
@@ -408,7 +433,7 @@ def short(t: Array, run: ForwardRecord, begin: int, clock: float) -> Estimate:
         q=q,
         bias=np.zeros((len(t), 3)),
         aux={"sigma_tilt": tilt, "sigma_heading": heading},
-        quality=quality(run, False, tilt, heading) if len(t) else {},
+        quality=quality(run, ["rest"], tilt, heading) if len(t) else {},
         ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1),
         causal=False,
     )

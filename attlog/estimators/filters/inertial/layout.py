@@ -23,6 +23,8 @@ LEVEL, LEVEL_SPREAD, DOWN, DOWN_SPREAD, FIELD_CLOCK, FIELD_DOUBT, HEADING_DOUBT,
     727,
     728,
 )
+AIR, F, END = 729, 734, 737
+SWING = END
 """Where things stand in the state; the error x holds theta 0, db 3, dM 6, dba 15, dv 18, dd 20."""
 TH, DB, DM, DBA, DV, DD = 0, 3, 6, 15, 18, 20
 RAD = math.pi / 180.0
@@ -58,7 +60,8 @@ MOVING_RATE = 0.35
     FIELD_TIME,
     LEAD,
     ACC_BIAS_CONSIDERED,
-) = 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22
+    MOVING_SIGMA,
+) = 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23
 
 
 def square(x: float) -> float:

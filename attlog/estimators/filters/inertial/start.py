@@ -25,6 +25,7 @@ from attlog.estimators.filters.inertial.layout import (
     FAST_G,
     HEADING_SIGMA,
     MISALIGNMENT_SIGMA,
+    MOVING_SIGMA,
     NO_FIELD,
     QUIET,
     RAD,
@@ -36,6 +37,7 @@ from attlog.estimators.filters.inertial.layout import (
     STAGE,
     SUM_F,
     SUM_M,
+    SWING,
     TILT_SIGMA,
     V_MEAN,
     VELOCITY_SIGMA,
@@ -82,6 +84,10 @@ def align(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> N
     turn(state[Q:M], gyr[0] - state[BIAS], gyr[1] - state[BIAS + 1], gyr[2] - state[BIAS + 2], dt, 0.0)
     state[T] += dt
     add_turned(state, acc, dt, SUM_F)
+    for i in range(3):
+        state[SWING + i] += dt * state[T] * state[SUM_F + i]
+        state[SWING + 3] += dt * square(state[SUM_F + i])
+    state[SWING + 4] += dt * square(state[T])
     add_turned(state, mag, 1.0, SUM_M)
     f0 = state[Q]
     f1 = state[Q + 1]
@@ -114,9 +120,9 @@ def align(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> N
         state[Q + 2] = f2
         state[Q + 3] = f3
         return
+    begin(state, params)
     state[T] = 0.0
     state[STAGE] = RUNNING if seen else NO_FIELD
-    begin(state, params)
     if seen:
         first_heading(state, params, math.sqrt(hx * hx + hy * hy), 0.0, hz)
 
@@ -152,7 +158,7 @@ def add_turned(state: Any, v: Any, factor: float, at: int) -> None:
 def begin(state: Any, params: Any) -> None:
     """P at the end of the alignment."""
     for i in range(3):
-        state[P + (N + 1) * i] = square(RAD * (params[TILT_SIGMA] if i < 2 else params[HEADING_SIGMA]))
+        state[P + (N + 1) * i] = square(first_tilt(state, params) if i < 2 else RAD * params[HEADING_SIGMA])
         state[P + (N + 1) * (DB + i)] = square(RAD * params[BIAS_SIGMA])
         state[P + (N + 1) * (DBA + i)] = square(params[ACC_BIAS_SIGMA])
     start_reach(state)
@@ -162,7 +168,28 @@ def begin(state: Any, params: Any) -> None:
         state[P + (N + 1) * i] = 1.0
     state[EXCESS] = 1.0
     state[EXPECTED] = square(params[ACC_BIAS_SIGMA])
-    state[V_MEAN] = square(params[VELOCITY_SIGMA])
+    state[V_MEAN] = max(square(params[VELOCITY_SIGMA]), 0.5 * square_swing(state))
+
+
+def square_swing(state: Any) -> float:
+    """Mean square [m^2/s^2] of the velocity during the alignment beside an even acceleration: <|F - <f> t|^2>.
+
+    F is the sum of specific force f; ``SWING`` holds the sums of t F (3), |F|^2 and t^2.
+    """
+    time = state[T]
+    if time <= 0.0:
+        return 0.0
+    total = state[SWING + 3]
+    for i in range(3):
+        mean = state[SUM_F + i] / time
+        total += mean * (mean * state[SWING + 4] - 2.0 * state[SWING + i])
+    return max(total / time, 0.0)
+
+
+def first_tilt(state: Any, params: Any) -> float:
+    """Sigma in rad, per axis, of the tilt after the alignment."""
+    tilt: float = RAD * params[TILT_SIGMA]
+    return tilt if state[QUIET] >= 1.0 else max(tilt, RAD * params[MOVING_SIGMA])
 
 
 def start_reach(state: Any) -> None:

@@ -28,7 +28,7 @@ def covariance() -> np.ndarray:
 
 
 def parameters(**given: float) -> np.ndarray:
-    out = np.zeros(23)
+    out = np.zeros(24)
     for name, value in given.items():
         out[getattr(at, name)] = value
     return out
@@ -225,7 +225,7 @@ def test_a_measured_entry_takes_its_part_out_of_the_reach() -> None:
 
 def test_covariance_at_the_end_of_the_alignment_is_that_of_the_parameters() -> None:
     state = state_of()
-    state[at.Q] = 1.0
+    state[at.Q] = state[at.QUIET] = 1.0
     given = {"TILT_SIGMA": 2.0, "HEADING_SIGMA": 25.0, "BIAS_SIGMA": 0.65, "ACC_BIAS_SIGMA": 0.016}
     start.begin(state, parameters(**given, SCALE_SIGMA=0.004, MISALIGNMENT_SIGMA=0.0025, VELOCITY_SIGMA=0.13))
     sd = np.zeros(N)
@@ -236,6 +236,24 @@ def test_covariance_at_the_end_of_the_alignment_is_that_of_the_parameters() -> N
     assert state[P : P + N * N].reshape(N, N) == pytest.approx(np.diag(sd**2))
     assert (state[at.EXCESS], state[at.EXPECTED]) == (1.0, pytest.approx(0.016**2))
     assert state[at.V_MEAN] == pytest.approx(0.13**2)
+
+
+def test_a_start_in_motion_is_less_certain_of_tilt_and_velocity() -> None:
+    """A velocity of 3 m/s north that comes and goes within 2 s, beside gravity: <v^2> less its even part."""
+    state, params = (
+        state_of(),
+        parameters(TILT_SIGMA=2.0, HEADING_SIGMA=25.0, VELOCITY_SIGMA=0.13, ALIGN_TIME=1.999, MOVING_SIGMA=5.0),
+    )
+    state[at.Q] = 1.0
+    t = np.arange(1, 401) * 0.005
+    for push in 3.0 * np.pi * np.cos(np.pi * t):
+        start.align(state, params, 0.005, np.zeros(3), np.array([push, 0.0, -9.80665]), np.zeros(3))
+    v = np.cumsum(0.005 * 3.0 * np.pi * np.cos(np.pi * t))
+    assert state[at.V_MEAN] == pytest.approx(0.5 * np.mean((v - t * v[-1] / t[-1]) ** 2), rel=1e-6)
+    assert np.degrees(np.sqrt([state[P], state[P + N + 1], state[P + 2 * N + 2]])) == pytest.approx([5.0, 5.0, 25.0])
+    start.begin(state, parameters(TILT_SIGMA=8.0, MOVING_SIGMA=5.0, VELOCITY_SIGMA=2.0))
+    assert np.degrees(np.sqrt(state[P])) == pytest.approx(8.0)
+    assert state[at.V_MEAN] == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize(
