@@ -52,6 +52,7 @@ BUILT_IN = (
     "ukf",
     "px4_q",
     "ap_dcm",
+    "gsf",
     "vqf",
     "fusion",
     "eskf",
