@@ -62,7 +62,7 @@ MIX, FORCE, HELD, SUM, FIRST, COUNT, PAST_S, RUNS, AIR, AIR_AGE, SPEED, REST_S, 
 PAST holds what is younger than ``delay``: BINS times (dv_N, dv_E, dt) in the axes before x."""
 
 BIN_S, HELD_S, AIR_LOST_S, REST_MEAN_S, NEVER = 0.0095, 0.2, 5.0, 10.0, 1e9
-SPIN, CLIP, LEAST_VAR = math.radians(10.0), 25.0, 1e-6
+SPIN, CLIP, LEAST_VAR, LEAST_ARDUPILOT = math.radians(10.0), 25.0, 1e-6, 0.5
 UNKNOWN, TURN = math.pi / math.sqrt(3.0), 2.0 * math.pi
 RAD = math.pi / 180.0
 
@@ -80,7 +80,7 @@ PARAMETERS = (
     ),
 )
 PRESETS: dict[str, dict[str, float | str]] = {
-    "ardupilot": {"bias_limit": 0.0873, "velocity_noise": 0.5, "delay": 0.2, "weight_floor": 0.0}
+    "ardupilot": {"bias_limit": 0.0873, "velocity_noise": LEAST_ARDUPILOT, "delay": 0.12, "weight_floor": 0.0}
 }
 
 
@@ -89,14 +89,16 @@ def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float | st
     values: dict[str, float | str] = {}
     if "EKF2_GPS_V_NOISE" in params:
         values["velocity_noise"] = min(max(params["EKF2_GPS_V_NOISE"], 0.01), 100.0)
-    if "EKF2_GPS_DELAY" in params:
-        values["delay"] = min(max(1e-3 * params["EKF2_GPS_DELAY"], 0.0), 0.3)
+    for name in ("EKF2_GPS_DELAY", "SENS_GPS0_DELAY"):
+        if name in params:
+            values["delay"] = min(max(1e-3 * params[name], 0.0), 0.3)
     noise = [params[name] for name in ("EK3_VELNE_M_NSE", "EK2_VELNE_M_NSE") if name in params]
     if noise:
         values |= PRESETS["ardupilot"]
-        values["velocity_noise"] = min(max(noise[0], 0.5), 100.0)
-        lag = [params[name] for name in ("GPS_DELAY_MS", "GPS1_DELAY_MS") if params.get(name, 0.0) > 0.0]
-        values["delay"] = min(1e-3 * lag[0], 0.3) if lag else 0.2
+        values["velocity_noise"] = min(max(noise[0], LEAST_ARDUPILOT), 100.0)
+        for name in ("GPS_DELAY_MS", "GPS1_DELAY_MS"):
+            if params.get(name, 0.0) > 0.0:
+                values["delay"] = min(1e-3 * params[name], 0.3)
     if info.forward is not None:
         values["forward"] = "on" if info.forward else "off"
     return values
