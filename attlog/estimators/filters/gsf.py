@@ -37,8 +37,8 @@ from attlog.estimators.base import LogInfo, Parameter
 from attlog.estimators.engine.vectors import GRAVITY, down, turn
 
 SOURCE = "PX4 EKFGSF_yaw (1.11 to 1.17); ArduPilot EKFGSF_yaw (4.1 to 4.6)"
-NEEDS = {"gyro", "acc"}
-USES = {"gnss", "airspeed", "at_rest"}
+NEEDS = {"gyro", "acc", "gnss"}
+USES = {"airspeed", "at_rest"}
 VECTORS_AT = "end"
 N, BINS = 5, 32
 STATE = {"q": 4, "bias": 3, "sigma_heading": 1, "weights": N, "_bank": 45, "_now": 18, "_past": 96}
