@@ -2,13 +2,11 @@
 
     python benchmarks/gsf.py [--corpus DIR] [--row ROW] [LOG ...]
 
-Without LOGs: every log of the corpus folder (default $ATTLOG_CORPUS) that holds XKY0 (ArduPilot) or
-``yaw_estimator_status`` (PX4). Compared where both tell a sigma below 15 deg, from which on the firmwares use it, at
+Without LOGs: every log of the corpus folder (default $ATTLOG_CORPUS) that holds XKY0 or NKY0 (ArduPilot) or
+``yaw_estimator_status`` (PX4). Compared where both have a sigma below 15 deg, from which on the firmwares use it, at
 the time for which the firmware's holds: ``timestamp_sample`` of PX4; ArduPilot's EKF is behind by what fits the onboard
-attitude best. Median and 90 % of the absolute difference in deg, and both against the simulator's truth.
-
-ArduPilot's YCS is the root of the variance in rad^2 times 180/pi, not of a variance in deg^2: sigma in rad is
-YCS sqrt(pi/180). Its own weights and headings give the same.
+attitude best. Median and 90 % of the absolute difference in deg, and both against the simulator's truth; simulated
+flights (those with truth) have a median of their own. ``gsf:smoothing=body`` is closer to what flew.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import analysis, formats
+from attlog import analysis
 from attlog.analysis.replay import aids_of, facts
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
@@ -52,29 +50,20 @@ class Headings:
         return rotation.wrap(np.interp(t, self.t, rotation.unwrap(self.yaw))), sigma
 
 
-def flown(path: Path, log: FlightLog) -> Headings | None:
-    """What the firmware's first core found, at the time for which it holds; None where the log does not say."""
-    messages = formats.open(path)
-    px4, ardupilot = messages.first("yaw_estimator_status"), messages.first("XKY0")
-    if px4 is not None:
-        time = "timestamp_sample" if "timestamp_sample" in px4.fields else "timestamp"
-        var = px4.value("yaw_variance")
-        sigma = np.sqrt(np.where(var > 0.0, var, np.inf))
-        return Headings(1e-6 * (px4.value(time) - log.t0_us), px4.value("yaw_composite"), sigma)
-    if ardupilot is None:
+def flown(log: FlightLog) -> Headings | None:
+    """What the firmware found where it would use it, at the time for which it holds; None where the log lacks it."""
+    own = log.yaw_estimator
+    if own is None:
         return None
-    sigma = ardupilot.value("YCS") * np.sqrt(np.pi / 180.0)
-    found = Headings(1e-6 * (ardupilot.value("TimeUS") - log.t0_us), np.deg2rad(ardupilot.value("YC")), sigma)
-    behind = delay(found, log.attitudes[log.onboard]) if log.onboard in log.attitudes else 0.0
-    return replace(found, t=found.t - behind)
+    found = Headings(own.t_best, own.x[:, 0], own.x[:, 1])
+    if log.firmware.name == "PX4" or log.onboard not in log.attitudes:
+        return found
+    return replace(found, t=found.t - delay(found, log.attitudes[log.onboard]))
 
 
 def delay(found: Headings, onboard: Attitude) -> float:
-    """By how many s ``found`` is late against the onboard attitude; 0 where it never knew the heading."""
-    known = found.sigma < KNOWN
-    if np.count_nonzero(known) < LEAST:
-        return 0.0
-    off = [np.median(np.abs(apart(found.yaw, yaw_at(onboard, found.t - d))[known])) for d in DELAYS_S]
+    """By how many s ``found`` is late against the onboard attitude."""
+    off = [np.median(np.abs(apart(found.yaw, yaw_at(onboard, found.t - d)))) for d in DELAYS_S]
     return float(DELAYS_S[np.argmin(off)])
 
 
@@ -114,12 +103,12 @@ def numbers(difference: Array) -> str:
 def line(path: Path, row: str) -> tuple[str, list[float]] | None:
     """A log's line and its medians: difference, own and firmware's error; None for a log without either heading."""
     log, own = replayed(path, row)
-    other = flown(path, log)
+    other = flown(log)
     if other is None or not len(own.t):
         return None
     yaw, sigma = own.at(other.t)
-    both = (sigma < KNOWN) & (other.sigma < KNOWN)
-    head = f"{path.name:44}{np.count_nonzero(other.sigma < KNOWN):6}{np.count_nonzero(both):6}"
+    both = sigma < KNOWN
+    head = f"{path.name:44}{len(both):6}{np.count_nonzero(both):6}"
     if np.count_nonzero(both) < LEAST:
         return head, []
     differences = [apart(yaw, other.yaw)[both]]
@@ -143,7 +132,9 @@ def main() -> None:
     options = parser.parse_args()
     if not (options.logs or options.corpus):
         parser.error("which logs? Name them, or a folder with --corpus")
-    print(f"{'log':44}{'flown':>6}{'both':>6}{'difference':>15}{'own error':>15}{'error flown':>15}   deg: median, 90 %")
+    print(
+        f"{'log':44}{'flown':>6}{'both':>6}{'difference':>15}{'own error':>15}{'error flown':>15}   deg: median, 90 %"
+    )
     found: list[list[float]] = []
     for path in options.logs or logs(Path(options.corpus)):
         try:

@@ -30,7 +30,7 @@ STAGES = logging.getLogger("attlog.stages")
 """Tells which filter is being run; who wants to know adds a handler."""
 
 KNOWN_RAD = np.deg2rad(15.0)
-"""Both firmwares use a heading by GNSS motion from this sigma on (EKFGSF_yaw_err_max, GSF_YAW_ACCURACY_THRESHOLD_DEG)."""
+"""Both firmwares use a heading by GNSS motion below this sigma (EKFGSF_yaw_err_max, GSF_YAW_ACCURACY_THRESHOLD_DEG)."""
 
 
 class Runnable(Protocol):

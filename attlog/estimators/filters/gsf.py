@@ -1,27 +1,29 @@
-"""Heading without compass from GNSS velocity: five headings tried at once, as both autopilots do beside their EKF.
+"""Heading without a compass from GNSS velocity: five headings tried at once, as both autopilots do beside their EKF.
 
-    q'   = q (x) (0, w - b + e)/2,   e = tilt_gain k (d x u),   d = R^T e_z,   b' = -bias_gain e below 10 deg/s
-           u = (f - w x (V, 0, 0))/|f|,  f: specific force, low-passed with 1/(10 tilt_gain);  V: airspeed, forward only
-           k = (1 - min(n |1 - |f|/g|, 1))^2,  n = 2, with V and |f| > g 1
-    i    hypotheses psi + x_i, x_i from five equal parts of the circle on, each with v (2,) and P (3, 3) of (v, psi):
-           v_i' = a_i = Rz(x_i) R f,   P_i' = F P_i + P_i F^T + diag(acc_noise^2, acc_noise^2, gyro_noise^2)
-           F = d(v_i')/d(psi) = (-a_E, a_N), of the force of ``delay`` ago, in steps of 10 ms
-    fix  z   innovation y = z - v_i,  S = P_vv + s^2,  s = max(receiver's, velocity_noise),  |y| at most 5 sigma
-           K = P_v S^-1 corrects v_i, x_i, P_i;   w_i <- max(w_i exp(-y^T S^-1 y / 2) / (2 pi sqrt|S|), weight_floor)
-    psi  x = angle of sum w_i (cos x_i, sin x_i);   sigma_heading^2 = sum w_i (P_psi + (x_i - x)^2)
+    q'    = q (x) (0, w - b + e)/2,  e = tilt_gain k (d x u),  d = R^T e_z,  b' = -bias_gain e below 10 deg/s
+            u = (f - (w - b) x (V, 0, 0))/|f|,  f: specific force, low-passed with 1/(10 tilt_gain), V: airspeed
+            k = (1 - min(n ||f|/g - 1|, 1))^2,  n = 2, with V above g 1
+    i     of 5: turned by x_i about the vertical, spread over the circle; velocity v_i (2,), P_i (3, 3) of (v_i, psi_i)
+            v_i' = a_i,  a_i: horizontal part of Rz(x_i) R f as it was ``delay`` ago, in steps of 10 ms
+            P_i' = F P_i + P_i F^T + diag(acc_noise^2, acc_noise^2, gyro_noise^2),  F_v,psi = (-a_E, a_N)
+    fix   y = z - v_i,  S = P_vv + s^2 I,  s = max(receiver's sigma, velocity_noise),  y shortened to 5 sigma
+            P_v S^-1 y corrects v_i and x_i;  w_i <- max(w_i exp(-y^T S^-1 y / 2) / (2 pi |S|^1/2), weight_floor)
+    psi   x: angle of sum w_i (cos x_i, sin x_i);  sigma_heading^2 = sum w_i (P_psi,i + (x_i - x)^2),  sum w_i = 1
 
-One attitude serves all five: they differ by a turn about the vertical, which moves no tilt. Heading is true north.
-The bank starts with the first fix that is faster than s. Until then the attitude's heading counts from that of the start
-attitude (0 where nothing told it) and means nothing: ``sigma_heading`` is that of an even circle, 104 deg. It stays wide
-until accelerations have told which hypothesis is right: hovering and straight flight tell little. An analysis scores no
-heading before ``sigma_heading`` was below 15 deg.
+All five have one tilt: a turn about the vertical moves none, so one attitude serves them. Heading is from true north.
+The five start with the first fix that is faster than s, not at rest. Until then the heading counts from that of the
+start attitude (0 where nothing told it) and means nothing; ``sigma_heading`` is that of a whole circle, 104 deg. It
+stays wide until horizontal accelerations have told which one is right: hovering and straight flight tell little.
+An analysis scores nothing before it was below 15 deg, and refuses a log in which it never was.
 
-Source: PX4 EKF2 ``EKFGSF_yaw`` (1.11 on; PX4-ECL 766), ArduPilot ``EKFGSF_yaw`` (4.1 on; pull 13603). From a log come
-EKF2_GPS_V_NOISE, EKF2_GPS_DELAY, EK3_VELNE_M_NSE, EK2_VELNE_M_NSE, GPS_DELAY_MS, and which of the two flew.
+Source: PX4 ``EKFGSF_yaw`` (since 1.11), ArduPilot ``EKFGSF_yaw`` (since 4.1, pull request 13603). From a log come
+EKF2_GPS_V_NOISE, EKF2_GPS_DELAY, SENS_GPS0_DELAY, EK2_VELNE_M_NSE, EK3_VELNE_M_NSE, GPS_DELAY_MS, GPS1_DELAY_MS, and
+which of the two flew.
 
-Departures. At rest the gyro's mean is the bias, where the firmware hands over its EKF's. Noise is given as density, for
-any rate (firmware: per step of about 10 ms). On a forward vehicle without airspeed the GNSS speed stands for it
-(firmware: a constant). ArduPilot restarts the bank at each take-off, here it goes on.
+Departures. The low-pass of f turns with the body (``smoothing=body``: as flown). At rest the gyro's mean is the bias,
+where the firmwares hand over their EKF's. Noise is a density, for any rate. A forward vehicle without airspeed sensor
+takes the GNSS speed for V (firmwares: a constant). PX4 starts the five at take-off too; ArduPilot starts them anew at
+each, and corrects no tilt below 1 g.
 """
 
 from __future__ import annotations
@@ -34,37 +36,21 @@ import numpy as np
 
 from attlog.estimators.aids import AIRSPEED, AT_REST, VEL_ACC, VEL_E, VEL_N
 from attlog.estimators.base import LogInfo, Parameter
-from attlog.estimators.engine.vectors import GRAVITY, down, turn
+from attlog.estimators.engine.vectors import GRAVITY, down, turn, turned_back
+from attlog.estimators.filters.yaw_bank import MIX, RUNS, SIGMA, UNKNOWN, N, W, begin, correct, mix, predict, spread
 
-SOURCE = "PX4 EKFGSF_yaw (1.11 to 1.17); ArduPilot EKFGSF_yaw (4.1 to 4.6)"
+SOURCE = "PX4 EKFGSF_yaw (1.11 to 1.18); ArduPilot EKFGSF_yaw (4.1 to 4.6)"
 NEEDS = {"gyro", "acc", "gnss"}
 USES = {"airspeed", "at_rest"}
 VECTORS_AT = "end"
-N, BINS = 5, 32
-STATE = {"q": 4, "bias": 3, "sigma_heading": 1, "weights": N, "_bank": 45, "_now": 18, "_past": 96}
-SIGMA, W, X, V, P = 7, 8, 13, 18, 28
-MIX, FORCE, HELD, SUM, FIRST, COUNT, PAST_S, RUNS, AIR, AIR_AGE, SPEED, REST_S, PAST = (
-    58,
-    61,
-    64,
-    65,
-    68,
-    69,
-    70,
-    71,
-    72,
-    73,
-    74,
-    75,
-    76,
-)
-"""Where things stand in the state. P_i is six numbers: NN, NE, N psi, EE, E psi, psi psi; MIX: x, cos x, sin x;
-PAST holds what is younger than ``delay``: BINS times (dv_N, dv_E, dt) in the axes before x."""
+BINS = 32
+STATE = {"q": 4, "bias": 3, "sigma_heading": 1, "weights": N, "_bank": 49, "_now": 14, "_past": 3 * BINS}
+FORCE, HELD, SUM, FIRST, COUNT, PAST_S, AIR, AIR_AGE, SPEED, REST_S, PAST = 62, 65, 66, 69, 70, 71, 72, 73, 74, 75, 76
+"""Where things stand in the state behind the bank; PAST holds what is younger than ``delay``, BINS times (dv_N, dv_E,
+dt) in the axes before x."""
 
 BIN_S, HELD_S, AIR_LOST_S, REST_MEAN_S, NEVER = 0.0095, 0.2, 5.0, 10.0, 1e9
-SPIN, CLIP, LEAST_VAR, LEAST_ARDUPILOT = math.radians(10.0), 25.0, 1e-6, 0.5
-UNKNOWN, TURN = math.pi / math.sqrt(3.0), 2.0 * math.pi
-RAD = math.pi / 180.0
+SPIN, LEAST_ARDUPILOT = math.radians(10.0), 0.5
 
 PARAMETERS = (
     Parameter("tilt_gain", 0.2, "1/s", 0.01, 10, "how fast gravity corrects roll and pitch", "PX4; ArduPilot"),
@@ -74,13 +60,32 @@ PARAMETERS = (
     Parameter("acc_noise", 0.2, "m/s/sqrt(s)", 1e-3, 100, "random walk of the velocity", "PX4: 2 m/s^2 in 10 ms"),
     Parameter("velocity_noise", 0.3, "m/s", 0.01, 100, "least sigma of the GNSS velocity", "PX4; ArduPilot 0.5"),
     Parameter("delay", 0.11, "s", 0, 0.3, "how late the GNSS velocity is", "PX4 EKF2_GPS_DELAY"),
-    Parameter("weight_floor", 1e-5, "", 0, 0.1, "least weight of a hypothesis before they are scaled", "PX4; ArduPilot 0"),
+    Parameter(
+        "weight_floor", 1e-5, "", 0, 0.1, "least weight of a hypothesis before they are scaled", "PX4; ArduPilot 0"
+    ),
     Parameter(
         "forward", "off", "", 0, 1, "a vehicle that moves where its nose points", "attlog, by vehicle", ("off", "on")
     ),
+    Parameter(
+        "smoothing",
+        "turned",
+        "",
+        0,
+        1,
+        "whether the force's low-pass turns with the body; in body axes, as flown, swings tilt it",
+        "attlog; PX4 and ArduPilot: body",
+        ("turned", "body"),
+    ),
 )
 PRESETS: dict[str, dict[str, float | str]] = {
-    "ardupilot": {"bias_limit": 0.0873, "velocity_noise": LEAST_ARDUPILOT, "delay": 0.12, "weight_floor": 0.0}
+    "px4": {"smoothing": "body"},
+    "ardupilot": {
+        "smoothing": "body",
+        "bias_limit": 0.0873,
+        "velocity_noise": LEAST_ARDUPILOT,
+        "delay": 0.12,
+        "weight_floor": 0.0,
+    },
 }
 
 
@@ -94,7 +99,7 @@ def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float | st
             values["delay"] = min(max(1e-3 * params[name], 0.0), 0.3)
     noise = [params[name] for name in ("EK3_VELNE_M_NSE", "EK2_VELNE_M_NSE") if name in params]
     if noise:
-        values |= PRESETS["ardupilot"]
+        values |= {name: value for name, value in PRESETS["ardupilot"].items() if name != "smoothing"}
         values["velocity_noise"] = min(max(noise[0], LEAST_ARDUPILOT), 100.0)
         for name in ("GPS_DELAY_MS", "GPS1_DELAY_MS"):
             if params.get(name, 0.0) > 0.0:
@@ -109,7 +114,7 @@ def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     state = np.zeros(PAST + 3 * BINS)
     state[0:4] = q0
     state[SIGMA] = UNKNOWN
-    state[W:X] = 1.0 / N
+    state[W : W + N] = 1.0 / N
     state[MIX + 1] = 1.0
     state[FORCE : FORCE + 3] = acc
     state[AIR_AGE] = NEVER
@@ -123,12 +128,12 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
         state[AIR] = aid[AIRSPEED]
         state[AIR_AGE] = 0.0
     learn_at_rest(state, params, dt, gyr, aid[AT_REST] == 1.0)
+    wx = gyr[0] - state[4]
+    wy = gyr[1] - state[5]
+    wz = gyr[2] - state[6]
     there = acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0
-    if there:
-        share = min(10.0 * params[0] * dt, 1.0)
-        for i in range(3):
-            state[FORCE + i] += share * (acc[i] - state[FORCE + i])
-    turn_by_gyro(state, params, dt, gyr[0] - state[4], gyr[1] - state[5], gyr[2] - state[6])
+    smooth(state, params, dt, acc, there, wx, wy, wz)
+    turn_by_gyro(state, params, dt, wx, wy, wz)
     state[HELD] = min(state[HELD] + dt, HELD_S)
     if there:
         gather(state, acc)
@@ -138,10 +143,27 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
         take_fix(state, params, aid)
 
 
+def smooth(state: Any, params: Any, dt: float, acc: Any, there: bool, wx: float, wy: float, wz: float) -> None:
+    """The low-pass of the specific force, which the body's turn carries along or not."""
+    if params[9] < 0.5:
+        x, y, z = turned_back(state[FORCE], state[FORCE + 1], state[FORCE + 2], wx, wy, wz, dt)
+        state[FORCE] = x
+        state[FORCE + 1] = y
+        state[FORCE + 2] = z
+    if there:
+        share = min(10.0 * params[0] * dt, 1.0)
+        for i in range(3):
+            state[FORCE + i] += share * (acc[i] - state[FORCE + i])
+
+
 def learn_at_rest(state: Any, params: Any, dt: float, gyr: Any, rests: bool) -> None:
     """The bias as the mean rate at rest, of at most the last 10 s or so."""
-    state[REST_S] = min(state[REST_S] + dt, REST_MEAN_S) if rests else 0.0
-    if rests:
+    x = gyr[0] - state[4]
+    y = gyr[1] - state[5]
+    z = gyr[2] - state[6]
+    still = rests and x * x + y * y + z * z < SPIN * SPIN
+    state[REST_S] = min(state[REST_S] + dt, REST_MEAN_S) if still else 0.0
+    if still:
         share = dt / state[REST_S]
         for i in range(3):
             state[4 + i] = clipped(state[4 + i] + share * (gyr[i] - state[4 + i]), params[2])
@@ -217,26 +239,6 @@ def pass_on(state: Any, params: Any) -> None:
         state[COUNT] -= 1.0
 
 
-def predict(state: Any, params: Any, i: int, dn: float, de: float, dt: float) -> None:
-    """Velocity and covariance of hypothesis i after a change of velocity (2,) m/s, in axes before x, over dt."""
-    c = math.cos(state[X + i])
-    s = math.sin(state[X + i])
-    n = c * dn - s * de
-    e = s * dn + c * de
-    state[V + 2 * i] += n
-    state[V + 2 * i + 1] += e
-    p = P + 6 * i
-    q = params[4] * params[4] * dt
-    # First what needs the old covariances of velocity and heading.
-    state[p] += e * (e * state[p + 5] - 2.0 * state[p + 2]) + q
-    state[p + 1] += n * state[p + 2] - e * state[p + 4] - n * e * state[p + 5]
-    state[p + 3] += n * (n * state[p + 5] + 2.0 * state[p + 4]) + q
-    state[p + 2] -= e * state[p + 5]
-    state[p + 4] += n * state[p + 5]
-    walk = RAD * params[3]
-    state[p + 5] += walk * walk * dt
-
-
 def take_fix(state: Any, params: Any, aid: Any) -> None:
     """Correct every hypothesis, weigh them, and turn the attitude to their mean; the first fast fix starts them."""
     told = aid[VEL_ACC]
@@ -258,96 +260,3 @@ def take_fix(state: Any, params: Any, aid: Any) -> None:
         for i in range(N):
             state[W + i] = 1.0 / N
     mix(state)
-
-
-def begin(state: Any, vn: float, ve: float, var: float) -> None:
-    """Five equal parts of the circle, all at the velocity of the fix."""
-    psi = 2.0 * math.atan2(state[3], state[0]) - state[MIX]
-    for i in range(N):
-        state[X + i] = wrapped((i + 0.5) * TURN / N - math.pi - psi)
-        state[V + 2 * i] = vn
-        state[V + 2 * i + 1] = ve
-        p = P + 6 * i
-        state[p] = var
-        state[p + 3] = var
-        state[p + 5] = (math.pi / N) ** 2
-    state[RUNS] = 1.0
-    state[SIGMA] = math.sqrt(spread(state))
-
-
-def correct(state: Any, i: int, vn: float, ve: float, var: float) -> float:
-    """The likelihood of the velocity (2,) m/s of a fix under hypothesis i, which is corrected by it."""
-    p = P + 6 * i
-    nn = state[p]
-    ne = state[p + 1]
-    ny = state[p + 2]
-    ee = state[p + 3]
-    ey = state[p + 4]
-    inv = 1.0 / ((nn + var) * (ee + var) - ne * ne)
-    inn = inv * (ee + var)
-    ine = -inv * ne
-    iee = inv * (nn + var)
-    zn = vn - state[V + 2 * i]
-    ze = ve - state[V + 2 * i + 1]
-    square = zn * (inn * zn + ine * ze) + ze * (ine * zn + iee * ze)
-    if square > CLIP:
-        shorter = math.sqrt(CLIP / square)
-        zn *= shorter
-        ze *= shorter
-        square = CLIP
-    # The gains of v_N, v_E and psi, then P - K S K^T with S K^T the columns before.
-    kn0 = nn * inn + ne * ine
-    kn1 = nn * ine + ne * iee
-    ke0 = ne * inn + ee * ine
-    ke1 = ne * ine + ee * iee
-    ky0 = ny * inn + ey * ine
-    ky1 = ny * ine + ey * iee
-    state[V + 2 * i] += kn0 * zn + kn1 * ze
-    state[V + 2 * i + 1] += ke0 * zn + ke1 * ze
-    state[X + i] = wrapped(state[X + i] + ky0 * zn + ky1 * ze)
-    state[p] = max(nn - kn0 * nn - kn1 * ne, LEAST_VAR)
-    state[p + 1] = ne - kn0 * ne - kn1 * ee
-    state[p + 2] = ny - kn0 * ny - kn1 * ey
-    state[p + 3] = max(ee - ke0 * ne - ke1 * ee, LEAST_VAR)
-    state[p + 4] = ey - ke0 * ny - ke1 * ey
-    state[p + 5] = max(state[p + 5] - ky0 * ny - ky1 * ey, LEAST_VAR)
-    return math.sqrt(inv) * math.exp(-0.5 * square) / TURN
-
-
-def mix(state: Any) -> None:
-    """Turn the attitude to the weighted mean of the hypotheses, and tell how far they are apart."""
-    c = 0.0
-    s = 0.0
-    for i in range(N):
-        c += state[W + i] * math.cos(state[X + i])
-        s += state[W + i] * math.sin(state[X + i])
-    x = math.atan2(s, c)
-    half = 0.5 * (x - state[MIX])
-    state[MIX] = x
-    state[MIX + 1] = math.cos(x)
-    state[MIX + 2] = math.sin(x)
-    c = math.cos(half)
-    s = math.sin(half)
-    q0 = state[0]
-    q1 = state[1]
-    q2 = state[2]
-    q3 = state[3]
-    state[0] = c * q0 - s * q3
-    state[1] = c * q1 - s * q2
-    state[2] = c * q2 + s * q1
-    state[3] = c * q3 + s * q0
-    state[SIGMA] = math.sqrt(spread(state))
-
-
-def spread(state: Any) -> float:
-    """The variance [rad^2] of the heading: of the hypotheses about their mean, and their own."""
-    var = 0.0
-    for i in range(N):
-        off = wrapped(state[X + i] - state[MIX])
-        var += state[W + i] * (state[P + 6 * i + 5] + off * off)
-    return var
-
-
-def wrapped(angle: float) -> float:
-    """The angle [rad] within +- pi."""
-    return angle - TURN * math.floor(angle / TURN + 0.5)
