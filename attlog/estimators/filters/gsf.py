@@ -1,8 +1,8 @@
 """Heading without a compass from GNSS velocity: five headings tried at once, as both autopilots do beside their EKF.
 
     q'    = q (x) (0, w - b + e)/2,  e = tilt_gain k (d x u),  d = R^T e_z,  b' = -bias_gain e below 10 deg/s
-            u = (f - (w - b) x (V, 0, 0))/|f|,  f: specific force, low-passed with 1/(10 tilt_gain), V: airspeed
-            k = (1 - min(n ||f|/g - 1|, 1))^2,  n = 2, with V above g 1
+            u = h/|h|,  h: f - (w - b) x (V, 0, 0), low-passed with 1/(10 tilt_gain);  V: airspeed, forward only
+            k = (1 - min(n ||h|/g - 1|, 1))^2,  n = 2, with V above g 1
     i     of 5: turned by x_i about the vertical, spread over the circle; velocity v_i (2,), P_i (3, 3) of (v_i, psi_i)
             v_i' = a_i,  a_i: horizontal part of Rz(x_i) R f as it was ``delay`` ago, in steps of 10 ms
             P_i' = F P_i + P_i F^T + diag(acc_noise^2, acc_noise^2, gyro_noise^2),  F_v,psi = (-a_E, a_N)
@@ -20,10 +20,10 @@ Source: PX4 ``EKFGSF_yaw`` (since 1.11), ArduPilot ``EKFGSF_yaw`` (since 4.1, pu
 EKF2_GPS_V_NOISE, EKF2_GPS_DELAY, SENS_GPS0_DELAY, EK2_VELNE_M_NSE, EK3_VELNE_M_NSE, GPS_DELAY_MS, GPS1_DELAY_MS, and
 which of the two flew.
 
-Departures. The low-pass of f turns with the body (``smoothing=body``: as flown). At rest the gyro's mean is the bias,
-where the firmwares hand over their EKF's. Noise is a density, for any rate. A forward vehicle without airspeed sensor
-takes the GNSS speed for V (firmwares: a constant). PX4 starts the five at take-off too; ArduPilot starts them anew at
-each, and corrects no tilt below 1 g.
+Departures. The low-pass turns with the body (``smoothing=body``, as flown: of f alone, in body axes). At rest the
+gyro's mean is the bias, where the firmwares hand over their EKF's. Noise is a density, for any rate. A forward vehicle
+without airspeed sensor takes the GNSS speed for V (firmwares: a constant). PX4 starts the five at take-off too;
+ArduPilot starts them anew at each, and corrects no tilt below 1 g.
 """
 
 from __future__ import annotations
@@ -132,8 +132,9 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
     wy = gyr[1] - state[5]
     wz = gyr[2] - state[6]
     there = acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0
-    smooth(state, params, dt, acc, there, wx, wy, wz)
-    turn_by_gyro(state, params, dt, wx, wy, wz)
+    speed = airspeed(state, params)
+    smooth(state, params, dt, acc, there, speed, wx, wy, wz)
+    turn_by_gyro(state, params, dt, speed, wx, wy, wz)
     state[HELD] = min(state[HELD] + dt, HELD_S)
     if there:
         gather(state, acc)
@@ -143,17 +144,29 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
         take_fix(state, params, aid)
 
 
-def smooth(state: Any, params: Any, dt: float, acc: Any, there: bool, wx: float, wy: float, wz: float) -> None:
-    """The low-pass of the specific force, which the body's turn carries along or not."""
+def airspeed(state: Any, params: Any) -> float:
+    """V of a vehicle that flies forward, m/s: that of its sensor, else of GNSS; else 0."""
+    if params[8] < 0.5:
+        return 0.0
+    return state[AIR] if state[AIR_AGE] < AIR_LOST_S else state[SPEED]  # type: ignore[no-any-return]
+
+
+def smooth(
+    state: Any, params: Any, dt: float, acc: Any, there: bool, speed: float, wx: float, wy: float, wz: float
+) -> None:
+    """The low-pass of the force without a turn's acceleration, turned with the body; or as flown, of the force."""
     if params[9] < 0.5:
         x, y, z = turned_back(state[FORCE], state[FORCE + 1], state[FORCE + 2], wx, wy, wz, dt)
         state[FORCE] = x
         state[FORCE + 1] = y
         state[FORCE + 2] = z
+    else:
+        speed = 0.0
     if there:
         share = min(10.0 * params[0] * dt, 1.0)
-        for i in range(3):
-            state[FORCE + i] += share * (acc[i] - state[FORCE + i])
+        state[FORCE] += share * (acc[0] - state[FORCE])
+        state[FORCE + 1] += share * (acc[1] - speed * wz - state[FORCE + 1])
+        state[FORCE + 2] += share * (acc[2] + speed * wy - state[FORCE + 2])
 
 
 def learn_at_rest(state: Any, params: Any, dt: float, gyr: Any, rests: bool) -> None:
@@ -169,20 +182,18 @@ def learn_at_rest(state: Any, params: Any, dt: float, gyr: Any, rests: bool) -> 
             state[4 + i] = clipped(state[4 + i] + share * (gyr[i] - state[4 + i]), params[2])
 
 
-def turn_by_gyro(state: Any, params: Any, dt: float, wx: float, wy: float, wz: float) -> None:
+def turn_by_gyro(state: Any, params: Any, dt: float, speed: float, wx: float, wy: float, wz: float) -> None:
     """The attitude by the rate (3,) rad/s without bias and the tilt's correction, which becomes bias in slow turns."""
     fx = state[FORCE]
     fy = state[FORCE + 1]
     fz = state[FORCE + 2]
     norm = math.sqrt(fx * fx + fy * fy + fz * fz)
-    speed = 0.0
-    if params[8] > 0.5:
-        speed = state[AIR] if state[AIR_AGE] < AIR_LOST_S else state[SPEED]
     steep = 1.0 if speed > 0.0 and norm > GRAVITY else 2.0
     near = 1.0 - min(steep * abs(norm / GRAVITY - 1.0), 1.0)
     gain = params[0] * near * near / norm if norm > 0.0 else 0.0
-    fy -= speed * wz
-    fz += speed * wy
+    if params[9] > 0.5:
+        fy -= speed * wz
+        fz += speed * wy
     dx, dy, dz = down(state)
     ex = gain * (dy * fz - dz * fy)
     ey = gain * (dz * fx - dx * fz)
