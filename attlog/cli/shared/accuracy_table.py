@@ -44,7 +44,7 @@ def table(estimators: Sequence[Estimator]) -> Iterator[TextLine]:
     when = " to ".join(f"{version} ({day})" for day, version in dict.fromkeys([*dated[:1], *dated[-1:]]))
     yield TextLine(f"  Mean RMSE of {trials} trials: total/heading/inclination; EuRoC: inclination.")
     yield TextLine(
-        "  -: needs mag or gnss. aids: GNSS, barometer, airspeed or rest, there on simulated flights. ns: per update."
+        "  -: needs mag or gnss. aids: GNSS, barometer, airspeed, rest: of simulated flights. ns: per update."
     )
     yield TextLine(f"  Measured with attlog {when}. Intervals: --json, or attlog estimators NAME.")
 
