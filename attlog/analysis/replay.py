@@ -317,6 +317,7 @@ def table_row(
         row.is_reference,
         row.causal,
         row.uses_mag,
+        row.north_by_gnss,
         row.start,
         row.skipped,
         row.quality,

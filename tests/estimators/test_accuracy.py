@@ -9,7 +9,6 @@ import pytest
 from attlog.estimators import names
 from attlog.estimators.accuracy import FILE, SETS, measured
 
-
 HEADING_TOLD = {"gsf": 20}
 """Of the simulated flights those in which GNSS motion tells a heading: no others are trials of such a filter."""
 
