@@ -75,7 +75,7 @@ def aids_of(
 
     ``imu`` is the unit that is replayed, whose filters' lag is told; ``field`` the earth's field there.
     """
-    receiver = next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
+    receiver = receiver_of(log)
     height = next((_measured(b.t_best, b.x) for b in log.baro if b.unit == "m" and len(b.t) > 1), None)
     speed = log.airspeed
     rest = [(s.t0, s.t1) for s in segments.of("rest")]
@@ -89,6 +89,11 @@ def aids_of(
         lag=(0.0, 0.0) if imu is None else (_lag(imu.gyro), _lag(imu.acc)),
         impact=min((s.t0 for s in segments.of("impact")), default=None),
     )
+
+
+def receiver_of(log: FlightLog) -> Gnss | None:
+    """The first receiver with a 3D fix; None where there is none."""
+    return next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
 
 
 def field_of(mag: Mag) -> Measurements | None:

@@ -22,11 +22,15 @@ from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.reference import declination
 from attlog.reference.model import Row
 from attlog.result import EstimatorRow, ParameterValue
+from attlog.segments import gaps
 from attlog.segments.model import Segments
 from attlog.segments.spans import Span
 
 STAGES = logging.getLogger("attlog.stages")
 """Tells which filter is being run; who wants to know adds a handler."""
+
+KNOWN_RAD = np.deg2rad(15.0)
+"""Both firmwares use a heading by GNSS motion below this sigma (EKFGSF_yaw_err_max, GSF_YAW_ACCURACY_THRESHOLD_DEG)."""
 
 
 class Runnable(Protocol):
@@ -143,7 +147,7 @@ def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]
             found.setdefault(item.name, item)
             continue
         try:
-            for row in estimators.select(item, mag=log.mag is not None):
+            for row in estimators.select(item, mag=log.mag is not None, gnss=inputs.receiver_of(log) is not None):
                 estimators.add(found, row)
         except PluginError as error:
             found.setdefault(Path(item).stem, error)
@@ -234,6 +238,7 @@ def replayed(
         aids=_with_field(aids, spec.estimator, mag),
         log=told,
     )
+    north_by_gnss = "gnss" in spec.estimator.needs and wait_for_motion(estimate)
     if np.array_equal(estimate.t, t):
         estimate.t = t  # one array for all rows: in long logs copies add up
     if not whole:
@@ -247,6 +252,7 @@ def replayed(
         estimator=spec.estimator.origin if spec.estimator.origin.endswith(".py") else spec.estimator.name,
         parameters={k: v for k, (v, _) in resolved.items()},
         uses_mag=uses_mag,
+        north_by_gnss=north_by_gnss,
     )
     row.imu = imu
     row.equation = spec.estimator.equation
@@ -255,6 +261,24 @@ def replayed(
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
     return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
+
+
+def wait_for_motion(estimate: Estimate) -> bool:
+    """Mark the time until GNSS motion told a heading, in each segment. Whether the filter says how sure it is of it.
+
+    UsageError where no motion ever told one: such a row would leave no time in which all rows can be compared.
+    """
+    sigma = estimate.aux.get("sigma_heading")
+    if sigma is None or estimate.segment is None or not len(sigma):
+        return False
+    if not np.any(sigma < KNOWN_RAD):
+        least = np.rad2deg(np.min(sigma))
+        raise UsageError(f"no GNSS motion told the heading: its sigma is {least:.0f} deg at the least, 15 are needed")
+    for part in gaps.slices(np.ones(len(sigma), bool), estimate.segment):
+        known = np.append(np.flatnonzero(sigma[part] < KNOWN_RAD), part.stop - part.start)[0]
+        end = np.append(estimate.t[part], np.nextafter(estimate.t[part.stop - 1], np.inf))[known]
+        estimate.no_heading.append((float(estimate.t[part.start]), float(end)))
+    return True
 
 
 def _with_field(aids: estimators.Aids, estimator: estimators.Estimator, mag: Mag | None) -> estimators.Aids:
@@ -293,6 +317,7 @@ def table_row(
         row.is_reference,
         row.causal,
         row.uses_mag,
+        row.north_by_gnss,
         row.start,
         row.skipped,
         row.quality,
@@ -323,6 +348,8 @@ def batch(
     log, ref, estimator = case.log, case.reference, spec.estimator
     if "mag" in estimator.needs and mag is None:
         raise UsageError(f"{estimator.name} needs a magnetometer; the log holds none")
+    if "gnss" in estimator.needs and aids.velocity is None:
+        raise UsageError(f"{estimator.name} needs gnss, which was not given")
     uses_mag = mag is not None and "mag" in estimator.uses
     STAGES.info("running %s with %d parameter sets", spec.name, len(settings))
     t, taken = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t, case.bias_of(imu)
@@ -351,6 +378,7 @@ def batch(
             estimator=estimator.origin if estimator.origin.endswith(".py") else estimator.name,
             parameters={k: v for k, (v, _) in one.resolved(told).items()},
             uses_mag=uses_mag,
+            north_by_gnss="gnss" in estimator.needs and wait_for_motion(estimate),
         )
         row.imu = imu
         row.quality = dict(estimate.quality)

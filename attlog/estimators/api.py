@@ -65,17 +65,17 @@ def parse(text: str) -> EstimatorSpec:
     return row
 
 
-def select(text: str, *, acc: bool = True, mag: bool = True) -> list[EstimatorSpec]:
+def select(text: str, *, acc: bool = True, mag: bool = True, gnss: bool = True) -> list[EstimatorSpec]:
     """The rows of a comma-separated list; ``default`` and ``all`` stand for whole sets.
 
-    ``acc`` and ``mag`` say which sensors the log has: sets leave out what cannot run
+    ``acc``, ``mag`` and ``gnss`` say which sensors the log has: sets leave out what cannot run
     without them, rows that are named stay. A row that comes twice is kept once.
     UsageError as in :func:`parse`.
     """
     sets: dict[str, tuple[str, ...]] = {"default": DEFAULT}
     if "all" in items(text):
         sets["all"] = names()
-    lacking = {sensor for sensor, there in (("acc", acc), ("mag", mag)) if not there}
+    lacking = {sensor for sensor, there in (("acc", acc), ("mag", mag), ("gnss", gnss)) if not there}
     rows: dict[str, EstimatorSpec] = {}
     for item in items(text):
         members = [_member(one) for one in sets[item]] if item in sets else [parse(item)]
@@ -159,7 +159,8 @@ def estimate(
         )
     if mag is None and isinstance(aids, Aids) and aids.mag is not None and "mag" in estimator.uses:
         mag = place(t, aids.mag.t, aids.mag.x)
-    for sensor, data in (("acc", acc), ("mag", mag)):
+    fixes = aids.velocity if isinstance(aids, Aids) else None
+    for sensor, data in (("acc", acc), ("mag", mag), ("gnss", fixes)):
         if sensor in estimator.needs and data is None:
             raise UsageError(f"{estimator.name} needs {sensor}, which was not given")
     if every < 1 or int(every) != every:
@@ -182,7 +183,7 @@ def estimate(
     lead = not ours or (estimator.run is None and estimator.vectors_at == "start")
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)
     samples.once = ours  # others may have to run again, to say where they failed
-    del t, gyr, acc, mag, data, dt  # what was made for this call alone goes before the filter runs
+    del t, gyr, acc, mag, data, fixes, dt  # what was made for this call alone goes before the filter runs
     if estimator.run is not None:
         aids = replace(aids or Aids(), sampling=sampling)
     return loop.with_line(estimator, lambda: loop.run(estimator, samples, values, q0, int(every), aids))

@@ -132,6 +132,8 @@ COMMON = (INIT, DECLINATION)
 SENSORS = frozenset({"gyro", "acc", "mag"})
 AIDS = frozenset({"gnss", "baro", "airspeed", "at_rest"})
 """What ``uses`` may name beside the sensors."""
+NEEDED = SENSORS | {"gnss"}
+"""What ``needs`` may name."""
 
 
 class PluginProcess(Protocol):
@@ -147,7 +149,7 @@ class PluginProcess(Protocol):
 class Estimator:
     """A registered estimator.
 
-    ``needs`` is a subset of {"gyro", "acc", "mag"}: what it cannot run without;
+    ``needs`` is a subset of {"gyro", "acc", "mag", "gnss"}: what it cannot run without;
     ``uses`` is what it takes when there. ``start(params, acc, mag, q0) -> state`` and
     ``step(state, params, dt, gyr, acc, mag)`` for stepping filters, or ``run`` for
     whole-run estimators. ``state[0:4]`` is the quaternion; ``slices`` names other

@@ -6,7 +6,7 @@ equations) and these names:
 ======== ==================================================================================
 SOURCE   paper or package with equation numbers
 EQUATION where several files are one equation: its source, the same in all of them (default empty)
-NEEDS    what it cannot run without, of ``{"gyro", "acc", "mag"}``
+NEEDS    what it cannot run without, of ``{"gyro", "acc", "mag", "gnss"}``
 USES     what it takes when there (default empty), of these and the aids ``{"gnss", "baro",
          "airspeed", "at_rest"}``, which are described in :mod:`attlog.estimators.aids`
 STATE    sizes by name in the order of the state array, ``{"q": 4, "bias": 3, "_P": 9}``;
@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 
 from attlog.base.errors import AttlogError, PluginError, UsageError, suggestion
 from attlog.estimators import isolation, recorded
-from attlog.estimators.base import AIDS, COMMON, DECLINATION, INIT, SENSORS, Estimator, Parameter, VectorsAt
+from attlog.estimators.base import AIDS, COMMON, DECLINATION, INIT, NEEDED, SENSORS, Estimator, Parameter, VectorsAt
 from attlog.estimators.plugin_errors import broken
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ BUILT_IN = (
     "ukf",
     "px4_q",
     "ap_dcm",
+    "gsf",
     "vqf",
     "fusion",
     "eskf",
@@ -132,8 +133,8 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
         raise PluginError(f"{where}: VECTORS_AT must be start or end, not {vectors_at!r}")
     if run is None and not (callable(start) and callable(step)):
         raise PluginError(f"{where}: defines neither start and step nor run; see attlog new")
-    if not needs <= SENSORS:
-        raise PluginError(f"{where}: NEEDS may name gyro, acc and mag, not {', '.join(sorted(needs - SENSORS))}")
+    if not needs <= NEEDED:
+        raise PluginError(f"{where}: NEEDS may name gyro, acc, mag and gnss, not {', '.join(sorted(needs - NEEDED))}")
     if not uses <= SENSORS | AIDS:
         known = ", ".join([*sorted(SENSORS), *sorted(AIDS)])
         raise PluginError(f"{where}: USES may name {known}, not {', '.join(sorted(uses - SENSORS - AIDS))}")

@@ -7,7 +7,7 @@ import re
 from attlog.present.numbers import quantity
 from attlog.result import EstimatorRow, Result
 
-ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "imu", "marg", "mekf", "px4", "q", "ukf"})
+ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "gsf", "imu", "marg", "mekf", "px4", "q", "ukf"})
 """Words of names that are written in capitals; others are written as the estimator's title writes them."""
 
 SET_BY_HAND = ("option", "file")

@@ -190,7 +190,7 @@ class Row:
     are at the row's own times with trim, declination and heading offset applied.
     ``segment`` (n,) counts restarts. ``start`` is the time of its first attitude.
     ``estimator`` is what :func:`attlog.estimators.get` knows the filter by: a name or
-    a user's file; of onboard rows the attitude's name in the log. ``uses_mag`` tells
+    a user's file; of onboard rows the attitude's name in the log. ``knows_north`` tells
     whether its heading means anything without the offset.
     ``ns_per_update`` is None for onboard rows. ``status``: ok, diverged,
     not_converged, failed; ``reason`` the sentence for it.
@@ -202,6 +202,7 @@ class Row:
     q: Array
     segment: NDArray[np.int64]
     uses_mag: bool
+    north_by_gnss: bool = False
     start: float = 0.0
     causal: bool = True
     bias: Array | None = None
@@ -233,6 +234,11 @@ class Row:
     """What an estimator that sees the whole run says of itself."""
     aux: dict[str, Array] = field(default_factory=dict)
     """What else the estimator gave at every sample, (n,) or (n, k) by name."""
+
+    @property
+    def knows_north(self) -> bool:
+        """Whether compass or GNSS motion told its heading."""
+        return self.uses_mag or self.north_by_gnss
 
     def release(self) -> None:
         """Drop everything that has a value for each sample; what is said of the row as a whole stays."""

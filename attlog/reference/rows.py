@@ -34,6 +34,7 @@ def replayed(
     estimator: str = "",
     parameters: dict[str, Any] | None = None,
     uses_mag: bool = False,
+    north_by_gnss: bool = False,
 ) -> Row:
     """An estimate as a row: trim once, heading offset where its heading means nothing, errors and status."""
     t = np.asarray(estimate.t, np.float64)
@@ -49,6 +50,7 @@ def replayed(
         rotation.normalize(estimate.q),
         segment,
         uses_mag,
+        north_by_gnss,
         causal=estimate.causal,
         bias=estimate.bias,
         skipped=dict(estimate.skipped),
@@ -61,12 +63,14 @@ def replayed(
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
         row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="config: trim"))
     row.is_reference = reference.kind == smoothed.NAME and name == smoothed.NAME
-    free_heading = not uses_mag or reference.declination_deg is None or reference.heading_by in NO_NORTH
+    no_north = reference.declination_deg is None and not north_by_gnss
+    free_heading = not row.knows_north or no_north or reference.heading_by in NO_NORTH
     if late:
         size = float(sum(t1 - t0 for t0, t1 in late))
-        text = "no field until then: the heading was unknown, nothing before is scored"
-        row.steps.append(AlignmentStep("late_field", text, size, "s", applied=not free_heading))
-    return _measure(row, segments, reference, free_heading, [] if free_heading else late)
+        what, name = ("motion", "late_motion") if north_by_gnss else ("field", "late_field")
+        text = f"no {what} until then: the heading was unknown, nothing before is scored"
+        row.steps.append(AlignmentStep(name, text, size, "s", applied=not free_heading))
+    return _measure(row, segments, reference, free_heading, [] if free_heading and not north_by_gnss else late)
 
 
 def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Row]:
@@ -138,7 +142,7 @@ def _judge(row: Row, segments: Segments, reference: Reference) -> None:
         row.coverage_pct = 0.0
         row.reason = f"{row.name} and the reference {reference.source} have no time in common"
         return
-    own_heading = row.uses_mag and row.heading_offset_deg is None and not row.heading_shared
+    own_heading = row.knows_north and row.heading_offset_deg is None and not row.heading_shared
     row.coverage_pct = scoring.coverage_pct(errors.t, errors.gap_segment, errors.scored, reference, segments)
     row.convergence_s = scoring.convergence_s(errors, row.start, own_heading)
     tipped = scoring.diverged_at(errors)

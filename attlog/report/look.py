@@ -37,6 +37,7 @@ FIXED = {
     "fusion": (3, "dash"),
     "ap_dcm": (4, "dash"),
     "px4_q": (5, "dash"),
+    "gsf": (7, "dash"),
     "ukf": (6, "dash"),
     "accel_mag": (8, "dash"),
 }

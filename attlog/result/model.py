@@ -70,6 +70,7 @@ class EstimatorRow:
     is_reference: bool = False
     causal: bool = True
     uses_mag: bool = True
+    north_by_gnss: bool = False
     start_s: float = 0.0
     skipped: dict[str, int] = field(default_factory=dict)
     quality: dict[str, float | str] = field(default_factory=dict)

@@ -151,6 +151,7 @@ def _applicable(s: Subject) -> list[tuple[str, Check]]:
         (behaviour.finds_the_gyro_bias, "bias" in s.estimator.slices),
         (behaviour.works_without_magnetometer, "mag" not in s.estimator.needs),
         (bad_input.refuses_without_magnetometer, "mag" in s.estimator.needs),
+        (bad_input.refuses_without_gnss, s.needs_gnss),
         (behaviour.works_with_a_slow_magnetometer, s.corrects_heading and "gyro" in s.estimator.uses),
         (behaviour.does_not_depend_on_the_sampling_rate, s.steps),
         (behaviour.looks_back_only, s.estimator.causal),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from attlog.base.errors import AttlogError
-from attlog.estimators import Estimate, estimate
+from attlog.estimators import Aids, Estimate, Measurements
 from attlog.testing.motion import CONSUMER, Array, Motion, still, swing
 from attlog.testing.subject import Subject, inclination_deg, require, require_attitudes, total_deg
 
@@ -20,7 +20,7 @@ def _counted(skipped: dict[str, int], reason: str, least: int = 1) -> None:
 
 
 def _run(s: Subject, t: Any, gyr: Any, acc: Any, mag: Any) -> Estimate:
-    return estimate(s.row, t, gyr, acc, mag if s.uses_mag else None)
+    return s.on(t, gyr, acc, mag if s.uses_mag else None)
 
 
 def _tilt_stays(s: Subject, q: Array, m: Motion, what: str) -> None:
@@ -33,11 +33,24 @@ def refuses_without_magnetometer(s: Subject) -> None:
     """A filter that needs a magnetometer says so instead of running without."""
     m = still(2.0)
     try:
-        estimate(s.row, m.t, m.gyr, m.acc)
+        s.on(m.t, m.gyr, m.acc)
     except AttlogError as error:
         require("mag" in str(error), f"the refusal does not name the magnetometer: {error}")
     else:
         require(False, "it needs a magnetometer and runs without")
+
+
+def refuses_without_gnss(s: Subject) -> None:
+    """A filter that needs GNSS velocity says so instead of running without; position alone is none."""
+    m = still(2.0)
+    place = Measurements(np.array([0.5]), np.array([[60.0, 10.0, 100.0]]))
+    for aids in (None, Aids(position=place)):
+        try:
+            s.run(m, aids=aids)
+        except AttlogError as error:
+            require("gnss" in str(error), f"the refusal does not name GNSS: {error}")
+        else:
+            require(False, "it needs GNSS and runs without")
 
 
 def survives_nan(s: Subject) -> None:

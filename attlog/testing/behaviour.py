@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from attlog.base import rotation
-from attlog.estimators import Estimate, Parameter, estimate, not_compiled
+from attlog.estimators import Estimate, Parameter, not_compiled
 from attlog.estimators.base import AIDS
 from attlog.testing.extras import aids_in_place
 from attlog.testing.motion import CONSUMER, FIELD_T, Array, Motion, Noise, flight, motion, one_turn, still, swing
@@ -108,8 +108,8 @@ def turns_with_the_earth(s: Subject) -> None:
         limit = EXACT if s.steps else TURNED_RUN
         _require_turned(s.run(m).q, s.run(m, declination=40.0).q, angle, "a declination of 40 deg", limit)
     if s.steps and "mag" not in s.estimator.needs:
-        plain = estimate(s.row, m.t, m.gyr, m.acc, q0=m.q[0]).q
-        turned = estimate(s.row, m.t, m.gyr, m.acc, q0=rotation.turn_about_down(m.q[0], angle)).q
+        plain = s.on(m.t, m.gyr, m.acc, q0=m.q[0]).q
+        turned = s.on(m.t, m.gyr, m.acc, q0=rotation.turn_about_down(m.q[0], angle)).q
         _require_turned(plain, turned, angle, "a start heading that is 40 deg larger")
 
 
@@ -123,7 +123,7 @@ def takes_the_field_in_any_unit(s: Subject) -> None:
     m = flight(20.0)
     plain = s.run(m).q
     for unit, factor in (("gauss", 1e4), ("microtesla", 1e6)):
-        off = total_deg(estimate(s.row, m.t, m.gyr, m.acc, factor * m.mag).q, plain).max()
+        off = total_deg(s.on(m.t, m.gyr, m.acc, factor * m.mag).q, plain).max()
         require(off < (EXACT if s.steps else EXACT_RUN), f"the field in {unit} changes the attitude by {off:.2g} deg")
 
 
@@ -142,7 +142,7 @@ def finds_the_gyro_bias(s: Subject) -> None:
 def works_without_magnetometer(s: Subject) -> None:
     """Without magnetometer tilt is as good; a filter that needs one refuses with a sentence."""
     m = swing(30.0, noise=CONSUMER)
-    e = estimate(s.row, m.t, m.gyr, m.acc)
+    e = s.on(m.t, m.gyr, m.acc)
     require_attitudes(e, m.t)
     if s.uses_acc:
         tilt = np.sqrt(np.mean(inclination_deg(e.q[-1000:], m.q[-1000:]) ** 2))
@@ -155,7 +155,7 @@ def works_with_a_slow_magnetometer(s: Subject) -> None:
     slow = np.full_like(m.mag, np.nan)
     slow[::50] = m.mag[::50]
     full = np.sqrt(np.mean(heading_deg(s.run(m).q[2000:], m.q[2000:]) ** 2))
-    e = estimate(s.row, m.t, m.gyr, m.acc, slow)
+    e = s.on(m.t, m.gyr, m.acc, slow)
     thin = np.sqrt(np.mean(heading_deg(e.q[2000:], m.q[2000:]) ** 2))
     require(thin < full + 3.0, f"heading RMSE is {thin:.1f} deg at 2 Hz and {full:.1f} deg with every sample")
 
@@ -178,7 +178,7 @@ def looks_back_only(s: Subject) -> None:
     half = len(m.t) // 2
     gyr, acc, mag = (np.concatenate([x[:half], -x[half:]]) for x in (later.gyr, later.acc, later.mag))
     a = s.run(m).q[:half]
-    b = estimate(s.row, m.t, gyr, acc, mag if s.uses_mag else None).q[:half]
+    b = s.on(m.t, gyr, acc, mag if s.uses_mag else None).q[:half]
     require(np.array_equal(a, b), f"later samples change earlier attitudes by up to {total_deg(a, b).max():.2g} deg")
 
 

@@ -9,10 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.estimators import Estimate, Estimator, EstimatorSpec, estimate, parse
+from attlog.estimators import Aids, Estimate, Estimator, EstimatorSpec, Measurements, estimate, parse
 from attlog.testing.motion import Motion
 
 Array = NDArray[np.float64]
+
+
+FIXES = np.arange(0.003, 300.0, 0.2)
+IN_PLACE = Aids(velocity=Measurements(FIXES, np.zeros((len(FIXES), 3)), np.full(len(FIXES), 0.1)))
+"""What a filter is given that needs GNSS: a receiver that stays where it is."""
 
 
 class CheckFailed(AssertionError):
@@ -61,13 +66,23 @@ class Subject:
         return self.corrects_tilt and self.uses_mag
 
     @property
+    def needs_gnss(self) -> bool:
+        return "gnss" in self.estimator.needs
+
+    @property
     def steps(self) -> bool:
         """Whether it takes samples one by one (and a start attitude), not whole runs."""
         return self.estimator.step is not None
 
     def run(self, m: Motion, **options: Any) -> Estimate:
         """The estimate on a motion's sensors, with the magnetometer if it is used."""
-        return estimate(self.row, m.t, m.gyr, m.acc, m.mag if self.uses_mag else None, **options)
+        return self.on(m.t, m.gyr, m.acc, m.mag if self.uses_mag else None, **options)
+
+    def on(self, t: Any, gyr: Any, acc: Any, mag: Any = None, **options: Any) -> Estimate:
+        """The estimate on samples, with fixes for a filter that needs them."""
+        if self.needs_gnss:
+            options.setdefault("aids", IN_PLACE)
+        return estimate(self.row, t, gyr, acc, mag, **options)
 
 
 def inclination_deg(q: Array, truth: Array) -> Array:

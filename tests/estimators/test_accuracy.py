@@ -9,6 +9,9 @@ import pytest
 from attlog.estimators import names
 from attlog.estimators.accuracy import FILE, SETS, measured
 
+HEADING_TOLD = {"gsf": 20}
+"""Of the simulated flights those in which GNSS motion tells a heading: no others are trials of such a filter."""
+
 
 def test_every_filter_of_attlog_was_measured_on_all_trials() -> None:
     trials = {"broad": 15, "euroc": 4, "simulated": 24, "simulated_unbiased": 24}
@@ -16,7 +19,7 @@ def test_every_filter_of_attlog_was_measured_on_all_trials() -> None:
     for name in names():
         if name in measured():  # a filter of a package that is installed here was not
             assert {key: one.trials for key, one in measured()[name].items()} == {
-                key: n for key, n in trials.items() if key in measured()[name]
+                key: HEADING_TOLD.get(name, n) for key, n in trials.items() if key in measured()[name]
             }
     assert {"gyro", "mahony", "mekf", "vqf", "smoother"} <= set(measured())
 

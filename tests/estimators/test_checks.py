@@ -15,7 +15,7 @@ from attlog.base.errors import PluginError
 from attlog.estimators import Estimate, Estimator, EstimatorSpec, Parameter, get
 from attlog.estimators.engine import samples
 from attlog.estimators.engine.vectors import down, field_error, gravity_error, turn
-from attlog.testing import CheckFailed, CheckOutcome, bad_input, behaviour, check_estimator, checks
+from attlog.testing import CheckFailed, CheckOutcome, bad_input, behaviour, check_estimator, checks, subject
 from attlog.testing.subject import Subject
 
 
@@ -227,25 +227,27 @@ def test_a_changed_input_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def careless(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any) -> None:
         np.nan_to_num(mag, copy=False)
 
-    monkeypatch.setattr(bad_input, "estimate", careless)
+    monkeypatch.setattr(subject, "estimate", careless)
     with pytest.raises(CheckFailed, match="changes its input mag"):
         bad_input.leaves_its_input_alone(Subject.of("mahony"))
 
 
 def test_arrays_that_make_a_difference_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = bad_input.estimate
+    plain = subject.estimate
 
     def picky(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any = None) -> Estimate:
         return plain(row, t, gyr if gyr.dtype == np.float64 else 0.9 * gyr, acc, mag)
 
-    monkeypatch.setattr(bad_input, "estimate", picky)
+    monkeypatch.setattr(subject, "estimate", picky)
     with pytest.raises(CheckFailed, match="float32"):
         bad_input.takes_any_array(Subject.of("mahony"))
 
 
-def test_running_without_the_magnetometer_it_needs_is_found() -> None:
-    with pytest.raises(CheckFailed, match="runs without"):
+def test_running_without_the_sensor_it_needs_is_found() -> None:
+    with pytest.raises(CheckFailed, match="needs a magnetometer and runs without"):
         bad_input.refuses_without_magnetometer(Subject.of("mahony"))
+    with pytest.raises(CheckFailed, match="needs GNSS and runs without"):
+        bad_input.refuses_without_gnss(Subject.of("eskf"))
 
 
 def test_outcomes_name_the_check_and_say_what_happened() -> None:

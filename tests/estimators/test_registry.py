@@ -202,6 +202,7 @@ def test_sets_leave_out_what_the_sensors_do_not_allow() -> None:
     everything = {r.name for r in select("all")}
     assert everything == set(names())
     assert everything - {r.name for r in select("all", mag=False)} == {n for n in names() if "mag" in get(n).needs}
+    assert everything - {r.name for r in select("all", gnss=False)} == {n for n in names() if "gnss" in get(n).needs}
     assert [r.name for r in select("accel_mag", mag=False)] == ["accel_mag"]
     assert "gyro" in {r.name for r in select("default", acc=False, mag=False)}
 

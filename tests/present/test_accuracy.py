@@ -158,6 +158,8 @@ def test_errors_that_are_shown_alike_are_all_the_same_and_what_has_no_compass_ha
     assert "tilt errors are all 2.1° against" in said
     assert "Heading errors are all 0.40°" in said
     assert said.endswith(" Without a compass they know no north: each heading counts from the start.")
+    rows[0].north_by_gnss = True
+    assert "no north" not in sentence("accuracy", made(rows))
 
 
 def test_what_the_ranking_rests_on_is_said_once():

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 SHOWN = ("broad", "euroc", "simulated")
 """The sets that have a column; the others are in JSON and on the page of one filter."""
 SENSORS = ("gyro", "acc", "mag")
+NEEDED = (*SENSORS, "gnss")
 
 
 def lines(name: str) -> list[str]:
@@ -43,15 +44,15 @@ def table(estimators: Sequence[Estimator]) -> Iterator[TextLine]:
     when = " to ".join(f"{version} ({day})" for day, version in dict.fromkeys([*dated[:1], *dated[-1:]]))
     yield TextLine(f"  Mean RMSE of {trials} trials: total/heading/inclination; EuRoC: inclination.")
     yield TextLine(
-        "  -: needs mag. aids: GNSS, barometer, airspeed or rest, there on simulated flights. ns: per update."
+        "  -: needs mag or gnss. aids: GNSS, barometer, airspeed, rest: of simulated flights. ns: per update."
     )
     yield TextLine(f"  Measured with attlog {when}. Intervals: --json, or attlog estimators NAME.")
 
 
 def _short_needs(e: Estimator) -> str:
     """The sensors that a filter needs, in brackets what it uses; the kinds of aids are not told apart."""
-    more = [s for s in SENSORS if s in e.uses - e.needs] + ["aids"] * bool(e.uses - set(SENSORS))
-    return " ".join(s for s in SENSORS if s in e.needs) + (f" ({' '.join(more)})" if more else "")
+    more = [s for s in SENSORS if s in e.uses - e.needs] + ["aids"] * bool(e.uses - e.needs - set(SENSORS))
+    return " ".join(s for s in NEEDED if s in e.needs) + (f" ({' '.join(more)})" if more else "")
 
 
 def _interval(rmse: MeanRmse) -> str:

@@ -96,7 +96,7 @@ def own_north(row: Row) -> float | None:
     if row.heading_offset_deg is None:
         return 0.0
     one = len(row.segment) > 0 and row.segment[0] == row.segment[-1]
-    return row.heading_offset_deg if row.uses_mag and one else None
+    return row.heading_offset_deg if row.knows_north and one else None
 
 
 def _shifted(found: HeadingOffset, turned: float) -> HeadingOffset:

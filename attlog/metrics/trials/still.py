@@ -73,7 +73,11 @@ def of_log(case: Case, row: Row, shortest: float, longest: float) -> StillSample
 def end(row: Row, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
     """The attitude (4,) that the row's filter ends with over such samples. AttlogError where it cannot be run."""
     estimator = estimators.get(row.estimator)
-    found = estimators.estimate(estimator, still.t, gyro, acc, mag, sampling=still.sampling, **row.parameters)
+    stands = estimators.Measurements(still.t[:1], np.zeros((1, 3))) if "gnss" in estimator.needs else None
+    aids = estimators.Aids(velocity=stands)
+    found = estimators.estimate(
+        estimator, still.t, gyro, acc, mag, sampling=still.sampling, aids=aids, **row.parameters
+    )
     return rotation.normalize(found.q[-1])
 
 

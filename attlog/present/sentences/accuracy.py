@@ -143,7 +143,7 @@ def heading_part(result: Result, tilt: ColumnRanking, heading: ColumnRanking) ->
 
 def no_north(result: Result, heading: ColumnRanking) -> str:
     """That headings of filters without a compass are compared with their offset subtracted."""
-    if not heading.filters or any(row.uses_mag for row in result.estimators if row.kind == "replay"):
+    if not heading.filters or any(r.uses_mag or r.north_by_gnss for r in result.estimators if r.kind == "replay"):
         return ""
     return " Without a compass they know no north: each heading counts from the start."
 

@@ -136,7 +136,7 @@ def test_a_batch_with_aids_equals_runs_one_by_one(recorder: Path) -> None:
         (", mag, aid)", ", mag)", "step must take state, params, dt, gyr, acc, mag, aid; aid is there because"),
         ('"gnss", "baro", "at_rest"', '"mag"', "step must take state, params, dt, gyr, acc, mag"),
         ('"gnss", ', '"gps", ', "USES may name"),
-        ('NEEDS = {"gyro"}', 'NEEDS = {"gyro", "gnss"}', "NEEDS may name gyro, acc and mag, not gnss"),
+        ('NEEDS = {"gyro"}', 'NEEDS = {"gyro", "baro"}', "NEEDS may name gyro, acc, mag and gnss, not baro"),
     ],
 )
 def test_a_step_that_does_not_fit_its_uses_is_told(recorder: Path, find: str, put: str, words: str) -> None:
