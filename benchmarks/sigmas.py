@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,7 @@ def ratios(name: str, flight: Flight, each: bool) -> Array:
     """Error over sigma (2,) of one estimator on one flight: tilt and heading."""
     label, given, t, truth, scored = flight
     if name.endswith(NO_GNSS):
-        given = given | {"aids": Aids()}
+        given = given | {"aids": replace(given.get("aids", Aids()), position=None, velocity=None)}
     e = estimate(name.removesuffix(NO_GNSS), **given)
     use = scored & np.isfinite(truth).all(axis=1) & (t <= e.t[-1])
     off = rotation.error(rotation.slerp(e.t, e.q, t[use]), truth[use])
