@@ -46,7 +46,8 @@ def table(estimators: Sequence[Estimator]) -> Iterator[TextLine]:
     yield TextLine(
         "  -: needs mag or gnss. aids: GNSS, barometer, airspeed, rest: of simulated flights. ns: per update."
     )
-    yield TextLine(f"  Measured with attlog {when}. Intervals: --json, or attlog estimators NAME.")
+    yield TextLine(f"  Measured with attlog {when}.")
+    yield TextLine("  Intervals: --json, or attlog estimators NAME.")
 
 
 def _short_needs(e: Estimator) -> str:
