@@ -40,6 +40,7 @@ def headline_of(log: FlightLog) -> str:
 
 
 SAID = {
+    "copter_4.8dev_barodrift.BIN": ["never left the ground", r"EKF failsafe at 52\.4 s, disarmed"],
     "px4_1.14_clipping_crash.ulg": [
         "PX4 1.14.3",
         "34 to 46 s",
