@@ -27,3 +27,22 @@ def test_a_rangefinder_that_looks_aslant_tells_the_height_and_not_the_slant_rang
     assert level.sensor == "range"
     assert level.above[t > 16.0] == pytest.approx(2.8)
     assert level.above[t < 9.0] == pytest.approx(0.0)
+
+
+def level(sensor: str, above: np.ndarray) -> heights.Level:
+    return heights.Level(sensor, sensor, above)
+
+
+def test_a_flight_is_as_high_as_a_rangefinder_that_saw_the_ground_nearly_all_the_time_tells() -> None:
+    flying = np.arange(200) < 100
+    ranged, pressed = np.full(200, 8.0), np.full(200, 9.5)
+    ranged[150], pressed[150] = 50.0, 60.0  # after landing
+    both = [level("range", ranged), level("barometer", pressed)]
+    assert heights.highest(both, flying) == (both[0], 8.0)
+    ranged[:4] = np.nan
+    assert heights.highest(both, flying) == (both[0], 8.0)
+    ranged[:6] = np.nan
+    assert heights.highest(both, flying) == (both[1], 9.5)
+    pressed[:100] = 0.2
+    assert heights.highest(both, flying) == (both[0], 8.0)
+    assert heights.highest([level("GNSS", np.full(200, np.nan))], flying) is None

@@ -167,11 +167,3 @@ def test_motors_that_ran_for_more_than_ten_seconds_before_a_flight_stood() -> No
     for begin, stood in ((9.0, True), (11.0, False)):
         assert flown._stood_armed(Segments([Segment("armed", begin, 60.0)]), 20.0) is stood
     assert not flown._stood_armed(Segments([Segment("armed", 0.0, 15.0)]), 20.0)
-
-
-def test_a_rangefinder_that_sees_nearly_all_is_preferred_and_one_that_does_not_comes_last() -> None:
-    seen = np.ones(100)
-    assert flown._preference("range", seen) == 0
-    seen[:5] = np.nan
-    assert flown._preference("range", seen) == 2
-    assert flown._preference("barometer", seen) == 1

@@ -20,7 +20,10 @@ HIGHEST_HAND_M_S, CLIMBS_M_S = 2.0, 0.5
 LEVEL_S, STANDS_S = 1.0, 1.0
 MOVED_M = 0.5
 """A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing."""
-
+SEEN = 0.95
+"""A rangefinder in range for this part of a flight tells how high it went."""
+ROSE_M = 0.3
+"""A height that never rose by more tells of no flight."""
 FALLS_S, FALLS_M = 10.0, 5.0
 """A pause of the drive of up to so long in which the height changes by more than this is a fall or a climb in the air:
 on the ground propellers move a barometer by up to 4 m."""
@@ -65,6 +68,22 @@ def levels_of(log: FlightLog, grid: Grid, driven: Mask) -> list[Level]:
             found.append(Level(sensor, stream.source, level - np.interp(grid.t, grid.t[ground], level[ground])))
             break
     return found
+
+
+def highest(levels: list[Level], flying: Mask) -> tuple[Level, float] | None:
+    """The height that tells how high it went while ``flying`` (n,), and its largest there, m; None where none does.
+
+    A rangefinder that sees the ground nearly all the time is right; a barometer feels wind; GNSS stays behind.
+    """
+    for level in sorted(levels, key=lambda level: _preference(level.sensor, level.above[flying])):
+        mine = level.above[flying]
+        if np.isfinite(mine).any() and np.nanmax(mine) > ROSE_M:
+            return level, float(np.nanmax(mine))
+    return None
+
+
+def _preference(sensor: str, above: Array) -> int:
+    return 0 if sensor == "range" and np.isfinite(above).mean() > SEEN else 2 if sensor == "range" else 1
 
 
 def joined_aloft(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) -> list[tuple[int, int]]:
