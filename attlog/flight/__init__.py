@@ -10,6 +10,7 @@ import numpy as np
 from attlog import formats
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.base.limits import MAX_ATTITUDES
+from attlog.flight import frozen
 from attlog.flight import memory as room
 from attlog.flight.calibration.recorrection import recorrect
 from attlog.flight.clock.pieces import others, seconds_of
@@ -80,6 +81,7 @@ def flight_in(
         # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
         log = read_messages(part, imu, mag, system)
     keep_some_attitudes(log)
+    frozen.leave_out(log)
     log.boot, log.boots = chosen, boots
     log.problems += refused
     log.given_params, log.filled_params = given, filled
