@@ -93,14 +93,14 @@ def _told(name: str, attitude: Attitude, runs: list[tuple[int, int]], kept: Mask
     weight: Severity = "warning" if flew else "note"
     if not kept.any():
         text = f"{name}: all {count:,} records hold one attitude, so this estimate never ran; it is not used."
-        return Problem(CODE, weight, text, count=count)
+        return Problem(CODE, weight, text)
     if len(runs) == 1 and a == 0:
         text = f"{name}: it holds one attitude to {t1:.1f} s, before this estimate ran; {count:,} records are left out."
-        return Problem(CODE, "note", text, count=count)
+        return Problem(CODE, "note", text)
     more = f", first for {t1 - t0:.1f} s from {t0:.1f} s" if len(runs) > 1 else f" for {t1 - t0:.1f} s from {t0:.1f} s"
     often = f" {len(runs)} times" if len(runs) > 1 else ""
     text = f"{name}: the attitude froze{often}{more}; {count:,} records are left out."
-    return Problem(CODE, "warning", text, t=t0, count=count)
+    return Problem(CODE, "warning", text, t=t0)
 
 
 def _part(attitude: Attitude, kept: Mask) -> Attitude:
