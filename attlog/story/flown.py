@@ -91,7 +91,8 @@ def _stood_armed(segments: Segments, liftoff: float) -> bool:
 
 def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
     """What it did that never flew."""
-    total = f"{log.seconds:.0f} s"
+    seconds = max([log.seconds, *(e.t_end or e.t for e in events)])  # what was told after the last sample counts
+    total = f"{seconds:.0f} s"
     if not log.kind.flies:
         air = np.arange(0.0, max(log.seconds, 1.0), 1.0)
         speed = speed_m_s(log, air)
@@ -100,7 +101,7 @@ def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> li
         top = float(np.nanmax(speed))
         return [f"moved at up to {figures(top)} m/s in {total}." if top > 0.5 else f"stood still for {total}."]
     if "airborne" in segments.unknown:
-        return [f"{f'{total}; ' if log.seconds > 0 else ''}nothing in the log shows whether it flew."]
+        return [f"{f'{total}; ' if seconds > 0 else ''}nothing in the log shows whether it flew."]
     if any(e.is_crash for e in events):
         return ["never flew."]
     armed = sum(e.kind == "armed" for e in events)

@@ -167,3 +167,11 @@ def test_motors_that_ran_for_more_than_ten_seconds_before_a_flight_stood() -> No
     for begin, stood in ((9.0, True), (11.0, False)):
         assert flown._stood_armed(Segments([Segment("armed", begin, 60.0)]), 20.0) is stood
     assert not flown._stood_armed(Segments([Segment("armed", 0.0, 15.0)]), 20.0)
+
+
+def test_what_happened_after_the_last_sample_lies_within_the_time_that_is_told() -> None:
+    """A log's IMU ended at 16 s, and its headline told a failsafe at 21 s beside "in 16 s"."""
+    made = log(armed=TimeLine(np.array([0.0]), [False], "ARM"), seconds=16.0)
+    late = Event("failsafe", 21.0, "warning", "Radio failsafe at 21.0 s.")
+    assert flown.flown(made, Segments(), [])[0] == "never armed in 16 s."
+    assert flown.flown(made, Segments(), [late])[0] == "never armed in 21 s."
