@@ -26,13 +26,14 @@ AT_ONCE_S = 10.0
 SET_S = 1.0
 """A failsafe sets its mode so soon before or after it is told."""
 NAMED = (
-    (re.compile(r"\bradio|\brc\b|\bmanual control", re.I), "Radio failsafe"),
-    (re.compile(r"\bgcs\b|ground station|data ?link", re.I), "Ground station failsafe"),
+    (re.compile(r"\bradio|\brc\b|\bmanual control|trigger 0x[13]\b", re.I), "Radio failsafe"),
+    (re.compile(r"\bgcs\b|ground station|data ?link|trigger 0x2\b", re.I), "Ground station failsafe"),
     (re.compile(r"\bekf\b", re.I), "EKF failsafe"),
     (re.compile(r"\bgps\b|\bgnss\b", re.I), "GNSS failsafe"),
     (re.compile(r"\bterrain", re.I), "Terrain failsafe"),
 )
-"""What a failsafe is of, where its text says so."""
+"""What a failsafe is of, where its text says so. Rovers to 2.50 say bits: 1 throttle, 2 ground station (APMrover2,
+defines.h)."""
 FIRST_FIX_S, FIX_3D = 5.0, 3
 """The failsafe of GNSS means 5 s without a position: so soon after the first one they cannot have passed."""
 CODES = {

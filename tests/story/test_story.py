@@ -256,6 +256,9 @@ def test_a_failsafe_of_a_disarmed_vehicle_warns_nobody(t, severity):
     ("text", "name"),
     [
         ("Radio Failsafe - Disarming", "Radio failsafe"),
+        ("Failsafe trigger 0x1", "Radio failsafe"),
+        ("Failsafe trigger 0x2", "Ground station failsafe"),
+        ("Failsafe trigger 0x10", "Failsafe"),
         ("[failsafe] Failsafe activated", "Failsafe"),
         ("GCS Failsafe", "Ground station failsafe"),
         ("Failsafe: Terrain data missing", "Terrain failsafe"),

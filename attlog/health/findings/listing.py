@@ -54,7 +54,7 @@ def findings(
     its place (``attlog.health.agreement``); those of sensors that are not in use are notes.
     """
     events, health = list(events), list(health)
-    checks = list(checks)
+    checks = record.of_what_was_measured(list(checks), log)
     answers = agreement.answers(log, checks, health)
     checks = agreement.agreed(log, checks, health)
     spare = agreement.of_other_sensors(log, health)

@@ -326,3 +326,11 @@ def test_a_compass_that_is_its_offsets_is_told_once_with_what_to_check(log: Flig
     left_out = Problem("mag_only_offsets", "warning", "MAG: every value equals the compass offsets.")
     found = {f.kind: f for f in findings(log, [zero, other], [left_out])}
     assert {k: f.text for k, f in found.items()} == {"mag_only_offsets": left_out.text, "mag_dead": other.text}
+
+
+def test_of_a_sensor_whose_records_were_refused_no_check_is_told(log: FlightLog) -> None:
+    """Of 74 % impossible values a mean force of 68 m/s^2 and a tilt of 54 deg were told as faults of a calibration."""
+    wrong = [check("gravity in flight"), check("gravity direction"), check("jitter"), check("field")]
+    assert len(findings(log, wrong)) > 2
+    log.problems = [Problem("imu_mostly_refused", "error", "Mostly refused.")]
+    assert {f.text for f in findings(log, wrong)} == {"Mostly refused.", "field is off."}

@@ -162,10 +162,10 @@ def test_a_sensor_of_zeros_or_with_a_constant_axis_is_dead() -> None:
     assert gyro.alive("gyro", x, "IMU:0") == []
     x[:, 1] = 0.3
     (found,) = gyro.alive("gyro", x, "IMU:0")
-    assert (found.verdict, found.value, found.text) == ("fault", "constant", "IMU:0: axis y is constant.")
+    assert (found.verdict, found.value, found.text) == ("fault", "constant", "IMU:0: gyro axis y is constant.")
     assert gyro.alive("gyro", x[:19], "IMU:0") == []
     assert gyro.alive("gyro", 0.0 * x[:5], "IMU:0")[0].value == "zero"
-    assert gyro.alive("gyro", 0.0 * x + 1.0, "IMU:0")[0].text == "IMU:0: all axes are constant."
+    assert gyro.alive("gyro", 0.0 * x + 1.0, "IMU:0")[0].text == "IMU:0: all axes of the gyro are constant."
 
 
 def force_log(after: float, climb: float = 0.0) -> FlightLog:
