@@ -18,6 +18,8 @@ from attlog.segments.model import Segments
 STANDARD_GRAVITY = 9.80665
 TILT_LIMITS_DEG = (3.0, 10.0)
 CLIMB_M_S = 8.0
+MEAN_GRAVITY = "mean gravity"
+"""What the direction of gravity is about where it is the mean force of a flight, in whose limits no level lies."""
 """Change of vertical speed that a flight may begin or end with: its share of the mean falls with time."""
 
 
@@ -118,7 +120,8 @@ def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
     mean, seconds = flown
     angle = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), -mean[2])))
     text = f"Mean gravity over {seconds:.0f} s and {log.onboard} differ by {angle:.1f} deg."
-    return Check("gravity direction", graded(angle, 10.0, 30.0), text, round(angle, 2), "deg", limit)
+    verdict = graded(angle, 10.0, 30.0)
+    return Check("gravity direction", verdict, text, round(angle, 2), "deg", limit, about=MEAN_GRAVITY)
 
 
 def of_imu(log: FlightLog, attitude: Attitude) -> Array:
