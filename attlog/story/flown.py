@@ -91,7 +91,8 @@ def _stood_armed(segments: Segments, liftoff: float) -> bool:
 
 def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
     """What it did that never flew."""
-    seconds = max([log.seconds, *(e.t_end or e.t for e in events)])  # what was told after the last sample counts
+    # a failsafe after the last sample may be told beside it; other texts go on long after what was measured
+    seconds = max([log.seconds, *(e.t for e in events if e.kind in ("failsafe", "battery"))])
     total = f"{seconds:.0f} s"
     if not log.kind.flies:
         air = np.arange(0.0, max(log.seconds, 1.0), 1.0)

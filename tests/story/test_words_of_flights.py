@@ -175,3 +175,5 @@ def test_what_happened_after_the_last_sample_lies_within_the_time_that_is_told()
     late = Event("failsafe", 21.0, "warning", "Radio failsafe at 21.0 s.")
     assert flown.flown(made, Segments(), [])[0] == "never armed in 16 s."
     assert flown.flown(made, Segments(), [late])[0] == "never armed in 21 s."
+    said = Event("message", 64.0, "note", "“Ready”.")
+    assert flown.flown(made, Segments(), [said])[0] == "never armed in 16 s."
