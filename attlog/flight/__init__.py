@@ -10,6 +10,7 @@ import numpy as np
 from attlog import formats
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.base.limits import MAX_ATTITUDES
+from attlog.flight import frozen
 from attlog.flight import memory as room
 from attlog.flight.calibration.recorrection import recorrect
 from attlog.flight.clock.pieces import others, seconds_of
@@ -43,6 +44,7 @@ def read(
     boot: int | None = None,
     system: int | None = None,
     params: str | Path | None = None,
+    key: str | Path | None = None,
 ) -> FlightLog:
     """The flight in a log file: one clock in s, SI units, body axes forward-right-down, earth axes north-east-down.
 
@@ -50,11 +52,13 @@ def read(
     ``mag`` name an instance instead of the one that flew (``mag="none"``: no magnetometer), ``boot`` one of several
     power-ups in a file, ``system`` one of several vehicles in a tlog, ``params`` a ground station's parameter file for
     what the log does not tell (filters under the firmware's names take all of it; compasses and accelerometers are
-    corrected by its calibration instead of the log's). NotALog or LogUnusable if the file
+    corrected by its calibration instead of the log's), ``key`` the vehicle's private key in a PEM file, which opens an
+    encrypted ULog (None: that of the variable ATTLOG_KEY). NotALog or LogUnusable if the file
     holds no flight, LogUnreadable if it cannot be opened, TooLittleMemory if the machine cannot hold it, UsageError for
-    a bad parameter file. A log without usable IMU is returned with ``imu`` None and the reason among ``problems``.
+    a bad parameter file or key. A log without usable IMU is returned with ``imu`` None and the reason among
+    ``problems``.
     """
-    return flight_in(formats.open(path, system), imu=imu, mag=mag, boot=boot, system=system, params=params)
+    return flight_in(formats.open(path, system, key=key), imu=imu, mag=mag, boot=boot, system=system, params=params)
 
 
 def flight_in(
@@ -80,6 +84,7 @@ def flight_in(
         # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
         log = read_messages(part, imu, mag, system)
     keep_some_attitudes(log)
+    frozen.leave_out(log)
     log.boot, log.boots = chosen, boots
     log.problems += refused
     log.given_params, log.filled_params = given, filled

@@ -16,6 +16,8 @@ from attlog.flight.model import Array, Imu, Mag
 GAUSS = 1e-4
 """Tesla per gauss."""
 SPIKE_FACTOR = 3.0
+SINGLE = 3
+"""So many spikes are no trouble, however short the log."""
 """A record whose norm is this many times the local median, or this part of it, is a spike."""
 TURN_DEG = 15.0
 """A field that stays constant while the gyro sees this much turn is not measured."""
@@ -52,9 +54,9 @@ def build(
         worst = int(bad.sum())
         builder.problem(
             "mag_spikes",
-            "warning" if worst > 0.01 * len(bad) else "note",
-            f"{source}: left out {worst} of {len(bad)} records, zero or more than a factor {SPIKE_FACTOR:.0f} off "
-            "their neighbours.",
+            "warning" if worst > max(0.01 * len(bad), SINGLE) else "note",
+            f"{source}: left out {worst} of {len(bad)} records of the magnetometer, zero or more than a factor "
+            f"{SPIKE_FACTOR:.0f} off their neighbours.",
             t=float(stream.t[np.flatnonzero(bad)[0]]),
             count=worst,
         )

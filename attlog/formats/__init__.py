@@ -94,21 +94,24 @@ FORMATS = (
 )
 
 
-def open(path: Path | str, system: int | None = None) -> Messages:
+def open(path: Path | str, system: int | None = None, *, key: Path | str | None = None) -> Messages:
     """The log as :class:`Messages`, whatever its format; a gzip file is unpacked first.
 
     ``system``: the MAVLink vehicle whose parameters, texts and boots are wanted, in formats that can hold several;
-    the others hold one vehicle and take no notice. LogUnreadable: missing, a folder, no permission. NotALog: empty
+    the others hold one vehicle and take no notice. ``key``: the file of the private key that opens an encrypted log,
+    None: that of the variable ATTLOG_KEY. LogUnreadable: missing, a folder, no permission. NotALog: empty
     or none of the formats. LogUnusable: a format that cannot be read (encrypted, newer), or a file that unpacks to
     more than any log.
     """
     from attlog.base.limits import MAX_DAMAGE
     from attlog.formats.compression import content
+    from attlog.formats.ulog.encrypted import opened_with
 
     path = Path(path)
     entry = format_named(recognise(path))
     data, lost = content(path)
-    messages = entry.read(path, data, system)
+    with opened_with(key):
+        messages = entry.read(path, data, system)
     if lost is not None:
         messages.damage = [lost, *messages.damage[: MAX_DAMAGE - 1]]  # the cause of what is missing stands first
         messages.damage_places += 1

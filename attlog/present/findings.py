@@ -80,7 +80,8 @@ def _shown(finding: Finding) -> ShownFinding:
     if finding.offset is not None and str(finding.offset) not in finding.text:
         text = f"{text.rstrip('.')}, at byte {finding.offset:,}."
     t = round(finding.t, 3) if finding.t is not None and math.isfinite(finding.t) else None
-    times = f"{finding.count} times" if finding.count > 1 and f" {finding.count} " not in f" {text} " else ""
+    told = any(f" {n} " in f" {text} " for n in (str(finding.count), f"{finding.count:,}"))
+    times = f"{finding.count:,} times" if finding.count > 1 and not told else ""
     before, when, after = _timed(text, t, times)
     why = [typeset(line) for line in finding.evidence]
     why += [f"Cause: {typeset(finding.cause)}"] if finding.cause else []

@@ -37,7 +37,7 @@ def _continuous_alone(log: FlightLog) -> Segments:
     if not len(clock):
         return Segments([], {}, UNKNOWN)
     whole = Segment("continuous", float(np.min(clock)), float(np.max(clock)), "rest, arming and flight are not known")
-    return Segments(part_of(log, "Gaps", lambda: gaps.find(clock), lambda: [whole]), {}, UNKNOWN)
+    return Segments(part_of(log, "Gaps", lambda: gaps.find(clock, bool(log.imus)), lambda: [whole]), {}, UNKNOWN)
 
 
 def _clock(log: FlightLog) -> Array:
@@ -53,7 +53,7 @@ def _found(log: FlightLog) -> Segments:
     imu = log.replay_imu or next(iter(log.imus), None)
     onboard = log.onboard_attitude
     clock = _clock(log)
-    found: list[Segment] = gaps.find(clock)
+    found: list[Segment] = gaps.find(clock, imu is not None)
     if imu is None:
         notes["continuous"] = (
             "no IMU to replay: continuous segments are those of the onboard attitude, and nothing shows rest"

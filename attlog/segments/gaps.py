@@ -83,8 +83,11 @@ def rising(t: Array, x: Array) -> tuple[Array, Array]:
     return t, x
 
 
-def find(t: Array) -> list[Segment]:
-    """Continuous segments and the gaps between them, of the times (n,) of the replayed IMU."""
+def find(t: Array, replayed: bool = True) -> list[Segment]:
+    """Continuous segments and the gaps between them, of the times (n,) of the replayed IMU.
+
+    ``replayed``: False where they are those of the onboard attitude, because the log has no IMU for a filter.
+    """
     if len(t) < 2:
         return []
     limit = gap.limit_of(t)
@@ -99,8 +102,9 @@ def find(t: Array) -> list[Segment]:
     for a, b in zip(last[:-1], first[1:], strict=True):
         seconds = float(t[b] - t[a])
         if seconds > 0:
-            kind = "a filter restarts" if seconds > gap.RESTART_S else "a filter integrates across"
-            found.append(Segment("gap", float(t[a]), float(t[b]), f"no IMU sample for {seconds:.2f} s; {kind}"))
+            then = "a filter restarts" if seconds > gap.RESTART_S else "a filter integrates across"
+            why = f"no IMU sample for {seconds:.2f} s; {then}" if replayed else f"no attitude for {seconds:.2f} s"
+            found.append(Segment("gap", float(t[a]), float(t[b]), why))
     return found
 
 

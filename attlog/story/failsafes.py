@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,14 +20,20 @@ AGAIN_S = 60.0
 KILLED_S = 1.0
 MEASURED_S = 1.0
 """In a log's first second a battery may not have been measured yet."""
+ENDED_S = 2.0
+"""A failsafe so soon after a landing still belongs to the flight; a mode set so soon before one ends none."""
+AT_ONCE_S = 10.0
+SET_S = 1.0
+"""A failsafe sets its mode so soon before or after it is told."""
 NAMED = (
-    (re.compile(r"\bradio|\brc\b|\bmanual control", re.I), "Radio failsafe"),
-    (re.compile(r"\bgcs\b|ground station|data ?link", re.I), "Ground station failsafe"),
+    (re.compile(r"\bradio|\brc\b|\bmanual control|trigger 0x[13]\b", re.I), "Radio failsafe"),
+    (re.compile(r"\bgcs\b|ground station|data ?link|trigger 0x2\b", re.I), "Ground station failsafe"),
     (re.compile(r"\bekf\b", re.I), "EKF failsafe"),
     (re.compile(r"\bgps\b|\bgnss\b", re.I), "GNSS failsafe"),
     (re.compile(r"\bterrain", re.I), "Terrain failsafe"),
 )
-"""What a failsafe is of, where its text says so."""
+"""What a failsafe is of, where its text says so. Rovers to 2.50 say bits: 1 throttle, 2 ground station (APMrover2,
+defines.h)."""
 FIRST_FIX_S, FIX_3D = 5.0, 3
 """The failsafe of GNSS means 5 s without a position: so soon after the first one they cannot have passed."""
 CODES = {
@@ -119,3 +126,31 @@ def _killed(log: FlightLog, segments: Segments, told: list[Text]) -> list[Event]
         t = stopped[0].t
         found.append(Event("failsafe", t, weight(t), f"Kill switch at {t:.1f} s.", evidence=[stopped[0].text]))
     return found
+
+
+def in_headline(first: list[str], log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
+    """What went wrong first and, where that is something else, the last failsafe in flight; one that ended the flight
+    is told in any case.
+
+    One of a disarmed vehicle that never flew warns nobody, but is what happened where nothing else did.
+    """
+    crash = next((e.t for e in events if e.is_crash), np.inf)
+    found = [e for e in events if e.kind in ("failsafe", "battery") and "Kill switch" not in e.text]
+    for a, b in reversed(segments.spans("airborne")):
+        aloft = [e for e in found if e.severity == "warning" and a <= e.t <= min(b + ENDED_S, crash)]
+        if aloft:
+            last = aloft[-1]
+            both = [x if x == last.text else f"{x} {last.text}" for x in first if x] or [last.text]
+            return [*both, last.text] if _ended_it(log, last.t, b) else list(dict.fromkeys((*both, *first)))
+    if first == [""] and not segments.spans("airborne") and "armed" not in segments.unknown:
+        idle = [e for e in found if e.t >= MEASURED_S and not inside(np.array([e.t]), segments.spans("armed")).any()]
+        return [f"{idle[0].text.rstrip('.')}, disarmed.", ""] if idle else first
+    return first
+
+
+def _ended_it(log: FlightLog, t: float, landing: float) -> bool:
+    """Whether a failsafe at ``t`` ended a flight: it landed at once, or nobody changed the mode that was set then."""
+    if landing - t <= AT_ONCE_S:
+        return True
+    set_ = [] if log.mode is None else [x for x in log.mode.t.tolist() if t - SET_S <= x < landing - ENDED_S]
+    return bool(set_) and set_[-1] <= t + SET_S

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments.airborne.grid import runs
+from attlog.segments.airborne.heights import highest
 from attlog.segments.airborne.in_air import IDLING
 from attlog.segments.model import Segments
 from attlog.segments.motion import speed_m_s
 from attlog.segments.spans import Span, inside
 from attlog.story.event import Event, figures
 from attlog.story.words import MOTOR_TEST, matching
-
-Array = NDArray[np.float64]
 
 TOGETHER_S = 5.0
 """Pushes of the throttle so close to each other are one."""
@@ -28,8 +26,6 @@ LISTED = 3
 OF_FLIGHT = 0.5
 """Throttle is up above this part of its largest value."""
 UPRIGHT_DEG = 30.0
-SEEN = 0.95
-"""A rangefinder in range for this part of a flight tells how high it went."""
 
 
 def flown(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
@@ -70,22 +66,13 @@ def number(n: int) -> str:
 def _sizes(log: FlightLog, segments: Segments, flights: Sequence[Span]) -> list[str]:
     """Height and tilt reached, the fullest first."""
     air = segments.air
-    top = None
-    if air is not None:
-        mine = inside(air.grid.t, flights)
-        levels = sorted(air.levels, key=lambda level: _preference(level.sensor, level.above[mine]))
-        tops = [float(np.nanmax(level.above[mine])) for level in levels if np.isfinite(level.above[mine]).any()]
-        top = next((x for x in tops if x > 0.3), None)
+    found = None if air is None else highest(air.levels, inside(air.grid.t, flights))
+    top = None if found is None else found[1]
     tilt = largest_tilt(log, flights)
     high = "" if top is None else f"{top:.0f} m" if top >= 2.0 else f"{top:.1f} m"
     tilted = "" if tilt is None or tilt < 1.0 else f"{tilt:.0f}° of tilt"
     both = " and ".join(x for x in (high, tilted) if x)
     return [f", up to {x}" for x in dict.fromkeys((both, high)) if x]
-
-
-def _preference(sensor: str, above: Array) -> int:
-    """A rangefinder that sees the ground nearly all the time is right; a barometer feels wind; GNSS stays behind."""
-    return 0 if sensor == "range" and np.isfinite(above).mean() > SEEN else 2 if sensor == "range" else 1
 
 
 def largest_tilt(log: FlightLog, spans: Sequence[Span]) -> float | None:
@@ -104,7 +91,9 @@ def _stood_armed(segments: Segments, liftoff: float) -> bool:
 
 def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
     """What it did that never flew."""
-    total = f"{log.seconds:.0f} s"
+    # a failsafe after the last sample may be told beside it; other texts go on long after what was measured
+    seconds = max([log.seconds, *(e.t for e in events if e.kind in ("failsafe", "battery"))])
+    total = f"{seconds:.0f} s"
     if not log.kind.flies:
         air = np.arange(0.0, max(log.seconds, 1.0), 1.0)
         speed = speed_m_s(log, air)
@@ -113,7 +102,7 @@ def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> li
         top = float(np.nanmax(speed))
         return [f"moved at up to {figures(top)} m/s in {total}." if top > 0.5 else f"stood still for {total}."]
     if "airborne" in segments.unknown:
-        return [f"{f'{total}; ' if log.seconds > 0 else ''}nothing in the log shows whether it flew."]
+        return [f"{f'{total}; ' if seconds > 0 else ''}nothing in the log shows whether it flew."]
     if any(e.is_crash for e in events):
         return ["never flew."]
     armed = sum(e.kind == "armed" for e in events)

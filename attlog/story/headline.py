@@ -13,6 +13,7 @@ from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.crash import Ending
 from attlog.segments.model import Segments
+from attlog.story import failsafes
 from attlog.story.event import Event, figures
 from attlog.story.flights import SURE_HZ, blows_told, sized, turned
 from attlog.story.flown import flown, has_open_end, how_often
@@ -61,7 +62,7 @@ def headline(
     """
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
     flew, end = flown(log, segments, events), _end(log, segments, events, sound)
-    first = _with_angle(_first(segments, events), wrong, segments)
+    first = _with_angle(failsafes.in_headline(_first(segments, events), log, segments, events), wrong, segments)
     said = ""
     for b, c, a in itertools.product(end, first, flew):
         said = f"{who}: " + " ".join(x for x in (a, c, b) if x)

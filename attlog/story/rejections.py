@@ -42,7 +42,8 @@ class Rejection:
     def text(self) -> str:
         """A sentence with all of it."""
         first, last = self.spans[0][0], self.spans[-1][1]
-        times = f" in {len(self.spans)} parts ({self.longest:.0f} s on end)" if len(self.spans) > 1 else ""
+        parts = f" in {len(self.spans)} parts of {LEAST_S:.0f} s and more ({self.longest:.0f} s on end)"
+        times = parts if len(self.spans) > 1 else ""
         return (
             f"The EKF rejected its {self.aid} for {self.seconds:.0f} s of {self.seconds_flown:.0f}{times}, "
             f"{first:.1f} to {last:.1f} s, by up to {self.worst:.1f} times its limit ({self.source})."

@@ -25,6 +25,8 @@ FAST_HZ = 40.0
 def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
     """Clipping of the accelerometers and vibration in flight, and the texts that are told in them."""
     found, told = [], []
+    if any(problem.code == "imu_mostly_refused" for problem in log.problems):
+        return [], []  # what is no measurement of a vehicle clips no sensor
     within = driven(segments)
     clip, texts = _clipping(log, within)
     if clip is not None:

@@ -108,3 +108,14 @@ def test_a_handful_of_samples_is_no_flight() -> None:
     one = validate(r, candidate(np.zeros((5, 3)), gravity(5).astype(float)))
     assert choose_unit(r, [one], 0, "it flew", None, Px4Logging("4.6.0", {})) is None
     assert [p.code for p in r.problems] == ["imu_too_short"]
+
+
+@pytest.mark.parametrize(("spikes", "weight"), [(1, "note"), (3, "note"), (4, "warning")])
+def test_single_spikes_of_a_short_log_warn_of_nothing_and_name_the_magnetometer(spikes: int, weight: str) -> None:
+    field = np.tile([2e-5, 0, 4e-5], (67, 1))
+    field[10 : 10 + 10 * spikes : 10] = 0
+    r = builder()
+    magnetic.build(r, 0, micros(67, 1).astype(np.int64), field, "RAW_IMU")
+    (one,) = r.problems
+    assert one.severity == weight
+    assert one.text.startswith(f"RAW_IMU: left out {spikes} of 67 records of the magnetometer,")

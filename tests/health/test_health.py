@@ -149,8 +149,8 @@ def test_zero_and_stuck_sensors_are_named() -> None:
         log.imus[0].acc.x = log.imus[0].acc.x.copy()
         log.imus[0].acc.x[:, 1] = 0.3
 
-    assert "all values are zero" in with_fault(zero)["gyro"].text
-    assert "axis y is constant" in with_fault(stuck)["gravity"].text
+    assert "all values of the gyro are zero" in with_fault(zero)["gyro"].text
+    assert "accelerometer axis y is constant" in with_fault(stuck)["gravity"].text
 
 
 def test_a_dead_magnetometer_is_named() -> None:

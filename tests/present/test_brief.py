@@ -104,3 +104,13 @@ def test_filters_that_all_come_before_what_flew_are_said_to_be_ahead_of_it() -> 
 def test_filters_that_are_all_lost_are_said_so_once() -> None:
     made = result([row(name, tilt(50.0), status="diverged") for name in ("a", "b")])
     assert brief("accuracy", made) == "Cannot be determined: all 2 filters diverged."
+
+
+def test_a_drift_of_the_onboard_attitude_is_a_number_only_where_it_is_significant() -> None:
+    def onboard(value: float, width: float) -> str:
+        made = result([row("a", drift(0.1)), row("b", drift(0.0)), row("onboard", drift(value, width))])
+        return brief_answers(made)["yaw_drift"].onboard
+
+    assert onboard(6.9, 1.0) == "Onboard +6.9°/min."
+    assert onboard(2.1, 4.0) == "Onboard below 6.1°/min."
+    assert onboard(6.9, 11.6) == ""

@@ -66,3 +66,7 @@ def test_a_count_and_an_action_that_the_sentence_holds_are_not_said_again() -> N
     assert one.line == "It failed 3 times. Mend it."
     (one,) = findings(result(Finding("x", "warning", "It failed at 7.0 s.", t=7.0, count=3)))
     assert one.line == "It failed at 7.0 s (3 times)."
+    for text in ("It left out 2,078 of 2,797 records.", "It left out 2078 records."):
+        assert findings(result(Finding("x", "warning", text, count=2078)))[0].line == text
+    (one,) = findings(result(Finding("x", "warning", "It shook.", count=2078)))
+    assert one.line == "It shook (2,078 times)."

@@ -84,3 +84,17 @@ def test_what_to_fix_stands_above_the_comparison_with_its_action_and_why():
     assert places == sorted(places)
     assert all(text in page for text in ("Cause: A loose arm.", "<b>Fasten it.</b>"))
     assert 'heavily from <a href="#part-flight" data-t="12.0">12.0 s</a>.' in page
+
+
+def test_no_sentence_of_the_page_ends_twice():
+    """The words of a figure get their full stop from the page."""
+    text = re.sub(r"<(script|style|pre)\b.*?</\1>|<[^>]+>", " ", render(make_result(), bundle()), flags=re.S)
+    assert re.findall(r".{40}\w\.\.(?!\.)", text) == []
+    assert "Heading minus course" in text
+
+
+@pytest.mark.parametrize(("imus", "said"), [(2, "0 s is the first IMU sample"), (0, "0 s is the first record used")])
+def test_the_clock_begins_with_what_the_log_holds(imus: int, said: str):
+    result = make_result()
+    result.log["imus"] = imus
+    assert said in render(result, bundle())

@@ -265,6 +265,27 @@ def test_a_fast_turn_of_which_half_was_asked_for_is_no_tumble(asked_dps, tumbles
     assert [e.t for e in overturns.tumbles(scene)] == ([pytest.approx(72.0, abs=0.01)] if tumbles else [])
 
 
+def test_of_two_turns_that_are_one_the_larger_is_told_in_size_and_words(corpus):
+    """It went to 113 deg, came up and lay at 162: the sentence said the one, the evidence the other."""
+    log = attlog.read(corpus / "logs" / "log_copter_3.1_noimu.log")
+    (found,) = (e for e in ended(log)[1] if e.kind == "overturn")
+    assert found.size == pytest.approx(162.0, abs=1.0)
+    assert found.why == f"it turned over to {found.size:.0f} deg"
+
+
+def test_of_two_tumbles_that_are_one_the_faster_is_told_in_size_and_words():
+    log = flight(calm=True)
+    imu = log.imus[0]
+    for t0, dps in ((70.0, 450.0), (72.0, 600.0)):
+        imu.gyro.x[(imu.gyro.t >= t0) & (imu.gyro.t < t0 + 1.0), 0] = np.radians(dps)
+    t = np.arange(0.0, 105.0, 0.02)
+    log.rate_setpoints = Stream(t, np.zeros((len(t), 3)), "rad/s", "FRD", "RATE")
+    scene = scene_of(log)
+    scene.air.spans = [(TAKE_OFF, LANDED)]
+    (found,) = overturns.tumbles(scene)
+    assert (found.size, "600 deg/s" in found.why) == (pytest.approx(600.0, abs=0.1), True)
+
+
 @pytest.mark.parametrize(("driven", "angle"), [(False, 60.0), (True, None)])
 def test_an_attitude_argues_with_how_it_lies_only_while_motors_push(driven, angle):
     """The onboard attitude says level: with motors off the accelerometer is right."""

@@ -41,6 +41,12 @@ def test_a_gap_says_how_long_it_is_and_what_a_filter_does_there():
     np.testing.assert_allclose(gaps.restarts(t), [0.0, 20.0])
 
 
+def test_without_an_imu_a_gap_is_the_attitudes_and_no_filter_restarts():
+    t = np.concatenate([at_rate(100, 5), at_rate(100, 5, 20)])
+    (found,) = (s for s in gaps.find(t, replayed=False) if s.kind == "gap")
+    assert found.why == "no attitude for 15.01 s"
+
+
 def test_time_that_goes_back_ends_a_run():
     t = np.concatenate([at_rate(100, 5), at_rate(100, 5)])
     assert [k for k, _, _ in kinds(t)] == ["continuous", "continuous"]

@@ -31,6 +31,7 @@ def test_rejections_in_flight_are_told_with_seconds_longest_and_size() -> None:
     (one,) = rejections.tested(log, segments.build(log))
     assert one.spans == [pytest.approx((12.0, 15.0)), pytest.approx((20.0, 32.0))]
     assert (one.seconds, one.longest, one.worst) == (pytest.approx(15.0), pytest.approx(12.0), 2.6)
+    assert "for 15 s of 28 in 2 parts of 1 s and more (12 s on end), 12.0 to 32.0 s" in one.text
 
 
 def test_event_and_check_tell_the_same() -> None:

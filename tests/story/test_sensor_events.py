@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.flight.model import Clipping, FlightLog, Gnss, Stream, TimeLine
+from attlog.flight.model import Clipping, FlightLog, Gnss, Problem, Stream, TimeLine
 from attlog.segments.model import Segment, Segments
 from attlog.story import estimator, sensors
 from tests.story.made import log
@@ -132,3 +132,10 @@ def test_resets_of_the_attitude_count_while_armed() -> None:
     spans = Segments([*SPANS.segments, Segment("reset", 3.9, 4.0, "x"), Segment("reset", 29.9, 30.0, "by 9 deg")])
     (found,) = estimator._resets(spans)
     assert found.text == "The onboard attitude was reset at 30.0 s: by 9 deg."
+
+
+def test_what_is_no_measurement_clips_nothing() -> None:
+    clipping = Clipping("accelerometer", 0, "vehicle_imu_status:0", T, np.ones(len(T), np.int64), True)
+    assert [e.kind for e in sensors.events(log(clippings=[clipping]), SPANS)[0]] == ["clipping"]
+    refused = [Problem("imu_mostly_refused", "error", "Mostly refused.")]
+    assert sensors.events(log(clippings=[clipping], problems=refused), SPANS) == ([], [])

@@ -40,6 +40,7 @@ def headline_of(log: FlightLog) -> str:
 
 
 SAID = {
+    "copter_4.8dev_barodrift.BIN": ["never left the ground", r"EKF failsafe at 52\.4 s, disarmed"],
     "px4_1.14_clipping_crash.ulg": [
         "PX4 1.14.3",
         "34 to 46 s",
@@ -255,6 +256,9 @@ def test_a_failsafe_of_a_disarmed_vehicle_warns_nobody(t, severity):
     ("text", "name"),
     [
         ("Radio Failsafe - Disarming", "Radio failsafe"),
+        ("Failsafe trigger 0x1", "Radio failsafe"),
+        ("Failsafe trigger 0x2", "Ground station failsafe"),
+        ("Failsafe trigger 0x10", "Failsafe"),
         ("[failsafe] Failsafe activated", "Failsafe"),
         ("GCS Failsafe", "Ground station failsafe"),
         ("Failsafe: Terrain data missing", "Terrain failsafe"),

@@ -169,9 +169,11 @@ def test_motors_that_ran_for_more_than_ten_seconds_before_a_flight_stood() -> No
     assert not flown._stood_armed(Segments([Segment("armed", 0.0, 15.0)]), 20.0)
 
 
-def test_a_rangefinder_that_sees_nearly_all_is_preferred_and_one_that_does_not_comes_last() -> None:
-    seen = np.ones(100)
-    assert flown._preference("range", seen) == 0
-    seen[:5] = np.nan
-    assert flown._preference("range", seen) == 2
-    assert flown._preference("barometer", seen) == 1
+def test_what_happened_after_the_last_sample_lies_within_the_time_that_is_told() -> None:
+    """A log's IMU ended at 16 s, and its headline told a failsafe at 21 s beside "in 16 s"."""
+    made = log(armed=TimeLine(np.array([0.0]), [False], "ARM"), seconds=16.0)
+    late = Event("failsafe", 21.0, "warning", "Radio failsafe at 21.0 s.")
+    assert flown.flown(made, Segments(), [])[0] == "never armed in 16 s."
+    assert flown.flown(made, Segments(), [late])[0] == "never armed in 21 s."
+    said = Event("message", 64.0, "note", "“Ready”.")
+    assert flown.flown(made, Segments(), [said])[0] == "never armed in 16 s."

@@ -11,17 +11,18 @@ from collections.abc import Mapping
 from attlog.flight.remedies import GENERAL, Fault
 
 
-def of(values: Mapping[str, float]) -> dict[Fault, str]:
-    """Remedies for a vehicle with these parameters (may be empty)."""
+def of(values: Mapping[str, float], compass: int = 0) -> dict[Fault, str]:
+    """Remedies for a vehicle with these parameters (may be empty); ``compass``: the one in use, by its index."""
     found = dict(GENERAL)
     if "INS_GYR_CAL" in values and values["INS_GYR_CAL"] == 0:
         found["gyro_bias"] = "Set INS_GYR_CAL to 1 and keep the vehicle still as it starts."
     if "AHRS_ORIENTATION" in values:
         now = f"{values['AHRS_ORIENTATION']:g}"
         found["mounting"] = f"Compare the mounting with AHRS_ORIENTATION {now}, then calibrate the level."
-    if "COMPASS_ORIENT" in values:
-        now = f"{values['COMPASS_ORIENT']:g}"
-        found["compass_mounting"] = f"Compare the mounting with COMPASS_ORIENT {now}, then calibrate the compass."
+    orientation = "COMPASS_ORIENT" if compass == 0 else f"COMPASS_ORIENT{compass + 1}"
+    if orientation in values:
+        now = f"{values[orientation]:g}"
+        found["compass_mounting"] = f"Compare the mounting with {orientation} {now}, then calibrate the compass."
     if "COMPASS_MOTCT" in values:
         mode = values["COMPASS_MOTCT"]
         found["interference"] += (

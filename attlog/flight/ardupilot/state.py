@@ -64,7 +64,8 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.innovation_tests = builder.attempt("Test ratios", lambda: ekf.innovation_tests(builder, clock, values), [])
     log.lane = builder.attempt("The EKF's core", lambda: ekf.lane(builder, clock, values), None)
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
-    log.remedies = builder.attempt("Remedies", lambda: remedies.of(values), log.remedies)
+    compass = 0 if log.mag is None else log.mags[log.mag].index
+    log.remedies = builder.attempt("Remedies", lambda: remedies.of(values, compass), log.remedies)
     log.compass_switches = remedies.compass_switches(values)
     log.compass_first = remedies.compass_first(values)
     log.texts = builder.attempt("Texts", lambda: builder.texts(lambda offset: int(clock.at(np.array([offset]))[0])), [])

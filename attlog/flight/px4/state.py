@@ -65,7 +65,8 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
     log.lane = builder.attempt("The estimator's instance", lambda: events.lane(builder), None)
     events.report(builder)
     told = {n: v for n in log.params if (v := log.param(n)) is not None}
-    log.remedies = builder.attempt("Remedies", lambda: remedies.of(told), log.remedies)
+    compass = None if log.mag is None else log.mags[log.mag]
+    log.remedies = builder.attempt("Remedies", lambda: remedies.of(told, compass), log.remedies)
     log.texts = builder.attempt("Texts", builder.texts, [])
 
 

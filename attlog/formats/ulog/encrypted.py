@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +25,20 @@ Bytes = NDArray[np.uint8]
 
 KEY = "ATTLOG_KEY"
 """The environment variable that names the private key; ``--key`` sets it for the process and its children."""
+_GIVEN: ContextVar[Path | None] = ContextVar("given", default=None)
 HEADER, VERSION, RSA_OAEP = struct.Struct("<7sBQBBHH"), 1, 4
 MOST_BYTES = 1 << 13
 """An RSA key of 16,384 bits wraps into 2,048 bytes; larger sizes are damage."""
+
+
+@contextmanager
+def opened_with(key: str | Path | None) -> Iterator[None]:
+    """Within it encrypted logs are opened with the private key in this file, None: with that of the environment."""
+    token = _GIVEN.set(None if key is None else Path(key))
+    try:
+        yield
+    finally:
+        _GIVEN.reset(token)
 
 
 def is_encrypted(head: bytes) -> bool:
@@ -38,9 +52,11 @@ def decrypted(path: Path, data: Bytes) -> Bytes:
     UsageError for a key that is none, is missing its package or is named nowhere; LogUnreadable if a file cannot be
     opened; LogUnusable for a damaged header and a key of another vehicle.
     """
-    named = os.environ.get(KEY, "")
+    named = _GIVEN.get() or os.environ.get(KEY, "")
     if not named:
-        raise LogUnusable(f"{path}: this ULog is encrypted; give the vehicle's private key: --key FILE.pem")
+        raise LogUnusable(
+            f"{path}: this ULog is encrypted; give the vehicle's private key: --key FILE.pem (Python: key=)"
+        )
     head = data[: HEADER.size].tobytes()
     if len(head) < HEADER.size:
         raise LogUnusable(f"{path}: ends within the header of an encrypted ULog")

@@ -8,6 +8,7 @@ from dataclasses import replace
 from attlog.flight.model import FlightLog
 from attlog.health.findings.finding import Explanation, Finding
 from attlog.health.onboard import against_smoother
+from attlog.health.sensors.accelerometer import MEAN_GRAVITY
 from attlog.reference.physics.sensor_faults import FRAME
 
 KIND, RESET, MOUNTING, SIMULATOR, ESTIMATOR = "attitude", "reset", "mounting", "simulator", "estimator"
@@ -53,9 +54,9 @@ REPORTS = {
     "ekf_fault": ESTIMATOR,
 }
 """What readers and autopilot say of it, by code."""
-BY_FORCE = ("gravity direction", "gravity in flight", "vertical force", "trim")
+BY_FORCE = ("gravity direction", MEAN_GRAVITY, "gravity in flight", "vertical force", "trim")
 """Checks of the attitude against the accelerometer."""
-BY_ATTITUDE = ("gravity direction", "gravity in flight", "vertical force")
+BY_ATTITUDE = ("gravity direction", MEAN_GRAVITY, "gravity in flight", "vertical force")
 """What only repeats that the attitude is wrong, where that is known."""
 LEVEL = "The accelerometer was calibrated on a slope, or its offsets are wrong."
 FRAMES = "The simulator gives sensors and attitude in different frames: no setting of a vehicle mends it."

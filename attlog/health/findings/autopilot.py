@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from attlog.flight.model import FlightLog
 from attlog.health.findings import attitude, compass, crashes, sensors
 from attlog.health.findings.finding import Explanation, Finding, of_event
 from attlog.story.estimator import is_steady
@@ -109,6 +110,14 @@ def harmless(reports: Sequence[Finding], events: Sequence[Event]) -> list[Findin
         else report
         for report in reports
     ]
+
+
+def of_the_start(reports: Sequence[Finding], log: FlightLog) -> list[Finding]:
+    """The reports, those from before the first sample as notes: an autopilot that starts, and is not armed yet."""
+    line = log.armed
+    armed = [] if line is None else [t for t, value in zip(line.t.tolist(), line.value, strict=True) if value]
+    begin = min([0.0, *armed])
+    return [replace(r, severity="note") if r.t is not None and r.t < begin and r.is_trouble else r for r in reports]
 
 
 def doubted(report: Finding) -> Finding:

@@ -60,7 +60,7 @@ def _text(groups: Sequence[Sequence[Event]]) -> str:
     """What happened in the first crash and how it lay in the end, then when it crashed again."""
     told = [event.text.split(". ", 1) for event in groups[0]]
     moves = list(dict.fromkeys(f"{sentences[0].rstrip('.')}." for sentences in told))
-    lay = [sentences[1] for sentences in told if len(sentences) > 1][-1:]
+    lay = told[-1][1:]  # how it lay before the last of them is over
     again = [f"{group[0].t:.1f} s" for group in groups[1:]]
     if len(again) > MOST:
         again = [*again[: MOST - 1], f"{len(again) - MOST + 1} times more"]

@@ -54,7 +54,7 @@ def findings(
     its place (``attlog.health.agreement``); those of sensors that are not in use are notes.
     """
     events, health = list(events), list(health)
-    checks = list(checks)
+    checks = record.of_what_was_measured(list(checks), log)
     answers = agreement.answers(log, checks, health)
     checks = agreement.agreed(log, checks, health)
     spare = agreement.of_other_sensors(log, health)
@@ -69,6 +69,7 @@ def findings(
     told += happened
     crashed |= any(sign.kind == autopilot.CRASH for sign in told)
     reports = autopilot.after_crashes(autopilot.harmless(autopilot.untold(reports, events), events), events)
+    reports = autopilot.of_the_start(reports, log)
     if not crashed:  # what the autopilot alone calls a crash is a bench or a hand
         reports = [autopilot.doubted(report) if report.kind == autopilot.CRASH else report for report in reports]
     told += [replace(report, kind=REPORTS.get(report.kind, report.kind)) for report in reports]

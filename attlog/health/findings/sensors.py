@@ -8,6 +8,7 @@ from dataclasses import replace
 from attlog.flight.remedies import Fault
 from attlog.health.findings.attitude import ESTIMATOR
 from attlog.health.findings.finding import Explanation, Finding
+from attlog.health.sensors.accelerometer import MEAN_GRAVITY
 
 VIBRATION, GNSS, ACCELEROMETER, RATE = "vibration", "gnss", "accelerometer", "rate"
 _STOPPED = "The sensor, its driver or its bus stopped."
@@ -142,6 +143,6 @@ def _explained(sign: Finding, onset: float | None, strong: bool) -> Finding:
     begins_with_it = sign.t is not None and onset is not None and sign.t >= onset - BEFORE_S
     if sign.severity == "serious":
         return sign
-    if sign.about == "gravity in flight" or (strong and sign.kind in SHAKEN and begins_with_it):
+    if sign.about in ("gravity in flight", MEAN_GRAVITY) or (strong and sign.kind in SHAKEN and begins_with_it):
         return replace(sign, kind=VIBRATION, cause="", action="")
     return sign

@@ -19,6 +19,10 @@ STANDARD_GRAVITY = 9.80665
 TILT_LIMITS_DEG = (3.0, 10.0)
 CLIMB_M_S = 8.0
 """Change of vertical speed that a flight may begin or end with: its share of the mean falls with time."""
+MEAN_GRAVITY = "mean gravity"
+"""What the direction of gravity is about where it is the mean force of a flight, in whose limits no level lies."""
+LOST = 5.0
+"""A sample stands for so many usual intervals at most: what was lost for longer is not known."""
 
 
 def checks(log: FlightLog, segments: Segments) -> list[Check]:
@@ -73,7 +77,8 @@ def in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[Array, floa
     """Mean specific force (3,) in earth axes by the onboard attitude and the seconds it is over; None without.
 
     Over seconds the vehicle's own acceleration averages to its change of speed by the
-    time, so that gravity is left: manoeuvres do not matter, long records count.
+    time, so that gravity is left: manoeuvres do not matter, long records count. Each sample counts for the time that it
+    stands for: a logger that thins its records keeps them unevenly.
     """
     onboard = log.onboard_attitude
     if onboard is None or onboard.rate < 5.0:
@@ -85,7 +90,15 @@ def in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[Array, floa
     seconds = float(known.sum()) / imu.acc.rate if imu.acc.rate > 0 else 0.0
     if seconds < 5.0:
         return None
-    return rotation.rotate(q[known], imu.acc.x[use][known]).mean(axis=0), seconds
+    force = rotation.rotate(q[known], imu.acc.x[use][known])
+    return np.average(force, axis=0, weights=_held(imu.acc.t[use][known])), seconds
+
+
+def _held(t: Array) -> Array:
+    """The time (n,) s that each sample stands for: half of the way to both of its neighbours."""
+    step = np.diff(t)
+    half = 0.5 * np.minimum(step, LOST * float(np.median(step)))
+    return np.append(half, 0.0) + np.insert(half, 0, 0.0)
 
 
 def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segments, where: str) -> Check:
@@ -118,7 +131,8 @@ def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
     mean, seconds = flown
     angle = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), -mean[2])))
     text = f"Mean gravity over {seconds:.0f} s and {log.onboard} differ by {angle:.1f} deg."
-    return Check("gravity direction", graded(angle, 10.0, 30.0), text, round(angle, 2), "deg", limit)
+    verdict = graded(angle, 10.0, 30.0)
+    return Check("gravity direction", verdict, text, round(angle, 2), "deg", limit, about=MEAN_GRAVITY)
 
 
 def of_imu(log: FlightLog, attitude: Attitude) -> Array:

@@ -100,11 +100,11 @@ def _moved(imu: Imu, segments: Segments, limit: str) -> Check | None:
 
 def alive(name: str, x: np.ndarray, source: str) -> list[Check]:
     """A fault if a sensor is all zero or has an axis that never changes, else nothing."""
-    limit = "every axis must change"
+    limit, sensor = "every axis must change", "accelerometer" if name == "gravity" else name
     if not x.any():
-        return [Check(name, "fault", f"{source}: all values are zero.", ZERO, "", limit, cause=DEAD)]
+        return [Check(name, "fault", f"{source}: all values of the {sensor} are zero.", ZERO, "", limit, cause=DEAD)]
     stuck = [axis for axis, spread in zip("xyz", map(np.ptp, x.T), strict=True) if spread == 0]
     if stuck and len(x) >= 20:
-        which = "all axes are" if len(stuck) == 3 else f"axis {', '.join(stuck)} is"
+        which = f"{sensor} axis {', '.join(stuck)} is" if len(stuck) < 3 else f"all axes of the {sensor} are"
         return [Check(name, "fault", f"{source}: {which} constant.", CONSTANT, "", limit, cause=DEAD)]
     return []

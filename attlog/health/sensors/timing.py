@@ -35,7 +35,9 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     dt = np.diff(t)
     breaks = gaps(t) - 1
     steady = np.delete(dt, breaks)
-    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log, segments), jitter_check(steady)]
+    thinned = any(p.code == "imu_decimated" and p.text.startswith(f"{imu.gyro.source}:") for p in log.problems)
+    even = [] if thinned else [jitter_check(steady)]  # a logger that drops most samples is told already
+    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log, segments), *even]
 
 
 def rate_check(source: str, rate: float) -> Check:

@@ -1,6 +1,7 @@
 """The height over the flight, for a strip that shows it at a glance.
 
-``height``: ``height`` (m) above what the vehicle stood on, means over equal parts of the log; no row.
+``height``: ``height`` (m) above what the vehicle stood on, means over equal parts of the log; no row. ``top`` (m): the
+largest in flight, which the headline tells, where the log shows the ground.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from attlog.flight.model import Stream
 from attlog.metrics.base import Case
 from attlog.metrics.figures.trace import Trace
-from attlog.segments.airborne.heights import height
+from attlog.segments.airborne.heights import height, highest
+from attlog.segments.spans import inside
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
@@ -25,11 +27,18 @@ LEAST_S = 0.5
 
 
 def height_trace(case: Case) -> list[Trace]:
-    """The height by barometer, else by GNSS, where the log has one."""
+    """The height that the headline tells; of a log that shows no ground that of its barometer, else of GNSS."""
+    air, flights = case.segments.air, case.segments.spans("airborne")
+    found = None if air is None or not flights else highest(air.levels, inside(air.grid.t, flights))
+    if air is not None and found is not None:
+        level, top = found
+        known = np.isfinite(level.above)
+        t, means = averaged(air.grid.t[known], level.above[known])
+        return [Trace("height", "", t, {"height": means}, key=level.source, values={"top": top})]
     stream = height(case.log)
     if stream is None or len(stream.t) < 2 or stream.t[-1] <= stream.t[0]:
         return []
-    above = stream.x[:, 0] - ground(stream, case.segments.spans("airborne"))
+    above = stream.x[:, 0] - ground(stream, flights)
     t, means = averaged(stream.t, above)
     return [Trace("height", "", t, {"height": means}, key=stream.source)]
 

@@ -109,7 +109,7 @@ def _yaw_drift(result: Result) -> BriefAnswer:
     if still and max(abs(end) for j in still for end in j.ends) > EXCLUDES_NOTHING:
         possible = f"up to {bound(still)}"
         text = f"{_span(drifting)}; others uncertain ({possible})" if drifting else f"uncertain, {possible} is possible"
-    return BriefAnswer(f"{where} {text}.", found, _onboard(found))
+    return BriefAnswer(f"{where} {text}.", found, _onboard_drift(found))
 
 
 def _compared(found: ColumnRanking) -> str:
@@ -158,6 +158,15 @@ def _range(judged: list[RankedValue]) -> str:
 def _onboard(found: ColumnRanking) -> str:
     """The value of the onboard attitude, unless all were compared with it."""
     return f"Onboard {found.onboard.text}." if found.onboard is not None else ""
+
+
+def _onboard_drift(found: ColumnRanking) -> str:
+    """The drift of the onboard attitude where it is significant, else what it stays below; nothing where that is
+    anything."""
+    flew = found.onboard
+    if flew is None or flew.significant:
+        return _onboard(found)
+    return "" if max(map(abs, flew.ends)) > EXCLUDES_NOTHING else f"Onboard below {bound([flew])}."
 
 
 def _unranked(found: ColumnRanking, what: str = "") -> BriefAnswer:

@@ -87,7 +87,7 @@ def track(trace: Trace) -> PageFigure:
     data["driven"] = [int(v > 0) for v in trace.columns["driven"]]
     caption = f"By {trace.key}, north up. Arrows along the path: course; beside it: onboard heading. "
     caption += course_text(trace)
-    return PageFigure("track", "track", "Ground track", caption, 480, data, True, course_text(trace))
+    return PageFigure("track", "track", "Ground track", caption, 480, data, True, course_text(trace).rstrip("."))
 
 
 def course_text(trace: Trace) -> str:

@@ -18,6 +18,8 @@ from attlog.result import Event, Result
 HEIGHT = 60
 """Of the area of the curve, in its own units."""
 LEAST_M = 1.0
+ROUNDED_M = 2.0
+"""From here a height is told in whole metres."""
 WIDE_PX, LETTER_PX, GAP_PX = 830.0, 6.6, 8.0
 """Labels are placed for a strip of a screen's width; a phone shows only those of serious events."""
 LEVELS = 3
@@ -76,7 +78,8 @@ def strip(result: Result) -> Strip:
 def height(result: Result, start: float, end: float) -> tuple[str, str, float]:
     """The path of the height, its largest in flight as text, and when that was; texts are empty where unknown.
 
-    A barometer that never flew shows the weather.
+    A barometer that never flew shows the weather. The text is that of the headline: rounded alike, and none where the
+    log shows no ground.
     """
     trace = next((t for t in result.traces if t.figure == "height"), None)
     flights = (result.log.get("timeline") or {}).get("airborne") or []
@@ -91,8 +94,9 @@ def height(result: Result, start: float, end: float) -> tuple[str, str, float]:
     x = np.clip(1000.0 * (t - start) / (end - start), 0.0, 1000.0)
     down = HEIGHT * (1.0 - np.clip(np.nan_to_num(y) / top, 0.0, 1.0))
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, down, strict=True))
-    text = f"{most:.{0 if most >= 9.95 else 1}f} m" if most >= LEAST_M else ""
-    highest = float(t[np.nanargmax(np.where(flying, y, np.nan))]) if text else start
+    told = trace.values.get("top")
+    text = "" if told is None else f"{told:.0f} m" if told >= ROUNDED_M else f"{told:.1f} m"
+    highest = float(t[np.nanargmax(np.where(flying, y, np.nan))]) if text and math.isfinite(most) else start
     return f"M{x[0]:.1f},{HEIGHT} L{points} {x[-1]:.1f},{HEIGHT}Z", text, highest
 
 

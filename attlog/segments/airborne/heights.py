@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from attlog.flight.model import FlightLog, Stream
@@ -20,7 +21,15 @@ HIGHEST_HAND_M_S, CLIMBS_M_S = 2.0, 0.5
 LEVEL_S, STANDS_S = 1.0, 1.0
 MOVED_M = 0.5
 """A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing."""
-
+SEEN = 0.95
+"""A rangefinder in range for this part of a flight tells how high it went."""
+ROSE_M = 0.3
+"""A height that never rose by more tells of no flight."""
+BEYOND, BEYOND_M = 1.5, 5.0
+"""A barometer that rose by this factor and so much more than a rangefinder: that one looked out of its range. Wind and
+propellers move a barometer by 4 m."""
+SPIKE_M, SPIKE_S = 15.0, 4.0
+"""A height so far off the median of so many s was never flown: a climb of 10 m/s^2 is 5 m off there."""
 FALLS_S, FALLS_M = 10.0, 5.0
 """A pause of the drive of up to so long in which the height changes by more than this is a fall or a climb in the air:
 on the ground propellers move a barometer by up to 4 m."""
@@ -67,6 +76,25 @@ def levels_of(log: FlightLog, grid: Grid, driven: Mask) -> list[Level]:
     return found
 
 
+def highest(levels: list[Level], flying: Mask) -> tuple[Level, float] | None:
+    """The height that tells how high it went while ``flying`` (n,), and its largest there, m; None where none does.
+
+    A rangefinder that sees the ground nearly all the time is right, unless the barometer shows that it went beyond its
+    range; a barometer feels wind; GNSS stays behind.
+    """
+    tops = [(level, float(np.nanmax(level.above[flying], initial=-np.inf))) for level in levels]
+    others = max((top for level, top in tops if level.sensor != "range"), default=-np.inf)
+
+    def rank(told: tuple[Level, float]) -> int:
+        level, top = told
+        if level.sensor != "range":
+            return 1
+        seen = np.isfinite(level.above[flying]).mean() > SEEN
+        return 0 if seen and others <= BEYOND * top + BEYOND_M else 2
+
+    return next((told for told in sorted(tops, key=rank) if told[1] > ROSE_M), None)
+
+
 def joined_aloft(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Index ranges of flights, as one where the height between two of them moves as nothing on the ground does.
 
@@ -111,8 +139,11 @@ def _heights(log: FlightLog) -> list[tuple[str, Stream]]:
 
 
 def _averaged(t: Array, stream: Stream) -> Array:
-    """A height (n,) averaged over 1 s, NaN where none is near."""
+    """A height (n,) averaged over 1 s without spikes, NaN where none is near."""
     raw = np.interp(t, stream.t, stream.x[:, 0])
+    around = round(0.5 * SPIKE_S / STEP_S)
+    middle = np.median(sliding_window_view(np.pad(raw, around, mode="edge"), 2 * around + 1), axis=1)
+    raw = np.where(np.abs(raw - middle) > SPIKE_M, middle, raw)
     half = round(0.5 * LEVEL_S / STEP_S)
     mean = np.convolve(np.pad(raw, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
     near: Array = np.where(nearest_s(t, stream.t) <= STALE_S, mean, np.nan)

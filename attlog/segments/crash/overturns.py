@@ -48,8 +48,8 @@ def overturns(scene: Scene) -> list[Ending]:
         if not long or not len(upright) or np.min(upright) > UPRIGHT_DEG or not _felt(scene, float(t[a]), until):
             continue
         if found and t[a] - found[-1].t_end < UPRIGHT_S:
-            last = found[-1]
-            found[-1] = replace(last, t_end=until, size=max(last.size, largest))
+            most = max(found[-1].size, largest)
+            found[-1] = replace(found[-1], t_end=until, size=most, why=_over(most))
             continue
         lying = lies(scene, until)
         beyond = lying is not None and lying > LIES_DRIVEN_DEG
@@ -57,9 +57,17 @@ def overturns(scene: Scene) -> list[Ending]:
             continue
         if not _ends_badly(scene, float(t[a]), until, lying):
             continue
-        why = f"it turned over to {largest:.0f} deg"
-        found.append(Ending("overturn", float(t[a]), until, largest, "deg", why, lying, sources=(_attitude(scene),)))
+        source = (_attitude(scene),)
+        found.append(Ending("overturn", float(t[a]), until, largest, "deg", _over(largest), lying, sources=source))
     return found
+
+
+def _over(deg: float) -> str:
+    return f"it turned over to {deg:.0f} deg"
+
+
+def _spun(dps: float) -> str:
+    return f"it tumbled at up to {dps:.0f} deg/s that nobody asked for"
 
 
 def _attitude(scene: Scene) -> str:
@@ -112,11 +120,12 @@ def tumbles(scene: Scene) -> list[Ending]:
         fastest = float(rate[a:b].max())
         if len(around) and float(np.max(around)) > 0.5 * float(np.median(rate[a:b])):
             continue
-        why = f"it tumbled at up to {fastest:.0f} deg/s that nobody asked for"
         if found and t[a] - found[-1].t_end < UPRIGHT_S:
-            found[-1] = replace(found[-1], t_end=float(t[b - 1]), size=max(found[-1].size, fastest))
+            most = max(found[-1].size, fastest)
+            found[-1] = replace(found[-1], t_end=float(t[b - 1]), size=most, why=_spun(most))
             continue
-        found.append(Ending("tumble", float(t[a]), float(t[b - 1]), fastest, "deg/s", why, sources=(imu.gyro.source,)))
+        source = (imu.gyro.source,)
+        found.append(Ending("tumble", float(t[a]), float(t[b - 1]), fastest, "deg/s", _spun(fastest), sources=source))
     return found
 
 

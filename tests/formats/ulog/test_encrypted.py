@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import attlog as library
 from attlog import formats
 from attlog.base.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.formats.ulog.encrypted import KEY
@@ -102,6 +103,18 @@ def test_without_a_key_it_says_how_to_give_one(log: Path, monkeypatch: pytest.Mo
     monkeypatch.delenv(KEY, raising=False)
     with pytest.raises(LogUnusable, match=r"encrypted.*--key"):
         formats.open(log)
+
+
+def test_from_python_a_key_is_given_to_the_call_and_to_no_other(
+    log: Path, key: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(KEY)
+    read = library.read(log, key=key)
+    np.testing.assert_array_equal(read.imus[0].gyro.x, library.read(PLAIN).imus[0].gyro.x)
+    with pytest.raises(LogUnusable, match="key="):
+        library.read(log)
+    monkeypatch.setenv(KEY, str(key.with_name("another.pem")))
+    same(formats.open(log, key=str(key)), formats.open(PLAIN))
 
 
 @pytest.mark.parametrize(

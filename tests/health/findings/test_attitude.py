@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from attlog.health.findings import attitude
+from attlog.health.findings import attitude, sensors
 from attlog.health.findings.finding import Finding
+from attlog.health.sensors.accelerometer import MEAN_GRAVITY
 
 LOG: Any = SimpleNamespace(remedies={"accelerometer": "Calibrate the level."}, simulated=False)
 
@@ -34,6 +35,7 @@ def test_a_small_jump_is_a_note(deg: float | None, severity: str) -> None:
         ("gravity direction", "warning", "accelerometer"),
         ("gravity direction", "serious", attitude.MOUNTING),
         ("gyro against attitude", "warning", attitude.MOUNTING),
+        (MEAN_GRAVITY, "warning", attitude.MOUNTING),
     ],
 )
 def test_a_small_angle_to_gravity_is_the_accelerometers_and_a_large_one_the_mountings(
@@ -73,3 +75,11 @@ def test_a_simulator_whose_frames_differ_has_no_mounting() -> None:
     (found,) = of(sign(attitude.MOUNTING, "serious"), log=simulated)
     assert (found.kind, found.cause, found.action) == (attitude.SIMULATOR, attitude.FRAMES, "")
     assert of(sign(attitude.MOUNTING, "note"), log=simulated)[0].kind == attitude.MOUNTING
+
+
+def test_a_mean_force_of_a_flight_is_no_level_calibration_and_vibration_explains_it() -> None:
+    """Of a flight whose accelerometer was rectified by 10 m/s^2 a level calibration was asked for."""
+    mean = sign(attitude.MOUNTING, "warning", MEAN_GRAVITY)
+    shaken = sign("vibration", "warning", "clipping", t=3.0)
+    assert {f.kind for f in sensors.settled(of(mean, shaken))} == {"vibration"}
+    assert [f.kind for f in of(mean, sign(attitude.KIND, "serious"))] == [attitude.KIND, attitude.KIND]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from attlog import health
-from attlog.flight.model import FlightLog, Problem
+from attlog.flight.model import FlightLog, Problem, TimeLine
 from attlog.flight.remedies import GENERAL
 from attlog.health.findings import ABOUT, OpenQuestion, autopilot, findings, nothing_wrong, unusable
 from attlog.health.findings.finding import Finding
@@ -326,3 +328,22 @@ def test_a_compass_that_is_its_offsets_is_told_once_with_what_to_check(log: Flig
     left_out = Problem("mag_only_offsets", "warning", "MAG: every value equals the compass offsets.")
     found = {f.kind: f for f in findings(log, [zero, other], [left_out])}
     assert {k: f.text for k, f in found.items()} == {"mag_only_offsets": left_out.text, "mag_dead": other.text}
+
+
+def test_of_a_sensor_whose_records_were_refused_no_check_is_told(log: FlightLog) -> None:
+    """Of 74 % impossible values a mean force of 68 m/s^2 and a tilt of 54 deg were told as faults of a calibration."""
+    wrong = [check("gravity in flight"), check("gravity direction"), check("jitter"), check("field")]
+    assert len(findings(log, wrong)) > 2
+    log.problems = [Problem("imu_mostly_refused", "error", "Mostly refused.")]
+    assert {f.text for f in findings(log, wrong)} == {"Mostly refused.", "field is off."}
+
+
+def test_what_was_reported_before_arming_and_before_the_first_sample_is_a_note(log: FlightLog) -> None:
+    """A simulator's processor stood still as it started, which headed its page."""
+    stood = Problem("err_19_1", "error", "The main loop stood still.", t=-2.1)
+    log.problems, log.armed = [stood], TimeLine(np.array([0.0]), [True], "ARM")
+    assert [f.severity for f in findings(log, [])] == ["note"]
+    log.armed = TimeLine(np.array([-60.0, 0.0]), [True, False], "ARM")
+    assert [f.severity for f in findings(log, [])] == ["serious"]
+    log.problems, log.armed = [replace(stood, t=0.4)], None
+    assert [f.severity for f in findings(log, [])] == ["serious"]

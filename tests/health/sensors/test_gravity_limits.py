@@ -75,6 +75,18 @@ def test_the_mean_vertical_force_of_a_flight_is_within_half_a_metre_per_second_s
     assert (found.verdict, found.value) == (verdict, pytest.approx(G + off, abs=1e-3))
 
 
+def test_samples_that_are_kept_unevenly_count_for_the_time_they_stand_for() -> None:
+    """It pulls 12 m/s^2 half of the time, where four of five records are kept, and 7.6 where one of five is."""
+    up = (T % 4.0) < 2.0
+    log = made([0.0, 0.0, -G], tilted(0.0))
+    log.imus[0].acc.x[:, 2] = np.where(up, -12.0, -7.6)
+    kept = up | (np.arange(len(T)) % 5 == 0)
+    kept &= ~up | (np.arange(len(T)) % 5 != 0)
+    for stream in (log.imus[0].acc, log.imus[0].gyro):
+        stream.t, stream.x = stream.t[kept], stream.x[kept]
+    assert check(log, AIR, "gravity in flight").value == pytest.approx(9.8, abs=0.05)
+
+
 @pytest.mark.parametrize(("seconds", "verdict"), [(12.0, "ok"), (14.0, "warning")])
 def test_a_climb_of_eight_metres_per_second_is_allowed_for_in_a_short_flight(seconds: float, verdict: str) -> None:
     air = Segments([Segment("airborne", 10.0, 10.0 + seconds)])
@@ -162,10 +174,10 @@ def test_a_sensor_of_zeros_or_with_a_constant_axis_is_dead() -> None:
     assert gyro.alive("gyro", x, "IMU:0") == []
     x[:, 1] = 0.3
     (found,) = gyro.alive("gyro", x, "IMU:0")
-    assert (found.verdict, found.value, found.text) == ("fault", "constant", "IMU:0: axis y is constant.")
+    assert (found.verdict, found.value, found.text) == ("fault", "constant", "IMU:0: gyro axis y is constant.")
     assert gyro.alive("gyro", x[:19], "IMU:0") == []
     assert gyro.alive("gyro", 0.0 * x[:5], "IMU:0")[0].value == "zero"
-    assert gyro.alive("gyro", 0.0 * x + 1.0, "IMU:0")[0].text == "IMU:0: all axes are constant."
+    assert gyro.alive("gyro", 0.0 * x + 1.0, "IMU:0")[0].text == "IMU:0: all axes of the gyro are constant."
 
 
 def force_log(after: float, climb: float = 0.0) -> FlightLog:

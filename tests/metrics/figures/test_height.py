@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+import re
+from pathlib import Path
 
+import numpy as np
+import pytest
+
+import attlog
 from attlog.flight.model import Stream
 from attlog.metrics.figures.height import averaged, ground
+from attlog.report.first_screen.strip import strip
 
 T = np.arange(0.0, 200.0, 0.1)
 FLIGHT = (50.0, 150.0)
@@ -39,3 +45,14 @@ def test_a_part_of_the_log_without_samples_has_no_height() -> None:
     assert silent.any()
     assert np.isnan(means[silent]).all()
     assert np.nanmax(np.abs(means - 1.0)) == 0.0
+
+
+@pytest.mark.parametrize(
+    "name", ["copter_heading_28deg_off.BIN", "px4_1.14_clipping_field.ulg", "px4_1.8_hexa.ulg", "copter_3.3dev_181.BIN"]
+)
+def test_the_strip_tells_the_height_of_the_headline(corpus: Path, name: str) -> None:
+    """The rangefinder of the first saw 11 m in all the flight, where its barometer peaked at 13 m in wind."""
+    result = attlog.analyze(corpus / "logs" / "cases" / name, attlog.Config(estimators=("mahony",)))
+    said = re.search(r"up to ([\d.]+ m)\b", result.headline)
+    assert said is not None, result.headline
+    assert strip(result).top == said.group(1)

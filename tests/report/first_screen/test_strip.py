@@ -37,12 +37,25 @@ def test_serious_events_and_the_routine_get_marks_and_notes_do_not() -> None:
 def test_the_height_goes_up_from_the_ground_to_the_top_in_flight() -> None:
     result = flown()
     t = np.arange(0.0, 200.0, 1.0)
-    result.traces.append(Trace("height", "", t, {"height": np.where((t > 70) & (t < 170), 12.0, 0.0)}))
+    trace = Trace("height", "", t, {"height": np.where((t > 70) & (t < 170), 12.0, 0.0)}, values={"top": 12.4})
+    result.traces.append(trace)
     found = strip(result)
     assert found.top == "12 m"
     assert ",0.0 " in found.curve
     result.traces.pop()
     assert strip(result).curve == ""
+
+
+def test_the_height_is_told_in_the_headlines_figures_and_not_where_the_log_shows_no_ground() -> None:
+    result = flown()
+    t = np.arange(0.0, 200.0, 1.0)
+    trace = Trace("height", "", t, {"height": np.where((t > 70) & (t < 170), 12.0, 0.0)})
+    result.traces.append(trace)
+    assert strip(result).top == ""
+    assert strip(result).curve
+    for top, said in ((1.94, "1.9 m"), (4.4, "4 m"), (13.6, "14 m")):
+        trace.values["top"] = top
+        assert strip(result).top == said
 
 
 def test_a_name_of_a_mode_stands_only_where_it_fits() -> None:
