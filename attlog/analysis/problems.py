@@ -7,7 +7,7 @@ from functools import partial
 
 from attlog import estimators
 from attlog.analysis.replay import Chosen
-from attlog.base.errors import AttlogError, PluginError, PluginTimeout
+from attlog.base.errors import AttlogError, PluginError, PluginTimeout, UsageError
 from attlog.flight.model import Problem, part_of
 from attlog.health import Check, answerable
 from attlog.health.findings import Finding, OpenQuestion, contradiction, findings
@@ -24,10 +24,17 @@ def of_reference_and_filters(
     chosen: Mapping[str, Chosen],
     rows: Iterable[Row],
 ) -> list[Problem]:
-    """A reference that physics contradicts, filters that failed (``failed``: their errors) or are not compiled."""
+    """A reference that physics contradicts, filters that failed (``failed``: their errors) or are not compiled.
+
+    A log that does not hold what a filter needs is no fault of either: a note.
+    """
     late = {name for name, error in failed.items() if isinstance(error, PluginTimeout)}
     broken = [
-        Problem(TIMED_OUT if line.name in late else "estimator_failed", "error", f"{line.name}: {line.reason}")
+        Problem(
+            TIMED_OUT if line.name in late else "estimator_failed",
+            "note" if isinstance(failed.get(line.name), UsageError) else "error",
+            f"{line.name}: {line.reason}",
+        )
         for line in lines
         if line.status == "failed"
     ]

@@ -80,8 +80,16 @@ def comparison(result: Result, window: str, width: int, shown: Shown = str, verb
     said = legend(result, table, room, width, caveat=not verbose)
     ahead = [names[row.name] for row, _ in table.rows if not row.causal and not row.is_reference]
     said += textwrap.wrap(f"Looks ahead in time: {'; '.join(ahead)}.", width) if ahead else []
+    for row in unfit(result):
+        said += textwrap.wrap(f"{names[row.name]} failed: {row.reason.removeprefix(f'{row.name}: ')}.", width)
     said += textwrap.wrap(f"No room for: {', '.join(left_out)}.", width) if left_out else []
     return [TextLine(line) for line in lines] + [TextLine(shown(line), "dim") for line in said]
+
+
+def unfit(result: Result) -> list[EstimatorRow]:
+    """Filters that this log does not hold enough for: no trouble, so that nothing above the table tells why."""
+    told = {f.text for f in result.findings if f.kind == "estimator_failed" and not f.is_trouble}
+    return [row for row in result.estimators if f"{row.name}: {row.reason}" in told]
 
 
 def shortened(table: FilterTable) -> FilterTable:

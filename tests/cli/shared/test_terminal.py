@@ -80,6 +80,16 @@ def test_who_looks_ahead_is_named_and_the_reference_is_not():
     assert not any(line.startswith("Looks ahead") for line in lines(result, 200))
 
 
+def test_why_a_log_is_not_enough_for_a_filter_stands_below_the_table():
+    result = make_result()
+    row = next(row for row in result.estimators if row.kind == "replay")
+    row.status, row.reason = "failed", "no GNSS motion told the heading"
+    result.findings = [Finding("estimator_failed", "note", f"{row.name}: {row.reason}")]
+    assert f"{row_names(result)[row.name]} failed: no GNSS motion told the heading." in lines(result, 200)
+    result.findings = [Finding("estimator_failed", "serious", f"{row.name}: {row.reason}")]
+    assert not any(" failed: " in line for line in lines(result, 200))
+
+
 def test_a_missing_value_is_a_word_and_a_column_without_values_is_left_out():
     result = make_result()
     assert any("not a pure delay" in line for line in lines(result, 160) if line.startswith("Complementary"))

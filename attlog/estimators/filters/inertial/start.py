@@ -176,10 +176,10 @@ def square_swing(state: Any) -> float:
 
     F is the sum of specific force f; ``SWING`` holds the sums of t F (3), |F|^2 and t^2.
     """
-    time = state[T]
+    time: float = state[T]
     if time <= 0.0:
         return 0.0
-    total = state[SWING + 3]
+    total: float = state[SWING + 3]
     for i in range(3):
         mean = state[SUM_F + i] / time
         total += mean * (mean * state[SWING + 4] - 2.0 * state[SWING + i])
