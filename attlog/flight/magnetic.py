@@ -16,9 +16,9 @@ from attlog.flight.model import Array, Imu, Mag
 GAUSS = 1e-4
 """Tesla per gauss."""
 SPIKE_FACTOR = 3.0
+"""A record whose norm is this many times the local median, or this part of it, is a spike."""
 SINGLE = 3
 """So many spikes are no trouble, however short the log."""
-"""A record whose norm is this many times the local median, or this part of it, is a spike."""
 TURN_DEG = 15.0
 """A field that stays constant while the gyro sees this much turn is not measured."""
 
