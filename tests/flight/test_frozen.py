@@ -60,15 +60,16 @@ def test_where_it_is_the_one_that_flew_it_is_a_warning_and_nothing_flew() -> Non
 
 
 def test_a_heading_never_set_before_it_began_is_left_out_and_resets_keep_their_records() -> None:
-    begun = np.where(T < 15.0, 0.0, turning(T))
-    log = flight(ATT=attitude(turning(T)), EKF1=attitude(begun, resets=np.array([750, 1000]), t_sample=T - 0.001))
+    """It stands for 8 s in which nothing turns: only its heading of exactly 0 tells."""
+    begun = np.where(T < 8.0, 0.0, turning(T))
+    log = flight(ATT=attitude(turning(T)), EKF1=attitude(begun, resets=np.array([400, 1000]), t_sample=T - 0.001))
     kept = log.attitudes["EKF1"]
-    assert kept.t[0] == pytest.approx(15.0)
-    assert kept.t[kept.resets].tolist() == pytest.approx([15.0, 20.0])
+    assert kept.t[0] == pytest.approx(8.0)
+    assert kept.t[kept.resets].tolist() == pytest.approx([8.0, 20.0])
     assert kept.t_sample is not None
     assert np.allclose(kept.t - kept.t_sample, 0.001)
     assert said(log) == [
-        ("note", "EKF1: it holds one attitude to 15.0 s, before this estimate ran; 750 records are left out.")
+        ("note", "EKF1: it holds one attitude to 8.0 s, before this estimate ran; 400 records are left out.")
     ]
 
 
