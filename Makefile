@@ -7,7 +7,7 @@ CORES := $(shell $(PYTHON) -c "import os; print(len(os.sched_getaffinity(0)) if 
 # of Python's files (20 s; each is compiled when it is first imported) nor kernels, which $(compile) counts.
 install = (command -v uv >/dev/null 2>&1 && ATTLOG_KERNELS=none uv pip install --quiet --python $(BIN)/python -e $(1)) \
 	|| ATTLOG_KERNELS=none $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e $(1)
-compile = $(BIN)/python -m attlog.prebuilt --here
+compile = $(BIN)/python -m attlog.core.jit.build --here
 
 # Bytecode is kept also where the environment says not to: else each of the tests' processes compiles all of Python's
 # files that it imports, and every worker the tests themselves.

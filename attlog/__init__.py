@@ -8,22 +8,22 @@ __version__ = "0.15.0"
 __all__ = ["Aids", "AttlogError", "Config", "Result", "analyze", "estimate", "evaluate", "prepare", "read"]
 
 if TYPE_CHECKING:
-    from attlog.analysis import analyze, evaluate, prepare
-    from attlog.analysis.config import Config
-    from attlog.base.errors import AttlogError
+    from attlog.core.errors import AttlogError
     from attlog.estimators import Aids, estimate
     from attlog.flight import read
+    from attlog.pipeline import analyze, evaluate, prepare
+    from attlog.pipeline.config import Config
     from attlog.result import Result
 
 _HOMES = {
     "Aids": "attlog.estimators",
-    "AttlogError": "attlog.base.errors",
-    "Config": "attlog.analysis.config",
+    "AttlogError": "attlog.core.errors",
+    "Config": "attlog.pipeline.config",
     "Result": "attlog.result",
-    "analyze": "attlog.analysis",
+    "analyze": "attlog.pipeline",
     "estimate": "attlog.estimators",
-    "evaluate": "attlog.analysis",
-    "prepare": "attlog.analysis",
+    "evaluate": "attlog.pipeline",
+    "prepare": "attlog.pipeline",
     "read": "attlog.flight",
 }
 

@@ -23,14 +23,13 @@ from pathlib import Path
 import numpy as np
 
 from attlog import flight
-from attlog.analysis.pipeline import prepare
-from attlog.analysis.sensors import motion_attitude
-from attlog.base.errors import AttlogError
+from attlog.core.errors import AttlogError
 from attlog.flight.model import FlightLog
-from attlog.health.assessments import HealthCase
-from attlog.health.assessments.inertial.accelerometer_offset import OFF_M_S2, answer, is_off
-from attlog.health.assessments.inertial.biases import Bias, acc_bias
-from attlog.health.sensors import vibration
+from attlog.health import vibration
+from attlog.health.accelerometer import OFFSET_OFF_M_S2, accelerometer_offsets, offset_axes
+from attlog.health.check import HealthCase
+from attlog.health.imu import SensorBias, smoothed_acc_bias
+from attlog.pipeline.evaluation import motion_attitude, prepare
 
 PLANTED = 0.3
 TRUTH = re.compile(r"acc(?:elerometer offset| bias IMU0 \(SIM_ACC1_BIAS\)) ([-\d.]+)[ /]([-\d.]+)[ /]([-\d.]+)")
@@ -52,7 +51,7 @@ def truths(folder: Path) -> dict[str, np.ndarray]:
 
 def case_of(log: FlightLog) -> HealthCase:
     case = prepare(log)
-    checks = vibration.checks(case.log, case.segments)
+    checks = vibration.vibration_checks(case.log, case.segments)
     return HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case))
 
 
@@ -69,7 +68,7 @@ def main() -> None:
     parser.add_argument("--verbose", "-v", action="store_true")
     given = parser.parse_args()
     folder = Path(given.corpus) / "sitl"
-    rows: list[tuple[str, int, np.ndarray, Bias | None, Bias | None, int]] = []
+    rows: list[tuple[str, int, np.ndarray, SensorBias | None, SensorBias | None, int]] = []
     untouched = []
     for name, own in truths(folder).items():
         if not name.endswith((".ulg", ".bin")):
@@ -80,26 +79,35 @@ def main() -> None:
         except AttlogError:
             continue
         plain = case_of(log)
-        said = [one for one in answer(plain) if one.verdict in ("warning", "fault")]
+        said = [one for one in accelerometer_offsets(plain) if one.verdict in ("warning", "fault")]
         untouched += [(name, own, one) for one in said]
         for axis in range(3):
             case = case_of(pushed(log, axis))
-            offered = sum(bool(one.settings) for one in answer(case)[:1])
-            rows.append((name, axis, own + PLANTED * np.eye(3)[axis], acc_bias(plain), acc_bias(case), offered))
+            offered = sum(bool(one.settings) for one in accelerometer_offsets(case)[:1])
+            rows.append(
+                (
+                    name,
+                    axis,
+                    own + PLANTED * np.eye(3)[axis],
+                    smoothed_acc_bias(plain),
+                    smoothed_acc_bias(case),
+                    offered,
+                )
+            )
     table(rows, given.verbose)
     print(f"\n{len(untouched)} offsets are said of the untouched flights:")
     for name, own, one in untouched:
         print(f"- {name}, truth {', '.join(f'{v:+.2f}' for v in own)}: {one.text}")
 
 
-def table(rows: list[tuple[str, int, np.ndarray, Bias | None, Bias | None, int]], verbose: bool) -> None:
+def table(rows: list[tuple[str, int, np.ndarray, SensorBias | None, SensorBias | None, int]], verbose: bool) -> None:
     print("| 0.3 m/s^2 along | flights | known | above the limit | found | inside | comes back as | with settings |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for axis in range(3):
         mine = [row for row in rows if row[1] == axis]
         known = [row for row in mine if row[4] is not None and row[4].known[axis]]
-        large = [row for row in known if abs(row[2][axis]) > OFF_M_S2[axis]]
-        found = [row for row in large if row[4] is not None and is_off(row[4])[axis]]
+        large = [row for row in known if abs(row[2][axis]) > OFFSET_OFF_M_S2[axis]]
+        found = [row for row in large if row[4] is not None and offset_axes(row[4])[axis]]
         inside, back = 0, []
         for name, _, truth, before, after, _ in known:
             assert before is not None

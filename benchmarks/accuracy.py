@@ -33,13 +33,13 @@ from peers import PEERS, WITHOUT_HEADING, from_enu, installed
 
 import attlog
 from attlog import segments
-from attlog.analysis import inputs
-from attlog.analysis.replay import KNOWN_RAD
-from attlog.base import rotation
-from attlog.base.errors import AttlogError
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
 from attlog.estimators import Aids, Estimate, estimate, place, select
-from attlog.estimators.engine.samples import Sampling
-from attlog.reference import declination as log_declination
+from attlog.estimators.samples import Sampling
+from attlog.pipeline import inputs
+from attlog.pipeline.replay import KNOWN_RAD
+from attlog.reference import alignment as log_declination
 
 Array = NDArray[np.float64]
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
@@ -69,8 +69,8 @@ class Trial:
         The first two are NaN without magnetometer and for a filter that estimates no ``heading``.
         """
         use = self.scored & np.isfinite(self.q).all(axis=1) & (self.t_true >= t[0]) & (self.t_true <= t[-1])
-        e = rotation.error(rotation.slerp(t, q, self.t_true[use]), self.q[use])
-        angles = [rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e)]
+        e = rotation.earth_error(rotation.slerp(t, q, self.t_true[use]), self.q[use])
+        angles = [rotation.total_angle(e), rotation.heading_angle(e), rotation.tilt_angle(e)]
         rmse = np.rad2deg([np.sqrt(np.mean(a**2)) for a in angles])
         return rmse if heading and self.mag is not None else np.array([np.nan, np.nan, rmse[2]])
 
@@ -144,7 +144,7 @@ def flight(path: Path, group: str, declination: float) -> Trial | None:
     if log.truth is None or log.imu is None or log.mag is None:
         return None
     imu, field = log.imus[log.imu], log.mags[log.mag].field
-    aids = inputs.aids_of(log, segments.build(log), imu, log_declination.model(log))
+    aids = inputs.aids_of(log, segments.build(log), imu, log_declination.earth_field(log))
     return Trial(
         group,
         path.stem,
@@ -226,7 +226,7 @@ def flights(corpus: Path | None) -> list[Path]:
 
 def lags(paths: list[Path], specs: list[str]) -> dict[str, list[Array]]:
     """Per row the list of (lag ms, step gain of roll) of the simulated flights that have steps."""
-    from attlog.analysis.config import Config
+    from attlog.pipeline.config import Config
 
     found: dict[str, list[Array]] = {}
     for path in paths:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from attlog import __version__
 from attlog.estimators import names
-from attlog.estimators.accuracy import ANGLES, FILE, SETS, MeasuredAccuracy, measured
-from attlog.metrics.statistics.quantiles import student
+from attlog.estimators.accuracy import ANGLES, FILE, SETS, FilterAccuracy, read_accuracy
+from attlog.metrics.intervals import student
 
 Array = NDArray[np.float64]
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "estimators.md"
@@ -75,10 +75,10 @@ def write(table: Mapping[tuple[str, str], Sequence[Array]], path: Path = FILE) -
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()
         writer.writerows(known[key] for key in kept)
-    measured.cache_clear()
+    read_accuracy.cache_clear()
 
 
-def table(found: Mapping[str, Mapping[str, MeasuredAccuracy]]) -> str:
+def table(found: Mapping[str, Mapping[str, FilterAccuracy]]) -> str:
     """The table of the docs: mean RMSE, in brackets the total with the gyro's bias subtracted."""
     trials = {s: max((sets[s].trials for sets in found.values() if s in sets), default=0) for s in SETS}
     text = [HEAD.format(**trials), "| --- | --- | --- | --- |"]
@@ -91,7 +91,7 @@ def table(found: Mapping[str, Mapping[str, MeasuredAccuracy]]) -> str:
     return "\n".join(text)
 
 
-def cell(one: MeasuredAccuracy, name: str) -> str:
+def cell(one: FilterAccuracy, name: str) -> str:
     """Total/heading/inclination; dashes for what a filter without heading cannot tell on a set that others can."""
     return one.short() if name == "euroc" or "total" in one.rmse_deg else f"-/-/{one.short()}"
 
@@ -101,4 +101,4 @@ def write_page(page: Path = PAGE) -> None:
     text = page.read_text(encoding="utf-8")
     begin = text.index(BEGIN)
     end = text.index(END, begin)
-    page.write_text(text[:begin] + table(measured()) + text[end:], encoding="utf-8")
+    page.write_text(text[:begin] + table(read_accuracy()) + text[end:], encoding="utf-8")

@@ -27,19 +27,16 @@ import numpy as np
 
 import attlog
 from attlog import flight, reference, segments
-from attlog.analysis import choices
-from attlog.analysis.config import Config
-from attlog.analysis.sensors import motion_attitude
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import place
 from attlog.flight.model import FlightLog
-from attlog.health.assessments import HealthCase
-from attlog.health.assessments.compass import motors, offset
-from attlog.health.assessments.compass.fitting import of_samples
-from attlog.health.assessments.compass.heading import halves
-from attlog.health.assessments.compass.samples import drive_of, power_at
-from attlog.health.assessments.compass.study import CompassStudy, studies
-from attlog.metrics.base import Case
+from attlog.health import compass
+from attlog.health.check import HealthCase
+from attlog.health.compass_fit import CompassStudy, compass_studies, fit_offset_of, flight_halves, motor_drive, power_at
+from attlog.metrics.metric import Case
+from attlog.pipeline import preparation
+from attlog.pipeline.config import Config
+from attlog.pipeline.evaluation import motion_attitude
 from attlog.reference.model import ReferenceOptions
 
 OFFSETS_UT = (0.0, 3.0, 10.0, 20.0)
@@ -63,7 +60,7 @@ def case_of(path: Path) -> HealthCase:
 def planted(case: HealthCase, constant: np.ndarray, per_power: np.ndarray) -> HealthCase:
     """The flight with every compass reading so much more, uT and uT per unit of power."""
     log = deepcopy(case.log)
-    _, drive = drive_of(log)
+    _, drive = motor_drive(log)
     for mag in log.mags:
         power = np.nan_to_num(power_at(drive, mag.field.t_best))
         mag.field.x = mag.field.x + 1e-6 * (constant + power[:, None] * per_power)
@@ -91,19 +88,19 @@ def row(name: str, compasses: int, found: list[tuple[CompassStudy, np.ndarray, b
 
 
 def offered_offset(case: HealthCase, study: CompassStudy) -> bool:
-    return study.air.counts and not offset.why_not(case, study)
+    return study.air.counts and not compass.offset_refusal(case, study)
 
 
 def offered_motors(study: CompassStudy) -> bool:
-    return study.ground_differs and not motors.why_not(study)
+    return study.ground_differs and not compass.motors_refusal(study)
 
 
 def with_filters(case: HealthCase, study: CompassStudy, size: np.ndarray) -> dict[str, tuple[float, float]]:
     """Heading RMSE (deg) of filters against the truth in the second half: with the planted compass, and corrected."""
-    log, imu, first = case.log, case.log.replay_imu, of_samples(study.samples, halves(study.samples)[0])
+    log, imu, first = case.log, case.log.replay_imu, fit_offset_of(study.samples, flight_halves(study.samples)[0])
     if imu is None or log.truth is None or first is None:
         return {}
-    t, late = imu.gyro.t_best, study.samples.t[halves(study.samples)[1]]
+    t, late = imu.gyro.t_best, study.samples.t[flight_halves(study.samples)[1]]
     scored = (t >= late[0]) & (t <= late[-1])
     truth = rotation.slerp(log.truth.t, log.truth.q, t[scored])
     told = true_north(log)
@@ -114,7 +111,7 @@ def with_filters(case: HealthCase, study: CompassStudy, size: np.ndarray) -> dic
             field = study.samples.mag.field
             mag = place(t, field.t_best, field.x - 1e-6 * wrong)
             q = attlog.estimate(name, t, imu.gyro.x, imu.acc.x, mag, sampling=imu.gyro.sampling, **told).q[scored]
-            error = rotation.heading_angle(rotation.error(q, truth))
+            error = rotation.heading_angle(rotation.earth_error(q, truth))
             errors.append(float(np.degrees(np.sqrt(np.nanmean(error**2)))))
         found[name] = (errors[0], errors[1])
     return found
@@ -122,7 +119,7 @@ def with_filters(case: HealthCase, study: CompassStudy, size: np.ndarray) -> dic
 
 def true_north(log: FlightLog) -> dict[str, float]:
     """The declination, so that headings are true."""
-    north, _ = reference.declination.step(log, choices.reference_options(Config()).declination)
+    north, _ = reference.alignment.declination_step(log, preparation.reference_options(Config()).declination)
     return {"declination": float(north or 0.0)}
 
 
@@ -144,22 +141,24 @@ def main() -> None:
             wrong = size * np.array(direction)
             for case in cases:
                 copy = planted(case, wrong, zero)
-                studied, why = studies(copy)
+                studied, why = compass_studies(copy)
                 found += [(study, wrong, offered_offset(copy, study) or offered_motors(study)) for study in studied]
                 if given.verbose:
-                    said = why or "; ".join(f"{s.air.offset.round(1)} {offset.why_not(copy, s)}" for s in studied)
+                    said = why or "; ".join(
+                        f"{s.air.offset.round(1)} {compass.offset_refusal(copy, s)}" for s in studied
+                    )
                     print(f"    {case.log.path.name}: {wrong}: {said}")
         row(f"{10 * size:.0f} mG" if size else "nothing", count * (len(DIRECTIONS) if size else 1), found)
     found = []
     for direction in MOTOR_DIRECTIONS:
         for case in cases:
-            kind, _ = drive_of(case.log)
+            kind, _ = motor_drive(case.log)
             unit = MOTOR_UT_A * (1.0 if kind == "current" else 2.0 * HOVER_A) * np.array(direction)
             copy = planted(case, zero, unit)
-            for study in studies(copy)[0]:
+            for study in compass_studies(copy)[0]:
                 found.append((study, unit * study.samples.hover, offered_motors(study)))
                 if given.verbose:
-                    print(f"    {case.log.path.name}: {study.motors}: {motors.why_not(study)}")
+                    print(f"    {case.log.path.name}: {study.motors}: {compass.motors_refusal(study)}")
     row(f"motors {MOTOR_UT_A} uT/A", count * len(MOTOR_DIRECTIONS), found)
     if given.filters:
         filters(cases)
@@ -171,7 +170,7 @@ def filters(cases: list[HealthCase]) -> None:
     results: dict[str, list[tuple[float, float]]] = {name: [] for name in FILTERS}
     for case in cases:
         copy = planted(case, wrong, np.zeros(3))
-        for study in studies(copy)[0][:1]:
+        for study in compass_studies(copy)[0][:1]:
             for name, pair in with_filters(copy, study, wrong).items():
                 results[name].append(pair)
     for name, pairs in results.items():

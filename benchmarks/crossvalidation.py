@@ -23,7 +23,7 @@ import accuracy
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import estimate
 from attlog.estimators.filters.inertial.backward import smooth
 

@@ -27,13 +27,11 @@ from pathlib import Path
 import numpy as np
 from intervals import halves_of, meets
 
-from attlog import analysis, flight, metrics, reference
-from attlog.analysis import replay
+from attlog import flight, metrics, pipeline, reference
 from attlog.flight.model import FlightLog
-from attlog.metrics import Answer, Case
-from attlog.metrics.ranking import best as ranking
-from attlog.metrics.statistics.units import Summary
-from attlog.metrics.trials import still
+from attlog.metrics import Answer, Case, following, ranking
+from attlog.metrics.statistics import Summary
+from attlog.pipeline import replay
 from attlog.reference.model import Row
 
 STATISTICS = ("rmse", "median", "p95")
@@ -46,10 +44,12 @@ class Side:
     """A flight seen with or without truth: its rows, and their errors in the air and in both halves of it."""
 
     def __init__(self, log: FlightLog, halves: tuple[str, ...] = ()) -> None:
-        case: Case = analysis.prepare(log)
+        case: Case = pipeline.prepare(log)
         rows = [*replay.run_rows(case, FILTERS), *reference.onboard_rows(log, case.segments, case.reference)]
         self.case = case.looked_at_with(rows)
-        self.rows: dict[str, Row] = {r.name: r for r in rows if not (r.is_reference or still.why_uncorrected(case, r))}
+        self.rows: dict[str, Row] = {
+            r.name: r for r in rows if not (r.is_reference or following.why_uncorrected(case, r))
+        }
         self.halves = halves or halves_of(case)[:2]
         windows = ("airborne", *self.halves)
         self.table: Table = {

@@ -31,8 +31,8 @@ def compared(runs: int = 15) -> Pair:
     """Both, from arrays to text."""
     import plotly.graph_objects as go
 
-    from attlog.report.figures.figure import Rows, series
-    from attlog.report.pack import Store
+    from attlog.report.bundle import ArrayPacker
+    from attlog.report.figures.canvas import Rows, packed_series
     from attlog.result import Trace
 
     drawn = lines()
@@ -46,8 +46,10 @@ def compared(runs: int = 15) -> Pair:
     ]
 
     def ours() -> str:
-        store = Store()
-        return store.pack({i: series(figure, ("roll",), rows, store, 0.01)[0] for i, figure in enumerate(traces)})
+        store = ArrayPacker()
+        return store.pack(
+            {i: packed_series(figure, ("roll",), rows, store, 0.01)[0] for i, figure in enumerate(traces)}
+        )
 
     def theirs() -> list[str]:
         return [go.Figure([go.Scatter(x=t, y=y) for t, y in figure]).to_json() for figure in drawn]

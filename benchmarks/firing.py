@@ -18,10 +18,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from attlog import flight, segments
-from attlog.analysis.pipeline import health
-from attlog.base.errors import AttlogError
+from attlog.core.errors import AttlogError
 from attlog.health import audit
-from attlog.health.assessments import offered
+from attlog.health.check import agreed_settings
+from attlog.pipeline.evaluation import health
 
 SETS = ("logs", "sitl")
 BAD = ("warning", "fault")
@@ -72,7 +72,7 @@ def asked(path: Path) -> Iterator[Fired]:
     told = health(path).health
     for one in told:
         yield one.question, one.verdict, f"{one.sensor}: {one.text} {one.why_no_setting}".strip()
-    offers = ", ".join(f"{s.name} {s.old} -> {s.new:.7g}" for s in offered(told))
+    offers = ", ".join(f"{s.name} {s.old} -> {s.new:.7g}" for s in agreed_settings(told))
     yield "settings", "set" if offers else "ok", offers
 
 

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import attlog
-from attlog.analysis import inputs
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import Aids, Estimate, Measurements, estimate, place
-from attlog.reference import declination
+from attlog.pipeline import inputs
+from attlog.reference import alignment
 
 Array = NDArray[np.float64]
 SCORED_S = 15.0
@@ -47,7 +47,7 @@ def samples(path: Path) -> tuple[Any, dict[str, Any]]:
         "gyr": imu.gyro.x,
         "acc": imu.acc.x,
         "mag": None if field is None else place(t, field.t_best, field.x),
-        "aids": inputs.aids_of(log, case.segments, imu, declination.model(log)),
+        "aids": inputs.aids_of(log, case.segments, imu, alignment.earth_field(log)),
         "sampling": imu.gyro.sampling,
         "dt": imu.dt,
         "declination": case.reference.declination_deg or 0.0,
@@ -103,8 +103,8 @@ def in_the_air(case: Any, given: dict[str, Any]) -> dict[str, Any]:
 def errors(t: Array, q: Array, truth_t: Array, truth_q: Array, begin: float) -> tuple[Array, Array, Array]:
     """Times (m,) of truth that are scored, tilt and heading errors in rad."""
     use = (truth_t >= begin) & (truth_t <= t[-1]) & np.isfinite(truth_q).all(axis=1)
-    e = rotation.error(rotation.slerp(t, q, truth_t[use]), truth_q[use])
-    return truth_t[use], rotation.inclination_angle(e), rotation.heading_angle(e)
+    e = rotation.earth_error(rotation.slerp(t, q, truth_t[use]), truth_q[use])
+    return truth_t[use], rotation.tilt_angle(e), rotation.heading_angle(e)
 
 
 def rms(x: Array) -> float:

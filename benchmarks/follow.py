@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from attlog import analysis
-from attlog.analysis.config import Config
-from attlog.analysis.replay import run_rows
-from attlog.base.errors import AttlogError
+from attlog import pipeline
+from attlog.core.errors import AttlogError
 from attlog.flight import read
+from attlog.pipeline.config import Config
+from attlog.pipeline.replay import run_rows
 
 FLOWN = {
     "plane_dcm.bin": "ATT",
@@ -66,7 +66,7 @@ def main() -> None:
         if wanted is None:
             continue
         try:
-            case = analysis.prepare(path, Config.build({"reference": wanted[0], "gyro_bias": wanted[1]}))
+            case = pipeline.prepare(path, Config.build({"reference": wanted[0], "gyro_bias": wanted[1]}))
         except AttlogError as error:
             print(f"{path.name:44}{error}")
             continue

@@ -15,10 +15,10 @@ import os
 from copy import deepcopy
 from pathlib import Path
 
-from attlog import analysis, flight
-from attlog.analysis.sensors import motion_attitude
-from attlog.health.assessments import Assessment, HealthCase
-from attlog.health.assessments.onboard import gnss_delay
+from attlog import flight, pipeline
+from attlog.health import delays
+from attlog.health.check import Assessment, HealthCase
+from attlog.pipeline.evaluation import motion_attitude
 
 LATE_MS = (0.0, 60.0, 120.0, 200.0)
 TRUE_MS = {"PX4": 0.0, "ArduPilot": 83.0}
@@ -31,9 +31,9 @@ def found(path: Path, late_ms: float) -> Assessment | None:
         receiver.t = receiver.t + 1e-3 * late_ms
         if receiver.received is not None:
             receiver.received = receiver.received + 1e-3 * late_ms
-    case = analysis.prepare(log)
+    case = pipeline.prepare(log)
     asked = HealthCase(case.log, case.segments, case.reference, [], lambda: motion_attitude(case))
-    return next(iter(gnss_delay.assessments(asked)), None)
+    return next(iter(delays.gnss_delays(asked)), None)
 
 
 def main() -> None:

@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import analysis
-from attlog.analysis.replay import aids_of, facts
-from attlog.base import rotation
-from attlog.base.errors import AttlogError
+from attlog import pipeline
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
 from attlog.estimators import estimate
 from attlog.flight.model import Attitude, FlightLog
+from attlog.pipeline.replay import aids_of, facts
 
 Array = NDArray[np.float64]
 FOLDERS = ("sitl/ardupilot", "sitl/px4", "logs", "logs/cases")
@@ -69,7 +69,7 @@ def delay(found: Headings, onboard: Attitude) -> float:
 
 def yaw_at(attitude: Attitude, t: Array) -> Array:
     """Yaw (n,) rad of an attitude at times ``t`` (n,)."""
-    good = rotation.finite(attitude.q)
+    good = rotation.finite_rows(attitude.q)
     return rotation.to_euler(rotation.slerp(attitude.t[good], attitude.q[good], t))[:, 2]
 
 
@@ -80,7 +80,7 @@ def apart(a: Array, b: Array) -> Array:
 
 def replayed(path: Path, row: str) -> tuple[FlightLog, Headings]:
     """The log, and what ``row`` makes of its samples, as in an analysis."""
-    case = analysis.prepare(path)
+    case = pipeline.prepare(path)
     imu = case.imus[""]
     e = estimate(
         row,

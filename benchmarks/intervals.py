@@ -34,18 +34,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import analysis, flight, metrics, reference
-from attlog.analysis import replay
-from attlog.base import rotation
-from attlog.base.errors import AttlogError
-from attlog.metrics import Answer, Case
-from attlog.metrics.evidence.phases import PHASES
-from attlog.metrics.noise import added as noise
-from attlog.metrics.noise import injection
-from attlog.metrics.noise import variances as metrics_variances
-from attlog.metrics.ranking import best as ranking
-from attlog.metrics.statistics.units import Summary, ids_of
-from attlog.metrics.trials import still
+from attlog import flight, metrics, pipeline, reference
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
+from attlog.metrics import Answer, Case, correction_noise, following, noise, ranking
+from attlog.metrics import noise as metrics_variances
+from attlog.metrics.statistics import Summary, make_ids
+from attlog.metrics.windows import PHASES
+from attlog.pipeline import replay
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -103,7 +99,7 @@ class Side:
 def side(path: Path, truth: bool, halves: tuple[str, ...] = ()) -> Side:
     """One flight, analysed; ``halves`` are windows ``T0:T1`` to answer for as well."""
     log = flight.read(path)
-    case = analysis.prepare(log if truth else replace(log, truth=None))
+    case = pipeline.prepare(log if truth else replace(log, truth=None))
     rows = {row.name: row for row in replay.run_rows(case, ["default"])}
     case = case.looked_at_with([*rows.values(), *reference.onboard_rows(case.log, case.segments, case.reference)])
     windows = (*case.windows, *(halves or halves_of(case)))
@@ -149,8 +145,8 @@ def true_noise(row: Row, phase: str, starts: Array) -> tuple[Array, Array]:
         i, j = np.searchsorted(errors.t, [start, start + 5.0])
         if j - i < LEAST_TRUE or not errors.scored[i:j].all():
             continue
-        moving = injection.GyroAttitude(errors.t, errors.q_ref, errors.gap_segment)
-        left = injection.residual(errors.t[i:j], errors.q_est[i:j], moving, 180.0)
+        moving = correction_noise.GyroAttitude(errors.t, errors.q_ref, errors.gap_segment)
+        left = correction_noise.residual(errors.t[i:j], errors.q_est[i:j], moving, 180.0)
         if left is not None:
             covered[k] = True
             variances.append(metrics_variances.variance(left))
@@ -210,7 +206,7 @@ def judge_pairs(
 
 def judge_noise(seen: Flight, blind: Side, truth: Side, metric: str, phase: str) -> None:
     """Noise of a phase: every interval against estimate minus truth, and halves, in the same windows."""
-    column, axis = f"{metric} {phase}", metrics_variances.AXES.index(metric.split("_")[1])
+    column, axis = f"{metric} {phase}", metrics_variances.NOISE_AXES.index(metric.split("_")[1])
     first: dict[str, Answer] = {}
     same: dict[str, float] = {}
     later: dict[str, float] = {}
@@ -218,13 +214,13 @@ def judge_noise(seen: Flight, blind: Side, truth: Side, metric: str, phase: str)
         answer = blind.table[name][phase].get(metric)
         if answer is None or answer.value is None or answer.units is None or not answer.ranked:
             continue
-        found = metrics_variances.measured(blind.case, row, phase, phase)
+        found = metrics_variances.phase_variances(blind.case, row, phase, phase)
         assert found is not None
         covered, v = true_noise(truth.rows[name], phase, found.t0)
         if not covered.any():
             continue
-        ids, logs = ids_of(found.t0)[covered], np.log(np.maximum(v[:, axis], 1e-18))
-        prior = noise.prior_of(row, phase, metrics_variances.AXES[axis])
+        ids, logs = make_ids(found.t0)[covered], np.log(np.maximum(v[:, axis], 1e-18))
+        prior = noise.prior_of(row, phase, metrics_variances.NOISE_AXES[axis])
         real = noise.typical(ids, logs, prior, 0.0, ids)
         own = answer.units.on(ids)
         same[name] = real.value
@@ -300,7 +296,7 @@ def judge_halves(seen: Flight, blind: Side, truth: Side, metric: str, window: st
             continue
         true = {}
         for name, row in here.rows.items():
-            if metric.startswith(ERRORS) and still.why_uncorrected(here.case, row):
+            if metric.startswith(ERRORS) and following.why_uncorrected(here.case, row):
                 continue  # its error grows with the flight: one half says nothing of the other
             a, b = (here.table[name].get(w, {}).get(metric) for w in halves)
             if a is not None and b is not None and a.value is not None and b.value is not None and a.ci95 and b.ci95:
@@ -401,10 +397,10 @@ QUESTIONS = {
 def answered(path: Path) -> tuple[float, dict[str, bool]] | None:
     """Seconds in the air of a real log, and which questions it answers for a filter that gravity corrects."""
     try:
-        case = analysis.prepare(path)
+        case = pipeline.prepare(path)
     except AttlogError:
         return None
-    table = analysis.evaluate(case).estimators
+    table = pipeline.evaluate(case).estimators
     air = sum(t1 - t0 for t0, t1 in case.segments.spans("airborne"))
     values = [
         name

@@ -38,16 +38,16 @@ from numpy.typing import NDArray
 from other_faults import Fault
 
 from attlog import flight, formats, reference, segments
-from attlog.analysis import replay
-from attlog.base import rotation
-from attlog.estimators.base import Estimate
+from attlog.core import rotation
+from attlog.core.log_cache import log_cache
+from attlog.estimators.interface import Estimate
 from attlog.flight.model import Attitude, FlightLog, Gnss
 from attlog.health import Check, audit
-from attlog.reference import scoring, trim
-from attlog.reference.compare import interpolate
+from attlog.pipeline import replay
+from attlog.reference import alignment, scoring
 from attlog.reference.model import Reference, ReferenceOptions
+from attlog.reference.scoring import interpolate
 from attlog.segments.model import Segments
-from attlog.segments.once import once
 
 Array = NDArray[np.float64]
 
@@ -203,8 +203,8 @@ def errors(t: Array, q: Array, truth: Attitude) -> tuple[Array, Array]:
     """Tilt and signed heading errors (n,) in deg of attitudes (n, 4) at ``t``; NaN where truth does not cover it."""
     at = truth.t if truth.t_sample is None else truth.t_sample
     of, _ = interpolate(at, rotation.normalize(truth.q), np.zeros(len(at), np.int64), t)
-    e = rotation.error(q, of)
-    return np.degrees(rotation.inclination_angle(e)), np.degrees(rotation.heading_angle(e))
+    e = rotation.earth_error(q, of)
+    return np.degrees(rotation.tilt_angle(e)), np.degrees(rotation.heading_angle(e))
 
 
 def onboard_errors(log: FlightLog, truth: Attitude) -> tuple[Array, Array, Array]:
@@ -212,7 +212,7 @@ def onboard_errors(log: FlightLog, truth: Attitude) -> tuple[Array, Array, Array
     attitude = log.onboard_attitude
     assert attitude is not None
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
-    q = attitude.q if log.trim is None or not attitude.has_trim else trim.apply(attitude.q, -log.trim)
+    q = attitude.q if log.trim is None or not attitude.has_trim else alignment.apply_trim(attitude.q, -log.trim)
     return t, *errors(t, q, truth)
 
 
@@ -248,7 +248,7 @@ def judged(log: FlightLog) -> tuple[Reference, Segments, list[Check], dict[str, 
         quality.update(estimate.quality)
         return estimate
 
-    with once():
+    with log_cache():
         phases = segments.build(log)
         ref = reference.choose(log, phases, smooth=smooth)
         return ref, phases, audit(log, phases, ref), quality
@@ -271,9 +271,9 @@ def outcome(name: str, log: FlightLog, fault: str, middle: float) -> Outcome:
     own: dict[str, float | None] = dict.fromkeys(("tilt", "heading", "tilt z", "heading z", "tilt ratio"))
     t, *onboard = onboard_errors(copy, truth)
     if ref.kind == "smoother" and ref.sigma_tilt_deg is not None and ref.sigma_heading_deg is not None:
-        q = ref.q if ref.trim is None else trim.apply(ref.q, -ref.trim)
-        use = scoring.scored(ref, ref.t)
-        air, air_onboard = (phases.mask(x, "airborne") & scoring.scored(ref, x) for x in (ref.t, t))
+        q = ref.q if ref.trim is None else alignment.apply_trim(ref.q, -ref.trim)
+        use = scoring.scored_mask(ref, ref.t)
+        air, air_onboard = (phases.mask(x, "airborne") & scoring.scored_mask(ref, x) for x in (ref.t, t))
         for angle, error, sigma, flown in zip(
             ("tilt", "heading"),
             errors(ref.t, q, truth),
@@ -322,13 +322,13 @@ def simulated(folder: Path) -> list[Path]:
     """The scenarios, flown and written as ULog (seed 1) or DataFlash (seed 2)."""
     from attlog.simulate.fly import fly
     from attlog.simulate.logs import recording
-    from attlog.simulate.scenario.scenario import load
+    from attlog.simulate.scenario import load_scenario
 
     paths = []
     for scenario in SCENARIOS:
         for seed, suffix, kind in ((1, ".ulg", "ulog"), (2, ".bin", "dataflash")):
             path = folder / f"{scenario}-{seed}{suffix}"
-            formats.write(path, recording(fly(load(scenario), seed), kind))
+            formats.write(path, recording(fly(load_scenario(scenario), seed), kind))
             paths.append(path)
     return paths
 

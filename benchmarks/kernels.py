@@ -18,10 +18,10 @@ import numpy as np
 from measured import apart
 from table import Measured, Target, Task
 
-from attlog.base import rotation
-from attlog.estimators import get, names
-from attlog.estimators.engine import batch, loop
-from attlog.estimators.engine.samples import PreparedSamples, prepare
+from attlog.core import rotation
+from attlog.estimators import batch, get, names
+from attlog.estimators import run as loop
+from attlog.estimators.samples import PreparedSamples, prepare
 
 SAMPLES = 50_000
 RATE = 250.0
@@ -73,7 +73,7 @@ def batched(name: str, samples: PreparedSamples, dtype: str) -> Work:
     """Cost per update and parameter set of a full kernel width."""
     e = get(name)
     packed = e.pack({k: v for k, (v, _) in e.resolve().items()})
-    advance = batch.kernel(e, {i: packed[i] for i, p in enumerate(e.own) if p.choices}, dtype)
+    advance = batch.batch_kernel(e, {i: packed[i] for i, p in enumerate(e.own) if p.choices}, dtype)
     width = batch.WIDTH[dtype]
     work = np.zeros((e.state_size + len(packed) + 3, width), dtype)
     work[0] = 1

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from attlog.fleet.records.record import records
+from attlog.batch.job import records
 
 
 def measured(folder: Path) -> dict[str, np.ndarray]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import segments
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.flight.model import FlightLog, Gnss
 
 Array = NDArray[np.float64]

@@ -20,15 +20,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.analysis import evaluate, prepare
-from attlog.base.errors import AttlogError
-from attlog.compare.configurations.configuration import parse
-from attlog.compare.configurations.run import ConfiguredFilter
-from attlog.compare.differences import pooled
-from attlog.compare.differences.one_log import place
-from attlog.compare.differences.paired import estimate
-from attlog.compare.differences.questions import asked
-from attlog.metrics.statistics.units import UnitValues
+from attlog.compare import paired
+from attlog.compare.comparison import select_questions
+from attlog.compare.filter_input import ConfiguredFilter
+from attlog.compare.paired import estimate_difference
+from attlog.compare.run import answer_place
+from attlog.compare.setting import parse_configuration
+from attlog.core.errors import AttlogError
+from attlog.metrics.statistics import UnitValues
+from attlog.pipeline import evaluate, prepare
 
 Index = NDArray[np.int64]
 FIRST = "mahony:kp=0.6"
@@ -40,11 +40,11 @@ DRAWS, SETS = 10, 200
 
 def units_of(flight: Path) -> dict[tuple[str, str], UnitValues]:
     """The units of evidence of a flight by question and configuration."""
-    result = evaluate(prepare(flight), [ConfiguredFilter(parse(text)) for text in (FIRST, *OTHERS)])
+    result = evaluate(prepare(flight), [ConfiguredFilter(parse_configuration(text)) for text in (FIRST, *OTHERS)])
     rows = [row for row in result.estimators if row.kind == "replay" and row.status == "ok"]
     found = {}
-    for question in asked():
-        metric, window = place(question, rows)
+    for question in select_questions():
+        metric, window = answer_place(question, rows)
         for row in rows:
             answer = row.metrics.get(window, {}).get(metric)
             if answer is not None and answer.ranked and answer.units is not None:
@@ -74,7 +74,7 @@ def within(flights: dict[str, dict[tuple[str, str], UnitValues]]) -> None:
             if len(common) < LEAST[a.kind]:
                 continue
             for way, i, j in halves(len(common), rng):
-                one, two = (estimate(a, b, common[k]) for k in (i, j))
+                one, two = (estimate_difference(a, b, common[k]) for k in (i, j))
                 if one.ci95 is None or two.ci95 is None:
                     continue
                 width = math.hypot(one.ci95[1] - one.value, two.ci95[1] - two.value)
@@ -88,7 +88,7 @@ def within(flights: dict[str, dict[tuple[str, str], UnitValues]]) -> None:
 def over(flights: dict[str, dict[tuple[str, str], UnitValues]]) -> None:
     """Halves of the set of flights: the pooled interval of one against the mean of the other."""
     rng, held = np.random.default_rng(0), defaultdict(list)
-    for question in (q.id for q in asked()):
+    for question in (q.id for q in select_questions()):
         for name in OTHERS:
             differences = []
             for units in flights.values():
@@ -97,13 +97,13 @@ def over(flights: dict[str, dict[tuple[str, str], UnitValues]]) -> None:
                     continue
                 common = np.intersect1d(a.ids, b.ids)
                 if len(common) >= LEAST[a.kind] // 2:
-                    differences.append(estimate(a, b, common))
+                    differences.append(estimate_difference(a, b, common))
             if len(differences) < 8:
                 continue
             for _ in range(SETS):
                 drawn = rng.permutation(len(differences))
                 one, two = (
-                    pooled.pool([differences[k].value for k in some], [differences[k].error for k in some])
+                    paired.pool([differences[k].value for k in some], [differences[k].error for k in some])
                     for some in (drawn[: len(drawn) // 2], drawn[len(drawn) // 2 :])
                 )
                 if one.ci95 is None or two.ci95 is None:

@@ -32,8 +32,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
-from attlog.estimators.engine.start import start_attitude
+from attlog.core import rotation
+from attlog.estimators.start import start_attitude
 
 if TYPE_CHECKING:
     from accuracy import Trial

@@ -22,12 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from attlog import flight, reference, segments
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.flight.model import FlightLog
-from attlog.health import audit
+from attlog.health import accelerometer, audit
+from attlog.health.check import Check
 from attlog.health.findings import findings
-from attlog.health.fits import force
-from attlog.health.model import Check
 
 FLIGHTS = (
     "px4/px4_steps.ulg",
@@ -122,9 +121,9 @@ def size_of(log: FlightLog, check: Check, before: Check | None) -> float:
         return float("nan")
     if check.name == "gaps":
         return check.value / check.count
-    if check.name == force.OFFSET:  # which tells the worst axis: this is the planted one
+    if check.name == accelerometer.FORCE_OFFSET:  # which tells the worst axis: this is the planted one
         phases = segments.build(log)
-        found = force.measured(log, phases, reference.choose(log, phases))
+        found = accelerometer.fit_force(log, phases, reference.choose(log, phases))
         return float("nan") if found is None else -float(found.solution.x[4])
     start = before.value if before is not None and isinstance(before.value, (int, float)) else 0.0
     return float(abs(check.value - start))
@@ -166,7 +165,7 @@ def one(log: FlightLog, plant: Plant, before: dict[str, Check], verbose: bool) -
         return False, False, False, told is None or told.verdict == "unknown"
     entry = next((f for f in findings(copy, checks) if told.text in (f.text, *f.evidence)), None)
     size = size_of(copy, told, before.get(plant.check))
-    base = size_of(log, before[plant.check], None) if told.name == force.OFFSET else 0.0
+    base = size_of(log, before[plant.check], None) if told.name == accelerometer.FORCE_OFFSET else 0.0
     caused = entry is not None and bool(entry.cause and entry.action)
     return True, caused, plant.within == np.inf or abs(size - base - plant.size) <= plant.within, False
 

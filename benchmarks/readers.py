@@ -26,7 +26,7 @@ from measured import Pair, anonymous_mb, apart, by_turns, cpu, environment, quie
 from table import Measured, Target, Task, of_pair, seconds
 
 from attlog import formats
-from attlog.base.memory import give_back
+from attlog.core.machine import release_memory
 from attlog.formats import Messages
 
 WANTED = {
@@ -152,11 +152,11 @@ def _peer(suffix: str) -> Callable[[Path, list[str] | None], object]:
 
 def index_against_copy(path: Path, runs: int = 5) -> Pair:
     """The bare pass of a ULog that finds every data record, against a plain copy of the mapped file."""
-    from attlog.formats.ulog import index
+    from attlog.formats.ulog import walk
 
     mapped = np.memmap(path, np.uint8, "r")
     data, log = np.asarray(mapped), formats.open(path)
-    sizes = index.Sizes()
+    sizes = walk.Sizes()
     for table in log.values():
         at = int(table.offsets[0])
         size = int(data[at]) + 256 * int(data[at + 1])
@@ -164,7 +164,7 @@ def index_against_copy(path: Path, runs: int = 5) -> Pair:
     begin = min(int(table.offsets[0]) for table in log.values())
 
     def follow() -> None:
-        chain, position = index.chain(data, sizes), begin
+        chain, position = walk.fastest_chain(data, sizes), begin
         while position < len(data):
             starts, _ = chain.follow(position, len(data))
             if len(starts):
@@ -180,10 +180,10 @@ def peak_share(path: Path) -> float:
     file; NaN where not told. What code takes (imports, loops, dialects) is loaded before."""
     import threading
 
-    from attlog.base.limits import READ_BYTES
+    from attlog.core.limits import READ_BYTES
 
     load_machine_code(path)
-    give_back(path.stat().st_size)
+    release_memory(path.stat().st_size)
     base = most = anonymous_mb()
     done = threading.Event()
 

@@ -24,7 +24,7 @@ import numpy as np
 from flights import SCORED_S, samples
 from numpy.typing import NDArray
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import Aids, estimate
 
 Array = NDArray[np.float64]
@@ -74,9 +74,9 @@ def ratios(name: str, flight: Flight, each: bool) -> Array:
         given = given | {"aids": replace(given.get("aids", Aids()), position=None, velocity=None)}
     e = estimate(name.removesuffix(NO_GNSS), **given)
     use = scored & np.isfinite(truth).all(axis=1) & (t <= e.t[-1])
-    off = rotation.error(rotation.slerp(e.t, e.q, t[use]), truth[use])
+    off = rotation.earth_error(rotation.slerp(e.t, e.q, t[use]), truth[use])
     found = []
-    for which, error in (("tilt", rotation.inclination_angle(off)), ("heading", rotation.heading_angle(off))):
+    for which, error in (("tilt", rotation.tilt_angle(off)), ("heading", rotation.heading_angle(off))):
         sigma = np.interp(t[use], e.t, e.aux[f"sigma_{which}"])
         found.append(rms(error / sigma))
         if each:

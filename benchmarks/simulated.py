@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 import attlog
 from attlog import formats
-from attlog.base.errors import AttlogError
+from attlog.core.errors import AttlogError
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import recording
-from attlog.simulate.scenario.scenario import load
+from attlog.simulate.scenario import load_scenario
 
 Array = NDArray[np.float64]
 FILTERS = (
@@ -72,7 +72,7 @@ def ours(name: str, seed: int, filters: list[str], folder: Path) -> Array:
     """Errors on a scenario's flight."""
     path = folder / f"{name}-{seed}.ulg"
     if not path.is_file():
-        formats.write(path, recording(fly(load(name), seed), "ulog"))
+        formats.write(path, recording(fly(load_scenario(name), seed), "ulog"))
     return errors(path, filters)
 
 

@@ -121,7 +121,7 @@ def trend(means: list[float], steps: float) -> tuple[float, float]:
     """
     import numpy as np
 
-    from attlog.metrics.statistics.quantiles import student
+    from attlog.metrics.intervals import student
 
     x = np.arange(len(means)) - (len(means) - 1) / 2
     y = np.array(means) - np.mean(means)

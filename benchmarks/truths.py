@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import truth
-from attlog.base import rotation
-from attlog.base.errors import AttlogError
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
+from attlog.external import attitude as truth
 from attlog.flight import read
 from attlog.flight.model import Attitude, FlightLog
 
@@ -41,7 +41,7 @@ def write(path: Path, attitude: Attitude, drift_ppm: float, rng: np.random.Gener
     own = sampled(attitude)
     t = np.arange(own[0], own[-1], 1.0 / RATE_HZ)
     q = rotation.slerp(own, attitude.q, t)
-    good = rotation.finite(q)
+    good = rotation.finite_rows(q)
     t, q = t[good], q[good]
     q = rotation.multiply(q, rotation.from_rotvec(np.radians(NOISE_DEG) * rng.normal(size=(len(q), 3))))
     world = rotation.multiply(rotation.from_euler(*np.radians(WORLD_DEG)), rotation.ENU)
@@ -59,14 +59,14 @@ def own(log: FlightLog, path: Path, rng: np.random.Generator) -> str:
     ppm = DRIFT_PPM * float(rng.normal())
     write(path, log.truth, ppm, rng)
     try:
-        found = truth.brought(log, str(path)).truth
+        found = truth.attach_truth(log, str(path)).truth
     except AttlogError as error:
         return f"refused: {error}"
     assert found is not None
     assert found.fit is not None
     fit = found.fit
-    apart = rotation.error(found.q, rotation.slerp(sampled(log.truth), log.truth.q, found.t))
-    tilt = np.degrees(rotation.inclination_angle(apart[rotation.finite(apart)]))
+    apart = rotation.earth_error(found.q, rotation.slerp(sampled(log.truth), log.truth.q, found.t))
+    tilt = np.degrees(rotation.tilt_angle(apart[rotation.finite_rows(apart)]))
     late = 1e3 * (fit.offset_s + OFFSET_S)
     return (
         f"clock {late:+.2f} ({fit.offset_sigma_s * 1e3:.2f}) ms, drift {-ppm:+.0f} found {fit.drift_ppm:+.0f} "
@@ -79,7 +79,7 @@ def accepted(log: FlightLog, other: FlightLog, path: Path, rng: np.random.Genera
     assert other.truth is not None
     write(path, other.truth, 0.0, rng)
     try:
-        truth.brought(log, str(path))
+        truth.attach_truth(log, str(path))
     except AttlogError:
         return False
     return True

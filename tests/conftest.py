@@ -33,8 +33,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Before several workers start: kernels that are not at hand are compiled once, and not by each of them."""
     if not getattr(session.config.option, "numprocesses", None):
         return
-    from attlog.kernels.obtain import at_hand
-    from attlog.prebuilt import kernels
+    from attlog.core.jit.build import kernels
+    from attlog.core.jit.compile import at_hand
 
     missing = [str(number) for number, kernel in enumerate(kernels()) if at_hand(kernel) is None]
     parts = os.cpu_count() or 1

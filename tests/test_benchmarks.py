@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from attlog import formats
-from attlog.base import rotation
+from attlog.core import rotation
 from tests.conftest import ROOT, SAMPLES, few
 
 BENCHMARKS = ROOT / "benchmarks"
@@ -277,18 +277,18 @@ def test_a_peer_without_heading_is_written_with_its_inclination_alone(
     written.write({("peer riann", group): [trial, trial] for group in groups}, file)
     assert file.read_text().splitlines()[1].startswith("package riann,broad,2,,,,,,,1.26,")
     monkeypatch.setattr(accuracy, "FILE", file)
-    accuracy.measured.cache_clear()
-    table = written.table(accuracy.measured())
-    accuracy.measured.cache_clear()
+    accuracy.read_accuracy.cache_clear()
+    table = written.table(accuracy.read_accuracy())
+    accuracy.read_accuracy.cache_clear()
     assert table.splitlines()[-1] == "| package riann | -/-/1.3 | 1.3 | -/-/1.3 (1.3) |"
 
 
 def test_the_table_of_the_filters_is_the_one_of_their_file(script: Script) -> None:
-    from attlog.estimators.accuracy import measured
+    from attlog.estimators.accuracy import read_accuracy
 
-    table = script("accuracy_file").table(measured())
+    table = script("accuracy_file").table(read_accuracy())
     assert table in (ROOT / "docs" / "estimators.md").read_text(encoding="utf-8")
-    assert len(table.splitlines()) == len(measured()) + 2
+    assert len(table.splitlines()) == len(read_accuracy()) + 2
 
 
 STILL_S, MOVING_S, RATE_HZ = 150.0, 30.0, 50.0

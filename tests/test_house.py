@@ -149,20 +149,20 @@ def test_help_imports_nothing_heavy(command: list[str]) -> None:
 
 NEEDED_BY_NONE = {
     "attlog.compare",
-    "attlog.fleet.ci.publish",
-    "attlog.fleet.ci.gating",
+    "attlog.batch.ci",
+    "attlog.batch.ci",
     "pandas",
     "plotly",
     "pymavlink",
     "pyulog",
     "rich",
 }
-NEEDED_BY_NONE |= {"attlog.fleet.sources.archive", "scipy.optimize", "scipy.signal"}
+NEEDED_BY_NONE |= {"attlog.batch.archive", "scipy.optimize", "scipy.signal"}
 NEEDED_BY_NONE |= {"urllib.request", "xml"}
 NOT_IN_INFO = {"attlog.cli.commands.analyze", "attlog.estimators.filters", "attlog.estimators.registry"}
-NOT_IN_INFO |= {"attlog.metrics.noise.added"}
+NOT_IN_INFO |= {"attlog.metrics.noise"}
 NOT_IN_INFO |= {"attlog.report", "attlog.result", "jinja2", "llvmlite", "numba", "scipy"}
-NOT_IN_INFO |= {"attlog.kernels.obtain", "json", "logging", "tempfile"}
+NOT_IN_INFO |= {"attlog.core.jit.compile", "json", "logging", "tempfile"}
 NEEDED_BY_NONE |= {"pydantic", "importlib.metadata", "email", "socket"}
 
 

@@ -53,7 +53,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     with tarfile.open(sdist) as archive:
         archive.extractall(folder / "source", filter="data")
     (source,) = (folder / "source").iterdir()
-    # Compiling the kernels takes minutes; tests/kernels/test_prebuilt.py asks what becomes of them.
+    # Compiling the kernels takes minutes; tests/core/jit/test_build.py asks what becomes of them.
     run(*python, "-t", "wheel", "-d", folder, folder=source, PYTHONPATH="", ATTLOG_KERNELS="none")
     (wheel,) = folder.glob("*.whl")
     return sdist, wheel

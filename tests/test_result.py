@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.base.errors import LogUnreadable, UsageError
-from attlog.base.plain import plain, rounded
-from attlog.metrics.statistics.units import UnitValues
+from attlog.core.errors import LogUnreadable, UsageError
+from attlog.core.plain import rounded_document, to_plain
+from attlog.metrics.statistics import UnitValues
 from attlog.result import SCHEMA, Answer, EstimatorRow, Result
-from attlog.result.answers import as_written
+from attlog.result.document import as_written
 from tests.conftest import SAMPLES, few
-from tests.health.assessments.made import MADE
+from tests.health.made import MADE
 
 LOGS = [p for p in sorted(SAMPLES.iterdir()) if p.suffix in (".ulg", ".bin", ".tlog")]
 
@@ -179,7 +179,7 @@ def answers(found: Result) -> dict[tuple[str, str, str], Answer]:
 
 def digits(answer: Answer) -> dict[str, Any]:
     """The plain answer with six significant digits, five of what stands behind it."""
-    return {k: rounded(v, 5 if k in ("each", "detail", "units") else 6) for k, v in plain(answer).items()}
+    return {k: rounded_document(v, 5 if k in ("each", "detail", "units") else 6) for k, v in to_plain(answer).items()}
 
 
 def test_every_answer_reads_back_whole_though_the_file_tells_it_once(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_every_answer_reads_back_whole_though_the_file_tells_it_once(tmp_path: P
     result.to_json(tmp_path / "a.json")
     back, made = answers(Result.load(tmp_path / "a.json")), answers(result)
     assert back.keys() == made.keys()
-    assert [key for key in made if digits(made[key]) != plain(back[key])] == []
+    assert [key for key in made if digits(made[key]) != to_plain(back[key])] == []
     document = json.loads((tmp_path / "a.json").read_text())
     row = document["estimators"][1]["metrics"]
     assert document["usual"]["airborne"]["lag_ms"] == "all"
@@ -282,7 +282,7 @@ def test_an_older_file_reads_the_same(tmp_path: Path, schema: int) -> None:
     for window in OLDER:
         told = found.estimators[0].metrics[window]
         assert told == {k: replace(a, window=window) for k, a in (("lag_ms", lag), ("lag_roll_ms", none))}
-        assert plain(told["lag_ms"].units) == plain(units)
+        assert to_plain(told["lag_ms"].units) == to_plain(units)
     (tmp_path / "new.json").write_text(found.to_json())
     assert found.to_dict()["schema"] == SCHEMA
     assert Result.load(tmp_path / "new.json").estimators == found.estimators
@@ -313,7 +313,7 @@ def test_an_answer_that_was_read_equals_what_was_written() -> None:
     text = Result({}, "", {}, {}, estimators=[row]).to_json()
     read = Result.read(text.encode(), "x.json").estimators[0].metrics["all"]["lag_ms"]
     assert read != made
-    assert plain(read) == plain(as_written(made)) == plain(as_written(read))
+    assert to_plain(read) == to_plain(as_written(made)) == to_plain(as_written(read))
 
 
 def test_a_file_of_schema_3_reads_the_same(tmp_path: Path) -> None:
@@ -321,7 +321,7 @@ def test_a_file_of_schema_3_reads_the_same(tmp_path: Path) -> None:
     result = attlog.evaluate(attlog.prepare(SAMPLES / "copter_steps_stabilize.bin"), ["mahony"])
     result.health = []  # of which schema 3 knew nothing
     gone = {"comparisons": [], "health": [], "definitions": result.definitions}
-    old = json.dumps(plain(result) | gone | {"schema": "attlog-result/3"}, indent=1)
+    old = json.dumps(to_plain(result) | gone | {"schema": "attlog-result/3"}, indent=1)
     (tmp_path / "old.json").write_text(old)
     found = Result.load(tmp_path / "old.json")
     assert found.schema == "attlog-result/3"
@@ -401,7 +401,7 @@ def test_the_schema_tells_what_an_assessment_holds() -> None:
 
 def test_an_answer_without_a_value_does_not_say_that_it_is_not_ranked():
     """Nobody can rank it: answers that share their reason share their evidence, whatever was left out."""
-    from attlog.result.answers import Shared
+    from attlog.result.document import Shared
 
     shared = Shared()
     own = [shared.taken_from({"code": "no_reference", "reason": "none", **more}) for more in ({"ranked": False}, {})]

@@ -1,7 +1,4 @@
-"""The command line: one file per command; this one only starts them and turns errors into exit codes.
-
-Command modules import typer and nothing heavy, so that ``attlog --help`` answers at once.
-"""
+"""Which commands are there? Each is imported and built when it is asked for: what is not asked for costs nothing."""
 
 from __future__ import annotations
 
@@ -9,17 +6,68 @@ import gc
 import os
 import sys
 import traceback
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
 
 from attlog import __version__
-from attlog.base.errors import INTERRUPTED, AttlogError, UsageError, exit_code, message
-from attlog.cli.registry import Commands
-from attlog.cli.shared import process
-from attlog.cli.shared.options import CommonOptions, expanded
-from attlog.cli.shared.printing import to_stderr
-from attlog.cli.shared.process import ended_by_signals, guarded
+from attlog.cli import process
+from attlog.cli.arguments import Group, Plain, WithGates, WithJson
+from attlog.cli.options import CommonOptions, expanded
+from attlog.cli.printing import to_stderr
+from attlog.cli.process import ended_by_signals, guarded
+from attlog.core.errors import EXIT_INTERRUPTED, AttlogError, UsageError, error_message, exit_code
+
+COMMANDS: dict[str, tuple[str, type[Plain]]] = {
+    "analyze": ("analyze", WithJson),
+    "batch": ("batch", WithGates),
+    "info": ("info", WithJson),
+    "health": ("health", WithJson),
+    "extract": ("extract", Plain),
+    "compare": ("compare", WithJson),
+    "diff": ("diff", WithJson),
+    "sweep": ("sweep", WithJson),
+    "tune": ("tune", WithJson),
+    "table": ("table", Plain),
+    "estimators": ("filters.estimators", Plain),
+    "new": ("filters.new", Plain),
+    "check-estimator": ("filters.check_estimator", Plain),
+    "reproduce": ("reproduce", WithJson),
+    "simulate": ("simulate", Plain),
+    "schema": ("schema", Plain),
+}
+"""In the order of the help: the file of each in this room, and how its arguments are read."""
+
+
+class Commands(Group):
+    """The group of them; one that is not asked for is only a name. An error of standard output is no bug."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands: dict[str, Any] = dict.fromkeys(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of a name, None where there is none."""
+        if cmd_name in self.commands and self.commands[cmd_name] is None:
+            file, kind = COMMANDS[cmd_name]
+            alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+            alone.command(cmd_name, cls=kind)(expanded(import_module(f"attlog.cli.commands.{file}").command))
+            self.commands[cmd_name] = typer.main.get_command(alone)
+        return super().get_command(ctx, cmd_name)
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except OSError as error:
+            if process.is_of_a_stream(error):  # typer would end with 1 where the reader went away
+                raise typer.Exit(process.lost(error)) from None
+            raise
+
+
+# The command line: one file per command; this one only starts them and turns errors into exit codes.
+#
+# Command modules import typer and nothing heavy, so that ``attlog --help`` answers at once.
 
 app = typer.Typer(
     name="attlog",
@@ -84,13 +132,13 @@ def _code() -> int:
             _tell_ci(why())
         return stop.code if isinstance(stop.code, int) else 0
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     except Exception as error:
         if isinstance(error, OSError) and process.is_of_a_stream(error):
             return process.lost(error)
         if "-vv" in sys.argv and not isinstance(error, AttlogError):
             to_stderr(traceback.format_exc())
-        to_stderr(message(error, __version__))
+        to_stderr(error_message(error, __version__))
         if isinstance(error, UsageError):
             _tell_ci(str(error))
         return exit_code(error)
@@ -99,6 +147,6 @@ def _code() -> int:
 
 def _tell_ci(why: str) -> None:
     """Say there too why nothing was analysed."""
-    from attlog.cli.shared.gates import report_refusal
+    from attlog.cli.gates import report_refusal
 
     report_refusal(why, sys.argv[1:])

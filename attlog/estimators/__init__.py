@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from attlog.estimators.aids import Aids, Measurements
-    from attlog.estimators.api import DEFAULT, EstimatorSpec, add, estimate, items, parse, select
-    from attlog.estimators.base import Estimate, Estimator, LogFacts, LogInfo, Parameter
-    from attlog.estimators.engine.loop import not_compiled
-    from attlog.estimators.engine.samples import place
-    from attlog.estimators.propagate import propagated
-    from attlog.estimators.recorded import is_recorded
-    from attlog.estimators.registry import get, names
+    from attlog.estimators.api import DEFAULT, EstimatorSpec, add, estimate, items, parse, propagated, select
+    from attlog.estimators.interface import Estimate, Estimator, LogFacts, LogInfo, Parameter
+    from attlog.estimators.registry import get, is_recorded, names
+    from attlog.estimators.run import not_compiled
+    from attlog.estimators.samples import place
 
 __all__ = [
     "DEFAULT",
@@ -41,23 +39,23 @@ __all__ = [
 _HOMES = {
     "Aids": "attlog.estimators.aids",
     "DEFAULT": "attlog.estimators.api",
-    "Estimate": "attlog.estimators.base",
-    "Estimator": "attlog.estimators.base",
-    "LogFacts": "attlog.estimators.base",
-    "LogInfo": "attlog.estimators.base",
+    "Estimate": "attlog.estimators.interface",
+    "Estimator": "attlog.estimators.interface",
+    "LogFacts": "attlog.estimators.interface",
+    "LogInfo": "attlog.estimators.interface",
     "Measurements": "attlog.estimators.aids",
-    "Parameter": "attlog.estimators.base",
+    "Parameter": "attlog.estimators.interface",
     "EstimatorSpec": "attlog.estimators.api",
     "add": "attlog.estimators.api",
     "estimate": "attlog.estimators.api",
     "get": "attlog.estimators.registry",
-    "is_recorded": "attlog.estimators.recorded",
+    "is_recorded": "attlog.estimators.registry",
     "items": "attlog.estimators.api",
     "names": "attlog.estimators.registry",
-    "not_compiled": "attlog.estimators.engine.loop",
+    "not_compiled": "attlog.estimators.run",
     "parse": "attlog.estimators.api",
-    "place": "attlog.estimators.engine.samples",
-    "propagated": "attlog.estimators.propagate",
+    "place": "attlog.estimators.samples",
+    "propagated": "attlog.estimators.api",
     "select": "attlog.estimators.api",
 }
 

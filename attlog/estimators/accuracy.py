@@ -45,7 +45,7 @@ class MeanRmse:
 
 
 @dataclass(frozen=True, slots=True)
-class MeasuredAccuracy:
+class FilterAccuracy:
     """What one filter reached on one set: ``rmse_deg`` by angle (what the set cannot tell is left out), ns per update
     (median over trials), and with which version of attlog and when that was measured."""
 
@@ -61,16 +61,16 @@ class MeasuredAccuracy:
 
 
 @functools.cache
-def measured() -> Mapping[str, Mapping[str, MeasuredAccuracy]]:
+def read_accuracy() -> Mapping[str, Mapping[str, FilterAccuracy]]:
     """Filter -> set -> what was measured, in the order of the file."""
-    found: dict[str, dict[str, MeasuredAccuracy]] = {}
+    found: dict[str, dict[str, FilterAccuracy]] = {}
     with FILE.open(encoding="utf-8", newline="") as file:
         for line in csv.DictReader(file):
             found.setdefault(line["filter"], {})[line["set"]] = _of_line(line)
     return found
 
 
-def _of_line(line: Mapping[str, str]) -> MeasuredAccuracy:
+def _of_line(line: Mapping[str, str]) -> FilterAccuracy:
     def number(name: str) -> float | None:
         return float(line[name]) if line[name] else None
 
@@ -79,4 +79,4 @@ def _of_line(line: Mapping[str, str]) -> MeasuredAccuracy:
         for angle in ANGLES
         if (value := number(angle)) is not None
     }
-    return MeasuredAccuracy(int(line["trials"]), rmse, float(line["ns"]), line["version"], line["date"])
+    return FilterAccuracy(int(line["trials"]), rmse, float(line["ns"]), line["version"], line["date"])

@@ -19,14 +19,15 @@ AT_REST                 -          1 at rest, 0 in motion, at every step; NaN wh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.base.errors import UsageError
-from attlog.estimators.base import Array
+from attlog.core.errors import UsageError
+from attlog.estimators.interface import Array, Estimator
 
 LAT, LON, ALT, POS_H_ACC, POS_V_ACC = 0, 1, 2, 3, 4
 VEL_N, VEL_E, VEL_D, VEL_ACC = 5, 6, 7, 8
@@ -166,3 +167,134 @@ def _array(x: ArrayLike, name: str) -> Array:
         raise UsageError(f"aids: {name} must be an array of numbers ({error})") from None
     array.flags.writeable = False
     return array
+
+
+# Aids as a step gets them: which measurement belongs to which sample, as rows of one table.
+
+
+@dataclass(frozen=True, slots=True)
+class Events:
+    """``table[row[k]]`` is the ``aid`` of sample k, ``table[quiet[k]]`` the one of a step in which nothing arrives.
+
+    ``row``, ``quiet`` (n,), ``table`` (m, SIZE).
+    """
+
+    row: NDArray[np.int64]
+    quiet: NDArray[np.int64]
+    table: Array
+
+
+def events(estimator: Estimator, aids: Aids | None, t: Array, declination: float = 0.0) -> Events:
+    """The aids that the estimator uses, each at the first sample at or after its time.
+
+    ``t`` (n,) rising. Of several between two samples the newest is kept. The loop takes no
+    step at the first sample of a segment, so what arrived until then, and in the gap before,
+    is left out; so is what comes after the last sample. Steps know magnetic north only:
+    velocities are turned to it by the ``declination`` (rad).
+    """
+    aids = aids or Aids()
+    quiet = np.zeros(len(t), np.int64)
+    base = np.full((3, SIZE), np.nan)
+    if "at_rest" in estimator.uses:
+        # Rows 0, 1, 2 hold nothing new: rest unknown, in motion, at rest.
+        quiet = aids.resting(t) + 1
+        base[1:, AT_REST] = 0.0, 1.0
+    arrivals: list[tuple[NDArray[np.int64], int, Array]] = []
+    for name, m, parts in (
+        ("gnss", aids.position, (slice(LAT, ALT + 1), slice(POS_H_ACC, POS_V_ACC + 1))),
+        ("gnss", aids.velocity, (slice(VEL_N, VEL_D + 1), slice(VEL_ACC, VEL_ACC + 1))),
+        ("baro", aids.baro, (slice(BARO, BARO + 1), None)),
+        ("airspeed", aids.airspeed, (slice(AIRSPEED, AIRSPEED + 1), None)),
+    ):
+        if name in estimator.uses and m is not None:
+            arrivals += _arrivals(m, parts, t)
+    hit = np.zeros(len(t), bool)
+    for at, _, _ in arrivals:
+        hit[at] = True
+    where = np.flatnonzero(hit)
+    table = np.vstack([base, base[quiet[where]]])
+    row = quiet.copy()
+    row[where] = len(base) + np.arange(len(where))
+    for at, column, values in arrivals:
+        # Samples come in the order of time, so the newest overwrites the older ones.
+        table[row[at], column] = values
+    if declination:
+        north, east = table[:, VEL_N].copy(), table[:, VEL_E].copy()
+        table[:, VEL_N] = np.cos(declination) * north + np.sin(declination) * east
+        table[:, VEL_E] = np.cos(declination) * east - np.sin(declination) * north
+    return Events(row, quiet, table)
+
+
+def _arrivals(
+    m: Measurements, parts: tuple[slice, slice | None], t: Array
+) -> list[tuple[NDArray[np.int64], int, Array]]:
+    """Sample number, column and value of everything that ``m`` tells."""
+    at = np.searchsorted(t, m.t, side="left")
+    inside = at < len(t)
+    found = []
+    for part, x in zip(parts, (m.x, m.sigma), strict=True):
+        if part is None or x is None:
+            continue
+        columns = x.reshape(len(m.t), -1)[inside]
+        found += [(at[inside], part.start + i, columns[:, i]) for i in range(columns.shape[1])]
+    return found
+
+
+# What airspeed tells a filter of a body that flies where its nose points: accelerations that are no gravity.
+#
+#     v' = d/dt (V e_x) = (V', w_z V, -w_y V)        true airspeed V along the nose, no sideslip                (1)
+#     f - v' = -g R^T e_z                            in air that moves steadily                                 (2)
+#
+# In a coordinated turn the specific force points out of the cabin floor, whatever the bank; (2) turns it back to
+# gravity.
+# The angle of attack is left out: it counts while the body rolls, and cancels over a turn.
+#
+# Source: centripetal correction of Premerlani2009, and the change of airspeed.
+
+AIR_SPEED, AIR_CHANGE, AIR_HEARD, AIR_TOLD, AIR_AGE = 0, 1, 2, 3, 4
+"""From where it stands in the state: V of (1) [m/s], V' [m/s^2], the low-passed reading, the last one, its age [s]."""
+SLOWEST, SURE = 1.0, 3.0
+"""Below the first [m/s] a pitot tube tells nothing, from the second on it counts in full."""
+FOLLOW_TIME, STEEPEST, AIR_LOST = 0.3, 10.0, 2.0
+"""Time constant of the low-pass [s], the steepest change believed [m/s^2], how long a reading holds [s]."""
+NEVER = 1e9
+
+
+def update_airspeed(state: Any, at: int, dt: float, told: float, still: bool) -> None:
+    """The airspeed at ``at`` after another ``dt``: ``told`` m/s, NaN where nothing new came.
+
+    The first reading counts at once. While the body is ``still`` the reading is followed and no acceleration
+    concluded: tubes tell anything before they are set to zero.
+    """
+    first = state[at + AIR_AGE] >= NEVER
+    state[at + AIR_AGE] += dt
+    if told == told:
+        state[at + AIR_TOLD] = told
+        state[at + AIR_AGE] = 0.0
+    state[at + AIR_SPEED] = 0.0
+    state[at + AIR_CHANGE] = 0.0
+    if state[at + AIR_AGE] > AIR_LOST:
+        state[at + AIR_HEARD] = 0.0
+        state[at + AIR_AGE] = NEVER
+    elif first or still:
+        state[at + AIR_HEARD] = state[at + AIR_TOLD]
+    else:
+        before = weighted_airspeed(state[at + AIR_HEARD])
+        step = (1.0 - math.exp(-dt / FOLLOW_TIME)) * (state[at + AIR_TOLD] - state[at + AIR_HEARD])
+        state[at + AIR_HEARD] += min(max(step, -STEEPEST * dt), STEEPEST * dt)
+        state[at + AIR_SPEED] = weighted_airspeed(state[at + AIR_HEARD])
+        state[at + AIR_CHANGE] = (state[at + AIR_SPEED] - before) / dt
+
+
+def weighted_airspeed(speed: float) -> float:
+    """How much of an airspeed in m/s counts: nothing of a breeze, all of a flight."""
+    share = min(max((speed - SLOWEST) / (SURE - SLOWEST), 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share) * speed
+
+
+def without_acceleration(state: Any, at: int, acc: Any, wy: float, wz: float) -> tuple[float, float, float]:
+    """(2): specific force less v'; a missing sample (zero) stays one. ``w`` rad/s, the gyro's bias taken off."""
+    if acc[0] == 0.0 and acc[1] == 0.0 and acc[2] == 0.0:
+        return 0.0, 0.0, 0.0
+    speed = state[at + AIR_SPEED]
+    return acc[0] - state[at + AIR_CHANGE], acc[1] - wz * speed, acc[2] + wy * speed

@@ -7,15 +7,16 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from attlog.base.errors import PluginError, UsageError
+from attlog.core import rotation
+from attlog.core.errors import PluginError, UsageError
+from attlog.estimators import run as loop
 from attlog.estimators.aids import Aids
-from attlog.estimators.base import Estimate, Estimator, LogFacts
-from attlog.estimators.engine import loop
-from attlog.estimators.engine.samples import Sampling, place, prepare
+from attlog.estimators.interface import Array, Estimate, Estimator, LogFacts, cut_by_comma
 from attlog.estimators.registry import BUILT_IN, get, names
-from attlog.estimators.spelling import cut_by_comma
+from attlog.estimators.samples import HOLD_PERIODS, Sampling, place, prepare
 
 DEFAULT = tuple(
     name for name in ("complementary", "mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf", "gyro") if name in BUILT_IN
@@ -220,3 +221,25 @@ def items(text: str) -> list[str]:
     if not found:
         raise UsageError("no estimator named; give default, all or NAME[@PRESET][:k=v,...]")
     return found
+
+
+# A slow magnetometer between its samples, for estimators that take whole segments.
+
+
+def propagated(t: Array, gyr: Array, mag: Array) -> Array:
+    """The field (n, 3) at every sample: the last one propagated with the gyro for up to 1.5 of its periods, else 0.
+
+    ``t`` (n,) s, ``gyr`` (n, 3) rad/s, ``mag`` (n, 3) with NaN rows where there is no new
+    sample, as ``run`` gets them. The shared loop does the same for steps.
+    """
+    new = np.flatnonzero(np.isfinite(mag).all(axis=1))
+    field = np.zeros_like(mag)
+    if len(new) == 0:
+        return field
+    q = estimate("gyro", t, gyr, q0=[1.0, 0.0, 0.0, 0.0]).q
+    last = np.searchsorted(new, np.arange(len(t)), side="right") - 1
+    source = new[np.maximum(last, 0)]
+    period = float(np.median(np.diff(t[new]))) if len(new) > 1 else 0.0
+    use = (last >= 0) & (t - t[source] <= HOLD_PERIODS * period)
+    field[use] = rotation.rotate_inverse(q[use], rotation.rotate(q[source[use]], mag[source[use]]))
+    return field

@@ -11,9 +11,9 @@ USES     what it takes when there (default empty), of these and the aids ``{"gns
          "airspeed", "at_rest"}``, which are described in :mod:`attlog.estimators.aids`
 STATE    sizes by name in the order of the state array, ``{"q": 4, "bias": 3, "_P": 9}``;
          names that begin with ``_`` come last and are not kept as output
-PARAMETERS, PRESETS, HOLD_MAG, CAUSAL   see :class:`attlog.estimators.base.Estimator`
+PARAMETERS, PRESETS, HOLD_MAG, CAUSAL   see :class:`attlog.estimators.interface.Estimator`
 start, step   or  run                   the functions
-from_log                                optional, see :class:`attlog.estimators.base.LogFacts`
+from_log                                optional, see :class:`attlog.estimators.interface.LogFacts`
 ======== ==================================================================================
 """
 
@@ -22,20 +22,111 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import os
 import re
 import stat
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from attlog.base.errors import AttlogError, PluginError, UsageError, suggestion
-from attlog.estimators import isolation, recorded
-from attlog.estimators.base import AIDS, COMMON, DECLINATION, INIT, NEEDED, SENSORS, Estimator, Parameter, VectorsAt
-from attlog.estimators.plugin_errors import broken
+from attlog.core.errors import AttlogError, PluginError, UsageError, suggestion
+from attlog.estimators import plugins
+from attlog.estimators.interface import (
+    AIDS,
+    COMMON,
+    DECLINATION,
+    INIT,
+    NEEDED,
+    SENSORS,
+    Estimator,
+    Parameter,
+    VectorsAt,
+    broken,
+)
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
+
+
+# An attitude that somebody computed elsewhere, as an estimator's name: ``estimate.csv[:frame=enu-flu,offset=1.5]``.
+#
+# Such a name has parameters like any other, but cannot be run on samples: its file is read beside the log it
+# belongs to (:mod:`attlog.external.attitude`).
+
+RECORDED_SUFFIX = ".csv"
+FRAMES = ("auto", "ned-frd", "enu-flu", "ned-flu", "enu-frd", "frd-ned", "flu-enu")
+RECORDED_PARAMETERS = (
+    Parameter(
+        "offset",
+        0.0,
+        "s",
+        -1e10,
+        1e10,
+        "added to its times to be on the log's clock, 0 the first IMU sample; "
+        "0: found among the clocks that the log knows",
+        "the user",
+    ),
+    Parameter(
+        "delay",
+        0.0,
+        "ms",
+        -1000,
+        1000,
+        "known delay of the sensors it was computed from, subtracted from its lag; the logged IMU's is not its own",
+        "the user",
+    ),
+    Parameter(
+        "frame",
+        "auto",
+        "",
+        0,
+        1,
+        "earth-body axes of its rotation from body to earth, or body-earth of its "
+        "inverse; auto: what gyro and gravity agree with",
+        "the user",
+        FRAMES,
+    ),
+    Parameter(
+        "angles",
+        "auto",
+        "",
+        0,
+        1,
+        "unit of Euler angles; auto: by the column's name, else by the gyro",
+        "the user",
+        ("auto", "deg", "rad"),
+    ),
+    Parameter(
+        "north",
+        "yes",
+        "",
+        0,
+        1,
+        "no: its heading has no north of its own, its offset is taken out",
+        "the user",
+        ("yes", "no"),
+    ),
+)
+
+
+def is_recorded(name: str) -> bool:
+    """Whether a name is that of a file with an attitude."""
+    return name.lower().endswith(RECORDED_SUFFIX)
+
+
+def recorded_estimator(path: Path) -> Estimator:
+    """The name of a file with an attitude, as an estimator that cannot be run on samples. UsageError without it."""
+    if not os.path.isfile(path):
+        raise UsageError(f"{path}: there is no such file with an attitude")
+
+    def run(*_: Any) -> NoReturn:
+        raise UsageError(f"{path}: holds an attitude that was computed elsewhere; it cannot be run on samples")
+
+    nothing: frozenset[str] = frozenset()
+    title = f"Attitude computed elsewhere, read from {path.name}"
+    return Estimator(path.stem, title, "", "", nothing, nothing, RECORDED_PARAMETERS, {}, run=run, origin=str(path))
+
 
 BUILT_IN = (
     "gyro",
@@ -73,19 +164,19 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> Estimator:
     """The estimator of that name, or of the file ``name`` if it ends in ``.py``, or ``.csv`` for an attitude.
 
-    Code that is not attlog's runs in a process of its own (:mod:`attlog.estimators.isolation`), its import included.
+    Code that is not attlog's runs in a process of its own (:mod:`attlog.estimators.plugins`), its import included.
 
     UsageError for an unknown name or a file that cannot be read; PluginError with file and line for a broken plug-in.
     """
     if name.endswith(".py"):
         _check_readable(Path(name))
-        return isolation.from_file(Path(name), here)
-    if recorded.is_recorded(name):
-        return recorded.from_file(Path(name))
+        return plugins.from_file(Path(name), here)
+    if is_recorded(name):
+        return recorded_estimator(Path(name))
     if name in BUILT_IN:
         return from_module(importlib.import_module(f"attlog.estimators.filters.{name}"), name)
     point = _entry_point(name)
-    return isolation.from_package(name, f"{point.value} {_version(point)}", here)
+    return plugins.from_package(name, f"{point.value} {_version(point)}", here)
 
 
 def here(name: str) -> Estimator:

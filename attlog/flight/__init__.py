@@ -8,20 +8,60 @@ from pathlib import Path
 import numpy as np
 
 from attlog import formats
-from attlog.base.errors import LogUnusable, UsageError
-from attlog.base.limits import MAX_ATTITUDES
-from attlog.flight import frozen
-from attlog.flight import memory as room
-from attlog.flight.calibration.recorrection import recorrect
-from attlog.flight.clock.pieces import others, seconds_of
-from attlog.flight.model import FlightLog, Problem, Severity, part_of
-from attlog.flight.parameters import file as parameter_file
-from attlog.flight.parameters import limits as parameter_limits
-from attlog.formats.base import Messages
+from attlog.core.errors import LogUnusable, TooLittleMemory, UsageError
+from attlog.core.limits import MAX_ATTITUDES
+from attlog.core.machine import available_bytes
+from attlog.flight import limits as parameter_limits
+from attlog.flight import parameters as parameter_file
+from attlog.flight import stuck_attitudes
+from attlog.flight.model import FlightLog, Problem, Severity, guarded_part
+from attlog.flight.recalibration import recorrect
+from attlog.flight.timestamps import describe_other_boots, logged_seconds
+from attlog.formats import Messages
+from attlog.formats.table import Messages as table_Messages
 
 __all__ = ["FlightLog", "flight_in", "read"]
 
-MUCH_DAMAGE = 0.001
+
+# Is there memory for a log of hours? Said before the work begins, instead of being ended in its middle.
+
+FLIGHT_BYTES, INFO_BYTES, ANALYSIS_BYTES = 170, 200, 550
+"""Bytes for each inertial sample: of the flight, attitudes and truth included; and of what ``info`` or an analysis
+makes of it. Measured on logs of 2 to 18 million samples (``docs/formats.md``)."""
+ALWAYS_ALLOWED_SAMPLES = 500_000
+"""Samples that every machine has room for."""
+INERTIAL_MESSAGES = ("sensor_combined", "IMU", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")
+"""Messages whose records become the samples of a replay, by firmware; where there are none, nothing is foretold."""
+
+
+def check_flight_memory(messages: Messages) -> None:
+    """TooLittleMemory if the machine cannot hold what a flight keeps of a log's inertial samples."""
+    _check_memory(
+        messages.path,
+        max((len(table) for (name, _), table in messages.items() if name in INERTIAL_MESSAGES), default=0),
+        FLIGHT_BYTES,
+    )
+
+
+def check_analysis_memory(log: FlightLog, each: int) -> None:
+    """The same for what is made of the flight, ``each`` bytes for a sample."""
+    imu = log.replay_imu
+    _check_memory(log.path, 0 if imu is None else len(imu.gyro.t), each)
+
+
+def _check_memory(path: Path, samples: int, each: int) -> None:
+    if samples <= ALWAYS_ALLOWED_SAMPLES:
+        return
+    needed, free = each * samples, available_bytes()
+    if free is not None and needed > free:
+        raise TooLittleMemory(
+            f"{path}: needs some {needed / 1e9:.1f} GB of memory for its {samples:,} inertial samples, and "
+            f"{free / 1e9:.1f} GB are free; close other programs, choose one power-up of several (--boot), or take a "
+            "machine with more memory"
+        )
+
+
+SERIOUS_DAMAGE_SHARE = 0.001
 """A smaller share of a file's bytes is no loss."""
 IMU_MESSAGES = (
     "sensor_combined",
@@ -62,7 +102,7 @@ def read(
 
 
 def flight_in(
-    messages: Messages,
+    messages: table_Messages,
     *,
     imu: int | None = None,
     mag: int | str | None = None,
@@ -76,24 +116,24 @@ def flight_in(
     if not 0 <= chosen < boots:
         raise UsageError(f"{messages.path}: there is no boot {boot}; the log holds boots 0 to {boots - 1}")
     part = messages.boot(chosen) if boots > 1 else messages
-    room.check(part)
-    given = {} if params is None else parameter_file.read_file(params)
-    refused = parameter_limits.refuse(part)
+    check_flight_memory(part)
+    given = {} if params is None else parameter_file.read_parameter_file(params)
+    refused = parameter_limits.drop_impossible(part)
     filled = parameter_file.add_missing(part, given)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
         log = read_messages(part, imu, mag, system)
-    keep_some_attitudes(log)
-    frozen.leave_out(log)
+    limit_attitudes(log)
+    stuck_attitudes.drop_stuck_attitudes(log)
     log.boot, log.boots = chosen, boots
     log.problems += refused
     log.given_params, log.filled_params = given, filled
-    log.seconds = duration(log, part)
+    log.seconds = flight_seconds(log, part)
     if params is not None:
         own = {name: v for name in log.params if name not in filled and (v := log.param(name)) is not None}
         corrected = partial(recorrect, log, Path(params).name, given)
-        applied: set[str] = part_of(log, "The calibration of the parameter file", corrected, set)
-        log.problems += parameter_file.notes(params, given, own, applied)
+        applied: set[str] = guarded_part(log, "The calibration of the parameter file", corrected, set)
+        log.problems += parameter_file.compare_with_log(params, given, own, applied)
     if boots > 1:
         log.problems.insert(
             0,
@@ -102,15 +142,15 @@ def flight_in(
                 "note",
                 f"The file holds {boots} power-ups; this is number {chosen}"
                 + (" (the one with most sensor records)" if boot is None else "")
-                + f", {log.seconds:.0f} s. {others(messages, chosen)}. --boot chooses another.",
+                + f", {log.seconds:.0f} s. {describe_other_boots(messages, chosen)}. --boot chooses another.",
                 count=boots,
             ),
         )
-    log.problems[:0] = [*damage(messages), *remarks(messages)]
+    log.problems[:0] = [*damage_problems(messages), *remark_problems(messages)]
     return log
 
 
-def read_messages(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
+def read_messages(messages: table_Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
     """The flight in one power-up's messages, by the reader for who wrote them."""
     if messages.format == "ulog":
         from attlog.flight.px4 import reader as px4
@@ -125,17 +165,17 @@ def read_messages(messages: Messages, imu: int | None, mag: int | str | None, sy
 
         return sdlog2.read(messages, imu, mag)
     if messages.format == "ros":
-        from attlog.flight.ros import reader as ros
+        from attlog.flight import ros
 
         return ros.read(messages, imu, mag)
     if messages.format in ("tlog", "mavlink"):
-        from attlog.flight.mavlink import reader as mavlink
+        from attlog.flight import mavlink
 
         return mavlink.read(messages, imu, mag, system)
     raise LogUnusable(f"{messages.path}: there is no flight reader for the format {messages.format!r}")
 
 
-def keep_some_attitudes(log: FlightLog) -> None:
+def limit_attitudes(log: FlightLog) -> None:
     """The attitude that flew and those with most records, where there are more than a vehicle has; which is told."""
     beyond = len(log.attitudes) - MAX_ATTITUDES
     if beyond <= 0:
@@ -147,7 +187,7 @@ def keep_some_attitudes(log: FlightLog) -> None:
     log.problems.append(Problem("log_limit", "warning", text, count=beyond))
 
 
-def choose_boot(messages: Messages) -> int:
+def choose_boot(messages: table_Messages) -> int:
     """The power-up with most inertial (else attitude) records."""
     if len(messages.boots) <= 1:
         return 0
@@ -158,7 +198,7 @@ def choose_boot(messages: Messages) -> int:
     return counts.index(max(counts))
 
 
-def duration(log: FlightLog, messages: Messages) -> float:
+def flight_seconds(log: FlightLog, messages: table_Messages) -> float:
     """Length of the flight's data in s: of the replayed IMU, else the first one, else the onboard attitude, else of all
     messages."""
     if log.imus:
@@ -166,11 +206,11 @@ def duration(log: FlightLog, messages: Messages) -> float:
     elif log.onboard is not None:
         t = log.attitudes[log.onboard].t
     else:
-        return seconds_of(messages)
-    return float(t[-1] - t[0]) if len(t) else seconds_of(messages)
+        return logged_seconds(messages)
+    return float(t[-1] - t[0]) if len(t) else logged_seconds(messages)
 
 
-def damage(messages: Messages) -> list[Problem]:
+def damage_problems(messages: table_Messages) -> list[Problem]:
     """What was broken in the file and what the logger itself lost, in one problem each."""
     found = []
     if messages.damage:
@@ -178,7 +218,7 @@ def damage(messages: Messages) -> list[Problem]:
         at_end = messages.damage_places == 1 and first.offset + first.length >= messages.size - 1
         if at_end and 0 < first.length < 4096:
             text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
-            return [Problem("cut_at_end", "note", text, offset=first.offset), *dropouts(messages)]
+            return [Problem("cut_at_end", "note", text, offset=first.offset), *dropout_problems(messages)]
         where = f"{first.lost} at byte {first.offset}"
         text = f"The file is damaged in one place, {messages.damage_bytes} bytes are not usable: {where}."
         if first.lost.startswith(f"{messages.damage_bytes} bytes"):
@@ -188,17 +228,17 @@ def damage(messages: Messages) -> list[Problem]:
                 f"The file is damaged in {messages.damage_places} places, {messages.damage_bytes} bytes are not "
                 f"usable; the first is {where}."
             )
-        severity: Severity = "warning" if messages.damage_bytes > MUCH_DAMAGE * messages.size else "note"
+        severity: Severity = "warning" if messages.damage_bytes > SERIOUS_DAMAGE_SHARE * messages.size else "note"
         found.append(Problem("damage", severity, text, offset=first.offset, count=messages.damage_places))
-    return found + dropouts(messages)
+    return found + dropout_problems(messages)
 
 
-def remarks(messages: Messages) -> list[Problem]:
+def remark_problems(messages: table_Messages) -> list[Problem]:
     """What the reader left out, and why; columns are read late, so this is asked last."""
     return [Problem(r.code, "warning", r.text, offset=r.offset, count=r.count) for r in messages.remarks]
 
 
-def dropouts(messages: Messages) -> list[Problem]:
+def dropout_problems(messages: table_Messages) -> list[Problem]:
     """What the logger itself says it lost."""
     found = []
     if messages.dropouts_ms:

@@ -15,20 +15,19 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
-from attlog.base.barrier import guarded
-from attlog.base.limits import READ_BYTES
-from attlog.flight import physics
-from attlog.flight.clock.corroboration import times_alone
-from attlog.flight.clock.timing import LATEST_US, Stamps, ValidRecords, plausible
+from attlog.core import rotation
+from attlog.core.errors import guarded
+from attlog.core.limits import READ_BYTES
+from attlog.flight import limits
+from attlog.flight.limits import Quantity
 from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
-from attlog.flight.physics import Quantity
-from attlog.formats.base import Messages, Table
+from attlog.flight.timestamps import LATEST_US, Stamps, ValidRecords, isolated_timestamps, plausible_records
+from attlog.formats.table import Messages, Table
 
 T = TypeVar("T")
 U = TypeVar("U")
 
-OF_VALUES = ("values_out_of_range", "rate_impossible")
+VALUE_CODES = ("values_out_of_range", "rate_impossible")
 
 
 @dataclass(slots=True)
@@ -84,7 +83,7 @@ class LogBuilder:
 
     def take_values(self, other: LogBuilder) -> None:
         """What another builder found wrong with values; its times were told by another stream of the same records."""
-        self.problems += [p for p in other.problems if p.code in OF_VALUES]
+        self.problems += [p for p in other.problems if p.code in VALUE_CODES]
 
     def within(self, x: Array, quantity: Quantity, source: str) -> Array:
         """The values ``x`` (n,) or (n, k), NaN where they are impossible, which is counted and told."""
@@ -99,12 +98,12 @@ class LogBuilder:
     def near(self, t_us: Stamps) -> NDArray[np.bool_]:
         """Which stamps (n,) may belong to this flight: events, texts and parameters days away from it do not."""
         t = np.asarray(t_us, np.int64)
-        near: NDArray[np.bool_] = (t >= 0) & (t <= LATEST_US) & (np.abs(t - self.t0_us) <= 1e6 * physics.LONGEST_S)
+        near: NDArray[np.bool_] = (t >= 0) & (t <= LATEST_US) & (np.abs(t - self.t0_us) <= 1e6 * limits.LONGEST_S)
         return near
 
     def is_near(self, t_us: int) -> bool:
         """:meth:`near` for one stamp."""
-        return 0 <= t_us <= LATEST_US and abs(t_us - self.t0_us) <= 1e6 * physics.LONGEST_S
+        return 0 <= t_us <= LATEST_US and abs(t_us - self.t0_us) <= 1e6 * limits.LONGEST_S
 
     def keep(
         self,
@@ -113,7 +112,7 @@ class LogBuilder:
         good: NDArray[np.bool_] | None = None,
         *,
         wrong: str = "with values that no sensor can give",
-        fastest_hz: float = physics.FUSED_HZ,
+        fastest_hz: float = limits.FUSED_HZ,
     ) -> NDArray[np.int64]:
         """Indices of the records with plausible stamps (and ``good`` values); what is left out becomes problems.
 
@@ -130,7 +129,7 @@ class LogBuilder:
                 count=values,
             )
         whole = np.asarray(t_us, np.int64)
-        kept = plausible(whole[index], partial(times_alone, self.messages), whole)
+        kept = plausible_records(whole[index], partial(isolated_timestamps, self.messages), whole)
         self._report_false_stamps(kept, source, len(t_us))
         index = index[kept.index]
         if self.t0_us:
@@ -173,7 +172,7 @@ class LogBuilder:
         *,
         frame: str = "",
         within: Quantity | None = None,
-        fastest_hz: float = physics.FUSED_HZ,
+        fastest_hz: float = limits.FUSED_HZ,
         sampling: Literal["interval", "instant"] = "instant",
         delay: float = 0.0,
         t_sample_us: Stamps | None = None,
@@ -190,7 +189,7 @@ class LogBuilder:
             x = x if within is None else self.within(x, within, source)
             chosen = np.flatnonzero(~np.isnan(x).all(axis=1))
         else:
-            chosen, finite = np.arange(len(x)), rotation.finite(x)
+            chosen, finite = np.arange(len(x)), rotation.finite_rows(x)
             good = np.asarray(finite if within is None else finite & ~within.outside(x).any(axis=1))
             if within is not None:
                 wrong = f"where {within.name} is missing or outside {within.limits} ({within.why})"
@@ -204,8 +203,8 @@ class LogBuilder:
     def battery(self, t_us: Stamps, x: Array, source: str) -> Stream | None:
         """Battery from ``x`` (n, 2), voltage in V and current in A, NaN where not measured."""
         volts, amperes = x[:, :1], x[:, 1:2]
-        clean = [self.within(volts, physics.VOLTAGE, source), self.within(amperes, physics.CURRENT, source)]
-        fastest = physics.AIDING_HZ
+        clean = [self.within(volts, limits.VOLTAGE, source), self.within(amperes, limits.CURRENT, source)]
+        fastest = limits.AIDING_HZ
         return self.stream(t_us, np.hstack(clean), "V, A", source, fastest_hz=fastest, allow_nan=True)
 
     def sample_times(self, t_us: Stamps, t_sample_us: Stamps) -> Array | None:
@@ -251,9 +250,9 @@ class LogBuilder:
                 self.problem("attitude_unset", "warning", text, count=len(unset))
             return None
         with np.errstate(invalid="ignore"):
-            good = (norm > physics.QUATERNION_NORM.low) & (norm < physics.QUATERNION_NORM.high)
+            good = (norm > limits.QUATERNION_NORM.low) & (norm < limits.QUATERNION_NORM.high)
         chosen = np.flatnonzero(~unset)
-        wrong = f"with quaternions or angles that are none (norm outside {physics.QUATERNION_NORM.limits})"
+        wrong = f"with quaternions or angles that are none (norm outside {limits.QUATERNION_NORM.limits})"
         index = chosen[self.keep(np.asarray(t_us)[chosen], source, good[chosen], wrong=wrong)]
         if len(index) == 0:
             return None
@@ -273,7 +272,7 @@ class LogBuilder:
         """Positions ``x`` (n, 3) at the times ``at`` (m,) s of an attitude of the same records; None without two."""
         t = self.seconds(t_us)
         order = np.argsort(t, kind="stable")
-        order = order[rotation.finite(x[order])]
+        order = order[rotation.finite_rows(x[order])]
         return np.column_stack([np.interp(at, t[order], axis) for axis in x[order].T]) if len(order) > 1 else None
 
     def reset_steps(self, t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int]) -> set[int]:
@@ -319,7 +318,7 @@ def burst_rate(t_us: Stamps) -> float:
     steps = np.diff(t_us)
     close = steps[steps <= 1_000_000]
     span = float(close.sum())
-    return 1e6 * len(close) / span if len(t_us) >= physics.ENOUGH_FOR_A_RATE and span > 0 else 0.0
+    return 1e6 * len(close) / span if len(t_us) >= limits.ENOUGH_FOR_A_RATE and span > 0 else 0.0
 
 
 def columns(table: Table, *names: str) -> Array:
@@ -341,10 +340,10 @@ def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:
 
 def on_earth(place: Array) -> NDArray[np.bool_]:
     """Which rows of ``place`` (n, 2 or more) begin with a latitude and a longitude in deg."""
-    return finite_within(place[:, :1], physics.LATITUDE.high) & finite_within(place[:, 1:2], physics.LONGITUDE.high)
+    return finite_within(place[:, :1], limits.LATITUDE.high) & finite_within(place[:, 1:2], limits.LONGITUDE.high)
 
 
-def step_of(angles_deg: Array) -> float:
+def angle_quantisation_deg(angles_deg: Array) -> float:
     """The quantisation of logged angles in degrees: 0.01 where all lie on that grid, else 0."""
     angles = np.asarray(angles_deg, np.float64)
     angles = angles[np.isfinite(angles)]

@@ -1,9 +1,4 @@
-"""A flight as numbers: one clock, SI units, body FRD, earth NED.
-
-``t`` is float64 seconds; 0 is the first sample of the IMU that is replayed. The
-autopilot's own clock at that instant is ``FlightLog.t0_us``. Quaternions are
-scalar first and turn body vectors into earth vectors.
-"""
+"""How a truth that the user brought came onto the log's clock and axes, and how wrong it may be itself."""
 
 from __future__ import annotations
 
@@ -15,21 +10,120 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.barrier import guarded
-from attlog.flight.advice import LoggingAdvice, What, stand_still
-from attlog.flight.remedies import GENERAL, Fault
-from attlog.flight.truth import TruthFit
-from attlog.flight.vehicle import VehicleKind, kind_of
-from attlog.flight.vibration.model import Burst, OnboardSpectrum, OnboardVibration
+from attlog.core.errors import guarded
+from attlog.flight.advice import GENERAL_REMEDIES, Fault, LoggingAdvice, LoggingNeed, advise_rest
+from attlog.flight.vehicle import VehicleKind, vehicle_kind
+
+Angles = tuple[float, float, float]
+"""Roll, pitch and yaw in deg."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthFit:
+    """What :mod:`attlog.external.attitude` found of an attitude called ``name`` (a file, or a message of the log).
+
+    Its times become the log's by ``offset_s`` at the middle of what both cover and ``drift_ppm``, its body axes
+    forward-right-down by ``body_deg``, its earth axes north-east-down by ``world_deg``. ``correlation`` of its angular
+    rates with the gyro's (0 to 1), ``residual_dps`` the RMS of their difference, over ``n`` samples in ``seconds``.
+    ``sigma_tilt_deg`` and ``sigma_heading_deg``: its own noise and what the fit leaves open, one sigma.
+    ``north``: whose north its heading has: that of the ``file``, of ``gnss`` motion, or ``nobody``'s.
+    """
+
+    name: str
+    offset_s: float
+    offset_sigma_s: float
+    drift_ppm: float
+    drift_sigma_ppm: float
+    body_deg: Angles
+    world_deg: Angles
+    correlation: float
+    residual_dps: float
+    n: int
+    seconds: float
+    sigma_tilt_deg: float
+    sigma_heading_deg: float
+    north: Literal["file", "gnss", "nobody"] = "nobody"
+    reading: str = ""
+    """How its numbers were read: ``body to earth, scalar last``."""
+
+
+# What a log holds of vibration beside its continuous samples: the autopilot's own levels, bursts, onboard spectra.
 
 Array = NDArray[np.float64]
+VibrationMeasure = Literal["rest", "difference"]
+"""How a level is made. ``rest`` (ArduPilot's VIBE): root of the low-passed square of what a 5 Hz low-pass leaves, per
+axis. ``difference`` (PX4): low-passed length of the difference of successive samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationLimits:
+    """What a measure's level may be: ``share`` of the flight is judged, ``warning`` and ``fault`` in m/s^2."""
+
+    share: float
+    warning: float
+    fault: float
+    source: str
+
+
+VIBRATION_LIMITS: dict[VibrationMeasure, VibrationLimits] = {
+    "rest": VibrationLimits(0.95, 30.0, 60.0, "ardupilot.org, Measuring Vibration"),
+    "difference": VibrationLimits(0.80, 9.81, np.inf, "PX4 Flight Review, Vibration Metrics"),
+}
+"""PX4 names no level at which a flight fails, only where its plot turns red, which its author (pull request 252 of
+Flight Review) calls a guess: it is a warning, and clipping tells the rest."""
+
+
+@dataclass(slots=True)
+class OnboardVibration:
+    """The level that the autopilot measured of one unit: ``level`` (n,) m/s^2 at ``t`` (n,) s, of the worst axis where
+    the measure has axes. ``unit`` is the IMU's index."""
+
+    unit: int
+    measure: VibrationMeasure
+    source: str
+    t: Array
+    level: Array
+
+
+@dataclass(slots=True)
+class Burst:
+    """Successive samples of one sensor at its own rate, between pauses: ``x`` (n, 3) rad/s or m/s^2 at ``rate`` Hz from
+    ``t`` s on. ``filtered``: behind the autopilot's low-pass and notches."""
+
+    sensor: Literal["gyro", "accelerometer"]
+    unit: int
+    t: float
+    rate: float
+    x: NDArray[np.float32]
+    filtered: bool
+    source: str
+
+
+@dataclass(slots=True)
+class OnboardSpectrum:
+    """The peaks that the autopilot found in its gyro at ``rate`` Hz: ``peaks`` (n, k) Hz at ``t`` (n,) s, NaN for none,
+    each good to ``resolution`` Hz."""
+
+    t: Array
+    peaks: Array
+    rate: float
+    resolution: float
+    source: str
+
+
+# A flight as numbers: one clock, SI units, body FRD, earth NED.
+#
+# ``t`` is float64 seconds; 0 is the first sample of the IMU that is replayed. The
+# autopilot's own clock at that instant is ``FlightLog.t0_us``. Quaternions are
+# scalar first and turn body vectors into earth vectors.
+
 T = TypeVar("T")
 Severity = Literal["info", "note", "warning", "error"]
 PAUSE_S = 1.0
 """Holes longer than this and than five intervals are pauses of the logger (disarmed, telemetry lost)."""
 
 
-def running(t: Array) -> NDArray[np.bool_]:
+def without_pauses(t: Array) -> NDArray[np.bool_]:
     """Which intervals (n - 1,) between samples at ``t`` (n,) s are no pauses of the logger."""
     dt = np.diff(t)
     return dt <= max(PAUSE_S, 5.0 * float(np.median(dt))) if len(dt) else np.zeros(0, bool)
@@ -37,13 +131,13 @@ def running(t: Array) -> NDArray[np.bool_]:
 
 def covered_seconds(t: Array) -> float:
     """Time in s that samples at ``t`` (n,) s cover, pauses left out."""
-    return float(np.diff(t)[running(t)].sum())
+    return float(np.diff(t)[without_pauses(t)].sum())
 
 
 def logged_rate(t: Array) -> float:
     """Mean rate in Hz of samples at ``t`` (n,) s: count over span without pauses, 0 for fewer than two samples."""
     span = covered_seconds(t)
-    return float(np.count_nonzero(running(t))) / span if span > 0 else 0.0
+    return float(np.count_nonzero(without_pauses(t))) / span if span > 0 else 0.0
 
 
 FIX_3D = 3
@@ -205,7 +299,7 @@ class Attitude:
             return np.zeros(len(t), bool)
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         inside = (t >= self.t[0]) & (t <= self.t[-1])
-        covered: NDArray[np.bool_] = inside & running(self.t)[k]
+        covered: NDArray[np.bool_] = inside & without_pauses(self.t)[k]
         return covered
 
 
@@ -356,7 +450,7 @@ class FlightLog:
     declination_param: float | None = None
     declination_source: str = ""
     logging: LoggingAdvice | None = None
-    remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL))
+    remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL_REMEDIES))
     compass_switches: dict[int, str] = field(default_factory=dict)
     compass_first: str = ""
     acc_bias: Stream | None = None
@@ -379,7 +473,7 @@ class FlightLog:
     @property
     def kind(self) -> VehicleKind:
         """What the vehicle can do; OTHER where the log does not tell what it is."""
-        return kind_of(self.vehicle)
+        return vehicle_kind(self.vehicle)
 
     @property
     def replay_imu(self) -> Imu | None:
@@ -396,14 +490,14 @@ class FlightLog:
         """The truth where its heading means something: not of one that was brought without a north."""
         return None if self.truth is None or (self.truth.fit and self.truth.fit.north == "nobody") else self.truth
 
-    def advice(self, what: What, rate: float | None = None) -> str:
+    def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
         """What would log ``what``: the setting that is missing, or the reason where every setting is right.
 
         ``rate`` (Hz) is that of the records the log holds, None where it holds none.
         Empty where nothing is known of the firmware's settings.
         """
         if what == "rest" and self.begins_disarmed:
-            return stand_still("The log begins before arming already")
+            return advise_rest("The log begins before arming already")
         return "" if self.logging is None else self.logging.advice(what, rate)
 
     @property
@@ -420,7 +514,7 @@ class FlightLog:
         return None if line is None else line.at(0.0 if t is None else t)
 
 
-def part_of(log: FlightLog, what: str, make: Callable[[], T], otherwise: Callable[[], T]) -> T:
+def guarded_part(log: FlightLog, what: str, make: Callable[[], T], otherwise: Callable[[], T]) -> T:
     """A part of what is found out about a log; where that ends in a bug it is a problem of the log, and
     ``otherwise`` stands in (``attlog/barrier.py``)."""
 

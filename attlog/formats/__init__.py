@@ -6,18 +6,25 @@ A new format is a folder with reader, writer, clock, recogniser and oracle, and 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-from attlog.base.errors import LogUnreadable, NotALog, UsageError
-from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core.errors import LogUnreadable, NotALog, UsageError
 from attlog.formats.recording import MessageLayout, Recording
-from attlog.formats.registry import Format
+from attlog.formats.table import Boot, Damage, Field, Messages, ParamChange, Table, Text
 
+if TYPE_CHECKING:
+    from attlog.formats.oracle import Oracle
 __all__ = [
-    "FORMATS",
     "Boot",
     "Damage",
+    "FORMATS",
     "Field",
     "MessageLayout",
     "Messages",
@@ -33,31 +40,92 @@ __all__ = [
     "write",
 ]
 
-HEAD = 1 << 16
+
+# One entry per log format: how it is recognised, read, written and checked, loaded when it is needed.
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A log format. Recogniser, reader, writer and oracle name places below ``attlog.formats`` as ``module:name``.
+
+    ``name`` is ``Messages.format``; ``title`` and ``suffix`` are what messages say (files are told apart by content
+    when they are read, by suffix when they are written). ``recogniser(head) -> bool`` judges the first bytes;
+    ``reader(path, *, data) -> Messages`` decodes; ``writer(path, recording)`` takes a
+    :class:`attlog.formats.recording.Recording` and is None for formats that are only read; ``oracle`` is an
+    :class:`attlog.formats.oracle.Oracle`. ``several_vehicles``: the reader takes ``system`` too.
+    """
+
+    name: str
+    title: str
+    suffix: str
+    recogniser: str
+    reader: str
+    writer: str | None
+    oracle: str
+    several_vehicles: bool = False
+
+    @property
+    def for_people(self) -> str:
+        """Title and suffix."""
+        return f"{self.title} {self.suffix}"
+
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file that begins with these bytes is such a log."""
+        return bool(_load_by_name(self.recogniser)(head))
+
+    def read(self, path: Path, data: NDArray[np.uint8], system: int | None = None) -> Messages:
+        """The log whose bytes are ``data``; ``system`` means nothing to a format of one vehicle."""
+        read: Callable[..., Messages] = _load_by_name(self.reader)
+        return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
+
+    def write(self, path: Path, recording: Recording) -> None:
+        """Write the log; UsageError for what the format cannot hold, and where attlog has no writer for it."""
+        if self.writer is None:
+            raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
+        _load_by_name(self.writer)(path, recording)
+
+    def load_oracle(self) -> Oracle:
+        """How the official library is asked."""
+        oracle: Oracle = _load_by_name(self.oracle)
+        return oracle
+
+
+def _load_by_name(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(import_module(f"attlog.formats.{module}"), name)
+
+
+MAX_HEAD_BYTES = 1 << 16
 """Bytes that are enough to recognise every format, also behind a damaged start."""
 
 # The first that recognises a file reads it: sdlog2 is framed like DataFlash and tells more of itself.
 # name, title, suffix, recogniser, reader, writer, oracle
 FORMATS = (
     Format(
-        "ulog", "ULog", ".ulg", "ulog.detect:is_ulog", "ulog.reader:read", "ulog.writer:write", "ulog.oracle:ORACLE"
+        "ulog",
+        "ULog",
+        ".ulg",
+        "ulog.layout:is_ulog",
+        "ulog.reader:read_ulog",
+        "ulog.writer:write_ulog",
+        "ulog.oracle:ORACLE",
     ),
     Format("px4log", "sdlog2", ".px4log", "sdlog2:is_sdlog2", "sdlog2:read", None, "dataflash.oracle:BINARY"),
     Format(
         "dataflash",
         "DataFlash",
         ".bin",
-        "dataflash.detect:is_binary",
-        "dataflash.reader:read",
-        "dataflash.writer:write",
+        "dataflash.walk:is_dataflash",
+        "dataflash.reader:read_binary",
+        "dataflash.writer:write_dataflash",
         "dataflash.oracle:BINARY",
     ),
     Format(
         "dataflash_text",
         "DataFlash text",
         ".log",
-        "dataflash.detect:is_text",
-        "dataflash.text:read",
+        "dataflash.walk:is_dataflash_text",
+        "dataflash.reader:read_text",
         None,
         "dataflash.oracle:TEXT",
     ),
@@ -65,9 +133,9 @@ FORMATS = (
         "ros",
         "ROS 2 bag",
         ".mcap",
-        "ros.detect:is_bag",
-        "ros.reader:read",
-        "ros.writer:write",
+        "ros.bag:is_bag",
+        "ros.reader:read_ros",
+        "ros.writer:write_mcap",
         "ros.oracle:ORACLE",
         several_vehicles=True,
     ),
@@ -75,9 +143,9 @@ FORMATS = (
         "tlog",
         "MAVLink",
         ".tlog",
-        "mavlink.detect:is_tlog",
-        "mavlink.reader:read",
-        "mavlink.writer:write",
+        "mavlink.walk:is_tlog",
+        "mavlink.reader:read_mavlink",
+        "mavlink.writer:write_tlog",
         "mavlink.oracle:TLOG",
         several_vehicles=True,
     ),
@@ -85,8 +153,8 @@ FORMATS = (
         "mavlink",
         "raw MAVLink",
         ".mavlink",
-        "mavlink.detect:is_capture",
-        "mavlink.reader:read",
+        "mavlink.walk:is_capture",
+        "mavlink.reader:read_mavlink",
         None,
         "mavlink.oracle:CAPTURE",
         several_vehicles=True,
@@ -103,14 +171,14 @@ def open(path: Path | str, system: int | None = None, *, key: Path | str | None 
     or none of the formats. LogUnusable: a format that cannot be read (encrypted, newer), or a file that unpacks to
     more than any log.
     """
-    from attlog.base.limits import MAX_DAMAGE
-    from attlog.formats.compression import content
-    from attlog.formats.ulog.encrypted import opened_with
+    from attlog.core.limits import MAX_DAMAGE
+    from attlog.formats.file_bytes import unpacked_bytes
+    from attlog.formats.ulog.encrypted import using_key
 
     path = Path(path)
     entry = format_named(recognise(path))
-    data, lost = content(path)
-    with opened_with(key):
+    data, lost = unpacked_bytes(path)
+    with using_key(key):
         messages = entry.read(path, data, system)
     if lost is not None:
         messages.damage = [lost, *messages.damage[: MAX_DAMAGE - 1]]  # the cause of what is missing stands first
@@ -118,17 +186,17 @@ def open(path: Path | str, system: int | None = None, *, key: Path | str | None 
     return messages
 
 
-_UNPACK = "archive, not a log: unpack it"
-WRAPPED = (
+_UNPACK_TEXT = "archive, not a log: unpack it"
+WRAPPERS = (
     (b"\xff\xfe", "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"),
     (b"\xfe\xff", "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"),
-    (b"PK\x03\x04", f"a zip {_UNPACK}; analyze and batch read the logs in it"),
-    (b"7z\xbc\xaf\x27\x1c", f"a 7z {_UNPACK}"),
-    (b"Rar!\x1a\x07", f"a rar {_UNPACK}"),
-    (b"\xfd7zXZ\x00", f"an xz {_UNPACK}"),
-    (b"BZh", f"a bzip2 {_UNPACK}"),
-    (b"\x28\xb5\x2f\xfd", f"a zstd {_UNPACK}"),
-    (b"\x1f\x8b", f"a gzip {_UNPACK}"),
+    (b"PK\x03\x04", f"a zip {_UNPACK_TEXT}; analyze and batch read the logs in it"),
+    (b"7z\xbc\xaf\x27\x1c", f"a 7z {_UNPACK_TEXT}"),
+    (b"Rar!\x1a\x07", f"a rar {_UNPACK_TEXT}"),
+    (b"\xfd7zXZ\x00", f"an xz {_UNPACK_TEXT}"),
+    (b"BZh", f"a bzip2 {_UNPACK_TEXT}"),
+    (b"\x28\xb5\x2f\xfd", f"a zstd {_UNPACK_TEXT}"),
+    (b"\x1f\x8b", f"a gzip {_UNPACK_TEXT}"),
     (b"#ROSBAG V", "a bag of ROS 1: convert it with rosbags-convert (pip install rosbags) to ROS 2"),
 )
 """How a file begins that may hold a log, and what is to be done with it."""
@@ -142,7 +210,7 @@ def recognise(path: Path | str) -> str:
         raise NotALog(f"{path}: the file is empty")
     if name := _format_of(head):
         return name
-    for begin, what in WRAPPED:
+    for begin, what in WRAPPERS:
         if head.startswith(begin):
             raise NotALog(f"{path}: {what}")
     raise NotALog(f"{path}: not a flight log that attlog knows ({', '.join(f.for_people for f in FORMATS)})")
@@ -150,9 +218,9 @@ def recognise(path: Path | str) -> str:
 
 def recognise_bytes(file: BinaryIO) -> str:
     """The format's name of an open file or of the first :data:`HEAD` bytes of one, packed or not; empty if none."""
-    from attlog.formats.compression import first_bytes_of
+    from attlog.formats.file_bytes import first_bytes_of
 
-    return _format_of(first_bytes_of(file, HEAD))
+    return _format_of(first_bytes_of(file, MAX_HEAD_BYTES))
 
 
 def write(path: Path | str, recording: Recording) -> None:
@@ -185,7 +253,7 @@ def _format_of(head: bytes) -> str:
 
 def _head(path: Path) -> bytes:
     """The first bytes of the log, behind any compression."""
-    from attlog.formats.compression import first_bytes
+    from attlog.formats.file_bytes import first_bytes
 
     if os.path.isdir(path):
         raise LogUnreadable(f"{path}: is a folder, not a log; name the files in it")
@@ -194,7 +262,7 @@ def _head(path: Path) -> bytes:
     try:
         if not os.path.getsize(path):  # the system's own files have no size, and some wait for ever when they are read
             return b""
-        return first_bytes(path, HEAD)
+        return first_bytes(path, MAX_HEAD_BYTES)
     except FileNotFoundError:
         raise LogUnreadable(f"{path}: no such file") from None
     except (OSError, ValueError) as error:

@@ -8,31 +8,31 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.limits import LAST_TIME_US, MAX_BOOTS, MAX_TIME_JUMP_S
-from attlog.formats.base import Boot, Offsets
+from attlog.core.limits import LAST_TIME_US, MAX_BOOTS, MAX_TIME_JUMP_S
+from attlog.formats.table import Boot, Offsets
 
 Timeline = tuple[Offsets, NDArray[np.int64]]
 """Byte offsets of records that carry their time, ascending, and the times (us)."""
 
-STEP_US = 1_000_000
+MIN_RESTART_US = 1_000_000
 """A clock that falls further was restarted; tasks log each other's times out of order by under 0.1 s."""
 
-FALSE_TIME_US = 5_000_000
+MAX_DEVIATION_US = 5_000_000
 """Times further than this from those on both sides, which agree, are false; no undamaged log has one beyond 0.1 s."""
 
-LONGEST_FALSE = 64
+MAX_FALSE_RECORDS = 64
 """Records in a row that can be false: what a damaged sector or a torn write changes; more is another clock or boot."""
 
-LONGEST_LATE = 256
+MAX_LATE_RECORDS = 256
 """Records in a row that a task may write late."""
 
-RUNS_AHEAD = 8
+MAX_FALSE_RUNS = 8
 """Runs with different false times beside each other that are looked over."""
 
-FEW = 3
+MIN_END_RECORDS = 3
 """So few records at an end of the file may be false alone."""
 
-MOST_STEPS = 0.25
+MAX_STEP_SHARE = 0.25
 """Of all times, this part may be steps; where there are more, no clock can be told that contradicts them."""
 
 _CHUNK = 1 << 14
@@ -46,13 +46,13 @@ def restarts(time_us: NDArray[np.int64]) -> list[int]:
     records that a task wrote late, with the times at which it should have: the clock comes back behind them.
     """
     found: list[int] = []
-    for k in _behind_steps(time_us, -STEP_US, np.iinfo(np.int64).max).tolist():
+    for k in _step_indices(time_us, -MIN_RESTART_US, np.iinfo(np.int64).max).tolist():
         before = sorted(time_us[max(found[-1] if found else 0, k - _NEIGHBOURS) : k].tolist())
         after = sorted(time_us[k : k + _NEIGHBOURS].tolist())
         half = len(after) // 2
         median = after[half] if len(after) % 2 else (after[half - 1] + after[half]) / 2
         # the lower median: one false time among few must not look like a fall
-        if median < before[(len(before) - 1) // 2] - STEP_US and not _written_late(
+        if median < before[(len(before) - 1) // 2] - MIN_RESTART_US and not _written_late(
             time_us, found[-1] if found else 0, k
         ):
             found.append(k)
@@ -67,12 +67,12 @@ def _written_late(time_us: NDArray[np.int64], begin: int, k: int) -> bool:
     It then jumps to where it was before the fall. A new boot counts on from its own start, where no record of the
     old one was late.
     """
-    if int(time_us[k]) < int(time_us[begin]) + FALSE_TIME_US:
+    if int(time_us[k]) < int(time_us[begin]) + MAX_DEVIATION_US:
         return False
     before = int(np.median(time_us[max(begin, k - _NEIGHBOURS) : k]))
-    some = time_us[k : k + LONGEST_LATE + _NEIGHBOURS]
-    jumps = (np.diff(some[: LONGEST_LATE + 1]) > STEP_US).nonzero()[0] + 1
-    return any(abs(float(np.median(some[j : j + _NEIGHBOURS])) - before) <= FALSE_TIME_US for j in jumps.tolist())
+    some = time_us[k : k + MAX_LATE_RECORDS + _NEIGHBOURS]
+    jumps = (np.diff(some[: MAX_LATE_RECORDS + 1]) > MIN_RESTART_US).nonzero()[0] + 1
+    return any(abs(float(np.median(some[j : j + _NEIGHBOURS])) - before) <= MAX_DEVIATION_US for j in jumps.tolist())
 
 
 def false_times(time_us: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -91,16 +91,16 @@ def false_times(time_us: NDArray[np.int64]) -> NDArray[np.int64]:
     if len(impossible):
         possible = np.delete(np.arange(len(time_us)), impossible)
         time_us = time_us[possible]
-    edges = _behind_steps(time_us, -FALSE_TIME_US, FALSE_TIME_US)
-    if not 0 < len(edges) <= len(time_us) * MOST_STEPS:
+    edges = _step_indices(time_us, -MAX_DEVIATION_US, MAX_DEVIATION_US)
+    if not 0 < len(edges) <= len(time_us) * MAX_STEP_SHARE:
         return impossible
     starts, ends = [0, *edges.tolist()], [*edges.tolist(), len(time_us)]
-    false = _contradicted(starts, time_us[starts].tolist(), time_us[np.array(ends) - 1].tolist(), len(time_us))
+    false = _contradicted_runs(starts, time_us[starts].tolist(), time_us[np.array(ends) - 1].tolist(), len(time_us))
     found = np.concatenate([np.zeros(0, np.int64), *(np.arange(starts[k], ends[k]) for k in false)])
     return np.sort(np.concatenate([impossible, found if possible is None else possible[found]]))
 
 
-def _behind_steps(time_us: NDArray[np.int64], least: int, most: int) -> NDArray[np.int64]:
+def _step_indices(time_us: NDArray[np.int64], least: int, most: int) -> NDArray[np.int64]:
     """The indices of times that differ from the one before by less than ``least`` or more than ``most``."""
     found = [np.zeros(0, np.int64)]
     for begin in range(0, len(time_us) - 1, _CHUNK):
@@ -111,29 +111,29 @@ def _behind_steps(time_us: NDArray[np.int64], least: int, most: int) -> NDArray[
     return np.concatenate(found)
 
 
-def _contradicted(starts: list[int], first: list[int], last: list[int], size: int) -> list[int]:
+def _contradicted_runs(starts: list[int], first: list[int], last: list[int], size: int) -> list[int]:
     """Which runs of times without steps are false, by their beginnings and their first and last times."""
     beyond_pauses, n = int(MAX_TIME_JUMP_S * 1e6), len(starts)
-    false = [0] if starts[1] < FEW and abs(first[1] - last[0]) > beyond_pauses else []
+    false = [0] if starts[1] < MIN_END_RECORDS and abs(first[1] - last[0]) > beyond_pauses else []
     k = len(false) + 1
     before = last[k - 1]
     while k < n:
         # does the clock come back to where it was, within a few records?
         back = k
-        while back < n and starts[back] - starts[k] <= LONGEST_FALSE and back - k <= RUNS_AHEAD:
-            if abs(first[back] - before) <= FALSE_TIME_US:
+        while back < n and starts[back] - starts[k] <= MAX_FALSE_RECORDS and back - k <= MAX_FALSE_RUNS:
+            if abs(first[back] - before) <= MAX_DEVIATION_US:
                 break
             back += 1
         else:
             back = k
         false.extend(range(k, back))
         before, k = last[back], back + 1
-    if size - starts[-1] < FEW and n - 1 not in false[-1:] and abs(first[-1] - last[-2]) > beyond_pauses:
+    if size - starts[-1] < MIN_END_RECORDS and n - 1 not in false[-1:] and abs(first[-1] - last[-2]) > beyond_pauses:
         false.append(n - 1)
     return false
 
 
-def in_file_order(timelines: Iterable[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Timeline:
+def merge_timelines(timelines: Iterable[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Timeline:
     """Offsets and times of several messages as one timeline."""
     at, time = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for offsets, times in timelines:
@@ -144,15 +144,15 @@ def in_file_order(timelines: Iterable[tuple[NDArray[np.int64], NDArray[np.int64]
     return offsets[order], np.concatenate(time)[order]
 
 
-def boots_between(edges: Iterable[int], size: int) -> list[Boot]:
+def boots_at(edges: Iterable[int], size: int) -> list[Boot]:
     """The power-ups of a file of ``size`` bytes in which others than the first begin at ``edges``, ascending."""
     return [Boot(a, b) for a, b in pairwise([0, *edges, size])]
 
 
-def boots(timeline: Timeline, size: int) -> list[Boot]:
+def boots_of_timeline(timeline: Timeline, size: int) -> list[Boot]:
     """The power-ups of a file, each from the first record after a restart of the clock."""
     at, time = timeline
-    return boots_between(at[restarts(time)].tolist(), size)
+    return boots_at(at[restarts(time)].tolist(), size)
 
 
 def times_before(at: NDArray[np.int64], timeline: Timeline) -> list[int | None]:

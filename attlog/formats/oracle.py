@@ -19,10 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from attlog.base.limits import VERIFY_S, VERIFY_S_PER_BYTE, VERIFY_WAITS
-from attlog.base.processes.child import Child, Died, TooLong
-from attlog.base.processes.serve import write_output_to
-from attlog.formats.base import Messages, Table
+from attlog.core.limits import VERIFY_S, VERIFY_S_PER_BYTE, VERIFY_WAITS
+from attlog.core.workers import Child, Died, TooLong, write_output_to
+from attlog.formats.table import Messages, Table
 
 Key = tuple[str, int | None]
 """Message and instance; instance None where the library does not split by it."""
@@ -58,12 +57,12 @@ class OracleLate(OracleFailed):
     """The library took more time than it was given."""
 
 
-def read(path: Path, log_format: str) -> Columns:
+def read_by_oracle(path: Path, log_format: str) -> Columns:
     """The log as the format's official library reads it. ``log_format`` as in ``Messages.format``.
 
     OracleFailed if the library gives up, with its words; OracleLate if it is not done in its time.
     """
-    from attlog.formats.compression import is_gzip, unpack
+    from attlog.formats.file_bytes import is_gzip, unpack_gzip
 
     try:
         scratch = tempfile.TemporaryDirectory(prefix="attlog-")
@@ -74,7 +73,7 @@ def read(path: Path, log_format: str) -> Columns:
         if is_gzip(path):
             log = Path(folder, "log")
             with log.open("w+b") as file:
-                unpack(path, file)
+                unpack_gzip(path, file)
         patience = max(math.ceil(VERIFY_S + VERIFY_S_PER_BYTE * log.stat().st_size), 1)
         with Child.started() as child:
             try:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import UsageError
-from attlog.formats.base import ParamChange, Text
+from attlog.core.errors import UsageError
+from attlog.formats.table import ParamChange, Text
 
 Columns = Mapping[str, NDArray[Any]]
 Key = tuple[str, int]
@@ -77,7 +77,7 @@ class Recording:
         return self.start_us if self.start_us is not None else min(first, default=0)
 
 
-def fitted(values: NDArray[Any], kind: np.dtype[Any], what: str) -> NDArray[Any]:
+def fit_to_type(values: NDArray[Any], kind: np.dtype[Any], what: str) -> NDArray[Any]:
     """``values`` (n,) or (n, k) as the stored type ``kind``, rounded where it holds integers.
 
     UsageError where a value does not fit: too large, not a number in an integer, a text too long, another shape.
@@ -109,8 +109,47 @@ def fitted(values: NDArray[Any], kind: np.dtype[Any], what: str) -> NDArray[Any]
     return stored
 
 
-def only(what: str, given: Iterable[str], known: Iterable[str]) -> None:
+def require_only(what: str, given: Iterable[str], known: Iterable[str]) -> None:
     """UsageError if ``given`` names anything but ``known``, which are all that a format has of ``what``."""
     rest = sorted(set(given) - set(known))
     if rest:
         raise UsageError(f"this format has no place for the {what} {rest[0]!r}")
+
+
+# Records of several messages put into one stream, in the order of their times.
+
+MERGED_ROWS = 1 << 14
+"""Rows that are put in their places in one step, so that the indices of their bytes stay small."""
+
+
+def time_order(times: Sequence[NDArray[np.integer]]) -> NDArray[np.int64]:
+    """Which record (counted through all blocks) stands at each place: by time, equal times as the blocks stand."""
+    if not times:
+        return np.zeros(0, np.int64)
+    return np.argsort(np.concatenate([t.astype(np.int64) for t in times]), kind="stable")
+
+
+def merge_records(
+    blocks: Sequence[NDArray[np.uint8]], times: Sequence[NDArray[np.integer]], lengths: Sequence[NDArray[np.int64]]
+) -> bytes:
+    """All records in the order of :func:`order_of`.
+
+    A block is (n, width) bytes, of which each row's first ``lengths`` count.
+    """
+    if not blocks:
+        return b""
+    order = time_order(times)
+    size = np.concatenate(lengths)[order]
+    begins = np.empty(len(order), np.int64)
+    begins[order] = np.cumsum(size) - size
+    out = np.zeros(int(size.sum()), np.uint8)
+    first = 0
+    for rows, length in zip(blocks, lengths, strict=True):
+        column = np.arange(rows.shape[1])
+        for start in range(0, len(rows), MERGED_ROWS):
+            some = slice(start, min(start + MERGED_ROWS, len(rows)))
+            there = column < length[some, np.newaxis]
+            at = begins[first + some.start : first + some.stop, np.newaxis] + column
+            out[at[there]] = rows[some][there]
+        first += len(rows)
+    return out.tobytes()

@@ -16,16 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import LogUnusable
-from attlog.formats.barrier import Barrier
-from attlog.formats.base import Field, Messages, Remark, Table
-from attlog.formats.clock import boots, false_times
-from attlog.formats.dataflash.content import is_integer, is_text, params
-from attlog.formats.dataflash.detect import formats
-from attlog.formats.dataflash.index import index_records
-from attlog.formats.dataflash.tables import build_tables, tell_unreadable
-from attlog.formats.losses import Losses
-from attlog.formats.mapping import map_bytes, text_of
+from attlog.core.errors import LogUnusable
+from attlog.formats.clock import boots_of_timeline, false_times
+from attlog.formats.dataflash.tables import build_tables, has_integer, has_text, read_params, report_unreadable
+from attlog.formats.dataflash.walk import formats_in_head, index_records
+from attlog.formats.file_bytes import decode_text, read_file_bytes
+from attlog.formats.table import DamageLog, Field, Messages, ReaderBarrier, Remark, Table
 
 TIME = "_t_us"
 """Column with the boot time (us) of the group that a record belongs to, -1 before the first TIME record."""
@@ -38,7 +34,7 @@ def is_sdlog2(head: bytes) -> bool:
     return (
         b"TIME" in head
         and _TIME.search(head) is not None
-        and any(fmt.name == "TIME" and fmt.letters == "Q" for fmt in formats(head))
+        and any(fmt.name == "TIME" and fmt.letters == "Q" for fmt in formats_in_head(head))
     )
 
 
@@ -48,19 +44,19 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     LogUnusable if the file has no TIME record, since nothing else tells time.
     """
     path = Path(path)
-    data = map_bytes(path) if data is None else data
+    data = read_file_bytes(path) if data is None else data
     index = index_records(data)
     remarks: list[Remark] = []
-    around = Barrier(remarks).around
+    around = ReaderBarrier(remarks).around
     tables = build_tables(data, index, by_instance=False, guard=around)
     clock = tables.get(("TIME", 0))
-    if clock is None or not is_integer(clock, "StartTime"):
+    if clock is None or not has_integer(clock, "StartTime"):
         blank = not any(fmt.columns for fmt in index.layouts[1:])
         why = (
             "its formats name no columns" if blank else "it has no TIME record with StartTime, so no record has a time"
         )
         raise LogUnusable(f"{path}: this sdlog2 log cannot be decoded: {why}.")
-    tell_unreadable(index)
+    report_unreadable(index)
     at, time = clock.offsets, _possible(clock, index.losses)
     messages = Messages(
         path,
@@ -75,17 +71,17 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     known = time >= 0
     timeline = at[known], time[known]
     with around("PARM", "parameters", None):
-        messages.params = params(messages, timeline)
+        messages.params = read_params(messages, timeline)
     version = messages.first("VER")
     if version is not None:
         messages.info["VER"] = {
-            name: text_of(version[name][0]) for name in version.fields if name != TIME and is_text(version, name)
+            name: decode_text(version[name][0]) for name in version.fields if name != TIME and has_text(version, name)
         }
-    messages.boots = boots(timeline, len(data))
+    messages.boots = boots_of_timeline(timeline, len(data))
     return messages
 
 
-def _possible(clock: Table, losses: Losses) -> NDArray[np.int64]:
+def _possible(clock: Table, losses: DamageLog) -> NDArray[np.int64]:
     """Start times (n,) of the groups in us; -1, and counted as lost, where the clock of the group is false."""
     time = clock["StartTime"].astype(np.int64)
     false = false_times(time)

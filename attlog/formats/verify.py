@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats import oracle
-from attlog.formats.base import Messages
-from attlog.formats.mapping import text_of
+from attlog.formats.file_bytes import decode_text
+from attlog.formats.table import Messages
 
 
 @dataclass(slots=True)
@@ -54,7 +54,7 @@ def verify(path: Path | str) -> Verification:
     log = open_log(path)
     official = format_named(log.format).load_oracle()
     try:
-        theirs = oracle.read(path, log.format)
+        theirs = oracle.read_by_oracle(path, log.format)
     except oracle.OracleFailed as error:
         late = isinstance(error, oracle.OracleLate)
         text = str(error) if late else f"it cannot read this log ({error})"
@@ -135,7 +135,7 @@ def _compare(
 
 def _compare_rows(log: Messages, name: str, ours: list[Any], theirs: list[Any], found: Verification) -> None:
     """Different numbers of records: which of them do both have?"""
-    mine, other = (Counter(zip(*(map(spelled, c) for c in columns), strict=False)) for columns in (ours, theirs))
+    mine, other = (Counter(zip(*(map(value_text, c) for c in columns), strict=False)) for columns in (ours, theirs))
     more, less = (mine - other).total(), (other - mine).total()
     common = mine.total() - more
     found.records += common
@@ -157,7 +157,7 @@ def _note(found: Verification, log: Messages, sentence: str, ours: int, theirs: 
 def _equal(ours: Any, theirs: Any) -> NDArray[np.bool_]:
     """Element-wise; NaN equals NaN, the last digit may differ (we multiply by 0.01 where pymavlink divides by 100)."""
     if ours.dtype == object or theirs.dtype == object or ours.ndim > 1:
-        return np.array([spelled(a) == spelled(b) for a, b in zip(ours, theirs, strict=True)], bool)
+        return np.array([value_text(a) == value_text(b) for a, b in zip(ours, theirs, strict=True)], bool)
     if ours.dtype.kind in "iub" and theirs.dtype.kind in "iub":
         return np.asarray(ours == theirs)
     a, b = ours.astype(np.float64), theirs.astype(np.float64)
@@ -167,10 +167,10 @@ def _equal(ours: Any, theirs: Any) -> NDArray[np.bool_]:
     return same
 
 
-def spelled(value: Any) -> str:
+def value_text(value: Any) -> str:
     """A value as text that is equal where the values are."""
     if isinstance(value, str | bytes):
-        return text_of(value) if isinstance(value, bytes) else value
+        return decode_text(value) if isinstance(value, bytes) else value
     if np.ndim(value):
-        return ",".join(map(spelled, value))
+        return ",".join(map(value_text, value))
     return f"{value:.12g}" if isinstance(value, float | np.floating) else str(int(value))

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from importlib import import_module
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from attlog.base.barrier import guarded
-from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, HeadingReference, Metric
-from attlog.reference.model import Row
+from attlog.core.errors import guarded
+from attlog.metrics.metric import Answer, Case, Metric, missing
+from attlog.reference.model import HeadingReference, Row
 
 if TYPE_CHECKING:
-    from attlog.metrics.figures.trace import Trace
-    from attlog.metrics.figures.traces import Drawing
-    from attlog.metrics.ranking import best as ranking
+    from attlog.metrics import ranking
+    from attlog.metrics.trace import Trace
+    from attlog.metrics.traces import Drawing
 
 __all__ = [
     "Answer",
@@ -32,41 +30,53 @@ __all__ = [
     "settle",
 ]
 
-QUESTIONS = (
-    "noise.added",
-    "steps.lag",
-    "steps.step_error",
-    "steps.leak",
-    "steps.settling",
-    "drift.rest",
-    "drift.air",
-    "drift.wander",
-    "errors.rmse",
-    "errors.gnss_heading",
-    "noise.allan",
-    "errors.convergence",
-    "errors.recovery",
-    "noise.hover",
-    "errors.bias",
-    "trials.cost",
-    "steps.controller",
-)
-"""The files of this room that hold one, in the order of the table; ``attlog info`` imports only those it asks."""
+QUESTIONS = {
+    "noise.added": ("noise", "NOISE_METRICS", "compute_noise"),
+    "steps.lag": ("lag", "LAG_METRICS", "compute_lag"),
+    "steps.step_error": ("step_error", "STEP_ERROR_METRICS", "compute_step_error"),
+    "steps.leak": ("lag", "CORRECTION_RATE_METRICS", "compute_correction_rate"),
+    "steps.settling": ("step_error", "SETTLING_METRICS", "compute_settling"),
+    "drift.rest": ("drift", "REST_DRIFT_METRICS", "compute_rest_drift"),
+    "drift.air": ("drift", "AIR_DRIFT_METRICS", "compute_air_drift"),
+    "drift.wander": ("heading", "HEADING_RESIDUAL_METRICS", "compute_heading_residual"),
+    "errors.rmse": ("accuracy", "RMSE_METRICS", "compute_rmse"),
+    "errors.gnss_heading": ("heading", "GNSS_HEADING_METRICS", "compute_gnss_heading"),
+    "noise.allan": ("allan", "ALLAN_METRICS", "compute_allan"),
+    "errors.convergence": ("recovery", "CONVERGENCE_METRICS", "compute_convergence"),
+    "errors.recovery": ("recovery", "RECOVERY_METRICS", "compute_recovery"),
+    "noise.hover": ("hover", "HOVER_METRICS", "compute_hover"),
+    "errors.bias": ("accuracy", "BIAS_METRICS", "compute_bias"),
+    "trials.cost": ("cost", "COST_METRICS", "compute_cost"),
+    "steps.controller": ("setpoint", "SETPOINT_METRICS", "compute_setpoint"),
+}
+"""Question -> file, its metrics, its function; in the order of the table. Imported when first asked."""
 MEASURED = "trials.cost"
 """The question that is answered by running the filter again, not from the log."""
-LATE = {"Drawing": "figures.traces", "Trace": "figures.trace"}
+LATE = {"Drawing": "traces", "Trace": "trace"}
 FULL_COVERAGE_PCT = 95.0
 
 
+class Question(NamedTuple):
+    """Metrics that one function computes."""
+
+    name: str
+    METRICS: tuple[Metric, ...]
+    compute: Callable[[Case, Row, str], dict[str, Answer]]
+
+
 @cache
-def questions() -> tuple[ModuleType, ...]:
-    """The questions, imported."""
-    return tuple(import_module(f"{__name__}.{name}") for name in QUESTIONS)
+def questions() -> tuple[Question, ...]:
+    """Return all questions, imported."""
+    found = []
+    for name, (room, table, function) in QUESTIONS.items():
+        module = import_module(f"{__name__}.{room}")
+        found.append(Question(name, getattr(module, table), getattr(module, function)))
+    return tuple(found)
 
 
-def measured() -> ModuleType:
-    """The one of them that is measured."""
-    return questions()[QUESTIONS.index(MEASURED)]
+def measured() -> Question:
+    """Return the question that is answered by running the filter again."""
+    return next(q for q in questions() if q.name == MEASURED)
 
 
 def __getattr__(name: str) -> Any:
@@ -96,20 +106,20 @@ def compute(
     ``coverage_pct`` stands beside comparisons of a row that was scored on less than 95 % of
     its time. A row that gravity does not correct is a baseline: it is ranked nowhere. What tells nothing is withheld.
     """
-    from attlog.metrics.ranking.resolution import withhold
-    from attlog.metrics.trials import still
+    from attlog.metrics import following
+    from attlog.metrics.ranking import mark_not_ranked
 
     table: dict[str, dict[str, Answer]] = {}
     asked = [q for q in questions() if (cost or q is not measured()) and (not only or _is_of(q, only))]
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
-    uncorrected = still.why_uncorrected(case, row)
+    uncorrected = following.why_uncorrected(case, row)
     for window in windows:
         answers = table.setdefault(window, {})
         for question in asked:
             answers |= _asked(question, case, row, window)
             for metric in question.METRICS:
                 if metric.name in answers:
-                    withhold(metric, answers[metric.name])
+                    mark_not_ranked(metric, answers[metric.name])
                     if partly and metric.covers:
                         answers[metric.name].coverage_pct = row.coverage_pct
         for answer in answers.values():
@@ -125,34 +135,34 @@ def settle(
 
     What was measured stands in the order of the table as if it had been asked with the rest.
     """
-    from attlog.metrics.errors import rmse
+    from attlog.metrics import accuracy
 
-    rmse.decide(case)
+    accuracy.rank_errors(case)
     if not cost or (only and not _is_of(measured(), only)):
         return
-    after = {m.name for q in questions()[QUESTIONS.index(MEASURED) + 1 :] for m in q.METRICS}
+    after = {m.name for q in questions()[list(QUESTIONS).index(MEASURED) + 1 :] for m in q.METRICS}
     for row in case.rows:
         for window, answers in table[row.name].items():
             later = {name: answers.pop(name) for name in list(answers) if name in after}
             answers |= _asked(measured(), case, row, window) | later
 
 
-def _is_of(question: ModuleType, wanted: Collection[str]) -> bool:
+def _is_of(question: Question, wanted: Collection[str]) -> bool:
     return any(m.name in wanted or m.name.partition(".")[0] in wanted for m in question.METRICS)
 
 
-def _asked(question: ModuleType, case: Case, row: Row, window: str) -> dict[str, Answer]:
+def _asked(question: Question, case: Case, row: Row, window: str) -> dict[str, Answer]:
     """The answers of one question; where it ends in a bug each of its metrics is missing with the reason."""
 
     def without(sentence: str) -> dict[str, Answer]:
         return {m.name: missing("part_failed", sentence, m.unit, window) for m in question.METRICS}
 
-    name = question.__name__.rpartition(".")[2].replace("_", " ")
+    name = question.name.rpartition(".")[2].replace("_", " ")
     return guarded(f"{row.name}: {name}", lambda: question.compute(case, row, window), without)
 
 
 def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:
     """Who is best and worst in each column; values of ranked rows move to the units that all of them have."""
-    from attlog.metrics.ranking import best as ranking
+    from attlog.metrics import ranking
 
     return ranking.rank(table, rows, definitions())

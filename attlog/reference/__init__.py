@@ -1,14 +1,22 @@
 """What attitudes are compared with, and how the comparison is made fair."""
 
-from attlog.reference.choose import choose
-from attlog.reference.declination import measured_deg
-from attlog.reference.heading_references import heading_references
-from attlog.reference.meaning import caveat, meaning, own_sigma_deg
+from attlog.reference.alignment import observed_declination_deg
+from attlog.reference.choice import choose
+from attlog.reference.heading_sources import heading_references
 from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, ReferenceOptions, Row
-from attlog.reference.physics.contradiction import ReferenceCheck, contradicted
+from attlog.reference.reference_checks import ReferenceCheck, contradicted
 from attlog.reference.rows import onboard_rows, replayed, withhold
-from attlog.reference.smoothed import NAME as SMOOTHER
-from attlog.reference.smoothed import expected_reference, joined, not_smoothed, sigma_deg, smoothable
+from attlog.reference.smoother import (
+    SMOOTHER,
+    caveat,
+    expected_reference,
+    join_segments,
+    meaning,
+    own_sigma_deg,
+    reason_not_smoothed,
+    sigma_deg,
+    smoothable,
+)
 
 __all__ = [
     "SMOOTHER",
@@ -24,10 +32,10 @@ __all__ = [
     "contradicted",
     "expected_reference",
     "heading_references",
-    "joined",
+    "join_segments",
     "meaning",
-    "measured_deg",
-    "not_smoothed",
+    "observed_declination_deg",
+    "reason_not_smoothed",
     "onboard_rows",
     "own_sigma_deg",
     "replayed",

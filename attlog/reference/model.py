@@ -8,8 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.flight.model import Imu
-from attlog.flight.truth import TruthFit
+from attlog.flight.model import Imu, TruthFit
 
 Array = NDArray[np.float64]
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
-from attlog.estimators.base import Estimate
+from attlog.core import rotation, spans
+from attlog.core.spans import Span
+from attlog.estimators.interface import Estimate
 from attlog.flight.model import FlightLog
-from attlog.reference import clock, compare, floor, scoring, smoothed, trim
-from attlog.reference.compare import measured
+from attlog.reference import alignment, scoring, smoother
 from attlog.reference.model import AlignmentStep, Reference, Row
-from attlog.segments import Segments, gaps, resets, spans
-from attlog.segments.spans import Span
+from attlog.reference.scoring import attitude_errors
+from attlog.segments import Segments, model, resets
 
 Array = NDArray[np.float64]
 FIRST_S, LEAST_REST_S = 10.0, 5.0
@@ -59,10 +59,10 @@ def replayed(
         parameters=dict(parameters or {}),
     )
     if reference.trim is not None:
-        row.q = trim.apply(row.q, reference.trim)
+        row.q = alignment.apply_trim(row.q, reference.trim)
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
         row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="config: trim"))
-    row.is_reference = reference.kind == smoothed.NAME and name == smoothed.NAME
+    row.is_reference = reference.kind == smoother.SMOOTHER and name == smoother.SMOOTHER
     no_north = reference.declination_deg is None and not north_by_gnss
     free_heading = not row.knows_north or no_north or reference.heading_by in NO_NORTH
     if late:
@@ -81,24 +81,24 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
     """
     rows = []
     for name, attitude in log.attitudes.items():
-        t, q, _ = clock.usable(attitude, reference.clock)
+        t, q, _ = alignment.usable_samples(attitude, reference.clock)
         if len(t) < 2 or (reference.fit is not None and name == reference.fit.name):
             continue
         title = "onboard" if name == log.onboard else f"onboard:{name}"
-        row = Row(title, "onboard", t, q, gaps.number(t), uses_mag=True, estimator=name)
-        row.step_deg = attitude.step_deg if attitude.step_deg > 0 else floor.step_deg(q)
+        row = Row(title, "onboard", t, q, model.number_segments(t), uses_mag=True, estimator=name)
+        row.step_deg = attitude.step_deg if attitude.step_deg > 0 else alignment.logged_step_deg(q)
         row.is_reference = reference.kind == "onboard" and reference.name == name
         if reference.trim is not None and not attitude.has_trim:
-            row.q = trim.apply(row.q, reference.trim)
+            row.q = alignment.apply_trim(row.q, reference.trim)
             row.steps.append(AlignmentStep("trim", "taken out once, as of the replays", source=log.trim_source))
-        aligned = scoring.aligned_at(attitude, resets.known(log, name, segments)[0], segments)
+        aligned = scoring.aligned_at(attitude, resets.known_resets(log, name, segments)[0], segments)
         row.start = float(t[0])
         if aligned is not None:
             row.start = max(row.start, aligned)
             text = "its own alignment: nothing before this jump is scored"
             row.steps.append(AlignmentStep("alignment", text, row.start, "s", attitude.source))
         if row.is_reference:
-            counted = scoring.scored(reference, t)
+            counted = scoring.scored_mask(reference, t)
             row.coverage_pct = scoring.coverage_pct(t, row.segment, counted, reference, segments)
             rows.append(row)
         else:
@@ -111,13 +111,13 @@ def _measure(
     row: Row, segments: Segments, reference: Reference, free_heading: bool, unknown: Sequence[Span] = ()
 ) -> Row:
     """Fill in errors, heading offset, convergence, coverage and status of a row; ``unknown`` times are not scored."""
-    good = rotation.finite(row.q)
+    good = rotation.finite_rows(row.q)
     first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
     row.start = first if row.kind == "replay" else max(first, row.start)
     lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring_start)))
     if reference.kind != "none" and good.any():
-        t, q = gaps.only(good, row.t, row.q)
-        row.errors = compare.errors(t, q, row.segment[good], reference)
+        t, q = model.select_good(good, row.t, row.q)
+        row.errors = scoring.errors_against(t, q, row.segment[good], reference)
         row.errors.scored &= row.errors.t >= row.start
         for t0, t1 in unknown:
             row.errors.scored &= (row.errors.t < t0) | (row.errors.t >= t1)
@@ -182,11 +182,11 @@ def _remove_heading_offset(row: Row, segments: Segments, reference: Reference) -
     numbers, place = np.unique(row.segment, return_inverse=True)
     own = place[np.clip(np.searchsorted(row.t, errors.t, side="right") - 1, 0, len(row.t) - 1)]
     offset, sources = np.zeros(len(numbers)), []
-    for part in gaps.slices(np.ones(len(own), bool), own):
+    for part in model.segment_slices(np.ones(len(own), bool), own):
         offset[own[part.start]], source = _first_mean(errors.t[part], smooth[part], errors.scored[part], segments)
         sources.append(source)
     turned = rotation.turn_about_down(errors.q_est, -(offset[own] + np.cumsum(jumps)))
-    row.errors = measured(errors.t, turned, errors.q_ref, errors.gap_segment, errors.segment, errors.scored)
+    row.errors = attitude_errors(errors.t, turned, errors.q_ref, errors.gap_segment, errors.segment, errors.scored)
     row.q = rotation.turn_about_down(row.q, -offset[place])
     row.heading_offset_deg = float(np.degrees(rotation.wrap(offset[own[0]])))
     text = f"mean heading difference over {sources[0]}, removed"

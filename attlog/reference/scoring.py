@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import gap
-from attlog.base.rotation import error, total_angle, unwrap, wrap
+from attlog.core import intervals, rotation, spans
+from attlog.core.rotation import earth_error, total_angle, unwrap, wrap
+from attlog.core.spans import Span
 from attlog.flight.model import Attitude
-from attlog.reference.model import AttitudeErrors, Reference
-from attlog.segments import Segments, gaps, spans
-from attlog.segments.spans import Span
+from attlog.reference.model import AttitudeErrors, Reference, ReferenceSamples
+from attlog.segments import Segments, model
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ ALIGNED_DEG, ALIGNED_WITHIN_S = 5.0, 60.0
 """A jump of an onboard attitude by this much, this soon and before the first flight is its own alignment."""
 
 
-def settling(seconds: float) -> float:
+def unscored_seconds(seconds: float) -> float:
     """How much of a record of this length is left out before scoring, in s."""
     return START_S if seconds >= SHORT_S else max(seconds, 0.0) / 3.0
 
@@ -37,13 +37,15 @@ def start_and_unscored(t: Array, score_from: float | None) -> tuple[float, list[
     """First scored time, and the segments after restarts that are not scored, of IMU times (n,)."""
     if len(t) == 0:
         return score_from or 0.0, []
-    restarts = gaps.restarts(t)
-    first = float(t[0]) + settling(float(t[-1] - t[0])) if score_from is None else score_from
+    restarts = model.restart_times(t)
+    first = float(t[0]) + unscored_seconds(float(t[-1] - t[0])) if score_from is None else score_from
     ends = np.append(restarts[1:], t[-1])
-    return first, [(float(a), float(a) + settling(float(b - a))) for a, b in zip(restarts[1:], ends[1:], strict=True)]
+    return first, [
+        (float(a), float(a) + unscored_seconds(float(b - a))) for a, b in zip(restarts[1:], ends[1:], strict=True)
+    ]
 
 
-def scored(reference: Reference, t: Array) -> NDArray[np.bool_]:
+def scored_mask(reference: Reference, t: Array) -> NDArray[np.bool_]:
     """Which rising times (n,) count in comparisons with the reference."""
     inside = (t >= reference.scoring_start) & (t <= reference.end)
     for first, last in np.searchsorted(t, reference.unscored or np.zeros((0, 2))).tolist():
@@ -66,14 +68,14 @@ def coverage_pct(
     if total <= 0:
         return None
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    parts = [p for p in gaps.slices(counted, number) if p.stop - p.start > 1]
+    parts = [p for p in model.segment_slices(counted, number) if p.stop - p.start > 1]
     covered = [(float(t[p.start]) - 0.5 * usual, float(t[p.stop - 1]) + 0.5 * usual) for p in parts]
     return min(100.0, 100.0 * spans.seconds(spans.intersect(covered, wanted)) / total)
 
 
 def diverged_at(errors: AttitudeErrors) -> float | None:
     """The time from which the scored tilt error stays above 30 deg for 2 s; None if it never does."""
-    return _stays(errors, errors.inclination > DIVERGED_DEG, DIVERGED_S)
+    return _stays_beyond(errors, errors.inclination > DIVERGED_DEG, DIVERGED_S)
 
 
 def lost_heading_at(errors: AttitudeErrors) -> float | None:
@@ -88,15 +90,15 @@ def lost_heading_at(errors: AttitudeErrors) -> float | None:
     along = unwrap(np.radians(errors.heading))
     smooth = np.degrees(np.abs(wrap(along - np.cumsum(reset_steps(errors, along)))))
     beyond = np.minimum(np.abs(errors.heading), smooth) > DIVERGED_HEADING_DEG
-    stays = _stays(errors, beyond, DIVERGED_HEADING_S)
+    stays = _stays_beyond(errors, beyond, DIVERGED_HEADING_S)
     lost = beyond & errors.scored
     if stays is not None or np.count_nonzero(lost) <= 0.5 * np.count_nonzero(errors.scored):
         return stays
     return float(errors.t[np.argmax(lost)]) if np.ptp(errors.t[errors.scored]) >= DIVERGED_S else None
 
 
-def _stays(errors: AttitudeErrors, bad: NDArray[np.bool_], seconds: float) -> float | None:
-    for part in gaps.slices(bad & errors.scored, errors.gap_segment):
+def _stays_beyond(errors: AttitudeErrors, bad: NDArray[np.bool_], seconds: float) -> float | None:
+    for part in model.segment_slices(bad & errors.scored, errors.gap_segment):
         if np.ptp(errors.t[part]) >= seconds:
             return float(errors.t[part.start])
     return None
@@ -127,20 +129,20 @@ def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments
         return None
     flown = min((s.t0 for s in segments.of("airborne")), default=np.inf)
     early = resets[(resets > 0) & (attitude.t[resets] < min(attitude.t[0] + ALIGNED_WITHIN_S, flown))]
-    size = np.degrees(total_angle(error(attitude.q[early], attitude.q[early - 1])))
+    size = np.degrees(total_angle(earth_error(attitude.q[early], attitude.q[early - 1])))
     jumped = early[size >= ALIGNED_DEG]
     return float(attitude.t[jumped[-1]]) if len(jumped) else None
 
 
 def convergence_observable(errors: AttitudeErrors) -> bool:
     """Whether there are 5 s without a break long enough to end an estimate: else nothing tells that a row converged."""
-    whole = gaps.slices(np.ones(len(errors.t), bool), _unbroken(errors))
+    whole = model.segment_slices(np.ones(len(errors.t), bool), _unbroken(errors))
     return any(np.ptp(errors.t[part]) >= CONVERGED_S for part in whole)
 
 
 def _unbroken(errors: AttitudeErrors) -> NDArray[np.int64]:
     """Segments (n,) between breaks at which filters restart: an error goes on across shorter ones."""
-    return gaps.number(errors.t, max(gap.RESTART_S, gap.limit_of(errors.t)))
+    return model.number_segments(errors.t, max(intervals.MAX_BRIDGED_GAP_S, intervals.gap_limit_of_times(errors.t)))
 
 
 def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> float | None:
@@ -157,8 +159,83 @@ def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> f
     if with_heading:
         heading = np.abs(errors.heading)
         good &= heading <= np.median(heading[later]) + CONVERGED_HEADING_DEG
-    for part in gaps.slices(good, _unbroken(errors)):
+    for part in model.segment_slices(good, _unbroken(errors)):
         if np.ptp(errors.t[part]) >= CONVERGED_S:
             took = max(0.0, float(errors.t[part.start]) - start) if part.start > 0 else 0.0
             return took if took <= CONVERGED_LIMIT_S else None
     return None
+
+
+# Errors of an attitude against the reference, at the times of the slower one.
+
+Index = NDArray[np.int64]
+
+CHUNK = 1 << 13
+"""Attitudes per pass: temporaries stay in the processor's cache and cost long logs no memory."""
+
+SAME_RATE = 1.05
+"""Rates this close count as equal; then the row's own times are used."""
+
+
+def interpolate(t: Array, q: Array, segment: Index, at: Array) -> tuple[Array, Index]:
+    """Attitudes (m, 4) at times ``at`` and the segment each lies in; NaN and -1 where that would cross a segment's end.
+
+    ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Along the shortest arc, so
+    between two samples of one segment only: never across a gap or a reset.
+    """
+    out, before = rotation.slerp_in_segments(t, q, segment, at)
+    return out, np.where(before >= 0, segment[before], -1) if len(t) else before
+
+
+def errors_against(t: Array, q: Array, gap_segment: Index, reference: Reference) -> AttitudeErrors:
+    """Errors of the attitudes (n, 4) at ``t`` against the reference.
+
+    At the reference's times where the row is faster, at the row's where it is not:
+    a slow reference is never drawn out to a fast row's times. Times at which either
+    would have to be guessed across a gap, restart or reset are left out.
+    """
+    before = reference.met
+    if before is not None and before.of is t and before.own is reference.q:
+        number, faster = before.number, before.faster
+    else:
+        before, number, faster = None, model.number_segments(t), model.sample_rate(t) > SAME_RATE * reference.rate
+    own = model.merge_numbers(number, gap_segment)
+    q_est, mine = interpolate(t, q, own, reference.t) if faster else (q, own)
+    has = rotation.finite_rows(q_est)
+    if before is not None and np.array_equal(before.good, before.known & has):
+        met = before
+    else:
+        met = reference.met = _shared_samples(reference, t, number, faster, has)
+    (q_est,), (mine,) = model.select_good(met.good, q_est), model.select_good(met.good, mine)
+    gap_segment, segment = (model.merge_numbers(mine, x[met.where]) for x in (reference.gap_segment, reference.segment))
+    return attitude_errors(met.t, q_est, met.q, gap_segment, segment, scored_mask(reference, met.t))
+
+
+def _shared_samples(
+    reference: Reference, t: Array, number: Index, faster: bool, has: NDArray[np.bool_]
+) -> ReferenceSamples:
+    """The reference at the times (k,) of the slower one, where a row at ``t`` (n,) ``has`` (k,) an attitude."""
+    if faster:
+        at, q, where = reference.t, reference.q, np.arange(len(reference.t))
+    else:
+        at, (q, _) = t, interpolate(reference.t, reference.q, reference.segment, t)
+        where = np.clip(np.searchsorted(reference.t, at, side="right") - 1, 0, max(len(reference.t) - 1, 0))
+    known = rotation.finite_rows(q)
+    good = known & has
+    (at, q), (where,) = model.select_good(good, at, q), model.select_good(good, where)
+    return ReferenceSamples(reference.q, t, number, faster, known, good, at, q, where)
+
+
+def attitude_errors(
+    t: Array, q_est: Array, q_ref: Array, gap_segment: Index, segment: Index, scored: NDArray[np.bool_]
+) -> AttitudeErrors:
+    """The errors between attitudes (n, 4), body to earth, at common times ``t`` (n,) s (docs/metrics.md).
+
+    ``gap_segment``, ``segment`` and ``scored`` (n,) are kept beside them; errors are angles (n,) in deg.
+    """
+    total, heading, inclination = angles = np.empty((3, len(t)))
+    for a in range(0, len(t), CHUNK):
+        e = rotation.earth_error(q_est[a : a + CHUNK], q_ref[a : a + CHUNK])
+        measures = (rotation.total_angle(e), rotation.heading_angle(e), rotation.tilt_angle(e))
+        angles[:, a : a + CHUNK] = np.degrees(measures)
+    return AttitudeErrors(t, total, heading, inclination, gap_segment, segment, scored, q_est, q_ref)

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from attlog.base.files.output import write_atomic
-from attlog.present.numbers import counted
-from attlog.present.text import clean
+from attlog.core.files import write_atomic
+from attlog.words.numbers import counted
+from attlog.words.text import clean
 
 BEGIN, END = "<!--gates-->", "<!--/gates-->"
 Said = tuple[Literal["passed", "failed", "skipped"], str, str]

@@ -10,27 +10,38 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from attlog.base.files.output import write_atomic
-from attlog.present.alike import alike
-from attlog.present.events import events
-from attlog.present.findings import findings
-from attlog.present.flight import firmware, subtitle, tone, what_happened
-from attlog.present.gyro_bias import gyro_bias
-from attlog.present.health import checks_by_trouble, reasons, said_once, shown_assessments, titles
-from attlog.present.messages import alarming, level_name, messages
-from attlog.present.not_judged import reasons as not_judged
-from attlog.present.numbers import counted, duration, moment, number, quantity, unit_sign
-from attlog.present.table.table import axis_table, main_table, window_tables
-from attlog.present.text import clean, cleaned, plain_value, typeset
-from attlog.report.bundle import Bundle, bundle, source_hash
+from attlog.core.files import write_atomic
+from attlog.report.bundle import ArrayPacker, Bundle, bundle, packed, source_hash
 from attlog.report.figures.catalogue import sections
-from attlog.report.figures.marks import time_marks
-from attlog.report.first_screen.comparison import comparison
-from attlog.report.first_screen.strip import HEIGHT, strip
-from attlog.report.look import Look, looks
-from attlog.report.pack import Store, packed
+from attlog.report.figures.panels import time_marks
+from attlog.report.figures.style import RowStyle, row_styles
+from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
 from attlog.result import MEASURED_TIMES, Result, Verdict
-from attlog.result.parameters import parameter_file
+from attlog.words.answers import grouped_reasons as not_judged
+from attlog.words.findings import (
+    checks_by_trouble,
+    findings,
+    parameter_file,
+    question_titles,
+    reasons_unknown,
+    repeat_advice_once,
+    shown_assessments,
+)
+from attlog.words.flight import (
+    alarming,
+    firmware,
+    flight_tone,
+    gyro_bias_text,
+    level_name,
+    messages,
+    shown_events,
+    subtitle,
+    what_happened,
+)
+from attlog.words.names import duplicate_rows_text
+from attlog.words.numbers import counted, duration, moment, number, quantity, unit_sign
+from attlog.words.table import axis_table, main_table, window_tables
+from attlog.words.text import clean, cleaned, plain_value, typeset
 
 WEB = Path(__file__).parent / "web"
 SCRIPTS = (
@@ -54,9 +65,9 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "typeset": typeset,
     "moment": moment,
     "counted": counted,
-    "said_once": said_once,
-    "titles": titles,
-    "reasons": reasons,
+    "said_once": repeat_advice_once,
+    "titles": question_titles,
+    "reasons": reasons_unknown,
 }
 """What its template calls."""
 
@@ -79,8 +90,8 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
 
     whole = result.to_dict(deterministic) if document is None else document
     result = timeless(result) if deterministic else result
-    look = looks(result)
-    store = Store()
+    look = row_styles(result)
+    store = ArrayPacker()
     figures = sections(result, look, store)
     header = {
         "rows": [
@@ -113,16 +124,16 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         title=str(result.log.get("name") or "log"),
         subtitle=subtitle(result),
         headline=what_happened(result),
-        tone=tone(result),
-        strip=strip(result),
-        strip_height=HEIGHT,
-        happened=events(result),
-        four=comparison(result, look),
+        tone=flight_tone(result),
+        strip=flight_strip(result),
+        strip_height=STRIP_HEIGHT,
+        happened=shown_events(result),
+        four=compare_filters(result, look),
         checked=sum(check.verdict == "ok" for check in result.audit),
         answers={v.question: spoken(v, look) for v in result.verdicts},
         findings=findings(result),
-        gyro_bias=gyro_bias(result),
-        alike=alike(result),
+        gyro_bias=gyro_bias_text(result),
+        alike=duplicate_rows_text(result),
         numbers=main_table(result),
         axes=axis_table(result),
         windows=window_tables(result),
@@ -142,7 +153,7 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
     )
 
 
-def spoken(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
+def spoken(verdict: Verdict, look: Mapping[str, RowStyle]) -> dict[str, Any]:
     """An answer in whole sentences: how it was measured, who is not judged and why."""
     names = {key: v.name for key, v in look.items()}
     silent = not_judged(verdict, names, {key for key, v in look.items() if not v.onboard})

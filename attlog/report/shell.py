@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from attlog.present.numbers import counted, duration
-from attlog.present.text import cleaned, typeset
-from attlog.report.bundle import bundle
-from attlog.report.figures.figure import PageFigure
-from attlog.report.pack import Store, packed
+from attlog.report.bundle import ArrayPacker, bundle, packed
+from attlog.report.figures.canvas import PageFigure
 from attlog.report.page import SCRIPTS, WEB, policy
+from attlog.words.numbers import counted, duration
+from attlog.words.text import cleaned, typeset
 
 NO_MARKS: dict[str, Any] = {
     "range": [0, 1],
@@ -36,7 +35,7 @@ def render(
     *,
     rows: Sequence[dict[str, Any]],
     figures: Iterable[PageFigure],
-    store: Store,
+    store: ArrayPacker,
     document: Any,
     scripts: Sequence[str] = (),
     styles: Sequence[str] = (),

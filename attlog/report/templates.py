@@ -13,10 +13,9 @@ from jinja2 import BytecodeCache, Environment, FileSystemLoader, Template
 from jinja2.bccache import Bucket
 
 from attlog import __version__
-from attlog.base.errors import OutputError
-from attlog.base.files.output import write_atomic
-from attlog.base.files.private_folder import private_folder, version_of
-from attlog.present.text import clean
+from attlog.core.errors import OutputError
+from attlog.core.files import installed_version, private_folder, write_atomic
+from attlog.words.text import clean
 
 WEB = Path(__file__).parent / "web"
 DIGEST = hashlib.sha256().digest_size
@@ -29,7 +28,7 @@ def template(name: str, filters: Mapping[str, Callable[..., Any]], folder: Path 
     changed is compiled anew.
     """
     kept = private_folder(
-        "templates", f"attlog-{__version__}-{sys.implementation.cache_tag}-jinja-{version_of('jinja2')}"
+        "templates", f"attlog-{__version__}-{sys.implementation.cache_tag}-jinja-{installed_version('jinja2')}"
     )
     environment = Environment(
         loader=FileSystemLoader([WEB] if folder is None else [folder, WEB]),

@@ -1,75 +1,124 @@
-"""A paper run again as one self-contained page: claims with verdicts, figures, tables, settings."""
+"""Lines of figures that several papers draw: angles or errors of filters over one flight, means with intervals."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from attlog.base.files.output import write_atomic
-from attlog.base.plain import plain
-from attlog.present.numbers import below, interval, quantity, unit_sign
-from attlog.present.text import typeset
+from attlog.core.files import write_atomic
+from attlog.core.plain import to_plain
 from attlog.report import shell
-from attlog.report.figures.figure import PageFigure as Place
-from attlog.report.figures.figure import listed
-from attlog.report.pack import Store
-from attlog.reproduce.paper import TRUTH, FigureLine, Paper, PaperFigure, PaperNumber, tally
+from attlog.report.bundle import ArrayPacker
+from attlog.report.figures.canvas import PageFigure as Place
+from attlog.report.figures.canvas import json_numbers
+from attlog.reproduce.bench import AXES, FlightSamples, angles, run_filter
+from attlog.reproduce.paper import TRUTH_LINE, FigureLine, Paper, PaperFigure, PaperNumber, tally_verdicts
+from attlog.words.numbers import below, interval, quantity, unit_sign
+from attlog.words.text import typeset
 
-OWN = Path(__file__).parent / "web"
-COLOURS = 8
-STEP = 1e-6
+Array = NDArray[np.float64]
+Span = tuple[float, float]
+WHOLE_FLIGHT: Span = (-np.inf, np.inf)
+
+
+def curve_line(name: str, t: Array, y: Array, panel: int = 0, span: Span = WHOLE_FLIGHT) -> FigureLine:
+    """A line of ``y`` (n,) at ``t`` (n,) s from ``span[0]`` to before ``span[1]``, thinned for a page."""
+    part = (t >= span[0]) & (t < span[1])
+    return FigureLine(name, *thin(t[part], y[part]), panel)
+
+
+def truth_lines(s: FlightSamples, span: Span = WHOLE_FLIGHT, axes: int = len(AXES)) -> list[FigureLine]:
+    """The true roll, pitch, heading [deg] of a flight, a panel each."""
+    y = angles(s.q)
+    return [curve_line(TRUTH_LINE, s.t, y[:, axis], axis, span) for axis in range(axes)]
+
+
+def filter_lines(
+    s: FlightSamples, rows: Mapping[str, str], errors: bool = False, span: Span = WHOLE_FLIGHT
+) -> list[FigureLine]:
+    """What filters make of the samples of a flight: angles, or their ``errors``, by axis [deg], a panel each.
+
+    ``rows``: filter (``mahony@xu-0.6``) to the line's name.
+    """
+    lines = []
+    for row, name in rows.items():
+        found = run_filter(row, s)
+        y = found.errors if errors else found.angles
+        lines += [curve_line(name, found.t, y[:, axis], axis, span) for axis in range(len(AXES))]
+    return lines
+
+
+def points_line(name: str, x: Sequence[float], numbers: Sequence[PaperNumber], panel: int = 0) -> FigureLine:
+    """Numbers at ``x`` with the ends of their intervals; one without an interval is its own."""
+    y = np.array([np.nan if n.value is None else n.value for n in numbers])
+    ends = np.array([n.ci95 or (v, v) for n, v in zip(numbers, y, strict=True)])
+    return FigureLine(name, x, y, panel, ends[:, 0], ends[:, 1])
+
+
+def thin(t: Array, y: Array, most: int = 8000) -> tuple[Array, Array]:
+    """Every k-th point of a line ``y`` (n,) at ``t`` (n,), so that a page stays small."""
+    every = -(-len(t) // most)
+    return t[::every], y[::every]
+
+
+# A paper run again as one self-contained page: claims with verdicts, figures, tables, settings.
+
+WEB_FOLDER = Path(__file__).parent / "web"
+PALETTE_SIZE = 8
+VALUE_STEP = 1e-6
 """Values of lines are stored in steps of this size, coarser where the range needs it."""
-CHIP = {"holds": "good", "holds in part": "warn", "does not hold": "bad", "cannot be judged": ""}
+CHIP_CLASS = {"holds": "good", "holds in part": "warn", "does not hold": "bad", "cannot be judged": ""}
 
 
-def write(paper: Paper, path: Path) -> None:
+def write_page(paper: Paper, path: Path) -> None:
     """Write the page of a paper (atomically). OutputError if it cannot be written."""
-    write_atomic(path, render(paper))
+    write_atomic(path, render_paper(paper))
 
 
-def render(paper: Paper) -> str:
+def render_paper(paper: Paper) -> str:
     """The page as text: nothing in it is loaded from anywhere."""
-    store = Store()
+    store = ArrayPacker()
     names = list(dict.fromkeys(line.name for figure in paper.figures for line in figure.lines))
-    rows = looks(names)
-    figures = [_place(figure, names, store) for figure in paper.figures]
+    rows = line_styles(names)
+    figures = [_page_figure(figure, names, store) for figure in paper.figures]
     return shell.render(
         "paper.html",
-        OWN,
+        WEB_FOLDER,
         rows=rows,
         figures=figures,
         store=store,
-        document=plain(paper),
+        document=to_plain(paper),
         scripts=("curves.js",),
         styles=("paper.css",),
         paper=paper,
         places=list(zip(paper.figures, figures, strict=True)),
-        chip=CHIP,
-        measured=measured,
-        tally=tally(paper),
+        chip=CHIP_CLASS,
+        measured=number_text,
+        tally=tally_verdicts(paper),
     )
 
 
-def looks(names: Iterable[str]) -> list[dict[str, Any]]:
+def line_styles(names: Iterable[str]) -> list[dict[str, Any]]:
     """How each line name is drawn: the truth in black, the others in the colours of the palette."""
-    others = [name for name in names if name != TRUTH]
+    others = [name for name in names if name != TRUTH_LINE]
     return [
         {
             "name": name,
-            "slot": 0 if name == TRUTH else 1 + others.index(name) % COLOURS,
-            "dash": ("solid", "dash", "dot")[0 if name == TRUTH else others.index(name) // COLOURS % 3],
+            "slot": 0 if name == TRUTH_LINE else 1 + others.index(name) % PALETTE_SIZE,
+            "dash": ("solid", "dash", "dot")[0 if name == TRUTH_LINE else others.index(name) // PALETTE_SIZE % 3],
             "shown": True,
-            "onboard": name == TRUTH,
+            "onboard": name == TRUTH_LINE,
             "lost": False,
         }
         for name in names
     ]
 
 
-def measured(number: PaperNumber) -> str:
+def number_text(number: PaperNumber) -> str:
     """A number with its interval and how many flights it stands on: ``0.42° (0.40 to 0.44; 20)``."""
     if number.value is None:
         return "not measurable"
@@ -89,15 +138,15 @@ def unit_of(title: str) -> str:
     return title.rpartition(", ")[2] if ", " in title else ""
 
 
-def _place(figure: PaperFigure, names: list[str], store: Store) -> Place:
-    panels = [_titled(title) for title in figure.panels]
+def _page_figure(figure: PaperFigure, names: list[str], store: ArrayPacker) -> Place:
+    panels = [_axis_title(title) for title in figure.panels]
     x = np.concatenate([np.asarray(line.x, np.float64) for line in figure.lines])
     low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     data: dict[str, Any] = {
         "panels": panels,
-        "units": [_sign(p) for p in figure.panels],
-        "x": _titled(figure.x_title),
-        "at": _sign(figure.x_title),
+        "units": [_unit_suffix(p) for p in figure.panels],
+        "x": _axis_title(figure.x_title),
+        "at": _unit_suffix(figure.x_title),
         "range": [low, high],
         "ticks": list(figure.ticks),
         "log": figure.x_log,
@@ -107,13 +156,13 @@ def _place(figure: PaperFigure, names: list[str], store: Store) -> Place:
             {
                 "r": names.index(line.name),
                 "t": store.times(np.asarray(line.x, np.float64)),
-                "y": {str(line.panel): store.values(np.asarray(line.y, np.float64), STEP)},
+                "y": {str(line.panel): store.values(np.asarray(line.y, np.float64), VALUE_STEP)},
             }
             for line in figure.lines
         ]
     else:
-        data["dots"] = [_dots(line, names) for line in figure.lines]
-    words = "; ".join(_reach(line, figure) for line in figure.lines)
+        data["dots"] = [_point_data(line, names) for line in figure.lines]
+    words = "; ".join(_line_words(line, figure) for line in figure.lines)
     return Place(
         figure.id,
         figure.kind,
@@ -126,23 +175,29 @@ def _place(figure: PaperFigure, names: list[str], store: Store) -> Place:
     )
 
 
-def _dots(line: FigureLine, names: list[str]) -> dict[str, Any]:
-    ends = None if line.low is None or line.high is None else [listed(line.low), listed(line.high)]
-    return {"r": names.index(line.name), "panel": line.panel, "x": listed(line.x), "y": listed(line.y), "ci": ends}
+def _point_data(line: FigureLine, names: list[str]) -> dict[str, Any]:
+    ends = None if line.low is None or line.high is None else [json_numbers(line.low), json_numbers(line.high)]
+    return {
+        "r": names.index(line.name),
+        "panel": line.panel,
+        "x": json_numbers(line.x),
+        "y": json_numbers(line.y),
+        "ci": ends,
+    }
 
 
-def _titled(title: str) -> str:
+def _axis_title(title: str) -> str:
     unit = unit_of(title)
     return f"{typeset(title.removesuffix(unit))}{unit_sign(unit)}" if unit else typeset(title)
 
 
-def _sign(title: str) -> str:
+def _unit_suffix(title: str) -> str:
     """The unit behind a number."""
     unit = unit_sign(unit_of(title))
     return unit if unit.startswith("°") or not unit else f" {unit}"
 
 
-def _reach(line: FigureLine, figure: PaperFigure) -> str:
+def _line_words(line: FigureLine, figure: PaperFigure) -> str:
     """What a line shows in words: its smallest and largest value."""
     y = np.asarray(line.y, np.float64)
     good = y[np.isfinite(y)]

@@ -5,19 +5,18 @@ What stands in a result comes from here for those above it, wherever it is defin
 
 from __future__ import annotations
 
-from attlog.health.assessments import TOPICS, Assessment, Setting, offered
-from attlog.health.assessments.offered import number_text as setting_number
-from attlog.health.findings import Finding
-from attlog.health.model import Check
-from attlog.metrics.answer import Answer
-from attlog.metrics.evidence.common_bias import CommonBias
-from attlog.metrics.figures.trace import Trace
-from attlog.metrics.ranking.duplicates import Duplicates
+from attlog.health.causes import Finding
+from attlog.health.check import TOPICS, Assessment, Check, Setting, agreed_settings
+from attlog.health.check import number_text as setting_number
+from attlog.metrics.gyro_bias import CommonBias
+from attlog.metrics.metric import Answer
+from attlog.metrics.ranking import Duplicates
+from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep
 from attlog.result.document import MEASURED_TIMES, SCHEMA, SCHEMA_NAME
 from attlog.result.model import TIMED_OUT, EstimatorRow, ParameterValue, ReferenceSummary, Result, Verdict, nothing_ran
 from attlog.segments.model import Segment
-from attlog.story.event import Event
+from attlog.story.flight_events import Event
 
 __all__ = [
     "MEASURED_TIMES",
@@ -42,6 +41,6 @@ __all__ = [
     "Trace",
     "Verdict",
     "nothing_ran",
-    "offered",
+    "agreed_settings",
     "setting_number",
 ]

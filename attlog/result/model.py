@@ -15,22 +15,21 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from attlog.base.files.settings_file import bytes_of
-from attlog.base.limits import MAX_RESULT_BYTES
-from attlog.base.plain import IN_JSON, NotANumber
-from attlog.flight.truth import TruthFit
-from attlog.health.assessments.model import Assessment
-from attlog.health.findings import Finding
-from attlog.health.model import Check
-from attlog.metrics.answer import Answer
-from attlog.metrics.evidence.common_bias import CommonBias
-from attlog.metrics.figures.trace import Trace
-from attlog.metrics.ranking.duplicates import Duplicates
+from attlog.core.files import read_settings_bytes
+from attlog.core.limits import MAX_RESULT_BYTES
+from attlog.core.plain import IN_JSON, NullAsNaN
+from attlog.flight.model import TruthFit
+from attlog.health.causes import Finding
+from attlog.health.check import Assessment, Check
+from attlog.metrics.gyro_bias import CommonBias
+from attlog.metrics.metric import Answer
+from attlog.metrics.ranking import Duplicates
+from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep
 from attlog.result import document
 from attlog.result.document import SCHEMA
 from attlog.segments.model import Segment
-from attlog.story.event import Event
+from attlog.story.flight_events import Event
 
 if TYPE_CHECKING:
     import pandas
@@ -115,8 +114,8 @@ class ReferenceSummary:
 
     choice: str
     source: str
-    rate_hz: Annotated[float, NotANumber()]
-    floor_deg: Annotated[float, NotANumber()]
+    rate_hz: Annotated[float, NullAsNaN()]
+    floor_deg: Annotated[float, NullAsNaN()]
     text: str
     alignment: list[AlignmentStep] = field(default_factory=list)
     scoring_start_s: float = 0.0
@@ -192,7 +191,7 @@ class Result:
         if document.NOT_UTF8.search(text):  # a copy of all of it is not made for nothing
             text = document.NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
-            from attlog.base.files.output import write_atomic
+            from attlog.core.files import write_atomic
 
             write_atomic(Path(path), text)
         return text
@@ -206,7 +205,7 @@ class Result:
         with none: ``to_json(deterministic=True)`` gives its text again. Of an older schema its values are
         read; what it did not tell takes its default, and ``schema`` tells which it was.
         """
-        return cls.read(bytes_of(Path(path), MAX_RESULT_BYTES), str(path))
+        return cls.read(read_settings_bytes(Path(path), MAX_RESULT_BYTES), str(path))
 
     @classmethod
     def read(cls, content: bytes, name: str) -> Result:
@@ -237,7 +236,7 @@ class Result:
 
         Of a result read from JSON these are the few that need no lines.
         """
-        from attlog.report.journal import figures
+        from attlog.report.figures.pictures import figures
 
         return figures(self)
 
@@ -256,7 +255,7 @@ class Result:
         time (from, to) in s. Long lines are the extremes of 600 buckets of what is in the span. UsageError for a name
         that is not in :meth:`figures`.
         """
-        from attlog.report.journal import figure
+        from attlog.report.figures.pictures import figure
 
         return figure(self, name, view=view, rows=rows, span=span)
 

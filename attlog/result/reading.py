@@ -8,10 +8,9 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from attlog.base.errors import UsageError
-from attlog.base.validation import adapter, lines
-from attlog.result.document import NOT_UTF8, SCHEMA, SCHEMA_NAME, SCHEMA_NUMBER
-from attlog.result.restored import expanded
+from attlog.core.errors import UsageError
+from attlog.core.settings import adapter, problem_lines
+from attlog.result.document import NOT_UTF8, SCHEMA, SCHEMA_NAME, SCHEMA_NUMBER, expanded
 
 T = TypeVar("T")
 OLDEST, SHORTENED = 1, 4
@@ -44,7 +43,7 @@ def read(kind: type[T], content: bytes, name: str) -> T:
         whole = expanded(document) if _number(document["schema"]) >= SHORTENED else document
         return _checked(kind, _with_findings(_renamed(whole)) if older else whole, older)
     except ValidationError as error:
-        wrong = lines(error, kind)
+        wrong = problem_lines(error, kind)
         more = f" (and {len(wrong) - MOST} more)" if len(wrong) > MOST else ""
         raise UsageError(f"{name}: not a result of attlog: {'; '.join(wrong[:MOST])}{more}") from None
     except ValueError as error:

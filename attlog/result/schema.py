@@ -9,13 +9,12 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema
 
 from attlog import metrics
-from attlog.base.plain import IN_JSON
-from attlog.base.validation import adapter
-from attlog.metrics.answer import Answer
-from attlog.metrics.evidence.common_bias import CommonBias
-from attlog.metrics.statistics.units import UnitValues
-from attlog.result.answers import OWN, SENTENCES
-from attlog.result.document import MEASURED_TIMES, SCHEMA
+from attlog.core.plain import IN_JSON
+from attlog.core.settings import adapter
+from attlog.metrics.gyro_bias import CommonBias
+from attlog.metrics.metric import Answer
+from attlog.metrics.statistics import UnitValues
+from attlog.result.document import MEASURED_TIMES, OWN, SCHEMA, SENTENCES
 from attlog.result.model import Result
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import gap, rotation
-from attlog.flight.model import Attitude, FlightLog, Imu, part_of
-from attlog.segments import crash, flags, gaps, hover, motion, resets, rest, spans, windows
-from attlog.segments.airborne import grid, in_air
-from attlog.segments.crash import Flown, Wreck
+from attlog.core import intervals, rotation, spans
+from attlog.core.spans import Span
+from attlog.flight.model import Attitude, FlightLog, Imu, guarded_part
+from attlog.segments import airborne as in_air
+from attlog.segments import crash, flight_signs, model, resets, rest, windows
+from attlog.segments.crash import FlightOutcome, Wreck
 from attlog.segments.model import Segment, Segments
-from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
 UNKNOWN = ("armed", "airborne")
@@ -28,7 +28,7 @@ def build(log: FlightLog) -> Segments:
     them ends in a bug there are the continuous segments alone, nothing is known of rest and flight, and a problem of
     the log says so.
     """
-    return part_of(log, "Rest, arming and flight", lambda: _found(log), lambda: _continuous_alone(log))
+    return guarded_part(log, "Rest, arming and flight", lambda: _found(log), lambda: _continuous_alone(log))
 
 
 def _continuous_alone(log: FlightLog) -> Segments:
@@ -37,7 +37,9 @@ def _continuous_alone(log: FlightLog) -> Segments:
     if not len(clock):
         return Segments([], {}, UNKNOWN)
     whole = Segment("continuous", float(np.min(clock)), float(np.max(clock)), "rest, arming and flight are not known")
-    return Segments(part_of(log, "Gaps", lambda: gaps.find(clock, bool(log.imus)), lambda: [whole]), {}, UNKNOWN)
+    return Segments(
+        guarded_part(log, "Gaps", lambda: model.find_continuous(clock, bool(log.imus)), lambda: [whole]), {}, UNKNOWN
+    )
 
 
 def _clock(log: FlightLog) -> Array:
@@ -53,7 +55,7 @@ def _found(log: FlightLog) -> Segments:
     imu = log.replay_imu or next(iter(log.imus), None)
     onboard = log.onboard_attitude
     clock = _clock(log)
-    found: list[Segment] = gaps.find(clock, imu is not None)
+    found: list[Segment] = model.find_continuous(clock, imu is not None)
     if imu is None:
         notes["continuous"] = (
             "no IMU to replay: continuous segments are those of the onboard attitude, and nothing shows rest"
@@ -63,16 +65,16 @@ def _found(log: FlightLog) -> Segments:
     t0, t1 = float(np.min(clock)), float(np.max(clock))
 
     whole = _between_pauses(found, t0, t1)
-    armed = flags.armed(log, t0, t1)
+    armed = rest.armed_spans(log, t0, t1)
     parts = _windows(imu) if imu is not None else None
-    motors = flags.motors(log, armed, t0, t1)
-    still = rest.still(parts, motors) if parts is not None else None
-    signs = grid.build(log, t0, t1) if log.kind.flies else None
+    motors = rest.motor_spans(log, armed, t0, t1)
+    still = rest.still_windows(parts, motors) if parts is not None else None
+    signs = flight_signs.build_grid(log, t0, t1) if log.kind.flies else None
     may = armed.spans if armed.known else None
-    air = None if signs is None else in_air.find(log, signs, may, whole)
-    flown = Flown([], [], []) if air is None or not air.known else crash.find(log, air, may, t1)
-    lying = windows.join(parts, still) if parts is not None and still is not None else []
-    airborne = flags.airborne(log, armed, air, flown.flights, lying, t0, t1)
+    air = None if signs is None else in_air.find_flights(log, signs, may, whole)
+    flown = FlightOutcome([], [], []) if air is None or not air.known else crash.find_crashes(log, air, may, t1)
+    lying = windows.join_windows(parts, still) if parts is not None and still is not None else []
+    airborne = rest.airborne_spans(log, armed, air, flown.flights, lying, t0, t1)
     for phase in (armed, airborne, motors):
         phase.spans = spans.intersect(phase.spans, whole)
     found += [Segment("armed", a, b, armed.why) for a, b in armed.spans]
@@ -80,19 +82,19 @@ def _found(log: FlightLog) -> Segments:
     notes["armed"], notes["airborne"], notes["idle"] = armed.why, airborne.why, motors.why
 
     if parts is not None and still is not None:
-        moving = np.nan_to_num(motion.speed_m_s(log, parts.middle)) > MOVING_M_S
+        moving = np.nan_to_num(flight_signs.speed_at(log, parts.middle)) > MOVING_M_S
         if air is not None and not armed.known:
             moving |= np.interp(parts.middle, air.grid.t, np.abs(np.nan_to_num(air.climb))) > CLIMB_M_S
-        rests = rest.rests(parts, still, airborne, motors, flags.busy(armed, motors), moving)
-        notes["rest"] = _rest_note(rests, rest.largest_limit(parts, motors), armed, airborne)
+        rests = rest.find_rests(parts, still, airborne, motors, rest.busy_spans(armed, motors), moving)
+        notes["rest"] = _rest_note(rests, rest.largest_rate_limit(parts, motors), armed, airborne)
         resting = [(s.t0, s.t1) for s in rests]
-        found += rests + rest.idles(parts, still, airborne, motors, resting)
-        found += part_of(log, "Hovers", lambda: hover.find(log, parts, airborne), list[Segment])
+        found += rests + rest.find_idles(parts, still, airborne, motors, resting)
+        found += guarded_part(log, "Hovers", lambda: rest.find_hovers(log, parts, airborne), list[Segment])
     found = [part for whole in found for part in _without_wrecks(whole, flown.wrecks)]
     found += [s for wreck in flown.wrecks for s in _lost(wreck, t1)]
     found += _cruise(found)
     if onboard is not None:
-        found += part_of(log, "Resets", lambda: _resets(onboard, imu), list[Segment])
+        found += guarded_part(log, "Resets", lambda: _resets(onboard, imu), list[Segment])
     unknown = tuple(name for name, phase in (("armed", armed), ("airborne", airborne)) if not phase.known)
     return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes, unknown, air, flown.endings)
 
@@ -100,13 +102,15 @@ def _found(log: FlightLog) -> Segments:
 def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
     return [
         Segment("reset", float(onboard.t[i - 1]), float(onboard.t[i]), why)
-        for i, why in zip(*resets.find(onboard, imu), strict=True)
+        for i, why in zip(*resets.find_resets(onboard, imu), strict=True)
     ]
 
 
 def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
     """The time of [t0, t1] without the gaps after which filters restart: nothing is known there, so no span crosses."""
-    return spans.complement([(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > gap.RESTART_S], t0, t1)
+    return spans.complement(
+        [(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > intervals.MAX_BRIDGED_GAP_S], t0, t1
+    )
 
 
 def _without_wrecks(whole: Segment, wrecks: list[Wreck]) -> list[Segment]:
@@ -139,18 +143,18 @@ def _cruise(found: list[Segment]) -> list[Segment]:
     return [Segment("cruise", a, b, "in the air, and not hovering") for a, b in moving]
 
 
-def _windows(imu: Imu) -> windows.Windows | None:
+def _windows(imu: Imu) -> windows.ImuWindows | None:
     """Windows over the good samples of an IMU, None where it has too few."""
     t, gyro, acc = imu.gyro.t_best, imu.gyro.x, imu.acc.x
     n = min(len(t), len(gyro), len(acc))
     t, gyro, acc = t[:n], gyro[:n], acc[:n]
-    good = np.isfinite(t) & rotation.finite(gyro) & rotation.finite(acc)
+    good = np.isfinite(t) & rotation.finite_rows(gyro) & rotation.finite_rows(acc)
     if not good.all():
         t, gyro, acc = t[good], gyro[good], acc[good]
-    return windows.build(t, gyro, acc) if len(t) >= 10 else None
+    return windows.build_windows(t, gyro, acc) if len(t) >= 10 else None
 
 
-def _rest_note(rests: list[Segment], limit: float, armed: flags.FlagSpans, airborne: flags.FlagSpans) -> str:
+def _rest_note(rests: list[Segment], limit: float, armed: rest.FlagSpans, airborne: rest.FlagSpans) -> str:
     """The sentence on how rest was found, or why there is none."""
     unknown = [word for word, phase in (("arming", armed), ("flight", airborne)) if not phase.known]
     doubt = f"; {' and '.join(unknown)} unknown, so by the sensors alone" if unknown else ""

@@ -11,11 +11,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.core.jit.search import last_before
+from attlog.core.log_cache import cached_per_log
 from attlog.flight.model import Imu
-from attlog.kernels.loops import function_of, kernel_of
-from attlog.kernels.search import before
-from attlog.segments import gaps
-from attlog.segments.once import asked_once
+from attlog.segments import model
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ CHUNK = 1 << 18
 LOOKED_UP = 1 << 12
 """Intervals per pass: what they need stays in the processor's cache."""
 
-SOURCES = ("segments/increments.py", "kernels")
+SOURCES = ("segments/increments.py", "core/jit")
 SUMMED_SIGNATURE = "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), i8)"
 BETWEEN_SIGNATURE = "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[::1]), (f8[::1]))"
 
@@ -43,12 +43,12 @@ class GyroIncrements:
         self._sums = np.empty((len(t), 6))
         """Angle and coning, side by side: what is looked up lies together in memory."""
         rate = np.ascontiguousarray(rate, np.float64)
-        function_of(SUMMED, summed_gyro, summed_at_once)(self._sums, self.t, rate, int(sampling == "interval"))
+        function_of(SUMMED, sum_gyro, summed_at_once)(self._sums, self.t, rate, int(sampling == "interval"))
 
     @cached_property
     def segment(self) -> NDArray[np.int64]:
         """The number (n,) of the segment between gaps that each sample belongs to."""
-        return gaps.number(self.t)
+        return model.number_segments(self.t)
 
     def known(self, start: Array, end: Array) -> NDArray[np.bool_]:
         """Which intervals (m,) from ``start`` to ``end`` lie between samples of one segment.
@@ -68,17 +68,17 @@ class GyroIncrements:
         if len(self.t) < 2:
             return np.zeros((len(start), 3))
         out, (start, end) = np.empty((len(start), 3)), (np.ascontiguousarray(x, np.float64) for x in (start, end))
-        function_of(BETWEEN, gyro_between, between_at_once)(out, self.t, self._sums, start, end)
+        function_of(BETWEEN, rotation_between, between_at_once)(out, self.t, self._sums, start, end)
         return out
 
 
-@asked_once
-def of(imu: Imu) -> GyroIncrements:
+@cached_per_log
+def gyro_increments(imu: Imu) -> GyroIncrements:
     """How far the gyro of a unit turned, by its good samples."""
-    return GyroIncrements(*gaps.rising(imu.gyro.t_best, imu.gyro.x), imu.gyro.sampling)
+    return GyroIncrements(*model.select_rising(imu.gyro.t_best, imu.gyro.x), imu.gyro.sampling)
 
 
-def summed_gyro(out: Array, t: Array, rate: Array, interval: int) -> None:
+def sum_gyro(out: Array, t: Array, rate: Array, interval: int) -> None:
     """Fill ``out`` (n, 6) with sums of the angle increments of ``rate`` (n, 3) at ``t`` (n,) and of their coning term.
 
     Sample k acts since the one before, without ``interval`` its mean with that one.
@@ -101,7 +101,7 @@ def sum_at(sums: Array, column: int, i: int, share: float) -> float:
     return float(sums[i, column] + share * (sums[i + 1, column] - sums[i, column]))
 
 
-def gyro_between(out: Array, t: Array, sums: Array, start: Array, end: Array) -> None:
+def rotation_between(out: Array, t: Array, sums: Array, start: Array, end: Array) -> None:
     """Fill ``out`` (m, 3) with rotation vectors from ``start`` (m,) to ``end`` (m,) by ``sums`` (n, 6) at ``t`` (n,).
 
     Linear between samples, two at least; outside the gyro stands still. Times that ascend are found by walking on.
@@ -111,7 +111,7 @@ def gyro_between(out: Array, t: Array, sums: Array, start: Array, end: Array) ->
         a, b = start[k], end[k]
         a = first if a < first else last if a > last else a
         b = first if b < first else last if b > last else b
-        i, j = before(t, a, i, last_but_one), before(t, b, j, last_but_one)
+        i, j = last_before(t, a, i, last_but_one), last_before(t, b, j, last_but_one)
         p, r = (a - t[i]) / (t[i + 1] - t[i]), (b - t[j]) / (t[j + 1] - t[j])
         ax, ay, az = sum_at(sums, 0, i, p), sum_at(sums, 1, i, p), sum_at(sums, 2, i, p)
         x, y, z = sum_at(sums, 0, j, r) - ax, sum_at(sums, 1, j, r) - ay, sum_at(sums, 2, j, r) - az
@@ -161,5 +161,5 @@ def _cross(a: Array, b: Array) -> Array:
     return out
 
 
-SUMMED = kernel_of(summed_gyro, SUMMED_SIGNATURE, "segments", "the sums of a gyro", SOURCES)
-BETWEEN = kernel_of(gyro_between, BETWEEN_SIGNATURE, "segments", "the rotation between two times", SOURCES)
+SUMMED = kernel_of(sum_gyro, SUMMED_SIGNATURE, "segments", "the sums of a gyro", SOURCES)
+BETWEEN = kernel_of(rotation_between, BETWEEN_SIGNATURE, "segments", "the rotation between two times", SOURCES)

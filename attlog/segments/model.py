@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from operator import attrgetter
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.segments import spans
-from attlog.segments.airborne.in_air import InAir
-from attlog.segments.crash import Ending
+from attlog.core import intervals, rotation, spans
+from attlog.core.spans import Span
+from attlog.segments.airborne import InAir
+from attlog.segments.impacts import CrashEvent
 
 Array = NDArray[np.float64]
 
@@ -60,7 +65,7 @@ class Segments:
     notes: dict[str, str] = field(default_factory=dict)
     unknown: tuple[str, ...] = ()
     air: InAir | None = None
-    endings: list[Ending] = field(default_factory=list)
+    endings: list[CrashEvent] = field(default_factory=list)
 
     def seconds(self, kind: str) -> float | None:
         """Total length of a kind in s, None where the log cannot tell."""
@@ -89,3 +94,138 @@ class Segments:
     def mask(self, t: Array, window: str) -> NDArray[np.bool_]:
         """Which of the times (n,) lie inside a window."""
         return spans.inside(t, self.spans(window))
+
+
+# Gaps: where samples are missing, and the continuous segments between them, which no metric leaves.
+
+T = TypeVar("T", bound=np.generic)
+
+
+def sample_rate(t: Array) -> float:
+    """Samples per second in Hz of times ``t`` (n,) s: time lost in gaps does not count; 0 for fewer than two."""
+    dt = np.diff(t)
+    dt = dt[(dt > 0) & (dt <= intervals.gap_limit_of_times(t))]
+    return len(dt) / float(np.sum(dt)) if len(dt) else 0.0
+
+
+def number_segments(t: Array, limit: float | None = None) -> NDArray[np.int64]:
+    """The number of the segment (n,) that each time belongs to; a gap or a backward step begins a new one."""
+    if len(t) == 0:
+        return np.zeros(0, np.int64)
+    dt = np.diff(t)
+    broken = ~((dt >= 0) & (dt <= (intervals.MIN_GAP_S if limit is None else limit)))
+    found = np.zeros(len(t), np.int64)
+    if limit is None and broken.any():
+        broken = ~((dt >= 0) & (dt <= intervals.gap_limit_of_times(t)))
+    if broken.any():
+        np.cumsum(broken, out=found[1:])
+    return found
+
+
+def merge_numbers(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Segment numbers (n,) from 0 that rise by one wherever one of these numbers (n,) changes.
+
+    The first of them itself where it is that already, because copies add up: to be read alone.
+    """
+    if len(numbers[0]) == 0:
+        return np.zeros(0, np.int64)
+    changed = np.zeros(len(numbers[0]), bool)
+    for n in numbers:
+        changed[1:] |= n[1:] != n[:-1]
+    found = np.cumsum(changed) if changed.any() else np.zeros(len(changed), np.int64)
+    return numbers[0] if np.array_equal(found, numbers[0]) else found
+
+
+def segment_slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:
+    """Index ranges of neighbouring samples that are all inside and bear the same segment number (n,)."""
+    if len(inside) == 0:
+        return []
+    edges = np.flatnonzero((inside[1:] != inside[:-1]) | (np.diff(number) != 0)) + 1
+    bounds = [0, *edges.tolist(), len(inside)]
+    return [slice(a, b) for a, b in pairwise(bounds) if inside[a]]
+
+
+def select_good(good: NDArray[np.bool_], *arrays: NDArray[T]) -> tuple[NDArray[T], ...]:
+    """The good samples of arrays (n, ...); the arrays themselves where all are good, because copies add up.
+
+    Where only some at the ends are not, as of two records of one flight, parts of the arrays: to be read alone.
+    """
+    if good.all():
+        return arrays
+    begin, end = int(good.argmax()), len(good) - int(good[::-1].argmax())
+    if 2 * (end - begin) > len(good) and good[begin:end].all():
+        return tuple(x[begin:end] for x in arrays)
+    return tuple(x[good] for x in arrays)
+
+
+def select_rising(t: Array, x: Array) -> tuple[Array, Array]:
+    """The samples (m,), (m, k) that are finite and later than all before them; the arrays themselves if all are."""
+    good = np.isfinite(t) & rotation.finite_rows(x)
+    if good.all() and (t[1:] > t[:-1]).all():
+        return t, x
+    highest = np.maximum.accumulate(np.where(good, t, -np.inf))
+    good[1:] &= highest[1:] > highest[:-1]
+    t, x = select_good(good, t, x)
+    return t, x
+
+
+def find_continuous(t: Array, replayed: bool = True) -> list[Segment]:
+    """Continuous segments and the gaps between them, of the times (n,) of the replayed IMU.
+
+    ``replayed``: False where they are those of the onboard attitude, because the log has no IMU for a filter.
+    """
+    if len(t) < 2:
+        return []
+    limit = intervals.gap_limit_of_times(t)
+    own = number_segments(t, limit)
+    first = np.flatnonzero(np.concatenate([[True], np.diff(own) > 0]))
+    last = np.append(first[1:], len(t)) - 1
+    found = [
+        Segment("continuous", float(t[a]), float(t[b]), f"{b - a + 1} samples, no interval above {1e3 * limit:.0f} ms")
+        for a, b in zip(first, last, strict=True)
+        if t[b] > t[a]
+    ]
+    for a, b in zip(last[:-1], first[1:], strict=True):
+        seconds = float(t[b] - t[a])
+        if seconds > 0:
+            then = "a filter restarts" if seconds > intervals.MAX_BRIDGED_GAP_S else "a filter integrates across"
+            why = f"no IMU sample for {seconds:.2f} s; {then}" if replayed else f"no attitude for {seconds:.2f} s"
+            found.append(Segment("gap", float(t[a]), float(t[b]), why))
+    return found
+
+
+def restart_times(t: Array) -> Array:
+    """Times (k,) at which a filter has to start anew: the first sample, and those after gaps beyond 0.5 s."""
+    if len(t) == 0:
+        return np.zeros(0)
+    dt = np.diff(t)
+    began: Array = t[np.concatenate([[True], ~((dt >= 0) & (dt <= intervals.MAX_BRIDGED_GAP_S))])]
+    return began
+
+
+# Settled: the time in which a filter has forgotten its own start and the motors.
+
+CONVERGED_AFTER_MOTORS_S = 5.0
+DRIFT_AFTER_START_S = 20.0
+"""Filters were seen to turn their heading for 20 s after their start."""
+
+
+def converged_spans(
+    each: Iterable[Span], segments: Segments, starts: Iterable[float], after_start_s: float
+) -> Iterator[list[Span]]:
+    """Of each span the time that is later than ``after_start_s`` after each start, and 5 s after motors stopped.
+
+    ``starts`` are those of the filter: its first attitude and each restart. Time before the first does not count.
+    """
+    began = sorted(starts)
+    if not began:
+        yield from ([] for _ in each)
+        return
+    stopped = [s.t1 for kind in ("armed", "airborne", "idle") for s in segments.of(kind)]
+    unsettled = [(-np.inf, began[0]), *((t, t + after_start_s) for t in began)]
+    unsettled += [(t, t + CONVERGED_AFTER_MOTORS_S) for t in stopped]
+    free = spans.complement(unsettled, -np.inf, np.inf)
+    begins, ends = [t0 for t0, _ in free], [t1 for _, t1 in free]
+    for t0, t1 in each:
+        overlapping = free[bisect_right(ends, t0) : bisect_left(begins, t1)]
+        yield [(max(t0, a), min(t1, b)) for a, b in overlapping]

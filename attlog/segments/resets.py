@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
+from attlog.core import rotation
+from attlog.core.log_cache import cached_per_log
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.segments import gaps, increments
+from attlog.segments import increments, model
 from attlog.segments.model import Segments
-from attlog.segments.once import asked_once
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -21,7 +21,7 @@ CHUNK = 50_000
 """Intervals per pass: temporaries of long logs stay small."""
 
 
-def find(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
+def find_resets(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
     """Indices i (k,) where the step from sample i-1 to i is a reset, and a sentence for each.
 
     The log's own counters, and jumps that the gyro does not explain: above
@@ -34,7 +34,7 @@ def find(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
     found = dict(counted)
     if unexplained is not None:
         jump, rotated = unexplained
-        for i in _jumps(jump, rotated) + 1:
+        for i in _jump_indices(jump, rotated) + 1:
             if not {int(i) - 1, int(i), int(i) + 1} & counted.keys():
                 found[int(i)] = f"jump of {jump[i - 1]:.1f} deg that the gyro does not explain"
             elif int(i) in counted:
@@ -43,16 +43,16 @@ def find(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
     return np.array(order, np.int64), [found[i] for i in order]
 
 
-def known(log: FlightLog, name: str, segments: Segments) -> tuple[Index, list[str]]:
+def known_resets(log: FlightLog, name: str, segments: Segments) -> tuple[Index, list[str]]:
     """As ``find`` for the onboard attitude ``name``; those of the onboard one stand in the segments."""
     attitude = log.attitudes[name]
     if name != log.onboard:
-        return find(attitude, log.replay_imu)
+        return find_resets(attitude, log.replay_imu)
     there = segments.of("reset")
     return np.searchsorted(attitude.t, [s.t1 for s in there]).astype(np.int64), [s.why for s in there]
 
 
-@asked_once
+@cached_per_log
 def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] | None:
     """Rotation (n-1,) in deg of each interval that the gyro does not explain, and the gyro's own; None without gyro.
 
@@ -61,7 +61,7 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
     if imu is None or len(t) < 3 or len(imu.gyro.t) < 3:
         return None
-    turning = increments.of(imu)
+    turning = increments.gyro_increments(imu)
     gyro_t, segment = turning.t, turning.segment
     if len(gyro_t) < 3:
         return None
@@ -75,13 +75,13 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
         rotated[a:b] = np.degrees(rotation.length(by_gyro))
     where = np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)
     whole = segment[where[:-1]] == segment[where[1:]]
-    whole &= np.diff(gaps.number(t)) == 0
+    whole &= np.diff(model.number_segments(t)) == 0
     whole &= (t[:-1] >= gyro_t[0]) & (t[1:] <= gyro_t[-1]) & (np.diff(t) > 0)
     jump[~whole] = np.nan
     return jump, rotated
 
 
-def _jumps(jump: Array, rotated: Array) -> Index:
+def _jump_indices(jump: Array, rotated: Array) -> Index:
     """Indices of the intervals whose unexplained rotation stands out of the log and of the neighbours."""
     known = np.isfinite(jump)
     if not known.any():

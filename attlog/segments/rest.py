@@ -1,82 +1,171 @@
-"""Rest and idling: when the vehicle stood still, by its own IMU.
+"""What the autopilot says about arming and flying, and what physics says to that.
 
-Rest is what the noise and the gyro's offset are measured on, so it must never be
-hover: the limit follows this log's quietest windows but is capped, because a log
-with little rest would otherwise find "rest" in a calm hover.
+A flag decides only where no sensor can: land detectors are late by seconds, and some are never updated.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.segments import spans
-from attlog.segments.flags import FlagSpans
+from attlog.core import spans
+from attlog.core.spans import Span
+from attlog.flight.model import FlightLog, Stream, TimeLine
+from attlog.segments import flight_signs
+from attlog.segments.airborne import InAir
 from attlog.segments.model import Segment
-from attlog.segments.spans import Span
-from attlog.segments.windows import Windows, join
+from attlog.segments.windows import ImuWindows, join_windows
+
+MIN_LYING_S = 5.0
+"""Without arming or drive to tell: a rest this long is no flight."""
+MAX_STOPPED_OUTPUT = 0.01
+"""Share of the motors' range up to which they stand still."""
+
+
+@dataclass(slots=True)
+class FlagSpans:
+    """Spans in which something holds. ``known``: whether the log can tell; ``measured``: not by a flag."""
+
+    known: bool
+    spans: list[Span] = field(default_factory=list)
+    why: str = ""
+    measured: bool = False
+
+
+def flag_spans(line: TimeLine, wanted: bool, t0: float, t1: float) -> list[Span]:
+    """Spans of [t0, t1] in which a flag's truth is ``wanted``; before its first entry the first holds."""
+    if not line.value:
+        return []
+    t = np.concatenate([[t0], np.clip(np.asarray(line.t, np.float64), t0, t1), [t1]])
+    values = [bool(v) for v in line.value]
+    entries = zip(t[:-1], t[1:], [values[0], *values], strict=True)
+    return spans.merge((float(a), float(b)) for a, b, value in entries if value is wanted and b > a)
+
+
+def armed_spans(log: FlightLog, t0: float, t1: float) -> FlagSpans:
+    """When the motors were armed, by the autopilot's flag; unknown without one."""
+    if log.armed is None or not log.armed.value:
+        return FlagSpans(False, why="the log holds no arming state")
+    return FlagSpans(True, flag_spans(log.armed, True, t0, t1), f"armed by {log.armed.source}")
+
+
+def airborne_spans(
+    log: FlightLog, armed: FlagSpans, air: InAir | None, flights: list[Span], lying: list[Span], t0: float, t1: float
+) -> FlagSpans:
+    """When the vehicle flew: by physics; by the land detector only where nothing else tells.
+
+    ``air``: what the sensors show of flight over [t0, t1] s, None without any; ``flights``: those of them that count;
+    ``lying``: spans as still as a surface.
+    """
+    if not log.kind.flies:
+        return FlagSpans(True, [], f"a {log.vehicle} does not fly")
+    if air is not None and air.known:
+        return FlagSpans(True, flights, air.why)
+    if log.landed is None or not log.landed.value:
+        missing = "throttle" if air is None or air.power_source == "arming" else "height"
+        return FlagSpans(False, why=f"the log holds no land detector and no {missing} to replace it")
+    not_landed = flag_spans(log.landed, False, t0, t1)
+    on_ground = [s for s in lying if s[1] - s[0] >= MIN_LYING_S]
+    kept = spans.intersect(not_landed, armed.spans if armed.known else spans.complement(on_ground, t0, t1))
+    return FlagSpans(True, kept, f"not landed by {log.landed.source}, and no sensor that could check it")
+
+
+def motor_spans(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagSpans:
+    """When motors turned: by their outputs, else arming, else rotor speed, else throttle; and which of them says so."""
+    if log.motors is not None and len(log.motors.t) > 1:
+        return FlagSpans(
+            True, _spans_above(log.motors, MAX_STOPPED_OUTPUT), f"motors turn by {log.motors.source}", measured=True
+        )
+    if armed.known:
+        return FlagSpans(True, armed.spans, "armed")
+    for name, stream, limit in (("RPM", log.rpm, 100.0), ("throttle", log.throttle, 0.05)):
+        if stream is not None and len(stream.t) > 1 and (name != "RPM" or np.fmax.reduce(stream.x, axis=None) > limit):
+            return FlagSpans(True, _spans_above(stream, limit), f"motors turn by {name}")
+    return FlagSpans(False, [], "nothing shows whether motors turned")
+
+
+def busy_spans(armed: FlagSpans, motors: FlagSpans) -> list[Span]:
+    """When nothing rests: while motors turn, and from arming on until they have turned for the last time."""
+    last = [(a, max((d for _, d in spans.intersect([(a, b)], motors.spans)), default=a)) for a, b in armed.spans]
+    return spans.merge([*motors.spans, *last])
+
+
+def _spans_above(stream: Stream, limit: float) -> list[Span]:
+    """Spans in which any column of a stream exceeds a limit."""
+    turning = np.nanmax(np.nan_to_num(stream.x.reshape(len(stream.t), -1)), axis=1) > limit
+    entries = zip(stream.t[:-1], stream.t[1:], turning[:-1], strict=True)
+    return spans.merge((float(a), float(b)) for a, b, on in entries if on)
+
+
+# Rest and idling: when the vehicle stood still, by its own IMU.
+#
+# Rest is what the noise and the gyro's offset are measured on, so it must never be
+# hover: the limit follows this log's quietest windows but is capped, because a log
+# with little rest would otherwise find "rest" in a calm hover.
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-RATE_STD_LOW_DPS, RATE_STD_HIGH_DPS, FLOORS = 0.15, 0.6, 4.0
-FORCE_STD_M_S2 = 0.15
-MEAN_RATE_DPS = 0.3
+MIN_RATE_STD_DPS, MAX_RATE_STD_DPS, RATE_STD_FACTOR = 0.15, 0.6, 4.0
+MAX_FORCE_STD_M_S2 = 0.15
+MAX_MEAN_RATE_DPS = 0.3
 NEIGHBOURS_S = 30.0
-LONG_S, SHORT_S, IDLE_S = 10.0, 2.0, 1.0
+MIN_LONG_REST_S, MIN_SHORT_REST_S, MIN_IDLE_S = 10.0, 2.0, 1.0
 """Tried on simulated flights with truth and on real logs."""
 IDLE_RATE_DPS = 1.0
 IDLE_OFFSET_DPS = 3.0
 """Rates up to here may be the gyro's own offset where no rest tells it."""
 
-ALIVE_M_S2 = 1.0
+MIN_FORCE_M_S2 = 1.0
 """An accelerometer that shows less than this is not one that feels gravity."""
 
 
-def rate_limit(windows: Windows) -> float:
+def still_rate_limit(windows: ImuWindows) -> float:
     """The largest standard deviation of the gyro at rest, deg/s: clip(4 x floor, 0.15, 0.6)."""
     if len(windows.t0) == 0:
-        return RATE_STD_LOW_DPS
+        return MIN_RATE_STD_DPS
     floor = np.quantile(windows.rate_std, 0.02)
-    return float(np.clip(FLOORS * floor, RATE_STD_LOW_DPS, RATE_STD_HIGH_DPS))
+    return float(np.clip(RATE_STD_FACTOR * floor, MIN_RATE_STD_DPS, MAX_RATE_STD_DPS))
 
 
-def largest_limit(windows: Windows, motors: FlagSpans) -> float:
+def largest_rate_limit(windows: ImuWindows, motors: FlagSpans) -> float:
     """The largest standard deviation of the gyro that counts as rest in a log, deg/s."""
-    return RATE_STD_HIGH_DPS if motors.measured else rate_limit(windows)
+    return MAX_RATE_STD_DPS if motors.measured else still_rate_limit(windows)
 
 
-def still(windows: Windows, motors: FlagSpans) -> Mask:
+def still_windows(windows: ImuWindows, motors: FlagSpans) -> Mask:
     """Windows (m,) as still as a surface: little noise, and a mean rate like that of the other still windows around.
 
     The limit is capped because a calm hover is nearly as quiet. Where outputs show motors that stand still no
     hover is possible, and the cap alone is the limit.
     """
-    limit = np.full(len(windows.t0), rate_limit(windows))
+    limit = np.full(len(windows.t0), still_rate_limit(windows))
     if motors.measured:
-        limit[~spans.overlaps(windows.t0, windows.t1, motors.spans)] = RATE_STD_HIGH_DPS
-    quiet = (windows.rate_std < limit) & (windows.force_std < FORCE_STD_M_S2)
-    quiet &= windows.force > ALIVE_M_S2
+        limit[~spans.overlaps(windows.t0, windows.t1, motors.spans)] = MAX_RATE_STD_DPS
+    quiet = (windows.rate_std < limit) & (windows.force_std < MAX_FORCE_STD_M_S2)
+    quiet &= windows.force > MIN_FORCE_M_S2
     around = _median_around(windows, quiet)
     off = np.sqrt(np.sum((windows.rate - around) ** 2, axis=1))
-    steady: Mask = quiet & (off < MEAN_RATE_DPS)
+    steady: Mask = quiet & (off < MAX_MEAN_RATE_DPS)
     return steady
 
 
-def rests(
-    windows: Windows, still: Mask, airborne: FlagSpans, motors: FlagSpans, busy: list[Span], moving: Mask
+def find_rests(
+    windows: ImuWindows, still: Mask, airborne: FlagSpans, motors: FlagSpans, busy: list[Span], moving: Mask
 ) -> list[Segment]:
     """Rest of both classes. ``moving`` marks windows in which GNSS shows travel, or height a climb."""
     forbidden = [*airborne.spans, *busy]
     passed = still & ~moving & ~spans.overlaps(windows.t0, windows.t1, forbidden)
-    limit = largest_limit(windows, motors)
+    limit = largest_rate_limit(windows, motors)
     known = ["not airborne"] if airborne.known else []
     known += [f"not {motors.why}" if motors.why == "armed" else "motors stand still"] if motors.known else []
     found = []
-    for t0, t1 in join(windows, passed):
-        if t1 - t0 < SHORT_S:
+    for t0, t1 in join_windows(windows, passed):
+        if t1 - t0 < MIN_SHORT_REST_S:
             continue
-        kind = "rest.long" if t1 - t0 >= LONG_S else "rest.short"
+        kind = "rest.long" if t1 - t0 >= MIN_LONG_REST_S else "rest.short"
         inside = (windows.t0 >= t0 - 1e-9) & (windows.t1 <= t1 + 1e-9)
         noise = float(np.median(windows.rate_std[inside]))
         why = f"gyro noise {noise:.3f} deg/s (limit {limit:.2f}), accelerometer and mean rate steady"
@@ -84,7 +173,9 @@ def rests(
     return found
 
 
-def idles(windows: Windows, still: Mask, airborne: FlagSpans, motors: FlagSpans, rests: list[Span]) -> list[Segment]:
+def find_idles(
+    windows: ImuWindows, still: Mask, airborne: FlagSpans, motors: FlagSpans, rests: list[Span]
+) -> list[Segment]:
     """Spans on the ground with motors turning, outside rest; none where nothing tells flight from ground."""
     if not airborne.known:
         return []
@@ -96,12 +187,12 @@ def idles(windows: Windows, still: Mask, airborne: FlagSpans, motors: FlagSpans,
     allowed = spans.intersect(motors.spans, spans.complement(rests, -np.inf, np.inf))
     return [
         Segment("idle", t0, t1, f"{motors.why}, on the ground, mean rate under {limit:.0f} deg/s")
-        for t0, t1 in spans.intersect(join(windows, passed), allowed)
-        if t1 - t0 >= IDLE_S
+        for t0, t1 in spans.intersect(join_windows(windows, passed), allowed)
+        if t1 - t0 >= MIN_IDLE_S
     ]
 
 
-def _median_around(windows: Windows, quiet: Mask) -> Array:
+def _median_around(windows: ImuWindows, quiet: Mask) -> Array:
     """Median mean rate (m, 3) of the quiet windows within 30 s of each window; NaN where there is none."""
     around = np.full((len(quiet), 3), np.nan)
     i = np.flatnonzero(quiet)
@@ -122,3 +213,24 @@ def _median_around(windows: Windows, quiet: Mask) -> Array:
         rows = np.arange(len(count))
         around[i[block]] = 0.5 * (values[rows, (count - 1) // 2] + values[rows, count // 2])
     return around
+
+
+# Hover: in the air, hardly turning, hardly tilted, hardly moving.
+
+MIN_HOVER_S, MAX_HOVER_RATE_DPS, MAX_HOVER_TILT_DEG, MAX_HOVER_SPEED_M_S = 3.0, 10.0, 20.0, 1.0
+"""A tilt limit of 10 deg loses two thirds of a hover in wind."""
+
+
+def find_hovers(log: FlightLog, windows: ImuWindows, airborne: FlagSpans) -> list[Segment]:
+    """Spans of at least 3 s with rate < 10 deg/s rms, tilt < 20 deg and speed < 1 m/s where it is known."""
+    if not airborne.spans or not log.kind.hovers:
+        return []
+    wholly = ~spans.overlaps(windows.t0, windows.t1, spans.complement(airborne.spans, -np.inf, np.inf))
+    slow = windows.rate_rms < MAX_HOVER_RATE_DPS
+    tilt = flight_signs.tilt_at(log, windows.middle)
+    speed = flight_signs.speed_at(log, windows.middle)
+    passed = wholly & slow & ~(tilt >= MAX_HOVER_TILT_DEG) & ~(speed >= MAX_HOVER_SPEED_M_S)
+    limits = [f"rate under {MAX_HOVER_RATE_DPS:.0f} deg/s"]
+    limits += [f"tilt under {MAX_HOVER_TILT_DEG:.0f} deg"] if np.isfinite(tilt).any() else ["tilt unknown"]
+    limits += [f"speed under {MAX_HOVER_SPEED_M_S:.0f} m/s"] if np.isfinite(speed).any() else ["speed unknown"]
+    return [Segment("hover", a, b, ", ".join(limits)) for a, b in join_windows(windows, passed) if b - a >= MIN_HOVER_S]

@@ -7,21 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
-from attlog.segments import gaps
+from attlog.core import rotation
+from attlog.core.spans import Span, inside
+from attlog.flight.model import Imu
+from attlog.segments import model
 
 Array = NDArray[np.float64]
 
-SECONDS = 0.5
-MIN_SAMPLES = 5
+MIN_WINDOW_S = 0.5
+MIN_WINDOW_SAMPLES = 5
 """A standard deviation needs a few samples: slow logs get longer windows."""
 
-BLOCK = 2048
+WINDOWS_PER_PASS = 2048
 """Windows per pass: temporaries of long logs stay small."""
 
 
 @dataclass(slots=True)
-class Windows:
+class ImuWindows:
     """Statistics of the IMU in windows [t0, t1], (m,) and (m, 3); ``segment`` numbers continuous segments.
 
     ``rate`` is the mean body rate, ``rate_std`` the standard deviation of the gyro
@@ -45,25 +47,29 @@ class Windows:
         return 0.5 * (self.t0 + self.t1)
 
 
-def build(t: Array, gyro: Array, acc: Array) -> Windows:
+def build_windows(t: Array, gyro: Array, acc: Array) -> ImuWindows:
     """Windows over good samples (n,), (n, 3) rad/s, (n, 3) m/s^2; windows with under 3 samples are left out."""
     dt = np.diff(t)
-    usual = float(np.median(dt[dt > 0])) if np.any(dt > 0) else SECONDS
-    seconds = max(SECONDS, MIN_SAMPLES * usual)
-    segment = gaps.number(t)
+    usual = float(np.median(dt[dt > 0])) if np.any(dt > 0) else MIN_WINDOW_S
+    seconds = max(MIN_WINDOW_S, MIN_WINDOW_SAMPLES * usual)
+    segment = model.number_segments(t)
     segment_start = t[np.searchsorted(segment, segment)]
     number = np.floor((t - segment_start) / seconds).astype(np.int64)
     key = np.flatnonzero(np.concatenate([[True], (np.diff(segment) != 0) | (np.diff(number) != 0)]))
     count = np.diff(np.append(key, len(t)))
-    blocks = np.arange(0, len(key), BLOCK)
+    blocks = np.arange(0, len(key), WINDOWS_PER_PASS)
     values = np.concatenate(
-        [_statistics(gyro, acc, key[a : a + BLOCK], count[a : a + BLOCK]) for a in blocks.tolist()], axis=0
+        [
+            _statistics(gyro, acc, key[a : a + WINDOWS_PER_PASS], count[a : a + WINDOWS_PER_PASS])
+            for a in blocks.tolist()
+        ],
+        axis=0,
     )
     start = segment_start[key] + number[key] * seconds
     end = np.minimum(start + seconds, t[key + count - 1] + usual)
     keep = count >= 3
     values = values[keep]
-    return Windows(
+    return ImuWindows(
         start[keep],
         end[keep],
         segment[key][keep],
@@ -99,7 +105,7 @@ def _statistics(gyro: Array, acc: Array, key: NDArray[np.int64], count: NDArray[
     )
 
 
-def join(windows: Windows, passed: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def join_windows(windows: ImuWindows, passed: NDArray[np.bool_]) -> list[tuple[float, float]]:
     """Segments (t0, t1) in s of neighbouring windows of one continuous segment that all passed."""
     i = np.flatnonzero(passed)
     if len(i) == 0:
@@ -110,3 +116,41 @@ def join(windows: Windows, passed: NDArray[np.bool_]) -> list[tuple[float, float
     first = np.concatenate([[0], np.flatnonzero(new) + 1])
     last = np.append(first[1:], len(i)) - 1
     return [(float(windows.t0[i[a]]), float(windows.t1[i[b]])) for a, b in zip(first, last, strict=True)]
+
+
+# How strongly an accelerometer vibrates, second by second.
+
+VIBRATION_MEAN_S, VIBRATION_WINDOW_S = 0.2, 1.0
+"""What is faster than a mean over 0.2 s is vibration; its standard deviation is taken over 1 s."""
+
+
+def vibration_levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:
+    """Starts (m,) in s of windows of 1 s inside spans, and the standard deviation (m, 3) of fast force in them."""
+    t, acc = imu.acc.t_best, imu.acc.x
+    good = np.isfinite(t) & rotation.finite_rows(acc) & inside(t, within)
+    t, acc = t[good], acc[good]
+    if len(t) < 10:
+        return np.zeros(0), np.zeros((0, 3))
+    starts, found = [], []
+    for part in model.segment_slices(np.ones(len(t), bool), model.number_segments(t)):
+        n = max(3, round(VIBRATION_MEAN_S * (part.stop - part.start - 1) / max(t[part.stop - 1] - t[part.start], 1e-9)))
+        if part.stop - part.start < 3 * n:
+            continue
+        fast = acc[part] - centred_mean(acc[part], n)
+        window = np.floor((t[part] - t[part.start]) / VIBRATION_WINDOW_S).astype(np.int64)
+        first = np.flatnonzero(np.diff(window, prepend=-1))
+        count = np.diff(np.append(first, len(window)))
+        mean = np.add.reduceat(fast**2, first, axis=0) / count[:, None]
+        full = count >= 0.8 * np.median(count)
+        starts.append(t[part][first][full])
+        found.append(np.sqrt(mean[full]))
+    return (np.concatenate(starts), np.concatenate(found)) if starts else (np.zeros(0), np.zeros((0, 3)))
+
+
+def centred_mean(x: Array, n: int) -> Array:
+    """Centred mean (m, k) over ``n`` samples, over fewer at the ends."""
+    total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
+    i = np.arange(len(x))
+    low, high = np.maximum(i - n // 2, 0), np.minimum(i + (n - n // 2), len(x))
+    mean: Array = (total[high] - total[low]) / (high - low)[:, None]
+    return mean

@@ -8,13 +8,16 @@ time of measurement as the driver knows it. Nothing here depends on a log format
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.scenario.scenario import Scenario
+from attlog.core import rotation
+from attlog.core.errors import UsageError
+from attlog.simulate.scenario import Scenario
 
 Array = NDArray[np.float64]
 
@@ -185,3 +188,138 @@ class Flight:
     def seconds(self) -> float:
         """Time that was simulated, s."""
         return float(self.truth.t[-1]) if len(self.truth.t) else 0.0
+
+
+# What the simulator asks of an autopilot: one step per period of the loop.
+
+
+@dataclass(slots=True)
+class Fix:
+    """A fix of GNSS as it arrives: its epoch, ``ned`` (3,) m from the take-off place, ``vel`` (3,) m/s NED."""
+
+    t_sample: float
+    ned: Array
+    vel: Array
+
+
+@dataclass(slots=True)
+class SensorInputs:
+    """What has arrived since the step before; the first instance of each sensor.
+
+    ``imu`` (k, 8): t_sample, dt, gyro (3) rad/s, acc (3) m/s^2, the newest last; k is 1 where the unit runs at the
+    loop's rate, 0 in between for a slower one. ``mag`` (3,) T, ``height`` m (barometer, above the take-off place),
+    ``fix``: None unless new. ``truth`` (q, w, p, v) is for autopilots that fly on truth.
+    """
+
+    imu: Array
+    mag: Array | None
+    height: float | None
+    fix: Fix | None
+    truth: tuple[Array, Array, Array, Array]
+
+
+class Autopilot(Protocol):
+    """Estimator, guidance and controller. ``step`` returns four commands, 0 to 1 (thrust over full thrust), in the
+    rotors' order (front right, back left, front left, back right); ``onboard`` what is kept of all steps, asked
+    once at the end."""
+
+    def step(self, t: float, measured: SensorInputs) -> Array: ...
+
+    def onboard(self) -> Onboard: ...
+
+
+Maker = Callable[[Scenario, float, float], Autopilot]
+"""Makes the autopilot of a scenario from gravity [m/s^2] and declination [rad] of its place."""
+
+
+# What happened in a flight that a pilot would note: ground contacts, overturns, faults.
+
+IMPACT_M_S = 2.0
+"""A touch-down faster than this is an impact; landing gear is tested for less."""
+OVERTURNED_DEG, UPRIGHT_DEG = 90.0, 30.0
+MAX_BOUNCE_S = 1.5
+"""Feet that touch again within this time are one touch-down."""
+
+
+def flight_events(scenario: Scenario, truth: Truth, imus: Sequence[ImuStream] = ()) -> list[tuple[float, str]]:
+    """(t, what) in order: faults that begin, lift-off, touch-down with its speed, overturns, who carries it, and from
+    when to when accelerometers were at the end of their range in flight."""
+    found = [(f.t, f"fault: {f.part} {f.instance} {f.kind}") for f in scenario.fault]
+    if scenario.command or scenario.motion is None:
+        carried = scenario.motion.after_s if scenario.motion is not None else None
+        found += [] if carried is None else [(carried, "carried by hand")]
+        end = len(truth.t) if carried is None else int(np.searchsorted(truth.t, carried))
+        found += _contacts(truth, end) + _overturns(truth, end)
+        found += [x for imu in imus for x in _at_the_limit(truth, imu)]
+    return sorted(found)
+
+
+def _contacts(truth: Truth, end: int) -> list[tuple[float, str]]:
+    """Lift-offs and touch-downs before a row of the truth."""
+    found: list[tuple[float, str]] = []
+    last = -np.inf
+    for k in np.flatnonzero(truth.ground[1:end] != truth.ground[: end - 1]) + 1:
+        t = float(truth.t[k])
+        if truth.ground[k] and t - last > MAX_BOUNCE_S:
+            speed = float(np.linalg.norm(truth.v[k - 1]))
+            found.append((t, f"{'impact' if speed > IMPACT_M_S else 'touch-down'} at {speed:.1f} m/s"))
+        elif not truth.ground[k] and not truth.ground[k : k + _sample_count(truth, MAX_BOUNCE_S)].any():
+            found.append((t, "lift-off"))
+        last = t
+    return found
+
+
+def _overturns(truth: Truth, end: int) -> list[tuple[float, str]]:
+    """When the tilt first passed 90 deg, once until it stands upright again."""
+    tilt = np.degrees(rotation.tilt_angle(truth.q[:end]))
+    found: list[tuple[float, str]] = []
+    over = False
+    for k in np.flatnonzero((tilt > OVERTURNED_DEG) | (tilt < UPRIGHT_DEG)):
+        if tilt[k] > OVERTURNED_DEG and not over:
+            found.append((float(truth.t[k]), "overturn"))
+        over = bool(tilt[k] > OVERTURNED_DEG)
+    return found
+
+
+def _at_the_limit(truth: Truth, imu: ImuStream) -> list[tuple[float, str]]:
+    """From when to when samples of an accelerometer were at the end of its range in the air."""
+    row = np.clip(np.searchsorted(truth.t, imu.t_sample), 0, len(truth.t) - 1)
+    t = imu.t_sample[(imu.clipped[:, 1] > 0) & ~truth.ground[row]]
+    if not len(t):
+        return []
+    name = f"accelerometer {imu.instance} at the end of its range"
+    return [(float(t[0]), f"{name}, first"), (float(t[-1]), f"{name}, last")]
+
+
+def _sample_count(truth: Truth, seconds: float) -> int:
+    """How many samples of the truth a time holds."""
+    return int(seconds / (truth.t[1] - truth.t[0]))
+
+
+# Whether a flight is one: numbers that run away are refused instead of being written into a log.
+
+MAX_DISTANCE_M = 50_000.0
+"""Beyond it the flat earth and the standard atmosphere of the simulator end."""
+MAX_SAMPLE = 1e9
+"""Rates [rad/s] and specific forces [m/s^2] of no sensor on earth; single precision still holds them."""
+
+
+def check_truth(truth: Truth) -> None:
+    """UsageError where the motion is not finite or leaves the simulated world, with the time at which it does."""
+    rows = np.hstack([truth.q, truth.w, truth.p, truth.v, truth.a])
+    gone = ~np.isfinite(rows).all(axis=1) | (np.abs(truth.p) > MAX_DISTANCE_M).any(axis=1)
+    if gone.any():
+        raise UsageError(
+            f"the motion cannot be computed from {truth.t[np.argmax(gone)]:.3g} s on: the vehicle leaves "
+            f"{MAX_DISTANCE_M / 1000:g} km or every bound; look at vehicle, controller, wind and motion"
+        )
+
+
+def check_samples(streams: Sequence[tuple[str, ImuStream]]) -> None:
+    """UsageError for an inertial unit whose samples are no numbers that a log can hold, or that has none at all."""
+    for name, stream in streams:
+        if not len(stream.t):
+            raise UsageError(f"sensors.{name} gives no sample in this flight; look at its rate, loss and gaps")
+        for part, values in (("gyro", stream.gyro), ("acc", stream.acc)):
+            if not (np.abs(values) < MAX_SAMPLE).all():
+                raise UsageError(f"sensors.{name}.{part} gives no finite numbers; look at its noise, step and scale")

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
+from attlog.core import rotation
+from attlog.core.files import staging_folder
+from attlog.core.forks import in_processes
 from attlog.estimators import Estimator, EstimatorSpec
-from attlog.simulate.autopilot.autopilot import Autopilot, Maker, SensorInputs
-from attlog.simulate.flight import Flight, Truth
-from attlog.simulate.happenings import events
-from attlog.simulate.physics.environment import Environment, environment, field_at
-from attlog.simulate.physics.prescribed import moved
-from attlog.simulate.physics.rigid_body import POINTS, TOUCHING, Body
-from attlog.simulate.physics.wind import share_at, wind_at
-from attlog.simulate.scenario.computable import check_samples, check_truth
-from attlog.simulate.scenario.scenario import Scenario
-from attlog.simulate.sensors.baro import BaroSensor
-from attlog.simulate.sensors.gnss import GnssSensor
-from attlog.simulate.sensors.imu import ImuSensor
-from attlog.simulate.sensors.imu_kernel import RAW
-from attlog.simulate.sensors.mag import MagSensor
-from attlog.simulate.sensors.power import battery, rpm
+from attlog.simulate.environment import Environment, environment, field_at, share_at, wind_at
+from attlog.simulate.flight import (
+    Autopilot,
+    Flight,
+    Maker,
+    SensorInputs,
+    Truth,
+    check_samples,
+    check_truth,
+    flight_events,
+)
+from attlog.simulate.imu import RAW_COLUMNS, ImuSensor
+from attlog.simulate.logs import write
+from attlog.simulate.rigid_body import POINTS, TOUCHING, Body, prescribed_motion
+from attlog.simulate.scenario import Scenario
+from attlog.simulate.sensors import BaroSensor, GnssSensor, MagSensor, sample_battery, sample_rpm
 
 Array = NDArray[np.float64]
 SETTLING_S = 1.0
@@ -41,15 +47,15 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
     processes a flight would take several times as long. UsageError where the scenario's numbers lead to motion or
     samples that cannot be computed or written; PluginError and PluginTimeout as in a replay.
     """
-    from attlog.simulate.autopilot.pilot import foreign, make
+    from attlog.simulate.pilot import is_from_file, make_pilot
 
-    row = None if autopilot is not None else foreign(scenario)
+    row = None if autopilot is not None else is_from_file(scenario)
     if row is not None and row.estimator.process is not None:
         return row.estimator.process.call(_there, row.preset, dict(row.params), scenario, seed, also_s=scenario.seconds)
     home = environment(scenario)
     truth = _no_truth(scenario)
     sensors = _Sensors(scenario, seed, home)
-    pilot = (autopilot or make)(scenario, home.gravity, home.declination)
+    pilot = (autopilot or make_pilot)(scenario, home.gravity, home.declination)
     with np.errstate(all="ignore"):  # what overflows is told below, with the time and what to look at
         first = 0
         if scenario.command or scenario.motion is None:
@@ -70,9 +76,9 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
         gnss=[s.stream() for s in sensors.gnss],
         baro=[s.stream() for s in sensors.baro],
         onboard=pilot.onboard(),
-        battery=battery(scenario, seed, truth),
-        rpm=rpm(scenario, seed, truth),
-        events=events(scenario, truth, imus),
+        battery=sample_battery(scenario, seed, truth),
+        rpm=sample_rpm(scenario, seed, truth),
+        events=flight_events(scenario, truth, imus),
     )
 
 
@@ -130,7 +136,7 @@ def _prescribed(
     sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
     lying = (truth.q[first].copy(), truth.p[first].copy()) if first else None
     rows = slice(first, None)
-    known = moved(scenario, truth.t[rows] - truth.t[first], lying)
+    known = prescribed_motion(scenario, truth.t[rows] - truth.t[first], lying)
     truth.q[rows], truth.w[rows], truth.w_dot[rows] = known.q, known.w, known.w_dot
     truth.p[rows], truth.v[rows], truth.a[rows] = known.p, known.v, known.a
     truth.field[rows] = field_at(scenario, home, truth.p[rows])
@@ -139,8 +145,8 @@ def _prescribed(
     for step in range(first, len(truth.t) - 1, BLOCK):
         count = min(BLOCK, len(truth.t) - 1 - step)
         now, since = step + count, (step - first) * period
-        m = moved(scenario, since + np.arange(1, count * sub + 1, dtype=np.float64) * (period / sub), lying)
-        raw = np.zeros((count * sub, RAW))
+        m = prescribed_motion(scenario, since + np.arange(1, count * sub + 1, dtype=np.float64) * (period / sub), lying)
+        raw = np.zeros((count * sub, RAW_COLUMNS))
         raw[:, 0:3], raw[:, 3:6] = m.w, m.w_dot
         raw[:, 6:9] = rotation.rotate_inverse(m.q, m.a - down)
         raw[:, 8] += m.shock
@@ -161,7 +167,7 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
     last = len(truth.t) - 1
     if scenario.motion is not None and scenario.motion.after_s is not None:
         last = min(round(scenario.motion.after_s / period), last)
-    raw = np.zeros((sub, RAW))
+    raw = np.zeros((sub, RAW_COLUMNS))
     command = np.zeros(4)
     truth.wind[0] *= share_at(scenario.vehicle.foot_m)
     for _ in range(round(SETTLING_S / period)):
@@ -195,6 +201,39 @@ def _there(
     estimator: Estimator, preset: str | None, params: dict[str, float | str], scenario: Scenario, seed: int
 ) -> Flight:
     """:func:`fly` in the process of the scenario's estimator."""
-    from attlog.simulate.autopilot.pilot import make
+    from attlog.simulate.pilot import make_pilot
 
-    return fly(scenario, seed, partial(make, row=EstimatorSpec(estimator, preset, params)))
+    return fly(scenario, seed, partial(make_pilot, row=EstimatorSpec(estimator, preset, params)))
+
+
+# Flights of a scenario to their files, one after the other or in several processes.
+
+WrittenFlight = list[tuple[Path, int]] | Exception
+"""Each path with its bytes, or what went wrong."""
+
+
+def plan_flights(
+    scenario: Scenario, work: Mapping[int, Sequence[Path]], params: Mapping[str, float | int], jobs: int = 1
+) -> Iterator[tuple[int, WrittenFlight]]:
+    """What became of each seed of ``work`` and its paths: in their order, or as ``jobs`` processes finish them."""
+    if jobs == 1 or len(work) == 1:
+        for seed, paths in work.items():
+            yield seed, write_flights(scenario, seed, paths, params)
+        return
+    calls = {seed: (scenario, seed, paths, params) for seed, paths in work.items()}
+    yield from in_processes(write_flights, calls, jobs)
+
+
+def write_flights(
+    scenario: Scenario, seed: int, paths: Sequence[Path], params: Mapping[str, float | int]
+) -> WrittenFlight:
+    """Fly one seed and write every log of it, all or none."""
+    try:
+        flight = fly(scenario, seed)
+        with ExitStack() as stages:
+            stage = {folder: stages.enter_context(staging_folder(folder)) for folder in {path.parent for path in paths}}
+            for path in paths:
+                write(stage[path.parent] / path.name, flight, params)
+        return [(path, path.stat().st_size) for path in paths]
+    except Exception as error:
+        return error

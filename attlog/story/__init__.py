@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from attlog.flight.model import FlightLog, part_of
+from attlog.core.spans import Span
+from attlog.flight.model import FlightLog, guarded_part
 from attlog.segments.model import Segments
-from attlog.segments.spans import Span
-from attlog.story import estimator, failsafes, flights, sensors, words
-from attlog.story.event import CRASHES, KINDS, Event
+from attlog.story import estimator_events, flight_events
+from attlog.story.flight_events import CRASHES, KINDS, Event
 from attlog.story.headline import WrongAngle, headline
 
 __all__ = ["CRASHES", "KINDS", "Event", "WrongAngle", "events", "headline"]
@@ -19,18 +19,21 @@ BEGUN_S = 0.5
 def events(log: FlightLog, segments: Segments) -> list[Event]:
     """Everything that happened, in time order: one event each, however many sources tell it."""
     found: list[Event] = []
-    told: list[words.Text] = []
+    told: list[flight_events.Text] = []
     for what, make in (
-        ("Flights and crashes", flights.events),
-        ("Clipping and vibration", sensors.events),
-        ("Failsafes", failsafes.events),
-        ("The onboard estimator", estimator.events),
+        ("Flights and crashes", flight_events.movement_events),
+        ("Clipping and vibration", flight_events.sensor_events),
+        ("Failsafes", estimator_events.failsafe_events),
+        ("The onboard estimator", estimator_events.onboard_estimator_events),
     ):
-        some, texts = part_of(log, what, lambda make=make: make(log, segments), lambda: ([], []))  # type: ignore[misc]
+        some, texts = guarded_part(log, what, lambda make=make: make(log, segments), lambda: ([], []))  # type: ignore[misc]
         found += some
         told += texts
-    found += part_of(
-        log, "The autopilot’s messages", lambda: words.messages(log, told, segments.spans("airborne")), list[Event]
+    found += guarded_part(
+        log,
+        "The autopilot’s messages",
+        lambda: flight_events.message_events(log, told, segments.spans("airborne")),
+        list[Event],
     )
     lost = [(s.t0, s.t1) for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
     found = [replace(_of_the_start(_of_a_wreck(e, lost)), t=round(e.t, 3)) for e in found]

@@ -9,17 +9,184 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from attlog.core import rotation
+from attlog.core.spans import Span, inside
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
-from attlog.segments.crash import Ending
+from attlog.segments.airborne import IDLING, highest_level
+from attlog.segments.flight_signs import speed_at, true_runs
+from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segments
-from attlog.story import failsafes
-from attlog.story.event import Event, figures
-from attlog.story.flights import SURE_HZ, blows_told, sized, turned
-from attlog.story.flown import flown, has_open_end, how_often
+from attlog.story import estimator_events
+from attlog.story.flight_events import (
+    FULL_PEAK_HZ,
+    MOTOR_TEST,
+    Event,
+    format_significant,
+    format_size,
+    impact_limit_text,
+    matching_texts,
+    overturn_word,
+)
+
+# The first part of a headline: when it flew, how high and how tilted; or why it never did.
+
+MAX_THROTTLE_PAUSE_S = 5.0
+"""Pushes of the throttle so close to each other are one."""
+STOOD_S = 10.0
+"""Motors that ran for longer than this before a flight are told."""
+LISTED = 3
+"""Up to so many flights are told with their times; more are counted."""
+OF_FLIGHT = 0.5
+"""Throttle is up above this part of its largest value."""
+UPRIGHT_DEG = 30.0
+
+
+def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
+    """When it flew, and how high and how tilted; or why it did not; the fullest first."""
+    flights = segments.spans("airborne")
+    crashed = any(e.is_crash for e in events)
+    if not flights:
+        return _grounded_phrases(log, segments, events)
+    counted = f"{number_word(len(flights))} flights from {flights[0][0]:.0f} s"
+    few = len(flights) < LISTED
+    listed = f"flew {format_spans(flights)}" if few else counted
+    begun = flights[0][0] - min((s.t0 for s in segments.of("continuous")), default=0.0) < 0.5
+    if begun and len(flights) == 1:
+        listed = f"flying as the log begins, to {flights[0][1]:.0f} s"
+    slow = segments.air is not None and segments.air.grid.slow
+    rate = max((imu.acc.rate for imu in log.imus), default=0.0)
+    listed = f"telemetry at {rate:.0f} Hz, {listed}" if slow and rate else listed
+    stood = (
+        f"stood armed to {flights[0][0]:.0f} s, " if few and not begun and _stood_armed(segments, flights[0][0]) else ""
+    )
+    sizes = [] if crashed else _size_phrases(log, segments, flights)
+    unended = crashed or has_open_end(events) or has_hard_landing(events)
+    safe = "" if unended else ending_of_slow(log, flights[-1][1]) if slow else ", landed safely"
+    said = [f"{listed}{extra}{safe}." for extra in (*sizes, "")]
+    return [f"{stood}{said[0]}", *said] if stood else said
+
+
+def ending_of_slow(log: FlightLog, t: float) -> str:
+    """How a vehicle stood after a flight whose end nothing faster than its attitude tells."""
+    tilt = largest_tilt(log, [(t + 2.0, t + 5.0)])
+    return "" if tilt is None else ", ended upright" if tilt < UPRIGHT_DEG else f", ended at {tilt:.0f}° of tilt"
+
+
+def number_word(n: int) -> str:
+    return ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")[n] if n < 10 else str(n)
+
+
+def _size_phrases(log: FlightLog, segments: Segments, flights: Sequence[Span]) -> list[str]:
+    """Height and tilt reached, the fullest first."""
+    air = segments.air
+    found = None if air is None else highest_level(air.levels, inside(air.grid.t, flights))
+    top = None if found is None else found[1]
+    tilt = largest_tilt(log, flights)
+    high = "" if top is None else f"{top:.0f} m" if top >= 2.0 else f"{top:.1f} m"
+    tilted = "" if tilt is None or tilt < 1.0 else f"{tilt:.0f}° of tilt"
+    both = " and ".join(x for x in (high, tilted) if x)
+    return [f", up to {x}" for x in dict.fromkeys((both, high)) if x]
+
+
+def largest_tilt(log: FlightLog, spans: Sequence[Span]) -> float | None:
+    """The largest tilt (deg) of the onboard attitude within spans, None without one."""
+    attitude = log.onboard_attitude or log.truth
+    mine = None if attitude is None else inside(attitude.t, spans)
+    if attitude is None or mine is None or not mine.any():
+        return None
+    return float(np.degrees(np.max(rotation.tilt_angle(attitude.q[mine]))))
+
+
+def _stood_armed(segments: Segments, liftoff: float) -> bool:
+    """Whether motors ran for more than 10 s before a lift-off, idling or more."""
+    return any(a < liftoff <= b and liftoff - a > STOOD_S for a, b in segments.spans("armed"))
+
+
+def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
+    """What it did that never flew."""
+    # a failsafe after the last sample may be told beside it; other texts go on long after what was measured
+    seconds = max([log.seconds, *(e.t for e in events if e.kind in ("failsafe", "battery"))])
+    total = f"{seconds:.0f} s"
+    if not log.kind.flies:
+        air = np.arange(0.0, max(log.seconds, 1.0), 1.0)
+        speed = speed_at(log, air)
+        if not np.isfinite(speed).any():
+            return [f"logged for {total}."]
+        top = float(np.nanmax(speed))
+        return [
+            f"moved at up to {format_significant(top)} m/s in {total}." if top > 0.5 else f"stood still for {total}."
+        ]
+    if "airborne" in segments.unknown:
+        return [f"{f'{total}; ' if seconds > 0 else ''}nothing in the log shows whether it flew."]
+    if any(e.is_crash for e in events):
+        return ["never flew."]
+    armed = sum(e.kind == "armed" for e in events)
+    pushed = _throttle_spans(segments)
+    if not pushed:
+        if not armed:
+            never = "never armed" if log.armed is not None else "motors never ran"
+            never = "only motor tests" if matching_texts(log, MOTOR_TEST) else never
+            tilt = largest_tilt(log, [(-1e9, 1e9)])
+            return [f"{never} in {total}" + (f", tilted up to {tilt:.0f}° by hand." if tilt and tilt > 15 else ".")]
+        return [f"armed{_times(armed)} but never left the ground in {total}."]
+    up = f"throttle up {format_spans(pushed)}" if len(pushed) < LISTED else f"throttle up {how_often(len(pushed))}"
+    reason = _still_reason(log, segments, pushed)
+    often = f"armed {how_often(armed)}, " if armed > 1 else ""
+    return [f"never left the ground in {total}; {often}{up}{x}." for x in (reason, "")] + [
+        f"never left the ground; {up}."
+    ]
+
+
+def _times(n: int) -> str:
+    return f" {how_often(n)}" if n > 1 else ""
+
+
+def how_often(n: int) -> str:
+    return "twice" if n == 2 else f"{number_word(n)} times"
+
+
+def _throttle_spans(segments: Segments) -> list[Span]:
+    """When throttle was up, for a second and more, with pauses of up to 5 s."""
+    air = segments.air
+    if air is None or not air.driven.any() or air.power_source == "arming":
+        return []
+    up = air.driven & (air.power > max(OF_FLIGHT * float(air.power[air.driven].max()), IDLING))
+    found: list[Span] = []
+    for a, b in true_runs(up):
+        t0, t1 = float(air.grid.t[a]), float(air.grid.t[b - 1])
+        if found and t0 - found[-1][1] < MAX_THROTTLE_PAUSE_S:
+            found[-1] = found[-1][0], t1
+        else:
+            found.append((t0, t1))
+    return [s for s in found if s[1] - s[0] >= 1.0]
+
+
+def _still_reason(log: FlightLog, segments: Segments, pushed: Sequence[Span]) -> str:
+    """The best reason why it did not fly: a height that did not move, or a tilt that did not change."""
+    tilt = largest_tilt(log, pushed)
+    levels = segments.air.levels if segments.air is not None else []
+    ranged = log.rangefinder is not None and all(level.sensor != "range" for level in levels)
+    said = ["rangefinder unmoved"] if ranged else []
+    said += [f"tilt under {max(np.ceil(tilt), 1):.0f}°"] if tilt is not None and tilt < 15.0 else []
+    return f"; {', '.join(said)}" if said else ""
+
+
+def format_spans(spans: Sequence[Span]) -> str:
+    """Spans as "11 to 103 s and 120 to 130 s"."""
+    return " and ".join(f"{a:.0f} to {b:.0f} s" for a, b in spans)
+
+
+def has_open_end(events: Sequence[Event]) -> bool:
+    return any(e.kind == "ends_in_air" for e in events)
+
+
+def has_hard_landing(events: Sequence[Event]) -> bool:
+    return any(e.kind == "hard_landing" for e in events)
+
 
 WORDS = 30
-TOGETHER_S = 5.0
+MAX_CRASH_GAP_S = 5.0
 """Endings so close to each other are one crash."""
 KILLED_S = 5.0
 HIGH_M = 5.0
@@ -61,8 +228,10 @@ def headline(
     The fullest wording that fits into 30 words is taken.
     """
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
-    flew, end = flown(log, segments, events), _end(log, segments, events, sound)
-    first = _with_angle(failsafes.in_headline(_first(segments, events), log, segments, events), wrong, segments)
+    flew, end = flight_phrases(log, segments, events), _ending_phrases(log, segments, events, sound)
+    first = _with_angle(
+        estimator_events.failsafe_phrases(_first_fault(segments, events), log, segments, events), wrong, segments
+    )
     said = ""
     for b, c, a in itertools.product(end, first, flew):
         said = f"{who}: " + " ".join(x for x in (a, c, b) if x)
@@ -89,7 +258,7 @@ def _firmware(log: FlightLog) -> str:
     return re.sub(r"(\d+\.\d+)\.0[- ]dev\b", r"\1-dev", said).replace(" dev", "-dev").strip()
 
 
-def _first(segments: Segments, events: Sequence[Event]) -> list[str]:
+def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
     """What went wrong first before a crash, or at all; the fullest first."""
     crash = next((e.t for e in events if e.is_crash), np.inf)
     found = [e for e in events if e.severity == "warning" and e.kind in TOLD_FIRST and e.t <= crash]
@@ -102,7 +271,7 @@ def _first(segments: Segments, events: Sequence[Event]) -> list[str]:
     shaken = next((e for e in found if e.kind == "vibration" and e.value), None)
     words = {
         "clipping": f"Accelerometer clipped from {first.t:.0f} s",
-        "vibration": f"Strong vibration ({figures(first.value or 0.0)} m/s²) from {first.t:.0f} s",
+        "vibration": f"Strong vibration ({format_significant(first.value or 0.0)} m/s²) from {first.t:.0f} s",
         "failsafe": first.text.rstrip("."),
         "battery": first.text.rstrip("."),
         "realigned": _realigned([e for e in found if e.kind == "realigned"]),
@@ -112,7 +281,7 @@ def _first(segments: Segments, events: Sequence[Event]) -> list[str]:
         "gnss_lost": f"GNSS lost from {since}",
         "gnss_jump": first.text.partition(",")[0].rstrip("."),
     }[first.kind]
-    more = f" (vibration {figures(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
+    more = f" (vibration {format_significant(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
     return [f"{words}{more}.", f"{words}.", ""] if more else [f"{words}.", ""]
 
 
@@ -134,12 +303,12 @@ def _realigned(found: Sequence[Event]) -> str:
     return f"EKF re-aligned yaw at {' and '.join(times)} s"
 
 
-def _end(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool) -> list[str]:
+def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool) -> list[str]:
     """How it ended, the fullest first."""
     crashes = _crashes(segments.endings)
     if crashes:
         blow = next((e.t for e in crashes[0] if e.kind == "impact"), crashes[0][0].t)
-        full, short = _crash(crashes[0], _where(log.kind, segments, blow))
+        full, short = _crash_phrases(crashes[0], _crash_target(log.kind, segments, blow))
         if len(crashes) == 1:
             return list(dict.fromkeys((f"{full}.", f"{short}.")))
         again = f"; crashed again at {crashes[1][0].t:.1f} s"
@@ -152,7 +321,7 @@ def _end(log: FlightLog, segments: Segments, events: Sequence[Event], sound: boo
         worst = max(hard, key=lambda e: e.size)
         killed = next((e for e in events if "Kill switch" in e.text and 0 <= worst.t - e.t < KILLED_S), None)
         before = f"Kill switch at {killed.t:.1f} s, then hard landing" if killed else "Hard landing"
-        said_ = f"{before} at {worst.t:.1f} s ({sized(worst)}), upright"
+        said_ = f"{before} at {worst.t:.1f} s ({format_size(worst)}), upright"
         return [f"{said_}; nothing else went wrong." if sound and not warned else f"{said_}."]
     if has_open_end(events):
         return ["The log ends in the air."]
@@ -165,26 +334,26 @@ def _end(log: FlightLog, segments: Segments, events: Sequence[Event], sound: boo
 def _too_slow(log: FlightLog) -> bool:
     """Whether no blow at all could be told: a tenth of the rate at which most are."""
     rate = max((imu.acc.rate for imu in log.imus), default=0.0)
-    return bool(blows_told(log)) and rate < 0.1 * SURE_HZ
+    return bool(impact_limit_text(log)) and rate < 0.1 * FULL_PEAK_HZ
 
 
-def _crashes(endings: Sequence[Ending]) -> list[list[Ending]]:
+def _crashes(endings: Sequence[CrashEvent]) -> list[list[CrashEvent]]:
     """The endings of each crash, in time order."""
-    groups: list[list[Ending]] = []
+    groups: list[list[CrashEvent]] = []
     for ending in (e for e in endings if e.is_crash):
-        if groups and ending.t - groups[-1][-1].t_end < TOGETHER_S:
+        if groups and ending.t - groups[-1][-1].t_end < MAX_CRASH_GAP_S:
             groups[-1].append(ending)
         else:
             groups.append([ending])
     return groups
 
 
-def _size(group: Sequence[Ending]) -> str:
+def _size(group: Sequence[CrashEvent]) -> str:
     blow = next((e for e in group if e.kind == "impact"), None)
-    return "" if blow is None else f" ({sized(blow)})"
+    return "" if blow is None else f" ({format_size(blow)})"
 
 
-def _where(kind: VehicleKind, segments: Segments, t: float) -> str:
+def _crash_target(kind: VehicleKind, segments: Segments, t: float) -> str:
     """What a crash at a time hit: the ground, something higher up, or nothing because it never flew."""
     if not segments.spans("airborne"):
         return ""
@@ -196,28 +365,28 @@ def _where(kind: VehicleKind, segments: Segments, t: float) -> str:
     return "something" if high and max(high) > HIGH_M else "the ground"
 
 
-def _crash(group: Sequence[Ending], what: str) -> tuple[str, str]:
+def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
     """One crash in words, and shorter. ``what`` was hit; empty for what never flew."""
     blow, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
     if blow is not None:
-        hit = f"hit {what or 'something'} at {blow.t:.1f} s ({sized(blow)})"
+        hit = f"hit {what or 'something'} at {blow.t:.1f} s ({format_size(blow)})"
         short = hit[0].upper() + hit[1:]
         if over is None:
-            return f"{short}{_lies(blow)}", short
+            return f"{short}{_rest_phrase(blow)}", short
         if over.t <= blow.t:
             return f"Rolled to {over.size:.0f}° at {over.t:.1f} s and {hit}", short
         return f"{short} and turned over to {over.size:.0f}°", short
     if over is not None:
         last = [e for e in group if e.kind == "overturn"][-1]
-        text = f"{turned(over) if what else 'Flipped over at take-off'} at {over.t:.1f} s ({over.size:.0f}°)"
+        text = f"{overturn_word(over) if what else 'Flipped over at take-off'} at {over.t:.1f} s ({over.size:.0f}°)"
         later = f" and turned over at {last.t:.1f} s ({last.size:.0f}°)" if last is not over else ""
-        return f"{text}{later}{_lies(last)}", text
+        return f"{text}{later}{_rest_phrase(last)}", text
     spin = spun or group[0]
     text = f"Tumbled at {spin.t:.1f} s ({spin.size:.0f}°/s)"
     return text, text
 
 
-def _lies(ending: Ending) -> str:
+def _rest_phrase(ending: CrashEvent) -> str:
     """How it lay afterwards."""
     angle = ending.lies_deg
     if angle is None:

@@ -20,12 +20,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from attlog.base.errors import AttlogError, PluginTimeout
+from attlog.core.errors import AttlogError, PluginTimeout
 from attlog.estimators import Estimator, EstimatorSpec, not_compiled
-from attlog.estimators.base import AIDS
-from attlog.testing import bad_input, behaviour, extras
-from attlog.testing.motion import Motion, Noise, flight, motion, one_turn, still, swing
-from attlog.testing.subject import CheckFailed, Subject, require
+from attlog.estimators.interface import AIDS
+from attlog.testing import contract
+from attlog.testing.motion import CheckFailed, Motion, Noise, Subject, flight, motion, one_turn, require, still, swing
 
 __all__ = [
     "CheckFailed",
@@ -133,45 +132,45 @@ def describes_itself(s: Subject) -> None:
 
 def _applicable(s: Subject) -> list[tuple[str, Check]]:
     """Names and functions in the order in which a person would look at them."""
-    found: list[tuple[str, Check]] = [_named(describes_itself), _named(behaviour.gives_unit_quaternions)]
-    for i, axis in enumerate(behaviour.AXES):
-        found.append((f"follows_a_turn[{axis}]", partial(behaviour.follows_a_turn, axis=i)))
+    found: list[tuple[str, Check]] = [_named(describes_itself), _named(contract.gives_unit_quaternions)]
+    for i, axis in enumerate(contract.AXES):
+        found.append((f"follows_a_turn[{axis}]", partial(contract.follows_a_turn, axis=i)))
     observed = ([0, 1] if s.corrects_tilt else []) + ([2] if s.corrects_heading else [])
     if s.steps:
         for i in observed:
-            title = f"corrects_an_offset[{behaviour.AXES[i]}]"
-            found.append((title, partial(behaviour.corrects_an_offset, axis=i)))
+            title = f"corrects_an_offset[{contract.AXES[i]}]"
+            found.append((title, partial(contract.corrects_an_offset, axis=i)))
     conditions: list[tuple[Check, bool]] = [
-        (behaviour.converges_from_170_deg, s.steps and s.corrects_tilt),
-        (behaviour.finds_the_attitude_at_rest, s.uses_acc),
-        (behaviour.starts_in_motion, s.corrects_tilt),
-        (behaviour.works_at_every_heading, s.uses_mag),
-        (behaviour.turns_with_the_earth, s.uses_mag or s.steps),
-        (behaviour.takes_the_field_in_any_unit, s.uses_mag),
-        (behaviour.finds_the_gyro_bias, "bias" in s.estimator.slices),
-        (behaviour.works_without_magnetometer, "mag" not in s.estimator.needs),
-        (bad_input.refuses_without_magnetometer, "mag" in s.estimator.needs),
-        (bad_input.refuses_without_gnss, s.needs_gnss),
-        (behaviour.works_with_a_slow_magnetometer, s.corrects_heading and "gyro" in s.estimator.uses),
-        (behaviour.does_not_depend_on_the_sampling_rate, s.steps),
-        (behaviour.looks_back_only, s.estimator.causal),
-        (behaviour.keeps_its_norm, True),
-        (behaviour.uses_every_parameter, True),
-        (bad_input.survives_nan, True),
-        (bad_input.bridges_a_short_gap, True),
-        (bad_input.restarts_after_a_long_gap, True),
-        (bad_input.survives_a_time_jump, True),
-        (bad_input.drops_times_that_do_not_rise, True),
-        (bad_input.drops_impossible_values, True),
-        (bad_input.survives_dead_sensors, True),
-        (bad_input.takes_few_samples, True),
-        (bad_input.takes_any_array, True),
-        (bad_input.leaves_its_input_alone, True),
-        (bad_input.repeats_itself, True),
-        (extras.works_with_aids, bool(s.estimator.uses & AIDS)),
-        (extras.survives_few_aids, bool(s.estimator.uses & AIDS)),
-        (extras.takes_aids_when_they_come, bool(s.estimator.uses & AIDS) and s.estimator.causal),
-        (extras.takes_parameters_from_a_log, s.estimator.from_log is not None),
+        (contract.converges_from_170_deg, s.steps and s.corrects_tilt),
+        (contract.finds_the_attitude_at_rest, s.uses_acc),
+        (contract.starts_in_motion, s.corrects_tilt),
+        (contract.works_at_every_heading, s.uses_mag),
+        (contract.turns_with_the_earth, s.uses_mag or s.steps),
+        (contract.takes_the_field_in_any_unit, s.uses_mag),
+        (contract.finds_the_gyro_bias, "bias" in s.estimator.slices),
+        (contract.works_without_magnetometer, "mag" not in s.estimator.needs),
+        (contract.refuses_without_magnetometer, "mag" in s.estimator.needs),
+        (contract.refuses_without_gnss, s.needs_gnss),
+        (contract.works_with_a_slow_magnetometer, s.corrects_heading and "gyro" in s.estimator.uses),
+        (contract.does_not_depend_on_the_sampling_rate, s.steps),
+        (contract.looks_back_only, s.estimator.causal),
+        (contract.keeps_its_norm, True),
+        (contract.uses_every_parameter, True),
+        (contract.survives_nan, True),
+        (contract.bridges_a_short_gap, True),
+        (contract.restarts_after_a_long_gap, True),
+        (contract.survives_a_time_jump, True),
+        (contract.drops_times_that_do_not_rise, True),
+        (contract.drops_impossible_values, True),
+        (contract.survives_dead_sensors, True),
+        (contract.takes_few_samples, True),
+        (contract.takes_any_array, True),
+        (contract.leaves_its_input_alone, True),
+        (contract.repeats_itself, True),
+        (contract.works_with_aids, bool(s.estimator.uses & AIDS)),
+        (contract.survives_few_aids, bool(s.estimator.uses & AIDS)),
+        (contract.takes_aids_when_they_come, bool(s.estimator.uses & AIDS) and s.estimator.causal),
+        (contract.takes_parameters_from_a_log, s.estimator.from_log is not None),
     ]
     return found + [_named(check) for check, applies in conditions if applies]
 

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.base import rotation
+from attlog.core import rotation
+from attlog.estimators import Aids, Estimate, Estimator, EstimatorSpec, Measurements, estimate, parse
 
 Array = NDArray[np.float64]
 Angles = Callable[[Array], tuple[ArrayLike, ArrayLike, ArrayLike]]
@@ -38,7 +39,7 @@ class Noise:
     bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-CONSUMER = Noise(gyro=np.deg2rad(0.01), acc=0.003, mag=0.4e-6)
+CONSUMER_NOISE = Noise(gyro=np.deg2rad(0.01), acc=0.003, mag=0.4e-6)
 """An autopilot's MEMS sensors at rest: data sheet densities of common parts."""
 
 
@@ -112,7 +113,7 @@ def swing(seconds: float, rate: float = 100.0, *, yaw: float = 0.0, noise: Noise
     return motion(angles, seconds, rate, noise=noise, seed=seed)
 
 
-def flight(seconds: float, rate: float = 100.0, *, noise: Noise = CONSUMER, seed: int = 0) -> Motion:
+def flight(seconds: float, rate: float = 100.0, *, noise: Noise = CONSUMER_NOISE, seed: int = 0) -> Motion:
     """The swing with accelerations of up to 3 m/s^2 that average to zero, as a vehicle has that stays where it is."""
 
     def angles(t: Array) -> tuple[Array, Array, Array]:
@@ -136,3 +137,100 @@ def one_turn(axis: int, angle: float = np.deg2rad(30.0), rate: float = 100.0) ->
         return three[0], three[1], three[2]
 
     return motion(angles, 6.0, rate)
+
+
+# What the checks look at: one estimator with its settings, and how far it is from the truth.
+
+FIXES = np.arange(0.003, 300.0, 0.2)
+IN_PLACE = Aids(velocity=Measurements(FIXES, np.zeros((len(FIXES), 3)), np.full(len(FIXES), 0.1)))
+"""What a filter is given that needs GNSS: a receiver that stays where it is."""
+
+
+class CheckFailed(AssertionError):
+    """An estimator does not keep the contract; the message says what was expected and what happened."""
+
+
+def require(condition: Any, message: str) -> None:
+    """CheckFailed with ``message`` unless the condition holds."""
+    if not bool(condition):
+        raise CheckFailed(message)
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """The estimator under test, as a row with preset and settings."""
+
+    row: EstimatorSpec
+
+    @classmethod
+    def of(cls, name: str | EstimatorSpec | Estimator) -> Subject:
+        """From ``NAME[@PRESET][:k=v,...]``, ``FILE.py``, a row or an estimator; errors as in ``parse``."""
+        if isinstance(name, Estimator):
+            return cls(EstimatorSpec(name))
+        return cls(name if isinstance(name, EstimatorSpec) else parse(name))
+
+    @property
+    def estimator(self) -> Estimator:
+        return self.row.estimator
+
+    @property
+    def uses_mag(self) -> bool:
+        return "mag" in self.estimator.uses
+
+    @property
+    def uses_acc(self) -> bool:
+        return "acc" in self.estimator.uses
+
+    @property
+    def corrects_tilt(self) -> bool:
+        """Whether it goes on looking at gravity after the start: it cannot run without."""
+        return "acc" in self.estimator.needs
+
+    @property
+    def corrects_heading(self) -> bool:
+        """Whether it goes on looking at the field after the start."""
+        return self.corrects_tilt and self.uses_mag
+
+    @property
+    def needs_gnss(self) -> bool:
+        return "gnss" in self.estimator.needs
+
+    @property
+    def steps(self) -> bool:
+        """Whether it takes samples one by one (and a start attitude), not whole runs."""
+        return self.estimator.step is not None
+
+    def run(self, m: Motion, **options: Any) -> Estimate:
+        """The estimate on a motion's sensors, with the magnetometer if it is used."""
+        return self.on(m.t, m.gyr, m.acc, m.mag if self.uses_mag else None, **options)
+
+    def on(self, t: Any, gyr: Any, acc: Any, mag: Any = None, **options: Any) -> Estimate:
+        """The estimate on samples, with fixes for a filter that needs them."""
+        if self.needs_gnss:
+            options.setdefault("aids", IN_PLACE)
+        return estimate(self.row, t, gyr, acc, mag, **options)
+
+
+def tilt_deg(q: Array, truth: Array) -> Array:
+    """Tilt errors (n,) in deg."""
+    return np.rad2deg(rotation.tilt_angle(rotation.earth_error(q, truth)))
+
+
+def heading_deg(q: Array, truth: Array) -> Array:
+    """Heading errors (n,) in deg, signed."""
+    return np.rad2deg(rotation.heading_angle(rotation.earth_error(q, truth)))
+
+
+def total_deg(q: Array, truth: Array) -> Array:
+    """Total errors (n,) in deg."""
+    return np.rad2deg(rotation.total_angle(rotation.earth_error(q, truth)))
+
+
+def require_attitudes(e: Estimate, t: Array | None = None) -> None:
+    """CheckFailed unless the estimate holds finite unit quaternions (and stands at the times ``t``)."""
+    require(e.q.shape == (len(e.t), 4), f"attitudes have shape {e.q.shape} for {len(e.t)} times")
+    require(np.isfinite(e.q).all(), f"{int((~np.isfinite(e.q).all(axis=1)).sum())} attitudes are not finite")
+    off = np.abs(np.sqrt(np.sum(e.q**2, axis=1)) - 1.0)
+    require(off.max(initial=0.0) < 1e-6, f"quaternions are not of unit length: off by {off.max(initial=0.0):.2g}")
+    if t is not None:
+        require(np.array_equal(e.t, t), f"{len(e.t)} attitudes for {len(t)} good samples, or at other times")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from attlog.estimators import Estimate, Parameter, propagated
-from attlog.estimators.engine.start import start_attitude
+from attlog.estimators.start import start_attitude
 
 SOURCE = "complementary.c"
 USES = {"mag"}

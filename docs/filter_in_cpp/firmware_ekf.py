@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import Estimate, Parameter, estimate
 
 SOURCE = "firmware_ekf.cpp"

@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from tests.fleet.harm import harm, installed
+from tests.batch.harm import harm, installed
 
 pytestmark = pytest.mark.usefixtures("interruptible")
 
@@ -155,23 +155,23 @@ def test_a_bug_is_70_with_one_line(attlog, samples, monkeypatch):
     def broken(*_a, **_k):
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setattr("attlog.analysis.inspection.inspect", broken)
+    monkeypatch.setattr("attlog.pipeline.inspection.inspect", broken)
     expect(attlog("info", samples / LOGS[0]), 70, "a bug in attlog", "ZeroDivisionError")
 
 
 def breaks(monkeypatch, name, error):
     """The analysis of the log of this name fails as nobody foresaw, where it runs in this process."""
 
-    from attlog import analysis
+    from attlog import pipeline
 
-    analyze = analysis.analyze
+    analyze = pipeline.analyze
 
     def broken(log, *args, **kwargs):
         if log.name == name:
             raise error
         return analyze(log, *args, **kwargs)
 
-    monkeypatch.setattr(analysis, "analyze", broken)
+    monkeypatch.setattr(pipeline, "analyze", broken)
 
 
 @pytest.fixture
@@ -222,16 +222,16 @@ def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, h
 
 @pytest.mark.slow
 def test_a_bug_while_a_log_is_told_loses_no_other(attlog, samples, tmp_path, monkeypatch):
-    from attlog.cli.shared import terminal
+    from attlog.cli import tables
 
-    shown = terminal.printed
+    shown = tables.printed
 
     def broken(result, *settings):
         if result.log["name"] == LOGS[0]:
             raise IndexError("no such column")
         return shown(result, *settings)
 
-    monkeypatch.setattr(terminal, "printed", broken)
+    monkeypatch.setattr(tables, "printed", broken)
     done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro")
     expect(done, 70, "IndexError")
     assert len(list(tmp_path.glob("*.json"))) == 2
@@ -241,7 +241,7 @@ def test_an_interrupt_is_130(attlog, samples, monkeypatch):
     def interrupted(*_a, **_k):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("attlog.analysis.inspection.inspect", interrupted)
+    monkeypatch.setattr("attlog.pipeline.inspection.inspect", interrupted)
     assert attlog("info", samples / LOGS[0]).code == 130
 
 
@@ -297,7 +297,7 @@ def test_a_bug_is_70_with_its_traceback_too(attlog, samples, monkeypatch):
     def broken(*_a, **_k):
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setattr("attlog.analysis.inspection.inspect", broken)
+    monkeypatch.setattr("attlog.pipeline.inspection.inspect", broken)
     done = attlog("info", samples / LOGS[0], "-vv")
     assert (done.code, "Traceback" in done.err) == (70, True)
 

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 import attlog
-from attlog.base.errors import UsageError
-from attlog.estimators import Aids, Measurements
-from attlog.estimators.aids import SIZE
+from attlog.core import rotation
+from attlog.core.errors import UsageError
+from attlog.estimators import Aids, Measurements, estimate
+from attlog.estimators import aids as airspeed
+from attlog.estimators.aids import (
+    AIR_AGE,
+    AIR_CHANGE,
+    AIR_HEARD,
+    AIR_SPEED,
+    NEVER,
+    SIZE,
+    update_airspeed,
+    without_acceleration,
+)
+from attlog.testing.motion import CONSUMER_NOISE, GRAVITY, Motion, heading_deg, motion, tilt_deg
 
 T = np.array([0.0, 1.0, 2.0])
 NED = np.ones((3, 3))
@@ -122,3 +136,150 @@ def test_the_layout_has_a_place_for_everything() -> None:
     names = "LAT LON ALT POS_H_ACC POS_V_ACC VEL_N VEL_E VEL_D VEL_ACC BARO AIRSPEED AT_REST".split()
     assert [getattr(aids, n) for n in names] == list(range(SIZE))
     assert all(n in (aids.__doc__ or "") for n in names)
+
+
+# Airspeed in filters: a plane in coordinated turns, known in closed form, and what pitot tubes tell.
+
+Array = np.ndarray
+DT = 0.01
+
+
+def speed(t: Array) -> Array:
+    return 20.0 + 4.0 * np.sin(0.2 * t)
+
+
+def bank(t: Array) -> Array:
+    return 0.5 * np.sin(0.25 * t) + 0.3
+
+
+def plane(seconds: float = 120.0) -> Motion:
+    """Level turns without sideslip: yaw' = g tan(bank) / V, the velocity V along the nose; it begins in a turn."""
+    fine = np.arange(0.0, seconds + 0.01, 0.001)
+    turned = cumulative_simpson(GRAVITY * np.tan(bank(fine)) / speed(fine), x=fine, initial=0.0)
+
+    def yaw(t: Array) -> Array:
+        return np.interp(t, fine, turned)
+
+    def acceleration(t: Array) -> Array:
+        along, across = 0.8 * np.cos(0.2 * t), GRAVITY * np.tan(bank(t))
+        c, s = np.cos(yaw(t)), np.sin(yaw(t))
+        return np.stack([along * c - across * s, along * s + across * c, 0.0 * t], axis=-1)
+
+    return motion(lambda t: (bank(t), 0.0 * t, yaw(t)), seconds, acceleration=acceleration, noise=CONSUMER_NOISE)
+
+
+def pitot(t: Array, noise: float = 0.5) -> Measurements:
+    """Five readings a second, as autopilots log them."""
+    at = np.arange(t[0], t[-1], 0.2)
+    return Measurements(at, speed(at) + noise * np.random.default_rng(1).standard_normal(len(at)))
+
+
+def listening(told: float = np.nan) -> Array:
+    """A state that heard that much at once, or nothing yet."""
+    state = np.zeros(5)
+    state[AIR_AGE] = NEVER
+    update_airspeed(state, 0, DT, told, False)
+    return state
+
+
+def rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def test_less_the_flights_own_acceleration_force_is_gravity_in_any_turn() -> None:
+    m = plane(20.0)
+    rate = (GRAVITY * np.tan(bank(m.t)) / speed(m.t))[:, None] * rotation.rotate_inverse(m.q, np.array([0.0, 0.0, 1.0]))
+    gravity = rotation.rotate_inverse(m.q, np.array([0.0, 0.0, -GRAVITY]))
+    rolling = np.array([0.125 * np.cos(0.25 * m.t), 0.0 * m.t, 0.0 * m.t]).T
+    state = np.zeros(5)
+    found = np.empty_like(m.acc)
+    for k in range(len(m.t)):
+        state[AIR_SPEED], state[AIR_CHANGE] = speed(m.t[k]), 0.8 * np.cos(0.2 * m.t[k])
+        w = rate[k] + rolling[k]
+        found[k] = without_acceleration(state, 0, m.acc[k], w[1], w[2])
+    noise = CONSUMER_NOISE.acc * 10.0
+    assert rms(found - gravity) < 1.1 * noise
+    assert rms(m.acc - gravity) > 3.0
+
+
+def test_a_missing_force_stays_missing() -> None:
+    state = np.array([20.0, 3.0, 20.0, 20.0, 0.0])
+    assert without_acceleration(state, 0, np.zeros(3), 1.0, 1.0) == (0.0, 0.0, 0.0)
+
+
+def test_the_first_reading_counts_at_once_and_is_no_acceleration() -> None:
+    state = listening(22.0)
+    assert (state[AIR_SPEED], state[AIR_CHANGE]) == (0.0, 0.0)
+    update_airspeed(state, 0, DT, np.nan, False)
+    assert (state[AIR_SPEED], state[AIR_CHANGE]) == (22.0, 0.0)
+
+
+def test_what_a_tube_tells_at_rest_moves_nothing() -> None:
+    """Tubes of real autopilots read 63 m/s until they are set to zero."""
+    state = listening(63.5)
+    for told in (63.5, 63.5, 1.0, 0.5):
+        update_airspeed(state, 0, DT, told, True)
+        assert (state[AIR_SPEED], state[AIR_CHANGE]) == (0.0, 0.0)
+    update_airspeed(state, 0, DT, np.nan, False)
+    assert state[AIR_SPEED] == 0.0
+
+
+def test_changes_add_up_to_the_speed_and_spikes_are_cut() -> None:
+    state = listening(0.0)
+    total, steepest = 0.0, 0.0
+    for k in range(600):
+        update_airspeed(state, 0, DT, 18.0 if k % 20 == 0 else np.nan, False)
+        total += DT * state[AIR_CHANGE]
+        steepest = max(steepest, state[AIR_HEARD] / (DT * (k + 1)))
+    assert total == pytest.approx(state[AIR_SPEED], abs=1e-9)
+    assert state[AIR_SPEED] == pytest.approx(18.0, abs=0.01)
+    assert steepest == pytest.approx(airspeed.STEEPEST, rel=1e-9)
+
+
+def test_a_breeze_is_no_flight() -> None:
+    assert airspeed.weighted_airspeed(0.9) == 0.0
+    assert 0.0 < airspeed.weighted_airspeed(2.0) < 2.0
+    assert airspeed.weighted_airspeed(airspeed.SURE) == airspeed.SURE
+    assert airspeed.weighted_airspeed(-5.0) == 0.0
+
+
+def test_a_tube_that_falls_silent_tells_nothing_after_two_seconds() -> None:
+    state = listening(20.0)
+    silent = []
+    for _ in range(250):
+        update_airspeed(state, 0, DT, np.nan, False)
+        silent.append(state[AIR_SPEED])
+    assert silent[190] == 20.0
+    assert silent[-1] == 0.0
+    assert state[AIR_CHANGE] == 0.0
+
+
+@pytest.mark.parametrize(("name", "tilt", "heading"), [("mekf", 1.0, 3.0), ("ukf", 2.0, 5.0), ("smoother", 0.7, 2.0)])
+def test_a_plane_that_never_flies_level_keeps_its_attitude_by_airspeed(name: str, tilt: float, heading: float) -> None:
+    m = plane()
+    late = m.t > 20.0
+    found = {}
+    for aids in (Aids(), Aids(airspeed=pitot(m.t))):
+        e = estimate(name, *m.sensors, aids=aids)
+        found[aids.airspeed is not None] = e
+    off = {k: rms(tilt_deg(e.q, m.q)[late]) for k, e in found.items()}
+    assert off[True] < tilt
+    assert off[False] > 3.0 * off[True]
+    assert rms(heading_deg(found[True].q, m.q)[late]) < heading
+    z = np.deg2rad(tilt_deg(found[True].q, m.q)) / found[True].aux["sigma_tilt"].ravel()
+    assert rms(z[late]) < 1.5
+
+
+def test_without_gnss_the_navigation_filter_and_the_smoother_hear_airspeed_too() -> None:
+    m = plane(60.0)
+    aids = Aids(airspeed=pitot(m.t))
+    by_mekf, by_eskf = (estimate(name, *m.sensors, aids=aids) for name in ("mekf", "eskf"))
+    assert np.array_equal(by_mekf.q, by_eskf.q)
+    assert by_eskf.quality["aided_by"] == "mag airspeed"
+    assert estimate("smoother", *m.sensors, aids=aids).quality["aided_by"] == "mag airspeed rest"
+
+
+def test_a_tube_on_a_copter_that_hovers_changes_nothing() -> None:
+    m = motion(lambda t: (0.1 * np.sin(t), 0.1 * np.cos(1.3 * t), 0.3 * t), 30.0, noise=CONSUMER_NOISE)
+    calm = Aids(airspeed=replace(pitot(m.t), x=np.full(len(pitot(m.t).t), 0.4)))
+    assert np.array_equal(estimate("mekf", *m.sensors).q, estimate("mekf", *m.sensors, aids=calm).q)

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.base.errors import PluginError
-from attlog.estimators import Estimate, Estimator, EstimatorSpec, Parameter, get
-from attlog.estimators.engine import samples
-from attlog.estimators.engine.vectors import down, field_error, gravity_error, turn
-from attlog.testing import CheckFailed, CheckOutcome, bad_input, behaviour, check_estimator, checks, subject
-from attlog.testing.subject import Subject
+from attlog.core.errors import PluginError
+from attlog.estimators import Estimate, Estimator, EstimatorSpec, Parameter, get, samples
+from attlog.estimators.vectors import down, field_error, gravity_error, turn
+from attlog.testing import CheckFailed, CheckOutcome, check_estimator, checks, contract, motion
+from attlog.testing.motion import Subject
 
 
 @pytest.fixture(autouse=True)
@@ -205,12 +204,12 @@ def test_attitudes_that_are_none_are_found(make: Callable[..., Any]) -> None:
 
 
 LOOPS: list[tuple[str, Any, Callable[[Subject], None]]] = [
-    ("gap.RESTART_S", 0.0, bad_input.bridges_a_short_gap),
-    ("gap.RESTART_S", 100.0, bad_input.restarts_after_a_long_gap),
-    ("GYRO_LIMIT_RAD_S", np.inf, bad_input.drops_impossible_values),
-    ("HOLD_PERIODS", 0.0, behaviour.works_with_a_slow_magnetometer),
-    ("_longest_rising", lambda t: np.arange(len(t)), bad_input.drops_times_that_do_not_rise),
-    ("_vectors", lambda x, *_, **__: x, bad_input.survives_nan),
+    ("gap.RESTART_S", 0.0, contract.bridges_a_short_gap),
+    ("gap.RESTART_S", 100.0, contract.restarts_after_a_long_gap),
+    ("GYRO_LIMIT_RAD_S", np.inf, contract.drops_impossible_values),
+    ("HOLD_PERIODS", 0.0, contract.works_with_a_slow_magnetometer),
+    ("_longest_rising", lambda t: np.arange(len(t)), contract.drops_times_that_do_not_rise),
+    ("_vectors", lambda x, *_, **__: x, contract.survives_nan),
 ]
 
 
@@ -227,27 +226,27 @@ def test_a_changed_input_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def careless(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any) -> None:
         np.nan_to_num(mag, copy=False)
 
-    monkeypatch.setattr(subject, "estimate", careless)
+    monkeypatch.setattr(motion, "estimate", careless)
     with pytest.raises(CheckFailed, match="changes its input mag"):
-        bad_input.leaves_its_input_alone(Subject.of("mahony"))
+        contract.leaves_its_input_alone(Subject.of("mahony"))
 
 
 def test_arrays_that_make_a_difference_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = subject.estimate
+    plain = motion.estimate
 
     def picky(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any = None) -> Estimate:
         return plain(row, t, gyr if gyr.dtype == np.float64 else 0.9 * gyr, acc, mag)
 
-    monkeypatch.setattr(subject, "estimate", picky)
+    monkeypatch.setattr(motion, "estimate", picky)
     with pytest.raises(CheckFailed, match="float32"):
-        bad_input.takes_any_array(Subject.of("mahony"))
+        contract.takes_any_array(Subject.of("mahony"))
 
 
 def test_running_without_the_sensor_it_needs_is_found() -> None:
     with pytest.raises(CheckFailed, match="needs a magnetometer and runs without"):
-        bad_input.refuses_without_magnetometer(Subject.of("mahony"))
+        contract.refuses_without_magnetometer(Subject.of("mahony"))
     with pytest.raises(CheckFailed, match="needs GNSS and runs without"):
-        bad_input.refuses_without_gnss(Subject.of("eskf"))
+        contract.refuses_without_gnss(Subject.of("eskf"))
 
 
 def test_outcomes_name_the_check_and_say_what_happened() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import sys
 from pathlib import Path
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.base.errors import PluginError, UsageError
+from attlog.core.errors import PluginError, UsageError
 from attlog.estimators import DEFAULT, get, names, parse, select
+from attlog.estimators.accuracy import FILE, SETS, read_accuracy
 from tests.conftest import few
 
 GOOD = '''"""Gyro and nothing else.
@@ -87,7 +89,7 @@ def test_a_file_is_an_estimator_with_presets_and_outputs(
         [
             ("SOURCE =", "SOURCE = = ", "line 7: invalid syntax"),
             ("SOURCE =", "SOURCE = 1 / 0 #", "line 7: ZeroDivisionError"),
-            ("from attlog.estimators.engine.vectors", "from attlog.estimators.vektors", "line 5: ModuleNotFoundError"),
+            ("from attlog.estimators.vectors", "from attlog.estimators.vektors", "line 5: ModuleNotFoundError"),
             ("def step", "def stop", "neither start and step nor run"),
             ('{"gyro"}', '{"gyro", "sonar"}', "not sonar"),
             ('"q": 4, ', "", 'must begin with "q": 4'),
@@ -217,3 +219,50 @@ def test_listing_names_imports_no_filter() -> None:
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+# The file of measured accuracies: what it holds, and that its reader takes it as it stands.
+
+HEADING_TOLD = {"gsf": 20}
+"""Of the simulated flights those in which GNSS motion tells a heading: no others are trials of such a filter."""
+
+
+def test_every_filter_of_attlog_was_measured_on_all_trials() -> None:
+    trials = {"broad": 15, "euroc": 4, "simulated": 24, "simulated_unbiased": 24}
+    assert set(SETS) == set(trials)
+    for name in names():
+        if name in read_accuracy():  # a filter of a package that is installed here was not
+            assert {key: one.trials for key, one in read_accuracy()[name].items()} == {
+                key: HEADING_TOLD.get(name, n) for key, n in trials.items() if key in read_accuracy()[name]
+            }
+    assert {"gyro", "mahony", "mekf", "vqf", "smoother"} <= set(read_accuracy())
+
+
+def test_each_mean_lies_in_its_interval_and_no_part_exceeds_the_whole() -> None:
+    for name, sets in read_accuracy().items():
+        for key, one in sets.items():
+            assert ("total" in one.rmse_deg) == (key != "euroc" and name != "package riann"), name
+            for rmse in one.rmse_deg.values():
+                assert rmse.low is not None
+                assert rmse.high is not None
+                assert 0.0 < rmse.low < rmse.value < rmse.high
+                # the interval is symmetric in the logarithm
+                assert rmse.low * rmse.high == pytest.approx(rmse.value**2, rel=5e-3)
+            if "total" in one.rmse_deg:
+                assert max(one.rmse_deg[a].value for a in ("heading", "inclination")) <= one.rmse_deg["total"].value
+
+
+def test_the_reader_takes_every_line() -> None:
+    with FILE.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == sum(map(len, read_accuracy().values()))
+    for row in rows:
+        one = read_accuracy()[row["filter"]][row["set"]]
+        assert [one.rmse_deg[a].value for a in one.rmse_deg] == [float(row[a]) for a in one.rmse_deg]
+        assert (one.ns, one.version, one.date) == (float(row["ns"]), row["version"], row["date"])
+
+
+def test_in_short_stand_the_angles_that_the_set_can_tell() -> None:
+    assert read_accuracy()["gyro"]["broad"].short().count("/") == 2
+    assert read_accuracy()["gyro"]["euroc"].short().count("/") == 0
+    assert float(read_accuracy()["gyro"]["broad"].short().split("/")[0]) == pytest.approx(28.8, abs=0.05)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Boot, Field, Messages, ParamChange, Table, Text
+from attlog.formats.table import Boot, Field, Messages, ParamChange, Table, Text
 
 Columns = Mapping[str, NDArray[Any]]
 

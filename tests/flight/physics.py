@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
 
 Array = NDArray[np.float64]
@@ -120,9 +120,9 @@ def scores(onboard: Attitude, truth: Attitude, start: float) -> dict[str, float]
     use = onboard.t >= start
     q_true = rotation.slerp(truth.t, truth.q, onboard.t[use])
     known = np.isfinite(q_true).all(axis=1)
-    e = rotation.error(onboard.q[use][known], q_true[known])
+    e = rotation.earth_error(onboard.q[use][known], q_true[known])
     rms = {
-        "rms_tilt": rotation.inclination_angle(e),
+        "rms_tilt": rotation.tilt_angle(e),
         "rms_heading": rotation.heading_angle(e),
         "rms_total": rotation.total_angle(e),
     }

@@ -7,18 +7,25 @@ corpus: measured ones for real logs, the simulators' truth for the others.
 from __future__ import annotations
 
 import csv
+import gzip
+import random
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from attlog import flight
-from attlog.base import rotation
-from attlog.base.errors import AttlogError
-from attlog.base.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, MAG_LIMIT_T
+from attlog import analyze, flight
+from attlog import flight as room
+from attlog.core import rotation
+from attlog.core.errors import AttlogError, TooLittleMemory, error_message, exit_code
+from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, MAG_LIMIT_T
+from attlog.flight import read
 from attlog.flight.model import FlightLog, Stream
-from tests.conftest import SAMPLES, corpus_logs, corpus_root
+from attlog.formats.table import Messages, Table
+from attlog.pipeline.inspection import inspect
+from tests.conftest import SAMPLES, corpus_logs, corpus_root, few
 from tests.flight import physics
 
 LOGS = corpus_logs()
@@ -281,7 +288,7 @@ def codes(log: FlightLog) -> set[str]:
 
 def test_a_quaternion_reset_is_marked(log_named) -> None:
     attitude = log_named("ulg_px4_1.15dev_cubeorange_quad_cut.ulg").attitudes["vehicle_attitude"]
-    step = np.degrees(rotation.total_angle(rotation.error(attitude.q[1:], attitude.q[:-1])))
+    step = np.degrees(rotation.total_angle(rotation.earth_error(attitude.q[1:], attitude.q[:-1])))
     assert attitude.resets.tolist() == [int(np.argmax(step)) + 1]
     assert step.max() == pytest.approx(21, abs=1)
 
@@ -346,3 +353,123 @@ def test_two_boots_are_separate_flights(corpus: Path) -> None:
 def test_a_vehicle_that_is_not_system_one_is_found(log_named) -> None:
     assert log_named("tlog_mav2_plane_3.6.0_sys2_cut.tlog").vehicle == "VTOL", "a fixed wing with Q_ENABLE 1"
     assert log_named("tlog_mav2_sysid0_cut.tlog").vehicle == "quadrotor"
+
+
+# Damaged files: what is left is used, what is lost is told, and nothing absurd comes through.
+
+NAMES = ("px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog")
+
+
+def damaged(content: bytes, seed: int) -> bytes:
+    """The file with one of four kinds of damage."""
+    rng = random.Random(seed)
+    data = bytearray(content)
+    place = rng.randrange(len(data))
+    if seed % 4 == 0:
+        return bytes(data[:place])
+    if seed % 4 == 1:
+        for _ in range(200):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+    elif seed % 4 == 2:
+        length = rng.randrange(1, 5000)
+        data[place : place + length] = rng.randbytes(length)
+    else:
+        del data[place : place + rng.randrange(1, 50_000)]
+    return bytes(data)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seed", few(range(12), 3))
+def test_a_damaged_log_keeps_its_clock_and_its_physics(name: str, seed: int, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(damaged((SAMPLES / name).read_bytes(), seed))
+    whole = flight.read(SAMPLES / name)
+    try:
+        log = flight.read(path)
+    except AttlogError as error:
+        message = str(error)
+    else:
+        message = ""
+    assert "\n" not in message
+    if message:
+        return
+    if log.imu is None:
+        assert any(p.severity == "error" for p in log.problems)
+        return
+    assert log.seconds <= whole.seconds + 0.1, "no false record stretches the flight"
+    imu = log.imus[log.imu]
+    assert (np.diff(imu.gyro.t) > 0).all()
+    limit = np.abs(whole.imus[whole.imu].gyro.x).max()
+    outside = np.abs(imu.gyro.x).max(axis=1) > 3 * limit
+    assert outside.sum() <= 2, "single damaged values inside the sensor's range may pass, no more"
+    for attitude in log.attitudes.values():
+        np.testing.assert_allclose(np.linalg.norm(attitude.q, axis=1), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 5000, b"not a log\n" * 100, bytes(range(256)) * 40])
+def test_what_is_no_log_ends_in_one_line(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "x.bin"
+    path.write_bytes(content)
+    with pytest.raises(AttlogError) as caught:
+        flight.read(path)
+    assert "\n" not in str(caught.value)
+    assert "x.bin" in str(caught.value)
+
+
+def test_a_missing_file_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(AttlogError) as caught:
+        flight.read(tmp_path / "nowhere.ulg")
+    assert caught.value.exit_code == 66
+
+
+def test_a_log_in_a_gzip_file_that_ends_early_says_so_first(tmp_path: Path) -> None:
+    path = tmp_path / "flight.ulg.gz"
+    path.write_bytes(gzip.compress((SAMPLES / "px4_steps.ulg").read_bytes(), 6)[:-200_000])
+    log = flight.read(path)
+    assert log.imu is not None
+    problem = next(p for p in log.problems if p.code == "damage")
+    assert "gzip file ends early" in problem.text
+    assert "cut_at_end" not in [p.code for p in log.problems]
+
+
+# A log that the machine cannot hold is refused before the work, in a sentence with numbers.
+
+
+def log_of(samples: int, name: str = "sensor_combined") -> Messages:
+    offsets = np.broadcast_to(np.int64(0), samples)
+    table = Table(name, 0, {}, offsets, lambda *_: np.zeros(0))
+    return Messages(Path("long.ulg"), "ulog", 2 << 30, {(name, 0): table})
+
+
+def test_samples_beyond_the_memory_are_refused_with_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(room, "available_bytes", lambda: 4_000_000_000)
+    room.check_flight_memory(log_of(4_000_000_000 // room.FLIGHT_BYTES))
+    with pytest.raises(TooLittleMemory, match=r"long.ulg: needs some 5\.1 GB .* 30,000,000 .* 4\.0 GB are free"):
+        room.check_flight_memory(log_of(30_000_000))
+
+
+@pytest.mark.parametrize("work", [inspect, analyze])
+def test_what_is_made_of_a_flight_is_asked_for_too(
+    work: Callable[[Path], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "ALWAYS_ALLOWED_SAMPLES", 0)
+    samples = len(read(SAMPLES / "px4_hover.ulg").imus[0].gyro.t)
+    monkeypatch.setattr(room, "available_bytes", lambda: samples * room.FLIGHT_BYTES)  # enough to read it
+    with pytest.raises(TooLittleMemory, match=r"px4_hover\.ulg: needs"):
+        work(SAMPLES / "px4_hover.ulg")
+
+
+def test_what_is_short_or_has_no_inertial_samples_or_nobody_tells_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(room, "available_bytes", lambda: 0)
+    room.check_flight_memory(log_of(room.ALWAYS_ALLOWED_SAMPLES))
+    room.check_flight_memory(log_of(20_000_000, "actuator_outputs"))
+    monkeypatch.setattr(room, "available_bytes", lambda: None)
+    room.check_flight_memory(log_of(20_000_000))
+
+
+def test_memory_that_runs_out_is_no_bug_of_attlog() -> None:
+    error = MemoryError("Unable to allocate 16.8 MiB")
+    assert exit_code(error) == exit_code(TooLittleMemory("x")) == 75
+    said = error_message(error, "1.0", "long.ulg")
+    assert said.startswith("attlog: long.ulg: memory ran out")
+    assert "bug" not in said

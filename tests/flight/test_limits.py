@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.flight import physics
+from attlog.core.errors import LogUnreadable, UsageError
+from attlog.flight import limits, read
+from attlog.flight import limits as parameter_limits
 from attlog.flight.ardupilot import reader as ardupilot
 from attlog.flight.builder import LogBuilder
-from attlog.flight.inertial import low_pass_delay
+from attlog.flight.imu import low_pass_delay
+from attlog.flight.limits import documented_range, is_integer
 from attlog.flight.model import FlightLog, Problem
-from attlog.flight.parameters import limits as parameter_limits
+from attlog.flight.parameters import read_parameter_file
 from attlog.flight.px4 import reader as px4
-from attlog.formats.base import ParamChange
+from attlog.formats.table import ParamChange
 from tests.flight.fake import gravity, level, messages, micros
 
 N = 400
@@ -165,14 +168,14 @@ def test_stamps_of_another_unit_give_no_rate(scale: float) -> None:
     log = read_px4(tables)
     assert log.imu is None
     assert log.imus == []
-    assert not any(s is not None and s.rate > physics.FUSED_HZ for s in (*log.baro, log.battery, log.rpm))
+    assert not any(s is not None and s.rate > limits.FUSED_HZ for s in (*log.baro, log.battery, log.rpm))
     assert "rate_impossible" in [p.code for p in log.problems]
 
 
 def test_a_fast_gyro_is_no_false_clock() -> None:
     t = micros(2000, 32_000.0)
     builder = LogBuilder(messages("ulog", {}))
-    assert len(builder.keep(t, "gyro", fastest_hz=physics.RAW_HZ)) == len(t)
+    assert len(builder.keep(t, "gyro", fastest_hz=limits.RAW_HZ)) == len(t)
     assert len(builder.keep(t, "attitude")) == 0
 
 
@@ -291,13 +294,13 @@ def test_parameters_that_are_computed_with_have_limits_and_others_have_none() ->
     }
     for name, value in wrong.items():
         log = messages("ulog", {}, [ParamChange(name, right[name]), ParamChange(name, value)])
-        problems = parameter_limits.refuse(log)
+        problems = parameter_limits.drop_impossible(log)
         assert [(p.code, p.count) for p in problems] == [("values_out_of_range", 1)]
         assert f"{name}: left out 1 of 2" in problems[0].text
         assert [p.value for p in log.params] == [right[name]]
-    assert parameter_limits.refuse(messages("ulog", {}, right)) == []
-    assert parameter_limits.impossible("INS_GYRO_FILTER", -1.0) is None, "off"
-    assert parameter_limits.impossible("INS_GYRO_FILTER", -5.0) is parameter_limits.CUTOFF
+    assert parameter_limits.drop_impossible(messages("ulog", {}, right)) == []
+    assert parameter_limits.broken_limits("INS_GYRO_FILTER", -1.0) is None, "off"
+    assert parameter_limits.broken_limits("INS_GYRO_FILTER", -5.0) is parameter_limits.CUTOFF
     slowest = low_pass_delay(parameter_limits.CUTOFF.low)
     assert slowest < 0.25, "no filter's delay is longer than this"
 
@@ -306,7 +309,7 @@ def test_many_parameters_of_a_quantity_are_one_problem_with_their_number() -> No
     """A damaged log refused 16 ends of radio channels in 16 sentences."""
     changes = [ParamChange(f"RC{k}_{end}", 1e9) for k in range(1, 9) for end in ("MIN", "MAX")]
     log = messages("ulog", {}, [*changes, ParamChange("RC1_MIN", 1000.0), ParamChange("CAL_GYRO0_ROT", 1e9)])
-    told = parameter_limits.refuse(log)
+    told = parameter_limits.drop_impossible(log)
     assert [(p.code, p.count) for p in told] == [("values_out_of_range", 16), ("values_out_of_range", 1)]
     start = (
         "16 parameters (RC1_MIN, RC1_MAX, RC2_MIN, RC2_MAX and 12 more): left out 16 of 17 values, "
@@ -315,3 +318,231 @@ def test_many_parameters_of_a_quantity_are_one_problem_with_their_number() -> No
     assert told[0].text.startswith(start)
     assert told[1].text.startswith("Parameter CAL_GYRO0_ROT: left out 1e+09: ")
     assert [change.value for change in log.params] == [1000.0]
+
+
+# Each parameter that is computed with has the limits of its quantity, both ends of them.
+
+GROUPS = [
+    ("EKF2_MAG_DECL ATT_MAG_DECL", -180.0, 180.0),
+    ("COMPASS_DEC", -math.pi, math.pi),
+    ("AHRS_TRIM_X AHRS_TRIM_Z", -0.5 * math.pi, 0.5 * math.pi),
+    ("INS_GYRO_FILTER INS_ACCEL_FILTER IMU_GYRO_CUTOFF IMU_ACCEL_CUTOFF", 1.0, 10_000.0),
+    ("CAL_GYRO0_XOFF CAL_GYRO2_ZOFF", -10.0, 10.0),
+    ("CAL_ACC1_YOFF", -100.0, 100.0),
+    ("CAL_MAG3_XOFF", -50.0, 50.0),
+    ("CAL_ACC0_XSCALE CAL_MAG0_ZSCALE CAL_MAG1_YODIAG", -20.0, 20.0),
+    ("CAL_GYRO0_ROT CAL_ACC0_ROT CAL_MAG0_ROT SENS_BOARD_ROT", -1.0, 200.0),
+    ("CAL_MAG0_ROLL CAL_MAG1_YAW SENS_BOARD_X_OFF SENS_BOARD_Z_OFF", -360.0, 360.0),
+    ("MOT_PWM_MIN MOT_PWM_MAX RC3_MIN RC16_MAX", 0.0, 10_000.0),
+    ("ATT_W_ACC ATT_W_GYRO_BIAS ATT_BIAS_MAX AHRS_RP_P AHRS_YAW_P AHRS_GPS_GAIN", 0.0, 100.0),
+    ("FRAME_CLASS SYSID_SW_TYPE RCMAP_THROTTLE INS_RAW_LOG_OPT", -1.0, 65_535.0),
+    ("SCHED_LOOP_RATE", 0.0, 32_000.0),
+]
+
+
+@pytest.mark.parametrize(("names", "low", "high"), GROUPS)
+def test_a_parameter_has_the_limits_of_its_quantity(names: str, low: float, high: float) -> None:
+    for name in names.split():
+        found = limits.parameter_quantity(name)
+        assert found is not None, name
+        assert (found.low, found.high) == (low, high), name
+        assert limits.broken_limits(name, low) is limits.broken_limits(name, high) is None
+        beyond = high + 1e-6 * max(abs(high), 1.0)
+        assert limits.broken_limits(name, beyond) is found
+        below = low - 1e-6 * max(abs(low), 1.0)
+        assert limits.broken_limits(name, below) is found
+        assert limits.broken_limits(name, math.nan) is found
+
+
+def test_a_filter_that_is_off_is_possible_and_one_below_a_hertz_is_not() -> None:
+    for value, possible in ((0.0, True), (-1.0, True), (-0.5, True), (-1.01, False), (0.01, False), (0.99, False)):
+        assert (limits.broken_limits("IMU_GYRO_CUTOFF", value) is None) is possible
+    assert limits.broken_limits("SCHED_LOOP_RATE", -0.5) is not None
+
+
+@pytest.mark.parametrize("name", ["XEKF2_MAG_DECL", "CAL_ACC0_XOFFS", "RC_MIN", "CAL_GYRO0_XSCALE", "ATT_W_EXT_HDG"])
+def test_a_parameter_that_is_not_computed_with_has_no_limits(name: str) -> None:
+    assert limits.parameter_quantity(name) is None
+    assert limits.broken_limits(name, 1e30) is None
+
+
+QUANTITIES = {
+    "LATITUDE": (-90.0, 90.0),
+    "LONGITUDE": (-180.0, 180.0),
+    "HEIGHT": (-1e3, 1e5),
+    "SPEED": (-1e3, 1e3),
+    "PLACE_ACCURACY": (0.0, 1e5),
+    "SPEED_ACCURACY": (0.0, 1e4),
+    "SATELLITES": (0.0, 100.0),
+    "HDOP": (0.1, 50.0),
+    "GNSS_YAW": (-2.0 * math.pi, 2.0 * math.pi),
+    "ESTIMATED_YAW": (-2.0 * math.pi, 2.0 * math.pi),
+    "BARO": (-5e3, 1e5),
+    "RANGE": (0.0, 5e3),
+    "AIRSPEED": (-100.0, 1e3),
+    "THROTTLE": (-10.0, 10.0),
+    "RPM": (-1e6, 1e6),
+    "VOLTAGE": (0.0, 1e3),
+    "CURRENT": (-1e4, 1e4),
+    "RATE_SETPOINT": (-200.0, 200.0),
+    "ACC_BIAS": (-10.0, 10.0),
+    "GYRO_BIAS": (-10.0, 10.0),
+    "TEST_RATIO": (0.0, 1e6),
+    "QUATERNION_NORM": (0.95, 1.05),
+    "EULER_DEG": (-720.0, 720.0),
+}
+
+
+@pytest.mark.parametrize("name", QUANTITIES)
+def test_a_quantity_lies_within_what_the_docs_say(name: str) -> None:
+    low, high = QUANTITIES[name]
+    found = getattr(limits, name)
+    assert (found.low, found.high) == (low, high)
+    at = [low, high, 0.5 * (low + high), math.nan, low - 1e-3 * max(1.0, -low), high + 1e-3 * high]
+    assert found.outside(np.array(at)).tolist() == [False] * 4 + [True] * 2
+
+
+def test_clocks_and_rates_end_where_no_autopilot_goes() -> None:
+    """2010-01-01 and 2100-01-01, three days, and records of 40, 10 and 0.5 kHz."""
+    assert (limits.UTC_US.low, limits.UTC_US.high) == (1_262_304_000_000_000, 4_102_444_800_000_000)
+    assert (limits.CLOCK_US.low, limits.CLOCK_US.high) == (0, 4_102_444_800_000_000)
+    assert (limits.RAW_HZ, limits.FUSED_HZ, limits.AIDING_HZ, limits.LONGEST_S) == (4e4, 1e4, 500.0, 259_200.0)
+
+
+def test_limits_in_words_have_their_unit_and_a_true_minus() -> None:
+    assert limits.HEIGHT.limits == "−1,000 to 100,000 m"
+    assert limits.SATELLITES.limits == "0 to 100"
+
+
+# Ranges of parameters as the firmwares' own lists give them (@Range of ArduPilot 4.5, @min and @max of PX4 1.14).
+
+
+@pytest.mark.parametrize(
+    ("names", "low", "high"),
+    [
+        ("COMPASS_OFS_X COMPASS_OFS2_Y COMPASS_OFS3_Z", -400.0, 400.0),
+        ("COMPASS_MOT_X COMPASS_MOT3_Z", -1000.0, 1000.0),
+        ("COMPASS_MOTCT INS_TCAL2_ENABLE", 0.0, 2.0),
+        ("COMPASS_USE COMPASS_USE3 INS_HNTCH_ENABLE INS_HNTC2_ENABLE INS_HNTCH_REF", 0.0, 1.0),
+        ("COMPASS_DEC", -3.142, 3.142),
+        ("INS_ACCOFFS_X INS_ACC2OFFS_Y INS_ACC3OFFS_Z INS4_ACCOFFS_X CAL_ACC0_XOFF CAL_ACC3_ZOFF", -3.5, 3.5),
+        ("INS_ACCSCAL_X INS_ACC2SCAL_Y INS5_ACCSCAL_Z", 0.8, 1.2),
+        ("INS_GYRO_FILTER INS_ACCEL_FILTER", 0.0, 256.0),
+        ("INS_HNTCH_MODE", 0.0, 5.0),
+        ("INS_HNTCH_FREQ INS_HNTC2_FREQ", 10.0, 495.0),
+        ("INS_HNTCH_BW", 5.0, 250.0),
+        ("INS_HNTCH_ATT", 5.0, 50.0),
+        ("INS_HNTCH_FM_RAT", 0.1, 1.0),
+        ("GPS_DELAY_MS GPS_DELAY_MS2 GPS1_DELAY_MS GPS2_DELAY_MS EK3_HGT_DELAY", 0.0, 250.0),
+        ("EK2_MAG_M_NSE EK3_MAG_M_NSE", 0.01, 0.5),
+        ("EK3_VELNE_M_NSE EK3_VELD_M_NSE EK2_VELNE_M_NSE", 0.05, 5.0),
+        ("EK3_POSNE_M_NSE", 0.1, 10.0),
+        ("EK3_ALT_M_NSE", 0.1, 100.0),
+        ("EK3_EAS_M_NSE EKF2_EAS_NOISE", 0.5, 5.0),
+        ("CAL_MAG0_PRIO CAL_MAG3_PRIO IMU_GYRO_NF0_BW", 0.0, 100.0),
+        ("IMU_GYRO_NF0_FRQ IMU_GYRO_NF_FREQ IMU_GYRO_CUTOFF IMU_ACCEL_CUTOFF", 0.0, 1000.0),
+        ("IMU_GYRO_DNF_EN CAL_MAG_COMP_TYP", 0.0, 3.0),
+        ("IMU_GYRO_DNF_BW", 5.0, 30.0),
+        ("IMU_GYRO_DNF_HMC", 1.0, 7.0),
+        ("EKF2_GPS_DELAY EKF2_MAG_DELAY EKF2_BARO_DELAY SENS_GPS0_DELAY", 0.0, 300.0),
+        ("EKF2_MAG_NOISE", 0.001, 1.0),
+        ("EKF2_HEAD_NOISE", 0.01, 1.0),
+        ("EKF2_GPS_V_NOISE", 0.01, 5.0),
+        ("EKF2_GPS_P_NOISE", 0.01, 10.0),
+        ("EKF2_BARO_NOISE", 0.01, 15.0),
+    ],
+)
+def test_a_parameter_has_the_range_of_its_firmware(names: str, low: float, high: float) -> None:
+    assert {name: documented_range(name) for name in names.split()} == dict.fromkeys(names.split(), (low, high))
+
+
+@pytest.mark.parametrize(
+    "name", ["COMPASS_OFS4_X", "XCOMPASS_OFS_X", "COMPASS_OFS_X2", "EKF2_GPS_DELAYS", "ARMING_CHECK", ""]
+)
+def test_a_parameter_that_is_in_no_list_is_never_offered(name: str) -> None:
+    assert documented_range(name) is None
+
+
+def test_counts_switches_and_devices_are_whole_numbers() -> None:
+    whole = ["COMPASS_USE2", "INS_HNTCH_OPTS", "CAL_MAG0_ROT", "GPS_DELAY_MS", "IMU_GYRO_DNF_HMC", "EK3_HGT_DELAY"]
+    assert [name for name in whole if not is_integer(name)] == []
+    assert not any(is_integer(name) for name in ("COMPASS_OFS_X", "INS_HNTCH_FREQ", "EKF2_GPS_DELAY", "CAL_MAG0_XOFF"))
+
+
+# A ground station's parameter file fills in what a log does not tell.
+
+SPELLINGS = {
+    "mission_planner": "#NOTE: 2024\nAHRS_TRIM_X,0.01\nCOMPASS_DEC,-0.25\n",
+    "mavproxy": "AHRS_TRIM_X      0.010000\nCOMPASS_DEC     -0.25 # east\n",
+    "qgroundcontrol": "# Vehicle Component Name Value Type\n1\t1\tAHRS_TRIM_X\t0.01\t9\n1\t1\tCOMPASS_DEC\t-0.25\t9\n",
+}
+
+
+@pytest.mark.parametrize("text", SPELLINGS.values(), ids=SPELLINGS.keys())
+def test_every_ground_station_is_understood(tmp_path, text):
+    path = tmp_path / "p.param"
+    path.write_text(text)
+    assert read_parameter_file(path) == {"AHRS_TRIM_X": 0.01, "COMPASS_DEC": -0.25}
+
+
+@pytest.mark.parametrize("line", ["ONLY_A_NAME", "A,b", "A,nan", "A,1,2"])
+def test_a_line_that_is_no_parameter_is_told_with_its_number(tmp_path, line):
+    path = tmp_path / "p.param"
+    path.write_text(f"# first\n{line}\n")
+    with pytest.raises(UsageError, match="line 2"):
+        read_parameter_file(path)
+
+
+def test_all_bad_lines_are_told_at_once(tmp_path):
+    path = tmp_path / "p.param"
+    path.write_text("A,1\nB\nC,x\n\nD,2\nA,1\nD,3\n")
+    with pytest.raises(UsageError) as refused:
+        read_parameter_file(path)
+    lines = str(refused.value).splitlines()
+    assert [line.split("line ")[1].split(":")[0] for line in lines] == ["2", "3", "7"]
+    assert lines[2].endswith("D is 3, in line 5 it was 2")
+    path.write_text("".join(f"N{i},x\n" for i in range(20)))
+    with pytest.raises(UsageError, match="14 more lines"):
+        read_parameter_file(path)
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n\n"])
+def test_a_file_without_parameters_is_refused(tmp_path, text):
+    path = tmp_path / "p.param"
+    path.write_text(text)
+    with pytest.raises(UsageError, match="holds no parameter"):
+        read_parameter_file(path)
+
+
+def test_a_missing_file_is_told(tmp_path):
+    with pytest.raises(LogUnreadable):
+        read_parameter_file(tmp_path / "none.param")
+
+
+def test_the_log_counts_where_it_holds_the_parameter_itself(tmp_path, samples):
+    path = tmp_path / "p.param"
+    path.write_text("AHRS_TRIM_X,0.5\nMY_OWN,7\n")
+    log = samples / "copter_steps_stabilize.bin"
+    plain, filled = read(log), read(log, params=path)
+    assert plain.param("MY_OWN") is None
+    assert filled.param("MY_OWN") == 7
+    assert filled.params["AHRS_TRIM_X"].value == plain.params["AHRS_TRIM_X"].value
+    assert 0.5 not in filled.params["AHRS_TRIM_X"].value
+
+
+def test_what_differs_and_what_the_log_does_not_know_is_said(tmp_path, samples):
+    path = tmp_path / "new.param"
+    path.write_text("AHRS_RP_P,0.1\nAHRS_YAW_P,0.2\nAHRS_GPS_GAINN,1\nMY_OWN,7\n")
+    log = read(samples / "copter_steps_stabilize.bin", params=path)
+    found = {p.code: p for p in log.problems}
+    assert "AHRS_RP_P 0.2 -> 0.1" in found["params_differ"].text
+    assert "AHRS_YAW_P" not in found["params_differ"].text
+    assert "AHRS_GPS_GAINN (did you mean AHRS_GPS_GAIN?), MY_OWN" in found["params_unknown"].text
+    assert found["params_unknown"].severity == "warning"
+    assert log.filled_params == {"AHRS_GPS_GAINN", "MY_OWN"}
+    assert log.given_params["AHRS_RP_P"] == 0.1
+    assert log.param("AHRS_RP_P") == pytest.approx(0.2)
+    path.write_text("MY_OWN,7\n")
+    assert {p.code: p.severity for p in read(log.path, params=path).problems}["params_unknown"] == "note"
+    plain = {p.code for p in read(log.path).problems}
+    assert not plain & {"params_differ", "params_unknown"}

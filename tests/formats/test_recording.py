@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.base.errors import OutputError, UsageError
+from attlog.core.errors import OutputError, UsageError
 from attlog.formats import MessageLayout, ParamChange, Recording, Text
-from attlog.formats.merge import ROWS_AT_ONCE, merged
-from attlog.formats.recording import fitted
+from attlog.formats.recording import MERGED_ROWS, fit_to_type, merge_records
+from attlog.formats.ulog import reader
 
 TIME = np.arange(1, 101, dtype=np.uint64) * 10_000
 CLOCK = {".ulg": "timestamp", ".bin": "TimeUS", ".tlog": "_t_us"}
@@ -197,8 +197,8 @@ def test_px4_sends_whole_parameters_as_bits(tmp_path: Path) -> None:
 
 
 def test_a_value_is_stored_rounded_or_not_at_all() -> None:
-    assert fitted(np.array([1.6, -1.4]), np.dtype("i2"), "x").tolist() == [2, -1]
-    assert fitted(np.array([2**63], np.uint64), np.dtype("u8"), "x").tolist() == [2**63]
+    assert fit_to_type(np.array([1.6, -1.4]), np.dtype("i2"), "x").tolist() == [2, -1]
+    assert fit_to_type(np.array([2**63], np.uint64), np.dtype("u8"), "x").tolist() == [2**63]
     for values, kind in [
         (np.array([32768.0]), "i2"),
         (np.array([-1]), "u1"),
@@ -210,15 +210,42 @@ def test_a_value_is_stored_rounded_or_not_at_all() -> None:
         (np.array([b"1"]), "f4"),
     ]:
         with pytest.raises(UsageError, match="x: "):
-            fitted(values, np.dtype(kind), "x")
-    assert np.isnan(fitted(np.array([np.nan]), np.dtype("f4"), "x"))[0]
+            fit_to_type(values, np.dtype(kind), "x")
+    assert np.isnan(fit_to_type(np.array([np.nan]), np.dtype("f4"), "x"))[0]
 
 
 def test_records_are_merged_alike_in_one_step_and_in_several() -> None:
-    n = 2 * ROWS_AT_ONCE + 7
+    n = 2 * MERGED_ROWS + 7
     rng = np.random.default_rng(2)
     rows, time = rng.integers(0, 256, (n, 5)).astype(np.uint8), rng.integers(0, n, n)
     lengths = rng.integers(1, 6, n)
     order = np.argsort(time, kind="stable")
     expected = b"".join(rows[k, : lengths[k]].tobytes() for k in order)
-    assert merged([rows], [time], [lengths]) == expected
+    assert merge_records([rows], [time], [lengths]) == expected
+
+
+# What a format cannot hold is refused with a sentence: each part of a layout by itself.
+
+T = np.arange(3, dtype=np.uint64) * 1000 + 10_000_000
+
+
+@pytest.mark.parametrize("layout", [{"letters": "Qf"}, {"units": "sm"}, {"multipliers": "F0"}])
+def test_a_ulog_has_no_letters_no_units_and_no_multipliers(layout: dict[str, Any], tmp_path: Path) -> None:
+    columns = {"timestamp": T, "x": np.zeros(3, np.float32)}
+    recording = Recording({("a", 0): columns}, layouts={"a": MessageLayout(**layout)})
+    with pytest.raises(UsageError, match="letters, units or multipliers"):
+        formats.write(tmp_path / "a.ulg", recording)
+    formats.write(tmp_path / "b.ulg", Recording({("a", 0): columns}, layouts={"a": MessageLayout()}))
+
+
+@pytest.mark.parametrize(("level", "fits"), [(-1, False), (0, True), (7, True), (8, False)])
+def test_a_text_has_a_level_from_0_to_7(level: int, fits: bool, tmp_path: Path) -> None:
+    recording = Recording(
+        {("a", 0): {"timestamp": T, "x": np.zeros(3, np.float32)}}, texts=[Text("said", level, 10_000_000)]
+    )
+    if fits:
+        formats.write(tmp_path / "a.ulg", recording)
+        assert [(x.text, x.level) for x in reader.read_ulog(tmp_path / "a.ulg").texts] == [("said", level)]
+        return
+    with pytest.raises(UsageError, match="a level is 0 to 7"):
+        formats.write(tmp_path / "a.ulg", recording)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.base.errors import NotALog
+from attlog.core.errors import NotALog
 from attlog.formats import oracle
 from attlog.formats.verify import verify
 from tests.conftest import SAMPLES, corpus_logs
@@ -66,7 +66,7 @@ def test_every_log_in_hand_agrees(path: Path) -> None:
 
 def test_a_wrong_value_a_missing_record_and_a_missing_field_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     path = SAMPLES / "px4_steps.ulg"
-    true = oracle.read(path, "ulog")
+    true = oracle.read_by_oracle(path, "ulog")
     columns = true["sensor_combined", 0]
     columns["gyro_rad[1]"] = columns["gyro_rad[1]"].copy()
     columns["gyro_rad[1]"][[5, 77]] += np.float32(1e-3)
@@ -74,7 +74,7 @@ def test_a_wrong_value_a_missing_record_and_a_missing_field_are_found(monkeypatc
     true["vehicle_magnetometer", 0] = {name: np.delete(c, 3) for name, c in mag.items()}
     del true["vehicle_attitude", 0]["q[3]"]
     del true["battery_status", 0]
-    monkeypatch.setattr(oracle, "read", lambda *_: true)
+    monkeypatch.setattr(oracle, "read_by_oracle", lambda *_: true)
     result = verify(path)
     assert not result.agrees
     found = "\n".join(result.differences)
@@ -161,9 +161,9 @@ def test_time_in_which_the_library_does_not_run_is_not_counted(tmp_path: Path, m
 
 def test_records_that_only_one_reader_has_are_told_with_who_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     path = SAMPLES / "px4_steps.ulg"
-    true = oracle.read(path, "ulog")
+    true = oracle.read_by_oracle(path, "ulog")
     del true["battery_status", 0]
-    monkeypatch.setattr(oracle, "read", lambda *_: true)
+    monkeypatch.setattr(oracle, "read_by_oracle", lambda *_: true)
     missing = verify(path)
     assert f"leaves out {missing.only_ours} records that stand in the file" in missing.text
     assert "framed by its own definitions from the first byte to the last" in missing.text

@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Field, Messages, ParamChange, Table, Text
+from attlog import flight
+from attlog.core.errors import AttlogError
+from attlog.formats.table import Field, Messages, ParamChange, Table, Text
 
 Column = NDArray[Any]
 Way = Callable[[Column, random.Random], Column]
@@ -214,3 +216,230 @@ def gone(x: Column, rng: random.Random) -> Column:
 
 WAYS: tuple[Way, ...] = (one_value, one_value, one_value, constant, scaled, jumping, backwards, noise)
 ODD: tuple[Way, ...] = (text, wide, gone)
+
+
+# Every field that a flight is read from, whole, as no sensor gives it: one field and one value for each number.
+#
+# :mod:`tests.fuzz.values` breaks columns at random. Here the product of fields and values is enumerated, so that a
+# run over ``range(count(messages))`` leaves nothing out: ``swept(messages, number)`` is the log with one field
+# changed.
+
+FieldColumn = NDArray[Any]
+Key = tuple[str, int]
+Read = tuple[Key, str]
+
+
+def _all(value: float) -> Callable[[FieldColumn], FieldColumn]:
+    """Every record holds a value, or what comes next to it in the column's type."""
+
+    def filled(x: FieldColumn) -> FieldColumn:
+        if x.dtype.kind == "f":
+            return np.full_like(x, value)
+        info = np.iinfo(x.dtype)
+        return np.full_like(x, int(min(max(np.nan_to_num(value, nan=-1.0), float(info.min)), float(info.max) * 0.999)))
+
+    return filled
+
+
+def _limit(largest: bool) -> Callable[[FieldColumn], FieldColumn]:
+    def filled(x: FieldColumn) -> FieldColumn:
+        info: Any = np.finfo(x.dtype) if x.dtype.kind == "f" else np.iinfo(x.dtype)
+        return np.full_like(x, info.max if largest else info.min)
+
+    return filled
+
+
+def _ramp(x: FieldColumn) -> FieldColumn:
+    """From the smallest to the largest of its values, evenly."""
+    if len(x) == 0 or not np.isfinite(x.astype(np.float64)).any():
+        return x
+    low, high = float(np.nanmin(x)), float(np.nanmax(x))
+    line = np.linspace(low, high, len(x)).reshape(-1, *[1] * (x.ndim - 1))
+    return np.broadcast_to(line, x.shape).astype(x.dtype)
+
+
+def _shuffled(x: FieldColumn) -> FieldColumn:
+    return x[np.random.default_rng(0).permutation(len(x))]
+
+
+VALUES: dict[str, Callable[[FieldColumn], FieldColumn]] = {
+    "nan": _all(np.nan),
+    "inf": _all(np.inf),
+    "-inf": _all(-np.inf),
+    "zero": _all(0.0),
+    "max": _limit(True),
+    "min": _limit(False),
+    "1e38": _all(1e38),
+    "denormal": _all(1e-40),
+    "negative": lambda x: -x,
+    "constant": lambda x: np.broadcast_to(x[:1], x.shape).copy() if len(x) else x,
+    "ramp": _ramp,
+    "shuffled": _shuffled,
+}
+"""What becomes of the field, from first record to last."""
+
+
+def read_fields(messages: Messages) -> list[Read]:
+    """The numeric fields that a flight asks for, in the order of the log."""
+    asked: set[Read] = set()
+
+    def watched(key: Key, table: Table) -> Table:
+        def decoded(column: str, wanted: NDArray[np.int64]) -> FieldColumn:
+            asked.add((key, column))
+            return table._decode(column, wanted)
+
+        return Table(table.name, table.instance, table.fields, table.offsets, decoded)
+
+    tables = {key: watched(key, table) for key, table in messages.tables.items()}
+    try:
+        flight.flight_in(replace(messages, tables=tables))
+    except AttlogError:
+        pass  # what was asked for before the log was given up counts as well
+    return [
+        (key, name)
+        for key, table in messages.tables.items()
+        for name, field in table.fields.items()
+        if (key, name) in asked and field.dtype.base.kind in "iuf"
+    ]
+
+
+def count(fields: list[Read]) -> int:
+    """How many different numbers there are."""
+    return len(fields) * len(VALUES)
+
+
+def name(fields: list[Read], number: int) -> str:
+    """What a number changes, in words."""
+    which, value = divmod(number % count(fields), len(VALUES))
+    (message, instance), field = fields[which]
+    return f"{message}:{instance}.{field} {list(VALUES)[value]}"
+
+
+def swept(messages: Messages, number: int, fields: list[Read] | None = None) -> Messages:
+    """The log with one field changed throughout; the log itself where no flight is read from it."""
+    fields = read_fields(messages) if fields is None else fields
+    if not fields:
+        return messages
+    which, value = divmod(number % count(fields), len(VALUES))
+    key, field = fields[which]
+    old, change = messages.tables[key], list(VALUES.values())[value]
+
+    def decoded(column: str, wanted: NDArray[np.int64]) -> FieldColumn:
+        if column != field:
+            return old._decode(column, wanted)
+        whole = np.array(old._decode(column, old.offsets))
+        with np.errstate(all="ignore"):
+            return change(whole)[np.searchsorted(old.offsets, wanted)]
+
+    changed = Table(old.name, old.instance, old.fields, old.offsets, decoded)
+    return replace(messages, tables={**messages.tables, key: changed})
+
+
+# Whole sensors broken as they break on vehicles: another unit, mirrored axes, a delay, a driver that stops.
+#
+# :mod:`tests.fuzz.values` breaks columns, whatever they mean. Here all axes of a sensor are broken
+# alike, so that every single value is one that the sensor can give and only physics contradicts it.
+
+Array = NDArray[np.float64]
+Fault = Callable[[Array], Array]
+
+AXES: dict[str, dict[str, tuple[tuple[str, tuple[str, ...]], ...]]] = {
+    "gyro": {
+        "ulog": (("sensor_combined", ("gyro_rad",)), ("vehicle_imu", ("delta_angle",))),
+        "dataflash": (("IMU", ("GyrX", "GyrY", "GyrZ")),),
+        "tlog": (("RAW_IMU", ("xgyro", "ygyro", "zgyro")),),
+    },
+    "accelerometer": {
+        "ulog": (("sensor_combined", ("accelerometer_m_s2",)), ("vehicle_imu", ("delta_velocity",))),
+        "dataflash": (("IMU", ("AccX", "AccY", "AccZ")),),
+        "tlog": (("RAW_IMU", ("xacc", "yacc", "zacc")),),
+    },
+    "compass": {
+        "ulog": (("vehicle_magnetometer", ("magnetometer_ga",)),),
+        "dataflash": (("MAG", ("MagX", "MagY", "MagZ")),),
+        "tlog": (("RAW_IMU", ("xmag", "ymag", "zmag")),),
+    },
+    "attitude": {
+        "ulog": (("vehicle_attitude", ("q",)),),
+        "dataflash": (("ATT", ("Roll", "Pitch", "Yaw")),),
+        "tlog": (("ATTITUDE", ("roll", "pitch", "yaw")), ("ATTITUDE_QUATERNION", ("q1", "q2", "q3", "q4"))),
+    },
+}
+"""The columns of each sensor by format, one array or one column for each axis."""
+
+
+def _from_half_on(x: Array, then: Array) -> Array:
+    return np.where((np.arange(len(x)) < len(x) // 2)[:, None], x, then)
+
+
+FAULTS: dict[str, Fault] = {
+    "degrees": lambda x: x * 57.29578,
+    "radians": lambda x: x / 57.29578,
+    "in g": lambda x: x / 9.80665,
+    "thousandth": lambda x: x * 1e-3,
+    "half": lambda x: x * 0.5,
+    "half as much again": lambda x: x * 1.5,
+    "reversed": lambda x: -x,
+    "one axis reversed": lambda x: x * np.where(np.arange(x.shape[1]) == x.shape[1] - 3, -1.0, 1.0),
+    "swapped": lambda x: x[:, [*range(x.shape[1] - 3), x.shape[1] - 2, x.shape[1] - 3, x.shape[1] - 1]],
+    "clipped": lambda x: np.clip(x, -np.abs(x).max() / 3, np.abs(x).max() / 3),
+    "zero": np.zeros_like,
+    "stopped": lambda x: _from_half_on(x, x[len(x) // 2 : len(x) // 2 + 1]),
+    "late": lambda x: np.roll(x, max(1, len(x) // 20), axis=0),
+    "backwards": lambda x: x[::-1],
+    "noisy": lambda x: x + 2.0 * x.std() * np.random.default_rng(0).normal(size=x.shape),
+    "spiked": lambda x: np.where((np.arange(len(x)) % 311 == 0)[:, None], 30.0 * x, x),
+    "holes": lambda x: np.where(((np.arange(len(x)) % 100) < 30)[:, None], np.nan, x),
+}
+"""What happens to the axes (n, 3), of quaternions (n, 4)."""
+
+
+def faulty(messages: Messages, sensor: str, fault: str) -> Messages:
+    """The log with one fault of one sensor; the log itself where it has no such sensor."""
+    tables = dict(messages.tables)
+    for name, columns in AXES[sensor].get(messages.format, ()):
+        for key in [key for key, table in tables.items() if key[0] == name and all(c in table.fields for c in columns)]:
+            tables[key] = _with(tables[key], columns, FAULTS[fault])
+    return replace(messages, tables=tables)
+
+
+def any_fault(messages: Messages, seed: int | str) -> Messages:
+    """One to three faults of any sensors."""
+    rng = random.Random(f"{seed}")
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        messages = faulty(messages, rng.choice(list(AXES)), rng.choice(list(FAULTS)))
+    return messages
+
+
+def without_truth(messages: Messages) -> Messages:
+    """The log as a real vehicle would have written it."""
+    tables = {k: t for k, t in messages.tables.items() if k[0] not in ("SIM", "SIM_STATE", "SIMSTATE")}
+    return replace(messages, tables={k: t for k, t in tables.items() if not k[0].endswith("groundtruth")})
+
+
+def _with(table: Table, columns: tuple[str, ...], fault: Fault) -> Table:
+    decode, offsets = table._decode, table.offsets
+    made: list[NDArray[Any]] = []
+
+    def decoded(column: str, wanted: NDArray[np.int64]) -> NDArray[Any]:
+        if column not in columns:
+            return decode(column, wanted)
+        if not made:
+            stored = [np.asarray(decode(c, offsets)) for c in columns]
+            whole = stored[0].astype(float) if stored[0].ndim == 2 else np.column_stack(stored).astype(float)
+            with np.errstate(invalid="ignore", over="ignore"):
+                broken = fault(whole) if len(whole) else whole
+                made.extend(_stored(x, s.dtype) for x, s in zip(_split(broken, stored), stored, strict=True))
+        return made[columns.index(column)][np.searchsorted(offsets, wanted)]
+
+    return Table(table.name, table.instance, table.fields, offsets, decoded)
+
+
+def _split(whole: Array, stored: list[NDArray[Any]]) -> list[Array]:
+    return [whole] if stored[0].ndim == 2 else [whole[:, k] for k in range(len(stored))]
+
+
+def _stored(x: Array, dtype: np.dtype[Any]) -> NDArray[Any]:
+    if dtype.kind in "iu":
+        x = np.clip(np.round(np.nan_to_num(x)), np.iinfo(dtype).min, np.iinfo(dtype).max)
+    return x.astype(dtype)

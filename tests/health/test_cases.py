@@ -9,9 +9,8 @@ import pytest
 
 import attlog
 from attlog import formats
-from attlog.base.errors import LogUnusable
-from attlog.health.findings import Finding
-from attlog.health.findings.finding import ORDER
+from attlog.core.errors import LogUnusable
+from attlog.health.causes import SEVERITY_ORDER, Finding
 from attlog.result import Result
 from tests.conftest import corpus_root
 
@@ -160,9 +159,11 @@ def test_simulated_flights_without_a_fault_have_no_serious_one(name: str) -> Non
 )
 def test_the_list_is_sorted_complete_and_free_of_doubles(name: str) -> None:
     problems = result(name).findings
-    assert [ORDER.index(p.severity) for p in problems] == sorted(ORDER.index(p.severity) for p in problems)
+    assert [SEVERITY_ORDER.index(p.severity) for p in problems] == sorted(
+        SEVERITY_ORDER.index(p.severity) for p in problems
+    )
     assert len({p.text for p in problems}) == len(problems)
-    assert all(p.text.endswith((".", "?")) and p.severity in ORDER for p in problems)
+    assert all(p.text.endswith((".", "?")) and p.severity in SEVERITY_ORDER for p in problems)
     texts = " ".join(words(p) for p in problems)
     left_out = {"rate", "crash"}  # told by what the autopilot or the events say of the same
     for check in result(name).audit:

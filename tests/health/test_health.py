@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 
 from attlog import flight, reference, segments
-from attlog.base import rotation
-from attlog.base.errors import AttlogError
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
 from attlog.flight.model import FlightLog, Mag
-from attlog.health import answerable, audit
-from attlog.health.model import Check
-from attlog.health.sensors import timing
-from attlog.health.sensors.accelerometer import mounting_hint
-from attlog.metrics.base import Case
-from attlog.metrics.steps import events as steps
+from attlog.health import answerable, audit, timing
+from attlog.health.check import Check
+from attlog.health.gravity import mounting_hint
+from attlog.metrics import step_turning as steps
+from attlog.metrics.metric import Case
 from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES, corpus_logs, corpus_root
 
@@ -225,9 +224,9 @@ def test_a_long_gap_is_a_pause_where_no_flight_goes_into_it_though_disarming_was
     landed = flights.spans("airborne")[-1][1]
     assert log.armed is not None
     log.armed.t, log.armed.value = log.armed.t[:1], [True]
-    assert timing.pauses(landed + 2.0, landed + 8.0, log, flights)
-    assert not timing.pauses(landed - 20.0, landed - 14.0, log, flights)
-    assert not timing.pauses(landed + 2.0, landed + 8.0, log, Segments([], unknown=("airborne",)))
+    assert timing.is_pause(landed + 2.0, landed + 8.0, log, flights)
+    assert not timing.is_pause(landed - 20.0, landed - 14.0, log, flights)
+    assert not timing.is_pause(landed + 2.0, landed + 8.0, log, Segments([], unknown=("airborne",)))
 
 
 def prepared(log: FlightLog, phases: Segments | None = None) -> Case:
@@ -287,7 +286,7 @@ def test_movements_are_counted_where_filters_are_judged_by_them() -> None:
     chosen = reference.choose(log, segments.build(log))
     late = {a.question: a for a in answerable(log, prepared(log))}["lag"]
     assert late.can
-    assert int(re.findall(r"\d+", late.reason)[0]) == len(steps.scored(chosen))
+    assert int(re.findall(r"\d+", late.reason)[0]) == len(steps.scored_steps(chosen))
 
 
 # --- false alarms on simulated flights --------------------------------------------------------------------------

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from attlog import segments
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.flight.model import Attitude, FlightLog, Stream
-from attlog.health.model import Check
-from attlog.health.onboard import jumps, sources
-from attlog.health.sensors import acc_bias, interference, vibration
+from attlog.health import attitude as jumps
+from attlog.health import compass_fit, gravity, sources, vibration
+from attlog.health.check import Check
 from tests.health.test_health import good
 
 
@@ -28,9 +28,9 @@ def only(found: list[Check], name: str) -> Check:
 @pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin"])
 def test_a_good_flight_is_silent(name: str) -> None:
     log, phases = flown(name)
-    for room in (vibration, interference, sources, acc_bias):
+    for room in (vibration, compass_fit, sources, gravity):
         assert {c.verdict for c in room.checks(log, phases)} <= {"ok", "unknown"}
-    assert only(jumps.checks(log, phases), "attitude jumps").verdict in ("ok", "warning")
+    assert only(jumps.jump_checks(log, phases), "attitude jumps").verdict in ("ok", "warning")
 
 
 def test_vibration_that_begins_in_flight_is_told_with_its_size_and_onset() -> None:
@@ -41,7 +41,7 @@ def test_vibration_that_begins_in_flight_is_told_with_its_size_and_onset() -> No
     start = 0.5 * (a + b)
     later = imu.acc.t >= start
     imu.acc.x[later, 2] += 5.0 * np.random.default_rng(1).normal(size=later.sum())
-    found = only(vibration.checks(log, phases), "vibration")
+    found = only(vibration.vibration_checks(log, phases), "vibration")
     assert found.verdict == "fault"
     assert found.t == pytest.approx(start, abs=2.0)
     # white noise less its mean over about 20 or 40 samples
@@ -57,7 +57,7 @@ def test_more_vibration_with_more_throttle_is_no_onset() -> None:
     later = t >= 0.5 * (a + b)
     imu.acc.x[later, 2] += 2.5 * np.random.default_rng(1).normal(size=later.sum())
     log.throttle = Stream(t, np.where(later, 0.8, 0.4)[:, None], "1", "", "throttle")
-    assert only(vibration.checks(log, phases), "vibration").t is None
+    assert only(vibration.vibration_checks(log, phases), "vibration").t is None
 
 
 def test_a_force_that_vibration_takes_away_is_told_by_the_barometer() -> None:
@@ -67,11 +67,13 @@ def test_a_force_that_vibration_takes_away_is_told_by_the_barometer() -> None:
     a, b = max(phases.spans("airborne"), key=lambda s: s[1] - s[0])
     start = 0.5 * (a + b)
     imu.acc.x[imu.acc.t >= start, 2] += 2.5
-    found = only(vibration.checks(log, phases), "vertical force")
+    found = only(vibration.vibration_checks(log, phases), "vertical force")
     assert found.verdict == "fault"
     assert found.value == pytest.approx(2.5, abs=0.5)
-    assert found.t == pytest.approx(start, abs=vibration.FORCE_S + 1.0)
-    assert f"first from {found.t:.0f} to {found.t + vibration.FORCE_S:.0f} s" in found.text  # as sharp as a window
+    assert found.t == pytest.approx(start, abs=vibration.FORCE_WINDOW_S + 1.0)
+    assert (
+        f"first from {found.t:.0f} to {found.t + vibration.FORCE_WINDOW_S:.0f} s" in found.text
+    )  # as sharp as a window
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.05, "ok"), (0.2, "warning"), (0.5, "fault"), (-0.2, "warning")])
@@ -85,7 +87,7 @@ def test_a_field_that_follows_the_throttle_is_told_in_percent(share: float, verd
     log.mags[0].field, log.mag, log.battery = Stream(t, x, "T", "FRD", "mag"), 0, None
     log.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
     phases = segments.Segments([segments.Segment("armed", 0.0, 60.0)])
-    (found,) = interference.checks(log, phases)
+    (found,) = compass_fit.interference_checks(log, phases)
     assert found.verdict == verdict
     assert found.value == pytest.approx(100 * abs(share) / min(1.0, 1.0 + share), rel=0.1)
 
@@ -101,21 +103,21 @@ def test_of_current_and_throttle_the_one_that_bends_the_field_counts() -> None:
     log.mags[0].field, log.mag = Stream(t, x, "T", "FRD", "mag"), 0
     log.battery = Stream(t, np.column_stack([0 * t + 15.0, 10.0 + 5.0 * np.cos(1.7 * t)]), "V A", "", "battery")
     log.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
-    (found,) = interference.checks(log, segments.Segments([segments.Segment("armed", 0.0, 60.0)]))
+    (found,) = compass_fit.interference_checks(log, segments.Segments([segments.Segment("armed", 0.0, 60.0)]))
     assert found.verdict == "fault"
     assert "with the throttle" in found.text
 
 
 def test_a_field_that_does_not_follow_the_throttle_is_good_however_it_varies() -> None:
     t = np.arange(0.0, 60.0, 0.1)
-    seen = interference.follow(
+    seen = compass_fit.follow_drive(
         Stream(t, np.column_stack([40e-6 * (1 + 0.3 * np.cos(1.7 * t)), 0 * t, 0 * t]), "T", "FRD", "mag"),
         Stream(t, (0.5 + 0.3 * np.sin(0.3 * t))[:, None], "1", "", "throttle"),
         np.ones(len(t), bool),
         0.1,
     )
     assert seen is not None
-    assert abs(seen[0]) < interference.LEAST_R
+    assert abs(seen[0]) < compass_fit.MIN_CORRELATION
 
 
 def test_a_realignment_in_flight_is_told_with_size_and_time_and_one_before_arming_is_not() -> None:
@@ -128,7 +130,7 @@ def test_a_realignment_in_flight_is_told_with_size_and_time_and_one_before_armin
     later = attitude.t >= at
     attitude.q[later] = rotation.multiply(np.tile(turned, (later.sum(), 1)), attitude.q[later])
     phases = segments.build(log)
-    found = only(jumps.checks(log, phases), "attitude jumps")
+    found = only(jumps.jump_checks(log, phases), "attitude jumps")
     assert found.verdict == "fault"
     assert found.value == pytest.approx(25.0, abs=1.0)
     assert found.t == pytest.approx(at, abs=0.2)
@@ -147,7 +149,7 @@ def test_the_same_realignment_before_take_off_is_a_warning() -> None:
     phases = segments.build(log)
     phases.segments = [s for s in phases.segments if s.kind != "airborne"]
     phases.segments.append(segments.Segment("airborne", at + 5.0, b))
-    found = only(jumps.checks(log, phases), "attitude jumps")
+    found = only(jumps.jump_checks(log, phases), "attitude jumps")
     assert (found.verdict, found.value) == ("warning", pytest.approx(25.0, abs=1.0))
 
 
@@ -156,7 +158,7 @@ def test_two_headings_of_a_vehicle_that_hangs_on_its_rotors_do_not_differ() -> N
     t = np.arange(0.0, 60.0, 0.1)
     for pitch, since in ((50.0, True), (70.0, False)):
         one, two = (np.tile(rotation.from_euler(0.0, np.radians(pitch), yaw), (len(t), 1)) for yaw in (0.2, 1.2))
-        found = sources.difference(Attitude(t, one, "one"), Attitude(t, two, "two"), segments.Segments())
+        found = sources.source_difference(Attitude(t, one, "one"), Attitude(t, two, "two"), segments.Segments())
         assert found is not None
         assert (found.since is not None) == since
 
@@ -172,7 +174,7 @@ def test_a_second_source_that_leaves_is_told_with_its_size_and_time() -> None:
     turned = np.tile(rotation.from_euler(0.0, 0.0, np.radians(70.0)), (later.sum(), 1))
     q[later] = rotation.multiply(turned, q[later])
     log.attitudes["backup"] = Attitude(flew.t, q, "backup", t_sample=flew.t_sample)
-    (found,) = sources.checks(log, phases)
+    (found,) = sources.source_checks(log, phases)
     assert found.verdict == "fault"
     assert found.value == pytest.approx(70.0, abs=1.0)
     assert found.t == pytest.approx(at, abs=2.0)
@@ -190,7 +192,7 @@ def test_a_second_source_that_comes_and_goes_is_told_with_its_share_and_its_end(
     turned = np.tile(rotation.from_euler(0.0, 0.0, np.radians(70.0)), (later.sum(), 1))
     q[later] = rotation.multiply(turned, q[later])
     log.attitudes["backup"] = Attitude(flew.t, q, "backup", t_sample=flew.t_sample)
-    (found,) = sources.checks(log, phases)
+    (found,) = sources.source_checks(log, phases)
     assert found.t_end == pytest.approx(a + 0.59 * (b - a), abs=1.0)
     share, _, rest = found.text.removeprefix("In ").partition(" % of the time from ")
     assert float(share) == pytest.approx(100 * 0.36 / 0.48, abs=10.0)
@@ -204,14 +206,14 @@ def test_an_estimated_bias_is_told_as_tilt_and_as_what_it_explains() -> None:
     assert onboard is not None
     imu.acc.x[:, 0] -= 0.4  # a fault that the estimator takes off again
     log.acc_bias = Stream(np.array([0.0, 1.0]), np.tile([-0.4, 0.0, 0.0], (2, 1)), "m/s^2", "FRD", "bias")
-    (found,) = acc_bias.checks(log, phases)
+    (found,) = gravity.onboard_acc_bias_check(log, phases)
     assert found.verdict == "warning"
     assert found.value == pytest.approx(-0.4)
     assert "2.3 deg of tilt" in found.text
     assert "It explains" in found.evidence[0]
     log.onboard = ""
-    (alone,) = acc_bias.checks(log, phases)
+    (alone,) = gravity.onboard_acc_bias_check(log, phases)
     assert alone.value == found.value
     assert "explains" not in alone.text
     log.acc_bias = None
-    assert acc_bias.checks(log, phases) == []
+    assert gravity.onboard_acc_bias_check(log, phases) == []

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.flight.model import Firmware, FlightLog
-from attlog.metrics.base import Case
+from attlog.metrics.metric import Case
+from attlog.metrics.step_turning import SummedTurning
 from attlog.reference.model import AttitudeErrors, Reference, Row
 from attlog.segments.model import Segment, Segments
 
@@ -53,12 +56,12 @@ def errors(r: Row, ref: Reference) -> AttitudeErrors:
     inside = (ref.t >= r.t[0]) & (ref.t <= r.t[-1])
     t, q_ref = ref.t[inside], ref.q[inside]
     q_est = rotation.slerp(r.t, r.q, t)
-    e = rotation.error(q_est, q_ref)
+    e = rotation.earth_error(q_est, q_ref)
     return AttitudeErrors(
         t,
         np.degrees(rotation.total_angle(e)),
         np.degrees(rotation.heading_angle(e)),
-        np.degrees(rotation.inclination_angle(e)),
+        np.degrees(rotation.tilt_angle(e)),
         ref.gap_segment[inside],
         ref.segment[inside],
         t >= ref.scoring_start,
@@ -90,3 +93,59 @@ def coloured(rng: np.random.Generator, n: int, dt: float, sigma: float, time_con
     for i in range(1, n):
         out[i] = a * out[i - 1] + drive[i]
     return out
+
+
+# Movements for the step tests: steps, yaw turns, flips, through a second-order vehicle; a filter aided by thrust.
+
+STEP_S = 0.0025
+
+
+def vehicle(command: Array, omega: float) -> Array:
+    """A commanded angle (n,) as a vehicle with natural frequency omega (rad/s) and damping 0.7 follows it."""
+    b = (omega * STEP_S) ** 2
+    return lfilter([0.0, b], [1.0, 2 * 0.7 * omega * STEP_S - 2.0, 1.0 - 2 * 0.7 * omega * STEP_S + b], command)
+
+
+def motion(kind: str, seconds: float = 60.0, seed: int = 0) -> tuple[Array, Array]:
+    """Times (n,) every 2.5 ms and attitudes (n, 4) of ``steps`` (roll, pitch), ``yaw`` turns or ``flips``."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, STEP_S)
+    roll, pitch, yaw = np.zeros((3, len(t)))
+    if kind == "steps":
+        for k, at in enumerate(np.arange(3.0, seconds - 3.0, 2.0)):
+            size = np.radians(rng.uniform(10, 30)) * (1 if k % 2 else -1)
+            ((roll, pitch)[(k // 2) % 2])[(t >= at) & (t < at + 1.6)] = size
+        return t, rotation.from_euler(vehicle(roll, 12.0), vehicle(pitch, 12.0), np.full(len(t), 0.5))
+    if kind == "yaw":
+        for at in np.arange(3.0, seconds - 3.0, 3.0):
+            yaw[t >= at] += np.radians(rng.uniform(30, 90)) * rng.choice([-1, 1])
+        return t, rotation.from_euler(roll + 0.02, pitch - 0.03, vehicle(yaw, 6.0))
+    for at in np.arange(3.0, seconds - 3.0, 4.0):
+        roll[t >= at] += 2 * np.pi
+    return t, rotation.from_euler(vehicle(roll, 4.0), pitch, yaw)
+
+
+def sampled(t: Array, q: Array, hz: float, delay: float = 0.0, offset: float = 0.0) -> SummedTurning:
+    """The motion at ``hz``, ``delay`` s late; ``offset`` shifts the sampling instants."""
+    at = np.arange(0.5, t[-1] - 0.5, 1.0 / hz) + offset
+    return SummedTurning(at, rotation.slerp(t, q, at - delay), np.zeros(len(at), np.int64))
+
+
+def aided(t: Array, q: Array, f: Array, kp: float, m: Array | None = None) -> Array:
+    """What a complementary filter of gain kp (1/s) makes of the exact turning and of vectors f, m (n, 3).
+
+    Written with scipy's rotations: down is pulled towards -f/|f|, heading towards the field.
+    """
+    exact = Rotation.from_quat(np.roll(q, -1, axis=1))
+    turns = (exact[:-1].inv() * exact[1:]).as_rotvec()
+    at = Rotation.from_quat(np.roll(q[0], -1))
+    out = [at.as_quat()]
+    for k in range(1, len(t)):
+        down = at.inv().apply([0.0, 0.0, 1.0])
+        correction = np.cross(-f[k] / np.linalg.norm(f[k]), down)
+        if m is not None:
+            north = at.apply(m[k])
+            correction = correction - north[1] / np.hypot(north[0], north[1]) * down
+        at = at * Rotation.from_rotvec(turns[k - 1] + kp * correction * (t[k] - t[k - 1]))
+        out.append(at.as_quat())
+    return np.roll(np.array(out), 1, axis=1)

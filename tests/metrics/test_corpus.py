@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from attlog import estimators, metrics, read, reference, segments
-from attlog.base import rotation
-from attlog.metrics.drift import rest as drift_rest
-from attlog.metrics.steps import events as steps
-from attlog.metrics.steps import fits as step_fits
-from attlog.metrics.steps import lag
-from tests.reference.test_corpus import MAG_FAULTS, ROWS
+from attlog.core import rotation
+from attlog.metrics import drift as drift_rest
+from attlog.metrics import lag
+from attlog.metrics import step_fit as step_fits
+from attlog.metrics import step_turning as steps
+from tests.reference.test_choice import MAG_FAULTS, ROWS
 
 pytestmark = pytest.mark.slow
 
@@ -45,7 +45,7 @@ def row_of(case, name):
     ],
 )
 def test_the_commanded_movements_are_found(corpus, name, roll, pitch, yaw):
-    events = steps.of_reference(trial_of(corpus / "sitl" / name))
+    events = steps.reference_steps(trial_of(corpus / "sitl" / name))
     found = [sum(e.axis == axis for e in events) for axis in range(3)]
     assert np.abs(np.array(found) - [roll, pitch, yaw]).max() <= 1
 
@@ -54,7 +54,7 @@ def test_the_commanded_movements_are_found(corpus, name, roll, pitch, yaw):
 def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, row):
     """Within 2 ms or with an interval that holds 0; in telemetry, whose truth has no clock of its own, within 3 ms."""
     case = trial_of(corpus / "sitl" / row["file"])
-    answer = lag.compute(case, row_of(case, "onboard"), "all")["lag_ms"]
+    answer = lag.compute_lag(case, row_of(case, "onboard"), "all")["lag_ms"]
     if answer.value is None:
         assert answer.code == "no_events"
         assert row["att_lag_ms"] == ""
@@ -66,7 +66,7 @@ def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, row):
 @pytest.mark.parametrize("name", ["px4/px4_steps.ulg", "ardupilot/copter_steps_stabilize.bin"])
 def test_integrated_gyro_is_not_late_once_the_input_delay_is_known(corpus, name):
     case = trial_of(corpus / "sitl" / name)
-    answer = lag.compute(case, row_of(case, "gyro"), "all")["lag_ms"]
+    answer = lag.compute_lag(case, row_of(case, "gyro"), "all")["lag_ms"]
     assert abs(answer.value) < 1.0
     assert answer.taken_out == pytest.approx(1000 * case.reference.input_delay_s)
 
@@ -136,7 +136,7 @@ def test_the_intervals_hold_the_true_lag_of_nearly_every_filter(corpus):
         case = trial_of(corpus / "sitl" / flight)
         real, made = flown_again(case, names), flown_again(case, names, gyro_of_truth(case))
         for row, exact in zip(real.rows, made.rows, strict=True):
-            told = lag.compute(real, row, "all")["lag_ms"]
+            told = lag.compute_lag(real, row, "all")["lag_ms"]
             assert told.value is not None, (flight, row.name, told.reason)
             true = 1000 * step_fits.fits(made, exact, "all")["all"].delay
             held.append(told.ci95[0] <= true <= told.ci95[1])
@@ -150,6 +150,6 @@ def test_integrated_gyro_drifts_at_rest_by_its_offset(corpus, name):
     known = next(r for r in ROWS if r["file"] == name)
     case = trial_of(corpus / "sitl" / name)
     row = row_of(case, "gyro")
-    first = drift_rest.records(case, row, "rest")[0]
+    first = drift_rest.rest_records(case, row, "rest")[0]
     bias_z = float(known["checks.gyro_bias_dps"].split()[2])
     assert first.value / 60.0 == pytest.approx(bias_z, abs=0.1)

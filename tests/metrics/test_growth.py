@@ -9,22 +9,19 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.metrics.drift import rest as drift_rest
-from attlog.metrics.errors import bias
-from attlog.metrics.evidence import common_bias
-from attlog.metrics.noise import allan
-from attlog.metrics.steps import curves as step_curves
-from attlog.metrics.steps import events as steps
-from attlog.metrics.steps import fits as step_fits
-from attlog.metrics.steps.fit import groups as step_groups
-from attlog.reference import clock, scoring
-from attlog.reference.physics import gravity
+from attlog.metrics import accuracy, allan, gyro_bias
+from attlog.metrics import drift as drift_rest
+from attlog.metrics import step_error as step_curves
+from attlog.metrics import step_fit as step_fits
+from attlog.metrics import step_products as step_groups
+from attlog.metrics import step_turning as steps
+from attlog.reference import alignment, reference_checks, scoring
 from attlog.segments.model import Segment
 from tests.conftest import few
 from tests.metrics import flights
-from tests.metrics.motions import motion, sampled
+from tests.metrics.flights import motion, sampled
 
 HZ = 100.0
 SPANS = [(10.0 + k, 10.8 + k) for k in range(60)]
@@ -52,7 +49,7 @@ def row_of(seconds: float):
 def errors_of_bias(seconds: float) -> Callable[[], object]:
     row = row_of(seconds)
     windows = [slice(int(a * HZ), int(b * HZ)) for a, b in SPANS]
-    return lambda: bias.window_errors(row.t, row.bias, row, windows)
+    return lambda: accuracy.bias_window_errors(row.t, row.bias, row, windows)
 
 
 def own_bias(seconds: float) -> Callable[[], object]:
@@ -63,7 +60,7 @@ def own_bias(seconds: float) -> Callable[[], object]:
 def turned(seconds: float) -> Callable[[], object]:
     row = row_of(seconds)
     gyro, force = (row.t, row.bias), (row.t, row.bias + np.array([0.0, 0.0, -9.8]))
-    return lambda: [common_bias.turned(gyro, [force], span) for span in SPANS]
+    return lambda: [gyro_bias.turned(gyro, [force], span) for span in SPANS]
 
 
 def curves(seconds: float) -> Callable[[], object]:
@@ -73,13 +70,13 @@ def curves(seconds: float) -> Callable[[], object]:
     t, q = np.concatenate([t, more]), np.concatenate([q, np.tile(q[-1], (len(more), 1))])
     row = flights.row(t[::2], q[::2])
     case = flights.case([row], [Segment("continuous", 0, seconds)], (t[::4], q[::4]))
-    events = tuple(steps.of_reference(case))
+    events = tuple(steps.reference_steps(case))
     assert len(events) > 20
-    step_curves.of_events(case, row, events)  # what the log itself costs is found and kept
+    step_curves.event_curves(case, row, events)  # what the log itself costs is found and kept
 
     def anew() -> object:
         case.of_row.clear()
-        return step_curves.of_events(case, row, events)
+        return step_curves.event_curves(case, row, events)
 
     return anew
 
@@ -88,9 +85,9 @@ def unscored(seconds: float) -> Callable[[], object]:
     t = np.arange(0.0, seconds, 1.0 / HZ)
     reference = flights.case([], [], (t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))).reference
     reference.unscored, few = SPANS * 20, SPANS[:1]
-    many = cost(lambda: scoring.scored(reference, t))
+    many = cost(lambda: scoring.scored_mask(reference, t))
     reference.unscored = few
-    one = cost(lambda: scoring.scored(reference, t))
+    one = cost(lambda: scoring.scored_mask(reference, t))
     assert many < 8 * one + 0.005
     return lambda: None
 
@@ -109,8 +106,10 @@ def test_the_check_of_gravity_turns_only_what_lies_in_the_quiet_spans(monkeypatc
     reference = flights.case([], [], (t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))).reference
     stream = Stream(t, np.tile([0.0, 0.0, -9.8], (len(t), 1)), "m/s^2", "FRD", "made")
     looked_at = []
-    monkeypatch.setattr(gravity, "interpolate", lambda *a: (looked_at.append(len(a[3])), (a[1][: len(a[3])], None))[1])
-    found, _ = gravity.check(
+    monkeypatch.setattr(
+        reference_checks, "interpolate", lambda *a: (looked_at.append(len(a[3])), (a[1][: len(a[3])], None))[1]
+    )
+    found, _ = reference_checks.gravity_check(
         reference, Imu(0, stream, stream), flights.case([], [Segment("rest.short", *span) for span in SPANS]).segments
     )
     assert found == ""
@@ -125,7 +124,7 @@ def test_events_of_a_log_in_eight_times_as_many_segments_cost_in_proportion():
         t = np.arange(0.0, 3.0 * count, 0.05)
         q = rotation.from_euler(0.1 * np.sin(t), 0 * t, 0 * t)
         segment = (t // 3.0).astype(np.int64)
-        return lambda: steps.find(t, q, segment)
+        return lambda: steps.find_steps(t, q, segment)
 
     assert cost(of(400)) < 24 * cost(of(50))
 
@@ -138,7 +137,7 @@ def test_leaving_out_each_event_solves_once_and_not_event_by_event(monkeypatch):
     for seconds in (20.0, 100.0):
         t, q = motion("steps", seconds)
         row, ref = sampled(t, q, 100.0, 0.005), sampled(t, q, 50.0)
-        columns = step_groups.groups(row, ref, steps.find(ref.t, ref.q, ref.segment), None)
+        columns = step_groups.event_batches(row, ref, steps.find_steps(ref.t, ref.q, ref.segment), None)
         solved.clear()
         found = step_fits.fit(columns)["all"]
         counts.append((len(found.events), len(solved)))
@@ -155,8 +154,8 @@ def test_segments_of_an_onboard_row_are_found_once_and_not_for_each_rest(monkeyp
     case = flights.case([row], [Segment("continuous", 0.0, 200.0), *rests])
     case.log.attitudes["made"] = Attitude(t, q, "made")
     found = []
-    real = clock.usable
-    monkeypatch.setattr(clock, "usable", lambda *a: (found.append(1), real(*a))[1])
+    real = alignment.usable_samples
+    monkeypatch.setattr(alignment, "usable_samples", lambda *a: (found.append(1), real(*a))[1])
     for span in SPANS[::2]:
         drift_rest.rest_blocks(case, row, (span,))
     assert len(found) == 1
@@ -187,12 +186,12 @@ def test_rotations_of_a_long_log_take_the_memory_of_their_answer():
 
 def test_rows_share_what_they_need_not_copy():
     """A row that is compared at its own times, or at the reference's, keeps no second copy of them."""
-    from attlog.reference import compare
+    from attlog.reference import scoring
 
     t = np.arange(0.0, 100.0, 1.0 / HZ)
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
     reference = flights.case([], [], (t, q)).reference
     reference.rate = HZ
-    found = compare.errors(t, q, np.zeros(len(t), np.int64), reference)
+    found = scoring.errors_against(t, q, np.zeros(len(t), np.int64), reference)
     assert found.t is t
     assert found.q_est is q

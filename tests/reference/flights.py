@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import segments
-from attlog.base import rotation
-from attlog.estimators.base import Estimate
-from attlog.flight.ardupilot import state
-from attlog.flight.inertial import low_pass_delay
+from attlog.core import rotation
+from attlog.estimators.interface import Estimate
+from attlog.flight import parameters
+from attlog.flight.ardupilot import reader
+from attlog.flight.imu import low_pass_delay
 from attlog.flight.model import Attitude, Firmware, FlightLog, TimeLine
-from attlog.flight.parameters import history as parameters
-from attlog.flight.px4.state import DECLINATION
+from attlog.flight.px4.reader import DECLINATION_PARAMETERS
 from attlog.reference import Reference, ReferenceOptions, Row, choose, replayed
 from attlog.segments import Segments
 from tests.segments.flights import imu_log
@@ -69,8 +69,8 @@ def ardupilot(log: FlightLog, **params: float) -> FlightLog:
     """The same log from ArduPilot with parameters."""
     log.firmware = Firmware("ArduPilot", "4.6.0")
     log.params = {name: TimeLine(np.zeros(1), [value], "PARM") for name, value in params.items()}
-    log.trim, log.trim_source = state.trim(log), ", ".join(state.TRIM)
-    names = state.DECLINATION | DECLINATION
+    log.trim, log.trim_source = reader.read_trim(log), ", ".join(reader.TRIM_PARAMETERS)
+    names = reader.DECLINATION_PARAMETERS | DECLINATION_PARAMETERS
     log.declination_param, log.declination_source = parameters.declination(log, names)
     if "INS_GYRO_FILTER" in params:
         log.imus[0].gyro.delay = low_pass_delay(params["INS_GYRO_FILTER"])

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from attlog import segments
-from attlog.base import earth, rotation
-from attlog.flight.model import Gnss, Mag, Stream
-from attlog.reference import Reference, ReferenceOptions, choose, declination, floor, measured_deg
-from attlog.reference.physics import delay
-
-from .flights import RATE, SECONDS, ardupilot, attitude_at, flight, sampled
+from attlog.core import earth, rotation
+from attlog.flight.model import Gnss, Imu, Mag, Stream
+from attlog.reference import Reference, ReferenceOptions, alignment, choose, observed_declination_deg
+from attlog.reference.alignment import TICK_S, timestamp_tick_s
+from tests.reference.flights import RATE, SECONDS, ardupilot, attitude_at, flight, sampled
 
 T = np.arange(0.0, SECONDS, 1 / RATE)
 MID_2024 = 1719792000.0
@@ -95,7 +94,7 @@ def test_the_model_goes_before_the_parameter_both_are_told_and_the_user_decides(
 def test_a_receiver_without_a_fix_gives_no_place(gnss):
     log = flight()
     log.gnss = [gnss]
-    assert declination.place(log) is None
+    assert alignment.flight_place(log) is None
     assert chosen(log).declination_deg is None
 
 
@@ -106,7 +105,7 @@ def test_the_declination_seen_is_where_the_reference_turns_the_field_to():
     log.mags = [Mag(0, Stream(t, rotation.rotate_inverse(attitude_at(t), north), "T", "FRD", "MAG:0"))]
     log.mag = 0
     reference = chosen(log)
-    assert measured_deg(log, reference) == pytest.approx(12.0, abs=0.05)
+    assert observed_declination_deg(log, reference) == pytest.approx(12.0, abs=0.05)
     assert "points this far east" in text_of(reference, "declination_seen")
 
 
@@ -115,20 +114,20 @@ def test_the_declination_seen_is_where_the_reference_turns_the_field_to():
 
 def test_a_gyro_without_a_known_filter_is_not_late():
     log = flight()
-    assert delay.by_parameter(log.imus[0])[0] == 0.0
+    assert alignment.filter_delay(log.imus[0])[0] == 0.0
 
 
 def test_a_delay_that_the_reader_knows_is_believed():
     log = flight()
     log.imus[0].gyro.delay = 0.004
-    assert delay.by_parameter(log.imus[0])[0] == 0.004
+    assert alignment.filter_delay(log.imus[0])[0] == 0.004
 
 
 @pytest.mark.parametrize("late", [0.0, 0.003, 0.0113, 0.03, -0.004])
 @pytest.mark.parametrize("rate", [10.0, 25.0, 50.0])
 def test_the_rates_show_how_late_the_gyro_is(late, rate):
     reference = chosen(log := flight(truth_hz=rate, gyro_late=late))
-    found = delay.by_rates(log.imus[0], reference)
+    found = alignment.fit_gyro_delay(log.imus[0], reference)
     assert found is not None
     assert found[0] == pytest.approx(late, abs=3e-4)
     assert 0.0 < found[1] < 3e-4
@@ -151,7 +150,7 @@ def test_the_input_delay_can_be_given_or_switched_off():
 
 def test_a_log_that_hardly_turns_cannot_check_the_delay():
     log = flight(18.0, truth_hz=50.0)
-    assert delay.by_rates(log.imus[0], chosen(log)) is None
+    assert alignment.fit_gyro_delay(log.imus[0], chosen(log)) is None
     assert "turns too little" in text_of(chosen(log), "input_delay")
 
 
@@ -169,13 +168,13 @@ def stored(step: float, seed: int = 1) -> np.ndarray:
 
 @pytest.mark.parametrize("step", [0.01, 0.05, 0.1, 1.0])
 def test_the_step_of_logged_angles_is_measured(step):
-    assert floor.step_deg(stored(step)) == pytest.approx(step, rel=0.02)
+    assert alignment.logged_step_deg(stored(step)) == pytest.approx(step, rel=0.02)
 
 
 def test_float32_quaternions_resolve_a_hundred_thousandth_of_a_degree():
     """The trap: acos of the scalar part would read them as 0.06 deg."""
-    assert floor.step_deg(stored(0.0)) == floor.FLOAT32_DEG
-    assert floor.step_deg(stored(0.0)[:3]) == floor.FLOAT32_DEG
+    assert alignment.logged_step_deg(stored(0.0)) == alignment.FLOAT32_DEG
+    assert alignment.logged_step_deg(stored(0.0)[:3]) == alignment.FLOAT32_DEG
 
 
 def test_a_step_that_the_reader_knows_is_the_floor():
@@ -203,3 +202,30 @@ def test_a_bridged_gap_in_fast_flight_raises_the_floor():
     rate = np.degrees(log.imus[0].gyro.x)
     i = np.searchsorted(log.imus[0].gyro.t, 30.2)
     assert chosen(log).floor_deg == pytest.approx(0.25 * 0.41 * np.linalg.norm(rate[i] - rate[i - 1]), rel=0.05)
+
+
+# The step of time stamps, of the attitude's own too.
+
+
+def test_stamps_in_whole_milliseconds_that_differ_show_their_step() -> None:
+    rng = np.random.default_rng(0)
+    assert timestamp_tick_s(np.cumsum(rng.choice([0.020, 0.021], 200))) == TICK_S
+    assert timestamp_tick_s(np.arange(200) * 0.02) == 0.0, "nothing shows where all are equal"
+    assert timestamp_tick_s(np.cumsum(rng.uniform(0.01, 0.03, 200))) == 0.0
+
+
+def test_intervals_none_of_which_is_usual_show_no_step() -> None:
+    assert (
+        timestamp_tick_s(np.cumsum([0.0, *[0.010, 0.090] * 40])) == 0.0
+    )  # the median of an even number lies between them
+
+
+def test_a_gap_that_ends_an_estimate_leaves_no_error_and_a_bridged_one_a_quarter_of_its_turn():
+    """Rates that change by 40 deg/s over 0.4 s: 4 deg; over 0.8 s a filter starts anew and nothing is integrated."""
+    found = []
+    for seconds in (0.4, 0.8):
+        t = np.concatenate([np.arange(0.0, 5.0, 0.01), np.arange(5.0 - 0.01 + seconds, 10.0, 0.01)])
+        rate = np.radians(np.where(t < 5.0, 0.0, 40.0))[:, None] * [0.0, 0.0, 1.0]
+        unit = Imu(0, Stream(t, rate, "rad/s", "FRD", "IMU"), Stream(t, 0.0 * rate, "m/s^2", "FRD", "IMU"))
+        found.append(alignment.bridged_gap_deg(unit))
+    assert found == [pytest.approx(4.0), 0.0]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from attlog import segments
-from attlog.base import rotation
-from attlog.estimators.base import Estimate
-from attlog.reference import ReferenceOptions, choose, clock, onboard_rows, replayed, trim
+from attlog.core import rotation
+from attlog.estimators.interface import Estimate
+from attlog.flight.model import Attitude, Imu, Stream
+from attlog.reference import ReferenceOptions, alignment, choose, onboard_rows, replayed, sensor_faults
 from attlog.segments.model import Segment
-
-from .flights import RATE, SECONDS, ardupilot, attitude_at, compared, estimate, flight, sampled
+from tests.reference.flights import RATE, SECONDS, ardupilot, attitude_at, compared, estimate, flight, sampled
 
 T = np.arange(0.0, SECONDS, 1 / RATE)
 TRIM = np.array([0.03, -0.02, 0.0])
@@ -22,7 +22,7 @@ def with_trim(has_trim: bool = True, **params: float):
     log = ardupilot(flight(), AHRS_TRIM_X=TRIM[0], AHRS_TRIM_Y=TRIM[1], **params)
     attitude = log.attitudes["ATT"]
     if has_trim:
-        attitude.q = trim.apply(attitude.q, TRIM)
+        attitude.q = alignment.apply_trim(attitude.q, TRIM)
         attitude.has_trim = True
     return log
 
@@ -37,7 +37,7 @@ def test_trim_is_taken_out_of_a_replay_once():
 
 def test_the_vehicles_roll_is_the_imus_less_the_trim():
     """ArduPilot: AHRS_TRIM_X of 2 deg makes an IMU that shows 2 deg of roll a level vehicle."""
-    level = trim.apply(rotation.from_euler(*np.radians([2.0, -1.0, 0.0])), np.radians([2.0, -1.0, 0.0]))
+    level = alignment.apply_trim(rotation.from_euler(*np.radians([2.0, -1.0, 0.0])), np.radians([2.0, -1.0, 0.0]))
     np.testing.assert_allclose(np.degrees(rotation.to_euler(level)), 0.0, atol=0.03)
 
 
@@ -90,7 +90,7 @@ def test_a_filter_without_magnetometer_is_compared_with_its_heading_offset_remov
     assert row.status == "ok"
     step = next(s for s in row.steps if s.name == "heading_offset")
     assert "the rest from 15 s" in step.text
-    yaw = rotation.error(row.q, attitude_at(row.t))
+    yaw = rotation.earth_error(row.q, attitude_at(row.t))
     assert np.degrees(np.abs(rotation.heading_angle(yaw))).max() < 0.05
 
 
@@ -141,7 +141,7 @@ def test_a_reset_of_the_reference_is_no_error_of_a_gyro_filter():
     assert row.errors is not None
     assert np.abs(row.errors.heading).max() < 0.2
     assert "1 resets of the reference not counted" in row.steps[-1].text
-    jumps = np.abs(np.degrees(rotation.heading_angle(rotation.error(row.q[1:], row.q[:-1]))))
+    jumps = np.abs(np.degrees(rotation.heading_angle(rotation.earth_error(row.q[1:], row.q[:-1]))))
     assert jumps.max() < 1.0
 
 
@@ -296,10 +296,103 @@ def test_what_was_said_before_a_late_field_is_no_heading_failure():
 def test_an_attitude_that_is_normalized_already_is_not_copied():
     attitude = next(iter(flight().attitudes.values()))
     attitude.q = 1.001 * attitude.q
-    _, q, _ = clock.usable(attitude, "sample")
+    _, q, _ = alignment.usable_samples(attitude, "sample")
     np.testing.assert_allclose(np.sum(q * q, axis=1), 1.0, atol=1e-14)
     attitude.q, attitude.normal = q, True
-    assert clock.usable(attitude, "sample")[1] is q
+    assert alignment.usable_samples(attitude, "sample")[1] is q
     attitude.q = q = q.copy()
     q[5] = np.nan
-    assert len(clock.usable(attitude, "sample")[1]) == len(q) - 1
+    assert len(alignment.usable_samples(attitude, "sample")[1]) == len(q) - 1
+
+
+# The step of logged attitudes, what a floor is made of, and which samples of an attitude are fit to compare.
+
+
+def attitudes(step_deg: float, n: int = 600) -> np.ndarray:
+    """A random walk of roll and pitch in whole steps; of none where the step is 0."""
+    rng = np.random.default_rng(4)
+    walk = np.cumsum(rng.normal(0.0, 0.06, (n, 2)), axis=0)
+    angles = np.round(walk / step_deg) * step_deg if step_deg else walk
+    return rotation.from_euler(*np.radians(angles).T, 0.3 + 0.0 * walk[:, 0])
+
+
+@pytest.mark.parametrize(("step", "shown"), [(0.01, 0.01), (0.05, 0.05), (0.0, alignment.FLOAT32_DEG)])
+def test_the_step_of_printed_angles_is_the_smallest_difference_that_repeats(step: float, shown: float) -> None:
+    assert alignment.logged_step_deg(attitudes(step)) == pytest.approx(shown, rel=1e-3)
+    assert alignment.logged_step_deg(attitudes(step)[:8]) == alignment.FLOAT32_DEG
+
+
+def test_a_floor_is_the_root_of_steps_stamps_and_gaps() -> None:
+    t = np.cumsum(np.random.default_rng(0).choice([0.020, 0.021], 400))
+    rate = np.radians(np.column_stack([30.0 * np.sin(t), 5.0 + 0.0 * t, 0.0 * t]))
+    unit = Imu(0, Stream(t, rate, "rad/s", "FRD", "IMU"), Stream(t, 0.0 * rate, "m/s^2", "FRD", "IMU"))
+    found, own, told = alignment.floor_step(t, attitudes(0.0, 400), 0.02, unit)
+    moved = 30.0 * np.sin(t)
+    timing = 1e-3 / np.sqrt(12.0) * np.sqrt(np.mean((moved - np.median(moved)) ** 2))
+    assert own == 0.02
+    assert found == pytest.approx(np.hypot(0.02, timing), rel=1e-6)
+    assert (told.value, told.unit) == (found, "deg")
+    assert alignment.floor_step(t, attitudes(0.05, 400), 0.0, None)[:2] == pytest.approx((0.05, 0.05), rel=1e-3)
+
+
+def test_samples_that_are_fit_to_compare_rise_in_time_and_have_a_norm() -> None:
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (8, 1))
+    q[1], q[2], q[3], q[4] = [0.49, 0, 0, 0], [0.51, 0, 0, 0], [1.99, 0, 0, 0], [2.01, 0, 0, 0]
+    t = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 2.5, 6.0, 6.0])
+    at, unit, good = alignment.usable_samples(Attitude(t, q, "ATT"), "sample")
+    assert good.tolist() == [True, False, True, True, False, False, True, False]
+    assert at.tolist() == [0.0, 2.0, 3.0, 6.0]
+    np.testing.assert_allclose(rotation.length(unit), 1.0)
+    late = Attitude(t, q, "ATT", t_sample=t - 0.1)
+    assert alignment.usable_samples(late, "sample")[0].tolist() == pytest.approx([-0.1, 1.9, 2.9, 5.9])
+    assert alignment.usable_samples(late, "publication")[0].tolist() == at.tolist()
+
+
+def test_means_of_the_force_are_over_tenths_of_a_second_with_their_middles() -> None:
+    t = np.concatenate([[7.0], 7.01 + 0.02 * np.arange(25)])
+    t = t[(t < 7.2) | (t > 7.3)]
+    force = np.column_stack([t, t**2, -t])
+    force[3] = np.nan
+    at, mean = sensor_faults._mean_force(t, force)
+    np.testing.assert_allclose(at, 7.05 + 0.1 * np.arange(5))
+    for k in (0, 1, 3, 4):
+        own = np.isfinite(force[:, 0]) & (t >= 7.0 + 0.1 * k) & (t < 7.1 + 0.1 * k)
+        np.testing.assert_allclose(mean[k], force[own].mean(axis=0))
+    assert np.isnan(mean[2]).all()
+
+
+def test_fixes_a_second_apart_within_the_forces_are_pairs() -> None:
+    t = np.array([0.5, 1.1, 1.6, 2.1, 2.6, 3.1, 4.8, 5.8, 6.8, 7.9, 8.9, 9.5])
+    first, last = sensor_faults._velocity_pairs(t, np.arange(0.0, 10.01, 0.1))
+    assert [(t[a], t[b]) for a, b in zip(first, last, strict=True)] == [
+        (1.1, 2.1),
+        (1.6, 2.6),
+        (2.1, 3.1),
+        (4.8, 5.8),
+        (5.8, 6.8),
+        (6.8, 7.9),
+        (7.9, 8.9),
+    ]
+
+
+@pytest.mark.parametrize("shift", [0, 7, -5])
+def test_a_force_that_is_moved_back_leaves_nothing_of_the_changes(shift: int) -> None:
+    """Sines in north and east, met at a level attitude; ``shift`` steps late, and a receiver that is 0.3 s late."""
+    step = sensor_faults.FORCE_STEP_S
+    grid = step * (np.arange(900) + 0.5)
+
+    def velocity(t: np.ndarray) -> np.ndarray:
+        return np.column_stack([4.0 * np.sin(0.9 * t), 3.0 * np.sin(0.53 * t)])
+
+    edges = step * np.arange(901) - shift * step
+    force = np.column_stack([np.diff(velocity(edges), axis=0) / step, np.full(900, -9.81)])
+    t = np.arange(5.0, 80.0, 0.2)
+    change = velocity(t + 1.0 - 0.3) - velocity(t - 0.3)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (900, 1))
+    spans = t - grid[0], t + 1.0 - grid[0]
+    change -= np.median(change, axis=0)
+    left, alike = sensor_faults._delay_misfit(q, force, shift, 0.3, spans, change)
+    assert left < 0.01 * np.mean(np.sum(change**2, axis=1))
+    assert alike > 0.995
+    for wrong in ((shift + 4, 0.3), (shift - 4, 0.3), (shift, 0.0)):
+        assert sensor_faults._delay_misfit(q, force, *wrong, spans, change)[0] > 3.0 * max(left, 1e-3)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from attlog.health.assessments.model import Assessment, Setting, unknown
-from attlog.health.findings import Finding
-from attlog.metrics.answer import Answer, missing
-from attlog.metrics.figures.trace import Trace
-from attlog.present.sentences import verdicts
+from attlog.health.causes import Finding
+from attlog.health.check import Assessment, Setting, unknown
+from attlog.metrics.metric import Answer, missing
+from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep
+from attlog.report.figures.pictures import Album
 from attlog.result import Check, EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import Segment
-from attlog.story.event import Event
+from attlog.story.flight_events import Event
+from attlog.words.answers import verdicts
 
 NAMES = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick@marg", "vqf")
 TITLES = {"mahony": "Mahony's explicit complementary filter", "vqf": "VQF, by its authors' own package"}
@@ -406,3 +409,18 @@ def report(tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "flight.html"
     write_report(make_result(), path)
     return path
+
+
+# The figures of a made flight, drawn once.
+
+
+@pytest.fixture(scope="package")
+def album() -> Album:
+    """The figures of a flight with three filters."""
+    return Album.of(make_result(NAMES[:3]))
+
+
+@pytest.fixture(scope="package")
+def drawn(album: Album) -> dict[str, dict[str, Any]]:
+    """All of them, data and layout."""
+    return {name: album.drawn(name) for name in album.found}

@@ -8,7 +8,7 @@ import pytest
 
 from attlog.report.gates import BEGIN, END, Said, block, show, with_gates
 from tests.compare.made import result
-from tests.present.made import lag, row
+from tests.words.made import lag, row
 
 GOOD: list[Said] = [("passed", "lag_ms max=5", "mekf: lag_ms 1 ms"), ("skipped", "x max=1", "mekf: no x")]
 BAD: list[Said] = [("failed", "lag_ms max=5", "<b>mekf</b> & co: lag_ms 9 ms"), *GOOD]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.metrics.answer import missing
-from attlog.metrics.figures.trace import Trace, envelope
-from attlog.present.sentences import verdicts
-from attlog.present.table.table import main_table
+from attlog.metrics.metric import missing
+from attlog.metrics.trace import Trace, envelope
 from attlog.report import write_report
 from attlog.result import Result
+from attlog.words.answers import verdicts
+from attlog.words.table import main_table
 from tests.report.browser import own_bytes
 from tests.report.conftest import make_result
 

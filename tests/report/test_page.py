@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import base64
+import functools
 import gzip
 import html
 import json
 import re
 import tomllib
+from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
-from attlog.base.errors import OutputError
+import attlog
+from attlog.core.errors import OutputError
+from attlog.health.check import agreed_settings
+from attlog.health.settings import param_file
 from attlog.report import write_report
 from attlog.report.bundle import bundle
-from attlog.report.page import render
-from attlog.result import Finding
+from attlog.report.page import file_stem, render
+from attlog.result import Check, Finding
+from tests.conftest import SAMPLES
 from tests.report.conftest import make_result
 
 
@@ -98,3 +105,163 @@ def test_the_clock_begins_with_what_the_log_holds(imus: int, said: str):
     result = make_result()
     result.log["imus"] = imus
     assert said in render(result, bundle())
+
+
+# Section Sensors: trouble open, the rest folded, what to set with old and new, the file as it is saved.
+
+
+def section(result) -> str:
+    """The section's markup."""
+    page = render(result, bundle())
+    return page[page.index('<section id="part-sensors"') : page.index('<section id="expert"')]
+
+
+def opened(markup: str) -> str:
+    """What stands in it as opened."""
+    while (shorter := re.sub(r"<details>(?:(?!<details>).)*?</details>", "", markup, flags=re.S)) != markup:
+        markup = shorter
+    return markup
+
+
+def test_faults_and_warnings_are_open_and_the_rest_is_a_line_each():
+    whole = section(make_result())
+    seen = opened(whole)
+    assert seen.index("compass offset") < seen.index("vibration")
+    assert "as set." not in seen
+    assert "fly two full turns" not in seen
+    assert "Ok: GNSS delay<" in whole
+    assert "Unknown on this log: compass soft iron<" in whole
+    assert "GNSS is 203 ms late, as set." in whole
+
+
+def test_what_to_set_shows_old_and_new():
+    text = html.unescape(re.sub(r"<[^>]+>", " ", section(make_result())))
+    text = " ".join(text.split())
+    assert "COMPASS_OFS_X -12.5 → -133.5" in text
+    assert "COMPASS_OFS_Y not logged → 0" in text
+
+
+def test_the_file_to_save_is_the_one_that_the_writer_made():
+    result = make_result()
+    markup = section(result)
+    text = html.unescape(re.search(r'<pre id="param"[^>]*>(.*?)</pre>', markup, re.S).group(1))
+    assert text == param_file("ArduPilot", "flight.bin", agreed_settings(result.health))
+    assert 'data-file="flight.param"' in markup
+
+
+def test_without_anything_to_set_there_is_no_file_and_without_questions_no_table():
+    result = make_result()
+    for one in result.health:
+        one.settings = []
+    assert ".param" not in section(result)
+    result.health = []
+    assert "What to set" not in section(result)
+    assert "No sensor was found at fault" not in section(result)
+
+
+def test_sound_sensors_are_one_green_line():
+    result = make_result()
+    result.health = [one for one in result.health if one.verdict == "ok"]
+    assert '<p class="fine">No sensor was found at fault.</p>' in section(result)
+
+
+def test_checks_that_are_not_ok_are_open_and_the_others_folded_below_the_figures():
+    result = make_result()
+    result.audit = [Check("gaps", "ok", "No gap."), Check("field", "fault", "It bends."), Check("x", "unknown", "?")]
+    whole = section(result)
+    assert "It bends." in opened(whole)
+    assert "No gap." not in opened(whole)
+    assert "1 check ok, 1 unknown" in whole
+    assert whole.index('id="fig-ratios"') < whole.index("It bends.")
+
+
+def test_saved_files_are_named_after_the_log_in_letters_that_every_system_takes():
+    result = make_result()
+    result.log["name"] = "../a b:<c>\x00.bin"
+    assert file_stem(result) == "a_b_c"
+    result.log["name"] = "…"
+    assert file_stem(result) == "attlog"
+
+
+# How many words a page has: 150 on the first screen, 1,000 as it opens.
+
+FIRST, WHOLE = 150, 1000
+FIRST_SCREEN = ("happened", "findings", "comparison")
+SILENT = ("script", "style", "noscript", "title", "desc")
+EMPTY = ("meta", "input", "br", "link", "img", "circle", "line", "rect", "path")
+
+
+class Words(HTMLParser):
+    """Counts words with a letter in what is seen before anything is opened, by section."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[tuple[str, dict[str, str | None]]] = []
+        self.count: dict[str, int] = {}
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in EMPTY:
+            self.open.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        while tag not in EMPTY and self.open and self.open.pop()[0] != tag:
+            pass
+
+    def handle_data(self, data: str) -> None:
+        if self.seen():
+            footer = "footer" in [tag for tag, _ in self.open]
+            inside = (
+                "footer"
+                if footer
+                else next((a["id"] for t, a in self.open if t == "section" and a.get("id")), "top") or ""
+            )
+            self.count[inside] = self.count.get(inside, 0) + len(re.findall(r"\S*[A-Za-z]\S*", data))
+
+    def seen(self) -> bool:
+        """Whether the innermost text is shown: not in a closed details, not hidden, not for screen readers alone."""
+        tags = [tag for tag, _ in self.open]
+        if not tags or any(tag in SILENT for tag in tags):
+            return False
+        if any("hidden" in a or {"vh", "again"} & set((a.get("class") or "").split()) for _, a in self.open):
+            return False
+        closed = [i for i, (tag, a) in enumerate(self.open) if tag == "details" and "open" not in a]
+        return all(i + 1 < len(tags) and tags[i + 1] == "summary" for i in closed)
+
+
+def counted(page: str) -> tuple[int, int]:
+    """Words of the first screen, and of the page as it opens."""
+    reader = Words()
+    reader.feed(page)
+    first = sum(n for section, n in reader.count.items() if section in ("top", *FIRST_SCREEN))
+    return first, sum(reader.count.values())
+
+
+@functools.cache
+def page(path: Path) -> str:
+    return render(attlog.analyze(path), bundle())
+
+
+def test_closed_parts_and_labels_for_screen_readers_do_not_count() -> None:
+    text = "<main><section id='findings'><p>One two 3</p><details><summary>four</summary><p>five</p></details>"
+    text += "<span class='vh'>six</span></section><section id='table'><p>seven</p></section></main>"
+    assert counted(text) == (3, 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["copter_yaw_turns.bin", "px4_steps.ulg", "px4_hover.ulg", "copter_steps_stabilize.tlog"]
+)
+def test_a_page_of_a_healthy_flight_is_short(name: str) -> None:
+    first, whole = counted(page(SAMPLES / name))
+    assert first <= FIRST
+    assert whole <= WHOLE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["px4_1.14_clipping_crash.ulg", "copter_two_compasses.bin", "plane_px4_1.13_crash.ulg"]
+)
+def test_a_page_of_a_flight_with_trouble_is_short(corpus: Path, name: str) -> None:
+    first, whole = counted(page(corpus / "logs" / "cases" / name))
+    assert first <= FIRST + 25  # five findings of up to 18 words, each with what to do
+    assert whole <= WHOLE + 100

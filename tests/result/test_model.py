@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from attlog.result import model
-from tests.present.made import row
+from tests.words.made import row
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, Imu, Stream, TimeLine
 
 Array = NDArray[np.float64]

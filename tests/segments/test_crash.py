@@ -11,16 +11,13 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.base import rotation
+from attlog.core import rotation
+from attlog.core.spans import Span
 from attlog.flight.model import FlightLog, Stream
-from attlog.segments import crash, flags
-from attlog.segments.crash import Ending, overturns, wrecks
-from attlog.segments.crash.blows import blows
-from attlog.segments.crash.scene import Scene, fastest_dps, lies, tilt_of
-from attlog.segments.spans import Span
-
-from .flights import ARMED, DISARMED, LANDED, TAKE_OFF, flight
-from .test_in_air import found_in
+from attlog.segments import crash, rest
+from attlog.segments.impacts import CrashContext, CrashEvent, impact_peaks, max_rate_dps, onboard_tilt, rest_tilt
+from tests.segments.flights import ARMED, DISARMED, LANDED, TAKE_OFF, flight
+from tests.segments.test_airborne import found_in
 
 CRASHES = {
     "cases/copter_3.3dev_118.BIN": [165.7, 300.7],
@@ -62,11 +59,11 @@ SIMULATED = [
 ]
 
 
-def ended(log: FlightLog) -> tuple[list[Span], list[Ending]]:
+def ended(log: FlightLog) -> tuple[list[Span], list[CrashEvent]]:
     """Flights and endings of a log."""
     clock = sys.modules["attlog.segments.build"]._clock(log)
-    armed = flags.armed(log, float(clock.min()), float(clock.max()))
-    found = crash.find(log, found_in(log), armed.spans if armed.known else None, float(clock.max()))
+    armed = rest.armed_spans(log, float(clock.min()), float(clock.max()))
+    found = crash.find_crashes(log, found_in(log), armed.spans if armed.known else None, float(clock.max()))
     return found.flights, found.endings
 
 
@@ -133,12 +130,12 @@ def made(g: float, at: float, lies_deg: float = 0.0) -> FlightLog:
     return log
 
 
-def endings(log: FlightLog) -> list[Ending]:
+def endings(log: FlightLog) -> list[CrashEvent]:
     """The endings of a made flight in the air from TAKE_OFF to LANDED, whatever its sensors say of that."""
     air = found_in(log)
     air.spans = [(TAKE_OFF, LANDED)]
     air.driven = (air.grid.t > TAKE_OFF) & (air.grid.t < DISARMED)
-    return crash.find(log, air, [(TAKE_OFF - 5.0, DISARMED)], float(log.imus[0].acc.t[-1])).endings
+    return crash.find_crashes(log, air, [(TAKE_OFF - 5.0, DISARMED)], float(log.imus[0].acc.t[-1])).endings
 
 
 def test_a_blow_after_which_it_lies_tilted_is_an_impact_to_the_sample():
@@ -174,12 +171,12 @@ def test_a_gyro_without_one_finite_sample_turns_at_no_rate():
     log = flight()
     log.imus[0].gyro.x[:] = np.nan
     scene = SimpleNamespace(log=log)
-    assert fastest_dps(scene, 0.0, 5.0) == 0.0
+    assert max_rate_dps(scene, 0.0, 5.0) == 0.0
 
 
-def scene_of(log: FlightLog) -> Scene:
+def scene_of(log: FlightLog) -> CrashContext:
     """What the rules look at, of a made flight."""
-    return Scene(log, found_in(log), [(ARMED, DISARMED)], float(log.imus[0].acc.t[-1]), tilt_of(log))
+    return CrashContext(log, found_in(log), [(ARMED, DISARMED)], float(log.imus[0].acc.t[-1]), onboard_tilt(log))
 
 
 @pytest.mark.parametrize("fault", ["heavy", "silent"])
@@ -192,9 +189,9 @@ def test_how_it_lies_is_told_by_another_unit_where_the_replayed_one_cannot(fault
         broken.acc.x[after] *= 1.4
     else:
         broken.acc.x[after] = np.nan
-    assert lies(scene_of(log), LANDED - 0.3) == pytest.approx(60.0, abs=1.0)
+    assert rest_tilt(scene_of(log), LANDED - 0.3) == pytest.approx(60.0, abs=1.0)
     log.imus.pop()
-    assert lies(scene_of(log), LANDED - 0.3) is None
+    assert rest_tilt(scene_of(log), LANDED - 0.3) is None
 
 
 def fallen(degrees: float, leans: float, seconds: float = 8.0) -> FlightLog:
@@ -208,10 +205,10 @@ def fallen(degrees: float, leans: float, seconds: float = 8.0) -> FlightLog:
     return log
 
 
-def fallen_endings(log: FlightLog) -> list[Ending]:
+def fallen_endings(log: FlightLog) -> list[CrashEvent]:
     air = found_in(log)
     air.spans, air.driven = [], (air.grid.t > ARMED) & (air.grid.t < DISARMED)
-    return crash.find(log, air, [(ARMED, DISARMED)], float(log.imus[0].acc.t[-1])).endings
+    return crash.find_crashes(log, air, [(ARMED, DISARMED)], float(log.imus[0].acc.t[-1])).endings
 
 
 def test_a_fall_to_one_side_with_motors_driven_is_a_crash_though_it_never_flew():
@@ -238,7 +235,7 @@ def test_the_pull_of_a_spin_is_no_blow(spin, found):
     part = (imu.acc.t >= 60.0) & (imu.acc.t < 60.3)
     imu.acc.x[part] = [4.1 * 9.81, 0.0, -3.0 * 9.81]
     imu.gyro.x[part] = [0.0, 0.0, spin]
-    assert [b.g for b in blows(imu, [(TAKE_OFF, LANDED)], 3.0)] == pytest.approx(found, abs=0.1)
+    assert [b.g for b in impact_peaks(imu, [(TAKE_OFF, LANDED)], 3.0)] == pytest.approx(found, abs=0.1)
 
 
 @pytest.mark.parametrize("driven", [False, True])
@@ -247,7 +244,7 @@ def test_a_wreck_stands_again_when_it_is_upright_still_and_undriven(driven):
     log = flight(calm=True)
     air = found_in(log)
     air.driven = np.full(len(air.grid.t), driven)
-    stood = wrecks._stood(air.grid, air.driven, 1.0, 25.0)
+    stood = crash._stood_since(air.grid, air.driven, 1.0, 25.0)
     assert (stood is None) == driven
 
 
@@ -262,7 +259,7 @@ def test_a_fast_turn_of_which_half_was_asked_for_is_no_tumble(asked_dps, tumbles
     log.rate_setpoints = Stream(t, np.radians(np.column_stack([asked, 0 * t, 0 * t])), "rad/s", "FRD", "RATE")
     scene = scene_of(log)
     scene.air.spans = [(TAKE_OFF, LANDED)]
-    assert [e.t for e in overturns.tumbles(scene)] == ([pytest.approx(72.0, abs=0.01)] if tumbles else [])
+    assert [e.t for e in crash.find_tumbles(scene)] == ([pytest.approx(72.0, abs=0.01)] if tumbles else [])
 
 
 def test_of_two_turns_that_are_one_the_larger_is_told_in_size_and_words(corpus):
@@ -282,7 +279,7 @@ def test_of_two_tumbles_that_are_one_the_faster_is_told_in_size_and_words():
     log.rate_setpoints = Stream(t, np.zeros((len(t), 3)), "rad/s", "FRD", "RATE")
     scene = scene_of(log)
     scene.air.spans = [(TAKE_OFF, LANDED)]
-    (found,) = overturns.tumbles(scene)
+    (found,) = crash.find_tumbles(scene)
     assert (found.size, "600 deg/s" in found.why) == (pytest.approx(600.0, abs=0.1), True)
 
 
@@ -294,5 +291,5 @@ def test_an_attitude_argues_with_how_it_lies_only_while_motors_push(driven, angl
     attitude.q[attitude.t > LANDED - 0.3] = [1.0, 0.0, 0.0, 0.0]
     scene = scene_of(log)
     scene.air.driven[:] = driven
-    found = lies(scene, LANDED - 0.3)
+    found = rest_tilt(scene, LANDED - 0.3)
     assert found == (None if angle is None else pytest.approx(angle, abs=1.0))

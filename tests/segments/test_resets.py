@@ -1,16 +1,94 @@
-"""Resets of an attitude are found by the autopilot's counter, and without one by the gyro."""
+"""The gyro's rotation between instants is that of multiplying small rotations one after the other."""
 
 from __future__ import annotations
+
+from contextlib import nullcontext
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from attlog.base import rotation
+from attlog.core import rotation
+from attlog.core.jit.kernel import small_data
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.segments import resets
+from attlog.segments import increments, resets
+from attlog.segments.increments import GyroIncrements
 from tests.conftest import few
+
+
+@pytest.fixture(autouse=True, params=[nullcontext, small_data], ids=["compiled", "in numpy"])
+def way(request):
+    with request.param():
+        yield
+
+
+@pytest.mark.parametrize("sampling", few(["interval", "instant"], 2))
+def test_rotation_over_an_interval_is_the_product_of_its_samples(sampling):
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.uniform(0.003, 0.006, 4000))
+    rate = np.radians(120) * np.sin(np.outer(t, [3.1, 2.3, 1.7]) + np.arange(3))
+    edges = np.arange(0, 3990, 20)
+    found = GyroIncrements(t, rate, sampling).between(t[edges[:-1]], t[edges[1:]])
+    mean = rate[1:] if sampling == "interval" else 0.5 * (rate[1:] + rate[:-1])
+    steps = Rotation.from_rotvec(mean * np.diff(t)[:, None])
+    for k, (a, b) in enumerate(pairwise(edges)):
+        product = Rotation.identity()
+        for i in range(a, b):
+            product = product * steps[i]
+        off = Rotation.from_rotvec(found[k]).inv() * product
+        assert np.degrees(off.magnitude()) < 0.01
+
+
+def test_a_cone_turns_about_its_axis_though_no_rate_does():
+    """Coning: rates about x and y in quadrature turn the body about z; the plain sum of angles misses it."""
+    t = np.arange(0, 1, 1e-4)
+    amplitude, frequency = np.radians(2.0), 2 * np.pi * 20
+    rate = amplitude * frequency * np.column_stack([np.cos(frequency * t), np.sin(frequency * t), 0 * t])
+    start, end = np.array([0.1]), np.array([0.6])
+    found = GyroIncrements(t, rate, "instant").between(start, end)[0]
+    expected = 0.5 * amplitude**2 * frequency * 0.5
+    assert found[2] == pytest.approx(expected, rel=0.02)
+
+
+def test_long_logs_are_summed_in_blocks_without_seams(monkeypatch):
+    rng = np.random.default_rng(2)
+    t, rate = np.arange(1000) * 0.01, rng.normal(size=(1000, 3))
+    at = np.sort(rng.uniform(0, 9.99, 50))
+    whole = GyroIncrements(t, rate).between(at[:-1], at[1:])
+    monkeypatch.setattr("attlog.segments.increments.CHUNK", 7)
+    np.testing.assert_allclose(GyroIncrements(t, rate).between(at[:-1], at[1:]), whole, atol=1e-12)
+
+
+def test_the_gyro_stands_still_outside_its_times_whatever_the_order_in_which_it_is_asked():
+    t = np.arange(0.0, 1.0, 0.01)
+    turning = GyroIncrements(t, np.tile([0.3, -0.2, 0.1], (len(t), 1)))
+    start, end = np.array([0.5, -3.0, 0.2, 0.985, 2.0, np.nan]), np.array([0.505, 0.1, 4.0, 0.995, 3.0, 0.5])
+    wanted = np.outer([0.005, 0.1, 0.79, 0.005, 0.0, np.nan], [0.3, -0.2, 0.1])
+    np.testing.assert_allclose(turning.between(start, end), wanted, atol=1e-12)
+    assert not GyroIncrements(t[:1], np.ones((1, 3))).between(start, end).any()
+
+
+def test_the_plain_loops_say_what_the_compiled_ones_do():
+    rng = np.random.default_rng(3)
+    t, rate = np.cumsum(rng.uniform(0.001, 0.02, 300)), rng.normal(size=(300, 3))
+    at = rng.uniform(-0.1, t[-1] + 0.1, 40)
+    for interval, sampling in enumerate(("instant", "interval")):
+        sums, out = np.empty((300, 6)), np.empty((39, 3))
+        increments.sum_gyro(sums, t, rate, interval)
+        increments.rotation_between(out, t, sums, at[:-1], at[1:])
+        np.testing.assert_allclose(out, GyroIncrements(t, rate, sampling).between(at[:-1], at[1:]), atol=1e-13)
+
+
+def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
+    from attlog.core.jit import build
+
+    assert {increments.SUMMED.name, increments.BETWEEN.name} <= {k.name for k in build.kernels()}
+
+
+# Resets of an attitude are found by the autopilot's counter, and without one by the gyro.
 
 RATE, ATTITUDE_EVERY = 200.0, 10
 
@@ -40,14 +118,14 @@ def jump(attitude: Attitude, i: int, heading_deg: float, tilt_deg: float = 0.0) 
 @pytest.mark.parametrize("late", [0.0, 0.02])
 def test_fast_flight_shows_no_reset(late):
     imu, attitude = agile(late=late)
-    assert len(resets.find(attitude, imu)[0]) == 0
+    assert len(resets.find_resets(attitude, imu)[0]) == 0
 
 
 @pytest.mark.parametrize("size", few([3.0, 20.0, -90.0, 180.0], 2))
 def test_a_jump_in_heading_is_found_at_its_sample_without_any_counter(size):
     imu, attitude = agile()
     jump(attitude, 240, size)
-    found, why = resets.find(attitude, imu)
+    found, why = resets.find_resets(attitude, imu)
     assert found.tolist() == [240]
     assert "the gyro does not explain" in why[0]
     assert f"{abs(size):.0f}." in why[0] or abs(size) == 3.0
@@ -56,7 +134,7 @@ def test_a_jump_in_heading_is_found_at_its_sample_without_any_counter(size):
 def test_a_jump_in_tilt_is_found_too():
     imu, attitude = agile()
     jump(attitude, 240, 0.0, tilt_deg=8.0)
-    assert resets.find(attitude, imu)[0].tolist() == [240]
+    assert resets.find_resets(attitude, imu)[0].tolist() == [240]
 
 
 def test_a_counter_is_believed_even_where_the_jump_is_small_and_counts_once():
@@ -64,7 +142,7 @@ def test_a_counter_is_believed_even_where_the_jump_is_small_and_counts_once():
     jump(attitude, 240, 30.0)
     jump(attitude, 500, 0.2)
     attitude.resets = np.array([240, 500])
-    found, why = resets.find(attitude, imu)
+    found, why = resets.find_resets(attitude, imu)
     assert found.tolist() == [240, 500]
     assert all("counter" in w for w in why)
 
@@ -75,32 +153,32 @@ def test_a_jump_one_sample_beside_its_counter_is_no_second_reset(beside):
     imu, attitude = agile()
     jump(attitude, 240, 30.0)
     attitude.resets = np.array([240 + beside])
-    assert resets.find(attitude, imu)[0].tolist() == [240 + beside]
+    assert resets.find_resets(attitude, imu)[0].tolist() == [240 + beside]
 
 
 def test_a_step_across_a_gap_is_not_called_a_reset():
     imu, attitude = agile()
     keep = (imu.gyro.t < 10) | (imu.gyro.t > 12)
     imu.gyro.t, imu.gyro.x = imu.gyro.t[keep], imu.gyro.x[keep]
-    assert len(resets.find(attitude, imu)[0]) == 0
+    assert len(resets.find_resets(attitude, imu)[0]) == 0
     keep = (attitude.t < 10) | (attitude.t > 12)
     attitude.t, attitude.q = attitude.t[keep], attitude.q[keep]
-    assert len(resets.find(attitude, imu)[0]) == 0
+    assert len(resets.find_resets(attitude, imu)[0]) == 0
 
 
 def test_without_gyro_only_the_counter_tells():
     _, attitude = agile()
     jump(attitude, 240, 90.0)
-    assert len(resets.find(attitude, None)[0]) == 0
+    assert len(resets.find_resets(attitude, None)[0]) == 0
     attitude.resets = np.array([240])
-    assert resets.find(attitude, None)[0].tolist() == [240]
+    assert resets.find_resets(attitude, None)[0].tolist() == [240]
 
 
 def test_short_attitudes_have_no_reset():
     imu, attitude = agile()
     for n in (0, 1, 2):
         short = Attitude(attitude.t[:n], attitude.q[:n], "ATT")
-        assert len(resets.find(short, imu)[0]) == 0
+        assert len(resets.find_resets(short, imu)[0]) == 0
 
 
 @settings(max_examples=20, deadline=None)
@@ -111,7 +189,7 @@ def test_neither_north_nor_the_clock_changes_what_is_found(yaw, shift):
     attitude.q = rotation.turn_about_down(attitude.q, yaw) * np.where(np.arange(len(attitude.q)) % 2, 1, -1)[:, None]
     attitude.t = attitude.t + shift
     imu.gyro.t = imu.gyro.t + shift
-    assert resets.find(attitude, imu)[0].tolist() == [100]
+    assert resets.find_resets(attitude, imu)[0].tolist() == [100]
 
 
 @pytest.mark.parametrize(
@@ -125,7 +203,7 @@ def test_a_jump_is_more_than_a_degree_and_a_tenth_of_what_was_turned(rate_dps, s
     at = t[::ATTITUDE_EVERY]
     attitude = Attitude(at, rotation.from_euler(0 * at, 0 * at, np.radians(rate_dps) * at), "ATT")
     jump(attitude, 200, size)
-    assert resets.find(attitude, imu)[0].tolist() == ([200] if told else [])
+    assert resets.find_resets(attitude, imu)[0].tolist() == ([200] if told else [])
 
 
 def test_before_the_gyro_begins_and_after_it_ends_nothing_is_said_of_a_jump():

@@ -7,28 +7,29 @@ from typing import Any
 import numpy as np
 import pytest
 
+from attlog.flight.model import Imu, Stream
 from attlog.segments import rest, windows
-from attlog.segments.flags import FlagSpans
-from attlog.segments.windows import Windows
+from attlog.segments.rest import FlagSpans
+from attlog.segments.windows import ImuWindows, vibration_levels
 
 
 def test_windows_on_both_sides_of_a_gap_are_not_joined_however_short_it_is() -> None:
     """A gap is told from 50 ms on; less than a tenth of a window stands between the two windows."""
     t = np.concatenate([np.arange(0.0, 2.0, 0.01), np.arange(2.045, 4.0, 0.01)])
-    still = windows.build(t, np.zeros((len(t), 3)), np.tile([0.0, 0.0, -9.8], (len(t), 1)))
-    (before, after) = windows.join(still, np.ones(len(still.t0), bool))
+    still = windows.build_windows(t, np.zeros((len(t), 3)), np.tile([0.0, 0.0, -9.8], (len(t), 1)))
+    (before, after) = windows.join_windows(still, np.ones(len(still.t0), bool))
     assert (before, after) == (pytest.approx((0.0, 2.0)), pytest.approx((2.045, 4.0), abs=0.02))
     assert 0.0 < after[0] - before[1] < 0.1 * still.seconds
 
 
 def test_the_statistics_of_each_window_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two windows at a time, other noise and another mean in each axis, and a window that is not full."""
-    monkeypatch.setattr(windows, "BLOCK", 2)
+    monkeypatch.setattr(windows, "WINDOWS_PER_PASS", 2)
     rng = np.random.default_rng(3)
     t = 7.0 + np.arange(0.0, 2.7, 0.01)
     gyro = np.radians([5.0, -2.0, 30.0] + rng.normal(size=(len(t), 3)) * [0.5, 2.0, 8.0])
     acc = np.array([1.0, 3.0, -9.0]) + rng.normal(size=(len(t), 3)) * [0.2, 0.9, 0.1]
-    found = windows.build(t, gyro, acc)
+    found = windows.build_windows(t, gyro, acc)
     np.testing.assert_allclose(found.t0, 7.0 + 0.5 * np.arange(6))
     np.testing.assert_allclose(found.t1, [*(7.5 + 0.5 * np.arange(5)), 9.7])
     np.testing.assert_allclose(found.middle, 0.5 * (found.t0 + found.t1))
@@ -43,13 +44,13 @@ def test_the_statistics_of_each_window_are_those_of_numpy(monkeypatch: pytest.Mo
 
 def test_a_slow_log_has_windows_of_five_samples_and_one_of_two_samples_is_left_out() -> None:
     t = 0.25 * np.arange(17)
-    found = windows.build(t, np.zeros((17, 3)), np.zeros((17, 3)))
+    found = windows.build_windows(t, np.zeros((17, 3)), np.zeros((17, 3)))
     assert found.seconds == pytest.approx(1.25)
     np.testing.assert_allclose(found.t0, [0.0, 1.25, 2.5])
-    assert len(windows.build(t[:13], np.zeros((13, 3)), np.zeros((13, 3))).t0) == 3
+    assert len(windows.build_windows(t[:13], np.zeros((13, 3)), np.zeros((13, 3))).t0) == 3
 
 
-def made(n: int = 40, **more: Any) -> Windows:
+def made(n: int = 40, **more: Any) -> ImuWindows:
     """Half seconds of a vehicle that lies still, and whose gyro has an offset."""
     t0 = 0.5 * np.arange(n)
     fields: dict[str, Any] = {
@@ -61,15 +62,15 @@ def made(n: int = 40, **more: Any) -> Windows:
         "segment": np.zeros(n, np.int64),
         **more,
     }
-    return Windows(t0, t0 + 0.5, seconds=0.5, **fields)
+    return ImuWindows(t0, t0 + 0.5, seconds=0.5, **fields)
 
 
 def test_windows_are_joined_where_they_follow_each_other_in_one_segment() -> None:
     passed = np.ones(40, bool)
     passed[[5, 20]] = False
     segment = (np.arange(40) >= 10).astype(np.int64)
-    assert windows.join(made(segment=segment), passed) == [(0.0, 2.5), (3.0, 5.0), (5.0, 10.0), (10.5, 20.0)]
-    assert windows.join(made(), ~np.ones(40, bool)) == []
+    assert windows.join_windows(made(segment=segment), passed) == [(0.0, 2.5), (3.0, 5.0), (5.0, 10.0), (10.5, 20.0)]
+    assert windows.join_windows(made(), ~np.ones(40, bool)) == []
 
 
 def flags(spans: list[tuple[float, float]] | None = None, measured: bool = False, known: bool = True) -> FlagSpans:
@@ -80,10 +81,10 @@ def test_the_limit_of_a_still_gyro_is_four_times_its_floor_within_bounds() -> No
     for floor, limit in ((0.02, 0.15), (0.05, 0.2), (0.1, 0.4), (0.5, 0.6)):
         noise = np.full(100, 3.0)
         noise[:10] = floor
-        assert rest.rate_limit(made(100, rate_std=noise)) == pytest.approx(limit)
-    assert rest.rate_limit(made(0, rate=np.zeros((0, 3)))) == 0.15
-    assert rest.largest_limit(made(), flags(measured=True)) == 0.6
-    assert rest.largest_limit(made(), flags()) == pytest.approx(0.2)
+        assert rest.still_rate_limit(made(100, rate_std=noise)) == pytest.approx(limit)
+    assert rest.still_rate_limit(made(0, rate=np.zeros((0, 3)))) == 0.15
+    assert rest.largest_rate_limit(made(), flags(measured=True)) == 0.6
+    assert rest.largest_rate_limit(made(), flags()) == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +94,7 @@ def test_a_window_is_still_by_each_of_its_signs(quantity: str, still: float, mov
     for value, expected in ((still, True), (moved, False)):
         one = made()
         getattr(one, quantity)[17] = value
-        found = rest.still(one, flags())
+        found = rest.still_windows(one, flags())
         assert found[17] == expected
         assert found.sum() == 39 + expected
 
@@ -103,14 +104,14 @@ def test_a_mean_rate_that_is_not_that_of_the_windows_around_is_no_rest(axis: int
     for off, expected in ((0.29, True), (-0.29, True), (0.31, False), (-0.31, False)):
         one = made()
         one.rate[17, axis] += off
-        assert rest.still(one, flags())[17] == expected
+        assert rest.still_windows(one, flags())[17] == expected
 
 
 def test_motors_that_are_measured_to_stand_still_raise_the_limit_where_they_do() -> None:
     one = made(rate_std=np.where(np.arange(40) < 20, 0.05, 0.5))
-    found = rest.still(one, flags([(15.2, 18.0)], measured=True))
+    found = rest.still_windows(one, flags([(15.2, 18.0)], measured=True))
     assert np.flatnonzero(~found).tolist() == list(range(30, 37))
-    assert rest.still(one, flags([(15.2, 18.0)])).sum() == 20
+    assert rest.still_windows(one, flags([(15.2, 18.0)])).sum() == 20
 
 
 def test_the_median_around_a_window_is_that_of_quiet_ones_within_thirty_seconds() -> None:
@@ -128,7 +129,7 @@ def test_the_median_around_a_window_is_that_of_quiet_ones_within_thirty_seconds(
 def test_rest_lasts_two_seconds_and_is_long_from_ten_on() -> None:
     one, still = made(60), np.ones(60, bool)
     still[[3, 8, 29, 49]] = False  # 1.5, 2, 10, 9.5 and 5 s
-    found = rest.rests(one, still, flags(), flags(), [], np.zeros(60, bool))
+    found = rest.find_rests(one, still, flags(), flags(), [], np.zeros(60, bool))
     assert [(s.kind, s.t0, s.t1) for s in found] == [
         ("rest.short", 2.0, 4.0),
         ("rest.long", 4.5, 14.5),
@@ -141,7 +142,7 @@ def test_rest_lasts_two_seconds_and_is_long_from_ten_on() -> None:
 def test_no_rest_in_the_air_while_busy_or_while_it_travels() -> None:
     one, still, moving = made(60), np.ones(60, bool), np.zeros(60, bool)
     moving[50] = True
-    found = rest.rests(one, still, flags([(5.1, 6.0)]), flags(), [(15.1, 15.2)], moving)
+    found = rest.find_rests(one, still, flags([(5.1, 6.0)]), flags(), [(15.1, 15.2)], moving)
     assert [(s.t0, s.t1) for s in found] == [(0.0, 5.0), (6.5, 15.0), (15.5, 25.0), (25.5, 30.0)]
 
 
@@ -150,13 +151,28 @@ def test_idling_is_slow_with_turning_motors_on_the_ground_outside_rest() -> None
     rate[20, 2] += 1.1  # 10 to 10.5 s
     rate[30, 0] -= 0.9
     one, still = made(60, rate=rate), np.arange(60) < 8
-    found = rest.idles(one, still, flags([(20.0, 40.0)]), flags([(4.0, 25.0)]), [(0.0, 5.0)])
+    found = rest.find_idles(one, still, flags([(20.0, 40.0)]), flags([(4.0, 25.0)]), [(0.0, 5.0)])
     assert [(s.kind, s.t0, s.t1) for s in found] == [("idle", 5.0, 10.0), ("idle", 10.5, 19.5)]
-    assert rest.idles(one, still, flags(known=False), flags([(4.0, 25.0)]), []) == []
+    assert rest.find_idles(one, still, flags(known=False), flags([(4.0, 25.0)]), []) == []
 
 
 def test_without_rest_three_degrees_per_second_may_be_the_gyros_own_offset() -> None:
     for rate, found in ((2.9, [(0.0, 10.0)]), (3.1, [])):
         one = made(20, rate=np.tile([0.0, rate, 0.0], (20, 1)))
-        idle = rest.idles(one, np.zeros(20, bool), flags([(50.0, 60.0)]), flags([(0.0, 25.0)]), [])
+        idle = rest.find_idles(one, np.zeros(20, bool), flags([(50.0, 60.0)]), flags([(0.0, 25.0)]), [])
         assert [(s.t0, s.t1) for s in idle] == found
+
+
+# Vibration second by second: its size, and which seconds count.
+
+
+def test_a_second_that_a_span_cuts_off_counts_for_nothing() -> None:
+    """A sine of 2 m/s^2 is 1.41 rms; the last 0.3 s of the span, where it is ten times as large, are no second."""
+    t = np.arange(0.0, 8.0, 0.005)
+    size = np.where(t < 5.0, 2.0, 20.0)
+    acc = np.column_stack([size * np.sin(2.0 * np.pi * 50.0 * t), np.zeros(len(t)), np.full(len(t), -9.8)])
+    imu = Imu(0, Stream(t, np.zeros_like(acc), "rad/s", "FRD", "IMU"), Stream(t, acc, "m/s^2", "FRD", "IMU"))
+    starts, found = vibration_levels(imu, [(0.0, 5.3)])
+    assert starts.tolist() == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0])
+    assert found[:, 0] == pytest.approx(np.sqrt(2.0), rel=0.05)
+    assert found[:, 1] == pytest.approx(0.0, abs=1e-9)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.base import rotation
-from attlog.simulate.autopilot import controller
-from attlog.simulate.scenario.vehicle import ROTOR_SIGNS, ROTOR_TURNS, Vehicle
+from attlog.core import rotation
+from attlog.simulate import controller
+from attlog.simulate.scenario import ROTOR_SIGNS, ROTOR_TURNS, Vehicle
 
 Array = np.ndarray
 
@@ -59,11 +59,11 @@ def flown(
     Rotors are told ``waiting`` periods late.
     """
     vehicle = vehicle or Vehicle()
-    body, state, packed = Body(vehicle, q0, thrust), controller.start(), gains.pack()
+    body, state, packed = Body(vehicle, q0, thrust), controller.new_controller_state(), gains.pack()
     shares = controller.mixer(ROTOR_SIGNS, ROTOR_TURNS)
     t = np.arange(int(seconds * hz)) / hz
     wanted = np.broadcast_to(wanted, (len(t), 4))
-    step, out = controller.compiled(), np.zeros(11)
+    step, out = controller.compiled_control(), np.zeros(11)
     qs, outs = np.empty((len(t), 4)), np.empty((len(t), 11))
     for k in range(len(t)):
         qs[k] = body.q

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,12 @@ import pytest
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from attlog.base import rotation
-from attlog.base.errors import UsageError
+from attlog.core import rotation
+from attlog.core.errors import UsageError
+from attlog.simulate.environment import environment, generator, share_at, wind_at
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
-from attlog.simulate.physics.environment import environment
-from attlog.simulate.physics.streams import generator
-from attlog.simulate.physics.wind import share_at, wind_at
-from attlog.simulate.scenario.place import Gust, Wind
-from attlog.simulate.scenario.scenario import Scenario, build, load
+from attlog.simulate.scenario import Gust, Scenario, Wind, build_scenario, load_scenario, scenario_names
 from tests.conftest import few
 from tests.simulate.still import PERFECT, flown, scenario
 
@@ -32,7 +30,7 @@ def hop(**values: Any) -> Scenario:
         {"t": 10, "do": "attitude", "pitch_deg": -10},
         {"t": 11, "do": "hold", "heading_deg": 60},
     ]
-    return build({"seconds": 14.0, "command": commands, "estimator": {"name": "truth"}} | values)
+    return build_scenario({"seconds": 14.0, "command": commands, "estimator": {"name": "truth"}} | values)
 
 
 def everything(flight: Flight) -> dict[str, bytes]:
@@ -110,7 +108,7 @@ def test_events_tell_lift_off_faults_overturn_and_impact() -> None:
     told = [what for _, what in flight.events]
     assert told[0] == "lift-off"
     assert told[1] == "fault: rotor 2 off"
-    tilt = np.degrees(rotation.inclination_angle(flight.truth.q))
+    tilt = np.degrees(rotation.tilt_angle(flight.truth.q))
     assert flight.events[2] == (pytest.approx(flight.truth.t[np.argmax(tilt > 90.0)]), "overturn")
     assert told[3].startswith("impact at ")
     speed = float(told[3].split()[2])
@@ -163,16 +161,16 @@ def test_wind_falls_off_towards_the_ground() -> None:
 
 def test_a_date_without_a_magnetic_model_is_refused() -> None:
     with pytest.raises(UsageError, match="no magnetic model covers 2001-01-01"):
-        environment(build({"place": {"date": "2001-01-01T00:00:00Z"}}))
+        environment(build_scenario({"place": {"date": "2001-01-01T00:00:00Z"}}))
 
 
 @pytest.mark.slow
 def test_two_minutes_fly_in_seconds() -> None:
     import time
 
-    fly(load("hover").changed(seconds=2.0), 0)
+    fly(load_scenario("hover").changed(seconds=2.0), 0)
     start = time.process_time()
-    fly(load("waypoints").changed(seconds=120.0), 0)
+    fly(load_scenario("waypoints").changed(seconds=120.0), 0)
     assert time.process_time() - start < 15.0  # 3 s on a quiet core
 
 
@@ -206,7 +204,7 @@ def test_what_flew_is_carried_on_from_where_and_how_it_lies() -> None:
     moves = [{"seconds": 2, "up_m": 1, "north_m": 2, "east_m": -1, "roll_deg": 30}]
     commands = [{"t": 1, "do": "arm"}, {"t": 1.2, "do": "disarm"}]
     values = {"seconds": 5.0, "command": commands, "place": {"heading_deg": 40}, "estimator": {"name": "truth"}}
-    flight = fly(build(values | {"motion": {"after_s": 2.0, "move": moves}}))
+    flight = fly(build_scenario(values | {"motion": {"after_s": 2.0, "move": moves}}))
     p, v = flight.truth.p, flight.truth.v
     k = int(np.searchsorted(flight.truth.t, 2.0))
     assert np.abs(np.diff(p, axis=0)).max() < 0.006
@@ -225,3 +223,122 @@ def test_a_rotor_out_of_balance_shakes_as_many_times_as_much_for_as_long_as_it_i
     assert more[t < 10.499].max() == 0.0
     assert np.quantile(more[during], 0.5) > 2.0
     assert more[t > 12.01].max() < 0.01
+
+
+# The scenarios that come with attlog do what their titles say, and begin and end as real logs do.
+
+WANTED = {
+    "static",
+    "lift-drop",
+    "rotation",
+    "hover",
+    "steps",
+    "initial-angle",
+    "tracking",
+    "waypoints",
+    "yaw",
+    "aggressive",
+    "drift",
+    "vibration",
+    "mag-anomaly",
+    "gnss-loss",
+    "crash",
+    "carried-home",
+    "roll-in",
+    "flip",
+    "hard-landing",
+    "no-liftoff",
+    "clipping",
+}
+FLOWN = sorted(WANTED - {"static", "lift-drop", "rotation", "flip", "no-liftoff"})
+
+
+@functools.lru_cache(maxsize=16)
+def library_flight(name: str) -> Flight:
+    return fly(load_scenario(name), seed=1)
+
+
+def tilt_deg(flight: Flight) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return np.degrees(rotation.tilt_angle(flight.truth.q))
+
+
+def test_the_library_is_complete() -> None:
+    assert set(scenario_names()) == WANTED
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FLOWN)
+def test_a_flight_rests_flies_and_rests_again(name: str) -> None:
+    flight = library_flight(name)
+    t, armed = flight.truth.t, dict((value, at) for at, value in flight.onboard.armed)
+    before = t < armed[True]
+    assert armed[True] >= 10.0
+    assert np.abs(flight.truth.w[before]).max() < np.radians(0.2)
+    assert np.abs(flight.truth.a[before]).max() < 0.1
+    assert -flight.truth.p[:, 2].min() > 2.5
+    assert flight.onboard.armed[-1][1] is False
+    end = t > t[-1] - 5.0
+    assert np.abs(flight.truth.v[end]).max() < 0.01
+
+
+@pytest.mark.slow
+def test_each_scenario_shows_what_its_title_promises() -> None:
+    assert np.ptp(tilt_deg(library_flight("hover"))) < 5
+    assert tilt_deg(library_flight("aggressive")).max() > 35
+    assert np.hypot(*library_flight("waypoints").truth.p[:, :2].max(axis=0)) > 40
+    heading = np.unwrap(rotation.to_euler(library_flight("yaw").truth.q)[:, 2])
+    assert np.degrees(np.abs(np.diff(heading)).sum()) > 900
+    assert np.degrees(np.ptp(heading)) > 358
+    crash = library_flight("crash")
+    assert [what for _, what in crash.events if "impact" in what]
+    assert crash.imus[0].clipped.sum() > 10
+    assert tilt_deg(crash).max() > 150
+    lost = library_flight("gnss-loss").gnss[0]
+    assert set(lost.fix[(lost.t_sample > 50) & (lost.t_sample < 80)]) == {0}
+    assert set(lost.fix[(lost.t_sample < 50) | (lost.t_sample > 80)]) == {3}
+    shaken, calm = (library_flight(n).imus[0] for n in ("vibration", "waypoints"))
+    spread = [np.std(i.acc[(i.t > 30) & (i.t < 60), 0]) for i in (shaken, calm)]
+    assert spread[0] > 3 * spread[1]
+    iron = library_flight("mag-anomaly")
+    norm = np.linalg.norm(iron.mags[0].field, axis=1)
+    assert np.ptp(norm) > 8e-6
+    drifting = library_flight("drift").imus[0].gyro_bias
+    assert np.degrees(np.abs(drifting[-1] - drifting[0])).max() > 0.1
+
+
+@pytest.mark.slow
+def test_static_and_prescribed_motion_hold_their_angles() -> None:
+    still = fly(load_scenario("static").changed(seconds=20.0), 3).truth
+    assert np.degrees(rotation.to_euler(still.q[[0, -1]])) == pytest.approx(np.array([[2, 1, 0]] * 2), abs=1e-9)
+    turned = np.degrees(rotation.to_euler(library_flight("rotation").truth.q))
+    assert turned.max(axis=0) == pytest.approx([45, 45, 75], abs=1e-6)
+    assert turned.min(axis=0) == pytest.approx([-45, -45, -15], abs=1e-6)
+    dropped = np.degrees(rotation.to_euler(library_flight("lift-drop").truth.q))[:, 0]
+    t = library_flight("lift-drop").truth.t
+    for begin, angle in ((21.0, 20), (35.3, 40), (49.6, 60)):
+        assert np.interp(begin, t, dropped) == pytest.approx(angle, abs=1e-6)
+        assert np.interp(begin + 0.3, t, dropped) == pytest.approx(0, abs=1e-6)
+
+
+# Gusts by their formula: each adds to the mean wind and to the others.
+
+
+def test_gusts_that_overlap_add_up() -> None:
+    t = np.arange(0.0, 10.0, 0.5)
+    gusts = (Gust(t=1.0, seconds=4.0, ned_m_s=(0.0, 6.0, 0.0)), Gust(t=3.0, seconds=4.0, ned_m_s=(2.0, 0.0, -1.0)))
+    air = wind_at(Wind(mean_ned_m_s=(1.0, 0.0, 0.0), turbulence_m_s=0.0, gust=gusts), t, 0)
+    assert air[t == 3.0][0] == pytest.approx([1.0, 6.0, 0.0])
+    assert air[t == 4.0][0] == pytest.approx([2.0, 3.0, -0.5])
+    assert air[t == 5.0][0] == pytest.approx([3.0, 0.0, -1.0])
+    assert air[t >= 7.0] == pytest.approx(np.tile([1.0, 0.0, 0.0], (6, 1)))
+
+
+# The air at a scenario's place, by the tables of the standard atmosphere (ISO 2533),
+# whose heights are geopotential.
+
+
+@pytest.mark.parametrize(
+    ("alt_m", "density"), [(0.0, 1.22500), (1000.0, 1.11164), (3000.0, 0.909122), (5000.0, 0.736116)]
+)
+def test_the_density_is_that_of_the_standard_atmosphere(alt_m: float, density: float) -> None:
+    assert environment(build_scenario({"place": {"alt_m": alt_m}})).density == pytest.approx(density, rel=5e-5)

@@ -9,23 +9,24 @@ import pytest
 
 from attlog import flight as flights
 from attlog import formats
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.flight.model import FlightLog
 from attlog.formats.verify import verify
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import recording, write
 from attlog.simulate.logs.records import START_US, every, held, micros, vibration
-from attlog.simulate.scenario.overrides import overridden
-from attlog.simulate.scenario.scenario import build, values_of
+from attlog.simulate.scenario import build_scenario, scenario_values
+from attlog.simulate.scenario_text import override_values
 from tests.conftest import few
+from tests.formats.ros.bags import decoded
 
 SUFFIXES = (".ulg", ".bin", ".tlog")
 TWO = tuple(f"sensors.{kind}.1.rate_hz={hz}" for kind, hz in (("imu", 400), ("mag", 20), ("gnss", 10), ("baro", 10)))
 
 
 def made(name: str, *settings: str, seed: int = 0) -> Flight:
-    return fly(build(overridden(values_of(name), settings)), seed)
+    return fly(build_scenario(override_values(scenario_values(name), settings)), seed)
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +123,7 @@ def test_attitudes_come_back(suffix: str, rate: float, flown: Flight, read: dict
         k = every(t_all, rate)
         assert got is not None
         close(got.t, on_log(log, t_all[k]), clock)
-        assert np.degrees(rotation.total_angle(rotation.error(got.q, q_all[k]))).max() < 1e-4
+        assert np.degrees(rotation.total_angle(rotation.earth_error(got.q, q_all[k]))).max() < 1e-4
     if suffix != ".tlog":
         assert log.onboard_gyro_bias is not None
         k = every(t, 1.0 if suffix == ".ulg" else 10.0)
@@ -138,7 +139,9 @@ def test_set_points_come_back(suffix: str, flown: Flight, read: dict[str, Flight
     wanted = board.q_setpoint[known][every(t, rate[0])]
     assert log.setpoints is not None
     set_ = np.abs(np.sum(wanted**2, axis=1) - 1.0) < 1e-6
-    assert np.degrees(rotation.total_angle(rotation.error(log.setpoints.q[-50:], wanted[set_][-50:]))).max() < 1e-4
+    assert (
+        np.degrees(rotation.total_angle(rotation.earth_error(log.setpoints.q[-50:], wanted[set_][-50:]))).max() < 1e-4
+    )
     assert log.rate_setpoints is not None
     close(log.rate_setpoints.x[-50:], board.rate_setpoint[known][every(t, rate[1])][-50:], 1e-6)
 
@@ -297,3 +300,68 @@ def test_the_vibration_level_is_that_of_a_sine_behind_its_filters() -> None:
 
 def test_time_lines_hold_until_they_change() -> None:
     assert held([(0.0, "A"), (2.0, "B")], np.array([-1.0, 0.0, 1.9, 2.0, 9.0])) == ["A", "A", "A", "B", "B"]
+
+
+# A flight as a bag is the flight as a ULog, beside a motion capture on a clock and in axes of its own.
+
+Logs = tuple[FlightLog, FlightLog]
+
+
+@pytest.fixture(scope="module")
+def bag_flight() -> Flight:
+    """The first 12 s of the hover: at rest, armed, taken off."""
+    return fly(build_scenario(override_values(scenario_values("hover"), ["seconds=12"])), 0)
+
+
+@pytest.fixture(scope="module")
+def bag(bag_flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bag") / "a.mcap"
+    write(path, bag_flight)
+    return path
+
+
+@pytest.fixture(scope="module")
+def both(bag_flight: Flight, bag: Path) -> Logs:
+    write(bag.with_suffix(".ulg"), bag_flight)
+    return flights.read(bag), flights.read(bag.with_suffix(".ulg"))
+
+
+def test_every_stream_equals_that_of_the_ulog(both: Logs) -> None:
+    one, other = both
+    assert one.replay_imu is not None
+    assert other.replay_imu is not None
+    assert (one.t0_us, one.replay_imu.gyro.source) == (other.t0_us, other.replay_imu.gyro.source)
+    pairs = [(one.replay_imu.gyro, other.replay_imu.gyro), (one.replay_imu.acc, other.replay_imu.acc)]
+    pairs += [(a.field, b.field) for a, b in zip(one.mags, other.mags, strict=True)]
+    for a, b in pairs:
+        np.testing.assert_array_equal(a.t, b.t)
+        np.testing.assert_array_equal(a.x, b.x)
+    np.testing.assert_array_equal(one.attitudes["vehicle_attitude"].q, other.attitudes["vehicle_attitude"].q)
+    np.testing.assert_array_equal(one.gnss[0].vel_ned, other.gnss[0].vel_ned)
+    assert one.armed is not None
+    assert other.armed is not None
+    assert (one.armed.value, list(one.armed.t)) == (other.armed.value, list(other.armed.t))
+
+
+def test_the_motion_capture_is_the_truth_but_for_its_axes_and_noise(both: Logs) -> None:
+    one, other = both
+    truth, pose = other.truth, one.poses["/mocap/pose"]
+    assert truth is not None
+    at = np.searchsorted(truth.t, pose.t[100:-100])
+    world = rotation.multiply(pose.q[100:-100], np.array([0.0, 1.0, 0.0, 0.0]))  # body forward-right-down
+    turned = rotation.multiply(world, rotation.conjugate(truth.q[at]))
+    spread = rotation.total_angle(rotation.multiply(rotation.conjugate(turned[:1]), turned))
+    assert 0.02 < np.degrees(np.median(spread)) < 0.5
+    assert len(pose.t) > 1100
+
+
+@pytest.mark.slow
+def test_the_official_decoder_reads_it(bag: Path, bag_flight: Flight) -> None:
+    poses = [m for m in decoded(bag) if hasattr(m, "pose")]
+    assert poses[0].header.frame_id == "map"
+    assert len(poses) > 1100
+
+
+def test_the_same_flight_gives_the_same_bytes(bag: Path, bag_flight: Flight, tmp_path: Path) -> None:
+    write(tmp_path / "b.mcap", bag_flight)
+    assert (tmp_path / "b.mcap").read_bytes() == bag.read_bytes()

@@ -11,30 +11,40 @@ from typing import TYPE_CHECKING
 import typer
 
 from attlog import __version__
-from attlog.base.errors import BUG, INTERRUPTED, PluginError, PluginTimeout, exit_code, message, worst
-from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.gates import GateOptions, GateReport, GatesFile
-from attlog.cli.shared.options import (
+from attlog.cli.arguments import command_line
+from attlog.cli.gates import GateOptions, GateReport, GatesFile
+from attlog.cli.options import (
     CommonOptions,
     Figures,
     Folder,
     Form,
     Jobs,
     Json,
+    LogOptions,
     Open,
     Places,
     TableForm,
+    commands,
+    configured,
     one_form,
 )
-from attlog.cli.shared.printing import TextLine, console, json_line, json_to_stdout, say, table_to_stdout, to_stderr
-from attlog.cli.shared.process import is_of_a_stream
-from attlog.cli.shared.progress import Bar, progress
-from attlog.cli.shared.settings import LogOptions, commands, configured
+from attlog.cli.printing import TextLine, console, json_line, json_to_stdout, say, table_to_stdout, to_stderr
+from attlog.cli.process import is_of_a_stream
+from attlog.cli.progress import Bar, progress
+from attlog.core.errors import (
+    EXIT_BUG,
+    EXIT_INTERRUPTED,
+    PluginError,
+    PluginTimeout,
+    error_message,
+    exit_code,
+    worst_exit_code,
+)
 
 if TYPE_CHECKING:
-    from attlog.analysis.config import Config
-    from attlog.fleet.records.entry import Entry
-    from attlog.fleet.sources.source import Source
+    from attlog.batch.index_row import Entry
+    from attlog.batch.sources import Source
+    from attlog.pipeline.config import Config
     from attlog.result import Result
 
 
@@ -60,31 +70,31 @@ def command(
     one_form(json, form)
     settings = configured(options)
     if figures is not None:
-        from attlog.report.journal.browser import browser
+        from attlog.report.figures.files import find_browser
 
-        browser()  # none: said before the logs are read
+        find_browser()  # none: said before the logs are read
     gate_report = GateReport(GateOptions(gates), output)
     run = AnalyzeRun(settings, options, common, output, gate_report, json, form, open_report, figures)
-    from attlog.fleet.processes.files import report_names
-    from attlog.fleet.sources.find import sources
+    from attlog.batch.report_files import report_names
+    from attlog.batch.sources import sources
 
     found, wrong = sources(logs)
     for error in wrong:
-        to_stderr(message(error, __version__))
+        to_stderr(error_message(error, __version__))
     if len(found) > 1:
         run.several(found, jobs)
     else:
         for source in found:
             run.one(source)
     if form is not None and run.results:
-        from attlog.compare.tables.analysis_table import head_and_rows
+        from attlog.compare.tables import analysis_rows
 
-        table_to_stdout(form, *head_and_rows(run.results, settings.window or "all"))
+        table_to_stdout(form, *analysis_rows(run.results, settings.window or "all"))
     names = report_names([source.file_name for source in found])
     codes = run.codes | {exit_code(error) for error in wrong}
-    codes |= run.gates.finish(names, wrong, interrupted=INTERRUPTED in codes)
-    if worst(codes):
-        raise typer.Exit(worst(codes))
+    codes |= run.gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in codes)
+    if worst_exit_code(codes):
+        raise typer.Exit(worst_exit_code(codes))
 
 
 class AnalyzeRun:
@@ -110,7 +120,7 @@ class AnalyzeRun:
 
     def one(self, source: Source) -> None:
         """Analyse one log in this process and show it."""
-        from attlog.fleet.processes.files import analyze_to_files, figure_starts, report_names
+        from attlog.batch.report_files import analyze_to_files, figure_starts, report_names
 
         name = report_names([source.file_name])[0]
         try:
@@ -127,18 +137,17 @@ class AnalyzeRun:
             self._show(source.name, written.result, written.report)
         except KeyboardInterrupt:
             to_stderr(_kept([], 1, self.folder))
-            self.codes.add(INTERRUPTED)
+            self.codes.add(EXIT_INTERRUPTED)
         except Exception as error:
             self._failed(error, source.name)
-            self.gates.broken(source.name, name, exit_code(error), message(error, __version__, source.name))
+            self.gates.broken(source.name, name, exit_code(error), error_message(error, __version__, source.name))
 
     def several(self, logs: Sequence[Source], jobs: int) -> None:
         """Analyse each log in a process of its own and show it as it comes."""
-        from attlog.fleet.processes.files import figure_starts, report_names
-        from attlog.fleet.processes.run import tidied
-        from attlog.fleet.records.work import Work, settings_key
-        from attlog.fleet.schedulers.batch import entry_of
-        from attlog.fleet.schedulers.local import local_runner
+        from attlog.batch.job import Work, settings_key
+        from attlog.batch.process import tidied
+        from attlog.batch.report_files import figure_starts, report_names
+        from attlog.batch.run import entry_of, local_runner
 
         deterministic = self.options.deterministic
         key = settings_key(self.config, deterministic)
@@ -168,12 +177,12 @@ class AnalyzeRun:
                             self.gates.broken(record.log, record.name, record.code, record.message)
                             to_stderr(record.trace * (self.verbose > 1) + record.message)
             except KeyboardInterrupt:
-                self.codes.add(INTERRUPTED)
+                self.codes.add(EXIT_INTERRUPTED)
             finally:
                 coming.close()
         if not self.quiet:
             self._say_summary([done[name] for name in names if name in done], len(logs), time.monotonic() - started)
-        if INTERRUPTED in self.codes:
+        if EXIT_INTERRUPTED in self.codes:
             to_stderr(_kept([e.name for e in done.values() if e.row is not None], len(logs), self.folder))
 
     def _load_and_show(self, log: str, name: str) -> None:
@@ -198,7 +207,7 @@ class AnalyzeRun:
             json_to_stdout(json_line(result.to_dict(self.options.deterministic)))
         out = console(stderr=self._on_stderr)
         if not self.quiet:
-            from attlog.cli.shared.terminal import printed
+            from attlog.cli.tables import printed
             from attlog.report import bundle_notice
 
             say(printed(result, self.config.window or "all", out.width, out.encoding, self.verbose > 0), out)
@@ -220,13 +229,13 @@ class AnalyzeRun:
         """Say what went wrong with a log. An error of standard output is none of the log."""
         if is_of_a_stream(error):
             raise error
-        if self.verbose > 1 and exit_code(error) == BUG:
+        if self.verbose > 1 and exit_code(error) == EXIT_BUG:
             to_stderr("".join(traceback.format_exception(error)))
-        to_stderr(message(error, __version__, log))
+        to_stderr(error_message(error, __version__, log))
         self.codes.add(exit_code(error))
 
     def _say_summary(self, entries: Sequence[Entry], total: int, seconds: float) -> None:
-        from attlog.fleet.pages.summary import summary
+        from attlog.batch.order import summary
 
         out = console(stderr=self._on_stderr)
         first, *others = summary(entries, total, seconds, self.folder, width=out.width)

@@ -10,20 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog import __version__
-from attlog.base.errors import INTERRUPTED, UsageError, exit_code, message, worst
-from attlog.cli.shared.gates import GateOptions, GateReport
-from attlog.cli.shared.options import CommonOptions, JobsOfCores, Places, finite
-from attlog.cli.shared.printing import TextLine, console, say, to_stderr
-from attlog.cli.shared.process import ended_by_signals
-from attlog.cli.shared.progress import Bar
-from attlog.cli.shared.settings import LogOptions, commands, configured
+from attlog.cli.gates import GateOptions, GateReport
+from attlog.cli.options import CommonOptions, JobsOfCores, LogOptions, Places, commands, configured, finite
+from attlog.cli.printing import TextLine, console, say, to_stderr
+from attlog.cli.process import ended_by_signals
+from attlog.cli.progress import Bar
+from attlog.core.errors import EXIT_INTERRUPTED, UsageError, error_message, exit_code, worst_exit_code
 
 if TYPE_CHECKING:
-    from attlog.fleet.records.entry import Entry
-    from attlog.fleet.records.record import Record
-    from attlog.fleet.records.work import Work
-    from attlog.fleet.schedulers.batch import Outcome
-    from attlog.fleet.schedulers.local import Runner
+    from attlog.batch.index_row import Entry
+    from attlog.batch.job import Record, Work
+    from attlog.batch.run import Outcome, Runner
 
 TIMEOUT_S = 3600.0
 """A log may take this long: no log in hand takes a hundredth of it, and one that hangs costs one worker an hour."""
@@ -64,11 +61,11 @@ class BatchOptions:
     def runner(self, progress: BatchProgress, bar: Bar) -> Runner:
         """What does the work."""
         if self.scheduler is None:
-            from attlog.fleet.schedulers.local import local_runner
+            from attlog.batch.run import local_runner
 
             return local_runner(self.jobs, bar.stage)
 
-        from attlog.fleet.schedulers.cluster import cluster_runner
+        from attlog.batch.cluster import cluster_runner
 
         return cluster_runner(self.scheduler, self.jobs, progress.say)
 
@@ -92,14 +89,13 @@ def command(
     """
     gates = GateReport(gate_options, output)
     settings = configured(options)
-    from attlog.fleet.records.plan import Job
-    from attlog.fleet.schedulers.batch import run_batch
-    from attlog.fleet.sources.find import sources
+    from attlog.batch.run import Job, run_batch
+    from attlog.batch.sources import sources
 
     judge = gates.judge(output, options.deterministic)
     found, wrong = sources(logs)
     for error in wrong:
-        to_stderr(message(error, __version__))
+        to_stderr(error_message(error, __version__))
     codes, names = {exit_code(error) for error in wrong}, list[str]()
     if found:
         job = Job(
@@ -119,9 +115,9 @@ def command(
         codes |= outcome.codes
         _say_outcome(outcome, output, common.quiet)
         names = [entry.name for entry in outcome.entries]
-    codes |= gates.finish(names, wrong, interrupted=INTERRUPTED in codes)
-    if worst(codes):
-        raise typer.Exit(worst(codes))
+    codes |= gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in codes)
+    if worst_exit_code(codes):
+        raise typer.Exit(worst_exit_code(codes))
 
 
 class BatchProgress:
@@ -158,7 +154,7 @@ class BatchProgress:
 
 def _say_outcome(outcome: Outcome, folder: Path, quiet: bool) -> None:
     """The summary, and why not all logs were reached."""
-    from attlog.fleet.pages.summary import summary
+    from attlog.batch.order import summary
 
     if not quiet:
         out = console()

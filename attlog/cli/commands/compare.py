@@ -10,28 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog import __version__
-from attlog.base.errors import PluginError, PluginTimeout, UsageError, exit_code, message, worst
-from attlog.base.files.file_names import file_name
-from attlog.cli.shared import completion
-from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.options import CommonOptions, Jobs, Open
-from attlog.cli.shared.printing import (
-    TextLine,
-    aligned,
-    console,
-    json_to_stdout,
-    say,
-    text_to_stdout,
-    to_stderr,
-    wrapped,
-)
-from attlog.cli.shared.progress import StageHandler, progress
-from attlog.cli.shared.settings import ComparisonOptions, check_window, for_comparison
+from attlog.cli import options as completion
+from attlog.cli.arguments import command_line
+from attlog.cli.options import CommonOptions, ComparisonOptions, Jobs, Open, check_window, for_comparison
+from attlog.cli.printing import TextLine, aligned, console, json_to_stdout, say, text_to_stdout, to_stderr, wrapped
+from attlog.cli.progress import StageHandler, progress
+from attlog.core.errors import PluginError, PluginTimeout, UsageError, error_message, exit_code, worst_exit_code
+from attlog.core.files import file_name
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.printing import TextLine
-    from attlog.compare.differences.comparison import Comparison
-    from attlog.compare.differences.one_log import LogComparison
+    from attlog.cli.printing import TextLine
+    from attlog.compare.comparison import Comparison
+    from attlog.compare.run import LogComparison
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +36,7 @@ class CompareOptions:
         str | None,
         typer.Option(
             metavar="W",
-            autocompletion=completion.windows,
+            autocompletion=completion.complete_windows,
             help="Compare in this window: all, rest, airborne, hover, cruise, idle or T0:T1 (s). [default: by "
             "question]",
         ),
@@ -87,13 +77,15 @@ def command(
     if file_name(own.name) != own.name:
         raise UsageError(f"--name {own.name!r}: no name of a file in the folder of -o; such as {file_name(own.name)}")
     check_window(own.window)
-    from attlog.compare.configurations.command_words import sorted_out, with_params
-    from attlog.compare.differences.compare import compare
-    from attlog.compare.differences.same_flight import counted_once
-    from attlog.fleet.sources.find import find
+    from attlog.batch.sources import find
+    from attlog.compare.run import compare
+    from attlog.compare.same_flight import repeat_warning
+    from attlog.compare.setting_words import select_words, with_params_file
 
-    found = sorted_out(words)
-    configurations = with_params(found.wanted.configurations, own.params) if own.params else found.wanted.configurations
+    found = select_words(words)
+    configurations = (
+        with_params_file(found.wanted.configurations, own.params) if own.params else found.wanted.configurations
+    )
     if found.again and len(configurations) < 2:
         raise UsageError(f"{found.again[0]}; a comparison needs two that differ")
     for sentence in found.again:
@@ -103,7 +95,7 @@ def command(
     if not found.logs:
         raise UsageError("no log named: attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6")
     for error in wrong:
-        to_stderr(message(error, __version__))
+        to_stderr(error_message(error, __version__))
     codes = {exit_code(error) for error in wrong}
     result = None
     with progress(common.quiet, common.verbose > 0) as stages:
@@ -119,15 +111,15 @@ def command(
             )
     for line in result.logs if result is not None else ():
         if line.same_as:
-            to_stderr(f"attlog: {counted_once(line.name, line.same_as)}")
+            to_stderr(f"attlog: {repeat_warning(line.name, line.same_as)}")
     if result is not None:
         codes |= {line.code for line in result.logs}
         page = _written(result, options.output, own.name)
         _print(result, page, options, common)
         if own.open_page:
             typer.launch(str(page))
-    if worst(codes):
-        raise typer.Exit(worst(codes))
+    if worst_exit_code(codes):
+        raise typer.Exit(worst_exit_code(codes))
 
 
 class LogReport:
@@ -155,12 +147,13 @@ class LogReport:
 
 def _written(result: Comparison, folder: Path, name: str) -> Path:
     """The page, with JSON and CSV beside it."""
-    from attlog.base.files.output import write_together
-    from attlog.compare.tables import comparison_page, export
+    from attlog.compare import comparison_page
+    from attlog.compare import tables as export
+    from attlog.core.files import write_all_atomic
 
     place = folder / f"{name}.html"
-    data = {folder / f"{name}.json": result.to_json(), folder / f"{name}.csv": export.text(result, "csv")}
-    write_together({place: comparison_page.render(result)} | data)
+    data = {folder / f"{name}.json": result.to_json(), folder / f"{name}.csv": export.comparison_text(result, "csv")}
+    write_all_atomic({place: comparison_page.render_comparison(result)} | data)
     return place
 
 
@@ -168,9 +161,9 @@ def _print(result: Comparison, page: Path, options: ComparisonOptions, common: C
     if options.json:
         json_to_stdout(result.to_json())
     if options.form is not None:
-        from attlog.compare.tables import export
+        from attlog.compare import tables as export
 
-        text_to_stdout(export.text(result, options.form))
+        text_to_stdout(export.comparison_text(result, options.form))
     if not common.quiet:
         out = console(stderr=options.for_a_program)
         say(printed(result, out.width, common.verbose > 0), out)
@@ -183,7 +176,7 @@ def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[T
 
     ``verbose``: also a sentence for each significant question, and tables with a row for each log.
     """
-    from attlog.present.text import clean, typeset
+    from attlog.words.text import clean, typeset
 
     leads = [
         TextLine(line.text, "bold")
@@ -204,8 +197,8 @@ def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[T
 
 def _over_all_logs(result: Comparison, width: int) -> Iterator[TextLine]:
     """A row for each question: of one configuration all about its change, of several the changes side by side."""
-    from attlog.compare.tables.table import pooled_tables, side_by_side
-    from attlog.present.text import clean
+    from attlog.compare.tables import pooled_tables, side_by_side
+    from attlog.words.text import clean
 
     found = pooled_tables(result)
     for table in found if len(found) < 2 else side_by_side(result, width):
@@ -217,10 +210,10 @@ def _over_all_logs(result: Comparison, width: int) -> Iterator[TextLine]:
 
 def _each_log(result: Comparison, width: int) -> Iterator[TextLine]:
     """A table for each question and configuration, a row for each log, and why a log has no difference."""
-    from attlog.compare.tables.table import tables
-    from attlog.present.text import clean, typeset
+    from attlog.compare.tables import comparison_tables
+    from attlog.words.text import clean, typeset
 
-    for table in tables(result):
+    for table in comparison_tables(result):
         if not any(row[3] for row in table.rows):
             continue
         yield TextLine(f"{table.title} ({table.caption})", "bold")

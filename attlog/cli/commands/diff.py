@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from attlog import __version__
-from attlog.base.errors import UsageError, exit_code, message, worst
-from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.options import CommonOptions, Json, one_form
-from attlog.cli.shared.printing import TextLine, console, say, to_stderr
+from attlog.cli.arguments import command_line
+from attlog.cli.options import CommonOptions, Json, one_form
+from attlog.cli.printing import TextLine, console, say, to_stderr
+from attlog.core.errors import UsageError, error_message, exit_code, worst_exit_code
 
 if TYPE_CHECKING:
-    from attlog.compare.diff.changes import RunDifference
-    from attlog.compare.diff.result_files import ResultPairs
+    from attlog.compare.diff import ResultPairs, RunDifference
 
 
 def command(
@@ -62,20 +61,21 @@ def command(
     one_form(json, form)
     from json import dumps
 
-    from attlog.compare.diff import diff, result_files
-    from attlog.compare.diff import text as diff_words
-    from attlog.compare.diff.tolerance import tolerances
+    from attlog.compare import diff
+    from attlog.compare import diff as result_files
+    from attlog.compare import diff_text as diff_words
+    from attlog.compare.diff import parse_tolerances
 
-    found = result_files.found(old, new)
+    found = result_files.pair_results(old, new)
     for error in found.wrong:
-        to_stderr(message(error, __version__))
+        to_stderr(error_message(error, __version__))
     results = [r for pair in found.pairs.values() for r in pair if r is not None]
     windows = {w for r in results for row in r.estimators for w in row.metrics}
     if window is not None and window not in windows and results:
         raise UsageError(f"--window {window}: no result has it; they have {', '.join(sorted(windows))}")
-    limits = tolerances(tolerance or [], diff.units_of(*results))
+    limits = parse_tolerances(tolerance or [], diff.metric_units(*results))
     differences = [
-        diff.difference(name, a, b, limits, window)
+        diff.compare_results(name, a, b, limits, window)
         for name, (a, b) in found.pairs.items()
         if a is not None and b is not None
     ]
@@ -83,14 +83,14 @@ def command(
     alone = _alone(found)
     paged = output is not None and not json and form is None
     if json:
-        lines = dumps(diff_words.document(differences, alone), indent=1, allow_nan=False).split("\n")
+        lines = dumps(diff_words.diff_document(differences, alone), indent=1, allow_nan=False).split("\n")
     else:
-        words = diff_words.lines if form is None else diff_words.markdown
+        words = diff_words.diff_lines if form is None else diff_words.diff_markdown
         lines = list(words(differences, alone, common.verbose > 0))
     if output is not None and paged:
         lines += ["", f"page: {_page(differences, alone, (old, new), output)}"]
     _write(lines, None if paged else output)
-    code = worst([exit_code(error) for error in found.wrong] + [1 if count else 0])
+    code = worst_exit_code([exit_code(error) for error in found.wrong] + [1 if count else 0])
     if code:
         raise typer.Exit(code)
 
@@ -106,15 +106,15 @@ def _page(
     """The page and the JSON, written together."""
     from json import dumps
 
-    from attlog.base.files.output import write_together
-    from attlog.compare.diff import text as diff_words
-    from attlog.compare.diff.page import diff_page
+    from attlog.compare import diff_text as diff_words
+    from attlog.compare.diff_text import diff_page
+    from attlog.core.files import write_all_atomic
 
-    whole = dumps(diff_words.document(differences, alone), indent=1, allow_nan=False) + "\n"
+    whole = dumps(diff_words.diff_document(differences, alone), indent=1, allow_nan=False) + "\n"
     same = sides[0].name == sides[1].name
     names = [f"{side.parent.name}/{side.name}" if same else side.name for side in sides]
     page = diff_page(differences, alone, names[0], names[1], __version__, command_line())
-    write_together({folder / "diff.html": page, folder / "diff.json": whole})
+    write_all_atomic({folder / "diff.html": page, folder / "diff.json": whole})
     return folder / "diff.html"
 
 
@@ -122,6 +122,6 @@ def _write(lines: list[str], output: Path | None) -> None:
     if output is None:
         say(map(TextLine, lines), console())
         return
-    from attlog.base.files.output import write_atomic
+    from attlog.core.files import write_atomic
 
     write_atomic(output, "\n".join(lines) + "\n")

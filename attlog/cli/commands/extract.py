@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.base.errors import LogUnusable, UsageError
-from attlog.cli.shared import completion
-from attlog.cli.shared.options import Boot, CommonOptions, Log, System, finite
-from attlog.cli.shared.printing import to_stderr, to_stdout
+from attlog.cli import options
+from attlog.cli.options import Boot, CommonOptions, Log, System, finite
+from attlog.cli.printing import to_stderr, to_stdout
+from attlog.core.errors import LogUnusable, UsageError
 
 if TYPE_CHECKING:
-    from attlog.analysis.extraction import Extract
     from attlog.flight.model import FlightLog
+    from attlog.pipeline.extraction import Extract
 
 KINDS = ("csv", "parquet")
 
@@ -33,7 +33,7 @@ class ExtractOptions:
         typer.Option(
             "--estimates",
             metavar="LIST",
-            autocompletion=completion.rows,
+            autocompletion=options.complete_rows,
             help="Write attitudes of re-run filters: mahony@xu-0.6,gyro. [default: none]",
         ),
     ] = None
@@ -79,7 +79,7 @@ def command(
         typer.Argument(
             metavar="[MESSAGE[.N]]...",
             show_default=False,
-            autocompletion=completion.messages,
+            autocompletion=options.complete_messages,
             help="Write these messages, in any case; MAG.0 or MAG[0] is one instance. [default: all]",
         ),
     ] = None,
@@ -96,8 +96,8 @@ def command(
     if own.start is not None and own.end is not None and own.start > own.end:
         raise UsageError(f"--from {own.start:g} is after --to {own.end:g}")
     log = one_log(log)
-    from attlog.analysis import extraction
     from attlog.flight import read
+    from attlog.pipeline import extraction
 
     flight = read(log, boot=own.boot, system=own.system)
     whole = _tables(flight, messages or [], own.streams, own.estimates, own.system)
@@ -121,7 +121,7 @@ def command(
 
 def one_log(path: Path) -> Path:
     """The one log that a name means, also where it is a folder or a pattern. Errors as in ``fleet.find``."""
-    from attlog.fleet.sources.find import find
+    from attlog.batch.sources import find
 
     logs, wrong = find([path])
     if wrong:
@@ -136,11 +136,11 @@ def one_log(path: Path) -> Path:
 def _tables(
     flight: FlightLog, messages: list[str], streams: bool, estimates: str | None, system: int | None
 ) -> list[Extract]:
-    from attlog.analysis import extraction
+    from attlog.pipeline import extraction
 
     if not estimates:
         return list(extraction.streams(flight) if streams else extraction.messages(flight, messages, system))
-    from attlog.cli.shared.settings import check_filter
+    from attlog.cli.options import check_filter
     from attlog.estimators import items
 
     for item in items(estimates):

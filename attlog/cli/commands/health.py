@@ -10,18 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.base.errors import BUG, exit_code, message, worst
-from attlog.cli.shared.options import Boot, CommonOptions, Form, Json, Places, System, one_form
-from attlog.cli.shared.printing import (
-    TextLine,
-    console,
-    json_line,
-    json_to_stdout,
-    say,
-    table_to_stdout,
-    to_stderr,
-    wrapped,
-)
+from attlog.cli.options import Boot, CommonOptions, Form, Json, Places, System, one_form
+from attlog.cli.printing import TextLine, console, json_line, json_to_stdout, say, table_to_stdout, to_stderr, wrapped
+from attlog.core.errors import EXIT_BUG, error_message, exit_code, worst_exit_code
 
 if TYPE_CHECKING:
     from attlog.result import Result
@@ -55,13 +46,13 @@ def command(
 
     Example: attlog health flight.bin
     """
-    from attlog.analysis.pipeline import health
-    from attlog.cli.shared.arguments import command_line
-    from attlog.cli.shared.process import is_of_a_stream
-    from attlog.cli.shared.progress import progress
-    from attlog.fleet.processes.files import report_names
-    from attlog.fleet.sources.find import sources
-    from attlog.fleet.sources.log_file import unchanged
+    from attlog.batch.log_file import unchanged
+    from attlog.batch.report_files import report_names
+    from attlog.batch.sources import sources
+    from attlog.cli.arguments import command_line
+    from attlog.cli.process import is_of_a_stream
+    from attlog.cli.progress import progress
+    from attlog.pipeline.evaluation import health
 
     one_form(json, form)
     settings = {"params": params, "boot": boot, "system": system}
@@ -70,7 +61,7 @@ def command(
     found, wrong = sources(logs)
     codes = {exit_code(error) for error in wrong}
     for error in wrong:
-        to_stderr(message(error, __version__))
+        to_stderr(error_message(error, __version__))
     assessed: list[Result] = []
     out = console(stderr=json or form is not None)
     for source, name in zip(found, report_names([source.file_name for source in found]), strict=True):
@@ -89,45 +80,43 @@ def command(
         except Exception as error:
             if is_of_a_stream(error):
                 raise
-            if common.verbose > 1 and exit_code(error) == BUG:
+            if common.verbose > 1 and exit_code(error) == EXIT_BUG:
                 to_stderr("".join(traceback.format_exception(error)))
-            to_stderr(message(error, __version__, source.name))
+            to_stderr(error_message(error, __version__, source.name))
             codes.add(exit_code(error))
     if form is not None and assessed:
-        from attlog.compare.tables.sensor_table import head_and_rows
+        from attlog.compare.tables import sensor_rows
 
-        table_to_stdout(form, *head_and_rows(assessed))
-    if worst(codes):
-        raise typer.Exit(worst(codes))
+        table_to_stdout(form, *sensor_rows(assessed))
+    if worst_exit_code(codes):
+        raise typer.Exit(worst_exit_code(codes))
 
 
 def document(result: Result) -> dict[str, Any]:
     """What ``--json`` tells of a log: as in the JSON of ``analyze``, and all that should be set, each once."""
-    from attlog.base.plain import plain
-    from attlog.result import offered
+    from attlog.core.plain import to_plain
+    from attlog.result import agreed_settings
 
     whole = result.to_dict()
     told = {key: whole.get(key, empty) for key, empty in (("log", {}), ("headline", ""), ("health", []))}
-    settings = [plain(setting, defaults=False) for setting in offered(result.health)]
+    settings = [to_plain(setting, defaults=False) for setting in agreed_settings(result.health)]
     return told | {"settings": settings, "findings": whole.get("findings", [])}
 
 
 def lines(result: Result, log: str, width: int, encoding: str, verbose: bool) -> Iterator[TextLine]:
     """Title, headline, the table, what should be set; of a log called ``log`` on the command line."""
-    from attlog.cli.shared.sensor_table import sensor_lines, setting_lines
-    from attlog.cli.shared.terminal import title
-    from attlog.present.stand_ins import stand_in
-    from attlog.present.text import clean
-    from attlog.result import offered
+    from attlog.cli.tables import sensor_lines, setting_lines, title
+    from attlog.result import agreed_settings
+    from attlog.words.text import clean, encodable
 
     def shown(text: str) -> str:
-        return stand_in(text, encoding)
+        return encodable(text, encoding)
 
     yield from (TextLine(line.text, "bold") for line in wrapped("", shown(title(result)), width))
     if result.headline:
         yield from wrapped("  ", shown(clean(result.headline)), width)
     yield from sensor_lines(result.health, shown, width, verbose)
-    yield from setting_lines(offered(result.health))
+    yield from setting_lines(agreed_settings(result.health))
 
 
 def write(result: Result, path: Path, params: str | None) -> str | None:
@@ -135,9 +124,9 @@ def write(result: Result, path: Path, params: str | None) -> str | None:
 
     UsageError where a flight log or the file of ``--params`` would be overwritten, OutputError if it cannot be written.
     """
-    from attlog.base.files.output import write_atomic
-    from attlog.cli.shared.overwriting import refuse
-    from attlog.result.parameters import parameter_file
+    from attlog.cli.arguments import refuse
+    from attlog.core.files import write_atomic
+    from attlog.words.findings import parameter_file
 
     text = parameter_file(result)
     if not text:
@@ -150,6 +139,6 @@ def write(result: Result, path: Path, params: str | None) -> str | None:
 def _check_params(params: str | None) -> None:
     """What is wrong with a file of parameters is said once, not for each log. UsageError, LogUnreadable."""
     if params is not None:
-        from attlog.flight.parameters.file import read_file
+        from attlog.flight.parameters import read_parameter_file
 
-        read_file(params)
+        read_parameter_file(params)

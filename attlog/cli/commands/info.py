@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.base.errors import BUG, exit_code, message, worst
-from attlog.cli.shared.options import Boot, CommonOptions, Json, Logs, System
-from attlog.cli.shared.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stderr, wrapped
+from attlog.cli.options import Boot, CommonOptions, Json, Logs, System
+from attlog.cli.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stderr, wrapped
+from attlog.core.errors import EXIT_BUG, error_message, exit_code, worst_exit_code
 
 DIFFERS, LATE = 1, 75
 STYLES = {"ok": "", "warning": "yellow", "fault": "red", "unknown": "dim"}
@@ -32,14 +32,14 @@ def command(
 
     Example: attlog info flight.ulg
     """
-    from attlog.analysis.inspection import inspect
-    from attlog.cli.shared.process import is_of_a_stream
-    from attlog.fleet.sources.find import find
+    from attlog.batch.sources import find
+    from attlog.cli.process import is_of_a_stream
+    from attlog.pipeline.inspection import inspect
 
     found, wrong = find(logs)
     codes = {exit_code(error) for error in wrong}
     for error in wrong:
-        to_stderr(message(error, __version__))
+        to_stderr(error_message(error, __version__))
     for number, log in enumerate(found):
         try:
             report = inspect(log, boot=boot, system=system, verify=verify)
@@ -52,31 +52,30 @@ def command(
             if verify and not report["verify"]["agrees"]:
                 codes.add(LATE if report["verify"]["late"] else DIFFERS)
         except Exception as error:
-            if is_of_a_stream(error) or (common.verbose > 1 and exit_code(error) == BUG):
+            if is_of_a_stream(error) or (common.verbose > 1 and exit_code(error) == EXIT_BUG):
                 raise
-            to_stderr(message(error, __version__, str(log)))
+            to_stderr(error_message(error, __version__, str(log)))
             codes.add(exit_code(error))
-    if worst(codes):
-        raise typer.Exit(worst(codes))
+    if worst_exit_code(codes):
+        raise typer.Exit(worst_exit_code(codes))
 
 
 def printable(report: dict[str, Any]) -> dict[str, Any]:
     """The report without what a stranger's log could do to a terminal; strange bytes of a file name as escapes."""
-    from attlog.present.stand_ins import stand_in
-    from attlog.present.text import cleaned
+    from attlog.words.text import cleaned, encodable
 
-    name = stand_in(report["log"]["name"], "utf-8")
+    name = encodable(report["log"]["name"], "utf-8")
     safe: dict[str, Any] = cleaned(report | {"log": report["log"] | {"name": name}})
     return safe
 
 
 def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[TextLine]:
     """What ``inspection.inspect`` found as text of at most ``width`` columns where words can be broken."""
-    from attlog.cli.shared.terminal import wrong
-    from attlog.health.findings import Finding
-    from attlog.metrics.evidence.common_bias import CommonBias
-    from attlog.present.findings import shown_findings
-    from attlog.present.gyro_bias import bias_sentence as said_bias
+    from attlog.cli.tables import wrong
+    from attlog.health.causes import Finding
+    from attlog.metrics.gyro_bias import CommonBias
+    from attlog.words.findings import shown_findings
+    from attlog.words.flight import bias_sentence as said_bias
 
     yield from _head(report["log"], width)
     if report["headline"]:

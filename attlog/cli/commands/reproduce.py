@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.base.errors import AttlogError, LogUnreadable, UsageError
-from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.options import CommonOptions, Folder, JobsOfCores, Json
-from attlog.cli.shared.printing import TextLine, console, json_to_stdout, say, wrapped
-from attlog.cli.shared.progress import progress
+from attlog.cli.arguments import command_line
+from attlog.cli.options import CommonOptions, Folder, JobsOfCores, Json
+from attlog.cli.printing import TextLine, console, json_to_stdout, say, wrapped
+from attlog.cli.progress import progress
+from attlog.core.errors import AttlogError, LogUnreadable, UsageError
 
 if TYPE_CHECKING:
     from attlog.reproduce.paper import Paper
@@ -56,15 +56,13 @@ def command(
 
     Example: attlog reproduce lyu --seeds 20
     """
-    from attlog.base.files.output import write_together
-    from attlog.fleet.schedulers.local import cores
-    from attlog.fleet.sources.find import find
+    from attlog.batch.run import cores
+    from attlog.batch.sources import find
+    from attlog.core.files import write_all_atomic
     from attlog.reproduce import page
-    from attlog.reproduce.document import as_json
-    from attlog.reproduce.paper import PaperOptions
-    from attlog.reproduce.papers import WITH_LOGS, chosen, reproduce
+    from attlog.reproduce.paper import PAPERS_WITH_LOGS, PaperOptions, paper_json, reproduce, select_papers
 
-    names = chosen(papers)
+    names = select_papers(papers)
     errors: list[AttlogError] = []
     found_logs: list[Path] = []
     if logs:
@@ -72,17 +70,17 @@ def command(
     errors += [LogUnreadable(f"{path}: there is no such file") for path in found_logs if not os.path.isfile(path)]
     if errors:
         raise errors[0]
-    if found_logs and not WITH_LOGS & set(names):
-        raise UsageError(f"--logs: only {', '.join(sorted(WITH_LOGS))} looks at logs, not {', '.join(names)}")
+    if found_logs and not PAPERS_WITH_LOGS & set(names):
+        raise UsageError(f"--logs: only {', '.join(sorted(PAPERS_WITH_LOGS))} looks at logs, not {', '.join(names)}")
     options = PaperOptions(seeds, jobs or cores(), tuple(found_logs))
     for name in names:
         with progress(common.quiet, common.verbose > 0, lines=True) as shown:
             shown.before = f"{name}: "
             found = reproduce(name, options, command_line())
             place = output / f"reproduce-{name}.html"
-            write_together({place: page.render(found), place.with_suffix(".json"): as_json(found, indent=1)})
+            write_all_atomic({place: page.render_paper(found), place.with_suffix(".json"): paper_json(found, indent=1)})
         if json:
-            json_to_stdout(as_json(found))
+            json_to_stdout(paper_json(found))
         if not common.quiet:
             out = console(stderr=json)
             say(printed(found, place, common.verbose > 0, out.width), out)
@@ -90,9 +88,9 @@ def command(
 
 def printed(paper: Paper, place: Path, verbose: bool = False, width: int = 80) -> Iterator[TextLine]:
     """The claims of a paper as a table; ``verbose`` adds to each why, how it was measured and all of its numbers."""
-    from attlog.present.text import typeset
-    from attlog.reproduce.page import measured
-    from attlog.reproduce.paper import tally
+    from attlog.reproduce.page import number_text
+    from attlog.reproduce.paper import tally_verdicts
+    from attlog.words.text import typeset
 
     width = min(width, WIDEST)
     half = (width - VERDICT - 2 * len(GAP)) // 2
@@ -100,14 +98,14 @@ def printed(paper: Paper, place: Path, verbose: bool = False, width: int = 80) -
     yield from _row(("The paper says", "Ours (95 % interval; flights)", "Verdict"), half, "bold")
     for number, claim in enumerate(paper.claims, 1):
         says = f"{number}. {typeset(claim.says)} ({claim.where}{f': {typeset(claim.paper)}' if claim.paper else ''})"
-        ours = "\n".join(f"{measured(n)}: {typeset(n.what)}" for n in claim.numbers[: claim.shown])
+        ours = "\n".join(f"{number_text(n)}: {typeset(n.what)}" for n in claim.numbers[: claim.shown])
         yield from _row((says, ours, claim.verdict), half)
         if verbose:
             for text in (claim.by, claim.measured):
                 yield from wrapped("     ", typeset(text), width)
             for n in claim.numbers:
-                yield from wrapped("     ", f"{typeset(n.what)}: {measured(n)}", width)
-    yield TextLine(tally(paper))
+                yield from wrapped("     ", f"{typeset(n.what)}: {number_text(n)}", width)
+    yield TextLine(tally_verdicts(paper))
     yield TextLine(f"page: {place}")
 
 

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.base.errors import UsageError
-from attlog.cli.shared.completion import scenarios
-from attlog.cli.shared.options import CommonOptions, Jobs
-from attlog.cli.shared.printing import to_stderr, to_stdout
-from attlog.cli.shared.progress import progress
+from attlog.cli.options import CommonOptions, Jobs, complete_scenarios
+from attlog.cli.printing import to_stderr, to_stdout
+from attlog.cli.progress import progress
+from attlog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from attlog.simulate.scenario.scenario import Scenario
+    from attlog.simulate.scenario import Scenario
 
 SUFFIXES = (".ulg", ".bin", ".tlog", ".mcap")
 
@@ -105,7 +104,7 @@ def command(
         typer.Argument(
             metavar="SCENARIO",
             show_default=False,
-            autocompletion=scenarios,
+            autocompletion=complete_scenarios,
             help="Fly this scenario of attlog, or TOML file. Without one they are listed.",
         ),
     ] = "",
@@ -126,18 +125,18 @@ def command(
     if not common.quiet:
         _warn(flown, scenario)
     if own.printed:
-        from attlog.simulate.scenario.text import as_toml
+        from attlog.simulate.scenario_text import scenario_toml
 
-        typer.echo(as_toml(flown), nl=False)
+        typer.echo(scenario_toml(flown), nl=False)
         return
     work = _files(flown.name, own.output or [], own.seeds, own.seed, own.kinds)
     logged = _parameters(own.params or [])
-    from attlog.simulate.written import flights
+    from attlog.simulate.fly import plan_flights
 
     with progress(common.quiet, common.verbose > 0) as shown:
         if shown.stages:
             shown.show(f"{flown.name}, {len(work)} to fly ...")
-        for number, (one, result) in enumerate(flights(flown, work, logged, own.jobs), start=1):
+        for number, (one, result) in enumerate(plan_flights(flown, work, logged, own.jobs), start=1):
             shown.clear()
             if isinstance(result, Exception):
                 raise result
@@ -149,9 +148,9 @@ def command(
 
 def _list() -> None:
     """Names and titles of the scenarios."""
-    from attlog.simulate.scenario.scenario import load, names
+    from attlog.simulate.scenario import load_scenario, scenario_names
 
-    found = [load(name) for name in names()]
+    found = [load_scenario(name) for name in scenario_names()]
     width = max(len(one.name) for one in found)
     for one in found:
         to_stdout(f"{one.name:{width}}  {one.seconds:4g} s  {one.title}")
@@ -161,29 +160,29 @@ def _list() -> None:
 
 def _scenario(name: str, settings: list[str], estimator: str | None) -> Scenario:
     """The scenario with what the command line sets."""
-    from attlog.simulate.scenario.overrides import overridden
-    from attlog.simulate.scenario.scenario import build, place_of, values_of
+    from attlog.simulate.scenario import build_scenario, scenario_path, scenario_values
+    from attlog.simulate.scenario_text import override_values
 
-    values = overridden(values_of(name), settings)
+    values = override_values(scenario_values(name), settings)
     if estimator is not None:
         values["estimator"] = {"name": estimator}
-    return build(values, origin=place_of(name).name)
+    return build_scenario(values, origin=scenario_path(name).name)
 
 
 def _warn(flown: Scenario, name: str) -> None:
     """Say what of a scenario changes nothing."""
-    from attlog.simulate.scenario.scenario import place_of
-    from attlog.simulate.scenario.without_effect import without_effect
+    from attlog.simulate.scenario import scenario_path
+    from attlog.simulate.scenario_text import ineffective_entries
 
-    for sentence in without_effect(flown):
-        to_stderr(f"attlog: {place_of(name).name}: {sentence}")
+    for sentence in ineffective_entries(flown):
+        to_stderr(f"attlog: {scenario_path(name).name}: {sentence}")
 
 
 def _files(
     name: str, output: list[Path], seeds: str | None, seed: int | None, kinds: list[str] | None
 ) -> dict[int, list[Path]]:
     """The logs to write of each seed. UsageError where the words do not fit each other."""
-    from attlog.simulate.scenario.overrides import seeds as all_seeds
+    from attlog.simulate.scenario_text import parse_seeds as all_seeds
 
     wanted = [f".{kind.removeprefix('.').lower()}" for kind in kinds or ["ulg"]]
     for suffix in wanted:

@@ -8,25 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from attlog.cli.shared.options import CommonOptions
-from attlog.cli.shared.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
-from attlog.cli.shared.printing import (
-    TextLine,
-    aligned,
-    console,
-    json_to_stdout,
-    say,
-    table_to_stdout,
-    to_stderr,
-    wrapped,
-)
-from attlog.cli.shared.progress import progress
-from attlog.cli.shared.settings import ComparisonOptions
+from attlog.cli.options import CommonOptions, ComparisonOptions
+from attlog.cli.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
+from attlog.cli.printing import TextLine, aligned, console, json_to_stdout, say, table_to_stdout, to_stderr, wrapped
+from attlog.cli.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.compare.configurations.configuration import Configuration
-    from attlog.compare.sweep.many import SettingsOnLog, SweptMetric
-    from attlog.compare.sweep.sweep import Sweep
+    from attlog.compare.search import SettingsOnLog, Sweep, SweptMetric
+    from attlog.compare.setting import Configuration
 
 EXAMPLE = "attlog sweep *.bin mahony kp=0.6,1.1,2 ki=0..0.05/6"
 METRICS = ("inclination_rmse_deg", "heading_rmse_deg")
@@ -59,27 +48,31 @@ def command(words: SettingWords, options: ComparisonOptions, common: CommonOptio
 
     Example: attlog sweep flight.ulg mahony kp=0.2..2/6log
     """
-    from attlog.compare.configurations.configuration import parse
-    from attlog.compare.sweep import many
-    from attlog.compare.sweep import text as sweep_words
-    from attlog.compare.sweep.grid import grid, like_decimal_commas, search_request
-    from attlog.compare.sweep.sweep import sweep
+    from attlog.compare import search
+    from attlog.compare import search_text as sweep_words
+    from attlog.compare.grid import decimal_comma_hints, parse_grid, search_request
+    from attlog.compare.search import sweep
+    from attlog.compare.setting import parse_configuration
 
     asked = search_request(words, EXAMPLE)
-    base = parse(asked.filter)
+    base = parse_configuration(asked.filter)
     metrics = metric or METRICS
-    all_problems(lambda: grid(asked.axes, base.row.estimator), lambda: many.wanted(metrics))
-    for sentence in like_decimal_commas(asked.axes):
+    all_problems(lambda: parse_grid(asked.axes, base.row.estimator), lambda: search.parse_metrics(metrics))
+    for sentence in decimal_comma_hints(asked.axes):
         to_stderr(f"attlog: {sentence}")
     settings = one_unit(options)
     with progress(common.quiet, common.verbose > 0):
         logs = PreparedLogs(asked.logs, settings)
-        found = sweep(asked.filter, grid(asked.axes, base.row.estimator), _on_logs(logs, base, many.wanted(metrics)))
+        found = sweep(
+            asked.filter,
+            parse_grid(asked.axes, base.row.estimator),
+            _on_logs(logs, base, search.parse_metrics(metrics)),
+        )
         files = _written(found, options.output, logs.about())
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if options.form is not None:
-        table_to_stdout(options.form, *sweep_words.rows(found))
+        table_to_stdout(options.form, *sweep_words.sweep_rows(found))
     if not common.quiet:
         say(_printed(found, files, logs.about(), common.verbose > 0), console(stderr=options.for_a_program))
     end(logs.errors)
@@ -87,7 +80,7 @@ def command(words: SettingWords, options: ComparisonOptions, common: CommonOptio
 
 def _on_logs(logs: PreparedLogs, base: Configuration, metrics: Sequence[SweptMetric]) -> Iterator[SettingsOnLog]:
     """The logs with what is asked of them; each is released when the next is asked for."""
-    from attlog.compare.sweep.many import SettingsOnLog
+    from attlog.compare.search import SettingsOnLog
 
     for case in logs:
         yield SettingsOnLog(case, base, metrics)
@@ -98,35 +91,35 @@ def _written(found: Sweep, folder: Path, about: dict[str, Any]) -> tuple[Path, P
     """The page, the JSON and the CSV, written together."""
     import json
 
-    from attlog.base.files.output import write_together
-    from attlog.compare.sweep import text as sweep_words
-    from attlog.compare.sweep.page import sweep_page
+    from attlog.compare import search_text as sweep_words
+    from attlog.compare.search_pages import sweep_page
+    from attlog.core.files import write_all_atomic
 
     name = stem("sweep", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json", folder / f"{name}.csv"
-    write_together(
+    write_all_atomic(
         {
             paths[0]: sweep_page(found, about),
-            paths[1]: json.dumps(sweep_words.document(found, about), indent=1, allow_nan=False) + "\n",
-            paths[2]: sweep_words.csv_text(found),
+            paths[1]: json.dumps(sweep_words.sweep_document(found, about), indent=1, allow_nan=False) + "\n",
+            paths[2]: sweep_words.sweep_csv(found),
         }
     )
     return paths
 
 
 def _printed(found: Sweep, files: Sequence[Path], about: dict[str, Any], everything: bool) -> Iterator[TextLine]:
-    from attlog.compare.sweep import text as sweep_words
+    from attlog.compare import search_text as sweep_words
 
-    for sentence in sweep_words.sentences(found, sweep_words.references_of(about)):
+    for sentence in sweep_words.sweep_sentences(found, sweep_words.count_references(about)):
         yield from wrapped("", sentence, 100)
     yield TextLine("")
-    head, rows = sweep_words.rows(found)
+    head, rows = sweep_words.sweep_rows(found)
     shown = rows if everything or len(rows) <= SHOWN + 1 else rows[:SHOWN]
     yield from aligned(head, shown)
     if len(shown) < len(rows):
         yield TextLine(f"  and {len(rows) - len(shown)} more; -v lists all")
     if everything and len(found.logs) > 1 and found.columns[0].single is not None:
         yield TextLine("")
-        yield from aligned(*sweep_words.log_rows(found, found.columns[0]))
+        yield from aligned(*sweep_words.sweep_log_rows(found, found.columns[0]))
     yield TextLine("")
     yield TextLine(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")

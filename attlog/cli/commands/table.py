@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.base.errors import LogUnusable, OutputError, UsageError, exit_code, message, worst
-from attlog.base.files import spreadsheet
-from attlog.cli.shared.options import OneFile
-from attlog.cli.shared.printing import TextLine, console, say, to_stderr
+from attlog.cli.options import OneFile
+from attlog.cli.printing import TextLine, console, say, to_stderr
+from attlog.core import files
+from attlog.core.errors import LogUnusable, OutputError, UsageError, error_message, exit_code, worst_exit_code
 
 if TYPE_CHECKING:
-    from attlog.fleet.pages.across import Across, Column
+    from attlog.batch.across import Across, Column
 
 FORMATS = ("md", "csv", "tex", "parquet")
 DEFAULT = "inclination_rmse_deg"
@@ -73,8 +73,8 @@ def command(
 
     Example: attlog table reports --metric heading_rmse_deg --by firmware
     """
-    from attlog.fleet.pages.across import BY, across
-    from attlog.fleet.records.collection import EntryCollection
+    from attlog.batch.across import BY, across
+    from attlog.batch.results_file import EntryCollection
 
     kind = _format(form, output)
     if by is not None and by not in BY:
@@ -83,13 +83,13 @@ def command(
     gathered = EntryCollection(results, [m.partition("@")[0] for m in asked])
     found = across(gathered, asked, _listed(row), window, by)
     for error in gathered.wrong:
-        to_stderr(message(error, __version__))
+        to_stderr(error_message(error, __version__))
     if not found.logs and not gathered.wrong:
         raise LogUnusable(f"{results[0]}: no log of it was analysed; {gathered.failed} failed")
     if found.logs:
         _notes(found, gathered.failed)
         _write(found, by, kind, output)
-    code = worst([exit_code(error) for error in gathered.wrong])
+    code = worst_exit_code([exit_code(error) for error in gathered.wrong])
     if code:
         raise typer.Exit(code)
 
@@ -112,8 +112,8 @@ def _format(form: str | None, output: Path | None) -> str:
 
 def _notes(found: Across, failed: int) -> None:
     """What the table does not show, on standard error."""
-    from attlog.fleet.pages.across import references
-    from attlog.present.numbers import counted, listed
+    from attlog.batch.across import references
+    from attlog.words.numbers import counted, listed
 
     if found.twice:
         to_stderr(
@@ -129,9 +129,9 @@ def _notes(found: Across, failed: int) -> None:
 
 
 def _write(found: Across, by: str | None, kind: str, output: Path | None) -> None:
-    from attlog.base.files.output import write_atomic
-    from attlog.compare.tables.files import latex, markdown
-    from attlog.fleet.pages.across import values, words
+    from attlog.batch.across import values, words
+    from attlog.compare.tables import table_latex, table_markdown
+    from attlog.core.files import write_atomic
 
     if kind == "parquet":
         assert output is not None
@@ -145,10 +145,10 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
         text = "".join(line.text + "\n" for line in terminal(found, by, sys.maxsize))
     elif kind == "csv":
         head, body = values(found, by)
-        text = spreadsheet.csv_text([head, *body])
+        text = files.csv_text([head, *body])
     else:
         table = words(found, by, found.columns, units=True)
-        text = (markdown if kind == "md" else latex)(table.head, [*table.body, *table.foot])
+        text = (table_markdown if kind == "md" else table_latex)(table.head, [*table.body, *table.foot])
     if output is None:
         say(map(TextLine, text.splitlines()), console())
         return
@@ -157,7 +157,7 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
 
 def terminal(found: Across, by: str | None, width: int) -> Iterator[TextLine]:
     """A block for each metric, with as many columns as fit."""
-    from attlog.present.numbers import unit_sign
+    from attlog.words.numbers import unit_sign
 
     questions = dict.fromkeys((c.metric, c.window) for c in found.columns)
     for k, (metric, where) in enumerate(questions):
@@ -170,8 +170,8 @@ def terminal(found: Across, by: str | None, width: int) -> Iterator[TextLine]:
 
 
 def _block(found: Across, by: str | None, columns: Sequence[Column], width: int) -> Iterator[TextLine]:
-    from attlog.fleet.pages.across import words
-    from attlog.present.text import clean
+    from attlog.batch.across import words
+    from attlog.words.text import clean
 
     table = words(found, by, columns)
     lines = [[clean(cell) for cell in line] for line in (table.head, *table.body, *table.foot)]
@@ -196,7 +196,7 @@ def _parquet(found: Across, by: str | None) -> bytes:
         from pyarrow import parquet
     except ImportError:
         raise OutputError("Parquet needs pyarrow: pip install pyarrow, or use --format csv") from None
-    from attlog.fleet.pages.across import LOGS, values
+    from attlog.batch.across import LOGS, values
 
     head, body = values(found, by)
     first = len(head) - len(found.columns) * (4 if by else 1)

@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from attlog.cli.shared.options import CommonOptions
-from attlog.cli.shared.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
-from attlog.cli.shared.printing import TextLine, aligned, console, json_to_stdout, say, table_to_stdout, wrapped
-from attlog.cli.shared.progress import progress
-from attlog.cli.shared.settings import ComparisonOptions
+from attlog.cli.options import CommonOptions, ComparisonOptions
+from attlog.cli.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
+from attlog.cli.printing import TextLine, aligned, console, json_to_stdout, say, table_to_stdout, wrapped
+from attlog.cli.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.compare.sweep.many import SettingsOnLog
-    from attlog.compare.tune.search import FreeParameter
-    from attlog.compare.tune.tune import Tuning
+    from attlog.compare.grid import FreeParameter
+    from attlog.compare.search import SettingsOnLog
+    from attlog.compare.tune import Tuning
 
 EXAMPLE = "attlog tune *.bin mahony kp=0.05..5log ki=0.001..0.1log"
 ELSEWHERE = (
@@ -62,34 +61,32 @@ def command(
 
     Example: attlog tune *.bin mahony kp=0.05..5log --objective tilt=1,noise=0.5
     """
-    from attlog.compare.configurations.configuration import parse
-    from attlog.compare.configurations.firmware_names import firmware_names
-    from attlog.compare.sweep import many
-    from attlog.compare.sweep.grid import search_request
-    from attlog.compare.tune import text as tune_words
-    from attlog.compare.tune.objective import objective as terms_of
-    from attlog.compare.tune.search import free_parameters
-    from attlog.compare.tune.tune import GENERATIONS, tune
+    from attlog.compare import search
+    from attlog.compare import search_text as tune_words
+    from attlog.compare.grid import parse_free_parameters, search_request
+    from attlog.compare.setting import firmware_names, parse_configuration
+    from attlog.compare.tune import GENERATIONS, tune
+    from attlog.compare.tune import parse_objective as terms_of
 
     asked = search_request(words, EXAMPLE)
-    base = parse(asked.filter)
+    base = parse_configuration(asked.filter)
     uses_mag = "mag" in base.row.estimator.uses and base.before.get("mag") != "off"
     goals = objective or ["tilt=1,heading=1" if uses_mag else "tilt=1"]
-    all_problems(lambda: free_parameters(asked.axes, base.row.estimator), lambda: terms_of(goals))
-    free, terms = free_parameters(asked.axes, base.row.estimator), terms_of(goals)
+    all_problems(lambda: parse_free_parameters(asked.axes, base.row.estimator), lambda: terms_of(goals))
+    free, terms = parse_free_parameters(asked.axes, base.row.estimator), terms_of(goals)
     settings = one_unit(options)
     firmware = firmware_names(base.row.estimator)
     with progress(common.quiet, common.verbose > 0):
         prepared = PreparedLogs(asked.logs, settings)
         cases = list(prepared)
-        logs = [many.SettingsOnLog(c, base, [t.metric for t in terms], guarded=True) for c in cases]
-        others = [many.SettingsOnLog(c, base, many.wanted(ELSEWHERE)) for c in cases]
+        logs = [search.SettingsOnLog(c, base, [t.metric for t in terms], guarded=True) for c in cases]
+        others = [search.SettingsOnLog(c, base, search.parse_metrics(ELSEWHERE)) for c in cases]
         found = tune(asked.filter, free, terms, logs, others, _start(free, logs[0]), GENERATIONS, seed)
         files = _written(found, options.output, prepared.about(), firmware)
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if options.form is not None:
-        table_to_stdout(options.form, *tune_words.judged_rows(found))
+        table_to_stdout(options.form, *tune_words.held_out_rows(found))
     if not common.quiet:
         say(
             _printed(found, files, prepared.about(), firmware, common.verbose > 0),
@@ -108,16 +105,16 @@ def _written(found: Tuning, folder: Path, about: dict[str, Any], firmware: dict[
     """The page and the JSON, written together."""
     import json
 
-    from attlog.base.files.output import write_together
-    from attlog.compare.tune import text as tune_words
-    from attlog.compare.tune.page import tune_page
+    from attlog.compare import search_text as tune_words
+    from attlog.compare.search_pages import tune_page
+    from attlog.core.files import write_all_atomic
 
     name = stem("tune", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json"
-    write_together(
+    write_all_atomic(
         {
             paths[0]: tune_page(found, about, firmware),
-            paths[1]: json.dumps(tune_words.document(found, about, firmware), indent=1, allow_nan=False) + "\n",
+            paths[1]: json.dumps(tune_words.tune_document(found, about, firmware), indent=1, allow_nan=False) + "\n",
         }
     )
     return paths
@@ -127,16 +124,16 @@ def _printed(
     found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str], everything: bool
 ) -> Iterator[TextLine]:
     """What to do, the gains to paste, what they change; ``everything``: also the gains of each fold."""
-    from attlog.compare.sweep.text import references_of
-    from attlog.compare.tune import text as tune_words
+    from attlog.compare import search_text as tune_words
+    from attlog.compare.search_text import count_references
 
-    for sentence in tune_words.sentences(found, references_of(about)):
+    for sentence in tune_words.tune_sentences(found, count_references(about)):
         yield from wrapped("", sentence, 100)
     yield TextLine("")
-    for line in tune_words.paste(found, firmware):
+    for line in tune_words.paste_lines(found, firmware):
         yield TextLine(f"  {line}", "bold")
     yield TextLine("")
-    yield from aligned(*tune_words.judged_rows(found))
+    yield from aligned(*tune_words.held_out_rows(found))
     if everything:
         yield TextLine("")
         yield from aligned(*tune_words.gain_rows(found))

@@ -38,8 +38,8 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.aids import AIRSPEED, AT_REST, VEL_D, VEL_E, VEL_N
-from attlog.estimators.base import LogInfo, Parameter
-from attlog.estimators.engine.vectors import GRAVITY, turn
+from attlog.estimators.interface import LogInfo, Parameter
+from attlog.estimators.vectors import GRAVITY, turn
 
 SOURCE = "ArduPilot AP_AHRS_DCM (4.3 to 4.6); Premerlani2009"
 NEEDS = {"gyro", "acc"}

@@ -24,9 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM, MAG_GAIN
-from attlog.estimators.engine.vectors import field_error, gravity_error, turn
+from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM, MAG_GAIN, Parameter
+from attlog.estimators.vectors import field_error, gravity_error, turn
 
 SOURCE = "Fan 14-18 and section 5; Lyu 13-16"
 EQUATION = "Mahony2008 32"

@@ -44,10 +44,8 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.matrices import quaternion_from_matrix
-from attlog.estimators.engine.switches import INTEGRATOR
-from attlog.estimators.engine.vectors import GRAVITY, down, turned_back
+from attlog.estimators.interface import INTEGRATOR, Parameter
+from attlog.estimators.vectors import GRAVITY, down, quaternion_from_matrix, turned_back
 
 SOURCE = "Fan 6-13"
 NEEDS = {"gyro", "acc", "mag"}

@@ -29,11 +29,10 @@ from dataclasses import replace
 import numpy as np
 
 from attlog.estimators.aids import Aids
-from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.filters.navigation import attitude, passes
-from attlog.estimators.filters.navigation.layout import BG
-from attlog.estimators.filters.navigation.measured import Inputs, made_ready
-from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
+from attlog.estimators.filters.navigation.inputs import GATE, PRIORS, Inputs, prepare_inputs, started
+from attlog.estimators.filters.navigation.model import BG
+from attlog.estimators.interface import Array, Estimate, Parameter
 
 SOURCE = "Sola2017"
 NEEDS = {"gyro", "acc"}
@@ -78,16 +77,16 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     if constants in AHEAD and (fixes is None or fixes.t[-1] - fixes.t[0] < LEAST_GNSS_S):
         constants = "fixed"
     ahead = constants in AHEAD
-    inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=ahead)
+    inputs = prepare_inputs(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=ahead)
     del mag  # a long log's is large, and its means are in the inputs
     begun, gate = started(params), float(params["soft_gate"])
     found = []
     for a, b in passes.stages(inputs) if constants == "past" else [(0, len(t))]:
         known = passes.Constants(begun)
         if ahead:
-            known = passes.told(inputs, begun, gate)
+            known = passes.constants_of_log(inputs, begun, gate)
         elif a > 0:
-            known = passes.learnt(inputs.part(0, a), begun, gate)
+            known = passes.constants_of_past(inputs.part(0, a), begun, gate)
         stage = inputs if b == len(t) else inputs.part(0, b)
         found.append(filtered(stage, a, known, gate, KNOWN[constants]))
     told = found[-1].quality | {"constants": constants}

@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from attlog.base import rotation
-from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.engine.start import first_seconds, start_attitude, turned_to_field
-from attlog.estimators.engine.uniform import typical_size
-from attlog.estimators.engine.vectors import GRAVITY
-from attlog.estimators.propagate import propagated
+from attlog.core import rotation
+from attlog.estimators.api import propagated
+from attlog.estimators.interface import Array, Estimate, Parameter
+from attlog.estimators.samples import typical_size
+from attlog.estimators.start import first_seconds, start_attitude, turned_to_field
+from attlog.estimators.vectors import GRAVITY
 
 SOURCE = "Madgwick2014 chapter 7; package imufusion"
 NEEDS = {"gyro", "acc"}

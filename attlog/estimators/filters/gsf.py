@@ -1,29 +1,6 @@
-"""Heading without a compass from GNSS velocity: five headings tried at once, as both autopilots do beside their EKF.
+"""The headings of ``gsf``, tried at once: each a Kalman filter of a horizontal velocity and a heading.
 
-    q'    = q (x) (0, w - b + e)/2,  e = tilt_gain k (d x u),  d = R^T e_z,  b' = -bias_gain e below 10 deg/s
-            u = h/|h|,  h: f - (w - b) x (V, 0, 0), low-passed with 1/(10 tilt_gain);  V: airspeed, forward only
-            k = (1 - min(n ||h|/g - 1|, 1))^2,  n = 2, with V above g 1
-    i     of 5: turned by x_i about the vertical, spread over the circle; velocity v_i (2,), P_i (3, 3) of (v_i, psi_i)
-            v_i' = a_i,  a_i: horizontal part of Rz(x_i) R f as it was ``delay`` ago, in steps of 10 ms
-            P_i' = F P_i + P_i F^T + diag(acc_noise^2, acc_noise^2, gyro_noise^2),  F_v,psi = (-a_E, a_N)
-    fix   y = z - v_i,  S = P_vv + s^2 I,  s = max(receiver's sigma, velocity_noise),  y shortened to 5 sigma
-            P_v S^-1 y corrects v_i and x_i;  w_i <- max(w_i exp(-y^T S^-1 y / 2) / (2 pi |S|^1/2), weight_floor)
-    psi   x: angle of sum w_i (cos x_i, sin x_i);  sigma_heading^2 = sum w_i (P_psi,i + (x_i - x)^2),  sum w_i = 1
-
-All five have one tilt: a turn about the vertical moves none, so one attitude serves them. Heading is from true north.
-The five start with the first fix that is faster than s, not at rest. Until then the heading counts from that of the
-start attitude (0 where nothing told it) and means nothing; ``sigma_heading`` is that of a whole circle, 104 deg. It
-stays wide until horizontal accelerations have told which one is right: hovering and straight flight tell little.
-An analysis scores nothing before it was below 15 deg, and refuses a log in which it never was.
-
-Source: PX4 ``EKFGSF_yaw`` (since 1.11), ArduPilot ``EKFGSF_yaw`` (since 4.1, pull request 13603). From a log come
-EKF2_GPS_V_NOISE, EKF2_GPS_DELAY, SENS_GPS0_DELAY, EK2_VELNE_M_NSE, EK3_VELNE_M_NSE, GPS_DELAY_MS, GPS1_DELAY_MS, and
-which of the two flew.
-
-Departures. The low-pass turns with the body (``smoothing=body``, as flown: of f alone, in body axes). At rest the
-gyro's mean is the bias, where the firmwares hand over their EKF's. Noise is a density, for any rate. A forward vehicle
-without airspeed sensor takes the GNSS speed for V (firmwares: a constant). PX4 starts the five at take-off too;
-ArduPilot starts them anew at each, and corrects no tilt below 1 g.
+Hypothesis i is turned by x_i about the vertical against the attitude before any turn. Equations: ``gsf``.
 """
 
 from __future__ import annotations
@@ -35,9 +12,162 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.aids import AIRSPEED, AT_REST, VEL_ACC, VEL_E, VEL_N
-from attlog.estimators.base import LogInfo, Parameter
-from attlog.estimators.engine.vectors import GRAVITY, down, turn, turned_back
-from attlog.estimators.filters.yaw_bank import MIX, RUNS, SIGMA, UNKNOWN, N, W, begin, correct, mix, predict, spread
+from attlog.estimators.interface import LogInfo, Parameter
+from attlog.estimators.vectors import GRAVITY, down, turn, turned_back
+
+N = 5
+SIGMA, W, X, V, P, MIX, RUNS = 7, 8, 13, 18, 28, 58, 61
+"""Where things stand in the state: sigma of the heading, w_i, x_i, v_i (2 each), P_i (6 each: NN, NE, N psi, EE, E psi,
+psi psi), x with its cosine and sine, and whether the bank runs."""
+
+UNKNOWN, TURN = math.pi / math.sqrt(3.0), 2.0 * math.pi
+CLIP, LEAST_VAR = 25.0, 1e-6
+RAD = math.pi / 180.0
+
+
+def begin_hypotheses(state: Any, vn: float, ve: float, var: float) -> None:
+    """Five equal parts of the circle, all at the velocity of the fix."""
+    psi = 2.0 * math.atan2(state[3], state[0]) - state[MIX]
+    for i in range(N):
+        state[X + i] = wrapped((i + 0.5) * TURN / N - math.pi - psi)
+        state[V + 2 * i] = vn
+        state[V + 2 * i + 1] = ve
+        p = P + 6 * i
+        state[p] = var
+        state[p + 3] = var
+        state[p + 5] = (math.pi / N) ** 2
+    state[RUNS] = 1.0
+    state[SIGMA] = math.sqrt(spread(state))
+
+
+def predict_hypothesis(state: Any, params: Any, i: int, dn: float, de: float, dt: float) -> None:
+    """Velocity and covariance of hypothesis i after a change of velocity (2,) m/s, in axes before x, over dt."""
+    c = math.cos(state[X + i])
+    s = math.sin(state[X + i])
+    n = c * dn - s * de
+    e = s * dn + c * de
+    state[V + 2 * i] += n
+    state[V + 2 * i + 1] += e
+    p = P + 6 * i
+    q = params[4] * params[4] * dt
+    # First what needs the old covariances of velocity and heading.
+    state[p] += e * (e * state[p + 5] - 2.0 * state[p + 2]) + q
+    state[p + 1] += n * state[p + 2] - e * state[p + 4] - n * e * state[p + 5]
+    state[p + 3] += n * (n * state[p + 5] + 2.0 * state[p + 4]) + q
+    state[p + 2] -= e * state[p + 5]
+    state[p + 4] += n * state[p + 5]
+    walk = RAD * params[3]
+    state[p + 5] += walk * walk * dt
+
+
+def correct_hypothesis(state: Any, i: int, vn: float, ve: float, var: float) -> float:
+    """The likelihood of the velocity (2,) m/s of a fix under hypothesis i, which is corrected by it."""
+    p = P + 6 * i
+    nn = state[p]
+    ne = state[p + 1]
+    ny = state[p + 2]
+    ee = state[p + 3]
+    ey = state[p + 4]
+    inv = 1.0 / ((nn + var) * (ee + var) - ne * ne)
+    inn = inv * (ee + var)
+    ine = -inv * ne
+    iee = inv * (nn + var)
+    zn = vn - state[V + 2 * i]
+    ze = ve - state[V + 2 * i + 1]
+    square = zn * (inn * zn + ine * ze) + ze * (ine * zn + iee * ze)
+    if square > CLIP:
+        shorter = math.sqrt(CLIP / square)
+        zn *= shorter
+        ze *= shorter
+        square = CLIP
+    # The gains of v_N, v_E and psi, then P - K S K^T with S K^T the columns before.
+    kn0 = nn * inn + ne * ine
+    kn1 = nn * ine + ne * iee
+    ke0 = ne * inn + ee * ine
+    ke1 = ne * ine + ee * iee
+    ky0 = ny * inn + ey * ine
+    ky1 = ny * ine + ey * iee
+    state[V + 2 * i] += kn0 * zn + kn1 * ze
+    state[V + 2 * i + 1] += ke0 * zn + ke1 * ze
+    state[X + i] = wrapped(state[X + i] + ky0 * zn + ky1 * ze)
+    state[p] = max(nn - kn0 * nn - kn1 * ne, LEAST_VAR)
+    state[p + 1] = ne - kn0 * ne - kn1 * ee
+    state[p + 2] = ny - kn0 * ny - kn1 * ey
+    state[p + 3] = max(ee - ke0 * ne - ke1 * ee, LEAST_VAR)
+    state[p + 4] = ey - ke0 * ny - ke1 * ey
+    state[p + 5] = max(state[p + 5] - ky0 * ny - ky1 * ey, LEAST_VAR)
+    return math.sqrt(inv) * math.exp(-0.5 * square) / TURN
+
+
+def mix(state: Any) -> None:
+    """Turn the attitude to the weighted mean of the hypotheses, and tell how far they are apart."""
+    c = 0.0
+    s = 0.0
+    for i in range(N):
+        c += state[W + i] * math.cos(state[X + i])
+        s += state[W + i] * math.sin(state[X + i])
+    x = math.atan2(s, c)
+    half = 0.5 * (x - state[MIX])
+    state[MIX] = x
+    state[MIX + 1] = math.cos(x)
+    state[MIX + 2] = math.sin(x)
+    c = math.cos(half)
+    s = math.sin(half)
+    q0 = state[0]
+    q1 = state[1]
+    q2 = state[2]
+    q3 = state[3]
+    state[0] = c * q0 - s * q3
+    state[1] = c * q1 - s * q2
+    state[2] = c * q2 + s * q1
+    state[3] = c * q3 + s * q0
+    state[SIGMA] = math.sqrt(spread(state))
+
+
+def spread(state: Any) -> float:
+    """The variance [rad^2] of the heading: of the hypotheses about their mean, and their own."""
+    var = 0.0
+    for i in range(N):
+        off = wrapped(state[X + i] - state[MIX])
+        var += state[W + i] * (state[P + 6 * i + 5] + off * off)
+    return var
+
+
+def wrapped(angle: float) -> float:
+    """The angle [rad] within +- pi."""
+    return angle - TURN * math.floor(angle / TURN + 0.5)
+
+
+# Heading without a compass from GNSS velocity: five headings tried at once, as both autopilots do beside their EKF.
+#
+#     q'    = q (x) (0, w - b + e)/2,  e = tilt_gain k (d x u),  d = R^T e_z,  b' = -bias_gain e below 10 deg/s
+#             u = h/|h|,  h: f - (w - b) x (V, 0, 0), low-passed with 1/(10 tilt_gain);  V: airspeed, forward only
+#             k = (1 - min(n ||h|/g - 1|, 1))^2,  n = 2, with V above g 1
+#     i     of 5: turned by x_i about the vertical, spread over the circle; velocity v_i (2,), P_i (3, 3) of (v_i,
+# psi_i)
+#             v_i' = a_i,  a_i: horizontal part of Rz(x_i) R f as it was ``delay`` ago, in steps of 10 ms
+#             P_i' = F P_i + P_i F^T + diag(acc_noise^2, acc_noise^2, gyro_noise^2),  F_v,psi = (-a_E, a_N)
+#     fix   y = z - v_i,  S = P_vv + s^2 I,  s = max(receiver's sigma, velocity_noise),  y shortened to 5 sigma
+#             P_v S^-1 y corrects v_i and x_i;  w_i <- max(w_i exp(-y^T S^-1 y / 2) / (2 pi |S|^1/2), weight_floor)
+#     psi   x: angle of sum w_i (cos x_i, sin x_i);  sigma_heading^2 = sum w_i (P_psi,i + (x_i - x)^2),  sum w_i = 1
+#
+# All five have one tilt: a turn about the vertical moves none, so one attitude serves them. Heading is from true
+# north.
+# The five start with the first fix that is faster than s, not at rest. Until then the heading counts from that of the
+# start attitude (0 where nothing told it) and means nothing; ``sigma_heading`` is that of a whole circle, 104 deg. It
+# stays wide until horizontal accelerations have told which one is right: hovering and straight flight tell little.
+# An analysis scores nothing before it was below 15 deg, and refuses a log in which it never was.
+#
+# Source: PX4 ``EKFGSF_yaw`` (since 1.11), ArduPilot ``EKFGSF_yaw`` (since 4.1, pull request 13603). From a log come
+# EKF2_GPS_V_NOISE, EKF2_GPS_DELAY, SENS_GPS0_DELAY, EK2_VELNE_M_NSE, EK3_VELNE_M_NSE, GPS_DELAY_MS, GPS1_DELAY_MS,
+# and
+# which of the two flew.
+#
+# Departures. The low-pass turns with the body (``smoothing=body``, as flown: of f alone, in body axes). At rest the
+# gyro's mean is the bias, where the firmwares hand over their EKF's. Noise is a density, for any rate. A forward
+# vehicle
+# without airspeed sensor takes the GNSS speed for V (firmwares: a constant). PX4 starts the five at take-off too;
+# ArduPilot starts them anew at each, and corrects no tilt below 1 g.
 
 SOURCE = "PX4 EKFGSF_yaw (1.11 to 1.18); ArduPilot EKFGSF_yaw (4.1 to 4.6)"
 NEEDS = {"gyro", "acc", "gnss"}
@@ -243,7 +373,7 @@ def pass_on(state: Any, params: Any) -> None:
             break
         if state[RUNS] > 0.0:
             for i in range(N):
-                predict(state, params, i, state[old], state[old + 1], state[old + 2])
+                predict_hypothesis(state, params, i, state[old], state[old + 1], state[old + 2])
             state[SIGMA] = math.sqrt(spread(state))
         state[PAST_S] -= state[old + 2]
         state[FIRST] = float((int(state[FIRST]) + 1) % BINS)
@@ -257,11 +387,11 @@ def take_fix(state: Any, params: Any, aid: Any) -> None:
     state[SPEED] = math.sqrt(aid[VEL_N] * aid[VEL_N] + aid[VEL_E] * aid[VEL_E])
     if state[RUNS] == 0.0:
         if state[SPEED] > s and aid[AT_REST] != 1.0:
-            begin(state, aid[VEL_N], aid[VEL_E], s * s)
+            begin_hypotheses(state, aid[VEL_N], aid[VEL_E], s * s)
         return
     total = 0.0
     for i in range(N):
-        w = max(state[W + i] * correct(state, i, aid[VEL_N], aid[VEL_E], s * s), params[7])
+        w = max(state[W + i] * correct_hypothesis(state, i, aid[VEL_N], aid[VEL_E], s * s), params[7])
         state[W + i] = w
         total += w
     if total > 0.0:

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from attlog.estimators.engine.switches import INTEGRATOR
-from attlog.estimators.engine.vectors import turn
+from attlog.estimators.interface import INTEGRATOR
+from attlog.estimators.vectors import turn
 
 SOURCE = "Lyu 8-10; Xu 6-10"
 NEEDS = {"gyro"}

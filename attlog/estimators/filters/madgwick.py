@@ -23,9 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR
-from attlog.estimators.engine.vectors import GRAVITY, turn
+from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, Parameter
+from attlog.estimators.vectors import GRAVITY, turn
 
 SOURCE = "Madgwick2010 20-49"
 NEEDS = {"gyro", "acc"}

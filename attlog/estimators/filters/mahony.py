@@ -26,9 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM, MAG_GAIN
-from attlog.estimators.engine.vectors import field_error, gravity_error, turn
+from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM, MAG_GAIN, Parameter
+from attlog.estimators.vectors import field_error, gravity_error, turn
 
 SOURCE = "Mahony2008 32; Xu section 2, gains section 3"
 EQUATION = "Mahony2008 32"

@@ -31,9 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM, MAG_GAIN
-from attlog.estimators.engine.vectors import GRAVITY, field_error, gravity_error, turn
+from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM, MAG_GAIN, Parameter
+from attlog.estimators.vectors import GRAVITY, field_error, gravity_error, turn
 
 SOURCE = "Xu section 3 (gains); Valenti2015 60-62 (law)"
 NEEDS = {"gyro", "acc"}

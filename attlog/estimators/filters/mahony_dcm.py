@@ -29,10 +29,14 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.matrices import matrix_from_quaternion, quaternion_from_matrix, turn_matrix
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM, MAG_GAIN
-from attlog.estimators.engine.vectors import field_error, gravity_error
+from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM, MAG_GAIN, Parameter
+from attlog.estimators.vectors import (
+    field_error,
+    gravity_error,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    turn_matrix,
+)
 
 SOURCE = "Huang 2.3.2; Premerlani2009 (renormalisation)"
 EQUATION = "Mahony2008 32"

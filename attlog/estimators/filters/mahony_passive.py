@@ -30,9 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.matrices import matrix_from_quaternion, quaternion_from_matrix, turn_matrix
-from attlog.estimators.engine.switches import INTEGRATOR, MAG_GAIN
+from attlog.estimators.interface import INTEGRATOR, MAG_GAIN, Parameter
+from attlog.estimators.vectors import matrix_from_quaternion, quaternion_from_matrix, turn_matrix
 
 SOURCE = "Huang 7-10; Mahony2008 13; Markley2002 13 and 22"
 NEEDS = {"gyro", "acc", "mag"}

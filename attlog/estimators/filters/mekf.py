@@ -40,13 +40,16 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.aids import AIRSPEED
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.airspeed import AIR_AGE, AIR_SPEED, NEVER, hear, without_flight
-from attlog.estimators.engine.vectors import turn
-from attlog.estimators.filters.inertial.compass import field
-from attlog.estimators.filters.inertial.doubt import add_slow_variance, correct_reach, fade_slow, own_sigmas, weigh_slow
-from attlog.estimators.filters.inertial.layout import (
+from attlog.estimators.aids import AIR_AGE, AIR_SPEED, AIRSPEED, NEVER, update_airspeed, without_acceleration
+from attlog.estimators.filters.inertial.compass import (
+    add_slow_variance,
+    correct_reach,
+    fade_slow,
+    field,
+    residual_sigmas,
+    weigh_slow,
+)
+from attlog.estimators.filters.inertial.recursion import (
     ACC_BIAS_SIGMA,
     AGE,
     AIR,
@@ -102,6 +105,8 @@ from attlog.estimators.filters.inertial.layout import (
     turn_earth,
 )
 from attlog.estimators.filters.inertial.start import align, look_for_rest
+from attlog.estimators.interface import Parameter
+from attlog.estimators.vectors import turn
 
 SOURCE = "Markley2003; Laidig2023"
 NEEDS = {"gyro", "acc"}
@@ -240,9 +245,9 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
 
 def take_force(state: Any, dt: float, gyr: Any, acc: Any, airspeed: float) -> None:
     """The specific force less what ``airspeed`` [m/s, NaN: nothing new] tells of the flight's acceleration, to F."""
-    hear(state, AIR, dt, airspeed, state[QUIET] >= min(0.2, state[AGE]))
+    update_airspeed(state, AIR, dt, airspeed, state[QUIET] >= min(0.2, state[AGE]))
     _, wy, wz = rate(state, gyr)
-    state[F], state[F + 1], state[F + 2] = without_flight(state, AIR, acc, wy, wz)
+    state[F], state[F + 1], state[F + 2] = without_acceleration(state, AIR, acc, wy, wz)
 
 
 def report(state: Any, params: Any, gyr: Any) -> None:
@@ -469,13 +474,13 @@ def update(state: Any, k: int, value: float, r: float) -> None:
 
 def finish(state: Any, params: Any) -> None:
     """The error x goes into the state, the block's sums to zero."""
-    inject(state)
+    inject_error(state)
     for i in range(T, H_COUNT + 1):
         state[i] = 0.0
-    own_sigmas(state, params)
+    residual_sigmas(state, params)
 
 
-def inject(state: Any) -> None:
+def inject_error(state: Any) -> None:
     """q <- exp(theta) (x) q, everything else is added."""
     turn_earth(state, state[X], state[X + 1], state[X + 2])
     for i in range(3):

@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.aids import POS_H_ACC, VEL_D, VEL_E, VEL_N
-from attlog.estimators.base import LogInfo, Parameter
-from attlog.estimators.engine.vectors import GRAVITY, down, turn
+from attlog.estimators.interface import LogInfo, Parameter
+from attlog.estimators.vectors import GRAVITY, down, turn
 
 SOURCE = "PX4 attitude_estimator_q (1.12 to 1.15)"
 NEEDS = {"gyro", "acc", "mag"}

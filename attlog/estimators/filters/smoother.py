@@ -20,18 +20,175 @@ Source: Bierman1973 (backward pass), DeJongPenzer1998 (scores), Sola2017 (error 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
+from attlog.core import rotation
 from attlog.estimators.aids import Aids, Measurements
-from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.filters import heading_checks, pair
+from attlog.estimators.evidence import HeadingOffset, heading_offset
 from attlog.estimators.filters.navigation import attitude, passes
-from attlog.estimators.filters.navigation.measured import Inputs, made_ready
-from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
+from attlog.estimators.filters.navigation.attitude import SURE_DEG, own_sigma, refusal
+from attlog.estimators.filters.navigation.inputs import GATE, PRIORS, Inputs, prepare_inputs, started
+from attlog.estimators.filters.navigation.jumps import BIAS_CHANGED_DPS, bias_change_dps
+from attlog.estimators.interface import Array, Estimate, Parameter
+
+# Which of two smoothed runs stands, with the compass or without it, and what its heading rests on.
+#
+# A compass that is turned or offset misleads a smoother that stays sure of itself, in tilt as well. A run without it
+# finds heading from motion, surely where the vehicle moved by steps, turns or wind. With
+#
+#     Dz = rms of (heading with - heading without) / joint sigma
+#
+# ======================= ============ =======================================================================
+# run without the compass Dz           what stands
+# ======================= ============ =======================================================================
+# sure                    up to 1      the run with it: heading from ``both``
+# sure                    above 1      the run without it: ``motion``
+# not sure                up to 1      the run with it if that is sure: ``compass``, which nothing confirms
+# not sure                above 1      the run with it, without its heading: ``nobody``
+# ======================= ============ =======================================================================
+#
+# Sigmas hold the difference of the runs, sigma = hypot(own, difference): of the heading where both are sure of it and
+# Dz
+# is up to 2, of the tilt unless the compass is beyond doubt the one that errs.
+
+HeadingFrom = Literal["both", "compass", "motion", "nobody"]
+MOST_DISAGREEMENT = 1.0
+"""Joint sigmas between two headings of which one shares every sensor with the other: sound compasses stay below 0.85
+(24 simulated flights), turned by 15 deg they are above it on 22."""
+COMPARED = 20_000
+"""Samples that are compared: smoothed attitudes differ slowly, and a long run's copies are large."""
+OWN_HEADING = "own_sigma_heading"
+"""What a run by motion alone says of its heading (rad) where that is too unsure for a reference; pi if contradicted."""
+NO_NORTH = "neither GNSS nor a compass shows north"
+OPEN = 2.0
+"""Up to so many joint sigmas it is open which of the runs errs, and the difference is part of the sigma: a wrong gyro
+scale or accelerometer bias parts the runs by less (chosen on 24 flights with 18 faults)."""
+
+
+def without_compass_twin(run: Estimate) -> Estimate:
+    """The run of a log without a compass: its heading is from motion where it is sure of it, else from nobody."""
+    if own_deg(run) <= SURE_DEG:
+        return _with_heading(run, "motion")
+    unsure = without_heading(run, "no compass, and motion does not show it")
+    return replace(unsure, aux=unsure.aux | {OWN_HEADING: run.aux["sigma_heading"]})
+
+
+def by_compass(run: Estimate) -> Estimate:
+    """A run without GNSS: nothing confirms its compass."""
+    return _with_heading(run, "compass")
+
+
+def choose_heading(with_compass: Estimate, without: Estimate) -> Estimate:
+    """The run that stands of two over the same samples, and what its heading rests on."""
+    differ = differences(with_compass, without)
+    disagreement = rms(differ[1] / _joint_sigma(with_compass, without, "sigma_heading"))
+    tilt, heading = (rms(x) for x in differ)
+    agree = disagreement <= MOST_DISAGREEMENT
+    told: dict[str, float | str] = {"compass_disagreement": disagreement}
+    if own_deg(without) <= SURE_DEG:
+        stands = with_compass if agree else without
+        stands = _widened(stands, tilt, heading) if disagreement <= OPEN else stands
+        return _with_heading(stands, "both" if agree else "motion", told)
+    stands = _widened(with_compass, tilt, 0.0)
+    if agree and own_deg(with_compass) <= SURE_DEG:
+        return _with_heading(stands, "compass", told)
+    why = "neither compass nor motion is sure of it"
+    if not agree:
+        why = f"compass and motion differ by {math.degrees(heading):.0f} deg, and motion is not sure of it"
+    return without_heading(stands, why, told)
+
+
+def without_heading(run: Estimate, why: str, told: Mapping[str, float | str] | None = None) -> Estimate:
+    """The run with a heading that nobody vouches for; ``why`` completes "no heading: "."""
+    unknown = np.full(len(run.t), np.pi)
+    told = {**(told or {}), "heading_why": why, "sigma_heading_deg": 180.0}
+    run = replace(run, aux=run.aux | {"sigma_heading": unknown, OWN_HEADING: unknown})
+    return _with_heading(run, "nobody", told)
+
+
+def differences(a: Estimate, b: Estimate) -> tuple[Array, Array]:
+    """Tilt and, with its sign, heading (k,) in rad of one run against another over the same samples, thinned."""
+    e = rotation.earth_error(_thinned(a.q), _thinned(b.q))
+    return rotation.tilt_angle(e), rotation.heading_angle(e)
+
+
+def rms(x: Array) -> float:
+    """Root mean square; 0 of nothing."""
+    return float(np.sqrt(np.mean(x * x))) if len(x) else 0.0
+
+
+def own_deg(run: Estimate, name: str = "sigma_heading") -> float:
+    """What a run says of its errors, RMS in deg; no number is not sure."""
+    own = math.degrees(rms(run.aux[name]))
+    return own if math.isfinite(own) else math.inf
+
+
+def _joint_sigma(a: Estimate, b: Estimate, name: str) -> Array:
+    joint: Array = np.hypot(_thinned(a.aux[name]), _thinned(b.aux[name]))
+    return joint
+
+
+def _thinned(x: Array) -> Array:
+    return x[:: max(1, len(x) // COMPARED)]
+
+
+def _widened(run: Estimate, tilt: float, heading: float) -> Estimate:
+    """The run with sigmas that hold the difference (rad, RMS) to the run without the compass."""
+    sigmas = {
+        name: np.hypot(run.aux[name], difference)
+        for name, difference in (("sigma_tilt", tilt), ("sigma_heading", heading))
+    }
+    return replace(run, aux=run.aux | sigmas, quality=run.quality | own_sigma(*sigmas.values()))
+
+
+def _with_heading(run: Estimate, found: HeadingFrom, told: Mapping[str, float | str] | None = None) -> Estimate:
+    """The run, saying what its heading rests on."""
+    quality = run.quality | {"heading_from": found, **(told or {})}
+    return replace(run, quality=quality | {"refused": refusal(quality)})
+
+
+# May a smoothed heading stand? GNSS acceleration and the gyro at rest, which no filter's model has part in, say so.
+#
+# A gyro whose bias jumps turns the heading of every run alike, with the compass or without it, and both stay sure.
+
+MIN_HEADING_OFFSET_DEG, MAX_HEADING_SIGMAS = 3.0, 3.0
+"""A heading that is off by more than this by GNSS acceleration, in deg and in joint sigmas, does not stand."""
+
+MAX_USEFUL_SIGMA_DEG = 5.0
+"""A heading by motion alone that is no reference still judges a compass up to this sigma: it is checked as well."""
+
+
+def check_heading(run: Estimate, inputs: Inputs) -> Estimate:
+    """The run, without its heading where something contradicts it; in its quality what GNSS says of the heading."""
+    own = own_deg(run, OWN_HEADING if OWN_HEADING in run.aux else "sigma_heading")
+    if run.quality["heading_from"] == "nobody" and own > MAX_USEFUL_SIGMA_DEG:
+        return run
+    offset = heading_offset_by_gnss(run, inputs)
+    told: dict[str, float | str] = {}
+    if offset is not None and offset.told:
+        told = {"heading_gnss_deg": offset.offset_deg, "heading_gnss_sigma_deg": offset.sigma_deg}
+        run.quality.update(told)
+        if abs(offset.offset_deg) > max(MIN_HEADING_OFFSET_DEG, MAX_HEADING_SIGMAS * math.hypot(offset.sigma_deg, own)):
+            return without_heading(run, f"GNSS acceleration shows it {abs(offset.offset_deg):.0f} deg off")
+    changed = 0.0 if "gyro_jump_s" in run.quality else bias_change_dps(inputs)
+    if changed > BIAS_CHANGED_DPS:
+        return without_heading(run, f"the gyro's bias at rest changed by {changed:.1f} deg/s")
+    return run
+
+
+def heading_offset_by_gnss(run: Estimate, inputs: Inputs) -> HeadingOffset | None:
+    """How far the run's heading is off by GNSS acceleration; None without GNSS velocity."""
+    fixes = inputs.velocity
+    if fixes is None:
+        return None
+    return heading_offset(inputs.t, inputs.acc, run.q, fixes.t, fixes.x)
+
 
 SOURCE = "Bierman1973; DeJongPenzer1998; Sola2017; Rauch1965"
 NEEDS = {"gyro", "acc"}
@@ -51,10 +208,10 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     """The smoothed attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where it has no sample."""
     end = np.inf if aids.impact is None else aids.impact - BEFORE_IMPACT_S
     if not t[0] + LEAST_S < end <= t[-1]:
-        return part(t, gyr, acc, mag, aids, params)
+        return smooth_part(t, gyr, acc, mag, aids, params)
     k = int(np.searchsorted(t, end))
     cuts = [slice(0, k), slice(k, len(t))]
-    before, after = (part(t[c], gyr[c], acc[c], mag[c], aids.between(t[c][0], t[c][-1]), params) for c in cuts)
+    before, after = (smooth_part(t[c], gyr[c], acc[c], mag[c], aids.between(t[c][0], t[c][-1]), params) for c in cuts)
     assert before.bias is not None
     assert after.bias is not None
     missing = np.full(len(after.t), np.nan)
@@ -68,21 +225,23 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     )
 
 
-def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
+def smooth_part(
+    t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]
+) -> Estimate:
     """One part of a run, by itself: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3), NaN where missing."""
     clock = time.thread_time()
-    inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
+    inputs = prepare_inputs(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
     if inputs.velocity is None and inputs.position is None:
         return inertial(inputs, mag, aids.airspeed)
     tuned, gate, count = started(params), float(params["soft_gate"]), int(params["passes"])
     if inputs.mag is None:
-        stands = pair.alone(smoothed(inputs, passes.solved(inputs, tuned, gate, count)))
+        stands = without_compass_twin(smoothed(inputs, passes.solved(inputs, tuned, gate, count)))
     else:
         with_compass, without = passes.solved_twice(inputs, tuned, gate, count)
-        stands = pair.chosen(smoothed(inputs, with_compass), smoothed(replace(inputs, mag=None), without))
+        stands = choose_heading(smoothed(inputs, with_compass), smoothed(replace(inputs, mag=None), without))
     if "gyro_jump_unmodelled" in stands.quality:
-        stands = pair.without_heading(stands, "the gyro bias changes as no jump explains")
-    stands = heading_checks.checked(stands, inputs)
+        stands = without_heading(stands, "the gyro bias changes as no jump explains")
+    stands = check_heading(stands, inputs)
     return replace(stands, ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1))
 
 
@@ -115,4 +274,4 @@ def inertial(inputs: Inputs, mag: Array, airspeed: Measurements | None) -> Estim
     tilt, heading = found.aux["sigma_tilt"], found.aux["sigma_heading"]
     told = found.quality | attitude.own_sigma(tilt, heading) | attitude.lag_corrected(inputs)
     found = replace(found, q=attitude.at_stamps(inputs, found.q, found.bias), quality=told)
-    return pair.without_heading(found, pair.NO_NORTH) if np.isnan(mag).all() else pair.by_compass(found)
+    return without_heading(found, NO_NORTH) if np.isnan(mag).all() else by_compass(found)

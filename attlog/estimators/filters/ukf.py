@@ -30,10 +30,9 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.aids import AIRSPEED, AT_REST
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.airspeed import AIR_AGE, NEVER, hear, without_flight
-from attlog.estimators.engine.vectors import GRAVITY, down, half_angle
+from attlog.estimators.aids import AIR_AGE, AIRSPEED, AT_REST, NEVER, update_airspeed, without_acceleration
+from attlog.estimators.interface import Parameter
+from attlog.estimators.vectors import GRAVITY, down, half_angle
 
 SOURCE = "Crassidis2003 5-12, 31-37"
 NEEDS = {"gyro", "acc"}
@@ -121,8 +120,8 @@ def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
 
 def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: Any) -> None:
     """One update: force, field where new, turn."""
-    hear(state, AIR, dt, aid[AIRSPEED], aid[AT_REST] == 1.0)
-    fx, fy, fz = without_flight(state, AIR, acc, gyr[1] - state[5], gyr[2] - state[6])
+    update_airspeed(state, AIR, dt, aid[AIRSPEED], aid[AT_REST] == 1.0)
+    fx, fy, fz = without_acceleration(state, AIR, acc, gyr[1] - state[5], gyr[2] - state[6])
     if fx != 0.0 or fy != 0.0 or fz != 0.0:
         correct_by_force(state, params, dt, fx, fy, fz)
     state[SINCE] += dt

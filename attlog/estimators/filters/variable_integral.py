@@ -30,9 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Parameter
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM, MAG_GAIN
-from attlog.estimators.engine.vectors import field_error, gravity_error, turn
+from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM, MAG_GAIN, Parameter
+from attlog.estimators.vectors import field_error, gravity_error, turn
 
 SOURCE = "Lyu 11-18"
 NEEDS = {"gyro", "acc"}

@@ -26,10 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from attlog.base import rotation
-from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.engine.start import MOTION_S
-from attlog.estimators.engine.uniform import UniformSamples, typical_scale, uniform
+from attlog.core import rotation
+from attlog.estimators.interface import Array, Estimate, Parameter
+from attlog.estimators.samples import UniformSamples, typical_scale, uniform
+from attlog.estimators.start import MOTION_S
 
 SOURCE = "Laidig2023; package vqf"
 NEEDS = {"gyro", "acc"}
@@ -132,7 +132,7 @@ def heading_from_start(t: Array, q: Array, inertial: Array) -> None:
         q[:field] = rotation.turn_about_down(q[:field], -rotation.to_euler(q[0])[2])
     else:
         q[:field] = rotation.turn_about_down(
-            q[:field], rotation.heading_angle(rotation.error(q[field], inertial[field]))
+            q[:field], rotation.heading_angle(rotation.earth_error(q[field], inertial[field]))
         )
 
 

@@ -9,50 +9,49 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.base import rotation
-from attlog.flight import inertial, magnetic, physics, receiver
+from attlog.core import rotation
+from attlog.flight import compass, gnss, limits, parameters
+from attlog.flight import imu as inertial
+from attlog.flight.advice import Sdlog2Logging
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.clock.timing import Stamps, on_a_clock, only_new, stamps_of
+from attlog.flight.limits import Quantity
 from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag, Stream
-from attlog.flight.modes import px4_mode
-from attlog.flight.parameters import history as parameters
-from attlog.flight.physics import Quantity
-from attlog.flight.px4.advice import Sdlog2Logging
-from attlog.flight.px4.state import ARMED, DECLINATION, utc_offset
-from attlog.flight.vehicle import named
-from attlog.formats.base import Messages, Table
+from attlog.flight.px4.reader import ARMED_STATE, DECLINATION_PARAMETERS, utc_offset
+from attlog.flight.timestamps import Stamps, changed_records, read_stamps, valid_stamp
+from attlog.flight.vehicle import px4_mode, vehicle_name
 from attlog.formats.sdlog2 import TIME
+from attlog.formats.table import Messages, Table
 
 UNITS = (("IMU", 0), ("IMU1", 1), ("IMU2", 2))
 
 
 def stamps(table: Table) -> Stamps:
     """Boot times (n,) in us; records before the first TIME record get a negative one and are left out."""
-    return stamps_of(table, TIME)
+    return read_stamps(table, TIME)
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
     """The flight in an sdlog2 log; ``imu`` and ``mag`` ask for a unit."""
     builder = LogBuilder(messages)
     chosen = inertial.best_per_unit(builder, builder.attempt("IMU", lambda: candidates(builder), []))
-    values = parameters.values(messages.params)
+    values = parameters.boot_values(messages.params)
     logging = Sdlog2Logging(values)
-    position = inertial.choose_unit(builder, chosen, 0, "the first one, which the estimator used", imu, logging)
+    position = inertial.choose_imu(builder, chosen, 0, "the first one, which the estimator used", imu, logging)
     clock = messages.first("TIME")
     begin = int(chosen[position or 0].t_us[0]) if chosen else 0
     if not chosen and clock:
-        begin = builder.attempt("TIME", lambda: int(stamps_of(clock, "StartTime")[0]), 0)
-    builder.t0_us = on_a_clock(begin)
+        begin = builder.attempt("TIME", lambda: int(read_stamps(clock, "StartTime")[0]), 0)
+    builder.t0_us = valid_stamp(begin)
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware(messages), "")
-    log.vehicle = named(int(values.get("MAV_TYPE", -1)))
+    log.vehicle = vehicle_name(int(values.get("MAV_TYPE", -1)))
     log.logging = logging
-    log.imus = [inertial.build(builder, c) for c in chosen]
+    log.imus = [inertial.build_imu(builder, c) for c in chosen]
     log.imu = position
     log.mags = builder.attempt("The magnetometer", lambda: magnetometers(builder), [])
     flying = None if position is None else log.imus[position]
     log.mag = builder.attempt(
-        "The compass", lambda: magnetic.choose(builder, log.mags, flying, 0, "the first one", mag, logging), None
+        "The compass", lambda: compass.choose_mag(builder, log.mags, flying, 0, "the first one", mag, logging), None
     )
     attitude = builder.attempt("ATT", lambda: euler_or_quaternion(builder, "ATT", ("Roll", "Pitch", "Yaw")), None)
     if attitude is not None:
@@ -61,8 +60,8 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.setpoints = builder.attempt("ATSP", lambda: euler_or_quaternion(builder, "ATSP", wanted), None)
     builder.attempt("STAT", lambda: states(builder, log), None)
     aids(builder, log)
-    log.params = builder.attempt("PARM", lambda: parameters.time_lines(builder, messages.params, "PARM"), {})
-    log.declination_param, log.declination_source = parameters.declination(log, DECLINATION)
+    log.params = builder.attempt("PARM", lambda: parameters.parameter_lines(builder, messages.params, "PARM"), {})
+    log.declination_param, log.declination_source = parameters.declination(log, DECLINATION_PARAMETERS)
     log.problems, log.choices = builder.problems, builder.choices
     return log
 
@@ -84,7 +83,7 @@ def candidates(builder: LogBuilder) -> list[inertial.ImuCandidate]:
         gyro, acc = columns(table, "GyroX", "GyroY", "GyroZ"), columns(table, "AccX", "AccY", "AccZ")
         if unit and not gyro.any() and not acc.any():
             continue  # a board without a second sensor logs zeros
-        one = inertial.validate(
+        one = inertial.validate_candidate(
             builder,
             inertial.ImuCandidate(
                 unit,
@@ -108,11 +107,11 @@ def magnetometers(builder: LogBuilder) -> list[Mag]:
         table = builder.messages.first(name)
         if table is None or "MagX" not in table:
             continue
-        field = columns(table, "MagX", "MagY", "MagZ") * magnetic.GAUSS
+        field = columns(table, "MagX", "MagY", "MagZ") * compass.GAUSS
         if unit and not field.any():
             continue
-        new = only_new(field, stamps(table))
-        mag = magnetic.build(builder, unit, stamps(table)[new], field[new], name)
+        new = changed_records(field, stamps(table))
+        mag = compass.build_mag(builder, unit, stamps(table)[new], field[new], name)
         found += [mag] if mag is not None else []
     return found
 
@@ -140,7 +139,7 @@ def states(builder: LogBuilder, log: FlightLog) -> None:
     t = stamps(status)
     arm = next((c for c in ("ArmS", "ArmState") if c in status), None)
     if arm is not None:
-        log.armed = builder.time_line(t, (status[arm] == ARMED).tolist(), "STAT")
+        log.armed = builder.time_line(t, (status[arm] == ARMED_STATE).tolist(), "STAT")
     if "Landed" in status:
         log.landed = builder.time_line(t, (status["Landed"] != 0).tolist(), "STAT")
     if "MainState" in status:
@@ -152,12 +151,12 @@ def aids(builder: LogBuilder, log: FlightLog) -> None:
     one = builder.attempt("GPS", lambda: one_receiver(builder), None)
     log.gnss = [] if one is None else [one]
     log.utc_offset = builder.attempt("The date", lambda: utc_offset(log.gnss), None)
-    altitude = column(builder, "SENS", ("BaroAlt",), "m", physics.BARO)
+    altitude = column(builder, "SENS", ("BaroAlt",), "m", limits.BARO)
     log.baro = [] if altitude is None else [altitude]
     log.battery = builder.attempt("BATT", lambda: battery(builder), None)
-    log.throttle = column(builder, "ATTC", ("Thrust",), "1", physics.THROTTLE)
+    log.throttle = column(builder, "ATTC", ("Thrust",), "1", limits.THROTTLE)
     log.rate_setpoints = column(
-        builder, "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP"), "rad/s", physics.RATE_SETPOINT
+        builder, "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP"), "rad/s", limits.RATE_SETPOINT
     )
 
 
@@ -188,7 +187,7 @@ def one_receiver(builder: LogBuilder) -> Gnss | None:
         return None
     t_us = stamps(table)
     place: Array = columns(table, "Lat", "Lon", "Alt")
-    return receiver.build(
+    return gnss.build_gnss(
         builder,
         0,
         t_us,

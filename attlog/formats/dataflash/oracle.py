@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from attlog.formats.base import Messages
-from attlog.formats.mapping import text_of
+from attlog.formats.file_bytes import decode_text
 from attlog.formats.oracle import Columns, Key, Oracle, as_printed, gathered
+from attlog.formats.table import Messages
 
 NOT_COMPARED = {("FMT", "Columns"), ("FMT", "Format"), ("FILE", "Data")}
 """Binary content and the description of FMT itself, which the library builds in."""
@@ -50,7 +50,7 @@ def keys(log: Messages, without: str = "") -> list[Key]:
 
 def ours(log: Messages, key: Key) -> dict[str, Any] | None:
     """Our columns of all instances of a message, in file order."""
-    columns = as_printed([log[key[0], i] for i in log.instances(key[0])], text_of)
+    columns = as_printed([log[key[0], i] for i in log.instances(key[0])], decode_text)
     return None if columns is None else _compared(key, columns)
 
 
@@ -65,7 +65,7 @@ def redefined(log: Messages) -> dict[str, str]:
         "defined anew inside the file; pymavlink applies the last definition to all records, "
         "attlog each from its place on"
     )
-    return {text_of(row[1]): why for row in rows if types[row[0]] > 1 or names[row[1]] > 1}
+    return {decode_text(row[1]): why for row in rows if types[row[0]] > 1 or names[row[1]] > 1}
 
 
 BINARY = Oracle("pymavlink", read_binary, keys, ours, why_not_comparable=redefined)

@@ -9,31 +9,62 @@ are left out and counted, times are the logged ones.
 
 from __future__ import annotations
 
+import re
+from array import array
 from collections.abc import Callable
 from functools import partial
+from io import BytesIO
+from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import LogUnusable
-from attlog.formats.barrier import Barrier
-from attlog.formats.base import Boot, Messages, Offsets, Remark
-from attlog.formats.clock import Timeline, boots_between, restarts
-from attlog.formats.dataflash.clock import drop_false_times, time_column, timeline
-from attlog.formats.dataflash.content import params, texts
-from attlog.formats.dataflash.index import HEADER_LENGTH, MessageFormat, RecordIndex, index_records
-from attlog.formats.dataflash.tables import Units, build_tables, tell_unreadable
-from attlog.formats.dataflash.units import units_of
-from attlog.formats.mapping import gather, map_bytes, text_of
+from attlog.core.errors import LogUnusable
+from attlog.core.limits import (
+    MAX_CELL_BYTES,
+    MAX_LETTERS,
+    MAX_NAME_LENGTH,
+    MAX_TEXT_FORMATS,
+    MAX_TEXT_LENGTH,
+    MAX_TEXTS,
+)
+from attlog.formats.clock import Timeline, boots_at, boots_of_timeline, restarts
+from attlog.formats.dataflash.tables import (
+    INFO_SEVERITY,
+    Units,
+    build_tables,
+    drop_false_times,
+    instance_column,
+    read_params,
+    read_texts,
+    read_units,
+    record_timeline,
+    report_unreadable,
+    split_by_number,
+    table_timeline,
+    time_column,
+)
+from attlog.formats.dataflash.walk import (
+    FMT_FORMAT,
+    HEADER_BYTES,
+    LETTER_DTYPES,
+    MessageFormat,
+    RecordIndex,
+    column_names,
+    index_records,
+)
+from attlog.formats.file_bytes import decode_text, gather, read_file_bytes
+from attlog.formats.table import Boot, DamageLog, Field, Guard, Messages, Offsets, ReaderBarrier, Remark, Table, Text
 
-__all__ = ["read"]
+__all__ = ["read_binary"]
+
 
 T = TypeVar("T")
 
 
-def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
+def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
     """The messages of a DataFlash binary log, columns decoded on demand; ``data`` are its bytes if mapped already.
 
     Instances come from the column that FMTU marks ``#``, else from
@@ -44,24 +75,24 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     if no format is defined, for example in a file that starts in the middle.
     """
     path = Path(path)
-    data = map_bytes(path) if data is None else data
+    data = read_file_bytes(path) if data is None else data
     index = index_records(data)
     if len(index.layouts) < 2 or not np.any(index.layout > 0):
         raise LogUnusable(
             f"{path}: no FMT record describes any data, so nothing can be decoded; a log must contain its beginning."
         )
-    at, time = timeline(data, index)
+    at, time = record_timeline(data, index)
     at, time = drop_false_times(index, at, time)
-    boots = _boots(data, index, at, time)
-    clock = (at[:0].copy(), time[:0].copy()) if _tell_their_time(index.layouts) else (at, time)
+    boots = _find_boots(data, index, at, time)
+    clock = (at[:0].copy(), time[:0].copy()) if _carry_their_time(index.layouts) else (at, time)
     del at, time  # the sorting that follows takes as much
     remarks: list[Remark] = []
-    around = Barrier(remarks).around
+    around = ReaderBarrier(remarks).around
     units: Units = {}
     with around("FMTU", "units and instances", None):
-        units = units_of(data, index)
+        units = read_units(data, index)
     tables = build_tables(data, index, units, guard=around)
-    tell_unreadable(index)
+    report_unreadable(index)
     messages = Messages(
         path,
         "dataflash",
@@ -79,21 +110,21 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
             return of(log, clock)
         return []
 
-    messages.params = partial(told, "PARM", "parameters", params)
-    messages.texts = partial(told, "MSG", "texts", texts)
+    messages.params = partial(told, "PARM", "parameters", read_params)
+    messages.texts = partial(told, "MSG", "texts", read_texts)
     version = messages.first("VER")
     if version is not None:
         with around("VER", "versions", int(version.offsets[0])):
-            messages.info["VER"] = {name: _plain(version[name][0]) for name in version.fields}
+            messages.info["VER"] = {name: _to_python(version[name][0]) for name in version.fields}
     return messages
 
 
-def _plain(value: Any) -> Any:
+def _to_python(value: Any) -> Any:
     """A value of numpy as the Python value that JSON knows."""
-    return text_of(value) if isinstance(value, bytes) else value.tolist()
+    return decode_text(value) if isinstance(value, bytes) else value.tolist()
 
 
-def _tell_their_time(layouts: list[MessageFormat]) -> bool:
+def _carry_their_time(layouts: list[MessageFormat]) -> bool:
     """Whether parameters and texts carry their time, so that no other record's is needed for them."""
     return all(
         time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters
@@ -102,7 +133,7 @@ def _tell_their_time(layouts: list[MessageFormat]) -> bool:
     )
 
 
-def _boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:
+def _find_boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:
     """The power-ups in the file: a boot starts where the clock falls for good or a new block of formats begins."""
     starts = {0}
     for k in restarts(time):
@@ -110,7 +141,7 @@ def _boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: NDArr
         first = int(np.searchsorted(index.offsets, at[k - 1])) + 1
         starts.add(int(index.offsets[first]))
     defined = index.offsets[index.layout == 0]
-    own = defined[gather(data, defined + HEADER_LENGTH, np.dtype("u1")) == index.layouts[0].type]
+    own = defined[gather(data, defined + HEADER_BYTES, np.dtype("u1")) == index.layouts[0].type]
     starts.update(own[1:].tolist())
     # two hints of the same restart (FMT block, then the first earlier time) leave no timed record between them
     joined = [0]
@@ -118,4 +149,198 @@ def _boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: NDArr
         timed = np.searchsorted(at, [joined[-1], edge])
         if timed[1] > timed[0]:
             joined.append(edge)
-    return boots_between(joined[1:], len(data))
+    return boots_at(joined[1:], len(data))
+
+
+# Reads ArduPilot's text logs (``.log``): lines ``NAME, value, value``, described by FMT lines.
+#
+# The values are scaled already (c, C, e, E, L), modes are names, and a banner may
+# stand before the first FMT line. A line counts only if every number in it can be
+# read; others are damage. Source: ArduPilot 3.x, libraries/DataFlash.
+
+_TEXT_LETTERS = "nNZMa"  # M is a mode name in text logs; arrays are printed in a form of their own
+# Every quantifier is possessive (it never gives back what it took), so that a line is judged in one pass over it.
+_DIGITS_PATTERN = rb"\d{1,320}+(?:\.\d{0,320}+)?+(?:e[-+]?+\d{1,4}+)?+|\.\d{1,320}+"
+_NUMBER_PATTERN = rb"[ \t]*+[-+]?+(?>" + _DIGITS_PATTERN + rb"|nan|inf(?:inity)?+)[ \t]*+"
+_INTEGER_PATTERN = rb"[ \t]*+[-+]?+\d{1,18}+[ \t]*+"  # what int64 holds for sure
+_ANY_PATTERN = rb"[^,]*+"
+
+
+def read_text(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
+    """The messages of a text log, columns split and converted on demand; ``data`` are its bytes if mapped already.
+
+    ``info["banner"]`` holds the lines before the first FMT line. Numbers are int64
+    or float64 as printed, text is bytes, at most :data:`attlog.core.limits.MAX_CELL_BYTES`.
+    Memory: the file once, 16 bytes per line, and the columns asked for. LogUnusable if
+    there is no FMT line.
+    """
+    path = Path(path)
+    data = read_file_bytes(path) if data is None else data
+    lines = _SortedLines(data.tobytes())
+    if not lines.formats:
+        raise LogUnusable(f"{path}: no FMT line describes the values, so the text cannot be read as a log.")
+    remarks: list[Remark] = []
+    around = ReaderBarrier(remarks).around
+    messages = Messages(path, "dataflash_text", len(data), lines.tables(around), remarks=remarks)
+    losses = lines.losses
+    messages.damage, messages.damage_bytes, messages.damage_places = losses.listed, losses.bytes, losses.places
+    messages.info["banner"] = lines.banner
+    timeline = table_timeline(messages, lines.formats)
+    with around("PARM", "parameters", None):
+        messages.params = read_params(messages, timeline)
+    messages.texts = [Text(line, INFO_SEVERITY, None, 0) for line in lines.banner]
+    with around("MSG", "texts", None):
+        messages.texts = [*messages.texts, *read_texts(messages, timeline)][:MAX_TEXTS]
+    messages.boots = boots_of_timeline(timeline, len(data))
+    return messages
+
+
+def parse_fmt_line(line: bytes) -> MessageFormat | None:
+    """The Format in an FMT line, None if it is none.
+
+    Some converters put further values before the column list: the list is what
+    begins with the last value that is set off by a blank.
+    """
+    cells = line.split(b",", 5)
+    try:
+        kind, length = int(cells[1]), int(cells[2])
+        name, letters = cells[3].strip().decode("ascii"), cells[4].strip().decode("ascii")
+    except (IndexError, ValueError):
+        return None
+    if kind == FMT_FORMAT.type:
+        return FMT_FORMAT
+    if not name or not name.isprintable() or len(name) > MAX_NAME_LENGTH or len(letters) > MAX_LETTERS:
+        return None
+    listed = cells[5].decode("latin-1") if len(cells) > 5 else ""
+    listed = listed.rpartition(", ")[2] if ", " in listed.strip() else listed
+    columns = column_names(c.strip(' "\r') for c in listed.split(",", MAX_LETTERS)) if listed.strip() else ()
+    usable = (c if c.isprintable() and len(c) <= MAX_NAME_LENGTH else "" for c in columns[: len(letters)])
+    return MessageFormat(kind, length, name, letters, tuple(usable), 0)
+
+
+class _SortedLines:
+    """The lines of a file, sorted by message: where each begins, and its length without blanks at its end."""
+
+    def __init__(self, raw: bytes) -> None:
+        self.raw = raw
+        self.formats: dict[str, MessageFormat] = {}
+        self.banner: list[str] = []
+        self.losses = DamageLog()
+        self._found: dict[str, tuple[array[int], array[int]]] = {}
+        self._sort()
+
+    def _sort(self) -> None:
+        patterns: dict[bytes, re.Pattern[bytes]] = {}
+        waiting: dict[bytes, MessageFormat] = {}  # compiling a pattern takes longer than reading a thousand lines
+        found: dict[bytes, tuple[array[int], array[int]]] = {}
+        offset = 0
+        for line in BytesIO(self.raw):
+            name = line.partition(b",")[0]
+            pattern = patterns.get(name)
+            if pattern is None and name in waiting:
+                pattern = patterns[name] = _line_pattern(waiting.pop(name))
+            if pattern is not None:
+                text = line.rstrip()
+                if pattern.fullmatch(text):
+                    offsets, lengths = found[name]
+                    offsets.append(offset)
+                    lengths.append(len(text))
+                else:
+                    self._lose(offset, line, f"line of {name.decode('latin-1')} that is cut or mixed with another")
+            elif name == b"FMT":
+                fmt = parse_fmt_line(line)
+                if fmt is None:
+                    self._lose(offset, line, "unreadable FMT line")
+                elif len(self.formats) >= MAX_TEXT_FORMATS and fmt.name not in self.formats:
+                    self._lose(offset, line, f"format beyond the {MAX_TEXT_FORMATS} that a log can have")
+                elif fmt.name not in self.formats and all(letter in LETTER_DTYPES for letter in fmt.letters):
+                    self.formats[fmt.name] = fmt
+                    if fmt.name != "FMT":
+                        waiting[fmt.name.encode()] = fmt
+                        found[fmt.name.encode()] = (array("q"), array("q"))
+            elif line.strip():
+                if self.formats or len(self.banner) >= MAX_TEXTS:
+                    self._lose(offset, line, "line of a message without FMT")
+                else:
+                    self.banner.append(decode_text(line[: 4 * MAX_TEXT_LENGTH].strip())[:MAX_TEXT_LENGTH])
+            offset += len(line)
+        self._found = {name.decode(): rows for name, rows in found.items()}
+
+    def _lose(self, offset: int, line: bytes, lost: str) -> None:
+        self.losses.add(offset, len(line), lost, "next line")
+
+    def tables(self, guard: Guard) -> dict[tuple[str, int], Table]:
+        """The tables by (name, instance), in the order in which their first lines stand in the file."""
+        tables: dict[tuple[str, int], Table] = {}
+        for name, (offsets, lengths) in self._found.items():
+            if offsets:
+                with guard(name, "its lines", offsets[0]):
+                    at, length = np.frombuffer(offsets, np.int64), np.frombuffer(lengths, np.int64)
+                    tables.update(self._of_message(name, at, length, guard))
+        return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+
+    def _of_message(
+        self, name: str, at: NDArray[np.int64], length: NDArray[np.int64], guard: Guard
+    ) -> dict[tuple[str, int], Table]:
+        fmt = self.formats[name]
+        fields = _line_fields(fmt)
+        decode = _line_decoder(fmt, at, length, self.raw)
+        whole = Table(name, 0, fields, at, decode, guard)
+        column = instance_column(fmt, "")
+        split = None if column is None else split_by_number(whole[column])
+        if split is None:
+            return {(name, 0): whole}
+        return {(name, number): Table(name, number, fields, at[mine], decode, guard) for number, mine in split}
+
+
+def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
+    """What a whole line of a message looks like; further values are allowed, a last text may contain commas."""
+    whole = re.escape(fmt.name.encode())
+    for cell, alike in groupby(map(_cell_pattern, fmt.letters)):  # a pattern is compiled in the time of its length
+        whole += rb"(?:,%b){%d}+" % (cell, len(list(alike)))
+    return re.compile(whole + rb"(?:,.*+)?+", re.IGNORECASE)
+
+
+def _cell_pattern(letter: str) -> bytes:
+    """What a value looks like; unscaled integers are printed as such, all other numbers in decimal."""
+    if letter in _TEXT_LETTERS:
+        return _ANY_PATTERN
+    return _INTEGER_PATTERN if _is_integer_letter(letter) else _NUMBER_PATTERN
+
+
+def _is_integer_letter(letter: str) -> bool:
+    return letter in "bBhHiIqQ"
+
+
+def _letter_dtype(letter: str) -> np.dtype[Any]:
+    """The type of a printed value."""
+    if letter in _TEXT_LETTERS:
+        return np.dtype("S64")
+    return np.dtype(np.int64 if _is_integer_letter(letter) else np.float64)
+
+
+def _line_fields(fmt: MessageFormat) -> dict[str, Field]:
+    pairs = zip(fmt.letters, fmt.columns, strict=False)
+    return {column: Field(column, _letter_dtype(letter)) for letter, column in pairs if column}
+
+
+def _line_decoder(
+    fmt: MessageFormat, at: NDArray[np.int64], length: NDArray[np.int64], raw: bytes
+) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
+    """Converts one column of the lines at some offsets."""
+    last = len(fmt.letters) - 1
+
+    def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+        k = fmt.columns.index(column)
+        # the last text of a line keeps its commas
+        splits = last + 1 if k == last and fmt.letters[k] in _TEXT_LETTERS else k + 2
+        lengths = length if len(offsets) == len(at) else length[np.searchsorted(at, offsets)]
+        spans = zip(offsets.tolist(), (offsets + lengths).tolist(), strict=True)
+        cells = [raw[begin:end].split(b",", splits)[k + 1].strip() for begin, end in spans]
+        if fmt.letters[k] in _TEXT_LETTERS:
+            cells = [cell[:MAX_CELL_BYTES] for cell in cells]
+            return np.array(cells, f"S{max(map(len, cells), default=1) or 1}")
+        convert: Callable[[bytes], float] = int if _is_integer_letter(fmt.letters[k]) else float
+        return np.fromiter(map(convert, cells), _letter_dtype(fmt.letters[k]), len(cells))
+
+    return decode

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property, lru_cache
-from itertools import pairwise
+from bisect import bisect_left
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import cache, cached_property, lru_cache, partial
+from itertools import pairwise, repeat
+from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.limits import MAX_INSTANCES
-from attlog.formats.barrier import unguarded
-from attlog.formats.base import Field, Guard, Offsets, Table
-from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, MessageFormat, RecordIndex
-from attlog.formats.grouping import by_kind
-from attlog.formats.mapping import Records, gather
+from attlog.core.limits import LAST_TIME_US, MAX_INSTANCES, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+from attlog.formats.clock import Timeline, false_times, merge_timelines, times_before
+from attlog.formats.dataflash.walk import HEADER_BYTES, LETTER_DTYPES, LETTER_SCALES, MessageFormat, RecordIndex
+from attlog.formats.file_bytes import RecordColumns, decode_text, decode_texts, gather, offsets_by_kind
+from attlog.formats.file_bytes import decode_texts as decoded
+from attlog.formats.table import Field, Guard, Messages, Offsets, ParamChange, Table, Text, unguarded
 
 Units = dict[int, tuple[str, Callable[[], tuple[str | None, ...]]]]
 """By layout its unit ids, and the unit text of every column when somebody asks."""
@@ -24,11 +27,11 @@ INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
 """Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0)."""
 
 
-def fields_of(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
+def format_fields(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
     """The fields of a format by name, and its whole record as structured type."""
     fields: dict[str, Field] = {}
     places: dict[str, int] = {}
-    place = HEADER_LENGTH
+    place = HEADER_BYTES
     for k, (letter, column) in enumerate(zip(fmt.letters, fmt.columns, strict=False)):
         dtype = LETTER_DTYPES[letter]
         if column:
@@ -48,7 +51,7 @@ def fields_of(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tuple[d
     return fields, record
 
 
-class _Described:
+class _ColumnLayout:
     """What a format says of its columns, found out when the first of its tables is asked."""
 
     def __init__(
@@ -58,13 +61,13 @@ class _Described:
 
     @cached_property
     def _found(self) -> tuple[dict[str, Field], np.dtype[Any]]:
-        return fields_of(self._fmt, self._units())
+        return format_fields(self._fmt, self._units())
 
     def fields(self) -> dict[str, Field]:
         return self._found[0]
 
     def table(self, instance: int, offsets: Offsets, guard: Guard) -> Table:
-        decode = Records(lambda at: gather(self._data, at, self._found[1]))
+        decode = RecordColumns(lambda at: gather(self._data, at, self._found[1]))
         return Table(self._fmt.name, instance, self.fields, offsets, decode, guard)
 
 
@@ -80,14 +83,14 @@ def build_tables(
     ``guard`` goes around each message.
     """
     units = units or {}
-    found_of = dict(by_kind([(index.offsets, index.layout.view(np.uint16))]))
+    found_of = dict(offsets_by_kind([(index.offsets, index.layout.view(np.uint16))]))
     parts: dict[tuple[str, int], list[Table]] = {}
     for k, fmt in enumerate(index.layouts):
         offsets = found_of.get(k)
         if offsets is None or not fmt.readable:
             continue
         try:
-            for part in _parts(data, fmt, offsets, units.get(k, ("", tuple)), by_instance, guard):
+            for part in _split_by_instance(data, fmt, offsets, units.get(k, ("", tuple)), by_instance, guard):
                 parts.setdefault((fmt.name, part.instance), []).append(part)
         except Exception as error:  # the guard is asked only now: entering it for each message costs more than they do
             with guard(fmt.name, "its records", fmt.offset):
@@ -101,7 +104,7 @@ def build_tables(
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
-def _parts(
+def _split_by_instance(
     data: NDArray[np.uint8],
     fmt: MessageFormat,
     offsets: Offsets,
@@ -111,18 +114,18 @@ def _parts(
 ) -> list[Table]:
     """The records of one layout, a table for each instance."""
     ids, texts = described
-    layout = _Described(data, fmt, texts)
+    layout = _ColumnLayout(data, fmt, texts)
     column = instance_column(fmt, ids) if by_instance else None
     split = None
     if column is not None:
         k = fmt.columns.index(column)
-        split = by_instance_number(gather(data[fmt.place(k) :], offsets, LETTER_DTYPES[fmt.letters[k]]))
+        split = split_by_number(gather(data[fmt.place(k) :], offsets, LETTER_DTYPES[fmt.letters[k]]))
     if split is None:
         return [layout.table(0, offsets, guard)]
     return [layout.table(number, offsets[mine], guard) for number, mine in split]
 
 
-def by_instance_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
+def split_by_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
     """Each instance, ascending, and the positions of its records, ascending; None if so many numbers number nothing."""
     if (number == number[:1]).all():  # most messages have one
         return [(n, np.arange(len(number))) for n in number[:1].tolist()]
@@ -210,7 +213,7 @@ class MixedTable(Table):
         return parts[0] if len(parts) == 1 else MixedTable(parts, self._around or unguarded)
 
 
-def tell_unreadable(index: RecordIndex) -> None:
+def report_unreadable(index: RecordIndex) -> None:
     """Adds to the losses what formats cost whose letters do not give their length; framing goes on by the length."""
     if all(fmt.readable for fmt in index.layouts):
         return
@@ -222,3 +225,215 @@ def tell_unreadable(index: RecordIndex) -> None:
             index.losses.add_kind(
                 fmt.offset, count * fmt.length, lost, "framing goes on by the declared length", counted=True
             )
+
+
+# Parameters and texts from the tables of a log, alike in binary DataFlash, its text form and sdlog2.
+
+INFO_SEVERITY = 6
+"""Syslog severity of all texts; MSG records carry none."""
+
+
+def read_params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
+    """PARM records; the default, where it is logged, stands before the value as its own entry."""
+    table = messages.first("PARM")
+    if table is None or not has_text(table, "Name") or not has_number(table, "Value"):
+        return []
+    table = table.rows(slice(MAX_PARAM_CHANGES))
+    names = decode_texts(table["Name"])
+    values = table["Value"].tolist()
+    times, offsets = _record_times(table, timeline), table.offsets.tolist()
+    changes = map(ParamChange._make, zip(names, values, times, repeat(False), offsets, strict=False))
+    if not has_number(table, "Default"):
+        return list(changes)
+    told: list[float] = table["Default"].tolist()
+    defaults = map(ParamChange._make, zip(names, told, times, repeat(True), offsets, strict=False))
+    pairs = zip(defaults, changes, strict=True)
+    return [c for default, change in pairs for c in ((default, change) if isfinite(default.value) else (change,))]
+
+
+def read_texts(messages: Messages, timeline: Timeline) -> list[Text]:
+    """MSG records: banner and events."""
+    table = messages.first("MSG")
+    if table is None or not has_text(table, "Message"):
+        return []
+    table = table.rows(slice(MAX_TEXTS))
+    rows = zip(table["Message"].tolist(), _record_times(table, timeline), table.offsets.tolist(), strict=True)
+    return [Text(decode_text(raw)[:MAX_TEXT_LENGTH], INFO_SEVERITY, t_us, offset) for raw, t_us, offset in rows]
+
+
+def has_text(table: Table, column: str) -> bool:
+    """Whether the table has this column of texts; a damaged or foreign format may call anything by its name."""
+    return column in table.fields and table.fields[column].dtype.kind == "S"
+
+
+def has_number(table: Table, column: str) -> bool:
+    """Whether the table has this column of numbers."""
+    return column in table.fields and table.fields[column].dtype.kind in "iuf"
+
+
+def has_integer(table: Table, column: str) -> bool:
+    """Whether the table has this column of whole numbers, such as ids and types."""
+    return column in table.fields and table.fields[column].dtype.kind in "iu"
+
+
+def _record_times(table: Table, timeline: Timeline) -> list[int | None]:
+    """The time of each record, from its own stamp or else from the record before it."""
+    if "TimeUS" in table.fields and table.fields["TimeUS"].dtype.kind in "iu":
+        return [t if 0 <= t <= LAST_TIME_US else None for t in table["TimeUS"].tolist()]
+    return times_before(table.offsets, timeline)
+
+
+# What FMTU, UNIT and MULT records say of the units of DataFlash columns.
+
+_UNIT_PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
+
+
+def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
+    """For each layout that FMTU describes: its unit ids, and the unit text of every column."""
+    describes = np.array([f.name in ("FMTU", "UNIT", "MULT") for f in index.layouts])
+    chosen = describes[index.layout].nonzero()[0]
+    some = RecordIndex(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64))
+    tables = build_tables(data, some, by_instance=False)
+    described = tables.get(("FMTU", 0))
+    if described is None or not has_integer(described, "FmtType"):
+        return {}
+    if not (has_text(described, "UnitIds") and has_text(described, "MultIds")):
+        return {}
+    names = {i: decode_text(t) for i, t in _id_values(tables.get(("UNIT", 0)), "Label", has_text)}
+    factors = {i: float(m) for i, m in _id_values(tables.get(("MULT", 0)), "Mult", has_number)}
+    by_type: dict[int, list[int]] = {}
+    for k, fmt in enumerate(index.layouts):
+        by_type.setdefault(fmt.type, []).append(k)
+    since = {kind: [index.layouts[k].offset for k in mine] for kind, mine in by_type.items()}
+    unit_text = cache(_unit_text)  # the same few combinations in every message
+
+    @cache
+    def texts_of(letters: str, ids: str, mults: str) -> tuple[str | None, ...]:
+        return tuple(
+            unit_text(names.get(u, ""), u, factors.get(m, 0.0), m, LETTER_SCALES.get(letter, 1.0))
+            for letter, u, m in zip(letters, ids, mults.ljust(len(ids), "-"), strict=False)
+        )
+
+    result: Units = {}
+    rows = zip(
+        described["FmtType"].tolist(),
+        decoded(described["UnitIds"]),
+        decoded(described["MultIds"]),
+        described.offsets.tolist(),
+        strict=True,
+    )
+    for kind, ids, mults, offset in rows:
+        mine = by_type.get(kind)
+        if mine:
+            fmt_at = mine[max(bisect_left(since[kind], offset) - 1, 0)]
+            result[fmt_at] = (ids, partial(texts_of, index.layouts[fmt_at].letters, ids, mults))
+    return result
+
+
+def _id_values(table: Table | None, column: str, is_fit: Callable[[Table, str], bool]) -> list[tuple[str, Any]]:
+    """Id and value of UNIT or MULT records; none where the log gives these columns another type."""
+    if table is None or not is_fit(table, column) or not has_integer(table, "Id"):
+        return []
+    ids = [chr(int(i) & 0xFF) for i in table["Id"].tolist()]
+    return list(zip(ids, table[column].tolist(), strict=True))
+
+
+def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: float) -> str | None:
+    """The unit of the printed number, None if the log does not tell.
+
+    Logged value times multiplier is in ``name``. The letter's scale is often part
+    of the multiplier already (c with B = 0.01, L with G = 1e-7) or the multiplier
+    is left at 1 beside a scaled letter: both mean that the printed number is in
+    ``name``. What remains becomes an SI prefix or a factor.
+    """
+    if unit_id in "-?#" or mult_id == "?" or not name or not 0.0 <= factor < np.inf:
+        return None
+    if mult_id == "-" or factor == 0.0 or (scale != 1.0 and factor == 1.0):
+        return name
+    rest = float(f"{factor / scale:.6g}")
+    if rest == 1.0:
+        return name
+    return _UNIT_PREFIXES[rest] + name if rest in _UNIT_PREFIXES else f"{rest:g} {name}"
+
+
+# The boot clock of DataFlash records: which column it is, and which records it shows to be false.
+
+
+def time_column(fmt: MessageFormat) -> tuple[str, int] | None:
+    """Column of a format's boot clock and microseconds per count, None if it has none."""
+    return _time_column(fmt.columns, fmt.letters)
+
+
+@lru_cache(1 << 10)
+def _time_column(columns: tuple[str, ...], kinds: str) -> tuple[str, int] | None:
+    letters = dict(zip(columns, kinds, strict=False))
+    if letters.get("TimeUS") in ("Q", "q"):
+        return "TimeUS", 1
+    # in GPS records of 3.1 and 3.2, TimeMS is the time of the GPS week and T the boot clock
+    column = "T" if "Week" in letters or "GWk" in letters else "TimeMS"
+    return (column, 1000) if letters.get(column) in ("I", "i") else None
+
+
+def record_timeline(data: NDArray[np.uint8], index: RecordIndex) -> tuple[Offsets, NDArray[np.int64]]:
+    """Offset and boot time (us) of every record that carries its time, in file order; uses up ``index.stamps``."""
+    stamps, index.stamps = index.stamps, np.zeros(0, np.int64)
+    columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
+    timed = np.array([column is not None for column in columns])[index.layout]
+    at, time = index.offsets[timed], stamps[timed]
+    elsewhere = {}
+    for k, (fmt, column) in enumerate(zip(index.layouts, columns, strict=True)):
+        if column is not None:
+            place, factor = fmt.place(fmt.columns.index(column[0])), column[1]
+            if (place, factor) != (HEADER_BYTES, 1):
+                elsewhere[k] = place, factor
+    if elsewhere:
+        kinds = index.layout[timed]
+        for k, (place, factor) in elsewhere.items():
+            mine = (kinds == k).nonzero()[0]
+            dtype = np.dtype("<i8" if factor == 1 else "<u4")
+            time[mine] = gather(data, at[mine] + np.int64(place), dtype).astype(np.int64) * factor
+    return at, time
+
+
+def table_timeline(messages: Messages, formats: Mapping[str, MessageFormat]) -> Timeline:
+    """The same from the tables of a text log, whose ``formats`` stand by message name."""
+    found = []
+    for (name, _), table in messages.items():
+        if column := time_column(formats[name]):
+            with suppress(KeyError):  # a column that could not be decoded is told among the remarks
+                found.append((table.offsets, _counts_to_us(table[column[0]], column[1])))
+    at, time = merge_timelines(found)
+    possible = (time >= 0) & (time <= LAST_TIME_US)
+    return at[possible], time[possible]
+
+
+def _counts_to_us(counts: NDArray[np.int64], factor: int) -> NDArray[np.int64]:
+    """Counts of a clock as microseconds; -1 where they are beyond any clock."""
+    return np.where((counts >= 0) & (counts <= LAST_TIME_US // factor), counts, -1) * factor
+
+
+def drop_false_times(index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:
+    """The timeline without records whose time those around them contradict; they leave the index as damage.
+
+    DataFlash has no checksum, so this is the one sign of a record whose bytes were changed.
+    """
+    far = false_times(time)
+    if len(far) == 0:
+        return at, time
+    records = index.offsets.searchsorted(at[far])
+    impossible = (time[far] < 0) | (time[far] > LAST_TIME_US)
+    false = np.zeros(len(index.offsets), np.bool_)
+    false[records[impossible]] = True
+    flagged = np.bincount(index.layout[records], minlength=len(index.layouts))
+    every = np.bincount(index.layout, minlength=len(index.layouts))
+    # a message that is mostly far has another clock, it is not damaged
+    damaged = (flagged < 3) | (flagged < 0.1 * every)
+    false[records[damaged[index.layout[records]]]] = True
+    kept = np.ones(len(at), np.bool_)
+    kept[at.searchsorted(index.offsets[false])] = False
+    for offset, layout in zip(index.offsets[false].tolist(), index.layout[false].tolist(), strict=True):
+        fmt = index.layouts[layout]
+        lost = f"a {fmt.name} record whose time is far from that of its neighbours"
+        index.losses.add(offset, fmt.length, lost, f"next record at {offset + fmt.length}")
+    index.offsets, index.layout = index.offsets[~false], index.layout[~false]
+    return at[kept], time[kept]

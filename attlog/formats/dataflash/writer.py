@@ -11,15 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import UsageError
-from attlog.base.files.output import write_atomic
-from attlog.formats.dataflash.compiled import FMT_TYPE
-from attlog.formats.dataflash.index import FMT_FORMAT, HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, MessageFormat
+from attlog.core.errors import UsageError
+from attlog.core.files import write_atomic
 from attlog.formats.dataflash.tables import instance_column
-from attlog.formats.merge import merged
-from attlog.formats.recording import Columns, MessageLayout, Recording, fitted, only
+from attlog.formats.dataflash.walk import (
+    FMT_FORMAT,
+    FMT_TYPE,
+    HEADER_BYTES,
+    LETTER_DTYPES,
+    LETTER_SCALES,
+    MessageFormat,
+)
+from attlog.formats.recording import Columns, MessageLayout, Recording, fit_to_type, merge_records, require_only
 
-UNITS = {
+UNIT_NAMES = {
     "-": "",
     "?": "UNKNOWN",
     "A": "A",
@@ -79,7 +84,7 @@ MULTIPLIERS = {
 }
 """ArduPilot's multiplier ids."""
 
-OWN = {
+OWN_MESSAGES = {
     "PARM": ("QNff", ("TimeUS", "Name", "Value", "Default"), "s---", "F---"),
     "MSG": ("QZ", ("TimeUS", "Message"), "s-", "F-"),
     "UNIT": ("QbZ", ("TimeUS", "Id", "Label"), "s--", "F--"),
@@ -88,7 +93,7 @@ OWN = {
 }
 """Messages that are made of a recording's parameters, texts and layouts: letters, columns, units, multipliers."""
 
-_LETTERS = {
+_LETTER_OF_DTYPE = {
     "i1": "b",
     "u1": "B",
     "i2": "h",
@@ -101,11 +106,11 @@ _LETTERS = {
     "f4": "f",
     "f8": "d",
 }
-_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,3}")
+_MESSAGE_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,3}")
 
 
-def write(path: Path | str, recording: Recording) -> None:
-    """Write the log; ``attlog.formats.dataflash.reader.read`` and pymavlink give the same numbers back.
+def write_dataflash(path: Path | str, recording: Recording) -> None:
+    """Write the log; ``attlog.formats.dataflash.reader.read_binary`` and pymavlink give the same numbers back.
 
     The clock column is ``TimeUS`` (uint64). Types tell the letters where the layout does not; where one layout
     has units, FMTU, UNIT and MULT describe all messages. A message with several instances has a column that tells
@@ -114,15 +119,15 @@ def write(path: Path | str, recording: Recording) -> None:
     cannot hold, OutputError if the file cannot be written.
     """
     start = recording.checked("TimeUS")
-    only("info", recording.info, ())
+    require_only("info", recording.info, ())
     with_units = any(layout.units for layout in recording.layouts.values())
     formats = {
         name: MessageFormat(0, 0, name, letters, columns, 0)
-        for name, (letters, columns, _, _) in OWN.items()
+        for name, (letters, columns, _, _) in OWN_MESSAGES.items()
         if with_units or name in ("PARM", "MSG")
     }
     for (name, instance), columns in recording.messages.items():
-        if name in OWN or name == "FMT":
+        if name in OWN_MESSAGES or name == "FMT":
             raise UsageError(f"{name}: this DataFlash message is written by attlog itself")
         layout = recording.layouts.get(name, MessageLayout())
         fmt = _format(name, columns, layout)
@@ -143,12 +148,12 @@ def write(path: Path | str, recording: Recording) -> None:
         blocks.append(rows)
         times.append(np.asarray(columns["TimeUS"]))
         lengths.append(np.full(len(rows), rows.shape[1]))
-    write_atomic(Path(path), head + merged(blocks, times, lengths))
+    write_atomic(Path(path), head + merge_records(blocks, times, lengths))
 
 
 def _format(name: str, columns: Columns, layout: MessageLayout) -> MessageFormat:
     """The format of a message; UsageError if DataFlash cannot hold it."""
-    if _NAME.fullmatch(name) is None:
+    if _MESSAGE_NAME.fullmatch(name) is None:
         raise UsageError(f"{name}: a DataFlash message has 1 to 4 capitals, digits or _")
     if columns["TimeUS"].dtype != np.dtype("<u8"):
         raise UsageError(f"{name}: a DataFlash message needs a column TimeUS (uint64, microseconds)")
@@ -161,7 +166,7 @@ def _format(name: str, columns: Columns, layout: MessageLayout) -> MessageFormat
         raise UsageError(f"{name}: the letter of TimeUS is Q")
     if len(",".join(columns)) > 64 or any(re.fullmatch(r"\w+", column) is None for column in columns):
         raise UsageError(f"{name}: the column names need letters, digits and _, together at most 64 characters")
-    for ids, known, what in ((layout.units, UNITS, "units"), (layout.multipliers, MULTIPLIERS, "multipliers")):
+    for ids, known, what in ((layout.units, UNIT_NAMES, "units"), (layout.multipliers, MULTIPLIERS, "multipliers")):
         if (layout.units or ids) and (len(ids) != len(columns) or any(i not in known for i in ids)):
             raise UsageError(f"{name}: the {what} {ids!r} are not {len(columns)} known ids, one per column")
     return MessageFormat(0, 0, name, letters, tuple(columns), 0)
@@ -182,7 +187,7 @@ def _letter(name: str, column: str, values: NDArray[Any]) -> str:
         return "n" if values.dtype.itemsize <= 4 else "N" if values.dtype.itemsize <= 16 else "Z"
     if values.ndim == 2 and values.shape[1] == 32 and values.dtype == np.int16:
         return "a"
-    letter = _LETTERS.get(values.dtype.str[1:])
+    letter = _LETTER_OF_DTYPE.get(values.dtype.str[1:])
     if letter is None or values.ndim != 1:
         raise UsageError(f"{name}.{column}: DataFlash has no type for {values.dtype} of shape {values.shape}")
     return letter
@@ -205,13 +210,13 @@ def _fmt_record(fmt: MessageFormat) -> bytes:
 def _records(fmt: MessageFormat, columns: Columns) -> NDArray[np.uint8]:
     """The records of a message as (n, length) bytes."""
     kinds = [LETTER_DTYPES[letter] for letter in fmt.letters]
-    record = np.dtype([("(header)", "u1", (HEADER_LENGTH,)), *zip(fmt.columns, kinds, strict=True)])
+    record = np.dtype([("(header)", "u1", (HEADER_BYTES,)), *zip(fmt.columns, kinds, strict=True)])
     rows = np.zeros(len(columns["TimeUS"]), record)
     rows["(header)"] = (0xA3, 0x95, fmt.type)
     for letter, kind, (name, values) in zip(fmt.letters, kinds, columns.items(), strict=True):
         if letter in LETTER_SCALES:
             values = np.asarray(values, np.float64) / LETTER_SCALES[letter]
-        rows[name] = fitted(values, kind, f"{fmt.name}.{name} (letter {letter})")
+        rows[name] = fit_to_type(values, kind, f"{fmt.name}.{name} (letter {letter})")
     return rows.view(np.uint8).reshape(len(rows), fmt.length)
 
 
@@ -219,7 +224,7 @@ def _parameters(recording: Recording, start: int) -> dict[str, Columns]:
     """PARM; the default stands beside the value."""
     defaults = {p.name: p.value for p in recording.params if p.is_default}
     values = [p for p in recording.params if not p.is_default]
-    only("default without its parameter", defaults, {p.name for p in values})
+    require_only("default without its parameter", defaults, {p.name for p in values})
     names = [p.name.encode() for p in values]
     if any(len(name) > 16 for name in names):
         raise UsageError(f"{max(names, key=len).decode()}: a DataFlash parameter name holds 16 characters")
@@ -244,12 +249,12 @@ def _units(
     formats: Mapping[str, MessageFormat], layouts: Mapping[str, MessageLayout], start: int
 ) -> dict[str, Columns]:
     """UNIT, MULT, and FMTU for the messages that have units."""
-    own = {name: MessageLayout(units=units, multipliers=ids) for name, (_, _, units, ids) in OWN.items()}
+    own = {name: MessageLayout(units=units, multipliers=ids) for name, (_, _, units, ids) in OWN_MESSAGES.items()}
     told = {name: layout for name, layout in (own | dict(layouts)).items() if layout.units}
     return {
-        "UNIT": _described(start, Id=[ord(u) for u in UNITS], Label=[t.encode() for t in UNITS.values()]),
-        "MULT": _described(start, Id=[ord(m) for m in MULTIPLIERS], Mult=list(MULTIPLIERS.values())),
-        "FMTU": _described(
+        "UNIT": _constant_rows(start, Id=[ord(u) for u in UNIT_NAMES], Label=[t.encode() for t in UNIT_NAMES.values()]),
+        "MULT": _constant_rows(start, Id=[ord(m) for m in MULTIPLIERS], Mult=list(MULTIPLIERS.values())),
+        "FMTU": _constant_rows(
             start,
             FmtType=[formats[name].type for name in told],
             UnitIds=[layout.units.encode() for layout in told.values()],
@@ -258,6 +263,6 @@ def _units(
     }
 
 
-def _described(start: int, **columns: list[Any]) -> dict[str, NDArray[Any]]:
+def _constant_rows(start: int, **columns: list[Any]) -> dict[str, NDArray[Any]]:
     n = len(next(iter(columns.values())))
     return {"TimeUS": np.full(n, start, np.uint64)} | {name: np.array(values) for name, values in columns.items()}

@@ -7,10 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from attlog.formats.base import Messages
-from attlog.formats.mavlink.detect import STAMP_LENGTH
-from attlog.formats.mavlink.dialect import STAMP
+from attlog.formats.mavlink.layout import STAMP_COLUMN
+from attlog.formats.mavlink.walk import STAMP_BYTES
 from attlog.formats.oracle import Columns, Key, Oracle, as_printed, gathered
+from attlog.formats.table import Messages
 
 
 def read(path: Path, stamp: int) -> Columns:
@@ -58,8 +58,8 @@ def ours(log: Messages, key: Key) -> dict[str, Any] | None:
     name, sender = key
     tables = [log[name, sender]] if sender is not None and (name, sender) in log else []
     columns = as_printed(tables, partial(bytes.decode, encoding="ascii", errors="replace"))
-    return None if columns is None else {c: values for c, values in columns.items() if c != STAMP}
+    return None if columns is None else {c: values for c, values in columns.items() if c != STAMP_COLUMN}
 
 
-TLOG = Oracle("pymavlink", partial(read, stamp=STAMP_LENGTH), keys, ours)
+TLOG = Oracle("pymavlink", partial(read, stamp=STAMP_BYTES), keys, ours)
 CAPTURE = Oracle("pymavlink", partial(read, stamp=0), keys, ours)

@@ -1,15 +1,9 @@
-"""Reads MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
-
-MAVLink 1 and 2 may be mixed in one file. Layouts and CRC seeds come from
-pymavlink's ``ardupilotmega`` dialect, which contains ``common`` and so what PX4
-sends. Deliberate differences from pymavlink's reader: every packet with a right
-checksum is found wherever it begins, also behind damage, and nothing is
-reported in between; numbers stay as sent.
-"""
+"""The boot clock of a vehicle in telemetry: which messages tell it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from itertools import repeat
 from pathlib import Path
@@ -18,30 +12,65 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import LogUnusable
-from attlog.base.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
-from attlog.formats.barrier import Barrier
-from attlog.formats.base import Boot, Field, Guard, Messages, Offsets, ParamChange, Remark, Table, Text
-from attlog.formats.clock import Timeline, boots, times_before
-from attlog.formats.compiled import if_cheap, is_ready
-from attlog.formats.grouping import KINDS, by_kind
-from attlog.formats.mapping import Records, gather, map_bytes, text_of, texts_of
-from attlog.formats.mavlink.clock import CLOCK_MESSAGES, of_system, timeline
-from attlog.formats.mavlink.compiled import PAYLOAD
-from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
-from attlog.formats.mavlink.dialect import STAMP, catalogue, layout
-from attlog.formats.mavlink.index import Packets, index_packets
+from attlog.core.errors import LogUnusable
+from attlog.core.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+from attlog.formats.clock import Timeline, boots_of_timeline, merge_timelines, times_before
+from attlog.formats.file_bytes import (
+    MAX_SORTED_KINDS,
+    RecordColumns,
+    compiled_if_cheap,
+    decode_text,
+    decode_texts,
+    gather,
+    is_compiled_loaded,
+    offsets_by_kind,
+    read_file_bytes,
+)
+from attlog.formats.mavlink.layout import STAMP_COLUMN, message_catalogue, message_layout
+from attlog.formats.mavlink.walk import MAVLINK_2, PAYLOAD_KERNEL, STAMP_BYTES, Packets, index_packets
+from attlog.formats.table import Boot, Field, Guard, Messages, Offsets, ParamChange, ReaderBarrier, Remark, Table, Text
 
-__all__ = ["CLOCK_MESSAGES", "STAMP", "parameter_values", "read", "systems_of", "vehicle_of"]
+__all__ = ["CLOCK_MESSAGES", "STAMP_COLUMN", "decode_parameter_values", "list_systems", "main_vehicle", "read_mavlink"]
+
+
+CLOCK_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "SYSTEM_TIME")
+"""Messages whose ``time_boot_ms`` is the autopilot's clock at the moment of sending; they show restarts."""
+
+
+def system_tables(messages: Messages, name: str, system: int) -> list[Table]:
+    """A message's tables from all components of one system."""
+    return [messages[name, i] for i in messages.instances(name) if i >> 8 == system]
+
+
+def boot_timeline(messages: Messages, system: int) -> Timeline:
+    """Offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
+    component = messages.info["systems"].get(system, {}).get("component")
+    found = []
+    for table in (t for name in CLOCK_MESSAGES for t in system_tables(messages, name, system)):
+        if component is None or table.instance & 0xFF == component:
+            with suppress(KeyError):  # a column that could not be decoded is told among the remarks
+                found.append((table.offsets, table["time_boot_ms"].astype(np.int64) * 1000))
+    at, time = merge_timelines(found)
+    told = time > 0  # SYSTEM_TIME of a ground station that answers under the vehicle's id is zero
+    return at[told], time[told]
+
+
+# Reads MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
+#
+# MAVLink 1 and 2 may be mixed in one file. Layouts and CRC seeds come from
+# pymavlink's ``ardupilotmega`` dialect, which contains ``common`` and so what PX4
+# sends. Deliberate differences from pymavlink's reader: every packet with a right
+# checksum is found wherever it begins, also behind damage, and nothing is
+# reported in between; numbers stay as sent.
 
 T = TypeVar("T")
 PX4_AUTOPILOT = 12
 NO_AUTOPILOT = 8
 _GROUND_STATION = 6
-_TEXT_CHUNK = 50  # a STATUSTEXT that fills its field goes on in the next chunk
+_MAX_TEXT_BYTES = 50  # a STATUSTEXT that fills its field goes on in the next chunk
 
 
-def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8] | None = None) -> Messages:
+def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8] | None = None) -> Messages:
     """The messages of a tlog or raw MAVLink file, columns decoded on demand; ``data`` are its bytes if mapped already.
 
     The instance of a table is ``system * 256 + component``. ``params``, ``texts``
@@ -51,62 +80,62 @@ def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8]
     :data:`STAMP`. LogUnusable if no packet has a right checksum.
     """
     path = Path(path)
-    data = map_bytes(path) if data is None else data
-    packets = index_packets(data, catalogue())
+    data = read_file_bytes(path) if data is None else data
+    packets = index_packets(data, message_catalogue())
     if len(packets.offsets) == 0:
         raise LogUnusable(f"{path}: no MAVLink packet with a right checksum, so there is nothing to decode.")
     remarks: list[Remark] = []
-    around = Barrier(remarks).around
+    around = ReaderBarrier(remarks).around
     messages = Messages(
         path,
         "tlog" if packets.stamped else "mavlink",
         len(data),
-        _tables(data, packets, around),
+        _build_tables(data, packets, around),
         remarks=remarks,
         damage=packets.losses.listed,
         damage_bytes=packets.losses.bytes,
         damage_places=packets.losses.places,
     )
-    messages.info["systems"] = systems_of(messages)
+    messages.info["systems"] = list_systems(messages)
     messages.info["unknown"] = dict(sorted(packets.unknown.items()))
-    chosen = vehicle_of(messages) if system is None else system
+    chosen = main_vehicle(messages) if system is None else system
     messages.info["system"] = chosen
     messages.boots = [Boot(0, len(data))]
     if chosen is not None:
-        clock = timeline(messages, chosen)
+        clock = boot_timeline(messages, chosen)
 
         def told(message: str, what: str, of: Callable[[Messages, int, Timeline], list[T]], log: Messages) -> list[T]:
             with around(message, what, None):
                 return of(log, chosen, clock)
             return []
 
-        messages.params = partial(told, "PARAM_VALUE", "parameters", _params)
-        messages.texts = partial(told, "STATUSTEXT", "texts", _texts)
-        messages.boots = boots(clock, len(data))
+        messages.params = partial(told, "PARAM_VALUE", "parameters", _read_params)
+        messages.texts = partial(told, "STATUSTEXT", "texts", _read_texts)
+        messages.boots = boots_of_timeline(clock, len(data))
     return messages
 
 
 # --- tables -----------------------------------------------------------------------------------------------------
 
 
-def _tables(data: NDArray[np.uint8], packets: Packets, guard: Guard) -> dict[tuple[str, int], Table]:
+def _build_tables(data: NDArray[np.uint8], packets: Packets, guard: Guard) -> dict[tuple[str, int], Table]:
     """The tables by message name and sender, in the order in which their first packets stand in the file."""
-    numbers, number = _ranked(packets.ids)
-    senders, sender = _ranked(packets.senders)
+    numbers, number = _ranks(packets.ids)
+    senders, sender = _ranks(packets.senders)
     keys: NDArray[np.unsignedinteger[Any]] = number.astype(np.uint32) * np.uint32(len(senders)) + sender
-    if len(numbers) * len(senders) <= KINDS:
+    if len(numbers) * len(senders) <= MAX_SORTED_KINDS:
         keys = keys.astype(np.uint16)
     tables: dict[tuple[str, int], Table] = {}
-    for k, offsets in by_kind([(packets.offsets, keys)]):
+    for k, offsets in offsets_by_kind([(packets.offsets, keys)]):
         instance = int(senders[k % len(senders)])
-        name, fields, record = layout(int(numbers[k // len(senders)]))
+        name, fields, record = message_layout(int(numbers[k // len(senders)]))
         if packets.stamped:
-            fields = {STAMP: Field(STAMP, np.dtype(np.int64), "us"), **fields}
+            fields = {STAMP_COLUMN: Field(STAMP_COLUMN, np.dtype(np.int64), "us"), **fields}
         tables[name, instance] = Table(name, instance, fields, offsets, _PayloadDecoder(data, record), guard)
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
-def _ranked(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+def _ranks(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
     """The different values, ascending, and the place among them of each value."""
     present = np.bincount(values).nonzero()[0]
     place = np.zeros(int(present[-1]) + 1, np.uint16)
@@ -119,26 +148,30 @@ class _PayloadDecoder:
 
     def __init__(self, data: NDArray[np.uint8], record: np.dtype[Any]) -> None:
         self._data = data
-        self._fields = Records(lambda offsets: payloads(data, offsets, record))
+        self._fields = RecordColumns(lambda offsets: read_payloads(data, offsets, record))
 
     def __call__(self, column: str, offsets: Offsets) -> NDArray[Any]:
-        if column == STAMP:
-            return gather(self._data, offsets - STAMP_LENGTH, np.dtype(">u8")).astype(np.int64)
+        if column == STAMP_COLUMN:
+            return gather(self._data, offsets - STAMP_BYTES, np.dtype(">u8")).astype(np.int64)
         return self._fields(column, offsets)
 
     def forget(self) -> None:
         self._fields.forget()
 
 
-def payloads(data: NDArray[np.uint8], offsets: Offsets, record: np.dtype[Any]) -> NDArray[Any]:
+def read_payloads(data: NDArray[np.uint8], offsets: Offsets, record: np.dtype[Any]) -> NDArray[Any]:
     """The payloads of packets at some offsets as records; bytes that the sender left out are zero."""
     size = record.itemsize
-    if offsets.dtype == np.int32 and is_ready(len(offsets) * size) and (loop := if_cheap(PAYLOAD)) is not None:
+    if (
+        offsets.dtype == np.int32
+        and is_compiled_loaded(len(offsets) * size)
+        and (loop := compiled_if_cheap(PAYLOAD_KERNEL)) is not None
+    ):
         found = np.empty(len(offsets) * size, np.uint8)
         if loop(data, offsets, size, found) < len(offsets):
             raise IndexError("no packet begins at an offset")
         return found.view(record)
-    begin = offsets + np.where(data.take(offsets) == V2, np.uint8(10), np.uint8(6))
+    begin = offsets + np.where(data.take(offsets) == MAVLINK_2, np.uint8(10), np.uint8(6))
     length = data[1:].take(offsets)
     fits = begin <= len(data) - size
     if fits.all():
@@ -158,7 +191,7 @@ def payloads(data: NDArray[np.uint8], offsets: Offsets, record: np.dtype[Any]) -
 # --- systems, times, parameters, texts --------------------------------------------------------------------------
 
 
-def systems_of(messages: Messages) -> dict[int, dict[str, Any]]:
+def list_systems(messages: Messages) -> dict[int, dict[str, Any]]:
     """Each system in the file: its components, packets, and what its autopilot's heartbeat says (None without)."""
     systems: dict[int, dict[str, Any]] = {}
     for (name, instance), table in messages.tables.items():
@@ -179,9 +212,9 @@ def systems_of(messages: Messages) -> dict[int, dict[str, Any]]:
     return dict(sorted(systems.items()))
 
 
-def vehicle_of(messages: Messages) -> int | None:
+def main_vehicle(messages: Messages) -> int | None:
     """The system to analyse: among those with an autopilot the one with most packets; None if nobody sent data."""
-    systems = messages.info.get("systems") or systems_of(messages)
+    systems = messages.info.get("systems") or list_systems(messages)
     flying = {s: d for s, d in systems.items() if d["autopilot"] is not None}
     if not flying:
         # a capture that lost its heartbeats: whoever sends an attitude is the vehicle
@@ -190,16 +223,16 @@ def vehicle_of(messages: Messages) -> int | None:
     return max(flying, key=lambda s: (flying[s]["packets"], -s), default=None)
 
 
-def _params(messages: Messages, system: int, clock: Timeline) -> list[ParamChange]:
+def _read_params(messages: Messages, system: int, clock: Timeline) -> list[ParamChange]:
     """PARAM_VALUE of a system; times are those of the last clock message before.
 
     ArduPilot sends integers as float values, PX4 sends their bits in the float.
     """
     bitwise = messages.info["systems"].get(system, {}).get("autopilot") == PX4_AUTOPILOT
     result: list[ParamChange] = []
-    for table in of_system(messages, "PARAM_VALUE", system):
-        names = texts_of(table["param_id"])
-        values = parameter_values(table["param_value"], table["param_type"], bitwise)
+    for table in system_tables(messages, "PARAM_VALUE", system):
+        names = decode_texts(table["param_id"])
+        values = decode_parameter_values(table["param_value"], table["param_type"], bitwise)
         times = times_before(table.offsets, clock)
         rows = zip(names, values, times, repeat(False), table.offsets.tolist(), strict=False)
         result += map(ParamChange._make, rows)
@@ -210,7 +243,7 @@ def _params(messages: Messages, system: int, clock: Timeline) -> list[ParamChang
 _INTEGER_PARAMETERS = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}  # MAV_PARAM_TYPE
 
 
-def parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8], bitwise: bool) -> list[float | int]:
+def decode_parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8], bitwise: bool) -> list[float | int]:
     """What PARAM_VALUE packets say: ints for integer types (their bits, or their float value), else floats."""
     result: list[float | int] = values.tolist()
     raw = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(len(values), 4)
@@ -226,10 +259,10 @@ def parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8], bitw
     return result
 
 
-def _texts(messages: Messages, system: int, clock: Timeline) -> list[Text]:
+def _read_texts(messages: Messages, system: int, clock: Timeline) -> list[Text]:
     """STATUSTEXT of a system with its severity; the chunks of a long MAVLink 2 text are joined."""
     result: list[Text] = []
-    for table in of_system(messages, "STATUSTEXT", system):
+    for table in system_tables(messages, "STATUSTEXT", system):
         open_id, open_sequence = 0, -1
         rows = zip(
             table["severity"].tolist(),
@@ -241,12 +274,12 @@ def _texts(messages: Messages, system: int, clock: Timeline) -> list[Text]:
             strict=True,
         )
         for severity, raw, number, sequence, offset, t_us in rows:
-            text = text_of(raw)
+            text = decode_text(raw)
             if number != 0 and number == open_id and sequence == open_sequence + 1 and result:
                 before = result.pop()
                 text, offset, t_us = (before.text + text)[:MAX_TEXT_LENGTH], before.offset, before.t_us
             result.append(Text(text, min(severity, 7), t_us, offset))
             # a chunk that does not fill the field is the last one
-            open_id, open_sequence = (number, sequence) if len(raw) == _TEXT_CHUNK else (0, -1)
+            open_id, open_sequence = (number, sequence) if len(raw) == _MAX_TEXT_BYTES else (0, -1)
     result.sort(key=lambda x: x.offset)
     return result[:MAX_TEXTS]

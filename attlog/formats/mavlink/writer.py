@@ -9,23 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import UsageError
-from attlog.base.files.output import write_atomic
-from attlog.formats.base import Text
-from attlog.formats.mavlink.crc import crc_of_rows
-from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
-from attlog.formats.mavlink.dialect import STAMP, catalogue, dialect, layout
-from attlog.formats.merge import merged, order_of
-from attlog.formats.recording import Columns, Key, Recording, fitted, only
+from attlog.core.errors import UsageError
+from attlog.core.files import write_atomic
+from attlog.formats.mavlink.layout import STAMP_COLUMN, dialect, message_catalogue, message_layout
+from attlog.formats.mavlink.walk import MAVLINK_2, STAMP_BYTES, crc_of_rows
+from attlog.formats.recording import Columns, Key, Recording, fit_to_type, merge_records, require_only, time_order
+from attlog.formats.table import Text
 
-_HEADER = 10
-_TEXT_CHUNK = 50
+_HEADER_BYTES = 10
+_MAX_TEXT_BYTES = 50
 _MAV_PARAM_TYPE_INT32, _MAV_PARAM_TYPE_REAL32 = 6, 9
 _PX4_AUTOPILOT = 12
 
 
-def write(path: Path | str, recording: Recording) -> None:
-    """Write the log; ``attlog.formats.mavlink.reader.read`` and pymavlink give the same columns back.
+def write_tlog(path: Path | str, recording: Recording) -> None:
+    """Write the log; ``attlog.formats.mavlink.reader.read_mavlink`` and pymavlink give the same columns back.
 
     The instance is system * 256 + component. The clock column is ``_t_us``, the receiver's clock (Unix us) in
     whose order the packets stand; fields that are not given are zero. Parameters become PARAM_VALUE packets,
@@ -33,9 +31,9 @@ def write(path: Path | str, recording: Recording) -> None:
     are long. Both come from ``info["system"]`` and ``info["component"]``. Defaults and layouts have no place.
     UsageError for unknown messages or fields, OutputError if the file cannot be written.
     """
-    start = recording.checked(STAMP)
-    only("info", recording.info, ("system", "component"))
-    only("layout of", recording.layouts, ())
+    start = recording.checked(STAMP_COLUMN)
+    require_only("info", recording.info, ("system", "component"))
+    require_only("layout of", recording.layouts, ())
     system, component = (_byte(recording.info.get(k, 1), k) for k in ("system", "component"))
     pilot = system * 256 + component
     numbers = {message.msgname: number for number, message in dialect().items()}
@@ -49,14 +47,14 @@ def write(path: Path | str, recording: Recording) -> None:
             raise UsageError(f"{name}: not a message of the ardupilotmega dialect")
         if not 0 <= sender <= 0xFFFF:
             raise UsageError(f"{name}: the sender {sender} is not system * 256 + component")
-    times = [np.asarray(columns[STAMP]) for _, columns in messages]
+    times = [np.asarray(columns[STAMP_COLUMN]) for _, columns in messages]
     counts = _sequences(times, [sender for (_, sender), _ in messages])
     blocks, lengths = [], []
     for ((name, sender), columns), count in zip(messages, counts, strict=True):
         rows, length = _packets(numbers[name], sender, columns, count)
         blocks.append(rows)
         lengths.append(length)
-    write_atomic(Path(path), merged(blocks, times, lengths))
+    write_atomic(Path(path), merge_records(blocks, times, lengths))
 
 
 def _byte(value: str | int, name: str) -> int:
@@ -67,7 +65,7 @@ def _byte(value: str | int, name: str) -> int:
 
 def _sequences(times: list[NDArray[Any]], senders: list[int]) -> list[NDArray[np.uint8]]:
     """Each packet's count (0 to 255) among all packets of its sender, in the order in which they stand."""
-    order = order_of(times)
+    order = time_order(times)
     sender = np.repeat(np.array(senders, np.int64), [len(t) for t in times])
     count = np.zeros(len(order), np.int64)
     for one in np.unique(sender):
@@ -80,7 +78,7 @@ def _sequences(times: list[NDArray[Any]], senders: list[int]) -> list[NDArray[np
 def _parameters(recording: Recording, start: int, pilot: int) -> Iterable[tuple[Key, Columns]]:
     """PARAM_VALUE. ArduPilot sends a whole number as a float value, PX4 its bits in the float."""
     params = recording.params
-    only("default of", [p.name for p in params if p.is_default], ())
+    require_only("default of", [p.name for p in params if p.is_default], ())
     if not params:
         return
     names = [p.name.encode() for p in params]
@@ -104,7 +102,7 @@ def _parameters(recording: Recording, start: int, pilot: int) -> Iterable[tuple[
     yield (
         ("PARAM_VALUE", pilot),
         {
-            STAMP: np.array([start if p.t_us is None else p.t_us for p in params], np.int64),
+            STAMP_COLUMN: np.array([start if p.t_us is None else p.t_us for p in params], np.int64),
             "param_id": np.array(names, "S16"),
             "param_value": values,
             "param_type": np.where(whole, _MAV_PARAM_TYPE_INT32, _MAV_PARAM_TYPE_REAL32),
@@ -120,13 +118,13 @@ def _texts(texts: Iterable[Text], start: int, pilot: int) -> Iterable[tuple[Key,
     number = 0
     for text in texts:
         raw = text.text.encode()
-        pieces = [raw[k : k + _TEXT_CHUNK] for k in range(0, len(raw), _TEXT_CHUNK)] or [b""]
+        pieces = [raw[k : k + _MAX_TEXT_BYTES] for k in range(0, len(raw), _MAX_TEXT_BYTES)] or [b""]
         if len(pieces) > 1:
             number = number % 0xFFFF + 1
-            if len(pieces[-1]) == _TEXT_CHUNK:
+            if len(pieces[-1]) == _MAX_TEXT_BYTES:
                 pieces.append(b"")
         if len(pieces) > 256:
-            raise UsageError(f"{text.text[:40]!r}: a MAVLink text has at most 256 chunks of {_TEXT_CHUNK} bytes")
+            raise UsageError(f"{text.text[:40]!r}: a MAVLink text has at most 256 chunks of {_MAX_TEXT_BYTES} bytes")
         when = start if text.t_us is None else text.t_us
         rows += [(when, text.level, piece, number if len(pieces) > 1 else 0, k) for k, piece in enumerate(pieces)]
     if rows:
@@ -134,9 +132,9 @@ def _texts(texts: Iterable[Text], start: int, pilot: int) -> Iterable[tuple[Key,
         yield (
             ("STATUSTEXT", pilot),
             {
-                STAMP: np.array(stamps, np.int64),
+                STAMP_COLUMN: np.array(stamps, np.int64),
                 "severity": np.array(levels),
-                "text": np.array(parts, f"S{_TEXT_CHUNK}"),
+                "text": np.array(parts, f"S{_MAX_TEXT_BYTES}"),
                 "id": np.array(numbers),
                 "chunk_seq": np.array(sequence),
             },
@@ -147,33 +145,33 @@ def _packets(
     number: int, sender: int, columns: Columns, count: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     """Stamped packets as rows, and how many bytes of each count: trailing zeros of a payload are not sent."""
-    name, fields, record = layout(number)
-    unknown = set(columns) - set(fields) - {STAMP}
+    name, fields, record = message_layout(number)
+    unknown = set(columns) - set(fields) - {STAMP_COLUMN}
     if unknown:
         raise UsageError(f"{name} has no field {sorted(unknown)[0]}; it has {', '.join(fields)}")
-    stamps = np.asarray(columns[STAMP])
+    stamps = np.asarray(columns[STAMP_COLUMN])
     n, size = len(stamps), record.itemsize
     payload = np.zeros(n, record)
     for column, values in columns.items():
-        if column != STAMP:
-            payload[column] = fitted(values, record[column], f"{name}.{column}")
+        if column != STAMP_COLUMN:
+            payload[column] = fit_to_type(values, record[column], f"{name}.{column}")
     body = payload.view(np.uint8).reshape(n, size)
     used = np.where(body != 0, np.arange(1, size + 1), 1).max(axis=1, initial=1)
-    rows = np.zeros((n, STAMP_LENGTH + _HEADER + size + 2), np.uint8)
-    rows[:, :STAMP_LENGTH] = stamps.astype(">u8").view(np.uint8).reshape(n, STAMP_LENGTH)
-    head = rows[:, STAMP_LENGTH:]
-    head[:, 0] = V2
+    rows = np.zeros((n, STAMP_BYTES + _HEADER_BYTES + size + 2), np.uint8)
+    rows[:, :STAMP_BYTES] = stamps.astype(">u8").view(np.uint8).reshape(n, STAMP_BYTES)
+    head = rows[:, STAMP_BYTES:]
+    head[:, 0] = MAVLINK_2
     head[:, 1] = used
     head[:, 4] = count
     head[:, 5:7] = sender >> 8, sender & 0xFF
     head[:, 7:10] = number & 0xFF, number >> 8 & 0xFF, number >> 16
-    head[:, _HEADER : _HEADER + size] = body
-    seed = int(catalogue().seeds[number])
+    head[:, _HEADER_BYTES : _HEADER_BYTES + size] = body
+    seed = int(message_catalogue().seeds[number])
     for length in np.unique(used).tolist():
         mine = np.flatnonzero(used == length)
-        end = _HEADER + length
+        end = _HEADER_BYTES + length
         covered = np.column_stack([head[mine, 1:end], np.full(len(mine), seed, np.uint8)])
         crc = crc_of_rows(covered)
         head[mine, end] = crc & 0xFF
         head[mine, end + 1] = crc >> 8
-    return rows, STAMP_LENGTH + _HEADER + used + 2
+    return rows, STAMP_BYTES + _HEADER_BYTES + used + 2

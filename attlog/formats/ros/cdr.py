@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.limits import MAX_FIELDS, MAX_LAYOUTS, MAX_NESTING
-from attlog.formats.base import Field, Table
+from attlog.core.limits import MAX_FIELDS, MAX_LAYOUTS, MAX_NESTING
+from attlog.formats.table import Field, Table
 
-NUMBERS = {
+NUMBER_TYPES = {
     "bool": "u1",
     "byte": "u1",
     "octet": "u1",
@@ -34,19 +34,19 @@ NUMBERS = {
     "float32": "f4",
     "float64": "f8",
 }
-BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
+BASE_NODE, NAME_NODE, ARRAY_NODE, SEQUENCE_NODE = 1, 2, 3, 4
 """Kinds of nodes of rosbags' parsed definitions."""
-HEAD = 4
-PLAIN = (0, 1, 6, 7)
+HEAD_BYTES = 4
+PLAIN_ENCODINGS = (0, 1, 6, 7)
 """Second bytes of messages without tags beside the fields: XCDR 1 and 2, big and little endian."""
-MOST_ELEMENTS = 4096
+MAX_ELEMENTS = 4096
 """Longer sequences are pictures and clouds."""
-RECORDER = "log_time_ns"
+RECORDER_COLUMN = "log_time_ns"
 """The column that says when the recorder got a message."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FieldPlace:
     """A field that lies ``at`` bytes from the start of each message, as ``dtype`` (of an array: with its shape)."""
 
     name: str
@@ -54,22 +54,22 @@ class Place:
     dtype: np.dtype[Any]
 
 
-class Layout:
+class MessageLayoutCdr:
     """Where the fields of one message lie; ``lengths`` are the places (uint32) that must be the same in others.
 
     ValueError for a message that ends early or holds what is not decoded.
     """
 
     def __init__(self, types: dict[str, Any], kind: str, message: bytes) -> None:
-        self.places: dict[str, Place] = {}
+        self.places: dict[str, FieldPlace] = {}
         self.lengths: list[tuple[int, int]] = []
         self._nodes = self._depth = 0
         self._types, self._message = types, message
-        if len(message) < HEAD or message[0] != 0 or message[1] not in PLAIN:
+        if len(message) < HEAD_BYTES or message[0] != 0 or message[1] not in PLAIN_ENCODINGS:
             raise ValueError("it does not begin as plain CDR")
         self._order = "<" if message[1] & 1 else ">"
         self._most = 8 if message[1] < 6 else 4  # XCDR2 aligns to 4 at most
-        self._at = HEAD
+        self._at = HEAD_BYTES
         self._message_of(kind, "")
         if self._at > len(message):
             raise ValueError(f"{len(message)} bytes are too few for {kind}")
@@ -87,11 +87,11 @@ class Layout:
         self._nodes += 1
         if self._nodes > MAX_FIELDS:
             raise ValueError(f"it has more than {MAX_FIELDS} fields")
-        if of == NAME:
+        if of == NAME_NODE:
             self._message_of(what, f"{name}.")
-        elif of == BASE:
+        elif of == BASE_NODE:
             self._base(what[0], name)
-        elif of == ARRAY:
+        elif of == ARRAY_NODE:
             self._elements(what[0], what[1], name)
         else:
             self._elements(what[0], self._length(), name)
@@ -101,14 +101,14 @@ class Layout:
             length = self._length()  # which moves on itself
             self._at += length
             return
-        self._number(np.dtype(self._order + NUMBERS[kind]), name)
+        self._number(np.dtype(self._order + NUMBER_TYPES[kind]), name)
 
     def _elements(self, of: tuple[Any, Any], count: int, name: str) -> None:
-        if count > MOST_ELEMENTS:
+        if count > MAX_ELEMENTS:
             raise ValueError(f"{name} has {count} elements")
-        if int(of[0]) == BASE and of[1][0] != "string":
+        if int(of[0]) == BASE_NODE and of[1][0] != "string":
             if count:
-                self._number(np.dtype(self._order + NUMBERS[of[1][0]]), name, count)
+                self._number(np.dtype(self._order + NUMBER_TYPES[of[1][0]]), name, count)
             return
         for k in range(count):
             self._node(of, f"{name}[{k}]")
@@ -116,7 +116,7 @@ class Layout:
     def _number(self, dtype: np.dtype[Any], name: str, count: int = 0) -> None:
         self._align(dtype.itemsize)
         whole = np.dtype((dtype, (count,))) if count else dtype
-        self.places[name] = Place(name, self._at, whole)
+        self.places[name] = FieldPlace(name, self._at, whole)
         self._at += whole.itemsize
 
     def _length(self) -> int:
@@ -130,7 +130,7 @@ class Layout:
 
     def _align(self, size: int) -> None:
         size = min(size, self._most)
-        self._at += -(self._at - HEAD) % size
+        self._at += -(self._at - HEAD_BYTES) % size
 
     def fields(self) -> dict[str, np.dtype[Any]]:
         """Name and type of each number, in the machine's byte order."""
@@ -153,22 +153,24 @@ class Layout:
         return same
 
 
-def table(name: str, types: dict[str, Any], kind: str, messages: Sequence[bytes], times_ns: Sequence[int]) -> Table:
+def decode_table(
+    name: str, types: dict[str, Any], kind: str, messages: Sequence[bytes], times_ns: Sequence[int]
+) -> Table:
     """Messages of one topic as a table; those that cannot be decoded are left out.
 
     Column ``log_time_ns`` is when the recorder got them. ValueError where nothing can be decoded.
     """
-    parts = _parts(types, kind, messages)
+    parts = _split_by_layout(types, kind, messages)
     stored = parts[0].layout.fields()
     parts = [part for part in parts if part.layout.fields() == stored]
     index = np.concatenate([part.index for part in parts])
     order = np.argsort(index, kind="stable")
     stamps = np.asarray(times_ns, np.int64)[index[order]]
     fields = {column: Field(column, dtype) for column, dtype in stored.items()}
-    fields[RECORDER] = Field(RECORDER, stamps.dtype)
+    fields[RECORDER_COLUMN] = Field(RECORDER_COLUMN, stamps.dtype)
 
     def decode(column: str, rows: NDArray[Any]) -> NDArray[Any]:
-        if column == RECORDER:
+        if column == RECORDER_COLUMN:
             return np.asarray(stamps[rows])
         whole = [part.layout.column(part.rows, column) for part in parts]
         return np.asarray(whole[0][rows] if len(parts) == 1 else np.concatenate(whole)[order][rows])
@@ -177,19 +179,19 @@ def table(name: str, types: dict[str, Any], kind: str, messages: Sequence[bytes]
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
+class _LayoutPart:
     """Messages of one layout: their places among all, (n,), and bytes, (n, size)."""
 
-    layout: Layout
+    layout: MessageLayoutCdr
     index: NDArray[np.int64]
     rows: NDArray[np.uint8]
 
 
-def _parts(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[_Part]:
+def _split_by_layout(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[_LayoutPart]:
     """The messages by layout, most first. ValueError with the reason where none can be decoded."""
     sizes = np.array([len(message) for message in messages])
     open_ = np.ones(len(messages), bool)
-    parts: list[_Part] = []
+    parts: list[_LayoutPart] = []
     reason = "no messages"
     for _ in range(MAX_LAYOUTS):
         if not open_.any():
@@ -198,13 +200,13 @@ def _parts(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[
         index = np.flatnonzero(open_ & (sizes == usual))
         middle = int(index[len(index) // 2])
         try:
-            layout = Layout(types, kind, messages[middle])
+            layout = MessageLayoutCdr(types, kind, messages[middle])
         except ValueError as error:
             open_[middle], reason = False, str(error)
             continue
         rows = np.frombuffer(b"".join([messages[i] for i in index.tolist()]), np.uint8).reshape(len(index), usual)
         same = layout.fits(rows)
-        parts.append(_Part(layout, index[same], rows[same]))
+        parts.append(_LayoutPart(layout, index[same], rows[same]))
         open_[index[same]] = False
     if not parts:
         raise ValueError(reason)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Messages
 from attlog.formats.oracle import Columns, Key, Oracle
-from attlog.formats.ros.cdr import RECORDER
-from attlog.formats.ros.reader import is_wanted, name_of
+from attlog.formats.ros.cdr import RECORDER_COLUMN
+from attlog.formats.ros.reader import is_wanted, table_name
+from attlog.formats.table import Messages
 
 
 def read(path: Path) -> Columns:
@@ -24,7 +24,7 @@ def read(path: Path) -> Columns:
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
         kept = [c for c in bag.connections if is_wanted(c.topic, c.msgtype)]
         for connection, _, raw in bag.messages(kept) if kept else ():
-            columns = found.setdefault((name_of(connection.topic, connection.msgtype), 0), {})
+            columns = found.setdefault((table_name(connection.topic, connection.msgtype), 0), {})
             for column, value in _flat(bag.deserialize(raw, connection.msgtype), ""):
                 columns.setdefault(column, []).append(value)
     return {key: {c: np.array(values) for c, values in columns.items()} for key, columns in found.items()}
@@ -58,7 +58,7 @@ def ours(log: Messages, key: Key) -> dict[str, NDArray[Any]] | None:
     if instance is None or (name, instance) not in log:
         return None
     table = log[name, instance]
-    return {column: table[column] for column in table.fields if column != RECORDER}
+    return {column: table[column] for column in table.fields if column != RECORDER_COLUMN}
 
 
 def why_not_ours(column: str) -> str | None:

@@ -13,64 +13,63 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import LogUnusable, UsageError
-from attlog.formats.barrier import Barrier
-from attlog.formats.base import Messages, Remark, Table
+from attlog.core.errors import LogUnusable, UsageError
 from attlog.formats.ros import bag
-from attlog.formats.ros.cdr import table
-from attlog.formats.ros.channels import NEEDS, Bag, BagChannel
+from attlog.formats.ros.bag import MISSING_PACKAGES, Bag, BagChannel
+from attlog.formats.ros.cdr import decode_table
+from attlog.formats.table import Messages, ReaderBarrier, Remark, Table
 
-PX4 = "px4_msgs/msg/"
-KNOWN = re.compile(
+PX4_PACKAGE = "px4_msgs/msg/"
+KNOWN_TYPES = re.compile(
     r"sensor_msgs/msg/(Imu|MagneticField|NavSatFix)"
     r"|geometry_msgs/msg/(Pose|PoseWithCovariance|Transform|TwistWithCovariance|Twist)Stamped"
     r"|nav_msgs/msg/Odometry|mavros_msgs/msg/(State|ExtendedState)"
 )
-VERSION = re.compile(r"_v\d+$")
+VERSION_SUFFIX = re.compile(r"_v\d+$")
 """What PX4 writes behind the names of topics whose messages have changed."""
-NUMBER = re.compile(r"\d+$")
-METADATA, MOST_METADATA = "metadata.yaml", 1 << 20
-FILES = re.compile(rb"^\s*-\s*\S+\.(?:mcap|db3)\S*\s*$", re.MULTILINE)
+TRAILING_NUMBER = re.compile(r"\d+$")
+METADATA_NAME, MAX_METADATA_BYTES = "metadata.yaml", 1 << 20
+BAG_FILES = re.compile(rb"^\s*-\s*\S+\.(?:mcap|db3)\S*\s*$", re.MULTILINE)
 """The files of a bag in what rosbag2 writes beside them."""
 
 
 def is_wanted(topic: str, kind: str) -> bool:
     """Whether a topic says something of a flight."""
-    return kind.startswith(PX4) or bool(KNOWN.fullmatch(kind))
+    return kind.startswith(PX4_PACKAGE) or bool(KNOWN_TYPES.fullmatch(kind))
 
 
-def name_of(topic: str, kind: str) -> str:
+def table_name(topic: str, kind: str) -> str:
     """The name of a topic's table."""
-    return VERSION.sub("", topic.rpartition("/")[2]) if kind.startswith(PX4) else topic
+    return VERSION_SUFFIX.sub("", topic.rpartition("/")[2]) if kind.startswith(PX4_PACKAGE) else topic
 
 
-def vehicle_of(topic: str) -> str:
+def vehicle_namespace(topic: str) -> str:
     """The namespace of a vehicle with PX4: what stands before ``/fmu/``."""
     return topic.partition("/fmu/")[0]
 
 
-def system_of(vehicle: str) -> int:
+def system_number(vehicle: str) -> int:
     """What ``--system`` calls a vehicle: the number at the end of its namespace, 0 without."""
-    number = NUMBER.search(vehicle)
+    number = TRAILING_NUMBER.search(vehicle)
     return int(number[0]) if number else 0
 
 
-def read(path: Path | str, system: int | None = None, *, data: NDArray[np.uint8]) -> Messages:
+def read_ros(path: Path | str, system: int | None = None, *, data: NDArray[np.uint8]) -> Messages:
     """The log as :class:`Messages`, format ``ros``; ``info["types"]`` are the types of all topics.
 
     ``system``: the vehicle whose namespace ends with this number, else the one with most messages. LogUnusable where
     the bag holds nothing that is known, UsageError for a system that it does not hold and where a package is missing.
     """
     path = Path(path)
-    found = bag.read(path, data, is_wanted)
-    remarks = _of_the_file(path, found)
-    own = _vehicle(path, found, system, remarks)
+    found = bag.read_bag(path, data, is_wanted)
+    remarks = _file_remarks(path, found)
+    own = _choose_vehicle(path, found, system, remarks)
     tables: dict[tuple[str, int], Table] = {}
     for channel in found.channels:
-        px4 = channel.type.startswith(PX4)
-        name = name_of(channel.topic, channel.type)
-        if channel.messages and (not px4 or vehicle_of(channel.topic) == own) and (name, 0) not in tables:
-            made = _table(path, name, channel, remarks)
+        px4 = channel.type.startswith(PX4_PACKAGE)
+        name = table_name(channel.topic, channel.type)
+        if channel.messages and (not px4 or vehicle_namespace(channel.topic) == own) and (name, 0) not in tables:
+            made = _channel_table(path, name, channel, remarks)
             if made is not None:
                 tables[name, 0] = made
     if not tables:
@@ -83,48 +82,48 @@ def read(path: Path | str, system: int | None = None, *, data: NDArray[np.uint8]
     return messages
 
 
-def _of_the_file(path: Path, found: Bag) -> list[Remark]:
+def _file_remarks(path: Path, found: Bag) -> list[Remark]:
     """What is to be said of the file: it has no end, or is one of several."""
     remarks = []
     if not found.ended and not found.damage:
         remarks.append(Remark("cut_at_end", "The bag has no end: its recorder was interrupted, the last seconds lack."))
-    beside = path.with_name(METADATA)
-    if beside.is_file() and beside.stat().st_size < MOST_METADATA:
-        files = len(FILES.findall(beside.read_bytes()))
+    beside = path.with_name(METADATA_NAME)
+    if beside.is_file() and beside.stat().st_size < MAX_METADATA_BYTES:
+        files = len(BAG_FILES.findall(beside.read_bytes()))
         if files > 1:
             text = f"This is one of the {files} files of the bag; each is a log of its own."
             remarks.append(Remark("split_bag", text, count=files))
     return remarks
 
 
-def _vehicle(path: Path, found: Bag, system: int | None, remarks: list[Remark]) -> str:
+def _choose_vehicle(path: Path, found: Bag, system: int | None, remarks: list[Remark]) -> str:
     """The namespace of the vehicle that is read; ``remarks`` gets a word if there are others."""
     count: Counter[str] = Counter()
     for channel in found.channels:
-        if channel.type.startswith(PX4):
-            count[vehicle_of(channel.topic)] += len(channel.messages)
+        if channel.type.startswith(PX4_PACKAGE):
+            count[vehicle_namespace(channel.topic)] += len(channel.messages)
     order = [name for name, _ in count.most_common()]
-    chosen = [name for name in order if system is None or system_of(name) == system]
+    chosen = [name for name in order if system is None or system_number(name) == system]
     if order and not chosen:
-        held = ", ".join(f"{system_of(name)} ({name or '/'})" for name in order)
+        held = ", ".join(f"{system_number(name)} ({name or '/'})" for name in order)
         raise UsageError(f"{path}: there is no system {system}; the bag holds {held}")
     own = chosen[0] if chosen else ""
     if len(order) > 1:
-        others = ", ".join(str(system_of(name)) for name in order if name != own)
+        others = ", ".join(str(system_number(name)) for name in order if name != own)
         text = f"The bag holds {len(order)} vehicles; this is {own or '/'}. --system chooses another ({others})."
         remarks.append(Remark("several_systems", text, count=len(order)))
     return own
 
 
-def _table(path: Path, name: str, channel: BagChannel, remarks: list[Remark]) -> Table | None:
+def _channel_table(path: Path, name: str, channel: BagChannel, remarks: list[Remark]) -> Table | None:
     """The messages of a channel, None where none can be decoded; what is left out goes to ``remarks``."""
     count = len(channel.messages)
     made: Table | None = None
     reason = ""
-    with Barrier(remarks).around(channel.topic, "its messages", None):
+    with ReaderBarrier(remarks).around(channel.topic, "its messages", None):
         try:
-            types = types_of(path, channel)
-            made = table(name, types, channel.type, channel.messages, channel.times_ns)
+            types = channel_types(path, channel)
+            made = decode_table(name, types, channel.type, channel.messages, channel.times_ns)
         except (ValueError, KeyError, RecursionError) as error:
             reason = str(error)
     left = count - (0 if made is None else len(made))
@@ -134,13 +133,13 @@ def _table(path: Path, name: str, channel: BagChannel, remarks: list[Remark]) ->
     return made
 
 
-def types_of(path: Path, channel: BagChannel) -> dict[str, Any]:
+def channel_types(path: Path, channel: BagChannel) -> dict[str, Any]:
     """The parsed definitions that a channel's type is made of. ValueError where nobody defines it or it is no text of
     definitions, UsageError where the package is missing."""
     try:
         from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
     except ImportError:
-        raise UsageError(f"{path}: {NEEDS}") from None
+        raise UsageError(f"{path}: {MISSING_PACKAGES}") from None
     known: dict[str, Any] = {}
     try:
         if channel.definition and channel.encoding == "ros2idl":

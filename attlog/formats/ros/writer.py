@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import UsageError
-from attlog.base.files.output import writing
-from attlog.formats.recording import Columns, Recording, only
-from attlog.formats.ros.channels import NEEDS
+from attlog.core.errors import UsageError
+from attlog.core.files import open_atomic
+from attlog.formats.recording import Columns, Recording, require_only
+from attlog.formats.ros.bag import MISSING_PACKAGES
 
-TYPES = {
+ROS_TYPES = {
     "u1": "uint8",
     "i1": "int8",
     "u2": "uint16",
@@ -31,28 +31,28 @@ TYPES = {
     "f8": "float64",
     "b1": "bool",
 }
-NAMED = {
+TYPE_OF_TOPIC = {
     "vehicle_gps_position": "SensorGps",
     "vehicle_attitude_groundtruth": "VehicleAttitude",
     "vehicle_local_position_groundtruth": "VehicleLocalPosition",
     "vehicle_mocap_odometry": "VehicleOdometry",
     "vehicle_visual_odometry": "VehicleOdometry",
 }
-TOPIC, NAME = "/fmu/out/", re.compile(r"[a-z]\w*")
-CLOCK = "timestamp"
-HEADER = b"\x00\x01\x00\x00"
+TOPIC_PREFIX, FIELD_NAME = "/fmu/out/", re.compile(r"[a-z]\w*")
+CLOCK_COLUMN = "timestamp"
+CDR_HEADER = b"\x00\x01\x00\x00"
 """CDR, little endian."""
-POSE = "geometry_msgs/msg/PoseStamped"
-FRAME = "map"
-UNIX_NS = 1_700_000_000_000_000_000
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+FRAME_NAME = "map"
+RECORDER_START_NS = 1_700_000_000_000_000_000
 """When the recorder's clock begins: it knows the date, the autopilot does not."""
-LATE_NS = 2_000_000
+RECORDER_DELAY_NS = 2_000_000
 """How long a message is under way from the autopilot to the recorder."""
-CHUNK = 1 << 20
+CHUNK_BYTES = 1 << 20
 """Bytes per chunk."""
 
 
-def write(path: Path, recording: Recording) -> None:
+def write_mcap(path: Path, recording: Recording) -> None:
     """Write an MCAP bag; messages are numbered in the order of their times.
 
     A message whose name begins with a slash is a pose with columns ``q`` (n, 4) and ``p`` (n, 3) in axes of its own,
@@ -61,12 +61,12 @@ def write(path: Path, recording: Recording) -> None:
     try:
         from mcap.writer import CompressionType, Writer
     except ImportError:
-        raise UsageError(NEEDS) from None  # whatever the file is called while it is written
-    start_us = recording.checked(CLOCK)
-    only("parameters", [p.name for p in recording.params], ())
-    only("texts", [t.text for t in recording.texts], ())
-    with writing(path) as file:
-        writer = Writer(file, chunk_size=CHUNK, compression=CompressionType.NONE)
+        raise UsageError(MISSING_PACKAGES) from None  # whatever the file is called while it is written
+    start_us = recording.checked(CLOCK_COLUMN)
+    require_only("parameters", [p.name for p in recording.params], ())
+    require_only("texts", [t.text for t in recording.texts], ())
+    with open_atomic(path) as file:
+        writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.NONE)
         writer.start(profile="ros2", library="attlog")
         times: list[NDArray[np.int64]] = []
         payloads: list[list[bytes]] = []
@@ -74,11 +74,13 @@ def write(path: Path, recording: Recording) -> None:
         for (name, instance), columns in recording.messages.items():
             if instance:
                 continue  # PX4's bridge publishes the first instance of a topic
-            kind, definition, rows = _pose(columns, start_us) if name.startswith("/") else _topic(name, columns)
+            kind, definition, rows = (
+                _pose_messages(columns, start_us) if name.startswith("/") else _topic_messages(name, columns)
+            )
             schema = writer.register_schema(kind, "ros2msg", definition.encode())
-            topic = name if name.startswith("/") else TOPIC + name
+            topic = name if name.startswith("/") else TOPIC_PREFIX + name
             channels.append(writer.register_channel(topic, "cdr", schema))
-            times.append(_recorded_ns(np.asarray(columns[CLOCK]), start_us))
+            times.append(_recorder_times(np.asarray(columns[CLOCK_COLUMN]), start_us))
             payloads.append(rows)
         which = np.concatenate([np.full(len(t), k) for k, t in enumerate(times)])
         within = np.concatenate([np.arange(len(t)) for t in times])
@@ -89,26 +91,26 @@ def write(path: Path, recording: Recording) -> None:
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _recorded_ns(t_us: NDArray[Any], start_us: int) -> NDArray[np.int64]:
+def _recorder_times(t_us: NDArray[Any], start_us: int) -> NDArray[np.int64]:
     """When the recorder gets a message of the autopilot's time."""
-    return np.asarray(UNIX_NS + LATE_NS + (t_us.astype(np.int64) - start_us) * 1000, np.int64)
+    return np.asarray(RECORDER_START_NS + RECORDER_DELAY_NS + (t_us.astype(np.int64) - start_us) * 1000, np.int64)
 
 
-def _topic(name: str, columns: Columns) -> tuple[str, str, list[bytes]]:
+def _topic_messages(name: str, columns: Columns) -> tuple[str, str, list[bytes]]:
     """Type, definition and messages of a topic of PX4."""
-    kind = NAMED.get(name, "".join(part.capitalize() for part in name.split("_")))
+    kind = TYPE_OF_TOPIC.get(name, "".join(part.capitalize() for part in name.split("_")))
     flat = {column: np.asarray(x) for column, x in columns.items()}
     for column, x in flat.items():
-        if x.dtype.kind not in "buif" or not NAME.fullmatch(column):
+        if x.dtype.kind not in "buif" or not FIELD_NAME.fullmatch(column):
             raise UsageError(f"{name}.{column}: a bag is written of numbers, not of texts and nested messages")
     lines = []
     for column, x in flat.items():
-        of = TYPES[x.dtype.newbyteorder("=").str[1:]]
+        of = ROS_TYPES[x.dtype.newbyteorder("=").str[1:]]
         lines.append(f"{of}{f'[{x.shape[1]}]' if x.ndim == 2 else ''} {column}")
-    return f"px4_msgs/msg/{kind}", "\n".join(lines), _encoded(flat)
+    return f"px4_msgs/msg/{kind}", "\n".join(lines), _encode_cdr(flat)
 
 
-def _encoded(columns: Columns) -> list[bytes]:
+def _encode_cdr(columns: Columns) -> list[bytes]:
     """Messages of columns (n,) or (n, k): CDR, each number aligned to its size."""
     places, at = [], 0
     for x in columns.values():
@@ -116,23 +118,23 @@ def _encoded(columns: Columns) -> list[bytes]:
         places.append(at)
         at += x.dtype.itemsize * (x.shape[1] if x.ndim == 2 else 1)
     count = len(next(iter(columns.values())))
-    rows = np.zeros((count, len(HEADER) + at), np.uint8)
-    rows[:, : len(HEADER)] = np.frombuffer(HEADER, np.uint8)
+    rows = np.zeros((count, len(CDR_HEADER) + at), np.uint8)
+    rows[:, : len(CDR_HEADER)] = np.frombuffer(CDR_HEADER, np.uint8)
     for place, x in zip(places, columns.values(), strict=True):
         raw = np.ascontiguousarray(x.astype(x.dtype.newbyteorder("<"))).view(np.uint8).reshape(count, -1)
-        rows[:, len(HEADER) + place : len(HEADER) + place + raw.shape[1]] = raw
+        rows[:, len(CDR_HEADER) + place : len(CDR_HEADER) + place + raw.shape[1]] = raw
     return [row.tobytes() for row in rows]
 
 
-def _pose(columns: Columns, start_us: int) -> tuple[str, str, list[bytes]]:
+def _pose_messages(columns: Columns, start_us: int) -> tuple[str, str, list[bytes]]:
     """Type, definition and messages of a pose in the axes of its columns ``q``, scalar first, and ``p``."""
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    text, _ = store.generate_msgdef(POSE, ros_version=2)
-    stamp = np.asarray(columns[CLOCK]).astype(np.int64) * 1000 - start_us * 1000 + UNIX_NS
+    text, _ = store.generate_msgdef(POSE_TYPE, ros_version=2)
+    stamp = np.asarray(columns[CLOCK_COLUMN]).astype(np.int64) * 1000 - start_us * 1000 + RECORDER_START_NS
     q, p = (np.asarray(columns[name], np.float64) for name in ("q", "p"))
-    frame = np.frombuffer(FRAME.encode() + b"\0", np.uint8)
+    frame = np.frombuffer(FRAME_NAME.encode() + b"\0", np.uint8)
     flat: dict[str, NDArray[Any]] = {
         "sec": (stamp // 1_000_000_000).astype(np.int32),
         "nanosec": (stamp % 1_000_000_000).astype(np.uint32),
@@ -141,4 +143,4 @@ def _pose(columns: Columns, start_us: int) -> tuple[str, str, list[bytes]]:
         "position": p,
         "orientation": q[:, [1, 2, 3, 0]],
     }
-    return POSE, text, _encoded(flat)
+    return POSE_TYPE, text, _encode_cdr(flat)

@@ -5,18 +5,25 @@ from __future__ import annotations
 import struct
 from array import array
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
-from attlog.base.limits import MAX_DROPOUTS, MAX_INFO, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
-from attlog.formats.base import ParamChange, Remark, Text
-from attlog.formats.ulog.records import info_value, keyed, parameter_value, text
+import numpy as np
+from numpy.typing import NDArray
 
-RUN = 1 << 16
+from attlog.core.limits import MAX_DROPOUTS, MAX_INFO, MAX_LAYOUTS, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+from attlog.formats.file_bytes import gather
+from attlog.formats.table import Field, Guard, Offsets, ParamChange, Remark, Table, Text
+from attlog.formats.ulog.layout import TopicLayout, decode_ulog_text, info_value, parameter_value, split_key
+from attlog.formats.ulog.walk import DATA_HEADER_BYTES, Bytes, far_from_median
+
+MAX_RUN_BYTES = 1 << 16
 """Bytes of parameters looked at together."""
-PARAMETER, DEFAULT = b"PQ"
+PARAMETER_KIND, DEFAULT_KIND = b"PQ"
 _INT, _FLOAT = struct.Struct("<i").unpack_from, struct.Struct("<f").unpack_from
-LATEST_US = 2**63
+MAX_START_US = 2**63
 """Times from here on do not fit the clocks of a flight; no logger ever ran so long."""
 
 
@@ -63,7 +70,7 @@ class Content:
 
     def start(self, version: int, start_us: int) -> None:
         """A file header with the logger's version and start time (us); what is known of the file is the first one's."""
-        self._start_us, self.in_data = start_us if start_us < LATEST_US else 0, False
+        self._start_us, self.in_data = start_us if start_us < MAX_START_US else 0, False
         self._info.setdefault("ulog_version", version)
         self._info.setdefault("ulog_start_us", self._start_us)
 
@@ -71,7 +78,7 @@ class Content:
         """One record. IndexError or struct.error if it is too short for its type."""
         match chr(kind):
             case "I":
-                key_type, name, raw = keyed(payload)
+                key_type, name, raw = split_key(payload)
                 if name in self._info or self._is_room("statements", len(self._info), MAX_INFO):
                     self._info[name] = info_value(key_type, raw)
             case "M":
@@ -91,7 +98,7 @@ class Content:
         return held < most
 
     def _take_info_part(self, payload: bytes) -> None:
-        key_type, name, raw = keyed(payload[1:])
+        key_type, name, raw = split_key(payload[1:])
         value = info_value(key_type, raw)
         groups = self._parts.setdefault(name, []) if len(self._parts) < MAX_INFO else self._parts.get(name, [])
         if payload[0] and groups and isinstance(groups[-1], list) and type(groups[-1][0]) is type(value):
@@ -101,7 +108,7 @@ class Content:
             groups.append([value] if isinstance(value, str | bytes) else value)
 
     def _take_parameter(self, kind: int, payload: bytes, position: int) -> None:
-        key_type, name, raw = keyed(payload[1:] if kind == ord("Q") else payload)
+        key_type, name, raw = split_key(payload[1:] if kind == ord("Q") else payload)
         value = parameter_value(key_type, raw)
         if value is None or not name or not self._is_room("parameters", len(self.params), MAX_PARAM_CHANGES):
             return
@@ -113,16 +120,16 @@ class Content:
     def take_parameters(self, raw: memoryview, position: int, stop: int) -> int:
         """Take in parameters that stand one behind the other, all but the last; the position of that one.
 
-        Each looks as strictly as :func:`attlog.formats.ulog.records.is_record` demands and is followed by one that
+        Each looks as strictly as :func:`attlog.formats.ulog.layout.is_record` demands and is followed by one that
         does: most definitions of a log are parameters, and taken one by one they cost more than all its data.
         """
-        chunk = bytes(raw[position : min(position + RUN, stop)])
+        chunk = bytes(raw[position : min(position + MAX_RUN_BYTES, stop)])
         before = (self._time_before(position) or self._start_us) if self.in_data else None
         found: list[ParamChange] = []
         at, length, whole = 0, len(chunk), 0
         while at + 12 < length:
-            is_default = chunk[at + 2] == DEFAULT
-            if chunk[at + 2] != PARAMETER and not is_default:
+            is_default = chunk[at + 2] == DEFAULT_KIND
+            if chunk[at + 2] != PARAMETER_KIND and not is_default:
                 break
             key = at + 4 if is_default else at + 3
             end, behind_name = at + 3 + (chunk[at] | chunk[at + 1] << 8), key + 1 + chunk[key]
@@ -149,5 +156,134 @@ class Content:
         (t_us,) = struct.unpack_from("<Q", payload, at)
         if self._is_room("texts", len(self.texts), MAX_TEXTS):
             level = min(max(payload[0] - ord("0"), 0), 7)
-            said = text(payload[at + 8 : at + 8 + 4 * MAX_TEXT_LENGTH])[:MAX_TEXT_LENGTH]
+            said = decode_ulog_text(payload[at + 8 : at + 8 + 4 * MAX_TEXT_LENGTH])[:MAX_TEXT_LENGTH]
             self.texts.append(Text(said, level, t_us, position))
+
+
+# The columns of one ULog topic, decoded when asked for.
+
+
+@dataclass(slots=True)
+class Topic:
+    """A topic's records so far; another layout (a second log in the same file) starts a new part."""
+
+    layouts: list[TopicLayout]
+    parts: list[tuple[int, Offsets]] = field(default_factory=list)
+    left_out: int = 0
+    decoder: _TopicDecoder | None = None
+
+    def add(self, layout: TopicLayout, offsets: Offsets) -> None:
+        """Take in records of one layout, starts in file order."""
+        if self.layouts[-1] != layout:
+            if len(self.layouts) >= MAX_LAYOUTS:
+                self.left_out += len(offsets)
+                return
+            self.layouts.append(layout)
+        self.parts.append((len(self.layouts) - 1, offsets))
+
+    def table(self, data: Bytes, name: str, multi: int, guard: Guard, *, own_starts: bool = False) -> Table:
+        """The topic's table; fields are those that all its layouts share. Gives up the parts.
+
+        ``own_starts``: where records were sorted in several groups, one part would keep all of its group.
+        """
+        parts, self.parts = self.parts, []
+        one = len(parts) == 1 and not own_starts
+        starts = parts[0][1] if one else np.concatenate([offsets for _, offsets in parts])
+        which = None
+        if len(self.layouts) > 1:
+            which = np.repeat(np.array([k for k, _ in parts], np.int8), [len(offsets) for _, offsets in parts])
+        if any(after[0] < before[-1] for (_, before), (_, after) in pairwise(parts)):
+            order = starts.argsort(kind="stable")
+            starts, which = starts[order], None if which is None else which[order]
+        self.decoder = _TopicDecoder(data, self.layouts, starts, which)
+        return Table(name, multi, self._fields, starts, self.decoder, guard)
+
+    def forget(self) -> None:
+        """Drop the records that were gathered to look at a table once."""
+        if self.decoder is not None:
+            self.decoder.forget()
+
+    def _fields(self) -> dict[str, Field]:
+        first, *others = self.layouts
+        if not others:
+            return first.fields
+        return {n: f for n, f in first.fields.items() if all(o.fields.get(n) == f for o in others)}
+
+
+class _TopicDecoder:
+    """Gathers all bytes of a topic's records once; columns are views of them.
+
+    ``which`` (n,) is the layout of each of the topic's records, which start at ``starts``; None where there is one.
+    """
+
+    def __init__(
+        self, data: Bytes, layouts: Sequence[TopicLayout], starts: Offsets, which: NDArray[np.int8] | None = None
+    ) -> None:
+        self._data, self._layouts, self._starts, self._which = data, layouts, starts, which
+        self._of: Offsets | None = None
+        self._gathered: list[tuple[NDArray[np.bool_] | slice, NDArray[np.void]]] = []
+
+    def forget(self) -> None:
+        self._of, self._gathered = None, []
+
+    def __call__(self, column: str, offsets: Offsets) -> NDArray[Any]:
+        if self._of is not offsets:
+            self._gathered = list(self._gather(offsets))
+            self._of = offsets
+        if len(self._gathered) == 1:
+            return self._gathered[0][1][column]
+        first = self._gathered[0][1][column]
+        found = np.empty((len(offsets), *first.shape[1:]), first.dtype)
+        for here, rows in self._gathered:
+            found[here] = rows[column]
+        return found
+
+    def _gather(self, offsets: Offsets) -> Iterator[tuple[NDArray[np.bool_] | slice, NDArray[np.void]]]:
+        body = self._data[DATA_HEADER_BYTES:]
+        if self._which is None:
+            yield slice(None), gather(body, offsets, self._layouts[0].record)
+            return
+        which = self._which[self._starts.searchsorted(offsets)]
+        for k, layout in enumerate(self._layouts):
+            here = which == k
+            yield here, gather(body, offsets[here], layout.record)
+
+
+# Which records of a damaged ULog hold values that cannot have been logged.
+#
+# ULog has no checksums: a damage that lies within one record leaves the framing
+# intact. Random bytes as numbers give themselves away, because almost every one has
+# an exponent or a time that nothing on an aircraft has. Asked only where a file is
+# damaged anyway, so that an undamaged log always reads as it stands.
+
+MAX_MAGNITUDE, MIN_MAGNITUDE = 1e15, 1e-30
+"""Magnitudes outside are no measurement: the largest real ones are times in us, the smallest variances."""
+MAX_IMPLAUSIBLE_SHARE = 0.01
+"""A column in which a larger share is beyond the limits is logged that way (not initialised, say)."""
+MIN_RECORDS = 5
+"""Records that a topic needs before one of them can stand out."""
+
+
+def implausible(table: Table) -> NDArray[np.bool_]:
+    """Mask (n,) of the records with a time far from the others or a number beyond any range."""
+    found = np.zeros(len(table), bool)
+    if len(table) < MIN_RECORDS:
+        return found
+    for name, field in table.fields.items():
+        if name == "timestamp" and field.dtype.kind == "u":
+            odd = far_from_median(table[name])
+        elif field.dtype.base.kind == "f":
+            odd = _beyond_magnitudes(table[name])
+        else:
+            continue
+        if 0 < np.count_nonzero(odd) <= max(1, MAX_IMPLAUSIBLE_SHARE * len(odd)):
+            found |= odd
+    return found
+
+
+def _beyond_magnitudes(column: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Records with a finite number of impossible magnitude."""
+    with np.errstate(invalid="ignore"):  # random bytes hold signalling NaN too
+        size = np.abs(column)
+        beyond: NDArray[np.bool_] = (size > MAX_MAGNITUDE) & np.isfinite(size) | (size < MIN_MAGNITUDE) & (size > 0)
+    return np.logical_or.reduce(beyond, axis=1) if beyond.ndim == 2 else beyond

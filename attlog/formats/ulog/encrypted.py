@@ -17,58 +17,61 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import LogUnreadable, LogUnusable, UsageError
-from attlog.formats.mapping import map_bytes
-from attlog.formats.ulog.detect import ENCRYPTED, KEY_FILE
+from attlog.core.errors import LogUnreadable, LogUnusable, UsageError
+from attlog.formats.file_bytes import read_file_bytes
+from attlog.formats.ulog.layout import ENCRYPTED_MAGIC, KEY_FILE_MAGIC
 
 Bytes = NDArray[np.uint8]
 
-KEY = "ATTLOG_KEY"
+KEY_VARIABLE = "ATTLOG_KEY"
 """The environment variable that names the private key; ``--key`` sets it for the process and its children."""
-_GIVEN: ContextVar[Path | None] = ContextVar("given", default=None)
-HEADER, VERSION, RSA_OAEP = struct.Struct("<7sBQBBHH"), 1, 4
-MOST_BYTES = 1 << 13
+_GIVEN_KEY: ContextVar[Path | None] = ContextVar("given", default=None)
+ENCRYPTED_HEADER, ENCRYPTED_VERSION, RSA_OAEP = struct.Struct("<7sBQBBHH"), 1, 4
+MAX_KEY_BYTES = 1 << 13
 """An RSA key of 16,384 bits wraps into 2,048 bytes; larger sizes are damage."""
 
 
 @contextmanager
-def opened_with(key: str | Path | None) -> Iterator[None]:
+def using_key(key: str | Path | None) -> Iterator[None]:
     """Within it encrypted logs are opened with the private key in this file, None: with that of the environment."""
-    token = _GIVEN.set(None if key is None else Path(key))
+    token = _GIVEN_KEY.set(None if key is None else Path(key))
     try:
         yield
     finally:
-        _GIVEN.reset(token)
+        _GIVEN_KEY.reset(token)
 
 
 def is_encrypted(head: bytes) -> bool:
     """Whether a file that begins so is an encrypted ULog, or the key file of one."""
-    return head.startswith((ENCRYPTED, KEY_FILE))
+    return head.startswith((ENCRYPTED_MAGIC, KEY_FILE_MAGIC))
 
 
-def decrypted(path: Path, data: Bytes) -> Bytes:
+def decrypt(path: Path, data: Bytes) -> Bytes:
     """The bytes of the log that an encrypted one holds: as many as are there of one that was cut.
 
     UsageError for a key that is none, is missing its package or is named nowhere; LogUnreadable if a file cannot be
     opened; LogUnusable for a damaged header and a key of another vehicle.
     """
-    named = _GIVEN.get() or os.environ.get(KEY, "")
+    named = _GIVEN_KEY.get() or os.environ.get(KEY_VARIABLE, "")
     if not named:
         raise LogUnusable(
             f"{path}: this ULog is encrypted; give the vehicle's private key: --key FILE.pem (Python: key=)"
         )
-    head = data[: HEADER.size].tobytes()
-    if len(head) < HEADER.size:
+    head = data[: ENCRYPTED_HEADER.size].tobytes()
+    if len(head) < ENCRYPTED_HEADER.size:
         raise LogUnusable(f"{path}: ends within the header of an encrypted ULog")
-    magic, version, _, algorithm, _, key_size, nonce_size = HEADER.unpack(head)
-    if version != VERSION or algorithm != RSA_OAEP:
+    magic, version, _, algorithm, _, key_size, nonce_size = ENCRYPTED_HEADER.unpack(head)
+    if version != ENCRYPTED_VERSION or algorithm != RSA_OAEP:
         raise LogUnusable(f"{path}: encrypted in a way that is not known (version {version}, algorithm {algorithm})")
-    begin = HEADER.size + key_size + nonce_size
-    if not (0 < key_size <= MOST_BYTES and nonce_size in (8, 12, 24) and begin <= len(data)):
+    begin = ENCRYPTED_HEADER.size + key_size + nonce_size
+    if not (0 < key_size <= MAX_KEY_BYTES and nonce_size in (8, 12, 24) and begin <= len(data)):
         raise LogUnusable(f"{path}: the header of this encrypted ULog is damaged")
-    wrapped, nonce = data[HEADER.size : HEADER.size + key_size].tobytes(), data[begin - nonce_size : begin].tobytes()
-    key = _unwrapped(path, Path(named), wrapped)
-    content = data[begin:] if magic == ENCRYPTED else _beside(path)
+    wrapped, nonce = (
+        data[ENCRYPTED_HEADER.size : ENCRYPTED_HEADER.size + key_size].tobytes(),
+        data[begin - nonce_size : begin].tobytes(),
+    )
+    key = _unwrap_key(path, Path(named), wrapped)
+    content = data[begin:] if magic == ENCRYPTED_MAGIC else _log_beside(path)
     from Crypto.Cipher import ChaCha20
 
     try:
@@ -82,18 +85,18 @@ def decrypted(path: Path, data: Bytes) -> Bytes:
 
 def has_key() -> bool:
     """Whether a private key is named."""
-    return bool(os.environ.get(KEY))
+    return bool(os.environ.get(KEY_VARIABLE))
 
 
-def _beside(path: Path) -> Bytes:
+def _log_beside(path: Path) -> Bytes:
     """The log that the key file of an older firmware belongs to."""
     log = path.with_suffix(".ulgc")
     if not log.exists():
         raise LogUnreadable(f"{path}: is the key of an encrypted ULog; put {log.name} beside it, both unpacked")
-    return map_bytes(log)
+    return read_file_bytes(log)
 
 
-def _unwrapped(path: Path, key_file: Path, wrapped: bytes) -> bytes:
+def _unwrap_key(path: Path, key_file: Path, wrapped: bytes) -> bytes:
     """The key of the stream. Errors as of :func:`decrypted`."""
     try:
         from Crypto.Cipher import PKCS1_OAEP
@@ -108,7 +111,7 @@ def _unwrapped(path: Path, key_file: Path, wrapped: bytes) -> bytes:
         text = key_file.read_bytes()
     except OSError as error:
         raise LogUnreadable(
-            f"{key_file.name} (--key, {KEY}): the key cannot be read ({error.strerror or error})"
+            f"{key_file.name} (--key, {KEY_VARIABLE}): the key cannot be read ({error.strerror or error})"
         ) from None
     try:
         private = RSA.import_key(text)

@@ -1,28 +1,37 @@
-"""Where each field of a ULog message lies, from the format texts in the log.
+"""What a ULog record that is not data may look like, checked strictly enough to find records among garbage.
 
-A format text reads ``vehicle_attitude:uint64_t timestamp;float[4] q;`` and may use
-other formats as types. Nested types are flattened with dotted names
-(``esc[0].esc_rpm``), arrays of numbers stay one column of shape (n, k).
-
-A few bytes of text can ask for any number of columns (``n1[99999] a`` in ``n0``, and so
-on). What a format amounts to is therefore counted first, each format once; columns are
-written out only for accepted formats, when somebody asks for them.
+Types (one letter): B flags, I info, M info in parts, F format, P parameter,
+Q default parameter, A subscription, R unsubscription, D data, L text,
+C text with tag, S synchronisation mark, O dropout. ULog file format:
+https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+import struct
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from attlog.base.limits import MAX_FIELDS, MAX_NESTING
-from attlog.formats.base import Field
+from attlog.core.limits import MAX_FIELDS, MAX_FORMATS, MAX_NESTING, MAX_REDEFINED, MAX_RESUBSCRIBED
+from attlog.formats.table import Field, Remark
 
-BASIC = {
+# Where each field of a ULog message lies, from the format texts in the log.
+#
+# A format text reads ``vehicle_attitude:uint64_t timestamp;float[4] q;`` and may use
+# other formats as types. Nested types are flattened with dotted names
+# (``esc[0].esc_rpm``), arrays of numbers stay one column of shape (n, k).
+#
+# A few bytes of text can ask for any number of columns (``n1[99999] a`` in ``n0``, and so
+# on). What a format amounts to is therefore counted first, each format once; columns are
+# written out only for accepted formats, when somebody asks for them.
+
+BASIC_TYPES = {
     "int8_t": "<i1",
     "uint8_t": "<u1",
     "int16_t": "<i2",
@@ -36,16 +45,16 @@ BASIC = {
     "bool": "<i1",
 }
 """Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte."""
-LARGEST = 0xFFFF - 2
+MAX_PAYLOAD_BYTES = 0xFFFF - 2
 """Bytes of a data record's payload behind the id: the record's size is a u16."""
 
-USUAL = 2048
+MAX_CACHED_LETTERS = 2048
 """Letters of a format text up to which what it says is remembered."""
 
-_NAME = re.compile(r"[\w/-]+")
-_MEMBER = re.compile(r"([\w/]+)(?:\[(\d{1,20})\])? ([\w\[\]]+)")
-_WIDTH = {kind: int(dtype[2:]) for kind, dtype in BASIC.items()} | {"char": 1}
-_SINGLE = {kind: np.dtype(dtype) for kind, dtype in BASIC.items()} | {"char": np.dtype("S1")}
+_FORMAT_NAME = re.compile(r"[\w/-]+")
+_MEMBER_PATTERN = re.compile(r"([\w/]+)(?:\[(\d{1,20})\])? ([\w\[\]]+)")
+_TYPE_WIDTHS = {kind: int(dtype[2:]) for kind, dtype in BASIC_TYPES.items()} | {"char": 1}
+_TYPE_DTYPES = {kind: np.dtype(dtype) for kind, dtype in BASIC_TYPES.items()} | {"char": np.dtype("S1")}
 
 Members = list[tuple[str, int | None, str]]
 """(type, array length or None, name) in stored order."""
@@ -131,14 +140,14 @@ class Formats:
         for kind, count, member in self._members_of(name) or ():
             if count == 0:
                 continue
-            if kind not in _WIDTH:
+            if kind not in _TYPE_WIDTHS:
                 inner = self._extents[kind]
                 if inner.columns:
                     for element in [f"{member}."] if count is None else (f"{member}[{i}]." for i in range(count)):
                         yield from self.flattened(kind, prefix + element, at)
                         at += inner.size
                 continue
-            dtype = _SINGLE[kind]
+            dtype = _TYPE_DTYPES[kind]
             if count is not None:
                 dtype = np.dtype(f"S{count}") if kind == "char" else np.dtype((dtype, (count,)))
             yield prefix + member, dtype, at
@@ -150,7 +159,7 @@ class Formats:
             return extent.why_not
         time_at, timed, at, shown = None, False, 0, 0
         for kind, count, member in self._members_of(name) or ():
-            if member == "timestamp" and kind in _WIDTH and count != 0 and not timed:
+            if member == "timestamp" and kind in _TYPE_WIDTHS and count != 0 and not timed:
                 timed = True
                 time_at = at if kind == "uint64_t" and count is None else None
             at += self._bytes(kind, count)
@@ -160,7 +169,9 @@ class Formats:
         return TopicLayout(name, self, shown, extent.size, extent.columns, time_at)
 
     def _bytes(self, kind: str, count: int | None) -> int:
-        return (_WIDTH[kind] if kind in _WIDTH else self._extents[kind].size) * (1 if count is None else count)
+        return (_TYPE_WIDTHS[kind] if kind in _TYPE_WIDTHS else self._extents[kind].size) * (
+            1 if count is None else count
+        )
 
     def _extent(self, name: str) -> _Extent:
         """Counts a format and what it is made of, each once; no recursion, because definitions may nest at will."""
@@ -174,7 +185,7 @@ class Formats:
                     self._extents[top] = _Extent(why_not=f"the definition of {top} {why}")
                 waiting.pop()
                 continue
-            inner = [kind for kind, _, _ in members if kind not in _WIDTH and kind not in self._extents]
+            inner = [kind for kind, _, _ in members if kind not in _TYPE_WIDTHS and kind not in self._extents]
             if inner and top not in opened:
                 opened.add(top)
                 waiting += dict.fromkeys(inner)
@@ -187,7 +198,7 @@ class Formats:
         size = columns = 0
         height = 1
         for kind, count, _ in members:
-            if kind not in _WIDTH:
+            if kind not in _TYPE_WIDTHS:
                 inner = self._extents[kind]
                 if inner.why_not:
                     return inner
@@ -196,8 +207,8 @@ class Formats:
             else:
                 columns += count != 0
             size += self._bytes(kind, count)
-        if size > LARGEST:
-            return _Extent(why_not=f"{name} asks for {size} bytes, a record holds {LARGEST}")
+        if size > MAX_PAYLOAD_BYTES:
+            return _Extent(why_not=f"{name} asks for {size} bytes, a record holds {MAX_PAYLOAD_BYTES}")
         if columns > MAX_FIELDS:
             return _Extent(why_not=f"{name} asks for {columns} fields, more than the {MAX_FIELDS} that are read")
         if height > MAX_NESTING + 1:
@@ -207,7 +218,7 @@ class Formats:
     def _members_of(self, name: str) -> Members | None:
         if name not in self._members:
             text = self.texts.get(name)
-            members_in = _members_in if text is not None and len(text) < USUAL else _members_in.__wrapped__
+            members_in = _members_in if text is not None and len(text) < MAX_CACHED_LETTERS else _members_in.__wrapped__
             self._members[name] = None if text is None else members_in(text)
         return self._members[name]
 
@@ -222,9 +233,232 @@ def _members_in(text: str) -> Members | None:
 def parse_format(text: str) -> tuple[str, Members] | None:
     """Name and members of a format text, None if it is not one."""
     name, _, described = text.partition(":")
-    if _NAME.fullmatch(name) is None:
+    if _FORMAT_NAME.fullmatch(name) is None:
         return None
     parts = described.rstrip().removesuffix(";").split(";")
-    found = [_MEMBER.fullmatch(part) for part in parts]
+    found = [_MEMBER_PATTERN.fullmatch(part) for part in parts]
     members = [(m[1], None if m[2] is None else int(m[2]), m[3]) for m in found if m is not None]
     return (name, members) if len(members) == len(parts) else None
+
+
+MAGIC = b"ULog\x01\x12\x35"
+FILE_HEADER = 16
+SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+SYNC_MARK = b"\x08\x00S" + SYNC
+MAX_UNKNOWN_BYTES = 10_000
+"""Payload bytes that a record of a type we do not know may have before it counts as garbage."""
+MAX_TOPIC_LETTERS = 255
+"""Characters of a topic's name; file systems and keys end there too."""
+MAX_BINARY_TEXT_BYTES = 1024
+"""Bytes of a message that may hold anything; longer ones must be ASCII to be told from garbage."""
+MAX_HEAD_BYTES = 2 * MAX_BINARY_TEXT_BYTES
+"""Bytes of a payload that tell whether it is one: every byte of garbage may be asked, and claim 64 kB."""
+
+_KEY_PATTERN = re.compile(rb"[\w/]+(?:\[\d{1,5}\])? [^\x00-\x20\x7f]+")
+_FORMAT_START_PATTERN = re.compile(rb"[\w/-]{1,255}:[\w/]{1,255}(?:\[\d{1,20}\])? [\w\[\]]+")
+_NAME_AT = {ord("F"): 0, ord("A"): 3, ord("I"): 0, ord("P"): 0, ord("M"): 1, ord("Q"): 1}
+"""Where the name, or its length, begins in the payload."""
+_TOPIC_PATTERN = re.compile(rb"[\w/-]+")
+_PARAMETER_STRUCTS = {"int32_t": struct.Struct("<i"), "float": struct.Struct("<f")}
+_INFO_STRUCTS = {
+    "int8_t": "<b",
+    "uint8_t": "<B",
+    "int16_t": "<h",
+    "uint16_t": "<H",
+    "int32_t": "<i",
+    "uint32_t": "<I",
+    "int64_t": "<q",
+    "uint64_t": "<Q",
+    "float": "<f",
+    "double": "<d",
+    "bool": "<?",
+}
+
+
+def is_record(kind: int, head: bytes, size: int) -> bool:
+    """Whether a payload of ``size`` bytes, of which ``head`` are the first :data:`ENOUGH`, is what the type demands.
+
+    All types but D.
+    """
+    check = _CHECKS.get(kind)
+    return check is not None and check(head, size)
+
+
+def is_odd_definition(kind: int, head: bytes, size: int) -> bool:
+    """Whether a payload defines something under a name that no logger gives: framed as the type demands, in letters.
+
+    Enough for a record that follows a good one; not to find records among garbage.
+    """
+    at = _NAME_AT.get(kind)
+    if at is None or size <= at or size > len(head):
+        return False
+    if kind in b"IMPQ":
+        at, size = at + 1, at + 1 + head[at]
+    try:
+        name = head[at:size].decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return bool(name) and size <= len(head) and name.isprintable()
+
+
+def decode_ulog_text(raw: bytes) -> str:
+    """Text up to the first NUL; bytes that are no UTF-8 become replacement characters."""
+    return raw.split(b"\0", 1)[0].decode("utf-8", "replace")
+
+
+def split_key(payload: bytes) -> tuple[str, str, bytes]:
+    """Type, name and value bytes of an I, P or (behind its first byte) M and Q payload."""
+    end = 1 + payload[0]
+    kind, _, name = payload[1:end].decode("utf-8", "replace").partition(" ")
+    return kind, name, payload[end:]
+
+
+def info_value(kind: str, raw: bytes) -> Any:
+    """An info value as text, number, or bytes where it is an array or none of these."""
+    if kind == "char" or kind.startswith("char["):
+        return decode_ulog_text(raw)
+    form = _INFO_STRUCTS.get(kind)
+    if form is not None and len(raw) >= struct.calcsize(form):
+        return struct.unpack_from(form, raw)[0]
+    return raw
+
+
+def parameter_value(kind: str, raw: bytes) -> float | int | None:
+    """A parameter's value, None if the type is neither int32_t nor float."""
+    form = _PARAMETER_STRUCTS.get(kind)
+    return form.unpack_from(raw)[0] if form is not None and len(raw) >= 4 else None
+
+
+def _is_keyed(head: bytes, size: int, at: int = 0) -> bool:
+    end = at + 1 + head[at] if size > at + 3 else size + 1
+    return end <= size and _KEY_PATTERN.fullmatch(head, at + 1, end) is not None
+
+
+def _is_info(head: bytes, size: int, at: int = 0) -> bool:
+    if not _is_keyed(head, size, at):
+        return False
+    kind, _, _ = split_key(head[at:])
+    base, _, count = kind.rstrip("]").partition("[")
+    width = 1 if base == "char" else int(BASIC_TYPES[base][2:]) if base in BASIC_TYPES else 0
+    return width > 0 and size - at - 1 - head[at] == width * (int(count) if count else 1)
+
+
+def _is_parameter(head: bytes, size: int, at: int = 0) -> bool:
+    named = head.startswith((b"int32_t ", b"float "), at + 1)
+    return named and 6 < head[at] < 64 and size - at == head[at] + 5
+
+
+def _is_text(head: bytes, size: int, least: int) -> bool:
+    if size < least or not 0x30 <= head[0] <= 0x37:
+        return False
+    return size <= MAX_BINARY_TEXT_BYTES or head.isascii()
+
+
+_CHECKS: dict[int, Callable[[bytes, int], bool]] = {
+    ord("B"): lambda p, n: 40 <= n <= 256,
+    ord("I"): _is_info,
+    ord("M"): lambda p, n: n > 5 and p[0] <= 1 and _is_info(p, n, 1),
+    ord("F"): lambda p, n: _FORMAT_START_PATTERN.match(p) is not None,
+    ord("P"): _is_parameter,
+    ord("Q"): lambda p, n: n > 5 and p[0] <= 15 and _is_parameter(p, n, 1),
+    ord("A"): lambda p, n: 3 < n <= 3 + MAX_TOPIC_LETTERS and _TOPIC_PATTERN.fullmatch(p, 3) is not None,
+    ord("R"): lambda p, n: n == 2,
+    ord("L"): lambda p, n: _is_text(p, n, 9),
+    ord("C"): lambda p, n: _is_text(p, n, 11),
+    ord("S"): lambda p, n: p == SYNC,
+    ord("O"): lambda p, n: n == 2,
+}
+
+
+# What a ULog defines on the way: formats by name, and which id stands for which topic, instance and layout.
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """What records of an id are."""
+
+    name: str
+    multi: int
+    layout: TopicLayout
+
+
+class Definitions:
+    """The formats and subscriptions of one power-up, within the limits of what a log may ask for."""
+
+    def __init__(self) -> None:
+        self.by_id: dict[int, Subscription] = {}
+        self.why_not: dict[int, tuple[str, str]] = {}
+        self._formats = Formats()
+        self._redefined = self._resubscribed = self._too_many = 0
+        self._free_of_size: dict[int, list[tuple[str, TopicLayout]]] | None = None
+
+    def declare(self, text: str) -> None:
+        """Take in a format text; what is no text of a format is found out when it is used."""
+        name = text.partition(":")[0]
+        known = self._formats.texts.get(name)
+        if known == text:
+            return
+        if known is None and len(self._formats.texts) >= MAX_FORMATS:
+            self._too_many += 1
+        elif not self._formats.is_used(name):
+            self._formats.texts[name] = text
+        elif self._redefined < MAX_REDEFINED:
+            self._redefined += 1
+            self._formats = Formats(self._formats.texts | {name: text})
+        else:
+            self._redefined += 1
+
+    def subscription(self, identifier: int, name: str, multi: int) -> Subscription | None:
+        """What a subscription says that the id means from now on; None if the definition cannot be used."""
+        layout = self._formats.layout(name)
+        before = self.by_id.get(identifier)
+        if isinstance(layout, str):
+            self.why_not.setdefault(identifier, (name, layout))
+            return None
+        now = Subscription(name, multi, layout)
+        if before is None or before == now:
+            return before or now
+        self._resubscribed += 1
+        return before if self._resubscribed > MAX_RESUBSCRIBED else now
+
+    def without_subscription(self, size: int) -> list[tuple[str, TopicLayout]]:
+        """Formats that no id stands for, whose records have so many bytes behind the id. Asked at the log's end."""
+        if self._free_of_size is None:
+            self._free_of_size = {}
+            subscribed = {subscription.name for subscription in self.by_id.values()}
+            for name in sorted(self._formats.texts.keys() - subscribed):
+                layout = self._formats.layout(name)
+                if isinstance(layout, TopicLayout):
+                    for length in {layout.size, layout.full_size}:
+                        self._free_of_size.setdefault(length, []).append((name, layout))
+        return self._free_of_size.get(size, [])
+
+    def remarks(self) -> list[Remark]:
+        """What was left out because there is more of it than a log can sensibly define."""
+        said = (
+            (self._too_many, MAX_FORMATS, "formats", "the others are not read"),
+            (self._redefined - MAX_REDEFINED, MAX_REDEFINED, "formats declared anew", "then they stay"),
+            (self._resubscribed - MAX_RESUBSCRIBED, MAX_RESUBSCRIBED, "ids that change their topic", "then they stay"),
+        )
+        refused = dict(self.why_not.values())
+        others = {1: "", 2: "; one other topic neither"}.get(len(refused), f"; {len(refused) - 1} other topics neither")
+        unusable = [
+            Remark("unreadable_message", f"{name} cannot be used: {why}{others}.", count=len(refused))
+            for name, why in list(refused.items())[:1]
+        ]
+        return unusable + [
+            Remark("log_limit", f"The log has {most + beyond} {what}; the first {most} count, {then}.", count=beyond)
+            for beyond, most, what, then in said
+            if beyond > 0
+        ]
+
+
+# Does a file begin as a ULog?
+
+ENCRYPTED_MAGIC, KEY_FILE_MAGIC = b"ULogEnc", b"ULogKey"
+"""How an encrypted one begins, and the key beside an encrypted one of PX4 1.13 to 1.15."""
+
+
+def is_ulog(head: bytes) -> bool:
+    """Whether these first bytes are a ULog's, encrypted or not."""
+    return head.startswith((MAGIC, ENCRYPTED_MAGIC, KEY_FILE_MAGIC))

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Messages
-from attlog.formats.compression import first_bytes
-from attlog.formats.mapping import map_bytes
+from attlog.formats.file_bytes import first_bytes, read_file_bytes
 from attlog.formats.oracle import Columns, Key, Oracle
-from attlog.formats.ulog.encrypted import HEADER, decrypted, is_encrypted
+from attlog.formats.table import Messages
+from attlog.formats.ulog.encrypted import ENCRYPTED_HEADER, decrypt, is_encrypted
 
 
 def read(path: Path) -> Columns:
@@ -21,8 +20,8 @@ def read(path: Path) -> Columns:
     from pyulog import ULog
 
     whole: str | io.BytesIO = str(path)
-    if is_encrypted(first_bytes(path, HEADER.size)):
-        whole = io.BytesIO(decrypted(path, map_bytes(path)).tobytes())
+    if is_encrypted(first_bytes(path, ENCRYPTED_HEADER.size)):
+        whole = io.BytesIO(decrypt(path, read_file_bytes(path)).tobytes())
     return {(data.name, data.multi_id): dict(data.data) for data in ULog(whole).data_list}
 
 

@@ -1,7 +1,7 @@
 """PX4 logs (``.ulg``) as lazy columns.
 
 Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html. The file is
-mapped; one pass finds where every record lies (:mod:`attlog.formats.ulog.index`),
+mapped; one pass finds where every record lies (:mod:`attlog.formats.ulog.walk`),
 a topic's bytes are gathered when the first of its columns is asked for.
 
 ULog has no checksums. A data record counts only when another record begins where
@@ -17,43 +17,57 @@ from pathlib import Path
 
 import numpy as np
 
-from attlog.base.errors import LogUnusable, NotALog
-from attlog.base.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
-from attlog.formats.barrier import Barrier
-from attlog.formats.base import Boot, Damage, Messages, Offsets, Remark, Table
-from attlog.formats.grouping import by_kind
-from attlog.formats.mapping import map_bytes, offset_type
-from attlog.formats.ulog.clock import RecordClock, rise
-from attlog.formats.ulog.content import LATEST_US, Content
-from attlog.formats.ulog.definitions import Definitions
-from attlog.formats.ulog.doubt import doubtful
-from attlog.formats.ulog.encrypted import decrypted, is_encrypted
-from attlog.formats.ulog.framing import ANCHOR_RECORDS, DATA, KINDS, Framing
-from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Segments, Sizes, chain, identifier_at
-from attlog.formats.ulog.layout import TopicLayout
-from attlog.formats.ulog.records import FILE_HEADER, LARGEST_UNKNOWN, MAGIC, SYNC_MARK, text
-from attlog.formats.ulog.topic import Topic
+from attlog.core.errors import LogUnusable, NotALog
+from attlog.core.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
+from attlog.formats.file_bytes import offset_type, offsets_by_kind, read_file_bytes
+from attlog.formats.table import Boot, Damage, Messages, Offsets, ReaderBarrier, Remark, Table
+from attlog.formats.ulog.content import MAX_START_US, Content, Topic, implausible
+from attlog.formats.ulog.encrypted import decrypt, is_encrypted
+from attlog.formats.ulog.layout import (
+    FILE_HEADER,
+    MAGIC,
+    MAX_UNKNOWN_BYTES,
+    SYNC_MARK,
+    Definitions,
+    TopicLayout,
+    decode_ulog_text,
+)
+from attlog.formats.ulog.walk import (
+    ANCHOR_RECORDS,
+    DATA_HEADER_BYTES,
+    DATA_KIND,
+    KNOWN_KINDS,
+    Bytes,
+    Framing,
+    Identifiers,
+    RecordClock,
+    Segments,
+    Sizes,
+    fastest_chain,
+    identifier_at,
+    times_rise,
+)
 
-__all__ = ["read"]
+__all__ = ["read_ulog"]
 
-LONG_UNKNOWN = 300
+MIN_HIDING_BYTES = 300
 """Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""
-RECENT, LOOKED_BACK = 3, 256
+RECENT_RECORDS, MAX_RECENT_SEARCHED = 3, 256
 """Records whose times stand for now, and those among which they are sought where some are of unknown ids."""
-ALIKE = 8
+MIN_EQUAL_RECORDS = 8
 """Records of an unknown id and one size, looked at one by one, after which such are followed like known ones."""
 
 
-def read(path: Path | str, *, data: Bytes | None = None) -> Messages:
+def read_ulog(path: Path | str, *, data: Bytes | None = None) -> Messages:
     """The log as :class:`Messages` with ``(topic, multi id)`` keys, format ``ulog``; ``data`` are its bytes if mapped.
 
     LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable
     if it is encrypted and no key opens it, or needs a newer reader. Damage is listed, never raised.
     """
     path = Path(path)
-    data = map_bytes(path) if data is None else data
+    data = read_file_bytes(path) if data is None else data
     if is_encrypted(data[:FILE_HEADER].tobytes()):
-        data = decrypted(path, data)
+        data = decrypt(path, data)
     head = data[:FILE_HEADER].tobytes()
     if not head.startswith(MAGIC) or len(head) < FILE_HEADER:
         raise NotALog(f"{path}: no ULog header at the start of the file")
@@ -69,7 +83,7 @@ class _Reader:
         self.clock = RecordClock(self.raw)
         self.framing = Framing(data, self.sizes, lambda start: self.clock.is_timely(start, self.recent))
         self.followed = Sizes()
-        self.chain = chain(self.data, self.followed)
+        self.chain = fastest_chain(self.data, self.followed)
         self.topics: dict[tuple[str, int], Topic] = {}
         self.content = Content(self._time_before)
         self.damage: list[Damage] = []
@@ -79,7 +93,7 @@ class _Reader:
         self.boots: list[int] = []
         self.headers = 0
         self.remarks: list[Remark] = []
-        self.barrier = Barrier(self.remarks)
+        self.barrier = ReaderBarrier(self.remarks)
         self.unknown: dict[int, array[int]] = {}
         self.alike: dict[int, tuple[int, int]] = {}
         self.segments: Segments = []
@@ -160,7 +174,7 @@ class _Reader:
         """Read records up to ``stop``; returns ``stop`` or the place where the plan changed."""
         plan, raw = self.appended, self.raw
         while position < stop and self.appended is plan:
-            if position + HEADER <= stop and raw[position + 2] == DATA:
+            if position + DATA_HEADER_BYTES <= stop and raw[position + 2] == DATA_KIND:
                 starts, ids = self.chain.follow(position, stop)
                 if len(starts):
                     self._keep(starts, ids)
@@ -169,7 +183,7 @@ class _Reader:
             if raw[position] == SYNC_MARK[0] and raw[position : position + len(SYNC_MARK)] == SYNC_MARK:
                 position += len(SYNC_MARK)
                 continue
-            if position + HEADER < stop and raw[position + 2] in b"PQ":
+            if position + DATA_HEADER_BYTES < stop and raw[position + 2] in b"PQ":
                 with self.barrier.around("Parameters", "a run of them", position):
                     position = self.content.take_parameters(raw, position, stop)
             following = self._record(position, stop)
@@ -191,12 +205,12 @@ class _Reader:
         starts, ids = self.segments[-1]
         self.last = int(starts[-1])
         if self.alike:
-            starts = starts[-LOOKED_BACK:]
-            starts = starts[self.sizes.smallest[ids[-LOOKED_BACK:]] > 0]
+            starts = starts[-MAX_RECENT_SEARCHED:]
+            starts = starts[self.sizes.smallest[ids[-MAX_RECENT_SEARCHED:]] > 0]
             if not len(starts):
                 self.recent = [start for start in self.recent if start <= self.last]
                 return
-        self.recent = starts[-RECENT:].tolist()
+        self.recent = starts[-RECENT_RECORDS:].tolist()
 
     def _record(self, position: int, stop: int) -> int | None:
         """Take in the record that is no known data; the next position, None where there is no record."""
@@ -207,7 +221,7 @@ class _Reader:
         if position + 3 > stop or (end := self.framing.end(position)) > stop:
             return None
         kind = self.raw[position + 2]
-        if kind == DATA or not self.framing.is_strict(position, end):
+        if kind == DATA_KIND or not self.framing.is_strict(position, end):
             return self._loose_record(position, end, stop)
         if not self.framing.leads_on(end, stop, 1, odd=True):
             return None
@@ -217,14 +231,14 @@ class _Reader:
     def _loose_record(self, position: int, end: int, stop: int) -> int | None:
         """Take in a record that could be chance: data of an unknown id, or not quite what its type demands."""
         kind, length = self.raw[position + 2], end - position - 3
-        if kind == 0 or not length or (not KINDS[kind] and length > LARGEST_UNKNOWN):
+        if kind == 0 or not length or (not KNOWN_KINDS[kind] and length > MAX_UNKNOWN_BYTES):
             return None
-        if (kind == DATA and length < 2) or not self.framing.leads_on(end, stop, 2, odd=kind != DATA):
+        if (kind == DATA_KIND and length < 2) or not self.framing.leads_on(end, stop, 2, odd=kind != DATA_KIND):
             return None
-        may_hide_records = kind != DATA or length > LONG_UNKNOWN
+        may_hide_records = kind != DATA_KIND or length > MIN_HIDING_BYTES
         if may_hide_records and self.framing.anchor(position + 1, end) < end:
             return None
-        if kind == DATA:
+        if kind == DATA_KIND:
             self._take_unknown(identifier_at(self.raw, position), position, length)
         elif kind in b"IMFPQALC":
             self._take(kind, position, end)
@@ -237,7 +251,7 @@ class _Reader:
             return
         size, count = self.alike.get(identifier, (length, 0))
         self.alike[identifier] = length, count + 1 if size == length else 1
-        if size == length and count + 1 == ALIKE:
+        if size == length and count + 1 == MIN_EQUAL_RECORDS:
             self.followed.set(identifier, length, length)
             self.chain.forget()
 
@@ -273,7 +287,7 @@ class _Reader:
 
     def _without_doubtful(self, table: Table) -> Table:
         """The table without the records that damage went through unseen."""
-        doubt = doubtful(table.rows(slice(None)))
+        doubt = implausible(table.rows(slice(None)))
         if not doubt.any():
             return table
         for start in table.offsets[doubt].tolist():
@@ -324,11 +338,11 @@ class _Reader:
             return None
         fitting: list[tuple[str, TopicLayout]] = []
         tried: dict[int | None, bool] = {}
-        for name, layout in self.definitions.without_subscription(int(lengths[0]) - HEADER):
+        for name, layout in self.definitions.without_subscription(int(lengths[0]) - DATA_HEADER_BYTES):
             if layout.time_at not in tried:
                 if len(tried) >= MAX_GUESSES:
                     return None
-                tried[layout.time_at] = rise(self.data, starts, layout)
+                tried[layout.time_at] = times_rise(self.data, starts, layout)
             if tried[layout.time_at]:
                 fitting.append((name, layout))
             if len(fitting) > 1:
@@ -358,7 +372,7 @@ class _Reader:
         try:
             match chr(kind):
                 case "F":
-                    self.definitions.declare(text(payload))
+                    self.definitions.declare(decode_ulog_text(payload))
                 case "A":
                     self._take_subscription(payload)
                 case "B":
@@ -373,7 +387,7 @@ class _Reader:
     def _take_subscription(self, payload: bytes) -> None:
         self.content.in_data = True
         multi, identifier = struct.unpack_from("<BH", payload)
-        subscription = self.definitions.subscription(identifier, text(payload[3:]), multi)
+        subscription = self.definitions.subscription(identifier, decode_ulog_text(payload[3:]), multi)
         if subscription is None:
             return
         if subscription != self.definitions.by_id.get(identifier):
@@ -403,7 +417,7 @@ class _Reader:
         """The stamp of the last data record before, None if there is none that a clock can show."""
         last = self.recent[-1] if self.recent else 0
         stamp = self.clock.time_at(last) if last and last < position else None
-        return stamp if stamp is not None and stamp < LATEST_US else None
+        return stamp if stamp is not None and stamp < MAX_START_US else None
 
     # From starts to tables.
 
@@ -412,7 +426,7 @@ class _Reader:
         if not self.segments:
             return
         segments, self.segments, self.pending = self.segments, [], 0
-        for identifier, part in by_kind(segments):
+        for identifier, part in offsets_by_kind(segments):
             meant = self.definitions.by_id.get(identifier)
             if meant is None:
                 self.unknown.setdefault(identifier, array("q")).frombytes(part.astype(np.int64).tobytes())

@@ -11,23 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.errors import UsageError
-from attlog.base.files.output import write_atomic
-from attlog.formats.base import ParamChange, Text
-from attlog.formats.merge import merged
-from attlog.formats.recording import Columns, Key, Recording, only
-from attlog.formats.ulog.layout import BASIC
-from attlog.formats.ulog.records import MAGIC
+from attlog.core.errors import UsageError
+from attlog.core.files import write_atomic
+from attlog.formats.recording import Columns, Key, Recording, merge_records, require_only
+from attlog.formats.table import ParamChange, Text
+from attlog.formats.ulog.layout import BASIC_TYPES, MAGIC
 
-_TYPES = {np.dtype(code): name for name, code in BASIC.items() if name != "bool"} | {np.dtype(bool): "bool"}
-_NAME = re.compile(r"[A-Za-z_]\w*")
-_MEMBER = re.compile(r"([A-Za-z_]\w*)(?:\[(\d+)\])?")
-SIZE, KIND, ID = "(size)", "(kind)", "(id)"
+_TYPES = {np.dtype(code): name for name, code in BASIC_TYPES.items() if name != "bool"} | {np.dtype(bool): "bool"}
+_FIELD_NAME = re.compile(r"[A-Za-z_]\w*")
+_MEMBER_NAME = re.compile(r"([A-Za-z_]\w*)(?:\[(\d+)\])?")
+SIZE_FIELD, KIND_FIELD, ID_FIELD = "(size)", "(kind)", "(id)"
 """Header columns; no field of a topic can have such a name."""
 
 
-def write(path: Path | str, recording: Recording) -> None:
-    """Write the log; ``attlog.formats.ulog.reader.read`` and any ULog reader give the same columns back.
+def write_ulog(path: Path | str, recording: Recording) -> None:
+    """Write the log; ``attlog.formats.ulog.reader.read_ulog`` and any ULog reader give the same columns back.
 
     The clock column is ``timestamp`` (uint64 us), the instance the multi id. Columns ``member[0].field`` become
     a nested type, as they are read. Records of all topics are merged by time, stable. Parameters without time
@@ -39,7 +37,7 @@ def write(path: Path | str, recording: Recording) -> None:
     head += [_info(name, value) for name, value in recording.info.items()]
     formats: dict[str, str] = {}
     for (name, multi), columns in recording.messages.items():
-        if _NAME.fullmatch(name) is None or not 0 <= multi <= 255:
+        if _FIELD_NAME.fullmatch(name) is None or not 0 <= multi <= 255:
             raise UsageError(f"{name!r}, instance {multi}: a ULog topic is a word with a multi id of 0 to 255")
         _define(name, columns, recording, formats)
     head += [_record("F", text.encode()) for text in formats.values()]
@@ -100,7 +98,7 @@ def _define(name: str, columns: Columns, recording: Recording, formats: dict[str
     if columns["timestamp"].dtype != np.dtype("<u8"):
         raise UsageError(f"{name}: a ULog topic needs a column timestamp (uint64, microseconds)")
     names = {} if layout is None else layout.nested
-    only("nested type of", names, {_MEMBER.sub(r"\1", c.partition(".")[0]) for c in columns if "." in c})
+    require_only("nested type of", names, {_MEMBER_NAME.sub(r"\1", c.partition(".")[0]) for c in columns if "." in c})
     _describe(name, columns, names, formats)
 
 
@@ -112,7 +110,7 @@ def _describe(name: str, columns: Columns, names: Mapping[str, str], formats: di
         if not inner:
             members.append(_simple(name, column, values))
             continue
-        match = _MEMBER.fullmatch(outer)
+        match = _MEMBER_NAME.fullmatch(outer)
         if match is None:
             raise UsageError(f"{name}.{column}: not a ULog field name")
         if match[1] not in nested:
@@ -134,7 +132,7 @@ def _describe(name: str, columns: Columns, names: Mapping[str, str], formats: di
 
 
 def _simple(name: str, column: str, values: NDArray[Any]) -> str:
-    if _NAME.fullmatch(column) is None:
+    if _FIELD_NAME.fullmatch(column) is None:
         raise UsageError(f"{name}.{column}: not a ULog field name")
     if values.dtype.kind == "S" and values.ndim == 1:
         return f"char[{max(values.dtype.itemsize, 1)}] {column};"
@@ -155,17 +153,17 @@ def _data(recording: Recording, start: int) -> bytes:
         blocks.append(np.frombuffer(record, np.uint8)[np.newaxis])
         times.append(np.array([t_us], np.uint64))
         lengths.append(np.array([len(record)], np.int64))
-    return merged(blocks, times, lengths)
+    return merge_records(blocks, times, lengths)
 
 
 def _rows(identifier: int, key: Key, columns: Columns) -> NDArray[np.uint8]:
     """The topic's records with their headers as (n, length) bytes."""
     members = [(name, values.dtype.newbyteorder("<"), values.shape[1:]) for name, values in columns.items()]
-    record = np.dtype([(SIZE, "<u2"), (KIND, "u1"), (ID, "<u2"), *members])
+    record = np.dtype([(SIZE_FIELD, "<u2"), (KIND_FIELD, "u1"), (ID_FIELD, "<u2"), *members])
     if record.itemsize - 3 > 0xFFFF:
         raise UsageError(f"{key[0]}: a ULog record holds at most 65535 bytes, this one needs {record.itemsize - 3}")
     rows = np.zeros(len(columns["timestamp"]), record)
-    rows[SIZE], rows[KIND], rows[ID] = record.itemsize - 3, ord("D"), identifier
+    rows[SIZE_FIELD], rows[KIND_FIELD], rows[ID_FIELD] = record.itemsize - 3, ord("D"), identifier
     for name, values in columns.items():
         rows[name] = values
     return rows.view(np.uint8).reshape(len(rows), record.itemsize)

@@ -6,28 +6,28 @@ place what is missing.
 
 from __future__ import annotations
 
-from attlog.report.figures.drift import drift
-from attlog.report.figures.figure import PageFigure, Rows
-from attlog.report.figures.flight import flight
-from attlog.report.figures.rest import rest
-from attlog.report.figures.sensors import sensors
-from attlog.report.figures.steps import steps
-from attlog.report.look import Look
-from attlog.report.pack import Store
+from attlog.report.bundle import ArrayPacker
+from attlog.report.figures.canvas import PageFigure, Rows
+from attlog.report.figures.drift import drift_figures
+from attlog.report.figures.flight import flight_figures
+from attlog.report.figures.rest import rest_figures
+from attlog.report.figures.sensors import sensor_figures
+from attlog.report.figures.steps import step_figures
+from attlog.report.figures.style import RowStyle
 from attlog.result import Result
 
 
-def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, list[PageFigure]]:
+def sections(result: Result, looks: dict[str, RowStyle], store: ArrayPacker) -> dict[str, list[PageFigure]]:
     """Figures by section of the page: flight, rest, step, drift, sensors."""
     names = Rows({key: look.name for key, look in looks.items()})
     traces = [t for t in result.traces if (not t.row or t.row in looks) and len(t.t)]
     by = {kind: [t for t in traces if t.figure == kind] for kind in {t.figure for t in traces}}
     found = {
-        "flight": flight(by, names, store, result),
-        "rest": rest(by, names, store),
-        "step": steps(by, names, store, result),
-        "drift": drift(by, names, store, result),
-        "sensors": sensors(by, names, store, result),
+        "flight": flight_figures(by, names, store, result),
+        "rest": rest_figures(by, names, store),
+        "step": step_figures(by, names, store, result),
+        "drift": drift_figures(by, names, store, result),
+        "sensors": sensor_figures(by, names, store, result),
     }
     for part in found.values():
         fill(part)

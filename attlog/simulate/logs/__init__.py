@@ -16,9 +16,15 @@ def recording(flight: Flight, name: str, params: Mapping[str, float | int] | Non
 
     ``params`` are parameters that the log tells instead of, or beside, those that the flight had.
     """
-    from attlog.simulate.logs import ardupilot, mavlink, px4, ros
+    from attlog.simulate.logs import ardupilot, mavlink, px4
+    from attlog.simulate.logs import px4 as ros
 
-    made = {"ulog": px4.recording, "dataflash": ardupilot.recording, "tlog": mavlink.recording, "ros": ros.recording}
+    made = {
+        "ulog": px4.ulog_recording,
+        "dataflash": ardupilot.dataflash_recording,
+        "tlog": mavlink.telemetry_recording,
+        "ros": ros.bag_recording,
+    }
     found = made[name](flight)
     if not params:
         return found

@@ -1,9 +1,7 @@
-"""A flight as ArduPilot logs one: records, parameters and texts of a DataFlash log.
+"""The records of ArduPilot that a simulated log holds: columns, letters, units and multipliers as Copter 4.6 has them.
 
-A unit that measures instants becomes IMU, above 500 Hz GYR and ACC with IMU at the rate of the loop, as with
-LOG_BITMASK's bit 19. One that measures means over intervals becomes IMT (increments), and IMU at the middle of each
-interval, to whose instant its mean belongs. XKF1, XKQ and XKF4 hold the estimator in the loop: attitude and gyro
-bias; what only ArduPilot's EKF knows is NaN or 0.
+From the FMT and FMTU records of ArduPilot's own simulator; ESC: libraries/AP_ESC_Telem/LogStructure.h. IMT, the
+record for increments, is that of Copter 4.0 to 4.3.
 """
 
 from __future__ import annotations
@@ -14,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.rotation import rotate_inverse, to_euler
-from attlog.flight.ardupilot.phases import ARMED, DISARMED, LANDED, NOT_LANDED
-from attlog.flight.clock.utc import GPS_EPOCH_S, LEAP_SECONDS
-from attlog.formats import ParamChange, Recording, Text
+from attlog.core.rotation import rotate_inverse, to_euler
+from attlog.flight.ardupilot.vehicle import ARMED_EVENT, DISARMED_EVENT, LANDED_EVENT, NOT_LANDED_EVENT
+from attlog.flight.timestamps import GPS_EPOCH_S, LEAP_SECONDS
+from attlog.formats import MessageLayout, ParamChange, Recording, Text
 from attlog.formats.recording import Columns, Key
+from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, GnssStream, ImuStream
-from attlog.simulate.logs.ardupilot_records import LAYOUTS, record
 from attlog.simulate.logs.records import (
     START_US,
     every,
@@ -34,11 +32,103 @@ from attlog.simulate.logs.records import (
     texts,
     vibration,
 )
-from attlog.simulate.physics.environment import geodetic
+
+RECORDS = {
+    "IMU": (
+        "I GyrX GyrY GyrZ AccX AccY AccZ EG EA T GH AH GHz AHz",
+        "BffffffIIfBBHH",
+        "#EEEooo--O--zz",
+        "-000000-----00",
+    ),
+    "IMT": ("I DelT DelvT DelaT DelAX DelAY DelAZ DelVX DelVY DelVZ", "Bfffffffff", "#sssrrrnnn", "-000000000"),
+    "GYR": ("I SampleUS GyrX GyrY GyrZ", "BQfff", "#sEEE", "-F000"),
+    "ACC": ("I SampleUS AccX AccY AccZ", "BQfff", "#sooo", "-F000"),
+    "VIBE": ("IMU VibeX VibeY VibeZ Clip", "BfffI", "#ooo-", "-000-"),
+    "MAG": ("I MagX MagY MagZ OfsX OfsY OfsZ MOX MOY MOZ Health S", "BhhhhhhhhhBI", "#GGGGGGGGG-s", "-CCCCCCCCC-F"),
+    "BARO": ("I Alt AltAMSL Press Temp CRt SMS Offset GndTemp Health", "BfffcfIffB", "#mmPOnsmO-", "-000B0C?0-"),
+    "GPS": (
+        "I Status GMS GWk NSats HDop Lat Lng Alt Spd GCrs VZ Yaw U",
+        "BBIHBcLLeffffB",
+        "#-s-S-DUmnhnh-",
+        "--C-0BGGB000--",
+    ),
+    "GPA": (
+        "I VDop HAcc VAcc SAcc YAcc VV SMS Delta Und RTCMFU RTCMFD",
+        "BCCCCfBIHfHH",
+        "#-mmnd-ssm--",
+        "-BBBB0-CC0--",
+    ),
+    "BAT": ("Inst Volt VoltR Curr CurrTot EnrgTot Temp Res RemPct H SH", "BfffffcfBBB", "#vvAaXOw%-%", "-000C0?0000"),
+    "ESC": ("Instance RPM RawRPM Volt Curr Temp CTot MotTemp Err", "Bffffcfcf", "#qqvAOaO%", "-00--BCB-"),
+    "ATT": ("DesRoll Roll DesPitch Pitch DesYaw Yaw AEKF", "ffffffB", "ddddhh-", "000000-"),
+    "RATE": (
+        "RDes R ROut PDes P POut YDes Y YOut ADes A AOut AOutSlew",
+        "fffffffffffff",
+        "kk-kk-kk-oo--",
+        "?????????BB--",
+    ),
+    "CTUN": ("ThI ABst ThO ThH DAlt Alt BAlt DSAlt SAlt TAlt DCRt CRt", "ffffffefffhh", "----mmmmmmnn", "----00B000BB"),
+    "RCOU": ("C1 C2 C3 C4", "HHHH", "YYYY", "----"),
+    "XKF1": (
+        "C Roll Pitch Yaw VN VE VD dPD PN PE PD GX GY GZ OH",
+        "BccCfffffffccce",
+        "#ddhnnnnmmmkkkm",
+        "-BBB0000000BBBB",
+    ),
+    "XKQ": ("C Q1 Q2 Q3 Q4", "Bffff", "#????", "-????"),
+    "XKF4": ("C SV SP SH SM SVT errRP OFN OFE FS TS SS GPS PI", "BcccccfffHBIHb", "#------mm-----", "-------??-----"),
+    "SIM": ("Roll Pitch Yaw Alt Lat Lng Q1 Q2 Q3 Q4", "ccCfLLffff", "ddhmDU----", "BBB0GG0000"),
+    "SIM2": ("PN PE PD VN VE VD As ASpdU UFC", "dddfffffI", "?????????", "?????????"),
+    "MODE": ("Mode ModeNum Rsn", "MBB", "---", "---"),
+    "EV": ("Id", "B", "-", "-"),
+    "ARM": ("ArmState ArmChecks Forced Method", "BIBB", "----", "----"),
+    "VER": ("BT BST Maj Min Pat FWT GH FWS APJ BU FV", "BHBBBBIZHBB", "-----------", "-----------"),
+}
+"""Columns behind TimeUS, their letters, units and multipliers."""
+
+LAYOUTS = {
+    name: MessageLayout("Q" + letters, "s" + units, "F" + mults) for name, (_, letters, units, mults) in RECORDS.items()
+}
+
+
+def record(name: str, t_us: NDArray[np.uint64], **values: Any) -> Columns:
+    """The columns of a record; ``values`` are arrays or one value for all, 0 where none is given.
+
+    Columns of the letters c C e E L are the printed numbers. KeyError for unknown columns.
+    """
+    columns: dict[str, NDArray[Any]] = {"TimeUS": t_us}
+    for column in RECORDS[name][0].split():
+        given = np.asarray(values.pop(column, b"" if (name, column) == ("VER", "FWS") else 0))
+        columns[column] = np.ascontiguousarray(np.broadcast_to(given, t_us.shape))
+    if values:
+        raise KeyError(f"{name} has no column {', '.join(values)}")
+    return columns
+
+
+# A flight as ArduPilot logs one: records, parameters and texts of a DataFlash log.
+#
+# A unit that measures instants becomes IMU, above 500 Hz GYR and ACC with IMU at the rate of the loop, as with
+# LOG_BITMASK's bit 19. One that measures means over intervals becomes IMT (increments), and IMU at the middle of each
+# interval, to whose instant its mean belongs. XKF1, XKQ and XKF4 hold the estimator in the loop: attitude and gyro
+# bias; what only ArduPilot's EKF knows is NaN or 0.
 
 Array = NDArray[np.float64]
-MODES = {"STABILIZE": 0, "ACRO": 1, "ALTCTL": 2, "ALT_HOLD": 2, "AUTO": 3, "MISSION": 3, "GUIDED": 4, "OFFBOARD": 4,
-         "POSCTL": 5, "LOITER": 5, "RTL": 6, "LAND": 9, "HOLD": 17, "TAKEOFF": 4}
+MODES = {
+    "STABILIZE": 0,
+    "ACRO": 1,
+    "ALTCTL": 2,
+    "ALT_HOLD": 2,
+    "AUTO": 3,
+    "MISSION": 3,
+    "GUIDED": 4,
+    "OFFBOARD": 4,
+    "POSCTL": 5,
+    "LOITER": 5,
+    "RTL": 6,
+    "LAND": 9,
+    "HOLD": 17,
+    "TAKEOFF": 4,
+}
 """Copter's mode numbers; MODE and the heartbeat have the same."""
 BANNER = "ArduCopter V4.6.0-simulated"
 MILLIGAUSS = 1e-7
@@ -49,7 +139,7 @@ SLOW_HZ, VIBE_HZ, EKF_HZ = 10.0, 10.0, 10.0
 _NAN = float("nan")
 
 
-def recording(flight: Flight) -> Recording:
+def dataflash_recording(flight: Flight) -> Recording:
     """The flight as the records of a DataFlash log."""
     flight = since_start(flight)
     messages: dict[Key, Columns] = {}
@@ -58,7 +148,9 @@ def recording(flight: Flight) -> Recording:
     messages = {key: columns for key, columns in messages.items() if len(columns["TimeUS"])}
     said = [Text(BANNER, 6, START_US), Text("Frame: QUAD/X", 6, START_US), *texts(flight, START_US)]
     names = {name for name, _ in messages}
-    return Recording(messages, parameters(flight), said, {}, START_US, {n: x for n, x in LAYOUTS.items() if n in names})
+    return Recording(
+        messages, copter_parameters(flight), said, {}, START_US, {n: x for n, x in LAYOUTS.items() if n in names}
+    )
 
 
 def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
@@ -77,8 +169,22 @@ def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         (gx, gy, gz), (ax, ay, az), rate = imu.gyro[k].T, imu.acc[k].T, round(imu.rate_hz)
         yield (
             ("IMU", i),
-            record("IMU", micros(instants[k]), I=i, GyrX=gx, GyrY=gy, GyrZ=gz, AccX=ax, AccY=ay, AccZ=az,
-                   T=imu.temperature[k], GH=1, AH=1, GHz=rate, AHz=rate),
+            record(
+                "IMU",
+                micros(instants[k]),
+                I=i,
+                GyrX=gx,
+                GyrY=gy,
+                GyrZ=gz,
+                AccX=ax,
+                AccY=ay,
+                AccZ=az,
+                T=imu.temperature[k],
+                GH=1,
+                AH=1,
+                GHz=rate,
+                AHz=rate,
+            ),
         )
         k = every(imu.t, VIBE_HZ)
         x, y, z = vibration(imu)[k].T
@@ -90,8 +196,20 @@ def _increments(imu: ImuStream, k: NDArray[np.int64]) -> Columns:
     """IMT; the increments are those of the interval as it is stored, so that the rates come back as they were."""
     dt = imu.dt[k].astype(np.float32).astype(np.float64)
     (ax, ay, az), (vx, vy, vz) = (imu.gyro[k] * dt[:, None]).T, (imu.acc[k] * dt[:, None]).T
-    return record("IMT", micros(imu.t_sample[k]), I=imu.instance, DelT=dt, DelvT=dt, DelaT=dt, DelAX=ax, DelAY=ay,
-                  DelAZ=az, DelVX=vx, DelVY=vy, DelVZ=vz)
+    return record(
+        "IMT",
+        micros(imu.t_sample[k]),
+        I=imu.instance,
+        DelT=dt,
+        DelvT=dt,
+        DelaT=dt,
+        DelAX=ax,
+        DelAY=ay,
+        DelAZ=az,
+        DelVX=vx,
+        DelVY=vy,
+        DelVZ=vz,
+    )
 
 
 def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
@@ -107,9 +225,18 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         ground = float(np.median(baro.height[:10])) if len(baro.height) else 0.0
         yield (
             ("BARO", baro.instance),
-            record("BARO", micros(baro.t), I=baro.instance, Alt=baro.height - ground, AltAMSL=baro.height,
-                   Press=baro.pressure, Temp=baro.temperature, SMS=micros(baro.t_sample) // np.uint64(1000),
-                   GndTemp=baro.temperature[0] if len(baro.t) else 0.0, Health=1),
+            record(
+                "BARO",
+                micros(baro.t),
+                I=baro.instance,
+                Alt=baro.height - ground,
+                AltAMSL=baro.height,
+                Press=baro.pressure,
+                Temp=baro.temperature,
+                SMS=micros(baro.t_sample) // np.uint64(1000),
+                GndTemp=baro.temperature[0] if len(baro.t) else 0.0,
+                Health=1,
+            ),
         )
     for gnss in flight.gnss:
         yield from _receiver(gnss)
@@ -119,8 +246,18 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         left = np.clip(100.0 * (1.0 - b.used / whole.capacity_ah), 0.0, 100.0)
         yield (
             ("BAT", 0),
-            record("BAT", micros(b.t), Volt=b.voltage, VoltR=b.voltage + b.current * whole.resistance_ohm,
-                   Curr=b.current, CurrTot=b.used * 1e3, EnrgTot=energy, Res=whole.resistance_ohm, RemPct=left, H=1),
+            record(
+                "BAT",
+                micros(b.t),
+                Volt=b.voltage,
+                VoltR=b.voltage + b.current * whole.resistance_ohm,
+                Curr=b.current,
+                CurrTot=b.used * 1e3,
+                EnrgTot=energy,
+                Res=whole.resistance_ohm,
+                RemPct=left,
+                H=1,
+            ),
         )
     if flight.rpm is not None:
         for k, rpm in enumerate(flight.rpm.rpm.T):
@@ -135,15 +272,38 @@ def _receiver(gnss: GnssStream) -> Iterator[tuple[Key, Columns]]:
     course = np.degrees(np.arctan2(vel[:, 1], vel[:, 0])) % 360.0
     yield (
         ("GPS", gnss.instance),
-        record("GPS", t, I=gnss.instance, Status=np.where(has, gnss.fix, 1), GMS=np.where(has, milliseconds, 0),
-               GWk=np.where(has, week, 0), NSats=gnss.satellites, HDop=np.where(has, 0.9, 99.99), Lat=lat, Lng=lon,
-               Alt=alt, Spd=np.hypot(vel[:, 0], vel[:, 1]), GCrs=course, VZ=vel[:, 2], U=gnss.instance == 0),
+        record(
+            "GPS",
+            t,
+            I=gnss.instance,
+            Status=np.where(has, gnss.fix, 1),
+            GMS=np.where(has, milliseconds, 0),
+            GWk=np.where(has, week, 0),
+            NSats=gnss.satellites,
+            HDop=np.where(has, 0.9, 99.99),
+            Lat=lat,
+            Lng=lon,
+            Alt=alt,
+            Spd=np.hypot(vel[:, 0], vel[:, 1]),
+            GCrs=course,
+            VZ=vel[:, 2],
+            U=gnss.instance == 0,
+        ),
     )
     yield (
         ("GPA", gnss.instance),
-        record("GPA", t, I=gnss.instance, VDop=np.where(has, 1.2, 99.99), HAcc=gnss.h_acc, VAcc=gnss.v_acc,
-               SAcc=gnss.s_acc, VV=has, SMS=micros(gnss.t_sample) // np.uint64(1000),
-               Delta=np.minimum(np.diff(gnss.t, prepend=gnss.t[:1]) * 1e3, 65535)),
+        record(
+            "GPA",
+            t,
+            I=gnss.instance,
+            VDop=np.where(has, 1.2, 99.99),
+            HAcc=gnss.h_acc,
+            VAcc=gnss.v_acc,
+            SAcc=gnss.s_acc,
+            VV=has,
+            SMS=micros(gnss.t_sample) // np.uint64(1000),
+            Delta=np.minimum(np.diff(gnss.t, prepend=gnss.t[:1]) * 1e3, 65535),
+        ),
     )
 
 
@@ -165,8 +325,8 @@ def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     times, armed = _unzipped(board.armed)
     states = np.array(armed, bool)
     yield ("ARM", 0), record("ARM", times, ArmState=states)
-    events = [(t, ARMED if value else DISARMED) for t, value in board.armed[1:]]
-    events += [(t, LANDED if value else NOT_LANDED) for t, value in board.landed[1:]]
+    events = [(t, ARMED_EVENT if value else DISARMED_EVENT) for t, value in board.armed[1:]]
+    events += [(t, LANDED_EVENT if value else NOT_LANDED_EVENT) for t, value in board.landed[1:]]
     times, ids = _unzipped(sorted(events))
     yield ("EV", 0), record("EV", times, Id=np.array(ids))
     start = micros(np.zeros(1))
@@ -188,8 +348,9 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     wanted = _degrees(board.q_setpoint[k]) if len(board.q_setpoint) else (_NAN, _NAN, _NAN)
     yield (
         ("ATT", 0),
-        record("ATT", t, DesRoll=wanted[0], Roll=roll, DesPitch=wanted[1], Pitch=pitch, DesYaw=wanted[2], Yaw=yaw,
-               AEKF=3),
+        record(
+            "ATT", t, DesRoll=wanted[0], Roll=roll, DesPitch=wanted[1], Pitch=pitch, DesYaw=wanted[2], Yaw=yaw, AEKF=3
+        ),
     )
     q = board.q[k].T
     yield ("XKQ", 0), record("XKQ", t, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3])
@@ -200,8 +361,17 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     unknown = {name: _NAN for name in ("VN", "VE", "VD", "dPD", "PN", "PE", "PD")}
     yield (
         ("XKF1", 0),
-        record("XKF1", t, Roll=_cut(roll), Pitch=_cut(pitch), Yaw=yaw, GX=_cut(bias[0]), GY=_cut(bias[1]),
-               GZ=_cut(bias[2]), **unknown),
+        record(
+            "XKF1",
+            t,
+            Roll=_cut(roll),
+            Pitch=_cut(pitch),
+            Yaw=yaw,
+            GX=_cut(bias[0]),
+            GY=_cut(bias[1]),
+            GZ=_cut(bias[2]),
+            **unknown,
+        ),
     )
     yield ("XKF4", 0), record("XKF4", t, errRP=_NAN, OFN=_NAN, OFE=_NAN)
     if len(board.rate_setpoint):
@@ -213,8 +383,17 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         hover = flight.scenario.vehicle.hover_command(flight.gravity)
         yield (
             ("CTUN", 0),
-            record("CTUN", micros(board.t[k]), ThI=thrust, ThO=thrust, ThH=hover, DAlt=_NAN, Alt=_NAN, DSAlt=_NAN,
-                   BAlt=_baro_height(flight, board.t[k], up)),
+            record(
+                "CTUN",
+                micros(board.t[k]),
+                ThI=thrust,
+                ThO=thrust,
+                ThH=hover,
+                DAlt=_NAN,
+                Alt=_NAN,
+                DSAlt=_NAN,
+                BAlt=_baro_height(flight, board.t[k], up),
+            ),
         )
     if len(board.motors):
         k = every(board.t, logging.motors_hz)
@@ -229,8 +408,20 @@ def _rate(flight: Flight) -> Columns:
     wanted, measured = np.degrees(board.rate_setpoint[k]).T, np.degrees(measured_rates(flight, board.t[k])).T
     out = board.torque_setpoint[k].T if len(board.torque_setpoint) else np.zeros((3, len(k)))
     thrust = board.thrust_setpoint[k] if len(board.thrust_setpoint) else 0.0
-    return record("RATE", micros(board.t[k]), RDes=wanted[0], R=measured[0], ROut=out[0], PDes=wanted[1],
-                  P=measured[1], POut=out[1], YDes=wanted[2], Y=measured[2], YOut=out[2], AOut=thrust)
+    return record(
+        "RATE",
+        micros(board.t[k]),
+        RDes=wanted[0],
+        R=measured[0],
+        ROut=out[0],
+        PDes=wanted[1],
+        P=measured[1],
+        POut=out[1],
+        YDes=wanted[2],
+        Y=measured[2],
+        YOut=out[2],
+        AOut=thrust,
+    )
 
 
 def _baro_height(flight: Flight, at: Array, otherwise: Array) -> Array:
@@ -260,8 +451,9 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     lat, lon, alt = geodetic(flight.scenario, truth.p[k])
     yield (
         ("SIM", 0),
-        record("SIM", t, Roll=roll, Pitch=pitch, Yaw=yaw, Alt=alt, Lat=lat, Lng=lon, Q1=q[0], Q2=q[1], Q3=q[2],
-               Q4=q[3]),
+        record(
+            "SIM", t, Roll=roll, Pitch=pitch, Yaw=yaw, Alt=alt, Lat=lat, Lng=lon, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3]
+        ),
     )
     (pn, pe, pd), (vn, ve, vd) = truth.p[k].T, truth.v[k].T
     through_air = rotate_inverse(truth.q[k], truth.v[k] - truth.wind[k])
@@ -269,23 +461,44 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     yield ("SIM2", 0), record("SIM2", t, PN=pn, PE=pe, PD=pd, VN=vn, VE=ve, VD=vd, As=speed)
 
 
-def parameters(flight: Flight) -> list[ParamChange]:
+def copter_parameters(flight: Flight) -> list[ParamChange]:
     """Copter's parameters as far as the scenario and those who read the log need them."""
     control, loop = flight.scenario.controller, flight.scenario.loop
     imu = flight.imus[0]
     raw = imu.sampling == "instant" and imu.rate_hz > RAW_HZ
     gyro_cut, acc_cut = imu.lowpass_hz
     values: dict[str, float] = {
-        "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SCHED_LOOP_RATE": round(loop.rate_hz), "AHRS_ORIENTATION": 0,
-        "AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS_TRIM_Z": 0.0, "AHRS_EKF_TYPE": 3, "EK3_ENABLE": 1,
-        "EK3_IMU_MASK": 1, "COMPASS_ENABLE": int(bool(flight.mags)), "COMPASS_DEC": np.radians(flight.declination_deg),
-        "COMPASS_AUTODEC": 0, "INS_GYRO_FILTER": gyro_cut, "INS_ACCEL_FILTER": acc_cut,
+        "FRAME_CLASS": 1,
+        "FRAME_TYPE": 1,
+        "SCHED_LOOP_RATE": round(loop.rate_hz),
+        "AHRS_ORIENTATION": 0,
+        "AHRS_TRIM_X": 0.0,
+        "AHRS_TRIM_Y": 0.0,
+        "AHRS_TRIM_Z": 0.0,
+        "AHRS_EKF_TYPE": 3,
+        "EK3_ENABLE": 1,
+        "EK3_IMU_MASK": 1,
+        "COMPASS_ENABLE": int(bool(flight.mags)),
+        "COMPASS_DEC": np.radians(flight.declination_deg),
+        "COMPASS_AUTODEC": 0,
+        "INS_GYRO_FILTER": gyro_cut,
+        "INS_ACCEL_FILTER": acc_cut,
         "INS_RAW_LOG_OPT": (1 | 4 * (gyro_cut > 0)) if raw else 0,
-        "LOG_BITMASK": 176126 | 1 << 0 | 1 << 7 | (1 << 19) * raw, "LOG_DISARMED": 1, "MOT_PWM_MIN": PWM_MIN,
-        "MOT_PWM_MAX": PWM_MAX, "ATC_ANG_RLL_P": control.angle_kp, "ATC_ANG_PIT_P": control.angle_kp,
-        "ATC_ANG_YAW_P": control.yaw_angle_kp, "ATC_RAT_RLL_P": control.rate_kp, "ATC_RAT_RLL_I": control.rate_ki,
-        "ATC_RAT_RLL_D": control.rate_kd, "ATC_RAT_PIT_P": control.rate_kp, "ATC_RAT_PIT_I": control.rate_ki,
-        "ATC_RAT_PIT_D": control.rate_kd, "ATC_RAT_YAW_P": control.yaw_rate_kp, "ATC_RAT_YAW_I": control.yaw_rate_ki,
+        "LOG_BITMASK": 176126 | 1 << 0 | 1 << 7 | (1 << 19) * raw,
+        "LOG_DISARMED": 1,
+        "MOT_PWM_MIN": PWM_MIN,
+        "MOT_PWM_MAX": PWM_MAX,
+        "ATC_ANG_RLL_P": control.angle_kp,
+        "ATC_ANG_PIT_P": control.angle_kp,
+        "ATC_ANG_YAW_P": control.yaw_angle_kp,
+        "ATC_RAT_RLL_P": control.rate_kp,
+        "ATC_RAT_RLL_I": control.rate_ki,
+        "ATC_RAT_RLL_D": control.rate_kd,
+        "ATC_RAT_PIT_P": control.rate_kp,
+        "ATC_RAT_PIT_I": control.rate_ki,
+        "ATC_RAT_PIT_D": control.rate_kd,
+        "ATC_RAT_YAW_P": control.yaw_rate_kp,
+        "ATC_RAT_YAW_I": control.yaw_rate_ki,
         "SIM_RATE_HZ": round(loop.rate_hz * loop.substeps),
     }
     values |= {f"COMPASS_USE{n or ''}": int(k < len(flight.mags)) for k, n in enumerate((0, 2, 3))}

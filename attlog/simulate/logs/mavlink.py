@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.rotation import rotate_inverse, to_euler
+from attlog.core.rotation import rotate_inverse, to_euler
 from attlog.formats import Recording, Text
-from attlog.formats.mavlink.dialect import STAMP
+from attlog.formats.mavlink.layout import STAMP_COLUMN
 from attlog.formats.recording import Columns, Key
+from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, ImuStream
-from attlog.simulate.logs.ardupilot import BANNER, held_numbers, parameters
+from attlog.simulate.logs.ardupilot import BANNER, copter_parameters, held_numbers
 from attlog.simulate.logs.records import (
     START_US,
     every,
@@ -32,7 +33,6 @@ from attlog.simulate.logs.records import (
     texts,
     vibration,
 )
-from attlog.simulate.physics.environment import geodetic
 
 Array = NDArray[np.float64]
 SENDER = 1 * 256 + 1
@@ -42,7 +42,7 @@ ARMED_FLAG, CUSTOM_MODE = 128, 1
 ON_GROUND, IN_AIR = 1, 2
 
 
-def recording(flight: Flight) -> Recording:
+def telemetry_recording(flight: Flight) -> Recording:
     """The flight as the packets of a telemetry log; the receiver's clock is Unix time."""
     flight = since_start(flight)
     ahead_us = round(flight.scenario.place.unix_time * 1e6) - START_US
@@ -50,10 +50,10 @@ def recording(flight: Flight) -> Recording:
     for part in (_inertial, _onboard, _receivers, _slow, _states, _truth):
         for name, t_us, columns in part(flight):
             if len(t_us):
-                messages[name, SENDER] = {STAMP: t_us.astype(np.int64) + ahead_us, **columns}
+                messages[name, SENDER] = {STAMP_COLUMN: t_us.astype(np.int64) + ahead_us, **columns}
     said = [Text(BANNER, 6, START_US), Text("Frame: QUAD/X", 6, START_US), *texts(flight, START_US)]
     said = [Text(x.text, x.level, (x.t_us or START_US) + ahead_us) for x in said]
-    return Recording(messages, parameters(flight), said, {"system": 1, "component": 1}, START_US + ahead_us)
+    return Recording(messages, copter_parameters(flight), said, {"system": 1, "component": 1}, START_US + ahead_us)
 
 
 Packets = Iterator[tuple[str, NDArray[np.uint64], dict[str, Any]]]
@@ -84,9 +84,15 @@ def _inertial(flight: Flight) -> Packets:
         x, y, z = vibration(first)[k].T
         t_us = micros(first.t[k])
         yield (
-            "VIBRATION", t_us,
-            {"time_usec": t_us, "vibration_x": x, "vibration_y": y, "vibration_z": z,
-             "clipping_0": np.cumsum(first.clipped[:, 1])[k]},
+            "VIBRATION",
+            t_us,
+            {
+                "time_usec": t_us,
+                "vibration_x": x,
+                "vibration_y": y,
+                "vibration_z": z,
+                "clipping_0": np.cumsum(first.clipped[:, 1])[k],
+            },
         )
 
 
@@ -143,11 +149,20 @@ def _receivers(flight: Flight) -> Packets:
         course = np.rint(np.degrees(np.arctan2(vel[:, 1], vel[:, 0])) % 360.0 * 100.0) % 36000
         speed = np.hypot(vel[:, 0], vel[:, 1]) * 100.0
         columns: dict[str, Any] = {
-            "time_usec": micros(gnss.t_sample), "fix_type": np.where(has, gnss.fix, 1), "lat": lat * 1e7,
-            "lon": lon * 1e7, "alt": alt * 1e3, "eph": np.where(has, 90, 0xFFFF), "epv": np.where(has, 120, 0xFFFF),
-            "vel": np.where(has, speed, 0xFFFF), "cog": np.where(has, course, 0xFFFF),
-            "satellites_visible": gnss.satellites, "alt_ellipsoid": alt * 1e3, "h_acc": gnss.h_acc * 1e3,
-            "v_acc": gnss.v_acc * 1e3, "vel_acc": gnss.s_acc * 1e3,
+            "time_usec": micros(gnss.t_sample),
+            "fix_type": np.where(has, gnss.fix, 1),
+            "lat": lat * 1e7,
+            "lon": lon * 1e7,
+            "alt": alt * 1e3,
+            "eph": np.where(has, 90, 0xFFFF),
+            "epv": np.where(has, 120, 0xFFFF),
+            "vel": np.where(has, speed, 0xFFFF),
+            "cog": np.where(has, course, 0xFFFF),
+            "satellites_visible": gnss.satellites,
+            "alt_ellipsoid": alt * 1e3,
+            "h_acc": gnss.h_acc * 1e3,
+            "v_acc": gnss.v_acc * 1e3,
+            "vel_acc": gnss.s_acc * 1e3,
         }
         if name == "GPS2_RAW":
             del columns["eph"], columns["epv"]
@@ -160,10 +175,19 @@ def _receivers(flight: Flight) -> Packets:
                 heading = np.rint(np.degrees(to_euler(q)[:, 2]) % 360.0 * 100.0) % 36000
             vx, vy, vz = np.clip(vel[k] * 100.0, -32767, 32767).T
             yield (
-                "GLOBAL_POSITION_INT", t_us[k],
-                {"time_boot_ms": _ms(t_us[k]), "lat": lat[k] * 1e7, "lon": lon[k] * 1e7, "alt": alt[k] * 1e3,
-                 "relative_alt": (alt[k] - flight.scenario.place.alt_m) * 1e3, "vx": vx, "vy": vy, "vz": vz,
-                 "hdg": heading},
+                "GLOBAL_POSITION_INT",
+                t_us[k],
+                {
+                    "time_boot_ms": _ms(t_us[k]),
+                    "lat": lat[k] * 1e7,
+                    "lon": lon[k] * 1e7,
+                    "alt": alt[k] * 1e3,
+                    "relative_alt": (alt[k] - flight.scenario.place.alt_m) * 1e3,
+                    "vx": vx,
+                    "vy": vy,
+                    "vz": vz,
+                    "hdg": heading,
+                },
             )
 
 
@@ -173,7 +197,8 @@ def _slow(flight: Flight) -> Packets:
         k = every(baro.t, SLOW_HZ)
         t_us = micros(baro.t[k])
         yield (
-            name, t_us,
+            name,
+            t_us,
             {"time_boot_ms": _ms(t_us), "press_abs": baro.pressure[k] * 0.01, "temperature": baro.temperature[k] * 100},
         )
     if flight.battery is not None:
@@ -182,9 +207,13 @@ def _slow(flight: Flight) -> Packets:
         capacity = flight.scenario.sensors.battery.capacity_ah
         current = np.clip(battery.current[k] * 1e2, 0, 32767)
         yield (
-            "SYS_STATUS", micros(battery.t[k]),
-            {"voltage_battery": battery.voltage[k] * 1e3, "current_battery": current,
-             "battery_remaining": np.clip(100 * (1 - battery.used[k] / capacity), 0, 100)},
+            "SYS_STATUS",
+            micros(battery.t[k]),
+            {
+                "voltage_battery": battery.voltage[k] * 1e3,
+                "current_battery": current,
+                "battery_remaining": np.clip(100 * (1 - battery.used[k] / capacity), 0, 100),
+            },
         )
     if flight.rpm is not None:
         k = every(flight.rpm.t, SLOW_HZ)
@@ -195,10 +224,15 @@ def _slow(flight: Flight) -> Packets:
         v = flight.truth.v[truth]
         throttle = np.clip(flight.onboard.thrust_setpoint[k], 0, 1) * 100
         yield (
-            "VFR_HUD", micros(flight.onboard.t[k]),
-            {"groundspeed": np.hypot(v[:, 0], v[:, 1]), "throttle": throttle,
-             "alt": flight.scenario.place.alt_m - flight.truth.p[truth, 2], "climb": -v[:, 2],
-             "heading": np.rint(np.degrees(to_euler(flight.onboard.q[k])[:, 2])) % 360},
+            "VFR_HUD",
+            micros(flight.onboard.t[k]),
+            {
+                "groundspeed": np.hypot(v[:, 0], v[:, 1]),
+                "throttle": throttle,
+                "alt": flight.scenario.place.alt_m - flight.truth.p[truth, 2],
+                "climb": -v[:, 2],
+                "heading": np.rint(np.degrees(to_euler(flight.onboard.q[k])[:, 2])) % 360,
+            },
         )
 
 
@@ -209,10 +243,16 @@ def _states(flight: Flight) -> Packets:
     t_us, armed = micros(t), np.array(held(board.armed, t), bool)
     landed = np.array(held(board.landed, t), bool)
     yield (
-        "HEARTBEAT", t_us,
-        {"type": np.full(len(t), 2), "autopilot": np.full(len(t), 3), "base_mode": CUSTOM_MODE + ARMED_FLAG * armed,
-         "custom_mode": held_numbers(board.mode, t), "system_status": np.where(armed, 4, 3),
-         "mavlink_version": np.full(len(t), 3)},
+        "HEARTBEAT",
+        t_us,
+        {
+            "type": np.full(len(t), 2),
+            "autopilot": np.full(len(t), 3),
+            "base_mode": CUSTOM_MODE + ARMED_FLAG * armed,
+            "custom_mode": held_numbers(board.mode, t),
+            "system_status": np.where(armed, 4, 3),
+            "mavlink_version": np.full(len(t), 3),
+        },
     )
     yield "EXTENDED_SYS_STATE", t_us, {"landed_state": np.where(landed, ON_GROUND, IN_AIR)}
     unix = np.rint((flight.scenario.place.unix_time + t) * 1e6).astype(np.uint64)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import __version__
-from attlog.base.errors import UsageError
+from attlog.core.errors import UsageError
 from attlog.formats import Text
 from attlog.simulate.flight import Flight, GnssStream, ImuStream
 
@@ -80,8 +80,10 @@ def place_while_lost(gnss: GnssStream) -> tuple[Array, Array, Array, Array]:
     Without a fix the last ones, at first 0.
     """
     k = np.maximum.accumulate(np.where(gnss.fix > 0, np.arange(len(gnss.t)), -1))
-    lat, lon, alt, vel = (np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
-                          for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel))
+    lat, lon, alt, vel = (
+        np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
+        for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel)
+    )
     return lat, lon, alt, np.where((gnss.fix > 0)[:, None], vel, 0.0)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import estimate
 from tests.conftest import corpus_root
 
@@ -70,8 +70,8 @@ def publishers_start(acc: np.ndarray, mag: np.ndarray) -> np.ndarray:
 def rmse_deg(q: np.ndarray, d: dict[str, Any]) -> np.ndarray:
     """Total, heading and inclination RMSE over the motion, as the dataset defines them."""
     use = d["movement"] & np.isfinite(d["q"]).all(axis=1)
-    e = rotation.error(q[use], d["q"][use])
-    angles = (rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e))
+    e = rotation.earth_error(q[use], d["q"][use])
+    angles = (rotation.total_angle(e), rotation.heading_angle(e), rotation.tilt_angle(e))
     return np.array([np.rad2deg(np.sqrt(np.mean(a**2))) for a in angles])
 
 

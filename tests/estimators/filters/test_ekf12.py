@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.base import rotation
+from attlog.core import rotation
+from attlog.core.jit.call import compiled
+from attlog.core.jit.kernel import with_helpers
 from attlog.estimators import estimate, get
 from attlog.estimators.filters import ekf12
-from attlog.kernels.cache import compiled
-from attlog.kernels.generate import with_helpers
 from attlog.testing import Noise, flight, still
-from attlog.testing.subject import total_deg
+from attlog.testing.motion import total_deg
 
 NOISE = Noise(gyro=1e-3, acc=0.05, mag=1e-6, bias=(0.01, -0.01, 0.02))
 

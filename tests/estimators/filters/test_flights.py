@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.analysis import inputs
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import estimate, place
+from attlog.pipeline import inputs
+from attlog.testing import Noise, still
+from attlog.testing.motion import tilt_deg
 
 PLANES = ("ardupilot/plane_dcm.bin", "ardupilot/plane_fbwa_cruise.bin", "px4/px4_plane.ulg")
 AFTER_S, LATER_S = 15.0, 20.0
@@ -38,8 +40,8 @@ def flight(path: Path, in_the_air: bool) -> tuple[Any, dict[str, Any]]:
 def off(log: Any, e: Any) -> tuple[float, float]:
     """RMS of tilt and heading error in deg against the simulator's truth."""
     use = (log.truth.t > e.t[0] + AFTER_S) & (log.truth.t < e.t[-1]) & np.isfinite(log.truth.q).all(axis=1)
-    error = rotation.error(rotation.slerp(e.t, e.q, log.truth.t[use]), log.truth.q[use])
-    both = rotation.inclination_angle(error), rotation.heading_angle(error)
+    error = rotation.earth_error(rotation.slerp(e.t, e.q, log.truth.t[use]), log.truth.q[use])
+    both = rotation.tilt_angle(error), rotation.heading_angle(error)
     return tuple(float(np.degrees(np.sqrt(np.mean(x**2)))) for x in both)  # type: ignore[return-value]
 
 
@@ -63,3 +65,34 @@ def test_a_log_that_begins_in_a_lively_flight_is_off_by_few_degrees(name: str, c
     tilt, heading = off(log, estimate("mekf", **given))
     assert tilt < 5.5
     assert heading < 8.0
+
+
+# The adapters to other people's packages: what they report, and that settings mean what their units say.
+
+
+def biased(deg_s: float, seconds: float = 60.0) -> tuple[np.ndarray, ...]:
+    """Rest with a gyro bias in roll; true attitude first."""
+    m = still(seconds, 50.0, noise=Noise(gyro=1e-4, acc=0.003, bias=(np.deg2rad(deg_s), 0.0, 0.0)))
+    return m.q, m.t, m.gyr, m.acc
+
+
+def test_vqf_tells_when_the_bias_exceeds_its_clip() -> None:
+    _, *sensors = biased(4.0)
+    assert estimate("vqf@package", *sensors).skipped["bias_beyond_clip"] > 1000
+    assert "bias_beyond_clip" not in estimate("vqf:bias_clip=10", *sensors).skipped
+
+
+@pytest.mark.parametrize("gain", [0.5, 2.0])
+def test_fusion_settles_where_gain_and_gyro_bias_balance(gain: float) -> None:
+    """sin(error) = bias / gain, with gain in 1/s."""
+    q, *sensors = biased(4.0)
+    seen = tilt_deg(estimate(f"fusion:gain={gain}", *sensors).q[-100:], q[-100:])
+    assert np.median(np.abs(seen)) == pytest.approx(np.rad2deg(np.arcsin(np.deg2rad(4.0) / gain)), rel=0.05)
+
+
+def test_fusion_s_timeout_is_in_seconds() -> None:
+    """With 8 deg/s the accelerometer is soon left out; it comes back after the timeout or never."""
+    q, *sensors = biased(8.0)
+    soon, never = (tilt_deg(estimate(f"fusion@example:timeout={s}", *sensors).q, q).max() for s in (1, 1000))
+    assert soon < 60.0
+    assert never > 120.0

@@ -9,14 +9,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from attlog import analysis
-from attlog.analysis.replay import aids_of, facts, run_rows
-from attlog.base import rotation
-from attlog.base.errors import UsageError
+from attlog import pipeline
+from attlog.core import rotation
+from attlog.core.errors import UsageError
 from attlog.estimators import Aids, Estimate, LogFacts, LogInfo, Measurements, estimate, get
-from attlog.estimators.filters import yaw_bank as bank
+from attlog.estimators.filters import gsf as bank
+from attlog.pipeline.replay import aids_of, facts, run_rows
 from attlog.testing import Motion, Noise, motion
-from attlog.testing.subject import heading_deg, inclination_deg, total_deg
+from attlog.testing.motion import heading_deg, tilt_deg, total_deg
 from tests.conftest import few
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ def test_a_straight_acceleration_north_tells_every_heading(yaw: float) -> None:
     end = np.searchsorted(m.t, 7.1)
     assert np.abs(heading_deg(e.q, m.q)[end]) < 0.5
     assert np.rad2deg(e.aux["sigma_heading"][end]) < 10.0
-    assert inclination_deg(e.q, m.q)[end] < 8.0  # a lasting force is taken for gravity by and by
+    assert tilt_deg(e.q, m.q)[end] < 8.0  # a lasting force is taken for gravity by and by
 
 
 @pytest.mark.parametrize("course", few([0.0, 90.0, 200.0], 2))
@@ -79,7 +79,7 @@ def test_without_motion_it_stays_unsure() -> None:
     aids = Aids(velocity=Measurements(t, 0.2 * random.standard_normal((len(t), 3)), np.full(len(t), 0.3)))
     e = found(m, aids)
     assert np.rad2deg(e.aux["sigma_heading"]).min() > 45.0
-    assert inclination_deg(e.q, m.q).max() < 1.0
+    assert tilt_deg(e.q, m.q).max() < 1.0
 
 
 def test_before_the_first_fast_fix_the_heading_is_that_of_the_start_and_its_sigma_a_circle_s() -> None:
@@ -135,7 +135,7 @@ def test_airspeed_takes_the_turn_s_acceleration_out_of_the_tilt() -> None:
     for name, aids in (("airspeed", Aids(velocity=gnss, airspeed=wind)), ("gnss", Aids(velocity=gnss))):
         for forward in ("on", "off"):
             e = estimate("gsf", m.t, m.gyr, m.acc, aids=aids, q0=m.q[0], forward=forward)
-            off[name, forward] = inclination_deg(e.q, m.q)[-1]
+            off[name, forward] = tilt_deg(e.q, m.q)[-1]
     assert off["airspeed", "on"] < 1.0
     assert off["gnss", "on"] < 1.0
     assert off["airspeed", "off"] > 5.0
@@ -159,12 +159,12 @@ def test_one_hypothesis_is_a_dense_kalman_filter() -> None:
     params = e.pack({p.name: p.default for p in e.parameters} | {"gyro_noise": 3.0, "acc_noise": 0.4})
     state = np.zeros(e.state_size)
     state[0] = 1.0
-    bank.begin(state, 2.0, -1.0, 0.09)
+    bank.begin_hypotheses(state, 2.0, -1.0, 0.09)
     for i in range(bank.N):
         x, p = np.array([2.0, -1.0, state[bank.X + i]]), np.diag([0.09, 0.09, (np.pi / 5) ** 2])
         for k in range(60):
             dv, dt = random.standard_normal(2), 0.01
-            bank.predict(state, params, i, dv[0], dv[1], dt)
+            bank.predict_hypothesis(state, params, i, dv[0], dv[1], dt)
             turned = Rotation.from_rotvec([0.0, 0.0, x[2]]).apply([*dv, 0.0])[:2]
             f = np.eye(3)
             f[:2, 2] = -turned[1], turned[0]
@@ -177,7 +177,7 @@ def test_one_hypothesis_is_a_dense_kalman_filter() -> None:
                 nis = y @ np.linalg.solve(s, y)
                 y, nis = (y * np.sqrt(25.0 / nis), 25.0) if nis > 25.0 else (y, nis)
                 density = np.exp(-0.5 * nis) / (2.0 * np.pi * np.sqrt(np.linalg.det(s)))
-                assert bank.correct(state, i, z[0], z[1], r) == pytest.approx(density, rel=1e-9)
+                assert bank.correct_hypothesis(state, i, z[0], z[1], r) == pytest.approx(density, rel=1e-9)
                 gain = p[:, :2] @ np.linalg.inv(s)
                 x, p = x + gain @ y, p - gain @ s @ gain.T
         at = bank.P + 6 * i
@@ -298,12 +298,12 @@ def test_gnss_is_needed_and_motion_too(samples: Path) -> None:
     with pytest.raises(
         UsageError, match="no GNSS motion told the heading: its sigma is 98 deg at the least, 15 are needed"
     ):
-        run_rows(analysis.prepare(samples / "copter_yaw_turns.bin"), ["gsf"])
+        run_rows(pipeline.prepare(samples / "copter_yaw_turns.bin"), ["gsf"])
 
 
 def test_an_analysis_scores_nothing_before_motion_told_the_heading(samples: Path) -> None:
     """What follows is of one north with the truth: no offset is taken out."""
-    case = analysis.prepare(samples / "px4_steps.ulg")
+    case = pipeline.prepare(samples / "px4_steps.ulg")
     row = run_rows(case, ["gsf"])[0]
     assert row.errors is not None
     assert row.heading_offset_deg is None

@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from attlog.base import rotation
+from attlog.core import rotation
+from attlog.core.jit.call import compiled
+from attlog.core.jit.kernel import with_helpers
 from attlog.estimators import estimate, get
 from attlog.estimators.aids import SIZE
 from attlog.estimators.filters import mekf
-from attlog.estimators.filters.inertial import backward, compass, layout, start
-from attlog.estimators.filters.inertial.layout import BA, BIAS, DD, DV, A, B, D, M, N, P, Q, S, T, V, X
-from attlog.kernels.cache import compiled
-from attlog.kernels.generate import with_helpers
-from attlog.testing.motion import CONSUMER, Motion, Noise, flight, motion, still, swing
-from attlog.testing.subject import heading_deg, inclination_deg
+from attlog.estimators.filters.inertial import backward, compass, recursion, start
+from attlog.estimators.filters.inertial.recursion import BA, BIAS, DD, DV, A, B, D, M, N, P, Q, S, T, V, X
+from attlog.testing.motion import CONSUMER_NOISE, Motion, Noise, flight, heading_deg, motion, still, swing, tilt_deg
 
 Array = np.ndarray
 
@@ -36,7 +35,7 @@ def running(seed: int = 0) -> Array:
     state[BA:V] = 0.1 * random.standard_normal(3)
     root = random.standard_normal((N, N)) * np.repeat([0.03, 0.01, 0.004, 0.03, 0.3, 0.05], [3, 3, 9, 3, 2, 1])[:, None]
     state[P : P + N * N] = (root @ root.T).ravel()
-    state[layout.STAGE] = layout.RUNNING
+    state[recursion.STAGE] = recursion.RUNNING
     return state
 
 
@@ -44,7 +43,7 @@ def moved(state: Array, x: Array) -> Array:
     """The state with the error x in it."""
     new = state.copy()
     new[X : X + N] = x
-    mekf.inject(new)
+    mekf.inject_error(new)
     return new
 
 
@@ -98,8 +97,8 @@ def test_the_covariance_moves_as_the_dense_one() -> None:
     state = sampled(running())
     f, p = transition(state), state[P : P + N * N].reshape(N, N).copy()
     values = parameters(field_sigma=3.0)
-    time, turned = state[T], state[layout.TURNED]
-    moving = min(1.0, np.sqrt(turned / time) / layout.MOVING_RATE)
+    time, turned = state[T], state[recursion.TURNED]
+    moving = min(1.0, np.sqrt(turned / time) / recursion.MOVING_RATE)
     keep = np.exp(-time * moving / 60.0)
     f[DD, DD] = keep
     noise = np.deg2rad(values[1]) ** 2 * time + values[2] ** 2 * turned
@@ -128,7 +127,7 @@ def test_a_measured_state_updates_as_a_dense_filter_does() -> None:
 def test_the_field_corrects_heading_bias_and_its_own_direction_and_nothing_else() -> None:
     """Update (8) against a dense Schmidt filter in Joseph's form, its H against the numerical derivative of psi."""
     state, field = running(2), np.array([20.0, 3.0, 43.0])
-    state[layout.H_SINCE] = 0.02
+    state[recursion.H_SINCE] = 0.02
     p = state[P : P + N * N].reshape(N, N).copy()
     psi = np.arctan2(field[1], field[0])
     h = np.zeros(N)
@@ -160,15 +159,15 @@ def test_another_prior_is_one_more_measurement() -> None:
             state[X : X + N] = transition(state) @ state[X : X + N]
             mekf.predict(state, values)
             mekf.update(state, DV + k % 2, 1.0 - 0.3 * k, 0.01)
-        mekf.inject(state)
+        mekf.inject_error(state)
         state[X : X + N] = 0.0
         return state
 
     state = begun(0.02)
-    state[layout.EXPECTED], state[layout.EXPECT_TIME] = 0.02**2, 5.0
+    state[recursion.EXPECTED], state[recursion.EXPECT_TIME] = 0.02**2, 5.0
     mekf.expect(state, values)
-    mekf.inject(state)
-    new = np.sqrt(state[layout.EXPECTED])
+    mekf.inject_error(state)
+    new = np.sqrt(state[recursion.EXPECTED])
     assert new > 0.025
     wanted = begun(new)
     assert state[P : P + N * N] == pytest.approx(wanted[P : P + N * N], rel=1e-9, abs=1e-15)
@@ -177,7 +176,7 @@ def test_another_prior_is_one_more_measurement() -> None:
 
 def test_a_raw_accelerometer_gets_room_for_its_bias() -> None:
     """0.15 m/s^2 is 9 sigma of what is expected, and 0.9 deg of tilt where it is not found."""
-    m = swing(120.0, noise=CONSUMER)
+    m = swing(120.0, noise=CONSUMER_NOISE)
     wrong = replace(m, acc=m.acc + np.array([0.15, -0.1, 0.05]))
     assert errors(wrong, 40.0)[0] < 0.3
 
@@ -190,7 +189,7 @@ def errors(m: Motion, after: float, **given: float) -> tuple[float, float]:
     """Inclination and heading RMSE in deg after some seconds."""
     e = estimate("mekf", *m.sensors, **given)
     late = m.t > after
-    return rms(inclination_deg(e.q[late], m.q[late])), rms(heading_deg(e.q[late], m.q[late]))
+    return rms(tilt_deg(e.q[late], m.q[late])), rms(heading_deg(e.q[late], m.q[late]))
 
 
 def test_accelerations_that_cancel_do_not_tilt_it() -> None:
@@ -200,13 +199,13 @@ def test_accelerations_that_cancel_do_not_tilt_it() -> None:
         40.0,
         acceleration=lambda t: np.stack([6.0 * np.cos(4.0 * t), 5.0 * np.cos(3.0 * t), 0.0 * t], axis=-1),
     )
-    direction = rms(inclination_deg(estimate("madgwick", *m.sensors).q[2000:], m.q[2000:]))
+    direction = rms(tilt_deg(estimate("madgwick", *m.sensors).q[2000:], m.q[2000:]))
     assert errors(m, 20.0)[0] < 0.35 < 0.25 * direction
 
 
 def test_a_gyro_bias_of_a_raw_sensor_is_found() -> None:
     true = np.deg2rad([4.4, -1.0, 0.5])
-    m = flight(60.0, noise=replace(CONSUMER, bias=tuple(true)))
+    m = flight(60.0, noise=replace(CONSUMER_NOISE, bias=tuple(true)))
     e = estimate("mekf", *m.sensors)
     assert np.rad2deg(np.abs(e.bias[-1] - true).max()) < 0.1
     assert errors(m, 30.0)[0] < 1.2
@@ -214,7 +213,7 @@ def test_a_gyro_bias_of_a_raw_sensor_is_found() -> None:
 
 def test_gyro_scale_errors_are_found() -> None:
     """2 % of scale: without the gyro matrix among the states the attitude is several times as wrong."""
-    m = swing(120.0, noise=CONSUMER)
+    m = swing(120.0, noise=CONSUMER_NOISE)
     wrong = replace(m, gyr=m.gyr * np.array([1.01, 0.99, 1.01]))
     known = errors(wrong, 60.0)[0]
     blind = errors(wrong, 60.0, scale_sigma=0.0, misalignment_sigma=0.0)[0]
@@ -224,7 +223,7 @@ def test_gyro_scale_errors_are_found() -> None:
 
 def test_a_late_magnetometer_is_seen_and_taken_into_account() -> None:
     """40 ms of delay in a turn of 60 deg/s on average: 2.3 deg of heading, far less once the delay is known."""
-    m = motion(lambda t: (0.4 * np.sin(1.3 * t), 0.4 * np.sin(0.9 * t), t + np.sin(t)), 120.0, noise=CONSUMER)
+    m = motion(lambda t: (0.4 * np.sin(1.3 * t), 0.4 * np.sin(0.9 * t), t + np.sin(t)), 120.0, noise=CONSUMER_NOISE)
     late = replace(m, mag=np.vstack([m.mag[:4], m.mag[:-4]]))
     known = errors(late, 60.0)[1]
     blind = errors(late, 60.0, delay_sigma=0.0, offset_sigma=0.0)[1]
@@ -232,7 +231,7 @@ def test_a_late_magnetometer_is_seen_and_taken_into_account() -> None:
 
 
 def test_a_field_fixed_to_the_body_is_taken_off_once_it_is_certain() -> None:
-    m = swing(120.0, noise=CONSUMER)
+    m = swing(120.0, noise=CONSUMER_NOISE)
     magnet = replace(m, mag=m.mag + np.array([6e-6, -4e-6, 3e-6]))
     known = errors(magnet, 60.0)[1]
     blind = errors(magnet, 60.0, offset_sigma=0.0)[1]
@@ -242,18 +241,18 @@ def test_a_field_fixed_to_the_body_is_taken_off_once_it_is_certain() -> None:
 
 def test_a_field_that_comes_between_alignment_and_flight_sets_the_heading() -> None:
     """The covariance turns with it: tilt stays as good as without."""
-    m = swing(30.0, yaw=2.5, noise=CONSUMER)
+    m = swing(30.0, yaw=2.5, noise=CONSUMER_NOISE)
     mag = np.where(m.t[:, None] < 2.5, np.nan, m.mag)
     e = estimate("mekf", m.t, m.gyr, m.acc, mag, heading_sigma=5.0)
     late = m.t > 4.0
     assert np.abs(heading_deg(e.q[late], m.q[late])).max() < 3.0
-    assert inclination_deg(e.q[late], m.q[late]).max() < 0.5
+    assert tilt_deg(e.q[late], m.q[late]).max() < 0.5
 
 
 def test_turning_a_pair_turns_the_covariance_like_a_matrix() -> None:
     """A late field turns everything told in earth axes; against the same by matrices."""
     state = running(4)
-    state[layout.STAGE] = layout.NO_FIELD
+    state[recursion.STAGE] = recursion.NO_FIELD
     p = state[P : P + N * N].reshape(N, N).copy()
     psi = 0.7
     compass.first_field(state, parameters(), 20.0 * np.cos(psi), 20.0 * np.sin(psi), 0.0)
@@ -289,7 +288,7 @@ def test_its_sigmas_are_those_of_its_errors() -> None:
         gyr = m.gyr @ (np.eye(3) + 0.003 * random.standard_normal((3, 3))).T
         e = estimate("mekf", m.t, gyr, m.acc + 0.025 * random.standard_normal(3), m.mag)
         late = m.t > 20.0
-        tilt.append(inclination_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_tilt"].ravel()[late]))
+        tilt.append(tilt_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_tilt"].ravel()[late]))
         heading.append(heading_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_heading"].ravel()[late]))
     assert 0.5 < rms(np.concatenate(tilt)) < 1.3
     assert rms(np.concatenate(heading)) < 1.3
@@ -297,15 +296,15 @@ def test_its_sigmas_are_those_of_its_errors() -> None:
 
 def test_what_an_accelerometer_bias_does_to_the_error_is_known() -> None:
     """D of doubt.py is what two accelerometers that differ by a little make of a turning body."""
-    m = swing(30.0, noise=CONSUMER)
+    m = swing(30.0, noise=CONSUMER_NOISE)
     delta = 1e-3
     for axis in range(3):
         shifted = m.acc.copy()
         shifted[:, axis] += delta
         ends = [final(m, acc, velocity_factor=0.0) for acc in (m.acc, shifted)]
-        reach = ends[0][layout.REACH + N * axis : layout.REACH + N * (axis + 1)]
+        reach = ends[0][recursion.REACH + N * axis : recursion.REACH + N * (axis + 1)]
         error = -apart(ends[1], ends[0])
-        error[layout.DBA + axis] += delta
+        error[recursion.DBA + axis] += delta
         assert error[:2] == pytest.approx(delta * reach[:2], rel=0.03, abs=0.002 * delta)
         assert error[15:18] == pytest.approx(delta * reach[15:18], rel=0.01, abs=0.002 * delta)
 
@@ -322,10 +321,10 @@ def test_the_prior_of_a_bias_grows_in_motion_only_and_not_beyond_what_sensors_ar
     for quiet in (0.0, 5.0):
         state, params = running(2), parameters()
         state[BA : BA + 3] = 1.0
-        state[layout.T], state[layout.EXPECT_TIME], state[layout.QUIET] = 0.025, 10.0, quiet
-        state[layout.EXPECTED] = 0.016**2
+        state[recursion.T], state[recursion.EXPECT_TIME], state[recursion.QUIET] = 0.025, 10.0, quiet
+        state[recursion.EXPECTED] = 0.016**2
         mekf.expect(state, params)
-        spread[quiet] = np.sqrt(state[layout.EXPECTED])
+        spread[quiet] = np.sqrt(state[recursion.EXPECTED])
     assert spread[0.0] == pytest.approx(0.05)
     assert spread[5.0] == pytest.approx(0.016)
 
@@ -333,11 +332,11 @@ def test_the_prior_of_a_bias_grows_in_motion_only_and_not_beyond_what_sensors_ar
 def test_another_prior_says_nothing_of_the_bias_itself() -> None:
     """It is held against 0 and not against the bias: D <- D - K (D_k - 1) in the bias' own column."""
     state, params = running(1), parameters(acc_bias_sigma=0.4)
-    state[layout.REACH : layout.REACH + 3 * N] = np.random.default_rng(1).standard_normal(3 * N)
-    state[layout.T], state[layout.EXPECTED], state[layout.EXPECT_TIME] = 0.025, 0.02**2, 10.0
+    state[recursion.REACH : recursion.REACH + 3 * N] = np.random.default_rng(1).standard_normal(3 * N)
+    state[recursion.T], state[recursion.EXPECTED], state[recursion.EXPECT_TIME] = 0.025, 0.02**2, 10.0
     p, reach = (
         state[P : P + N * N].reshape(N, N).copy(),
-        state[layout.REACH : layout.REACH + 3 * N].reshape(3, N).copy(),
+        state[recursion.REACH : recursion.REACH + 3 * N].reshape(3, N).copy(),
     )
     new = (0.4**2 + sum(state[BA + i] ** 2 + p[15 + i, 15 + i] for i in range(3))) / 4.0
     spread = 1.0 / (1.0 / new - 1.0 / 0.02**2)
@@ -347,7 +346,7 @@ def test_another_prior_says_nothing_of_the_bias_itself() -> None:
         for c in range(3):
             reach[c] -= gain * (reach[c, k] - (c == k - 15))
         p -= np.outer(gain, p[k])
-    assert state[layout.REACH : layout.REACH + 3 * N].reshape(3, N) == pytest.approx(reach, rel=1e-9, abs=1e-9)
+    assert state[recursion.REACH : recursion.REACH + 3 * N].reshape(3, N) == pytest.approx(reach, rel=1e-9, abs=1e-9)
 
 
 def test_sigma_of_tilt_covers_biases_that_a_flight_does_not_show() -> None:
@@ -355,19 +354,19 @@ def test_sigma_of_tilt_covers_biases_that_a_flight_does_not_show() -> None:
     ratios = []
     for seed in range(6):
         random = np.random.default_rng(seed)
-        m = still(60.0, noise=CONSUMER)
+        m = still(60.0, noise=CONSUMER_NOISE)
         slow = np.cumsum(random.standard_normal((len(m.t), 3)), axis=0) * 0.01
         slow -= slow.mean(axis=0) + 0.02 * np.gradient(slow, axis=0)
         acc = m.acc + 0.1 * random.standard_normal(3) + 0.3 * random.standard_normal(m.acc.shape)
         e = estimate("mekf", m.t, m.gyr, acc + 0.1 * slow, m.mag)
         late = m.t > 15.0
-        ratios.append(inclination_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_tilt"].ravel()[late]))
+        ratios.append(tilt_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_tilt"].ravel()[late]))
     assert 0.5 < rms(np.concatenate(ratios)) < 1.3
 
 
 def test_velocity_that_lasts_widens_the_sigma_and_white_noise_does_not() -> None:
     """Accelerations of 0.5 m/s^2 that keep their sign for 5 s are 3 deg of false tilt."""
-    m = still(90.0, noise=CONSUMER)
+    m = still(90.0, noise=CONSUMER_NOISE)
     random = np.random.default_rng(2)
     lasting = np.repeat(random.choice([-0.5, 0.5], (18, 2)), 500, axis=0)[: len(m.t)]
     late = m.t > 30.0
@@ -376,14 +375,14 @@ def test_velocity_that_lasts_widens_the_sigma_and_white_noise_does_not() -> None
         acc = m.acc + np.column_stack([push, np.zeros(len(push))])
         e = estimate("mekf:acc_bias_considered=0", m.t, m.gyr, acc, m.mag)
         sigma = np.rad2deg(e.aux["sigma_tilt"].ravel()[late])
-        ratio[name], excess[name] = rms(inclination_deg(e.q, m.q)[late] / sigma), final(m, acc)[layout.EXCESS]
+        ratio[name], excess[name] = rms(tilt_deg(e.q, m.q)[late] / sigma), final(m, acc)[recursion.EXCESS]
     assert excess["white"] < 1.3
     assert excess["lasting"] > 3.0
     assert ratio["white"] < 1.5
     assert ratio["lasting"] < 2.0
 
 
-def turning(noise: Noise = CONSUMER) -> Motion:
+def turning(noise: Noise = CONSUMER_NOISE) -> Motion:
     """Half a minute of rest, then a vehicle that turns to either side, 60 deg/s at most."""
     return motion(
         lambda t: (
@@ -419,13 +418,13 @@ def test_sigma_of_heading_says_that_a_compass_is_ruined(fault: str, name: str) -
 def test_a_sound_compass_leaves_no_doubt() -> None:
     m = turning()
     state = final(m, m.acc)
-    assert state[layout.FIELD_CLOCK] > 20.0
-    assert state[layout.HEADING_DOUBT] == 0.0
-    assert np.rad2deg(state[layout.SIGMA + 1]) < 6.0
+    assert state[recursion.FIELD_CLOCK] > 20.0
+    assert state[recursion.HEADING_DOUBT] == 0.0
+    assert np.rad2deg(state[recursion.SIGMA + 1]) < 6.0
 
 
 def test_sigma_of_heading_grows_without_a_field_and_not_at_rest_below_what_one_place_tells() -> None:
-    m = still(60.0, noise=CONSUMER)
+    m = still(60.0, noise=CONSUMER_NOISE)
     without = np.rad2deg(estimate("mekf", m.t, m.gyr, m.acc).aux["sigma_heading"].ravel())
     at_rest = np.rad2deg(estimate("mekf", *m.sensors).aux["sigma_heading"].ravel())
     assert without[-1] > 20.0
@@ -438,8 +437,8 @@ def test_lead_turns_the_output_on_and_changes_nothing_else() -> None:
     led = estimate("mekf", *m.sensors, lead=10.0)
     assert np.array_equal(plain.aux["sigma_tilt"], led.aux["sigma_tilt"])
     late = slice(500, -1)
-    ahead = rms(inclination_deg(led.q[late], m.q[501:]))
-    assert ahead < 0.1 < rms(inclination_deg(plain.q[late], m.q[501:]))
+    ahead = rms(tilt_deg(led.q[late], m.q[501:]))
+    assert ahead < 0.1 < rms(tilt_deg(plain.q[late], m.q[501:]))
 
 
 def test_rest_is_seen_at_rest_and_not_in_a_slow_turn() -> None:
@@ -451,13 +450,13 @@ def test_rest_is_seen_at_rest_and_not_in_a_slow_turn() -> None:
     for _ in range(300):
         start.look_for_rest(quiet, params, 0.01, np.zeros(3), np.array([0.0, 0.0, -9.8]))
         start.look_for_rest(turning, params, 0.01, np.array([0.0, 0.0, 0.05]), np.array([0.0, 0.0, -9.8]))
-    assert quiet[layout.QUIET] > 2.0
-    assert turning[layout.QUIET] == 0.0
+    assert quiet[recursion.QUIET] > 2.0
+    assert turning[recursion.QUIET] == 0.0
 
 
 @pytest.mark.slow
 def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> None:
-    m = flight(50.0, 200.0, noise=CONSUMER)
+    m = flight(50.0, 200.0, noise=CONSUMER_NOISE)
     params = parameters(field_sigma=3.0)
     loop = f"""
 @njit

@@ -7,16 +7,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from attlog.base import rotation
+from attlog.core import rotation
+from attlog.core.jit.call import compiled
+from attlog.core.jit.kernel import with_helpers
 from attlog.estimators import EstimatorSpec, estimate, get
 from attlog.estimators.aids import SIZE
-from attlog.estimators.engine.batch import estimate_batch
+from attlog.estimators.batch import estimate_batch
 from attlog.estimators.filters import ukf
-from attlog.kernels.cache import compiled
-from attlog.kernels.generate import with_helpers
 from attlog.testing import Motion, Noise, flight, motion, still, swing
-from attlog.testing.motion import GRAVITY
-from attlog.testing.subject import heading_deg, inclination_deg, total_deg
+from attlog.testing.motion import GRAVITY, heading_deg, tilt_deg, total_deg
 
 Array = NDArray[np.float64]
 NOISE = Noise(gyro=1e-3, acc=0.05, mag=1e-6, bias=(0.01, -0.01, 0.02))
@@ -152,7 +151,7 @@ def test_it_comes_back_from_any_start_within_seconds(turn: tuple[float, float, f
     m = swing(40.0, noise=NOISE)
     q0 = rotation.multiply(m.q[0], rotation.from_rotvec(np.deg2rad(turn)))
     q = estimate("ukf", *m.sensors, q0=q0).q
-    assert inclination_deg(q[100:], m.q[100:]).max() < 4.0
+    assert tilt_deg(q[100:], m.q[100:]).max() < 4.0
     assert total_deg(q[1000:], m.q[1000:]).max() < 8.0
     assert total_deg(q[3000:], m.q[3000:]).max() < 4.0
 
@@ -181,7 +180,7 @@ def test_its_sigmas_are_honest() -> None:
         m = motion(slowly, 40.0, noise=Noise(noise.gyro, noise.acc, noise.mag, bias), seed=seed)
         e = estimate(EstimatorSpec(get("ukf"), params=values), *m.sensors)
         late = slice(2000, None, 100)
-        tilt.append(np.deg2rad(inclination_deg(e.q, m.q)[late]) / e.aux["sigma_tilt"][late])
+        tilt.append(np.deg2rad(tilt_deg(e.q, m.q)[late]) / e.aux["sigma_tilt"][late])
         heading.append(np.deg2rad(heading_deg(e.q, m.q)[late]) / e.aux["sigma_heading"][late])
     assert 0.8 < np.sqrt(np.mean(np.square(tilt))) < 1.25
     assert 0.8 < np.sqrt(np.mean(np.square(heading))) < 1.25

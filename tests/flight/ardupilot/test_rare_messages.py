@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from attlog.flight.ardupilot import attitude, ekf, imus, power, reader, receivers, state
-from attlog.flight.ardupilot.clock import Clock, own_time
+from attlog.flight.ardupilot import estimator, imu, reader, sensors, vehicle
+from attlog.flight.ardupilot.estimator import onboard_source
+from attlog.flight.ardupilot.imu import RecordClock, own_time
 from attlog.flight.builder import LogBuilder
-from attlog.flight.model import Attitude
-from attlog.formats.base import Messages
+from attlog.flight.model import Attitude, Problem
+from attlog.formats.table import Messages
 from tests.flight import fake
+from tests.flight.fake import messages
 
 N = 6
 T = fake.micros(N, 10.0)
 
 
-def made(*known: tuple[str, int, dict[str, Any]], stamps: Any = T) -> tuple[LogBuilder, Clock, Messages]:
+def made(*known: tuple[str, int, dict[str, Any]], stamps: Any = T) -> tuple[LogBuilder, RecordClock, Messages]:
     """A log of messages (name, instance, columns), all with the same times."""
     tables = {
         (name, k): {"TimeUS": stamps, **{key: np.asarray(x) for key, x in columns.items()}}
         for name, k, columns in known
     }
     messages = fake.messages("dataflash", tables)
-    return LogBuilder(messages, t0_us=int(T[0])), Clock(messages), messages
+    return LogBuilder(messages, t0_us=int(T[0])), RecordClock(messages), messages
 
 
 def ramp(*factors: float) -> list[np.ndarray]:
@@ -41,7 +45,7 @@ def receiver(**more: Any) -> dict[str, Any]:
 
 def test_a_receivers_velocity_follows_from_speed_course_and_vertical_speed() -> None:
     builder, clock, messages = made(("GPS", 0, receiver()))
-    one = receivers.one_receiver(builder, clock, 0, messages["GPS", 0])
+    one = sensors.read_receiver(builder, clock, 0, messages["GPS", 0])
     assert one is not None
     assert (one.lat[0], one.lon[0], one.alt[0]) == (47.1, -8.2, 430.0)
     np.testing.assert_allclose(one.vel_ned[0], [5.0 * np.cos(np.radians(120)), 5.0 * np.sin(np.radians(120)), -0.7])
@@ -52,7 +56,7 @@ def test_a_receivers_velocity_follows_from_speed_course_and_vertical_speed() -> 
 def test_a_heading_of_antennas_of_zero_is_none_and_others_are_wrapped() -> None:
     yaw = np.array([0.0, 359.0, 90.0, 181.0, 0.0, 45.0])
     builder, clock, messages = made(("GPS", 0, receiver(Yaw=yaw)))
-    one = receivers.one_receiver(builder, clock, 0, messages["GPS", 0])
+    one = sensors.read_receiver(builder, clock, 0, messages["GPS", 0])
     assert one is not None
     assert one.yaw is not None
     np.testing.assert_allclose(np.degrees(one.yaw), [np.nan, -1.0, 90.0, -179.0, np.nan, 45.0])
@@ -65,12 +69,12 @@ def test_an_accuracy_is_that_of_the_nearest_record_of_its_unit_within_half_a_sec
         ("GPA", 1): {"TimeUS": at, "HAcc": np.array([7.0, 8.0, 9.0])},
     }
     messages = fake.messages("dataflash", tables)
-    builder, clock = LogBuilder(messages, t0_us=int(T[0])), Clock(messages)
+    builder, clock = LogBuilder(messages, t0_us=int(T[0])), RecordClock(messages)
     asked = int(T[0]) + np.array([0, 190_000, 210_000, 899_000, 901_000, 1_499_000, 1_501_000, 2_500_000, 2_501_000])
-    found = receivers.accuracy(builder, clock, 0, asked, "HAcc")
+    found = sensors.nearest_accuracy(builder, clock, 0, asked, "HAcc")
     np.testing.assert_array_equal(found, [1.0, 1.0, 2.0, 2.0, np.nan, np.nan, 3.0, 3.0, np.nan])
-    np.testing.assert_array_equal(receivers.accuracy(builder, clock, 1, asked[:1], "HAcc"), [7.0])
-    assert np.isnan(receivers.accuracy(builder, clock, 1, asked, "VAcc")).all()
+    np.testing.assert_array_equal(sensors.nearest_accuracy(builder, clock, 1, asked[:1], "HAcc"), [7.0])
+    assert np.isnan(sensors.nearest_accuracy(builder, clock, 1, asked, "VAcc")).all()
 
 
 def test_a_replayed_receiver_counts_tenths_of_microdegrees_centimetres_and_milliseconds() -> None:
@@ -83,7 +87,7 @@ def test_a_replayed_receiver_counts_tenths_of_microdegrees_centimetres_and_milli
         **dict(zip(("VX", "VY", "VZ", "HA", "VA", "SA"), ramp(1.0, -2.0, 0.5, 0.1, 0.2, 0.3), strict=True)),
     }
     builder, _, _ = made(("RGPJ", 0, columns))
-    (one,) = receivers.replay_receivers(builder)
+    (one,) = sensors.replay_receivers(builder)
     assert (one.lat[0], one.lon[0], one.alt[0]) == pytest.approx((47.1, -8.2, 430.0))
     np.testing.assert_allclose(one.t, [0.0, 0.2, 0.6, 0.8], atol=1e-9)
     np.testing.assert_allclose(one.vel_ned[1], [3.0, -6.0, 1.5])
@@ -96,7 +100,7 @@ def test_a_replayed_receiver_counts_tenths_of_microdegrees_centimetres_and_milli
 )
 def test_throttle_is_a_share_per_mille_or_percent(column: str, family: str, scale: float) -> None:
     builder, clock, _ = made(("CTUN", 0, {column: 0.5 * np.ones(N) / scale}))
-    found = power.throttle(builder, clock, family)
+    found = sensors.throttle_stream(builder, clock, family)
     assert found is not None
     assert found.x[0, 0] == pytest.approx(0.5)
 
@@ -105,31 +109,33 @@ def test_motors_are_the_outputs_with_their_function_between_their_limits() -> No
     outputs = {f"C{n}": np.full(N, 1000.0 + 100.0 * n) for n in range(1, 9)}
     builder, clock, _ = made(("RCOU", 0, outputs))
     limits = {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}
-    plain = power.motors(builder, clock, "quadrotor", limits)
+    plain = sensors.motor_outputs(builder, clock, "quadrotor", limits)
     assert plain is not None
     np.testing.assert_allclose(plain.x[0], [0.0, 0.125, 0.25, 0.375])
     functions = {"SERVO5_FUNCTION": 33.0, "SERVO7_FUNCTION": 82.0, "SERVO8_FUNCTION": 85.0, "SERVO1_FUNCTION": 41.0}
-    own = power.motors(builder, clock, "quadrotor", limits | functions)
+    own = sensors.motor_outputs(builder, clock, "quadrotor", limits | functions)
     assert own is not None
     np.testing.assert_allclose(own.x[0], [0.5, 0.75, 0.875])
-    sticks = power.motors(builder, clock, "quadrotor", {"RC3_MIN": 1000.0, "RC3_MAX": 2000.0, "MOT_PWM_MIN": 0.0})
+    sticks = sensors.motor_outputs(
+        builder, clock, "quadrotor", {"RC3_MIN": 1000.0, "RC3_MAX": 2000.0, "MOT_PWM_MIN": 0.0}
+    )
     assert sticks is not None
     np.testing.assert_allclose(sticks.x[0], [0.1, 0.2, 0.3, 0.4])
     other = {"RCMAP_THROTTLE": 2.0, "RC2_MIN": 1100.0, "RC2_MAX": 1200.0, "RC3_MIN": 1000.0, "RC3_MAX": 2000.0}
-    assert power.motors(builder, clock, "quadrotor", other) is not None
-    assert power.motors(builder, clock, "quadrotor", other | {"RC2_MAX": 1199.0}) is None
-    assert power.motors(builder, clock, "plane", limits) is None
-    assert power.motors(builder, clock, "quadrotor", {}) is None
+    assert sensors.motor_outputs(builder, clock, "quadrotor", other) is not None
+    assert sensors.motor_outputs(builder, clock, "quadrotor", other | {"RC2_MAX": 1199.0}) is None
+    assert sensors.motor_outputs(builder, clock, "plane", limits) is None
+    assert sensors.motor_outputs(builder, clock, "quadrotor", {}) is None
 
 
 def test_rotor_speeds_are_those_of_the_escs_else_of_the_sensors() -> None:
     one, two = ramp(1000.0, 300.0)
     builder, clock, _ = made(("ESC", 0, {"RPM": one}), ("ESC", 1, {"RPM": two}), ("RPM", 0, {"rpm1": two}))
-    found = power.rpm(builder, clock)
+    found = sensors.rpm_stream(builder, clock)
     assert found is not None
     assert (found.source, found.x[1].tolist()) == ("ESC", [2000.0, 600.0])
     builder, clock, _ = made(("RPM", 0, {"rpm1": one, "rpm2": two}))
-    found = power.rpm(builder, clock)
+    found = sensors.rpm_stream(builder, clock)
     assert found is not None
     assert (found.source, found.x[1].tolist()) == ("RPM", [2000.0, 600.0])
 
@@ -139,7 +145,7 @@ def test_rotor_speeds_are_those_of_the_escs_else_of_the_sensors() -> None:
 )
 def test_a_battery_of_whole_numbers_or_above_150_v_is_in_hundredths(volts: np.ndarray, scale: float) -> None:
     builder, clock, _ = made(("BAT", 0, {"Volt": volts, "Curr": 10.0 * np.ones(N)}))
-    found = power.battery(builder, clock)
+    found = sensors.battery_stream(builder, clock)
     assert found is not None
     np.testing.assert_allclose(found.x[0], [scale * float(volts[0]), 10.0 * scale])
 
@@ -157,25 +163,25 @@ def test_set_points_stand_beside_the_attitude_that_flew() -> None:
     doubled = {name: 0.5 * x for name, x in columns.items()}
     builder, clock, _ = made(("ATT", 0, columns), ("ANG", 0, doubled))
     for flew, source, factor in (("ATT", "ATT.Des", 1.0), ("ANG", "ANG.Des", 0.5), (None, "ANG.Des", 0.5)):
-        found = attitude.setpoints(builder, clock, flew)
+        found = estimator.attitude_setpoint(builder, clock, flew)
         assert found is not None
         assert found.source == source
         assert matches(found.q, factor * ANGLES)
     builder, clock, _ = made(("ATT", 0, {"DesRoll": ANGLES[:, 0]}))
-    assert attitude.setpoints(builder, clock, "ATT") is None
+    assert estimator.attitude_setpoint(builder, clock, "ATT") is None
 
 
 def test_a_pose_has_its_time_of_measurement_and_not_what_the_vehicle_ignored() -> None:
     columns = dict(zip(("R", "P", "Y"), ANGLES.T, strict=True))
     more = {"CTimeMS": (9_950 + 100 * np.arange(N)).astype(np.uint32), "Ign": np.array([0, 1, 0, 0, 0, 0], np.uint8)}
     builder, clock, _ = made(("VISP", 0, {**columns, **more, "Rst": np.array([0, 0, 0, 1, 1, 1], np.uint8)}))
-    found = attitude.poses(builder, clock)["VISP"]
+    found = estimator.vision_poses(builder, clock)["VISP"]
     assert matches(found.q, np.delete(ANGLES, 1, axis=0))
     assert found.t_sample is not None
     np.testing.assert_allclose(found.t - found.t_sample, 0.05, atol=1e-9)
     assert found.resets.tolist() == [2]
     builder, clock, _ = made(("VISP", 0, {"R": ANGLES[:, 0], "Y": ANGLES[:, 2]}))
-    assert attitude.poses(builder, clock) == {}
+    assert estimator.vision_poses(builder, clock) == {}
 
 
 def flown(seconds: float, hz: float, begin: float = 0.0) -> Attitude:
@@ -186,13 +192,13 @@ def flown(seconds: float, hz: float, begin: float = 0.0) -> Attitude:
 def test_the_attitude_that_flew_is_the_fast_one_where_it_covers_as_much() -> None:
     att = flown(100.0, 10.0)
     for ang, wins in ((flown(100.0, 400.0), "ANG"), (flown(60.0, 400.0), "ATT"), (flown(100.0, 9.0), "ATT")):
-        assert attitude.onboard({"ANG": ang, "ATT": att}, "XK", 1) == wins
+        assert estimator.onboard_source({"ANG": ang, "ATT": att}, "XK", 1) == wins
     others = {"AHR2": att, "XKQ.0": att, "XKQ.1": att, "XKF1.1": att}
-    assert attitude.onboard(others, "XK", 1) == "XKQ.1"
-    assert attitude.onboard(others, "XK", None) == "XKQ.0"
-    assert attitude.onboard({"AHR2": att, "XKF1.1": att}, "XK", 1) == "XKF1.1"
-    assert attitude.onboard({"AHR2": att, "XKF1.1": att}, "XK", 0) == "AHR2"
-    assert attitude.onboard({}, "", None) is None
+    assert estimator.onboard_source(others, "XK", 1) == "XKQ.1"
+    assert estimator.onboard_source(others, "XK", None) == "XKQ.0"
+    assert estimator.onboard_source({"AHR2": att, "XKF1.1": att}, "XK", 1) == "XKF1.1"
+    assert estimator.onboard_source({"AHR2": att, "XKF1.1": att}, "XK", 0) == "AHR2"
+    assert estimator.onboard_source({}, "", None) is None
 
 
 def compass(factor: float = 1.0) -> dict[str, Any]:
@@ -229,10 +235,10 @@ def test_each_compass_is_switched_by_its_own_parameter() -> None:
 
 def test_a_compass_that_shows_its_offsets_alone_measures_nothing() -> None:
     offsets = np.tile([5.0, -9.0, 2.0], (N, 1))
-    assert reader.only_offsets(offsets + 0.9, offsets)
-    assert not reader.only_offsets(offsets + np.array([0.0, 1.1, 0.0]), offsets)
-    assert not reader.only_offsets(0.0 * offsets, offsets)
-    assert not reader.only_offsets(offsets, 0.0 * offsets)
+    assert reader.shows_only_offsets(offsets + 0.9, offsets)
+    assert not reader.shows_only_offsets(offsets + np.array([0.0, 1.1, 0.0]), offsets)
+    assert not reader.shows_only_offsets(0.0 * offsets, offsets)
+    assert not reader.shows_only_offsets(offsets, 0.0 * offsets)
 
 
 def test_the_first_compass_or_the_primary_one_is_preferred() -> None:
@@ -248,7 +254,7 @@ def test_a_yaw_estimate_needs_both_heading_and_sigma() -> None:
         columns = {"YC": np.full(N, 0.3), "YCS": np.full(N, 0.1)}
         del columns[missing]
         builder, clock, _ = made(("XKY0", 0, columns))
-        assert ekf.yaw_estimator(builder, clock, {}) is None
+        assert estimator.yaw_estimator_stream(builder, clock, {}) is None
 
 
 def test_rates_are_degrees_per_second_and_the_rangefinder_looks_down_within_its_range() -> None:
@@ -258,10 +264,10 @@ def test_rates_are_degrees_per_second_and_the_rangefinder_looks_down_within_its_
         ("RFND", 0, {"Dist": ramp(1.0)[0], "Orient": np.zeros(N), "Stat": np.full(N, 4)}),
         ("RFND", 1, {"Dist": ramp(2.0)[0], "Orient": np.full(N, 25), "Stat": np.array([4, 3, 4, 4, 5, 4])}),
     )
-    rates = state.rate_setpoints(builder, clock, None)
+    rates = reader.rate_setpoint_stream(builder, clock, None)
     assert rates is not None
     np.testing.assert_allclose(np.degrees(rates.x[1]), [2.0, -4.0, 6.0])
-    found = state.rangefinder(builder, clock)
+    found = reader.rangefinder_stream(builder, clock)
     assert found is not None
     assert found.x[:, 0].tolist() == [2.0, 6.0, 8.0, 12.0]
 
@@ -274,14 +280,14 @@ def test_airspeed_is_true_and_that_of_the_primary_tube_while_it_is_sound_and_use
         ("ARSP", 1, {"Airspeed": ramp(10.0)[0], **flags}),
         ("BARO", 0, {"Press": np.full(N, 79_495.0)}),
     )
-    found = state.airspeed(builder, clock)
+    found = reader.airspeed_stream(builder, clock)
     assert found is not None
     np.testing.assert_allclose(found.x[:, 0], np.array([20.0, 30.0, 40.0, 60.0]) / np.sqrt(0.8217), rtol=1e-3)
     builder, clock, _ = made(("ARSP", 0, {"Airspeed": ramp(10.0)[0]}))
-    old = state.airspeed(builder, clock)
+    old = reader.airspeed_stream(builder, clock)
     assert old is not None
     assert old.x[:, 0].tolist() == [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
-    assert state.airspeed(*made(("BARO", 0, {"Press": np.full(N, 1e5)}))[:2]) is None
+    assert reader.airspeed_stream(*made(("BARO", 0, {"Press": np.full(N, 1e5)}))[:2]) is None
 
 
 def test_records_with_a_week_have_their_boot_clock_in_t() -> None:
@@ -307,7 +313,9 @@ def test_increments_over_no_time_or_more_than_a_second_are_left_out(which: str, 
     times = {"dt": np.full(N, 0.01), "dt_v": np.full(N, 0.02)}
     times[which][2] = seconds
     angle, velocity = (np.tile(x, (N, 1)) for x in ([0.001, -0.002, 0.003], [0.2, 0.4, -0.6]))
-    found = imus.from_increments(3, 1, T.astype(np.int64), times["dt"], angle, times["dt_v"], velocity, "RISI:3")
+    found = imu.candidate_from_increments(
+        3, 1, T.astype(np.int64), times["dt"], angle, times["dt_v"], velocity, "RISI:3"
+    )
     assert len(found.t_us) == len(found.gyro) == kept
     np.testing.assert_allclose(found.gyro[0], [0.1, -0.2, 0.3])
     np.testing.assert_allclose(found.acc[0], [10.0, 20.0, -30.0])
@@ -316,21 +324,21 @@ def test_increments_over_no_time_or_more_than_a_second_are_left_out(which: str, 
 def test_a_replay_record_has_the_time_of_the_frame_before_it() -> None:
     frames = fake.table("RFRH", 0, {"TimeUS": np.array([100, 200, 300])}, np.array([10, 20, 30]))
     records = fake.table("RISI", 0, {"I": np.zeros(4)}, np.array([5, 11, 25, 90]))
-    assert imus.frame_times(frames, records).tolist() == [-1, 100, 200, 300]
+    assert imu.replay_frame_stamps(frames, records).tolist() == [-1, 100, 200, 300]
 
 
 def test_an_ekf_core_uses_the_set_bits_of_its_mask_in_their_order() -> None:
-    assert [imus.unit_of_core(core, 0b0110, [0, 1]) for core in range(3)] == [1, 2, 0]
-    assert [imus.unit_of_core(core, None, [0, 1]) for core in range(3)] == [0, 1, 0]
+    assert [imu.unit_of_core(core, 0b0110, [0, 1]) for core in range(3)] == [1, 2, 0]
+    assert [imu.unit_of_core(core, None, [0, 1]) for core in range(3)] == [0, 1, 0]
 
 
 def test_the_family_that_flew_is_that_of_its_type_and_cores_out_of_range_tell_nothing() -> None:
     lanes = {"PI": np.array([0, 1, 7, -1, 5, 6], np.int8)}
     _, clock, messages = made(("NKF4", 0, lanes), ("XKF4", 0, lanes))
-    assert [imus.primary_core(messages, clock, ekf)[0] for ekf in (None, 2.0, 3.0)] == ["XK", "NK", "XK"]
-    _, t_us, cores = imus.primary_core(messages, clock, None)
+    assert [imu.primary_core(messages, clock, ekf)[0] for ekf in (None, 2.0, 3.0)] == ["XK", "NK", "XK"]
+    _, t_us, cores = imu.primary_core(messages, clock, None)
     assert (cores, (t_us - int(T[0])).tolist()) == ([0, 1, 5], [0, 100_000, 400_000])
-    assert imus.primary_core(fake.messages("dataflash", {}), clock, None)[0] == ""
+    assert imu.primary_core(fake.messages("dataflash", {}), clock, None)[0] == ""
 
 
 @pytest.mark.parametrize(("count", "source"), [(1, "RPM"), (2, "ESC")])
@@ -338,7 +346,7 @@ def test_two_records_of_a_motor_tell_its_speed(count: int, source: str) -> None:
     builder, clock, _ = made(
         ("ESC", 0, {"RPM": np.full(count, 900.0)}), ("RPM", 0, {"rpm1": np.full(count, 700.0)}), stamps=T[:count]
     )
-    found = power.rpm(builder, clock)
+    found = sensors.rpm_stream(builder, clock)
     assert found is not None
     assert (found.source, found.x[0, 0]) == (source, 900.0 if source == "ESC" else 700.0)
 
@@ -349,7 +357,7 @@ def test_outputs_of_motors_are_shares_of_a_range_of_a_hundred_microseconds(high:
     columns = {f"C{n}": pulses + (n == 2) for n in range(1, 5)}
     builder, clock, _ = made(("RCOU", 0, columns))
     values = {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": high}
-    found = power.motors(builder, clock, "quadrotor", values)
+    found = sensors.motor_outputs(builder, clock, "quadrotor", values)
     assert (found is not None) is known
     if found is not None:
         np.testing.assert_allclose(found.x[:, 0], [0.0, 0.0, 0.25, 0.5, 1.0, 1.0])
@@ -361,6 +369,136 @@ def test_without_limits_of_motors_those_of_the_throttle_channel_count() -> None:
     for channel, share in ((None, 0.1), (1, 0.2)):
         builder, clock, _ = made(("RCOU", 0, columns))
         values = {"RC3_MIN": 1100.0, "RC3_MAX": 2100.0, "RC1_MIN": 1000.0, "RC1_MAX": 2000.0}
-        found = power.motors(builder, clock, "quadrotor", values | ({} if channel is None else {"RCMAP_THROTTLE": 1.0}))
+        found = sensors.motor_outputs(
+            builder, clock, "quadrotor", values | ({} if channel is None else {"RCMAP_THROTTLE": 1.0})
+        )
         assert found is not None
         np.testing.assert_allclose(found.x, share)
+
+
+# What ERR and EV records say: codes of the firmware's list, severities, when first and how often.
+
+# subsystem, code, a word of its meaning, severity: of ArduPilot's list of error codes
+LISTED = [
+    (1, 1, "main loop waited", "note"),
+    (2, 2, "Radio frames", "note"),
+    (3, 1, "compass failed to start", "warning"),
+    (3, 4, "compass was not healthy", "warning"),
+    (5, 1, "Radio failsafe", "warning"),
+    (6, 1, "Battery failsafe", "warning"),
+    (7, 1, "GNSS failsafe", "warning"),
+    (8, 1, "Ground station failsafe", "warning"),
+    (11, 2, "GNSS glitch", "warning"),
+    (12, 1, "Crash check", "error"),
+    (12, 2, "Loss of control", "error"),
+    (13, 2, "flip", "note"),
+    (14, 2, "Autotune", "note"),
+    (15, 2, "too low", "error"),
+    (15, 3, "landed", "note"),
+    (16, 2, "EKF check", "warning"),
+    (17, 1, "EKF failsafe", "error"),
+    (18, 1, "barometer failed to start", "warning"),
+    (18, 2, "barometer jumped", "note"),
+    (18, 4, "barometer was not healthy", "warning"),
+    (19, 1, "stood still", "error"),
+    (20, 1, "Another aircraft", "note"),
+    (21, 2, "Terrain data", "note"),
+    (22, 2, "destination could not be set", "note"),
+    (22, 3, "restarted", "note"),
+    (22, 4, "circle mode", "note"),
+    (22, 5, "outside the fence", "note"),
+    (22, 6, "range finder", "note"),
+    (23, 1, "Terrain failsafe", "warning"),
+    (25, 1, "Thrust loss", "error"),
+    (26, 1, "Sensor failsafe", "warning"),
+    (27, 1, "Leak", "error"),
+    (28, 1, "No input", "warning"),
+    (29, 1, "Vibration failsafe", "warning"),
+    (30, 1, "internal error", "warning"),
+    (31, 1, "Dead reckoning", "warning"),
+    (9, 1, "(height)", "warning"),
+    (9, 6, "(circle and polygon)", "warning"),
+    (9, 8, "(lowest height)", "warning"),
+    (9, 16, "(code 16)", "warning"),
+    (10, 5, "flight mode 5 was refused", "note"),
+    (24, 1, "primary core to 1", "warning"),
+    (24, 0, "primary core to 0", "warning"),
+    (12, 9, "Subsystem 12 reported error 9", "note"),
+    (99, 1, "Subsystem 99 reported error 1", "note"),
+]
+
+
+def told(record: str, rows: Iterable[tuple[int, ...]], step_us: int = 1_000_000) -> list[Problem]:
+    """Problems by the records, a second apart from 10 s on, in a log that begins at 10 s."""
+    numbers = np.array(list(rows))
+    names = ("Subsys", "ECode") if record == "ERR" else ("Id",)
+    columns = {"TimeUS": 10_000_000 + step_us * np.arange(len(numbers)).astype(np.uint64)}
+    made = messages("dataflash", {(record, 0): columns | {n: numbers[:, k] for k, n in enumerate(names)}})
+    builder = LogBuilder(made)
+    builder.t0_us = 10_000_000
+    vehicle.report_events(builder, RecordClock(made))
+    return builder.problems
+
+
+@pytest.mark.parametrize(("subsystem", "code", "words", "severity"), LISTED)
+def test_a_code_means_what_the_firmwares_list_says(subsystem: int, code: int, words: str, severity: str) -> None:
+    meaning = vehicle.error_meaning(subsystem, code)
+    assert meaning is not None
+    assert (words in meaning.text, meaning.severity) == (True, severity)
+
+
+@pytest.mark.parametrize("subsystem", [3, 9, 10, 16, 99])
+def test_code_0_ends_a_fault(subsystem: int) -> None:
+    assert vehicle.error_meaning(subsystem, 0) is None
+
+
+def test_each_kind_is_told_once_with_its_first_time_and_its_number() -> None:
+    found = told("ERR", [(16, 2), (16, 0), (5, 1), (16, 2), (16, 2), (24, 0)])
+    assert [(p.code, p.t, p.count) for p in found] == [
+        ("ekf_check", 0.0, 3),
+        ("err_5/1".replace("/", "_"), 2.0, 1),
+        ("lane_switch", 5.0, 1),
+    ]
+    assert found[0].text.endswith("(ERR 16/2).")
+    assert (bool(found[1].cause), bool(found[1].remedy)) == (True, True)
+
+
+def test_events_of_the_pilot_and_the_parachute_are_told_and_others_are_not() -> None:
+    found = told("EV", [(10,), (54,), (19,), (60,), (51,), (62,)])
+    assert [(p.t, p.severity) for p in found] == [(1.0, "warning"), (2.0, "warning"), (3.0, "note"), (4.0, "error")]
+    words = ("emergency stop", "GNSS was lost", "height anew", "parachute was released")
+    assert all(w in p.text for w, p in zip(words, found, strict=True))
+
+
+@pytest.mark.parametrize(("kinds", "shown"), [(100, 100), (101, 101)])
+def test_more_than_a_hundred_kinds_are_damage(kinds: int, shown: int) -> None:
+    found = told("ERR", [(40 + k, 1) for k in range(kinds)], 1000)
+    assert len(found) == shown
+    assert ("damaged_reports" in {p.code for p in found}) is (kinds > 100)
+    if kinds > 100:
+        assert found[-1].count == kinds
+
+
+def test_records_without_their_columns_say_nothing() -> None:
+    made = messages("dataflash", {("ERR", 0): {"TimeUS": np.array([10_000_000]), "Subsys": np.array([16])}})
+    builder = LogBuilder(made)
+    vehicle.report_events(builder, RecordClock(made))
+    assert builder.problems == []
+
+
+# Which of ArduPilot's attitudes flew.
+
+
+@pytest.mark.parametrize(
+    ("ang_hz", "ang_until_s", "flew"),
+    [(400.0, 60.0, "ANG"), (25.0, 60.0, "ANG"), (10.0, 60.0, "ATT"), (400.0, 50.0, "ATT")],
+)
+def test_ang_flew_where_it_is_no_slower_than_att_and_covers_its_time(
+    ang_hz: float, ang_until_s: float, flew: str
+) -> None:
+    found: dict[str, Any] = {
+        "ATT": SimpleNamespace(t=np.arange(0.0, 60.0, 0.04)),
+        "ANG": SimpleNamespace(t=np.arange(0.0, ang_until_s, 1.0 / ang_hz)),
+    }
+    assert onboard_source(found, "XK", 0) == flew
+    assert onboard_source({"AHR2": found["ATT"], "XKQ.1": found["ATT"]}, "XK", 1) == "XKQ.1"

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from attlog.base import rotation
-from attlog.flight.calibration.px4 import board, calibrate
+from attlog.core import rotation
+from attlog.flight.builder import LogBuilder
+from attlog.flight.calibration import board_rotation, px4_calibrate
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
+from attlog.flight.px4.reader import rangefinder_stream
+from tests.flight import fake
 from tests.flight.fake import gravity, level, messages, micros
 
 N, RATE = 1000, 200.0
@@ -279,7 +282,7 @@ def test_calibration_is_rotation_times_symmetric_gain_times_offset_corrected() -
     }
     gain = np.array([[1.1, 0.02, 0.03], [0.02, 1, 0.04], [0.03, 0.04, 1]])
     expected = np.diag([1, -1, -1]) @ gain @ (np.array([0.3, 0.4, 0.5]) - [0.1, -0.2, 0])
-    body, known = calibrate("MAG", values, 5, np.array([[0.3, 0.4, 0.5]]))
+    body, known = px4_calibrate("MAG", values, 5, np.array([[0.3, 0.4, 0.5]]))
     assert known
     np.testing.assert_allclose(body[0], expected, atol=1e-12)
 
@@ -288,7 +291,7 @@ def test_the_fine_offsets_of_a_board_turn_after_its_rotation_as_px4_multiplies_t
     """PX4 (sensor_calibration/Utilities.cpp): Dcmf(Eulerf(x, y, z)) * get_rot_matrix(SENS_BOARD_ROT)."""
     values = {"SENS_BOARD_ROT": 2.0, "SENS_BOARD_X_OFF": 5.0, "SENS_BOARD_Y_OFF": 3.0, "SENS_BOARD_Z_OFF": -2.0}
     expected = Rotation.from_euler("ZYX", [-2.0, 3.0, 5.0], degrees=True) * Rotation.from_euler("z", 90.0, degrees=True)
-    np.testing.assert_allclose(board(values), expected.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(board_rotation(values), expected.as_matrix(), atol=1e-9)
 
 
 def test_a_compass_inside_sensor_combined_counts_only_new_values_at_their_own_time() -> None:
@@ -451,3 +454,21 @@ def test_a_pose_of_motion_capture_has_the_position_at_the_times_of_its_attitude(
     without = {name: x for name, x in odometry.items() if name not in named}
     log = read({("sensor_combined", 0): combined(), ("vehicle_mocap_odometry", 0): without})
     assert log.attitudes["vehicle_mocap_odometry"].position is None
+
+
+# What PX4 logs of its aids: which readings count.
+
+
+def test_of_a_rangefinder_only_readings_with_a_signal_and_in_range_count() -> None:
+    """signal_quality: 0 is no signal, -1 unknown; a distance at the end of the range is no reading."""
+    columns = {
+        "timestamp": fake.micros(6, 10.0),
+        "current_distance": np.array([1.0, 2.0, 3.0, 0.1, 40.0, 6.0], np.float32),
+        "min_distance": np.full(6, 0.2, np.float32),
+        "max_distance": np.full(6, 40.0, np.float32),
+        "signal_quality": np.array([80, 0, -1, 90, 90, 1], np.int8),
+        "orientation": np.full(6, 25, np.uint8),
+    }
+    found = rangefinder_stream(LogBuilder(fake.messages("ulog", {("distance_sensor", 0): columns}), t0_us=10_000_000))
+    assert found is not None
+    assert found.x[:, 0].tolist() == [1.0, 3.0, 6.0]

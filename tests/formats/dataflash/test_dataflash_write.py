@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from attlog import formats
-from attlog.base.errors import UsageError
+from attlog.core.errors import UsageError
 from attlog.formats import MessageLayout, ParamChange, Recording, Text
 from attlog.formats.dataflash import reader
 from tests.formats.dataflash.test_dataflash import differences, read_with_pymavlink
@@ -49,7 +49,7 @@ def logs(draw: st.DrawFn) -> dict[str, dict[str, np.ndarray]]:
 def test_random_logs_come_back(messages: dict[str, dict[str, np.ndarray]], tmp_path: Path) -> None:
     path = tmp_path / "random.bin"
     formats.write(path, Recording(of_instance_0(messages)))
-    log = reader.read(path)
+    log = reader.read_binary(path)
     assert (log.damage, log.damage_bytes) == ([], 0)
     for name, expected in messages.items():
         assert list(log[name, 0].fields) == list(expected)
@@ -63,7 +63,7 @@ def test_random_logs_come_back(messages: dict[str, dict[str, np.ndarray]], tmp_p
 def test_pymavlink_reads_the_same(messages: dict[str, dict[str, np.ndarray]], tmp_path: Path) -> None:
     path = tmp_path / "random.bin"
     formats.write(path, Recording(of_instance_0(messages)))
-    assert differences(reader.read(path), read_with_pymavlink(path)) == []
+    assert differences(reader.read_binary(path), read_with_pymavlink(path)) == []
 
 
 def of_instance_0(messages: dict[str, dict[str, np.ndarray]]) -> dict[tuple[str, int], dict[str, np.ndarray]]:
@@ -84,7 +84,7 @@ def test_printed_numbers_are_rounded_to_the_step_of_the_letter(tmp_path: Path) -
     path = tmp_path / "scaled.bin"
     messages = flight()
     formats.write(path, Recording(messages, layouts={"ATT": MessageLayout("QcC")}))
-    table = reader.read(path)["ATT", 0]
+    table = reader.read_binary(path)["ATT", 0]
     assert table["Roll"].dtype == np.int16
     np.testing.assert_allclose(table.value("Roll"), messages["ATT", 0]["Roll"], atol=0.00501)
     np.testing.assert_allclose(table.value("Yaw"), messages["ATT", 0]["Yaw"], atol=0.00501)
@@ -99,7 +99,7 @@ def test_units_instances_parameters_and_texts_come_back(tmp_path: Path) -> None:
         layouts={"IMU": MessageLayout("", "s#E", "F-0"), "ATT": MessageLayout("QcC", "sdh", "FBB")},
     )
     formats.write(path, written)
-    log = reader.read(path)
+    log = reader.read_binary(path)
     assert log.instances("IMU") == [0, 1]
     assert [log["IMU", 0].fields[c].unit for c in ("TimeUS", "I", "GyrX")] == ["us", None, "rad/s"]
     assert [log["ATT", 0].fields[c].unit for c in ("Roll", "Yaw")] == ["deg", "degheading"]
@@ -115,7 +115,7 @@ def test_units_instances_parameters_and_texts_come_back(tmp_path: Path) -> None:
 def test_records_of_all_messages_stand_in_the_order_of_time(tmp_path: Path) -> None:
     path = tmp_path / "order.bin"
     formats.write(path, Recording(flight()))
-    log = reader.read(path)
+    log = reader.read_binary(path)
     tables = [log["IMU", 0], log["IMU", 1], log["ATT", 0]]
     order = np.argsort(np.concatenate([t.offsets for t in tables]))
     assert np.all(np.diff(np.concatenate([t["TimeUS"] for t in tables])[order].astype(np.int64)) >= 0)

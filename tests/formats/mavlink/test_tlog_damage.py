@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from attlog.base.errors import LogUnusable
-from attlog.base.limits import MAX_SENDERS
+from attlog.core.errors import LogUnusable
+from attlog.core.limits import MAX_SENDERS
 from attlog.formats.mavlink import reader
-from attlog.formats.mavlink.dialect import catalogue
-from attlog.formats.mavlink.index import _without_embedded, index_packets
+from attlog.formats.mavlink.layout import message_catalogue
+from attlog.formats.mavlink.walk import _without_embedded, index_packets
 from tests.formats.damage import KINDS, damage
 
 START = 1_700_000_000_000_000
@@ -46,7 +46,7 @@ class Link:
     def read(self, folder: Path) -> Any:
         path = folder / "link.tlog"
         path.write_bytes(self.raw)
-        return reader.read(path)
+        return reader.read_mavlink(path)
 
 
 @pytest.fixture(scope="module")
@@ -56,12 +56,12 @@ def raw(samples: Path) -> bytes:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_intact_packet_is_found_and_no_other(raw: bytes, kind: str) -> None:
-    clean = index_packets(np.frombuffer(raw, np.uint8), catalogue())
+    clean = index_packets(np.frombuffer(raw, np.uint8), message_catalogue())
     length = np.frombuffer(raw, np.uint8)[clean.offsets + 1].astype(np.int64)
     length += np.where(np.frombuffer(raw, np.uint8)[clean.offsets] == 0xFD, 12, 8)
     for seed in range(8):
         log = damage(raw, kind, 8, np.random.default_rng(seed))
-        found = index_packets(log.data, catalogue())
+        found = index_packets(log.data, message_catalogue())
         expected = set(clean.offsets[log.whole(clean.offsets, length)].tolist())
         assert set(log.source[found.offsets].tolist()) == expected
         assert found.stamped
@@ -69,11 +69,11 @@ def test_every_intact_packet_is_found_and_no_other(raw: bytes, kind: str) -> Non
 
 
 def test_damage_is_told_with_its_bytes(raw: bytes, tmp_path: Path) -> None:
-    clean = index_packets(np.frombuffer(raw, np.uint8), catalogue())
+    clean = index_packets(np.frombuffer(raw, np.uint8), message_catalogue())
     at = int(clean.offsets[1000]) - 8
     path = tmp_path / "damaged.tlog"
     path.write_bytes(raw[:at] + b"\xff" * 500 + raw[at:])
-    log = reader.read(path)
+    log = reader.read_mavlink(path)
     assert (log.damage[0].offset, log.damage[0].length) == (at, 500)
     assert sum(len(table) for table in log.values()) == len(clean.offsets)
 
@@ -82,11 +82,11 @@ def test_damage_is_told_with_its_bytes(raw: bytes, tmp_path: Path) -> None:
 def test_a_file_that_begins_anywhere_keeps_its_stamped_packets(raw: bytes, tmp_path: Path, cut: int) -> None:
     path = tmp_path / "begun.tlog"
     path.write_bytes(raw[cut:])
-    log = reader.read(path)
-    clean = index_packets(np.frombuffer(raw, np.uint8), catalogue())
+    log = reader.read_mavlink(path)
+    clean = index_packets(np.frombuffer(raw, np.uint8), message_catalogue())
     assert sum(len(table) for table in log.values()) == np.count_nonzero(clean.offsets - 8 >= cut)
     assert log.damage[0].offset == 0
-    assert all(table[reader.STAMP].min() > 1_700_000_000_000_000 for table in log.values())
+    assert all(table[reader.STAMP_COLUMN].min() > 1_700_000_000_000_000 for table in log.values())
 
 
 def test_what_is_left_of_a_receiver_time_is_damage(tmp_path: Path) -> None:
@@ -113,13 +113,15 @@ def test_both_versions_signatures_and_raw_captures_are_read(tmp_path: Path) -> N
         assert log.damage == []
         times = log["ATTITUDE", 257]["time_boot_ms"]
         assert times.tolist() == [s + 20 * k for s in (1000, 2000, 3000) for k in range(5)]
-        assert (reader.STAMP in log["ATTITUDE", 257]) == stamped
+        assert (reader.STAMP_COLUMN in log["ATTITUDE", 257]) == stamped
 
 
 def test_stamps_are_those_of_the_receiver(tmp_path: Path) -> None:
     link = Link()
     link.attitudes(3)
-    assert link.read(tmp_path)["ATTITUDE", 257][reader.STAMP].tolist() == [START + 10_000 * (k + 1) for k in range(3)]
+    assert link.read(tmp_path)["ATTITUDE", 257][reader.STAMP_COLUMN].tolist() == [
+        START + 10_000 * (k + 1) for k in range(3)
+    ]
 
 
 def test_unknown_messages_are_counted_and_are_no_damage(tmp_path: Path) -> None:
@@ -206,14 +208,14 @@ def test_the_vehicle_is_chosen_among_ground_station_and_companions(tmp_path: Pat
     log = link.read(tmp_path)
     assert log.info["system"] == 5
     assert {s: d["autopilot"] for s, d in log.info["systems"].items()} == {5: 3, 255: None}
-    assert reader.read(log.path, system=255).info["system"] == 255
+    assert reader.read_mavlink(log.path, system=255).info["system"] == 255
 
 
 def test_a_file_without_a_right_packet_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "noise.tlog"
     path.write_bytes(np.random.default_rng(0).bytes(50_000))
     with pytest.raises(LogUnusable, match="no MAVLink packet"):
-        reader.read(path)
+        reader.read_mavlink(path)
 
 
 @pytest.mark.parametrize(
@@ -233,9 +235,9 @@ def test_megabytes_of_nonsense_take_no_time(raw: bytes, tmp_path: Path, filler: 
     path = tmp_path / "nonsense.tlog"
     path.write_bytes(raw[:100_000] + filler(3_000_000) + raw[100_000:])
     begin = time.process_time()
-    log = reader.read(path)
+    log = reader.read_mavlink(path)
     assert time.process_time() - begin < 5
-    clean = index_packets(np.frombuffer(raw, np.uint8), catalogue())
+    clean = index_packets(np.frombuffer(raw, np.uint8), message_catalogue())
     assert sum(len(table) for table in log.values()) >= len(clean.offsets) - 1
 
 

@@ -16,8 +16,8 @@ import pytest
 
 import attlog as library
 from attlog import formats
-from attlog.base.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
-from attlog.formats.ulog.encrypted import KEY
+from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
+from attlog.formats.ulog.encrypted import KEY_VARIABLE
 
 pytest.importorskip("Crypto", reason="needs pycryptodome")
 from Crypto.Cipher import PKCS1_OAEP, ChaCha20
@@ -53,7 +53,7 @@ def key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The private key in a file that the environment names."""
     path = tmp_path / "vehicle.pem"
     path.write_bytes(PRIVATE.export_key())
-    monkeypatch.setenv(KEY, str(path))
+    monkeypatch.setenv(KEY_VARIABLE, str(path))
     return path
 
 
@@ -100,7 +100,7 @@ def test_of_one_that_was_cut_the_beginning_is_read(log: Path, key: Path) -> None
 
 
 def test_without_a_key_it_says_how_to_give_one(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(KEY, raising=False)
+    monkeypatch.delenv(KEY_VARIABLE, raising=False)
     with pytest.raises(LogUnusable, match=r"encrypted.*--key"):
         formats.open(log)
 
@@ -108,12 +108,12 @@ def test_without_a_key_it_says_how_to_give_one(log: Path, monkeypatch: pytest.Mo
 def test_from_python_a_key_is_given_to_the_call_and_to_no_other(
     log: Path, key: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv(KEY)
+    monkeypatch.delenv(KEY_VARIABLE)
     read = library.read(log, key=key)
     np.testing.assert_array_equal(read.imus[0].gyro.x, library.read(PLAIN).imus[0].gyro.x)
     with pytest.raises(LogUnusable, match="key="):
         library.read(log)
-    monkeypatch.setenv(KEY, str(key.with_name("another.pem")))
+    monkeypatch.setenv(KEY_VARIABLE, str(key.with_name("another.pem")))
     same(formats.open(log, key=str(key)), formats.open(PLAIN))
 
 
@@ -171,10 +171,10 @@ def test_bytes_that_open_into_nonsense_are_no_log(tmp_path: Path, key: Path) -> 
 def test_the_command_takes_the_key_before_and_after_it(
     attlog: Any, log: Path, key: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(KEY, "")
+    monkeypatch.setenv(KEY_VARIABLE, "")
     assert attlog("info", str(log)).code == 65
     assert "px4" in attlog("info", str(log), "--key", str(key)).out.lower()
-    monkeypatch.setenv(KEY, "")
+    monkeypatch.setenv(KEY_VARIABLE, "")
     assert attlog("--key", str(key), "info", str(log)).code == 0
 
 
@@ -188,7 +188,7 @@ def test_no_result_and_no_sentence_tells_where_the_key_lies(
     secret = key.rename(hidden / "vehicle.pem")
     more = ("--estimators", "gyro", "--reference", "onboard", "-q", "-o", tmp_path / "out")
     for k, words in enumerate([("--key", secret), (f"--key={secret}",)]):
-        monkeypatch.setenv(KEY, "")
+        monkeypatch.setenv(KEY_VARIABLE, "")
         assert attlog("analyze", log, *words, *more).code == 0, k
         for suffix in ("html", "json"):
             assert b"vault" not in (tmp_path / "out" / f"flight.ulge.{suffix}").read_bytes()
@@ -205,10 +205,10 @@ def test_a_batch_that_goes_on_with_a_key_reads_what_was_locked_before(
 ) -> None:
     """It counted them as failed before, and ended with 0."""
     again = ("batch", log, "--estimators", "gyro", "--reference", "onboard", "--resume", "-o", tmp_path / "out")
-    monkeypatch.setenv(KEY, "")
+    monkeypatch.setenv(KEY_VARIABLE, "")
     assert attlog(*again).code == 65
     assert "1 failed before" in attlog(*again).out
     done = attlog(*again, "--key", key)
     assert (done.code, "1 report" in done.out) == (0, True)
-    monkeypatch.setenv(KEY, "")
+    monkeypatch.setenv(KEY_VARIABLE, "")
     assert "1 done before" in attlog(*again).out

@@ -6,6 +6,8 @@ import time
 import tracemalloc
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from attlog import formats
-from attlog.base.errors import AttlogError
+from attlog.core.errors import AttlogError
 from attlog.formats import Messages
 from attlog.formats.ulog import reader
-from attlog.formats.ulog.doubt import doubtful
+from attlog.formats.ulog.content import implausible
 from tests.conftest import SAMPLES, few
 from tests.flight import fake
 from tests.formats.test_truncation import small_ulog
@@ -28,7 +30,7 @@ SOURCE = SAMPLES / "px4_hover.ulg"
 @pytest.fixture(scope="module")
 def raw() -> np.ndarray:
     """Definitions and about 20 000 records, up to the end of one."""
-    whole = reader.read(SOURCE)
+    whole = reader.read_ulog(SOURCE)
     starts = np.sort(np.concatenate([t.offsets for t in whole.values()]))
     return np.fromfile(SOURCE, np.uint8)[: starts[20_000]]
 
@@ -38,7 +40,7 @@ def extents(raw: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> np.nda
     """Start and end of every data record of the undamaged file (n, 2)."""
     path = tmp_path_factory.mktemp("whole") / "whole.ulg"
     raw.tofile(path)
-    starts = np.sort(np.concatenate([t.offsets for t in reader.read(path).values()]))
+    starts = np.sort(np.concatenate([t.offsets for t in reader.read_ulog(path).values()]))
     ends = starts + 3 + raw[starts].astype(np.int64) + 256 * raw[starts + 1].astype(np.int64)
     return np.stack([starts, ends], axis=1)
 
@@ -46,7 +48,7 @@ def extents(raw: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> np.nda
 def salvage(hurt: np.ndarray, path: Path) -> tuple[Messages, Counter[bytes]]:
     hurt = hurt.astype(np.uint8)
     hurt.tofile(path)
-    log = reader.read(path)
+    log = reader.read_ulog(path)
     records: Counter[bytes] = Counter()
     for table in log.values():
         for start in table.offsets.tolist():
@@ -124,7 +126,7 @@ def test_a_lost_subscription_is_replaced_where_only_one_topic_fits(raw: np.ndarr
     hurt[at : at + 3 + 3 + len(name)] = 0
     (tmp_path / "whole.ulg").write_bytes(raw.tobytes())
     (tmp_path / "hurt.ulg").write_bytes(hurt.tobytes())
-    whole, log = reader.read(tmp_path / "whole.ulg"), reader.read(tmp_path / "hurt.ulg")
+    whole, log = reader.read_ulog(tmp_path / "whole.ulg"), reader.read_ulog(tmp_path / "hurt.ulg")
     assert np.array_equal(log["vehicle_attitude", 0]["q"], whole["vehicle_attitude", 0]["q"])
     assert any("vehicle_attitude" in d.lost for d in log.damage)
 
@@ -134,12 +136,12 @@ def test_two_logs_in_one_file_are_two_boots(tmp_path: Path) -> None:
     one = (tmp_path / "one.ulg").read_bytes()
     both = one + SOURCE.read_bytes()[:300_000]
     (tmp_path / "both.ulg").write_bytes(both)
-    log, first = reader.read(tmp_path / "both.ulg"), reader.read(tmp_path / "one.ulg")
+    log, first = reader.read_ulog(tmp_path / "both.ulg"), reader.read_ulog(tmp_path / "one.ulg")
     assert [(b.start, b.end) for b in log.boots] == [(0, len(one)), (len(one), len(both))]
     assert len(log.boot(0)["status", 1]) == len(first["status", 1])
     assert np.array_equal(log.boot(0)["sensor_combined", 0]["gyro_rad"], first["sensor_combined", 0]["gyro_rad"])
     (tmp_path / "two.ulg").write_bytes(both[len(one) :])
-    second = reader.read(tmp_path / "two.ulg")
+    second = reader.read_ulog(tmp_path / "two.ulg")
     assert np.array_equal(log.boot(1)["sensor_combined", 0]["gyro_rad"], second["sensor_combined", 0]["gyro_rad"])
 
 
@@ -201,10 +203,10 @@ def test_looking_for_false_records_keeps_none_of_them_in_memory(raw: np.ndarray,
     kept = []
     for name, content in (("whole.ulg", raw), ("hurt.ulg", hurt)):
         content.tofile(tmp_path / name)
-        reader.read(tmp_path / name)  # what numpy keeps once and for all
+        reader.read_ulog(tmp_path / name)  # what numpy keeps once and for all
         tracemalloc.start()
         try:
-            log = reader.read(tmp_path / name)
+            log = reader.read_ulog(tmp_path / name)
             kept.append(tracemalloc.get_traced_memory()[0])
         finally:
             tracemalloc.stop()
@@ -240,4 +242,35 @@ def test_a_number_beyond_any_range_is_doubted_where_it_is_rare(wrong: int, doubt
     values = np.ones(300, np.float32)
     values[100 : 100 + wrong] = 1e20
     topic = fake.table("baro", 0, {"pressure": values}, np.arange(300))
-    assert np.count_nonzero(doubtful(topic)) == doubted
+    assert np.count_nonzero(implausible(topic)) == doubted
+
+
+# Records whose subscription is lost: three of one size with rising times can only be of one format.
+
+
+@pytest.mark.parametrize(
+    ("lengths", "fitting", "found"),
+    [
+        ([40, 40, 40], ["a"], "a"),
+        ([40, 40], ["a"], None),
+        ([40, 40, 41], ["a"], None),
+        ([40, 40, 40, 40], ["a", "b"], None),
+        ([40, 40, 40], [], None),
+    ],
+)
+def test_three_records_of_one_size_name_the_one_format_that_fits(
+    monkeypatch: pytest.MonkeyPatch, lengths: list[int], fitting: list[str], found: str | None
+) -> None:
+    layouts = [(name, SimpleNamespace(time_at=k, name=name)) for k, name in enumerate(["c", *fitting, "d"])]
+    asked: list[int] = []
+
+    def without(length: int) -> Any:
+        asked.append(length)
+        return layouts
+
+    monkeypatch.setattr(reader, "times_rise", lambda data, starts, layout: layout.name in fitting)
+    log: Any = SimpleNamespace(data=b"", definitions=SimpleNamespace(without_subscription=without))
+    told = reader._Reader._only_topic_for(log, np.array(lengths), 100 * np.arange(len(lengths)))
+    assert (None if told is None else told[0]) == found
+    if asked:
+        assert asked == [40 - reader.DATA_HEADER_BYTES]

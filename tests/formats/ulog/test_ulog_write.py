@@ -12,8 +12,8 @@ from hypothesis.extra import numpy as hnp
 from pyulog import ULog
 
 from attlog import formats
-from attlog.base.errors import UsageError
-from attlog.base.limits import MAX_TEXT_LENGTH
+from attlog.core.errors import UsageError
+from attlog.core.limits import MAX_TEXT_LENGTH
 from attlog.formats import ParamChange, Recording, Text
 from attlog.formats.ulog import reader
 
@@ -54,7 +54,7 @@ def test_random_logs_come_back(
     params = [ParamChange("A_INT", 7), ParamChange("A_FLOAT", 0.5), ParamChange("A_FLOAT", 2.0, is_default=True)]
     written = [Text(text, level, t) for text, level, t in texts]
     formats.write(path, Recording(topics, params, written, {"sys_name": "PX4", "ver": 3}))
-    log = reader.read(path)
+    log = reader.read_ulog(path)
     assert (log.damage, log.damage_bytes) == ([], 0)
     assert set(log) == set(topics)
     for key, expected in topics.items():
@@ -85,7 +85,7 @@ def test_the_official_library_reads_what_is_written(tmp_path: Path) -> None:
     assert theirs.initial_parameters == {"GAIN": 2}
     assert theirs.changed_parameters == [(30_000, "GAIN", 3)]
     assert [(m.timestamp, m.message) for m in theirs.logged_messages] == [(5000, "hello")]
-    mine = reader.read(tmp_path / "a.ulg")
+    mine = reader.read_ulog(tmp_path / "a.ulg")
     assert mine["status", 1]["name"].tolist() == [b"abc"] * 6
     assert mine.params[-1].t_us == 30_000
 
@@ -111,7 +111,7 @@ def test_long_texts_and_short_names_are_no_damage(tmp_path: Path) -> None:
     topics = {("topic", 0): {"timestamp": np.arange(50, dtype=np.uint64), "x": np.arange(50.0)}}
     params = [ParamChange(name, 1.5) for name in ("A", "B2", "C3", "LONG_NAME_OF_16_")]
     formats.write(path, Recording(topics, params, [Text("A" * 60_000, 4, 20), Text("b", 4, 21)]))
-    mine, theirs = reader.read(path), ULog(str(path))
+    mine, theirs = reader.read_ulog(path), ULog(str(path))
     assert mine.damage == []
     assert {p.name: p.value for p in mine.params} == theirs.initial_parameters
     assert [x.text for x in mine.texts] == [m.message[:MAX_TEXT_LENGTH] for m in theirs.logged_messages]

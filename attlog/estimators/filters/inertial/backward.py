@@ -22,14 +22,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
-from attlog.estimators.aids import Measurements
-from attlog.estimators.base import Array, Estimate
-from attlog.estimators.engine import SOURCES
-from attlog.estimators.engine.airspeed import SURE
+from attlog.core import rotation
+from attlog.core.jit import call
+from attlog.core.jit import kernel as generate
+from attlog.core.jit.compile import obtained
+from attlog.core.jit.kernel import Kernel
+from attlog.estimators.aids import SURE, Measurements
 from attlog.estimators.filters import mekf
-from attlog.estimators.filters.inertial.doubt import EXCESS_TIME
-from attlog.estimators.filters.inertial.layout import (
+from attlog.estimators.filters.inertial.compass import EXCESS_TIME
+from attlog.estimators.filters.inertial.recursion import (
     ACC_BIAS_CONSIDERED,
     ACC_BIAS_SIGMA,
     ALIGNING,
@@ -62,13 +63,11 @@ from attlog.estimators.filters.inertial.layout import (
     Q,
     T,
     X,
+    run_recursion,
 )
-from attlog.estimators.filters.inertial.recursion import run_recursion
 from attlog.estimators.filters.inertial.start import align, look_for_rest
 from attlog.estimators.filters.navigation.start import chained
-from attlog.kernels import cache, generate
-from attlog.kernels.kernel import Kernel
-from attlog.kernels.obtain import obtained
+from attlog.estimators.interface import KERNEL_SOURCES, Array, Estimate
 
 PRESET = "smoother"
 ROUNDS = 3
@@ -83,7 +82,7 @@ BEFORE, AFTER = SUMS + 2, SUMS + 2 + 3 * N
 RECORDED = SUMS + 2 + 6 * N
 CHUNK = 500
 
-KERNEL: dict[str, Callable[..., Any]] = {
+RECORD_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "look_for_rest": look_for_rest,
     "align": align,
     "take_force": mekf.take_force,
@@ -150,10 +149,10 @@ def record(state, params, dt, gyr, acc, mag, air, keep, q, end, nominal, sums, b
 RECORD_KERNEL = Kernel(
     "inertial record",
     "record",
-    lambda: f"{generate.with_helpers(KERNEL, jit=True)}\n\n{RECORD.lstrip()}",
+    lambda: f"{generate.with_helpers(RECORD_FUNCTIONS, jit=True)}\n\n{RECORD.lstrip()}",
     SIGNATURE,
     "the inertial smoother",
-    SOURCES,
+    KERNEL_SOURCES,
 )
 
 
@@ -279,7 +278,7 @@ def acc_bias_spread(run: ForwardRecord, expected: float) -> float:
 def kernel(jit: bool) -> Any:
     """The recording loop, compiled or in plain Python."""
     if not jit:
-        return cache.plain(RECORD, "record", KERNEL)
+        return call.plain(RECORD, "record", RECORD_FUNCTIONS)
     return obtained(RECORD_KERNEL)
 
 
@@ -304,7 +303,7 @@ def forward(data: list[Array], values: Array, known: Array | None, keep: bool = 
     q, end = np.empty((n, 4)), np.zeros(blocks, np.int64)
     shapes = (N - 3, RECORDED, N * N, N * N, N)
     kept = [np.zeros((blocks, k)) for k in shapes]
-    count = int(kernel(cache.jit_wanted())(state, values, *data, keep, q, end, *kept)) if n else 0
+    count = int(kernel(call.jit_wanted())(state, values, *data, keep, q, end, *kept)) if n else 0
     count = count if keep else min(count, 1)
     nominal, sums, before, after, error = (x[:count] for x in kept)
     return ForwardRecord(q, end[:count], nominal, sums, before.reshape(-1, N, N), after.reshape(-1, N, N), error, state)

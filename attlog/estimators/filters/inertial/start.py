@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from attlog.estimators.engine.vectors import turn
 from attlog.estimators.filters.inertial.compass import first_heading
-from attlog.estimators.filters.inertial.layout import (
+from attlog.estimators.filters.inertial.recursion import (
     ACC_BIAS_SIGMA,
     AGE,
     ALIGN_TIME,
@@ -50,6 +49,7 @@ from attlog.estimators.filters.inertial.layout import (
     square,
     turn_earth,
 )
+from attlog.estimators.vectors import turn
 
 
 def look_for_rest(state: Any, params: Any, dt: float, gyr: Any, acc: Any) -> None:

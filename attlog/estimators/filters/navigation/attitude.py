@@ -7,16 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
-from attlog.estimators.base import Array
+from attlog.core import rotation
+from attlog.core.jit.kernel import function_of
 from attlog.estimators.filters.navigation import turns
-from attlog.estimators.filters.navigation.layout import BA, BG, KICKED, OPENED, SEEN, SOFTENED
-from attlog.estimators.filters.navigation.measured import Inputs
+from attlog.estimators.filters.navigation.inputs import LEAST_R, Inputs, NoiseLevels
+from attlog.estimators.filters.navigation.jumps import Jump
+from attlog.estimators.filters.navigation.model import BA, BG, KICKED, OPENED, SEEN, SOFTENED
 from attlog.estimators.filters.navigation.passes import Solution
-from attlog.estimators.filters.navigation.passes.jumps import Jump
-from attlog.estimators.filters.navigation.settings import LEAST_R, NoiseLevels
 from attlog.estimators.filters.navigation.solve import Pass
-from attlog.kernels.loops import function_of
+from attlog.estimators.interface import Array
 
 HONEST = 1.2
 """The model's own spread is that much too small (measured on flights with truth)."""

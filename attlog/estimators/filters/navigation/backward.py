@@ -16,10 +16,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from attlog.estimators.engine import SOURCES
-from attlog.estimators.filters.navigation.layout import BG, ROW, SUM_T, WANDER_TAU, N
-from attlog.estimators.filters.navigation.motion import dot, undo
-from attlog.kernels.loops import kernel_of
+from attlog.core.jit.kernel import kernel_of
+from attlog.estimators.filters.navigation.model import BG, ROW, SUM_T, WANDER_TAU, N, adjoint_predict, dot
+from attlog.estimators.interface import KERNEL_SOURCES
 
 CLIP = 9.0
 """A disturbance counts as at most three sigma: faults must not calibrate."""
@@ -109,7 +108,7 @@ def backward(
             for i in range(N):
                 scores[0, i] += T * min(lam[i] * lam[i], CLIP * Lam[(ROW + 1) * i])
                 scores[1, i] += T * Lam[(ROW + 1) * i]
-        undo(lam, Lam, sums[node], rest_of[node], par[WANDER_TAU], M)
+        adjoint_predict(lam, Lam, sums[node], rest_of[node], par[WANDER_TAU], M)
 
 
 def times_three(L: Any, x: Any, at: int, count: int, out: Any) -> None:
@@ -188,11 +187,11 @@ def change(L: Any, h: Any, w: Any) -> None:
             )
 
 
-KERNEL = kernel_of(
+BACKWARD_KERNEL = kernel_of(
     backward,
     f"void({', '.join(TYPES.values())})",
     "navigation",
     "the navigation filter, backward",
-    SOURCES,
+    KERNEL_SOURCES,
     tuple(SCRATCH.values()),
 )

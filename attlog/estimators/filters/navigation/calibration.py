@@ -16,8 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.base import Array
-from attlog.estimators.filters.navigation.layout import (
+from attlog.estimators.filters.navigation.inputs import (
+    LEAST_R,
+    REST_MEAN_S,
+    Inputs,
+    NoiseLevels,
+    PriorSpreads,
+    RunningMean,
+)
+from attlog.estimators.filters.navigation.model import (
     BA,
     BARO_BIAS,
     BG,
@@ -31,11 +38,10 @@ from attlog.estimators.filters.navigation.layout import (
     WANDER,
     V,
 )
-from attlog.estimators.filters.navigation.measured import Inputs, RunningMean
 from attlog.estimators.filters.navigation.schedule import rest_times
-from attlog.estimators.filters.navigation.settings import LEAST_R, REST_MEAN_S, NoiseLevels, PriorSpreads
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState
+from attlog.estimators.interface import Array
 
 MEDIAN_OF_SQUARE = 0.4549
 """Median of the square of a standard normal variable."""

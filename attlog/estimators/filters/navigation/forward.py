@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from attlog.estimators.engine import SOURCES
-from attlog.estimators.filters.navigation.layout import (
+from attlog.core.jit.kernel import kernel_of
+from attlog.estimators.filters.navigation.model import (
     BA,
     BARO,
     BARO_BIAS,
@@ -57,18 +57,16 @@ from attlog.estimators.filters.navigation.layout import (
     WIDE,
     N,
     V,
-)
-from attlog.estimators.filters.navigation.motion import predict
-from attlog.estimators.filters.navigation.updates import (
     between,
     field_rows,
     group_of,
+    predict,
     rows,
     to_matrix3,
     turn_body,
     turn_earth,
 )
-from attlog.kernels.loops import kernel_of
+from attlog.estimators.interface import KERNEL_SOURCES
 
 MOST_SKIPS, MOST_SKIPS_MAG = 25.0, 100.0
 OPEN_PHI = 0.05
@@ -181,7 +179,7 @@ def along_row(i: int, wide: int, hi: Any, hv: Any, x: Any, at: int) -> float:
     return total
 
 
-def worst(r: Any, count: int, wide: int, hi: Any, hv: Any, sigma: Any, ph: Any) -> float:
+def largest_innovation(r: Any, count: int, wide: int, hi: Any, hv: Any, sigma: Any, ph: Any) -> float:
     """Largest marginal normalised innovation r^2 / s of an event's rows that are told; ``ph`` is their P h."""
     c = 0.0
     for i in range(count):
@@ -190,7 +188,7 @@ def worst(r: Any, count: int, wide: int, hi: Any, hv: Any, sigma: Any, ph: Any) 
     return c
 
 
-def shrink(P: Any, count: int, u: Any) -> None:
+def apply_gain(P: Any, count: int, u: Any) -> None:
     """P -= u u^T of one row or of three at once; what is symmetric stays so to the bit."""
     for i in range(N):
         a, b, c = u[i], u[ROW + i], u[2 * ROW + i]
@@ -202,7 +200,7 @@ def shrink(P: Any, count: int, u: Any) -> None:
                 P[i * ROW + m] -= (a * u[m] + b * u[ROW + m]) + c * u[2 * ROW + m]
 
 
-def grow(P: Any, T: float, par: Any, rest: int) -> None:
+def add_process_noise(P: Any, T: float, par: Any, rest: int) -> None:
     """Process noise of an interval of ``T`` s into P (39 * ROW,); ``par`` see layout."""
     qg = 1e-12 if rest == 1 else par[Q_GYRO] * par[Q_GYRO]
     qa = par[Q_ACC_REST] * par[Q_ACC_REST] if rest == 1 else par[Q_ACC] * par[Q_ACC]
@@ -219,7 +217,7 @@ def grow(P: Any, T: float, par: Any, rest: int) -> None:
     P[(ROW + 1) * BARO_BIAS] += T * par[Q_BARO] * par[Q_BARO]
 
 
-def carry(
+def propagate(
     dt: Any, gyr: Any, acc: Any, rest: Any, a: int, b: int, g: float, q: Any, x: Any, R: Any, out: Any, sums: Any
 ) -> None:
     """The nominal state over samples a to b, the attitude of each to ``out`` (n, 4), the sums of the interval."""
@@ -317,7 +315,7 @@ def gated(
             if verdict < 2:
                 return c if verdict == 0 else -1.0
         project(P, count, wide, hi, hv, ph)
-        c = worst(r, count, wide, hi, hv, sigma, ph)
+        c = largest_innovation(r, count, wide, hi, hv, sigma, ph)
         if look == 0 and kind <= MAG:
             ratio[kind] = c / (par[SOFT_GATE] * par[SOFT_GATE])
     return c
@@ -424,7 +422,9 @@ def forward(
             for i in range(4):
                 q_all[0, i] = q[i]
         # Before the first node nothing moves: an empty span leaves sums of zero.
-        carry(dt, gyr, acc, rest, node_at[node - 1] + 1 if node > 0 else b + 1, b, par[GRAVITY_AT], q, x, R, q_all, own)
+        propagate(
+            dt, gyr, acc, rest, node_at[node - 1] + 1 if node > 0 else b + 1, b, par[GRAVITY_AT], q, x, R, q_all, own
+        )
         to_matrix3(q, R)
         follow = False
         if use_along:
@@ -437,7 +437,7 @@ def forward(
             for i in range(3):
                 x[WANDER + i] *= fade
             predict(P, own, resting, par[WANDER_TAU], M)
-            grow(P, own[SUM_T], par, resting)
+            add_process_noise(P, own[SUM_T], par, resting)
             for i in range(3):
                 P[(ROW + 1) * (BG + i)] += jump[node] * jump[node]
             memory[SINCE_KICK] += own[SUM_T]
@@ -487,7 +487,7 @@ def forward(
                     group[used] = group_of(what, i)
                     soft[used] = 1 if grown > 1.0 else 0
                     used += 1
-            shrink(P, count, u)
+            apply_gain(P, count, u)
             turn_earth(q, dx[PHI], dx[PHI + 1], dx[PHI + 2])
             for i in range(V, N):
                 x[i] += dx[i]
@@ -515,11 +515,11 @@ def keep_node(
                 P_rows[at + 3 * ROW + m] = P[(BG + i) * ROW + m]
 
 
-KERNEL = kernel_of(
+FORWARD_KERNEL = kernel_of(
     forward,
     f"i8({', '.join(TYPES.values())})",
     "navigation",
     "the navigation filter, forward",
-    SOURCES,
+    KERNEL_SOURCES,
     tuple(SCRATCH.values()),
 )

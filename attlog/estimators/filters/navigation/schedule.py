@@ -8,10 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.estimators.base import Array
-from attlog.estimators.filters.navigation.layout import BARO, MAG, NO_RATE, POSITION, STILL, VELOCITY
-from attlog.estimators.filters.navigation.measured import Inputs, RunningMean
-from attlog.estimators.filters.navigation.settings import JUMP_RAD_S, NODE_S, REST_EVERY_S, REST_MEAN_S, NoiseLevels
+from attlog.estimators.filters.navigation.inputs import (
+    JUMP_RAD_S,
+    NODE_S,
+    REST_EVERY_S,
+    REST_MEAN_S,
+    Inputs,
+    NoiseLevels,
+    RunningMean,
+)
+from attlog.estimators.filters.navigation.model import BARO, MAG, NO_RATE, POSITION, STILL, VELOCITY
+from attlog.estimators.interface import Array
 
 FORCE_S, RATE_S = 0.05, 0.03
 """Half widths of the centred means in an event's rows."""

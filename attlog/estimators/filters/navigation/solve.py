@@ -13,15 +13,25 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
-from attlog.estimators.base import Array
+from attlog.core import rotation
+from attlog.core.jit.kernel import function_of
 from attlog.estimators.filters.navigation import backward, forward
-from attlog.estimators.filters.navigation.layout import FROZEN, GROUPS, LIKELIHOOD, MEMORY, ROW, SUMS, WIDE, N
-from attlog.estimators.filters.navigation.measured import Inputs
-from attlog.estimators.filters.navigation.motion import padded, square
+from attlog.estimators.filters.navigation.inputs import Inputs
+from attlog.estimators.filters.navigation.model import (
+    FROZEN,
+    GROUPS,
+    LIKELIHOOD,
+    MEMORY,
+    ROW,
+    SUMS,
+    WIDE,
+    N,
+    padded,
+    square,
+)
 from attlog.estimators.filters.navigation.schedule import Schedule, Timetable
 from attlog.estimators.filters.navigation.start import StartState
-from attlog.kernels.loops import function_of
+from attlog.estimators.interface import Array
 
 PART_NODES = 20_000
 """Some 200 s of flight: 60 MB."""
@@ -154,7 +164,7 @@ class Runner:
         keep = store is not None
         store = self._storage(s, 0, 0) if store is None else store
         q, x, P, memory = state
-        used = function_of(forward.KERNEL, forward.forward)(
+        used = function_of(forward.FORWARD_KERNEL, forward.forward)(
             a,
             b,
             i.dt,
@@ -212,7 +222,7 @@ class Runner:
         wanted: bool,
     ) -> None:
         """The way back through the nodes a to b, which ``store`` holds; ``lam``, ``Lam`` are carried on in place."""
-        function_of(backward.KERNEL, backward.backward)(
+        function_of(backward.BACKWARD_KERNEL, backward.backward)(
             b - a,
             np.ascontiguousarray(found.schedule.rest_of[a:b]),
             par,

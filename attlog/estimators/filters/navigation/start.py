@@ -20,9 +20,10 @@ from typing import Literal
 
 import numpy as np
 
-from attlog.base import rotation
-from attlog.estimators.base import Array
-from attlog.estimators.filters.navigation.layout import (
+from attlog.core import rotation
+from attlog.core.jit.kernel import function_of
+from attlog.estimators.filters.navigation.inputs import Inputs, NoiseLevels, RunningMean
+from attlog.estimators.filters.navigation.model import (
     ARM,
     BA,
     BARO_BIAS,
@@ -39,10 +40,8 @@ from attlog.estimators.filters.navigation.layout import (
     N,
     V,
 )
-from attlog.estimators.filters.navigation.measured import Inputs, RunningMean
-from attlog.estimators.filters.navigation.settings import NoiseLevels
 from attlog.estimators.filters.navigation.turns import CHAIN_KERNEL, chain
-from attlog.kernels.loops import function_of
+from attlog.estimators.interface import Array
 
 STATIC_S, QUIET_S, MOTION_S, TURNED_S = 2.0, 0.6, 8.0, 2.0
 QUIET_RAD_S, QUIET_M_S2, QUIET_M_S = np.deg2rad(3.0), 0.4, 1.0
@@ -175,10 +174,10 @@ def _in_motion(inputs: Inputs, tuned: NoiseLevels) -> Array:
     if len(fields):
         target = inputs.field
         if target is None:
-            first = rotation.rotate(rotation.from_matrix(rotation.nearest(B)), np.mean(fields, axis=0))
+            first = rotation.rotate(rotation.from_matrix(rotation.nearest_rotation(B)), np.mean(fields, axis=0))
             target = np.array([math.hypot(first[0], first[1]), 0.0, first[2]])
         B += FIELD_WEIGHT * pairs / len(fields) * np.outer(target, np.sum(fields, axis=0))
-    return rotation.from_matrix(rotation.nearest(B))
+    return rotation.from_matrix(rotation.nearest_rotation(B))
 
 
 def _pairs(inputs: Inputs, tuned: NoiseLevels, force: RunningMean, end: float) -> tuple[Array, Array]:

@@ -14,13 +14,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from attlog.estimators.engine import SOURCES
-from attlog.kernels.loops import kernel_of
+from attlog.core.jit.kernel import kernel_of
+from attlog.estimators.interface import KERNEL_SOURCES
 
 RING = 13
 """Numbers kept of a sample: G (4), the integral of its columns (9)."""
 
-AHEAD = {
+AHEAD_TYPES = {
     "then": "i8[::1]",
     "dt": "f8[::1]",
     "gyr": "f8[:, ::1]",
@@ -136,10 +136,12 @@ def chain(steps: Any, q: Any) -> None:
 
 AHEAD_KERNEL = kernel_of(
     ahead,
-    f"void({', '.join(AHEAD.values())})",
+    f"void({', '.join(AHEAD_TYPES.values())})",
     "navigation",
     "the navigation filter, ahead",
-    SOURCES,
+    KERNEL_SOURCES,
     tuple(SCRATCH.values()),
 )
-CHAIN_KERNEL = kernel_of(chain, "void(f8[:, ::1], f8[:, ::1])", "navigation", "the navigation filter, chain", SOURCES)
+CHAIN_KERNEL = kernel_of(
+    chain, "void(f8[:, ::1], f8[:, ::1])", "navigation", "the navigation filter, chain", KERNEL_SOURCES
+)

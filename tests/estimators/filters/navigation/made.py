@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import Aids, Measurements
+from attlog.estimators.filters.navigation.model import SUM_T, WANDER, N, forward_rows, matrices, padded, square
 from attlog.testing.motion import FIELD_T, Array, Motion, Noise, motion
 
 PLACE = (47.0, 8.0, 500.0)
@@ -111,5 +113,18 @@ def without(aids: Aids, *names: str) -> Aids:
 
 def off(q: Array, truth: Array) -> tuple[Array, Array]:
     """Tilt and heading errors (n,) in rad."""
-    e = rotation.error(q, truth)
-    return rotation.inclination_angle(e), rotation.heading_angle(e)
+    e = rotation.earth_error(q, truth)
+    return rotation.tilt_angle(e), rotation.heading_angle(e)
+
+
+# The transition of the smoother's states as a matrix, which its kernels never form.
+
+
+def transition_matrix(sums: Any, rest: int, tau: float) -> Any:
+    """The dense Phi (39, 39) over a node's ``sums``; ``tau`` s: how long the position error of GNSS wanders."""
+    M, Phi = np.zeros((5, 3, 3)), padded(np.eye(N))
+    matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
+    forward_rows(Phi, sums[SUM_T], M, rest)
+    dense = square(Phi)
+    dense[WANDER : WANDER + 3] *= math.exp(-sums[SUM_T] / tau)
+    return dense

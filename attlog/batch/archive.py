@@ -1,0 +1,180 @@
+"""Logs inside zip archives: which there are, and one of them copied out.
+
+An archive is a stranger's file: a member's name is never used as a path, and what a
+member may unpack to is limited (``attlog.core.limits``).
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from itertools import count
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import IO
+
+from attlog import formats
+from attlog.batch.log_file import BLOCK, copy, may_be_log, named_as_log, unreadable
+from attlog.batch.remote import is_url, shown
+from attlog.core.errors import LogUnreadable, LogUnusable
+from attlog.core.limits import MAX_MEMBERS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
+
+_ENCRYPTED = 1
+MADE_BY_MACOS = "__MACOSX"
+"""A folder beside the files, with a small file for each that bears its name."""
+_BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OverflowError)
+"""What reading a damaged or foreign archive raises; RuntimeError: a member is encrypted after all."""
+
+
+def members(place: str, pattern: str = "") -> list[str]:
+    """The members of an archive (path or URL) that are logs, known as in a folder; with ``pattern`` those it matches.
+
+    Encrypted ones are logs by their names, hidden ones by their content alone; what they are called: :func:`_entries`.
+    LogUnreadable: the archive cannot be read. LogUnusable: it is damaged, or there are more members than limits allow.
+    """
+    with _archive(place) as archive:
+        entries = _entries(archive)
+        if len(entries) > MAX_MEMBERS:
+            raise LogUnusable(f"{shown(place)}: holds more than {MAX_MEMBERS} files; unpack what you need of it")
+        if pattern:
+            wanted = [name for name in entries if name == pattern] or [n for n in entries if fnmatchcase(n, pattern)]
+        else:
+            wanted = [name for name in entries if MADE_BY_MACOS not in name.split("/")]
+        if wanted == [pattern]:
+            return wanted
+        return [name for name in sorted(wanted) if _is_log(archive, entries[name])]
+
+
+def locked(place: str) -> int:
+    """How many files of an archive are encrypted. Errors as above."""
+    with _archive(place) as archive:
+        return sum(map(_encrypted, archive.infolist()))
+
+
+def extract(place: str, member: str, path: Path) -> tuple[str, int]:
+    """A member to a file: SHA-256 and size. Errors as :meth:`attlog.batch.sources.Source.local`."""
+    name = f"{shown(place)}/{member}"
+    with _archive(place) as archive:
+        entry = _entry(archive, member, name)
+        if _encrypted(entry):
+            raise LogUnusable(f"{name}: is encrypted in its archive; unpack it with its password first")
+        try:
+            return copy(_blocks(archive, entry, name), path)
+        except NotImplementedError as error:
+            raise LogUnusable(
+                f"{name}: cannot be unpacked ({error}); unpack it with the program that made it"
+            ) from error
+        except _BROKEN as error:
+            raise LogUnusable(f"{name}: is damaged in its archive ({error})") from error
+        except OSError as error:
+            raise unreadable(name, error) from error
+
+
+def member_stamp(place: str, member: str) -> str:
+    """Size and checksum of a member as its archive tells them."""
+    with _archive(place) as archive:
+        entry = _entry(archive, member, f"{shown(place)}/{member}")
+        return f"{entry.file_size}-{entry.CRC:08x}"
+
+
+@contextmanager
+def _archive(place: str) -> Iterator[zipfile.ZipFile]:
+    """An archive opened where it lies; one behind a server that gives no parts of files is downloaded first."""
+    if not is_url(place):
+        with _opened(place, place) as archive:
+            yield archive
+        return
+    from attlog.batch.remote import download, random_access
+
+    with random_access(place) as file:
+        if file is not None:
+            with _opened(file, place) as archive:
+                yield archive
+            return
+    try:
+        room = TemporaryDirectory(prefix="attlog-")
+    except OSError as error:
+        raise LogUnreadable(f"{shown(place)}: no temporary folder for it ({error.strerror or error})") from error
+    with room as folder:
+        path = Path(folder) / "archive.zip"
+        download(place, path)
+        with _opened(path, place) as archive:
+            yield archive
+
+
+def _opened(file: str | Path | IO[bytes], place: str) -> zipfile.ZipFile:
+    """The archive in a file; only opening is judged here, what its members raise is theirs."""
+    try:
+        return zipfile.ZipFile(file)
+    except OSError as error:
+        raise unreadable(shown(place), error) from error
+    except _BROKEN as error:
+        raise LogUnusable(f"{shown(place)}: is a damaged zip archive ({error})") from error
+
+
+def _entry(archive: zipfile.ZipFile, member: str, name: str) -> zipfile.ZipInfo:
+    try:
+        return _entries(archive)[member]
+    except KeyError:
+        raise LogUnreadable(f"{name}: no such member of the archive") from None
+
+
+def _entries(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    """The files in an archive by name. Where two have one name the second is called ``a (2).ulg``; copies are left out.
+
+    Archives that tools append to, or that gather several cards, hold such; other programs show the last of them.
+    """
+    found: dict[str, zipfile.ZipInfo] = {}
+    taken = set(archive.namelist())
+    seen: dict[str, set[tuple[int, int]]] = {}
+    numbers: dict[str, Iterator[int]] = {}
+    for entry in archive.infolist():
+        name, content = entry.filename, (entry.file_size, entry.CRC)
+        if entry.is_dir() or content in seen.setdefault(name, set()):
+            continue
+        seen[name].add(content)
+        if name in found:
+            path = PurePosixPath(name)
+            counting = numbers.setdefault(name, count(2))
+            name = next(n for k in counting if (n := f"{path.parent / path.stem} ({k}){path.suffix}") not in taken)
+            taken.add(name)
+        found[name] = entry
+    return found
+
+
+def _encrypted(entry: zipfile.ZipInfo) -> bool:
+    return bool(entry.flag_bits & _ENCRYPTED)
+
+
+def _blocks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Iterator[bytes]:
+    """A member's content; what it says of its own size counts for nothing."""
+    limit = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * entry.compress_size))
+    given = 0
+    with archive.open(entry) as file:
+        while block := file.read(BLOCK):
+            given += len(block)
+            if given > limit:
+                raise LogUnusable(f"{name}: unpacks to more than {limit >> 20} MB; no flight log does that")
+            yield block
+
+
+def _is_log(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bool:
+    """As :func:`attlog.batch.log_file.is_meant`: by content, else by name."""
+    if _encrypted(entry):
+        return may_be_log(entry.filename)  # nobody knows what is in it: rather told than left out
+    try:
+        with archive.open(entry) as file:
+            head = file.read(formats.MAX_HEAD_BYTES)
+        if formats.recognise_bytes(io.BytesIO(head)):
+            return True
+    except (*_BROKEN, OSError):
+        pass  # damaged: its name tells whether it was meant
+    return named_as_log(entry.filename) and not _hidden(entry.filename)
+
+
+def _hidden(name: str) -> bool:
+    return any(part[:1] == "." and part not in (".", "..") for part in name.split("/"))

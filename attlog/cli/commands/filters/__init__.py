@@ -1,1 +1,0 @@
-"""Commands about filters: list them, write one, check one."""

@@ -1,0 +1,452 @@
+"""What the shell offers after TAB. Nothing is imported before somebody presses it."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+import os
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+
+import typer
+
+from attlog.core.errors import PluginError, UsageError
+
+if TYPE_CHECKING:
+    from attlog.pipeline.config import Config
+
+
+def complete_rows(incomplete: str) -> list[str]:
+    """The last item of a list of row specifications: sets, filters, and their presets behind @."""
+    from attlog.core.errors import AttlogError
+    from attlog.estimators import get, names
+
+    done, comma, last = incomplete.rpartition(",")
+    name, at, _ = last.partition("@")
+    if at:
+        try:
+            offered = [f"{name}@{preset}" for preset in get(name).presets]
+        except AttlogError:
+            offered = []
+    else:
+        offered = ["default", "all", *names()]
+    return [f"{done}{comma}{item}" for item in offered if item.startswith(last)]
+
+
+def complete_filters(incomplete: str) -> list[str]:
+    """Names of filters."""
+    from attlog.estimators import names
+
+    return [name for name in names() if name.startswith(incomplete)]
+
+
+def complete_scenarios(incomplete: str) -> list[str]:
+    """Names of the scenarios that can be simulated."""
+    from attlog.simulate.scenario import scenario_names
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
+
+
+def complete_windows(incomplete: str) -> list[str]:
+    """Names of windows."""
+    from attlog.segments.model import WINDOWS
+
+    return [name for name in WINDOWS if name.startswith(incomplete)]
+
+
+def complete_references(incomplete: str) -> list[str]:
+    """What ``--reference`` takes."""
+    return [
+        name for name in ("auto", "truth", "smoother", "onboard", "onboard:", "none") if name.startswith(incomplete)
+    ]
+
+
+def complete_messages(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of the messages in the log that stands before on the line."""
+    from attlog import formats
+    from attlog.core.errors import AttlogError
+
+    log: Any = ctx.params.get("log")
+    try:
+        names = formats.open(log).names() if log else []
+    except AttlogError:
+        return []  # no log, nothing to offer; the command itself will say why
+    return [name for name in names if name.startswith(incomplete)]
+
+
+# Options that several commands take, each declared once: single ones as annotated types, sets of them as dataclasses.
+#
+# A command takes a set as one parameter; :func:`expanded` gives Typer an option for each of its fields.
+
+Logs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="LOG|DIR|GLOB...",
+        readable=False,
+        show_default=False,
+        help="Read these flight logs (.ulg, .bin, .log, .tlog, .px4log, .mcap, .db3), folders, quoted patterns.",
+    ),
+]
+Places = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="LOG|DIR|GLOB|URL...",
+        show_default=False,
+        help="Read these flight logs (.ulg, .bin, .log, .tlog, .px4log, .mcap, .db3), folders, quoted patterns, "
+        "zip archives, URLs.",
+    ),
+]
+Log = Annotated[
+    Path,
+    typer.Argument(
+        metavar="LOG",
+        readable=False,
+        show_default=False,
+        help="Read this flight log, known by its content; also as .gz.",
+    ),
+]
+Folder = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Write pages and data to this folder.")]
+OneFile = Annotated[
+    Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file. [default: print]")
+]
+Jobs = Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on N at a time.")]
+JobsOfCores = Annotated[
+    int | None,
+    typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on N at a time. [default: one for each core]"),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, one line for each log.")]
+TableForm = Literal["md", "csv", "tex"]
+"""As in ``compare.tables.files``, which is not imported for help."""
+Form = Annotated[
+    TableForm | None,
+    typer.Option(
+        "--format", metavar="md|csv|tex", help="Print the table as Markdown, CSV or LaTeX. [default: for reading]"
+    ),
+]
+Figures = Annotated[
+    Path | None,
+    typer.Option("--figures", metavar="DIR", help="Write the figures to this folder too, as SVG and PNG for papers."),
+]
+Open = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
+Reference = Annotated[
+    str | None,
+    typer.Option(
+        metavar="R",
+        autocompletion=complete_references,
+        help="Compare with auto, truth, smoother, onboard, onboard:NAME or none. [default: auto]",
+    ),
+]
+Truth = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE|DIR|TOPIC",
+        help="Compare with this trajectory (TUM, EuRoC, CSV), log or bag, with one of a folder, or with a topic of the "
+        "log; :offset=S,north=true,topic=T may follow. [default: none]",
+    ),
+]
+GyroBias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="rest|none|onboard",
+        help="Subtract this gyro bias: the mean at rest before take-off, none, or the onboard estimator's. "
+        "[default: rest]",
+    ),
+]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="F.toml|F.json", help="Read settings from a file or an earlier result; options win. [default: none]"
+    ),
+]
+Boot = Annotated[
+    int | None,
+    typer.Option(metavar="N", min=0, help="Take this power-up of several, from 0. [default: with most data]"),
+]
+System = Annotated[
+    int | None,
+    typer.Option(metavar="N", min=0, max=255, help="Take this MAVLink system of several. [default: the autopilot]"),
+]
+
+
+def one_form(json: bool, form: str | None) -> None:
+    """UsageError where two things are to be printed on standard output."""
+    if json and form is not None:
+        raise UsageError("--json and --format: one or the other; both print on standard output")
+
+
+def finite(value: float | None) -> float | None:
+    """The value of an option that is a number, for its callback: "nan" and "inf" are none."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter("use a finite number")
+    return value
+
+
+def _no_color(wanted: bool) -> None:
+    if wanted:
+        os.environ["NO_COLOR"] = "1"
+
+
+def _key(named: Path | None) -> Path | None:
+    """The key for this process and its children, which read logs for it."""
+    if named is not None:
+        from attlog.formats.ulog.encrypted import KEY_VARIABLE
+
+        os.environ[KEY_VARIABLE] = str(named.absolute())
+    return named
+
+
+@dataclass(frozen=True, slots=True)
+class CommonOptions:
+    """Options of every command, which may stand before the command too."""
+
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")] = False
+    verbose: Annotated[
+        int,
+        typer.Option(
+            "-v", "--verbose", count=True, show_default=False, help="Print more; -vv shows a traceback for a bug."
+        ),
+    ] = 0
+    no_color: Annotated[
+        bool,
+        typer.Option("--no-color", callback=_no_color, is_eager=True, help="Print without colours (as NO_COLOR does)."),
+    ] = False
+    key: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.pem",
+            callback=_key,
+            help="Open encrypted logs (.ulge) with this private key. [default: that of ATTLOG_KEY]",
+        ),
+    ] = None
+
+
+def expanded(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with an option for each field of its sets of options, and those of every command.
+
+    A parameter whose type is a dataclass is such a set. What Typer sees is the signature; what it calls puts the sets
+    together.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    sets: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    seen: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        if name not in sets:
+            seen.append(parameter.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY))
+        elif sets[name] is not CommonOptions:
+            seen += _parameters(sets[name])
+    common = list(_parameters(CommonOptions))
+
+    @functools.wraps(command)
+    def run(**values: Any) -> None:
+        for name, kind in sets.items():
+            values[name] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+        command(**{name: value for name, value in values.items() if name in hints})
+
+    run.__signature__ = inspect.Signature(seen + common)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in seen + common}
+    return run
+
+
+def _parameters(kind: Any) -> Iterator[inspect.Parameter]:
+    """The fields of a set of options as parameters."""
+    hints = get_type_hints(kind, include_extras=True)
+    for field in fields(kind):
+        default = inspect.Parameter.empty if field.default is MISSING else field.default
+        yield inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[field.name]
+        )
+
+
+# The sets of options that make a Config: how a log is analysed, how settings are compared; checked before any log.
+
+
+@dataclass(frozen=True, slots=True)
+class LogOptions:
+    """How a log is analysed: options of ``analyze`` and ``batch``. None: not asked for."""
+
+    estimators: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            autocompletion=complete_rows,
+            help="Run these filters, with commas: default, all, NAME[@PRESET][:k=v,...], FILE.py. [default: default]",
+        ),
+    ] = None
+    imu: Annotated[
+        str | None, typer.Option(metavar="N|all", help="Replay this IMU. [default: the one used in flight]")
+    ] = None
+    mag: Annotated[
+        str | None, typer.Option(metavar="N|none", help="Replay this magnetometer. [default: the log's choice]")
+    ] = None
+    reference: Reference = None
+    truth: Truth = None
+    window: Annotated[
+        str | None,
+        typer.Option(
+            metavar="W",
+            autocompletion=complete_windows,
+            help="Show the table of this window: all, rest, armed, airborne, hover, cruise, idle or T0:T1 (s). "
+            "[default: all]",
+        ),
+    ] = None
+    gyro_bias: GyroBias = None
+    params: Annotated[
+        str | None,
+        typer.Option(
+            metavar="F.param",
+            help="Use the parameters of this file for the autopilots' filters. [default: those of the log]",
+        ),
+    ] = None
+    config: ConfigFile = None
+    boot: Boot = None
+    system: System = None
+    deterministic: Annotated[
+        bool, typer.Option("--deterministic", help="Leave measured times out: the same log gives the same bytes.")
+    ] = False
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonOptions:
+    """How settings are compared on logs: options of ``compare``, ``sweep`` and ``tune``."""
+
+    output: Folder = Path("reports")
+    form: Form = None
+    json: Json = False
+    reference: Reference = None
+    truth: Truth = None
+    gyro_bias: GyroBias = None
+    config: ConfigFile = None
+
+    def __post_init__(self) -> None:
+        one_form(self.json, self.form)
+
+    @property
+    def for_a_program(self) -> bool:
+        """Whether standard output is for a program: what people read goes to standard error."""
+        return self.json or self.form is not None
+
+    def of_analysis(self) -> dict[str, Any]:
+        """The options that prepare a log, as far as they were typed, by their names in a configuration."""
+        options = {"reference": self.reference, "truth": self.truth, "gyro_bias": self.gyro_bias}
+        return {name: value for name, value in options.items() if value is not None}
+
+
+def configured(options: LogOptions) -> Config:
+    """The configuration of options and of the file that they name. UsageError for what is wrong.
+
+    Parameter files and names of filters are looked at here too: what is wrong is said once, not for each log.
+    """
+    config = from_file(options.config, _typed(options))
+    check_window(config.window)
+    if config.params is not None:
+        from attlog.flight.parameters import read_parameter_file
+
+        read_parameter_file(config.params)
+    for item in config.estimators:
+        check_filter(item)
+    return config
+
+
+def from_file(file: Path | None, options: dict[str, Any]) -> Config:
+    """The configuration of a file, where there is one, and of typed values that win."""
+    from attlog.pipeline.config import Config, gyro_bias_of, reference_of
+
+    for name, parse in (("reference", reference_of), ("gyro_bias", gyro_bias_of)):
+        if name in options:
+            try:
+                parse(options[name])
+            except ValueError as error:
+                raise UsageError(f"--{name.replace('_', '-')} {options[name]!r} {error}") from None
+    found = Config.trusted(options) if file is None else Config.load(file, **options)
+    check_truth(found)
+    return found
+
+
+def check_truth(config: Config) -> None:
+    """UsageError for a truth that cannot be one, before any log is read."""
+    if config.truth is None:
+        return
+    if config.reference not in ("auto", "truth"):
+        raise UsageError(f"--truth {config.truth}: the reference is {config.reference}; leave out one of the two")
+    from attlog.external import attitude
+
+    attitude.check_truth(config.truth)
+
+
+def for_comparison(options: ComparisonOptions, before: dict[str, Any] | None = None) -> Config:
+    """The configuration in which settings are compared; filters of its file are left out. Options win over others."""
+    defaults = {} if options.config is None else {"estimators": ["default"]}
+    return from_file(options.config, defaults | (before or {}) | options.of_analysis())
+
+
+def _typed(options: LogOptions) -> dict[str, Any]:
+    """The options that were typed, by their names in a configuration."""
+    names = [field.name for field in fields(options) if field.name not in ("config", "deterministic")]
+    found = {name: value for name in names if (value := getattr(options, name)) is not None}
+    if "estimators" in found:
+        from attlog import estimators
+
+        found["estimators"] = estimators.items(found["estimators"])
+    if "imu" in found:
+        found["imu"] = _instance(found["imu"], "all", "--imu")
+    if "mag" in found:
+        found["mag"] = _instance(found["mag"], "none", "--mag")
+    return found
+
+
+def _instance(text: str, word: str, option: str) -> int | str:
+    if text == word:
+        return text
+    if not text.isdecimal():
+        raise UsageError(f"{option} {text!r}: use a number from 0 or {word}")
+    return int(text)
+
+
+def check_window(window: str | None) -> None:
+    """UsageError for what is no window, before any log is read."""
+    if window is not None:
+        from attlog.segments.model import Segments
+
+        try:
+            Segments().spans(window)
+        except ValueError as error:
+            raise UsageError(f"--{error}") from None
+
+
+def check_filter(item: str) -> None:
+    """UsageError for a filter, preset or parameter that is not there; a file's own code runs with the logs only."""
+    from attlog import estimators
+
+    name = item.partition(":")[0].partition("@")[0]
+    if not (name.endswith((".py", ".csv")) and os.path.isfile(name)):
+        with suppress(PluginError):  # what a filter of a package does stands in its row
+            try:
+                estimators.select(item)
+            except UsageError as error:
+                if hint := _of_compare(item):
+                    raise UsageError(f"{error}{hint}") from None
+                raise
+
+
+def _of_compare(item: str) -> str:
+    """The end of an error sentence for a filter with something that ``attlog compare`` puts before it; else empty."""
+    from attlog.compare.setting import SETTINGS
+
+    name, _, pairs = item.partition(":")
+    before = [key for pair in pairs.split(",") if (key := pair.partition("=")[0].strip()) in SETTINGS]
+    return f"; {', '.join(before)} may come before a filter: attlog compare LOG {name} {item}" if before else ""
+
+
+def commands(options: LogOptions, logs: Sequence[str]) -> list[str]:
+    """For each log the command that makes its report alone."""
+    words: list[str] = []
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if value != field.default:
+            words += [f"--{field.name.replace('_', '-')}", *([] if value is True else [str(value)])]
+    return [shlex.join(["attlog", "analyze", log, *words]) for log in logs]

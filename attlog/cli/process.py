@@ -1,0 +1,139 @@
+"""How the process begins and ends: signals, memory-mapped logs that are cut, standard streams that fail."""
+
+from __future__ import annotations
+
+import codecs
+import errno
+import io
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from attlog import __version__
+from attlog.core import limits
+from attlog.core.errors import LogUnreadable, OutputError, error_message, exit_code
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[list[int]]:
+    """A block that SIGTERM, SIGHUP (a terminal that is closed) and SIGINT interrupt; it yields those that came.
+
+    They raise KeyboardInterrupt. One that is ignored (SIGHUP under nohup) stays so.
+    """
+    received: list[int] = []
+
+    def stop(number: int, _: Any) -> None:
+        received.append(number)
+        raise KeyboardInterrupt
+
+    known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT") if hasattr(signal, name)]
+    watched = [s for s in known if signal.getsignal(s) != signal.SIG_IGN]
+    before = {number: signal.signal(number, stop) for number in watched}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+INTERRUPTED_S = 2
+"""A terminal interrupts both processes, another program (``kill -INT``) this one alone. Which it was cannot be known: a
+child that is still there after so long is interrupted by this one."""
+
+
+def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
+    """The exit code of ``run``, in a child process where one of the ``words`` names a file that is mapped."""
+    large = [word for word in words if os.path.isfile(word) and os.path.getsize(word) > limits.READ_BYTES]
+    if not large or not hasattr(os, "fork"):
+        return run()
+    child = os.fork()
+    if not child:
+        os.environ[limits.MAPPED] = "1"
+        code = 70
+        try:
+            code = run()
+        except BaseException as error:  # ``run`` reports errors itself, unless memory is too short even for that
+            code = exit_code(error)
+            os.write(2, f"{error_message(error, __version__)}\n".encode(errors="replace"))
+        finally:
+            os._exit(code)
+
+    def hand_on(number: int, _: Any) -> None:
+        os.kill(child, number)
+
+    def hand_on_later(number: int, _: Any) -> None:
+        signal.signal(signal.SIGALRM, lambda *_: os.kill(child, number))
+        signal.alarm(INTERRUPTED_S)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)}
+    before[signal.SIGALRM] = signal.getsignal(signal.SIGALRM)
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+        if before[number] != signal.SIG_IGN:
+            signal.signal(number, hand_on_later if number == signal.SIGINT else hand_on)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    signal.alarm(0)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+    if code == -signal.SIGBUS:
+        print(f"attlog: {large[0]}: became shorter while it was read; try again when it is whole", file=sys.stderr)
+        return LogUnreadable.exit_code
+    if code < 0:
+        signal.signal(-code, signal.SIG_DFL)
+        os.kill(os.getpid(), -code)
+    return code
+
+
+FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE, errno.EBADF))
+
+
+def show_everything() -> None:
+    """Signs that the output's encoding lacks get ASCII stand-ins, file names that are not UTF-8 escapes."""
+    from attlog.words.text import on_encode_error
+
+    codecs.register_error("attlog", on_encode_error)
+    _reopen_closed()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="attlog")
+
+
+def _reopen_closed() -> None:
+    """Standard streams that were closed (``>&-``) get places of their own, or the first file opened would take theirs.
+
+    What is printed to a closed output fails like on a full disk; what a closed error output would say is lost.
+    """
+    while (place := os.open(os.devnull, os.O_RDONLY)) <= 2:
+        continue
+    os.close(place)
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")
+
+
+def is_of_a_stream(error: BaseException) -> bool:
+    """Whether an error says that standard output cannot take more: files name themselves, a stream does not."""
+    return isinstance(error, OSError) and error.filename is None and error.errno in FULL
+
+
+def flushed(code: int) -> int:
+    """The exit code once all output is written; that of an OutputError if it cannot be."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        return lost(error)
+    return code
+
+
+def lost(error: OSError) -> int:
+    """Say that standard output failed (not where its reader just went away) and stop Python from trying again."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):
+        sys.stdout = open(os.devnull, "w")
+    if error.errno != errno.EPIPE:
+        print(f"attlog: standard output cannot be written ({error.strerror})", file=sys.stderr)
+    return OutputError.exit_code

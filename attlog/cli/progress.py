@@ -1,0 +1,199 @@
+"""How far a command is, on standard error: the stage of one log, a bar over many."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from attlog.cli.printing import terminal, to_stderr
+
+if TYPE_CHECKING:
+    from attlog.batch.job import Record, Work
+
+STAGES, COMPILING = "attlog.stages", "attlog.compiling"
+"""Loggers: the stage an analysis is in, and filters that are compiled."""
+
+
+class StageHandler(logging.Handler):
+    """Writes to standard error: each compiled filter a line, stages one line that is overwritten, or ``lines``.
+
+    ``before`` begins every stage (``[2/5] flight.ulg: ``).
+    """
+
+    def __init__(self, stages: bool, lines: bool = False) -> None:
+        super().__init__(logging.INFO)
+        self.stages, self.lines = stages, lines
+        self.before = ""
+        self._width = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.name == COMPILING:
+            self.clear()
+            to_stderr(f"attlog: {record.getMessage()}")
+        elif self.stages:
+            self.show(f"{self.before}{record.getMessage()} ...")
+        elif self.lines:
+            to_stderr(f"attlog: {self.before}{record.getMessage()}")
+
+    def show(self, text: str) -> None:
+        """Put a text in place of the stage that is shown; blanks wipe the old one, so no escape sequence is needed."""
+        import shutil
+
+        from attlog.words.text import for_terminal
+
+        text = for_terminal(text)[-(shutil.get_terminal_size().columns - 1) :]
+        print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
+        self._width = len(text)
+
+    def clear(self) -> None:
+        """Leave an empty line where a stage was shown."""
+        if self._width:
+            print("\r" + " " * self._width + "\r", end="", file=sys.stderr, flush=True)
+            self._width = 0
+
+
+@contextmanager
+def progress(quiet: bool, verbose: bool, lines: bool = False) -> Iterator[StageHandler]:
+    """Show progress while the block runs: all of it on a terminal, what is compiled also with ``verbose``.
+
+    ``lines``: with ``verbose`` every stage is a line where there is no terminal, for work of minutes.
+    """
+    terminal = sys.stderr.isatty() and not quiet
+    shown = StageHandler(stages=terminal, lines=lines and verbose)
+    loggers = [logging.getLogger(name) for name in (STAGES, COMPILING)] if terminal or verbose else []
+    for logger in loggers:
+        logger.addHandler(shown)
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
+    try:
+        yield shown
+    finally:
+        shown.clear()
+        for logger in loggers:
+            logger.removeHandler(shown)
+            logger.setLevel(logging.NOTSET)
+            logger.propagate = True
+
+
+PER_LOG = 300_000
+"""Bytes of log that take as long as what each log costs whatever its size."""
+SHOWN = 40
+"""Characters of a log's name and stage beside the bar."""
+
+
+class Bar:
+    """Shown on standard error while the block runs, if that is a terminal and ``quiet`` is not asked for.
+
+    ``verbose``: filters that are compiled are named where there is no terminal too.
+    """
+
+    def __init__(self, quiet: bool = False, verbose: bool = False) -> None:
+        self._shown = sys.stderr.isatty() and not quiet
+        self._compiling = (self._shown or verbose) and not quiet
+        self._progress: Any = None
+        self._compiled: set[str] = set()
+        self._lock = threading.RLock()
+        self._weights: dict[str, float] = {}
+        self._all = self._done = self._failed = self._mine = 0
+        self._weight = 0.0
+        self._started = time.monotonic()
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether somebody sees how many logs are done and how many failed."""
+        return self._shown
+
+    def __enter__(self) -> Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def planned(self, works: Sequence[Work]) -> None:
+        """Begin to show how far these are."""
+        self._weights = {work.name: _weight(work) for work in works}
+        self._all, self._started = len(works), time.monotonic()
+        if not self._shown:
+            return
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        self._progress = Progress(
+            BarColumn(30),
+            TextColumn("{task.completed}/{task.total} logs{task.fields[more]}", markup=False),
+            TextColumn("{task.fields[now]}", markup=False),
+            console=terminal(stderr=True),
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+            refresh_per_second=4,
+        )
+        self._task = self._progress.add_task("", total=len(works), more="", now="")
+        self._progress.start()
+
+    def stage(self, work: Work, news: dict[str, Any]) -> None:
+        """A log is at a stage, or compiles a filter, which is said once. Called from any thread."""
+        from attlog.words.text import for_terminal
+
+        compiling = news.get("compiling", "")
+        with self._lock:
+            if compiling and self._compiling and compiling not in self._compiled:
+                self._compiled.add(compiling)
+                with self.aside():
+                    to_stderr(f"attlog: {compiling}")
+            if self._progress is not None and "stage" in news:
+                self._progress.update(self._task, now=for_terminal(f"{work.name[-SHOWN:]}: {news['stage']}"))
+
+    def advance(self, record: Record) -> None:
+        """One log is done or has failed."""
+        self._done += 1
+        self._failed += not record.done
+        weight = self._weights.pop(record.name, 0.0)
+        if not record.again:
+            self._mine += 1
+            self._weight += weight
+        if self._progress is not None:
+            self._progress.update(self._task, completed=self._done, more=self._more(), now="")
+
+    def _more(self) -> str:
+        """Behind the count: what failed, how fast, how long still. Logs that were done before have no speed."""
+        seconds = time.monotonic() - self._started
+        text = f", {self._failed} failed" if self._failed else ""
+        if self._mine and seconds > 0:
+            text += f"  {speed(self._mine / seconds)}"
+        if self._weight and self._done < self._all:
+            left = sum(self._weights.values()) * seconds / self._weight
+            text += f"  {left // 3600:.0f}:{left // 60 % 60:02.0f}:{left % 60:02.0f} left"
+        return text
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """A block that prints: the bar makes room for it."""
+        if self._progress is None:
+            yield
+            return
+        with self._lock:
+            self._progress.stop()
+            try:
+                yield
+            finally:
+                self._progress.start()
+
+
+def speed(per_second: float) -> str:
+    """Logs per second, or per minute where that is below 1."""
+    return f"{per_second:.1f} logs/s" if per_second >= 1 else f"{per_second * 60:.1f} logs/min"
+
+
+def _weight(work: Work) -> float:
+    """How much work a log is: its bytes, where they are known, and something for each log."""
+    try:
+        return PER_LOG + float(Path(work.source.place).stat().st_size) * (not work.source.member)
+    except OSError:
+        return PER_LOG

@@ -1,1 +1,0 @@
-"""What is compared: a filter, its gains, and what comes before it."""

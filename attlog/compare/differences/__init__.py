@@ -1,1 +1,0 @@
-"""Paired differences on one log, pooled over many."""

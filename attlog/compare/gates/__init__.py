@@ -1,1 +1,0 @@
-"""Limits on the numbers of a result."""

@@ -1,0 +1,104 @@
+"""Are two logs of one flight? What a card and a radio recorded of it counts once where logs are pooled.
+
+Both carry the onboard attitude on the autopilot's own clock. Where the vehicle moves, two flights differ by degrees
+at the same time since boot, two records of one flight by what interpolation leaves: on 27 simulated flights, three of
+them recorded twice, 2.6 deg and more against 0.002 to 0.016 deg. Without motion nothing shows it but equal content.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.flight.model import FlightLog
+
+Array = NDArray[np.float64]
+
+STEP_S, MAX_GAP_S = 0.2, 1.0
+"""Attitudes are compared so often; not within longer intervals of a record."""
+MAX_STEPS = 18_000
+"""An hour of a log is enough."""
+MAX_MEDIAN_DEG = 0.2
+"""Half of the attitudes differ by less: the geometric mean of both kinds in hand."""
+MIN_MOTION_DEG = 2.0
+"""Vehicles that turn less (root mean square about the mean) may stand alike."""
+MIN_COMMON_S, MIN_COMMON_SHARE = 20.0, 0.5
+"""So long, and so much of the shorter log, has to be common."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightTrack:
+    """What of a log is compared: the onboard attitude ``q`` (n, 4) every STEP_S s since boot, from step ``first`` on.
+
+    ``rate_hz`` is the rate of the IMU that is replayed: of one flight the log with the higher one counts.
+    """
+
+    name: str
+    sha256: str
+    rate_hz: float
+    first: int
+    q: Array
+
+
+def flight_track(log: FlightLog, name: str, sha256: str = "") -> FlightTrack:
+    """The track of a log; without an onboard attitude an empty one, which is like no other."""
+    imu = log.replay_imu
+    rate = 0.0 if imu is None or len(imu.gyro.t) < 2 else float(1.0 / np.median(np.diff(imu.gyro.t)))
+    found = FlightTrack(name, sha256, rate, 0, np.zeros((0, 4)))
+    attitude = None if log.onboard is None else log.attitudes.get(log.onboard)
+    if attitude is None:
+        return found
+    rising = np.isfinite(attitude.q).all(axis=1) & np.isfinite(attitude.t)
+    t, q = attitude.t[rising] + 1e-6 * log.t0_us, attitude.q[rising]
+    rising = np.concatenate([np.ones(min(len(t), 1), bool), t[1:] > np.maximum.accumulate(t)[:-1]])
+    t, q = t[rising], q[rising]
+    if len(t) < 2:
+        return found
+    first, last = int(np.ceil(t[0] / STEP_S)), int(np.floor(t[-1] / STEP_S))
+    at = STEP_S * np.arange(first, min(last + 1, first + MAX_STEPS))
+    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+    sampled = rotation.slerp(t, q, at)
+    sampled[t[before + 1] - t[before] > MAX_GAP_S] = np.nan
+    return replace(found, first=first, q=sampled)
+
+
+def same_flight(a: FlightTrack, b: FlightTrack) -> bool:
+    """Whether two logs are of one flight: the same file, or equal attitudes at equal times since boot, in motion."""
+    if a.sha256 and a.sha256 == b.sha256:
+        return True
+    begin, end = max(a.first, b.first), min(a.first + len(a.q), b.first + len(b.q))
+    if end <= begin:
+        return False
+    x, y = a.q[begin - a.first : end - a.first], b.q[begin - b.first : end - b.first]
+    known = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
+    if known.sum() < max(MIN_COMMON_S / STEP_S, MIN_COMMON_SHARE * min(len(a.q), len(b.q))):
+        return False
+    x, y = x[known], y[known]
+    moved = np.degrees(rotation.total_angle(rotation.earth_error(x, rotation.mean(x))))
+    apart = np.degrees(rotation.total_angle(rotation.earth_error(x, y)))
+    return bool(np.sqrt(np.mean(moved**2)) > MIN_MOTION_DEG and np.median(apart) < MAX_MEDIAN_DEG)
+
+
+def find_repeats(tracks: Sequence[FlightTrack]) -> dict[str, str]:
+    """Name of each log that does not count -> name of the log of the same flight that does.
+
+    The highest rate of the IMU counts, of equal ones the first.
+    """
+    kept: list[FlightTrack] = []
+    again: dict[str, str] = {}
+    for one in sorted(tracks, key=lambda t: -t.rate_hz):
+        same = next((other for other in kept if same_flight(one, other)), None)
+        if same is None:
+            kept.append(one)
+        else:
+            again[one.name] = same.name
+    return again
+
+
+def repeat_warning(again: str, kept: str) -> str:
+    """The warning for a log that does not count."""
+    return f"{again} and {kept} are one flight: only {kept} counts in what is pooled"

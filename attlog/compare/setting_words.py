@@ -1,0 +1,238 @@
+"""Configurations in a TOML file: everything that is wrong with it at once, each with its line.
+
+metrics = ["inclination_rmse_deg", "lag_ms"]    # optional, as --metric
+reference = "truth"                             # optional, any option of analyze
+
+[[configuration]]
+name = "slow and quiet"                         # optional
+estimator = "mahony@xu-0.6"
+kp = 0.3                                        # parameters of the filter ...
+lowpass = 20                                    # ... and what comes before it
+gyro_offset = [0.1, 0.0, -0.2]
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from attlog import estimators
+from attlog.compare.comparison import select_questions
+from attlog.compare.setting import Configuration, build_configuration, parse_configuration
+from attlog.core.errors import AttlogError, UsageError, suggestion
+from attlog.core.files import parse_toml, read_settings_text
+from attlog.flight.parameters import read_parameter_file
+from attlog.flight.recalibration import calibrates
+from attlog.pipeline.config import DEFAULTS, Config
+
+CONFIGURATION_TABLE = "configuration"
+
+
+@dataclass(slots=True)
+class ConfigurationFile:
+    """What a file asks for."""
+
+    configurations: list[Configuration] = field(default_factory=list)
+    metrics: list[str] = field(default_factory=list)
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+def read_configurations(path: Path) -> ConfigurationFile:
+    """The configurations, metrics and options of a file. LogUnreadable if it cannot be opened; UsageError tells
+    everything that is wrong in it."""
+    text = read_settings_text(path)
+    values = parse_toml(text, path)
+    lines, problems, found = text.splitlines(), [], ConfigurationFile()
+    tables = values.pop(CONFIGURATION_TABLE, None)
+    found.metrics, wrong = _check_metrics(values.pop("metrics", []))
+    problems += [f"{_line_of_key(path, lines, 'metrics')}: {w}" for w in wrong]
+    known = [name for name in DEFAULTS if name != "estimators"]
+    for key in [k for k in values if k not in known]:
+        hint = suggestion(key, ["metrics", CONFIGURATION_TABLE, *known])
+        problems.append(f"{_line_of_key(path, lines, key)}: unknown key {key}{hint}")
+        del values[key]
+    try:
+        config = Config.build(values)
+        found.options = {name: getattr(config, name) for name in values}
+    except UsageError as error:
+        problems += [
+            f"{_line_of_key(path, lines, text_.partition(':')[0])}: {text_}" for text_ in str(error).splitlines()
+        ]
+    if not isinstance(tables, list) or not tables:
+        problems.append(f"{path}: holds no [[{CONFIGURATION_TABLE}]]")
+        tables = []
+    names: set[str] = set()
+    for number, table in enumerate(tables):
+        one, faults = _check_table(table)
+        for key, text_ in faults:
+            problems.append(f"{_line_of_key(path, lines, key, number)}: configuration {number + 1}: {text_}")
+        if one is not None:
+            if one.name in names:
+                problems.append(
+                    f"{_line_of_key(path, lines, 'name', number)}: configuration {number + 1}: {one.name} is there twice"
+                )
+            names.add(one.name)
+            found.configurations.append(one)
+    if problems:
+        raise UsageError("\n".join(problems))
+    return found
+
+
+def _check_metrics(value: object) -> tuple[list[str], list[str]]:
+    if not isinstance(value, list) or not all(isinstance(m, str) for m in value):
+        return [], ["metrics: of the wrong type; give a list of names"]
+    try:
+        select_questions(value)
+    except UsageError as error:
+        return [], str(error).splitlines()
+    return value, []
+
+
+def _check_table(table: object) -> tuple[Configuration | None, list[tuple[str, str]]]:
+    """A configuration, or what is wrong with it as (key, sentence)."""
+    if not isinstance(table, Mapping):
+        return None, [("", f"is no table; write [[{CONFIGURATION_TABLE}]] above it")]
+    values = dict(table)
+    estimator, name = values.pop("estimator", None), values.pop("name", None)
+    wrong = []
+    if not isinstance(estimator, str):
+        near = next((k for k in values if k in ("filter", "est", "estimators")), "")
+        wrong.append((near, f"has no estimator{'; did you mean estimator?' if near else ''}"))
+    if name is not None and (not isinstance(name, str) or not name.strip()):
+        wrong.append(("name", f"name={name!r}: of the wrong type; give a text"))
+        name = None
+    if not isinstance(estimator, str):
+        return None, wrong
+    try:
+        base = build_configuration(estimator, {})
+    except AttlogError as error:
+        return None, [*wrong, ("estimator", str(error))]
+    for key, value in values.items():
+        try:
+            base.with_value(key, value)
+        except UsageError as error:
+            wrong.append((key, str(error)))
+    if wrong:
+        return None, wrong
+    try:
+        return build_configuration(estimator, values, name), []
+    except UsageError as error:
+        return None, [("estimator", str(error))]
+
+
+def _line_of_key(path: Path, lines: list[str], key: str, table: int | None = None) -> str:
+    """The file and, where it can be found, the line of a key: of the n-th table, or above all of them."""
+    seen, begin = -1, 0
+    for number, line in enumerate(lines, 1):
+        if re.match(rf"\s*\[\[\s*{CONFIGURATION_TABLE}\s*\]\]", line):
+            seen += 1
+            begin = number if seen == table else begin
+        inside = seen == table if table is not None else seen == -1
+        if key and inside and re.match(rf"""\s*["']?{re.escape(key)}["']?\s*=""", line):
+            return f"{path}, line {number}"
+    return f"{path}, line {begin}" if begin else str(path)
+
+
+# Which words of a command line are logs, and which are configurations? Known by what they look like.
+
+KEY_PATTERN = re.compile(r"[^:]*:[A-Za-z_]\w*=")
+
+
+@dataclass(slots=True)
+class ComparisonRequest:
+    """Logs (files, folders, patterns) and configurations, in the order given, with what a TOML file asks for."""
+
+    logs: list[Path] = field(default_factory=list)
+    again: list[str] = field(default_factory=list)
+    """Sentences on words that name a configuration which another word names already."""
+    wanted: ConfigurationFile = field(default_factory=ConfigurationFile)
+
+
+def select_words(words: Sequence[str]) -> ComparisonRequest:
+    """The logs and configurations of a command line. UsageError tells everything wrong with the configurations.
+
+    A configuration is a filter's name, alone or with ``@`` or ``:``, a ``.py`` or ``.csv`` file, or a ``.toml`` file of
+    them; everything else is a log. A file that is called like a filter is meant with ``./`` before it.
+    """
+    found, filters = ComparisonRequest(), frozenset(estimators.names())
+    problems: list[str] = []
+    names: dict[str, Configuration] = {}
+    as_given: dict[str, str] = {}
+    worst = UsageError.exit_code
+    for word in words:
+        try:
+            if word.lower().endswith(".toml"):
+                wanted = read_configurations(Path(word))
+                found.wanted.metrics += wanted.metrics
+                found.wanted.options |= wanted.options
+                for one in wanted.configurations:
+                    names.setdefault(one.name, one)
+            elif is_configuration(word, filters):
+                one = parse_configuration(word)
+                if one.name in names:
+                    other = as_given.get(one.name, one.name)
+                    found.again.append(
+                        f"{word} is given twice" if word == other else f"{word} is the same configuration as {other}"
+                    )
+                as_given.setdefault(one.name, word)
+                names.setdefault(one.name, one)
+            elif not os.path.exists(word) and not set("*?[/\\.") & set(word):
+                known = [*estimators.names(), "default", "all"]
+                problems.append(f"{word}: neither a file nor a filter{suggestion(word, known)}")
+            else:
+                found.logs.append(Path(word))
+        except AttlogError as error:
+            problems.append(str(error))
+            worst = error.exit_code
+    if problems:
+        refused = UsageError("\n".join(problems))
+        refused.exit_code = worst if len(problems) == 1 else UsageError.exit_code
+        raise refused
+    found.wanted.configurations = list(names.values())
+    return found
+
+
+def is_configuration(word: str, filters: Collection[str]) -> bool:
+    """Whether a word names one of the filters, an estimator file or an estimate, not a log."""
+    head = re.split(r"[@:]", word, maxsplit=1)[0]
+    if head in filters or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
+        return True
+    return not os.path.exists(word) and (KEY_PATTERN.match(word) is not None or ("@" in word and "/" not in word))
+
+
+def with_params_file(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:
+    """The configurations, and behind each whose filter takes firmware parameters the same with those of a file.
+
+    Where the file calibrates a compass or an accelerometer every filter takes it: its samples are others.
+    Without any configuration the filter stands in that replays a firmware's own estimator and whose parameters are in
+    the file. UsageError where no filter takes such parameters; errors of reading the file as they come.
+    """
+    set_there = set(read_parameter_file(path))
+    named = list(configurations)
+    if not named:
+        replicas = [parse_configuration(name) for name in REPLICAS if name in estimators.names()]
+        named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}]
+    samples = calibrates(set_there)
+    runs = [c for c in named if "params" not in c.before and not estimators.is_recorded(c.row.estimator.origin)]
+    taking = [c for c in runs if samples or c.row.estimator.from_log is not None]
+    if not taking or (not configurations and len(named) > 1):
+        which = ", ".join(n for n in REPLICAS if n in estimators.names())
+        raise UsageError(
+            f"--params {path}: name a filter that takes these parameters ({which}); "
+            f"{'none of the configurations does' if configurations else 'the file does not say which'}"
+        )
+    found: dict[str, Configuration] = {}
+    for c in named:
+        found[c.name] = c
+        if c in taking:
+            new = c.with_value("params", str(path), None if c.name == c.text else f"{c.name}, {path.name}")
+            found[new.name] = new
+    return list(found.values())
+
+
+REPLICAS = ("px4_q", "ap_dcm")
+"""Filters that replay a firmware's own estimator with its own parameters."""

@@ -1,1 +1,0 @@
-"""A grid of settings: the best, and what cannot be distinguished from it."""

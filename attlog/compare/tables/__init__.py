@@ -1,1 +1,0 @@
-"""Comparisons and analyses as tables, files and pages."""

@@ -1,1 +1,0 @@
-"""Gains found on some logs and judged on others."""

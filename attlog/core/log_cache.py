@@ -1,0 +1,44 @@
+"""What several questions ask of the same sensor or attitude is found once, while a block lasts.
+
+A long log's answers are as large as the log, so they are released with the block, before filters run.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_FOUND: ContextVar[dict[tuple[Any, ...], tuple[Any, Any]] | None] = ContextVar("found", default=None)
+
+
+@contextmanager
+def log_cache() -> Iterator[None]:
+    """A block in which the log does not change; one within another shares what that has found."""
+    before = _FOUND.set({} if (found := _FOUND.get()) is None else found)
+    try:
+        yield
+    finally:
+        _FOUND.reset(before)
+
+
+def cached_per_log(compute: Callable[P, T]) -> Callable[P, T]:
+    """A function of objects (by identity) whose answer nobody writes into: one answer per block."""
+
+    @functools.wraps(compute)
+    def shared(*args: P.args, **kwargs: P.kwargs) -> T:
+        found = _FOUND.get()
+        if found is None or kwargs:
+            return compute(*args, **kwargs)
+        key = (compute, *map(id, args))
+        if key not in found:
+            found[key] = args, compute(*args, **kwargs)  # the objects, too: a later one never has the place of one gone
+        answer: T = found[key][1]
+        return answer
+
+    return shared

@@ -1,0 +1,97 @@
+"""How much memory this process may still take, and what a long log's steps freed given back to the system.
+
+The C library keeps freed memory, in blocks that fit nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import attlog
+
+PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
+
+
+def available_bytes(proc: Path = PROC, cgroup: Path = CGROUP) -> int | None:
+    """The least of what the machine has (free, or kept for files, or swap), what its control group may take, and what
+    the process's own limit of address space leaves (``ulimit -v``); None where none of it is known."""
+    limits = [_machine_limit(proc), _cgroup_limit(cgroup), _process_limit(proc)]
+    return min((found for found in limits if found is not None), default=None)
+
+
+def _machine_limit(proc: Path) -> int | None:
+    lines = _read_numbers(proc / "meminfo")
+    return (lines["MemAvailable"] + lines.get("SwapFree", 0)) << 10 if "MemAvailable" in lines else None
+
+
+def _cgroup_limit(cgroup: Path) -> int | None:
+    """What a container is given; pages of files that it holds can be dropped."""
+    most, held = _read_text(cgroup / "memory.max"), _read_text(cgroup / "memory.current")
+    if not (most.isdecimal() and held.isdecimal()):
+        return None
+    return max(int(most) - int(held) + _read_numbers(cgroup / "memory.stat").get("file", 0), 0)
+
+
+def _process_limit(proc: Path) -> int | None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    held = _read_numbers(proc / "self" / "status").get("VmSize")
+    return None if limit == resource.RLIM_INFINITY or held is None else max(limit - (held << 10), 0)
+
+
+def _read_numbers(path: Path) -> dict[str, int]:
+    """Lines of a name and a whole number."""
+    pairs = [line.replace(":", " ").split() for line in _read_text(path).splitlines()]
+    return {pair[0]: int(pair[1]) for pair in pairs if len(pair) > 1 and pair[1].isdecimal()}
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except (OSError, ValueError):
+        return ""
+
+
+MIN_TRIMMED_SAMPLES = 100_000
+"""Samples from which it is worth its time: arrays of less are used again from what is kept."""
+
+
+def release_memory(samples: int) -> bool:
+    """Give freed memory back after a step over so many samples; False where there is nothing to be done."""
+    trim = _malloc_trim() if samples >= MIN_TRIMMED_SAMPLES else None
+    return trim is not None and bool(trim(0))
+
+
+@functools.lru_cache(maxsize=1)
+def _malloc_trim() -> Callable[[int], int] | None:
+    """``malloc_trim`` of glibc; other C libraries have none, and none of their own accord keeps as much."""
+    if not sys.platform.startswith("linux"):
+        return None
+    import ctypes
+
+    found: Callable[[int], int] | None = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    return found
+
+
+# What computed the numbers.
+
+
+def versions() -> dict[str, str]:
+    """Versions of attlog, Python and numpy, and the processor."""
+    return {
+        "version": attlog.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        # ``platform.processor`` starts ``uname``, whose answer on Linux is this one or none.
+        "cpu": os.environ.get("PROCESSOR_IDENTIFIER") or platform.machine(),
+    }

@@ -1,0 +1,131 @@
+"""Dataclasses as plain JSON values: what is written. What is read is checked by pydantic, by the same fields."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+    from pydantic_core import CoreSchema
+
+IN_JSON = "json"
+"""A field that stays out of the document says so: ``field(metadata={IN_JSON: False})``."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class NumberArray:
+    """Tells pydantic that an array stands in a document as a list of numbers: ``Annotated[Array, NumberArray(float)]``.
+
+    A null among floats is NaN.
+    """
+
+    number: type
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The list as it is read, and the array that it becomes."""
+        from pydantic_core import core_schema
+
+        number = core_schema.float_schema(), core_schema.int_schema()
+        item = number[1] if self.number is int else core_schema.nullable_schema(number[0])
+        return core_schema.no_info_after_validator_function(
+            lambda values: np.asarray(values, self.number), core_schema.list_schema(item)
+        )
+
+
+class NullAsNaN:
+    """Tells pydantic that a null stands for NaN: ``Annotated[float, NotANumber()]``."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """A number or null as it is read, and the number that it becomes."""
+        from pydantic_core import core_schema
+
+        number = core_schema.nullable_schema(core_schema.float_schema())
+        return core_schema.no_info_after_validator_function(lambda x: math.nan if x is None else x, number)
+
+
+def to_plain(value: Any, defaults: bool = True) -> Any:
+    """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None.
+
+    Not ``defaults``: fields of dataclasses that have their default are left out.
+    """
+    kind: Any = type(value)
+    if kind is float:
+        return value if math.isfinite(value) else None
+    if kind in PLAIN_TYPES:
+        return value
+    if kind is dict:
+        return {str(k): v if type(v) in PLAIN_TYPES else to_plain(v, defaults) for k, v in value.items()}
+    if kind is list or kind is tuple:
+        return [v if type(v) in PLAIN_TYPES else to_plain(v, defaults) for v in value]
+    written = _document_fields(kind)
+    if written is None:
+        return _rare_to_plain(value, defaults)
+    document = {}
+    for name, default in written:
+        item = getattr(value, name)
+        if not defaults and _is_default(item, default):
+            continue
+        if type(item) not in PLAIN_TYPES:
+            item = to_plain(item, defaults)
+        document[name] = item
+    return document
+
+
+PLAIN_TYPES = frozenset((str, int, bool, type(None)))
+
+
+@functools.cache
+def _document_fields(kind: type) -> tuple[tuple[str, Any], ...] | None:
+    """The fields of a dataclass that its document has, each with its default; None for other types."""
+    if not dataclasses.is_dataclass(kind):
+        return None
+    return tuple(
+        (f.name, f.default if f.default_factory is dataclasses.MISSING else f.default_factory())
+        for f in dataclasses.fields(kind)
+        if f.metadata.get(IN_JSON, True)
+    )
+
+
+def _is_default(item: Any, default: Any) -> bool:
+    """Whether a field has its default: the same value of the same type."""
+    return item is default or (type(item) is type(default) and not isinstance(item, np.ndarray) and item == default)
+
+
+def _rare_to_plain(value: Any, defaults: bool) -> Any:
+    """What remains: sets, arrays, numpy's scalars, subclasses of plain types; anything else as its text."""
+    if isinstance(value, dict):
+        return {str(k): to_plain(v, defaults) for k, v in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [to_plain(v, defaults) for v in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
+    if isinstance(value, np.ndarray):
+        return to_plain(value.tolist())
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def rounded_document(value: Any, digits: int) -> Any:
+    """A plain value with its floats to so many significant digits."""
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}")
+    if isinstance(value, dict):
+        return {k: rounded_document(v, digits) for k, v in value.items()}
+    return [rounded_document(v, digits) for v in value] if isinstance(value, list) else value
+
+
+def without_keys(value: Any, keys: tuple[str, ...]) -> Any:
+    """The document with the named keys left out at every level."""
+    if isinstance(value, dict):
+        return {k: without_keys(v, keys) for k, v in value.items() if k not in keys}
+    if isinstance(value, list):
+        return [without_keys(v, keys) for v in value]
+    return value

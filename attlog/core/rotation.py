@@ -1,0 +1,427 @@
+"""Quaternions, Euler angles and attitude errors on whole arrays.
+
+Conventions everywhere in attlog: scalar first, Hamilton product, ``q`` turns body
+(FRD) vectors into earth (NED) vectors, Euler angles are roll, pitch, yaw in the
+order z-y-x. Arrays are (..., 4) and (..., 3); all functions broadcast. Angles
+come from ``atan2`` of the vector part, never from ``acos`` of the scalar part: in
+float32 the latter turns rounding into 0.06 deg.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any, ParamSpec, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog.core.jit.kernel import kernel_of
+from attlog.core.jit.search import last_before
+
+Array = NDArray[np.float64]
+P = ParamSpec("P")
+
+BLOCK_ROWS = 4096
+"""Rows per pass: what is made on the way stays in the processor's cache, and costs a long log no memory."""
+ENU, FLU = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
+"""The half turns between east-north-up and north-east-down, and between forward-left-up and forward-right-down."""
+
+
+def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]]:
+    """A function of rows whose answer has this shape for each, worked through in blocks where there are many rows."""
+
+    def of(function: Callable[P, Array]) -> Callable[P, Array]:
+        @functools.wraps(function)
+        def blocked(*args: P.args, **named: P.kwargs) -> Array:
+            given: tuple[Any, ...] = args
+            n = max([len(x) for x in given if isinstance(x, np.ndarray) and x.ndim == 2], default=0)
+            if n <= BLOCK_ROWS or named or any(np.ndim(x) > 2 or (np.ndim(x) == 2 and len(x) != n) for x in given):
+                return function(*args, **named)
+            out, rows = np.empty((n, *shape)), cast(Callable[..., Array], function)
+            for a in range(0, n, BLOCK_ROWS):
+                out[a : a + BLOCK_ROWS] = rows(*(x[a : a + BLOCK_ROWS] if np.ndim(x) == 2 else x for x in given))
+            return out
+
+        return blocked
+
+    return of
+
+
+@_by_blocks(4)
+def normalize(q: ArrayLike) -> Array:
+    """Unit quaternions (n, 4) or (4,); one of zero length, or of one beyond any number, becomes NaN."""
+    q = np.asarray(q, np.float64)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        norm = np.asarray(length(q))
+        return np.asarray(q / np.where((norm > 0) & (norm < np.inf), norm, np.nan)[..., None])
+
+
+def finite_rows(x: Array) -> NDArray[np.bool_]:
+    """Which rows (n,) of quaternions or vectors (n, k) hold finite numbers alone; many times faster than ``all``.
+
+    Mostly all do: then the sum of all is finite too. (Not their product with themselves: for that long arrays go to
+    several threads, which wait for each other on a busy machine.)
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        if np.isfinite(x.sum()):
+            return np.ones(len(x), bool)
+        return np.isfinite(x @ np.ones(x.shape[-1]))
+
+
+def length(x: Array) -> Array:
+    """Lengths (n,) of vectors (n, k): column by column, because numpy sums a short last axis many times slower."""
+    square = x[..., 0] * x[..., 0]
+    for k in range(1, x.shape[-1]):
+        square = square + x[..., k] * x[..., k]
+    return np.asarray(np.sqrt(square))
+
+
+def conjugate(q: ArrayLike) -> Array:
+    """The inverse rotation of unit quaternions (n, 4) or (4,)."""
+    inverse: Array = np.asarray(q, np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
+
+
+@_by_blocks(4)
+def multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """Hamilton product (n, 4) of quaternions a (n, 4) and b (n, 4), or of single ones (4,): first b, then a."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    a0, a1, a2, a3 = (a[..., k] for k in range(4))
+    b0, b1, b2, b3 = (b[..., k] for k in range(4))
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
+    out[..., 1] = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
+    out[..., 2] = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
+    out[..., 3] = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
+    return out
+
+
+@_by_blocks(3)
+def rotate(q: ArrayLike, v: ArrayLike) -> Array:
+    """Vectors v (n, 3) turned by quaternions q (n, 4), body to earth; either may be a single one."""
+    q = np.asarray(q, np.float64)
+    v = np.asarray(v, np.float64)
+    w, x, y, z = (q[..., k] for k in range(4))
+    vx, vy, vz = (v[..., k] for k in range(3))
+    tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
+    out = np.empty((*np.broadcast_shapes(q.shape[:-1], v.shape[:-1]), 3))
+    out[..., 0] = vx + w * tx + (y * tz - z * ty)
+    out[..., 1] = vy + w * ty + (z * tx - x * tz)
+    out[..., 2] = vz + w * tz + (x * ty - y * tx)
+    return out
+
+
+def rotate_inverse(q: ArrayLike, v: ArrayLike) -> Array:
+    """Vectors v (n, 3) turned back by quaternions q (n, 4), earth to body; either may be a single one."""
+    return rotate(conjugate(q), v)
+
+
+@_by_blocks(4)
+def from_rotvec(v: ArrayLike) -> Array:
+    """Quaternions (n, 4) of rotation vectors (n, 3) in rad; (4,) of a single one."""
+    v = np.asarray(v, np.float64)
+    half = 0.5 * length(v)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = np.where(half > 1e-9, 0.5 * np.sin(half) / half, 0.5)
+    out = np.empty((*v.shape[:-1], 4))
+    out[..., 0] = np.cos(half)
+    out[..., 1:] = factor[..., None] * v
+    return out
+
+
+@_by_blocks(3)
+def to_rotvec(q: ArrayLike) -> Array:
+    """Rotation vectors (n, 3) in rad, length 0 to pi, of quaternions (n, 4); (3,) of a single one."""
+    q = np.asarray(q, np.float64)
+    w, s = q[..., 0], length(q[..., 1:])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = np.where(s > 1e-12, 2.0 * np.arctan2(s, np.abs(w)) / s, 2.0)
+    return np.asarray(np.where(w < 0, -factor, factor)[..., None] * q[..., 1:])
+
+
+def increments(q: Array) -> Array:
+    """Rotation vectors (n - 1, 3) in rad of ``q_i^* q_(i+1)``: what attitudes (n, 4) turn from sample to sample."""
+    return relative_rotvecs(q[:-1], q[1:])
+
+
+def relative_rotvecs(before: Array, after: Array) -> Array:
+    """Rotation vectors (n, 3) in rad of ``before^* after`` of attitudes (n, 4) each."""
+    out = np.empty((len(before), 3))
+    for a in range(0, len(out), BLOCK_ROWS):
+        (w, x, y, z), (e, f, g, h) = before[a : a + BLOCK_ROWS].T, after[a : a + BLOCK_ROWS].T
+        turn = np.empty((3, len(w)))
+        turn[0] = w * f - x * e - y * h + z * g
+        turn[1] = w * g + x * h - y * e - z * f
+        turn[2] = w * h - x * g + y * f - z * e
+        cosine, sine = w * e + x * f + y * g + z * h, np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+        factor = np.full(len(w), 2.0)
+        np.divide(2.0 * np.arctan2(sine, np.abs(cosine)), sine, out=factor, where=sine > 1e-12)
+        out[a : a + BLOCK_ROWS] = (turn * np.where(cosine < 0, -factor, factor)).T
+    return out
+
+
+def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
+    """Quaternions (n, 4) of roll, pitch, yaw (n,) in rad, order z-y-x; (4,) of single angles."""
+    r, p, y = (0.5 * np.asarray(x, np.float64) for x in (roll, pitch, yaw))
+    cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+@_by_blocks(3)
+def to_euler(q: ArrayLike) -> Array:
+    """Roll, pitch, yaw (n, 3) in rad of quaternions (n, 4); yaw in (-pi, pi]."""
+    q = np.asarray(q, np.float64)
+    w, x, y, z = (q[..., k] for k in range(4))
+    out = np.empty((*q.shape[:-1], 3))
+    out[..., 0] = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    out[..., 1] = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    out[..., 2] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return out
+
+
+@_by_blocks(3, 3)
+def to_matrix(q: ArrayLike) -> Array:
+    """Rotation matrices (n, 3, 3), body to earth, of quaternions (n, 4)."""
+    q = np.asarray(q, np.float64)
+    w, x, y, z = (q[..., k] for k in range(4))
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    out = np.empty((*q.shape[:-1], 3, 3))
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
+    return out
+
+
+def from_matrix(m: Array) -> Array:
+    """The quaternion (4,) of a rotation matrix (3, 3), by the largest of its four components."""
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    k = int(np.argmax([trace, m[0, 0], m[1, 1], m[2, 2]]))
+    if k == 0:
+        q = np.array([1.0 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+    else:
+        i = k - 1
+        j, n = (i + 1) % 3, (i + 2) % 3
+        q = np.empty(4)
+        q[0] = m[n, j] - m[j, n]
+        q[1 + i] = 1.0 + m[i, i] - m[j, j] - m[n, n]
+        q[1 + j] = m[j, i] + m[i, j]
+        q[1 + n] = m[n, i] + m[i, n]
+    return normalize(q)
+
+
+def nearest_rotation(b: Array) -> Array:
+    """The rotation matrix R (3, 3) that maximises trace(R^T B): Wahba's problem [Markley1988], with B = sum a b^T the R
+    that turns vectors b onto vectors a (Kabsch1976)."""
+    u, _, v = np.linalg.svd(b)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
+
+
+def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
+    """Attitudes interpolated at times ``at`` along the shortest arc; NaN outside ``t``.
+
+    ``t`` (n,) ascending, ``q`` (n, 4). The caller decides whether interpolating
+    across a gap is honest.
+    """
+    return slerp_in_segments(t, q, None, at)[0]
+
+
+def slerp_in_segments(
+    t: ArrayLike, q: ArrayLike, segment: NDArray[np.int64] | None, at: ArrayLike
+) -> tuple[Array, NDArray[np.int64]]:
+    """:func:`slerp` that never crosses from one ``segment`` (n,) to the next, and the sample (m,) before each time.
+
+    NaN and -1 where that is not to be had.
+    """
+    from attlog.core.jit.kernel import function_of
+
+    t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
+    at = np.ascontiguousarray(np.atleast_1d(at), np.float64)
+    own = np.zeros(len(t), np.int64) if segment is None else np.ascontiguousarray(segment, np.int64)
+    out, where = np.empty((len(at), 4)), np.empty(len(at), np.int64)
+    function_of(SLERP_KERNEL, slerp_loop, slerp_numpy)(out, where, t, q, own, at)
+    return out, where
+
+
+def mean(q: ArrayLike) -> Array:
+    """The mean attitude (4,) of (n, 4): largest eigenvector of sum q q^T (Markley et al. 2007).
+
+    Rows with NaN and of zero length do not count; NaN where none is left.
+    """
+    q = np.asarray(q, np.float64).reshape(-1, 4)
+    return np.asarray(group_means(q, np.array([0, len(q)]))[0])
+
+
+def group_means(q: Array, edges: NDArray[np.int64]) -> Array:
+    """The mean attitudes (k, 4) of the groups of (n, 4) between ``edges`` (k + 1,), each as :func:`mean`."""
+    q = normalize(q)
+    good = finite_rows(q)
+    if not good.all():
+        edges = np.concatenate([[0], np.cumsum(good)])[edges]
+        q = q[good]
+    groups = [q[a:b] for a, b in pairwise(edges.tolist())]
+    _, vectors = np.linalg.eigh(np.array([group.T @ group for group in groups]))
+    best = np.where(vectors[:, :1, -1] < 0, -vectors[:, :, -1], vectors[:, :, -1])
+    return np.where((np.diff(edges) > 0)[:, None], best, np.nan)
+
+
+def earth_error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
+    """The error (n, 4) seen in earth axes, q_est (n, 4) times the inverse of q_ref (n, 4) (``docs/metrics.md``)."""
+    return multiply(q_est, conjugate(q_ref))
+
+
+def total_angle(e: ArrayLike) -> Array:
+    """Total error (n,) in rad, 0 to pi, of e (n, 4): 2 atan2(|e_vec|, |e0|)."""
+    e = np.asarray(e, np.float64)
+    angle: Array = 2.0 * np.arctan2(length(e[..., 1:]), np.abs(e[..., 0]))
+    return angle
+
+
+def heading_angle(e: ArrayLike) -> Array:
+    """Heading error (n,) in rad, -pi to pi, of e (n, 4): 2 atan2(e3, e0), wrapped."""
+    e = np.asarray(e, np.float64)
+    return wrap(2.0 * np.arctan2(e[..., 3], e[..., 0]))
+
+
+def tilt_angle(e: ArrayLike) -> Array:
+    """Tilt error (n,) in rad, 0 to pi, of e (n, 4): 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
+    e = np.asarray(e, np.float64)
+    angle: Array = 2.0 * np.arctan2(length(e[..., 1:3]), length(e[..., ::3]))
+    return angle
+
+
+def wrap(angle: ArrayLike) -> Array:
+    """Angles (n,) in rad wrapped to [-pi, pi)."""
+    return (np.asarray(angle, np.float64) + np.pi) % (2 * np.pi) - np.pi
+
+
+def unwrap(angle: Array, period: float = 2 * np.pi) -> Array:
+    """:func:`numpy.unwrap` of angles (n,), in a fraction of its time where nothing jumps, as mostly."""
+    return angle.copy() if (np.abs(np.diff(angle)) < 0.5 * period).all() else np.unwrap(angle, period=period)
+
+
+def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
+    """Attitudes (n, 4) turned by ``angle`` (n,) rad, or one for all, about the earth's down axis."""
+    q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)
+    out = np.empty((*np.broadcast_shapes(q.shape[:-1], half.shape), 4))
+    if q.ndim == 2 and len(q) > BLOCK_ROWS and half.shape in ((), (len(q),)):
+        for a in range(0, len(q), BLOCK_ROWS):
+            part = half[a : a + BLOCK_ROWS] if half.ndim else half
+            out[a : a + BLOCK_ROWS] = turn_about_down(q[a : a + BLOCK_ROWS], 2.0 * part)
+        return out
+    cosine, sine = np.cos(half), np.sin(half)
+    w, x, y, z = (q[..., k] for k in range(4))
+    out[..., 0], out[..., 1] = cosine * w - sine * z, cosine * x - sine * y
+    out[..., 2], out[..., 3] = cosine * y + sine * x, cosine * z + sine * w
+    return out
+
+
+# The loop behind interpolated attitudes (:func:`attlog.core.rotation.slerp`, :mod:`attlog.reference.scoring`).
+
+Indices = NDArray[np.int64]
+
+MAX_SERIES_SINE_SQUARED = 0.0025
+"""Squared sine of half an angle below which series hold to the last digit: 0.1 rad between neighbours, as of most."""
+SLERP_SIGNATURE = "void(f8[:, ::1], i8[::1], (f8[::1]), (f8[:, ::1]), (i8[::1]), (f8[::1]))"
+
+
+def small_arcsine(s: float) -> float:
+    """The angle in rad of a sine up to 0.05."""
+    x = s * s
+    return s * (1.0 + x * (1.0 / 6.0 + x * (3.0 / 40.0 + x * (5.0 / 112.0 + x * (35.0 / 1152.0 + x * 63.0 / 2816.0)))))
+
+
+def small_sine(y: float) -> float:
+    """The sine of an angle up to 0.11 rad."""
+    x = y * y
+    return y * (1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0))))
+
+
+def slerp_loop(out: Array, where: Indices, t: Array, q: Array, segment: Indices, at: Array) -> None:
+    """Fill ``out`` (m, 4) with attitudes at times ``at`` (m,) along the shortest arc, ``where`` (m,) with the sample
+    before each; NaN and -1 where there is none, or where the next one is of another ``segment``.
+
+    ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Times that ascend are found by walking on.
+    """
+    i, last = 0, len(t) - 1
+    for k in range(len(at)):
+        x = at[k]
+        for c in range(4):
+            out[k, c] = math.nan
+        where[k] = -1
+        if not (last >= 0 and t[0] <= x <= t[last]):
+            continue
+        i = last_before(t, x, i, last)
+        if x == t[i]:
+            where[k] = i
+            for c in range(4):
+                out[k, c] = q[i, c]
+            continue
+        if segment[i] != segment[i + 1]:
+            continue
+        where[k] = i
+        share = (x - t[i]) / (t[i + 1] - t[i])
+        dot = 0.0
+        for c in range(4):
+            dot += q[i, c] * q[i + 1, c]
+        sign = -1.0 if dot < 0.0 else 1.0
+        apart, along = 0.0, 0.0
+        for c in range(4):
+            minus, plus = sign * q[i + 1, c] - q[i, c], sign * q[i + 1, c] + q[i, c]
+            apart, along = apart + minus * minus, along + plus * plus
+        square = apart / (apart + along) if apart + along > 0.0 else math.nan
+        first, second = 1.0 - share, share
+        if square < MAX_SERIES_SINE_SQUARED:
+            angle = 2.0 * small_arcsine(math.sqrt(square))
+            if angle > 0.0:
+                whole = small_sine(angle)
+                first, second = small_sine(first * angle) / whole, small_sine(share * angle) / whole
+        else:
+            angle = 2.0 * math.atan2(math.sqrt(apart), math.sqrt(along))
+            whole = math.sin(angle)
+            first, second = math.sin(first * angle) / whole, math.sin(share * angle) / whole
+        for c in range(4):
+            out[k, c] = first * q[i, c] + second * sign * q[i + 1, c]
+
+
+def slerp_numpy(out: Array, where: Indices, t: Array, q: Array, segment: Indices, at: Array) -> None:
+    """The same in numpy, which needs memory for all times at once."""
+    out[:], where[:] = np.nan, -1
+    if len(t) == 0:
+        return
+    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 1)
+    inside = (at >= t[0]) & (at <= t[-1])
+    exact = inside & (t[i] == at)
+    out[exact], where[exact] = q[i[exact]], i[exact]
+    between = np.flatnonzero(inside & ~exact)
+    between = between[segment[i[between]] == segment[i[between] + 1]]
+    i = i[between]
+    where[between] = i
+    a, b, share = q[i], q[i + 1], ((at[between] - t[i]) / (t[i + 1] - t[i]))[:, None]
+    b = np.where(_row_sums(a * b) < 0.0, -b, b)
+    apart, along = (np.sqrt(_row_sums(x * x)) for x in (b - a, b + a))
+    angle = 2.0 * np.arctan2(apart, along)
+    whole = np.where(angle > 0.0, np.sin(angle), 1.0)
+    first = np.where(angle > 0.0, np.sin((1.0 - share) * angle) / whole, 1.0 - share)
+    second = np.where(angle > 0.0, np.sin(share * angle) / whole, share)
+    out[between] = first * a + second * b
+
+
+def _row_sums(x: Array) -> Array:
+    """The sums (n, 1) of rows (n, 4), column by column: numpy adds up short rows several times slower."""
+    return np.asarray(x[:, 0] + x[:, 1] + x[:, 2] + x[:, 3])[:, None]
+
+
+SLERP_KERNEL = kernel_of(
+    slerp_loop, SLERP_SIGNATURE, "rotation", "the interpolation of attitudes", ("core/rotation.py", "core/jit")
+)

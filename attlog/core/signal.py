@@ -1,0 +1,96 @@
+"""The firmwares' second-order filters: Butterworth low-pass and notch, run over samples as they fly.
+
+Low-pass: the bilinear transform of the second-order Butterworth filter with its cut-off kept, as in
+the LowPassFilter2p of both firmwares. Notch: the bilinear transform of the second-order notch, its
+width between the frequencies at which half of the power is left. Oppenheim & Schafer, Discrete-Time
+Signal Processing, section 7.1, derives both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core.errors import UsageError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Biquad:
+    """H(z) = (b0 + b1/z + b2/z^2) / (1 + a1/z + a2/z^2)."""
+
+    b0: float
+    b1: float
+    b2: float
+    a1: float
+    a2: float
+
+
+PASS_THROUGH = Biquad(1.0, 0.0, 0.0, 0.0, 0.0)
+"""What changes nothing: stands in place of a notch that is not wanted for a while."""
+
+
+def lowpass(cutoff_hz: float, rate_hz: float) -> Biquad:
+    """The second-order Butterworth low-pass at a sample rate. UsageError from half of the rate on."""
+    _require_below_nyquist(cutoff_hz, rate_hz, "a low-pass at")
+    w = math.tan(math.pi * cutoff_hz / rate_hz)
+    norm = 1.0 + math.sqrt(2.0) * w + w * w
+    b = w * w / norm
+    return Biquad(b, 2.0 * b, b, 2.0 * (w * w - 1.0) / norm, (1.0 - math.sqrt(2.0) * w + w * w) / norm)
+
+
+def notch(centre_hz: float, width_hz: float, rate_hz: float) -> Biquad:
+    """The second-order notch at a sample rate. UsageError from half of the rate on."""
+    _require_below_nyquist(centre_hz, rate_hz, "a notch at")
+    _require_below_nyquist(width_hz, rate_hz, "a notch with a width of")
+    alpha, middle = math.tan(math.pi * width_hz / rate_hz), math.cos(2.0 * math.pi * centre_hz / rate_hz)
+    gain = 1.0 / (1.0 + alpha)
+    return Biquad(gain, -2.0 * middle * gain, gain, -2.0 * middle * gain, (1.0 - alpha) * gain)
+
+
+def run_biquads(filters: list[tuple[int, Biquad]], x: Array) -> Array:
+    """Samples (n, k) through a filter that changes: each pair is the first sample it holds for, and the filter.
+
+    The first sample counts as having been there for ever, as the firmwares start. Where the
+    filter changes its memory stays, as in flight; after PASSES it begins anew. Samples that are not
+    finite are passed by.
+    """
+    out = np.array(x, np.float64)
+    for column in range(out.shape[1]):
+        good = np.flatnonzero(np.isfinite(out[:, column]))
+        if len(good):
+            starts = np.searchsorted(good, [begin for begin, _ in filters]).tolist()
+            out[good, column] = _run_column(starts, [f for _, f in filters], out[good, column].tolist())
+    return out
+
+
+def _run_column(starts: list[int], filters: list[Biquad], x: list[float]) -> list[float]:
+    """One column, in plain numbers: a sample depends on the one before, which arrays cannot do faster."""
+    out: list[float] = []
+    d1 = d2 = 0.0
+    for k, f in enumerate(filters):
+        end = starts[k + 1] if k + 1 < len(starts) else len(x)
+        if f == PASS_THROUGH:
+            out.extend(x[starts[k] : end])
+            continue
+        b0, b1, b2, a1, a2 = f.b0, f.b1, f.b2, f.a1, f.a2
+        if (k == 0 or filters[k - 1] == PASS_THROUGH) and starts[k] < len(x):
+            steady = x[starts[k]]  # memory after it for ever; all these filters have gain one at zero frequency
+            d1, d2 = steady * (1.0 - b0), steady * (b2 - a2)
+        for value in x[starts[k] : end]:
+            y = b0 * value + d1
+            d1 = b1 * value - a1 * y + d2
+            d2 = b2 * value - a2 * y
+            out.append(y)
+    return out
+
+
+def _require_below_nyquist(frequency: float, rate: float, what: str) -> None:
+    if not frequency < 0.5 * rate:
+        raise UsageError(
+            f"{what} {frequency:g} Hz needs samples above {2 * frequency:g} Hz; this log has them at {rate:.0f} Hz"
+        )

@@ -1,0 +1,230 @@
+"""Jumps of the gyro bias in flight: where the likelihood wants one, and how large it is.
+
+A shock ``s`` of the bias at a node changes the likelihood of all that follows by ``-lam.s - s^T Lam s / 2``, so that a
+jump of prior variance Q = JUMP_RAD_S^2 I there gains, by the scores that the way back has anyway (DeJongPenzer1998),
+
+    log L gains  lam^T (Lam + Q^-1)^-1 lam / 2 - log det(I + Q Lam) / 2,   s = -(Lam + Q^-1)^-1 lam
+
+One node after another, at the cost of a 3 x 3 solution each. Where a jump is modelled (the spread of the bias opened at
+its node) its smoothed size is ``-Q lam`` with variance ``Q - Q Lam Q``, and its time is where the way forth is
+likeliest: the scores of a pass that lacks the jump see it blurred.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from attlog.estimators.filters.navigation.inputs import JUMP_RAD_S, Inputs
+from attlog.estimators.filters.navigation.model import LIKELIHOOD, PHI, ROW
+from attlog.estimators.filters.navigation.schedule import Schedule
+from attlog.estimators.filters.navigation.solve import Pass, Runner
+from attlog.estimators.filters.navigation.start import StartState
+from attlog.estimators.interface import Array
+
+MIN_GAIN, GAIN_COMPASS = 20.0, 200.0
+"""Least gain in log likelihood. Without a compass sound flights stay below 5 and flights with faults of other sensors
+below 15; with one that is turned or offset they reach 113."""
+MAX_JUMPS = 4
+EDGE_S = 2.0
+"""So near to the ends, or to another jump, none is looked for: it could not be told from a blow."""
+SMALLEST_RAD_S, LARGEST_RAD_S, LEAST_SURE_RAD_S = np.deg2rad(0.2), np.deg2rad(10.0), np.deg2rad(0.3)
+"""What is smaller the bias' random walk follows; what is larger is a blow or a clipped gyro, what is less sure no step
+of a constant bias."""
+AGREE_SIGMAS, SAME_RAD_S = 3.0, np.deg2rad(0.1)
+"""Two runs agree on a jump within so many joint sigmas and this much."""
+BIAS_CHANGED_DPS, MIN_REST_S = 0.5, 2.0
+"""A gyro's bias drifts less in a flight, unless it jumps; each rest shows it for so long at least."""
+PLACED_S = (0.4, 0.2, 0.1, 0.05)
+"""Steps in s by which the time of a jump is moved while that is likelier."""
+FALL, FURTHEST_S = 2.0, 26.0
+"""Two sigma from its best time the logarithm of the likelihood has fallen by 2; none is looked at further away."""
+Times = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """At ``t`` s (one sigma ``t_sigma``) the gyro bias (3,) rad/s steps by ``size`` (one sigma ``sigma``)."""
+
+    t: float
+    t_sigma: float
+    size: Array
+    sigma: Array
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is worth telling."""
+        return bool(self.rate > SMALLEST_RAD_S)
+
+    @property
+    def believable(self) -> bool:
+        """Whether a bias can step so."""
+        return bool(self.rate < LARGEST_RAD_S and np.max(self.sigma) < LEAST_SURE_RAD_S)
+
+    @property
+    def rate(self) -> float:
+        """How large it is about any axis, rad/s."""
+        return float(np.sqrt(np.sum(self.size**2)))
+
+
+def gains(shocks: Array) -> tuple[Array, Array]:
+    """What a jump at each node (m,) would add to the logarithm of the likelihood, and its size (m, 3) in rad/s.
+
+    ``shocks`` (m, 12) as of :class:`Pass`.
+    """
+    lam, Lam = shocks[:, :3], shocks[:, 3:].reshape(-1, 3, 3)
+    size = -np.linalg.solve(Lam + np.eye(3) / JUMP_RAD_S**2, lam[:, :, None])[:, :, 0]
+    volume = np.linalg.slogdet(np.eye(3) + JUMP_RAD_S**2 * Lam)[1]
+    return -0.5 * np.sum(size * lam, axis=1) - 0.5 * volume, size
+
+
+def candidate(found: Pass, when: Array, known: Times) -> tuple[float, float]:
+    """Time in s of the most likely further jump, and what it would gain; ``when`` (m,) s of the nodes."""
+    usable = (when > when[0] + EDGE_S) & (when < when[-1] - EDGE_S)
+    for t in known:
+        usable &= np.abs(when - t) > EDGE_S
+    gain, size = gains(found.shocks)
+    usable &= np.sum(size**2, axis=1) > SMALLEST_RAD_S**2
+    if not usable.any():
+        return float(when[0]), 0.0
+    k = int(np.argmax(np.where(usable, gain, -np.inf)))
+    return float(when[k]), float(gain[k])
+
+
+def modelled(found: Pass, when: Array, times: Times, t_sigmas: Times) -> tuple[Jump, ...]:
+    """The jumps that a pass was run with, at ``times`` s; ``when`` (m,) s of its nodes."""
+    out = []
+    nodes = np.flatnonzero(found.schedule.jump > 0.0)
+    for t, t_sigma in zip(times, t_sigmas, strict=True):
+        k = int(nodes[np.argmin(np.abs(when[nodes] - t))])
+        variance = JUMP_RAD_S**2 - JUMP_RAD_S**4 * found.shocks[k, [3, 7, 11]]
+        sigma = np.sqrt(np.maximum(variance, 0.0))
+        out.append(Jump(t, t_sigma, -(JUMP_RAD_S**2) * found.shocks[k, :3], sigma))
+    return tuple(out)
+
+
+def placed(times: Times, likelihood: Callable[[Times], float]) -> tuple[Times, Times]:
+    """Times of jumps moved to where they are likeliest, and their sigmas, s."""
+    best = likelihood(times)
+    sigmas = []
+    for k in range(len(times)):
+        for step in (sign * size for size in PLACED_S for sign in (1.0, -1.0)):
+            while (value := likelihood(_with_moved_time(times, k, step))) > best:
+                times, best = _with_moved_time(times, k, step), value
+        far = [PLACED_S[-1], PLACED_S[-1]]
+        for side, sign in enumerate((1.0, -1.0)):
+            while far[side] < FURTHEST_S and likelihood(_with_moved_time(times, k, sign * far[side])) > best - FALL:
+                far[side] *= 2.0
+        sigmas.append(0.5 * max(far))
+    return times, tuple(sigmas)
+
+
+def _with_moved_time(times: Times, k: int, by: float) -> Times:
+    return (*times[:k], times[k] + by, *times[k + 1 :])
+
+
+def agree(found: tuple[Jump, ...], others: tuple[Jump, ...]) -> bool:
+    """Whether two runs with jumps at the same times find the same sizes, as far as they can tell."""
+    return all(
+        np.all(np.abs(a.size - b.size) < AGREE_SIGMAS * np.hypot(a.sigma, b.sigma) + SAME_RAD_S)
+        for a in found
+        for b in others
+        if a.t == b.t
+    )
+
+
+def changed_at_rest(inputs: Inputs) -> bool:
+    """Whether the bias that the gyro shows at rest changed by more over the run than it drifts."""
+    return bias_change_dps(inputs) > BIAS_CHANGED_DPS
+
+
+def bias_change_dps(inputs: Inputs) -> float:
+    """By how much in deg/s the mean gyro of the last rest differs from that of the first; 0 without two rests."""
+    edges = np.flatnonzero(np.diff(inputs.still.astype(np.int8), prepend=0, append=0))
+    means: list[Array] = []
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        if inputs.t[b - 1] - inputs.t[a] >= MIN_REST_S:
+            means.append(np.mean(inputs.gyr[a:b], axis=0))
+    if len(means) < 2:
+        return 0.0
+    return math.degrees(float(np.sqrt(np.sum((means[-1] - means[0]) ** 2))))
+
+
+# Jumps of the gyro bias as a filter finds them: by what came so far, and of use from then on.
+#
+# Each second the filter asks whether its innovations have grown. Then the scores of the last seconds (see
+# :mod:`jumps`) say whether a jump of the bias explains it; where one does, these seconds are filtered again with it,
+# and the filter goes on from there. What it said before stands. A compass that is turned or offset looks like a jump
+# too, but such a jump worsens the fit of GNSS: then there is none.
+
+EVERY_S, WINDOW_S = 1.0, 10.0
+"""How often the filter asks, and how far back it looks."""
+GROWN = 0.5
+"""Mean square, over the gate's, of the worst of three innovations of velocity or field: 0.3 where noise levels fit."""
+ONLINE_MIN_GAIN, ONLINE_MAX_JUMP_RAD_S = 40.0, np.deg2rad(4.0)
+"""Least gain in log likelihood, and what a filter that a bad compass misleads would take for a jump."""
+GNSS, GNSS_GAIN = slice(0, 4), -5.0
+"""Groups of GNSS velocities and positions, and what they must gain at least: -3 and more for real jumps on 24 flights
+(a plane's -12 in the first second), -6 to -32 in 11 of the 18 copies where a compass feigned one."""
+LOOKS, SELDOM = 5, 5
+"""After so many looks in vain it looks in every fifth second only: aids that stay bad must not cost minutes."""
+UNSURE_S = 0.5
+"""How well the time of a jump is known, about."""
+FRESH_S = 0.3
+"""So near to the end a jump is not told from a single odd fix."""
+
+
+def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Array) -> tuple[Pass, tuple[Jump, ...]]:
+    """The way forth with jumps of the gyro bias where the innovations ask for them, and these jumps."""
+    schedule = replace(schedule, jump=schedule.jump.copy())
+    found, state = runner.begun(schedule, begin)
+    when = runner.inputs.sensed_at[schedule.node_at]
+    bounds = np.unique(np.append(np.searchsorted(when, np.arange(when[0], when[-1], EVERY_S)), [0, len(when)]))
+    begun: list[tuple[int, list[Array]]] = []
+    told: list[Jump] = []
+    looks = 0
+    for second, (a, b) in enumerate(pairwise(bounds)):
+        begun.append((int(a), [x.copy() for x in state]))
+        while when[b - 1] - when[begun[0][0]] > WINDOW_S:
+            begun.pop(0)
+        runner.run(int(a), int(b), found, state, begin, par, None, None)
+        looks = looks + 1 if grown(found.ratio[a:b]) else 0
+        if looks == 0 or (looks > LOOKS and second % SELDOM):
+            continue
+        first, before = begun[0]
+        shocks, _, without = runner.shocks(schedule, begin, par, before, first, int(b))
+        gain, size = gains(shocks)
+        rate = np.sqrt(np.sum(size**2, axis=1))
+        gain[(when[first:b] > when[b - 1] - FRESH_S) | (rate < SMALLEST_RAD_S)] = -np.inf
+        k = int(np.argmax(gain))
+        if gain[k] < ONLINE_MIN_GAIN or rate[k] > ONLINE_MAX_JUMP_RAD_S or len(told) == MAX_JUMPS:
+            continue
+        opened = replace(schedule, jump=schedule.jump.copy())
+        opened.jump[first + k] = JUMP_RAD_S
+        _, after, with_it = runner.shocks(opened, begin, par, before, first, int(b))
+        if after[3][LIKELIHOOD] - state[3][LIKELIHOOD] < ONLINE_MIN_GAIN:
+            continue
+        if np.sum((with_it - without)[GNSS]) < GNSS_GAIN:
+            continue
+        for i in range(3):  # what it turned while its time is unsure
+            after[2][(ROW + 1) * (PHI + i)] += (UNSURE_S * size[k, i]) ** 2
+        state[:] = after
+        schedule.jump[:] = opened.jump
+        begun.clear()
+        looks = 0
+        told.append(Jump(float(when[first + k]), 0.0, size[k], np.zeros(3)))
+    found.memory = state[3]
+    return found, tuple(told)
+
+
+def grown(ratio: Array) -> bool:
+    """Whether velocities or fields did not fit of late; ``ratio`` (k, 4) at some nodes, NaN without an aid."""
+    for column in (0, 3):
+        known = ratio[np.isfinite(ratio[:, column]), column]
+        if len(known) and float(np.mean(np.minimum(known, 9.0))) > GROWN:
+            return True
+    return False

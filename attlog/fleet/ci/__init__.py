@@ -1,1 +1,0 @@
-"""Gates over many logs, for CI: JUnit, annotations, summaries."""

@@ -1,1 +1,0 @@
-"""What a batch shows: its index, its tables, its summary."""

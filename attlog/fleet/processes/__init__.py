@@ -1,1 +1,0 @@
-"""One log in a process of its own."""

@@ -1,1 +1,0 @@
-"""What is to be done with a log, and what became of it."""

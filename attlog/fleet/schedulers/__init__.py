@@ -1,1 +1,0 @@
-"""Who works on which log: this machine or a cluster."""

@@ -1,1 +1,0 @@
-"""Where logs are: files, folders, archives, URLs."""

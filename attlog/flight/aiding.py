@@ -1,0 +1,203 @@
+"""What an onboard estimator is told of its aids: delays, noise, gates, and what it asks of GNSS."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from attlog.flight.model import FlightLog, Gnss
+
+# Which parameter tells the onboard estimator how late a receiver or compass is, what it was, and what it may be?
+#
+# PX4 subtracts EKF2_GPS_DELAY from the record's stamp, since 2026 SENS_GPSn_DELAY (VehicleGPSPosition). ArduPilot's
+# EKF
+# subtracts ``AP_GPS::get_lag`` from GPA.SMS: GPS_DELAY_MS, or where that is 0 the driver's own number, of u-blox by
+# hardware (AP_GPS_UBLOX.cpp). EKF2 of Copter 3.4 has EK2_GPS_DELAY instead.
+# The delay of a compass is 60 ms there, a constant (``magDelay_ms``); PX4 has EKF2_MAG_DELAY.
+
+UBLOX_DELAY_MS = {0x0004: 220.0, 0x0007: 120.0, 0x0008: 120.0, 0x0019: 120.0, 0x000A: 120.0}
+"""By the upper half of the hardware number of ``u-blox 1 HW: 00080000``: 5 and 6, 7, M8, F9, M10."""
+DRIVER_DELAY_MS = (50.0, 220.0)
+"""What the drivers of all receivers take for their own delay lies between these (AP_GPS, ``get_lag``)."""
+
+
+@dataclass(frozen=True, slots=True)
+class DelayParameter:
+    """``name`` was ``old`` ms when flown: the estimator took the delay for something from ``low`` to ``high`` ms.
+
+    ``most`` ms is the end of its documented range. ``words``: how it was told.
+    """
+
+    name: str
+    old: float
+    low: float
+    high: float
+    most: float
+    words: str
+
+
+def gnss_delay_parameter(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str:
+    """The parameter at ``t`` s, or a sentence why it is not known."""
+    if log.firmware.name == "PX4":
+        return _px4_delay(log, receiver, t)
+    if log.firmware.name == "ArduPilot":
+        return _ardupilot_delay(log, receiver, t)
+    return "The log does not say which firmware flew."
+
+
+def _known(log: FlightLog, name: str, t: float) -> float | None:
+    value = log.param(name, t)
+    return float(value) if isinstance(value, int | float) and value == value else None
+
+
+def _px4_delay(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str:
+    if _known(log, "SENS_GPS_MASK", t) and len(log.gnss) > 1:
+        return "The autopilot blends its receivers (SENS_GPS_MASK), so no delay belongs to one of them."
+    for name in (f"SENS_GPS{receiver.index}_DELAY", "EKF2_GPS_DELAY"):
+        old = _known(log, name, t)
+        if old is not None and (receiver.index == 0 or name.startswith("SENS")):
+            return DelayParameter(name, old, old, old, 300.0, f"{name} says {old:.0f} ms")
+    return "The log holds no delay parameter of this receiver."
+
+
+def _ardupilot_delay(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str:
+    slot = receiver.index + 1
+    name = next((n for n in (f"GPS{slot}_DELAY_MS", f"GPS_DELAY_MS{'' if slot == 1 else slot}") if n in log.params), "")
+    old = _known(log, name, t) if name else None
+    second = _known(log, "EK2_GPS_DELAY", t)
+    if old is None and second is None:
+        return "The log holds no delay parameter of this receiver."
+    if _known(log, "AHRS_EKF_TYPE", t) not in (2, 3):
+        return "No EKF flew that takes a delay (AHRS_EKF_TYPE)."
+    if receiver.received is None:
+        return "GPA.SMS is not logged, from which the EKF subtracts the delay."
+    if _known(log, "AHRS_EKF_TYPE", t) == 2 and second is not None:
+        if old is None and slot == 1:
+            return DelayParameter("EK2_GPS_DELAY", second, second, second, 250.0, f"EK2_GPS_DELAY says {second:.0f} ms")
+        return "This version has both EK2_GPS_DELAY and GPS_DELAY_MS: the log does not say which one counted."
+    if old is None:
+        return "The log holds no delay parameter of this receiver."
+    if old > 0:
+        return DelayParameter(name, old, old, old, 250.0, f"{name} says {old:.0f} ms")
+    assumed = _by_hardware(log, slot)
+    if assumed is None:
+        low, high = DRIVER_DELAY_MS
+        return DelayParameter(
+            name, old, low, high, 250.0, f"{name} 0 leaves it to the driver ({low:.0f} to {high:.0f})"
+        )
+    return DelayParameter(name, old, assumed, assumed, 250.0, f"{name} 0 stands for the driver's {assumed:.0f} ms")
+
+
+def _by_hardware(log: FlightLog, slot: int) -> float | None:
+    """The delay that ArduPilot's driver takes for a u-blox receiver, ms, where its text names the hardware."""
+    for _, _, text in log.texts:
+        found = re.match(rf"u-blox {slot} HW: ([0-9A-F]{{4}})([0-9A-F]{{4}})", text)
+        if found:
+            return UBLOX_DELAY_MS.get(int(found.group(1), 16))
+    return None
+
+
+COMPASS_MS = 60.0
+"""ArduPilot's constant."""
+
+
+def of_compass(log: FlightLog, t: float) -> DelayParameter | str:
+    """What the estimator took at ``t`` s for the delay of a compass; ``most`` is 0 where no parameter sets it."""
+    if log.firmware.name == "ArduPilot":
+        return DelayParameter("", COMPASS_MS, 0.0, COMPASS_MS, 0.0, f"the EKF takes {COMPASS_MS:.0f} ms")
+    old = _known(log, "EKF2_MAG_DELAY", t)
+    if old is None:
+        return "The log holds no parameter for the delay of a compass."
+    return DelayParameter("EKF2_MAG_DELAY", old, old, old, 300.0, f"EKF2_MAG_DELAY says {old:.0f} ms")
+
+
+def buffer(log: FlightLog, t: float) -> DelayParameter | None:
+    """How long PX4's estimator keeps its past (since 1.14): no aid may be later. None where nothing is told."""
+    old = _known(log, "EKF2_DELAY_MAX", t)
+    return None if old is None else DelayParameter("EKF2_DELAY_MAX", old, old, old, 1000.0, "")
+
+
+# Which parameter tells the onboard estimator the noise of an aid, and how many standard deviations is its gate?
+
+NOISE_PARAMETERS: dict[str, dict[str, tuple[str, float, float, str, float]]] = {
+    "PX4": {
+        "compass": ("EKF2_MAG_NOISE", 0.001, 1.0, "EKF2_MAG_GATE", 1.0),
+        "velocity": ("EKF2_GPS_V_NOISE", 0.01, 5.0, "EKF2_GPS_V_GATE", 1.0),
+        "position": ("EKF2_GPS_P_NOISE", 0.01, 10.0, "EKF2_GPS_P_GATE", 1.0),
+        "height": ("EKF2_BARO_NOISE", 0.01, 15.0, "EKF2_BARO_GATE", 1.0),
+    },
+    "XK": {
+        "compass": ("EK3_MAG_M_NSE", 0.01, 0.5, "EK3_MAG_I_GATE", 0.01),
+        "velocity": ("EK3_VELNE_M_NSE", 0.05, 5.0, "EK3_VEL_I_GATE", 0.01),
+        "position": ("EK3_POSNE_M_NSE", 0.1, 10.0, "EK3_POS_I_GATE", 0.01),
+        "height": ("EK3_ALT_M_NSE", 0.1, 10.0, "EK3_HGT_I_GATE", 0.01),
+    },
+    "NK": {
+        "compass": ("EK2_MAG_M_NSE", 0.01, 0.5, "EK2_MAG_I_GATE", 0.01),
+        "velocity": ("EK2_VELNE_M_NSE", 0.05, 5.0, "EK2_VEL_I_GATE", 0.01),
+        "position": ("EK2_POSNE_M_NSE", 0.1, 10.0, "EK2_POS_I_GATE", 0.01),
+        "height": ("EK2_ALT_M_NSE", 0.1, 10.0, "EK2_HGT_I_GATE", 0.01),
+    },
+}
+"""Noise, its documented range, its gate and the gate's unit in standard deviations."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseParameter:
+    """``name`` was ``old`` and lies between ``low`` and ``high``; the aid's gate is ``gate`` standard deviations."""
+
+    name: str
+    old: float
+    low: float
+    high: float
+    gate: float
+
+
+def noise_parameter(log: FlightLog, aid: str, source: str) -> NoiseParameter | None:
+    """The noise of an aid whose test ratio comes from ``source``; None where the log does not hold noise and gate."""
+    family = "PX4" if log.firmware.name == "PX4" else source[:2]
+    known = NOISE_PARAMETERS.get(family, {}).get(aid)
+    if known is None:
+        return None
+    name, low, high, gate, unit = known
+    old, sigmas = log.param(name), log.param(gate)
+    if not isinstance(old, int | float) or not isinstance(sigmas, int | float):
+        return None
+    if not (math.isfinite(old) and math.isfinite(sigmas)) or old <= 0.0 or sigmas <= 0.0:
+        return None
+    return NoiseParameter(name, float(old), low, high, float(sigmas) * unit)
+
+
+def advise_test_ratios(log: FlightLog) -> str:
+    """What would log test ratios."""
+    if log.firmware.name == "PX4":
+        return "No estimator_status in flight: set bit 0 of SDLOG_PROFILE to log test ratios."
+    if log.firmware.name == "ArduPilot":
+        return "No XKF4 or NKF4 in flight: ATTITUDE of LOG_BITMASK logs test ratios."
+    return "The log holds no test ratios of an EKF."
+
+
+# What does the onboard estimator ask of GNSS before it uses it?
+
+
+@dataclass(frozen=True, slots=True)
+class GnssRequirements:
+    """At least so many ``satellites``, at most this dilution, accuracies of ``speed`` m/s and ``place`` m."""
+
+    satellites: float
+    hdop: float
+    speed: float
+    place: float
+    source: str
+
+
+PX4_REQUIREMENTS = GnssRequirements(
+    6, 2.5, 0.5, 3.0, "EKF2_REQ_NSATS, EKF2_REQ_PDOP, EKF2_REQ_SACC, EKF2_REQ_EPH of PX4"
+)
+ARDUPILOT_REQUIREMENTS = GnssRequirements(6, 2.5, 1.0, 5.0, "calcGpsGoodToAlign of ArduPilot's EKF3")
+
+
+def gnss_requirements(log: FlightLog) -> GnssRequirements:
+    """The defaults of the firmware that flew."""
+    return PX4_REQUIREMENTS if log.firmware.name == "PX4" else ARDUPILOT_REQUIREMENTS

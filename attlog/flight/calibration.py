@@ -1,0 +1,443 @@
+"""What a firmware makes of a sensor's raw values, and which parameters hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from attlog.core import rotation
+from attlog.flight.advice import version_number
+from attlog.flight.model import Array
+
+# Mounting rotations by number (MAV_SENSOR_ORIENTATION), shared by PX4 and ArduPilot.
+#
+# Values: MAVLink common.xml, and PX4 src/lib/conversion/rotation.h.
+
+MOUNTING_EULER_DEG = (
+    (0, 0, 0),
+    (0, 0, 45),
+    (0, 0, 90),
+    (0, 0, 135),
+    (0, 0, 180),
+    (0, 0, 225),
+    (0, 0, 270),
+    (0, 0, 315),
+    (180, 0, 0),
+    (180, 0, 45),
+    (180, 0, 90),
+    (180, 0, 135),
+    (0, 180, 0),
+    (180, 0, 225),
+    (180, 0, 270),
+    (180, 0, 315),
+    (90, 0, 0),
+    (90, 0, 45),
+    (90, 0, 90),
+    (90, 0, 135),
+    (270, 0, 0),
+    (270, 0, 45),
+    (270, 0, 90),
+    (270, 0, 135),
+    (0, 90, 0),
+    (0, 270, 0),
+    (0, 180, 90),
+    (0, 180, 270),
+    (90, 90, 0),
+    (180, 90, 0),
+    (270, 90, 0),
+    (90, 180, 0),
+    (270, 180, 0),
+    (90, 270, 0),
+    (180, 270, 0),
+    (270, 270, 0),
+    (90, 180, 90),
+    (90, 0, 270),
+    (90, 68, 293),
+    (0, 315, 0),
+    (90, 315, 0),
+    (270, 0, 180),
+    (270, 0, 270),
+    (0, 90, 180),
+    (0, 9, 180),
+    (0, 45, 0),
+    (270, 0, 225),
+    (270, 0, 315),
+)
+"""Roll, pitch, yaw of the sensor or board in the vehicle, by number."""
+
+
+def mounting_matrix(number: float | None) -> Array | None:
+    """The rotation matrix (3, 3) that turns sensor vectors into body vectors, None for an unknown number."""
+    if number is None or not 0 <= number < len(MOUNTING_EULER_DEG):
+        return None
+    return euler_matrix(*MOUNTING_EULER_DEG[int(number)])
+
+
+def euler_matrix(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:
+    """The rotation matrix (3, 3) of Euler angles in degrees, z-y-x."""
+    return rotation.to_matrix(rotation.from_euler(*np.radians([roll_deg, pitch_deg, yaw_deg])))
+
+
+# How do raw values of a compass or an accelerometer become those in the log, and which offset would move them?
+#
+# Every firmware's correction is ``y = matrix (x + offset) + motor p``: x raw, y in body axes as logged, p the power
+# of
+# the motors (their current in A, or their throttle 0 to 1).
+
+MIN_DETERMINANT = 1e-3
+"""A calibration whose determinant is smaller folds the axes into a plane: it is damage."""
+
+
+class CalibrationUnknownError(Exception):
+    """Why the parameters that made a sensor's values cannot be named: one sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """``matrix`` (3, 3), ``offset`` (3,) in the sensor's unit, ``motor`` (3,) in that unit per unit of power."""
+
+    matrix: Array
+    offset: Array
+    motor: Array
+
+    def __post_init__(self) -> None:
+        known = all(np.isfinite(part).all() for part in (self.matrix, self.offset, self.motor))
+        if not known or abs(float(np.linalg.det(self.matrix))) < MIN_DETERMINANT:
+            raise CalibrationUnknownError("The calibration in the parameters is no rotation with scales.")
+
+    def body(self, raw: Array, power: Array | float = 0.0) -> Array:
+        """Values (n, 3) in body axes of ``raw`` (n, 3) at ``power`` (n, 1)."""
+        return (raw + self.offset) @ self.matrix.T + power * self.motor
+
+    def raw(self, body: Array, power: Array | float = 0.0) -> Array:
+        """Raw values (n, 3) of those in ``body`` axes: the inverse of :meth:`body`."""
+        return (body - power * self.motor) @ np.linalg.inv(self.matrix).T - self.offset
+
+    def offset_without(self, error: Array) -> Array:
+        """The offset (3,) with which values would be lower by ``error`` (3,) in body axes."""
+        return self.offset - np.linalg.solve(self.matrix, error)
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A sensor's correction with the parameters that hold it.
+
+    ``offsets``: three names; the correction's offset is ``offset_unit`` times their values, negative where a firmware
+    subtracts them. ``motors``: three names; the correction's motor is ``motor_matrix`` (3, 3) times their values while
+    ``motor_power`` is what the firmware multiplies them with: "current", "throttle" or "" for nothing. ``names``: all
+    parameters that enter. ``fixed``: parameters that say where the sensor points, or which one it is. ``units`` of the
+    parameters by name, and their ``digits``: decimals beyond which no sensor shows a difference.
+    """
+
+    correction: Correction
+    offsets: tuple[str, ...]
+    offset_unit: float
+    names: tuple[str, ...]
+    fixed: tuple[str, ...]
+    units: dict[str, str]
+    digits: int
+    motors: tuple[str, ...] = ()
+    motor_matrix: Array | None = None
+    motor_power: str = ""
+
+    def offset_values(self, offset: Array) -> dict[str, float]:
+        """The parameters that hold an ``offset`` (3,) of the correction, rounded."""
+        return self._rounded(self.offsets, offset / self.offset_unit)
+
+    def motor_values(self, motor: Array) -> dict[str, float]:
+        """The parameters that hold what the correction adds per unit of power, ``motor`` (3,) in body axes."""
+        if self.motor_matrix is None:
+            return {}
+        return self._rounded(self.motors, np.linalg.solve(self.motor_matrix, motor))
+
+    def _rounded(self, names: tuple[str, ...], values: Iterable[float]) -> dict[str, float]:
+        return {name: round(float(value), self.digits) for name, value in zip(names, values, strict=True)}
+
+
+# ArduPilot's calibration of compasses and accelerometers: formulas, names by slot, what must not be mapped.
+#
+# Compass (AP_Compass_Backend.cpp, correct_field): ``(raw + OFS) * SCALE``, times the symmetric matrix of DIA and ODI,
+# plus MOT times current or throttle. Before COMPASS_SCALE (4.0) MOT was added before the matrix. Since 4.1 a compass
+# is
+# logged by its priority, and its parameters stand in the slot with its device id; at boot the firmware swaps whole
+# slots
+# until both are the same. Accelerometer (AP_InertialSensor_Backend.cpp, _rotate_and_correct_accel):
+# ``(raw - OFFS) * SCAL``, then turned by AHRS_ORIENTATION.
+
+Values = Mapping[str, float]
+MILLIGAUSS = 1e-7
+"""Tesla per milligauss, the unit of COMPASS_OFS and COMPASS_MOT."""
+ARDUPILOT_SLOTS = 3
+SCALE_RANGE = (1.0 / 1.5, 1.5)
+"""COMPASS_SCALE counts within these (COMPASS_MIN_SCALE_FACTOR, COMPASS_MAX_SCALE_FACTOR); 0 is "not set"."""
+ARDUPILOT_MOTOR_POWERS = {0: "", 1: "throttle", 2: "current"}
+"""COMPASS_MOTCT."""
+ARDUPILOT_DIGITS, ACC_DIGITS = 2, 4
+"""Decimals of milligauss, of mG/A and of m/s^2."""
+SENSOR_AXES_VERSION = (3, 3)
+"""Before this version accelerometer offsets were those of the vehicle's axes."""
+
+
+def slot_suffix(slot: int) -> str:
+    """What stands behind the name of a slot's parameter: nothing for the first."""
+    return "" if slot == 1 else str(slot)
+
+
+def axis_names(name: str) -> tuple[str, str, str]:
+    """The names of a parameter's three axes."""
+    return f"{name}_X", f"{name}_Y", f"{name}_Z"
+
+
+def parameter_vector(values: Values, names: tuple[str, ...], default: float = 0.0) -> Array:
+    """Their values (3,)."""
+    return np.array([values.get(name, default) for name in names])
+
+
+def compass_device(values: Values, index: int) -> str | None:
+    """Device id of the compass that is logged with a number from 0; None where the log does not tell."""
+    by_priority = values.get(f"COMPASS_PRIO{index + 1}_ID")
+    found = values.get(f"COMPASS_DEV_ID{slot_suffix(index + 1)}") if by_priority is None else by_priority
+    return str(int(found)) if found else None
+
+
+def compass_slot(values: Values, index: int) -> int:
+    """The slot 1 to 3 that holds the parameters of the compass that is logged with a number from 0."""
+    wanted = values.get(f"COMPASS_PRIO{index + 1}_ID")
+    if wanted is None:
+        return index + 1
+    slots = [
+        n for n in range(1, ARDUPILOT_SLOTS + 1) if wanted and values.get(f"COMPASS_DEV_ID{slot_suffix(n)}") == wanted
+    ]
+    if not slots:
+        raise CalibrationUnknownError(f"No COMPASS_DEV_ID is that of COMPASS_PRIO{index + 1}_ID.")
+    if slots[0] != index + 1:
+        raise CalibrationUnknownError(
+            f"COMPASS_PRIO{index + 1}_ID names the compass of slot {slots[0]}: the next boot swaps the slots. Reboot "
+            "and fly once."
+        )
+    return slots[0]
+
+
+def ardupilot_compass(values: Values, index: int) -> Calibration:
+    """The calibration of the compass that is logged with a number from 0. CalibrationUnknownError says why not."""
+    slot = compass_slot(values, index)
+    end = slot_suffix(slot)
+    offsets, motors = axis_names(f"COMPASS_OFS{end}"), axis_names(f"COMPASS_MOT{end}")
+    diagonal, others, scale = axis_names(f"COMPASS_DIA{end}"), axis_names(f"COMPASS_ODI{end}"), f"COMPASS_SCALE{end}"
+    if not all(name in values for name in offsets):
+        raise CalibrationUnknownError(f"The log does not hold {offsets[0]}.")
+    dia, (xy, xz, yz) = parameter_vector(values, diagonal), parameter_vector(values, others)
+    dia = dia if dia.any() else np.ones(3)
+    matrix = np.diag(dia) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+    own_scale = values.get(scale, 0.0)
+    if SCALE_RANGE[0] <= own_scale <= SCALE_RANGE[1]:
+        matrix = own_scale * matrix
+    power = ARDUPILOT_MOTOR_POWERS.get(int(values.get("COMPASS_MOTCT", 0)), "")
+    if index == 0 and values.get("COMPASS_PMOT_EN"):
+        power = ""  # each motor has its own values, and these do not count
+    motor_matrix = MILLIGAUSS * (np.eye(3) if scale in values else matrix)
+    motor = motor_matrix @ parameter_vector(values, motors) if power else np.zeros(3)
+    correction = Correction(matrix, MILLIGAUSS * parameter_vector(values, offsets), motor)
+    every = [
+        f"COMPASS_{kind}{slot_suffix(n)}"
+        for n in range(1, ARDUPILOT_SLOTS + 1)
+        for kind in ("DEV_ID", "ORIENT", "EXTERN")
+    ]
+    fixed = (
+        *every,
+        *(f"COMPASS_PRIO{n}_ID" for n in range(1, ARDUPILOT_SLOTS + 1)),
+        "COMPASS_EXTERNAL",
+        "AHRS_ORIENTATION",
+    )
+    names = (*offsets, *diagonal, *others, scale, *motors, "COMPASS_MOTCT")
+    units = dict.fromkeys(offsets, "mG") | dict.fromkeys(motors, "mG/A" if power == "current" else "mG")
+    return Calibration(
+        correction, offsets, MILLIGAUSS, names, fixed, units, ARDUPILOT_DIGITS, motors, motor_matrix, power
+    )
+
+
+def ardupilot_motor_type(values: Values, index: int, power: str) -> dict[str, float]:
+    """What to set beside COMPASS_MOT so that it is multiplied with ``power``. CalibrationUnknownError says why not."""
+    slot = compass_slot(values, index)
+    if values.get("COMPASS_PMOT_EN"):
+        raise CalibrationUnknownError("COMPASS_PMOT_EN compensates each motor by itself.")
+    symmetric = parameter_vector(values, axis_names(f"COMPASS_ODI{slot_suffix(slot)}"))
+    dia = parameter_vector(values, axis_names(f"COMPASS_DIA{slot_suffix(slot)}"))
+    if f"COMPASS_SCALE{slot_suffix(slot)}" not in values and (symmetric.any() or (dia.any() and (dia != 1.0).any())):
+        raise CalibrationUnknownError("Before version 4.0 COMPASS_MOT is added before the scales COMPASS_DIA.")
+    wanted = next(number for number, name in ARDUPILOT_MOTOR_POWERS.items() if name == power)
+    now = int(values.get("COMPASS_MOTCT", 0))
+    if now == wanted:
+        return {}
+    beside = [n for n in range(1, ARDUPILOT_SLOTS + 1) if now or n != slot]
+    for n in beside:
+        if parameter_vector(values, axis_names(f"COMPASS_MOT{slot_suffix(n)}")).any():
+            raise CalibrationUnknownError(
+                f"COMPASS_MOT{slot_suffix(n)} holds values of another kind of compensation (COMPASS_MOTCT {now})."
+            )
+    return {"COMPASS_MOTCT": float(wanted)}
+
+
+def ardupilot_accelerometer(values: Values, index: int, version: str) -> Calibration:
+    """The calibration of the accelerometer with a number from 0. CalibrationUnknownError says why there is none."""
+    if (0, 0) < version_number(version) < SENSOR_AXES_VERSION:
+        raise CalibrationUnknownError("Before version 3.3 accelerometer offsets had other axes.")
+    name = "INS_ACC" if index == 0 else f"INS_ACC{index + 1}" if index < ARDUPILOT_SLOTS else f"INS{index + 1}_ACC"
+    offsets, scales = axis_names(f"{name}OFFS"), axis_names(f"{name}SCAL")
+    if not all(n in values for n in offsets):
+        raise CalibrationUnknownError(f"The log does not hold {offsets[0]}.")
+    turn = mounting_matrix(values.get("AHRS_ORIENTATION", 0.0))
+    if turn is None:
+        raise CalibrationUnknownError("AHRS_ORIENTATION is one of custom angles.")
+    scale = parameter_vector(values, scales, 1.0)
+    scale = scale if scale.any() else np.ones(3)
+    correction = Correction(turn * scale, -parameter_vector(values, offsets), np.zeros(3))
+    units, fixed = dict.fromkeys(offsets, "m/s^2"), ("AHRS_ORIENTATION",)
+    return Calibration(correction, offsets, -1.0, (*offsets, *scales), fixed, units, ACC_DIGITS)
+
+
+# PX4's own sensor calibration: its formula, its names by slot, and raw values that it corrects.
+#
+# ``y = R (S (x - b))`` for accelerometer (S diagonal) and magnetometer (S symmetric; x + power times COMP in place of
+# x), ``y = R (x - b)`` for gyros; R is the sensor's rotation, or the board's (``SENS_BOARD_ROT``) for a sensor on the
+# board, and after it the board's fine offsets. Slots are found by device id, never by instance number
+# (PX4 src/lib/sensor_calibration). Since 1.13 the firmware subtracts from a compass what it learnt before arming,
+# too.
+
+GAUSS = 1e-4
+"""Tesla per gauss, the unit of CAL_MAGn_*OFF."""
+KILOAMPERE = 1e3
+"""CAL_MAGn_*COMP is gauss per kA of current, or gauss at full throttle."""
+PX4_MOTOR_POWERS = {0: "", 1: "throttle", 2: "current"}
+"""CAL_MAG_COMP_TYP; 3 is the current of a second battery, which no log names."""
+PX4_SLOTS, PX4_DIGITS = 8, 4
+"""So many slots; decimals of gauss, of G/kA and of m/s^2 in a parameter."""
+CUSTOM_ROTATION = 100
+"""CAL_MAGn_ROT that points to CAL_MAGn_ROLL, _PITCH, _YAW in degrees."""
+BOARD_PARAMETERS = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z_OFF")
+
+
+def px4_slot(kind: str, values: Values, device_id: int) -> int | None:
+    """The calibration slot n of ``CAL_<kind>n_*`` for a device, None where it was never calibrated."""
+    if device_id == 0:
+        return None
+    return next((n for n in range(PX4_SLOTS) if values.get(f"CAL_{kind}{n}_ID") == device_id), None)
+
+
+def px4_calibrate(kind: str, values: Values, device_id: int, x: Array) -> tuple[Array, bool]:
+    """Body-frame values (n, 3) of raw ones, and whether they were ever calibrated; else only the board is turned.
+
+    ``kind`` is GYRO, ACC or MAG as in the parameter names. The gain for motor
+    current (``CAL_MAGn_*COMP``) needs the current at every sample and is left out.
+    """
+    n = px4_slot(kind, values, device_id)
+    if n is None:
+        return x @ board_rotation(values).T, False
+    offset, gain = _px4_offset(kind, values, n), _px4_gain(kind, values, n)
+    return (x - offset) @ gain.T @ _px4_rotation(kind, values, n).T, bool(offset.any() or (gain != np.eye(3)).any())
+
+
+def px4_axis_names(kind: str, n: int, what: str) -> tuple[str, str, str]:
+    """The names of a calibration's three axes."""
+    return f"CAL_{kind}{n}_X{what}", f"CAL_{kind}{n}_Y{what}", f"CAL_{kind}{n}_Z{what}"
+
+
+def _px4_offset(kind: str, values: Values, n: int) -> Array:
+    return parameter_vector(values, px4_axis_names(kind, n, "OFF"))
+
+
+def _px4_gain(kind: str, values: Values, n: int) -> Array:
+    """Scale factors as a matrix (3, 3); compasses have elements beside the diagonal."""
+    gain = np.eye(3)
+    if kind != "GYRO":
+        np.fill_diagonal(gain, parameter_vector(values, px4_axis_names(kind, n, "SCALE"), 1.0))
+    if kind == "MAG":
+        xy, xz, yz = parameter_vector(values, px4_axis_names(kind, n, "ODIAG"))
+        gain += np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+    return gain
+
+
+def _px4_rotation(kind: str, values: Values, n: int) -> Array:
+    """The rotation (3, 3) from the sensor to the vehicle: its own where it has one, else the board's."""
+    own = values.get(f"CAL_{kind}{n}_ROT", -1.0)
+    turn = mounting_matrix(own) if own >= 0 else None
+    if own == CUSTOM_ROTATION:
+        turn = euler_matrix(*(values.get(f"CAL_{kind}{n}_{angle}", 0.0) for angle in ("ROLL", "PITCH", "YAW")))
+    return board_rotation(values) if turn is None else _board_fine_rotation(values) @ turn
+
+
+def board_rotation(values: Values) -> Array:
+    """The rotation matrix of the board in the vehicle: SENS_BOARD_ROT, then the fine offsets in degrees."""
+    turn = mounting_matrix(values.get("SENS_BOARD_ROT", 0.0))
+    return _board_fine_rotation(values) if turn is None else _board_fine_rotation(values) @ turn
+
+
+def _board_fine_rotation(values: Values) -> Array:
+    return euler_matrix(*(values.get(f"SENS_BOARD_{axis}_OFF", 0.0) for axis in "XYZ"))
+
+
+def compass_priority(values: Values, device_id: int) -> float | None:
+    """``CAL_MAGn_PRIO`` of a compass (0: disabled), None where the log does not tell."""
+    n = px4_slot("MAG", values, device_id)
+    return None if n is None else values.get(f"CAL_MAG{n}_PRIO")
+
+
+def px4_compass(values: Values, device_id: int) -> Calibration:
+    """The calibration of a compass. CalibrationUnknownError says why there is none."""
+    n = _px4_known_slot("MAG", values, device_id)
+    matrix = _px4_rotation("MAG", values, n) @ _px4_gain("MAG", values, n)
+    motors = px4_axis_names("MAG", n, "COMP")
+    power = PX4_MOTOR_POWERS.get(int(values.get("CAL_MAG_COMP_TYP", 0)), "current")
+    per = KILOAMPERE if power == "current" else 1.0
+    motor = matrix @ parameter_vector(values, motors) * GAUSS / per if power else np.zeros(3)
+    correction = Correction(matrix, -GAUSS * _px4_offset("MAG", values, n), motor)
+    named = [name for kind in ("OFF", "SCALE", "ODIAG", "COMP") for name in px4_axis_names("MAG", n, kind)]
+    return Calibration(
+        correction,
+        px4_axis_names("MAG", n, "OFF"),
+        -GAUSS,
+        (*named, f"CAL_MAG{n}_ROT", "CAL_MAG_COMP_TYP"),
+        (*(f"CAL_MAG{k}_ID" for k in range(PX4_SLOTS)), *BOARD_PARAMETERS),
+        dict.fromkeys(px4_axis_names("MAG", n, "OFF"), "G")
+        | dict.fromkeys(motors, "G/kA" if power == "current" else "G"),
+        PX4_DIGITS,
+        motors,
+        GAUSS / per * matrix,
+        power,
+    )
+
+
+def px4_motor_type(values: Values, device_id: int, power: str) -> dict[str, float]:
+    """What to set beside COMP so that it is multiplied with ``power``. CalibrationUnknownError says why not."""
+    _px4_known_slot("MAG", values, device_id)
+    now = int(values.get("CAL_MAG_COMP_TYP", 0))
+    wanted = next(number for number, name in PX4_MOTOR_POWERS.items() if name == power)
+    own = px4_slot("MAG", values, device_id)
+    for n in range(PX4_SLOTS):
+        if (now or n != own) and parameter_vector(values, px4_axis_names("MAG", n, "COMP")).any():
+            raise CalibrationUnknownError(f"CAL_MAG{n}_XCOMP compensates for motors already (CAL_MAG_COMP_TYP {now}).")
+    return {} if now == wanted else {"CAL_MAG_COMP_TYP": float(wanted)}
+
+
+def px4_accelerometer(values: Values, device_id: int) -> Calibration:
+    """The calibration of an accelerometer. CalibrationUnknownError says why there is none."""
+    n = _px4_known_slot("ACC", values, device_id)
+    correction = Correction(
+        _px4_rotation("ACC", values, n) @ _px4_gain("ACC", values, n), -_px4_offset("ACC", values, n), np.zeros(3)
+    )
+    names = (*px4_axis_names("ACC", n, "OFF"), *px4_axis_names("ACC", n, "SCALE"))
+    fixed = (*(f"CAL_ACC{k}_ID" for k in range(PX4_SLOTS)), f"CAL_ACC{n}_ROT", *BOARD_PARAMETERS)
+    units = dict.fromkeys(px4_axis_names("ACC", n, "OFF"), "m/s^2")
+    return Calibration(correction, px4_axis_names("ACC", n, "OFF"), -1.0, names, fixed, units, PX4_DIGITS)
+
+
+def _px4_known_slot(kind: str, values: Values, device_id: int) -> int:
+    """The slot of a device, whose offsets are in the log."""
+    n = px4_slot(kind, values, device_id)
+    if n is None:
+        raise CalibrationUnknownError(f"No CAL_{kind}n_ID is that of device {device_id}.")
+    if not all(name in values for name in px4_axis_names(kind, n, "OFF")):
+        raise CalibrationUnknownError(f"The log does not hold {px4_axis_names(kind, n, 'OFF')[0]}.")
+    return n

@@ -1,1 +1,0 @@
-"""Which time a record has, and whether to believe it."""

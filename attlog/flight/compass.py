@@ -1,0 +1,154 @@
+"""Magnetometers: spikes out, repeated values out, and which one can be used."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.flight import limits
+from attlog.flight.advice import LoggingAdvice
+from attlog.flight.builder import LogBuilder
+from attlog.flight.imu import as_sentence
+from attlog.flight.model import Array, Imu, Mag
+from attlog.flight.timestamps import Stamps
+
+GAUSS = 1e-4
+"""Tesla per gauss."""
+SPIKE_FACTOR = 3.0
+"""A record whose norm is this many times the local median, or this part of it, is a spike."""
+MAX_SILENT_SPIKES = 3
+"""So many spikes are no trouble, however short the log."""
+MIN_TURN_DEG = 15.0
+"""A field that stays constant while the gyro sees this much turn is not measured."""
+
+
+def build_mag(
+    builder: LogBuilder,
+    index: int,
+    t_us: Stamps,
+    field_t: Array,
+    source: str,
+    *,
+    t_sample_us: Stamps | None = None,
+    calibrated: bool = True,
+    device: str | None = None,
+    enabled: bool = True,
+    fastest_hz: float = limits.FUSED_HZ,
+) -> Mag | None:
+    """One magnetometer, ``field_t`` (n, 3) in tesla; None if no record is left. Spikes and zeros become NaN rows."""
+    if field_t.shape[1:] != (3,):
+        raise ValueError(f"{source} does not hold three axes")
+    stream = builder.stream(
+        t_us, field_t, "T", source, frame="FRD", t_sample_us=t_sample_us, fastest_hz=fastest_hz, allow_nan=True
+    )
+    if stream is None:
+        return None
+    bad = field_spikes(stream.x)
+    if bad.all() and stream.x[bad].any():
+        text = f"{source}: all its {len(bad):,} records lie outside {limits.FIELD.limits} ({limits.FIELD.why})."
+        builder.problem("values_out_of_range", "warning", text, count=len(bad))
+        return None
+    if bad.any() and not bad.all():
+        stream.x[bad] = np.nan
+        worst = int(bad.sum())
+        builder.problem(
+            "mag_spikes",
+            "warning" if worst > max(0.01 * len(bad), MAX_SILENT_SPIKES) else "note",
+            f"{source}: left out {worst} of {len(bad)} records of the magnetometer, zero or more than a factor "
+            f"{SPIKE_FACTOR:.0f} off their neighbours.",
+            t=float(stream.t[np.flatnonzero(bad)[0]]),
+            count=worst,
+        )
+    return Mag(index, stream, calibrated, device, enabled)
+
+
+def field_spikes(field_t: Array) -> NDArray[np.bool_]:
+    """Which records (n,) cannot be a field: not finite, zero, beyond the limit, or far from the local median norm."""
+    norm = np.sqrt(np.sum(field_t**2, axis=1))
+    bad: NDArray[np.bool_] = ~np.isfinite(norm) | (norm == 0) | (norm > limits.FIELD.high)
+    good = np.flatnonzero(~bad)
+    if len(good) >= 5:
+        n = norm[good]
+        padded = np.concatenate([n[2:0:-1], n, n[-2:-4:-1]])
+        local = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+        bad[good[(n > SPIKE_FACTOR * local) | (n < local / SPIKE_FACTOR)]] = True
+    return bad
+
+
+def dead_reason(mag: Mag, imu: Imu | None) -> str:
+    """Why this magnetometer measures nothing, empty if it seems to."""
+    x = mag.field.x[rotation.finite_rows(mag.field.x)]
+    if len(x) == 0 or not x.any():
+        return "all its values are zero"
+    if len(x) >= 10 and not np.ptp(x, axis=0).any() and imu is not None:
+        turned = turned_deg(imu, float(mag.field.t[0]), float(mag.field.t[-1]))
+        if turned > MIN_TURN_DEG:
+            return f"its values never change while the gyro turns by {turned:.0f} deg"
+    return ""
+
+
+def turned_deg(imu: Imu, t0: float, t1: float) -> float:
+    """Largest excursion in deg of the integrated gyro about any axis between two times."""
+    t, x = imu.gyro.t, imu.gyro.x
+    inside = (t >= t0) & (t <= t1)
+    if inside.sum() < 2:
+        return 0.0
+    dt = np.minimum(np.diff(t[inside]), 0.5)
+    rate = x[inside][1:] - np.median(x[inside], axis=0)
+    return float(np.degrees(np.ptp(np.cumsum(rate * dt[:, None], axis=0), axis=0).max()))
+
+
+def choose_mag(
+    builder: LogBuilder,
+    mags: list[Mag],
+    imu: Imu | None,
+    preferred: int | None,
+    why: str,
+    asked: int | str | None,
+    logging: LoggingAdvice,
+) -> int | None:
+    """Position of the magnetometer to use, None with a problem where none can be.
+
+    ``asked`` is a number, ``"none"`` for no magnetometer, or None to choose; ``logging``
+    knows the settings that would log one.
+    """
+    if asked == "none":
+        builder.choices["mag"] = "None, as asked for."
+        return None
+    if asked is not None:
+        named = [k for k, m in enumerate(mags) if m.index == int(asked)]
+        if not named:
+            have = ", ".join(str(m.index) for m in mags) or "none"
+            builder.problem(
+                "mag_not_in_log", "error", f"There is no magnetometer {asked} in this log; it holds {have}."
+            )
+            return None
+        builder.choices["mag"] = "Asked for."
+        return named[0]
+    usable, passed_over = [], []
+    for k, mag in enumerate(mags):
+        name = mag.field.source
+        reason = dead_reason(mag, imu)
+        if reason:
+            told = any(p.code == "mag_only_offsets" and p.text.startswith(f"{name}:") for p in builder.problems)
+            if not told:
+                builder.problem("mag_dead", "warning", f"{name}: {reason}; this magnetometer is not used.")
+        elif not mag.enabled:
+            passed_over.append(("mag_disabled", f"{name}: the parameters disable this compass", mag.index))
+        elif not mag.calibrated:
+            passed_over.append(("mag_uncalibrated", f"{name}: this compass was never calibrated", mag.index))
+        else:
+            usable.append(k)
+    for code, why_not, index in passed_over:
+        text = f"{why_not}, so it is not used; --mag {index} takes it anyway."
+        builder.problem(code, "note" if usable else "warning", text)
+    if not usable:
+        if not mags:
+            text = f"This log holds no magnetometer data: headings are relative. {logging.advice('mag')}"
+            builder.problem("no_mag", "warning", text)
+        return None
+    chosen = next((k for k in usable if mags[k].index == preferred), usable[0])
+    reason = why if mags[chosen].index == preferred else "the first usable one"
+    builder.choices["mag"] = as_sentence(reason)
+    return chosen

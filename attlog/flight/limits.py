@@ -1,0 +1,267 @@
+"""Which values can a quantity of a flight have at all?
+
+Logs are damaged, and drivers, parameters and clocks go wrong: a height of 1e30 m or a
+field of 1e34 T is a perfectly good float. Every value that a reader takes from a log is
+held against this table where it enters (:class:`~attlog.flight.builder.LogBuilder`),
+left out where it lies outside, and counted. The limits are those of sensors, of the
+earth and of what flies, wide enough that no flight meets them; what is merely wrong is
+the business of ``attlog/health``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, MAG_LIMIT_T
+from attlog.flight.model import Problem
+from attlog.formats.table import Messages, ParamChange
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """``name`` in ``unit`` lies within ``low`` and ``high``, because of ``why``; NaN is no value and never outside."""
+
+    name: str
+    low: float
+    high: float
+    unit: str
+    why: str
+
+    def outside(self, x: Array) -> NDArray[np.bool_]:
+        """Which values of x (any shape) are impossible."""
+        beyond: NDArray[np.bool_] = (x < self.low) | (x > self.high)
+        return beyond
+
+    @property
+    def limits(self) -> str:
+        """The limits in words."""
+        low, high = (f"{x:,.10g}".replace("-", "−") for x in (self.low, self.high))
+        return f"{low} to {high} {self.unit}".rstrip()
+
+
+def _symmetric(name: str, limit: float, unit: str, why: str) -> Quantity:
+    return Quantity(name, -limit, limit, unit, why)
+
+
+GYRO = _symmetric("gyro", GYRO_LIMIT_RAD_S, "rad/s", "no gyro of an autopilot measures beyond 4,000 deg/s")
+ACC = _symmetric("accelerometer", ACC_LIMIT_M_S2, "m/s^2", "no accelerometer of an autopilot measures beyond 200 g")
+FIELD = _symmetric("magnetic field", MAG_LIMIT_T, "T", "the earth's field is below 70 uT, and a compass ends near 5 mT")
+TEMPERATURE = Quantity("sensor temperature", -100.0, 200.0, "degC", "no chip works there")
+
+LATITUDE = _symmetric("GNSS latitude", 90.0, "deg", "poles")
+LONGITUDE = _symmetric("GNSS longitude", 180.0, "deg", "date line")
+HEIGHT = Quantity("GNSS height", -1_000.0, 100_000.0, "m", "the Dead Sea lies at −430 m, balloons burst below 54 km")
+SPEED = _symmetric(
+    "GNSS speed", 1_000.0, "m/s", "receivers stop at 515 m/s, and nothing with these autopilots is faster"
+)
+PLACE_ACCURACY = Quantity("GNSS position accuracy", 0.0, 1e5, "m", "worse is no position")
+SPEED_ACCURACY = Quantity("GNSS speed accuracy", 0.0, 1e4, "m/s", "worse is no speed")
+SATELLITES = Quantity("satellites", 0.0, 100.0, "", "no receiver uses more; 255 stands for unknown")
+HDOP = Quantity("horizontal dilution of precision", 0.1, 50.0, "", "99.99 and more stand for unknown")
+GNSS_YAW = _symmetric("GNSS heading", 2.0 * math.pi, "rad", "one turn")
+ESTIMATED_YAW = _symmetric("estimated heading", 2.0 * math.pi, "rad", "one turn")
+
+BARO = Quantity("barometric height", -5_000.0, 100_000.0, "m", "pressures between 1 and 1,800 hPa")
+RANGE = Quantity("distance to the ground", 0.0, 5_000.0, "m", "no rangefinder of an autopilot reaches further")
+AIRSPEED = Quantity("airspeed", -100.0, 1_000.0, "m/s", "no pitot tube of an autopilot measures more")
+THROTTLE = _symmetric("throttle", 10.0, "", "1 is full")
+RPM = _symmetric("rotor speed", 1e6, "rpm", "small motors reach 100,000, counted electrically 7 times that")
+VOLTAGE = Quantity("battery voltage", 0.0, 1_000.0, "V", "no vehicle with these autopilots carries more")
+CURRENT = _symmetric("battery current", 10_000.0, "A", "no battery of a vehicle gives more")
+RATE_SETPOINT = _symmetric("rate set-point", 200.0, "rad/s", "twice what a gyro can measure")
+ACC_BIAS = _symmetric("accelerometer bias", 10.0, "m/s^2", "estimators bound theirs far below 1 g")
+GYRO_BIAS = _symmetric("gyro bias", 10.0, "rad/s", "estimators bound theirs below 0.5 rad/s")
+VIBRATION = Quantity("vibration", 0.0, ACC_LIMIT_M_S2, "m/s^2", "no accelerometer measures more")
+TEST_RATIO = Quantity("test ratio", 0.0, 1e6, "", "a thousand standard deviations, squared")
+QUATERNION_NORM = Quantity(
+    "norm of the quaternion", 0.95, 1.05, "", "an attitude has norm 1; float16 and integers of 16 bits keep it to 0.001"
+)
+EULER_DEG = _symmetric("Euler angle", 720.0, "deg", "two turns, as estimators that do not wrap write them")
+
+CLOCK_US = Quantity(
+    "boot clock", 0, 4_102_444_800_000_000, "us", "autopilots without a real clock count from 0, others end in 2100"
+)
+UTC_US = Quantity(
+    "GNSS date",
+    1_262_304_000_000_000,
+    4_102_444_800_000_000,
+    "us",
+    "before 2010 no autopilot wrote such logs, and 2100 is not yet; a receiver whose week counter has turned over is "
+    "1,024 weeks behind",
+)
+
+RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 500.0
+"""Fastest records: a gyro's own samples (32 kHz), what a loop makes of them (8 kHz), GNSS and battery (100 Hz).
+
+Faster ones have stamps of another unit: a log in ms read as us is a thousand times too fast.
+"""
+LONGEST_S = 3 * 86_400.0
+"""What lies further from the first sample is of another flight, or its time is false: boats run for a day."""
+ENOUGH_FOR_A_RATE = 20
+"""Fewer records in a burst tell no rate."""
+
+
+# Which values can the parameters have that attlog computes with?
+#
+# A parameter is a float in a log like any other: damage makes a declination of 1e39 deg or
+# a filter at 1e-38 Hz of it, whose delay would be longer than the universe is old. Limits
+# are those of the firmware's own parameter tables or of the quantity, whichever is wider.
+
+CUTOFF = Quantity("cutoff frequency", 1.0, 10_000.0, "Hz", "no filter of an autopilot is slower or faster; 0 is none")
+_TURN = Quantity("angle", -360.0, 360.0, "deg", "one turn")
+_GAIN = Quantity("gain", 0.0, 100.0, "", "the firmware's own largest is 10")
+
+PARAMETER_LIMITS: tuple[tuple[str, Quantity], ...] = (
+    (r"EKF2_MAG_DECL|ATT_MAG_DECL", Quantity("declination", -180.0, 180.0, "deg", "half a turn")),
+    (r"COMPASS_DEC", Quantity("declination", -math.pi, math.pi, "rad", "half a turn")),
+    (r"AHRS_TRIM_[XYZ]", Quantity("trim", -math.pi / 2, math.pi / 2, "rad", "the firmware keeps it below 0.175")),
+    (r"INS_GYRO_FILTER|INS_ACCEL_FILTER|IMU_GYRO_CUTOFF|IMU_ACCEL_CUTOFF", CUTOFF),
+    (r"CAL_GYRO\d_[XYZ]OFF", Quantity("gyro offset", -10.0, 10.0, "rad/s", "a gyro that is so far off is broken")),
+    (r"CAL_ACC\d_[XYZ]OFF", Quantity("accelerometer offset", -100.0, 100.0, "m/s^2", "ten times gravity")),
+    (r"CAL_MAG\d_[XYZ]OFF", Quantity("compass offset", -50.0, 50.0, "gauss", "a hundred times the earth's field")),
+    (r"CAL_(ACC|MAG)\d_[XYZ](SCALE|ODIAG)", Quantity("scale", -20.0, 20.0, "", "calibrations change it by percents")),
+    (r"CAL_(GYRO|ACC|MAG)\d_ROT", Quantity("rotation", -1.0, 200.0, "", "no mounting has such a number")),
+    (r"SENS_BOARD_ROT", Quantity("rotation", -1.0, 200.0, "", "no mounting has such a number")),
+    (r"CAL_MAG\d_(ROLL|PITCH|YAW)|SENS_BOARD_[XYZ]_OFF", _TURN),
+    (r"(MOT_PWM|RC\d+)_(MIN|MAX)", Quantity("pulse", 0.0, 10_000.0, "us", "servos take 800 to 2,200")),
+    (r"ATT_W_(ACC|MAG|GYRO_BIAS)|ATT_BIAS_MAX|AHRS_(RP|YAW)_P|AHRS_GPS_GAIN", _GAIN),
+    (
+        r"FRAME_CLASS|SYSID_SW_TYPE|RCMAP_THROTTLE|INS_RAW_LOG_OPT",
+        Quantity("choice", -1.0, 65_535.0, "", "16 bits hold every choice of the firmware"),
+    ),
+    (r"SCHED_LOOP_RATE", Quantity("loop rate", 0.0, 32_000.0, "Hz", "no autopilot loops faster than a gyro samples")),
+)
+"""By the whole name. Parameters that are not here are shown and compared, not computed with."""
+MAX_NAMED = 4
+"""Of many parameters with impossible values, so many are named."""
+_PARAMETER_PATTERN = re.compile("|".join(f"({pattern.replace('(', '(?:')})" for pattern, _ in PARAMETER_LIMITS))
+
+
+def parameter_quantity(name: str) -> Quantity | None:
+    """The limits of a parameter, None for one that attlog does not compute with."""
+    found = _PARAMETER_PATTERN.fullmatch(name)
+    return None if found is None or found.lastindex is None else PARAMETER_LIMITS[found.lastindex - 1][1]
+
+
+def broken_limits(name: str, value: float) -> Quantity | None:
+    """The limits that a value breaks, None where it is possible. A filter that is off (0 or less) is."""
+    quantity = parameter_quantity(name)
+    if quantity is None or (quantity is CUTOFF and -1.0 <= value <= 0.0):
+        return None
+    return None if quantity.low <= value <= quantity.high else quantity
+
+
+def drop_impossible(messages: Messages) -> list[Problem]:
+    """Take impossible values out of a log's parameters; one problem for each quantity that had any."""
+    limited = {name for name in {change.name for change in messages.params} if parameter_quantity(name) is not None}
+    kept: list[ParamChange] = []
+    wrong: dict[str, list[ParamChange]] = {}
+    for change in messages.params:
+        if change.name not in limited or broken_limits(change.name, change.value) is None:
+            kept.append(change)
+        else:
+            wrong.setdefault(change.name, []).append(change)
+    if wrong:
+        messages.params[:] = kept
+    alike: dict[Quantity, list[str]] = {}
+    for name in wrong:
+        quantity = parameter_quantity(name)
+        assert quantity is not None
+        alike.setdefault(quantity, []).append(name)
+    return [_limit_problem(quantity, names, wrong, kept) for quantity, names in alike.items()]
+
+
+def _limit_problem(
+    quantity: Quantity, names: list[str], wrong: dict[str, list[ParamChange]], kept: Iterable[ParamChange]
+) -> Problem:
+    """One sentence for the parameters of a quantity that had impossible values."""
+    changes = [change for name in names for change in wrong[name]]
+    count = len(changes) + sum(change.name in names for change in kept)
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    who = (
+        f"Parameter {names[0]}"
+        if len(names) == 1
+        else f"{len(names)} parameters ({', '.join(names[:MAX_NAMED])}{more})"
+    )
+    many = f"{len(changes)} of {count} values, such as {changes[0].value:g}" if count > 1 else f"{changes[0].value:g}"
+    text = f"{who}: left out {many}: the {quantity.name} lies "
+    text += f"within {quantity.limits} ({quantity.why})."
+    return Problem("values_out_of_range", "warning", text, offset=changes[0].offset, count=len(changes))
+
+
+# In which range may a parameter be set that a log gives a value for?
+#
+# The documented ranges of the firmwares' parameter tables (``@Range`` of ArduPilot, ``@min`` and ``@max`` of PX4).
+# PX4
+# documents none for offsets: there it is what ArduPilot documents, or a few times the earth's field. A parameter that
+# is
+# not here is never offered.
+
+DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
+    (r"COMPASS_OFS[23]?_[XYZ]", -400.0, 400.0),
+    (r"COMPASS_MOT[23]?_[XYZ]", -1000.0, 1000.0),
+    (r"COMPASS_MOTCT", 0.0, 2.0),
+    (r"COMPASS_USE[23]?", 0.0, 1.0),
+    (r"COMPASS_DEC", -3.142, 3.142),
+    (r"INS_ACC[23]?OFFS_[XYZ]|INS[45]_ACCOFFS_[XYZ]", -3.5, 3.5),
+    (r"INS_ACC[23]?SCAL_[XYZ]|INS[45]_ACCSCAL_[XYZ]", 0.8, 1.2),
+    (r"INS_GYRO_FILTER|INS_ACCEL_FILTER", 0.0, 256.0),
+    (r"INS_HNT(CH|C2)_ENABLE", 0.0, 1.0),
+    (r"INS_HNT(CH|C2)_MODE", 0.0, 5.0),
+    (r"INS_HNT(CH|C2)_FREQ", 10.0, 495.0),
+    (r"INS_HNT(CH|C2)_BW", 5.0, 250.0),
+    (r"INS_HNT(CH|C2)_ATT", 5.0, 50.0),
+    (r"INS_HNT(CH|C2)_REF", 0.0, 1.0),
+    (r"INS_HNT(CH|C2)_FM_RAT", 0.1, 1.0),
+    (r"INS_HNT(CH|C2)_HMNCS", 0.0, 65_535.0),
+    (r"INS_HNT(CH|C2)_OPTS", 0.0, 63.0),
+    (r"INS_TCAL[123]_ENABLE", 0.0, 2.0),
+    (r"GPS_DELAY_MS2?|GPS[12]_DELAY_MS|EK[23]_HGT_DELAY", 0.0, 250.0),
+    (r"EK[23]_MAG_M_NSE", 0.01, 0.5),
+    (r"EK[23]_VELN?E?D?_M_NSE", 0.05, 5.0),
+    (r"EK[23]_POSNE_M_NSE", 0.1, 10.0),
+    (r"EK[23]_ALT_M_NSE", 0.1, 100.0),
+    (r"EK[23]_EAS_M_NSE", 0.5, 5.0),
+    (r"CAL_MAG\d_[XYZ]OFF", -2.0, 2.0),
+    (r"CAL_MAG\d_[XYZ]COMP", -100.0, 100.0),
+    (r"CAL_MAG_COMP_TYP", 0.0, 3.0),
+    (r"CAL_MAG\d_PRIO", 0.0, 100.0),
+    (r"CAL_ACC\d_[XYZ]OFF", -3.5, 3.5),
+    (r"IMU_GYRO_NF\d?_FR(EQ|Q)", 0.0, 1000.0),
+    (r"IMU_GYRO_NF\d?_BW", 0.0, 100.0),
+    (r"IMU_GYRO_DNF_EN", 0.0, 3.0),
+    (r"IMU_GYRO_DNF_BW", 5.0, 30.0),
+    (r"IMU_GYRO_DNF_HMC", 1.0, 7.0),
+    (r"IMU_GYRO_CUTOFF|IMU_ACCEL_CUTOFF", 0.0, 1000.0),
+    (r"EKF2_(GPS|MAG|BARO|ASP|OF|RNG|EV)_DELAY|SENS_GPS\d_DELAY", 0.0, 300.0),
+    (r"EKF2_MAG_NOISE", 0.001, 1.0),
+    (r"EKF2_HEAD_NOISE", 0.01, 1.0),
+    (r"EKF2_GPS_V_NOISE", 0.01, 5.0),
+    (r"EKF2_GPS_P_NOISE", 0.01, 10.0),
+    (r"EKF2_BARO_NOISE", 0.01, 15.0),
+    (r"EKF2_EAS_NOISE", 0.5, 5.0),
+)
+"""By the whole name: lowest and highest value."""
+INTEGER_PARAMETERS = re.compile(
+    r"COMPASS_(MOTCT|USE[23]?|PRIO\d_ID)|INS_HNT(CH|C2)_(ENABLE|MODE|HMNCS|OPTS)|INS_TCAL\d_ENABLE|GPS\d?_DELAY_MS2?"
+    r"|EK[23]_HGT_DELAY|CAL_MAG_COMP_TYP|CAL_(MAG|ACC|GYRO)\d_(PRIO|ROT|ID)|IMU_GYRO_DNF_(EN|HMC)"
+)
+"""Parameters that hold whole numbers: int32 in a file of QGroundControl's form."""
+
+
+def documented_range(name: str) -> tuple[float, float] | None:
+    """Lowest and highest value of a parameter; None for one that is never offered."""
+    return next(((low, high) for pattern, low, high in DOCUMENTED_RANGES if re.fullmatch(pattern, name)), None)
+
+
+def is_integer(name: str) -> bool:
+    """Whether a parameter holds a whole number."""
+    return INTEGER_PARAMETERS.fullmatch(name) is not None

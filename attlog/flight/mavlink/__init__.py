@@ -1,1 +1,0 @@
-"""MAVLink telemetry of either firmware: which message means what."""

@@ -1,0 +1,225 @@
+"""What autopilots log of vibration, and how they filter it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from attlog.flight.advice import GYRO_FIFO, version_number
+from attlog.flight.model import FlightLog
+
+# Which notches did the gyro fly with, and where were they?
+
+FOLLOWS_THROTTLE = 1
+"""INS_HNTCH_MODE; 2 (RPM sensor), 3 (ESC), 4 (FFT) and 5 (second RPM sensor) follow what they measure."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveNotch:
+    """A notch of the gyro at ``frequency`` Hz, ``width`` Hz wide; ``follows`` what moves it, empty for a fixed one."""
+
+    name: str
+    frequency: float
+    width: float
+    follows: str
+
+    def covers(self, frequency: float) -> bool:
+        """Whether a frequency lies in its stop band; a notch that measures its frequency is wherever the peak is."""
+        return self.follows == "measurement" or abs(frequency - self.frequency) <= 0.5 * self.width
+
+
+def active_notches(log: FlightLog) -> list[ActiveNotch]:
+    """The notches that flew, by the log's parameters."""
+    found = []
+    for group in ("INS_HNTCH", "INS_HNTC2"):
+        frequency, width = log.param(f"{group}_FREQ"), log.param(f"{group}_BW")
+        if (log.param(f"{group}_ENABLE") or 0.0) < 1.0 or frequency is None or width is None:
+            continue
+        mode, reference = log.param(f"{group}_MODE") or 0.0, log.param(f"{group}_REF") or 0.0
+        follows = "" if mode == 0 or reference == 0 else "throttle" if mode == FOLLOWS_THROTTLE else "measurement"
+        found.append(ActiveNotch(group, _at_hover(log, frequency, reference) if follows == "throttle" else frequency,
+                           width, follows))  # fmt: skip
+    frequency = log.param("INS_NOTCH_FREQ") or 0.0
+    if (log.param("INS_NOTCH_ENABLE") or 0.0) >= 1.0 and frequency > 0.0:
+        found.append(ActiveNotch("INS_NOTCH", frequency, log.param("INS_NOTCH_BW") or 0.0, ""))
+    for frequency_name, width_name in (
+        ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
+        ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
+        ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
+    ):
+        frequency = log.param(frequency_name) or 0.0
+        if frequency > 0.0:
+            found.append(ActiveNotch(frequency_name, frequency, log.param(width_name) or 0.0, ""))
+    if (log.param("IMU_GYRO_DNF_EN") or 0.0) > 0.0:
+        found.append(ActiveNotch("IMU_GYRO_DNF_EN", 0.0, log.param("IMU_GYRO_DNF_BW") or 0.0, "measurement"))
+    return found
+
+
+def _at_hover(log: FlightLog, frequency: float, reference: float) -> float:
+    """Where a notch that follows throttle is at the hover throttle that the vehicle learnt."""
+    hover = log.param("MOT_THST_HOVER")
+    return frequency * float(np.sqrt(hover / reference)) if hover and reference > 0.0 and hover > 0.0 else frequency
+
+
+# Which parameters make a notch of the gyro, in the firmware that flew?
+#
+# ArduPilot: ardupilot.org, "Throttle Based Dynamic Notch Setup" (INS_HNTCH_FREQ at hover, BW half of it, REF the
+# hover
+# throttle) and "ESC Telemetry Based Harmonic Notch Setup" (REF 1, FREQ below the slowest rotor). PX4: docs.px4.io,
+# "MC
+# Filter Tuning".
+
+NOTCH_RANGES = {
+    "INS_HNTCH_FREQ": (10.0, 400.0),
+    "INS_HNTCH_BW": (5.0, 250.0),
+    "INS_HNTCH_REF": (0.0, 1.0),
+    "IMU_GYRO_NF0_FRQ": (0.0, 1000.0),
+    "IMU_GYRO_NF0_BW": (0.0, 100.0),
+    "IMU_GYRO_NF_FREQ": (0.0, 1000.0),
+    "IMU_GYRO_NF_BW": (0.0, 100.0),
+}
+"""Documented ranges, the narrowest of any version."""
+THROTTLE_MODE, RPM_MODE, ESC_MODE = 1, 2, 3
+"""INS_HNTCH_MODE."""
+DEFAULT_HARMONICS = 3
+"""INS_HNTCH_HMNCS: the first and the second."""
+BELOW_SLOWEST = 0.9
+"""INS_HNTCH_FREQ of a notch that measures the rotors, of the slowest speed in flight: it goes no lower."""
+DNF_ESC, DNF_FFT = 1, 2
+"""Bits of IMU_GYRO_DNF_EN."""
+PX4_WIDTH_HZ = 20.0
+"""IMU_GYRO_NF0_BW by default, and the narrowest that is offered."""
+FIXED_NOTCHES = (
+    ("INS_HNTCH_FREQ", "INS_HNTCH_BW"),
+    ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
+    ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
+)
+"""Parameters of centre and width."""
+
+
+@dataclass(frozen=True, slots=True)
+class WantedNotch:
+    """A notch that would help: ``frequency`` Hz at the usual ``throttle`` (0 to 1, None where not logged), which
+    ``follows`` throttle or rotors, the ``harmonic`` of the ``slowest`` rotor's Hz (None without), moving by ``spread``
+    Hz in flight."""
+
+    frequency: float
+    follows: Literal["throttle", "rotors"]
+    throttle: float | None = None
+    harmonic: int = 0
+    slowest: float | None = None
+    spread: float = 0.0
+
+
+def notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
+    """Value and unit of every parameter of a notch, also of those that are set so already; none where this firmware
+    has no such notch or a value lies outside its documented range."""
+    made = (
+        harmonic_notch_parameters(log, notch) if log.firmware.name == "ArduPilot" else px4_notch_parameters(log, notch)
+    )
+    inside = all(low <= made[n][0] <= high for n, (low, high) in NOTCH_RANGES.items() if n in made)
+    return made if inside else {}
+
+
+def harmonic_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
+    """INS_HNTCH_*: those below ENABLE exist wherever it does, though a log names them only where it is 1."""
+    if log.param("INS_HNTCH_ENABLE") is None:
+        return {}
+    harmonics = int(log.param("INS_HNTCH_HMNCS") or DEFAULT_HARMONICS)
+    if notch.follows == "rotors" and notch.slowest is not None and log.rpm is not None:
+        mode, reference = (ESC_MODE if log.rpm.source == "ESC" else RPM_MODE), 1.0
+        frequency = float(np.floor(BELOW_SLOWEST * notch.slowest))
+        harmonics |= 1 << max(notch.harmonic - 1, 0)
+    else:
+        hover = log.param("MOT_THST_HOVER")
+        if not hover or not notch.throttle or not 0.0 < hover < 1.0:
+            return {}
+        mode, reference = THROTTLE_MODE, round(float(hover), 3)
+        frequency = float(round(notch.frequency * float(np.sqrt(hover / notch.throttle))))
+    made = {
+        "INS_HNTCH_ENABLE": (1.0, ""),
+        "INS_HNTCH_MODE": (float(mode), ""),
+        "INS_HNTCH_FREQ": (frequency, "Hz"),
+        "INS_HNTCH_BW": (float(round(0.5 * frequency)), "Hz"),
+        "INS_HNTCH_REF": (reference, ""),
+    }
+    if log.param("INS_HNTCH_HMNCS") is not None or harmonics != DEFAULT_HARMONICS:
+        made["INS_HNTCH_HMNCS"] = (float(harmonics), "")
+    return made
+
+
+def px4_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
+    """The dynamic notch where the autopilot measures what the peak follows, else a fixed one as wide as it moves."""
+    dynamic = log.param("IMU_GYRO_DNF_EN")
+    by_fft = (log.param("IMU_GYRO_FFT_EN") or 0.0) >= 1.0
+    if notch.follows == "rotors" and dynamic is not None:
+        return {"IMU_GYRO_DNF_EN": (float(int(dynamic) | DNF_ESC), "")}
+    if by_fft and dynamic is not None:
+        low, high = log.param("IMU_GYRO_FFT_MIN") or 0.0, log.param("IMU_GYRO_FFT_MAX") or np.inf
+        return {"IMU_GYRO_DNF_EN": (float(int(dynamic) | DNF_FFT), "")} if low <= notch.frequency <= high else {}
+    width = max(PX4_WIDTH_HZ, float(np.ceil(notch.spread)))
+    names = next((n for n in FIXED_NOTCHES[1:] if all(log.param(k) is not None for k in n)), None)
+    if names is None or width > 0.5 * notch.frequency:
+        return {}
+    return {names[0]: (float(round(notch.frequency)), "Hz"), names[1]: (width, "Hz")}
+
+
+def fixed_notch(values: dict[str, float]) -> tuple[str, float, float] | None:
+    """Name, centre and width in Hz of the notch that parameters make, None where it has no fixed place."""
+    return next(((f, values[f], values.get(w, 0.0)) for f, w in FIXED_NOTCHES if f in values), None)
+
+
+def advise_reboot(values: dict[str, float]) -> str:
+    """What must be set first; empty where all can be set at once."""
+    if "INS_HNTCH_ENABLE" in values:
+        return "Set INS_HNTCH_ENABLE and reboot first: only then do the others exist."
+    return ""
+
+
+# What would log vibration, and fast samples of the gyro, in the firmware that flew?
+
+DIFFERENCE_FIRMWARE = "PX4"
+"""The firmware whose level is that of differences of samples that it logs at full rate itself."""
+FLIGHT_ADVICE = "fly two minutes with changes of throttle"
+
+
+def filters_gyro(log: FlightLog) -> bool:
+    """Whether this firmware has notches that are known here."""
+    return log.firmware.name in ("PX4", "ArduPilot")
+
+
+def measures_differences(log: FlightLog) -> bool:
+    """Whether the firmware's own level can be made of the samples that it logs."""
+    return log.firmware.name == DIFFERENCE_FIRMWARE
+
+
+def advise_vibration_level(log: FlightLog) -> str:
+    """Why a log holds no level of vibration, and what would log one."""
+    if log.firmware.name == "PX4":
+        return (
+            "No vehicle_imu_status (PX4 1.11 and later log it) and no samples at full rate: vibration is not measured."
+        )
+    if log.firmware.name == "ArduPilot":
+        return "This log holds no VIBE record; ArduPilot 3.4 and later write it with the IMU's bit of LOG_BITMASK."
+    return "This log holds no vibration level of the autopilot, and its samples are too slow for one."
+
+
+def advise_fast_gyro(log: FlightLog) -> str:
+    """What would log the gyro at the sensor's rate, with settings that are not made yet."""
+    if log.firmware.name == "ArduPilot":
+        mask = log.param("INS_LOG_BAT_MASK")
+        if mask is None:
+            return "ArduPilot 3.7 and later log bursts at full rate with INS_LOG_BAT_MASK 1."
+        if mask == 0:
+            return f"Set INS_LOG_BAT_MASK to 1, reboot and {FLIGHT_ADVICE}."
+        return f"INS_LOG_BAT_MASK is set already: {FLIGHT_ADVICE}."
+    if log.firmware.name != "PX4":
+        return ""
+    profile = log.param("SDLOG_PROFILE")
+    if version_number(log.firmware.version) < (1, 12) or profile is None:
+        return "PX4 1.12 and later log the gyro at full rate with bit 8 of SDLOG_PROFILE."
+    if int(profile) >> GYRO_FIFO & 1:
+        return f"Bit 8 of SDLOG_PROFILE is set already: {FLIGHT_ADVICE}."
+    return f"Set bit 8 of SDLOG_PROFILE (gyro FIFO) and {FLIGHT_ADVICE}."

@@ -1,1 +1,0 @@
-"""Parameters of the vehicle: their history, files of them, their limits."""

@@ -1,0 +1,279 @@
+"""Which calibration did the sensors of a log fly with? Its parameters, checked against what the log says beside.
+
+Parameters are those of the first arming, or shortly after the log's begin. What a log cannot show is refused with its
+reason: another firmware, values that changed in flight, parameters of another boot.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from attlog.core import rotation
+from attlog.flight import calibration
+from attlog.flight.advice import version_number
+from attlog.flight.calibration import Calibration, CalibrationUnknownError
+from attlog.flight.model import Array, FlightLog, Imu, Mag, Problem, Stream
+
+BOOT_CHANGES_S = 1.0
+"""A log that begins armed may tell parameters that were changed at its start up to 0.2 s later."""
+STATUS_LAG_S = 2.0
+"""Arming is logged once or twice a second, and what a firmware learnt is saved the moment it disarms."""
+CALIBRATION_PREFIXES = ("COMPASS_", "INS", "AHRS_ORIENTATION", "CAL_", "SENS_BOARD_")
+"""How names of parameters begin that have to do with calibration."""
+MIN_RAW_VALUES = 5
+MAX_SCATTER_T = 2.5e-6
+"""A calibrated compass is its raw values corrected, to 25 mG: both are sampled some 10 ms apart in turns."""
+MEDIAN_SIGMA_FACTOR, MAX_BIAS_SIGMA_T = 1.86, 5e-7
+"""Standard error of a median from the median deviation of normal noise (1.4826 times 1.2533); known to 5 mG."""
+PX4_BY_SLOT_VERSION, PX4_LEARNS_VERSION = (1, 12), (1, 13)
+"""PX4 versions: since when calibrations are found by device, and when a bias is subtracted before arming."""
+
+
+def armed_span(log: FlightLog) -> tuple[float, float]:
+    """First arming and last disarming in s; the whole log where it does not tell."""
+    armed = log.armed
+    if armed is None or not any(armed.value):
+        return BOOT_CHANGES_S, log.seconds
+    first = next(float(t) for t, on in zip(armed.t, armed.value, strict=True) if on)
+    last = log.seconds if armed.value[-1] else float(armed.t[-1])
+    return max(first, BOOT_CHANGES_S), max(last, BOOT_CHANGES_S)
+
+
+def flown_parameters(log: FlightLog) -> dict[str, float]:
+    """The parameters of calibration that flew, by name; those that only a given file holds are not among them."""
+    at = armed_span(log)[0]
+    own = (name for name in log.params if name.startswith(CALIBRATION_PREFIXES) and name not in log.filled_params)
+    return {name: float(value) for name in own if (value := log.params[name].at(at)) is not None}
+
+
+def _changed_parameters(log: FlightLog, names: tuple[str, ...], until: float) -> list[str]:
+    """Which parameters have another value at some time between the first arming and ``until`` s."""
+    begin = armed_span(log)[0]
+    lines = {name: log.params[name] for name in names if name in log.params and len(log.params[name].value) > 1}
+    return [name for name, line in lines.items() if ((line.t > begin) & (line.t < until)).any()]
+
+
+def flown_compass(log: FlightLog, mag: Mag, read: dict[str, float] | None = None) -> Calibration:
+    """The calibration of a compass by the parameters that flew, or by others (``read``).
+
+    CalibrationUnknownError says why it cannot be known.
+    """
+    used = flown_parameters(log) if read is None else read
+    firmware = _known_firmware(log, "compass")
+    if firmware == "ArduPilot":
+        found = calibration.ardupilot_compass(used, mag.index)
+        if read is None:
+            _check_logged_offsets(log, mag, found)
+    else:
+        found = calibration.px4_compass(used, _device_number(log, mag.device))
+    if read is None:
+        _check_unchanged(log, found)
+    return found
+
+
+def flown_accelerometer(log: FlightLog, imu: Imu, read: dict[str, float] | None = None) -> Calibration:
+    """The calibration of an accelerometer, as :func:`compass`."""
+    used = flown_parameters(log) if read is None else read
+    if _known_firmware(log, "accelerometer") == "ArduPilot":
+        found = calibration.ardupilot_accelerometer(used, imu.index, log.firmware.version)
+    else:
+        found = calibration.px4_accelerometer(used, _device_number(log, imu.acc_device))
+    if read is None:
+        _check_unchanged(log, found)
+    return found
+
+
+def flown_motor_type(log: FlightLog, mag: Mag, power: str) -> dict[str, float]:
+    """What to set so that a compass is compensated by ``power``. CalibrationUnknownError says why it cannot be."""
+    if log.firmware.name == "ArduPilot":
+        return calibration.ardupilot_motor_type(flown_parameters(log), mag.index, power)
+    return calibration.px4_motor_type(flown_parameters(log), _device_number(log, mag.device), power)
+
+
+def changed_sensor_order(log: FlightLog, found: Calibration) -> list[str]:
+    """Parameters that say which sensor is which, or where it points, and were set after the flight began."""
+    return _changed_parameters(log, found.fixed, np.inf)
+
+
+def learned_compass_bias(log: FlightLog, mag: Mag, found: Calibration) -> Array:
+    """What a compass (3,) T shows beside its parameters: the negative of a bias learnt before arming.
+
+    CalibrationUnknownError says why it cannot be known.
+    """
+    if log.firmware.name != "PX4" or mag.field.source.startswith("sensor_mag"):
+        return np.zeros(3)
+    if (0, 0) < version_number(log.firmware.version) < PX4_LEARNS_VERSION:
+        return np.zeros(3)
+    if mag.raw is None:
+        why = (
+            "The firmware may have learnt a bias before arming, which only raw values show: set bit 6 of SDLOG_PROFILE."
+        )
+        raise CalibrationUnknownError(why)
+    begin, end = armed_span(log)
+    t, field = mag.field.t_best, mag.field.x
+    known = rotation.finite_rows(field)
+    at = mag.raw.t_best
+    use = (at >= begin) & (at <= end)
+    if known.sum() < MIN_RAW_VALUES or use.sum() < MIN_RAW_VALUES:
+        raise CalibrationUnknownError(f"Fewer than {MIN_RAW_VALUES} raw values of the compass are logged in flight.")
+    use &= (at >= t[known][0]) & (at <= t[known][-1])
+    logged = np.column_stack([np.interp(at[use], t[known], axis[known]) for axis in field.T])
+    motor = motor_power(log, found.motor_power, at[use]) if found.correction.motor.any() else 0.0
+    beside = logged - found.correction.body(mag.raw.x[use], motor)
+    bias: Array = np.median(beside, axis=0)
+    scatter = np.median(np.abs(beside - bias), axis=0)
+    if len(beside) < MIN_RAW_VALUES or (scatter > MAX_SCATTER_T).any():
+        raise CalibrationUnknownError("The raw values, corrected by the parameters, are not those of the compass.")
+    if (MEDIAN_SIGMA_FACTOR * scatter / np.sqrt(len(beside)) > MAX_BIAS_SIGMA_T).any():
+        raise CalibrationUnknownError("Too few raw values are logged: set bit 6 of SDLOG_PROFILE.")
+    return bias
+
+
+def motor_power(log: FlightLog, kind: str, t: Array) -> Array:
+    """The motors' current in A or their throttle (n, 1) at ``t`` (n,) s. CalibrationUnknownError without."""
+    if kind == "current":
+        stream = log.battery
+        x = None if stream is None or stream.x.shape[1] < 2 else stream.x[:, 1]
+    else:
+        stream = log.throttle
+        x = None if stream is None else stream.x[:, 0]
+    known = None if x is None else np.isfinite(x)
+    if stream is None or x is None or known is None or not known.any():
+        raise CalibrationUnknownError(f"The log holds no {kind or 'power'} of the motors.")
+    return np.interp(t, stream.t[known], x[known])[:, None]
+
+
+def _known_firmware(log: FlightLog, what: str) -> str:
+    """Whose formula counts."""
+    name = log.firmware.name
+    if log.format in ("tlog", "mavlink"):
+        raise CalibrationUnknownError(
+            "Telemetry does not hold what the firmware corrected: use the autopilot's own log."
+        )
+    if log.format not in ("ulog", "dataflash", "dataflash_text") or name not in ("PX4", "ArduPilot"):
+        raise CalibrationUnknownError(f"How this firmware calibrates its {what} is not known.")
+    if name == "PX4" and (0, 0) < version_number(log.firmware.version) < PX4_BY_SLOT_VERSION:
+        raise CalibrationUnknownError("Before version 1.12 calibrations were not found by device.")
+    return name
+
+
+def _device_number(log: FlightLog, device: str | None) -> int:
+    if not device or not device.isdecimal() or device == "0":
+        raise CalibrationUnknownError("The log does not hold the sensor's device id.")
+    return int(device)
+
+
+def _check_unchanged(log: FlightLog, found: Calibration) -> None:
+    """No parameter of it changes in flight."""
+    moved = _changed_parameters(log, found.names, armed_span(log)[1] - STATUS_LAG_S)
+    if moved:
+        raise CalibrationUnknownError(f"{moved[0]} was changed during the flight.")
+
+
+def _check_logged_offsets(log: FlightLog, mag: Mag, found: Calibration) -> None:
+    """The offsets that flew are those of the parameters, cut to whole mG as ArduPilot logs them."""
+    if mag.offsets is None or not len(mag.offsets.t):
+        raise CalibrationUnknownError(f"{mag.field.source} does not hold the offsets that flew.")
+    begin, end = armed_span(log)
+    before = mag.offsets.t <= end
+    flew = np.round((mag.offsets.x[before] if before.any() else mag.offsets.x)[-1] / calibration.MILLIGAUSS)
+    if ((mag.offsets.t > begin) & (mag.offsets.t < end - STATUS_LAG_S)).any():
+        raise CalibrationUnknownError(f"The offsets of {mag.field.source} changed during the flight.")
+    held = found.correction.offset / calibration.MILLIGAUSS
+    if (np.trunc(held + np.copysign(1e-3, held)) != flew).any():
+        sizes = [", ".join(f"{x:.0f}" for x in three) for three in (flew, held)]
+        raise CalibrationUnknownError(
+            f"{mag.field.source} flew with offsets {sizes[0]} mG, the parameters say {sizes[1]}: those of another boot."
+        )
+
+
+# What would the compasses and accelerometers of a log have shown with a file's calibration?
+#
+# The logged values go back to raw ones by the parameters that flew, and forward by those of the file. What flew on
+# them,
+# the onboard attitude above all, stays as it is.
+
+COMPASS_PARAMETERS = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT).*|CAL_MAG\d_.(OFF|SCALE|ODIAG|COMP)|CAL_MAG_COMP_TYP")
+ACCELEROMETER_PARAMETERS = re.compile(r"INS\d?_ACC\d?(OFFS|SCAL)_.|CAL_ACC\d_.(OFF|SCALE)")
+"""Parameters that calibrate one of them."""
+MAX_SHOWN = 3
+"""So many parameters of a sensor are named."""
+
+Known = Callable[[dict[str, float] | None], Calibration]
+Bias = Callable[[Calibration], Array]
+
+
+def recorrect(log: FlightLog, file: str, given: Mapping[str, float]) -> set[str]:
+    """Correct the log's sensors as the firmware would have by the parameters ``given`` in a ``file``.
+
+    Names of those that did something; the log's problems say of each sensor what was done, or why nothing was.
+    """
+    flew, used = flown_parameters(log), set()
+    differ = {name: value for name, value in given.items() if name in flew and not _same_value(value, flew[name])}
+    if any(COMPASS_PARAMETERS.fullmatch(name) for name in differ):
+        for mag in log.mags:
+            known, bias = partial(flown_compass, log, mag), partial(learned_compass_bias, log, mag)
+            used |= _recorrect_stream(log, file, mag.field, differ, known, bias)
+    if any(ACCELEROMETER_PARAMETERS.fullmatch(name) for name in differ):
+        for imu in log.imus:
+            used |= _recorrect_stream(log, file, imu.acc, differ, partial(flown_accelerometer, log, imu), _no_bias)
+    return used
+
+
+def calibrates(names: Iterable[str]) -> bool:
+    """Whether any of the parameters calibrates a compass or an accelerometer."""
+    return any(COMPASS_PARAMETERS.fullmatch(name) or ACCELEROMETER_PARAMETERS.fullmatch(name) for name in names)
+
+
+def recorrected_units(
+    log: FlightLog, file: str, given: Mapping[str, float], imu: Imu, mag: Mag | None
+) -> tuple[Imu, Mag | None]:
+    """An IMU and a compass of a log as :func:`recorrect` makes them; the log's own stay as they are."""
+    imus, mags = [replace(imu, acc=replace(imu.acc))], [] if mag is None else [replace(mag, field=replace(mag.field))]
+    if not recorrect(replace(log, imus=imus, mags=mags, problems=[]), file, given):
+        return imu, mag
+    return imus[0], mags[0] if mags else None
+
+
+def _same_value(a: float, b: float) -> bool:
+    return math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-9)
+
+
+def _no_bias(_: Calibration) -> Array:
+    return np.zeros(3)
+
+
+def _recorrect_stream(
+    log: FlightLog, file: str, stream: Stream, differ: Mapping[str, float], known: Known, bias: Bias
+) -> set[str]:
+    """Correct one sensor's ``stream`` in place by what is ``differ``ent in a file; the parameters that did it."""
+    flew = flown_parameters(log)
+    try:
+        old = known(None)
+        changed = [name for name in differ if name in old.names]
+        if not changed:
+            return set()
+        if turned := [name for name in differ if name in old.fixed]:
+            raise CalibrationUnknownError(f"{turned[0]} differs too: which sensor is meant, or its axes, is not known.")
+        new = known({**flew, **differ})
+        before, after = (
+            motor_power(log, each.motor_power, stream.t_best) if each.correction.motor.any() else 0.0
+            for each in (old, new)
+        )
+        # What the firmware had learnt beside the old parameters goes with them.
+        stream.x = new.correction.body(old.correction.raw(stream.x - bias(old), before), after)
+    except CalibrationUnknownError as why:
+        text = f"{stream.source} is not corrected by the calibration of {file}. {why}"
+        log.problems.append(Problem("calibration_not_applied", "note", text))
+        return set()
+    each = [f"{name} {differ[name]:.6g} (was {flew[name]:.6g})" for name in changed[:MAX_SHOWN]]
+    more = f" and {len(changed) - MAX_SHOWN} more" if len(changed) > MAX_SHOWN else ""
+    text = f"{stream.source} is corrected by {', '.join(each)}{more} of {file}. The onboard attitude is as it flew."
+    log.problems.append(Problem("calibration_applied", "note", text))
+    return set(changed)

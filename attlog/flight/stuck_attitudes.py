@@ -1,0 +1,117 @@
+"""Attitudes that do not move: an estimate that never ran, began late, or froze, is no attitude while it stands.
+
+ArduPilot logs the records of an EKF that is not running too: roll and pitch hold the trim, heading is exactly 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.flight.model import Attitude, FlightLog, Problem, Severity, Stream, without_pauses
+
+Mask = NDArray[np.bool_]
+
+STUCK_CODE = "attitude_frozen"
+MIN_RECORDS, MIN_STUCK_S = 10, 2.0
+"""So many equal records over so many s at least: an attitude logged in steps of 0.01 deg stands for 1 s at rest."""
+MIN_WHOLE_LOG_S = 10.0
+"""An attitude that never changes in a log of this length stands."""
+UNSET_HEADING_SINE = 1e-9
+"""Sine of a heading that was never set."""
+TURNED_DEG, DRIFT_DPS = 2.0, 0.2
+"""The gyro turned by more than this, beside what a change of its bias may do."""
+
+
+def drop_stuck_attitudes(log: FlightLog) -> None:
+    """Take records that repeat one attitude, though the vehicle turned or the estimate had not begun, out of the log.
+
+    An attitude without any other record goes as a whole. What was left out becomes problems.
+    """
+    if not _anything_moves(log):
+        return
+    imu = log.replay_imu or next(iter(log.imus), None)
+    for name, attitude in list(log.attitudes.items()):
+        runs = [run for run in _stuck_runs(attitude) if _is_stuck(attitude, run, None if imu is None else imu.gyro)]
+        if not runs:
+            continue
+        kept = np.ones(len(attitude.t), bool)
+        for a, b in runs:
+            kept[a:b] = False
+        log.problems.append(_stuck_problem(name, attitude, runs, kept, name == log.onboard))
+        if kept.any():
+            log.attitudes[name] = _kept_records(attitude, kept)
+        else:
+            del log.attitudes[name]
+            log.onboard = None if log.onboard == name else log.onboard
+
+
+def _anything_moves(log: FlightLog) -> bool:
+    """Whether a gyro's values or another attitude show that constant values are odd: a made vehicle may not move."""
+    moving = [imu.gyro.x for imu in log.imus] or [a.q for a in log.attitudes.values()]
+    return any(len(x) > 1 and bool((x[1:] != x[:-1]).any()) for x in moving)
+
+
+def _stuck_runs(attitude: Attitude) -> list[tuple[int, int]]:
+    """Index ranges of records that hold one attitude, without a pause of the logger in them, long enough to be odd."""
+    if len(attitude.t) < MIN_RECORDS:
+        return []
+    same = (attitude.q[1:] == attitude.q[:-1]).all(axis=1) & without_pauses(attitude.t)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    runs = [(a, b + 1) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)]
+    return [(a, b) for a, b in runs if b - a >= MIN_RECORDS and attitude.t[b - 1] - attitude.t[a] >= MIN_STUCK_S]
+
+
+def _is_stuck(attitude: Attitude, run: tuple[int, int], gyro: Stream | None) -> bool:
+    """Whether records a to b of an attitude are no estimate: a heading never set, the whole log, or a turn missed."""
+    a, b = run
+    w, x, y, z = attitude.q[a]
+    t0, t1 = float(attitude.t[a]), float(attitude.t[b - 1])
+    if abs(2.0 * (w * z + x * y)) < UNSET_HEADING_SINE or (b - a == len(attitude.t) and t1 - t0 >= MIN_WHOLE_LOG_S):
+        return True
+    return gyro is not None and _turned_deg(gyro, t0, t1) > TURNED_DEG + DRIFT_DPS * (t1 - t0)
+
+
+def _turned_deg(gyro: Stream, t0: float, t1: float) -> float:
+    """The largest angle (deg) by which a vehicle was turned from ``t0`` s on, the gyro's median taken as its bias."""
+    mine = (gyro.t >= t0) & (gyro.t <= t1) & rotation.finite_rows(gyro.x)
+    if np.count_nonzero(mine) < 2:
+        return 0.0
+    rate = gyro.x[mine] - np.nanmedian(gyro.x, axis=0)
+    angle = np.cumsum(rate[1:] * np.diff(gyro.t[mine])[:, None], axis=0)
+    return float(np.degrees(np.max(rotation.length(angle))))
+
+
+def _stuck_problem(name: str, attitude: Attitude, runs: list[tuple[int, int]], kept: Mask, flew: bool) -> Problem:
+    """What was left out of an attitude, and why."""
+    a, b = runs[0]
+    t0, t1 = float(attitude.t[a]), float(attitude.t[b - 1])
+    count = int(np.count_nonzero(~kept))
+    weight: Severity = "warning" if flew else "note"
+    if not kept.any():
+        text = f"{name}: all {count:,} records hold one attitude, so this estimate never ran; it is not used."
+        return Problem(STUCK_CODE, weight, text)
+    if len(runs) == 1 and a == 0:
+        text = f"{name}: it holds one attitude to {t1:.1f} s, before this estimate ran; {count:,} records are left out."
+        return Problem(STUCK_CODE, "note", text)
+    more = f", first for {t1 - t0:.1f} s from {t0:.1f} s" if len(runs) > 1 else f" for {t1 - t0:.1f} s from {t0:.1f} s"
+    often = f" {len(runs)} times" if len(runs) > 1 else ""
+    text = f"{name}: the attitude froze{often}{more}; {count:,} records are left out."
+    return Problem(STUCK_CODE, "warning", text, t=t0)
+
+
+def _kept_records(attitude: Attitude, kept: Mask) -> Attitude:
+    """The records of an attitude that are kept (n,)."""
+    place = np.cumsum(kept) - 1
+    resets = attitude.resets[kept[attitude.resets]] if len(attitude.resets) else attitude.resets
+    return replace(
+        attitude,
+        t=attitude.t[kept],
+        q=attitude.q[kept],
+        t_sample=None if attitude.t_sample is None else attitude.t_sample[kept],
+        resets=np.asarray(place[resets], np.int64),
+        position=None if attitude.position is None else attitude.position[kept],
+    )

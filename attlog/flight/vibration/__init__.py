@@ -1,1 +1,0 @@
-"""What autopilots log of vibration, and how they filter it."""

@@ -1,0 +1,443 @@
+"""The accelerometer in flight: turned to earth, its force must change the velocity as GNSS sees it.
+
+At rest a level vehicle tells neither which axis is which nor how large an offset is beside its attitude's own tilt.
+Between two GNSS velocities the mean force does: with the attitude R, the logged force f and gravity g,
+``dv/dt - g = R (A f + b)``. A near the unit matrix is a sound sensor; exchanged or reversed axes make it another
+permutation; -b is the offset. Only the horizontal axes are solved for: f_z holds the vehicle up and says too little.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.log_cache import cached_per_log
+from attlog.core.spans import Span, inside
+from attlog.flight.model import Array, FlightLog, Gnss, Imu
+from attlog.health import gravity
+from attlog.health.check import Assessment, Check, HealthCase, Verdict, graded, not_judged, unknown
+from attlog.health.gravity import expected_gravity
+from attlog.health.imu import (
+    FLOOR_M_S2,
+    SensorBias,
+    axes_text,
+    flight_spans,
+    smoothed_acc_bias,
+    still_spans,
+    stream_blocks,
+    usable_imus,
+)
+from attlog.health.imu_pairs import LEAST_FLOWN_HZ, difference_in_flight
+from attlog.health.regression import RobustFit, interval_text, robust_fit
+from attlog.health.settings import accelerometer_proposal
+from attlog.reference import alignment
+from attlog.reference.model import Reference
+from attlog.segments.model import Segments
+
+FORCE_AXES, FORCE_OFFSET = "force axes", "force offset"
+VELOCITY_SPAN_S = 2.0
+"""Velocities change over so long: a receiver's noise of 0.1 m/s is then 0.07 m/s^2."""
+EDGE_S, LEAST_S, LONGEST_S = 1.0, 20.0, 900.0
+"""Left out at both ends of a flight, where the ground pushes; how much flight tells something; and of long logs the
+first minutes, which are enough."""
+GNSS_DELAYS_S = np.arange(0.0, 0.61, 0.1)
+"""How late a receiver may be: of these the one that fits best."""
+G = 9.80665
+TILT_M_S2 = {"truth": 0.01, "smoother": 0.05, "onboard": 0.1}
+"""Gravity that a tilted attitude shows: 0.06, 0.3 and 0.6 deg (onboard, on flights with truth: 0.3 to 0.9). A truth
+that was brought says itself how tilted it may be."""
+LEAST_M_S2 = 0.15
+"""Horizontal force (RMS about its mean) that shows which axis is which."""
+AXES_RATIO = 4.0
+"""Another order of axes leaves so many times less (squared)."""
+MAX_FORCE_LEFT = 0.5
+"""Of the force's own spread, at most so much may be left by the axes that are found."""
+FORCE_OFF_M_S2, FORCE_FAR_M_S2 = 0.17, 0.5
+"""1 and 3 deg of tilt, as of an accelerometer's offset by the smoother."""
+FORCE_SIGMAS, FORCE_FLOOR_M_S2 = 4.0, 0.03
+"""Offered above four times sqrt((1.5 standard errors)^2 + 0.03^2); planted 0.3 came back within two."""
+FORCE_LIMIT = (
+    f"ok up to {FORCE_OFF_M_S2} m/s^2 or {FORCE_SIGMAS:.0f} sigma, fault above {FORCE_FAR_M_S2} (1 and 3 deg of tilt)"
+)
+AXES_LIMIT = f"fault: other axes leave {AXES_RATIO:.0f} times less of the force (squared) unexplained"
+AXIS_ORDERS: dict[str, Array] = {
+    "x and y are exchanged": np.array([[0.0, 1.0], [1.0, 0.0]]),
+    "x and y are both reversed": -np.eye(2),
+    "x is reversed": np.diag([-1.0, 1.0]),
+    "y is reversed": np.diag([1.0, -1.0]),
+    "it is turned by 90 deg": np.array([[0.0, -1.0], [1.0, 0.0]]),
+    "it is turned by -90 deg": np.array([[0.0, 1.0], [-1.0, 0.0]]),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ForceFit:
+    """What the flight says of the accelerometer's horizontal axes. ``columns`` (n, 2, 8), ``y`` (n, 2), ``t`` (n,) s.
+
+    The columns are A by rows, b, and two of a constant tilt of the attitude.
+    """
+
+    solution: RobustFit
+    columns: Array
+    y: Array
+    t: Array
+    seconds: float
+
+    def left(self, order: Array) -> float:
+        """Median square that the axes in this order (2, 2) leave, whatever the offsets."""
+        rest = self.y - self.columns[:, :, :4] @ order.ravel()
+        rest = rest - self.columns[:, :, 4:] @ np.concatenate([self.solution.x[4:6], self.solution.x[6:8]])
+        return float(np.median(np.sum((rest - np.median(rest, axis=0)) ** 2, axis=1)))
+
+    @property
+    def spread(self) -> float:
+        """RMS of the measured horizontal force about its mean, m/s^2."""
+        force = np.stack([self.columns[:, :, 0], self.columns[:, :, 1]])
+        size = np.sqrt(np.sum(force**2, axis=2))
+        return float(np.sqrt(np.sum(np.var(size, axis=1))))
+
+
+def force_checks(log: FlightLog, segments: Segments, reference: Reference | None) -> list[Check]:
+    """Axes and offset of the accelerometer by GNSS; nothing where nothing flew or no velocity was logged."""
+    if log.replay_imu is None or not log.gnss or not segments.of("airborne"):
+        return []
+    if reference is None or reference.kind == "none":
+        why = "No attitude in this log can turn the force to earth."
+        return [not_judged(FORCE_AXES, why, AXES_LIMIT), not_judged(FORCE_OFFSET, why, FORCE_LIMIT)]
+    found = fit_force(log, segments, reference)
+    if found is None:
+        why = f"Less than {LEAST_S:.0f} s of flight have a GNSS velocity."
+        return [not_judged(FORCE_AXES, why, AXES_LIMIT), not_judged(FORCE_OFFSET, why, FORCE_LIMIT)]
+    axes = _force_axes_check(log, found, reference)
+    return [axes] if axes.verdict == "fault" else [axes, _force_offset_check(log, found, reference)]
+
+
+def _force_axes_check(log: FlightLog, found: ForceFit, reference: Reference) -> Check:
+    source = log.imus[log.imu or 0].acc.source
+    usual = found.left(np.eye(2))
+    name, best = min(((n, found.left(order)) for n, order in AXIS_ORDERS.items()), key=lambda pair: pair[1])
+    shown = f"{len(found.t)} changes of the GNSS velocity in {found.seconds:.0f} s of flight"
+    if found.spread < LEAST_M_S2:
+        why = f"The horizontal force hardly changes in flight ({found.spread:.2f} m/s^2)."
+        return not_judged(FORCE_AXES, why, AXES_LIMIT)
+    clear = best * AXES_RATIO < usual and np.sqrt(best) < MAX_FORCE_LEFT * found.spread
+    if not clear:
+        text = f"{source} fits {shown}, turned by {reference.source}."
+        return Check(FORCE_AXES, "ok", text, round(float(np.sqrt(usual)), 3), "m/s^2", AXES_LIMIT)
+    times = np.sqrt(usual / max(best, 1e-12))
+    text = f"{source}: {name} against {shown}, turned by {reference.source}; that leaves {times:.1f} times less."
+    return Check(FORCE_AXES, "fault", text, round(float(np.sqrt(usual)), 3), "m/s^2", AXES_LIMIT)
+
+
+def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -> Check:
+    source = log.imus[log.imu or 0].acc.source
+    offset = -found.solution.x[4:6]
+    sigma = np.hypot(1.5 * found.solution.sigma[4:6], FORCE_FLOOR_M_S2)
+    worst = int(np.argmax(np.abs(offset) - FORCE_SIGMAS * sigma))
+    size, unsure = float(offset[worst]), float(sigma[worst])
+    if unsure * FORCE_SIGMAS > FORCE_FAR_M_S2:
+        why = f"The flight shows the offset to {1.96 * unsure:.2f} m/s^2 only (95 %)."
+        return not_judged(FORCE_OFFSET, why, FORCE_LIMIT)
+    told = abs(size) > max(FORCE_OFF_M_S2, FORCE_SIGMAS * unsure)
+    verdict = "ok" if not told else "warning" if abs(size) <= FORCE_FAR_M_S2 else "fault"
+    text = f"{source} reads {size:+.2f} m/s^2 too much in {'xy'[worst]} ({interval_text(size, unsure, 2)}, 95 %) by "
+    text += f"{len(found.t)} changes of the GNSS velocity in {found.seconds:.0f} s, turned by {reference.source}."
+    return Check(FORCE_OFFSET, verdict, text, round(size, 3), "m/s^2", FORCE_LIMIT)
+
+
+def fit_force(log: FlightLog, segments: Segments, reference: Reference) -> ForceFit | None:
+    """The fit over all flights up to the reference's end; None where too little was flown with GNSS."""
+    imu, gnss = log.replay_imu, _best_receiver(log)
+    spans = [(a + EDGE_S, min(b - EDGE_S, reference.end)) for a, b in segments.spans("airborne")]
+    spans = _first_spans([(a, b) for a, b in spans if b - a > 2.0 * VELOCITY_SPAN_S], LONGEST_S)
+    if imu is None or gnss is None or sum(b - a for a, b in spans) < LEAST_S:
+        return None
+    start, end, change = _velocity_changes(gnss, spans)
+    turned = _turned_force(imu, reference, spans)
+    if turned is None or len(start) < LEAST_S / VELOCITY_SPAN_S:
+        return None
+    best: ForceFit | None = None
+    for late in GNSS_DELAYS_S:
+        means, known = turned.means(start - late, end - late)
+        t, y = end[known], change[known] - means[known][:, :, 8]
+        if len(t) < LEAST_S / VELOCITY_SPAN_S:
+            continue
+        columns = means[known][:, :, :8]
+        prior = np.array([np.inf] * 6 + [_tilt_prior_m_s2(reference)] * 2)
+        solution = robust_fit(t, columns, y, prior)
+        if solution is not None and (best is None or solution.scatter < best.solution.scatter):
+            best = ForceFit(solution, columns, y, t, float(np.sum(np.minimum(np.diff(t), VELOCITY_SPAN_S))))
+    return best
+
+
+def _tilt_prior_m_s2(reference: Reference) -> float:
+    usual = TILT_M_S2[reference.kind]
+    return usual if reference.fit is None else max(usual, G * math.radians(reference.fit.sigma_tilt_deg))
+
+
+def _first_spans(spans: list[Span], seconds: float) -> list[Span]:
+    """The first spans, so many seconds of them together."""
+    kept: list[Span] = []
+    for a, b in spans:
+        left = seconds - sum(end - begin for begin, end in kept)
+        if left > 0.0:
+            kept.append((a, min(b, a + left)))
+    return kept
+
+
+def _best_receiver(log: FlightLog) -> Gnss | None:
+    """The receiver with the most velocities of a 3D fix."""
+    return max(log.gnss, key=lambda g: np.count_nonzero(_has_velocity(g)), default=None)
+
+
+def _has_velocity(gnss: Gnss) -> Array:
+    return np.asarray((gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned[:, :2]))
+
+
+def _velocity_changes(gnss: Gnss, spans: list[tuple[float, float]]) -> tuple[Array, Array, Array]:
+    """Begin and end (n,) s of pairs OVER_S apart, half of that from pair to pair, and mean accelerations (n, 2)."""
+    use = _has_velocity(gnss).astype(bool)
+    t, first = np.unique(gnss.t[use], return_index=True)
+    velocity = gnss.vel_ned[use][first, :2]
+    none = np.zeros(0, np.int64)
+    starts, ends = [none], [none]
+    for a, b in spans:
+        mine = np.flatnonzero((t >= a) & (t <= b))
+        if len(mine) < 3:
+            continue
+        every = max(1, round(0.5 * VELOCITY_SPAN_S / max(float(np.median(np.diff(t[mine]))), 1e-3)))
+        i = mine[::every]
+        j = np.searchsorted(t, t[i] + VELOCITY_SPAN_S - 1e-6)
+        good = (j <= mine[-1]) & (t[np.minimum(j, len(t) - 1)] - t[i] < 1.5 * VELOCITY_SPAN_S)
+        starts.append(i[good])
+        ends.append(j[good])
+    i, j = np.concatenate(starts), np.concatenate(ends)
+    return t[i], t[j], (velocity[j] - velocity[i]) / (t[j] - t[i])[:, None]
+
+
+class TurnedForce:
+    """Sums over time of the force's parts in earth axes, so that their mean over any span costs the same."""
+
+    def __init__(self, t: Array, force: Array, q: Array) -> None:
+        turn = rotation.to_matrix(q)[:, :2, :]
+        parts = [turn[:, :, i] * force[:, j : j + 1] for i in (0, 1) for j in (0, 1)]
+        parts += [turn[:, :, 0], turn[:, :, 1]]
+        constant = np.zeros((len(t), 2, 2))
+        constant[:, 0, 0] = constant[:, 1, 1] = 1.0
+        every = np.concatenate([np.stack(parts, axis=2), constant, (turn[:, :, 2] * force[:, 2:3])[:, :, None]], axis=2)
+        dt = np.diff(t, prepend=t[0])
+        self.t, self.hole = t, np.cumsum(dt > 0.2)
+        self.sums = np.cumsum(every * np.minimum(dt, 0.2)[:, None, None], axis=0).reshape(len(t), -1)
+
+    def means(self, start: Array, end: Array) -> tuple[Array, Array]:
+        """Means (n, 2, 9) over spans, and which of them (n,) lie between samples without a hole."""
+        i = np.clip(np.searchsorted(self.t, [start, end]), 1, len(self.t) - 1)
+        known = (start > self.t[0]) & (end < self.t[-1]) & (self.hole[i[0]] == self.hole[i[1]])
+        share = [(x - self.t[k - 1]) / (self.t[k] - self.t[k - 1]) for x, k in ((start, i[0]), (end, i[1]))]
+        first, last = (
+            self.sums[k - 1] + s[:, None] * (self.sums[k] - self.sums[k - 1])
+            for s, k in zip(share, (i[0], i[1]), strict=True)
+        )
+        return ((last - first) / (end - start)[:, None]).reshape(-1, 2, 9), known
+
+
+def _turned_force(imu: Imu, reference: Reference, spans: list[Span]) -> TurnedForce | None:
+    """The force with the reference's attitude of the IMU, where both are known, in and shortly before ``spans``."""
+    own = reference.q if reference.trim is None else alignment.apply_trim(reference.q, -reference.trim)
+    near = inside(imu.acc.t_best, [(a - GNSS_DELAYS_S[-1] - EDGE_S, b) for a, b in spans])
+    t, force = imu.acc.t_best[near], imu.acc.x[near]
+    q, _ = rotation.slerp_in_segments(reference.t, own, reference.gap_segment, t)
+    good = rotation.finite_rows(q) & rotation.finite_rows(force)
+    t, first = np.unique(t[good], return_index=True)
+    return None if len(t) < 100 else TurnedForce(t, force[good][first], q[good][first])
+
+
+# How much does each accelerometer read too much in flight, by GNSS, and what takes that off?
+#
+# The replayed unit's bias is the smoother's; without one, truth or a smoother as the reference turns the force
+# (``fits/force``), which tells the horizontal axes. Another unit has that bias and what it reads more. Vibration
+# shifts
+# an accelerometer as an offset does, but in flight only: along the vertical the ground must confirm it.
+
+OFFSET_QUESTION = "accelerometer_offset"
+OFFSET_OFF_M_S2, OFFSET_FAR_M_S2 = np.array([0.17, 0.17, 0.3]), np.array([0.5, 0.5, 1.0])
+"""1 and 3 deg of tilt horizontally; along z the limits of gravity's size at rest."""
+OFFSET_SIGMAS, MAX_OFFSET_M_S2 = 4.0, 1.0
+"""Offered from so many sigma up to this size: beyond it the smoother's prior holds it back (4.5 became 3.5)."""
+MOUNTING_M_S2 = 0.5
+"""3 deg: by less two units of one board may be mounted differently, and their difference is then no offset."""
+GROUND_SHARE = 0.3
+"""The ground shows the vertical offset to 0.1 m/s^2 or this part of it."""
+OFFSET_LIMIT = "ok up to 0.17 m/s^2 horizontally, 0.3 along z, or 4 sigma; fault above 0.5 and 1 m/s^2"
+OFFSET_SOURCE = "1 and 3 deg of tilt; total error measured on 24 flights with truth"
+TURN_ADVICE = "Fly a minute with GNSS: turn slowly through 360 deg and accelerate in several directions."
+
+SET_ADVICE = "Set the offsets, then calibrate the level; or calibrate the accelerometer in six positions."
+"""A level that was calibrated with the offset holds it: without it the vehicle would lean."""
+
+
+def accelerometer_offsets(case: HealthCase) -> list[Assessment]:
+    """One assessment for each accelerometer that can be judged; one ``unknown`` where none can."""
+    units = usable_imus(case)
+    if not units:
+        return []
+    own, why = _replayed_bias(case)
+    if own is None or not any(own.known):
+        return [
+            replace(unknown(units[0].acc.source, OFFSET_QUESTION, why, OFFSET_LIMIT, OFFSET_SOURCE), action=TURN_ADVICE)
+        ]
+    if units[0] is not case.log.replay_imu:
+        return []
+    biases = [(imu, bias) for imu in units if (bias := _imu_bias(case, own, units[0], imu)) is not None]
+    found = [_offset_assessment(case, imu, bias, own) for imu, bias in biases]
+    return [one for k, one in enumerate(found) if k == 0 or one.verdict != "unknown"]
+
+
+def _replayed_bias(case: HealthCase) -> tuple[SensorBias | None, str]:
+    """The bias of the replayed unit, or why it is not known."""
+    if case.segments is None or not flight_spans(case.segments):
+        return None, "The vehicle does not fly in this log, so GNSS shows no offset."
+    found, reference = smoothed_acc_bias(case), case.reference
+    if found is not None and any(found.known):
+        return found, ""
+    kinds = ("truth", "smoother") if found is None else ("truth",)  # a smoother that does not know it turns no force
+    if reference is not None and reference.kind in kinds:
+        fitted = fit_force(case.log, case.segments, reference)
+        if fitted is not None:
+            sigma = np.append(np.hypot(1.5 * fitted.solution.sigma[4:6], FLOOR_M_S2[:2]), np.inf)
+            mean = np.append(-fitted.solution.x[4:6], 0.0)
+            level = bool(4.0 * sigma[:2].max() <= OFFSET_FAR_M_S2[0])
+            by = f"GNSS and {reference.source}"
+            return SensorBias(
+                mean, sigma, (level, level, False), len(fitted.t), fitted.seconds, by
+            ), _turned_too_little(sigma)
+    if found is not None:
+        return found, _turned_too_little(found.sigma)
+    return None, "No velocity by GNSS in flight that a smoother could use, so no offset."
+
+
+def _turned_too_little(sigma: Array) -> str:
+    return f"The flight turns too little: the offset is known to ± {1.96 * sigma[:2].max():.2f} m/s^2 only (95 %)."
+
+
+def _imu_bias(case: HealthCase, own: SensorBias, replayed: Imu, imu: Imu) -> SensorBias | None:
+    """The bias of a unit: that of the replayed one, and what it reads more in flight."""
+    if imu is replayed:
+        return own
+    if imu.acc.rate < LEAST_FLOWN_HZ:
+        return None
+    more = difference_in_flight(case, "acc", replayed, imu)
+    if more is None:
+        return None
+    return replace(own, mean=own.mean + more.middle, sigma=np.hypot(own.sigma, more.sigma(0.0)))
+
+
+def offset_limits(bias: SensorBias) -> Array:
+    """From which size (3,) on an offset is one, m/s^2."""
+    return np.asarray(np.maximum(OFFSET_OFF_M_S2, OFFSET_SIGMAS * bias.sigma))
+
+
+def offset_axes(bias: SensorBias) -> NDArray[np.bool_]:
+    """Along which axes (3,) there surely is an offset that counts."""
+    return np.asarray(np.array(bias.known) & (np.abs(bias.mean) > offset_limits(bias)))
+
+
+def _offset_assessment(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> Assessment:
+    """The answer for a unit; ``own`` is the bias of the replayed one, by which it was found."""
+    known, limits, off = np.array(bias.known), offset_limits(bias), offset_axes(bias)
+    worst = int(np.argmax(np.where(known, np.abs(bias.mean) / limits, -1.0)))
+    size, sigma = float(bias.mean[worst]), float(bias.sigma[worst])
+    verdict: Verdict = graded(abs(size), float(limits[worst]), max(float(OFFSET_FAR_M_S2[worst]), float(limits[worst])))
+    source, told = imu.acc.source, interval_text(size, sigma, 2)
+    if off.any():
+        also = ", offset or scale" if worst == 2 else ""
+        text = f"{source} is off by {size:+.2f} m/s^2 along {'xyz'[worst]} ({told}, 95 %) in flight{also}."
+    elif known.all():
+        text = f"{source} is off by {axes_text(bias.mean)} m/s^2 in flight, which is little."
+    else:
+        verdict = "unknown"
+        axes, others = (" and ".join("xyz"[k] for k in np.flatnonzero(which)) for which in (known, ~known))
+        text = f"The flight turns too little to show the offset of {source} along {others}; along {axes} it is small."
+    found = Assessment(
+        source,
+        OFFSET_QUESTION,
+        verdict,
+        text,
+        value=round(size, 3),
+        unit="m/s^2",
+        ci95=(round(size - 1.96 * sigma, 3), round(size + 1.96 * sigma, 3)),
+        vector=[round(float(v), 3) for v in bias.mean] if known.all() else [],
+        vector_ci95=[round(1.96 * float(v), 3) for v in bias.sigma] if known.all() else [],
+        n=bias.n,
+        seconds=round(bias.seconds, 1),
+        threshold=OFFSET_LIMIT,
+        source=OFFSET_SOURCE,
+        evidence=_evidence(case, imu, bias),
+        action=TURN_ADVICE if verdict == "unknown" else "",
+    )
+    if off.any():
+        found.why_no_setting = _refusal(case, imu, bias, own)
+        if not found.why_no_setting:
+            offered = accelerometer_proposal(case.log, imu, np.where(off, bias.mean, 0.0))
+            found.settings, found.why_no_setting = offered.settings, offered.refused
+        found.action = SET_ADVICE if found.settings else case.log.remedies.get("accelerometer", "")
+    return found
+
+
+def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> str:
+    """Why an offset that is there is not offered as a number; empty where it is."""
+    off = offset_axes(bias)
+    if float(np.abs(own.mean[np.array(own.known)]).max()) > MAX_OFFSET_M_S2:
+        return "Above 1 m/s^2 a flight does not show it exactly; six positions do."
+    if imu is not case.log.replay_imu and (off & (np.abs(bias.mean) < MOUNTING_M_S2))[:2].any():
+        return "A unit that is mounted 1 to 3 deg off level reads the same; six positions show which."
+    flew = case.log.imu_that_flew
+    if flew is not None and len(set(flew.value)) > 1:
+        return "The unit in use changed, and the offset of each is not known."
+    bad = {c.name for c in case.checks if c.verdict in ("warning", "fault")}
+    if "vibration" in bad:
+        return "Vibration as strong as here shifts an accelerometer too. Reduce it first, then fly again."
+    if FORCE_AXES in bad:
+        return "Its axes are exchanged or reversed: correct these first."
+    if off[2]:
+        ground = ground_excess(case, imu, bias)
+        if ground is None:
+            return "No rest on the ground confirms the vertical offset. Log before arming."
+        shown, foreseen = ground
+        if abs(shown - foreseen) > max(0.1, GROUND_SHARE * abs(float(bias.mean[2]))):
+            return (
+                f"The force on the ground is {shown:+.2f} m/s^2 off gravity, not {foreseen:+.2f}: no constant offset."
+            )
+    return ""
+
+
+@cached_per_log
+def ground_excess(case: HealthCase, imu: Imu, bias: SensorBias) -> tuple[float, float] | None:
+    """By how much the force on the ground exceeds gravity, and by how much it would by this bias, m/s^2."""
+    size = gravity.size_at_rest(case, imu)
+    if case.segments is None or size is None:
+        return None
+    shown = stream_blocks(imu.acc, still_spans(case.segments)[0])
+    if shown is None:
+        return None
+    along = shown.middle / max(float(size.middle[0]), 1e-9)
+    mean = np.where(np.array(bias.known), bias.mean, 0.0)
+    return float(size.middle[0]) - expected_gravity(case.log), float(along @ mean)
+
+
+def _evidence(case: HealthCase, imu: Imu, bias: SensorBias) -> list[str]:
+    """What found it, the ground, and what the onboard estimator subtracts."""
+    told = [f"By {bias.by}, {bias.seconds:.0f} s."]
+    if bias.known[2] and (ground := ground_excess(case, imu, bias)) is not None:
+        told.append(
+            f"The force on the ground is {ground[0]:+.2f} m/s^2 off gravity; this offset makes {ground[1]:+.2f}."
+        )
+    if case.log.acc_bias is not None and imu is case.log.replay_imu and len(case.log.acc_bias.x):
+        own = np.nanmedian(case.log.acc_bias.x, axis=0)
+        if np.isfinite(own).all():
+            told.append(f"The onboard estimator subtracts {axes_text(own)} m/s^2.")
+    return told

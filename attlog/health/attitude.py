@@ -1,0 +1,447 @@
+"""Checks of the onboard attitude."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.spans import Span, intersect
+from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS
+from attlog.flight.model import Array as model_Array
+from attlog.flight.model import Attitude, FlightLog, Imu
+from attlog.health.check import Check, as_sentence, graded, not_judged
+from attlog.health.flown import before_crashes
+from attlog.reference import onboard_check
+from attlog.reference.gyro_checks import (
+    MIN_ATTITUDE_HZ,
+    MIN_RATE_INTERVALS,
+    MIN_RATE_STD_DPS,
+    center_rates,
+    mean_rates,
+    reversed_slowly,
+    swapped_axes,
+)
+from attlog.reference.heading_sources import WrongHeading, find_gnss_motion, find_wrong_heading, onboard_offsets
+from attlog.reference.model import Reference
+from attlog.reference.onboard_check import OnboardComparison, OnboardError
+from attlog.reference.scoring import interpolate
+from attlog.reference.smoother import differences_deg
+from attlog.segments import resets
+from attlog.segments.impacts import shows_impacts
+from attlog.segments.model import Segments
+from attlog.story.estimator_events import aid_rejections
+from attlog.story.headline import WrongAngle
+
+# The onboard attitude against the gyro: coverage, scale, axes and signs; and the vehicle's trim.
+
+CONTRADICTED = "contradicted"
+"""The value of the check where the gyro is not the one that turned: nothing that is made of it can be judged."""
+
+
+def attitude_checks(log: FlightLog, segments: Segments, gyro_fault: str = "") -> list[Check]:
+    """Coverage, gyro against attitude, trim. ``gyro_fault``: what ``reference.turning`` found, empty for nothing."""
+    if not log.imus:
+        return []
+    imu = log.imus[log.imu or 0]
+    onboard = log.onboard_attitude
+    if onboard is None or len(onboard.t) < 2:
+        return [not_judged("coverage", "There is no onboard attitude in this log.", "ok from 95 %")]
+    against = gyro_against_attitude(log, imu, onboard, segments)
+    if gyro_fault:
+        against = Check("gyro against attitude", "fault", as_sentence(gyro_fault), CONTRADICTED, "", against.threshold)
+    return [coverage_check(imu, onboard, log.onboard or ""), against, *trim_check(log, onboard)]
+
+
+def coverage_check(imu: Imu, onboard: Attitude, name: str) -> Check:
+    """The share of the inertial data that the onboard attitude covers; its pauses do not count."""
+    share = round(100.0 * float(np.mean(onboard.covers(imu.gyro.t))), 1)
+    verdict = "ok" if share >= 95.0 else "warning" if share >= 50.0 else "fault"
+    text = f"{name} at {onboard.rate:.1f} Hz covers {share:.1f} % of the inertial data."
+    return Check("coverage", verdict, text, share, "%", "ok from 95 %, fault below 50 %")
+
+
+def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments: Segments) -> Check:
+    """Slopes of the attitude's rotation on the gyro's, and whether another order or sign of axes fits better."""
+    limit = "ok: slopes 0.95 to 1.05; fault: swapped or reversed axes, or slopes outside 0.8 to 1.25"
+    name = log.onboard or ""
+    jumps, _ = resets.known_resets(log, name, segments) if imu is log.replay_imu else resets.find_resets(onboard, imu)
+    by_gyro, by_attitude = mean_rates(imu, onboard, jumps)
+    if imu.gyro.rate < MIN_ATTITUDE_HZ:
+        return not_judged("gyro against attitude", f"At {imu.gyro.rate:.0f} Hz {imu.gyro.source} misses turns.", limit)
+    if len(by_gyro) < MIN_RATE_INTERVALS:
+        return not_judged("gyro against attitude", f"{name} has too few intervals with inertial data.", limit)
+    g, a = center_rates(by_gyro), center_rates(by_attitude)
+    moving = np.degrees(g.std(axis=0)) >= MIN_RATE_STD_DPS
+    slowly = reversed_slowly(g, a, moving)
+    if not moving.any() and not slowly:
+        text = (
+            f"The vehicle hardly turns: {', '.join(f'{s:.1f}' for s in np.degrees(g.std(axis=0)))} deg/s about x, y, z."
+        )
+        return not_judged("gyro against attitude", text, limit)
+    wrong = (swapped_axes(g, a, moving) if moving.any() else "") or slowly
+    if wrong:
+        return Check("gyro against attitude", "fault", f"{imu.gyro.source} against {name}: {wrong}", wrong, "", limit)
+    slopes = np.sum(g * a, axis=0) / np.sum(g * g, axis=0)
+    shown = ", ".join(f"{axis} {s:.3f}" for axis, s, m in zip("xyz", slopes, moving, strict=True) if m)
+    worst = float(np.abs(np.log(np.maximum(slopes[moving], 1e-3))).max())
+    slow = onboard.rate < MIN_ATTITUDE_HZ
+    verdict = graded(worst, np.log(1.055), np.log(1.25))
+    text = f"{name} turns as the gyro does by {shown} (1 is equal)."
+    if slow and verdict == "fault":
+        verdict, text = "warning", text + f" At {onboard.rate:.0f} Hz the attitude smears fast motion."
+    value = float(slopes[moving][np.argmax(np.abs(slopes[moving] - 1))])
+    return Check("gyro against attitude", verdict, text, round(value, 4), "", limit)
+
+
+def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
+    """The vehicle's trim: a constant difference between the IMU and what the attitude says."""
+    if not onboard.has_trim:
+        return []
+    limit = "warning above 3 deg"
+    vector = log.trim
+    if vector is None:
+        return [not_judged("trim", "The log holds no parameters of the trim.", limit)]
+    roll, pitch = np.degrees(vector[:2])
+    size = float(np.hypot(roll, pitch))
+    text = f"The vehicle's trim turns roll by {roll:.2f} and pitch by {pitch:.2f} deg."
+    return [Check("trim", "ok" if size <= 3.0 else "warning", text, round(size, 3), "deg", limit)]
+
+
+# Is the onboard heading wrong by GNSS acceleration, and when? It needs no compass, no truth and no smoother.
+
+HEADING_BY_GNSS = "heading by GNSS"
+SERIOUS_HEADING_DEG = 15.0
+"""So far off, position hold circles instead of holding."""
+GNSS_HEADING_LIMIT = (
+    f"ok up to {WRONG_DEG:.0f} deg or {WRONG_SIGMAS:.0f} sigma, fault above {SERIOUS_HEADING_DEG:.0f} deg"
+)
+
+
+def gnss_heading_checks(log: FlightLog, segments: Segments) -> list[Check]:
+    """The onboard heading against GNSS acceleration in flight; nothing without GNSS or attitude."""
+    motion = find_gnss_motion(log, segments)
+    if motion is None or log.onboard_attitude is None:
+        return []
+    whole, parts = onboard_offsets(log, segments, motion)
+    wrong = find_wrong_heading(whole, parts)
+    if wrong is not None:
+        return [_wrong_heading_check(log, segments, wrong)]
+    if not whole.told:
+        return [not_judged(HEADING_BY_GNSS, f"{whole.why[0].upper()}{whole.why[1:]}.", GNSS_HEADING_LIMIT)]
+    size = abs(whole.offset_deg)
+    text = f"{log.onboard}'s heading is {size:.1f} deg off by GNSS acceleration (± {whole.sigma_deg:.1f} deg)."
+    return [Check(HEADING_BY_GNSS, "ok", text, round(size, 1), "deg", GNSS_HEADING_LIMIT)]
+
+
+def _wrong_heading_check(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Check:
+    size = round(abs(wrong.offset.offset_deg), 1)  # what is printed from the value says the same
+    first, last = wrong.spans[0][0], wrong.spans[-1][1]
+    seconds = sum(b - a for a, b in wrong.spans)
+    when = f" from {first:.0f} s to {last:.0f} s" + (f", {seconds:.0f} s in all" if len(wrong.spans) > 1 else "")
+    text = f"The onboard heading is {size:.0f} deg off by GNSS acceleration (± {wrong.offset.sigma_deg:.0f} deg){when}."
+    evidence = ["At other times it is right."] if wrong.partly else []
+    rejected = _rejected_gnss(log, segments, wrong.spans)
+    if rejected:
+        evidence.append(f"The EKF rejected {rejected} then: its heading is wrong, not GNSS.")
+    verdict = "fault" if size > SERIOUS_HEADING_DEG else "warning"
+    return Check(
+        HEADING_BY_GNSS, verdict, text, size, "deg", GNSS_HEADING_LIMIT, t=first, t_end=last, evidence=evidence
+    )
+
+
+def _rejected_gnss(log: FlightLog, segments: Segments, spans: list[Span]) -> str:
+    """What the onboard estimator rejected of GNSS while its heading was wrong: ``GNSS velocity for 12 s``."""
+    found = []
+    for one in aid_rejections(log, segments):
+        seconds = sum(b - a for a, b in intersect(one.spans, spans))
+        if one.aid in ("velocity", "position") and seconds >= 1.0:
+            found.append(f"GNSS {one.aid} for {seconds:.0f} s")
+    return " and ".join(found)
+
+
+# Is the onboard attitude the wrong one? Its difference from the truth, or from the smoother in degrees and sigmas.
+#
+# Where it differs, and what gravity and GNSS acceleration say of it, stands in ``reference.physics.accusing``. A
+# smoother
+# whose own sensors failed a check accuses nobody, unless that evidence speaks against the onboard attitude too.
+
+AGAINST_SMOOTHER, AGAINST_TRUTH = "onboard against smoother", "onboard against truth"
+AGAINST = {"smoother": AGAINST_SMOOTHER, "truth": AGAINST_TRUTH}
+"""By what the reference is."""
+MAX_MOUNTING_LEFT = 0.3
+"""What is left of a tilt error that a turn of the sensor explains, at most."""
+ONBOARD_LIMIT = "ok up to 3 deg of tilt and 8 deg of heading"
+ONBOARD_LIMITS = {"smoother": f"{ONBOARD_LIMIT}, or 3 joint sigmas", "truth": ONBOARD_LIMIT}
+FORCE_CHECKS = ("accelerometer axes", "accelerometer delay", "force axes", "frozen sensors")
+"""Checks of the accelerometer, which the evidence of gravity and of GNSS acceleration needs."""
+INERTIAL_CHECKS = (
+    *FORCE_CHECKS,
+    *("gyro", "gyro range", "gyro bias", "frozen gyro", "gyro spikes", "gyro bias step", "gyro scale"),
+    *("gravity", "force offset", "vibration", "vertical force"),
+)
+"""Checks of the sensors that every smoother is made of."""
+COMPASS_CHECKS = ("compass axes", "compass offset", "compass turn", "field", "field against motors")
+"""Checks of the sensor that a heading may rest on."""
+
+
+def smoother_checks(
+    log: FlightLog, segments: Segments, reference: Reference | None, others: Iterable[Check] = ()
+) -> list[Check]:
+    """Tilt and heading of the attitude that flew against truth or smoother; nothing where neither is the reference.
+
+    ``others``: the checks of the sensors that a smoother is made of.
+    """
+    found = None if reference is None else onboard_check.compare_onboard(log, segments, reference)
+    if reference is None or found is None:
+        return []
+    name, limit = AGAINST[reference.kind], ONBOARD_LIMITS[reference.kind]
+    whom = "the truth" if reference.kind == "truth" else "the smoother"
+    if not found.errors:
+        return [Check(name, "ok", _agreement_text(log, found, whom), threshold=limit)]
+    failed = {check.name for check in others if _misleads(check)}
+    doubts = {error.angle: _failed_sensors(error, reference, failed) for error in found.errors}
+    errors = [error for error in found.errors if not doubts[error.angle]]
+    if not errors:
+        error = found.errors[0]
+        why = f"{log.onboard} differs from {whom}: {error.text}. Who is wrong is open: {doubts[error.angle]} failed."
+        return [not_judged(name, why, limit)]
+    shown = [error for error in errors if error.wrong] or errors
+    lead, *rest = shown
+    wrong = lead.wrong
+    text = "The onboard attitude was wrong" if wrong else "The onboard attitude errs"
+    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, found.t[found.counted])
+    if lead.angle == "tilt" and is_mounted_turned(found.q[found.counted], own):
+        wrong, text = False, "The sensor is mounted otherwise than set, or the onboard attitude is wrong throughout"
+    text += f": {lead.text}."
+    if lead.evidence:
+        text += f" It is {lead.evidence.replace('the judge', whom)}."
+    first, last = lead.longest
+    return [
+        Check(
+            name,
+            "fault" if wrong else "warning",
+            text,
+            round(lead.size, 1),
+            "deg",
+            limit,
+            t=first,
+            t_end=last,
+            about=lead.angle,
+            evidence=[f"Its {error.text}." for error in rest],
+        )
+    ]
+
+
+def _agreement_text(log: FlightLog, found: OnboardComparison, whom: str) -> str:
+    """That the onboard attitude is not in error, and by what."""
+    if found.acquitted == ["tilt"]:
+        return f"{log.onboard} agrees with gravity where it stands, better than {whom}."
+    if found.acquitted:
+        return f"{log.onboard} agrees with gravity and GNSS acceleration, better than {whom}."
+    usual = ", ".join(
+        _usual_difference(angle, size[found.counted], found.sigmas[angle][found.counted])
+        for angle, size in found.sizes.items()
+    )
+    return f"{log.onboard} differs from {whom} by {usual}."
+
+
+def _misleads(check: Check) -> bool:
+    """Whether a check failed in a way that a smoother does not find out and correct, as it does a constant bias."""
+    constant = check.name == "gyro bias" and check.t is None
+    return check.verdict == "fault" or (check.verdict == "warning" and not constant)
+
+
+def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str]) -> str:
+    """Which failed checks (names) of the judge's own sensors leave open who is wrong; empty for none."""
+    if reference.kind == "truth":
+        return ""
+    relevant: tuple[str, ...] = FORCE_CHECKS if error.confirmed else INERTIAL_CHECKS
+    by_compass = reference.quality.get("heading_from") not in ("motion", "brought")
+    if not error.confirmed and error.angle == "heading" and by_compass:
+        relevant = (*relevant, *COMPASS_CHECKS)
+    found = [f"`{name}`" for name in relevant if name in failed]
+    if not error.confirmed and reference.gyro_jumps:
+        found.append("the gyro's bias, which jumps,")
+    return " and ".join(found)
+
+
+def is_mounted_turned(onboard: model_Array, own: model_Array) -> bool:
+    """Whether one turn of the sensor in the body explains the tilt (n, 4) of the onboard attitude against ``own``."""
+    down = np.array([0.0, 0.0, 1.0])
+    a, b = (rotation.rotate_inverse(q, down) for q in (own, onboard))
+    turn = rotation.nearest_rotation(b.T @ a)
+    left, whole = (float(np.median(np.sum((b - x) ** 2, axis=1))) for x in (a @ turn.T, a))
+    return left < MAX_MOUNTING_LEFT**2 * whole
+
+
+def _usual_difference(angle: str, size: model_Array, sigma: model_Array) -> str:
+    """``tilt 0.6 deg (2.1 sigma)``: RMS of the difference, and of its ratio to the reference's own sigma."""
+    text = f"{angle} {float(np.sqrt(np.mean(size**2))):.1f} deg"
+    return f"{text} ({float(np.sqrt(np.mean((size / sigma) ** 2))):.1f} sigma)" if sigma.all() else text
+
+
+# Which angle of the onboard attitude do the checks prove wrong in flight, by how much, and when?
+
+PROOFS = (HEADING_BY_GNSS, AGAINST_TRUTH, AGAINST_SMOOTHER)
+"""Checks that prove it, the one with the fewest assumptions first."""
+
+
+def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
+    """The wrong angle with its size in deg and its time in s; None where no check proves one."""
+    faults = {check.name: check for check in checks if check.name in PROOFS and check.verdict == "fault"}
+    for name in PROOFS:
+        check = faults.get(name)
+        if check is not None and isinstance(check.value, float | int) and check.t is not None:
+            angle = "heading" if name == HEADING_BY_GNSS else check.about
+            return WrongAngle(angle, float(check.value), check.t, check.t if check.t_end is None else check.t_end)
+    return None
+
+
+# Jumps of the onboard attitude: yaw realignments, resets and lane switches, with their size.
+
+Array = NDArray[np.float64]
+
+MIN_JUMP_DEG, LARGE_JUMP_DEG = 3.0, 15.0
+"""Smaller ones are what an estimator does every day; from 15 deg a flight in position hold goes astray."""
+ALIGNMENT_S = 15.0
+"""Where nothing tells of arming: steps within so long after the first attitude are its alignment."""
+MAX_SHOWN_JUMPS = 4
+AROUND_JUMP_S = 3.0
+"""So long before and after a jump the attitude is held against truth or smoother."""
+MAX_ERROR_LEFT = 0.4
+"""A jump sets right (or wrong) what had (or has then) so much of the error of its other side at most."""
+
+
+def jump_checks(log: FlightLog, segments: Segments, reference: Reference | None = None) -> list[Check]:
+    """Steps of the onboard attitude that no rotation of the vehicle explains, once it was armed (aligned) and whole.
+
+    ``reference``: truth or smoother tell on which side of the largest jump the attitude was right.
+    """
+    attitude, imu = log.onboard_attitude, log.replay_imu
+    if attitude is None or imu is None:
+        return []
+    limit = f"ok up to {MIN_JUMP_DEG:.0f} deg, fault above {LARGE_JUMP_DEG:.0f} deg in flight"
+    index, _ = resets.known_resets(log, log.onboard or "", segments)
+    stamps = attitude.t[index]
+    index = index[jumps_in_use(stamps, float(attitude.t[0]), segments) & before_crashes(segments, stamps)]
+    sizes = resets.unexplained_deg(attitude, imu) if len(index) else None
+    if sizes is None:
+        return [Check("attitude jumps", "ok", f"{log.onboard} never jumps while in use.", 0.0, "deg", limit)]
+    size = sizes[0][index - 1]
+    large = np.isfinite(size) & (size > MIN_JUMP_DEG)
+    if not large.any():
+        worst = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
+        text = f"{log.onboard} jumps by {worst:.1f} deg at most."
+        return [Check("attitude jumps", "ok", text, round(worst, 1), "deg", limit)]
+    t, size, index = attitude.t[index[large]], size[large], index[large]
+    order = np.argsort(-size, kind="stable")
+    flown = segments.mask(t, "airborne")
+    yaw = yaw_share(attitude.q, index)
+    shown = ", ".join(f"{size[k]:.1f} deg at {t[k]:.1f} s" for k in sorted(order[:MAX_SHOWN_JUMPS].tolist()))
+    more = f" and {len(t) - MAX_SHOWN_JUMPS} smaller ones" if len(t) > MAX_SHOWN_JUMPS else ""
+    heading = bool((yaw > 0.9).all())
+    times = "once" if len(t) == 1 else f"{len(t)} times"
+    text = f"The onboard {'heading' if heading else 'attitude'} jumped {times}: {shown}{more}."
+    verdict = "fault" if (size[flown] > LARGE_JUMP_DEG).any() else "warning"
+    k = int(order[0])
+    side = right_side(log, reference, int(index[k]), heading, float(size[k]))
+    return [
+        Check(
+            "attitude jumps",
+            verdict,
+            text,
+            round(float(size.max()), 1),
+            "deg",
+            limit,
+            t=float(t[0]),
+            t_end=float(t[-1]) if len(t) > 1 else None,
+            count=len(t),
+            about="heading" if heading else "tilt",
+            evidence=[side] if side else [],
+        )
+    ]
+
+
+def right_side(log: FlightLog, reference: Reference | None, k: int, heading: bool, size: float) -> str:
+    """On which side of the jump to sample ``k`` truth or smoother find the attitude right; empty where on none."""
+    attitude = log.onboard_attitude
+    if reference is None or attitude is None or reference.kind not in ("truth", "smoother"):
+        return ""
+    if heading and reference.heading_by != "own":
+        return ""
+    errors = []
+    for a, b in ((attitude.t[k] - AROUND_JUMP_S, attitude.t[k - 1]), (attitude.t[k], attitude.t[k] + AROUND_JUMP_S)):
+        i, j = np.searchsorted(attitude.t, [a, b], side="left")
+        tilt, turned = differences_deg(reference, attitude.t[i : j + 1], attitude.q[i : j + 1])
+        off = np.abs(turned if heading else tilt)
+        errors.append(float(np.nanmedian(off)) if np.isfinite(off).any() else np.nan)
+    before, after = errors
+    whom = "the truth" if reference.kind == "truth" else "the smoother"
+    if not np.isfinite(before + after) or max(before, after) < 0.5 * size:
+        return ""
+    if after < MAX_ERROR_LEFT * before:
+        return f"Before the jump at {attitude.t[k]:.1f} s it was {before:.0f} deg off {whom}, then {after:.0f} deg."
+    if before < MAX_ERROR_LEFT * after:
+        return f"The jump at {attitude.t[k]:.1f} s set it wrong: {before:.0f} deg off {whom} before, then {after:.0f}."
+    return ""
+
+
+def jumps_in_use(t: Array, start: float, segments: Segments) -> NDArray[np.bool_]:
+    """Which times (k,) are while armed or in the air, else well after the first attitude: before, it is aligned."""
+    if "armed" in segments.unknown:
+        later: NDArray[np.bool_] = t > start + ALIGNMENT_S
+        return later | segments.mask(t, "airborne")
+    used: NDArray[np.bool_] = segments.mask(t, "armed") | segments.mask(t, "airborne")
+    return used
+
+
+def yaw_share(q: Array, index: NDArray[np.int64]) -> Array:
+    """How much (k,) of each step at ``index`` turns about the vertical, 0 to 1."""
+    step = rotation.to_rotvec(rotation.multiply(q[index], rotation.conjugate(q[index - 1])))
+    size = np.sqrt(np.sum(step**2, axis=1))
+    share: Array = np.divide(np.abs(step[:, 2]), size, out=np.zeros(len(size)), where=size > 0)
+    return share
+
+
+# Was there a loss of control or an impact? After it a log tells about a wreck.
+
+CRASH_LIMIT = "ok: no tilt beyond 90 deg that ends on the ground, no blow above 4 g after which it lies or tumbles"
+
+
+def crash_checks(log: FlightLog, segments: Segments) -> list[Check]:
+    """One check that tells the first crash, and how often control was lost; ok only where samples could show one."""
+    lost, blows = segments.of("loss_of_control"), segments.of("impact")
+    if not lost and not blows:
+        return [_no_crash(log, segments)]
+    before = [x for x in lost if not blows or x.t0 <= blows[0].t0]  # a wreck that rolls over loses no control
+    first, what = (before[0], "Control was lost") if before else (blows[0], _crash_text(segments, blows[0].t0))
+    times = f" {len(before)} times" if len(before) > 1 else ""
+    text = f"{what}{times}{', first' if times else ''} at {first.t0:.1f} s: {first.why}."
+    if not blows:
+        after = "It flew again: what follows is compared too."
+    elif before and blows[0].t0 > before[-1].t1:
+        after = f"It flew again until an impact at {blows[0].t0:.1f} s, after which nothing is compared."
+    else:
+        after = f"Nothing is compared after {blows[0].t0:.1f} s."
+    count = max(len(before), 1)
+    return [Check("crash", "fault", text, count, "", CRASH_LIMIT, t=first.t0, count=count, evidence=[after])]
+
+
+def _crash_text(segments: Segments, t: float) -> str:
+    """How the crash at a time began: the end of use is called an impact whatever it was."""
+    first = next((e for e in segments.endings if e.is_crash and abs(e.t - t) < 1.0), None)
+    kinds = {"impact": "An impact", "overturn": "It turned over", "tumble": "It tumbled"}
+    return "An impact" if first is None else kinds.get(first.kind, "An impact")
+
+
+def _no_crash(log: FlightLog, segments: Segments) -> Check:
+    """No crash, where raw samples would show one; else why that cannot be said."""
+    driven = segments.of("airborne") or segments.of("armed")
+    if not driven or shows_impacts(log):
+        return Check("crash", "ok", "No loss of control and no impact.", 0, "", CRASH_LIMIT)
+    rate = max(imu.acc.rate for imu in log.imus)
+    blind = f"a blow shorter than {1000.0 / rate:.0f} ms would not show"
+    return not_judged("crash", f"IMU at {rate:.0f} Hz: nothing turned it over; {blind}.", CRASH_LIMIT)

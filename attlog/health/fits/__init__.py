@@ -1,1 +1,0 @@
-"""Faults of sensors fitted over a flight: scale, axes, offset and mounting, each with its 95 % interval."""

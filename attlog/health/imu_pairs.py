@@ -1,0 +1,218 @@
+"""Do the inertial units of a vehicle agree, standing still and in flight, and if not, which one is off?
+
+The faster unit is interpolated to the samples of the slower one; medians over blocks of 5 s part a lasting difference
+from noise and vibration. Which one is off gravity and zero rate tell at rest, the smoother's biases in flight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from attlog.core import rotation
+from attlog.core.log_cache import cached_per_log
+from attlog.core.spans import Span
+from attlog.flight.model import Array, Imu, Stream
+from attlog.health import gravity
+from attlog.health.check import Assessment, HealthCase, Verdict, unknown
+from attlog.health.gravity import expected_gravity
+from attlog.health.imu import (
+    Blocks,
+    SensorBias,
+    axes_text,
+    blocks,
+    finite_samples,
+    flight_spans,
+    smoothed_acc_bias,
+    smoothed_gyro_bias,
+    still_spans,
+    stream_blocks,
+    usable_imus,
+)
+
+PAIRS_QUESTION = "imu_instances"
+Kind = Literal["acc", "gyro"]
+
+
+@dataclass(frozen=True, slots=True)
+class PairLimits:
+    """How far two units may differ: ``ok`` up to ``off``, a fault beyond ``far``; an error below ``least`` is none."""
+
+    unit: str
+    off: float
+    far: float
+    least: float
+    floor: float
+    source: str
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"ok up to {self.off:g} {self.unit} or {SIGMAS:.0f} sigma, fault above {self.far:g}"
+
+
+SIGMAS = 4.0
+PAIR_LIMITS: dict[Kind, PairLimits] = {
+    "acc": PairLimits("m/s^2", 0.5, 0.75, 0.15, 0.02, "3 deg of tilt; arming checks refuse from 0.7 to 0.75 m/s^2"),
+    "gyro": PairLimits("deg/s", 1.0, 5.0, 0.5, 0.02, "the limit of a gyro's bias; arming checks refuse from 5 deg/s"),
+}
+DUPLICATE_DIFFERENCE = 1e-5
+"""m/s^2 and rad/s, about every axis: a hundredth of what simulated sensors without noise differ by."""
+LEAST_FLOWN_HZ, IN_FLIGHT = 10.0, "in flight"
+"""Slower samples of a vibrating unit fold: units logged at 2 Hz seem to differ by 1.3 m/s^2, and do not at rest."""
+LARGER_FACTOR = 2.0
+"""One unit is off where its error is so many times the other's."""
+
+
+def imu_differences(case: HealthCase) -> list[Assessment]:
+    """Two assessments, accelerometer and gyro, for each unit beside the one that is replayed; none for a single one."""
+    units = usable_imus(case)
+    if len(units) < 2:
+        return []
+    pairs = [(kind, units[0], other) for other in units[1:] for kind in PAIR_LIMITS]
+    found = [one for pair in pairs if (one := _pair_assessment(case, *pair)) is not None]
+    why = "The units share too little time, at rest or in flight, or shake too much to be compared."
+    return found or [
+        unknown(units[0].acc.source, PAIRS_QUESTION, why, PAIR_LIMITS["acc"].text, PAIR_LIMITS["acc"].source)
+    ]
+
+
+def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
+    """How much ``b`` reads more than ``a`` over blocks (n, 3) within ``spans``; None where they share no time."""
+    if not spans:
+        return None
+    fast, slow, sign = (a, b, 1.0) if a.rate >= b.rate else (b, a, -1.0)
+    (t_fast, x_fast), (t, x) = finite_samples(fast, spans), finite_samples(slow, spans)
+    if len(t_fast) < 2 or len(t) == 0:
+        return None
+    use = (t >= t_fast[0]) & (t <= t_fast[-1])
+    t, x = (t, x) if use.all() else (t[use], x[use])
+    more = sign * (x - np.column_stack([np.interp(t, t_fast, column) for column in x_fast.T]))
+    found = blocks(t, more, spans)
+    # A stream of the unit in use repeats another one after a switch: no two sensors agree that well.
+    return None if found is None or bool(np.all(found.spread < DUPLICATE_DIFFERENCE)) else found
+
+
+@cached_per_log
+def difference_in_flight(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Blocks | None:
+    """How much ``b`` reads more than ``a`` in flight, rad/s or m/s^2; None where they share no flight."""
+    return (
+        None if case.segments is None else difference(getattr(a, kind), getattr(b, kind), flight_spans(case.segments))
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ImuDifference:
+    """How much one unit reads more than another, ``middle`` with one ``sigma`` (3,), and its size, in a phase."""
+
+    middle: Array
+    sigma: Array
+    blocks: Blocks
+    phase: str
+
+    @property
+    def size(self) -> float:
+        """Length of the vector."""
+        return float(np.sqrt(np.sum(self.middle**2)))
+
+    @property
+    def unsure(self) -> float:
+        """One sigma of the size."""
+        along = float(np.sqrt(np.sum((self.middle * self.sigma) ** 2)))
+        return along / self.size if self.size > 0.0 else float(self.sigma.max())
+
+    def text(self, unit: str) -> str:
+        """The size in words."""
+        return f"{self.size:.2f} ± {1.96 * self.unsure:.2f} {unit} {self.phase}"
+
+
+def _imu_differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[ImuDifference]:
+    """At rest and in flight, in deg/s or m/s^2, where it is known as well as it counts."""
+    if case.segments is None:
+        return []
+    limits, factor = PAIR_LIMITS[kind], 1.0 if kind == "acc" else float(np.degrees(1.0))
+    one, two = (getattr(imu, kind) for imu in (a, b))
+    rest, where = still_spans(case.segments)
+    told = [(difference(one, two, rest), where)]
+    if min(one.rate, two.rate) >= LEAST_FLOWN_HZ:
+        told.append((difference_in_flight(case, kind, a, b), IN_FLIGHT))
+    found = []
+    for more, phase in told:
+        if more is not None:
+            sigma = np.hypot(factor * more.sigma(0.0), limits.floor)
+            found.append(ImuDifference(factor * more.middle, sigma, more, phase))
+    return [d for d in found if 1.96 * d.unsure <= limits.off or d.size > SIGMAS * d.unsure]
+
+
+def _pair_assessment(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Assessment | None:
+    """The difference of two units where it is larger, at rest or in flight."""
+    limits, every = PAIR_LIMITS[kind], _imu_differences(case, kind, a, b)
+    if not every:
+        return None
+    worst = max(every, key=lambda one: one.size - SIGMAS * one.unsure)
+    verdict: Verdict = "ok"
+    wrong, why, remedy = None, "", case.log.remedies.get("accelerometer" if kind == "acc" else "gyro_bias", "")
+    if worst.size > max(limits.off, SIGMAS * worst.unsure):
+        verdict = "fault" if worst.size - 1.96 * worst.unsure > limits.far else "warning"
+        if worst.phase == IN_FLIGHT and any(d.size + 1.96 * d.unsure <= limits.off for d in every):
+            verdict, why = "warning", "On the ground they agree, so vibration parts them."
+            remedy = case.log.remedies.get("vibration", "")
+        else:
+            wrong, why = _faulty_imu(case, kind, a, b, worst.middle)
+    text = f"{b.acc.source} and {a.acc.source} differ by {worst.text(limits.unit)} ({axes_text(worst.middle)})."
+    return Assessment(
+        (wrong or (b if verdict == "ok" or not why else a)).acc.source,
+        PAIRS_QUESTION,
+        verdict,
+        f"{text} {why}".strip(),
+        value=round(worst.size, 3),
+        unit=limits.unit,
+        ci95=(round(max(worst.size - 1.96 * worst.unsure, 0.0), 3), round(worst.size + 1.96 * worst.unsure, 3)),
+        vector=[round(float(v), 3) for v in worst.middle],
+        vector_ci95=[round(1.96 * float(v), 3) for v in worst.sigma],
+        n=worst.blocks.samples,
+        seconds=round(worst.blocks.seconds, 1),
+        threshold=limits.text,
+        source=limits.source,
+        action="" if verdict == "ok" else remedy,
+        evidence=[f"They differ by {d.text(limits.unit)}." for d in every if d is not worst],
+    )
+
+
+def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> tuple[Imu | None, str]:
+    """Which of two units is off, and by what that is known; None with the reason where it is not.
+
+    ``apart`` (3,) m/s^2 or deg/s: what b reads more than a.
+    """
+    least = PAIR_LIMITS[kind].least
+    if kind == "acc":
+        g = expected_gravity(case.log)
+        shown = [gravity.size_at_rest(case, imu) for imu in (a, b)]
+        sizes = [abs(float(one.middle[0]) - g) for one in shown if one is not None]
+        by = f"gravity {still_spans(case.segments)[1]}" if case.segments is not None else ""
+    else:
+        spans = [] if case.segments is None else still_spans(case.segments)[0]
+        rates = [stream_blocks(imu.gyro, spans) for imu in (a, b)]
+        sizes = [float(np.degrees(rotation.length(one.middle[None])[0])) for one in rates if one is not None]
+        by = "its rate while standing still"
+    wrong = _larger_index(sizes, least)
+    if wrong is None and len(sizes) > 1 and min(sizes) >= LARGER_FACTOR * least:
+        return None, f"Both are off by {by}."
+    if wrong is None:
+        bias: SensorBias | None = smoothed_acc_bias(case) if kind == "acc" else smoothed_gyro_bias(case)
+        if bias is not None and bias.sure and a is case.log.replay_imu:
+            sizes = [float(rotation.length(x[None])[0]) for x in (bias.mean, bias.mean + apart)]
+            wrong, by = _larger_index(sizes, least), "its bias in flight"
+    if wrong is None:
+        return None, "Neither rest nor flight shows which one is off."
+    return (a, b)[wrong], f"{(a, b)[wrong].acc.source} is off by {by}."
+
+
+def _larger_index(sizes: list[float], least: float) -> int | None:
+    """Which of two errors is clearly the larger one."""
+    if len(sizes) < 2:
+        return None
+    k = int(np.argmax(sizes))
+    return k if sizes[k] >= max(least, LARGER_FACTOR * sizes[1 - k]) else None

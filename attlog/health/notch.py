@@ -1,0 +1,365 @@
+"""How strongly does the vehicle vibrate, at which frequencies, and which notch helps?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from attlog.core.spans import Span
+from attlog.flight.model import FlightLog
+from attlog.flight.notches import (
+    ActiveNotch,
+    WantedNotch,
+    active_notches,
+    advise_fast_gyro,
+    advise_reboot,
+    filters_gyro,
+    fixed_notch,
+    notch_parameters,
+)
+from attlog.health.check import Assessment, HealthCase, Setting, Verdict, unknown
+from attlog.health.spectrum import (
+    LOWEST_HZ,
+    MIN_MOVED_WINDOWS,
+    MIN_RATE_HZ,
+    PROMINENT_DB,
+    TRUSTED_RATE_HZ,
+    WINDOW_S,
+    Peak,
+    Spectra,
+    all_spectra,
+    analyse_peaks,
+    burst_spectra,
+    find_peaks,
+    frequency_interval,
+    frequency_tolerance,
+    rotor_speeds,
+    track_peak,
+    window_means,
+)
+from attlog.health.vibration import MAX_FIGURE_POINTS, level_figures, sound_flight, vibration_level
+
+__all__ = [
+    "VIBRATION_QUESTIONS",
+    "gyro_spectrum",
+    "level_figures",
+    "notch_filter",
+    "spectrum_figures",
+    "vibration_level",
+]
+
+
+# Would a notch filter take the rotors' vibration out of the gyro, and with which parameters?
+#
+# A notch at a false frequency only delays the gyro, so a peak counts where its frequency is known, where it follows
+# throttle or rotors, is large, and stands on every IMU that could show it.
+
+MIN_PEAK_DPS = 2.0
+"""Smaller peaks (1 sigma) are not worth a notch: a low-pass at 40 Hz leaves 0.3 deg/s of them at 100 Hz."""
+MIN_WINDOWS, MIN_BURSTS = 10, 5
+"""So many windows of 2 s, or bursts, must show the peak."""
+LOWERED_DB = 6.0
+"""A notch that is on lowers a peak by more than this."""
+NOTCH_LIMIT = f"a peak of {MIN_PEAK_DPS:g} deg/s that follows throttle or rotors in 60 % of the windows"
+NOTCH_SOURCE = "ardupilot.org, Managing Gyro Noise; docs.px4.io, MC Filter Tuning"
+
+
+def notch_filter(case: HealthCase) -> list[Assessment]:
+    """The notch that would help, the one that does already, or what to log to know."""
+    log, within = case.log, sound_flight(case.segments, case.log)
+    if not log.kind.hovers or not filters_gyro(log):
+        return []
+    sources = all_spectra(log, within)
+    if not sources:
+        return []  # said once, where the spectrum is asked for
+    best = max(sources, key=lambda s: (s.rate >= TRUSTED_RATE_HZ, not s.filtered, s.rate))
+    found = analyse_peaks(log, best, within)
+    active = active_notches(log)
+    strong = [p for p in found if p.rms >= MIN_PEAK_DPS]
+    if not strong:
+        return [_no_peak(log, best, active)]
+    peak = next((p for p in strong if not _refusal(log, best, p, sources)), None)
+    covered = [(p, n) for p in strong for n in active if p.true is not None and n.covers(p.true)]
+    if covered and (peak is None or any(p is peak for p, _ in covered)):
+        return [_covered_peak(log, best, *covered[0], within)]
+    measuring = [n for n in active if n.follows == "measurement"]
+    if measuring and strong[0].true is None:
+        return [_unknown_notch(f"{measuring[0].name} follows what it measures; this log cannot show how well.", log)]
+    if peak is None:
+        return [_unknown_notch(_refusal(log, best, strong[0], sources), log)]
+    return [_notch_offer(log, best, peak)]
+
+
+def _refusal(log: FlightLog, spectra: Spectra, peak: Peak, sources: list[Spectra]) -> str:
+    """Why a peak gives no notch, a sentence; empty where it does."""
+    shown = f"The gyro's peak at {peak.frequency:.0f} Hz"
+    if peak.true is None:
+        others = " or ".join(f"{f:.0f}" for f in peak.possible[:3])
+        return f"{shown} may be one at {others} Hz: {spectra.source} has {spectra.rate:.0f} Hz."
+    if len(spectra.t) < min_windows(spectra):
+        return f"{shown} is seen in {len(spectra.t)} windows of flight; {min_windows(spectra)} are needed."
+    if peak.follows == "nothing":
+        return f"{shown} does not follow throttle: a part of the frame or the electronics makes it."
+    if peak.windows < MIN_MOVED_WINDOWS:
+        return f"Throttle changed too little to see whether the gyro's peak at {peak.frequency:.0f} Hz follows it."
+    if not peak.follows:
+        return f"{shown} neither follows throttle nor stays where it is."
+    beside = [s for s in sources if s.unit != spectra.unit and s.rate >= 0.9 * spectra.rate and not s.filtered]
+    for other in beside:
+        if not any(
+            abs(p.frequency - peak.frequency) <= frequency_tolerance(spectra, peak.frequency) for p in find_peaks(other)
+        ):
+            return f"{shown} is not on IMU {other.unit}: it belongs to one sensor, not to the vehicle."
+    return ""
+
+
+def min_windows(spectra: Spectra) -> int:
+    """How many windows must show a peak, or the lack of one."""
+    return MIN_BURSTS if spectra.seconds < 1.0 else MIN_WINDOWS
+
+
+def _no_peak(log: FlightLog, spectra: Spectra, active: list[ActiveNotch]) -> Assessment:
+    """No strong peak: what that means depends on what the source could have shown."""
+    if spectra.rate < TRUSTED_RATE_HZ:
+        return _unknown_notch(
+            f"{spectra.source} at {spectra.rate:.0f} Hz is too slow to show the rotors' vibration.", log
+        )
+    if len(spectra.t) < min_windows(spectra):
+        return _unknown_notch(
+            f"{len(spectra.t)} windows of flight show no peak; {min_windows(spectra)} are needed.", log
+        )
+    text = f"No peak of the gyro reaches {MIN_PEAK_DPS:g} deg/s in flight, so that no further notch is needed."
+    if spectra.filtered:
+        text = f"Behind the filters no peak of the gyro reaches {MIN_PEAK_DPS:g} deg/s in flight."
+    return _notch_assessment("ok", text, spectra, evidence=[f"{n.name} is on." for n in active])
+
+
+def _covered_peak(log: FlightLog, spectra: Spectra, peak: Peak, active: ActiveNotch, within: list[Span]) -> Assessment:
+    """A notch that is on already, and by how much it lowers the peak where bursts behind the filters tell."""
+    text = f"{active.name} covers the gyro's peak at {peak.true:.0f} Hz already."
+    if active.follows == "measurement":
+        text = f"{active.name} follows the gyro's peak at {peak.true:.0f} Hz already."
+    verdict: Verdict = "ok"
+    evidence, lowered = (
+        [f"The peak is {peak.rms:.1f} deg/s before the filters."],
+        reduction_db(log, spectra, peak, within),
+    )
+    if lowered is not None:
+        evidence.append(f"Behind the filters it is {lowered:.0f} dB lower.")
+        if lowered < LOWERED_DB:
+            verdict = "warning"
+            text = f"{active.name} is on, but lowers the peak at {peak.true:.0f} Hz by only {lowered:.0f} dB."
+    return _notch_assessment(verdict, text, spectra, peak, evidence=evidence)
+
+
+def reduction_db(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span]) -> float | None:
+    """How many dB lower a peak is behind the autopilot's filters, by bursts from there; None without them."""
+    behind = burst_spectra(
+        [b for b in log.bursts if b.sensor == "gyro" and b.unit == spectra.unit and b.filtered], within
+    )
+    if behind is None:
+        return None
+
+    def power(of: Spectra) -> float:
+        near = np.abs(of.frequency - peak.frequency) <= frequency_tolerance(of, peak.frequency)
+        return float(np.median(of.total[:, near].sum(axis=1)) * of.step)
+
+    return 10.0 * float(np.log10(power(spectra) / max(power(behind), 1e-12)))
+
+
+def _notch_offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Assessment:
+    """The parameters of a notch for a peak, or why this firmware has none."""
+    values = notch_parameters(log, wanted_notch(log, spectra, peak))
+    settings = [Setting(n, log.param(n), value, unit) for n, (value, unit) in values.items()]
+    changed = [s for s in settings if s.old is None or abs(s.old - s.new) > 1e-3 * max(1.0, abs(s.new))]
+    whose = "the rotors" if peak.follows == "rotors" else "throttle"
+    text = f"The gyro vibrates by {peak.rms:.1f} deg/s at {peak.true:.0f} Hz, which follows {whose}."
+    evidence = [
+        f"{peak.height:.0f} dB above the floor in {100 * peak.share:.0f} % of {len(spectra.t)} windows: {peak.why}."
+    ]
+    found = _notch_assessment("warning", text, spectra, peak, evidence=evidence)
+    if not settings:
+        found.why_no_setting = "This firmware's log names no notch parameter that could be set for it."
+        return found
+    if not changed:
+        found.verdict, found.text = "ok", f"The notch for the gyro's peak at {peak.true:.0f} Hz is set already."
+        return found
+    found.settings = changed
+    found.action = "Set the notch, reboot, hover for a minute and compare the gyro before and behind the filters."
+    found.action = f"{advise_reboot({s.name: s.new for s in changed})} {found.action}".strip()
+    return found
+
+
+def wanted_notch(log: FlightLog, spectra: Spectra, peak: Peak) -> WantedNotch:
+    """The notch for a peak whose frequency is known."""
+    speeds = rotor_speeds(log, spectra)
+    throttle = None if log.throttle is None or len(log.throttle.t) < 2 else window_means(log.throttle, spectra)[:, 0]
+    places = track_peak(spectra, peak.frequency)
+    places = places[np.isfinite(places)]
+    return WantedNotch(
+        peak.true or peak.frequency,
+        "rotors" if peak.follows == "rotors" else "throttle",
+        None if throttle is None or not np.isfinite(throttle).any() else float(np.nanmedian(throttle)),
+        peak.harmonic,
+        None if speeds is None else float(np.nanquantile(speeds, 0.05)),
+        float(np.ptp(np.quantile(places, [0.05, 0.95]))) if len(places) else 0.0,
+    )
+
+
+def _unknown_notch(why: str, log: FlightLog) -> Assessment:
+    """A refusal with what to log."""
+    found = unknown("GYR", "notch", why, NOTCH_LIMIT, NOTCH_SOURCE)
+    found.why_no_setting = found.action = advise_fast_gyro(log)
+    return found
+
+
+def _notch_assessment(
+    verdict: Verdict, text: str, spectra: Spectra, peak: Peak | None = None, evidence: list[str] | None = None
+) -> Assessment:
+    return Assessment(
+        f"GYR.{spectra.unit}",
+        "notch",
+        verdict,
+        text,
+        None if peak is None or peak.true is None else round(peak.true, 1),
+        "" if peak is None else "Hz",
+        None if peak is None else frequency_interval(spectra, peak),
+        n=len(spectra.t),
+        seconds=round(len(spectra.t) * spectra.seconds, 1),
+        threshold=NOTCH_LIMIT,
+        source=NOTCH_SOURCE,
+        evidence=evidence or [],
+    )
+
+
+# At which frequencies does the gyro vibrate in flight, and how sure is each of them?
+
+PEAK_LIMIT = f"a peak stands {PROMINENT_DB:.0f} dB above its floor"
+FOLLOWS_TEXT = {
+    "throttle": "follows throttle",
+    "rotors": "follows the rotors",
+    "nothing": "does not follow throttle",
+    "": "cannot be compared with throttle",
+}
+
+
+def gyro_spectrum(case: HealthCase) -> list[Assessment]:
+    """The peaks of every gyro's fastest source, with their true frequencies where those are known."""
+    log, within = case.log, sound_flight(case.segments, case.log)
+    if not within or not log.kind.flies:
+        return []  # without flight the level says so already, and for all questions of vibration
+    sources = all_spectra(log, within)
+    if not sources:
+        found = unknown("", "gyro_spectrum", _too_slow(log), PEAK_LIMIT)
+        found.action = advise_fast_gyro(log)
+        return [found]
+    first: dict[int, Spectra] = {}
+    for one in sources:
+        first.setdefault(one.unit, one)
+    return [_spectrum_assessment(log, one, analyse_peaks(log, one, within)) for one in first.values()]
+
+
+def _too_slow(log: FlightLog) -> str:
+    fastest = max((imu.gyro.rate for imu in log.imus), default=0.0)
+    if fastest == 0.0:
+        return "This log holds no samples of a gyro."
+    if fastest < MIN_RATE_HZ:
+        return f"The gyro is logged at {fastest:.0f} Hz: no rotor's vibration can be seen in it."
+    return f"No {WINDOW_S:.0f} s of sound flight without a gap are logged."
+
+
+def _spectrum_assessment(log: FlightLog, spectra: Spectra, found: list[Peak]) -> Assessment:
+    sensor = f"GYR.{spectra.unit}"
+    seen = f"{spectra.source} at {spectra.rate:.0f} Hz, {len(spectra.t)} windows of {spectra.seconds:.1f} s"
+    seen += ", behind the autopilot's filters." if spectra.filtered else "."
+    made = Assessment(
+        sensor, "gyro_spectrum", "ok", "", n=len(spectra.t), seconds=round(len(spectra.t) * spectra.seconds, 1),
+        threshold=PEAK_LIMIT, evidence=[seen],
+    )  # fmt: skip
+    if not found:
+        made.text = (
+            f"Gyro {spectra.unit} shows no peak of {PROMINENT_DB:.0f} dB between {LOWEST_HZ:.0f} and "
+            f"{0.48 * spectra.rate:.0f} Hz."
+        )
+        return made
+    top = found[0]
+    made.value, made.unit = round(top.true if top.true is not None else top.frequency, 1), "Hz"
+    made.ci95 = frequency_interval(spectra, top)
+    made.text = f"Gyro {spectra.unit} vibrates most at {made.value:.0f} Hz: {top.rms:.1f} deg/s (1 sigma)."
+    if top.true is None:
+        others = " or ".join(f"{f:.0f}" for f in top.possible[1:3])
+        made.verdict = "unknown"
+        made.text = (
+            f"Gyro {spectra.unit} shows {top.rms:.1f} deg/s at {top.frequency:.0f} Hz, which may be {others} Hz folded."
+        )
+        made.action = advise_fast_gyro(log)
+        made.why_no_setting = "Samples at twice the highest of these frequencies would show which one it is."
+    made.evidence += [_peak_text(p) for p in found]
+    return made
+
+
+def _peak_text(peak: Peak) -> str:
+    told = f"{peak.frequency:.0f} Hz: {peak.rms:.2f} deg/s along {'xyz'[peak.axis]}, {peak.height:.0f} dB, "
+    told += FOLLOWS_TEXT[peak.follows]
+    if peak.true is None:
+        return f"{told}; possible {', '.join(f'{f:.0f}' for f in peak.possible)} Hz."
+    if abs(peak.true - peak.frequency) > 1.0:
+        return f"{told}; truly {peak.true:.0f} Hz: {peak.why}."
+    return f"{told}."
+
+
+def spectrum_figures(case: HealthCase) -> list[dict[str, object]]:
+    """For a figure, one dictionary for each source of gyro and accelerometer, at most 1500 lines each.
+
+    ``sensor``, ``unit``, ``source``, ``rate`` Hz, ``filtered``; ``density_unit``; ``frequency`` (k,) Hz and ``density``
+    (k, 3) of the usual window in flight, body axes; ``fold`` Hz: half the rate, what is faster is shown below it;
+    ``peaks``: dictionaries of ``frequency``, ``label``, ``possible`` (k,) and ``true`` (None where not known);
+    ``rotors``: frequencies in Hz of the first to fourth harmonic; ``notches``: dictionaries of ``name``, ``frequency``,
+    ``width`` Hz and ``proposed``.
+    """
+    log, within = case.log, sound_flight(case.segments, case.log)
+    drawn = [
+        {"name": n.name, "frequency": n.frequency, "width": n.width, "proposed": False}
+        for n in active_notches(log)
+        if n.frequency > 0.0
+    ]
+    drawn += _proposed_notches([s for a in notch_filter(case) for s in a.settings])
+    found: list[dict[str, object]] = []
+    for sensor, unit in (("gyro", "(deg/s)^2/Hz"), ("accelerometer", "(m/s^2)^2/Hz")):
+        for one in all_spectra(log, within, sensor):
+            step = -(-len(one.frequency) // MAX_FIGURE_POINTS)
+            groups = np.arange(0, len(one.frequency), step)
+            speeds = rotor_speeds(log, one)
+            turns = float(np.nanmedian(speeds)) if speeds is not None else 0.0
+            found.append({
+                "sensor": sensor, "unit": one.unit, "source": one.source, "rate": one.rate, "filtered": one.filtered,
+                "density_unit": unit, "frequency": one.frequency[groups],
+                "density": np.maximum.reduceat(one.median, groups, axis=0), "fold": 0.5 * one.rate,
+                "peaks": [_peak_label(p) for p in analyse_peaks(log, one, within)],
+                "rotors": [k * turns for k in (1, 2, 3, 4)] if turns else [],
+                "notches": drawn if sensor == "gyro" else [],
+            })  # fmt: skip
+    return found
+
+
+def _peak_label(peak: Peak) -> dict[str, object]:
+    label = f"{peak.frequency:.0f} Hz" + ("" if peak.true is not None else ", folded?")
+    return {"frequency": peak.frequency, "label": label, "possible": peak.possible, "true": peak.true}
+
+
+def _proposed_notches(settings: list[Setting]) -> list[dict[str, object]]:
+    """The notch that settings make, none where they have no fixed frequency."""
+    found = fixed_notch({s.name: s.new for s in settings})
+    if found is None:
+        return []
+    name, frequency, width = found
+    return [{"name": name, "frequency": frequency, "width": width, "proposed": True}]
+
+
+VIBRATION_QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
+    "vibration level": vibration_level,
+    "gyro spectrum": gyro_spectrum,
+    "notch": notch_filter,
+}
+"""By name, in the order of the table."""

@@ -1,0 +1,75 @@
+"""Robust least squares of a sensor's faults, with standard errors that neighbours in time cannot make small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from attlog.flight.model import Array
+
+BLOCK_S = 5.0
+"""Errors of an attitude last for seconds: samples of one block count as one cluster."""
+HUBER = 2.0
+"""Residuals beyond so many robust deviations are weighted down (Huber1964)."""
+HUBER_PASSES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class RobustFit:
+    """Coefficients ``x`` (p,), their covariance (p, p), the residuals' robust deviation, and the number of blocks."""
+
+    x: Array
+    covariance: Array
+    scatter: float
+    blocks: int
+
+    @property
+    def sigma(self) -> Array:
+        """Standard errors (p,)."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+
+def robust_fit(
+    t: Array, columns: Array, y: Array, prior: Array | None = None, huber: float = HUBER
+) -> RobustFit | None:
+    """Solve ``columns`` (n, k, p) times x = ``y`` (n, k) at ``t`` (n,) s; None where the columns do not determine x.
+
+    ``prior`` (p,): standard deviation of a coefficient about 0, infinity for none. Huber weights
+    (``huber`` robust deviations); the covariance is clustered by blocks of BLOCK_S (Cameron2015 10 and 11), with the
+    prior's own share added.
+    """
+    n, k, p = columns.shape
+    flat, target = columns.reshape(n * k, p), y.ravel()
+    weight: Array = np.ones(n * k)
+    scatter = max(1.4826 * float(np.median(np.abs(target))), 1e-9)
+    x: Array = np.zeros(p)
+    normal: Array = np.eye(p)
+    penalty: Array = np.zeros(p) if prior is None else scatter**2 / np.asarray(prior) ** 2
+    for turn in range(HUBER_PASSES):
+        normal = np.asarray(flat.T @ (weight[:, None] * flat) + np.diag(penalty), np.float64)
+        if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1e12:
+            return None
+        x = np.asarray(np.linalg.solve(normal, flat.T @ (weight * target)), np.float64)
+        left = np.abs(target - flat @ x)
+        scatter = max(1.4826 * float(np.median(left)), 1e-9)
+        weight = np.minimum(1.0, huber * scatter / np.maximum(left, 1e-12))
+        if prior is not None and turn < HUBER_PASSES - 1:
+            penalty = scatter**2 / np.asarray(prior) ** 2
+    residual = target - flat @ x
+    numbers, block = np.unique((t // BLOCK_S).astype(np.int64), return_inverse=True)
+    score = (flat * (weight * residual)[:, None]).reshape(n, k, p).sum(axis=1)
+    sums = np.stack([np.bincount(block, score[:, j], len(numbers)) for j in range(p)])
+    middle = sums @ sums.T
+    inverse = np.linalg.inv(normal)
+    few = len(numbers) / max(len(numbers) - p / k, 1.0)
+    covariance = few * inverse @ middle @ inverse + scatter**2 * inverse @ np.diag(penalty) @ inverse
+    return RobustFit(x, covariance, scatter, len(numbers))
+
+
+def interval_text(value: float, sigma: float, digits: int) -> str:
+    """The 95 % interval in words: ``1.2 to 1.8``."""
+    return f"{value - 1.96 * sigma:.{digits}f} to {value + 1.96 * sigma:.{digits}f}"
+
+
+# Faults of sensors fitted over a flight: scale, axes, offset and mounting, each with its 95 % interval.

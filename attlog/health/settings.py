@@ -1,0 +1,157 @@
+"""Parameters to set: from a sensor's error to the firmware's own names, and files of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from attlog import __version__
+from attlog.flight import limits as ranges
+from attlog.flight import parameters, recalibration
+from attlog.flight.calibration import CalibrationUnknownError
+from attlog.flight.model import Array, FlightLog, Imu, Mag
+from attlog.health.check import Setting
+
+# May a parameter be set so? It exists in this firmware, is within its documented range, and is not set so already.
+
+PARAMETER_TOLERANCE = 1e-5
+"""Parameters are 32-bit floats: values that differ by less than this part of them are the same."""
+
+
+def range_refusal(log: FlightLog, settings: Sequence[Setting]) -> str:
+    """Why one of the settings cannot be made, as a sentence; empty where all can.
+
+    A parameter exists in a firmware where the log's own table holds it. A file given beside a log proves nothing.
+    """
+    for setting in settings:
+        limits = ranges.documented_range(setting.name)
+        if setting.name not in log.params or setting.name in log.filled_params:
+            return f"The log does not hold the parameter {setting.name}."
+        if limits is None:
+            return f"No range of {setting.name} is documented."
+        if not (math.isfinite(setting.new) and limits[0] <= setting.new <= limits[1]):
+            return f"{setting.name} would be {setting.new:.4g}, outside its range of {limits[0]:g} to {limits[1]:g}."
+    return ""
+
+
+def changing(log: FlightLog, settings: Sequence[Setting]) -> list[Setting]:
+    """Those of ``settings`` that change something; none where one cannot be made, because they belong together."""
+    return [] if range_refusal(log, settings) else [setting for setting in settings if not is_set(log, setting)]
+
+
+def is_set(log: FlightLog, setting: Setting) -> bool:
+    """Whether a parameter has the new value already, at the end of the log."""
+    line = log.params.get(setting.name)
+    last = None if line is None or not line.value else float(line.value[-1])
+    return last is not None and math.isclose(
+        last, setting.new, rel_tol=PARAMETER_TOLERANCE, abs_tol=PARAMETER_TOLERANCE
+    )
+
+
+# What to set for an error of a sensor, or why nothing can be set.
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Settings that belong together, and where there are none the reason (``refused``, a sentence or empty)."""
+
+    settings: list[Setting] = field(default_factory=list)
+    refused: str = ""
+
+
+def make_proposal(log: FlightLog, values: Mapping[str, float], units: Mapping[str, str], digits: int) -> Proposal:
+    """The proposal to set ``values`` (by name, in ``units``): all that are new, or none and the reason.
+
+    One that differs from what flew in decimals beyond ``digits`` alone stays: a rounded value is no correction.
+    """
+    old = recalibration.flown_parameters(log)
+    new = {name: old[name] if name in old and round(old[name], digits) == v else v for name, v in values.items()}
+    wanted = [Setting(name, old.get(name), value, units.get(name, "")) for name, value in new.items()]
+    why = range_refusal(log, wanted)
+    return Proposal(refused=why) if why else Proposal(changing(log, wanted))
+
+
+# Which parameters take an offset of an accelerometer out of its values?
+
+
+def accelerometer_proposal(log: FlightLog, imu: Imu, bias: Array) -> Proposal:
+    """What to set where the logged accelerometer reads ``bias`` (3,) m/s^2 too much, in body axes."""
+    try:
+        found = recalibration.flown_accelerometer(log, imu)
+        if moved := recalibration.changed_sensor_order(log, found):
+            raise CalibrationUnknownError(f"{moved[0]} was set after take-off. Reboot and fly once.")
+    except CalibrationUnknownError as why:
+        return Proposal(refused=str(why))
+    values = found.offset_values(found.correction.offset_without(np.asarray(bias, float)))
+    return make_proposal(log, values, found.units, found.digits)
+
+
+# Which parameters take an offset of a compass, or the motors' field in it, out of its values?
+#
+# The parameters are those of the device, whichever slot holds it; what the firmware did to the logged values, and so
+# the
+# signs, stands in ``flight/calibration``.
+
+
+def compass_proposal(
+    log: FlightLog,
+    mag: Mag,
+    offset_t: Array,
+    motor_t: Array | None = None,
+    power: Literal["current", "throttle"] = "current",
+) -> Proposal:
+    """What to set where the logged field reads ``offset_t`` (3,) too much, and ``motor_t`` (3,) times the power.
+
+    Both in tesla and body axes (forward, right, down), ``motor_t`` per ampere, or per unit of throttle (0 to 1).
+    Offsets and motor values are set together: each is right only with the other.
+    """
+    try:
+        found = recalibration.flown_compass(log, mag)
+        if moved := recalibration.changed_sensor_order(log, found):
+            raise CalibrationUnknownError(f"{moved[0]} was set after take-off. Reboot and fly once.")
+        error = np.asarray(offset_t, float) - recalibration.learned_compass_bias(log, mag, found)
+        values, units = found.offset_values(found.correction.offset_without(error)), found.units
+        if motor_t is not None:
+            typed = recalibration.flown_motor_type(log, mag, power)
+            kind = recalibration.flown_compass(log, mag, {**recalibration.flown_parameters(log), **typed})
+            values |= kind.motor_values(found.correction.motor - np.asarray(motor_t, float)) | typed
+            units = kind.units
+    except CalibrationUnknownError as why:
+        return Proposal(refused=str(why))
+    return make_proposal(log, values, units, found.digits)
+
+
+# The settings of a log as a file that ground stations load, with what each was when the log was flown.
+
+FILE_WARNING = (
+    "These values hold only for the vehicle of this log, and only where its parameters are still those named below.",
+    "Check each old value before you load the file, and the headings on the ground before you fly.",
+)
+
+
+def param_file(firmware: str, log_name: str, settings: Sequence[Setting], vehicle: int = 1) -> str:
+    """The file's text; of a parameter that is named twice the first counts. Empty without settings.
+
+    ``firmware``: PX4 or ArduPilot; ``vehicle``: its MAVLink id.
+    """
+    first: dict[str, Setting] = {}
+    for setting in settings:
+        first.setdefault(setting.name, setting)
+    if not first:
+        return ""
+    head = f"attlog {__version__}: what to set, found in {log_name} ({firmware or 'unknown firmware'})"
+    values = {name: setting.new for name, setting in first.items()}
+    beside = {name: _before(setting) for name, setting in first.items()}
+    return parameters.parameter_file_text(firmware, values, [" ".join(head.split()), *FILE_WARNING], beside, vehicle)
+
+
+def _before(setting: Setting) -> str:
+    """What a parameter was when the log was flown."""
+    if setting.old is None:
+        return f"{setting.name}: its value is not in the log"
+    unit = f" {setting.unit}" if setting.unit else ""
+    return f"{setting.name} was {setting.old:.6g}{unit} when the log was flown"

@@ -1,0 +1,309 @@
+"""Rate, gaps and jitter of the inertial data."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+import numpy as np
+
+from attlog.core import rotation
+from attlog.core.spans import Span, intersect, seconds
+from attlog.flight import compass
+from attlog.flight.imu import LOW_RATE_HZ, REPLAY_MIN_HZ, is_replayable_rate
+from attlog.flight.model import Array, FlightLog, Gnss, Stream
+from attlog.flight.timestamps import gap_indices
+from attlog.health.check import Check, as_sentence, graded
+from attlog.reference.model import Reference
+from attlog.reference.sensor_faults import COMPASS, FRAME, GYRO, LATE
+from attlog.segments import model
+from attlog.segments.model import Segments
+from attlog.segments.rest import flag_spans
+
+PAUSE_S, LONG_PAUSE_S, FLIGHT_MARGIN_S = 2.0, 5.0, 1.0
+"""A shorter gap is lost records; where nothing tells of arming, a longer one is none."""
+ARMED_MARGIN_S, ARMED_SHARE = 1.0, 0.1
+"""A pause begins up to so long after disarming, and ends with arming."""
+FEW_GAPS, FEW_GAPS_PCT, MANY_GAPS_PCT = 3, 1.0, 20.0
+"""So few gaps change nothing that is measured; a fifth of the time lost changes all."""
+GAP_LIMIT = f"ok: fewer than {FEW_GAPS} above 50 ms while armed, and {FEW_GAPS_PCT:.0f} % of the time; fault: above {MANY_GAPS_PCT:.0f} %"
+FULL_HZ = 95.0
+"""Above this the rotation between samples is small enough for every estimator."""
+
+
+def timing_checks(log: FlightLog, segments: Segments) -> list[Check]:
+    """The checks that need no attitude."""
+    if not log.imus:
+        return [Check("rate", "fault", "There is no usable gyro and accelerometer data.", 0.0, "Hz", ">= 10 Hz")]
+    imu = log.imus[log.imu or 0]
+    t = imu.gyro.t
+    if len(t) < 3:
+        return [Check("rate", "fault", f"{imu.gyro.source}: too short, {len(t)} of 3 samples.", 0.0, "Hz", ">= 10 Hz")]
+    dt = np.diff(t)
+    breaks = gap_indices(t) - 1
+    steady = np.delete(dt, breaks)
+    thinned = any(p.code == "imu_decimated" and p.text.startswith(f"{imu.gyro.source}:") for p in log.problems)
+    even = [] if thinned else [jitter_check(steady)]  # a logger that drops most samples is told already
+    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log, segments), *even]
+
+
+def rate_check(source: str, rate: float) -> Check:
+    """Is the IMU logged fast enough?"""
+    verdict = "ok" if rate >= FULL_HZ else "warning" if is_replayable_rate(rate) else "fault"
+    what = (
+        "fast enough for every figure"
+        if verdict == "ok"
+        else "usable, but vibration is aliased"
+        if rate < LOW_RATE_HZ and verdict == "warning"
+        else "usable; lags are coarser than at 100 Hz and more"
+        if verdict == "warning"
+        else f"too slow for a replay, which needs {REPLAY_MIN_HZ:.0f} Hz"
+    )
+    return Check(
+        "rate", verdict, f"{source}: {rate:.1f} Hz, {what}.", round(rate, 2), "Hz", "ok from 95, replay from 10"
+    )
+
+
+def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segments) -> Check:
+    """Are samples missing? ``breaks`` are the samples before the gaps of ``t`` (n,) s.
+
+    A gap from disarming to arming is the logger, which rests while the vehicle does; so is a long one on the ground.
+    """
+    if len(breaks) == 0:
+        return Check("gaps", "ok", "No gap in the inertial data.", 0.0, "s", GAP_LIMIT)
+    begin, end = t[breaks], t[breaks + 1]
+    paused = np.array([is_pause(a, b, log, segments) for a, b in zip(begin.tolist(), end.tolist(), strict=True)])
+    rest = f"The logger paused {'once' if paused.sum() == 1 else f'{paused.sum()} times'} on the ground, "
+    rest += f"{float((end - begin)[paused].sum()):.0f} s in all."
+    if paused.all():
+        return Check("gaps", "ok", rest, 0.0, "s", GAP_LIMIT)
+    lost = (end - begin)[~paused]
+    total = float(lost.sum())
+    share = 100.0 * total / float(t[-1] - t[0])
+    text = f"{len(lost)} gap{'s' if len(lost) > 1 else ''} in the inertial data, {total:.2f} s in all ({share:.1f} %)"
+    text += f", of {np.median(lost):.2f} s (median), the longest {lost.max():.2f} s" if len(lost) > 1 else ""
+    few = len(lost) < FEW_GAPS and share < FEW_GAPS_PCT
+    verdict = "ok" if few else "fault" if share > MANY_GAPS_PCT else "warning"
+    seen = [rest] if paused.any() else []
+    others = count_logged_gaps(log, begin[~paused], end[~paused])
+    if others:
+        seen.append(f"{log.onboard} goes on in {others} of them.")
+    cause = "The IMU, its driver or the rate of its messages: others go on in the gaps." if others else ""
+    about = "stopped" if float(lost.max()) > LONG_PAUSE_S and not others else ""
+    first = float(begin[~paused][0])
+    return Check(
+        "gaps",
+        verdict,
+        text + ".",
+        round(total, 2),
+        "s",
+        GAP_LIMIT,
+        t=first,
+        count=len(lost),
+        about=about,
+        evidence=seen,
+        cause=cause,
+    )
+
+
+def count_logged_gaps(log: FlightLog, start: Array, end: Array) -> int:
+    """In how many gaps the attitude that flew was logged all the same: then not the card lost what is missing."""
+    onboard = log.onboard_attitude
+    if onboard is None or onboard.rate <= 0:
+        return 0
+    there = np.searchsorted(onboard.t, end) - np.searchsorted(onboard.t, start)
+    return int(np.count_nonzero(there >= np.maximum(2.0, 0.5 * onboard.rate * (end - start))))
+
+
+def is_pause(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
+    """Whether a gap from ``t0`` to ``t1`` s lies where the vehicle was disarmed; where nothing tells, a long one.
+
+    The record of disarming is often lost with the others: a long gap that no flight goes into or comes out of counts.
+    """
+    if log.armed is None or not log.armed.value:
+        return t1 - t0 > LONG_PAUSE_S
+    flown = any(a < t1 + FLIGHT_MARGIN_S and t0 - FLIGHT_MARGIN_S < b for a, b in segments.spans("airborne"))
+    if t1 - t0 > LONG_PAUSE_S and "airborne" not in segments.unknown and not flown:
+        return True
+    armed = sum(b - a for a, b in flag_spans(log.armed, True, t0, t1))
+    return t1 - t0 > PAUSE_S and armed < ARMED_SHARE * (t1 - t0) + ARMED_MARGIN_S
+
+
+def jitter_check(dt: np.ndarray) -> Check:
+    """How even are the sample times?"""
+    jitter = 100.0 * float(dt.std() / np.median(dt)) if np.median(dt) > 0 else float("inf")
+    text = f"Intervals {np.median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
+    return Check("jitter", graded(jitter, 15.0, 60.0), text, round(jitter, 2), "%", "ok up to 15 %, fault above 60 %")
+
+
+# Does a sensor say the same in every record while the vehicle moves? Then it, its driver or its bus has stopped.
+
+FROZEN_GYRO, FROZEN_SENSORS = "frozen gyro", "frozen sensors"
+FROZEN_IMU_S, FROZEN_MAG_S, FROZEN_BARO_S = 1.0, 5.0, 5.0
+"""So long a value may stay by chance: an IMU's noise changes its last digit at each sample, that of a barometer at most
+of them; a compass of whole milligauss may rest."""
+DOWN = np.array([0.0, 0.0, 1.0])
+MIN_FROZEN_RECORDS = 20
+"""Fewer equal records in a row are a slow message."""
+MOVING_DPS, TURNED_DEG, CLIMBED_M = 3.0, 5.0, 10.0
+"""A vehicle that moves: the gyro shows so much (standard deviation), attitude or field turn, GNSS rises so far.
+An accelerometer that shakes is no sign of it: engines run on the ground."""
+UNUSABLE_PCT = 5.0
+"""A gyro that stood still for more than this part of the record makes every replay wrong from there on."""
+FROZEN_LIMIT = f"ok: no value stays for {FROZEN_IMU_S:.0f} s (compass {FROZEN_MAG_S:.0f} s, barometer {FROZEN_BARO_S:.0f} s) while the vehicle moves"
+
+
+class _FrozenTime(TypedDict, total=False):
+    t: float
+    count: int
+
+
+def frozen_checks(log: FlightLog, segments: Segments) -> list[Check]:
+    """The gyro by itself, the others together; nothing without a gyro to replay."""
+    imu = log.replay_imu
+    if imu is None:
+        return []
+    stopped = [s for s in frozen_spans(imu.gyro, FROZEN_IMU_S) if _turned_deg(log, s) >= TURNED_DEG]
+    lost = 100.0 * seconds(stopped) / max(log.seconds, 1e-9)
+    text = (
+        f"{imu.gyro.source}: {_frozen_text('gyro', stopped)}." if stopped else "The gyro never stands still in motion."
+    )
+    found = [
+        Check(
+            FROZEN_GYRO, "fault" if stopped else "ok", text, round(lost, 1), "%", FROZEN_LIMIT, **_first_time(stopped)
+        )
+    ]
+    others = {
+        f"{imu.acc.source}: {_frozen_text('accelerometer', spans)}": spans
+        for spans in [
+            [s for s in frozen_spans(imu.acc, FROZEN_IMU_S) if np.degrees(_spread(imu.gyro, s)) >= MOVING_DPS]
+        ]
+        if spans
+    }
+    serious = bool(others)
+    others |= _frozen_compass(log) | _frozen_barometer(log, segments)
+    every = sorted((s for spans in others.values() for s in spans), key=lambda s: s[0] - s[1])
+    text = f"{'; '.join(others)}." if others else "No other sensor stands still while the vehicle moves."
+    verdict = "fault" if serious else "warning" if others else "ok"
+    longest = round(every[0][1] - every[0][0], 1) if every else 0.0
+    return [*found, Check(FROZEN_SENSORS, verdict, text, longest, "s", FROZEN_LIMIT, **_first_time(every))]
+
+
+def frozen_gyro_reason(check: Check) -> str:
+    """Why no filter can be judged where the gyro stood still for too long, empty where it did not."""
+    if check.name != FROZEN_GYRO or not isinstance(check.value, float) or check.value <= UNUSABLE_PCT:
+        return ""
+    return f"the gyro stands still for {check.value:.0f} % of the record while the vehicle moves"
+
+
+def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
+    """Spans (t0, t1) s in which every record holds the same finite values (all of them), for ``least_s`` and more."""
+    x = stream.x.reshape(len(stream.t), -1)
+    if len(x) < MIN_FROZEN_RECORDS:
+        return []
+    t, x = model.select_good(rotation.finite_rows(x), stream.t, x)
+    changed = np.zeros(max(len(t) - 1, 0), bool)
+    for column in x.T:  # one at a time: of gigabytes copies add up
+        changed |= column[1:] != column[:-1]
+    edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(t)]])
+    long = np.flatnonzero(np.diff(edges) >= MIN_FROZEN_RECORDS)
+    spans = [(float(t[edges[k]]), float(t[edges[k + 1] - 1])) for k in long]
+    return [(a, b) for a, b in spans if b - a >= least_s]
+
+
+def frozen_compass(log: FlightLog) -> list[Span]:
+    """Where the compass in use stands still while the gyro turns; one that never changes is told as dead elsewhere."""
+    imu = log.replay_imu
+    if log.mag is None or imu is None:
+        return []
+    return [
+        s
+        for s in frozen_spans(log.mags[log.mag].field, FROZEN_MAG_S)
+        if compass.turned_deg(imu, *s) > compass.MIN_TURN_DEG
+    ]
+
+
+def _frozen_compass(log: FlightLog) -> dict[str, list[Span]]:
+    """What is said of the compass in use that stopped, and where."""
+    spans = frozen_compass(log)
+    return {f"{log.mags[log.mag or 0].field.source}: {_frozen_text('compass', spans)}": spans} if spans else {}
+
+
+def _frozen_barometer(log: FlightLog, segments: Segments) -> dict[str, list[Span]]:
+    """The first barometer, in the air; simulated ones without noise may stay in hover."""
+    if not log.baro:
+        return {}
+    flown = intersect(frozen_spans(log.baro[0], FROZEN_BARO_S), segments.spans("airborne"))
+    flown = [s for s in flown if max((_climbed_m(gnss, s) for gnss in log.gnss), default=0.0) >= CLIMBED_M]
+    return {f"{log.baro[0].source}: {_frozen_text('barometer', flown)}": flown} if flown else {}
+
+
+def _climbed_m(gnss: Gnss, span: Span) -> float:
+    """The range (m) of a receiver's height in a span, 0 where it has none."""
+    height = gnss.alt[slice(*np.searchsorted(gnss.t, span))]
+    height = height[np.isfinite(height)]
+    return float(np.ptp(height)) if len(height) else 0.0
+
+
+def _turned_deg(log: FlightLog, span: Span) -> float:
+    """How far (deg) down by the onboard attitude, or without one the magnetic field, is away from its middle for a
+    fifth of a span: an alignment at the start is one jump."""
+    attitude = log.onboard_attitude
+    if attitude is not None:
+        x = rotation.rotate_inverse(attitude.q[slice(*np.searchsorted(attitude.t, span))], DOWN)
+    elif log.mag is not None:
+        field = log.mags[log.mag].field
+        x = field.x[slice(*np.searchsorted(field.t, span))]
+        x = x[rotation.finite_rows(x)]
+    else:
+        return 0.0
+    middle = np.median(x, axis=0) if len(x) else np.zeros(3)
+    size = np.sqrt(np.sum(x**2, axis=1) * np.sum(middle**2))
+    if len(x) < MIN_FROZEN_RECORDS or not size.all():
+        return 0.0
+    return float(np.degrees(np.quantile(np.arccos(np.clip(x @ middle / size, -1.0, 1.0)), 0.8)))
+
+
+def _spread(stream: Stream, span: Span) -> float:
+    """The largest standard deviation of an axis in a span."""
+    first, last = np.searchsorted(stream.t, span)
+    inside: Array = stream.x[first:last]
+    return float(np.nanmax(np.std(inside, axis=0), initial=0.0)) if len(inside) > 1 else 0.0
+
+
+def _frozen_text(what: str, spans: list[Span]) -> str:
+    if len(spans) == 1:
+        return f"the {what} says the same from {spans[0][0]:.1f} s to {spans[0][1]:.1f} s while the vehicle moves"
+    return f"the {what} says the same {len(spans)} times, {seconds(spans):.1f} s in all, while the vehicle moves"
+
+
+def _first_time(spans: list[Span]) -> _FrozenTime:
+    return {"t": min(s[0] for s in spans), "count": len(spans)} if spans else {}
+
+
+# What the sensors have in common: compass and gyro turn alike, a gyro does not jump, forces change the velocity.
+
+SENSOR_FAULT_LIMITS = {
+    GYRO: "ok: fewer than 5 samples 20 times further from their neighbours than usual; fault above 20 deg/min of them",
+    COMPASS: "ok: no other axes of the compass turn three times better with the gyro, and the dip is within 25 deg",
+    FRAME: "ok: the field does not dip by 25 deg otherwise below its level while it is right below the attitude's",
+    LATE: "ok: no other clock of the accelerometer fits the GNSS velocity nine times better (squared)",
+}
+
+
+def sensor_fault_checks(reference: Reference | None) -> list[Check]:
+    """What was found while the reference was chosen; nothing is said of what physics does not contradict."""
+    faults = {} if reference is None else reference.sensor_faults
+    return [
+        Check(
+            name,
+            "fault" if fault.misleads else "warning",
+            as_sentence(fault.why),
+            fault.value,
+            fault.unit,
+            SENSOR_FAULT_LIMITS[name],
+            t=fault.t,
+            count=fault.count,
+        )
+        for name, fault in faults.items()
+        if name in SENSOR_FAULT_LIMITS
+    ]

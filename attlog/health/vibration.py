@@ -1,0 +1,385 @@
+"""Vibration in the accelerometer: how strong, since when, and whether the sensor makes a constant force of it."""
+
+from __future__ import annotations
+
+from bisect import insort
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.spans import Span, complement, inside, intersect
+from attlog.flight.model import VIBRATION_LIMITS, Burst, FlightLog, Imu, OnboardVibration, Stream
+from attlog.flight.notches import advise_vibration_level, measures_differences
+from attlog.health.check import Assessment, Check, HealthCase, Verdict, not_judged, unknown
+from attlog.health.flown import crash_spans
+from attlog.health.gravity import imu_attitude
+from attlog.segments.airborne import height_stream
+from attlog.segments.model import Segments
+from attlog.segments.windows import vibration_levels
+
+Array = NDArray[np.float64]
+
+STRONG_M_S2, VERY_STRONG_M_S2 = 3.0, 15.0
+"""Of the logged, mostly low-passed accelerometer: measured on the logs in hand (docs/flight.md)."""
+ONBOARD_M_S2 = (VIBRATION_LIMITS["rest"].warning, VIBRATION_LIMITS["rest"].fault)
+"""Of the autopilot's own level at full rate."""
+MIN_FLIGHT_S = 10
+GROWTH, BEFORE_S, AFTER_S = 3.0, 20, 10
+"""Onset: the median of the next 10 s is three times the median of all flight before, at least 20 s."""
+MORE_POWER = 1.3
+"""Vibration that comes with so much more throttle is none that something broke."""
+TIMES_OWN = 5.0
+"""Where the autopilot's own level is so much higher, the logger's rate is too low to show what vibrates."""
+FORCE_WINDOW_S, CHANGED_M_S2, WRONG_M_S2 = 10.0, 0.7, 1.5
+"""Mean vertical force over 10 s: what it may change by without a change of vertical speed that explains it."""
+
+
+def vibration_checks(log: FlightLog, segments: Segments) -> list[Check]:
+    """Level of vibration in flight, and the mean vertical force against the barometer."""
+    imu = log.replay_imu
+    if imu is None:
+        return []
+    flown = segments.spans("airborne")
+    return [vibration_check(log, imu, flown), vertical_force(log, imu, flown)]
+
+
+def vibration_check(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
+    """The typical level in flight, and the time from which it had grown to several times what it was."""
+    limit = f"ok up to {STRONG_M_S2:.0f} m/s^2 and steady, fault above {VERY_STRONG_M_S2:.0f}; onboard level 30 and 60"
+    t, x = vibration_levels(imu, flown)
+    if len(t) < MIN_FLIGHT_S:
+        return not_judged("vibration", "Too little flight to measure vibration in.", limit)
+    axis = int(np.argmax(np.median(x, axis=0)))
+    strongest = x.max(axis=1)
+    typical = float(np.median(strongest))
+    shown, unit, since = typical, "m/s^2", find_onset(strongest)
+    since = None if since is None or has_more_power(log.throttle, t, since) else since
+    text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
+    verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
+    own = onboard_level(log.onboard_vibration, flown)
+    seen: list[str] = []
+    if own is not None and own <= ONBOARD_M_S2[0]:
+        verdict = "ok" if verdict == "warning" else verdict  # the logged samples fold and hold motion
+    elif own is not None:
+        verdict = "fault" if own > ONBOARD_M_S2[1] or verdict == "fault" else "warning"
+        seen = [text]
+        text = f"The autopilot measured vibration of {own:.0f} m/s^2 or more in 5 % of the flight."
+        if own > TIMES_OWN * typical:
+            seen.append(f"The logged {imu.acc.rate:.0f} Hz show little of it.")
+    if since is None:
+        return Check("vibration", verdict, text, round(shown, 2), unit, limit, evidence=seen)
+    later = x[since:]
+    axis = int(np.argmax(np.median(later, axis=0)))
+    before, after = float(np.median(x[:since, axis])), float(np.median(later[:, axis]))
+    peak = np.quantile(later[:, axis], 0.95)
+    text = (
+        f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 instead of "
+        f"{before:.1f}."
+    )
+    seen.append(f"95 % of the seconds from then on stay below {peak:.1f} m/s^2.")
+    verdict = "fault" if after > STRONG_M_S2 else "warning"
+    return Check("vibration", verdict, text, round(after, 2), unit, limit, t=float(t[since]), evidence=seen)
+
+
+def find_onset(level_: Array) -> int | None:
+    """Index of the window (m,) from which vibration has grown for good, None where it has not."""
+    if len(level_) < BEFORE_S + AFTER_S:
+        return None
+    k = np.arange(BEFORE_S, len(level_) - AFTER_S + 1)
+    before, rest = running_medians(level_)[k - 1], running_medians(level_[::-1])[::-1][k]
+    after = np.median(np.lib.stride_tricks.sliding_window_view(level_, AFTER_S), axis=1)[k]
+    grown = (np.minimum(after, rest) > np.maximum(GROWTH * before, 1.0)) & (level_[k] > 0.5 * GROWTH * before)
+    return int(k[np.argmax(grown)]) if grown.any() else None
+
+
+def running_medians(x: Array) -> Array:
+    """The median (n,) of the first 1, 2, ... n of finite numbers (n,): each is sorted in, not all anew."""
+    ordered: list[float] = []
+    out = np.empty(len(x))
+    for n, value in enumerate(x.tolist()):
+        insort(ordered, value)
+        out[n] = 0.5 * (ordered[n // 2] + ordered[(n + 1) // 2])
+    return out
+
+
+def has_more_power(throttle: Stream | None, t: Array, since: int) -> bool:
+    """Whether the throttle is higher as vibration begins than before, with windows at ``t`` (m,) s."""
+    if throttle is None or len(throttle.t) < 2:
+        return False
+    x = np.interp(t, throttle.t, np.nan_to_num(throttle.x[:, 0]))
+    return float(np.median(x[since : since + 3])) > MORE_POWER * float(np.median(x[:since]))
+
+
+def onboard_level(own: Stream | None, flown: list[Span]) -> float | None:
+    """The level that the autopilot's own measure of the worst axis exceeds for 5 % of the flight; None without."""
+    if own is None:
+        return None
+    x = own.x[inside(own.t, flown)].max(axis=1, initial=0.0)
+    return np.quantile(x, 0.95) if len(x) >= 10 else None
+
+
+def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
+    """Whether the mean vertical force changes in flight without a climb that explains it (vibration rectification)."""
+    limit = f"ok up to {CHANGED_M_S2} m/s^2 over {FORCE_WINDOW_S:.0f} s, fault above {WRONG_M_S2}"
+    above, onboard = height_stream(log), log.onboard_attitude
+    if above is None or onboard is None or onboard.rate < 5.0:
+        return not_judged("vertical force", "No barometer or no attitude to compare the vertical force with.", limit)
+    found = [w for span in flown for w in _force_windows(span, imu, above)]
+    if len(found) < 2:
+        return not_judged("vertical force", f"Less than {2 * FORCE_WINDOW_S:.0f} s of unbroken flight.", limit)
+    q = imu_attitude(log, onboard)
+    force = np.array([_mean_force(imu, onboard.t, q, w) for w in found])
+    by_height = np.array([_mean_acceleration(above, w) for w in found])
+    good = np.isfinite(force) & np.isfinite(by_height)
+    if good.sum() < 2:
+        return not_judged("vertical force", "No barometer or no attitude to compare the vertical force with.", limit)
+    force, by_height = force[good], by_height[good]
+    times = np.array([w[0] for w in found])[good]
+    unexplained = force - by_height - (force[0] - by_height[0])
+    worst = int(np.argmax(np.abs(unexplained)))
+    size = float(abs(unexplained[worst]))
+    verdict = "ok" if size <= CHANGED_M_S2 else "warning" if size <= WRONG_M_S2 else "fault"
+    text = f"The mean vertical force over {FORCE_WINDOW_S:.0f} s stays within {size:.2f} m/s^2 of what the height explains."
+    if verdict == "ok":
+        return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit)
+    since = int(np.argmax(np.abs(unexplained) > CHANGED_M_S2))
+    first = f"{times[since]:.0f} to {times[since] + FORCE_WINDOW_S:.0f} s"
+    text = f"The mean vertical force is up to {size:.1f} m/s^2 off what the height shows, first from {first}."
+    seen = [
+        f"At {times[worst]:.0f} s it is {force[worst]:.2f} m/s^2 after {force[0]:.2f} at first, while the height shows "
+        f"an acceleration of {by_height[worst]:+.1f} m/s^2."
+    ]
+    return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit, t=float(times[since]), evidence=seen)
+
+
+def _force_windows(span: Span, imu: Imu, above: Stream) -> list[Span]:
+    """Unbroken windows of 10 s in a span, 2 s after its start and before its end (landing is a blow)."""
+    t = imu.acc.t_best
+    found = []
+    start = span[0] + 2.0
+    while start + FORCE_WINDOW_S <= span[1] - 2.0:
+        i, j = np.searchsorted(t, [start, start + FORCE_WINDOW_S])
+        a, b = np.searchsorted(above.t, [start, start + FORCE_WINDOW_S])
+        if j - i > 10 and b - a > 10 and np.diff(t[i:j]).max() < 0.5 and np.diff(above.t[a:b]).max() < 1.0:
+            found.append((start, start + FORCE_WINDOW_S))
+        start += FORCE_WINDOW_S
+    return found
+
+
+def _mean_force(imu: Imu, t: Array, q: Array, window: Span) -> float:
+    """Mean upward specific force in m/s^2 over a window, NaN where the attitude does not cover it."""
+    at = imu.acc.t_best
+    i, j = np.searchsorted(at, window)
+    turned = rotation.slerp(t, q, at[i:j])
+    known = rotation.finite_rows(turned)
+    if known.sum() < 0.9 * (j - i):
+        return float("nan")
+    return float(-rotation.rotate(turned[known], imu.acc.x[i:j][known])[:, 2].mean())
+
+
+def _mean_acceleration(above: Stream, window: Span) -> float:
+    """Mean upward acceleration in m/s^2 over a window: the change of the climb rate between its ends."""
+    rates = []
+    for at in window:
+        i, j = np.searchsorted(above.t, [at - 1.5, at + 1.5])
+        t, x = above.t[i:j], above.x[i:j, 0]
+        good = np.isfinite(x)
+        if good.sum() < 4 or np.ptp(t[good]) < 1.0:
+            return float("nan")
+        rates.append(float(np.polyfit(t[good] - at, x[good], 1)[0]))
+    return (rates[1] - rates[0]) / (window[1] - window[0])
+
+
+# How strongly did each IMU vibrate in flight, by the firmware's own measure, and did its accelerometer clip?
+
+TAKE_OFF_S, LANDING_S = 1.0, 2.0
+"""At the ends of a flight: the low-pass of the level still holds the ground, and a touch-down is a blow."""
+MIN_LEVEL_S = 10
+"""Fewer seconds of flight have no percentiles."""
+FULL_RATE_HZ = 150.0
+"""PX4 makes its level of samples at 200 to 250 Hz; a slower stream shows less of it."""
+FLOOR_HZ = 5.0
+"""The first low-pass of ArduPilot's VIBE: what is slower is motion, not vibration."""
+FEW_CLIPS, MANY_CLIPS, LASTING_S = 10, 100, 3
+"""ardupilot.org, "Measuring Vibration": below 100 is likely fine, a number that keeps growing is not."""
+
+
+def sound_flight(segments: Segments | None, log: FlightLog) -> list[Span]:
+    """When vibration counts: in flight but for take-off and touch-down, never as a wreck; armed for what cannot fly."""
+    if segments is None:
+        return []
+    spans = segments.spans("airborne" if log.kind.flies else "armed")
+    spans = [(a + TAKE_OFF_S, b - LANDING_S) for a, b in spans if b - a > TAKE_OFF_S + LANDING_S]
+    wrecks = crash_spans(segments)
+    return intersect(spans, complement(wrecks, -1e9, 1e9)) if wrecks else spans
+
+
+def vibration_level(case: HealthCase) -> list[Assessment]:
+    """The level of every IMU in percentiles over flight, and clipped samples of those that clip."""
+    within = sound_flight(case.segments, case.log)
+    clips = clipping_assessments(case.log, within)
+    seen = imu_vibrations(case.log)
+    if not seen:
+        return [unknown("", "vibration_level", advise_vibration_level(case.log)), *clips]
+    longest = max(len(levels_in_flight(one, within)[0]) for one in seen)
+    if longest < MIN_LEVEL_S:
+        why = f"Vibration can be judged from {MIN_LEVEL_S} s of sound flight on; this log holds {longest} s."
+        return [unknown("", "vibration_level", why), *clips]
+    return [*(_level_assessment(case.log, one, within) for one in seen), *clips]
+
+
+def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:
+    """The autopilot's own levels, else what its definition gives from samples that are fast enough."""
+    if log.vibrations:
+        return log.vibrations
+    if raw := [b for b in log.bursts if b.sensor == "accelerometer" and not b.filtered]:
+        return [burst_levels([b for b in raw if b.unit == unit]) for unit in sorted({b.unit for b in raw})]
+    imu = log.replay_imu
+    if imu is not None and measures_differences(log) and imu.filtered == "none" and imu.acc.rate >= FULL_RATE_HZ:
+        return [sample_levels(imu)]
+    return []
+
+
+def burst_levels(bursts: list[Burst]) -> OnboardVibration:
+    """ArduPilot's level (m/s^2) of the worst axis, one for each burst of one unit: the root of the mean square of what
+    a low-pass of 5 Hz leaves. The 2 Hz low-pass of the firmware becomes the mean over the burst."""
+    levels = [float(np.sqrt(np.mean(high_passed(b.x, b.rate) ** 2, axis=0)).max()) for b in bursts]
+    t = np.array([b.t + len(b.x) / b.rate for b in bursts])
+    return OnboardVibration(bursts[0].unit, "rest", bursts[0].source, t, np.array(levels))
+
+
+def high_passed(x: NDArray[np.float32], rate: float) -> Array:
+    """What the firmware's first-order low-pass of 5 Hz leaves of x (n, k), by its transfer function over the burst."""
+    flat = x.astype(np.float64) - x.mean(axis=0)
+    a = 1.0 / (1.0 + rate / (2.0 * np.pi * FLOOR_HZ))
+    z = np.exp(-2j * np.pi * np.fft.rfftfreq(len(flat)))
+    passed = 1.0 - a / (1.0 - (1.0 - a) * z)
+    left: Array = np.fft.irfft(np.fft.rfft(flat, axis=0) * passed[:, None], len(flat), axis=0)
+    return left
+
+
+def sample_levels(imu: Imu) -> OnboardVibration:
+    """PX4's level of a stream at full rate: the length of the difference of successive samples, its mean over 1 s."""
+    t, acc = imu.acc.t_best, imu.acc.x
+    step = np.linalg.norm(np.diff(acc, axis=0), axis=1)
+    dt = np.diff(t)
+    good = (dt > 0) & (dt < 3.0 / imu.acc.rate) & np.isfinite(step)
+    starts, level = second_means(t[1:][good], step[good])
+    return OnboardVibration(imu.index, "difference", imu.acc.source, starts + 1.0, level)
+
+
+def second_means(t: Array, x: Array) -> tuple[Array, Array]:
+    """Starts (m,) in s and means (m,) of finite x (n,) at rising t (n,) over the seconds that hold any."""
+    good = np.isfinite(x)
+    t, x = t[good], x[good]
+    if len(t) == 0:
+        return np.zeros(0), np.zeros(0)
+    second = np.floor(t).astype(np.int64)
+    first = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
+    count = np.diff(np.append(first, len(t)))
+    return second[first].astype(np.float64), np.add.reduceat(x, first) / count
+
+
+def levels_in_flight(one: OnboardVibration, within: list[Span]) -> tuple[Array, Array]:
+    """Starts (m,) in s and mean level (m,) in m/s^2 of the seconds of flight."""
+    mine = inside(one.t, within)
+    return second_means(one.t[mine], one.level[mine])
+
+
+def _level_assessment(log: FlightLog, one: OnboardVibration, within: list[Span]) -> Assessment:
+    limits = VIBRATION_LIMITS[one.measure]
+    named = f"{limits.warning:g} m/s^2" + (f" and {limits.fault:g}" if np.isfinite(limits.fault) else "")
+    threshold = f"below {named} in {100 * limits.share:.0f} % of the flight"
+    sensor = f"IMU.{one.unit}"
+    t, level = levels_in_flight(one, within)
+    if len(t) < MIN_LEVEL_S:
+        why = f"{one.source} holds {len(t)} s of sound flight, and {MIN_LEVEL_S} are needed for percentiles."
+        return unknown(sensor, "vibration_level", why, threshold, limits.source)
+    half, most, judged = (float(np.quantile(level, q)) for q in (0.5, 0.8, limits.share))
+    worst = int(np.argmax(level))
+    verdict: Verdict = "fault" if judged > limits.fault else "warning" if judged > limits.warning else "ok"
+    text = (
+        f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the time below {most:.1f}, "
+        f"in the worst second {level[worst]:.1f}."
+    )
+    found = Assessment(
+        sensor, "vibration_level", verdict, text, round(judged, 2), "m/s^2", quantile_interval(level, limits.share),
+        n=len(level), seconds=float(len(level)), threshold=threshold, source=limits.source,
+    )  # fmt: skip
+    found.evidence = [f"{one.source}; the worst second begins at {t[worst]:.0f} s."]
+    since = find_onset(level)
+    if since is not None and not has_more_power(log.throttle, t, since):
+        before, after = float(np.median(level[:since])), float(np.median(level[since:]))
+        found.t, found.verdict = float(t[since]), "fault" if verdict == "fault" else "warning"
+        found.evidence.append(f"From {t[since]:.0f} s on it is {after:.1f} m/s^2 instead of {before:.1f}.")
+    if found.verdict != "ok":
+        found.action = "Balance the propellers, look for loose parts and soften the autopilot's mounting."
+        found.why_no_setting = "No parameter removes vibration from the accelerometer."
+    return found
+
+
+def quantile_interval(level: Array, share: float) -> tuple[float, float]:
+    """95 % interval of a quantile by its order statistics (binomial); seconds count as independent."""
+    n = len(level)
+    half = 1.96 * np.sqrt(n * share * (1.0 - share))
+    ordered = np.sort(level)
+    low, high = (int(np.clip(round(n * share + s * half), 0, n - 1)) for s in (-1.0, 1.0))
+    return round(float(ordered[low]), 2), round(float(ordered[high]), 2)
+
+
+def clipping_assessments(log: FlightLog, within: list[Span]) -> list[Assessment]:
+    """Accelerometers that reached the end of their range in sound flight; nothing of those that did not."""
+    found = []
+    limit = f"up to {FEW_CLIPS} samples; fault above {MANY_CLIPS} in {LASTING_S} seconds and more"
+    for one in (c for c in log.clippings if c.sensor == "accelerometer" and c.whole):
+        mine = inside(one.t, within) & (one.new > 0)
+        count, seconds = int(one.new[mine].sum()), len(np.unique(np.floor(one.t[mine])))
+        if count <= FEW_CLIPS:
+            continue
+        lasting = count > MANY_CLIPS and seconds >= LASTING_S
+        first, last = float(one.t[mine][0]), float(one.t[mine][-1])
+        text = f"The accelerometer of IMU {one.unit} clipped {count:,} samples in {seconds} s of flight."
+        found.append(
+            Assessment(
+                f"IMU.{one.unit}",
+                "clipping",
+                "fault" if lasting else "warning",
+                text,
+                float(count),
+                "samples",
+                n=count,
+                seconds=float(seconds),
+                t=first,
+                threshold=limit,
+                source="ardupilot.org, Measuring Vibration",
+                action="Balance the propellers and soften the autopilot's mounting before the next flight.",
+                why_no_setting="No parameter brings clipped samples back.",
+                evidence=[f"{one.source}: from {first:.0f} to {last:.0f} s."],
+            )
+        )
+    return found
+
+
+def level_figures(case: HealthCase) -> list[dict[str, object]]:
+    """For a figure, one dictionary for each IMU: ``unit``, ``source``, ``measure``, ``t`` (m,) s and ``level`` (m,)
+    m/s^2 second by second in flight, at most 1500, ``warning`` and ``fault`` m/s^2 (None without)."""
+    within = sound_flight(case.segments, case.log)
+    found: list[dict[str, object]] = []
+    for one in imu_vibrations(case.log):
+        t, level = levels_in_flight(one, within)
+        if len(t) == 0:
+            continue
+        step = -(-len(t) // MAX_FIGURE_POINTS)
+        groups = np.arange(0, len(t), step)
+        limits = VIBRATION_LIMITS[one.measure]
+        found.append({
+            "unit": one.unit, "source": one.source, "measure": one.measure,
+            "t": t[groups], "level": np.maximum.reduceat(level, groups),
+            "warning": limits.warning, "fault": limits.fault if np.isfinite(limits.fault) else None,
+        })  # fmt: skip
+    return found
+
+
+MAX_FIGURE_POINTS = 1500
+"""Of a figure; longer flights keep the highest of neighbouring seconds."""

@@ -1,0 +1,189 @@
+"""What kind of noise is it? Allan deviation at rest: white, walk or flicker, by averaging time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core.spans import Span
+from attlog.metrics import following
+from attlog.metrics import intervals as interval
+from attlog.metrics.metric import Answer, Case, Metric, applies_to, missing, paragraph, per_row
+from attlog.metrics.windows import deviations, rest_spans, why_none, within
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+SHORTEST_S = 60.0
+POINTS_PER_DECADE = 12
+BLOCK = 1 << 14
+WALK_TAU_S = (0.3, 3.0)
+WALK_SLOPE = (-0.7, -0.3)
+"""White rate noise falls as tau^-1/2; outside these slopes the number would not be an angle random walk."""
+FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
+"""0.664: the floor of flicker noise over its bias instability (IEEE Std 952, C.1.3)."""
+MIN_RATIO = 10.0
+"""The record must be this many times longer than the averaging time of the floor."""
+
+_SHARED = """Overlapping Allan deviation of the rate of the row's heading in the longest rest of at least 60 s,
+    averaging times from 2 samples to a quarter of it, chi-squared intervals (NIST SP 1065). """
+_WALK = """Value at 1 s, where the deviation falls as tau^-1/2: how fast the heading walks away by white rate noise."""
+_FLOOR = """Floor of the curve over 0.664: the drift rate that no averaging removes. Only where the rest is ten times
+    longer than the averaging time of the floor."""
+ALLAN_METRICS: tuple[Metric, ...] = (
+    Metric(
+        "allan_arw_deg_per_sqrt_h",
+        "Angle random walk, heading",
+        "deg/sqrt(h)",
+        "low",
+        ("rest",),
+        paragraph(_SHARED + _WALK),
+        asked="rest",
+    ),
+    Metric(
+        "allan_bias_deg_per_h",
+        "Bias instability, heading",
+        "deg/h",
+        "low",
+        ("rest",),
+        paragraph(_SHARED + _FLOOR),
+        asked="rest",
+    ),
+)
+
+
+@dataclass(slots=True)
+class Deviation:
+    """An Allan deviation over averaging times ``tau`` (k,) s with 95 % interval; ``dof`` (k,) degrees of freedom."""
+
+    tau: Array
+    sigma: Array
+    low: Array
+    high: Array
+    dof: Array
+
+
+def deviation(phase: Array, step: float) -> Deviation:
+    """The overlapping Allan deviation of the rate of ``phase`` (n,), which is sampled every ``step`` s.
+
+    NIST SP 1065 equation 11; degrees of freedom for white rate noise by equation 29
+    (Howe, Allan and Barnes 1981). In units of phase per second.
+    """
+    n = len(phase)
+    largest = (n - 1) // 4
+    if largest < 2:
+        return Deviation(*(np.zeros(0) for _ in range(5)))
+    count = max(2, round(POINTS_PER_DECADE * math.log10(largest / 2.0)) + 1)
+    m = np.unique(np.geomspace(2, largest, count).round().astype(int))
+    sigma = np.sqrt([0.5 * _mean_square(phase, int(k)) for k in m]) / (m * step)
+    dof = (3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
+    bounds = np.array([interval.chi_square_interval(s, round(max(d, 1.0), 3)) for s, d in zip(sigma, dof, strict=True)])
+    return Deviation(m * step, sigma, bounds[:, 0], bounds[:, 1], dof)
+
+
+def _mean_square(phase: Array, k: int) -> float:
+    """The mean square of the second differences over ``k`` samples of a phase (n,), in blocks to stay in the cache."""
+    count, total = len(phase) - 2 * k, 0.0
+    for a in range(0, count, BLOCK):
+        b = min(a + BLOCK, count)
+        d = phase[a + 2 * k : b + 2 * k] - 2.0 * phase[a + k : b + k] + phase[a:b]
+        total += float(d @ d)
+    return total / count
+
+
+def of_average(angle: Array, step: float) -> Deviation:
+    """The Allan deviation of an averaged angle (n,), in its own unit: how well averaging over tau repeats."""
+    return deviation(np.concatenate([[0.0], np.cumsum(angle - np.mean(angle))]) * step, step)
+
+
+def longest_rest(case: Case, row: Row, window: str) -> slice | None:
+    """The longest segment of samples of one rest, finite and without a gap; None if there is none."""
+    return _longest_of(case, row, rest_spans(case, row, window))
+
+
+@per_row
+def _longest_of(case: Case, row: Row, spans: list[Span]) -> slice | None:
+    segments = [p for span in spans for p in within(row.t, span, row.segment)]
+    segments = [p for p in segments if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
+    return max(segments, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
+
+
+@per_row
+def of_heading(case: Case, row: Row, segment: slice) -> Deviation:
+    """The deviation of the row's heading in one segment of its samples, in deg."""
+    t = row.t[segment]
+    return deviation(deviations(row.q[segment])[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
+
+
+def random_walk(d: Deviation) -> tuple[float, float]:
+    """The deviation interpolated at 1 s (rate units) and the slope of the curve around it on logarithmic axes."""
+    near = (d.tau >= WALK_TAU_S[0]) & (d.tau <= WALK_TAU_S[1]) & (d.sigma > 0)
+    if near.sum() < 3:
+        return math.nan, math.nan
+    slope = float(np.polyfit(np.log(d.tau[near]), np.log(d.sigma[near]), 1)[0])
+    return math.exp(float(np.interp(0.0, np.log(d.tau[near]), np.log(d.sigma[near])))), slope
+
+
+def compute_allan(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
+    if not applies_to(window, "all", "rest", "rest.long"):
+        return {}
+    segment = longest_rest(case, row, window)
+    if segment is None:
+        absent = why_none(case, "rest", window)
+        return {m.name: missing(*absent, m.unit, window) for m in ALLAN_METRICS}
+    t = row.t[segment]
+    length = float(t[-1] - t[0])
+    if length < SHORTEST_S:
+        reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
+        return {m.name: missing("rest_too_short", reason, m.unit, window) for m in ALLAN_METRICS}
+    d = of_heading(case, row, segment)
+    found = {
+        "allan_arw_deg_per_sqrt_h": _walk(d, length, window),
+        "allan_bias_deg_per_h": floor_answer(d, length, window),
+    }
+    return {name: following.unrank_frozen(case, row, "heading", answer) for name, answer in found.items()}
+
+
+def _walk(d: Deviation, length: float, window: str) -> Answer:
+    value, slope = random_walk(d)
+    unit = "deg/sqrt(h)"
+    if not WALK_SLOPE[0] <= slope <= WALK_SLOPE[1]:
+        reason = f"around 1 s the deviation goes as tau^{slope:.2f}, not tau^-0.5: this heading does not walk at random"
+        return missing("not_applicable", reason, unit, window, slope=slope)
+    at = int(np.argmin(np.abs(d.tau - 1.0)))
+    low, high = interval.chi_square_interval(60.0 * value, round(float(d.dof[at]), 3))
+    return Answer(
+        60.0 * value,
+        unit,
+        window,
+        round(float(d.dof[at])),
+        length,
+        (low, high),
+        "overlapping Allan deviation at 1 s",
+        detail={"slope": slope},
+    )
+
+
+def floor_answer(d: Deviation, length: float, window: str) -> Answer:
+    """The bias instability by the floor of a deviation over a rest of ``length`` s, where that is long enough."""
+    lowest = int(np.argmin(d.sigma))
+    tau, unit = float(d.tau[lowest]), "deg/h"
+    if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:
+        needed = max(MIN_RATIO * tau, length)
+        reason = f"the deviation still falls at {tau:.0f} s; a rest of more than {needed:.0f} s is needed"
+        return missing("rest_too_short", reason, unit, window, tau_s=tau)
+    factor = 3600.0 / FLICKER
+    return Answer(
+        factor * float(d.sigma[lowest]),
+        unit,
+        window,
+        max(1, round(float(d.dof[lowest]))),
+        length,
+        (factor * float(d.low[lowest]), factor * float(d.high[lowest])),
+        f"floor of the Allan deviation at {tau:.1f} s",
+        detail={"tau_s": tau},
+    )

@@ -1,1 +1,0 @@
-"""Which questions can a log answer, before any filter runs?"""

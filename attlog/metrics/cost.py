@@ -1,0 +1,102 @@
+"""What does a filter cost? Nanoseconds per update, and relative to mahony in the same process."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import estimators
+from attlog.core.errors import AttlogError
+from attlog.estimators.run import run
+from attlog.estimators.samples import prepare
+from attlog.metrics.metric import Answer, Case, Metric, missing, paragraph
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+BASE = "mahony"
+SAMPLES, STEP_S = 3000, 0.004
+MAG_EVERY = 5
+REPEATS = 6
+"""From the smallest to the largest of 6 the median lies with 97 % (1 - 2 / 2^6), whatever the distribution; 5: 94 %."""
+
+_MEASURED = f"""Processor time of the filter's own loop per IMU sample, on the machine that made this result: median of
+    {REPEATS} runs over the same {SAMPLES} made samples (250 Hz, magnetometer 50 Hz). Interval: from the fastest to the
+    slowest run. Never ranked: another machine, another number."""
+COST_METRICS: tuple[Metric, ...] = (
+    Metric("cost_ns", "Cost per update", "ns", "low", (), paragraph(_MEASURED)),
+    Metric(
+        "cost_ratio",
+        "Cost relative to mahony",
+        "1",
+        "low",
+        (),
+        paragraph(_MEASURED + " Divided by that of mahony in the same process, so that results of machines compare."),
+    ),
+)
+
+
+def compute_cost(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row over the whole log; nothing for other windows."""
+    if window != "all":
+        return {}
+    own = measure_cost(row)
+    if own is None:
+        reason = "flew on board: its time is not in the log" if row.kind == "onboard" else "its time was not measured"
+        return {m.name: missing("not_applicable", reason, m.unit, window) for m in COST_METRICS}
+    mahony = next((r for r in case.rows if r.estimator == BASE), None)
+    base = None if mahony is None else measure_cost(mahony)
+    ratio = missing("not_applicable", f"needs {BASE} in the same run to compare with", "1", window)
+    if base is not None:
+        times = own / np.median(base)
+        ratio = _answer(times, "1", window, (float(np.min(own) / np.max(base)), float(np.max(own) / np.min(base))))
+    return {"cost_ns": _answer(own, "ns", window, (float(np.min(own)), float(np.max(own)))), "cost_ratio": ratio}
+
+
+def _answer(times: Array, unit: str, window: str, ci95: tuple[float, float]) -> Answer:
+    seconds = 1e-9 * SAMPLES * len(times)
+    return Answer(
+        float(np.median(times)),
+        unit,
+        window,
+        len(times),
+        seconds,
+        ci95 if len(times) > 1 else None,
+        f"median of {len(times)} runs" if len(times) > 1 else "one replay",
+        reason="depends on the machine and what else it does",
+        ranked=False,
+    )
+
+
+def measure_cost(row: Row) -> Array | None:
+    """Nanoseconds per update (k,) of a row's filter: of repeated runs; of its one replay where it cannot be repeated.
+
+    None for onboard rows.
+    """
+    if row.kind != "replay" or not row.ns_per_update:
+        return None
+    try:
+        return np.array(_repeated(row.estimator, tuple(sorted(row.parameters.items())), row.uses_mag))
+    except AttlogError:
+        return np.array([row.ns_per_update])
+
+
+@functools.cache
+def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], uses_mag: bool) -> tuple[float, ...]:
+    """Nanoseconds per update of each run: measured once per process, because nothing in it depends on the log."""
+    t = STEP_S * np.arange(SAMPLES)
+    swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
+    acc = np.array([0.0, 0.0, -9.81]) + swing
+    mag = np.where(np.arange(SAMPLES)[:, None] % MAG_EVERY == 0, np.array([20.0, 0.0, 40.0]) + swing, np.nan)
+    asked = estimators.EstimatorSpec(estimators.get(estimator), params=dict(parameters))
+    runs = []
+    if asked.estimator.process is not None:  # what is wrong with it, its own process says
+        runs.append(estimators.estimate(asked, t, 0.3 * swing, acc, mag if uses_mag else None))
+    # The samples are cleaned once: only the filter's own loop is timed.
+    made = prepare(t, 0.3 * swing, acc, mag if uses_mag else None, hold_mag=asked.estimator.hold_mag)
+    values = {name: value for name, (value, _) in asked.resolved().items()}
+    while len(runs) < REPEATS:
+        runs.append(run(asked.estimator, made, values, aids=estimators.Aids(sampling="interval")))
+    return tuple(one.ns_per_update for one in runs)

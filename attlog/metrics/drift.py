@@ -1,0 +1,569 @@
+"""How fast does the heading drift? Mean slope of the heading error of a record, significant or bounded."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.spans import Span, between, inside, intersect, merge
+from attlog.metrics import following
+from attlog.metrics import intervals as interval
+from attlog.metrics.accuracy import own_sigma
+from attlog.metrics.intervals import chi_square, student
+from attlog.metrics.metric import (
+    Answer,
+    Case,
+    Metric,
+    Resolution,
+    SpanAnswer,
+    Wording,
+    applies_to,
+    missing,
+    paragraph,
+    per_case,
+    per_row,
+)
+from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
+from attlog.metrics.windows import (
+    DRIFT_AIR_S,
+    DRIFT_REST_S,
+    DRIFT_SLACK_S,
+    row_segments,
+    why_never_airborne,
+    why_none,
+    within,
+)
+from attlog.reference.model import HeadingReference, Row
+from attlog.segments import model
+from attlog.segments.model import DRIFT_AFTER_START_S, converged_spans
+
+Array = NDArray[np.float64]
+
+BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
+"""Block means are over 1 s, over half a second in records under 20 s."""
+GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
+"""A record makes one group for each 10 s, 4 at least and 12 at most."""
+MIN_BLOCKS = 3
+RESOLUTION = Resolution(60.0, "60 deg/min", "seconds")
+"""An uncalibrated gyro turns by as much: 1 deg/s."""
+
+
+@dataclass(slots=True)
+class HeadingBlocks:
+    """Block means: ``t`` s, ``e`` deg (unwrapped within a segment), ``segment`` counts segments; all (n,)."""
+
+    t: Array
+    e: Array
+    segment: NDArray[np.int64]
+    block_s: float = BLOCK_S
+    slopes: dict[float, Drift] = field(default_factory=dict, repr=False, compare=False)
+    """What :func:`slope` found, by the shortest record that it was asked for: several metrics ask for the same."""
+
+    @property
+    def seconds(self) -> float:
+        """Time covered, s."""
+        return len(self.t) * self.block_s
+
+
+@dataclass(slots=True)
+class Drift:
+    """Mean drift of one record in deg/min. ``slopes`` are those of the groups, ``spans`` their times (s).
+
+    ``value`` is None where the record is too short. ``changes`` holds the first and the
+    last group slope where the slopes rise or fall steadily. ``wander`` is the RMS (deg)
+    that remains when the mean slope and each segment's offset are taken away. Of several records
+    together, ``range`` holds the least and the largest, and ``agree`` tells whether one drift explains them.
+    """
+
+    value: float | None
+    ci95: interval.Interval | None
+    slopes: Array
+    spans: list[tuple[float, float]]
+    seconds: float
+    wander: float = math.nan
+    changes: tuple[float, float] | None = None
+    range: tuple[float, float] | None = None
+    agree: bool = True
+    records: list[SpanAnswer] = field(default_factory=list)
+
+    @property
+    def significant(self) -> bool:
+        """Whether the interval excludes zero: there is a drift, however wide the interval."""
+        return self.ci95 is not None and not self.ci95[0] <= 0.0 <= self.ci95[1]
+
+    @property
+    def less_than(self) -> float | None:
+        """What the size of the drift stays below: the larger end of the interval, deg/min."""
+        return None if self.ci95 is None else max(abs(self.ci95[0]), abs(self.ci95[1]))
+
+
+def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> HeadingBlocks:
+    """Means over 1 s (0.5 s in short records) of a heading error (n,) in deg, unwrapped within each segment.
+
+    ``t`` (n,) s ascending within a segment. A segment ends where the heading reference was reset, or at a gap:
+    nothing is averaged across. Half-filled blocks are left out.
+    """
+    good = np.isfinite(e_deg)
+    t, e_deg, segment = t[good], e_deg[good], segment[good]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(segment) != 0) + 1, [len(t)]])
+    whole = [(i, j) for i, j in pairwise(edges.tolist()) if j - i >= 2]
+    length = BLOCK_S if sum(t[j - 1] - t[i] for i, j in whole) >= FINE_BELOW_S - 0.1 else FINE_BLOCK_S
+    times, means, labels = [], [], []
+    for label, (i, j) in enumerate(whole):
+        own_t, own_e = t[i:j], rotation.unwrap(e_deg[i:j], 360.0)
+        index = np.floor((own_t - own_t[0]) / length).astype(int)
+        count = np.bincount(index)
+        full = np.flatnonzero(count > 0.5 * np.median(count[count > 0]))
+        times.append(np.bincount(index, own_t)[full] / count[full])
+        means.append(np.bincount(index, own_e)[full] / count[full])
+        labels.append(np.full(len(full), label))
+    if not times:
+        return HeadingBlocks(np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
+    return HeadingBlocks(np.concatenate(times), np.concatenate(means), np.concatenate(labels), length)
+
+
+def _segments(blocks: HeadingBlocks) -> list[slice]:
+    """Which blocks belong to each segment; they lie together."""
+    return model.segment_slices(np.ones(len(blocks.t), bool), blocks.segment)
+
+
+def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
+    """The mean drift of a record and its interval: t over the slopes of groups (Ibragimov & Mueller 2010).
+
+    One group for each 10 s of the record, 4 to 12; each segment is cut into
+    max(1, round(segment / (record / groups))) equal ones, each with its own offset; groups under 3 blocks are left
+    out. Fewer than 4 groups or less than ``shortest_s``: no value.
+    """
+    if shortest_s not in blocks.slopes:
+        blocks.slopes[shortest_s] = _fit_drift(blocks, shortest_s)
+    return replace(blocks.slopes[shortest_s])
+
+
+def _fit_drift(blocks: HeadingBlocks, shortest_s: float) -> Drift:
+    record = blocks.seconds
+    target = record / min(max(round(record / GROUP_S), MIN_GROUPS), MAX_GROUPS)
+    slopes, spans = [], []
+    for own in _segments(blocks):
+        length = own.stop - own.start
+        for part in interval.equal_groups(length, max(1, round(length * blocks.block_s / target))):
+            t, e = blocks.t[own][part], blocks.e[own][part]
+            if len(t) >= MIN_BLOCKS:
+                slopes.append(60.0 * _line(t, e))
+                spans.append((float(t[0]), float(t[-1])))
+    found = Drift(None, None, np.array(slopes), spans, record)
+    if len(slopes) < MIN_GROUPS or record < shortest_s - DRIFT_SLACK_S:
+        return found
+    found.value = float(np.mean(slopes))
+    found.ci95 = interval.mean_interval(slopes)
+    found.wander = math.sqrt(float(np.mean(without_slope(blocks, found.value) ** 2)))
+    rises = np.diff(slopes)
+    width = found.ci95[1] - found.ci95[0] if found.ci95 else math.inf
+    if ((rises > 0).all() or (rises < 0).all()) and abs(slopes[-1] - slopes[0]) > width:
+        found.changes = (slopes[0], slopes[-1])
+    return found
+
+
+def without_slope(blocks: HeadingBlocks, deg_per_min: float) -> Array:
+    """The heading error (n,) in deg without a drift and without each segment's own offset."""
+    rest = blocks.e - deg_per_min / 60.0 * blocks.t
+    for own in _segments(blocks):
+        rest[own] -= np.mean(rest[own])
+    return rest
+
+
+def drift_line(blocks: HeadingBlocks) -> Array:
+    """The least-squares line (n,) with one slope and an offset per segment: for the eye, never quoted as the drift."""
+    u, v = blocks.t.copy(), blocks.e.copy()
+    for own in _segments(blocks):
+        u[own] -= np.mean(u[own])
+        v[own] -= np.mean(v[own])
+    spread = float(u @ u)
+    return blocks.e - v + (float(u @ v) / spread if spread > 0 else 0.0) * u
+
+
+def pool_drifts(records: list[Drift]) -> Drift:
+    """Several records of one log as one: the mean weighted by their length.
+
+    Where the records agree (chi-squared of their values, 95 %) the interval is that of
+    the weighted mean (Satterthwaite degrees of freedom); where they do not they are not pooled: the
+    interval spans all of theirs, and ``range`` holds the least and the largest.
+    """
+    usable = [r for r in records if r.value is not None and r.ci95 is not None]
+    if len(usable) <= 1:
+        return replace(usable[0] if usable else max(records, key=lambda r: r.seconds))
+    values = np.array([r.value for r in usable], np.float64)
+    weight = np.array([r.seconds for r in usable])
+    weight = weight / weight.sum()
+    dof = np.array([len(r.slopes) - 1 for r in usable])
+    variance = np.array([float(np.var(r.slopes, ddof=1)) / len(r.slopes) for r in usable])
+    precision = 1.0 / np.maximum(variance, 1e-12)
+    centre = float(precision @ values / precision.sum())
+    agree = float(precision @ (values - centre) ** 2) <= chi_square(0.95, len(values) - 1)
+    mean = float(weight @ values)
+    total = float(weight**2 @ variance)
+    if agree and total > 0:
+        effective = total**2 / float(np.sum((weight**2 * variance) ** 2 / dof))
+        half = student(0.975, effective) * math.sqrt(total)
+        ci95 = (mean - half, mean + half)
+    else:
+        ci95 = (min(r.ci95[0] for r in usable if r.ci95), max(r.ci95[1] for r in usable if r.ci95))
+    return Drift(
+        mean,
+        ci95,
+        np.concatenate([r.slopes for r in usable]),
+        [s for r in usable for s in r.spans],
+        sum(r.seconds for r in usable),
+        float(np.sqrt(weight @ np.array([r.wander**2 for r in usable]))),
+        range=(float(values.min()), float(values.max())),
+        agree=bool(agree),
+    )
+
+
+def _line(t: Array, e: Array) -> float:
+    u = t - t.sum() / len(t)
+    return float(u @ (e - e.sum() / len(e))) / float(u @ u)
+
+
+def reason_too_short(found: Drift, shortest_s: float) -> str:
+    """Why a record gives no drift: its time, or the segments it is broken into."""
+    if found.seconds < shortest_s - DRIFT_SLACK_S:
+        return f"{found.seconds:.0f} s; {shortest_s:.0f} are needed"
+    return f"{found.seconds:.0f} s in segments too short for {MIN_GROUPS} slopes"
+
+
+def drift_answer(found: Drift, window: str, against: str) -> Answer:
+    """The Answer of a drift that has a value: significant or bounded, never "not measurable"."""
+    reason = None
+    if found.range is not None and not found.agree:
+        reason = f"the rests of this log disagree: {found.range[0]:+.2f} to {found.range[1]:+.2f} deg/min"
+    method = f"mean slope of {len(found.slopes)} groups of block means against {against}, t interval over the groups"
+    return Answer(
+        found.value,
+        "deg/min",
+        window,
+        len(found.slopes),
+        found.seconds,
+        found.ci95,
+        method,
+        reason=reason,
+        ranked=reason is None,
+        detail={
+            "slopes": [float(s) for s in found.slopes],
+            "significant": found.significant,
+            "less_than": found.less_than,
+            "wander_deg": found.wander,
+            **({} if found.range is None else {"range": list(found.range)}),
+        },
+        records=found.records,
+        disagree=None if found.agree else found.range,
+        changes=found.changes,
+        units=_units(found),
+    )
+
+
+def _units(found: Drift) -> UnitValues | None:
+    """The slopes of the groups, paired between rows by the times at which their groups begin."""
+    ids = make_ids([start for start, _ in found.spans])
+    if found.value is None or len(set(ids.tolist())) < len(ids):
+        return None
+    whole = Summary(found.value, found.ci95)
+    return UnitValues("slope_group", ids, found.slopes, functools.partial(_on, ids, found.slopes, whole))
+
+
+def _on(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Summary:
+    """The drift on some of a record's groups; on all of them what it was."""
+    chosen = np.isin(ids, wanted)
+    if chosen.all():
+        return whole
+    return Summary(float(np.mean(slopes[chosen])), interval.mean_interval(slopes[chosen]))
+
+
+# Yaw drift at rest: the heading should not move, so every slope is the row's own.
+
+_TEXT = paragraph(
+    """Mean slope of the row's own heading while the vehicle stands still: the heading itself should be constant.
+    Nothing within 20 s of the filter's start or restart and within 5 s of the motors' stop counts; 8 s of the rest
+    must remain. Block means over 1 s (0.5 s where less than 20 s remain), cut at gaps and resets; one group for
+    each 10 s, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The
+    drift is significant where the interval excludes zero, else bounded by its larger end. Rests that agree are
+    pooled, others are a range; a row that lacks one of the rests that are long enough has no drift at rest. It is
+    the mean drift of this record, not a property of the filter for ever. The earth's own turn (up to 0.25 deg/min)
+    is part of it for filters that follow the gyro."""
+)
+REST_DRIFT_METRICS: tuple[Metric, ...] = (
+    Metric(
+        "drift_rest_deg_per_min",
+        "Yaw drift at rest",
+        "deg/min",
+        "zero",
+        ("rest",),
+        _TEXT,
+        resolution=RESOLUTION,
+        wording=Wording("drifts", "less at rest", "more at rest", "drift at rest"),
+        asked="rest",
+    ),
+)
+
+
+@per_row
+def rest_blocks(case: Case, row: Row, spans: tuple[Span, ...]) -> HeadingBlocks:
+    """Block means of the row's heading in deg during the usable spans of one rest, relative to its mean in each."""
+    resets_of = row_segments(case, row)
+    t, e, label = [], [], []
+    for k, segment in enumerate(s for span in spans for s in within(row.t, span, resets_of)):
+        q = row.q[segment]
+        if np.isfinite(q).all():
+            t.append(row.t[segment])
+            e.append(np.degrees(rotation.heading_angle(rotation.earth_error(q, rotation.mean(q)))))
+            label.append(np.full(len(q), k))
+    if not t:
+        return HeadingBlocks(np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
+    return block_means(np.concatenate(t), np.concatenate(e), np.concatenate(label))
+
+
+def _whole(case: Case, window: str) -> list[Span]:
+    """The rests of a window."""
+    whole = case.segments.spans("rest.long" if window == "rest.long" else "rest")
+    return intersect(whole, case.segments.spans(window)) if ":" in window else whole
+
+
+@per_row
+def usable_rests(case: Case, row: Row, window: str) -> list[tuple[Span, tuple[Span, ...]]]:
+    """Each rest of the window with its usable spans: those in which the row has settled."""
+    whole = _whole(case, window)
+    restarts = row.t[1:][np.diff(row.segment) != 0].tolist() if row.kind == "replay" else []
+    starts = [row.start, *restarts]
+    usable = converged_spans(whole, case.segments, starts, DRIFT_AFTER_START_S)
+    return [(span, tuple(spans)) for span, spans in zip(whole, usable, strict=True)]
+
+
+def rest_records(case: Case, row: Row, window: str) -> list[Drift]:
+    """The drift of each rest of the window, in time order, each with its own record."""
+    found = []
+    for (t0, t1), usable in usable_rests(case, row, window):
+        one = fit_drift(rest_blocks(case, row, usable), DRIFT_REST_S)
+        seconds = sum((b - a for a, b in usable), 0.0)
+        reason = None if one.value is not None else _reason_rest_too_short(one, seconds)
+        one.records = [SpanAnswer(t0, t1, seconds, one.value, one.ci95, reason)]
+        found.append(one)
+    return found
+
+
+def _reason_rest_too_short(one: Drift, usable_s: float) -> str:
+    if usable_s < DRIFT_REST_S - DRIFT_SLACK_S:
+        return f"{usable_s:.0f} s after settling; {DRIFT_REST_S:.0f} are needed"
+    return f"after settling {reason_too_short(one, DRIFT_REST_S)}"
+
+
+@per_case
+def long_enough(case: Case, window: str) -> int:
+    """In how many rests of the window a row that runs from the log's first sample on can show a drift."""
+    whole = _whole(case, window)
+    starts = [t0 for t0, _ in case.segments.spans("all")]
+    first = (
+        model.restart_times(np.array([x for span in case.segments.spans("all") for x in span])[::2])
+        if starts
+        else starts
+    )
+    usable = converged_spans(whole, case.segments, [float(t) for t in first], DRIFT_AFTER_START_S)
+    return sum(sum(b - a for a, b in spans) >= DRIFT_REST_S for spans in usable)
+
+
+def compute_rest_drift(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
+    if not applies_to(window, "all", "rest", "rest.long"):
+        return {}
+    found = rest_records(case, row, window)
+    if not found:
+        code, reason = why_none(case, "rest", window)
+        return {REST_DRIFT_METRICS[0].name: missing(code, reason, "deg/min", window)}
+    pooled = pool_drifts(found)
+    pooled.records = [r for one in found for r in one.records]
+    change = heading_change(case, row, window)
+    if pooled.value is None:
+        return {REST_DRIFT_METRICS[0].name: _none_long_enough(pooled, change, window)}
+    shown, rests_of_log = sum(one.value is not None for one in found), long_enough(case, window)
+    if shown < rests_of_log:
+        reason = f"it is measured in {shown} of {rests_of_log} rests, and the rests of a log may disagree"
+        answer = missing("not_covered", reason, "deg/min", window, **change)
+        answer.records = pooled.records
+        return {REST_DRIFT_METRICS[0].name: answer}
+    answer = drift_answer(pooled, window, "rest")
+    usable = [span for _, spans in usable_rests(case, row, window) for span in spans]
+    answer.detail |= bias_beside(row, answer.value, usable) | change
+    return {REST_DRIFT_METRICS[0].name: following.unrank_frozen(case, row, "heading", answer)}
+
+
+def _none_long_enough(pooled: Drift, change: dict[str, float], window: str) -> Answer:
+    """The Answer where no rest is long enough: the longest, and the turn between the first and the last."""
+    longest = max(pooled.records, key=lambda r: r.usable_s)
+    reason = f"the longest rest has {longest.reason}"
+    if change:
+        reason += f"; between the first and the last rest the heading turned by {change['heading_change_deg']:+.1f} deg"
+    answer = missing("rest_too_short", reason, "deg/min", window, **change)
+    answer.records = pooled.records
+    return answer
+
+
+def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:
+    """The gyro z-bias that a drift implies (deg/s), and the filter's own mean z-bias estimate in the same time."""
+    beside: dict[str, float] = {}
+    if drift_deg_per_min is not None:
+        beside["implied_bias_dps"] = drift_deg_per_min / 60.0
+    if row.bias is not None:
+        own = [row.bias[between(row.t, t0, t1), 2] for t0, t1 in merge(spans)]
+        z = np.concatenate([np.zeros(0), *own])
+        z = z if np.isfinite(z.sum()) else z[np.isfinite(z)]
+        if len(z):
+            beside["own_bias_z_dps"] = float(np.degrees(np.mean(z)))
+    return beside
+
+
+def heading_change(case: Case, row: Row, window: str) -> dict[str, float]:
+    """Heading of the last rest minus that of the first, deg, where there are two with other things between."""
+    spans = intersect([whole for whole, _ in usable_rests(case, row, window)], [(row.start, np.inf)])
+    if len(spans) < 2:
+        return {}
+    means = [rotation.mean(row.q[w[0]]) for w in (within(row.t, s, row.segment) for s in (spans[0], spans[-1])) if w]
+    if len(means) < 2 or not np.isfinite(means).all():
+        return {}
+    return {"heading_change_deg": float(np.degrees(rotation.heading_angle(rotation.earth_error(means[1], means[0]))))}
+
+
+# Yaw drift in the air: the slope of the heading error against each heading reference that the log holds.
+
+HEADING_REFERENCES = {
+    "onboard": "the onboard heading",
+    "truth": "the true heading (simulation or motion capture)",
+    "smoother": "the smoothed heading",
+    "mag": "the tilt-compensated magnetometer heading",
+    "gnss_yaw": "the heading of a dual-antenna GNSS receiver",
+    "yaw_estimator": "the heading that the autopilot finds from GNSS motion without a compass",
+    "course": "the direction of the GNSS velocity of a plane (wind-compensated where its text says so)",
+}
+ABSENT = {
+    "onboard": ("not_applicable", "the onboard attitude is not logged"),
+    "truth": ("no_reference", "the log holds no ground truth"),
+    "smoother": ("no_reference", "no smoothed attitude was built"),
+    "mag": ("no_magnetometer", "the log holds no usable magnetometer heading"),
+    "gnss_yaw": ("no_gnss", "the log holds no heading of a dual-antenna GNSS receiver"),
+    "yaw_estimator": ("not_applicable", "the autopilot logged no valid yaw estimator, or the reference contradicts it"),
+    "course": ("no_gnss", "needs GNSS velocity of a plane faster than 5 m/s"),
+}
+STEEP_RAD = math.radians(60.0)
+"""Beyond this pitch the direction of the nose says little about heading."""
+
+AIR_DRIFT_METRICS: tuple[Metric, ...] = tuple(
+    Metric(
+        f"drift_air_deg_per_min.{name}",
+        f"Yaw drift in the air against {name.replace('_', ' ')}",
+        "deg/min",
+        "zero",
+        ("airborne", name),
+        paragraph(
+            f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start, from 20 s on:
+            1 s block means, cut at gaps and at resets of the heading reference; one group for each 10 s of the
+            record, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them (and
+            2 sigma of a smoother over the record). The drift is significant where the interval excludes zero, else
+            bounded by its larger end: how the row drifts away from this heading reference, whose own drift counts
+            too."""
+        ),
+        resolution=RESOLUTION,
+        wording=Wording("drifts", "less in the air", "more in the air", "drift in the air"),
+        covers=True,
+    )
+    for name, words in HEADING_REFERENCES.items()
+)
+
+
+def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
+    """The row's heading minus the reference's in deg at the reference's times, and the segment of each; both (n,).
+
+    NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
+    """
+    q, before = rotation.slerp_in_segments(row.t, row.q, None, heading_reference.t)
+    w, x, y, z = q.T
+    nose = 2.0 * (w * y - z * x)  # the sine of the pitch
+    heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    e = np.degrees(rotation.wrap(heading - np.radians(heading_reference.heading_deg)))
+    after = np.clip(before + (row.t[before] < heading_reference.t), 1, max(len(row.t) - 1, 1))
+    known = (len(row.t) > 1) & (np.abs(nose) < math.sin(STEEP_RAD))
+    if len(row.t) > 1:
+        known &= (row.t[after] - row.t[after - 1] < 0.5) & (row.segment[after] == row.segment[after - 1])
+        labels = heading_reference.segment * (int(row.segment.max()) + 1) + row.segment[after]
+    else:
+        labels = heading_reference.segment
+    return np.where(known, e, np.nan), labels
+
+
+def error_blocks(case: Case, row: Row, name: str, window: str) -> HeadingBlocks | None:
+    """1 s means of the heading error against a heading reference, airborne and scored; None where it is absent."""
+    spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
+    return _error_blocks(case, row, name, spans)
+
+
+@per_row
+def _error_blocks(case: Case, row: Row, name: str, spans: list[tuple[float, float]]) -> HeadingBlocks | None:
+    reference, heading_reference = case.reference, case.heading_references.get(name)
+    if name == reference.kind and row.errors is not None:
+        errors = row.errors
+        keep = inside(errors.t, spans) & errors.scored
+        return block_means(errors.t[keep], errors.heading[keep], split_at_steep(errors.segment, keep)[keep])
+    if heading_reference is None:
+        return None
+    e, segment = heading_error(row, heading_reference)
+    keep = (
+        inside(heading_reference.t, spans)
+        & (heading_reference.t >= reference.scoring_start)
+        & (heading_reference.t <= reference.end)
+    )
+    return block_means(heading_reference.t[keep], e[keep], split_at_steep(segment, keep)[keep])
+
+
+def split_at_steep(segment: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Segments (n,) that also end where time was left out between samples that are kept."""
+    return model.merge_numbers(segment, np.concatenate([[0], np.cumsum(~keep)])[: len(keep)])
+
+
+def compute_air_drift(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows that are not about flight."""
+    if not applies_to(window, "all", "airborne"):
+        return {}
+    return {f"drift_air_deg_per_min.{name}": _against(case, row, name, window) for name in HEADING_REFERENCES}
+
+
+def _against(case: Case, row: Row, name: str, window: str) -> Answer:
+    reference = case.reference
+    if name in reference.refused:
+        return missing("no_reference", reference.refused[name], "deg/min", window)
+    if name not in case.heading_references and name != reference.kind:
+        return missing(*ABSENT[name], "deg/min", window)
+    if name == "smoother" and reference.heading_by != "own":
+        return missing("no_reference", reference.heading_why, "deg/min", window)
+    if name == row.name or (row.is_reference and name == reference.kind):
+        return missing("not_applicable", "this row is the heading reference itself", "deg/min", window)
+    if not case.segments.spans("airborne"):
+        return missing("not_covered", why_never_airborne(case), "deg/min", window)
+    blocks = error_blocks(case, row, name, window)
+    if blocks is None or len(blocks.t) == 0:
+        return missing(
+            "not_covered", f"there is no scored flight in common with {HEADING_REFERENCES[name]}", "deg/min", window
+        )
+    found = fit_drift(blocks)
+    if found.value is None:
+        reason = f"flight to compare with {HEADING_REFERENCES[name]}: {reason_too_short(found, DRIFT_AIR_S)}"
+        return missing("record_too_short", reason, "deg/min", window)
+    if name == reference.kind and found.ci95 is not None:
+        per_min = 60.0 * own_sigma(case, "heading", window) / found.seconds
+        found.ci95 = interval.widen_by_reference(found.value, found.ci95, per_min)
+    answer = drift_answer(found, window, name)
+    answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
+    if name in case.heading_references and case.heading_references[name].text:
+        answer.detail["heading_reference"] = case.heading_references[name].text
+    return answer

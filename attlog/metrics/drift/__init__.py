@@ -1,1 +1,0 @@
-"""How fast the heading drifts: at rest, in the air, and around its mean drift."""

@@ -1,1 +1,0 @@
-"""Arrays for the figures of the report."""

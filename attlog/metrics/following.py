@@ -1,0 +1,259 @@
+"""Does a row follow motion at all? A frozen filter is the quietest of all and must not win the noise table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import estimators
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
+from attlog.estimators.samples import Sampling
+from attlog.metrics import step_fit as step_fits
+from attlog.metrics import step_fit as step_solution
+from attlog.metrics import step_turning as steps
+from attlog.metrics.metric import Answer, Case, per_row, per_times
+from attlog.metrics.windows import imu_of, within
+from attlog.reference.model import Row
+from attlog.segments import model
+
+# A filter tried on a vehicle that stands still: does it follow a turn, does gravity correct it?
+#
+# On the log's own rest, or on made samples at the log's rate.
+
+GRAVITY_M_S2 = 9.81
+FIELD = (0.2, 0.0, 0.4)
+"""A field that points north and down; filters take its direction."""
+HZ = (20.0, 200.0)
+"""Made samples come at the rate of the log, within these."""
+MIN_STILL_SAMPLES = 20
+
+
+@dataclass(frozen=True, slots=True)
+class StillSamples:
+    """Samples at rest: ``t`` (n,) s, ``gyro`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2, ``mag`` (n, 3) or None."""
+
+    t: Array
+    gyro: Array
+    acc: Array
+    mag: Array | None
+    sampling: Sampling
+
+
+def made(case: Case, row: Row, seconds: float) -> StillSamples | None:
+    """A level vehicle without any noise; None for rows that are no replay."""
+    imu = imu_of(case, row)
+    if row.kind != "replay" or imu is None or len(imu.gyro.t) < 2:
+        return None
+    step = float(np.clip(np.median(np.diff(imu.gyro.t)), 1.0 / HZ[1], 1.0 / HZ[0]))
+    t = np.arange(0.0, seconds, step)
+    acc, mag = (np.tile(x, (len(t), 1)) for x in ((0.0, 0.0, -GRAVITY_M_S2), FIELD))
+    return StillSamples(t, np.zeros((len(t), 3)), acc, mag if row.uses_mag else None, "interval")
+
+
+def of_log(case: Case, row: Row, shortest: float, longest: float) -> StillSamples | None:
+    """The end of the longest rest of the log, up to ``longest`` s; None under ``shortest`` s."""
+    imu = imu_of(case, row)
+    rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
+    if row.kind != "replay" or rest is None or imu is None:
+        return None
+    segments = within(imu.gyro.t, (max(rest.t0, rest.t1 - longest), rest.t1))
+    own = max(segments, key=lambda p: p.stop - p.start, default=slice(0, 0))
+    t = imu.gyro.t[own]
+    if len(t) < MIN_STILL_SAMPLES or t[-1] - t[0] < shortest:
+        return None
+    mag = None
+    if row.uses_mag and case.log.mag is not None:
+        field = case.log.mags[case.log.mag].field
+        near = (field.t_best >= t[0]) & (field.t_best <= t[-1])
+        mag = estimators.place(t, field.t_best[near], field.x[near])
+    return StillSamples(t, case.gyro_of(imu)[own], imu.acc.x[own], mag, imu.gyro.sampling)
+
+
+def end(row: Row, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
+    """The attitude (4,) that the row's filter ends with over such samples. AttlogError where it cannot be run."""
+    estimator = estimators.get(row.estimator)
+    stands = estimators.Measurements(still.t[:1], np.zeros((1, 3))) if "gnss" in estimator.needs else None
+    aids = estimators.Aids(velocity=stands)
+    found = estimators.estimate(
+        estimator, still.t, gyro, acc, mag, sampling=still.sampling, aids=aids, **row.parameters
+    )
+    return rotation.normalize(found.q[-1])
+
+
+RATE_DPS, PULSE_S = 20.0, 1.0
+"""The pulse and what precedes it: docs/metrics.md, Noise."""
+SETTLE_S, LONGEST_S = 1.0, 8.0
+"""The filter runs so long on the rest before the pulse, at least and at most."""
+
+
+def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
+    """The pulse in the last second of ``t``: rates (n, 3) in rad/s, and fixed vectors (n, 3) as the body sees them."""
+    on = t > t[-1] - PULSE_S
+    rate = np.zeros((len(t), 3))
+    rate[on, axis] = np.radians(RATE_DPS)
+    turned = np.zeros((len(t), 3))
+    turned[1:, axis] = np.cumsum(rate[1:, axis] * np.diff(t))
+    return rate, rotation.rotate_inverse(rotation.from_rotvec(turned), vectors)
+
+
+@per_row
+def pulse_gains(case: Case, row: Row) -> Array | None:
+    """Shares (3,) of the pulse about body x, y, z that the row's filter shows at its end; None without a replay.
+
+    On the end of the log's longest rest, else on made samples. Real filters show 1.00,
+    accelerometer-only ones 0.2 to 0.7, a frozen one 0.
+    """
+    rest = of_log(case, row, SETTLE_S + PULSE_S, LONGEST_S) or made(case, row, LONGEST_S)
+    if rest is None:
+        return None
+    t, mag = rest.t, rest.mag
+    try:
+        before = end(row, rest, rest.gyro, rest.acc, mag)
+        shown = np.zeros(3)
+        for axis in range(3):
+            rate, acc_turned = pulsed(t, rest.acc, axis)
+            mag_turned = None if mag is None else pulsed(t, mag, axis)[1]
+            turned = end(row, rest, rest.gyro + rate, acc_turned, mag_turned)
+            turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(before), turned)))
+            whole = np.degrees(np.sum(rate[1:, axis] * np.diff(t)))
+            shown[axis] = turn[axis] / whole
+    except AttlogError:
+        return None  # a filter that cannot be run again stays unranked
+    return shown if np.isfinite(shown).all() else None
+
+
+STILL_S, TILT_PULSE_S, AFTER_S = 20.0, 0.5, 10.0
+MAX_LEFT = 0.8
+"""Integrated gyro keeps 1.00 of the tilt, ``mekf``, which may take it for a bias of the accelerometer, 0.33 to 0.50
+(6 logs), all others 0.00 to 0.32."""
+UNCORRECTED = "it is not corrected by gravity"
+
+
+@per_row
+def tilt_left(case: Case, row: Row) -> float | None:
+    """The share of a tilt seen by the gyro alone that is left 10 s later; None where the row cannot be replayed.
+
+    None too for a row that looks ahead: what it says at the end of a made record says nothing of a flight.
+
+    A level, still vehicle for 20 s, then 20 deg/s about x for 0.5 s in the gyro alone: the
+    accelerometer goes on to show level, and a filter that listens to it comes back.
+    """
+    rest = made(case, row, STILL_S + TILT_PULSE_S + AFTER_S) if row.causal else None
+    if rest is None:
+        return None
+    gyro = rest.gyro.copy()
+    pulse = (rest.t > STILL_S) & (rest.t <= STILL_S + TILT_PULSE_S)
+    gyro[pulse, 0] = np.radians(RATE_DPS)
+    try:
+        after = end(row, rest, gyro, rest.acc, rest.mag)
+    except AttlogError:
+        return None
+    tilt = np.radians(RATE_DPS) * float(np.sum(np.diff(rest.t)[pulse[1:]]))
+    left = float(rotation.tilt_angle(after)) / tilt
+    return left if np.isfinite(left) else None
+
+
+def why_uncorrected(case: Case, row: Row) -> str | None:
+    """Why a row may win nothing by quietness, else None: gravity does not correct it."""
+    left = tilt_left(case, row)
+    return UNCORRECTED if left is not None and left > MAX_LEFT else None
+
+
+Array = NDArray[np.float64]
+
+LOW, HIGH = 0.8, 1.2
+MOVING_DPS = 5.0
+MIN_MOTION_SAMPLES = 20
+"""The frozen-filter guard: docs/metrics.md, Noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionCheck:
+    """Whether a row may be ranked for noise: its ``gain`` (1 = follows) and how it was found."""
+
+    follows: bool
+    gain: float | None
+    how: str
+    reason: str = ""
+
+
+def _gains_of(t: Array, q_est: Array, ref: Array, segment: NDArray[np.int64]) -> Array:
+    """Gains (4,) of an estimate's turning on that of the reference, (n - 1, 3) in rad from sample to sample.
+
+    Body x, y, z and all axes together. Regression through the origin, over samples where the reference turns faster
+    than 5 deg/s; steps between segments (gaps, resets) are cut out. NaN where fewer than 20 samples move.
+    """
+    dt = np.diff(t)
+    limit = np.radians(MOVING_DPS) * dt
+    fast = np.abs(ref[:, 0]) > limit
+    for column in ref.T[1:]:
+        fast |= np.abs(column) > limit
+    at = np.flatnonzero(fast & (segment[1:] == segment[:-1]) & (dt > 0))
+    est, ref = rotation.relative_rotvecs(q_est[at], q_est[at + 1]), ref[at]
+    known = rotation.finite_rows(est) & rotation.finite_rows(ref)
+    est, ref, limit = model.select_good(known, est, ref, limit[at])
+    moving: NDArray[np.bool_] = np.asarray(np.abs(ref) > limit[:, None])
+    gains, together = np.full(4, np.nan), np.ones(len(est), bool)
+    for place, use, part in [*((k, moving[:, k], slice(k, k + 1)) for k in range(3)), (3, together, slice(None))]:
+        if np.count_nonzero(use) >= MIN_MOTION_SAMPLES:
+            moved = np.where(use[:, None], ref[:, part], 0.0)
+            gains[place] = float(np.sum(est[:, part] * moved)) / float(np.sum(moved * moved))
+    return gains
+
+
+@per_times
+def _turns(case: Case, q: Array) -> Array:
+    """What an attitude (n, 4) turns from sample to sample (n - 1, 3) rad; of the reference the same for all rows."""
+    return rotation.increments(q)
+
+
+@per_row
+def motion_check(case: Case, row: Row, axis: str) -> MotionCheck:
+    """Whether a row follows motion about roll, pitch or heading: by its steps, else by regression, else by a probe.
+
+    One gain of 0.8 to 1.2 is enough: acceleration bends real filters in steps (gain
+    0.75), the probe then shows that they are not frozen.
+    """
+    found: list[str] = []
+    for gain, how in _gains(case, row, ("roll", "pitch", "heading").index(axis)):
+        if LOW <= gain <= HIGH:
+            return MotionCheck(True, gain, how)
+        found.append(f"{gain:.2f} {how}")
+    if not found:
+        return MotionCheck(False, None, "no motion", "did not move: nothing shows that this row follows motion")
+    return MotionCheck(
+        False, None, "all", f"does not follow motion: gain {', '.join(found)} ({LOW} to {HIGH} shows that it does)"
+    )
+
+
+def _gains(case: Case, row: Row, axis: int) -> Iterator[tuple[float, str]]:
+    """The gains that are known of a row about one axis, the best evidence first."""
+    step = step_fits.fits(case, row, "all").get(steps.AXES[axis])
+    if step is not None and len(step.events) >= step_solution.MIN_EVENTS:
+        yield step.plain_gain, f"in {len(step.events)} steps"
+    regression = _regression(case, row)
+    if np.isfinite(regression[axis]):
+        yield float(regression[axis]), "by regression on the reference's rate"
+    probed = pulse_gains(case, row)
+    if probed is not None:
+        yield float(probed[axis]), "in a probe at rest"
+
+
+def unrank_frozen(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
+    """The answer, no longer ranked where the row does not follow motion about that axis: standing still is no merit."""
+    if answer.value is not None and answer.ranked:
+        found = motion_check(case, row, axis)
+        answer.ranked, answer.reason = found.follows, answer.reason if found.follows else found.reason
+    return answer
+
+
+@per_row
+def _regression(case: Case, row: Row) -> Array:
+    if row.errors is None or len(row.errors.t) < 2:
+        return np.full(4, np.nan)
+    e = row.errors
+    return _gains_of(e.t, e.q_est, _turns(case, e.q_ref), e.segment)

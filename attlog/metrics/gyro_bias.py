@@ -1,0 +1,202 @@
+"""Which gyro bias is subtracted for every filter alike, before any of them runs?
+
+A raw gyro is off by up to some deg/s, which no attitude filter is made for: the one that happens to
+estimate the largest bias would win. An autopilot calibrates its gyro standing still; the same is done
+here, once for all rows: the mean rate of the last rest before take-off (of the first rests where nothing
+flew), or what the onboard estimator itself subtracted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.plain import IN_JSON
+from attlog.core.spans import Span, between, intersect
+from attlog.flight.model import FlightLog, Imu, Stream
+from attlog.metrics import intervals as interval
+from attlog.segments import model
+from attlog.segments.model import Segments
+
+Array = NDArray[np.float64]
+Choice = Literal["rest", "none", "onboard"]
+Samples = tuple[Array, Array]
+"""Rising times (n,) s and finite vectors (n, 3)."""
+
+REST_S = 30.0
+"""So much rest is used at most: what is nearest to take-off; the rest of the rests can still show a drift."""
+SHORTEST_S = 1.0
+BLOCK_S, FEWEST_BLOCKS = 1.0, 4
+"""The interval comes from means over blocks of 1 s, shorter ones where there are fewer than four."""
+TURN_DEG = 3.0
+"""A vector that the mean rate would turn by less does not show whether the vehicle turned."""
+TURNED_SHARE = 0.3
+SEEN_DEG = 90.0
+"""A span is looked at for as long as the mean rate turns by this: a full turn looks like none."""
+"""The vehicle itself turned where gravity or field turned by more than this share of what the gyro shows."""
+
+
+@dataclass(slots=True)
+class CommonBias:
+    """A gyro bias in body axes (FRD) that is subtracted for every replay of one IMU.
+
+    ``asked`` is the option, ``taken`` what was possible, ``imu`` the message that the gyro comes from.
+    ``dps`` (3) deg/s, of ``onboard`` the mean over the log; ``half95_dps`` (3) half the 95 % interval of
+    that mean over ``seconds`` s of rest between ``t0_s`` and ``t1_s``. It says nothing about a bias that
+    moves in flight: ``landed_dps`` (3) is the mean rate of the rests after the flight. ``why`` tells why
+    there is none of what was asked for. ``flew``: the rest ends before a take-off; else nothing flew.
+    """
+
+    asked: Choice
+    taken: Choice
+    imu: str = ""
+    dps: list[float] | None = None
+    half95_dps: list[float] | None = None
+    seconds: float | None = None
+    t0_s: float | None = None
+    t1_s: float | None = None
+    landed_dps: list[float] | None = None
+    why: str = ""
+    flew: bool = False
+    over_time: tuple[Array, Array] | None = field(default=None, repr=False, metadata={IN_JSON: False})
+    """Of ``onboard``: times (m,) s and values (m, 3) rad/s, each held until the next."""
+
+    def at(self, t: Array) -> Array:
+        """The bias (n, 3) in rad/s that is subtracted at times ``t`` (n,) s."""
+        if self.over_time is not None:
+            known, x = self.over_time
+            return np.asarray(x[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)])
+        return np.broadcast_to(np.zeros(3) if self.dps is None else np.radians(self.dps), (len(t), 3))
+
+
+def no_common_bias(why: str = "") -> CommonBias:
+    """Nothing is subtracted."""
+    return CommonBias("none", "none", why=why)
+
+
+def common_bias(log: FlightLog, segments: Segments, imu: Imu, asked: Choice) -> CommonBias:
+    """The bias that ``asked`` means for the replay of one IMU of a log."""
+    found = (
+        no_common_bias() if asked == "none" else _onboard(log, imu) if asked == "onboard" else _rest(log, segments, imu)
+    )
+    found.asked, found.imu = asked, imu.gyro.source
+    return found
+
+
+def _onboard(log: FlightLog, imu: Imu) -> CommonBias:
+    stream = log.onboard_gyro_bias
+    if imu is not log.replay_imu:
+        return no_common_bias("the onboard estimator's bias belongs to another IMU")
+    good = np.zeros(0, bool) if stream is None else rotation.finite_rows(stream.x) & np.isfinite(stream.t)
+    if stream is None or not good.any():
+        return no_common_bias("the log holds no onboard gyro bias for the replayed gyro")
+    order = np.argsort(stream.t[good], kind="stable")
+    t, x = stream.t[good][order], stream.x[good][order]
+    mean = [float(v) for v in np.degrees(np.mean(x, axis=0))]
+    return CommonBias("onboard", "onboard", dps=mean, t0_s=float(t[0]), t1_s=float(t[-1]), over_time=(t, x))
+
+
+def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
+    t, x = model.select_rising(imu.gyro.t_best, imu.gyro.x)
+    takeoff, landing = _flight(segments)
+    rests = segments.spans("rest")
+    before = intersect(rests, [(-np.inf, takeoff)])
+    seen = _vectors(log, imu)
+    still = [span for span in before if not turned((t, x), seen, span)]
+    chosen = _nearest(still, latest=np.isfinite(takeoff))
+    inside = [between(t, a, b) for a, b in chosen]
+    seconds = sum(b - a for a, b in chosen)
+    if seconds < SHORTEST_S or not any(_enough(m) for m in inside):
+        other = "; --gyro-bias onboard would subtract the autopilot's own" if log.onboard_gyro_bias is not None else ""
+        return no_common_bias(_why_no_rest(before, rests, np.isfinite(takeoff)) + other)
+    means = np.degrees(np.concatenate([_blocks(t[m], x[m]) for m in inside if _enough(m)]))
+    mean = np.degrees(np.mean(np.concatenate([x[m] for m in inside]), axis=0))
+    half = [
+        0.5 * (ends[1] - ends[0]) for ends in (interval.mean_interval(axis) for axis in means.T) if ends is not None
+    ]
+    later = intersect(rests, [(landing, np.inf)]) if np.isfinite(landing) else []
+    landed = np.concatenate([np.zeros((0, 3)), *(x[between(t, a, b)] for a, b in later)])
+    return CommonBias(
+        "rest",
+        "rest",
+        dps=[float(v) for v in mean],
+        half95_dps=[float(v) for v in half] if len(half) == 3 else None,
+        seconds=float(seconds),
+        t0_s=float(chosen[0][0]),
+        t1_s=float(chosen[-1][1]),
+        landed_dps=[float(v) for v in np.degrees(np.mean(landed, axis=0))] if len(landed) else None,
+        flew=bool(np.isfinite(takeoff)),
+    )
+
+
+def _flight(segments: Segments) -> Span:
+    """First take-off and last landing, s; infinite where nothing flew."""
+    flown = segments.spans("airborne")
+    return (flown[0][0], flown[-1][1]) if flown else (np.inf, np.inf)
+
+
+def _nearest(spans: list[Span], latest: bool) -> list[Span]:
+    """Up to REST_S of the spans in the order of time: the latest, or the first ones."""
+    left, found = REST_S, []
+    for a, b in reversed(spans) if latest else spans:
+        length = min(b - a, left)
+        if length <= 0.0:
+            break
+        found.append((b - length, b) if latest else (a, a + length))
+        left -= length
+    return sorted(found)
+
+
+def _blocks(t: Array, x: Array) -> Array:
+    """Means (k, 3) of neighbouring samples (n, 3): blocks of 1 s, but at least four."""
+    k = min(max(int((t[-1] - t[0]) / BLOCK_S), FEWEST_BLOCKS), len(t))
+    return np.array([part.mean(axis=0) for part in np.array_split(x, k)])
+
+
+def _why_no_rest(before: list[Span], rests: list[Span], flew: bool) -> str:
+    if before:
+        return "what looks like rest before take-off is a steady turn: gravity or field turn with the gyro"
+    if rests and flew:
+        return "the log holds no rest before take-off, only after it"
+    return "the log holds no rest" + (" before take-off" if flew else "")
+
+
+def _enough(inside: slice) -> bool:
+    """Whether there is a sample at least for each block."""
+    return bool(inside.stop - inside.start >= FEWEST_BLOCKS)
+
+
+def _vectors(log: FlightLog, imu: Imu) -> list[Samples]:
+    """What shows a turn beside the gyro: specific force and field."""
+    streams: list[Stream] = [imu.acc] if log.mag is None else [imu.acc, log.mags[log.mag].field]
+    known = [(s.t_best, s.x, s.x.any(axis=1)) for s in streams]
+    return [model.select_rising(t[there], x[there]) for t, x, there in known]
+
+
+def turned(gyro: Samples, vectors: list[Samples], span: Span) -> bool:
+    """Whether the vehicle turned steadily, as a boat at anchor does: gravity or field turned as the gyro shows it."""
+    inside = between(gyro[0], *span)
+    if not _enough(inside):
+        return False
+    rate = np.mean(gyro[1][inside], axis=0)
+    return any(_follows(at, v, rate, span) for at, v in vectors)
+
+
+def _follows(t: Array, v: Array, rate: Array, span: Span) -> bool:
+    """Whether vectors (n, 3) turn in the span as a body that turns at ``rate`` (3,) would see them turn."""
+    size = float(np.sqrt(rate @ rate))
+    length = min(span[1] - span[0], np.radians(SEEN_DEG) / max(size, 1e-9))
+    ends = [between(t, a, a + 0.2 * length) for a in (span[0], span[0] + 0.8 * length)]
+    if any(end.stop <= end.start for end in ends):
+        return False
+    first, last = (np.mean(v[end], axis=0) for end in ends)
+    seconds = float(np.mean(t[ends[1]]) - np.mean(t[ends[0]]))
+    wanted = rotation.rotate(rotation.from_rotvec(-rate * seconds), first) - first
+    square = float(wanted @ wanted)
+    if square < float(first @ first) * np.radians(TURN_DEG) ** 2:
+        return False
+    return float((last - first) @ wanted) / square > TURNED_SHARE

@@ -1,0 +1,359 @@
+"""Quantiles of the chi-square and Student distributions, for real degrees of freedom.
+
+The incomplete gamma and beta functions are summed as in Abramowitz & Stegun (6.5.29,
+6.5.31, 26.5.8) and inverted by bisection. scipy has the same numbers (the tests compare);
+importing it costs half a second, which a short analysis would notice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_TINY = 1e-300
+_STEPS = 2000
+_MANY = 30.0
+_FEW = 2.0
+"""Degrees of freedom below which Student's tails are too long for Newton's steps."""
+_NEWTON = 30
+
+
+@lru_cache(maxsize=4096)
+def chi_square(probability: float, dof: float) -> float:
+    """The value below which a chi-square variable with ``dof`` degrees of freedom stays with ``probability``."""
+    if dof < _MANY:
+        return 2.0 * _invert(lambda x: _lower_gamma(0.5 * dof, x), probability)
+    # Wilson and Hilferty's cube, then Newton: bisection would sum a long series a hundred times
+    a, ninth = 0.5 * dof, 2.0 / (9.0 * dof)
+    x = a * (1.0 - ninth + NormalDist().inv_cdf(probability) * math.sqrt(ninth)) ** 3
+    for _ in range(3):
+        density = math.exp((a - 1.0) * math.log(x) - x - math.lgamma(a))
+        x -= (_lower_gamma(a, x) - probability) / density
+    return 2.0 * x
+
+
+@lru_cache(maxsize=4096)
+def student(probability: float, dof: float) -> float:
+    """The value below which Student's t with ``dof`` degrees of freedom stays with ``probability``."""
+    if probability == 0.5:
+        return 0.0
+    if probability < 0.5:
+        return -student(1.0 - probability, dof)
+    if dof >= _FEW:
+        return _student_by_newton(probability, dof)
+    upper = 2.0 * (1.0 - probability)
+    return _invert(lambda t: 1.0 - _beta(0.5 * dof, 0.5, dof / (dof + t * t)), 1.0 - upper)
+
+
+def _student_by_newton(probability: float, dof: float) -> float:
+    """From the normal quantile, which is smaller: the distribution is concave there, so that no step goes too far."""
+    t = NormalDist().inv_cdf(probability)
+    front = math.exp(math.lgamma(0.5 * dof + 0.5) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi * dof)
+    for _ in range(_NEWTON):
+        density = front * math.exp(-0.5 * (dof + 1.0) * math.log1p(t * t / dof))
+        step = (0.5 * student_two_sided(t, dof) - (1.0 - probability)) / density
+        t += step
+        if abs(step) <= 1e-9 * t + 1e-13:  # the next one would be its square
+            break
+    return t
+
+
+def student_two_sided(t: float, dof: float) -> float:
+    """The probability that Student's t with ``dof`` degrees of freedom lies further from zero than ``t``."""
+    return _beta(0.5 * dof, 0.5, dof / (dof + t * t))
+
+
+def students_two_sided(t: Array, dof: float) -> Array:
+    """The same for many ``t`` (m,) of one ``dof``."""
+    return _betas(0.5 * dof, 0.5, dof / (dof + t * t))
+
+
+def _invert(rising: Callable[[float], float], target: float) -> float:
+    low, high = 0.0, 1.0
+    while rising(high) < target and high < 1e12:
+        low, high = high, 2.0 * high
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if rising(middle) < target:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _lower_gamma(a: float, x: float) -> float:
+    """Regularised lower incomplete gamma function P(a, x)."""
+    if x <= 0:
+        return 0.0
+    front = math.exp(a * math.log(x) - x - math.lgamma(a))
+    if x < a + 1.0:
+        term = total = 1.0 / a
+        for k in range(1, _STEPS):
+            term *= x / (a + k)
+            total += term
+            if term < 1e-16 * total:
+                break
+        return front * total
+    # modified Lentz algorithm for the continued fraction of Q(a, x)
+    b = x + 1.0 - a
+    c, d = 1.0 / _TINY, 1.0 / b
+    h = d
+    for k in range(1, _STEPS):
+        b += 2.0
+        numerator = -k * (k - a)
+        d = 1.0 / _nonzero(numerator * d + b)
+        c = _nonzero(b + numerator / c)
+        h *= d * c
+        if abs(d * c - 1.0) < 1e-15:
+            break
+    return 1.0 - front * h
+
+
+def _beta(a: float, b: float, x: float) -> float:
+    """Regularised incomplete beta function I_x(a, b)."""
+    if x <= 0.0 or x >= 1.0:
+        return float(x >= 1.0)
+    if x > (a + 1.0) / (a + b + 2.0):
+        return 1.0 - _beta(b, a, 1.0 - x)
+    front = math.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)) / a
+    c, d = 1.0, 1.0 / _nonzero(1.0 - (a + b) * x / (a + 1.0))
+    h = d
+    for m in range(1, _STEPS):
+        for numerator in (
+            m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
+            -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
+        ):
+            d = 1.0 / _nonzero(1.0 + numerator * d)
+            c = _nonzero(1.0 + numerator / c)
+            h *= d * c
+        if abs(d * c - 1.0) < 1e-15:
+            break
+    return front * h
+
+
+def _betas(a: float, b: float, x: Array) -> Array:
+    """:func:`_beta` of many x (m,), whose continued fractions run side by side until the last one stands."""
+    found, inside = np.where(np.isnan(x), x, x >= 1.0), (x > 0.0) & (x < 1.0)
+    mirrored = inside & (x > (a + 1.0) / (a + b + 2.0))
+    if mirrored.any():
+        found[mirrored] = 1.0 - _betas(b, a, 1.0 - x[mirrored])
+    own = np.flatnonzero(inside & ~mirrored)
+    x = x[own]
+    front = np.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * np.log(x) + b * np.log1p(-x)) / a
+    c, d = np.ones(len(x)), 1.0 / _nonzeros(1.0 - (a + b) * x / (a + 1.0))
+    h = d.copy()
+    for m in range(1, _STEPS if len(own) else 1):
+        for numerator in (
+            m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
+            -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
+        ):
+            d = 1.0 / _nonzeros(1.0 + numerator * d)
+            c = _nonzeros(1.0 + numerator / c)
+            h *= d * c
+        moving = np.abs(d * c - 1.0) >= 1e-15
+        if not moving.all():
+            found[own[~moving]] = (front * h)[~moving]
+            own = own[moving]
+            x, front, c, d, h = (v[moving] for v in (x, front, c, d, h))
+            if not len(own):
+                break
+    found[own] = front * h
+    return found
+
+
+def _nonzeros(x: Array) -> Array:
+    return np.where(np.abs(x) > _TINY, x, _TINY)
+
+
+def _nonzero(x: float) -> float:
+    return x if abs(x) > _TINY else _TINY
+
+
+# 95 % intervals: of a mean, of a variance, of a pooled fit, of a quantile.
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class VariancePrior:
+    """What is known of the variance of one value: ``variance``, worth ``dof`` degrees of freedom."""
+
+    variance: float
+    dof: float
+
+
+WANDERING = VariancePrior(1.3, 2.0)
+"""Squared change of the logarithm of an error's mean square from one piece of a flight to the next: 0.9 to 1.5 whether
+pieces last 2.5 or 80 s, in flights with truth and in real logs (its prior is worth what makes halves of flights
+agree)."""
+WEIGHTS = (1.5, 0.75, 0.75)
+"""What the change between halves counts, and those between the quarters of each: what both tell of the next record."""
+REFERENCE_SIGMAS = 2.0
+"""A sum of errors that last as long as the record: of those against a smoother 95 % were within one of its sigmas."""
+MOST_ALIKE = 0.6
+"""Few values tell their own correlation badly: none is taken for more than this, which doubles an interval."""
+
+
+def mean_interval(values: ArrayLike) -> Interval | None:
+    """t interval of the mean of independent values (k,); None for fewer than two."""
+    x = np.asarray(values, np.float64)
+    if len(x) < 2:
+        return None
+    half = student(0.975, len(x) - 1) * float(np.std(x, ddof=1)) / math.sqrt(len(x))
+    centre = float(np.mean(x))
+    return centre - half, centre + half
+
+
+def neighbour_interval(values: ArrayLike) -> Interval | None:
+    """t interval of the mean of consecutive values (k,) that may resemble their neighbours; None for fewer than two.
+
+    Widened by sqrt((1 + r) / (1 - r)), as the mean of a first-order process is: r is the correlation of neighbours,
+    less its bias of -1/k, from 0 to MOST_ALIKE.
+    """
+    x = np.asarray(values, np.float64)
+    ends = mean_interval(x)
+    d = x - np.mean(x) if ends is not None else x
+    square = float(d @ d)
+    if ends is None or len(x) < 3 or not square > 0.0:
+        return ends
+    r = min(max(float(d[1:] @ d[:-1]) / square + 1.0 / len(x), 0.0), MOST_ALIKE)
+    centre, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]) * math.sqrt((1.0 + r) / (1.0 - r))
+    return centre - half, centre + half
+
+
+def wandering_interval(value: float, changes: ArrayLike) -> Interval:
+    """Interval of the size of an error that wanders on every scale of time: longer records do not average it out.
+
+    ``changes`` (3,): by how much the logarithm of its mean square changes from the first to the second half of the
+    record, and between the two quarters of each half. They tell how much it would change to the next record (a half is
+    to the other what the record is to the next), moderated by WANDERING. The interval is a factor.
+    """
+    weights = np.array(WEIGHTS)
+    dof = WANDERING.dof + float(np.sum(weights))
+    square = (WANDERING.dof * WANDERING.variance + float(weights @ np.asarray(changes, np.float64) ** 2)) / dof
+    factor = math.exp(0.5 * student(0.975, dof) * math.sqrt(0.5 * square))
+    return value / factor, value * factor
+
+
+def widen_by_reference(value: float, ci95: Interval, sigma: float) -> Interval:
+    """The interval of an error against a reference that is wrong itself by ``sigma`` (one sigma, RMS).
+
+    The RMS of a difference is within the RMS of the reference's error of that of the truth, however both are correlated
+    (triangle inequality): 2 sigma, independent of the rest.
+    """
+    low, high = (math.hypot(value - end, REFERENCE_SIGMAS * sigma) for end in ci95)
+    return value - low, value + high
+
+
+def jackknife_interval(value: float, left_out: ArrayLike) -> Interval | None:
+    """t interval around ``value`` from the values (k,) found with one event left out; None for fewer than three."""
+    x = np.asarray(left_out, np.float64)
+    k = len(x)
+    if k < 3 or not np.isfinite(x).all():
+        return None
+    error = math.sqrt((k - 1) / k * float(np.sum((x - np.mean(x)) ** 2)))
+    half = student(0.975, k - 1) * error
+    return value - half, value + half
+
+
+def chi_square_interval(sigma: float, dof: float) -> Interval:
+    """Interval of a standard deviation whose variance has ``dof`` degrees of freedom."""
+    return sigma * math.sqrt(dof / chi_square(0.975, dof)), sigma * math.sqrt(dof / chi_square(0.025, dof))
+
+
+def log_sigma_interval(sigma: float, variances: ArrayLike) -> Interval | None:
+    """Interval of a pooled standard deviation: t interval on the logarithm of the window variances (k,)."""
+    v = np.asarray(variances, np.float64)
+    if len(v) < 2 or not (v > 0).all():
+        return None
+    half = 0.5 * student(0.975, len(v) - 1) * float(np.std(np.log(v), ddof=1)) / math.sqrt(len(v))
+    return sigma * math.exp(-half), sigma * math.exp(half)
+
+
+def median_interval(values: ArrayLike) -> Interval | None:
+    """Interval of the median of independent values (k,) from order statistics; None for fewer than six.
+
+    The r-th smallest and r-th largest value, r the largest rank whose binomial coverage is at least 95 %.
+    """
+    x = np.sort(np.asarray(values, np.float64))
+    rank = _median_rank(len(x))
+    return (float(x[rank - 1]), float(x[len(x) - rank])) if rank else None
+
+
+@lru_cache(maxsize=1024)
+def _median_rank(k: int) -> int:
+    """How many of k values may lie outside on each side: twice the coins of k that show so few heads, at most 5 %.
+
+    Whole numbers: their shares of 2^k are too small for floating point from some thousand values on.
+    """
+    outside, ways, rank = 0, 1, 0
+    while rank < k // 2 and 40 * (outside + ways) <= 1 << k:
+        outside += ways
+        ways = ways * (k - rank) // (rank + 1)
+        rank += 1
+    return rank
+
+
+@lru_cache(maxsize=256)
+def _edges(n: int, count: int) -> tuple[int, ...]:
+    return tuple(np.linspace(0, n, count + 1).round().astype(int).tolist())
+
+
+def equal_groups(n: int, count: int) -> list[slice]:
+    """``count`` consecutive slices of ``n`` samples, sizes equal to one sample; fewer where there are not so many."""
+    return [slice(a, b) for a, b in pairwise(_edges(n, min(count, n)))]
+
+
+def group_sums(values: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Array:
+    """The sums (k,) of ``values[first:last]`` for k ranges of values (n,)."""
+    if len(first) == 0:
+        return np.zeros(0)
+    ends = np.column_stack([first, last]).ravel()
+    if ends[-1] == len(values):
+        ends = ends[:-1]  # the last range goes to the end of the values by itself
+    padded = values if ends.max() < len(values) else np.append(values, 0.0)
+    return np.where(last > first, np.add.reduceat(padded, ends)[::2], 0.0)
+
+
+def group_means(values: Array, groups: list[slice]) -> Array:
+    """The mean (k,) of each of k groups of ``values`` (n,), none of them empty."""
+    first, last = np.array([(g.start, g.stop) for g in groups]).T
+    return np.asarray(group_sums(values, first, last) / (last - first))
+
+
+def quantile(ordered: Array, probability: float) -> float:
+    """The quantile of values (n,) in ascending order, linear between them (Hyndman & Fan 1996, definition 7)."""
+    place = probability * (len(ordered) - 1)
+    below = min(int(place), len(ordered) - 1)
+    low, high = float(ordered[below]), float(ordered[min(below + 1, len(ordered) - 1)])
+    return low + (place - below) * (high - low)
+
+
+def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float]:
+    """Means (m,) of values (m, k), k >= 1, their standard errors (m,) and the degrees of freedom."""
+    k = values.shape[1]
+    own = np.var(values, axis=1, ddof=1) if k > 1 else np.zeros(len(values))
+    dof = prior.dof + k - 1
+    return np.mean(values, axis=1), np.sqrt((prior.dof * prior.variance + (k - 1) * own) / dof / k), dof
+
+
+def moderated_interval(values: ArrayLike, prior: VariancePrior) -> tuple[float, float]:
+    """The 95 % interval of the mean of values (k,), k >= 1."""
+    means, errors, dof = _moderated(np.asarray(values, np.float64)[None], prior)
+    mean, half = float(means[0]), student(0.975, dof) * float(errors[0])
+    return mean - half, mean + half
+
+
+def moderated_p_value(values: Array, prior: VariancePrior) -> Array:
+    """Two-sided p (m,) that the means of values (m, k), k >= 1, are zero."""
+    means, errors, dof = _moderated(values, prior)
+    return students_two_sided(means / errors, dof)

@@ -1,0 +1,335 @@
+"""How much does a row lag in steps? Lag with its interval, step gain and distortion."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.estimators import is_recorded
+from attlog.metrics import step_turning as steps
+from attlog.metrics.metric import Answer, Case, Metric, Resolution, Wording, applies_to, missing, paragraph, per_times
+from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
+from attlog.metrics.step_fit import MIN_EVENTS, Fit, NormalEquations, RowFits, evidence, too_few, why_no_events
+from attlog.metrics.windows import why_no_errors
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+
+AXES = (*steps.AXES, "all")
+COMMON_S, PER_SHAPE, PER_MOVED = 0.0005, 0.3, 0.15
+"""The interval of a lag beside its jackknife: clock and input delay (common to all rows of a log), a share of the
+shape error, a share of what the aiding changes."""
+COMMON_GAIN = 0.006
+"""The same of a gain: scale and low-pass of the logged gyro. Between it and a gyro made from the truth gains differ by
+0.002 in the median and 0.006 in nine of ten, while the jackknife alone (0.002) held the gain in 60 to 70 %."""
+_LAG = paragraph(
+    """Delay of the row in steps{axis}, positive = late. Each step (a fast attitude change: at least 5 deg, yaw 10 deg,
+    within 1 s after 0.3 s of quiet) is compared from 0.5 s before its onset to 1.0 s after 90 % of the change.
+    The turning rates of row and reference about the event's axis are fitted over all events at once: delay, gain, a
+    constant body misalignment, one constant per event, and the turning back that accelerometer and magnetometer cause
+    (from the row's own attitude and the samples it saw), so that acceleration does not pass for an early estimate. The
+    known delay of the logged sensors is subtracted where the reference does not share it. Interval: root sum of squares
+    of the jackknife over events, 0.5 ms for clocks, 0.3 of the shape error and 0.15 of what the aiding changes. Judged
+    only with gain 0.95 to 1.05, distortion up to 15 %, aiding up to 70 % of the step's rate (25 % for rows that
+    diverged, 15 % above 2 g), and not where a causal filter comes out early against truth: otherwise not a pure
+    delay."""
+)
+_GAIN = paragraph(
+    """The share of the step's rate{axis} that the row follows once the aiding is taken out, from the same fit as
+    the lag. Interval: root sum of squares of the jackknife over events and 0.006 for scale and low-pass of the logged
+    gyro."""
+)
+_DISTORTION = paragraph(
+    """What delay, gain and aiding do not explain{axis}: RMS of the residual rate over the RMS of the reference's rate,
+    from the same fit as the lag. A pure delay has none, a low-pass some. Interval: jackknife over events."""
+)
+
+
+def metric_id(kind: str, axis: str) -> str:
+    """``lag_roll_ms``, ``step_gain_roll``, ``distortion_roll_pct``; without an axis for all events together."""
+    middle = "" if axis == "all" else f"_{axis}"
+    return {"lag": f"lag{middle}_ms", "gain": f"step_gain{middle}", "distortion": f"distortion{middle}_pct"}[kind]
+
+
+_KINDS: tuple[tuple[str, str, str, Literal["zero", "one", "low"], str], ...] = (
+    ("lag", "Lag", "ms", "zero", _LAG),
+    ("gain", "Step gain", "1", "one", _GAIN),
+    ("distortion", "Distortion", "%", "low", _DISTORTION),
+)
+PURE_GAIN = (0.95, 1.05)
+MAX_DISTORTION = 0.15
+MAX_SHARE, MAX_SHARE_UNSOUND, MAX_SHARE_HEAVY = 0.7, 0.25, 0.15
+HEAVY = 0.02
+"""Where the specific force exceeds 2 g in more than this share of the time, a filter follows acceleration."""
+RESOLUTIONS = {
+    # a third of what the attitude loop of a usual autopilot has to spare
+    "lag": Resolution(50.0, "a lag of 50 ms", "steps"),
+    "gain": Resolution(1.0, "whether the step is followed at all", "steps"),
+}
+
+
+def _wording(axis: str) -> Wording:
+    """How a comparison says the lag in one of AXES."""
+    about = "" if axis == "all" else f" in {axis}"
+    return Wording("lags", f"less{about}", f"more{about}", f"lag{about}", none=1.0)
+
+
+LAG_METRICS: tuple[Metric, ...] = tuple(
+    Metric(
+        metric_id(kind, axis),
+        title + ("" if axis == "all" else f", {axis}"),
+        unit,
+        better,
+        ("reference", "events"),
+        text.format(axis=", all axes together" if axis == "all" else f" in {axis}"),
+        resolution=RESOLUTIONS.get(kind),
+        wording=_wording(axis) if kind == "lag" else None,
+        covers=kind == "lag",
+    )
+    for kind, title, unit, better, text in _KINDS
+    for axis in AXES
+)
+UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
+
+
+def input_delay(case: Case, row: Row) -> float:
+    """The delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
+
+    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven only what it left. An attitude that
+    was computed elsewhere has no delay but the one that its user knows.
+    """
+    if is_recorded(row.estimator):
+        return 1e-3 * float(row.parameters.get("delay", 0.0))
+    if case.reference.input_delay_shared or row.kind != "replay":
+        return 0.0
+    corrected = 1e-3 * float(row.quality.get("imu_lag_corrected_ms", 0.0))
+    return max(0.0, case.reference.input_delay_s - corrected)
+
+
+def common_s(case: Case) -> float:
+    """What every delay of a log may be off by, s: the usual, and 2 sigma of the clock of a truth that was brought."""
+    fit = case.reference.fit
+    return COMMON_S if fit is None else math.hypot(COMMON_S, 2.0 * fit.offset_sigma_s)
+
+
+def half_width(found: Fit, common: float = COMMON_S) -> float:
+    """Half the 95 % interval of a fitted delay, s."""
+    shape, moved = PER_SHAPE * found.shape_s, PER_MOVED * found.moved_s
+    return math.sqrt(found.half_width(0) ** 2 + common**2 + shape**2 + moved**2)
+
+
+@dataclass(frozen=True, slots=True)
+class LagOnEvents:
+    """The lag of a row over a choice of its events, in ms."""
+
+    sums: NormalEquations
+    ids: Ids
+    numbers: Ids
+    input_delay: float
+    common: float = COMMON_S
+
+    def __call__(self, ids: Ids) -> Summary:
+        """Lag and interval on the events with these ids."""
+        found = self.sums.fit(self.numbers[np.isin(self.ids, ids)])
+        lag, half = 1000 * (found.delay - self.input_delay), 1000 * half_width(found, self.common)
+        return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
+
+
+def compute_lag(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
+    if not applies_to(window, "all", "airborne"):
+        return {}
+    absent = why_no_errors(case, row) or why_no_events(case, row, window)
+    if absent is not None:
+        return {m.name: missing(*absent, m.unit, window) for m in LAG_METRICS}
+    found = evidence(case, row, window)
+    answers: dict[str, Answer] = {}
+    for axis in AXES:
+        answers |= _of_axis(case, row, window, axis, found)
+    return {m.name: answers[m.name] for m in LAG_METRICS}
+
+
+def _of_axis(case: Case, row: Row, window: str, axis: str, seen: RowFits | None) -> dict[str, Answer]:
+    names = {kind: metric_id(kind, axis) for kind in ("lag", "gain", "distortion")}
+    found = None if seen is None else seen.fits.get(axis)
+    if seen is None or found is None or len(found.events) < MIN_EVENTS:
+        count = 0 if found is None else len(found.events)
+        where = "" if axis == "all" else f" in {axis}"
+        reason = too_few(count, where)
+        code = "too_few_events" if count else "no_events"
+        return {name: missing(code, reason, UNITS[kind], window) for kind, name in names.items()}
+    detail: dict[str, Any] = {
+        "gain": found.gain,
+        "distortion_pct": 100 * found.distortion,
+        "aiding_share": found.share,
+        "leak_per_s": found.leak if math.isfinite(found.leak) else None,
+        "shape_ms": 1000 * found.shape_s,
+        "misalignment_deg": [float(v) for v in np.degrees(found.x[2:5])],
+    }
+
+    def answer(value: float, kind: str, half: float) -> Answer:
+        factor = 100.0 if kind == "distortion" else 1.0
+        least = 0.0 if kind == "distortion" else -math.inf
+        ci95 = (max(factor * (value - half), least), factor * (value + half)) if math.isfinite(half) else None
+        return Answer(
+            factor * value,
+            UNITS[kind],
+            window,
+            len(found.events),
+            found.seconds,
+            ci95,
+            f"rate fit, {len(found.events)} events, jackknife",
+            detail=dict(detail),
+        )
+
+    distortion = answer(found.distortion, "distortion", found.half_width(2))
+    if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
+        distortion.ranked, distortion.reason = False, f"follows {100 * found.gain:.0f} % of the step"
+    return {
+        names["lag"]: _lag_answer(case, row, window, found, seen.events, detail),
+        names["gain"]: answer(found.gain, "gain", math.hypot(found.half_width(1), COMMON_GAIN)),
+        names["distortion"]: distortion,
+    }
+
+
+def _lag_answer(
+    case: Case, row: Row, window: str, found: Fit, events: list[steps.StepEvent], shared: dict[str, Any]
+) -> Answer:
+    delay = input_delay(case, row)
+    common = common_s(case)
+    lag, half, half_sample = found.delay - delay, half_width(found, common), 0.5 * sample_step(case, row)
+    detail = shared | {"fitted_ms": 1000 * found.delay, "without_aiding_ms": 1000 * (lag - found.moved_s)}
+    answer = functools.partial(
+        Answer, detail=detail, each=[float(v) for v in 1000 * (found.each - delay)], taken_out=1000 * delay
+    )
+    if found.at_edge:
+        reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
+        return answer(None, "ms", window, code="lag_at_edge", reason=reason)
+    may_be_early = case.reference.kind == "onboard" or not row.causal or is_recorded(row.estimator)
+    earliest = -math.inf if may_be_early else -half_sample
+    why = why_no_pure_delay(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
+    if why is not None:
+        return answer(None, "ms", window, code="not_a_pure_delay", reason=why)
+    unranked = None if row.causal else "looks ahead in time: its lag is no merit"
+    ids, n = make_ids([events[k].onset for k in found.events]), len(found.events)
+    pseudo = 1000 * (n * lag - (n - 1) * (found.left_out[:, 0] - delay))
+    return answer(
+        1000 * lag,
+        "ms",
+        window,
+        n,
+        found.seconds,
+        (1000 * (lag - half), 1000 * (lag + half)),
+        f"rate fit, {n} events, jackknife",
+        reason=unranked,
+        ranked=unranked is None,
+        counts_as_zero_below=1000 * half_sample,
+        units=UnitValues("lag_event", ids, pseudo, LagOnEvents(found.sums, ids, found.events, delay, common)),
+    )
+
+
+def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float, earliest: float) -> str | None:
+    """Why the lag (s) of a fit may not be judged, else None.
+
+    ``sound`` tells that the row neither diverged nor failed to settle. A causal filter
+    cannot come before ``earliest`` (s) by more than ``half_width`` (s).
+    """
+    if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
+        return f"follows {100 * found.gain:.0f} % of the step ({PURE_GAIN[0]:.2f} to {PURE_GAIN[1]:.2f} can be judged)"
+    if found.distortion > MAX_DISTORTION:
+        return f"shape error {100 * found.distortion:.0f} % of the step ({100 * MAX_DISTORTION:.0f} % can be judged)"
+    most, where = MAX_SHARE, ""
+    if not sound:
+        most, where = MAX_SHARE_UNSOUND, " in a row that diverged or did not settle"
+    if found.sums.heavy >= HEAVY:
+        most, where = min(most, MAX_SHARE_HEAVY), " where the specific force exceeds 2 g"
+    if found.share > most:
+        turned = f"accelerometer and magnetometer turn it at {100 * found.share:.0f} % of the step's rate"
+        return f"{turned} ({100 * most:.0f} % can be judged{where})"
+    if lag + half_width < 0.0 and lag < earliest:
+        return f"comes out {-1000 * lag:.1f} ms early, which a causal filter cannot be"
+    return None
+
+
+def sample_step(case: Case, row: Row) -> float:
+    """The time between samples of the replayed IMU, s; of the row itself where no IMU is there."""
+    imu = case.log.imu
+    return _step(case, row.t if imu is None else case.log.imus[imu].gyro.t)
+
+
+@per_times
+def _step(case: Case, t: Array) -> float:
+    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+
+
+# How fast does a filter give tilt back where the accelerometer disagrees? Gravity's aiding in steps.
+
+LARGEST_HALF_PER_S, LARGEST_HALF = 0.2, 0.2
+"""Answered where half the interval is below 0.2 1/s or 20 % of the value."""
+
+COMMON_PER_S, COMMON = 0.004, 0.02
+"""The interval beside its jackknife: scale and noise of the logged gyro pass for aiding. `gyro`, which has none, shows
+0.002 to 0.006 1/s, `mahony` up to 1.3 % more than its gain. The jackknife alone held the leak in 84 %."""
+
+CORRECTION_RATE_METRICS: tuple[Metric, ...] = (
+    Metric(
+        "leak_per_s",
+        "Leak",
+        "1/s",
+        "low",
+        ("reference", "events"),
+        paragraph(
+            """How fast the row turns its tilt towards the direction that the accelerometer takes for down: rate over
+            angle between the two, 1/s; its reciprocal is a time constant. In a step the accelerometer shows
+            thrust, not gravity, so this is how fast a true tilt is given back. From the gravity part of the aiding that
+            the fit of the lag finds, regressed on that angle over all events. Interval: root sum of squares of the
+            jackknife over events, 0.004 1/s and 2 %. Answered where half of it is below 0.2 1/s or 20 %, and where roll
+            or pitch moved. A filter that corrects by fixed amounts has a leak that depends on the step."""
+        ),
+    ),
+)
+
+
+def compute_correction_rate(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
+    if not applies_to(window, "all", "airborne"):
+        return {}
+    metric = CORRECTION_RATE_METRICS[0]
+    absent = why_no_errors(case, row) or why_no_events(case, row, window)
+    return {metric.name: missing(*absent, metric.unit, window) if absent else _answer(case, row, window)}
+
+
+def _answer(case: Case, row: Row, window: str) -> Answer:
+    seen = evidence(case, row, window)
+    found = None if seen is None else seen.fits.get("all")
+    count = 0 if found is None or seen is None else sum(seen.events[k].axis != 2 for k in found.events)
+    if found is None or count < MIN_EVENTS:
+        reason = too_few(count, " in roll or pitch")
+        return missing("too_few_events", reason, "1/s", window)
+    if not math.isfinite(found.leak):
+        return missing("not_covered", "no accelerometer samples around the steps", "1/s", window)
+    half = math.hypot(found.half_width(3), COMMON_PER_S, COMMON * found.leak)
+    if half > max(LARGEST_HALF_PER_S, LARGEST_HALF * abs(found.leak)):
+        width = (
+            f"{found.leak:.2f} +- {half:.2f} 1/s" if math.isfinite(half) else f"{found.leak:.2f} 1/s without interval"
+        )
+        reason = f"{width}: the steps do not show it"
+        return missing("too_few_events", reason, "1/s", window, fitted=found.leak)
+    return Answer(
+        found.leak,
+        "1/s",
+        window,
+        len(found.events),
+        found.seconds,
+        (found.leak - half, found.leak + half),
+        f"aiding in {len(found.events)} events, jackknife",
+        ranked=False,
+        reason="slow is right in a step, fast against gyro drift",
+        detail={"time_constant_s": 1.0 / found.leak if abs(found.leak) > half else None},
+    )

@@ -1,0 +1,424 @@
+"""The windows of 5 s of a row in one phase of the flight, and the variances in them: at rest, and in motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.core.spans import Span
+from attlog.metrics import correction_noise, following, windows
+from attlog.metrics import intervals as interval
+from attlog.metrics.correction_noise import DEG, relative, vector
+from attlog.metrics.intervals import VariancePrior
+from attlog.metrics.metric import Answer, Case, Metric, Resolution, Wording, missing, paragraph, per_case, per_row
+from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
+from attlog.metrics.windows import WINDOW_S, imu_of, phase_of, phase_spans, why_none
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+NOISE_AXES = ("roll", "pitch", "heading", "tilt")
+UNSETTLED, MIN_LATER = 4.0, 3
+"""Leading windows of a rest with more than this times the median variance of all later ones (at least 3) settle."""
+
+
+TURN = 2.0 * math.pi
+SOURCES = ("metrics/noise.py", "metrics/correction_noise.py", "core/jit")
+
+
+AT_REST_SIGNATURE = "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[:, ::1]), (f8[::1]), (i8[::1]))"
+
+
+def left_at_rest(out: Array, t: Array, q: Array, centre: Array, yaw: Array, edges: Index) -> None:
+    """Fill ``out`` (n, 3) with what attitudes ``q`` (n, 4) at ``t`` (n,) turn in deg away from their window's line.
+
+    Window k has the samples ``edges[k]`` to ``edges[k + 1]``, ``centre[k]`` is their mean attitude, ``yaw[k]`` its
+    heading. The rotation from the mean: about the level roll and pitch axis and the vertical, unwrapped.
+    """
+    for k in range(len(yaw)):
+        a, b = edges[k], edges[k + 1]
+        cosine, sine = DEG * math.cos(yaw[k]), DEG * math.sin(yaw[k])
+        before, middle = 0.0, 0.0
+        for i in range(a, b):
+            w, x, y, z = relative(q, i, centre, k)
+            heading = 2.0 * math.atan2(z, w)
+            heading += TURN * np.floor((before - heading) / TURN + 0.5)  # the whole turns of the sample before
+            before = heading
+            x, y, _ = vector(w, x, y, z)
+            out[i, 0], out[i, 1], out[i, 2] = x * cosine + y * sine, y * cosine - x * sine, DEG * heading
+            middle += (t[i] - t[a]) / (b - a)
+        for c in range(3):
+            mean = 0.0
+            for i in range(a, b):
+                mean += out[i, c] / (b - a)
+            along, size = 0.0, 0.0
+            for i in range(a, b):
+                u = t[i] - t[a] - middle
+                along, size = along + u * (out[i, c] - mean), size + u * u
+            for i in range(a, b):
+                out[i, c] -= mean + along / size * (t[i] - t[a] - middle)
+
+
+AT_REST = kernel_of(left_at_rest, AT_REST_SIGNATURE, "metrics", "the noise at rest", SOURCES)
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseVariances:
+    """The windows of a row in one phase: they begin at ``t0`` (k,) s.
+
+    ``variances`` (k, 4) deg^2 about AXES, ``seconds`` together, ``p2p`` (3,) deg the middle
+    99.8 % of the residuals, ``settled_s`` how long after its start a row still settled at rest, if it did.
+    """
+
+    t0: Array
+    variances: Array
+    seconds: float
+    p2p: Array
+    settled_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SpanVariances:
+    """What :class:`Measured` has of one span: the residuals (n, 3) in deg of its windows, their lengths (k) in s."""
+
+    t0: Array
+    variances: Array
+    residuals: Array
+    lengths: list[float]
+    settled_s: float | None
+
+
+def variance(residual: Array) -> Array:
+    """Variances (4,) about roll, pitch, heading and (the mean of the first two) tilt of residuals (n, 3)."""
+    v = np.sum(residual**2, axis=0) / (len(residual) - 2)
+    return np.array([v[0], v[1], v[2], 0.5 * (v[0] + v[1])])
+
+
+def unsettled(variances: Array) -> int:
+    """How many leading windows of a rest settle: variances (k, 4), tilt or heading above 4 x the later median."""
+    for k in range(len(variances) - MIN_LATER):
+        later = np.median(variances[k + 1 :, 2:], axis=0)
+        if not (variances[k, 2:] > UNSETTLED * later).any():
+            return k
+    return max(0, len(variances) - MIN_LATER)
+
+
+def phase_variances(case: Case, row: Row, phase: str, window: str) -> PhaseVariances | None:
+    """The windows of a row in a phase and their variances; None without a usable window."""
+    return _in_spans(case, row, phase, phase_spans(case, phase, window))
+
+
+@per_row
+def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> PhaseVariances | None:
+    known = _known(case, row, phase)
+    new = [span for span in spans if span not in known]
+    known |= zip(new, _of_spans(case, row, phase, new), strict=True)
+    parts = [part for span in spans if (part := known[span]) is not None]
+    if not parts:
+        return None
+    columns = np.concatenate([part.residuals for part in parts]).T
+    reach = np.array([np.quantile(x, 0.999) - np.quantile(x, 0.001) for x in columns])
+    t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
+    settled = [part.settled_s for part in parts if part.settled_s is not None]
+    seconds = sum((length for part in parts for length in part.lengths), 0.0)
+    return PhaseVariances(t0, variances, seconds, reach, settled[-1] if settled else None)
+
+
+@per_row
+def _known(case: Case, row: Row, phase: str) -> dict[Span, SpanVariances | None]:
+    """What was found in spans of a phase: the same wherever they are asked for."""
+    return {}
+
+
+def _of_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> list[SpanVariances | None]:
+    """What is in each of some spans: the windows of all of them are looked at together."""
+    laid = [windows.span_windows(case, row, phase, span) for span in spans]
+    inside = [samples for own in laid for _, samples in own]
+    left = iter(residuals_at_rest(row, inside) if phase == "rest" else correction_noise.of_windows(case, row, inside))
+    return [_part(row, phase, [(w, r) for w, _ in own if (r := next(left)) is not None]) for own in laid]
+
+
+def residuals_at_rest(row: Row, inside: list[slice]) -> Iterator[Array]:
+    """The residuals (n, 3) in deg of windows at rest: away from their mean attitude, without the straight line."""
+    for _, at, edges in windows.sample_batches(inside):
+        q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
+        centre = rotation.group_means(q, edges)
+        yaw = np.ascontiguousarray(rotation.to_euler(centre)[:, 2])
+        function_of(AT_REST, left_at_rest)(out, row.t[at], q, centre, yaw, edges)
+        yield from np.split(out, edges[1:-1])
+
+
+def _part(row: Row, phase: str, windows: list[tuple[Span, Array]]) -> SpanVariances | None:
+    """The windows of a span, with their residuals, without those in which the row settles."""
+    found = [(window, variance(residual), residual) for window, residual in windows]
+    skip = unsettled(np.array([v for _, v, _ in found])) if phase == "rest" and len(found) > MIN_LATER else 0
+    kept = found[skip:]
+    if not kept:
+        return None
+    return SpanVariances(
+        np.array([w[0] for w, _, _ in kept]),
+        np.array([v for _, v, _ in kept]),
+        np.concatenate([r for _, _, r in kept]),
+        [w[1] - w[0] for w, _, _ in kept],
+        kept[0][0][0] - row.start if skip else None,
+    )
+
+
+# What does the gyro itself wander by in flight? Below that nobody can order what filters add to it.
+
+TINY = 1e-18
+"""A gyro that shows one value has no logarithm, deg^2."""
+
+
+@per_case
+def gyro_noise_floor(case: Case, index: int, phase: str) -> list[float]:
+    """What the gyro of a unit itself wanders by in windows of a phase: deg about roll, pitch, heading and tilt.
+
+    Neither its noise nor motion between samples can be integrated, and both show as changes d from one
+    sample to the next. Rate noise of variance d^2 / 2 integrated every dt walks at random, and keeps 1/15 of its last
+    variance about its own line: sqrt(dt T / 30) d in windows of T = 5 s, the typical window as for the rows.
+    On 24 simulated flights with truth 0.4 to 2 times what the integrated gyro wanders by in hover.
+    """
+    gyro, found = case.log.imus[index].gyro, []
+    for span in phase_spans(case, phase, phase):
+        for _, inside in windows.windows_of_times(case, gyro.t_best, phase, span):
+            if inside is not None:
+                step = (gyro.t_best[inside.stop - 1] - gyro.t_best[inside.start]) / (inside.stop - inside.start - 1)
+                changes = np.nanmean(np.diff(np.degrees(gyro.x[inside]), axis=0) ** 2, axis=0)
+                found.append(step * windows.WINDOW_S / 30.0 * changes)
+    if not found:
+        return [0.0] * 4
+    roll, pitch, heading = np.exp(np.mean(np.log(np.maximum(found, TINY)), axis=0)).tolist()
+    return [math.sqrt(v) for v in (roll, pitch, heading, 0.5 * (roll + pitch))]
+
+
+# How quiet is a row? What its filter adds within 5 s: at rest, in hover, in other flight, with motors idling.
+
+PRIORS = {
+    "rest": VariancePrior(0.25, 4.0),
+    "onboard at rest": VariancePrior(0.6, 4.0),
+    "moving": VariancePrior(1.0, 4.0),
+    "one axis in cruise": VariancePrior(3.0, 4.0),
+}
+"""Scatter of the logarithm of a window's variance, measured over logs. In cruise one axis is quiet until the vehicle
+moves about it: a single window says little of the next, both axes of tilt together say more."""
+SMALLEST_DEG = 1e-9
+"""A variance of exactly zero (a gyro that shows one value) has no logarithm."""
+_TEXT = paragraph(
+    """How much the row moves by itself within 5 s, 1 sigma. At rest: rotation away from the window's mean attitude,
+    about the level roll and pitch axis and the vertical, straight line removed. In hover, cruise (other flight) and
+    idle (motors turning on the ground): rotation away from the gyro alone, integrated over the same samples, a
+    constant offset and a constant gyro offset in body axes removed, in windows in which the vehicle stays within 20
+    deg of its mean attitude (onboard rows 10 deg). True motion and the gyro's own noise are in both and cancel, so
+    that no reference is needed: what is left is what the filter adds. Rows whose variances differ by less than the
+    gyro's own (from its changes between samples) are not ordered. Value: exp(mean ln v / 2) over windows of 5 s
+    with variance v = sum r^2 / (N - 2), the typical window; tilt: v is the mean of roll and pitch. Interval:
+    moderated t on ln v (Smyth 2004). Left out: 10 s after the filter's start, 5 s after the motors stop, leading
+    windows of a rest with more than 4 times the later variance. Ranked only for rows that follow motion and are
+    corrected by gravity; at rest only above half the step of the logged values and above what the steps of the
+    logged gyro can hide."""
+)
+_TEXT_P2P = paragraph(
+    """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
+    samples of this record: shown without an interval and never ranked."""
+)
+_RESOLUTION = Resolution(1.0, "its order of magnitude", "windows")
+
+
+def _noise(axis: str, title: str) -> Metric:
+    """The metric of the noise about one of AXES."""
+    about = "" if axis == "tilt" else f" in {axis}"
+    return Metric(
+        f"noise_{axis}_deg",
+        title,
+        "deg",
+        "low",
+        ("rest",),
+        _TEXT,
+        resolution=_RESOLUTION,
+        wording=Wording("has", f"less noise{about}", f"more noise{about}", f"noise{about}"),
+        scale="ratio",
+        asked="phases",
+    )
+
+
+NOISE_METRICS: tuple[Metric, ...] = (
+    _noise("tilt", "Noise, roll and pitch"),
+    _noise("roll", "Noise, roll"),
+    _noise("pitch", "Noise, pitch"),
+    _noise("heading", "Noise, heading"),
+    Metric(
+        "noise_p2p_deg",
+        "Noise, peak to peak",
+        "deg",
+        "low",
+        ("rest",),
+        _TEXT_P2P,
+        resolution=_RESOLUTION,
+        asked="phases",
+    ),
+)
+LARGEST_DEG = 180.0
+"""No angle is larger: an interval that reaches so far, as of two unlike windows, says nothing."""
+
+
+def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wanted: Ids) -> Summary:
+    """The typical window's standard deviation and its interval from logarithms of variances (k,) on some windows.
+
+    ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
+    """
+    chosen = values[np.isin(ids, wanted)]
+    low, high = interval.moderated_interval(chosen, prior)
+    sigma, bottom, top = (math.sqrt(max(math.exp(x) - correction, 0.0)) for x in (float(np.mean(chosen)), low, high))
+    return Summary(sigma, (bottom, top))
+
+
+def compute_noise(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows that are not one phase of the flight."""
+    phase = phase_of(case, window)
+    if phase is None:
+        return {}
+    uncorrected = following.why_uncorrected(case, row)
+    if phase != "rest" and uncorrected:
+        reason = f"{uncorrected}, so nothing is added to the gyro and this noise is zero by definition"
+        return {m.name: missing("not_applicable", reason, "deg", window) for m in NOISE_METRICS}
+    if phase != "rest" and imu_of(case, row) is None:
+        reason = "the log holds no gyro to compare with"
+        return {m.name: missing("not_applicable", reason, "deg", window) for m in NOISE_METRICS}
+    found = phase_variances(case, row, phase, window)
+    if found is None:
+        absent = why_none(case, phase, window)
+        return {m.name: missing(*absent, "deg", window) for m in NOISE_METRICS}
+    answers = {f"noise_{axis}_deg": _answer(case, row, window, phase, axis, found) for axis in NOISE_AXES}
+    answers["noise_p2p_deg"] = Answer(
+        float(np.max(found.p2p[:2])),
+        "deg",
+        window,
+        len(found.t0),
+        found.seconds,
+        None,
+        "middle 99.8 % of the residuals",
+        reason="set by the few largest samples of this record",
+        ranked=False,
+        detail={"heading_deg": float(found.p2p[2]), "windows": len(found.t0), "phase": phase},
+    )
+    return {m.name: answers[m.name] for m in NOISE_METRICS}
+
+
+def prior_of(row: Row, phase: str, axis: str) -> VariancePrior:
+    """What is known beforehand of the scatter of a row's noise in a phase about one of AXES."""
+    if phase == "rest":
+        return PRIORS["rest" if row.kind == "replay" else "onboard at rest"]
+    return PRIORS["one axis in cruise" if phase == "cruise" and axis != "tilt" else "moving"]
+
+
+def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: PhaseVariances) -> Answer:
+    hidden = _hidden(case, row, axis) if phase == "rest" else 0.0
+    shown = math.isfinite(hidden)
+    step = row.step_deg if phase == "rest" else 0.0
+    prior = prior_of(row, phase, axis)
+    smallest = max(step**2 / 12.0, SMALLEST_DEG**2)
+    values = np.log(np.maximum(found.variances[:, NOISE_AXES.index(axis)], smallest))
+    ids = make_ids(found.t0)
+    whole = typical(ids, values, prior, 0.0, ids)
+    correction, reason = 0.0, None
+    if not shown:
+        reason = "the logged gyro never changes about this axis, so its noise is not known"
+    elif whole.value < hidden:
+        reason = f"below the noise of {hidden:.2g} deg that the steps of the logged gyro can hide"
+    elif whole.value < 0.5 * step:
+        reason = f"below half the step of the logged values ({step:.3g} deg)"
+    else:
+        correction = step**2 / 12.0
+    on = partial(typical, ids, values, prior, correction)
+    summary = on(ids)
+    if summary.ci95 is not None and summary.ci95[1] > LARGEST_DEG:
+        summary, reason = Summary(summary.value, None), "its windows differ too much to give an interval"
+    if row.kind == "onboard" and phase != "rest":
+        summary = one_digit(summary)
+        reason = "of another IMU path with its own delay: known to one digit"
+    detail = {"windows": len(ids), "phase": phase, "step_deg": row.step_deg}
+    if found.settled_s is not None:
+        detail["settled_after_s"] = found.settled_s
+    answer = Answer(
+        summary.value,
+        "deg",
+        window,
+        len(ids),
+        found.seconds,
+        summary.ci95,
+        f"typical of {len(ids)} windows of 5 s, moderated t",
+        reason=reason,
+        ranked=reason is None,
+        detail=detail,
+        floor=max(0.5 * step, hidden if shown else 0.0),
+        gyro_share=_gyro_share(case, row, phase, axis) if phase != "rest" else 0.0,
+        units=UnitValues("log_variance", ids, values, on),
+    )
+    return _guarded(case, row, axis, answer)
+
+
+def _guarded(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
+    """The answer, not ranked for rows that are quiet because they stand still or because nothing corrects them."""
+    for about in ("roll", "pitch") if axis == "tilt" else (axis,):
+        following.unrank_frozen(case, row, about, answer)
+    uncorrected = following.why_uncorrected(case, row)
+    if answer.ranked and uncorrected:
+        answer.ranked, answer.reason = False, uncorrected
+    return answer
+
+
+def _hidden(case: Case, row: Row, axis: str) -> float:
+    """What the steps of the row's logged gyro can hide about an axis, deg; the larger of roll and pitch for tilt."""
+    imu = imu_of(case, row)
+    if row.kind != "replay" or imu is None:
+        return 0.0
+    hidden = hidden_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit.index == imu.index))
+    return max(hidden[:2]) if axis == "tilt" else hidden[NOISE_AXES.index(axis)]
+
+
+def _gyro_share(case: Case, row: Row, phase: str, axis: str) -> float:
+    """What the row's gyro itself wanders by in a phase, deg; 0 of samples that were changed before the filter."""
+    imu = imu_of(case, row)
+    index = None if imu is None else next((k for k, unit in enumerate(case.log.imus) if unit.index == imu.index), None)
+    return 0.0 if index is None else gyro_noise_floor(case, index, phase)[NOISE_AXES.index(axis)]
+
+
+STEP_SAMPLES = 20_000
+"""Gyro samples of the whole log that are enough to see the step of its values."""
+
+
+@per_case
+def hidden_deg(case: Case, index: int) -> list[float]:
+    """The angle noise in deg per body axis at rest that the steps of the logged gyro of unit ``index`` can hide.
+
+    White rate noise of half a step q may not show at all. Integrated every dt it walks at
+    random, and a random walk of length T keeps 1/15 of its last variance about its own
+    straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
+    logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
+    """
+    gyro = case.log.imus[index].gyro
+    if len(gyro.t) < 2:
+        return [0.0] * 3
+    some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
+    steps = [np.diff(np.unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
+    share = 0.5 * math.sqrt(float(np.median(np.diff(gyro.t))) * WINDOW_S / 15.0)
+    return [share * float(step) for step in steps]
+
+
+def one_digit(summary: Summary) -> Summary:
+    """A value and its interval to one significant digit."""
+
+    def rounded(x: float) -> float:
+        return float(f"{x:.1g}")
+
+    return Summary(rounded(summary.value), summary.ci95 and (rounded(summary.ci95[0]), rounded(summary.ci95[1])))

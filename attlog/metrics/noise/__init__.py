@@ -1,1 +1,0 @@
-"""What a filter adds to its attitude: at rest, in hover, in flight."""

@@ -1,0 +1,416 @@
+"""Does an answer say anything? One that leaves more open than anybody would assume is no answer.
+
+"No significant drift, below 500 deg/min" is true and of no use: a filter that does nothing at all drifts less. What
+is not significantly different from perfect and may lie beyond the metric's ``resolution`` is withheld.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
+from attlog.metrics import statistics
+from attlog.metrics.metric import Answer, Metric, Resolution
+from attlog.metrics.statistics import Ids, Kind, UnitValues
+from attlog.reference.model import Row
+
+CODE = "too_uncertain"
+ENOUGH_S, ENOUGH_STEPS, ENOUGH_WINDOWS = 300.0, 30, 4
+"""A flight of usual length, and the steps that a pilot may be asked for. What would need more is too noisy."""
+ORDERS = 100.0
+"""The ends of an interval that are further apart than this do not even show how many digits the value has."""
+PERFECT = {"zero": 0.0, "one": 1.0}
+
+
+def mark_not_ranked(metric: Metric, answer: Answer) -> bool:
+    """Take the value away from an answer that says nothing; whether it did. What it was stays in its detail.
+
+    An answer whose interval excludes perfect stays, however wide; records that disagree are a range.
+    """
+    limit = metric.resolution
+    if limit is None or answer.value is None or answer.ci95 is None or answer.disagree is not None:
+        return False
+    if _resolved(limit, metric.better, *answer.ci95):
+        return False
+    answer.detail["withheld"] = {"value": answer.value, "ci95": list(answer.ci95)}
+    answer.reason = _why(limit, metric.better, answer)
+    answer.value, answer.ci95, answer.code, answer.ranked, answer.units = None, None, CODE, False, None
+    return True
+
+
+def _resolved(limit: Resolution, better: str, low: float, high: float) -> bool:
+    if better == "low":
+        return high <= limit.size or low * ORDERS >= high
+    return not low <= PERFECT[better] <= high or _beyond(better, (low, high)) <= limit.size
+
+
+def _beyond(better: str, ci95: tuple[float, float]) -> float:
+    """How far from perfect the farther end of an interval is."""
+    return max(abs(end - PERFECT.get(better, 0.0)) for end in ci95)
+
+
+def _why(limit: Resolution, better: str, answer: Answer) -> str:
+    """The reason: too short where more of the same would do, by the square root of its length; else too noisy."""
+    times = (_beyond(better, answer.ci95 or (0.0, 0.0)) / limit.size) ** 2
+    few, more = "too few", ""
+    if limit.evidence == "windows":
+        evidence, short = f"{answer.n} window{' is' if answer.n == 1 else 's are'}", answer.n < ENOUGH_WINDOWS
+    elif limit.evidence == "steps":
+        needed = times * answer.n
+        evidence, short = f"{answer.n} steps are", needed <= ENOUGH_STEPS
+        more = f"; about {math.ceil(needed)} are needed"
+    else:
+        needed, few = times * answer.seconds, "too short"
+        evidence, short = f"{answer.seconds:.0f} s are", needed <= ENOUGH_S
+        more = f"; about {10.0 * math.ceil(needed / 10.0):.0f} s are needed"
+    return f"{evidence} {few if short else 'too noisy'} to show even {limit.even}{more if short else ''}"
+
+
+# Which rows are the same filter twice? By the equation that their files declare, or by attitudes that are equal.
+
+Array = NDArray[np.float64]
+
+EQUAL_DEG = 1e-6
+"""Attitudes this close at every sample are equal: what the order of sums leaves is far below."""
+GLANCES = 100
+
+
+@dataclass(slots=True)
+class Duplicates:
+    """Rows that stand for one filter. ``by``: ``equation`` (of ``source``) or ``attitudes``.
+
+    ``differ``: the parameters that both know and that have different values, one value for each row.
+    ``apart_deg``: the largest angle between their attitudes, None where it was not measured.
+    """
+
+    rows: list[str]
+    by: Literal["equation", "attitudes"]
+    source: str = ""
+    differ: dict[str, list[float | str]] = field(default_factory=dict)
+    apart_deg: float | None = None
+
+
+class DuplicateSearch:
+    """Finds groups among rows that pass one by one: replayed rows of the same samples, equal or declared so.
+
+    Of a row that has passed only a glance is kept. Where another one looks the same there, ``again`` is asked for the
+    whole of the earlier row, which is run once more: rare, and cheaper than keeping all.
+    """
+
+    def __init__(self, again: Callable[[Row], Row]) -> None:
+        self._again = again
+        self._rows: list[Row] = []
+        self._groups: list[_Group] = []
+
+    def add(self, row: Row) -> None:
+        """Take from a row what is to be compared; it may be released then."""
+        if row.kind != "replay" or row.status == "failed":
+            return
+        self._rows.append(row)
+        glance = _excerpt(row)
+        for group in self._groups:
+            angle = self._angle(group, row, glance)
+            if angle <= EQUAL_DEG:
+                group.rows.append(row)
+                group.apart_deg = max(group.apart_deg, angle)
+                return
+        self._groups.append(_Group([row], glance))
+
+    def found(self) -> list[Duplicates]:
+        """Equal attitudes first, then filters that share an equation.
+
+        Rows of one filter with other parameters share its equation as everybody knows: they are listed only where
+        their attitudes are equal, or beside another filter.
+        """
+        groups = [group for group in self._groups if len(group.rows) > 1]
+        equal = {row.name for group in groups for row in group.rows}
+        found = [
+            Duplicates([r.name for r in g.rows], "attitudes", differ=_differ(g.rows), apart_deg=g.apart_deg)
+            for g in groups
+        ]
+        declared: dict[tuple[str, int], list[Row]] = {}
+        for row in self._rows:
+            if row.equation:
+                declared.setdefault((row.equation, id(row.imu)), []).append(row)
+        for (source, _), rows in declared.items():
+            several = len({row.estimator for row in rows}) > 1
+            if several and not equal.issuperset(row.name for row in rows):
+                found.append(Duplicates([row.name for row in rows], "equation", source, _differ(rows)))
+        return found
+
+    def _angle(self, group: _Group, row: Row, glance: _Excerpt) -> float:
+        """The largest angle in deg between a row and the first of a group; infinite where that is not known."""
+        first, seen = group.rows[0], group.glance
+        if first.imu is not row.imu or seen.n != glance.n or not np.array_equal(seen.t, glance.t):
+            return np.inf
+        if not _largest_deg(seen.q, glance.q) <= EQUAL_DEG:
+            return np.inf
+        try:
+            whole = self._again(first)
+        except AttlogError:
+            return np.inf
+        return _largest_deg(whole.q, row.q) if np.array_equal(whole.t, row.t) else np.inf
+
+
+@dataclass(frozen=True, slots=True)
+class _Excerpt:
+    """Some of a row's attitudes (m, 4) with their times (m,), spread over its ``n`` samples."""
+
+    n: int
+    t: Array
+    q: Array
+
+
+@dataclass(slots=True)
+class _Group:
+    """Rows that are equal to the first of them, what was seen of that one, and the largest angle found."""
+
+    rows: list[Row]
+    glance: _Excerpt
+    apart_deg: float = 0.0
+
+
+def equal_rows(rows: Sequence[Row]) -> list[Duplicates]:
+    """The groups among rows that are all at hand."""
+    likeness = DuplicateSearch(lambda row: row)
+    for row in rows:
+        likeness.add(row)
+    return likeness.found()
+
+
+def _excerpt(row: Row) -> _Excerpt:
+    few = np.linspace(0, len(row.t) - 1, min(GLANCES, len(row.t))).astype(int)
+    return _Excerpt(len(row.t), row.t[few], row.q[few])
+
+
+def _largest_deg(a: Array, b: Array) -> float:
+    """The largest angle in deg between attitudes (n, 4); infinite where there are none or one is not finite."""
+    largest = float(np.max(np.degrees(rotation.total_angle(rotation.earth_error(a, b))))) if len(a) else np.inf
+    return largest if np.isfinite(largest) else np.inf
+
+
+def _differ(group: Sequence[Row]) -> dict[str, list[float | str]]:
+    """Parameters known to every row of a group whose values differ."""
+    names = [name for name in group[0].parameters if all(name in row.parameters for row in group)]
+    values = {name: [row.parameters[name] for row in group] for name in names}
+    return {name: own for name, own in values.items() if any(a != b for a, b in combinations(own, 2))}
+
+
+# Who is best, who is worst in a column? One rule for the table's stars, the sentences and the bars.
+#
+# A family is one column in one window: all rows that may be ranked, pair by pair, on the units of
+# evidence that they all have. A pair differs significantly where its test stands among those of the family
+# (Benjamini & Hochberg, 5 %), the shown values have the same order, and they differ by more than the
+# log resolves. The best rows are those that no row is significantly better than.
+
+Table = Mapping[str, Mapping[str, Mapping[str, Answer]]]
+"""row name -> window -> metric id -> Answer"""
+Marks = dict[str, dict[str, list[str]]]
+"""window -> metric id -> row names"""
+
+AT_ONCE = 4096
+"""Couples whose differences are held at once."""
+MIN_COVERAGE_PCT = 50.0
+MIN_UNITS = 0.5
+FEWEST: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
+"""Common events below which rows are not compared, and keep the values of their own events."""
+"""Of the units of the best covered row: rows with fewer are not compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """The rows of one column that were compared, and the pairs (better, worse) that differ significantly."""
+
+    rows: list[str]
+    significant: list[tuple[str, str]]
+
+    def without(self, names: list[str]) -> Family:
+        """The family when these rows are taken out of it."""
+        pairs_left = [pair for pair in self.significant if not set(pair) & set(names)]
+        return Family([n for n in self.rows if n not in names], pairs_left) if names else self
+
+    @property
+    def best(self) -> list[str]:
+        """Rows that no row is significantly better than."""
+        beaten = {worse for _, worse in self.significant}
+        return [name for name in self.rows if name not in beaten]
+
+    @property
+    def worst(self) -> list[str]:
+        """The one row that is better than nobody and not among the best; else none."""
+        winners = {better for better, _ in self.significant}
+        last = [name for name in self.rows if name not in winners]
+        return last if len(last) == 1 and last[0] not in self.best else []
+
+
+@dataclass(slots=True)
+class Ranking:
+    """What is marked. ``best`` leaves out columns in which everybody is (too close to rank) and rows that stand alone.
+
+    ``worst`` names one row or none; ``ranked`` all rows that were compared in a column.
+    """
+
+    best: Marks = field(default_factory=dict)
+    worst: Marks = field(default_factory=dict)
+    ranked: Marks = field(default_factory=dict)
+
+
+def may_be_best(row: Row) -> bool:
+    """Whether a row can be best at all: replayed, not the reference, sound, and scored on half of its time or more."""
+    covered = row.coverage_pct is None or row.coverage_pct >= MIN_COVERAGE_PCT
+    return row.kind == "replay" and not row.is_reference and row.status == "ok" and covered
+
+
+def distance(answer: Answer, better: str) -> tuple[float, float, float]:
+    """(low, value, high) of how far an answer is from perfect: smaller is better whatever ``better`` says."""
+    value = answer.value if answer.value is not None else float("nan")
+    low, high = answer.ci95 if answer.ci95 is not None else (value, value)
+    low, high = min(low, value), max(high, value)
+    if better == "low":
+        return low, value, high
+    if better == "high":
+        return -high, -value, -low
+    if better == "one":
+        value, low, high = value - 1.0, low - 1.0, high - 1.0
+    near = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
+    return near, abs(value), max(abs(low), abs(high))
+
+
+def floor(a: Answer, b: Answer) -> float:
+    """The difference below which two answers are the same, in their unit: the larger floor of both rows.
+
+    With a ``gyro_share`` g: variances add, so that the larger must exceed sqrt(smaller^2 + g^2).
+    """
+    share, smaller = max(a.gyro_share, b.gyro_share), min(abs(a.value or 0.0), abs(b.value or 0.0))
+    hidden = math.hypot(smaller, share) - smaller
+    return max(a.floor, a.counts_as_zero_below, b.floor, b.counts_as_zero_below, hidden)
+
+
+def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:
+    """The rows that can be compared unit by unit, and the units that all of them have.
+
+    Rows with less than half of the units of the best covered are left out, then the least
+    covered ones until the common units are half of it.
+    """
+    ids = {name: a.units.ids for name, a in answers.items() if a.units is not None}
+    most = max(map(len, ids.values()), default=0)
+    rows = [name for name in ids if len(ids[name]) >= MIN_UNITS * most and len(ids[name])]
+    while rows:
+        common: Ids = reduce(np.intersect1d, [ids[name] for name in rows])
+        if len(common) >= MIN_UNITS * most:
+            return rows, common
+        rows.remove(min(rows, key=lambda name: len(ids[name])))
+    return [], np.zeros(0, np.int64)
+
+
+def family(answers: Mapping[str, Answer], better: str) -> Family:
+    """Compare the ranked answers of a column by row; values move to the common units where rows differ."""
+    ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}
+    if not any(a.units is not None for a in ranked.values()):
+        return _by_intervals(ranked, better)
+    rows, common = common_units(ranked)
+    units = {name: a.units for name, a in ranked.items() if a.units is not None}
+    if any(len(common) < FEWEST.get(units[name].kind, 1) for name in rows):
+        return Family(list(units), [])
+    if any(len(a.units.ids) != len(common) for a in (ranked[n] for n in rows) if a.units is not None):
+        for name in rows:
+            _restrict(ranked[name], common)
+    couples = list(combinations(rows, 2))
+    p = _p_of_all([units[name] for name in rows], common)
+    significant = [couple for couple, stands in zip(couples, statistics.significant(p), strict=True) if stands]
+    return Family(rows, _in_order(significant, ranked, better))
+
+
+def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
+    """The p of all couples of rows on common units, in the order of ``combinations``; 1 for different kinds."""
+    kinds = [one.kind for one in units]
+    values = np.array([one.at(common) for one in units])
+    first, second = np.triu_indices(len(units), 1)
+    p = np.ones(len(first))
+    alike = np.array([kinds[i] == kinds[j] for i, j in zip(first, second, strict=True)], bool)
+    for kind in dict.fromkeys(kinds):
+        of_kind = np.flatnonzero(alike & np.array([kinds[i] == kind for i in first], bool))
+        for some in np.array_split(of_kind, len(of_kind) // AT_ONCE + 1):
+            p[some] = statistics.p_values(kind, values[first[some]], values[second[some]])
+    return p
+
+
+def _restrict(answer: Answer, common: Ids) -> None:
+    """The answer on some of its units: so that what stands side by side was measured at the same time."""
+    if answer.units is None:
+        return
+    summary = answer.units.of(common)
+    answer.seconds *= len(common) / len(answer.units.ids)
+    answer.value, answer.ci95, answer.n = summary.value, summary.ci95, len(common)
+    answer.detail["units_left_out"] = len(answer.units.ids) - len(common)
+
+
+def _by_intervals(answers: Mapping[str, Answer], better: str) -> Family:
+    """Columns without units: rows whose intervals do not meet differ significantly."""
+    found = {name: distance(a, better) for name, a in answers.items()}
+    disjoint = [(a, b) for a, b in combinations(found, 2) if found[a][2] < found[b][0] or found[b][2] < found[a][0]]
+    return Family(list(answers), _in_order(disjoint, answers, better))
+
+
+def _in_order(
+    couples: Iterable[tuple[str, str]], answers: Mapping[str, Answer], better: str, ordered: bool = False
+) -> list[tuple[str, str]]:
+    """Pairs as (better, worse) by their shown values; those within the floor do not differ.
+
+    ``ordered`` keeps only pairs that come in as (better, worse) already.
+    """
+    found = []
+    for a, b in couples:
+        difference = distance(answers[b], better)[1] - distance(answers[a], better)[1]
+        if abs(difference) <= floor(answers[a], answers[b]) or difference == 0.0 or (ordered and difference < 0.0):
+            continue
+        found.append((a, b) if difference > 0 else (b, a))
+    return found
+
+
+def rank(table: Table, rows: Iterable[Row], metrics: Mapping[str, Metric]) -> Ranking:
+    """Compare all rows in all columns: what is best, what is worst, and who was compared."""
+    names = [row.name for row in rows if may_be_best(row) and row.name in table]
+    found = Ranking()
+    for window in dict.fromkeys(w for name in names for w in table[name]):
+        families: dict[str, Family] = {}
+        columns = dict.fromkeys(m for name in names for m in table[name].get(window, {}))
+        for column in sorted((c for c in columns if c in metrics), key=lambda c: bool(metrics[c].decided_by)):
+            metric = metrics[column]
+            answers = {n: table[n][window][column] for n in names if column in table[n].get(window, {})}
+            compared = _family(answers, metric, families.get(metric.decided_by))
+            families[column] = compared.without([n for n in compared.rows if mark_not_ranked(metric, answers[n])])
+        for column in (c for c in columns if c in families):
+            _mark(found, window, column, families[column])
+    return found
+
+
+def _family(answers: Mapping[str, Answer], metric: Metric, deciding: Family | None) -> Family:
+    """The family of a column; where another column decides, its pairs that have the same order here."""
+    if not metric.decided_by:
+        return family(answers, metric.better)
+    ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}
+    if deciding is None:
+        return Family([], [])
+    significant = [(a, b) for a, b in deciding.significant if a in ranked and b in ranked]
+    return Family(
+        [n for n in deciding.rows if n in ranked], _in_order(significant, ranked, metric.better, ordered=True)
+    )
+
+
+def _mark(found: Ranking, window: str, column: str, compared: Family) -> None:
+    if compared.rows:
+        found.ranked.setdefault(window, {})[column] = compared.rows
+    if len(compared.best) < len(compared.rows):
+        found.best.setdefault(window, {})[column] = compared.best
+    if compared.worst:
+        found.worst.setdefault(window, {})[column] = compared.worst

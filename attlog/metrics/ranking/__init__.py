@@ -1,1 +1,0 @@
-"""Who is best: one rule for stars, sentences and bars."""

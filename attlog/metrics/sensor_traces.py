@@ -1,0 +1,247 @@
+"""Arrays that show the sensors themselves: spectra, vibration, sizes of gravity and field, gyro bias at rest.
+
+Traces without a row:
+``spectrum``: frequency (Hz, also ``t``), x y z amplitude density, ``key`` = gyro (deg/s/sqrt(Hz)) or accelerometer
+(m/s^2/sqrt(Hz)), values ``nyquist_hz`` and ``seconds``;
+``vibration``: x y z standard deviation of the accelerometer (m/s^2) in windows of one second, ``clipped`` samples at
+the end of its range in them, values ``samples`` clipped in all;
+``gravity``: low mean high of the specific force's size (m/s^2), value ``expected``;
+``field``: low mean high of the field's size (uT), value ``expected`` (world magnetic model) where place and date tell;
+``throttle``: percent; ``rest_bias``: x y z mean rate of the gyro (deg/s) in each rest, ``t`` its middle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import earth
+from attlog.core.spans import between, inside
+from attlog.flight.model import FlightLog, Imu, Stream
+from attlog.metrics.metric import Case
+from attlog.metrics.trace import Trace
+from attlog.metrics.windows import detrended, within
+from attlog.reference import alignment
+from attlog.segments.airborne import height_stream, highest_level
+
+Array = NDArray[np.float64]
+
+G = 9.80665
+RANGES_M_S2 = tuple(g * G for g in (4.0, 8.0, 16.0, 32.0))
+"""Full scales of accelerometers in use."""
+NEAR_END = 0.01
+"""Samples this near (share of the range) to a full scale were clipped, where no axis goes beyond it."""
+SEGMENT = 1024
+"""Samples per segment of a spectrum: at 250 Hz a resolution of 0.25 Hz."""
+MIN_SENSOR_SAMPLES = 64
+TOGETHER = 16
+"""Segments that are transformed at once."""
+SPECTRA = 400
+"""Segments averaged, evenly chosen over the flight: more change nothing that can be seen."""
+BUCKETS = 2000
+"""Points of a line over the whole flight; windows grow with the log."""
+AXES = ("x", "y", "z")
+
+
+def sensor_traces(case: Case) -> list[Trace]:
+    """All traces of the replayed unit and of the magnetometer in use."""
+    log = case.log
+    if log.imu is None or len(log.imus[log.imu].gyro.t) < 2:
+        return []
+    imu = log.imus[log.imu]
+    return [*spectra(case, imu), *vibration(imu), *sizes(log, imu), *throttle(log), *rest_bias(case, imu)]
+
+
+def spectra(case: Case, imu: Imu) -> list[Trace]:
+    """Amplitude densities by Welch's method (Hann window, half overlap) over flight, else over the whole log."""
+    spans = case.segments.spans("airborne") or [(float(imu.gyro.t[0]), float(imu.gyro.t[-1]))]
+    segments = [p for span in spans for p in within(imu.gyro.t, span) if p.stop - p.start >= MIN_SENSOR_SAMPLES]
+    if not segments:
+        return []
+    size = min(SEGMENT, max(p.stop - p.start for p in segments))
+    starts = [a for p in segments for a in range(p.start, p.stop - size + 1, size // 2)]
+    step = float(np.median(np.diff(imu.gyro.t)))
+    if not starts or step <= 0:
+        return []
+    chosen = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, SPECTRA).round().astype(int))]
+    found = []
+    for key, x, unit in (("gyro", imu.gyro.x, np.degrees(1.0)), ("accelerometer", imu.acc.x, 1.0)):
+        density = unit * np.sqrt(_mean_power(x, np.array(chosen), size, step))
+        f = np.asarray(np.fft.rfftfreq(size, step)[1:], np.float64)
+        columns = {"frequency": f} | {a: density[1:, k] for k, a in enumerate(AXES)}
+        values = {
+            "nyquist_hz": 0.5 / step,
+            "seconds": sum(float(imu.gyro.t[p.stop - 1] - imu.gyro.t[p.start]) for p in segments),
+        }
+        found.append(Trace("spectrum", "", f, columns, key, values=values))
+    return found
+
+
+def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> Array:
+    """The mean periodogram (size // 2 + 1, k) of the segments of (n, k) that begin at ``starts``."""
+    total = np.zeros((size // 2 + 1, x.shape[1]))
+    for begin in np.array_split(starts, len(starts) // TOGETHER + 1):
+        segments = x[begin + np.arange(size)[:, None]].reshape(size, -1)
+        total += periodogram(segments, step).reshape(len(total), -1, x.shape[1]).sum(axis=1)
+    return total / len(starts)
+
+
+def periodogram(x: Array, step: float) -> Array:
+    """One-sided power density (n // 2 + 1, k) of samples (n, k) ``step`` s apart: line removed, Hann window."""
+    n = len(x)
+    taper = np.hanning(n + 1)[:-1]
+    flat = detrended(np.arange(n, dtype=np.float64), np.nan_to_num(x))
+    found = np.fft.rfft((flat * taper[:, None]).T).T
+    power = (found.real**2 + found.imag**2) * (2.0 * step / float(taper @ taper))
+    power[0] *= 0.5
+    if n % 2 == 0:
+        power[-1] *= 0.5
+    return np.asarray(power)
+
+
+def vibration(imu: Imu) -> list[Trace]:
+    """Standard deviation of the accelerometer in windows of 1 s (longer in long logs), and clipped samples in them."""
+    t, edges = buckets(imu.acc.t, 1.0)
+    if len(t) == 0:
+        return []
+    first, size = edges[:-1], np.diff(edges)
+    columns = {}
+    for name, x in zip(AXES, imu.acc.x.T, strict=True):  # one at a time: in long logs copies add up
+        away = np.nan_to_num(x)
+        away -= np.repeat(np.add.reduceat(away, first) / size, size)
+        away *= away
+        columns[name] = np.sqrt(np.add.reduceat(away, first) / size)
+    clipped = at_the_end(imu.acc.x)
+    columns["clipped"] = np.add.reduceat(clipped.astype(np.float64), first)
+    return [Trace("vibration", "", t, columns, values={"samples": float(clipped.sum())})]
+
+
+def at_the_end(acc: Array) -> NDArray[np.bool_]:
+    """Samples (n,) with an axis of ``acc`` (n, 3) in m/s^2 at the end of its range; none where that is not reached."""
+    # One axis at a time, twice: in long logs copies add up.
+    largest = max(float(np.abs(np.nan_to_num(x)).max(initial=0.0)) for x in acc.T)
+    full = next((r for r in RANGES_M_S2 if abs(largest / r - 1.0) <= NEAR_END), None)
+    clipped = np.zeros(len(acc), bool)
+    if full is not None:
+        for x in acc.T:
+            clipped |= np.abs(np.nan_to_num(x)) >= (1.0 - NEAR_END) * full
+    return clipped
+
+
+def sizes(log: FlightLog, imu: Imu) -> list[Trace]:
+    """Sizes of specific force and field over time, with what is expected at the place."""
+    where = alignment.flight_place(log)
+    g = G if where is None else earth.gravity(where[0], where[2])
+    found = [size_of("gravity", imu.acc.t, np.sqrt(np.einsum("ij,ij->i", imu.acc.x, imu.acc.x)), {"expected": g})]
+    if log.mag is not None:
+        field, model = log.mags[log.mag].field, alignment.earth_field(log)
+        expected = {} if model is None else {"expected": model.strength_t * 1e6}
+        found.append(size_of("field", field.t, np.sqrt(np.einsum("ij,ij->i", field.x, field.x)) * 1e6, expected))
+    return [trace for trace in found if len(trace.t)]
+
+
+def size_of(figure: str, t: Array, size: Array, values: dict[str, float]) -> Trace:
+    """Smallest, mean and largest size (n,) in windows of half a second, longer in long logs."""
+    good = np.isfinite(size)
+    t, size = t[good], size[good]
+    at, edges = buckets(t, 0.5)
+    if len(at) == 0:
+        return Trace(figure, "", at, {}, values=values)
+    first = edges[:-1]
+    low, high = np.minimum.reduceat(size, first), np.maximum.reduceat(size, first)
+    columns = {"low": low, "mean": np.add.reduceat(size, first) / np.diff(edges), "high": high}
+    return Trace(figure, "", at, columns, values=values)
+
+
+def throttle(log: FlightLog) -> list[Trace]:
+    """Throttle in percent, the mean of windows of half a second."""
+    if log.throttle is None or len(log.throttle.t) < 2:
+        return []
+    x = np.nan_to_num(log.throttle.x.reshape(len(log.throttle.t), -1)[:, 0])
+    at, edges = buckets(log.throttle.t, 0.5)
+    return [Trace("throttle", "", at, {"throttle": 100.0 * np.add.reduceat(x, edges[:-1]) / np.diff(edges)})]
+
+
+def rest_bias(case: Case, imu: Imu) -> list[Trace]:
+    """What the gyro shows in each rest: its bias and the earth's turn."""
+    rests = [(a, b, between(imu.gyro.t, a, b)) for a, b in case.segments.spans("rest")]
+    rests = [(a, b, inside) for a, b, inside in rests if inside.stop - inside.start >= MIN_SENSOR_SAMPLES]
+    if not rests:
+        return []
+    t = np.array([0.5 * (a + b) for a, b, _ in rests])
+    rates = np.degrees([np.mean(imu.gyro.x[inside], axis=0) for _, _, inside in rests])
+    return [Trace("rest_bias", "", t, {axis: rates[:, k] for k, axis in enumerate(AXES)})]
+
+
+def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
+    """Middles (m,) and bounds (m + 1,) in ``t`` (n,) of windows of that length, longer where BUCKETS would not do."""
+    if len(t) < 2:
+        return np.zeros(0), np.zeros(1, np.int64)
+    length = max(seconds, float(t[-1] - t[0]) / BUCKETS)
+    starts = np.arange(t[0], t[-1] + length, length)
+    edges = np.unique(np.append(np.searchsorted(t, starts), len(t))).astype(np.int64)
+    return 0.5 * (t[edges[:-1]] + t[edges[1:] - 1]), edges
+
+
+# The height over the flight, for a strip that shows it at a glance.
+#
+# ``height``: ``height`` (m) above what the vehicle stood on, means over equal parts of the log; no row. ``top`` (m):
+# the
+# largest in flight, which the headline tells, where the log shows the ground.
+
+Span = tuple[float, float]
+
+POINTS = 400
+"""Parts of the log: a strip is no wider."""
+STOOD_S = 5.0
+"""The ground is what the vehicle stood on within so long before and after a flight."""
+LEAST_S = 0.5
+"""A log that ends in the air goes on for a moment after the last sample that tells so: there it stood on nothing."""
+
+
+def height_trace(case: Case) -> list[Trace]:
+    """The height that the headline tells; of a log that shows no ground that of its barometer, else of GNSS."""
+    air, flights = case.segments.air, case.segments.spans("airborne")
+    found = None if air is None or not flights else highest_level(air.levels, inside(air.grid.t, flights))
+    if air is not None and found is not None:
+        level, top = found
+        known = np.isfinite(level.above)
+        t, means = averaged(air.grid.t[known], level.above[known])
+        return [Trace("height", "", t, {"height": means}, key=level.source, values={"top": top})]
+    stream = height_stream(case.log)
+    if stream is None or len(stream.t) < 2 or stream.t[-1] <= stream.t[0]:
+        return []
+    above = stream.x[:, 0] - ground(stream, flights)
+    t, means = averaged(stream.t, above)
+    return [Trace("height", "", t, {"height": means}, key=stream.source)]
+
+
+def ground(stream: Stream, flights: list[Span]) -> Array:
+    """The height (n,) of the ground: straight between what was measured before and after each flight.
+
+    A barometer drifts by metres in minutes. Without a flight it is the median, without any ground the lowest height.
+    """
+    t, x = stream.t, stream.x[:, 0]
+    if not flights:
+        return np.full(len(t), np.median(x))
+    flying = np.zeros(len(t), bool)
+    for a, b in flights:
+        flying |= (t >= a) & (t <= b)
+    stood = [span for a, b in flights for span in ((a - STOOD_S, a), (b, b + STOOD_S))]
+    parts = [(t >= a) & (t <= b) & ~flying for a, b in stood]
+    long = [part for part in parts if part.any() and np.ptp(t[part]) >= LEAST_S]
+    levels = [(float(np.mean(t[part])), float(np.median(x[part]))) for part in long]
+    if not levels:
+        return np.full(len(t), np.min(x))
+    at, level = np.array(sorted(levels)).T
+    under: Array = np.interp(t, at, level)
+    return under
+
+
+def averaged(t: Array, x: Array) -> tuple[Array, Array]:
+    """Times and means (m,) of x (n,) over at most POINTS equal parts; NaN in a part without any sample."""
+    edges = np.linspace(t[0], t[-1], min(POINTS, max(len(t) // 4, 1)) + 1)
+    part = np.clip(np.searchsorted(edges, t, "right") - 1, 0, len(edges) - 2)
+    count = np.bincount(part, minlength=len(edges) - 1)
+    total = np.bincount(part, weights=x, minlength=len(edges) - 1)
+    return 0.5 * (edges[:-1] + edges[1:]), np.where(count > 0, total / np.maximum(count, 1), np.nan)

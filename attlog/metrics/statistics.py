@@ -1,0 +1,260 @@
+"""What an answer was made of, unit by unit, so that two rows can be compared on the units they share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from statistics import NormalDist
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog.core.plain import IN_JSON, NumberArray
+from attlog.metrics import intervals as interval
+from attlog.metrics.intervals import VariancePrior, students_two_sided
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+Kind = Literal["log_variance", "mean_square", "slope_group", "lag_event", "step_event"]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Value and 95 % interval of a row on some of its units, in the unit of its answer."""
+
+    value: float
+    ci95: tuple[float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class UnitValues:
+    """One value per unit of evidence. Rows are paired by ``ids`` (k,), see :func:`ids_of`; ``values`` (k,).
+
+    By ``kind`` a value is: ``log_variance`` the logarithm of a window's variance; ``mean_square``
+    the mean square of a block; ``slope_group`` the slope of a group, signed; ``lag_event`` the
+    jackknife pseudo-value of an event, ``n whole - (n - 1) without it`` (their mean is the lag,
+    their scatter its jackknife variance); ``step_event`` the magnitude of an event's error.
+    ``of(ids)`` is the answer again, on these units only: it is called where rows differ in units, so that values that
+    stand beside each other mean the same time. ``on`` is how the metric itself works that out (all of its units in
+    ``ids``; it must pickle); units read from a file do not have it, and are summed up by their kind.
+    """
+
+    kind: Kind
+    ids: Annotated[Ids, NumberArray(int)]
+    values: Annotated[Array, NumberArray(float)]
+    on: Callable[[Ids], Summary] | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
+
+    def of(self, ids: Ids) -> Summary:
+        """Value and interval on some of the units (m,)."""
+        return self.on(ids) if self.on is not None else Summary(_summed_up(self.kind, self.at(ids)), None)
+
+    def at(self, ids: Ids) -> Array:
+        """The values (m,) of some of the units, in the order of ``ids`` (m,). KeyError for one that is not there."""
+        order = np.argsort(self.ids)
+        place = np.searchsorted(self.ids, ids, sorter=order)
+        found = order[np.minimum(place, len(order) - 1)]
+        if not np.array_equal(self.ids[found], ids):
+            raise KeyError(f"units {np.setdiff1d(ids, self.ids).tolist()} are not there")
+        return self.values[found]
+
+
+def make_ids(times: ArrayLike) -> Ids:
+    """Ids (k,) of units that begin at ``times`` (k,) s: whole milliseconds, the same for all rows of a log."""
+    return np.round(1000.0 * np.asarray(times, np.float64)).astype(np.int64)
+
+
+def _summed_up(kind: Kind, values: Array) -> float:
+    """What units (k,) of a kind mean together: their mean on its scale, of step events the median."""
+    if kind == "step_event":
+        return float(np.median(values))
+    mean = float(np.mean(values))
+    return math.exp(0.5 * mean) if kind == "log_variance" else math.sqrt(mean) if kind == "mean_square" else mean
+
+
+# Do two rows differ? One test per kind of unit, on the units that both have.
+
+PRIORS: dict[Kind, VariancePrior] = {"log_variance": VariancePrior(0.4, 4.0), "mean_square": VariancePrior(1.0, 3.0)}
+"""Scatter of differences of logarithms from unit to unit, measured over logs."""
+NEEDED: dict[Kind, int] = {"log_variance": 1, "mean_square": 3, "slope_group": 4, "lag_event": 3, "step_event": 6}
+"""With fewer common units there is no test."""
+EXACT = 60
+"""Up to here the signed-rank distribution is counted, beyond it is normal."""
+
+
+def p_value(a: UnitValues, b: UnitValues, common: Ids) -> float:
+    """Two-sided p that two rows are the same on common units (k,); 1 with too few of them or of different kinds."""
+    if a.kind != b.kind or len(common) < NEEDED[a.kind]:
+        return 1.0
+    return float(p_values(a.kind, a.at(common)[None], b.at(common)[None])[0])
+
+
+def p_values(kind: Kind, x: Array, y: Array) -> Array:
+    """The same of many pairs at once: values (m, k) of the one and the other rows on the same units; (m,)."""
+    if x.shape[1] < NEEDED[kind]:
+        return np.ones(len(x))
+    if kind == "step_event":
+        return signed_ranks(x - y)
+    if kind in ("slope_group", "lag_event"):
+        # |x| > |y| exactly where (x - y)(x + y) > 0: both factors must differ from zero
+        sizes = np.minimum(_t_of(x - y), _t_of(x + y))
+        return students_two_sided(sizes, x.shape[1] - 1)
+    return interval.moderated_p_value(
+        x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind]
+    )
+
+
+def _logarithms(squares: Array) -> Array:
+    return np.asarray(np.log(np.maximum(squares, 1e-18)))
+
+
+def _t_of(d: Array) -> Array:
+    """Sizes (m,) of Student's t of differences (m, k); infinite where they differ from zero by one value alone."""
+    mean = np.abs(np.mean(d, axis=1))
+    error = np.std(d, axis=1, ddof=1) / math.sqrt(d.shape[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(error > 0.0, mean / error, np.where(np.any(d != 0.0, axis=1), np.inf, 0.0))
+
+
+def signed_ranks(d: Array) -> Array:
+    """:func:`signed_rank` of many rows of differences (m, k): those beyond the counted ones without ties at once."""
+    m, k = d.shape
+    found, size = np.ones(m), np.abs(d)
+    ordered = np.sort(size, axis=1)
+    at_once = (k > EXACT) & (ordered[:, 0] > 0.0) & (np.diff(ordered, axis=1) > 0.0).all(axis=1)
+    for row in np.flatnonzero(~at_once):
+        found[row] = signed_rank(d[row])
+    if at_once.any():
+        doubled = 2.0 * (1.0 + np.argsort(np.argsort(size[at_once], axis=1), axis=1))
+        positive = np.sum(np.where(d[at_once] > 0.0, doubled, 0.0), axis=1)
+        deviation = math.sqrt(float(np.sum((2.0 * np.arange(1.0, k + 1.0)) ** 2))) / 2.0
+        deviates = np.abs(positive - k * (k + 1.0) / 2.0) / deviation
+        found[at_once] = [2.0 * NormalDist().cdf(-z) for z in deviates.tolist()]
+    return found
+
+
+def signed_rank(d: Array) -> float:
+    """Two-sided p of Wilcoxon's signed-rank test of differences (k,); zeros do not count, ties share their rank."""
+    d = d[d != 0.0]
+    n = len(d)
+    if n == 0:
+        return 1.0
+    size = np.abs(d)
+    ordered = np.sort(size)  # twice the rank: all that are smaller, and half of those that are as large
+    doubled = np.searchsorted(ordered, size, "left") + np.searchsorted(ordered, size, "right") + 1
+    positive, total = int(np.sum(doubled[d > 0])), int(np.sum(doubled))
+    if n > EXACT:
+        deviation = math.sqrt(float(np.sum(doubled.astype(float) ** 2))) / 2.0
+        return 2.0 * NormalDist().cdf(-abs(positive - total / 2.0) / deviation)
+    ways = np.zeros(total + 1)
+    ways[0] = 1.0
+    for rank in doubled.tolist():
+        ways[rank:] = ways[rank:] + ways[: total + 1 - rank]
+    tail = min(positive, total - positive)
+    return min(1.0, 2.0 * float(np.sum(ways[: tail + 1])) / 2.0**n)
+
+
+def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
+    """Which of p-values (m,) stand if at most ``rate`` of the claims may be false (Benjamini & Hochberg 1995)."""
+    m = len(p_values)
+    order = np.argsort(p_values)
+    passed = np.flatnonzero(p_values[order] <= rate * np.arange(1, m + 1) / m)
+    stand = np.zeros(m, bool)
+    if len(passed):
+        stand[order[: passed[-1] + 1]] = True
+    return stand
+
+
+# The size of an error angle over a record: RMSE, median, 95th percentile, largest, each with its 95 % interval.
+
+STATISTICS = {"rmse": "root mean square", "median": "median", "p95": "95th percentile", "max": "largest value"}
+QUANTILES = {"median": 0.5, "p95": 0.95, "max": 1.0}
+MOST = {"rmse": 3.0, "p95": 3.0, "median": math.inf}
+"""An interval ends at so many times the value: what came in one burst was not seen to be larger than this elsewhere
+(halves of flights agree as often as without). A median leaves bursts out."""
+PIECES = 4
+GROUP_S, MAX_GROUPS = 5.0, 20
+SHORTEST_S, MIN_SAMPLES = 4.0, 8
+HALF_TURN_DEG = 180.0
+"""No attitude is further from another, so no interval of an error ends beyond it."""
+
+
+def groups_of(n: int, duration: float) -> list[slice]:
+    """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of 5 s; none below 4 s."""
+    if duration < SHORTEST_S or n < MIN_SAMPLES:
+        return []
+    return interval.equal_groups(n, int(np.clip(duration // GROUP_S, 4, MAX_GROUPS)))
+
+
+def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
+    """RMS of an angle (n,) without memory beyond its groups, and its interval: t over their mean squares.
+
+    The relative error of the mean square becomes a factor (delta method), so that the
+    interval of a short, uneven record does not reach below zero.
+    """
+    squares = angle**2
+    square = float(np.mean(squares))
+    spread = interval.neighbour_interval(interval.group_means(squares, groups)) if len(groups) > 1 else None
+    if spread is None or square == 0.0:
+        return math.sqrt(square), None if spread is None else (0.0, 0.0)
+    factor = math.exp(0.25 * (spread[1] - spread[0]) / square)
+    return math.sqrt(square), (math.sqrt(square) / factor, min(math.sqrt(square) * factor, HALF_TURN_DEG))
+
+
+class ErrorSize:
+    """The sizes of an error angle without sign (n,), in deg, over a record of ``duration`` s.
+
+    ``sigma``: how wrong the reference may be itself (one sigma, RMS over the record, deg).
+    """
+
+    def __init__(self, angle: Array, duration: float, sigma: float = 0.0) -> None:
+        self._angle, self._sigma = angle, sigma
+        self.pieces = PIECES if duration >= SHORTEST_S and len(angle) >= MIN_SAMPLES else 0
+        self._squares: Array | None = None
+
+    def of(self, name: str) -> tuple[float, interval.Interval | None]:
+        """One of STATISTICS with its interval where it has one; an extreme has one of the reference alone."""
+        if name == "max":
+            value = float(np.max(self._angle))
+            return value, self._with_reference(value, (value, value)) if self._sigma > 0.0 else None
+        whole, *parts = self._sizes(name)
+        if not self.pieces:
+            return whole, None
+        changes = _changes(parts, whole)
+        if name != "rmse":  # where few samples reach, their changes say little: the size of the error changes too
+            square, *squares = self._sizes("rmse")
+            changes = np.maximum(changes, _changes(squares, square))
+        low, high = interval.wandering_interval(whole, changes)
+        return whole, self._with_reference(whole, (low, min(high, MOST[name] * whole)))
+
+    def _with_reference(self, value: float, ci95: interval.Interval) -> interval.Interval:
+        low, high = interval.widen_by_reference(value, ci95, self._sigma)
+        return max(low, 0.0), min(high, HALF_TURN_DEG)
+
+    def _sizes(self, name: str) -> list[float]:
+        """The size of the whole; where there are pieces also of both halves and the four quarters."""
+        halves, quarters = (interval.equal_groups(len(self._angle), n) if self.pieces else [] for n in (2, PIECES))
+        if name == "rmse":
+            if self._squares is None:
+                self._squares = self._angle**2
+            square = interval.group_means(self._squares, [slice(0, len(self._angle)), *halves, *quarters])
+            return [float(x) for x in np.sqrt(square)]
+        probability = QUANTILES[name]
+        parts = [self._angle, *(self._angle[piece] for piece in (*halves, *quarters))]
+        return [interval.quantile(_ordered_at(part, probability), probability) for part in parts]
+
+
+def _changes(parts: list[float], whole: float) -> Array:
+    """How much the logarithm of the mean square changes (3,) between halves, and between the quarters of each.
+
+    A part that is a thousand times smaller than the whole counts as that: its logarithm could be anything.
+    """
+    size = 2.0 * np.log(np.maximum(parts, 1e-3 * whole)) if whole > 0.0 else np.zeros(len(parts))
+    return np.abs(size[1::2] - size[::2])
+
+
+def _ordered_at(values: Array, probability: float) -> Array:
+    """The values (n,), those at a quantile where they stand in ascending order."""
+    place = int(probability * (len(values) - 1))
+    return np.partition(values, [place, min(place + 1, len(values) - 1)])

@@ -1,1 +1,0 @@
-"""Intervals, quantiles, and tests of differences."""

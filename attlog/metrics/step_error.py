@@ -1,0 +1,428 @@
+"""An event as angles about its own axis: what the reference turned since the onset, and how far off the row is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.metrics import intervals as interval
+from attlog.metrics import step_fit as step_fits
+from attlog.metrics import step_turning as steps
+from attlog.metrics.metric import (
+    Answer,
+    Case,
+    Metric,
+    Resolution,
+    Wording,
+    applies_to,
+    missing,
+    paragraph,
+    per_row,
+    per_times,
+)
+from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
+from attlog.metrics.step_fit import MIN_EVENTS, first_with, too_few, why_no_events
+from attlog.metrics.step_products import axis_of
+from attlog.metrics.step_turning import StepEvent, SummedTurning
+from attlog.metrics.windows import why_no_errors
+from attlog.reference.model import AttitudeErrors, Row
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+BEFORE_S = 0.3
+"""The error before the onset is the mean over this time; a constant heading offset is none."""
+
+SETPOINT_HOLE_S = 0.5
+"""A set-point that was not logged for longer is not drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One event at the slower one's times ``t`` (n,) s within its window, in deg, positive along the stroke.
+
+    ``reference`` (n,) is its turning since the onset, ``error`` (n,) the row's error relative to
+    its mean over 0.3 s before the onset; negative: the row shows too little.
+    """
+
+    event: StepEvent
+    t: Array
+    reference: Array
+    error: Array
+
+    @property
+    def row(self) -> Array:
+        """What the row turned since the onset (n,)."""
+        return self.reference + self.error
+
+    @property
+    def seconds(self) -> Array:
+        """Time (n,) since the onset."""
+        return self.t - self.event.onset
+
+
+def curves(case: Case, row: Row, window: str) -> list[Curve]:
+    """The events of a window that the row and the reference cover without a gap."""
+    return _curves(case, row, step_fits.first_with(case, row, window))
+
+
+@dataclass(frozen=True, slots=True)
+class EventSamples:
+    """An event: its samples ``own`` (n,) of a row's errors, those ``before`` (m,) its onset, its ``body`` axis (3,).
+
+    ``turned`` (n,) deg: what the reference turned about that axis since the onset.
+    """
+
+    event: StepEvent
+    own: Index
+    before: Index
+    body: Array
+    turned: Array
+
+
+@per_row
+def _curves(case: Case, row: Row, window: str) -> list[Curve]:
+    return event_curves(case, row, step_fits.events_in(case, row, window))
+
+
+def event_curves(case: Case, row: Row, events: list[StepEvent]) -> list[Curve]:
+    """Error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis in earth axes.
+
+    All events at once: a row may have hundreds.
+    """
+    errors, ref = row.errors, step_fits.reference_turning(case)
+    found = [] if errors is None else _all_covered(case, errors, events)
+    if errors is None or not found:
+        return []
+    own = np.concatenate([c.own for c in found])
+    ends = np.cumsum([len(c.own) for c in found])
+    of = np.repeat(np.arange(len(found)), [len(c.own) for c in found])
+    start = _means(errors, [c.before for c in found])
+    middle = np.minimum(np.searchsorted(ref.t, [c.event.middle for c in found]), len(ref.t) - 1)
+    axes = rotation.rotate(ref.q[middle], np.array([c.body for c in found]))
+    axes *= np.array([math.copysign(1.0, c.event.delta_deg) for c in found])[:, None]
+    error = rotation.earth_error(errors.q_est[own], errors.q_ref[own])
+    away = np.degrees(rotation.to_rotvec(rotation.multiply(error, rotation.conjugate(start)[of])))
+    off = np.split(np.einsum("ni,ni->n", away, axes[of]), ends[:-1])
+    return [Curve(c.event, errors.t[c.own], c.turned, x) for c, x in zip(found, off, strict=True)]
+
+
+def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
+    """The events that a row and the reference show without a gap; most as any row without one at these times."""
+    ref, whole = step_fits.reference_turning(case), _without_gaps(case, errors.t)
+    broken = np.zeros(len(errors.t), np.int64)
+    np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite_rows(errors.q_est)[1:], out=broken[1:])
+    found = []
+    for event in events:
+        known = whole[event] if event in whole else _covered(errors.t, broken, ref, event)
+        if known is not None and broken[known.own[0]] != broken[known.own[-1]]:
+            known = _covered(errors.t, broken, ref, event)
+        if known is not None:
+            found.append(known)
+    return found
+
+
+@per_times
+def _without_gaps(case: Case, t: Array) -> dict[StepEvent, EventSamples | None]:
+    """What a row at times (n,) and the reference show of all its events if no gap is in them."""
+    ref, unbroken = step_fits.reference_turning(case), np.zeros(len(t), np.int64)
+    return {event: _covered(t, unbroken, ref, event) for event in steps.reference_steps(case)}
+
+
+def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> EventSamples | None:
+    """What a row at times (n,), in segments (n,) without a gap, and the reference show of an event.
+
+    None where that is too little.
+    """
+    body = axis_of(ref, event)
+    if body is None:
+        return None
+    i, j = np.searchsorted(t, [event.begin, event.end], side="left")
+    if i == j:
+        return None
+    middle = min(int(np.searchsorted(t, event.middle)), len(t) - 1)
+    own = np.arange(i, j)[segment[i:j] == segment[middle]]
+    at = t[own]
+    before = own[(at >= event.onset - BEFORE_S) & (at <= event.onset)]
+    if len(own) < 2 or len(before) == 0 or at[-1] < event.t90:
+        return None
+    return EventSamples(event, own, before, body, _turned(ref, event, body, at))
+
+
+def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
+    """The mean error rotation (k, 4) of each group of samples."""
+    own = np.concatenate(groups)
+    error = rotation.earth_error(errors.q_est[own], errors.q_ref[own])
+    return rotation.group_means(error, np.cumsum([0, *(len(g) for g in groups)]))
+
+
+def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Array:
+    """What the reference turned (n,) deg about the event's axis (3,) since its onset, at times (n,)."""
+    near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
+    along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)
+    return np.asarray(np.interp(t, ref.t[near], along) - np.interp(event.onset, ref.t[near], along))
+
+
+def setpoint(case: Case, curve: Curve) -> Array | None:
+    """The set-point's turning (n,) deg about the event's axis since the onset; None where none is logged around it."""
+    wanted, ref = case.log.setpoints, step_fits.reference_turning(case)
+    body = axis_of(ref, curve.event)
+    if wanted is None or len(wanted.t) < 2 or body is None:
+        return None
+    if curve.t[0] < wanted.t[0] or curve.t[-1] > wanted.t[-1] or _largest_hole(wanted.t, curve.t) > SETPOINT_HOLE_S:
+        return None
+    q = rotation.slerp(wanted.t, wanted.q, np.append(curve.t, curve.event.onset))
+    k = min(int(np.searchsorted(ref.t, curve.event.onset)), len(ref.t) - 1)
+    turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(ref.q[k]), q)))
+    return math.copysign(1.0, curve.event.delta_deg) * (turn[:-1] @ body)
+
+
+def _largest_hole(t: Array, within: Array) -> float:
+    i, j = np.searchsorted(t, [within[0], within[-1]])
+    return float(np.max(np.diff(t[max(int(i) - 1, 0) : int(j) + 1]), initial=0.0))
+
+
+# How wrong is the attitude after a step? The angle off about its axis, 0.5 s and 1.0 s later.
+
+AFTER_S = (0.5, 1.0)
+NEAR_S = 0.05
+"""The error is the mean over so long on both sides, of one sample at least."""
+
+SMOOTHED_DEG = 0.05
+"""So much does a smoother's own error change within a second: 0.02 to 0.06 deg (RMS) on six flights with truth."""
+
+_ERROR = """How far the attitude is off {after:.1f} s after a step: the row's error relative to its own
+    mean over 0.3 s before the onset, about the axis of the step, {after:.1f} s after 90 % of it (mean over
+    +-50 ms). A constant heading offset or misalignment does not count. """
+_DEG = _ERROR + "Median of the magnitude over the events that are seen so long; detail: 90 %."
+_PCT = _ERROR + "Percent of the step, signed: negative where the row shows too little. Median over events."
+_INTERVAL = """ Interval: order statistics, from 6 events on; against the smoother with 2 sigma of 0.05 deg, below
+    which rows do not differ."""
+
+_KINDS: tuple[tuple[str, str, Literal["low", "zero"], str, Resolution | None], ...] = (
+    ("deg", "deg", "low", _DEG, None),
+    ("pct", "%", "zero", _PCT, Resolution(100.0, "an error of the whole step", "steps")),
+)
+
+STEP_ERROR_METRICS: tuple[Metric, ...] = tuple(
+    Metric(
+        f"step_error_{unit}.{after:.1f}s",
+        f"Step error after {after:.1f} s",
+        sign,
+        better,
+        ("reference", "events"),
+        paragraph(text.format(after=after) + _INTERVAL),
+        resolution=resolution,
+        wording=Wording("has a", "smaller step error", "larger step error", "step error"),
+        covers=True,
+    )
+    for unit, sign, better, text, resolution in _KINDS
+    for after in AFTER_S
+)
+
+
+@dataclass(frozen=True, slots=True)
+class EventErrors:
+    """Signed errors (k,) in deg of k events with these ids, and their strokes (k,) in deg."""
+
+    ids: Ids
+    deg: Array
+    stroke: Array
+
+
+def errors_after(found: list[Curve], after: float) -> EventErrors:
+    """The error of each event that is covered ``after`` s past 90 % of its stroke."""
+    kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
+    return EventErrors(
+        make_ids([c.event.onset for c, _ in kept]),
+        np.array([e for _, e in kept]),
+        np.array([abs(c.event.delta_deg) for c, _ in kept]),
+    )
+
+
+@per_row
+def _after(case: Case, row: Row, window: str, after: float) -> EventErrors:
+    return errors_after(curves(case, row, window), after)
+
+
+def error_at(curve: Curve, at: float) -> float | None:
+    """The mean error (deg) over +-50 ms around a time in s, the nearest sample's if none is in there.
+
+    None beyond the event's window, which a neighbouring step may have cut.
+    """
+    near = np.abs(curve.t - at) <= NEAR_S
+    if near.any():
+        own = curve.error[near]
+        return float(own.sum()) / len(own)
+    if not curve.t[0] <= at <= curve.t[-1]:
+        return None
+    return float(curve.error[np.argmin(np.abs(curve.t - at))])
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorOnEvents:
+    """The median over a choice of events: magnitude in deg, or signed percent.
+
+    ``sigma``: how wrong the reference may be itself, in that unit.
+    """
+
+    errors: EventErrors
+    unit: Literal["deg", "pct"]
+    sigma: float = 0.0
+
+    def __call__(self, ids: Ids) -> Summary:
+        """Median and interval on the events with these ids."""
+        values = magnitude(self.errors) if self.unit == "deg" else percent(self.errors)
+        chosen = values[np.isin(self.errors.ids, ids)]
+        value, ci95 = float(np.median(chosen)), interval.median_interval(chosen)
+        if ci95 is None:
+            return Summary(value, None)
+        low, high = interval.widen_by_reference(value, ci95, self.sigma)
+        return Summary(value, (max(low, 0.0) if self.unit == "deg" else low, high))
+
+
+def magnitude(errors: EventErrors) -> Array:
+    """Errors without sign (k,), deg."""
+    return np.abs(errors.deg)
+
+
+def percent(errors: EventErrors) -> Array:
+    """Signed errors (k,) in percent of the step."""
+    return np.asarray(100.0 * errors.deg / errors.stroke)
+
+
+def compute_step_error(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
+    if not applies_to(window, "all", "airborne"):
+        return {}
+    absent = why_no_errors(case, row) or why_no_events(case, row, window)
+    if absent is not None:
+        return {m.name: missing(*absent, m.unit, window) for m in STEP_ERROR_METRICS}
+    found = curves(case, row, window)
+    answers: dict[str, Answer] = {}
+    for after in AFTER_S:
+        errors = _after(case, row, first_with(case, row, window), after)
+        own = SMOOTHED_DEG if case.reference.kind == "smoother" else 0.0
+        answers[f"step_error_deg.{after:.1f}s"] = _answer(errors, "deg", window, found, own)
+        answers[f"step_error_pct.{after:.1f}s"] = _answer(errors, "pct", window, found, own)
+    return {m.name: answers[m.name] for m in STEP_ERROR_METRICS}
+
+
+def _answer(
+    errors: EventErrors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float
+) -> Answer:
+    """The answer in one unit; ``own_deg``: the reference's own error, below which rows are the same."""
+    count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
+    if count < MIN_EVENTS:
+        reason = too_few(count)
+        return missing("too_few_events" if count else "no_events", reason, sign, window)
+    sigma = own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0)
+    here = ErrorOnEvents(errors, unit, sigma)
+    summary, values = here(errors.ids), percent(errors) if unit == "pct" else magnitude(errors)
+    seconds = math.fsum(c.event.end - c.event.begin for c in found)
+    return Answer(
+        summary.value,
+        sign,
+        window,
+        count,
+        seconds,
+        summary.ci95,
+        f"median of {count} of {len(found)} events, order statistics",
+        detail={"p90": np.quantile(np.abs(values), 0.9)},
+        each=[float(v) for v in values],
+        units=UnitValues("step_event", errors.ids, magnitude(errors), here),
+        floor=sigma,
+    )
+
+
+# What happens at the end of a step? Overshoot beyond the reference's, and the time until the error stays small.
+
+SETTLING_BAND = 0.05
+
+SETTLING_METRICS: tuple[Metric, ...] = (
+    Metric(
+        "overshoot_pct",
+        "Overshoot",
+        "%",
+        "zero",
+        ("reference", "events"),
+        paragraph(
+            """How far the row's peak in a step lies beyond the reference's own peak, in percent of the step; mean over
+            events, t interval. Negative where the row falls short."""
+        ),
+        resolution=Resolution(100.0, "an overshoot by the whole step", "steps"),
+    ),
+    Metric(
+        "settling_s",
+        "Settling time",
+        "s",
+        "low",
+        ("reference", "events"),
+        paragraph(
+            """Time from the onset of a step until the error about its axis (0 before the onset) stays below 5 % of
+            the step for the rest of the event's window; 0 where it never exceeds that. Mean over events, t interval.
+            Events that do not settle within their window count with the window's end."""
+        ),
+    ),
+)
+
+
+def step_endings(found: list[Curve]) -> tuple[Array, Array, int]:
+    """Overshoot (%) and settling time (s) of each event (events,), and how many did not settle in their window."""
+    overshoot, settling, unsettled = [], [], 0
+    for curve in found:
+        seconds, size = curve.seconds, abs(curve.event.delta_deg)
+        first = int(np.searchsorted(seconds, 0.0))
+        since, reference, error = seconds[first:], curve.reference[first:], curve.error[first:]
+        if len(since) < 2:
+            continue
+        overshoot.append(100.0 * float((reference + error).max() - reference.max()) / size)
+        outside = np.flatnonzero(np.abs(error) > SETTLING_BAND * size)
+        settling.append(float(since[min(outside[-1] + 1, len(since) - 1)]) if len(outside) else 0.0)
+        unsettled += bool(len(outside) and outside[-1] == len(since) - 1)
+    return np.array(overshoot), np.array(settling), unsettled
+
+
+@per_row
+def _ends(case: Case, row: Row, window: str) -> tuple[Array, Array, int]:
+    return step_endings(curves(case, row, window))
+
+
+def compute_settling(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
+    if not applies_to(window, "all", "airborne"):
+        return {}
+    absent = why_no_errors(case, row) or why_no_events(case, row, window)
+    found = curves(case, row, window) if absent is None else []
+    overshoot, settling, unsettled = _ends(case, row, first_with(case, row, window)) if found else step_endings([])
+    if absent is None and len(overshoot) < MIN_EVENTS:
+        absent = "too_few_events", too_few(len(overshoot))
+    if absent is not None:
+        return {m.name: missing(*absent, m.unit, window) for m in SETTLING_METRICS}
+    seconds = math.fsum(c.event.end - c.event.begin for c in found)
+    method = f"mean of {len(overshoot)} events, t interval"
+    detail = {"unsettled": unsettled}
+    return {
+        name: Answer(
+            float(np.mean(values)),
+            unit,
+            window,
+            len(values),
+            seconds,
+            _from_zero(name, interval.mean_interval(values)),
+            method,
+            detail=detail if name == "settling_s" else {},
+            each=[float(x) for x in values],
+        )
+        for name, unit, values in (("overshoot_pct", "%", overshoot), ("settling_s", "s", settling))
+    }
+
+
+def _from_zero(name: str, ci95: interval.Interval | None) -> interval.Interval | None:
+    """A time cannot be negative, an overshoot can."""
+    return (max(ci95[0], 0.0), ci95[1]) if ci95 is not None and name == "settling_s" else ci95

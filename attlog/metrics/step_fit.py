@@ -1,0 +1,350 @@
+"""What sums of products over step events tell: delay, gain, misalignment, aiding, and what each event changes.
+
+The products (12, 12) of one event hold its centred columns (:mod:`attlog.metrics.step_products`) at
+the fitted delay. Any choice of events is solved from their sum: all, all but one, one
+axis, or those that two rows share.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog.metrics import step_products as step_groups
+from attlog.metrics import step_sensors
+from attlog.metrics import step_turning as steps
+from attlog.metrics.intervals import student
+from attlog.metrics.metric import Case, per_case, per_row, per_times
+from attlog.metrics.step_products import EventBatches
+from attlog.metrics.step_sensors import RowSensors, seen_by
+from attlog.metrics.step_turning import AXES, SummedTurning, Timing
+from attlog.metrics.windows import why_never_airborne
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+Y, SLOPE, GAIN, AID = 0, 1, 2, slice(6, 12)
+PLAIN = 5
+"""Slope, gain and misalignment come first: a fit without aiding takes these alone."""
+SCALES = np.concatenate([np.full(3, np.radians(5.0)), step_sensors.RIDGE])
+"""Misalignment (rad) and aiding beyond these are not believed without much evidence."""
+RIDGE_WEIGHT = 10.0
+TINY = 1e-10
+MIN_EVENTS = 3
+
+
+@dataclass(slots=True)
+class Fit:
+    """Delay (s, positive: the estimate is late), gain and what else was fitted.
+
+    ``distortion`` and ``share`` (of the aiding) are relative to the RMS of the reference's rate, ``shape_s`` is
+    the residual over the RMS of its slope, ``moved_s`` what the aiding changes the delay by, ``plain_gain``
+    the gain without it, ``leak`` (1/s) how fast gravity takes tilt back (NaN without). ``left_out`` (events, 4)
+    are delay, gain, distortion and leak with one event left out each, ``each`` (events,) the delays of the
+    single ones, ``events`` (events,) their numbers in ``sums``.
+    """
+
+    delay: float
+    gain: float
+    distortion: float
+    share: float
+    shape_s: float
+    moved_s: float
+    plain_gain: float
+    leak: float
+    x: Array
+    left_out: Array
+    each: Array
+    events: Index
+    seconds: float
+    sums: NormalEquations
+    at_edge: bool = False
+
+    def half_width(self, column: int) -> float:
+        """Half the 95 % jackknife interval of delay (s), gain, distortion or leak; inf under 3 events."""
+        values = self.left_out[:, column]
+        k = len(values)
+        if k < MIN_EVENTS or not np.isfinite(values).all():
+            return math.inf
+        return student(0.975, k - 1) * math.sqrt((k - 1) / k * float(np.sum((values - np.mean(values)) ** 2)))
+
+
+@dataclass(slots=True)
+class NormalEquations:
+    """Products (k, 12, 12) of k events at ``delay`` s; ``plain`` the same with the slope of the bare rate.
+
+    ``lines`` (k,) samples and ``seconds`` (k,) of each event; ``ridge`` (11, 11) what a fit adds to the
+    normal matrix; ``kept`` (11,) is set where misalignment and aiding are not free.
+    """
+
+    products: Array
+    plain: Array
+    lines: Index
+    seconds: Array
+    delay: float
+    slow_row: bool
+    ridge: Array
+    kept: Array | None = None
+    heavy: float = 0.0
+    """Share of the time in which the specific force exceeds 2 g."""
+    axis: Index = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def keeping(self, x: Array) -> NormalEquations:
+        """The same sums with misalignment and aiding as they are in coefficients ``x`` (11,)."""
+        return replace(self, kept=x)
+
+    def solve(self, total: Array) -> Array:
+        """Coefficients (..., 11) of slope, gain, misalignment and aiding of summed products (..., 12, 12)."""
+        normal, right = total[..., 1:, 1:] + self.ridge, total[..., 1:, Y]
+        if self.kept is None:
+            return _solved(normal, right)
+        x = np.array(np.broadcast_to(self.kept, right.shape))
+        x[..., :2] = _solved(normal[..., :2, :2], right[..., :2] - normal[..., :2, 2:] @ self.kept[2:])
+        return x
+
+    def step(self, x: Array) -> Array:
+        """The change of delay (...,) in s by coefficients ``x`` (..., k) of the fit: slope over gain."""
+        gain = np.where(self.slow_row & (np.abs(x[..., 1]) > 0.1), x[..., 1], 1.0)
+        return np.asarray(-x[..., 0] / gain)
+
+    def without_aiding(self, number: Index) -> tuple[float, float]:
+        """Delay (s) and gain of some events where nothing but gain and misalignment is fitted."""
+        total = self.plain[number].sum(axis=0)
+        free = PLAIN if self.kept is None else 2
+        x = np.zeros(SCALES.size + 2)
+        if self.kept is not None:
+            x[2:PLAIN] = self.kept[2:PLAIN]
+        normal = total[1:, 1:] + self.ridge
+        x[:free] = np.linalg.solve(normal[:free, :free], total[1 : 1 + free, Y] - normal[:free, free:] @ x[free:])
+        return self.delay + float(self.step(x)), float(x[1])
+
+    def fit(self, number: Index) -> Fit:
+        """The fit of the events with these numbers (at least one)."""
+        total = self.products[number].sum(axis=0)
+        x = self.solve(total)
+        delay = self.delay + float(self.step(x))
+        plain_delay, plain_gain = self.without_aiding(number)
+        aided = float(x[PLAIN:] @ total[AID, AID] @ x[PLAIN:])
+        lone = self.keeping(x)
+        return Fit(
+            delay,
+            float(x[1]),
+            float(_ratio(residual_squares(total, x), total[GAIN, GAIN])),
+            float(_ratio(aided, total[GAIN, GAIN])),
+            float(_ratio(residual_squares(total, x), total[SLOPE, SLOPE])),
+            delay - plain_delay,
+            plain_gain,
+            float(_leak(total, x)),
+            x,
+            self._without_each(number, total),
+            self.delay + lone.step(lone.solve(self.products[number])),
+            number,
+            float(self.seconds[number].sum()),
+            self,
+        )
+
+    def _without_each(self, number: Index, total: Array) -> Array:
+        """Delay, gain, distortion and leak (k, 4) of the ``total`` (12, 12) with one of the events left out each."""
+        others = total - self.products[number]
+        x = self.solve(others)
+        distortion = _ratio(residual_squares(others, x), others[:, GAIN, GAIN])
+        return np.column_stack([self.delay + self.step(x), x[:, 1], distortion, _leak(others, x)])
+
+
+def ridge(total: Array, variance: float, lines: int) -> Array:
+    """What is added to the normal matrix (11, 11): weights of misalignment and aiding, a trace against singularity."""
+    power = float(total[GAIN, GAIN])
+    weights = np.zeros(SCALES.size + 2)
+    weights[2:] = RIDGE_WEIGHT * max(variance, 1e-9 * power / max(lines, 1)) / SCALES**2
+    return np.diag(weights + TINY * (power + TINY))
+
+
+def residual_squares(total: Array, x: Array) -> Array:
+    """The squares (...) that coefficients (..., 11) leave of the row's rate, of summed products (..., 12, 12)."""
+    explained = _form(total[..., 1:, 1:], x) - 2.0 * np.sum(x * total[..., 1:, Y], axis=-1)
+    return np.asarray(np.maximum(total[..., Y, Y] + explained, 0.0))
+
+
+def _solved(normal: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0])
+
+
+def _form(normal: Array, x: Array) -> Array:
+    return np.asarray((x[..., None, :] @ normal @ x[..., None])[..., 0, 0])
+
+
+def _ratio(squares: ArrayLike, of: ArrayLike) -> Array:
+    """The root (...) of squares over others; inf where these are none."""
+    part, whole = np.maximum(squares, 0.0), np.asarray(of, np.float64)
+    return np.asarray(np.sqrt(np.divide(part, whole, out=np.full(np.shape(whole), math.inf), where=whole > 0)))
+
+
+def _leak(total: Array, x: Array) -> Array:
+    """Gravity's fitted aiding regressed on its direction form, 1/s; NaN without any. (...) of (..., 12, 12)."""
+    gravity = slice(AID.start, AID.start + step_sensors.GRAVITY_AIDING)
+    down = AID.start + step_sensors.NAMES.index("D")
+    square = total[..., down, down]
+    product = np.sum(x[..., PLAIN : PLAIN + step_sensors.GRAVITY_AIDING] * total[..., gravity, down], axis=-1)
+    return np.asarray(np.divide(product, square, out=np.full(np.shape(square), math.nan), where=square > 1e-12))
+
+
+# What did a row show in the steps? One linear fit of its turning to the reference's, all events together.
+#
+# Body rates w are summed increments of attitude over a span h; u is the event's axis.
+# Minimised over delay tau, gain k, body misalignment phi, aiding gains a_j
+# (:mod:`attlog.metrics.step_sensors`) and one constant c per event:
+#
+#     sum ( u.w_est(t + tau) - k u.w_ref(t) - phi.(w_ref x u) - sum_j a_j u.n_j(t + tau) - c )^2
+#
+# Gauss-Newton in tau; everything else is linear.
+
+RANGE_S, COARSE_S = 0.25, 0.025
+"""A delay is looked for up to this far on both sides."""
+SLOPE_S, LARGEST_STEP_S = 0.008, 0.020
+ENOUGH_S, MOST_STEPS = 3e-5, 20
+
+
+def fit(groups: EventBatches) -> dict[str, Fit]:
+    """The fit of all events (``all``) and, with its misalignment and aiding kept, of each axis that has some."""
+    delay, at_edge = _start(groups)
+    sums = _sums(groups, delay, None)
+    for _ in range(MOST_STEPS):
+        total = sums.products.sum(axis=0)
+        x = sums.solve(total)
+        step = float(np.clip(sums.step(x), -LARGEST_STEP_S, LARGEST_STEP_S))
+        delay = float(np.clip(delay + step, -RANGE_S, RANGE_S))
+        sums = _sums(groups, delay, (x, float(residual_squares(total, x))))
+        if abs(step) < ENOUGH_S or abs(delay) >= RANGE_S:
+            break
+    at_edge = at_edge or abs(delay) > RANGE_S - 1e-3
+    sums.plain, _ = groups.products(delay, SLOPE_S, np.zeros(len(step_sensors.NAMES)))
+    present = np.flatnonzero(sums.lines)
+    if len(present) == 0:
+        return {}
+    fits = {"all": sums.fit(present)}
+    kept = sums.keeping(fits["all"].x)
+    for axis, name in enumerate(AXES):
+        own = present[sums.axis[present] == axis]
+        if len(own):
+            fits[name] = kept.fit(own)
+    for found in fits.values():
+        found.at_edge = at_edge or abs(found.delay) > RANGE_S - 1e-3
+    return fits
+
+
+def _start(groups: EventBatches) -> tuple[float, bool]:
+    """The delay of the largest correlation on a coarse grid, and whether that is the grid's end."""
+    grid = np.arange(-RANGE_S, RANGE_S + 1e-9, COARSE_S)
+    best = int(np.argmax(groups.correlations(grid)))
+    return float(grid[best]), best in (0, len(grid) - 1)
+
+
+def _sums(groups: EventBatches, delay: float, last: tuple[Array, float] | None) -> NormalEquations:
+    """The products at a delay; ``last`` are coefficients and residual squares of the step before."""
+    aids = np.zeros(len(step_sensors.NAMES)) if last is None else last[0][PLAIN:]
+    products, count = groups.products(delay, SLOPE_S, aids)
+    total, lines = products.sum(axis=0), max(int(count.sum()), 1)
+    squares = total[Y, Y] - total[Y, GAIN] ** 2 / max(total[GAIN, GAIN], 1e-30) if last is None else last[1]
+    return NormalEquations(
+        products,
+        products,
+        count,
+        np.array([e.end - e.begin for e in groups.events]),
+        delay,
+        groups.slow_row,
+        ridge(total, float(max(squares, 0.0)) / lines, lines),
+        heavy=groups.heavy,
+        axis=np.array([e.axis for e in groups.events], np.int64),
+    )
+
+
+MIN_REFERENCE_HZ = 5.0
+
+
+def fits(case: Case, row: Row, window: str) -> dict[str, Fit]:
+    """The fits of a row over the events of a window: per axis and ``all``; shared by everything that looks at steps."""
+    found = evidence(case, row, window)
+    return {} if found is None else found.fits
+
+
+@dataclass(slots=True)
+class RowFits:
+    """The fits of a row per axis and ``all``, and the events that their numbers mean."""
+
+    fits: dict[str, Fit]
+    events: list[steps.StepEvent]
+
+
+def evidence(case: Case, row: Row, window: str) -> RowFits | None:
+    """What a row showed in the events of a window; None without any that it covers."""
+    return _evidence(case, row, first_with(case, row, window)) if events_in(case, row, window) else None
+
+
+def first_with(case: Case, row: Row, window: str) -> str:
+    """``all`` where this window holds the same events, else the window: what was found there is not computed again."""
+    return "all" if events_in(case, row, window) == events_in(case, row, "all") else window
+
+
+@per_row
+def events_in(case: Case, row: Row, window: str) -> list[steps.StepEvent]:
+    """The events of a window for which this row is scored."""
+    return steps.steps_in_window(case, scored_events(case, row), window)
+
+
+@per_row
+def _evidence(case: Case, row: Row, window: str) -> RowFits | None:
+    track = SummedTurning(row.t, row.q, row.segment, timing(case, row.t))
+    seen = seen_by(case, row)
+    sensors = None if seen is None else RowSensors(case, row, track, seen)
+    groups = step_groups.event_batches(track, reference_turning(case), events_in(case, row, window), sensors)
+    return None if groups is None else RowFits(fit(groups), groups.events)
+
+
+@per_times
+def timing(case: Case, t: Array) -> Timing:
+    """What :class:`Turning` needs to know of the times (n,) of rows; replays of one unit share them."""
+    return Timing.of(t)
+
+
+@per_case
+def reference_turning(case: Case) -> SummedTurning:
+    """The reference's attitude as summed turning."""
+    return SummedTurning(case.reference.t, case.reference.q, case.reference.segment)
+
+
+def scored_events(case: Case, row: Row) -> list[steps.StepEvent]:
+    """The events of the reference for which this row is scored (after a restart it settles first)."""
+    errors = row.errors
+    if errors is None or len(errors.t) == 0:
+        return []
+    events = steps.reference_steps(case)
+    at = np.clip(np.searchsorted(errors.t, [e.onset for e in events]), 0, len(errors.t) - 1)
+    return [e for e, i in zip(events, at, strict=True) if errors.scored[i]]
+
+
+def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
+    """Code and reason where a window has no events at all for a row, else None."""
+    rate = case.reference.rate
+    if rate < MIN_REFERENCE_HZ:
+        return (
+            "reference_too_slow",
+            f"the reference comes at {rate:.1f} Hz; {MIN_REFERENCE_HZ:.0f} Hz are needed for steps",
+        )
+    if not events_in(case, row, window):
+        where = {"all": "in this log", "airborne": "in flight"}.get(window, f"in {window}")
+        if window == "airborne" and not case.segments.spans("airborne"):
+            return "no_events", why_never_airborne(case)
+        sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
+        start = f"from {case.reference.scoring_start:.0f} s on"
+        return "no_events", f"no step {where} {start}; turns of {sizes} within 1 s are needed"
+    return None
+
+
+def too_few(count: int, where: str = "") -> str:
+    """The reason where there are fewer than MIN_EVENTS; ``where`` follows with a blank before it."""
+    return f"{count} step{'' if count == 1 else 's'}{where}; at least {MIN_EVENTS} are needed"

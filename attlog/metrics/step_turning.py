@@ -1,0 +1,306 @@
+"""Steps: fast attitude changes of the vehicle, found per body axis in the reference's own rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.metrics.metric import Case, per_case
+from attlog.reference.model import Reference
+from attlog.segments import model
+
+Array = NDArray[np.float64]
+
+AXES = ("roll", "pitch", "yaw")
+SMALLEST_DEG = (5.0, 5.0, 10.0)
+LEVEL = 0.15
+"""An onset is where the rate rises above this share of the stroke's peak rate."""
+QUIET_S = 0.3
+STROKE_S = 1.0
+REST_OF_EVENT_S = 0.7
+BEFORE_S, AFTER_S = 0.5, 1.0
+RUN_AFTER_S = 1.2
+RATE_SPAN_S = 0.04
+"""The rate is taken over this span: then a logged step of 0.01 deg at 400 Hz is no step."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepEvent:
+    """One step about a body axis: onset, half and 90 % of the stroke, its size, the window to compare in (s)."""
+
+    axis: int
+    onset: float
+    middle: float
+    t90: float
+    delta_deg: float
+    begin: float
+    end: float
+
+
+def find_steps(t: Array, q: Array, segment: NDArray[np.int64]) -> list[StepEvent]:
+    """Step events of an attitude ``q`` (n, 4) at ``t`` (n,) s, in time order; no event crosses a segment.
+
+    The stroke is the largest excursion of the integrated body rate within 1 s of the
+    onset, at least 5 deg (yaw 10); an onset less than 0.7 s after the last event's
+    90 % point belongs to that event (docs/metrics.md, Steps).
+    """
+    events: list[StepEvent] = []
+    for own in model.segment_slices(np.ones(len(t), bool), segment):
+        if own.stop - own.start < 8 or t[own.stop - 1] - t[own.start] < BEFORE_S + RUN_AFTER_S:
+            continue
+        turn = np.degrees(rotation.increments(q[own]))
+        for axis in range(3):
+            events += _cut_to_neighbours(_of_axis(t[own], turn[:, axis], axis))
+    return sorted(events, key=lambda e: e.onset)
+
+
+@per_case
+def reference_steps(case: Case) -> list[StepEvent]:
+    """The events of the reference that every row is judged by: after the scoring start, before the end."""
+    return scored_steps(case.reference)
+
+
+def scored_steps(reference: Reference) -> list[StepEvent]:
+    """The events of a reference after its scoring start and before its end."""
+    found = find_steps(reference.t, reference.q, reference.segment) if len(reference.t) else []
+    return [e for e in found if e.begin >= reference.scoring_start and e.end <= reference.end]
+
+
+def steps_in_window(case: Case, events: list[StepEvent], window: str) -> list[StepEvent]:
+    """The events whose onset lies in a window."""
+    inside = case.segments.mask(np.array([e.onset for e in events]), window)
+    return [e for e, ok in zip(events, inside, strict=True) if ok]
+
+
+def _of_axis(t: Array, turn: Array, axis: int) -> list[StepEvent]:
+    angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turn))])
+    step = float(np.median(np.diff(t)))
+    if step <= 0:
+        return []
+    span = max(1, round(RATE_SPAN_S / step))
+    elapsed = t[span:] - t[:-span]
+    rate = np.abs(angle[span:] - angle[:-span]) / np.maximum(elapsed, 1e-9)
+    at = 0.5 * (t[span:] + t[:-span])
+    quiet = max(1, round(QUIET_S / step))
+    peak = _largest_ahead(rate, max(1, round(STROKE_S / step)))
+    before = np.full(len(rate), np.inf)
+    before[quiet:] = _largest_ahead(rate, quiet)[: len(rate) - quiet]
+    onsets = np.flatnonzero((rate >= LEVEL * peak) & (before < LEVEL * peak) & (peak >= SMALLEST_DEG[axis] / STROKE_S))
+    events: list[StepEvent] = []
+    for i in onsets:
+        onset = float(at[i])
+        if onset - BEFORE_S < t[0] or (events and onset < events[-1].t90 + REST_OF_EVENT_S):
+            continue
+        event = _stroke(t, angle, axis, onset)
+        if event is not None and event.t90 + RUN_AFTER_S <= t[-1]:
+            events.append(event)
+    return events
+
+
+def _stroke(t: Array, angle: Array, axis: int, onset: float) -> StepEvent | None:
+    first, last = np.searchsorted(t, [onset, onset + STROKE_S])
+    before = slice(max(int(first) - 1, 0), int(last) + 1)  # alone: interp would look at the whole flight
+    excursion = angle[first:last] - np.interp(onset, t[before], angle[before])
+    if len(excursion) == 0:
+        return None
+    delta = float(excursion[np.argmax(np.abs(excursion))])
+    if abs(delta) < SMALLEST_DEG[axis]:
+        return None
+    share = excursion / delta
+    middle, t90 = (float(t[first + np.argmax(share >= level)]) for level in (0.5, 0.9))
+    return StepEvent(axis, onset, middle, t90, delta, onset - BEFORE_S, t90 + AFTER_S)
+
+
+def _cut_to_neighbours(events: list[StepEvent]) -> list[StepEvent]:
+    cut = list(events)
+    for k in range(len(events) - 1):
+        halfway = 0.5 * (events[k].t90 + events[k + 1].onset)
+        cut[k] = replace(cut[k], end=min(cut[k].end, halfway))
+        cut[k + 1] = replace(cut[k + 1], begin=max(cut[k + 1].begin, halfway))
+    return cut
+
+
+def _largest_ahead(x: Array, count: int) -> Array:
+    """The maximum of x[i : i + count] for each i (shorter at the end), by doubling."""
+    out, have = x.copy(), 1
+    while have < count:
+        shift = min(have, count - have)
+        if shift >= len(x):
+            break
+        out = np.concatenate([np.maximum(out[:-shift], out[shift:]), out[-shift:]])
+        have += shift
+    return out
+
+
+# How an attitude turns: the sum of its body increments, and the samples around each step.
+
+Index = NDArray[np.int64]
+
+
+SUMMED_SIGNATURE = "void(f8[:, ::1], (f8[:, ::1]))"
+ABOUT_SIGNATURE = (
+    "void(f8[:, ::1], f8[::1], (f8[:, ::1]), (f8[::1]), (i8[::1]), (i8[::1]), (f8[::1]), (f8[:, ::1]), i8)"
+)
+TURNING_SOURCES = ("metrics/step_turning.py", "core/jit")
+
+
+DEG = math.degrees(1.0)
+SMALL = 0.0025
+"""Squared tangent of half an angle below which a series holds to the last digit: 0.1 rad, as between most samples."""
+
+
+REACH_BEFORE_S, REACH_AFTER_S = 0.1, 0.3
+"""So far before the onset and beyond the 90 % point a step must be covered, s."""
+
+
+def summed_turning(out: Array, q: Array) -> None:
+    """Fill ``out`` (n, 3) with the summed rotation vectors in deg of ``q_i^* q_(i+1)`` of attitudes ``q`` (n, 4)."""
+    sx, sy, sz = 0.0, 0.0, 0.0
+    for i in range(len(q)):
+        if i > 0:
+            w, x, y, z = q[i - 1, 0], q[i - 1, 1], q[i - 1, 2], q[i - 1, 3]
+            e, f, g, h = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+            tx, ty, tz = w * f - x * e - y * h + z * g, w * g + x * h - y * e - z * f, w * h - x * g + y * f - z * e
+            cosine, square = w * e + x * f + y * g + z * h, tx * tx + ty * ty + tz * tz
+            size, factor = abs(cosine), 2.0
+            if square < SMALL * size * size:
+                s = square / (size * size)
+                factor = 1.0 - s * (
+                    1.0 / 3.0 - s * (0.2 - s * (1.0 / 7.0 - s * (1.0 / 9.0 - s * (1.0 / 11.0 - s / 13.0))))
+                )
+                factor *= 2.0 / size
+            elif square > 1e-24:
+                sine = math.sqrt(square)
+                factor = 2.0 * math.atan2(sine, size) / sine
+            factor *= -DEG if cosine < 0.0 else DEG
+            sx, sy, sz = sx + factor * tx, sy + factor * ty, sz + factor * tz
+        out[i, 0], out[i, 1], out[i, 2] = sx, sy, sz
+
+
+def summed_at_once(out: Array, q: Array) -> None:
+    """The same in numpy: summed turning ``out`` (n, 3) in deg of attitudes ``q`` (n, 4), body axes."""
+    turn = rotation.increments(q)
+    out[:1] = 0.0
+    np.cumsum(np.degrees(turn, out=turn), axis=0, out=out[1:])
+
+
+def about_axes(
+    out: Array, at: Array, axes: Array, start: Array, begin: Index, first: Index, t: Array, turned: Array, cross: int
+) -> None:
+    """Fill ``out[:, 0]`` with what is turned (n,) in deg about each event's axis since its first sample.
+
+    Event e has ``axes[e]`` and the samples ``first[e]`` to ``first[e + 1]`` of ``out`` and ``at``, which are those from
+    ``begin[e]`` on of ``t`` and ``turned`` (m, 3). ``at`` becomes their time after ``-start[e]``; with ``cross`` the
+    next three columns what is turned, times the axis.
+    """
+    for e in range(len(begin)):
+        ux, uy, uz = axes[e, 0], axes[e, 1], axes[e, 2]
+        k0 = begin[e]
+        for i in range(first[e], first[e + 1]):
+            k = k0 + i - first[e]
+            x, y, z = turned[k, 0] - turned[k0, 0], turned[k, 1] - turned[k0, 1], turned[k, 2] - turned[k0, 2]
+            at[i] = t[k] + start[e]
+            out[i, 0] = x * ux + y * uy + z * uz
+            if cross == 1:
+                out[i, 1], out[i, 2], out[i, 3] = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
+
+
+SUMMED = kernel_of(summed_turning, SUMMED_SIGNATURE, "metrics", "the turning of an attitude", TURNING_SOURCES)
+ABOUT = kernel_of(about_axes, ABOUT_SIGNATURE, "metrics", "the turning in steps", TURNING_SOURCES)
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Of times (n,): the ``number`` (n,) of their segments between gaps, and the median ``step`` in s."""
+
+    number: Index
+    step: float
+
+    @classmethod
+    def of(cls, t: Array) -> Timing:
+        """Of times (n,) s."""
+        return cls(model.number_segments(t), float(np.median(np.diff(t))) if len(t) > 1 else math.inf)
+
+
+@dataclass(slots=True)
+class SummedTurning:
+    """An attitude over time with its summed turning.
+
+    ``t`` (n,) s, ``q`` (n, 4) finite samples only; ``segment`` (n,) changes at gaps, restarts and
+    left-out samples; ``turned`` (n, 3) deg: the rotation vectors of ``q_i^* q_(i+1)`` summed in
+    body axes; ``step`` median time between samples, s.
+    """
+
+    t: Array
+    q: Array
+    segment: Index
+    timing: Timing | None = None
+    """What is known of ``t`` where others have the same times."""
+    turned: Array = field(init=False)
+    step: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        good = rotation.finite_rows(self.q)
+        if good.all():
+            timing = self.timing or Timing.of(self.t)
+            self.segment = model.merge_numbers(timing.number, self.segment)
+        else:
+            lost = np.cumsum(~good)[good].astype(np.int64)
+            self.t, self.q = self.t[good], self.q[good]
+            timing = Timing.of(self.t)
+            self.segment = model.merge_numbers(timing.number, self.segment[good], lost)
+        self.t, self.q = (np.ascontiguousarray(x, np.float64) for x in (self.t, self.q))
+        self.step, self.timing = timing.step, None
+        self.turned = np.empty((len(self.t), 3))
+        function_of(SUMMED, summed_turning, summed_at_once)(self.turned, self.q)
+
+
+@dataclass(slots=True)
+class EventIndex:
+    """Samples of a :class:`Turning` around several events, one event after the other.
+
+    ``index`` (n,) sample numbers, ``of`` (n,) number of the event, ``first`` (events,) where each
+    event begins in ``index``.
+    """
+
+    index: Index
+    of: Index
+    first: Index
+
+
+def around(track: SummedTurning, events: Sequence[StepEvent], margin: float) -> list[slice | None]:
+    """The samples from ``margin`` s before to after each event's window that no gap parts from its mid-step.
+
+    None where they do not reach from 0.1 s before the onset to 0.3 s after the 90 % point.
+    """
+    if len(track.t) < 2:
+        return [None] * len(events)
+    last = len(track.t) - 1
+    times = np.array([(e.begin, e.onset, e.middle, e.t90, e.end) for e in events]).reshape(-1, 5)
+    begin, onset, middle, t90, close = times.T
+    own = track.segment[np.minimum(np.searchsorted(track.t, middle), last)]  # segments are numbered in time
+    first = np.maximum(np.searchsorted(track.t, begin - margin), np.searchsorted(track.segment, own))
+    end = np.minimum(np.searchsorted(track.t, close + margin), np.searchsorted(track.segment, own, side="right"))
+    reaches = (end - first > 1) & (track.t[np.minimum(first, last)] <= onset - REACH_BEFORE_S)
+    reaches &= track.t[end - 1] >= np.minimum(t90 + REACH_AFTER_S, close)
+    return [slice(i, j) if ok else None for i, j, ok in zip(first.tolist(), end.tolist(), reaches, strict=True)]
+
+
+def stack_events(parts: Sequence[slice]) -> EventIndex:
+    """The samples of these ranges behind each other."""
+    sizes = np.array([p.stop - p.start for p in parts], np.int64)
+    first = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    of = np.repeat(np.arange(len(parts)), sizes)
+    start = np.array([p.start for p in parts], np.int64)
+    return EventIndex(np.arange(int(sizes.sum())) - first[of] + start[of], of, first)
+
+
+def event_places(stack: EventIndex) -> tuple[Index, Index]:
+    """The number (events,) of each event's first sample; where each begins in the stack, and its end (events + 1,)."""
+    return stack.index[stack.first], np.append(stack.first, len(stack.index))

@@ -1,1 +1,0 @@
-"""The fit of a lag: one linear model of all steps together."""

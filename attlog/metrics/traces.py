@@ -1,0 +1,422 @@
+"""Arrays of the longest rest: a close-up of each row's angles, and how they are spread."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.flight.model import without_pauses
+from attlog.metrics import allan, drift, setpoint
+from attlog.metrics import drift as drift_air
+from attlog.metrics import drift as drift_rest
+from attlog.metrics import step_error as step_curves
+from attlog.metrics import step_fit as step_fits
+from attlog.metrics import step_turning as steps
+from attlog.metrics.metric import Case, per_case, per_times
+from attlog.metrics.sensor_traces import height_trace, sensor_traces
+from attlog.metrics.step_error import Curve
+from attlog.metrics.step_products import STRIDE_S
+from attlog.metrics.step_turning import StepEvent
+from attlog.metrics.trace import SampleBudget, SampleBudgets, Trace, envelope
+from attlog.metrics.windows import detrended, deviations, own_start, within
+from attlog.reference import alignment
+from attlog.reference.model import Reference, Row
+from attlog.segments import model
+
+Array = NDArray[np.float64]
+
+ANGLES = ("roll", "pitch", "heading")
+BINS = 61
+WINDOW_S = 5.0
+"""As the noise is measured: what is slower is wander."""
+MIN_REST_SAMPLES = 10
+ORDERED = 20_000
+"""Values of a longer rest are counted by so many of them, spread evenly over their order."""
+
+
+class RestTraces:
+    """``rest`` and ``spread`` of rows that pass one by one: of each that is finite in the longest rest.
+
+    ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them.
+    """
+
+    def __init__(self, case: Case, replays: int, onboard: Sequence[Row]) -> None:
+        self._case = case
+        spans = case.segments.spans("rest")
+        self._rest = max(spans, key=lambda s: s[1] - s[0]) if spans else None
+        segments = [self._segment(row) for row in onboard]
+        self._budget = SampleBudgets(replays, sum(p.stop - p.start for p in segments if p is not None))
+        self._drawn: list[Trace] = []
+        self._scatters: list[Scatter] = []
+
+    def add(self, row: Row) -> None:
+        """Draw what a row does at rest; it may be released then."""
+        segment = self._segment(row)
+        if segment is None:
+            return
+        t, angles = row.t[segment], deviations(row.q[segment])
+        self._drawn.append(close_up(row.name, t, angles, self._budget.share(len(t), row.kind == "replay")))
+        self._scatters.append(Scatter.of(row.name, residual(t, angles[:, :2]).ravel()))
+
+    def drawn(self) -> list[Trace]:
+        """All traces, the spreads in bins that are the same for all rows."""
+        return [*self._drawn, *spreads(self._scatters)]
+
+    def _segment(self, row: Row) -> slice | None:
+        """The row's longest segment in the rest; None where it is too short or not finite."""
+        if self._rest is None:
+            return None
+        start = max(self._rest[0], own_start(self._case, row))
+        segments = within(row.t, (start, self._rest[1]), row.segment) if start < self._rest[1] else []
+        segment = max(segments, key=lambda p: p.stop - p.start, default=None)
+        if segment is None or segment.stop - segment.start <= MIN_REST_SAMPLES or not np.isfinite(row.q[segment]).all():
+            return None
+        return segment
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Values of a row whose distribution is to be counted: their standard deviation, and some of them in order."""
+
+    row: str
+    size: float
+    ordered: Array
+
+    @classmethod
+    def of(cls, row: str, values: Array) -> Scatter:
+        """Of values (n,): so many that a share of them is kept to 0.005 %."""
+        size = float(np.std(values)) if len(values) else 0.0
+        if len(values) > ORDERED:
+            values = np.sort(values)[np.linspace(0, len(values) - 1, ORDERED).round().astype(np.int64)]
+        return cls(row, size, values)
+
+
+def close_up(name: str, t: Array, angles: Array, share: SampleBudget) -> Trace:
+    """Angles (n, 3) in deg, each minus its straight line: noise and wander without drift."""
+    flat = detrended(t, angles)
+    at, kept = envelope(t, flat, share(len(t)))
+    return Trace("rest", name, at, {a: kept[:, k] for k, a in enumerate(ANGLES)}, ratio=len(t) / len(at))
+
+
+def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
+    """Shares (%) of the samples of roll and pitch per bin of the angle, the same bins for all rows."""
+    scatters = [s for s in scatters if len(s.ordered) > MIN_REST_SAMPLES]
+    if not scatters:
+        return []
+    half = max(3.5 * float(np.median([s.size for s in scatters])), 1e-4)
+    edges = np.linspace(-half, half, BINS + 1)
+    middle = 0.5 * (edges[:-1] + edges[1:])
+    shares = [100.0 * np.histogram(s.ordered, edges)[0] / len(s.ordered) for s in scatters]
+    return [
+        Trace("spread", s.row, middle, {"angle": middle, "share": share})
+        for s, share in zip(scatters, shares, strict=True)
+    ]
+
+
+def residual(t: Array, angles: Array) -> Array:
+    """Angles (n, k) with a straight line taken out of every 5 s; windows of under 3 samples are left out."""
+    edges = np.searchsorted(t, np.arange(t[0], t[-1] + WINDOW_S, WINDOW_S))
+    windows = [slice(a, b) for a, b in pairwise(edges) if b - a > 2]
+    return np.concatenate([detrended(t[w], angles[w]) for w in windows] or [np.zeros((0, angles.shape[1]))])
+
+
+# Arrays of steps: one that is like most of them, and what all of them have in common.
+
+GRID_S = np.linspace(-0.3, 1.2, 151)
+"""Times from the onset at which events are compared."""
+SHARES = (0.1, 0.5, 0.9)
+"""The band holds four in five of the events."""
+MIN_EVENTS_DRAWN = 3
+"""Events from which a band is drawn; of fewer it would be the events themselves."""
+
+
+def step_traces(case: Case, row: Row) -> list[Trace]:
+    """``step``: the representative event. ``steps``: over all events of each axis, and of all axes together."""
+    if row.is_reference or case.reference.rate < step_fits.MIN_REFERENCE_HZ:
+        return []
+    curves = step_curves.curves(case, row, "all")
+    event = representative(case)
+    found = [one_step(case, row, curve) for curve in curves if curve.event == event]
+    if len(curves) < MIN_EVENTS_DRAWN:
+        return found
+    axes, (error, moved) = np.array([c.event.axis for c in curves]), in_percent(curves)
+    for axis in (None, *range(len(steps.AXES))):
+        own = np.ones(len(axes), bool) if axis is None else axes == axis
+        if np.count_nonzero(own) >= MIN_EVENTS_DRAWN and (axis is not None or len(set(axes.tolist())) > 1):
+            found.append(step_statistics(row, error[own], moved[own], "all axes" if axis is None else steps.AXES[axis]))
+    return found
+
+
+@per_case
+def representative(case: Case) -> StepEvent | None:
+    """The event of median stroke about the axis with most events; None without events."""
+    events = steps.reference_steps(case)
+    if not events:
+        return None
+    count = [sum(e.axis == axis for e in events) for axis in range(len(steps.AXES))]
+    own = sorted((e for e in events if e.axis == int(np.argmax(count))), key=lambda e: (abs(e.delta_deg), e.onset))
+    return own[(len(own) - 1) // 2]
+
+
+def one_step(case: Case, row: Row, curve: Curve) -> Trace:
+    """What row, reference and set-point turned about the axis of one event since its onset, stroke positive."""
+    columns = {"est": curve.row, "ref": curve.reference}
+    wanted = step_curves.setpoint(case, curve)
+    if wanted is not None:
+        columns["set"] = wanted
+    event = curve.event
+    return Trace("step", row.name, curve.seconds, columns, f"{steps.AXES[event.axis]}@{event.onset:.2f}")
+
+
+def in_percent(curves: list[Curve]) -> tuple[Array, Array]:
+    """The row's error and the reference's turning (events, times) laid on their onset, in % of the stroke."""
+    stroke = np.array([abs(c.event.delta_deg) for c in curves])[:, None]
+    error = resampled_errors(curves, [c.error for c in curves]) / stroke * 100.0
+    return error, resampled_errors(curves, [c.reference for c in curves]) / stroke * 100.0
+
+
+def step_statistics(row: Row, error: Array, moved: Array, axis: str) -> Trace:
+    """Median and band of the row's error over events (events, times) in % of the stroke; NaN where few reach."""
+    enough = np.isfinite(error).sum(axis=0) >= MIN_EVENTS_DRAWN
+    columns = {name: np.full(len(GRID_S), np.nan) for name in ("median", "low", "high", "ref")}
+    columns["low"][enough], columns["median"][enough], columns["high"][enough] = known_steps(error[:, enough], SHARES)
+    columns["ref"][enough] = known_steps(moved[:, enough], (0.5,))[0]
+    return Trace("steps", row.name, GRID_S, columns, axis, values={"events": float(len(error))})
+
+
+def known_steps(x: Array, shares: tuple[float, ...]) -> Array:
+    """Quantiles (len(shares), n) of the numbers in each column of (k, n), NaN left out; one number at least in each.
+
+    As numpy.nanquantile has them, which goes through the columns one by one.
+    """
+    ordered, known = np.sort(x, axis=0), np.isfinite(x).sum(axis=0)
+    found = np.empty((len(shares), x.shape[1]))
+    for k, share in enumerate(shares):
+        place = share * (known - 1)
+        below = np.floor(place).astype(np.int64)
+        low, high = (np.take_along_axis(ordered, i[None], axis=0)[0] for i in (below, np.minimum(below + 1, known - 1)))
+        found[k] = low + (place - below) * (high - low)
+    return found
+
+
+def resampled_errors(curves: list[Curve], values: list[Array]) -> Array:
+    """Values (n,) of each curve on the common times (events, times); NaN beyond its ends.
+
+    All curves lie behind each other: a row has hundreds.
+    """
+    begin = STRIDE_S * np.arange(len(curves))
+    seconds = [c.seconds for c in curves]
+    at = GRID_S + begin[:, None]
+    found = np.interp(at, np.concatenate([s + b for s, b in zip(seconds, begin, strict=True)]), np.concatenate(values))
+    low, high = (np.array([s[k] for s in seconds])[:, None] for k in (0, -1))
+    return np.where((low <= GRID_S) & (high >= GRID_S), found, np.nan)
+
+
+# Arrays of the attitude set-point: what was demanded over the flight, and how the vehicle followed a step of it.
+
+MAX_DEMAND_POINTS = 25_000
+"""Samples of the demanded angles, before they become an envelope."""
+
+
+def demand_traces(case: Case) -> list[Trace]:
+    """``demand``: roll, pitch and heading of the set-point while armed (of the whole log where arming is unknown)."""
+    wanted = case.log.setpoints
+    if wanted is None:
+        return []
+    armed = case.segments.spans("armed") or case.segments.spans("all")
+    own = np.zeros(len(wanted.t), bool)
+    for a, b in armed:
+        own |= (wanted.t >= a) & (wanted.t <= b)
+    t, q = model.select_rising(np.where(own, wanted.t, np.nan), wanted.q)
+    if len(t) < 2:
+        return []
+    if case.reference.trim is not None and not wanted.has_trim:
+        q = alignment.apply_trim(q, case.reference.trim)
+    angles = np.degrees(rotation.to_euler(q))
+    angles[np.flatnonzero(np.diff(model.number_segments(t)) != 0) + 1] = np.nan
+    at, kept = envelope(t, angles, MAX_DEMAND_POINTS)
+    columns = {name: kept[:, k] for k, name in enumerate(("roll", "pitch", "heading"))}
+    return [Trace("demand", "", at, columns, ratio=len(t) / len(at))]
+
+
+def setpoint_traces(case: Case, row: Row) -> list[Trace]:
+    """``setpoint``: the vehicle's response to a unit step of its set-point, roll and pitch; with the onboard row."""
+    blocks = setpoint.moved(case, "all") if row.name == "onboard" else None
+    if blocks is None or len(blocks.axis) < setpoint.MIN_BLOCKS:
+        return []
+    columns, t = {}, np.zeros(0)
+    for axis, name in enumerate(("roll", "pitch")):
+        own = blocks.axis == axis
+        if own.sum() >= setpoint.MIN_BLOCKS // 2:
+            t, columns[name] = setpoint.step_response(blocks.only(own))
+    return [Trace("setpoint", row.name, t, columns)] if columns else []
+
+
+# Arrays for the figures: what the numbers were computed from, row by row.
+
+
+def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
+    """All traces of all rows, figure by figure within a row; see :class:`Trace` for their columns.
+
+    A reference that is no row (truth, smoother) comes first, with its attitude alone; what is drawn
+    of all rows together and of the sensors comes last. Long logs become envelopes.
+    """
+    rows = list(rows)
+    replays = [row for row in rows if row.kind == "replay"]
+    drawing = Drawing(case, len(replays), [row for row in rows if row.kind != "replay"])
+    drawn = [trace for row in rows for trace in drawing.of_row(row)]
+    return [*drawing.first(rows), *drawn, *drawing.last()]
+
+
+class Drawing:
+    """The traces of rows that pass one by one, so that each can be released once it is drawn.
+
+    ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them. How many points each may
+    have follows from how many there are.
+    """
+
+    def __init__(self, case: Case, replays: int, onboard: Sequence[Row]) -> None:
+        self.case = case
+        alone = len(case.reference.t) if case.reference.kind in ("truth", "smoother") else 0
+        self._angles = SampleBudgets(replays, alone + sum(len(row.t) for row in onboard))
+        self._errors = SampleBudgets(replays, sum(len(row.errors.t) for row in onboard if row.errors is not None))
+        self._rest = RestTraces(case, replays, onboard)
+
+    def first(self, rows: Iterable[Row]) -> list[Trace]:
+        """The reference, where it is none of the rows."""
+        reference = self.case.reference
+        if reference.kind not in ("truth", "smoother") or any(row.is_reference for row in rows):
+            return []
+        share = self._angles.share(len(reference.t), replayed=False)
+        return [
+            *attitude(reference.kind, reference.t, reference.q, reference.gap_segment, share),
+            *own_sigma(reference, share),
+        ]
+
+    def of_row(self, row: Row) -> list[Trace]:
+        """One row, figure by figure."""
+        case, replayed = self.case, row.kind == "replay"
+        angles = self._angles.share(len(row.t), replayed)
+        errors = self._errors.share(0 if row.errors is None else len(row.errors.t), replayed)
+        self._rest.add(row)
+        return [
+            *attitude(row.name, row.t, row.q, row.segment, angles),
+            *difference(case, row, errors),
+            *drifts(case, row),
+            *allan_curves(case, row),
+            *step_traces(case, row),
+            *bias(row, angles),
+            *onboard_bias(case, row),
+            *setpoint_traces(case, row),
+        ]
+
+    def last(self) -> list[Trace]:
+        """What is drawn of all rows together, of the sensors, the set-point and the height."""
+        case = self.case
+        return [*demand_traces(case), *self._rest.drawn(), *sensor_traces(case), *height_trace(case)]
+
+
+def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: SampleBudget) -> list[Trace]:
+    """Roll, pitch, heading of attitudes (n, 4) at their own times; NaN after a gap or restart breaks the line."""
+    if len(t) == 0:
+        return []
+    euler = rotation.to_euler(q)
+    np.degrees(euler, out=euler)  # in place, as the gaps are: in long logs copies add up
+    return [_enveloped("attitude", name, t, _broken(euler, run), ("roll", "pitch", "heading"), share)]
+
+
+def own_sigma(reference: Reference, share: SampleBudget) -> list[Trace]:
+    """How wrong a smoother says it may be itself, deg: its tilt, and its heading where that is its own."""
+    if reference.sigma_tilt_deg is None or reference.sigma_heading_deg is None:
+        return []
+    columns = {"inclination": reference.sigma_tilt_deg}
+    if reference.heading_by in ("own", "relative"):
+        columns["heading"] = reference.sigma_heading_deg
+    made = np.column_stack(list(columns.values()))
+    return [
+        _enveloped("sigma", reference.kind, reference.t, _broken(made, reference.gap_segment), tuple(columns), share)
+    ]
+
+
+def difference(case: Case, row: Row, share: SampleBudget) -> list[Trace]:
+    """Errors against the reference: total, signed heading, inclination, and differences in roll and pitch."""
+    e = row.errors
+    if e is None or len(e.t) == 0:
+        return []
+    columns, tilt = np.empty((len(e.t), 5)), _tilt(case, e.q_ref)
+    columns[:, 0], columns[:, 1], columns[:, 2] = e.total, e.heading, e.inclination
+    for a in range(0, len(e.t), rotation.BLOCK_ROWS):  # in long logs copies of all of it add up
+        own = slice(a, a + rotation.BLOCK_ROWS)
+        columns[own, 3:] = np.degrees(rotation.wrap(rotation.to_euler(e.q_est[own])[:, :2] - tilt[own]))
+    names = ("total", "heading", "inclination", "roll", "pitch")
+    return [_enveloped("difference", row.name, e.t, _broken(columns, e.gap_segment), names, share)]
+
+
+@per_times
+def _tilt(case: Case, q: Array) -> Array:
+    """Roll and pitch (n, 2) in rad of an attitude (n, 4): of the reference the same for all rows."""
+    return np.ascontiguousarray(rotation.to_euler(q)[:, :2])
+
+
+def drifts(case: Case, row: Row) -> list[Trace]:
+    """Heading block means with their line, for the longest rest and for each heading reference in the air."""
+    records = [drift_rest.rest_blocks(case, row, usable) for _, usable in drift_rest.usable_rests(case, row, "rest")]
+    longest = max(records, key=lambda b: len(b.t), default=None)
+    keyed = [("rest", longest)]
+    if case.segments.spans("airborne") and not row.is_reference:
+        names = [n for n in drift_air.HEADING_REFERENCES if n in case.heading_references or n == case.reference.kind]
+        keyed += [(n, drift_air.error_blocks(case, row, n, "airborne")) for n in names if n != row.name]
+    found = []
+    for key, blocks in keyed:
+        if blocks is not None and len(blocks.t) >= drift.MIN_BLOCKS:
+            mean = float(np.mean(blocks.e[np.isfinite(blocks.e)])) if np.isfinite(blocks.e).any() else 0.0
+            columns = {"heading": blocks.e - mean, "line": drift.drift_line(blocks) - mean}
+            columns["heading"][1:][~without_pauses(blocks.t)] = np.nan
+            found.append(Trace("drift", row.name, blocks.t, columns, key))
+    return found
+
+
+def allan_curves(case: Case, row: Row) -> list[Trace]:
+    """Allan deviation of the averaged angle (deg) of the longest rest from 60 s on, ``key`` = axis, ``t`` = tau."""
+    segment = allan.longest_rest(case, row, "all")
+    if segment is None or row.t[segment.stop - 1] - row.t[segment.start] < allan.SHORTEST_S:
+        return []
+    step = float(row.t[segment.stop - 1] - row.t[segment.start]) / (segment.stop - segment.start - 1)
+    found = []
+    for axis, angle in zip(("roll", "pitch", "heading"), deviations(row.q[segment]).T, strict=True):
+        d = allan.of_average(angle, step)
+        columns = {"tau": d.tau, "deviation": d.sigma, "low": d.low, "high": d.high}
+        found.append(Trace("allan", row.name, d.tau, columns, axis))
+    return found
+
+
+def bias(row: Row, share: SampleBudget) -> list[Trace]:
+    """The filter's own gyro bias estimate in deg/s."""
+    if row.bias is None or len(row.t) == 0:
+        return []
+    return [_enveloped("bias", row.name, row.t, _broken(np.degrees(row.bias), row.segment), ("x", "y", "z"), share)]
+
+
+def onboard_bias(case: Case, row: Row) -> list[Trace]:
+    """The gyro bias in deg/s that the onboard estimator logged, at its own times: drawn with the onboard row."""
+    stream = case.log.onboard_gyro_bias
+    if row.name != "onboard" or stream is None:
+        return []
+    share = SampleBudget.of([len(stream.t)])
+    return [_enveloped("bias", row.name, stream.t, np.degrees(stream.x), ("x", "y", "z"), share)]
+
+
+def _enveloped(figure: str, name: str, t: Array, columns: Array, names: tuple[str, ...], share: SampleBudget) -> Trace:
+    at, kept = envelope(t, columns, share(len(t)))
+    return Trace(figure, name, at, {n: kept[:, k] for k, n in enumerate(names)}, ratio=len(t) / len(at))
+
+
+def _broken(columns: Array, run: NDArray[np.int64]) -> Array:
+    """The columns (n, k) themselves with NaN where a segment begins, which breaks the line there."""
+    columns[np.flatnonzero(np.diff(run) != 0) + 1] = np.nan
+    return columns

@@ -1,0 +1,288 @@
+"""Which time of a flight counts for a row, and why does none? Phases without settling; rows that can be compared."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.spans import Span, clipped, complement, intersect
+from attlog.flight.model import Imu
+from attlog.metrics.metric import Case, per_case, per_row, per_times
+from attlog.reference import alignment
+from attlog.reference.model import Row
+from attlog.segments import model, resets
+
+PHASES = ("rest", "hover", "cruise", "idle")
+"""Never pooled: the same filter is up to ten times as noisy in one as in another. In the order of the sentences."""
+SETTLING_S = 10.0
+"""A row settles for so long after its own start, and after a restart."""
+SETTLING_AFTER_MOTORS_S = 5.0
+"""And for so long after the motors stop: the accelerometer still believes in vibration."""
+ALIGNING_S = 30.0
+"""Resets of an onboard attitude on the ground within this time of its first sample are its alignment."""
+SHORTEST_S = 2.0
+
+
+@per_case
+def unsettled_spans(case: Case, phase: str) -> list[Span]:
+    """Spans in which no row is settled: after the first sample, after a restart, at rest also after the motors stop."""
+    continuous = case.segments.spans("all")
+    starts = model.restart_times(np.array([x for span in continuous for x in span])[::2]) if continuous else np.zeros(0)
+    found = [(float(t), float(t) + SETTLING_S) for t in starts]
+    for kind in ("armed", "airborne", "idle") if phase == "rest" else ():
+        found += [(t1, t1 + SETTLING_AFTER_MOTORS_S) for _, t1 in case.segments.spans(kind)]
+    return found
+
+
+def own_start(case: Case, row: Row) -> float:
+    """When a row is settled after its own start, s; an onboard attitude after the resets that align it.
+
+    An autopilot shows an attitude before its estimator is aligned; the alignment is a reset.
+    """
+    start = row.start
+    if row.kind == "onboard":
+        takeoff = min((t0 for t0, _ in case.segments.spans("airborne")), default=math.inf)
+        end = min(takeoff, start + ALIGNING_S)
+        start = max([start, *(s.t1 for s in case.segments.of("reset") if s.t1 < end)])
+    return start + SETTLING_S
+
+
+def phase_of(case: Case, window: str) -> str | None:
+    """The one phase that a window stands for: itself, rest for ``all``, the first one found in ``T0:T1``; else None."""
+    if window in ("all", "rest", "rest.long"):
+        return "rest"
+    if window in PHASES:
+        return window
+    if ":" in window:
+        return next((p for p in PHASES if phase_spans(case, p, window)), "rest")
+    return None
+
+
+@per_case
+def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
+    """Spans of a phase inside a window, within continuous segments, settled; in the air also scored."""
+    allowed = complement(unsettled_spans(case, phase), -math.inf, math.inf)
+    if phase in ("hover", "cruise"):
+        reference = case.reference
+        allowed = intersect(allowed, complement(reference.unscored, reference.scoring_start, reference.end))
+    if ":" in window or window == "rest.long":
+        allowed = intersect(allowed, case.segments.spans(window))
+    return clipped(intersect(case.segments.spans(phase), allowed), case.segments.spans("all"))
+
+
+def rest_spans(case: Case, row: Row, window: str) -> list[Span]:
+    """Rest inside a window, from when the row is settled."""
+    return intersect(phase_spans(case, "rest", window), [(own_start(case, row), math.inf)])
+
+
+def why_none(case: Case, phase: str, window: str) -> tuple[str, str]:
+    """Code and reason where a phase of a window holds nothing usable for any row or for one."""
+    where = f" in {window} s" if ":" in window else ""
+    if phase == "idle":
+        if not case.segments.spans("idle"):
+            return "no_rest", "the vehicle never stood with its motors turning"
+        return "rest_too_short", f"it never stood{where} for 5 s with its motors turning, once the filter had settled"
+    if phase in ("hover", "cruise"):
+        what = "hover" if phase == "hover" else "flight other than hover"
+        if not case.segments.spans(phase):
+            return "not_applicable", f"there is no {what} in this log"
+        return "record_too_short", f"no 5 s of {what}{where} in which this row is scored without a gap or a turn"
+    if not case.segments.spans("rest"):
+        return "no_rest", "the vehicle never stood still with motors off for 2 s; record 20 s before arming"
+    if window == "rest.long" and not case.segments.spans(window):
+        return "no_rest", "no rest of this log is long enough to count as long; record 20 s before arming"
+    if ":" in window and not intersect(case.segments.spans("rest"), case.segments.spans(window)):
+        return "no_rest", f"there is no rest{where}"
+    return "rest_too_short", (
+        f"no {SHORTEST_S:.0f} s of rest{where} after the filter settled ({SETTLING_S:.0f} s after its start, "
+        f"{SETTLING_AFTER_MOTORS_S:.0f} s after the motors stopped)"
+    )
+
+
+def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
+    """Code and reason where a row cannot be compared with the reference, else None."""
+    if case.reference.kind == "none" or len(case.reference.t) == 0:
+        nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
+        return "no_reference", case.reference.fault or nothing
+    if row.is_reference:
+        return "not_applicable", "this row is the reference itself"
+    if row.errors is None or len(row.errors.t) == 0:
+        return "not_covered", row.reason or "this row and the reference have no time in common"
+    return None
+
+
+def why_no_heading(case: Case, row: Row) -> tuple[str, str] | None:
+    """Code and reason where a row's heading cannot be compared though its tilt can, else None."""
+    if row.heading_shared:
+        return "not_applicable", f"{case.reference.heading_why}, so the reference has its heading from this row"
+    if case.reference.heading_by == "nobody":
+        return "no_reference", f"{case.reference.heading_why}, and no other heading can be compared with"
+    return None
+
+
+def why_never_airborne(case: Case) -> str:
+    """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
+    if not case.log.kind.flies:
+        return f"a {case.log.vehicle} does not fly"
+    return "the vehicle was never airborne (as far as the log shows)"
+
+
+# What several questions need: segments of samples, and small rotations and lines within them.
+
+Array = NDArray[np.float64]
+
+DRIFT_AIR_S, DRIFT_REST_S = 20.0, 8.0
+"""Shortest record of a drift in the air, and at rest after settling: four groups of 5 s, of 2 s."""
+DRIFT_SLACK_S = 0.5
+"""A record may lack this much: half a block of 1 s."""
+
+
+def unbroken(t: Array, inside: NDArray[np.bool_], segment_of: NDArray[np.int64] | None = None) -> list[slice]:
+    """Index ranges of consecutive samples (n,) inside, cut at gaps of ``t`` and where ``segment_of`` (n,) changes."""
+    segment = model.number_segments(t)
+    return model.segment_slices(inside, segment if segment_of is None else model.merge_numbers(segment, segment_of))
+
+
+def within(t: Array, span: Span, segment_of: NDArray[np.int64] | None = None) -> list[slice]:
+    """Unbroken segments of samples with span[0] <= t <= span[1]; ``t`` (n,) s ascending."""
+    i, j = int(np.searchsorted(t, span[0], side="left")), int(np.searchsorted(t, span[1], side="right"))
+    found = unbroken(t[i:j], np.ones(j - i, bool), None if segment_of is None else segment_of[i:j])
+    return [slice(s.start + i, s.stop + i) for s in found]
+
+
+def covered_seconds(t: Array, segments: list[slice]) -> float:
+    """Time covered by segments of the times ``t`` (n,) s, in s."""
+    return float(sum(t[s.stop - 1] - t[s.start] for s in segments))
+
+
+@per_row
+def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
+    """Segments of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
+    attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
+    if attitude is None:
+        return row.segment
+    jumped = np.zeros(len(attitude.t), np.int64)
+    jumped[resets.known_resets(case.log, row.estimator, case.segments)[0]] = 1
+    _, _, kept = alignment.usable_samples(attitude, case.reference.clock)
+    return row.segment + np.cumsum(jumped)[kept]
+
+
+def imu_of(case: Case, row: Row) -> Imu | None:
+    """The unit that a row was replayed from; of onboard rows the one that the others were. None without one."""
+    if row.imu is not None:
+        return row.imu
+    return case.log.replay_imu
+
+
+def logged_unit(case: Case, imu: Imu) -> int | None:
+    """Which of the log's units this is; None where its samples were changed before the filter saw them."""
+    return next((k for k, unit in enumerate(case.log.imus) if unit is imu), None)
+
+
+def detrended(t: Array, x: Array) -> Array:
+    """``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
+    u = t - np.mean(t)
+    centred = x - np.mean(x, axis=0)
+    slope = np.tensordot(u, centred, axes=(0, 0)) / float(u @ u)
+    return np.asarray(centred - (u[:, None] * slope if x.ndim == 2 else u * slope))
+
+
+def deviations(q: Array) -> Array:
+    """Small rotations (n, 3) in deg away from the mean attitude: about the level roll and pitch axis and the vertical.
+
+    Level, not body axes: these are inclined to the vertical, and a heading that wanders would pass for tilt.
+    """
+    centre = rotation.mean(q)
+    away = rotation.earth_error(q, centre)
+    heading = rotation.unwrap(rotation.heading_angle(away))
+    north, east = rotation.to_rotvec(away)[:, :2].T
+    yaw = rotation.to_euler(centre)[2]
+    roll, pitch = north * np.cos(yaw) + east * np.sin(yaw), east * np.cos(yaw) - north * np.sin(yaw)
+    return np.asarray(np.degrees(np.column_stack([roll, pitch, heading])))
+
+
+# Windows of 5 s: the unit in which noise is measured, the same for every row of a log.
+
+WINDOW_S = 5.0
+"""The length is part of the definition: 1, 2 and 5 s show 0.04, 0.08 and 0.31 deg for the same filter in hover."""
+SAMPLES_AT_ONCE = 1 << 15
+"""Samples of windows that are looked at at once."""
+MIN_SAMPLES = 20
+GAP_S, GAP_STEPS = 0.25, 5.0
+"""A longer interval between samples of the row is a gap."""
+ROUND_S = 0.05
+"""A span that misses its last window by less has it."""
+
+
+def lay_windows(span: Span, phase: str) -> list[Span]:
+    """Windows from the start of a span; a rest of 2 to 5 s is one window."""
+    length = span[1] - span[0]
+    count = int((length + ROUND_S) // WINDOW_S)
+    if count == 0 and phase == "rest" and length >= SHORTEST_S - ROUND_S:
+        return [span]
+    return [(span[0] + WINDOW_S * k, span[0] + WINDOW_S * (k + 1)) for k in range(count)]
+
+
+def window_samples(t: Array, x: Array, segment: NDArray[np.int64], window: Span) -> slice | None:
+    """The samples of a window; None where they are under 20, hold a gap, a reset or a NaN, or leave an end open.
+
+    ``t`` (n,) s, ``x`` (n, k), ``segment`` (n,) counts restarts and resets.
+    """
+    return unbroken_samples(filled_samples(t, window), x, segment)
+
+
+def filled_samples(t: Array, window: Span) -> slice | None:
+    """The samples of times (n,) s in a window; None where they are under 20, hold a gap or leave an end open."""
+    i, j = (int(k) for k in np.searchsorted(t, [window[0] - 1e-9, window[1] - 1e-9]))
+    if j - i < MIN_SAMPLES:
+        return None
+    steps = np.diff(t[i:j])
+    ends = max(t[i] - window[0], window[1] - t[j - 1] - ROUND_S)
+    gap = max(GAP_S, GAP_STEPS * float(np.median(steps)))
+    return slice(i, j) if max(float(np.max(steps)), float(ends)) <= gap else None
+
+
+def unbroken_samples(inside: slice | None, x: Array, segment: NDArray[np.int64]) -> slice | None:
+    """The samples again where ``x`` (n, k) knows all of them and they are of one segment (n,), else None."""
+    if inside is None or segment[inside.start] != segment[inside.stop - 1]:
+        return None
+    return inside if rotation.finite_rows(x[inside]).all() else None
+
+
+def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArray[np.int64], NDArray[np.int64]]]:
+    """Ranges of samples, some at a time, with the samples' numbers behind each other and where each range begins there.
+
+    The last of these (ranges + 1,) is the end.
+    """
+    ends = np.cumsum([part.stop - part.start for part in inside])
+    edges = [0, *(np.flatnonzero(np.diff((ends - 1) // SAMPLES_AT_ONCE)) + 1).tolist(), len(inside)]
+    for a, b in pairwise(edges):
+        if b > a:
+            own = list(inside[a:b])
+            lengths = [part.stop - part.start for part in own]
+            yield own, np.concatenate([np.arange(p.start, p.stop) for p in own]), np.cumsum([0, *lengths])
+
+
+@per_times
+def windows_of_times(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
+    """The windows of a span with the samples of times (n,) in each: of all rows that have these times."""
+    return [(window, filled_samples(t, window)) for window in lay_windows(span, phase)]
+
+
+def row_windows(case: Case, row: Row, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
+    """The usable windows of a row in a phase, span by span: their times, which rows share, and the row's samples."""
+    found = [span_windows(case, row, phase, span) for span in phase_spans(case, phase, window)]
+    return [group for group in found if group]
+
+
+def span_windows(case: Case, row: Row, phase: str, span: Span) -> list[tuple[Span, slice]]:
+    """The same of one span."""
+    start, segment = own_start(case, row), row_segments(case, row)
+    laid = [(w, s) for w, s in windows_of_times(case, row.t, phase, span) if w[0] >= start - ROUND_S]
+    own = [(w, unbroken_samples(s, row.q, segment)) for w, s in laid]
+    return [(w, s) for w, s in own if s is not None]

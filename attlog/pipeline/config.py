@@ -1,0 +1,153 @@
+"""The resolved configuration: the same names as the options, read from TOML and written back.
+
+``Config.load`` refuses unknown keys with a suggestion and reports all problems of a
+file at once. The resolved configuration stands in every result and can be fed back.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from attlog import estimators
+from attlog.core.errors import UsageError
+from attlog.core.files import parse_toml, read_settings_text
+from attlog.core.settings import NumberRange, ParsedBy, validated
+
+REFERENCES = ("auto", "truth", "smoother", "onboard", "none")
+
+
+def reference_of(value: Any) -> str:
+    """What is compared with, as it is written. ValueError for what no reference is called."""
+    if isinstance(value, str) and (value in REFERENCES or value.startswith("onboard:")):
+        return value
+    raise ValueError("must be auto, truth, smoother, onboard, onboard:NAME (such as onboard:AHR2) or none")
+
+
+def gyro_bias_of(value: Any) -> str:
+    """What is subtracted from the gyro, as it is written. ValueError for anything else."""
+    if value in ("rest", "none", "onboard"):
+        return str(value)
+    raise ValueError("must be rest, none or onboard")
+
+
+def _rows(value: Any) -> Any:
+    return estimators.items(value) if isinstance(value, str) else value
+
+
+@dataclass
+class Config:
+    """What an analysis does. Defaults serve; options are for experts.
+
+    ``estimators``: row specifications (``default``, ``all``, ``NAME[@PRESET][:k=v,...]``,
+    ``FILE.py``). ``imu``, ``mag``: instance to replay, None for the choice of the log,
+    ``"all"`` / ``"none"``. ``window``: the window that table and verdicts show beside the
+    standard ones. ``gyro_bias``: what is subtracted from the gyro for every filter: its mean over the
+    rest before take-off, nothing, or the onboard estimator's own.
+    ``params``: a parameter file for what the log does not tell. ``truth``: what everything is compared with, a
+    trajectory, another log, a folder of them or a message of the log (:mod:`attlog.external.attitude`). Times are seconds
+    on the log's clock (0 = first IMU sample). Whatever is set is checked: UsageError.
+    """
+
+    estimators: Annotated[list[str], ParsedBy(_rows)] = field(default_factory=lambda: ["default"])
+    imu: Annotated[int, NumberRange()] | Literal["all"] | None = None
+    mag: Annotated[int, NumberRange()] | Literal["none"] | None = None
+    reference: Annotated[str, ParsedBy(reference_of)] = "auto"
+    truth: str | None = None
+    window: str | None = None
+    score_from: Annotated[float, NumberRange(0.0, 1e6)] | None = None
+    clock: Literal["sample", "publication"] = "sample"
+    declination: Annotated[float, NumberRange(-180.0, 180.0)] | Literal["auto", "model", "param"] = "auto"
+    trim: bool = True
+    input_delay: Annotated[float, NumberRange(-1000.0, 1000.0)] | Literal["auto", "off"] = "auto"
+    gyro_bias: Annotated[Literal["rest", "none", "onboard"], ParsedBy(gyro_bias_of)] = "rest"
+    boot: Annotated[int, NumberRange(0)] | None = None
+    system: Annotated[int, NumberRange(0, 255)] | None = None
+    params: str | None = None
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not _is_default(name, value):
+            value = getattr(Config.build({name: value}), name)
+        object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, config: Config | Mapping[str, Any] | None) -> Config:
+        """A configuration from itself, a mapping with the same names, or None for the defaults. UsageError as below."""
+        if isinstance(config, Config):
+            return config
+        return cls.build(dict(config), origin="config") if config else cls()
+
+    @classmethod
+    def build(cls, values: dict[str, Any], origin: str = "") -> Config:
+        """A configuration from plain values. UsageError lists every problem, with suggestions for unknown names."""
+        return validated(cls, values, origin)
+
+    @classmethod
+    def trusted(cls, values: Mapping[str, Any]) -> Config:
+        """A configuration from values that were checked before, as those that the command line's parsers made."""
+        config = cls()
+        config.__dict__.update(values)
+        return config
+
+    @classmethod
+    def load(cls, path: Path, **options: Any) -> Config:
+        """A configuration from a TOML or JSON file, overridden by ``options``.
+
+        A file that begins like a JSON object is one: the names at its top, or a result of
+        ``attlog analyze``, of which the configuration it was made with is taken: filter files that a result
+        names run only where ``options`` name ``estimators``, because results come from others.
+        LogUnreadable if the file cannot be opened, UsageError for everything wrong in it.
+        """
+        text = read_settings_text(path)
+        values = _from_json(text, path, options) if text.lstrip().startswith("{") else parse_toml(text, path)
+        return cls.build(values | options, origin=str(path))
+
+    @property
+    def truth_place(self) -> str:
+        """The file, folder or topic of the truth without its settings; empty without one."""
+        if self.truth is None:
+            return ""
+        from attlog.external.request import parse_truth
+
+        return parse_truth(self.truth).name
+
+    def resolved(self) -> dict[str, Any]:
+        """Plain values for the result and for TOML; keys that are None are left out."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Config)} | {"estimators": ["default"]}
+
+
+def _is_default(name: str, value: Any) -> bool:
+    """Whether a value is the default of a key: it needs no check."""
+    return name in DEFAULTS and type(value) is type(DEFAULTS[name]) and value == DEFAULTS[name]
+
+
+def _from_json(text: str, path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The names of a configuration: of the object itself, or of the result that it is.
+
+    UsageError for what is none, and for a result whose filters are code that nobody has named here.
+    """
+    try:
+        document: dict[str, Any] = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{path}: not valid JSON: {error}") from error
+    if "schema" not in document:
+        return document
+    if not isinstance(document.get("config"), dict):
+        raise UsageError(f"{path}: holds no configuration: it has a schema but no object named config")
+    found = dict(document["config"])
+    rows = [] if "estimators" in options else found.get("estimators", [])
+    code = [item for item in rows if isinstance(item, str) and ".py" in item.lower()] if isinstance(rows, list) else []
+    if code:
+        raise UsageError(
+            f"{path}: is a result that ran a filter from a file, {', '.join(code)}; it is not run because a result "
+            f"names it. If you trust it: --estimators {shlex.quote(','.join(map(str, rows)))}"
+        )
+    return found

@@ -1,0 +1,521 @@
+"""A log as the questions about its sensors see it, prepared for a replay or without one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from attlog import estimators, flight, metrics, reference, segments, story
+from attlog.core.errors import AttlogError, PluginError, PluginTimeout, UsageError
+from attlog.core.log_cache import log_cache
+from attlog.core.machine import versions
+from attlog.estimators.filters.smoother import OWN_HEADING
+from attlog.estimators.interface import Estimate
+from attlog.flight.model import FlightLog, Problem, guarded_part
+from attlog.health import Check as health_Check
+from attlog.health import answerable, audit
+from attlog.health.attitude import wrong_angle
+from attlog.health.causes import Finding, problem_finding
+from attlog.health.check import Assessment, Check, HealthCase, MotionAttitude
+from attlog.health.figures import traces
+from attlog.health.findings import OpenQuestion, contradiction, findings, nothing_wrong, reconcile, unusable_gyro
+from attlog.health.registry import assess
+from attlog.metrics.gyro_bias import common_bias
+from attlog.metrics.gyro_bias import no_common_bias as no_bias
+from attlog.metrics.metric import Case, per_case
+from attlog.metrics.ranking import DuplicateSearch, Ranking
+from attlog.metrics.trace import Trace
+from attlog.pipeline import preparation, replay
+from attlog.pipeline.config import Config
+from attlog.pipeline.preparation import Stages
+from attlog.pipeline.replay import Chosen
+from attlog.pipeline.summary import describe
+from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Row
+from attlog.result import TIMED_OUT, Duplicates, EstimatorRow, ReferenceSummary, Result
+from attlog.result import Trace as result_Trace
+from attlog.segments.model import Segments
+from attlog.words.answers import verdicts
+
+
+def assessments(case: Case, checks: list[Check], *, drawn: list[Trace] | None = None) -> list[Assessment]:
+    """Every question about the sensors of a prepared log; ``checks`` are those of the audit.
+
+    ``drawn``: where the arrays of their figures go, None where none are wanted.
+    """
+    return _assessed(HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case)), drawn)
+
+
+def assessments_unreplayed(
+    log: FlightLog, segments: Segments, checks: list[Check], *, drawn: list[Trace] | None = None
+) -> list[Assessment]:
+    """The same of a log that no filter can be run on, such as telemetry: there is no attitude to judge sensors by."""
+    return _assessed(HealthCase(log, segments, None, checks, lambda: None), drawn)
+
+
+def _assessed(asked: HealthCase, drawn: list[Trace] | None) -> list[Assessment]:
+    with log_cache():
+        found = guarded_part(asked.log, "The sensors", lambda: assess(asked), list[Assessment])
+        if drawn is not None:
+            drawn += traces(asked, found)
+    return found
+
+
+def motion_attitude(case: Case) -> MotionAttitude | None:
+    """The smoother without any compass; None where there is no velocity by GNSS or it cannot be run."""
+    if not any(np.isfinite(receiver.vel_ned).any() for receiver in case.log.gnss):
+        return None
+    try:
+        found = replay.smoother(
+            case.log, case.segments, preparation.reference_options(Config.trusted(case.settings)), compass=False
+        )
+    except UsageError:
+        return None
+    segment = np.zeros(len(found.t), np.int64) if found.segment is None else np.asarray(found.segment, np.int64)
+    heading = found.aux.get(OWN_HEADING, found.aux["sigma_heading"])
+    return MotionAttitude(found.t, found.q, segment, found.aux["sigma_tilt"], heading, dict(found.quality))
+
+
+# All findings of a log, with what an analysis itself finds wrong: failed and slow filters, broken metrics.
+
+
+def of_reference_and_filters(
+    ref: Reference,
+    lines: Iterable[EstimatorRow],
+    failed: Mapping[str, AttlogError],
+    chosen: Mapping[str, Chosen],
+    rows: Iterable[Row],
+) -> list[Problem]:
+    """A reference that physics contradicts, filters that failed (``failed``: their errors) or are not compiled.
+
+    A log that does not hold what a filter needs is no fault of either: a note.
+    """
+    late = {name for name, error in failed.items() if isinstance(error, PluginTimeout)}
+    broken = [
+        Problem(
+            TIMED_OUT if line.name in late else "estimator_failed",
+            "note" if isinstance(failed.get(line.name), UsageError) else "error",
+            f"{line.name}: {line.reason}",
+        )
+        for line in lines
+        if line.status == "failed"
+    ]
+    return [*contradiction(ref), *broken, *_slow(chosen, rows)]
+
+
+def all_of(
+    case: Case, result: Result, checks: Sequence[health_Check], rows: Sequence[Row], known: Sequence[Problem]
+) -> list[Finding]:
+    """Every finding of a log and its analysis, worst first; ``known``: of reference and filters."""
+    own = [*known, *_unmeasured(result.estimators), *_late_field(rows)]
+    unanswered = guarded_part(
+        case.log, "What would answer open questions", partial(_unanswered, case, result), list[OpenQuestion]
+    )
+    return guarded_part(
+        case.log,
+        "The findings",
+        lambda: findings(case.log, checks, own, unanswered, result.events, result.health),
+        lambda: [problem_finding(problem) for problem in (*case.log.problems, *own)],
+    )
+
+
+def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
+    """The questions that no row answers, each with what would answer it."""
+    silent = [verdict for verdict in result.verdicts if not verdict.bars]
+    remedies = {a.question: a.setting for a in answerable(case.log, case)} if silent else {}
+    return [OpenQuestion(verdict.title, remedies.get(verdict.question, "")) for verdict in silent]
+
+
+def _unmeasured(lines: Iterable[EstimatorRow]) -> list[Problem]:
+    """Metrics that ended in a bug, each once."""
+    answers = [a for line in lines for window in line.metrics.values() for a in window.values()]
+    sentences = dict.fromkeys(a.reason for a in answers if a.code == "part_failed" and a.reason)
+    return [Problem("part_failed", "error", sentence) for sentence in sentences]
+
+
+def _slow(chosen: Mapping[str, Chosen], rows: Iterable[Row]) -> list[Problem]:
+    """Plug-ins that ran in plain Python, or whose process was lost in a run by which a metric tries them."""
+    ran = {row.name.partition("/imu")[0] for row in rows}
+    text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
+    found = []
+    for name, spec in chosen.items():
+        if name in ran and not isinstance(spec, PluginError):
+            row = spec if isinstance(spec, estimators.EstimatorSpec) else spec.row
+            try:
+                why = estimators.not_compiled(row.estimator)
+            except PluginError as error:
+                code = TIMED_OUT if isinstance(error, PluginTimeout) else "estimator_failed"
+                found.append(Problem(code, "error", f"{name}: in a later run, by which metrics try it: {error}"))
+                continue
+            if why:
+                found.append(Problem("estimator_not_compiled", "note", f"{name}: {text} ({why})."))
+    return found
+
+
+def _late_field(rows: Iterable[Row]) -> list[Problem]:
+    """Time in which no filter could know its heading, because the magnetometer had not spoken yet."""
+    waited = max((float(s.value or 0.0) for row in rows for s in row.steps if s.name == "late_field"), default=0.0)
+    text = (
+        f"The magnetometer's first sample came late: for {waited:.1f} s no filter knew its heading. "
+        "It is set from the first field; nothing before is scored."
+    )
+    return [Problem("late_field", "note", text)] if waited else []
+
+
+# Rows measured one by one, so that memory does not grow with their number.
+
+
+class Measurement:
+    """What is measured of each row, and what later steps need of it: then a replayed row gives up its samples.
+
+    What turns out to be needed whole after all is run again.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        chosen: Mapping[str, replay.Chosen],
+        onboard: list[Row],
+        unusable: str,
+        *,
+        traces: bool,
+        only: Collection[str],
+    ) -> None:
+        """``unusable``: the sensor because of which no filter can be judged, empty where they can."""
+        self.case = case.looked_at_with([])
+        self._unusable, self._traces, self._only = unusable, traces, only
+        expected = len(case.imus) * sum(not isinstance(spec, PluginError) for spec in chosen.values())
+        self._drawing = metrics.Drawing(self.case, expected, onboard)
+        self._drawn: list[Trace] = []
+
+        def again(row: Row) -> Row:
+            return replay.again(case, chosen, row.name)
+
+        self._likeness = DuplicateSearch(again)
+        imu, choice = case.log.replay_imu, str(case.settings.get("reference", "auto"))
+        check = reference.ReferenceCheck
+        self._check = None if imu is None else check(case.log, imu, case.reference, again, choice)
+
+    def add(self, row: Row, line: EstimatorRow) -> None:
+        """Fill in a row's line of the table; a replayed row is empty afterwards."""
+        case, log = self.case, self.case.log
+        row.aux = {}  # no metric looks at it, and in a long log it is as large as the attitude
+        case.rows.append(row)
+        if self._check is not None:
+            guarded_part(log, "What filters say against the reference", partial(self._check.add, row), lambda: None)
+        reference.withhold(row, self._unusable)
+        line.status, line.reason = row.status, row.reason
+        guarded_part(log, "Which rows are alike", partial(self._likeness.add, row), lambda: None)
+        line.metrics = metrics.compute(case, row, case.windows, cost=False, only=self._only)
+        if self._traces:
+            self._drawn += guarded_part(log, "Figures", partial(self._drawing.of_row, row), list[Trace])
+        case.done_with(row)
+
+    def contradiction(self) -> tuple[str, AlignmentStep] | None:
+        """Why the reference is refused after all, by filters that agree; None where it is not."""
+        if self._check is None:
+            return None
+        what = "What filters say against the reference"
+        return guarded_part(self.case.log, what, self._check.contradicted, lambda: None)
+
+    def alike(self) -> list[Duplicates]:
+        """Which rows are the same filter twice."""
+        return guarded_part(self.case.log, "Which rows are alike", self._likeness.found, list)
+
+    def drawn(self) -> list[Trace]:
+        """The traces of all rows and of what is drawn beside them."""
+        if not self._traces:
+            return []
+        log = self.case.log
+        first = guarded_part(log, "Figures", partial(self._drawing.first, self.case.rows), list[Trace])
+        return [*first, *self._drawn, *guarded_part(log, "Figures", self._drawing.last, list[Trace])]
+
+
+# What a log tells without any filter: of telemetry, whose IMU is too slow or missing, and where none is wanted.
+
+
+def without_replay(
+    log: FlightLog, config: Config, stage: Stages, command: str = "", case: Case | None = None
+) -> Result:
+    """The result without the comparison: headline, events, segments, checks and assessments of sensors, findings.
+
+    ``case``: the log as it was prepared, where it can be replayed.
+    """
+    with stage("segments"):
+        phases = segments.build(log) if case is None else case.segments
+        happened = story.events(log, phases)
+    with stage("audit"):
+        checks = audit(log, None) if case is None else audit(log, phases, case.reference)
+    drawn: list[result_Trace] = []
+    with stage("sensors"):
+        if case is None:
+            health = assessments_unreplayed(log, phases, checks, drawn=drawn)
+        else:
+            health = assessments(case, checks)
+    others = [] if case is None else contradiction(case.reference)
+    checks = reconcile(log, checks, health)
+    found = findings(log, checks, others, events=happened, health=health)
+    return Result(
+        attlog=versions(),
+        command=command,
+        config=config.resolved(),
+        log=describe(log, phases),
+        headline=story.headline(log, phases, happened, nothing_wrong(found), wrong_angle(checks)),
+        events=happened,
+        findings=found,
+        audit=checks,
+        health=health,
+        traces=drawn,
+        segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
+        gyro_bias=[] if case is None else list(case.gyro_bias.values()),
+        timing=stage.seconds,
+    )
+
+
+# The one pipeline: a log in, a :class:`~attlog.result.Result` out, in two halves.
+#
+# prepare: read -> segments -> reference -> heading references. evaluate: estimators ->
+# rows -> metrics -> best -> verdicts, as often as wanted on what was prepared once.
+# Each stage lives in its own room; this file only hands things on.
+
+
+@log_cache()
+def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
+    """A log made ready for :func:`evaluate`: all that does not depend on which filters are compared.
+
+    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`; a mapping is
+    checked like a configuration file. LogUnreadable or LogUnusable (no inertial data,
+    encrypted, not a log) if there is nothing to analyse, UsageError for a sensor,
+    reference or window that is not there.
+    """
+    config = Config.of(config)
+    stage = Stages()
+    with stage("read"):
+        log = preparation.flight_of(source, config)
+    return _prepared(log, config, stage)
+
+
+def _prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
+    """The case of a log. LogUnusable where it cannot be replayed."""
+    preparation.require_imu(log)
+    flight.check_analysis_memory(log, flight.ANALYSIS_BYTES)
+    stage.samples = samples_of(log)
+    with stage("segments"):
+        phases = segments.build(log)
+        windows = preparation.windows(config, phases)
+    options = preparation.reference_options(config)
+
+    def smooth() -> Estimate:
+        with stage("smoother"):
+            return replay.smoother(log, phases, options)
+
+    with stage("reference"):
+        ref = guarded_part(
+            log,
+            "The reference",
+            lambda: reference.choose(log, phases, options, smooth=smooth),
+            lambda: reference.choose(log, phases, replace(options, reference="none")),
+        )
+        headings = guarded_part(
+            log, "Other headings", lambda: reference.heading_references(log, phases, ref), dict[str, HeadingReference]
+        )
+    imus = preparation.units(log, config)
+    biases = {
+        imu.index: guarded_part(log, "The gyro bias", partial(common_bias, log, phases, imu, config.gyro_bias), no_bias)
+        for imu in imus.values()
+    }
+    return Case(
+        log,
+        phases,
+        ref,
+        heading_references=headings,
+        imus=imus,
+        gyro_bias=biases,
+        windows=windows,
+        settings=config.resolved(),
+        timing=stage.seconds,
+    )
+
+
+def evaluate(
+    case: Case,
+    specs: str | Sequence[str | replay.Runnable] | None = None,
+    *,
+    traces: bool = False,
+    cost: bool = False,
+    only: Collection[str] = (),
+    command: str = "",
+) -> Result:
+    """What the filters of ``specs`` (those of the configuration if None) are worth on a prepared log.
+
+    ``case``: what :func:`prepare` gave; it may serve many calls. ``command`` stands in the result. ``traces``: keep the
+    arrays that figures are drawn from. ``cost``: measure what each filter costs, which takes longer than running it.
+    ``only``: the metrics that are wanted (as in ``metrics.compute``); the result then has no verdicts, and no findings
+    but those of reference and filters. UsageError for an unknown estimator or parameter; a plug-in that fails becomes a
+    row with ``status = "failed"``, the others finish.
+    """
+    if isinstance(specs, str):
+        specs = estimators.items(specs)
+    settings = case.settings if specs is None else case.settings | {"estimators": list(map(str, specs))}
+    stage = Stages(case.timing, samples_of(case.log))
+    with log_cache():
+        with stage("estimators"):
+            chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
+            onboard = _onboard(case)
+        with stage("audit"):
+            checks = _checks(case)
+    measurement = Measurement(case, chosen, onboard, unusable_gyro(checks), traces=traces, only=only)
+    lines: list[EstimatorRow] = []
+    failed: dict[str, AttlogError] = {}
+    with stage("estimators"):
+        for row, line in replay.replays(case, chosen, failed):
+            lines.append(line)
+            if row is not None:
+                with stage("metrics"):
+                    measurement.add(row, line)
+    refusal = measurement.contradiction()
+    if refusal is not None:
+        second = with_next_reference(case, *refusal)
+        return evaluate(second, specs, traces=traces, cost=cost, only=only, command=command)
+    with stage("metrics"):
+        for row in onboard:
+            lines.append(replay.table_row(row, title=row.estimator))
+            measurement.add(row, lines[-1])
+        rows, table = measurement.case.rows, {line.name: line.metrics for line in lines}
+        metrics.settle(measurement.case, table, cost=cost, only=only)
+        drawn = measurement.drawn()
+        ranking = guarded_part(case.log, "Who is best", partial(metrics.rank, table, rows), Ranking)
+    own = of_reference_and_filters(case.reference, lines, failed, chosen, rows)
+    result = Result(
+        attlog=versions(),
+        command=command,
+        config=settings,
+        log=dict(_described(case)),
+        events=_events(case),
+        findings=[problem_finding(problem) for problem in own],
+        audit=list(checks),
+        segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
+        reference=summarize(case.reference),
+        gyro_bias=list(case.gyro_bias.values()),
+        estimators=lines,
+        alike=measurement.alike(),
+        best=ranking.best,
+        worst=ranking.worst,
+        ranked=ranking.ranked,
+        traces=drawn,
+        timing=stage.seconds,
+    )
+    if not only:
+        with stage("sensors"):
+            result.health = assessments(case, checks, drawn=result.traces if traces else None)
+            result.audit = reconcile(case.log, checks, result.health)
+        result.verdicts = guarded_part(case.log, "The verdicts", lambda: verdicts(result), list)
+        result.findings = all_of(case, result, checks, rows, own)
+        sound = nothing_wrong(result.findings)
+        wrong = wrong_angle(checks)
+        told = partial(story.headline, case.log, case.segments, result.events, sound, wrong)
+        result.headline = guarded_part(case.log, "The headline", told, str)
+    return result
+
+
+def analyze(
+    source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
+) -> Result:
+    """Everything attlog can say about one log: what ``attlog analyze`` writes, with the lines of its figures.
+
+    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`. ``config`` is a :class:`Config` or a mapping
+    of its names, such as ``{"estimators": ["default", "mahony:kp=0.3"], "reference": "onboard"}``; None: the defaults.
+    ``command`` stands in the result as what was typed. :func:`prepare` and :func:`evaluate` in one call, traces and
+    costs included; raises what the two raise: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError. A log
+    that cannot be replayed but holds an attitude, a position or arming gives a result without the comparison.
+    """
+    settings, stage = Config.of(config), Stages()
+    with log_cache():
+        with stage("read"):
+            log = preparation.flight_of(source, settings)
+        if log.imu is None and has_a_story(log):
+            return without_replay(log, settings, stage, command)
+        case = _prepared(log, settings, stage)
+    return evaluate(case, traces=True, cost=True, command=command)
+
+
+def health(
+    source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
+) -> Result:
+    """What ``attlog health`` tells: headline, checks, assessments of the sensors and findings; no filter runs.
+
+    Arguments and errors as of :func:`analyze`.
+    """
+    settings, stage = Config.of(config), Stages()
+    with log_cache():
+        with stage("read"):
+            log = preparation.flight_of(source, settings)
+        replayable = log.imu is not None or not has_a_story(log)
+        return without_replay(log, settings, stage, command, _prepared(log, settings, stage) if replayable else None)
+
+
+def has_a_story(log: FlightLog) -> bool:
+    """Whether a log that cannot be replayed holds something that happened at a known time."""
+    armed = log.armed is not None and len(log.armed.t) > 1 and log.armed.t[-1] > log.armed.t[0]
+    return bool(log.attitudes or log.gnss or armed)
+
+
+def samples_of(log: FlightLog) -> int:
+    """How many inertial samples are replayed."""
+    return 0 if log.replay_imu is None else len(log.replay_imu.gyro.t)
+
+
+@per_case
+def _onboard(case: Case) -> list[Row]:
+    make = partial(reference.onboard_rows, case.log, case.segments, case.reference)
+    return guarded_part(case.log, "What the vehicle estimated", make, list)
+
+
+@per_case
+def _checks(case: Case) -> list[health_Check]:
+    return audit(case.log, case.segments, case.reference)
+
+
+@per_case
+def _events(case: Case) -> list[story.Event]:
+    return story.events(case.log, case.segments)
+
+
+@per_case
+def _described(case: Case) -> dict[str, Any]:
+    return describe(case.log, case.segments)
+
+
+def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
+    """The same case with the next best reference, or none: nothing computed with the refused one is kept."""
+    options = preparation.reference_options(Config.trusted(case.settings))
+    refused = case.reference.refused | {case.reference.kind: fault}
+    ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)
+    ref.steps.append(step)
+    headings = reference.heading_references(case.log, case.segments, ref)
+    return case.compared_with(ref, headings)
+
+
+def summarize(ref: Reference) -> ReferenceSummary:
+    """The reference as the result shows it: what agreement with it proves, and every step."""
+    return ReferenceSummary(
+        ref.kind,
+        ref.source,
+        ref.rate,
+        ref.floor_deg,
+        reference.meaning(ref),
+        ref.steps,
+        ref.scoring_start,
+        ref.end if math.isfinite(ref.end) else None,
+        reference.own_sigma_deg(ref, "inclination"),
+        reference.own_sigma_deg(ref, "heading"),
+        ref.heading_by,
+        reference.caveat(ref),
+        ref.refused,
+        ref.fit,
+    )

@@ -1,0 +1,324 @@
+"""Data out of a log: messages, SI streams or estimates as tables, to CSV or Parquet.
+
+Every table begins with ``time_s``: seconds on the log's clock (0 = first IMU sample).
+Column names carry the unit (``gyro_x_rad_s``, ``roll_deg``); messages keep the names of
+their log. Parquet files hold frames, units, the log's hash and the version in the
+schema metadata under the key ``attlog``; a CSV gets the same as ``NAME.csv.json``
+beside it, so that PlotJuggler and pandas read the CSV as it is.
+"""
+
+from __future__ import annotations
+
+import difflib
+import io
+import json
+import os
+import re
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import formats
+from attlog.core import files, rotation
+from attlog.core.errors import LogUnusable, OutputError, UsageError
+from attlog.core.files import file_names, staging_folder, write_all_atomic, write_atomic
+from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
+from attlog.flight.model import FlightLog
+from attlog.flight.timestamps import record_clock
+from attlog.formats import Messages
+from attlog.pipeline.summary import sha256
+
+if TYPE_CHECKING:
+    import pandas
+
+
+INSTANCE = re.compile(r"(?P<name>.+?)(?:\.(?P<dot>\d{1,9})|\[(?P<bracket>\d{1,9})\])")
+
+
+COLUMN_BYTES, CELL_BYTES = 200, 8
+"""About what a column takes before its first value, and a number in a CSV file."""
+
+
+@dataclass(slots=True)
+class Extract:
+    """One table to write: columns of equal length by name, ``units`` of those that have one."""
+
+    name: str
+    columns: dict[str, NDArray[Any]]
+    units: dict[str, str] = field(default_factory=dict)
+    note: str = ""
+
+    def __len__(self) -> int:
+        """The number of rows."""
+        return len(next(iter(self.columns.values()), ()))
+
+    def between(self, start: float | None, end: float | None) -> Extract:
+        """Only the rows with start <= time_s <= end; all rows of a table without time."""
+        if "time_s" not in self.columns:
+            return self
+        t = self.columns["time_s"]
+        inside = (t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end))
+        return Extract(self.name, {k: v[inside] for k, v in self.columns.items()}, self.units, self.note)
+
+    def frame(self) -> pandas.DataFrame:
+        """The table as a pandas DataFrame."""
+        import pandas
+
+        return pandas.DataFrame(self.columns)
+
+
+def messages(log: FlightLog, names: Iterable[str], system: int | None = None) -> Iterator[Extract]:
+    """The named messages as the log holds them (all instances), scaled as the format prints them.
+
+    Without names all of them; names as :func:`wanted` takes them. ``system`` is the MAVLink
+    vehicle that ``log`` was read for.
+    UsageError for names that the log does not have, LogUnusable where the definitions of a small log would fill a
+    disk: few values under endless names.
+    """
+    opened = formats.open(log.path, system).boot(log.boot)
+    clock = record_clock(opened, system)
+    size, limit = 0, max(EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO * log.path.stat().st_size)
+    for name, instance in wanted(opened, names):
+        table = opened[name, instance]
+        columns: dict[str, NDArray[Any]] = {}
+        stamps = clock(table)
+        if stamps is not None:
+            columns["time_s"] = (stamps - log.t0_us) / 1e6
+        for column, spec in table.fields.items():
+            columns.update(_flat(column, table.value(column) if spec.scale != 1.0 else table[column]))
+        size += sum(COLUMN_BYTES + len(c) + CELL_BYTES * len(values) for c, values in columns.items())
+        if size > limit:
+            raise LogUnusable(
+                f"{log.path}: what was asked for would take more than {limit >> 20} MB; "
+                "name the messages that are wanted"
+            )
+        units = {c: spec.unit for c, spec in table.fields.items() if spec.unit}
+        several = len(opened.instances(name)) > 1
+        yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
+
+
+def wanted(opened: Messages, asked: Iterable[str]) -> list[tuple[str, int]]:
+    """The messages and instances that names mean, each once: ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``; without any all.
+
+    UsageError tells of every name that means nothing what comes near, else what there is.
+    """
+    known = opened.names()
+    found: dict[tuple[str, int], None] = {}
+    wrong = []
+    for text in list(asked) or known:
+        name, instance = _name_and_instance(text, known)
+        name = name if name in known else next((n for n in known if n.casefold() == name.casefold()), name)
+        instances = opened.instances(name)
+        if not instances:
+            near = difflib.get_close_matches(name.casefold(), [n.casefold() for n in known], 3)
+            close = [n for n in known if n.casefold() in near]
+            hint = f"did you mean {', '.join(close)}?" if close else f"it has {', '.join(sorted(known))}"
+            wrong.append(f"no message {text}; {hint}")
+        elif instance is not None and instance not in instances:
+            wrong.append(f"no instance {instance} of {name}; it has {', '.join(map(str, instances))}")
+        else:
+            found |= dict.fromkeys((name, i) for i in instances if instance in (None, i))
+    if wrong:
+        raise UsageError("\n".join(f"{opened.path}: {line}" for line in wrong))
+    return list(found)
+
+
+def _name_and_instance(text: str, known: Collection[str]) -> tuple[str, int | None]:
+    """A name as it is if a message bears it, else what stands before ``.N`` or ``[N]``, and N."""
+    match = None if text in known else INSTANCE.fullmatch(text)
+    return (match["name"], int(match["dot"] or match["bracket"])) if match else (text, None)
+
+
+def streams(log: FlightLog) -> Iterator[Extract]:
+    """The flight in SI units: imuN, magN, gnssN, baroN, attitudes, truth and set-points."""
+    for imu in log.imus:
+        yield _table(f"imu{imu.index}", imu.gyro.t, gyro_rad_s=imu.gyro.x, acc_m_s2=imu.acc.x, note=imu.gyro.source)
+    for mag in log.mags:
+        yield _table(f"mag{mag.index}", mag.field.t_best, mag_ut=1e6 * mag.field.x, note=mag.field.source)
+    for g in log.gnss:
+        columns = {
+            "time_s": g.t,
+            "lat_deg": g.lat,
+            "lon_deg": g.lon,
+            "alt_m": g.alt,
+            "fix": g.fix,
+            "vel_n_m_s": g.vel_ned[:, 0],
+            "vel_e_m_s": g.vel_ned[:, 1],
+            "vel_d_m_s": g.vel_ned[:, 2],
+            "h_acc_m": g.h_acc,
+            "v_acc_m": g.v_acc,
+            "s_acc_m_s": g.s_acc,
+        }
+        yield Extract(f"gnss{g.index}", columns, _units(columns), g.source)
+    for k, baro in enumerate(log.baro):
+        yield Extract(
+            f"baro{k}",
+            {"time_s": baro.t, f"baro_{_word(baro.unit)}": baro.x.reshape(len(baro.t), -1)[:, 0]},
+            {"time_s": "s"},
+            baro.source,
+        )
+    attitudes = dict(log.attitudes)
+    if log.truth is not None:
+        attitudes["truth"] = log.truth
+    if log.setpoints is not None:
+        attitudes["setpoint"] = log.setpoints
+    for name, attitude in attitudes.items():
+        yield _attitude(f"attitude_{_word(name)}", attitude.t, attitude.q, attitude.source)
+
+
+def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
+    """The attitudes of re-run estimators at IMU rate, one table per row specification.
+
+    As in an analysis the gyro's bias at rest is subtracted first; ``bias`` columns contain it.
+    """
+    from attlog.pipeline import prepare
+    from attlog.pipeline.replay import run_rows
+    from attlog.reference.smoother import heading_words
+
+    case = prepare(log, {"estimators": specs})
+    for row in run_rows(case, specs):
+        table = _attitude(f"estimate_{_word(row.name)}", row.t, row.q, row.name)
+        taken = None if row.imu is None else case.bias_of(row.imu)
+        if taken is not None and taken.dps is not None:
+            x, y, z = taken.dps
+            table.note += f"; subtracted from the gyro first: {x:.4f}, {y:.4f}, {z:.4f} deg/s ({taken.taken})"
+        if words := heading_words(row.quality):
+            table.note += f"; {words}"
+        if row.bias is not None:
+            for k, axis in enumerate("xyz"):
+                table.columns[f"bias_{axis}_rad_s"] = row.bias[:, k]
+            table.units |= {f"bias_{axis}_rad_s": "rad/s" for axis in "xyz"}
+        for name, values in row.aux.items():
+            wide = values.reshape(len(row.t), -1)
+            ends = [""] if wide.shape[1] == 1 else [f"_{k}" for k in range(wide.shape[1])]
+            table.columns |= {name + end: wide[:, k] for k, end in enumerate(ends)}
+            table.units |= {name + end: "rad" for end in ends if name in ("sigma_tilt", "sigma_heading")}
+        yield table
+
+
+def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> list[Path]:
+    """Write tables; returns the files written.
+
+    One table goes to ``path`` itself if that ends in the format's suffix and is no folder; otherwise
+    ``path`` is a folder and every table becomes a file in it, all of them or none. OutputError if a file
+    cannot be written or pyarrow is missing.
+    """
+    listed = list(tables)
+    meta = _about(log)
+    single = path.suffix.lower() == f".{kind}" and not os.path.isdir(path)
+    if single and len(listed) > 1:
+        raise UsageError(f"-o {path}: {_too_many(listed)} need a folder")
+    if single:
+        for table in listed:
+            _write(table, path, meta, kind)
+        return [path for _ in listed]
+    names = [f"{name}.{kind}" for name in file_names(table.name for table in listed)]
+    with staging_folder(path) as stage:
+        for table, name in zip(listed, names, strict=True):
+            _write(table, stage / name, meta, kind)
+    return [path / name for name in names]
+
+
+def _write(table: Extract, target: Path, meta: dict[str, Any], kind: str) -> None:
+    """One table into one file, CSV with a JSON file beside it."""
+    about = meta | {"table": table.name, "units": table.units, "source": table.note}
+    if kind == "csv":
+        beside = target.with_name(target.name + ".json")
+        write_all_atomic({target: _csv(table), beside: json.dumps(about, indent=1) + "\n"})
+    else:
+        write_atomic(target, _parquet(table, about))
+
+
+def write_stream(tables: Iterable[Extract], log: FlightLog, stream: BinaryIO, kind: str) -> None:
+    """Write the one table to an open stream. UsageError if there are several."""
+    listed = list(tables)
+    if len(listed) != 1:
+        raise UsageError(f"-o -: standard output takes one table, not {_too_many(listed)}")
+    (table,) = listed
+    about = _about(log) | {"table": table.name, "units": table.units, "source": table.note}
+    stream.write(_csv(table).encode("utf-8", "replace") if kind == "csv" else _parquet(table, about))
+    stream.flush()
+
+
+def _too_many(tables: list[Extract]) -> str:
+    names = ", ".join(t.name for t in tables[:6])
+    return f"{len(tables)} tables ({names}{' ...' if len(tables) > 6 else ''})"
+
+
+def _about(log: FlightLog) -> dict[str, Any]:
+    """What every file says of the log that it comes from."""
+    from attlog import __version__
+
+    return {
+        "log": log.path.name,
+        "sha256": sha256(log.path),
+        "attlog": __version__,
+        "frame": "body FRD, earth NED",
+        "t0_us": log.t0_us,
+        "utc_offset_s": log.utc_offset,
+    }
+
+
+def _csv(table: Extract) -> str:
+    buffer = io.StringIO()
+    frame = table.frame()
+    for name, values in table.columns.items():
+        if values.dtype == object:
+            frame[name] = [files.csv_cell(value) for value in values]
+    frame.columns = frame.columns.map(files.csv_cell)
+    frame.to_csv(buffer, index=False, lineterminator="\n")
+    return buffer.getvalue()
+
+
+def _parquet(table: Extract, about: dict[str, Any]) -> bytes:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise OutputError("Parquet needs pyarrow: pip install pyarrow, or use --format csv") from None
+    arrow = pyarrow.Table.from_pandas(table.frame(), preserve_index=False)
+    arrow = arrow.replace_schema_metadata((arrow.schema.metadata or {}) | {b"attlog": json.dumps(about).encode()})
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(arrow, buffer)
+    return buffer.getvalue()
+
+
+def _table(name: str, t: NDArray[np.float64], note: str, **vectors: NDArray[np.float64]) -> Extract:
+    columns: dict[str, NDArray[Any]] = {"time_s": t}
+    for label, x in vectors.items():
+        quantity, _, unit = label.partition("_")
+        for k, axis in enumerate("xyz"):
+            columns[f"{quantity}_{axis}_{unit}"] = x[:, k]
+    return Extract(name, columns, _units(columns), note)
+
+
+def _attitude(name: str, t: NDArray[np.float64], q: NDArray[np.float64], note: str) -> Extract:
+    euler = np.degrees(rotation.to_euler(q))
+    columns: dict[str, NDArray[Any]] = {"time_s": t}
+    columns |= {f"q_{c}": q[:, k] for k, c in enumerate("wxyz")}
+    columns |= {f"{c}_deg": euler[:, k] for k, c in enumerate(("roll", "pitch", "yaw"))}
+    return Extract(name, columns, _units(columns), note)
+
+
+def _units(columns: Iterable[str]) -> dict[str, str]:
+    """The unit that a column name ends in, as people write it."""
+    endings = {"_rad_s": "rad/s", "_m_s2": "m/s^2", "_m_s": "m/s", "_ut": "uT", "_deg": "deg", "_m": "m", "_s": "s"}
+    return {c: unit for c in columns for unit in [next((u for e, u in endings.items() if c.endswith(e)), "")] if unit}
+
+
+def _flat(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """An array column as scalar columns ``name[0]``, text as str."""
+    if values.dtype.kind == "S":
+        return {name: np.array([v.split(b"\0")[0].decode("utf-8", "replace") for v in values.tolist()], dtype=object)}
+    if values.ndim == 1:
+        return {name: values}
+    return {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
+
+
+def _word(text: str) -> str:
+    """Text as part of a file or column name."""
+    return "".join(c if c.isalnum() or c in "-." else "_" for c in text)

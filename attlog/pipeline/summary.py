@@ -1,0 +1,154 @@
+"""What a log is, in one dictionary: the ``log`` part of the result and of ``attlog info``."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from attlog.core import earth
+from attlog.core.errors import LogUnreadable
+from attlog.flight.model import FlightLog, Stream, TimeLine, guarded_part
+from attlog.segments.model import Segments
+
+
+def sha256(path: Path) -> str:
+    """The file's SHA-256 as hex text; read in blocks, so that size does not matter. LogUnreadable if it cannot be."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise LogUnreadable(f"{path}: cannot be read any more ({error.strerror or error})") from error
+
+
+def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]:
+    """Aircraft, sensors, times and time lines of a flight as plain values; absent things are None.
+
+    What ends in a bug is absent too, and a problem of the log. LogUnreadable where the file is gone meanwhile.
+    """
+
+    def part(what: str, make: Callable[[], Any], absent: Any) -> Any:
+        return guarded_part(log, what, make, lambda: absent)
+
+    imu = log.replay_imu
+    mag = None if log.mag is None else log.mags[log.mag]
+    onboard = log.onboard_attitude
+    return {
+        "name": log.path.name,
+        "sha256": sha256(log.path),
+        "size": log.size,
+        "format": log.format,
+        "firmware": {f: getattr(log.firmware, f) for f in ("name", "version", "git", "board")},
+        "vehicle": log.vehicle,
+        "simulated": log.simulated,
+        "date_utc": part("The date", lambda: _date(log), None),
+        "duration_s": log.seconds,
+        "t0_us": log.t0_us,
+        "utc_offset": log.utc_offset,
+        "boot": log.boot,
+        "boots": log.boots,
+        "imu": None
+        if imu is None
+        else _sensor(imu.gyro)
+        | {
+            "index": imu.index,
+            "device": imu.device,
+            "filtered": imu.filtered,
+            "sampling": imu.gyro.sampling,
+            "delay_ms": 1e3 * imu.gyro.delay,
+        },
+        "imus": len(log.imus),
+        "mag": None if mag is None else _sensor(mag.field) | {"index": mag.index, "device": mag.device},
+        "mags": len(log.mags),
+        "attitude": None if onboard is None else {"source": onboard.source, "rate_hz": onboard.rate},
+        "attitudes": sorted(log.attitudes),
+        "truth": None if log.truth is None else {"source": log.truth.source, "rate_hz": log.truth.rate},
+        "poses": sorted(log.poses),
+        "place": part("The place", lambda: place(log), None),
+        "seconds": None
+        if segments is None
+        else {kind: segments.seconds(kind) for kind in ("airborne", "rest", "armed")},
+        "timeline": {
+            "modes": part("Flight modes", lambda: _intervals(log.mode, log.seconds), []),
+            "armed": [] if segments is None else [[s.t0, s.t1] for s in segments.of("armed")],
+            "airborne": [] if segments is None else [[s.t0, s.t1] for s in segments.of("airborne")],
+            "texts": [[t, level, text] for t, level, text in log.texts],
+        },
+        "advice": {"rest": part("Advice", lambda: log.advice("rest"), "")},
+        "choices": dict(log.choices),
+        "params": part("Parameters", lambda: _params(log), {}),
+        "params_changed": part("Parameters", lambda: _changed(log), {}),
+    }
+
+
+def _date(log: FlightLog) -> str | None:
+    """When the log begins, by GNSS."""
+    if log.utc_offset is None:
+        return None
+    return datetime.fromtimestamp(log.utc_offset, UTC).isoformat(timespec="seconds")
+
+
+def _params(log: FlightLog) -> dict[str, float]:
+    """The values that parameters begin with; where the log tells defaults, of those alone that differ from theirs.
+
+    ULog tells no default of a parameter that has it.
+    """
+    found = {name: value for name in sorted(log.params) if (value := log.param(name)) is not None}
+    if not log.param_defaults:
+        return found
+    usual = {name: value for name, value in found.items() if name not in log.filled_params} | log.param_defaults
+    return {name: value for name, value in found.items() if value != usual.get(name)}
+
+
+def place(log: FlightLog) -> dict[str, float] | None:
+    """Where the flight was, and how fast the earth turns a heading there; None without a fix.
+
+    The median of the fixes of the first receiver that has any.
+    """
+    import numpy as np
+
+    for receiver in log.gnss:
+        good = (receiver.fix >= 3) & np.isfinite(receiver.lat) & np.isfinite(receiver.lon)
+        good &= (receiver.lat != 0) | (receiver.lon != 0)
+        if good.any():
+            alt = receiver.alt[good]
+            alt = alt[np.isfinite(alt)]
+            latitude = float(np.median(receiver.lat[good]))
+            return {
+                "lat": latitude,
+                "lon": earth.middle_longitude(receiver.lon[good]),
+                "alt_m": float(np.median(alt)) if len(alt) else 0.0,
+                "earth_turn_deg_per_min": earth.heading_turn(latitude),
+            }
+    return None
+
+
+def _sensor(stream: Stream) -> dict[str, Any]:
+    return {"source": stream.source, "rate_hz": stream.rate}
+
+
+def _intervals(line: TimeLine | None, end: float) -> list[list[Any]]:
+    """[[t0, t1, value], ...] without repeats of the same value."""
+    out: list[list[Any]] = []
+    if line is None:
+        return out
+    for t, value in zip(line.t.tolist(), line.value, strict=True):
+        if out and out[-1][2] == value:
+            continue
+        if out:
+            out[-1][1] = t
+        out.append([t, max(end, t), value])
+    return [[a, b, str(v)] for a, b, v in out if b > a]
+
+
+def _changed(log: FlightLog) -> dict[str, list[Any]]:
+    """Parameters that differ from their default where the log tells defaults: name -> [value, default]."""
+    out = {}
+    for name, line in sorted(log.params.items()):
+        default = log.param_defaults.get(name)
+        value = line.value[-1] if line.value else None
+        if default is not None and value is not None and value != default:
+            out[name] = [value, default]
+    return out

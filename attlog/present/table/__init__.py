@@ -1,1 +1,0 @@
-"""The table of filters: columns, rows, cells."""

@@ -1,0 +1,406 @@
+"""Whose clock an attitude is compared on, and attitudes made fit for comparison."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import earth, intervals, rotation
+from attlog.core.errors import UsageError
+from attlog.flight.model import Angles, Attitude, FlightLog, Imu, TruthFit
+from attlog.reference.model import AlignmentStep, Reference
+from attlog.reference.scoring import interpolate
+from attlog.segments import increments, model
+
+Array = NDArray[np.float64]
+Clock = Literal["sample", "publication"]
+
+
+def attitude_times(attitude: Attitude, clock: Clock) -> Array:
+    """The times (n,) of an attitude: of measurement where the log tells them and ``clock`` is sample."""
+    return attitude.t if clock == "publication" or attitude.t_sample is None else attitude.t_sample
+
+
+def usable_samples(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Times (m,), unit quaternions (m, 4) and the mask (n,) of the samples they come from.
+
+    Left out are samples without a finite attitude and those whose time does not rise.
+    """
+    t = attitude_times(attitude, clock)
+    norm = rotation.length(attitude.q)
+    good = np.isfinite(t) & np.isfinite(norm) & (norm > 0.5) & (norm < 2.0)
+    highest = np.maximum.accumulate(np.where(good, t, -np.inf))
+    good[1:] &= highest[1:] > highest[:-1]
+    t, q = model.select_good(good, t, attitude.q)
+    return t, q if attitude.normal else rotation.normalize(q), good
+
+
+def clock_step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) -> AlignmentStep:
+    """What the clock is, and how much later than measured the attitude was published (``own``: made of the IMU)."""
+    if own:
+        text = "made at the IMU's stamps, without the delay of its filter"
+        return AlignmentStep("clock", text, "sample", source=attitude.source, option="config: clock")
+    if attitude.t_sample is None:
+        text = f"{attitude.source} has one time stamp; it is taken for the time of the attitude"
+        return AlignmentStep("clock", text, "stamp", source=attitude.source, option="config: clock")
+    delays = attitude.t - attitude_times(attitude, "sample")
+    delay = float(np.median(delays[~np.isnan(delays)])) * 1e3 if len(delays) else 0.0
+    used = "the time of measurement" if clock == "sample" else "the time of publication"
+    text = f"{attitude.source} is compared at {used}; it was published {delay:.1f} ms after the measurement (median)"
+    return AlignmentStep("clock", text, delay, "ms", attitude.source, clock == "sample", "config: clock")
+
+
+# Trim: the small rotation between IMU and vehicle that the autopilot's attitudes have taken out.
+
+
+def apply_trim(q: Array, trim: Array) -> Array:
+    """Attitudes of the vehicle (n, 4) from those of its IMU: ``q_imu (x) exp(-trim)``."""
+    return rotation.multiply(q, rotation.from_rotvec(-trim))
+
+
+def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array | None, AlignmentStep]:
+    """The trim, a rotation vector (3,) in rad, to take out of replays for a comparison with this attitude, and why.
+
+    None for nothing.
+    """
+    if not attitude.has_trim:
+        text = f"{attitude.source} is the attitude of the IMU itself: nothing to take out"
+        return None, AlignmentStep("trim", text, 0.0, "deg", attitude.source, False, "config: trim")
+    trim = log.trim
+    if trim is None:
+        missing = log.trim_source.replace(", ", " and ") or "it"
+        text = f"{attitude.source} has a trim taken out, but the log does not hold {missing}"
+        return None, AlignmentStep("trim", text, None, "deg", "", False, "config: trim")
+    size = math.degrees(float(np.sqrt(np.sum(trim**2))))
+    text = f"roll {math.degrees(trim[0]):.2f}, pitch {math.degrees(trim[1]):.2f} deg are inside {attitude.source}"
+    applied = wanted and size > 0
+    text += ": taken out of the replays once" if applied else ": nothing to do" if size == 0 else ": switched off"
+    step = AlignmentStep("trim", text, size, "deg", log.trim_source, applied, "config: trim")
+    return (trim if applied else None), step
+
+
+# Declination: where magnetic north lies at the place and date of the flight.
+
+
+def flight_place(log: FlightLog) -> tuple[float, float, float] | None:
+    """Median latitude (deg), longitude (deg), altitude (m) of the first receiver with a 3D fix, None without one."""
+    for gnss in log.gnss:
+        good = (gnss.fix >= 3) & np.isfinite(gnss.lat) & np.isfinite(gnss.lon)
+        good &= (np.abs(gnss.lat) <= 90) & (np.abs(gnss.lon) <= 180) & ((gnss.lat != 0) | (gnss.lon != 0))
+        if np.count_nonzero(good):
+            altitude = gnss.alt[good]
+            altitude = altitude[np.isfinite(altitude)]
+            height = float(np.median(altitude)) if len(altitude) else 0.0
+            return float(np.median(gnss.lat[good])), earth.middle_longitude(gnss.lon[good]), height
+    return None
+
+
+def earth_field(log: FlightLog) -> earth.MagneticField | None:
+    """The earth's field at the flight's place and date; None without a place."""
+    where = flight_place(log)
+    if where is None:
+        return None
+    dated = earth.field(*where, log.utc_offset) if log.utc_offset is not None else None
+    return dated or earth.field(*where, None)
+
+
+def declination_step(log: FlightLog, option: str | float) -> tuple[float | None, AlignmentStep]:
+    """The declination in deg (None if unknown), and the step with both the model's and the parameter's in the text."""
+    if option not in ("auto", "model", "param"):
+        try:
+            given = float(option)
+        except ValueError:
+            raise UsageError(f"declination {option!r}: use auto, model, param or degrees") from None
+        return given, AlignmentStep(
+            "declination", "given by the user", given, "deg", "option", option="config: declination"
+        )
+    field, set_deg = earth_field(log), log.declination_param
+    by_model = "no position, so no model" if field is None else f"{field.declination_deg:.1f} deg by {field.model}"
+    by_param = (
+        "no declination parameter that is set" if set_deg is None else f"{set_deg:.1f} deg by {log.declination_source}"
+    )
+    text = f"{by_model}; {by_param}"
+    value, source = None, ""
+    if field is not None and option != "param":
+        value, source = field.declination_deg, field.model
+    elif set_deg is not None and option != "model":
+        value, source = set_deg, log.declination_source
+    if value is not None:
+        return value, AlignmentStep("declination", text, value, "deg", source, option="config: declination")
+    text += "; unknown, so headings are magnetic and compared with their offset removed"
+    return None, AlignmentStep("declination", text, None, "deg", "", False, "config: declination")
+
+
+def observed_declination_deg(log: FlightLog, reference: Reference) -> float | None:
+    """Direction in deg in which the reference, turning the measured field to earth, sees magnetic north.
+
+    The circular median over the log, outside unscored time. With truth as the
+    reference it is the field's own declination plus the magnetometer's faults.
+    None without magnetometer or reference.
+    """
+    if log.mag is None or len(reference.t) == 0:
+        return None
+    field = log.mags[log.mag].field
+    q, _ = interpolate(reference.t, reference.q, reference.segment, field.t_best)
+    good = rotation.finite_rows(q) & rotation.finite_rows(field.x)
+    good &= (field.t_best >= reference.scoring_start) & (field.t_best <= reference.end)
+    if np.count_nonzero(good) < 10:
+        return None
+    north = rotation.rotate(q[good], field.x[good])
+    direction = np.arctan2(north[:, 1], north[:, 0])
+    middle = math.atan2(float(np.mean(np.sin(direction))), float(np.mean(np.cos(direction))))
+    return math.degrees(float(rotation.wrap(middle + np.median(rotation.wrap(direction - middle)))))
+
+
+# The replay floor: the smallest difference between attitudes that a log can resolve.
+
+FLOAT32_DEG = 1e-5
+"""What float32 quaternions resolve when angles come from the vector part."""
+
+REPEATED_SHARE, MULTIPLE_SHARE = 0.01, 0.9
+TICK_S = 1e-3
+FLOOR_SAMPLES = 20_000
+
+
+def logged_step_deg(q: Array) -> float:
+    """The step in deg of logged attitudes (n, 4): the smallest difference of roll or pitch that repeats.
+
+    Values printed or stored with a step differ by its multiples only; attitudes
+    without one resolve what float32 does.
+    """
+    angles = np.degrees(rotation.to_euler(q[:FLOOR_SAMPLES])[:, :2])
+    d = np.abs(np.diff(angles, axis=0)).ravel()
+    d = d[np.isfinite(d) & (d > FLOAT32_DEG)]
+    if len(d) < 20:
+        return FLOAT32_DEG
+    values, count = np.unique(np.round(d, 4), return_counts=True)
+    repeated = values[(count >= max(5, REPEATED_SHARE * len(d))) & (values > 1e-3)]
+    if len(repeated) == 0:
+        return FLOAT32_DEG
+    step = float(repeated[0])
+    small = d[d < 50 * step]
+    off = np.abs(small / step - np.round(small / step))
+    return step if len(small) and np.mean(off < 0.05) >= MULTIPLE_SHARE else FLOAT32_DEG
+
+
+def timestamp_tick_s(t: Array) -> float:
+    """The step in s of the stamps (n,) where it shows: 1 ms where all intervals are whole ms and differ, else 0."""
+    dt = np.diff(t[:FLOOR_SAMPLES])
+    dt = dt[(dt > 0) & (dt < 1.0)]
+    if len(dt) < 10:
+        return 0.0
+    ticks = dt / TICK_S
+    usual = np.abs(ticks - np.median(ticks)) < 1.5
+    whole = bool(np.all(np.abs(ticks - np.round(ticks)) < 1e-2))
+    return TICK_S if whole and usual.any() and np.ptp(np.round(ticks[usual])) > 0 else 0.0
+
+
+def bridged_gap_deg(imu: Imu | None) -> float:
+    """Attitude error in deg that bridged gaps can have caused: a quarter of each gap times its change of rate.
+
+    The filters integrate gaps with the mean rate of the neighbours; a rate that
+    went its own way in between is off by about that. Independent gaps add in square.
+    """
+    if imu is None or len(imu.gyro.t) < 3:
+        return 0.0
+    t, rate = model.select_rising(imu.gyro.t_best, imu.gyro.x)
+    dt = np.diff(t)
+    bridged = (dt > intervals.gap_limit_of_times(t)) & (dt <= intervals.MAX_BRIDGED_GAP_S)
+    change = rotation.length(rate[1:][bridged] - rate[:-1][bridged])
+    return float(np.degrees(np.sqrt(np.sum((0.25 * dt[bridged] * change) ** 2))))
+
+
+def floor_step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[float, float, AlignmentStep]:
+    """Floor and logged step in deg of attitudes ``q`` (n, 4) at ``t`` (n,) s, and what the floor is made of."""
+    own = known_step if known_step > 0 else logged_step_deg(q)
+    tick = timestamp_tick_s(t)
+    rate = 0.0
+    if imu is not None and len(imu.gyro.x):
+        (x,) = model.select_good(rotation.finite_rows(imu.gyro.x), imu.gyro.x)
+        centred = x - np.median(x, axis=0) if len(x) else x
+        rate = float(np.degrees(np.sqrt(np.mean(np.einsum("ij,ij->i", centred, centred))))) if len(x) else 0.0
+    timing = tick / np.sqrt(12) * rate
+    missing = bridged_gap_deg(imu)
+    floor = float(np.sqrt(own**2 + timing**2 + missing**2))
+    text = f"logged step {own:.2g} deg, time stamps {timing:.2g} deg, bridged gaps {missing:.2g} deg"
+    return floor, own, AlignmentStep("replay_floor", text, floor, "deg", "measured in this log")
+
+
+# Input delay: how late the logged gyro is, by the firmware's filter and by measurement.
+
+MIN_ACTIVE_DPS = 12.0
+"""Slower rotation is mostly noise and tells nothing about delay."""
+DELAY_RANGE_S, DELAY_GRID_S = 0.06, 5e-3
+"""Delays looked for on both sides, and their grid: a low-pass at 20 Hz is late by 11 ms."""
+MAX_INTERVALS, MAX_FITTED_INTERVALS = 100_000, 1200
+"""Intervals that are examined, and of those that turn, how many are fitted: a long log takes no longer."""
+INTERVAL_SAMPLES, MAX_INTERVAL_S = 8, 0.2
+MIN_INTERVALS = 100
+MIN_DELAY_RATE_HZ = 5.0
+DELAY_TOLERANCE_S, MAX_DELAY_SIGMA_S = 2e-3, 1e-3
+"""Formula and rates agree within 2 ms; a fit less sure than 1 ms (one sigma) is not used."""
+OUTLIER_RAD_S = np.radians(60.0)
+"""A larger difference is a reset of the reference, not a delay."""
+
+
+def filter_delay(imu: Imu) -> tuple[float, str]:
+    """Delay in s of the gyro's low-pass, and where it comes from; 0 where no filter ahead of the logger is known."""
+    if imu.gyro.delay > 0:
+        return imu.gyro.delay, f"{imu.gyro.source}, {imu.filtered}"
+    return 0.0, f"{imu.gyro.source}: no filter known"
+
+
+def fit_gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None:
+    """Delay of the gyro against the reference's own rotation and its standard error, both in s; None where the log
+    moves too little or too slowly.
+
+    Least squares between the reference's rotation over an interval and the gyro's over
+    the same interval shifted by tau, offset per axis removed, where it turns faster
+    than 12 deg/s: 5 ms grid, then a parabola. An interval holds at least 8 IMU samples:
+    in shorter ones the gyro's noise, which shrinks at half a sample's shift, pulls tau.
+    """
+    t, q = reference.t, reference.q
+    turning = increments.gyro_increments(imu)
+    gyro_t = turning.t
+    if reference.rate < MIN_DELAY_RATE_HZ or len(t) < MIN_INTERVALS or len(gyro_t) < MIN_INTERVALS:
+        return None
+    wanted = min(INTERVAL_SAMPLES * (gyro_t[-1] - gyro_t[0]) / (len(gyro_t) - 1), MAX_INTERVAL_S)
+    k = max(1, math.ceil(wanted * reference.rate))
+    first = np.arange(0, len(t) - k, max(1, (len(t) - k) // MAX_INTERVALS))
+    start, end = t[first], t[first + k]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[first]), q[first + k]))
+        own = turn / (end - start)[:, None]
+    active = np.degrees(np.sqrt(np.sum(own * own, axis=1))) > MIN_ACTIVE_DPS
+    active &= (reference.segment[first + k] == reference.segment[first]) & (start >= reference.scoring_start)
+    active &= (start > gyro_t[0] + DELAY_RANGE_S) & (end < gyro_t[-1] - DELAY_RANGE_S)
+    i = np.flatnonzero(active)
+    if len(i) < MIN_INTERVALS:
+        return None
+    i = i[:: max(1, len(i) // MAX_FITTED_INTERVALS)]
+    start, end, own = start[i], end[i], own[i]
+
+    def misfits(delays: Array) -> list[float]:
+        shifted = ((t + delays[:, None]).ravel() for t in (start, end))
+        turned = turning.between(*shifted).reshape(len(delays), len(own), 3)
+        return [misfit(rates - own) for rates in turned / (end - start)[:, None]]
+
+    def misfit(off: Array) -> float:
+        usual = np.sum((off - np.median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
+        if not usual.any():  # nothing like the gyro's rates at this shift
+            return math.inf
+        off = off[usual] - np.mean(off[usual], axis=0)
+        return float(np.mean(np.sum(off * off, axis=1)))
+
+    coarse = np.arange(-DELAY_RANGE_S, DELAY_RANGE_S + 1e-9, DELAY_GRID_S)
+    best = int(np.argmin(misfits(coarse)))
+    if not 0 < best < len(coarse) - 1:
+        return None
+    fine = np.linspace(-DELAY_GRID_S, DELAY_GRID_S, 5)
+    around = misfits(coarse[best] + fine)
+    if not np.isfinite(around).all():
+        return None
+    a, b, c = np.polyfit(fine, around, 2)
+    variance = max(c - b * b / (4 * a), 0.0) / (a * len(i) / k) if a > 0 else math.inf
+    return None if variance > MAX_DELAY_SIGMA_S**2 else (float(coarse[best] - b / (2 * a)), math.sqrt(variance))
+
+
+def gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None:
+    """The same, measured once for a unit and a reference."""
+    for known, delay in reference.delays_seen:
+        if known is imu:
+            return delay
+    found = fit_gyro_delay(imu, reference)
+    reference.delays_seen.append((imu, found))
+    return found
+
+
+def delay_step(
+    log: FlightLog, imu: Imu | None, reference: Reference, option: str | float
+) -> tuple[float, AlignmentStep]:
+    """The input delay in s that is subtracted from lags of replayed rows; the step says what the rates show too."""
+    name, switch = "input_delay", "config: input_delay"
+    if option == "off":
+        text = "switched off: lags contain the sensor's filters"
+        return 0.0, AlignmentStep(name, text, 0.0, "ms", "option", False, switch)
+    if option != "auto":
+        try:
+            option_ms = float(option)
+        except ValueError:
+            raise UsageError(f"input_delay {option!r}: use auto, off or milliseconds") from None
+        return 1e-3 * option_ms, AlignmentStep(name, "given by the user", option_ms, "ms", "option", option=switch)
+    if imu is None:
+        return 0.0, AlignmentStep(name, "no IMU is replayed", 0.0, "ms", "", False, switch)
+    known, source = filter_delay(imu)
+    found = None if reference.kind == "smoother" else gyro_delay(imu, reference)
+    seen = None if found is None else found[0]
+    if reference.kind == "smoother":
+        check = "the smoother is without it; made of this gyro, it cannot check it"
+    elif seen is None:
+        check = "the log turns too little to check it"
+    else:
+        verdict = "" if abs(seen - known) <= DELAY_TOLERANCE_S else ", which disagrees: look at clock in --config"
+        check = f"the rates show {1e3 * seen:.1f} ms against {reference.source}{verdict}"
+    text = f"{1e3 * known:.1f} ms by {source}; {check}"
+    return known, AlignmentStep(name, text, 1e3 * known, "ms", source, known > 0, switch)
+
+
+# A truth that the user brought: what it says of its own alignment and noise, and whose north it has.
+
+NO_NORTH_TEXT = "nobody knows the north of {name}: each row is turned to it by its own mean heading"
+TRUTH_OPTION = "--truth"
+
+
+def adopt_fit(reference: Reference, fit: TruthFit) -> None:
+    """Give a reference made of a brought truth its sigma and its north."""
+    n = len(reference.t)
+    reference.fit = fit
+    reference.sigma_tilt_deg = np.full(n, fit.sigma_tilt_deg)
+    reference.sigma_heading_deg = np.full(n, fit.sigma_heading_deg)
+    if fit.north == "nobody":
+        reference.heading_by, reference.heading_why = "relative", NO_NORTH_TEXT.format(name=fit.name)
+
+
+def fit_steps(fit: TruthFit) -> list[AlignmentStep]:
+    """What was done to it, with value and sigma: clock, axes, noise."""
+    clock = f"added to its times, sigma {1e3 * fit.offset_sigma_s:.2g} ms; "
+    clock += f"rates correlate by {fit.correlation:.3f} over {fit.seconds:.0f} s, {fit.n} samples"
+    drift = f"sigma {fit.drift_sigma_ppm:.1f} ppm"
+    if fit.drift_ppm == 0.0:
+        drift += ": no different from none"
+    north = {
+        "file": "its own north is kept",
+        "gnss": "its north is from GNSS motion",
+        "nobody": "its north is unknown: only changes of heading are compared",
+    }[fit.north]
+    noise = f"tilt {fit.sigma_tilt_deg:.2f}, heading {fit.sigma_heading_deg:.2f} deg (one sigma); part of each interval"
+    return [
+        _fit_step("truth_clock", clock, fit.offset_s, "s"),
+        _fit_step("truth_drift", drift, fit.drift_ppm, "ppm", fit.drift_ppm != 0.0),
+        _fit_step(
+            "truth_body",
+            f"{_angles_text(fit.body_deg)} to forward, right, down; read {fit.reading}",
+            _turn_deg(fit.body_deg),
+        ),
+        _fit_step(
+            "truth_world", f"{_angles_text(fit.world_deg)} to north, east, down; {north}", _turn_deg(fit.world_deg)
+        ),
+        _fit_step("truth_residual", "RMS of its angular rates less the gyro's", fit.residual_dps, "deg/s"),
+        _fit_step("own_sigma", noise, fit.sigma_tilt_deg),
+    ]
+
+
+def _fit_step(name: str, text: str, value: float, unit: str = "deg", applied: bool = True) -> AlignmentStep:
+    return AlignmentStep(name, text, value, unit, "the truth", applied, TRUTH_OPTION)
+
+
+def _angles_text(angles: Angles) -> str:
+    return "roll {:.1f}, pitch {:.1f}, yaw {:.1f} deg".format(*angles)
+
+
+def _turn_deg(angles: Angles) -> float:
+    """The angle in deg of a turn by roll, pitch and yaw."""
+    return float(np.degrees(rotation.total_angle(rotation.from_euler(*np.radians(angles)))))

@@ -1,0 +1,310 @@
+"""What GNSS and the IMU of a log say of the heading of an attitude in flight: the arrays for the evidence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import estimators
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
+from attlog.core.log_cache import cached_per_log
+from attlog.core.spans import Span, complement, intersect, merge
+from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS, HeadingOffset, both
+from attlog.flight.model import Attitude, FlightLog, Gnss, Imu
+from attlog.reference import alignment, scoring, sensor_faults
+from attlog.reference.model import HeadingReference, Reference
+from attlog.reference.scoring import interpolate
+from attlog.reference.smoother import smoothable
+from attlog.segments import Segments, model, resets
+
+Array = NDArray[np.float64]
+FIX_3D = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GnssMotion:
+    """Specific force (n, 3) m/s^2 at ``t`` (n,) s, velocities (m, 3) m/s NED of 3D fixes, and when they count."""
+
+    t: Array
+    acc: Array
+    fixes_t: Array
+    velocity: Array
+    spans: list[Span]
+
+    def offsets(
+        self, t: Array, q: Array, segment: NDArray[np.int64], since: float = -np.inf, spans: list[Span] | None = None
+    ) -> tuple[HeadingOffset, list[HeadingOffset]]:
+        """The heading error of attitudes (n, 4) at ``t`` (n,) over the flight, and of each 30 s.
+
+        ``segment`` (n,) changes where the attitude is not to be interpolated. ``since`` s it counts, within ``spans``.
+        """
+        q = q if t is self.t else interpolate(t, q, segment, self.t)[0]
+        counted = intersect(self.spans, [(since, np.inf)])
+        counted = counted if spans is None else intersect(counted, spans)
+        return both(self.t, self.acc, q, self.fixes_t, self.velocity, np.array(counted).reshape(-1, 2))
+
+
+def find_gnss_motion(log: FlightLog, segments: Segments, imu: Imu | None = None) -> GnssMotion | None:
+    """The motion that a log shows in flight, up to a blow; anywhere where it tells of no flight. None without GNSS.
+
+    ``imu`` is the unit that is taken, that which is replayed where it is None. None, too, where the replayed
+    accelerometer's axes are wrong: turned force shows every heading wrong.
+    """
+    imu = imu or log.replay_imu
+    receiver = next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
+    if imu is None or receiver is None or (imu is log.replay_imu and sensor_faults.wrong_frame(log, segments)):
+        return None
+    fixes_t, velocity = model.select_rising(np.where(receiver.fix >= FIX_3D, receiver.t, np.nan), receiver.vel_ned)
+    if len(fixes_t) < 2:
+        return None
+    flown, whole = segments.spans("airborne"), smoothable(log, segments)
+    spans = intersect(whole, flown) if flown else whole
+    spans = intersect(spans, complement(_clipped(log, imu), -np.inf, np.inf))
+    return GnssMotion(imu.gyro.t_best, imu.acc.x, fixes_t, velocity, spans)
+
+
+def _clipped(log: FlightLog, imu: Imu) -> list[Span]:
+    """When the accelerometer was at the end of its range: what it shows then is no force."""
+    found: list[Span] = []
+    for clipping in log.clippings:
+        if clipping.sensor == "accelerometer" and clipping.unit in (None, imu.index):
+            k = np.flatnonzero(clipping.new > 0)
+            found += zip(clipping.t[np.maximum(k - 1, 0)].tolist(), clipping.t[k].tolist(), strict=True)
+    return found
+
+
+# Is the heading of the attitude that flew wrong by GNSS acceleration, all the time or in some of the flight?
+
+SAME_SIGMAS = 2.0
+"""Two 30 s are off alike up to so many joint sigmas."""
+
+
+@dataclass(frozen=True, slots=True)
+class WrongHeading:
+    """When the heading is wrong, the best known of these offsets, and whether it is right at other times."""
+
+    spans: list[Span]
+    offset: HeadingOffset
+    partly: bool = False
+
+
+def onboard_offsets(
+    log: FlightLog, segments: Segments, motion: GnssMotion
+) -> tuple[HeadingOffset, list[HeadingOffset]]:
+    """The heading error of the attitude that flew, over the flight and in each 30 s, from its own alignment on."""
+    attitude = log.onboard_attitude
+    assert attitude is not None
+    t, q, _ = alignment.usable_samples(attitude, "sample")
+    aligned = scoring.aligned_at(attitude, resets.known_resets(log, log.onboard or "", segments)[0], segments)
+    return motion.offsets(t, q, model.number_segments(t), -np.inf if aligned is None else aligned)
+
+
+def find_wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> WrongHeading | None:
+    """When the heading is wrong: all the time, or in some of the 30 s; None where it nowhere is."""
+    off = [part for part in parts if part.wrong]
+    if whole.wrong and not any(part.told and not part.wrong for part in parts):
+        return WrongHeading([(whole.t0, whole.t1)], whole)
+    if off:
+        spans = list(merge((part.t0, part.t1) for part in [*off, *_equal_offsets(off, parts)]))
+        return WrongHeading(spans, min(off, key=lambda part: part.sigma_deg), partly=any(part.sound for part in parts))
+    return WrongHeading([(whole.t0, whole.t1)], whole) if whole.wrong else None
+
+
+def _equal_offsets(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list[HeadingOffset]:
+    """Neighbours of wrong 30 s that are off as far, though less clearly: they accuse nobody, but say since when."""
+    found: list[HeadingOffset] = []
+    queue = list(off)
+    while queue:
+        one = queue.pop()
+        for part in parts:
+            apart = abs((part.offset_deg - one.offset_deg + 180.0) % 360.0 - 180.0)
+            near = part.t0 <= one.t1 and part.t1 >= one.t0 and part not in found and not part.told
+            off_too = abs(part.offset_deg) > max(WRONG_DEG, WRONG_SIGMAS * part.sigma_deg)
+            if near and off_too and apart <= SAME_SIGMAS * math.hypot(part.sigma_deg, one.sigma_deg):
+                found.append(part)
+                queue.append(part)
+    return found
+
+
+@cached_per_log
+def wrong_onboard_heading(log: FlightLog, segments: Segments) -> str:
+    """Why the onboard heading is wrong, as a part of a sentence; empty where it is not, or where GNSS does not tell."""
+    motion = find_gnss_motion(log, segments)
+    if motion is None or log.onboard_attitude is None:
+        return ""
+    wrong = find_wrong_heading(*onboard_offsets(log, segments, motion))
+    return "" if wrong is None else f"the heading of {log.onboard} is {heading_error_words(wrong.offset)}"
+
+
+def heading_error_words(found: HeadingOffset) -> str:
+    """``28 deg off by GNSS acceleration (± 4 deg)``."""
+    return f"{abs(found.offset_deg):.0f} deg off by GNSS acceleration (± {max(found.sigma_deg, 1.0):.0f} deg)"
+
+
+# Heading references: who else can tell in the air where the nose, or the path, pointed.
+
+Index = NDArray[np.int64]
+
+MAG_SMOOTHING_S = 1.0
+COURSE_SPEED_M_S = 5.0
+LEVELLED_BY = "mahony"
+"""Its tilt levels the magnetometer where there is no reference, whichever filters are compared."""
+MIN_HEADINGS = 10
+MAX_YAW_SIGMAS = 2.0
+"""RMS, in its own sigmas, of a yaw estimator's difference to the reference: beyond, it is in error itself."""
+
+
+def heading_references(log: FlightLog, segments: Segments, reference: Reference) -> dict[str, HeadingReference]:
+    """Headings by name: onboard, truth, mag, gnss_yaw, yaw_estimator, course, as far as the log has them.
+
+    Degrees on the log's clock; segments end at gaps and at resets of the heading reference. An
+    attitude that was refused as reference, or is in error, is no heading reference either.
+    """
+    found: dict[str, HeadingReference] = {}
+    for name, attitude in (("onboard", log.onboard_attitude), ("truth", log.truth_with_north)):
+        if attitude is None or name in reference.refused or (name == "onboard" and reference.onboard_error):
+            continue
+        t, q, segment = _attitude_samples(log, segments, reference, name, attitude)
+        if len(t) >= MIN_HEADINGS:
+            found[name] = HeadingReference(
+                name, t, np.degrees(rotation.to_euler(q)[:, 2]), segment, f"yaw of {attitude.source}"
+            )
+    for heading_reference in (
+        _magnetic(log, reference),
+        _dual_antenna(log),
+        _yaw_estimator(log, reference),
+        _course(log),
+    ):
+        if heading_reference is not None:
+            found[heading_reference.name] = heading_reference
+    return found
+
+
+def _attitude_samples(
+    log: FlightLog, segments: Segments, reference: Reference, name: str, attitude: Attitude
+) -> tuple[Array, Array, Index]:
+    """Times, attitudes and segments of the onboard attitude or the truth; those of the reference are known already."""
+    if reference.kind == name and reference.name in ("", log.onboard):
+        return reference.t, reference.q, reference.segment
+    t, q, kept = alignment.usable_samples(attitude, reference.clock)
+    imu = log.replay_imu
+    jumped = np.zeros(len(attitude.t), np.int64)
+    jumped[
+        resets.known_resets(log, log.onboard or "", segments)[0]
+        if name == "onboard"
+        else resets.find_resets(attitude, imu)[0]
+    ] = 1
+    return t, q, model.merge_numbers(model.number_segments(t), np.cumsum(jumped)[kept])
+
+
+def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
+    """Heading by the magnetometer, levelled with the reference's tilt (without reference: that of LEVELLED_BY)."""
+    if log.mag is None:
+        return None
+    field = log.mags[log.mag].field
+    t, x = model.select_rising(field.t_best, field.x)
+    if reference.kind != "none":
+        q, _ = interpolate(reference.t, reference.q, reference.segment, t)
+        level = reference.source
+    elif log.replay_imu is not None:
+        try:
+            own, tilt = _levelling_attitude(log.replay_imu, reference.clock)
+        except AttlogError:
+            return None  # an IMU that no filter can be run on levels nothing
+        q, _ = interpolate(own, tilt, model.number_segments(own), t)
+        level = LEVELLED_BY
+    else:
+        return None
+    good = rotation.finite_rows(q) & np.any(x != 0, axis=1)
+    if np.count_nonzero(good) < MIN_HEADINGS:
+        return None
+    t, x, q = t[good], x[good], q[good]
+    roll_pitch = rotation.to_euler(q)
+    levelled = rotation.rotate(rotation.from_euler(roll_pitch[:, 0], roll_pitch[:, 1], np.zeros(len(t))), x)
+    north = reference.declination_deg or 0.0
+    segment = model.number_segments(t)
+    heading = _smooth(t, -np.arctan2(levelled[:, 1], levelled[:, 0]), roll_pitch[:, 2], segment)
+    text = f"{field.source} levelled with the tilt of {level}, mean over {MAG_SMOOTHING_S:.0f} s"
+    text += f", declination {north:.1f} deg" if reference.declination_deg is not None else ", magnetic north"
+    return HeadingReference("mag", t, np.degrees(rotation.wrap(heading + np.radians(north))), segment, text)
+
+
+def _levelling_attitude(imu: Imu, which: alignment.Clock) -> tuple[Array, Array]:
+    """Times and attitudes of an IMU alone; only their tilt means anything."""
+    t = imu.gyro.t_best if which == "sample" else imu.gyro.t
+    found = estimators.estimate(LEVELLED_BY, t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+    return found.t, found.q
+
+
+def _smooth(t: Array, heading: Array, turning: Array, segment: Index) -> Array:
+    """Headings (n,) rad low-passed by a centred mean over 1 s of their difference from ``turning``.
+
+    Averaging the difference and not the heading keeps turns as they were: the
+    magnetometer tells where north is, the levelling attitude how the nose moved.
+    """
+    off = np.exp(1j * (heading - turning))
+    total = np.concatenate([[0], np.cumsum(off)])
+    low = np.maximum(np.searchsorted(t, t - 0.5 * MAG_SMOOTHING_S), np.searchsorted(segment, segment))
+    high = np.minimum(
+        np.searchsorted(t, t + 0.5 * MAG_SMOOTHING_S, "right"), np.searchsorted(segment, segment, "right")
+    )
+    return np.asarray(turning + np.angle(total[high] - total[low]))
+
+
+def _dual_antenna(log: FlightLog) -> HeadingReference | None:
+    """Heading by the first receiver with two antennas."""
+    for gnss in log.gnss:
+        heading = gnss.heading
+        if heading is not None and len(heading.t) >= MIN_HEADINGS:
+            t, yaw = model.select_rising(heading.t, heading.x)
+            return HeadingReference(
+                "gnss_yaw", t, np.degrees(rotation.wrap(yaw[:, 0])), model.number_segments(t), heading.source
+            )
+    return None
+
+
+def _yaw_estimator(log: FlightLog, reference: Reference) -> HeadingReference | None:
+    """Heading by the autopilot's own estimator of yaw from GNSS motion, where it calls it valid.
+
+    ArduPilot's is up to 110 deg off at a sigma of 4 in simulated flights: none where truth or smoother contradict it.
+    """
+    own = log.yaw_estimator
+    if own is None:
+        return None
+    t, x = model.select_rising(own.t_best, own.x)
+    if len(t) < MIN_HEADINGS:
+        return None
+    if reference.kind in ("truth", "smoother") and reference.heading_by == "own":
+        q, _ = interpolate(reference.t, reference.q, reference.segment, t)
+        known = rotation.finite_rows(q)
+        off = rotation.wrap(x[known, 0] - rotation.to_euler(q[known])[:, 2]) / x[known, 1]
+        if len(off) >= MIN_HEADINGS and np.mean(off**2) > MAX_YAW_SIGMAS**2:
+            return None
+    heading = np.degrees(rotation.wrap(x[:, 0]))
+    sigma = float(np.degrees(np.median(x[:, 1])))
+    text = f"yaw of {own.source} from GNSS motion, no compass (median sigma {sigma:.1f} deg)"
+    return HeadingReference("yaw_estimator", t, heading, model.number_segments(t), text)
+
+
+def _course(log: FlightLog) -> HeadingReference | None:
+    """Course over ground of a fixed-wing aircraft above 5 m/s: the path's direction, not the nose's."""
+    if not log.kind.fixed_wing:
+        return None
+    for gnss in log.gnss:
+        t, velocity = _moving(gnss)
+        if len(t) >= MIN_HEADINGS:
+            heading = np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0]))
+            text = f"course of {gnss.source} above {COURSE_SPEED_M_S:.0f} m/s; wind turns it off the heading"
+            return HeadingReference("course", t, heading, model.number_segments(t), text)
+    return None
+
+
+def _moving(gnss: Gnss) -> tuple[Array, Array]:
+    """Times and horizontal velocities (m, 2) of a receiver with a 3D fix above 5 m/s."""
+    t, velocity = model.select_rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned[:, :2])
+    fast = np.hypot(velocity[:, 0], velocity[:, 1]) > COURSE_SPEED_M_S
+    return t[fast], velocity[fast]

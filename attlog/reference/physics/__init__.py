@@ -1,1 +1,0 @@
-"""What physics says of sensors and references before anybody is compared with them."""

@@ -1,0 +1,458 @@
+"""Does the accelerometer in quiet time contradict a reference? Then agreement with it means nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation, spans
+from attlog.core.errors import AttlogError
+from attlog.core.log_cache import cached_per_log
+from attlog.core.spans import Span
+from attlog.estimators.evidence import still_windows, tilt_residual, within
+from attlog.flight.model import Attitude, FlightLog, Imu
+from attlog.reference import alignment, scoring, sensor_faults, smoother
+from attlog.reference.model import AlignmentStep, Reference, Row
+from attlog.reference.scoring import interpolate
+from attlog.segments import Segments, model
+
+Array = NDArray[np.float64]
+
+MAX_GRAVITY_TILT_DEG = 10.0
+"""A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is."""
+MIN_WRONG_SHARE, MIN_WRONG_SEGMENTS = 0.2, 2
+"""Or by this share of the quiet time, in two segments and more, where the force is as large as gravity."""
+GRAVITY_M_S2, GRAVITY_TOLERANCE_M_S2 = 9.80665, 0.5
+ALIGNED_S = 15.0
+"""An onboard attitude may be wrong for so long while it starts."""
+MAX_FORCE_SAMPLES = 2000
+"""Accelerometer samples of one segment that are enough for its mean."""
+QUIET_WORDS = {"rest": "at rest", "idle": "on the ground with motors on", "hover": "in hover"}
+
+
+@dataclass(frozen=True, slots=True)
+class QuietSegment:
+    """A quiet segment: tilt in deg between the reference's down and the mean force, and the force's size in m/s^2."""
+
+    kind: str
+    t0: float
+    seconds: float
+    tilt: float
+    force: float
+
+
+def gravity_check(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[str, list[AlignmentStep]]:
+    """A sentence if gravity contradicts the reference, and the alignment step that tells the tilt.
+
+    The median tilt at rest, else idling, else in hover, where the mean specific force is
+    gravity's too; and single quiet segments anywhere, where the accelerometer shows its size.
+    """
+    if imu is None:
+        return "", []
+    force = model.select_rising(imu.acc.t_best, imu.acc.x)
+    quiet = [
+        q
+        for kind in QUIET_WORDS
+        for s in segments.of(kind)
+        if (q := _quiet_segment(reference, *force, kind, s.t0, s.t1))
+    ]
+    kind = next((k for k in QUIET_WORDS if any(q.kind == k for q in quiet)), None)
+    if kind is None:
+        return "", []
+    tilts = [q.tilt for q in quiet if q.kind == kind]
+    tilt, where = float(np.median(tilts)), QUIET_WORDS[kind]
+    text = f"{where} {reference.source} and gravity in the accelerometer differ by this tilt (median of {len(tilts)})"
+    step = AlignmentStep("gravity_check", text, tilt, "deg", f"accelerometer {where}", False)
+    if tilt > MAX_GRAVITY_TILT_DEG:
+        fault = f"{reference.source} disagrees with gravity {where} by {tilt:.0f} deg"
+        return f"{fault}; it or the sensor's frame is wrong", [step]
+    return _intermittent_fault(reference, quiet), [step]
+
+
+def _intermittent_fault(reference: Reference, quiet: list[QuietSegment]) -> str:
+    """The sentence where the reference is wrong in some of the quiet time while the accelerometer shows gravity."""
+    begin = float(reference.t[0]) + ALIGNED_S
+    sound = [q for q in quiet if q.t0 >= begin and abs(q.force - GRAVITY_M_S2) <= GRAVITY_TOLERANCE_M_S2]
+    wrong = [q for q in sound if q.tilt > MAX_GRAVITY_TILT_DEG]
+    if len(wrong) < MIN_WRONG_SEGMENTS or sum(q.seconds for q in wrong) < MIN_WRONG_SHARE * sum(
+        q.seconds for q in sound
+    ):
+        return ""
+    worst = max(wrong, key=lambda q: q.tilt)
+    return (
+        f"{reference.source} is wrong by {worst.tilt:.0f} deg {QUIET_WORDS[worst.kind]} at {worst.t0:.0f} s; the "
+        f"accelerometer shows {worst.force:.1f} m/s^2 there; so in {len(wrong)} of {len(sound)} such times"
+    )
+
+
+def _quiet_segment(
+    reference: Reference, t: Array, force: Array, kind: str, t0: float, t1: float
+) -> QuietSegment | None:
+    """The mean specific force over a segment, turned to earth by the reference; None without both."""
+    inside = spans.between(t, t0, t1)
+    some = slice(inside.start, inside.stop, max(1, (inside.stop - inside.start) // MAX_FORCE_SAMPLES))
+    q, _ = interpolate(reference.t, reference.q, reference.segment, t[some])
+    force, good = force[some], rotation.finite_rows(q)
+    if not good.any():
+        return None
+    if reference.trim is not None:
+        q = alignment.apply_trim(q, -reference.trim)
+    mean = np.mean(rotation.rotate(q[good], force[good]), axis=0)
+    size = float(np.sqrt(np.sum(mean**2)))
+    if size == 0.0:
+        return None
+    tilt = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), -mean[2])))
+    return QuietSegment(kind, t0, t1 - t0, tilt, size)
+
+
+# Who is tilted where the vehicle stands still? Gravity there says it of any attitude, with no filter between.
+
+SOUND_TILT_DEG = 2.5
+"""Nearly all sound onboard attitudes stay within this of gravity; accelerometer biases make half of it."""
+MAX_TILT_DEG, SIGMAS, FLOOR_DEG = 3.0, 3.0, 1.0
+"""A judge that is further from gravity, in degrees and in its sigmas (with 1 deg of the accelerometer's own)."""
+DOUBTED_TILT_DEG, MIN_TILT_RATIO = 2.0, 2.0
+"""Or by this, and so many times as far as the attitude it judges."""
+BORDER_S = 1.0
+"""A window this near borders a span."""
+MIN_STILL_WINDOWS = 3
+"""Windows; a single one may be a slow landing."""
+MAX_ONBOARD_TILT_DEG = 5.0
+"""Twice what sound attitudes show: an onboard attitude that is this far from gravity is no reference."""
+MIN_REFUSED_SHARE, MIN_REFUSED_SHARE_OF_ALL = 0.5, 0.2
+"""A judge that is refused in so much of the still time, and of all, is refused throughout."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticTilt:
+    """Angles (k,) in deg to gravity over still ``windows`` (k, 2) s: of the judge and of the ``accused`` attitude.
+
+    ``sigma`` (k,) deg is the judge's own of its tilt. NaN where an attitude is not known.
+    """
+
+    windows: Array
+    judge: Array
+    accused: Array
+    sigma: Array
+
+    def medians(self, span: Span) -> tuple[float, float] | None:
+        """The median of judge and accused over windows within a span, else over those at its ends; None without."""
+        known = np.isfinite(self.judge) & np.isfinite(self.accused)
+        begin, end = self.windows.T
+        inside = known & (begin >= span[0]) & (end <= span[1])
+        if not inside.any():
+            inside = known & (end >= span[0] - BORDER_S) & (begin <= span[1] + BORDER_S)
+        if not inside.any():
+            return None
+        return float(np.median(self.judge[inside])), float(np.median(self.accused[inside]))
+
+    def acquits(self, span: Span) -> bool:
+        """Whether gravity, as far as the vehicle stands still in or beside a span, speaks for the accused."""
+        found = self.medians(span)
+        return found is not None and not (found[1] > SOUND_TILT_DEG and found[1] > found[0])
+
+    def refusing(self) -> list[tuple[Span, float, float, float]]:
+        """Where gravity refuses the judge: span, its median, the accused's (NaN if unknown) and the judge's sigma."""
+        with np.errstate(invalid="ignore"):
+            bad = self.judge > np.maximum(MAX_TILT_DEG, SIGMAS * np.hypot(self.sigma, FLOOR_DEG))
+            bad |= (self.judge > DOUBTED_TILT_DEG) & (self.judge > MIN_TILT_RATIO * self.accused)
+        found = []
+        for begin, end in spans.merge([(float(a), float(b)) for a, b in self.windows[bad]]):
+            there = bad & (self.windows[:, 0] >= begin) & (self.windows[:, 1] <= end)
+            if np.count_nonzero(there) < MIN_STILL_WINDOWS:
+                continue
+            accused = self.accused[there]
+            theirs = float(np.nanmedian(accused)) if np.isfinite(accused).any() else np.nan
+            found.append(
+                ((begin, end), float(np.median(self.judge[there])), theirs, float(np.median(self.sigma[there])))
+            )
+        return found
+
+
+def static_tilt(log: FlightLog, judge: Reference, attitude: Attitude | None) -> StaticTilt | None:
+    """What gravity says of a reference and of a logged attitude; None where the vehicle is never still."""
+    imu = log.replay_imu
+    if imu is None or not len(windows := unit_still_windows(imu)):
+        return None
+    q = judge.q if judge.trim is None else alignment.apply_trim(judge.q, -judge.trim)
+    of_judge = _residual(imu, windows, judge.t, q, judge.gap_segment)
+    of_accused = np.full(len(windows), np.nan)
+    if attitude is not None:
+        t, q, _ = alignment.usable_samples(attitude, judge.clock)
+        if attitude.has_trim and log.trim is not None:
+            q = alignment.apply_trim(q, -log.trim)
+        of_accused = _residual(imu, windows, t, q, model.number_segments(t))
+    own = judge.sigma_tilt_deg
+    middle = windows.mean(axis=1)
+    sigma = np.zeros(len(windows)) if own is None or not len(own) else np.interp(middle, judge.t, own)
+    before = middle < judge.scoring_start  # while filters settle nothing is judged
+    of_judge[before] = np.nan
+    return StaticTilt(windows, of_judge, of_accused, sigma)
+
+
+def static_tilt_refusal(found: StaticTilt, judge: Reference, name: str) -> tuple[str, list[Span]]:
+    """Why gravity refuses a judge throughout (empty where it does not), and the spans in which it does.
+
+    What was estimated from one gap to the next is refused as a whole where it is refused in most of its still time and
+    in a fifth of all. ``name`` is the accused attitude's.
+    """
+    bad = found.refusing()
+    if not bad:
+        return "", []
+    wrong = [span for span, *_ in bad]
+    known = spans.merge([(float(a), float(b)) for a, b in found.windows[np.isfinite(found.judge)]])
+    refused, whole = list[Span](), 0
+    numbers = np.unique(judge.gap_segment)
+    for number in numbers:
+        t = judge.t[judge.gap_segment == number]
+        own = [(float(t[0]), float(t[-1]))]
+        seconds = spans.seconds(spans.intersect(wrong, own))
+        most = seconds > MIN_REFUSED_SHARE * spans.seconds(spans.intersect(known, own))
+        throughout = most and seconds > MIN_REFUSED_SHARE_OF_ALL * (own[0][1] - own[0][0])
+        refused += own if throughout else spans.intersect(wrong, own)
+        whole += throughout
+    if whole < len(numbers):
+        return "", refused
+    (begin, end), residual, accused, sigma = max(bad, key=lambda one: one[0][1] - one[0][0])
+    other = f", {name} {accused:.1f} deg" if np.isfinite(accused) else ""
+    why = f"standing still from {begin:.0f} to {end:.0f} s it is {residual:.1f} deg off gravity (sigma {sigma:.1f})"
+    return why + other, refused
+
+
+def onboard_tilted(found: StaticTilt, name: str, judge: str) -> str:
+    """Why gravity says that ``name`` is tilted and the judge is not, over all still time; empty where it does not."""
+    medians = found.medians((-np.inf, np.inf))
+    if medians is None or medians[1] <= max(MAX_ONBOARD_TILT_DEG, medians[0]) or medians[0] > SOUND_TILT_DEG:
+        return ""
+    return f"standing still {name} is {medians[1]:.1f} deg off gravity, {judge} {medians[0]:.1f} deg"
+
+
+@cached_per_log
+def unit_still_windows(imu: Imu) -> Array:
+    """The still windows (k, 2) s of a unit."""
+    n = min(len(imu.acc.t_best), len(imu.acc.x), len(imu.gyro.x))
+    t, x = model.select_rising(imu.acc.t_best[:n], np.column_stack([imu.gyro.x[:n], imu.acc.x[:n]]))
+    return still_windows(t, x[:, :3], x[:, 3:])
+
+
+def _residual(imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.int64]) -> Array:
+    """Angle (k,) in deg between gravity and an attitude (n, 4) at ``t`` (n,), of the IMU, over still windows."""
+    at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
+    use = within(windows, at)
+    at, force = at[use], force[use]
+    turned, _ = interpolate(t, rotation.normalize(q), segment, at)
+    return tilt_residual(windows, at, force, turned)
+
+
+# Do filters that agree with each other, and the mean force, contradict the reference (onboard attitude, smoother)?
+#
+# A filter that differs from the reference may be wrong. Where several different filters
+# stay together and the reference alone is elsewhere, the mean specific force decides:
+# turned to earth axes less the change of velocity it must be gravity. Without GNSS a smoother shares
+# the model of ``mekf`` and what that gets wrong: where only these two stand together, it is no reference.
+
+G = 9.80665
+MIN_FILTERS = 3
+"""So many different filters must agree, and they must be most of those that ran."""
+MAX_SPREAD_DEG, MIN_APART_DEG, MIN_SPREAD_RATIO = 8.0, 15.0, 2.5
+"""Median distance of filters from their common down, and the least distance of the reference, also in these units."""
+MIN_APART_SHARE, MIN_APART_S = 0.2, 2.0
+"""For a fifth of the scored time, and 2 s without a break."""
+MAX_FORCE_RESIDUAL_M_S2, MIN_FORCE_FAULT_M_S2 = 1.0, 2.0
+"""What is left of the mean force without gravity: by the filters at most, by the reference at least."""
+SAME_MODEL = "mekf"
+"""The filter whose model a smoother without GNSS has."""
+CLOSE_DEG, ALONE_DEG, ALONE_SIGMAS = 3.0, 5.0, 4.0
+"""Filters of other models stay this close to their common down, and the smoother is further from it than 5 deg, four of
+its sigmas (three joint ones) and 2.5 times their spread."""
+SAMPLES = 4000
+DOWN = np.array([0.0, 0.0, 1.0])
+
+
+class ReferenceCheck:
+    """What rows that pass one by one say of a reference: each one's down at the reference's times, and no more.
+
+    ``again`` gives the whole of a row that has passed, which is run once more: only where filters speak against the
+    reference. Nothing is asked of a reference that was chosen by hand (``choice``), of filters that share a gyro which
+    did not turn so, because they agree in what is wrong, and of a force in wrong axes, which does not say who is right.
+    """
+
+    def __init__(
+        self, log: FlightLog, imu: Imu, reference: Reference, again: Callable[[Row], Row], choice: str = "auto"
+    ) -> None:
+        self._log, self._imu, self._reference, self._again = log, imu, reference, again
+        use = np.flatnonzero(scoring.scored_mask(reference, reference.t))
+        self._use = use[:: max(1, len(use) // SAMPLES)].copy()  # the few alone: all are as many as the log's samples
+        sound = not reference.gyro_fault and sensor_faults.FRAME not in reference.sensor_faults
+        checked = choice == "auto" and sound and reference.kind in ("onboard", "smoother")
+        self._asked = checked and len(self._use) >= 10
+        self._heard: dict[str, tuple[Row, Array]] = {}
+
+    def add(self, row: Row) -> None:
+        """Take what a row says; of several rows of a filter the last one counts."""
+        own = row.imu is None or row.imu.index == self._imu.index
+        if self._asked and own and row.kind == "replay" and len(row.t) > 1 and row.estimator != smoother.SMOOTHER:
+            self._heard[row.estimator] = row, _down(row.t, row.q, row.segment, self._reference.t[self._use])
+
+    def contradicted(self) -> tuple[str, AlignmentStep] | None:
+        """Why an onboard attitude or a smoother is refused, and the numbers; None where filters and force agree."""
+        if len(self._heard) < MIN_FILTERS:
+            return None
+        filters, downs = [row for row, _ in self._heard.values()], np.stack([d for _, d in self._heard.values()])
+        found = _refuted_by_force(self._log, self._imu, self._reference, filters, downs, self._use, self._again)
+        return found or _refuted_by_filters(self._reference, [row.estimator for row in filters], downs, self._use)
+
+
+def contradicted(
+    log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
+) -> tuple[str, AlignmentStep] | None:
+    """What :class:`ReferenceCheck` find in rows that are all at hand."""
+    check = ReferenceCheck(log, imu, reference, lambda row: row)
+    for row in rows:
+        check.add(row)
+    return check.contradicted()
+
+
+def _refuted_by_force(
+    log: FlightLog,
+    imu: Imu,
+    reference: Reference,
+    filters: Sequence[Row],
+    downs: Array,
+    use: NDArray[np.int64],
+    again: Callable[[Row], Row],
+) -> tuple[str, AlignmentStep] | None:
+    """The verdict over filters by their ``downs`` (k, m, 3) at samples ``use`` (m,) of the reference."""
+    t = reference.t[use]
+    shared = np.isfinite(downs).all(axis=2).sum(axis=0) >= MIN_FILTERS
+    if shared.sum() < 10:
+        return None
+    t, use, downs = t[shared], use[shared], downs[:, shared]
+    own_down = rotation.rotate_inverse(reference.q[use], DOWN)
+    common = np.nanmedian(downs, axis=0)
+    common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
+    distance = _angle(downs, common)
+    typical = np.array([np.median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
+    near = np.flatnonzero(typical <= MAX_SPREAD_DEG)
+    if len(near) < max(MIN_FILTERS, (len(filters) + 1) // 2):
+        return None
+    spread = np.max(np.nan_to_num(distance[near]), axis=0)
+    angles = _angle(own_down, common)
+    off = angles > np.maximum(MIN_APART_DEG, MIN_SPREAD_RATIO * spread)
+    spans = [s for s in model.segment_slices(off, reference.segment[use]) if t[s.stop - 1] - t[s.start] >= MIN_APART_S]
+    seconds = sum(float(t[s.stop - 1] - t[s.start]) for s in spans)
+    if not spans or seconds < MIN_APART_SHARE * _seconds(t, reference.segment[use]):
+        return None
+    longest = max(spans, key=lambda s: float(t[s.stop - 1] - t[s.start]))
+    t0, t1 = float(t[longest.start]), float(t[longest.stop - 1])
+    try:
+        nearest = again(filters[int(near[np.argmin(typical[near])])])
+    except AttlogError:
+        return None
+    by_filter = _mean_force(imu, reference, nearest.t, nearest.q, nearest.segment, t0, t1)
+    by_reference = _mean_force(imu, reference, reference.t, reference.q, reference.segment, t0, t1)
+    if by_filter is None or by_reference is None:
+        return None
+    gravity = np.array([0.0, 0.0, -G]) + _acceleration(log, t0, t1)
+    right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
+    if right > MAX_FORCE_RESIDUAL_M_S2 or wrong < MIN_FORCE_FAULT_M_S2:
+        return None
+    angle = float(np.median(angles[longest]))
+    who = "all" if len(near) == len(filters) else "most"
+    fault = f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree, and their mean force is gravity"
+    text = (
+        f"Filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
+        f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
+    )
+    return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)
+
+
+def _refuted_by_filters(
+    reference: Reference, names: Sequence[str], downs: Array, use: NDArray[np.int64]
+) -> tuple[str, AlignmentStep] | None:
+    """The verdict over a smoother without GNSS from which all models but its own stay away together.
+
+    ``downs`` (k, m, 3) of the filters ``names`` (k,) at samples ``use`` (m,) of the reference.
+    """
+    sigma = reference.sigma_tilt_deg
+    if reference.kind != "smoother" or sigma is None or "gnss" in str(reference.quality.get("aided_by", "")).split():
+        return None
+    others = downs[[name != SAME_MODEL for name in names]]
+    shared = np.isfinite(others).all(axis=(0, 2))
+    if len(others) < MIN_FILTERS or shared.sum() < 10:
+        return None
+    use, others = use[shared], others[:, shared]
+    common = np.median(others, axis=0)
+    common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
+    distance = _angle(others, common)
+    near = np.median(distance, axis=1) <= CLOSE_DEG
+    if near.sum() < max(MIN_FILTERS, (len(others) + 1) // 2):
+        return None
+    own = _angle(rotation.rotate_inverse(reference.q[use], DOWN), common)
+    spread = distance[near].max(axis=0)
+    alone = own > np.maximum(np.maximum(ALONE_DEG, ALONE_SIGMAS * sigma[use]), MIN_SPREAD_RATIO * spread)
+    t, segment = reference.t[use], reference.segment[use]
+    spans = [s for s in model.segment_slices(alone, segment) if t[s.stop - 1] - t[s.start] >= MIN_APART_S]
+    if not spans or sum(float(t[s.stop - 1] - t[s.start]) for s in spans) < MIN_APART_SHARE * _seconds(t, segment):
+        return None
+    angle = float(np.median(own[spans[0]]))
+    fault = (
+        f"{near.sum()} of {len(others)} filters of other models agree with each other, {angle:.0f} deg from it: only "
+        f"{SAME_MODEL}, whose model it shares, can be with it"
+    )
+    return fault, AlignmentStep("agreement", fault, angle, "deg", reference.source, False)
+
+
+def _seconds(t: Array, segment: NDArray[np.int64]) -> float:
+    """Time in s that samples (n,) cover without breaks."""
+    dt = np.diff(t)
+    return float(dt[np.diff(segment) == 0].sum())
+
+
+def _down(t: Array, q: Array, segment: NDArray[np.int64], at: Array) -> Array:
+    """Earth's down in body axes (n, 3) at times, NaN where the row has no attitude."""
+    turned, _ = interpolate(t, q, segment, at)
+    found: Array = np.full((len(at), 3), np.nan)
+    good = rotation.finite_rows(turned)
+    found[good] = rotation.rotate_inverse(turned[good], DOWN)
+    return found
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Angles in deg between unit vectors (..., 3)."""
+    angle: Array = np.degrees(np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0)))
+    return angle
+
+
+def _mean_force(
+    imu: Imu, reference: Reference, t: Array, q: Array, segment: NDArray[np.int64], t0: float, t1: float
+) -> Array | None:
+    """Mean specific force (3,) in earth axes by an attitude over [t0, t1] s; None without both."""
+    at = imu.acc.t_best
+    inside = np.flatnonzero((at >= t0) & (at <= t1) & rotation.finite_rows(imu.acc.x))
+    inside = inside[:: max(1, len(inside) // SAMPLES)]
+    turned, _ = interpolate(t, q, segment, at[inside])
+    good = rotation.finite_rows(turned)
+    if good.sum() < 10:
+        return None
+    turned = turned[good] if reference.trim is None else alignment.apply_trim(turned[good], -reference.trim)
+    mean: Array = rotation.rotate(turned, imu.acc.x[inside][good]).mean(axis=0)
+    return mean
+
+
+def _acceleration(log: FlightLog, t0: float, t1: float) -> Array:
+    """Mean acceleration (3,) m/s^2 NED by GNSS between the ends of [t0, t1] s; zero where the log does not tell."""
+    for gnss in log.gnss:
+        good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned)
+        if good.sum() > 3 and gnss.t[good][0] <= t0 + 1.0 and gnss.t[good][-1] >= t1 - 1.0:
+            ends = [np.interp(x, gnss.t[good], gnss.vel_ned[good, k]) for x in (t0, t1) for k in range(3)]
+            change: Array = (np.array(ends[3:]) - np.array(ends[:3])) / (t1 - t0)
+            return change
+    return np.zeros(3)
+
+
+def _shown(force: Array) -> str:
+    return " ".join(f"{x:.2f}" for x in force + 0.0)

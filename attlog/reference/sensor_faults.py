@@ -1,0 +1,283 @@
+"""Whose down is it where accelerometer and attitude disagree? The earth's field dips below level by a known angle.
+
+A smoother made of an accelerometer in a frame of its own is sure of a down that is none. The field
+is measured by a third sensor: where it dips as it must below the level of the onboard attitude,
+and not below that of the accelerometer, the accelerometer is the one that is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation, spans
+from attlog.core.log_cache import cached_per_log
+from attlog.flight.model import Array, Attitude, FlightLog, guarded_part
+from attlog.reference import alignment, gyro_checks
+from attlog.reference.model import SensorFault
+from attlog.segments import Segments, model
+from attlog.segments import model as gaps
+
+QUIET_KINDS = ("rest", "idle", "hover")
+"""Where the mean specific force is gravity's; the first kind that the log has."""
+MAX_DIP_ERROR_DEG, MIN_DIP_FAULT_DEG = 10.0, 25.0
+"""How far the dip may be from the model's: iron and a bad calibration stay below the first, no compass error without
+another cause reaches the second where the first holds for the same field."""
+MIN_DIP_RECORDS = 10
+"""Records of each sensor in a quiet segment."""
+DOWN = np.array([0.0, 0.0, 1.0])
+
+
+def accelerometer_contradicted(seen: DipAngles | None, attitude: Attitude | None) -> str:
+    """Why the accelerometer's down is none; empty where nothing tells, or it is right."""
+    if seen is None or attitude is None:
+        return ""
+    off = abs(seen.by_force - seen.on_earth), abs(seen.by_attitude - seen.on_earth)
+    if not (off[0] >= MIN_DIP_FAULT_DEG and off[1] <= MAX_DIP_ERROR_DEG):
+        return ""
+    return (
+        f"the field {_dip_text(seen.by_force)} the level of the accelerometer and {_dip_text(seen.by_attitude)} that of "
+        f"{attitude.source}; the earth's field there {_dip_text(seen.on_earth)} the horizon: the accelerometer's axes are "
+        "wrong"
+    )
+
+
+def compass_contradicted(seen: DipAngles | None, attitude: Attitude | None, source: str) -> str:
+    """Why the compass does not show the earth's field: it dips otherwise below the level of the accelerometer and below
+    that of the onboard attitude, which agree; empty where nothing tells, or it is right."""
+    if seen is None or attitude is None or abs(seen.by_force - seen.by_attitude) > MAX_DIP_ERROR_DEG:
+        return ""
+    if abs(seen.by_force - seen.on_earth) < MIN_DIP_FAULT_DEG:
+        return ""
+    signs = abs(seen.by_force + seen.on_earth) <= MAX_DIP_ERROR_DEG and abs(seen.on_earth) >= MIN_DIP_FAULT_DEG
+    return (
+        f"the field of {source} {_dip_text(seen.by_force)} the level of the accelerometer and of {attitude.source}; the "
+        f"earth's field there {_dip_text(seen.on_earth)} the horizon: "
+        f"{'all its axes have the other sign' if signs else 'its axes are wrong, or iron bends it'}"
+    )
+
+
+def _dip_text(angle: float) -> str:
+    """``points 60 deg below``: a dip in words, the sign in its last one."""
+    return f"points {abs(angle):.0f} deg {'above' if angle < -0.5 else 'below'}"
+
+
+@dataclass(frozen=True, slots=True)
+class DipAngles:
+    """How far (deg) the field points below the levels of the accelerometer and of an attitude, and on earth."""
+
+    by_force: float
+    by_attitude: float
+    on_earth: float
+
+
+def measure_dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> DipAngles | None:
+    """The median dips over the quiet segments of the first kind that the log has; None where nothing tells."""
+    imu, model = log.replay_imu, alignment.earth_field(log)
+    if imu is None or attitude is None or log.mag is None or model is None:
+        return None
+    kind = next((k for k in QUIET_KINDS if segments.of(k)), None)
+    if kind is None:
+        return None
+    mag = log.mags[log.mag].field
+    by_force, by_attitude = [], []
+    both = [gaps.select_rising(s.t_best, s.x) for s in (imu.acc, mag)]
+    for one in segments.of(kind):
+        force, field = (_span_mean(t, x, one.t0, one.t1) for t, x in both)
+        flown = spans.between(attitude.t, one.t0, one.t1)
+        if force is None or field is None or flown.stop - flown.start < MIN_DIP_RECORDS:
+            continue
+        down = np.mean(rotation.rotate_inverse(attitude.q[flown], DOWN), axis=0)
+        by_force.append(_dip_deg(-force, field))
+        by_attitude.append(_dip_deg(down, field))
+    if not by_force:
+        return None
+    return DipAngles(float(np.median(by_force)), float(np.median(by_attitude)), model.inclination_deg)
+
+
+def _span_mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:
+    """The mean (3,) of the samples in a span; None for too few or none with a direction."""
+    inside = spans.between(t, t0, t1)
+    if inside.stop - inside.start < MIN_DIP_RECORDS:
+        return None
+    mean: Array = np.mean(x[inside], axis=0)
+    return mean if mean.any() else None
+
+
+def _dip_deg(down: Array, field: Array) -> float:
+    """The angle of a field below the level of a down, deg."""
+    size = math.sqrt(float(down @ down) * float(field @ field))
+    return math.degrees(math.asin(max(-1.0, min(1.0, float(down @ field) / size)))) if size > 0 else math.nan
+
+
+# Is the accelerometer on the clock of the attitude? Turned to earth its force changes the velocity as GNSS sees it.
+
+FORCE_STEP_S = 0.1
+"""Forces are averaged over so long, and shifted in such steps."""
+MAX_DELAY_S, GNSS_LATE_S = 10.0, 0.6
+"""Delays that are looked for, either way; and how late a receiver may be itself."""
+MIN_DELAY_S = 0.3
+"""A smaller one may be a receiver's."""
+VELOCITY_SPAN_S = 1.0
+"""Velocities change over so long: less is their noise."""
+MIN_ACCELERATION_M_S2, MIN_VELOCITY_PAIRS, MAX_FORCE_S = 0.5, 60, 300.0
+"""Weaker acceleration (RMS) tells nothing, nor do fewer pairs; of long flights the first minutes are looked at."""
+MIN_DELAY_MISFIT_RATIO, MIN_DELAY_CORRELATION = 9.0, 0.8
+"""The shift leaves so many times less (squared), and then both are alike (correlation)."""
+COARSE_STEPS, MIN_COARSE_RATIO = 4, 2.0
+"""Steps of a first look, and how many times less one of them leaves (squared) to be looked at closely."""
+ON_TIME_CORRELATION = 0.95
+"""Forces that fit so well (correlation) are not late."""
+FIX_3D = 3
+
+
+def accelerometer_delay(log: FlightLog) -> float | None:
+    """How late the accelerometer is, s; None where it is on time, or nothing tells."""
+    imu, attitude, gnss = log.replay_imu, log.onboard_attitude, next(iter(log.gnss), None)
+    if imu is None or attitude is None or gnss is None:
+        return None
+    grid, force = _mean_force(*model.select_rising(imu.acc.t_best, imu.acc.x))
+    good = rotation.finite_rows(gnss.vel_ned[:, :2]) & (gnss.fix >= FIX_3D)
+    t, velocity = gnss.t[good], gnss.vel_ned[good, :2]
+    if len(grid) < MIN_VELOCITY_PAIRS:
+        return None
+    first, last = _velocity_pairs(t, grid)
+    if len(first) < MIN_VELOCITY_PAIRS:
+        return None
+    change = (velocity[last] - velocity[first]) / (t[last] - t[first])[:, None]
+    change = change - np.median(change, axis=0)
+    if np.sqrt(np.mean(np.sum(change**2, axis=1))) < MIN_ACCELERATION_M_S2:
+        return None
+    q, _ = rotation.slerp_in_segments(attitude.t, attitude.q, None, grid)
+    spans = t[first] - grid[0], t[last] - grid[0]
+    receivers = np.arange(0.0, GNSS_LATE_S, FORCE_STEP_S).tolist()
+
+    def fit(shift: int, receiver_s: float) -> tuple[float, float]:
+        return _delay_misfit(q, force, shift, receiver_s, spans, change)
+
+    left, alike = min(fit(0, receiver_s) for receiver_s in receivers)
+    if alike > ON_TIME_CORRELATION:
+        return None
+    steps = round(MAX_DELAY_S / FORCE_STEP_S)
+    rough, near = min((fit(k, receivers[1]), k) for k in range(-steps, steps + 1, COARSE_STEPS))
+    if rough[0] * MIN_COARSE_RATIO > left:
+        return None
+    (best, then), shift = min(
+        (fit(k, r), k) for k in range(near - COARSE_STEPS, near + COARSE_STEPS + 1) for r in receivers
+    )
+    late = shift * FORCE_STEP_S
+    return (
+        late
+        if abs(late) >= MIN_DELAY_S - 1e-9 and best * MIN_DELAY_MISFIT_RATIO < left and then > MIN_DELAY_CORRELATION
+        else None
+    )
+
+
+def _mean_force(t: Array, force: Array) -> tuple[Array, Array]:
+    """Means (n, 3) of the specific force over STEP_S and their middles; NaN where there is none."""
+    known = rotation.finite_rows(force)
+    t, force = t[known], force[known]
+    if len(t) < 2:
+        return np.zeros(0), np.zeros((0, 3))
+    index = ((t - t[0]) / FORCE_STEP_S).astype(np.int64)
+    kept = index < round(MAX_FORCE_S / FORCE_STEP_S)
+    index, force = index[kept], force[kept]
+    count = np.bincount(index)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.column_stack([np.bincount(index, force[:, k]) for k in range(3)]) / count[:, None]
+    return t[0] + FORCE_STEP_S * (np.arange(len(count)) + 0.5), mean
+
+
+def _velocity_pairs(t: Array, grid: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices of fixes that are OVER_S apart, within the forces."""
+    last = np.searchsorted(t, t + VELOCITY_SPAN_S)
+    first = np.flatnonzero(last < len(t))
+    last = last[first]
+    near = (t[last] - t[first] < 1.6 * VELOCITY_SPAN_S) & (t[first] > grid[0] + 1.0) & (t[last] < grid[-1] - 1.0)
+    return first[near], last[near]
+
+
+def _delay_misfit(
+    q: Array, force: Array, shift: int, receiver_s: float, spans: tuple[Array, Array], change: Array
+) -> tuple[float, float]:
+    """What a force that is ``shift`` steps late leaves (mean square) of the changes (n, 2), and their correlation."""
+    moved = np.full_like(force, np.nan)
+    if shift >= 0:
+        moved[: len(force) - shift] = force[shift:]
+    else:
+        moved[-shift:] = force[:shift]
+    earth = rotation.rotate(q, moved)[:, :2]
+    known: NDArray[np.bool_] = np.asarray(rotation.finite_rows(earth))
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.where(known[:, None], earth, 0.0) * FORCE_STEP_S, axis=0)])
+    missing = np.concatenate([[0], np.cumsum(~known)])
+    place = [np.clip((s - receiver_s) / FORCE_STEP_S + 0.5, 0.0, len(force)) for s in spans]
+    whole = np.arange(len(force) + 1)
+    a, b = (np.column_stack([np.interp(p, whole, sums[:, k]) for k in range(2)]) for p in place)
+    inside = missing[np.ceil(place[1]).astype(int)] == missing[np.floor(place[0]).astype(int)]
+    if np.count_nonzero(inside) < max(MIN_VELOCITY_PAIRS, len(inside) // 2):
+        return np.inf, 0.0
+    by_force = ((b - a) / ((place[1] - place[0]) * FORCE_STEP_S)[:, None])[inside]
+    by_force, own = by_force - np.median(by_force, axis=0), change[inside]
+    alike = float(np.sum(by_force * own) / np.sqrt(np.sum(by_force**2) * np.sum(own**2) + 1e-30))
+    return float(np.mean(np.sum((by_force - own) ** 2, axis=1))), alike
+
+
+# Which sensors misled whoever believed them? What physics tells before anything is made of them.
+#
+# A smoother that believes a compass with mirrored axes, a gyro with spikes or a late accelerometer is sure of an
+# attitude that is degrees off. So each is held against what it cannot have in common with the others, and
+# where it is contradicted no smoother is made of it.
+
+GYRO, COMPASS, LATE, FRAME = "gyro spikes", "compass axes", "accelerometer delay", "accelerometer axes"
+
+
+def find_sensor_faults(log: FlightLog, segments: Segments) -> dict[str, SensorFault]:
+    """The faults of the sensors that would be replayed, by name; empty where physics contradicts none."""
+    attitude = log.onboard_attitude
+    source = "" if log.mag is None else log.mags[log.mag].field.source
+    seen = guarded_part(log, "The dip of the field", lambda: _log_dips(log, segments), lambda: None)
+    asked: dict[str, Callable[[], SensorFault | None]] = {
+        GYRO: lambda: _spike_fault(log),
+        COMPASS: lambda: _as_fault(gyro_checks.compass_axes_error(log) or compass_contradicted(seen, attitude, source)),
+        LATE: lambda: _delay_fault(log),
+        FRAME: lambda: _as_fault(wrong_frame(log, segments)),
+    }
+    made = {name: guarded_part(log, f"The check {name}", ask, lambda: None) for name, ask in asked.items()}
+    return {name: fault for name, fault in made.items() if fault is not None}
+
+
+def wrong_frame(log: FlightLog, segments: Segments) -> str:
+    """Why the force of the replayed accelerometer is in wrong axes; empty where the field does not say so."""
+    return accelerometer_contradicted(_log_dips(log, segments), log.onboard_attitude)
+
+
+@cached_per_log
+def _log_dips(log: FlightLog, segments: Segments) -> DipAngles | None:
+    return measure_dips(log, segments, log.onboard_attitude)
+
+
+def _as_fault(why: str) -> SensorFault | None:
+    return SensorFault(why) if why else None
+
+
+def _spike_fault(log: FlightLog) -> SensorFault | None:
+    counted = None if log.replay_imu is None else gyro_checks.find_spikes(log.replay_imu)
+    if counted is None or not counted.why:
+        return None
+    turned = round(counted.deg_per_min, 1)
+    return SensorFault(counted.why, turned, "deg/min", counted.t, counted.count, misleads=counted.misleads)
+
+
+def _delay_fault(log: FlightLog) -> SensorFault | None:
+    late = accelerometer_delay(log)
+    if late is None:
+        return None
+    why = (
+        f"the specific force fits the change of the GNSS velocity only when it is taken {abs(late):.1f} s "
+        f"{'later' if late > 0 else 'earlier'}: the accelerometer's times are wrong"
+    )
+    return SensorFault(why, round(late, 1), "s")

@@ -1,0 +1,416 @@
+"""May what a smoother found be the reference, and whose north has its heading?
+
+A smoother looks at the whole log from both sides and says how wrong it may be (one sigma). It is
+a reference where its own checks pass and that is little: it then judges the onboard attitude too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.errors import UsageError
+from attlog.core.spans import Span, complement, intersect
+from attlog.estimators.interface import Estimate
+from attlog.flight.model import FlightLog, Stream
+from attlog.reference import scoring
+from attlog.reference.model import AlignmentStep, GyroJump, Reference
+from attlog.reference.scoring import interpolate
+from attlog.segments import Segments, model
+
+Array = NDArray[np.float64]
+
+SMOOTHER = "smoother"
+"""The estimator whose attitude is taken."""
+MAX_SIGMA_DEG, MAX_USABLE_SIGMA_DEG = 1.0, 3.0
+"""A smoother less sure than the first of its tilt is a reference only where no onboard attitude is left, than the
+second never; less sure than the first of its heading it is none for headings."""
+MAX_REOPENINGS, MAX_SOFT_GATED_PCT, MAX_ERROR_RATIO = 5.0, 40.0, 3.0
+"""Its own checks: how often a sensor had to be believed anew, the share of GNSS velocities that did not fit, and the
+largest ratio of a sensor's errors to what was expected of it."""
+UNKNOWN_HEADING_DEG = 90.0
+"""A heading less sure than this is none: pi stands for it."""
+SMOOTHED_SECONDS = 20.0, 1800.0
+"""Shorter segments show a smoother nothing, longer logs cost it minutes and gigabytes."""
+FORCE_RANGE_M_S2 = 6.0, 14.0
+"""Half of any flight's specific force lies between these; an accelerometer in g or dead shows no down,
+and a smoother that believes it is sure of a wrong one."""
+MAX_REFERENCE_HZ = 200.0
+"""Attitudes that come faster are thinned, to no less: no vehicle turns so that a slerp over 5 ms would show."""
+BEFORE_IMPACT_S = 0.3
+"""The blow itself reaches so far back through filters ahead of the logger and stamps."""
+TIPPING_S = 1.0
+"""A vehicle has lost control so long before its tilt is beyond 90 deg."""
+MIN_COVERED_SHARE = 0.5
+"""Of what is flown and rested; a smoother of which less is sound is none for the log."""
+FIX_3D = 3
+HEADING_MEAN_S = 2.0
+"""A heading is turned to another's by the mean of their difference over so long: slowly, so that steps stay."""
+
+
+def smoothable(log: FlightLog, segments: Segments) -> list[Span]:
+    """Where a smoother can be run, each for itself: between gaps, up to an impact, without any loss of control.
+
+    What happens in a tumble it would spread over the time before and after; short segments show it nothing.
+    """
+    imu = log.replay_imu
+    t = np.zeros(0) if imu is None else imu.gyro.t_best[np.isfinite(imu.gyro.t_best)]
+    if len(t) == 0:
+        return []
+    end = min((s.t0 for s in segments.of("impact")), default=np.inf) - BEFORE_IMPACT_S
+    starts = model.restart_times(t)
+    lasts = np.append(t[np.searchsorted(t, starts[1:]) - 1], t[-1])
+    lost = [(s.t0 - TIPPING_S, s.t1) for s in segments.of("loss_of_control")]
+    whole = [(float(a), min(float(b), end)) for a, b in zip(starts, lasts, strict=True)]
+    clear = complement(lost, float(t[0]), float(t[-1]))
+    return [(a, b) for a, b in intersect(whole, clear) if b - a >= SMOOTHED_SECONDS[0]]
+
+
+def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
+    """Why the smoother is not run over a log unless it is asked for; empty where it is."""
+    if log.replay_imu is None:
+        return "no IMU is replayed"
+    force = rotation.length(log.replay_imu.acc.x)
+    shown = float(np.median(force[np.isfinite(force)])) if np.isfinite(force).any() else 0.0
+    if not FORCE_RANGE_M_S2[0] <= shown <= FORCE_RANGE_M_S2[1]:
+        return f"the accelerometer shows {shown:.2g} m/s^2 (median), which is no gravity"
+    seconds = sum(b - a for a, b in smoothable(log, segments))
+    if seconds > SMOOTHED_SECONDS[1]:
+        return f"{seconds / 60:.0f} min would cost minutes; up to {SMOOTHED_SECONDS[1] / 60:.0f} min are smoothed"
+    if seconds > 0:
+        return ""
+    return f"it needs {SMOOTHED_SECONDS[0]:.0f} s without a gap, an impact or a loss of control"
+
+
+def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) -> str:
+    """What an analysis will compare with, before any smoother ran; ``chosen`` is the reference without one."""
+    otherwise = {"truth": "the logged truth", "onboard": f"the onboard attitude ({chosen.source})"}.get(
+        chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.fault else "nothing"
+    )
+    if chosen.kind == "truth":
+        return f"{otherwise}." if chosen.fit is None else f"the truth that you brought ({chosen.source})."
+    if why := chosen.gyro_fault or reason_not_smoothed(log, segments):
+        return f"{otherwise} (no smoother: {why})."
+    located = any(np.count_nonzero(g.fix >= FIX_3D) > 1 for g in log.gnss)
+    aids = [word for word, there in (("GNSS", located), ("magnetometer", log.mag is not None)) if there]
+    unsure = "" if located else " Without GNSS its heading is hardly sure enough to be compared with."
+    by = " and ".join(aids) or "gravity alone"
+    return f"the smoother, aided by {by}, if its own checks pass; else {otherwise}.{unsure}"
+
+
+def reason_unusable(estimate: Estimate) -> str:
+    """Why a smoother that failed its own checks is no reference; empty where it passed."""
+    if len(estimate.t) < 2:
+        return "no sample of the log can be used"
+    if not has_sigma(estimate):
+        return "it does not say how wrong it may be"
+    if not np.isfinite(estimate.q).all():
+        return "it lost its way: some of its attitudes are no numbers"
+    openings, soft, ratio = (_number(estimate, n) for n in ("openings", "soft_gated_pct", "worst_ratio"))
+    if openings > MAX_REOPENINGS:
+        return f"a sensor contradicted it for so long that it gave way {openings:.0f} times"
+    if soft > MAX_SOFT_GATED_PCT:
+        return f"{soft:.0f} % of the GNSS velocities do not fit its attitude"
+    if ratio > MAX_ERROR_RATIO:
+        return f"a sensor's errors are {ratio:.1f} times what it expects of them"
+    return ""
+
+
+def join_segments(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
+    """One estimate of those of the segments (in order) that pass their own checks; all of them with ``whatever``.
+
+    A segment without a heading is left out where the others hold most of the time: their headings would not be compared
+    for its sake. It says of itself what its longest segment says, and that its heading rests on the compass alone where
+    that of any segment does. UsageError where less than half of the time is left.
+    """
+    why = {k: reason_unusable(one) for k, one in enumerate(found)}
+    length = [float(one.t[-1] - one.t[0]) if len(one.t) else 0.0 for one in found]
+    headless = [k for k in why if not why[k] and found[k].quality.get("heading_from") == "nobody"]
+    if sum(length[k] for k in why if not why[k] and k not in headless) >= MIN_COVERED_SHARE * sum(length):
+        why |= {k: str(found[k].quality["heading_why"]) for k in headless}
+    sound = [one for k, one in enumerate(found) if whatever or not why[k]]
+    kept = sum(length[k] for k in why if whatever or not why[k])
+    longest = int(np.argmax([length[k] if why[k] else 0.0 for k in why])) if found else 0
+    if not sound or kept < MIN_COVERED_SHARE * sum(length):
+        raise UsageError(why.get(longest, "no segment of the log can be smoothed"))
+    longest_sound = max(sound, key=lambda one: len(one.t))
+    quality = dict(longest_sound.quality)
+    if quality.get("heading_from") != "nobody" and any(one.quality.get("heading_from") == "compass" for one in sound):
+        quality["heading_from"] = "compass"
+    counts = [np.full(len(one.t), k) for k, one in enumerate(sound)]
+    names = set.intersection(*(set(one.aux) for one in sound))
+    return replace(
+        longest_sound,
+        t=np.concatenate([one.t for one in sound]),
+        q=np.concatenate([one.q for one in sound]),
+        bias=None,
+        quality=quality,
+        aux={name: np.concatenate([one.aux[name] for one in sound]) for name in sorted(names)},
+        segment=np.concatenate(counts),
+    )
+
+
+def has_sigma(estimate: Estimate) -> bool:
+    """Whether it says how sure it is of tilt and heading."""
+    return len(estimate.t) > 1 and {"sigma_tilt", "sigma_heading"} <= estimate.aux.keys()
+
+
+def gyro_jumps(estimate: Estimate) -> tuple[GyroJump, ...] | None:
+    """The largest jump of the gyro's bias that a smoother found; None where it looks for none."""
+    if "gyro_jumps" not in estimate.quality:
+        return None
+    if "gyro_jump_s" not in estimate.quality:
+        return ()
+    x, y, z, sigma_x, sigma_y, sigma_z = (
+        _number(estimate, f"gyro_jump_{axis}_{kind}") for kind in ("dps", "sigma_dps") for axis in "xyz"
+    )
+    return (GyroJump(_number(estimate, "gyro_jump_s"), (x, y, z), (sigma_x, sigma_y, sigma_z)),)
+
+
+def _number(estimate: Estimate, name: str) -> float:
+    value = estimate.quality.get(name, 0.0)
+    return value if isinstance(value, float | int) else 0.0
+
+
+def aided_by(estimate: Estimate) -> str:
+    """What helped it beside gyro and accelerometer, in words: ``GNSS, barometer and magnetometer``."""
+    words = {"gnss": "GNSS", "baro": "barometer", "mag": "magnetometer", "rest": "rest"}
+    names = [words.get(w, w) for w in _aids(estimate)]
+    return " and ".join(x for x in (", ".join(names[:-1]), *names[-1:]) if x) or "gravity alone"
+
+
+def _aids(estimate: Estimate) -> list[str]:
+    return str(estimate.quality.get("aided_by", "")).split()
+
+
+def thin(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Array]:
+    """Times (n,) s, attitudes (n, 4), segments between restarts (n,), sigmas (n,) deg of tilt and heading."""
+    t = np.asarray(estimate.t, np.float64)
+    step = max(1, int(1.01 * model.sample_rate(t) / MAX_REFERENCE_HZ))
+    segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
+    sigma = [
+        np.degrees(np.asarray(estimate.aux[n], np.float64).reshape(len(t))) for n in ("sigma_tilt", "sigma_heading")
+    ]
+    if not {"gnss", "mag"} & set(_aids(estimate)):
+        sigma[1] = np.full(len(t), 180.0)  # nothing tells it where north is
+    return t[::step], rotation.normalize(estimate.q[::step]), segment[::step], sigma[0][::step], sigma[1][::step]
+
+
+def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None = None) -> float:
+    """How wrong a reference may be itself (deg, one sigma, RMS over its scored or these samples (n,)).
+
+    ``angle``: inclination, heading or total. 0 for a reference that does not tell, NaN without samples.
+    """
+    tilt, heading = reference.sigma_tilt_deg, reference.sigma_heading_deg
+    if tilt is None or heading is None:
+        return 0.0
+    heading = heading if reference.heading_by in ("own", "relative") else np.zeros_like(heading)
+    squares = {"inclination": tilt**2, "heading": heading**2, "total": tilt**2 + heading**2}[angle]
+    used = squares[scoring.scored_mask(reference, reference.t) if inside is None else inside]
+    return float(np.sqrt(np.mean(used))) if len(used) else float("nan")
+
+
+def differences_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
+    """Tilt, and heading with its sign, of attitudes (n, 4) at ``t`` against a reference, deg; NaN where it has none."""
+    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
+    e = rotation.earth_error(q, own)
+    return np.degrees(rotation.tilt_angle(e)), np.degrees(rotation.heading_angle(e))
+
+
+def unsure_of_tilt(reference: Reference) -> str:
+    """Why a smoother gives way to a sound onboard attitude; empty where it is sure enough of its tilt."""
+    own = sigma_deg(reference, "inclination")
+    return "" if own <= MAX_SIGMA_DEG else f"own tilt sigma {own:.1f} deg; up to {MAX_SIGMA_DEG:.0f} deg is a reference"
+
+
+def sure_of_heading(reference: Reference) -> bool:
+    """Whether headings can be compared with a smoother's own."""
+    return sigma_deg(reference, "heading") <= MAX_SIGMA_DEG
+
+
+def with_true_heading(reference: Reference, heading: Stream) -> Reference:
+    """The smoother with a heading (n, 1) rad that the user brought, whatever its own is.
+
+    Turned about the vertical by the running mean of the difference; how far single headings lie from that mean is its
+    sigma. UsageError where they share no time.
+    """
+    t = heading.t_best
+    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
+    off = rotation.wrap(heading.x[:, 0] - rotation.to_euler(own)[:, 2])
+    known = np.isfinite(off)
+    if np.count_nonzero(known) < 2:
+        raise UsageError(f"{heading.source} and the smoother share no time")
+    t, off = t[known], off[known]
+    turned, scatter = np.zeros(len(reference.t)), np.zeros(len(t))
+    segment = model.number_segments(t)
+    i = np.clip(np.searchsorted(t, reference.t, side="right") - 1, 0, len(t) - 1)
+    for part in model.segment_slices(np.ones(len(t), bool), segment):
+        mine, along = segment[i] == segment[part.start], np.unwrap(off[part])
+        mean = _running_mean(t[part], along)
+        scatter[part] = along - mean
+        turned[mine] = np.interp(reference.t[mine], t[part], mean)
+    sigma = float(np.degrees(np.sqrt(np.mean(scatter**2))))
+    text = f"heading of {heading.source}, which you brought; it varies by {sigma:.2g} deg about its mean over 2 s"
+    step = AlignmentStep("heading_by", text, sigma, "deg", heading.source, option="--truth")
+    return replace(
+        reference,
+        q=rotation.turn_about_down(reference.q, turned),
+        sigma_heading_deg=np.full(len(reference.t), sigma),
+        quality=reference.quality | {"heading_from": "brought"},
+        steps=[*reference.steps[:2], step, *reference.steps[2:]],
+    )
+
+
+def with_heading_of(reference: Reference, onboard: Reference | None) -> Reference:
+    """The smoother with the heading of the onboard attitude, with nobody's where there is none to go by.
+
+    Turned about the vertical by the running mean of the difference, which leaves tilt and steps the
+    smoother's own. Segments end at the resets of the onboard attitude, scoring begins with its alignment.
+    A smoother that is sure of its heading keeps it.
+    """
+    if sure_of_heading(reference):
+        return reference
+    own = sigma_deg(reference, "heading")
+    why = f"the smoother's own heading sigma is {own:.1f} deg"
+    if not own < UNKNOWN_HEADING_DEG:
+        why = "neither compass nor motion shows the smoother a heading that stands"
+    step = AlignmentStep("heading_by", f"{why}: no heading is compared", source="nobody")
+    heading = np.zeros(0) if onboard is None else differences_deg(reference, onboard.t, onboard.q)[1]
+    known = np.isfinite(heading)
+    if onboard is None or np.count_nonzero(known) < 2:
+        steps = [*reference.steps[:2], step, *reference.steps[2:]]
+        return replace(reference, heading_by="nobody", heading_why=why, steps=steps)
+    t, segment = onboard.t[known], onboard.segment[known]
+    off = np.radians(heading[known])
+    turned = np.zeros(len(reference.t))
+    i = np.clip(np.searchsorted(t, reference.t, side="right") - 1, 0, len(t) - 1)
+    for part in model.segment_slices(np.ones(len(t), bool), segment):
+        mine = segment[i] == segment[part.start]
+        turned[mine] = np.interp(reference.t[mine], t[part], _running_mean(t[part], np.unwrap(off[part])))
+    step = replace(step, text=f"{why}: heading and its errors are against {onboard.source}", source=onboard.source)
+    return replace(
+        reference,
+        q=rotation.turn_about_down(reference.q, turned),
+        segment=model.merge_numbers(reference.segment, segment[i]),
+        unscored=onboard.unscored,
+        heading_by="onboard",
+        heading_why=why,
+        steps=[*reference.steps[:2], step, *reference.steps[2:]],
+    )
+
+
+def _running_mean(t: Array, x: Array) -> Array:
+    """The running mean (n,) of ``x`` over TURNED_S around each of its times."""
+    low = np.searchsorted(t, t - 0.5 * HEADING_MEAN_S)
+    high = np.searchsorted(t, t + 0.5 * HEADING_MEAN_S, "right")
+    total = np.concatenate([[0.0], np.cumsum(x)])
+    mean: Array = (total[high] - total[low]) / (high - low)
+    return mean
+
+
+# What agreement with a reference proves, in words, and how wrong the reference says it may be.
+
+
+def meaning(ref: Reference) -> str:
+    """One or two sentences for people."""
+    if ref.kind == "smoother":
+        return _of_smoother(ref)
+    if ref.fit is not None:
+        return _of_brought(ref)
+    return {
+        "truth": "Truth: errors are errors.",
+        "onboard": "The autopilot's own attitude: agreement, not truth.",
+        "none": "Nothing to compare with: only questions at rest can be answered.",
+    }[ref.kind]
+
+
+def own_sigma_deg(ref: Reference, angle: str) -> float | None:
+    """How wrong a reference says its ``angle`` may be, RMS in deg; None for one that does not tell, or borrows it."""
+    if ref.sigma_tilt_deg is None or (angle == "heading" and ref.heading_by not in ("own", "relative")):
+        return None
+    own = sigma_deg(ref, angle)
+    return own if math.isfinite(own) else None
+
+
+def caveat(ref: Reference) -> str:
+    """What a ranking by it has to say beside it: clauses without capital and full stop, with semicolons; may be empty.
+
+    Whether it is in doubt or would have been refused, what its heading rests on, and why no better one was taken.
+    """
+    parts = [_doubt(ref)]
+    if ref.kind == "smoother":
+        parts.append(_heading_caveat(ref))
+    if ref.kind in ("onboard", "none") and SMOOTHER in ref.refused:
+        why = ref.refused[SMOOTHER]
+        by_sensors = why in (ref.gyro_fault, *(fault.why for fault in ref.sensor_faults.values()))
+        why = "its sensors failed a check" if by_sensors else _short(why)  # the check has its own entry
+        parts.append(f"the smoother was refused: {why}")
+    return "; ".join(part for part in parts if part)
+
+
+def _doubt(ref: Reference) -> str:
+    """Why a reference that was taken all the same is in doubt."""
+    why = ref.doubt
+    if not why and ref.kind == "smoother" and unsure_of_tilt(ref):
+        why = f"its tilt sigma is above {MAX_SIGMA_DEG:.0f} deg"
+    return f"the {ref.kind} is in doubt: {_short(why)}" if why else ""
+
+
+def _short(why: str) -> str:
+    """The first part of a reason."""
+    return why.partition(";")[0].partition(", ")[0]
+
+
+def _heading_caveat(ref: Reference) -> str:
+    """What its own heading rests on, empty where compass and motion agree; why no heading is compared."""
+    if ref.heading_by == "nobody":
+        why = str(ref.quality.get("heading_why", "")) if ref.quality.get("heading_from") == "nobody" else ""
+        return f"no heading is compared: {_short(why or ref.heading_why)}"
+    one_source = ref.heading_by == "own" and ref.quality.get("heading_from") in ("compass", "motion", "brought")
+    return heading_words(ref.quality) if one_source else ""
+
+
+def heading_words(quality: Mapping[str, float | str]) -> str:
+    """What a smoothed heading rests on, as a clause; empty of an estimate that does not tell."""
+    found = str(quality.get("heading_from", ""))
+    words = {
+        "both": "compass and motion agree on the heading",
+        "compass": "the heading rests on the compass alone",
+        "motion": "the heading is from motion, without the compass",
+        "brought": "the heading is the one that you brought",
+        "nobody": f"there is no heading: {quality.get('heading_why', 'nothing shows it')}",
+    }
+    return words.get(found, "")
+
+
+def _of_brought(ref: Reference) -> str:
+    tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("inclination", "heading"))
+    north = "" if ref.heading_by == "own" else " Its north is unknown: only changes of heading are compared."
+    return (
+        f"Truth that you brought ({ref.source}): differences are errors beyond its own sigma, {tilt:.2g} deg in tilt, "
+        f"{heading:.2g} deg in heading.{north}"
+    )
+
+
+def _of_smoother(ref: Reference) -> str:
+    tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("inclination", "heading"))
+    whose = {
+        "own": f"{heading:.2g} deg in heading",
+        "onboard": "headings are compared with onboard",
+        "nobody": "headings are not compared",
+    }[ref.heading_by]
+    words = heading_words(ref.quality)
+    if ref.heading_by == "onboard" and ref.quality.get("heading_from") != "nobody":
+        words = ref.heading_why
+    rests = f" {words[0].upper()}{words[1:]}." if words else ""
+    return (
+        "Smoother: an estimate from both sides of each moment, from all sensors of the log, with the same IMU as the "
+        "filters and the model of ESKF (without GNSS of MEKF). "
+        "Differences below its own sigma, relative to the IMU as mounted, mean nothing: "
+        f"{tilt:.2g} deg in tilt, {whose}.{rests}"
+    )

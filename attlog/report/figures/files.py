@@ -1,0 +1,197 @@
+"""Pictures of figures: a page with the reports' plotly.js, drawn by a Chrome or Chromium that is installed.
+
+plotly has no way to an SVG without a browser; its own (kaleido) starts one too. The page makes no request.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from attlog.core.errors import OutputError
+from attlog.core.files import staging_folder
+from attlog.report.bundle import bundle
+from attlog.report.figures.pictures import Album
+from attlog.result import Result
+
+DRIVER = Path(__file__).parents[1] / "web" / "pictures.js"
+BROWSER_NAMES = (
+    *("chromium", "chromium-browser", "google-chrome-stable", "google-chrome", "chrome"),
+    *("msedge", "microsoft-edge", "microsoft-edge-stable", "brave", "brave-browser"),
+)
+BROWSER_PATHS = (
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    "/Applications/Chromium.app/Contents/MacOS/Chromium",
+    "/Applications/Microsoft Edge.app/Contents/MacOS/Microsoft Edge",
+    r"C:\Program Files\Google\Chrome\Application\chrome.exe",
+    r"C:\Program Files (x86)\Google\Chrome\Application\chrome.exe",
+    r"C:\Program Files (x86)\Microsoft\Edge\Application\msedge.exe",
+)
+"""Where browsers stand on systems that have them on no path."""
+BROWSER_OPTIONS = (
+    *("--headless", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--disable-extensions"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage"),
+    *("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=600000", "--dump-dom"),
+)
+DRAWING_TIMEOUT_S = 180.0
+PNG_DPI = 300
+"""What journals ask of pictures at least; lines are sharper in the SVG."""
+POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+ANSWER = re.compile(rb'<pre id="pictures">([A-Za-z0-9+/=]*)</pre>')
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One figure as an SVG text and as the bytes of a PNG."""
+
+    svg: str
+    png: bytes
+
+
+def find_browser() -> str:
+    """The browser to draw with: that of ``BROWSER_PATH``, else one that is installed. OutputError if there is none."""
+    asked = os.environ.get("BROWSER_PATH")
+    found = (
+        shutil.which(asked) if asked else next(filter(None, map(shutil.which, (*BROWSER_NAMES, *BROWSER_PATHS))), None)
+    )
+    if found is None:
+        wrong = f"BROWSER_PATH {asked} is none" if asked else "none was found"
+        raise OutputError(f"figures need Chrome, Chromium or Edge; {wrong}: install one, or set BROWSER_PATH to it")
+    return found
+
+
+def draw_pictures(figures: Mapping[str, dict[str, Any]], scratch: Path) -> dict[str, Picture]:
+    """Each figure (``data`` and ``layout``, plain JSON) as pictures, by its name; all at once.
+
+    ``scratch`` holds the page while it is drawn: some browsers may read the user's own folders only. OutputError
+    where the browser fails.
+    """
+    program = find_browser()
+    with TemporaryDirectory(prefix=".attlog-figures.", dir=scratch, ignore_cleanup_errors=True) as folder:
+        page = Path(folder) / "figures.html"
+        page.write_text(_page(list(figures.values())), encoding="utf-8")
+        drawn = _drawn(program, page)
+    if len(drawn) != len(figures):
+        raise OutputError(f"{program}: {len(drawn)} of {len(figures)} figures were drawn")
+    return {
+        name: Picture(_in_millimetres(_named(svg, name)), base64.b64decode(png))
+        for name, (svg, png) in zip(figures, drawn, strict=True)
+    }
+
+
+def _page(figures: list[dict[str, Any]]) -> str:
+    """The page that draws figures and then holds nothing but pictures."""
+    data = json.dumps({"figures": figures, "scale": PNG_DPI / 96.0}, allow_nan=False).replace("<", "\\u003c")
+    scripts = [bundle().script.decode("utf-8"), DRIVER.read_text(encoding="utf-8")]
+    head = f'<meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+    body = f'<script type="application/json" id="figures">{data}</script>'
+    return f"<!DOCTYPE html><html><head>{head}</head><body>{body}{''.join(f'<script>{s}</script>' for s in scripts)}"
+
+
+def _drawn(program: str, page: Path) -> list[list[str]]:
+    """What the page holds when it is done."""
+    command = [program, *BROWSER_OPTIONS, f"--user-data-dir={page.parent / 'profile'}", page.resolve().as_uri()]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        command.insert(1, "--no-sandbox")  # for root it starts without only; the page is attlog's own
+    try:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+    except OSError as error:
+        raise OutputError(f"{program} does not start ({error}); set BROWSER_PATH to another browser") from error
+    try:
+        out, said = process.communicate(timeout=DRAWING_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        raise OutputError(f"{program} took longer than {DRAWING_TIMEOUT_S:g} s to draw figures") from None
+    finally:
+        _end(process)
+    found = ANSWER.search(out)
+    if found is None:
+        last = said.decode("utf-8", "replace").strip().rpartition("\n")[2][:200]
+        raise OutputError(
+            f"{program} drew no figure ({last or 'it says nothing'}); set BROWSER_PATH to another browser"
+        )
+    answer = json.loads(base64.b64decode(found[1]))
+    if isinstance(answer, str):
+        raise OutputError(f"{program}: a figure could not be drawn: {answer[:200]}")
+    return list(answer)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a browser with all that it started, also where the user interrupts."""
+    if process.poll() is None:
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL) if sys.platform != "win32" else process.kill()
+        process.wait()
+
+
+def _in_millimetres(svg: str) -> str:
+    """The size as paper has it: programs disagree on how large a pixel is."""
+    return re.sub(
+        r'width="([\d.]+)" height="([\d.]+)"', lambda m: f'width="{_mm(m[1])}mm" height="{_mm(m[2])}mm"', svg, count=1
+    )
+
+
+def _mm(pixels: str) -> str:
+    return f"{float(pixels) * 25.4 / 96.0:.2f}"
+
+
+def _named(svg: str, name: str) -> str:
+    """The figure's name in place of plotly's random one: the same figure gives the same text."""
+    chance = re.search(r'id="defs-(\w+)"', svg)
+    return re.sub(rf'((?:id="|#)[\w-]*?){chance[1]}', rf"\g<1>{name}-", svg) if chance else svg
+
+
+# Every figure of a result as files: SVG for papers, PNG for slides.
+
+
+def write_figures(result: Result, start: Path) -> list[Path]:
+    """Write ``START_NAME.svg`` and ``.png`` for every figure; the files. All appear, or none does.
+
+    OutputError where no browser is found (see :func:`attlog.report.figures.files.find_browser`), where it fails, or where
+    a file cannot be written.
+    """
+    album = Album.of(result)
+    drawn = {name: plain(album.drawn(name)) for name in album.found}
+    for figure in drawn.values():
+        for i, trace in enumerate(figure["data"]):
+            trace["uid"] = str(i)  # else plotly names it by chance, and no two files are equal
+    with staging_folder(start.parent) as stage:
+        for name, picture in draw_pictures(drawn, stage.parent).items():
+            path = stage / f"{start.name}_{name}"
+            _write(path.with_name(path.name + ".svg"), picture.svg.encode("utf-8"))
+            _write(path.with_name(path.name + ".png"), picture.png)
+        return sorted(start.parent / path.name for path in stage.iterdir())
+
+
+def plain(value: Any) -> Any:
+    """A figure as JSON takes it: lists for arrays, null for what is not finite."""
+    if isinstance(value, np.ndarray):
+        return [x if math.isfinite(x) else None for x in value.tolist()]
+    if isinstance(value, dict):
+        return {name: plain(own) for name, own in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(own) for own in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error

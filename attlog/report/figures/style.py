@@ -1,0 +1,210 @@
+"""Who gets which colour and line, and who is shown at first: the same in every figure, table and log."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from attlog.result import EstimatorRow, Result
+from attlog.words.names import row_names
+from attlog.words.ranking import count_best, is_baseline, rows_in_order
+
+COLOURS = 8
+"""Filter colours of the palette in ``style.css``; slot 0 is black."""
+
+GREY = 9
+"""Slot of the gyro alone, which is shown for comparison."""
+
+DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
+
+FIXED_LINES = {
+    "onboard": (0, "solid"),
+    "truth": (0, "dot"),
+    "gyro": (GREY, "solid"),
+    "complementary": (1, "solid"),
+    "mahony": (2, "solid"),
+    "madgwick": (3, "solid"),
+    "ekf12": (4, "solid"),
+    "vqf": (5, "solid"),
+    "mekf": (6, "solid"),
+    "eskf": (7, "solid"),
+    "smoother": (8, "solid"),
+    "variable_integral": (1, "dash"),
+    "mahony_passive": (2, "dash"),
+    "mahony_dcm": (2, "dot"),
+    "mahony_adaptive": (2, "dashdot"),
+    "fusion": (3, "dash"),
+    "ap_dcm": (4, "dash"),
+    "px4_q": (5, "dash"),
+    "gsf": (7, "dash"),
+    "ukf": (6, "dash"),
+    "accel_mag": (8, "dash"),
+}
+"""Slot and dash of what every log may hold, the same in all of them. Filters of one family share a colour."""
+
+UNFILTERED = ("accel_mag",)
+"""Filters without memory: their angle follows every shake and sets no range."""
+
+MANY_ROWS = 9
+"""From so many replayed rows on only FEW of them are shown at first."""
+
+FEW_ROWS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class RowStyle:
+    """How one row is drawn: its name for people, ``slot`` of the palette, ``dash``, whether it is shown at first.
+
+    A ``lost`` row (diverged, or of a filter that bounces) does not set the range of an axis.
+    """
+
+    name: str
+    slot: int
+    dash: str
+    shown: bool
+    onboard: bool
+    lost: bool
+
+
+def row_styles(result: Result) -> dict[str, RowStyle]:
+    """The look of every row by id: reference and onboard, the filters, other onboard rows."""
+    rows = rows_in_order(result)
+    replays = [r.name for r in rows if r.kind == "replay"]
+    shown = set(replays)
+    if len(replays) >= MANY_ROWS:
+        shown = set(sorted(replays, key=lambda name: -count_best(result, name))[:FEW_ROWS])
+    known = {r.name for r in rows}
+    called = row_names(result)
+    alone = list(dict.fromkeys(t.row for t in result.traces if t.row and t.row not in known))
+    others = alone + [r.name for r in rows if r.kind != "replay"]
+    references = {r.name for r in rows if r.is_reference} or set(others[:1])
+    lost = {r.name for r in rows if r.status in ("diverged", "failed") or r.estimator in UNFILTERED}
+    first = [name for name in others if name in references or name == "onboard"]
+    names = [*first, *replays, *(n for n in others if n not in first)]
+    lines = dict(zip(names, assign_lines(line_key(name, rows) for name in names), strict=True))
+    shown.update(others[:2], references)
+    return {
+        name: RowStyle(called.get(name, name.capitalize()), *lines[name], name in shown, name in others, name in lost)
+        for name in names
+    }
+
+
+def line_key(name: str, rows: Iterable[EstimatorRow]) -> str:
+    """What decides how a row is drawn: its estimator, ``onboard``, or of a reference that is no row its name."""
+    row = next((r for r in rows if r.name == name), None)
+    if row is None:
+        return name
+    if row.kind != "replay":
+        return "onboard"
+    return "gyro" if is_baseline(row) else row.estimator or name
+
+
+def assign_lines(filters: Iterable[str]) -> list[tuple[int, str]]:
+    """Slot and dash of lines by what they draw: estimators, ``onboard``, ``truth``, in the order of the page.
+
+    What stands in FIXED looks the same everywhere. Further lines of one filter share its colour with another dash;
+    a filter that is not known takes the first colour without a line.
+    """
+    filters = list(filters)
+    known = [FIXED_LINES[f] for f in dict.fromkeys(filters) if f in FIXED_LINES]
+    slots = range(1, COLOURS + 1)
+    spare = [s for s in slots if s not in {slot for slot, _ in known}] or slots
+    unknown = [f for f in dict.fromkeys(filters) if f not in FIXED_LINES]
+    home = FIXED_LINES | {f: (spare[k % len(spare)], "") for k, f in enumerate(unknown)}
+    taken: set[tuple[int, str]] = set()
+    found: list[tuple[int, str]] = []
+    for name in filters:
+        slot, dash = home[name]
+        choices = [dash] if (slot, dash) in known and (slot, dash) not in taken else []
+        choices += [d for d in DASHES if (slot, d) not in taken and (slot, d) not in known]
+        line = (slot, choices[0] if choices else DASHES[len(found) % len(DASHES)])
+        taken.add(line)
+        found.append(line)
+    return found
+
+
+def assign_colours(names: Sequence[str]) -> list[int]:
+    """Slots of configurations (``mahony:kp=0.5``), which colour alone tells: of each filter its own, of several of one
+    filter one after another, the first black."""
+    own = [slot for slot, _ in assign_lines(re.split("[@:]", name)[0] for name in names)]
+    return own if len(set(own)) == len(own) else [0 if not k else 1 + (k - 1) % COLOURS for k in range(len(names))]
+
+
+# How a figure for a journal looks: one column wide, 8 pt, black axes, the page's light colours.
+
+STYLE = Path(__file__).parents[1] / "web" / "style.css"
+COLOUR = re.compile(r"--(\w+):(#[0-9a-fA-F]{3,6})\b")
+
+PT = 96.0 / 72.0
+"""Pixels of a picture (96 to the inch) in a point."""
+WIDTH = 332
+"""Pixels: 88 mm, one column of a page with two."""
+FONT = "Arial, Helvetica, Liberation Sans, sans-serif"
+"""Fonts that journals take, and one with the same widths that is free."""
+TEXT = 8.0 * PT
+AXIS_LINE = 0.5 * PT
+"""Thinnest line that printers keep."""
+LINE, STRONG = 0.75 * PT, 1.25 * PT
+MARKER = 4.5
+
+INK = "#000000"
+DASH, DOT = "4px,2px", "1.2px,1.8px"
+PRINT_DASHES = (
+    *("solid", DASH, DOT, "5px,1.6px,1.2px,1.6px", "8px,2px", "8px,1.6px,1.2px,1.6px,1.2px,1.6px"),
+    *("2.4px,2.4px", "6px,1.6px,2.4px,1.6px", "10px,1.6px,4px,1.6px"),
+)
+"""Of lines, for each colour of the palette its own: filters differ in grey print too. plotly's are too long here."""
+AXIS_DASHES = {"x": "solid", "y": DASH, "z": DOT}
+SIGNS = str.maketrans({"&": "＆", "<": "‹", ">": "›", "$": "＄"})
+"""plotly reads tags, entities and formulas in texts: nothing that looks like one may reach it."""
+
+
+@cache
+def palette() -> dict[str, str]:
+    """The page's colours in light theme by their names in its style sheet: ``e1``, ``ax``, ``bad``."""
+    light = re.search(r"^:root\{([^}]*)\}", STYLE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert light is not None
+    found = {name: "#" + "".join(2 * c for c in h[1:]) if len(h) == 4 else h for name, h in COLOUR.findall(light[1])}
+    return found | {"e0": INK, "tx": INK, "mu": "#404040"}
+
+
+def faded(colour: str, share: float) -> str:
+    """A colour that lets what is behind it through."""
+    return f"rgba({','.join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))},{share})"
+
+
+def safe(text: Any, most: int = 60) -> str:
+    """Text of a log as plotly may have it, cut where it is long."""
+    whole = str(text)
+    return (whole if len(whole) <= most else whole[: most - 1] + "…").translate(SIGNS).replace("%{", "%(")
+
+
+def axis(title: str, **more: Any) -> dict[str, Any]:
+    """A black axis with outward ticks and its title."""
+    return {
+        "title": {"text": title, "font": {"size": TEXT, "color": INK}},
+        "showline": True,
+        "linecolor": INK,
+        "linewidth": AXIS_LINE,
+        "ticks": "outside",
+        "ticklen": 3,
+        "tickwidth": AXIS_LINE,
+        "tickcolor": INK,
+        "tickfont": {"size": TEXT, "color": INK},
+        "showgrid": False,
+        "zeroline": False,
+        "automargin": False,
+        "tickangle": 0,
+        "exponentformat": "none",
+    } | more
+
+
+def below(title: str, **more: Any) -> dict[str, Any]:
+    """The horizontal axis, its title near."""
+    found = axis(title, **({"nticks": 7} | more))
+    found["title"]["standoff"] = 3
+    return found

@@ -1,0 +1,423 @@
+"""The scale of a column of dots: logarithmic for sizes, about zero for what has a sign."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from statistics import median
+
+import numpy as np
+
+from attlog.report.figures.panels import time_range
+from attlog.report.figures.style import RowStyle
+from attlog.result import EstimatorRow, Event, Result
+from attlog.words.answers import NO_ANSWER, BriefAnswer, brief_answers, step_remark
+from attlog.words.flight import EVENT_LABELS
+from attlog.words.names import CODES
+from attlog.words.numbers import MINUS, SIGNED, duration, interval, moment, number, quantity
+from attlog.words.ranking import ColumnRanking, RankedValue, is_baseline, reason_unranked
+
+Span = tuple[float, float]
+
+FAR_FACTOR = 4.0
+"""A value so many times the middle one is drawn at the edge."""
+MIN_TICK_DISTANCE_PCT = 22.0
+"""Percent of the width between two ticks, so that their labels do not touch in a narrow column."""
+MAX_END_FACTOR = 2.5
+"""An end of an interval may lie so many times further out than a value."""
+MARGIN_PCT = 3.0
+"""Percent of the width left free at both ends."""
+MIN_RANGE = {"ms": 10.0, "deg/min": 1.0}
+"""A scale about zero spans so much at least, so that half a millisecond does not look like much."""
+TICK_STEPS = (1.0, 2.0, 5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DotScale:
+    """From ``low`` to ``high``, both positive where ``log``; a place is a percentage of the width."""
+
+    low: float
+    high: float
+    log: bool
+
+    def place(self, value: float) -> float:
+        """Where a value stands; what is beyond the scale stands at its edge."""
+        low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
+        if self.log:
+            value = math.log10(value) if value > 0.0 else low
+        share = (value - low) / (high - low)
+        return round(min(max(MARGIN_PCT + (100.0 - 2.0 * MARGIN_PCT) * share, 0.5), 99.5), 2)
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies on the scale."""
+        return self.low <= value <= self.high
+
+    @property
+    def ticks(self) -> list[float]:
+        """Two to four round values: 1, 2 or 5 times a power of ten."""
+        found: list[float] = []
+        for tick in _decades(self.low, self.high) if self.log else _steps(self.low, self.high):
+            if not found or self.place(tick) - self.place(found[-1]) >= MIN_TICK_DISTANCE_PCT:
+                found.append(tick)
+        return found
+
+
+def log_scale(values: Sequence[float], spans: Sequence[Span]) -> DotScale:
+    """For sizes and their intervals; an interval that begins at zero is cut."""
+    good = [v for v in values if v > 0.0] or [1.0]
+    ends = [x for span in spans for x in span if x > 0.0]
+    low, high = min(good), max(good)
+    low, high = max(min([low, *ends]), 0.2 * low), min(max([high, *ends]), 5.0 * high)
+    while high < 2.0 * low:  # values that hardly differ do not fill the column
+        low, high = low / 1.2, high * 1.2
+    return DotScale(low, high, True)
+
+
+def zero_scale(values: Sequence[float], spans: Sequence[Span], unit: str) -> DotScale:
+    """For values with a sign: zero is in it, and all that is not far off."""
+    ends = [x for span in spans for x in span]
+    most = max(MIN_RANGE.get(unit, 0.0) / 2.0, FAR_FACTOR * median([abs(x) for x in ends or values]))
+    near = [x for x in [*values, 0.0] if abs(x) <= most] + [x for x in ends if abs(x) <= MAX_END_FACTOR * most]
+    low, high = min(near), max(near)
+    short = MIN_RANGE.get(unit, 1.0) - (high - low)
+    return DotScale(low - max(short, 0.0) / 2.0, high + max(short, 0.0) / 2.0, False)
+
+
+def _decades(low: float, high: float) -> list[float]:
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    found: list[float] = []
+    for steps in (TICK_STEPS[:1], TICK_STEPS[::2], TICK_STEPS):
+        found = [s * 10.0**p for p in powers for s in steps if low <= s * 10.0**p <= high]
+        if len(found) >= 2:
+            break
+    return found if len(found) <= 4 else found[:: math.ceil(len(found) / 4)]
+
+
+def _steps(low: float, high: float) -> list[float]:
+    rough = (high - low) / 4.0
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next((s * power for s in TICK_STEPS if s * power >= rough), 10.0 * power)
+    first = math.ceil(low / step)
+    return [i * step for i in range(first, math.floor(high / step) + 1)]
+
+
+# The four questions as one figure: a row for each filter, a column of dots with intervals for each question.
+
+TITLES = {
+    "accuracy": ("Accuracy", "part-flight"),
+    "noise": ("Static noise", "part-rest"),
+    "lag": ("Step response", "part-step"),
+    "yaw_drift": ("Yaw drift", "part-drift"),
+}
+"""What a column is called, and where its figures stand."""
+NOISE_PLACES = {
+    "rest": "at rest",
+    "hover": "added in hover",
+    "cruise": "added in flight",
+    "idle": "added with motors idling",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Dot:
+    """A row in a column: places are percentages of the width. ``text`` is a word where there is no value (no ``x``)."""
+
+    text: str
+    hint: str
+    x: float | None = None
+    low: float | None = None
+    high: float | None = None
+    best: bool = False
+    pale: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionColumn:
+    """A column. ``empty``: this log cannot answer it, the sentence says why. ``ticks``: place and label."""
+
+    id: str
+    title: str
+    figures: str
+    unit: str
+    sentence: str
+    empty: bool
+    dots: list[Dot] = field(default_factory=list)
+    ticks: list[tuple[float, str]] = field(default_factory=list)
+    zero: float | None = None
+    onboard: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FourQuestions:
+    """Rows (ids, from top to bottom) and the four questions; ``nothing`` says why where none can be answered."""
+
+    rows: list[str]
+    questions: list[QuestionColumn]
+    nothing: str = ""
+
+
+def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestions:
+    """The figure of a result."""
+    answers = brief_answers(result)
+    rows = filters_in_order(result, answers["accuracy"].column)
+    rows = [row for row in rows if row.name in look]
+    remarks = {"lag": step_remark(result)}
+    found = [question_column(key, answers[key], rows, remarks.get(key, "")) for key in TITLES]
+    nothing = ""
+    if all(q.empty for q in found):
+        why = dict.fromkeys(q.sentence.removeprefix(NO_ANSWER).rstrip(".") for q in found)
+        nothing = f"{NO_ANSWER}{'; '.join(why)}."
+    return FourQuestions([row.name for row in rows], repeat_reasons_once(found), nothing)
+
+
+def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:
+    """The columns; one that is empty for the reason of an earlier one names that instead."""
+    first: dict[str, str] = {}
+    out = []
+    for one in found:
+        title = first.setdefault(one.sentence, one.title)
+        again = one.empty and title != one.title
+        out.append(replace(one, sentence=f"{NO_ANSWER}same reason as {title.lower()}.") if again else one)
+    return out
+
+
+def filters_in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorRow]:
+    """The onboard attitude, filters by their accuracy, those without one, the gyro alone."""
+    place = {j.row.name: i for i, j in enumerate(accuracy.judged)}
+
+    def key(row: EstimatorRow) -> tuple[int, int]:
+        group = 0 if row.name == "onboard" else 3 if is_baseline(row) else 1 if row.name in place else 2
+        return group, place.get(row.name, 0)
+
+    shown = [row for row in result.estimators if row.kind == "replay" or row.name == "onboard"]
+    return sorted(shown, key=key)
+
+
+def question_column(key: str, answer: BriefAnswer, rows: list[EstimatorRow], remark: str = "") -> QuestionColumn:
+    """One column of all rows; ``remark`` follows its sentence where there is an answer."""
+    column = answer.column
+    title, figures = TITLES[key]
+    sentence = f"{answer.text} {answer.onboard}".strip()
+    if not column.filters or answer.text.startswith(NO_ANSWER):
+        return QuestionColumn(key, title, figures, "", sentence, True)
+    sentence = f"{sentence} {remark}".strip()
+    scale = scale_of(column)
+    dots = [filter_dot(row, column, scale) for row in rows]
+    onboard = next((d.x for d, row in zip(dots, rows, strict=True) if row.name == "onboard"), None)
+    return QuestionColumn(
+        key,
+        title,
+        figures,
+        unit_text(key, column),
+        sentence,
+        False,
+        dots,
+        [(scale.place(t), f"{t:g}".replace("-", MINUS)) for t in scale.ticks],
+        None if scale.log else scale.place(0.0),
+        onboard,
+    )
+
+
+def unit_text(key: str, column: ColumnRanking) -> str:
+    """What the numbers of a column are."""
+    return {
+        "accuracy": "tilt error, RMS °",
+        "noise": f"{NOISE_PLACES.get(column.window, column.window)}, °",
+        "lag": "lag, ms",
+        "yaw_drift": f"{'at rest' if 'rest' in column.metric else 'in flight'}, °/min",
+    }[key]
+
+
+def scale_of(column: ColumnRanking) -> DotScale:
+    """A scale for the rows that are sound; for all where none is."""
+    sound = [j for j in column.judged if j.row.status == "ok" and j.shown and (j.ranked or not j.replay)]
+    sound = ([j for j in sound if j.replay] and sound) or [j for j in column.judged if j.shown]
+    values, spans = [j.value for j in sound], [j.ends for j in sound]
+    unit = column.judged[0].answer.unit
+    return zero_scale(values, spans, unit) if unit in SIGNED else log_scale(values, spans)
+
+
+def filter_dot(row: EstimatorRow, column: ColumnRanking, scale: DotScale) -> Dot:
+    """A row's value, or the word for what is missing.
+
+    ``best`` also asks that no row which is significantly worse than another has a smaller value: on the time that two
+    rows share they may rank otherwise than over all.
+    """
+    judged = column.of(row)
+    if judged is None:
+        absent = next((m for m in column.absent if m.row.name == row.name), None)
+        word = "reference" if row.is_reference else CODES.get(absent.code if absent else "", ("n/a", ""))[0]
+        word = row.status if row.status in ("diverged", "failed") else word
+        return Dot(word, absent.reason if absent else row.reason)
+    low, high = judged.ends
+    mark = "" if scale.holds(judged.value) else "▸ " if judged.value > scale.high else "◂ "
+    return Dot(
+        mark + judged_number(judged),
+        dot_hint(judged),
+        scale.place(judged.value),
+        scale.place(low),
+        scale.place(high),
+        judged in column.best and not any(j.size < judged.size for j in column.ranked if j not in column.best),
+        judged.replay and not judged.ranked,
+    )
+
+
+def judged_number(judged: RankedValue) -> str:
+    """A value without its unit, as the table writes it."""
+    return number(judged.value, judged.answer.unit)
+
+
+def dot_hint(judged: RankedValue) -> str:
+    """The value with its interval, what it was measured on, and why it is not ranked."""
+    answer = judged.answer
+    text = f"{judged.name}: {quantity(judged.value, answer.unit)}"
+    bounds = interval(answer.ci95, answer.unit)
+    text += f" (95 %: {bounds})" if bounds else ""
+    text += f", n {answer.n:,}" if answer.n else ""
+    text += f", {duration(answer.seconds)}" if answer.seconds else ""
+    return text + (f". Not ranked: {reason_unranked(judged)}" if judged.replay and not judged.ranked else "")
+
+
+# The flight in one strip: height, in flight, flight modes, and what happened as marks that lead to the figures.
+#
+# Places across are percentages of the width, so that the strip fits any screen; heights are in the units of HEIGHT.
+
+STRIP_HEIGHT = 60
+"""Of the area of the curve, in its own units."""
+MIN_HEIGHT_M = 1.0
+WHOLE_METRES_FROM_M = 2.0
+"""From here a height is told in whole metres."""
+STRIP_WIDTH_PX, LETTER_PX, GAP_PX = 830.0, 6.6, 8.0
+"""Labels are placed for a strip of a screen's width; a phone shows only those of serious events."""
+LABEL_LEVELS = 3
+MAX_MARKS = 40
+ROUTINE = ("armed", "liftoff", "landing")
+"""Kinds that get a mark though nothing is wrong with them."""
+GRADES = {"serious": 2, "warning": 1}
+
+
+@dataclass(slots=True)
+class StripMark:
+    """An event at ``x`` %: its style, sentence, label with its level from the top; ``left``: it stands left of it."""
+
+    t: float
+    x: float
+    style: str
+    text: str
+    label: str = ""
+    level: int = 0
+    left: bool = False
+
+
+@dataclass(slots=True)
+class FlightStrip:
+    """What is drawn; ``curve`` is the path of the height, empty where unknown; ``modes`` and ``air`` are spans."""
+
+    curve: str
+    top: str
+    start: str
+    end: str
+    peak: float = 50.0
+    air: list[tuple[float, float]] = field(default_factory=list)
+    modes: list[tuple[float, float, str]] = field(default_factory=list)
+    marks: list[StripMark] = field(default_factory=list)
+    words: str = ""
+
+
+def flight_strip(result: Result) -> FlightStrip:
+    """The strip of a result."""
+    start, end = time_range(result)
+    line = result.log.get("timeline") or {}
+
+    def place(t: float) -> float:
+        return round(min(max(100.0 * (t - start) / (end - start), 0.0), 100.0), 2)
+
+    air = [(place(a), place(b)) for a, b in line.get("airborne") or []]
+    modes = [
+        (place(a), place(b), fitting_name(str(name), place(b) - place(a))) for a, b, name in line.get("modes") or []
+    ]
+    curve, top, highest = height_curve(result, start, end)
+    peak = min(max(place(highest), 3.0), 97.0)
+    marks = [
+        StripMark(e.t, place(e.t), mark_style(e), e.text, EVENT_LABELS.get(e.kind, ""))
+        for e in marked_events(result.events)
+    ]
+    place_labels(marks, peak if top else None)
+    words = f"{duration(end - start)} of log" + (f", up to {top}" if top else "")
+    return FlightStrip(curve, top, moment(start, 0), moment(end, 0), peak, air, modes, marks, words)
+
+
+def height_curve(result: Result, start: float, end: float) -> tuple[str, str, float]:
+    """The path of the height, its largest in flight as text, and when that was; texts are empty where unknown.
+
+    A barometer that never flew shows the weather. The text is that of the headline: rounded alike, and none where the
+    log shows no ground.
+    """
+    trace = next((t for t in result.traces if t.figure == "height"), None)
+    flights = (result.log.get("timeline") or {}).get("airborne") or []
+    if trace is None or not flights or not np.isfinite(trace.columns["height"]).any():
+        return "", "", start
+    t, y = np.asarray(trace.t, np.float64), np.asarray(trace.columns["height"], np.float64)
+    flying = np.zeros(len(t), bool)
+    for a, b in flights:
+        flying |= (t >= a) & (t <= b)
+    most = float(np.nanmax(np.where(flying, y, -math.inf))) if (flying & np.isfinite(y)).any() else math.nan
+    top = max(most if math.isfinite(most) else float(np.nanmax(y)), MIN_HEIGHT_M)
+    x = np.clip(1000.0 * (t - start) / (end - start), 0.0, 1000.0)
+    down = STRIP_HEIGHT * (1.0 - np.clip(np.nan_to_num(y) / top, 0.0, 1.0))
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, down, strict=True))
+    told = trace.values.get("top")
+    text = "" if told is None else f"{told:.0f} m" if told >= WHOLE_METRES_FROM_M else f"{told:.1f} m"
+    highest = float(t[np.nanargmax(np.where(flying, y, np.nan))]) if text and math.isfinite(most) else start
+    return f"M{x[0]:.1f},{STRIP_HEIGHT} L{points} {x[-1]:.1f},{STRIP_HEIGHT}Z", text, highest
+
+
+def marked_events(events: list[Event]) -> list[Event]:
+    """What gets a mark: what is serious or a warning, and the routine of a flight; the worst where they are many."""
+    shown = [e for e in events if e.severity in GRADES or e.kind in ROUTINE]
+    worst = sorted(shown, key=lambda e: -GRADES.get(e.severity, 0))[:MAX_MARKS]
+    return sorted(worst, key=lambda e: e.t)
+
+
+def mark_style(event: Event) -> str:
+    """How a mark is drawn."""
+    return {"serious": "bad", "warning": "warn"}.get(event.severity, "")
+
+
+def place_labels(marks: list[StripMark], peak: float | None = None) -> list[StripMark]:
+    """Labels where they collide with none that matters more; a mark without room keeps its sentence only.
+
+    ``peak`` %: there the second level holds how high it went.
+    """
+    taken: list[list[tuple[float, float]]] = [[] for _ in range(LABEL_LEVELS)]
+    if peak is not None:
+        taken[1].append((peak * STRIP_WIDTH_PX / 100.0 - 20.0, peak * STRIP_WIDTH_PX / 100.0 + 20.0))
+    order = sorted(marks, key=lambda m: (-{"bad": 2, "warn": 1}.get(m.style, 0), m.t))
+    said: set[tuple[str, str]] = set()
+    for mark in order:
+        wide, at = LETTER_PX * len(mark.label) + GAP_PX, mark.x * STRIP_WIDTH_PX / 100.0
+        places = [(level, left) for left in (False, True) for level in range(LABEL_LEVELS)]
+        room = next((p for p in places if is_free(taken[p[0]], *label_span(at, wide, p[1]))), None)
+        if room is None or not mark.label or ((mark.label, mark.style) in said and mark.style != "bad"):
+            mark.label = ""
+            continue
+        said.add((mark.label, mark.style))
+        mark.level, mark.left = room
+        taken[mark.level].append(label_span(at, wide, mark.left))
+    return marks
+
+
+def label_span(at: float, wide: float, left: bool) -> tuple[float, float]:
+    """Where a label begins and ends, px."""
+    return (at - wide, at) if left else (at, at + wide)
+
+
+def is_free(taken: list[tuple[float, float]], a: float, b: float) -> bool:
+    """Whether nothing stands between a and b, which lie in the strip."""
+    return a >= 0.0 and b <= STRIP_WIDTH_PX and all(b <= low or a >= high for low, high in taken)
+
+
+def fitting_name(name: str, share: float) -> str:
+    """The name of a mode where its part of the strip has room for it."""
+    return name if LETTER_PX * len(name) + GAP_PX <= share * STRIP_WIDTH_PX / 100.0 else ""

@@ -1,1 +1,0 @@
-"""One drawing function per kind of figure, by what the figure is about."""

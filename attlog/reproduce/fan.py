@@ -1,0 +1,401 @@
+"""Fan's conclusion: which filter is the more exact one, and which needs the more computation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from attlog.reproduce import bench
+from attlog.reproduce.bench import AXES, run_seeds
+from attlog.reproduce.fan_runs import (
+    AHEAD,
+    ARM_M,
+    CALLED,
+    EKF,
+    EKFS,
+    FILTER,
+    RAW,
+    REST_S,
+    ROWS,
+    SETTLED_S,
+    SPIKE_DEG,
+    WIDER,
+    FanSeed,
+    Judged,
+    at_rest,
+    by_walk,
+    hand_turns,
+    one_seed,
+    spreads,
+    wider,
+)
+from attlog.reproduce.page import filter_lines, points_line, truth_lines
+from attlog.reproduce.paper import (
+    Claim,
+    Paper,
+    PaperFigure,
+    PaperOptions,
+    PaperSetting,
+    PaperTable,
+    Verdict,
+    above,
+    below,
+    combine_readings,
+    combine_verdicts,
+    difference,
+    mean,
+    mean_text,
+    put_first,
+    range_text,
+    ratio,
+    smallest_and_largest,
+)
+from attlog.words.numbers import listed, quantity
+
+
+def exact_claim(found: list[FanSeed]) -> Judged:
+    """The error of the attitude, at rest and in rotation."""
+    numbers = [
+        [
+            ratio(
+                f"error of the attitude {where}, {CALLED[row]} over complementary filter",
+                [_attitude_error(s, row, where) for s in found],
+                [_attitude_error(s, FILTER, where) for s in found],
+            )
+            for where in ("at rest", "in rotation")
+        ]
+        for row in EKFS
+    ]
+    verdicts = [combine_verdicts([below(n, 1.0) for n in pair]) for pair in numbers]
+    own = [
+        mean(
+            f"error of the attitude {where}, complementary filter",
+            [_attitude_error(s, FILTER, where) for s in found],
+            "deg",
+        )
+        for where in ("at rest", "in rotation")
+    ]
+    pairs = [n for pair in numbers for n in pair]
+    claim = Claim(
+        "exact",
+        "The Kalman filter's attitude is the more exact one.",
+        "section 6",
+        "RMS of the whole angle to the true attitude, Kalman over complementary filter. Holds if the intervals at rest "
+        "and in rotation are below 1.",
+        put_first(smallest_and_largest(pairs), (*pairs, *own)),
+        combine_readings(verdicts),
+        f"It holds {by_walk(verdicts)}. The ratios are {range_text(pairs, 'ratio')}. The Kalman filter has no gyro bias "
+        "among its states: with a narrow band a bias tilts it. The complementary filter's gain of 3 leaves little of "
+        "it.",
+        shown=2,
+    )
+    return claim, verdicts
+
+
+def _attitude_error(seed: FanSeed, row: str, where: str) -> float:
+    return seed.off[row] if where == "at rest" else seed.turned[row].off_deg
+
+
+def cost_claim(spent: dict[str, list[float]]) -> Claim:
+    """Time per update; ``spent`` of :func:`attlog.reproduce.bench.time_updates`."""
+    one = ratio("time per update, Kalman over complementary filter", spent[EKF], spent[FILTER])
+    each = [mean(f"time per update, {CALLED[row]}", spent[row], "ns") for row in (EKF, FILTER)]
+    return Claim(
+        "dearer",
+        "The Kalman filter needs many matrix operations, the complementary filter little computation.",
+        "sections 5, 6",
+        f"{bench.COST_METHOD} Holds if the interval of the ratio is above 1.",
+        (one, *each),
+        above(one, 1.0),
+        f"An update takes {quantity(each[0].value, 'ns')} and {quantity(each[1].value, 'ns')}. The sparse blocks of "
+        "(11) are used: with dense matrices the ratio would be larger. Times are of this machine.",
+    )
+
+
+# Fan's figures, redrawn from the first seed, and the spread of all seeds by axis.
+
+AXIS_TITLES = tuple(f"{axis}, deg" for axis in AXES)
+
+
+def paper_figures(found: Sequence[FanSeed], called: Mapping[str, str], seed: int = 0) -> tuple[PaperFigure, ...]:
+    """At rest, in rotation, its errors, and the spread at rest over all seeds."""
+    still, moved = at_rest(seed), hand_turns(seed)
+    rows = {row: called[row] for row in (RAW, FILTER, EKF)}
+    return (
+        PaperFigure(
+            "rest",
+            "fig. 4a, 5a",
+            "At rest",
+            "The first seed. Hide the raw angles to see the others.",
+            "time, s",
+            AXIS_TITLES,
+            (*truth_lines(still), *filter_lines(still, rows)),
+            height=460,
+        ),
+        PaperFigure(
+            "turned",
+            "fig. 4b, 5b",
+            "By hand to 45 deg both ways about each axis",
+            "The first seed.",
+            "time, s",
+            AXIS_TITLES,
+            (*truth_lines(moved), *filter_lines(moved, rows)),
+            height=460,
+        ),
+        PaperFigure(
+            "errors",
+            "fig. 5b",
+            "How far off in rotation",
+            "What was found minus the truth.",
+            "time, s",
+            tuple(f"{axis} error, deg" for axis in AXES),
+            tuple(filter_lines(moved, rows, errors=True)),
+            height=460,
+        ),
+        _spread_figure(found, called),
+    )
+
+
+def _spread_figure(found: Sequence[FanSeed], called: Mapping[str, str]) -> PaperFigure:
+    lines = []
+    for row in ROWS[1:]:
+        spreads = [mean("", [s.spread[row][axis] for s in found], "deg") for axis in range(len(AXES))]
+        lines.append(points_line(called[row], range(len(AXES)), spreads))
+    return PaperFigure(
+        "spread",
+        "fig. 5a",
+        "Spread at rest by axis and by the Kalman filter's random walks",
+        "Means over seeds with their intervals; raw angles (several times as much) are in the table.",
+        "",
+        ("standard deviation, deg",),
+        tuple(lines),
+        "points",
+        AXES,
+        300,
+    )
+
+
+# Fan: accelerometer and magnetometer alone, a Kalman filter with 12 states and a complementary filter, side by side.
+#
+# The paper prints no noise values, and the Kalman filter's bandwidth follows from them: every claim about its angles
+# is
+# judged with ours and with random walks three and ten times as large.
+
+SMALL = 0.5
+"""Less than half of the raw angles' spread is small."""
+
+
+def paper(options: PaperOptions) -> Paper:
+    """Fan's claims, measured."""
+    found = run_seeds("bench", one_seed, options)
+    spent = bench.time_updates((FILTER, EKF, AHEAD))
+    judged = [_small_claim(found), _yaw_claim(found), _spikes_claim(found), _sooner_claim(found), exact_claim(found)]
+    return Paper(
+        "fan",
+        "Attitude by extended Kalman filter and by complementary filter, compared",
+        "Fan Dongsheng, Zhang Xu, Ren Wei, Huang Longliang, Chen Qi, 2021 (in Chinese), "
+        "DOI 10.12252/j.issn.2096-6261.2021.12.538",
+        _settings(),
+        (_raw_claim(found), *(claim for claim, _ in judged), cost_claim(spent)),
+        paper_figures(found, CALLED),
+        (_table(found),),
+        (
+            "The paper gives no noise values for its Kalman filter. They decide how fast it follows accelerometer "
+            "and magnetometer: with ours (the defaults of ekf12) 0.14 rad/s. So each claim is judged with random walks "
+            "of gravity and field 1, 3 and 10 times ours.",
+            _jointly([verdicts for _, verdicts in judged]),
+            "The complementary filter compares the whole field vector, as printed. So the magnetometer's noise reaches "
+            "roll and pitch.",
+        ),
+        seeds=options.seeds,
+    )
+
+
+def _settings() -> tuple[PaperSetting, ...]:
+    return (
+        PaperSetting("complementary filter", "kp 3, ki 0.01 (per second), first-order step", "paper"),
+        PaperSetting("Kalman filter", "12 states: rate, its derivative, gravity, field; order of (10)", "paper"),
+        PaperSetting("start of the Kalman filter", "q = (1, 0, 0, 0), printed for the other filter", "paper"),
+        PaperSetting(
+            "start of the complementary filter",
+            "the first vectors: from q = (1, 0, 0, 0) its integral would keep a wrong heading for kp / ki = 300 s",
+            "ours",
+        ),
+        PaperSetting(
+            "its noise",
+            "per sqrt(Hz): gyro 2e-4 rad/s, accelerometer 0.5 m/s^2, field 5 %; "
+            "walks per sqrt(s): gravity 0.07 m/s^2, field 0.75 %",
+            "ours",
+        ),
+        PaperSetting(
+            "at rest", f"{REST_S:g} s; standard deviation from {SETTLED_S:g} s on, straight line removed", "ours"
+        ),
+        PaperSetting(
+            "rotation",
+            f"45 deg both ways about each axis in 1.5 s, by hand about a point {100 * ARM_M[0]:g} cm away",
+            "ours",
+        ),
+        PaperSetting(
+            "sensors",
+            "IMU 200 Hz: 0.006 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), gyro bias 0.1 deg/s (1 sigma); "
+            "magnetometer 50 Hz: 0.05 uT/sqrt(Hz)",
+            "ours",
+        ),
+    )
+
+
+def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
+    """How many of the claims hold with one and the same random walks."""
+    counts = [sum(one[k] == "holds" for one in verdicts) for k in range(len(WIDER))]
+    said = [
+        f"{count} with {CALLED[wider(f)].partition(', ')[2] or 'ours'}" for f, count in zip(WIDER, counts, strict=True)
+    ]
+    most = f"No set gives all {len(verdicts)}" if max(counts) < len(verdicts) else f"One gives all {len(verdicts)}"
+    return f"Claims that hold at once: {listed(said)}. {most}."
+
+
+def _raw_claim(found: list[FanSeed]) -> Claim:
+    rest = [spreads(found, RAW, row, axis) for row in (FILTER, *EKFS) for axis in range(3)]
+    turned = [
+        ratio(
+            f"largest quick error in rotation, raw over {CALLED[row]}",
+            [s.turned[RAW].peak_deg for s in found],
+            [s.turned[row].peak_deg for s in found],
+        )
+        for row in (FILTER, *EKFS)
+    ]
+    return Claim(
+        "raw",
+        "Angles from accelerometer and magnetometer alone are the worst, at rest and in rotation.",
+        "fig. 4, section 5",
+        "Ratio of standard deviations at rest by axis, and of the largest quick errors in rotation. A quick error is "
+        "the error's distance from its own median of 2 s. Holds if all intervals are above 1.",
+        put_first((smallest_and_largest(rest)[0], smallest_and_largest(turned)[0]), (*rest, *turned)),
+        combine_verdicts([above(n, 1.0) for n in (*rest, *turned)]),
+        f"At rest they scatter {range_text(rest, 'ratio')} as much. Their largest quick errors in rotation are "
+        f"{range_text(turned, 'ratio')} as large.",
+        shown=2,
+    )
+
+
+def _small_claim(found: list[FanSeed]) -> Judged:
+    own = [spreads(found, FILTER, RAW, axis) for axis in range(len(AXES))]
+    numbers = [[spreads(found, row, RAW, axis) for axis in range(len(AXES))] for row in EKFS]
+    verdicts = [combine_verdicts([below(n, SMALL) for n in (*own, *three)]) for three in numbers]
+    every = [n for three in (own, *numbers) for n in three]
+    claim = Claim(
+        "small",
+        "At rest the angles of both filters scatter little.",
+        "fig. 5a",
+        "Ratio of standard deviations at rest, each filter's over the raw angles', by axis. Little is below "
+        f"{SMALL:g}: holds if all intervals are.",
+        put_first(
+            (smallest_and_largest(own)[1], smallest_and_largest([n for three in numbers for n in three])[1]), every
+        ),
+        combine_readings(verdicts),
+        f"It holds {by_walk(verdicts)}. The complementary filter has {range_text(own, 'ratio')} of the raw spread, the "
+        f"Kalman filter {range_text([n for three in numbers for n in three], 'ratio')}.",
+        shown=2,
+    )
+    return claim, verdicts
+
+
+def _yaw_claim(found: list[FanSeed]) -> Judged:
+    numbers = [spreads(found, row, FILTER, 2) for row in EKFS]
+    verdicts = [above(n, 1.0) for n in numbers]
+    claim = Claim(
+        "yaw",
+        "At rest the Kalman filter's heading scatters slightly more than the complementary filter's.",
+        "fig. 5a",
+        "Ratio of standard deviations of heading at rest, Kalman over complementary filter. Holds if the interval is "
+        "above 1.",
+        tuple(numbers),
+        combine_readings(verdicts),
+        f"It holds {by_walk(verdicts)}. Its spread is {quantity(numbers[0].value, 'ratio')} with ours, "
+        f"{range_text(numbers[1:], 'ratio')} with wider ones.",
+        shown=len(numbers),
+    )
+    return claim, verdicts
+
+
+def _spikes_claim(found: list[FanSeed]) -> Judged:
+    peaks = [
+        ratio(
+            f"largest quick error in rotation, complementary filter over {CALLED[row]}",
+            [s.turned[FILTER].peak_deg for s in found],
+            [s.turned[row].peak_deg for s in found],
+        )
+        for row in EKFS
+    ]
+    counts = [
+        mean(f"spikes in rotation, {CALLED[row]}", [float(s.turned[row].spikes) for s in found], "")
+        for row in (FILTER, *EKFS)
+    ]
+    verdicts = [above(n, 1.0) for n in peaks]
+    own = mean("largest quick error, complementary filter", [s.turned[FILTER].peak_deg for s in found], "deg")
+    claim = Claim(
+        "spikes",
+        "In rotation the complementary filter shows spikes that the Kalman filter does not.",
+        "fig. 5b",
+        f"A spike is an error {SPIKE_DEG:g} deg off its own median of 2 s. Spikes are counted, the largest is kept. "
+        "Holds if the ratio of the largest values is above 1.",
+        (*peaks, *counts, own),
+        combine_readings(verdicts),
+        f"It holds {by_walk(verdicts)}. The complementary filter has {counts[0].value:.1f} spikes of up to "
+        f"{quantity(own.value, 'deg')}. The Kalman filter has {listed([f'{n.value:.1f}' for n in counts[1:]])} with "
+        "walks 1, 3 and 10 times ours. The faster a filter follows the accelerometer, the more it takes the hand's "
+        "acceleration for a tilt.",
+        shown=len(peaks),
+    )
+    return claim, verdicts
+
+
+def _sooner_claim(found: list[FanSeed]) -> Judged:
+    delays = [
+        difference(
+            f"heading half way, {CALLED[row]} after complementary filter",
+            [s.turned[row].delay_ms for s in found],
+            [s.turned[FILTER].delay_ms for s in found],
+            "ms",
+        )
+        for row in EKFS
+    ]
+    rises = [
+        mean(f"rise (10 to 90 %) beyond the true one's, {CALLED[row]}", [s.turned[row].rise_ms for s in found], "ms")
+        for row in (FILTER, *EKFS)
+    ]
+    ahead = difference(
+        "heading half way, printed order after the gyro's sample first (ekf12@fan)",
+        [s.turned[EKF].delay_ms for s in found],
+        [s.turned[AHEAD].delay_ms for s in found],
+        "ms",
+    )
+    verdicts = [below(n, 0.0) for n in delays]
+    claim = Claim(
+        "sooner",
+        "The Kalman filter's heading answers a turn a little sooner.",
+        "fig. 5b",
+        "When heading has gone half of each of three turns (45 and 90 deg). Holds if the interval of the difference is "
+        "below 0.",
+        (*delays, ahead, *rises),
+        combine_readings(verdicts),
+        f"It holds {by_walk(verdicts)}. The difference is {quantity(delays[0].value, 'ms')} with ours, "
+        f"{range_text(delays[1:], 'ms')} with wider ones. As printed the vectors turn by the rate of the sample before. "
+        f"That alone costs {quantity(ahead.value, 'ms')}, one sample.",
+        shown=len(delays),
+    )
+    return claim, verdicts
+
+
+def _table(found: list[FanSeed]) -> PaperTable:
+    rows = []
+    for row in (RAW, FILTER, *EKFS):
+        spread = [mean_text([s.spread[row][axis] for s in found], "deg") for axis in range(3)]
+        errors = [mean_text([s.turned[row].errors[axis] for s in found], "deg") for axis in range(3)]
+        rows.append((CALLED[row], *spread, *errors))
+    head = ("filter", *(f"{a}, at rest" for a in AXES), *(f"{a}, error in rotation" for a in AXES))
+    return PaperTable(
+        "Spread at rest and error in rotation",
+        head,
+        tuple(rows),
+        "Means over seeds: standard deviation at rest about a straight line, RMS error in rotation.",
+    )

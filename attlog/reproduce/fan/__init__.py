@@ -1,1 +1,0 @@
-"""Fan: 12-state EKF against a complementary filter."""

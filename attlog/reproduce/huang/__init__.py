@@ -1,1 +1,0 @@
-"""Huang: Mahony's filter on the rotation matrix, nested PI-PID."""

@@ -1,0 +1,391 @@
+"""Huang's experiments for one seed: one flight with hover, returns to level and angle tracking, on any filter; cost.
+
+The flight is the same for every row but for the filter that it is flown on. What a filter is worth is measured
+twice: in the loop (the vehicle flies on it) and row to row over the samples of one flight.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.estimators.start import start_attitude
+from attlog.reproduce import bench
+from attlog.reproduce.bench import (
+    AXES,
+    COST_RATE_HZ,
+    COST_ROUNDS,
+    CostSamples,
+    FilterOutput,
+    angles,
+    cost_samples,
+    flight_samples,
+    rms,
+    run_filter,
+)
+from attlog.simulate.controller import Gains, LoopAxis
+from attlog.simulate.flight import Flight
+from attlog.simulate.fly import fly
+from attlog.simulate.onboard import TRUE_ATTITUDE
+from attlog.simulate.scenario import Command, Controller, EstimatorChoice, Scenario, Vehicle, Wind
+from attlog.simulate.sensor_settings import GnssSettings, ImuSettings, MagSettings, SensorSettings
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 400.0
+DCM, EKF = "mahony_dcm@huang", "ekf12@fan"
+PASSIVE, NEW_EKF = "mahony_passive@huang", "mekf"
+FLOWN_ON = (DCM, TRUE_ATTITUDE, EKF, NEW_EKF)
+"""What the same flight is flown on."""
+BESIDE, BESIDE_SEEDS = (EKF, NEW_EKF), 5
+"""These stand in a table alone, no claim hangs on them: the first seeds are enough."""
+ROWS = (DCM, PASSIVE, EKF, NEW_EKF)
+"""Filters over the samples of one flight."""
+WIND_M_S, MORE_WIND_M_S = 0.3, (1.0, 2.0)
+HOVER = (15.0, 45.0)
+WITHIN_DEG = 5.0
+LEVELS = ((20.0, "roll"), (30.0, "pitch"), (45.0, "roll"))
+LEVEL_AT, LEVEL_EVERY_S, TILTED_S, LEVEL_S = 45.0, 9.0, 0.8, 2.7
+"""A return to level: tilted for a moment, then level, then back to the place."""
+LEVEL_WITHIN_DEG = 2.0
+TRACKS = ((15.0, 2.0, "roll"), (10.0, 1.0, "pitch"))
+"""Amplitude in deg, period in s, axis."""
+TRACK_AT, TRACK_EVERY_S, TRACK_S = 78.0, 12.0, 8.0
+SECONDS = 98.0
+STAND_DRAG = (30.0, 30.0, 30.0)
+"""N s/m: a vehicle so dragged does not gather speed, as on a stand; without one it flies away while it is tilted."""
+STAND_AT, STAND_EVERY_S = 12.0, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class LevelReturn:
+    """A return to level: ``settling_s`` until the angle stays within 2 deg, ``fall_s`` from 90 to 10 % of the
+    angle, ``overshoot_deg`` beyond level, all as the filter shows them; ``left_deg`` is what the true angle is in the
+    mean over the last second."""
+
+    settling_s: float
+    fall_s: float
+    overshoot_deg: float
+    left_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class AngleTracking:
+    """A tracked sine: ``delay_ms`` and ``gain`` of the true angle behind the set-point, by its fundamental;
+    ``rms_deg`` between the two."""
+
+    delay_ms: float
+    gain: float
+    rms_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class HuangErrors:
+    """RMS errors (roll, pitch, heading) in deg of an attitude against the truth, in hover and in the moves after it."""
+
+    hover: tuple[float, float, float]
+    moving: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class HuangFlight:
+    """What one seed gave on one filter. ``most_deg``: largest true roll and pitch in hover, ``spread_deg`` their
+    standard deviations there, ``drift_m`` how far it got from the mean place; ``crashed``: it touched the ground."""
+
+    errors: HuangErrors
+    most_deg: tuple[float, float]
+    spread_deg: tuple[float, float]
+    drift_m: float
+    crashed: bool
+    returned: tuple[LevelReturn, ...]
+    tracked: tuple[AngleTracking, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FlightReplay:
+    """Filters over the samples of one flight: errors by row, and RMS (roll, pitch, heading) between DCM and EKF."""
+
+    errors: dict[str, HuangErrors]
+    apart: HuangErrors
+
+
+def huang_commands() -> tuple[Command, ...]:
+    """Take-off, hover, returns to level, tracking."""
+    told = [Command(t=2.0, do="arm"), Command(t=3.0, do="takeoff", up_m=10.0), Command(t=10.0, do="hold")]
+    for k, (angle, axis) in enumerate(LEVELS):
+        t = LEVEL_AT + k * LEVEL_EVERY_S
+        told += [*_level(t, angle, axis), Command(t=t + TILTED_S + LEVEL_S, do="hold")]
+    for k, (size, period, axis) in enumerate(TRACKS):
+        t = TRACK_AT + k * TRACK_EVERY_S
+        told += [
+            Command(t=t, do="track", axis="roll" if axis == "roll" else "pitch", amplitude_deg=size, period_s=period),
+            Command(t=t + TRACK_S, do="hold"),
+        ]
+    return tuple(told)
+
+
+def huang_scenario(estimator: str, wind: float = WIND_M_S, seconds: float = SECONDS) -> Scenario:
+    """Huang's flight on a filter, or on ``truth``, in turbulence of ``wind`` m/s (1 sigma)."""
+    return Scenario(
+        name="huang",
+        seconds=seconds,
+        command=huang_commands(),
+        estimator=EstimatorChoice(name=estimator),
+        wind=Wind(turbulence_m_s=wind),
+        sensors=SensorSettings(
+            imu=(ImuSettings(rate_hz=RATE_HZ),), mag=(MagSettings(rate_hz=50.0),), gnss=(GnssSettings(rate_hz=5.0),)
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class HuangSeed:
+    """Everything of one seed: the flight by filter (of the first seeds also those beside), filters over the samples of
+    the flight on Huang's, returns to level on the stand with the errors there, the largest true roll and pitch in hover
+    by wind in m/s."""
+
+    flown: dict[str, HuangFlight]
+    replayed: FlightReplay
+    stand: tuple[LevelReturn, ...]
+    stand_errors: tuple[float, float]
+    windy: dict[float, tuple[float, float]]
+
+
+def huang_seed(seed: int) -> HuangSeed:
+    """All flights of a seed."""
+    flown = {}
+    for estimator in FLOWN_ON:
+        if estimator in BESIDE and seed >= BESIDE_SEEDS:
+            continue
+        flight = fly(huang_scenario(estimator), seed)
+        flown[estimator] = measure_flight(flight)
+        if estimator == DCM:
+            again = replay_filters(flight)
+    held = fly_stand(seed)
+    found = _found(held)
+    late = found.t >= STAND_AT
+    return HuangSeed(
+        flown,
+        again,
+        tuple(_returned(held, STAND_AT + k * STAND_EVERY_S, *level) for k, level in enumerate(LEVELS)),
+        (rms(found.errors[late, 0]), rms(found.errors[late, 1])),
+        {wind: hover_extremes(seed, wind) for wind in MORE_WIND_M_S},
+    )
+
+
+def fly_stand(seed: int, estimator: str = DCM) -> Flight:
+    """Returns to level of a vehicle that cannot gather speed."""
+    told = [Command(t=2.0, do="arm"), Command(t=3.0, do="takeoff", up_m=1.5)]
+    for k, (angle, axis) in enumerate(LEVELS):
+        t = STAND_AT + k * STAND_EVERY_S
+        told += _level(t, angle, axis)
+    seconds = STAND_AT + len(LEVELS) * STAND_EVERY_S
+    free = huang_scenario(estimator, 0.0)
+    held = replace(Vehicle(), drag_n_s_m=STAND_DRAG)
+    return fly(free.changed(seconds=seconds, command=tuple(told), vehicle=held), seed)
+
+
+def replay_filters(flight: Flight) -> FlightReplay:
+    """All rows over the samples of a flight."""
+    s = flight_samples(flight)
+    found = {row: run_filter(row, s) for row in ROWS}
+    dcm, ekf = found[DCM], found[EKF]
+    return FlightReplay({row: _errors(one) for row, one in found.items()}, _errors(FilterOutput(dcm.t, dcm.q, ekf.q)))
+
+
+def hover_extremes(seed: int, wind: float) -> tuple[float, float]:
+    """Largest true roll and pitch in hover in turbulence of ``wind`` m/s."""
+    flight = fly(huang_scenario(DCM, wind, HOVER[1]), seed)
+    tilt = np.abs(angles(flight.truth.q)[_between(flight.truth.t, *HOVER), :2])
+    return float(tilt[:, 0].max()), float(tilt[:, 1].max())
+
+
+def measure_flight(flight: Flight) -> HuangFlight:
+    """Everything that the claims need from a flight."""
+    truth = flight.truth
+    hover = _between(truth.t, *HOVER)
+    place = truth.p[hover] - truth.p[hover].mean(axis=0)
+    level = angles(truth.q)[hover, :2]
+    return HuangFlight(
+        _errors(_found(flight)),
+        (float(np.abs(level[:, 0]).max()), float(np.abs(level[:, 1]).max())),
+        (float(level[:, 0].std()), float(level[:, 1].std())),
+        float(np.hypot(place[:, 0], place[:, 1]).max()),
+        bool(truth.ground[truth.t > HOVER[0]].any()),
+        tuple(_returned(flight, LEVEL_AT + k * LEVEL_EVERY_S, *level) for k, level in enumerate(LEVELS)),
+        tuple(_tracked(flight, k) for k in range(len(TRACKS))),
+    )
+
+
+def axis_of(index: int) -> LoopAxis:
+    """The loop of roll (0) or pitch (1) as transfer functions: what the gains, rotors and inertia alone would do.
+
+    The delay: half a period of the IMU's mean, half of the held command, one period until it acts.
+    """
+    vehicle, period = Vehicle(), 1.0 / RATE_HZ
+    torque = 4.0 * 0.5 * vehicle.thrust_max_n * vehicle.arm_m / np.sqrt(2.0)
+    authority = float(torque / vehicle.inertia_kg_m2[index])
+    return LoopAxis(authority, vehicle.motor_lag_s, Gains.of(Controller()), index, delay=2.0 * period)
+
+
+def microseconds(every: int = 1) -> dict[str, list[float]]:
+    """Microseconds for 4,000 updates of both filters, a new field at every ``every``-th: nine runs in turn."""
+    spent = bench.time_updates((DCM, EKF), every)
+    return {row: [1e-3 * bench.COST_UPDATES * ns for ns in found] for row, found in spent.items()}
+
+
+def _between(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
+    return np.asarray((t >= begin) & (t < end))
+
+
+def _errors(found: FilterOutput) -> HuangErrors:
+    parts = [found.errors[_between(found.t, *span)] for span in (HOVER, (HOVER[1], np.inf))]
+    hover, moving = ((rms(p[:, 0]), rms(p[:, 1]), rms(p[:, 2])) for p in parts)
+    return HuangErrors(hover, moving)
+
+
+def _found(flight: Flight) -> FilterOutput:
+    """What was flown on, with the truth at the same times."""
+    truth, board = flight.truth, flight.onboard
+    known = np.isfinite(board.q[:, 0])
+    t = board.t[known]
+    return FilterOutput(t, board.q[known], rotation.slerp(truth.t, truth.q, np.minimum(t, truth.t[-1])))
+
+
+def _level(t: float, angle: float, axis: str) -> list[Command]:
+    """Tilted for a moment from ``t`` on, then level."""
+    tilted = Command(t=t, do="attitude", roll_deg=angle * (axis == "roll"), pitch_deg=angle * (axis == "pitch"))
+    return [tilted, Command(t=t + TILTED_S, do="attitude")]
+
+
+def _returned(flight: Flight, tilted_at: float, angle: float, axis: str) -> LevelReturn:
+    since, found = tilted_at + TILTED_S, _found(flight)
+    part = _between(found.t, since - 0.1, since + LEVEL_S)
+    t, y = found.t[part], found.angles[part, AXES.index(axis)]
+    true = angles(found.truth[part])[:, AXES.index(axis)]
+    return LevelReturn(
+        bench.settling_s(t, y, since, LEVEL_WITHIN_DEG),
+        bench.rise_s(t, y, since, float(np.interp(since, t, y)), 0.0),
+        bench.overshoot_of(t, y, since, angle, 0.0),
+        float(true[t >= since + LEVEL_S - 1.0].mean()),
+    )
+
+
+def _tracked(flight: Flight, k: int) -> AngleTracking:
+    _, period, axis = TRACKS[k]
+    begin = TRACK_AT + k * TRACK_EVERY_S
+    # The first period is the start; whole periods after it.
+    span = (begin + period, begin + period * int(TRACK_S / period))
+    t, y = flight.truth.t, angles(flight.truth.q)[:, AXES.index(axis)]
+    board = flight.onboard
+    wanted = angles(board.q_setpoint)[:, AXES.index(axis)]
+    found, asked = (
+        _fundamental(at[_between(at, *span)] - begin, x[_between(at, *span)], period)
+        for at, x in ((t, y), (board.t, wanted))
+    )
+    ratio = found / asked
+    both = _between(board.t, *span)
+    off = np.interp(board.t[both], t, y) - wanted[both]
+    return AngleTracking(float(-np.angle(ratio)) / (2.0 * np.pi) * period * 1e3, float(np.abs(ratio)), rms(off))
+
+
+def _fundamental(t: Array, y: Array, period: float) -> complex:
+    """The complex amplitude of a period in ``y``, beside a straight line."""
+    w = 2.0 * np.pi / period
+    columns = np.column_stack([np.cos(w * t), np.sin(w * t), np.ones_like(t), t])
+    c, s, _, _ = np.linalg.lstsq(columns, y, rcond=None)[0]
+    return complex(c, -s)
+
+
+# Mahony's filter and an EKF with 7 states as plain numpy arrays: what interpreted code costs.
+#
+# The EKF is the textbook's, dense: attitude and gyro bias, X = [q, b],
+#
+#     q'  = q (x) (0, w - b)/2,  F = [[I + dt Omega(w - b)/2, -dt Xi(q)/2], [0, I]]
+#     z   = [-f/|f|, m/|m|],     h = [R^T e_z, R^T m_n],  m_n the field's direction in earth axes
+#
+# and P = F P F^T + Q, K = P H^T (H P H^T + R)^-1, P = (I - K H) P. Mahony's filter is that of ``mahony_dcm@huang``.
+
+STEP_S = 1.0 / COST_RATE_HZ
+MAHONY_KP, MAHONY_KI = 0.3, 0.01
+GYRO_NOISE, BIAS_NOISE, VECTOR_NOISE = 0.02, 1e-5, 0.3
+"""Noise of the EKF per sample: rad/s, rad/s, 1."""
+DOWN = np.array([0.0, 0.0, 1.0])
+
+
+def skew(v: Array) -> Array:
+    """[v]x (3, 3) of a vector (3,)."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def numpy_mahony(s: CostSamples, q0: Array) -> Array:
+    """Huang 2.3.2 from ``q0`` (4,): the rotation matrix, body to earth, after every sample, (n, 3, 3)."""
+    r, bias, found = rotation.to_matrix(q0), np.zeros(3), np.empty((len(s.t), 3, 3))
+    for k, (gyr, acc, mag) in enumerate(zip(s.gyr, s.acc, s.mag, strict=True)):
+        field = r @ (mag / np.linalg.norm(mag))
+        e = np.cross(-acc / np.linalg.norm(acc), r[2]) - field[1] * r[2]
+        bias = bias - MAHONY_KI * STEP_S * e
+        r = orthonormal(r + STEP_S * r @ skew(gyr - bias + MAHONY_KP * e))
+        found[k] = r
+    return found
+
+
+def orthonormal(r: Array) -> Array:
+    """A matrix (3, 3) after the renormalisation of Huang 2.3.1."""
+    half = 0.5 * (r[0] @ r[1])
+    x, y = r[0] - half * r[1], r[1] - half * r[0]
+    x, y = 0.5 * (3.0 - x @ x) * x, 0.5 * (3.0 - y @ y) * y
+    return np.array([x, y, np.cross(x, y)])
+
+
+def numpy_ekf(s: CostSamples, q0: Array) -> Array:
+    """The EKF from ``q0`` (4,): its states [q, b] after every sample, (n, 7)."""
+    x, p = np.concatenate([q0, np.zeros(3)]), np.diag([1e-2] * 4 + [1e-4] * 3)
+    north = rotation.rotate(q0, s.mag[0] / np.linalg.norm(s.mag[0]))
+    h, f, noise = np.zeros((6, 7)), np.eye(7), VECTOR_NOISE**2 * np.eye(6)
+    walk = np.diag([(0.5 * STEP_S * GYRO_NOISE) ** 2] * 4 + [BIAS_NOISE**2] * 3)
+    found = np.empty((len(s.t), 7))
+    for k, (gyr, acc, mag) in enumerate(zip(s.gyr, s.acc, s.mag, strict=True)):
+        turn = 0.5 * STEP_S * (gyr - x[4:])
+        f[0, 1:4], f[1:4, 0], f[1:4, 1:4] = -turn, turn, np.eye(3) - skew(turn)
+        f[0, 4:], f[1:4, 4:] = 0.5 * STEP_S * x[1:4], -0.5 * STEP_S * (x[0] * np.eye(3) + skew(x[1:4]))
+        x[:4] = f[:4, :4] @ x[:4]
+        p = f @ p @ f.T + walk
+        seen, h[:3, :4] = turned_back(x[:4], DOWN)
+        level, h[3:, :4] = turned_back(x[:4], north)
+        z = np.concatenate([-acc / np.linalg.norm(acc), mag / np.linalg.norm(mag)])
+        gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + noise)
+        x = x + gain @ (z - np.concatenate([seen, level]))
+        p = (np.eye(7) - gain @ h) @ p
+        x[:4] /= np.linalg.norm(x[:4])
+        found[k] = x
+    return found
+
+
+def turned_back(q: Array, v: Array) -> tuple[Array, Array]:
+    """R^T v (3,) of a vector (3,) in earth axes, and its derivative by ``q`` (3, 4)."""
+    w, u = q[0], q[1:]
+    across = skew(u) @ v
+    turned = (w * w - u @ u) * v + 2.0 * (u @ v) * u - 2.0 * w * across
+    by_u = 2.0 * ((u @ v) * np.eye(3) + np.outer(u, v) - np.outer(v, u) + w * skew(v))
+    return turned, np.column_stack([2.0 * (w * v - across), by_u])
+
+
+def time_numpy(rounds: int = COST_ROUNDS, updates: int = 400, repeats: int = 3) -> tuple[list[float], list[float]]:
+    """Nanoseconds per update of Mahony's filter and of the EKF, ``rounds`` times in turn, best of ``repeats``."""
+    s = cost_samples(updates)
+    q0 = start_attitude(s.acc[0], s.mag[0])
+    spent: tuple[list[float], list[float]] = ([], [])
+    for _ in range(rounds):
+        for times, one in zip(spent, (numpy_mahony, numpy_ekf), strict=True):
+            clocks = []
+            for _ in range(repeats):
+                clock = time.thread_time()
+                one(s, q0)
+                clocks.append(time.thread_time() - clock)
+            times.append(1e9 * min(clocks) / updates)
+    return spent

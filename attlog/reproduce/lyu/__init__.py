@@ -1,1 +1,0 @@
-"""Lyu: a complementary filter with variable integral."""

@@ -1,0 +1,283 @@
+"""Lyu's experiments for one seed: the board at rest, lifted and dropped, started with a wrong angle, and in flight.
+
+Each is run with the traditional filter (fixed integral) and the one with variable integral, ki read as per second and
+as per sample. Without a magnetometer, as in the paper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.reproduce import bench
+from attlog.reproduce.bench import (
+    FLOWN_ON_TRUTH,
+    FilterOutput,
+    FlightSamples,
+    flight_samples,
+    gravity_error,
+    rms,
+    run_filter,
+)
+from attlog.simulate.flight import Flight
+from attlog.simulate.fly import fly
+from attlog.simulate.scenario import Command, EstimatorChoice, Move, PrescribedMotion, Scenario
+from attlog.simulate.sensor_settings import AccelerometerSettings, GyroSettings, ImuSettings, SensorSettings
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 200.0
+MPU6050 = ImuSettings(
+    rate_hz=RATE_HZ,
+    gyro=GyroSettings(noise_dps_rthz=0.005, bias_spread_dps=0.1, range_dps=500.0, step_dps=500.0 / 32768),
+    acc=AccelerometerSettings(noise_ug_rthz=400.0, range_g=4.0, step_mg=4000.0 / 32768),
+)
+"""InvenSense PS-MPU-6000A: 0.005 deg/s/sqrt(Hz), 400 ug/sqrt(Hz); ranges, rate and the bias left are ours."""
+READINGS = ("second", "sample")
+ERR1, ERR2 = 0.3, 0.8
+DROPS = ((20.0, 500.0), (40.0, 500.0), (60.0, 500.0), (60.0, 250.0))
+"""Angle in deg and the gyro's range in deg/s: a drop of 60 deg in 0.3 s turns at up to 375 deg/s."""
+WRONG_DEG = (20.0, 40.0, 60.0)
+REST_S, SETTLED_S = 60.0, 20.0
+SHAKEN_M_S2 = 3.0
+"""RMS of what rotors would shake into each axis of the accelerometer: the mean |e| is above err1."""
+STILL_S, LIFT_S, HOLD_S, DROP_S, AFTER_S = 10.0, 1.0, 4.0, 0.3, 30.0
+DROP_AT = STILL_S + LIFT_S + HOLD_S
+DROP_WITHIN_DEG, WRONG_WITHIN_DEG = 0.25, 1.0
+Key = tuple[str, float, float]
+"""A row, an angle in deg, the gyro's range in deg/s."""
+
+
+def fixed(reading: str) -> str:
+    """The traditional filter's row."""
+    return f"complementary@lyu-fixed:ki_per={reading}"
+
+
+def variable(reading: str) -> str:
+    """The row of the filter with variable integral."""
+    return f"variable_integral@lyu:ki_per={reading}"
+
+
+def stopped(reading: str) -> str:
+    """Ours, for comparison: what is faded is the integral's input."""
+    return f"variable_integral@lyu:ki_per={reading},freeze=input"
+
+
+ROWS = tuple(kind(reading) for reading in READINGS for kind in (fixed, variable, stopped))
+
+
+@dataclass(frozen=True, slots=True)
+class BenchMotion:
+    """What a row made of a drop or of a wrong start: ``settling_s`` until its error of roll stays near where it ends,
+    ``overshoot_deg`` of roll beyond the true one, ``error_deg`` RMS of tilt, ``above_pct`` of the time in which |e| is
+    above err1, ``q_equal`` to the traditional filter to the last bit.
+    """
+
+    settling_s: float
+    overshoot_deg: float
+    error_deg: float
+    above_pct: float
+    q_equal: bool
+
+
+@dataclass(frozen=True, slots=True)
+class BenchResult:
+    """What one seed gave on the bench. ``spread``: roll and pitch at rest in deg by row; ``without`` any integral;
+    ``largest_e`` at rest; ``equal``: variable and fixed integral to the last bit, by reading of ki; ``shaken``: spread
+    with vibration, ``shaken_e`` the mean |e| then.
+    """
+
+    spread: dict[str, tuple[float, float]]
+    without: tuple[float, float]
+    largest_e: float
+    equal: dict[str, bool]
+    shaken: dict[str, tuple[float, float]]
+    shaken_e: float
+    dropped: dict[Key, BenchMotion]
+    started: dict[tuple[str, float], BenchMotion]
+
+
+def board(seconds: float, motion: PrescribedMotion, range_dps: float = 500.0) -> Scenario:
+    """Lyu's board, moved by hand or at rest on a table, rotors off."""
+    gyro = replace(MPU6050.gyro, range_dps=range_dps, step_dps=range_dps / 32768)
+    return Scenario(
+        name="lyu",
+        seconds=seconds,
+        motion=motion,
+        sensors=SensorSettings(imu=(replace(MPU6050, gyro=gyro),), mag=()),
+        estimator=FLOWN_ON_TRUTH,
+    )
+
+
+def lifted(angle: float) -> PrescribedMotion:
+    """Rest, up about one edge, held, dropped within 0.3 s onto the table."""
+    moves = (
+        Move(seconds=STILL_S),
+        Move(seconds=LIFT_S, roll_deg=angle),
+        Move(seconds=HOLD_S),
+        Move(seconds=DROP_S, roll_deg=0.0, shock_m_s2=20.0),
+    )
+    return PrescribedMotion(arm_m=(0.0, -0.15, 0.0), move=moves)
+
+
+def tilted(seed: int) -> PrescribedMotion:
+    """A table tilted by 1 to 3 deg towards somewhere."""
+    draw = np.random.default_rng([seed, 24])
+    size, where = draw.uniform(1.0, 3.0), draw.uniform(0.0, 2.0 * np.pi)
+    return PrescribedMotion(roll_deg=float(size * np.cos(where)), pitch_deg=float(size * np.sin(where)))
+
+
+def at_rest(seed: int) -> FlightSamples:
+    """The board on its tilted table."""
+    return flight_samples(fly(board(REST_S, tilted(seed)), seed), mag=False)
+
+
+def shaken(s: FlightSamples, seed: int) -> FlightSamples:
+    """The same samples with vibration: sampled at 200 Hz what rotors shake is as good as white."""
+    noise = np.random.default_rng([seed, 25]).standard_normal(s.acc.shape)
+    return replace(s, acc=s.acc + SHAKEN_M_S2 * noise)
+
+
+def drop(seed: int, angle: float, range_dps: float) -> FlightSamples:
+    """The board lifted and dropped."""
+    return flight_samples(fly(board(DROP_AT + DROP_S + AFTER_S, lifted(angle), range_dps), seed), mag=False)
+
+
+def wrong_start(row: str, s: FlightSamples, angle: float) -> FilterOutput:
+    """A row over samples at rest that starts ``angle`` deg off in roll."""
+    return run_filter(row, s, q0=rotation.multiply(s.q[0], rotation.from_euler(np.radians(angle), 0.0, 0.0)))
+
+
+def bench_seed(seed: int) -> BenchResult:
+    """All experiments on the bench for one seed."""
+    still = at_rest(seed)
+    found = {row: run_filter(row, still) for row in ROWS}
+    none = run_filter("complementary@lyu-fixed:ki=0", still)
+    shaking = shaken(still, seed)
+    under = {kind(r): run_filter(kind(r), shaking) for r in READINGS for kind in (fixed, variable)}
+    dropped: dict[Key, BenchMotion] = {}
+    started: dict[tuple[str, float], BenchMotion] = {}
+    for angle, range_dps in DROPS:
+        s = drop(seed, angle, range_dps)
+        runs = {row: run_filter(row, s) for row in ROWS}
+        for row, one in runs.items():
+            dropped[row, angle, range_dps] = _dropped(s, one, runs[fixed(_reading(row))])
+    for angle in WRONG_DEG:
+        runs = {row: wrong_start(row, still, angle) for row in ROWS}
+        started |= {(row, angle): _started(still, one, runs[fixed(_reading(row))], angle) for row, one in runs.items()}
+    return BenchResult(
+        {row: _spread(one) for row, one in found.items()},
+        _spread(none),
+        max(float(gravity_error(still, one).max()) for one in found.values()),
+        {r: bool(np.array_equal(found[fixed(r)].q, found[variable(r)].q)) for r in READINGS},
+        {row: _spread(one) for row, one in under.items()},
+        float(gravity_error(shaking, under[fixed("second")]).mean()),
+        dropped,
+        started,
+    )
+
+
+def _reading(row: str) -> str:
+    return next(r for r in READINGS if f"ki_per={r}" in row)
+
+
+def _spread(found: FilterOutput) -> tuple[float, float]:
+    """Standard deviations of roll and pitch in deg, straight line removed."""
+    late = found.t >= SETTLED_S
+    return bench.detrended_std(found.t[late], found.angles[late, 0]), bench.detrended_std(
+        found.t[late], found.angles[late, 1]
+    )
+
+
+def _dropped(s: FlightSamples, found: FilterOutput, traditional: FilterOutput) -> BenchMotion:
+    error, late = found.errors[:, 0], DROP_AT + DROP_S
+    end = float(np.mean(error[found.t >= found.t[-1] - 5.0]))
+    moving = (found.t >= STILL_S) & (found.t < late + 5.0)
+    return BenchMotion(
+        bench.settling_s(found.t, error - end, late, DROP_WITHIN_DEG),
+        bench.overshoot_of(found.t, error, late, 1.0, 0.0),
+        rms(found.tilt_error[moving]),
+        100.0 * float(np.mean(gravity_error(s, found)[moving] >= ERR1)),
+        bool(np.array_equal(found.q, traditional.q)),
+    )
+
+
+def _started(s: FlightSamples, found: FilterOutput, traditional: FilterOutput, angle: float) -> BenchMotion:
+    roll = found.errors[:, 0]
+    return BenchMotion(
+        bench.settling_s(found.t, roll, float(found.t[0]), WRONG_WITHIN_DEG),
+        bench.overshoot_of(found.t, roll, float(found.t[0]), angle, 0.0),
+        rms(found.tilt_error),
+        100.0 * float(np.mean(gravity_error(s, found) >= ERR1)),
+        bool(np.array_equal(found.q, traditional.q)),
+    )
+
+
+# Lyu's filters in the loop: hover, then roll follows a sine, flown on either filter's attitude.
+
+TRACK_S, SECONDS = 20.0, 32.0
+AMPLITUDE_DEG, PERIOD_S = 15.0, 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class LyuFlight:
+    """One flight from take-off to its end: RMS of the tilt error of the estimate and of the distance of the true roll
+    from its set-point (deg), the largest true tilt (deg), whether it ``landed`` on its own once it tracked, the
+    largest |e|, ``equal`` to the flight on the traditional filter to the last bit.
+    """
+
+    error_deg: float
+    tracking_deg: float
+    most_deg: float
+    landed: bool
+    largest_e: float
+    equal: bool
+
+
+def flight_scenario(row: str) -> Scenario:
+    """Take-off, hover, a sine in roll; the board is Lyu's, without magnetometer."""
+    commands = (
+        Command(t=11.0, do="arm"),
+        Command(t=12.0, do="takeoff", up_m=5.0),
+        Command(t=TRACK_S, do="track", amplitude_deg=AMPLITUDE_DEG, period_s=PERIOD_S),
+    )
+    return Scenario(
+        name="lyu",
+        seconds=SECONDS,
+        command=commands,
+        sensors=SensorSettings(imu=(MPU6050,), mag=()),
+        estimator=EstimatorChoice(row),
+    )
+
+
+def fly_row(row: str, seed: int) -> Flight:
+    """A flight on one filter's attitude."""
+    return fly(flight_scenario(row), seed)
+
+
+def flight_seed(seed: int) -> dict[str, LyuFlight]:
+    """All flights of one seed by row."""
+    found: dict[str, LyuFlight] = {}
+    for reading in READINGS:
+        traditional = fly_row(fixed(reading), seed)
+        other = fly_row(variable(reading), seed)
+        equal = bool(np.array_equal(traditional.truth.q, other.truth.q))
+        found[fixed(reading)] = _flown(traditional, fixed(reading), True)
+        found[variable(reading)] = _flown(other, variable(reading), equal)
+    return found
+
+
+def _flown(flown: Flight, row: str, equal: bool) -> LyuFlight:
+    on, truth = flown.onboard, flown.truth
+    true = rotation.slerp(truth.t, truth.q, np.minimum(on.t, truth.t[-1]))
+    air, tracking = on.t >= 12.0, on.t >= TRACK_S + 1.0
+    tilt = np.degrees(rotation.tilt_angle(rotation.earth_error(on.q, true)))[air]
+    roll = np.degrees(rotation.to_euler(true)[:, 0] - rotation.to_euler(on.q_setpoint)[:, 0])[tracking]
+    s = flight_samples(flown, mag=False)
+    e = gravity_error(s, run_filter(row, s))[s.t >= 12.0]
+    lean = np.degrees(rotation.tilt_angle(truth.q))[truth.t >= 12.0]
+    landed = bool(truth.ground[truth.t >= TRACK_S].any())
+    return LyuFlight(rms(tilt), rms(roll), float(lean.max()), landed, float(e.max()), equal)

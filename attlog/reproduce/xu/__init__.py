@@ -1,1 +1,0 @@
-"""Xu: the gain of Mahony's filter on Pixhawk logs."""

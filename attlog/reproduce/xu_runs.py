@@ -1,0 +1,311 @@
+"""Xu's experiment for one seed: a waypoint mission, and gains of Mahony's filter run over what its sensors logged."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import estimators
+from attlog.core import rotation
+from attlog.core.errors import AttlogError
+from attlog.flight.vehicle import VehicleKind
+from attlog.metrics import correction_noise
+from attlog.metrics.metric import Case
+from attlog.reproduce import bench
+from attlog.reproduce.bench import FLOWN_ON_TRUTH, FilterOutput, FlightSamples, flight_samples, rms, run_filter
+from attlog.reproduce.paper import PaperNumber, above, ratio
+from attlog.simulate.fly import fly
+from attlog.simulate.scenario import Scenario, load_scenario
+from attlog.simulate.sensor_settings import ImuSettings, MagSettings, SensorSettings
+from attlog.words.numbers import quantity
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+FIXED = {0.6: "mahony@xu-0.6", 1.1: "mahony@xu-1.1", 2.0: "mahony@xu-2"}
+ADAPTIVE = "mahony_adaptive@xu"
+SWEPT = (0.03, 0.06, 0.1, 0.2, 0.3, 0.45, 0.6, 0.85, 1.1, 1.5, 2.0, 3.0)
+BAND_HZ = (0.2, 5.0)
+"""Slower is drift and manoeuvre, faster is beyond what a logged IMU of 25 Hz can show."""
+
+
+def gain(kp: float) -> str:
+    """Xu's filter with another gain."""
+    return FIXED.get(kp, f"mahony@xu-0.6:kp={kp:g}")
+
+
+COSTED = (gain(0.6), "mahony_dcm:kp=0.6,ki=0,mag_gain=1,acc_form=direction,integrator=first_order")
+"""The same filter on the quaternion and on the rotation matrix."""
+ROWS = (*map(gain, SWEPT), ADAPTIVE)
+
+
+@dataclass(frozen=True, slots=True)
+class XuSeed:
+    """What one seed gave by row, in the air: RMS of the error of (roll, pitch, heading) within BAND_HZ in deg, the
+    dominant frequency of each and that of its zero crossings (upwards) in Hz, the RMS error of tilt and of heading in
+    deg, and of roll and pitch averaged over 1 / BAND_HZ[0].
+    """
+
+    rms: dict[str, Triple]
+    hz: dict[str, Triple]
+    crossing: dict[str, Triple]
+    tilt: dict[str, float]
+    heading: dict[str, float]
+    slow: dict[str, float]
+
+
+def mission() -> Scenario:
+    """The library's waypoints: around a square of 30 m, nose ahead, in wind. No filter changes the flight."""
+    sensors = SensorSettings(imu=(ImuSettings(rate_hz=200.0),), mag=(MagSettings(rate_hz=50.0),))
+    return load_scenario("waypoints").changed(sensors=sensors, estimator=FLOWN_ON_TRUTH)
+
+
+def flown(seed: int) -> FlightSamples:
+    """What the sensors of one mission logged."""
+    return flight_samples(fly(mission(), seed))
+
+
+@functools.cache
+def air_span() -> tuple[float, float]:
+    """From the first waypoint to the landing, s."""
+    commands = mission().command
+    return next(c.t for c in commands if c.do == "goto"), next(c.t for c in commands if c.do == "land")
+
+
+def in_the_air(t: Array) -> NDArray[np.bool_]:
+    """Which times (n,) lie between the first waypoint and the landing."""
+    begin, end = air_span()
+    return np.asarray((t >= begin) & (t < end))
+
+
+def one_seed(seed: int) -> XuSeed:
+    """All gains over one mission."""
+    s = flown(seed)
+    found = {row: run_filter(row, s) for row in ROWS}
+    spectra = {row: _spectra(one) for row, one in found.items()}
+    air = {row: in_the_air(one.t) for row, one in found.items()}
+    return XuSeed(
+        {row: triple([x.rms(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
+        {row: triple([x.dominant_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
+        {row: triple([x.crossing_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
+        {row: rms(one.tilt_error[air[row]]) for row, one in found.items()},
+        {row: rms(one.heading_error[air[row]]) for row, one in found.items()},
+        {row: slow_deg(one.t[air[row]], one.errors[air[row], :2]) for row, one in found.items()},
+    )
+
+
+def slow_deg(t: Array, error: Array) -> float:
+    """RMS of both columns of an error (n, 2) together, averaged over 1 / BAND_HZ[0], in its unit."""
+    size = round((len(t) - 1) / float(t[-1] - t[0]) / BAND_HZ[0])
+    total = np.cumsum(np.vstack([np.zeros((1, 2)), error]), axis=0)
+    return math.sqrt(2.0) * rms((total[size:] - total[:-size]) / size)
+
+
+def _spectra(found: FilterOutput) -> list[bench.Spectrum]:
+    part = in_the_air(found.t)
+    return [bench.spectrum(found.t[part], found.errors[part, axis]) for axis in range(3)]
+
+
+def triple(values: list[float]) -> Triple:
+    """Roll, pitch, heading."""
+    return values[0], values[1], values[2]
+
+
+# Which gain errs least over many flights, and which ones do not differ significantly from it.
+
+
+@dataclass(frozen=True, slots=True)
+class GainErrors:
+    """Simulated missions or real flights, as lists by row: RMS in the band by axis in deg, dominant frequencies and
+    those of zero crossings in Hz, errors of tilt and heading in deg, NaN where a flight has none."""
+
+    called: str
+    rms: Mapping[str, list[tuple[float, float, float]]]
+    hz: Mapping[str, list[tuple[float, float, float]]]
+    crossing: Mapping[str, list[tuple[float, float, float]]]
+    tilt: Mapping[str, list[float]]
+    heading: Mapping[str, list[float]]
+
+    @property
+    def flights(self) -> int:
+        """How many."""
+        return len(self.rms[gain(0.6)])
+
+    @property
+    def measured(self) -> bool:
+        """Whether any flight has an error for every gain."""
+        return any(all(math.isfinite(self.tilt[gain(kp)][k]) for kp in SWEPT) for k in range(self.flights))
+
+    def in_band(self, row: str, axis: int) -> list[float]:
+        """The RMS of one axis in the band."""
+        return [values[axis] for values in self.rms[row]]
+
+
+@dataclass(frozen=True, slots=True)
+class BestGain:
+    """The gain with the smallest error of ``what``, those not significantly different, and 0.6's error over its."""
+
+    what: str
+    kp: float
+    alike: tuple[float, ...]
+    over: PaperNumber
+
+    @property
+    def tells(self) -> bool:
+        """Whether any gain differs significantly from the best."""
+        return len(self.alike) < len(SWEPT)
+
+    @property
+    def words(self) -> str:
+        """In words: ``kp 0.03 to 0.1 gives the smallest error of tilt; 0.6 gives 3.4×``."""
+        if not self.tells:
+            return f"no gain differs significantly in {self.what} from the best, kp {self.kp:g}"
+        span = f"kp {self.alike[0]:g}" + (f" to {self.alike[-1]:g}" if len(self.alike) > 1 else "")
+        return f"{span} gives the smallest error of {self.what}; 0.6 gives {quantity(self.over.value, 'ratio')}"
+
+    def any_within(self, low: float, high: float) -> bool:
+        """Whether one of the best lies between two gains."""
+        return any(low <= kp <= high for kp in self.alike)
+
+
+def best_gain(runs: GainErrors, errors: Mapping[str, list[float]], what: str) -> BestGain:
+    """The best over the flights on which every gain has an error, by the mean logarithm."""
+    usable = [k for k in range(runs.flights) if all(math.isfinite(errors[gain(kp)][k]) for kp in SWEPT)]
+    found = {kp: [errors[gain(kp)][k] for k in usable] for kp in SWEPT}
+    best = min(SWEPT, key=lambda kp: float(np.mean(np.log(found[kp]))) if usable else 0.0)
+    alike = tuple(kp for kp in SWEPT if kp == best or above(ratio("", found[kp], found[best]), 1.0) != "holds")
+    said = f"error of {what}, kp 0.6 over {best:g}, the best, {runs.called}"
+    return BestGain(what, best, alike, ratio(said, found[0.6], found[best]))
+
+
+# What gains of Mahony's filter do on a real flight: how much the attitude oscillates, how far off it is.
+#
+# Nobody knows the true attitude of a real flight. What a filter pushes into its attitude beyond the gyro alone
+# (:mod:`attlog.metrics.correction_noise`) needs none: true motion is in both and cancels. How far off it is, is told
+# against the log's reference, which is truth in simulation and else what the autopilot found, or a smoother.
+
+GRID_S = 0.04
+MIN_WINDOWS = 1
+SETTLED_S = 10.0
+"""Windows begin so long after a filter's start."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogOscillation:
+    """One log. By row of ``rows``: RMS of (roll, pitch, heading) within the band in deg, the dominant frequency of each
+    in Hz, errors (inclination, heading) against ``reference`` in deg where there is one. Or ``why_not``.
+    """
+
+    name: str
+    why_not: str = ""
+    windows: int = 0
+    reference: str = ""
+    rms: dict[str, Triple] = field(default_factory=dict)
+    hz: dict[str, Triple] = field(default_factory=dict)
+    crossing: dict[str, Triple] = field(default_factory=dict)
+    errors: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def oscillation_on_log(path: Path, rows: tuple[str, ...]) -> LogOscillation:
+    """What the rows (``mahony@xu-0.6``) do on one log; a log that cannot tell says why instead."""
+    from attlog.pipeline import prepare
+    from attlog.pipeline.config import Config
+
+    try:
+        case = prepare(path, Config.build({}))
+        if case.log.kind is not VehicleKind.MULTIROTOR:
+            return LogOscillation(path.name, f"no multirotor but a {case.log.kind.value}")
+        if case.log.mag is None:
+            return LogOscillation(path.name, "no magnetometer")
+        return _measured(case, rows)
+    except AttlogError as error:
+        return LogOscillation(path.name, str(error))
+
+
+def _measured(case: Case, rows: tuple[str, ...]) -> LogOscillation:
+    name = case.log.path.name
+    gyro = _run(case, "gyro")
+    if gyro is None:
+        return LogOscillation(name, "no inertial samples")
+    alone = correction_noise.GyroAttitude(gyro.t, gyro.q, _segments(gyro))
+    windows = _windows(case, float(gyro.t[0]))
+    pushed: dict[str, list[Array]] = {row: [] for row in rows}
+    runs = {row: _run(case, row) for row in rows}
+    used = 0
+    for t in windows:
+        parts = {row: _residual(t, run, alone) for row, run in runs.items()}
+        if any(part is None for part in parts.values()):
+            continue
+        used += 1
+        for row, part in parts.items():
+            if part is not None:
+                pushed[row].append(part)
+    if used < MIN_WINDOWS:
+        limit = f"within {correction_noise.TURN_DEG:g} deg of their mean attitude"
+        return LogOscillation(name, f"no {bench.SPECTRUM_WINDOW_S:g} s in the air {limit}")
+    seen = {
+        row: [bench.spectrum_of_windows(GRID_S, [p[:, axis] for p in parts]) for axis in range(3)]
+        for row, parts in pushed.items()
+    }
+    return LogOscillation(
+        name,
+        "",
+        used,
+        case.reference.kind,
+        {row: triple([s.rms(BAND_HZ) for s in axes]) for row, axes in seen.items()},
+        {row: triple([s.dominant_hz(BAND_HZ) for s in axes]) for row, axes in seen.items()},
+        {row: triple([s.crossing_hz(BAND_HZ) for s in axes]) for row, axes in seen.items()},
+        _errors(case, rows) if case.reference.kind != "none" else {},
+    )
+
+
+def _run(case: Case, row: str) -> estimators.Estimate | None:
+    imu, mag = case.log.replay_imu, None if case.log.mag is None else case.log.mags[case.log.mag]
+    if imu is None:
+        return None
+    t = imu.gyro.t_best
+    field = estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and row != "gyro" else None
+    return estimators.estimate(row, t, case.gyro_of(imu), imu.acc.x, field, sampling=imu.gyro.sampling, dt=imu.dt)
+
+
+def _segments(found: estimators.Estimate) -> NDArray[np.int64]:
+    return np.zeros(len(found.t), np.int64) if found.segment is None else found.segment
+
+
+def _windows(case: Case, start: float) -> list[Array]:
+    size = round(bench.SPECTRUM_WINDOW_S / GRID_S)
+    found: list[Array] = []
+    for t0, t1 in case.segments.spans("airborne"):
+        begin = max(t0, start + SETTLED_S)
+        for k in range(int((t1 - begin) // bench.SPECTRUM_WINDOW_S)):
+            found.append(np.asarray(begin + k * bench.SPECTRUM_WINDOW_S + GRID_S * np.arange(size), np.float64))
+    return found
+
+
+def _residual(t: Array, run: estimators.Estimate | None, gyro: correction_noise.GyroAttitude) -> Array | None:
+    if run is None or t[0] < run.t[0] or t[-1] > run.t[-1]:
+        return None
+    q = rotation.slerp(run.t, run.q, t)
+    return correction_noise.residual(t, q, gyro, correction_noise.TURN_DEG) if np.isfinite(q).all() else None
+
+
+def _errors(case: Case, rows: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    from attlog.pipeline import evaluate
+
+    found = {}
+    for row in evaluate(case, list(rows)).estimators:
+        metrics = row.metrics.get("airborne", {})
+        pair = [metrics[m].value if m in metrics else None for m in ("inclination_rmse_deg", "heading_rmse_deg")]
+        if row.name in rows:
+            found[row.name] = (_nan(pair[0]), _nan(pair[1]))
+    return found
+
+
+def _nan(value: float | None) -> float:
+    return float("nan") if value is None else float(value)

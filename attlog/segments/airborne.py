@@ -1,0 +1,404 @@
+"""When a vehicle was in the air: signs of the sensors, heights, and the rule over both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from attlog.core import spans
+from attlog.core.spans import Span
+from attlog.flight.model import FlightLog, Stream
+from attlog.flight.vehicle import VehicleKind
+from attlog.segments.flight_signs import (
+    FASTEST_M_S,
+    MAX_AGE_S,
+    STEP_S,
+    Grid,
+    hold_last,
+    inside_spans,
+    seconds_to_nearest,
+    true_runs,
+)
+
+# Heights above what a vehicle stood on: by rangefinder, barometer or GNSS, never by what an estimator believes.
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LIKELY_HEIGHT_M = {"range": 0.3, "barometer": 0.7, "GNSS": 3.0}
+CERTAIN_HEIGHT_M = {"range": 0.5, "barometer": 2.0, "GNSS": 12.0}
+HIGHEST_HAND_M_S, CLIMBS_M_S = 2.0, 0.5
+"""What stands moves no faster over the ground, and neither climbs nor sinks faster."""
+LEVEL_S, STANDS_S = 1.0, 1.0
+MOVED_M = 0.5
+"""A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing."""
+SEEN = 0.95
+"""A rangefinder in range for this part of a flight tells how high it went."""
+ROSE_M = 0.3
+"""A height that never rose by more tells of no flight."""
+BEYOND, BEYOND_M = 1.5, 5.0
+"""A barometer that rose by this factor and so much more than a rangefinder: that one looked out of its range. Wind and
+propellers move a barometer by 4 m."""
+SPIKE_M, SPIKE_S = 15.0, 4.0
+"""A height so far off the median of so many s was never flown: a climb of 10 m/s^2 is 5 m off there."""
+FALLS_S, FALLS_M = 10.0, 5.0
+"""A pause of the drive of up to so long in which the height changes by more than this is a fall or a climb in the air:
+on the ground propellers move a barometer by up to 4 m."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeightLevel:
+    """A height (n,) m above what the vehicle stood on, NaN where unknown, by a ``sensor`` named as in HINT_M."""
+
+    sensor: str
+    source: str
+    above: Array
+
+    @property
+    def hint(self) -> Mask:
+        """Where it is higher than what makes a flight likely."""
+        return np.nan_to_num(self.above, nan=-1.0) > LIKELY_HEIGHT_M[self.sensor]
+
+    @property
+    def sure(self) -> Mask:
+        """Where it is higher than what proves a flight."""
+        return np.nan_to_num(self.above, nan=-1.0) > CERTAIN_HEIGHT_M[self.sensor]
+
+
+def height_levels(log: FlightLog, grid: Grid, driven: Mask) -> list[HeightLevel]:
+    """Heights over the ground, the surest first."""
+    stands = ~driven & grid.known & ~(grid.speed > HIGHEST_HAND_M_S)
+    found = []
+    if log.rangefinder is not None and len(log.rangefinder.t) > 3:
+        raw = hold_last(grid.t, log.rangefinder, np.nan) * np.clip(np.nan_to_num(grid.down[:, 2], nan=1.0), 0.0, 1.0)
+        ranged = (
+            raw - np.nanmedian(raw[stands]) if np.isfinite(raw[stands]).any() else raw - np.nanmin(raw, initial=1e9)
+        )
+        if np.nanmax(ranged, initial=0.0) > MOVED_M:
+            found.append(HeightLevel("range", log.rangefinder.source, ranged))
+    for sensor, stream in _height_streams(log):
+        level = _averaged_height(grid.t, stream)
+        climb = np.gradient(level, STEP_S)
+        ground = _long_runs(stands & (np.abs(np.nan_to_num(climb, nan=9.0)) < CLIMBS_M_S), round(STANDS_S / STEP_S))
+        ground &= np.isfinite(level)
+        if ground.any():
+            found.append(HeightLevel(sensor, stream.source, level - np.interp(grid.t, grid.t[ground], level[ground])))
+            break
+    return found
+
+
+def highest_level(levels: list[HeightLevel], flying: Mask) -> tuple[HeightLevel, float] | None:
+    """The height that tells how high it went while ``flying`` (n,), and its largest there, m; None where none does.
+
+    A rangefinder that sees the ground nearly all the time is right, unless the barometer shows that it went beyond its
+    range; a barometer feels wind; GNSS stays behind.
+    """
+    tops = [(level, float(np.nanmax(level.above[flying], initial=-np.inf))) for level in levels]
+    others = max((top for level, top in tops if level.sensor != "range"), default=-np.inf)
+
+    def rank(told: tuple[HeightLevel, float]) -> int:
+        level, top = told
+        if level.sensor != "range":
+            return 1
+        seen = np.isfinite(level.above[flying]).mean() > SEEN
+        return 0 if seen and others <= BEYOND * top + BEYOND_M else 2
+
+    return next((told for told in sorted(tops, key=rank) if told[1] > ROSE_M), None)
+
+
+def join_across_falls(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Index ranges of flights, as one where the height between two of them moves as nothing on the ground does.
+
+    Throttle near zero, or a force near zero, ends the signs of flight; a vehicle that falls is still in the air.
+    """
+    stream = height_stream(log)
+    if stream is None or len(found) < 2:
+        return found
+    level = _averaged_height(grid.t, stream)
+    joined = found[:1]
+    for a, b in found[1:]:
+        end = joined[-1][1]
+        pause = level[end : a + 1]
+        moved = float(np.nanmax(pause) - np.nanmin(pause)) if np.isfinite(pause).any() else 0.0
+        if (a - end) * STEP_S <= FALLS_S and moved > FALLS_M and bool(grid.known[end:a].all()):
+            joined[-1] = joined[-1][0], b
+        else:
+            joined.append((a, b))
+    return joined
+
+
+def height_stream(log: FlightLog) -> Stream | None:
+    """Height (n, 1) in m over time: the barometer, else GNSS altitude with a 3D fix, else None."""
+    return next((stream for _, stream in _height_streams(log)), None)
+
+
+def _height_streams(log: FlightLog) -> list[tuple[str, Stream]]:
+    """Streams of height in m (m, 1) without bad values: the barometer, then GNSS with a fix."""
+    found = []
+    for stream in log.baro:
+        x = stream.x.reshape(len(stream.t), -1)[:, 0] if len(stream.t) else np.zeros(0)
+        good = np.isfinite(x)
+        if stream.unit == "m" and np.count_nonzero(good) > 10:
+            found.append(("barometer", Stream(stream.t[good], x[good, None], "m", "", stream.source)))
+            break
+    for gnss in log.gnss:
+        good = (gnss.fix >= 3) & np.isfinite(gnss.alt) & np.isfinite(gnss.t)
+        if np.count_nonzero(good) > 10:
+            found.append(("GNSS", Stream(gnss.t[good], gnss.alt[good, None], "m", "", gnss.source)))
+            break
+    return found
+
+
+def _averaged_height(t: Array, stream: Stream) -> Array:
+    """A height (n,) averaged over 1 s without spikes, NaN where none is near."""
+    raw = np.interp(t, stream.t, stream.x[:, 0])
+    around = round(0.5 * SPIKE_S / STEP_S)
+    middle = np.median(sliding_window_view(np.pad(raw, around, mode="edge"), 2 * around + 1), axis=1)
+    raw = np.where(np.abs(raw - middle) > SPIKE_M, middle, raw)
+    half = round(0.5 * LEVEL_S / STEP_S)
+    mean = np.convolve(np.pad(raw, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
+    near: Array = np.where(seconds_to_nearest(t, stream.t) <= MAX_AGE_S, mean, np.nan)
+    return near
+
+
+def _long_runs(mask: Mask, count: int) -> Mask:
+    """The samples of a mask that lie in runs of at least ``count`` samples."""
+    kept = np.zeros(len(mask), bool)
+    for a, b in true_runs(mask):
+        kept[a:b] = b - a >= count
+    return kept
+
+
+# When a vehicle was in the air, by physics: what drives it, how it moves, how high it is.
+#
+# Flags and throttle prove nothing: motors stand at 60 % of hover on the ground, run at 100 % on a bench, and land
+# detectors come seconds late or never. A flight needs drive, and then either movement that no ground gives or a
+# height
+# that no drift of a barometer gives. Heights count from the line through what it stood on before and after.
+
+CARRIED, STILL, FALLEN = 0.4, -0.6, -2.5
+"""Dynamics above which something carries itself, below which it surely stands, below which a flight is over."""
+HINTED, PROVEN, LASTING = 0.2, 0.55, -0.3
+LEAST_DRIVE, OF_FLIGHT, OF_OWN = 0.02, 0.25, 0.6
+OF_LIFT, OF_HOVER, IDLING = 0.5, 0.8, 0.1
+"""Parts of the power of flight: below the first nothing climbs, at the second it hovers. Motors idle to the third."""
+ENOUGH_S, LONG_S, BRIDGE_S, SLOW_S = 0.5, 1.5, 2.0, 3.0
+LEANS_M_S2 = 2.5
+"""Rotors push along their own axis: a sideways force of this size (15 deg) without speed or height is a hand's."""
+BY_AIR_M_S = 5.0
+OF_HINT, CLIMBS_S, TREMBLE_M = 0.3, 3.0, 0.03
+"""Signs of flight come late where the ground was felt for long: up to so many s the height leads back to it."""
+LEAVES_M_S2, SPREADS, OUTSTANDING = 0.25, 5.0, 4.0
+CLEAR_M = 5.0
+"""Propellers near the ground raise a barometer by up to 4 m: only above this height contact is none."""
+
+
+@dataclass(slots=True)
+class InAir:
+    """The flights (t0, t1) s of a log, and what tells them.
+
+    ``driven`` and ``power`` (n,), 0 to 1, on the grid's times, by ``power_source``. ``why`` is a sentence; ``known`` is
+    False where nothing in the log tells flight.
+    """
+
+    grid: Grid
+    spans: list[Span]
+    driven: Mask
+    power: Array
+    levels: list[HeightLevel]
+    power_source: str
+    why: str
+    known: bool = True
+
+    @property
+    def climb(self) -> Array:
+        """Vertical speed (n,) in m/s by the barometer or GNSS, NaN where unknown."""
+        above = next((level.above for level in self.levels if level.sensor != "range"), None)
+        return np.full(len(self.grid.t), np.nan) if above is None else np.gradient(above, STEP_S)
+
+
+def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list[Span]) -> InAir:
+    """The flights in a grid. ``armed``: None where unknown; ``known_spans``: what was logged without pauses."""
+    t = grid.t
+    power, source = _drive_power(log, t)
+    may = grid.known & inside_spans(t, known_spans)
+    may &= inside_spans(t, armed) if armed is not None else True
+    if power is None:
+        driven = may.copy() if armed is not None else np.zeros(len(t), bool)  # arming lifts nothing by itself
+        power, source, usual, lifting = driven.astype(np.float64), "arming", 1.0, np.zeros(len(t), bool)
+    else:
+        moving = (np.nan_to_num(grid.dynamics, nan=-9.0) > CARRIED) & ~grid.contact
+        usual = _usual_power(power, may & moving & (power > LEAST_DRIVE))
+        driven, lifting = may & (power > max(LEAST_DRIVE, OF_FLIGHT * usual)), power > IDLING
+    levels = height_levels(log, grid, driven)
+    flying = _flying_mask(log.kind, grid, levels, driven, power / max(usual, LEAST_DRIVE), lifting)
+    found = join_across_falls(log, grid, _flight_ranges(log.kind, flying, grid, levels, driven, power))
+    rolls = log.kind.fixed_wing  # the force of a take-off run tells no lift-off
+    edges = [(float(t[a]) if rolls else _liftoff_time(grid, a, driven), _landing_time(grid, b)) for a, b in found]
+    heights = ", ".join(f"height by {level.source}" for level in levels[:2])
+    why = f"driven ({source}) and moving as only the air lets it" + (f", {heights}" if heights else "")
+    tells_drive = source != "arming" or armed is not None  # a bag of sensors alone does not say whether motors ran
+    known = tells_drive and (bool(levels) or (source != "arming" and not grid.slow))
+    return InAir(grid, spans.merge(s for s in edges if s[1] > s[0]), driven, power, levels, source, why, known)
+
+
+def _drive_power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
+    """What drives the vehicle (n,), 0 to 1: throttle, else motor outputs, else rotor speed; None without any."""
+    if log.throttle is not None and len(log.throttle.t) > 1:
+        return np.abs(hold_last(t, log.throttle)), log.throttle.source
+    for stream in (log.motors, log.rpm):
+        if stream is not None and len(stream.t) > 1:
+            mean = np.mean(np.nan_to_num(stream.x.reshape(len(stream.t), -1)), axis=1)[:, None]
+            mean = mean / max(float(mean.max()), 1e-9)
+            return hold_last(t, replace(stream, x=mean)), stream.source
+    return None, ""
+
+
+def _usual_power(power: Array, carried: Mask) -> float:
+    """The power that flight takes: its median where something carries itself, else the largest that is held."""
+    return float(np.median(power[carried]) if carried.any() else np.quantile(power, 0.95))
+
+
+def _flying_mask(
+    kind: VehicleKind, grid: Grid, levels: list[HeightLevel], driven: Mask, power: Array, lifting: Mask
+) -> Mask:
+    """Where a driven vehicle is in the air. ``power`` counts in that of flight; ``lifting``: more than idling."""
+    none = np.zeros(len(grid.t), bool)
+    hint, sure, clear = none, none, none
+    for level in levels:
+        hint, sure = hint | level.hint, sure | level.sure
+        clear = clear | (np.nan_to_num(level.above) > CLEAR_M)
+    fast = np.nan_to_num(grid.speed) > BY_AIR_M_S
+    if kind.winged and not levels:
+        hint = sure = clear = fast
+    if grid.slow:
+        return driven & (hint | sure)
+    dynamics = np.nan_to_num(grid.dynamics, nan=-9.0)
+    by_air = none
+    if kind.winged:
+        by_air = driven & sure & (fast | (dynamics > CARRIED)) | fast & hint & (dynamics > CARRIED)
+        if kind is not VehicleKind.VTOL:
+            return by_air
+    contact = grid.contact & ~clear
+    free = ~contact & (grid.force[:, 2] < 0.0)
+    carried = (dynamics > CARRIED) & free & (hint | lifting & (power > OF_LIFT))
+    likely = hint & (dynamics > LASTING) & free & (power > OF_OWN)
+    flying: Mask = by_air | driven & (carried | likely | sure & (~contact | (power > OF_HOVER)))
+    return flying
+
+
+def _flight_ranges(
+    kind: VehicleKind, flying: Mask, grid: Grid, levels: list[HeightLevel], driven: Mask, power: Array
+) -> list[tuple[int, int]]:
+    """Index ranges of the flights: proven ones, as long as they last."""
+    found = []
+    for a, b in _bridge_gaps(list(true_runs(flying)), grid.known & driven):
+        if not _is_flight(a, b, grid, levels):
+            continue
+        if grid.slow or kind.fixed_wing:
+            found.append((a, b))
+            continue
+        own = float(np.median(power[a:b]))
+        dynamics = np.nan_to_num(grid.dynamics, nan=-9.0)
+        lasting = driven & (power > OF_OWN * own) & ~grid.contact & (dynamics > FALLEN)
+        while b < len(flying) and lasting[b]:
+            b += 1
+        before = driven & (power > OF_HOVER * own) & ~grid.contact & (dynamics > STILL)
+        if before[:a].all():  # a log that begins in the air
+            a = 0
+        while not levels and 0 < a < b - 1 and power[a] < OF_OWN * own:
+            a += 1  # no height tells: motors spin up on the ground
+        found.append((a, b))
+    if grid.slow:
+        return _bridge_gaps(found, grid.known)
+    reached = []
+    for a, b in found:
+        pushed = driven & (power > OF_OWN * float(np.median(power[a:b])))
+        reached.append(_extend_to_ground(a, b, levels, pushed))
+    return _bridge_gaps(reached, grid.known)
+
+
+def _extend_to_ground(a: int, b: int, levels: list[HeightLevel], driven: Mask) -> tuple[int, int]:
+    """A range with the seconds before and after in which the height still rises from, or sinks to, what it stood on."""
+    for level in levels:
+        above, least = np.nan_to_num(level.above), OF_HINT * LIKELY_HEIGHT_M[level.sensor]
+        furthest = round(CLIMBS_S / STEP_S)
+        while furthest and a > 0 and driven[a - 1] and least < above[a - 1] <= above[a] + TREMBLE_M:
+            a, furthest = a - 1, furthest - 1
+        furthest = round(CLIMBS_S / STEP_S)
+        while furthest and b < len(above) and driven[b] and least < above[b] <= above[b - 1] + TREMBLE_M:
+            b, furthest = b + 1, furthest - 1
+    return a, b
+
+
+def _bridge_gaps(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, int]]:
+    """Ranges with their gaps of up to 2 s closed in which ``whole`` holds."""
+    joined: list[tuple[int, int]] = []
+    for a, b in found:
+        if joined and (a - joined[-1][1]) * STEP_S <= BRIDGE_S and bool(whole[joined[-1][1] : a].all()):
+            joined[-1] = joined[-1][0], max(b, joined[-1][1])
+        else:
+            joined.append((a, b))
+    return joined
+
+
+def _is_flight(a: int, b: int, grid: Grid, levels: list[HeightLevel]) -> bool:
+    """Whether a span is a flight: a height that proves it, or movement, with a hint of height or for long."""
+
+    def seconds(masks: list[Mask]) -> float:
+        return max((np.count_nonzero(mask[a:b]) for mask in masks), default=0) * STEP_S
+
+    if seconds([level.sure for level in levels]) >= ENOUGH_S:
+        return True
+    hints = seconds([level.hint for level in levels])
+    if grid.slow:
+        return hints >= SLOW_S
+    hinted = hints >= ENOUGH_S
+    dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
+    by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without an attitude nothing tells the ground from the air
+    moves = dynamics > PROVEN and (b - a) * STEP_S >= LONG_S and by_tilt
+    return (hinted and dynamics > HINTED) or (moves and not (levels and _is_handheld(a, b, grid)))
+
+
+def _is_handheld(a: int, b: int, grid: Grid) -> bool:
+    """Whether what never rose leans on a hand or the ground: slow, and long tilted against its own force."""
+    sideways = np.hypot(grid.force[a:b, 0], grid.force[a:b, 1])
+    slow = not np.any(grid.speed[a:b] > FASTEST_M_S)
+    return slow and float(np.quantile(sideways, 0.6)) > LEANS_M_S2
+
+
+def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
+    """When the force first left its level on the ground, around the first sign of flight; nothing lifts undriven."""
+    a, b = max(first - round(0.5 / STEP_S), 0), min(first + round(2.5 / STEP_S), len(grid.t))
+    a += int(np.argmax(driven[a : first + 1]))
+    before = grid.size[max(a - round(2.0 / STEP_S), 0) : a]
+    if grid.slow or len(before) < 5:
+        return float(grid.t[first])
+    level = float(np.median(before))
+    spread = 1.4826 * float(np.median(np.abs(before - level)))
+    off, limit = np.abs(grid.size[a:b] - level), max(LEAVES_M_S2, SPREADS * spread)
+    left = np.flatnonzero(off > limit)
+    if not len(left):
+        return float(grid.t[first])
+    k = int(left[0])
+    share = float((limit - off[k - 1]) / (off[k] - off[k - 1])) if k else 1.0
+    # Means over an even count of the grid's steps belong to the middle of a step.
+    return float(grid.t[a + k]) - (1.5 - share) * STEP_S
+
+
+def _landing_time(grid: Grid, end: int) -> float:
+    """When the ground took it: the largest bump of the force around the end of the signs of flight."""
+    a, b = max(end - round(2.0 / STEP_S), 0), min(end + round(1.0 / STEP_S) + 1, len(grid.t))
+    if grid.slow or end >= len(grid.t):
+        return float(grid.t[min(end, len(grid.t) - 1)])
+    bump = np.abs(grid.size[a:b] - np.median(grid.size[a:b]))
+    stands_out = bump.max() > max(2.0 * LEAVES_M_S2, OUTSTANDING * float(np.median(bump)))
+    if not stands_out:
+        return float(grid.t[end])
+    k = int(np.argmax(bump))
+    while k and bump[k - 1] > 0.5 * bump.max():  # a blow is in the means around it, and feet touch more than once
+        k -= 1
+    return float(grid.t[a + k])

@@ -1,1 +1,0 @@
-"""When a vehicle was in the air: signs of the sensors, heights, and the rule over both."""

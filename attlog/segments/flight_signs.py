@@ -1,0 +1,236 @@
+"""How fast and how far tilted the vehicle was: the nearest that the log tells of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation, spans
+from attlog.core.spans import Span
+from attlog.flight.model import FlightLog, Imu, Stream
+
+Array = NDArray[np.float64]
+
+MAX_FIX_AGE_S = 1.5
+"""A position or attitude older than this says nothing about an instant."""
+
+
+def tilt_at(log: FlightLog, at: Array) -> Array:
+    """Tilt (m,) in deg by the onboard attitude (else the truth) nearest in time; NaN where there is none near."""
+    attitude = log.onboard_attitude or log.truth
+    if attitude is None or len(attitude.t) == 0:
+        return np.full(len(at), np.nan)
+    i = _nearest_index(attitude.t, at)
+    tilt = np.degrees(rotation.tilt_angle(attitude.q[i]))
+    return np.where(np.abs(attitude.t[i] - at) <= MAX_FIX_AGE_S, tilt, np.nan)
+
+
+def speed_at(log: FlightLog, at: Array) -> Array:
+    """Speed (m,) in m/s by the first receiver with a 3D fix nearest in time; NaN where there is none near."""
+    for gnss in log.gnss:
+        velocity = np.where(np.isfinite(gnss.vel_ned), gnss.vel_ned, 0.0)
+        good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned[:, :2]) & np.isfinite(gnss.t)
+        if np.count_nonzero(good) > 3:
+            t, speed = gnss.t[good], np.sqrt(np.sum(velocity[good] ** 2, axis=1))
+            i = _nearest_index(t, at)
+            return np.where(np.abs(t[i] - at) <= MAX_FIX_AGE_S, speed[i], np.nan)
+    return np.full(len(at), np.nan)
+
+
+def _nearest_index(t: Array, at: Array) -> NDArray[np.int64]:
+    """Indices (m,) of the times nearest to ``at``."""
+    i = np.clip(np.searchsorted(t, at), 1, max(len(t) - 1, 1)) if len(t) > 1 else np.zeros(len(at), np.int64)
+    if len(t) > 1:
+        i = i - (at - t[i - 1] < t[i] - at)
+    return i
+
+
+# What sensors show of a vehicle every 0.1 s: is it carried by the air, by the ground or by a hand?
+#
+# Sizes are those of docs/story.md, measured on real logs and on simulated flights with true height. On the ground
+# and in a hand the specific force is the reaction to gravity, so its sideways part follows the tilt; rotors push
+# along their own axis, so in flight the sideways force feels next to nothing of the tilt.
+
+Mask = NDArray[np.bool_]
+
+STEP_S = 0.1
+G = 9.80665
+MEAN_S, SPREAD_S, AVERAGE_S, SLOPE_S = 0.4, 2.0, 3.0, 4.0
+SHORT_S = 0.2
+FORCE_M_S2, RATE_DPS, TURN_DEG = 0.03, 1.0, 0.2
+"""Of a vehicle that is neither moved nor moves: standard deviation of force, rate, standard deviation of the tilt."""
+VARIED = 0.005
+"""Variance of gravity's sideways part, (m/s^2)^2, from which the slope of the sideways force on it is known."""
+FASTEST_M_S = 3.0
+BY_THE_GROUND, MOST, PART = 0.7, 1.6, 0.6
+MAX_AGE_S, BROKEN_S = 1.5, 0.5
+SLOW_HZ = 8.0
+"""Below this rate of the IMU its movements are not known."""
+
+
+@dataclass(slots=True)
+class Grid:
+    """Signs of flight at times ``t`` (n,) s, 0.1 s apart; NaN where a log shows nothing.
+
+    ``known`` (n,): the IMU was logged there. ``force`` (n, 3) m/s^2: specific force over 0.4 s; ``size`` (n,) m/s^2:
+    its length over 0.2 s. ``dynamics`` (n,): mean of the logarithms of how much force, rate and tilt vary against what
+    stands still; above 0.4 something carries itself, below -0.6 it surely stands. ``slope`` (n,) of the sideways force
+    on that of a vehicle on the ground; ``contact`` (n,): the slope tells the ground. ``speed`` (n,) m/s over ground;
+    ``down`` (n, 3): the earth's down in body axes. ``slow``: the IMU is too slow for all but ``known`` and ``speed``.
+    """
+
+    t: Array
+    known: Mask
+    force: Array
+    size: Array
+    dynamics: Array
+    slope: Array
+    contact: Mask
+    speed: Array
+    down: Array
+    slow: bool
+
+    def index(self, t: float) -> int:
+        """The place of a time in the grid."""
+        return int(np.clip(round((t - self.t[0]) / STEP_S), 0, len(self.t) - 1))
+
+
+def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
+    """The signs of flight over [t0, t1] s; None for less than 1 s, or without an IMU and an attitude."""
+    imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
+    if not t1 - t0 > 1.0 or (imu is None and onboard is None):
+        return None
+    t = np.arange(t0, t1, STEP_S)
+    down, speed, nothing = _down_axis(log, t), speed_at(log, t), np.full(len(t), np.nan)
+    if imu is not None:
+        force, rate, known = _mean_samples(imu, t)
+    else:
+        force, rate, known = np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.isfinite(down[:, 0])
+    no_contact = np.zeros(len(t), bool)
+    found = Grid(t, known, force, nothing, nothing.copy(), nothing.copy(), no_contact, speed, down, True)
+    if imu is None or imu.acc.rate < SLOW_HZ or not known.any():
+        return found
+    found.slow = False
+    bias = np.median(rate[known], axis=0)
+    for a, b in true_runs(known):
+        _fill_signs(found, slice(a, b), np.degrees(rate[a:b] - bias))
+    return found
+
+
+def _fill_signs(grid: Grid, part: slice, rate: Array) -> None:
+    """Signs of one unbroken segment of a log, from its force and its rate (n, 3) deg/s without the gyro's offset."""
+    raw, down = grid.force[part], grid.down[part]
+    force, turned = _mean(raw, MEAN_S), rotation.length(_mean(rate, MEAN_S))
+    signs = [_deviation(rotation.length(force), SPREAD_S) / FORCE_M_S2]
+    signs += [np.sqrt(_mean(turned**2, SPREAD_S)) / RATE_DPS]
+    tilted = np.degrees(np.sqrt(np.sum(_variance(down, SPREAD_S), axis=1))) / TURN_DEG
+    logs = np.log(np.clip([*signs, tilted], 1e-2, 1e3))
+    dynamics = np.where(np.isfinite(logs[2]), np.nanmean(logs, axis=0), logs[:2].mean(axis=0))
+    slope = _ground_slope(force, -G * down)
+    touching = _mean(((slope > BY_THE_GROUND) & (slope < MOST)).astype(np.float64), SLOPE_S) >= PART
+    grid.size[part] = rotation.length(_mean(raw, SHORT_S))
+    grid.force[part] = force
+    grid.dynamics[part] = _mean(dynamics, AVERAGE_S)
+    grid.slope[part] = slope
+    grid.contact[part] = touching & ~(grid.speed[part] > FASTEST_M_S)
+
+
+def _mean_samples(imu: Imu, t: Array) -> tuple[Array, Array, Mask]:
+    """Mean force (n, 3) m/s^2 and rate (n, 3) rad/s of the samples around each time, and where any are near."""
+    at, acc, gyro = imu.acc.t_best, imu.acc.x, imu.gyro.x
+    n = min(len(at), len(acc), len(gyro))
+    good = np.isfinite(at[:n]) & rotation.finite_rows(acc[:n]) & rotation.finite_rows(gyro[:n])
+    good &= (at[:n] >= t[0] - STEP_S) & (at[:n] <= t[-1] + STEP_S)
+    at, both = at[:n][good], np.hstack([acc[:n][good], gyro[:n][good]])
+    if len(at) < 2:
+        return np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros(len(t), bool)
+    k = np.clip(np.rint((at - t[0]) / STEP_S).astype(np.int64), 0, len(t) - 1)
+    count = np.bincount(k, minlength=len(t))
+    have = count > 0
+    sums = np.column_stack([np.bincount(k, column, len(t)) for column in both.T])
+    mean = sums[have] / count[have, None]
+    filled = np.column_stack([np.interp(t, t[have], column) for column in mean.T])
+    usual = float(np.median(np.diff(at)))
+    return filled[:, :3], filled[:, 3:], seconds_to_nearest(t, at) <= max(BROKEN_S, 2.0 * usual)
+
+
+def _down_axis(log: FlightLog, t: Array) -> Array:
+    """The earth's down in body axes (n, 3) by the onboard attitude, else the true one; NaN where there is none near."""
+    attitude = log.onboard_attitude or log.truth
+    down = np.full((len(t), 3), np.nan)
+    if attitude is None or len(attitude.t) < 2:
+        return down
+    w, x, y, z = attitude.q.T
+    axes = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    near = seconds_to_nearest(t, attitude.t) <= MAX_AGE_S
+    for k in range(3):
+        down[near, k] = np.interp(t[near], attitude.t, axes[:, k])
+    return down
+
+
+def _ground_slope(force: Array, gravity: Array) -> Array:
+    """Slope (n,) over 4 s of the sideways force on that of a vehicle that is carried by the ground (n, 3)."""
+    both = gravity[:, :2], force[:, :2]
+    known = np.isfinite(gravity[:, 0])
+    g, f = (np.where(known[:, None], x, 0.0) for x in both)
+    mean_g, mean_f, share = _mean(g, SLOPE_S), _mean(f, SLOPE_S), _mean(known.astype(np.float64), SLOPE_S)
+    varied = np.sum(_mean(g * g, SLOPE_S) - mean_g**2, axis=1)
+    common = np.sum(_mean(g * f, SLOPE_S) - mean_g * mean_f, axis=1)
+    slope: Array = np.where((varied > VARIED) & (share > 0.99), common / np.maximum(varied, 1e-12), np.nan)
+    return slope
+
+
+def seconds_to_nearest(t: Array, at: Array) -> Array:
+    """Seconds (n,) from each time to the nearest of rising times ``at``."""
+    after = np.clip(np.searchsorted(at, t), 1, max(len(at) - 1, 1))
+    return np.minimum(np.abs(at[np.minimum(after, len(at) - 1)] - t), np.abs(t - at[after - 1]))
+
+
+def _mean(x: Array, seconds: float) -> Array:
+    """Centred mean of x (n,) or (n, k) over some seconds of the grid, over fewer at the ends."""
+    count = max(round(seconds / STEP_S), 2)
+    flat = x.reshape(len(x), -1)
+    total = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(flat, axis=0)])
+    i = np.arange(len(x))
+    low, high = np.maximum(i - count // 2, 0), np.minimum(i + count - count // 2, len(x))
+    mean: Array = ((total[high] - total[low]) / (high - low)[:, None]).reshape(x.shape)
+    return mean
+
+
+def _variance(x: Array, seconds: float) -> Array:
+    """Centred variance of x (n,) or (n, k) over some seconds of the grid, NaN beside a NaN."""
+    known = rotation.finite_rows(x.reshape(len(x), -1))
+    if not known.any():
+        return np.full(x.shape, np.nan)
+    small = np.zeros_like(x)
+    small[known] = x[known] - np.mean(x[known], axis=0)
+    found: Array = np.maximum(_mean(small**2, seconds) - _mean(small, seconds) ** 2, 0.0)
+    found[_mean(known.astype(np.float64), seconds) < 0.999] = np.nan
+    return found
+
+
+def _deviation(x: Array, seconds: float) -> Array:
+    return np.sqrt(_variance(x, seconds))
+
+
+def true_runs(mask: Mask) -> Iterator[tuple[int, int]]:
+    """Index ranges [a, b) of neighbouring samples that hold."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return ((int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True))
+
+
+def hold_last(t: Array, stream: Stream, nothing: float = 0.0) -> Array:
+    """The last value (n,) of a stream's first column at or before ``t``; ``nothing`` where that is too old to say."""
+    x = stream.x.reshape(len(stream.t), -1)[:, 0]
+    usual = float(np.median(np.diff(stream.t))) if len(stream.t) > 1 else MAX_AGE_S
+    i = np.clip(np.searchsorted(stream.t, t, side="right") - 1, 0, len(stream.t) - 1)
+    fresh = (t - stream.t[i] <= max(MAX_AGE_S, 5.0 * usual)) & np.isfinite(x[i])
+    return np.where(fresh, x[i], nothing)
+
+
+def inside_spans(t: Array, wanted: list[Span]) -> Mask:
+    """Which (n,) of the grid's times ``t`` (n,) s lie in spans."""
+    return spans.inside(t, wanted)

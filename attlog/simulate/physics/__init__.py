@@ -1,1 +1,0 @@
-"""The body in the air: motion, wind, environment."""

@@ -1,0 +1,431 @@
+"""What happens on board: controller, estimator in the loop, what is logged how often."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+from pydantic.dataclasses import dataclass
+
+from attlog.core.errors import UsageError, suggestion
+from attlog.core.files import parse_toml, read_settings_text
+from attlog.core.settings import validated
+from attlog.simulate.sensor_settings import STRICT, ZERO, NotNegative, Positive, SensorSettings, Three
+
+Value = bool | float | str
+
+
+@dataclass(frozen=True, config=STRICT)
+class Loop:
+    """``rate_hz`` of controller and estimator; physics and raw sensors run ``substeps`` times as fast."""
+
+    rate_hz: Annotated[float, Field(ge=50, le=2000)] = 400.0
+    substeps: Annotated[int, Field(ge=1, le=50)] = 5
+
+
+@dataclass(frozen=True, config=STRICT)
+class Controller:
+    """Nested loops: angle error [rad] to rate (PI), rate error [rad/s] to torque as share of the greatest (PID).
+
+    Roll and pitch as in Huang (tables 2, 3); the others are ours.
+    """
+
+    angle_kp: NotNegative = 4.5
+    angle_ki: NotNegative = 0.35
+    rate_kp: NotNegative = 0.14
+    rate_ki: NotNegative = 0.015
+    rate_kd: NotNegative = 0.0025
+    yaw_angle_kp: NotNegative = 2.5
+    yaw_rate_kp: NotNegative = 0.6
+    yaw_rate_ki: NotNegative = 0.1
+    rate_max_dps: Positive = 220.0
+    yaw_rate_max_dps: Positive = 120.0
+    tilt_max_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
+    position_kp: NotNegative = 0.95
+    velocity_kp: NotNegative = 2.0
+    velocity_ki: NotNegative = 0.4
+    height_kp: NotNegative = 1.2
+    climb_kp: NotNegative = 4.0
+    climb_ki: NotNegative = 1.5
+
+
+@dataclass(frozen=True, config=STRICT)
+class EstimatorChoice:
+    """The attitude that is flown on: a filter of attlog by name (``mahony@huang``), or ``truth``; ``params`` are
+    its own."""
+
+    name: str = "mahony_dcm@huang"
+    params: dict[str, Value] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, config=STRICT)
+class LoggingRates:
+    """How often a log holds what [Hz]; 0 is every value there is. Sensors are logged at their own rates unless
+    given."""
+
+    imu_hz: NotNegative = 0.0
+    attitude_hz: NotNegative = 100.0
+    setpoint_hz: NotNegative = 50.0
+    motors_hz: NotNegative = 50.0
+    truth_hz: NotNegative = 100.0
+
+
+# What flies: mass, rotors, drag and feet of a quadrotor in X, 1.5 kg with 10 inch propellers unless said otherwise.
+
+NotNegativeThree = tuple[NotNegative, NotNegative, NotNegative]
+
+ROTOR_SIGNS = ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))
+"""Rotors at (forward, right): front right, back left, front left, back right, the order of both firmwares."""
+ROTOR_TURNS = (1.0, 1.0, -1.0, -1.0)
+"""Yaw torque on the body, + to the right: the first two turn anticlockwise seen from above."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class Vehicle:
+    """A rigid body with four rotors, body axes forward-right-down.
+
+    ``arm_m`` from the centre of gravity to a rotor, ``thrust_max_n`` and ``speed_max_rpm`` of one rotor; thrust
+    grows with the square of the speed and the drag torque is ``torque_m`` times the thrust. ``motor_lag_s`` is the
+    time constant of the speed, ``rotor_inertia_kg_m2`` of one rotor about its axis. Air drag: ``drag_n_s_m``
+    (linear, mostly of the rotors) and ``drag_area_m2`` (area times coefficient, quadratic), each per body axis;
+    ``damping_n_m_s`` against turning. ``foot_m``: feet below the centre; ``friction`` of the ground.
+    """
+
+    mass_kg: Positive = 1.5
+    inertia_kg_m2: tuple[Positive, Positive, Positive] = (0.0165, 0.0165, 0.029)
+    arm_m: Positive = 0.225
+    thrust_max_n: Positive = 8.5
+    speed_max_rpm: Positive = 8500.0
+    torque_m: NotNegative = 0.016
+    motor_lag_s: NotNegative = 0.025
+    rotor_inertia_kg_m2: NotNegative = 4e-5
+    drag_n_s_m: NotNegativeThree = (0.3, 0.3, 0.15)
+    drag_area_m2: NotNegativeThree = (0.012, 0.012, 0.03)
+    damping_n_m_s: NotNegativeThree = (0.003, 0.003, 0.003)
+    foot_m: Positive = 0.12
+    friction: Annotated[float, Field(ge=0, le=2)] = 0.7
+
+    @property
+    def speed_max_rad_s(self) -> float:
+        """Rotor speed at full command [rad/s]."""
+        return self.speed_max_rpm * math.pi / 30.0
+
+    @property
+    def thrust_factor(self) -> float:
+        """Thrust of a rotor over the square of its speed [N s^2]."""
+        return self.thrust_max_n / self.speed_max_rad_s**2
+
+    def hover_command(self, gravity: float) -> float:
+        """The command (0 to 1, thrust over full thrust) of each rotor that carries the weight in still air."""
+        return self.mass_kg * gravity / (4.0 * self.thrust_max_n)
+
+
+# Where and when: place, date, wind, and what disturbs the magnetic field there.
+
+
+def _date(written: object) -> object:
+    """The time that a text tells; a day alone begins at midnight."""
+    if not isinstance(written, str):
+        return written
+    try:
+        return datetime.fromisoformat(written)
+    except ValueError:
+        raise ValueError("must be a date, 2024-03-01 or 2024-03-01T12:00:00Z") from None
+
+
+@dataclass(frozen=True, config=STRICT)
+class TakeoffPlace:
+    """The take-off place (earth axes begin there) and the time of the start; ``heading_deg`` of the vehicle at
+    first."""
+
+    lat_deg: Annotated[float, Field(ge=-89.9, le=89.9)] = 47.397
+    lon_deg: Annotated[float, Field(ge=-180, le=180)] = 8.545
+    alt_m: Annotated[float, Field(ge=-500, le=6000)] = 488.0
+    heading_deg: float = 0.0
+    date: Annotated[datetime, BeforeValidator(_date)] = datetime(2025, 6, 1, 10, 0, tzinfo=UTC)
+
+    @property
+    def unix_time(self) -> float:
+        """The start as Unix time [s]; a date without a zone is UTC."""
+        date = self.date if self.date.tzinfo else self.date.replace(tzinfo=UTC)
+        return date.timestamp()
+
+
+@dataclass(frozen=True, config=STRICT)
+class Gust:
+    """A single gust: from ``t`` on for ``seconds`` the wind grows to ``ned_m_s`` and falls again (1 - cos)."""
+
+    t: NotNegative
+    seconds: Positive
+    ned_m_s: Three
+
+
+@dataclass(frozen=True, config=STRICT)
+class Wind:
+    """``mean_ned_m_s``: where the air moves to, from 6 m above the ground on; less below. ``turbulence_m_s``:
+    standard deviation per axis of a Dryden-like disturbance of length ``length_m``, which passes at the mean wind's
+    speed, at least ``speed_m_s``."""
+
+    mean_ned_m_s: Three = ZERO
+    turbulence_m_s: NotNegative = 0.3
+    length_m: Positive = 15.0
+    speed_m_s: Positive = 4.0
+    gust: tuple[Gust, ...] = ()
+
+
+@dataclass(frozen=True, config=STRICT)
+class Anomaly:
+    """Iron at a place: adds ``field_ned_ut`` at ``ned_m``, falling off like a Gauss bell of width ``radius_m``."""
+
+    ned_m: Three
+    field_ned_ut: Three
+    radius_m: Positive = 3.0
+
+
+# What the vehicle shall do: timed commands of a flight, or a motion that is prescribed.
+
+Doing = Literal["arm", "takeoff", "hold", "goto", "velocity", "attitude", "track", "land", "disarm", "kill"]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Command:
+    """From ``t`` s on, until the next command:
+
+    ``arm`` (rotors idle), ``takeoff`` (climb to ``up_m``), ``hold`` (stay where it is), ``goto`` (``north_m east_m
+    up_m`` with up to ``speed_m_s``), ``velocity`` (``north_m_s east_m_s``, height held), ``attitude`` (``roll_deg
+    pitch_deg``, height held), ``track`` (roll or pitch follows ``amplitude_deg`` as sine or square of ``period_s``,
+    height held), ``land``, ``disarm``, ``kill`` (rotors stop at once). Heading turns to ``heading_deg`` with
+    ``yaw_rate_dps``; None leaves it as it was.
+    """
+
+    t: NotNegative
+    do: Doing
+    north_m: float = 0.0
+    east_m: float = 0.0
+    up_m: float | None = None
+    speed_m_s: Positive = 3.0
+    north_m_s: float = 0.0
+    east_m_s: float = 0.0
+    roll_deg: Annotated[float, Field(ge=-80, le=80)] = 0.0
+    pitch_deg: Annotated[float, Field(ge=-80, le=80)] = 0.0
+    heading_deg: float | None = None
+    yaw_rate_dps: Positive = 45.0
+    axis: Literal["roll", "pitch"] = "roll"
+    shape: Literal["sine", "square"] = "sine"
+    amplitude_deg: Annotated[float, Field(ge=0, le=60)] = 10.0
+    period_s: Positive = 4.0
+
+
+@dataclass(frozen=True, config=STRICT)
+class Move:
+    """Within ``seconds`` on to these angles and height, smoothly (fifth-order, no jump in rate or acceleration).
+
+    What is not given stays; ``north_m east_m`` count from where it began. ``shock_m_s2``: the blow at the end, along
+    body down, that rings off in hundredths of a second.
+    """
+
+    seconds: Positive
+    roll_deg: float | None = None
+    pitch_deg: Annotated[float | None, Field(ge=-85, le=85)] = None
+    heading_deg: float | None = None
+    up_m: float | None = None
+    north_m: float | None = None
+    east_m: float | None = None
+    shock_m_s2: NotNegative = 0.0
+
+
+@dataclass(frozen=True, config=STRICT)
+class PrescribedMotion:
+    """A prescribed motion by hand or on a table; rotors stand still. It begins at these angles and goes through
+    ``move`` one after the other, then rests. It turns about a point fixed to the earth; ``arm_m`` is the way from
+    there to the centre of gravity in body axes. After commands: from ``after_s`` on somebody carries what flew, from
+    where and how it lies; roll and pitch of the start are not asked for then."""
+
+    roll_deg: float = 0.0
+    pitch_deg: Annotated[float, Field(ge=-85, le=85)] = 0.0
+    arm_m: Three = ZERO
+    after_s: NotNegative | None = None
+    move: tuple[Move, ...] = ()
+
+
+# What breaks, when: faults that are planted in a sensor or a rotor.
+
+Part = Literal["gyro", "acc", "mag", "gnss", "baro", "rotor"]
+Kind = Literal["stuck", "silent", "zero", "offset", "scale", "noise", "spikes", "flipped", "off", "unbalanced"]
+
+
+@dataclass(frozen=True, config=STRICT)
+class PlantedFault:
+    """From ``t`` for ``seconds`` (None: to the end), ``part`` number ``instance`` is
+
+    ``stuck`` at its last value, ``silent`` (no samples), ``zero``, ``offset`` by ``value`` (SI; T for mag, m and
+    m/s NED for gnss, m for baro uses the first), ``scale`` by ``factor``, ``noise`` of standard deviation ``size``
+    added (SI), ``spikes`` of ``size`` in ``share_pct`` of the samples, ``flipped`` (x and y change sign); a rotor
+    is ``off``, ``scale`` d in thrust or ``unbalanced``: it shakes every inertial unit ``factor`` times as much.
+    """
+
+    t: NotNegative
+    part: Part
+    kind: Kind
+    seconds: NotNegative | None = None
+    instance: Annotated[int, Field(ge=0)] = 0
+    value: Three = ZERO
+    factor: float = 1.0
+    size: NotNegative = 0.0
+    share_pct: Annotated[float, Field(ge=0, le=100)] = 1.0
+
+    def holds(self, t: float) -> bool:
+        """Whether it acts at ``t`` s."""
+        return t >= self.t and (self.seconds is None or t < self.t + self.seconds)
+
+
+# A scenario: everything that decides a simulated flight but the seed, from TOML or as frozen dataclasses.
+#
+# ``load`` takes the name of one in ``scenarios/`` or the path of a TOML file and tells
+# everything that is wrong in it at once. Units stand in the names; angles are degrees
+# here and radians inside.
+
+LIBRARY = Path(__file__).parent / "scenarios"
+NAME = r"^[^/\\\x00-\x1f]*$"
+"""Names are names of files: no path."""
+MAX_STEPS = 20_000_000
+"""Steps of physics in a flight: what an hour or two at the default rates take, about 1 GB and minutes."""
+ROTOR_FAULTS = ("off", "scale", "unbalanced")
+
+
+@dataclass(frozen=True, config=STRICT)
+class Scenario:
+    """A flight to simulate. With ``motion`` it is prescribed, else ``command`` tells the autopilot what to do and
+    when; with both it is flown, and carried from ``motion.after_s`` on."""
+
+    name: Annotated[str, Field(pattern=NAME)] = ""
+    title: str = ""
+    seconds: Annotated[float, Field(ge=1, le=7200)] = 60.0
+    place: TakeoffPlace = TakeoffPlace()
+    wind: Wind = Wind()
+    anomaly: tuple[Anomaly, ...] = ()
+    vehicle: Vehicle = Vehicle()
+    sensors: SensorSettings = SensorSettings()
+    motion: PrescribedMotion | None = None
+    command: tuple[Command, ...] = ()
+    loop: Loop = Loop()
+    controller: Controller = Controller()
+    estimator: EstimatorChoice = EstimatorChoice()
+    logging: LoggingRates = LoggingRates()
+    fault: tuple[PlantedFault, ...] = ()
+
+    def changed(self, **values: Any) -> Scenario:
+        """A copy with other values, checked like a file: ``changed(seconds=20, estimator=Estimator("truth"))``."""
+        return dataclasses.replace(self, **values)
+
+
+def scenario_names() -> list[str]:
+    """The scenarios that come with attlog."""
+    return sorted(path.stem for path in LIBRARY.glob("*.toml"))
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """A scenario by its name in the library or by the path of a TOML file.
+
+    LogUnreadable where the file cannot be opened, UsageError for a name that is not
+    known and for everything wrong in a file.
+    """
+    return build_scenario(scenario_values(name_or_path), origin=scenario_path(name_or_path).name)
+
+
+def scenario_path(name_or_path: str | Path) -> Path:
+    """The TOML file of a scenario. UsageError for a name that is not known."""
+    path = Path(name_or_path)
+    if path.suffix.lower() == ".toml" or os.path.isfile(path):
+        return path
+    inside = LIBRARY / f"{name_or_path}.toml"
+    if not os.path.isfile(inside):
+        raise UsageError(f"no scenario {name_or_path}{suggestion(str(name_or_path), scenario_names())}")
+    return inside
+
+
+def scenario_values(name_or_path: str | Path) -> dict[str, Any]:
+    """The plain values of a scenario's file, with the file's name where it has none; errors as of :func:`load`."""
+    path = scenario_path(name_or_path)
+    return {"name": path.stem} | parse_toml(read_settings_text(path), path)
+
+
+def build_scenario(values: Mapping[str, Any], origin: str = "scenario") -> Scenario:
+    """A scenario from plain values, as TOML holds them. UsageError lists every problem with its place."""
+    scenario = validated(Scenario, values, origin, strict=True)
+    problems = [*_refused_spans(scenario), *_contradictions(scenario)]
+    if problems:
+        raise UsageError("\n".join(f"{origin}: {line}" for line in problems))
+    return scenario
+
+
+def _contradictions(scenario: Scenario) -> list[str]:
+    """What single values do not show."""
+    found = []
+    raw = scenario.loop.rate_hz * scenario.loop.substeps
+    if scenario.seconds * raw > MAX_STEPS:
+        found.append(
+            f"seconds: {scenario.seconds:g} s at loop.rate_hz x substeps = {raw:g} are too many steps; "
+            f"take up to {MAX_STEPS / raw:g} s"
+        )
+    for where, sensor in scenario.sensors.each():
+        if sensor.rate_hz > raw:
+            found.append(
+                f"{where}.rate_hz: {sensor.rate_hz:g} is more than the raw rate, loop.rate_hz x substeps = {raw:g}"
+            )
+    for k, imu in enumerate(scenario.sensors.imu):
+        if not len(imu.vibration.harmonics) == len(imu.vibration.acc_m_s2) == len(imu.vibration.gyro_dps):
+            found.append(f"sensors.imu[{k}].vibration: harmonics, acc_m_s2 and gyro_dps must be equally long")
+    if not scenario.sensors.imu:
+        found.append("sensors.imu: at least one is needed")
+    found += _both_motions(scenario)
+    battery = scenario.sensors.battery
+    if battery.empty_v > battery.full_v:
+        found.append(f"sensors.battery: empty_v {battery.empty_v:g} is above full_v {battery.full_v:g}")
+    lift, weight = 4.0 * scenario.vehicle.thrust_max_n, scenario.vehicle.mass_kg * 9.81
+    if scenario.command and lift < 1.2 * weight:
+        found.append(f"vehicle: four rotors lift {lift:.1f} N, too little to fly a weight of {weight:.1f} N")
+    if [c.t for c in scenario.command] != sorted(c.t for c in scenario.command):
+        found.append("command: the times must ascend")
+    counts = {"gyro": len(scenario.sensors.imu), "acc": len(scenario.sensors.imu), "mag": len(scenario.sensors.mag)}
+    counts |= {"gnss": len(scenario.sensors.gnss), "baro": len(scenario.sensors.baro), "rotor": 4}
+    for k, fault in enumerate(scenario.fault):
+        if fault.instance >= counts[fault.part]:
+            found.append(f"fault[{k}].instance: there is no {fault.part} {fault.instance}")
+        if fault.part == "rotor" and fault.kind not in ROTOR_FAULTS:
+            found.append(f"fault[{k}].kind: a rotor can be {' or '.join(ROTOR_FAULTS)}, not {fault.kind}")
+        if fault.part != "rotor" and fault.kind == "off":
+            found.append(f"fault[{k}].kind: only a rotor is off; a sensor that sends nothing is silent")
+        if fault.part != "rotor" and fault.kind == "unbalanced":
+            found.append(f"fault[{k}].kind: only a rotor is unbalanced; a sensor that shakes has noise")
+    return found
+
+
+def _both_motions(scenario: Scenario) -> Iterator[str]:
+    """Commands and a motion by hand go together only where one comes after the other."""
+    motion = scenario.motion
+    if motion is None:
+        return
+    if scenario.command and motion.after_s is None:
+        yield "motion, command: give one of them, or motion.after_s, from when on what flew is carried"
+    if motion.after_s is not None and not scenario.command:
+        yield "motion.after_s: nothing flew before; leave it out, or give commands"
+    if motion.after_s is not None and scenario.command and scenario.command[-1].t > motion.after_s:
+        yield f"motion.after_s: {motion.after_s:g} s is before the last command, {scenario.command[-1].t:g} s"
+
+
+def _refused_spans(scenario: Scenario) -> Iterator[str]:
+    """Times without samples that are none."""
+    for where, sensor in scenario.sensors.each():
+        for key in ("gaps", "outages"):
+            for first, last in getattr(sensor, key, ()):
+                if last < first:
+                    yield f"{where}.{key}: [{first:g}, {last:g}] ends before it begins"
+                elif first < 0.0:
+                    yield f"{where}.{key}: [{first:g}, {last:g}] begins before the flight, which starts at 0 s"

@@ -1,1 +1,0 @@
-"""What is simulated: scenarios, their files, their errors."""

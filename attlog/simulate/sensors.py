@@ -1,0 +1,353 @@
+"""When a sensor measures: a raster with jitter, from which samples are lost."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.simulate.environment import LAPSE, SEA_KELVIN, generator, geodetic, height_of, pressure
+from attlog.simulate.flight import BaroStream, BatteryStream, Fix, GnssStream, MagStream, RpmStream, Truth
+from attlog.simulate.scenario import PlantedFault, Scenario
+from attlog.simulate.sensor_settings import Span
+
+Array = NDArray[np.float64]
+
+
+def sampling_instants(
+    rate_hz: float, seconds: float, jitter_s: float, random: np.random.Generator, phase: float = 1.0
+) -> Array:
+    """Times of measurement (n,) s, ascending, up to ``seconds``; the first is ``phase`` of a period after 0.
+
+    Jitter is normal about the raster, kept within 0.45 of a period so that samples stay in order.
+    """
+    nominal: Array = (np.arange(int(seconds * rate_hz + 1.0), dtype=np.float64) + phase) / rate_hz
+    nominal = nominal[nominal <= seconds + 1e-9]
+    moved = jitter_s * random.standard_normal(len(nominal))
+    jittered = nominal + np.clip(moved, -0.45 / rate_hz, 0.45 / rate_hz)
+    return jittered[(jittered > 0) & (jittered <= seconds + 1e-9)]
+
+
+def kept_samples(t: Array, loss_pct: float, gaps: tuple[Span, ...], random: np.random.Generator) -> NDArray[np.bool_]:
+    """Which of the samples at ``t`` (n,) s arrive: the others are lost at random or fall into a gap (from, to)."""
+    arrives = random.random(len(t)) >= loss_pct / 100.0
+    for begin, end in gaps:
+        arrives &= (t < begin) | (t >= end)
+    return arrives
+
+
+# Planted faults at work on samples of three columns.
+
+
+def is_acting(fault: PlantedFault, t: Array) -> NDArray[np.bool_]:
+    """At which of the times (n,) s a fault acts."""
+    end = np.inf if fault.seconds is None else fault.t + fault.seconds
+    mask: NDArray[np.bool_] = (t >= fault.t) & (t < end)
+    return mask
+
+
+def silence(faults: list[PlantedFault], t: Array) -> NDArray[np.bool_]:
+    """Which samples at ``t`` (n,) s a fault keeps from being sent."""
+    gone = np.zeros(len(t), bool)
+    for fault in faults:
+        if fault.kind == "silent":
+            gone |= is_acting(fault, t)
+    return gone
+
+
+def damage(faults: list[PlantedFault], t: Array, x: Array, last: Array, seed: int = 0) -> Array:
+    """Samples ``x`` (n, k) at ``t`` (n,) s with the faults that act then; ``last`` (k,) is the sample before them.
+
+    Random faults draw by the sample's time, so that samples one by one and all at once give the same.
+    """
+    x = x.copy()
+    for number, fault in enumerate(faults):
+        now = np.flatnonzero(is_acting(fault, t))
+        if not len(now):
+            continue
+        k = x.shape[1]
+        if fault.kind == "stuck":
+            x[now] = x[now[0] - 1] if now[0] > 0 else last
+        elif fault.kind == "zero":
+            x[now] = 0.0
+        elif fault.kind == "offset":
+            x[now] += np.array(fault.value[:k])
+        elif fault.kind == "scale":
+            x[now] *= fault.factor
+        elif fault.kind == "flipped":
+            x[now, : min(k, 2)] *= -1.0
+        elif fault.kind in ("noise", "spikes"):
+            for i in now:
+                random = generator(seed, "fault", number, fault.part, round(float(t[i]) * 1e6))
+                drawn = random.standard_normal(k)
+                if fault.kind == "noise" or random.random() * 100.0 < fault.share_pct:
+                    x[i] += fault.size * (drawn if fault.kind == "noise" else drawn / np.linalg.norm(drawn))
+    return x
+
+
+# What the slow sensors share: samples at their own instants out of a motion that is still growing.
+
+
+def interpolate_truth(x: Array, t: Array, period: float) -> Array:
+    """Rows of ``x`` (n, ...), taken every ``period`` s from 0 on, interpolated at times ``t`` (m,) s."""
+    where = t / period
+    low = np.minimum(where.astype(int), len(x) - 2)
+    u = (where - low).reshape(-1, *[1] * (x.ndim - 1))
+    between: Array = x[low] * (1.0 - u) + x[low + 1] * u
+    return between
+
+
+def interpolate_attitude(q: Array, t: Array, period: float) -> Array:
+    """Attitudes (m, 4) at ``t`` (m,) s; the chord between two periods of a loop is the arc to 1e-6 rad and less."""
+    return rotation.normalize(interpolate_truth(q, t, period))
+
+
+class SlowSensor(ABC):
+    """Instance ``number`` of a ``kind``: when it measures, when that arrives, what has been told."""
+
+    def __init__(
+        self,
+        kind: str,
+        number: int,
+        scenario: Scenario,
+        seed: int,
+        rate_hz: float,
+        jitter_s: float,
+        delay_s: float,
+        loss_pct: float = 0.0,
+        gaps: tuple[Span, ...] = (),
+        hidden_delay_s: float = 0.0,
+    ) -> None:
+        timing = generator(seed, kind, number, "timing")
+        phase = float(timing.uniform(0.1, 1.0))
+        self.instants = sampling_instants(rate_hz, scenario.seconds, jitter_s, timing, phase)
+        self.due: list[float] = [*self.instants.tolist(), math.inf]
+        self.kept = kept_samples(self.instants, loss_pct, gaps, generator(seed, kind, number, "loss"))
+        self.t_sample = self.instants + hidden_delay_s
+        self.t = self.t_sample + delay_s
+        self.period = 1.0 / scenario.loop.rate_hz
+        self.scenario, self.seed, self.number = scenario, seed, number
+        self.faults = [f for f in scenario.fault if f.part == kind and f.instance == number]
+        self.next, self.told = 0, 0
+
+    def advance(self, truth: Truth, now: float) -> None:
+        """Measure everything whose instant is not after ``now``, the last row of ``truth`` that is there."""
+        if self.due[self.next] <= now + 1e-9:
+            end = int(np.searchsorted(self.instants, now + 1e-9, side="right"))
+            self.measure(truth, np.arange(self.next, end))
+            self.next = end
+
+    @abstractmethod
+    def measure(self, truth: Truth, k: NDArray[np.int64]) -> None:
+        """Make the samples of the indices ``k`` (m,)."""
+
+    def arrived(self, now: float) -> int | None:
+        """The newest sample that arrived since it was last asked, None if there is none."""
+        found = None
+        while self.told < self.next and self.t[self.told] <= now + 1e-9:
+            found = self.told if self.kept[self.told] else found
+            self.told += 1
+        return found
+
+
+# Battery current from the rotors' power, and rotor speeds as the speed controllers tell them.
+
+
+def battery_current(scenario: Scenario, rotor: Array) -> Array:
+    """Battery current (n,) A at rotor speeds (n, 4) rad/s: idle and shaft power over efficiency and mean voltage."""
+    b, v = scenario.sensors.battery, scenario.vehicle
+    shaft = v.torque_m * v.thrust_factor * np.sum(np.abs(rotor) ** 3, axis=1)
+    total: Array = b.idle_a + shaft / (b.efficiency * 0.5 * (b.full_v + b.empty_v))
+    return total
+
+
+def sample_battery(scenario: Scenario, seed: int, truth: Truth) -> BatteryStream:
+    """What the battery's monitor tells: its noisy current and voltage, and the charge used by its own account."""
+    b, period = scenario.sensors.battery, 1.0 / scenario.loop.rate_hz
+    random = generator(seed, "battery", 0, "noise")
+    t = sampling_instants(b.rate_hz, scenario.seconds, 0.0, random)
+    t = t[t <= truth.t[-1]]
+    drawn = battery_current(scenario, truth.rotor)
+    used = np.cumsum(drawn) * period / 3600.0
+    volts = b.full_v - (b.full_v - b.empty_v) * used / b.capacity_ah - b.resistance_ohm * drawn
+    noise = random.standard_normal((len(t), 2))
+    told = np.maximum(interpolate_truth(drawn, t, period) + b.noise_a * noise[:, 0], 0.0)
+    return BatteryStream(
+        t, interpolate_truth(volts, t, period) + b.noise_v * noise[:, 1], told, interpolate_truth(used, t, period)
+    )
+
+
+def sample_rpm(scenario: Scenario, seed: int, truth: Truth) -> RpmStream | None:
+    """Rotor speeds as told; None without such telemetry. Standing rotors tell 0."""
+    s = scenario.sensors.rpm
+    if s is None:
+        return None
+    random = generator(seed, "rpm", 0, "noise")
+    t = sampling_instants(s.rate_hz, scenario.seconds, 0.0, random)
+    t = t[t <= truth.t[-1]]
+    true = interpolate_truth(truth.rotor, t, 1.0 / scenario.loop.rate_hz) * 30.0 / math.pi
+    told = np.where(true > 1.0, np.maximum(true + s.noise_rpm * random.standard_normal(true.shape), 0.0), 0.0)
+    return RpmStream(t, s.step_rpm * np.round(told / s.step_rpm) if s.step_rpm > 0 else told)
+
+
+# A magnetometer: the earth's field in body axes, iron on board, the battery's current, noise, counts.
+
+
+class MagSensor(SlowSensor):
+    """``field = soft_iron R_mount^T (R^T B + hard iron + current) + noise``, clipped and rounded, T."""
+
+    def __init__(self, scenario: Scenario, number: int, seed: int) -> None:
+        s = scenario.sensors.mag[number]
+        super().__init__(
+            "mag", number, scenario, seed, s.rate_hz, s.jitter_s, s.delay_s, s.loss_pct, s.gaps, s.hidden_delay_s
+        )
+        self.kept &= ~silence(self.faults, self.instants)
+        spread = generator(seed, "mag", number, "iron").standard_normal(3)
+        self.hard = (np.array(s.hard_iron_ut) + s.hard_iron_spread_ut * spread) * 1e-6
+        mount = rotation.to_matrix(rotation.from_euler(*np.radians(s.rotation_deg)))
+        self.matrix: Array = np.array(s.soft_iron) @ mount.T
+        noise = generator(seed, "mag", number, "noise").standard_normal((len(self.instants), 3))
+        self.noise = noise * s.noise_ut_rthz * 1e-6 * math.sqrt(s.rate_hz)
+        self.per_ampere = np.array(s.current_ut_a) * 1e-6
+        self.limit, self.step, self.rate_hz = s.range_ut * 1e-6, s.step_ut * 1e-6, s.rate_hz
+        self.field = np.zeros((len(self.instants), 3))
+
+    def measure(self, truth: Truth, k: NDArray[np.int64]) -> None:
+        t = self.instants[k]
+        b = rotation.rotate_inverse(
+            interpolate_attitude(truth.q, t, self.period), interpolate_truth(truth.field, t, self.period)
+        )
+        b = b + self.hard
+        if self.per_ampere.any():
+            b = (
+                b
+                + battery_current(self.scenario, interpolate_truth(truth.rotor, t, self.period))[:, None]
+                * self.per_ampere
+            )
+        x = b @ self.matrix.T + self.noise[k]
+        x = np.clip(x, -self.limit, self.limit)
+        if self.step > 0:
+            x = self.step * np.floor(x / self.step + 0.5)
+        if self.faults:
+            last = self.field[k[0] - 1] if k[0] else np.zeros(3)
+            x = damage(self.faults, t, x, last, self.seed)
+        self.field[k] = x
+
+    def stream(self) -> MagStream:
+        """All samples that arrived."""
+        keep = np.flatnonzero(self.kept[: self.next])
+        return MagStream(self.number, self.rate_hz, self.t[keep], self.t_sample[keep], self.field[keep])
+
+
+# A GNSS receiver: position and velocity of its antenna, late, with white noise and a slow wander.
+
+STILL_UNKNOWN = 99.0
+"""What a receiver states as its accuracy without a fix, m."""
+
+
+class GnssSensor(SlowSensor):
+    """Fixes in earth axes; the antenna's lever arm acts on position and velocity."""
+
+    def __init__(self, scenario: Scenario, number: int, seed: int) -> None:
+        s = self.settings = scenario.sensors.gnss[number]
+        super().__init__("gnss", number, scenario, seed, s.rate_hz, s.jitter_s, s.delay_s, s.loss_pct)
+        self.kept &= ~silence(self.faults, self.instants)
+        count = len(self.instants)
+        white = generator(seed, "gnss", number, "noise").standard_normal((count, 6))
+        self.noise = white * np.array([s.noise_h_m] * 2 + [s.noise_v_m] + [s.noise_speed_m_s] * 3)
+        stays = math.exp(-1.0 / (s.rate_hz * s.wander_s))
+        drawn = generator(seed, "gnss", number, "wander").standard_normal((count, 3)) * [1.0, 1.0, 2.0]
+        wander = np.zeros((count, 3))
+        value = np.zeros(3)
+        for k in range(count):
+            value = drawn[k] if k == 0 else stays * value + math.sqrt(1.0 - stays * stays) * drawn[k]
+            wander[k] = value
+        self.noise[:, :3] += s.wander_m * wander
+        self.fixed = self.instants >= s.first_fix_s
+        for begin, end in s.outages:
+            self.fixed &= (self.instants < begin) | (self.instants >= end)
+        self.pv = np.zeros((count, 6))
+
+    def measure(self, truth: Truth, k: NDArray[np.int64]) -> None:
+        t, arm = self.instants[k], np.array(self.settings.antenna_m)
+        self.pv[k, :3] = interpolate_truth(truth.p, t, self.period)
+        self.pv[k, 3:] = interpolate_truth(truth.v, t, self.period)
+        if arm.any():
+            q = interpolate_attitude(truth.q, t, self.period)
+            self.pv[k, :3] += rotation.rotate(q, arm)
+            self.pv[k, 3:] += rotation.rotate(q, np.cross(interpolate_truth(truth.w, t, self.period), arm))
+        self.pv[k] += self.noise[k]
+        for part in (slice(0, 3), slice(3, 6)) if self.faults else ():
+            last = self.pv[k[0] - 1, part] if k[0] else np.zeros(3)
+            self.pv[k, part] = damage(self.faults, t, self.pv[k, part], last, self.seed)
+
+    def fix(self, k: int) -> Fix | None:
+        """Fix number ``k`` as the autopilot gets it, None where there was none."""
+        return Fix(float(self.t_sample[k]), self.pv[k, :3], self.pv[k, 3:]) if self.fixed[k] else None
+
+    def stream(self) -> GnssStream:
+        """All messages that arrived; those without a fix hold no position."""
+        s, keep = self.settings, np.flatnonzero(self.kept[: self.next])
+        has = self.fixed[keep]
+        ned = np.where(has[:, None], self.pv[keep, :3], np.nan)
+        lat, lon, alt = geodetic(self.scenario, ned)
+        h = math.hypot(math.sqrt(2.0) * s.noise_h_m, math.sqrt(2.0) * s.wander_m)
+        v = math.hypot(s.noise_v_m, 2.0 * s.wander_m)
+        return GnssStream(
+            instance=self.number,
+            rate_hz=s.rate_hz,
+            t=self.t[keep],
+            t_sample=self.t_sample[keep],
+            lat=lat,
+            lon=lon,
+            alt=alt,
+            ned=ned,
+            vel=np.where(has[:, None], self.pv[keep, 3:], np.nan),
+            h_acc=np.where(has, h, STILL_UNKNOWN),
+            v_acc=np.where(has, v, STILL_UNKNOWN),
+            s_acc=np.where(has, max(math.sqrt(3.0) * s.noise_speed_m_s, 0.01), STILL_UNKNOWN),
+            fix=np.where(has, 3, 0),
+            satellites=np.where(has, 14, 0),
+            utc=self.scenario.place.unix_time + self.t_sample[keep],
+        )
+
+
+# A barometer: pressure of the standard atmosphere with noise, walk and counts.
+
+
+class BaroSensor(SlowSensor):
+    """Pressure [Pa] and the height of the standard atmosphere that it means [m]."""
+
+    def __init__(self, scenario: Scenario, number: int, seed: int) -> None:
+        s = scenario.sensors.baro[number]
+        super().__init__("baro", number, scenario, seed, s.rate_hz, s.jitter_s, s.delay_s, s.loss_pct, s.gaps)
+        self.kept &= ~silence(self.faults, self.instants)
+        count = len(self.instants)
+        noise = generator(seed, "baro", number, "noise").standard_normal((count, 2))
+        walk = np.cumsum(noise[:, 1]) * s.walk_m_rts / math.sqrt(s.rate_hz)
+        self.error = s.offset_m + s.noise_m_rthz * math.sqrt(s.rate_hz) * noise[:, 0] + walk
+        self.pressure, self.step, self.rate_hz = np.zeros(count), s.step_pa, s.rate_hz
+
+    def measure(self, truth: Truth, k: NDArray[np.int64]) -> None:
+        t = self.instants[k]
+        height = self.scenario.place.alt_m - interpolate_truth(truth.p, t, self.period)[:, 2] + self.error[k]
+        if self.faults:
+            last = height_of(self.pressure[k[0] - 1 : k[0]]) if k[0] else height[:1]
+            height = damage(self.faults, t, height[:, None], last, self.seed)[:, 0]
+        told = pressure(height)
+        self.pressure[k] = self.step * np.round(told / self.step) if self.step > 0 else told
+
+    def height(self, k: int) -> float:
+        """Height [m] above the take-off place that sample ``k`` means."""
+        return float(height_of(self.pressure[k : k + 1])[0]) - self.scenario.place.alt_m
+
+    def stream(self) -> BaroStream:
+        """All samples that arrived."""
+        keep = np.flatnonzero(self.kept[: self.next])
+        p = self.pressure[keep]
+        height = height_of(p)
+        warm = SEA_KELVIN - 273.15 - LAPSE * height + 20.0
+        return BaroStream(self.number, self.rate_hz, self.t[keep], self.t_sample[keep], p, height, warm)

@@ -1,1 +1,0 @@
-"""One file per sensor: what it measures of a motion, with its errors."""

@@ -1,0 +1,414 @@
+"""An event of a flight: what happened, when, how large, and who says so."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from attlog.core import rotation
+from attlog.core.spans import Span, between, inside, merge
+from attlog.flight.model import VIBRATION_LIMITS, FlightLog, Stream
+from attlog.segments.airborne import height_stream
+from attlog.segments.impacts import CrashEvent, shows_impacts
+from attlog.segments.model import Segments
+from attlog.segments.windows import vibration_levels
+
+EventSeverity = Literal["info", "note", "warning", "serious"]
+KINDS = (
+    "power_up",
+    "armed",
+    "disarmed",
+    "liftoff",
+    "landing",
+    "hard_landing",
+    "impact",
+    "overturn",
+    "tumble",
+    "wreck_moved",
+    "ends_in_air",
+    "clipping",
+    "vibration",
+    "realigned",
+    "reset",
+    "lane_switch",
+    "sensor_switch",
+    "compass_switch",
+    "aid_rejected",
+    "gnss_lost",
+    "gnss_jump",
+    "failsafe",
+    "battery",
+    "message",
+)
+CRASHES = ("impact", "overturn", "tumble")
+"""A crash is one of these with severity ``serious``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """What happened at ``t`` s, until ``t_end`` s where it lasted: one of KINDS, a sentence, its size and the evidence.
+
+    ``evidence`` are the sources that tell it: sensors with what they show, flags, and the autopilot's own words.
+    """
+
+    kind: str
+    t: float
+    severity: EventSeverity
+    text: str
+    t_end: float | None = None
+    value: float | None = None
+    unit: str = ""
+    evidence: list[str] = field(default_factory=list)
+
+    @property
+    def is_crash(self) -> bool:
+        """Whether control or the vehicle was lost."""
+        return self.kind in CRASHES and self.severity == "serious"
+
+
+def format_significant(x: float, count: int = 2) -> str:
+    """A size with so many significant figures at least, without an exponent: 4.6, 13, 250."""
+    if x == 0.0:
+        return "0"
+    digits = count - len(str(int(abs(x)))) if abs(x) >= 1.0 else count
+    return f"{x:.{max(digits, 0)}f}"
+
+
+def format_time(t: float) -> str:
+    """When something was, in words; a clock that begins a little late tells no "-0.0 s"."""
+    return f"at {max(t, 0.0) if t > -0.05 else t:.1f} s"
+
+
+# What autopilots say, by kind: texts are told once, at their time, in the autopilot's own words.
+
+Text = tuple[float, int, str]
+
+WARNING = 4
+"""The level of syslog from which a text is a warning."""
+MESSAGE_MARGIN_S = 2.0
+WARNING_WORDS = re.compile(
+    r"fail|crash|glitch|variance|unhealthy|not healthy|inconsistent|error|lost|bad |emergency|terminat|estop|"
+    r"thrust loss|imbalance|vibration comp|clipping|parachute|forced reset|stopped aiding|re-aligned|lane switch|"
+    r"not safe|land now|too |needs calibration|low batt|battery \d? ?(is )?(low|critical)|rejected|timeout|"
+    r"dead reckon|kill.?switch|thrust|throttle not",
+    re.IGNORECASE,
+)
+"""ArduPilot gives most of its texts one level: these words make one a warning."""
+HARMLESS_WORDS = re.compile(
+    r"failsafe (cleared|deactivated)|glitch cleared|autotest|^SRC=|^scenario: |no error|fail.?safe.*(off|disabled)",
+    re.I,
+)
+REALIGNED = re.compile(r"yaw re-?aligned|yaw align|yaw reset|emergency yaw", re.IGNORECASE)
+ANOMALY = re.compile(r"anomaly|re-?aligned|reset|emergency", re.IGNORECASE)
+LANE = re.compile(r"lane switch|primary EKF changed|primary changed", re.IGNORECASE)
+COMPASS = re.compile(r"switching to compass|(mag|compass).*(switch|failed|failover)", re.IGNORECASE)
+JUMP = re.compile(r"gps glitch(?! cleared)|gnss.*jump|gps.*jamm|spoof", re.IGNORECASE)
+CLIPS = re.compile(r"clipping", re.IGNORECASE)
+CRASHED = re.compile(r"\bcrash(ed)?\b(?!.{0,2}(check|dump|log|catcher))|crash: disarm", re.IGNORECASE)
+KILLED = re.compile(r"kill.?switch engaged|motor ?e-?stop(ped)?( |:)*(high|on|engaged)?$|emergency stop", re.IGNORECASE)
+FAILSAFE = re.compile(r"failsafe", re.IGNORECASE)
+BATTERY = re.compile(r"batt", re.IGNORECASE)
+MOTOR_TEST = re.compile(r"^starting motor test", re.IGNORECASE)
+PREARM = re.compile(r"pre-?arm|preflight fail|^arm:|arming denied|arming_checks", re.IGNORECASE)
+ARMING = re.compile(r"^pre-?arm|^arm:", re.IGNORECASE)
+PREFIX = re.compile(r"^\[[\w ]+\]\s*")
+MAX_TEXT = 110
+MAX_MESSAGES = 100
+"""A flight says a few dozen things; a damaged one could say anything."""
+
+
+def clean_text(text: str) -> str:
+    """A text without the module's name before it, in one line."""
+    return PREFIX.sub("", " ".join(text.split()))[:MAX_TEXT].strip()
+
+
+def quote_text(text: Text) -> str:
+    """A text as evidence."""
+    return f"text at {text[0]:.1f} s: {clean_text(text[2])}"
+
+
+def matching_texts(log: FlightLog, pattern: re.Pattern[str]) -> list[Text]:
+    """The texts that a pattern fits, in time order; what is said of arming alone is none."""
+    return sorted((x for x in log.texts if pattern.search(x[2]) and not ARMING.search(x[2])), key=lambda x: x[0])
+
+
+def is_warning(text: Text) -> bool:
+    """Whether the autopilot warns with a text."""
+    return not HARMLESS_WORDS.search(text[2]) and (text[1] <= WARNING or bool(WARNING_WORDS.search(text[2])))
+
+
+def message_events(log: FlightLog, told: Iterable[Text], flights: list[Span]) -> list[Event]:
+    """The warnings and errors that stand in no other event; one that repeats is one event.
+
+    In flight (``flights``) they are warnings, on the ground notes.
+    """
+    near = [(a - MESSAGE_MARGIN_S, b + MESSAGE_MARGIN_S) for a, b in flights]
+    taken = {(t, text) for t, _, text in told}
+    found: dict[str, list[Text]] = {}
+    for text in sorted(log.texts, key=lambda x: x[0]):
+        if is_warning(text) and (text[0], text[2]) not in taken:
+            found.setdefault(clean_text(text[2]), []).append(text)
+    events = []
+    for words, texts in list(found.items())[:MAX_MESSAGES]:
+        first, last = texts[0], texts[-1]
+        in_flight = any(a <= t <= b for t, _, _ in texts for a, b in near)
+        weight: EventSeverity = "warning" if in_flight and not PREARM.search(first[2]) else "note"
+        times = f" ({len(texts)} times)" if len(texts) > 1 else ""
+        t_end = last[0] if len(texts) > 1 else None
+        events.append(Event("message", first[0], weight, f"“{words}”{times}.", t_end, evidence=[quote_text(first)]))
+    return events
+
+
+# Arming, lift-off, landing, and how flights ended: the events of movement.
+
+END_S = 1.0
+"""A flight that lasts to within so much of the log's end has no end in it."""
+BEGUN_S = 0.5
+"""A flight that lasts from so soon after the log's begin had begun before."""
+BOOT_S = 3600.0
+FULL_PEAK_HZ = 100.0
+"""Below this rate of the IMU a blow was at least what it shows."""
+TAKE_OFF = re.compile(r"takeoff detected", re.IGNORECASE)
+LANDED = re.compile(r"landing detected|land complete", re.IGNORECASE)
+TEXT_MARGIN_S = 5.0
+MOVES, MOVES_S = 0.4, 2.0
+OVER_DEG = 90.0
+
+
+def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
+    """The events in no order, and the texts that are told in them."""
+    told: list[Text] = []
+    found = [*_power_up(log), *_arming(log)]
+    flights = segments.spans("airborne")
+    crashes = [e for e in segments.endings if e.is_crash]
+    end = max((s.t1 for s in segments.of("continuous")), default=log.seconds)
+    begin = min((s.t0 for s in segments.of("continuous")), default=0.0)
+    for a, b in flights:
+        if a - begin > BEGUN_S:
+            found.append(_flown_event(log, "liftoff", a, "Lifted off", matching_texts(log, TAKE_OFF), told))
+        ended = [e for e in segments.endings if abs(e.t - b) <= TEXT_MARGIN_S]
+        if not ended and end - b < END_S:
+            found.append(
+                Event(
+                    "ends_in_air", b, "note", f"The log ends in the air, at {b:.1f} s.", evidence=_flight_sources(log)
+                )
+            )
+        elif not ended:
+            found.append(_flown_event(log, "landing", b, "Landed", matching_texts(log, LANDED), told))
+    said = matching_texts(log, CRASHED)
+    reported = [p for p in log.problems if p.code == "crash" and p.t is not None]
+    for ending in segments.endings:
+        evidence = list(_physical_evidence(ending))
+        near = [x for x in said if -2.0 <= x[0] - ending.t <= 10.0] if ending.is_crash else []
+        told += near
+        evidence += [quote_text(x) for x in near[:1]]
+        evidence += [
+            p.text for p in reported if p.t is not None and ending.is_crash and -2.0 <= p.t - ending.t <= 10.0
+        ][:1]
+        found.append(_crash_event(ending, evidence))
+    found += _wreck_moved(segments, crashes, end)
+    return found, told
+
+
+def _power_up(log: FlightLog) -> list[Event]:
+    """When the autopilot was switched on, where its clock tells."""
+    at = -1e-6 * log.t0_us
+    if not 0 <= log.t0_us < 1e6 * BOOT_S:
+        return []
+    text = f"Switched on {-at:.0f} s before the log’s first sample."
+    return [Event("power_up", at, "info", text, evidence=["boot clock"])]
+
+
+def _arming(log: FlightLog) -> list[Event]:
+    """Arming and disarming, by the flag's changes; what holds at the log's start began before it."""
+    line = log.armed
+    if line is None or not line.value:
+        return []
+    found = []
+    before: bool | None = None
+    for t, value in zip(line.t.tolist(), line.value, strict=True):
+        armed = bool(value)
+        if (before is not None and armed != before) or (before is None and armed):
+            kind, word = ("armed", "Armed") if armed else ("disarmed", "Disarmed")
+            since = " before the log begins" if before is None and t <= 0.0 else f" at {t:.1f} s"
+            found.append(Event(kind, t, "info", f"{word}{since}.", evidence=[line.source]))
+        before = armed
+    return found
+
+
+def _flown_event(log: FlightLog, kind: str, t: float, word: str, texts: list[Text], told: list[Text]) -> Event:
+    """A lift-off or landing, with what the autopilot says of it."""
+    near = [x for x in texts if abs(x[0] - t) <= TEXT_MARGIN_S]
+    told += near
+    return Event(
+        kind, t, "info", f"{word} at {t:.1f} s.", evidence=[*_flight_sources(log), *(quote_text(x) for x in near[:1])]
+    )
+
+
+def _flight_sources(log: FlightLog) -> list[str]:
+    """What tells flight in a log: its IMU, else a height."""
+    if log.imu is not None:
+        return ["IMU"]
+    stream = height_stream(log)
+    return ["throttle" if stream is None else stream.source]
+
+
+def _physical_evidence(ending: CrashEvent) -> tuple[str, ...]:
+    return tuple(f"{source}: {ending.why}" for source in ending.sources[:2]) or (ending.why,)
+
+
+def format_size(ending: CrashEvent) -> str:
+    """The size of an ending, with "at least" where the IMU was too slow for its peak."""
+    if ending.unit == "g":
+        least = "at least " if ending.rate < FULL_PEAK_HZ else ""
+        return f"{least}{format_significant(ending.size)} g"
+    return f"{ending.size:.0f}°" + ("/s" if ending.unit == "deg/s" else "")
+
+
+def overturn_word(ending: CrashEvent) -> str:
+    """What an overturn is called: up to 90 deg it fell over."""
+    return "Turned over" if ending.size > OVER_DEG else "Fell over"
+
+
+def _crash_event(ending: CrashEvent, evidence: list[str]) -> Event:
+    lies = "" if ending.lies_deg is None else f" It then lay at {ending.lies_deg:.0f}°."
+    words = {
+        "impact": f"Hit the ground or an obstacle at {ending.t:.1f} s: {format_size(ending)}.",
+        "hard_landing": f"Hard landing at {ending.t:.1f} s: {format_size(ending)}, and it stayed upright.",
+        "overturn": f"{overturn_word(ending)} at {ending.t:.1f} s, to {format_size(ending)}.",
+        "tumble": f"Tumbled at {ending.t:.1f} s, at up to {format_size(ending)}, which nobody asked for.",
+    }
+    weight: EventSeverity = "serious" if ending.is_crash else "warning"
+    text = words[ending.kind] + (lies if ending.is_crash else "")
+    unit = {"deg": "°", "deg/s": "°/s"}.get(ending.unit, ending.unit)
+    t_end = ending.t_end if ending.t_end - ending.t > 0.5 else None
+    return Event(ending.kind, ending.t, weight, text, t_end, round(ending.size, 2), unit, evidence)
+
+
+def _wreck_moved(segments: Segments, crashes: list[CrashEvent], end: float) -> list[Event]:
+    """When a wreck was picked up or moved: it lay still for a while, and then moves without drive."""
+    air = segments.air
+    if air is None or not crashes or air.grid.slow:
+        return []
+    grid, found = air.grid, []
+    for wreck in [s for kind in ("impact", "loss_of_control") for s in segments.of(kind)]:
+        part = between(grid.t, wreck.t0 + TEXT_MARGIN_S, min(wreck.t1, end))
+        moves = (np.nan_to_num(grid.dynamics[part]) > MOVES) & ~air.driven[part] & grid.known[part]
+        still = np.flatnonzero(np.nan_to_num(grid.dynamics[part], nan=9.0) < 0.0)
+        if len(still) and moves[still[0] :].sum() * 0.1 >= MOVES_S:
+            t = float(grid.t[part][still[0] + int(np.argmax(moves[still[0] :]))])
+            text = f"The wreck was moved or carried from {t:.0f} s."
+            found.append(Event("wreck_moved", t, "info", text, evidence=["IMU, without drive"]))
+    return found[:1]
+
+
+def impact_limit_text(log: FlightLog) -> str:
+    """Why a crash that left it upright could not be told; empty where the IMU is fast enough."""
+    rate = max((imu.acc.rate for imu in log.imus), default=0.0)
+    if shows_impacts(log) or rate == 0.0:
+        return ""
+    return f"IMU at {rate:.0f} Hz: a blow shorter than {1000.0 / rate:.0f} ms would not show"
+
+
+# Clipping and vibration: what flight did to the accelerometers, from when to when.
+
+STRONG_M_S2, STRONG_S = 15.0, 5
+ONBOARD_M_S2, MIN_LEVELS = 60.0, 10
+MAX_CHANCE_CLIPS, MAX_NOTE_CLIPS = 3, 10
+"""Clipped samples up to so many are chance, and no warning."""
+LANDING_S, BLOW_S = 1.0, 0.1
+"""Before the end of a flight: what a touch-down, or the blow of a crash, does to a range is no clipping in flight."""
+FAST_IMU_HZ = 40.0
+
+
+def sensor_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
+    """Clipping of the accelerometers and vibration in flight, and the texts that are told in them."""
+    found, told = [], []
+    if any(problem.code == "imu_mostly_refused" for problem in log.problems):
+        return [], []  # what is no measurement of a vehicle clips no sensor
+    within = clipping_spans(segments)
+    clip, texts = _clipping_event(log, within)
+    if clip is not None:
+        found.append(clip)
+        told += texts
+    crashes = [e.t for e in segments.endings if e.is_crash]
+    shaken = _vibration_event(
+        log, [(a, min([b, *(t - LANDING_S for t in crashes if a < t)])) for a, b in segments.spans("airborne")]
+    )
+    return [*found, *([shaken] if shaken is not None else [])], told
+
+
+def clipping_spans(segments: Segments) -> list[Span]:
+    """When clipping counts: in flight but for the touch-down, and while something that never flew was driven."""
+    flights = segments.spans("airborne")
+    crashes = [e.t for e in segments.endings if e.is_crash]
+    if flights:
+        return [(a, b - (BLOW_S if any(abs(b - t) < 0.5 for t in crashes) else LANDING_S)) for a, b in flights]
+    return merge(segments.spans("armed"))
+
+
+def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, list[Text]]:
+    """The flags of the selected unit tell the time, the counters of every unit the number."""
+    first: list[float] = []
+    last: list[float] = []
+    counts: dict[str, int] = {}
+    for clipping in log.clippings:
+        if clipping.sensor != "accelerometer":
+            continue
+        mine = inside(clipping.t, within) & (clipping.new > 0)
+        if mine.any():
+            counts[clipping.source] = int(clipping.new[mine].sum())
+            first.append(float(clipping.t[mine][0]))
+            last.append(float(clipping.t[mine][-1]))
+    if not counts or max(counts.values()) <= MAX_CHANCE_CLIPS:
+        return None, []
+    flags = [c for c in log.clippings if not c.whole and c.source in counts]
+    t = float(flags[0].t[inside(flags[0].t, within) & (flags[0].new > 0)][0]) if flags else min(first)
+    most = max(counts.values())
+    said = [x for x in matching_texts(log, CLIPS) if -1.0 <= x[0] - t <= max(last) - t + 5.0]
+    text = f"The accelerometer clipped from {t:.1f} s to {max(last):.1f} s: {most:,} samples."
+    evidence = [*(f"{source}: {n:,} samples" for source, n in counts.items()), *(quote_text(x) for x in said[:1])]
+    weight: EventSeverity = "warning" if most > MAX_NOTE_CLIPS else "note"
+    return Event("clipping", t, weight, text, max(last), float(most), "samples", evidence), said
+
+
+def _is_calm(own: Stream | None, flown: list[Span]) -> bool:
+    """Whether the autopilot's own measure of the worst axis is as it should be in flight."""
+    if own is None:
+        return False
+    x = own.x[inside(own.t, flown) & rotation.finite_rows(own.x)].max(axis=1, initial=0.0)
+    limits = VIBRATION_LIMITS["rest"]
+    return len(x) >= MIN_LEVELS and bool(np.quantile(x, limits.share) <= limits.warning)
+
+
+def _vibration_event(log: FlightLog, flown: list[Span]) -> Event | None:
+    """Vibration in flight above 15 m/s^2 (rms of the worst axis), or above 60 by the autopilot's own measure.
+
+    None where that measure, made of every sample, stays below its limit: the logged ones fold and count motion.
+    """
+    imu = log.replay_imu
+    if imu is None or _is_calm(log.onboard_vibration, flown):
+        return None
+    t, x = vibration_levels(imu, flown)
+    strong = x.max(axis=1) > STRONG_M_S2 if len(t) else np.zeros(0, bool)
+    if np.count_nonzero(strong) >= STRONG_S:
+        size = float(np.median(x[strong].max(axis=1)))
+        a, b = float(t[strong][0]), float(t[strong][-1]) + 1.0
+        source = f"{imu.acc.source}: {format_significant(size)} m/s² rms"
+    elif log.onboard_vibration is not None:
+        own = log.onboard_vibration
+        mine = inside(own.t, flown)
+        high = mine & rotation.finite_rows(own.x) & (np.nan_to_num(own.x).max(axis=1, initial=0.0) > ONBOARD_M_S2)
+        if np.count_nonzero(high) < 3:
+            return None
+        size = float(np.median(own.x[high].max(axis=1)))
+        a, b = float(own.t[high][0]), float(own.t[high][-1])
+        source = f"{own.source}: {format_significant(size)} m/s²"
+    else:
+        return None
+    text = f"Strong vibration from {a:.0f} to {b:.0f} s: {format_significant(size)} m/s²."
+    return Event("vibration", a, "warning", text, b, round(size, 1), "m/s²", [source])

@@ -1,0 +1,288 @@
+"""What is wrong with this log and what to do, as it is shown: a line for each finding, its evidence behind it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from attlog.health.check import agreed_settings
+from attlog.health.settings import param_file
+from attlog.result import TOPICS, Assessment, Check, Setting, setting_number
+from attlog.result.model import Result as model_Result
+from attlog.words.numbers import MINUS, decimals, duration, interval, moment, number, quantity, unit_sign
+from attlog.words.text import clean, typeset
+
+if TYPE_CHECKING:
+    from attlog.result import Finding, Result
+
+
+SEVERITY = {
+    "serious": ("Serious", "bad"),
+    "warning": ("Warning", "warn"),
+    "note": ("Note", "note"),
+    "info": ("Note", "note"),
+}
+"""Severity, worst first: its label and style."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShownFinding:
+    """A finding as it is shown: its sentence in three parts, of which the second is when it was (may be empty).
+
+    ``t`` s, None where it has no time; ``why``: evidence, and the cause, a line each.
+    """
+
+    label: str
+    style: str
+    before: str
+    when: str
+    after: str
+    t: float | None
+    action: str
+    why: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The sentence."""
+        return f"{self.before}{self.when}{self.after}"
+
+    @property
+    def line(self) -> str:
+        """The sentence and what to do."""
+        return f"{self.text} {self.action}".strip()
+
+    @property
+    def is_note(self) -> bool:
+        """Whether it changes nothing for the reader."""
+        return self.style == "note"
+
+
+def findings(result: Result) -> list[ShownFinding]:
+    """The findings of a result as they are shown."""
+    return shown_findings(result.findings)
+
+
+def shown_findings(found: Iterable[Finding]) -> list[ShownFinding]:
+    """Findings as they are shown, worst first."""
+    order = {name: i for i, name in enumerate(SEVERITY)}
+    return [_shown_finding(finding) for finding in sorted(found, key=lambda f: order.get(f.severity, 9))]
+
+
+def no_problem_text(shown: list[ShownFinding], hidden: int = 0) -> str:
+    """What stands where nothing is listed; ``hidden`` notes are not."""
+    if shown:
+        return ""
+    notes = {0: "", 1: "; 1 note with -v"}.get(hidden, f"; {hidden} notes with -v")
+    return f"No problem was found{notes}."
+
+
+def _shown_finding(finding: Finding) -> ShownFinding:
+    label, style = SEVERITY.get(finding.severity, ("Note", "note"))
+    text = typeset(finding.text)
+    if finding.offset is not None and str(finding.offset) not in finding.text:
+        text = f"{text.rstrip('.')}, at byte {finding.offset:,}."
+    t = round(finding.t, 3) if finding.t is not None and math.isfinite(finding.t) else None
+    told = any(f" {n} " in f" {text} " for n in (str(finding.count), f"{finding.count:,}"))
+    times = f"{finding.count:,} times" if finding.count > 1 and not told else ""
+    before, when, after = _timed(text, t, times)
+    why = [typeset(line) for line in finding.evidence]
+    why += [f"Cause: {typeset(finding.cause)}"] if finding.cause else []
+    action = "" if finding.action in finding.text else typeset(finding.action)
+    return ShownFinding(label, style, before, when, after, t, action, tuple(why))
+
+
+def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
+    """A sentence parted at its time, which is put at its end where it does not stand in it, with how often (times)."""
+    if t is None:
+        return (f"{text.rstrip('.')} ({times})." if times else text), "", ""
+    for written in dict.fromkeys((moment(t), f"{t:.1f} s", f"{t:.1f}", f"{t:.0f} s", f"{t:.0f}")):
+        found = re.search(rf"(?:(?<=at )|(?<=rom )|(?<=, )(?=[\d.]+ to )){re.escape(written)}(?![\d.]\d)", text)
+        if found:
+            after = text[found.end() :]
+            return text[: found.start()], written, f"{after.rstrip('.')} ({times})." if times else after
+    return f"{text.rstrip('.')} ({times + ', ' if times else ''}{'from' if times else 'at'} ", moment(t), ")."
+
+
+# Can the sensors be trusted, and what should be set? Assessments and checks as every output shows them.
+
+VERDICTS = ("fault", "warning", "ok", "unknown")
+"""Worst first; what cannot be told comes last."""
+BAD_VERDICTS = ("fault", "warning")
+LOPSIDED = 0.25
+"""An interval whose middle is off the value by more than this share of its half width is written as two ends."""
+COUNTED = ("satellites", "samples")
+"""Units of whole numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterChange:
+    """A parameter to set: its name, its value when the log was flown (empty where unknown) and the new one.
+
+    In signs that every terminal has, because values are typed or pasted from here.
+    """
+
+    name: str
+    old: str
+    new: str
+
+    def __str__(self) -> str:
+        """``COMPASS_OFS_X -12 -> 145``; the new value alone where the log does not hold the old one."""
+        return f"{self.name} {self.old} -> {self.new}" if self.old else f"{self.name} {self.new}"
+
+
+@dataclass(frozen=True, slots=True)
+class ShownAssessment:
+    """An assessment as it is shown: a row of a table on a terminal, in a file, on a page.
+
+    ``value`` with its unit and 95 % interval; ``text`` what was found; ``settings`` what to set, ``advice`` what to do
+    where there is nothing to set; ``why``: components, evidence, extent, limit, a line each.
+    """
+
+    sensor: str
+    question: str
+    verdict: str
+    value: str
+    text: str
+    settings: tuple[ParameterChange, ...]
+    advice: str
+    why: tuple[str, ...]
+    t: float | None
+
+    @property
+    def to_set(self) -> str:
+        """What to set or to do, in one line."""
+        return ", ".join(map(str, self.settings)) or self.advice
+
+    @property
+    def listed(self) -> bool:
+        """Whether a table of what matters holds it: something is off, or may be set."""
+        return self.verdict in BAD_VERDICTS or bool(self.settings)
+
+
+def shown_assessments(health: Iterable[Assessment]) -> list[ShownAssessment]:
+    """The assessments as they are shown: faults, warnings, what is ok, what cannot be told; else in their order."""
+    return sorted(map(_shown_assessment, health), key=lambda a: VERDICTS.index(a.verdict))
+
+
+def repeat_advice_once(rows: Iterable[ShownAssessment]) -> list[ShownAssessment]:
+    """The rows of a table in which the same advice to the same question stands once, at its first sensor."""
+    first: dict[tuple[str, str], str] = {}
+    found = []
+    for row in rows:
+        sensor = first.setdefault((row.question, row.advice), row.sensor)
+        again = row.advice and sensor != row.sensor
+        found.append(replace(row, advice=f"The same as for {sensor or 'the first'}.") if again else row)
+    return found
+
+
+def question_titles(rows: Iterable[ShownAssessment]) -> str:
+    """The questions of rows in one line, with the number of sensors where there are several: ``vibration (3)``."""
+    times = Counter(row.question for row in rows)
+    return ", ".join(f"{question} ({n})" if n > 1 else question for question, n in times.items())
+
+
+def reasons_unknown(rows: Iterable[ShownAssessment]) -> list[tuple[str, str]]:
+    """What cannot be told, and why: questions with the same reason together."""
+    asked: dict[str, list[str]] = {}
+    for row in rows:
+        why = row.text if row.advice in row.text else f"{row.text} {row.advice}"
+        asked.setdefault(why, []).append(f"{row.question} of {row.sensor}" if row.sensor else row.question)
+    return [("; ".join(dict.fromkeys(names)), why) for why, names in asked.items()]
+
+
+def checks_by_trouble(checks: Sequence[Check]) -> tuple[list[Check], list[Check]]:
+    """Checks that found something (faults first), and the others."""
+    trouble = sorted((c for c in checks if c.verdict in BAD_VERDICTS), key=lambda c: VERDICTS.index(c.verdict))
+    return trouble, [c for c in checks if c.verdict not in BAD_VERDICTS]
+
+
+def question_title(question: str) -> str:
+    """A question in words."""
+    return TOPICS[question].title if question in TOPICS else clean(question.replace("_", " "))
+
+
+def value_text(assessment: Assessment) -> str:
+    """The value with its unit and 95 % interval: ``15.1 ± 2.0 µT``, ``0.4 (0.1 to 1.9) m/s²``; empty without one."""
+    unit, ci95 = assessment.unit, assessment.ci95
+    value = number(assessment.value, unit)
+    if value and unit in COUNTED:
+        return f"{assessment.value:,.0f} {unit}"
+    if not value or ci95 is None or not interval(ci95, unit):
+        return quantity(assessment.value, unit)
+    sign = unit_sign(unit)
+    end = sign if sign.startswith(("°", "×")) or not sign else f" {sign}"
+    middle, half = 0.5 * (ci95[0] + ci95[1]), 0.5 * abs(ci95[1] - ci95[0])
+    if half == 0.0:
+        return quantity(assessment.value, unit)
+    if abs(middle - (assessment.value or 0.0)) > LOPSIDED * half:
+        return f"{value} ({interval(ci95, unit)}){end}"
+    plus = "+" if value.startswith("+") else ""
+    return f"{plus}{_with_half(assessment.value or 0.0, half, unit)}{end}"
+
+
+def parameter_change(setting: Setting) -> ParameterChange:
+    """A parameter to set as it is shown."""
+    old = "" if setting.old is None else setting_number(setting.old)
+    return ParameterChange(clean(setting.name), old, setting_number(setting.new))
+
+
+def parameter_changes(settings: Sequence[Setting], most: int) -> str:
+    """What to set in one line, at most so many by name."""
+    rest = len(settings) - most
+    named = ", ".join(str(parameter_change(setting)) for setting in settings[:most])
+    return f"{named} and {rest} more" if rest > 0 else named
+
+
+def _shown_assessment(one: Assessment) -> ShownAssessment:
+    advice = "" if one.settings else one.action or one.why_no_setting
+    why = [text for text in (one.action, one.why_no_setting) if text and text != advice]
+    extent = [f"n = {one.n:,}"] if one.n else []
+    extent += [f"over {duration(one.seconds)}"] if one.seconds > 0 else []
+    limit = f"{one.threshold} ({one.source})" if one.threshold and one.source else one.threshold
+    limit = f"O{limit[1:]}." if limit.startswith("ok") else f"Limit: {limit}." if limit else ""
+    why += [*_axes(one), *one.evidence, *([f"{' '.join(extent)}."] if extent else []), *([limit] if limit else [])]
+    return ShownAssessment(
+        clean(one.sensor),
+        question_title(one.question),
+        one.verdict if one.verdict in VERDICTS else "unknown",
+        value_text(one),
+        typeset(one.text),
+        tuple(map(parameter_change, one.settings)),
+        typeset(advice),
+        tuple(map(typeset, why)),
+        one.t,
+    )
+
+
+def _axes(one: Assessment) -> list[str]:
+    """The components along the body's axes with their intervals as one line: ``x 12.0 ± 2.0, y ... µT.``"""
+    numbers = [*one.vector, *one.vector_ci95]
+    if not one.vector or len(one.vector) != len(one.vector_ci95) or not all(map(math.isfinite, numbers)):
+        return []
+    each = zip("xyz", one.vector, one.vector_ci95, strict=False)
+    return [f"{', '.join(f'{axis} {_with_half(value, half, one.unit)}' for axis, value, half in each)} {one.unit}."]
+
+
+def _with_half(value: float, half: float, unit: str) -> str:
+    """A value and half the width of its interval to the same decimals, at least one of which the latter fills."""
+    places = decimals(max(abs(value), half), unit)
+    if half > 0.0:
+        places = max(places, min(-math.floor(math.log10(half)), 6))
+    return f"{value + 0.0:.{places}f} ± {half:.{places}f}".replace("-", MINUS)
+
+
+# What a result offers to set, as the file of its ground station.
+
+MAVLINK_ID_PARAMETER = "MAV_SYS_ID"
+"""PX4's own MAVLink id, which QGroundControl compares with the vehicle it is connected to."""
+
+
+def parameter_file(result: model_Result) -> str:
+    """The text of the ``.param`` file, empty where there is nothing to set."""
+    firmware = str((result.log.get("firmware") or {}).get("name") or "")
+    vehicle = (result.log.get("params") or {}).get(MAVLINK_ID_PARAMETER) or 1
+    return param_file(firmware, str(result.log.get("name") or "log"), agreed_settings(result.health), int(vehicle))

@@ -1,0 +1,204 @@
+"""What things are called: rows, heading references, what was compared with, codes of missing answers."""
+
+from __future__ import annotations
+
+import re
+
+from attlog.result import Duplicates, EstimatorRow, Result
+from attlog.words.numbers import listed, quantity
+
+ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "gsf", "imu", "marg", "mekf", "px4", "q", "ukf"})
+"""Words of names that are written in capitals; others are written as the estimator's title writes them."""
+
+SET_BY_HAND = ("option", "file")
+"""Origins of a parameter that the user gave: for this row, or in a ground station's file instead of the log's."""
+
+
+def row_name(row: EstimatorRow) -> str:
+    """The name of a row for people, by rule from its id: ``Mahony, Xu 0.6``, ``Mahony (kp 0.8)``, ``Onboard (ATT)``."""
+    return _named(row, ", ")
+
+
+def name_in_sentence(row: EstimatorRow) -> str:
+    """The same without commas, so that names can stand in a row: ``Mahony Xu 0.6``, ``Onboard``."""
+    return "Onboard" if row.name == "onboard" else _named(row, " ")
+
+
+def row_names(result: Result) -> dict[str, str]:
+    """The name of every row by id; rows that would be called the same keep their id beside it."""
+    names = {row.name: row_name(row) for row in result.estimators}
+    called = list(names.values())
+    return {key: name if called.count(name) == 1 else f"{name} [{key}]" for key, name in names.items()}
+
+
+def _named(row: EstimatorRow, comma: str) -> str:
+    if row.kind == "onboard":
+        _, _, other = row.name.partition(":")
+        return f"Onboard {other}" if other else f"Onboard ({row.title})" if row.title else "Onboard"
+    base, slash, imu = row.name.rpartition("/imu")
+    base = base if slash else row.name
+    known = row.estimator or base
+    if known == row.name:
+        known = base.partition(":")[0].partition("@")[0]
+    preset = row.preset or ""
+    parts = [_spelled(re.split(r"[_\s]+", known), row.title)]
+    if preset:
+        parts.append(_spelled(preset.replace("_", "-").split("-"), ""))
+    if slash:
+        parts.append(f"IMU {imu}")
+    by_hand = [f"{key} {_parameter_text(p.value)}" for key, p in row.parameters.items() if p.origin in SET_BY_HAND]
+    return comma.join(parts) + (f" ({', '.join(by_hand) if comma != ' ' else ' '.join(by_hand)})" if by_hand else "")
+
+
+def _spelled(words: list[str], title: str) -> str:
+    """Words of an id in the spelling of the title, abbreviations in capitals, the first with a capital."""
+    spelled = {w.lower(): w for w in re.findall(r"\w+", title)}
+    written = []
+    for word in words:
+        letters = word.rstrip("0123456789")
+        capital = word.upper() if {word.lower(), letters.lower()} & ABBREVIATIONS else word
+        written.append(spelled.get(word.lower(), capital))
+    text = " ".join(written)
+    return text[:1].upper() + text[1:]
+
+
+def _parameter_text(value: float | str) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+HEADING_REFERENCE = {
+    "rest": ("rest", "standing still"),
+    "truth": ("truth", "the truth"),
+    "smoother": ("smoother", "the smoother"),
+    "onboard": ("onboard", "onboard"),
+    "gnss_yaw": ("GNSS yaw", "the GNSS heading"),
+    "mag": ("mag", "the magnetometer"),
+    "yaw_estimator": ("yaw estimator", "the onboard yaw estimator"),
+    "course": ("GNSS course", "the GNSS course"),
+}
+"""A heading reference in a column heading, and in a sentence after "against"."""
+
+AGREEMENT = "onboard (agreement, not truth)"
+"""What has to be said where errors are differences from the autopilot's own attitude."""
+
+
+def heading_reference_short(reference: str) -> str:
+    """A heading reference in a column heading."""
+    return HEADING_REFERENCE.get(reference, (reference, ""))[0]
+
+
+def heading_reference_name(reference: str) -> str:
+    """A heading reference after "against"."""
+    return HEADING_REFERENCE.get(reference, ("", reference))[1]
+
+
+DOUBTS = {
+    "onboard": {
+        "heading by GNSS": "GNSS contradicts it",
+        "attitude jumps": "it jumps",
+        "second source": "another source differs",
+    },
+    "mag": {
+        "field": "its field is wrong",
+        "compass axes": "its axes are wrong",
+        "compass offset": "it is off",
+        "field against motors": "motors disturb it",
+    },
+}
+"""Checks that put a heading reference in doubt, in what words."""
+
+
+def truth_name(result: Result) -> str:
+    """Whose truth it is: the log's, or what the user brought."""
+    return "the logged truth" if result.reference is None or result.reference.fit is None else "your truth"
+
+
+def against_heading(result: Result, reference: str) -> str:
+    """The same in a verdict, with a warning where it is no truth, or in doubt."""
+    name = truth_name(result) if reference == "truth" else heading_reference_name(reference)
+    return f"{name} ({heading_warning(result, reference)})" if reference in DOUBTS else name
+
+
+def heading_warning(result: Result, reference: str) -> str:
+    """That a heading which filters share, or which flew, is no truth; why it is in doubt where it failed a check."""
+    least = ("fault",) if reference == "onboard" else ("fault", "warning")
+    failed = {check.name for check in result.audit if check.verdict in least}
+    doubt = next((words for name, words in DOUBTS[reference].items() if name in failed), "")
+    return f"in doubt: {doubt}" if doubt else "agreement, not truth"
+
+
+def against_whom(result: Result, *, sigma: bool = False) -> str:
+    """What the rows were compared with, with a warning where it is no truth; with its own sigma of tilt."""
+    reference = result.reference
+    choice = reference.choice if reference else ""
+    whom = {"truth": truth_name(result), "smoother": "the smoother"}.get(choice, AGREEMENT)
+    own = reference.sigma_tilt_deg if reference is not None and sigma else None
+    return f"{whom} (sigma {quantity(own, 'deg', signed=False)})" if own else whom
+
+
+CODES = {
+    "no_rest": ("no rest", "no rest"),
+    "rest_too_short": ("rest too short", "short"),
+    "no_reference": ("no reference", "no ref"),
+    "reference_too_slow": ("reference slow", "slow ref"),
+    "reference_diverged": ("reference diverged", "ref lost"),
+    "no_events": ("no steps", "no steps"),
+    "too_few_events": ("few steps", "few steps"),
+    "no_magnetometer": ("no mag", "no mag"),
+    "no_setpoint": ("no set-point", "no set"),
+    "no_gnss": ("no GNSS", "no GNSS"),
+    "not_converged": ("not converged", "unsettled"),
+    "diverged": ("diverged", "diverged"),
+    "not_a_pure_delay": ("not a pure delay", "not pure"),
+    "not_covered": ("not covered", "uncovered"),
+    "clock_unknown": ("clock unknown", "no clock"),
+    "not_applicable": ("n/a", "n/a"),
+    "did_not_move": ("did not move", "no move"),
+    "lag_at_edge": ("not a pure delay", "not pure"),
+    "rate_too_low": ("rate too low", "low rate"),
+    "record_too_short": ("too short", "short"),
+    "too_uncertain": ("too uncertain", "unsure"),
+    "part_failed": ("failed", "bug"),
+}
+"""What a cell without a value says, by code, and the same in at most 9 letters; the sentence stands beside it."""
+
+NOT_JUDGED = {
+    "not_a_pure_delay": "wrong angle in the step",
+    "lag_at_edge": "wrong angle in the step",
+    "too_few_events": "too few steps",
+    "not_covered": "not comparable",
+    "too_uncertain": "too uncertain",
+    "diverged": "diverged",
+    "not_converged": "did not settle",
+    "failed": "failed",
+    "not_judged": "not judged",
+}
+"""Codes and states in a sentence, in brackets after names."""
+
+
+# Rows that are one filter twice, in a sentence.
+
+
+def duplicate_rows_text(result: Result, equations: bool = True) -> list[str]:
+    """A sentence for each group of rows that share an equation (unless left out) or their attitudes."""
+    names = {row.name: name_in_sentence(row) for row in result.estimators}
+    return [
+        duplicate_sentence(group, [names.get(row, row) for row in group.rows])
+        for group in result.alike
+        if equations or group.by == "attitudes"
+    ]
+
+
+def duplicate_sentence(group: Duplicates, names: list[str]) -> str:
+    """The sentence for one group."""
+    which = listed(names)
+    values = [f"{name} ({', '.join(_short_value(v) for v in own)})" for name, own in group.differ.items()]
+    if group.by == "attitudes":
+        but = f" in spite of {listed(values)}" if values else ""
+        return f"{which} give the same attitudes in this log{but}: here they are one filter."
+    differ = f" and differ in {listed(values)}" if values else ""
+    return f"{which} share one equation ({group.source}){differ}."
+
+
+def _short_value(value: float | str) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)

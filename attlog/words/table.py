@@ -1,0 +1,240 @@
+"""Which columns the comparison has, in the order of the questions: for the page and for the terminal."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from attlog.result import Answer, EstimatorRow, Result
+from attlog.words.names import CODES, heading_reference_short
+from attlog.words.numbers import SIGNED, bracketed, half_width, number, unit_sign
+from attlog.words.ranking import (
+    AIR,
+    ALL,
+    DRIFT_AIR,
+    PHASES,
+    REST,
+    RankedValue,
+    has_value,
+    is_best,
+    is_ranked,
+    quoted_heading_reference,
+    reason_unranked,
+    rows_in_order,
+    value_of,
+    window_of,
+)
+from attlog.words.text import typeset
+
+
+@dataclass(frozen=True, slots=True)
+class TableColumn:
+    """A question of the table: ``metric`` in the first of ``windows`` in which a filter has a value.
+
+    ``contest`` is False for conditions of another column, which are never marked best.
+    ``spare`` says how soon a narrow terminal leaves it out: 0 never, the largest first. ``short`` is its title where a
+    question has one column, that of the first which has a value; empty where it stands in no short table.
+    """
+
+    title: str
+    metric: str
+    windows: tuple[str, ...] = field(default=ALL)
+    contest: bool = True
+    spare: int = 0
+    short: str = ""
+
+
+NOISE = "noise_tilt_deg"
+NOISE_TITLES = {
+    "rest": "Noise at rest",
+    "hover": "Noise added in hover",
+    "cruise": "Noise added moving",
+    "idle": "Noise added idling",
+}
+
+ERRORS = (
+    TableColumn("Tilt error RMS", "inclination_rmse_deg", AIR, short="Tilt"),
+    TableColumn("Heading error RMS", "heading_rmse_deg", AIR, spare=2, short="Heading"),
+)
+STEPS = (TableColumn("Lag", "lag_ms", AIR, short="Lag"), TableColumn("Step error", "step_error_deg.0.5s", AIR, spare=1))
+DRIFT_REST = TableColumn("Drift at rest", "drift_rest_deg_per_min", REST, short="Drift")
+COST = TableColumn("Cost", "cost_ns", ALL, contest=False, spare=4)
+
+
+AXIS_COLUMNS = tuple(
+    TableColumn(f"{axis.capitalize()} {title}", f"{metric}_{axis}{unit}", AIR, contest)
+    for axis in ("roll", "pitch", "yaw")
+    for metric, title, unit, contest in (
+        ("lag", "lag", "_ms", True),
+        ("step_gain", "gain", "", False),
+        ("distortion", "distortion", "_pct", False),
+    )
+)
+"""Lag, gain and shape of the steps by axis."""
+
+
+def table_columns(result: Result) -> list[TableColumn]:
+    """The comparison, in the order of the questions: errors, noise by phase, steps, drift, cost.
+
+    Noise has a column for each phase in which a filter has a value; of the drifts in the
+    air the quoted heading reference has one. All others stand in the expert's tables.
+    """
+    phases = [phase for phase in PHASES if _has_noise(result, phase)]
+    noise = [
+        TableColumn(NOISE_TITLES[p], NOISE, (p,), spare=3 if i else 0, short="Noise") for i, p in enumerate(phases)
+    ]
+    reference = quoted_heading_reference(result)
+    title = f"Air drift by {heading_reference_short(reference)}"
+    air = TableColumn(title, f"{DRIFT_AIR}.{reference}", AIR, spare=2, short="Drift")
+    return [*ERRORS, *noise, *STEPS, DRIFT_REST, air, COST]
+
+
+def _has_noise(result: Result, phase: str) -> bool:
+    rows = (row for row in result.estimators if row.kind == "replay")
+    return any(has_value(row.metrics.get(phase, {}).get(NOISE)) for row in rows)
+
+
+# One answer as a cell: its number and interval, or a word for what is missing; best, or shown but not ranked.
+
+FULL_COVERAGE_PCT = 95.0
+
+
+@dataclass(slots=True)
+class TableCell:
+    """One value as it is shown.
+
+    ``small`` stands below the number (interval, share of the time), ``half`` is half of
+    the interval for one line, ``brief`` the text where there is little room. ``sort`` is
+    None where there is nothing to sort by.
+    """
+
+    text: str
+    small: tuple[str, ...] = ()
+    half: str = ""
+    brief: str = ""
+    missing: bool = False
+    best: bool = False
+    unranked: bool = False
+    reason: str = ""
+    sort: float | None = None
+
+
+def table_cell(result: Result, row: EstimatorRow, column: TableColumn, window: str) -> TableCell:
+    """The cell of a row in a column, which has one window for all rows."""
+    answer = row.metrics.get(window, {}).get(column.metric)
+    if answer is None:
+        word = "failed" if row.status == "failed" else "n/a"
+        return TableCell(word, brief=word, missing=True, reason=row.reason)
+    if not has_value(answer):
+        return missing_cell(row, column.metric, answer)
+    ranked = is_ranked(result, row, column.metric, window)
+    return TableCell(
+        number(answer.value, answer.unit),
+        tuple(x for x in (bracketed(answer.ci95, answer.unit), coverage_text(answer)) if x),
+        half=half_width(answer.ci95, answer.unit) if answer.unit in SIGNED else "",
+        brief=number(answer.value, answer.unit),
+        best=column.contest and is_best(result, row, column.metric, window),
+        unranked=row.kind == "replay" and column.contest and not ranked,
+        reason=typeset(
+            reason_unranked(RankedValue(row, answer, ranked)) if row.kind == "replay" and not ranked else ""
+        ),
+        sort=sort_key(result, column.metric, answer),
+    )
+
+
+def missing_cell(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
+    """The cell of an answer that is not there: a word, and the reason; a filter that lost its way says so first."""
+    if row.kind == "replay" and row.status == "failed":
+        return TableCell("failed", brief="failed", missing=True, reason=row.reason)
+    itself = row.is_reference and answer.code == "not_applicable" and not metric.startswith("cost")
+    word, brief = ("reference", "ref") if itself else CODES.get(answer.code or "", ("n/a", "n/a"))
+    return TableCell(word, brief=brief, missing=True, reason=answer.reason or "")
+
+
+def coverage_text(answer: Answer) -> str:
+    """Which part of the time could be compared, ``of 62 %``; empty where (nearly) all of it."""
+    coverage = answer.coverage_pct
+    return f"of {coverage:.0f} %" if coverage is not None and coverage < FULL_COVERAGE_PCT else ""
+
+
+def sort_key(result: Result, metric: str, answer: Answer) -> float:
+    """What a column is sorted by: how far the value is from the best there is."""
+    better = result.definitions.get(metric, {}).get("better") or ("zero" if answer.unit in SIGNED else "low")
+    value = value_of(answer)
+    return {"zero": abs(value), "one": abs(value - 1.0)}.get(better, value)
+
+
+# The comparison as rows and cells: what the page and the terminal lay out.
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnHeading:
+    """One heading: title, unit, the metric and window it stands for, how soon it may be left out, a short title."""
+
+    title: str
+    unit: str
+    metric: str
+    window: str
+    spare: int = 0
+    short: str = ""
+
+
+@dataclass(slots=True)
+class FilterTable:
+    """Headings, and (row, cells) for every row."""
+
+    columns: list[ColumnHeading] = field(default_factory=list)
+    rows: list[tuple[EstimatorRow, list[TableCell]]] = field(default_factory=list)
+
+    @property
+    def partial(self) -> bool:
+        """Whether a cell says that only part of the time could be compared."""
+        return any(small.startswith("of ") for _, cells in self.rows for c in cells for small in c.small)
+
+
+def main_table(result: Result, window: str = "all") -> FilterTable:
+    """The comparison of all rows: every column in which at least one row has a value.
+
+    With ``window`` other than ``all`` every column is looked up there only.
+    """
+    chosen = table_columns(result)
+    if window != "all":
+        chosen = [dataclasses.replace(c, windows=(window,)) for c in chosen if c.metric != NOISE]
+        chosen.insert(len(ERRORS), TableColumn("Noise", NOISE, (window,), short="Noise"))
+    return fill_table(result, chosen)
+
+
+def axis_table(result: Result) -> FilterTable:
+    """Lag, gain and shape of the steps by axis."""
+    return fill_table(result, AXIS_COLUMNS)
+
+
+def window_tables(result: Result) -> dict[str, FilterTable]:
+    """Every metric of every window: the expert's tables."""
+    windows = dict.fromkeys(w for r in result.estimators for w in r.metrics)
+    out = {}
+    for window in windows:
+        metrics = dict.fromkeys(m for r in result.estimators for m in r.metrics.get(window, {}))
+        contests = [TableColumn(m, m, (window,), not m.startswith(("step_gain", "distortion"))) for m in metrics]
+        table = fill_table(result, contests)
+        if table.columns:
+            out[window] = table
+    return out
+
+
+def fill_table(result: Result, wanted: Iterable[TableColumn]) -> FilterTable:
+    """The columns in which at least one row has a value, for all rows, each in one window."""
+    rows = rows_in_order(result)
+    table, chosen = FilterTable(), []
+    for column in wanted:
+        window = window_of(result, column.metric, column.windows)
+        answers = (row.metrics.get(window, {}).get(column.metric) for row in rows)
+        first = next((a for a in answers if a is not None and has_value(a)), None)
+        if first is not None:
+            table.columns.append(
+                ColumnHeading(column.title, unit_sign(first.unit), column.metric, window, column.spare, column.short)
+            )
+            chosen.append((column, window))
+    table.rows = [(row, [table_cell(result, row, column, window) for column, window in chosen]) for row in rows]
+    return table

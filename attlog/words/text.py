@@ -1,0 +1,163 @@
+"""ASCII stand-ins for signs that an output cannot show, and escapes for file names that are not UTF-8."""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any
+
+from attlog.words.numbers import CLOCK_FROM_S, MINUS, moment, unit_sign
+
+ASCII_SIGNS = {
+    "°": "deg",
+    "±": "+/-",
+    "−": "-",
+    "×": "x",
+    "√": "sqrt",
+    "µ": "u",
+    "²": "^2",
+    "σ": "sigma",
+    "·": "-",
+    "…": "...",
+    "–": "-",
+    "—": "-",
+    "→": "->",
+    "≤": "<=",
+    "≥": ">=",
+    "’": "'",
+    "‘": "'",
+    "“": '"',
+    "”": '"',
+    "●": "*",
+    "‹": "<",
+    "›": ">",
+    "≈": "~",
+    "Δ": "delta",
+    "\N{REPLACEMENT CHARACTER}": "?",
+}
+
+
+def encodable(text: str, encoding: str) -> str:
+    """The text as ``encoding`` can show it; unchanged where it can show all of it."""
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        return "".join(_encodable_sign(c, text[i - 1] if i else "", encoding) for i, c in enumerate(text))
+    return text
+
+
+def on_encode_error(error: UnicodeError) -> tuple[str, int]:
+    """The same as an error handler of :func:`codecs.register_error`."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object
+    shown = (_encodable_sign(text[i], text[i - 1] if i else "", error.encoding) for i in range(error.start, error.end))
+    return "".join(shown), error.end
+
+
+def _encodable_sign(char: str, before: str, encoding: str) -> str:
+    try:
+        char.encode(encoding)
+    except UnicodeEncodeError:
+        pass
+    else:
+        return char
+    if "\udc80" <= char <= "\udcff":  # a byte of a file name that is not UTF-8, as Python keeps it
+        return f"\\x{ord(char) - 0xDC00:02x}"
+    if char == "°" and before.isdigit():
+        return " deg"
+    plain = unicodedata.normalize("NFKD", char).encode("ascii", "ignore").decode("ascii")
+    return ASCII_SIGNS.get(char) or plain or char.encode("ascii", "backslashreplace").decode("ascii")
+
+
+# Texts of strangers made fit to be shown, sentences of other rooms typeset, values of unknown type as text.
+
+CONTROL = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
+    r"\U000e0000-\U000e007f]"
+)
+
+
+def clean(text: str) -> str:
+    """Text from a log made fit to be shown: control and direction characters become a visible mark."""
+    text = str(text)
+    return text if text.isascii() and text.isprintable() else CONTROL.sub("\ufffd", text)
+
+
+def for_terminal(text: str) -> str:
+    """Any text as a terminal may have it: none of its own commands, bytes that are not UTF-8 as escapes."""
+    return clean(encodable(text, "utf-8"))
+
+
+def json_for_terminal(text: str) -> str:
+    """JSON for standard output: what would steer a terminal, all of it inside texts, as JSON's own escapes."""
+    import json
+
+    return CONTROL.sub(lambda found: json.dumps(found[0])[1:-1], text)
+
+
+def cleaned(value: Any) -> Any:
+    """The same for every text inside a JSON value; numbers that JSON cannot hold become null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, int):
+        return value
+    if isinstance(value, str):
+        return clean(value)
+    if isinstance(value, dict):
+        return {k: cleaned(v) for k, v in value.items()}
+    return [cleaned(v) for v in value] if isinstance(value, Iterable) else value
+
+
+UNITS_IN_TEXT = (
+    (re.compile(r"(?<![\w.])-(?=0(\.0+)?( |°|,|$))"), ""),
+    (re.compile(r" deg/(min|s|h)\b"), r"°/\1"),
+    (re.compile(r" deg\b"), "°"),
+    (re.compile(r"\+-(?=\d)"), "±"),
+    (re.compile(r"(?<=\d) m/s\^2"), " m/s²"),
+    (re.compile(r"(?<=\d) uT\b"), " µT"),
+    (re.compile(r"(?<![\w.])-(?=\d+(\.\d+)?([ °,;:)]|$))"), MINUS),
+)
+
+
+INSTANT = re.compile(r"\b(at|from|until) (\d{3,}(?:\.\d+)?) s\b")
+"""A time on the log's clock in a sentence."""
+
+
+@lru_cache(maxsize=1024)  # the same reason stands in a hundred cells
+def typeset(text: str) -> str:
+    """A sentence of another room with units, signs and times written as everywhere: ``±6.0°/min``, ``at 0:17:23``."""
+    text = INSTANT.sub(
+        lambda m: f"{m[1]} {moment(float(m[2])) if float(m[2]) >= CLOCK_FROM_S else m[2] + ' s'}", clean(text)
+    )
+    for found, written in UNITS_IN_TEXT:
+        text = found.sub(written, text)
+    return text
+
+
+def plain_value(value: Any, unit: str = "") -> str:
+    """A value of unknown type as text."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        sign = unit_sign(unit)
+        text = f"{value + 0.0:.4g}".replace("-", MINUS)
+        return f"{text}{sign}" if sign.startswith("°") else f"{text} {sign}".rstrip()
+    return f"{value} {unit_sign(unit)}".rstrip()
+
+
+# Texts of strangers as Markdown that shows them: nothing in them is taken for markup, HTML or another cell.
+
+MARKDOWN_SIGNS = re.compile(r"([\\`*_\[\]~|#])")
+LINE_BREAKS = re.compile("[\t\r\n]+")
+
+
+def escape_markdown(text: str) -> str:
+    """The text as it is, on one line, also in a cell of a table."""
+    plain = CONTROL.sub(" ", LINE_BREAKS.sub(" ", text)).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return MARKDOWN_SIGNS.sub(r"\\\1", plain)

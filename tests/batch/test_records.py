@@ -1,0 +1,438 @@
+"""What an earlier run of a folder says of a log: which ends are for good, and which failure is the same."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import Config, Result, analyze
+from attlog.batch import results_file
+from attlog.batch.index_row import (
+    FORM,
+    SENSOR_WINDOW,
+    THUMBNAIL_POINTS,
+    Entry,
+    encoded,
+    index_row,
+    light,
+    numbers,
+    sensors_of,
+    thumbnail,
+)
+from attlog.batch.job import Record, record_path, write_record
+from attlog.batch.results_file import COLUMNS, CSV, PARQUET, EntryCollection, up_to_date, write_results
+from attlog.core.errors import OutputError
+from attlog.metrics.trace import Trace
+from attlog.result import MEASURED_TIMES, Event
+from attlog.result import Result as result_Result
+from tests.conftest import SAMPLES
+from tests.health.made import MADE, OFFSET, REFUSED, SILENT, SOUND
+from tests.report.conftest import make_result
+
+
+@pytest.mark.parametrize(
+    ("code", "for_good"), [(0, True), (2, True), (65, True), (66, False), (70, False), (73, False), (75, False)]
+)
+def test_only_what_content_and_settings_decide_is_for_good(code: int, for_good: bool) -> None:
+    """A timeout, too little memory, a bug or a full disk may end otherwise next time."""
+    assert Record("a.ulg", "a", "key", code).for_good is for_good
+
+
+def test_a_failure_is_the_same_only_of_the_same_known_content_and_code() -> None:
+    failed = Record("a.ulg", "a", "key", 65)
+    assert failed.fails_as(Record("b.ulg", "b", "key", 65))
+    assert not failed.fails_as(Record("a.ulg", "a", "other", 65))
+    assert not failed.fails_as(Record("a.ulg", "a", "key", 75))
+    assert not failed.fails_as(None)
+    assert not Record("a.ulg", "a", "", 66).fails_as(Record("a.ulg", "a", "", 66))
+    assert not Record("a.ulg", "a", "key", 0).fails_as(Record("a.ulg", "a", "key", 0))
+
+
+# What a batch remembers of one log: plain, whole, the same every time, and all that its result says.
+
+
+@pytest.fixture(scope="module")
+def flown() -> Result:
+    """A real flight in simulation, with truth."""
+    return analyze(SAMPLES / "px4_steps.ulg", Config(estimators=["mahony", "gyro"]))
+
+
+def test_a_row_is_plain_json_and_the_same_every_time(flown: Result) -> None:
+    row = index_row(flown)
+    assert json.loads(json.dumps(row, allow_nan=False)) == row
+    again = analyze(SAMPLES / "px4_steps.ulg", Config(estimators=["mahony", "gyro"]))
+    assert json.dumps(index_row(again)) == json.dumps(row)
+
+
+def test_no_measured_time_is_in_a_row() -> None:
+    made = make_result()
+    assert any(name in made.to_json() for name in MEASURED_TIMES)
+    assert not [name for name in MEASURED_TIMES if f'"{name}"' in json.dumps(index_row(made))]
+
+
+def test_every_answer_of_the_result_comes_back(flown: Result) -> None:
+    found = {(n.row, n.window, n.metric): n for n in numbers(index_row(flown)["answers"])}
+    expected = {
+        (r.name, w, m): a
+        for r in flown.estimators
+        for w, answers in r.metrics.items()
+        for m, a in answers.items()
+        if m not in MEASURED_TIMES
+    }
+    of_sensors = {key for key in found if key[1] == SENSOR_WINDOW}
+    assert {key[2] for key in of_sensors} == {a.question for a in flown.health}
+    assert found.keys() - of_sensors == expected.keys()
+    for key, a in expected.items():
+        n = found[key]
+        assert (n.value, n.unit, n.code, n.reason if a.value is None else None) == (
+            a.value,
+            a.unit,
+            a.code,
+            a.reason if a.value is None else None,
+        )
+        if a.value is not None:
+            assert ((n.low, n.high), n.n, n.seconds) == (a.ci95 or (None, None), a.n, a.seconds)
+    assert sum(n.value is None for n in found.values()) > 10
+    assert sum(n.value is not None for n in found.values()) > 100
+
+
+def test_what_flew_when_and_the_four_sentences(flown: Result) -> None:
+    row = index_row(flown)
+    flight = row["flight"]
+    assert (flight["vehicle"], flight["firmware"], flight["simulated"]) == ("quadrotor", "PX4 1.18.0 alpha", True)
+    assert (flight["sha256"], flight["date_utc"]) == (flown.log["sha256"], None)
+    assert flight["duration_s"] == pytest.approx(88.92)
+    assert flight["airborne_s"] == pytest.approx(60.0, abs=1.0)  # 20.0 to 80.0 s by the true height
+    assert [v["sentence"] for v in row["verdicts"]] == [v.sentence for v in flown.verdicts]
+    assert {v["question"]: v["bars"] for v in row["verdicts"]}["accuracy"]
+    tilt = next(c for c in row["columns"] if c["metric"] == "inclination_rmse_deg")
+    value = next(r for r in flown.estimators if r.name == "mahony").metrics["airborne"]["inclination_rmse_deg"].value
+    assert tilt["values"]["mahony"] == pytest.approx(value, rel=1e-5)
+    assert tilt["window"] == "airborne"
+
+
+def test_an_index_holds_little_of_a_row(flown: Result) -> None:
+    row = index_row(flown)
+    assert light(row).keys() == row.keys() - {"answers"}
+    assert len(json.dumps(light(row))) < 10_000
+
+
+T = np.linspace(0.0, 96.0, 961)
+
+
+def leaning(*more: Trace) -> Result:
+    """A log of 96 s in which the onboard attitude leans from 48 s on, with other traces."""
+    made = make_result(("mahony@xu-0.6",), with_traces=False)
+    half = np.where(T < 48.0, 0.0, 30.0)
+    made.log |= {"duration_s": 96.0, "timeline": {"airborne": [[1.0, 95.0]]}}
+    made.traces = [Trace("attitude", "onboard", T, {"roll": half, "pitch": -half, "heading": T}), *more]
+    return made
+
+
+def test_the_thumbnail_is_the_height_else_the_tilt() -> None:
+    height = np.where(T < 48.0, 12.0, np.nan)
+    seen = thumbnail(leaning(Trace("height", "", T, {"height": height})))
+    assert seen is not None
+    assert seen["height"] == [12.0] * (THUMBNAIL_POINTS // 2) + [None] * (THUMBNAIL_POINTS // 2)
+    seen = thumbnail(leaning(Trace("height", "", T, {"height": height * np.nan})))
+    assert seen is not None
+    leaned = math.degrees(math.acos(math.cos(math.radians(30.0)) ** 2))
+    assert seen["tilt"] == [0.0] * (THUMBNAIL_POINTS // 2) + [round(leaned, 1)] * (THUMBNAIL_POINTS // 2)
+
+
+def test_the_thumbnail_of_a_log_that_never_flew_is_its_tilt() -> None:
+    made = leaning(Trace("height", "", T, {"height": np.full(len(T), 699.0)}))
+    made.log["timeline"]["airborne"] = []
+    seen = thumbnail(made)
+    assert seen is not None
+    assert "tilt" in seen
+    assert "height" not in seen
+
+
+def test_a_slow_height_is_drawn_as_a_line_and_a_long_gap_stays_one() -> None:
+    at = np.array([1.0, 5.0, 9.0, 95.0])
+    seen = thumbnail(leaning(Trace("height", "", at, {"height": np.array([0.0, 2.0, 4.0, 0.0])})))
+    assert seen is not None
+    assert seen["height"][:6] == [0.0, 1.0, 2.0, 3.0, 4.0, None]
+
+
+def test_the_thumbnail_ends_where_the_log_ends() -> None:
+    made = leaning()
+    made.log["duration_s"] = 192.0
+    seen = thumbnail(made)
+    assert seen is not None
+    assert (seen["t0"], seen["t1"]) == (0.0, 192.0)
+    assert seen["tilt"][THUMBNAIL_POINTS // 2 + 1 :] == [None] * (THUMBNAIL_POINTS // 2 - 1)
+
+
+def test_the_thumbnail_of_a_flight_has_its_height_and_no_mark_where_nothing_happened(flown: Result) -> None:
+    seen = thumbnail(flown)
+    assert seen is not None
+    assert max(v for v in seen["height"] if v is not None) > 2.0
+    assert seen["marks"] == []
+    assert seen["air"] == [[pytest.approx(20.0, abs=1.0), pytest.approx(80.0, abs=1.0)]]
+
+
+def test_serious_events_are_marked_with_what_happened_and_those_of_one_place_once() -> None:
+    made = leaning()
+    made.events = [
+        Event("impact", 70.02, "serious", "Hit the ground at 70.0 s: 5 g."),
+        Event("overturn", 69.98, "serious", "Turned over at 70.0 s."),
+        Event("reset", 20.0, "warning", "The onboard attitude was reset at 20.0 s."),
+        Event("impact", 90.0, "serious", "Crashed again at 90.0 s."),
+    ]
+    seen = thumbnail(made)
+    assert seen is not None
+    assert seen["marks"] == [
+        [70.0, "Turned over at 70.0 s. Hit the ground at 70.0 s: 5 g."],
+        [90.0, "Crashed again at 90.0 s."],
+    ]
+
+
+def test_the_page_gets_a_byte_for_each_point_and_what_is_shown_in_words() -> None:
+    out = bytearray()
+    height = [0.0, 18.0, 36.0, None] + [0.0] * (THUMBNAIL_POINTS - 4)
+    seen = {"t0": 0.0, "t1": 9.0, "height": height, "air": [], "marks": [[8.0, "It fell."]]}
+    assert encoded(seen, out) == [0, 0.0, 9.0, "Height over time", [], [[8.0, "It fell."]]]
+    assert list(out[:4]) == [0, 127, 254, 255]
+    assert encoded(None, out) is None
+    low = seen | {"height": [1.0, -4.0] + [0.0] * (THUMBNAIL_POINTS - 2)}
+    assert encoded(low, out) is not None
+    assert list(out[THUMBNAIL_POINTS : THUMBNAIL_POINTS + 2]) == [254, 0]
+
+
+def test_a_thumbnail_of_an_earlier_version_shows_its_tilt() -> None:
+    out = bytearray()
+    curves = {
+        "tilt": [22.5, None] + [0.0] * (THUMBNAIL_POINTS - 2),
+        "tilt_diff": [1.0] * THUMBNAIL_POINTS,
+        "heading_diff": [1.0] * THUMBNAIL_POINTS,
+    }
+    seen = {"t0": 0.0, "t1": 9.0, "of": "onboard", "air": [], "marks": [[8.0, "impact"]]} | curves
+    assert encoded(seen, out) == [0, 0.0, 9.0, "Tilt over time", [], [[8.0, "Impact"]]]
+    assert list(out[:3]) == [127, 255, 0]
+    assert len(out) == THUMBNAIL_POINTS
+
+
+def test_a_result_without_traces_has_no_thumbnail_and_still_a_row() -> None:
+    assert index_row(make_result(with_traces=False))["thumbnail"] is None
+
+
+def test_a_result_with_nothing_in_it_has_a_row() -> None:
+    empty = Result({}, "", {}, {})
+    row = index_row(empty)
+    assert row["trouble"] == {"level": "none", "rank": 3, "score": 0.0, "reasons": []}
+    assert (row["columns"], row["rows"], list(numbers(row["answers"]))) == ([], {}, [])
+
+
+def test_odd_numbers_stay_out() -> None:
+    made = make_result()
+    made.estimators[0].metrics["rest"]["noise_tilt_deg"].value = math.inf
+    made.log |= {"duration_s": math.nan, "name": "a\udcff<b>.ulg"}
+    made.traces = [replace(t, t=t.t * np.nan) if t.row == "gyro" else t for t in made.traces]
+    row = index_row(made)
+    assert json.loads(json.dumps(row, allow_nan=False))["flight"]["duration_s"] is None
+
+
+def test_a_row_counts_what_is_off_and_names_what_to_set() -> None:
+    made = make_result()
+    made.health = [*MADE, replace(REFUSED, verdict="warning"), SOUND]
+    told = index_row(made)["sensors"]
+    assert told == {"faults": 1, "warnings": 2, "to_set": ["COMPASS_OFS_X -12 -> 145", "COMPASS_OFS_Y 4.5 -> -20.25"]}
+    assert sensors_of({"sensors": told}) == told
+    assert sensors_of({}) == {"faults": 0, "warnings": 0, "to_set": []}, "a row of an older version"
+
+
+def test_assessments_are_numbers_of_their_sensor() -> None:
+    made = make_result()
+    made.health = [OFFSET, SILENT]
+    found = {n.row: n for n in numbers(index_row(made)["answers"]) if n.window == SENSOR_WINDOW}
+    offset, silent = found["MAG.0"], found["GPS.0"]
+    assert (offset.metric, offset.unit, offset.value) == ("compass_offset", "uT", 24.0)
+    assert (offset.low, offset.high, offset.n, offset.seconds) == (21.0, 27.0, 40, 200.0)
+    assert (silent.metric, silent.value, silent.code, silent.reason) == ("gnss_delay", None, "unknown", SILENT.text)
+
+
+# The logs of folders: what a record holds in today's form, else what the result itself says.
+
+
+@pytest.mark.parametrize("form", [FORM, FORM - 1, None])
+def test_the_row_of_an_older_record_is_made_again_from_its_result(tmp_path: Path, form: int | None) -> None:
+    made = make_result(with_traces=False)
+    made.to_json(tmp_path / "a.ulg.json")
+    row = index_row(made)
+    kept = row | {"form": form, "trouble": {"level": "of the record"}}
+    write_record(tmp_path, Record("logs/a.ulg", "a.ulg", row=kept))
+    (entry,) = (entry for _, entry in EntryCollection([tmp_path]))
+    assert entry.row["form"] == FORM
+    assert entry.row["trouble"] == (kept if form == FORM else row)["trouble"]
+
+
+def test_a_log_that_failed_is_counted_and_is_no_entry(tmp_path: Path) -> None:
+    made = make_result(with_traces=False)
+    write_record(tmp_path, Record("logs/a.ulg", "a.ulg", row=index_row(made)))
+    write_record(tmp_path, Record("logs/b.ulg", "b.ulg", code=65, message="b.ulg: not a log"))
+    gathered = EntryCollection([tmp_path])
+    assert [entry.log for _, entry in gathered] == ["logs/a.ulg"]
+    assert gathered.failed == 1
+
+
+@pytest.mark.parametrize(("record_s", "used"), [(90, True), (100, True), (110, False)])
+def test_a_results_file_counts_unless_a_record_is_newer(tmp_path: Path, record_s: int, used: bool) -> None:
+    """A batch that was killed has records of which the file of the run before knows nothing."""
+    write_record(tmp_path, Record("logs/a.ulg", "a.ulg"))
+    path = tmp_path / PARQUET
+    path.write_bytes(b"")
+    os.utime(path, (100, 100))
+    os.utime(record_path(tmp_path, "a.ulg"), (record_s, record_s))
+    assert up_to_date(tmp_path) == (path if used else None)
+
+
+# One file with every number of a batch: what it says, in which units, and that it appears whole or not at all.
+
+
+def flown_with_numbers(name: str = "a.ulg", **log: object) -> Entry:
+    made = make_result(with_traces=False)
+    made.health = []
+    made.log |= {"name": name} | log
+    return Entry(f"logs/{name}", name, row=index_row(made))
+
+
+FAILED = Entry("logs/b.ulg", "b.ulg", 65, "b.ulg: not a log")
+
+
+def expected(made: result_Result) -> dict[tuple[str, str, str], float | None]:
+    return {
+        (r.name, w, m): a.value
+        for r in made.estimators
+        for w, answers in r.metrics.items()
+        for m, a in answers.items()
+        if m not in MEASURED_TIMES
+    }
+
+
+@pytest.fixture
+def without_pyarrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "pyarrow" else real(name, *a))
+
+
+def test_parquet_holds_a_line_for_each_log_row_window_and_metric(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = write_results(tmp_path, [flown_with_numbers(), FAILED, flown_with_numbers("c.ulg")])
+    table = parquet.read_table(path)
+    assert (path.name, table.column_names) == (PARQUET, list(COLUMNS))
+    lines = table.to_pylist()
+    values = expected(make_result(with_traces=False))
+    assert len(lines) == 2 * len(values)
+    assert {line["log"] for line in lines} == {"logs/a.ulg", "logs/c.ulg"}
+    found = {(x["row"], x["window"], x["metric"]): x for x in lines if x["report"] == "a.ulg"}
+    assert {key: x["value"] for key, x in found.items()} == values
+    lag = found["complementary@fan", "airborne", "lag_ms"]
+    assert (lag["value"], lag["code"], lag["unit"]) == (None, "not_a_pure_delay", "ms")
+    assert "51 %" in lag["reason"]
+    noise = found["gyro", "rest", "noise_tilt_deg"]
+    assert (noise["n"], noise["seconds"], noise["code"]) == (28, 40.0, None)
+    assert noise["low"] < noise["value"] < noise["high"]
+
+
+def test_units_stand_in_the_metadata(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = write_results(tmp_path, [flown_with_numbers()])
+    schema = parquet.read_schema(path)
+    assert schema.field("seconds").metadata[b"unit"] == b"s"
+    assert schema.field("value").metadata[b"unit"] == b"see unit"
+    units = json.loads(parquet.read_metadata(path).metadata[b"attlog.units"])
+    assert (units["lag_ms"], units["noise_tilt_deg"], units["drift_rest_deg_per_min"]) == ("ms", "deg", "deg/min")
+
+
+def test_csv_says_the_same_where_pyarrow_is_missing(tmp_path: Path, without_pyarrow: None) -> None:
+    (tmp_path / PARQUET).write_bytes(b"of an earlier run")
+    path = write_results(tmp_path, [flown_with_numbers('odd "name", #1.ulg'), FAILED])
+    assert [p.name for p in tmp_path.iterdir()] == [CSV]
+    with path.open(encoding="utf-8", newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert lines[0]["log"] == 'logs/odd "name", #1.ulg'
+    values = expected(make_result(with_traces=False))
+    found = {(x["row"], x["window"], x["metric"]): x["value"] for x in lines}
+    assert {key: float(text) if text else None for key, text in found.items()} == values
+
+
+@pytest.mark.parametrize("arrow", [True, False])
+def test_a_batch_in_which_nothing_succeeded_has_a_file_without_lines(
+    tmp_path: Path, arrow: bool, request: pytest.FixtureRequest
+) -> None:
+    if not arrow:
+        request.getfixturevalue("without_pyarrow")
+    path = write_results(tmp_path, [FAILED])
+    if arrow:
+        assert pytest.importorskip("pyarrow.parquet").read_table(path).num_rows == 0
+    else:
+        assert path.read_text() == ",".join(COLUMNS) + "\n"
+
+
+def test_names_that_are_no_utf8_are_written(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    lines = parquet.read_table(write_results(tmp_path, [flown_with_numbers("a\udcff.ulg")])).to_pylist()
+    assert lines[0]["log"] == "logs/a\\udcff.ulg"
+
+
+def test_entries_are_taken_as_lines_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thousand rows are never held together."""
+    monkeypatch.setattr(results_file, "GROUP", 300)
+    held = 0
+    most = 0
+
+    class Counted(Entry):
+        def __del__(self) -> None:
+            nonlocal held
+            held -= 1
+
+    def entries() -> Iterator[Entry]:
+        nonlocal held, most
+        for k in range(40):
+            held += 1
+            most = max(most, held)
+            one = flown_with_numbers(f"{k}.ulg")
+            yield Counted(one.log, one.name, row=one.row)
+
+    write_results(tmp_path, entries())
+    assert most <= 5
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = write_results(tmp_path, [flown_with_numbers()])
+    before = path.read_bytes()
+
+    def broken() -> Iterator[Entry]:
+        yield flown_with_numbers("x.ulg")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OutputError, match="No space left"):
+        write_results(tmp_path, broken())
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_every_line_tells_what_is_off_with_the_sensors_and_what_to_set(tmp_path: Path, without_pyarrow: None) -> None:
+    made = make_result(with_traces=False)
+    made.health = list(MADE)
+    entries = [Entry("logs/off.ulg", "off.ulg", row=index_row(made)), flown_with_numbers()]
+    with write_results(tmp_path, entries).open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    told = {(x["report"], x["sensor_faults"], x["sensor_warnings"], x["to_set"]) for x in lines}
+    assert told == {
+        ("off.ulg", "1", "1", "COMPASS_OFS_X -12 -> 145; COMPASS_OFS_Y 4.5 -> -20.25"),
+        ("a.ulg", "0", "0", ""),
+    }
+    (offset,) = [x for x in lines if x["metric"] == "compass_offset"]
+    assert (offset["row"], offset["window"], offset["value"], offset["unit"]) == ("MAG.0", "sensors", "24.0", "uT")

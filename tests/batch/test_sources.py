@@ -1,0 +1,550 @@
+"""Where logs come from: files, members of archives, URLs; copied whole to a temporary place or told why not."""
+
+from __future__ import annotations
+
+import functools
+import gzip
+import hashlib
+import io
+import os
+import pickle
+import shutil
+import sys
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import attlog
+from attlog.batch import archive, remote
+from attlog.batch.sources import Source, find, sources
+from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
+from attlog.formats import recognise
+from tests.batch.servers import Web, serving
+from tests.conftest import SAMPLES
+
+LOG = (SAMPLES / "copter_yaw_turns.bin").read_bytes()
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The temporary folder of the test, to see what is left there."""
+    folder = tmp_path / "scratch"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+@functools.cache
+def packed() -> bytes:
+    """An archive as people make them: folders, a packed log, what a Mac adds, notes, names that want to break out."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("flights/a.bin", LOG)
+        file.writestr("flights/b.bin.gz", gzip.compress(LOG))
+        file.writestr("flights/notes.txt", "windy")
+        file.writestr("__MACOSX/flights/._a.ulg", b"\0")
+        file.writestr("../../escaped.bin", LOG)
+        file.writestr("/etc/absolute.bin", LOG)
+    return content.getvalue()
+
+
+@pytest.fixture
+def zipped(tmp_path: Path) -> Path:
+    path = tmp_path / "day.zip"
+    path.write_bytes(packed())
+    return path
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Web]:
+    with serving() as web:
+        yield web
+
+
+@pytest.fixture
+def web(server: Web, monkeypatch: pytest.MonkeyPatch) -> Web:
+    monkeypatch.setattr(remote, "WAITS_S", (0.0, 0.0))
+    server.files = {"/logs/a.bin": LOG, "/logs/sub/b.ulg": LOG[:1000], "/logs/readme.txt": b"no log"}
+    server.ranges, server.failures = True, 0
+    server.asked.clear()
+    return server
+
+
+def names(found: list[Source], root: Path | str) -> list[str]:
+    return [source.name.removeprefix(f"{root}/") for source in found]
+
+
+def content(source: Source) -> bytes:
+    """What a source gives, with what it says of itself checked against the bytes."""
+    with source.local() as local:
+        data = local.path.read_bytes()
+        assert local.sha256 == hashlib.sha256(data).hexdigest()
+        assert local.copied is None or local.copied[1] == len(data)
+    return data
+
+
+def failure(source: Source) -> AttlogError:
+    with pytest.raises(AttlogError) as caught, source.local():
+        pass
+    return caught.value
+
+
+def test_a_file_is_used_where_it_lies_and_stays(temporary: Path) -> None:
+    path = SAMPLES / "copter_yaw_turns.bin"
+    with Source(str(path)).local() as local:
+        assert local.path == path
+    assert content(Source(str(path))) == LOG
+    assert not list(temporary.iterdir())
+
+
+def test_a_source_travels_by_pickle(zipped: Path) -> None:
+    source = sources([zipped])[0][0]
+    assert pickle.loads(pickle.dumps(source)) == source
+
+
+def test_an_archive_means_the_logs_in_it(zipped: Path) -> None:
+    found, wrong = sources([zipped])
+    assert names(found, zipped) == ["../../escaped.bin", "/etc/absolute.bin", "flights/a.bin", "flights/b.bin.gz"]
+    assert wrong == []
+    assert [s.file_name for s in found] == ["escaped.bin", "absolute.bin", "a.bin", "b.bin.gz"]
+    assert {content(s) for s in found[:3]} == {LOG}
+
+
+def test_a_member_is_named_as_it_is_shown(zipped: Path) -> None:
+    one = sources([zipped / "flights/a.bin"])[0]
+    assert names(one, zipped) == ["flights/a.bin"]
+    assert names(sources([zipped / "flights/*"])[0], zipped) == ["flights/a.bin", "flights/b.bin.gz"]
+    (wrong,) = sources([zipped / "flights/none.bin"])[1]
+    assert "no flight log matches flights/none.bin" in str(wrong)
+
+
+def test_folders_and_patterns_reach_into_archives(zipped: Path) -> None:
+    assert len(sources([zipped.parent])[0]) == 4
+    assert len(sources([zipped.parent / "*.zip"])[0]) == 4
+    assert find([zipped])[0] == [zipped]  # commands that work on files know no archives
+
+
+def test_a_member_never_lands_outside_the_temporary_folder_and_leaves_nothing(zipped: Path, temporary: Path) -> None:
+    before = set(zipped.parent.rglob("*"))
+    for source in sources([zipped])[0]:
+        with source.local() as local:
+            assert temporary in local.path.resolve().parents
+    assert set(zipped.parent.rglob("*")) == before
+    assert not list(temporary.iterdir())
+
+
+def test_a_member_that_unpacks_to_too_much_is_refused_while_it_does(
+    tmp_path: Path, temporary: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "UNPACKED_ANYWAY_BYTES", 1 << 20)
+    path = tmp_path / "bomb.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("bomb.ulg", bytes(30 << 20))
+    error = failure(sources([path])[0][0])
+    assert isinstance(error, LogUnusable)
+    assert "unpacks to more than" in str(error)
+    assert not list(temporary.iterdir())
+
+
+def test_an_archive_of_too_many_files_is_refused(zipped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archive, "MAX_MEMBERS", 5)
+    (wrong,) = sources([zipped])[1]
+    assert "more than 5 files" in str(wrong)
+
+
+def locked(path: Path, name: str) -> Path:
+    """An archive of one member that is encrypted."""
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr(name, LOG)
+    raw = bytearray(path.read_bytes())
+    raw[6] |= 1  # the flag in the member's own header, and in the directory
+    raw[raw.index(b"PK\x01\x02") + 8] |= 1
+    path.write_bytes(raw)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.ulg", "00000012.BIN", "2026-11-01.log"])
+def test_an_encrypted_member_is_one_failure_with_its_reason(tmp_path: Path, name: str) -> None:
+    path = locked(tmp_path / "locked.zip", name)
+    error = failure(sources([path])[0][0])
+    assert isinstance(error, LogUnusable)
+    assert "unpack it with its password first" in str(error)
+
+
+def test_an_archive_in_which_nothing_can_be_looked_at_says_so(tmp_path: Path) -> None:
+    """Nothing tells whether "photos" is a log; among the files of a folder it is none."""
+    path = locked(tmp_path / "locked.zip", "photos")
+    (wrong,) = sources([path])[1]
+    assert "1 file in it cannot be looked at: encrypted" in str(wrong)
+    (tmp_path / "a.bin").write_bytes(LOG)
+    assert names(sources([tmp_path])[0], tmp_path) == ["a.bin"]
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_two_members_of_one_name_are_two_logs_and_a_copy_is_none(tmp_path: Path) -> None:
+    path, other = tmp_path / "cards.zip", LOG[: len(LOG) // 2]
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for member, data in [("d/1.bin", LOG), ("d/1.bin", other), ("d/1 (2).bin", LOG[:5000]), ("d/1.bin", LOG)]:
+            file.writestr(member, data)
+    found, wrong = sources([path])
+    assert wrong == []
+    assert {source.member: len(content(source)) for source in found} == {
+        "d/1.bin": len(LOG),
+        "d/1 (2).bin": 5000,
+        "d/1 (3).bin": len(other),
+    }
+    assert len({source.stamp() for source in found}) == 3
+    assert content(sources([path / "d/1 (3).bin"])[0][0]) == other
+
+
+def test_a_hidden_member_is_a_log_by_its_content_alone(tmp_path: Path) -> None:
+    """``._a.ulg`` is what macOS adds; a log may be hidden by a synchronising program."""
+    path = tmp_path / "hidden.zip"
+    with zipfile.ZipFile(path, "w") as file:
+        for member, data in [(".flight.bin", LOG), (".cards/1.bin", LOG), ("._a.ulg", b"\0" * 200)]:
+            file.writestr(member, data)
+    assert names(sources([path])[0], path) == [".cards/1.bin", ".flight.bin"]
+
+
+def test_a_damaged_member_is_one_failure_and_the_others_are_read(zipped: Path, temporary: Path) -> None:
+    raw = bytearray(zipped.read_bytes())
+    raw[20_000] ^= 0xFF
+    zipped.write_bytes(raw)
+    found = sources([zipped])[0]
+    assert len(found) == 4
+    bad = next(s for s in found if s.member == "flights/a.bin")
+    assert "damaged in its archive" in str(failure(bad))
+    assert [content(s) for s in found if s.member.startswith(("..", "/"))] == [LOG, LOG]
+    assert not list(temporary.iterdir())
+
+
+def test_a_member_packed_in_an_unknown_way_is_not_called_damaged(zipped: Path, temporary: Path) -> None:
+    entry = zipfile.ZipFile(zipped).infolist()[0]
+    raw = bytearray(zipped.read_bytes())
+    method = 97  # WavPack: a real method that Python does not know
+    raw[entry.header_offset + 8 : entry.header_offset + 10] = method.to_bytes(2, "little")
+    raw[(at := raw.index(b"PK\x01\x02")) + 10 : at + 12] = method.to_bytes(2, "little")
+    zipped.write_bytes(raw)
+    with pytest.raises(LogUnusable, match=r"cannot be unpacked .*not supported"):
+        archive.extract(str(zipped), entry.filename, temporary / "x.ulg")
+
+
+def test_what_goes_wrong_while_an_archive_is_open_is_not_blamed_on_it(
+    zipped: Path, temporary: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def bug(*_: object) -> bool:
+        raise ValueError("a bug of ours")
+
+    monkeypatch.setattr(archive, "_is_log", bug)
+    with pytest.raises(ValueError, match="a bug of ours"):
+        archive.members(str(zipped))
+
+
+def test_a_cut_archive_is_told(zipped: Path) -> None:
+    zipped.write_bytes(zipped.read_bytes()[:-100])
+    (wrong,) = sources([zipped])[1]
+    assert isinstance(wrong, LogUnusable)
+    assert "damaged zip archive" in str(wrong)
+    assert names(sources([zipped.parent])[0], zipped.parent) == ["day.zip"]  # in a folder it is one row that fails
+
+
+def test_control_characters_of_a_member_do_not_reach_the_terminal() -> None:
+    assert Source("a.zip", "\x1b[31mred\n.ulg").name == "a.zip/?[31mred?.ulg"
+    assert Source("a.zip", "..\\..\\con\x00.ulg").file_name == "con_.ulg"
+    assert Source("a.zip", "x" * 400 + ".ulg").file_name.endswith(".ulg")
+    assert Source("a.zip", "/").file_name == "log"
+
+
+def test_a_log_behind_a_url_comes_whole(web: Web, temporary: Path) -> None:
+    for way in ("/logs/a.bin", "/moved/logs/a.bin"):
+        source = sources([web.url + way])[0][0]
+        assert source.file_name == "a.bin"
+        assert content(source) == LOG
+    assert not list(temporary.iterdir())
+
+
+def test_a_server_without_ranges_serves_as_well(web: Web) -> None:
+    web.ranges = False
+    assert content(Source(f"{web.url}/logs/a.bin")) == LOG
+    assert [way for way, _ in web.asked] == ["GET"]
+
+
+def test_a_download_that_breaks_off_is_tried_again(web: Web) -> None:
+    web.failures = 2
+    assert content(Source(f"{web.url}/flaky/logs/a.bin")) == LOG
+
+
+def test_a_download_that_breaks_off_each_time_is_one_failure(web: Web, temporary: Path) -> None:
+    web.failures = 3
+    error = failure(Source(f"{web.url}/flaky/logs/a.bin"))
+    assert isinstance(error, LogUnreadable)
+    assert error.exit_code == 66
+    assert "cannot be downloaded" in str(error)
+    assert not list(temporary.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("path", "words", "requests"),
+    [("/none.bin", "no such file", 1), ("/secret", "answers 403", 1), ("/broken", "answers 500", 3)],
+)
+def test_what_a_server_refuses_is_told(web: Web, path: str, words: str, requests: int) -> None:
+    error = failure(Source(web.url + path))
+    assert error.exit_code == 66
+    assert words in str(error)
+    assert len(web.asked) == requests
+
+
+def test_a_download_that_stalls_is_given_up(web: Web, monkeypatch: pytest.MonkeyPatch, temporary: Path) -> None:
+    monkeypatch.setattr(remote, "STALLED_S", 0.3)
+    monkeypatch.setattr(remote, "WAITS_S", ())
+    assert "timed out" in str(failure(Source(f"{web.url}/stalled/logs/a.bin")))
+    assert not list(temporary.iterdir())
+
+
+def test_nobody_answers(web: Web) -> None:
+    error = failure(Source("http://127.0.0.1:9/a.ulg"))
+    assert error.exit_code == 66
+    assert "cannot be downloaded" in str(error)
+    with pytest.raises(LogUnreadable, match="cannot be downloaded"):
+        Source("http://127.0.0.1:9/a.ulg").stamp()
+    for place in ("http://127.0.0.1:9/logs/", "http://127.0.0.1:9/logs/**/*.ulg"):
+        logs, (told,) = sources([place])
+        assert logs == []
+        assert "cannot be downloaded" in str(told)
+
+
+def test_a_download_longer_than_any_log_is_given_up(web: Web, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "MAX_UNPACKED_BYTES", 1000)
+    assert "no log is so long" in str(failure(Source(f"{web.url}/logs/a.bin")))
+
+
+def test_a_web_folder_and_a_pattern_mean_the_logs_listed(web: Web) -> None:
+    for place in ("/logs/", "/logs/**"):
+        found, wrong = sources([web.url + place])
+        assert (names(found, web.url), wrong) == (["logs/a.bin", "logs/sub/b.ulg"], [])
+    assert names(sources([f"{web.url}/logs/*.bin"])[0], web.url) == ["logs/a.bin"]
+    (wrong,) = sources([f"{web.url}/logs/*.tlog"])[1]
+    assert "nothing there" in str(wrong)
+
+
+@pytest.mark.parametrize("ranges", [True, False])
+def test_an_archive_behind_a_url_means_the_logs_in_it(web: Web, zipped: Path, ranges: bool, temporary: Path) -> None:
+    web.ranges = ranges
+    web.files["/day.zip"] = zipped.read_bytes()
+    found, wrong = sources([f"{web.url}/day.zip"])
+    assert len(found) == 4
+    assert wrong == []
+    assert content(found[2]) == LOG
+    assert found[2].name == f"{web.url}/day.zip/flights/a.bin"
+    assert not list(temporary.iterdir())
+
+
+def test_a_download_page_with_a_question_mark_is_one_log_of_a_name(web: Web) -> None:
+    web.files["/download?log=1234"] = LOG
+    (source,) = sources([f"{web.url}/download?log=1234"])[0]
+    assert source.file_name == "download_log=1234"
+    assert content(source) == LOG
+
+
+def test_passwords_and_signatures_are_not_shown() -> None:
+    source = Source("https://me:pw@host/a.ulg?X-Amz-Signature=abc&X-Amz-Date=1&v=2")
+    assert source.name == "https://host/a.ulg?v=2"
+    assert source.file_name == "a.ulg_v=2"
+
+
+@pytest.fixture
+def memory() -> Iterator[Any]:
+    import fsspec
+
+    files = fsspec.filesystem("memory")
+    files.store.clear()
+    for name in ("/bucket/a.ulg", "/bucket/x/b.bin.gz", "/bucket/x/c.txt"):
+        files.pipe(name, LOG)
+    yield files
+    files.store.clear()
+
+
+def test_any_file_system_lists_folders_and_patterns(memory: Any) -> None:
+    for place, found in {
+        "memory://bucket": ["a.ulg", "x/b.bin.gz"],
+        "memory://bucket/*.ulg": ["a.ulg"],
+        "memory://bucket/**": ["a.ulg", "x/b.bin.gz"],
+        "memory://bucket/x/c.txt": ["x/c.txt"],  # named itself: taken as it is
+    }.items():
+        logs, wrong = sources([place])
+        assert [s.name.partition("/bucket/")[2] for s in logs] == found, place
+        assert wrong == []
+    assert content(sources(["memory://bucket/a.ulg"])[0][0]) == LOG
+    assert "no such file" in str(failure(Source("memory://bucket/none.ulg")))
+
+
+def test_content_cut_short_is_a_failure(memory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = memory.info("/bucket/a.ulg") | {"size": len(LOG) + 1}
+    monkeypatch.setattr(type(memory), "info", lambda self, path, **_: whole)
+    monkeypatch.setattr(remote, "WAITS_S", ())
+    assert "cut short" in str(failure(Source("memory://bucket/a.ulg")))
+
+
+def test_a_file_url_is_a_file(zipped: Path) -> None:
+    assert names(sources([f"file://{zipped}/flights/a.bin"])[0], zipped) == ["flights/a.bin"]
+
+
+@pytest.mark.parametrize("missing", ["fsspec", "aiohttp"])
+def test_what_to_install_is_said(web: Web, monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    (wrong,) = sources([f"{web.url}/logs/"])[1]
+    assert isinstance(wrong, UsageError)
+    assert 'pip install "fsspec[http,s3,gcs]"' in str(wrong), "zsh takes brackets without quotes for a pattern"
+
+
+def test_an_unknown_protocol_is_told() -> None:
+    assert "Protocol not known" in str(sources(["nonsense://host/a"])[1][0])
+
+
+def test_a_stamp_changes_with_the_content(tmp_path: Path, zipped: Path, web: Web, memory: Any) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(LOG)
+    places = [Source(str(path)), Source(str(zipped), "flights/a.bin"), Source(f"{web.url}/logs/a.bin")]
+    places.append(Source("memory://bucket/a.ulg"))
+    before = [s.stamp() for s in places]
+    assert all(before)
+    assert before == [s.stamp() for s in places]
+    path.write_bytes(LOG[:-1])
+    web.files["/logs/a.bin"] = LOG[:-1]
+    memory.pipe("/bucket/a.ulg", LOG[:-1])
+    with zipfile.ZipFile(zipped, "w") as file:
+        file.writestr("flights/a.bin", LOG[:-1])
+    assert not set(before) & {s.stamp() for s in places}
+
+
+def test_an_error_about_a_copy_names_the_log(zipped: Path) -> None:
+    source = Source(str(zipped), "flights/notes.txt")
+    with pytest.raises(LogUnusable) as caught, source.local() as local:
+        attlog.read(local.path)
+    assert str(caught.value).startswith(f"{zipped}/flights/notes.txt: not a flight log")
+
+
+def test_a_copy_stands_for_a_place_out_of_reach(tmp_path: Path) -> None:
+    (tmp_path / "copy").write_bytes(LOG)
+    source = Source("/out/of/reach.zip", "a.bin", copy=str(tmp_path / "copy"))
+    assert content(source) == LOG
+    assert source.name == "/out/of/reach.zip/a.bin"
+
+
+# Which logs a name means: by content in folders and patterns, as it stands otherwise.
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A card: two logs, one of them packed under a strange name, a broken one, notes, a hidden folder."""
+    for name in ("one/a.bin", "two/b", ".trash/c.bin"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+    shutil.copy(SAMPLES / "copter_yaw_turns.bin", tmp_path / "one/a.bin")
+    shutil.copy(SAMPLES / "copter_yaw_turns.bin", tmp_path / ".trash/c.bin")
+    (tmp_path / "two/b").write_bytes(gzip.compress((SAMPLES / "px4_hover.ulg").read_bytes()[:200_000]))
+    (tmp_path / "broken.ulg").write_bytes(b"")
+    (tmp_path / "firmware.bin").write_bytes(b"\x7fELF" + bytes(4000))
+    (tmp_path / "notes.txt").write_text("windy")
+    return tmp_path
+
+
+def names_found(found: list[Path], folder: Path) -> list[str]:
+    return [str(path.relative_to(folder)) for path in found]
+
+
+def test_a_folder_means_the_logs_in_it_known_by_content(folder: Path) -> None:
+    logs, wrong = find([folder])
+    assert names_found(logs, folder) == ["broken.ulg", "one/a.bin", "two/b"]
+    assert wrong == []
+
+
+def test_a_pattern_means_the_logs_it_matches(folder: Path) -> None:
+    assert names_found(find([folder / "*.*"])[0], folder) == ["broken.ulg"]
+    assert names_found(find([folder / "**/*"])[0], folder) == ["broken.ulg", "one/a.bin", "two/b"]
+    assert names_found(find([folder / "o*"])[0], folder) == ["one/a.bin"]
+
+
+def test_a_file_whose_name_looks_like_a_pattern_is_itself(tmp_path: Path) -> None:
+    log = tmp_path / "flight[1].ulg"
+    log.write_bytes(b"x")
+    assert find([log]) == ([log], [])
+
+
+def test_a_log_that_is_named_twice_comes_once(folder: Path) -> None:
+    log = folder / "one/a.bin"
+    assert find([log, folder / "one", log])[0] == [log]
+
+
+def test_what_finds_nothing_is_told_and_loses_no_other(folder: Path) -> None:
+    (folder / "empty").mkdir()
+    missing = folder / "none.ulg"
+    logs, wrong = find([folder / "empty", folder / "x*.ulg", folder / "*.txt", Path("-"), missing])
+    assert logs == [missing]  # reading it says that it is not there
+    assert [type(e) for e in wrong] == [LogUnreadable, LogUnreadable, LogUnreadable, UsageError]
+    words = ("without a flight log", "no file matches", "none of the 1 files", "memory-mapped")
+    assert all(word in str(e) for word, e in zip(words, wrong, strict=True))
+
+
+@pytest.fixture
+def closed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in the card that nobody may list; what an administrator runs could, hence not by its mode."""
+    list_, place = os.scandir, folder / "two"
+
+    def refuse(path: str | os.PathLike[str] = ".") -> object:
+        if str(path).rstrip("/") == str(place):
+            raise PermissionError(13, "Permission denied", str(place))
+        return list_(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    return place
+
+
+def test_a_folder_that_cannot_be_read_is_told_and_hides_no_other(folder: Path, closed: Path) -> None:
+    logs, wrong = find([folder])
+    assert names_found(logs, folder) == ["broken.ulg", "one/a.bin"]
+    assert [str(error) for error in wrong] == [f"{closed}: cannot be read (Permission denied)"]
+    for name in (closed, closed / "*.bin", closed / "**/*.ulg"):
+        logs, (error,) = find([name])
+        assert logs == []
+        assert str(error) == f"{closed}: cannot be read (Permission denied)"
+
+
+def test_a_name_that_no_system_takes_is_left_to_reading(tmp_path: Path) -> None:
+    logs, wrong = sources([tmp_path / ("x" * 300)])
+    assert (len(logs), wrong) == (1, [])
+    with pytest.raises(LogUnreadable, match="File name too long"):
+        recognise(logs[0].place)
+
+
+def test_a_file_that_cannot_be_read_counts_where_logs_have_such_names(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, count: int) -> bytes:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("attlog.formats.file_bytes.first_bytes", refuse)
+    assert names_found(find([folder])[0], folder) == ["broken.ulg", "firmware.bin", "one/a.bin"]
+
+
+def test_a_link_to_nothing_among_logs_is_told_where_it_has_the_name_of_one(folder: Path) -> None:
+    whole = find([str(folder)])
+    (folder / "more.txt").symlink_to(folder / "gone.txt")
+    (folder / "lost.ulg").symlink_to(folder / "moved.ulg")
+    logs, wrong = find([str(folder)])
+    assert logs == whole[0]
+    assert [str(error) for error in wrong] == [f"{folder / 'lost.ulg'}: is a link to nothing"]
+
+
+@pytest.mark.parametrize("url", ["https://example.org/a.ulg", "s3://bucket/a.ulg?X-Amz-Signature=secret", "ftp://h/*"])
+def test_a_url_where_files_are_read_is_told_whole_and_with_what_reads_it(url: str) -> None:
+    """A path has lost a slash of it: "https:/example.org/a.ulg: no such file"."""
+    found, (wrong,) = find([Path(url)])
+    assert found == []
+    assert isinstance(wrong, UsageError)
+    assert str(wrong).startswith(url.partition("?")[0] + ": is a URL")
+    assert "analyze and batch read URLs" in str(wrong)
+    assert "secret" not in str(wrong)

@@ -1,0 +1,344 @@
+"""How the process ends: by signals, beside a child with a mapped log, with a standard output that fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from attlog.cli.process import ended_by_signals
+from tests.conftest import ROOT, SAMPLES, few
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_interrupts_and_is_told(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with ended_by_signals() as received, pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+    assert received == [number]
+    assert signal.getsignal(number) == before
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_what_nohup_ignores_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals() as received:
+            signal.raise_signal(signal.SIGHUP)
+        assert received == []
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_an_interrupt_during_start_up_leaves_no_traceback(tmp_path):
+    (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5)\n")
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, "-m", "attlog", "--help"],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
+FORKS = pytest.mark.skipif(sys.platform == "win32", reason="nothing is forked there")
+HEAD = """
+import signal, sys, time
+from attlog.base import limits
+from attlog.cli.shared import process
+limits.READ_BYTES = 1
+process.INTERRUPTED_S = 1
+"""
+
+
+def started(body: str, log: Path) -> subprocess.Popen[str]:
+    """A process that runs ``body`` under the guard of a log."""
+    log.write_bytes(bytes(10))
+    code = f"{HEAD}{body}\nsys.exit(process.guarded(run, [{str(log)!r}]))"
+    return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.usefixtures("interruptible")
+@FORKS
+def test_an_error_that_nobody_told_is_told(tmp_path: Path) -> None:
+    """Where memory is too short to write the sentence, or to import what writes it; it was 70 and silence."""
+    out, err = (process := started("def run(): raise MemoryError", tmp_path / "x.ulg")).communicate(timeout=30)
+    assert (process.returncode, out) == (75, "")
+    assert err.startswith("attlog: memory ran out")
+
+
+@pytest.mark.usefixtures("interruptible")
+@FORKS
+def test_an_interrupt_of_the_waiting_process_alone_reaches_the_other(tmp_path: Path) -> None:
+    """``kill -INT``, or a program that started it: only a terminal interrupts both. It was ignored."""
+    body = """
+def run():
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        time.sleep(0.5)  # until the other has its handlers
+        print("begun", flush=True)
+        time.sleep(30)
+    except KeyboardInterrupt:
+        return 130
+    return 0
+"""
+    process = started(body, tmp_path / "x.ulg")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    begin = time.monotonic()
+    process.send_signal(2)
+    assert process.wait(timeout=25) == 130
+    assert time.monotonic() - begin < 20
+    process.communicate()
+
+
+LOG = SAMPLES / "copter_yaw_turns.bin"
+COMMANDS = {
+    "help": ["--help"],
+    "schema": ["schema"],
+    "estimators": ["estimators"],
+    "one estimator": ["estimators", "vqf"],
+    "info": ["info", LOG],
+    "info json": ["info", LOG, "--json"],
+    "extract": ["extract", LOG, "ATT", "-o", "-"],
+    "analyze": ["analyze", LOG, "--estimators", "gyro", "-o", "OUT"],
+}
+
+
+def start(arguments: list[str | Path | bytes], tmp_path: Path, **how: object) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-m", "attlog", *(str(tmp_path / "out") if a == "OUT" else a for a in arguments)]
+    return subprocess.run(command, stderr=subprocess.PIPE, **how)  # type: ignore[call-overload, no-any-return]
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no full device here")
+@pytest.mark.parametrize("arguments", few(COMMANDS.values(), 2), ids=COMMANDS.keys())
+def test_a_full_disk_behind_standard_output_is_73(tmp_path: Path, arguments: list[str | Path | bytes]) -> None:
+    with open("/dev/full", "wb") as full:
+        done = start(arguments, tmp_path, stdout=full)
+    assert (done.returncode, done.stderr.count(b"\n")) == (73, 1), done.stderr
+    assert b"standard output cannot be written" in done.stderr
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("arguments", few([["schema"], ["info", LOG]], 1), ids=["schema", "info"])
+def test_a_reader_that_goes_away_hears_nothing(tmp_path: Path, arguments: list[str | Path | bytes]) -> None:
+    ours, theirs = os.pipe()
+    os.close(ours)
+    done = start(arguments, tmp_path, stdout=theirs)
+    os.close(theirs)
+    assert (done.returncode, done.stderr) == (73, b"")
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize("arguments", few(COMMANDS.values(), 1), ids=COMMANDS.keys())
+def test_every_command_works_where_signs_cannot_be_shown(
+    tmp_path: Path, arguments: list[str | Path | bytes], encoding: str
+) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": encoding, "NO_COLOR": "1"}
+    done = start(arguments, tmp_path, stdout=subprocess.PIPE, env=environment)
+    assert done.returncode == 0, done.stderr[-500:]
+    text = done.stdout.decode(encoding)
+    assert len(text) > 100
+    assert "\x1b" not in text
+    assert "\\u" not in text.replace("\\udc", "") or arguments[-1] == "--json"
+    assert [line for line in text.splitlines() if line != line.rstrip()] == []
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.skipif(sys.platform == "darwin", reason="its file systems keep UTF-8 names only")
+@pytest.mark.parametrize(
+    "arguments", few([["info"], ["info", "--json"], ["extract", "ATT", "-o", "OUT"], ["extract", "ATT", "-o", "-"]], 1)
+)
+def test_a_file_name_that_is_not_utf8_works(tmp_path: Path, arguments: list[str]) -> None:
+    log = os.path.join(os.fsencode(tmp_path), b"a\xff.bin")
+    os.symlink(os.fsencode(LOG), log)
+    done = start([arguments[0], log, *arguments[1:]], tmp_path, stdout=subprocess.PIPE)
+    assert done.returncode == 0, done.stderr[-500:]
+    if arguments == ["info"]:
+        assert done.stdout.startswith(b"a\\xff.bin")
+
+
+# How a command begins and ends: what it costs beside its work.
+
+
+def test_python_does_not_look_through_all_objects_once_more_when_a_command_has_ended() -> None:
+    code = (
+        "import gc, sys\n"
+        "from attlog.cli import main\n"
+        "sys.argv = ['attlog', 'schema']\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        "print(len(gc.get_objects()), gc.get_freeze_count(), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    looked_at, left_alone = map(int, done.stderr.split())
+    assert looked_at < 1000 < 10_000 < left_alone
+
+
+# Same log, version and machine: the same JSON and page to the bit, wherever and however attlog runs.
+
+LOGS = ("copter_yaw_turns.bin", "cut.ulg")
+HERE = {"PYTHONHASHSEED": "1", "TZ": "UTC", "LC_ALL": "C", "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"}
+THERE = {
+    "PYTHONHASHSEED": "77",
+    "TZ": "Asia/Kathmandu",
+    "LC_ALL": "de_DE.UTF-8",
+    "LANG": "tr_TR.UTF-8",
+    "OPENBLAS_NUM_THREADS": "2",
+    "COLUMNS": "40",
+    "HOME": "/nowhere",
+}
+
+
+@pytest.mark.slow
+def test_order_of_hashes_zone_locale_folder_and_jobs_change_no_bit(tmp_path: Path) -> None:
+    written = []
+    for folder, variables, jobs in ((tmp_path / "a", HERE, "1"), (tmp_path / "b" / "c d", THERE, "2")):
+        folder.mkdir(parents=True)
+        shutil.copy(SAMPLES / LOGS[0], folder)
+        (folder / LOGS[1]).write_bytes((SAMPLES / "px4_steps.ulg").read_bytes()[:400_000])
+        words = ["analyze", *LOGS, "-o", "out", "--estimators", "gyro,mahony", "--deterministic", "-q", "-j", jobs]
+        paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        subprocess.run(
+            [sys.executable, "-m", "attlog", *words],
+            cwd=folder,
+            env=os.environ | variables | {"PYTHONPATH": paths},
+            check=True,
+            capture_output=True,
+        )
+        written.append({p.name: p.read_bytes() for p in sorted((folder / "out").iterdir())})
+    assert sorted(written[0]) == [f"{name}.{kind}" for name in sorted(LOGS) for kind in ("html", "json")]
+    assert written[0] == written[1]
+
+
+# What the terminal's encoding lacks, and file names that are not UTF-8, end no run.
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "darwin", reason="its file systems keep UTF-8 names only")
+@pytest.mark.parametrize(("encoding", "sign"), few([("ascii", b" deg"), ("cp1252", "°".encode("cp1252"))], 1))
+def test_analyze_works_where_signs_and_names_cannot_be_shown(samples, tmp_path, encoding, sign):
+    log = os.path.join(os.fsencode(tmp_path), b"a\xff.bin")
+    shutil.copy(samples / "copter_steps_stabilize.bin", log)
+    done = subprocess.run(
+        [sys.executable, "-m", "attlog", "analyze", "--no-color", "--estimators", "gyro", "-o", str(tmp_path), log],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+    )
+    assert done.returncode == 0, done.stderr[-500:]
+    assert b"a\\xff.bin" in done.stdout
+    assert sign in done.stdout
+    assert b"\x1b" not in done.stdout
+    assert [line for line in done.stdout.splitlines() if line != line.rstrip()] == []
+    document = json.loads((tmp_path / "a_.bin.json").read_text(encoding="utf-8"))
+    assert os.fsencode(document["log"]["name"]) == b"a\xff.bin"
+    assert (tmp_path / "a_.bin.html").stat().st_size > 10_000
+
+
+# Files beside a log that are named like modules of Python, or of packages that attlog uses, are never imported.
+
+NAMED_LIKE_MODULES = ("numpy", "signal", "struct", "pickle", "json", "socket", "subprocess", "multiprocessing")
+RAN = "from pathlib import Path\nPath(__file__).with_suffix('.ran').touch()\nraise SystemExit(5)\n"
+FILTER = """
+import numpy as np
+from attlog.estimators import Estimate
+def run(t, gyr, acc, mag, aids, params):
+    return Estimate(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))
+"""
+DROPPED = "import sys; del sys.path[0]; "
+"""As the installed command begins: without the flag ``-P``, which child processes of ``multiprocessing`` inherit."""
+COMMAND = "from attlog.__main__ import main; main()"
+
+
+@pytest.mark.parametrize(
+    "words",
+    few(
+        [
+            pytest.param(["info", "--verify", "log.ulg"], id="official reader"),
+            pytest.param(["check-estimator", "mine.py"], id="filter of a file"),
+            pytest.param(
+                ["batch", "log.ulg", "-o", "out", "--estimators", "mine.py", "--reference", "onboard"], id="batch"
+            ),
+            pytest.param(
+                ["compare", "log.ulg", "again.ulg", "gyro", "mahony", "-o", "out", "-j", "2"], id="several logs"
+            ),
+        ],
+        1,
+    ),
+)
+@pytest.mark.parametrize("start", [["-c", DROPPED + COMMAND], ["-m", "attlog"]], ids=["attlog", "-m attlog"])
+def test_no_child_process_imports_a_file_of_the_current_folder(
+    words: list[str], start: list[str], samples: Path, tmp_path: Path
+) -> None:
+    for name in NAMED_LIKE_MODULES:
+        (tmp_path / f"{name}.py").write_text(RAN)
+    (tmp_path / "mine.py").write_text(FILTER)
+    for name in ("log.ulg", "again.ulg"):
+        (tmp_path / name).symlink_to(samples / "px4_steps.ulg")
+    done = subprocess.run(
+        [sys.executable, *start, *words],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert [path.name for path in tmp_path.glob("*.ran")] == []
+    assert "Traceback" not in done.stderr
+    if words[0] != "check-estimator":  # whose verdict this filter, which ignores its sensors, does not get
+        assert done.returncode == 0, done.stderr
+
+
+# How Python is started, and from where: out of a zip file, without docstrings and assertions.
+
+
+def run(*arguments: object, path: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """Python with these arguments, which finds attlog in ``path``."""
+    return subprocess.run(
+        [sys.executable, "-P", *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": str(path)},
+        capture_output=True,
+        text=True,
+    )
+
+
+def test_out_of_a_zip_file_it_says_what_to_do(tmp_path: Path) -> None:
+    """Templates, scenarios and machine code are read as files; ``--help`` worked, ``analyze`` blamed the output."""
+    with zipfile.ZipFile(tmp_path / "attlog.zip", "w") as archive:
+        for path in (ROOT / "attlog" / "__init__.py", ROOT / "attlog" / "__main__.py"):
+            archive.write(path, path.relative_to(ROOT).as_posix())
+    done = run("-m", "attlog", "info", "x.ulg", path=tmp_path / "attlog.zip")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "attlog: does not run out of a zip file: install it (pip install), or unpack it\n"
+
+
+@pytest.mark.slow
+def test_without_docstrings_and_assertions_the_numbers_are_the_same(samples: Path, tmp_path: Path) -> None:
+    """``python -OO``: what is said of a filter is its file's docstring and lost, no number and no check is."""
+
+    def numbers(*options: str) -> Any:
+        folder = tmp_path / "".join(options)
+        log = samples / "copter_yaw_turns.bin"
+        command = ["-m", "attlog", "analyze", log, "-q", "--deterministic", "--estimators", "gyro,mahony", "-o", folder]
+        done = run(*options, *command)
+        assert done.returncode == 0, done.stderr
+        document = json.loads((folder / "copter_yaw_turns.bin.json").read_text(encoding="utf-8"))
+        rows = [(row["name"], row["metrics"], row.get("parameters")) for row in document["estimators"]]
+        return rows, document["evidence"]
+
+    assert numbers("-OO") == numbers("-B")
+    assert run("-OO", "-m", "attlog", "analyze", "--imu", "99", samples / "copter_yaw_turns.bin").returncode == 2

@@ -1,0 +1,213 @@
+"""The last barrier: a bug in one part costs that part, says so, and the rest of the log is analysed; tests see it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest import mock
+
+import pytest
+
+from attlog import metrics, pipeline, reference, segments
+from attlog.core import errors
+from attlog.core.errors import LogUnreadable, UsageError
+from attlog.flight import read
+from attlog.flight.px4 import imu, reader
+from attlog.flight.px4 import sensors as magnetometers
+from attlog.health import compass, gnss
+from attlog.health import imu as gyro
+from attlog.metrics import accuracy, allan, noise
+from attlog.pipeline import evaluation, summary
+from attlog.result import Result
+from tests.conftest import SAMPLES, few
+
+LOG = SAMPLES / "px4_hover.ulg"
+
+
+def broken(*args: Any, **kwargs: Any) -> Any:
+    raise ZeroDivisionError("nobody thought of this")
+
+
+@pytest.fixture
+def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As users run it: the barrier stands."""
+    monkeypatch.delenv(errors.RAISE_VARIABLE)
+
+
+def breaks(part: ModuleType, name: str) -> Any:
+    return mock.patch.object(part, name, broken)
+
+
+def test_in_tests_a_bug_is_a_bug() -> None:
+    with breaks(reader, "battery_stream"), pytest.raises(ZeroDivisionError):
+        read(LOG)
+
+
+@pytest.mark.usefixtures("quiet")
+def test_errors_on_purpose_pass() -> None:
+    def wrong() -> None:
+        raise UsageError("use another option")
+
+    with pytest.raises(UsageError):
+        errors.guarded("x", wrong, str)
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize(
+    ("part", "name", "field"),
+    [
+        (reader, "battery", "battery"),
+        (reader, "gnss", "gnss"),
+        (reader, "baro", "baro"),
+        (reader, "setpoints", "setpoints"),
+        (reader, "armed", "armed"),
+        (magnetometers, "magnetometers", "mags"),
+        (reader, "attitude_of", "attitudes"),
+        (reader, "vehicle", ""),
+        (reader, "firmware", ""),
+        (imu, "fifo", ""),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_a_part_of_a_flight_that_fails_is_one_problem_and_the_rest_is_there(
+    part: ModuleType, name: str, field: str
+) -> None:
+    with breaks(part, name):
+        log = read(LOG)
+    failed = [p for p in log.problems if p.code == "part_failed"]
+    assert failed
+    assert all("ZeroDivisionError" in p.text and "please report it" in p.text for p in failed)
+    assert log.imu is not None
+    assert not field or not getattr(log, field)
+
+
+@pytest.fixture(scope="module")
+def case() -> Any:
+    return pipeline.prepare(LOG)
+
+
+def evaluated(case: Any) -> Result:
+    case.forget()
+    return pipeline.evaluate(case, ["gyro", "mahony"], traces=True)
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_check_or_a_metric_that_fails_is_missing_and_the_others_are_there(case: Any) -> None:
+    whole = evaluated(case)
+    assert not [p for p in whole.findings if p.kind == "part_failed"]
+    with breaks(gyro, "gyro_checks"), breaks(accuracy, "compute_rmse"), breaks(evaluation, "verdicts"):
+        result = evaluated(case)
+    assert {c.name: c.verdict for c in result.audit}["gyro"] == "unknown"
+    assert [c for c in result.audit if c.name.startswith("field")] == [
+        c for c in whole.audit if c.name.startswith("field")
+    ]
+    answers = result.estimators[1].metrics["all"]
+    assert (answers["total_rmse_deg"].code, answers["total_rmse_deg"].value) == ("part_failed", None)
+    assert answers["lag_ms"].value == whole.estimators[1].metrics["all"]["lag_ms"].value
+    failed = [p.text for p in result.findings if p.kind == "part_failed"]
+    assert len(failed) == 1 + len(result.estimators) + 1, "the check, the metric of each row, the sentences"
+    assert result.to_json()
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_filter_that_ends_in_a_bug_is_a_failed_row(case: Any) -> None:
+    from attlog.pipeline import replay
+
+    original = replay.replayed
+
+    def once(*args: Any, **kwargs: Any) -> Any:
+        return broken() if args[3].name == "mahony" else original(*args, **kwargs)
+
+    with mock.patch.object(replay, "replayed", once):
+        result = evaluated(case)
+    assert {r.name: r.status for r in result.estimators}["mahony"] == "failed"
+    assert result.estimators[0].status != "failed"
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_page_is_written_where_everything_that_may_fail_does(tmp_path: Path) -> None:
+    from attlog.pipeline import analyze
+
+    with (
+        breaks(noise, "compute_noise"),
+        breaks(allan, "compute_allan"),
+        breaks(gnss, "gnss_checks"),
+        breaks(compass, "field_checks"),
+    ):
+        result = analyze(LOG, {"estimators": ["mahony"]})
+    result.to_html(tmp_path / "x.html")
+    assert "please report it" in result.to_json()
+    assert (tmp_path / "x.html").stat().st_size > 10_000
+
+
+@pytest.mark.usefixtures("quiet")
+def test_info_goes_on_without_a_reference_and_without_answers() -> None:
+    from attlog.pipeline import inspection
+
+    choose, calls = inspection.reference.choose, []
+
+    def unless_none(*args: Any, **kwargs: Any) -> Any:
+        calls.append(args)
+        return choose(*args, **kwargs) if len(args) > 2 else broken()
+
+    with mock.patch.object(inspection.reference, "choose", unless_none), breaks(inspection, "answerable"):
+        told = inspection.inspect(LOG)
+    failed = [p["text"] for p in told["findings"] if p["kind"] == "part_failed"]
+    assert len(failed) == 2
+    assert told["messages"]
+    assert told["answerable"] == []
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize(
+    ("part", "name", "kinds"),
+    few(
+        [
+            (segments.rest, "rests", {"continuous"}),
+            (segments.flags, "airborne", {"continuous"}),
+            (segments.gaps, "find", {"continuous"}),
+            (segments.hover, "find", {"armed", "airborne", "continuous", "rest.long"}),
+            (segments.resets, "find", {"armed", "airborne", "continuous", "rest.long"}),
+        ],
+        2,
+    ),
+)
+def test_without_segments_the_log_is_still_analysed(part: ModuleType, name: str, kinds: set[str]) -> None:
+    with breaks(part, name):
+        result = pipeline.analyze(LOG, {"estimators": ["mahony"], "reference": "onboard"})
+    assert kinds <= {s.kind for s in result.segments}
+    assert kinds > {"continuous"} or {s.kind for s in result.segments} <= {"continuous", "gap", "reset"}
+    whole = result.estimators[0].metrics["all"]
+    assert whole["total_rmse_deg"].value is not None
+    told = [p for p in result.findings if p.kind == "part_failed"]
+    assert 1 <= len(told) <= 4
+    assert all("ZeroDivisionError" in p.text for p in told)
+
+
+@pytest.mark.usefixtures("quiet")
+def test_info_of_a_log_without_segments_is_told() -> None:
+    from attlog.pipeline import inspection
+
+    with breaks(segments.flags, "airborne"), breaks(summary, "place"), breaks(summary, "_changed"):
+        told = inspection.inspect(LOG)
+    assert told["log"]["seconds"] == {"airborne": None, "rest": 0.0, "armed": None}
+    assert (told["log"]["place"], told["log"]["params_changed"]) == (None, {})
+    assert told["log"]["params"]
+    assert sum(p["kind"] == "part_failed" for p in told["findings"]) == 3
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_result_comes_also_where_its_order_cannot_be_told(case: Any) -> None:
+    with breaks(evaluation, "findings"), breaks(metrics, "rank"), breaks(reference, "onboard_rows"):
+        result = evaluated(case)
+    assert result.estimators[1].metrics["all"]["total_rmse_deg"].value is not None
+    assert result.best == {}
+    failed = [p.text for p in result.findings if p.kind == "part_failed"]
+    assert len(failed) >= 3
+    assert result.to_json()
+
+
+def test_a_log_that_is_gone_when_it_is_described_is_unreadable(tmp_path: Path) -> None:
+    with pytest.raises(LogUnreadable, match="cannot be read any more"):
+        summary.sha256(tmp_path / "gone.ulg")

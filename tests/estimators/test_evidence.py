@@ -1,0 +1,431 @@
+"""Where a body is still, gravity tells how an attitude is tilted; where it moves, nothing is said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from attlog.core import rotation
+from attlog.estimators import evidence
+from attlog.estimators import evidence as gnss
+from attlog.estimators.evidence import (
+    HeadingOffset,
+    both,
+    heading_offset,
+    pieces,
+    still_windows,
+    tilt_residual,
+    velocity_steps,
+    within,
+)
+
+RATE, SECONDS, G = 200.0, 20.0, 9.80665
+T = np.arange(0.0, SECONDS, 1.0 / RATE)
+
+
+def standing(roll_deg: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gyro and accelerometer (n, 3) of a body that lies tilted, and its attitude (n, 4)."""
+    q = np.tile(rotation.from_euler(np.radians(roll_deg), 0.0, 0.3), (len(T), 1))
+    return np.zeros((len(T), 3)), rotation.rotate_inverse(q, np.array([0.0, 0.0, -G])), q
+
+
+def test_every_window_of_a_body_that_lies_is_still_and_its_attitude_has_no_residual() -> None:
+    gyr, acc, q = standing(20.0)
+    found = still_windows(T, gyr, acc)
+    assert found[0].tolist() == [0.0, 2.0]
+    assert np.diff(found[:, 0]) == pytest.approx(0.5)
+    assert len(found) == (SECONDS - 2.0) / 0.5 + 1
+    assert tilt_residual(found, T, acc, q) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_residual_is_the_angle_that_the_attitude_is_tilted_by_whatever_its_heading() -> None:
+    gyr, acc, q = standing(20.0)
+    wrong = rotation.multiply(rotation.from_rotvec(np.radians([4.0, 0.0, 0.0])), q)
+    turned = rotation.turn_about_down(wrong, np.full(len(T), 1.0))
+    assert tilt_residual(still_windows(T, gyr, acc), T, acc, turned) == pytest.approx(4.0, abs=1e-6)
+
+
+def test_a_gyro_bias_and_the_vibration_of_idling_motors_hide_no_stillness() -> None:
+    gyr, acc, _ = standing()
+    rng = np.random.default_rng(3)
+    shaken = acc + 2.0 * np.sin(2 * np.pi * 72.0 * T)[:, None] + rng.normal(0.0, 0.1, acc.shape)
+    spun = gyr + np.radians([3.0, -2.0, 1.0]) + np.radians(20.0) * np.sin(2 * np.pi * 60.0 * T)[:, None]
+    assert len(still_windows(T, spun, shaken)) >= 0.9 * len(still_windows(T, gyr, acc))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_body_that_turns_to_and_fro_is_not_still(axis: int) -> None:
+    """By 1 deg in 3 s: too slow for the force's direction about the vertical, seen by the gyro."""
+    gyr, acc, _ = standing()
+    gyr[:, axis] = np.radians(1.0) * (2 * np.pi / 3.0) * np.cos(2 * np.pi * T / 3.0)
+    assert not len(still_windows(T, gyr, acc))
+
+
+@pytest.mark.parametrize(
+    "push",
+    [
+        lambda t: 0.2 * np.sin(2 * np.pi * t / 2.0),  # swaying
+        lambda t: np.where(np.mod(t, 1.0) < 0.2, 1.0, 0.0),  # blows
+        lambda t: 2.0 * t,  # getting faster and faster
+    ],
+)
+def test_a_body_that_is_pushed_is_not_still(push) -> None:
+    gyr, acc, _ = standing()
+    acc[:, 0] += push(T)
+    assert not len(still_windows(T, gyr, acc))
+
+
+def test_a_force_that_is_no_gravity_is_no_stillness() -> None:
+    """A steady climb of the speed, or an accelerometer in other units."""
+    gyr, acc, _ = standing()
+    assert len(still_windows(T, gyr, acc * 1.05))
+    assert not len(still_windows(T, gyr, acc * 1.08))
+    assert not len(still_windows(T, gyr, acc / G))
+
+
+def test_windows_end_at_gaps_and_leave_out_what_is_no_number() -> None:
+    gyr, acc, q = standing()
+    keep = (T < 8.0) | (T > 12.0)
+    acc[(T > 15.0) & (T < 15.6)] = np.nan
+    found = still_windows(T[keep], gyr[keep], acc[keep])
+    assert len(found)
+    for low, high in ((8.0, 12.0), (15.0, 15.6)):
+        hole = (low + 0.25, high - 0.25)  # parts at the ends still have samples
+        assert np.all((found[:, 1] <= hole[0]) | (found[:, 0] >= hole[1]))
+    assert np.isfinite(tilt_residual(found, T[keep], acc[keep], q[keep])).all()
+
+
+def test_where_the_attitude_is_unknown_the_residual_is_too() -> None:
+    gyr, acc, q = standing()
+    q[T > 10.0] = np.nan
+    found = still_windows(T, gyr, acc)
+    residual = tilt_residual(found, T, acc, q)
+    assert np.isfinite(residual[found[:, 1] <= 10.0]).all()
+    assert np.isnan(residual[found[:, 0] > 10.0]).all()
+
+
+def test_nothing_is_still_without_samples() -> None:
+    for n in (0, 1, 7):
+        assert still_windows(T[:n], np.zeros((n, 3)), np.zeros((n, 3))).shape == (0, 2)
+    assert not within(np.zeros((0, 2)), T).any()
+
+
+@pytest.mark.parametrize("spoiled", ["time", "gyro", "force"])
+def test_a_sample_that_is_no_number_in_any_of_its_parts_is_left_out(spoiled: str) -> None:
+    """Every tenth sample: the windows stay as they are."""
+    gyr, acc, _ = standing(20.0)
+    t = T.copy()
+    {"time": t[:, None], "gyro": gyr, "force": acc}[spoiled][5::10, 0] = np.nan
+    np.testing.assert_allclose(still_windows(t, gyr, acc), still_windows(T, *standing(20.0)[:2]))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(("deg", "still"), [(0.29, True), (0.31, False)])
+def test_an_angle_may_leave_that_of_the_mean_rate_by_three_tenths_of_a_degree(
+    axis: int, deg: float, still: bool
+) -> None:
+    """The rate is larger in the first half of a window than in the second: the angle is off most in its middle."""
+    gyr, acc, _ = standing()
+    gyr[:, axis] = 0.5
+    gyr[T < 1.0, axis] += np.radians(deg)
+    gyr[(T >= 1.0) & (T < 2.0), axis] -= np.radians(deg)
+    assert bool(np.any(still_windows(T, gyr, acc)[:, 0] == 0.0)) is still
+
+
+@pytest.mark.parametrize(("off", "still"), [(0.59, True), (-0.59, True), (0.61, False), (-0.61, False)])
+def test_the_mean_force_is_gravitys_within_six_tenths(off: float, still: bool) -> None:
+    gyr, acc, _ = standing()
+    assert bool(len(still_windows(T, gyr, acc * (9.8 + off) / G))) is still
+
+
+@pytest.mark.parametrize(("size", "still"), [(0.048, True), (0.052, False)])
+def test_the_means_of_eighths_may_scatter_by_five_hundredths(size: float, still: bool) -> None:
+    gyr, acc, _ = standing()
+    acc[:, 2] += size * np.where(np.floor(T / 0.25 + 1e-9) % 2 == 0, 1.0, -1.0)
+    assert bool(len(still_windows(T, gyr, acc))) is still
+
+
+# The heading error by GNSS acceleration, on motion whose heading and GNSS are known.
+
+GRAVITY = 9.81
+
+
+@dataclass
+class Flight:
+    """A flight of 120 s: the truth, and what its sensors say."""
+
+    t: np.ndarray
+    acc: np.ndarray
+    q: np.ndarray
+    fixes: np.ndarray
+    velocity: np.ndarray
+
+    def found(self, *, heading_deg: float = 0.0, tilt_deg: float = 0.0) -> HeadingOffset:
+        """What is said of the true attitude, turned by these."""
+        q = rotation.turn_about_down(self.q, np.radians(heading_deg))
+        q = rotation.multiply(rotation.from_rotvec(np.radians([tilt_deg, 0.0, 0.0])), q)
+        return heading_offset(self.t, self.acc, q, self.fixes, self.velocity)
+
+
+def flown(
+    *, late_s: float = 0.0, moves: float = 1.5, noise_m_s: float = 0.03, every_s: float = 0.2, scale: float = 1.0
+) -> Flight:
+    """A copter that accelerates by two tones (m/s^2) in each direction while it yaws; GNSS ``late_s`` later."""
+    t = np.arange(0.0, 120.0, 0.008)
+    tones = np.array([[0.31, 0.83], [0.23, 0.67]])  # Hz of north and east
+    amplitude = moves * np.array([[0.6, 0.8], [0.9, 0.5]])
+    w = 2.0 * np.pi * tones
+    earth = np.stack([(amplitude[k] * np.sin(np.outer(t, w[k]))).sum(axis=1) for k in range(2)], axis=1)
+    force = np.column_stack([earth, np.full(len(t), -GRAVITY)])
+    q = rotation.from_euler(0.1 * np.sin(0.9 * t), 0.1 * np.cos(0.7 * t), 0.4 * t)
+    fixes = np.arange(0.5, 119.5, every_s)
+    then = fixes - late_s
+    speed = np.stack(
+        [(amplitude[k] / w[k] * (1.0 - np.cos(np.outer(then, w[k])))).sum(axis=1) for k in range(2)], axis=1
+    )
+    rng = np.random.default_rng(5)
+    velocity = np.column_stack([speed + noise_m_s * rng.standard_normal(speed.shape), np.zeros(len(fixes))])
+    acc = scale * rotation.rotate_inverse(q, force) + 0.1 * rng.standard_normal((len(t), 3)) + [0.2, -0.1, 0.1]
+    return Flight(t, acc, q, fixes, velocity)
+
+
+@pytest.mark.parametrize("off", [-120.0, -28.0, 0.0, 12.0, 170.0])
+def test_the_offset_of_a_heading_is_found_with_its_sign(off: float) -> None:
+    found = flown().found(heading_deg=off)
+    assert found.told
+    assert found.offset_deg == pytest.approx(off, abs=1.0)
+    assert abs(found.offset_deg - off) < 3.0 * found.sigma_deg
+    assert found.wrong == (abs(off) > 8.0)
+    assert found.sound == (off == 0.0)
+
+
+@pytest.mark.parametrize("late", [-0.15, 0.2, 0.45])
+def test_a_late_receiver_moves_the_delay_and_not_the_heading(late: float) -> None:
+    found = flown(late_s=late).found(heading_deg=20.0)
+    assert found.delay_s == pytest.approx(late, abs=0.03)
+    assert found.offset_deg == pytest.approx(20.0, abs=1.5)
+
+
+def test_a_receiver_later_than_any_is_not_believed() -> None:
+    found = flown(late_s=0.7).found()
+    assert not found.told
+    assert "delay" in found.why
+
+
+def test_fixes_of_1_hz_are_enough() -> None:
+    found = flown(every_s=1.0).found(heading_deg=30.0)
+    assert found.told
+    assert found.offset_deg == pytest.approx(30.0, abs=4.0)
+
+
+def test_a_tilt_error_hides_no_heading() -> None:
+    found = flown().found(heading_deg=25.0, tilt_deg=8.0)
+    assert found.told
+    assert found.offset_deg == pytest.approx(25.0, abs=2.0)
+
+
+def test_hover_says_nothing_of_any_heading() -> None:
+    found = flown(moves=0.01, noise_m_s=0.1).found(heading_deg=90.0)
+    assert not any([found.told, found.wrong, found.sound])
+    assert found.why
+
+
+def test_an_accelerometer_of_wrong_scale_is_another_fault() -> None:
+    found = flown(scale=2.0).found(heading_deg=40.0)
+    assert found.correlation > 0.9
+    assert not found.told
+    assert "0.5 times" in found.why
+
+
+def test_jumps_of_gnss_are_left_out() -> None:
+    flight = flown()
+    flight.velocity[200:203] += 8.0
+    found = flight.found(heading_deg=15.0)
+    assert found.told
+    assert found.offset_deg == pytest.approx(15.0, abs=1.5)
+
+
+def test_one_turn_to_one_side_leaves_delay_and_heading_unknown() -> None:
+    """While a vehicle circles, 0.15 s of delay look like 0.15 s of turning: here 9 deg."""
+    flight = flown()
+    rate = np.radians(60.0)
+    force = np.column_stack(
+        [-3.0 * np.sin(rate * flight.t), 3.0 * np.cos(rate * flight.t), np.full(len(flight.t), -GRAVITY)]
+    )
+    flight.acc = rotation.rotate_inverse(flight.q, force)
+    flight.velocity[:, 0] = 3.0 / rate * np.cos(rate * flight.fixes)
+    flight.velocity[:, 1] = 3.0 / rate * np.sin(rate * flight.fixes)
+    flight.velocity[:, :2] += 0.03 * np.random.default_rng(3).standard_normal((len(flight.fixes), 2))
+    assert flight.found().sigma_deg == pytest.approx(9.0, abs=1.0)
+
+
+def test_a_heading_that_is_wrong_for_a_part_is_wrong_in_these_segments() -> None:
+    flight = flown()
+    turned = np.where(flight.t > 60.0, np.radians(45.0), 0.0)
+    found = pieces(flight.t, flight.acc, rotation.turn_about_down(flight.q, turned), flight.fixes, flight.velocity)
+    early = [one for one in found if one.t1 < 60.0]
+    late = [one for one in found if one.t0 > 60.0]
+    assert early
+    assert not any(one.wrong for one in early)
+    assert late
+    assert all(one.wrong for one in late)
+    assert [one.offset_deg for one in late] == pytest.approx([45.0] * len(late), abs=3.0)
+
+
+def test_errors_stay_within_their_sigma() -> None:
+    """White GNSS noise of 20 flights: the offset is beyond two sigma in about one of twenty, never in five."""
+    errors = []
+    flight = flown(noise_m_s=0.0, moves=0.4)
+    rng = np.random.default_rng(7)
+    velocity = flight.velocity
+    for _ in range(20):
+        flight.velocity = velocity + 0.15 * rng.standard_normal(velocity.shape)
+        found = flight.found()
+        errors.append(found.offset_deg / found.sigma_deg)
+    assert np.count_nonzero(np.abs(errors) > 2.0) < 5
+    assert np.sqrt(np.mean(np.square(errors))) > 0.2
+
+
+def test_gaps_of_the_imu_and_times_outside_the_spans_are_left_out() -> None:
+    flight = flown()
+    bad = (flight.t > 50.0) & (flight.t < 52.0)
+    flight.acc[bad & (flight.t < 51.0)] = np.nan
+    keep = ~(bad & (flight.t >= 51.0))
+    spans = np.array([[10.0, 100.0]])
+    args = flight.t[keep], flight.acc[keep], flight.q[keep], flight.fixes, flight.velocity
+    found = heading_offset(*args, spans)
+    assert found.told
+    assert abs(found.offset_deg) < 1.0
+    assert found.t0 >= 10.0
+    assert found.t1 <= 100.0
+    assert heading_offset(*args, np.zeros((0, 2))).why
+
+
+@pytest.mark.parametrize("fixes", [0, 1, 3])
+def test_without_gnss_there_is_no_answer(fixes: int) -> None:
+    flight = flown()
+    whole, parts = both(flight.t, flight.acc, flight.q, flight.fixes[:fixes], flight.velocity[:fixes])
+    assert not whole.told
+    assert whole.why
+    assert parts == []
+
+
+def test_what_stays_beside_a_gap_is_as_without_it_for_every_delay() -> None:
+    """Delays reach from 0.4 s before to 0.75 s after a fix: windows that would need the gap for one of them go."""
+    flight = flown()
+    keep = (flight.t < 50.0) | (flight.t > 51.0)
+    args = flight.fixes, flight.velocity
+    whole = velocity_steps(flight.t, flight.acc, flight.q, *args)
+    found = velocity_steps(flight.t[keep], flight.acc[keep], flight.q[keep], *args)
+    same = np.isin(whole.t0, found.t0)
+    assert found.t0.tolist() == whole.t0[same].tolist()
+    assert found.force == pytest.approx(whole.force[:, same], abs=1e-9)
+    left_out = whole.t0[~same]
+    assert (left_out.min(), left_out.max()) == (pytest.approx(48.6, abs=0.21), pytest.approx(51.7, abs=0.21))
+
+
+def test_a_receiver_that_seems_earlier_than_any_is_not_believed() -> None:
+    found = flown(late_s=-0.4).found()
+    assert not found.told
+    assert "delay" in found.why
+
+
+@pytest.mark.parametrize("each_s", [1.0, 0.5, 0.25])
+def test_windows_of_a_second_that_overlap_are_no_more_evidence_than_those_side_by_side(each_s: float) -> None:
+    """Errors of 0.3 m/s across, to and fro, on accelerations of 1: sqrt(0.3^2 / 2 / 40) rad in 40 s, however many."""
+    t = np.arange(0.0, 40.0, each_s)
+    across = 0.3 * np.where((np.arange(len(t)) // 2) % 2 == 0, 1.0, -1.0)
+    sigma, blocks = evidence._spread(t, 1.0 + 1j * across, np.ones(len(t), complex))
+    assert blocks == pytest.approx(8.0)
+    assert sigma == pytest.approx(np.sqrt(0.5 * 0.09 / 40.0), rel=0.3)
+
+
+# When the heading by GNSS acceleration counts, is wrong or sound: limits from both sides.
+
+FOUND = gnss.HeadingOffset(0.0, 1.0, 1.0, 0.9, 0.1, 9.0, 0.0, 60.0, True, "")
+
+
+@pytest.mark.parametrize(
+    ("offset", "sigma", "wrong", "sound"),
+    [
+        (7.9, 1.0, False, False),
+        (8.1, 1.0, True, False),
+        (-8.1, 1.0, True, False),
+        (14.9, 5.0, False, False),
+        (15.1, 5.0, True, False),
+        (2.9, 1.0, False, True),
+        (-3.1, 1.0, False, False),
+        (3.9, 2.0, False, True),
+        (4.1, 2.0, False, False),
+        (0.0, 2.1, False, False),
+    ],
+)
+def test_a_heading_is_wrong_beyond_eight_and_sound_within_three_degrees_or_its_sigmas(
+    offset: float, sigma: float, wrong: bool, sound: bool
+) -> None:
+    found = replace(FOUND, offset_deg=offset, sigma_deg=sigma)
+    assert (found.wrong, found.sound) == (wrong, sound)
+    silent = replace(found, told=False)
+    assert (silent.wrong, silent.sound) == (False, False)
+
+
+@pytest.mark.parametrize(
+    ("name", "inside", "outside"),
+    [
+        ("correlation", 0.71, 0.69),
+        ("scale", 0.71, 0.69),
+        ("scale", 1.29, 1.31),
+        ("blocks", 1.9, 1.7),
+        ("sigma_deg", 9.9, 10.1),
+    ],
+)
+def test_an_offset_counts_within_each_limit(name: str, inside: float, outside: float) -> None:
+    assert gnss._why_not(replace(FOUND, **{name: inside}), gnss.LEAST_BLOCKS) == ""
+    assert gnss._why_not(replace(FOUND, **{name: outside}), gnss.LEAST_BLOCKS) != ""
+
+
+def test_a_piece_needs_more_blocks_than_the_whole() -> None:
+    assert (gnss.LEAST_BLOCKS, gnss.LEAST_BLOCKS_OF_SEGMENT) == (1.8, 2.5)
+
+
+def test_a_fix_is_paired_with_the_nearest_to_a_second_later() -> None:
+    t = np.array([0.0, 0.4, 0.9, 1.2, 2.45, 3.14, 3.16])
+    i, j = gnss._pairs(t)
+    assert list(zip(i.tolist(), j.tolist(), strict=True)) == [(0, 2), (1, 3), (3, 4), (4, 6)]
+    i, j = gnss._pairs(np.array([0.0, 0.9, 1.1001]))
+    assert (i.tolist(), j.tolist()) == ([0], [1])
+    assert len(gnss._pairs(np.array([0.0]))[0]) == 0
+
+
+def test_windows_lie_between_samples_without_a_gap_of_0_15_s_and_inside_a_span() -> None:
+    t = np.r_[np.arange(0.0, 2.01, 0.14), np.arange(2.12, 4.0, 0.14)]
+    begin, end = np.array([0.1, 1.5, 2.2, -0.1, 3.5]), np.array([1.1, 2.3, 3.2, 0.9, 4.5])
+    assert gnss._without_gap(t, begin, end).tolist() == [True, False, True, False, False]
+    spans = np.array([[0.1, 1.1], [2.0, 3.1]])
+    assert gnss._inside(spans, begin, end).tolist() == [True, False, False, False, False]
+
+
+def test_a_window_far_from_the_fit_of_the_others_is_left_out() -> None:
+    rng = np.random.default_rng(1)
+    b = rng.normal(size=60) + 1j * rng.normal(size=60)
+    a = b * np.exp(-0.3j) * 1.1 + 0.2 + 0.002 * rng.normal(size=60)
+    for off, kept in ((0.18, True), (0.25, False)):
+        odd = a.copy()
+        odd[7] += off
+        found = gnss._without_outliers(odd, b)
+        assert np.flatnonzero(~found).tolist() == ([] if kept else [7])
+    # Of plane errors the median length is 1.18 sigma: four sigmas are 4 m/s where sigma is 1.
+    errors = rng.normal(size=4000) + 1j * rng.normal(size=4000)
+    errors /= np.median(np.abs(errors)) / np.sqrt(2.0 * np.log(2.0))
+    far, near = 4.3, 3.7
+    errors[np.abs(errors) > 3.0] *= 0.5
+    errors[:2] = [far, near]
+    many = 100.0 * (rng.normal(size=4000) + 1j * rng.normal(size=4000))
+    assert gnss._without_outliers(many + errors, many)[:2].tolist() == [False, True]
+
+
+def test_thirty_seconds_of_four_windows_are_a_segment() -> None:
+    number = np.repeat([0, 1, 3], [4, 3, 5])
+    assert [part.tolist() for part in gnss._of_segments(number)] == [[0, 1, 2, 3], [7, 8, 9, 10, 11]]

@@ -1,0 +1,282 @@
+"""Advice on ArduPilot's logging: bits of the official parameter documentation, never what is set or does not exist.
+
+Bits: ``@Bitmask`` of LOG_BITMASK in ArduCopter, ArduPlane, Rover, ArduSub, Blimp and AntennaTracker
+``Parameters.cpp``, which ardupilot.org shows as "Complete Parameter List" of each vehicle.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import flight
+from attlog.flight import remedies
+from attlog.flight.advice import ArduPilotLogging, LoggingNeed, OtherLogging, Px4Logging, Sdlog2Logging
+from attlog.flight.model import Mag, Stream
+
+COPTER = (
+    "0:Fast Attitude,1:Medium Attitude,2:GPS,3:System Performance,4:Control Tuning,5:Navigation Tuning,6:RC input,"
+    "7:IMU,8:Mission Commands,9:Battery Monitor,10:RC output,11:Optical Flow,12:PID,13:Compass,15:Camera,17:Motors,"
+    "18:Fast IMU,19:Raw IMU,20:Video Stabilization,21:Fast harmonic notch logging"
+)
+PLANE = (
+    "0:Fast Attitude,1:Medium Attitude,2:GPS,3:Performance,4:Control Tuning,5:Navigation Tuning,7:IMU,"
+    "8:Mission Commands,9:Battery Monitor,10:Compass,11:TECS,12:Camera,"
+    "13:RC Input-Output,14:Rangefinder,19:Raw IMU,20:Fullrate Attitude"
+)
+ROVER = (
+    "0:Fast Attitude,1:Medium Attitude,2:GPS,3:System Performance,4:Throttle,5:Navigation Tuning,7:IMU,"
+    "8:Mission Commands,9:Battery Monitor,10:Rangefinder,11:Compass,12:Camera,13:Steering,14:RC Input-Output,19:Raw IMU"
+)
+SUB = (
+    "0:Fast Attitude,1:Medium Attitude,2:GPS,3:PM,4:Control Tuning,5:NTUN,6:RCIN,7:IMU,8:CMD,9:CURRENT,10:RCOUT,"
+    "11:OPTFLOW,12:PID,13:Compass,15:CAMERA,17:MOTBATT,18:Fast IMU,19:Raw IMU"
+)
+BLIMP = (
+    "0:Fast Attitude,1:Medium Attitude,2:GPS,3:System Performance,4:Control Tuning,6:RC Input,7:IMU,9:Battery Monitor,"
+    "10:RC Output,12:PID,13:Compass"
+)
+TRACKER = "0:Attitude,1:GPS,2:RCIN,3:IMU,4:RCOUT,5:Compass,6:Battery"
+DOCUMENTED = {"copter": COPTER, "plane": PLANE, "rover": ROVER, "sub": SUB, "blimp": BLIMP, "tracker": TRACKER}
+
+
+def bits(family: str) -> dict[str, int]:
+    return {name.lower(): int(bit) for bit, name in (item.split(":") for item in DOCUMENTED[family].split(","))}
+
+
+def settings(family: str, mask: int = 0, **values: float) -> ArduPilotLogging:
+    return ArduPilotLogging(family, "4.5.0", {"LOG_BITMASK": mask, "LOG_DISARMED": 0, **values})
+
+
+def named(sentence: str) -> dict[str, int]:
+    """The bits that a sentence names, by their name in brackets."""
+    return {name.lower(): int(bit) for bit, name in re.findall(r"bit (\d+)(?: of LOG_BITMASK)? \(([^)]+)\)", sentence)}
+
+
+@pytest.mark.parametrize("family", DOCUMENTED)
+@pytest.mark.parametrize(
+    ("what", "rate"),
+    [("imu", None), ("imu", 8.0), ("fast_imu", 25.0), ("attitude", 10.0), ("attitude", None), ("mag", None)],
+)
+def test_every_bit_is_the_documented_one(family: str, what: LoggingNeed, rate: float | None) -> None:
+    said = named(settings(family).advice(what, rate))
+    documented = bits(family)
+    if "attitude" in documented:
+        documented |= {"fast attitude": -1}
+    assert {name: documented[name] for name in said} == said
+    if what in ("attitude", "mag") or rate is None:
+        assert said, "a bit that is not set is named"
+
+
+@pytest.mark.parametrize("family", DOCUMENTED)
+@pytest.mark.parametrize("what", ["imu", "fast_imu", "attitude", "mag"])
+@pytest.mark.parametrize("rate", [None, 12.0])
+def test_what_is_set_is_never_advised(family: str, what: LoggingNeed, rate: float | None) -> None:
+    full = settings(family, (1 << 22) - 1).advice(what, rate)
+    assert "set already" in full
+    assert not full.startswith("Set ")
+
+
+def test_one_missing_bit_is_what_is_advised() -> None:
+    everything = (1 << 22) - 1
+    assert (
+        settings("copter", everything & ~(1 << 18)).advice("fast_imu", 100.0) == "Set bit 18 (fast IMU) of LOG_BITMASK."
+    )
+    assert settings("copter", everything & ~1).advice("attitude", 10.0) == "Set bit 0 of LOG_BITMASK (fast attitude)."
+    assert settings("rover", everything & ~(1 << 11)).advice("mag") == "Set bit 11 of LOG_BITMASK (compass)."
+
+
+def test_a_compass_that_is_switched_off_is_switched_on_first() -> None:
+    assert settings("plane", 0xFFFF, COMPASS_ENABLE=0).advice("mag") == "Set COMPASS_ENABLE to 1."
+    assert (
+        ArduPilotLogging("plane", "3.0.4", {"LOG_BITMASK": 0xFFFF, "MAG_ENABLE": 0}).advice("mag")
+        == "Set MAG_ENABLE to 1."
+    )
+
+
+def test_limits_of_the_rate_are_named_where_they_are_the_reason() -> None:
+    limited = settings(
+        "copter", 180222, LOG_FILE_RATEMAX=10, LOG_DARM_RATEMAX=5, LOG_BACKEND_TYPE=1, LOG_MAV_RATEMAX=10
+    )
+    for rate in (5.2, 8.3, 10.0):
+        assert limited.advice("imu", rate) == (
+            "LOG_FILE_RATEMAX 10 Hz and LOG_DARM_RATEMAX 5 Hz (while disarmed) limit the rate: set them to 0."
+        )
+    assert limited.advice("fast_imu", 25.0) == "Set bit 18 (fast IMU) or bit 19 (raw IMU) of LOG_BITMASK."
+    other_backend = settings("copter", 180222, LOG_BLK_RATEMAX=10, LOG_BACKEND_TYPE=1)
+    assert "RATEMAX" not in other_backend.advice("imu", 10.0)
+    block = settings("copter", 180222, LOG_BLK_RATEMAX=10, LOG_BACKEND_TYPE=4)
+    assert block.advice("imu", 9.8) == "LOG_BLK_RATEMAX 10 Hz limits the rate: set it to 0."
+    above_source = settings("copter", 180222, LOG_FILE_RATEMAX=40)
+    assert "RATEMAX" not in above_source.advice("fast_imu", 25.0), "25 Hz is the rate of the task, not of the limit"
+
+
+@pytest.mark.parametrize("disarmed", [1, 2, 3])
+def test_logging_before_arming_that_is_on_is_not_advised(disarmed: int) -> None:
+    assert settings("copter", LOG_DISARMED=disarmed).advice("rest").startswith(f"LOG_DISARMED is {disarmed} already")
+
+
+def test_logging_before_arming_is_set_as_this_version_can() -> None:
+    assert settings("plane").advice("rest").startswith("Set LOG_DISARMED to 1 and let")
+    for version in ("Copter 3.1.1", "Copter 3.0.1", "Rover 2.46beta2", "Plane 3.0.4-beta3"):
+        family = version.split()[0].lower()
+        old = ArduPilotLogging(family, version, {"LOG_BITMASK": -22530}).advice("rest")
+        assert "LOG_" not in old, f"{version} has no setting for it"
+    assert (
+        ArduPilotLogging("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006})
+        .advice("rest")
+        .startswith("Set bit 16 of LOG_BITMASK")
+    )
+    on = ArduPilotLogging("copter", "Copter 3.3-dev", {"LOG_BITMASK": 131070}).advice("rest")
+    assert on.startswith("Bit 16 of LOG_BITMASK (log when disarmed) is set already")
+
+
+@pytest.mark.parametrize("what", ["imu", "fast_imu"])
+def test_bits_that_came_later_are_not_advised_to_old_versions(what: LoggingNeed) -> None:
+    old = ArduPilotLogging("copter", "Copter 3.1.1", {"LOG_BITMASK": 0}).advice(what, None)
+    assert named(old) == {"imu": 7}
+    assert "3.4 and later" in ArduPilotLogging("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006}).advice(what, 49.0)
+
+
+def test_an_unknown_vehicle_gets_no_number() -> None:
+    assert re.search(r"\d", ArduPilotLogging("", "", {}).advice("imu")) is None
+
+
+CASES = {
+    "copter_4.8dev_barodrift.BIN": ("LOG_FILE_RATEMAX 10 Hz", "Set bit 7"),
+    "copter_3.6.8_compass.bin": ("bit 18 (fast IMU)", "bit 7"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_advice_of_logs_that_were_told_something_false(corpus: Path, name: str) -> None:
+    log = flight.read(corpus / "logs" / "cases" / name)
+    said = " ".join(p.text for p in log.problems)
+    wanted, never = CASES[name]
+    assert wanted in said
+    assert never not in said
+
+
+# Advice on PX4's logging: src/modules/logger/params.c and logged_topics.cpp; src/modules/sdlog2/params.c.
+
+
+@pytest.mark.parametrize(
+    ("version", "profile", "said"),
+    [
+        ("1.15.0", 0, "Set bit 0 of SDLOG_PROFILE (default set), which logs sensor_combined at full rate."),
+        ("1.9.0", 1, "Set bit 1 of SDLOG_PROFILE (estimator replay), which logs sensor_combined at full rate."),
+        ("1.15.0", 1, "Bit 0 of SDLOG_PROFILE (default set) is set already"),
+        ("1.15.0", 16, "Bit 4 of SDLOG_PROFILE (high rate) is set already"),
+        ("1.8.0", 3, "Bit 1 of SDLOG_PROFILE (estimator replay) is set already"),
+    ],
+)
+def test_a_topic_set_that_is_on_is_not_advised(version: str, profile: int, said: str) -> None:
+    for rate in (None, 9.0):
+        assert Px4Logging(version, {"SDLOG_PROFILE": profile}).advice("imu", rate).startswith(said)
+
+
+def test_the_attitude_at_full_rate_is_bit_4() -> None:
+    assert "Set bit 4 of SDLOG_PROFILE" in Px4Logging("1.15.0", {"SDLOG_PROFILE": 1}).advice("attitude", 4.0)
+    assert "set already" in Px4Logging("1.15.0", {"SDLOG_PROFILE": 17}).advice("attitude", 4.0)
+
+
+@pytest.mark.parametrize(("version", "values"), [("1.6.5", {"SDLOG_PROFILE": 0}), ("", {"SYS_LOGGER": 1})])
+def test_versions_without_topic_sets_have_a_file(version: str, values: dict[str, float]) -> None:
+    said = Px4Logging(version, values).advice("attitude", 4.0)
+    assert "vehicle_attitude" in said
+    assert "logger_topics.txt" in said
+    assert "SDLOG_PROFILE" not in said
+
+
+@pytest.mark.parametrize(("mode", "advised"), [(0, True), (1, False), (2, False), (-1, True), (3, True)])
+def test_logging_from_boot_is_advised_only_where_it_is_off(mode: int, advised: bool) -> None:
+    said = Px4Logging("1.15.0", {"SDLOG_MODE": mode}).advice("rest")
+    assert said.startswith("Set SDLOG_MODE to 1 and let" if advised else f"SDLOG_MODE is {mode} already: let")
+
+
+def test_versions_without_the_mode_are_not_told_to_set_it() -> None:
+    assert "SDLOG_MODE" not in Px4Logging("", {"SYS_LOGGER": 0, "SDLOG_RATE": -1}).advice("rest")
+
+
+def test_sdlog2_has_one_rate_and_no_topic_sets() -> None:
+    assert Sdlog2Logging({"SDLOG_RATE": -1}).advice("imu", 45.0) == "Set SDLOG_RATE to 200 (sdlog2 start -r 200)."
+    assert "already" in Sdlog2Logging({"SDLOG_RATE": 250}).advice("imu", 45.0)
+    assert "SDLOG_RATE" not in Sdlog2Logging({}).advice("imu", 45.0)
+    for what in ("imu", "attitude", "rest", "mag"):
+        said = Sdlog2Logging({"SDLOG_RATE": -1}).advice(what)  # type: ignore[arg-type]
+        assert "SDLOG_MODE" not in said
+        assert "SDLOG_PROFILE" not in said
+
+
+def test_a_log_that_begins_before_arming_is_told_to_stand_still_only(corpus: Path) -> None:
+    log = flight.read(corpus / "logs" / "cases" / "px4_1.6.5_hand_rotation.ulg")
+    assert log.advice("rest") == (
+        "The log begins before arming already: let the vehicle stand still with motors off for 30 s."
+    )
+
+
+def test_a_unit_whose_records_are_mostly_refused_is_no_flight(corpus: Path) -> None:
+    log = flight.read(corpus / "logs" / "cases" / "px4_1.17dev_hil_absurd.ulg")
+    assert log.imu is None
+    (problem,) = (p for p in log.problems if p.code == "imu_mostly_refused")
+    assert problem.severity == "error"
+    assert "74 %" in problem.text
+    assert "SDLOG" not in problem.text
+
+
+def test_a_program_that_is_no_autopilot_is_told_by_its_name_without_settings() -> None:
+    logging = OtherLogging("ULogExampleWriter")
+    assert logging.advice("imu").startswith("ULogExampleWriter wrote it")
+    assert [logging.advice(what) for what in ("fast_imu", "attitude", "mag", "rest")] == [""] * 4
+
+
+# Which parameters switch a compass: by the firmware's own names, where the log holds them.
+
+
+def test_switches_are_those_that_the_log_holds() -> None:
+    assert remedies.compass_switches({"COMPASS_USE": 1.0, "COMPASS_USE3": 0.0}) == {0: "COMPASS_USE", 2: "COMPASS_USE3"}
+
+
+def test_firmware_before_priorities_has_a_first_compass() -> None:
+    assert remedies.compass_first({"COMPASS_PRIMARY": 0.0}) == "COMPASS_PRIMARY"
+    assert remedies.compass_first({"COMPASS_PRIO1_ID": 97539.0}) == ""
+
+
+def test_the_orientation_that_is_named_is_that_of_the_compass_in_use() -> None:
+    values = {"COMPASS_ORIENT": 4.0, "COMPASS_ORIENT2": 0.0}
+    assert "COMPASS_ORIENT 4," in remedies.ardupilot_remedies(values)["compass_mounting"]
+    assert "COMPASS_ORIENT2 0," in remedies.ardupilot_remedies(values, 1)["compass_mounting"]
+    assert "COMPASS_ORIENT" not in remedies.ardupilot_remedies(values, 2)["compass_mounting"]
+
+
+# Which rotation of a compass is named: that of the slot of the one in use.
+
+SLOTS = {"CAL_MAG0_ID": 589858.0, "CAL_MAG0_ROT": -1.0, "CAL_MAG1_ID": 592905.0, "CAL_MAG1_ROT": 6.0}
+
+
+def compass(device: str | None) -> Mag:
+    return Mag(0, Stream(np.zeros(1), np.zeros((1, 3)), "T", "FRD", "vehicle_magnetometer:0"), device=device)
+
+
+@pytest.mark.parametrize(
+    ("values", "device", "named"),
+    [
+        (SLOTS, "592905", "CAL_MAG1_ROT 6,"),
+        (SLOTS, "589858", "CAL_MAG0_ROT -1,"),
+        (SLOTS, "7", ""),
+        (SLOTS, None, ""),
+        (SLOTS | {"CAL_MAG0_EN": 0.0, "CAL_MAG1_EN": 1.0}, None, "CAL_MAG1_ROT 6,"),
+        (SLOTS | {"CAL_MAG0_PRIO": 0.0, "CAL_MAG1_PRIO": 75.0}, None, "CAL_MAG1_ROT 6,"),
+        ({"CAL_MAG0_ID": 5.0, "CAL_MAG0_ROT": 0.0, "CAL_MAG1_ID": 0.0, "CAL_MAG1_ROT": -1.0}, None, "CAL_MAG0_ROT 0,"),
+    ],
+)
+def test_the_rotation_that_is_named_is_that_of_the_compass_in_use(
+    values: dict[str, float], device: str | None, named: str
+) -> None:
+    """A vehicle flew on its second compass and was told to compare the first one's rotation."""
+    said = remedies.px4_remedies(values, compass(device))["compass_mounting"]
+    assert named in said
+    assert bool(named) is ("_ROT" in said)

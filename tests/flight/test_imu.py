@@ -1,0 +1,292 @@
+"""Candidates for an inertial unit: what of them is believed, and which is the best."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog import flight
+from attlog.flight import calibration, imu
+from attlog.flight.builder import LogBuilder
+from attlog.flight.compass import dead_reason, field_spikes, turned_deg
+from attlog.flight.imu import ImuCandidate, best_per_unit, validate_candidate
+from attlog.flight.model import FlightLog, Imu, Mag, Stream
+from attlog.flight.px4 import imu as imus
+from attlog.formats.table import Damage
+from tests.flight import fake
+from tests.flight.fake import messages, micros
+
+
+def candidate(n: int, rate: float = 100.0, rank: int = 0, source: str = "IMU") -> ImuCandidate:
+    acc = np.tile([0.0, 0.0, -9.81], (n, 1))
+    return ImuCandidate(0, rank, micros(n, rate).astype(np.int64), np.zeros((n, 3)), acc, source, "instant")
+
+
+def builder() -> LogBuilder:
+    return LogBuilder(messages("ulog", {}))
+
+
+def test_a_better_message_that_covers_next_to_nothing_is_not_preferred() -> None:
+    """The first second of a log of minutes, say, in which a faster message was switched on by mistake."""
+    short, long = candidate(100, 1000.0, 0, "fast"), candidate(3000, 50.0, 1, "slow")
+    assert best_per_unit(builder(), [short, long])[0].source == "slow"
+    short = candidate(5000, 1000.0, 0, "fast")
+    assert best_per_unit(builder(), [short, long])[0].source == "fast"
+
+
+def test_a_unit_that_measures_in_fewer_than_one_record_of_a_hundred_was_never_read() -> None:
+    for measured, kept in ((5, False), (30, True)):
+        unit = candidate(1000)
+        unit.acc[measured:] = 0.0
+        assert (validate_candidate(builder(), unit) is not None) is kept
+
+
+def test_repeated_stamps_count_as_refused_only_where_nearly_all_repeat() -> None:
+    """Two tasks that log each record leave half of them; a stamp that stands still is no clock."""
+    for repeats, refused in ((2, 0.0), (20, 0.95)):
+        unit = candidate(1000)
+        unit.t_us = unit.t_us[np.arange(1000) // repeats * repeats]
+        found = validate_candidate(builder(), unit)
+        assert found is not None
+        assert found.refused == refused
+
+
+# Which unit is replayed, and what makes a unit useless: limits from both sides on candidates made by hand.
+
+LOGGING: Any = SimpleNamespace(advice=lambda what, rate=None: "Log more.")
+
+
+def unit(index: int = 0, hz: float = 100.0, seconds: float = 60.0, begin_s: float = 10.0, **more: Any) -> ImuCandidate:
+    n = round(hz * seconds) + 1
+    t = np.round(1e6 * (begin_s + np.arange(n) / hz)).astype(np.int64)
+    rank = more.pop("rank", 0)
+    return ImuCandidate(index, rank, t, np.ones((n, 3)), np.ones((n, 3)), f"IMU:{index}/{rank}", "instant", **more)
+
+
+def empty_builder() -> LogBuilder:
+    return LogBuilder(fake.messages("ulog", {}), t0_us=0)
+
+
+def chosen(*units: ImuCandidate, flew: int | None = None, asked: int | None = None) -> tuple[int | None, list[str]]:
+    made = empty_builder()
+    found = imu.choose_imu(made, list(units), flew, "it flew", asked, LOGGING)
+    return found, [p.code for p in made.problems]
+
+
+@pytest.mark.parametrize(
+    ("more", "code"),
+    [
+        ({"hz": 100.0, "seconds": 0.18}, "imu_too_short"),
+        ({"hz": 100.0, "seconds": 0.19}, None),
+        ({"refused": 0.51}, "imu_mostly_refused"),
+        ({"refused": 0.49}, None),
+        ({"hz": 9.9}, "imu_rate_too_low"),
+        ({"hz": 9.96}, "imu_low_rate"),
+        ({"hz": 44.0}, "imu_low_rate"),
+        ({"hz": 46.0}, None),
+    ],
+)
+def test_a_unit_is_replayed_with_enough_good_samples_at_a_sufficient_rate(
+    more: dict[str, Any], code: str | None
+) -> None:
+    found, codes = chosen(unit(**more))
+    assert codes == ([] if code is None else [code])
+    assert (found is None) is (code is not None and code != "imu_low_rate")
+
+
+def test_the_unit_that_flew_or_was_asked_for_counts_else_the_first() -> None:
+    units = unit(0), unit(1), unit(2)
+    assert chosen(*units)[0] == 0
+    assert chosen(*units, flew=2)[0] == 2
+    assert chosen(*units, flew=2, asked=1)[0] == 1
+    assert chosen(*units, flew=7)[0] == 0
+    assert chosen(*units, asked=7) == (None, ["imu_not_in_log"])
+
+
+def test_another_unit_takes_the_place_of_one_that_flew_and_is_too_slow() -> None:
+    assert chosen(unit(0, hz=5.0), unit(1), flew=0) == (1, ["imu_that_flew_too_slow"])
+    assert chosen(unit(0, hz=5.0), unit(1, usable=False), flew=0) == (None, ["imu_rate_too_low"])
+    assert chosen(unit(0, hz=5.0), unit(1), asked=0) == (None, ["imu_rate_too_low"])
+
+
+@pytest.mark.parametrize(
+    ("begin", "seconds", "told"),
+    [
+        (7.0, 66.0, True),
+        (8.0, 65.0, False),
+        (4.9, 65.1, True),
+        (5.1, 64.9, False),
+        (10.0, 65.1, True),
+        (12.0, 50.0, False),
+    ],
+)
+def test_a_unit_that_was_logged_for_five_seconds_more_before_and_behind_is_told(
+    begin: float, seconds: float, told: bool
+) -> None:
+    _, codes = chosen(unit(0), unit(1, begin_s=begin, seconds=seconds), flew=0)
+    assert codes == (["imu_covers_a_part"] if told else [])
+
+
+def test_in_long_logs_a_twentieth_more_is_told() -> None:
+    for more, told in ((60.0, True), (48.0, False)):
+        _, codes = chosen(unit(0, hz=10.0, seconds=1000.0), unit(1, hz=10.0, seconds=1000.0 + more), flew=0)
+        assert ("imu_covers_a_part" in codes) is told
+
+
+def test_of_each_unit_the_best_usable_message_counts_that_covers_its_time() -> None:
+    best = imu.best_per_unit(empty_builder(), [unit(1, rank=2), unit(1, rank=1), unit(0, rank=3)])
+    assert [(c.index, c.rank) for c in best] == [(0, 3), (1, 1)]
+    (found,) = imu.best_per_unit(empty_builder(), [unit(0, rank=0, usable=False), unit(0, rank=2)])
+    assert found.rank == 2
+    (found,) = imu.best_per_unit(empty_builder(), [unit(0, hz=2.0, rank=0), unit(0, hz=5.0, rank=2)])
+    assert found.rank == 2
+    for share, rank in ((0.95 * imu.MIN_COVERED_SHARE, 1), (1.05 * imu.MIN_COVERED_SHARE, 0)):
+        (found,) = imu.best_per_unit(empty_builder(), [unit(0, rank=0, seconds=60.0 * share), unit(0, rank=1)])
+        assert found.rank == rank
+
+
+def damaged(lost: int, size: int = 1_000_000, places: int = 2, at: int = 500) -> list[Any]:
+    messages = fake.messages("ulog", {})
+    messages.size = size
+    messages.damage = [Damage(at, lost // places, "bytes that are no record", "later")] * places
+    known: Any = SimpleNamespace(
+        damage=messages.damage, damage_bytes=lost, damage_places=places, size=size, dropouts_ms=[]
+    )
+    return flight.damage_problems(known)
+
+
+def test_damage_is_a_warning_from_a_thousandth_of_the_file_on() -> None:
+    for lost, severity in ((990, "note"), (1010, "warning")):
+        (found,) = damaged(lost)
+        assert (found.code, found.severity, found.count) == ("damage", severity, 2)
+        assert f"{lost} bytes are not usable" in found.text
+    (cut,) = damaged(4000, places=1, at=996_000)
+    assert cut.code == "cut_at_end"
+    (long,) = damaged(4100, places=1, at=995_900)
+    assert long.code == "damage"
+
+
+def test_dropouts_of_more_than_a_tenth_of_a_second_are_a_warning() -> None:
+    for lost, severity in (([40, 60], "note"), ([40, 61], "warning")):
+        known: Any = SimpleNamespace(dropouts_ms=lost)
+        (found,) = flight.dropout_problems(known)
+        assert (found.severity, found.count) == (severity, 2)
+
+
+def test_increments_are_rates_over_their_own_times_and_each_unit_has_its_own() -> None:
+    n = 200
+    tables: Any = {}
+    for k in range(2):
+        tables["vehicle_imu", k] = {
+            "timestamp": fake.micros(n, 100.0),
+            "timestamp_sample": fake.micros(n, 100.0, 9_990_000),
+            "delta_angle": (1.0 + k) * np.tile(np.array([0.001, -0.002, 0.003], np.float32), (n, 1)),
+            "delta_velocity": (1.0 + k) * np.tile(np.array([0.05, 0.1, -0.1], np.float32), (n, 1)),
+            "delta_angle_dt": np.full(n, 10_000, np.uint16),
+            "delta_velocity_dt": np.full(n, 5_000, np.uint16),
+            "gyro_device_id": np.full(n, 7 + k, np.uint32),
+            "delta_angle_clipping": np.zeros(n, np.uint8),
+        }
+    tables["vehicle_imu", 0]["delta_angle_dt"][3] = 0
+    messages = fake.messages("ulog", tables)
+    one, two = imus.vehicle_imu_candidates(LogBuilder(messages, t0_us=0))
+    np.testing.assert_allclose(one.gyro[0], [0.1, -0.2, 0.3], rtol=1e-5)
+    np.testing.assert_allclose(two.acc[0], [20.0, 40.0, -40.0], rtol=1e-5)
+    assert (len(one.t_us), len(two.t_us)) == (n - 1, n)
+    assert (int(one.t_us[0]), one.device, two.device) == (9_990_000, "7", "8")
+
+
+def test_without_a_type_of_compensation_the_motors_count_for_nothing() -> None:
+    values = {"CAL_MAG0_ID": 41.0, "CAL_MAG0_XCOMP": 1.5} | {f"CAL_MAG0_{axis}OFF": 0.1 for axis in "XYZ"}
+    found = calibration.px4_compass(values, 41)
+    assert not found.correction.motor.any()
+    assert not found.motor_power
+
+
+# Samples at the end of a sensor's range: which counts of which firmware mean what they say.
+
+
+def counted(log: FlightLog, sensor: str = "accelerometer") -> dict[int | None, int]:
+    """New clipped samples by unit."""
+    return {c.unit: int(c.new.sum()) for c in log.clippings if c.sensor == sensor}
+
+
+def codes(log: FlightLog) -> set[str]:
+    """Codes of the log's problems."""
+    return {p.code for p in log.problems}
+
+
+def test_px4_counts_every_unit_and_flags_the_selected_one(corpus):
+    """Read by hand: about 400 flagged samples from 37.2 s on; the unit that was not selected counts 1,804."""
+    log = attlog.read(corpus / "logs" / "cases" / "px4_1.14_clipping_crash.ulg")
+    assert counted(log) == {0: 0, 1: 42 + 158 + 1604, None: 397}
+    flags = next(c for c in log.clippings if not c.whole)
+    assert flags.t[np.argmax(flags.new > 0)] == pytest.approx(37.2, abs=0.1)
+
+
+@pytest.mark.parametrize("name", ["px4_1.14_clipping_crash", "px4_1.14_clipping_field", "px4_1.14_hard_landing"])
+def test_unset_memory_in_px4_1_14_is_no_gyro_at_the_end_of_its_range(corpus, name):
+    """``sensor_combined.gyro_clipping`` holds 90, 115, 243 there, at 34 deg/s."""
+    log = attlog.read(corpus / "logs" / "cases" / f"{name}.ulg")
+    assert set(counted(log, "gyro").values()) == {0}
+    assert "gyro_clipped" not in codes(log)
+
+
+def test_a_px4_counter_that_does_not_begin_at_zero_counts_its_growth(corpus):
+    """It stands at 4 and 44 from the first record to the last."""
+    log = attlog.read(corpus / "logs" / "ulg_px4_1.15_fmuv6c_quad_nogps_cut.ulg")
+    assert counted(log)[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "clips"),
+    [
+        ("cases/copter_flip_at_takeoff.bin", {0: 196, 1: 50, 2: 181}),
+        ("bin_copter_3.4.4_mechfail_cut.bin", {0: 28, 1: 30}),
+    ],
+)
+def test_ardupilot_counts_by_unit_in_one_record_or_in_one_for_each(corpus, name, clips):
+    assert counted(attlog.read(corpus / "logs" / name)) == clips
+
+
+def test_ardupilot_before_3_4_tells_nothing(corpus):
+    assert attlog.read(corpus / "logs" / "cases" / "copter_3.3dev_118.BIN").clippings == []
+
+
+# Magnetometers: which one measures nothing.
+
+T = np.arange(0.0, 10.0, 0.01)
+
+
+def turning(deg: float) -> Imu:
+    """A unit that turns by so much about its z axis and back."""
+    rate = np.zeros((len(T), 3))
+    rate[:, 2] = np.radians(deg) * np.pi / 10.0 * np.cos(2.0 * np.pi * T / 10.0)
+    return Imu(0, Stream(T, rate, "rad/s", "FRD", "IMU"), Stream(T, 0.0 * rate, "m/s^2", "FRD", "IMU"))
+
+
+def compass(field: np.ndarray) -> Mag:
+    return Mag(0, Stream(T[::10], np.tile(field, (len(T) // 10, 1)), "T", "FRD", "MAG"))
+
+
+@pytest.mark.parametrize(("deg", "is_dead"), [(10.0, False), (25.0, True)])
+def test_a_field_that_never_changes_is_none_only_where_the_vehicle_turns(deg: float, is_dead: bool) -> None:
+    assert turned_deg(turning(deg), 0.0, 10.0) == pytest.approx(deg, rel=0.02)
+    assert bool(dead_reason(compass(np.array([2e-5, 0.0, 4e-5])), turning(deg))) is is_dead
+
+
+def test_a_field_of_zero_is_none_whatever_the_vehicle_does() -> None:
+    assert dead_reason(compass(np.zeros(3)), None) == "all its values are zero"
+
+
+def test_a_record_three_times_as_large_or_small_as_its_neighbours_is_a_spike() -> None:
+    rng = np.random.default_rng(3)
+    field = np.array([21e-6, 2e-6, 42e-6]) * (1.0 + 0.05 * rng.standard_normal((100, 1)))
+    for k, factor in ((20, 4.0), (40, 0.2), (60, 2.0), (70, 0.5), (0, 0.2), (99, 4.0)):
+        field[k] *= factor
+    field[80], field[90] = 0.0, np.nan
+    assert np.flatnonzero(field_spikes(field)).tolist() == [0, 20, 40, 80, 90, 99]

@@ -1,0 +1,374 @@
+"""A time is false where the rest of the log contradicts it, and only there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from attlog.flight.builder import LogBuilder
+from attlog.flight.model import logged_rate
+from attlog.flight.timestamps import (
+    LATEST_US,
+    changed_records,
+    describe_other_boots,
+    gap_indices,
+    isolated_timestamps,
+    logged_seconds,
+    longest_rising,
+    plausible_records,
+    read_stamps,
+    record_clock,
+    table_time_span,
+    valid_stamp,
+)
+from attlog.formats.table import Boot, Field, Messages, Table
+
+FLIGHT = np.concatenate([np.arange(0, 60_000_000, 20_000), np.arange(400_000_000, 460_000_000, 20_000)])
+"""Two minutes at 50 Hz with a pause of the logger of over five minutes."""
+
+
+def log_with_stamps(judged: NDArray[np.int64], *others: NDArray[np.int64], log_format: str = "ulog") -> LogBuilder:
+    """A log of the judged message and others, by their times."""
+    tables = {}
+    for name, times in [("judged", judged), *((f"other_{k}", t) for k, t in enumerate(others))]:
+        fields = {"timestamp": Field("timestamp", np.dtype(np.int64))}
+        tables[name, 0] = Table(name, 0, fields, np.arange(len(times)), lambda _, at, t=times: t[at])
+    return LogBuilder(Messages(Path("made.ulg"), log_format, 1, tables))
+
+
+def refused(builder: LogBuilder, good: NDArray[np.bool_] | None = None) -> list[int]:
+    """Which records are left out, and each one counted as such."""
+    t = builder.messages["judged", 0]["timestamp"]
+    kept = builder.keep(t, "judged", good)
+    lost = np.setdiff1d(np.arange(len(t)) if good is None else np.flatnonzero(good), kept)
+    assert sum(p.count for p in builder.problems if p.code in ("false_times", "time_backward")) == len(lost)
+    return lost.tolist()
+
+
+OTHERS = (FLIGHT + 1_000, FLIGHT[::50] + 2_000, FLIGHT[::5] + 3_000)
+LAST = len(FLIGHT) - 1
+
+
+@pytest.mark.parametrize(
+    ("places", "moved_s"),
+    [
+        ([70], 3600.0),  # single
+        ([70], -30.0),
+        (list(range(900, 930)), 3600.0),  # a run
+        ([LAST], 3600.0),  # at the end, where nothing follows
+        ([LAST], 15.0),
+        (list(range(LAST - 29, LAST + 1)), 900.0),
+        ([0], 200.0),  # the first, into the pause
+        ([0], 5000.0),
+        ([2999], 100.0),  # the last before the pause
+    ],
+)
+def test_planted_false_times_are_found(places: list[int], moved_s: float) -> None:
+    t = FLIGHT + 100_000_000
+    t[places] += round(moved_s * 1e6)
+    others = [o + 100_000_000 for o in OTHERS]
+    assert refused(log_with_stamps(t, *others)) == places
+
+
+@pytest.mark.parametrize("count", [1, 2, 10])
+def test_a_few_records_behind_a_pause_of_the_whole_log_are_kept(count: int) -> None:
+    end = 5_000_000_000
+    t = np.append(FLIGHT, end + 20_000 * np.arange(count))
+    assert refused(log_with_stamps(t, *(np.append(o, end + 500_000) for o in OTHERS))) == []
+
+
+def test_records_beside_others_with_values_out_of_range_are_kept() -> None:
+    """Only every 15 s a value can be used: the times are continuous all the same."""
+    t = np.arange(0, 600_000_000, 200_000)
+    good = np.zeros(len(t), bool)
+    good[:500] = good[500::75] = True
+    assert refused(log_with_stamps(t, *OTHERS), good) == []
+
+
+def test_flights_of_more_than_a_day_keep_their_beginning_and_end() -> None:
+    t = np.arange(0, 30 * 3600, 2, dtype=np.int64) * 1_000_000
+    assert refused(log_with_stamps(t, t + 1, t + 2)) == []
+
+
+def test_a_log_of_two_messages_contradicts_none_of_them() -> None:
+    t = np.append(FLIGHT, FLIGHT[-1] + 900_000_000)
+    assert refused(log_with_stamps(t, OTHERS[0])) == []
+
+
+def test_checked_telemetry_has_no_false_times() -> None:
+    t = np.append(FLIGHT, FLIGHT[-1] + 900_000_000)
+    assert refused(log_with_stamps(t, *OTHERS, log_format="tlog")) == []
+
+
+# Columns of times as stamps, pieces of a file by their length, and where nothing else was logged: closed forms.
+
+SECOND = 1_000_000
+HALF_DAY = 12 * 3600 * SECOND
+
+
+def table(name: str, instance: int = 0, **columns: Any) -> Table:
+    arrays = {key: np.asarray(values) for key, values in columns.items()}
+    fields = {key: Field(key, values.dtype) for key, values in arrays.items()}
+    count = len(next(iter(arrays.values())))
+    return Table(name, instance, fields, np.arange(count), lambda key, at: arrays[key][at])
+
+
+def log_of(*tables: Table, log_format: str = "ulog") -> Messages:
+    return Messages(Path("made.log"), log_format, 1, {(t.name, t.instance): t for t in tables})
+
+
+def test_a_time_in_milliseconds_is_a_thousand_microseconds_and_what_is_none_is_negative() -> None:
+    told = table("GPS", TimeMS=np.array([0, 7, -3, LATEST_US // 1000, LATEST_US // 1000 + 1], np.int64))
+    assert read_stamps(told, "TimeMS", 1000).tolist() == [0, 7000, -1, LATEST_US // 1000 * 1000, -1]
+
+
+def test_a_time_in_floating_point_that_is_no_number_or_beyond_any_clock_is_negative() -> None:
+    told = table("X", time=np.array([0.0, 12.9, np.nan, np.inf, -1.0, 1e19, float(LATEST_US)]))
+    assert read_stamps(told, "time").tolist() == [0, 12, -1, -1, -1, -1, LATEST_US]
+
+
+def test_text_and_several_numbers_per_record_are_no_time() -> None:
+    for column in (np.array(["a", "b"]), np.zeros((2, 3))):
+        with pytest.raises(ValueError, match="is no time"):
+            read_stamps(table("X", time=column), "time")
+
+
+def test_a_stamp_beyond_any_clock_counts_as_zero() -> None:
+    told = [valid_stamp(t) for t in (-1, 0, 5, LATEST_US, LATEST_US + 1)]
+    assert told == [0, 0, 5, LATEST_US, 0]
+
+
+def test_records_half_a_day_from_most_are_false_whether_they_come_before_or_behind() -> None:
+    near = np.arange(20, dtype=np.int64) * SECOND + 3 * HALF_DAY
+    for far in (near[0] - HALF_DAY - SECOND, near[-1] + HALF_DAY + SECOND):
+        kept = plausible_records(np.append(near, far))
+        assert (kept.false, kept.backward, kept.index.tolist()) == (1, 0, list(range(20)))
+    assert plausible_records(np.append(near, near[-1] + HALF_DAY)).dropped == 0
+
+
+def test_every_record_that_is_left_out_is_counted_under_one_reason() -> None:
+    """Three that were never set, one beyond any clock, one twice, one that goes back, one twice and out of order."""
+    t = SECOND * np.array([0, 0, 0, 10, 11, 11, 12, 9, 13, 14, 12, 15], np.int64)
+    t = np.append(t, LATEST_US + 5)
+    kept = plausible_records(t)
+    assert t[kept.index].tolist() == [SECOND * s for s in (10, 11, 12, 13, 14, 15)]
+    assert (kept.unset, kept.false, kept.duplicates, kept.backward) == (3, 1, 2, 1)
+    assert kept.dropped == 7
+
+
+def test_two_stamps_of_zero_are_a_clock_that_began() -> None:
+    kept = plausible_records(np.array([0, 0, 5, 6], np.int64))
+    assert (kept.unset, kept.duplicates, kept.index.tolist()) == (0, 1, [0, 2, 3])
+
+
+def test_sixty_four_records_behind_a_gap_may_be_false_and_sixty_five_may_not() -> None:
+    most = np.arange(200, dtype=np.int64) * 10_000
+    for count in (64, 65):
+        late = most[-1] + 60 * SECOND + 10_000 * np.arange(count)
+        kept = plausible_records(np.append(most, late), lambda t: np.ones(len(t), bool))
+        assert kept.false == (64 if count == 64 else 0)
+
+
+def test_a_gap_of_more_than_ten_seconds_sets_records_apart() -> None:
+    most = np.arange(50, dtype=np.int64) * 10_000
+    for gap, false in ((10 * SECOND, 0), (10 * SECOND + 1, 1)):
+        assert plausible_records(np.append(most, most[-1] + gap), lambda t: np.ones(len(t), bool)).false == false
+
+
+def test_records_with_other_records_of_their_message_near_them_are_not_alone() -> None:
+    """What was left out for its value stands 10 s from the late record, or a little more."""
+    most = np.arange(50, dtype=np.int64) * 10_000
+    late = int(most[-1]) + 100 * SECOND
+    for beside, false in ((10 * SECOND, 0), (10 * SECOND + 1, 1)):
+        for side in (-1, 1):
+            whole = np.sort(np.append(most, [late, late + side * beside]))
+            assert plausible_records(np.append(most, late), lambda t: np.ones(len(t), bool), whole).false == false
+
+
+def test_a_repeated_value_counts_anew_in_each_second_since_its_last_change() -> None:
+    t = np.array([0, 400, 900, 1100, 1900, 2100, 2500, 2600, 3500], np.int64) * 1000
+    values = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    assert np.flatnonzero(changed_records(values, t)).tolist() == [0, 3, 5, 6, 8]
+    two = np.column_stack([np.zeros(9), values])
+    np.testing.assert_array_equal(changed_records(two, t), changed_records(values, t))
+
+
+def test_a_piece_lasts_from_the_first_to_the_last_stamp_of_any_message_whatever_its_unit() -> None:
+    log = log_of(
+        table("A", TimeUS=np.array([5 * SECOND, 20 * SECOND])),
+        table("B", time_boot_ms=np.array([4_000, 12_000])),
+        table("C", TimeMS=np.array([6_000, 21_500])),
+    )
+    assert logged_seconds(log) == pytest.approx(17.5)
+
+
+def test_stamps_that_were_never_set_the_time_of_the_week_and_a_false_stamp_lengthen_no_piece() -> None:
+    week = 7 * 86_400
+    log = log_of(
+        table("A", timestamp=np.array([0, 100 * SECOND, 130 * SECOND])),
+        table("GPS", TimeMS=np.array([300_000_000, 300_090_000])),
+        table("B", timestamp=np.array([101 * SECOND, (102 + week) * SECOND])),
+        table("D", timestamp=np.array([(500 + week) * SECOND, (900 + week) * SECOND])),
+        table("E", timestamp=np.array([99 * SECOND, 120 * SECOND])),
+        table("F", other=np.array([1, 2])),
+    )
+    assert logged_seconds(log) == pytest.approx(31.0)
+    assert logged_seconds(log_of(table("F", other=np.array([1, 2])))) == 0.0
+
+
+def test_the_pieces_that_were_not_taken_are_told_with_their_numbers_and_lengths() -> None:
+    class Pieces:
+        boots = tuple(Boot(k, k + 1) for k in range(7))
+
+        def boot(self, k: int) -> Messages:
+            return log_of(table("A", TimeUS=np.array([SECOND, (2 + k) * SECOND])))
+
+    told = describe_other_boots(Pieces(), 2)  # type: ignore[arg-type]
+    assert told == "Number 0 lasts 1 s, number 1 lasts 2 s, number 3 lasts 4 s, number 4 lasts 5 s and 2 more"
+
+
+@pytest.mark.parametrize("beside", [-10 * SECOND, 10 * SECOND])
+def test_a_time_with_another_message_within_ten_seconds_is_not_alone(beside: int) -> None:
+    at = 500 * SECOND
+    far = np.arange(100, 110) * SECOND
+    judged = table("J", timestamp=np.append(far, at))
+    log = [judged, table("A", timestamp=far), table("B", timestamp=np.sort(np.append(far, at + beside)))]
+    assert isolated_timestamps(log_of(*log), np.array([at])).tolist() == [False]
+    log[2] = table("B", timestamp=np.sort(np.append(far, at + beside + np.sign(beside))))
+    assert isolated_timestamps(log_of(*log), np.array([at, 105 * SECOND])).tolist() == [True, False]
+    assert isolated_timestamps(log_of(*log[:2]), np.array([at])).tolist() == [False]
+
+
+def test_the_ends_of_a_message_are_its_first_and_last_boot_time() -> None:
+    told = table("A", timestamp=np.array([7, 30, 90]), x=np.zeros(3))
+    log = log_of(told)
+    assert table_time_span(log)(told) == (7, 90)
+    assert table_time_span(log)(table("B", x=np.zeros(2))) is None
+    assert table_time_span(log)(table("B", timestamp=np.zeros(0, np.int64))) is None
+    assert record_clock(log)(told).tolist() == [7, 30, 90]  # type: ignore[union-attr]
+    assert record_clock(log)(table("B", timestamp=np.zeros((2, 2)))) is None
+
+
+# Which records of a message have a plausible time.
+
+EVEN = np.arange(100, dtype=np.int64) * 10_000 + 5_000_000
+
+
+def test_rising_stamps_are_all_kept() -> None:
+    kept = plausible_records(EVEN)
+    assert len(kept.index) == 100
+    assert kept.dropped == 0
+
+
+def test_later_records_with_an_equal_stamp_are_duplicates() -> None:
+    kept = plausible_records(np.repeat(EVEN, 2))
+    assert kept.duplicates == 100
+    assert (kept.index % 2 == 0).all(), "the first of each pair stays"
+
+
+def test_several_stamps_of_zero_were_never_set() -> None:
+    kept = plausible_records(np.concatenate([np.zeros(300, np.int64), EVEN]))
+    assert (kept.unset, kept.duplicates, kept.index[0], len(kept.index)) == (300, 0, 300, 100)
+    assert plausible_records(np.arange(100) * 10_000).unset == 0, "a clock that starts at 0 does so once"
+
+
+def test_one_false_late_time_does_not_take_the_good_ones_with_it() -> None:
+    t = EVEN.copy()
+    t[50] += 3_000_000
+    kept = plausible_records(t)
+    assert 50 not in kept.index
+    assert len(kept.index) == 99
+    assert kept.backward == 1
+
+
+def test_a_clock_of_ten_to_the_thirteen_seconds_is_false() -> None:
+    t = EVEN.copy()
+    t[[0, 99]] = 10**19 // 2
+    assert plausible_records(t).false == 2
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_single_records_far_behind_the_end_are_false_where_nothing_else_was_logged(alone: bool) -> None:
+    late = np.append(EVEN, EVEN[-1] + 1_174_000_000)
+    kept = plausible_records(late, lambda t: np.full(len(t), alone))
+    assert (kept.false, kept.index[-1]) == ((1, 99) if alone else (0, 100))
+    assert plausible_records(late).dropped == 0, "one message alone cannot tell"
+
+
+def test_a_pause_between_two_flights_is_no_fault() -> None:
+    kept = plausible_records(np.concatenate([EVEN, EVEN + 628_000_000]))
+    assert kept.dropped == 0
+
+
+def test_the_unix_clock_keeps_its_microseconds() -> None:
+    kept = plausible_records(EVEN + 1_710_773_350_346_001)
+    assert kept.dropped == 0
+
+
+@settings(deadline=None)  # shared machines are slow now and then
+@given(st.lists(st.integers(0, 50), min_size=1, max_size=40))
+def test_the_longest_rising_part_is_found(values: list[int]) -> None:
+    best = [1] * len(values)
+    for i in range(len(values)):
+        best[i] = 1 + max((best[k] for k in range(i) if values[k] < values[i]), default=0)
+    chain = longest_rising(np.array(values))
+    assert len(chain) == max(best)
+    assert (np.diff(np.array(values)[chain]) > 0).all()
+
+
+def test_rate_leaves_out_pauses_but_counts_lost_samples() -> None:
+    t = np.arange(0, 10, 0.02)
+    assert logged_rate(np.concatenate([t, t + 600])) == pytest.approx(50, rel=0.01)
+    assert logged_rate(np.delete(t, slice(100, 110))) < 49.5
+
+
+def test_a_gap_is_longer_than_five_intervals_and_fifty_milliseconds() -> None:
+    t = np.cumsum([0.005] * 20 + [0.049] + [0.005] * 20 + [0.051] + [0.005] * 20)
+    assert gap_indices(t).tolist() == [41]
+
+
+@pytest.mark.parametrize("rate", [250.0, 50.0, 5.0])
+def test_a_sensor_that_stands_still_is_kept_once_a_second_and_never_has_false_times(rate: float) -> None:
+    t = np.round(np.arange(60 * rate) * 1e6 / rate).astype(np.int64)
+    field = np.tile([200.0, 0.0, 400.0], (len(t), 1))
+    kept = t[changed_records(field, t)]
+    assert 59 <= len(kept) <= 60
+    assert np.diff(kept).max() <= 1_000_000
+    assert plausible_records(kept).dropped == 0
+
+
+def test_a_repeated_value_is_left_out_and_every_change_is_kept() -> None:
+    t = np.arange(12, dtype=np.int64) * 20_000
+    values = np.repeat([1.0, 2.0, 1.0], 4)
+    assert np.flatnonzero(changed_records(values, t)).tolist() == [0, 4, 8]
+    assert changed_records(values[:1], t[:1]).tolist() == [True]
+    assert changed_records(values[:0], t[:0]).tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("interval", "pause", "told"),
+    [
+        (0.02, 0.09, False),
+        (0.02, 0.11, True),
+        (0.001, 0.04, False),
+        (0.001, 0.06, True),
+        (0.2, 0.9, False),
+        (0.2, 1.1, True),
+    ],
+)
+def test_a_gap_is_longer_than_five_intervals_and_50_ms(interval, pause, told):
+    t = np.concatenate([np.arange(20) * interval, 19 * interval + pause + np.arange(20) * interval])
+    assert gap_indices(t).tolist() == ([20] if told else [])
+
+
+def test_of_groups_that_are_equally_small_none_is_taken_for_false() -> None:
+    """The records of a slow message come in bursts: nothing tells which of them would be the false one."""
+    bursts = np.concatenate([EVEN[:3], EVEN[:3] + 60_000_000])
+    assert plausible_records(bursts, lambda t: np.ones(len(t), bool)).dropped == 0
+    assert plausible_records(bursts[:5], lambda t: np.ones(len(t), bool)).false == 2

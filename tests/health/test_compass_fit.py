@@ -1,0 +1,292 @@
+"""Which samples of a compass count: in the air, on the ground, with which power."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog import flight as attlog_flight
+from attlog.core import rotation
+from attlog.flight.model import Mag, Stream, TimeLine
+from attlog.health import compass_fit
+from attlog.health import compass_fit as gathering
+from attlog.health.check import HealthCase, MotionAttitude
+from attlog.health.compass_fit import (
+    HeadingProof,
+    cross_validate,
+    fit_offset,
+    fit_offset_of,
+    flight_halves,
+    heading_error,
+    rms_deg,
+    total_offset_sigma,
+)
+from attlog.reference import alignment
+from attlog.segments.model import Segment, Segments
+from tests.conftest import SAMPLES
+from tests.health.made_compass import EARTH, empty_log, samples
+from tests.health.made_flight import OMEGA, SPEED, case, flight
+
+
+class Model:
+    """The earth's field."""
+
+    ned_t = tuple(1e-6 * EARTH)
+
+
+def flown(*more: Segment) -> Segments:
+    return Segments([Segment("airborne", 30.0, 60.0), Segment("airborne", 80.0, 100.0), *more])
+
+
+def test_flight_ends_a_second_early_and_at_the_first_crash() -> None:
+    assert gathering.compass_flight_spans(flown()) == [(31.0, 59.0), (81.0, 99.0)]
+    assert gathering.compass_flight_spans(flown(Segment("impact", 90.0, 101.0))) == [(31.0, 59.0), (81.0, 89.0)]
+    assert gathering.compass_flight_spans(flown(Segment("loss_of_control", 50.0, 55.0))) == [(31.0, 49.0)]
+
+
+def test_the_ground_is_20_s_before_and_after_and_never_a_wreck() -> None:
+    assert gathering.ground_spans(flown()) == ([(10.0, 30.0)], [(100.0, 120.0)])
+    assert gathering.ground_spans(flown(Segment("impact", 99.0, 101.0)))[1] == []
+    assert gathering.ground_spans(Segments()) == ([], [])
+
+
+def test_power_far_from_any_record_is_unknown() -> None:
+    drive = Stream(np.array([0.0, 1.0, 20.0]), np.array([[2.0], [4.0], [6.0]]), "A", "", "BAT")
+    at = gathering.power_at(drive, np.array([0.5, 2.0, 10.0, 20.0, 30.0]))
+    assert at[[0, 1, 3]] == pytest.approx([3.0, 4.0 + 2.0 / 19.0, 6.0])
+    assert np.isnan(at[[2, 4]]).all()
+    assert np.isnan(gathering.power_at(None, np.zeros(2))).all()
+
+
+def test_a_current_of_zero_gives_way_to_the_throttle() -> None:
+    t = np.arange(100.0)
+    throttle = Stream(t, np.full((100, 1), 0.5), "1", "", "CTUN")
+    log = replace(empty_log(), throttle=throttle, battery=Stream(t, np.zeros((100, 2)), "V", "", "BAT"))
+    assert gathering.motor_drive(log) == ("throttle", throttle)
+    log.battery = Stream(t, np.full((100, 2), 12.0), "V", "", "BAT")
+    assert gathering.motor_drive(log)[0] == "current"
+
+
+def gathered(
+    sigma_deg: float = 1.0, throttle_on_ground: float = 0.0, tilt: float = 0.0
+) -> gathering.FieldSamples | None:
+    t = np.arange(0.0, 140.0, 0.1)
+    air = (t > 30.0) & (t < 100.0)
+    power = np.where(air, 0.5, throttle_on_ground)
+    log = replace(empty_log(), throttle=Stream(t, power[:, None], "1", "", "CTUN"))
+    log.armed = TimeLine(np.array([0.0, 25.0]), [False, True], "ARM")
+    q = np.tile([np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0], (len(t), 1))
+    sigma = np.radians(np.full(len(t), sigma_deg))
+    motion = MotionAttitude(t, q, np.zeros(len(t), np.int64), sigma, sigma, {})
+    case = HealthCase(log, flown(), None, [], lambda: motion)
+    mag = Mag(0, Stream(t, np.tile(1e-6 * EARTH, (len(t), 1)), "T", "FRD", "MAG.0"))
+    mag.field.x[500] = np.nan
+    return gathering.field_samples(case, mag, motion, Model())  # type: ignore[arg-type]
+
+
+def test_samples_lie_in_the_air_or_on_the_ground_with_motors_off() -> None:
+    found = gathered()
+    assert found is not None
+    assert found.seconds == pytest.approx(46.0, rel=0.01)
+    assert found.error == pytest.approx(np.zeros((len(found.t), 3)), abs=1e-9)
+    assert np.all(found.t[found.before] <= 30.0)
+    assert np.all(found.t[found.after] >= 100.0)
+    assert (found.before.any(), found.after.any()) == (True, True)
+    assert found.hover == pytest.approx(0.5)
+
+
+def test_idling_above_a_quarter_of_the_power_is_no_ground() -> None:
+    found = gathered(throttle_on_ground=0.2)
+    assert found is not None
+    assert not found.before.any()
+    assert not found.after.any()
+
+
+def test_an_unsure_heading_and_a_vehicle_on_its_back_give_no_samples() -> None:
+    assert gathered(sigma_deg=6.0) is None
+    assert gathered(tilt=np.pi) is None
+
+
+# Why no attitude judges a compass: each reason in its turn, and the acceleration that shows a heading.
+
+T = np.arange(0.0, 100.0, 0.1)
+
+
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A case in which everything speaks for an attitude by motion."""
+    monkeypatch.setattr(compass_fit, "compass_flight_spans", lambda segments: segments.flown)
+    monkeypatch.setattr(compass_fit.declination, "model", lambda log: log.model)
+    monkeypatch.setattr(compass_fit, "horizontal_acceleration", lambda log, told, case: log.moved)
+    told = SimpleNamespace(t=T, sigma_heading=np.full(len(T), 0.05), quality={})
+    return SimpleNamespace(
+        segments=SimpleNamespace(flown=[(20.0, 80.0)]), log=SimpleNamespace(model=1, moved=9.9), motion=told
+    )
+
+
+def test_each_reason_is_told_in_its_turn(judged: Any) -> None:
+    assert compass_fit.reason_no_heading(judged) == ""
+    judged.log.moved = 0.99 * compass_fit.MIN_ACCELERATION_M_S2
+    assert "shows no heading" in compass_fit.reason_no_heading(judged)
+    judged.log.moved = 1.01 * compass_fit.MIN_ACCELERATION_M_S2
+    assert compass_fit.reason_no_heading(judged) == ""
+    judged.motion.sigma_heading[:] = np.pi
+    judged.motion.quality["heading_why"] = "GNSS jumps"
+    assert compass_fit.reason_no_heading(judged) == "Motion shows no heading that can be trusted: GNSS jumps."
+    judged.motion.sigma_heading[:] = np.nan
+    judged.motion.sigma_heading[T < 19.0] = 0.05
+    assert compass_fit.reason_no_heading(judged) == "No attitude by motion covers the flight."
+    judged.motion.t = T + 200.0
+    assert compass_fit.reason_no_heading(judged) == "No attitude by motion covers the flight."
+    judged.motion = None
+    assert "Without GNSS velocity" in compass_fit.reason_no_heading(judged)
+    judged.log.model = None
+    assert "no position" in compass_fit.reason_no_heading(judged)
+    judged.segments.flown = []
+    assert "no flight" in compass_fit.reason_no_heading(judged)
+    judged.segments = None
+    assert "No inertial unit" in compass_fit.reason_no_heading(judged)
+
+
+def test_the_acceleration_is_its_rms_over_the_flight_whichever_of_gnss_and_force_shows_less() -> None:
+    """Sines of 3.6 and 1.59 m/s^2 north and east, without the mean of each half minute."""
+    log = flight()
+    one = case(log)
+    assert one.motion is not None
+    whole = np.sqrt(np.sum((SPEED * OMEGA) ** 2) / 2.0)
+    found = compass_fit.horizontal_acceleration(log, one.motion, one)
+    assert found == pytest.approx(whole, rel=0.1)
+    log.gnss[0].vel_ned *= 0.5
+    assert compass_fit.horizontal_acceleration(log, one.motion, one) == pytest.approx(0.5 * found, rel=0.1)
+    log.gnss = []
+    assert compass_fit.horizontal_acceleration(log, one.motion, one) == 0.0
+
+
+# The offset of a compass against planted ones, closed forms and MAGFit's formula.
+
+
+def test_a_planted_offset_comes_back() -> None:
+    made = samples((-12.0, 5.0, 3.0))
+    found = fit_offset_of(made, made.air)
+    assert found is not None
+    assert found.offset == pytest.approx([-12.0, 5.0, 3.0], abs=0.05)
+    assert found.counts
+    assert found.size == pytest.approx(math.sqrt(178.0), abs=0.05)
+    assert found.size_ci95[0] < found.size < found.size_ci95[1]
+
+
+def test_a_tenth_of_wild_samples_moves_it_by_little() -> None:
+    made = samples((-12.0, 5.0, 3.0))
+    wild = made.air & (np.arange(len(made.t)) % 10 == 0)
+    made.measured[wild] += 40.0
+    found = fit_offset_of(made, made.air)
+    assert found is not None
+    assert found.offset == pytest.approx([-12.0, 5.0, 3.0], abs=0.15)
+
+
+def test_the_error_holds_heading_tilt_and_model() -> None:
+    """By hand: 2 deg of heading in 20 uT, 0.8 deg of tilt in 40 uT, 1 % of 44.7 uT, 0.3 uT, 1.5 standard errors."""
+    sigma = total_offset_sigma(np.array([0.2, 0.2, 0.2]), math.radians(2.0), np.array([20.0, 0.0, 40.0]))
+    across = math.sqrt(0.3**2 + (0.0349066 * 20) ** 2 + (0.0139626 * 40) ** 2 + 0.3**2)
+    along = math.sqrt(0.3**2 + (0.0139626 * 20) ** 2 + (0.01 * 44.72136) ** 2 + 0.3**2)
+    assert sigma == pytest.approx([across, across, along], rel=1e-5)
+
+
+def test_a_constant_offset_has_no_error_of_the_fit_but_that_of_the_heading() -> None:
+    t, error = np.arange(500) * 0.1, np.tile([3.0, 0.0, 0.0], (500, 1))
+    sure, unsure = (fit_offset(t, error, np.full(500, np.radians(s)), EARTH) for s in (0.5, 4.0))
+    assert sure is not None
+    assert unsure is not None
+    assert sure.counts
+    assert not unsure.counts
+
+
+def test_nothing_is_found_in_one_sample() -> None:
+    assert fit_offset(np.zeros(1), np.zeros((1, 3)), np.zeros(1), EARTH) is None
+    assert fit_offset(np.zeros(0), np.zeros((0, 3)), np.zeros(0), EARTH) is None
+
+
+def test_on_the_same_numbers_it_is_that_of_magfit() -> None:
+    """MAGFit's offsets only: least squares of raw + ofs - expected, with the attitude of the log; within 1 mG."""
+    log = attlog_flight.read(SAMPLES / "copter_steps_stabilize.bin")
+    attitude, model = log.onboard_attitude, alignment.earth_field(log)
+    assert attitude is not None
+    assert model is not None
+    field = log.mags[0].field
+    planted = np.array([-14.0, 6.0, 9.0])
+    q = rotation.slerp(attitude.t, attitude.q, field.t_best)
+    use = rotation.finite_rows(q) & rotation.finite_rows(field.x) & (field.t_best > 25.0) & (field.t_best < 60.0)
+    raw_mgauss = 1e7 * field.x[use] + 10.0 * planted
+    w, x, y, z = q[use].T
+    down_to_body = np.array(  # the transposed direction cosine matrix, written out
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
+            [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
+            [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    expected = np.einsum("ijn,j->ni", down_to_body, 1e7 * np.array(model.ned_t))
+    rows = np.tile(np.eye(3), (len(raw_mgauss), 1))
+    ofs, *_ = np.linalg.lstsq(rows, (expected - raw_mgauss).ravel(), rcond=None)
+    found = fit_offset(
+        field.t_best[use], 0.1 * (raw_mgauss - expected), np.zeros(len(raw_mgauss)), 1e6 * np.array(model.ned_t)
+    )
+    assert found is not None
+    assert 10.0 * found.offset == pytest.approx(-ofs, abs=1.0)
+    assert found.offset == pytest.approx(planted, abs=1.5)  # the attitude of the log errs
+
+
+# The compass's heading before and after a correction, by hand.
+
+
+def test_the_error_is_what_a_pilot_reads_too_much() -> None:
+    """Nose 30 deg, a field turned anticlockwise by 10 deg about the vertical: the compass reads 40 deg."""
+    q = np.tile(rotation.from_euler(0.1, -0.2, np.radians(30.0)), (4, 1))
+    seen = rotation.rotate_inverse(q, np.array([np.cos(np.radians(-10)), np.sin(np.radians(-10)), 2.0]))
+    error = heading_error(q, seen, np.array([1.0, 0.0, 2.0]))
+    assert np.degrees(error) == pytest.approx(10.0)
+    level = rotation.rotate(np.tile(rotation.from_euler(0.1, -0.2, 0.0), (4, 1)), seen)
+    assert np.degrees(np.arctan2(-level[:, 1], level[:, 0])) == pytest.approx(40.0)
+
+
+def test_each_half_is_corrected_by_the_other() -> None:
+    made = samples((8.0, 0.0, 0.0), noise=0.0)
+    parts = flight_halves(made)
+    assert not (parts[0] & parts[1]).any()
+    assert np.array_equal(parts[0] | parts[1], made.air)
+    right, nothing = np.tile([8.0, 0.0, 0.0], (len(made.t), 1)), np.zeros((len(made.t), 3))
+    proof = cross_validate(made, parts, (right, right))
+    assert proof.before > 10.0
+    assert proof.after == pytest.approx(0.0, abs=0.01)
+    half = cross_validate(made, parts, (right, nothing))  # the first half stays as it was
+    as_logged = heading_error(made.q[parts[0]], made.measured[parts[0]], made.earth)
+    assert half.after == pytest.approx(rms_deg(as_logged) / np.sqrt(2.0), rel=0.01)
+
+
+def test_what_was_fitted_in_a_half_is_tried_on_the_other() -> None:
+    made = samples(noise=0.0)
+    parts = flight_halves(made)
+    made.measured[parts[1]] += [8.0, 0.0, 0.0]
+    right, nothing = np.tile([8.0, 0.0, 0.0], (len(made.t), 1)), np.zeros((len(made.t), 3))
+    assert cross_validate(made, parts, (right, nothing)).after == pytest.approx(0.0, abs=0.01)
+    assert cross_validate(made, parts, (nothing, right)).after > cross_validate(made, parts, (nothing, right)).before
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "holds"),
+    [
+        (15.0, 1.5, True),
+        (2.0, 1.2, False),
+        (30.0, 22.0, False),
+        (30.0, 13.0, False),
+        (4.0, 2.9, False),
+        (4.0, 2.7, True),
+    ],
+)
+def test_a_correction_helps_by_30_percent_and_1_deg_to_below_12_deg(before: float, after: float, holds: bool) -> None:
+    assert HeadingProof(before, after).holds == holds

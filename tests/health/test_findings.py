@@ -1,0 +1,508 @@
+"""One list of what is wrong: from every check, report and event, one entry for each cause, and silence without any."""
+
+from __future__ import annotations
+
+import re
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog import health
+from attlog.flight.advice import GENERAL_REMEDIES
+from attlog.flight.model import FlightLog, Problem, TimeLine
+from attlog.health import causes, findings
+from attlog.health.causes import Finding
+from attlog.health.check import Check, not_judged
+from attlog.health.findings import (
+    EXPLANATIONS,
+    FLIPPED_ADVICE,
+    MAX_LISTED,
+    OpenQuestion,
+    crash_signs,
+    join_repeated,
+    nothing_wrong,
+    unusable_gyro,
+)
+from attlog.health.findings import findings as findings_findings
+from attlog.health.gravity import MEAN_GRAVITY
+from attlog.story.flight_events import Event
+from tests.conftest import ROOT
+from tests.health.test_health import checks, good
+
+
+@pytest.fixture
+def log() -> FlightLog:
+    found = deepcopy(good("px4_steps.ulg"))
+    found.problems = []
+    return found
+
+
+def check(name: str, verdict: str = "fault", value: float | str | None = None, t: float | None = None) -> Check:
+    return Check(name, verdict, f"{name} is off.", value, "m", t=t)
+
+
+def test_nothing_is_found_where_every_check_is_ok_and_every_question_answered(log: FlightLog) -> None:
+    assert findings_findings(log, [check(name, "ok") for name in EXPLANATIONS]) == []
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_yaw_turns.bin"])
+def test_every_check_of_a_log_has_a_meaning_and_a_row_in_the_docs(name: str) -> None:
+    page = (ROOT / "docs" / "flight.md").read_text(encoding="utf-8")
+    made = set(checks(good(name)))
+    assert len(made) > 20
+    assert sorted(made - set(EXPLANATIONS)) == []
+    assert [each for each in sorted(made | set(EXPLANATIONS)) if f"`{each}`" not in page] == []
+
+
+@pytest.mark.parametrize("name", EXPLANATIONS)
+def test_every_check_that_is_not_ok_is_a_finding(log: FlightLog, name: str) -> None:
+    for verdict in ("warning", "fault"):
+        found = findings_findings(log, [check(name, verdict, 40.0, 7.0)])
+        assert [f.text for f in found] == [f"{name} is off."]
+        assert (found[0].t, found[0].value, found[0].unit) == (7.0, 40.0, "m")
+
+
+def test_a_check_that_nobody_explains_is_a_finding_as_well(log: FlightLog) -> None:
+    assert [f.kind for f in findings_findings(log, [check("tea temperature")])] == ["tea_temperature"]
+
+
+def test_an_unknown_check_never_reads_as_ok(log: FlightLog) -> None:
+    (one,) = findings_findings(log, [not_judged("crash", "IMU at 25 Hz.")])
+    assert one.text == "Not checked: crash."
+    assert one.evidence == ["crash: IMU at 25 Hz."]
+
+
+def test_the_worst_stands_first(log: FlightLog) -> None:
+    others = [Problem("cut_at_end", "note", "Cut."), Problem("x", "error", "Broken.")]
+    found = findings_findings(log, [check("field", "warning"), check("crash")], others)
+    assert [f.severity for f in found] == ["serious", "serious", "warning", "note"]
+    assert found[0].kind == "crash"
+
+
+def test_one_compass_is_one_finding_and_its_size_leads(log: FlightLog) -> None:
+    checks = [check("declination"), check("field against attitude"), check("field", value=70.0)]
+    jump = Check("attitude jumps", "fault", "Heading jumped.", 20.0, "deg", t=9.0, about="heading")
+    rejected = Check("rejected compass", "warning", "Rejected.", t=3.0)
+    (one,) = findings_findings(log, [*checks, jump, rejected])
+    assert (one.kind, one.text, one.value, one.t) == ("compass", "field is off.", 70.0, None)
+    assert one.evidence == ["field against attitude is off.", "declination is off.", "Heading jumped.", "Rejected."]
+
+
+def test_a_tilt_that_jumps_gets_no_advice_about_the_compass(log: FlightLog) -> None:
+    jump = Check("attitude jumps", "fault", "It jumped.", 20.0, "deg", t=9.0, about="tilt")
+    found = {f.kind: f for f in findings_findings(log, [check("field"), jump])}
+    assert set(found) == {"compass", "reset"}
+    assert found["reset"].action == ""
+
+
+def test_who_believed_a_wrong_field_accuses_no_heading(log: FlightLog) -> None:
+    accused = Check("onboard against smoother", "fault", "Heading 32 deg off.", 32.0, "deg", about="heading")
+    (one,) = findings_findings(log, [check("field"), accused])
+    assert (one.kind, one.severity) == ("compass", "warning")
+    (alone,) = findings_findings(log, [accused])
+    assert (alone.kind, alone.severity) == ("attitude", "serious")
+
+
+def test_what_vibration_explains_is_its_evidence_from_its_onset_on(log: FlightLog) -> None:
+    clipped = Event("clipping", 36.0, "warning", "Clipped.", 40.0, 400.0, "samples")
+    early, late = (Check("rejected velocity", "warning", f"Rejected at {t}.", t=t) for t in (12.0, 38.0))
+    found = {f.kind: f for f in findings_findings(log, [check("vibration", t=36.0), early, late], events=[clipped])}
+    assert found["vibration"].text == "Clipped."
+    assert set(found["vibration"].evidence) == {"vibration is off.", "Rejected at 38.0."}
+    assert found["estimator"].text == "Rejected at 12.0."
+
+
+def test_a_gyro_that_turns_at_rest_explains_a_wrong_attitude(log: FlightLog) -> None:
+    refused = Problem("reference_contradicted", "error", "ATT is wrong.")
+    (one,) = findings_findings(log, [check("gyro bias", value=-24.3), check("gravity direction")], [refused])
+    assert (one.kind, one.severity) == ("gyro_bias", "serious")
+    found = findings_findings(log, [check("gyro bias", value=4.0)], [refused])
+    assert [(f.kind, f.severity) for f in found] == [("attitude", "serious"), ("gyro_bias", "warning")]
+
+
+def test_what_a_refused_attitude_judges_is_not_said_beside_it(log: FlightLog) -> None:
+    refused = Problem("reference_contradicted", "error", "ATT is wrong.")
+    found = findings_findings(
+        log, [check("gravity in flight"), check("field against attitude"), check("gyro range")], [refused]
+    )
+    assert {f.kind for f in found} == {"attitude", "gyro_range"}
+
+
+def test_a_simulators_frames_are_no_mounting(log: FlightLog) -> None:
+    log.simulated = False
+    (real,) = findings_findings(log, [check("gravity direction")])
+    assert (real.kind, bool(real.action)) == ("mounting", True)
+    log.simulated = True
+    (made,) = findings_findings(log, [check("gravity direction")])
+    assert (made.kind, made.action) == ("simulator", "")
+
+
+def test_crashes_come_from_events_with_the_others_as_evidence(log: FlightLog) -> None:
+    events = [
+        Event("overturn", 5.6, "serious", "Turned over at 5.6 s.", evidence=["ATT"]),
+        Event("impact", 6.0, "serious", "Hit the ground.", value=9.0, unit="g"),
+        Event("realigned", 8.0, "warning", "Realigned."),
+    ]
+    (one,) = findings_findings(log, [check("crash")], events=events)
+    assert (one.text, one.t, one.action) == ("Turned over at 5.6 s. Hit the ground.", 5.6, "")
+    assert one.evidence == ["ATT", "Hit the ground."]
+
+
+def test_every_crash_is_told_and_how_it_lay_in_the_end(log: FlightLog) -> None:
+    events = [
+        Event("overturn", 28.5, "serious", "Turned over at 28.5 s, to 107°. It then lay at 6°.", t_end=29.2),
+        Event("impact", 29.1, "serious", "Hit the ground at 29.1 s: 15 g. It then lay at 8°."),
+        Event("liftoff", 40.0, "info", "Lifted off."),
+        Event("impact", 61.2, "serious", "Hit the ground at 61.2 s: 7 g."),
+        Event("overturn", 61.9, "serious", "Turned over at 61.9 s, to 170°."),
+        Event("impact", 90.3, "serious", "Hit the ground at 90.3 s: 5 g."),
+    ]
+    (one,) = findings_findings(log, [], events=events)
+    first = "Turned over at 28.5 s, to 107°. Hit the ground at 29.1 s: 15 g. It then lay at 8°."
+    assert one.text == f"{first} Crashed again at 61.2 s and 90.3 s."
+
+
+def test_many_crashes_are_counted(log: FlightLog) -> None:
+    events = [Event("impact", 20.0 * k, "serious", f"Hit at {20.0 * k:.1f} s.") for k in range(1, 6)]
+    (one,) = findings_findings(log, [], events=events)
+    assert one.text == "Hit at 20.0 s. Crashed again at 40.0 s, 60.0 s and 2 times more."
+
+
+def test_what_happened_in_a_flight_after_a_crash_counts_again(log: FlightLog) -> None:
+    events = [
+        Event("impact", 20.0, "serious", "Hit."),
+        Event("hard_landing", 30.0, "warning", "A wreck fell.", value=9.0, unit="g"),
+        Event("liftoff", 60.0, "info", "Lift-off."),
+        Event("hard_landing", 90.0, "warning", "Hard landing.", value=5.0, unit="g"),
+    ]
+    assert [f.text for f in findings_findings(log, [], events=events)] == ["Hit.", "Hard landing."]
+
+
+def test_the_largest_of_a_kind_leads(log: FlightLog) -> None:
+    blows = [Event("hard_landing", t, "warning", f"{g} g.", value=g, unit="g") for t, g in ((9.0, 3.4), (50.0, 7.5))]
+    (one,) = findings_findings(log, [], events=blows)
+    assert (one.text, one.t, one.evidence) == ("7.5 g.", 50.0, ["3.4 g."])
+    (rejected,) = findings_findings(
+        log, [check("rejected velocity", value=46.0), check("rejected height", value=328.0)]
+    )
+    assert rejected.text == "rejected height is off."
+
+
+def test_a_failsafe_that_harms_nobody_warns_nobody(log: FlightLog) -> None:
+    report = Problem("err_7_1", "warning", "GNSS failsafe (ERR 7/1).", t=9.0)
+    for weight in ("note", "warning"):
+        (one,) = findings_findings(log, [], [report], events=[Event("failsafe", 9.0, weight, "GNSS failsafe.")])
+        assert one.severity == weight
+
+
+@pytest.mark.parametrize(("apart_m", "kind", "action"), [(1.2, "estimator", False), (40.0, "gnss", True)])
+def test_gnss_is_blamed_only_where_it_jumped_itself(log: FlightLog, apart_m: float, kind: str, action: bool) -> None:
+    report = Problem("gnss_glitch", "warning", "GNSS glitch (ERR 11/2).", t=9.0, remedy="Raise the antenna.")
+    event = Event("gnss_jump", 9.0, "warning", "The EKF and GNSS came apart at 9.0 s.", value=apart_m, unit="m")
+    (one,) = findings_findings(log, [check("GNSS", "ok")] if not action else [check("GNSS")], [report], events=[event])
+    assert (one.kind, bool(one.action)) == (kind, action)
+
+
+def test_no_calibration_mends_a_sensor_that_does_not_answer(log: FlightLog) -> None:
+    (dead,) = findings_findings(log, [check("gravity", value="zero")])
+    (wrong,) = findings_findings(log, [check("gravity", value=9.2)])
+    assert (dead.action, bool(wrong.action)) == ("", True)
+
+
+def test_a_crash_that_only_the_autopilot_reports_is_no_crash(log: FlightLog) -> None:
+    report = Problem("crash", "error", "Crash check (ERR 12/1).", t=9.0)
+    (doubted,) = findings_findings(log, [], [report])
+    assert (doubted.kind, doubted.severity) == ("crash_check", "warning")
+    blow = Event("impact", 9.1, "serious", "Hit the ground.")
+    (shown,) = findings_findings(log, [], [report], events=[blow])
+    assert (shown.kind, shown.text, shown.evidence) == ("crash", "Hit the ground.", ["Crash check (ERR 12/1)."])
+
+
+def test_what_is_reported_of_a_wreck_warns_nobody_until_it_flies_again(log: FlightLog) -> None:
+    events = [Event("impact", 20.0, "serious", "Hit."), Event("liftoff", 60.0, "info", "Lift-off.")]
+    for t, severity in ((10.0, "warning"), (24.0, "note"), (70.0, "warning")):
+        found = {
+            f.kind: f
+            for f in findings_findings(log, [], [Problem("ekf_check", "warning", "Check.", t=t)], events=events)
+        }
+        assert found["estimator"].severity == severity
+
+
+def test_a_logger_that_stops_for_long_is_not_cured_by_a_card(log: FlightLog) -> None:
+    short = Check("gaps", "warning", "2 gaps.", 2, t=5.0)
+    stopped = Check("gaps", "warning", "1 gap of 40 s.", 1, t=5.0, about="stopped")
+    assert ["card" in f.action for f in findings_findings(log, [short])] == [True]
+    assert [f.action for f in findings_findings(log, [stopped])] == [""]
+
+
+def test_a_message_in_flight_speaks_for_what_it_names(log: FlightLog) -> None:
+    said = [
+        Event("message", 30.0, "warning", "“Compass needs calibration - Land now!”."),
+        Event("message", 31.0, "warning", "“Thrust loss”."),
+        Event("message", 32.0, "note", "“PreArm: GPS”."),
+    ]
+    found = {f.kind: f.text for f in findings_findings(log, [], events=said)}
+    assert found == {
+        "compass": "The autopilot said “Compass needs calibration - Land now!”.",
+        "message": "The autopilot said “Thrust loss”.",
+    }
+
+
+def test_the_same_action_twice_is_one_action(log: FlightLog) -> None:
+    found = findings_findings(log, [check("frozen gyro"), check("gyro spikes")])
+    assert [bool(f.action) for f in found] == [True, False]
+
+
+def test_the_same_report_twice_is_one_entry_with_both_counts(log: FlightLog) -> None:
+    log.problems = [Problem("a", "note", "A.", t=5.0, count=2), Problem("a", "note", "A.", t=3.0)]
+    (one,) = findings_findings(log, [])
+    assert (one.count, one.t) == (3, 5.0)
+
+
+def test_what_costs_the_reader_and_changes_nothing_is_a_note(log: FlightLog) -> None:
+    slow = Problem("imu_low_rate", "warning", "25 Hz.")
+    parameter = Problem("values_out_of_range", "warning", "RC6_MAX.")
+    jump = Check("attitude jumps", "warning", "3 deg.", 3.4, "deg", about="heading")
+    found = findings_findings(log, [jump], [slow, parameter])
+    assert {f.severity for f in found} == {"note"}
+    many = Problem("values_out_of_range", "warning", "Left out 2,000.", count=2000)
+    assert [f.severity for f in findings_findings(log, [], [many])] == ["warning"]
+
+
+def test_findings_about_the_record_are_none_about_the_flight() -> None:
+    assert nothing_wrong([Finding("rate", "warning", ""), Finding("compass", "note", "")])
+    assert not nothing_wrong([Finding("vibration", "warning", "")])
+
+
+def test_open_questions_are_one_entry(log: FlightLog) -> None:
+    asked = [OpenQuestion("Lag", "Fly steps."), OpenQuestion("Yaw drift", "Fly steps.")]
+    (one,) = findings_findings(log, [], [], asked)
+    assert (one.text, one.action) == ("Not answered: lag, yaw drift.", "Fly steps.")
+
+
+def test_a_gyro_is_unusable_from_ten_degrees_a_second_on() -> None:
+    assert unusable_gyro([check("gyro bias", value=9.9)]) == ""
+    assert "-24 deg/s" in unusable_gyro([check("gyro bias", value=-24.3)])
+
+
+def test_no_action_names_a_setting_that_is_made() -> None:
+    from attlog.flight import remedies as ardupilot
+    from attlog.flight import remedies as px4
+
+    assert "COMPASS_AUTODEC" not in ardupilot.ardupilot_remedies({"COMPASS_AUTODEC": 1.0}).get("declination", "")
+    assert ardupilot.ardupilot_remedies({"COMPASS_AUTODEC": 0.0})["declination"] == "Set COMPASS_AUTODEC to 1."
+    assert "INS_GYR_CAL" not in ardupilot.ardupilot_remedies({"INS_GYR_CAL": 1.0})["gyro_bias"]
+    for values in ({"INS_HNTCH_ENABLE": 0.0}, {"IMU_GYRO_DNF_EN": 0.0}):
+        assert "notch" not in ardupilot.ardupilot_remedies(values)["vibration"] + px4.px4_remedies(values)["vibration"]
+
+
+def test_every_fault_has_a_general_remedy() -> None:
+    assert {a.fault for a in EXPLANATIONS.values() if a.fault} <= set(GENERAL_REMEDIES)
+
+
+def test_every_check_has_its_row_in_the_documentation() -> None:
+    """As every metric has: what is good and what is bad, in a row that begins with the check's name."""
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
+    rows = [row.split("|") for row in pages.splitlines() if row.startswith("|")]
+    told = {name for cells in rows if not cells[2].strip().isdigit() for name in re.findall(r"`([^`]+)`", cells[1])}
+    source = "".join(path.read_text(encoding="utf-8") for path in Path(health.__file__).parent.rglob("*.py"))
+    named = set(re.findall(r"\bCheck\(\s*\"([^\"]+)\"", source))
+    assert len(named) > 15
+    assert sorted((named | set(EXPLANATIONS)) - told) == []
+
+
+def test_equal_findings_stand_in_the_order_of_time(log: FlightLog) -> None:
+    found = findings_findings(log, [check("tea temperature", t=20.0), check("coffee temperature", t=10.0)])
+    assert [f.t for f in found] == [10.0, 20.0]
+
+
+@pytest.mark.parametrize(("percent", "leads"), [(40.0, "field against motors"), (20.0, "field")])
+def test_motors_that_bend_the_field_by_a_third_lead_what_is_said_of_a_compass(
+    log: FlightLog, percent: float, leads: str
+) -> None:
+    (one,) = findings_findings(log, [check("field", value=70.0), check("field against motors", value=percent)])
+    assert (one.kind, one.text) == ("compass", f"{leads} is off.")
+
+
+def test_a_wrong_attitude_explains_no_vibration(log: FlightLog) -> None:
+    """The vertical force is off by the barometer too, which no attitude turns."""
+    refused = Problem("reference_contradicted", "error", "ATT is wrong.")
+    found = findings_findings(log, [check("vertical force"), check("gravity in flight")], [refused])
+    assert {f.kind: f.evidence for f in found} == {"attitude": ["gravity in flight is off."], "vibration": []}
+
+
+def test_reports_of_a_wreck_are_notes_until_it_lifts_off_again() -> None:
+    events = [Event("impact", 10.0, "serious", "Hit the ground.")]
+    events += [Event("liftoff", t, "info", "Lifted off.") for t in (2.0, 20.0, 40.0)]
+    reports = [Finding("ekf_check", "warning", "EKF check.", t=t) for t in (5.0, 15.0, 30.0)]
+    assert [r.severity for r in findings.note_after_crashes(reports, events)] == ["warning", "note", "warning"]
+
+
+def test_a_compass_that_is_its_offsets_is_told_once_with_what_to_check(log: FlightLog) -> None:
+    zero = Check("magnetometer 0", "fault", "MAG: all its values are zero.", "zero", about="magnetometer 0")
+    other = Check("magnetometer 1", "fault", "MAG2: all its values are zero.", "zero", about="magnetometer 1")
+    left_out = Problem("mag_only_offsets", "warning", "MAG: every value equals the compass offsets.")
+    found = {f.kind: f for f in findings_findings(log, [zero, other], [left_out])}
+    assert {k: f.text for k, f in found.items()} == {"mag_only_offsets": left_out.text, "mag_dead": other.text}
+
+
+def test_of_a_sensor_whose_records_were_refused_no_check_is_told(log: FlightLog) -> None:
+    """Of 74 % impossible values a mean force of 68 m/s^2 and a tilt of 54 deg were told as faults of a calibration."""
+    wrong = [check("gravity in flight"), check("gravity direction"), check("jitter"), check("field")]
+    assert len(findings_findings(log, wrong)) > 2
+    log.problems = [Problem("imu_mostly_refused", "error", "Mostly refused.")]
+    assert {f.text for f in findings_findings(log, wrong)} == {"Mostly refused.", "field is off."}
+
+
+def test_what_was_reported_before_arming_and_before_the_first_sample_is_a_note(log: FlightLog) -> None:
+    """A simulator's processor stood still as it started, which headed its page."""
+    stood = Problem("err_19_1", "error", "The main loop stood still.", t=-2.1)
+    log.problems, log.armed = [stood], TimeLine(np.array([0.0]), [True], "ARM")
+    assert [f.severity for f in findings_findings(log, [])] == ["note"]
+    log.armed = TimeLine(np.array([-60.0, 0.0]), [True, False], "ARM")
+    assert [f.severity for f in findings_findings(log, [])] == ["serious"]
+    log.problems, log.armed = [replace(stood, t=0.4)], None
+    assert [f.severity for f in findings_findings(log, [])] == ["serious"]
+
+
+# What signs about the onboard attitude stand for, once their common cause is known.
+
+LOG: Any = SimpleNamespace(remedies={"accelerometer": "Calibrate the level."}, simulated=False)
+
+
+def of(*signs: Finding, log: Any = LOG) -> list[Finding]:
+    return causes.settle_attitude(signs, log)
+
+
+def sign(kind: str, severity: Any = "warning", about: str = "", **more: Any) -> Finding:
+    return Finding(kind, severity, "said", about=about, cause="its own", action="do", **more)
+
+
+@pytest.mark.parametrize(("deg", "severity"), [(9.9, "note"), (10.1, "warning"), (None, "warning")])
+def test_a_small_jump_is_a_note(deg: float | None, severity: str) -> None:
+    (found,) = of(sign(causes.RESET, value=deg))
+    assert found.severity == severity
+    assert of(sign(causes.ATTITUDE, value=deg))[0].severity == "warning"
+
+
+@pytest.mark.parametrize(
+    ("about", "severity", "kind"),
+    [
+        ("gravity direction", "warning", "accelerometer"),
+        ("gravity direction", "serious", causes.MOUNTING),
+        ("gyro against attitude", "warning", causes.MOUNTING),
+        (MEAN_GRAVITY, "warning", causes.MOUNTING),
+    ],
+)
+def test_a_small_angle_to_gravity_is_the_accelerometers_and_a_large_one_the_mountings(
+    about: str, severity: str, kind: str
+) -> None:
+    (found,) = of(sign(causes.MOUNTING, severity, about))
+    assert found.kind == kind
+    if kind == "accelerometer":
+        assert (found.cause, found.action) == (causes.LEVEL_CAUSE, "Calibrate the level.")
+
+
+@pytest.mark.parametrize("gyro", ["gyro", "gyro_bias", "frozen_gyro"])
+def test_a_broken_gyro_explains_a_wrong_attitude_and_mounting(gyro: str) -> None:
+    wrong, turned, other = sign(causes.ATTITUDE), sign(causes.MOUNTING), sign("battery")
+    assert [f.kind for f in of(wrong, turned, other, sign(gyro, "serious"))] == [gyro, gyro, "battery", gyro]
+    assert [f.kind for f in of(wrong, turned, sign(gyro))] == [causes.ATTITUDE, causes.MOUNTING, gyro]
+
+
+def test_a_wrong_attitude_explains_what_gravity_contradicts_but_no_vibration() -> None:
+    wrong = sign(causes.ATTITUDE, "serious")
+    gravity = sign(causes.MOUNTING, "serious", "gravity in flight")
+    shaken = sign("vibration", "warning", "gravity in flight")
+    trimmed = sign("trim", "note", "trim")
+    kinds = [f.kind for f in of(wrong, gravity, shaken, trimmed)]
+    assert kinds == [causes.ATTITUDE, causes.ATTITUDE, "vibration", "trim"]
+    assert of(sign(causes.ATTITUDE), gravity)[1].kind == causes.MOUNTING
+
+
+def test_axes_of_the_force_that_are_wrong_leave_out_what_the_force_says_of_the_attitude() -> None:
+    frame = sign(causes.FRAME.replace(" ", "_"))
+    kept = of(frame, sign(causes.MOUNTING, "serious", "gravity in flight"), sign("trim", "note", "trim"), sign("gps"))
+    assert [f.kind for f in kept] == [frame.kind, "gps"]
+
+
+def test_a_simulator_whose_frames_differ_has_no_mounting() -> None:
+    simulated: Any = SimpleNamespace(remedies={}, simulated=True)
+    (found,) = of(sign(causes.MOUNTING, "serious"), log=simulated)
+    assert (found.kind, found.cause, found.action) == (causes.SIMULATOR, causes.FRAMES_CAUSE, "")
+    assert of(sign(causes.MOUNTING, "note"), log=simulated)[0].kind == causes.MOUNTING
+
+
+def test_a_mean_force_of_a_flight_is_no_level_calibration_and_vibration_explains_it() -> None:
+    """Of a flight whose accelerometer was rectified by 10 m/s^2 a level calibration was asked for."""
+    mean = sign(causes.MOUNTING, "warning", MEAN_GRAVITY)
+    shaken = sign("vibration", "warning", "clipping", t=3.0)
+    assert {f.kind for f in causes.settle_vibration(of(mean, shaken))} == {"vibration"}
+    assert [f.kind for f in of(mean, sign(causes.ATTITUDE, "serious"))] == [causes.ATTITUDE, causes.ATTITUDE]
+
+
+# What is to be done after a crash, where the log shows it.
+
+OVER = Event("overturn", 5.6, "serious", "Turned over at 5.6 s, to 178°. It then lay at 175°.")
+ARMED = Event("armed", 1.0, "info", "Armed.")
+LIFT = Event("liftoff", 3.0, "info", "Lift-off.")
+
+
+def test_a_copter_that_flips_before_any_lift_off_has_motors_or_mount_to_check() -> None:
+    assert crash_signs([ARMED, OVER])[0].action == FLIPPED_ADVICE
+
+
+def test_what_flew_before_it_turned_over_or_does_not_hover_is_not_sent_to_its_motors() -> None:
+    assert crash_signs([ARMED, LIFT, OVER])[0].action == ""
+    assert crash_signs([ARMED, OVER], hovers=False)[0].action == ""
+
+
+def test_a_log_that_begins_long_after_arming_may_begin_in_the_air_and_a_blow_is_no_flip() -> None:
+    assert crash_signs([Event("armed", -156.2, "info", "Armed before the log begins."), OVER])[0].action == ""
+    assert crash_signs([ARMED, Event("impact", 9.0, "serious", "Hit the ground at 9.0 s: 12 g.")])[0].action == ""
+
+
+def test_how_it_lay_is_told_of_the_last_move_alone() -> None:
+    """It fell over and lay at 44 deg, then turned over to 175; it did not lie at 44 then."""
+    fell = Event("overturn", 26.9, "serious", "Fell over at 26.9 s, to 44°. It then lay at 44°.", t_end=40.1)
+    over = Event("overturn", 39.8, "serious", "Turned over at 39.8 s, to 175°.")
+    assert (
+        crash_signs([ARMED, LIFT, fell, over])[0].text == "Fell over at 26.9 s, to 44°. Turned over at 39.8 s, to 175°."
+    )
+    hit = Event("impact", 41.0, "serious", "Hit the ground at 41.0 s: 9.0 g. It then lay at 170°.")
+    assert crash_signs([ARMED, LIFT, fell, over, hit])[0].text.endswith("9.0 g. It then lay at 170°.")
+
+
+# What comes in dozens is one sign with its number; what comes a few times stands for itself.
+
+
+def damaged(number: int, **more: object) -> list[Finding]:
+    return [Finding("part_failed", "serious", f"Message M{k} is out.", count=k + 1, **more) for k in range(number)]  # type: ignore[arg-type]
+
+
+def test_a_few_of_a_kind_stand_for_themselves() -> None:
+    few = [*damaged(MAX_LISTED), Finding("no_mag", "warning", "No field.")]
+    assert join_repeated(few) == few
+
+
+def test_hundreds_of_a_kind_are_one_with_their_number_and_the_first_of_them() -> None:
+    found = join_repeated(
+        [Finding("no_mag", "warning", "No field."), *damaged(400, action="Report it.", value=3.0, unit="V")]
+    )
+    assert [f.kind for f in found] == ["no_mag", "part_failed"]
+    one = found[1]
+    assert one.count == 400 * 401 // 2
+    assert one.text == "Message M0 is out, and 399 more of the kind."
+    assert one.evidence[0] == "Message M1 is out."
+    assert (one.action, one.value, one.unit) == ("Report it.", None, "")
+
+
+def test_severities_are_kept_apart_and_the_first_time_is_told() -> None:
+    notes = [Finding("ev", "note", f"Event {k}.", t=10.0 - k, cause=str(k)) for k in range(9)]
+    found = join_repeated([*notes, Finding("ev", "serious", "Event x.")])
+    assert [(f.severity, f.t, f.cause) for f in found] == [("note", 2.0, ""), ("serious", None, "")]

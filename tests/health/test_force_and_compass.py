@@ -1,0 +1,273 @@
+"""The accelerometer by GNSS and the compass by the earth's field: planted errors, another in each axis, come back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog.core import rotation
+from attlog.flight.model import FlightLog
+from attlog.health import accelerometer, compass_fit
+from attlog.health.accelerometer import ForceFit, TurnedForce
+from attlog.health.compass_fit import CompassFit
+from attlog.health.regression import RobustFit
+from attlog.reference.model import Reference
+from attlog.segments.model import Segment, Segments
+from tests.health.made_flight import RATE, SECONDS, attitude, flight
+
+FLOWN = Segments([Segment("airborne", 5.0, SECONDS - 5.0)])
+
+
+def reference(kind: str = "truth", **more: Any) -> Reference:
+    t = np.arange(0.0, SECONDS, 1.0 / RATE)
+    zeros = np.zeros(len(t), np.int64)
+    return Reference(kind, "made-up", t, attitude(t), zeros, zeros, rate=RATE, **more)  # type: ignore[arg-type]
+
+
+def pushed(x: float, y: float) -> FlightLog:
+    log = flight()
+    log.imus[0].acc.x = log.imus[0].acc.x + np.array([x, y, 0.0])
+    return log
+
+
+def checks(log: FlightLog, known: Reference | None = None) -> dict[str, Any]:
+    return {c.name: c for c in accelerometer.force_checks(log, FLOWN, known or reference())}
+
+
+@pytest.mark.parametrize(("x", "y", "axis", "verdict"), [(0.3, -0.1, "x", "warning"), (0.1, -0.7, "y", "fault")])
+def test_an_offset_of_the_force_is_told_by_its_larger_axis_with_its_sign(
+    x: float, y: float, axis: str, verdict: str
+) -> None:
+    found = checks(pushed(x, y))
+    assert found["force axes"].verdict == "ok"
+    assert found["force offset"].verdict == verdict
+    assert found["force offset"].value == pytest.approx(x if axis == "x" else y, abs=0.03)
+    assert f"too much in {axis} " in found["force offset"].text
+
+
+@pytest.mark.parametrize("words", list(accelerometer.AXIS_ORDERS))
+def test_each_order_of_the_horizontal_axes_is_named(words: str) -> None:
+    log = flight()
+    log.imus[0].acc.x[:, :2] = log.imus[0].acc.x[:, :2] @ np.linalg.inv(accelerometer.AXIS_ORDERS[words]).T
+    found = checks(log)
+    assert list(found) == ["force axes"]
+    assert found["force axes"].verdict == "fault"
+    assert f": {words} against " in found["force axes"].text
+
+
+def test_the_fit_has_the_time_that_was_flown_with_velocities_and_its_matrix_is_the_unit() -> None:
+    one = accelerometer.fit_force(pushed(0.2, -0.1), FLOWN, reference())
+    assert one is not None
+    assert one.seconds == pytest.approx(85.0, abs=0.5)
+    np.testing.assert_allclose(one.solution.x[:6], [1.0, 0.0, 0.0, 1.0, -0.2, 0.1], atol=0.03)
+    cut = accelerometer.fit_force(pushed(0.0, 0.0), FLOWN, reference(end=60.0))
+    assert cut is not None
+    assert cut.t.max() <= 60.0
+    assert accelerometer.fit_force(pushed(0.0, 0.0), FLOWN, reference(end=25.0)) is None
+
+
+def test_a_receiver_that_is_late_spoils_no_offset() -> None:
+    log = flight(0.3)
+    log.imus[0].acc.x = log.imus[0].acc.x + np.array([0.3, -0.2, 0.0])
+    one = accelerometer.fit_force(log, FLOWN, reference())
+    assert one is not None
+    np.testing.assert_allclose(one.solution.x[4:6], [-0.3, 0.2], atol=0.03)
+    assert one.solution.x[0] == pytest.approx(1.0, abs=0.03)
+
+
+def test_the_receiver_with_most_velocities_of_a_3d_fix_counts() -> None:
+    log = flight()
+    worse = flight(seed=1).gnss[0]
+    worse.vel_ned = worse.vel_ned * 3.0
+    worse.fix[: len(worse.fix) // 2] = 2
+    log.gnss.insert(0, worse)
+    assert accelerometer._best_receiver(log) is log.gnss[1]
+    log.gnss[1].vel_ned[: 3 * len(worse.fix) // 4, 1] = np.nan
+    assert accelerometer._best_receiver(log) is log.gnss[0]
+
+
+def test_changes_of_velocity_are_over_two_seconds_each_second() -> None:
+    log = flight()
+    gnss = log.gnss[0]
+    gnss.vel_ned[:, :2] = gnss.t[:, None] * [0.5, -2.0]
+    start, end, change = accelerometer._velocity_changes(gnss, [(10.0, 20.0), (40.0, 45.0)])
+    np.testing.assert_allclose(start, [*np.arange(10.1, 18.0), *np.arange(40.1, 43.0)], atol=0.11)
+    np.testing.assert_allclose(np.delete(np.diff(start), 7), 1.0)
+    np.testing.assert_allclose(end - start, 2.0, atol=1e-6)
+    np.testing.assert_allclose(change, np.tile([0.5, -2.0], (len(start), 1)))
+    lost = (gnss.t > 13.5) & (gnss.t < 17.5)
+    gnss.fix[lost] = 1
+    start, end, _ = accelerometer._velocity_changes(gnss, [(10.0, 20.0)])
+    assert not np.any(end - start >= 3.0)
+    assert not np.any((start < 13.5) & (end > 17.4))
+
+
+def test_the_first_so_many_seconds_of_spans_are_kept() -> None:
+    assert accelerometer._first_spans([(0.0, 10.0), (20.0, 35.0), (40.0, 50.0)], 18.0) == [(0.0, 10.0), (20.0, 28.0)]
+    assert accelerometer._first_spans([(0.0, 10.0), (20.0, 35.0)], 10.0) == [(0.0, 10.0)]
+
+
+def test_means_of_a_turned_force_are_those_of_its_samples_and_none_reaches_across_a_hole() -> None:
+    rng = np.random.default_rng(5)
+    t = np.concatenate([np.arange(0.0, 10.0, 0.01), np.arange(10.5, 20.0, 0.01)])
+    f, q = rng.normal(size=(len(t), 3)), rotation.from_euler(*rng.normal(size=(3, len(t))))
+    found, known = TurnedForce(t, f, q).means(np.array([1.0, 9.0, 12.0, -1.0]), np.array([3.0, 11.0, 14.0, 2.0]))
+    assert known.tolist() == [True, False, True, False]
+    inside = (t > 1.005) & (t < 3.005)
+    turn = rotation.to_matrix(q[inside])
+    np.testing.assert_allclose(found[0, :, 0], np.mean(turn[:, :2, 0] * f[inside, :1], axis=0), atol=1e-9)
+    np.testing.assert_allclose(found[0, :, 1], np.mean(turn[:, :2, 0] * f[inside, 1:2], axis=0), atol=1e-9)
+    np.testing.assert_allclose(found[0, :, 2], np.mean(turn[:, :2, 1] * f[inside, :1], axis=0), atol=1e-9)
+    np.testing.assert_allclose(found[0, :, 3], np.mean(turn[:, :2, 1] * f[inside, 1:2], axis=0), atol=1e-9)
+    np.testing.assert_allclose(found[0, :, 4:6], np.mean(turn[:, :2, :2], axis=0), atol=1e-9)
+    np.testing.assert_allclose(found[0, :, 6:8], np.eye(2), atol=1e-9)
+    np.testing.assert_allclose(found[0, :, 8], np.mean(turn[:, :2, 2] * f[inside, 2:], axis=0), atol=1e-9)
+
+
+def made_fit(x: float, y: float, sigma: float) -> ForceFit:
+    covariance = np.zeros((8, 8))
+    covariance[4, 4] = covariance[5, 5] = sigma**2
+    solution = RobustFit(np.array([1.0, 0.0, 0.0, 1.0, -x, -y, 0.0, 0.0]), covariance, 0.1, 20)
+    return ForceFit(solution, np.zeros((10, 2, 8)), np.zeros((10, 2)), np.arange(10.0), 40.0)
+
+
+@pytest.mark.parametrize(
+    ("x", "sigma", "verdict"),
+    [
+        (0.16, 0.0, "ok"),
+        (0.18, 0.0, "warning"),
+        (-0.49, 0.0, "warning"),
+        (-0.51, 0.0, "fault"),
+        (0.29, 0.05, "ok"),  # four times hypot(0.075, 0.03) are 0.323
+        (0.35, 0.05, "warning"),
+        (0.9, 0.09, "unknown"),
+    ],
+)
+def test_an_offset_is_told_beyond_its_limit_and_four_sigmas(x: float, sigma: float, verdict: str) -> None:
+    assert accelerometer._force_offset_check(flight(), made_fit(x, 0.0, sigma), reference()).verdict == verdict
+    assert accelerometer._force_offset_check(flight(), made_fit(0.0, x, sigma), reference()).verdict == verdict
+
+
+EARTH = np.array([21.0, 2.0, 44.0])
+
+
+def field(
+    turn_deg: float = 0.0, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), turns: float = 1.0
+) -> CompassFit:
+    """What a compass turned about the vehicle's vertical, with an offset, shows in a flight whose heading swings."""
+    t = np.arange(0.0, 100.0, 0.1)
+    heading = turns * 3.0 * np.sin(0.2 * t)
+    u = rotation.rotate_inverse(rotation.from_euler(0.0 * t, 0.0 * t, heading), EARTH)
+    m = rotation.rotate_inverse(rotation.from_euler(0.0, 0.0, np.radians(turn_deg))[None], u) + np.array(offset)
+    m = m + np.random.default_rng(1).normal(size=m.shape) * 0.2
+    found = compass_fit.fit_simplest(t, u, m, 100.0)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("turn_deg", [-25.0, 12.0])
+def test_a_compass_that_is_mounted_askew_has_a_turn_and_no_offset(turn_deg: float) -> None:
+    found = field(turn_deg)
+    assert found.turn_deg == pytest.approx(turn_deg, abs=0.3)
+    np.testing.assert_allclose(found.offset, 0.0, atol=0.1)
+    assert found.one_fault
+
+
+@pytest.mark.parametrize("offset", [(8.0, -3.0, 5.0), (-2.0, 9.0, -6.0)])
+def test_iron_is_an_offset_in_each_axis_and_no_turn(offset: tuple[float, float, float]) -> None:
+    found = field(0.0, offset)
+    np.testing.assert_allclose(found.offset, offset, atol=0.3)
+    assert abs(found.turn_deg) < 1.0
+    assert found.one_fault
+    level, down = np.hypot(21.0, 2.0), 44.0
+    tilt = np.radians(0.8)
+    assert found.offset_sigma[2] == pytest.approx(
+        np.sqrt((tilt * level) ** 2 + (0.01 * np.hypot(level, down)) ** 2 + 0.09)
+    )
+    assert found.offset_sigma[0] >= np.hypot(tilt * down, 0.3)
+
+
+def test_a_turn_and_an_offset_together_are_no_single_fault() -> None:
+    found = field(30.0, (8.0, -3.0, 0.0))
+    assert not found.one_fault
+    assert found.turn_deg == pytest.approx(30.0, abs=1.0)
+    np.testing.assert_allclose(found.offset[:2], [8.0, -3.0], atol=0.5)
+
+
+def test_what_a_model_leaves_is_the_rms_without_its_largest_twentieth() -> None:
+    target = np.random.default_rng(2).normal(size=(40, 2))
+    squares = np.sort(np.sum(target**2, axis=1))[:38]
+    assert compass_fit._rms_left(np.zeros((40, 2, 1)), target, np.zeros(1)) == pytest.approx(np.sqrt(squares.mean()))
+
+
+def known(
+    turn: float = 0.0, turn_sigma: float = 0.5, offset: tuple[float, float] = (0.0, 0.0), **more: Any
+) -> CompassFit:
+    sigma = np.full(3, more.pop("sigma", 0.4))
+    return CompassFit(np.array([*offset, 0.0]), sigma, turn, turn_sigma, 0.5, 500, 90.0, **more)
+
+
+@pytest.mark.parametrize(
+    ("turn", "sigma", "verdict"),
+    [
+        (-9.9, 1.0, "ok"),
+        (10.1, 1.0, "warning"),
+        (-19.9, 1.0, "warning"),
+        (20.1, 1.0, "fault"),
+        (11.0, 3.0, "ok"),
+        (13.0, 3.0, "warning"),
+        (3.0, 5.1, "unknown"),
+        (3.0, 4.9, "ok"),
+    ],
+)
+def test_a_turn_is_told_beyond_ten_degrees_and_four_sigmas(turn: float, sigma: float, verdict: str) -> None:
+    check = compass_fit._turn_check("MAG:0", known(turn, sigma), reference())
+    assert check.verdict == verdict
+    if verdict != "unknown":
+        assert f" {'clockwise' if turn > 0 else 'anticlockwise'} " in check.text
+        assert f"± {1.96 * sigma:.0f} deg" in check.text
+
+
+@pytest.mark.parametrize(
+    ("offset", "sigma", "verdict"),
+    [
+        ((3.0, -3.9), 0.4, "ok"),
+        ((3.0, -4.1), 0.4, "warning"),
+        ((-9.0, 11.9), 0.4, "warning"),
+        ((9.0, 12.1), 0.4, "fault"),
+        ((3.0, 4.1), 1.3, "ok"),
+        ((1.0, 1.0), 3.8, "unknown"),
+        ((1.0, 1.0), 3.7, "ok"),
+    ],
+)
+def test_an_offset_is_told_by_its_horizontal_size(offset: tuple[float, float], sigma: float, verdict: str) -> None:
+    assert compass_fit._offset_check("MAG:0", known(offset=offset, sigma=sigma), reference()).verdict == verdict
+
+
+def test_what_no_single_fault_explains_is_told_against_truth_alone_and_what_changes_not_at_all() -> None:
+    both = known(30.0, 1.0, one_fault=False)
+    assert compass_fit._turn_check("MAG:0", both, reference()).verdict == "fault"
+    assert compass_fit._turn_check("MAG:0", both, reference("onboard")).verdict == "unknown"
+    assert compass_fit._turn_check("MAG:0", known(30.0, 1.0, steady=False), reference()).verdict == "unknown"
+    assert compass_fit._turn_check("MAG:0", known(30.0, 1.0), reference("onboard")).verdict == "fault"
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "agree"),
+    [
+        ({"turn": 17.0}, {"turn": 24.0}, True),
+        ({"turn": 15.0}, {"turn": 24.0}, False),
+        ({"turn": 179.0}, {"turn": -176.0}, True),
+        ({"offset": (10.0, 0.0)}, {"offset": (10.0, 3.9)}, True),
+        ({"offset": (10.0, 0.0)}, {"offset": (10.0, 4.1)}, False),
+        ({"offset": (10.0, 0.0), "sigma": 1.4}, {"offset": (10.0, 4.1)}, True),
+        ({"turn": 12.0, "turn_sigma": 3.0}, {"turn": 21.0}, True),
+    ],
+)
+def test_halves_agree_within_two_fifths_of_the_whole_or_three_sigmas(
+    one: dict[str, Any], two: dict[str, Any], agree: bool
+) -> None:
+    assert compass_fit._halves_agree(known(20.0, 0.5, (10.0, 0.0)), known(**one), known(**two)) is agree
+    assert not compass_fit._halves_agree(known(), None, known())

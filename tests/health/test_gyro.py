@@ -1,0 +1,311 @@
+"""Rates by gyro and by attitude side by side, the scale between them, and a bias that steps, from made-up turns."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog import flight, segments
+from attlog.core import rotation
+from attlog.flight.model import Array, Firmware, FlightLog, Imu, Stream
+from attlog.health import gyro
+from attlog.health import gyro as turns
+from attlog.health.check import Check
+from attlog.health.gyro import gyro_bias, gyro_scale
+from attlog.health.regression import RobustFit
+from attlog.reference import choose
+from attlog.reference.model import GyroJump, Reference
+from attlog.segments import Segment as segments_Segment
+from attlog.segments import Segments as segments_Segments
+from attlog.segments.model import Segment, Segments
+from tests.conftest import SAMPLES
+from tests.health.imu_cases import case, log_of
+from tests.health.imu_cases import told as told_by_smoother
+from tests.health.imu_cases import unit as imu_cases_unit
+
+RATE_DPS = np.array([4.0, -9.0, 25.0])
+T = np.arange(0.0, 30.0, 0.01)
+
+
+def unit(t: Array = T, factor: float = 1.0) -> Imu:
+    """A gyro that reads ``factor`` times a steady turn."""
+    gyro = Stream(t, np.tile(np.radians(factor * RATE_DPS), (len(t), 1)), "rad/s", "body FRD", "GYR")
+    return Imu(0, gyro, Stream(t, np.zeros((len(t), 3)), "m/s^2", "body FRD", "ACC"))
+
+
+def reference(t: Array = T[::2], kind: str = "truth", **more: Any) -> Reference:
+    q = rotation.from_rotvec(np.radians(RATE_DPS) * t[:, None])
+    zeros = np.zeros(len(t), np.int64)
+    made: dict[str, Any] = {"rate": 50.0, "segment": zeros, "gap_segment": zeros, **more}
+    return Reference(kind, "made-up", t, q, **made)  # type: ignore[arg-type]
+
+
+def test_a_steady_turn_is_the_same_by_attitude_and_by_gyro_and_each_axis_keeps_its_place() -> None:
+    begin, by_gyro, by_attitude = turns.interval_rates(unit(factor=1.1), reference())
+    assert len(begin) == 99
+    np.testing.assert_allclose(begin, 0.3 * np.arange(99), atol=1e-9)
+    np.testing.assert_allclose(np.degrees(by_attitude), np.tile(RATE_DPS, (99, 1)), rtol=1e-9)
+    np.testing.assert_allclose(np.degrees(by_gyro), np.tile(1.1 * RATE_DPS, (99, 1)), rtol=1e-9)
+
+
+def test_intervals_begin_when_scoring_begins() -> None:
+    begin, _, _ = turns.interval_rates(unit(), reference(scoring_start=12.0))
+    assert begin[0] == pytest.approx(12.0)
+    assert len(begin) == 59
+
+
+def test_no_interval_spans_a_reset_of_the_reference_or_a_gap_of_the_gyro() -> None:
+    t = T[::2]
+    begin, _, _ = turns.interval_rates(unit(), reference(segment=(t > 10.0).astype(np.int64)))
+    assert len(begin) == 98
+    assert not np.any(np.abs(begin - 9.9) < 0.01)
+    holed = T[(T < 20.05) | (T > 24.95)]
+    begin, _, _ = turns.interval_rates(unit(holed), reference())
+    assert not np.any((begin > 19.76) & (begin < 24.94))
+    assert np.any(begin > 24.94)
+
+
+def test_outside_the_gyros_record_there_is_nothing_to_compare() -> None:
+    begin, _, _ = turns.interval_rates(unit(T[(T >= 5.0) & (T < 25.0)]), reference())
+    assert (begin.min(), begin.max()) == (pytest.approx(5.1), pytest.approx(24.6))
+
+
+def test_a_reference_with_records_missing_gives_no_interval_that_lasts_twice_as_long() -> None:
+    t = T[::2]
+    t = t[(t < 15.0) | (t > 16.5)]
+    begin, by_gyro, _ = turns.interval_rates(unit(), reference(t))
+    assert not np.any((begin > 14.71) & (begin < 15.0))
+    np.testing.assert_allclose(np.degrees(by_gyro), np.tile(RATE_DPS, (len(begin), 1)), rtol=1e-9)
+
+
+def test_turns_of_a_radian_and_more_are_no_rate() -> None:
+    """200 deg/s about x turn by 60 deg in an interval, 180 deg/s by 54."""
+    for dps, seen in ((200.0, 0), (180.0, 99)):
+        imu = unit()
+        imu.gyro.x[:] = np.radians([dps, 0.0, 0.0])
+        assert len(turns.interval_rates(imu, reference())[0]) == seen
+
+
+@pytest.mark.parametrize(("axis", "size", "at"), [(0, 0.9, 4), (1, -2.0, 6), (2, 0.7, 9)])
+def test_the_clearest_step_has_its_axis_sign_size_and_first_block(axis: int, size: float, at: int) -> None:
+    """Blocks that swing about by 0.1, 0.2 and 0.3 deg/s: a step of another axis is less clear than it is large."""
+    bias = np.array([0.1, 0.2, 0.3]) * np.tile([[0.5], [-0.5]], (6, 1))
+    bias[at:, axis] += size
+    found, sigma, where, first = turns.largest_step(bias)
+    assert (where, first) == (axis, at)
+    assert found == pytest.approx(size, abs=0.15 * (axis + 1))
+    scatter = 1.4826 * 0.1 * (axis + 1) / np.sqrt(2.0)
+    assert sigma == pytest.approx(np.hypot(1.25 * scatter * np.sqrt(1.0 / at + 1.0 / (12 - at)), 0.03))
+
+
+def test_a_step_has_three_blocks_on_either_side() -> None:
+    for at, found in ((1, 3), (3, 3), (9, 9), (11, 9)):
+        bias = np.zeros((12, 1))
+        bias[at:] = 5.0
+        assert turns.largest_step(bias)[3] == found
+
+
+@pytest.mark.parametrize("at", [41.3, 46.0, 53.7])
+def test_the_time_of_a_step_is_that_of_the_residuals_and_not_of_the_block(at: float) -> None:
+    t = np.arange(0.0, 100.0, 0.3)
+    left = np.where(t < at, -0.4, 1.1)
+    assert turns._step_time(t, left, 48.0) == pytest.approx(at, abs=0.31)
+    assert turns._step_time(t, left, 300.0) == 300.0
+
+
+def scale(found: list[tuple[float, float] | None], moving: tuple[float, float, float] = (30.0, 30.0, 30.0)) -> Check:
+    """The check of slopes with standard errors; ``moving``: standard deviation of each axis, deg/s."""
+    t = 0.3 * np.arange(100.0)
+    g = np.radians(np.tile([[1.0], [-1.0]], (50, 1)) * np.array(moving))
+    fits: list[RobustFit | None] = []
+    for k, one in enumerate(found):
+        x, covariance = np.full(4, 0.02), np.zeros((4, 4))
+        if one is not None:
+            x[k], covariance[k, k] = one[0], one[1] ** 2
+        fits.append(None if one is None else RobustFit(x, covariance, 0.01, 10))
+    return turns._scale_check(unit(), reference(), t, g, fits)
+
+
+def test_the_scale_is_one_over_the_slope_with_an_interval_of_two_sigmas() -> None:
+    check = scale([(1.0, 0.002), (1.25, 0.004), (0.99, 0.002)])
+    sigma = np.hypot(1.5 * 0.004, 0.006) / 1.25**2
+    assert (check.verdict, check.value) == ("fault", -20.0)
+    assert check.ci95 == pytest.approx((-20.0 - 196.0 * sigma, -20.0 + 196.0 * sigma), abs=0.006)
+    assert "too little about y " in check.text
+    assert check.seconds == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize(
+    ("slope", "sigma", "verdict"),
+    [(0.985, 0.0, "ok"), (0.97, 0.0, "warning"), (0.97, 0.008, "ok"), (0.92, 0.0, "warning"), (0.9, 0.0, "fault")],
+)
+def test_a_scale_is_off_by_two_percent_and_four_sigmas_and_far_off_by_ten(
+    slope: float, sigma: float, verdict: str
+) -> None:
+    assert scale([(1.0, 0.0), (1.0, 0.0), (slope, sigma)]).verdict == verdict
+
+
+def test_an_axis_that_hardly_turns_tells_no_scale() -> None:
+    slopes: list[tuple[float, float] | None] = [(1.0, 0.0), (1.0, 0.0), (0.8, 0.0)]
+    assert scale(slopes, (30.0, 30.0, 7.0)).verdict == "ok"
+    assert scale(slopes, (30.0, 30.0, 9.0)).verdict == "fault"
+    assert scale([None, None, None]).verdict == "unknown"
+
+
+def test_a_step_that_the_smoother_knows_is_told_with_its_largest_axis() -> None:
+    """An interval of 1.96 times the smoother's sigma and 0.03 deg/s."""
+    jump = GyroJump(61.26, (0.3, -1.5, 0.6), (0.5, 0.1, 0.7))
+    check = turns._smoother_step_check(unit(), (jump,))
+    half = 1.96 * np.hypot(0.1, 0.03)
+    assert (check.verdict, check.value, check.t) == ("warning", -1.5, 61.3)
+    assert check.ci95 == pytest.approx((-1.5 - half, -1.5 + half), abs=0.006)
+    assert " about y " in check.text
+    assert turns._smoother_step_check(unit(), ()).verdict == "ok"
+
+
+def made_log(imu: Imu) -> tuple[FlightLog, Segments]:
+    log = FlightLog(Path("made.bin"), "made", 0, 0, Firmware("made"), "quadrotor", imus=[imu], imu=0)
+    return log, Segments([Segment("continuous", 0.0, 30.0), Segment("airborne", 2.0, 28.0)])
+
+
+def test_a_reference_that_follows_this_gyro_judges_nothing() -> None:
+    log, spans = made_log(unit())
+    for bad in (None, reference(kind="smoother"), reference(gyro_fault="it is made of it")):
+        assert [c.verdict for c in turns.turn_checks(log, spans, bad)] == ["unknown", "unknown"]
+    assert turns.turn_checks(log, Segments([Segment("continuous", 0.0, 30.0)]), reference()) == []
+
+
+def test_twenty_seconds_in_flight_and_sixty_intervals_are_needed() -> None:
+    log, spans = made_log(unit())
+    for end, few in ((23.0, False), (21.0, True)):
+        texts = [c.text for c in turns.turn_checks(log, spans, reference(end=end))]
+        assert [text.endswith("60 and 20 s are needed.") for text in texts] == [few, few]
+
+
+# The bias of every gyro at rest and in flight; its step by the check, and no verdict against the check's.
+
+NO_ACC_BIAS = (0.0, 0.0, 0.0)
+
+
+def told(dps: tuple[float, float, float]) -> dict[str, float | str]:
+    return told_by_smoother(NO_ACC_BIAS, gyro=dps)
+
+
+@pytest.mark.parametrize(("dps", "verdict"), [(0.4, "ok"), (-1.6, "warning"), (24.0, "fault")])
+def test_the_reading_at_rest_of_every_unit(dps: float, verdict: str) -> None:
+    first, second = gyro_bias(
+        case(
+            log_of(
+                imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS),
+                imu_cases_unit(1, 50.0, NO_ACC_BIAS, (0.1, dps, 0.0)),
+            )
+        )
+    )
+    assert (first.verdict, second.verdict) == ("ok", verdict)
+    assert second.vector == pytest.approx([0.1, dps, 0.0], abs=0.03)
+    assert second.ci95 is not None
+    assert second.ci95[0] < dps < second.ci95[1]
+    assert not second.settings
+
+
+def test_a_bias_that_moves_from_rest_to_flight_counts_and_a_small_one_does_not() -> None:
+    log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, (0.3, 0.0, 0.0)))
+    assert gyro_bias(case(log, told((0.4, 0.0, 0.0))))[0].verdict == "ok"
+    (moved,) = gyro_bias(case(log, told((2.0, 0.0, 0.0))))
+    assert moved.verdict == "warning"
+    assert "+2.00" in moved.evidence[0]
+
+
+def test_without_rest_the_smoother_tells_and_a_second_unit_by_its_difference() -> None:
+    air = segments_Segments([segments_Segment("airborne", 30.0, 90.0)])
+    log = log_of(
+        imu_cases_unit(0, 100.0, NO_ACC_BIAS, (0.3, 0.0, 0.0)), imu_cases_unit(1, 50.0, NO_ACC_BIAS, (0.3, 0.0, 1.5))
+    )
+    first, second = gyro_bias(case(log, told((0.3, 0.0, 0.0)), segments=air))
+    assert (first.verdict, second.verdict) == ("ok", "warning")
+    assert second.vector == pytest.approx([0.3, 0.0, 1.5], abs=0.1)
+    assert [a.verdict for a in gyro_bias(case(log, segments=air))] == ["unknown"]
+
+
+def test_the_verdict_of_the_replayed_unit_is_the_check_s() -> None:
+    log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS))
+    moved = Check("gyro bias", "warning", "Its bias moved by 1.20 deg/s.", 0.6, "deg/s")
+    assert gyro_bias(case(log, checks=[moved]))[0].verdict == "warning"
+
+
+def test_a_step_is_told_with_time_and_interval() -> None:
+    step = Check(
+        gyro.GYRO_BIAS_STEP, "fault", "It steps.", 4.0, "deg/s", t=61.0, ci95=(3.8, 4.2), samples=300, seconds=90.0
+    )
+    log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS))
+    _, found = gyro_bias(case(log, checks=[step]))
+    assert (found.question, found.verdict, found.t, found.ci95, found.n) == (
+        "gyro_bias_step",
+        "fault",
+        61.0,
+        (3.8, 4.2),
+        300,
+    )
+    assert len(gyro_bias(case(log, checks=[Check(gyro.GYRO_BIAS_STEP, "ok", "No step.")]))) == 1
+
+
+def test_damaged_streams_do_no_harm() -> None:
+    log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS))
+    log.imus[0].gyro.x[::2] = np.nan
+    assert gyro_bias(case(log))[0].verdict == "ok"
+    log.imus[0].gyro.x[:] = np.nan
+    assert [a.verdict for a in gyro_bias(case(log))] == ["unknown"]
+
+
+# The gyro's scale with its interval: a planted size, and the words of the check.
+
+NO_SCALE_BIAS = (0.0, 0.0, 0.0)
+
+
+@cache
+def read() -> FlightLog:
+    return flight.read(SAMPLES / "px4_steps.ulg")
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.05, 0.93])
+def test_a_planted_scale_lies_inside_the_interval(factor: float) -> None:
+    """The flight's own scale errors are 0.2 to 0.4 %."""
+    log = read()
+    phases = segments.build(log)
+    reference = choose(log, phases, heading=False)
+    imu = log.replay_imu
+    assert imu is not None
+    sound = imu.gyro.x
+    imu.gyro.x = factor * sound
+    try:
+        checks = gyro.turn_checks(log, phases, reference)
+    finally:
+        imu.gyro.x = sound
+    (found,) = gyro_scale(case(log, checks=checks))
+    assert found.ci95 is not None
+    assert found.value is not None
+    low, high = sorted(abs(v) for v in found.ci95)
+    assert (found.verdict == "ok") == (factor == 1.0)
+    assert found.ci95[0] - 0.4 < 100.0 * (factor - 1.0) < found.ci95[1] + 0.4
+    assert high - low < 4.0
+    assert found.n * gyro.INTERVAL_S == pytest.approx(found.seconds, abs=0.1)
+    assert bool(found.why_no_setting) == (factor != 1.0)
+
+
+def test_what_cannot_be_judged_is_unknown_with_what_to_fly() -> None:
+    log = log_of(imu_cases_unit(0, 100.0, NO_SCALE_BIAS, NO_SCALE_BIAS))
+    too_little = Check(
+        gyro.GYRO_SCALE, "unknown", "In flight x, y, z turn by 1, 1, 0 deg/s.", threshold=gyro.SCALE_LIMIT
+    )
+    for checks in ([], [too_little]):
+        (found,) = gyro_scale(case(log, checks=checks))
+        assert found.verdict == "unknown"
+        assert found.value is None
+        assert found.action
+    log.imu = None
+    assert gyro_scale(case(log)) == []
+    assert np.isfinite(gyro.SCALE_OFF)

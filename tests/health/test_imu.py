@@ -1,0 +1,477 @@
+"""What a smoother says of biases: which run counts, whether two agree in each axis, and the total error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from attlog.flight.model import Stream
+from attlog.health import gyro, imu, imu_pairs, temperature
+from attlog.health.check import Check
+from attlog.health.imu import (
+    Blocks,
+    _decimated,
+    blocks,
+    finite_samples,
+    flight_spans,
+    spans_before_crash,
+    still_spans,
+    stream_blocks,
+)
+from attlog.health.imu_pairs import IN_FLIGHT, ImuDifference, imu_differences
+from attlog.health.temperature import ACC_QUESTION, GYRO_QUESTION, TemperatureSlope
+from attlog.reference.model import Reference
+from attlog.segments import Segment, Segments
+from tests.health.imu_cases import case, log_of, motion, told, unit
+from tests.segments.flights import imu_log
+
+NO_SMOOTHER_BIAS = (0.0, 0.0, 0.0)
+LOG = log_of(unit(0, 100.0, NO_SMOOTHER_BIAS, NO_SMOOTHER_BIAS))
+
+
+def smoother(acc: tuple[float, float, float], sigma: float = 0.01, kind: str = "smoother") -> Reference:
+    t = np.arange(3.0)
+    zeros = np.zeros(3, np.int64)
+    found = Reference(kind, kind, t, np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)), zeros, zeros)  # type: ignore[arg-type]
+    found.quality = told(acc, sigma)
+    return found
+
+
+def total(sigma: float) -> np.ndarray:
+    return np.asarray(np.hypot(1.5 * sigma, [0.03, 0.03, 0.05]))
+
+
+def test_without_a_compass_its_own_sigma_is_believed_up_to_three_hundredths() -> None:
+    for sigma, known in ((0.029, True), (0.031, False)):
+        found = imu.smoothed_acc_bias(case(LOG, told((0.3, -0.2, 0.5), sigma)))
+        assert found is not None
+        assert found.known == (known,) * 3
+        assert found.sure is known
+        np.testing.assert_allclose(found.mean, [0.3, -0.2, 0.5])
+        np.testing.assert_allclose(found.sigma, total(sigma))
+    assert (found.n, found.seconds) == (12000, pytest.approx(119.99))
+    assert imu.smoothed_acc_bias(case(LOG)) is None
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_runs_with_and_without_a_compass_must_agree_in_either_horizontal_axis(axis: int) -> None:
+    doubt = float(np.hypot(total(0.02)[0], total(0.04)[0]))
+    for factor, agree in ((1.95, True), (-1.95, True), (2.05, False), (-2.05, False)):
+        both = np.array([0.1, 0.2, 0.3])
+        both[axis] += factor * doubt
+        reference = smoother((both[0], both[1], both[2]), 0.04)
+        found = imu.smoothed_acc_bias(case(LOG, told((0.1, 0.2, 0.3), 0.02), reference=reference))
+        assert found is not None
+        assert found.known == (agree, agree, True)
+        np.testing.assert_allclose(found.mean, both)
+        np.testing.assert_allclose(found.sigma, total(0.04))
+        assert found.by.endswith("and compass")
+
+
+def test_along_z_the_runs_need_not_agree_and_with_a_compass_more_is_believed() -> None:
+    found = imu.smoothed_acc_bias(case(LOG, told((0.1, 0.2, 0.3), 0.02), reference=smoother((0.1, 0.2, 3.0), 0.044)))
+    assert found is not None
+    assert found.sure
+    found = imu.smoothed_acc_bias(case(LOG, told((0.1, 0.2, 0.3), 0.02), reference=smoother((0.1, 0.2, 0.3), 0.046)))
+    assert found is not None
+    assert found.known == (False, False, False)
+
+
+def test_only_a_smoother_whose_compass_agrees_with_motion_takes_the_place_of_the_run_without_one() -> None:
+    other = smoother((0.5, 0.5, 0.5))
+    other.quality = {**other.quality, "heading_from": "mag"}
+    for reference in (other, smoother((0.5, 0.5, 0.5), kind="truth")):
+        found = imu.smoothed_acc_bias(case(LOG, told((0.1, 0.2, 0.3)), reference=reference))
+        assert found is not None
+        np.testing.assert_allclose(found.mean, [0.1, 0.2, 0.3])
+
+
+def test_the_gyros_bias_has_its_own_limits_for_each_axis() -> None:
+    quality = told(NO_SMOOTHER_BIAS, gyro=(1.0, -2.0, 0.5))
+    quality["gyro_bias_y_sigma_dps"], quality["gyro_bias_z_sigma_dps"] = 0.29, 0.31
+    found = imu.smoothed_gyro_bias(case(LOG, quality))
+    assert found is not None
+    assert found.known == (True, True, False)
+    np.testing.assert_allclose(found.mean, [1.0, -2.0, 0.5])
+    np.testing.assert_allclose(found.sigma, np.hypot(1.5 * np.array([0.02, 0.29, 0.31]), 0.05))
+
+
+def test_the_longest_segment_tells() -> None:
+    one = motion(told(NO_SMOOTHER_BIAS))
+    one.segment[:] = np.searchsorted([20.0, 90.0], one.t, side="right")
+    read = imu._longest_segment(one)
+    assert read is not None
+    assert (read[0][0], read[0][-1]) == (pytest.approx(20.0), pytest.approx(89.99))
+
+
+def test_a_number_that_is_missing_or_none_leaves_nothing() -> None:
+    quality = told((0.1, 0.2, 0.3))
+    assert imu._smoother_values(quality, "acc_bias_{}_m_s2", "acc_bias_{}_sigma_m_s2") is not None
+    quality["acc_bias_y_m_s2"] = float("nan")
+    assert imu.smoothed_acc_bias(case(LOG, quality)) is None
+
+
+# Where a signal stands, and how surely: against the scatter of many repetitions, on sound and on damaged streams.
+
+
+def stream(t: np.ndarray, x: np.ndarray) -> Stream:
+    return Stream(t, x, "m/s^2", "FRD", "IMU")
+
+
+def test_errors_that_last_for_seconds_are_covered_by_the_sigma_in_nineteen_of_twenty() -> None:
+    """Each 5 s has an own error of 0.1: the sigma of 12 blocks must hold it, that of 3000 samples would not."""
+    t, missed = np.arange(0.0, 60.0, 0.02), 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        slow = 0.1 * rng.normal(size=13)[(t // 5.0).astype(int)]
+        found = blocks(t, (slow + 0.02 * rng.normal(size=len(t)))[:, None], [(0.0, 60.0)])
+        assert found is not None
+        assert len(found.x) == 12
+        missed += abs(found.middle[0]) > 1.96 * found.sigma(0.0)[0]
+    assert missed <= 4
+
+
+def test_a_short_rest_is_cut_into_blocks_of_a_second() -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    noise = np.random.default_rng(1).normal(size=(len(t), 3))
+    found = blocks(t, noise, [(2.0, 9.0)])
+    assert found is not None
+    assert len(found.x) == 7
+    assert found.seconds == pytest.approx(7.0, abs=0.05)
+    assert found.sigma(0.0).max() < 0.15  # 0.05 of seven medians of a hundred samples, and what few blocks add
+
+
+def test_slow_streams_have_longer_blocks_and_less_than_two_seconds_tell_nothing() -> None:
+    t = np.arange(0.0, 60.0, 0.5)
+    slow = blocks(t, np.ones((len(t), 3)), [(0.0, 10.0)])
+    assert slow is not None
+    assert len(slow.x) == 4
+    assert blocks(np.arange(0.0, 60.0, 0.01), np.ones((6000, 3)), [(0.0, 1.5)]) is None
+
+
+@pytest.mark.parametrize("n", [0, 1, 3])
+def test_streams_without_samples_or_numbers_tell_nothing(n: int) -> None:
+    t = np.arange(float(n))
+    assert stream_blocks(stream(t, np.ones((n, 3))), [(0.0, 100.0)]) is None
+    assert stream_blocks(stream(np.arange(0.0, 50.0, 0.1), np.full((500, 3), np.nan)), [(0.0, 50.0)]) is None
+    assert stream_blocks(stream(np.arange(0.0, 50.0, 0.1), np.ones((500, 3))), []) is None
+
+
+def test_times_that_run_backwards_and_missing_numbers_do_no_harm() -> None:
+    t = np.arange(0.0, 60.0, 0.01)
+    x = np.full((len(t), 3), 2.5)
+    x[::7] = np.nan
+    t[1000:1100] = t[1000:1100][::-1]
+    found = stream_blocks(stream(t, x), [(0.0, 60.0)])
+    assert found is not None
+    assert found.middle == pytest.approx([2.5, 2.5, 2.5])
+
+
+def test_wrecks_and_what_follows_an_impact_are_no_rest_and_no_flight() -> None:
+    phases = [Segment("rest.long", 0.0, 20.0), Segment("airborne", 20.0, 60.0), Segment("rest.long", 70.0, 100.0)]
+    whole = Segments(phases)
+    crashed = Segments([*phases, Segment("impact", 50.0, 51.0), Segment("wreck", 51.0, 100.0)])
+    assert still_spans(whole) == ([(0.0, 20.0), (70.0, 100.0)], "at rest")
+    assert still_spans(crashed)[0] == [(0.0, 20.0)]
+    assert flight_spans(whole) == [(21.0, 59.0)]
+    assert flight_spans(crashed) == [(21.0, 50.0)]
+    assert flight_spans(Segments([*phases, Segment("impact", 40.0, 40.5)])) == [(21.0, 40.0)]  # and flies on, bent
+    assert spans_before_crash(crashed, []) == []
+
+
+def test_idling_motors_stand_in_for_a_rest() -> None:
+    assert still_spans(Segments([Segment("idle", 3.0, 9.0)])) == ([(3.0, 9.0)], "on the ground with motors on")
+    assert still_spans(Segments()) == ([], "")
+
+
+# Limits of the questions about inertial units from both sides, by statistics of given size; lines by numpy.
+
+NO_LIMIT_BIAS = (0.0, 0.0, 0.0)
+
+
+def told_of(question: str, size: float, sigma: float, span: float):
+    """The answer to a slope of so much, deg/s or m/s^2 per kelvin, with one sigma."""
+    factor = np.radians(1.0) if question == GYRO_QUESTION else 1.0
+    each = np.array([0.1 * size, size, -0.2 * size]) if question == GYRO_QUESTION else np.array([size])
+    line = TemperatureSlope(factor * each, factor * np.full(len(each), sigma), 20.0, 20.0 + span, 100, 50.0)
+    log = log_of(unit(0, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
+    return temperature._slope_assessment(case(log), log.imus[0], question, line)
+
+
+@pytest.mark.parametrize(
+    ("question", "size", "sigma", "span", "verdict"),
+    [
+        (GYRO_QUESTION, 0.099, 0.001, 10.0, "ok"),
+        (GYRO_QUESTION, -0.101, 0.001, 10.0, "warning"),
+        (GYRO_QUESTION, 0.299, 0.001, 10.0, "warning"),
+        (GYRO_QUESTION, 0.301, 0.001, 10.0, "fault"),
+        (GYRO_QUESTION, 0.301, 0.0754, 10.0, "ok"),
+        (GYRO_QUESTION, 0.301, 0.075, 10.0, "fault"),
+        (ACC_QUESTION, 0.0149, 0.001, 20.0, "ok"),
+        (ACC_QUESTION, 0.0151, 0.001, 20.0, "warning"),
+        (ACC_QUESTION, -0.0499, 0.001, 20.0, "warning"),
+        (ACC_QUESTION, -0.0501, 0.001, 20.0, "fault"),
+    ],
+)
+def test_a_slope_is_judged_by_its_change_over_the_span_beyond_four_sigmas(
+    question: str, size: float, sigma: float, span: float, verdict: str
+) -> None:
+    found = told_of(question, size, sigma, span)
+    assert (found.verdict, bool(found.why_no_setting)) == (verdict, verdict != "ok")
+    assert found.value == pytest.approx(size, abs=1e-4)
+    assert found.ci95 == pytest.approx((size - 1.96 * sigma, size + 1.96 * sigma), abs=1e-4)
+    assert f"20 to {20 + span:.0f} degC" in found.text
+    assert ("about y" in found.text, len(found.vector)) == ((True, 3) if question == GYRO_QUESTION else (False, 0))
+
+
+def rising(kelvin: float, slope: float = 0.02, seconds: float = 300.0) -> tuple[Stream, Stream]:
+    """A stream that follows a temperature in steps of its own, which warms evenly."""
+    t = np.arange(0.0, seconds, 0.1)
+    warm = 20.0 + kelvin * t / seconds
+    x = slope * (warm - 20.0) + 0.003 * np.sign(np.sin(2.0 * np.pi * t / 40.0))
+    return Stream(t, np.column_stack([x, -2.0 * x]), "", "", "made"), Stream(t, warm[:, None], "degC", "", "made")
+
+
+@pytest.mark.parametrize(("kelvin", "known"), [(5.8, False), (7.5, True)])
+def test_a_slope_needs_five_kelvin_between_the_means_of_its_bins(kelvin: float, known: bool) -> None:
+    stream, warm = rising(kelvin)
+    assert (temperature.fit_temperature(stream, warm, [(0.0, 300.0)]) is not None) is known
+
+
+def test_a_slope_is_the_line_through_medians_of_bins_of_a_kelvin() -> None:
+    stream, warm = rising(12.0)
+    found = temperature.fit_temperature(stream, warm, [(0.0, 300.0)])
+    made = blocks(stream.t, stream.x, [(0.0, 300.0)])
+    assert found is not None
+    assert made is not None
+    at = 20.0 + 12.0 * made.t / 300.0
+    bins = [np.floor(at) == k for k in np.unique(np.floor(at))]
+    middles = np.array([at[b].mean() for b in bins])
+    for k in range(2):
+        y = np.array([np.median(made.x[b, k]) for b in bins])
+        (line, _), covariance = np.polyfit(middles, y, 1, cov=True)
+        assert found.slope[k] == pytest.approx(line, rel=1e-9)
+        assert found.sigma[k] == pytest.approx(1.5 * np.sqrt(covariance[0, 0]), rel=1e-6)
+    assert (found.low, found.high) == (pytest.approx(middles[0]), pytest.approx(middles[-1]))
+    assert found.span == pytest.approx(middles[-1] - middles[0])
+
+
+def apart(size: float, sigma: float, phase: str) -> ImuDifference:
+    """A difference along y of a size with one sigma."""
+    made = Blocks(np.zeros(4), np.zeros((4, 3)), 100, 50.0, np.zeros(3))
+    return ImuDifference(np.array([0.0, size, 0.0]), np.array([9.0, sigma, 9.0]), made, phase)
+
+
+@pytest.mark.parametrize(
+    ("kind", "every", "verdict"),
+    [
+        ("acc", [apart(0.49, 0.01, IN_FLIGHT)], "ok"),
+        ("acc", [apart(0.51, 0.01, IN_FLIGHT)], "warning"),
+        ("acc", [apart(0.76, 0.01, IN_FLIGHT)], "warning"),
+        ("acc", [apart(0.78, 0.01, IN_FLIGHT)], "fault"),
+        ("acc", [apart(0.7, 0.18, IN_FLIGHT)], "ok"),
+        ("acc", [apart(0.7, 0.17, IN_FLIGHT)], "warning"),
+        ("gyro", [apart(0.99, 0.01, IN_FLIGHT)], "ok"),
+        ("gyro", [apart(1.01, 0.01, IN_FLIGHT)], "warning"),
+        ("gyro", [apart(5.03, 0.01, IN_FLIGHT)], "fault"),
+        ("gyro", [apart(5.01, 0.01, IN_FLIGHT)], "warning"),
+        ("acc", [apart(0.9, 0.01, IN_FLIGHT), apart(0.47, 0.01, "at rest")], "warning"),
+        ("acc", [apart(0.9, 0.01, IN_FLIGHT), apart(0.49, 0.01, "at rest")], "fault"),
+        ("acc", [apart(0.4, 0.01, IN_FLIGHT), apart(0.9, 0.01, "at rest")], "fault"),
+    ],
+)
+def test_two_units_differ_beyond_their_limits_and_four_sigmas(
+    monkeypatch: pytest.MonkeyPatch, kind: imu_pairs.Kind, every: list[ImuDifference], verdict: str
+) -> None:
+    monkeypatch.setattr(imu_pairs, "_imu_differences", lambda *given: every)
+    monkeypatch.setattr(imu_pairs, "_faulty_imu", lambda *given: (None, "Nobody knows."))
+    log = log_of(unit(0, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS), unit(1, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
+    found = imu_pairs._pair_assessment(case(log), kind, *log.imus)
+    assert found is not None
+    assert found.verdict == verdict
+    worst = max(every, key=lambda one: one.size)
+    assert found.value == worst.size
+    half = 1.96 * worst.unsure
+    assert found.ci95 == pytest.approx((worst.size - half, worst.size + half), abs=1e-3)
+    assert ("vibration parts them" in found.text) is (len(every) > 1 and verdict == "warning")
+
+
+def test_the_size_of_a_difference_is_as_unsure_as_it_is_along_it() -> None:
+    one = replace(apart(0.0, 0.0, IN_FLIGHT), middle=np.array([3.0, 0.0, 4.0]), sigma=np.array([0.5, 7.0, 0.25]))
+    assert one.size == 5.0
+    assert one.unsure == pytest.approx(np.hypot(3.0 * 0.5, 4.0 * 0.25) / 5.0)
+    assert replace(one, middle=np.zeros(3)).unsure == 7.0
+
+
+@pytest.mark.parametrize(
+    ("sizes", "wrong"),
+    [([0.3, 0.149], 0), ([0.3, 0.151], None), ([0.05, 0.16], 1), ([0.05, 0.14], None), ([0.4], None), ([0.2, 0.4], 1)],
+)
+def test_of_two_errors_the_larger_one_is_twice_the_other_and_one_that_counts(
+    sizes: list[float], wrong: int | None
+) -> None:
+    assert imu_pairs._larger_index(sizes, 0.15) == wrong
+
+
+@pytest.mark.parametrize(
+    ("check", "moved", "reads", "verdict"),
+    [
+        (None, 0.0, 0.99, "ok"),
+        (None, 0.0, 1.01, "warning"),
+        (None, 3.1, 0.1, "fault"),
+        (None, 1.1, -0.1, "warning"),
+        ("ok", 0.0, 1.5, "ok"),
+        ("ok", 1.1, 0.0, "warning"),
+        ("fault", 1.1, 0.0, "fault"),
+        ("warning", 3.1, 0.0, "fault"),
+        ("unknown", 0.0, 1.5, "warning"),
+    ],
+)
+def test_a_bias_has_the_verdict_of_its_check_unless_it_moved_further(
+    check: str | None, moved: float, reads: float, verdict: str
+) -> None:
+    log = log_of(unit(0, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
+    asked = case(log, checks=[] if check is None else [Check("gyro bias", check, "It reads.", 0.1, "deg/s")])
+    assert gyro._bias_verdict(asked, log.imus[0], np.array([0.2, reads, 0.0]), moved) == verdict
+
+
+def test_a_bias_that_changes_in_flight_is_the_largest_change_beyond_four_sigmas() -> None:
+    log = log_of(unit(0, 100.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
+    air = gyro.smoothed_gyro_bias(case(log, told(NO_LIMIT_BIAS, gyro=NO_LIMIT_BIAS)))
+    assert air is not None
+    rest = Blocks(np.arange(4.0), np.zeros((4, 3)), 100, 50.0, np.zeros(3))
+    flown = replace(air, mean=np.array([0.5, -0.8, 1.9]), sigma=np.array([0.1, 0.1, 0.5]))
+    assert gyro._bias_change_dps(rest, flown) == 0.8
+    assert gyro._bias_change_dps(replace(rest, x=np.radians(np.tile([0.0, 0.3, 0.0], (4, 1)))), flown) == pytest.approx(
+        1.1
+    )
+    assert gyro._bias_change_dps(None, flown) == gyro._bias_change_dps(rest, None) == 0.0
+
+
+def test_good_samples_lie_up_to_a_second_around_the_spans_and_without_spans_there_are_none() -> None:
+    t = np.arange(0.0, 20.0, 0.5)
+    stream = Stream(t, np.column_stack([t, -t]), "", "", "made")
+    at, x = finite_samples(stream, [(5.0, 6.0), (9.0, 10.0)])
+    np.testing.assert_array_equal(at, np.arange(4.0, 11.1, 0.5))
+    np.testing.assert_array_equal(x[:, 1], -at)
+    assert [len(y) for y in finite_samples(stream, [])] == [0, 0]
+    empty = Stream(t[:0], np.zeros((0, 2)), "", "", "made")
+    assert [len(y) for y in finite_samples(empty, [(5.0, 6.0)])] == [0, 0]
+
+
+def test_few_blocks_are_as_sure_as_their_samples_and_more_as_their_scatter() -> None:
+    x = np.array([[1.0], [2.0], [4.0], [7.0]])
+    made = Blocks(np.arange(4.0), x, 100, 20.0, np.array([0.3]))
+    factor = 1.5 * 1.2533
+    assert made.sigma(0.0)[0] == pytest.approx(factor * 1.4826 * 1.5 / 2.0)  # deviations from 3: 2, 1, 1, 4
+    assert made.sigma(5.0)[0] == pytest.approx(np.hypot(5.0, factor * 1.4826 * 1.5 / 2.0))
+    two = replace(made, x=x[:2])
+    assert two.sigma(0.0)[0] == pytest.approx(factor * 0.3 / np.sqrt(2.0))
+
+
+# Differences of units and blocks of a signal: closed forms with another number in every axis.
+
+NO_SIZE_BIAS = (0.0, 0.0, 0.0)
+
+
+def made(rows: np.ndarray, spread: tuple[float, ...] = (0.5, 0.2, 0.1)) -> Blocks:
+    return Blocks(np.arange(len(rows), dtype=float), rows, 100, 10.0, np.array(spread))
+
+
+def test_the_sigma_of_a_middle_is_that_of_the_scatter_of_blocks_inflated() -> None:
+    rows = np.array([[1.0, 10.0, 0.0], [2.0, 14.0, 0.0], [4.0, 11.0, 0.0], [3.0, 12.0, 0.0], [9.0, 13.0, 0.0]])
+    mad = np.array([1.0, 1.0, 0.0])
+    wanted = np.hypot(1.5 * 1.2533 * 1.4826 * mad / np.sqrt(5), 0.3)
+    np.testing.assert_allclose(made(rows).middle, [3.0, 12.0, 0.0])
+    np.testing.assert_allclose(made(rows).sigma(0.3), wanted)
+    np.testing.assert_allclose(made(rows[:2]).sigma(0.0), 1.5 * 1.2533 * np.array([0.5, 0.2, 0.1]) / np.sqrt(2))
+
+
+def test_the_sigma_of_a_length_is_that_along_it() -> None:
+    one = ImuDifference(np.array([3.0, 0.0, -4.0]), np.array([0.1, 9.0, 0.2]), made(np.zeros((3, 3))), "at rest")
+    assert one.size == 5.0
+    assert one.unsure == pytest.approx(np.hypot(0.6 * 0.1, 0.8 * 0.2))
+    assert one.text("m/s^2") == f"5.00 ± {1.96 * one.unsure:.2f} m/s^2 at rest"
+    nothing = ImuDifference(np.zeros(3), np.array([0.1, 0.4, 0.2]), made(np.zeros((3, 3))), "at rest")
+    assert nothing.unsure == 0.4
+
+
+def test_the_interval_of_a_size_follows_from_those_of_its_axes() -> None:
+    log = log_of(unit(0, 100.0, NO_SIZE_BIAS, NO_SIZE_BIAS), unit(1, 50.0, (0.4, -0.2, 0.9), (0.7, 0.0, 1.8)))
+    for found in imu_differences(case(log)):
+        vector, half = np.array(found.vector), np.array(found.vector_ci95)
+        size = np.linalg.norm(vector)
+        along = np.sqrt(np.sum((vector * half) ** 2)) / size
+        assert found.value == pytest.approx(size, abs=2e-3)
+        assert found.ci95 == pytest.approx((size - along, size + along), abs=4e-3)
+        floor = 1.96 * 0.02
+        assert (half >= floor - 1e-3).all()
+
+
+def test_one_error_is_clearly_larger_from_twice_the_other_and_the_least_on() -> None:
+    for sizes, wrong in (
+        ([0.3, 0.15], 0),
+        ([0.3, 0.16], None),
+        ([0.1, 0.3], 1),
+        ([0.14, 0.01], None),
+        ([0.15, 0.01], 0),
+        ([5.0], None),
+    ):
+        assert imu_pairs._larger_index(sizes, 0.15) == wrong
+
+
+@pytest.mark.parametrize(
+    ("apart", "verdict"), [(0.45, "ok"), (0.6, "warning"), (0.72, "warning"), (0.9, "fault")], ids=lambda x: str(x)
+)
+def test_accelerometers_may_differ_by_half_a_metre_per_second_squared(apart: float, verdict: str) -> None:
+    log = log_of(
+        unit(0, 100.0, NO_SIZE_BIAS, NO_SIZE_BIAS), unit(1, 50.0, (0.0, 0.6 * apart, 0.8 * apart), NO_SIZE_BIAS)
+    )
+    assert imu_differences(case(log))[0].verdict == verdict
+
+
+@pytest.mark.parametrize(("apart", "verdict"), [(0.9, "ok"), (1.2, "warning"), (4.8, "warning"), (5.3, "fault")])
+def test_gyros_may_differ_by_a_degree_per_second(apart: float, verdict: str) -> None:
+    log = log_of(
+        unit(0, 100.0, NO_SIZE_BIAS, NO_SIZE_BIAS), unit(1, 50.0, NO_SIZE_BIAS, (0.6 * apart, 0.0, -0.8 * apart))
+    )
+    assert imu_differences(case(log))[1].verdict == verdict
+
+
+def test_blocks_of_five_seconds_have_the_median_and_the_robust_deviation_of_their_samples() -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 40.0, 0.1)
+    x = rng.normal(size=(400, 2)) * [1.0, 4.0] + [5.0, -3.0]
+    found = blocks(t, x, [(0.0, 26.0), (30.0, 35.0)])
+    assert found is not None
+    parts = [slice(50 * k, 50 * k + 50) for k in range(5)] + [slice(300, 350)]
+    np.testing.assert_allclose(found.x, [np.median(x[p], axis=0) for p in parts])
+    np.testing.assert_allclose(found.t, [0.5 * (t[p][0] + t[p][-1]) for p in parts])
+    mad = [1.4826 * np.median(np.abs(x[p] - np.median(x[p], axis=0)), axis=0) for p in parts]
+    np.testing.assert_allclose(found.spread, np.median(mad, axis=0))
+    assert (found.samples, found.seconds) == (300, pytest.approx(30.0, rel=0.01))
+
+
+def test_more_than_five_hundred_samples_are_means_of_neighbours() -> None:
+    x = np.arange(1000.0)[:, None] * [1.0, -1.0]
+    np.testing.assert_allclose(_decimated(x), x.reshape(250, 4, 2).mean(axis=1))
+    np.testing.assert_array_equal(_decimated(x[:499]), x[:499])
+    assert _decimated(x[:501]).shape == (250, 2)
+
+
+# What the gyro reads while the vehicle stands still.
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "verdict"), [(-0.6, 0.6, "warning"), (-0.4, 0.4, "ok"), (-1.6, 1.6, "fault"), (0.6, 0.6, "ok")]
+)
+def test_a_bias_that_changes_counts_though_each_reading_is_small(before: float, after: float, verdict: str) -> None:
+    """Two rests: ok up to 1 deg/s, fault above 3, for the reading and for its change."""
+    t = np.arange(0.0, 60.0, 0.01)
+    x = np.zeros((len(t), 3))
+    x[:, 1] = np.radians(np.where(t < 30.0, before, after))
+    log = imu_log(t, x, np.tile([0.0, 0.0, -9.81], (len(t), 1)))
+    rests = Segments([Segment("rest.long", 0.0, 20.0), Segment("rest.long", 40.0, 60.0)])
+    assert imu.gyro_bias_check(log.imus[0], rests).verdict == verdict

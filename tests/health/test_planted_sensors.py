@@ -1,0 +1,270 @@
+"""Faults of delay, gaps, scale, axes, offset and mounting, put into flights with truth: their size, time and cause.
+
+The sizes are the test's own; ``benchmarks/planted.py`` does the same on the corpus and publishes the counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog import flight, segments
+from attlog.core import rotation
+from attlog.flight.model import FlightLog
+from attlog.health import accelerometer, audit, compass_fit
+from attlog.health.check import Check
+from attlog.health.findings import findings
+from attlog.reference import choose
+from tests.conftest import SAMPLES
+
+QUAD, COPTER = SAMPLES / "px4_steps.ulg", SAMPLES / "copter_steps_stabilize.bin"
+NEW = (
+    "imu delay",
+    "gaps",
+    "gyro scale",
+    "gyro bias step",
+    "force axes",
+    "force offset",
+    "compass offset",
+    "compass turn",
+)
+
+
+@cache
+def read(path: Path) -> FlightLog:
+    return flight.read(path)
+
+
+def checked(path: Path, change: Callable[[FlightLog], None] | None = None, truth: bool = True) -> dict[str, Check]:
+    log = deepcopy(read(path))
+    if not truth:
+        log.truth = None
+    if change is not None:
+        change(log)
+    return {c.name: c for c in audit(log, segments.build(log))}
+
+
+def each_gyro(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Callable[[FlightLog], None]:
+    def on(log: FlightLog) -> None:
+        for imu in log.imus:
+            imu.gyro.x = change(imu.gyro.t, imu.gyro.x)
+
+    return on
+
+
+def each_force(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[FlightLog], None]:
+    def on(log: FlightLog) -> None:
+        for imu in log.imus:
+            imu.acc.x = change(imu.acc.x)
+
+    return on
+
+
+@pytest.mark.parametrize("path", [QUAD, COPTER], ids=lambda p: p.name)
+@pytest.mark.parametrize("truth", [True, False])
+def test_the_flight_itself_has_none_of_them(path: Path, truth: bool) -> None:
+    found = checked(path, truth=truth)
+    assert {name: found[name].text for name in NEW if found[name].verdict not in ("ok", "unknown")} == {}
+
+
+@pytest.mark.parametrize(("path", "own_ms"), [(QUAD, 0.0), (COPTER, 2.8)], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("late_ms", [15.0, -9.0])
+def test_an_imu_on_another_clock_is_late_or_early_by_what_its_filter_does_not_explain(
+    path: Path, own_ms: float, late_ms: float
+) -> None:
+    def shift(log: FlightLog) -> None:
+        for imu in log.imus:
+            for stream in (imu.gyro, imu.acc):
+                stream.t = stream.t + 1e-3 * late_ms
+
+    if late_ms < 0:
+        check = checked(path, shift, truth=False)["imu delay"]
+        assert (check.verdict, "the attitude, not the IMU, is late" in check.text) == ("ok", True)
+    check = checked(path, shift, truth=late_ms < 0)["imu delay"]
+    assert check.verdict == "warning"
+    assert check.value == pytest.approx(own_ms + late_ms, abs=1.0)
+    assert ("earlier" if late_ms < 0 else "later") in check.text
+
+
+@pytest.mark.parametrize(("factor", "way"), [(1.03, "much"), (0.97, "little")])
+def test_a_gyro_that_reads_too_much_or_too_little_is_told_in_percent(factor: float, way: str) -> None:
+    check = checked(QUAD, each_gyro(lambda _, x: x * [factor, 1.0, 1.0]), truth=False)["gyro scale"]
+    assert check.verdict == "warning"
+    assert check.value == pytest.approx(100.0 * (factor - 1.0), abs=0.5)
+    assert f"too {way} about x (" in check.text
+
+
+def test_a_bias_that_steps_in_flight_is_told_with_axis_sign_and_time() -> None:
+    step = np.radians([0.0, -1.2, 0.0])
+    check = checked(COPTER, each_gyro(lambda t, x: x + np.outer(t > 50.0, step)), truth=False)["gyro bias step"]
+    assert check.verdict == "warning"
+    assert check.value == pytest.approx(-1.2, abs=0.2)
+    assert check.t == pytest.approx(50.0, abs=2.0)
+    assert "about y" in check.text
+
+
+def test_a_step_about_z_that_no_onboard_heading_shows_is_told_by_the_smoother_with_its_time() -> None:
+    log = deepcopy(read(COPTER))
+    log.truth = None
+    each_gyro(lambda t, x: x + np.outer(t > 50.0, np.radians([0.0, 0.0, 1.2])))(log)
+    case = attlog.prepare(log)
+    assert case.reference.kind == "smoother"
+    (check,) = (c for c in audit(case.log, case.segments, case.reference) if c.name == "gyro bias step")
+    assert (check.verdict, check.value) == ("warning", pytest.approx(1.2, abs=0.1))
+    assert check.t == pytest.approx(50.0, abs=1.0)
+    assert "about z" in check.text
+    assert "by the smoother" in check.text
+    (found,) = (f for f in findings(case.log, [check]) if f.kind == "gyro_bias")
+    assert (found.t, found.value) == (check.t, check.value)
+
+
+def test_where_the_smoother_finds_no_step_none_is_told() -> None:
+    log = deepcopy(read(COPTER))
+    log.truth = None
+    case = attlog.prepare(log)
+    (check,) = (c for c in audit(case.log, case.segments, case.reference) if c.name == "gyro bias step")
+    assert check.verdict == "ok"
+    assert case.reference.gyro_jumps == ()
+
+
+@pytest.mark.parametrize("path", [QUAD, COPTER], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]), "x and y are exchanged"),
+        (np.diag([-1.0, 1.0, 1.0]), "x is reversed"),
+        (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), "turned by -90 deg"),
+    ],
+    ids=["exchanged", "reversed", "turned"],
+)
+def test_horizontal_axes_in_another_order_are_named(path: Path, order: np.ndarray, words: str) -> None:
+    found = checked(path, each_force(lambda x: x @ order.T))
+    assert found["force axes"].verdict == "fault"
+    assert words in found["force axes"].text
+    assert "force offset" not in found
+
+
+def test_an_offset_of_the_accelerometer_is_told_with_axis_and_sign() -> None:
+    """The simulator's own: +0.06 m/s^2 in y (MANIFEST of the flight), so -0.46 is left of -0.52."""
+    check = checked(QUAD, each_force(lambda x: x + np.array([0.0, -0.52, 0.0])))["force offset"]
+    assert check.verdict == "warning"
+    assert check.value == pytest.approx(-0.46, abs=0.1)
+    assert "m/s^2 too much in y" in check.text
+
+
+@pytest.mark.parametrize("path", [QUAD, COPTER], ids=lambda p: p.name)
+def test_iron_beside_the_compass_is_an_offset_in_its_axes(path: Path) -> None:
+    def iron(log: FlightLog) -> None:
+        for mag in log.mags:
+            mag.field.x = mag.field.x + 1e-6 * np.array([6.0, -8.0, 2.0])
+
+    found = checked(path, iron)
+    assert found["compass offset"].verdict == "warning"
+    assert found["compass offset"].value == pytest.approx(np.sqrt(6**2 + 8**2 + 2**2), abs=2.0)
+    assert found["compass turn"].verdict != "fault"
+
+
+@pytest.mark.parametrize("turn", [28.0, -15.0])
+def test_a_compass_mounted_askew_is_a_turn_and_no_offset(turn: float) -> None:
+    """Mounted clockwise it shows the field turned the other way."""
+
+    def mount(log: FlightLog) -> None:
+        q = rotation.from_euler(0.0, 0.0, np.radians(turn))
+        for mag in log.mags:
+            mag.field.x = rotation.rotate_inverse(np.tile(q, (len(mag.field.x), 1)), mag.field.x)
+
+    found = checked(QUAD, mount)
+    assert found["compass turn"].verdict in ("warning", "fault")
+    assert found["compass turn"].value == pytest.approx(turn, abs=4.0)
+    assert found["compass offset"].verdict == "ok"
+
+
+def lose(log: FlightLog, every: float, seconds: float, attitude: bool) -> None:
+    for imu in log.imus:
+        keep = (imu.gyro.t % every) >= seconds
+        for stream in (imu.gyro, imu.acc):
+            stream.t, stream.x = stream.t[keep], stream.x[keep]
+    flew = log.onboard_attitude
+    if attitude and flew is not None:
+        keep = (flew.t % every) >= seconds
+        flew.t, flew.q, flew.resets = flew.t[keep], flew.q[keep], np.zeros(0, np.int64)
+        flew.t_sample = None if flew.t_sample is None else flew.t_sample[keep]
+
+
+@pytest.mark.parametrize(("attitude", "cause"), [(False, "The IMU, its driver"), (True, "The logger lost records")])
+def test_gaps_are_the_imus_where_others_go_on_and_the_loggers_where_none_does(attitude: bool, cause: str) -> None:
+    log = deepcopy(read(QUAD))
+    lose(log, 5.0, 0.2, attitude)
+    checks = audit(log, segments.build(log))
+    check = next(c for c in checks if c.name == "gaps")
+    assert check.verdict == "warning"
+    assert check.value / check.count == pytest.approx(0.2, abs=0.01)
+    entry = next(p for p in findings(log, checks) if p.kind == "gaps")
+    assert (entry.severity, entry.cause.startswith(cause), bool(entry.action)) == ("warning", True, True)
+
+
+def test_two_short_gaps_change_nothing_and_are_only_counted() -> None:
+    check = checked(QUAD, lambda log: lose(log, 40.0, 0.1, False))["gaps"]
+    assert (check.verdict, check.count) == ("ok", 2)
+    assert "2 gaps" in check.text
+
+
+def test_what_a_flight_cannot_tell_is_unknown_with_its_reason() -> None:
+    hover = checked(SAMPLES / "px4_hover.ulg")
+    assert hover["gyro scale"].verdict == "unknown"
+    assert "deg/s" in hover["gyro scale"].text
+
+    def blind(log: FlightLog) -> None:
+        log.gnss[0].fix[:] = 0
+
+    found = checked(QUAD, blind)
+    assert found["force axes"].verdict == found["force offset"].verdict == "unknown"
+    assert "GNSS velocity" in found["force axes"].text
+
+
+def test_a_receiver_that_is_late_fits_as_well_as_one_that_is_not() -> None:
+    """What it shows at a time was the velocity 0.3 s before."""
+    found = []
+    for late_s in (0.0, 0.3):
+        log = deepcopy(read(QUAD))
+        for gnss in log.gnss:
+            gnss.t = gnss.t + late_s
+        phases = segments.build(read(QUAD))
+        fit = accelerometer.fit_force(log, phases, choose(log, phases))
+        assert fit is not None
+        assert fit.solution.x[:4] == pytest.approx([1.0, 0.0, 0.0, 1.0], abs=0.1)
+        found.append(fit.solution.scatter)
+    assert found[1] == pytest.approx(found[0], rel=0.2)
+
+
+@pytest.mark.parametrize(("since", "steady"), [(0.0, True), (0.5, False)])
+def test_iron_that_comes_during_the_flight_is_no_constant_offset(since: float, steady: bool) -> None:
+    log = deepcopy(read(QUAD))
+    phases = segments.build(log)
+    a, b = phases.spans("airborne")[0]
+    for mag in log.mags:
+        later = mag.field.t_best >= a + since * (b - a)
+        mag.field.x = mag.field.x + np.outer(later, 1e-6 * np.array([20.0, -10.0, 0.0]))
+    found = compass_fit.fit_compass(log, phases, choose(log, phases))
+    assert found is not None
+    assert found.steady is steady
+
+
+def test_an_onboard_heading_that_a_compass_drags_is_no_step_of_the_gyro() -> None:
+    """By 1.5 deg/s from 50 s on: about z an onboard attitude does not judge the gyro."""
+
+    def drag(log: FlightLog) -> None:
+        attitude = log.onboard_attitude
+        assert attitude is not None
+        turned = np.radians(1.5) * np.maximum(attitude.t - 50.0, 0.0)
+        attitude.q = rotation.turn_about_down(attitude.q, turned)
+
+    check = checked(COPTER, drag, truth=False)["gyro bias step"]
+    assert check.verdict == "ok"
+    assert "about x and y" in check.text

@@ -1,0 +1,197 @@
+"""The robust fit against closed forms: a line with outliers, clustered errors, and a prior."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from attlog.health import compass, spectrum, vibration
+from attlog.health.compass_fit import OffsetFit, study_samples
+from attlog.health.gyro import largest_step
+from attlog.health.regression import interval_text, robust_fit
+from tests.health.made_compass import case_of, empty_log, samples
+
+
+def test_a_line_is_found_in_spite_of_gross_errors() -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 200.0, 0.5)
+    x = rng.normal(size=len(t))
+    y = 2.0 * x - 0.7 + 0.05 * rng.normal(size=len(t))
+    y[::20] += 30.0
+    found = robust_fit(t, np.column_stack([x, np.ones(len(t))])[:, None, :], y[:, None])
+    assert found is not None
+    assert found.x == pytest.approx([2.0, -0.7], abs=0.02)
+    assert found.blocks == 40
+
+
+def test_errors_that_last_make_the_standard_error_larger_than_independent_ones() -> None:
+    """A mean of 40 independent values, each repeated ten times: s / sqrt(40), not s / sqrt(400)."""
+    rng = np.random.default_rng(4)
+    values = rng.normal(size=40)
+    t = np.arange(0.0, 200.0, 0.5)
+    found = robust_fit(t, np.ones((400, 1, 1)), np.repeat(values, 10)[:, None])
+    assert found is not None
+    assert found.sigma[0] == pytest.approx(1.0 / np.sqrt(40), rel=0.35)
+    assert found.sigma[0] > 2.0 / np.sqrt(400)
+
+
+def test_a_prior_holds_what_the_data_do_not_tell_and_its_width_is_the_answers() -> None:
+    """Two columns that are one: the sum is known, the second is held to its prior."""
+    rng = np.random.default_rng(5)
+    t, one = np.arange(0.0, 100.0, 0.5), np.ones(200)
+    y = 1.0 + 0.01 * rng.normal(size=200)
+    columns = np.column_stack([one, one])[:, None, :]
+    assert robust_fit(t, columns, y[:, None]) is None
+    found = robust_fit(t, columns, y[:, None], np.array([np.inf, 0.1]))
+    assert found is not None
+    assert found.x == pytest.approx([1.0, 0.0], abs=0.02)
+    assert found.sigma[1] == pytest.approx(0.1, rel=0.3)
+
+
+def test_the_interval_is_two_standard_errors_wide_each_way() -> None:
+    assert interval_text(10.0, 1.0, 2) == "8.04 to 11.96"
+
+
+def test_a_step_is_found_where_it_is_and_noise_is_none() -> None:
+    rng = np.random.default_rng(6)
+    bias = 0.05 * rng.normal(size=(20, 3))
+    size, sigma, _, _ = largest_step(bias)
+    assert abs(size) < 6 * sigma
+    bias[13:, 2] -= 0.9
+    size, sigma, axis, at = largest_step(bias)
+    assert (axis, at) == (2, 13)
+    assert size == pytest.approx(-0.9, abs=0.1)
+    assert abs(size) > 6 * sigma
+
+
+def test_a_mean_of_few_blocks_has_the_standard_error_of_few_values() -> None:
+    """Six values, one in each block: s / sqrt(6) with five degrees of freedom, as scipy has it."""
+    from scipy.stats import sem
+
+    values = np.array([1.0, 1.4, 0.7, 1.1, 0.8, 1.3])
+    found = robust_fit(5.0 * np.arange(6) + 1.0, np.ones((6, 1, 1)), values[:, None], huber=1e9)
+    assert found is not None
+    assert found.sigma[0] == pytest.approx(sem(values), rel=1e-9)
+
+
+def test_a_mean_of_two_blocks_is_not_surer_than_two_values() -> None:
+    from scipy.stats import sem
+
+    found = robust_fit(np.array([1.0, 6.0]), np.ones((2, 1, 1)), np.array([[1.0], [1.8]]), huber=1e9)
+    assert found is not None
+    assert found.sigma[0] == pytest.approx(sem([1.0, 1.8]), rel=1e-9)
+    assert (found.x[0], found.blocks) == (pytest.approx(1.4), 2)
+
+
+@pytest.mark.parametrize(("at", "n"), [((4.9, 5.1), 2), ((5.1, 9.9), 1), ((0.0, 4.9), 1)])
+def test_blocks_are_of_five_seconds(at: tuple[float, float], n: int) -> None:
+    found = robust_fit(np.array(at), np.ones((2, 1, 1)), np.array([[1.0], [2.0]]))
+    assert found is not None
+    assert found.blocks == n
+
+
+# Intervals of assessments: 1.96 sigmas of the part along the vector, order statistics, half a line of a spectrum.
+
+
+def test_the_interval_of_an_offset_is_that_along_it_and_never_below_zero() -> None:
+    found = OffsetFit(np.array([3.0, 0.0, -4.0]), np.array([0.5, 9.0, 0.2]), 1.0, 100, 20)
+    half = 1.96 * np.hypot(0.6 * 0.5, 0.8 * 0.2)
+    assert found.size_ci95 == pytest.approx((5.0 - half, 5.0 + half))
+    small = OffsetFit(np.array([0.1, 0.0, 0.0]), np.array([0.5, 0.5, 0.5]), 1.0, 100, 20)
+    assert small.size_ci95 == (0.0, pytest.approx(0.1 + 0.98))
+
+
+@pytest.mark.parametrize(("offset", "sigma", "counts"), [(1.4, 0.1, False), (1.6, 0.1, True), (2.1, 0.5, True)])
+def test_an_offset_counts_beyond_fifteen_milligauss_and_four_sigmas_of_any_axis(
+    offset: float, sigma: float, counts: bool
+) -> None:
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            vector, sigmas = np.zeros(3), np.full(3, 9.0)
+            vector[axis], sigmas[axis] = sign * offset, sigma
+            assert OffsetFit(vector, sigmas, 1.0, 100, 20).counts is counts
+    assert not OffsetFit(np.array([1.9, 0.0, 0.0]), np.full(3, 0.5), 1.0, 100, 20).counts
+
+
+def test_what_motors_add_has_the_interval_of_ground_and_air_along_it() -> None:
+    study = study_samples(samples((1.0, 0.0, 0.0), (0.2, -0.4, 0.1)))
+    assert study is not None
+    assert study.ground is not None
+    found = compass.motor_assessment(case_of(empty_log()), study)
+    added = study.air.offset - study.ground.offset
+    sigma = np.hypot(study.air.sigma, study.ground.sigma)
+    size = np.linalg.norm(added)
+    half = 1.96 * np.linalg.norm(sigma * added) / size
+    assert found.value == pytest.approx(size, abs=0.05)
+    assert found.ci95 == pytest.approx((max(size - half, 0.0), size + half), abs=0.06)
+    np.testing.assert_allclose(found.vector, added, atol=0.006)
+    np.testing.assert_allclose(found.vector_ci95, 1.96 * sigma, atol=0.006)
+    np.testing.assert_allclose(added, 19.5 * np.array([0.2, -0.4, 0.1]), atol=0.5)
+    assert found.n == study.air.n + study.ground.n
+
+
+@pytest.mark.parametrize(("motor", "verdict"), [(0.2, "warning"), (0.4, "fault")])
+def test_motors_that_add_a_third_of_the_horizontal_field_are_a_fault(motor: float, verdict: str) -> None:
+    """19.5 A more than on the ground; the horizontal field has 20.2 uT."""
+    study = study_samples(samples(motor=(0.6 * motor, 0.8 * motor, 0.0)))
+    assert study is not None
+    assert compass.motor_assessment(case_of(empty_log()), study).verdict == verdict
+
+
+@pytest.mark.parametrize(("stretch", "verdict"), [(0.05, "ok"), (0.14, "warning")])
+def test_soft_iron_stretches_the_horizontal_field_by_so_many_percent(stretch: float, verdict: str) -> None:
+    made = samples((2.0, -1.0, 0.0), noise=0.05)
+    x, y = made.expected[:, 0].copy(), made.expected[:, 1].copy()
+    made.measured[:, 0] += 0.6 * stretch * x + 0.8 * stretch * y
+    made.measured[:, 1] += -0.6 * stretch * y + 0.8 * stretch * x
+    study = study_samples(made)
+    assert study is not None
+    found = compass.soft_iron_assessment(study)
+    assert (found.verdict, found.value) == (verdict, pytest.approx(100.0 * stretch, abs=0.6))
+    assert found.ci95 is not None
+    low, high = found.ci95
+    half = 0.5 * (high - low)
+    assert found.value == pytest.approx(0.5 * (low + high), abs=0.11)
+    assert half >= 196.0 * 0.015 - 0.1
+    assert f"± {half:.0f}" in found.text.replace(f"± {half:.1f}", f"± {half:.0f}")
+
+
+def test_how_far_the_field_turned_is_between_the_fifth_and_the_ninety_fifth_percentile() -> None:
+    angle = np.linspace(2.5, 4.5, 1001)
+    assert compass._field_turn_deg(np.cos(angle), np.sin(angle)) == pytest.approx(np.degrees(0.9 * 2.0), abs=0.1)
+
+
+@pytest.mark.parametrize(("n", "share"), [(60, 0.8), (400, 0.95), (12, 0.5)])
+def test_the_interval_of_a_quantile_has_the_binomial_normal_ranks(n: int, share: float) -> None:
+    x = np.random.default_rng(n).permutation(np.arange(n, dtype=float))
+    low, high = vibration.quantile_interval(x, share)
+    ranks = stats.norm.ppf([0.025, 0.975], n * share, np.sqrt(n * share * (1.0 - share)))
+    assert (low, high) == (pytest.approx(max(ranks[0], 0.0), abs=0.51), pytest.approx(min(ranks[1], n - 1), abs=0.51))
+
+
+def test_means_of_seconds_are_those_of_their_finite_samples() -> None:
+    t = np.array([0.2, 0.9, 1.1, 3.0, 3.5, 3.9])
+    starts, means = vibration.second_means(t, np.array([1.0, 3.0, np.nan, 2.0, np.nan, 6.0]))
+    assert (starts.tolist(), means.tolist()) == ([0.0, 3.0], [2.0, 4.0])
+
+
+def test_the_interval_of_a_peak_is_that_of_the_median_of_its_windows_and_half_a_line_at_least(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spectra: Any = SimpleNamespace(step=2.0)
+    peak: Any = SimpleNamespace(frequency=80.0, true=None)
+    places = np.array([70.0, 90.0, np.nan, 76.0, 84.0])
+    monkeypatch.setattr(spectrum, "track_peak", lambda spectra, frequency: places)
+    known = places[np.isfinite(places)]
+    half = 1.96 * np.sqrt(np.pi / 2.0) * known.std() / 2.0
+    assert spectrum.frequency_interval(spectra, peak) == pytest.approx((80.0 - half, 80.0 + half), abs=0.1)
+    peak.true = 120.0
+    assert spectrum.frequency_interval(spectra, peak) == pytest.approx((120.0 - half, 120.0 + half), abs=0.1)
+    places[:] = 80.0
+    assert spectrum.frequency_interval(spectra, peak) == (119.0, 121.0)
+    places[1:] = np.nan
+    assert spectrum.frequency_interval(spectra, peak) is None

@@ -1,0 +1,130 @@
+"""Which gaps of the inertial data are the logger's own pauses."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog import segments
+from attlog.flight.model import FlightLog, Gnss, Mag, Problem, Stream, TimeLine
+from attlog.health import timing
+from attlog.health.check import Check
+from attlog.health.findings import unusable_gyro
+from attlog.health.timing import is_pause as pauses
+from attlog.health.timing import timing_checks
+from attlog.segments import Segments
+from tests.health.test_health import good
+from tests.reference.flights import Array, flight
+from tests.reference.test_gyro_checks import with_compass
+
+
+@pytest.mark.parametrize(("armed_s", "is_pause"), [(0.0, True), (1.3, True), (1.6, False), (4.0, False)])
+def test_a_gap_of_seconds_is_a_pause_unless_more_than_a_second_and_a_tenth_of_it_was_armed(
+    armed_s: float, is_pause: bool
+) -> None:
+    line = TimeLine(np.array([0.0, 5.0, 10.0 + armed_s]), [False, True, False], "arming")
+    log: Any = SimpleNamespace(armed=line)
+    assert pauses(10.0, 14.0, log, Segments()) is is_pause
+    assert not pauses(10.0, 11.9, log, Segments()), "shorter gaps are lost records"
+
+
+def test_a_logger_that_keeps_every_tenth_sample_is_not_called_uneven_too() -> None:
+    log = deepcopy(good("px4_steps.ulg"))
+    assert "jitter" in [c.name for c in timing_checks(log, Segments())]
+    thinned = f"{log.imus[0].gyro.source}: the logger kept one sample per 100 ms."
+    log.problems.append(Problem("imu_decimated", "note", thinned))
+    assert "jitter" not in [c.name for c in timing_checks(log, Segments())]
+
+
+# A sensor that stops in motion is said; one that rests, or is coarse, or simulated without noise, is not.
+
+
+def stop(x: Array, t: Array, begin: float, end: float) -> None:
+    """The value of ``begin`` until ``end``."""
+    inside = (t >= begin) & (t < end)
+    x[inside] = x[np.argmax(inside)]
+
+
+def found(log: FlightLog) -> dict[str, Check]:
+    return {c.name: c for c in timing.frozen_checks(log, segments.build(log))}
+
+
+def moving() -> FlightLog:
+    """Still for 20 s, then turning."""
+    log = with_compass(flight())
+    log.seconds = 60.0
+    return log
+
+
+def test_a_sound_log_has_nothing_frozen() -> None:
+    assert {c.verdict for c in found(moving()).values()} == {"ok"}
+
+
+@pytest.mark.parametrize("attitude", [True, False])
+def test_a_gyro_that_stops_in_motion_is_said_and_nothing_is_judged(attitude: bool) -> None:
+    log = moving()
+    if not attitude:
+        log.attitudes, log.onboard = {}, None
+    stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 50.0)
+    check = found(log)["frozen gyro"]
+    assert (check.verdict, check.t) == ("fault", pytest.approx(40.0))
+    assert check.value == pytest.approx(100 * 10 / 60, abs=0.2)
+    assert "stands still for 17 %" in unusable_gyro([check])
+
+
+def test_a_gyro_that_stops_for_a_moment_leaves_the_filters_judged() -> None:
+    log = moving()
+    stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 42.0)
+    check = found(log)["frozen gyro"]
+    assert check.verdict == "fault"
+    assert unusable_gyro([check]) == ""
+
+
+def test_a_gyro_that_is_coarse_and_at_rest_is_not_frozen() -> None:
+    """Steps of 10 mrad/s hide the noise: 20 s of the same value, and a vehicle that stands."""
+    log = moving()
+    log.imus[0].gyro.x = np.round(log.imus[0].gyro.x, 2)
+    assert timing.frozen_spans(log.imus[0].gyro, 1.0)
+    assert found(log)["frozen gyro"].verdict == "ok"
+
+
+def test_an_accelerometer_and_a_compass_that_stop_are_told_together() -> None:
+    log = moving()
+    stop(log.imus[0].acc.x, log.imus[0].acc.t, 30.0, 33.0)
+    assert log.mag is not None
+    field = log.mags[log.mag].field
+    stop(field.x, field.t, 30.0, 50.0)
+    check = found(log)["frozen sensors"]
+    assert (check.verdict, check.count) == ("fault", 2)
+    assert check.value == pytest.approx(20.0, abs=0.1)
+    assert "accelerometer" in check.text
+    assert "compass" in check.text
+    assert unusable_gyro([check]) == ""
+
+
+def test_values_without_a_number_are_no_value_that_stays() -> None:
+    log = moving()
+    assert log.mag is not None
+    x = np.full_like(log.mags[log.mag].field.x, np.nan)
+    log.mags[log.mag] = Mag(0, Stream(log.mags[log.mag].field.t, x, "T", "FRD", "MAG"))
+    assert found(log)["frozen sensors"].verdict == "ok"
+
+
+@pytest.mark.parametrize(("climbs", "verdict"), [((0.0, 20.0), "ok"), ((30.0, 60.0), "warning")])
+def test_a_barometer_stands_still_where_the_vehicle_rises_in_flight_and_not_where_gnss_finds_its_height(
+    climbs: tuple[float, float], verdict: str
+) -> None:
+    log = moving()
+    t = np.arange(0.0, 60.0, 0.1)
+    log.baro = [Stream(t, np.full((len(t), 1), 3.0), "m", "", "BARO:0")]
+    height, one = np.interp(t, climbs, [0.0, 40.0]), np.ones(len(t))
+    log.gnss = [Gnss(0, t, "GPS", one, one, height, np.zeros((len(t), 3)), one, one, one, np.full(len(t), 3))]
+    phases = segments.build(log)
+    phases.segments = [s for s in phases.segments if s.kind != "airborne"]
+    phases.segments.append(segments.Segment("airborne", 25.0, 60.0))
+    (check,) = (c for c in timing.frozen_checks(log, phases) if c.name == timing.FROZEN_SENSORS)
+    assert check.verdict == verdict

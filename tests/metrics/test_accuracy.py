@@ -1,0 +1,343 @@
+"""The onboard estimator's gyro bias as a line of the figure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from attlog.core import rotation
+from attlog.flight.model import Imu, Stream
+from attlog.metrics import accuracy, ranking, statistics
+from attlog.metrics.traces import onboard_bias
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+T = np.arange(0.0, 100.0, 0.02)
+LEVEL = rotation.from_euler(0.0 * T, 0.0 * T, 0.7)
+SEGMENTS = [Segment("continuous", 0, 100), Segment("airborne", 40, 100), Segment("hover", 60, 70)]
+
+
+def answers(roll_deg, heading_deg=0.0, window="all", **fields):
+    q = rotation.from_euler(np.radians(roll_deg) + 0 * T, 0 * T, 0.7 + np.radians(heading_deg) + 0 * T)
+    row = flights.row(T, q, **fields)
+    case = flights.case([row], SEGMENTS, (T[::5], LEVEL[::5]), scoring_start=15.0)
+    return accuracy.compute_rmse(case, row, window)
+
+
+def test_angles_are_told_apart_in_degrees():
+    found = answers(3.0, -4.0)
+    assert found["inclination_rmse_deg"].value == pytest.approx(3.0, abs=1e-6)
+    assert found["heading_rmse_deg"].value == pytest.approx(4.0, abs=0.01)
+    assert found["total_rmse_deg"].value == pytest.approx(5.0, abs=0.01)
+
+
+def test_a_mean_does_not_hide_a_burst():
+    found = answers(np.where((T > 50) & (T < 51), 40.0, 0.5))
+    assert found["inclination_median_deg"].value == pytest.approx(0.5, abs=1e-6)
+    assert found["inclination_max_deg"].value == pytest.approx(40.0, abs=1e-6)
+    assert found["inclination_rmse_deg"].value > 4.0
+    assert not found["inclination_max_deg"].ranked
+
+
+def test_the_window_and_the_scoring_start_decide_what_counts():
+    error = np.where(T < 15, 90.0, np.where((T >= 60) & (T <= 70), 2.0, 1.0))
+    assert answers(error)["inclination_max_deg"].value == pytest.approx(2.0)
+    assert answers(error, window="hover")["inclination_rmse_deg"].value == pytest.approx(2.0, abs=0.03)
+    assert answers(error, window="20:30")["inclination_rmse_deg"].value == pytest.approx(1.0)
+    assert answers(error, window="1:10")["inclination_rmse_deg"].code == "not_covered"
+
+
+def test_a_handful_of_samples_is_no_evidence():
+    assert answers(1.0, window="20:20.5")["total_rmse_deg"].code == "not_covered"
+    short = answers(1.0, window="20:22")["total_rmse_deg"]
+    assert short.value == pytest.approx(1.0)
+    assert short.ci95 is None
+    assert not short.ranked
+
+
+def test_slow_errors_have_wider_intervals_than_fast_ones():
+    rng = np.random.default_rng(0)
+    fast = answers(rng.standard_normal(len(T)))["inclination_rmse_deg"]
+    slow = answers(np.sqrt(2) * np.sin(2 * np.pi * T / 150.0))["inclination_rmse_deg"]
+    width = [a.ci95[1] - a.ci95[0] for a in (fast, slow)]
+    assert width[1] > 1.5 * width[0]
+    assert fast.n == 4
+    for a in (fast, slow):
+        assert a.ci95[0] <= a.value <= a.ci95[1]
+
+
+@pytest.mark.parametrize("time_constant", [0.3, 3.0, 12.0, 40.0])
+@pytest.mark.parametrize(("statistic", "truth"), [("rmse", 2**0.5), ("median", 1.1774), ("p95", 2.4477)])
+def test_intervals_cover_the_value_of_a_first_order_process_whatever_its_time_constant(statistic, truth, time_constant):
+    """Two such errors at right angles, as in tilt, for 120 s: the sizes of the Rayleigh distribution."""
+    rng, hits = np.random.default_rng(2), 0
+    for _ in range(100):
+        x = np.hypot(*(flights.coloured(rng, 600, 0.2, 1.0, time_constant) for _ in range(2)))
+        _, ci = statistics.ErrorSize(x, 120.0).of(statistic)
+        hits += ci[0] <= truth <= ci[1]
+    assert hits >= 92
+
+
+def wandering(rng, n, dt):
+    """Noise (n,) whose size wanders on every scale from 2 to 200 s alike, by 0.5 each in its logarithm."""
+    scales = (2.0, 6.0, 20.0, 60.0, 200.0)
+    return rng.standard_normal(n) * np.exp(sum(flights.coloured(rng, n, dt, 0.5, scale) for scale in scales) / 2.0)
+
+
+@pytest.mark.parametrize("seconds", [20.0, 200.0])
+def test_halves_of_an_error_that_wanders_on_every_scale_agree(seconds):
+    rng, agree = np.random.default_rng(6), 0
+    for _ in range(100):
+        x = np.abs(wandering(rng, 800, seconds / 800))
+        (v1, c1), (v2, c2) = sorted(statistics.ErrorSize(half, seconds / 2).of("rmse") for half in (x[:400], x[400:]))
+        agree += v2 - v1 <= np.hypot(c1[1] - v1, v2 - c2[0])
+    assert 90 <= agree
+
+
+@pytest.mark.parametrize("shared", [0.0, 1.0], ids=["independent", "shared"])
+def test_an_error_against_a_reference_that_is_wrong_covers_the_true_one(shared):
+    """A row with an error of its own, and one that has all of the reference's error beside a small one of its own."""
+    t = np.arange(0.0, 100.0, 0.1)
+    of_reference = np.radians(0.3) * np.sin(2 * np.pi * t / 41.0 + 0.3)
+    own = np.radians(0.1 if shared else 2.0) * np.sin(2 * np.pi * t / 17.0)
+    level, row_roll = rotation.from_euler(of_reference, 0 * t, 0 * t), shared * of_reference + own
+    row = flights.row(t, rotation.from_euler(row_roll, 0 * t, 0 * t))
+    case = flights.case([row], [Segment("continuous", 0, 100), Segment("airborne", 0, 100)], (t, level))
+    with_sigma(case, 0.22, 0.22)
+    seen = accuracy.compute_rmse(case, row, "airborne")
+    for name, true in (("rmse", np.sqrt(np.mean(row_roll**2))), ("median", np.median(np.abs(row_roll)))):
+        low, high = seen[f"inclination_{name}_deg"].ci95
+        assert low <= np.degrees(true) <= high
+    largest = seen["inclination_max_deg"]
+    assert largest.ci95[1] == pytest.approx(largest.value + 2 * 0.22)
+    assert not largest.ranked
+    if shared:
+        assert seen["inclination_rmse_deg"].value < 0.5 * np.degrees(np.sqrt(np.mean(row_roll**2)))
+        assert seen["inclination_rmse_deg"].ci95[0] == 0.0
+
+
+def test_a_heading_whose_offset_was_removed_is_not_ranked_among_those_with_a_north():
+    q = rotation.from_euler(0.01 + 0 * T, 0 * T, 0.7)
+    rows = [flights.row(T, q, "gyro", heading_offset_deg=30.0), flights.row(T, q, "mahony")]
+    case = flights.case(rows, SEGMENTS, (T[::5], LEVEL[::5]))
+    assert not accuracy.compute_rmse(case, rows[0], "all")["heading_rmse_deg"].ranked
+    assert accuracy.compute_rmse(case, rows[0], "all")["inclination_rmse_deg"].ranked
+    alone = flights.case(rows[:1], SEGMENTS, (T[::5], LEVEL[::5]))
+    assert accuracy.compute_rmse(alone, rows[0], "all")["heading_rmse_deg"].ranked
+
+
+def test_without_a_reference_there_is_a_code():
+    row = flights.row(T, LEVEL)
+    assert accuracy.compute_rmse(flights.case([row], SEGMENTS), row, "all")["total_rmse_deg"].code == "no_reference"
+    case = flights.case([row], SEGMENTS, (T, LEVEL), "onboard")
+    row.is_reference = True
+    assert accuracy.compute_rmse(case, row, "all")["total_rmse_deg"].code == "not_applicable"
+
+
+def test_float32_quaternions_are_not_read_as_error():
+    q = rotation.from_euler(0.3 * np.sin(T), 0.2 * np.cos(T), 0.05 * T)
+    row = flights.row(T, rotation.normalize(q.astype(np.float32)))
+    case = flights.case([row], SEGMENTS, (T[::5], q[::5]))
+    assert accuracy.compute_rmse(case, row, "all")["total_rmse_deg"].value < 1e-4
+
+
+def drifting_rows(tilts_deg, seconds=90.0, kind="truth"):
+    """Rows whose tilt and heading are off by a wobble of the given size, against a level reference at 10 Hz."""
+    t = np.arange(0.0, seconds, 0.1)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    rows = []
+    for k, size in enumerate(tilts_deg):
+        wobble = np.radians(size) * np.sin(2 * np.pi * t / 2.0 + k)
+        rows.append(flights.row(t, rotation.from_euler(wobble, 0 * t, wobble), f"row{k}"))
+    whole = [Segment("continuous", 0, seconds), Segment("airborne", 0, seconds)]
+    return flights.case(rows, whole, (t, level), kind=kind, scoring_start=15.0), rows
+
+
+def test_rows_are_compared_in_blocks_of_5_s_of_tilt_and_15_s_of_heading():
+    case, rows = drifting_rows([1.0, 3.0])
+    found = accuracy.compute_rmse(case, rows[0], "airborne")
+    tilt, heading = found["inclination_rmse_deg"].units, found["heading_rmse_deg"].units
+    assert tilt.ids.tolist() == [1000 * (15 + 5 * k) for k in range(15)][: len(tilt.ids)]
+    assert (len(tilt.ids) in (14, 15), len(heading.ids) in (4, 5)) == (True, True)
+    assert np.sqrt(tilt.values) == pytest.approx(1.0 / np.sqrt(2), rel=0.1)
+    assert tilt.on(tilt.ids[:3]).value == pytest.approx(np.sqrt(tilt.values[:3].mean()))
+
+
+def test_a_block_that_is_not_scored_or_half_empty_is_none():
+    case, rows = drifting_rows([1.0, 3.0])
+    e = rows[0].errors
+    e.scored &= (e.t < 30.0) | (e.t > 32.0)
+    assert 30_000 not in accuracy.block_units(case, rows[0], "airborne", "inclination").ids
+    assert 25_000 in accuracy.block_units(case, rows[0], "airborne", "inclination").ids
+    case.reference.unscored = [(40.0, 52.0)]
+    ids = accuracy.block_units(case, rows[1], "airborne", "inclination").ids
+    assert not ((ids > 35_000) & (ids < 52_000)).any()
+
+
+@pytest.mark.parametrize(("kind", "ranked"), [("truth", True), ("smoother", True), ("onboard", False)])
+def test_heading_errors_are_ranked_only_against_truth_or_smoother(kind, ranked):
+    case, rows = drifting_rows([1.0, 3.0], kind=kind)
+    found = accuracy.compute_rmse(case, rows[0], "airborne")
+    for angle in ("heading", "total"):
+        assert found[f"{angle}_rmse_deg"].ranked == ranked
+    assert found["inclination_rmse_deg"].ranked
+
+
+def with_sigma(case, tilt, heading):
+    """The case with a smoother that says how wrong it may be."""
+    reference = case.reference
+    reference.kind = "smoother"
+    reference.sigma_tilt_deg, reference.sigma_heading_deg = (np.full(len(reference.t), s) for s in (tilt, heading))
+    return case
+
+
+def test_differences_below_the_sigma_of_a_smoother_tell_nobody_apart():
+    """The same two rows, once against a smoother that is sure of itself and once against one that is not."""
+    table = {}
+    for sigma in (0.05, 0.5):
+        case, rows = drifting_rows([1.0, 1.5])
+        with_sigma(case, sigma, 2 * sigma)
+        found = [accuracy.compute_rmse(case, row, "airborne") for row in rows]
+        floors = [found[0][f"{angle}_rmse_deg"].floor for angle in ("inclination", "heading", "total")]
+        assert floors == pytest.approx([sigma, 2 * sigma, np.sqrt(5) * sigma], rel=1e-6)
+        column = {row.name: a["inclination_rmse_deg"] for row, a in zip(rows, found, strict=True)}
+        table[sigma] = ranking.family(column, "low").significant
+    assert table == {0.05: [("row0", "row1")], 0.5: []}
+
+
+def test_the_sigma_of_the_window_counts_and_not_that_of_the_whole_log():
+    case, rows = drifting_rows([1.0, 1.5])
+    with_sigma(case, 0.1, 0.1)
+    case.reference.sigma_tilt_deg[case.reference.t < 50.0] = 1.0
+    assert accuracy.compute_rmse(case, rows[0], "60:80")["inclination_rmse_deg"].floor == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("heading_by", "code"), [("own", None), ("onboard", None), ("nobody", "no_reference")])
+def test_whose_heading_a_smoother_has_decides_what_heading_errors_mean(heading_by, code):
+    case, rows = drifting_rows([1.0, 3.0])
+    with_sigma(case, 0.1, 0.1)
+    case.reference.heading_by, case.reference.heading_why = heading_by, "the smoother's own heading sigma is 4.0 deg"
+    found = accuracy.compute_rmse(case, rows[0], "airborne")
+    for angle in ("heading", "total"):
+        answer = found[f"{angle}_rmse_deg"]
+        assert answer.code == code
+        assert answer.ranked == (heading_by == "own")
+    assert found["inclination_rmse_deg"].ranked
+    rows[1].heading_shared = heading_by == "onboard"
+    shared = accuracy.compute_rmse(case, rows[1], "airborne")["heading_rmse_deg"]
+    assert (shared.code == "not_applicable") == (heading_by == "onboard")
+
+
+def test_a_row_made_as_the_reference_is_not_ranked_against_it():
+    case, rows = drifting_rows([1.0, 3.0])
+    with_sigma(case, 0.1, 0.1)
+    rows[0].estimator = "smoother"
+    assert not accuracy.compute_rmse(case, rows[0], "airborne")["inclination_rmse_deg"].ranked
+    assert accuracy.compute_rmse(case, rows[1], "airborne")["inclination_rmse_deg"].ranked
+
+
+def test_a_record_of_few_blocks_has_a_value_and_no_rank():
+    case, rows = drifting_rows([1.0, 3.0], seconds=31.0)
+    found = accuracy.compute_rmse(case, rows[0], "airborne")
+    for name in ("inclination_rmse_deg", "heading_rmse_deg"):
+        assert found[name].value > 0
+        assert (found[name].ranked, "too short to rank" in found[name].reason) == (False, True)
+
+
+def test_the_95th_percentile_is_not_known_better_than_the_size_of_the_errors():
+    rng = np.random.default_rng(4)
+    for level in np.exp(0.7 * rng.standard_normal((40, 6))):
+        size = statistics.ErrorSize(np.abs(np.repeat(level, 250) * rng.standard_normal(1500)), 30.0)
+        value, (low, high) = size.of("p95")
+        whole, (least, most) = size.of("rmse")
+        assert low / value <= least / whole * (1 + 1e-9)
+        assert high / value >= most / whole * (1 - 1e-9)
+        assert low < value < high
+
+
+def test_sizes_are_those_of_numpy():
+    x = np.abs(np.random.default_rng(8).standard_normal(1001))
+    wanted = {"rmse": np.sqrt(np.mean(x**2)), "median": np.median(x), "p95": np.quantile(x, 0.95), "max": x.max()}
+    for name, value in wanted.items():
+        assert statistics.ErrorSize(x, 30.0).of(name)[0] == pytest.approx(value, rel=1e-12)
+
+
+def test_a_burst_does_not_make_the_error_ten_times_larger():
+    x = np.concatenate([np.full(100, 10.0), np.full(900, 0.01)])
+    value, (low, high) = statistics.ErrorSize(x, 100.0).of("rmse")
+    assert high == pytest.approx(3.0 * value)
+    assert low < 0.2 * value
+
+
+def test_a_row_without_any_error_has_none():
+    assert statistics.ErrorSize(np.zeros(100), 30.0).of("rmse") == (0.0, (0.0, 0.0))
+    assert statistics.ErrorSize(np.zeros(100), 30.0, 0.1).of("rmse") == (0.0, (0.0, pytest.approx(0.2)))
+
+
+def test_the_interval_of_a_root_is_that_of_its_mean_square_by_half():
+    """Groups of 3 and 3.3 deg in turn: Student's t over their mean squares, and half of its relative width."""
+    size = np.tile([3.0, 3.3], 10)
+    value, ci95 = statistics.root_mean_square(np.repeat(size, 50), [slice(50 * k, 50 * k + 50) for k in range(20)])
+    low, high = stats.t.interval(0.95, 19, np.mean(size**2), stats.sem(size**2))
+    assert value == pytest.approx(np.sqrt(np.mean(size**2)))
+    assert ci95 == pytest.approx((np.sqrt(low), np.sqrt(high)), rel=2e-3)
+    assert ci95[1] - ci95[0] == pytest.approx(np.sqrt(high) - np.sqrt(low), rel=0.02)
+
+
+def test_no_interval_of_an_error_ends_beyond_half_a_turn():
+    angle = np.concatenate([np.full(100, 170.0), np.full(300, 1.0)])
+    for name in ("rmse", "p95"):
+        value, ci95 = statistics.ErrorSize(angle, 20.0).of(name)
+        assert ci95[0] <= value <= ci95[1] == 180.0
+
+
+BIAS_T = np.arange(0.0, 60.0, 0.01)
+
+
+def error(believed_dps, true_dps, segments=None, **fields):
+    gyro = np.radians(true_dps) + np.radians(0.05) * np.random.default_rng(0).standard_normal((len(BIAS_T), 3))
+    row = flights.row(BIAS_T, np.tile([1.0, 0.0, 0.0, 0.0], (len(BIAS_T), 1)), **fields)
+    row.bias = None if believed_dps is None else np.tile(np.radians(believed_dps), (len(BIAS_T), 1))
+    case = flights.case([row], segments or [Segment("continuous", 0, 60), Segment("rest.long", 0, 40)])
+    acc = Stream(BIAS_T, np.tile([0.0, 0.0, -9.81], (len(BIAS_T), 1)), "m/s^2", "FRD", "imu")
+    case.log.imus, case.log.imu = [Imu(0, Stream(BIAS_T, gyro, "rad/s", "FRD", "imu"), acc)], 0
+    return accuracy.compute_bias(case, row, "rest")["gyro_bias_error_dps"]
+
+
+def test_the_error_is_the_length_of_the_difference_from_the_mean_rate_at_rest():
+    found = error([0.5, 0.2, -0.1], [0.2, 0.2, 0.3])
+    assert found.value == pytest.approx(0.5, abs=0.01)
+    assert found.detail["mean_error_dps"] == pytest.approx([0.3, 0.0, -0.4], abs=0.01)
+    assert found.ci95[0] < found.value < found.ci95[1]
+    assert found.n == 6
+
+
+def test_a_filter_without_a_bias_and_a_log_without_rest_have_none():
+    assert error(None, [0.2, 0.2, 0.3]).code == "not_applicable"
+    assert error([0.0, 0.0, 0.0], [0.2, 0.2, 0.3]).code == "not_applicable"
+    assert error([0.5, 0.2, -0.1], [0.2, 0.2, 0.3], [Segment("continuous", 0, 60)]).code == "no_rest"
+
+
+def test_one_window_of_rest_has_neither_an_interval_nor_a_rank():
+    for end, windows in ((16.0, 1), (22.0, 2)):
+        found = error([0.5, 0.2, -0.1], [0.2, 0.2, 0.3], [Segment("continuous", 0, 60), Segment("rest.long", 0, end)])
+        assert (found.n, found.ranked, found.ci95 is None) == (windows, windows > 1, windows == 1)
+
+
+ONBOARD_T = np.arange(0.0, 20.0, 0.01)
+Q = np.tile([1.0, 0.0, 0.0, 0.0], (len(ONBOARD_T), 1))
+
+
+def test_it_is_drawn_in_deg_per_s_at_its_own_times_with_the_onboard_row_only():
+    case = flights.case([], [])
+    onboard, other = flights.row(ONBOARD_T, Q, "onboard"), flights.row(ONBOARD_T, Q, "filter")
+    assert onboard_bias(case, onboard) == []
+    x = np.array([[0.01, -0.02, 0.03], [0.02, -0.02, 0.03]])
+    case.log.onboard_gyro_bias = Stream(np.array([3.0, 4.0]), x, "rad/s", "FRD", "XKF1:0")
+    (trace,) = onboard_bias(case, onboard)
+    assert (trace.figure, trace.row) == ("bias", "onboard")
+    np.testing.assert_array_equal(trace.t, [3.0, 4.0])
+    for k, axis in enumerate("xyz"):
+        np.testing.assert_allclose(trace.columns[axis], x[:, k] * 180.0 / np.pi)
+    assert onboard_bias(case, other) == []

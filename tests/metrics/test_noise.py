@@ -1,0 +1,616 @@
+"""What is left of a row in windows: what scipy and numpy's least squares say of each, compiled and plain."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.signal import detrend, lfilter
+from scipy.spatial.transform import Rotation
+
+from attlog import estimators
+from attlog.core import rotation
+from attlog.core.jit.kernel import function_of
+from attlog.flight.model import Imu, Stream
+from attlog.metrics import compute, correction_noise, noise, rank, windows
+from attlog.metrics import intervals as interval
+from attlog.metrics.correction_noise import CORRECTION_KERNEL, correction_residual
+from attlog.metrics.following import pulse_gains
+from attlog.metrics.noise import AT_REST, gyro_noise_floor, left_at_rest
+from attlog.metrics.windows import SETTLING_S, detrended
+from attlog.segments.model import Segment
+from tests.conftest import few
+from tests.metrics import flights
+
+REST = [Segment("continuous", 0, 60), Segment("rest.long", 0, 40), Segment("airborne", 46, 60)]
+
+
+def still(sigma_deg, seconds=60.0, hz=100.0, seed=0, tilt=0.1):
+    t = np.arange(0.0, seconds, 1.0 / hz)
+    wobble = np.radians(sigma_deg) * np.random.default_rng(seed).standard_normal((len(t), 3))
+    return t, rotation.multiply(rotation.from_euler(tilt, -tilt, 2.0), rotation.from_rotvec(wobble))
+
+
+def answers(row, window="rest", segments=REST, reference=None):
+    return noise.compute_noise(flights.case([row], segments, reference), row, window)
+
+
+def process(rng, n, step, time_constant):
+    """Unit Gauss-Markov noise, white for a time constant of 0."""
+    white = rng.standard_normal(n)
+    if time_constant == 0:
+        return white
+    a = np.exp(-step / time_constant)
+    return lfilter([np.sqrt(1 - a * a)], [1, -a], white, zi=[a * rng.standard_normal()])[0]
+
+
+@pytest.mark.parametrize(("time_constant", "share"), few([(0.0, 1.0), (0.2, 0.925), (1.0, 0.70), (3.0, 0.46)], 2))
+def test_windows_of_5_s_leave_out_wander(time_constant, share):
+    """Root mean square of the statistic of a unit process, detrended by scipy: known beforehand."""
+    rng, step, n = np.random.default_rng(3), 0.02, 250
+    squares = [np.sum(detrend(process(rng, n, step, time_constant)) ** 2) / (n - 2) for _ in range(1500)]
+    assert np.sqrt(np.mean(squares)) == pytest.approx(share, abs=0.015)
+    t = np.arange(0.0, 400.0, step)
+    x = np.column_stack([process(rng, len(t), step, time_constant) for _ in range(3)])
+    row = flights.row(t, rotation.from_rotvec(np.radians(0.1) * x))
+    whole = [Segment("continuous", 0, 400), Segment("rest.long", 0, 400)]
+    typical = np.sqrt(np.exp(np.mean(np.log(squares))))
+    assert answers(row, segments=whole)["noise_tilt_deg"].value == pytest.approx(0.1 * typical, rel=0.08)
+
+
+@pytest.mark.parametrize("time_constant", few([0.2, 1.0, 3.0], 1))
+@pytest.mark.parametrize("seconds", few([5.0, 10.0, 20.0, 40.0], 2))
+def test_the_interval_covers_the_typical_window_in_88_to_100_percent_of_200_runs(seconds, time_constant):
+    rng, step = np.random.default_rng(11), 0.05
+    n = 100
+    many = [np.log(np.sum(detrend(process(rng, n, step, time_constant)) ** 2) / (n - 2)) for _ in range(3000)]
+    truth = np.exp(np.mean(many) / 2)
+    prior, hits = noise.PRIORS["rest"], 0
+    ids = np.arange(round(seconds / 5.0))
+    for _ in range(200):
+        x = process(rng, n * len(ids), step, time_constant).reshape(len(ids), n)
+        told = noise.typical(ids, np.log(np.sum(detrend(x) ** 2, axis=1) / (n - 2)), prior, 0.0, ids)
+        hits += told.ci95[0] <= truth <= told.ci95[1]
+    assert 0.88 <= hits / 200 <= 1.0
+
+
+@pytest.mark.parametrize("sigma", [0.002, 0.01, 0.1])
+def test_noise_is_told_in_degrees_per_axis(sigma):
+    found = answers(flights.row(*still(sigma)))
+    for axis in ("tilt", "roll", "pitch", "heading"):
+        answer = found[f"noise_{axis}_deg"]
+        assert answer.value == pytest.approx(sigma, rel=0.05)
+        assert answer.ci95[0] < answer.value < answer.ci95[1]
+        assert (answer.unit, answer.n, answer.seconds) == ("deg", 6, 30.0)
+
+
+def test_one_burst_does_not_carry_the_value():
+    t, q = still(0.01)
+    burst = (t > 22) & (t < 23)
+    q[burst] = rotation.multiply(q[burst], rotation.from_rotvec(np.radians(np.sin(40 * t[burst]))[:, None] * [1, 0, 0]))
+    found = answers(flights.row(t, q))["noise_roll_deg"]
+    assert found.value < 0.03  # pooled over the windows it would be 0.13
+    assert found.value < found.ci95[1] < 0.2
+
+
+def test_tilt_is_the_mean_variance_of_roll_and_pitch():
+    t, q = still(0.01)
+    shaken = np.radians(0.05) * np.random.default_rng(5).standard_normal(len(t))
+    found = answers(flights.row(t, rotation.multiply(q, rotation.from_rotvec(shaken[:, None] * [1.0, 0, 0]))))
+    expected = np.sqrt((0.05**2 + 2 * 0.01**2) / 2)
+    assert found["noise_tilt_deg"].value == pytest.approx(expected, rel=0.05)
+
+
+def test_noise_does_not_depend_on_where_north_is():
+    t, q = still(0.01)
+    one, two = (answers(flights.row(t, x), "all") for x in (q, rotation.turn_about_down(q, 1.3)))
+    assert {k: a.value for k, a in one.items()} == pytest.approx({k: a.value for k, a in two.items()}, rel=1e-9)
+
+
+def test_a_slow_drift_is_not_noise():
+    t, q = still(0.001)
+    row = flights.row(t, rotation.turn_about_down(q, np.radians(0.1) * t))
+    assert answers(row)["noise_heading_deg"].value < 0.0012
+
+
+def test_what_a_filter_does_while_it_settles_is_not_noise():
+    t, q = still(0.001)
+    early = rotation.from_rotvec(np.radians(5.0) * (np.exp(-t / 2.0) * np.sin(20 * t))[:, None] * [1.0, 0.0, 0.0])
+    found = answers(flights.row(t, rotation.multiply(q, early)))["noise_roll_deg"]
+    assert found.value < 0.002
+    assert found.detail["settled_after_s"] in (15.0, 20.0)
+    assert found.n == 6 - (found.detail["settled_after_s"] - 10.0) / 5.0
+    assert "settled_after_s" not in answers(flights.row(t, q))["noise_roll_deg"].detail
+
+
+def test_at_most_all_but_three_windows_settle():
+    falling = np.exp(-np.arange(8.0))[:, None] * np.ones(4)
+    assert noise.unsettled(falling**2) == 5
+    assert noise.unsettled(np.ones((8, 4))) == 0
+    assert noise.unsettled(np.array([[9.0] * 4, [1.0] * 4, [1.0] * 4])) == 0
+
+
+FLIGHT = [
+    Segment("continuous", 0, 60),
+    Segment("rest.long", 0, 20),
+    Segment("idle", 20, 26),
+    Segment("airborne", 26, 60),
+    Segment("hover", 26, 41),
+    Segment("cruise", 41, 60),
+]
+
+
+def flown(name="mahony", sigma_deg=0.2, seed=0):
+    """A swaying vehicle with a noisy accelerometer, its gyro, and the row of one filter."""
+    t = np.arange(0.0, 60.0, 0.01)
+    rng = np.random.default_rng(seed)
+    sway = 6.0 * np.sin(2 * np.pi * 0.5 * t)[:, None] * (t > 26)[:, None] * [1.0, -0.7, 0.5]
+    q = rotation.from_euler(*np.radians(sway).T)
+    rate = np.zeros((len(t), 3))
+    rate[1:] = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-1]), q[1:])) / 0.01
+    acc = rotation.rotate_inverse(q, np.tile([0.0, 0.0, -9.81], (len(t), 1)))
+    shake = np.where(t > 20, 3.0, 0.05)[:, None]
+    acc = acc + shake * rng.standard_normal((len(t), 3))
+    gyro = rate + np.radians(0.1) * rng.standard_normal((len(t), 3))
+    found = estimators.estimate(name, t, gyro, acc)
+    row = flights.row(found.t, found.q, name, estimator=name)
+    case = flights.case([row], FLIGHT, (t, q))
+    case.log.imus, case.log.imu = [Imu(0, Stream(t, gyro, "rad/s", "FRD", ""), Stream(t, acc, "m/s^2", "FRD", ""))], 0
+    return case, row
+
+
+@pytest.mark.parametrize("phase", ["hover", "cruise", "idle"])
+def test_in_motion_noise_is_that_of_the_error_though_no_reference_is_looked_at(phase):
+    case, row = flown()
+    told = noise.compute_noise(case, row, phase)["noise_tilt_deg"]
+    e, squares = row.errors, []
+    for start in ids_to_s(told):
+        i, j = np.searchsorted(e.t, [start, start + 5.0])
+        apart = rotation.to_rotvec(rotation.earth_error(e.q_est[i:j], e.q_ref[i:j]))[:, :2]
+        squares.append(np.mean(np.sum(detrended(e.t[i:j], np.degrees(apart)) ** 2, axis=0)) / (j - i - 2))
+    # the error holds the gyro's own walk too: 0.1 deg/s at 100 Hz is 0.006 deg in 5 s
+    assert told.value == pytest.approx(np.exp(np.mean(np.log(squares)) / 2), rel=0.05)
+    case.reference.q[:] = rotation.from_euler(0.3, 0.2, 0.1)
+    case.forget()
+    assert noise.compute_noise(case, row, phase)["noise_tilt_deg"].value == told.value
+
+
+def ids_to_s(answer):
+    return answer.units.ids / 1000.0
+
+
+def test_phases_stand_apart_and_flight_is_never_rest():
+    case, row = flown()
+    told = {w: noise.compute_noise(case, row, w)["noise_tilt_deg"] for w in ("all", "rest", "idle", "hover", "cruise")}
+    assert told["all"].value == told["rest"].value
+    assert told["hover"].value > 5 * told["rest"].value
+    assert {w: a.seconds for w, a in told.items()} == {"all": 10, "rest": 10, "idle": 5, "hover": 15, "cruise": 15}
+    assert noise.compute_noise(case, row, "airborne") == {}
+    own = noise.compute_noise(case, row, "15:40")["noise_tilt_deg"]
+    assert (own.detail["phase"], own.seconds) == ("rest", 5.0)
+
+
+def test_the_noise_of_integrated_gyro_means_nothing_in_the_air_and_is_not_ranked_at_rest():
+    case, row = flown("gyro")
+    at_rest = noise.compute_noise(case, row, "rest")["noise_tilt_deg"]
+    assert at_rest.value > 0
+    assert (at_rest.ranked, at_rest.reason) == (False, "it is not corrected by gravity")
+    for phase in ("idle", "hover", "cruise"):
+        assert noise.compute_noise(case, row, phase)["noise_tilt_deg"].code == "not_applicable"
+
+
+def test_onboard_noise_in_the_air_has_one_digit_and_no_rank():
+    case, row = flown()
+    row.kind = "onboard"
+    told = noise.compute_noise(case, row, "hover")["noise_tilt_deg"]
+    assert not told.ranked
+    for x in (told.value, *told.ci95):
+        assert x == float(f"{x:.1g}")
+
+
+def test_no_rest_is_a_code_and_a_sentence():
+    answer = answers(flights.row(*still(0.01)), segments=REST[:1])["noise_roll_deg"]
+    assert answer.code == "no_rest"
+    assert "20 s" in answer.reason
+
+
+def test_why_there_is_no_rest_is_said_without_names_of_windows():
+    row = flights.row(*still(0.01))
+    early = [Segment("continuous", 0, 60), Segment("rest.short", 0, 9)]
+    told = [answers(row, window, early)["noise_roll_deg"].reason for window in ("rest", "rest.long", "30:40")]
+    assert told == [
+        "no 2 s of rest after the filter settled (10 s after its start, 5 s after the motors stopped)",
+        "no rest of this log is long enough to count as long; record 20 s before arming",
+        "there is no rest in 30:40 s",
+    ]
+
+
+def test_the_step_of_logged_values_is_taken_out_and_noise_below_it_is_not_ranked():
+    t, q = still(0.02)
+    euler = np.radians(np.round(np.degrees(rotation.to_euler(q)) / 0.05) * 0.05)
+    coarse = flights.row(t, rotation.from_euler(*euler.T), step_deg=0.05)
+    answer = answers(coarse)["noise_roll_deg"]
+    assert not answer.ranked or answer.value == pytest.approx(0.02, rel=0.15)
+    quiet = flights.row(*still(0.001), step_deg=0.05)
+    answer = answers(quiet)["noise_roll_deg"]
+    assert not answer.ranked
+    assert "step" in answer.reason
+    constant = flights.row(t, np.tile(q[0], (len(t), 1)), step_deg=0.05)
+    assert np.isfinite(answers(constant)["noise_roll_deg"].value)
+
+
+def test_a_frozen_filter_does_not_win():
+    t = np.arange(0.0, 60.0, 0.01)
+    moving = np.where(t > 46, np.sin(2 * (t - 46)), 0.0)
+    truth = rotation.from_euler(0.3 * moving, 0.2 * moving, 0.5 * moving)
+    rng = np.random.default_rng(0)
+    honest = rotation.multiply(truth, rotation.from_rotvec(1e-4 * rng.standard_normal((len(t), 3))))
+    loud = rotation.multiply(truth, rotation.from_rotvec(1e-3 * rng.standard_normal((len(t), 3))))
+    frozen = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)) + 0 * honest
+    rows = [flights.row(t, q, name) for name, q in (("honest", honest), ("frozen", frozen), ("loud", loud))]
+    case = flights.case(rows, REST, (t[::4], truth[::4]))
+    table = {r.name: compute(case, r, ["rest"]) for r in rows}
+    marks = rank(table, rows)
+    for axis in ("roll", "pitch", "heading", "tilt"):
+        column = f"noise_{axis}_deg"
+        assert table["frozen"]["rest"][column].value < table["honest"]["rest"][column].value
+        assert not table["frozen"]["rest"][column].ranked
+        assert (marks.best["rest"][column], marks.worst["rest"][column]) == (["honest"], ["loud"])
+
+
+def test_a_filter_that_never_moved_is_ranked_by_a_probe_and_only_if_it_can_be_replayed():
+    t = np.arange(0.0, 20.0, 0.01)
+    rng = np.random.default_rng(1)
+    gyro = Stream(t, 1e-3 * rng.standard_normal((len(t), 3)), "rad/s", "FRD", "imu")
+    acc = Stream(t, np.array([0.0, 0.0, -9.81]) + 0.02 * rng.standard_normal((len(t), 3)), "m/s^2", "FRD", "imu")
+    rows = []
+    for name in ("gyro", "mahony"):
+        found = estimators.estimate(name, t, gyro.x, acc.x)
+        rows.append(flights.row(found.t, found.q, name, estimator=name))
+    case = flights.case(rows, [Segment("continuous", 0, 20), Segment("rest.long", 0, 20)])
+    case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
+    for row in rows:
+        np.testing.assert_allclose(pulse_gains(case, row), 1.0, atol=0.03)
+        assert noise.compute_noise(case, row, "rest")["noise_roll_deg"].ranked == (row.name == "mahony")
+    rows[1].estimator = "unknown-file"
+    case.forget()
+    assert not noise.compute_noise(case, rows[1], "rest")["noise_roll_deg"].ranked
+
+
+def telemetry(sigma, step, seed=0, name="mahony"):
+    """A case at rest with a 10 Hz gyro of white noise (rad/s) logged in steps, and the row of a filter."""
+    t = np.arange(0.0, 60.0, 0.1)
+    gyro = step * np.round(np.random.default_rng(seed).normal(0.0, sigma, (len(t), 3)) / step)
+    acc = np.tile([0.0, 0.0, -9.81], (len(t), 1))
+    found = estimators.estimate(name, t, gyro, acc)
+    row = flights.row(found.t, found.q, name, estimator=name)
+    case = flights.case([row], [Segment("continuous", 0, 60), Segment("rest.long", 0, 59)])
+    case.log.imus = [Imu(0, Stream(t, gyro, "rad/s", "FRD", "RAW_IMU"), Stream(t, acc, "m/s^2", "FRD", "RAW_IMU"))]
+    case.log.imu = 0
+    return case, row
+
+
+@pytest.mark.parametrize("sigma", [2e-4, 3e-3])
+def test_noise_that_the_steps_of_the_logged_gyro_hide_is_not_ranked(sigma):
+    """Telemetry in mrad/s: a gyro that shows one value at rest makes the filter that follows it perfect."""
+    case, row = telemetry(sigma, 1e-3)
+    case.log.imus[0].gyro.x[-5:] = 0.02  # the vehicle moves at the end, in steps too
+    answer = noise.compute_noise(case, row, "rest")["noise_roll_deg"]
+    assert answer.ranked == (sigma > 1e-3)
+    assert answer.ranked or "steps of the logged gyro" in answer.reason
+
+
+def test_the_noise_that_steps_hide_is_that_of_half_a_step_of_rate_noise():
+    case, row = telemetry(3e-3, 1e-3)
+    rate = np.degrees(0.5e-3) * np.random.default_rng(2).standard_normal((50, 1000))
+    residual = detrended(row.t[:50], 0.1 * np.cumsum(rate, axis=0))
+    assert noise.hidden_deg(case, 0)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
+
+
+def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
+    t, q = still(0.01)
+    row = flights.row(t, q)
+    case = flights.case([row], REST, reference=(t, q))
+    frozen, level = np.zeros((len(t), 3)), np.tile([0.0, 0.0, -9.81], (len(t), 1))
+    case.log.imus = [Imu(0, Stream(t, frozen, "rad/s", "FRD", "x"), Stream(t, level, "m/s^2", "FRD", "x"))]
+    case.log.imu = 0
+    for axis in ("roll", "tilt"):
+        answer = noise.compute_noise(case, row, "rest")[f"noise_{axis}_deg"]
+        assert (answer.ranked, "never changes" in answer.reason) == (False, True)
+        assert np.isfinite(answer.floor)
+
+
+def test_a_users_file_is_probed_itself_also_where_it_bears_the_name_of_a_built_in_filter(tmp_path):
+    file = tmp_path / "mahony.py"
+    file.write_text(
+        '"""Believes in nothing."""\n'
+        "def start(params, acc, mag, q0):\n    return q0\n"
+        "def step(state, params, dt, gyr, acc, mag):\n    state[0] = 1.0\n"
+    )
+    case, row = telemetry(3e-3, 1e-3)
+    for name, gain in (("mahony", 1.0), (str(file), 0.0)):
+        row.estimator = name
+        case.forget()
+        np.testing.assert_allclose(pulse_gains(case, row), gain, atol=0.1)  # half a sample of 10 Hz
+
+
+def test_what_the_step_of_logged_values_adds_is_taken_out_of_value_and_interval():
+    ids, v = np.arange(4), np.log(np.full(4, 0.02**2 + 0.05**2 / 12))
+    told = noise.typical(ids, v, noise.PRIORS["rest"], 0.05**2 / 12, ids)
+    assert told.value == pytest.approx(0.02)
+    whole = noise.typical(ids, v, noise.PRIORS["rest"], 0.0, ids)
+    assert told.ci95 == pytest.approx([np.sqrt(max(x**2 - 0.05**2 / 12, 0)) for x in whole.ci95])
+
+
+def test_a_single_axis_in_cruise_is_known_less_from_one_window_than_tilt():
+    t = np.arange(0.0, 10.0, 0.02)
+    row = flights.row(t, rotation.from_euler(0 * t, 0 * t, 0 * t))
+    widths = [
+        np.diff(interval.moderated_interval([0.0], noise.prior_of(row, "cruise", axis)))[0] for axis in noise.NOISE_AXES
+    ]
+    assert widths[0] == widths[1] == widths[2] > 1.5 * widths[3]
+    assert noise.prior_of(row, "hover", "roll") == noise.prior_of(row, "hover", "tilt")
+
+
+def test_a_filter_that_corrects_the_lag_of_its_sensor_does_not_add_the_lag():
+    """Its attitude at a stamp is the one that the gyro shows 20 ms later: at 40 deg/s 0.8 deg, and no noise."""
+    case, row = flown()
+    added_by_it = noise.compute_noise(case, row, "hover")["noise_tilt_deg"].value
+    late = case.log.imus[0].gyro.t_best - 0.02
+    row.q = rotation.slerp(late, row.q, row.t.clip(late[0], late[-1]))
+    case.forget()
+    assert noise.compute_noise(case, row, "hover")["noise_tilt_deg"].value > 1.1 * added_by_it
+    case.forget()
+    row.quality = {"imu_lag_corrected_ms": 20.0}
+    assert noise.compute_noise(case, row, "hover")["noise_tilt_deg"].value == pytest.approx(added_by_it, rel=0.05)
+
+
+@pytest.mark.parametrize("phase", ["hover", "cruise", "idle"])
+def test_what_the_gyro_itself_wanders_by_stands_beside_what_is_added_to_it(phase):
+    case, row = flown()
+    assert noise.compute_noise(case, row, phase)["noise_tilt_deg"].gyro_share > 0.0
+    assert noise.compute_noise(case, row, "rest")["noise_tilt_deg"].gyro_share == 0.0
+
+
+EDGES = np.array([0, 60, 140])
+STEP = 0.01
+
+
+def attitudes(shaken_rad, headings=(0.4, -2.0), seed=1):
+    """Attitudes (140, 4) of two windows, tilted, about these headings; turned by small vectors in the earth."""
+    rng = np.random.default_rng(seed)
+    middle = Rotation.from_euler("ZYX", [(yaw, 0.1, -0.2) for yaw in np.repeat(headings, np.diff(EDGES))])
+    q = (Rotation.from_rotvec(shaken_rad * rng.normal(size=(140, 3))) * middle).as_quat()
+    return np.ascontiguousarray(np.roll(q, 1, axis=1))
+
+
+def level(vectors, q):
+    """Vectors (n, 3) seen along the headings of the windows' mean attitudes."""
+    own = [Rotation.from_quat(np.roll(part, -1, axis=1)).mean() for part in np.split(q, EDGES[1:-1])]
+    yaw = np.repeat([one.as_euler("ZYX")[0] for one in own], np.diff(EDGES))
+    return Rotation.from_euler("Z", yaw[:, None]).inv().apply(vectors), own
+
+
+@pytest.mark.parametrize("loop", [left_at_rest, function_of(AT_REST, left_at_rest)], ids=["plain", "compiled"])
+def test_at_rest_the_rotation_from_the_windows_mean_is_left_without_its_line(loop):
+    q, t = attitudes(0.004), 3.0 + STEP * np.arange(140)
+    means = rotation.group_means(q, EDGES)
+    out = np.empty((140, 3))
+    loop(out, t, q, means, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES)
+    _, own = level(np.zeros((140, 3)), q)
+    pairs = zip(np.split(q, [60]), own, strict=True)
+    apart = np.concatenate([(Rotation.from_quat(np.roll(p, -1, axis=1)) * m.inv()).as_rotvec() for p, m in pairs])
+    wanted = np.concatenate([detrend(part, axis=0) for part in np.split(np.degrees(level(apart, q)[0]), [60])])
+    np.testing.assert_allclose(out[:, :2], wanted[:, :2], atol=1e-9)
+    np.testing.assert_allclose(out[:, 2], wanted[:, 2], atol=2e-3)  # the heading's angle, not the vector's part
+
+
+def test_a_heading_that_turns_through_south_is_unwrapped_and_no_window_goes_on_from_the_one_before():
+    t = STEP * np.arange(140)
+    yaw = np.concatenate([np.linspace(-2.5, 2.5, 60) + np.pi, np.linspace(1.0, 1.1, 80)])
+    wave = 0.01 * np.sin(9.0 * t)
+    q = rotation.from_euler(0.0 * yaw, 0.0 * yaw, yaw + wave)
+    means = rotation.group_means(q, EDGES)
+    out = np.empty((140, 3))
+    function_of(AT_REST, left_at_rest)(out, t, q, means, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES)
+    wanted = np.concatenate([detrend(part) for part in np.split(np.degrees(wave), [60])])
+    np.testing.assert_allclose(out[:, 2], wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "loop", [correction_residual, function_of(CORRECTION_KERNEL, correction_residual)], ids=["plain", "compiled"]
+)
+def test_in_flight_an_offset_and_a_constant_in_body_axes_are_fitted_by_least_squares(loop):
+    q, t, pushed = attitudes(0.1), STEP * np.arange(140), attitudes(0.01, seed=2)
+    centre, means, out = rotation.group_means(pushed, EDGES), rotation.group_means(q, EDGES), np.empty((140, 3))
+    room = [np.empty((140, 9)), *([] if loop is not correction_residual else CORRECTION_KERNEL.room())]
+    loop(out, t, q, pushed, centre, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES, *room)
+    left = []
+    for k, (a, b) in enumerate([(0, 60), (60, 140)]):
+        mean = Rotation.from_quat(np.roll(centre[k], -1))
+        x = (Rotation.from_quat(np.roll(pushed[a:b], -1, axis=1)) * mean.inv()).as_rotvec()
+        r = Rotation.from_quat(np.roll(q[a:b], -1, axis=1)).as_matrix()
+        m = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(0.5 * STEP * (r[1:] + r[:-1]), axis=0)])
+        columns = np.concatenate([np.tile(np.eye(3), (b - a, 1, 1)), m], axis=2).reshape(-1, 6)
+        fit = columns @ np.linalg.lstsq(columns, x.ravel(), rcond=None)[0]
+        left.append(np.degrees(x - fit.reshape(-1, 3)))
+    np.testing.assert_allclose(out, level(np.concatenate(left), q)[0], atol=1e-9)
+
+
+def test_windows_are_looked_at_some_at_a_time_and_none_is_lost(monkeypatch):
+    monkeypatch.setattr(windows, "SAMPLES_AT_ONCE", 100)
+    inside = [slice(0, 40), slice(50, 90), slice(90, 300), slice(310, 320)]
+    found = list(windows.sample_batches(inside))
+    assert [part for own, _, _ in found for part in own] == inside
+    assert len(found) > 1
+    for own, at, edges in found:
+        assert [slice(at[a], at[b - 1] + 1) for a, b in pairwise(edges)] == own
+    assert list(windows.sample_batches([])) == []
+
+
+def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
+    from attlog.core.jit import build
+
+    assert {noise.AT_REST.name, correction_noise.CORRECTION_KERNEL.name} <= {kernel.name for kernel in build.kernels()}
+
+
+# What does the gyro itself wander by?
+
+HOVER = [Segment("continuous", 0, 200), Segment("airborne", 0, 200), Segment("hover", 0, 200)]
+
+
+def flown_with_share(gyro, hz):
+    """A case with a gyro (n, 3) in deg/s and nothing else, in hover all the time."""
+    t = np.arange(len(gyro)) / hz
+    case = flights.case([], HOVER)
+    acc = Stream(t, np.tile([0.0, 0.0, -9.81], (len(t), 1)), "m/s^2", "FRD", "made")
+    case.log.imus, case.log.imu = [Imu(0, Stream(t, np.radians(gyro), "rad/s", "FRD", "made"), acc)], 0
+    return case
+
+
+def wander(gyro, hz):
+    """The typical window's deviation about its own line of an integrated rate (n,), by scipy."""
+    windows = np.cumsum(gyro / hz)[: len(gyro) // round(5 * hz) * round(5 * hz)].reshape(-1, round(5 * hz))
+    return np.exp(np.mean(np.log(np.var(detrend(windows, axis=1), axis=1))) / 2)
+
+
+@pytest.mark.parametrize("hz", [50.0, 250.0])
+def test_it_is_what_white_noise_of_the_gyro_becomes_when_it_is_integrated(hz):
+    gyro = np.random.default_rng(3).standard_normal((round(200 * hz), 3)) * [0.2, 0.4, 0.8]
+    roll, pitch, heading, tilt = gyro_noise_floor(flown_with_share(gyro, hz), 0, "hover")
+    for k, found in enumerate((roll, pitch, heading)):
+        # the typical of few degrees of freedom lies below the mean: 0.8 of it
+        assert wander(gyro[:, k], hz) == pytest.approx(0.85 * found, rel=0.2)
+    assert tilt == pytest.approx(np.sqrt((roll**2 + pitch**2) / 2))
+
+
+def test_a_slow_motion_of_the_vehicle_is_hardly_any_of_it():
+    t = np.arange(0.0, 200.0, 0.004)
+    gyro = 0.3 * np.random.default_rng(3).standard_normal((len(t), 3))
+    sway = 20.0 * np.sin(2 * np.pi * 0.3 * t)[:, None]
+    assert gyro_noise_floor(flown_with_share(gyro + sway, 250.0), 0, "hover") == pytest.approx(
+        gyro_noise_floor(flown_with_share(gyro, 250.0), 0, "hover"), rel=0.15
+    )
+
+
+def test_without_a_window_of_the_phase_it_is_not_known():
+    assert gyro_noise_floor(flown_with_share(np.ones((2000, 3)), 100.0), 0, "cruise") == [0.0] * 4
+
+
+# Where windows are laid, which samples fill one, and what counts as settling: closed forms.
+
+
+@pytest.mark.parametrize(
+    ("length", "count"), [(4.9, 0), (4.96, 1), (9.9, 1), (9.96, 2), (30.0, 6)], ids=lambda x: str(x)
+)
+def test_a_span_has_a_window_for_each_five_seconds_from_its_start(length: float, count: int) -> None:
+    laid = windows.lay_windows((3.0, 3.0 + length), "hover")
+    assert laid == [(3.0 + 5.0 * k, 8.0 + 5.0 * k) for k in range(count)]
+
+
+def test_a_rest_of_two_seconds_is_one_window_and_no_hover_is() -> None:
+    assert windows.lay_windows((1.0, 3.0), "rest") == [(1.0, 3.0)]
+    assert windows.lay_windows((1.0, 5.9), "rest") == [(1.0, 5.9)]
+    assert windows.lay_windows((1.0, 2.9), "rest") == []
+    assert windows.lay_windows((1.0, 3.0), "hover") == []
+
+
+def test_a_window_needs_twenty_samples_without_a_gap_up_to_both_ends() -> None:
+    t = 0.02 * np.arange(1000)
+    assert windows.filled_samples(t, (5.0, 10.0)) == slice(250, 500)
+    slow = 0.25 * np.arange(80)
+    assert windows.filled_samples(slow, (5.0, 10.0)) == slice(20, 40)
+    assert windows.filled_samples(slow, (5.0, 9.75)) is None
+    for lost, filled in ((0.22, True), (0.28, False)):
+        for begin in (5.0, 7.0):
+            kept = t[(t < begin - 1e-9) | (t >= begin + lost - 1e-9)]
+            assert (windows.filled_samples(kept, (5.0, 10.0)) is not None) is filled
+    for end, filled in ((9.75, True), (9.69, False)):  # 50 ms are nobody's
+        assert (windows.filled_samples(t[t < end], (5.0, 10.0)) is not None) is filled
+
+
+def test_a_gap_of_slow_samples_is_longer_than_five_of_their_intervals() -> None:
+    t = 0.1 * np.arange(400)
+    for lost, filled in ((3, True), (5, False)):
+        kept = np.delete(t, np.arange(70, 70 + lost))
+        assert (windows.filled_samples(kept, (5.0, 10.0)) is not None) is filled
+
+
+def test_a_window_lies_in_one_segment_and_knows_every_number() -> None:
+    x, segment = np.zeros((100, 4)), (np.arange(100) >= 60).astype(np.int64)
+    assert windows.unbroken_samples(slice(10, 60), x, segment) == slice(10, 60)
+    assert windows.unbroken_samples(slice(60, 99), x, segment) == slice(60, 99)
+    assert windows.unbroken_samples(slice(10, 61), x, segment) is None
+    assert windows.unbroken_samples(None, x, segment) is None
+    x[40, 2] = np.nan
+    assert windows.unbroken_samples(slice(10, 60), x, segment) is None
+    assert windows.unbroken_samples(slice(10, 40), x, segment) == slice(10, 40)
+
+
+def test_a_variance_about_a_line_has_two_degrees_of_freedom_less_and_tilt_is_the_mean_of_roll_and_pitch() -> None:
+    residual = np.random.default_rng(1).normal(size=(7, 3)) * [1.0, 3.0, 5.0]
+    squares = np.sum(residual**2, axis=0) / 5.0
+    np.testing.assert_allclose(noise.variance(residual), [*squares, 0.5 * (squares[0] + squares[1])])
+
+
+@pytest.mark.parametrize("column", [2, 3])
+def test_leading_windows_of_more_than_four_times_the_later_median_settle(column: int) -> None:
+    v = np.ones((8, 4))
+    v[:3, column] = 50.0, 4.5, 3.9
+    assert noise.unsettled(v) == 2
+    v[:, :2] = 100.0 * np.arange(8, 0, -1)[:, None] ** 4.0  # roll and pitch alone settle nothing
+    assert noise.unsettled(v) == 2
+    assert noise.unsettled(np.ones((8, 4))) == 0
+
+
+def test_where_every_window_settles_the_least_that_tell_stay() -> None:
+    v = np.tile(10.0 ** -np.arange(8.0)[:, None], (1, 4))
+    assert noise.unsettled(v) == 8 - noise.MIN_LATER
+    assert noise.unsettled(v[:2]) == 0
+
+
+@pytest.mark.parametrize(("phase", "left"), [("rest", 11), ("hover", 12)])
+def test_windows_that_settle_are_left_out_at_rest_alone(phase: str, left: int) -> None:
+    """A heading that swings by ten times as much in the first of twelve windows."""
+    t = np.arange(0.0, 80.0, 0.02)
+    size = np.radians(np.where(t < 25.0, 1.0, 0.1))
+    q = rotation.from_euler(0.0 * t, 0.0 * t, size * np.sin(2.0 * np.pi * t))
+    row = flights.row(t, q)
+    found = [((20.0 + 5.0 * k, 25.0 + 5.0 * k), slice(1000 + 250 * k, 1250 + 250 * k)) for k in range(12)]
+    residuals = list(noise.residuals_at_rest(row, [inside for _, inside in found]))
+    part = noise._part(row, phase, [(w, r) for (w, _), r in zip(found, residuals, strict=True)])
+    assert part is not None
+    assert len(part.t0) == len(part.lengths) == len(part.variances) == left
+    assert len(part.residuals) == 250 * left
+    assert part.settled_s == (pytest.approx(25.0 - row.start) if phase == "rest" else None)
+
+
+def test_a_row_is_measured_in_all_spans_of_a_phase_together() -> None:
+    t = np.arange(0.0, 100.0, 0.02)
+    q = rotation.from_euler(np.radians(0.1) * np.sin(2.0 * np.pi * t), 0.0 * t, 0.0 * t)
+    row = flights.row(t, q)
+    spans = [Segment("continuous", 0, 100), Segment("rest.long", 20, 41), Segment("rest.long", 60, 93)]
+    found = noise.phase_variances(flights.case([row], spans), row, "rest", "all")
+    assert found is not None
+    assert found.t0.tolist() == [20.0, 25.0, 30.0, 35.0, 60.0, 65.0, 70.0, 75.0, 80.0, 85.0]
+    assert found.seconds == pytest.approx(50.0)
+    assert np.sqrt(found.variances[:, 0]) == pytest.approx(0.1 / np.sqrt(2.0), rel=0.02)
+    swing = 0.1 * np.sin(2.0 * np.pi * t)
+    left = np.concatenate([detrend(swing[round(50 * a) : round(50 * a) + 250]) for a in found.t0])
+    assert found.p2p[0] == pytest.approx(np.quantile(left, 0.999) - np.quantile(left, 0.001), rel=1e-3)
+    assert found.p2p[1] < 1e-6
+
+
+# Windows that a row is measured in.
+
+
+@pytest.mark.parametrize(("start", "first"), [(0.0, 10.0), (1.0, 15.0), (5.0, 15.0)])
+def test_no_window_holds_the_seconds_in_which_a_row_settles(start: float, first: float) -> None:
+    """10 s after its start; windows of 5 s are laid from the begin of the span on, the same for all rows."""
+    assert SETTLING_S == 10.0
+    t = np.arange(0.0, 30.0, 0.02)
+    row = flights.row(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), start=start)
+    case = flights.case([row], [Segment("continuous", 0, 30), Segment("rest.long", 0, 30)])
+    found = windows.span_windows(case, row, "rest", (0.0, 30.0))
+    assert [w[0] for w, _ in found] == np.arange(first, 30.0, 5.0).tolist()

@@ -1,0 +1,270 @@
+"""What rows show of steps: none of a row that has no sample, however it came to that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from attlog.core import rotation
+from attlog.metrics import intervals as interval
+from attlog.metrics import step_error
+from attlog.metrics import step_error as step_curves
+from attlog.metrics import step_turning as steps
+from attlog.metrics.step_error import Curve
+from attlog.metrics.step_turning import StepEvent
+from attlog.segments.model import Segment
+from tests.metrics import flights
+from tests.metrics.flights import motion, sampled
+
+
+def test_a_row_without_a_sample_beside_the_reference_shows_no_movement():
+    t, q = motion("steps", 30.0)
+    row = flights.row(t + 100.0, q)
+    case = flights.case([row], [Segment("continuous", 0, 30.0)], (t[::4], q[::4]))
+    events = tuple(steps.reference_steps(case))
+    assert events
+    assert list(step_curves.event_curves(case, row, events)) == []
+
+
+# What a row shows around one stroke: errors about its axis, ends and settling, by closed forms in each axis.
+
+T = np.arange(0.0, 12.0, 0.01)
+
+
+def stroke(degrees: float) -> np.ndarray:
+    """An angle that moves from 0 to so many deg between 5 and 5.5 s."""
+    return np.radians(degrees) * np.clip((T - 5.0) / 0.5, 0.0, 1.0)
+
+
+def shown(axis: int, degrees: float, error_deg: np.ndarray, beside_deg: float = 0.0) -> Curve:
+    """The curve of a row that is off by an error about the axis of the stroke, and by another about the next axis."""
+    start = rotation.from_euler(0.15, -0.25, 1.4)
+    q = rotation.multiply(np.tile(start, (len(T), 1)), rotation.from_rotvec(stroke(degrees)[:, None] * np.eye(3)[axis]))
+    vector = np.radians(error_deg)[:, None] * np.eye(3)[axis] + np.radians(beside_deg) * np.eye(3)[(axis + 1) % 3]
+    row = flights.row(T, rotation.multiply(q, rotation.from_rotvec(vector)))
+    case = flights.case([row], [Segment("continuous", 0, 12)], (T, q))
+    (event,) = steps.reference_steps(case)
+    (found,) = step_error.event_curves(case, row, [event])
+    assert found.event.axis == axis
+    return found
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("degrees", [30.0, -30.0])
+def test_an_error_counts_along_the_stroke_from_its_mean_before_the_onset(axis: int, degrees: float) -> None:
+    """4 deg before the onset are nobody's; 2 deg more in the way of the stroke are 2, whatever its sign."""
+    way = np.sign(degrees)
+    error = 4.0 + way * np.where(T >= 5.2, 2.0, 0.0)
+    found = shown(axis, degrees, error, beside_deg=0.5)
+    later = found.t > 5.25
+    np.testing.assert_allclose(found.error[later], 2.0, atol=0.05)
+    np.testing.assert_allclose(found.error[found.t < found.event.onset], 0.0, atol=0.05)
+    np.testing.assert_allclose(found.reference[found.t > 5.55], 30.0, atol=0.4)
+    np.testing.assert_allclose(np.interp(5.25, found.t, found.reference), 15.0, atol=0.5)
+    assert found.seconds[0] == pytest.approx(found.t[0] - found.event.onset)
+
+
+def test_the_reference_is_known_to_the_last_sample_of_the_event() -> None:
+    found = shown(0, 30.0, 0.0 * T)
+    assert found.t[-1] == pytest.approx(found.event.end, abs=0.011)
+    rising = shown(0, 30.0, np.where(T >= 5.5, T - 5.5, 0.0))
+    np.testing.assert_allclose(rising.error[-1], rising.t[-1] - 5.5, atol=0.05)
+
+
+EVENT = StepEvent(0, 5.0, 5.25, 5.45, -20.0, 4.5, 6.45)
+AT = np.round(np.arange(4.5, 6.45, 0.01), 2)
+
+
+def curve(error: np.ndarray, reference: np.ndarray | None = None) -> Curve:
+    return Curve(EVENT, AT, 20.0 * np.clip((AT - 5.0) / 0.5, 0.0, 1.0) if reference is None else reference, error)
+
+
+def test_an_overshoot_is_the_peak_beyond_the_references_in_percent_of_the_step() -> None:
+    for error, percent in ((3.0, 15.0), (-3.0, -15.0)):
+        overshoot, _, _ = step_error.step_endings([curve(np.where(AT > 5.6, error, 0.0))])
+        assert overshoot.tolist() == [pytest.approx(percent if error > 0 else 0.0)]
+    flat, _, _ = step_error.step_endings([curve(np.where(AT > 5.1, -3.0, 0.0))])
+    assert flat.tolist() == [pytest.approx(-15.0)]
+    early, _, _ = step_error.step_endings([curve(np.where(AT < 4.99, 50.0, 0.0))])
+    assert early.tolist() == [pytest.approx(0.0)]
+
+
+def test_a_step_has_settled_when_its_error_stays_within_a_twentieth() -> None:
+    inside = np.where((AT > 5.1) & (AT < 5.805), -1.1, 0.9)
+    _, seconds, never = step_error.step_endings([curve(inside), curve(0.0 * AT + 0.99), curve(0.0 * AT + 1.01)])
+    assert seconds.tolist() == [pytest.approx(0.81), 0.0, pytest.approx(AT[-1] - 5.0)]
+    assert never == 1
+    assert step_error._from_zero("settling_s", (-1.0, 3.0)) == (0.0, 3.0)
+    assert step_error._from_zero("overshoot_pct", (-1.0, 3.0)) == (-1.0, 3.0)
+    assert step_error._from_zero("settling_s", None) is None
+
+
+def test_an_error_after_a_step_is_the_mean_of_fifty_milliseconds_either_way() -> None:
+    one = curve(AT**2)
+    near = np.abs(AT - 5.95) <= 0.05 + 1e-9
+    assert step_error.error_at(one, 5.95) == pytest.approx(np.mean(AT[near] ** 2), rel=1e-2)
+    assert step_error.error_at(one, 6.7) is None
+    slow = Curve(EVENT, AT[::40], 0.0 * AT[::40], AT[::40])
+    assert step_error.error_at(slow, 5.68) == pytest.approx(5.7)
+    assert step_error.error_at(slow, 4.3) is None
+    found = step_error.errors_after([one], 0.5)
+    assert (found.ids.tolist(), found.stroke.tolist()) == ([5000], [20.0])
+    np.testing.assert_allclose(step_error.percent(found), 5.0 * found.deg)
+    assert step_error.magnitude(step_error.errors_after([curve(-AT)], 0.5))[0] == pytest.approx(5.95, abs=0.01)
+
+
+def answers(est, seconds=36.0, kind="yaw", against="truth"):
+    """Answers for a row ``est(t, q)`` (n, 4) in turns of yaw every 3 s."""
+    t, q = motion(kind, seconds)
+    ref, row = sampled(t, q, 50.0), sampled(t, est(t, q), 200.0)
+    made = flights.row(row.t, row.q)
+    end = float(ref.t[-1])
+    case = flights.case([made], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q), against)
+    return step_error.compute_step_error(case, made, "all")
+
+
+def short_by(t, q, share):
+    """Falls short by ``share(since)`` of each turn from 0.5 s after its start on, right again before the next."""
+    yaw = np.unwrap(rotation.to_euler(q)[:, 2])
+    starts = np.arange(3.0, 33.0, 3.0)
+    since = t - starts[np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)]
+    before = np.interp(starts, t, yaw)[np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)]
+    lost = np.where((since > 0.5) & (since < 2.4) & (t > 3.0), share(since), 0.0)
+    return rotation.from_euler(0.02, -0.03, yaw - lost * (yaw - before))
+
+
+def test_a_row_that_shows_10_percent_too_little_is_told_so():
+    found = answers(lambda t, q: short_by(t, q, lambda since: 0.1))
+    pct, deg = found["step_error_pct.0.5s"], found["step_error_deg.0.5s"]
+    assert pct.value == pytest.approx(-10.0, abs=1.0)
+    assert pct.n >= 8
+    strokes = 0.1 * np.array(deg.each) / np.abs(np.array(pct.each) / 100.0)
+    assert deg.value == pytest.approx(np.median(strokes), rel=0.1)
+    assert deg.detail["p90"] >= deg.value
+    assert deg.ci95[0] <= deg.value <= deg.ci95[1]
+
+
+def test_too_much_is_positive_and_left_turns_count_like_right_ones():
+    found = answers(lambda t, q: short_by(t, q, lambda since: -0.1))["step_error_pct.1.0s"]
+    assert found.value == pytest.approx(10.0, abs=1.0)
+    assert min(found.each) > 8.0
+
+
+def test_a_constant_heading_offset_and_misalignment_cancel():
+    turn = rotation.from_rotvec(np.radians([2.0, -1.5, 3.0]))
+    found = answers(lambda t, q: rotation.turn_about_down(rotation.multiply(q, turn), 1.0))
+    assert found["step_error_deg.0.5s"].value == pytest.approx(0.0, abs=0.05)
+    assert found["step_error_pct.1.0s"].value == pytest.approx(0.0, abs=0.1)
+
+
+def test_an_error_that_decays_at_2_per_s_is_e_times_smaller_half_a_second_later():
+    found = answers(lambda t, q: short_by(t, q, lambda since: 0.3 * np.exp(-2.0 * since)))
+    ratio = found["step_error_pct.1.0s"].value / found["step_error_pct.0.5s"].value
+    assert ratio == pytest.approx(np.exp(-1.0), rel=0.06)
+
+
+def test_two_events_are_too_few():
+    found = answers(lambda t, q: q, seconds=10.5)
+    assert found["step_error_deg.0.5s"].code == "too_few_events"
+
+
+@pytest.mark.parametrize(
+    ("n", "ranks"), [(5, None), (6, (1, 6)), (8, (1, 8)), (9, (2, 8)), (10, (2, 9)), (20, (6, 15))]
+)
+def test_the_interval_of_a_median_has_the_ranks_of_printed_tables(n, ranks):
+    """Ranks for 95 % of Conover, Practical Nonparametric Statistics, and most books of tables."""
+    found = interval.median_interval(np.arange(1.0, n + 1.0)[::-1])
+    assert found == ranks
+
+
+def test_the_interval_of_a_median_of_thousands_is_that_of_the_binomial_distribution():
+    for n in (649, 1100, 5000):
+        rank = int(binom.ppf(0.025, n, 0.5))
+        rank += bool(2.0 * binom.cdf(rank, n, 0.5) <= 0.05)
+        assert interval.median_interval(np.arange(1.0, n + 1.0)) == (rank, n + 1 - rank)
+
+
+def test_units_are_magnitudes_whatever_the_unit():
+    found = answers(lambda t, q: short_by(t, q, lambda since: 0.1))
+    deg, pct = found["step_error_deg.0.5s"], found["step_error_pct.0.5s"]
+    np.testing.assert_allclose(deg.units.values, pct.units.values)
+    assert deg.units.kind == "step_event"
+    assert pct.units.on(pct.units.ids[:4]).value == pytest.approx(-10.0, abs=1.0)
+
+
+def test_the_own_error_of_a_smoother_is_a_floor_in_both_units():
+    def est(t, q):
+        return short_by(t, q, lambda since: 0.1)
+
+    found = answers(est, against="smoother")
+    deg, pct = found["step_error_deg.0.5s"], found["step_error_pct.0.5s"]
+    stroke = np.median(np.array(deg.each) / np.abs(np.array(pct.each) / 100.0))
+    assert deg.floor == 0.05
+    assert pct.floor == pytest.approx(100.0 * 0.05 / stroke)
+    assert answers(est)["step_error_deg.0.5s"].floor == 0.0
+
+
+def settling_answers(factor_after):
+    """A row that turns ``factor_after(t since the movement)`` times as far as the reference in 10 turns of yaw."""
+    t, q = motion("yaw", 36.0)
+    yaw = np.unwrap(rotation.to_euler(q)[:, 2])
+    starts = np.arange(3.0, 33.0, 3.0)
+    since = t - starts[np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)]
+    before = np.interp(starts, t, yaw)[np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)]
+    est = before + (yaw - before) * np.where(t >= starts[0], factor_after(since), 1.0)
+    ref, row = sampled(t, q, 50.0), sampled(t, rotation.from_euler(0.02, -0.03, est), 200.0)
+    made = flights.row(row.t, row.q)
+    end = float(ref.t[-1])
+    case = flights.case([made], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q))
+    return step_error.compute_settling(case, made, "all")
+
+
+def test_a_row_that_follows_exactly_settles_at_once_without_overshoot():
+    found = settling_answers(lambda since: 1.0 + 0 * since)
+    assert found["overshoot_pct"].value == pytest.approx(0.0, abs=0.3)
+    assert found["settling_s"].value == pytest.approx(0.0, abs=0.05)
+    assert found["settling_s"].n >= 8
+
+
+def test_overshoot_that_decays_is_told_in_percent_and_in_time():
+    """20 % too far until 0.9 s after the command, then exact: the error ends there."""
+    found = settling_answers(lambda since: np.where(since < 0.9, 1.2, 1.0))
+    assert 10.0 < found["overshoot_pct"].value < 25.0
+    assert 0.6 < found["settling_s"].value < 1.0
+    assert found["settling_s"].ci95[0] >= 0.0
+
+
+def settling_curve(error_deg):
+    """A movement of 20 deg within 0.2 s, its error (n,) at 100 Hz from 0.3 s before the onset on."""
+    t = 5.0 + np.arange(-30, 200) / 100.0
+    moved = 20.0 * np.clip((t - 5.0) / 0.2, 0.0, 1.0)
+    return Curve(StepEvent(0, 5.0, 5.1, 5.18, 20.0, 4.7, 6.99), t, moved, np.asarray(error_deg(t - 5.0)))
+
+
+@pytest.mark.parametrize("until", [0.25, 0.6, 1.5])
+def test_settled_is_the_first_time_from_which_on_the_error_stays_small(until):
+    """At 100 Hz an error that is seen at 0.6 s for the last time is over at 0.61 s."""
+    overshoot, settled, unsettled = step_error.step_endings(
+        [settling_curve(lambda s: np.where((s > 0) & (s < until + 0.005), 4.0, 0.0))]
+    )
+    assert settled == pytest.approx([until + 0.01])
+    assert overshoot == pytest.approx([100.0 * 4.0 / 20.0])
+    assert unsettled == 0
+
+
+def test_what_is_wrong_at_the_end_has_not_settled():
+    assert step_error.step_endings([settling_curve(lambda s: np.where(s > 0, 4.0, 0.0))])[2] == 1
+
+
+def test_the_reference_of_a_movement_begins_at_its_onset_and_ends_at_its_size():
+    t, q = motion("yaw", 36.0)
+    ref = sampled(t, q, 50.0)
+    made = flights.row(ref.t, ref.q)
+    end = float(ref.t[-1])
+    case = flights.case([made], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q))
+    found = step_error.curves(case, made, "all")
+    assert len(found) >= 8
+    for one in found:
+        assert np.interp(0.0, one.seconds, one.reference) == pytest.approx(0.0, abs=1e-6)
+        assert one.reference.max() == pytest.approx(abs(one.event.delta_deg), rel=0.05)

@@ -1,0 +1,231 @@
+"""Does gravity or the field turn as the gyro says? Planted turns, from both sides of each limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from attlog.core import rotation
+from attlog.metrics import drift, gyro_bias, windows
+from attlog.metrics import windows as evidence
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+
+def row(t0=0.0, t1=120.0, hz=20.0, **fields):
+    t = np.arange(t0, t1, 1.0 / hz)
+    return flights.row(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), start=t0, **fields)
+
+
+FLIGHT = [
+    Segment("continuous", 0, 120),
+    Segment("rest.long", 0, 31),
+    Segment("armed", 31, 90),
+    Segment("idle", 31, 38),
+    Segment("airborne", 40, 88),
+    Segment("hover", 42, 60),
+    Segment("cruise", 60, 88),
+    Segment("rest.long", 90, 118),
+]
+
+
+def starts(case, row, phase):
+    return [w[0] for group in windows.row_windows(case, row, phase, phase) for w, _ in group]
+
+
+def test_a_row_settles_for_10_s_after_its_start_and_5_s_after_the_motors_stop():
+    own = row()
+    case = flights.case([own], FLIGHT)
+    assert windows.rest_spans(case, own, "rest") == [(10.0, 31.0), (95.0, 118.0)]
+    assert starts(case, own, "rest") == [10.0, 15.0, 20.0, 25.0, 95.0, 100.0, 105.0, 110.0]
+
+
+def test_windows_lie_at_the_same_times_for_a_row_that_starts_later():
+    late = row(7.0)
+    case = flights.case([late], FLIGHT)
+    assert starts(case, late, "rest") == [20.0, 25.0, 95.0, 100.0, 105.0, 110.0]
+
+
+def test_after_a_restart_a_row_settles_again_and_no_window_crosses_it():
+    segments = [Segment("continuous", 0, 30), Segment("continuous", 33, 120), Segment("rest.long", 0, 120)]
+    own = row()
+    own.segment = (own.t > 33).astype(np.int64)
+    case = flights.case([own], segments)
+    assert starts(case, own, "rest")[:5] == [10.0, 15.0, 20.0, 25.0, 43.0]
+
+
+def test_an_onboard_row_counts_from_the_reset_that_aligned_it():
+    own = row()
+    own.kind = "onboard"
+    aligned = [Segment("reset", 12.0, 12.05), Segment("reset", 70.0, 70.05)]
+    case = flights.case([own], FLIGHT + aligned)
+    assert windows.own_start(case, own) == pytest.approx(22.05)
+
+
+def test_phases_are_never_pooled_and_a_window_of_the_users_own_is_the_first_phase_in_it():
+    case = flights.case([row()], FLIGHT)
+    told = {w: windows.phase_of(case, w) for w in ("all", "rest", "hover", "cruise", "idle", "airborne", "armed")}
+    assert told == {
+        "all": "rest",
+        "rest": "rest",
+        "hover": "hover",
+        "cruise": "cruise",
+        "idle": "idle",
+        "airborne": None,
+        "armed": None,
+    }
+    assert windows.phase_of(case, "45:80") == "hover"
+    assert windows.phase_of(case, "62:80") == "cruise"
+    assert windows.phase_of(case, "20:80") == "rest"
+
+
+def test_in_the_air_windows_begin_at_the_scoring_start_and_end_at_the_impact():
+    own = row()
+    case = flights.case([own], FLIGHT, (own.t, own.q), scoring_start=50.0)
+    case.reference.end = 71.0
+    assert (starts(case, own, "hover"), starts(case, own, "cruise")) == ([50.0, 55.0], [60.0, 65.0])
+    case.forget()
+    case.reference.unscored = [(52.0, 67.0)]
+    assert (starts(case, own, "hover"), starts(case, own, "cruise")) == ([], [])
+
+
+def test_rest_of_2_to_5_s_is_one_window_and_shorter_flight_is_none():
+    assert windows.lay_windows((3.0, 6.5), "rest") == [(3.0, 6.5)]
+    assert windows.lay_windows((3.0, 4.5), "rest") == []
+    assert windows.lay_windows((3.0, 6.5), "hover") == []
+    assert windows.lay_windows((0.0, 14.97), "hover") == [(0.0, 5.0), (5.0, 10.0), (10.0, 15.0)]
+
+
+def test_a_window_with_a_gap_a_reset_or_too_few_samples_is_not_used():
+    own = row(hz=20.0)
+    whole = windows.window_samples(own.t, own.q, own.segment, (10.0, 15.0))
+    assert (whole.start, whole.stop) == (200, 300)
+    holes = np.delete(np.arange(len(own.t)), np.arange(220, 228))
+    assert windows.window_samples(own.t[holes], own.q[holes], own.segment[holes], (10.0, 15.0)) is None
+    assert windows.window_samples(own.t, own.q, (own.t > 12).astype(np.int64), (10.0, 15.0)) is None
+    assert windows.window_samples(own.t[::6], own.q[::6], own.segment[::6], (10.0, 15.0)) is None
+    assert windows.window_samples(own.t[:280], own.q[:280], own.segment[:280], (10.0, 15.0)) is None
+    spoiled = own.q.copy()
+    spoiled[250] = np.nan
+    assert windows.window_samples(own.t, spoiled, own.segment, (10.0, 15.0)) is None
+
+
+def test_why_there_is_nothing_names_what_would_be_needed():
+    case = flights.case([row()], FLIGHT)
+    assert windows.why_none(case, "rest", "rest")[0] == "rest_too_short"
+    assert "after the filter settled" in windows.why_none(case, "rest", "rest")[1]
+    bare = flights.case([row()], FLIGHT[:1])
+    assert [windows.why_none(bare, p, p)[0] for p in windows.PHASES] == [
+        "no_rest",
+        "not_applicable",
+        "not_applicable",
+        "no_rest",
+    ]
+
+
+def test_stretches_end_at_gaps_and_restarts():
+    t = np.concatenate([np.arange(0.0, 5.0, 0.01), np.arange(6.0, 9.0, 0.01)])
+    run = (t > 7.5).astype(np.int64)
+    found = evidence.within(t, (1.0, 8.5), run)
+    assert [(round(t[s.start], 2), round(t[s.stop - 1], 2)) for s in found] == [(1.0, 4.99), (6.0, 7.5), (7.51, 8.5)]
+    assert evidence.within(t, (5.2, 5.8)) == []
+    assert evidence.within(np.zeros(0), (0.0, 1.0)) == []
+
+
+@given(st.lists(st.tuples(st.floats(0.005, 0.2), st.booleans()), min_size=1, max_size=200))
+def test_stretches_cover_what_is_inside_once_and_nothing_else(samples):
+    t = np.cumsum([s for s, _ in samples])
+    inside = np.array([b for _, b in samples])
+    found = evidence.unbroken(t, inside)
+    index = np.concatenate([np.arange(s.start, s.stop) for s in found]) if found else np.zeros(0, int)
+    np.testing.assert_array_equal(index, np.flatnonzero(inside))
+
+
+@given(slope=st.floats(-20, 20), offset=st.floats(-1000, 1000), begin=st.floats(0, 1e5), jump=st.floats(-170, 170))
+def test_a_line_has_its_own_slope_wherever_it_starts_and_jumps(slope, offset, begin, jump):
+    t = begin + np.arange(0.0, 60.0, 0.1)
+    segment = (t > begin + 33.0).astype(np.int64)
+    e = (offset + slope / 60.0 * (t - begin) + jump * segment + 180.0) % 360.0 - 180.0
+    found = drift.fit_drift(drift.block_means(t, e, segment))
+    assert abs(found.value - slope) < 1e-5
+    assert found.wander < 1e-5
+
+
+def test_a_heading_that_wanders_is_no_tilt_however_the_vehicle_lies():
+    wander = np.radians(np.sin(np.linspace(0.0, 20.0, 400)))
+    found = evidence.deviations(rotation.from_euler(0.6 + 0 * wander, -0.3 + 0 * wander, 1.2 + wander))
+    np.testing.assert_allclose(found[:, :2], 0.0, atol=1e-6)
+    np.testing.assert_allclose(found[:, 2], np.degrees(wander - np.mean(wander)), atol=1e-3)
+
+
+def test_tilt_is_told_about_the_vehicles_own_roll_and_pitch_axis_whatever_its_heading():
+    nod = np.radians(np.sin(np.linspace(0.0, 20.0, 400)))
+    for axis, q in enumerate((rotation.from_euler(nod, 0 * nod, 2.0), rotation.from_euler(0 * nod, nod, 2.0))):
+        found = evidence.deviations(q)
+        np.testing.assert_allclose(found[:, axis], np.degrees(nod - np.mean(nod)), atol=1e-3)
+        np.testing.assert_allclose(found[:, 1 - axis], 0.0, atol=1e-6)
+
+
+T = np.arange(0.0, 60.0, 0.1)
+SPAN = (5.0, 45.0)
+
+
+def seen(rate: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """A vector of the earth in the axes of a body that turns at a rate (3,) rad/s."""
+    return np.asarray(Rotation.from_rotvec(T[:, None] * rate).inv().apply(vector))
+
+
+RATE = np.radians([0.5, -0.2, 0.4])
+VECTOR = np.array([1.0, 3.0, -9.0])
+
+
+def test_a_vector_that_turns_as_the_gyro_says_follows_and_one_that_stands_or_turns_back_does_not() -> None:
+    assert gyro_bias._follows(T, seen(RATE, VECTOR), RATE, SPAN)
+    assert not gyro_bias._follows(T, seen(0.0 * RATE, VECTOR), RATE, SPAN)
+    assert not gyro_bias._follows(T, seen(-RATE, VECTOR), RATE, SPAN)
+
+
+def test_a_part_of_the_turn_is_enough_from_its_share_on() -> None:
+    share = gyro_bias.TURNED_SHARE
+    for factor, follows in ((share + 0.07, True), (share - 0.07, False)):
+        assert gyro_bias._follows(T, seen(factor * RATE, VECTOR), RATE, SPAN) is follows
+
+
+def test_a_turn_about_the_vector_itself_and_one_that_is_too_small_tell_nothing() -> None:
+    along = 0.7 * VECTOR / np.linalg.norm(VECTOR) * np.radians(1.0)
+    assert not gyro_bias._follows(T, seen(along, VECTOR), along, SPAN)
+    across = np.cross(VECTOR, [1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across)
+    seconds = 0.8 * 40.0  # between the middles of the first and the last fifth
+    for degrees, follows in ((1.1 * gyro_bias.TURN_DEG, True), (0.9 * gyro_bias.TURN_DEG, False)):
+        rate = across * np.radians(degrees) / seconds
+        assert gyro_bias._follows(T, seen(rate, VECTOR), rate, SPAN) is follows
+
+
+def test_without_samples_at_both_ends_nothing_follows() -> None:
+    v = seen(RATE, VECTOR)
+    for hole in ((4.0, 13.5), (36.5, 46.0)):
+        kept = (T < hole[0]) | (T > hole[1])
+        assert not gyro_bias._follows(T[kept], v[kept], RATE, SPAN)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_either_vector_tells_a_turn_and_a_span_without_a_gyro_none(which: int) -> None:
+    vectors = [(T, seen(0.0 * RATE, VECTOR)), (T, seen(0.0 * RATE, VECTOR))]
+    gyro = T, np.tile(RATE, (len(T), 1))
+    assert not gyro_bias.turned(gyro, vectors, SPAN)
+    vectors[which] = (T, seen(RATE, VECTOR))
+    assert gyro_bias.turned(gyro, vectors, SPAN)
+    assert not gyro_bias.turned((T + 100.0, gyro[1]), vectors, SPAN)
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(10.0, 10), (2.0, 4), (0.15, 2)])
+def test_blocks_are_of_a_second_but_four_at_least(seconds: float, count: int) -> None:
+    t = T[T < seconds]
+    x = np.random.default_rng(1).normal(size=(len(t), 3))
+    found = gyro_bias._blocks(t, x)
+    assert abs(len(found) - count) <= 1
+    np.testing.assert_allclose(found, [part.mean(axis=0) for part in np.array_split(x, len(found))])

@@ -1,0 +1,403 @@
+"""A gyro in other units, axes or another clock is found by what turned with the vehicle, and judges nobody."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog import flight as attlog_flight
+from attlog import segments
+from attlog.core import rotation
+from attlog.flight.model import FlightLog, Imu, Mag, Stream
+from attlog.health.attitude import CONTRADICTED, attitude_checks
+from attlog.health.findings import contradiction, unusable_gyro
+from attlog.reference import choose, gyro_checks
+from tests.conftest import SAMPLES
+from tests.reference.flights import Array, attitude_at, flight
+
+FIELD_T = np.array([2e-5, 0.0, 4e-5])
+DEGREES, RADIANS = 180.0 / np.pi, np.pi / 180.0
+
+Change = Callable[[Array], Array]
+WRONG: dict[str, Change] = {
+    "deg/s for rad/s": lambda x: x * DEGREES,
+    "rad/s twice": lambda x: x * RADIANS,
+    "a half": lambda x: 0.5 * x,
+    "clipped": lambda x: np.clip(x, -0.1, 0.1),
+    "one sign": lambda x: x * [-1.0, 1.0, 1.0],
+    "left-handed": lambda x: -x,
+    "swapped axes": lambda x: x[:, [1, 0, 2]],
+    "dead": lambda x: np.zeros_like(x),
+    "dead from half on": lambda x: np.where((np.arange(len(x)) < len(x) // 2)[:, None], x, x[len(x) // 2]),
+    "3 s late": lambda x: np.roll(x, 300, axis=0),
+    "backwards": lambda x: x[::-1],
+}
+
+
+def with_compass(log: FlightLog) -> FlightLog:
+    t = np.arange(0.0, 60.0, 0.05)
+    field = rotation.rotate_inverse(attitude_at(t), FIELD_T)
+    field = field + 2e-7 * np.random.default_rng(3).normal(size=field.shape) + [4e-6, 0.0, 0.0]  # noise, hard iron
+    log.mags, log.mag = [Mag(0, Stream(t, field, "T", "FRD", "MAG"))], 0
+    return log
+
+
+def turned(change: Change) -> FlightLog:
+    log = with_compass(flight(truth_hz=50.0))
+    log.imus[0].gyro.x = change(log.imus[0].gyro.x)
+    return log
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_the_field_finds_the_gyro_that_is_wrong(what: str) -> None:
+    log = turned(WRONG[what])
+    log.truth = None
+    found = choose(log, segments.build(log))
+    assert "turn differently" in found.gyro_fault
+    assert found.kind == "onboard"
+    assert "smoother" in found.refused
+    (against,) = [
+        c for c in attitude_checks(log, segments.build(log), found.gyro_fault) if c.name == "gyro against attitude"
+    ]
+    assert (against.verdict, against.value) == ("fault", CONTRADICTED)
+    assert "turn differently" in unusable_gyro([against])
+
+
+@pytest.mark.parametrize("what", ["one sign", "swapped axes", "3 s late"])
+def test_the_field_finds_the_attitude_that_is_wrong_and_acquits_the_gyro(what: str) -> None:
+    """The same contradiction from the other side: attitudes of a flight that the gyro did not see."""
+    log = turned(lambda x: x)
+    assert log.truth is not None
+    t = log.truth.t
+    log.truth.q = {
+        "one sign": attitude_at(t) * [1.0, -1.0, 1.0, 1.0],
+        "swapped axes": attitude_at(t)[:, [0, 2, 1, 3]],
+        "3 s late": attitude_at(t - 3.0),
+    }[what]
+    found = choose(log, segments.build(log))
+    assert found.gyro_fault == ""
+    assert found.kind == "onboard"
+    assert "turns as the gyro does" in found.refused["truth"]
+    (problem,) = contradiction(found)
+    assert (problem.code, problem.severity) == ("reference_contradicted", "error")
+
+
+def test_a_sound_flight_is_contradicted_by_nothing() -> None:
+    log = turned(lambda x: 1.04 * x + 0.02)
+    found = choose(log, segments.build(log))
+    assert (found.gyro_fault, found.kind, found.refused) == ("", "truth", {})
+
+
+def test_without_a_compass_what_moves_alike_in_another_scale_is_not_judged_and_what_does_not_stays_open() -> None:
+    log = flight()
+    log.imus[0].gyro.x *= 0.5
+    assert "which is right cannot be determined" in choose(log, segments.build(log)).gyro_fault
+    log = flight()
+    log.imus[0].gyro.x = log.imus[0].gyro.x[::-1].copy()
+    assert choose(log, segments.build(log)).gyro_fault == ""
+
+
+def test_a_slow_attitude_alone_accuses_no_gyro() -> None:
+    log = flight(onboard_hz=5.0)
+    log.imus[0].gyro.x *= 0.5
+    assert choose(log, segments.build(log)).gyro_fault == ""
+    assert "turns as the attitude does" in choose(with_compass(log), segments.build(log)).gyro_fault
+
+
+def test_a_compass_that_moves_with_neither_decides_nothing() -> None:
+    log = turned(lambda x: -x)
+    log.mags[0].field.x = np.random.default_rng(5).permutation(log.mags[0].field.x)
+    attitude = log.attitudes["ATT"]
+    assert gyro_checks.field_follows(log.imus[0], attitude, np.zeros(0, np.int64), log.mags[0]) == ""
+
+
+def test_rates_are_compared_where_there_are_thirty() -> None:
+    rate = np.random.default_rng(5).normal(size=(30, 3))
+    assert "times as far" in gyro_checks.rate_mismatch(rate, 2.0 * rate)
+    assert gyro_checks.rate_mismatch(rate[:29], 2.0 * rate[:29]) == ""
+
+
+def test_vibration_of_the_gyro_is_no_scale() -> None:
+    log = flight(onboard_hz=100.0)
+    imu = log.imus[0]
+    imu.gyro.x = imu.gyro.x + np.radians(10.0) * np.sin(2 * np.pi * 37.0 * imu.gyro.t)[:, None]
+    (against,) = [c for c in attitude_checks(log, segments.build(log)) if c.name == "gyro against attitude"]
+    assert against.verdict == "ok"
+    assert against.value == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("hz", [20.0, 100.0])
+def test_an_interval_with_a_reset_is_not_compared(hz: float) -> None:
+    log = flight(onboard_hz=hz)
+    attitude = log.attitudes["ATT"]
+    at = len(attitude.t) // 2 + 1
+    attitude.q[at:] = rotation.multiply(rotation.from_euler(0.0, 0.0, 0.8), attitude.q[at:])
+    gyro, turned_by = gyro_checks.mean_rates(log.imus[0], attitude, np.array([at]))
+    assert np.abs(gyro - turned_by).max() < np.radians(2.0)
+    jumped = np.subtract(*gyro_checks.mean_rates(log.imus[0], attitude, np.zeros(0, np.int64)))
+    assert np.abs(jumped).max() > 5.0
+
+
+def test_a_noisy_attitude_of_a_flight_that_turns_one_way_is_no_scale() -> None:
+    """The median of its rates lies elsewhere than that of the gyro's; the slope is that of a line with an offset."""
+    rng = np.random.default_rng(7)
+    rate = np.zeros((2000, 3))
+    rate[1100:, 2] = np.radians(8.0)  # still for longer than turning
+    noise = np.radians(2.0) * rng.normal(size=rate.shape)
+    assert gyro_checks.rate_mismatch(rate, rate + noise, (0.97, 1.03)) == ""
+    assert "z 1.20" in gyro_checks.rate_mismatch(rate, 1.2 * rate + 0.1 * noise, (0.97, 1.03))
+
+
+def test_a_gap_in_the_gyro_accuses_nobody() -> None:
+    """The sample behind a gap stands for no second before it."""
+    log = with_compass(flight(onboard_hz=50.0))
+    for stream in (log.imus[0].gyro, log.imus[0].acc):
+        kept = (stream.t % 6.0 < 3.0) | (stream.t < 20.0)
+        stream.t, stream.x = stream.t[kept], stream.x[kept]
+    log.imus[0].gyro.sampling = log.imus[0].acc.sampling = "interval"
+    assert choose(log, segments.build(log)).gyro_fault == ""
+    gyro, turned_by = gyro_checks.mean_rates(log.imus[0], log.attitudes["ATT"], np.zeros(0, np.int64))
+    assert len(gyro) > 100
+    assert np.abs(gyro - turned_by).max() < np.radians(2.0)
+
+
+def test_directions_of_the_field_are_told_apart_by_a_step_forwards_in_time() -> None:
+    start, end, before, after = gyro_checks.field_changes(with_compass(flight(truth_hz=50.0)).mags[0])
+    assert len(start) > 1000
+    assert (end - start).min() >= gyro_checks.FIELD_STEP_S - 1e-9
+    assert (end - start).max() < 2.0 * gyro_checks.FIELD_STEP_S
+    assert np.linalg.norm(np.concatenate([before, after]), axis=1) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_reversed_axis_is_found_where_the_vehicle_hardly_turns_about_it(samples: Path, axis: int) -> None:
+    """Yaw of ``px4_steps`` has a standard deviation of 1.8 deg/s: too little for a scale, plenty for a sign."""
+    log = attlog.read(samples / "px4_steps.ulg")
+    imu, attitude = log.replay_imu, log.onboard_attitude
+    assert imu is not None
+    assert attitude is not None
+    none = np.zeros(0, int)
+    assert gyro_checks.gyro_consistency(imu, attitude, none, None).of == ""
+    imu.gyro.x[:, axis] *= -1.0
+    fault = gyro_checks.gyro_consistency(imu, attitude, none, None)
+    assert fault.of == "gyro"
+    assert f"reversed sign about {'xyz'[axis]}" in fault.why
+    found = {check.name: check for check in attitude_checks(log, segments.build(log))}["gyro against attitude"]
+    assert found.verdict == "fault"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_an_askew_mount_and_one_bump_reverse_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    smooth = np.cumsum(rng.normal(size=(2000, 3)), axis=0)
+    smooth = np.diff(smooth[:, :] - smooth.mean(axis=0), axis=0, prepend=0) * np.radians([20.0, 15.0, 1.0])
+    quiet = np.array([False, False, True])
+
+    def said(by_gyro: Array, by_attitude: Array) -> str:
+        return gyro_checks.reversed_slowly(
+            gyro_checks.center_rates(by_gyro), gyro_checks.center_rates(by_attitude), ~quiet
+        )
+
+    assert said(smooth, smooth * [1.0, 1.0, -1.0]) == "reversed sign about z."
+    assert said(smooth, smooth) == ""
+    assert said(smooth, rng.permutation(smooth)) == ""
+    for degrees in (-12.0, 12.0):  # roll and pitch, twenty times the yaw, show in it with either sign
+        askew = rotation.rotate(rotation.from_rotvec(np.radians([degrees, -degrees, 0.0])), smooth)
+        assert said(askew, smooth) == ""
+    bump = smooth + np.outer(np.arange(2000) == 700, np.radians([0.0, 0.0, 120.0]))
+    assert said(bump, smooth - (bump - smooth)) == ""
+    assert said(smooth, smooth * [1.0, 1.0, -0.5]) == ""  # half of a turn the other way is no reversed sensor
+
+
+def test_a_pause_of_the_attitude_is_no_interval() -> None:
+    """The gyro goes on: over seconds both may turn any number of times in between."""
+    log = flight()
+    attitude, imu = log.onboard_attitude, log.replay_imu
+    assert attitude is not None
+    assert imu is not None
+    whole, _ = gyro_checks.mean_rates(imu, attitude, np.zeros(0, np.int64))
+    kept = (attitude.t < 5.0) | (attitude.t > 10.0)  # still at rest: not even the turn is large
+    attitude.t, attitude.q = attitude.t[kept], attitude.q[kept]
+    assert attitude.t_sample is None
+    found, _ = gyro_checks.mean_rates(imu, attitude, np.zeros(0, np.int64))
+    step = np.median(np.diff(attitude.t)) * max(1, len(attitude.t) // (len(found) + 1))
+    assert len(found) == pytest.approx(len(whole) - 5.0 / step, abs=2)
+    assert np.isfinite(found).all()
+
+
+# Are the axes of the compass those of the gyro?
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return attlog_flight.read(SAMPLES / "copter_steps_stabilize.bin")
+
+
+def with_field(log, change):
+    log = copy.copy(log)
+    mag = copy.copy(log.mags[log.mag])
+    mag.field = copy.copy(mag.field)
+    mag.field.x = change(mag.field.x)
+    log.mags = [mag if k == log.mag else other for k, other in enumerate(log.mags)]
+    return log
+
+
+@pytest.mark.parametrize("axes", gyro_checks.FRAMES[1:6], ids=gyro_checks._axes_text)
+def test_other_axes_are_found_and_named(sound, axes):
+    said = gyro_checks.compass_axes_error(with_field(sound, lambda x: x @ axes))
+    assert f"it does with {gyro_checks._axes_text(axes)} (" in said
+
+
+@pytest.mark.parametrize(
+    ("what", "change"),
+    [
+        ("as logged", lambda x: x),
+        ("all signs, which turns cannot show", lambda x: -x),
+        ("iron that turns with the vehicle", lambda x: 0.02 * x + np.array([3e-5, 2e-5, 1e-5])),
+        ("noise alone", lambda x: 3e-5 * np.random.default_rng(0).normal(size=x.shape)),
+        ("a mounting that is 20 deg off", lambda x: x @ np.array([[0.94, 0.34, 0], [-0.34, 0.94, 0], [0, 0, 1.0]])),
+    ],
+)
+def test_what_is_no_matter_of_axes_is_not_accused(sound, what, change):
+    assert gyro_checks.compass_axes_error(with_field(sound, change)) == ""
+
+
+def test_frames_are_all_ways_to_name_three_axes_but_for_their_common_sign():
+    assert len(gyro_checks.FRAMES) == 24
+    assert np.array_equal(gyro_checks.FRAMES[0], np.eye(3))
+    assert len({axes.tobytes() for axes in gyro_checks.FRAMES}) == 24
+    assert all(np.linalg.det(axes) == pytest.approx(1.0) for axes in gyro_checks.FRAMES)
+
+
+# Does the gyro jump for single samples?
+
+
+def gyro(rate):
+    t = np.arange(len(rate)) / 200.0
+    return Imu(0, Stream(t, rate, "rad/s", "FRD", "IMU"), Stream(t, np.zeros_like(rate), "m/s^2", "FRD", "IMU"))
+
+
+def flown(n=12000):
+    t = np.arange(n) / 200.0
+    turns = np.column_stack([np.sin(t), 3.0 * np.sin(2.0 * t) ** 9, 0.5 * np.cos(t)])
+    return turns + np.radians(0.3) * np.random.default_rng(1).normal(size=(n, 3))
+
+
+def test_spikes_are_counted_and_their_turn_is_summed():
+    rate = flown()
+    rate[1000::1000, 1] += 20.0
+    found = gyro_checks.find_spikes(gyro(rate))
+    assert found.count == 11
+    assert found.deg_per_min == pytest.approx(11 * np.degrees(20.0 / 200.0), rel=0.02)
+    assert found.t == pytest.approx(5.0)
+    assert found.misleads
+
+
+def test_brisk_turns_noise_and_a_blow_are_no_spikes():
+    assert gyro_checks.find_spikes(gyro(flown())).count == 0
+    blow = flown()
+    blow[6000] += 30.0
+    assert gyro_checks.find_spikes(gyro(blow)).why == ""
+    shaken = flown() + np.radians(40.0) * np.random.default_rng(2).normal(size=(12000, 3))
+    assert gyro_checks.find_spikes(gyro(shaken)).why == ""
+
+
+def test_small_spikes_are_told_and_mislead_nobody():
+    rate = flown()
+    rate[1000::2000, 2] += 3.0
+    found = gyro_checks.find_spikes(gyro(rate))
+    assert found.why
+    assert not found.misleads
+
+
+def test_a_sample_beside_a_gap_is_no_spike():
+    """What turned during the gap is not there, so that the neighbours tell nothing."""
+    rate = flown()
+    rate[1000::1000, 1] += 20.0
+    unit = gyro(rate)
+    unit.gyro.t = unit.gyro.t + 0.02 * (np.arange(len(rate)) // 1000)
+    assert gyro_checks.find_spikes(unit).count == 0
+
+
+def test_what_the_accelerometer_feels_as_a_blow_is_no_spike_of_the_gyro():
+    rate = flown()
+    rate[1000::1000, 1] += 20.0
+    struck = gyro(rate)
+    struck.acc.x[1001::1000, 2] = -60.0
+    assert gyro_checks.find_spikes(struck).count == 0
+    struck.acc.x[5001:, 2] = 0.0
+    assert gyro_checks.find_spikes(struck).count == 7
+
+
+# Spikes of a gyro: each limit from both sides, and samples that stand for themselves on another clock.
+
+HZ = 100.0
+N = 3000
+
+
+def unit(dps: float = 0.0, count: int = 6, change: float = 0.0, noise: float = 0.0, blow: tuple[float, float] = (0, 0)):
+    """So many samples jump about z; their neighbours differ by ``change``; a blow has a force and is so late."""
+    t = np.arange(N) / HZ
+    rate = np.zeros((N, 3))
+    rate[::2, 0] = np.radians(noise)  # each is so far from the mean of its neighbours
+    at = 200 + 400 * np.arange(count)
+    rate[at, 2] += np.radians(dps)
+    rate[at - 1, 1] -= np.radians(0.5 * change)
+    rate[at + 1, 1] += np.radians(0.5 * change)
+    force = np.tile([0.0, 0.0, -9.81], (N, 1))
+    stamps = t.copy()
+    if blow[0]:
+        force[at, 1] = np.sqrt(blow[0] ** 2 - 9.81**2)
+        stamps = t + blow[1]
+    return Imu(0, Stream(t, rate, "rad/s", "FRD", "IMU:0"), Stream(stamps, force, "m/s^2", "FRD", "IMU:0"))
+
+
+@pytest.mark.parametrize(
+    ("made", "count"),
+    [
+        (unit(99.0), 0),
+        (unit(101.0), 6),
+        (unit(158.0, noise=8.0), 0),
+        (unit(163.0, noise=8.0), 6),
+        (unit(130.0, change=44.0), 0),
+        (unit(130.0, change=43.0), 6),
+        (unit(130.0, blow=(29.9, 0.0)), 6),
+        (unit(130.0, blow=(30.1, 0.0)), 0),
+        (unit(130.0, blow=(40.0, 0.019)), 0),
+        (unit(130.0, blow=(40.0, 0.021)), 6),
+        (unit(130.0, blow=(40.0, -0.019)), 0),
+        (unit(130.0, blow=(40.0, -0.021)), 6),
+    ],
+)
+def test_a_spike_is_far_from_its_neighbours_alone_and_no_blow(made: Imu, count: int) -> None:
+    assert gyro_checks.find_spikes(made).count == count
+
+
+@pytest.mark.parametrize(("count", "told"), [(4, False), (5, True)])
+def test_five_spikes_are_told_with_their_turn_and_time(count: int, told: bool) -> None:
+    found = gyro_checks.find_spikes(unit(150.0, count))
+    assert found.count == count
+    assert bool(found.why) is told
+    if told:
+        assert found.t == 2.0
+        assert found.deg_per_min == pytest.approx(count * 1.5 / 0.5)
+        assert "IMU:0 jumps 5 times for a single sample, by up to 150 deg/s" in found.why
+
+
+@pytest.mark.parametrize(("dps", "misleads"), [(165.0, False), (168.0, True)])
+def test_twenty_degrees_in_a_minute_mislead(dps: float, misleads: bool) -> None:
+    """Six of 10 ms in half a minute."""
+    assert gyro_checks.find_spikes(unit(dps)).misleads is misleads
+
+
+def test_a_hundred_samples_are_needed() -> None:
+    made = unit(150.0)
+    for kept, count in ((99, 0), (100, 1)):
+        rate = made.gyro.x[160 : 160 + kept]
+        few = Imu(0, Stream(made.gyro.t[:kept], rate, "", "", ""), Stream(made.acc.t, made.acc.x, "", "", ""))
+        assert gyro_checks.find_spikes(few).count == count

@@ -1,0 +1,412 @@
+"""Clipping, vibration, switches and lost GNSS as events: limits from both sides on made records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog import segments, story
+from attlog.flight.model import Clipping, FlightLog, Gnss, Problem, Stream, TimeLine
+from attlog.segments.model import Segment, Segments
+from attlog.simulate.flight import Flight
+from attlog.simulate.fly import fly
+from attlog.simulate.logs import write
+from attlog.simulate.logs.records import START_US
+from attlog.simulate.scenario import load_scenario, scenario_names
+from attlog.story import Event, estimator_events, flight_events
+from tests.segments.test_airborne import carried
+from tests.story.made import log
+
+T = np.arange(0.0, 60.0, 0.1)
+FLOWN = [(10.0, 50.0)]
+SPANS = Segments([Segment("continuous", 0, 60), Segment("armed", 5, 55), Segment("airborne", 10, 50)])
+
+
+def own(peak: Any, rest: float = 5.0) -> Stream:
+    """The autopilot's measure of three axes, the second the worst."""
+    return Stream(T, np.column_stack([0.0 * T + rest, peak + 0.0 * T, 0.0 * T + rest]), "m/s^2", "FRD", "VIBE")
+
+
+def flying(monkeypatch: pytest.MonkeyPatch, strong: int, size: float) -> FlightLog:
+    """A unit whose windows shake by ``size`` for so many seconds."""
+    t = np.arange(10.0, 50.0)
+    x = np.full((40, 3), 2.0)
+    x[7 : 7 + strong, 2] = size
+    monkeypatch.setattr(flight_events, "vibration_levels", lambda imu, flown: (t, x))
+    return log(imus=[SimpleNamespace(acc=SimpleNamespace(source="IMU:0"))], imu=0)
+
+
+@pytest.mark.parametrize(
+    ("strong", "size", "told"), [(5, 15.1, True), (4, 40.0, False), (9, 14.9, False)], ids=lambda x: str(x)
+)
+def test_five_seconds_above_fifteen_are_strong_vibration(
+    monkeypatch: pytest.MonkeyPatch, strong: int, size: float, told: bool
+) -> None:
+    found = flight_events._vibration_event(flying(monkeypatch, strong, size), FLOWN)
+    assert (found is not None) is told
+    if found is not None:
+        assert (found.t, found.t_end, found.value) == (17.0, 17.0 + strong, round(size, 1))
+
+
+@pytest.mark.parametrize(("size", "count", "told"), [(61.0, 3, True), (61.0, 2, False), (59.0, 200, False)])
+def test_the_autopilots_own_measure_is_strong_above_sixty(
+    monkeypatch: pytest.MonkeyPatch, size: float, count: int, told: bool
+) -> None:
+    monkeypatch.setattr(flight_events, "_is_calm", lambda own, flown: False)
+    made = flying(monkeypatch, 0, 0.0)
+    made.onboard_vibration = own(np.where((np.arange(600) >= 200) & (np.arange(600) < 200 + count), size, 5.0))
+    found = flight_events._vibration_event(made, FLOWN)
+    assert (found is not None) is told
+    if found is not None:
+        assert (found.t, found.value) == (pytest.approx(20.0), size)
+
+
+def test_an_own_measure_that_is_as_it_should_be_speaks_against_strong_vibration() -> None:
+    limits = flight_events.VIBRATION_LIMITS["rest"]
+    assert flight_events._is_calm(own(0.99 * limits.warning), FLOWN)
+    assert not flight_events._is_calm(own(1.01 * limits.warning), FLOWN)
+    assert flight_events._is_calm(own(np.where((T < 10.0) | (T > 50.0), 200.0, 5.0)), FLOWN)
+    assert not flight_events._is_calm(own(5.0), [(10.05, 10.95)])
+    assert flight_events._is_calm(own(5.0), [(10.05, 11.05)])
+    assert not flight_events._is_calm(None, FLOWN)
+
+
+def clipped(count: int, at: float = 20.0, source: str = "IMU:0", whole: bool = True) -> Clipping:
+    new = np.zeros(len(T), np.int64)
+    new[np.argmin(np.abs(T - at))] = count
+    return Clipping("accelerometer", 0, source, T, new, whole)
+
+
+@pytest.mark.parametrize(("count", "severity"), [(3, None), (4, "note"), (10, "note"), (11, "warning")])
+def test_up_to_three_clipped_samples_are_chance_and_up_to_ten_no_warning(count: int, severity: str | None) -> None:
+    found, _ = flight_events._clipping_event(log(clippings=[clipped(count), clipped(1, 30.0, "IMU:1")]), FLOWN)
+    assert (None if found is None else found.severity) == severity
+    if found is not None:
+        assert (found.t, found.t_end, found.value) == (pytest.approx(20.0), pytest.approx(30.0), float(count))
+
+
+def test_flags_of_the_selected_unit_tell_the_time_and_counters_the_number() -> None:
+    made = log(clippings=[clipped(50, 20.0), clipped(12, 25.0, "flags", False), clipped(99, 5.0, "IMU:2")])
+    found, _ = flight_events._clipping_event(made, FLOWN)
+    assert found is not None
+    assert (found.t, found.value) == (pytest.approx(25.0), 50.0)
+    assert found.evidence == ["IMU:0: 50 samples", "flags: 12 samples"]
+
+
+def receiver(lost: tuple[float, float], hz: float = 5.0) -> Gnss:
+    t = np.arange(0.0, 60.0, 1.0 / hz)
+    zero = np.zeros(len(t))
+    fix = np.where((t > lost[0]) & (t < lost[1]), 2, 3)
+    return Gnss(0, t, "GPS:0", zero, zero, zero, np.zeros((len(t), 3)), zero, zero, zero, fix)
+
+
+@pytest.mark.parametrize(
+    ("lost", "hz", "told"),
+    [
+        ((20.1, 21.9), 5.0, None),
+        ((20.1, 22.3), 5.0, 2.4),
+        ((20.5, 25.5), 1.0, 6.0),
+        ((20.5, 24.5), 1.0, None),
+        ((52.0, 58.0), 5.0, None),
+    ],
+)
+def test_gnss_is_lost_after_two_seconds_or_five_intervals_in_flight(
+    lost: tuple[float, float], hz: float, told: float | None
+) -> None:
+    found = estimator_events._gnss_lost(log(gnss=[receiver(lost, hz)]), SPANS)
+    assert [e.value for e in found] == ([] if told is None else [pytest.approx(told, abs=0.11)])
+    if told is not None:
+        assert found[0].t == pytest.approx(20.0, abs=0.11)
+        whole = receiver((70.0, 80.0))
+        assert estimator_events._gnss_lost(log(gnss=[receiver(lost, hz), whole]), SPANS) == []
+
+
+def test_texts_within_a_second_and_a_half_are_one_event() -> None:
+    texts: Any = [(1.0, 0, "a"), (2.5, 0, "b"), (4.1, 0, "c")]
+    assert [[x[2] for x in group] for group in estimator_events._group_texts(texts)] == [["a", "b"], ["c"]]
+
+
+def test_a_change_of_the_unit_in_use_is_told_while_armed() -> None:
+    line = TimeLine(np.array([0.0, 3.0, 20.0, 21.0, 58.0]), [0, 1, 1, 2, 0], "flown")
+    found = estimator_events._switch_events(log(imu_that_flew=line), SPANS, [])
+    assert [(e.kind, e.t, e.text) for e in found] == [("sensor_switch", 21.0, "IMU 2 replaced IMU 1 at 21.0 s.")]
+
+
+def test_resets_of_the_attitude_count_while_armed() -> None:
+    spans = Segments([*SPANS.segments, Segment("reset", 3.9, 4.0, "x"), Segment("reset", 29.9, 30.0, "by 9 deg")])
+    (found,) = estimator_events._reset_events(spans)
+    assert found.text == "The onboard attitude was reset at 30.0 s: by 9 deg."
+
+
+def test_what_is_no_measurement_clips_nothing() -> None:
+    clipping = Clipping("accelerometer", 0, "vehicle_imu_status:0", T, np.ones(len(T), np.int64), True)
+    assert [e.kind for e in flight_events.sensor_events(log(clippings=[clipping]), SPANS)[0]] == ["clipping"]
+    refused = [Problem("imu_mostly_refused", "error", "Mostly refused.")]
+    assert flight_events.sensor_events(log(clippings=[clipping], problems=refused), SPANS) == ([], [])
+
+
+# The story of simulated flights against what happened: kinds and times of every scenario, in every format.
+
+WHOLE = ("liftoff", "landing")
+HAPPENS = {
+    "static": (),
+    "lift-drop": (),
+    "rotation": (),
+    "no-liftoff": (),
+    "flip": ("overturn",),
+    "hard-landing": ("liftoff", "hard_landing"),
+    "crash": ("liftoff", "overturn", "impact"),
+    "roll-in": ("liftoff", "overturn", "impact"),
+    "carried-home": ("liftoff", "overturn", "impact"),
+    "clipping": ("liftoff", "clipping", "landing"),
+}
+"""What happens in a scenario, in order; in all others a lift-off and a landing, WHOLE."""
+TRUE = {
+    "liftoff": "lift-off",
+    "landing": "touch-down",
+    "hard_landing": "impact",
+    "impact": "impact",
+    "overturn": "overturn",
+    "clipping": "accelerometer 0 at the end of its range",
+}
+"""How the simulator calls it."""
+WITHIN_S = 0.1
+COUNTED_S = {("clipping", ".tlog"): 1.0}
+"""A link sends the counter of clipped samples once a second."""
+SUFFIXES = (".ulg", ".bin", ".tlog")
+
+
+@cache
+def flown(name: str) -> Flight:
+    return fly(load_scenario(name), 1)
+
+
+def told(path: Path) -> tuple[list[Event], float, str]:
+    """The events of a log, what its clock shows at the simulation's start, and the headline."""
+    log = attlog.read(path)
+    phases = segments.build(log)
+    events = story.events(log, phases)
+    return events, 1e-6 * (START_US - log.t0_us), story.headline(log, phases, events)
+
+
+def true_times(flight: Flight, kind: str) -> list[float]:
+    return [t for t, what in flight.events if what.startswith(TRUE[kind])]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("name", scenario_names())
+def test_what_happens_in_a_scenario_is_told_at_its_time_and_nothing_else(name: str, suffix: str, tmp_path: Path):
+    write(tmp_path / f"x{suffix}", flown(name))
+    events, start, headline = told(tmp_path / f"x{suffix}")
+    physical = [e for e in events if e.kind in (*TRUE, "tumble", "ends_in_air")]
+    assert [e.kind for e in physical] == list(HAPPENS.get(name, WHOLE)), headline
+    for event in physical:
+        truth = [t + start for t in true_times(flown(name), event.kind)]
+        within = COUNTED_S.get((event.kind, suffix), WITHIN_S)
+        assert event.t == pytest.approx(truth[0], abs=within), event.kind
+        if event.kind == "clipping":
+            assert event.t_end == pytest.approx(truth[-1], abs=within)
+    assert any(e.is_crash for e in events) == bool({"impact", "overturn"} & set(HAPPENS.get(name, WHOLE)))
+
+
+@pytest.mark.slow
+def test_a_wreck_that_is_carried_home_is_told_from_then_on_and_does_not_fly(tmp_path: Path):
+    """The movement shows in means over 3 s: up to a second early."""
+    flight = flown("carried-home")
+    (picked,) = (t for t, what in flight.events if what == "carried by hand")
+    write(tmp_path / "x.ulg", flight)
+    events, start, _ = told(tmp_path / "x.ulg")
+    assert [e.t for e in events if e.kind == "wreck_moved"] == [pytest.approx(picked + start, abs=1.0)]
+    walked = flight.truth.t > picked
+    assert np.ptp(flight.truth.p[walked, 0]) == pytest.approx(18.0)
+    assert np.ptp(flight.truth.p[walked, 2]) == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("flip", ["never flew. Flipped over at take-off", "lay upside down"]),
+        ("hard-landing", ["Hard landing at 45.4 s", "upright; nothing else went wrong"]),
+        ("roll-in", ["Rolled to", "and hit the ground at 39.0 s"]),
+        ("no-liftoff", ["never left the ground in 60 s; throttle up 18 to 38 s"]),
+        ("clipping", ["landed safely. Accelerometer clipped from 36 s"]),
+        ("hover", ["flew 18 to 91 s, up to 3 m", "landed safely. Nothing went wrong."]),
+    ],
+)
+def test_headlines_of_scenarios_say_what_happened(name: str, parts: list[str], tmp_path: Path):
+    write(tmp_path / "x.ulg", flown(name))
+    said = told(tmp_path / "x.ulg")[2]
+    assert [part for part in parts if part not in said] == [], said
+
+
+@pytest.mark.slow
+def test_a_plane_that_rolls_in_is_told_by_the_rules_for_planes(tmp_path: Path):
+    """The simulator has no wings: what rolls in is its quadrotor at 11 m/s, in a log that calls it a plane."""
+    flight = flown("roll-in")
+    write(tmp_path / "x.ulg", flight)
+    log = attlog.read(tmp_path / "x.ulg")
+    log.vehicle = "fixed wing"
+    phases = segments.build(log)
+    start = 1e-6 * (START_US - log.t0_us)
+    found = {e.kind: e.t - start for e in story.events(log, phases) if e.kind in TRUE}
+    assert {k: found[k] for k in ("overturn", "impact")} == pytest.approx(
+        {k: true_times(flight, k)[0] for k in ("overturn", "impact")}, abs=WITHIN_S
+    )
+    assert found["liftoff"] == pytest.approx(true_times(flight, "liftoff")[0], abs=4.0)  # sure from 2 m of height on
+
+
+# The story of flights in which a sensor tells nothing or nonsense: told, without an exception or a warning.
+
+Fault = Callable[[Any], Any]
+
+
+def whole() -> FlightLog:
+    """A flight from 5 to 35 s of which everything is logged that the story looks at, with a blow at its end."""
+    log = carried(0.05)
+    log.imus[0].acc.x[3480:3483, 2] = -80.0
+    t = np.arange(0.0, 40.0, 0.2)
+    up = np.clip(np.minimum(t - 6.0, 34.5 - t), 0.0, 5.0)
+    stream = lambda x, unit, source: Stream(t.copy(), np.asarray(x, float).reshape(len(t), -1), unit, "", source)  # noqa: E731
+    log.baro = [stream(up, "m", "BARO")]
+    log.rangefinder = stream(up + 0.1, "m", "RFND")
+    log.rate_setpoints = stream(np.zeros((len(t), 3)), "rad/s", "RATE")
+    log.motors = stream(np.tile((up > 0)[:, None] * 0.5, 4), "1", "RCOU")
+    log.rpm = stream(np.tile((up > 0)[:, None] * 5000.0, 4), "rpm", "ESC")
+    log.onboard_vibration = stream(np.full((len(t), 3), 5.0), "m/s^2", "VIBE")
+    log.airspeed = stream(np.zeros(len(t)), "m/s", "ARSP")
+    log.battery = stream(np.tile([12.0, 10.0], (len(t), 1)), "V, A", "BAT")
+    n = len(t)
+    flat = np.zeros(n)
+    log.gnss = [
+        Gnss(
+            0,
+            t.copy(),
+            "GPS",
+            flat + 47.0,
+            flat + 8.0,
+            up + 400.0,
+            np.zeros((n, 3)),
+            flat + 1,
+            flat + 1,
+            flat + 1,
+            np.full(n, 3),
+        )
+    ]
+    log.clippings = [Clipping("accelerometer", 0, "VIBE.Clip0", t.copy(), np.zeros(n, np.int64), True)]
+    log.texts = [(20.0, 3, "Crash: Disarming"), (21.0, 3, "EKF3 lane switch 1"), (34.0, 6, "Land complete")]
+    log.truth = log.attitudes["ATT"]
+    return log
+
+
+STREAMS = (
+    "baro",
+    "rangefinder",
+    "rate_setpoints",
+    "motors",
+    "rpm",
+    "onboard_vibration",
+    "airspeed",
+    "battery",
+    "throttle",
+    "gyro",
+    "acc",
+    "attitude",
+    "gnss",
+    "clippings",
+)
+
+
+def parts(log: FlightLog, name: str) -> Iterator[tuple[Any, tuple[str, ...]]]:
+    """The objects of a quantity with the names of their arrays."""
+    if name in ("gyro", "acc"):
+        yield getattr(log.imus[0], name), ("x",)
+    elif name == "attitude":
+        yield log.attitudes["ATT"], ("q",)
+    elif name == "gnss":
+        yield log.gnss[0], ("alt", "vel_ned", "lat", "lon")
+    elif name == "clippings":
+        yield log.clippings[0], ()
+    else:
+        one = getattr(log, name)
+        yield (one[0] if isinstance(one, list) else one), ("x",)
+
+
+def values(of: float) -> Fault:
+    """A fault; an attitude that is none is left out when a log is read, so it stays as it is where that is asked."""
+
+    def fault(log: FlightLog, name: str) -> None:
+        for thing, arrays in parts(log, name):
+            for array in arrays if name != "attitude" or np.isnan(of) else ():
+                getattr(thing, array)[:] = of
+
+    return fault
+
+
+def _half(log: FlightLog, name: str) -> None:
+    for thing, arrays in parts(log, name):
+        for array in arrays:
+            getattr(thing, array)[len(thing.t) // 2 :] = np.nan
+
+
+def _kept(log: FlightLog, name: str, count: int) -> None:
+    """Only the first samples of a quantity; an IMU has as many of both its sensors."""
+    names = ("gyro", "acc") if name in ("gyro", "acc") else (name,)
+    for each in names:
+        for thing, arrays in parts(log, each):
+            more = ("new",) if name == "clippings" else ("h_acc", "v_acc", "s_acc", "fix") if name == "gnss" else ()
+            for array in (*arrays, *more, "t"):
+                setattr(thing, array, getattr(thing, array)[:count].copy())
+
+
+FAULTS: dict[str, Any] = {
+    "nothing but NaN": values(np.nan),
+    "zero": values(0.0),
+    "infinite": values(np.inf),
+    "huge": values(1e30),
+    "NaN from the middle on": _half,
+    "empty": lambda log, name: _kept(log, name, 0),
+    "one sample": lambda log, name: _kept(log, name, 1),
+    "two samples": lambda log, name: _kept(log, name, 2),
+    "gone": lambda log, name: None if name in ("gyro", "acc") else _gone(log, name),
+}
+
+
+def _gone(log: FlightLog, name: str) -> None:
+    if name == "attitude":
+        log.attitudes, log.onboard, log.truth = {}, None, None
+    else:
+        setattr(log, name, [] if isinstance(getattr(log, name), list) else None)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("name", STREAMS)
+def test_a_flight_whose_sensor_fails_has_a_story(name: str, fault: str) -> None:
+    """Warnings are errors here."""
+    log = whole()
+    FAULTS[fault](log, name)
+    phases = segments.build(log)
+    events = story.events(log, phases)
+    said = story.headline(log, phases, events)
+    assert 4 <= len(said.split()) <= 30
+    assert "nan" not in said.lower().split()
+    assert not any("part_failed" in p.code for p in log.problems)
+    assert all(np.isfinite(e.t) and (e.t_end is None or np.isfinite(e.t_end)) for e in events)
+    assert all(e.value is None or np.isfinite(e.value) for e in events)
+
+
+def test_the_flight_with_everything_is_told_with_its_blow() -> None:
+    log = whole()
+    phases = segments.build(log)
+    assert [e.kind for e in story.events(log, phases) if e.kind in ("liftoff", "hard_landing")] == [
+        "liftoff",
+        "hard_landing",
+    ]

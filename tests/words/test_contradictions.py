@@ -1,0 +1,233 @@
+"""Nothing that a report says contradicts what it shows: on made results by the hundred, and on logs."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from attlog.metrics.metric import Answer, missing
+from attlog.result import Assessment, Check, EstimatorRow, Finding, Result
+from attlog.words.answers import BriefAnswer, brief_answers, verdicts
+from attlog.words.ranking import rank_column
+from tests.conftest import corpus_logs, corpus_root, few
+from tests.present.test_vocabulary import LONGEST, words
+from tests.words.contradictions import contradictions
+from tests.words.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT, merged, result, row
+
+NAMES = ("gyro", "complementary@fan", "mahony", "mahony@xu-0.6", "madgwick", "ekf12", "vqf")
+COLUMNS = (
+    (TILT, "deg", "airborne"),
+    (HEADING, "deg", "airborne"),
+    (NOISE, "deg", "rest"),
+    (NOISE, "deg", "hover"),
+    (NOISE, "deg", "cruise"),
+    (NOISE, "deg", "idle"),
+    (LAG, "ms", "airborne"),
+    (STEP, "deg", "airborne"),
+    (STEP_PCT, "%", "airborne"),
+    (DRIFT_REST, "deg/min", "rest"),
+    (f"{DRIFT_AIR}.onboard", "deg/min", "airborne"),
+    (f"{DRIFT_AIR}.truth", "deg/min", "airborne"),
+    (f"{DRIFT_AIR}.mag", "deg/min", "airborne"),
+)
+REASON = {"ok": "", "diverged": "tilt error above 30 deg", "failed": "returned NaN from 0.0 s on"}
+WHY = {"no_rest": "the vehicle never stood still", "no_events": "no step", "record_too_short": "8 s"}
+
+
+@st.composite
+def answers(draw: st.DrawFn, metric: str, unit: str, window: str) -> Answer:
+    """Any answer of a column: a value with or without an interval, ranked or not, or none."""
+    if draw(st.integers(0, 4)) == 0:
+        code = draw(st.sampled_from(sorted(WHY) + (["not_a_pure_delay"] if metric == LAG else [])))
+        return missing(code, WHY.get(code, "follows 51 % of the step"), unit, window)
+    low = -300.0 if unit in ("ms", "deg/min", "%") else 0.0
+    value = draw(st.floats(low, 300.0)) * draw(st.sampled_from([1.0, 0.1, 0.01, 0.001]))
+    half = draw(st.floats(0.0, 100.0)) * draw(st.sampled_from([1.0, 0.1, 0.01]))
+    ci95 = draw(st.sampled_from([(value - half, value + half), (value - 0.1 * half, value + half), None]))
+    ranked = draw(st.integers(0, 5)) > 0
+    zero = draw(st.sampled_from([0.0, 2.0, 20.0])) if metric == LAG else 0.0
+    n = draw(st.integers(1, 30))
+    return Answer(
+        value,
+        unit,
+        window,
+        n,
+        60.0,
+        ci95,
+        ranked=ranked,
+        reason=None if ranked else "too short",
+        counts_as_zero_below=zero,
+    )
+
+
+@st.composite
+def results(draw: st.DrawFn) -> Result:
+    """A result with any answers, and any ranking that the rule can give."""
+    names = draw(st.lists(st.sampled_from(NAMES), min_size=1, max_size=6, unique=True))
+    rows: list[EstimatorRow] = []
+    for name in [*names, "onboard"]:
+        metrics: dict[str, dict[str, Answer]] = {}
+        for metric, unit, window in COLUMNS:
+            if draw(st.integers(0, 5)):
+                metrics.setdefault(window, {})[metric] = draw(answers(metric, unit, window))
+        status = draw(st.sampled_from(["ok", "ok", "ok", "diverged", "failed"])) if name != "onboard" else "ok"
+        rows.append(row(name, metrics, status=status, reason=REASON[status]))
+    made = result(rows, reference=draw(st.sampled_from(["onboard", "truth", "smoother"])))
+    for metric, _, window in COLUMNS:
+        compared = made.ranked.get(window, {}).get(metric, [])
+        size = {r.name: abs(r.metrics[window][metric].value or 0.0) for r in rows if r.name in compared}
+        if len(compared) < 2 or not draw(st.booleans()):
+            continue
+        least = min(compared, key=lambda name: size[name])
+        beaten = draw(st.lists(st.sampled_from([c for c in compared if c != least]), min_size=1, unique=True))
+        made.best.setdefault(window, {})[metric] = [c for c in compared if c not in beaten]
+        if draw(st.booleans()):
+            made.worst.setdefault(window, {})[metric] = [max(beaten, key=lambda name: size[name])]
+    made.verdicts = verdicts(made)
+    return made
+
+
+@pytest.mark.parametrize("examples", few([25, 400], 1))
+def test_no_made_result_contradicts_itself(examples):
+    @settings(max_examples=examples, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(results())
+    def consistent(made):
+        assert contradictions(made) == []
+
+    consistent()
+
+
+def told() -> Result:
+    """A result with a best and a worst row in every column."""
+    values = (("vqf", 1.0), ("mahony", 2.0), ("complementary@fan", 9.0))
+    rows = [
+        row(name, merged(*({w: {m: Answer(v, u, w, 9, 60.0, (0.9 * v, 1.1 * v))}} for m, u, w in COLUMNS)))
+        for name, v in values
+    ]
+    metrics = {m for m, _, _ in COLUMNS}
+    made = result(rows, {metric: ["vqf"] for metric in metrics}, dict.fromkeys(metrics, "complementary@fan"), "truth")
+    made.verdicts = verdicts(made)
+    return made
+
+
+@pytest.mark.parametrize("question", ["accuracy", "noise", "lag", "yaw_drift"])
+def test_a_worst_row_that_the_table_marks_best_is_found(question):
+    made = told()
+    assert contradictions(made) == []
+    i = ("accuracy", "noise", "lag", "yaw_drift").index(question)
+    for names in (made.best, made.worst):
+        for window in names.values():
+            for metric in window:
+                window[metric] = ["mahony"]
+    assert any(line.startswith(question) for line in contradictions(made)), made.verdicts[i].sentence
+
+
+@pytest.mark.parametrize(
+    ("was", "now"), [("1.0°", "1.3°"), ("less than", "less than 0."), ("VQF", "mahony@xu"), ("9.0°", "9.0 deg")]
+)
+def test_a_changed_word_or_number_is_found(was, now):
+    made = told()
+    for v in made.verdicts:
+        v.sentence = v.sentence.replace(was, now)
+    if was == "less than":
+        made.verdicts[3].sentence = "At rest, no drift is told of VQF: less than 0.50°/min."
+        made.estimators[0].metrics["rest"][DRIFT_REST].ci95 = (-0.7, 0.5)
+    assert contradictions(made)
+
+
+def test_a_bar_or_a_star_that_differs_from_the_table_is_found():
+    made = told()
+    made.verdicts[1].bars[0] = ("vqf", 0.7, "deg")
+    assert any("bar of vqf" in line for line in contradictions(made))
+    made = told()
+    made.verdicts[1] = dataclasses.replace(made.verdicts[1], not_judged=[("vqf", "too short")])
+    assert any("pale" in line for line in contradictions(made))
+
+
+def wrong(made: Result, words: str) -> bool:
+    """Whether a contradiction with these words is found."""
+    return any(words in line for line in contradictions(made))
+
+
+def test_a_bound_that_excludes_nothing_is_found():
+    made = told()
+    made.verdicts[3].sentence = "At rest, no significant drift of VQF: less than 57.0°/min."
+    assert wrong(made, "excludes nothing")
+
+
+def test_all_filters_that_are_not_all_of_the_table_are_found():
+    made = told()
+    made.verdicts[2].sentence = "All 5 filters lag by 1 to 9 ms."
+    assert wrong(made, "the table has [3]")
+    made.verdicts[2].sentence = "2 of 2 ranked filters lag by 1 to 9 ms."
+    assert wrong(made, "the table has [3]")
+
+
+def test_most_beside_larger_values_is_found():
+    made = told()
+    made.verdicts[1].sentence = "Mahony has the most noise: 2.0°."
+    assert wrong(made, "beside larger values")
+
+
+def test_in_error_beside_a_value_better_than_most_is_found():
+    made = told()
+    made.estimators.append(row("onboard", {"airborne": {TILT: Answer(0.5, "deg", "airborne", 9, 60.0)}}))
+    made.verdicts[0].sentence += " Onboard: 0.50°; it is in error here."
+    assert wrong(made, "better than most")
+
+
+def test_a_headline_that_its_findings_deny_is_found():
+    made = told()
+    made.headline = "Quadrotor: flew 3 to 80 s. Nothing went wrong."
+    assert not wrong(made, "headline")
+    made.findings = [Finding("crash", "serious", "Hit the ground at 9 s.")]
+    assert wrong(made, "nothing went wrong beside")
+    made.headline = "Quadrotor: EKF re-aligned yaw at 6 s."
+    assert wrong(made, "no event says so")
+
+
+def test_a_finding_of_a_sensor_that_its_check_calls_ok_is_found():
+    made = told()
+    made.findings = [Finding("compass", "warning", "The field is 9 uT off.", about="field")]
+    made.audit = [Check("field", "warning", "9 uT off.")]
+    assert not wrong(made, "finding")
+    made.audit[0].verdict = "ok"
+    assert wrong(made, "ok by its check")
+    made.audit, made.health = [], [Assessment("MAG.0", "field", "ok", "0.1 uT off.")]
+    assert wrong(made, "by the sensors' table")
+
+
+def test_a_number_of_a_short_answer_that_is_not_in_the_table_is_found(monkeypatch):
+    made = told()
+    said = {
+        q: BriefAnswer("At rest A 7.7°.", rank_column(made, TILT, ("airborne",)))
+        for q in ("accuracy", "noise", "lag", "yaw_drift")
+    }
+    monkeypatch.setattr("tests.words.contradictions.brief_answers", lambda result: said)
+    assert wrong(made, "7.7 is no number of the table")
+
+
+def case_logs() -> list[Path]:
+    """The cases that were looked into by hand, where the corpus has them."""
+    root = corpus_root()
+    return sorted((root / "logs" / "cases").glob("*.[bBulLt]*")) if root is not None else []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [*corpus_logs(), *case_logs()], ids=lambda p: p.name)
+def test_no_log_in_hand_contradicts_itself(path):
+    from attlog.core.errors import AttlogError
+    from attlog.pipeline import evaluate, prepare
+
+    try:
+        found = evaluate(prepare(path))
+    except AttlogError as error:
+        pytest.skip(str(error))
+    assert contradictions(found) == []
+    brief = [answer.text for answer in brief_answers(found).values()]
+    long = [text for text in (*(v.sentence for v in found.verdicts), *brief) if max(words(text)) > LONGEST]
+    assert not long
