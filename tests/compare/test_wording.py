@@ -170,7 +170,7 @@ def strangers_file(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         "sway_deg": Answer(5.0, "deg", window, 2, 10.0, (0.01, 9.0))
     }
     monkeypatch.setitem(sys.modules, file.__name__, file)
-    monkeypatch.setattr(metrics, "QUESTIONS", (*metrics.QUESTIONS, "sway"))
+    monkeypatch.setattr(metrics, "QUESTIONS", metrics.QUESTIONS | {"sway": ("sway", "METRICS", "compute")})
     metrics.questions.cache_clear()
     yield
     metrics.questions.cache_clear()

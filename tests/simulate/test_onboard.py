@@ -201,7 +201,7 @@ FILE = '''"""Gyro alone."""
 import os
 import numpy as np
 from attlog.estimators import Parameter
-from attlog.estimators.engine.vectors import turn
+from attlog.estimators.vectors import turn
 PARAMETERS = (Parameter("scale", 1.0, "", 0, 2, "of the rates", "test"),)
 print("at import")
 def now():
