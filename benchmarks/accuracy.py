@@ -5,11 +5,11 @@
 
 Sets below the corpus folder (default $ATTLOG_CORPUS): ``broad/`` (9-axis IMU with optical truth; motion
 phases), the same started at 25 % of the motion phase and scored from 20 s later (``broad_mid``, without the trials with
-an attached magnet), ``euroc/`` (quadrotor without magnetometer; after 20 s, inclination only), ``sitl/`` (simulated
+an attached magnet), ``euroc/`` (quadrotor without magnetometer; after 20 s, tilt only), ``sitl/`` (simulated
 firmware flights with truth and the log's GNSS; after 15 s), ``unbiased`` (the same, the gyro's bias at rest subtracted
 as in an analysis). ``gsf`` is scored from where GNSS motion has told it a heading. At the end the ratios of ``mekf``
 and ``smoother`` to their peers. Without a corpus the sample logs of the repository stand in, treated like ``sitl/``.
-Per row: mean over the set of total, heading and inclination RMSE in deg and ns per update. ``--lag`` adds lag and step
+Per row: mean over the set of total, heading and tilt RMSE in deg and ns per update. ``--lag`` adds lag and step
 gain from ``attlog.analyze`` on the simulated flights. Peers are those of ``peers.py``; ``ahrs`` is plain Python:
 minutes.
 ``--write`` puts the means with their intervals into attlog/estimators/accuracy.csv and the table of
@@ -64,7 +64,7 @@ class Trial:
     aids: Aids | None = None
 
     def errors(self, t: Array, q: Array, heading: bool = True) -> Array:
-        """Total, heading, inclination RMSE in deg of attitudes ``q`` at ``t``.
+        """Total, heading, tilt RMSE in deg of attitudes ``q`` at ``t``.
 
         The first two are NaN without magnetometer and for a filter that estimates no ``heading``.
         """
@@ -162,7 +162,7 @@ def flight(path: Path, group: str, declination: float) -> Trial | None:
 
 
 def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple[str, str], list[Array]]:
-    """Per (row, group) the list of (total, heading, inclination, ns); rows that need a missing sensor are left out."""
+    """Per (row, group) the list of (total, heading, tilt, ns); rows that need a missing sensor are left out."""
     found: dict[tuple[str, str], list[Array]] = {}
     for trial in cases:
         for spec in specs:
@@ -210,7 +210,7 @@ RATIOS = (
 
 
 def ratios(table: dict[tuple[str, str], list[Array]]) -> Iterator[str]:
-    """One line per ratio whose rows are there: total / heading / inclination."""
+    """One line per ratio whose rows are there: total / heading / tilt."""
     for group, row, peer in RATIOS:
         if (row, group) in table and (peer, group) in table:
             a, b = (np.mean(table[name, group], axis=0)[:3] for name in (row, peer))

@@ -33,7 +33,7 @@ PEERS = {
 }
 COLUMNS = ["filter", "set", "trials", *(f"{a}{end}" for a in ANGLES for end in ("", "_low", "_high"))]
 COLUMNS += ["ns", "version", "date"]
-HEAD = "| filter | BROAD, {broad} | EuRoC, {euroc} (inclination) | SITL, {simulated} |"
+HEAD = "| filter | BROAD, {broad} | EuRoC, {euroc} (tilt) | SITL, {simulated} |"
 BEGIN, END = "| filter | BROAD", "\n\n"
 
 
@@ -47,7 +47,7 @@ def interval(values: Array) -> tuple[float, float, float]:
 
 
 def lines(table: Mapping[tuple[str, str], Sequence[Array]]) -> Iterator[dict[str, str]]:
-    """A line of the file for each filter and set of (row, group) -> trials of (total, heading, inclination, ns)."""
+    """A line of the file for each filter and set of (row, group) -> trials of (total, heading, tilt, ns)."""
     together: dict[tuple[str, str], list[Array]] = {}
     for (row, group), values in table.items():
         if group in SET_OF:
@@ -86,13 +86,13 @@ def table(found: Mapping[str, Mapping[str, FilterAccuracy]]) -> str:
         cells = [cell(sets[s], s) if s in sets else "" for s in ("broad", "euroc", "simulated")]
         if "simulated_unbiased" in sets:
             rmse = sets["simulated_unbiased"].rmse_deg
-            cells[2] += f" ({rmse['total' if 'total' in rmse else 'inclination'].value:.1f})"
+            cells[2] += f" ({rmse['total' if 'total' in rmse else 'tilt'].value:.1f})"
         text.append(f"| {name if name in PEERS.values() else f'`{name}`'} | {' | '.join(cells)} |")
     return "\n".join(text)
 
 
 def cell(one: FilterAccuracy, name: str) -> str:
-    """Total/heading/inclination; dashes for what a filter without heading cannot tell on a set that others can."""
+    """Total/heading/tilt; dashes for what a filter without heading cannot tell on a set that others can."""
     return one.short() if name == "euroc" or "total" in one.rmse_deg else f"-/-/{one.short()}"
 
 

@@ -64,13 +64,13 @@ def cases(root: Path) -> Iterator[accuracy.Trial]:
 
 
 def mekf(trial: accuracy.Trial, settings: Settings) -> Array:
-    """Total, heading, inclination RMSE (3,) in deg."""
+    """Total, heading, tilt RMSE (3,) in deg."""
     found = estimate("mekf", trial.t, trial.gyr, trial.acc, trial.mag, **settings)
     return trial.errors(found.t, found.q)
 
 
 def smoother(trial: accuracy.Trial, settings: Settings) -> Array:
-    """Total, heading, inclination RMSE (3,) in deg."""
+    """Total, heading, tilt RMSE (3,) in deg."""
     found = smooth(trial.t, trial.gyr, trial.acc, trial.mag, settings)
     return trial.errors(found.t, found.q)
 
@@ -83,7 +83,7 @@ def group_of(trial: accuracy.Trial) -> int:
 def report(
     name: str, found: Callable[[accuracy.Trial, Settings], Array], peer: str, trials: list[accuracy.Trial]
 ) -> None:
-    """Print the three ratios of total, heading, inclination of one filter, and the settings of all trials."""
+    """Print the three ratios of total, heading, tilt of one filter, and the settings of all trials."""
     theirs = np.array([trial.errors(trial.t, rotation.normalize(accuracy.PEERS[peer](trial)[0])) for trial in trials])
     group = np.array([group_of(trial) for trial in trials])
     plain = np.array([trial.group == "broad" for trial in trials])
@@ -99,7 +99,7 @@ def report(
     low, high = np.quantile(spread, [0.025, 0.975], axis=0)
     in_hand = default[plain].mean(axis=0) / peers.mean(axis=0)
     across = rows.mean(axis=0) / peers.mean(axis=0)
-    for k, what in enumerate(("total", "heading", "inclination")):
+    for k, what in enumerate(("total", "heading", "tilt")):
         print(
             f"{name:10}{what:13}{in_hand[k]:8.2f}{across[k]:8.2f}   [{low[k]:.2f}, {high[k]:.2f}]"
             f"   worst trial {np.max(rows[:, k] / peers[:, k]):.2f}"

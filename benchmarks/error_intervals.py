@@ -35,7 +35,7 @@ from attlog.pipeline import replay
 from attlog.reference.model import Row
 
 STATISTICS = ("rmse", "median", "p95")
-METRICS = [f"{angle}_{name}_deg" for angle in ("inclination", "heading", "total") for name in STATISTICS]
+METRICS = [f"{angle}_{name}_deg" for angle in ("tilt", "heading", "total") for name in STATISTICS]
 FILTERS = ("default", "eskf", "mekf")
 Table = dict[str, dict[str, dict[str, Answer]]]
 

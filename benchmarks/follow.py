@@ -79,9 +79,7 @@ def main() -> None:
             if errors is None or not errors.scored.any():
                 cells.append(f"{'-':>15}")
                 continue
-            tilt, heading = (
-                float(np.sqrt(np.mean(x[errors.scored] ** 2))) for x in (errors.inclination, errors.heading)
-            )
+            tilt, heading = (float(np.sqrt(np.mean(x[errors.scored] ** 2))) for x in (errors.tilt, errors.heading))
             found[row].append((tilt, heading))
             cells.append(f"{tilt:9.2f} {heading:5.2f}")
         print(f"{path.name:44}{wanted[1]:>6}", *cells, sep="", flush=True)

@@ -51,8 +51,8 @@ Table = dict[str, dict[str, dict[str, Answer]]]
 DEFINED = metrics.definitions()
 MADE = ("lag_ms", "lag_roll_ms", "lag_pitch_ms", "lag_yaw_ms", "leak_per_s", "step_gain")
 """Known where the gyro is made from the truth: what such a filter shows is its own."""
-AGREEMENT = ("total_", "heading_", "inclination_", "drift_air_", "wander_", "distortion_")
-ERRORS = ("total_", "heading_", "inclination_")
+AGREEMENT = ("total_", "heading_", "tilt_", "drift_air_", "wander_", "distortion_")
+ERRORS = ("total_", "heading_", "tilt_")
 QUICK = ("px4_hover.ulg", "px4_steps.ulg", "copter_aggressive.bin", "copter_hover_rest.bin")
 HELD, WRONG, LEAST = (90.0, 99.0), 5.0, 20
 """What is asked for; columns with fewer cases than the last are not judged."""
@@ -160,7 +160,7 @@ def columns() -> Iterator[tuple[str, str]]:
             yield from ((name, phase) for phase in PHASES)
         elif name.startswith("hover_"):
             yield name, "hover"
-        elif name.startswith(("total_", "heading_", "inclination_", "drift_air_")):
+        elif name.startswith(("total_", "heading_", "tilt_", "drift_air_")):
             yield name, "airborne"
         else:
             yield name, "all"
@@ -387,7 +387,7 @@ def show(total: Flight) -> None:
 
 
 QUESTIONS = {
-    "accuracy": ("inclination_rmse_deg",),
+    "accuracy": ("tilt_rmse_deg",),
     "noise": ("noise_tilt_deg",),
     "lag": ("lag_ms",),
     "yaw_drift": ("drift_rest_deg_per_min", "drift_air_deg_per_min."),

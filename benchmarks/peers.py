@@ -7,7 +7,7 @@ peer                         what it takes and gives
 ``imufusion``                deg/s, g, µT; FLU to NWU
 ``ahrs``                     rad/s, m/s², nT; FLU to NWU, inverse
 ``qmt_madgwick, qmt_mahony`` rad/s, m/s², any unit of field; FLU to ENU
-``riann``                    rad/s, m/s², rate in Hz; FLU to axes with z up; no magnetometer: inclination only
+``riann``                    rad/s, m/s², rate in Hz; FLU to axes with z up; no magnetometer: tilt only
 ``attipy``                   rad/s, m/s² (or both times the step), heading in rad; FRD to NED
 ============================ =====================================================================================
 
@@ -233,7 +233,7 @@ NEEDS = {
 }
 """Module and what a peer uses of it; qmt loads its compiled part late."""
 WITHOUT_HEADING = frozenset({"riann"})
-"""Peers that take no field: they tell the inclination only."""
+"""Peers that take no field: they tell the tilt only."""
 
 
 def installed(names: Iterable[str]) -> list[str]:

@@ -39,7 +39,7 @@ KINDS = {
     "waypoints": ("px4_wind.ulg", "copter_wind_guided.bin"),
     "gnss-loss": ("px4_gnssloss.ulg", "copter_gps_loss.bin"),
 }
-METRICS = ("inclination_rmse_deg", "heading_rmse_deg")
+METRICS = ("tilt_rmse_deg", "heading_rmse_deg")
 
 
 def errors(path: Path, filters: list[str]) -> Array:

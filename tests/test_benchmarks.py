@@ -266,7 +266,7 @@ def test_measuring_some_filters_again_keeps_the_lines_of_the_others(script: Scri
     ]
 
 
-def test_a_peer_without_heading_is_written_with_its_inclination_alone(
+def test_a_peer_without_heading_is_written_with_its_tilt_alone(
     script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from attlog.estimators import accuracy

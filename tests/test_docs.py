@@ -106,9 +106,9 @@ SHORTER = {
     "attlog reproduce all -o reports": "attlog reproduce lyu --seeds 1 -o reports",
     "attlog reproduce xu --seeds 20 --logs flights/*.ulg": "attlog reproduce xu --seeds 1 --logs flights/*.ulg",
     "attlog sweep *.bin mahony kp=0.1..2/12log ki=0..0.05/6": "attlog sweep *.bin mahony kp=0.1..2/3log ki=0..0.05/2",
-    "attlog sweep flights/ mahony kp=0.1..2/12log ki=0..0.05/6 mag_form=heading,vector --metric inclination_rmse_deg "
+    "attlog sweep flights/ mahony kp=0.1..2/12log ki=0..0.05/6 mag_form=heading,vector --metric tilt_rmse_deg "
     "--metric noise_tilt_deg@hover": "attlog sweep flights/ mahony kp=0.1..2/2log ki=0..0.05/2 mag_form=heading,vector "
-    "--metric inclination_rmse_deg --metric noise_tilt_deg@hover",
+    "--metric tilt_rmse_deg --metric noise_tilt_deg@hover",
     "attlog tune flights/ vqf tau_acc=0.5..10log tau_mag=1..30log --objective tilt=1,noise=0.5,step=0.5": "attlog tune "
     "flights/*.bin vqf tau_acc=0.5..10log --objective tilt=1,noise=0.5,step=0.5",
     "attlog simulate hover --seeds 1..20 -j 2 -o flights": "attlog simulate hover --seeds 1..2 -j 2 -o flights",

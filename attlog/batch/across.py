@@ -24,7 +24,7 @@ from attlog.words.table import AXIS_COLUMNS, DRIFT_REST, ERRORS, STEPS
 
 ALL = ("all", "airborne", "rest")
 WINDOWS = {c.metric: c.windows for c in (*ERRORS, *STEPS, DRIFT_REST, *AXIS_COLUMNS)}
-AGAINST_REFERENCE = ("inclination_", "heading_", "total_", "lag_", "step_", "distortion_", "overshoot_", "settling_")
+AGAINST_REFERENCE = ("tilt_", "heading_", "total_", "lag_", "step_", "distortion_", "overshoot_", "settling_")
 FAMILIES = (
     ("noise_", PHASES),
     ("drift_rest", REST),

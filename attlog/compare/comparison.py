@@ -40,12 +40,12 @@ class ComparedMetric:
 
     @property
     def id(self) -> str:
-        """What it is called in files: ``inclination_rmse_deg@airborne``."""
+        """What it is called in files: ``tilt_rmse_deg@airborne``."""
         return f"{self.metric}@{self.windows[0]}"
 
 
 MAIN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("inclination_rmse_deg", AIR),
+    ("tilt_rmse_deg", AIR),
     ("heading_rmse_deg", AIR),
     ("noise_tilt_deg", ("rest",)),
     ("noise_tilt_deg", ("hover",)),

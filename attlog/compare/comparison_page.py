@@ -34,7 +34,7 @@ from attlog.words.numbers import counted, listed, unit_sign
 from attlog.words.ranking import DRIFT_AIR
 
 COLUMN_OF_METRIC = {
-    "inclination_rmse_deg": "Accuracy",
+    "tilt_rmse_deg": "Accuracy",
     "heading_rmse_deg": "Accuracy",
     "noise_tilt_deg": "Static noise",
     "lag_ms": "Step response",

@@ -90,9 +90,9 @@ def _sensor_gate(question: str, table: Any) -> tuple[SensorGate | None, list[tup
 # baseline = "main.json"          # optional: a result, a file with one result a line, a batch's folder; beside this
 # file
 # strict = true                   # rows that failed or diverged count, the default
-# inclination_p95_deg = { max = 2.0, filters = ["mekf", "soft-*"], window = "airborne" }
+# tilt_p95_deg = { max = 2.0, filters = ["mekf", "soft-*"], window = "airborne" }
 # lag_ms = [{ max = 5 }, { max = 10, filters = ["onboard"], optional = true }]
-# inclination_rmse_deg = { baseline = true }              # not worse than it
+# tilt_rmse_deg = { baseline = true }              # not worse than it
 # heading_rmse_deg = { max_ratio_to_onboard = 1.2 }
 #
 # [gates.health]                  # of sensors: :mod:`attlog.compare.gate_file`

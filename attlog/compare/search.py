@@ -49,16 +49,12 @@ class SweptMetric:
         """What it is called in words: ``Noise added in hover``, ``Heading error, root mean square``."""
         if self.metric == "noise_tilt_deg":
             return NOISE_TITLES.get("rest" if self.window == "all" else self.window, f"Noise, {self.window}")
-        title = (
-            metrics.definitions()[self.metric]
-            .title.replace("Inclination", "Tilt")
-            .replace(", root mean square", " RMS")
-        )
+        title = metrics.definitions()[self.metric].title.replace(", root mean square", " RMS")
         return title if self.window == "all" else f"{title}, {self.window}"
 
 
 def parse_metrics(texts: Iterable[str]) -> list[SweptMetric]:
-    """The metrics that texts such as ``inclination_rmse_deg``, ``noise_tilt_deg@hover`` name.
+    """The metrics that texts such as ``tilt_rmse_deg``, ``noise_tilt_deg@hover`` name.
 
     Without a window: all of the log, which for noise is its rest. UsageError tells everything wrong in them.
     """
@@ -74,7 +70,7 @@ def parse_metrics(texts: Iterable[str]) -> list[SweptMetric]:
             wrong.append(f"{text}: no window after @; give one such as {name}@hover")
         found |= dict.fromkeys(SweptMetric(m.name, window or "all", m.unit, m.better) for m in meant)
     if wrong or not found:
-        raise UsageError("\n".join(wrong) or "no metric; give one such as inclination_rmse_deg")
+        raise UsageError("\n".join(wrong) or "no metric; give one such as tilt_rmse_deg")
     return list(found)
 
 

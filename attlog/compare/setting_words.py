@@ -1,6 +1,6 @@
 """Configurations in a TOML file: everything that is wrong with it at once, each with its line.
 
-metrics = ["inclination_rmse_deg", "lag_ms"]    # optional, as --metric
+metrics = ["tilt_rmse_deg", "lag_ms"]    # optional, as --metric
 reference = "truth"                             # optional, any option of analyze
 
 [[configuration]]

@@ -89,7 +89,7 @@ def make_folds(parts: Sequence[LogPart]) -> list[list[LogPart]]:
 # The cost of the default gains is 0; -0.2 is 18 % closer to perfect.
 
 TERM_NAMES = {
-    "tilt": "inclination_rmse_deg",
+    "tilt": "tilt_rmse_deg",
     "heading": "heading_rmse_deg",
     "total": "total_rmse_deg",
     "noise": "noise_tilt_deg@hover",

@@ -6,7 +6,7 @@
 set                      recordings
 ======================== ==================================================================================
 ``broad``                BROAD [Laidig2021]: 9-axis IMU, optical truth; motion phases
-``euroc``                EuRoC [Burri2016]: quadrotor without magnetometer; after 20 s, inclination only
+``euroc``                EuRoC [Burri2016]: quadrotor without magnetometer; after 20 s, tilt only
 ``simulated``            ArduPilot and PX4 SITL flights; after 15 s, GNSS for filters that use it
 ``simulated_unbiased``   the same, the gyro's bias at rest subtracted as in an analysis
 ======================== ==================================================================================
@@ -31,7 +31,7 @@ SETS = {
     "simulated_unbiased": "simulated, gyro bias subtracted",
 }
 """The sets by the names that the file has, with the words that people see."""
-ANGLES = ("total", "heading", "inclination")
+ANGLES = ("total", "heading", "tilt")
 NOT_MEASURED = "not measured"
 
 
@@ -56,7 +56,7 @@ class FilterAccuracy:
     date: str
 
     def short(self) -> str:
-        """Total/heading/inclination in deg, or the one angle that there is."""
+        """Total/heading/tilt in deg, or the one angle that there is."""
         return "/".join(f"{self.rmse_deg[a].value:.1f}" for a in ANGLES if a in self.rmse_deg)
 
 

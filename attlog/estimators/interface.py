@@ -393,7 +393,7 @@ ACC_FORM = Parameter(
     0,
     1,
     "gravity error from the direction f/|f| of the specific force, or the vector f/g, in which accelerations cancel",
-    "attlog; vectors average to gravity, directions do not: BROAD inclination 4.2 -> 2.5 deg (mahony, kp 0.6)",
+    "attlog; vectors average to gravity, directions do not: BROAD tilt 4.2 -> 2.5 deg (mahony, kp 0.6)",
     ("direction", "vector"),
 )
 MAG_FORM = Parameter(

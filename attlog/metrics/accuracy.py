@@ -55,12 +55,12 @@ Array = NDArray[np.float64]
 ANGLES = {
     "total": "the whole rotation between the row and the reference, 2 atan2(|e_vec|, |e0|)",
     "heading": "the part of the error about the vertical, 2 atan2(e3, e0), without its sign",
-    "inclination": "the part of the error that tilts, 2 atan2(hypot(e1, e2), hypot(e0, e3))",
+    "tilt": "the part of the error that tilts, 2 atan2(hypot(e1, e2), hypot(e0, e3))",
 }
-BLOCK_S = {"inclination": 5.0, "heading": 15.0, "total": 15.0}
+BLOCK_S = {"tilt": 5.0, "heading": 15.0, "total": 15.0}
 """Blocks in which rows are compared: from one to the next the difference of two rows in tilt keeps 0.26 of itself
 after 5 s, in heading 0.48 (which made up to 7 % of the claims wrong), after 15 s next to nothing."""
-MIN_BLOCKS = {"inclination": 4, "heading": 3, "total": 3}
+MIN_BLOCKS = {"tilt": 4, "heading": 3, "total": 3}
 BLOCK_FILLED = 0.8
 _EVIDENCE = """Interval: what the next flight of that length would show, from the changes between halves and quarters
     (errors wander on every scale: more seconds do not average them out). Against a smoother it holds 2 sigma of the
@@ -69,7 +69,7 @@ _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s
     not correct are not ranked: their error grows with the flight."""
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
     truth or smoother: against the onboard attitude 13 to 30 % of significant pairs turned around in the remainder."""
-NAMES = {"total": "attitude", "heading": "heading", "inclination": "tilt"}
+NAMES = {"total": "attitude", "heading": "heading", "tilt": "tilt"}
 """What an error is called in a sentence."""
 _EXTREME = "An extreme of this record is never ranked; its interval is the 2 sigma of a smoother's own error."
 RMSE_METRICS: tuple[Metric, ...] = tuple(
@@ -83,7 +83,7 @@ RMSE_METRICS: tuple[Metric, ...] = tuple(
             f"""{words[0].upper()}{words[1:]} of {meaning}, with e = q_est q_ref* seen in earth axes, over the scored
             samples of the window at the times of the slower of row and reference.
             {_EXTREME if statistic == "max" else _EVIDENCE}
-            {_RANKED if angle == "inclination" else _RANKED_HEADING}"""
+            {_RANKED if angle == "tilt" else _RANKED_HEADING}"""
         ),
         "" if statistic == "rmse" else f"{angle}_rmse_deg",
         wording=Wording(f"holds {NAMES[angle]}", "closer", "less closely", f"{NAMES[angle]} error")
@@ -116,7 +116,7 @@ def compute_rmse(case: Case, row: Row, window: str, only: Collection[str] | None
         asked = [name for name in STATISTICS if only is None or f"{angle}_{name}_deg" in only]
         if not asked:
             continue
-        if angle != "inclination" and (why_not := why_no_heading(case, row)):
+        if angle != "tilt" and (why_not := why_no_heading(case, row)):
             answers |= {f"{angle}_{name}_deg": missing(*why_not, "deg", window) for name in asked}
             continue
         own = own_sigma(case, angle, window)
@@ -140,7 +140,7 @@ def compute_rmse(case: Case, row: Row, window: str, only: Collection[str] | None
                 floor=math.hypot(case.reference.floor_deg, own),
                 units=units if name == "rmse" else None,
             )
-            if alone is None and row.heading_offset_deg is not None and angle != "inclination":
+            if alone is None and row.heading_offset_deg is not None and angle != "tilt":
                 case.undecided.append((row, answer))
     return answers
 
@@ -240,9 +240,7 @@ def _counted(case: Case, row: Row) -> Array:
     return _scored(case, row).astype(np.float64)
 
 
-def of_blocks(
-    ids: Ids, squares: Array, wanted: Ids, length: float = BLOCK_S["inclination"], sigma: float = 0.0
-) -> Summary:
+def of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float = BLOCK_S["tilt"], sigma: float = 0.0) -> Summary:
     """The RMSE of some of the blocks (k,) of ``length`` s, with its interval against a reference of that sigma, deg.
 
     A block counts as several samples: quarters of a record may cut through it.
@@ -259,7 +257,7 @@ def why_unranked(
         return "an extreme of this record has no interval"
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
-    if angle != "inclination" and (case.reference.kind == "onboard" or case.reference.heading_by == "onboard"):
+    if angle != "tilt" and (case.reference.kind == "onboard" or case.reference.heading_by == "onboard"):
         return "compared with the onboard attitude, whose own heading error can be larger"
     if case.reference.kind == row.estimator:
         return "made the same way as the reference"
@@ -268,7 +266,7 @@ def why_unranked(
 
 def _among_others(case: Case, row: Row, angle: str) -> str | None:
     """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
-    if angle == "inclination" or row.heading_offset_deg is None:
+    if angle == "tilt" or row.heading_offset_deg is None:
         return None
     if all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
         return None

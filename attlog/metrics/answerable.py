@@ -213,7 +213,7 @@ def ask(case: Case, question: str) -> Availability:
 
 def accuracy(case: Case) -> Availability:
     """Tilt errors against the reference."""
-    answer = looked_up(case, rmse.compute_rmse, named(rmse.RMSE_METRICS, "inclination_rmse_deg"), AIR)
+    answer = looked_up(case, rmse.compute_rmse, named(rmse.RMSE_METRICS, "tilt_rmse_deg"), AIR)
     if answer.value is None:
         return refused(answer)
     return Availability((f"{answer.seconds:.0f} s to compare with {case.reference.source}",))

@@ -206,7 +206,7 @@ def compute_recovery(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {"recovery_s": missing("no_events", reason, "s", window)}
     kind, span = max(found.items(), key=lambda item: item[1][1] - item[1][0])
     e = row.errors
-    error = e.heading if kind == "mag" else e.inclination
+    error = e.heading if kind == "mag" else e.tilt
     seconds = time_back(e.t, error, span)
     detail = {"disturbance": kind, "from_s": span[0], "to_s": span[1]}
     if seconds is None:

@@ -32,8 +32,8 @@ class Trace:
 
     ``figure`` and its ``columns`` (all (n,), degrees, NaN breaks the line):
     ``attitude``: roll pitch heading at the row's own times (the reference is drawn
-    too, as ``truth`` or ``smoother`` where it is no row); ``difference``: total heading inclination roll pitch at
-    the reference's times; ``sigma``: inclination and heading, how wrong a smoother says it may be itself;
+    too, as ``truth`` or ``smoother`` where it is no row); ``difference``: total heading tilt roll pitch at
+    the reference's times; ``sigma``: tilt and heading, how wrong a smoother says it may be itself;
     ``rest``: roll pitch heading in the longest rest, each minus its straight line; ``spread``: angle and
     share (%) of the samples of roll and pitch there, a straight line taken out of every 5 s;
     ``drift``: heading error block means and ``line`` (fit), each minus the mean of the heading, ``key`` = "rest" or the

@@ -334,7 +334,7 @@ def own_sigma(reference: Reference, share: SampleBudget) -> list[Trace]:
     """How wrong a smoother says it may be itself, deg: its tilt, and its heading where that is its own."""
     if reference.sigma_tilt_deg is None or reference.sigma_heading_deg is None:
         return []
-    columns = {"inclination": reference.sigma_tilt_deg}
+    columns = {"tilt": reference.sigma_tilt_deg}
     if reference.heading_by in ("own", "relative"):
         columns["heading"] = reference.sigma_heading_deg
     made = np.column_stack(list(columns.values()))
@@ -344,16 +344,16 @@ def own_sigma(reference: Reference, share: SampleBudget) -> list[Trace]:
 
 
 def difference(case: Case, row: Row, share: SampleBudget) -> list[Trace]:
-    """Errors against the reference: total, signed heading, inclination, and differences in roll and pitch."""
+    """Errors against the reference: total, signed heading, tilt, and differences in roll and pitch."""
     e = row.errors
     if e is None or len(e.t) == 0:
         return []
     columns, tilt = np.empty((len(e.t), 5)), _tilt(case, e.q_ref)
-    columns[:, 0], columns[:, 1], columns[:, 2] = e.total, e.heading, e.inclination
+    columns[:, 0], columns[:, 1], columns[:, 2] = e.total, e.heading, e.tilt
     for a in range(0, len(e.t), rotation.BLOCK_ROWS):  # in long logs copies of all of it add up
         own = slice(a, a + rotation.BLOCK_ROWS)
         columns[own, 3:] = np.degrees(rotation.wrap(rotation.to_euler(e.q_est[own])[:, :2] - tilt[own]))
-    names = ("total", "heading", "inclination", "roll", "pitch")
+    names = ("total", "heading", "tilt", "roll", "pitch")
     return [_enveloped("difference", row.name, e.t, _broken(columns, e.gap_segment), names, share)]
 
 

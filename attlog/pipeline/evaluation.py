@@ -512,7 +512,7 @@ def summarize(ref: Reference) -> ReferenceSummary:
         ref.steps,
         ref.scoring_start,
         ref.end if math.isfinite(ref.end) else None,
-        reference.own_sigma_deg(ref, "inclination"),
+        reference.own_sigma_deg(ref, "tilt"),
         reference.own_sigma_deg(ref, "heading"),
         ref.heading_by,
         reference.caveat(ref),

@@ -456,7 +456,7 @@ def _smoothed(log: FlightLog, segments: Segments, options: ReferenceOptions, smo
     reference.sigma_tilt_deg, reference.sigma_heading_deg = tilt[used], heading[used]
     reference.gyro_jumps = smoothed.gyro_jumps(estimate)
     reference.quality, reference.doubt = dict(estimate.quality), failed
-    own = [smoothed.sigma_deg(reference, angle) for angle in ("inclination", "heading")]
+    own = [smoothed.sigma_deg(reference, angle) for angle in ("tilt", "heading")]
     if not own[0] <= smoothed.MAX_USABLE_SIGMA_DEG and options.reference == "auto":
         return f"own tilt sigma {own[0]:.1f} deg" if np.isfinite(own[0]) else "none of its attitudes is scored"
     of_heading = f"heading {own[1]:.2f} deg" if own[1] < smoothed.UNKNOWN_HEADING_DEG else "no heading"

@@ -173,7 +173,7 @@ class AttitudeErrors:
     t: Array
     total: Array
     heading: Array
-    inclination: Array
+    tilt: Array
     gap_segment: NDArray[np.int64]
     segment: NDArray[np.int64]
     scored: NDArray[np.bool_]

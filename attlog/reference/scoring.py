@@ -75,7 +75,7 @@ def coverage_pct(
 
 def diverged_at(errors: AttitudeErrors) -> float | None:
     """The time from which the scored tilt error stays above 30 deg for 2 s; None if it never does."""
-    return _stays_beyond(errors, errors.inclination > DIVERGED_DEG, DIVERGED_S)
+    return _stays_beyond(errors, errors.tilt > DIVERGED_DEG, DIVERGED_S)
 
 
 def lost_heading_at(errors: AttitudeErrors) -> float | None:
@@ -155,7 +155,7 @@ def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> f
     later = errors.scored if errors.scored.any() else np.ones(len(errors.t), bool)
     if not convergence_observable(errors):
         return None
-    good = errors.inclination <= np.median(errors.inclination[later]) + CONVERGED_TILT_DEG
+    good = errors.tilt <= np.median(errors.tilt[later]) + CONVERGED_TILT_DEG
     if with_heading:
         heading = np.abs(errors.heading)
         good &= heading <= np.median(heading[later]) + CONVERGED_HEADING_DEG
@@ -233,9 +233,9 @@ def attitude_errors(
 
     ``gap_segment``, ``segment`` and ``scored`` (n,) are kept beside them; errors are angles (n,) in deg.
     """
-    total, heading, inclination = angles = np.empty((3, len(t)))
+    total, heading, tilt = angles = np.empty((3, len(t)))
     for a in range(0, len(t), CHUNK):
         e = rotation.earth_error(q_est[a : a + CHUNK], q_ref[a : a + CHUNK])
         measures = (rotation.total_angle(e), rotation.heading_angle(e), rotation.tilt_angle(e))
         angles[:, a : a + CHUNK] = np.degrees(measures)
-    return AttitudeErrors(t, total, heading, inclination, gap_segment, segment, scored, q_est, q_ref)
+    return AttitudeErrors(t, total, heading, tilt, gap_segment, segment, scored, q_est, q_ref)

@@ -204,13 +204,13 @@ def thin(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Ar
 def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None = None) -> float:
     """How wrong a reference may be itself (deg, one sigma, RMS over its scored or these samples (n,)).
 
-    ``angle``: inclination, heading or total. 0 for a reference that does not tell, NaN without samples.
+    ``angle``: tilt, heading or total. 0 for a reference that does not tell, NaN without samples.
     """
     tilt, heading = reference.sigma_tilt_deg, reference.sigma_heading_deg
     if tilt is None or heading is None:
         return 0.0
     heading = heading if reference.heading_by in ("own", "relative") else np.zeros_like(heading)
-    squares = {"inclination": tilt**2, "heading": heading**2, "total": tilt**2 + heading**2}[angle]
+    squares = {"tilt": tilt**2, "heading": heading**2, "total": tilt**2 + heading**2}[angle]
     used = squares[scoring.scored_mask(reference, reference.t) if inside is None else inside]
     return float(np.sqrt(np.mean(used))) if len(used) else float("nan")
 
@@ -224,7 +224,7 @@ def differences_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Ar
 
 def unsure_of_tilt(reference: Reference) -> str:
     """Why a smoother gives way to a sound onboard attitude; empty where it is sure enough of its tilt."""
-    own = sigma_deg(reference, "inclination")
+    own = sigma_deg(reference, "tilt")
     return "" if own <= MAX_SIGMA_DEG else f"own tilt sigma {own:.1f} deg; up to {MAX_SIGMA_DEG:.0f} deg is a reference"
 
 
@@ -389,7 +389,7 @@ def heading_words(quality: Mapping[str, float | str]) -> str:
 
 
 def _of_brought(ref: Reference) -> str:
-    tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("inclination", "heading"))
+    tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("tilt", "heading"))
     north = "" if ref.heading_by == "own" else " Its north is unknown: only changes of heading are compared."
     return (
         f"Truth that you brought ({ref.source}): differences are errors beyond its own sigma, {tilt:.2g} deg in tilt, "
@@ -398,7 +398,7 @@ def _of_brought(ref: Reference) -> str:
 
 
 def _of_smoother(ref: Reference) -> str:
-    tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("inclination", "heading"))
+    tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("tilt", "heading"))
     whose = {
         "own": f"{heading:.2g} deg in heading",
         "onboard": "headings are compared with onboard",

@@ -199,7 +199,7 @@ SETTLED_S = 10.0
 @dataclass(frozen=True, slots=True)
 class LogOscillation:
     """One log. By row of ``rows``: RMS of (roll, pitch, heading) within the band in deg, the dominant frequency of each
-    in Hz, errors (inclination, heading) against ``reference`` in deg where there is one. Or ``why_not``.
+    in Hz, errors (tilt, heading) against ``reference`` in deg where there is one. Or ``why_not``.
     """
 
     name: str
@@ -301,7 +301,7 @@ def _errors(case: Case, rows: tuple[str, ...]) -> dict[str, tuple[float, float]]
     found = {}
     for row in evaluate(case, list(rows)).estimators:
         metrics = row.metrics.get("airborne", {})
-        pair = [metrics[m].value if m in metrics else None for m in ("inclination_rmse_deg", "heading_rmse_deg")]
+        pair = [metrics[m].value if m in metrics else None for m in ("tilt_rmse_deg", "heading_rmse_deg")]
         if row.name in rows:
             found[row.name] = (_nan(pair[0]), _nan(pair[1]))
     return found

@@ -262,7 +262,7 @@ class Result:
     def table(self, window: str = "all") -> pandas.DataFrame:
         """Values of one window: a line for each row, by its name, a column for each metric; NaN where there is none.
 
-        Columns are named as in the JSON, with the unit in the name (``inclination_rmse_deg``, ``lag_ms``). Empty where
+        Columns are named as in the JSON, with the unit in the name (``tilt_rmse_deg``, ``lag_ms``). Empty where
         the log has no such window.
         """
         import pandas

@@ -243,7 +243,7 @@ def with_spoiling_check(result: Result, verdict: Verdict) -> Verdict:
 
 # Which filter is closest to what all are compared with? The tilt error of each row, and its heading error.
 
-TILT, HEADING = "inclination_rmse_deg", "heading_rmse_deg"
+TILT, HEADING = "tilt_rmse_deg", "heading_rmse_deg"
 ONBOARD_CHECKS = ("onboard against smoother", "onboard against truth")
 """The checks that say whether the onboard attitude is in error."""
 HEADING_CHECK = "heading by GNSS"

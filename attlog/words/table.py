@@ -54,7 +54,7 @@ NOISE_TITLES = {
 }
 
 ERRORS = (
-    TableColumn("Tilt error RMS", "inclination_rmse_deg", AIR, short="Tilt"),
+    TableColumn("Tilt error RMS", "tilt_rmse_deg", AIR, short="Tilt"),
     TableColumn("Heading error RMS", "heading_rmse_deg", AIR, spare=2, short="Heading"),
 )
 STEPS = (TableColumn("Lag", "lag_ms", AIR, short="Lag"), TableColumn("Step error", "step_error_deg.0.5s", AIR, spare=1))

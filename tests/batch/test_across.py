@@ -21,7 +21,7 @@ from attlog.words.names import CODES
 from tests.health.made import OFFSET
 from tests.words.made import absent, lag, merged, result, row, tilt
 
-TILT = "inclination_rmse_deg"
+TILT = "tilt_rmse_deg"
 
 
 def flight(
@@ -147,7 +147,7 @@ def test_firmwares_stand_as_people_count() -> None:
 def test_what_no_log_has_is_refused_with_what_comes_near() -> None:
     entries = [flight("a.ulg", 1.0, vqf=2.0)]
     for ask, text in (
-        ({"metrics": ["inclination_rms_deg"]}, "did you mean inclination_rmse_deg"),
+        ({"metrics": ["tilt_rms_deg"]}, "did you mean tilt_rmse_deg"),
         ({"metrics": [TILT], "rows": ["mefk"]}, "did you mean mekf"),
         ({"metrics": [TILT], "window": "airbone"}, "did you mean airborne"),
         ({"metrics": ["cost_ns"]}, "kept in no table"),

@@ -63,7 +63,7 @@ def test_numbers_stand_at_their_log() -> None:
     entries = [flown("b.ulg", scale=2.0), failed("c.ulg"), flown("a.ulg", reason("crash"), scale=3.0)]
     data, thumbs = inside(render(entries))
     assert data["name"] == ["a.ulg", "c.ulg", "b.ulg"]
-    tilt = next(c for c in data["columns"] if c["metric"] == "inclination_rmse_deg")
+    tilt = next(c for c in data["columns"] if c["metric"] == "tilt_rmse_deg")
     three, none, two = tilt["values"]["vqf"]
     assert (three / two, none) == (pytest.approx(1.5, rel=1e-3), None)
     assert not [c for c in data["columns"] if c["metric"] == "cost_ns"]
@@ -151,7 +151,7 @@ def test_onboard_errors_stand_only_where_a_reference_may_judge_them(reference: s
     for column in entry.row["columns"]:
         column["values"] |= {"onboard": 1.0, "onboard:AHR2": 2.0}
     columns = page_data(ordered([entry]))[0]["columns"]
-    errors = [c for c in columns if c["metric"] in ("inclination_rmse_deg", "lag_ms")]
+    errors = [c for c in columns if c["metric"] in ("tilt_rmse_deg", "lag_ms")]
     others = [c for c in columns if c["metric"].startswith("noise_")]
     assert errors
     assert others

@@ -48,7 +48,7 @@ def machine(tmp_path: Path) -> Machine:
 
 
 def impossible(repository: Path) -> None:
-    (repository / "gates.toml").write_text("[gates]\nlag_ms = { max = 5 }\ninclination_p95_deg = { max = 0.01 }\n")
+    (repository / "gates.toml").write_text("[gates]\nlag_ms = { max = 5 }\ntilt_p95_deg = { max = 0.01 }\n")
 
 
 @pytest.mark.slow
@@ -75,7 +75,7 @@ def test_ten_lines_are_red_where_a_gate_fails_and_the_report_is_attached_all_the
     assert machine.summary.startswith("## ❌ attlog: 1 of 1 log failed")
     marks = [line for line in machine.done[-1].err.splitlines() if line.startswith("::error ")]
     assert marks
-    assert all("file=logs/a flight.ulg," in line and "inclination_p95_deg max=0.01" in line for line in marks)
+    assert all("file=logs/a flight.ulg," in line and "tilt_p95_deg max=0.01" in line for line in marks)
 
 
 @pytest.mark.slow
@@ -125,7 +125,7 @@ def test_beside_main(tmp_path: Path, repository: Path) -> None:
         options["options"] = f"--estimators mahony:kp={gain} --reference truth"
         assert pull.workflow(document, repository) is green, (gain, pull.summary)
         assert any("run download 17" in line for line in pull.installed)
-    assert "inclination\\_rmse\\_deg not worse than baseline" in pull.summary
+    assert "tilt\\_rmse\\_deg not worse than baseline" in pull.summary
 
 
 @pytest.mark.slow

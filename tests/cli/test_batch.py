@@ -108,15 +108,15 @@ def test_what_a_batch_cannot_do_has_its_exit_code(attlog, small, tmp_path):
 @pytest.mark.slow
 def test_gates_fail_a_batch_also_where_nothing_is_done_again(attlog, tmp_path):
     gates, junit = tmp_path / "gates.toml", tmp_path / "junit.xml"
-    gates.write_text("[gates]\ninclination_rmse_deg = { max = 0.0001, filters = ['mahony'] }\n")
+    gates.write_text("[gates]\ntilt_rmse_deg = { max = 0.0001, filters = ['mahony'] }\n")
     batch = ("batch", LOG, "-o", tmp_path / "out", "--estimators", "mahony")
     assert attlog(*batch).code == 0
     done = attlog(*batch, "--resume", "--gates", gates, "--junit", junit, "--summary")
-    expect(done, 1, "gate: mahony: inclination_rmse_deg")
+    expect(done, 1, "gate: mahony: tilt_rmse_deg")
     assert "gates failed on 1 of 1 log" in done.out
     assert "## ❌ attlog: 1 of 1 log failed" in done.out
     assert '<failure message="mahony' in junit.read_text()
-    gates.write_text("[gates]\ninclination_rmse_deg = { max = 90.0 }\n")
+    gates.write_text("[gates]\ntilt_rmse_deg = { max = 90.0 }\n")
     assert attlog(*batch, "--resume", "--gates", gates).code == 0
 
 

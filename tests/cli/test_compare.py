@@ -155,7 +155,7 @@ def test_a_filters_own_output_as_a_file_is_equal_to_the_filter(attlog, tmp_path:
     assert done.code == 0, done.err
     rows = {r["name"]: r for r in json.loads((tmp_path / f"{STEPS.name}.json").read_text())["estimators"]}
     assert rows["estimate"]["quality"]["frame"] == "ned-frd"
-    tilt = [rows[n]["metrics"]["airborne"]["inclination_rmse_deg"]["value"] for n in (spec, "estimate")]
+    tilt = [rows[n]["metrics"]["airborne"]["tilt_rmse_deg"]["value"] for n in (spec, "estimate")]
     assert tilt[1] == pytest.approx(tilt[0], rel=1e-4)
 
 
@@ -192,7 +192,7 @@ def test_files_are_written_together_or_the_old_ones_stay(attlog, tmp_path: Path)
 
 
 def test_the_sentence_stands_first_and_last_and_several_configurations_side_by_side() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.3, 0.01)] * 9, "noise_tilt_deg": [(3.0, 0.01)] * 9})
+    found = comparison({"tilt_rmse_deg": [(0.3, 0.01)] * 9, "noise_tilt_deg": [(3.0, 0.01)] * 9})
     lines = [line.text for line in printed(found, 80)]
     lead = " ".join(lines[: lines.index("")])
     assert lead == found.verdicts[0].lead
@@ -389,10 +389,10 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_line_for_each_log_with_the_middle_below(attlog, folder: Path) -> None:
-    done = attlog("table", folder, "--metric", "inclination_rmse_deg")
+    done = attlog("table", folder, "--metric", "tilt_rmse_deg")
     lines = done.out.splitlines()
     assert (done.code, done.err) == (0, "")
-    assert lines[0] == "inclination_rmse_deg, airborne, in °"
+    assert lines[0] == "tilt_rmse_deg, airborne, in °"
     assert lines[1].split() == ["log", "date", "mahony@xu-0.6", "mekf"]
     assert [line.split() for line in lines[2:]] == [
         ["log0.ulg", "2.0", "1.0"],
@@ -423,7 +423,7 @@ def test_formats_go_to_the_terminal_or_to_a_file(attlog, folder: Path, tmp_path:
 def test_parquet_names_metric_window_and_unit_of_each_column(attlog, folder: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = tmp_path / "out.parquet"
-    assert attlog("table", folder, "--metric", "inclination_rmse_deg,lag_ms", "-o", path).code == 0
+    assert attlog("table", folder, "--metric", "tilt_rmse_deg,lag_ms", "-o", path).code == 0
     table = parquet.read_table(path)
     assert table["lag_ms mekf"].to_pylist() == [1.0, 2.0, 6.0]
     about = table.schema.field("lag_ms mekf").metadata

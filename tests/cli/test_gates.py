@@ -204,12 +204,12 @@ def test_json_lines_are_a_baseline(attlog, gates, tmp_path: Path) -> None:
     logs = (LOG, SAMPLES / "px4_hover.ulg")
     lines = attlog("analyze", *logs, *FAST, "-o", tmp_path / "out", "--json", "-q").out
     (tmp_path / "main.jsonl").write_text(lines, encoding="utf-8")
-    text = 'baseline = "main.jsonl"\ninclination_rmse_deg = { baseline = true }'
+    text = 'baseline = "main.jsonl"\ntilt_rmse_deg = { baseline = true }'
     report = tmp_path / "junit.xml"
     done = attlog("batch", *logs, *FAST, "-o", tmp_path / "b", "--gates", gates(text), "--junit", report)
     assert done.code == 0, done.out + done.err
     for suite in JUnitXml.fromfile(str(report)):
-        assert "mekf: inclination_rmse_deg not worse than baseline" in {case.name for case in suite}
+        assert "mekf: tilt_rmse_deg not worse than baseline" in {case.name for case in suite}
 
 
 def test_an_output_that_cannot_be_written_is_73(attlog, tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def test_the_file_overrides_the_log_for_the_autopilot_s_filter(attlog, samples, 
     assert given[row]["parameters"]["AHRS_YAW_P"]["origin"] == "log"
     assert logged[row]["parameters"]["AHRS_RP_P"]["origin"] == "log"
     assert logged[by_option]["parameters"]["AHRS_RP_P"]["origin"] == "option"
-    tilt = "inclination_rmse_deg"
+    tilt = "tilt_rmse_deg"
     a, b, c = (e["metrics"]["all"][tilt]["value"] for e in (given[row], logged[by_option], logged[row]))
     assert a == b
     assert a > 3 * c

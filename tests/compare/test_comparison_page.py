@@ -30,7 +30,7 @@ from tests.report.test_safety import EVIL
 
 
 def test_values_are_those_of_the_pairs_and_without_a_difference_those_of_each_configuration() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.3, 0.1), (-0.2, 0.1)]})
+    found = comparison({"tilt_rmse_deg": [(0.3, 0.1), (-0.2, 0.1)]})
     question = found.questions[0]
     (contrast,) = question.contrasts
     paired, alone = contrast.logs
@@ -49,9 +49,9 @@ def test_values_are_those_of_the_pairs_and_without_a_difference_those_of_each_co
 
 
 def test_one_log_has_no_row_of_all_logs_and_pooled_changes_say_on_how_many_they_are_better() -> None:
-    one = comparison({"inclination_rmse_deg": [(0.3, 0.1)]})
+    one = comparison({"tilt_rmse_deg": [(0.3, 0.1)]})
     assert [len(t.rows) for t in comparison_tables(one)] == [1]
-    four = comparison({"inclination_rmse_deg": [(-0.3, 0.1)] * 3 + [(0.1, 0.1)]})
+    four = comparison({"tilt_rmse_deg": [(-0.3, 0.1)] * 3 + [(0.1, 0.1)]})
     (pooled,) = pooled_tables(four)
     assert pooled.rows[0][-1] == "3 of 4"
     assert pooled.title.endswith("4 logs")
@@ -72,7 +72,7 @@ def some(seed: int) -> Comparison:
         return [(float(rng.normal(middle, 0.3 * scale)), float(rng.uniform(0.1, 0.6) * scale)) for _ in range(n)]
 
     changes = {
-        "inclination_rmse_deg": each(0.3),
+        "tilt_rmse_deg": each(0.3),
         "heading_rmse_deg": each(0.1),
         "noise_tilt_deg": each(1.5),
         "lag_ms": each(3.0),
@@ -119,13 +119,13 @@ def test_the_table_shows_what_the_dots_show(seed: int) -> None:
 
 
 def test_nothing_significant_is_said_once() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.02, 0.1), (-0.03, 0.1)], "lag_ms": [(0.1, 3.0), (0.0, 3.0)]})
+    found = comparison({"tilt_rmse_deg": [(0.02, 0.1), (-0.03, 0.1)], "lag_ms": [(0.1, 3.0), (0.0, 3.0)]})
     assert comparison_headline(found) == ["No significant difference to kp 0.3 in any question."]
     assert {c.sentence for c in overview(found)} == {"No significant difference."}
 
 
 def test_a_column_that_no_log_answers_says_why_and_has_no_dots() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.3, 0.1)] * 3})
+    found = comparison({"tilt_rmse_deg": [(0.3, 0.1)] * 3})
     found.unanswered = {"lag_ms@airborne": "no steps", "step_error_deg.0.5s@airborne": "no steps"}
     column = next(c for c in overview(found) if c.cells == [])
     assert column.sentence == "Cannot be determined: no steps."
@@ -141,7 +141,7 @@ def test_a_difference_far_from_the_others_stands_at_the_end_of_its_column() -> N
 
 
 def test_dots_count_the_logs_that_point_the_same_way_of_those_with_an_answer() -> None:
-    found = comparison({"inclination_rmse_deg": [(-0.3, 0.1), (-0.2, 0.1), (0.05, 0.1)], "lag_ms": [(1.0, 0.1)]})
+    found = comparison({"tilt_rmse_deg": [(-0.3, 0.1), (-0.2, 0.1), (0.05, 0.1)], "lag_ms": [(1.0, 0.1)]})
     accuracy, lag = overview(found)
     assert accuracy.cells[0].count == "2/3 logs"
     assert lag.cells[0].count == "1/1 log"
@@ -149,7 +149,7 @@ def test_dots_count_the_logs_that_point_the_same_way_of_those_with_an_answer() -
 
 
 def test_a_log_without_a_difference_has_its_reason_beside_its_table() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.3, 0.1)] * 2, "lag_ms": [(1.0, 0.1)]})
+    found = comparison({"tilt_rmse_deg": [(0.3, 0.1)] * 2, "lag_ms": [(1.0, 0.1)]})
     matrix = matrix_of_log(found, found.logs[1])
     assert [cells[0].change for _, _, cells in matrix.rows] == ["+35 %", "–"]
     assert matrix.reasons == ["no steps"]
@@ -167,7 +167,7 @@ WHY = "This log holds no gyro."
 
 def made() -> Comparison:
     return comparison(
-        {"inclination_rmse_deg": [(0.3, 0.1), (0.25, 0.2), (-0.1, 0.15)], "lag_ms": [(0.1, 0.3), (0.05, 0.2)]},
+        {"tilt_rmse_deg": [(0.3, 0.1), (0.25, 0.2), (-0.1, 0.15)], "lag_ms": [(0.1, 0.3), (0.05, 0.2)]},
         broken=[LogLine("dead.bin", "dead.bin", code=65, reason=WHY)],
     )
 
@@ -275,7 +275,7 @@ def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
 def test_tables_for_papers(tmp_path: Path) -> None:
     found = made()
     rows = list(csv.DictReader(io.StringIO(tables.comparison_csv(found))))
-    whole = [r for r in rows if r["log"] == "(all)" and r["metric"] == "inclination_rmse_deg"]
+    whole = [r for r in rows if r["log"] == "(all)" and r["metric"] == "tilt_rmse_deg"]
     over = found.questions[0].contrasts[0].over
     assert over is not None
     assert [float(r["change"]) for r in whole] == [over.value]
@@ -297,8 +297,8 @@ def test_a_log_called_like_a_formula_is_no_formula_in_the_table() -> None:
 def test_a_forest_has_a_line_for_each_log_and_the_diamond_on_the_last() -> None:
     found = made()
     by_metric = {question.metric: page._forest_figure(found, question, 1) for question in found.questions}
-    tilt = by_metric["inclination_rmse_deg"].data
-    contrast = next(q for q in found.questions if q.metric == "inclination_rmse_deg").contrasts[0]
+    tilt = by_metric["tilt_rmse_deg"].data
+    contrast = next(q for q in found.questions if q.metric == "tilt_rmse_deg").contrasts[0]
     assert contrast.over is not None
     assert tilt["lines"] == [*(b.log for b in contrast.logs), "all logs"]
     assert [(i["line"], i["all"]) for i in tilt["items"]] == [(0, False), (1, False), (2, False), (3, True)]
@@ -308,6 +308,6 @@ def test_a_forest_has_a_line_for_each_log_and_the_diamond_on_the_last() -> None:
     assert (tilt["all"], tilt["log"]) == (True, True)
     assert len(tilt["table"]) == 5
     assert [row[0] for row in tilt["table"][1:]] == tilt["lines"]
-    alone = comparison({"inclination_rmse_deg": [(0.3, 0.1)]})
+    alone = comparison({"tilt_rmse_deg": [(0.3, 0.1)]})
     single = page._forest_figure(alone, alone.questions[0], 2)
     assert (single.data["all"], len(single.data["lines"]), single.height) == (False, 1, 92 + 26)

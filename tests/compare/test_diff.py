@@ -59,7 +59,7 @@ def test_of_one_log_a_value_counts_beyond_its_tolerance_whatever_its_interval() 
     found = compare_results("x", old, new, NONE)
     assert found.same_log
     assert verdicts(found) == {
-        ("airborne", "inclination_rmse_deg"): "within",
+        ("airborne", "tilt_rmse_deg"): "within",
         ("rest", "noise_tilt_deg"): "beyond",
         ("airborne", "lag_ms"): "within",
     }
@@ -193,13 +193,13 @@ def test_what_differs_behind_the_digits_shown_is_shown_with_all_of_them_and_noth
 
 def test_changes_stand_by_question_the_main_ones_first_worse_before_better() -> None:
     def row_of(tilt_deg: float, noise_deg: float, lag_ms: float, other: float) -> EstimatorRow:
-        more = {"all": {"inclination_rmse_deg": Answer(other, "deg", "all")}}
+        more = {"all": {"tilt_rmse_deg": Answer(other, "deg", "all")}}
         return filtered(merged(tilt(tilt_deg), noise(noise_deg), lag(lag_ms), more))
 
     found = compare_results("x", result(row_of(2.0, 0.1, 1.0, 1.0)), result(row_of(1.0, 0.3, 9.0, 9.0)), NONE)
     assert [(m.metric, m.window) for m in found.moved] == [
-        ("inclination_rmse_deg", "airborne"),
-        ("inclination_rmse_deg", "all"),
+        ("tilt_rmse_deg", "airborne"),
+        ("tilt_rmse_deg", "all"),
         ("noise_tilt_deg", "rest"),
         ("lag_ms", "airborne"),
     ]

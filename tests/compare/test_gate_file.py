@@ -46,7 +46,7 @@ def test_a_file_of_every_kind_of_gate(tmp_path: Path) -> None:
         [gates]
         strict = false
         baseline = "runs/main.jsonl"
-        inclination_p95_deg = { max = 2.0, filters = ["mekf", "soft-*"], window = "airborne" }
+        tilt_p95_deg = { max = 2.0, filters = ["mekf", "soft-*"], window = "airborne" }
         lag_ms = [{ max = 5 }, { min = 1, max = 10, filters = "onboard", optional = true }]
         heading_rmse_deg = { max_ratio_to_onboard = 1.2, max_above_baseline = 0.5 }
         noise_tilt_deg = { baseline = "other.json" }
@@ -56,7 +56,7 @@ def test_a_file_of_every_kind_of_gate(tmp_path: Path) -> None:
     ours = tmp_path / "runs/main.jsonl"
     assert found == Gates(
         (
-            Gate("inclination_p95_deg", (GateLimit("max", 2.0),), "airborne", ("mekf", "soft-*"), False, ours),
+            Gate("tilt_p95_deg", (GateLimit("max", 2.0),), "airborne", ("mekf", "soft-*"), False, ours),
             Gate("lag_ms", (GateLimit("max", 5.0),), baseline=ours),
             Gate("lag_ms", (GateLimit("min", 1.0), GateLimit("max", 10.0)), None, ("onboard",), True, ours),
             Gate(
@@ -92,7 +92,7 @@ def test_everything_that_is_wrong_is_told_at_once_with_its_line(tmp_path: Path) 
 [gates]
 strict = "yes"
 baseline = 3
-inclination_p95 = { max = 2.0 }
+tilt_p95 = { max = 2.0 }
 lag_ms = [{ max = 5, windw = "rest" }, { max = true, min = -1, window = "airborn" }]
 heading_rmse_deg = 5
 coverage_pct = { max_ratio_to_onboard = 1 }
@@ -107,7 +107,7 @@ hover_jitter_deg = []
         ("F, line 1: ", "unknown key gate; did you mean gates?"),
         ("F, line 3: ", "strict: must be a valid boolean (got 'yes')"),
         ("F, line 4: ", "baseline: must be a valid string (got 3)"),
-        ("F, line 5: ", "did you mean inclination_p95_deg?"),
+        ("F, line 5: ", "did you mean tilt_p95_deg?"),
         ("F, line 6: lag_ms", "did you mean window?"),
         ("F, line 6: lag_ms", "there is no window airborn; did you mean airborne?"),
         ("F, line 6: lag_ms", "min: must be greater than or equal to 0 (got -1)"),

@@ -47,7 +47,7 @@ def failed(found: list[GateOutcome]) -> list[GateOutcome]:
     return [o for o in found if o.status == "failed"]
 
 
-def at_most(value: float, metric: str = "inclination_rmse_deg", **more: Any) -> Gate:
+def at_most(value: float, metric: str = "tilt_rmse_deg", **more: Any) -> Gate:
     return Gate(metric, (GateLimit("max", value),), **more)
 
 
@@ -59,7 +59,7 @@ def named(found: list[GateOutcome]) -> dict[str, str]:
 def test_a_value_may_reach_its_maximum_and_not_exceed_it(limit: float, status: str) -> None:
     (found,) = outcomes(at_most(limit, window=AIR), row("mekf", tilt(2.0)))
     assert (found.status, found.row, found.window, found.value) == (status, "mekf", AIR, 2.0)
-    assert found.check == f"inclination_rmse_deg@airborne max={limit:g}"
+    assert found.check == f"tilt_rmse_deg@airborne max={limit:g}"
 
 
 @pytest.mark.parametrize(("value", "status"), [(-9.0, "failed"), (9.0, "failed"), (-4.0, "passed")])
@@ -154,7 +154,7 @@ def test_a_window_that_was_not_analysed_says_how() -> None:
 @pytest.mark.parametrize("status", ["diverged", "failed"])
 def test_an_onboard_attitude_that_is_lost_is_no_measure_for_others(status: str) -> None:
     """1.2 deg is within 1.5 times the onboard attitude's 1.0 deg, but that attitude itself was lost."""
-    gate = Gate("inclination_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.5),), filters=("a",))
+    gate = Gate("tilt_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.5),), filters=("a",))
     (sound,) = outcomes(gate, row("onboard", tilt(1.0), kind="onboard"), row("a", tilt(1.2)))
     lost = row("onboard", tilt(1.0), kind="onboard", status=status, reason="tilt error above 30 deg")
     (found,) = outcomes(gate, lost, row("a", tilt(1.2)))
@@ -166,7 +166,7 @@ def test_limits_beside_the_onboard_attitude() -> None:
     onboard = row("onboard", merged(tilt(1.0), lag(-2.0)), kind="onboard")
     ratio, above = GateLimit("max_ratio_to_onboard", 1.5), GateLimit("max_above_onboard", 3.0)
     for value, status in ((1.49, "passed"), (1.51, "failed")):
-        gate = Gate("inclination_rmse_deg", (ratio,))
+        gate = Gate("tilt_rmse_deg", (ratio,))
         assert outcomes(gate, onboard, row("a", tilt(value)))[0].status == status
     for value, status in ((4.9, "passed"), (-5.1, "failed")):
         assert outcomes(Gate("lag_ms", (above,)), onboard, row("a", lag(value)))[0].status == status
@@ -205,7 +205,7 @@ def blocks(rmse: float, spread: float = 0.2, n: int = 24, seed: int = 0) -> Answ
 
 def beside(now: Answer, before: Answer, limit: GateLimit, *, same_log: bool = True) -> str:
     """The status of a row whose baseline is the same row of another run."""
-    metric = "inclination_rmse_deg"
+    metric = "tilt_rmse_deg"
     old = result(row("a", {AIR: {metric: before}}))
 
     class One(Baseline):
@@ -262,7 +262,7 @@ def test_a_percentile_is_told_by_its_root_mean_square() -> None:
         p95 = [Answer(v, "deg", AIR, 24, 120.0, (0.5 * v, 2.0 * v)) for v in (2.0 * now, 2.0)]
         rmse = blocks(1.0, spread, seed=1), blocks(now, spread, seed=1 if spread < 1.0 else 2)
         return judge_limit(
-            GateLimit("baseline", 0.0), "inclination_p95_deg", "low", p95[0], p95[1], decided=(rmse[0], rmse[1])
+            GateLimit("baseline", 0.0), "tilt_p95_deg", "low", p95[0], p95[1], decided=(rmse[0], rmse[1])
         ).passed
 
     assert not status(1.2, 0.2)
@@ -329,13 +329,13 @@ def test_the_row_of_the_baseline_bears_the_same_name_or_is_the_only_one_of_that_
 )
 def test_a_value_is_shown_on_the_side_of_its_limit_that_it_is_on(value: float, limit: float, words: str) -> None:
     (found,) = outcomes(at_most(limit), row("a", tilt(value)))
-    assert found.sentence == f"a: inclination_rmse_deg {words}"
+    assert found.sentence == f"a: tilt_rmse_deg {words}"
 
 
 def test_ratios_and_differences_are_shown_apart_from_their_limit_too() -> None:
     onboard = row("onboard", merged(tilt(1.0), lag(0.0)), kind="onboard")
     (found,) = outcomes(
-        Gate("inclination_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.2),)), onboard, row("a", tilt(1.2034))
+        Gate("tilt_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.2),)), onboard, row("a", tilt(1.2034))
     )
     assert "1.203 times, at most 1.2 times" in found.sentence
     (found,) = outcomes(Gate("lag_ms", (GateLimit("max_above_onboard", 3.0),)), onboard, row("a", lag(3.0004)))
@@ -501,7 +501,7 @@ def test_a_changed_gain_is_paired_with_the_run_before(tmp_path: Path, gain: floa
         return result
 
     run(0.5).to_json(tmp_path / "main.json")
-    (tmp_path / "gates.toml").write_text('[gates]\nbaseline="main.json"\ninclination_rmse_deg={baseline=true}\n')
+    (tmp_path / "gates.toml").write_text('[gates]\nbaseline="main.json"\ntilt_rmse_deg={baseline=true}\n')
     read = gate_file.read_gates(tmp_path / "gates.toml")
     outcomes = judge_gates(read, run(gain), gates.read_baselines(gate.baseline for gate in read.gates))
     assert [o.status for o in outcomes if o.check != "status"] == ["passed" if passes else "failed"], outcomes

@@ -85,7 +85,7 @@ def test_one_broken_log_of_many_is_a_line_with_its_reason(tmp_path: Path) -> Non
     one = compare(logs, configurations)
     assert [(line.name, line.code) for line in one.logs] == [(other.name, 0), ("broken.bin", 65), (TURNS.name, 0)]
     assert one.logs[1].reason
-    tilt = over(one, "inclination_rmse_deg", "mahony:kp=0.6")
+    tilt = over(one, "tilt_rmse_deg", "mahony:kp=0.6")
     assert tilt.logs == 2
 
 
@@ -95,7 +95,7 @@ def test_a_flight_that_is_given_twice_counts_once_where_logs_are_pooled(tmp_path
     configurations = [parse_configuration(text) for text in ["mahony:kp=0.3", "mahony:kp=0.6"]]
     twice, once = compare([STEPS, again, TURNS], configurations), compare([STEPS, TURNS], configurations)
     assert [line.same_as for line in twice.logs] == ["", STEPS.name, ""]
-    for metric in ("inclination_rmse_deg", "lag_ms"):
+    for metric in ("tilt_rmse_deg", "lag_ms"):
         assert over(twice, metric, "mahony:kp=0.6") == over(once, metric, "mahony:kp=0.6")
     assert Comparison.load(_saved(twice, tmp_path)).logs[1].same_as == STEPS.name
 

@@ -32,7 +32,7 @@ from attlog.metrics.statistics import UnitValues, make_ids
 from attlog.pipeline import replay
 from tests.conftest import SAMPLES
 
-TILT = SweptMetric("inclination_rmse_deg", "all", "deg", "low")
+TILT = SweptMetric("tilt_rmse_deg", "all", "deg", "low")
 LAG = SweptMetric("lag_ms", "all", "ms", "zero")
 KP = (0.1, 0.2, 0.4, 0.8, 1.6)
 WEATHER = np.exp(0.5 * np.random.default_rng(0).standard_normal(24))
@@ -194,16 +194,16 @@ def test_the_json_and_the_csv_hold_every_setting_on_every_log() -> None:
     found = sweep_document(s, {})
     assert found["schema"] == "attlog-sweep/2"
     assert len(found["settings"]) == len(KP) + 1
-    assert found["settings"][1]["logs"][0]["metrics"]["inclination_rmse_deg"]["value"] == pytest.approx(1.0)
+    assert found["settings"][1]["logs"][0]["metrics"]["tilt_rmse_deg"]["value"] == pytest.approx(1.0)
     assert found["metrics"][0]["own_optimum"][1]["setting"] == 2
     lines = sweep_csv(s).splitlines()
     assert len(lines) == 1 + 2 * (len(KP) + 1)
-    assert lines[1].startswith("kp=0.1,0.1,a,inclination_rmse_deg,all,deg,1.3,")
+    assert lines[1].startswith("kp=0.1,0.1,a,tilt_rmse_deg,all,deg,1.3,")
 
 
 # Settings on one log: the same answers as one by one, asked once.
 
-ASKED = ("inclination_rmse_deg", "heading_median_deg", "noise_tilt_deg", "step_error_deg.0.5s@airborne")
+ASKED = ("tilt_rmse_deg", "heading_median_deg", "noise_tilt_deg", "step_error_deg.0.5s@airborne")
 SETTINGS = [{"kp": 0.3, "ki": 0.0}, {"kp": 0.9, "ki": 0.02}, {"kp": 2.0, "ki": 0.0, "mag_form": "vector"}]
 
 
@@ -227,7 +227,7 @@ def test_a_batch_answers_what_single_runs_answer(case: Case) -> None:
 
 
 def test_what_comes_before_the_filter_comes_before_every_setting(case: Case) -> None:
-    asked = parse_metrics(["inclination_rmse_deg"])
+    asked = parse_metrics(["tilt_rmse_deg"])
     plain, filtered = (
         SettingsOnLog(case, parse_configuration(c), asked)(SETTINGS[:1])[0] for c in ("mahony", "mahony:latency=50")
     )
@@ -238,7 +238,7 @@ def test_a_setting_is_run_once(case: Case, monkeypatch: pytest.MonkeyPatch) -> N
     ran: list[int] = []
     batch = replay.batch
     monkeypatch.setattr(replay, "batch", lambda *a: ran.append(len(a[4])) or batch(*a))
-    on = SettingsOnLog(case, parse_configuration("mahony"), parse_metrics(["inclination_rmse_deg"]))
+    on = SettingsOnLog(case, parse_configuration("mahony"), parse_metrics(["tilt_rmse_deg"]))
     first = on([SETTINGS[0], SETTINGS[0], SETTINGS[1]])
     again = on([SETTINGS[1], SETTINGS[0]])
     assert sum(ran) == 2
@@ -246,16 +246,16 @@ def test_a_setting_is_run_once(case: Case, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_filter_that_gravity_does_not_correct_may_win_nothing(case: Case) -> None:
-    on = SettingsOnLog(case, parse_configuration("mahony"), parse_metrics(["inclination_rmse_deg"]))
+    on = SettingsOnLog(case, parse_configuration("mahony"), parse_metrics(["tilt_rmse_deg"]))
     assert "gravity" in on.why_not_best({"kp": 0.0, "ki": 0.0})
     assert on.why_not_best({"kp": 0.5}) == ""
 
 
 def test_everything_wrong_with_the_metrics_is_told_at_once() -> None:
     with pytest.raises(UsageError) as refused:
-        parse_metrics(["inclination_rms_deg", "lag_ms@", "cost_ns"])
+        parse_metrics(["tilt_rms_deg", "lag_ms@", "cost_ns"])
     said = str(refused.value)
-    assert "did you mean inclination_rmse_deg" in said
+    assert "did you mean tilt_rmse_deg" in said
     assert "no window" in said
     assert "cost_ns" in said
     assert [w.name for w in parse_metrics(["noise_tilt_deg@hover", "noise_tilt_deg@hover", "lag_ms"])] == [
@@ -277,7 +277,7 @@ def test_a_filter_that_needs_a_magnetometer_says_so_of_a_log_without(tmp_path: P
         "def start(params, acc, mag, q0):\n    return q0\ndef step(state, params, dt, gyr, acc, mag):\n    pass\n"
     )
     with pytest.raises(UsageError, match="needs a magnetometer"):
-        SettingsOnLog(case, parse_configuration(str(needs)), parse_metrics(["inclination_rmse_deg"]))([{}])
+        SettingsOnLog(case, parse_configuration(str(needs)), parse_metrics(["tilt_rmse_deg"]))([{}])
 
 
 # What is said of a setting beside the best.

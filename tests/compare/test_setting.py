@@ -119,7 +119,7 @@ def test_a_preset_is_a_part_of_what_a_configuration_of_another_filter_is_called(
 
 # Configurations in a TOML file: read, and everything wrong at once with its line.
 
-GOOD = """metrics = ["inclination_rmse_deg", "lag_ms"]
+GOOD = """metrics = ["tilt_rmse_deg", "lag_ms"]
 reference = "truth"
 
 [[configuration]]
@@ -133,7 +133,7 @@ lowpass = 20
 mag = false
 gyro_offset = [0.1, 0, -0.2]
 """
-BAD = """metrics = ["inclination_rmse"]
+BAD = """metrics = ["tilt_rmse"]
 refrence = "truth"
 window = 3
 
@@ -168,7 +168,7 @@ def write(folder: Path, text: str) -> Path:
 
 def test_a_file_means_what_the_command_line_means(tmp_path: Path) -> None:
     found = read_configurations(write(tmp_path, GOOD))
-    assert found.metrics == ["inclination_rmse_deg", "lag_ms"]
+    assert found.metrics == ["tilt_rmse_deg", "lag_ms"]
     assert found.options == {"reference": "truth"}
     assert found.configurations == [
         parse_configuration("mahony@xu-0.6"),
@@ -181,7 +181,7 @@ def test_everything_wrong_is_told_at_once_with_its_line(tmp_path: Path) -> None:
         read_configurations(write(tmp_path, BAD))
     told = {line.removeprefix(f"{tmp_path}/filters.toml") for line in str(error.value).splitlines()}
     for begin, part in (
-        (", line 1: ", "there is no metric inclination_rmse; did you mean inclination_rmse_deg?"),
+        (", line 1: ", "there is no metric tilt_rmse; did you mean tilt_rmse_deg?"),
         (", line 2: ", "unknown key refrence; did you mean reference?"),
         (", line 3: ", "window: must be a valid string (got 3)"),
         (", line 7: configuration 1: ", "there is no estimator mahoni; did you mean mahony?"),

@@ -70,7 +70,7 @@ def test_a_setting_that_fails_costs_more_than_any_other_and_a_part_without_value
 def test_terms_have_short_names_and_weights() -> None:
     found = parse_objective(["tilt", "noise=0.5,lag_ms@airborne=0.2"])
     assert [(t.metric.name, t.weight) for t in found] == [
-        ("inclination_rmse_deg", 1.0),
+        ("tilt_rmse_deg", 1.0),
         ("noise_tilt_deg@hover", 0.5),
         ("lag_ms@airborne", 0.2),
     ]
@@ -113,7 +113,7 @@ def test_every_part_is_left_out_once() -> None:
 
 
 def test_a_wanted_metric_is_a_key() -> None:
-    assert TILT == SweptMetric("inclination_rmse_deg", "all", "deg", "low")
+    assert TILT == SweptMetric("tilt_rmse_deg", "all", "deg", "low")
 
 
 def test_blocks_of_one_log_begin_with_the_log_and_end_with_its_scoring() -> None:
@@ -186,7 +186,7 @@ def tuned(
     asked, base = parse_objective([terms]), parse_configuration(f"mahony:kp={start},ki=0")
     cases = [attlog.prepare(log) for log in logs]
     on = [SettingsOnLog(c, base, [t.metric for t in asked], guarded=True) for c in cases]
-    elsewhere = [SettingsOnLog(c, base, parse_metrics(["noise_tilt_deg", "inclination_rmse_deg"])) for c in cases]
+    elsewhere = [SettingsOnLog(c, base, parse_metrics(["noise_tilt_deg", "tilt_rmse_deg"])) for c in cases]
     free = parse_free_parameters(ranges, base.row.estimator)
     return tune("mahony", free, asked, on, elsewhere, {f.name: on[0].values[f.name] for f in free}, generations, 0)
 
@@ -286,7 +286,7 @@ def test_nothing_to_judge_by_is_refused_with_the_reason() -> None:
 
 def test_a_metric_without_units_cannot_be_split_over_one_log() -> None:
     with pytest.raises(UsageError, match="give several logs"):
-        tuned([noisy(1, 40.0)], ["kp=0.1..10log"], terms="inclination_max_deg")
+        tuned([noisy(1, 40.0)], ["kp=0.1..10log"], terms="tilt_max_deg")
 
 
 @pytest.mark.slow

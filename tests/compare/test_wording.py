@@ -34,7 +34,7 @@ NO_LAG = [(0.01, 0.05)] * 9
 
 
 def test_the_sentence_of_nine_flights() -> None:
-    found = comparison({"inclination_rmse_deg": NINE, "lag_ms": NO_LAG})
+    found = comparison({"tilt_rmse_deg": NINE, "lag_ms": NO_LAG})
     said = found.verdicts[0]
     assert re.fullmatch(r"kp 0\.6 is significantly worse than kp 0\.3 in tilt error \(\+\d\d %\)\.", said.lead)
     (more,) = said.more
@@ -45,7 +45,7 @@ def test_the_sentence_of_nine_flights() -> None:
 
 def test_identical_configurations_have_no_difference_and_that_is_said() -> None:
     same = [(0.0, 0.0)] * 3
-    found = comparison({"inclination_rmse_deg": same, "lag_ms": same})
+    found = comparison({"tilt_rmse_deg": same, "lag_ms": same})
     assert found.verdicts[0].lead == "No difference: kp 0.6 and kp 0.3 give the same in every question, on 3 logs."
     for question in found.questions:
         over = question.contrasts[0].over
@@ -55,7 +55,7 @@ def test_identical_configurations_have_no_difference_and_that_is_said() -> None:
 
 
 def test_what_is_better_and_what_is_worse_share_one_sentence() -> None:
-    found = comparison({"inclination_rmse_deg": [(-0.3, 0.1)] * 4, "lag_ms": [(11.0, 0.1)] * 4})
+    found = comparison({"tilt_rmse_deg": [(-0.3, 0.1)] * 4, "lag_ms": [(11.0, 0.1)] * 4})
     lead = found.verdicts[0].lead
     assert lead == "kp 0.6 is significantly better than kp 0.3 in tilt error (−26 %), worse in lag (+11 ms)."
     assert [line.split(" (")[0] for line in found.verdicts[0].more] == [
@@ -65,12 +65,12 @@ def test_what_is_better_and_what_is_worse_share_one_sentence() -> None:
 
 
 def test_what_is_not_significant_has_no_sentence() -> None:
-    found = comparison({"inclination_rmse_deg": [(-0.3, 0.1)], "lag_ms": [(2.0, 6.0)]})
+    found = comparison({"tilt_rmse_deg": [(-0.3, 0.1)], "lag_ms": [(2.0, 6.0)]})
     assert not any("lag" in text for text in (found.verdicts[0].lead, *found.verdicts[0].more))
 
 
 def test_where_nothing_is_significant_that_is_said_once() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.02, 0.1), (-0.03, 0.1), (0.01, 0.1)]})
+    found = comparison({"tilt_rmse_deg": [(0.02, 0.1), (-0.03, 0.1), (0.01, 0.1)]})
     said = found.verdicts[0]
     assert said.lead == "No significant difference of kp 0.6 and kp 0.3 in 1 question on 3 logs."
     assert said.more == []
@@ -78,21 +78,21 @@ def test_where_nothing_is_significant_that_is_said_once() -> None:
 
 def test_of_many_significant_questions_four_are_named() -> None:
     worse = [(0.3, 0.01)] * 4
-    names = ("inclination_rmse_deg", "heading_rmse_deg", "noise_tilt_deg", "step_error_deg.0.5s", "lag_ms")
+    names = ("tilt_rmse_deg", "heading_rmse_deg", "noise_tilt_deg", "step_error_deg.0.5s", "lag_ms")
     found = comparison({name: [(9.0, 0.1)] * 4 if name == "lag_ms" else worse for name in names})
     assert len(found.verdicts[0].more) == 5
     assert found.verdicts[0].lead.endswith(" and 1 more.")
 
 
 def test_a_log_that_broke_and_a_row_that_diverged_are_said() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.3, 0.1), (0.3, 0.1)]})
+    found = comparison({"tilt_rmse_deg": [(0.3, 0.1), (0.3, 0.1)]})
     cell = found.questions[0].cells["flight2.ulg"][SECOND]
     cell.status = "diverged"
     assert "kp 0.6 diverged on flight2.ulg and is not compared there." in comparison_sentences(found)[0].more
 
 
 def test_agreement_with_what_flew_is_not_called_truth() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.3, 0.1), (0.3, 0.1)]})
+    found = comparison({"tilt_rmse_deg": [(0.3, 0.1), (0.3, 0.1)]})
     found.logs[1].reference = "onboard (ATT)"
     assert comparison_sentences(found)[0].more == [
         "Errors are differences from onboard (agreement, not truth) on 1 of 2 logs."
@@ -104,7 +104,7 @@ def test_agreement_with_what_flew_is_not_called_truth() -> None:
 
 
 def test_without_any_difference_the_commonest_reason_is_given() -> None:
-    found = comparison({"inclination_rmse_deg": [(0.3, 0.1)]})
+    found = comparison({"tilt_rmse_deg": [(0.3, 0.1)]})
     only = found.questions[0].contrasts[0]
     only.over, only.logs[0].value, only.logs[0].reason = None, None, "too short to rank"
     assert comparison_sentences(found)[0].lead == "kp 0.6 and kp 0.3 cannot be compared: too short to rank."
@@ -120,7 +120,7 @@ def test_every_number_of_a_sentence_stands_in_the_table(seed: int) -> None:
     n = int(rng.integers(1, 7))
     found = comparison(
         {
-            "inclination_rmse_deg": some(0.3),
+            "tilt_rmse_deg": some(0.3),
             "noise_tilt_deg": some(0.5),
             "lag_ms": some(3.0),
             "step_error_deg.0.5s": some(1.0),
@@ -134,14 +134,14 @@ def test_every_number_of_a_sentence_stands_in_the_table(seed: int) -> None:
         for question in found.questions:
             over = question.contrasts[0].over
             assert over is not None
-            if over.direction in ("better", "worse") and question.metric == "inclination_rmse_deg" and "closer" in text:
+            if over.direction in ("better", "worse") and question.metric == "tilt_rmse_deg" and "closer" in text:
                 better = over.value < 1.0
                 subject = "kp 0.6" if better else "kp 0.3"
                 assert text.startswith(subject), text
 
 
 def test_a_ratio_seen_from_the_other_side_is_its_inverse() -> None:
-    found = comparison({"inclination_rmse_deg": [(math.log(1.32), 0.05)] * 3})
+    found = comparison({"tilt_rmse_deg": [(math.log(1.32), 0.05)] * 3})
     assert "24 % closer" in found.verdicts[0].more[0]
     assert "+32 %" in comparison_tables(found)[0].rows[-1][3]
 
@@ -197,6 +197,6 @@ def test_a_metric_of_a_stranger_is_withheld_by_its_own_resolution() -> None:
 
 def test_a_question_is_called_by_the_noun_of_its_metric_and_the_phase() -> None:
     titles = {question.id: question.title for question in select_questions()}
-    assert titles["inclination_rmse_deg@airborne"] == "Tilt error"
+    assert titles["tilt_rmse_deg@airborne"] == "Tilt error"
     assert titles["noise_tilt_deg@hover"] == "Noise added in hover"
     assert titles["drift_air_deg_per_min@airborne"] == "Drift in the air"

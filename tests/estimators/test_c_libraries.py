@@ -250,7 +250,7 @@ def test_a_library_that_crashes_costs_its_own_row(example: str, tmp_path: Path) 
 @pytest.mark.parametrize("log", ["copter_yaw_turns.bin", "px4_steps.ulg"])
 def test_on_a_simulated_flight_it_is_as_good_as_the_onboard_filter(example: str, log: str) -> None:
     result = attlog.analyze(SAMPLES / log, {"estimators": [example]})
-    tilt = {r.kind: r.metrics["all"]["inclination_rmse_deg"].value for r in result.estimators}
+    tilt = {r.kind: r.metrics["all"]["tilt_rmse_deg"].value for r in result.estimators}
     assert tilt["replay"] is not None
     assert tilt["onboard"] is not None
     assert tilt["replay"] < 1.5 * tilt["onboard"]

@@ -249,7 +249,7 @@ def test_each_mean_lies_in_its_interval_and_no_part_exceeds_the_whole() -> None:
                 # the interval is symmetric in the logarithm
                 assert rmse.low * rmse.high == pytest.approx(rmse.value**2, rel=5e-3)
             if "total" in one.rmse_deg:
-                assert max(one.rmse_deg[a].value for a in ("heading", "inclination")) <= one.rmse_deg["total"].value
+                assert max(one.rmse_deg[a].value for a in ("heading", "tilt")) <= one.rmse_deg["total"].value
 
 
 def test_the_reader_takes_every_line() -> None:

@@ -181,7 +181,7 @@ def test_truth_as_a_file_has_no_lag_and_what_is_late_in_it_is_told(corpus: Path,
         assert told.ci95[0] <= lag <= told.ci95[1]
         assert told.ranked
     for row in ("quaternion", "euler"):
-        assert found[row].metrics["airborne"]["inclination_rmse_deg"].value < 0.001
+        assert found[row].metrics["airborne"]["tilt_rmse_deg"].value < 0.001
         assert found[row].metrics["airborne"]["step_error_deg.0.5s"].value < 0.001
 
 
@@ -196,7 +196,7 @@ def test_a_replay_as_a_file_is_the_replay(corpus: Path, tmp_path: Path) -> None:
     own, again = found["mahony"].metrics, found[f"again:delay={delay:g}"].metrics
     for window, metric in (
         ("airborne", "lag_ms"),
-        ("airborne", "inclination_rmse_deg"),
+        ("airborne", "tilt_rmse_deg"),
         ("airborne", "heading_rmse_deg"),
         ("airborne", "step_error_deg.0.5s"),
         ("rest", "noise_tilt_deg"),

@@ -394,7 +394,7 @@ def test_every_step_of_its_alignment_is_told_with_its_number():
 
 def test_its_own_sigma_is_part_of_what_is_said():
     reference = reference_of(log_with())
-    assert own_sigma_deg(reference, "inclination") == pytest.approx(0.3)
+    assert own_sigma_deg(reference, "tilt") == pytest.approx(0.3)
     assert own_sigma_deg(reference, "heading") == pytest.approx(0.4)
     assert sigma_deg(reference, "total") == pytest.approx(0.5)
     assert "0.3 deg in tilt, 0.4 deg in heading" in meaning(reference)

@@ -266,7 +266,7 @@ def honest(name: str, sensor: str, fault: str) -> None:
     case = prepared(faulty(opened_for_sensors(name), sensor, fault))
     if case.reference.kind == "onboard" and sensor == "attitude":
         return  # nothing else was there to judge by; agreement with it is called agreement
-    off, own = off_deg(case, name), smoother.sigma_deg(case.reference, "inclination")
+    off, own = off_deg(case, name), smoother.sigma_deg(case.reference, "tilt")
     assert case.reference.kind == "none" or off <= max(TILT_DEG, SIGMAS * own)
 
 

@@ -83,7 +83,7 @@ def test_a_crash_is_said_with_its_time() -> None:
 
 def off_in_tilt(judged: Result, name: str) -> float:
     row = next(r for r in judged.estimators if r.name == name)
-    value = row.metrics["all"]["inclination_rmse_deg"].value
+    value = row.metrics["all"]["tilt_rmse_deg"].value
     assert value is not None
     return value
 

@@ -27,25 +27,25 @@ def answers(roll_deg, heading_deg=0.0, window="all", **fields):
 
 def test_angles_are_told_apart_in_degrees():
     found = answers(3.0, -4.0)
-    assert found["inclination_rmse_deg"].value == pytest.approx(3.0, abs=1e-6)
+    assert found["tilt_rmse_deg"].value == pytest.approx(3.0, abs=1e-6)
     assert found["heading_rmse_deg"].value == pytest.approx(4.0, abs=0.01)
     assert found["total_rmse_deg"].value == pytest.approx(5.0, abs=0.01)
 
 
 def test_a_mean_does_not_hide_a_burst():
     found = answers(np.where((T > 50) & (T < 51), 40.0, 0.5))
-    assert found["inclination_median_deg"].value == pytest.approx(0.5, abs=1e-6)
-    assert found["inclination_max_deg"].value == pytest.approx(40.0, abs=1e-6)
-    assert found["inclination_rmse_deg"].value > 4.0
-    assert not found["inclination_max_deg"].ranked
+    assert found["tilt_median_deg"].value == pytest.approx(0.5, abs=1e-6)
+    assert found["tilt_max_deg"].value == pytest.approx(40.0, abs=1e-6)
+    assert found["tilt_rmse_deg"].value > 4.0
+    assert not found["tilt_max_deg"].ranked
 
 
 def test_the_window_and_the_scoring_start_decide_what_counts():
     error = np.where(T < 15, 90.0, np.where((T >= 60) & (T <= 70), 2.0, 1.0))
-    assert answers(error)["inclination_max_deg"].value == pytest.approx(2.0)
-    assert answers(error, window="hover")["inclination_rmse_deg"].value == pytest.approx(2.0, abs=0.03)
-    assert answers(error, window="20:30")["inclination_rmse_deg"].value == pytest.approx(1.0)
-    assert answers(error, window="1:10")["inclination_rmse_deg"].code == "not_covered"
+    assert answers(error)["tilt_max_deg"].value == pytest.approx(2.0)
+    assert answers(error, window="hover")["tilt_rmse_deg"].value == pytest.approx(2.0, abs=0.03)
+    assert answers(error, window="20:30")["tilt_rmse_deg"].value == pytest.approx(1.0)
+    assert answers(error, window="1:10")["tilt_rmse_deg"].code == "not_covered"
 
 
 def test_a_handful_of_samples_is_no_evidence():
@@ -58,8 +58,8 @@ def test_a_handful_of_samples_is_no_evidence():
 
 def test_slow_errors_have_wider_intervals_than_fast_ones():
     rng = np.random.default_rng(0)
-    fast = answers(rng.standard_normal(len(T)))["inclination_rmse_deg"]
-    slow = answers(np.sqrt(2) * np.sin(2 * np.pi * T / 150.0))["inclination_rmse_deg"]
+    fast = answers(rng.standard_normal(len(T)))["tilt_rmse_deg"]
+    slow = answers(np.sqrt(2) * np.sin(2 * np.pi * T / 150.0))["tilt_rmse_deg"]
     width = [a.ci95[1] - a.ci95[0] for a in (fast, slow)]
     assert width[1] > 1.5 * width[0]
     assert fast.n == 4
@@ -107,14 +107,14 @@ def test_an_error_against_a_reference_that_is_wrong_covers_the_true_one(shared):
     with_sigma(case, 0.22, 0.22)
     seen = accuracy.compute_rmse(case, row, "airborne")
     for name, true in (("rmse", np.sqrt(np.mean(row_roll**2))), ("median", np.median(np.abs(row_roll)))):
-        low, high = seen[f"inclination_{name}_deg"].ci95
+        low, high = seen[f"tilt_{name}_deg"].ci95
         assert low <= np.degrees(true) <= high
-    largest = seen["inclination_max_deg"]
+    largest = seen["tilt_max_deg"]
     assert largest.ci95[1] == pytest.approx(largest.value + 2 * 0.22)
     assert not largest.ranked
     if shared:
-        assert seen["inclination_rmse_deg"].value < 0.5 * np.degrees(np.sqrt(np.mean(row_roll**2)))
-        assert seen["inclination_rmse_deg"].ci95[0] == 0.0
+        assert seen["tilt_rmse_deg"].value < 0.5 * np.degrees(np.sqrt(np.mean(row_roll**2)))
+        assert seen["tilt_rmse_deg"].ci95[0] == 0.0
 
 
 def test_a_heading_whose_offset_was_removed_is_not_ranked_among_those_with_a_north():
@@ -122,7 +122,7 @@ def test_a_heading_whose_offset_was_removed_is_not_ranked_among_those_with_a_nor
     rows = [flights.row(T, q, "gyro", heading_offset_deg=30.0), flights.row(T, q, "mahony")]
     case = flights.case(rows, SEGMENTS, (T[::5], LEVEL[::5]))
     assert not accuracy.compute_rmse(case, rows[0], "all")["heading_rmse_deg"].ranked
-    assert accuracy.compute_rmse(case, rows[0], "all")["inclination_rmse_deg"].ranked
+    assert accuracy.compute_rmse(case, rows[0], "all")["tilt_rmse_deg"].ranked
     alone = flights.case(rows[:1], SEGMENTS, (T[::5], LEVEL[::5]))
     assert accuracy.compute_rmse(alone, rows[0], "all")["heading_rmse_deg"].ranked
 
@@ -157,7 +157,7 @@ def drifting_rows(tilts_deg, seconds=90.0, kind="truth"):
 def test_rows_are_compared_in_blocks_of_5_s_of_tilt_and_15_s_of_heading():
     case, rows = drifting_rows([1.0, 3.0])
     found = accuracy.compute_rmse(case, rows[0], "airborne")
-    tilt, heading = found["inclination_rmse_deg"].units, found["heading_rmse_deg"].units
+    tilt, heading = found["tilt_rmse_deg"].units, found["heading_rmse_deg"].units
     assert tilt.ids.tolist() == [1000 * (15 + 5 * k) for k in range(15)][: len(tilt.ids)]
     assert (len(tilt.ids) in (14, 15), len(heading.ids) in (4, 5)) == (True, True)
     assert np.sqrt(tilt.values) == pytest.approx(1.0 / np.sqrt(2), rel=0.1)
@@ -168,10 +168,10 @@ def test_a_block_that_is_not_scored_or_half_empty_is_none():
     case, rows = drifting_rows([1.0, 3.0])
     e = rows[0].errors
     e.scored &= (e.t < 30.0) | (e.t > 32.0)
-    assert 30_000 not in accuracy.block_units(case, rows[0], "airborne", "inclination").ids
-    assert 25_000 in accuracy.block_units(case, rows[0], "airborne", "inclination").ids
+    assert 30_000 not in accuracy.block_units(case, rows[0], "airborne", "tilt").ids
+    assert 25_000 in accuracy.block_units(case, rows[0], "airborne", "tilt").ids
     case.reference.unscored = [(40.0, 52.0)]
-    ids = accuracy.block_units(case, rows[1], "airborne", "inclination").ids
+    ids = accuracy.block_units(case, rows[1], "airborne", "tilt").ids
     assert not ((ids > 35_000) & (ids < 52_000)).any()
 
 
@@ -181,7 +181,7 @@ def test_heading_errors_are_ranked_only_against_truth_or_smoother(kind, ranked):
     found = accuracy.compute_rmse(case, rows[0], "airborne")
     for angle in ("heading", "total"):
         assert found[f"{angle}_rmse_deg"].ranked == ranked
-    assert found["inclination_rmse_deg"].ranked
+    assert found["tilt_rmse_deg"].ranked
 
 
 def with_sigma(case, tilt, heading):
@@ -199,9 +199,9 @@ def test_differences_below_the_sigma_of_a_smoother_tell_nobody_apart():
         case, rows = drifting_rows([1.0, 1.5])
         with_sigma(case, sigma, 2 * sigma)
         found = [accuracy.compute_rmse(case, row, "airborne") for row in rows]
-        floors = [found[0][f"{angle}_rmse_deg"].floor for angle in ("inclination", "heading", "total")]
+        floors = [found[0][f"{angle}_rmse_deg"].floor for angle in ("tilt", "heading", "total")]
         assert floors == pytest.approx([sigma, 2 * sigma, np.sqrt(5) * sigma], rel=1e-6)
-        column = {row.name: a["inclination_rmse_deg"] for row, a in zip(rows, found, strict=True)}
+        column = {row.name: a["tilt_rmse_deg"] for row, a in zip(rows, found, strict=True)}
         table[sigma] = ranking.family(column, "low").significant
     assert table == {0.05: [("row0", "row1")], 0.5: []}
 
@@ -210,7 +210,7 @@ def test_the_sigma_of_the_window_counts_and_not_that_of_the_whole_log():
     case, rows = drifting_rows([1.0, 1.5])
     with_sigma(case, 0.1, 0.1)
     case.reference.sigma_tilt_deg[case.reference.t < 50.0] = 1.0
-    assert accuracy.compute_rmse(case, rows[0], "60:80")["inclination_rmse_deg"].floor == pytest.approx(0.1)
+    assert accuracy.compute_rmse(case, rows[0], "60:80")["tilt_rmse_deg"].floor == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(("heading_by", "code"), [("own", None), ("onboard", None), ("nobody", "no_reference")])
@@ -223,7 +223,7 @@ def test_whose_heading_a_smoother_has_decides_what_heading_errors_mean(heading_b
         answer = found[f"{angle}_rmse_deg"]
         assert answer.code == code
         assert answer.ranked == (heading_by == "own")
-    assert found["inclination_rmse_deg"].ranked
+    assert found["tilt_rmse_deg"].ranked
     rows[1].heading_shared = heading_by == "onboard"
     shared = accuracy.compute_rmse(case, rows[1], "airborne")["heading_rmse_deg"]
     assert (shared.code == "not_applicable") == (heading_by == "onboard")
@@ -233,14 +233,14 @@ def test_a_row_made_as_the_reference_is_not_ranked_against_it():
     case, rows = drifting_rows([1.0, 3.0])
     with_sigma(case, 0.1, 0.1)
     rows[0].estimator = "smoother"
-    assert not accuracy.compute_rmse(case, rows[0], "airborne")["inclination_rmse_deg"].ranked
-    assert accuracy.compute_rmse(case, rows[1], "airborne")["inclination_rmse_deg"].ranked
+    assert not accuracy.compute_rmse(case, rows[0], "airborne")["tilt_rmse_deg"].ranked
+    assert accuracy.compute_rmse(case, rows[1], "airborne")["tilt_rmse_deg"].ranked
 
 
 def test_a_record_of_few_blocks_has_a_value_and_no_rank():
     case, rows = drifting_rows([1.0, 3.0], seconds=31.0)
     found = accuracy.compute_rmse(case, rows[0], "airborne")
-    for name in ("inclination_rmse_deg", "heading_rmse_deg"):
+    for name in ("tilt_rmse_deg", "heading_rmse_deg"):
         assert found[name].value > 0
         assert (found[name].ranked, "too short to rank" in found[name].reason) == (False, True)
 

@@ -231,7 +231,7 @@ def test_a_refused_attitude_is_no_heading_reference_and_every_comparison_says_wh
     case.reference.fault = "ATT disagrees with gravity at rest by 30 deg"
     case.reference.refused = {"onboard": case.reference.fault}
     answers = metrics.compute(case, row, ["all"])["all"]
-    for name in ("drift_air_deg_per_min.onboard", "lag_ms", "inclination_rmse_deg", "recovery_s"):
+    for name in ("drift_air_deg_per_min.onboard", "lag_ms", "tilt_rmse_deg", "recovery_s"):
         assert answers[name].code == "no_reference"
         assert answers[name].reason == case.reference.fault
 

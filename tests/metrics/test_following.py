@@ -117,7 +117,7 @@ def test_a_row_that_gravity_does_not_correct_is_ranked_nowhere():
         case, row = case_with(name)
         answers = compute(case, row, ["all", "rest"])
         values = {m: a for w in answers.values() for m, a in w.items() if a.value is not None}
-        assert "inclination_rmse_deg" in values
+        assert "tilt_rmse_deg" in values
         assert any(a.ranked for a in values.values()) == ranked
         assert (following.UNCORRECTED in {a.reason for a in values.values()}) != ranked
 

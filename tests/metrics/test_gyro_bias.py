@@ -112,7 +112,7 @@ def test_every_row_gets_the_gyro_without_it_and_reports_all_that_it_takes_off(sa
     for asked, r in result.items():
         for row in r.estimators:
             if row.kind == "replay":
-                tilt[asked, row.name] = row.metrics["all"]["inclination_rmse_deg"].value
+                tilt[asked, row.name] = row.metrics["all"]["tilt_rmse_deg"].value
                 off[asked, row.name] = row.metrics["all"]["gyro_bias_error_dps"]
     assert tilt["rest", "gyro"] < 0.2 * tilt["none", "gyro"]
     assert off["rest", "mahony:ki=0.001"].value < 0.2 < 0.5 < off["none", "mahony:ki=0.001"].value

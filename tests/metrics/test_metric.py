@@ -146,7 +146,7 @@ UNITS = {
     "per_s": "1/s",
 }
 NAMED = (
-    "total_rmse_deg heading_median_deg inclination_p95_deg total_max_deg "
+    "total_rmse_deg heading_median_deg tilt_p95_deg total_max_deg "
     "noise_tilt_deg noise_roll_deg noise_pitch_deg noise_heading_deg noise_p2p_deg "
     "lag_roll_ms lag_pitch_ms lag_yaw_ms lag_ms step_gain_roll distortion_roll_pct "
     "step_error_deg.0.5s step_error_deg.1.0s step_error_pct.0.5s step_error_pct.1.0s leak_per_s "
@@ -233,14 +233,7 @@ def test_every_value_has_its_evidence_and_every_absence_its_reason(table):
 
 def test_the_quick_and_quiet_filter_leads_where_it_should(case, table):
     marks = metrics.rank({n: {"all": t["all"]} for n, t in table.items()}, case.rows).best["all"]
-    for column in (
-        "noise_roll_deg",
-        "noise_pitch_deg",
-        "lag_ms",
-        "lag_roll_ms",
-        "inclination_rmse_deg",
-        "total_rmse_deg",
-    ):
+    for column in ("noise_roll_deg", "noise_pitch_deg", "lag_ms", "lag_roll_ms", "tilt_rmse_deg", "total_rmse_deg"):
         assert marks[column] == ["quick"], column
     assert table["slow"]["all"]["lag_ms"].value == pytest.approx(30.0, abs=1.0)
 
@@ -266,7 +259,7 @@ def test_the_same_log_gives_the_same_numbers(table):
 def test_traces_have_the_columns_that_the_figures_draw(case):
     columns = {
         "attitude": {"roll", "pitch", "heading"},
-        "difference": {"total", "heading", "inclination", "roll", "pitch"},
+        "difference": {"total", "heading", "tilt", "roll", "pitch"},
         "rest": {"roll", "pitch", "heading"},
         "drift": {"heading", "line"},
         "allan": {"tau", "deviation", "low", "high"},
@@ -319,11 +312,11 @@ def test_a_filter_scored_on_its_good_half_says_so_and_is_not_best():
     quick = half.rows[0]
     quick.coverage_pct = 45.0
     table = {r.name: metrics.compute(half, r, ["all"]) for r in half.rows}
-    assert table["quick"]["all"]["inclination_rmse_deg"].coverage_pct == 45.0
-    assert table["slow"]["all"]["inclination_rmse_deg"].coverage_pct is None
+    assert table["quick"]["all"]["tilt_rmse_deg"].coverage_pct == 45.0
+    assert table["slow"]["all"]["tilt_rmse_deg"].coverage_pct is None
     assert metrics.rank(table, half.rows).best == {}
     quick.coverage_pct = 90.0
-    assert metrics.rank(table, half.rows).best["all"]["inclination_rmse_deg"] == ["quick"]
+    assert metrics.rank(table, half.rows).best["all"]["tilt_rmse_deg"] == ["quick"]
 
 
 def test_the_documentation_names_every_metric():

@@ -147,14 +147,10 @@ def test_a_single_row_is_not_better_than_anybody():
 def test_median_and_p95_take_the_marks_of_their_rmse_where_their_own_order_agrees():
     def columns(rmse, median, p95):
         found = by_units([rmse] * 8)
-        return {
-            "inclination_rmse_deg": found,
-            "inclination_median_deg": answer(median, 0, 9),
-            "inclination_p95_deg": answer(p95, 0, 9),
-        }
+        return {"tilt_rmse_deg": found, "tilt_median_deg": answer(median, 0, 9), "tilt_p95_deg": answer(p95, 0, 9)}
 
     found = marks({"a": columns(1.0, 0.9, 3.5), "b": columns(3.0, 2.0, 3.4)}, rows_named("a", "b"))
-    assert found.best["hover"] == {"inclination_rmse_deg": ["a"], "inclination_median_deg": ["a"]}
+    assert found.best["hover"] == {"tilt_rmse_deg": ["a"], "tilt_median_deg": ["a"]}
 
 
 def test_every_decided_column_names_a_column_that_is_there():
@@ -323,7 +319,7 @@ def resolved_answer(low, high, unit="deg/min", n=5, seconds=34.0):
         ("noise_roll_deg", 0.0003, 0.2, True),  # quiet, however unsure how quiet
         ("noise_roll_deg", 0.04, 4.7, False),
         ("noise_roll_deg", 2.0, 4.7, True),
-        ("inclination_rmse_deg", 0.1, 90.0, True),  # it describes the flight
+        ("tilt_rmse_deg", 0.1, 90.0, True),  # it describes the flight
     ],
 )
 def test_what_may_be_perfect_and_may_lie_beyond_what_is_known_anyway_is_withheld(metric, low, high, resolves):

@@ -149,7 +149,7 @@ def test_only_what_is_wanted_is_measured_and_has_the_same_answers(case: Case, pa
     for name in ("mahony", "madgwick", "onboard"):
         every, wanted = answers(whole, name), answers(some, name)
         assert {m for found in wanted.values() for m in found} >= {"lag_ms", "drift_air_deg_per_min.onboard"}
-        assert not {m for found in wanted.values() for m in found if m.startswith(("noise_", "inclination_"))}
+        assert not {m for found in wanted.values() for m in found if m.startswith(("noise_", "tilt_"))}
         assert all(every[w][m] == a for w, found in wanted.items() for m, a in found.items())
     assert {m: some.best["airborne"][m] for m in some.best["airborne"]}.items() <= whole.best["airborne"].items()
 
@@ -255,7 +255,7 @@ def test_with_the_smoother_as_reference_the_onboard_attitude_is_a_row(
     assert result.reference is not None
     assert (result.reference.choice, result.reference.sigma_tilt_deg) == ("smoother", pytest.approx(0.0573, abs=1e-4))
     for name in ("onboard", "mahony"):
-        for metric in ("inclination_rmse_deg", "lag_ms", "drift_air_deg_per_min.smoother"):
+        for metric in ("tilt_rmse_deg", "lag_ms", "drift_air_deg_per_min.smoother"):
             found = answers(result, name)["airborne"][metric]
             expected = answers(pair, name)["airborne"][metric.replace("smoother", "truth")]
             assert found.value == pytest.approx(expected.value, abs=0.02), (name, metric)

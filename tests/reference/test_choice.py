@@ -357,7 +357,7 @@ def test_onboard_errors_are_those_of_the_manifest(row):
     onboard = next(r for r in onboard_rows(log, found, reference) if r.name == "onboard")
     assert onboard.errors is not None
     scored = onboard.errors.scored
-    for measured, column in ((onboard.errors.inclination, "rms_tilt"), (onboard.errors.heading, "rms_heading")):
+    for measured, column in ((onboard.errors.tilt, "rms_tilt"), (onboard.errors.heading, "rms_heading")):
         assert np.sqrt(np.mean(measured[scored] ** 2)) == pytest.approx(float(row[column]), abs=0.1)
     assert onboard.status == "ok"
     assert onboard.coverage_pct == pytest.approx(100.0, abs=1.0)
@@ -403,7 +403,7 @@ def test_the_logged_trim_is_what_sets_the_imus_attitude_apart_from_the_vehicles(
         log, found, reference = flown(row, reference="onboard", trim=trim)
         kernel = next(r for r in onboard_rows(log, found, reference) if r.name.startswith("onboard:XKQ"))
         assert kernel.errors is not None
-        return float(np.median(kernel.errors.inclination[kernel.errors.scored]))
+        return float(np.median(kernel.errors.tilt[kernel.errors.scored]))
 
     assert difference(trim=False) == pytest.approx(0.96, abs=0.03)
     assert difference(trim=True) < 0.1

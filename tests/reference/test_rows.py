@@ -44,7 +44,7 @@ def test_the_vehicles_roll_is_the_imus_less_the_trim():
 def test_trim_switched_off_leaves_its_size_as_tilt():
     row, _, _ = compared(with_trim(), estimate(), ReferenceOptions(trim=False, declination=0.0))
     assert row.errors is not None
-    assert np.median(row.errors.inclination) == pytest.approx(np.degrees(np.hypot(*TRIM[:2])), abs=0.02)
+    assert np.median(row.errors.tilt) == pytest.approx(np.degrees(np.hypot(*TRIM[:2])), abs=0.02)
 
 
 @pytest.mark.parametrize("kind", ["imu attitude", "truth", "px4"])

@@ -441,14 +441,14 @@ def test_heading_errors_wrap_and_never_read_as_a_full_turn():
     assert row.errors is not None
     np.testing.assert_allclose(row.errors.heading, 2.0, atol=0.05)
     np.testing.assert_allclose(row.errors.total, 2.0, atol=0.05)
-    np.testing.assert_allclose(row.errors.inclination, 0.0, atol=0.05)
+    np.testing.assert_allclose(row.errors.tilt, 0.0, atol=0.05)
 
 
 def test_errors_are_those_put_in():
     row, _, _ = compared(flight(), estimate(heading_deg=-5.0, tilt_deg=3.0))
     assert row.errors is not None
     np.testing.assert_allclose(row.errors.heading, -5.0, atol=0.05)
-    np.testing.assert_allclose(row.errors.inclination, 3.0, atol=0.05)
+    np.testing.assert_allclose(row.errors.tilt, 3.0, atol=0.05)
 
 
 def test_attitudes_without_common_time_have_no_errors():
@@ -473,7 +473,7 @@ def test_errors_depend_neither_on_north_nor_on_the_clock(yaw, shift):
     n = min(len(moved.t), len(plain.t))
     np.testing.assert_allclose(moved.heading[1 : n - 1], plain.heading[1 : n - 1], atol=1e-5)
     np.testing.assert_allclose(moved.total[1 : n - 1], plain.total[1 : n - 1], atol=1e-5)
-    np.testing.assert_allclose(moved.inclination.mean(), plain.inclination.mean(), atol=1e-3)
+    np.testing.assert_allclose(moved.tilt.mean(), plain.tilt.mean(), atol=1e-3)
 
 
 @pytest.mark.parametrize("hz", [100.0, 4.0])

@@ -236,7 +236,7 @@ def test_an_unsure_heading_is_that_of_the_onboard_attitude_and_tilt_stays_its_ow
     onboard = onboard_rows(log, segments.build(log), reference)[0]
     assert onboard.heading_shared
     assert onboard.errors is not None
-    assert np.median(onboard.errors.inclination) == pytest.approx(2.0, abs=0.01)
+    assert np.median(onboard.errors.tilt) == pytest.approx(2.0, abs=0.01)
 
 
 def test_a_shared_heading_is_cut_where_the_onboard_attitude_jumps() -> None:
@@ -262,7 +262,7 @@ def test_an_onboard_attitude_that_is_tilted_itself_lends_no_heading() -> None:
     assert (reference.kind, reference.heading_by) == ("smoother", "nobody")
     onboard = onboard_rows(log, segments.build(log), reference)[0]
     assert onboard.errors is not None
-    assert np.median(onboard.errors.inclination[onboard.errors.t > 26]) == pytest.approx(28.0, abs=0.1)
+    assert np.median(onboard.errors.tilt[onboard.errors.t > 26]) == pytest.approx(28.0, abs=0.1)
 
 
 def test_the_trim_of_the_vehicle_is_no_error_of_the_attitude_that_has_it_taken_out() -> None:
@@ -357,16 +357,16 @@ def test_too_short_and_too_long_logs_are_not_smoothed(runs) -> None:
 
 def test_a_smoother_that_nothing_tells_north_is_sure_of_no_heading() -> None:
     reference = chosen(flight(), made(heading=0.2, aided_by="rest"))
-    assert (reference.heading_by, sigma_deg(reference, "inclination")) == ("onboard", pytest.approx(0.1))
+    assert (reference.heading_by, sigma_deg(reference, "tilt")) == ("onboard", pytest.approx(0.1))
 
 
 def test_sigma_is_that_of_what_is_scored() -> None:
     found = made(heading=0.3)
     found.aux["sigma_tilt"][found.t < 15.0] = 1.0
     reference = chosen(flight(), found)
-    assert sigma_deg(reference, "inclination") == pytest.approx(0.1)
+    assert sigma_deg(reference, "tilt") == pytest.approx(0.1)
     assert sigma_deg(reference, "total") == pytest.approx(np.hypot(0.1, 0.3))
-    assert sigma_deg(chosen(flight(), never, "onboard"), "inclination") == 0.0
+    assert sigma_deg(chosen(flight(), never, "onboard"), "tilt") == 0.0
 
 
 def test_a_fast_smoother_is_thinned_and_keeps_its_sigmas_beside_its_attitudes() -> None:
@@ -475,7 +475,7 @@ def test_a_smoother_refused_by_its_sensors_leaves_their_names_to_the_check() -> 
 def test_a_heading_that_is_borrowed_has_no_sigma_of_the_smoothers() -> None:
     reference = chosen(flight(), made(heading=5.0, heading_from="compass"))
     assert own_sigma_deg(reference, "heading") is None
-    assert own_sigma_deg(reference, "inclination") == pytest.approx(0.1)
+    assert own_sigma_deg(reference, "tilt") == pytest.approx(0.1)
     assert "compass alone" not in meaning(reference)
 
 

@@ -84,7 +84,7 @@ def row(name: str, i: int, **changes: object) -> EstimatorRow:
                 "step_gain_roll": gain,
                 "distortion_roll_pct": answer(3.0 + 20 * bent, "pct", "airborne", 1),
                 "drift_air_deg_per_min.onboard": answer(drift * 2, "deg/min", "airborne", 1.0),
-                "inclination_rmse_deg": answer(1.2 + i, "deg", "airborne"),
+                "tilt_rmse_deg": answer(1.2 + i, "deg", "airborne"),
                 "heading_rmse_deg": missing("no_magnetometer", "uses no magnetometer", "deg", "airborne")
                 if name == "gyro"
                 else answer(3.2 + i, "deg", "airborne"),
@@ -126,7 +126,7 @@ def onboard() -> EstimatorRow:
             },
             "airborne": {
                 m: missing("not_applicable", said, u, "airborne")
-                for m, u in (("lag_ms", "ms"), ("inclination_rmse_deg", "deg"), ("heading_rmse_deg", "deg"))
+                for m, u in (("lag_ms", "ms"), ("tilt_rmse_deg", "deg"), ("heading_rmse_deg", "deg"))
             },
         },
     )
@@ -151,7 +151,7 @@ def traces(names: tuple[str, ...]) -> list[Trace]:
                 "difference",
                 name,
                 t[::10],
-                coarse | {"inclination": np.hypot(coarse["roll"], coarse["pitch"]), "total": np.abs(coarse["heading"])},
+                coarse | {"tilt": np.hypot(coarse["roll"], coarse["pitch"]), "total": np.abs(coarse["heading"])},
             )
         )
         out.append(Trace("rest", name, t[at_rest], {a: error[a][at_rest] - error[a][at_rest].mean() for a in AXES}))
@@ -376,7 +376,7 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
                 "noise_tilt_deg": ["vqf", "mahony@xu-0.6"],
                 "drift_rest_deg_per_min": ["mahony@xu-0.6", "madgwick@marg", "vqf"],
             },
-            "airborne": {"lag_ms": ["vqf"], "inclination_rmse_deg": ["complementary@fan"]},
+            "airborne": {"lag_ms": ["vqf"], "tilt_rmse_deg": ["complementary@fan"]},
         },
         worst={"rest": {"noise_tilt_deg": ["madgwick@marg"]}, "airborne": {"lag_ms": ["mahony@xu-0.6"]}},
         ranked={

@@ -69,9 +69,7 @@ def compared(result: Result):
 
 def test_onboard_stands_first_then_filters_by_accuracy_and_the_gyro_last() -> None:
     result = make_result()
-    tilt = {
-        r.name: r.metrics["airborne"]["inclination_rmse_deg"].value for r in result.estimators if r.kind == "replay"
-    }
+    tilt = {r.name: r.metrics["airborne"]["tilt_rmse_deg"].value for r in result.estimators if r.kind == "replay"}
     shown = compared(result).rows
     assert shown[0] == "onboard"
     assert shown[-1] == "gyro"

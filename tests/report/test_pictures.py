@@ -106,7 +106,7 @@ def test_the_comparison_shows_the_answers_of_the_four_questions(album: Album, dr
     layout, rows = drawn["comparison"]["layout"], {row.name: row for row in album.result.estimators}
     titles = [note["text"] for note in layout["annotations"] if note["text"].startswith("<b>")]
     assert titles == ["<b>Accuracy</b>", "<b>Static noise</b>", "<b>Step response</b>", "<b>Yaw drift</b>"]
-    for number, window, metric in (("", "airborne", "inclination_rmse_deg"), ("3", "airborne", "lag_ms")):
+    for number, window, metric in (("", "airborne", "tilt_rmse_deg"), ("3", "airborne", "lag_ms")):
         dots = {t["meta"]: t for t in drawn["comparison"]["data"] if t["xaxis"] == f"x{number}"}
         answers = {i: rows[name].metrics[window][metric] for i, name in enumerate(album.look)}
         assert set(dots) == {i for i, a in answers.items() if a.value is not None}

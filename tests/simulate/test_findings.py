@@ -129,7 +129,7 @@ def test_filters_on_a_simulated_log_are_as_good_as_their_kind(suffix: str, tmp_p
         write(tmp_path / f"{name}{suffix}", fly(build_scenario(scenario_values(name)), 0))
         chosen = {"estimators": ["mahony", "gyro"], "reference": "truth"}
         rows = {row.name: row for row in attlog.analyze(tmp_path / f"{name}{suffix}", chosen).estimators}
-        tilt[name] = rows["mahony"].metrics["airborne"]["inclination_rmse_deg"].value
+        tilt[name] = rows["mahony"].metrics["airborne"]["tilt_rmse_deg"].value
     assert tilt["hover"] < 1.0
     assert tilt["hover"] < tilt["steps"] < 5.0
     for row in ("gyro", "mahony", "onboard"):

@@ -9,7 +9,7 @@ from attlog.result import EstimatorRow, ReferenceSummary, Result, Verdict
 from attlog.words.answers import verdicts
 
 Metrics = dict[str, dict[str, Answer]]
-TILT, HEADING, NOISE = "inclination_rmse_deg", "heading_rmse_deg", "noise_tilt_deg"
+TILT, HEADING, NOISE = "tilt_rmse_deg", "heading_rmse_deg", "noise_tilt_deg"
 LAG, STEP, STEP_PCT = "lag_ms", "step_error_deg.0.5s", "step_error_pct.0.5s"
 DRIFT_REST, DRIFT_AIR = "drift_rest_deg_per_min", "drift_air_deg_per_min"
 

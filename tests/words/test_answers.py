@@ -148,7 +148,7 @@ def test_sentences_stay_short_with_many_filters():
     ]
     rows = [row(f"filter{i}@preset", metrics) for i, metrics in enumerate(every)]
     names = [r.name for r in rows]
-    best = {m: names[:4] for m in ("inclination_rmse_deg", "noise_tilt_deg", "lag_ms", "drift_rest_deg_per_min")}
+    best = {m: names[:4] for m in ("tilt_rmse_deg", "noise_tilt_deg", "lag_ms", "drift_rest_deg_per_min")}
     for found in verdicts(result(rows, best, dict.fromkeys(best, names[-1]), "truth")):
         assert len(found.sentence.split()) <= 70, found.sentence
 

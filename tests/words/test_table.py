@@ -38,9 +38,9 @@ def test_each_phase_has_its_own_column_of_noise_in_the_order_of_the_sentence():
 
 def test_a_column_has_one_window_for_all_rows():
     result = make_result()
-    result.estimators[2].metrics["airborne"].pop("inclination_rmse_deg")
-    result.estimators[2].metrics["all"]["inclination_rmse_deg"] = answer(9.0, "deg", "all")
-    assert cells(result, "complementary@fan")["inclination_rmse_deg"].missing
+    result.estimators[2].metrics["airborne"].pop("tilt_rmse_deg")
+    result.estimators[2].metrics["all"]["tilt_rmse_deg"] = answer(9.0, "deg", "all")
+    assert cells(result, "complementary@fan")["tilt_rmse_deg"].missing
 
 
 def test_an_asked_window_is_the_only_one_that_is_looked_at():
@@ -83,7 +83,7 @@ def test_what_flew_stands_first_and_other_onboard_attitudes_last():
 def test_missing_is_a_word_never_a_number():
     result = make_result()
     assert cells(result, "gyro")["heading_rmse_deg"].text == "no mag"
-    assert cells(result, "onboard")["inclination_rmse_deg"].text == "reference"
+    assert cells(result, "onboard")["tilt_rmse_deg"].text == "reference"
     assert cells(result, "complementary@fan")["lag_ms"].text == "not a pure delay"
     assert cells(result, "complementary@fan")["lag_ms"].sort is None
 
@@ -112,8 +112,8 @@ def test_low_coverage_is_printed_beside_the_value():
     result = make_result()
     poor = answer(2.0, "deg", "airborne")
     poor.coverage_pct = 62.0
-    result.estimators[1].metrics["airborne"]["inclination_rmse_deg"] = poor
-    assert cells(result, "gyro")["inclination_rmse_deg"].small == ("[1.9, 2.1]", "of 62 %")
+    result.estimators[1].metrics["airborne"]["tilt_rmse_deg"] = poor
+    assert cells(result, "gyro")["tilt_rmse_deg"].small == ("[1.9, 2.1]", "of 62 %")
 
 
 def test_drift_in_the_air_has_the_column_of_the_quoted_heading_reference():

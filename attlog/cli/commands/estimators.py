@@ -47,7 +47,7 @@ def accuracy_table(estimators: Sequence[Estimator]) -> Iterator[TextLine]:
     trials = ", ".join(str(max((s[key].trials for s in every if key in s), default=0)) for key in SHOWN)
     dated = sorted({(one.date, one.version) for sets in every for one in sets.values()})
     when = " to ".join(f"{version} ({day})" for day, version in dict.fromkeys([*dated[:1], *dated[-1:]]))
-    yield TextLine(f"  Mean RMSE of {trials} trials: total/heading/inclination; EuRoC: inclination.")
+    yield TextLine(f"  Mean RMSE of {trials} trials: total/heading/tilt; EuRoC: tilt.")
     yield TextLine(
         "  -: needs mag or gnss. aids: GNSS, barometer, airspeed, rest: of simulated flights. ns: per update."
     )

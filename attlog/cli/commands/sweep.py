@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from attlog.compare.setting import Configuration
 
 EXAMPLE = "attlog sweep *.bin mahony kp=0.6,1.1,2 ki=0..0.05/6"
-METRICS = ("inclination_rmse_deg", "heading_rmse_deg")
+METRICS = ("tilt_rmse_deg", "heading_rmse_deg")
 SHOWN = 8
 """So many settings are listed; -v lists all, and each log's own optimum."""
 

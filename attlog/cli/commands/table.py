@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from attlog.batch.across import Across, Column
 
 FORMATS = ("md", "csv", "tex", "parquet")
-DEFAULT = "inclination_rmse_deg"
+DEFAULT = "tilt_rmse_deg"
 GAP = "  "
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "attlog tune *.bin mahony kp=0.05..5log ki=0.001..0.1log"
 ELSEWHERE = (
-    "inclination_rmse_deg",
+    "tilt_rmse_deg",
     "heading_rmse_deg",
     "noise_tilt_deg",
     "noise_tilt_deg@hover",

@@ -28,7 +28,7 @@ and [M]x), pitch without its sign, ``M_bx sin(phi)`` in the heading and a plain 
 The field enters as a unit vector, so its unit does not matter. There is no gyro bias among
 the states: a bias tilts g and M until the measurements balance it. By default the gyro sample is used
 before g and M are predicted, because it is the rate of just that time. The prediction turns g and M
-exactly, with ``integrator = first_order`` by (8) as the paper does (BROAD: inclination 2.2 for
+exactly, with ``integrator = first_order`` by (8) as the paper does (BROAD: tilt 2.2 for
 1.6 deg, thinned to 26 Hz 5.6 for 3.3). F is (11) in both.
 
 How it computes. H picks three neighbouring states per sensor and R is diagonal, so the three

@@ -11,7 +11,7 @@ averaged vectors, and not from level with the package's gain of 10 that fades in
 comes later than the start sets the heading when it comes. Rejection is
 off by default, as in the package: an uncorrected gyro bias b leaves an error of b / gain, and where
 that is near the rejection angle (4.5 deg/s with preset ``example``: 9 of 10 deg) the accelerometer
-is left out for good parts of the flight (four EuRoC flights: inclination 18 to 22 deg for 7 to 9).
+is left out for good parts of the flight (four EuRoC flights: tilt 18 to 22 deg for 7 to 9).
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ and NED. Printed errors stay out: (3) loses a factor 2 in 2 q1^2, rows 2-4 of (1
 are permuted, (11) and (15) print the same quotient twice and use arctan for atan2.
 ``mag_form = vector`` is Mahony's cross product with the whole field,
 ``integrator = first_order`` Xu's (6-10), ``acc_form = direction`` his unit vector. The
-default takes f/g for f/|f|: on 12 BROAD trials inclination falls from 4.2 to 2.5 deg
+default takes f/g for f/|f|: on 12 BROAD trials tilt falls from 4.2 to 2.5 deg
 (kp 0.6), on four EuRoC flights it stays (6.0 and 6.1 deg).
 """
 

@@ -1,8 +1,8 @@
 """VQF, by its authors' own package: acceleration low-passed in an almost-inertial frame.
 
-    f_I  = low-pass(R_I f, tau_acc)        inclination from its direction
+    f_I  = low-pass(R_I f, tau_acc)        tilt from its direction
     heading from the magnetometer with gain 1 - exp(-dt / tau_mag), held back while norm or dip are disturbed
-    gyro bias by a Kalman filter from inclination and rest
+    gyro bias by a Kalman filter from tilt and rest
 
 Source: Laidig2023, package ``vqf``.
 
@@ -13,7 +13,7 @@ the heading from the first sample on, a later one from then on. Samples at which
 bias stands at ``bias_clip``, so that the sensor's own is probably larger, are counted as
 ``bias_beyond_clip``. A start in motion taught the package a bias that turned the heading by 32 deg for a minute;
 with ``settle`` it is 1 deg. Preset ``package`` has the package's own values: four EuRoC flights with 4.5 deg/s
-have an inclination of 5.1 deg with them, 1.5 deg with the defaults here.
+have a tilt of 5.1 deg with them, 1.5 deg with the defaults here.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def difference_figure(
     found: list[Trace], sigma: list[Trace], names: Rows, store: ArrayPacker, result: Result
 ) -> PageFigure:
     """Each row minus the reference, and how wrong a smoother may be itself."""
-    drawn, ratio = packed_series(found, ("inclination", *ANGLES), names, store, ANGLE_STEP)
+    drawn, ratio = packed_series(found, ("tilt", *ANGLES), names, store, ANGLE_STEP)
     reference = result.reference.choice if result.reference else "onboard"
     zero = {"truth": truth_name(result), "smoother": "the smoother"}.get(reference, "agreement with onboard, not truth")
     caption = f"Zero is {zero}{'; grey: its own sigma' if sigma else ''}. "
@@ -106,7 +106,7 @@ def difference_figure(
     title = f"Difference from {'onboard' if reference == 'none' else reference}"
     data: dict[str, Any] = {"series": drawn, "scored": start}
     if sigma:
-        data["sigma"] = packed_trace(sigma[0], ("inclination", "heading"), store, ANGLE_STEP / 10.0)
+        data["sigma"] = packed_trace(sigma[0], ("tilt", "heading"), store, ANGLE_STEP / 10.0)
     return PageFigure("difference", "difference", title, caption, 560, data, words=range_words(found, names))
 
 
@@ -235,7 +235,7 @@ def _headings(ax: dict[str, Any]) -> None:
 def draw_difference(canvas: Canvas, data: dict[str, Any]) -> None:
     """Filter minus reference in tilt, roll, pitch, heading; grey: how wrong a smoother may be itself."""
     columns = [
-        Panel("inclination", "tilt, °", more={"rangemode": "nonnegative"}),
+        Panel("tilt", "tilt, °", more={"rangemode": "nonnegative"}),
         Panel("roll", "roll, °", wraps=True),
         Panel("pitch", "pitch, °"),
         Panel("heading", "heading, °", wraps=True),
@@ -243,7 +243,7 @@ def draw_difference(canvas: Canvas, data: dict[str, Any]) -> None:
     columns = [c for c in columns if any(c.key in s["y"] for s in data["series"])]
     if "sigma" in data:
         grey = {"fill": "tonexty", "fillcolor": faded(INK, 0.15)}
-        for key, yaxis, low in (("inclination", "y", 0.0), ("heading", "y4", -1.0)):
+        for key, yaxis, low in (("tilt", "y", 0.0), ("heading", "y4", -1.0)):
             if key in data["sigma"]["y"]:
                 x, y = thinned(as_array(data["sigma"]["t"]), as_array(data["sigma"]["y"][key]), canvas.span)
                 canvas.edge(x, low * y, yaxis=yaxis)

@@ -50,10 +50,10 @@ const draws = {
     return headed(id, p);
   },
   difference(id, f, range) {
-    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]].filter(([k]) => f.series.some((s) => s.y[k])), { range, phases: 'named', from: f.scored, to: D.marks.crash });
+    const p = panels(id, f, [['tilt', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]].filter(([k]) => f.series.some((s) => s.y[k])), { range, phases: 'named', from: f.scored, to: D.marks.crash });
     // how wrong the smoother may be itself: a grey band below the lines
     const none = { line: { width: 0 }, hoverinfo: 'skip', say: undefined }, grey = faded(css('--tx'), 0.14);
-    if (f.sigma) [['inclination', 'y', 0], ['heading', 'y4', -1]].forEach(([key, yaxis, low]) => {
+    if (f.sigma) [['tilt', 'y', 0], ['heading', 'y4', -1]].forEach(([key, yaxis, low]) => {
       if (!f.sigma.y[key]) return;
       const [X, Y] = reduced(times(f.sigma.t), values(f.sigma.y[key]), range, width(id));
       const edge = (sign, more) => plain('sigma of the smoother', css('--tx'), X, Y.map((v) => (v === null ? null : sign * v)), Object.assign({ yaxis }, none, more));

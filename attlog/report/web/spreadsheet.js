@@ -26,7 +26,6 @@ const ofRows = (series, unit, range, word = (k) => k) => drawnOf(series).flatMap
 const ofDots = (rows, quantity, unit) => drawnOf(rows).filter((d) => finite(d.v)).map((d) => [called(d.r), quantity(d), d.v, d.ci ? d.ci[0] : null, d.ci ? d.ci[1] : null, d.n, unit]);
 const FILTERED = ['time_s', 'filter', 'quantity', 'value', 'unit'], SENSED = ['time_s', 'quantity', 'value', 'unit'];
 const BOUNDED = ['filter', 'quantity', 'value', 'lower', 'upper', 'n', 'unit'];
-const tilted = (k) => (k === 'inclination' ? 'tilt' : k);
 
 const tables = {
   strip(f, range) {
@@ -35,7 +34,7 @@ const tables = {
     return [['time_s', 'end_s', 'quantity', 'value'], ...span('mode', M.modes), ...span('armed', M.armed), ...span('in the air', M.airborne), ...texts];
   },
   attitude: (f, range) => [FILTERED, ...ofRows(f.series, 'deg', range), ...(f.demand ? samples(times(f.demand.t), unpacked(f.demand.y), 'deg', range, ['set-point']) : [])],
-  difference: (f, range) => [FILTERED, ...ofRows(f.series, 'deg', range, tilted), ...(f.sigma ? samples(times(f.sigma.t), renamed(unpacked(f.sigma.y), (k) => 'sigma of ' + tilted(k)), 'deg', range, ['reference']) : [])],
+  difference: (f, range) => [FILTERED, ...ofRows(f.series, 'deg', range), ...(f.sigma ? samples(times(f.sigma.t), renamed(unpacked(f.sigma.y), (k) => 'sigma of ' + k), 'deg', range, ['reference']) : [])],
   bias: (f, range) => [FILTERED, ...ofRows(f.series, 'deg/s', range), ...(f.rests ? samples(f.rests.t, { x: f.rests.x, y: f.rests.y, z: f.rests.z }, 'deg/s', range, ['gyro at rest']) : [])],
   rest: (f) => [FILTERED, ...ofRows(f.series, 'deg')],
   drift: (f, range, view) => [FILTERED, ...ofRows(f.series, 'deg', null, (k) => (k === 'line' ? 'fitted line' : 'heading error') + (view && ', ' + view))],

@@ -30,7 +30,7 @@ def distance(path: Path, onboard: str, row: str, gyro_bias: str = "none") -> tup
     errors = run_rows(case, [row])[0].errors
     assert errors is not None
     use = errors.scored
-    tilt, heading = (np.sqrt(np.mean(x[use] ** 2)) for x in (errors.inclination, errors.heading))
+    tilt, heading = (np.sqrt(np.mean(x[use] ** 2)) for x in (errors.tilt, errors.heading))
     return float(tilt), float(heading)
 
 

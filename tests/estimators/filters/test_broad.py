@@ -47,7 +47,7 @@ def trial(name: str) -> dict[str, Any]:
 def published(folder: Path) -> dict[tuple[str, str], np.ndarray]:
     with (folder / "published.csv").open() as file:
         rows = [r for r in csv.DictReader(file) if r["setting"] == "tagp"]
-    columns = ("total_rmse_deg", "heading_rmse_deg", "inclination_rmse_deg")
+    columns = ("total_rmse_deg", "heading_rmse_deg", "tilt_rmse_deg")
     return {(r["trial"], r["algorithm"]): np.array([float(r[c]) for c in columns]) for r in rows}
 
 
@@ -68,7 +68,7 @@ def publishers_start(acc: np.ndarray, mag: np.ndarray) -> np.ndarray:
 
 
 def rmse_deg(q: np.ndarray, d: dict[str, Any]) -> np.ndarray:
-    """Total, heading and inclination RMSE over the motion, as the dataset defines them."""
+    """Total, heading and tilt RMSE over the motion, as the dataset defines them."""
     use = d["movement"] & np.isfinite(d["q"]).all(axis=1)
     e = rotation.earth_error(q[use], d["q"][use])
     angles = (rotation.total_angle(e), rotation.heading_angle(e), rotation.tilt_angle(e))
@@ -87,7 +87,7 @@ def test_the_published_errors_of_each_trial_are_reproduced(corpus: Path, name: s
 
 
 def test_vectors_beat_directions_on_real_accelerations() -> None:
-    """The reason for acc_form = vector: mean inclination error over all trials falls by a quarter at least."""
+    """The reason for acc_form = vector: mean tilt error over all trials falls by a quarter at least."""
     mean = {}
     for form in ("direction", "vector"):
         spec = f"mahony@xu-0.6:acc_form={form}"

@@ -186,7 +186,7 @@ def rms(x: Array) -> float:
 
 
 def errors(m: Motion, after: float, **given: float) -> tuple[float, float]:
-    """Inclination and heading RMSE in deg after some seconds."""
+    """Tilt and heading RMSE in deg after some seconds."""
     e = estimate("mekf", *m.sensors, **given)
     late = m.t > after
     return rms(tilt_deg(e.q[late], m.q[late])), rms(heading_deg(e.q[late], m.q[late]))

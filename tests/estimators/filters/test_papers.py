@@ -165,7 +165,7 @@ def broad(path: Path) -> tuple[np.ndarray, ...]:
 
 
 def rmse_deg(q: np.ndarray, truth: np.ndarray, moving: np.ndarray) -> list[float]:
-    """Total, heading and inclination RMSE as the dataset defines them."""
+    """Total, heading and tilt RMSE as the dataset defines them."""
     e = rotation.earth_error(q, truth)
     e = e[moving & np.isfinite(e).all(axis=1)]
     angles = (rotation.total_angle(e), rotation.heading_angle(e), rotation.tilt_angle(e))
@@ -178,7 +178,7 @@ def test_mahony_reproduces_the_published_broad_numbers(corpus: Path) -> None:
     because the bias integrates the start error away for minutes (kp/ki = 600 s)."""
     rows = csv.DictReader((corpus / "broad" / "published.csv").open())
     published = {r["trial"]: r for r in rows if r["algorithm"] == "mahony" and r["setting"] == "tagp"}
-    names = ("total_rmse_deg", "heading_rmse_deg", "inclination_rmse_deg")
+    names = ("total_rmse_deg", "heading_rmse_deg", "tilt_rmse_deg")
     assert len(published) == 15
     for trial, row in published.items():
         t, gyr, acc, mag, truth, moving = broad(corpus / "broad" / f"{trial}.npz")
