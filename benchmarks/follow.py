@@ -24,7 +24,6 @@ from attlog.pipeline.replay import run_rows
 
 FLOWN = {
     "plane_dcm.bin": "ATT",
-    "px4log_01_07_59_cut.px4log": "ATT",
     "ulg_px4_1.5_auavx21_ground_cut.ulg": "vehicle_attitude",
 }
 """Logs whose onboard attitude comes from one of the two filters."""

@@ -31,7 +31,7 @@ from made_logs import SAMPLES, kept
 from measured import anonymous_mb, child, children
 from readers import corpus_of
 
-SMALL, LOGS = 450_000, (".ulg", ".bin", ".log", ".tlog", ".px4log", ".mavlink")
+SMALL, LOGS = 450_000, (".ulg", ".bin", ".log", ".tlog", ".mavlink")
 """Bytes and kinds of the corpus's logs that are taken."""
 GROWTH_MB = 30.0
 """What a thousand analyses may add to the process: arenas of the allocator breathe by some MB."""

@@ -86,7 +86,7 @@ def corpus_logs(*suffixes: str) -> list[Path]:
     root = corpus_root()
     if root is not None:
         found += sorted(p for folder in ("logs", "sitl/px4", "sitl/ardupilot") for p in (root / folder).glob("*"))
-    found = [p for p in found if p.suffix.lower() in (".ulg", ".bin", ".tlog", ".log", ".px4log", ".mavlink")]
+    found = [p for p in found if p.suffix.lower() in (".ulg", ".bin", ".tlog", ".log", ".mavlink")]
     return [p for p in found if not suffixes or p.suffix.lower() in suffixes]
 
 

@@ -104,4 +104,4 @@ def test_the_wheel_works_without_the_source_and_without_a_warning(built: tuple[P
         folder=tmp_path,
         PYTHONPATH=str(target),
     )
-    run(*attlog, "info", "turned.ulg", "--verify", folder=tmp_path, PYTHONPATH=str(target))
+    run(*attlog, "info", "turned.ulg", folder=tmp_path, PYTHONPATH=str(target))

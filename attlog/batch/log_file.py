@@ -93,7 +93,7 @@ def state(path: Path) -> tuple[int, int] | None:
 
 # Was a file that lies somewhere meant as a log, or as an archive of logs?
 
-LOG_SUFFIXES = frozenset((".ulg", ".ulge", ".tlog", ".px4log", ".mcap", ".db3"))
+LOG_SUFFIXES = frozenset((".ulg", ".ulge", ".tlog", ".mcap", ".db3"))
 """A file of these names was meant as a log even where its content is none; other names serve other things too."""
 
 MAGICS = (b"PK\x03\x04", b"PK\x05\x06")

@@ -89,7 +89,7 @@ Logs = Annotated[
         metavar="LOG|DIR|GLOB...",
         readable=False,
         show_default=False,
-        help="Read these flight logs (.ulg, .bin, .log, .tlog, .px4log, .mcap, .db3), folders, quoted patterns.",
+        help="Read these flight logs (.ulg, .bin, .log, .tlog, .mcap, .db3), folders, quoted patterns.",
     ),
 ]
 Places = Annotated[
@@ -97,7 +97,7 @@ Places = Annotated[
     typer.Argument(
         metavar="LOG|DIR|GLOB|URL...",
         show_default=False,
-        help="Read these flight logs (.ulg, .bin, .log, .tlog, .px4log, .mcap, .db3), folders, quoted patterns, "
+        help="Read these flight logs (.ulg, .bin, .log, .tlog, .mcap, .db3), folders, quoted patterns, "
         "zip archives, URLs.",
     ),
 ]

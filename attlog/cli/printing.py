@@ -107,7 +107,7 @@ def terminal(stderr: bool = False) -> Console:
 
     class Terminal(Console):
         def on_broken_pipe(self) -> None:
-            # rich would end with 1, which means a difference that info --verify found
+            # rich would end with 1, which means that a gate failed
             raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
 
     stream = sys.stderr if stderr else sys.stdout

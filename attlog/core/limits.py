@@ -83,15 +83,6 @@ compared, drawn and listed."""
 MAX_BOOTS = 100
 """Power-ups distinguished in one file of joined logs; what is behind belongs to the last."""
 
-VERIFY_S = 15.0
-"""An official library is given up after this CPU time and :data:`VERIFY_S_PER_BYTE`: damaged logs can keep it for ever.
-On the clock it has :data:`VERIFY_WAITS` times as long, so that a busy machine does not decide."""
-
-VERIFY_WAITS = 20.0
-
-VERIFY_S_PER_BYTE = 2e-5
-"""20 s per MB; pymavlink takes 1 to 4 on a quiet machine."""
-
 LAST_TIME_US = 1 << 56
 """Boot clocks and even Unix clocks stay below 2000 years; random bytes hardly ever do."""
 

@@ -88,7 +88,7 @@ def read(
 ) -> FlightLog:
     """The flight in a log file: one clock in s, SI units, body axes forward-right-down, earth axes north-east-down.
 
-    ``path``: a ULog, DataFlash (``.bin``, ``.log``), tlog or ``.px4log`` file, also with gzip around it. ``imu`` and
+    ``path``: a ULog, DataFlash (``.bin``, ``.log``), or tlog file, also with gzip around it. ``imu`` and
     ``mag`` name an instance instead of the one that flew (``mag="none"``: no magnetometer), ``boot`` one of several
     power-ups in a file, ``system`` one of several vehicles in a tlog, ``params`` a ground station's parameter file for
     what the log does not tell (filters under the firmware's names take all of it; compasses and accelerometers are
@@ -160,10 +160,6 @@ def read_messages(messages: table_Messages, imu: int | None, mag: int | str | No
         from attlog.flight.ardupilot import reader as ardupilot
 
         return ardupilot.read(messages, imu, mag)
-    if messages.format == "px4log":
-        from attlog.flight.px4 import sdlog2
-
-        return sdlog2.read(messages, imu, mag)
     if messages.format == "ros":
         from attlog.flight import ros
 

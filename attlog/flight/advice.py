@@ -202,10 +202,9 @@ def setting_already_made(what: str, rate: float | None, records: str) -> str:
     return f"{what} set already and no limit is near: the vehicle logs no faster than {rate:.1f} Hz."
 
 
-# PX4's logging settings: SDLOG_PROFILE, SDLOG_MODE and the topic list on the SD card; sdlog2 before them.
+# PX4's logging settings: SDLOG_PROFILE, SDLOG_MODE and the topic list on the SD card.
 #
-# Source: ``src/modules/logger/params.c`` and ``logged_topics.cpp`` of 1.6 to 1.16,
-# ``src/modules/sdlog2/params.c``. SDLOG_PROFILE is a bit mask since 1.8; its bit 0
+# Source: ``src/modules/logger/params.c`` and ``logged_topics.cpp`` of 1.6 to 1.16. SDLOG_PROFILE is a bit mask since 1.8; its bit 0
 # logged ``sensor_combined`` at 10 Hz before 1.12 and at full rate since.
 
 DEFAULT, REPLAY, HIGH_RATE, GYRO_FIFO, ACCEL_FIFO = 0, 1, 4, 8, 9
@@ -213,7 +212,6 @@ DEFAULT, REPLAY, HIGH_RATE, GYRO_FIFO, ACCEL_FIFO = 0, 1, 4, 8, 9
 TOPICS_FILE = "etc/logging/logger_topics.txt on the SD card"
 LOG_FROM_BOOT_MODES = (1, 2)
 """Values of SDLOG_MODE with which the log begins at boot."""
-SDLOG2_HZ = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,24 +272,6 @@ class Px4Logging:
         if mode in LOG_FROM_BOOT_MODES:
             return advise_rest(f"SDLOG_MODE is {mode:g} already")
         return advise_rest(setting="Set SDLOG_MODE to 1")
-
-
-@dataclass(frozen=True, slots=True)
-class Sdlog2Logging:
-    """Settings of sdlog2, the logger before ULog: one rate for everything."""
-
-    values: Mapping[str, float]
-
-    def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """What would log ``what``; see :class:`attlog.flight.advice.Logging`."""
-        if what == "rest":
-            return advise_rest(setting="Start the logger at boot (sdlog2 start -e)")
-        if what == "mag":
-            return "Connect and calibrate a compass."
-        if self.values.get("SDLOG_RATE", -1.0) >= SDLOG2_HZ:
-            return f"SDLOG_RATE is {self.values['SDLOG_RATE']:g} Hz already: the board logs no faster."
-        by_parameter = f"Set SDLOG_RATE to {SDLOG2_HZ}" if "SDLOG_RATE" in self.values else "Raise the log rate"
-        return f"{by_parameter} (sdlog2 start -r {SDLOG2_HZ})."
 
 
 @dataclass(frozen=True, slots=True)

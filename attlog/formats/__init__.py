@@ -1,6 +1,6 @@
 """Flight logs as lazy columns: ``open`` tells the formats apart by content, never by suffix.
 
-A new format is a folder with reader, writer, clock, recogniser and oracle, and one line in :data:`FORMATS`.
+A new format is a folder with reader, writer and recogniser, and one line in :data:`FORMATS`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,6 @@ from attlog.core.errors import LogUnreadable, NotALog, UsageError
 from attlog.formats.recording import MessageLayout, Recording
 from attlog.formats.table import Boot, Damage, Field, Messages, ParamChange, Table, Text
 
-if TYPE_CHECKING:
-    from attlog.formats.oracle import Oracle
 __all__ = [
     "Boot",
     "Damage",
@@ -46,13 +44,13 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A log format. Recogniser, reader, writer and oracle name places below ``attlog.formats`` as ``module:name``.
+    """A log format. Recogniser, reader and writer name places below ``attlog.formats`` as ``module:name``.
 
     ``name`` is ``Messages.format``; ``title`` and ``suffix`` are what messages say (files are told apart by content
     when they are read, by suffix when they are written). ``recogniser(head) -> bool`` judges the first bytes;
     ``reader(path, *, data) -> Messages`` decodes; ``writer(path, recording)`` takes a
-    :class:`attlog.formats.recording.Recording` and is None for formats that are only read; ``oracle`` is an
-    :class:`attlog.formats.oracle.Oracle`. ``several_vehicles``: the reader takes ``system`` too.
+    :class:`attlog.formats.recording.Recording` and is None for formats that are only read.
+    ``several_vehicles``: the reader takes ``system`` too.
     """
 
     name: str
@@ -61,7 +59,6 @@ class Format:
     recogniser: str
     reader: str
     writer: str | None
-    oracle: str
     several_vehicles: bool = False
 
     @property
@@ -84,11 +81,6 @@ class Format:
             raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
         _load_by_name(self.writer)(path, recording)
 
-    def load_oracle(self) -> Oracle:
-        """How the official library is asked."""
-        oracle: Oracle = _load_by_name(self.oracle)
-        return oracle
-
 
 def _load_by_name(place: str) -> Any:
     module, _, name = place.partition(":")
@@ -98,19 +90,9 @@ def _load_by_name(place: str) -> Any:
 MAX_HEAD_BYTES = 1 << 16
 """Bytes that are enough to recognise every format, also behind a damaged start."""
 
-# The first that recognises a file reads it: sdlog2 is framed like DataFlash and tells more of itself.
-# name, title, suffix, recogniser, reader, writer, oracle
+# name, title, suffix, recogniser, reader, writer; the first that recognises a file reads it
 FORMATS = (
-    Format(
-        "ulog",
-        "ULog",
-        ".ulg",
-        "ulog.layout:is_ulog",
-        "ulog.reader:read_ulog",
-        "ulog.writer:write_ulog",
-        "ulog.oracle:ORACLE",
-    ),
-    Format("px4log", "sdlog2", ".px4log", "sdlog2:is_sdlog2", "sdlog2:read", None, "dataflash.oracle:BINARY"),
+    Format("ulog", "ULog", ".ulg", "ulog.layout:is_ulog", "ulog.reader:read_ulog", "ulog.writer:write_ulog"),
     Format(
         "dataflash",
         "DataFlash",
@@ -118,7 +100,6 @@ FORMATS = (
         "dataflash.walk:is_dataflash",
         "dataflash.reader:read_binary",
         "dataflash.writer:write_dataflash",
-        "dataflash.oracle:BINARY",
     ),
     Format(
         "dataflash_text",
@@ -127,7 +108,6 @@ FORMATS = (
         "dataflash.walk:is_dataflash_text",
         "dataflash.reader:read_text",
         None,
-        "dataflash.oracle:TEXT",
     ),
     Format(
         "ros",
@@ -136,7 +116,6 @@ FORMATS = (
         "ros.bag:is_bag",
         "ros.reader:read_ros",
         "ros.writer:write_mcap",
-        "ros.oracle:ORACLE",
         several_vehicles=True,
     ),
     Format(
@@ -146,7 +125,6 @@ FORMATS = (
         "mavlink.walk:is_tlog",
         "mavlink.reader:read_mavlink",
         "mavlink.writer:write_tlog",
-        "mavlink.oracle:TLOG",
         several_vehicles=True,
     ),
     Format(
@@ -156,7 +134,6 @@ FORMATS = (
         "mavlink.walk:is_capture",
         "mavlink.reader:read_mavlink",
         None,
-        "mavlink.oracle:CAPTURE",
         several_vehicles=True,
     ),
 )

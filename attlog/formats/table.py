@@ -235,8 +235,8 @@ class LazyList(Generic[T]):
 class Messages(Mapping[tuple[str, int], Table]):
     """An opened log: ``(name, instance) -> Table`` plus what stands beside the data.
 
-    ``format`` is ``ulog``, ``dataflash``, ``dataflash_text``, ``tlog``, ``mavlink`` or
-    ``px4log`` or ``ros``. ``info`` holds the format's own statements (versions, hardware).
+    ``format`` is ``ulog``, ``dataflash``, ``dataflash_text``, ``tlog``, ``mavlink``
+    or ``ros``. ``info`` holds the format's own statements (versions, hardware).
     ``damage`` lists the first damaged places, ``damage_places`` and ``damage_bytes`` count all of them.
     ``remarks`` tell what was left out, and why.
     For MAVLink the instance is ``system * 256 + component``.

@@ -32,7 +32,7 @@ SHORTEST_S = 1.0
 """Records that span less have no rate."""
 
 
-def inspect(path: Path, *, boot: int | None = None, system: int | None = None, verify: bool = False) -> dict[str, Any]:
+def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -> dict[str, Any]:
     """Contents, physics checks, answerable questions and findings of a log.
 
     Keys: ``log``, ``headline`` and ``events`` (what happened), ``messages`` of the boot (name,
@@ -40,15 +40,14 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     ``compared_with`` (what an
     analysis would compare with), ``audit``, ``answerable``,
     ``findings`` (all that is wrong, worst first, with cause and action, before any filter runs), ``damage``,
-    ``gyro_bias`` (what an analysis takes off the gyro; None without inertial data),
-    ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
+    ``gyro_bias`` (what an analysis takes off the gyro; None without inertial data). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
     """
     with small_data() if os.path.isfile(path) and os.path.getsize(path) < SHORT_BYTES else nullcontext():
-        return _inspected(path, boot, system, verify)
+        return _inspected(path, boot, system)
 
 
-def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -> dict[str, Any]:
+def _inspected(path: Path, boot: int | None, system: int | None) -> dict[str, Any]:
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
     listed, damage = _listed(messages.boot(log.boot), system), _damage(messages)
@@ -71,11 +70,6 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     described = to_plain(describe(log, phases))  # before the findings: what breaks in it is one
     wrong = findings(log, checks, [] if chosen is None else contradiction(chosen), events=happened)
     headline = story.headline(log, flown, happened, nothing_wrong(wrong), wrong_angle(checks))
-    verification = None
-    if verify:
-        from attlog.formats.verify import verify as compare
-
-        verification = to_plain(compare(path))
     return {
         "log": described,
         "headline": headline,
@@ -87,7 +81,6 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
         "gyro_bias": None if case is None else to_plain(list(case.gyro_bias.values())),
         "findings": to_plain(wrong),
         "damage": damage,
-        "verify": verification,
     }
 
 

@@ -112,7 +112,6 @@ def test_several_tables_need_a_folder(attlog, samples, tmp_path):
     [
         ("logs/bin_copter_3.2.1_quad_cut.BIN", "GPS"),  # TimeMS is the time of the week there
         ("logs/tlog_mav1_copter_3.2dev.tlog", "GPS_RAW_INT"),  # time_usec is Unix time there
-        ("logs/px4log_01_07_59_cut.px4log", "GPS"),  # no time field at all
     ],
 )
 def test_every_message_is_on_the_clock_of_the_flight(corpus, log, message):

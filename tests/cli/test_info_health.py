@@ -41,14 +41,6 @@ def test_it_names_vehicle_sensors_and_what_can_be_answered(attlog, samples, log,
     assert "What can be answered" in text.out
 
 
-@pytest.mark.parametrize("log", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
-@pytest.mark.slow
-def test_verify_agrees_with_the_official_reader(attlog, samples, log):
-    done = attlog("info", samples / log, "--verify")
-    assert done.code == 0, done.out + done.err
-    assert "Agrees with" in done.out
-
-
 def test_a_strangers_log_cannot_write_to_the_terminal(attlog, tmp_path):
     """Escape sequences in the firmware's name are shown as marks; a damaged place is told once."""
     path = tmp_path / "evil.ulg"

@@ -268,7 +268,6 @@ COMMAND = "from attlog.__main__ import main; main()"
     "words",
     few(
         [
-            pytest.param(["info", "--verify", "log.ulg"], id="official reader"),
             pytest.param(["check-estimator", "mine.py"], id="filter of a file"),
             pytest.param(
                 ["batch", "log.ulg", "-o", "out", "--estimators", "mine.py", "--reference", "onboard"], id="batch"

@@ -164,11 +164,11 @@ def test_info_goes_on_without_a_reference_and_without_answers() -> None:
     ("part", "name", "kinds"),
     few(
         [
-            (segments.rest, "rests", {"continuous"}),
-            (segments.flags, "airborne", {"continuous"}),
-            (segments.gaps, "find", {"continuous"}),
-            (segments.hover, "find", {"armed", "airborne", "continuous", "rest.long"}),
-            (segments.resets, "find", {"armed", "airborne", "continuous", "rest.long"}),
+            (segments.rest, "find_rests", {"continuous"}),
+            (segments.rest, "airborne_spans", {"continuous"}),
+            (segments.model, "find_continuous", {"continuous"}),
+            (segments.rest, "find_hovers", {"armed", "airborne", "continuous", "rest.long"}),
+            (segments.resets, "find_resets", {"armed", "airborne", "continuous", "rest.long"}),
         ],
         2,
     ),

@@ -41,8 +41,8 @@ def test_where_nothing_is_told_nothing_is_known(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="limits as Linux knows them")
 def test_the_limit_of_address_space_counts() -> None:
     code = (
-        "import resource; from attlog.core.machine import free_bytes\n"
-        "resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30)); print(free_bytes())"
+        "import resource; from attlog.core.machine import available_bytes\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30)); print(available_bytes())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (1 << 28) < int(done.stdout) < (1 << 30)

@@ -14,7 +14,7 @@ import pytest
 
 from attlog import flight
 from attlog.flight import remedies
-from attlog.flight.advice import ArduPilotLogging, LoggingNeed, OtherLogging, Px4Logging, Sdlog2Logging
+from attlog.flight.advice import ArduPilotLogging, LoggingNeed, OtherLogging, Px4Logging
 from attlog.flight.model import Mag, Stream
 
 COPTER = (
@@ -160,7 +160,7 @@ def test_advice_of_logs_that_were_told_something_false(corpus: Path, name: str) 
     assert never not in said
 
 
-# Advice on PX4's logging: src/modules/logger/params.c and logged_topics.cpp; src/modules/sdlog2/params.c.
+# Advice on PX4's logging: src/modules/logger/params.c and logged_topics.cpp.
 
 
 @pytest.mark.parametrize(
@@ -199,16 +199,6 @@ def test_logging_from_boot_is_advised_only_where_it_is_off(mode: int, advised: b
 
 def test_versions_without_the_mode_are_not_told_to_set_it() -> None:
     assert "SDLOG_MODE" not in Px4Logging("", {"SYS_LOGGER": 0, "SDLOG_RATE": -1}).advice("rest")
-
-
-def test_sdlog2_has_one_rate_and_no_topic_sets() -> None:
-    assert Sdlog2Logging({"SDLOG_RATE": -1}).advice("imu", 45.0) == "Set SDLOG_RATE to 200 (sdlog2 start -r 200)."
-    assert "already" in Sdlog2Logging({"SDLOG_RATE": 250}).advice("imu", 45.0)
-    assert "SDLOG_RATE" not in Sdlog2Logging({}).advice("imu", 45.0)
-    for what in ("imu", "attitude", "rest", "mag"):
-        said = Sdlog2Logging({"SDLOG_RATE": -1}).advice(what)  # type: ignore[arg-type]
-        assert "SDLOG_MODE" not in said
-        assert "SDLOG_PROFILE" not in said
 
 
 def test_a_log_that_begins_before_arming_is_told_to_stand_still_only(corpus: Path) -> None:

@@ -26,7 +26,7 @@ from attlog.flight.imu import (
 )
 from attlog.flight.mavlink import unix_minus_boot
 from attlog.flight.model import FlightLog
-from attlog.flight.px4 import reader, sdlog2
+from attlog.flight.px4 import reader
 from attlog.flight.timestamps import record_clock
 from attlog.formats.table import Damage
 from tests.flight.fake import gravity, level, messages, micros
@@ -293,21 +293,6 @@ def test_one_of_a_thing_is_no_plural() -> None:
     log = read({("sensor_combined", 0): combined() | {"timestamp": stamps}})
     told = [p.text for p in log.problems if p.code == "duplicate_times"]
     assert told == [f"sensor_combined: left out 1 of {ODD_RECORDS} records, which repeat a time stamp."]
-
-
-def test_a_log_that_starts_beyond_all_clocks_starts_at_nothing() -> None:
-    tables = {
-        ("TIME", 0): {"StartTime": np.full(5, 2**64 - 1, np.uint64), "_t_us": np.full(5, -1, np.int64)},
-        ("ATT", 0): {
-            "_t_us": micros(ODD_RECORDS, 50.0).astype(np.int64),
-            "Roll": np.zeros(ODD_RECORDS),
-            "Pitch": np.zeros(ODD_RECORDS),
-            "Yaw": np.zeros(ODD_RECORDS),
-        },
-    }
-    log = sdlog2.read(messages("px4log", tables, params={"MAV_TYPE": 2.0}))
-    assert log.t0_us == 0
-    assert log.params["MAV_TYPE"].value == [2.0]
 
 
 def test_a_time_of_another_kind_is_no_time_of_a_record() -> None:

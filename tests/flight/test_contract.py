@@ -246,7 +246,7 @@ def test_the_attitude_turns_as_the_gyro_says(row: dict[str, str]) -> None:
     slow = log.attitudes[log.onboard].rate < 30
     for slope in slopes[np.isfinite(slopes)]:
         # slow attitudes smear fast motion; instantaneous samples of 2013 alias rotor vibration
-        assert slope == pytest.approx(1.0, abs=0.2 if slow or row["kind"] == "px4log" else 0.07)
+        assert slope == pytest.approx(1.0, abs=0.2 if slow else 0.07)
 
 
 @pytest.mark.slow

@@ -52,12 +52,12 @@ def test_the_same_recording_gives_the_same_bytes(suffix: str, tmp_path: Path) ->
     assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["a.log", "a", "a.ulg.gz", "a.px4log"])
+@pytest.mark.parametrize("name", ["a.log", "a", "a.ulg.gz"])
 def test_other_suffixes_are_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"ULog \.ulg, DataFlash \.bin, ROS 2 bag \.mcap, MAVLink \.tlog"):
         formats.write(tmp_path / name, recording(".ulg"))
-    with pytest.raises(UsageError, match="reads sdlog2 logs and does not write them"):
-        formats.format_named("px4log").write(tmp_path / name, recording(".ulg"))
+    with pytest.raises(UsageError, match="reads DataFlash text logs and does not write them"):
+        formats.format_named("dataflash_text").write(tmp_path / name, recording(".ulg"))
 
 
 @pytest.mark.parametrize("suffix", CLOCK)

@@ -132,7 +132,7 @@ def _refused(word: str) -> float:
 # printed; a failing input is kept (bytes as a file; columns as log and seed) with what
 # attlog said. Logs: those of ATTLOG_CORPUS, else the samples.
 
-SUFFIXES = (".ulg", ".bin", ".tlog", ".log", ".px4log", ".mavlink")
+SUFFIXES = (".ulg", ".bin", ".tlog", ".log", ".mavlink")
 COMMANDS = ("analyze", "analyze", "analyze", "analyze", "default", "report", "info", "extract")
 KINDS = ("bytes", "columns", "sensors", "fields")
 """Broken bytes, broken columns of a sound file, whole sensors that fail as they do on vehicles, and each field that is

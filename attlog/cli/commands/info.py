@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -12,7 +12,6 @@ from attlog.cli.options import Boot, CommonOptions, Json, Logs, System
 from attlog.cli.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stderr, wrapped
 from attlog.core.errors import EXIT_BUG, error_message, exit_code, worst_exit_code
 
-DIFFERS, LATE = 1, 75
 STYLES = {"ok": "", "warning": "yellow", "fault": "red", "unknown": "dim"}
 
 
@@ -20,9 +19,6 @@ def command(
     logs: Logs,
     common: CommonOptions,
     json: Json = False,
-    verify: Annotated[
-        bool, typer.Option("--verify", help="Read the log again with pyulog or pymavlink and compare every value.")
-    ] = False,
     boot: Boot = None,
     system: System = None,
 ) -> None:
@@ -42,15 +38,13 @@ def command(
         to_stderr(error_message(error, __version__))
     for number, log in enumerate(found):
         try:
-            report = inspect(log, boot=boot, system=system, verify=verify)
+            report = inspect(log, boot=boot, system=system)
             if json:
                 json_to_stdout(json_line(report))
             elif not common.quiet:
                 out = console()
                 say([TextLine("")] * (number > 0), out)
                 say(lines(printable(report), out.width, common.verbose), out)
-            if verify and not report["verify"]["agrees"]:
-                codes.add(LATE if report["verify"]["late"] else DIFFERS)
         except Exception as error:
             if is_of_a_stream(error) or (common.verbose > 1 and exit_code(error) == EXIT_BUG):
                 raise
@@ -110,12 +104,6 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Text
         for m in report["messages"]
     ]
     yield from _part("Messages", messages, width, [""] * len(messages))
-    if report["verify"] is not None:
-        v = report["verify"]
-        yield TextLine("")
-        head = {True: "Agrees with", False: "Differs from", None: "Not compared with"}[v["agrees"]]
-        yield TextLine(f"{head} {v['oracle']}: {v['text']}", "bold")
-        yield from (TextLine(f"  {line}") for line in v["differences"])
 
 
 def _head(log: dict[str, Any], width: int) -> Iterator[TextLine]:

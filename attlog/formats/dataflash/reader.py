@@ -61,6 +61,8 @@ from attlog.formats.table import Boot, DamageLog, Field, Guard, Messages, Offset
 __all__ = ["read_binary"]
 
 
+# Name and letters of the message that times all others in PX4 logs of 2013 to 2016.
+SDLOG2_CLOCK = ("TIME", "Q")
 T = TypeVar("T")
 
 
@@ -81,6 +83,8 @@ def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> M
         raise LogUnusable(
             f"{path}: no FMT record describes any data, so nothing can be decoded; a log must contain its beginning."
         )
+    if any((fmt.name, fmt.letters) == SDLOG2_CLOCK for fmt in index.layouts):
+        raise LogUnusable(f"{path}: a log of PX4's sdlog2 (2013 to 2016), which attlog no longer reads")
     at, time = record_timeline(data, index)
     at, time = drop_false_times(index, at, time)
     boots = _find_boots(data, index, at, time)

@@ -227,7 +227,7 @@ def report_unreadable(index: RecordIndex) -> None:
             )
 
 
-# Parameters and texts from the tables of a log, alike in binary DataFlash, its text form and sdlog2.
+# Parameters and texts from the tables of a log, alike in binary DataFlash and its text form.
 
 INFO_SEVERITY = 6
 """Syslog severity of all texts; MSG records carry none."""

@@ -147,7 +147,7 @@ FOLLOW_KERNEL = reader_kernel(
 )
 
 
-# Where the records of a DataFlash or sdlog2 file begin, found in one vectorised pass.
+# Where the records of a DataFlash file begin, found in one vectorised pass.
 #
 # Both formats frame alike: ``a3 95 type payload``, where FMT records (type 128)
 # tell the length of every other type. There is no checksum, so a record counts

@@ -86,15 +86,6 @@ def test_ap_dcm_follows_on_more_flights(
     assert found[1] < heading
 
 
-def test_px4_q_follows_the_flight_that_it_flew(corpus: Path) -> None:
-    """An octorotor of 2015 with ATT_ACC_COMP 2 in the log; without that, or with another gain, it does not."""
-    path = corpus / "logs" / "px4log_01_07_59_cut.px4log"
-    assert distance(path, "ATT", "px4_q")[0] < 0.6
-    assert distance(path, "ATT", "px4_q:ATT_ACC_COMP=0")[0] > 0.9
-    assert distance(path, "ATT", "px4_q:ATT_W_ACC=0.6")[0] > 0.7
-    assert distance(path, "ATT", "vqf")[0] > 1.0
-
-
 def fixes(m: Motion, velocity: Array, every: int, offset: int = 0) -> Aids:
     """GNSS velocity (n, 3) at each n-th sample."""
     at = slice(every + offset, None, every)

@@ -1,4 +1,4 @@
-"""DataFlash and sdlog2 records from their description alone: struct and nothing of the package."""
+"""DataFlash records from their description alone: struct and nothing of the package."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import pytest
 from attlog import formats
 from attlog.core.errors import LogUnreadable, LogUnusable
 from attlog.core.limits import MAX_INSTANCES, MAX_LAYOUTS_OF_A_NAME, MAX_TEXT_FORMATS
-from attlog.formats import Recording, sdlog2
+from attlog.formats import Recording
 from attlog.formats.dataflash import reader
 from attlog.formats.dataflash.walk import FMT_LENGTH, RecordIndex, index_records
 from tests.conftest import SAMPLES
@@ -489,27 +489,6 @@ def test_the_number_of_damaged_places_is_counted_beyond_what_is_listed(tmp_path:
     [told] = damage_problems(log)
     assert "damaged in 2500 places" in told.text
     assert told.count == 2500
-
-
-def test_an_sdlog2_clock_of_text_is_refused_with_the_reason(tmp_path: Path) -> None:
-    path = tmp_path / "hostile.px4log"
-    first = fmt(129, 11, b"TIME", b"Q", b"StartTime")
-    path.write_bytes(HEAD + first + fmt(129, 67, b"TIME", b"Z", b"StartTime") + record(129, "64s", b"noon"))
-    with pytest.raises(LogUnusable, match="no TIME record"):
-        sdlog2.read(path)
-
-
-def test_the_groups_of_a_false_sdlog2_time_have_none(tmp_path: Path) -> None:
-    path = tmp_path / "hostile.px4log"
-    defined = fmt(129, 11, b"TIME", b"Q", b"StartTime") + fmt(130, 7, b"IMU", b"f", b"GyroX")
-    times = [1_000_000 + 10_000 * i for i in range(200)]
-    times[100], times[150] = 2**63 + 5, 10**12
-    rows = b"".join(record(129, "Q", t) + record(130, "f", 1.0) for t in times)
-    path.write_bytes(HEAD + defined + rows)
-    log = sdlog2.read(path)
-    told = log["IMU", 0][sdlog2.TIME]
-    assert np.flatnonzero(told < 0).tolist() == [100, 150]
-    assert (log.damage_places, len(log.boots)) == (2, 1)
 
 
 # Text.

@@ -39,38 +39,6 @@ def both(request: pytest.FixtureRequest) -> tuple[Messages, ULog]:
     return reader.read_ulog(request.param), ULog(str(request.param))
 
 
-def columns_of(data: ULog.Data) -> dict[str, np.ndarray]:
-    """What the official library shows, without padding."""
-    return {n: v for n, v in data.data.items() if not n.rpartition(".")[2].startswith("_padding")}
-
-
-def flat(log: Messages, key: tuple[str, int]) -> dict[str, np.ndarray]:
-    """Our columns named and typed as the official library does: one per array element, text as small integers."""
-    found = {}
-    for name, field in log[key].fields.items():
-        column = log[key][name]
-        if field.dtype.kind == "S":
-            width = field.dtype.itemsize
-            raw = np.frombuffer(column.tobytes(), np.int8).reshape(len(column), width)
-            found |= {f"{name}[{i}]": raw[:, i] for i in range(width)} if width > 1 else {name: raw[:, 0]}
-        elif column.ndim == 2:
-            found |= {f"{name}[{i}]": column[:, i] for i in range(column.shape[1])}
-        else:
-            found[name] = column
-    return found
-
-
-def test_every_topic_field_and_row_is_equal(both: tuple[Messages, ULog]) -> None:
-    ours, theirs = both
-    assert set(ours) == {(d.name, d.multi_id) for d in theirs.data_list}
-    for data in theirs.data_list:
-        mine, reference = flat(ours, (data.name, data.multi_id)), columns_of(data)
-        assert list(mine) == list(reference)
-        for name, column in reference.items():
-            assert mine[name].dtype == column.dtype, (data.name, name)
-            assert mine[name].tobytes() == column.tobytes(), (data.name, name)
-
-
 def test_parameters_are_equal(both: tuple[Messages, ULog]) -> None:
     ours, theirs = both
     initial = {p.name: p.value for p in ours.params if p.t_us is None and not p.is_default}
