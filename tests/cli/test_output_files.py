@@ -180,7 +180,7 @@ FILES_LOG = SAMPLES / "copter_yaw_turns.bin"
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="signals and limits as Linux knows them")
 MAPPED = """
 import os, sys
-from attlog.base import limits
+from attlog.core import limits
 limits.READ_BYTES = 1000
 import attlog.flight
 inside = attlog.flight.flight_in
@@ -326,7 +326,7 @@ def test_the_library_reads_a_large_log_that_is_cut_meanwhile(tmp_path: Path) -> 
     log = tmp_path / "a.bin"
     log.write_bytes(FILES_LOG.read_bytes())
     code = (
-        "import os, sys, attlog.core.limits\nattlog.base.limits.READ_BYTES = 1000\nfrom attlog import formats\n"
+        "import os, sys, attlog.core.limits\nattlog.core.limits.READ_BYTES = 1000\nfrom attlog import formats\n"
         "log = formats.open(sys.argv[1])\nos.truncate(sys.argv[1], 5000)\n"
         "print(sum(len(table[c]) for table in log.values() for c in table.fields))"
     )

@@ -57,8 +57,8 @@ def test_an_interrupt_during_start_up_leaves_no_traceback(tmp_path):
 FORKS = pytest.mark.skipif(sys.platform == "win32", reason="nothing is forked there")
 HEAD = """
 import signal, sys, time
-from attlog.base import limits
-from attlog.cli.shared import process
+from attlog.core import limits
+from attlog.cli import process
 limits.READ_BYTES = 1
 process.INTERRUPTED_S = 1
 """

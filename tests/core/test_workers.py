@@ -118,9 +118,9 @@ def test_processes_end_with_a_caller_that_is_killed() -> None:
     """Also one that holds the interpreter lock, where no thread of its own could end it."""
     code = (
         "import re, sys\nfrom attlog.core.forks import Forks\n"
-        "from tests.core.processes import work\nforks = Forks()\n"
+        "from tests.core import worker_functions\nforks = Forks()\n"
         "children = [forks.child(), forks.child()]\n"
-        "print(*[child.call(work.process) for child in children], flush=True)\n"
+        "print(*[child.call(worker_functions.process) for child in children], flush=True)\n"
         "children[0].call(re.match, '(a+)+$', 'a' * 60 + 'b')"
     )
     caller = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

@@ -149,7 +149,7 @@ def test_a_step_that_cannot_be_rewritten_runs_one_by_one() -> None:
 NAMES = '''"""A filter that uses the names of the code around it."""
 import numpy as np
 from attlog.estimators import Parameter
-from attlog.estimators.engine.vectors import gravity_error, turn
+from attlog.estimators.vectors import gravity_error, turn
 SOURCE = "test"
 STATE = {"q": 4, "seen": 1}
 PARAMETERS = (Parameter("kp", 0.6, "1/s", 0, 2, "gain", "test"),)

@@ -106,7 +106,7 @@ def test_what_only_some_segments_tell_is_missing_in_the_others() -> None:
 FROM_LOG_PLUGIN = '''"""A filter whose gain is a parameter of the log."""
 import numpy as np
 from attlog.estimators import Parameter
-from attlog.estimators.engine.vectors import gravity_error, turn
+from attlog.estimators.vectors import gravity_error, turn
 SOURCE = "test"
 USES = {"mag"}
 PARAMETERS = (Parameter("kp", 0.5, "1/s", 0, 10, "gain", "test"), Parameter("ki", 0.0, "1/s^2", 0, 1, "gain", "test"))

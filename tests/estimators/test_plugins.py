@@ -83,7 +83,7 @@ BROKEN = {
 STEPPING = '''"""Gyro alone."""
 import numpy as np
 from attlog.estimators import Parameter
-from attlog.estimators.engine.vectors import turn
+from attlog.estimators.vectors import turn
 PARAMETERS = (Parameter("scale", 1.0, "", 0, 2, "of the rates", "test"),)
 def from_log(params, info):
     return {"scale": params.get("SCALE", 1.0)}

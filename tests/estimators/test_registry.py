@@ -20,7 +20,7 @@ GOOD = '''"""Gyro and nothing else.
 
 q' = q (x) (0, w)/2
 """
-from attlog.estimators.engine.vectors import turn
+from attlog.estimators.vectors import turn
 from attlog.estimators import Parameter
 SOURCE = "test"
 NEEDS = {"gyro"}

@@ -373,7 +373,7 @@ RECORDER = '''"""Turns with the gyro and writes down what it is handed."""
 import numpy as np
 from attlog.estimators import Parameter
 from attlog.estimators.aids import AIRSPEED, ALT, AT_REST, BARO, LAT, POS_V_ACC, VEL_ACC, VEL_D
-from attlog.estimators.engine.vectors import turn
+from attlog.estimators.vectors import turn
 SOURCE = "test"
 NEEDS = {"gyro"}
 USES = {"gnss", "baro", "at_rest"}
@@ -503,7 +503,7 @@ def test_a_step_that_does_not_fit_its_uses_is_told(recorder: Path, find: str, pu
 ACCELERATED = '''"""Takes the acceleration that GNSS shows out of the accelerometer."""
 import numpy as np
 from attlog.estimators.aids import VEL_D, VEL_E, VEL_N
-from attlog.estimators.engine.vectors import gravity_error, turn
+from attlog.estimators.vectors import gravity_error, turn
 SOURCE = "test"
 USES = {"gnss"}
 STATE = {"q": 4, "_velocity": 3, "_acceleration": 3, "_age": 1, "_force": 3}

@@ -212,7 +212,7 @@ TURNED = '''"""A filter whose heading is off by 92 deg."""
 
 import numpy as np
 
-from attlog.base import rotation
+from attlog.core import rotation
 from attlog.estimators import estimate, Estimate
 
 NEEDS, USES = {"gyro", "acc"}, {"mag"}

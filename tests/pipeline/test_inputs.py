@@ -138,7 +138,7 @@ PLUGIN = '''"""Counts the fixes it is handed; its gain is a parameter of the log
 import numpy as np
 from attlog.estimators import Parameter
 from attlog.estimators.aids import VEL_N
-from attlog.estimators.engine.vectors import field_error, gravity_error, turn
+from attlog.estimators.vectors import field_error, gravity_error, turn
 SOURCE = "test"
 USES = {"mag", "gnss"}
 STATE = {"q": 4, "bias": 3, "_none": 1}

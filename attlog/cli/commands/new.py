@@ -32,7 +32,7 @@ USES may also name gnss, baro, airspeed and at_rest: step then takes one argumen
 import numpy as np
 
 from attlog.estimators import Parameter
-from attlog.estimators.engine.vectors import field_error, gravity_error, turn
+from attlog.estimators.vectors import field_error, gravity_error, turn
 
 SOURCE = "where the equations come from"
 NEEDS = {"gyro", "acc"}  # cannot run without
@@ -92,8 +92,8 @@ earth vectors, scalar first. gyr [rad/s], acc [m/s^2] is specific force (at rest
 import numpy as np
 
 from attlog.estimators import Estimate, Parameter, propagated
-from attlog.estimators.engine.start import start_attitude
-from attlog.estimators.engine.vectors import field_error, gravity_error, turn
+from attlog.estimators.start import start_attitude
+from attlog.estimators.vectors import field_error, gravity_error, turn
 
 SOURCE = "where the equations come from"
 NEEDS = {"gyro", "acc"}  # cannot run without
