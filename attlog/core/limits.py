@@ -83,8 +83,8 @@ compared, drawn and listed."""
 MAX_BOOTS = 100
 """Power-ups distinguished in one file of joined logs; what is behind belongs to the last."""
 
-LAST_TIME_US = 1 << 56
-"""Boot clocks and even Unix clocks stay below 2000 years; random bytes hardly ever do."""
+LAST_TIME_US = 4_102_444_800_000_000
+"""Autopilots without a real clock count from 0, others end in 2100; random bytes are hardly ever below."""
 
 READ_BYTES = 256 << 20
 """Logs up to this size (some hours at full rate) are always read into memory; larger ones are memory-mapped where

@@ -8,7 +8,7 @@ What happens to real input, once for all filters:
 - a missing, zero or impossible accelerometer or magnetometer vector reaches the step as
   a zero vector, which asks for no correction;
 - ``interval``: sample k acts over (t_{k-1}, t_k]; ``instant``: the mean of k-1 and k does;
-- a gap (:mod:`attlog.core.intervals`) of up to 0.5 s is integrated across with the
+- a gap (:mod:`attlog.core.timestamps`) of up to 0.5 s is integrated across with the
   neighbours' mean rate; beyond, a new segment begins and ``segment`` counts up;
 - a magnetometer vector is worth 1.5 nominal periods, then it is missing;
 - a step that would turn by more than 1 rad is to be taken in parts.
@@ -23,7 +23,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.core import intervals, rotation
+from attlog.core import rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 from attlog.estimators.interface import Array, VectorsAt
@@ -98,10 +98,10 @@ def prepare(
     # zeros that nobody writes take no memory
     mag = _vectors(mag, np.inf, skipped, absent_is_missing=True) if has_mag else np.zeros((len(t), 3))
     step = np.diff(t, prepend=t[:1])
-    missing = step > intervals.MIN_GAP_S
+    missing = step > timestamps.MIN_GAP_S
     if missing.any():
-        missing = step > intervals.gap_limit_of_times(t)
-    restart = missing & (step > intervals.MAX_BRIDGED_GAP_S)
+        missing = step > timestamps.gap_limit_of_times(t)
+    restart = missing & (step > timestamps.MAX_BRIDGED_GAP_S)
     bridged = missing & ~restart
     first = restart.copy()
     first[:1] = True
@@ -217,7 +217,7 @@ def _good_times(
     with np.errstate(invalid="ignore"):
         possible = _whole(np.abs(gyr) <= GYRO_LIMIT_RAD_S)
     keep = np.flatnonzero(finite & possible)
-    rising = keep[_longest_rising(t[keep])]
+    rising = keep[timestamps.longest_rising(t[keep])]
     lost = {
         "nan": int((~finite).sum()),
         "saturated": int((finite & ~possible).sum()),
@@ -238,30 +238,6 @@ def _within(x: Array, limit: float) -> bool:
 def _whole(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Rows (n,) of a mask (n, 3) that hold in all three columns; many times faster than ``all(axis=1)``."""
     return mask[:, 0] & mask[:, 1] & mask[:, 2]
-
-
-def _longest_rising(t: Array) -> NDArray[np.int64]:
-    """Indices of the longest strictly rising subsequence: the fewest samples are lost."""
-    if len(t) < 2 or bool(np.all(np.diff(t) > 0)):
-        return np.arange(len(t))
-    from bisect import bisect_left
-
-    tails: list[float] = []
-    tail_index: list[int] = []
-    previous = np.empty(len(t), np.int64)
-    for i, value in enumerate(t.tolist()):
-        length = bisect_left(tails, value)
-        previous[i] = tail_index[length - 1] if length else -1
-        if length == len(tails):
-            tails.append(value)
-            tail_index.append(i)
-        else:
-            tails[length] = value
-            tail_index[length] = i
-    chain = [tail_index[-1]]
-    while previous[chain[-1]] >= 0:
-        chain.append(int(previous[chain[-1]]))
-    return np.array(chain[::-1])
 
 
 def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing: bool) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import formats
-from attlog.core import intervals, rotation
+from attlog.core import rotation, timestamps
 from attlog.core.errors import NotALog, UsageError
 from attlog.estimators import Estimate
 from attlog.external import axes, clock, request
@@ -374,7 +374,7 @@ def read_attitude(path: Path, log: FlightLog, imu: Imu, asked: Mapping[str, floa
     t, q = t[good], q[good]
     quality: dict[str, float | str] = {"clock": said, "frame": found.name, **found.quality}
     broken = np.concatenate(
-        [[0], np.cumsum(np.diff(t) > max(intervals.MAX_BRIDGED_GAP_S, intervals.gap_limit_of_times(t)))]
+        [[0], np.cumsum(np.diff(t) > max(timestamps.MAX_BRIDGED_GAP_S, timestamps.gap_limit_of_times(t)))]
     )
     skipped = {"nan": int((~good).sum())} if not good.all() else {}
     return Estimate(t, q, segment=broken.astype(np.int64), skipped=skipped, quality=quality)

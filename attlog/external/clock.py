@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import intervals, rotation
+from attlog.core import rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.external.read import AttitudeColumns
 from attlog.flight.model import FlightLog
@@ -81,7 +81,7 @@ def attitude_rates(t: Array, q: Array, span_s: float = SPAN_S) -> TruthRates:
     first = np.arange(len(t) - k)
     if len(first) == 0:
         return TruthRates(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    same = model.number_segments(t, intervals.gap_limit_of_times(t))
+    same = model.number_segments(t, timestamps.gap_limit_of_times(t))
     first = first[same[first] == same[first + k]]
     start, end = t[first], t[first + k]
     turn = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[first]), q[first + k]))

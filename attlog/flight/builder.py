@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.errors import guarded
-from attlog.core.limits import READ_BYTES
+from attlog.core.limits import LAST_TIME_US, READ_BYTES
+from attlog.core.timestamps import Stamps, ValidRecords, plausible_records
 from attlog.flight import limits
 from attlog.flight.limits import Quantity
 from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
-from attlog.flight.timestamps import LATEST_US, Stamps, ValidRecords, isolated_timestamps, plausible_records
+from attlog.flight.timestamps import isolated_timestamps
 from attlog.formats.table import Messages, Table
 
 T = TypeVar("T")
@@ -98,12 +99,12 @@ class LogBuilder:
     def near(self, t_us: Stamps) -> NDArray[np.bool_]:
         """Which stamps (n,) may belong to this flight: events, texts and parameters days away from it do not."""
         t = np.asarray(t_us, np.int64)
-        near: NDArray[np.bool_] = (t >= 0) & (t <= LATEST_US) & (np.abs(t - self.t0_us) <= 1e6 * limits.LONGEST_S)
+        near: NDArray[np.bool_] = (t >= 0) & (t <= LAST_TIME_US) & (np.abs(t - self.t0_us) <= 1e6 * limits.LONGEST_S)
         return near
 
     def is_near(self, t_us: int) -> bool:
         """:meth:`near` for one stamp."""
-        return 0 <= t_us <= LATEST_US and abs(t_us - self.t0_us) <= 1e6 * limits.LONGEST_S
+        return 0 <= t_us <= LAST_TIME_US and abs(t_us - self.t0_us) <= 1e6 * limits.LONGEST_S
 
     def keep(
         self,

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.advice import LoggingAdvice
 from attlog.flight.builder import LogBuilder
 from attlog.flight.imu import as_sentence
 from attlog.flight.model import Array, Imu, Mag
-from attlog.flight.timestamps import Stamps
 
 GAUSS = 1e-4
 """Tesla per gauss."""

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.timestamps import Stamps
 from attlog.flight import limits as physics
 from attlog.flight.builder import VALUE_CODES, LogBuilder, on_earth
 from attlog.flight.limits import Quantity
 from attlog.flight.model import Array, Gnss, Reception
-from attlog.flight.timestamps import Stamps
 
 MIN_FIX_TYPE = 2
 """Fix types from here on tell a place."""

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.timestamps import Stamps, plausible_records
 from attlog.flight import limits
 from attlog.flight.advice import LoggingAdvice
 from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
-from attlog.flight.timestamps import Stamps, plausible_records
 
 REPLAY_MIN_SAMPLES = 20
 """Fewer samples are no flight."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.core.errors import LogUnusable, UsageError
+from attlog.core.timestamps import Stamps, changed_records
 from attlog.flight import compass, gnss, limits, parameters
 from attlog.flight import imu as inertial
 from attlog.flight.advice import TelemetryLogging
@@ -32,7 +33,7 @@ from attlog.flight.model import (
 )
 from attlog.flight.px4 import reader as px4
 from attlog.flight.px4.reader import RELEASE_TYPES
-from attlog.flight.timestamps import Stamps, changed_records, valid_stamp
+from attlog.flight.timestamps import valid_stamp
 from attlog.flight.vehicle import ardupilot_mode, firmware_family, px4_custom_mode, vehicle_name
 from attlog.formats.mavlink.layout import STAMP_COLUMN
 from attlog.formats.mavlink.reader import CLOCK_MESSAGES

@@ -24,7 +24,8 @@ from attlog.core.errors import LogUnreadable, LogUnusable
 from attlog.core.jit import kernel as loops
 from attlog.core.jit.kernel import Kernel
 from attlog.core.limits import MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
-from attlog.formats.table import Damage, Offsets
+from attlog.core.timestamps import Offsets
+from attlog.formats.table import Damage
 
 MIN_LOADED_BYTES = 1 << 18
 """Bytes from which a compiled loop is worth being asked for, in a process that has loaded compiled code already."""

@@ -8,9 +8,10 @@ layer never knows how a byte was stored.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar, overload
 
@@ -19,9 +20,7 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import RAISE_VARIABLE, AttlogError, bug_sentence
 from attlog.core.limits import MAX_DAMAGE
-
-Offsets = NDArray[np.signedinteger[Any]]
-"""Places in a file, see :func:`attlog.formats.file_bytes.offset_type`."""
+from attlog.core.timestamps import Offsets, Timeline, restarts
 
 Guard = Callable[[str, str, int | None], AbstractContextManager[None]]
 """A message, what of it is read and where: around what may fail, see :mod:`attlog.formats.table`."""
@@ -196,6 +195,17 @@ class Boot:
 
     start: int
     end: int
+
+
+def boots_at(edges: Iterable[int], size: int) -> list[Boot]:
+    """Return the power-ups of a file of ``size`` bytes; all but the first begin at ``edges``, ascending."""
+    return [Boot(a, b) for a, b in pairwise([0, *edges, size])]
+
+
+def boots_of_timeline(timeline: Timeline, size: int) -> list[Boot]:
+    """Return the power-ups of a file, each from the first record after a restart of the clock."""
+    at, time = timeline
+    return boots_at(at[restarts(time)].tolist(), size)
 
 
 T = TypeVar("T")

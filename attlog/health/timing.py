@@ -8,10 +8,10 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.core.spans import Span, intersect, seconds
+from attlog.core.timestamps import gap_indices
 from attlog.flight import compass
 from attlog.flight.imu import LOW_RATE_HZ, REPLAY_MIN_HZ, is_replayable_rate
 from attlog.flight.model import Array, FlightLog, Gnss, Stream
-from attlog.flight.timestamps import gap_indices
 from attlog.health.check import Check, as_sentence, graded
 from attlog.reference.model import Reference
 from attlog.reference.sensor_faults import COMPASS, FRAME, GYRO, LATE

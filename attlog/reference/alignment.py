@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import earth, intervals, rotation
+from attlog.core import earth, rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.flight.model import Angles, Attitude, FlightLog, Imu, TruthFit
 from attlog.reference.model import AlignmentStep, Reference
@@ -208,7 +208,7 @@ def bridged_gap_deg(imu: Imu | None) -> float:
         return 0.0
     t, rate = model.select_rising(imu.gyro.t_best, imu.gyro.x)
     dt = np.diff(t)
-    bridged = (dt > intervals.gap_limit_of_times(t)) & (dt <= intervals.MAX_BRIDGED_GAP_S)
+    bridged = (dt > timestamps.gap_limit_of_times(t)) & (dt <= timestamps.MAX_BRIDGED_GAP_S)
     change = rotation.length(rate[1:][bridged] - rate[:-1][bridged])
     return float(np.degrees(np.sqrt(np.sum((0.25 * dt[bridged] * change) ** 2))))
 

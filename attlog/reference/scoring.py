@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import intervals, rotation, spans
+from attlog.core import rotation, spans, timestamps
 from attlog.core.rotation import earth_error, total_angle, unwrap, wrap
 from attlog.core.spans import Span
 from attlog.flight.model import Attitude
@@ -142,7 +142,7 @@ def convergence_observable(errors: AttitudeErrors) -> bool:
 
 def _unbroken(errors: AttitudeErrors) -> NDArray[np.int64]:
     """Segments (n,) between breaks at which filters restart: an error goes on across shorter ones."""
-    return model.number_segments(errors.t, max(intervals.MAX_BRIDGED_GAP_S, intervals.gap_limit_of_times(errors.t)))
+    return model.number_segments(errors.t, max(timestamps.MAX_BRIDGED_GAP_S, timestamps.gap_limit_of_times(errors.t)))
 
 
 def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> float | None:

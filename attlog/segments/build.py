@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import intervals, rotation, spans
+from attlog.core import rotation, spans, timestamps
 from attlog.core.spans import Span
 from attlog.flight.model import Attitude, FlightLog, Imu, guarded_part
 from attlog.segments import airborne as in_air
@@ -109,7 +109,7 @@ def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
 def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
     """The time of [t0, t1] without the gaps after which filters restart: nothing is known there, so no span crosses."""
     return spans.complement(
-        [(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > intervals.MAX_BRIDGED_GAP_S], t0, t1
+        [(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > timestamps.MAX_BRIDGED_GAP_S], t0, t1
     )
 
 

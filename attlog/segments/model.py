@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import intervals, rotation, spans
+from attlog.core import rotation, spans, timestamps
 from attlog.core.spans import Span
 from attlog.segments.airborne import InAir
 from attlog.segments.impacts import CrashEvent
@@ -104,7 +104,7 @@ T = TypeVar("T", bound=np.generic)
 def sample_rate(t: Array) -> float:
     """Samples per second in Hz of times ``t`` (n,) s: time lost in gaps does not count; 0 for fewer than two."""
     dt = np.diff(t)
-    dt = dt[(dt > 0) & (dt <= intervals.gap_limit_of_times(t))]
+    dt = dt[(dt > 0) & (dt <= timestamps.gap_limit_of_times(t))]
     return len(dt) / float(np.sum(dt)) if len(dt) else 0.0
 
 
@@ -113,10 +113,10 @@ def number_segments(t: Array, limit: float | None = None) -> NDArray[np.int64]:
     if len(t) == 0:
         return np.zeros(0, np.int64)
     dt = np.diff(t)
-    broken = ~((dt >= 0) & (dt <= (intervals.MIN_GAP_S if limit is None else limit)))
+    broken = ~((dt >= 0) & (dt <= (timestamps.MIN_GAP_S if limit is None else limit)))
     found = np.zeros(len(t), np.int64)
     if limit is None and broken.any():
-        broken = ~((dt >= 0) & (dt <= intervals.gap_limit_of_times(t)))
+        broken = ~((dt >= 0) & (dt <= timestamps.gap_limit_of_times(t)))
     if broken.any():
         np.cumsum(broken, out=found[1:])
     return found
@@ -176,7 +176,7 @@ def find_continuous(t: Array, replayed: bool = True) -> list[Segment]:
     """
     if len(t) < 2:
         return []
-    limit = intervals.gap_limit_of_times(t)
+    limit = timestamps.gap_limit_of_times(t)
     own = number_segments(t, limit)
     first = np.flatnonzero(np.concatenate([[True], np.diff(own) > 0]))
     last = np.append(first[1:], len(t)) - 1
@@ -188,7 +188,7 @@ def find_continuous(t: Array, replayed: bool = True) -> list[Segment]:
     for a, b in zip(last[:-1], first[1:], strict=True):
         seconds = float(t[b] - t[a])
         if seconds > 0:
-            then = "a filter restarts" if seconds > intervals.MAX_BRIDGED_GAP_S else "a filter integrates across"
+            then = "a filter restarts" if seconds > timestamps.MAX_BRIDGED_GAP_S else "a filter integrates across"
             why = f"no IMU sample for {seconds:.2f} s; {then}" if replayed else f"no attitude for {seconds:.2f} s"
             found.append(Segment("gap", float(t[a]), float(t[b]), why))
     return found
@@ -199,7 +199,7 @@ def restart_times(t: Array) -> Array:
     if len(t) == 0:
         return np.zeros(0)
     dt = np.diff(t)
-    began: Array = t[np.concatenate([[True], ~((dt >= 0) & (dt <= intervals.MAX_BRIDGED_GAP_S))])]
+    began: Array = t[np.concatenate([[True], ~((dt >= 0) & (dt <= timestamps.MAX_BRIDGED_GAP_S))])]
     return began
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.core import intervals, rotation
+from attlog.core import rotation, timestamps
 from attlog.core.errors import PluginError, UsageError
 from attlog.core.jit.call import bound
 from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
@@ -127,7 +127,7 @@ class Cleaner:
     def __init__(
         self, imu_rate: float, mag_rate: float | None, *, hold_mag: bool, instant: bool, aids: Inbox | None
     ) -> None:
-        self._gap = intervals.gap_limit(1.0 / imu_rate)
+        self._gap = timestamps.gap_limit(1.0 / imu_rate)
         self._hold = HOLD_PERIODS / mag_rate if mag_rate and hold_mag else -1.0
         self._instant, self._aids = instant, aids
         self.skipped: Counter[str] = Counter()
@@ -150,7 +150,7 @@ class Cleaner:
             return None
         gyr = np.array(gyr, np.float64)
         step = 0.0 if last_t is None else t - last_t
-        restart = step > max(self._gap, intervals.MAX_BRIDGED_GAP_S)
+        restart = step > max(self._gap, timestamps.MAX_BRIDGED_GAP_S)
         if restart:
             self.skipped["restart"] += 1
             self._field_t = -math.inf

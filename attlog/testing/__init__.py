@@ -24,7 +24,7 @@ from attlog.core.errors import AttlogError, PluginTimeout
 from attlog.estimators import Estimator, EstimatorSpec, not_compiled
 from attlog.estimators.interface import AIDS
 from attlog.testing import contract
-from attlog.testing.motion import CheckFailed, Motion, Noise, Subject, flight, motion, one_turn, require, still, swing
+from attlog.testing.motions import CheckFailed, Motion, Noise, Subject, flight, motion, one_turn, require, still, swing
 
 __all__ = [
     "CheckFailed",

@@ -12,7 +12,7 @@ from attlog.core import rotation
 from attlog.core.errors import AttlogError
 from attlog.estimators import Aids, Estimate, LogFacts, LogInfo, Measurements, Parameter, not_compiled
 from attlog.estimators.interface import AIDS
-from attlog.testing.motion import (
+from attlog.testing.motions import (
     CONSUMER_NOISE,
     FIELD_T,
     IN_PLACE,

@@ -34,7 +34,7 @@ from attlog.flight.model import Attitude, FlightLog
 from attlog.metrics.accuracy import of_blocks
 from attlog.metrics.metric import Answer, missing
 from attlog.metrics.statistics import UnitValues, make_ids
-from attlog.testing.motion import GRAVITY, Noise, motion
+from attlog.testing.motions import GRAVITY, Noise, motion
 from tests.compare.made import stands
 from tests.report.browser import Visit
 from tests.segments.flights import imu_log

@@ -25,7 +25,7 @@ from attlog.estimators.aids import (
     update_airspeed,
     without_acceleration,
 )
-from attlog.testing.motion import CONSUMER_NOISE, GRAVITY, Motion, heading_deg, motion, tilt_deg
+from attlog.testing.motions import CONSUMER_NOISE, GRAVITY, Motion, heading_deg, motion, tilt_deg
 
 T = np.array([0.0, 1.0, 2.0])
 NED = np.ones((3, 3))

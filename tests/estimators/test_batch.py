@@ -16,8 +16,8 @@ from attlog.estimators import batch, get, interface
 from attlog.estimators.batch import batch_kernel, estimate_batch
 from attlog.estimators.interface import Parameter
 from attlog.estimators.registry import BUILT_IN
-from attlog.testing.motion import CONSUMER_NOISE, IN_PLACE
-from attlog.testing.motion import flight as motion_flight
+from attlog.testing.motions import CONSUMER_NOISE, IN_PLACE
+from attlog.testing.motions import flight as motion_flight
 from tests.conftest import few
 
 G = 9.80665

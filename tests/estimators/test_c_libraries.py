@@ -19,7 +19,7 @@ from attlog.estimators import Aids, Measurements, get, not_compiled, parse
 from attlog.estimators.batch import estimate_batch
 from attlog.pipeline import replay
 from attlog.testing import Noise, about, check_estimator, flight, motion, swing
-from attlog.testing.motion import FIELD_T, Motion, heading_deg, total_deg
+from attlog.testing.motions import FIELD_T, Motion, heading_deg, total_deg
 from tests.conftest import SAMPLES
 
 C_EXAMPLE = Path(__file__).parents[2] / "docs" / "filter_in_c"

@@ -14,8 +14,8 @@ import pytest
 from attlog.core.errors import PluginError
 from attlog.estimators import Estimate, Estimator, EstimatorSpec, Parameter, get, samples
 from attlog.estimators.vectors import down, field_error, gravity_error, turn
-from attlog.testing import CheckFailed, CheckOutcome, check_estimator, checks, contract, motion
-from attlog.testing.motion import Subject
+from attlog.testing import CheckFailed, CheckOutcome, check_estimator, checks, contract, motions
+from attlog.testing.motions import Subject
 
 
 @pytest.fixture(autouse=True)
@@ -204,11 +204,11 @@ def test_attitudes_that_are_none_are_found(make: Callable[..., Any]) -> None:
 
 
 LOOPS: list[tuple[str, Any, Callable[[Subject], None]]] = [
-    ("gap.RESTART_S", 0.0, contract.bridges_a_short_gap),
-    ("gap.RESTART_S", 100.0, contract.restarts_after_a_long_gap),
+    ("timestamps.MAX_BRIDGED_GAP_S", 0.0, contract.bridges_a_short_gap),
+    ("timestamps.MAX_BRIDGED_GAP_S", 100.0, contract.restarts_after_a_long_gap),
     ("GYRO_LIMIT_RAD_S", np.inf, contract.drops_impossible_values),
     ("HOLD_PERIODS", 0.0, contract.works_with_a_slow_magnetometer),
-    ("_longest_rising", lambda t: np.arange(len(t)), contract.drops_times_that_do_not_rise),
+    ("timestamps.longest_rising", lambda t: np.arange(len(t)), contract.drops_times_that_do_not_rise),
     ("_vectors", lambda x, *_, **__: x, contract.survives_nan),
 ]
 
@@ -226,18 +226,18 @@ def test_a_changed_input_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def careless(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any) -> None:
         np.nan_to_num(mag, copy=False)
 
-    monkeypatch.setattr(motion, "estimate", careless)
+    monkeypatch.setattr(motions, "estimate", careless)
     with pytest.raises(CheckFailed, match="changes its input mag"):
         contract.leaves_its_input_alone(Subject.of("mahony"))
 
 
 def test_arrays_that_make_a_difference_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = motion.estimate
+    plain = motions.estimate
 
     def picky(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any = None) -> Estimate:
         return plain(row, t, gyr if gyr.dtype == np.float64 else 0.9 * gyr, acc, mag)
 
-    monkeypatch.setattr(motion, "estimate", picky)
+    monkeypatch.setattr(motions, "estimate", picky)
     with pytest.raises(CheckFailed, match="float32"):
         contract.takes_any_array(Subject.of("mahony"))
 

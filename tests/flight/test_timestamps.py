@@ -11,17 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from attlog.core.limits import LAST_TIME_US
+from attlog.core.timestamps import changed_records, gap_indices, longest_rising, plausible_records
 from attlog.flight.builder import LogBuilder
 from attlog.flight.model import logged_rate
 from attlog.flight.timestamps import (
-    LATEST_US,
-    changed_records,
     describe_other_boots,
-    gap_indices,
     isolated_timestamps,
     logged_seconds,
-    longest_rising,
-    plausible_records,
     read_stamps,
     record_clock,
     table_time_span,
@@ -124,13 +121,13 @@ def log_of(*tables: Table, log_format: str = "ulog") -> Messages:
 
 
 def test_a_time_in_milliseconds_is_a_thousand_microseconds_and_what_is_none_is_negative() -> None:
-    told = table("GPS", TimeMS=np.array([0, 7, -3, LATEST_US // 1000, LATEST_US // 1000 + 1], np.int64))
-    assert read_stamps(told, "TimeMS", 1000).tolist() == [0, 7000, -1, LATEST_US // 1000 * 1000, -1]
+    told = table("GPS", TimeMS=np.array([0, 7, -3, LAST_TIME_US // 1000, LAST_TIME_US // 1000 + 1], np.int64))
+    assert read_stamps(told, "TimeMS", 1000).tolist() == [0, 7000, -1, LAST_TIME_US // 1000 * 1000, -1]
 
 
 def test_a_time_in_floating_point_that_is_no_number_or_beyond_any_clock_is_negative() -> None:
-    told = table("X", time=np.array([0.0, 12.9, np.nan, np.inf, -1.0, 1e19, float(LATEST_US)]))
-    assert read_stamps(told, "time").tolist() == [0, 12, -1, -1, -1, -1, LATEST_US]
+    told = table("X", time=np.array([0.0, 12.9, np.nan, np.inf, -1.0, 1e19, float(LAST_TIME_US)]))
+    assert read_stamps(told, "time").tolist() == [0, 12, -1, -1, -1, -1, LAST_TIME_US]
 
 
 def test_text_and_several_numbers_per_record_are_no_time() -> None:
@@ -140,8 +137,8 @@ def test_text_and_several_numbers_per_record_are_no_time() -> None:
 
 
 def test_a_stamp_beyond_any_clock_counts_as_zero() -> None:
-    told = [valid_stamp(t) for t in (-1, 0, 5, LATEST_US, LATEST_US + 1)]
-    assert told == [0, 0, 5, LATEST_US, 0]
+    told = [valid_stamp(t) for t in (-1, 0, 5, LAST_TIME_US, LAST_TIME_US + 1)]
+    assert told == [0, 0, 5, LAST_TIME_US, 0]
 
 
 def test_records_half_a_day_from_most_are_false_whether_they_come_before_or_behind() -> None:
@@ -155,7 +152,7 @@ def test_records_half_a_day_from_most_are_false_whether_they_come_before_or_behi
 def test_every_record_that_is_left_out_is_counted_under_one_reason() -> None:
     """Three that were never set, one beyond any clock, one twice, one that goes back, one twice and out of order."""
     t = SECOND * np.array([0, 0, 0, 10, 11, 11, 12, 9, 13, 14, 12, 15], np.int64)
-    t = np.append(t, LATEST_US + 5)
+    t = np.append(t, LAST_TIME_US + 5)
     kept = plausible_records(t)
     assert t[kept.index].tolist() == [SECOND * s for s in (10, 11, 12, 13, 14, 15)]
     assert (kept.unset, kept.false, kept.duplicates, kept.backward) == (3, 1, 2, 1)

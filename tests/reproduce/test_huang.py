@@ -34,7 +34,7 @@ from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.onboard import TRUE_ATTITUDE
 from attlog.testing import Noise, flight, swing
-from attlog.testing.motion import total_deg
+from attlog.testing.motions import total_deg
 
 SEEDS = 20
 

@@ -19,7 +19,7 @@ from attlog.reproduce import xu as xu_figures
 from attlog.reproduce.paper import Paper, PaperOptions
 from attlog.reproduce.xu_runs import ADAPTIVE, FIXED, ROWS, SWEPT, XuSeed, best_gain, gain, oscillation_on_log
 from attlog.testing import flight
-from attlog.testing.motion import total_deg
+from attlog.testing.motions import total_deg
 from tests.conftest import SAMPLES
 from tests.reproduce.made import long_sentences
 

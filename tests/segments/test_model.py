@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.core import intervals
+from attlog.core import timestamps
 from attlog.segments import model
 from attlog.segments.model import CONVERGED_AFTER_MOTORS_S, Segment, Segments, converged_spans
 
@@ -67,7 +67,7 @@ def test_a_log_without_gap_is_one_run():
 
 @pytest.mark.parametrize(("rate", "limit"), [(400, 0.05), (200, 0.05), (50, 0.1), (25, 0.2), (10, 0.5)])
 def test_a_gap_is_longer_than_five_intervals_and_than_fifty_milliseconds(rate, limit):
-    assert intervals.gap_limit_of_times(at_rate(rate, 20)) == pytest.approx(limit)
+    assert timestamps.gap_limit_of_times(at_rate(rate, 20)) == pytest.approx(limit)
     head = at_rate(rate, 5)
     below = np.concatenate([head, head + head[-1] + 0.98 * limit])
     above = np.concatenate([head, head + head[-1] + 1.02 * limit])

@@ -20,7 +20,7 @@ import attlog
 from attlog.core import rotation
 from attlog.simulate.environment import generator
 from attlog.simulate.flight import Flight
-from attlog.testing.motion import CONSUMER_NOISE, FIELD_T, GRAVITY
+from attlog.testing.motions import CONSUMER_NOISE, FIELD_T, GRAVITY
 from tests.conftest import few
 from tests.simulate.still import (
     ACC_UG_RTHZ,
@@ -128,7 +128,7 @@ def test_lag_intervals_hold_the_truth_at_their_stated_rate(tmp_path: Path) -> No
 # Filters at rest have errors in closed form; simulated flights of known noise must show them.
 #
 # These are the sizes that the thresholds of the conformance checks stand on: what a filter cannot
-# be better than, given noise as in ``attlog.testing.motion.CONSUMER_NOISE``.
+# be better than, given noise as in ``attlog.testing.motions.CONSUMER_NOISE``.
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from attlog.estimators import Aids, Measurements, estimate, get, names, parse
 from attlog.simulate.fly import fly
 from attlog.simulate.onboard import Cleaner, Live
 from attlog.simulate.pilot import make_pilot
-from attlog.testing.motion import IN_PLACE
+from attlog.testing.motions import IN_PLACE
 from tests.conftest import few
 from tests.simulate.test_fly import everything, hop
 

@@ -14,12 +14,12 @@ from functools import partial
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.ardupilot.imu import RecordClock, primary_core, unit_of_core, unit_tables
 from attlog.flight.builder import LogBuilder, angle_quantisation_deg, columns
 from attlog.flight.imu import longest_held
 from attlog.flight.model import Array, Attitude, Imu, InnovationTest, Stream, TimeLine, covered_seconds
-from attlog.flight.timestamps import Stamps
 from attlog.formats.table import Messages, Table
 
 YAW_RESET_EVENT = 62

@@ -14,10 +14,11 @@ from functools import cached_property
 
 import numpy as np
 
+from attlog.core.timestamps import Stamps
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.imu import ImuCandidate, drop_unpaired, low_pass_delay, resample_vectors, validate_candidates
 from attlog.flight.model import Array
-from attlog.flight.timestamps import Stamps, read_stamps
+from attlog.flight.timestamps import read_stamps
 from attlog.formats.table import Messages, ParamChange, Table
 
 

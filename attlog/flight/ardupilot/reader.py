@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from attlog.core.timestamps import Stamps
 from attlog.flight import compass, limits, parameters, remedies
 from attlog.flight import imu as inertial
 from attlog.flight.advice import ArduPilotLogging
@@ -22,7 +23,7 @@ from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.calibration import MILLIGAUSS, compass_device
 from attlog.flight.model import Array, Firmware, FlightLog, Imu, Mag, Stream
 from attlog.flight.px4.reader import utc_offset
-from attlog.flight.timestamps import Stamps, valid_stamp
+from attlog.flight.timestamps import valid_stamp
 from attlog.formats.table import Messages
 
 # Everything of an ArduPilot log that is neither inertial, magnetic nor an attitude, put into its FlightLog.

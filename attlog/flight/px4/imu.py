@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.calibration import px4_calibrate
@@ -24,7 +25,7 @@ from attlog.flight.imu import (
     validate_candidates,
 )
 from attlog.flight.model import Array, Clipping, Problem
-from attlog.flight.timestamps import Stamps, read_stamps
+from attlog.flight.timestamps import read_stamps
 from attlog.formats.table import Table
 
 # Which PX4 counts of samples at the end of a sensor's range mean what they say, by field and version.

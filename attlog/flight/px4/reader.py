@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.timestamps import Stamps, changed_records
 from attlog.flight import compass, gnss, limits, parameters, remedies
 from attlog.flight import imu as inertial
 from attlog.flight.advice import OtherLogging, Px4Logging
@@ -19,7 +20,7 @@ from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Stre
 from attlog.flight.px4 import estimator, imu, sensors
 from attlog.flight.px4 import imu as imus
 from attlog.flight.px4.imu import sample_stamps, topic_stamps
-from attlog.flight.timestamps import Stamps, changed_records, valid_stamp
+from attlog.flight.timestamps import valid_stamp
 from attlog.flight.vehicle import PX4_TYPES, px4_mode, vehicle_name
 from attlog.formats.table import Messages, Table
 

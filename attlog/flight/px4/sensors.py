@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.core.timestamps import changed_records
 from attlog.flight import compass, limits
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.calibration import compass_priority, px4_calibrate, px4_slot
 from attlog.flight.model import Mag, OnboardSpectrum, OnboardVibration, Stream
 from attlog.flight.px4.imu import sample_stamps, topic_device, topic_stamps
-from attlog.flight.timestamps import changed_records, read_stamps
+from attlog.flight.timestamps import read_stamps
 
 RAW_RECORDS = 400
 """So many raw values of a compass tell what the firmware subtracts from it beside the parameters."""

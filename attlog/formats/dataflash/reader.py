@@ -30,7 +30,7 @@ from attlog.core.limits import (
     MAX_TEXT_LENGTH,
     MAX_TEXTS,
 )
-from attlog.formats.clock import Timeline, boots_at, boots_of_timeline, restarts
+from attlog.core.timestamps import Timeline, restarts
 from attlog.formats.dataflash.tables import (
     INFO_SEVERITY,
     Units,
@@ -56,7 +56,20 @@ from attlog.formats.dataflash.walk import (
     index_records,
 )
 from attlog.formats.file_bytes import decode_text, gather, read_file_bytes
-from attlog.formats.table import Boot, DamageLog, Field, Guard, Messages, Offsets, ReaderBarrier, Remark, Table, Text
+from attlog.formats.table import (
+    Boot,
+    DamageLog,
+    Field,
+    Guard,
+    Messages,
+    Offsets,
+    ReaderBarrier,
+    Remark,
+    Table,
+    Text,
+    boots_at,
+    boots_of_timeline,
+)
 
 __all__ = ["read_binary"]
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.limits import LAST_TIME_US, MAX_INSTANCES, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
-from attlog.formats.clock import Timeline, false_times, merge_timelines, times_before
+from attlog.core.timestamps import Offsets, Timeline, false_times, merge_timelines, times_before
 from attlog.formats.dataflash.walk import HEADER_BYTES, LETTER_DTYPES, LETTER_SCALES, MessageFormat, RecordIndex
 from attlog.formats.file_bytes import RecordColumns, decode_text, decode_texts, gather, offsets_by_kind
 from attlog.formats.file_bytes import decode_texts as decoded
-from attlog.formats.table import Field, Guard, Messages, Offsets, ParamChange, Table, Text, unguarded
+from attlog.formats.table import Field, Guard, Messages, ParamChange, Table, Text, unguarded
 
 Units = dict[int, tuple[str, Callable[[], tuple[str | None, ...]]]]
 """By layout its unit ids, and the unit text of every column when somebody asks."""

@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.limits import MAX_FORMATS, MAX_LAYOUTS_OF_A_NAME
+from attlog.core.timestamps import Offsets
 from attlog.formats import file_bytes
 from attlog.formats.file_bytes import compiled_if_cheap, compiled_now, gather, offset_type, reader_kernel
-from attlog.formats.table import DamageLog, Offsets
+from attlog.formats.table import DamageLog
 
 MIN_COMPILED_BYTES = 32 << 20
 """Below this many bytes loading compiled code costs more than it saves (25 ms against 0.5 ms per MB)."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import LogUnusable
 from attlog.core.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
-from attlog.formats.clock import Timeline, boots_of_timeline, merge_timelines, times_before
+from attlog.core.timestamps import Timeline, merge_timelines, times_before
 from attlog.formats.file_bytes import (
     MAX_SORTED_KINDS,
     RecordColumns,
@@ -28,7 +28,19 @@ from attlog.formats.file_bytes import (
 )
 from attlog.formats.mavlink.layout import STAMP_COLUMN, message_catalogue, message_layout
 from attlog.formats.mavlink.walk import MAVLINK_2, PAYLOAD_KERNEL, STAMP_BYTES, Packets, index_packets
-from attlog.formats.table import Boot, Field, Guard, Messages, Offsets, ParamChange, ReaderBarrier, Remark, Table, Text
+from attlog.formats.table import (
+    Boot,
+    Field,
+    Guard,
+    Messages,
+    Offsets,
+    ParamChange,
+    ReaderBarrier,
+    Remark,
+    Table,
+    Text,
+    boots_of_timeline,
+)
 
 __all__ = ["CLOCK_MESSAGES", "STAMP_COLUMN", "decode_parameter_values", "list_systems", "main_vehicle", "read_mavlink"]
 

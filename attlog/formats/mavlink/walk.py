@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.limits import MAX_SENDERS
+from attlog.core.timestamps import Offsets
 from attlog.formats import file_bytes
 from attlog.formats.file_bytes import GATHER_SOURCE as COPYING
 from attlog.formats.file_bytes import compiled_if_cheap, compiled_now, copy_record, gather, offset_type, reader_kernel
-from attlog.formats.table import DamageLog, Offsets
+from attlog.formats.table import DamageLog
 
 MAVLINK_1, MAVLINK_2 = 0xFE, 0xFD
 """Marker bytes of MAVLink 1 and 2."""

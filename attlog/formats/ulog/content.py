@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.limits import MAX_DROPOUTS, MAX_INFO, MAX_LAYOUTS, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+from attlog.core.timestamps import Offsets, far_from_median
 from attlog.formats.file_bytes import gather
-from attlog.formats.table import Field, Guard, Offsets, ParamChange, Remark, Table, Text
+from attlog.formats.table import Field, Guard, ParamChange, Remark, Table, Text
 from attlog.formats.ulog.layout import TopicLayout, decode_ulog_text, info_value, parameter_value, split_key
-from attlog.formats.ulog.walk import DATA_HEADER_BYTES, Bytes, far_from_median
+from attlog.formats.ulog.walk import DATA_HEADER_BYTES, Bytes
 
 MAX_RUN_BYTES = 1 << 16
 """Bytes of parameters looked at together."""

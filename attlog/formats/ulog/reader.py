@@ -19,8 +19,9 @@ import numpy as np
 
 from attlog.core.errors import LogUnusable, NotALog
 from attlog.core.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
+from attlog.core.timestamps import Offsets
 from attlog.formats.file_bytes import offset_type, offsets_by_kind, read_file_bytes
-from attlog.formats.table import Boot, Damage, Messages, Offsets, ReaderBarrier, Remark, Table
+from attlog.formats.table import Boot, Damage, Messages, ReaderBarrier, Remark, Table
 from attlog.formats.ulog.content import MAX_START_US, Content, Topic, implausible
 from attlog.formats.ulog.encrypted import decrypt, is_encrypted
 from attlog.formats.ulog.layout import (

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.limits import MAX_TIME_JUMP_S
+from attlog.core.timestamps import Offsets, is_near, rise_nearby
 from attlog.formats.file_bytes import (
     compiled_if_cheap,
     compiled_now,
@@ -26,7 +26,6 @@ from attlog.formats.file_bytes import (
     offset_type,
     reader_kernel,
 )
-from attlog.formats.table import Offsets
 from attlog.formats.ulog.layout import (
     FILE_HEADER,
     MAGIC,
@@ -376,8 +375,6 @@ class Framing:
 #
 # ULog has no checksums, so a time far from its neighbours is the best sign of bytes that are no record.
 
-MAX_TIME_JUMP_US = MAX_TIME_JUMP_S * 1e6
-
 
 class RecordClock:
     """Times of data records while a log is walked, by the place of the stamp that each subscribed topic has."""
@@ -402,20 +399,11 @@ class RecordClock:
     def is_timely(self, start: int, recent: list[int]) -> bool:
         """Whether the data record's time is near one of those that start at ``recent``; True where nothing tells."""
         now = self.time_at(start)
-        before = [t for last in recent if (t := self.time_at(last)) is not None]
-        return now is None or not before or min(abs(now - t) for t in before) < MAX_TIME_JUMP_US
+        return is_near(now, map(self.time_at, recent))
 
 
 def times_rise(data: Bytes, starts: Offsets, layout: TopicLayout) -> bool:
     """Whether records, read by this layout, have times that rise and stay near each other; False without stamp."""
     if layout.time_at is None:
         return False
-    times = gather(data[DATA_HEADER_BYTES + layout.time_at :], starts, np.dtype("<u8")).astype(np.float64)
-    return bool((np.diff(times) >= 0).all() and times[-1] - times[0] < MAX_TIME_JUMP_US)
-
-
-def far_from_median(timestamps: NDArray[np.uint64]) -> NDArray[np.bool_]:
-    """Mask (n,) of the times that are far from the median."""
-    times = timestamps.astype(np.float64)
-    far: NDArray[np.bool_] = np.abs(times - np.median(times)) > MAX_TIME_JUMP_US
-    return far
+    return rise_nearby(gather(data[DATA_HEADER_BYTES + layout.time_at :], starts, np.dtype("<u8")))

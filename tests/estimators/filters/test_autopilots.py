@@ -17,7 +17,7 @@ from attlog.estimators.filters import ap_dcm as dcm
 from attlog.pipeline.config import Config
 from attlog.pipeline.replay import run_rows
 from attlog.testing import Motion, Noise, flight, motion, still, swing
-from attlog.testing.motion import GRAVITY, heading_deg, tilt_deg, total_deg
+from attlog.testing.motions import GRAVITY, heading_deg, tilt_deg, total_deg
 from tests.conftest import few
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from attlog.core.jit.kernel import with_helpers
 from attlog.estimators import estimate, get
 from attlog.estimators.filters import ekf12
 from attlog.testing import Noise, flight, still
-from attlog.testing.motion import total_deg
+from attlog.testing.motions import total_deg
 
 NOISE = Noise(gyro=1e-3, acc=0.05, mag=1e-6, bias=(0.01, -0.01, 0.02))
 

@@ -14,7 +14,7 @@ from attlog.core import rotation
 from attlog.estimators import estimate, place
 from attlog.pipeline import inputs
 from attlog.testing import Noise, still
-from attlog.testing.motion import tilt_deg
+from attlog.testing.motions import tilt_deg
 
 PLANES = ("ardupilot/plane_dcm.bin", "ardupilot/plane_fbwa_cruise.bin", "px4/px4_plane.ulg")
 AFTER_S, LATER_S = 15.0, 20.0

@@ -16,7 +16,7 @@ from attlog.estimators import Aids, Estimate, LogFacts, LogInfo, Measurements, e
 from attlog.estimators.filters import gsf as bank
 from attlog.pipeline.replay import aids_of, facts, run_rows
 from attlog.testing import Motion, Noise, motion
-from attlog.testing.motion import heading_deg, tilt_deg, total_deg
+from attlog.testing.motions import heading_deg, tilt_deg, total_deg
 from tests.conftest import few
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from attlog.estimators.filters.inertial import recursion as at
 from attlog.estimators.filters.inertial.recursion import DV, EXCESS, REACH, Q, T, X
 from attlog.estimators.filters.inertial.recursion import N as recursion_N
 from attlog.estimators.filters.inertial.recursion import P as recursion_P
-from attlog.testing.motion import CONSUMER_NOISE, Motion, flight, heading_deg, motion, still, swing, tilt_deg
+from attlog.testing.motions import CONSUMER_NOISE, Motion, flight, heading_deg, motion, still, swing, tilt_deg
 
 Array = np.ndarray
 

@@ -15,7 +15,7 @@ from attlog.estimators.aids import SIZE
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial import backward, compass, recursion, start
 from attlog.estimators.filters.inertial.recursion import BA, BIAS, DD, DV, A, B, D, M, N, P, Q, S, T, V, X
-from attlog.testing.motion import CONSUMER_NOISE, Motion, Noise, flight, heading_deg, motion, still, swing, tilt_deg
+from attlog.testing.motions import CONSUMER_NOISE, Motion, Noise, flight, heading_deg, motion, still, swing, tilt_deg
 
 Array = np.ndarray
 

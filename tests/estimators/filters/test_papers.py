@@ -14,7 +14,7 @@ from attlog.estimators import estimate
 from attlog.estimators.registry import BUILT_IN, get
 from attlog.testing import Motion, Noise, flight, motion, swing
 from attlog.testing import still as testing_still
-from attlog.testing.motion import heading_deg, total_deg
+from attlog.testing.motions import heading_deg, total_deg
 
 G = 9.80665
 FIELD = np.array([20.0, 0.0, 40.0])

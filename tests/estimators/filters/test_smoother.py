@@ -20,7 +20,7 @@ from attlog.estimators.filters.navigation.jumps import bias_change_dps
 from attlog.estimators.filters.smoother import check_heading
 from attlog.estimators.interface import Estimate
 from attlog.testing import still
-from attlog.testing.motion import Motion
+from attlog.testing.motions import Motion
 from tests.estimators.filters.navigation.made import Made, flight, off
 
 

@@ -15,7 +15,7 @@ from attlog.estimators.aids import SIZE
 from attlog.estimators.batch import estimate_batch
 from attlog.estimators.filters import ukf
 from attlog.testing import Motion, Noise, flight, motion, still, swing
-from attlog.testing.motion import GRAVITY, heading_deg, tilt_deg, total_deg
+from attlog.testing.motions import GRAVITY, heading_deg, tilt_deg, total_deg
 
 Array = NDArray[np.float64]
 NOISE = Noise(gyro=1e-3, acc=0.05, mag=1e-6, bias=(0.01, -0.01, 0.02))

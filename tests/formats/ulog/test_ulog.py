@@ -13,6 +13,7 @@ from pyulog import ULog
 
 from attlog.core.errors import LogUnusable, NotALog
 from attlog.core.limits import MAX_RESUBSCRIBED
+from attlog.core.timestamps import far_from_median
 from attlog.formats import Messages
 from attlog.formats.table import Field
 from attlog.formats.ulog import reader
@@ -27,7 +28,7 @@ from attlog.formats.ulog.layout import (
     parameter_value,
     split_key,
 )
-from attlog.formats.ulog.walk import Framing, NumbaChain, NumpyChain, RecordClock, far_from_median, times_rise
+from attlog.formats.ulog.walk import Framing, NumbaChain, NumpyChain, RecordClock, times_rise
 from tests.conftest import SAMPLES, corpus_logs
 from tests.formats.ulog.crafted import keyed as with_key
 

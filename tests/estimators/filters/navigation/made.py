@@ -11,7 +11,7 @@ import numpy as np
 from attlog.core import rotation
 from attlog.estimators import Aids, Measurements
 from attlog.estimators.filters.navigation.model import SUM_T, WANDER, N, forward_rows, matrices, padded, square
-from attlog.testing.motion import FIELD_T, Array, Motion, Noise, motion
+from attlog.testing.motions import FIELD_T, Array, Motion, Noise, motion
 
 PLACE = (47.0, 8.0, 500.0)
 """Latitude, longitude in deg and altitude in m of the origin."""

@@ -10,7 +10,8 @@ import pytest
 import attlog
 from attlog import formats
 from attlog.core.limits import LAST_TIME_US
-from attlog.formats.clock import boots_at, boots_of_timeline, false_times, merge_timelines, restarts, times_before
+from attlog.core.timestamps import false_times, merge_timelines, restarts, times_before
+from attlog.formats.table import boots_at, boots_of_timeline
 from tests.conftest import SAMPLES
 
 SECOND_US = 1_000_000
