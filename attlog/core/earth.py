@@ -1,8 +1,8 @@
-"""What the earth does at a place: gravity, magnetic field, its own turn.
+"""Gravity, magnetic field and rotation of the earth at a place.
 
-Gravity is the closed form of the WGS 84 ellipsoid. The magnetic field is the World
-Magnetic Model of the log's own epoch, computed by ``pygeomag``: a newer model
-extrapolated back is off by up to 1.5 deg in declination, the right epoch by 0.6.
+Gravity is the closed form of the WGS 84 ellipsoid. The magnetic field is the World Magnetic Model of the log's own
+epoch, computed by ``pygeomag``: a newer model extrapolated back is off by up to 1.5 deg in declination, the right
+epoch by 0.6.
 """
 
 from __future__ import annotations
@@ -15,19 +15,17 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+# WGS 84.
 ROTATION_RATE_RAD_S = 7.292115e-5
-"""The earth's rotation (WGS 84), rad/s."""
-
+# From WMM-2010 to the end of WMM-2025's life span.
 FIRST_YEAR, LAST_YEAR = 2010, 2030
-"""The World Magnetic Models in hand begin with WMM-2010 and end with WMM-2025's life span."""
-
+# For logs without a date: declination changes by 0.13 deg a year (rms over the earth).
 UNKNOWN_DATE_YEAR = 2025.0
-"""Taken where a log has no date: the field's declination moves 0.13 deg a year (rms) over the earth."""
 
 
 @dataclass(frozen=True, slots=True)
 class MagneticField:
-    """The earth's magnetic field at a place and date. ``model`` names the model and the date used."""
+    """The earth's field at a place and date; ``model`` names the model and the date used."""
 
     declination_deg: float
     inclination_deg: float
@@ -43,10 +41,9 @@ class MagneticField:
 
 
 def gravity(lat_deg: float, alt_m: float = 0.0) -> float:
-    """Normal gravity in m/s^2 at a geodetic latitude (deg) and ellipsoidal height (m).
+    """Return normal gravity in m/s^2 at a geodetic latitude and ellipsoidal height.
 
-    Somigliana's closed form on the WGS 84 ellipsoid and the second-order height
-    term: NIMA TR8350.2 (2000), equations 4-1 and 4-3.
+    Somigliana's closed form and the second-order height term: NIMA TR8350.2 (2000), equations 4-1 and 4-3.
     """
     a, flattening, m = 6378137.0, 1 / 298.257223563, 0.00344978650684
     sin2 = math.sin(math.radians(lat_deg)) ** 2
@@ -55,28 +52,26 @@ def gravity(lat_deg: float, alt_m: float = 0.0) -> float:
 
 
 def middle_longitude(lon_deg: NDArray[np.float64]) -> float:
-    """The median of longitudes (n,) in deg, n > 0; of a flight over the date line a place on its way."""
+    """Return the median of longitudes (n,) in deg, n > 0; valid for flights over the date line."""
     if float(lon_deg.max()) - float(lon_deg.min()) <= 180.0:
         return float(np.median(lon_deg))
     return (float(np.median(lon_deg % 360.0)) + 180.0) % 360.0 - 180.0
 
 
 def heading_turn(lat_deg: float) -> float:
-    """How fast the heading of a perfect gyro turns against north at rest, in deg/min.
+    """Return the heading rate in deg/min of a perfect gyro at rest, relative to north.
 
-    The gyro also feels the earth: its down component is ``-Omega sin(lat)``, so the
-    integrated heading falls on the northern half by up to 0.25 deg/min.
+    The gyro senses the earth's rotation, whose down component is ``-Omega sin(lat)``. The integrated heading falls on
+    the northern hemisphere by up to 0.25 deg/min.
     """
     return -math.degrees(ROTATION_RATE_RAD_S) * 60.0 * math.sin(math.radians(lat_deg))
 
 
-@lru_cache(maxsize=64)  # the same place and day are asked for by half a dozen checks; each reads the model's file
+@lru_cache(maxsize=64)  # several checks ask for the same place and day; each call reads the model's file
 def field(lat: float, lon: float, alt_m: float, unix_time: float | None) -> MagneticField | None:
-    """The field at a place (deg, deg, m) and time (Unix s), None where no model covers it.
+    """Return the field at a place (deg, deg, m) and Unix time, None outside 2010 to 2030 and for an invalid place.
 
-    ``unix_time=None`` means that the log does not tell its date: the newest model's
-    first day is taken and ``model`` says so. None is returned for a place that is
-    no place and for a date outside 2010 to 2030.
+    Without a time the first day of the newest model is used, and ``model`` reports it.
     """
     if not (math.isfinite(lat) and math.isfinite(lon) and abs(lat) <= 90 and abs(lon) <= 180):
         return None
@@ -93,7 +88,7 @@ def field(lat: float, lon: float, alt_m: float, unix_time: float | None) -> Magn
 
 
 def decimal_year(unix_time: float) -> float | None:
-    """The date as a decimal year (2024.5 is mid-2024); None for a time that is no date."""
+    """Return a date as decimal year (2024.5 is mid-2024), None for an invalid time."""
     try:
         date = datetime.fromtimestamp(unix_time, UTC)
         start = datetime(date.year, 1, 1, tzinfo=UTC)

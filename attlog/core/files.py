@@ -1,4 +1,4 @@
-"""Files appear whole or not at all."""
+"""Write files whole or not at all, name them safely, and read settings; CSV cells that no spreadsheet executes."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from typing import Any, BinaryIO
 from attlog.core.errors import LogUnreadable, OutputError, UsageError
 from attlog.core.limits import MAX_SETTINGS_BYTES
 
+# Letters of a file's name in the name of its temporary file.
 MAX_TEMPORARY_LETTERS = 40
-"""Characters of a file's name that stand in the name of its temporary file."""
 STAGING_NAME = "attlog-unfinished"
 UNFINISHED_NAME = re.compile(r"\.(.*)\.[0-9a-f]{12}")
 DISK_FULL_ERRNOS = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO))
 
 
 def is_disk_full(error: BaseException | None) -> bool:
-    """Whether an error says that the whole file system takes no more, not this one file."""
+    """True if the file system takes no more data, not only this file."""
     return isinstance(error, OSError) and error.errno in DISK_FULL_ERRNOS
 
 
 def write_atomic(path: Path, data: str | bytes) -> None:
-    """Write through a temporary file in the same folder and rename; an old file survives any failure.
+    """Write a temporary file in the same folder and rename it; an old file survives any failure.
 
-    The file gets the rights that any new file of the process gets there. What UTF-8 cannot hold (a byte of a file's
-    name that is none) is written as an escape. OutputError says what could not be written and why.
+    The file gets the rights of any new file of the process. Bytes of names that are no UTF-8 are written as escapes.
+    OutputError names the file and the reason.
     """
     with open_atomic(path) as file:
         file.write(_encoded(data))
@@ -50,22 +50,21 @@ def _encoded(data: str | bytes) -> bytes:
 
 
 def write_all_atomic(files: Mapping[Path, str | bytes]) -> None:
-    """Write several files that belong together: all are written before the first takes its name, so that either the
-    old ones stay or all are new. OutputError as of :func:`write_atomic`."""
+    """Write several files before the first is renamed: either all are new or all stay. OutputError as write_atomic."""
     with ExitStack() as open_files:
         for path, data in files.items():
             file = open_files.enter_context(open_atomic(path))
             file.write(_encoded(data))
             file.flush()
-            if path.is_dir():  # renaming would fail when another has its name already
+            if path.is_dir():  # renaming would fail after others got their names
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
 
 
 @contextmanager
 def staging_folder(folder: Path) -> Iterator[Path]:
-    """The same for files that others write: a folder inside, whose files move into this one when the block ends well.
+    """Yield a folder inside ``folder`` for the files of others; they move out when the block ends well.
 
-    OutputError names files where they were to be.
+    The JSON files move last. OutputError names the final places.
     """
     stage = None
     try:
@@ -93,10 +92,9 @@ def staging_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def open_atomic(path: Path) -> Iterator[BinaryIO]:
-    """The same for what is written bit by bit: a file that takes its name when the block ends well, else none.
+    """Yield a file that takes its name when the block ends well.
 
-    A terminal, ``/dev/null``, a pipe or ``/dev/stdout`` are written into as they are: a file in their place would end
-    them, for all programs where root does it.
+    A terminal, ``/dev/null``, a pipe or ``/dev/stdout`` is written in place: a file instead would destroy it.
     """
     if is_special(path):
         with _open_special(path) as special:
@@ -109,7 +107,7 @@ def open_atomic(path: Path) -> Iterator[BinaryIO]:
         while file is None:
             temporary = path.with_name(f".{path.name[:MAX_TEMPORARY_LETTERS]}.{secrets.token_hex(6)}")
             with suppress(FileExistsError):
-                file = temporary.open("xb")  # the system itself applies umask and inherited rights, unlike ``mkstemp``
+                file = temporary.open("xb")  # with umask and inherited rights, unlike ``mkstemp``
         with file:
             yield file
         if temporary is not None:
@@ -124,7 +122,7 @@ def open_atomic(path: Path) -> Iterator[BinaryIO]:
 
 
 def is_special(path: Path) -> bool:
-    """Whether a name is none of a file or folder, or one that the system keeps for what a process has open."""
+    """True for a device, a pipe, a socket, or a name that the system keeps for an open file."""
     try:
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
@@ -137,7 +135,7 @@ def is_special(path: Path) -> bool:
 
 @contextmanager
 def _open_special(path: Path) -> Iterator[BinaryIO]:
-    """What is no file, open for writing. A pipe that nobody reads is refused (it would wait for ever), so are disks."""
+    """Yield a special file open for writing. Disks are refused, and pipes without a reader, which block for ever."""
     try:
         mode = path.stat().st_mode
         if stat.S_ISBLK(mode):
@@ -153,8 +151,10 @@ def _open_special(path: Path) -> Iterator[BinaryIO]:
 
 
 def remove_unfinished(folder: Path, *names: str) -> None:
-    """Remove what processes that were killed left of files of these names (of any without): whoever calls this must
-    know that nobody is writing them now."""
+    """Remove temporary files of these names (of any without) that killed processes left.
+
+    The caller must know that no process is writing them.
+    """
     for path in folder.glob(".*"):
         found = UNFINISHED_NAME.fullmatch(path.name)
         if found and found[1] == STAGING_NAME and path.is_dir() and not path.is_symlink():
@@ -167,28 +167,24 @@ def _write_error(path: Path, error: OSError) -> OutputError:
     return OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another place with -o")
 
 
-# Names from logs, archives and servers as names of files: harmless, short enough, each once.
-#
-# A log is a stranger's file, and so is what it calls its messages. No such name is ever used as a path: what could
-# lead
-# out of a folder, mean a device, hide a file or not be written at all is replaced here, and only here.
+# Names from logs, archives and servers come from strangers and are never used as a path. What could lead out of a
+# folder, mean a device, hide a file or not be writable is replaced here.
 
+# Bytes of UTF-8. File systems end at 255; a number, suffixes and the temporary file's letters are added.
 MAX_NAME_BYTES = 200
-"""Bytes of UTF-8; file systems end at 255, and a number, suffixes and what temporary files need are added."""
+# Bytes of the ending that a shortened name keeps (``.ulg.gz``).
 MAX_SUFFIX_BYTES = 24
-"""Bytes of an ending that a shortened name keeps (``.ulg.gz``): it says what the file was."""
+# Separators of folders, drives and streams on any system, and letters that some file system refuses.
 FORBIDDEN_LETTERS = frozenset('/\\:*?"<>|')
-"""What separates folders, drives and streams somewhere, or what some file system refuses."""
+# Devices on Windows, whatever follows the first dot.
 DEVICE_NAME = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|com[0-9¹²³]|lpt[0-9¹²³]) *(\..*)?", re.IGNORECASE)
-"""Names that mean a device on Windows, whatever follows the first dot."""
 
 
 def file_name(text: str, longest: int = MAX_NAME_BYTES) -> str:
-    """A name from outside as the name of one file: no separator, control or direction sign, at most ``longest`` bytes.
+    """Return a name from outside as the name of one file, at most ``longest`` bytes.
 
-    It begins with no dot (hidden), dash (an option to other programs) or blank and ends with neither dot nor blank.
-    What is forbidden becomes ``_``; a name that has to be shortened keeps its beginning and ending around a hash of
-    the whole. Names without fault stay as they are, letters of all scripts included.
+    No separator, control or direction sign; no dot, dash or blank at the beginning, no dot or blank at the end.
+    Forbidden letters become ``_``. A name that is too long keeps its beginning and ending around a hash of the whole.
     """
     name = "".join("_" if c in FORBIDDEN_LETTERS or not c.isprintable() else c for c in text)
     name = re.sub(r"^[ .\-]+", _underlined, name)
@@ -199,10 +195,9 @@ def file_name(text: str, longest: int = MAX_NAME_BYTES) -> str:
 
 
 def file_names(texts: Iterable[str], taken: Iterable[str] = (), longest: int = MAX_NAME_BYTES) -> list[str]:
-    """The file name of each text; a second of the same name gets a number, in the order given.
+    """Return the file name of each text; repeated names get a number in the order given.
 
-    Names that some file systems do not distinguish (case, composed accents) count as the same. ``taken`` are names
-    that are in use already.
+    Names that some file systems do not distinguish (case, composed accents) count as equal. ``taken`` names are in use.
     """
     used = {_collation_key(name) for name in taken}
     next_number: dict[str, int] = {}
@@ -224,7 +219,7 @@ def _underlined(match: re.Match[str]) -> str:
 
 
 def _shortened(name: str, text: str, longest: int) -> str:
-    """The name in at most ``longest`` bytes, distinguished from others that begin alike by a hash of the whole text."""
+    """Cut a name to ``longest`` bytes and add a hash of the whole text."""
     if len(name.encode()) <= longest:
         return name
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:10]
@@ -238,15 +233,15 @@ def _collation_key(name: str) -> str:
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
-# Where is kept what this machine made for itself and runs again? In a folder that nobody else can write into.
+# Code that this machine compiles and runs again lies in a folder that no other user can write to.
 
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+# Trusted owners of the folders above: root, and the id that a container shows for unknown owners.
 TRUSTED_OWNERS = (0, 65_534)
-"""Owners of the folders above: root, and whom a container shows in the place of an owner that it does not know."""
 
 
 def private_folder(kind: str, version: str) -> Path | None:
-    """The folder for things of this kind and version: in the user's cache, else a temporary one; None if neither is.
+    """Return the folder of a kind and version in the user's cache, else a temporary one; None if neither is usable.
 
     It exists, can be written, and belongs to the user alone.
     """
@@ -257,19 +252,19 @@ def private_folder(kind: str, version: str) -> Path | None:
         return user
     try:
         temporary = Path(tempfile.gettempdir()) / f"attlog-{kind}-{_user_name()}" / version
-    except OSError:  # no folder of the system's can be written either: a container that is read-only
+    except OSError:  # a read-only container
         return None
     return temporary if is_private_folder(temporary) else None
 
 
 @cache
 def installed_version(package: str) -> str:
-    """The installed version of a package, for the name of a folder; "none" where there is none. Imports it not."""
+    """Return the installed version of a package without importing it, "none" where it is missing."""
     spec = find_spec(package)
     beside = Path(spec.origin).parents[1].iterdir() if spec is not None and spec.origin else ()
     names = [path.stem for path in beside if path.suffix == ".dist-info"]
     found = [name for name in names if name.lower().startswith(f"{package}-")]
-    if len(found) == 1:  # the metadata would tell as well, but imports email and socket: 20 ms
+    if len(found) == 1:  # importlib.metadata imports email and socket: 20 ms
         return found[0][len(package) + 1 :]
     from importlib.metadata import PackageNotFoundError, version
 
@@ -280,10 +275,9 @@ def installed_version(package: str) -> str:
 
 
 def is_private_folder(folder: Path) -> bool:
-    """True if the folder can be made and written and nobody else can put code into it."""
+    """True if the folder can be made and written and no other user can put code into it."""
     try:
-        # One by one: folders made on the way get the rights of the umask, and with that of many systems (002) the
-        # user's own group could write into them.
+        # One by one: with ``parents=True`` folders get the rights of the umask, on many systems writable by the group.
         for above in reversed([path for path in folder.parents if not path.exists()]):
             above.mkdir(mode=0o700, exist_ok=True)
         _revoke_others_write(folder.parent)  # earlier versions left it open
@@ -296,9 +290,9 @@ def is_private_folder(folder: Path) -> bool:
 
 
 def _is_unmovable(above: Path) -> bool:
-    """True if nobody else can put another folder in the place of one that lies here (POSIX; elsewhere True).
+    """True if no other user can replace a folder below this one (POSIX; elsewhere True).
 
-    Who may write to a folder may rename what is in it, also what belongs to others, unless its sticky bit is set.
+    Whoever may write to a folder may rename what is in it, also what belongs to others, unless its sticky bit is set.
     """
     if not hasattr(os, "getuid"):
         return True
@@ -310,14 +304,14 @@ def _is_unmovable(above: Path) -> bool:
 
 
 def _revoke_others_write(folder: Path) -> None:
-    """Nobody else may write into a folder of the user's; what others put there before is theirs and never used."""
+    """Remove other users' right to write into a folder of the user."""
     info = folder.stat()
     if hasattr(os, "getuid") and info.st_uid == os.getuid() and info.st_mode & OTHERS_WRITE:
         folder.chmod(stat.S_IMODE(info.st_mode) & ~OTHERS_WRITE)
 
 
 def _is_private(folder: Path) -> bool:
-    """True if the folder belongs to the user and is not writable by others (POSIX; elsewhere True)."""
+    """True if the folder belongs to the user and others cannot write to it (POSIX; elsewhere True)."""
     if not hasattr(os, "getuid"):
         return True
     info = folder.stat()
@@ -328,12 +322,15 @@ def _user_name() -> str:
     return str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
 
 
-# Files that people write for attlog (options, parameters, scenarios, gates): their bytes, text and TOML.
+# Settings.
 
 
 def read_settings_bytes(path: Path, largest: int = MAX_SETTINGS_BYTES) -> bytes:
-    """What a file holds. LogUnreadable if it cannot be opened, UsageError where it is no file (a device or a pipe
-    may never end) or larger than ``largest`` bytes."""
+    """Return the bytes of a file that a user writes (options, parameters, scenarios, gates).
+
+    LogUnreadable if it cannot be opened. UsageError for a device or a pipe, which may never end, and for more than
+    ``largest`` bytes.
+    """
     try:
         status = path.stat()
         mode = status.st_mode
@@ -357,8 +354,7 @@ def _too_large(path: Path, largest: int) -> UsageError:
 
 
 def read_settings_text(path: Path, largest: int = MAX_SETTINGS_BYTES) -> str:
-    """The text of a file, with or without a byte order mark. Errors as of :func:`bytes_of`, and UsageError where it
-    is no UTF-8."""
+    """Return the text of such a file without byte order mark. UsageError also where it is no UTF-8."""
     try:
         return read_settings_bytes(path, largest).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -366,7 +362,7 @@ def read_settings_text(path: Path, largest: int = MAX_SETTINGS_BYTES) -> str:
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """The values of a TOML text, which ``path`` names in messages. UsageError with line and column."""
+    """Return the values of a TOML text; UsageError with line and column names ``path``."""
     import tomllib
 
     try:
@@ -377,30 +373,27 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
         raise UsageError(f"{path}: not valid TOML: {error}") from error
 
 
-# CSV that a spreadsheet shows and does not run: all cells and headers that attlog writes go through here.
-#
-# Excel, LibreOffice and Google Sheets take a cell that begins with one of a few signs for a formula, also where it is
-# quoted in the file; a log's names and texts can say anything (``=HYPERLINK(...)``, ``@SUM(...)``, ``=cmd|...``).
+# CSV. Excel, LibreOffice and Google Sheets execute a cell that begins like a formula, also where it is quoted.
+# Names and texts of a log can be any (``=HYPERLINK(...)``, ``@SUM(...)``, ``=cmd|...``).
 
+# Beginnings of formulas, full-width signs included; spreadsheets skip white space before them.
 FORMULA_START = re.compile(r"[\s\"]*[=+\-@＝＋－＠].|[\t\r\n].", re.DOTALL)
-"""Beginnings that spreadsheets take for a formula, full-width signs included; they skip white space before them."""
+# Numbers begin like formulas and stay.
 PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.ASCII)
-"""What stays a number: formulas begin like these too."""
 LINE_END = re.compile(r"\r\n?")
+# Separators of cells in other dialects of CSV.
 CELL_SEPARATOR = re.compile(r"([;\t\n])")
-"""What ends a cell elsewhere."""
+# Control and direction signs, byte order marks and bytes that are no UTF-8: they steer a terminal or hide a beginning.
 INVISIBLE = re.compile(
     r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2060\u2066-\u2069\ufeff\ud800-\udfff]"
 )
-"""Control and direction signs, marks of byte order, bytes that are no UTF-8: they would steer the terminal that shows
-the file, or hide how it begins."""
 
 
 def csv_cell(value: Any) -> Any:
-    """A value as a CSV cell: a text that would be run gets an apostrophe before it, all else stays what it is.
+    """Return a value as CSV cell; texts that a spreadsheet would execute get an apostrophe in front.
 
-    So does the rest of a text behind a line end, a tab or a semicolon: read with another separator, it is a cell. Line
-    ends become ``\\n``, for a lone ``\\r`` ends a row in spreadsheets and is not quoted by those who write CSV.
+    The same holds for text behind a line end, a tab or a semicolon, which is a cell with another separator. Line ends
+    become ``\\n``: a lone ``\\r`` ends a row in spreadsheets, and writers do not quote it.
     """
     if not isinstance(value, str):
         return value
@@ -410,12 +403,12 @@ def csv_cell(value: Any) -> Any:
 
 
 def _defused(text: str, whole: str) -> str:
-    """A part of a text, behind an apostrophe where it, or the whole that it begins, would be run."""
+    """Put an apostrophe before a part of a text that would be executed."""
     return f"'{text}" if FORMULA_START.match(whole) and not PLAIN_NUMBER.fullmatch(text.strip()) else text
 
 
 def csv_text(lines: Iterable[Sequence[Any]]) -> str:
-    """Lines of cells as CSV, head and all; None is an empty cell."""
+    """Return lines of cells as CSV; None is an empty cell."""
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows([csv_cell(value) for value in line] for line in lines)
     return out.getvalue()

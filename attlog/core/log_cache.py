@@ -1,6 +1,6 @@
-"""What several questions ask of the same sensor or attitude is found once, while a block lasts.
+"""Compute a question about a sensor or attitude once, and release the answer with the block.
 
-A long log's answers are as large as the log, so they are released with the block, before filters run.
+The answers of a long log are as large as the log; they go before filters run.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _FOUND: ContextVar[dict[tuple[Any, ...], tuple[Any, Any]] | None] = ContextVar("
 
 @contextmanager
 def log_cache() -> Iterator[None]:
-    """A block in which the log does not change; one within another shares what that has found."""
+    """Open a block in which the log does not change; nested blocks share answers."""
     before = _FOUND.set({} if (found := _FOUND.get()) is None else found)
     try:
         yield
@@ -28,7 +28,7 @@ def log_cache() -> Iterator[None]:
 
 
 def cached_per_log(compute: Callable[P, T]) -> Callable[P, T]:
-    """A function of objects (by identity) whose answer nobody writes into: one answer per block."""
+    """Cache a function of objects (by identity) per block; callers must not write into the answer."""
 
     @functools.wraps(compute)
     def shared(*args: P.args, **kwargs: P.kwargs) -> T:

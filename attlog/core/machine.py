@@ -1,7 +1,4 @@
-"""How much memory this process may still take, and what a long log's steps freed given back to the system.
-
-The C library keeps freed memory, in blocks that fit nothing.
-"""
+"""Memory that this process may still take, memory returned to the system, and the versions behind the numbers."""
 
 from __future__ import annotations
 
@@ -20,8 +17,11 @@ PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 def available_bytes(proc: Path = PROC, cgroup: Path = CGROUP) -> int | None:
-    """The least of what the machine has (free, or kept for files, or swap), what its control group may take, and what
-    the process's own limit of address space leaves (``ulimit -v``); None where none of it is known."""
+    """Return the bytes that this process may still take, None where unknown.
+
+    The least of the machine's free memory (with file cache and swap), its control group's and its own address space's
+    limit (``ulimit -v``).
+    """
     limits = [_machine_limit(proc), _cgroup_limit(cgroup), _process_limit(proc)]
     return min((found for found in limits if found is not None), default=None)
 
@@ -32,7 +32,7 @@ def _machine_limit(proc: Path) -> int | None:
 
 
 def _cgroup_limit(cgroup: Path) -> int | None:
-    """What a container is given; pages of files that it holds can be dropped."""
+    """Return the rest of a container's memory; its file pages can be dropped."""
     most, held = _read_text(cgroup / "memory.max"), _read_text(cgroup / "memory.current")
     if not (most.isdecimal() and held.isdecimal()):
         return None
@@ -50,7 +50,7 @@ def _process_limit(proc: Path) -> int | None:
 
 
 def _read_numbers(path: Path) -> dict[str, int]:
-    """Lines of a name and a whole number."""
+    """Parse lines of a name and a whole number."""
     pairs = [line.replace(":", " ").split() for line in _read_text(path).splitlines()]
     return {pair[0]: int(pair[1]) for pair in pairs if len(pair) > 1 and pair[1].isdecimal()}
 
@@ -62,19 +62,22 @@ def _read_text(path: Path) -> str:
         return ""
 
 
+# Smaller arrays are reused from the memory that the C library keeps.
 MIN_TRIMMED_SAMPLES = 100_000
-"""Samples from which it is worth its time: arrays of less are used again from what is kept."""
 
 
 def release_memory(samples: int) -> bool:
-    """Give freed memory back after a step over so many samples; False where there is nothing to be done."""
+    """Return freed memory to the system after a step over ``samples``; False where the C library cannot.
+
+    The C library keeps freed blocks that fit no later request.
+    """
     trim = _malloc_trim() if samples >= MIN_TRIMMED_SAMPLES else None
     return trim is not None and bool(trim(0))
 
 
 @functools.lru_cache(maxsize=1)
 def _malloc_trim() -> Callable[[int], int] | None:
-    """``malloc_trim`` of glibc; other C libraries have none, and none of their own accord keeps as much."""
+    """Return ``malloc_trim`` of glibc, None elsewhere: other C libraries keep less."""
     if not sys.platform.startswith("linux"):
         return None
     import ctypes
@@ -83,15 +86,12 @@ def _malloc_trim() -> Callable[[int], int] | None:
     return found
 
 
-# What computed the numbers.
-
-
 def versions() -> dict[str, str]:
-    """Versions of attlog, Python and numpy, and the processor."""
+    """Return the versions of attlog, Python and numpy, and the processor."""
     return {
         "version": attlog.__version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
-        # ``platform.processor`` starts ``uname``, whose answer on Linux is this one or none.
+        # ``platform.processor`` starts ``uname``, which on Linux returns the same or nothing.
         "cpu": os.environ.get("PROCESSOR_IDENTIFIER") or platform.machine(),
     }

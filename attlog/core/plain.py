@@ -1,4 +1,4 @@
-"""Dataclasses as plain JSON values: what is written. What is read is checked by pydantic, by the same fields."""
+"""Dataclasses, arrays and numpy scalars as plain JSON values."""
 
 from __future__ import annotations
 
@@ -13,21 +13,18 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
     from pydantic_core import CoreSchema
 
+# ``field(metadata={IN_JSON: False})`` keeps a field out of the document.
 IN_JSON = "json"
-"""A field that stays out of the document says so: ``field(metadata={IN_JSON: False})``."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NumberArray:
-    """Tells pydantic that an array stands in a document as a list of numbers: ``Annotated[Array, NumberArray(float)]``.
-
-    A null among floats is NaN.
-    """
+    """Pydantic annotation of an array: a list in documents, null for NaN: ``Annotated[Array, NumberArray(float)]``."""
 
     number: type
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The list as it is read, and the array that it becomes."""
+        """Read a list of numbers into an array."""
         from pydantic_core import core_schema
 
         number = core_schema.float_schema(), core_schema.int_schema()
@@ -38,10 +35,10 @@ class NumberArray:
 
 
 class NullAsNaN:
-    """Tells pydantic that a null stands for NaN: ``Annotated[float, NotANumber()]``."""
+    """Pydantic annotation of a number that is null for NaN: ``Annotated[float, NullAsNaN()]``."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """A number or null as it is read, and the number that it becomes."""
+        """Read a number or null."""
         from pydantic_core import core_schema
 
         number = core_schema.nullable_schema(core_schema.float_schema())
@@ -49,9 +46,9 @@ class NullAsNaN:
 
 
 def to_plain(value: Any, defaults: bool = True) -> Any:
-    """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None.
+    """Return dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None.
 
-    Not ``defaults``: fields of dataclasses that have their default are left out.
+    Without ``defaults`` fields of dataclasses that have their default are left out.
     """
     kind: Any = type(value)
     if kind is float:
@@ -81,7 +78,7 @@ PLAIN_TYPES = frozenset((str, int, bool, type(None)))
 
 @functools.cache
 def _document_fields(kind: type) -> tuple[tuple[str, Any], ...] | None:
-    """The fields of a dataclass that its document has, each with its default; None for other types."""
+    """Return the documented fields of a dataclass with their defaults, None for other types."""
     if not dataclasses.is_dataclass(kind):
         return None
     return tuple(
@@ -92,12 +89,12 @@ def _document_fields(kind: type) -> tuple[tuple[str, Any], ...] | None:
 
 
 def _is_default(item: Any, default: Any) -> bool:
-    """Whether a field has its default: the same value of the same type."""
+    """True if a field has its default: the same value of the same type."""
     return item is default or (type(item) is type(default) and not isinstance(item, np.ndarray) and item == default)
 
 
 def _rare_to_plain(value: Any, defaults: bool) -> Any:
-    """What remains: sets, arrays, numpy's scalars, subclasses of plain types; anything else as its text."""
+    """Convert sets, arrays, numpy scalars and subclasses of plain types; anything else becomes its text."""
     if isinstance(value, dict):
         return {str(k): to_plain(v, defaults) for k, v in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
@@ -114,7 +111,7 @@ def _rare_to_plain(value: Any, defaults: bool) -> Any:
 
 
 def rounded_document(value: Any, digits: int) -> Any:
-    """A plain value with its floats to so many significant digits."""
+    """Round all floats of a plain value to significant digits."""
     if isinstance(value, float):
         return float(f"{value:.{digits}g}")
     if isinstance(value, dict):
@@ -123,7 +120,7 @@ def rounded_document(value: Any, digits: int) -> Any:
 
 
 def without_keys(value: Any, keys: tuple[str, ...]) -> Any:
-    """The document with the named keys left out at every level."""
+    """Return the document without the named keys at every level."""
     if isinstance(value, dict):
         return {k: without_keys(v, keys) for k, v in value.items() if k not in keys}
     if isinstance(value, list):

@@ -1,10 +1,10 @@
 """Quaternions, Euler angles and attitude errors on whole arrays.
 
-Conventions everywhere in attlog: scalar first, Hamilton product, ``q`` turns body
-(FRD) vectors into earth (NED) vectors, Euler angles are roll, pitch, yaw in the
-order z-y-x. Arrays are (..., 4) and (..., 3); all functions broadcast. Angles
-come from ``atan2`` of the vector part, never from ``acos`` of the scalar part: in
-float32 the latter turns rounding into 0.06 deg.
+Conventions everywhere in attlog: scalar first, Hamilton product, ``q`` rotates body (FRD) vectors into earth (NED),
+Euler angles are roll, pitch, yaw in the order z-y-x. Arrays are (..., 4) and (..., 3); all functions broadcast. Angles
+come from ``atan2`` of the vector part, never from ``acos`` of the scalar part, whose rounding is 0.06 deg in float32.
+Long arrays are worked through in blocks, and short rows summed column by column, because numpy is several times slower
+otherwise.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from attlog.core.jit.search import last_before
 Array = NDArray[np.float64]
 P = ParamSpec("P")
 
+# Rows per pass: intermediate arrays stay in the processor's cache.
 BLOCK_ROWS = 4096
-"""Rows per pass: what is made on the way stays in the processor's cache, and costs a long log no memory."""
+# Half turns between east-north-up and north-east-down, and between forward-left-up and forward-right-down.
 ENU, FLU = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
-"""The half turns between east-north-up and north-east-down, and between forward-left-up and forward-right-down."""
 
 
 def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]]:
-    """A function of rows whose answer has this shape for each, worked through in blocks where there are many rows."""
+    """Decorate a function of rows, whose answers have this shape, to work in blocks."""
 
     def of(function: Callable[P, Array]) -> Callable[P, Array]:
         @functools.wraps(function)
@@ -52,7 +52,7 @@ def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]
 
 @_by_blocks(4)
 def normalize(q: ArrayLike) -> Array:
-    """Unit quaternions (n, 4) or (4,); one of zero length, or of one beyond any number, becomes NaN."""
+    """Return unit quaternions (n, 4) or (4,); NaN for zero or infinite length."""
     q = np.asarray(q, np.float64)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         norm = np.asarray(length(q))
@@ -60,10 +60,10 @@ def normalize(q: ArrayLike) -> Array:
 
 
 def finite_rows(x: Array) -> NDArray[np.bool_]:
-    """Which rows (n,) of quaternions or vectors (n, k) hold finite numbers alone; many times faster than ``all``.
+    """Select the rows (n,) of finite numbers in (n, k).
 
-    Mostly all do: then the sum of all is finite too. (Not their product with themselves: for that long arrays go to
-    several threads, which wait for each other on a busy machine.)
+    Mostly all are, and then their sum is finite. A product of the array with itself would go to several threads, which
+    wait for each other on a busy machine.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         if np.isfinite(x.sum()):
@@ -72,7 +72,7 @@ def finite_rows(x: Array) -> NDArray[np.bool_]:
 
 
 def length(x: Array) -> Array:
-    """Lengths (n,) of vectors (n, k): column by column, because numpy sums a short last axis many times slower."""
+    """Return the lengths (n,) of vectors (n, k)."""
     square = x[..., 0] * x[..., 0]
     for k in range(1, x.shape[-1]):
         square = square + x[..., k] * x[..., k]
@@ -80,14 +80,14 @@ def length(x: Array) -> Array:
 
 
 def conjugate(q: ArrayLike) -> Array:
-    """The inverse rotation of unit quaternions (n, 4) or (4,)."""
+    """Return the inverse rotations of unit quaternions (n, 4) or (4,)."""
     inverse: Array = np.asarray(q, np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
     return inverse
 
 
 @_by_blocks(4)
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """Hamilton product (n, 4) of quaternions a (n, 4) and b (n, 4), or of single ones (4,): first b, then a."""
+    """Return the Hamilton product (n, 4) of quaternions (n, 4) or (4,): the rotation ``b``, then ``a``."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     a0, a1, a2, a3 = (a[..., k] for k in range(4))
     b0, b1, b2, b3 = (b[..., k] for k in range(4))
@@ -101,7 +101,7 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
-    """Vectors v (n, 3) turned by quaternions q (n, 4), body to earth; either may be a single one."""
+    """Rotate vectors (n, 3) by quaternions (n, 4), body to earth; either may be single."""
     q = np.asarray(q, np.float64)
     v = np.asarray(v, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
@@ -115,13 +115,13 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def rotate_inverse(q: ArrayLike, v: ArrayLike) -> Array:
-    """Vectors v (n, 3) turned back by quaternions q (n, 4), earth to body; either may be a single one."""
+    """Rotate vectors (n, 3) by inverse quaternions (n, 4), earth to body; either may be single."""
     return rotate(conjugate(q), v)
 
 
 @_by_blocks(4)
 def from_rotvec(v: ArrayLike) -> Array:
-    """Quaternions (n, 4) of rotation vectors (n, 3) in rad; (4,) of a single one."""
+    """Return the quaternions (n, 4) or (4,) of rotation vectors in rad."""
     v = np.asarray(v, np.float64)
     half = 0.5 * length(v)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -134,7 +134,7 @@ def from_rotvec(v: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def to_rotvec(q: ArrayLike) -> Array:
-    """Rotation vectors (n, 3) in rad, length 0 to pi, of quaternions (n, 4); (3,) of a single one."""
+    """Return the rotation vectors (n, 3) or (3,) in rad, length 0 to pi, of quaternions."""
     q = np.asarray(q, np.float64)
     w, s = q[..., 0], length(q[..., 1:])
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -143,12 +143,12 @@ def to_rotvec(q: ArrayLike) -> Array:
 
 
 def increments(q: Array) -> Array:
-    """Rotation vectors (n - 1, 3) in rad of ``q_i^* q_(i+1)``: what attitudes (n, 4) turn from sample to sample."""
+    """Return the rotation vectors (n - 1, 3) in rad between successive attitudes (n, 4), in body axes."""
     return relative_rotvecs(q[:-1], q[1:])
 
 
 def relative_rotvecs(before: Array, after: Array) -> Array:
-    """Rotation vectors (n, 3) in rad of ``before^* after`` of attitudes (n, 4) each."""
+    """Return the rotation vectors (n, 3) in rad of ``before^* after``, in body axes."""
     out = np.empty((len(before), 3))
     for a in range(0, len(out), BLOCK_ROWS):
         (w, x, y, z), (e, f, g, h) = before[a : a + BLOCK_ROWS].T, after[a : a + BLOCK_ROWS].T
@@ -164,7 +164,7 @@ def relative_rotvecs(before: Array, after: Array) -> Array:
 
 
 def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
-    """Quaternions (n, 4) of roll, pitch, yaw (n,) in rad, order z-y-x; (4,) of single angles."""
+    """Return the quaternions (n, 4) or (4,) of roll, pitch, yaw in rad."""
     r, p, y = (0.5 * np.asarray(x, np.float64) for x in (roll, pitch, yaw))
     cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
     return np.stack(
@@ -180,7 +180,7 @@ def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def to_euler(q: ArrayLike) -> Array:
-    """Roll, pitch, yaw (n, 3) in rad of quaternions (n, 4); yaw in (-pi, pi]."""
+    """Return roll, pitch, yaw (n, 3) in rad of quaternions (n, 4); yaw in (-pi, pi]."""
     q = np.asarray(q, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
     out = np.empty((*q.shape[:-1], 3))
@@ -192,7 +192,7 @@ def to_euler(q: ArrayLike) -> Array:
 
 @_by_blocks(3, 3)
 def to_matrix(q: ArrayLike) -> Array:
-    """Rotation matrices (n, 3, 3), body to earth, of quaternions (n, 4)."""
+    """Return the rotation matrices (n, 3, 3), body to earth, of quaternions (n, 4)."""
     q = np.asarray(q, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
     xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
@@ -204,7 +204,7 @@ def to_matrix(q: ArrayLike) -> Array:
 
 
 def from_matrix(m: Array) -> Array:
-    """The quaternion (4,) of a rotation matrix (3, 3), by the largest of its four components."""
+    """Return the quaternion (4,) of a rotation matrix (3, 3), by the largest of its four components."""
     trace = m[0, 0] + m[1, 1] + m[2, 2]
     k = int(np.argmax([trace, m[0, 0], m[1, 1], m[2, 2]]))
     if k == 0:
@@ -221,17 +221,18 @@ def from_matrix(m: Array) -> Array:
 
 
 def nearest_rotation(b: Array) -> Array:
-    """The rotation matrix R (3, 3) that maximises trace(R^T B): Wahba's problem [Markley1988], with B = sum a b^T the R
-    that turns vectors b onto vectors a (Kabsch1976)."""
+    """Return the rotation matrix R (3, 3) that maximises trace(R^T B): Wahba's problem [Markley1988].
+
+    With B = sum a b^T it rotates vectors b onto vectors a (Kabsch1976).
+    """
     u, _, v = np.linalg.svd(b)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
 
 
 def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
-    """Attitudes interpolated at times ``at`` along the shortest arc; NaN outside ``t``.
+    """Interpolate attitudes (n, 4) at times ``at`` along the shortest arc; NaN outside ascending ``t`` (n,).
 
-    ``t`` (n,) ascending, ``q`` (n, 4). The caller decides whether interpolating
-    across a gap is honest.
+    The caller decides whether interpolation across a gap is valid.
     """
     return slerp_in_segments(t, q, None, at)[0]
 
@@ -239,10 +240,7 @@ def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
 def slerp_in_segments(
     t: ArrayLike, q: ArrayLike, segment: NDArray[np.int64] | None, at: ArrayLike
 ) -> tuple[Array, NDArray[np.int64]]:
-    """:func:`slerp` that never crosses from one ``segment`` (n,) to the next, and the sample (m,) before each time.
-
-    NaN and -1 where that is not to be had.
-    """
+    """Return :func:`slerp` within each ``segment`` (n,), and the sample (m,) before each time; NaN and -1 elsewhere."""
     from attlog.core.jit.kernel import function_of
 
     t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
@@ -254,16 +252,16 @@ def slerp_in_segments(
 
 
 def mean(q: ArrayLike) -> Array:
-    """The mean attitude (4,) of (n, 4): largest eigenvector of sum q q^T (Markley et al. 2007).
+    """Return the mean attitude (4,) of (n, 4): largest eigenvector of sum q q^T (Markley et al. 2007).
 
-    Rows with NaN and of zero length do not count; NaN where none is left.
+    Rows with NaN or zero length do not count; NaN without any row.
     """
     q = np.asarray(q, np.float64).reshape(-1, 4)
     return np.asarray(group_means(q, np.array([0, len(q)]))[0])
 
 
 def group_means(q: Array, edges: NDArray[np.int64]) -> Array:
-    """The mean attitudes (k, 4) of the groups of (n, 4) between ``edges`` (k + 1,), each as :func:`mean`."""
+    """Return the :func:`mean` attitudes (k, 4) of the groups of (n, 4) between ``edges`` (k + 1,)."""
     q = normalize(q)
     good = finite_rows(q)
     if not good.all():
@@ -276,42 +274,42 @@ def group_means(q: Array, edges: NDArray[np.int64]) -> Array:
 
 
 def earth_error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
-    """The error (n, 4) seen in earth axes, q_est (n, 4) times the inverse of q_ref (n, 4) (``docs/metrics.md``)."""
+    """Return the error quaternions (n, 4) in earth axes, q_est times the inverse of q_ref (``docs/metrics.md``)."""
     return multiply(q_est, conjugate(q_ref))
 
 
 def total_angle(e: ArrayLike) -> Array:
-    """Total error (n,) in rad, 0 to pi, of e (n, 4): 2 atan2(|e_vec|, |e0|)."""
+    """Return the total error (n,) in rad, 0 to pi: 2 atan2(|e_vec|, |e0|)."""
     e = np.asarray(e, np.float64)
     angle: Array = 2.0 * np.arctan2(length(e[..., 1:]), np.abs(e[..., 0]))
     return angle
 
 
 def heading_angle(e: ArrayLike) -> Array:
-    """Heading error (n,) in rad, -pi to pi, of e (n, 4): 2 atan2(e3, e0), wrapped."""
+    """Return the heading error (n,) in rad, -pi to pi: 2 atan2(e3, e0), wrapped."""
     e = np.asarray(e, np.float64)
     return wrap(2.0 * np.arctan2(e[..., 3], e[..., 0]))
 
 
 def tilt_angle(e: ArrayLike) -> Array:
-    """Tilt error (n,) in rad, 0 to pi, of e (n, 4): 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
+    """Return the tilt error (n,) in rad, 0 to pi: 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
     e = np.asarray(e, np.float64)
     angle: Array = 2.0 * np.arctan2(length(e[..., 1:3]), length(e[..., ::3]))
     return angle
 
 
 def wrap(angle: ArrayLike) -> Array:
-    """Angles (n,) in rad wrapped to [-pi, pi)."""
+    """Wrap angles (n,) in rad to [-pi, pi)."""
     return (np.asarray(angle, np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 
 def unwrap(angle: Array, period: float = 2 * np.pi) -> Array:
-    """:func:`numpy.unwrap` of angles (n,), in a fraction of its time where nothing jumps, as mostly."""
+    """Return :func:`numpy.unwrap` of angles (n,), quickly where no angle jumps."""
     return angle.copy() if (np.abs(np.diff(angle)) < 0.5 * period).all() else np.unwrap(angle, period=period)
 
 
 def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
-    """Attitudes (n, 4) turned by ``angle`` (n,) rad, or one for all, about the earth's down axis."""
+    """Rotate attitudes (n, 4) by ``angle`` (n,) or one angle in rad about the earth's down axis."""
     q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)
     out = np.empty((*np.broadcast_shapes(q.shape[:-1], half.shape), 4))
     if q.ndim == 2 and len(q) > BLOCK_ROWS and half.shape in ((), (len(q),)):
@@ -330,8 +328,8 @@ def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
 
 Indices = NDArray[np.int64]
 
+# Squared sine of half an angle below which series hold to the last digit: 0.1 rad between neighbours, as of most.
 MAX_SERIES_SINE_SQUARED = 0.0025
-"""Squared sine of half an angle below which series hold to the last digit: 0.1 rad between neighbours, as of most."""
 SLERP_SIGNATURE = "void(f8[:, ::1], i8[::1], (f8[::1]), (f8[:, ::1]), (i8[::1]), (f8[::1]))"
 
 

@@ -1,6 +1,6 @@
-"""What people write for attlog, checked by pydantic: what a number may be, and what is wrong in words, a line each.
+"""Check values that users write (options, scenarios, gates) with pydantic, and report every problem in one line.
 
-Dataclasses tell their types; pydantic is imported where something is checked, not where a default serves.
+Pydantic is imported only where something is checked.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Place = tuple[int | str, ...]
 TABLE_ERRORS = ("dataclass_type", "dict_type", "dataclass_exact_type")
+# Pydantic's additions to the place of a value of several possible kinds.
 ALTERNATIVE = re.compile(
     r"int|float|str|bool|none|(literal|tuple|list|constrained-\w+|nullable|function-\w+)\[.*|function-\w+\(.*"
 )
-"""What pydantic adds to the place of a value that may be one of several kinds."""
+# Pydantic's additions to the expected kind.
 MESSAGE_DETAIL = re.compile(r", (unable to|got a) .*")
-"""What pydantic adds to what a value should be."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NumberRange:
-    """Tells pydantic the range of a number, ``Annotated[float, NumberRange(0.0, 1e6)]``; a truth value is none."""
+    """Pydantic annotation of a number's range: ``Annotated[float, NumberRange(0.0, 1e6)]``; booleans are refused."""
 
     least: float | None = None
     largest: float | None = None
     above: float | None = None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The number, where it is no truth value."""
+        """Return the schema of the number with its bounds."""
         from pydantic_core import PydanticCustomError, core_schema
 
         bounds: dict[str, Any] = {"ge": self.least, "le": self.largest, "gt": self.above}
@@ -58,7 +58,7 @@ class NumberRange:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ParsedBy:
-    """Tells pydantic what makes a value of what is written: ``Annotated[list[str], Parsed(items)]``.
+    """Pydantic annotation of a parser: ``Annotated[list[str], ParsedBy(items)]``.
 
     ``parse`` raises ValueError with a sentence that begins with "must".
     """
@@ -66,7 +66,7 @@ class ParsedBy:
     parse: Callable[[Any], Any]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The value that was made, checked as its type."""
+        """Return the schema of the parsed value."""
         from pydantic_core import core_schema
 
         return core_schema.no_info_before_validator_function(self.parse, handler(source))
@@ -78,12 +78,12 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
+# Checks plain values and makes an instance of a dataclass.
 adapter: Callable[[Any], TypeAdapter[Any]] = functools.cache(_adapter)
-"""What checks plain values and makes an instance of a dataclass."""
 
 
 def validated(kind: type[T], values: Mapping[str, Any], origin: str = "", strict: bool = False) -> T:
-    """An instance of a dataclass of plain values. UsageError lists every problem, each line begins with ``origin``."""
+    """Return an instance of a dataclass; UsageError lists every problem in a line that begins with ``origin``."""
     found, wrong = validated_or_problems(kind, values, strict)
     if found is None:
         raise UsageError("\n".join(f"{origin}: {text}" if origin else text for _, text in wrong))
@@ -93,9 +93,9 @@ def validated(kind: type[T], values: Mapping[str, Any], origin: str = "", strict
 def validated_or_problems(
     kind: type[T], values: Mapping[str, Any], strict: bool = False
 ) -> tuple[T | None, list[tuple[Place, str]]]:
-    """An instance of a dataclass of plain values, or None and what is wrong with them, as :func:`problems` tells it.
+    """Return an instance of a dataclass, or None and its :func:`problems`.
 
-    ``strict``: nothing but a number stands for a number, as in a file: neither "15" nor true.
+    ``strict``: only a number is a number, as in a file; neither "15" nor true.
     """
     from pydantic import ValidationError
 
@@ -108,19 +108,19 @@ def validated_or_problems(
 
 
 def _toml_value_as_text(value: object) -> str:
-    """What TOML knows beside JSON's values: dates and times, as text. TypeError for anything else."""
+    """Return TOML's dates and times as text. TypeError for anything else."""
     if isinstance(value, (date, time)):
         return value.isoformat()
     raise TypeError(f"{value!r} is no value of a TOML file")
 
 
 def problem_lines(error: ValidationError, kind: type) -> list[str]:
-    """One line per thing that is wrong in values for the dataclass ``kind``."""
+    """Return one line per problem."""
     return [text for _, text in problems(error, kind)]
 
 
 def problems(error: ValidationError, kind: type) -> list[tuple[Place, str]]:
-    """(place, sentence that names it) of each. Of a value that is none of several kinds the sentence tells them all."""
+    """Return place and sentence of each problem; a value of several possible kinds gets one sentence."""
     found: dict[Place, list[Any]] = {}
     for item in error.errors(include_url=False):
         loc = item["loc"]
@@ -148,7 +148,7 @@ def _problem(loc: Place, items: list[Any], kind: type) -> tuple[str, str]:
         case "too_long":
             return where, f"must have {items[0]['ctx']['max_length']} values (got {got!r})"
         case "float_type" | "int_type" if isinstance(got, str) and len(items) == 1:
-            return where, f"must be a number without quotes; its unit stands in the key (got {got!r})"
+            return where, f"must be a number without quotes; its unit is in the key (got {got!r})"
         case kind if kind in TABLE_ERRORS:
             return where, f"must be a table (got {got!r})"
     messages = [MESSAGE_DETAIL.sub("", str(item["msg"]).removeprefix("Value error, ")) for item in items]
@@ -158,13 +158,13 @@ def _problem(loc: Place, items: list[Any], kind: type) -> tuple[str, str]:
 
 
 def place_text(loc: Place) -> str:
-    """``sensors.imu[0].rate_hz`` of a place in the values."""
+    """Return ``sensors.imu[0].rate_hz`` for a place in the values."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
     return text.lstrip(".") or "the file"
 
 
 def _table_at(kind: type, loc: Place) -> Any:
-    """The dataclass of the tables at a place, None where there are none."""
+    """Return the dataclass of the tables at a place, None without one."""
     table: Any = kind
     for part in loc:
         if isinstance(part, str) and table is not None:
@@ -173,13 +173,13 @@ def _table_at(kind: type, loc: Place) -> Any:
 
 
 def _keys(kind: type, loc: Place) -> list[str]:
-    """The keys that the table at a place may have."""
+    """Return the keys that the table at a place may have."""
     table = _table_at(kind, loc)
     return [] if table is None else [f.name for f in dataclasses.fields(table)]
 
 
 def _table_type(kind: Any) -> Any:
-    """The table within a declared type such as ``tuple[Imu, ...]`` or ``Motion | None``, None if there is none."""
+    """Return the dataclass within a type such as ``tuple[Imu, ...]`` or ``Motion | None``, None without one."""
     if dataclasses.is_dataclass(kind):
         return kind
     return next((found for inner in get_args(kind) if (found := _table_type(inner)) is not None), None)

@@ -1,9 +1,8 @@
-"""The firmwares' second-order filters: Butterworth low-pass and notch, run over samples as they fly.
+"""The second-order filters of both firmwares: Butterworth low-pass and notch, run causally as in flight.
 
-Low-pass: the bilinear transform of the second-order Butterworth filter with its cut-off kept, as in
-the LowPassFilter2p of both firmwares. Notch: the bilinear transform of the second-order notch, its
-width between the frequencies at which half of the power is left. Oppenheim & Schafer, Discrete-Time
-Signal Processing, section 7.1, derives both.
+The low-pass is the bilinear transform of the Butterworth filter with its cut-off kept (LowPassFilter2p of both
+firmwares). The notch is the bilinear transform of the second-order notch; its width lies between the half-power
+frequencies. Derivations: Oppenheim & Schafer, Discrete-Time Signal Processing, section 7.1.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ class Biquad:
     a2: float
 
 
+# Replaces a notch while it is switched off.
 PASS_THROUGH = Biquad(1.0, 0.0, 0.0, 0.0, 0.0)
-"""What changes nothing: stands in place of a notch that is not wanted for a while."""
 
 
 def lowpass(cutoff_hz: float, rate_hz: float) -> Biquad:
-    """The second-order Butterworth low-pass at a sample rate. UsageError from half of the rate on."""
+    """Return the Butterworth low-pass at a sample rate. UsageError from half of the rate on."""
     _require_below_nyquist(cutoff_hz, rate_hz, "a low-pass at")
     w = math.tan(math.pi * cutoff_hz / rate_hz)
     norm = 1.0 + math.sqrt(2.0) * w + w * w
@@ -44,7 +43,7 @@ def lowpass(cutoff_hz: float, rate_hz: float) -> Biquad:
 
 
 def notch(centre_hz: float, width_hz: float, rate_hz: float) -> Biquad:
-    """The second-order notch at a sample rate. UsageError from half of the rate on."""
+    """Return the notch at a sample rate. UsageError from half of the rate on."""
     _require_below_nyquist(centre_hz, rate_hz, "a notch at")
     _require_below_nyquist(width_hz, rate_hz, "a notch with a width of")
     alpha, middle = math.tan(math.pi * width_hz / rate_hz), math.cos(2.0 * math.pi * centre_hz / rate_hz)
@@ -53,11 +52,10 @@ def notch(centre_hz: float, width_hz: float, rate_hz: float) -> Biquad:
 
 
 def run_biquads(filters: list[tuple[int, Biquad]], x: Array) -> Array:
-    """Samples (n, k) through a filter that changes: each pair is the first sample it holds for, and the filter.
+    """Filter samples (n, k) with a filter that changes: pairs of the first sample and the filter from there on.
 
-    The first sample counts as having been there for ever, as the firmwares start. Where the
-    filter changes its memory stays, as in flight; after PASSES it begins anew. Samples that are not
-    finite are passed by.
+    The first sample counts as steady state before it, as in the firmwares. The state stays when the filter changes and
+    starts anew after PASS_THROUGH. Samples that are not finite are skipped.
     """
     out = np.array(x, np.float64)
     for column in range(out.shape[1]):
@@ -69,7 +67,7 @@ def run_biquads(filters: list[tuple[int, Biquad]], x: Array) -> Array:
 
 
 def _run_column(starts: list[int], filters: list[Biquad], x: list[float]) -> list[float]:
-    """One column, in plain numbers: a sample depends on the one before, which arrays cannot do faster."""
+    """Filter one column with plain numbers; the recursion leaves nothing to vectorise."""
     out: list[float] = []
     d1 = d2 = 0.0
     for k, f in enumerate(filters):
@@ -79,7 +77,7 @@ def _run_column(starts: list[int], filters: list[Biquad], x: list[float]) -> lis
             continue
         b0, b1, b2, a1, a2 = f.b0, f.b1, f.b2, f.a1, f.a2
         if (k == 0 or filters[k - 1] == PASS_THROUGH) and starts[k] < len(x):
-            steady = x[starts[k]]  # memory after it for ever; all these filters have gain one at zero frequency
+            steady = x[starts[k]]  # all these filters have unit gain at zero frequency
             d1, d2 = steady * (1.0 - b0), steady * (b2 - a2)
         for value in x[starts[k] : end]:
             y = b0 * value + d1

@@ -1,4 +1,4 @@
-"""Arithmetic with segments of time: lists of (t0, t1) in s."""
+"""Arithmetic with spans of time: lists of (t0, t1) in s."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Span = tuple[float, float]
 
 
 def merge(spans: Iterable[Span]) -> list[Span]:
-    """The same time as ascending segments that do not touch."""
+    """Return the same time as ascending spans that do not touch."""
     merged: list[Span] = []
     for t0, t1 in sorted(s for s in spans if s[1] > s[0]):
         if merged and t0 <= merged[-1][1]:
@@ -23,7 +23,7 @@ def merge(spans: Iterable[Span]) -> list[Span]:
 
 
 def intersect(a: Iterable[Span], b: Iterable[Span]) -> list[Span]:
-    """The time that lies in both."""
+    """Return the time in both lists."""
     a, b = merge(a), merge(b)
     common, i, j = [], 0, 0
     while i < len(a) and j < len(b):
@@ -38,7 +38,7 @@ def intersect(a: Iterable[Span], b: Iterable[Span]) -> list[Span]:
 
 
 def clipped(spans: Iterable[Span], segments: Iterable[Span]) -> list[Span]:
-    """The spans within each of the segments, which ascend and may touch: no span goes from one segment to the next."""
+    """Return the spans cut at the segments' edges; segments ascend and may touch."""
     a, found, i = merge(spans), [], 0
     for t0, t1 in (s for s in segments if s[1] > s[0]):
         while i < len(a) and a[i][1] <= t0:
@@ -51,7 +51,7 @@ def clipped(spans: Iterable[Span], segments: Iterable[Span]) -> list[Span]:
 
 
 def complement(spans: Iterable[Span], t0: float, t1: float) -> list[Span]:
-    """The time of [t0, t1] that lies in none of the segments."""
+    """Return the time of [t0, t1] outside all spans."""
     edges = [t0]
     for a, b in merge(spans):
         edges += [min(max(a, t0), t1), min(max(b, t0), t1)]
@@ -60,22 +60,22 @@ def complement(spans: Iterable[Span], t0: float, t1: float) -> list[Span]:
 
 
 def seconds(spans: Iterable[Span]) -> float:
-    """Total length in s; overlaps count once."""
+    """Return the total length in s; overlaps count once."""
     return float(sum(b - a for a, b in merge(spans)))
 
 
 def inside(t: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
-    """Which times (n,) lie in a segment, ends included."""
+    """Select the times (n,) within a span, ends included."""
     return overlaps(t, t, spans)
 
 
 def between(t: Array, t0: float, t1: float) -> slice:
-    """Which of rising times (n,) lie in [t0, t1]; found by bisection, so that many short spans cost little."""
+    """Return the slice of rising times (n,) in [t0, t1], by bisection."""
     return slice(int(np.searchsorted(t, t0, side="left")), int(np.searchsorted(t, t1, side="right")))
 
 
 def overlaps(t0: Array, t1: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
-    """Which windows [t0, t1] (n,) touch a segment."""
+    """Select the windows [t0, t1] (n,) that touch a span."""
     merged = merge(spans)
     if not merged:
         return np.zeros(len(t0), bool)

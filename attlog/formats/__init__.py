@@ -87,8 +87,8 @@ def _load_by_name(place: str) -> Any:
     return getattr(import_module(f"attlog.formats.{module}"), name)
 
 
+# Bytes that are enough to recognise every format, also behind a damaged start.
 MAX_HEAD_BYTES = 1 << 16
-"""Bytes that are enough to recognise every format, also behind a damaged start."""
 
 # name, title, suffix, recogniser, reader, writer; the first that recognises a file reads it
 FORMATS = (
@@ -164,6 +164,7 @@ def open(path: Path | str, system: int | None = None, *, key: Path | str | None 
 
 
 _UNPACK_TEXT = "archive, not a log: unpack it"
+# How a file begins that may hold a log, and what is to be done with it.
 WRAPPERS = (
     (b"\xff\xfe", "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"),
     (b"\xfe\xff", "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"),
@@ -176,7 +177,6 @@ WRAPPERS = (
     (b"\x1f\x8b", f"a gzip {_UNPACK_TEXT}"),
     (b"#ROSBAG V", "a bag of ROS 1: convert it with rosbags-convert (pip install rosbags) to ROS 2"),
 )
-"""How a file begins that may hold a log, and what is to be done with it."""
 
 
 def recognise(path: Path | str) -> str:

@@ -118,8 +118,8 @@ def require_only(what: str, given: Iterable[str], known: Iterable[str]) -> None:
 
 # Records of several messages put into one stream, in the order of their times.
 
+# Rows that are put in their places in one step, so that the indices of their bytes stay small.
 MERGED_ROWS = 1 << 14
-"""Rows that are put in their places in one step, so that the indices of their bytes stay small."""
 
 
 def time_order(times: Sequence[NDArray[np.integer]]) -> NDArray[np.int64]:

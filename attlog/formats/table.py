@@ -22,8 +22,8 @@ from attlog.core.errors import RAISE_VARIABLE, AttlogError, bug_sentence
 from attlog.core.limits import MAX_DAMAGE
 from attlog.core.timestamps import Offsets, Timeline, restarts
 
+# A message, what of it is read and where: around what may fail, see table.
 Guard = Callable[[str, str, int | None], AbstractContextManager[None]]
-"""A message, what of it is read and where: around what may fail, see :mod:`attlog.formats.table`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -363,8 +363,8 @@ class DamageLog:
 # level
 # debug.
 
+# Code of the remarks made here; no log that is sound may have one.
 PART_FAILED = "part_failed"
-"""Code of the remarks made here; no log that is sound may have one."""
 
 
 class ReaderBarrier:

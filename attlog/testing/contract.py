@@ -35,8 +35,8 @@ from attlog.testing.motions import (
 
 # Checks of what a filter survives: real logs hold gaps, jumps, dead and saturated sensors.
 
+# Agreement in deg of runs that differ in rounding only.
 MAX_REPEATED_DEG = 1e-6
-"""Agreement in deg of runs that differ in rounding only."""
 
 
 def _require_counted(skipped: dict[str, int], reason: str, least: int = 1) -> None:
@@ -209,12 +209,12 @@ def repeats_itself(s: Subject) -> None:
 
 # Checks of what a filter takes beside its samples: aids, and parameters from a log.
 
+# What logs may tell: nothing, no rest, everything.
 LOG_INFOS = (
     LogInfo(),
     LogInfo(declination_deg=-12.5, imu_rate_hz=200.0, mag_rate_hz=10.0),
     LogInfo(3.0, 1000.0, 80.0, gyro_noise=1e-4, acc_noise=2e-3, rest_s=30.0),
 )
-"""What logs may tell: nothing, no rest, everything."""
 
 
 def aids_in_place(m: Motion, seed: int = 0) -> Aids:
@@ -285,10 +285,10 @@ def takes_parameters_from_a_log(s: Subject) -> None:
 
 
 AXES = ("roll", "pitch", "yaw")
+# Agreement in deg of runs that differ in rounding only.
 MAX_ROUNDING_DEG = 1e-6
-"""Agreement in deg of runs that differ in rounding only."""
+# The same of whole runs: libraries compute in single precision, and correct along one earth axis after the other.
 MAX_LIBRARY_DEG, MAX_TURNED_DEG = 0.01, 0.5
-"""The same of whole runs: libraries compute in single precision, and correct along one earth axis after the other."""
 
 
 def gives_unit_quaternions(s: Subject) -> None:

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 Angles = Callable[[Array], tuple[ArrayLike, ArrayLike, ArrayLike]]
 
 GRAVITY = 9.80665
+# Field of central Europe in NED without declination [T]: dip 64 deg, where heading is hardest to find.
 FIELD_T = (21e-6, 0.0, 43e-6)
-"""Field of central Europe in NED without declination [T]: dip 64 deg, where heading is hardest to find."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class Noise:
     bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+# An autopilot's MEMS sensors at rest: data sheet densities of common parts.
 CONSUMER_NOISE = Noise(gyro=np.deg2rad(0.01), acc=0.003, mag=0.4e-6)
-"""An autopilot's MEMS sensors at rest: data sheet densities of common parts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +142,8 @@ def one_turn(axis: int, angle: float = np.deg2rad(30.0), rate: float = 100.0) ->
 # What the checks look at: one estimator with its settings, and how far it is from the truth.
 
 FIXES = np.arange(0.003, 300.0, 0.2)
+# What a filter is given that needs GNSS: a receiver that stays where it is.
 IN_PLACE = Aids(velocity=Measurements(FIXES, np.zeros((len(FIXES), 3)), np.full(len(FIXES), 0.1)))
-"""What a filter is given that needs GNSS: a receiver that stays where it is."""
 
 
 class CheckFailed(AssertionError):

@@ -12,10 +12,10 @@ from attlog import formats
 from tests.conftest import SAMPLES, corpus_logs
 from tests.formats.reference import differences, read_reference
 
+# pymavlink reads a megabyte in seconds.
 MAX_QUICK_BYTES = {".ulg": 3_000_000}
-"""pymavlink reads a megabyte in seconds."""
+# Of other loggers, damaged on purpose, of two firmwares, or a TypeError in pymavlink.
 NOT_COMPARABLE = ("px4log", "made_", "two_boots", "nofmt", "octo_pm", "tradheli", "encrypted", "garbage", "4.0_aux")
-"""Of other loggers, damaged on purpose, of two firmwares, or a TypeError in pymavlink."""
 
 
 def _comparable() -> list[Any]:

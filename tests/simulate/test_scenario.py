@@ -85,8 +85,8 @@ def test_values_that_contradict_each_other_are_refused(values: dict[str, object]
     [
         ("seconds = -60", "seconds: must be greater than or equal to 1 (got -60)"),
         ("seconds = true", "seconds: must be a valid number (got True)"),
-        ('seconds = "60 s"', "seconds: must be a number without quotes; its unit stands in the key (got '60 s')"),
-        ('seconds = "60"', "seconds: must be a number without quotes; its unit stands in the key (got '60')"),
+        ('seconds = "60 s"', "seconds: must be a number without quotes; its unit is in the key (got '60 s')"),
+        ('seconds = "60"', "seconds: must be a number without quotes; its unit is in the key (got '60')"),
         ("seconds = 2020-01-01", "seconds: must be a number"),
         ("seconds = nan", "seconds: must be a finite number (got nan)"),
         ("[[fault]]\nt = -1\npart = 'mag'\nkind = 'stuck'", "fault[0].t: must be greater than or equal to 0 (got -1)"),

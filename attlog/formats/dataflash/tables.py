@@ -20,11 +20,11 @@ from attlog.formats.file_bytes import RecordColumns, decode_text, decode_texts, 
 from attlog.formats.file_bytes import decode_texts as decoded
 from attlog.formats.table import Field, Guard, Messages, ParamChange, Table, Text, unguarded
 
+# By layout its unit ids, and the unit text of every column when somebody asks.
 Units = dict[int, tuple[str, Callable[[], tuple[str | None, ...]]]]
-"""By layout its unit ids, and the unit text of every column when somebody asks."""
 
+# Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0).
 INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
-"""Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0)."""
 
 
 def format_fields(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
@@ -229,8 +229,8 @@ def report_unreadable(index: RecordIndex) -> None:
 
 # Parameters and texts from the tables of a log, alike in binary DataFlash and its text form.
 
+# Syslog severity of all texts; MSG records carry none.
 INFO_SEVERITY = 6
-"""Syslog severity of all texts; MSG records carry none."""
 
 
 def read_params(messages: Messages, timeline: Timeline) -> list[ParamChange]:

@@ -24,6 +24,7 @@ from attlog.formats.dataflash.walk import (
 )
 from attlog.formats.recording import Columns, MessageLayout, Recording, fit_to_type, merge_records, require_only
 
+# ArduPilot's unit ids (AP_Logger/LogStructure.h).
 UNIT_NAMES = {
     "-": "",
     "?": "UNKNOWN",
@@ -63,8 +64,8 @@ UNIT_NAMES = {
     "z": "Hz",
     "#": "instance",
 }
-"""ArduPilot's unit ids (AP_Logger/LogStructure.h)."""
 
+# ArduPilot's multiplier ids.
 MULTIPLIERS = {
     "-": 0.0,
     "?": 1.0,
@@ -82,8 +83,8 @@ MULTIPLIERS = {
     "!": 3.6,
     "/": 3600.0,
 }
-"""ArduPilot's multiplier ids."""
 
+# Messages that are made of a recording's parameters, texts and layouts: letters, columns, units, multipliers.
 OWN_MESSAGES = {
     "PARM": ("QNff", ("TimeUS", "Name", "Value", "Default"), "s---", "F---"),
     "MSG": ("QZ", ("TimeUS", "Message"), "s-", "F-"),
@@ -91,7 +92,6 @@ OWN_MESSAGES = {
     "MULT": ("Qbd", ("TimeUS", "Id", "Mult"), "s--", "F--"),
     "FMTU": ("QBNN", ("TimeUS", "FmtType", "UnitIds", "MultIds"), "s---", "F---"),
 }
-"""Messages that are made of a recording's parameters, texts and layouts: letters, columns, units, multipliers."""
 
 _LETTER_OF_DTYPE = {
     "i1": "b",

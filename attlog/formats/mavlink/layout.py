@@ -10,11 +10,9 @@ import numpy as np
 from attlog.formats.mavlink.walk import Catalogue
 from attlog.formats.table import Field
 
+# Column of a tlog with the receiver's clock (Unix us) at which the packet came in, not the time of the data. It has no
+# checksum: right behind damage it may be damaged itself.
 STAMP_COLUMN = "_t_us"
-"""Column of a tlog with the receiver's clock (Unix us) at which the packet came in, not the time of the data.
-
-It has no checksum: right behind damage it may be damaged itself.
-"""
 
 # numpy type by struct letter of the dialect's ``native_format``
 _NATIVE_TYPES = {

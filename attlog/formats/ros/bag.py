@@ -20,10 +20,10 @@ from attlog.core.limits import MAX_DAMAGE, MAX_FORMATS, MAX_UNPACKED_BYTES, MAX_
 from attlog.formats.table import Damage
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+# rosbag2's older storage.
 SQLITE_MAGIC = b"SQLite format 3\0"
-"""rosbag2's older storage."""
+# A column of rosbag2's table of topics; its definition stands on the first page. Other databases lack it.
 ROSBAG2_COLUMN = b"serialization_format"
-"""A column of rosbag2's table of topics; its definition stands on the first page. Other databases lack it."""
 
 
 def is_bag(head: bytes) -> bool:
@@ -33,8 +33,8 @@ def is_bag(head: bytes) -> bool:
 
 # What a bag holds, however it is stored: channels with their messages as bytes.
 
+# Whether a channel, by topic and type, is kept.
 ChannelFilter = Callable[[str, str], bool]
-"""Whether a channel, by topic and type, is kept."""
 MISSING_PACKAGES = (
     'a ROS 2 bag needs mcap and rosbags: pip install mcap rosbags, or pip install ".[ros]" in the source folder'
 )
@@ -70,12 +70,12 @@ class Bag:
 # is not needed, so that a recorder's power may be cut. Specification: MCAP 0, "mcap.dev/spec".
 
 RECORD_HEAD = Struct("<BQ")
+# Channel, sequence number, log time and publish time in ns; the rest are the data.
 MESSAGE_HEAD = Struct("<HIQQ")
-"""Channel, sequence number, log time and publish time in ns; the rest are the data."""
+# First and last time, bytes unpacked, their CRC, letters of the compression's name.
 CHUNK_HEAD = Struct("<QQQII")
-"""First and last time, bytes unpacked, their CRC, letters of the compression's name."""
+# Opcodes; those below 128 and above the last belong to nobody.
 SCHEMA_OPCODE, CHANNEL_OPCODE, MESSAGE_OPCODE, CHUNK_OPCODE, DATA_END_OPCODE, LAST_OPCODE = 3, 4, 5, 6, 15, 15
-"""Opcodes; those below 128 and above the last belong to nobody."""
 
 
 @dataclass(slots=True)
@@ -244,8 +244,8 @@ def _open_channel(state: _McapState, channel: Any) -> None:
 
 # The channels of a bag: MCAP, or a SQLite database as rosbag2 wrote by default before Iron.
 
+# Where a database says whether a journal (``-wal``) lies beside it: one that does cannot be read from memory.
 JOURNAL_VERSION = slice(18, 20)
-"""Where a database says whether a journal (``-wal``) lies beside it: one that does cannot be read from memory."""
 
 
 def read_bag(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> Bag:

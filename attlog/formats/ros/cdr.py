@@ -34,15 +34,15 @@ NUMBER_TYPES = {
     "float32": "f4",
     "float64": "f8",
 }
+# Kinds of nodes of rosbags' parsed definitions.
 BASE_NODE, NAME_NODE, ARRAY_NODE, SEQUENCE_NODE = 1, 2, 3, 4
-"""Kinds of nodes of rosbags' parsed definitions."""
 HEAD_BYTES = 4
+# Second bytes of messages without tags beside the fields: XCDR 1 and 2, big and little endian.
 PLAIN_ENCODINGS = (0, 1, 6, 7)
-"""Second bytes of messages without tags beside the fields: XCDR 1 and 2, big and little endian."""
+# Longer sequences are pictures and clouds.
 MAX_ELEMENTS = 4096
-"""Longer sequences are pictures and clouds."""
+# The column that says when the recorder got a message.
 RECORDER_COLUMN = "log_time_ns"
-"""The column that says when the recorder got a message."""
 
 
 @dataclass(frozen=True, slots=True)

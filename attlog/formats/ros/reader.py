@@ -25,12 +25,12 @@ KNOWN_TYPES = re.compile(
     r"|geometry_msgs/msg/(Pose|PoseWithCovariance|Transform|TwistWithCovariance|Twist)Stamped"
     r"|nav_msgs/msg/Odometry|mavros_msgs/msg/(State|ExtendedState)"
 )
+# What PX4 writes behind the names of topics whose messages have changed.
 VERSION_SUFFIX = re.compile(r"_v\d+$")
-"""What PX4 writes behind the names of topics whose messages have changed."""
 TRAILING_NUMBER = re.compile(r"\d+$")
 METADATA_NAME, MAX_METADATA_BYTES = "metadata.yaml", 1 << 20
+# The files of a bag in what rosbag2 writes beside them.
 BAG_FILES = re.compile(rb"^\s*-\s*\S+\.(?:mcap|db3)\S*\s*$", re.MULTILINE)
-"""The files of a bag in what rosbag2 writes beside them."""
 
 
 def is_wanted(topic: str, kind: str) -> bool:

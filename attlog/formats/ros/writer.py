@@ -40,16 +40,16 @@ TYPE_OF_TOPIC = {
 }
 TOPIC_PREFIX, FIELD_NAME = "/fmu/out/", re.compile(r"[a-z]\w*")
 CLOCK_COLUMN = "timestamp"
+# CDR, little endian.
 CDR_HEADER = b"\x00\x01\x00\x00"
-"""CDR, little endian."""
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 FRAME_NAME = "map"
+# When the recorder's clock begins: it knows the date, the autopilot does not.
 RECORDER_START_NS = 1_700_000_000_000_000_000
-"""When the recorder's clock begins: it knows the date, the autopilot does not."""
+# How long a message is under way from the autopilot to the recorder.
 RECORDER_DELAY_NS = 2_000_000
-"""How long a message is under way from the autopilot to the recorder."""
+# Bytes per chunk.
 CHUNK_BYTES = 1 << 20
-"""Bytes per chunk."""
 
 
 def write_mcap(path: Path, recording: Recording) -> None:

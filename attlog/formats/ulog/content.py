@@ -20,12 +20,12 @@ from attlog.formats.table import Field, Guard, ParamChange, Remark, Table, Text
 from attlog.formats.ulog.layout import TopicLayout, decode_ulog_text, info_value, parameter_value, split_key
 from attlog.formats.ulog.walk import DATA_HEADER_BYTES, Bytes
 
+# Bytes of parameters looked at together.
 MAX_RUN_BYTES = 1 << 16
-"""Bytes of parameters looked at together."""
 PARAMETER_KIND, DEFAULT_KIND = b"PQ"
 _INT, _FLOAT = struct.Struct("<i").unpack_from, struct.Struct("<f").unpack_from
+# Times from here on do not fit the clocks of a flight; no logger ever ran so long.
 MAX_START_US = 2**63
-"""Times from here on do not fit the clocks of a flight; no logger ever ran so long."""
 
 
 class Content:
@@ -257,12 +257,12 @@ class _TopicDecoder:
 # an exponent or a time that nothing on an aircraft has. Asked only where a file is
 # damaged anyway, so that an undamaged log always reads as it stands.
 
+# Magnitudes outside are no measurement: the largest real ones are times in us, the smallest variances.
 MAX_MAGNITUDE, MIN_MAGNITUDE = 1e15, 1e-30
-"""Magnitudes outside are no measurement: the largest real ones are times in us, the smallest variances."""
+# A column in which a larger share is beyond the limits is logged that way (not initialised, say).
 MAX_IMPLAUSIBLE_SHARE = 0.01
-"""A column in which a larger share is beyond the limits is logged that way (not initialised, say)."""
+# Records that a topic needs before one of them can stand out.
 MIN_RECORDS = 5
-"""Records that a topic needs before one of them can stand out."""
 
 
 def implausible(table: Table) -> NDArray[np.bool_]:

@@ -23,12 +23,12 @@ from attlog.formats.ulog.layout import ENCRYPTED_MAGIC, KEY_FILE_MAGIC
 
 Bytes = NDArray[np.uint8]
 
+# The environment variable that names the private key; ``--key`` sets it for the process and its children.
 KEY_VARIABLE = "ATTLOG_KEY"
-"""The environment variable that names the private key; ``--key`` sets it for the process and its children."""
 _GIVEN_KEY: ContextVar[Path | None] = ContextVar("given", default=None)
 ENCRYPTED_HEADER, ENCRYPTED_VERSION, RSA_OAEP = struct.Struct("<7sBQBBHH"), 1, 4
+# An RSA key of 16,384 bits wraps into 2,048 bytes; larger sizes are damage.
 MAX_KEY_BYTES = 1 << 13
-"""An RSA key of 16,384 bits wraps into 2,048 bytes; larger sizes are damage."""
 
 
 @contextmanager

@@ -31,6 +31,7 @@ from attlog.formats.table import Field, Remark
 # on). What a format amounts to is therefore counted first, each format once; columns are
 # written out only for accepted formats, when somebody asks for them.
 
+# Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte.
 BASIC_TYPES = {
     "int8_t": "<i1",
     "uint8_t": "<u1",
@@ -44,20 +45,19 @@ BASIC_TYPES = {
     "double": "<f8",
     "bool": "<i1",
 }
-"""Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte."""
+# Bytes of a data record's payload behind the id: the record's size is a u16.
 MAX_PAYLOAD_BYTES = 0xFFFF - 2
-"""Bytes of a data record's payload behind the id: the record's size is a u16."""
 
+# Letters of a format text up to which what it says is remembered.
 MAX_CACHED_LETTERS = 2048
-"""Letters of a format text up to which what it says is remembered."""
 
 _FORMAT_NAME = re.compile(r"[\w/-]+")
 _MEMBER_PATTERN = re.compile(r"([\w/]+)(?:\[(\d{1,20})\])? ([\w\[\]]+)")
 _TYPE_WIDTHS = {kind: int(dtype[2:]) for kind, dtype in BASIC_TYPES.items()} | {"char": 1}
 _TYPE_DTYPES = {kind: np.dtype(dtype) for kind, dtype in BASIC_TYPES.items()} | {"char": np.dtype("S1")}
 
+# (type, array length or None, name) in stored order.
 Members = list[tuple[str, int | None, str]]
-"""(type, array length or None, name) in stored order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,19 +245,19 @@ MAGIC = b"ULog\x01\x12\x35"
 FILE_HEADER = 16
 SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 SYNC_MARK = b"\x08\x00S" + SYNC
+# Payload bytes that a record of a type we do not know may have before it counts as garbage.
 MAX_UNKNOWN_BYTES = 10_000
-"""Payload bytes that a record of a type we do not know may have before it counts as garbage."""
+# Characters of a topic's name; file systems and keys end there too.
 MAX_TOPIC_LETTERS = 255
-"""Characters of a topic's name; file systems and keys end there too."""
+# Bytes of a message that may hold anything; longer ones must be ASCII to be told from garbage.
 MAX_BINARY_TEXT_BYTES = 1024
-"""Bytes of a message that may hold anything; longer ones must be ASCII to be told from garbage."""
+# Bytes of a payload that tell whether it is one: every byte of garbage may be asked, and claim 64 kB.
 MAX_HEAD_BYTES = 2 * MAX_BINARY_TEXT_BYTES
-"""Bytes of a payload that tell whether it is one: every byte of garbage may be asked, and claim 64 kB."""
 
 _KEY_PATTERN = re.compile(rb"[\w/]+(?:\[\d{1,5}\])? [^\x00-\x20\x7f]+")
 _FORMAT_START_PATTERN = re.compile(rb"[\w/-]{1,255}:[\w/]{1,255}(?:\[\d{1,20}\])? [\w\[\]]+")
+# Where the name, or its length, begins in the payload.
 _NAME_AT = {ord("F"): 0, ord("A"): 3, ord("I"): 0, ord("P"): 0, ord("M"): 1, ord("Q"): 1}
-"""Where the name, or its length, begins in the payload."""
 _TOPIC_PATTERN = re.compile(rb"[\w/-]+")
 _PARAMETER_STRUCTS = {"int32_t": struct.Struct("<i"), "float": struct.Struct("<f")}
 _INFO_STRUCTS = {
@@ -455,8 +455,8 @@ class Definitions:
 
 # Does a file begin as a ULog?
 
+# How an encrypted one begins, and the key beside an encrypted one of PX4 1.13 to 1.15.
 ENCRYPTED_MAGIC, KEY_FILE_MAGIC = b"ULogEnc", b"ULogKey"
-"""How an encrypted one begins, and the key beside an encrypted one of PX4 1.13 to 1.15."""
 
 
 def is_ulog(head: bytes) -> bool:

@@ -51,12 +51,12 @@ from attlog.formats.ulog.walk import (
 
 __all__ = ["read_ulog"]
 
+# Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?
 MIN_HIDING_BYTES = 300
-"""Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""
+# Records whose times stand for now, and those among which they are sought where some are of unknown ids.
 RECENT_RECORDS, MAX_RECENT_SEARCHED = 3, 256
-"""Records whose times stand for now, and those among which they are sought where some are of unknown ids."""
+# Records of an unknown id and one size, looked at one by one, after which such are followed like known ones.
 MIN_EQUAL_RECORDS = 8
-"""Records of an unknown id and one size, looked at one by one, after which such are followed like known ones."""
 
 
 def read_ulog(path: Path | str, *, data: Bytes | None = None) -> Messages:

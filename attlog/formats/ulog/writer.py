@@ -20,8 +20,8 @@ from attlog.formats.ulog.layout import BASIC_TYPES, MAGIC
 _TYPES = {np.dtype(code): name for name, code in BASIC_TYPES.items() if name != "bool"} | {np.dtype(bool): "bool"}
 _FIELD_NAME = re.compile(r"[A-Za-z_]\w*")
 _MEMBER_NAME = re.compile(r"([A-Za-z_]\w*)(?:\[(\d+)\])?")
+# Header columns; no field of a topic can have such a name.
 SIZE_FIELD, KIND_FIELD, ID_FIELD = "(size)", "(kind)", "(id)"
-"""Header columns; no field of a topic can have such a name."""
 
 
 def write_ulog(path: Path | str, recording: Recording) -> None:
