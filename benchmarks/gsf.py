@@ -52,7 +52,7 @@ class Headings:
 
 def flown(log: FlightLog) -> Headings | None:
     """What the firmware found where it would use it, at the time for which it holds; None where the log lacks it."""
-    own = log.yaw_estimator
+    own = log.estimator.yaw
     if own is None:
         return None
     found = Headings(own.t_best, own.x[:, 0], own.x[:, 1])

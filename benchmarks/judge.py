@@ -212,7 +212,11 @@ def onboard_errors(log: FlightLog, truth: Attitude) -> tuple[Array, Array, Array
     attitude = log.onboard_attitude
     assert attitude is not None
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
-    q = attitude.q if log.trim is None or not attitude.has_trim else alignment.apply_trim(attitude.q, -log.trim)
+    q = (
+        attitude.q
+        if log.parameters.trim is None or not attitude.has_trim
+        else alignment.apply_trim(attitude.q, -log.parameters.trim)
+    )
     return t, *errors(t, q, truth)
 
 

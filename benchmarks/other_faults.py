@@ -51,9 +51,11 @@ def field(change: Callable[[FlightLog, Array, Array, float], Array]) -> Fault:
 
 
 def by_throttle(log: FlightLog, t: Array, x: Array, middle: float) -> Array:
-    if log.throttle is None:
+    if log.power.throttle is None:
         return x
-    share = np.interp(t, log.throttle.t_best, np.nan_to_num(log.throttle.x.reshape(len(log.throttle.t), -1)[:, 0]))
+    share = np.interp(
+        t, log.power.throttle.t_best, np.nan_to_num(log.power.throttle.x.reshape(len(log.power.throttle.t), -1)[:, 0])
+    )
     changed: Array = x + np.outer(np.clip(share, 0.0, 1.0), [25.0, -12.0, 15.0])
     return changed
 

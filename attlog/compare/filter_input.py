@@ -99,12 +99,12 @@ def _filter_imu(settings: Settings, log: FlightLog, imu: Imu) -> tuple[Stream, S
 
 def _notch_rotors(asked: Value, log: FlightLog, t: Array, x: Array, rate: float) -> Array:
     """Samples behind one notch per rotor and harmonic, each at the rotor speed that was logged last."""
-    if log.rpm is None or len(log.rpm.t) == 0:
+    if log.power.rpm is None or len(log.power.rpm.t) == 0:
         raise UsageError("rpm_notch needs rotor speeds, and this log holds none (ESC telemetry or RPM messages)")
     width = float(asked[0])
     harmonics = int(asked[1]) if len(asked) > 1 else 1
-    speeds, at = log.rpm.x / 60.0, np.searchsorted(t, log.rpm.t_best)
-    at[: np.count_nonzero(log.rpm.t_best <= t[0])] = 0
+    speeds, at = log.power.rpm.x / 60.0, np.searchsorted(t, log.power.rpm.t_best)
+    at[: np.count_nonzero(log.power.rpm.t_best <= t[0])] = 0
     for rotor in range(speeds.shape[1]):
         for harmonic in range(1, harmonics + 1):
             centre = harmonic * speeds[:, rotor]

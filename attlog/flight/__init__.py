@@ -127,10 +127,10 @@ def flight_in(
     stuck_attitudes.drop_stuck_attitudes(log)
     log.boot, log.boots = chosen, boots
     log.problems += refused
-    log.given_params, log.filled_params = given, filled
+    log.parameters.given, log.parameters.filled = given, filled
     log.seconds = flight_seconds(log, part)
     if params is not None:
-        own = {name: v for name in log.params if name not in filled and (v := log.param(name)) is not None}
+        own = {name: v for name in log.parameters.lines if name not in filled and (v := log.param(name)) is not None}
         corrected = partial(recorrect, log, Path(params).name, given)
         applied: set[str] = guarded_part(log, "The calibration of the parameter file", corrected, set)
         log.problems += parameter_file.compare_with_log(params, given, own, applied)

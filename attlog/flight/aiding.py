@@ -63,7 +63,10 @@ def _px4_delay(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str
 
 def _ardupilot_delay(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str:
     slot = receiver.index + 1
-    name = next((n for n in (f"GPS{slot}_DELAY_MS", f"GPS_DELAY_MS{'' if slot == 1 else slot}") if n in log.params), "")
+    name = next(
+        (n for n in (f"GPS{slot}_DELAY_MS", f"GPS_DELAY_MS{'' if slot == 1 else slot}") if n in log.parameters.lines),
+        "",
+    )
     old = _known(log, name, t) if name else None
     second = _known(log, "EK2_GPS_DELAY", t)
     if old is None and second is None:

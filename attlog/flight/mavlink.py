@@ -263,7 +263,7 @@ def fill_streams(builder: LogBuilder, clock: PacketClock, instance: int, autopil
     log.simulated = any((n, instance) in messages.tables for n in ("SIM_STATE", "SIMSTATE")) or any(
         p.name.startswith("SIM_") for p in messages.params
     )
-    log.landed = builder.attempt("EXTENDED_SYS_STATE", lambda: landed_line(builder, clock, instance), None)
+    log.state.landed = builder.attempt("EXTENDED_SYS_STATE", lambda: landed_line(builder, clock, instance), None)
     builder.attempt("ATTITUDE_TARGET", lambda: add_setpoints(builder, clock, instance, autopilot, log), None)
     for unit in (0, 1):
         one = builder.attempt(RECEIVERS[unit], partial(read_receiver, builder, clock, instance, unit), None)
@@ -274,13 +274,15 @@ def fill_streams(builder: LogBuilder, clock: PacketClock, instance: int, autopil
         height = builder.attempt("The barometer", partial(baro_stream, builder, clock, instance, suffix), None)
         log.baro += [] if height is None else [height]
     builder.attempt("VFR_HUD", lambda: add_hud(builder, clock, instance, log), None)
-    log.rpm = builder.attempt("Rotor speed", lambda: rpm_stream(builder, clock, instance), None)
-    log.battery = builder.attempt("SYS_STATUS", lambda: battery_stream(builder, clock, instance), None)
-    log.clippings = builder.attempt("Clipping", lambda: clippings(builder, clock, instance), [])
+    log.power.rpm = builder.attempt("Rotor speed", lambda: rpm_stream(builder, clock, instance), None)
+    log.power.battery = builder.attempt("SYS_STATUS", lambda: battery_stream(builder, clock, instance), None)
+    log.vibration.clippings = builder.attempt("Clipping", lambda: clippings(builder, clock, instance), [])
     if autopilot == ARDUPILOT_STATE:
-        log.onboard_vibration = builder.attempt("VIBRATION", lambda: vibration_stream(builder, clock, instance), None)
-        log.vibrations = vibration_levels(log.onboard_vibration)
-    log.innovation_tests = builder.attempt("Test ratios", lambda: innovation_tests(builder, clock, instance), [])
+        log.vibration.level = builder.attempt("VIBRATION", lambda: vibration_stream(builder, clock, instance), None)
+        log.vibration.levels = vibration_levels(log.vibration.level)
+    log.estimator.innovation_tests = builder.attempt(
+        "Test ratios", lambda: innovation_tests(builder, clock, instance), []
+    )
     log.texts = builder.attempt("Texts", builder.texts, [])
 
 
@@ -305,13 +307,13 @@ def add_heartbeats(
         log.vehicle = "VTOL" if log.vehicle == "fixed wing" and quadplane else log.vehicle
         t = clock.of(heartbeat)
         base = heartbeat["base_mode"].astype(np.int64)
-        log.armed = builder.time_line(t, (base & ARMED_FLAG != 0).tolist(), "HEARTBEAT")
+        log.state.armed = builder.time_line(t, (base & ARMED_FLAG != 0).tolist(), "HEARTBEAT")
         family = firmware_family(log.vehicle)
         names = [
             px4_custom_mode(int(m)) if autopilot == PX4_STATE else ardupilot_mode(family, int(m))
             for m in heartbeat["custom_mode"]
         ]
-        log.mode = builder.time_line(t, names, "HEARTBEAT")
+        log.state.mode = builder.time_line(t, names, "HEARTBEAT")
 
 
 def landed_line(builder: LogBuilder, clock: PacketClock, instance: int) -> TimeLine | None:
@@ -331,12 +333,12 @@ def add_setpoints(
     target = builder.messages.tables.get(("ATTITUDE_TARGET", instance))
     if target is not None:
         t = clock.of(target)
-        log.setpoints = builder.attitude(
+        log.setpoints.attitude = builder.attitude(
             t, columns(target, "q"), "ATTITUDE_TARGET", has_trim=autopilot == ARDUPILOT_STATE
         )
         rates = columns(target, "body_roll_rate", "body_pitch_rate", "body_yaw_rate")
         own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # the stamps were reported with the attitude
-        log.rate_setpoints = own.stream(t, rates, "rad/s", "ATTITUDE_TARGET", frame="FRD", within=limits.RATE_SETPOINT)
+        log.setpoints.rates = own.stream(t, rates, "rad/s", "ATTITUDE_TARGET", frame="FRD", within=limits.RATE_SETPOINT)
         builder.take_values(own)
 
 
@@ -346,7 +348,7 @@ def add_hud(builder: LogBuilder, clock: PacketClock, instance: int, log: FlightL
     if table is None:
         return
     t = clock.of(table)
-    log.throttle = builder.stream(t, table.value("throttle") * 0.01, "1", "VFR_HUD", within=limits.THROTTLE)
+    log.power.throttle = builder.stream(t, table.value("throttle") * 0.01, "1", "VFR_HUD", within=limits.THROTTLE)
     if firmware_family(log.vehicle) == "plane":
         own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # the stamps were reported with the throttle
         log.airspeed = own.stream(t, table.value("airspeed"), "m/s", "VFR_HUD", within=limits.AIRSPEED)
@@ -498,7 +500,7 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
     )
     log.onboard = next((n for n in ("ATTITUDE_QUATERNION", "ATTITUDE", "AHRS2") if n in log.attitudes), None)
     log.truth = builder.attempt("The simulator's attitude", lambda: simulated_attitude(builder, clock, instance), None)
-    log.params = builder.attempt(
+    log.parameters.lines = builder.attempt(
         "PARAM_VALUE", lambda: parameters.parameter_lines(builder, messages.params, "PARAM_VALUE"), {}
     )
     add_parameter_values(log, autopilot)
@@ -510,9 +512,9 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
 def add_parameter_values(log: FlightLog, autopilot: int | None) -> None:
     """Add what the autopilot's parameters tell of trim and declination."""
     names = px4.DECLINATION_PARAMETERS if autopilot == PX4 else ardupilot.DECLINATION_PARAMETERS
-    log.declination_param, log.declination_source = parameters.declination(log, names)
+    log.parameters.declination, log.parameters.declination_source = parameters.declination(log, names)
     if autopilot == ARDUPILOT:
-        log.trim, log.trim_source = ardupilot.read_trim(log), ", ".join(ardupilot.TRIM_PARAMETERS)
+        log.parameters.trim, log.parameters.trim_source = ardupilot.read_trim(log), ", ".join(ardupilot.TRIM_PARAMETERS)
 
 
 def first_stamp(clock: PacketClock, chosen: list[inertial.ImuCandidate], position: int | None) -> int:

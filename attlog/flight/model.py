@@ -1,4 +1,8 @@
-"""How a truth that the user brought came onto the log's clock and axes, and how wrong it may be itself."""
+"""A flight as numbers: one clock, SI units, body axes forward-right-down, earth axes north-east-down.
+
+``t`` is float64 seconds from the first sample of the replayed IMU; the autopilot's own clock at that instant is
+``FlightLog.t0_us``. Quaternions are scalar first and turn body vectors into earth vectors.
+"""
 
 from __future__ import annotations
 
@@ -14,146 +18,43 @@ from attlog.core.errors import guarded
 from attlog.flight.advice import GENERAL_REMEDIES, Fault, LoggingAdvice, LoggingNeed, advise_rest
 from attlog.flight.vehicle import VehicleKind, vehicle_kind
 
-Angles = tuple[float, float, float]
-"""Roll, pitch and yaw in deg."""
-
-
-@dataclass(frozen=True, slots=True)
-class TruthFit:
-    """What :mod:`attlog.external.attitude` found of an attitude called ``name`` (a file, or a message of the log).
-
-    Its times become the log's by ``offset_s`` at the middle of what both cover and ``drift_ppm``, its body axes
-    forward-right-down by ``body_deg``, its earth axes north-east-down by ``world_deg``. ``correlation`` of its angular
-    rates with the gyro's (0 to 1), ``residual_dps`` the RMS of their difference, over ``n`` samples in ``seconds``.
-    ``sigma_tilt_deg`` and ``sigma_heading_deg``: its own noise and what the fit leaves open, one sigma.
-    ``north``: whose north its heading has: that of the ``file``, of ``gnss`` motion, or ``nobody``'s.
-    """
-
-    name: str
-    offset_s: float
-    offset_sigma_s: float
-    drift_ppm: float
-    drift_sigma_ppm: float
-    body_deg: Angles
-    world_deg: Angles
-    correlation: float
-    residual_dps: float
-    n: int
-    seconds: float
-    sigma_tilt_deg: float
-    sigma_heading_deg: float
-    north: Literal["file", "gnss", "nobody"] = "nobody"
-    reading: str = ""
-    """How its numbers were read: ``body to earth, scalar last``."""
-
-
-# What a log holds of vibration beside its continuous samples: the autopilot's own levels, bursts, onboard spectra.
-
 Array = NDArray[np.float64]
-VibrationMeasure = Literal["rest", "difference"]
-"""How a level is made. ``rest`` (ArduPilot's VIBE): root of the low-passed square of what a 5 Hz low-pass leaves, per
-axis. ``difference`` (PX4): low-passed length of the difference of successive samples."""
-
-
-@dataclass(frozen=True, slots=True)
-class VibrationLimits:
-    """What a measure's level may be: ``share`` of the flight is judged, ``warning`` and ``fault`` in m/s^2."""
-
-    share: float
-    warning: float
-    fault: float
-    source: str
-
-
-VIBRATION_LIMITS: dict[VibrationMeasure, VibrationLimits] = {
-    "rest": VibrationLimits(0.95, 30.0, 60.0, "ardupilot.org, Measuring Vibration"),
-    "difference": VibrationLimits(0.80, 9.81, np.inf, "PX4 Flight Review, Vibration Metrics"),
-}
-"""PX4 names no level at which a flight fails, only where its plot turns red, which its author (pull request 252 of
-Flight Review) calls a guess: it is a warning, and clipping tells the rest."""
-
-
-@dataclass(slots=True)
-class OnboardVibration:
-    """The level that the autopilot measured of one unit: ``level`` (n,) m/s^2 at ``t`` (n,) s, of the worst axis where
-    the measure has axes. ``unit`` is the IMU's index."""
-
-    unit: int
-    measure: VibrationMeasure
-    source: str
-    t: Array
-    level: Array
-
-
-@dataclass(slots=True)
-class Burst:
-    """Successive samples of one sensor at its own rate, between pauses: ``x`` (n, 3) rad/s or m/s^2 at ``rate`` Hz from
-    ``t`` s on. ``filtered``: behind the autopilot's low-pass and notches."""
-
-    sensor: Literal["gyro", "accelerometer"]
-    unit: int
-    t: float
-    rate: float
-    x: NDArray[np.float32]
-    filtered: bool
-    source: str
-
-
-@dataclass(slots=True)
-class OnboardSpectrum:
-    """The peaks that the autopilot found in its gyro at ``rate`` Hz: ``peaks`` (n, k) Hz at ``t`` (n,) s, NaN for none,
-    each good to ``resolution`` Hz."""
-
-    t: Array
-    peaks: Array
-    rate: float
-    resolution: float
-    source: str
-
-
-# A flight as numbers: one clock, SI units, body FRD, earth NED.
-#
-# ``t`` is float64 seconds; 0 is the first sample of the IMU that is replayed. The
-# autopilot's own clock at that instant is ``FlightLog.t0_us``. Quaternions are
-# scalar first and turn body vectors into earth vectors.
-
 T = TypeVar("T")
 Severity = Literal["info", "note", "warning", "error"]
+# Roll, pitch and yaw in deg.
+Angles = tuple[float, float, float]
+
+# A hole longer than this and than five intervals is a pause of the logger (disarmed, telemetry lost).
 PAUSE_S = 1.0
-"""Holes longer than this and than five intervals are pauses of the logger (disarmed, telemetry lost)."""
+FIX_3D = 3
+# A log that is armed later than this after its start does not wait for arming.
+BEGINS_DISARMED_S = 5.0
 
 
 def without_pauses(t: Array) -> NDArray[np.bool_]:
-    """Which intervals (n - 1,) between samples at ``t`` (n,) s are no pauses of the logger."""
+    """Mark the intervals (n - 1,) between samples at ``t`` (n,) s that are no pause of the logger."""
     dt = np.diff(t)
     return dt <= max(PAUSE_S, 5.0 * float(np.median(dt))) if len(dt) else np.zeros(0, bool)
 
 
 def covered_seconds(t: Array) -> float:
-    """Time in s that samples at ``t`` (n,) s cover, pauses left out."""
+    """Return the time in s that samples at ``t`` (n,) s cover, without pauses."""
     return float(np.diff(t)[without_pauses(t)].sum())
 
 
 def logged_rate(t: Array) -> float:
-    """Mean rate in Hz of samples at ``t`` (n,) s: count over span without pauses, 0 for fewer than two samples."""
+    """Return the mean rate in Hz while the logger ran, 0 for fewer than two samples."""
     span = covered_seconds(t)
     return float(np.count_nonzero(without_pauses(t))) / span if span > 0 else 0.0
 
 
-FIX_3D = 3
-BEGINS_DISARMED_S = 5.0
-"""A log that is armed later than this after its start does not wait for arming."""
-
-
 @dataclass(slots=True)
 class Stream:
-    """A measured quantity over time.
+    """A measured quantity over time: ``x`` (n, k) in ``unit`` (SI) at ``t`` (n,) s.
 
-    ``t`` (n,) s and ``x`` (n, k) in ``unit`` (SI). ``sampling`` is ``interval`` where a
-    value is the mean over the interval that ends at its stamp (PX4), ``instant``
-    where it is the value at the stamp (ArduPilot). ``delay`` (s) is the known lag of
-    filters ahead of the logger. ``t_sample`` is set where the time of measurement
-    differs from the time of publication ``t``.
+    ``sampling`` is ``interval`` where a value is the mean over the interval that ends at its stamp (PX4), ``instant``
+    where it is the value at the stamp (ArduPilot). ``delay`` (s): lag of the filters ahead of the logger.
+    ``t_sample``: time of measurement, where it differs from the time of publication ``t``.
     """
 
     t: Array
@@ -172,17 +73,16 @@ class Stream:
 
     @property
     def t_best(self) -> Array:
-        """The time of measurement where the log tells it, else the stamp."""
+        """The time of measurement where it is logged, else the stamp."""
         return self.t if self.t_sample is None else self.t_sample
 
 
 @dataclass(slots=True)
 class Imu:
-    """One inertial unit. ``gyro`` rad/s and ``acc`` m/s^2 (specific force) at the same times.
+    """An inertial unit: ``gyro`` rad/s and ``acc`` m/s^2 (specific force) at the same times.
 
-    ``filtered`` says what happened before logging ("none", "low-pass 80 Hz", ...).
-    ``dt`` (n,) is the own integration time of each sample where the log holds
-    increments (delta angles), else None. ``acc_device`` is the accelerometer's id where the log tells it.
+    ``filtered``: processing before the logger ("none", "low-pass 80 Hz", ...). ``dt`` (n,): integration time of each
+    sample where the log holds increments. ``device`` and ``acc_device``: ids of gyro and accelerometer.
     """
 
     index: int
@@ -199,10 +99,10 @@ class Imu:
 
 @dataclass(slots=True)
 class Mag:
-    """One magnetometer, ``field`` in tesla (n, 3), body FRD, calibrated unless said.
+    """A magnetometer: ``field`` (n, 3) in tesla, body axes.
 
-    ``raw`` are some hundred records of what the driver gave before any calibration, in the sensor's axes, where the log
-    holds them beside; ``offsets`` the offsets that the firmware says it applied, at each change. Both in tesla.
+    ``raw``: some hundred uncalibrated records in the sensor's axes. ``offsets``: offsets that the firmware reports to
+    have applied, at each change. Both in tesla, None where they are not logged.
     """
 
     index: int
@@ -216,10 +116,10 @@ class Mag:
 
 @dataclass(slots=True)
 class Reception:
-    """What a receiver says of its signals at the times of :class:`Gnss`: all (n,), NaN where it does not tell.
+    """Signal quality of a receiver at the times of :class:`Gnss`, each (n,), NaN where it is not logged.
 
-    ``noise`` and ``jamming`` (0 to 255) are u-blox's noise level and indicator of narrow-band interference;
-    ``jamming_state`` 1 ok, 2 warning, 3 critical, ``spoofing_state`` 1 none, 2 indicated, 3 by several signs.
+    ``noise`` and ``jamming`` (0 to 255): u-blox's noise level and indicator of narrow-band interference.
+    ``jamming_state``: 1 ok, 2 warning, 3 critical. ``spoofing_state``: 1 none, 2 indicated, 3 by several signs.
     """
 
     satellites: Array
@@ -232,11 +132,10 @@ class Reception:
 
 @dataclass(slots=True)
 class Gnss:
-    """One receiver at ``t`` (n,): degrees, metres, m/s NED; NaN where the log has no value.
+    """A receiver at ``t`` (n,) s: degrees, metres, m/s north-east-down; NaN without a value or a fix.
 
-    ``yaw`` (n,) rad is the heading of a receiver with two antennas, ``utc_us`` (n,) Unix
-    time, 0 where unknown. Without a fix position and velocity are NaN. ``received`` (n,) s is when the autopilot took
-    the record to have come, before its delay parameter, None where that is ``t``.
+    ``yaw`` (n,) rad: heading of two antennas. ``utc_us`` (n,): Unix time, 0 where unknown. ``received`` (n,) s: arrival
+    at the autopilot before its delay parameter is subtracted, None where it equals ``t``.
     """
 
     index: int
@@ -257,21 +156,49 @@ class Gnss:
 
     @property
     def heading(self) -> Stream | None:
-        """The heading (n, 1) rad of two antennas where it has a 3D fix; None of a receiver without."""
+        """The heading (n, 1) rad of two antennas during a 3D fix, None of a single antenna."""
         if self.yaw is None:
             return None
         good = np.isfinite(self.yaw) & np.isfinite(self.t) & (self.fix >= FIX_3D)
         return Stream(self.t[good], self.yaw[good, None], "rad", "NED", f"dual-antenna yaw of {self.source}")
 
 
+@dataclass(frozen=True, slots=True)
+class TruthFit:
+    """Fit of an external attitude to the log's clock and axes, with its uncertainty.
+
+    ``name``: its file or message. Its times become the log's by ``offset_s`` at the middle of the common time and by
+    ``drift_ppm``; ``body_deg`` turns its body axes to forward-right-down, ``world_deg`` its earth axes to
+    north-east-down. ``correlation`` (0 to 1) and ``residual_dps`` (rms difference) compare its angular rates with the
+    gyro's, over ``n`` samples in ``seconds``. ``sigma_tilt_deg`` and ``sigma_heading_deg``: own noise and open part of
+    the fit, one sigma. ``north``: origin of its heading. ``reading``: conventions of its numbers ("scalar last").
+    """
+
+    name: str
+    offset_s: float
+    offset_sigma_s: float
+    drift_ppm: float
+    drift_sigma_ppm: float
+    body_deg: Angles
+    world_deg: Angles
+    correlation: float
+    residual_dps: float
+    n: int
+    seconds: float
+    sigma_tilt_deg: float
+    sigma_heading_deg: float
+    north: Literal["file", "gnss", "nobody"] = "nobody"
+    reading: str = ""
+
+
 @dataclass(slots=True)
 class Attitude:
-    """An attitude somebody estimated: ``q`` (n, 4) at ``t``.
+    """An estimated or measured attitude: ``q`` (n, 4) at ``t`` (n,) s.
 
-    ``resets`` (k,) are indices i where the step from sample i-1 to i is a reset and
-    not a rotation. ``has_trim`` is True where the vehicle's trim (ArduPilot
-    AHRS_TRIM) is already taken out. ``step_deg`` is the quantisation of the logged
-    values in degrees (0 for float).
+    ``resets`` (k,): indices i where the step from sample i-1 to i is a reset and no rotation. ``has_trim``: the
+    vehicle's trim (ArduPilot AHRS_TRIM) is already taken out. ``step_deg``: quantisation of the logged values (0 for
+    float). ``normal``: ``q`` is normalized already, and readers may take the array itself. ``position`` (n, 3) m: of a
+    pose in its own axes. ``fit``: of an external truth.
     """
 
     t: Array
@@ -282,11 +209,8 @@ class Attitude:
     has_trim: bool = False
     step_deg: float = 0.0
     normal: bool = False
-    """Whether ``q`` was normalized already: who needs it so takes the array itself, because copies add up."""
     position: Array | None = None
-    """Where it was (n, 3) m, of a pose in axes of its own."""
     fit: TruthFit | None = None
-    """How it came onto the log's clock and axes, of a truth that the user brought."""
 
     @property
     def rate(self) -> float:
@@ -294,7 +218,7 @@ class Attitude:
         return logged_rate(self.t)
 
     def covers(self, t: Array) -> NDArray[np.bool_]:
-        """Which of the times (m,) s it covers: between two of its samples without a pause between them."""
+        """Mark the times (m,) s between two samples without a pause of the logger."""
         if len(self.t) < 2:
             return np.zeros(len(t), bool)
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
@@ -312,7 +236,7 @@ class TimeLine:
     source: str
 
     def at(self, t: float) -> Any:
-        """The value that holds at ``t``; the first value before the first entry, None if empty."""
+        """Return the value at ``t``: the first value before the first entry, None if empty."""
         if len(self.value) < 2:  # as of most parameters, of which a log has a thousand
             return self.value[0] if self.value else None
         i = int(np.searchsorted(self.t, t, side="right")) - 1
@@ -320,11 +244,155 @@ class TimeLine:
 
 
 @dataclass(slots=True)
+class FlightState:
+    """Arming, ground contact and flight mode over time, None where the log does not hold them."""
+
+    armed: TimeLine | None = None
+    landed: TimeLine | None = None
+    mode: TimeLine | None = None
+
+
+@dataclass(slots=True)
+class Setpoints:
+    """Commanded attitude and commanded body rates (n, 3) rad/s."""
+
+    attitude: Attitude | None = None
+    rates: Stream | None = None
+
+
+@dataclass(slots=True)
+class Power:
+    """Drive of the vehicle.
+
+    ``throttle`` (n, 1) 0 to 1. ``motors`` (n, motors): outputs from 0 (stopped) to 1 (full). ``rpm`` (n, rotors).
+    ``battery`` (n, 2): V and A.
+    """
+
+    throttle: Stream | None = None
+    motors: Stream | None = None
+    rpm: Stream | None = None
+    battery: Stream | None = None
+
+
+@dataclass(slots=True)
+class Parameters:
+    """Parameters of the vehicle by name, and the quantities that follow from them.
+
+    ``lines``: values over time. ``defaults``: as the log reports them. ``given``: values of a ground station's file.
+    ``filled``: names that only this file holds. ``trim`` (3,) rad: rotation between IMU and vehicle that attitudes
+    with ``has_trim`` have taken out. ``declination`` (deg, east positive): as set in the autopilot. Both are None
+    where the log lacks the parameters named in ``trim_source`` and ``declination_source``.
+    """
+
+    lines: dict[str, TimeLine] = field(default_factory=dict)
+    defaults: dict[str, float] = field(default_factory=dict)
+    given: dict[str, float] = field(default_factory=dict)
+    filled: frozenset[str] = frozenset()
+    trim: Array | None = None
+    trim_source: str = ""
+    declination: float | None = None
+    declination_source: str = ""
+
+
+@dataclass(slots=True)
+class InnovationTest:
+    """Innovation test of the onboard estimator for an ``aid``: ``ratio`` (n,) to its gate at ``t`` (n,) s.
+
+    Aids: compass, velocity, position, height, airspeed. Above 1 the aid is rejected.
+    """
+
+    aid: str
+    t: Array
+    ratio: Array
+    source: str
+
+
+@dataclass(slots=True)
+class OnboardEstimator:
+    """States of the onboard estimator beside its attitude.
+
+    ``gyro_bias`` (n, 3) rad/s: subtracted from the replayed gyro, None where it runs on another one. ``acc_bias``
+    (n, 3) m/s^2: subtracted from the accelerometer. ``yaw`` (n, 2) rad: heading from GNSS motion without a compass and
+    its sigma, while it is valid. ``lane``: number of the EKF core or instance that flew.
+    """
+
+    gyro_bias: Stream | None = None
+    acc_bias: Stream | None = None
+    yaw: Stream | None = None
+    innovation_tests: list[InnovationTest] = field(default_factory=list)
+    lane: TimeLine | None = None
+
+
+# How a vibration level is made. ``rest`` (ArduPilot's VIBE): root of the low-passed square of what a 5 Hz low-pass
+# leaves, per axis. ``difference`` (PX4): low-passed length of the difference of successive samples.
+VibrationMeasure = Literal["rest", "difference"]
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationLimits:
+    """Limits of a vibration level: quantile ``share`` of the flight, ``warning`` and ``fault`` in m/s^2."""
+
+    share: float
+    warning: float
+    fault: float
+    source: str
+
+
+# PX4 documents no level at which a flight fails. The red line of its plot is a guess of its author (pull request 252
+# of Flight Review): a warning; clipping shows the rest.
+VIBRATION_LIMITS: dict[VibrationMeasure, VibrationLimits] = {
+    "rest": VibrationLimits(0.95, 30.0, 60.0, "ardupilot.org, Measuring Vibration"),
+    "difference": VibrationLimits(0.80, 9.81, np.inf, "PX4 Flight Review, Vibration Metrics"),
+}
+
+
+@dataclass(slots=True)
+class OnboardVibration:
+    """Vibration level (n,) m/s^2 at ``t`` (n,) s that the autopilot measured of an IMU, of the worst axis."""
+
+    unit: int
+    measure: VibrationMeasure
+    source: str
+    t: Array
+    level: Array
+
+
+@dataclass(slots=True)
+class Burst:
+    """Successive samples ``x`` (n, 3) rad/s or m/s^2 of a sensor at its own ``rate`` Hz, from ``t`` s on.
+
+    ``filtered``: taken behind the autopilot's low-pass and notches.
+    """
+
+    sensor: Literal["gyro", "accelerometer"]
+    unit: int
+    t: float
+    rate: float
+    x: NDArray[np.float32]
+    filtered: bool
+    source: str
+
+
+@dataclass(slots=True)
+class OnboardSpectrum:
+    """Peaks (n, k) Hz that the autopilot found in its gyro of ``rate`` Hz, at ``t`` (n,) s; NaN for none.
+
+    ``resolution`` Hz: width of a bin.
+    """
+
+    t: Array
+    peaks: Array
+    rate: float
+    resolution: float
+    source: str
+
+
+@dataclass(slots=True)
 class Clipping:
     """Samples at the end of a sensor's range, as the autopilot counted them.
 
-    ``new`` (n,) of them came by ``t`` (n,) s since the record before. ``unit`` is None where it is the selected one,
-    whichever that was. ``whole``: every sample was counted; else only what a slower record happens to show.
+    ``new`` (n,): samples since the record before, at ``t`` (n,) s. ``unit``: None for the selected unit. ``whole``:
+    every sample was counted, not only those of slower records.
     """
 
     sensor: str
@@ -336,20 +404,23 @@ class Clipping:
 
 
 @dataclass(slots=True)
-class InnovationTest:
-    """How far what an ``aid`` (compass, velocity, position, height, airspeed) measured was from the onboard estimator's
-    prediction: ``ratio`` (n,) of its own gate at ``t`` (n,) s, above 1 rejected, whether logged squared or as its root.
+class Vibration:
+    """Vibration as logged beside the continuous samples.
+
+    ``level`` (n, 3) m/s^2: the autopilot's own measure of the replayed IMU, by axis. ``levels``: the level of every
+    IMU. ``bursts``: samples at the sensors' own rate. ``spectrum``: peaks of the onboard gyro spectrum.
     """
 
-    aid: str
-    t: Array
-    ratio: Array
-    source: str
+    level: Stream | None = None
+    levels: list[OnboardVibration] = field(default_factory=list)
+    bursts: list[Burst] = field(default_factory=list)
+    spectrum: OnboardSpectrum | None = None
+    clippings: list[Clipping] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """Who flew: ``name`` is ``PX4`` or ``ArduPilot`` (or what the log says), ``version`` as text."""
+    """The autopilot's firmware: ``name`` is ``PX4``, ``ArduPilot`` or as logged; ``version`` as text."""
 
     name: str
     version: str = ""
@@ -362,9 +433,10 @@ class Firmware:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something the reader of a result must know. ``t`` s (of the first, of ``count``) or ``offset`` bytes say where.
+    """A defect of the log that readers of a result must know.
 
-    ``value`` in ``unit`` is its size. One sentence each: ``cause`` and ``remedy``; empty where nothing is known.
+    ``t`` s (the first of ``count``) or ``offset`` bytes locate it; ``value`` in ``unit`` is its size. ``cause`` and
+    ``remedy``: a sentence each, empty where unknown.
     """
 
     code: str
@@ -381,33 +453,16 @@ class Problem:
 
 @dataclass(slots=True)
 class FlightLog:
-    """Everything of one boot that attlog uses. See the module docstring for clock and frames.
+    """One power-up of a vehicle: sensors, attitudes, state and parameters on one clock.
 
-    ``imus[imu]`` is the one to replay, ``mags[mag]`` likewise (None: no usable one);
-    the reason for each choice stands in ``choices`` (quantity -> sentence).
-    ``attitudes`` maps source names to attitudes; ``onboard`` names the one that flew.
-    ``setpoints`` is the attitude set-point, ``rate_setpoints`` a stream in rad/s.
-    ``rangefinder`` (n, 1) m is the distance to what lies below, readings out of range left out.
-    ``motors`` (n, motors) are the outputs to them, 0 stopped to 1 full, where the log tells which outputs these are.
-    ``utc_offset`` (s) turns ``t`` into Unix time where GNSS told it. ``vehicle`` is what
-    people call the vehicle, ``kind`` what it can do. ``trim`` (3,) rad is the rotation
-    between IMU and vehicle that attitudes with ``has_trim`` have taken out, and
-    ``declination_param`` (deg, east positive) what the autopilot was told; None where the
-    log does not tell, with the names of the parameters in ``trim_source`` and
-    ``declination_source``. ``given_params`` are those of a ground station's file, ``filled_params`` the names
-    that only the file told. ``logging`` knows the vehicle's logging settings,
-    ``remedies`` what to do about a fault, ``compass_switches`` the parameter that uses a compass, by its index,
-    ``compass_first`` the one that says with which an estimator starts, empty without.
-    ``acc_bias`` (n, 3) m/s^2 is what the onboard estimator takes off the accelerometer in body axes,
-    ``onboard_gyro_bias`` (n, 3) rad/s what it takes off the gyro that is replayed, None where it runs on another one;
-    ``onboard_vibration`` (n, 3) m/s^2 the level that the autopilot measures itself at full rate, ``vibrations`` that of
-    every unit in the firmware's own measure, ``bursts`` samples at the sensors' own rate, ``onboard_spectrum`` the
-    peaks that the autopilot finds in its gyro.
-    ``lane`` is the EKF core or instance that flew, by its number.
-    ``true_heading`` (n, 1) rad is a heading that the user brought as the true one.
-    ``poses`` maps topics to attitudes that motion capture or vision measured, in axes of their own, not yet aligned.
-    ``yaw_estimator`` (n, 2) rad is the heading that the autopilot finds from GNSS motion without a compass, and its one
-    sigma, where it calls it valid.
+    ``imus[imu]`` is replayed, ``mags[mag]`` likewise (None: no usable one); ``choices`` gives the reason of each
+    choice. ``attitudes`` maps sources to attitudes, ``onboard`` names the one that flew. ``truth``: a simulator's or an
+    external attitude. ``poses``: attitudes of motion capture or vision by topic, in their own axes. ``true_heading``
+    (n, 1) rad: an external heading. ``rangefinder`` (n, 1) m: distance to the ground within the sensor's range.
+    ``utc_offset`` (s) turns ``t`` into Unix time. ``vehicle``: its usual name, ``kind`` its abilities. ``texts``:
+    messages of the autopilot (t, syslog level, text). ``logging``: settings of the vehicle's logger. ``remedies``: what
+    to do about a fault. ``compass_switches``: the parameter that enables a compass, by its index. ``compass_first``:
+    the parameter of the compass with which an estimator starts.
     """
 
     path: Path
@@ -432,37 +487,16 @@ class FlightLog:
     truth: Attitude | None = None
     poses: dict[str, Attitude] = field(default_factory=dict)
     true_heading: Stream | None = None
-    setpoints: Attitude | None = None
-    rate_setpoints: Stream | None = None
-    armed: TimeLine | None = None
-    landed: TimeLine | None = None
-    mode: TimeLine | None = None
-    throttle: Stream | None = None
-    motors: Stream | None = None
-    rpm: Stream | None = None
-    battery: Stream | None = None
-    params: dict[str, TimeLine] = field(default_factory=dict)
-    param_defaults: dict[str, float] = field(default_factory=dict)
-    given_params: dict[str, float] = field(default_factory=dict)
-    filled_params: frozenset[str] = frozenset()
-    trim: Array | None = None
-    trim_source: str = ""
-    declination_param: float | None = None
-    declination_source: str = ""
+    state: FlightState = field(default_factory=FlightState)
+    setpoints: Setpoints = field(default_factory=Setpoints)
+    power: Power = field(default_factory=Power)
+    parameters: Parameters = field(default_factory=Parameters)
+    estimator: OnboardEstimator = field(default_factory=OnboardEstimator)
+    vibration: Vibration = field(default_factory=Vibration)
     logging: LoggingAdvice | None = None
     remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL_REMEDIES))
     compass_switches: dict[int, str] = field(default_factory=dict)
     compass_first: str = ""
-    acc_bias: Stream | None = None
-    onboard_gyro_bias: Stream | None = None
-    onboard_vibration: Stream | None = None
-    vibrations: list[OnboardVibration] = field(default_factory=list)
-    bursts: list[Burst] = field(default_factory=list)
-    onboard_spectrum: OnboardSpectrum | None = None
-    yaw_estimator: Stream | None = None
-    clippings: list[Clipping] = field(default_factory=list)
-    innovation_tests: list[InnovationTest] = field(default_factory=list)
-    lane: TimeLine | None = None
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     boot: int = 0
     boots: int = 1
@@ -472,7 +506,7 @@ class FlightLog:
 
     @property
     def kind(self) -> VehicleKind:
-        """What the vehicle can do; OTHER where the log does not tell what it is."""
+        """The vehicle's abilities, OTHER for an unknown vehicle."""
         return vehicle_kind(self.vehicle)
 
     @property
@@ -487,14 +521,13 @@ class FlightLog:
 
     @property
     def truth_with_north(self) -> Attitude | None:
-        """The truth where its heading means something: not of one that was brought without a north."""
+        """The truth, unless its heading has no known north."""
         return None if self.truth is None or (self.truth.fit and self.truth.fit.north == "nobody") else self.truth
 
     def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """What would log ``what``: the setting that is missing, or the reason where every setting is right.
+        """Name the setting that would log ``what``, or the reason where every setting is right.
 
-        ``rate`` (Hz) is that of the records the log holds, None where it holds none.
-        Empty where nothing is known of the firmware's settings.
+        ``rate``: of the logged records in Hz, None without any. Empty where the firmware's settings are unknown.
         """
         if what == "rest" and self.begins_disarmed:
             return advise_rest("The log begins before arming already")
@@ -502,21 +535,21 @@ class FlightLog:
 
     @property
     def begins_disarmed(self) -> bool:
-        """Whether the log was running for some seconds before the vehicle was armed for the first time."""
-        if self.armed is None or not self.armed.value or self.armed.value[0]:
+        """Whether the log ran for some seconds before the first arming."""
+        armed = self.state.armed
+        if armed is None or not armed.value or armed.value[0]:
             return False
-        ends = self.armed.t[1] if len(self.armed.t) > 1 else self.seconds
+        ends = armed.t[1] if len(armed.t) > 1 else self.seconds
         return float(ends) >= BEGINS_DISARMED_S
 
     def param(self, name: str, t: float | None = None) -> float | None:
-        """A parameter's value at ``t`` (default: at the first IMU sample); None if the log has none."""
-        line = self.params.get(name)
+        """Return a parameter's value at ``t`` (default: the first IMU sample), None without one."""
+        line = self.parameters.lines.get(name)
         return None if line is None else line.at(0.0 if t is None else t)
 
 
 def guarded_part(log: FlightLog, what: str, make: Callable[[], T], otherwise: Callable[[], T]) -> T:
-    """A part of what is found out about a log; where that ends in a bug it is a problem of the log, and
-    ``otherwise`` stands in (``attlog/barrier.py``)."""
+    """Return ``make()``; where that ends in a bug, add a problem to the log and return ``otherwise()``."""
 
     def without(sentence: str) -> T:
         log.problems.append(Problem("part_failed", "error", sentence))

@@ -128,8 +128,8 @@ def harmonic_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, t
     if log.param("INS_HNTCH_ENABLE") is None:
         return {}
     harmonics = int(log.param("INS_HNTCH_HMNCS") or DEFAULT_HARMONICS)
-    if notch.follows == "rotors" and notch.slowest is not None and log.rpm is not None:
-        mode, reference = (ESC_MODE if log.rpm.source == "ESC" else RPM_MODE), 1.0
+    if notch.follows == "rotors" and notch.slowest is not None and log.power.rpm is not None:
+        mode, reference = (ESC_MODE if log.power.rpm.source == "ESC" else RPM_MODE), 1.0
         frequency = float(np.floor(BELOW_SLOWEST * notch.slowest))
         harmonics |= 1 << max(notch.harmonic - 1, 0)
     else:

@@ -37,7 +37,7 @@ PX4_BY_SLOT_VERSION, PX4_LEARNS_VERSION = (1, 12), (1, 13)
 
 def armed_span(log: FlightLog) -> tuple[float, float]:
     """First arming and last disarming in s; the whole log where it does not tell."""
-    armed = log.armed
+    armed = log.state.armed
     if armed is None or not any(armed.value):
         return BOOT_CHANGES_S, log.seconds
     first = next(float(t) for t, on in zip(armed.t, armed.value, strict=True) if on)
@@ -48,14 +48,22 @@ def armed_span(log: FlightLog) -> tuple[float, float]:
 def flown_parameters(log: FlightLog) -> dict[str, float]:
     """The parameters of calibration that flew, by name; those that only a given file holds are not among them."""
     at = armed_span(log)[0]
-    own = (name for name in log.params if name.startswith(CALIBRATION_PREFIXES) and name not in log.filled_params)
-    return {name: float(value) for name in own if (value := log.params[name].at(at)) is not None}
+    own = (
+        name
+        for name in log.parameters.lines
+        if name.startswith(CALIBRATION_PREFIXES) and name not in log.parameters.filled
+    )
+    return {name: float(value) for name in own if (value := log.parameters.lines[name].at(at)) is not None}
 
 
 def _changed_parameters(log: FlightLog, names: tuple[str, ...], until: float) -> list[str]:
     """Which parameters have another value at some time between the first arming and ``until`` s."""
     begin = armed_span(log)[0]
-    lines = {name: log.params[name] for name in names if name in log.params and len(log.params[name].value) > 1}
+    lines = {
+        name: log.parameters.lines[name]
+        for name in names
+        if name in log.parameters.lines and len(log.parameters.lines[name].value) > 1
+    }
     return [name for name, line in lines.items() if ((line.t > begin) & (line.t < until)).any()]
 
 
@@ -138,10 +146,10 @@ def learned_compass_bias(log: FlightLog, mag: Mag, found: Calibration) -> Array:
 def motor_power(log: FlightLog, kind: str, t: Array) -> Array:
     """The motors' current in A or their throttle (n, 1) at ``t`` (n,) s. CalibrationUnknownError without."""
     if kind == "current":
-        stream = log.battery
+        stream = log.power.battery
         x = None if stream is None or stream.x.shape[1] < 2 else stream.x[:, 1]
     else:
-        stream = log.throttle
+        stream = log.power.throttle
         x = None if stream is None else stream.x[:, 0]
     known = None if x is None else np.isfinite(x)
     if stream is None or x is None or known is None or not known.any():

@@ -83,8 +83,8 @@ def _of_sensors(builder: LogBuilder, messages: Messages, imu: int | None, mag: i
     log.gnss = builder.attempt("GNSS", lambda: read_receivers(builder), [])
     log.attitudes = builder.attempt("The attitude", lambda: attitudes(builder), {})
     log.onboard = next(iter(log.attitudes), None)
-    log.armed = builder.attempt("Arming", lambda: state_line(builder, STATE_TYPE, "armed", 1), None)
-    log.landed = builder.attempt(
+    log.state.armed = builder.attempt("Arming", lambda: state_line(builder, STATE_TYPE, "armed", 1), None)
+    log.state.landed = builder.attempt(
         "Landing", lambda: state_line(builder, EXTENDED_STATE_TYPE, "landed_state", ON_GROUND), None
     )
     log.problems, log.choices = builder.problems, builder.choices

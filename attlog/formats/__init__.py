@@ -20,9 +20,9 @@ from attlog.formats.recording import MessageLayout, Recording
 from attlog.formats.table import Boot, Damage, Field, Messages, ParamChange, Table, Text
 
 __all__ = [
+    "FORMATS",
     "Boot",
     "Damage",
-    "FORMATS",
     "Field",
     "MessageLayout",
     "Messages",

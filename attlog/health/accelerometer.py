@@ -436,8 +436,8 @@ def _evidence(case: HealthCase, imu: Imu, bias: SensorBias) -> list[str]:
         told.append(
             f"The force on the ground is {ground[0]:+.2f} m/s^2 off gravity; this offset makes {ground[1]:+.2f}."
         )
-    if case.log.acc_bias is not None and imu is case.log.replay_imu and len(case.log.acc_bias.x):
-        own = np.nanmedian(case.log.acc_bias.x, axis=0)
+    if case.log.estimator.acc_bias is not None and imu is case.log.replay_imu and len(case.log.estimator.acc_bias.x):
+        own = np.nanmedian(case.log.estimator.acc_bias.x, axis=0)
         if np.isfinite(own).all():
             told.append(f"The onboard estimator subtracts {axes_text(own)} m/s^2.")
     return told

@@ -33,7 +33,7 @@ from attlog.segments import resets
 from attlog.segments.impacts import shows_impacts
 from attlog.segments.model import Segments
 from attlog.story.estimator_events import aid_rejections
-from attlog.story.headline import WrongAngle
+from attlog.story.headlines import WrongAngle
 
 # The onboard attitude against the gyro: coverage, scale, axes and signs; and the vehicle's trim.
 
@@ -101,7 +101,7 @@ def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
     if not onboard.has_trim:
         return []
     limit = "warning above 3 deg"
-    vector = log.trim
+    vector = log.parameters.trim
     if vector is None:
         return [not_judged("trim", "The log holds no parameters of the trim.", limit)]
     roll, pitch = np.degrees(vector[:2])

@@ -35,7 +35,7 @@ def _noise_assessment(log: FlightLog, baro: Stream, flown: list[Span]) -> Assess
     if len(t) < MIN_BARO_SAMPLES:
         return None
     size, interval = white_noise(t, x)
-    tested = next((test.source for test in log.innovation_tests if test.aid == "height"), "")
+    tested = next((test.source for test in log.estimator.innovation_tests if test.aid == "height"), "")
     expected = parameters.noise_parameter(log, "height", tested)
     limit = USUAL_NOISE_M if expected is None else expected.old
     told = Assessment(baro.source, BARO_QUESTION, "ok", "", round(size, 3), "m", threshold=f"ok up to {limit:g} m")

@@ -17,12 +17,12 @@ from attlog.reference.model import Reference
 from attlog.segments.model import Segments
 
 __all__ = [
+    "TOPICS",
     "Assessment",
     "HealthCase",
     "MotionAttitude",
     "SensorQuestion",
     "Setting",
-    "TOPICS",
     "Verdict",
     "agreed_settings",
     "unknown",

@@ -215,11 +215,11 @@ DECLINATION_LIMIT = "ok within 4 deg of the model, fault above 15 deg"
 
 def declination_checks(log: FlightLog) -> list[Check]:
     """The parameter against the world magnetic model; nothing where it is not set or not used, or no place is known."""
-    told, model = log.declination_param, alignment.earth_field(log)
+    told, model = log.parameters.declination, alignment.earth_field(log)
     if told is None or model is None or looks_up_declination(log):
         return []
     off = abs(float(np.degrees(rotation.wrap(np.radians(told - model.declination_deg)))))
-    text = f"{log.declination_source} says {told:.1f} deg; the model says {model.declination_deg:.1f} deg."
+    text = f"{log.parameters.declination_source} says {told:.1f} deg; the model says {model.declination_deg:.1f} deg."
     return [Check(DECLINATION_SET, graded(off, 4.0, 15.0), text, round(told, 2), "deg", DECLINATION_LIMIT)]
 
 

@@ -76,11 +76,15 @@ def interference_checks(log: FlightLog, segments: Segments) -> list[Check]:
 def motor_drives(log: FlightLog) -> list[tuple[str, Stream, float]]:
     """What may bend the field: name, stream, and the least range that tells something."""
     found = []
-    if log.battery is not None and log.battery.x.shape[1] > 1 and np.isfinite(log.battery.x[:, 1]).any():
-        current = Stream(log.battery.t, log.battery.x[:, 1:2], "A", "", log.battery.source)
+    if (
+        log.power.battery is not None
+        and log.power.battery.x.shape[1] > 1
+        and np.isfinite(log.power.battery.x[:, 1]).any()
+    ):
+        current = Stream(log.power.battery.t, log.power.battery.x[:, 1:2], "A", "", log.power.battery.source)
         found.append(("the current", current, MIN_CURRENT_RANGE_A))
-    if log.throttle is not None and len(log.throttle.t) > 1:
-        found.append(("the throttle", log.throttle, MIN_THROTTLE_RANGE))
+    if log.power.throttle is not None and len(log.power.throttle.t) > 1:
+        found.append(("the throttle", log.power.throttle, MIN_THROTTLE_RANGE))
     return found
 
 
@@ -417,7 +421,7 @@ def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: Mag
         return None
     earth = 1e6 * np.array(model.ned_t)
     power = power_at(drive, t[where])
-    idle = _idle_motors(case.log.armed, t[where], power, hover)
+    idle = _idle_motors(case.log.state.armed, t[where], power, hover)
     share = np.count_nonzero(air[where]) / int(np.count_nonzero(air))
     standing = [_enough_ground(t[where], mask[where] & idle) for mask in on_ground]
     return FieldSamples(

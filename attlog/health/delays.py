@@ -194,15 +194,19 @@ def flight_spans(case: HealthCase) -> list[Span]:
 
 def armed_spans(log: FlightLog) -> list[Span]:
     """Spans (t0, t1) s armed; none where the log does not tell."""
-    if log.armed is None or len(log.armed.t) == 0:
+    if log.state.armed is None or len(log.state.armed.t) == 0:
         return []
-    ends = [*log.armed.t[1:].tolist(), _last_time(log)]
-    return [(a, b) for a, b, on in zip(log.armed.t.tolist(), ends, log.armed.value, strict=True) if on and b > a]
+    ends = [*log.state.armed.t[1:].tolist(), _last_time(log)]
+    return [
+        (a, b) for a, b, on in zip(log.state.armed.t.tolist(), ends, log.state.armed.value, strict=True) if on and b > a
+    ]
 
 
 def _last_time(log: FlightLog) -> float:
     """The last time of anything that is asked for here, s."""
-    every = [a.t for a in log.attitudes.values()] + [g.t for g in log.gnss] + [i.t for i in log.innovation_tests]
+    every = (
+        [a.t for a in log.attitudes.values()] + [g.t for g in log.gnss] + [i.t for i in log.estimator.innovation_tests]
+    )
     return max((float(t[-1]) for t in every if len(t)), default=log.seconds)
 
 

@@ -260,7 +260,7 @@ def clipping_traces(case: HealthCase) -> list[Trace]:
     """Samples that the vehicle counted as clipped, of the unit that clipped most, while it flew or was driven."""
     within = [] if case.segments is None else clipping_spans(case.segments)
     found: list[Trace] = []
-    for one in case.log.clippings:
+    for one in case.log.vibration.clippings:
         mine = inside(one.t, within) & (one.new > 0)
         if one.sensor == "accelerometer" and mine.any():
             second, place = np.unique(np.floor(one.t[mine] / CLIPPING_BIN_S), return_inverse=True)
@@ -273,7 +273,7 @@ def clipping_traces(case: HealthCase) -> list[Trace]:
 
 def rotor_traces(case: HealthCase) -> list[Trace]:
     """The rotors' fundamental in flight and its harmonics, where their speed was logged."""
-    rpm = case.log.rpm
+    rpm = case.log.power.rpm
     if rpm is None or len(rpm.t) < MIN_LEVELS:
         return []
     x = rpm.x[inside(rpm.t, flight_before_crash(case.segments))]

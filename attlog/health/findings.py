@@ -77,7 +77,9 @@ def answers_by_check(log: FlightLog, checks: Iterable[Check], health: Iterable[A
 
 def _answers_check(log: FlightLog, name: str, assessment: Assessment) -> bool:
     if assessment.question == RATIO_QUESTION:
-        return any(t.source == assessment.sensor and name == f"rejected {t.aid}" for t in log.innovation_tests)
+        return any(
+            t.source == assessment.sensor and name == f"rejected {t.aid}" for t in log.estimator.innovation_tests
+        )
     if SAME_QUESTION.get(name) != assessment.question:
         return False
     return assessment.question in VEHICLE_QUESTIONS or assessment.sensor in _sources_in_use(log)
@@ -389,7 +391,7 @@ def note_harmless(reports: Sequence[Finding], events: Sequence[Event]) -> list[F
 
 def note_before_start(reports: Sequence[Finding], log: FlightLog) -> list[Finding]:
     """The reports, those from before the first sample as notes: an autopilot that starts, and is not armed yet."""
-    line = log.armed
+    line = log.state.armed
     armed = [] if line is None else [t for t, value in zip(line.t.tolist(), line.value, strict=True) if value]
     begin = min([0.0, *armed])
     return [replace(r, severity="note") if r.t is not None and r.t < begin and r.is_trouble else r for r in reports]

@@ -164,7 +164,7 @@ def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
 
 def imu_attitude(log: FlightLog, attitude: Attitude) -> Array:
     """The attitude of the IMU (n, 4): the logged one with the vehicle's trim put back where it was taken out."""
-    turned = log.trim if attitude.has_trim else None
+    turned = log.parameters.trim if attitude.has_trim else None
     return attitude.q if turned is None else rotation.multiply(attitude.q, rotation.from_rotvec(turned))
 
 
@@ -189,7 +189,7 @@ MAX_LEFT_SHARE = 0.5
 
 def onboard_acc_bias_check(log: FlightLog, segments: Segments) -> list[Check]:
     """The tilt that the estimated accelerometer bias makes, and whether gravity at rest confirms or refutes it."""
-    stream = log.acc_bias
+    stream = log.estimator.acc_bias
     if stream is None:
         return []
     bias = np.median(stream.x, axis=0)

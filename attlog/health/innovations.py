@@ -80,7 +80,7 @@ class RatioSummary:
 def ratio_series(case: HealthCase) -> list[RatioSeries]:
     """Per aid that was used its test ratios over the whole log, thinned to MOST_POINTS by maxima, for a figure."""
     found = []
-    for test in case.log.innovation_tests:
+    for test in case.log.estimator.innovation_tests:
         good = np.isfinite(test.ratio) & np.isfinite(test.t)
         t, ratio = test.t[good], test.ratio[good]
         if len(t) == 0 or not ratio.any():
@@ -105,7 +105,7 @@ def thin_by_maxima(t: Array, x: Array) -> tuple[Array, Array]:
 def ratio_summaries(case: HealthCase) -> list[RatioSummary]:
     """Per aid that was used in flight."""
     flown = delays.flight_spans(case)
-    found = [_ratio_summary(test, flown) for test in case.log.innovation_tests]
+    found = [_ratio_summary(test, flown) for test in case.log.estimator.innovation_tests]
     return [one for one in found if one is not None]
 
 
@@ -240,6 +240,6 @@ def _ratio_assessment(case: HealthCase, one: RatioSummary) -> Assessment:
 
 def _reason_no_ratios(case: HealthCase) -> str:
     """Why there are no test ratios, and what would log them."""
-    if any(test.ratio.any() for test in case.log.innovation_tests):
+    if any(test.ratio.any() for test in case.log.estimator.innovation_tests):
         return "No flight is long enough to judge the EKF's test ratios."
     return parameters.advise_test_ratios(case.log)

@@ -156,7 +156,7 @@ def _covered_peak(log: FlightLog, spectra: Spectra, peak: Peak, active: ActiveNo
 def reduction_db(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span]) -> float | None:
     """How many dB lower a peak is behind the autopilot's filters, by bursts from there; None without them."""
     behind = burst_spectra(
-        [b for b in log.bursts if b.sensor == "gyro" and b.unit == spectra.unit and b.filtered], within
+        [b for b in log.vibration.bursts if b.sensor == "gyro" and b.unit == spectra.unit and b.filtered], within
     )
     if behind is None:
         return None
@@ -194,7 +194,11 @@ def _notch_offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Assessment:
 def wanted_notch(log: FlightLog, spectra: Spectra, peak: Peak) -> WantedNotch:
     """The notch for a peak whose frequency is known."""
     speeds = rotor_speeds(log, spectra)
-    throttle = None if log.throttle is None or len(log.throttle.t) < 2 else window_means(log.throttle, spectra)[:, 0]
+    throttle = (
+        None
+        if log.power.throttle is None or len(log.power.throttle.t) < 2
+        else window_means(log.power.throttle, spectra)[:, 0]
+    )
     places = track_peak(spectra, peak.frequency)
     places = places[np.isfinite(places)]
     return WantedNotch(

@@ -29,7 +29,7 @@ def range_refusal(log: FlightLog, settings: Sequence[Setting]) -> str:
     """
     for setting in settings:
         limits = ranges.documented_range(setting.name)
-        if setting.name not in log.params or setting.name in log.filled_params:
+        if setting.name not in log.parameters.lines or setting.name in log.parameters.filled:
             return f"The log does not hold the parameter {setting.name}."
         if limits is None:
             return f"No range of {setting.name} is documented."
@@ -45,7 +45,7 @@ def changing(log: FlightLog, settings: Sequence[Setting]) -> list[Setting]:
 
 def is_set(log: FlightLog, setting: Setting) -> bool:
     """Whether a parameter has the new value already, at the end of the log."""
-    line = log.params.get(setting.name)
+    line = log.parameters.lines.get(setting.name)
     last = None if line is None or not line.value else float(line.value[-1])
     return last is not None and math.isclose(
         last, setting.new, rel_tol=PARAMETER_TOLERANCE, abs_tol=PARAMETER_TOLERANCE

@@ -210,7 +210,7 @@ def lane_errors(case: HealthCase) -> list[Assessment]:
     """One answer for all lanes; nothing where only one ran or nothing flew."""
     log, flown = case.log, delays.flight_spans(case)
     lanes = lanes_of(log)
-    if len(lanes) < 2 or log.lane is None or not flown:
+    if len(lanes) < 2 or log.estimator.lane is None or not flown:
         return []
     used = lane_in_use(log, flown)
     switches = _lane_switches(log, flown)
@@ -220,7 +220,7 @@ def lane_errors(case: HealthCase) -> list[Assessment]:
         why = (
             f"No truth and no smoother judges the {len(lanes)} lanes; in flight they differ by {apart:.1f} deg at most."
         )
-        told = unknown(log.lane.source, LANES_QUESTION, why, LANE_LIMIT, LANE_SOURCE)
+        told = unknown(log.estimator.lane.source, LANES_QUESTION, why, LANE_LIMIT, LANE_SOURCE)
         told.evidence = [switches]
         return [told]
     errors = [e for number, name in sorted(lanes.items()) if (e := _lane_error(log, reference, number, name, flown))]
@@ -228,14 +228,14 @@ def lane_errors(case: HealthCase) -> list[Assessment]:
     if mine is None or len(errors) < 2:
         return [
             unknown(
-                log.lane.source,
+                log.estimator.lane.source,
                 LANES_QUESTION,
                 "The lanes share too little time with the reference.",
                 LANE_LIMIT,
                 LANE_SOURCE,
             )
         ]
-    told = _lane_assessment(log.lane.source, mine, errors, reference)
+    told = _lane_assessment(log.estimator.lane.source, mine, errors, reference)
     told.evidence = [_lane_text(e) for e in errors] + [switches]
     return [told]
 
@@ -247,7 +247,7 @@ def lanes_of(log: FlightLog) -> dict[int, str]:
         matched = LANE_NAME.match(name)
         if matched:
             found.setdefault(matched.group(1), {})[int(matched.group(2))] = name
-    family = "NK" if log.lane is not None and log.lane.source.startswith("NK") else "XK"
+    family = "NK" if log.estimator.lane is not None and log.estimator.lane.source.startswith("NK") else "XK"
     for name in (f"{family}Q", f"{family}F1", "estimator_attitude"):
         if len(found.get(name, {})) > 1:
             return found[name]
@@ -256,17 +256,21 @@ def lanes_of(log: FlightLog) -> dict[int, str]:
 
 def lane_in_use(log: FlightLog, flown: list[Span]) -> int:
     """The lane that flew longest in flight."""
-    assert log.lane is not None
+    assert log.estimator.lane is not None
     at = np.concatenate([np.arange(a, b, 0.5) for a, b in flown])
-    k = np.maximum(np.searchsorted(log.lane.t, at, side="right") - 1, 0)
-    numbers, counts = np.unique(np.asarray(log.lane.value)[k], return_counts=True)
+    k = np.maximum(np.searchsorted(log.estimator.lane.t, at, side="right") - 1, 0)
+    numbers, counts = np.unique(np.asarray(log.estimator.lane.value)[k], return_counts=True)
     return int(numbers[np.argmax(counts)])
 
 
 def _lane_switches(log: FlightLog, flown: list[Span]) -> str:
     """How often the lane changed in flight, in words."""
-    assert log.lane is not None
-    times = [t for t, ok in zip(log.lane.t[1:].tolist(), inside(log.lane.t[1:], flown), strict=True) if ok]
+    assert log.estimator.lane is not None
+    times = [
+        t
+        for t, ok in zip(log.estimator.lane.t[1:].tolist(), inside(log.estimator.lane.t[1:], flown), strict=True)
+        if ok
+    ]
     if not times:
         return f"Lane {lane_in_use(log, flown)} flew without a switch."
     if len(times) == 1:

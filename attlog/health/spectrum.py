@@ -65,8 +65,8 @@ class Spectra:
 def all_spectra(log: FlightLog, within: list[Span], sensor: str = "gyro") -> list[Spectra]:
     """Spectra of every unit's fastest source in the ``within`` spans, unfiltered and fast ones first."""
     found = []
-    for unit in sorted({imu.index for imu in log.imus} | {b.unit for b in log.bursts}):
-        raw = [b for b in log.bursts if (b.sensor, b.unit, b.filtered) == (sensor, unit, False)]
+    for unit in sorted({imu.index for imu in log.imus} | {b.unit for b in log.vibration.bursts}):
+        raw = [b for b in log.vibration.bursts if (b.sensor, b.unit, b.filtered) == (sensor, unit, False)]
         one = burst_spectra(raw, within) if raw else None
         found += [] if one is None else [one]
         for imu in (i for i in log.imus if i.index == unit):
@@ -380,9 +380,9 @@ def strongest_lines(spectra: Spectra) -> Array:
 
 def rotor_speeds(log: FlightLog, spectra: Spectra) -> Array | None:
     """Rotor speeds (w, rotors) in turns per second over the windows, None where none turns."""
-    if log.rpm is None or len(log.rpm.t) < 2:
+    if log.power.rpm is None or len(log.power.rpm.t) < 2:
         return None
-    speeds = window_means(log.rpm, spectra) / 60.0
+    speeds = window_means(log.power.rpm, spectra) / 60.0
     turning = np.nanmedian(speeds, axis=0) > LOWEST_HZ / 4.0 if np.isfinite(speeds).any() else np.zeros(1, bool)
     return speeds[:, turning] if turning.any() else None
 
@@ -444,15 +444,15 @@ def analyse_peaks(log: FlightLog, spectra: Spectra, within: list[Span]) -> list[
             ]
             found.append(peak)
     for peak in found:
-        find_true_frequency(spectra, peak, log.onboard_spectrum, within)
+        find_true_frequency(spectra, peak, log.vibration.spectrum, within)
     return sorted(found, key=lambda p: -p.density)[:MAX_PEAKS]
 
 
 def relative_throttle(log: FlightLog, spectra: Spectra) -> Array | None:
     """Throttle (w,) over the windows by its usual value, NaN where not logged; None where it tells nothing."""
-    if log.throttle is None or len(log.throttle.t) < 2:
+    if log.power.throttle is None or len(log.power.throttle.t) < 2:
         return None
-    throttle = window_means(log.throttle, spectra)[:, 0]
+    throttle = window_means(log.power.throttle, spectra)[:, 0]
     usual = float(np.nanmedian(throttle)) if np.isfinite(throttle).any() else 0.0
     return np.maximum(throttle, 0.0) / usual if usual > MIN_THROTTLE else None
 

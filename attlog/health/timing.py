@@ -119,12 +119,12 @@ def is_pause(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
 
     The record of disarming is often lost with the others: a long gap that no flight goes into or comes out of counts.
     """
-    if log.armed is None or not log.armed.value:
+    if log.state.armed is None or not log.state.armed.value:
         return t1 - t0 > LONG_PAUSE_S
     flown = any(a < t1 + FLIGHT_MARGIN_S and t0 - FLIGHT_MARGIN_S < b for a, b in segments.spans("airborne"))
     if t1 - t0 > LONG_PAUSE_S and "airborne" not in segments.unknown and not flown:
         return True
-    armed = sum(b - a for a, b in flag_spans(log.armed, True, t0, t1))
+    armed = sum(b - a for a, b in flag_spans(log.state.armed, True, t0, t1))
     return t1 - t0 > PAUSE_S and armed < ARMED_SHARE * (t1 - t0) + ARMED_MARGIN_S
 
 

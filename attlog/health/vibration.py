@@ -54,10 +54,10 @@ def vibration_check(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     strongest = x.max(axis=1)
     typical = float(np.median(strongest))
     shown, unit, since = typical, "m/s^2", find_onset(strongest)
-    since = None if since is None or has_more_power(log.throttle, t, since) else since
+    since = None if since is None or has_more_power(log.power.throttle, t, since) else since
     text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
     verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
-    own = onboard_level(log.onboard_vibration, flown)
+    own = onboard_level(log.vibration.level, flown)
     seen: list[str] = []
     if own is not None and own <= ONBOARD_M_S2[0]:
         verdict = "ok" if verdict == "warning" else verdict  # the logged samples fold and hold motion
@@ -231,9 +231,9 @@ def vibration_level(case: HealthCase) -> list[Assessment]:
 
 def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:
     """The autopilot's own levels, else what its definition gives from samples that are fast enough."""
-    if log.vibrations:
-        return log.vibrations
-    if raw := [b for b in log.bursts if b.sensor == "accelerometer" and not b.filtered]:
+    if log.vibration.levels:
+        return log.vibration.levels
+    if raw := [b for b in log.vibration.bursts if b.sensor == "accelerometer" and not b.filtered]:
         return [burst_levels([b for b in raw if b.unit == unit]) for unit in sorted({b.unit for b in raw})]
     imu = log.replay_imu
     if imu is not None and measures_differences(log) and imu.filtered == "none" and imu.acc.rate >= FULL_RATE_HZ:
@@ -309,7 +309,7 @@ def _level_assessment(log: FlightLog, one: OnboardVibration, within: list[Span])
     )  # fmt: skip
     found.evidence = [f"{one.source}; the worst second begins at {t[worst]:.0f} s."]
     since = find_onset(level)
-    if since is not None and not has_more_power(log.throttle, t, since):
+    if since is not None and not has_more_power(log.power.throttle, t, since):
         before, after = float(np.median(level[:since])), float(np.median(level[since:]))
         found.t, found.verdict = float(t[since]), "fault" if verdict == "fault" else "warning"
         found.evidence.append(f"From {t[since]:.0f} s on it is {after:.1f} m/s^2 instead of {before:.1f}.")
@@ -332,7 +332,7 @@ def clipping_assessments(log: FlightLog, within: list[Span]) -> list[Assessment]
     """Accelerometers that reached the end of their range in sound flight; nothing of those that did not."""
     found = []
     limit = f"up to {FEW_CLIPS} samples; fault above {MANY_CLIPS} in {LASTING_S} seconds and more"
-    for one in (c for c in log.clippings if c.sensor == "accelerometer" and c.whole):
+    for one in (c for c in log.vibration.clippings if c.sensor == "accelerometer" and c.whole):
         mine = inside(one.t, within) & (one.new > 0)
         count, seconds = int(one.new[mine].sum()), len(np.unique(np.floor(one.t[mine])))
         if count <= FEW_CLIPS:

@@ -88,7 +88,7 @@ def common_bias(log: FlightLog, segments: Segments, imu: Imu, asked: Choice) -> 
 
 
 def _onboard(log: FlightLog, imu: Imu) -> CommonBias:
-    stream = log.onboard_gyro_bias
+    stream = log.estimator.gyro_bias
     if imu is not log.replay_imu:
         return no_common_bias("the onboard estimator's bias belongs to another IMU")
     good = np.zeros(0, bool) if stream is None else rotation.finite_rows(stream.x) & np.isfinite(stream.t)
@@ -111,7 +111,9 @@ def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
     inside = [between(t, a, b) for a, b in chosen]
     seconds = sum(b - a for a, b in chosen)
     if seconds < SHORTEST_S or not any(_enough(m) for m in inside):
-        other = "; --gyro-bias onboard would subtract the autopilot's own" if log.onboard_gyro_bias is not None else ""
+        other = (
+            "; --gyro-bias onboard would subtract the autopilot's own" if log.estimator.gyro_bias is not None else ""
+        )
         return no_common_bias(_why_no_rest(before, rests, np.isfinite(takeoff)) + other)
     means = np.degrees(np.concatenate([_blocks(t[m], x[m]) for m in inside if _enough(m)]))
     mean = np.degrees(np.mean(np.concatenate([x[m] for m in inside]), axis=0))

@@ -155,10 +155,10 @@ def size_of(figure: str, t: Array, size: Array, values: dict[str, float]) -> Tra
 
 def throttle(log: FlightLog) -> list[Trace]:
     """Throttle in percent, the mean of windows of half a second."""
-    if log.throttle is None or len(log.throttle.t) < 2:
+    if log.power.throttle is None or len(log.power.throttle.t) < 2:
         return []
-    x = np.nan_to_num(log.throttle.x.reshape(len(log.throttle.t), -1)[:, 0])
-    at, edges = buckets(log.throttle.t, 0.5)
+    x = np.nan_to_num(log.power.throttle.x.reshape(len(log.power.throttle.t), -1)[:, 0])
+    at, edges = buckets(log.power.throttle.t, 0.5)
     return [Trace("throttle", "", at, {"throttle": 100.0 * np.add.reduceat(x, edges[:-1]) / np.diff(edges)})]
 
 

@@ -240,7 +240,7 @@ def angles(segments: list[tuple[Array, Array, Array]]) -> list[SetpointSegment]:
 def commanded_angles(case: Case, window: str) -> list[Span]:
     """Where the vehicle flies, armed, in a mode that commands an attitude; modes that are not known do."""
     spans = case.segments.spans("airborne" if window == "all" else window)
-    armed, mode = case.segments.spans("armed"), case.log.mode
+    armed, mode = case.segments.spans("armed"), case.log.state.mode
     if armed:
         spans = intersect(spans, armed)
     if mode is None or len(mode.t) == 0:
@@ -254,9 +254,9 @@ def flown_angles(case: Case, window: str) -> tuple[list[tuple[Array, Array, Arra
     """Set-point and onboard attitude in flight, or code and reason where there is none."""
     log = case.log
     attitude = log.onboard_attitude
-    if log.setpoints is None or len(log.setpoints.t) < 2 or attitude is None or len(attitude.t) < 2:
+    if log.setpoints.attitude is None or len(log.setpoints.attitude.t) < 2 or attitude is None or len(attitude.t) < 2:
         return [], ("no_setpoint", "the log holds no attitude set-point beside the onboard attitude")
-    if min(log.setpoints.rate, attitude.rate) < MIN_RATE_HZ:
+    if min(log.setpoints.attitude.rate, attitude.rate) < MIN_RATE_HZ:
         return [], ("rate_too_low", f"set-point and attitude are needed at {MIN_RATE_HZ:.0f} Hz or more")
     segments = _segments(case, commanded_angles(case, window))
     where = f"no attitude set-point in flight in window {window}, in a mode that commands an attitude"
@@ -265,7 +265,7 @@ def flown_angles(case: Case, window: str) -> tuple[list[tuple[Array, Array, Arra
 
 @per_case
 def _segments(case: Case, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
-    wanted, flew = case.log.setpoints, case.log.onboard_attitude
+    wanted, flew = case.log.setpoints.attitude, case.log.onboard_attitude
     return [] if wanted is None or flew is None else common(wanted, flew, spans)
 
 

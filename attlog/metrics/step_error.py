@@ -170,7 +170,7 @@ def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Arra
 
 def setpoint(case: Case, curve: Curve) -> Array | None:
     """The set-point's turning (n,) deg about the event's axis since the onset; None where none is logged around it."""
-    wanted, ref = case.log.setpoints, step_fits.reference_turning(case)
+    wanted, ref = case.log.setpoints.attitude, step_fits.reference_turning(case)
     body = axis_of(ref, curve.event)
     if wanted is None or len(wanted.t) < 2 or body is None:
         return None

@@ -225,7 +225,7 @@ MAX_DEMAND_POINTS = 25_000
 
 def demand_traces(case: Case) -> list[Trace]:
     """``demand``: roll, pitch and heading of the set-point while armed (of the whole log where arming is unknown)."""
-    wanted = case.log.setpoints
+    wanted = case.log.setpoints.attitude
     if wanted is None:
         return []
     armed = case.segments.spans("armed") or case.segments.spans("all")
@@ -404,7 +404,7 @@ def bias(row: Row, share: SampleBudget) -> list[Trace]:
 
 def onboard_bias(case: Case, row: Row) -> list[Trace]:
     """The gyro bias in deg/s that the onboard estimator logged, at its own times: drawn with the onboard row."""
-    stream = case.log.onboard_gyro_bias
+    stream = case.log.estimator.gyro_bias
     if row.name != "onboard" or stream is None:
         return []
     share = SampleBudget.of([len(stream.t)])

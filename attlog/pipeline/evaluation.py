@@ -461,7 +461,7 @@ def health(
 
 def has_a_story(log: FlightLog) -> bool:
     """Whether a log that cannot be replayed holds something that happened at a known time."""
-    armed = log.armed is not None and len(log.armed.t) > 1 and log.armed.t[-1] > log.armed.t[0]
+    armed = log.state.armed is not None and len(log.state.armed.t) > 1 and log.state.armed.t[-1] > log.state.armed.t[0]
     return bool(log.attitudes or log.gnss or armed)
 
 

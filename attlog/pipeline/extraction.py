@@ -164,8 +164,8 @@ def streams(log: FlightLog) -> Iterator[Extract]:
     attitudes = dict(log.attitudes)
     if log.truth is not None:
         attitudes["truth"] = log.truth
-    if log.setpoints is not None:
-        attitudes["setpoint"] = log.setpoints
+    if log.setpoints.attitude is not None:
+        attitudes["setpoint"] = log.setpoints.attitude
     for name, attitude in attitudes.items():
         yield _attitude(f"attitude_{_word(name)}", attitude.t, attitude.q, attitude.source)
 

@@ -24,7 +24,7 @@ LEAST_REST_S = 2.0
 
 def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: float | None = None) -> LogFacts:
     """The numeric parameters at the first IMU sample, and what is known for the replay of ``imu``."""
-    values = {name: log.param(name) for name in log.params if name not in log.filled_params}
+    values = {name: log.param(name) for name in log.parameters.lines if name not in log.parameters.filled}
     gyro, acc, seconds = noise_at_rest(imu, segments)
     info = LogInfo(
         declination_deg=declination_deg,
@@ -37,7 +37,7 @@ def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: floa
         since_boot_s=1e-6 * log.t0_us if log.t0_us >= 0 else None,
     )
     own = {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
-    return LogFacts(own, info, dict(log.given_params))
+    return LogFacts(own, info, dict(log.parameters.given))
 
 
 def forward_of(kind: VehicleKind) -> bool | None:

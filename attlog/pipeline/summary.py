@@ -71,7 +71,7 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         if segments is None
         else {kind: segments.seconds(kind) for kind in ("airborne", "rest", "armed")},
         "timeline": {
-            "modes": part("Flight modes", lambda: _intervals(log.mode, log.seconds), []),
+            "modes": part("Flight modes", lambda: _intervals(log.state.mode, log.seconds), []),
             "armed": [] if segments is None else [[s.t0, s.t1] for s in segments.of("armed")],
             "airborne": [] if segments is None else [[s.t0, s.t1] for s in segments.of("airborne")],
             "texts": [[t, level, text] for t, level, text in log.texts],
@@ -95,10 +95,12 @@ def _params(log: FlightLog) -> dict[str, float]:
 
     ULog tells no default of a parameter that has it.
     """
-    found = {name: value for name in sorted(log.params) if (value := log.param(name)) is not None}
-    if not log.param_defaults:
+    found = {name: value for name in sorted(log.parameters.lines) if (value := log.param(name)) is not None}
+    if not log.parameters.defaults:
         return found
-    usual = {name: value for name, value in found.items() if name not in log.filled_params} | log.param_defaults
+    usual = {
+        name: value for name, value in found.items() if name not in log.parameters.filled
+    } | log.parameters.defaults
     return {name: value for name, value in found.items() if value != usual.get(name)}
 
 
@@ -146,8 +148,8 @@ def _intervals(line: TimeLine | None, end: float) -> list[list[Any]]:
 def _changed(log: FlightLog) -> dict[str, list[Any]]:
     """Parameters that differ from their default where the log tells defaults: name -> [value, default]."""
     out = {}
-    for name, line in sorted(log.params.items()):
-        default = log.param_defaults.get(name)
+    for name, line in sorted(log.parameters.lines.items()):
+        default = log.parameters.defaults.get(name)
         value = line.value[-1] if line.value else None
         if default is not None and value is not None and value != default:
             out[name] = [value, default]

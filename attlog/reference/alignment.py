@@ -69,16 +69,16 @@ def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array |
     if not attitude.has_trim:
         text = f"{attitude.source} is the attitude of the IMU itself: nothing to take out"
         return None, AlignmentStep("trim", text, 0.0, "deg", attitude.source, False, "config: trim")
-    trim = log.trim
+    trim = log.parameters.trim
     if trim is None:
-        missing = log.trim_source.replace(", ", " and ") or "it"
+        missing = log.parameters.trim_source.replace(", ", " and ") or "it"
         text = f"{attitude.source} has a trim taken out, but the log does not hold {missing}"
         return None, AlignmentStep("trim", text, None, "deg", "", False, "config: trim")
     size = math.degrees(float(np.sqrt(np.sum(trim**2))))
     text = f"roll {math.degrees(trim[0]):.2f}, pitch {math.degrees(trim[1]):.2f} deg are inside {attitude.source}"
     applied = wanted and size > 0
     text += ": taken out of the replays once" if applied else ": nothing to do" if size == 0 else ": switched off"
-    step = AlignmentStep("trim", text, size, "deg", log.trim_source, applied, "config: trim")
+    step = AlignmentStep("trim", text, size, "deg", log.parameters.trim_source, applied, "config: trim")
     return (trim if applied else None), step
 
 
@@ -117,17 +117,19 @@ def declination_step(log: FlightLog, option: str | float) -> tuple[float | None,
         return given, AlignmentStep(
             "declination", "given by the user", given, "deg", "option", option="config: declination"
         )
-    field, set_deg = earth_field(log), log.declination_param
+    field, set_deg = earth_field(log), log.parameters.declination
     by_model = "no position, so no model" if field is None else f"{field.declination_deg:.1f} deg by {field.model}"
     by_param = (
-        "no declination parameter that is set" if set_deg is None else f"{set_deg:.1f} deg by {log.declination_source}"
+        "no declination parameter that is set"
+        if set_deg is None
+        else f"{set_deg:.1f} deg by {log.parameters.declination_source}"
     )
     text = f"{by_model}; {by_param}"
     value, source = None, ""
     if field is not None and option != "param":
         value, source = field.declination_deg, field.model
     elif set_deg is not None and option != "model":
-        value, source = set_deg, log.declination_source
+        value, source = set_deg, log.parameters.declination_source
     if value is not None:
         return value, AlignmentStep("declination", text, value, "deg", source, option="config: declination")
     text += "; unknown, so headings are magnetic and compared with their offset removed"

@@ -70,7 +70,7 @@ def find_gnss_motion(log: FlightLog, segments: Segments, imu: Imu | None = None)
 def _clipped(log: FlightLog, imu: Imu) -> list[Span]:
     """When the accelerometer was at the end of its range: what it shows then is no force."""
     found: list[Span] = []
-    for clipping in log.clippings:
+    for clipping in log.vibration.clippings:
         if clipping.sensor == "accelerometer" and clipping.unit in (None, imu.index):
             k = np.flatnonzero(clipping.new > 0)
             found += zip(clipping.t[np.maximum(k - 1, 0)].tolist(), clipping.t[k].tolist(), strict=True)
@@ -272,7 +272,7 @@ def _yaw_estimator(log: FlightLog, reference: Reference) -> HeadingReference | N
 
     ArduPilot's is up to 110 deg off at a sigma of 4 in simulated flights: none where truth or smoother contradict it.
     """
-    own = log.yaw_estimator
+    own = log.estimator.yaw
     if own is None:
         return None
     t, x = model.select_rising(own.t_best, own.x)

@@ -182,8 +182,8 @@ def static_tilt(log: FlightLog, judge: Reference, attitude: Attitude | None) -> 
     of_accused = np.full(len(windows), np.nan)
     if attitude is not None:
         t, q, _ = alignment.usable_samples(attitude, judge.clock)
-        if attitude.has_trim and log.trim is not None:
-            q = alignment.apply_trim(q, -log.trim)
+        if attitude.has_trim and log.parameters.trim is not None:
+            q = alignment.apply_trim(q, -log.parameters.trim)
         of_accused = _residual(imu, windows, t, q, model.number_segments(t))
     own = judge.sigma_tilt_deg
     middle = windows.mean(axis=1)

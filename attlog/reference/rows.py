@@ -61,7 +61,9 @@ def replayed(
     if reference.trim is not None:
         row.q = alignment.apply_trim(row.q, reference.trim)
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
-        row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="config: trim"))
+        row.steps.append(
+            AlignmentStep("trim", "taken out once", size, "deg", log.parameters.trim_source, option="config: trim")
+        )
     row.is_reference = reference.kind == smoother.SMOOTHER and name == smoother.SMOOTHER
     no_north = reference.declination_deg is None and not north_by_gnss
     free_heading = not row.knows_north or no_north or reference.heading_by in NO_NORTH
@@ -90,7 +92,9 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
         row.is_reference = reference.kind == "onboard" and reference.name == name
         if reference.trim is not None and not attitude.has_trim:
             row.q = alignment.apply_trim(row.q, reference.trim)
-            row.steps.append(AlignmentStep("trim", "taken out once, as of the replays", source=log.trim_source))
+            row.steps.append(
+                AlignmentStep("trim", "taken out once, as of the replays", source=log.parameters.trim_source)
+            )
         aligned = scoring.aligned_at(attitude, resets.known_resets(log, name, segments)[0], segments)
         row.start = float(t[0])
         if aligned is not None:

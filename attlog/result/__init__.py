@@ -40,7 +40,7 @@ __all__ = [
     "Setting",
     "Trace",
     "Verdict",
-    "nothing_ran",
     "agreed_settings",
+    "nothing_ran",
     "setting_number",
 ]

@@ -247,9 +247,9 @@ def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spa
 
 def _drive_power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
     """What drives the vehicle (n,), 0 to 1: throttle, else motor outputs, else rotor speed; None without any."""
-    if log.throttle is not None and len(log.throttle.t) > 1:
-        return np.abs(hold_last(t, log.throttle)), log.throttle.source
-    for stream in (log.motors, log.rpm):
+    if log.power.throttle is not None and len(log.power.throttle.t) > 1:
+        return np.abs(hold_last(t, log.power.throttle)), log.power.throttle.source
+    for stream in (log.power.motors, log.power.rpm):
         if stream is not None and len(stream.t) > 1:
             mean = np.mean(np.nan_to_num(stream.x.reshape(len(stream.t), -1)), axis=1)[:, None]
             mean = mean / max(float(mean.max()), 1e-9)

@@ -130,7 +130,7 @@ def _imu_confirms(scene: CrashContext, t0: float, t1: float) -> bool:
 def find_tumbles(scene: CrashContext) -> list[CrashEvent]:
     """Rates above 400 deg/s in the air that nobody asked for."""
     imu = scene.log.replay_imu or next(iter(scene.log.imus), None)
-    wanted = scene.log.rate_setpoints
+    wanted = scene.log.setpoints.rates
     if imu is None or wanted is None or len(wanted.t) < 2 or scene.log.kind.winged:
         return []
     t, rate = imu.gyro.t_best, np.degrees(rotation.length(imu.gyro.x))

@@ -46,9 +46,9 @@ def flag_spans(line: TimeLine, wanted: bool, t0: float, t1: float) -> list[Span]
 
 def armed_spans(log: FlightLog, t0: float, t1: float) -> FlagSpans:
     """When the motors were armed, by the autopilot's flag; unknown without one."""
-    if log.armed is None or not log.armed.value:
+    if log.state.armed is None or not log.state.armed.value:
         return FlagSpans(False, why="the log holds no arming state")
-    return FlagSpans(True, flag_spans(log.armed, True, t0, t1), f"armed by {log.armed.source}")
+    return FlagSpans(True, flag_spans(log.state.armed, True, t0, t1), f"armed by {log.state.armed.source}")
 
 
 def airborne_spans(
@@ -63,24 +63,27 @@ def airborne_spans(
         return FlagSpans(True, [], f"a {log.vehicle} does not fly")
     if air is not None and air.known:
         return FlagSpans(True, flights, air.why)
-    if log.landed is None or not log.landed.value:
+    if log.state.landed is None or not log.state.landed.value:
         missing = "throttle" if air is None or air.power_source == "arming" else "height"
         return FlagSpans(False, why=f"the log holds no land detector and no {missing} to replace it")
-    not_landed = flag_spans(log.landed, False, t0, t1)
+    not_landed = flag_spans(log.state.landed, False, t0, t1)
     on_ground = [s for s in lying if s[1] - s[0] >= MIN_LYING_S]
     kept = spans.intersect(not_landed, armed.spans if armed.known else spans.complement(on_ground, t0, t1))
-    return FlagSpans(True, kept, f"not landed by {log.landed.source}, and no sensor that could check it")
+    return FlagSpans(True, kept, f"not landed by {log.state.landed.source}, and no sensor that could check it")
 
 
 def motor_spans(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagSpans:
     """When motors turned: by their outputs, else arming, else rotor speed, else throttle; and which of them says so."""
-    if log.motors is not None and len(log.motors.t) > 1:
+    if log.power.motors is not None and len(log.power.motors.t) > 1:
         return FlagSpans(
-            True, _spans_above(log.motors, MAX_STOPPED_OUTPUT), f"motors turn by {log.motors.source}", measured=True
+            True,
+            _spans_above(log.power.motors, MAX_STOPPED_OUTPUT),
+            f"motors turn by {log.power.motors.source}",
+            measured=True,
         )
     if armed.known:
         return FlagSpans(True, armed.spans, "armed")
-    for name, stream, limit in (("RPM", log.rpm, 100.0), ("throttle", log.throttle, 0.05)):
+    for name, stream, limit in (("RPM", log.power.rpm, 100.0), ("throttle", log.power.throttle, 0.05)):
         if stream is not None and len(stream.t) > 1 and (name != "RPM" or np.fmax.reduce(stream.x, axis=None) > limit):
             return FlagSpans(True, _spans_above(stream, limit), f"motors turn by {name}")
     return FlagSpans(False, [], "nothing shows whether motors turned")

@@ -9,7 +9,7 @@ from attlog.flight.model import FlightLog, guarded_part
 from attlog.segments.model import Segments
 from attlog.story import estimator_events, flight_events
 from attlog.story.flight_events import CRASHES, KINDS, Event
-from attlog.story.headline import WrongAngle, headline
+from attlog.story.headlines import WrongAngle, headline
 
 __all__ = ["CRASHES", "KINDS", "Event", "WrongAngle", "events", "headline"]
 

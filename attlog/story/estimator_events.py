@@ -124,7 +124,7 @@ def aid_rejections(log: FlightLog, segments: Segments) -> list[Rejection]:
         for a, b in segments.spans("airborne")
         if b - a > 2.0 * FLIGHT_MARGIN_S + MIN_REJECTION_S
     ]
-    found = [_rejections_of(test, spans) for test in log.innovation_tests]
+    found = [_rejections_of(test, spans) for test in log.estimator.innovation_tests]
     return [one for one in found if one is not None]
 
 
@@ -458,5 +458,7 @@ def _ended_it(log: FlightLog, t: float, landing: float) -> bool:
     """Whether a failsafe at ``t`` ended a flight: it landed at once, or nobody changed the mode that was set then."""
     if landing - t <= AT_ONCE_S:
         return True
-    set_ = [] if log.mode is None else [x for x in log.mode.t.tolist() if t - SET_S <= x < landing - ENDED_S]
+    set_ = (
+        [] if log.state.mode is None else [x for x in log.state.mode.t.tolist() if t - SET_S <= x < landing - ENDED_S]
+    )
     return bool(set_) and set_[-1] <= t + SET_S

@@ -225,7 +225,7 @@ def _power_up(log: FlightLog) -> list[Event]:
 
 def _arming(log: FlightLog) -> list[Event]:
     """Arming and disarming, by the flag's changes; what holds at the log's start began before it."""
-    line = log.armed
+    line = log.state.armed
     if line is None or not line.value:
         return []
     found = []
@@ -356,7 +356,7 @@ def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, l
     first: list[float] = []
     last: list[float] = []
     counts: dict[str, int] = {}
-    for clipping in log.clippings:
+    for clipping in log.vibration.clippings:
         if clipping.sensor != "accelerometer":
             continue
         mine = inside(clipping.t, within) & (clipping.new > 0)
@@ -366,7 +366,7 @@ def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, l
             last.append(float(clipping.t[mine][-1]))
     if not counts or max(counts.values()) <= MAX_CHANCE_CLIPS:
         return None, []
-    flags = [c for c in log.clippings if not c.whole and c.source in counts]
+    flags = [c for c in log.vibration.clippings if not c.whole and c.source in counts]
     t = float(flags[0].t[inside(flags[0].t, within) & (flags[0].new > 0)][0]) if flags else min(first)
     most = max(counts.values())
     said = [x for x in matching_texts(log, CLIPS) if -1.0 <= x[0] - t <= max(last) - t + 5.0]
@@ -391,7 +391,7 @@ def _vibration_event(log: FlightLog, flown: list[Span]) -> Event | None:
     None where that measure, made of every sample, stays below its limit: the logged ones fold and count motion.
     """
     imu = log.replay_imu
-    if imu is None or _is_calm(log.onboard_vibration, flown):
+    if imu is None or _is_calm(log.vibration.level, flown):
         return None
     t, x = vibration_levels(imu, flown)
     strong = x.max(axis=1) > STRONG_M_S2 if len(t) else np.zeros(0, bool)
@@ -399,8 +399,8 @@ def _vibration_event(log: FlightLog, flown: list[Span]) -> Event | None:
         size = float(np.median(x[strong].max(axis=1)))
         a, b = float(t[strong][0]), float(t[strong][-1]) + 1.0
         source = f"{imu.acc.source}: {format_significant(size)} m/s² rms"
-    elif log.onboard_vibration is not None:
-        own = log.onboard_vibration
+    elif log.vibration.level is not None:
+        own = log.vibration.level
         mine = inside(own.t, flown)
         high = mine & rotation.finite_rows(own.x) & (np.nan_to_num(own.x).max(axis=1, initial=0.0) > ONBOARD_M_S2)
         if np.count_nonzero(high) < 3:

@@ -13,6 +13,7 @@ from attlog.compare.filter_input import prepare_input
 from attlog.compare.setting import parse_configuration
 from attlog.core.errors import UsageError
 from attlog.flight.model import Firmware, FlightLog, Imu, Mag, Stream
+from tests.flight.made_log import with_fields
 
 HZ = 400.0
 
@@ -23,7 +24,8 @@ def unit(t: np.ndarray, gyro: np.ndarray, sampling: Literal["interval", "instant
 
 
 def log(imu: Imu, rpm: Stream | None = None) -> FlightLog:
-    return FlightLog(Path("made-up.bin"), "dataflash", 0, 0, Firmware("ArduPilot"), "quad", imus=[imu], imu=0, rpm=rpm)
+    made = FlightLog(Path("made-up.bin"), "dataflash", 0, 0, Firmware("ArduPilot"), "quad", imus=[imu], imu=0)
+    return with_fields(made, rpm=rpm)
 
 
 def run(settings: str, imu: Imu, rpm: Stream | None = None, mag: Mag | None = None) -> tuple[Imu, Mag | None]:

@@ -72,10 +72,10 @@ def px4(values: Mapping[str, float], field: Array, raw: Array | None, version: s
 
 def _log(kind: str, firmware: Firmware, values: Mapping[str, float]) -> FlightLog:
     log = FlightLog(Path("made.log"), kind, 0, 0, firmware, "")
-    log.params = {name: TimeLine(np.zeros(1), [float(v)], "PARM") for name, v in values.items()}
+    log.parameters.lines = {name: TimeLine(np.zeros(1), [float(v)], "PARM") for name, v in values.items()}
     log.seconds = float(T[-1])
-    log.armed = TimeLine(np.array([0.0, 9.0, 51.0]), [False, True, False], "")
-    log.battery = Stream(T, np.column_stack([np.full(len(T), 12.0), amperes()]), "V, A", "", "BAT")
+    log.state.armed = TimeLine(np.array([0.0, 9.0, 51.0]), [False, True, False], "")
+    log.power.battery = Stream(T, np.column_stack([np.full(len(T), 12.0), amperes()]), "V, A", "", "BAT")
     still = Stream(T, np.zeros((len(T), 3)), "rad/s", "FRD", "IMU:0")
     force = Stream(T, np.tile([0.3, -0.2, -9.8], (len(T), 1)), "m/s^2", "FRD", "IMU:0")
     log.imus = [Imu(0, still, force, acc_device="7")]

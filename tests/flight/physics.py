@@ -80,8 +80,8 @@ def rest(log: FlightLog, seconds: float = 1.0) -> NDArray[np.bool_] | None:
     """Samples of the chosen IMU at rest with motors off, None where there is less than ``seconds`` of it."""
     imu = log.imus[log.imu]
     mask = still(imu)
-    if log.landed is not None:
-        mask &= np.array([bool(v) for v in states(log.landed, imu.gyro.t)])
+    if log.state.landed is not None:
+        mask &= np.array([bool(v) for v in states(log.state.landed, imu.gyro.t)])
     return mask if mask.sum() > seconds * imu.gyro.rate else None
 
 

@@ -101,7 +101,9 @@ def test_the_delay_of_the_first_receiver_is_not_that_of_a_second_one() -> None:
     log = flight(params={"EKF2_GPS_DELAY": 110.0})
     log.gnss[0].index = 1
     assert aiding.gnss_delay_parameter(log, log.gnss[0], 5.0) == "The log holds no delay parameter of this receiver."
-    log.params["SENS_GPS1_DELAY"] = flight(params={"SENS_GPS1_DELAY": 70.0}).params["SENS_GPS1_DELAY"]
+    log.parameters.lines["SENS_GPS1_DELAY"] = flight(params={"SENS_GPS1_DELAY": 70.0}).parameters.lines[
+        "SENS_GPS1_DELAY"
+    ]
     found = aiding.gnss_delay_parameter(log, log.gnss[0], 5.0)
     assert isinstance(found, aiding.DelayParameter)
     assert (found.name, found.old) == ("SENS_GPS1_DELAY", 70.0)
@@ -119,7 +121,7 @@ def receiver(index: int = 0, received: bool = True) -> Gnss:
 
 def log(firmware: str, receivers: int = 1, hardware: str = "", **params: float) -> FlightLog:
     made = FlightLog(Path("made"), "made", 0, 0, Firmware(firmware), "quadrotor")
-    made.params = {name: TimeLine(np.zeros(1), [value], "made") for name, value in params.items()}
+    made.parameters.lines = {name: TimeLine(np.zeros(1), [value], "made") for name, value in params.items()}
     made.gnss = [receiver(k) for k in range(receivers)]
     texts: Any = [(0.0, 6, hardware)]
     made.texts = texts if hardware else []
@@ -240,7 +242,7 @@ def test_ulog_ratios_and_reception(corpus: Path) -> None:
     path = corpus / "sitl" / "px4" / "px4_steps.ulg"
     log, oracle = attlog_flight.read(path), ULog(str(path))
     status = oracle.get_dataset("estimator_status").data
-    ratios = {one.aid: one.ratio for one in log.innovation_tests}
+    ratios = {one.aid: one.ratio for one in log.estimator.innovation_tests}
     for aid, column in (("compass", "hdg_test_ratio"), ("velocity", "vel_test_ratio"), ("height", "hgt_test_ratio")):
         np.testing.assert_array_equal(ratios[aid], status[column].astype(np.float64))
     gnss, reception = oracle.get_dataset("vehicle_gps_position").data, log.gnss[0].reception
@@ -258,7 +260,7 @@ def test_dataflash_ratios_and_times_of_receipt(corpus: Path) -> None:
     rows: dict[str, list[tuple[float, ...]]] = {"XKF4": [], "GPA": []}
     while (m := oracle.recv_match(type=["XKF4", "GPA"])) is not None:
         rows[m.get_type()].append((m.SV, m.SM) if m.get_type() == "XKF4" else (m.TimeUS, m.SMS))
-    ratios = {one.aid: one.ratio for one in log.innovation_tests}
+    ratios = {one.aid: one.ratio for one in log.estimator.innovation_tests}
     expected = np.array(rows["XKF4"])
     np.testing.assert_allclose(ratios["velocity"], expected[:, 0], atol=1e-9)
     np.testing.assert_allclose(ratios["compass"], expected[:, 1], atol=1e-9)
@@ -278,5 +280,5 @@ def test_telemetry_ratios(corpus: Path) -> None:
     sent = []
     while (m := oracle.recv_match(type="EKF_STATUS_REPORT")) is not None:
         sent.append((m.velocity_variance, m.compass_variance))
-    ratios = {one.aid: one.ratio for one in log.innovation_tests}
+    ratios = {one.aid: one.ratio for one in log.estimator.innovation_tests}
     np.testing.assert_allclose(np.column_stack([ratios["velocity"], ratios["compass"]]), np.array(sent), rtol=1e-6)

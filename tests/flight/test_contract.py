@@ -85,20 +85,20 @@ def test_every_log_is_a_flight_on_one_clock_or_one_clear_line(path: Path) -> Non
         assert mag.field.unit == "T"
         finite = mag.field.x[np.isfinite(mag.field.x).all(axis=1)]
         assert len(finite) == 0 or np.abs(finite).max() <= MAG_LIMIT_T
-    for attitude in (*log.attitudes.values(), log.truth, log.setpoints):
+    for attitude in (*log.attitudes.values(), log.truth, log.setpoints.attitude):
         if attitude is not None:
             np.testing.assert_allclose(np.linalg.norm(attitude.q, axis=1), 1.0, atol=1e-12)
             assert (np.diff(attitude.t) > 0).all()
             assert ((attitude.resets > 0) & (attitude.resets < len(attitude.t))).all()
             if attitude.t_sample is not None:
                 assert (np.diff(attitude.t_sample) > 0).all()
-    for stream in (log.airspeed, log.rate_setpoints, log.throttle, log.rpm, log.battery, *log.baro):
+    for stream in (log.airspeed, log.setpoints.rates, log.power.throttle, log.power.rpm, log.power.battery, *log.baro):
         if stream is not None:
             rising(stream)
     for gnss in log.gnss:
         assert (np.diff(gnss.t) > 0).all()
         assert np.nanmax(np.abs(np.append(gnss.lat, 0.0))) <= 90
-    for line in (log.armed, log.landed, log.mode, log.imu_that_flew, *log.params.values()):
+    for line in (log.state.armed, log.state.landed, log.state.mode, log.imu_that_flew, *log.parameters.lines.values()):
         if line is not None:
             assert len(line.t) == len(line.value)
             assert (np.diff(line.t) >= 0).all()
@@ -151,7 +151,7 @@ def test_gyro_gravity_and_field_agree_with_truth(row: dict[str, str]) -> None:
     slopes = physics.slopes(imu, log.truth)
     np.testing.assert_allclose(slopes[np.isfinite(slopes)], 1.0, atol=0.02)
     # at rest before take-off: bias and gravity as injected
-    before = next((t for t, armed in zip(log.armed.t, log.armed.value, strict=True) if armed), np.inf)
+    before = next((t for t, armed in zip(log.state.armed.t, log.state.armed.value, strict=True) if armed), np.inf)
     rest = physics.still(imu) & (imu.gyro.t < before)
     if rest.sum() > imu.gyro.rate:
         bias = np.degrees(np.median(imu.gyro.x[rest], axis=0))

@@ -212,7 +212,7 @@ def test_without_a_type_of_compensation_the_motors_count_for_nothing() -> None:
 
 def counted(log: FlightLog, sensor: str = "accelerometer") -> dict[int | None, int]:
     """New clipped samples by unit."""
-    return {c.unit: int(c.new.sum()) for c in log.clippings if c.sensor == sensor}
+    return {c.unit: int(c.new.sum()) for c in log.vibration.clippings if c.sensor == sensor}
 
 
 def codes(log: FlightLog) -> set[str]:
@@ -224,7 +224,7 @@ def test_px4_counts_every_unit_and_flags_the_selected_one(corpus):
     """Read by hand: about 400 flagged samples from 37.2 s on; the unit that was not selected counts 1,804."""
     log = attlog.read(corpus / "logs" / "cases" / "px4_1.14_clipping_crash.ulg")
     assert counted(log) == {0: 0, 1: 42 + 158 + 1604, None: 397}
-    flags = next(c for c in log.clippings if not c.whole)
+    flags = next(c for c in log.vibration.clippings if not c.whole)
     assert flags.t[np.argmax(flags.new > 0)] == pytest.approx(37.2, abs=0.1)
 
 
@@ -254,7 +254,7 @@ def test_ardupilot_counts_by_unit_in_one_record_or_in_one_for_each(corpus, name,
 
 
 def test_ardupilot_before_3_4_tells_nothing(corpus):
-    assert attlog.read(corpus / "logs" / "cases" / "copter_3.3dev_118.BIN").clippings == []
+    assert attlog.read(corpus / "logs" / "cases" / "copter_3.3dev_118.BIN").vibration.clippings == []
 
 
 # Magnetometers: which one measures nothing.

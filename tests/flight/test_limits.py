@@ -76,12 +76,12 @@ def read_px4(tables: Tables) -> FlightLog:
 
 def numbers(log: FlightLog) -> dict[str, np.ndarray]:
     """Everything that the fields below end in, with the limit that holds there."""
-    g, battery = log.gnss[0], log.battery
+    g, battery = log.gnss[0], log.power.battery
     assert battery is not None
     assert log.airspeed is not None
-    assert log.rpm is not None
-    assert log.rate_setpoints is not None
-    assert log.throttle is not None
+    assert log.power.rpm is not None
+    assert log.setpoints.rates is not None
+    assert log.power.throttle is not None
     return {
         "gyro_rad": log.imus[0].gyro.x,
         "accelerometer_m_s2": log.imus[0].acc.x,
@@ -99,9 +99,9 @@ def numbers(log: FlightLog) -> dict[str, np.ndarray]:
         "true_airspeed_m_s": log.airspeed.x,
         "voltage_v": battery.x[:, 0],
         "current_a": battery.x[:, 1],
-        "esc[0].esc_rpm": log.rpm.x,
-        "roll": log.rate_setpoints.x,
-        "xyz": log.throttle.x,
+        "esc[0].esc_rpm": log.power.rpm.x,
+        "roll": log.setpoints.rates.x,
+        "xyz": log.power.throttle.x,
         "q": log.attitudes["vehicle_attitude"].q,
     }
 
@@ -168,7 +168,7 @@ def test_stamps_of_another_unit_give_no_rate(scale: float) -> None:
     log = read_px4(tables)
     assert log.imu is None
     assert log.imus == []
-    assert not any(s is not None and s.rate > limits.FUSED_HZ for s in (*log.baro, log.battery, log.rpm))
+    assert not any(s is not None and s.rate > limits.FUSED_HZ for s in (*log.baro, log.power.battery, log.power.rpm))
     assert "rate_impossible" in [p.code for p in log.problems]
 
 
@@ -198,8 +198,8 @@ def test_events_and_modes_a_day_away_belong_to_another_flight() -> None:
         "failsafe": np.array([0, 0, 1, 0, 0]),
     }
     log = read_px4(tables)
-    assert log.armed is not None
-    assert log.armed.value == [False, True]
+    assert log.state.armed is not None
+    assert log.state.armed.value == [False, True]
     assert [p.code for p in log.problems if p.code == "failsafe"] == []
 
 
@@ -526,8 +526,8 @@ def test_the_log_counts_where_it_holds_the_parameter_itself(tmp_path, samples):
     plain, filled = read(log), read(log, params=path)
     assert plain.param("MY_OWN") is None
     assert filled.param("MY_OWN") == 7
-    assert filled.params["AHRS_TRIM_X"].value == plain.params["AHRS_TRIM_X"].value
-    assert 0.5 not in filled.params["AHRS_TRIM_X"].value
+    assert filled.parameters.lines["AHRS_TRIM_X"].value == plain.parameters.lines["AHRS_TRIM_X"].value
+    assert 0.5 not in filled.parameters.lines["AHRS_TRIM_X"].value
 
 
 def test_what_differs_and_what_the_log_does_not_know_is_said(tmp_path, samples):
@@ -539,8 +539,8 @@ def test_what_differs_and_what_the_log_does_not_know_is_said(tmp_path, samples):
     assert "AHRS_YAW_P" not in found["params_differ"].text
     assert "AHRS_GPS_GAINN (did you mean AHRS_GPS_GAIN?), MY_OWN" in found["params_unknown"].text
     assert found["params_unknown"].severity == "warning"
-    assert log.filled_params == {"AHRS_GPS_GAINN", "MY_OWN"}
-    assert log.given_params["AHRS_RP_P"] == 0.1
+    assert log.parameters.filled == {"AHRS_GPS_GAINN", "MY_OWN"}
+    assert log.parameters.given["AHRS_RP_P"] == 0.1
     assert log.param("AHRS_RP_P") == pytest.approx(0.2)
     path.write_text("MY_OWN,7\n")
     assert {p.code: p.severity for p in read(log.path, params=path).problems}["params_unknown"] == "note"

@@ -223,8 +223,8 @@ def test_heartbeats_tell_arming_mode_and_vehicle() -> None:
     }
     log = read({("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): attitude(400, 20), ("HEARTBEAT", ME): beats})
     assert log.vehicle == "quadrotor"
-    assert log.armed.value == [False, True]
-    assert log.mode.value == ["STABILIZE", "LAND"]
+    assert log.state.armed.value == [False, True]
+    assert log.state.mode.value == ["STABILIZE", "LAND"]
 
 
 def test_landed_and_the_version_are_read_from_their_numbers() -> None:
@@ -240,7 +240,7 @@ def test_landed_and_the_version_are_read_from_their_numbers() -> None:
         },
         12,
     )
-    assert [log.landed.at(t + 0.5) for t in (1.0, 2.0, 3.0, 4.0, 5.0)] == [True, True, False, False, True]
+    assert [log.state.landed.at(t + 0.5) for t in (1.0, 2.0, 3.0, 4.0, 5.0)] == [True, True, False, False, True]
     assert log.firmware.version.startswith("1.14.3")
 
 
@@ -272,10 +272,10 @@ def test_clipped_samples_are_counted_by_unit_and_levels_are_those_of_ardupilot(a
     own |= {f"clipping_{k}": np.zeros(5, np.uint32) for k in (0, 2)}
     own["clipping_1"] = np.array([7, 7, 9, 0, 4], np.uint32)  # it begins anew when a unit does
     log = read({("RAW_IMU", ME): raw_imu(500, 50), ("VIBRATION", ME): own}, autopilot)
-    assert [c.new.tolist() for c in log.clippings] == [[0] * 5, [0, 0, 2, 0, 4], [0] * 5]
-    assert (log.clippings[1].source, log.clippings[1].whole) == ("VIBRATION.clipping_1", True)
-    assert np.diff(log.clippings[1].t) == pytest.approx(1.0)
-    told = None if log.onboard_vibration is None else log.onboard_vibration.x[0].tolist()
+    assert [c.new.tolist() for c in log.vibration.clippings] == [[0] * 5, [0, 0, 2, 0, 4], [0] * 5]
+    assert (log.vibration.clippings[1].source, log.vibration.clippings[1].whole) == ("VIBRATION.clipping_1", True)
+    assert np.diff(log.vibration.clippings[1].t) == pytest.approx(1.0)
+    told = None if log.vibration.level is None else log.vibration.level.x[0].tolist()
     assert told == levels
 
 
@@ -297,7 +297,7 @@ def test_test_ratios_of_both_firmwares_are_read(autopilot: int, name: str, colum
     sent = clock(20, 1.0) | {columns[0]: np.full(20, 0.4, np.float32), columns[1]: np.full(20, -1.0, np.float32)}
     tables = {("RAW_IMU", ME): raw_imu(600, 25.0), ("ATTITUDE", ME): attitude(240, 10.0), (name, ME): sent}
     log = mavlink.read(messages("tlog", tables, info=systems(autopilot)), None, None, None)
-    compass, velocity = log.innovation_tests
+    compass, velocity = log.estimator.innovation_tests
     assert (compass.aid, velocity.aid) == ("compass", "velocity")
     np.testing.assert_allclose(compass.ratio, 0.4, rtol=1e-6)
     assert np.isnan(velocity.ratio).all()
@@ -308,7 +308,7 @@ def test_a_landed_state_that_is_undefined_is_neither_ground_nor_air() -> None:
     log = read(
         {("RAW_IMU", ME): raw_imu(500, 50), ("ATTITUDE", ME): attitude(100, 10), ("EXTENDED_SYS_STATE", ME): extended}
     )
-    assert log.landed.value == [True, False, True]
+    assert log.state.landed.value == [True, False, True]
 
 
 # The autopilot's clock of packets: their own, that of the receiver, or their place in the file.
@@ -533,8 +533,8 @@ def test_throttle_is_percent_and_airspeed_that_of_planes(vehicle: str, has_airsp
     made = log(vehicle)
     hud = {"throttle": np.full(N, 43, np.uint16), "airspeed": np.full(N, 17.5, np.float32)}
     read_rare(mavlink.add_hud, made, VFR_HUD=hud)
-    assert made.throttle is not None
-    assert made.throttle.x[0, 0] == pytest.approx(0.43)
+    assert made.power.throttle is not None
+    assert made.power.throttle.x[0, 0] == pytest.approx(0.43)
     assert (made.airspeed is not None) is has_airspeed
     if made.airspeed is not None:
         assert made.airspeed.x[0, 0] == 17.5
@@ -545,11 +545,11 @@ def test_set_points_keep_their_axes() -> None:
     rates = {f"body_{axis}_rate": np.full(N, 0.1 * k, np.float32) for k, axis in enumerate(("roll", "pitch", "yaw"), 1)}
     q = np.tile(np.array([0.8, 0.0, 0.6, 0.0], np.float32), (N, 1))
     read_rare(mavlink.add_setpoints, 3, made, ATTITUDE_TARGET={"q": q, **rates})
-    assert made.setpoints is not None
-    np.testing.assert_allclose(made.setpoints.q[0], [0.8, 0.0, 0.6, 0.0], atol=1e-6)
-    assert made.setpoints.has_trim
-    assert made.rate_setpoints is not None
-    np.testing.assert_allclose(made.rate_setpoints.x[0], [0.1, 0.2, 0.3], rtol=1e-6)
+    assert made.setpoints.attitude is not None
+    np.testing.assert_allclose(made.setpoints.attitude.q[0], [0.8, 0.0, 0.6, 0.0], atol=1e-6)
+    assert made.setpoints.attitude.has_trim
+    assert made.setpoints.rates is not None
+    np.testing.assert_allclose(made.setpoints.rates.x[0], [0.1, 0.2, 0.3], rtol=1e-6)
 
 
 def test_a_date_is_unix_time_between_the_first_flights_and_the_end_of_the_clock() -> None:

@@ -20,7 +20,7 @@ ON = {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_FREQ": 80.0, "INS_HNTCH_BW": 40.0}
 
 
 def flew(firmware: str = "ArduPilot", **values: float):
-    return shaken(50.0, 60.0, firmware=firmware, params=params(**values))
+    return shaken(50.0, 60.0, firmware=firmware, lines=params(**values))
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_old_px4_has_one_notch_of_another_name() -> None:
 
 def test_a_second_harmonic_is_added_to_those_that_are_set() -> None:
     log = flew(**ON, INS_HNTCH_HMNCS=1.0, MOT_THST_HOVER=0.3)
-    log.rpm = log.throttle
+    log.power.rpm = log.power.throttle
     made = notch_parameters(log, WantedNotch(180.0, "rotors", 0.3, harmonic=2, slowest=80.0))
     assert made["INS_HNTCH_HMNCS"] == (3.0, "")
     assert made["INS_HNTCH_FREQ"] == (72.0, "Hz")

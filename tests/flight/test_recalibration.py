@@ -29,8 +29,11 @@ def why(log) -> str:
 
 def test_the_parameters_are_those_of_the_first_arming() -> None:
     log = ardupilot(OLD)
-    log.params["COMPASS_OFS_X"] = TimeLine(np.array([0.0, 5.0, 55.0]), [300.0, 12.4, 99.0], "PARM")
-    log.params["COMPASS_MOT3_X"], log.filled_params = TimeLine(np.zeros(1), [1.0], ""), frozenset({"COMPASS_MOT3_X"})
+    log.parameters.lines["COMPASS_OFS_X"] = TimeLine(np.array([0.0, 5.0, 55.0]), [300.0, 12.4, 99.0], "PARM")
+    log.parameters.lines["COMPASS_MOT3_X"], log.parameters.filled = (
+        TimeLine(np.zeros(1), [1.0], ""),
+        frozenset({"COMPASS_MOT3_X"}),
+    )
     found = recalibration.flown_parameters(log)
     assert found["COMPASS_OFS_X"] == 12.4
     assert "COMPASS_MOT3_X" not in found
@@ -39,11 +42,11 @@ def test_the_parameters_are_those_of_the_first_arming() -> None:
 
 def test_a_change_in_flight_is_refused_and_one_at_disarming_is_not() -> None:
     log = ardupilot(OLD)
-    log.params["COMPASS_OFS_X"] = TimeLine(np.array([0.0, 30.0]), [12.4, 99.0], "PARM")
+    log.parameters.lines["COMPASS_OFS_X"] = TimeLine(np.array([0.0, 30.0]), [12.4, 99.0], "PARM")
     assert why(log) == "COMPASS_OFS_X was changed during the flight."
-    log.params["COMPASS_OFS_X"] = TimeLine(np.array([0.0, 50.1]), [12.4, 99.0], "PARM")
+    log.parameters.lines["COMPASS_OFS_X"] = TimeLine(np.array([0.0, 50.1]), [12.4, 99.0], "PARM")
     assert recalibration.flown_compass(log, log.mags[0]).offsets[0] == "COMPASS_OFS_X"
-    log.params["COMPASS_PRIO1_ID"] = TimeLine(np.array([0.0, 55.0]), [97539.0, 131874.0], "PARM")
+    log.parameters.lines["COMPASS_PRIO1_ID"] = TimeLine(np.array([0.0, 55.0]), [97539.0, 131874.0], "PARM")
     assert recalibration.changed_sensor_order(log, recalibration.flown_compass(log, log.mags[0])) == [
         "COMPASS_PRIO1_ID"
     ]
@@ -116,7 +119,7 @@ def test_a_log_of_telemetry_or_of_another_firmware_is_refused() -> None:
 def test_power_is_the_current_or_the_throttle_and_without_one_it_says_so() -> None:
     log = ardupilot(OLD)
     assert recalibration.motor_power(log, "current", np.array([5.0]))[0, 0] == 0.5
-    log.battery.x[:, 1] = np.nan
+    log.power.battery.x[:, 1] = np.nan
     for kind in ("current", "throttle"):
         with pytest.raises(CalibrationUnknownError, match=f"no {kind}"):
             recalibration.motor_power(log, kind, T)
@@ -124,16 +127,16 @@ def test_power_is_the_current_or_the_throttle_and_without_one_it_says_so() -> No
 
 def test_a_log_that_never_tells_of_arming_counts_as_a_whole() -> None:
     log = ardupilot(OLD)
-    log.armed = None
+    log.state.armed = None
     assert recalibration.armed_span(log) == (1.0, log.seconds)
-    log.params = {}
+    log.parameters.lines = {}
     assert recalibration.flown_parameters(log) == {}
     assert "does not hold COMPASS_OFS_X" in why(log)
 
 
 def test_a_log_that_is_disarmed_within_its_first_second_has_no_span_that_runs_back() -> None:
     log = ardupilot(OLD)
-    log.armed = TimeLine(np.array([0.0, 0.4]), [True, False], "armed")
+    log.state.armed = TimeLine(np.array([0.0, 0.4]), [True, False], "armed")
     assert recalibration.armed_span(log) == (1.0, 1.0)
 
 
@@ -252,7 +255,7 @@ def test_what_cannot_be_mapped_is_said_and_left_alone() -> None:
         np.testing.assert_array_equal(log.mags[0].field.x, before)
         assert why in notes(log)["calibration_not_applied"]
     log = ardupilot(OLD)
-    log.battery = None
+    log.power.battery = None
     recorrect(log, "new.param", NEW)
     assert "no current of the motors" in notes(log)["calibration_not_applied"]
 

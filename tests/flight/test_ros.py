@@ -137,7 +137,13 @@ def test_poses_keep_their_own_axes(log: FlightLog) -> None:
 
 
 def test_what_a_bag_cannot_know_is_unknown(log: FlightLog) -> None:
-    assert (log.armed, log.mode, log.landed, log.params, log.simulated) == (None, None, None, {}, False)
+    assert (log.state.armed, log.state.mode, log.state.landed, log.parameters.lines, log.simulated) == (
+        None,
+        None,
+        None,
+        {},
+        False,
+    )
     assert log.firmware.name == "ROS 2"
 
 

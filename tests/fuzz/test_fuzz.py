@@ -89,18 +89,18 @@ def limits(log: FlightLog) -> list[tuple[str, np.ndarray, physics.Quantity]]:
         (n, s, q)
         for n, s, q in (
             ("airspeed", log.airspeed, physics.AIRSPEED),
-            ("throttle", log.throttle, physics.THROTTLE),
-            ("rpm", log.rpm, physics.RPM),
-            ("rates", log.rate_setpoints, physics.RATE_SETPOINT),
-            ("acc bias", log.acc_bias, physics.ACC_BIAS),
-            ("gyro bias", log.onboard_gyro_bias, physics.GYRO_BIAS),
-            ("vibration", log.onboard_vibration, physics.VIBRATION),
+            ("throttle", log.power.throttle, physics.THROTTLE),
+            ("rpm", log.power.rpm, physics.RPM),
+            ("rates", log.setpoints.rates, physics.RATE_SETPOINT),
+            ("acc bias", log.estimator.acc_bias, physics.ACC_BIAS),
+            ("gyro bias", log.estimator.gyro_bias, physics.GYRO_BIAS),
+            ("vibration", log.vibration.level, physics.VIBRATION),
         )
         if s is not None
     ]
     found += [(n, s.x, q) for n, s, q in streams]
-    if log.declination_param is not None:
-        found.append(("declination", np.array(log.declination_param), physics.Quantity("", -180, 180, "deg", "")))
+    if log.parameters.declination is not None:
+        found.append(("declination", np.array(log.parameters.declination), physics.Quantity("", -180, 180, "deg", "")))
     if log.utc_offset is not None:
         found.append(("date", np.array(1e6 * log.utc_offset + log.t0_us), physics.UTC_US))
     return found
@@ -108,7 +108,14 @@ def limits(log: FlightLog) -> list[tuple[str, np.ndarray, physics.Quantity]]:
 
 def streams(log: FlightLog) -> list[tuple[str, np.ndarray, float]]:
     """The times of everything, and how fast it may be."""
-    some: list[Stream | None] = [log.airspeed, log.throttle, log.rpm, log.battery, log.rate_setpoints, *log.baro]
+    some: list[Stream | None] = [
+        log.airspeed,
+        log.power.throttle,
+        log.power.rpm,
+        log.power.battery,
+        log.setpoints.rates,
+        *log.baro,
+    ]
     found = [(s.source, s.t, physics.FUSED_HZ) for s in some if s is not None]
     found += [(i.gyro.source, i.gyro.t_best, physics.RAW_HZ) for i in log.imus]
     found += [(m.field.source, m.field.t, physics.FUSED_HZ) for m in log.mags]

@@ -39,7 +39,7 @@ def flight(
     log.imus = [Imu(0, Stream(t, gyro, "rad/s", "FRD", "IMU"), Stream(t, force, "m/s^2", "FRD", "IMU"))]
     log.imu = 0
     log.gnss = [receiver(late_s, seed)]
-    log.params = {name: TimeLine(np.zeros(1), [value], "made") for name, value in (params or {}).items()}
+    log.parameters.lines = {name: TimeLine(np.zeros(1), [value], "made") for name, value in (params or {}).items()}
     log.seconds = SECONDS
     return log
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from attlog.flight.model import Firmware, FlightLog, Imu, Stream, TimeLine
 from attlog.health.check import HealthCase
 from attlog.segments.model import Segment, Segments
+from tests.flight.made_log import with_fields
 
 Array = NDArray[np.float64]
 BEGIN, END, SECONDS = 10.0, 70.0, 80.0
@@ -46,10 +47,8 @@ def shaken(rate: float, frequency: Any, rms_dps: float = 5.0, units: int = 1, no
         )  # fmt: skip
     at = np.arange(0.0, SECONDS, 0.1)
     log = FlightLog(Path("made"), "made", 0, 0, Firmware(firmware, "4.6.0"), "quadrotor", imus=imus, imu=0)
-    log.throttle = Stream(at, throttle_at(at)[:, None], "1", "", "CTUN.ThO")
-    for name, value in more.items():
-        setattr(log, name, value)
-    return log
+    log.power.throttle = Stream(at, throttle_at(at)[:, None], "1", "", "CTUN.ThO")
+    return with_fields(log, **more)
 
 
 def params(**values: float) -> dict[str, TimeLine]:

@@ -305,14 +305,14 @@ def test_rejected_gnss_is_laid_to_the_heading() -> None:
     log = turned(60.0)
     (begin, end) = max(segments.build(log).spans("airborne"), key=lambda span: span[1] - span[0])
     t = np.arange(begin + 5.0, end - 5.0, 0.2)
-    log.innovation_tests = [InnovationTest("velocity", t, np.full(len(t), 1.7), "test")]
+    log.estimator.innovation_tests = [InnovationTest("velocity", t, np.full(len(t), 1.7), "test")]
     assert "its heading is wrong, not GNSS" in checked(log).evidence[-1]
 
 
 def test_nobody_is_accused_by_an_accelerometer_that_clips() -> None:
     log = turned(60.0)
     t = np.arange(0.0, log.seconds, 1.0)
-    log.clippings = [Clipping("accelerometer", log.imu, "test", t, np.full(len(t), 50), True)]
+    log.vibration.clippings = [Clipping("accelerometer", log.imu, "test", t, np.full(len(t), 50), True)]
     assert checked(log).verdict == "unknown"
 
 

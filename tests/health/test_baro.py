@@ -17,7 +17,7 @@ def told(noise_m: float, repeat: int = 1, **params: float) -> Assessment:
     x = 3.0 * t + np.random.default_rng(4).normal(0.0, noise_m, len(t))
     x, t = np.repeat(x, repeat), np.sort(np.concatenate([t + 0.1 * k / repeat for k in range(repeat)]))
     log.baro = [Stream(t, x[:, None], "m", "", "BARO:0")]
-    log.innovation_tests = [InnovationTest("height", t, np.full(len(t), 0.1), "XKF4:0.SH")]
+    log.estimator.innovation_tests = [InnovationTest("height", t, np.full(len(t), 0.1), "XKF4:0.SH")]
     (one,) = baro.barometer_noise(case(log))
     return one
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.flight.model import FlightLog, Mag, Stream, TimeLine
+from attlog.flight.model import FlightLog, Mag, Parameters, Stream, TimeLine
 from attlog.health import causes, compass
 from attlog.health.causes import Finding, other_compass, switch_parameters, was_calibrated
 from attlog.health.check import Assessment, Check, Setting, not_judged, unknown
@@ -182,8 +182,8 @@ def log(monkeypatch: pytest.MonkeyPatch) -> Any:
     model = SimpleNamespace(strength_t=1e-6 * EARTH_UT)
     for place in (causes, compass):
         monkeypatch.setattr(place.declination, "model", lambda log: model)
-    found: Any = SimpleNamespace(mag=0, compass_switches={}, compass_first="", params={}, replay_imu=None)
-    found.param = lambda name: found.params[name].value[-1] if name in found.params else None
+    found: Any = SimpleNamespace(mag=0, compass_switches={}, compass_first="", parameters=Parameters(), replay_imu=None)
+    found.param = lambda name: found.parameters.lines[name].value[-1] if name in found.parameters.lines else None
     return found
 
 
@@ -234,10 +234,10 @@ def test_the_first_sound_one_is_named_with_its_field(log: Any) -> None:
 def test_a_switch_is_named_with_what_changes_and_only_where_both_are_known(log: Any) -> None:
     log.mags = [mag(0, 80.0), mag(1, 50.0)]
     log.compass_switches = {0: "USE", 1: "USE2"}
-    log.params = {"USE": TimeLine(np.zeros(1), [1.0], "P"), "USE2": TimeLine(np.zeros(1), [0.0], "P")}
+    log.parameters.lines = {"USE": TimeLine(np.zeros(1), [1.0], "P"), "USE2": TimeLine(np.zeros(1), [0.0], "P")}
     assert switch_parameters(log, log.mags[1], log.mags[0]) == {"USE2": 1.0, "USE": 0.0}
     assert other_compass(log).endswith("uT: set USE2 1 and USE 0.")
-    log.params["USE2"] = TimeLine(np.zeros(1), [1.0], "P")
+    log.parameters.lines["USE2"] = TimeLine(np.zeros(1), [1.0], "P")
     assert switch_parameters(log, log.mags[1], log.mags[0]) == {"USE": 0.0}
     log.compass_switches = {0: "USE"}
     assert switch_parameters(log, log.mags[1], log.mags[0]) == {}
@@ -274,7 +274,7 @@ TWO_COMPASSES = cast(
         mag=1,
         imus=[imu("IMU:0"), imu("IMU:1")],
         imu=0,
-        innovation_tests=[SimpleNamespace(aid="compass", source="XKF4.SM")],
+        estimator=SimpleNamespace(innovation_tests=[SimpleNamespace(aid="compass", source="XKF4.SM")]),
     ),
 )
 MOTORS = Check("field against motors", "ok", "Not the motors.", 40.0, "%", t=3.0, cause="Iron.")

@@ -28,7 +28,7 @@ def two(one: Vector, other: Vector, switches: bool = True) -> tuple[HealthCase, 
     log: FlightLog = replace(empty_log(), mags=[study.samples.mag for study in studies], mag=0)
     if switches:
         log.compass_switches = {0: "FIRST", 1: "SECOND"}
-        log.params = {name: TimeLine(np.zeros(1), [1.0], "PARM") for name in ("FIRST", "SECOND")}
+        log.parameters.lines = {name: TimeLine(np.zeros(1), [1.0], "PARM") for name in ("FIRST", "SECOND")}
     flown = Segments([Segment("airborne", 20.0, 120.0)])
     return HealthCase(log, flown, None, [], lambda: None), studies
 
@@ -60,7 +60,7 @@ def test_where_there_is_a_first_compass_the_switch_changes_it_too() -> None:
     """Firmware before 4.1 starts with it, and with no compass at all where it is switched off."""
     case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     case.log.compass_first = "PRIMARY"
-    case.log.params["PRIMARY"] = TimeLine(np.zeros(1), [0.0], "PARM")
+    case.log.parameters.lines["PRIMARY"] = TimeLine(np.zeros(1), [0.0], "PARM")
     (found,) = compass.choice_assessments(case, studies)
     assert [(s.name, s.old, s.new) for s in found.settings] == [("FIRST", 1.0, 0.0), ("PRIMARY", 0.0, 1.0)]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,6 +28,7 @@ from attlog.health.compass_fit import (
 from attlog.reference import alignment
 from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES
+from tests.flight.made_log import with_fields
 from tests.health.made_compass import EARTH, empty_log, samples
 from tests.health.made_flight import OMEGA, SPEED, case, flight
 
@@ -66,9 +66,9 @@ def test_power_far_from_any_record_is_unknown() -> None:
 def test_a_current_of_zero_gives_way_to_the_throttle() -> None:
     t = np.arange(100.0)
     throttle = Stream(t, np.full((100, 1), 0.5), "1", "", "CTUN")
-    log = replace(empty_log(), throttle=throttle, battery=Stream(t, np.zeros((100, 2)), "V", "", "BAT"))
+    log = with_fields(empty_log(), throttle=throttle, battery=Stream(t, np.zeros((100, 2)), "V", "", "BAT"))
     assert gathering.motor_drive(log) == ("throttle", throttle)
-    log.battery = Stream(t, np.full((100, 2), 12.0), "V", "", "BAT")
+    log.power.battery = Stream(t, np.full((100, 2), 12.0), "V", "", "BAT")
     assert gathering.motor_drive(log)[0] == "current"
 
 
@@ -78,8 +78,8 @@ def gathered(
     t = np.arange(0.0, 140.0, 0.1)
     air = (t > 30.0) & (t < 100.0)
     power = np.where(air, 0.5, throttle_on_ground)
-    log = replace(empty_log(), throttle=Stream(t, power[:, None], "1", "", "CTUN"))
-    log.armed = TimeLine(np.array([0.0, 25.0]), [False, True], "ARM")
+    log = with_fields(empty_log(), throttle=Stream(t, power[:, None], "1", "", "CTUN"))
+    log.state.armed = TimeLine(np.array([0.0, 25.0]), [False, True], "ARM")
     q = np.tile([np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0], (len(t), 1))
     sigma = np.radians(np.full(len(t), sigma_deg))
     motion = MotionAttitude(t, q, np.zeros(len(t), np.int64), sigma, sigma, {})

@@ -18,6 +18,7 @@ from attlog.health import compass_fit
 from attlog.health.check import Check
 from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES
+from tests.flight.made_log import with_fields
 from tests.segments.flights import imu_log
 
 SECONDS = 60.0
@@ -193,9 +194,7 @@ def compass(size_ut: Any) -> Mag:
 def log(mag: Mag, **more: Any) -> FlightLog:
     made = FlightLog(Path("made"), "made", 0, 0, Firmware("made"), "quadrotor")
     made.mags, made.mag = [mag], 0
-    for name, value in more.items():
-        setattr(made, name, value)
-    return made
+    return with_fields(made, **more)
 
 
 @pytest.mark.parametrize(

@@ -104,17 +104,17 @@ def test_the_line_has_the_planted_slope_and_starts_at_nothing():
 
 def test_a_drive_that_does_not_vary_or_is_not_logged_gives_no_figure():
     made = log(per_ampere=0.2)
-    made.battery.x[:, 1] = 20.0
+    made.power.battery.x[:, 1] = 20.0
     assert interference_traces(case(made)) == []
-    made.battery = None
+    made.power.battery = None
     assert interference_traces(case(made)) == []
 
 
 def test_the_throttle_stands_in_for_the_current_in_percent():
     made = log()
-    made.battery = None
+    made.power.battery = None
     share = np.where((T > AIR[0]) & (T < AIR[1]), 0.5 + 0.2 * np.sin(T), 0.0)
-    made.throttle = Stream(T, share[:, None], "1", "", "CTUN")
+    made.power.throttle = Stream(T, share[:, None], "1", "", "CTUN")
     (trace,) = interference_traces(case(made))
     assert trace.key == "throttle"
     assert trace.t.max() == pytest.approx(70.0, abs=0.1)
@@ -134,7 +134,7 @@ def test_the_line_is_that_of_numpy():
 
 def test_an_aid_that_was_never_used_is_not_drawn_and_a_wreck_is_none_of_flight():
     made = log()
-    made.innovation_tests = [
+    made.estimator.innovation_tests = [
         innovations(np.where(T > 50, 9.0, 0.2)),
         innovations(0 * T, "airspeed"),
         innovations(np.nan * T, "height"),
@@ -147,7 +147,7 @@ def test_an_aid_that_was_never_used_is_not_drawn_and_a_wreck_is_none_of_flight()
 
 def test_a_log_with_nothing_but_an_attitude_gives_no_figure_and_no_error():
     made = log()
-    made.mags, made.mag, made.battery, made.gnss = [], None, None, []
+    made.mags, made.mag, made.power.battery, made.gnss = [], None, None, []
     asked = case(made, None)
     asked.segments = asked.reference = None
     assert traces(asked, []) == []
@@ -235,7 +235,7 @@ def shaken(unit: int = 0, t: np.ndarray = T) -> OnboardVibration:
 
 def test_percentiles_are_those_of_the_seconds_of_flight_of_every_unit():
     made = log()
-    made.vibrations = [shaken(0), shaken(1)]
+    made.vibration.levels = [shaken(0), shaken(1)]
     first, second = level_traces(case(made))
     assert (first.key, second.key) == ("VIBE:0", "VIBE:1")
     assert first.values == {"p50": 4.0, "p80": 4.0, "worst": 50.0, "limit": 30.0, "fault": 60.0}
@@ -245,13 +245,13 @@ def test_percentiles_are_those_of_the_seconds_of_flight_of_every_unit():
 
 def test_a_measure_with_one_limit_has_no_second_one():
     made = log()
-    made.vibrations = [replace(shaken(), measure="difference")]
+    made.vibration.levels = [replace(shaken(), measure="difference")]
     assert "fault" not in level_traces(case(made))[0].values
 
 
 def test_two_flights_are_no_line():
     made = log()
-    made.vibrations = [shaken(t=np.where(T > 50, T + 10.0, T))]
+    made.vibration.levels = [shaken(t=np.where(T > 50, T + 10.0, T))]
     assert np.isnan(level_traces(case(made))[0].columns["level"]).sum() == 1
 
 
@@ -273,8 +273,8 @@ def test_of_the_counters_that_with_most_clipped_samples_in_flight_is_drawn():
     many[[501, 502, 700]] = 3, 4, 6
     ground[20] = 999
     units = [("few", few), ("many", many), ("ground", ground)]
-    made.clippings = [Clipping("accelerometer", i, name, T, x, True) for i, (name, x) in enumerate(units)]
-    made.clippings.append(Clipping("gyro", 0, "gyro", T, 99 * (many > 0), True))
+    made.vibration.clippings = [Clipping("accelerometer", i, name, T, x, True) for i, (name, x) in enumerate(units)]
+    made.vibration.clippings.append(Clipping("gyro", 0, "gyro", T, 99 * (many > 0), True))
     trace = clipping_traces(case(made))[0]
     assert trace.key == "many"
     assert trace.t.tolist() == [50.5, 70.5]
@@ -285,7 +285,7 @@ def test_of_the_counters_that_with_most_clipped_samples_in_flight_is_drawn():
 def test_rotors_in_flight_give_the_fundamental_and_its_harmonics():
     made = log()
     speed = np.where((T > AIR[0]) & (T < AIR[1]), 6000.0, 0.0)
-    made.rpm = Stream(T, np.column_stack([speed, speed, np.full(len(T), np.nan)]), "rpm", "", "ESC")
+    made.power.rpm = Stream(T, np.column_stack([speed, speed, np.full(len(T), np.nan)]), "rpm", "", "ESC")
     trace = rotor_traces(case(made))[0]
     assert trace.t.tolist() == [100.0, 200.0, 300.0]
     assert trace.columns["low"].tolist() == trace.columns["high"].tolist() == [100.0, 200.0, 300.0]
@@ -300,6 +300,6 @@ def test_what_was_not_logged_is_not_drawn():
         == notch_traces(case(made))
         == []
     )
-    made.vibrations = [replace(shaken(), level=np.full(len(T), np.nan))]
-    made.rpm = Stream(T, np.zeros((len(T), 4)), "rpm", "", "ESC")
+    made.vibration.levels = [replace(shaken(), level=np.full(len(T), np.nan))]
+    made.power.rpm = Stream(T, np.zeros((len(T), 4)), "rpm", "", "ESC")
     assert level_traces(case(made)) == rotor_traces(case(made)) == []

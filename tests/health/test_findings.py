@@ -362,11 +362,11 @@ def test_of_a_sensor_whose_records_were_refused_no_check_is_told(log: FlightLog)
 def test_what_was_reported_before_arming_and_before_the_first_sample_is_a_note(log: FlightLog) -> None:
     """A simulator's processor stood still as it started, which headed its page."""
     stood = Problem("err_19_1", "error", "The main loop stood still.", t=-2.1)
-    log.problems, log.armed = [stood], TimeLine(np.array([0.0]), [True], "ARM")
+    log.problems, log.state.armed = [stood], TimeLine(np.array([0.0]), [True], "ARM")
     assert [f.severity for f in findings_findings(log, [])] == ["note"]
-    log.armed = TimeLine(np.array([-60.0, 0.0]), [True, False], "ARM")
+    log.state.armed = TimeLine(np.array([-60.0, 0.0]), [True, False], "ARM")
     assert [f.severity for f in findings_findings(log, [])] == ["serious"]
-    log.problems, log.armed = [replace(stood, t=0.4)], None
+    log.problems, log.state.armed = [replace(stood, t=0.4)], None
     assert [f.severity for f in findings_findings(log, [])] == ["serious"]
 
 

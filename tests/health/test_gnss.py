@@ -95,8 +95,8 @@ def test_the_planted_outages_of_the_firmware_simulators_are_found(corpus: Path, 
 
 def fix_check(log: FlightLog, degrees: float, **params: float) -> FlightLog:
     log = deepcopy(log)
-    log.declination_param, log.declination_source = degrees, "COMPASS_DEC"
-    log.params = {k: TimeLine(np.zeros(1), [v], "PARM") for k, v in params.items()}
+    log.parameters.declination, log.parameters.declination_source = degrees, "COMPASS_DEC"
+    log.parameters.lines = {k: TimeLine(np.zeros(1), [v], "PARM") for k, v in params.items()}
     return log
 
 

@@ -28,7 +28,7 @@ def test_a_trim_that_the_log_tells_is_no_angle_to_gravity(told: bool, deg: float
     log, trim = flight(), np.radians([3.0, -4.0, 0.0])
     attitude = log.attitudes["ATT"]
     attitude.q = rotation.multiply(attitude.q, rotation.from_rotvec(-trim))
-    attitude.has_trim, log.trim = True, trim if told else None
+    attitude.has_trim, log.parameters.trim = True, trim if told else None
     found = gravity.gravity_checks(log, segments.build(log))
     (check,) = (c for c in found if c.name == "gravity direction")
     assert check.value == pytest.approx(deg, abs=0.1)
@@ -46,7 +46,7 @@ def test_a_bias_is_a_warning_where_it_leaves_less_than_half_of_the_tilt(
     """4 deg between the attitude's up and the force at rest; 0.1, 0.4 and 0.6 m/s^2 are 0.6, 2.3 and 3.5 deg."""
     monkeypatch.setattr(gravity, "tilt_with_and_without_bias", lambda *_: (4.0, left_deg))
     stream = Stream(np.arange(2.0), np.tile([0.0, bias, 0.0], (2, 1)), "m/s^2", "FRD", "bias")
-    log: Any = SimpleNamespace(acc_bias=stream, onboard="ATT")
+    log: Any = SimpleNamespace(estimator=SimpleNamespace(acc_bias=stream), onboard="ATT")
     (found,) = gravity.onboard_acc_bias_check(log, Segments())
     assert found.verdict == verdict
     assert bool(found.evidence) is (verdict == "warning")

@@ -222,8 +222,8 @@ def test_a_long_gap_is_a_pause_where_no_flight_goes_into_it_though_disarming_was
     log = deepcopy(good("px4_steps.ulg"))
     flights = segments.build(log)
     landed = flights.spans("airborne")[-1][1]
-    assert log.armed is not None
-    log.armed.t, log.armed.value = log.armed.t[:1], [True]
+    assert log.state.armed is not None
+    log.state.armed.t, log.state.armed.value = log.state.armed.t[:1], [True]
     assert timing.is_pause(landed + 2.0, landed + 8.0, log, flights)
     assert not timing.is_pause(landed - 20.0, landed - 14.0, log, flights)
     assert not timing.is_pause(landed + 2.0, landed + 8.0, log, Segments([], unknown=("airborne",)))
@@ -260,7 +260,7 @@ def test_no_rest_names_what_logs_it() -> None:
     quiet = {a.question: a for a in answerable(log, case)}["noise"]
     assert not quiet.can
     assert quiet.setting.startswith("The log begins before arming already: let the vehicle stand still")
-    log.armed = None
+    log.state.armed = None
     quiet = {a.question: a for a in answerable(log, case)}["noise"]
     assert quiet.setting.startswith("SDLOG_MODE is 2 already"), "a setting that is made is not advised"
 

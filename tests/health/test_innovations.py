@@ -20,7 +20,7 @@ def ratios(level: float, above: tuple[float, float] | None = None, aid: str = "c
     ratio = level * np.random.default_rng(3).uniform(0.8, 1.2, len(t))
     if above is not None:
         ratio[(t >= above[0] - 1e-9) & (t < above[1] - 1e-9)] = 2.0
-    log.innovation_tests = [InnovationTest(aid, t, ratio, "XKF4:0.SM")]
+    log.estimator.innovation_tests = [InnovationTest(aid, t, ratio, "XKF4:0.SM")]
     log.attitudes = {"ATT": Attitude(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), "ATT")}
     return case(log)
 
@@ -84,7 +84,7 @@ def test_rejected_velocities_are_the_headings_fault_where_gnss_acceleration_says
 def test_an_aid_of_zeros_is_not_used_and_none_at_all_is_unknown() -> None:
     asked = ratios(0.0)
     assert [one.verdict for one in innovations.innovation_ratios(asked)] == ["unknown"]
-    asked.log.innovation_tests = []
+    asked.log.estimator.innovation_tests = []
     (one,) = innovations.innovation_ratios(asked)
     assert "LOG_BITMASK" in one.text
 
@@ -94,7 +94,10 @@ def test_a_figure_keeps_the_largest_at_its_own_time() -> None:
     t = np.arange(0.0, 1000.0, 0.01)
     ratio = np.full(len(t), 0.1)
     ratio[77_777] = 3.0
-    log.innovation_tests = [InnovationTest("compass", t, ratio, "made"), InnovationTest("airspeed", t, 0 * t, "made")]
+    log.estimator.innovation_tests = [
+        InnovationTest("compass", t, ratio, "made"),
+        InnovationTest("airspeed", t, 0 * t, "made"),
+    ]
     (series,) = innovations.ratio_series(case(log))
     assert len(series.t) <= innovations.MAX_RATIO_POINTS
     assert series.t[np.argmax(series.ratio)] == pytest.approx(777.77)
@@ -103,7 +106,7 @@ def test_a_figure_keeps_the_largest_at_its_own_time() -> None:
 
 def test_ratios_that_are_no_numbers_raise_nothing() -> None:
     asked = ratios(0.2)
-    asked.log.innovation_tests[0].ratio[:] = np.nan
+    asked.log.estimator.innovation_tests[0].ratio[:] = np.nan
     assert told(asked).verdict == "unknown"
     assert innovations.ratio_series(asked) == []
 
@@ -111,7 +114,7 @@ def test_ratios_that_are_no_numbers_raise_nothing() -> None:
 def test_telemetry_without_segments_is_judged_while_armed() -> None:
     asked = ratios(0.2, (40.0, 43.0))
     asked.log.imus, asked.log.imu = [], None
-    asked.log.armed = TimeLine(np.array([0.0, 20.0, 60.0]), [False, True, False], "HEARTBEAT")
+    asked.log.state.armed = TimeLine(np.array([0.0, 20.0, 60.0]), [False, True, False], "HEARTBEAT")
     one = told(HealthCase(asked.log, None, None, [], lambda: None))
     assert (one.verdict, one.t) == ("warning", pytest.approx(40.0, abs=0.11))
     assert one.seconds == pytest.approx(38.0, abs=0.3)

@@ -27,7 +27,7 @@ def offered(log: FlightLog) -> dict[str, float]:
 
 def test_rotors_that_follow_throttle_get_a_notch_at_hover() -> None:
     """90 Hz at throttle 0.3 are 94 Hz at the hover throttle of 0.33."""
-    log = shaken(1000.0, with_throttle(90.0), units=2, params=params(**OFF))
+    log = shaken(1000.0, with_throttle(90.0), units=2, lines=params(**OFF))
     found = asked(log)
     assert found.verdict == "warning"
     at_hover = round(90.0 * math.sqrt(0.33 / 0.3))
@@ -47,20 +47,20 @@ def test_rotors_that_follow_throttle_get_a_notch_at_hover() -> None:
 def test_what_is_set_is_not_offered_again() -> None:
     fitting = OFF | {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_MODE": 1.0, "INS_HNTCH_FREQ": 94.0, "INS_HNTCH_BW": 47.0,
                      "INS_HNTCH_REF": 0.33}  # fmt: skip
-    found = asked(shaken(1000.0, with_throttle(90.0), params=params(**fitting)))
+    found = asked(shaken(1000.0, with_throttle(90.0), lines=params(**fitting)))
     assert (found.verdict, found.settings) == ("ok", [])
     assert "already" in found.text
     elsewhere = fitting | {"INS_HNTCH_FREQ": 200.0, "INS_HNTCH_BW": 40.0}
-    changed = offered(shaken(1000.0, with_throttle(90.0), params=params(**elsewhere)))
+    changed = offered(shaken(1000.0, with_throttle(90.0), lines=params(**elsewhere)))
     assert set(changed) == {"INS_HNTCH_FREQ", "INS_HNTCH_BW"}
 
 
 @pytest.mark.parametrize(
     ("why", "log"),
     [
-        ("may be one at", lambda: shaken(200.0, 60.0, params=params(**OFF))),
-        ("does not follow throttle", lambda: shaken(1000.0, 90.0, params=params(**OFF))),
-        ("too slow", lambda: shaken(200.0, 60.0, rms_dps=0.0, params=params(**OFF))),
+        ("may be one at", lambda: shaken(200.0, 60.0, lines=params(**OFF))),
+        ("does not follow throttle", lambda: shaken(1000.0, 90.0, lines=params(**OFF))),
+        ("too slow", lambda: shaken(200.0, 60.0, rms_dps=0.0, lines=params(**OFF))),
     ],
 )
 def test_thin_evidence_is_refused_with_what_to_log(why: str, log: object) -> None:
@@ -71,12 +71,12 @@ def test_thin_evidence_is_refused_with_what_to_log(why: str, log: object) -> Non
 
 
 def test_a_small_peak_needs_no_notch() -> None:
-    found = asked(shaken(1000.0, with_throttle(90.0), rms_dps=1.0, params=params(**OFF)))
+    found = asked(shaken(1000.0, with_throttle(90.0), rms_dps=1.0, lines=params(**OFF)))
     assert (found.verdict, found.settings) == ("ok", [])
 
 
 def test_a_peak_of_one_of_two_sensors_is_not_the_vehicles() -> None:
-    log = shaken(1000.0, with_throttle(90.0), units=2, params=params(**OFF))
+    log = shaken(1000.0, with_throttle(90.0), units=2, lines=params(**OFF))
     log.imus[1].gyro.x[:] = np.random.default_rng(5).standard_normal(log.imus[1].gyro.x.shape) * np.radians(0.3)
     found = asked(log)
     assert found.settings == []
@@ -84,13 +84,13 @@ def test_a_peak_of_one_of_two_sensors_is_not_the_vehicles() -> None:
 
 
 def test_steady_throttle_is_refused() -> None:
-    log = shaken(1000.0, 90.0, params=params(**OFF))
-    log.throttle = Stream(np.array([0.0, SECONDS]), np.full((2, 1), 0.3), "1", "", "")
+    log = shaken(1000.0, 90.0, lines=params(**OFF))
+    log.power.throttle = Stream(np.array([0.0, SECONDS]), np.full((2, 1), 0.3), "1", "", "")
     assert "Throttle changed too little" in asked(log).text
 
 
 def test_measured_rotors_get_a_notch_that_follows_them_even_by_a_slow_stream() -> None:
-    log = shaken(200.0, with_throttle(140.0), rpm=rotors_of(140.0), params=params(**OFF))
+    log = shaken(200.0, with_throttle(140.0), rpm=rotors_of(140.0), lines=params(**OFF))
     found = offered(log)
     slowest = 140.0 * math.sqrt(0.6)
     assert found["INS_HNTCH_MODE"] == 3.0
@@ -102,10 +102,12 @@ PX4 = {"IMU_GYRO_NF0_FRQ": 0.0, "IMU_GYRO_NF0_BW": 20.0, "IMU_GYRO_DNF_EN": 0, "
 
 
 def px4(frequency: object, values: dict[str, float], **more: object) -> FlightLog:
-    log = shaken(1000.0, frequency, firmware="PX4", params=params(**values), **more)
+    log = shaken(1000.0, frequency, firmware="PX4", lines=params(**values), **more)
     small = 0.1 if "rpm" not in more else 0.4
     if "rpm" not in more:  # a static notch holds only what moves little
-        log.throttle = Stream(log.throttle.t, throttle_at(log.throttle.t, 0.3, small)[:, None], "1", "", "")
+        log.power.throttle = Stream(
+            log.power.throttle.t, throttle_at(log.power.throttle.t, 0.3, small)[:, None], "1", "", ""
+        )
     return log
 
 
@@ -139,13 +141,13 @@ def test_a_notch_that_measures_is_on_already_and_bursts_say_by_how_much_it_helps
 
     for rms, verdict in ((0.5, "ok"), (4.0, "warning")):
         bursts = [burst(20.0 + k, 5.0, False) for k in range(8)] + [burst(20.5 + k, rms, True) for k in range(8)]
-        found = asked(shaken(50.0, 20.0, params=params(**on), bursts=bursts))
+        found = asked(shaken(50.0, 20.0, lines=params(**on), bursts=bursts))
         assert (found.verdict, found.settings) == (verdict, [])
         assert f"{20 * math.log10(5.0 / rms):.0f} dB" in " ".join([found.text, *found.evidence])
 
 
 def test_a_slow_log_says_once_that_it_is_slow() -> None:
-    log = shaken(50.0, 5.0, params=params(**OFF))
+    log = shaken(50.0, 5.0, lines=params(**OFF))
     (found,) = gyro_spectrum(case(log))
     assert found.verdict == "unknown"
     assert "50 Hz" in found.text
@@ -161,17 +163,17 @@ def test_planes_and_unknown_firmware_are_not_asked() -> None:
 
 
 def test_a_folded_peak_says_what_it_may_be_and_a_fast_one_what_it_is() -> None:
-    (slow,) = gyro_spectrum(case(shaken(200.0, 130.0, params=params(**OFF))))
+    (slow,) = gyro_spectrum(case(shaken(200.0, 130.0, lines=params(**OFF))))
     assert slow.verdict == "unknown"
     assert "70 Hz, which may be 130 or 270 Hz" in slow.text
-    (fast,) = gyro_spectrum(case(shaken(1000.0, 130.0, params=params(**OFF))))
+    (fast,) = gyro_spectrum(case(shaken(1000.0, 130.0, lines=params(**OFF))))
     assert (fast.verdict, fast.value) == ("ok", pytest.approx(130.0, abs=0.6))
     (silent,) = gyro_spectrum(case(shaken(1000.0, 130.0, rms_dps=0.0)))
     assert "no peak" in silent.text
 
 
 def test_a_log_without_flight_is_asked_for_no_spectrum() -> None:
-    ground = case(shaken(1000.0, 90.0, params=params(**OFF)))
+    ground = case(shaken(1000.0, 90.0, lines=params(**OFF)))
     assert ground.segments is not None
     ground.segments.segments = ground.segments.of("continuous")
     assert gyro_spectrum(ground) == notch_filter(ground) == spectrum_figures(ground) == []
@@ -181,10 +183,10 @@ def test_a_log_without_flight_is_asked_for_no_spectrum() -> None:
 
 @pytest.mark.parametrize("n", [0, 1, 3])
 def test_hardly_any_samples_are_unknown(n: int) -> None:
-    log = shaken(200.0, 60.0, params={"INS_HNTCH_ENABLE": TimeLine(np.zeros(0), [], "PARM")})
+    log = shaken(200.0, 60.0, lines={"INS_HNTCH_ENABLE": TimeLine(np.zeros(0), [], "PARM")})
     for stream in (log.imus[0].gyro, log.imus[0].acc):
         stream.t, stream.x = stream.t[:n], stream.x[:n]
-    log.throttle = Stream(np.zeros(0), np.zeros((0, 1)), "1", "", "")
+    log.power.throttle = Stream(np.zeros(0), np.zeros((0, 1)), "1", "", "")
     assert notch_filter(case(log)) == []
     assert [a.verdict for a in gyro_spectrum(case(log))] == ["unknown"]
     assert spectrum_figures(case(log)) == []

@@ -154,7 +154,7 @@ def test_lanes_are_those_of_the_family_that_flew() -> None:
     log = flight(firmware="ArduPilot")
     log.attitudes = dict.fromkeys(("NKQ.0", "NKQ.1", "XKF1.0", "XKF1.1", "XKQ.0", "ATT"))  # type: ignore[arg-type]
     for source, names in (("XKF4.PI", {0: "XKF1.0", 1: "XKF1.1"}), ("NKF4.PI", {0: "NKQ.0", 1: "NKQ.1"})):
-        log.lane = TimeLine(np.zeros(1), [0], source)
+        log.estimator.lane = TimeLine(np.zeros(1), [0], source)
         assert sources.lanes_of(log) == names
 
 
@@ -201,7 +201,7 @@ def test_a_flight_loses_its_first_and_last_second_and_what_follows_a_crash() -> 
     asked.segments = Segments([Segment("airborne", 5.0, 7.0), Segment("airborne", 10.0, 12.1)])
     assert delays.flight_spans(asked) == [(11.0, pytest.approx(11.1))]
     log = flight()
-    log.armed = TimeLine(np.array([0.0, 20.0, 60.0, 80.0]), [False, True, False, True], "made")
+    log.state.armed = TimeLine(np.array([0.0, 20.0, 60.0, 80.0]), [False, True, False, True], "made")
     last = max(float(g.t[-1]) for g in log.gnss)
     assert delays.armed_spans(log) == [(20.0, 60.0), (80.0, last)]
     assert delays.flight_spans(HealthCase(log, None, None, [], lambda: None)) == [(21.0, 59.0), (81.0, last - 1.0)]

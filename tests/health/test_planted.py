@@ -56,7 +56,7 @@ def test_more_vibration_with_more_throttle_is_no_onset() -> None:
     t = imu.acc.t
     later = t >= 0.5 * (a + b)
     imu.acc.x[later, 2] += 2.5 * np.random.default_rng(1).normal(size=later.sum())
-    log.throttle = Stream(t, np.where(later, 0.8, 0.4)[:, None], "1", "", "throttle")
+    log.power.throttle = Stream(t, np.where(later, 0.8, 0.4)[:, None], "1", "", "throttle")
     assert only(vibration.vibration_checks(log, phases), "vibration").t is None
 
 
@@ -84,8 +84,8 @@ def test_a_field_that_follows_the_throttle_is_told_in_percent(share: float, verd
     field = 40e-6 * (1.0 + share * (throttle - 0.2) / 0.6)
     x = np.column_stack([field, np.zeros_like(t), np.zeros_like(t)]) + 0.1e-6 * rng.normal(size=(len(t), 3))
     log, phases = flown()
-    log.mags[0].field, log.mag, log.battery = Stream(t, x, "T", "FRD", "mag"), 0, None
-    log.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
+    log.mags[0].field, log.mag, log.power.battery = Stream(t, x, "T", "FRD", "mag"), 0, None
+    log.power.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
     phases = segments.Segments([segments.Segment("armed", 0.0, 60.0)])
     (found,) = compass_fit.interference_checks(log, phases)
     assert found.verdict == verdict
@@ -101,8 +101,8 @@ def test_of_current_and_throttle_the_one_that_bends_the_field_counts() -> None:
     log, _ = flown()
     x = np.column_stack([field, np.zeros_like(t), np.zeros_like(t)]) + 0.1e-6 * rng.normal(size=(len(t), 3))
     log.mags[0].field, log.mag = Stream(t, x, "T", "FRD", "mag"), 0
-    log.battery = Stream(t, np.column_stack([0 * t + 15.0, 10.0 + 5.0 * np.cos(1.7 * t)]), "V A", "", "battery")
-    log.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
+    log.power.battery = Stream(t, np.column_stack([0 * t + 15.0, 10.0 + 5.0 * np.cos(1.7 * t)]), "V A", "", "battery")
+    log.power.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
     (found,) = compass_fit.interference_checks(log, segments.Segments([segments.Segment("armed", 0.0, 60.0)]))
     assert found.verdict == "fault"
     assert "with the throttle" in found.text
@@ -205,7 +205,7 @@ def test_an_estimated_bias_is_told_as_tilt_and_as_what_it_explains() -> None:
     assert imu is not None
     assert onboard is not None
     imu.acc.x[:, 0] -= 0.4  # a fault that the estimator takes off again
-    log.acc_bias = Stream(np.array([0.0, 1.0]), np.tile([-0.4, 0.0, 0.0], (2, 1)), "m/s^2", "FRD", "bias")
+    log.estimator.acc_bias = Stream(np.array([0.0, 1.0]), np.tile([-0.4, 0.0, 0.0], (2, 1)), "m/s^2", "FRD", "bias")
     (found,) = gravity.onboard_acc_bias_check(log, phases)
     assert found.verdict == "warning"
     assert found.value == pytest.approx(-0.4)
@@ -215,5 +215,5 @@ def test_an_estimated_bias_is_told_as_tilt_and_as_what_it_explains() -> None:
     (alone,) = gravity.onboard_acc_bias_check(log, phases)
     assert alone.value == found.value
     assert "explains" not in alone.text
-    log.acc_bias = None
+    log.estimator.acc_bias = None
     assert gravity.onboard_acc_bias_check(log, phases) == []

@@ -148,10 +148,10 @@ def test_what_cannot_be_mapped_is_refused_whole() -> None:
     assert "outside its range of -400 to 400" in refused({}, error=np.array([6e-5, 0.0, 0.0]))
     assert "holds values of another kind" in refused({"COMPASS_MOT2_X": 1.0}, motor=MOTOR)
     log = ardupilot(OLD)
-    log.params["COMPASS_PRIO1_ID"] = TimeLine(np.array([0.0, 55.0]), [97539.0, 131874.0], "PARM")
+    log.parameters.lines["COMPASS_PRIO1_ID"] = TimeLine(np.array([0.0, 55.0]), [97539.0, 131874.0], "PARM")
     assert "COMPASS_PRIO1_ID was set after take-off" in settings.compass_proposal(log, log.mags[0], ERROR).refused
     assert settings.compass_proposal(ardupilot(OLD, "Copter 4.5.7"), log.mags[0], np.full(3, np.nan)).settings == []
-    log.params = {}
+    log.parameters.lines = {}
     assert "does not hold" in settings.compass_proposal(log, log.mags[0], ERROR).refused
 
 
@@ -217,7 +217,10 @@ def test_a_parameter_that_the_log_does_not_hold_itself_is_not_set() -> None:
     assert "does not hold the parameter COMPASS_OFS3_X" in settings.range_refusal(
         log, [Setting("COMPASS_OFS3_X", None, 1.0)]
     )
-    log.params["COMPASS_OFS3_X"], log.filled_params = TimeLine(np.zeros(1), [0.0], ""), frozenset({"COMPASS_OFS3_X"})
+    log.parameters.lines["COMPASS_OFS3_X"], log.parameters.filled = (
+        TimeLine(np.zeros(1), [0.0], ""),
+        frozenset({"COMPASS_OFS3_X"}),
+    )
     assert settings.range_refusal(log, [Setting("COMPASS_OFS3_X", None, 1.0)])
     assert "No range of COMPASS_DEV_ID" in settings.range_refusal(log, [Setting("COMPASS_DEV_ID", None, 1.0)])
 
@@ -234,7 +237,7 @@ def test_what_is_set_already_at_the_end_of_the_log_is_not_set_again() -> None:
     log = ardupilot(OLD)
     same, new = Setting("COMPASS_OFS_X", 12.4, float(np.float32(12.4))), Setting("COMPASS_OFS_Y", -80.6, -80.5)
     assert settings.changing(log, [same, new]) == [new]
-    log.params["COMPASS_OFS_Y"] = TimeLine(np.array([0.0, 55.0]), [-80.6, -80.5], "PARM")
+    log.parameters.lines["COMPASS_OFS_Y"] = TimeLine(np.array([0.0, 55.0]), [-80.6, -80.5], "PARM")
     assert settings.changing(log, [same, new]) == []
 
 

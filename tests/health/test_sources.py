@@ -231,7 +231,7 @@ def flew(*tilts_deg: float, used: int = 0, judged: bool = True) -> HealthCase:
     log = flight(firmware="ArduPilot")
     t = np.arange(0.0, SECONDS, 0.1)
     log.attitudes = {f"XKQ.{k}": lane(t, deg) for k, deg in enumerate(tilts_deg)}
-    log.lane = TimeLine(np.array([0.0, 60.0]), [used, 1 - used], "XKF4.PI")
+    log.estimator.lane = TimeLine(np.array([0.0, 60.0]), [used, 1 - used], "XKF4.PI")
     asked = case(log)
     whole = np.zeros(len(t), np.int64)
     asked.reference = Reference("truth" if judged else "onboard", "SIM", t, made_flight_attitude(t), whole, whole)

@@ -84,7 +84,7 @@ def test_an_alias_does_not_follow_throttle() -> None:
 
 def test_with_steady_throttle_nothing_tells_what_a_peak_follows() -> None:
     log = shaken(1000.0, 90.0)
-    log.throttle = Stream(np.array([0.0, SECONDS]), np.full((2, 1), 0.3), "1", "", "")
+    log.power.throttle = Stream(np.array([0.0, SECONDS]), np.full((2, 1), 0.3), "1", "", "")
     found = strongest(log)
     assert found.follows == ""
     assert found.windows < spectrum.MIN_MOVED_WINDOWS
@@ -125,7 +125,7 @@ def test_rotors_whose_lines_cover_the_band_name_nothing() -> None:
 def test_the_onboard_spectrum_at_another_rate_unfolds(told: float, true: float | None) -> None:
     t = np.arange(0.0, SECONDS, 0.05)
     onboard = OnboardSpectrum(t, np.column_stack([np.full(len(t), told), np.full(len(t), np.nan)]), 2000.0, 4.0, "fft")
-    found = strongest(shaken(200.0, 150.0, onboard_spectrum=onboard))
+    found = strongest(shaken(200.0, 150.0, spectrum=onboard))
     assert found.true == (None if true is None else pytest.approx(true, abs=1.0))
 
 

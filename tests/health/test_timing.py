@@ -27,7 +27,7 @@ def test_a_gap_of_seconds_is_a_pause_unless_more_than_a_second_and_a_tenth_of_it
     armed_s: float, is_pause: bool
 ) -> None:
     line = TimeLine(np.array([0.0, 5.0, 10.0 + armed_s]), [False, True, False], "arming")
-    log: Any = SimpleNamespace(armed=line)
+    log: Any = SimpleNamespace(state=SimpleNamespace(armed=line))
     assert pauses(10.0, 14.0, log, Segments()) is is_pause
     assert not pauses(10.0, 11.9, log, Segments()), "shorter gaps are lost records"
 

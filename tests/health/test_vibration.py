@@ -59,7 +59,7 @@ def test_the_worse_of_what_is_measured_and_what_the_autopilot_says_is_told(
     force = np.random.default_rng(2).standard_normal((len(t), 3)) * shaking + [0.0, 0.0, -9.81]
     log = imu_log(t, np.zeros((len(t), 3)), force)
     told = Stream(np.arange(0.0, 60.0, 0.1), np.full((600, 3), own), "m/s^2", "FRD", "VIBE")
-    log.onboard_vibration = told
+    log.vibration.level = told
     assert vibration.vibration_check(log, log.imus[0], [(5.0, 55.0)]).verdict == verdict
 
 
@@ -82,7 +82,7 @@ def told(value: np.ndarray, unit: int = 0, measure: VibrationMeasure = "rest") -
 def test_percentiles_are_those_of_flight_whatever_ground_and_touch_down_do() -> None:
     flying = (T >= BEGIN + 1.0) & (T < END - 2.0)
     second = np.floor(T)
-    log = shaken(50.0, 60.0, vibrations=[told(np.where(flying, 0.1 * second, 99.0))])
+    log = shaken(50.0, 60.0, levels=[told(np.where(flying, 0.1 * second, 99.0))])
     (found,) = vibration.vibration_level(case(log))
     expected = 0.1 * np.arange(11, 68)
     assert found.n == len(expected)
@@ -98,14 +98,14 @@ def test_percentiles_are_those_of_flight_whatever_ground_and_touch_down_do() -> 
      (12.0, "difference", "warning")],
 )  # fmt: skip
 def test_each_measure_has_its_own_limits(size: float, measure: VibrationMeasure, verdict: str) -> None:
-    log = shaken(50.0, 60.0, vibrations=[told(np.array(size), measure=measure)])
+    log = shaken(50.0, 60.0, levels=[told(np.array(size), measure=measure)])
     (found,) = vibration.vibration_level(case(log))
     assert found.verdict == verdict
     assert found.settings == []
 
 
 def test_every_unit_has_its_own_level() -> None:
-    log = shaken(50.0, 60.0, vibrations=[told(np.array(20.0)), told(np.array(40.0), 1)])
+    log = shaken(50.0, 60.0, levels=[told(np.array(20.0)), told(np.array(40.0), 1)])
     assert [(a.sensor, a.verdict) for a in vibration.vibration_level(case(log))] == [
         ("IMU.0", "ok"),
         ("IMU.1", "warning"),
@@ -113,14 +113,14 @@ def test_every_unit_has_its_own_level() -> None:
 
 
 def test_vibration_that_grows_in_flight_is_a_warning_with_its_time() -> None:
-    log = shaken(50.0, 60.0, vibrations=[told(np.where(T < 40.0, 2.0, 9.0))], throttle=None)
+    log = shaken(50.0, 60.0, levels=[told(np.where(T < 40.0, 2.0, 9.0))], throttle=None)
     (found,) = vibration.vibration_level(case(log))
     assert found.verdict == "warning"
     assert found.t == pytest.approx(40.0, abs=1.0)
 
 
 def test_a_short_flight_is_unknown_once_for_all_units() -> None:
-    log = shaken(50.0, 60.0, vibrations=[told(np.array(20.0)), told(np.array(40.0), 1)])
+    log = shaken(50.0, 60.0, levels=[told(np.array(20.0)), told(np.array(40.0), 1)])
     short = case(log)
     assert short.segments is not None
     short.segments.segments = [s for s in short.segments.segments if s.kind != "airborne"]
@@ -179,7 +179,7 @@ def test_clipping_counts_in_flight_only(count: int, seconds: int, verdict: str |
 def test_a_figure_of_hours_has_few_points_and_keeps_the_highest() -> None:
     log = shaken(50.0, 60.0)
     t = np.arange(0.0, 9000.0, 0.5)
-    log.vibrations = [OnboardVibration(0, "rest", "VIBE", t, np.where(np.floor(t) == 4444.0, 50.0, 1.0))]
+    log.vibration.levels = [OnboardVibration(0, "rest", "VIBE", t, np.where(np.floor(t) == 4444.0, 50.0, 1.0))]
     long = case(log)
     assert long.segments is not None
     airborne = next(s for s in long.segments.segments if s.kind == "airborne")
@@ -190,17 +190,17 @@ def test_a_figure_of_hours_has_few_points_and_keeps_the_highest() -> None:
 
 
 def test_nothing_raises_where_everything_is_missing() -> None:
-    log = shaken(50.0, 60.0, imus=[], imu=None, throttle=None, params=params())
+    log = shaken(50.0, 60.0, imus=[], imu=None, throttle=None, lines=params())
     empty = case(log)
     empty.segments = None
     assert [a.verdict for a in vibration.vibration_level(empty)] == ["unknown"]
     assert vibration.level_figures(empty) == []
-    log.vibrations = [told(np.array(np.nan))]
+    log.vibration.levels = [told(np.array(np.nan))]
     assert [a.verdict for a in vibration.vibration_level(case(log))] == ["unknown"]
 
 
 def test_what_a_wreck_shakes_is_no_vibration_of_the_flight_that_it_ended() -> None:
-    log = shaken(50.0, 60.0, vibrations=[told(np.where(T < 40.0, 10.0, 99.0))])
+    log = shaken(50.0, 60.0, levels=[told(np.where(T < 40.0, 10.0, 99.0))])
     whole = case(log)
     assert whole.segments is not None
     whole.segments.segments.append(Segment("impact", 40.0, SECONDS))

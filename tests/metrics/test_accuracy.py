@@ -334,7 +334,7 @@ def test_it_is_drawn_in_deg_per_s_at_its_own_times_with_the_onboard_row_only():
     onboard, other = flights.row(ONBOARD_T, Q, "onboard"), flights.row(ONBOARD_T, Q, "filter")
     assert onboard_bias(case, onboard) == []
     x = np.array([[0.01, -0.02, 0.03], [0.02, -0.02, 0.03]])
-    case.log.onboard_gyro_bias = Stream(np.array([3.0, 4.0]), x, "rad/s", "FRD", "XKF1:0")
+    case.log.estimator.gyro_bias = Stream(np.array([3.0, 4.0]), x, "rad/s", "FRD", "XKF1:0")
     (trace,) = onboard_bias(case, onboard)
     assert (trace.figure, trace.row) == ("bias", "onboard")
     np.testing.assert_array_equal(trace.t, [3.0, 4.0])

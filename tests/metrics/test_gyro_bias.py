@@ -93,11 +93,11 @@ def test_without_rest_before_take_off_nothing_is_taken_off_and_it_says_why():
 def test_onboard_is_the_autopilot_s_own_held_until_its_next_value():
     made = log()
     told = np.radians([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    made.onboard_gyro_bias = Stream(np.array([10.0, 20.0]), told, "rad/s", "FRD", "estimator_sensor_bias:0")
+    made.estimator.gyro_bias = Stream(np.array([10.0, 20.0]), told, "rad/s", "FRD", "estimator_sensor_bias:0")
     bias = found(made, asked="onboard")
     assert np.degrees(bias.at(np.array([0.0, 10.0, 19.9, 20.0, 90.0]))[:, 0]) == pytest.approx([1, 1, 1, 2, 2])
     assert bias.dps == pytest.approx([1.5, 0.0, 0.0])
-    made.onboard_gyro_bias = None
+    made.estimator.gyro_bias = None
     assert "no onboard gyro bias" in found(made, asked="onboard").why
 
 

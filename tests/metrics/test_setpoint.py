@@ -60,7 +60,7 @@ def flight(hertz=3.0, damping=0.7, dead_s=0.02, hz=100.0, noise_deg=0.02):
     row.kind = "onboard"
     case = flights.case([row], [Segment("continuous", 0, 50), Segment("airborne", 2, 49)])
     case.log.attitudes, case.log.onboard = {"ATT": Attitude(t, q, "ATT")}, "ATT"
-    case.log.setpoints = Attitude(t, q_set, "ATT.Des")
+    case.log.setpoints.attitude = Attitude(t, q_set, "ATT.Des")
     return case, row
 
 
@@ -94,7 +94,7 @@ def test_settling_rise_and_peak_of_closed_forms():
 @pytest.mark.slow
 def test_a_vehicle_that_follows_at_once_has_no_delay_and_answers_never_come_before_the_command():
     case, row = flight(noise_deg=0.0)
-    case.log.attitudes["ATT"].q = case.log.setpoints.q
+    case.log.attitudes["ATT"].q = case.log.setpoints.attitude.q
     found = setpoint.compute_setpoint(case, row, "all")
     assert found["setpoint_delay_ms"].value == pytest.approx(0.0, abs=6.0)
     assert found["tracking_rms_deg"].value < 0.01
@@ -118,12 +118,12 @@ def test_an_attitude_that_ignores_its_set_point_has_no_response():
 def test_modes_that_command_no_attitude_and_times_disarmed_are_left_out():
     case, row = flight()
     whole = setpoint.compute_setpoint(case, row, "all")["setpoint_delay_ms"].seconds
-    case.log.mode = TimeLine(np.array([0.0, 25.5]), ["Stabilized", "Acro"], "made")
+    case.log.state.mode = TimeLine(np.array([0.0, 25.5]), ["Stabilized", "Acro"], "made")
     half = setpoint.compute_setpoint(case, row, "all")["setpoint_delay_ms"].seconds
     assert half == pytest.approx(0.5 * whole, abs=8.0)
     case.segments.segments.append(Segment("armed", 0, 13))
     assert setpoint.compute_setpoint(case, row, "all")["setpoint_delay_ms"].seconds < 0.55 * half
-    case.log.mode = TimeLine(np.array([0.0]), ["ACRO"], "made")
+    case.log.state.mode = TimeLine(np.array([0.0]), ["ACRO"], "made")
     assert setpoint.compute_setpoint(case, row, "all")["setpoint_delay_ms"].code == "not_covered"
 
 
@@ -139,7 +139,7 @@ def test_hold_is_a_standing_rover_but_a_hovering_px4():
 
 def test_without_a_set_point_there_is_a_code():
     case, row = flight()
-    case.log.setpoints = None
+    case.log.setpoints.attitude = None
     assert {a.code for a in setpoint.compute_setpoint(case, row, "all").values()} == {"no_setpoint"}
 
 
@@ -155,9 +155,9 @@ def test_two_samples_of_set_point_and_attitude_at_the_least_rate_are_needed():
     def code(first, second, slower=1.0):
         case, _ = flight()
         log, flew = case.log, case.log.onboard_attitude
-        whole = log.setpoints
+        whole = log.setpoints.attitude
         slower = slower * whole.rate / setpoint.MIN_RATE_HZ if slower != 1.0 else 1.0
-        log.setpoints = dataclasses.replace(whole, t=slower * whole.t[:first], q=whole.q[:first])
+        log.setpoints.attitude = dataclasses.replace(whole, t=slower * whole.t[:first], q=whole.q[:first])
         log.attitudes[log.onboard] = dataclasses.replace(flew, t=flew.t[:second], q=flew.q[:second])
         found = setpoint.flown_angles(case, "airborne")[1]
         return None if found is None else found[0]

@@ -223,7 +223,7 @@ def rolled(t: np.ndarray, deg: float = 10.0) -> np.ndarray:
 def asked(t: np.ndarray = SETPOINT_T, armed: tuple[float, float] = (10.0, 50.0)):
     """A case whose log holds a set-point."""
     case = flights.case([], [Segment("continuous", 0.0, 60.0), Segment("armed", *armed)])
-    case.log.setpoints = Attitude(t, rolled(t), "ATT.Des")
+    case.log.setpoints.attitude = Attitude(t, rolled(t), "ATT.Des")
     return case
 
 
@@ -243,7 +243,7 @@ def test_the_trim_is_taken_out_as_of_the_rows():
     case = asked()
     case.reference.trim = np.radians([2.0, 0.0, 0.0])
     assert demand_traces(case)[0].columns["roll"] == pytest.approx(8.0)
-    case.log.setpoints.has_trim = True
+    case.log.setpoints.attitude.has_trim = True
     assert demand_traces(case)[0].columns["roll"] == pytest.approx(10.0)
 
 

@@ -14,6 +14,7 @@ from attlog.core import earth
 from attlog.flight.model import Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.pipeline import inputs
 from attlog.segments.model import Segment, Segments
+from tests.flight.made_log import with_fields
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 REST = Segments([Segment("rest.long", 0.0, 30.0), Segment("rest.short", 40.0, 45.0)])
@@ -32,7 +33,7 @@ def imu(rate: float, gyro_density: float = 1e-3, acc_density: float = 2e-2) -> I
 
 
 def flight(**parts: Any) -> FlightLog:
-    return FlightLog(Path("x.bin"), "dataflash", 0, 0, Firmware("ArduPilot"), "QUADROTOR", **parts)
+    return with_fields(FlightLog(Path("x.bin"), "dataflash", 0, 0, Firmware("ArduPilot"), "QUADROTOR"), **parts)
 
 
 @pytest.mark.parametrize("rate", [50.0, 400.0])
@@ -51,10 +52,7 @@ def test_facts_hold_the_numbers_among_the_parameters_and_what_is_known() -> None
     unit = imu(100.0)
     log = flight(
         imus=[unit],
-        params={
-            "A": TimeLine(np.array([-5.0, 20.0]), [1, 2], "PARM"),
-            "B": TimeLine(np.array([0.0]), ["text"], "PARM"),
-        },
+        lines={"A": TimeLine(np.array([-5.0, 20.0]), [1, 2], "PARM"), "B": TimeLine(np.array([0.0]), ["text"], "PARM")},
     )
     facts = inputs.facts_of(log, REST, unit, 3.5)
     assert dict(facts.params) == {"A": 1.0}
@@ -139,6 +137,7 @@ import numpy as np
 from attlog.estimators import Parameter
 from attlog.estimators.aids import VEL_N
 from attlog.estimators.vectors import field_error, gravity_error, turn
+from tests.flight.made_log import with_fields
 SOURCE = "test"
 USES = {"mag", "gnss"}
 STATE = {"q": 4, "bias": 3, "_none": 1}

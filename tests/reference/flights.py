@@ -68,10 +68,10 @@ def sampled(rate: float, seconds: float = SECONDS, source: str = "ATT", **more) 
 def ardupilot(log: FlightLog, **params: float) -> FlightLog:
     """The same log from ArduPilot with parameters."""
     log.firmware = Firmware("ArduPilot", "4.6.0")
-    log.params = {name: TimeLine(np.zeros(1), [value], "PARM") for name, value in params.items()}
-    log.trim, log.trim_source = reader.read_trim(log), ", ".join(reader.TRIM_PARAMETERS)
+    log.parameters.lines = {name: TimeLine(np.zeros(1), [value], "PARM") for name, value in params.items()}
+    log.parameters.trim, log.parameters.trim_source = reader.read_trim(log), ", ".join(reader.TRIM_PARAMETERS)
     names = reader.DECLINATION_PARAMETERS | DECLINATION_PARAMETERS
-    log.declination_param, log.declination_source = parameters.declination(log, names)
+    log.parameters.declination, log.parameters.declination_source = parameters.declination(log, names)
     if "INS_GYRO_FILTER" in params:
         log.imus[0].gyro.delay = low_pass_delay(params["INS_GYRO_FILTER"])
         log.imus[0].filtered = f"low-pass {params['INS_GYRO_FILTER']:.0f} Hz"

@@ -224,7 +224,7 @@ def test_an_instance_that_flew_is_the_reference_and_not_the_first():
 
 def test_choosing_without_segments_or_options_works():
     log = flight()
-    log.armed = TimeLine(np.zeros(1), [True], "vehicle_status")
+    log.state.armed = TimeLine(np.zeros(1), [True], "vehicle_status")
     assert choose(log, Segments()).kind == "onboard"
     np.testing.assert_allclose(np.abs(np.sum(choose(log, Segments()).q * attitude_at(log.attitudes["ATT"].t), 1)), 1.0)
 
@@ -287,7 +287,7 @@ def logs(draw: st.DrawFn) -> FlightLog:
     if draw(st.booleans()):
         log.attitudes, log.onboard = {"ATT": draw(attitudes("ATT")), "AHR2": draw(attitudes("AHR2"))}, "ATT"
     log.truth = draw(attitudes("SIM")) if draw(st.booleans()) else None
-    log.armed, log.landed = draw(flags("vehicle_status")), draw(flags("EV"))
+    log.state.armed, log.state.landed = draw(flags("vehicle_status")), draw(flags("EV"))
     tm = draw(times(1))
     log.mags, log.mag = [Mag(0, Stream(tm, filled(draw, len(tm), 3), "T", "FRD", "MAG"))], 0
     n = len(tm)
@@ -297,7 +297,7 @@ def logs(draw: st.DrawFn) -> FlightLog:
             0, tm, "GPS", filled(draw, n, 1)[:, 0], one, one, filled(draw, n, 3), one, one, one, np.full(n, 3), yaw=one
         )
     ]
-    log.throttle = Stream(tm, filled(draw, n, 1), "1", "", "CTUN")
+    log.power.throttle = Stream(tm, filled(draw, n, 1), "1", "", "CTUN")
     log.baro = [Stream(tm, filled(draw, n, 1), "m", "", "BARO")]
     if draw(st.booleans()):
         log.imus, log.imu = [], None

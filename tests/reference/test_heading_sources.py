@@ -129,7 +129,7 @@ def test_the_yaw_that_an_autopilot_finds_from_gnss_motion_is_a_heading_of_its_ow
     log = flight()
     t = np.arange(0.0, SECONDS, 0.2)
     yaw = rotation.to_euler(attitude_at(t))[:, 2]
-    log.yaw_estimator = Stream(t, np.column_stack([yaw, np.full(len(t), 0.05)]), "rad", "NED", "yaw_estimator_status")
+    log.estimator.yaw = Stream(t, np.column_stack([yaw, np.full(len(t), 0.05)]), "rad", "NED", "yaw_estimator_status")
     heading_reference = told(log)[0]["yaw_estimator"]
     assert np.abs(off_deg(heading_reference)).max() < 1e-6
     assert "sigma 2.9 deg" in heading_reference.text
@@ -141,5 +141,5 @@ def test_a_yaw_estimator_that_the_truth_contradicts_is_no_heading_reference():
     yaw = rotation.to_euler(attitude_at(t))[:, 2]
     for off_sigmas, kept in ((1.0, True), (5.0, False)):
         x = np.column_stack([yaw + off_sigmas * 0.05, np.full(len(t), 0.05)])
-        log.yaw_estimator = Stream(t, x, "rad", "NED", "XKY0:0")
+        log.estimator.yaw = Stream(t, x, "rad", "NED", "XKY0:0")
         assert ("yaw_estimator" in told(log)[0]) == kept

@@ -144,7 +144,7 @@ def test_the_trim_of_vehicle_and_judge_is_no_residual() -> None:
     """Both are attitudes of a vehicle in which the IMU sits tilted: ``q_imu (x) exp(-trim)``."""
     log, judge, vector = flights_flight(), judge_over(60.0), np.radians([4.0, -3.0, 0.0])
     mount = rotation.from_rotvec(-vector)
-    judge.q, judge.trim, log.trim = rotation.multiply(judge.q, mount), vector, vector
+    judge.q, judge.trim, log.parameters.trim = rotation.multiply(judge.q, mount), vector, vector
     onboard = Attitude(judge.t, judge.q, "ATT", has_trim=True)
     found = residuals_of(log, judge, onboard)
     assert found is not None

@@ -63,7 +63,7 @@ def test_trim_is_not_applied_where_the_reference_has_none(kind):
 
 def test_an_unknown_trim_is_said_and_not_invented():
     log = with_trim()
-    log.trim = None
+    log.parameters.trim = None
     _, reference, _ = compared(log, estimate())
     step = next(s for s in reference.steps if s.name == "trim")
     assert reference.trim is None

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, Imu, Stream, TimeLine
+from tests.flight.made_log import with_fields
 
 Array = NDArray[np.float64]
 
@@ -24,9 +25,7 @@ def imu_log(t: Array, gyro: Array, acc: Array, **more: Any) -> FlightLog:
         0, Stream(t, gyro, "rad/s", "body FRD", "IMU:0"), Stream(t, acc, "m/s^2", "body FRD", "IMU:0"), filtered="none"
     )
     log = FlightLog(Path("made.bin"), "made", 0, 0, Firmware("made"), "quadrotor", imus=[imu], imu=0)
-    for name, value in more.items():
-        setattr(log, name, value)
-    return log
+    return with_fields(log, **more)
 
 
 def flight(rate: float = 200.0, calm: bool = False, seed: int = 1, **more: Any) -> FlightLog:

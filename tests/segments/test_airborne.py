@@ -205,10 +205,10 @@ def test_sideways_force_that_feels_no_tilt_is_flight_while_driven():
 def climbing(height_m: float) -> FlightLog:
     """A flight without a stand whose motors stop from 18 to 23 s; the barometer moves by ``height_m`` meanwhile."""
     log = carried(0.05)
-    log.armed = None
+    log.state.armed = None
     t = np.arange(0.0, 40.0, 0.1)
     pause = (t > 18.0) & (t < 23.0)
-    log.throttle = Stream(t, np.where(pause, 0.0, 0.5)[:, None], "1", "", "CTUN.ThO")
+    log.power.throttle = Stream(t, np.where(pause, 0.0, 0.5)[:, None], "1", "", "CTUN.ThO")
     height = 30.0 + height_m * np.clip((t - 18.0) / 5.0, 0.0, 1.0)
     log.baro = [Stream(t, height[:, None], "m", "", "BARO")]
     return log
@@ -234,8 +234,8 @@ def test_a_multirotor_on_its_back_is_not_carried_by_its_rotors():
 
 def test_a_log_cut_out_of_a_flight_is_all_flight():
     log = carried(0.05)
-    log.armed = None
-    log.throttle = Stream(np.arange(0.0, 40.0, 0.1), np.full((400, 1), 0.4), "1", "", "CTUN.ThO")
+    log.state.armed = None
+    log.power.throttle = Stream(np.arange(0.0, 40.0, 0.1), np.full((400, 1), 0.4), "1", "", "CTUN.ThO")
     (flight,) = found_in(log).spans
     assert flight == (pytest.approx(0.0, abs=0.2), pytest.approx(40.0, abs=0.2))
 
@@ -250,8 +250,8 @@ def leaning(height_m: float) -> FlightLog:
     gyro = np.radians(np.random.default_rng(5).normal(size=acc.shape) * 15.0)
     q = rotation.from_euler(np.radians(-8.0 * np.clip(t - 12.0, 0.0, 6.0)), 0.0 * t, 0.0 * t)
     log = imu_log(t, gyro, acc, attitudes={"ATT": Attitude(t[::5], q[::5], "ATT")}, onboard="ATT")
-    log.armed = TimeLine(np.array([0.0, 8.0, 22.0]), [False, True, False], "EV")
-    log.throttle = Stream(t[::5], np.where((t > 10.0) & (t < 20.0), 0.5, 0.0)[::5, None], "1", "", "CTUN")
+    log.state.armed = TimeLine(np.array([0.0, 8.0, 22.0]), [False, True, False], "EV")
+    log.power.throttle = Stream(t[::5], np.where((t > 10.0) & (t < 20.0), 0.5, 0.0)[::5, None], "1", "", "CTUN")
     log.baro = [Stream(t[::5], np.where(up, height_m, 0.0)[::5, None], "m", "", "BARO")]
     return log
 
@@ -271,8 +271,8 @@ def test_movement_without_an_attitude_or_a_height_proves_no_flight():
 def test_motors_that_spin_up_have_not_lifted_off_where_no_height_tells():
     """From 5 s on at half of what it flies with, from 9 s on with all of it: copter 3.4 on an Erle-Brain."""
     log = carried(0.05)
-    t = log.throttle.t
-    log.throttle.x[(t > 5.0) & (t < 9.0)] = 0.27
+    t = log.power.throttle.t
+    log.power.throttle.x[(t > 5.0) & (t < 9.0)] = 0.27
     ((begin, _),) = found_in(log).spans
     assert begin == pytest.approx(9.0, abs=0.6)
 
@@ -283,8 +283,8 @@ def test_nothing_is_known_of_flight_where_neither_power_nor_arming_is_told():
     force = np.tile([0.0, 0.0, -9.8], (len(t), 1))
     log = imu_log(t, np.zeros((len(t), 3)), force)
     log.attitudes = {"ATT": Attitude(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), "ATT")}
-    log.onboard, log.armed, log.throttle = "ATT", None, None
+    log.onboard, log.state.armed, log.power.throttle = "ATT", None, None
     log.baro = [Stream(t, np.clip(t - 10.0, 0.0, 5.0)[:, None], "m", "NED", "BARO")]
     assert not found_in(log).known
-    log.throttle = Stream(t, np.full((len(t), 1), 0.5), "", "", "RCOU")
+    log.power.throttle = Stream(t, np.full((len(t), 1), 0.5), "", "", "RCOU")
     assert found_in(log).known

@@ -201,7 +201,7 @@ def test_rest_by_the_sensors_alone_is_hardly_ever_in_flight(path):
     """
     log = readable(path)
     air = segments.build(log).spans("airborne")
-    log.armed = log.landed = log.throttle = log.rpm = None
+    log.state.armed = log.state.landed = log.power.throttle = log.power.rpm = None
     log.gnss = []
     alone = segments.build(log).spans("rest")
     allowed = 4.0 if log.simulated or "hitl" in path.name else 3.0

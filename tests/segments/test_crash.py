@@ -256,7 +256,7 @@ def test_a_fast_turn_of_which_half_was_asked_for_is_no_tumble(asked_dps, tumbles
     imu.gyro.x[(imu.gyro.t >= 72.0) & (imu.gyro.t < 73.0), 0] = np.radians(500.0)
     t = np.arange(0.0, 105.0, 0.02)
     asked = np.where((t >= 71.9) & (t < 73.1), asked_dps, 0.0)
-    log.rate_setpoints = Stream(t, np.radians(np.column_stack([asked, 0 * t, 0 * t])), "rad/s", "FRD", "RATE")
+    log.setpoints.rates = Stream(t, np.radians(np.column_stack([asked, 0 * t, 0 * t])), "rad/s", "FRD", "RATE")
     scene = scene_of(log)
     scene.air.spans = [(TAKE_OFF, LANDED)]
     assert [e.t for e in crash.find_tumbles(scene)] == ([pytest.approx(72.0, abs=0.01)] if tumbles else [])
@@ -276,7 +276,7 @@ def test_of_two_tumbles_that_are_one_the_faster_is_told_in_size_and_words():
     for t0, dps in ((70.0, 450.0), (72.0, 600.0)):
         imu.gyro.x[(imu.gyro.t >= t0) & (imu.gyro.t < t0 + 1.0), 0] = np.radians(dps)
     t = np.arange(0.0, 105.0, 0.02)
-    log.rate_setpoints = Stream(t, np.zeros((len(t), 3)), "rad/s", "FRD", "RATE")
+    log.setpoints.rates = Stream(t, np.zeros((len(t), 3)), "rad/s", "FRD", "RATE")
     scene = scene_of(log)
     scene.air.spans = [(TAKE_OFF, LANDED)]
     (found,) = crash.find_tumbles(scene)

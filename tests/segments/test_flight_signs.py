@@ -15,6 +15,7 @@ from attlog.segments import airborne, flight_signs, resets, windows
 from attlog.segments import flight_signs as signs
 from attlog.segments.airborne import HeightLevel
 from attlog.segments.flight_signs import Grid, hold_last, seconds_to_nearest, true_runs
+from tests.flight.made_log import with_fields
 from tests.segments.flights import imu_log
 
 Array = np.ndarray
@@ -41,9 +42,7 @@ def made_grid(n: int = 400, **more: Any) -> Grid:
 
 def made_log(**more: Any) -> FlightLog:
     log = FlightLog(Path("made.bin"), "made", 0, 0, Firmware("made"), VehicleKind.MULTIROTOR)
-    for name, value in more.items():
-        setattr(log, name, value)
-    return log
+    return with_fields(log, **more)
 
 
 def stream(t: Array, x: Array, source: str = "made", kind: str = "1") -> Stream:

@@ -125,9 +125,9 @@ def test_attitudes_come_back(suffix: str, rate: float, flown: Flight, read: dict
         close(got.t, on_log(log, t_all[k]), clock)
         assert np.degrees(rotation.total_angle(rotation.earth_error(got.q, q_all[k]))).max() < 1e-4
     if suffix != ".tlog":
-        assert log.onboard_gyro_bias is not None
+        assert log.estimator.gyro_bias is not None
         k = every(t, 1.0 if suffix == ".ulg" else 10.0)
-        close(log.onboard_gyro_bias.x, board.bias[known][k], 1e-8 if suffix == ".ulg" else np.radians(0.00501))
+        close(log.estimator.gyro_bias.x, board.bias[known][k], 1e-8 if suffix == ".ulg" else np.radians(0.00501))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -137,39 +137,40 @@ def test_set_points_come_back(suffix: str, flown: Flight, read: dict[str, Flight
     rate = {".ulg": (50.0, 50.0), ".bin": (100.0, 50.0), ".tlog": (10.0, 10.0)}[suffix]
     t = board.t[known]
     wanted = board.q_setpoint[known][every(t, rate[0])]
-    assert log.setpoints is not None
+    assert log.setpoints.attitude is not None
     set_ = np.abs(np.sum(wanted**2, axis=1) - 1.0) < 1e-6
     assert (
-        np.degrees(rotation.total_angle(rotation.earth_error(log.setpoints.q[-50:], wanted[set_][-50:]))).max() < 1e-4
+        np.degrees(rotation.total_angle(rotation.earth_error(log.setpoints.attitude.q[-50:], wanted[set_][-50:]))).max()
+        < 1e-4
     )
-    assert log.rate_setpoints is not None
-    close(log.rate_setpoints.x[-50:], board.rate_setpoint[known][every(t, rate[1])][-50:], 1e-6)
+    assert log.setpoints.rates is not None
+    close(log.setpoints.rates.x[-50:], board.rate_setpoint[known][every(t, rate[1])][-50:], 1e-6)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_states_battery_rotors_and_parameters_come_back(suffix: str, flown: Flight, read: dict[str, FlightLog]) -> None:
     log, board = read[suffix], flown.onboard
     assert (log.simulated, log.vehicle) == (True, "quadrotor")
-    assert log.armed is not None
-    assert log.armed.value == [value for _, value in board.armed]
-    assert log.landed is not None
-    assert log.landed.value == [value for _, value in board.landed]
+    assert log.state.armed is not None
+    assert log.state.armed.value == [value for _, value in board.armed]
+    assert log.state.landed is not None
+    assert log.state.landed.value == [value for _, value in board.landed]
     late = 1e-3 if suffix == ".tlog" else 1e-6
-    for line, events in ((log.armed, board.armed), (log.landed, board.landed)):
+    for line, events in ((log.state.armed, board.armed), (log.state.landed, board.landed)):
         close(line.t[1:], [t + (START_US - log.t0_us) * 1e-6 for t, _ in events[1:]], late)
-    assert log.mode is not None
-    assert len(log.mode.value) == len(dict(board.mode))
-    assert log.rpm is not None
+    assert log.state.mode is not None
+    assert len(log.state.mode.value) == len(dict(board.mode))
+    assert log.power.rpm is not None
     assert flown.rpm is not None
     k = every(flown.rpm.t, 5.0 if suffix == ".tlog" else 0.0)
-    close(log.rpm.x, flown.rpm.rpm[k], 0.501)
-    assert log.battery is not None
+    close(log.power.rpm.x, flown.rpm.rpm[k], 0.501)
+    assert log.power.battery is not None
     assert flown.battery is not None
     k = every(flown.battery.t, 5.0 if suffix == ".tlog" else 0.0)
-    close(log.battery.x, np.column_stack([flown.battery.voltage, flown.battery.current])[k], 0.00501)
-    assert log.throttle is not None
-    assert np.max(log.throttle.x) == pytest.approx(float(np.nanmax(board.thrust_setpoint)), abs=0.02)
-    assert log.declination_param == pytest.approx(flown.declination_deg, abs=1e-5)
+    close(log.power.battery.x, np.column_stack([flown.battery.voltage, flown.battery.current])[k], 0.00501)
+    assert log.power.throttle is not None
+    assert np.max(log.power.throttle.x) == pytest.approx(float(np.nanmax(board.thrust_setpoint)), abs=0.02)
+    assert log.parameters.declination == pytest.approx(flown.declination_deg, abs=1e-5)
     gain = "MC_ROLL_P" if suffix == ".ulg" else "ATC_ANG_RLL_P"
     assert log.param(gain) == pytest.approx(flown.scenario.controller.angle_kp)
     assert any("simulated this flight" in text for _, _, text in log.texts)
@@ -247,7 +248,7 @@ def test_a_parameter_can_be_told_otherwise(tmp_path: Path) -> None:
     flight = made("static", "seconds=8")
     write(tmp_path / "a.ulg", flight, {"EKF2_MAG_DECL": 20, "MY_OWN": 3})
     log = flights.read(tmp_path / "a.ulg")
-    assert log.declination_param == 20.0
+    assert log.parameters.declination == 20.0
     assert log.param("MY_OWN") == 3
     assert log.param("MAV_TYPE") == 2
 
@@ -336,9 +337,9 @@ def test_every_stream_equals_that_of_the_ulog(both: Logs) -> None:
         np.testing.assert_array_equal(a.x, b.x)
     np.testing.assert_array_equal(one.attitudes["vehicle_attitude"].q, other.attitudes["vehicle_attitude"].q)
     np.testing.assert_array_equal(one.gnss[0].vel_ned, other.gnss[0].vel_ned)
-    assert one.armed is not None
-    assert other.armed is not None
-    assert (one.armed.value, list(one.armed.t)) == (other.armed.value, list(other.armed.t))
+    assert one.state.armed is not None
+    assert other.state.armed is not None
+    assert (one.state.armed.value, list(one.state.armed.t)) == (other.state.armed.value, list(other.armed.t))
 
 
 def test_the_motion_capture_is_the_truth_but_for_its_axes_and_noise(both: Logs) -> None:

@@ -15,7 +15,7 @@ from attlog.core import rotation
 from attlog.flight.model import Attitude, FlightLog, Gnss, InnovationTest, Problem, Stream
 from attlog.health import innovations
 from attlog.segments.model import Segment, Segments
-from attlog.story import estimator_events, flight_events, headline
+from attlog.story import estimator_events, flight_events, headlines
 from tests.segments.test_airborne import carried
 from tests.story.made import log
 
@@ -84,7 +84,7 @@ def test_a_slow_log_tells_how_the_vehicle_stood_two_to_five_seconds_after(deg: f
     attitudes = {} if deg is None else {"ATT": Attitude(t, q, "ATT")}
     made = log(attitudes=attitudes, onboard=None if deg is None else "ATT")
     made.attitudes = {k: Attitude(t[(tilt < 80.0) | (t < 9.0)], q[(tilt < 80.0) | (t < 9.0)], "ATT") for k in attitudes}
-    assert headline.ending_of_slow(made, 10.0) == said
+    assert headlines.ending_of_slow(made, 10.0) == said
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_a_vehicle_that_never_flew_is_told_by_its_motors_and_its_tilt() -> None:
         q = rotation.from_euler(np.radians(np.where(t > 20.0, deg, 0.0)), 0.0 * t, 0.0 * t)
         made = log(attitudes={"ATT": Attitude(t, q, "ATT")}, onboard="ATT", seconds=30.0)
         made.vehicle = "quadrotor"
-        assert headline._grounded_phrases(made, Segments([Segment("continuous", 0, 30)]), []) == [said]
+        assert headlines._grounded_phrases(made, Segments([Segment("continuous", 0, 30)]), []) == [said]
 
 
 @pytest.mark.parametrize(("tilt", "said"), [(14.2, "; tilt under 15°"), (0.3, "; tilt under 1°"), (15.1, "")])
@@ -122,9 +122,9 @@ def test_a_tilt_below_fifteen_degrees_is_why_it_did_not_fly(tilt: float, said: s
     t = np.arange(0.0, 30.0, 0.1)
     q = rotation.from_euler(np.radians(tilt) + 0.0 * t, 0.0 * t, 0.0 * t)
     made = log(attitudes={"ATT": Attitude(t, q, "ATT")}, onboard="ATT")
-    assert headline._still_reason(made, SPANS, [(5.0, 9.0)]) == said
+    assert headlines._still_reason(made, SPANS, [(5.0, 9.0)]) == said
     made.rangefinder = Stream(t, 0.0 * t[:, None], "m", "", "RFND")
-    assert headline._still_reason(made, SPANS, [(5.0, 9.0)]).startswith("; rangefinder unmoved")
+    assert headlines._still_reason(made, SPANS, [(5.0, 9.0)]).startswith("; rangefinder unmoved")
 
 
 # GNSS against its own velocity: a made receiver whose track is a closed form, with and without a planted jump.
@@ -207,7 +207,7 @@ def flown(*ratios: tuple[float, float, float], aid: str = "compass") -> FlightLo
     ratio = np.full(len(t), 0.2)
     for a, b, size in ratios:
         ratio[(t >= a - 1e-9) & (t <= b + 1e-9)] = size
-    log.innovation_tests = [InnovationTest(aid, t, ratio, "XKF4:0.SM")]
+    log.estimator.innovation_tests = [InnovationTest(aid, t, ratio, "XKF4:0.SM")]
     return log
 
 
@@ -244,7 +244,7 @@ def test_the_ground_and_a_moment_are_no_rejection() -> None:
 
 def test_a_ratio_that_was_not_logged_is_no_ok() -> None:
     log = flown()
-    log.innovation_tests[0].ratio[:] = np.nan
+    log.estimator.innovation_tests[0].ratio[:] = np.nan
     assert innovations.aid_checks(log, segments.build(log)) == []
 
 
@@ -256,7 +256,7 @@ def test_ratios_of_real_logs_are_roots_of_one_scale_in_every_era(corpus: Path) -
         ("copter_heading_28deg_off.BIN", "XKF4:0.SM", 1.34),
     ):
         log = attlog.read(corpus / "logs" / "cases" / name)
-        ratio = {test.source: test.ratio for test in log.innovation_tests}[source]
+        ratio = {test.source: test.ratio for test in log.estimator.innovation_tests}[source]
         assert np.nanmax(ratio) == pytest.approx(worst, rel=0.01)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -61,7 +62,7 @@ def test_the_autopilots_own_measure_is_strong_above_sixty(
 ) -> None:
     monkeypatch.setattr(flight_events, "_is_calm", lambda own, flown: False)
     made = flying(monkeypatch, 0, 0.0)
-    made.onboard_vibration = own(np.where((np.arange(600) >= 200) & (np.arange(600) < 200 + count), size, 5.0))
+    made.vibration.level = own(np.where((np.arange(600) >= 200) & (np.arange(600) < 200 + count), size, 5.0))
     found = flight_events._vibration_event(made, FLOWN)
     assert (found is not None) is told
     if found is not None:
@@ -278,12 +279,12 @@ def whole() -> FlightLog:
     stream = lambda x, unit, source: Stream(t.copy(), np.asarray(x, float).reshape(len(t), -1), unit, "", source)  # noqa: E731
     log.baro = [stream(up, "m", "BARO")]
     log.rangefinder = stream(up + 0.1, "m", "RFND")
-    log.rate_setpoints = stream(np.zeros((len(t), 3)), "rad/s", "RATE")
-    log.motors = stream(np.tile((up > 0)[:, None] * 0.5, 4), "1", "RCOU")
-    log.rpm = stream(np.tile((up > 0)[:, None] * 5000.0, 4), "rpm", "ESC")
-    log.onboard_vibration = stream(np.full((len(t), 3), 5.0), "m/s^2", "VIBE")
+    log.setpoints.rates = stream(np.zeros((len(t), 3)), "rad/s", "RATE")
+    log.power.motors = stream(np.tile((up > 0)[:, None] * 0.5, 4), "1", "RCOU")
+    log.power.rpm = stream(np.tile((up > 0)[:, None] * 5000.0, 4), "rpm", "ESC")
+    log.vibration.level = stream(np.full((len(t), 3), 5.0), "m/s^2", "VIBE")
     log.airspeed = stream(np.zeros(len(t)), "m/s", "ARSP")
-    log.battery = stream(np.tile([12.0, 10.0], (len(t), 1)), "V, A", "BAT")
+    log.power.battery = stream(np.tile([12.0, 10.0], (len(t), 1)), "V, A", "BAT")
     n = len(t)
     flat = np.zeros(n)
     log.gnss = [
@@ -301,7 +302,7 @@ def whole() -> FlightLog:
             np.full(n, 3),
         )
     ]
-    log.clippings = [Clipping("accelerometer", 0, "VIBE.Clip0", t.copy(), np.zeros(n, np.int64), True)]
+    log.vibration.clippings = [Clipping("accelerometer", 0, "VIBE.Clip0", t.copy(), np.zeros(n, np.int64), True)]
     log.texts = [(20.0, 3, "Crash: Disarming"), (21.0, 3, "EKF3 lane switch 1"), (34.0, 6, "Land complete")]
     log.truth = log.attitudes["ATT"]
     return log
@@ -310,18 +311,18 @@ def whole() -> FlightLog:
 STREAMS = (
     "baro",
     "rangefinder",
-    "rate_setpoints",
-    "motors",
-    "rpm",
-    "onboard_vibration",
+    "setpoints.rates",
+    "power.motors",
+    "power.rpm",
+    "vibration.level",
     "airspeed",
-    "battery",
-    "throttle",
+    "power.battery",
+    "power.throttle",
     "gyro",
     "acc",
     "attitude",
     "gnss",
-    "clippings",
+    "vibration.clippings",
 )
 
 
@@ -333,10 +334,10 @@ def parts(log: FlightLog, name: str) -> Iterator[tuple[Any, tuple[str, ...]]]:
         yield log.attitudes["ATT"], ("q",)
     elif name == "gnss":
         yield log.gnss[0], ("alt", "vel_ned", "lat", "lon")
-    elif name == "clippings":
-        yield log.clippings[0], ()
+    elif name == "vibration.clippings":
+        yield log.vibration.clippings[0], ()
     else:
-        one = getattr(log, name)
+        one = attrgetter(name)(log)
         yield (one[0] if isinstance(one, list) else one), ("x",)
 
 
@@ -362,7 +363,13 @@ def _kept(log: FlightLog, name: str, count: int) -> None:
     names = ("gyro", "acc") if name in ("gyro", "acc") else (name,)
     for each in names:
         for thing, arrays in parts(log, each):
-            more = ("new",) if name == "clippings" else ("h_acc", "v_acc", "s_acc", "fix") if name == "gnss" else ()
+            more = (
+                ("new",)
+                if name == "vibration.clippings"
+                else ("h_acc", "v_acc", "s_acc", "fix")
+                if name == "gnss"
+                else ()
+            )
             for array in (*arrays, *more, "t"):
                 setattr(thing, array, getattr(thing, array)[:count].copy())
 
@@ -384,7 +391,9 @@ def _gone(log: FlightLog, name: str) -> None:
     if name == "attitude":
         log.attitudes, log.onboard, log.truth = {}, None, None
     else:
-        setattr(log, name, [] if isinstance(getattr(log, name), list) else None)
+        group, _, last = name.rpartition(".")
+        holder = attrgetter(group)(log) if group else log
+        setattr(holder, last, [] if isinstance(getattr(holder, last), list) else None)
 
 
 @pytest.mark.parametrize("fault", FAULTS)

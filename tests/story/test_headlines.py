@@ -14,9 +14,9 @@ from attlog.flight.model import Attitude, FlightLog, TimeLine
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segment, Segments
-from attlog.story import flight_events, headline
+from attlog.story import flight_events, headlines
 from attlog.story.flight_events import Event, EventSeverity, format_significant, format_time
-from attlog.story.headline import (
+from attlog.story.headlines import (
     WrongAngle,
     _crash_phrases,
     _crash_target,
@@ -290,21 +290,21 @@ def test_an_angle_is_wrong_throughout_from_ten_seconds_after_lift_off_to_ten_bef
 
 
 def test_numbers_are_words_up_to_nine() -> None:
-    assert [headline.number_word(n) for n in (0, 2, 9, 10)] == ["no", "two", "nine", "10"]
-    assert [headline.how_often(n) for n in (2, 3)] == ["twice", "three times"]
-    assert headline.format_spans([(11.4, 102.6), (120.0, 130.0)]) == "11 to 103 s and 120 to 130 s"
+    assert [headlines.number_word(n) for n in (0, 2, 9, 10)] == ["no", "two", "nine", "10"]
+    assert [headlines.how_often(n) for n in (2, 3)] == ["twice", "three times"]
+    assert headlines.format_spans([(11.4, 102.6), (120.0, 130.0)]) == "11 to 103 s and 120 to 130 s"
 
 
 def test_the_largest_tilt_is_that_within_the_spans() -> None:
     t = np.arange(0.0, 30.0, 0.1)
     tilt = np.radians(np.where(t < 10.0, 50.0, np.where(t < 20.0, -33.0, 5.0)))
     made = log(attitudes={"A": Attitude(t, rotation.from_euler(tilt, 0.0 * t, 0.0 * t), "A")}, onboard="A")
-    assert headline.largest_tilt(made, [(11.0, 30.0)]) == pytest.approx(33.0)
-    assert headline.largest_tilt(made, [(21.0, 30.0)]) == pytest.approx(5.0)
-    assert headline.largest_tilt(made, [(40.0, 50.0)]) is None
-    assert headline.largest_tilt(log(), [(0.0, 50.0)]) is None
+    assert headlines.largest_tilt(made, [(11.0, 30.0)]) == pytest.approx(33.0)
+    assert headlines.largest_tilt(made, [(21.0, 30.0)]) == pytest.approx(5.0)
+    assert headlines.largest_tilt(made, [(40.0, 50.0)]) is None
+    assert headlines.largest_tilt(log(), [(0.0, 50.0)]) is None
     for end, said in ((17.0, "ended upright"), (7.0, "ended at 33° of tilt")):
-        assert headline.ending_of_slow(made, end + 1.5) == f", {said}"
+        assert headlines.ending_of_slow(made, end + 1.5) == f", {said}"
 
 
 def test_pushes_of_the_throttle_within_five_seconds_are_one_and_last_a_second() -> None:
@@ -317,23 +317,23 @@ def test_pushes_of_the_throttle_within_five_seconds_are_one_and_last_a_second() 
     )
     power = np.where(up, 0.6, 0.25)
     air: Any = SimpleNamespace(grid=SimpleNamespace(t=t), driven=power > 0.2, power=power, power_source="CTUN")
-    found = headline._throttle_spans(Segments(air=air))
+    found = headlines._throttle_spans(Segments(air=air))
     assert [(round(a, 1), round(b, 1)) for a, b in found] == [(5.0, 15.0), (32.0, 36.0)]
     air.power_source = "arming"
-    assert headline._throttle_spans(Segments(air=air)) == []
+    assert headlines._throttle_spans(Segments(air=air)) == []
 
 
 def test_motors_that_ran_for_more_than_ten_seconds_before_a_flight_stood() -> None:
     for begin, stood in ((9.0, True), (11.0, False)):
-        assert headline._stood_armed(Segments([Segment("armed", begin, 60.0)]), 20.0) is stood
-    assert not headline._stood_armed(Segments([Segment("armed", 0.0, 15.0)]), 20.0)
+        assert headlines._stood_armed(Segments([Segment("armed", begin, 60.0)]), 20.0) is stood
+    assert not headlines._stood_armed(Segments([Segment("armed", 0.0, 15.0)]), 20.0)
 
 
 def test_what_happened_after_the_last_sample_lies_within_the_time_that_is_told() -> None:
     """A log's IMU ended at 16 s, and its headline told a failsafe at 21 s beside "in 16 s"."""
     made = log(armed=TimeLine(np.array([0.0]), [False], "ARM"), seconds=16.0)
     late = Event("failsafe", 21.0, "warning", "Radio failsafe at 21.0 s.")
-    assert headline.flight_phrases(made, Segments(), [])[0] == "never armed in 16 s."
-    assert headline.flight_phrases(made, Segments(), [late])[0] == "never armed in 21 s."
+    assert headlines.flight_phrases(made, Segments(), [])[0] == "never armed in 16 s."
+    assert headlines.flight_phrases(made, Segments(), [late])[0] == "never armed in 21 s."
     said = Event("message", 64.0, "note", "“Ready”.")
-    assert headline.flight_phrases(made, Segments(), [said])[0] == "never armed in 16 s."
+    assert headlines.flight_phrases(made, Segments(), [said])[0] == "never armed in 16 s."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 from functools import cache
 from pathlib import Path
@@ -22,6 +21,7 @@ from attlog.story import Event, flight_events
 from attlog.words.flight import what_happened
 from tests.conftest import corpus_logs
 from tests.flight.fake import messages
+from tests.flight.made_log import with_fields
 from tests.segments.flights import imu_log
 from tests.segments.test_airborne import carried
 
@@ -166,9 +166,7 @@ def test_a_lost_gnss_is_told_with_its_length(corpus):
 
 def made(**more: object) -> tuple[FlightLog, Segments, list[Event]]:
     """A made flight from 5 to 35 s with whatever else is given."""
-    log = carried(0.05)
-    for name, value in more.items():
-        setattr(log, name, value)
+    log = with_fields(carried(0.05), **more)
     phases = segments.build(log)
     return log, phases, story.events(log, phases)
 
@@ -224,8 +222,8 @@ def test_strong_vibration_in_flight_is_told_from_when_to_when():
 
 def test_a_log_that_stops_in_flight_ends_in_the_air():
     log = carried(0.05)
-    log.armed = None
-    log.throttle = Stream(np.arange(0.0, 40.0, 0.1), np.full((400, 1), 0.4), "1", "", "CTUN.ThO")
+    log.state.armed = None
+    log.power.throttle = Stream(np.arange(0.0, 40.0, 0.1), np.full((400, 1), 0.4), "1", "", "CTUN.ThO")
     phases = segments.build(log)
     events = story.events(log, phases)
     assert "ends_in_air" in [e.kind for e in events]
@@ -290,7 +288,7 @@ def test_a_failsafe_of_gnss_just_after_its_first_fix_is_no_lost_gnss(fix_s, seve
 
 def test_a_motor_test_is_no_motor_that_never_ran():
     log = carried(1.0, throttle=0.0)
-    log.armed = None
+    log.state.armed = None
     assert "motors never ran" in headline_of(log)
     log.texts = [(3.0, 6, "starting motor test")]
     assert "only motor tests" in headline_of(log)
@@ -327,7 +325,7 @@ def test_clipping_counts_up_to_the_touch_down_or_the_blow_of_a_crash(before_s, c
     log, phases, _ = made()
     end = phases.spans("airborne")[-1][1]
     phases.endings = [crashed(end)] if crash else []
-    log.clippings = [Clipping("accelerometer", 0, "IMU:0", np.array([end - before_s]), np.array([50]), True)]
+    log.vibration.clippings = [Clipping("accelerometer", 0, "IMU:0", np.array([end - before_s]), np.array([50]), True)]
     assert len(flight_events.sensor_events(log, phases)[0]) == told
 
 
@@ -372,58 +370,6 @@ def test_an_angle_that_was_right_again_long_before_the_landing_was_not_wrong_thr
     assert f"Heading was 27° wrong from {lift:.0f} to {land - 12.0:.0f} s." in said
 
 
-# The kinds of error of 28 real logs, each shown gone by a flight that was made: the corpus is not needed for these.
-#
-# The logs themselves are read by tests/segments/test_corpus.py, tests/health/test_cases.py, tests/story/test_story.py,
-# tests/segments/test_crash.py and tests/segments/test_airborne.py.
-
-CASES = {
-    "copter_3.3dev_118": "story.test_case_kinds::test_a_landed_flag_in_the_air_ends_no_flight",
-    "copter_3.3dev_37": "segments.test_crash::"
-    "test_a_fall_to_one_side_with_motors_driven_is_a_crash_though_it_never_flew",
-    "copter_3.3dev_31": "segments.test_crash::test_a_blow_in_the_air_that_is_flown_on_is_none_of_these",
-    "copter_3.3dev_181": "health.test_planted::test_a_force_that_vibration_takes_away_is_told_by_the_barometer",
-    "rover_2.46_61": "simulate.test_logs_findings::test_a_planted_fault_is_found",
-    "copter_4.4dev_sitl_swarm": "segments.test_rest::test_a_calm_hover_is_never_rest",
-    "copter_4.7dev_sitl_climb": "story.test_case_kinds::test_a_climb_as_still_as_a_table_is_no_rest",
-    "px4_1.6.5_hand_rotation": "health.onboard.test_against_smoother::"
-    "test_a_tilt_that_is_off_for_long_is_the_wrong_one_with_size_sigma_and_time",
-    "px4_1.6.5_bench": "health.test_health::test_a_rest_counts_only_when_filters_have_settled",
-    "copter_4.7dev_33": "health.test_planted::test_an_estimated_bias_is_told_as_tilt_and_as_what_it_explains",
-    "copter_3.6.8_compass": "health.test_planted::test_a_field_that_follows_the_throttle_is_told_in_percent",
-    "px4_1.17dev_hil_absurd": "flight.test_odd_values::test_a_log_that_is_mostly_damaged_is_not_told_what_to_log",
-    "copter_3.5.7_radio": "story.test_case_kinds::test_a_unit_at_one_hertz_shows_rest_and_no_movement",
-    "copter_3.2.1_bench": "segments.test_flags::test_throttle_without_climb_is_no_flight",
-    "px4_1.8_hexa": "present.test_lag::test_less_than_half_a_sample_is_no_lag",
-    "copter_4.8dev_barodrift": "flight.ardupilot.test_advice::"
-    "test_limits_of_the_rate_are_named_where_they_are_the_reason",
-    "px4_1.14_clipping_crash": "story.test_simulated::"
-    "test_a_wreck_that_is_carried_home_is_told_from_then_on_and_does_not_fly",
-    "plane_px4_1.13_crash": "story.test_simulated::test_a_plane_that_rolls_in_is_told_by_the_rules_for_planes",
-    "copter_flip_at_takeoff": "story.test_simulated::test_headlines_of_scenarios_say_what_happened",
-    "copter_heading_28deg_off": "health.fits.test_planted_sensors::"
-    "test_iron_beside_the_compass_is_an_offset_in_its_axes",
-    "copter_never_lifted": "story.test_simulated::test_what_happens_in_a_scenario_is_told_at_its_time_and_nothing_else",
-    "copter_falsely_accused": "health.onboard.test_against_smoother::"
-    "test_a_heading_of_which_the_smoother_is_not_sure_judges_nobody",
-    "px4_1.14_hard_landing": "segments.test_crash::test_the_same_blow_upright_is_a_hard_landing",
-    "px4_1.14_clipping_field": "story.test_case_kinds::test_a_mask_that_is_none_is_no_gyro_at_the_end_of_its_range",
-    "copter_two_compasses": "health.fits.test_planted_sensors::test_iron_beside_the_compass_is_an_offset_in_its_axes",
-    "copter_4.6_standing_accused": "health.onboard.test_against_smoother::"
-    "test_nothing_is_judged_where_the_smoother_is_no_reference",
-    "gcs_heartbeats": "flight.mavlink.test_mavlink::"
-    "test_a_ground_stations_file_without_a_vehicle_ends_with_65_and_that_sentence",
-    "copter_4.2_radio_4hz": "story.test_case_kinds::test_telemetry_at_four_hertz_tells_the_flight_and_no_blow",
-}
-"""Case (a log's name without its suffix) to the test that shows its kind."""
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_every_case_has_a_test_of_its_kind(case: str) -> None:
-    module, _, name = CASES[case].partition("::")
-    assert hasattr(importlib.import_module(f"tests.{module}"), name)
-
-
 def flown(log: FlightLog) -> list[spans.Span]:
     return segments.build(log).spans("airborne")
 
@@ -432,7 +378,7 @@ def test_a_landed_flag_in_the_air_ends_no_flight() -> None:
     """LAND_COMPLETE_MAYBE comes in slow descents, too."""
     log = carried(0.05)
     (whole,) = flown(log)
-    log.landed = TimeLine(np.array([0.0, 6.0, 12.0]), [True, False, True], "EV")
+    log.state.landed = TimeLine(np.array([0.0, 6.0, 12.0]), [True, False, True], "EV")
     assert flown(log) == [whole]
     assert whole[1] - whole[0] == pytest.approx(30.0, abs=4.0)
 

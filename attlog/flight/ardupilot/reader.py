@@ -48,10 +48,10 @@ def fill_streams(builder: LogBuilder, clock: RecordClock, log: FlightLog, values
     imu = None if log.imu is None else log.imus[log.imu]
     log.vehicle = builder.attempt("The vehicle", lambda: vehicle.vehicle_type(messages, values, family), "unknown")
     log.simulated = "SIM" in messages.names() or any(n.startswith("SIM_") for n in values)
-    log.armed = builder.attempt("Arming", lambda: vehicle.armed_line(builder, clock), None)
-    log.landed = builder.attempt("Landing", lambda: vehicle.landed_line(builder, clock, log.armed), None)
-    log.mode = builder.attempt("The flight mode", lambda: vehicle.mode_line(builder, clock, family), None)
-    log.rate_setpoints = builder.attempt("The rate set-point", lambda: rate_setpoint_stream(builder, clock, imu), None)
+    log.state.armed = builder.attempt("Arming", lambda: vehicle.armed_line(builder, clock), None)
+    log.state.landed = builder.attempt("Landing", lambda: vehicle.landed_line(builder, clock, log.state.armed), None)
+    log.state.mode = builder.attempt("The flight mode", lambda: vehicle.mode_line(builder, clock, family), None)
+    log.setpoints.rates = builder.attempt("The rate set-point", lambda: rate_setpoint_stream(builder, clock, imu), None)
     for unit, table in unit_tables(messages, "GPS").items():
         one = builder.attempt("GPS", partial(sensors.read_receiver, builder, clock, unit, table), None)
         log.gnss += [] if one is None else [one]
@@ -61,27 +61,29 @@ def fill_streams(builder: LogBuilder, clock: RecordClock, log: FlightLog, values
     log.baro = builder.attempt("BARO", lambda: baro_streams(builder, clock), [])
     log.rangefinder = builder.attempt("The rangefinder", lambda: rangefinder_stream(builder, clock), None)
     log.airspeed = builder.attempt("ARSP", lambda: airspeed_stream(builder, clock), None)
-    log.throttle = builder.attempt("Throttle", lambda: sensors.throttle_stream(builder, clock, family), None)
-    log.motors = builder.attempt(
+    log.power.throttle = builder.attempt("Throttle", lambda: sensors.throttle_stream(builder, clock, family), None)
+    log.power.motors = builder.attempt(
         "Motor outputs", lambda: sensors.motor_outputs(builder, clock, log.vehicle, values), None
     )
-    log.rpm = builder.attempt("Rotor speed", lambda: sensors.rpm_stream(builder, clock), None)
-    log.battery = builder.attempt("The battery", lambda: sensors.battery_stream(builder, clock), None)
-    log.acc_bias = builder.attempt("XKF2", lambda: acc_bias_stream(builder, clock), None)
-    log.onboard_gyro_bias = builder.attempt(
+    log.power.rpm = builder.attempt("Rotor speed", lambda: sensors.rpm_stream(builder, clock), None)
+    log.power.battery = builder.attempt("The battery", lambda: sensors.battery_stream(builder, clock), None)
+    log.estimator.acc_bias = builder.attempt("XKF2", lambda: acc_bias_stream(builder, clock), None)
+    log.estimator.gyro_bias = builder.attempt(
         "The onboard gyro bias", lambda: estimator.gyro_bias_stream(builder, clock, values, imu), None
     )
-    log.onboard_vibration = builder.attempt("VIBE", lambda: sensors.vibration_stream(builder, clock, imu), None)
-    log.vibrations = builder.attempt("VIBE", lambda: sensors.vibration_levels(builder, clock), [])
-    log.bursts = builder.attempt("ISBH and ISBD", lambda: sensors.read_bursts(builder, values), [])
-    log.yaw_estimator = builder.attempt(
+    log.vibration.level = builder.attempt("VIBE", lambda: sensors.vibration_stream(builder, clock, imu), None)
+    log.vibration.levels = builder.attempt("VIBE", lambda: sensors.vibration_levels(builder, clock), [])
+    log.vibration.bursts = builder.attempt("ISBH and ISBD", lambda: sensors.read_bursts(builder, values), [])
+    log.estimator.yaw = builder.attempt(
         "The yaw estimator", lambda: estimator.yaw_estimator_stream(builder, clock, values), None
     )
-    log.clippings = builder.attempt("Clipping", lambda: sensors.clippings(builder, clock), [])
-    log.innovation_tests = builder.attempt(
+    log.vibration.clippings = builder.attempt("Clipping", lambda: sensors.clippings(builder, clock), [])
+    log.estimator.innovation_tests = builder.attempt(
         "Test ratios", lambda: estimator.innovation_tests(builder, clock, values), []
     )
-    log.lane = builder.attempt("The EKF's core", lambda: estimator.primary_core_line(builder, clock, values), None)
+    log.estimator.lane = builder.attempt(
+        "The EKF's core", lambda: estimator.primary_core_line(builder, clock, values), None
+    )
     builder.attempt("ERR and EV", lambda: vehicle.report_events(builder, clock), None)
     compass = 0 if log.mag is None else log.mags[log.mag].index
     log.remedies = builder.attempt("Remedies", lambda: remedies.ardupilot_remedies(values, compass), log.remedies)
@@ -239,10 +241,12 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
         None,
     )
     _fill_attitudes(log, builder, clock, core)
-    log.params = builder.attempt("PARM", lambda: parameters.parameter_lines(builder, messages.params, "PARM"), {})
-    log.param_defaults = parameters.logged_defaults(messages.params)
-    log.declination_param, log.declination_source = parameters.declination(log, DECLINATION_PARAMETERS)
-    log.trim, log.trim_source = read_trim(log), ", ".join(TRIM_PARAMETERS)
+    log.parameters.lines = builder.attempt(
+        "PARM", lambda: parameters.parameter_lines(builder, messages.params, "PARM"), {}
+    )
+    log.parameters.defaults = parameters.logged_defaults(messages.params)
+    log.parameters.declination, log.parameters.declination_source = parameters.declination(log, DECLINATION_PARAMETERS)
+    log.parameters.trim, log.parameters.trim_source = read_trim(log), ", ".join(TRIM_PARAMETERS)
     fill_streams(builder, clock, log, values)
     log.problems, log.choices = builder.problems, builder.choices
     return log
@@ -298,7 +302,7 @@ def _fill_attitudes(log: FlightLog, builder: LogBuilder, clock: RecordClock, cor
         builder.choices["onboard"] = "the log holds neither ATT nor ANG"
     log.truth = builder.attempt("SIM", lambda: estimator.simulated_attitude(builder, clock), None)
     log.poses = builder.attempt("VISP", lambda: estimator.vision_poses(builder, clock), {})
-    log.setpoints = builder.attempt(
+    log.setpoints.attitude = builder.attempt(
         "Set-points", lambda: estimator.attitude_setpoint(builder, clock, log.onboard), None
     )
 

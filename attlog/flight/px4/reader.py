@@ -51,31 +51,33 @@ def fill_streams(builder: LogBuilder, log: FlightLog) -> None:
     status = builder.messages.tables.get(("vehicle_status", 0))
     log.vehicle = builder.attempt("The vehicle", lambda: vehicle_type(status, log.param("MAV_TYPE")), "unknown")
     log.simulated = builder.attempt("The simulator", lambda: is_simulated(builder, status), False)
-    log.setpoints = builder.attempt("The attitude set-point", lambda: attitude_setpoint(builder), None)
-    log.rate_setpoints = builder.attempt("The rate set-point", lambda: rate_setpoint_stream(builder), None)
-    log.armed = builder.attempt("Arming", lambda: armed_line(builder, status), None)
-    log.mode = builder.attempt("The flight mode", lambda: mode_line(builder, status), None)
-    log.landed = builder.attempt("The land detector", lambda: landed_line(builder), None)
+    log.setpoints.attitude = builder.attempt("The attitude set-point", lambda: attitude_setpoint(builder), None)
+    log.setpoints.rates = builder.attempt("The rate set-point", lambda: rate_setpoint_stream(builder), None)
+    log.state.armed = builder.attempt("Arming", lambda: armed_line(builder, status), None)
+    log.state.mode = builder.attempt("The flight mode", lambda: mode_line(builder, status), None)
+    log.state.landed = builder.attempt("The land detector", lambda: landed_line(builder), None)
     log.gnss = builder.attempt("GNSS", lambda: read_receivers(builder), [])
     log.utc_offset = builder.attempt("The date", lambda: utc_offset(log.gnss), None)
     log.baro = builder.attempt("The barometer", lambda: baro_streams(builder), [])
     log.rangefinder = builder.attempt("The rangefinder", lambda: rangefinder_stream(builder), None)
     log.airspeed = builder.attempt("Airspeed", lambda: airspeed_stream(builder), None)
-    log.throttle = builder.attempt("Throttle", lambda: throttle_stream(builder), None)
-    log.rpm = builder.attempt("Rotor speed", lambda: rpm_stream(builder), None)
-    log.battery = builder.attempt("The battery", lambda: battery_stream(builder), None)
-    log.acc_bias = builder.attempt("estimator_sensor_bias", lambda: acc_bias_stream(builder), None)
-    log.onboard_gyro_bias = builder.attempt(
+    log.power.throttle = builder.attempt("Throttle", lambda: throttle_stream(builder), None)
+    log.power.rpm = builder.attempt("Rotor speed", lambda: rpm_stream(builder), None)
+    log.power.battery = builder.attempt("The battery", lambda: battery_stream(builder), None)
+    log.estimator.acc_bias = builder.attempt("estimator_sensor_bias", lambda: acc_bias_stream(builder), None)
+    log.estimator.gyro_bias = builder.attempt(
         "The onboard gyro bias", lambda: estimator.gyro_bias_stream(builder, log.replay_imu), None
     )
-    log.yaw_estimator = builder.attempt("The yaw estimator", lambda: estimator.yaw_estimator_stream(builder), None)
-    log.clippings = builder.attempt("Clipping", lambda: imu.clippings(builder), [])
-    log.vibrations = builder.attempt("The vibration metric", lambda: sensors.vibration_levels(builder), [])
-    log.onboard_spectrum = builder.attempt("sensor_gyro_fft", lambda: sensors.onboard_spectrum(builder), None)
-    log.innovation_tests = builder.attempt("Test ratios", lambda: estimator.innovation_tests(builder), [])
-    log.lane = builder.attempt("The estimator's instance", lambda: estimator.selected_instance_line(builder), None)
+    log.estimator.yaw = builder.attempt("The yaw estimator", lambda: estimator.yaw_estimator_stream(builder), None)
+    log.vibration.clippings = builder.attempt("Clipping", lambda: imu.clippings(builder), [])
+    log.vibration.levels = builder.attempt("The vibration metric", lambda: sensors.vibration_levels(builder), [])
+    log.vibration.spectrum = builder.attempt("sensor_gyro_fft", lambda: sensors.onboard_spectrum(builder), None)
+    log.estimator.innovation_tests = builder.attempt("Test ratios", lambda: estimator.innovation_tests(builder), [])
+    log.estimator.lane = builder.attempt(
+        "The estimator's instance", lambda: estimator.selected_instance_line(builder), None
+    )
     estimator.report_estimator(builder)
-    told = {n: v for n in log.params if (v := log.param(n)) is not None}
+    told = {n: v for n in log.parameters.lines if (v := log.param(n)) is not None}
     compass = None if log.mag is None else log.mags[log.mag]
     log.remedies = builder.attempt("Remedies", lambda: remedies.px4_remedies(told, compass), log.remedies)
     log.texts = builder.attempt("Texts", builder.texts, [])
@@ -409,11 +411,11 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.onboard = "vehicle_attitude" if "vehicle_attitude" in log.attitudes else None
     truth = "vehicle_attitude_groundtruth"
     log.truth = builder.attempt(truth, lambda: read_attitude(builder, truth, 0, ()), None)
-    log.params = builder.attempt(
+    log.parameters.lines = builder.attempt(
         "Parameters", lambda: parameters.parameter_lines(builder, messages.params, "parameter"), {}
     )
-    log.param_defaults = parameters.logged_defaults(messages.params)
-    log.declination_param, log.declination_source = parameters.declination(log, DECLINATION_PARAMETERS)
+    log.parameters.defaults = parameters.logged_defaults(messages.params)
+    log.parameters.declination, log.parameters.declination_source = parameters.declination(log, DECLINATION_PARAMETERS)
     fill_streams(builder, log)
     log.problems, log.choices = builder.problems, builder.choices
     return log

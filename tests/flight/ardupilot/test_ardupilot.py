@@ -219,7 +219,7 @@ def test_quaternions_of_the_cores_hold_no_trim_and_euler_records_do() -> None:
 def test_the_fast_attitude_record_is_the_one_that_flew() -> None:
     log = read({("IMU", 0): imu(), ("ATT", 0): att(), ("ANG", 0): att(1600, 80.0)})
     assert log.onboard == "ANG"
-    assert log.setpoints.source == "ANG.Des"
+    assert log.setpoints.attitude.source == "ANG.Des"
 
 
 def test_a_fast_attitude_record_with_holes_is_not_the_one_that_flew() -> None:
@@ -228,7 +228,7 @@ def test_a_fast_attitude_record_with_holes_is_not_the_one_that_flew() -> None:
     log = read({("IMU", 0): imu(2000), ("ATT", 0): att(400), ("ANG", 0): hover})
     assert len(log.attitudes["ANG"].t) > len(log.attitudes["ATT"].t)
     assert log.onboard == "ATT"
-    assert log.setpoints.source == "ATT.Des"
+    assert log.setpoints.attitude.source == "ATT.Des"
     covered = log.attitudes["ANG"].covers(np.array([1.0, 20.0, 39.0]))
     assert covered.tolist() == [True, False, True]
 
@@ -240,9 +240,11 @@ def test_battery_before_3_4_is_in_hundredths_and_in_units_since() -> None:
         "Volt": np.full(20, 1644, np.int16),
         "Curr": np.full(20, 108, np.int16),
     }
-    np.testing.assert_allclose(read({("IMU", 0): imu(), ("CURR", 0): current}).battery.x, [[16.44, 1.08]] * 20)
+    np.testing.assert_allclose(read({("IMU", 0): imu(), ("CURR", 0): current}).power.battery.x, [[16.44, 1.08]] * 20)
     new = {"TimeUS": micros(20, 1), "Volt": np.full(20, 16.44, np.float32), "Curr": np.full(20, 1.08, np.float32)}
-    np.testing.assert_allclose(read({("IMU", 0): imu(), ("BAT", 0): new}).battery.x, [[16.44, 1.08]] * 20, rtol=1e-6)
+    np.testing.assert_allclose(
+        read({("IMU", 0): imu(), ("BAT", 0): new}).power.battery.x, [[16.44, 1.08]] * 20, rtol=1e-6
+    )
 
 
 def test_battery_of_an_old_log_is_what_pymavlink_reads(corpus: Path) -> None:
@@ -250,7 +252,7 @@ def test_battery_of_an_old_log_is_what_pymavlink_reads(corpus: Path) -> None:
     theirs, raw = DFReader.DFReader_binary(str(path)), []
     while (record := theirs.recv_match(type="CURR")) is not None:
         raw.append((record.Volt, record.Curr))
-    ours = flight.read(path).battery.x
+    ours = flight.read(path).power.battery.x
     np.testing.assert_allclose(ours, np.array(raw)[: len(ours)] / 100.0)
     assert 14.0 < np.median(ours[:, 0]) < 17.0, "a battery of four cells"
 
@@ -282,8 +284,8 @@ def test_the_attitude_steps_at_the_first_record_of_another_estimator() -> None:
 def test_armed_and_landed_follow_the_events_and_begin_on_the_ground() -> None:
     events = {"TimeUS": np.array([15, 17, 25, 28], np.uint64) * 1_000_000, "Id": np.array([10, 28, 18, 11], np.uint8)}
     log = read({("IMU", 0): imu(), ("EV", 0): events})
-    assert [log.armed.at(t) for t in (0, 6, 19)] == [False, True, False]
-    assert [log.landed.at(t) for t in (0, 8, 16)] == [True, False, True]
+    assert [log.state.armed.at(t) for t in (0, 6, 19)] == [False, True, False]
+    assert [log.state.landed.at(t) for t in (0, 8, 16)] == [True, False, True]
 
 
 def test_gps_week_time_is_not_taken_for_the_boot_clock() -> None:
@@ -412,7 +414,7 @@ def test_rate_setpoints_in_hundredths_of_a_degree_are_recognised_by_the_gyro() -
         for k, (des, act) in enumerate((("RDes", "R"), ("PDes", "P"), ("YDes", "Y"))):
             rate |= {des: measured[:, k], act: measured[:, k]}
         log = read(tables | {("RATE", 0): rate})
-        np.testing.assert_allclose(log.rate_setpoints.x, truth, rtol=1e-9)
+        np.testing.assert_allclose(log.setpoints.rates.x, truth, rtol=1e-9)
 
 
 def test_a_compass_that_shows_only_its_offsets_is_dead() -> None:
@@ -508,8 +510,8 @@ def test_an_impossible_cutoff_is_unknown(value: float) -> None:
 def test_half_throttle_is_a_half_in_every_vehicle(banner: str, column: str, stored: float) -> None:
     control = {"TimeUS": micros(20, 5), column: np.full(20, stored, np.float32)}
     log = read({("IMU", 0): imu(), ("CTUN", 0): control}, texts=(Text(banner, 6, 9_000_000),))
-    assert log.throttle is not None
-    np.testing.assert_allclose(log.throttle.x, 0.5, rtol=1e-6)
+    assert log.power.throttle is not None
+    np.testing.assert_allclose(log.power.throttle.x, 0.5, rtol=1e-6)
 
 
 def test_a_pose_by_camera_has_the_time_that_the_vehicle_took_it_to_be_of() -> None:

@@ -106,7 +106,7 @@ def test_bursts_are_those_that_pymavlink_reads(corpus) -> None:
             parts.append(np.stack([np.array(m.x), np.array(m.y), np.array(m.z)], axis=1))
             if m.seqno == 31:
                 expected.append((head.instance, np.concatenate(parts) / head.mul))
-    whole = [b for b in log.bursts if len(b.x) == 1024]
+    whole = [b for b in log.vibration.bursts if len(b.x) == 1024]
     assert len(whole) == len(expected) == 16
     for burst, (instance, x) in zip(whole, expected, strict=True):
         assert burst.filtered == (instance >= 2)
@@ -118,17 +118,17 @@ def test_the_level_of_bursts_is_that_of_vibe_in_steady_flight(corpus) -> None:
     from attlog.health.vibration import burst_levels
 
     log = attlog.read(corpus / "logs" / "bin_copter_4.7dev_crash_isb_cut.bin")
-    raw = [b for b in log.bursts if b.sensor == "accelerometer" and not b.filtered]
-    own, vibe = burst_levels(raw), next(v for v in log.vibrations if v.unit == 0)
+    raw = [b for b in log.vibration.bursts if b.sensor == "accelerometer" and not b.filtered]
+    own, vibe = burst_levels(raw), next(v for v in log.vibration.levels if v.unit == 0)
     ratio = own.level[:2] / np.interp(own.t[:2], vibe.t, vibe.level)
     assert ratio == pytest.approx([0.95, 0.90], abs=0.06)
 
 
 def test_every_unit_of_vibe_has_its_level(corpus) -> None:
     log = attlog.read(corpus / "logs" / "cases" / "copter_flip_at_takeoff.bin")
-    assert [v.unit for v in log.vibrations] == [0, 1, 2]
-    assert log.onboard_vibration is not None
-    assert np.array_equal(log.vibrations[0].level, log.onboard_vibration.x.max(axis=1))
+    assert [v.unit for v in log.vibration.levels] == [0, 1, 2]
+    assert log.vibration.level is not None
+    assert np.array_equal(log.vibration.levels[0].level, log.vibration.level.x.max(axis=1))
 
 
 def test_a_counter_of_clipped_samples_that_begins_anew_has_counted_none() -> None:

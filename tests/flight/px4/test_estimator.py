@@ -35,7 +35,7 @@ def selector(instance: int, device: int, n: int = 5) -> dict[str, Any]:
 
 
 def test_the_bias_is_rad_per_second_on_the_clock_of_the_log() -> None:
-    stream = read({("sensor_combined", 0): combined(), ("estimator_sensor_bias", 0): bias(BIAS)}).onboard_gyro_bias
+    stream = read({("sensor_combined", 0): combined(), ("estimator_sensor_bias", 0): bias(BIAS)}).estimator.gyro_bias
     assert stream is not None
     np.testing.assert_allclose(stream.x[0], BIAS)
     np.testing.assert_allclose(stream.t, [1, 2, 3, 4, 5])
@@ -55,25 +55,25 @@ def two_units(primary: int, flew: int) -> dict[tuple[str, int], Any]:
 
 @pytest.mark.parametrize("primary", [1, 2])
 def test_it_is_that_of_the_selected_instance(primary: int) -> None:
-    stream = read(two_units(primary, 8)).onboard_gyro_bias
+    stream = read(two_units(primary, 8)).estimator.gyro_bias
     assert stream is not None
     np.testing.assert_allclose(stream.x[0], (primary + 1) * BIAS, rtol=1e-6)
 
 
 def test_another_unit_has_the_bias_of_the_instance_that_runs_on_it() -> None:
-    stream = read(two_units(2, 8), imu=0).onboard_gyro_bias
+    stream = read(two_units(2, 8), imu=0).estimator.gyro_bias
     assert stream is not None
     assert stream.source == "estimator_sensor_bias:0"
 
 
 def test_a_bias_of_another_gyro_is_none_of_the_replayed_one() -> None:
     tables = {("vehicle_imu", 0): increments(N, RATE, 7), ("estimator_sensor_bias", 0): bias(BIAS, 9)}
-    assert read(tables).onboard_gyro_bias is None
+    assert read(tables).estimator.gyro_bias is None
 
 
 def test_an_angle_per_step_of_unknown_length_is_no_rate() -> None:
     states = {"timestamp": micros(5, 1.0), "states": np.full((5, 24), 1e-4, np.float32)}
-    assert read({("sensor_combined", 0): combined(), ("estimator_status", 0): states}).onboard_gyro_bias is None
+    assert read({("sensor_combined", 0): combined(), ("estimator_status", 0): states}).estimator.gyro_bias is None
 
 
 def test_a_gyro_that_has_the_bias_taken_off_has_none_to_subtract() -> None:
@@ -92,7 +92,7 @@ def test_a_gyro_that_has_the_bias_taken_off_has_none_to_subtract() -> None:
     }
     log = read(tables)
     assert log.replay_imu is not None
-    assert log.onboard_gyro_bias is None
+    assert log.estimator.gyro_bias is None
 
 
 # The heading that PX4 finds from GNSS motion: in which eras, and when it is valid.
@@ -108,7 +108,7 @@ def estimated(**more: Any) -> dict[str, Any]:
 
 
 def test_before_it_had_a_flag_it_is_valid_where_one_sigma_is_below_15_deg() -> None:
-    stream = read({("sensor_combined", 0): combined(), (TOPIC, 0): estimated()}).yaw_estimator
+    stream = read({("sensor_combined", 0): combined(), (TOPIC, 0): estimated()}).estimator.yaw
     assert stream is not None
     np.testing.assert_allclose(stream.x[:, 0], [0.3, 0.4, 0.5], rtol=1e-6)
     np.testing.assert_allclose(stream.x[:, 1], [0.1, 0.05, 0.02], rtol=1e-6)
@@ -118,7 +118,7 @@ def test_before_it_had_a_flag_it_is_valid_where_one_sigma_is_below_15_deg() -> N
 
 def test_a_flag_leaves_out_what_the_estimator_itself_calls_invalid() -> None:
     topic = estimated(yaw_composite_valid=np.array([0, 0, 0, 1, 1], np.uint8))
-    stream = read({("sensor_combined", 0): combined(), (TOPIC, 0): topic}).yaw_estimator
+    stream = read({("sensor_combined", 0): combined(), (TOPIC, 0): topic}).estimator.yaw
     assert stream is not None
     np.testing.assert_allclose(stream.x[:, 0], [0.4, 0.5], rtol=1e-6)
 
@@ -127,7 +127,7 @@ def test_a_flag_leaves_out_what_the_estimator_itself_calls_invalid() -> None:
 def test_of_two_estimators_it_is_the_selected_ones(selected: int) -> None:
     chosen = {"timestamp": micros(5, 1.0, 11_000_000), "primary_instance": np.full(5, selected, np.uint8)}
     tables = {("sensor_combined", 0): combined(), ("estimator_selector_status", 0): chosen, (TOPIC, 0): estimated()}
-    stream = read(tables | {(TOPIC, 1): estimated(yaw_composite=np.full(5, 1.5, np.float32))}).yaw_estimator
+    stream = read(tables | {(TOPIC, 1): estimated(yaw_composite=np.full(5, 1.5, np.float32))}).estimator.yaw
     assert stream is not None
     assert stream.source == f"{TOPIC}:{selected}"
     np.testing.assert_allclose(stream.x[:, 0], [[0.3, 0.4, 0.5], [1.5, 1.5, 1.5]][selected], rtol=1e-6)
@@ -136,16 +136,16 @@ def test_of_two_estimators_it_is_the_selected_ones(selected: int) -> None:
 @pytest.mark.parametrize("without", ["yaw_composite", "yaw_variance"])
 def test_without_yaw_or_variance_there_is_none(without: str) -> None:
     topic = {name: x for name, x in estimated().items() if name != without}
-    assert read({("sensor_combined", 0): combined(), (TOPIC, 0): topic}).yaw_estimator is None
+    assert read({("sensor_combined", 0): combined(), (TOPIC, 0): topic}).estimator.yaw is None
 
 
 def test_in_a_simulated_flight_it_is_near_the_true_heading() -> None:
     """Clockwise from true north, in radians: its own sigma there is 2 deg."""
     log = flight.read(SAMPLES / "px4_steps.ulg")
-    assert log.yaw_estimator is not None
+    assert log.estimator.yaw is not None
     assert log.truth is not None
-    q = rotation.slerp(log.truth.t, log.truth.q, log.yaw_estimator.t_best)
-    off = np.degrees(rotation.wrap(log.yaw_estimator.x[:, 0] - rotation.to_euler(q)[:, 2]))
+    q = rotation.slerp(log.truth.t, log.truth.q, log.estimator.yaw.t_best)
+    off = np.degrees(rotation.wrap(log.estimator.yaw.x[:, 0] - rotation.to_euler(q)[:, 2]))
     assert np.nanmedian(np.abs(off)) < 6.0
 
 
@@ -170,7 +170,7 @@ arming: 0.08 deg/s short at the most."""
 )
 def test_before_arming_it_is_what_the_logged_gyro_shows_standing_still(corpus: Path, name: str) -> None:
     log = attlog.read(corpus / "sitl" / name)
-    bias, imu, armed = log.onboard_gyro_bias, log.replay_imu, log.armed
+    bias, imu, armed = log.estimator.gyro_bias, log.replay_imu, log.state.armed
     assert bias is not None
     assert imu is not None
     assert armed is not None

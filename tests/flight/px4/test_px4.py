@@ -358,7 +358,7 @@ def test_a_counter_of_clipped_samples_tells_what_came_since_the_record_before() 
     status = {"timestamp": micros(4, 1.0)}
     status["accel_clipping"] = np.array([[40, 0, 7], [40, 2, 7], [45, 2, 0], [45, 2, 1]], np.uint32)
     log = read({("sensor_combined", 0): combined(), ("vehicle_imu_status", 0): status})
-    (found,) = log.clippings
+    (found,) = log.vibration.clippings
     assert found.new.tolist() == [0, 2, 5, 1]
 
 
@@ -427,16 +427,16 @@ def test_the_headings_ratio_of_1_16_is_the_compass_and_squares_fill_what_is_miss
     }
     tables = {("sensor_combined", 0): combined(), ("estimator_status", 0): status}
     log = read(tables | {("estimator_innovation_test_ratios", 0): squares})
-    ratios = {one.aid: float(one.ratio[3]) for one in log.innovation_tests}
+    ratios = {one.aid: float(one.ratio[3]) for one in log.estimator.innovation_tests}
     assert ratios == {"compass": pytest.approx(0.3), "velocity": pytest.approx(0.5)}
 
 
 def test_the_instance_that_flew_is_a_time_line() -> None:
     selector = {"timestamp": micros(4, 1.0), "primary_instance": np.array([0, 0, 1, 1], np.uint8)}
     log = read({("sensor_combined", 0): combined(), ("estimator_selector_status", 0): selector})
-    assert log.lane is not None
-    assert log.lane.value == [0, 1]
-    assert read({("sensor_combined", 0): combined()}).lane is None
+    assert log.estimator.lane is not None
+    assert log.estimator.lane.value == [0, 1]
+    assert read({("sensor_combined", 0): combined()}).estimator.lane is None
 
 
 @pytest.mark.parametrize("old", [False, True], ids=["position", "x y z"])

@@ -374,7 +374,7 @@ def test_the_level_of_samples_is_the_one_that_was_logged(corpus, name: str, low:
     imu = log.replay_imu
     assert imu is not None
     own = sample_levels(imu)
-    told = next(v for v in log.vibrations if v.unit == imu.index)
+    told = next(v for v in log.vibration.levels if v.unit == imu.index)
     t, logged = second_means(told.t, told.level)
     mine = np.interp(t, own.t, own.level)
     shaking = logged > 3.0

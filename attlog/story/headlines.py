@@ -125,7 +125,7 @@ def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event
     pushed = _throttle_spans(segments)
     if not pushed:
         if not armed:
-            never = "never armed" if log.armed is not None else "motors never ran"
+            never = "never armed" if log.state.armed is not None else "motors never ran"
             never = "only motor tests" if matching_texts(log, MOTOR_TEST) else never
             tilt = largest_tilt(log, [(-1e9, 1e9)])
             return [f"{never} in {total}" + (f", tilted up to {tilt:.0f}° by hand." if tilt and tilt > 15 else ".")]
