@@ -22,10 +22,7 @@ from attlog.flight import read
 from attlog.pipeline.config import Config
 from attlog.pipeline.replay import run_rows
 
-FLOWN = {
-    "plane_dcm.bin": "ATT",
-    "ulg_px4_1.5_auavx21_ground_cut.ulg": "vehicle_attitude",
-}
+FLOWN = {"plane_dcm.bin": "ATT", "ulg_px4_1.5_auavx21_ground_cut.ulg": "vehicle_attitude"}
 """Logs whose onboard attitude comes from one of the two filters."""
 POWER_UP_S = 30.0
 """A log that begins earlier than this after power-up holds a DCM that still learns the gyro bias."""

@@ -103,7 +103,7 @@ def over(flights: dict[str, dict[tuple[str, str], UnitValues]]) -> None:
             for _ in range(SETS):
                 drawn = rng.permutation(len(differences))
                 one, two = (
-                    paired.pool([differences[k].value for k in some], [differences[k].error for k in some])
+                    paired.pool_values([differences[k].value for k in some], [differences[k].error for k in some])
                     for some in (drawn[: len(drawn) // 2], drawn[len(drawn) // 2 :])
                 )
                 if one.ci95 is None or two.ci95 is None:

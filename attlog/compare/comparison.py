@@ -1,49 +1,25 @@
-"""What configurations are compared by: the four questions, and any metric that is asked for."""
+"""What ``attlog compare``, ``sweep`` and ``tune`` ask of settings on logs, and the document of a comparison."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, ClassVar
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from typing import Any
 
-from attlog.compare.paired import Direction, PooledMean, Scale
+from attlog.compare.paired import Difference, Interval, Scale
 from attlog.core.errors import UsageError, suggestion
-from attlog.core.files import read_settings_bytes
-from attlog.core.limits import MAX_RESULT_BYTES
 from attlog.core.plain import to_plain
-from attlog.core.settings import validated
-from attlog.metrics import definitions
+from attlog.metrics import Metric, definitions
 from attlog.metrics.metric import named
 from attlog.words.ranking import AIR, ALL, DRIFT_AIR, PHASES, REST
 
 FALLBACK_WINDOWS = ("all", "airborne", "armed", "rest", "hover", "cruise", "idle")
+# Names of the phases after a noun, in a sentence and in a title.
 PHASE_PLACES = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
-"""What the phases are called after a noun."""
 SHORT_PLACES = PHASE_PLACES | {"cruise": "moving", "idle": "idling"}
-"""The same in a title, as the table of one log has it."""
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedMetric:
-    """One question: ``metric`` in the first of ``windows`` that a log answers; ``main`` has a sentence and a plot.
-
-    Its values are compared on ``scale``, as a ratio or as a difference.
-    """
-
-    metric: str
-    windows: tuple[str, ...]
-    title: str
-    scale: Scale
-    main: bool = True
-
-    @property
-    def id(self) -> str:
-        """What it is called in files: ``tilt_rmse_deg@airborne``."""
-        return f"{self.metric}@{self.windows[0]}"
-
-
+# Metric and windows, in the order of a report on one log.
 MAIN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("tilt_rmse_deg", AIR),
     ("heading_rmse_deg", AIR),
@@ -55,59 +31,142 @@ MAIN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("drift_rest_deg_per_min", REST),
     (DRIFT_AIR, AIR),
 )
-"""Metric and windows, in the order of a report on one log."""
+COMPARISON_SCHEMA = "attlog-comparison/3"
 
 
-def select_questions(metrics: Sequence[str] = (), window: str | None = None) -> list[ComparedMetric]:
-    """The questions of a comparison: the main ones, or the ``metrics`` named (``all``), in one window if named.
+@dataclass(slots=True)
+class SettingAnswer:
+    """One setting on one log: its answer as of ``attlog analyze``, or the reason for none."""
 
-    UsageError with a suggestion for metrics that do not exist.
+    value: float | None
+    ci95: Interval | None = None
+    n: int = 0
+    window: str = ""
+    status: str = "ok"
+    reason: str = ""
+
+
+@dataclass(slots=True)
+class Contrast:
+    """One configuration against the first: log by log, and pooled (None where no log has a value)."""
+
+    configuration: str
+    logs: list[Difference] = field(default_factory=list)
+    over: Difference | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One metric in the first of ``windows`` in which a log has a value, and what settings answer.
+
+    ``main``: the question has a sentence and a figure. ``cells``: log -> configuration -> answer.
     """
-    known = definitions()
+
+    metric: str
+    windows: tuple[str, ...]
+    title: str
+    unit: str
+    better: str
+    scale: Scale
+    main: bool = True
+    cells: dict[str, dict[str, SettingAnswer]] = field(default_factory=dict, compare=False)
+    contrasts: list[Contrast] = field(default_factory=list, compare=False)
+
+    @property
+    def id(self) -> str:
+        """Return its name in files: ``tilt_rmse_deg@airborne``."""
+        return f"{self.metric}@{self.windows[0]}"
+
+    @property
+    def name(self) -> str:
+        """Return its name in one window: ``METRIC``, or ``METRIC@WINDOW`` for a part of the log."""
+        return self.metric if self.window == "all" else self.id
+
+    @property
+    def window(self) -> str:
+        """Return its first window."""
+        return self.windows[0]
+
+    def contrast(self, name: str) -> Contrast:
+        """Return the contrast of a configuration after the first."""
+        return next(c for c in self.contrasts if c.configuration == name)
+
+
+def select_questions(metrics: Sequence[str] = (), window: str | None = None) -> list[Question]:
+    """Return the main questions, or those of ``metrics`` (``METRIC[@WINDOW]``, ``all``), in one window if named.
+
+    UsageError names everything wrong in them.
+    """
     windows = None if window is None else (window,)
-    wrong = [m for m in metrics if m != "all" and m not in known]
-    if wrong:
-        raise UsageError("\n".join(f"there is no metric {m}{suggestion(m, ['all', *known])}" for m in wrong))
     if not metrics:
-        found = [_main_question(name, places, windows) for name, places in MAIN_QUESTIONS]
+        found = [replace(_main_question(m, places), windows=windows or places) for m, places in MAIN_QUESTIONS]
     else:
+        asked = parse_metrics(["*" if m == "all" else m for m in metrics])
         every = "all" in metrics
-        found = [q for name in (known if every else metrics) for q in _metric_questions(name, windows, not every)]
+        found = [q for m, own in asked for q in _metric_questions(m, (own,) if own else windows, not every)]
     return list({q.id: q for q in found}.values())
 
 
-def _main_question(name: str, places: tuple[str, ...], windows: tuple[str, ...] | None) -> ComparedMetric:
-    """One of MAIN, called by its noun: ``Tilt error``, ``Noise added in hover``."""
+def parse_metrics(texts: Iterable[str], known: Sequence[Metric] = ()) -> list[tuple[Metric, str]]:
+    """Return metric and window ("" without one) of texts such as ``lag_ms``, ``noise_*@hover``.
+
+    UsageError names everything wrong in them.
+    """
+    by_name = {m.name: m for m in known or definitions().values()}
+    found: dict[tuple[str, str], tuple[Metric, str]] = {}
+    wrong = []
+    for text in texts:
+        name, _, window = (part.strip() for part in text.partition("@"))
+        meant = [m for n, m in by_name.items() if fnmatchcase(n, name)]
+        if not meant:
+            wrong.append(f"{text}: there is no metric {name}{suggestion(name, ['all', *by_name])}")
+        if "@" in text and not window:
+            wrong.append(f"{text}: no window after @; give one such as {name}@hover")
+        found |= {(m.name, window): (m, window) for m in meant}
+    if wrong or not found:
+        raise UsageError("\n".join(wrong) or "no metric; give one such as tilt_rmse_deg")
+    return list(found.values())
+
+
+def question_of(metric: Metric, window: str) -> Question:
+    """Return the question for a metric in one window."""
+    place = "rest" if metric.asked == "phases" and window == "all" else window
+    if any(metric.name == name and place in places for name, places in MAIN_QUESTIONS):
+        found = replace(_main_question(metric.name, (place,)), windows=(window,))
+        at = "" if metric.asked == "phases" or window == "all" else f", {window}"
+        return replace(found, title=found.title + at)
+    return _question(metric, (window,), metric.title if window == "all" else f"{metric.title}, {window}")
+
+
+def _question(metric: Metric, windows: tuple[str, ...], title: str, main: bool = True) -> Question:
+    return Question(metric.name, windows, title, metric.unit, metric.better, metric.scale, main)
+
+
+def _main_question(name: str, windows: tuple[str, ...]) -> Question:
+    """Return a question with its noun as title: ``Tilt error``, ``Noise added in hover``."""
     metric = named(definitions().values(), name)
     noun = metric.wording.noun if metric.wording is not None else metric.title
-    added = " added" if places[0] != "rest" else ""
-    place = f"{added} {SHORT_PLACES[places[0]]}" if metric.asked == "phases" else ""
-    return ComparedMetric(name, windows or places, f"{noun[:1].upper()}{noun[1:]}{place}", metric.scale)
+    added = " added" if windows[0] != "rest" else ""
+    place = f"{added} {SHORT_PLACES[windows[0]]}" if metric.asked == "phases" else ""
+    return replace(_question(metric, windows, f"{noun[:1].upper()}{noun[1:]}{place}"), metric=name)
 
 
-def _metric_questions(name: str, windows: tuple[str, ...] | None, main: bool) -> list[ComparedMetric]:
-    """A metric by name in the windows that make sense for it: each phase for itself, at rest, or first in flight."""
-    metric = definitions()[name]
-    title, scale = metric.title, metric.scale
-    in_flight = dict(MAIN_QUESTIONS).get(name) if scale == "ratio" and metric.asked == "flight" else None
+def _metric_questions(metric: Metric, windows: tuple[str, ...] | None, main: bool) -> list[Question]:
+    """Return a metric's questions: each phase for itself, at rest, or first in flight."""
+    in_flight = dict(MAIN_QUESTIONS).get(metric.name) if metric.scale == "ratio" and metric.asked == "flight" else None
     if windows or in_flight:
-        return [ComparedMetric(name, windows or in_flight or (), title, scale, main)]
+        return [_question(metric, windows or in_flight or (), metric.title, main)]
     if metric.asked == "phases":
-        return [ComparedMetric(name, (phase,), f"{title}, {phase}", scale, main) for phase in PHASES]
+        return [_question(metric, (phase,), f"{metric.title}, {phase}", main) for phase in PHASES]
     places = REST if metric.asked == "rest" else (*AIR, *(w for w in (*ALL, *FALLBACK_WINDOWS) if w not in AIR))
-    return [ComparedMetric(name, places, title, scale, main)]
-
-
-# The result of a comparison: one JSON document, its schema versioned, read back by ``Comparison.load``.
-
-COMPARISON_SCHEMA = "attlog-comparison/2"
+    return [_question(metric, places, metric.title, main)]
 
 
 @dataclass(slots=True)
 class ConfigurationSummary:
-    """A configuration: ``name`` as its rows are called, ``label`` in sentences, ``text`` for the command line.
+    """One configuration: ``name`` of its rows, ``label`` in sentences, ``text`` for the command line.
 
-    ``parameters`` are those set by hand, ``before`` what comes before the filter.
+    ``parameters``: those set by hand. ``before``: settings that act before the filter.
     """
 
     name: str
@@ -119,9 +178,9 @@ class ConfigurationSummary:
 
 @dataclass(slots=True)
 class LogLine:
-    """One log: what it is and was compared with, or why it could not be used (``code`` as of the command line).
+    """One log and its reference, or the exit ``code`` and the ``reason`` why it could not be used.
 
-    ``same_as`` names the log of the same flight that counts in its place where logs are pooled.
+    ``same_as``: log of the same flight that counts in its place where logs are pooled.
     """
 
     name: str
@@ -137,80 +196,8 @@ class LogLine:
 
 
 @dataclass(slots=True)
-class ConfigurationAnswer:
-    """A configuration on a log: the answer as ``attlog analyze`` gives it, or the reason for none."""
-
-    value: float | None
-    ci95: tuple[float, float] | None = None
-    n: int = 0
-    window: str = ""
-    status: str = "ok"
-    reason: str = ""
-
-
-@dataclass(slots=True)
-class LogDifference:
-    """A configuration beside the first on one log, on ``n`` common units of evidence.
-
-    ``value`` is the ratio or the difference of sizes (below one, below zero: nearer to perfect), ``first``
-    and ``second`` what it is of; None with the ``reason``. ``error`` is the standard error of the logarithm of
-    the ratio, or of the difference; ``floor`` the size below which it counts as none.
-    """
-
-    log: str
-    value: float | None
-    ci95: tuple[float, float] | None = None
-    p: float | None = None
-    n: int = 0
-    first: float | None = None
-    second: float | None = None
-    error: float | None = None
-    floor: float = 0.0
-    direction: Direction = "not significant"
-    window: str = ""
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PooledDifference(PooledMean):
-    """The differences of all logs that have a value as one; of ratios ``value`` and ``ci95`` are ratios again.
-
-    ``tau`` stays on the scale of their logarithm. ``floor``: the size below which it counts as none.
-    """
-
-    floor: float
-    direction: Direction
-
-
-@dataclass(slots=True)
-class Contrast:
-    """One configuration beside the first: log by log, and over all of them (None where no log has a value)."""
-
-    configuration: str
-    logs: list[LogDifference] = field(default_factory=list)
-    over: PooledDifference | None = None
-
-
-@dataclass(slots=True)
-class Question:
-    """One metric in one kind of window (of several names the first in which a log has a value)."""
-
-    id: str
-    metric: str
-    windows: list[str]
-    title: str
-    unit: str
-    better: str
-    scale: Scale
-    main: bool
-    cells: dict[str, dict[str, ConfigurationAnswer]] = field(default_factory=dict)
-    """log -> configuration -> cell"""
-    contrasts: list[Contrast] = field(default_factory=list)
-
-
-@dataclass(slots=True)
 class ConfigurationSentences:
-    """What a configuration is worth beside the first, in sentences: the lead, and one for each further question."""
+    """A configuration against the first in words: the lead, and a sentence for each further question."""
 
     configuration: str
     lead: str
@@ -219,7 +206,7 @@ class ConfigurationSentences:
 
 @dataclass(slots=True)
 class Comparison:
-    """Everything ``attlog compare`` found out. The first of ``configurations`` is what the others are compared with.
+    """Settings x logs x metrics; the others of ``configurations`` are compared with its first.
 
     ``unanswered``: question id -> why no log answers it.
     """
@@ -234,26 +221,29 @@ class Comparison:
     verdicts: list[ConfigurationSentences] = field(default_factory=list)
     definitions: dict[str, str] = field(default_factory=dict)
     schema: str = COMPARISON_SCHEMA
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid"}
 
-    def to_json(self, path: str | Path | None = None) -> str:
-        """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be."""
+    @property
+    def first(self) -> ConfigurationSummary:
+        """Return the configuration that the others are compared with."""
+        return self.configurations[0]
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Return the label of each configuration by its name."""
+        return {c.name: c.label for c in self.configurations}
+
+    @property
+    def used(self) -> list[LogLine]:
+        """Return the logs that could be used."""
+        return [line for line in self.logs if not line.code]
+
+    def to_json(self) -> str:
+        """Return the JSON text; what cannot be encoded is replaced."""
         text = json.dumps(to_plain(self), ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
-        text = text.encode("utf-8", "surrogatepass").decode("utf-8", "replace")
-        if path is not None:
-            from attlog.core.files import write_atomic
+        return text.encode("utf-8", "surrogatepass").decode("utf-8", "replace")
 
-            write_atomic(Path(path), text)
-        return text
 
-    @classmethod
-    def load(cls, path: str | Path) -> Comparison:
-        """What ``to_json`` wrote. LogUnreadable if the file cannot be opened, UsageError for what is no comparison."""
-        try:
-            document = json.loads(read_settings_bytes(Path(path), MAX_RESULT_BYTES).decode("utf-8"))
-        except (ValueError, RecursionError) as error:
-            raise UsageError(f"{path}: not a comparison of attlog: no valid JSON: {error}") from None
-        schema = document.get("schema") if isinstance(document, dict) else None
-        if schema != COMPARISON_SCHEMA:
-            raise UsageError(f"{path}: not a comparison of attlog: its schema is {schema!r}, not {COMPARISON_SCHEMA}")
-        return validated(cls, document, f"{path}: not a comparison of attlog", strict=True)
+def commonest_reason(reasons: Iterable[str]) -> str:
+    """Return the reason given most often, empty where none is given."""
+    given = [reason for reason in reasons if reason]
+    return max(dict.fromkeys(given), key=given.count) if given else ""

@@ -1,12 +1,11 @@
-"""The samples of a log as a configuration wants them: calibrated, filtered, thinned out, late.
+"""Samples of a log as a configuration wants them: calibrated, filtered, resampled, delayed; and its filter run.
 
-The log itself is not changed, nor is what is known of its delay: a low-pass makes a row late, and its
-lag shows it.
+The log itself is not changed, nor its known delays: a low-pass makes a row late, and the row's lag shows it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators
-from attlog.compare.setting import SETTINGS, Configuration, Value
+from attlog.compare.setting import SETTINGS, Configuration, Value, numbers_text
 from attlog.core import rotation, signal
 from attlog.core.errors import UsageError
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
@@ -29,21 +28,107 @@ from attlog.segments import model
 Array = NDArray[np.float64]
 Settings = Mapping[str, Value]
 
+# Smallest frequency of a rotor in widths of its notch: below it the rotor stands or starts and gets no notch.
 MIN_CENTRE_WIDTHS = 1.0
-"""A rotor whose frequency is below so many widths of its notch gets none: it stands or starts."""
 TESLA_PER_UT = 1e-6
+# A rate may exceed that of the log by a third: rounding to a whole number of samples then still gives one.
+MIN_RATE_SHARE = 0.75
+IMU_CALIBRATION = ("imu_rotation", "gyro_offset", "gyro_scale", "acc_offset", "acc_scale")
+
+
+@dataclass(frozen=True, slots=True)
+class FilterInput:
+    """Input of a configuration's filter on one log, prepared once for all its parameter sets."""
+
+    case: Case
+    configuration: Configuration
+    suffix: str
+    imu: Imu
+    mag: Mag | None
+    facts: estimators.LogFacts
+    aids: estimators.Aids
+
+    @classmethod
+    def of(cls, case: Case, configuration: Configuration, suffix: str | None = None) -> FilterInput:
+        """Return the samples of an IMU (default: the first) behind the configuration's settings.
+
+        UsageError for settings that this log cannot serve.
+        """
+        suffix = next(iter(case.imus)) if suffix is None else suffix
+        imu, mag = case.imus[suffix], None if case.log.mag is None else case.log.mags[case.log.mag]
+        facts = replay.facts(case, suffix)
+        if configuration.params is not None:
+            given = read_parameter_file(configuration.params)
+            facts = replace(facts, given={**facts.given, **given})
+            imu, mag = recorrected_units(case.log, configuration.params.name, given, imu, mag)
+        before = {name: value for name, value in configuration.before.items() if name != "params"}
+        if before:  # else the log's own unit, whose metrics are cached
+            imu, mag = prepare_input(before, case.log, imu, mag)
+        return cls(case, configuration, suffix, imu, mag, facts, replay.aids_of(case, suffix))
+
+    @property
+    def values(self) -> dict[str, float | str]:
+        """Return every parameter of the filter on this log."""
+        return {name: value for name, (value, _) in self.configuration.row.resolved(self.facts).items()}
+
+    def rows(self, settings: Sequence[Mapping[str, float | str]]) -> list[Row]:
+        """Return a row for each parameter set laid over the configuration's own."""
+        row = self.configuration.row
+        return replay.batch(self.case, self.imu, self.mag, row, settings, self.facts, self.aids)
+
+    def row(self) -> tuple[Row, EstimatorRow]:
+        """Return the configuration's row and its line of the table."""
+        c = self.configuration
+        return replay.replayed(self.case, self.imu, self.mag, c.row, self.facts, self.aids, c.name + self.suffix)
+
+
+@dataclass(frozen=True, slots=True)
+class ConfiguredFilter:
+    """A configuration as :func:`attlog.pipeline.evaluate` takes it in place of a filter's name."""
+
+    configuration: Configuration
+
+    @property
+    def name(self) -> str:
+        """Return the row's name."""
+        return self.configuration.name
+
+    @property
+    def row(self) -> estimators.EstimatorSpec:
+        """Return the filter that runs."""
+        return self.configuration.row
+
+    def __str__(self) -> str:
+        return self.configuration.text
+
+    def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Row, EstimatorRow]:
+        """Return the row and its line of the table, settings before the filter among its parameters."""
+        c = self.configuration
+        if replay.is_recorded(c.row):
+            if c.before:
+                raise UsageError(
+                    f"{', '.join(c.before)}: nothing can come before an attitude that was computed elsewhere"
+                )
+            return replay.recorded_row(case, imu, c.row, c.name + suffix)
+        row, line = FilterInput.of(case, c, suffix).row()
+        for name, value in c.before.items():
+            setting = SETTINGS[name]
+            shown = ParameterValue(numbers_text(value), "option", setting.unit, setting.meaning)
+            line.parameters[f"before.{name}"] = shown
+        return row, line
 
 
 def prepare_input(settings: Settings, log: FlightLog, imu: Imu, mag: Mag | None) -> tuple[Imu, Mag | None]:
-    """The unit and the magnetometer as the filter is to see them. UsageError for what this log cannot do."""
+    """Return an IMU and a magnetometer behind settings. UsageError for settings that this log cannot serve."""
     if settings.get("mag") == "off":
         mag = None
-    imu = _calibrate_imu(settings, imu)
+    if any(name in settings for name in IMU_CALIBRATION):
+        gyro = replace(imu.gyro, x=calibrate(settings, "gyro", imu.gyro.x))
+        imu = replace(imu, gyro=gyro, acc=replace(imu.acc, x=calibrate(settings, "acc", imu.acc.x)))
     gyro, acc = _filter_imu(settings, log, imu)
-    imu = replace(imu, gyro=gyro, acc=acc)
-    imu = _resample_imu(settings, imu)
+    imu = _resample_imu(settings, replace(imu, gyro=gyro, acc=acc))
     if mag is not None:
-        mag = replace(mag, field=_calibrate_mag(settings, mag.field))
+        mag = replace(mag, field=_prepare_mag(settings, mag.field))
     late = float(settings.get("latency", (0.0,))[0]) / 1000.0
     if late:
         imu = replace(imu, gyro=_delay_stream(imu.gyro, late), acc=_delay_stream(imu.acc, late))
@@ -52,7 +137,7 @@ def prepare_input(settings: Settings, log: FlightLog, imu: Imu, mag: Mag | None)
 
 
 def calibrate(settings: Settings, sensor: Literal["gyro", "acc", "mag"], x: Array) -> Array:
-    """Vectors (n, 3) of a sensor in SI units: R(roll, pitch, yaw) (scale * (x - offset))."""
+    """Return R(roll, pitch, yaw) (scale * (x - offset)) of vectors (n, 3) in SI units."""
     unit = {"gyro": np.pi / 180.0, "acc": 1.0, "mag": TESLA_PER_UT}[sensor]
     out = x - unit * np.array(settings.get(f"{sensor}_offset", (0.0, 0.0, 0.0)), np.float64)
     out = out * np.array(settings.get(f"{sensor}_scale", (1.0,)), np.float64)
@@ -62,23 +147,13 @@ def calibrate(settings: Settings, sensor: Literal["gyro", "acc", "mag"], x: Arra
     return np.asarray(out)
 
 
-def _calibrate_imu(settings: Settings, imu: Imu) -> Imu:
-    if not any(name in settings for name in ("imu_rotation", "gyro_offset", "gyro_scale", "acc_offset", "acc_scale")):
-        return imu
-    return replace(
-        imu,
-        gyro=replace(imu.gyro, x=calibrate(settings, "gyro", imu.gyro.x)),
-        acc=replace(imu.acc, x=calibrate(settings, "acc", imu.acc.x)),
-    )
-
-
 def _filter_imu(settings: Settings, log: FlightLog, imu: Imu) -> tuple[Stream, Stream]:
-    """Gyro and accelerometer behind notches and low-passes; each stretch between gaps begins anew."""
+    """Return gyro and accelerometer behind notches and low-passes, which start anew after each gap."""
     both, gyro, acc = (settings.get(name) for name in ("lowpass", "gyro_lowpass", "acc_lowpass"))
-    notches = [settings[name] for name in ("notch", "rpm_notch") if name in settings]
+    has_notch = "notch" in settings or "rpm_notch" in settings
     streams = []
     for stream, cutoff in ((imu.gyro, gyro or both), (imu.acc, acc or both)):
-        if cutoff is None and not notches:
+        if cutoff is None and not has_notch:
             streams.append(stream)
             continue
         x, t = np.array(stream.x, np.float64), stream.t_best
@@ -98,7 +173,7 @@ def _filter_imu(settings: Settings, log: FlightLog, imu: Imu) -> tuple[Stream, S
 
 
 def _notch_rotors(asked: Value, log: FlightLog, t: Array, x: Array, rate: float) -> Array:
-    """Samples behind one notch per rotor and harmonic, each at the rotor speed that was logged last."""
+    """Return samples behind one notch per rotor and harmonic, each at the rotor speed logged last."""
     if log.power.rpm is None or len(log.power.rpm.t) == 0:
         raise UsageError("rpm_notch needs rotor speeds, and this log holds none (ESC telemetry or RPM messages)")
     width = float(asked[0])
@@ -116,27 +191,27 @@ def _notch_rotors(asked: Value, log: FlightLog, t: Array, x: Array, rate: float)
     return x
 
 
+def _samples_per_output(asked: float, rate: float, what: str) -> int:
+    """Return how many samples give one at the rate asked for. UsageError for a rate above the log's."""
+    n = round(rate / asked) if rate else 1
+    if n < 1 or rate < MIN_RATE_SHARE * asked:
+        raise UsageError(f"a {what} of {asked:g} Hz is above that of the log, {rate:.0f} Hz")
+    return n
+
+
 def _resample_imu(settings: Settings, imu: Imu) -> Imu:
-    """The unit at a lower rate: means over n samples, or each n-th."""
+    """Return an IMU at a lower rate: means over n samples, or each n-th."""
     asked = settings.get("rate") or settings.get("pick")
     if asked is None:
         return imu
     t = imu.gyro.t_best
-    own = imu.gyro.rate
-    n = round(own / float(asked[0])) if own else 1
-    if n < 1 or own < 0.75 * float(asked[0]):
-        raise UsageError(f"a rate of {float(asked[0]):g} Hz is above that of the log, {own:.0f} Hz")
+    n = _samples_per_output(float(asked[0]), imu.gyro.rate, "rate")
     if n == 1:
         return imu
-    ends = np.concatenate(
-        [np.arange(s.start + n - 1, s.stop, n) for s in _unbroken_slices(t)] or [np.zeros(0, np.int64)]
-    )
+    slices = _unbroken_slices(t)
+    ends = np.concatenate([np.arange(s.start + n - 1, s.stop, n) for s in slices] or [np.zeros(0, np.int64)])
     if "pick" in settings:
-        gyro, acc = (
-            replace(s, t=s.t[ends], x=s.x[ends], t_sample=None if s.t_sample is None else s.t_sample[ends])
-            for s in (imu.gyro, imu.acc)
-        )
-        return replace(imu, gyro=gyro, acc=acc, dt=None)
+        return replace(imu, gyro=_take(imu.gyro, ends), acc=_take(imu.acc, ends), dt=None)
     step = np.diff(t, prepend=t[:1]) if imu.dt is None else imu.dt
     step = np.where(np.isfinite(step) & (step > 0.0), step, np.median(np.diff(t)))
     members = ends[:, None] - np.arange(n)
@@ -147,22 +222,23 @@ def _resample_imu(settings: Settings, imu: Imu) -> Imu:
         if stream.sampling == "instant":
             x = np.vstack([x[:1], 0.5 * (x[1:] + x[:-1])])
         mean = np.sum(weight * x[members], axis=1) / np.sum(weight, axis=1)
-        t_sample = None if stream.t_sample is None else stream.t_sample[ends]
-        means.append(replace(stream, t=stream.t[ends], x=mean, t_sample=t_sample, sampling="interval"))
+        means.append(replace(_take(stream, ends), x=mean, sampling="interval"))
     dt = np.sum(step[members], axis=1) if imu.dt is not None else None
     return replace(imu, gyro=means[0], acc=means[1], dt=dt)
 
 
-def _calibrate_mag(settings: Settings, field: Stream) -> Stream:
+def _prepare_mag(settings: Settings, field: Stream) -> Stream:
+    """Return a magnetic field calibrated and at a lower rate."""
     out = replace(field, x=calibrate(settings, "mag", field.x))
-    asked = settings.get("mag_rate")
-    if asked is None:
+    if "mag_rate" not in settings:
         return out
-    n = round(field.rate / float(asked[0])) if field.rate else 1
-    if n < 1 or field.rate < 0.75 * float(asked[0]):
-        raise UsageError(f"a magnetometer rate of {float(asked[0]):g} Hz is above that of the log, {field.rate:.0f} Hz")
-    kept = slice(0, None, n)
-    return replace(out, t=out.t[kept], x=out.x[kept], t_sample=None if out.t_sample is None else out.t_sample[kept])
+    n = _samples_per_output(float(settings["mag_rate"][0]), field.rate, "magnetometer rate")
+    return _take(out, slice(0, None, n))
+
+
+def _take(stream: Stream, kept: NDArray[np.int64] | slice) -> Stream:
+    t_sample = None if stream.t_sample is None else stream.t_sample[kept]
+    return replace(stream, t=stream.t[kept], x=stream.x[kept], t_sample=t_sample)
 
 
 def _delay_stream(stream: Stream, seconds: float) -> Stream:
@@ -171,56 +247,5 @@ def _delay_stream(stream: Stream, seconds: float) -> Stream:
 
 
 def _unbroken_slices(t: Array) -> list[slice]:
-    """Index ranges between gaps."""
+    """Return index ranges between gaps."""
     return model.segment_slices(np.ones(len(t), bool), model.number_segments(t))
-
-
-# A configuration over a case: its samples prepared, its filter run, what comes out as a row of the comparison.
-
-
-@dataclass(frozen=True, slots=True)
-class ConfiguredFilter:
-    """What :func:`attlog.pipeline.evaluate` takes in place of a filter's name."""
-
-    configuration: Configuration
-
-    @property
-    def name(self) -> str:
-        """What the row is called."""
-        return self.configuration.name
-
-    @property
-    def row(self) -> estimators.EstimatorSpec:
-        """The filter that runs."""
-        return self.configuration.row
-
-    def __str__(self) -> str:
-        return self.configuration.text
-
-    def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Row, EstimatorRow]:
-        """The row, and its line of the table with what comes before the filter among its parameters.
-
-        UsageError where the log cannot be prepared so; errors of the filter as they come.
-        """
-        c, log = self.configuration, case.log
-        if replay.is_recorded(c.row):
-            if c.before:
-                raise UsageError(
-                    f"{', '.join(c.before)}: nothing can come before an attitude that was computed elsewhere"
-                )
-            return replay.recorded_row(case, imu, c.row, c.name + suffix)
-        mag = None if log.mag is None else log.mags[log.mag]
-        settings = {name: value for name, value in c.before.items() if name != "params"}
-        facts = replay.facts(case, suffix)
-        if c.params is not None:
-            given = read_parameter_file(c.params)
-            facts = replace(facts, given={**facts.given, **given})
-            imu, mag = recorrected_units(log, c.params.name, given, imu, mag)
-        if settings:  # else the log's own unit, for which metrics find what they need once
-            imu, mag = prepare_input(settings, log, imu, mag)
-        row, line = replay.replayed(case, imu, mag, c.row, facts, replay.aids_of(case, suffix), c.name + suffix)
-        for name, value in c.before.items():
-            shown = value if isinstance(value, str) else "/".join(f"{x:g}" for x in value)
-            setting = SETTINGS[name]
-            line.parameters[f"before.{name}"] = ParameterValue(shown, "option", setting.unit, setting.meaning)
-        return row, line

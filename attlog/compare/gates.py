@@ -307,12 +307,12 @@ def smallest_size(
     _, before, far = ranking.distance(other, better)
     if same_log and answer.units is not None and other.units is not None:
         found = paired(other, answer, better)
-        if not isinstance(found, str) and found.ci95 is not None:
-            return before * math.exp(found.ci95[0]) if found.scale == "ratio" else before + found.ci95[0]
+        if found.ci95 is not None:
+            return before * found.ci95[0] if found.scale == "ratio" else before + found.ci95[0]
     if same_log and decided is not None and decided[0].units is not None and decided[1].units is not None:
         found = paired(*decided, better)
-        if not isinstance(found, str) and found.ci95 is not None:
-            return size * math.exp(found.ci95[0] - found.value)
+        if found.ci95 is not None and found.value and found.scale == "ratio":
+            return size * found.ci95[0] / found.value
     if answer.ci95 is None or other.ci95 is None:
         return None
     span = difference_interval(before, (before, far), size, (near, size))

@@ -1,4 +1,4 @@
-"""Which settings to try: lists, ranges and switches of a filter's parameters, and all combinations of them.
+"""Values to try: lists, ranges and switches of a filter's parameters, their grid, and a search between limits.
 
 =====================  =========================================
 ``kp=0.6,1.1,2``       these values
@@ -8,6 +8,9 @@
 =====================  =========================================
 
 A number may carry the parameter's own unit (``declination=3deg``); another one is refused.
+
+The search is scipy's differential evolution (Storn1997): a whole generation goes to one batch (``vectorized``); it needs
+no gradient and has a seed. optuna and nevergrad ask for one setting after the other.
 """
 
 from __future__ import annotations
@@ -32,18 +35,18 @@ from attlog.estimators import Parameter
 from attlog.estimators.interface import A_FEW, COMMON, WITH_COMMA, Estimator, range_spelled
 
 Value = float | str
+# One combination: parameter name -> value.
 Setting = dict[str, Value]
-"""One combination: parameter name -> value."""
 
 RANGE_PATTERN = re.compile(r"(?P<low>.+?)\.\.(?P<high>.+?)(?:/(?P<count>[^/]*?)\s*(?P<log>log)?)?")
+# Digits of the values of a range: 0..0.05/6 holds exactly 0.03.
 VALUE_DIGITS = 12
 LOG_DIGITS = 4
-"""Values of a range are rounded to so many digits, so that 0..0.05/6 holds 0.03; nobody needs more of a log range."""
 
 
 @dataclass(frozen=True, slots=True)
 class GridAxis:
-    """A parameter and the values it takes. ``spacing`` says how they follow each other, for drawing."""
+    """A parameter and its values; ``spacing`` is for drawing."""
 
     name: str
     unit: str
@@ -53,7 +56,7 @@ class GridAxis:
 
 @dataclass(frozen=True, slots=True)
 class SettingGrid:
-    """All combinations of the axes' values; the last axis changes fastest."""
+    """All combinations of values; the last axis changes fastest."""
 
     axes: tuple[GridAxis, ...]
 
@@ -62,7 +65,7 @@ class SettingGrid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many values each axis has."""
+        """Return the number of values of each axis."""
         return tuple(len(axis.values) for axis in self.axes)
 
     def __iter__(self) -> Iterator[Setting]:
@@ -71,12 +74,12 @@ class SettingGrid:
 
 
 def is_axis(word: str) -> bool:
-    """Whether a word of the command line is an axis (``kp=...``), not a log or a filter."""
+    """Return whether a word of the command line is an axis (``kp=...``)."""
     return re.match(r"[A-Za-z_]\w*=", word) is not None
 
 
 def parse_grid(texts: Iterable[str], estimator: Estimator) -> SettingGrid:
-    """The grid that texts such as ``kp=0.6,1.1,2`` name. UsageError tells everything that is wrong in them."""
+    """Return the grid of texts such as ``kp=0.6,1.1,2``. UsageError names everything wrong in them."""
     axes: dict[str, GridAxis] = {}
     wrong: list[str] = []
     for text in texts:
@@ -102,7 +105,7 @@ def parse_grid(texts: Iterable[str], estimator: Estimator) -> SettingGrid:
 
 
 def parse_axis(text: str, estimator: Estimator) -> GridAxis:
-    """The axis that ``NAME=VALUES`` names. UsageError with the text and what is wrong in it."""
+    """Return the axis of ``NAME=VALUES``. UsageError with the text and its problem."""
     name, _, values = (part.strip() for part in text.partition("="))
     parameter = estimator.parameter(name)
     where = f"{estimator.name}: {text}"
@@ -140,7 +143,7 @@ def parse_axis(text: str, estimator: Estimator) -> GridAxis:
 
 
 def decimal_comma_hints(texts: Iterable[str]) -> list[str]:
-    """A sentence for each axis that may be a number with a decimal comma: ``kp=0,3`` are two values."""
+    """Return a sentence for each axis that may be a decimal comma: ``kp=0,3`` are two values."""
     pairs = [(text.partition("=")[0].strip(), WITH_COMMA.fullmatch(text.partition("=")[2].strip())) for text in texts]
     return [
         f"{name}={found[0]} are two values, {found[1]} and {found[2]}; the number is written {found[1]}.{found[2]}"
@@ -150,7 +153,7 @@ def decimal_comma_hints(texts: Iterable[str]) -> list[str]:
 
 
 def spaced_values(low: float, high: float, count: int, log: bool) -> list[float]:
-    """``count`` values from low to high, both among them."""
+    """Return ``count`` values from low to high, ends included."""
     shares = [k / (count - 1) for k in range(count)]
     found = [low * (high / low) ** s if log else low + (high - low) * s for s in shares]
     digits = LOG_DIGITS if log else VALUE_DIGITS
@@ -158,7 +161,7 @@ def spaced_values(low: float, high: float, count: int, log: bool) -> list[float]
 
 
 def setting_text(setting: Setting) -> str:
-    """A setting as the command line takes it: ``kp=0.6,ki=0.01``."""
+    """Return a setting as the command line takes it: ``kp=0.6,ki=0.01``."""
     return ",".join(f"{k}={v:.{VALUE_DIGITS}g}" if isinstance(v, float) else f"{k}={v}" for k, v in setting.items())
 
 
@@ -171,7 +174,7 @@ def _checked_axis(
 
 
 def _axis_number(text: str, name: str, where: str, estimator: Estimator) -> float:
-    """The number of a text with or without the parameter's unit, within its range. UsageError otherwise."""
+    """Return the number of a text with or without the parameter's unit. UsageError outside its range."""
     if not text.strip():
         raise UsageError(f"{where}: a value is missing")
     return float(check_parameter(estimator, name, text.strip()))
@@ -189,7 +192,7 @@ def _grid_example(estimator: Estimator) -> str:
 
 @dataclass(frozen=True, slots=True)
 class SearchRequest:
-    """Logs (files, folders, patterns), the filter's text and the axes' texts."""
+    """Logs (files, folders, patterns), the text of the filter and those of the axes."""
 
     logs: list[Path]
     filter: str
@@ -197,7 +200,7 @@ class SearchRequest:
 
 
 def search_request(words: Sequence[str], example: str) -> SearchRequest:
-    """``LOG... FILTER NAME=VALUES...``: an axis is NAME=... that is no file, the filter is the last of the others.
+    """Return the parts of ``LOG... FILTER NAME=VALUES...``; the filter is the last word that is no axis.
 
     UsageError with the ``example`` where logs or filter are missing.
     """
@@ -211,30 +214,22 @@ def search_request(words: Sequence[str], example: str) -> SearchRequest:
     return SearchRequest([Path(w) for w in others[:-1]], others[-1], axes)
 
 
-# A global search for the gains with the smallest cost: differential evolution (Storn1997) by scipy.
-#
-# scipy's ``differential_evolution`` hands over a whole generation at once (``vectorized=True``), which is how the
-# batches
-# of parameter sets run; it needs no gradient, is seeded, and scipy is small beside what attlog needs anyway. optuna
-# and
-# nevergrad ask for one setting after the other.
-
 Array = NDArray[np.float64]
 Costs = Callable[[list[Setting]], Array]
 
+# Settings of a generation: two whole kernels.
 GENERATION_SIZE = 32
-"""Settings of a generation: two whole kernels."""
+# Digits of gains tried and given: equal ones are run once.
 GAIN_DIGITS = 3
-"""Gains are tried and given with so many digits: nobody needs more, and equal ones are run once."""
+# Range of a gain without one: its default over and times this factor.
 DEFAULT_RANGE_FACTOR = 20.0
-"""A parameter is looked for from its default over this to its default times this, where no range is given."""
+# Gains searched without being named, and at all: a few flights determine no more.
 MAX_DEFAULT_GAINS, MAX_GAINS = 4, 8
-"""So many gains are looked for without being named, and at all: a few flights tell no more."""
 
 
 @dataclass(frozen=True, slots=True)
 class FreeParameter:
-    """A parameter that is looked for, between two values; on a logarithmic scale where ``log``."""
+    """A gain searched between two values, on a logarithmic scale where ``log``."""
 
     name: str
     unit: str
@@ -243,7 +238,7 @@ class FreeParameter:
     log: bool
 
     def value(self, share: float) -> float:
-        """The value at a share of the way, to DIGITS."""
+        """Return the value at a share of the range, to GAIN_DIGITS."""
         if self.log:
             x = self.low * (self.high / self.low) ** share
         else:
@@ -251,7 +246,7 @@ class FreeParameter:
         return min(max(float(f"{x:.{GAIN_DIGITS}g}"), self.low), self.high)
 
     def share(self, value: float) -> float:
-        """Where a value lies, cut to the range."""
+        """Return the share of the range at a value, within 0 to 1."""
         value = min(max(value, self.low), self.high)
         if self.log:
             return math.log(value / self.low) / math.log(self.high / self.low)
@@ -259,9 +254,9 @@ class FreeParameter:
 
 
 def parse_free_parameters(texts: Sequence[str], estimator: Estimator) -> list[FreeParameter]:
-    """The parameters of ``kp=0.05..5log`` and so on; without any, every number of the filter's own that has a default.
+    """Return the gains of texts such as ``kp=0.05..5log``; without any, all of the filter's own with a default.
 
-    UsageError tells everything wrong in them.
+    UsageError names everything wrong in them.
     """
     if not texts:
         own = [p for p in estimator.own if not p.choices and p not in COMMON and float(p.default) > 0.0]
@@ -289,7 +284,7 @@ def parse_free_parameters(texts: Sequence[str], estimator: Estimator) -> list[Fr
 
 
 def _default_range(parameter: Parameter) -> FreeParameter:
-    """A gain between its default over WIDER and times WIDER."""
+    """Return a gain with its range about the default."""
     default = float(parameter.default)
     low, high = (
         float(f"{x:.{GAIN_DIGITS}g}") for x in (default / DEFAULT_RANGE_FACTOR, default * DEFAULT_RANGE_FACTOR)
@@ -315,7 +310,7 @@ def _parse_free(text: str, estimator: Estimator) -> FreeParameter:
 
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """The best setting, its cost, and every setting that was tried with its cost, in the order of the search."""
+    """Best setting, its cost, and all settings tried with their costs, in order."""
 
     setting: Setting
     cost: float
@@ -323,9 +318,9 @@ class SearchResult:
 
 
 def minimize(free: Sequence[FreeParameter], costs: Costs, start: Setting, generations: int, seed: int) -> SearchResult:
-    """The setting with the smallest cost. ``costs`` takes a whole generation; ``start`` is among the first.
+    """Return the setting with the smallest cost, ``start`` among the first; the same for the same seed.
 
-    The same seed and costs give the same result. UsageError where scipy is not installed.
+    ``costs`` takes a whole generation. UsageError where scipy is not installed.
     """
     try:
         from scipy.optimize import differential_evolution  # type: ignore[import-untyped, unused-ignore]

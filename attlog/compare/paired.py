@@ -1,30 +1,33 @@
-"""How much does a configuration differ from another on one log? On the units of evidence that both have.
+"""Paired differences of two settings: on one log over common units of evidence, and pooled over logs.
 
-Errors and noises are compared as ratios, everything else as a difference, always the second to the first:
+Errors and noise are compared as ratios, all other metrics as differences, always second to first:
 
-===============  ==========================================================  ====================
-unit             what is averaged over the common units                      interval
-===============  ==========================================================  ====================
-window of noise  half of ln v_b - ln v_a: the logarithm of the ratio         t; moderated t below 4
-block of errors  half of ln ms_b - ln ms_a: the typical block                t; moderated t below 4
-event of lag     |lag|: difference of the jackknife's pseudo-values          t
-group of drift   |drift|: difference of the slopes, each with its own sign   t
-event of a step  difference of magnitudes, Hodges-Lehmann                    signed rank, inverted
-none             difference of the values                                    none
-===============  ==========================================================  ====================
+===============  =========================================================  =====================
+unit             averaged over the common units                             interval
+===============  =========================================================  =====================
+window of noise  (ln v_b - ln v_a) / 2, the logarithm of the ratio          t; moderated t below 4
+block of errors  (ln ms_b - ln ms_a) / 2, the typical block                 t; moderated t below 4
+event of lag     |lag|: difference of the jackknife's pseudo-values         t
+group of drift   |drift|: difference of the slopes, each with its own sign  t
+event of a step  difference of magnitudes, Hodges-Lehmann                   signed rank, inverted
+none             difference of the values                                   none
+===============  =========================================================  =====================
 
-The ranking's moderated t (docs/metrics.md) takes the scatter of two *different filters* as known beforehand. Two
-settings of one filter scatter far less, so that its interval was up to thirty times too wide and held the other
-half of a flight in 99 to 100 %; from four units on Student's t stands on the pair's own scatter (95 to 98 %, see
-benchmarks/paired_intervals.py).
+The moderated t of the ranking (docs/metrics.md) takes its prior from the scatter between *different filters*. Two
+settings of one filter scatter far less: with the prior their intervals were up to 30 times too wide. From four units
+on the scatter is therefore the pair's own (coverage 95 to 98 %, benchmarks/paired_intervals.py).
+
+Logs are pooled by random effects: tau^2 by DerSimonian & Laird (1986), interval by Hartung & Knapp (2001) with the
+lower bound of Roever, Knapp & Friede (2015) on its variance, for few logs of unequal size.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from statistics import median
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,127 +39,198 @@ from attlog.metrics.metric import Answer
 from attlog.metrics.statistics import Kind, UnitValues
 
 Array = NDArray[np.float64]
+Interval = tuple[float, float]
 Scale = Literal["ratio", "difference"]
 Direction = Literal["better", "worse", "same", "not significant"]
 
 RATIO_KINDS: tuple[Kind, ...] = ("log_variance", "mean_square")
 ALPHA = 0.05
+# Windows or blocks from which on the scatter of a pair is its own (see above).
 MIN_OWN_SCATTER_UNITS = 4
-"""From so many windows or blocks on the scatter of a pair is taken from the pair itself."""
+# Smallest mean square [deg^2] whose logarithm is taken: 1e-9 deg, below the resolution of a quaternion.
+MIN_MEAN_SQUARE = 1e-18
+OPPOSITE: dict[Direction, Direction] = {"better": "worse", "worse": "better"}
 
 
 @dataclass(frozen=True, slots=True)
-class PairedDifference:
-    """What the second answer is beside the first, on ``n`` common units.
+class Difference:
+    """Second setting against the first in one metric, on one log or pooled over ``logs``.
 
-    ``value`` on the scale it is averaged on: the logarithm of the ratio, or the difference of
-    sizes (how far from perfect) in the metric's unit; negative where the second is nearer to perfect.
-    ``error`` is its standard error, None without units. ``first`` and ``second`` are both answers on
-    the common units, errors as those of the typical block (not the RMSE, which a few blocks can carry): their
-    ratio is the one in ``value``. ``direction``: whether the second is significantly better or worse;
-    "same" where all units are equal.
+    ``value`` is the ratio of both distances from perfect, or their difference in the metric's unit: below one, below
+    zero the second is nearer to perfect. It is None where ``reason`` says why there is none. ``error``: standard error
+    (of a ratio: of its logarithm). ``floor``: resolution, on the same scale. ``n``: common units of evidence.
+    ``first``, ``second``: both answers on the common units, errors as the typical block. ``better``, ``worse``: logs by
+    sign. ``tau``, ``i2_pct``, ``method``: of the pooling.
     """
 
     scale: Scale
-    value: float
-    ci95: tuple[float, float] | None
-    error: float | None
-    p: float | None
-    n: int
-    first: float
-    second: float
-    direction: Direction
+    value: float | None = None
+    ci95: Interval | None = None
+    p: float | None = None
+    error: float | None = None
+    floor: float = 0.0
+    direction: Direction = "not significant"
+    n: int = 0
+    first: float | None = None
+    second: float | None = None
+    logs: int = 1
+    better: int = 0
+    worse: int = 0
+    tau: float | None = None
+    i2_pct: float | None = None
+    method: str = ""
+    log: str = ""
+    window: str = ""
+    reason: str = ""
+
+    @property
+    def even(self) -> float:
+        """Return the value of no difference."""
+        return 1.0 if self.scale == "ratio" else 0.0
+
+    @property
+    def significant(self) -> bool:
+        """Return whether the second is significantly better or worse."""
+        return self.direction in OPPOSITE
+
+    @property
+    def interval_side(self) -> int:
+        """Return -1 where the whole interval favours the second, 1 where it favours the first, else 0."""
+        if self.ci95 is None:
+            return 0
+        return -1 if self.ci95[1] < self.even else 1 if self.ci95[0] > self.even else 0
+
+    def inverse(self) -> Difference:
+        """Return the difference of the first against the second."""
+
+        def back(x: float) -> float:
+            if self.scale == "ratio":
+                return 1.0 / x if x else math.inf
+            return -x if x else 0.0
+
+        return replace(
+            self,
+            value=None if self.value is None else back(self.value),
+            ci95=None if self.ci95 is None else (back(self.ci95[1]), back(self.ci95[0])),
+            direction=OPPOSITE.get(self.direction, self.direction),
+            first=self.second,
+            second=self.first,
+            better=self.worse,
+            worse=self.better,
+        )
 
 
-def paired(a: Answer, b: Answer, better: str) -> PairedDifference | str:
-    """The second answer beside the first, or the sentence why they cannot be compared. ``better`` as the metric's."""
+def paired(a: Answer, b: Answer, better: str) -> Difference:
+    """Return the difference of answer ``b`` to ``a``; ``better`` as the metric's."""
     for answer in (a, b):
         if answer.value is None:
-            return answer.reason or "no value"
+            return Difference("difference", reason=answer.reason or "no value")
     if a.units is None or b.units is None:
         return _without_units(a, b, better)
     common = np.intersect1d(a.units.ids, b.units.ids)
     most = max(len(a.units.ids), len(b.units.ids))
     needed = max(statistics.NEEDED[a.units.kind], math.ceil(ranking.MIN_UNITS * most))
     if len(common) < needed:
-        return f"{len(common)} units of evidence in common; {needed} are needed"
+        reason = f"{len(common)} units of evidence in common; {needed} are needed"
+        return Difference(_scale_of(a.units.kind), reason=reason)
     first, second = a.units.of(common).value, b.units.of(common).value
     found = estimate_difference(a.units, b.units, common)
-    scale, value, ci95, error = found.scale, found.value, found.ci95, found.error
-    p = _p_value(a.units, b.units, common)
+    resolution = ranking.floor(a, b)
+    shown = [typical_value(u, common, v) for u, v in ((a.units, first), (b.units, second))]
     if not np.any(a.units.at(common) != b.units.at(common)):
-        shown = typical_value(a.units, common, first)
-        return PairedDifference(scale, 0.0, (0.0, 0.0), error, 1.0, len(common), shown, shown, "same")
-    apart = _size(second, better) - _size(first, better)
-    significant = p < ALPHA and (ci95 is None or not ci95[0] <= 0.0 <= ci95[1])
-    significant = significant and abs(apart) > ranking.floor(a, b) and (apart < 0.0) == (value < 0.0)
-    direction: Direction = ("better" if apart < 0.0 else "worse") if significant else "not significant"
-    first, second = (typical_value(u, common, v) for u, v in ((a.units, first), (b.units, second)))
-    return PairedDifference(scale, value, ci95, error, p, len(common), first, second, direction)
+        found = found._replace(value=0.0, ci95=(0.0, 0.0))
+        p, direction = 1.0, "same"
+        shown[1] = shown[0]
+    else:
+        p = _p_value(a.units, b.units, common)
+        apart = _distance(second, better) - _distance(first, better)
+        ends = found.ci95
+        sure = p < ALPHA and (ends is None or not ends[0] <= 0.0 <= ends[1])
+        sure = sure and abs(apart) > resolution and (apart < 0.0) == (found.value < 0.0)
+        direction = ("better" if apart < 0.0 else "worse") if sure else "not significant"
+    return _on_scale(found, p, resolution, direction, len(common), shown)  # type: ignore[arg-type]
 
 
 def typical_value(units: UnitValues, common: NDArray[np.int64], value: float) -> float:
-    """What stands for an answer on common units: ``value``, of errors the root of the typical mean square."""
+    """Return the answer on common units: ``value``, of errors the root of the typical mean square."""
     if units.kind != "mean_square":
         return value
     return math.exp(0.5 * float(np.mean(_logarithms(units.at(common)))))
 
 
-def _without_units(a: Answer, b: Answer, better: str) -> PairedDifference:
-    """Two answers without common units: they differ significantly where their intervals do not meet."""
+def _on_scale(
+    found: Estimate, p: float, resolution: float, direction: Direction, n: int, shown: Sequence[float]
+) -> Difference:
+    """Return an estimate as a difference; logarithms become ratios."""
+    value, ci95, floor = found.value, found.ci95, resolution
+    sides = int(value < 0.0), int(value > 0.0)
+    if found.scale == "ratio":
+        value = math.exp(value)
+        ci95 = None if ci95 is None else (math.exp(ci95[0]), math.exp(ci95[1]))
+        floor = math.log1p(floor / shown[0]) if shown[0] > 0.0 else 0.0
+    return Difference(
+        found.scale, value, ci95, p, found.error, floor, direction, n, shown[0], shown[1], 1, sides[0], sides[1]
+    )
+
+
+def _without_units(a: Answer, b: Answer, better: str) -> Difference:
+    """Return the difference of two answers without common units: significant where their intervals are disjoint."""
     first, second = float(a.value or 0.0), float(b.value or 0.0)
-    apart = _size(second, better) - _size(first, better)
+    apart, resolution = _distance(second, better) - _distance(first, better), ranking.floor(a, b)
+    same = Difference("difference", 0.0, floor=resolution, direction="same", first=first, second=second)
     if first == second:
-        return PairedDifference("difference", 0.0, None, None, None, 0, first, second, "same")
+        return same
     near_a, _, far_a = ranking.distance(a, better)
     near_b, _, far_b = ranking.distance(b, better)
     known = a.ci95 is not None and b.ci95 is not None
-    significant = known and (far_a < near_b or far_b < near_a) and abs(apart) > ranking.floor(a, b)
-    direction: Direction = ("better" if apart < 0.0 else "worse") if significant else "not significant"
-    return PairedDifference("difference", apart, None, None, None, 0, first, second, direction)
+    sure = known and (far_a < near_b or far_b < near_a) and abs(apart) > resolution
+    direction: Direction = ("better" if apart < 0.0 else "worse") if sure else "not significant"
+    return replace(same, value=apart, direction=direction, better=int(apart < 0.0), worse=int(apart > 0.0))
 
 
-def _size(value: float, better: str) -> float:
-    """How far a value is from perfect."""
+def _distance(value: float, better: str) -> float:
+    """Return how far a value is from perfect."""
     return ranking.distance(Answer(value, "", ""), better)[1]
 
 
-@dataclass(frozen=True, slots=True)
-class DifferenceEstimate:
-    """A difference over units: its scale, value, interval and standard error."""
+def _scale_of(kind: Kind) -> Scale:
+    return "ratio" if kind in RATIO_KINDS else "difference"
+
+
+class Estimate(NamedTuple):
+    """A difference over units; of ratios ``value``, ``ci95`` and standard error ``error`` are of the logarithm."""
 
     scale: Scale
     value: float
-    ci95: tuple[float, float] | None
+    ci95: Interval | None
     error: float
 
 
-def estimate_difference(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> DifferenceEstimate:
-    """The difference of the second to the first over common units (k,), as the module's table says."""
+def estimate_difference(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> Estimate:
+    """Return the difference of the second to the first over common units (k,), as the module's table says."""
     x, y = a.at(common), b.at(common)
     kind = a.kind
     if kind in RATIO_KINDS:
         d = 0.5 * (y - x if kind == "log_variance" else _logarithms(y) - _logarithms(x))
-        if len(d) < MIN_OWN_SCATTER_UNITS:  # the prior is that of twice this, of logarithms of variances
+        if len(d) < MIN_OWN_SCATTER_UNITS:  # the prior is of twice d, which is a logarithm of variances
             prior = interval.VariancePrior(statistics.PRIORS[kind].variance / 4.0, statistics.PRIORS[kind].dof)
-            value, low, high, error = moderated_mean(d, prior)
-            return DifferenceEstimate("ratio", value, (low, high), error)
-        return DifferenceEstimate("ratio", *_student_mean(d))
+            return Estimate("ratio", *moderated_mean(d, prior))
+        return Estimate("ratio", *_student_mean(d))
     if kind == "step_event":
-        return DifferenceEstimate("difference", *hodges_lehmann(y - x))
+        return Estimate("difference", *hodges_lehmann(y - x))
     d = np.copysign(1.0, np.mean(y)) * y - np.copysign(1.0, np.mean(x)) * x
-    return DifferenceEstimate("difference", *_student_mean(d))
+    return Estimate("difference", *_student_mean(d))
 
 
-def _student_mean(d: Array) -> tuple[float, tuple[float, float], float]:
-    """Mean of values (k,), its t interval and its standard error."""
+def _student_mean(d: Array) -> tuple[float, Interval, float]:
+    """Return the mean of values (k,), its t interval and its standard error."""
     value, error = float(np.mean(d)), float(np.std(d, ddof=1)) / math.sqrt(len(d))
     half = student(0.975, len(d) - 1) * error
     return value, (value - half, value + half), error
 
 
 def _p_value(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> float:
-    """Two-sided p that both are the same on common units (k,): of the interval's test."""
+    """Return the two-sided p of equality on common units (k,), of the test that the interval inverts."""
     if a.kind not in RATIO_KINDS or len(common) < MIN_OWN_SCATTER_UNITS:
         return statistics.p_value(a, b, common)
     found = estimate_difference(a, b, common)
@@ -166,21 +240,21 @@ def _p_value(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> float:
 
 
 def _logarithms(squares: Array) -> Array:
-    return np.asarray(np.log(np.maximum(squares, 1e-18)))
+    return np.asarray(np.log(np.maximum(squares, MIN_MEAN_SQUARE)))
 
 
-def moderated_mean(d: Array, prior: interval.VariancePrior) -> tuple[float, float, float, float]:
-    """Mean of values (k,), both ends of its moderated 95 % interval, and its standard error."""
+def moderated_mean(d: Array, prior: interval.VariancePrior) -> tuple[float, Interval, float]:
+    """Return the mean of values (k,), its moderated t interval and its standard error."""
     low, high = interval.moderated_interval(d, prior)
     half = 0.5 * (high - low)
-    return 0.5 * (low + high), low, high, half / student(0.975, prior.dof + len(d) - 1)
+    return 0.5 * (low + high), (low, high), half / student(0.975, prior.dof + len(d) - 1)
 
 
-def hodges_lehmann(d: Array) -> tuple[float, tuple[float, float] | None, float]:
-    """Median of the Walsh averages of differences (k,), the values that the signed-rank test does not refuse, and
-    a quarter of their width as standard error (Hollander & Wolfe, section 3.2).
+def hodges_lehmann(d: Array) -> tuple[float, Interval | None, float]:
+    """Return the median of the Walsh averages of differences (k,), its signed-rank interval and a standard error.
 
-    No interval under six differences: the test cannot refuse anything at 5 %.
+    The standard error is a quarter of the interval (Hollander & Wolfe, section 3.2). Below six differences the test
+    rejects nothing at 5 %: there is no interval.
     """
     i, j = np.triu_indices(len(d))
     walsh = np.sort(0.5 * (d[i] + d[j]))
@@ -197,54 +271,23 @@ def hodges_lehmann(d: Array) -> tuple[float, tuple[float, float] | None, float]:
     return value, ci95, 0.25 * (ci95[1] - ci95[0])
 
 
-# One number of many logs: a random-effects mean of their differences, and on how many logs its sign holds.
-#
-# Logs are taken as drawn from all flights one might make: the true difference scatters from log to
-# log by tau. tau^2 by DerSimonian & Laird (1986), the interval by Hartung & Knapp (2001): t with logs - 1
-# degrees of freedom around the weighted mean, its variance from the weighted scatter of the logs, never
-# below that of the weights alone (the modification that Roever, Knapp & Friede 2015 advise for few logs of
-# unequal size).
-
-
-@dataclass(frozen=True, slots=True)
-class PooledMean:
-    """The mean of ``logs`` differences, its interval and p (None for one log alone whose own are not known).
-
-    ``tau`` is the scatter of the true difference from log to log, ``i2_pct`` the share of the scatter that is not
-    each log's own uncertainty. ``better``, ``worse``, ``same``: on how many logs the sign is so, significant or not.
-    """
+class PooledMean(NamedTuple):
+    """Mean of several logs. ``tau``: scatter of the true value between logs; ``i2_pct``: its share of all scatter."""
 
     value: float
-    ci95: tuple[float, float] | None
-    p: float | None
-    logs: int
-    better: int
-    worse: int
-    same: int
+    ci95: Interval
+    p: float
     tau: float
     i2_pct: float
     method: str
 
 
-def pool(
-    values: Sequence[float],
-    errors: Sequence[float | None],
-    alone: tuple[tuple[float, float] | None, float | None] = (None, None),
-) -> PooledMean:
-    """The differences of k logs as one; negative counts as better.
-
-    ``errors`` are standard errors; where one is not known (None) all logs weigh the same. One log is
-    what it is: ``alone`` are its own interval and p. ValueError without any log.
-    """
+def pool_values(values: Sequence[float], errors: Sequence[float | None]) -> PooledMean:
+    """Return the mean of k >= 2 values with standard errors; with an unknown error (None) all weigh the same."""
     y = np.asarray(values, np.float64)
     k = len(y)
-    if k == 0:
-        raise ValueError("no log to pool")
-    signs = int(np.sum(y < 0.0)), int(np.sum(y > 0.0)), int(np.sum(y == 0.0))
     if not np.any(y):
-        return PooledMean(0.0, (0.0, 0.0), 1.0, k, *signs, 0.0, 0.0, "equal on every log")
-    if k == 1:
-        return PooledMean(float(y[0]), alone[0], alone[1], 1, *signs, 0.0, 0.0, "one log")
+        return PooledMean(0.0, (0.0, 0.0), 1.0, 0.0, 0.0, "equal on every log")
     known = [e for e in errors if e is not None and e > 0.0]
     if len(known) == 0 or any(e is None for e in errors):
         mean, error = float(np.mean(y)), float(np.std(y, ddof=1)) / math.sqrt(k)
@@ -256,11 +299,47 @@ def pool(
         method, tau = f"random effects over {k} logs (DerSimonian-Laird, Hartung-Knapp)", math.sqrt(tau2)
     half = student(0.975, k - 1) * error
     p = student_two_sided(mean / error, k - 1) if error > 0.0 else 0.0
-    return PooledMean(mean, (mean - half, mean + half), p, k, *signs, tau, i2, method)
+    return PooledMean(mean, (mean - half, mean + half), p, tau, i2, method)
+
+
+def pool(differences: Sequence[Difference], scale: Scale) -> Difference | None:
+    """Return the differences of several logs as one, None where no log has a value; one log stays what it is."""
+    usable = [d for d in differences if d.value is not None]
+    if not usable:
+        return None
+    signs = sum(d.better for d in usable), sum(d.worse for d in usable)
+    floor = median(d.floor for d in usable)
+    if len(usable) == 1:
+        method = "one log" if usable[0].value != usable[0].even else "equal on every log"
+        return replace(usable[0], log="", n=1, first=None, second=None, tau=0.0, i2_pct=0.0, method=method)
+    forward, back = (math.log, math.exp) if scale == "ratio" else (float, float)
+    found = pool_values([forward(d.value or 0.0) for d in usable], [d.error for d in usable])
+    direction: Direction = "not significant"
+    if not any(signs):
+        direction = "same"
+    elif found.p < ALPHA and abs(found.value) > floor:
+        direction = "better" if found.value < 0.0 else "worse"
+    ci95 = back(found.ci95[0]), back(found.ci95[1])
+    k = len(usable)
+    return Difference(
+        scale,
+        back(found.value),
+        ci95,
+        found.p,
+        floor=floor,
+        direction=direction,
+        n=k,
+        logs=k,
+        better=signs[0],
+        worse=signs[1],
+        tau=found.tau,
+        i2_pct=found.i2_pct,
+        method=found.method,
+    )
 
 
 def dersimonian_laird(y: Array, variance: Array) -> tuple[float, float]:
-    """DerSimonian & Laird's tau^2, and I^2 in percent, of values (k,) with variances (k,)."""
+    """Return tau^2, and I^2 in percent, of values (k,) with variances (k,)."""
     w = 1.0 / variance
     centre = float(w @ y / w.sum())
     q = float(w @ (y - centre) ** 2)
@@ -270,7 +349,7 @@ def dersimonian_laird(y: Array, variance: Array) -> tuple[float, float]:
 
 
 def hartung_knapp(y: ArrayLike, weights: ArrayLike, least: bool = False) -> tuple[float, float]:
-    """Weighted mean of values (k,) and its standard error by Hartung & Knapp; ``least``: not below 1/sqrt(sum w)."""
+    """Return the weighted mean of values (k,) and its standard error; ``least``: not below 1/sqrt(sum w)."""
     y, w = np.asarray(y, np.float64), np.asarray(weights, np.float64)
     mean = float(w @ y / w.sum())
     scatter = float(w @ (y - mean) ** 2) / (len(y) - 1)

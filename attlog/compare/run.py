@@ -1,29 +1,25 @@
-"""All configurations on one log: their answers, and each beside the first."""
+"""Configurations over logs, one after the other or in several processes, as one comparison."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from attlog import __version__
 from attlog.compare.comparison import (
-    ComparedMetric,
     Comparison,
-    ConfigurationAnswer,
     ConfigurationSummary,
     Contrast,
-    LogDifference,
     LogLine,
-    PooledDifference,
     Question,
+    SettingAnswer,
+    commonest_reason,
     select_questions,
 )
 from attlog.compare.filter_input import ConfiguredFilter
-from attlog.compare.paired import ALPHA, Direction, PairedDifference, Scale, paired, pool
+from attlog.compare.paired import Difference, paired, pool
 from attlog.compare.same_flight import FlightTrack, find_repeats, flight_track
 from attlog.compare.setting import Configuration, labels, parse_configuration, setting_argument
 from attlog.compare.wording import comparison_sentences
@@ -31,43 +27,97 @@ from attlog.core.errors import EXIT_BUG, UsageError, error_message, exit_code
 from attlog.core.forks import in_processes
 from attlog.core.machine import versions
 from attlog.core.workers import Died
-from attlog.metrics import definitions, ranking
+from attlog.metrics import definitions
 from attlog.metrics.metric import named
 from attlog.pipeline import evaluate, prepare
 from attlog.pipeline.config import Config
-from attlog.result import TIMED_OUT, Answer, EstimatorRow, Result, nothing_ran
+from attlog.result import TIMED_OUT, Answer, EstimatorRow, nothing_ran
 from attlog.words.ranking import DRIFT_AIR, HEADING_REFERENCE_ORDER, has_value
 
 __all__ = ["compare", "log_names"]
 
+EXAMPLE = "attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6"
+
 
 @dataclass(frozen=True, slots=True)
 class ComparisonPlan:
-    """How every log is treated: configurations as (name, text), questions, options. It pickles."""
+    """Configurations as (name, text), questions and options, the same for every log; can be pickled."""
 
     configurations: tuple[tuple[str, str], ...]
-    questions: tuple[ComparedMetric, ...]
+    questions: tuple[Question, ...]
     options: dict[str, Any]
 
 
 @dataclass(slots=True)
 class LogComparison:
-    """What became of one log: its line, cells by question and configuration, differences by question."""
+    """One log: answers and differences by question and configuration, or its line with a reason.
+
+    ``overruns``: sentences on filters from files that exceeded their time. ``track``: to find records of the same
+    flight. ``nothing_ran``: why the first configuration failed where all did.
+    """
 
     line: LogLine
-    cells: dict[str, dict[str, ConfigurationAnswer]] = field(default_factory=dict)
-    beside: dict[str, dict[str, LogDifference]] = field(default_factory=dict)
+    cells: dict[str, dict[str, SettingAnswer]] = field(default_factory=dict)
+    differences: dict[str, dict[str, Difference]] = field(default_factory=dict)
     trace: str = ""
-    late: tuple[str, ...] = ()
-    """Sentences on filters from files that took longer than they were given."""
+    overruns: tuple[str, ...] = ()
     track: FlightTrack | None = None
-    """What shows whether another log is of the same flight; None of a log that could not be used."""
     nothing_ran: str = ""
-    """Why the first configuration failed, where all of them did."""
+
+
+def compare(
+    logs: Sequence[Path],
+    configurations: Sequence[Configuration],
+    config: Config | None = None,
+    *,
+    metrics: Sequence[str] = (),
+    jobs: int = 1,
+    command: str = "",
+    progress: Callable[[LogComparison], None] | None = None,
+) -> Comparison:
+    """Compare configurations with the first of them, on every log and over all logs.
+
+    ``config``: options of ``attlog analyze``, its window among them. ``metrics``: questions other than the main ones
+    (``all`` for every metric). A log that cannot be used is a line with its reason. Logs of one flight count once
+    where logs are pooled. ``progress`` is called with each finished log. UsageError for fewer than two configurations
+    or an unknown metric.
+    """
+    if len(configurations) < 2:
+        raise UsageError(f"a comparison needs two configurations or more: {EXAMPLE}")
+    config = config or Config()
+    questions = select_questions(metrics, config.window)
+    names = log_names(logs)
+    plan = ComparisonPlan(tuple((c.name, c.text) for c in configurations), tuple(questions), config.resolved())
+    work: dict[str, tuple[Any, ...]] = {name: (log, name, plan) for log, name in zip(logs, names, strict=True)}
+    found: dict[str, LogComparison] = {}
+    for name, one in _each_log(work, jobs):
+        found[name] = one
+        if progress is not None:
+            progress(one)
+    ordered = [found[name] for name in names]
+    repeats = find_repeats([one.track for one in ordered if one.track is not None])
+    for one in ordered:
+        one.line.same_as = repeats.get(one.line.name, "")
+    return gather(configurations, ordered, questions, attlog=versions(), command=command, config=config.resolved())
+
+
+def _each_log(work: dict[str, tuple[Any, ...]], jobs: int) -> Iterator[tuple[str, LogComparison]]:
+    if jobs == 1 or len(work) == 1:
+        yield from ((name, compare_on_log(*arguments)) for name, arguments in work.items())
+        return
+    for name, one in in_processes(compare_on_log, work, jobs):
+        yield name, failed_log(work[name][0], name, one) if isinstance(one, Died) else one
+
+
+def log_names(logs: Sequence[Path]) -> list[str]:
+    """Return unique names: the file's, with its folder where two logs share it, with a number if need be."""
+    plain = [log.name for log in logs]
+    names = [log.name if plain.count(log.name) == 1 else f"{log.parent.name}/{log.name}" for log in logs]
+    return [n if names.count(n) == 1 else f"{n}-{names[: k + 1].count(n)}" for k, n in enumerate(names)]
 
 
 def compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison:
-    """One log measured; whatever goes wrong with it, a bug too, stands in its line."""
+    """Compare on one log; any error, a bug too, becomes its line's reason."""
     try:
         return _compare_on_log(log, name, plan)
     except Exception as error:
@@ -75,7 +125,7 @@ def compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison:
 
 
 def failed_log(log: Path, name: str, error: Exception) -> LogComparison:
-    """The line of a log that could not be measured."""
+    """Return the line of a log that could not be compared."""
     import traceback
 
     code = exit_code(error)
@@ -89,254 +139,109 @@ def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison
     case = prepare(log, plan.options)
     result = evaluate(case, runs, only={question.metric for question in plan.questions})
     facts = result.log
-    track = flight_track(case.log, name, str(facts.get("sha256") or ""))
+    sha256 = str(facts.get("sha256") or "")
     line = LogLine(
         name,
         str(log),
-        str(facts.get("sha256") or ""),
+        sha256,
         str(facts.get("vehicle") or ""),
         " ".join(str(facts.get("firmware", {}).get(k) or "") for k in ("name", "version")).strip(),
         facts.get("duration_s"),
         f"{result.reference.choice} ({result.reference.source})" if result.reference else "",
     )
-    rows = {row.name: row for row in result.estimators}
-    late = tuple(finding.text for finding in result.findings if finding.kind == TIMED_OUT)
-    return read_result(
-        LogComparison(line, late=late, track=track, nothing_ran=nothing_ran(result.estimators)),
-        result,
-        [rows[called] for called, _ in plan.configurations],
-        plan.questions,
+    found = LogComparison(
+        line,
+        overruns=tuple(finding.text for finding in result.findings if finding.kind == TIMED_OUT),
+        track=flight_track(case.log, name, sha256),
+        nothing_ran=nothing_ran(result.estimators),
     )
-
-
-def read_result(
-    found: LogComparison, result: Result, rows: Sequence[EstimatorRow], questions: Iterable[ComparedMetric]
-) -> LogComparison:
-    """The cells and differences of some rows of a result that was just evaluated (its answers still have units)."""
-    first = rows[0]
-    for question in questions:
+    by_name = {row.name: row for row in result.estimators}
+    rows = [by_name[called] for called, _ in plan.configurations]
+    for question in plan.questions:
         metric, window = answer_place(question, rows)
-        answers = {row.name: row.metrics.get(window, {}).get(metric) for row in rows}
-        found.cells[question.id] = {row.name: _answer_cell(row, answers[row.name], window) for row in rows}
-        better = result.definitions.get(metric, {}).get("better", "low")
-        found.beside[question.id] = {
-            row.name: _log_difference(
-                found.line.name, first, row, answers[first.name], answers[row.name], better, window, question.scale
-            )
-            for row in rows[1:]
+        answers = [row.metrics.get(window, {}).get(metric) for row in rows]
+        pairs = list(zip(rows, answers, strict=True))
+        found.cells[question.id] = {row.name: _setting_answer(row, answer, window) for row, answer in pairs}
+        found.differences[question.id] = {
+            row.name: replace(row_difference(question, pairs[0], (row, answer)), log=name, window=window)
+            for row, answer in pairs[1:]
         }
     return found
 
 
-def answer_place(question: ComparedMetric, rows: Sequence[EstimatorRow]) -> tuple[str, str]:
-    """Metric and window in which the most rows have a value, of equal ones the first; of drifts in the air the
-    heading reference that a report would quote."""
+def answer_place(question: Question, rows: Sequence[EstimatorRow]) -> tuple[str, str]:
+    """Return the metric and window in which most rows have a value, of equal ones the first.
+
+    Of drifts in the air the heading reference is chosen that a report would quote.
+    """
     metrics = [question.metric]
     if question.metric == DRIFT_AIR:
         metrics = [f"{DRIFT_AIR}.{reference}" for reference in HEADING_REFERENCE_ORDER]
     places = [(m, w) for m in metrics for w in question.windows]
-
-    def filled(place: tuple[str, str]) -> int:
-        return sum(has_value(row.metrics.get(place[1], {}).get(place[0])) for row in rows)
-
-    return max(places, key=filled)
+    return max(places, key=lambda p: sum(has_value(row.metrics.get(p[1], {}).get(p[0])) for row in rows))
 
 
-def _answer_cell(row: EstimatorRow, answer: Answer | None, window: str) -> ConfigurationAnswer:
+def _setting_answer(row: EstimatorRow, answer: Answer | None, window: str) -> SettingAnswer:
     if answer is None:
-        return ConfigurationAnswer(
-            None, window=window, status=row.status, reason=row.reason or "not asked in this window"
-        )
-    return ConfigurationAnswer(
-        answer.value, answer.ci95, answer.n, window, row.status, row.reason or answer.reason or ""
-    )
+        reason = row.reason or "not asked in this window"
+        return SettingAnswer(None, window=window, status=row.status, reason=reason)
+    reason = row.reason or answer.reason or ""
+    return SettingAnswer(answer.value, answer.ci95, answer.n, window, row.status, reason)
 
 
-def _log_difference(
-    log: str,
-    first: EstimatorRow,
-    row: EstimatorRow,
-    a: Answer | None,
-    b: Answer | None,
-    better: str,
-    window: str,
-    scale: Scale,
-) -> LogDifference:
-    for one in (first, row):
-        if one.status != "ok":
-            return LogDifference(
-                log, None, window=window, reason=f"{one.name}: {one.status.replace('_', ' ')}, {one.reason}"
-            )
+def row_difference(
+    question: Question, first: tuple[EstimatorRow, Answer | None], second: tuple[EstimatorRow, Answer | None]
+) -> Difference:
+    """Return the difference of one row's answer to the first's, or the reason for none."""
+    nothing = Difference(question.scale)
+    for row, _ in (first, second):
+        if row.status != "ok":
+            return replace(nothing, reason=f"{row.name}: {row.status.replace('_', ' ')}, {row.reason}")
+    a, b = first[1], second[1]
     if a is None or b is None:
-        return LogDifference(log, None, window=window, reason="not asked in this window")
-    for one, answer in ((first, a), (row, b)):
+        return replace(nothing, reason="not asked in this window")
+    for row, answer in ((first[0], a), (second[0], b)):
         if answer.value is not None and not answer.ranked:
-            return LogDifference(log, None, window=window, reason=f"{one.name}: {answer.reason}")
-    found = paired(a, b, better)
-    if isinstance(found, str) or found.scale != scale:
-        return LogDifference(
-            log, None, window=window, reason=found if isinstance(found, str) else "nothing to pair on this log"
-        )
-    return _on_ratio_scale(log, found, ranking.floor(a, b), window)
-
-
-def _on_ratio_scale(log: str, found: PairedDifference, floor: float, window: str) -> LogDifference:
-    value, ci95 = found.value, found.ci95
-    if found.scale == "ratio":
-        value = math.exp(value)
-        ci95 = None if ci95 is None else (math.exp(ci95[0]), math.exp(ci95[1]))
-        floor = math.log1p(floor / found.first) if found.first > 0.0 else 0.0
-    return LogDifference(
-        log, value, ci95, found.p, found.n, found.first, found.second, found.error, floor, found.direction, window
-    )
-
-
-# Several logs as one comparison: what was measured on each, gathered by question and pooled.
+            return replace(nothing, reason=f"{row.name}: {answer.reason}")
+    found = paired(a, b, question.better)
+    if found.value is not None and found.scale != question.scale:
+        return replace(nothing, reason="nothing to pair on this log")
+    return replace(found, scale=question.scale)
 
 
 def gather(
     configurations: Sequence[Configuration],
     logs: Sequence[LogComparison],
-    questions: Sequence[ComparedMetric],
+    questions: Sequence[Question],
     *,
     attlog: dict[str, str],
     command: str = "",
     config: dict[str, Any] | None = None,
 ) -> Comparison:
-    """The comparison of configurations on logs; a log that failed is a line with its reason and nothing else."""
+    """Return logs as one comparison; a log that failed is a line with its reason and nothing else."""
     called = labels(configurations)
     found = Comparison(attlog, command, config or {}, [_summarize(c, called[c.name]) for c in configurations])
-    found.logs = [m.line for m in logs]
-    usable = [m for m in logs if m.line.code == 0]
+    found.logs = [log.line for log in logs]
+    usable = [log for log in logs if log.line.code == 0]
     for asked in questions:
-        metric = named(definitions().values(), asked.metric)
-        question = Question(
-            asked.id,
-            asked.metric,
-            list(asked.windows),
-            asked.title,
-            metric.unit,
-            metric.better,
-            asked.scale,
-            asked.main,
-        )
-        question.cells = {m.line.name: m.cells[asked.id] for m in usable}
+        cells = {log.line.name: log.cells[asked.id] for log in usable}
+        answers = [answer for by_name in cells.values() for answer in by_name.values()]
+        if all(answer.value is None for answer in answers):
+            reasons = (answer.reason for answer in answers)
+            found.unanswered[asked.id] = commonest_reason(reasons) or "no log could be used"
+            continue
+        question = replace(asked, cells=cells, contrasts=[])
         for c in configurations[1:]:
-            each = [m.beside[asked.id][c.name] for m in usable]
-            once = [b for m, b in zip(usable, each, strict=True) if not m.line.same_as]
-            question.contrasts.append(Contrast(c.name, each, pool_differences(once, asked.scale)))
-        cells = [cell for by_name in question.cells.values() for cell in by_name.values()]
-        if any(cell.value is not None for cell in cells):
-            found.questions.append(question)
-            found.definitions[asked.id] = metric.definition
-        else:
-            found.unanswered[asked.id] = commonest_reason(cell.reason for cell in cells) or "no log could be used"
+            each = [log.differences[asked.id][c.name] for log in usable]
+            once = [d for log, d in zip(usable, each, strict=True) if not log.line.same_as]
+            question.contrasts.append(Contrast(c.name, each, pool(once, asked.scale)))
+        found.questions.append(question)
+        found.definitions[asked.id] = named(definitions().values(), asked.metric).definition
     found.verdicts = comparison_sentences(found)
     return found
-
-
-def commonest_reason(reasons: Iterable[str]) -> str:
-    """The reason given most often, empty where none is given."""
-    given = [reason for reason in reasons if reason]
-    return max(dict.fromkeys(given), key=given.count) if given else ""
-
-
-def pool_differences(each: Sequence[LogDifference], scale: Scale) -> PooledDifference | None:
-    """Differences of several logs as one; None where no log has any."""
-    usable = [b for b in each if b.value is not None]
-    if not usable:
-        return None
-    forward, back = (math.log, math.exp) if scale == "ratio" else (float, float)
-    alone = usable[0]
-    own = None if alone.ci95 is None else (forward(alone.ci95[0]), forward(alone.ci95[1]))
-    pooled = pool([forward(b.value or 0.0) for b in usable], [b.error for b in usable], (own, alone.p))
-    floor = median(b.floor for b in usable)
-    ci95 = None if pooled.ci95 is None else (back(pooled.ci95[0]), back(pooled.ci95[1]))
-    return PooledDifference(
-        back(pooled.value),
-        ci95,
-        pooled.p,
-        pooled.logs,
-        pooled.better,
-        pooled.worse,
-        pooled.same,
-        pooled.tau,
-        pooled.i2_pct,
-        pooled.method,
-        floor,
-        alone.direction
-        if len(usable) == 1
-        else pooled_direction(pooled.value, pooled.p, pooled.same == pooled.logs, floor),
-    )
-
-
-def pooled_direction(value: float, p: float | None, same: bool, floor: float) -> Direction:
-    """Whether a pooled difference is significant: p below 5 %, and larger than what a log resolves."""
-    if same:
-        return "same"
-    if p is None or p >= ALPHA or abs(value) <= floor:
-        return "not significant"
-    return "better" if value < 0.0 else "worse"
 
 
 def _summarize(c: Configuration, label: str) -> ConfigurationSummary:
     parameters = {k: f"{v:g}" if isinstance(v, float) else str(v) for k, v in c.row.params.items()}
     before = {k: setting_argument(k, v).partition("=")[2] for k, v in c.before.items()}
     return ConfigurationSummary(c.name, label, c.text, parameters, before)
-
-
-# Configurations over logs, one after the other or in several processes, as one comparison.
-
-
-def compare(
-    logs: Sequence[Path],
-    configurations: Sequence[Configuration],
-    config: Config | None = None,
-    *,
-    metrics: Sequence[str] = (),
-    jobs: int = 1,
-    command: str = "",
-    tell: Callable[[LogComparison], None] | None = None,
-) -> Comparison:
-    """What each configuration is worth beside the first, on every log and over all of them.
-
-    ``config``: options as of ``attlog analyze``, its window among them; ``metrics``: other questions than the main
-    ones (``all`` for every metric). A log that cannot be used is a line with its reason, the others
-    finish. Logs of one flight count once where they are pooled. ``tell`` is called with each log as it is
-    done. UsageError for fewer than two configurations or an unknown metric.
-    """
-    if len(configurations) < 2:
-        raise UsageError(
-            "a comparison needs two configurations or more: attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6"
-        )
-    config = config or Config()
-    questions = select_questions(metrics, config.window)
-    names = log_names(logs)
-    plan = ComparisonPlan(tuple((c.name, c.text) for c in configurations), tuple(questions), config.resolved())
-    found: dict[str, LogComparison] = {}
-    work: dict[str, tuple[Any, ...]] = {name: (log, name, plan) for log, name in zip(logs, names, strict=True)}
-    if jobs == 1 or len(logs) == 1:
-        results = ((name, compare_on_log(*arguments)) for name, arguments in work.items())
-    else:
-        results = _in_processes(work, jobs)
-    for name, one in results:
-        found[name] = one
-        if tell is not None:
-            tell(one)
-    ordered = [found[name] for name in names]
-    again = find_repeats([one.track for one in ordered if one.track is not None])
-    for one in ordered:
-        one.line.same_as = again.get(one.line.name, "")
-    return gather(configurations, ordered, questions, attlog=versions(), command=command, config=config.resolved())
-
-
-def _in_processes(work: dict[str, tuple[Any, ...]], jobs: int) -> Any:
-    for name, one in in_processes(compare_on_log, work, jobs):
-        yield name, failed_log(work[name][0], name, one) if isinstance(one, Died) else one
-
-
-def log_names(logs: Sequence[Path]) -> list[str]:
-    """What each log is called: its file name, with its folder where two share it, with a number if need be."""
-    plain = [log.name for log in logs]
-    names = [log.name if plain.count(log.name) == 1 else f"{log.parent.name}/{log.name}" for log in logs]
-    return [n if names.count(n) == 1 else f"{n}-{names[: k + 1].count(n)}" for k, n in enumerate(names)]

@@ -1,6 +1,6 @@
-"""Configurations in a TOML file: everything that is wrong with it at once, each with its line.
+"""Configurations and logs on a command line, and configurations in a TOML file; all problems are reported at once.
 
-metrics = ["tilt_rmse_deg", "lag_ms"]    # optional, as --metric
+metrics = ["tilt_rmse_deg", "lag_ms"]           # optional, as --metric
 reference = "truth"                             # optional, any option of analyze
 
 [[configuration]]
@@ -30,55 +30,141 @@ from attlog.flight.recalibration import calibrates
 from attlog.pipeline.config import DEFAULTS, Config
 
 CONFIGURATION_TABLE = "configuration"
+KEY_PATTERN = re.compile(r"[^:]*:[A-Za-z_]\w*=")
+# Filters that replay a firmware's own estimator with its own parameters.
+REPLICAS = ("px4_q", "ap_dcm")
 
 
 @dataclass(slots=True)
-class ConfigurationFile:
-    """What a file asks for."""
+class ComparisonRequest:
+    """Logs (files, folders, patterns), configurations, metrics and options, in the order given.
 
+    ``repeats``: sentences on words that name a configuration which another word names already.
+    """
+
+    logs: list[Path] = field(default_factory=list)
     configurations: list[Configuration] = field(default_factory=list)
     metrics: list[str] = field(default_factory=list)
     options: dict[str, Any] = field(default_factory=dict)
+    repeats: list[str] = field(default_factory=list)
 
 
-def read_configurations(path: Path) -> ConfigurationFile:
-    """The configurations, metrics and options of a file. LogUnreadable if it cannot be opened; UsageError tells
-    everything that is wrong in it."""
+def select_words(words: Sequence[str]) -> ComparisonRequest:
+    """Sort the words of a command line. UsageError names everything wrong with the configurations.
+
+    A configuration is a filter's name, alone or with ``@`` or ``:``, a ``.py`` or ``.csv`` file, or a ``.toml`` file of
+    configurations; all other words are logs. A file with a filter's name is given with ``./`` before it.
+    """
+    found, filters = ComparisonRequest(), frozenset(estimators.names())
+    problems: list[str] = []
+    names: dict[str, Configuration] = {}
+    as_given: dict[str, str] = {}
+    code = UsageError.exit_code
+    for word in words:
+        try:
+            if word.lower().endswith(".toml"):
+                file = read_configurations(Path(word))
+                found.metrics += file.metrics
+                found.options |= file.options
+                for one in file.configurations:
+                    names.setdefault(one.name, one)
+            elif is_configuration(word, filters):
+                one = parse_configuration(word)
+                if one.name in names:
+                    other = as_given.get(one.name, one.name)
+                    same = "given twice" if word == other else f"the same configuration as {other}"
+                    found.repeats.append(f"{word} is {same}")
+                as_given.setdefault(one.name, word)
+                names.setdefault(one.name, one)
+            elif not os.path.exists(word) and not set("*?[/\\.") & set(word):
+                known = [*estimators.names(), "default", "all"]
+                problems.append(f"{word}: neither a file nor a filter{suggestion(word, known)}")
+            else:
+                found.logs.append(Path(word))
+        except AttlogError as error:
+            problems.append(str(error))
+            code = error.exit_code
+    if problems:
+        refused = UsageError("\n".join(problems))
+        refused.exit_code = code if len(problems) == 1 else UsageError.exit_code
+        raise refused
+    found.configurations = list(names.values())
+    return found
+
+
+def is_configuration(word: str, filters: Collection[str]) -> bool:
+    """Return whether a word names one of the filters, an estimator file or an estimate, not a log."""
+    head = re.split(r"[@:]", word, maxsplit=1)[0]
+    if head in filters or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
+        return True
+    return not os.path.exists(word) and (KEY_PATTERN.match(word) is not None or ("@" in word and "/" not in word))
+
+
+def with_params_file(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:
+    """Return the configurations, each that takes firmware parameters also with those of a file.
+
+    A file that calibrates a compass or an accelerometer concerns every filter. Without configurations the replica of a
+    firmware's estimator is taken whose parameters are in the file. UsageError where no filter takes them.
+    """
+    set_there = set(read_parameter_file(path))
+    named = list(configurations)
+    if not named:
+        replicas = [parse_configuration(name) for name in REPLICAS if name in estimators.names()]
+        named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}]
+    samples = calibrates(set_there)
+    runs = [c for c in named if "params" not in c.before and not estimators.is_recorded(c.row.estimator.origin)]
+    taking = [c for c in runs if samples or c.row.estimator.from_log is not None]
+    if not taking or (not configurations and len(named) > 1):
+        which = ", ".join(n for n in REPLICAS if n in estimators.names())
+        raise UsageError(
+            f"--params {path}: name a filter that takes these parameters ({which}); "
+            f"{'none of the configurations does' if configurations else 'the file does not say which'}"
+        )
+    found: dict[str, Configuration] = {}
+    for c in named:
+        found[c.name] = c
+        if c in taking:
+            new = c.with_value("params", str(path), None if c.name == c.text else f"{c.name}, {path.name}")
+            found[new.name] = new
+    return list(found.values())
+
+
+def read_configurations(path: Path) -> ComparisonRequest:
+    """Read configurations, metrics and options of a TOML file.
+
+    LogUnreadable if it cannot be opened; UsageError names everything wrong in it, each with its line.
+    """
     text = read_settings_text(path)
     values = parse_toml(text, path)
-    lines, problems, found = text.splitlines(), [], ConfigurationFile()
+    lines, found = text.splitlines(), ComparisonRequest()
+    problems: list[tuple[str, int | None, str]] = []  # key, number of its table, sentence
     tables = values.pop(CONFIGURATION_TABLE, None)
     found.metrics, wrong = _check_metrics(values.pop("metrics", []))
-    problems += [f"{_line_of_key(path, lines, 'metrics')}: {w}" for w in wrong]
+    problems += [("metrics", None, w) for w in wrong]
     known = [name for name in DEFAULTS if name != "estimators"]
     for key in [k for k in values if k not in known]:
         hint = suggestion(key, ["metrics", CONFIGURATION_TABLE, *known])
-        problems.append(f"{_line_of_key(path, lines, key)}: unknown key {key}{hint}")
+        problems.append((key, None, f"unknown key {key}{hint}"))
         del values[key]
     try:
         config = Config.build(values)
         found.options = {name: getattr(config, name) for name in values}
     except UsageError as error:
-        problems += [
-            f"{_line_of_key(path, lines, text_.partition(':')[0])}: {text_}" for text_ in str(error).splitlines()
-        ]
-    if not isinstance(tables, list) or not tables:
-        problems.append(f"{path}: holds no [[{CONFIGURATION_TABLE}]]")
-        tables = []
+        problems += [(line.partition(":")[0], None, line) for line in str(error).splitlines()]
     names: set[str] = set()
-    for number, table in enumerate(tables):
+    for number, table in enumerate(tables if isinstance(tables, list) else []):
         one, faults = _check_table(table)
-        for key, text_ in faults:
-            problems.append(f"{_line_of_key(path, lines, key, number)}: configuration {number + 1}: {text_}")
+        problems += [(key, number, f"configuration {number + 1}: {said}") for key, said in faults]
         if one is not None:
             if one.name in names:
-                problems.append(
-                    f"{_line_of_key(path, lines, 'name', number)}: configuration {number + 1}: {one.name} is there twice"
-                )
+                problems.append(("name", number, f"configuration {number + 1}: {one.name} is there twice"))
             names.add(one.name)
             found.configurations.append(one)
-    if problems:
-        raise UsageError("\n".join(problems))
+    said = [f"{_place_of_key(path, lines, key, number)}: {sentence}" for key, number, sentence in problems]
+    if not isinstance(tables, list) or not tables:
+        said.append(f"{path}: holds no [[{CONFIGURATION_TABLE}]]")
+    if said:
+        raise UsageError("\n".join(said))
     return found
 
 
@@ -93,7 +179,7 @@ def _check_metrics(value: object) -> tuple[list[str], list[str]]:
 
 
 def _check_table(table: object) -> tuple[Configuration | None, list[tuple[str, str]]]:
-    """A configuration, or what is wrong with it as (key, sentence)."""
+    """Return a configuration, or what is wrong with it as (key, sentence)."""
     if not isinstance(table, Mapping):
         return None, [("", f"is no table; write [[{CONFIGURATION_TABLE}]] above it")]
     values = dict(table)
@@ -124,8 +210,8 @@ def _check_table(table: object) -> tuple[Configuration | None, list[tuple[str, s
         return None, [("estimator", str(error))]
 
 
-def _line_of_key(path: Path, lines: list[str], key: str, table: int | None = None) -> str:
-    """The file and, where it can be found, the line of a key: of the n-th table, or above all of them."""
+def _place_of_key(path: Path, lines: list[str], key: str, table: int | None = None) -> str:
+    """Return the file and, where found, the line of a key: in the n-th table, or above all tables."""
     seen, begin = -1, 0
     for number, line in enumerate(lines, 1):
         if re.match(rf"\s*\[\[\s*{CONFIGURATION_TABLE}\s*\]\]", line):
@@ -135,104 +221,3 @@ def _line_of_key(path: Path, lines: list[str], key: str, table: int | None = Non
         if key and inside and re.match(rf"""\s*["']?{re.escape(key)}["']?\s*=""", line):
             return f"{path}, line {number}"
     return f"{path}, line {begin}" if begin else str(path)
-
-
-# Which words of a command line are logs, and which are configurations? Known by what they look like.
-
-KEY_PATTERN = re.compile(r"[^:]*:[A-Za-z_]\w*=")
-
-
-@dataclass(slots=True)
-class ComparisonRequest:
-    """Logs (files, folders, patterns) and configurations, in the order given, with what a TOML file asks for."""
-
-    logs: list[Path] = field(default_factory=list)
-    again: list[str] = field(default_factory=list)
-    """Sentences on words that name a configuration which another word names already."""
-    wanted: ConfigurationFile = field(default_factory=ConfigurationFile)
-
-
-def select_words(words: Sequence[str]) -> ComparisonRequest:
-    """The logs and configurations of a command line. UsageError tells everything wrong with the configurations.
-
-    A configuration is a filter's name, alone or with ``@`` or ``:``, a ``.py`` or ``.csv`` file, or a ``.toml`` file of
-    them; everything else is a log. A file that is called like a filter is meant with ``./`` before it.
-    """
-    found, filters = ComparisonRequest(), frozenset(estimators.names())
-    problems: list[str] = []
-    names: dict[str, Configuration] = {}
-    as_given: dict[str, str] = {}
-    worst = UsageError.exit_code
-    for word in words:
-        try:
-            if word.lower().endswith(".toml"):
-                wanted = read_configurations(Path(word))
-                found.wanted.metrics += wanted.metrics
-                found.wanted.options |= wanted.options
-                for one in wanted.configurations:
-                    names.setdefault(one.name, one)
-            elif is_configuration(word, filters):
-                one = parse_configuration(word)
-                if one.name in names:
-                    other = as_given.get(one.name, one.name)
-                    found.again.append(
-                        f"{word} is given twice" if word == other else f"{word} is the same configuration as {other}"
-                    )
-                as_given.setdefault(one.name, word)
-                names.setdefault(one.name, one)
-            elif not os.path.exists(word) and not set("*?[/\\.") & set(word):
-                known = [*estimators.names(), "default", "all"]
-                problems.append(f"{word}: neither a file nor a filter{suggestion(word, known)}")
-            else:
-                found.logs.append(Path(word))
-        except AttlogError as error:
-            problems.append(str(error))
-            worst = error.exit_code
-    if problems:
-        refused = UsageError("\n".join(problems))
-        refused.exit_code = worst if len(problems) == 1 else UsageError.exit_code
-        raise refused
-    found.wanted.configurations = list(names.values())
-    return found
-
-
-def is_configuration(word: str, filters: Collection[str]) -> bool:
-    """Whether a word names one of the filters, an estimator file or an estimate, not a log."""
-    head = re.split(r"[@:]", word, maxsplit=1)[0]
-    if head in filters or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
-        return True
-    return not os.path.exists(word) and (KEY_PATTERN.match(word) is not None or ("@" in word and "/" not in word))
-
-
-def with_params_file(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:
-    """The configurations, and behind each whose filter takes firmware parameters the same with those of a file.
-
-    Where the file calibrates a compass or an accelerometer every filter takes it: its samples are others.
-    Without any configuration the filter stands in that replays a firmware's own estimator and whose parameters are in
-    the file. UsageError where no filter takes such parameters; errors of reading the file as they come.
-    """
-    set_there = set(read_parameter_file(path))
-    named = list(configurations)
-    if not named:
-        replicas = [parse_configuration(name) for name in REPLICAS if name in estimators.names()]
-        named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}]
-    samples = calibrates(set_there)
-    runs = [c for c in named if "params" not in c.before and not estimators.is_recorded(c.row.estimator.origin)]
-    taking = [c for c in runs if samples or c.row.estimator.from_log is not None]
-    if not taking or (not configurations and len(named) > 1):
-        which = ", ".join(n for n in REPLICAS if n in estimators.names())
-        raise UsageError(
-            f"--params {path}: name a filter that takes these parameters ({which}); "
-            f"{'none of the configurations does' if configurations else 'the file does not say which'}"
-        )
-    found: dict[str, Configuration] = {}
-    for c in named:
-        found[c.name] = c
-        if c in taking:
-            new = c.with_value("params", str(path), None if c.name == c.text else f"{c.name}, {path.name}")
-            found[new.name] = new
-    return list(found.values())
-
-
-REPLICAS = ("px4_q", "ap_dcm")
-"""Filters that replay a firmware's own estimator with its own parameters."""

@@ -1,4 +1,4 @@
-"""A table for a paper or a spreadsheet: CSV, Markdown or LaTeX."""
+"""Tables of comparisons and results: for the terminal, a page, a paper (CSV, Markdown, LaTeX)."""
 
 from __future__ import annotations
 
@@ -7,16 +7,9 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Literal
 
-from attlog.compare.comparison import Comparison, LogDifference, LogLine, PooledDifference, Question
-from attlog.compare.paired import Direction
-from attlog.compare.wording import (
-    DirectedDifference,
-    direct_difference,
-    favour_text,
-    interval_text,
-    own_value_text,
-    signed_text,
-)
+from attlog.compare.comparison import Comparison, LogLine, Question
+from attlog.compare.paired import Difference, Direction
+from attlog.compare.wording import DIRECTION_WORDS, favour_text, interval_text, own_value_text, signed_text
 from attlog.core import files
 from attlog.result import Result
 from attlog.words.findings import shown_assessments
@@ -26,6 +19,7 @@ from attlog.words.table import ColumnHeading, main_table
 from attlog.words.text import CONTROL, clean, escape_markdown
 
 TableForm = Literal["md", "csv", "tex"]
+TableCells = tuple[Sequence[str], Sequence[Sequence[str]]]
 LATEX_SIGNS = {
     "\\": r"\textbackslash{}",
     "&": r"\&",
@@ -52,24 +46,24 @@ LATEX_SIGNS = {
 
 
 def table_text(form: TableForm, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in this form."""
+    """Return a table in a form."""
     return {"csv": table_csv, "md": table_markdown, "tex": table_latex}[form](head, rows)
 
 
 def table_csv(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The table as CSV."""
+    """Return a table as CSV; cells that a spreadsheet would run are defused."""
     return files.csv_text([head, *rows])
 
 
 def table_markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The table in Markdown."""
+    """Return a table in Markdown."""
     rule = "|" + " --- |" * len(head) + "\n"
     first, *others = ("| " + " | ".join(map(escape_markdown, line)) + " |\n" for line in [head, *rows])
     return "".join([first, rule, *others])
 
 
 def table_latex(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The table as a LaTeX tabular with the rules of booktabs."""
+    """Return a LaTeX tabular with the rules of booktabs."""
 
     def line(cells: Sequence[str]) -> str:
         return "  " + " & ".join(map(latex_escaped, cells)) + " \\\\\n"
@@ -81,19 +75,17 @@ def table_latex(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def latex_escaped(text: str) -> str:
-    """A text with the signs that LaTeX reads otherwise, or not at all, as it writes them."""
+    """Return a text with LaTeX's special signs escaped."""
     return "".join(LATEX_SIGNS.get(c, c) for c in CONTROL.sub(" ", " ".join(text.splitlines())))
 
-
-# The table of ``attlog analyze`` for a paper: a row for each filter of each log, the columns of all logs together.
 
 BEST_MARK, UNRANKED_MARK = "*", "~"
 
 
 def analysis_rows(results: Sequence[Result], window: str = "all") -> tuple[list[str], list[list[str]]]:
-    """Titles and rows: value, half of its 95 % interval where it has one, ``*`` best, ``~`` shown but not ranked.
+    """Return titles and rows of ``analyze``, a row for each filter of each log; of one log without its column.
 
-    The column of the log is left out where there is one log only.
+    Cells: value, half of its 95 % interval, ``*`` best, ``~`` not ranked.
     """
     tables = [(result, main_table(result, window)) for result in results]
     titles = list(dict.fromkeys(_column_title(c) for _, table in tables for c in table.columns))
@@ -115,13 +107,11 @@ def _column_title(column: ColumnHeading) -> str:
     return f"{column.title}, {column.unit}" if column.unit else column.title
 
 
-# The table of ``attlog health`` for a paper or a spreadsheet: a row for each assessment of each log, worst first.
-
 SENSOR_COLUMNS = ["sensor", "question", "verdict", "value", "to set", "found"]
 
 
 def sensor_rows(results: Sequence[Result]) -> tuple[list[str], list[list[str]]]:
-    """Titles and rows; the column of the log is left out where there is one log only."""
+    """Return titles and rows of ``health``, a row for each assessment, worst first; of one log without its column."""
     several = len(results) > 1
     rows = []
     for result in results:
@@ -131,325 +121,230 @@ def sensor_rows(results: Sequence[Result]) -> tuple[list[str], list[list[str]]]:
     return [*(["log"] if several else []), *SENSOR_COLUMNS], rows
 
 
-# A comparison as one table: a row for each question, a column for each configuration; of all logs, and of each.
-
-
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
-    """A change to the first configuration: ``note`` holds its interval and on how many logs it has that sign.
+    """A change to the first configuration, its interval, its direction (None: no change, with ``reason``).
 
-    ``direction`` is None where there is no change; ``reason`` says why.
+    ``count``: logs with this sign of all logs with a value. ``better``: logs on which the configuration is better.
     """
 
     change: str
-    note: str = ""
+    interval: str = ""
+    count: str = ""
+    better: str = ""
     direction: Direction | None = None
     reason: str = ""
 
+    @property
+    def starred(self) -> str:
+        """Return the change with a star where it is significant."""
+        return f"{self.change}{'*' if self.direction in ('better', 'worse') else ' '}" if self.direction else ""
+
 
 @dataclass(frozen=True, slots=True)
-class Matrix:
-    """``head``: the question, the first configuration's value, the change to it of every other one.
+class MatrixRow:
+    """One question: the first configuration's value, the change to it of every other one."""
 
-    ``rows``: title, value, changes.
+    question: Question
+    value: str
+    cells: list[MatrixCell]
+    differences: list[Difference | None]
+
+
+def matrix(found: Comparison, line: LogLine | None = None) -> list[MatrixRow]:
+    """Return a row for each question with an answer, on one log or over all logs.
+
+    Over all logs the first configuration's value is its median size.
     """
-
-    head: tuple[str, ...]
-    rows: list[tuple[str, str, list[MatrixCell]]]
-
-    @property
-    def reasons(self) -> list[str]:
-        """Why cells are empty, each reason once."""
-        return list(dict.fromkeys(cell.reason for _, _, cells in self.rows for cell in cells if cell.reason))
-
-
-def matrix_over_logs(found: Comparison) -> Matrix:
-    """All logs together; the first configuration's value is its median over the logs."""
     rows = []
     for question in found.questions:
-        overs = [c.over for c in question.contrasts]
-        if any(over is not None for over in overs):
-            cells = [MatrixCell("–") if over is None else _matrix_cell(question, over) for over in overs]
-            rows.append((_question_title(question), first_median_text(found, question), cells))
-    return Matrix(_matrix_head(found, ", median" if len(found.logs) > 1 else ""), rows)
+        if line is None:
+            value = _median_text(found, question)
+            differences = [c.over for c in question.contrasts]
+            shown = any(d is not None for d in differences)
+        else:
+            own = question.cells.get(line.name, {}).get(found.first.name)
+            value = own_value_text(None if own is None else own.value, question)
+            differences = [next((d for d in c.logs if d.log == line.name), None) for c in question.contrasts]
+            shown = bool(value) or any(d is not None and d.value is not None for d in differences)
+        if shown:
+            rows.append(MatrixRow(question, value, [_matrix_cell(question, d) for d in differences], differences))
+    return rows
 
 
-def matrix_of_log(found: Comparison, line: LogLine) -> Matrix:
-    """One log."""
-    rows = []
-    for question in found.questions:
-        each = [next((b for b in c.logs if b.log == line.name), None) for c in question.contrasts]
-        own = question.cells.get(line.name, {}).get(found.configurations[0].name)
-        shown = own_value_text(None if own is None else own.value, question)
-        if shown or any(b is not None and b.value is not None for b in each):
-            cells = [MatrixCell("–") if b is None else _matrix_cell(question, b) for b in each]
-            rows.append((_question_title(question), shown, cells))
-    return Matrix(_matrix_head(found, ""), rows)
-
-
-def first_median_text(found: Comparison, question: Question) -> str:
-    """The median over the logs of the first configuration's own values, by their size."""
-    first = found.configurations[0].name
-    own = [cells[first].value for cells in question.cells.values() if first in cells]
+def _median_text(found: Comparison, question: Question) -> str:
+    own = [cells[found.first.name].value for cells in question.cells.values() if found.first.name in cells]
     known = [abs(v) for v in own if v is not None]
     return own_value_text(median(known), question).removeprefix("+") if known else ""
 
 
-def _matrix_head(found: Comparison, after: str) -> tuple[str, ...]:
-    first, *others = (c.label for c in found.configurations)
-    return ("question", first + after, *others)
+def _matrix_cell(question: Question, found: Difference | None) -> MatrixCell:
+    if found is None or found.value is None:
+        return MatrixCell("–", reason="" if found is None else found.reason)
+    better = f"{found.better} of {found.logs}"
+    if found.direction == "same":
+        return MatrixCell("0", "", "equal", better, "same")
+    count = f"{found.better if found.value < found.even else found.worse}/{found.logs}" if found.logs > 1 else ""
+    change, ends = signed_text(found.value, question), interval_text(question, found)
+    return MatrixCell(change, ends, count, better, found.direction)
 
 
-def _question_title(question: Question) -> str:
-    unit = unit_sign(question.unit)
-    return f"{question.title}, {unit}" if unit else question.title
+@dataclass(frozen=True, slots=True)
+class PooledTable:
+    """All questions over all logs as plain cells."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: list[tuple[str, ...]]
 
 
-def _matrix_cell(question: Question, found: LogDifference | PooledDifference) -> MatrixCell:
-    view = direct_difference(question, found)
-    if view is None:
-        return MatrixCell("–", reason=found.reason if isinstance(found, LogDifference) else "")
-    if view.direction == "same":
-        return MatrixCell("0", "equal", "same")
-    count = (
-        f"{view.better if view.value < _no_difference(question) else view.worse}/{view.logs}" if view.logs > 1 else ""
-    )
-    interval = f"[{interval_text(view).replace(' to ', ', ')}]" if view.ci95 else ""
-    return MatrixCell(signed_text(view.value, question), f"{interval} {count}".strip(), view.direction)
+def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
+    """Return the changes over all logs: of one configuration with interval, of several side by side.
 
-
-def _no_difference(question: Question) -> float:
-    return 1.0 if question.scale == "ratio" else 0.0
-
-
-# The tables of a comparison: for each question a row per log and one for all of them, as plain cells.
+    Side by side as many configurations share a table as ``width`` columns hold; a star marks what is significant.
+    """
+    rows = [row for row in matrix(found) if any(c.direction for c in row.cells)]
+    where = f"{found.first.label}, {counted(len(found.logs), 'log')}"
+    others = [c.label for c in found.configurations[1:]]
+    lines: list[tuple[str, ...]]
+    if not rows:
+        return []
+    if len(others) == 1:
+        cells = [(row.question.title, row.cells[0]) for row in rows]
+        head = ("question", "change", "95 %", "significant", "better")
+        lines = [
+            (title, c.change, c.interval, DIRECTION_WORDS.get(c.direction or "not significant", "no"), c.better)
+            for title, c in cells
+        ]
+        return [PooledTable(f"{others[0]} beside {where}", head, lines)]
+    columns = [(label, [row.cells[k].starred for row in rows]) for k, label in enumerate(others)]
+    titles = [row.question.title for row in rows]
+    made: list[PooledTable] = []
+    while columns:
+        taken, used = 0, max(map(len, titles))
+        for label, texts in columns:
+            used += 2 + max(map(len, [label, *texts]))
+            if taken and used > width:
+                break
+            taken += 1
+        some, columns = columns[:taken], columns[taken:]
+        lines = [(title, *(texts[i] for _, texts in some), "") for i, title in enumerate(titles)]
+        titles_of = ("question", *(label for label, _ in some), "")
+        made.append(PooledTable(f"change beside {where}, * significant", titles_of, [r for r in lines if any(r[1:])]))
+    return made
 
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTable:
-    """One question against one configuration. ``head`` and ``rows`` have as many cells; the last row is all logs."""
+    """One question for one configuration: a row per log, the last over all logs; ``reasons`` beside the rows."""
 
     question: Question
-    configuration: str
     title: str
     caption: str
     head: tuple[str, ...]
     rows: list[tuple[str, ...]]
     reasons: list[str]
-    """Beside each row why it has no difference, or empty."""
 
 
 def comparison_tables(found: Comparison) -> list[ComparisonTable]:
-    """A table for each question and each configuration after the first."""
+    """Return a table for each question and each configuration after the first."""
     return [_comparison_table(found, q, c.configuration) for q in found.questions for c in q.contrasts]
 
 
-SIGNIFICANT_WORDS = {"better": "better", "worse": "worse", "same": "equal"}
-
-
-@dataclass(frozen=True, slots=True)
-class PooledTable:
-    """All questions against one configuration over all logs, in few words; ``rows`` have as many cells as ``head``.
-
-    The last cell says on how many logs, significant or not, the second is better.
-    """
-
-    title: str
-    head: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-
-
-def pooled_tables(found: Comparison) -> list[PooledTable]:
-    """A table for each configuration after the first: the change in each question that has a difference."""
-    called = {c.name: c.label for c in found.configurations}
-    made = []
-    for name in list(called)[1:]:
-        rows: list[tuple[str, ...]] = []
-        for question in found.questions:
-            view = _pooled_view(question, name)
-            if view is not None:
-                change = (
-                    ("0", "") if view.direction == "same" else (signed_text(view.value, question), interval_text(view))
-                )
-                better = f"{view.better} of {view.logs}"
-                rows.append((question.title, *change, SIGNIFICANT_WORDS.get(view.direction, "no"), better))
-        head = ("question", "change", "95 %", "significant", "better")
-        title = f"{called[name]} beside {called[found.configurations[0].name]}, {counted(len(found.logs), 'log')}"
-        made += [PooledTable(title, head, rows)] if rows else []
-    return made
-
-
-def side_by_side(found: Comparison, width: int) -> list[PooledTable]:
-    """The changes of all configurations after the first beside each other, as many a table as ``width`` columns hold.
-
-    A star marks what is significant.
-    """
-    called = {c.name: c.label for c in found.configurations}
-    titles = [question.title for question in found.questions]
-    columns: list[tuple[str, list[str]]] = []
-    for name in list(called)[1:]:
-        views = [_pooled_view(question, name) for question in found.questions]
-        cells = [
-            "" if v is None else f"{signed_text(v.value, v.question)}{_star_if_significant(v.direction)}" for v in views
-        ]
-        columns.append((called[name], cells))
-    first, end = max(map(len, titles), default=0), f"beside {called[found.configurations[0].name]}"
-    made: list[PooledTable] = []
-    while columns:
-        taken, used = 0, first
-        while taken < len(columns) and used + 2 + max(map(len, [columns[taken][0], *columns[taken][1]])) <= width:
-            used += 2 + max(map(len, [columns[taken][0], *columns[taken][1]]))
-            taken += 1
-        some, columns = columns[: max(taken, 1)], columns[max(taken, 1) :]
-        rows = [(title, *(cells[i] for _, cells in some), "") for i, title in enumerate(titles)]
-        title = f"change {end}, {counted(len(found.logs), 'log')}, * significant"
-        made.append(
-            PooledTable(title, ("question", *(label for label, _ in some), ""), [r for r in rows if any(r[1:])])
-        )
-    return made
-
-
-def _pooled_view(question: Question, name: str) -> DirectedDifference | None:
-    over = next((c.over for c in question.contrasts if c.configuration == name), None)
-    return None if over is None else direct_difference(question, over)
-
-
-def _star_if_significant(direction: str) -> str:
-    return "*" if direction in ("better", "worse") else " "
-
-
 def _comparison_table(found: Comparison, question: Question, name: str) -> ComparisonTable:
-    called = {c.name: c.label for c in found.configurations}
-    first = found.configurations[0].name
-    contrast = next(c for c in question.contrasts if c.configuration == name)
-    unit = unit_sign(question.unit)
-    change = f"{called[name]} to {called[first]}"
-    head = ("log", *(f"{called[n]}{f', {unit}' if unit else ''}" for n in (first, name)), change, "95 %", "significant")
+    first, second = found.first.label, found.labels[name]
+    contrast, unit = question.contrast(name), unit_sign(question.unit)
+    own = (f"{label}{f', {unit}' if unit else ''}" for label in (first, second))
+    head = ("log", *own, f"{second} to {first}", "95 %", "significant")
     rows, reasons = [], []
-    for beside in contrast.logs:
-        cells = question.cells.get(beside.log, {})
-        values = (beside.first, beside.second)
-        if beside.value is None:
-            values = tuple(cells[n].value if n in cells else None for n in (first, name))  # type: ignore[assignment]
-        rows.append(
-            (
-                beside.log,
-                *(own_value_text(v, question) for v in values),
-                *_difference_cells(question, beside, called[first], called[name]),
-            )
-        )
-        reasons.append(beside.reason)
-    if contrast.over is not None and contrast.over.logs > 1:
-        over = contrast.over
-        label = (
-            f"{counted(over.logs, 'log')} of {len(found.logs)}"
-            if over.logs < len(found.logs)
-            else f"all {over.logs} logs"
-        )
-        rows.append((label, "", "", *_difference_cells(question, over, called[first], called[name])))
+    for d in contrast.logs:
+        cells = question.cells.get(d.log, {})
+        values = [d.first, d.second]
+        if d.value is None:
+            values = [cells[n].value if n in cells else None for n in (found.first.name, name)]
+        shown = [own_value_text(v, question) for v in values]
+        rows.append((d.log, *shown, *_difference_cells(question, d, first, second)))
+        reasons.append(d.reason)
+    over = contrast.over
+    if over is not None and over.logs > 1:
+        part = over.logs < len(found.logs)
+        label = f"{counted(over.logs, 'log')} of {len(found.logs)}" if part else f"all {over.logs} logs"
+        rows.append((label, "", "", *_difference_cells(question, over, first, second)))
         reasons.append("")
-    return ComparisonTable(question, name, question.title, _table_caption(question), head, rows, reasons)
+    return ComparisonTable(question, question.title, _table_caption(question), head, rows, reasons)
 
 
-def _difference_cells(
-    question: Question, found: LogDifference | PooledDifference, first: str, second: str
-) -> tuple[str, str, str]:
-    """Change, interval, and who is significantly better by how much."""
-    view = direct_difference(question, found)
-    if view is None:
+def _difference_cells(question: Question, found: Difference, first: str, second: str) -> tuple[str, str, str]:
+    """Return change, interval, and which one is significantly better by how much."""
+    if found.value is None:
         return "", "", "–"
-    if view.direction == "same":
+    if found.direction == "same":
         return "0", "", "equal"
-    winner = {"better": second, "worse": first}.get(view.direction)
-    text = (
-        "not significant" if winner is None else f"{winner}: {favour_text(view if winner == second else view.turned)}"
-    )
-    if view.logs > 1 and winner is None:
-        text += f" ({second} better on {view.better} of {view.logs} logs)"
-    return signed_text(view.value, question), interval_text(view), text
+    if found.direction == "better":
+        text = f"{second}: {favour_text(question, found)}"
+    elif found.direction == "worse":
+        text = f"{first}: {favour_text(question, found.inverse())}"
+    else:
+        on = f" ({second} better on {found.better} of {found.logs} logs)" if found.logs > 1 else ""
+        text = f"not significant{on}"
+    return signed_text(found.value, question), interval_text(question, found), text
 
 
 def _table_caption(question: Question) -> str:
-    where = " or ".join(question.windows[:2]) if len(question.windows) > 1 else question.windows[0]
+    where = " or ".join(question.windows[:2])
     what = {"rmse": "RMS of the typical block", "noise": "typical window of 5 s"}
     kind = next((text for part, text in what.items() if part in question.metric), "")
     return f"{question.metric}, {where}" + (f", {kind}" if kind else "")
 
 
-# The tables of a comparison as files for papers: CSV, LaTeX (booktabs) and Markdown, for ``--format``.
+COMPARISON_COLUMNS = (
+    "metric window unit scale log configuration value low95 high95 n "
+    "first first_value change change_low95 change_high95 p common_units direction reason"
+).split()
 
 
 def comparison_text(found: Comparison, form: TableForm) -> str:
-    """The tables of a comparison in this form."""
+    """Return the tables of a comparison in a form."""
     return {"csv": comparison_csv, "md": comparison_markdown, "tex": comparison_latex}[form](found)
 
 
 def comparison_csv(found: Comparison) -> str:
-    """CSV: one line for each question, log and configuration, in full precision; the last of each are all logs."""
-    lines: list[list[object]] = [
-        [
-            "metric",
-            "window",
-            "unit",
-            "scale",
-            "log",
-            "configuration",
-            "value",
-            "low95",
-            "high95",
-            "n",
-            "first",
-            "first_value",
-            "change",
-            "change_low95",
-            "change_high95",
-            "p",
-            "common_units",
-            "direction",
-            "reason",
-        ]
-    ]
-    first = found.configurations[0].name
+    """Return a line for each question, log and configuration in full precision; ``(all)``: pooled over the logs."""
+    lines: list[Sequence[object]] = [COMPARISON_COLUMNS]
     for q in found.questions:
         for log, cells in q.cells.items():
-            beside = {c.configuration: b for c in q.contrasts for b in c.logs if b.log == log}
-            for name, cell in cells.items():
-                b = beside.get(name)
-                low, high = cell.ci95 or (None, None)
-                row: list[object] = [q.metric, cell.window, q.unit, q.scale, log, name, cell.value, low, high, cell.n]
-                if b is not None:
-                    ends = b.ci95 or (None, None)
-                    row += [first, b.first, b.value, *ends, b.p, b.n, b.direction, b.reason or cell.reason]
-                else:
-                    row += ["", "", "", "", "", "", "", "", cell.reason]
-                lines.append(row)
+            by_name = {c.configuration: d for c in q.contrasts for d in c.logs if d.log == log}
+            for name, a in cells.items():
+                d = by_name.get(name)
+                own = [q.metric, a.window, q.unit, q.scale, log, name, a.value, *(a.ci95 or (None, None)), a.n]
+                lines.append([*own, *_change_columns(found, d, a.reason)])
         for c in q.contrasts:
             if c.over is not None:
-                o, window = c.over, q.windows[0]
-                ends = o.ci95 or (None, None)
-                row = [q.metric, window, q.unit, q.scale, "(all)", c.configuration, "", "", "", o.logs, first, ""]
-                lines.append([*row, o.value, *ends, o.p, o.logs, o.direction, o.method])
-    for line in found.logs:
-        if line.code:
-            lines.append(["", "", "", "", line.name, *[""] * 13, line.reason])
+                own = [q.metric, q.window, q.unit, q.scale, "(all)", c.configuration, "", "", "", c.over.logs]
+                lines.append([*own, *_change_columns(found, c.over, c.over.method)])
+    lines += [["", "", "", "", line.name, *[""] * 13, line.reason] for line in found.logs if line.code]
     return files.csv_text(lines)
 
 
+def _change_columns(found: Comparison, d: Difference | None, reason: str) -> list[object]:
+    if d is None:
+        return [*[""] * 8, reason]
+    ends = d.ci95 or (None, None)
+    return [found.first.name, d.first, d.value, *ends, d.p, d.n, d.direction, d.reason or reason]
+
+
 def comparison_markdown(found: Comparison) -> str:
-    """Sentences and tables as Markdown."""
-    parts = [said for verdict in found.verdicts for said in (verdict.lead, *verdict.more)]
-    lines = [f"- {escape_markdown(said)}" for said in parts]
+    """Return sentences and tables as Markdown."""
+    lines = [f"- {escape_markdown(said)}" for verdict in found.verdicts for said in (verdict.lead, *verdict.more)]
     for table in comparison_tables(found):
         lines += ["", f"**{escape_markdown(table.title)}** ({escape_markdown(table.caption)})", ""]
         lines.append(table_markdown(table.head, table.rows).rstrip())
-    broken = [f"{line.name}: {line.reason}" for line in found.logs if line.code]
-    if broken:
-        lines += ["", "Not used:", "", *(f"- {escape_markdown(b)}" for b in broken)]
-    return "\n".join(lines) + "\n"
+    broken = [f"- {escape_markdown(f'{line.name}: {line.reason}')}" for line in found.logs if line.code]
+    return "\n".join([*lines, *(["", "Not used:", "", *broken] if broken else [])]) + "\n"
 
 
 def comparison_latex(found: Comparison) -> str:
-    """Tables for LaTeX with the package booktabs, one table environment each."""
+    """Return tables for LaTeX with the package booktabs, one table environment each."""
     parts = ["% Tables of attlog compare; needs \\usepackage{booktabs}"]
     for table in comparison_tables(found):
         caption = latex_escaped(f"{table.title} ({table.caption})")

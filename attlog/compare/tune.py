@@ -1,4 +1,15 @@
-"""What is left out in turn, so that gains are judged where they were not found: whole logs, or blocks of one log."""
+"""Gains found on some logs and judged on others: cross-validation of a search.
+
+The logs (of one log alone blocks of time) are left out in turn. On the others the gains with the smallest cost are
+searched; on what was left out they are compared with the default gains, pair by pair. The gains given are those found
+on all parts.
+
+    cost = sum_m w_m mean_parts ln((s_m + f_m) / (s0_m + f_m)) / sum_m w_m
+
+s is the distance from perfect, s0 that of the default gains, f a negligible step of the unit
+(:data:`attlog.compare.diff.NEGLIGIBLE`), so that a lag near zero does not dominate. The default gains cost 0; -0.2 is
+18 % nearer to perfect.
+"""
 
 from __future__ import annotations
 
@@ -10,25 +21,36 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.compare.comparison import Question, commonest_reason
 from attlog.compare.diff import NEGLIGIBLE
 from attlog.compare.grid import FreeParameter, SearchResult, Setting, minimize
-from attlog.compare.search import (
-    SettingDifference,
-    SettingResult,
-    SettingsOnLog,
-    SweptMetric,
-    distance_or_nan,
-    parse_metrics,
-    pooled_setting_difference,
-)
+from attlog.compare.paired import Difference
+from attlog.compare.search import SettingResult, SettingsOnLog, pooled_setting_difference, swept_questions
 from attlog.core.errors import LogUnusable, UsageError, suggestion
-from attlog.metrics.metric import Answer
+from attlog.metrics.metric import Answer, missing
 from attlog.metrics.ranking import distance
 
+Array = NDArray[np.float64]
+
+# Blocks of a single log: each long enough to hold several units of evidence.
 BLOCKS_PER_LOG = 4
-"""Blocks of one log: each long enough to hold several units of evidence."""
+# More logs than this are left out in groups.
 MAX_FOLDS = 5
-"""More logs than this are left out in groups."""
+# Generations of 32 settings in each search.
+GENERATIONS = 6
+# Short names of common objectives.
+TERM_NAMES = {
+    "tilt": "tilt_rmse_deg",
+    "heading": "heading_rmse_deg",
+    "total": "total_rmse_deg",
+    "noise": "noise_tilt_deg@hover",
+    "rest_noise": "noise_tilt_deg",
+    "step": "step_error_deg.0.5s",
+    "lag": "lag_ms",
+    "drift": "drift_rest_deg_per_min",
+}
+# Cost of a setting that diverges, has no value or is not corrected by gravity: e^3, as if 20 times as far off.
+UNSOUND_COST = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +63,7 @@ class LogPart:
     t1: float | None = None
 
     def of(self, answer: Answer) -> Answer | None:
-        """The answer on this part; None where it has none, or none of its units lies in there."""
+        """Return the answer on this part, None where none of its units begins there."""
         if answer.value is None or self.t0 is None or self.t1 is None:
             return None if answer.value is None else answer
         if answer.units is None:
@@ -55,13 +77,13 @@ class LogPart:
         return replace(answer, value=summary.value, ci95=summary.ci95, n=len(ids), units=units)
 
     def value(self, answer: Answer) -> float | None:
-        """The value on this part."""
+        """Return the value on this part."""
         found = self.of(answer)
         return None if found is None else found.value
 
 
 def split_parts(logs: Sequence[SettingsOnLog]) -> list[LogPart]:
-    """Every log as a part; of one log alone blocks of equal time from the scoring start to its end."""
+    """Return every log as a part; of a single log blocks of equal time from the scoring start to its end."""
     if len(logs) > 1:
         return [LogPart(k, log.name) for k, log in enumerate(logs)]
     case = logs[0].case
@@ -73,49 +95,24 @@ def split_parts(logs: Sequence[SettingsOnLog]) -> list[LogPart]:
 
 
 def make_folds(parts: Sequence[LogPart]) -> list[list[LogPart]]:
-    """Groups of parts to be left out in turn: each alone up to MOST_FOLDS, else dealt in turn into so many groups."""
+    """Return groups of parts to leave out in turn: each alone up to MAX_FOLDS, else dealt into so many groups."""
     groups = min(len(parts), MAX_FOLDS)
     return [list(parts[k::groups]) for k in range(groups)]
 
 
-# What a search looks for: metrics with weights, each as the logarithm of its ratio to the default gains.
-#
-#     cost = sum_m w_m mean_parts ln((s_m + f_m) / (s0_m + f_m)) / sum_m w_m
-#
-# with s the size of the value (how far from perfect), s0 that of the default gains, and f a step that means nothing
-# to
-# anybody who flies (that of :mod:`attlog.compare.diff`), so that a lag near zero does not decide
-# everything.
-# The cost of the default gains is 0; -0.2 is 18 % closer to perfect.
-
-TERM_NAMES = {
-    "tilt": "tilt_rmse_deg",
-    "heading": "heading_rmse_deg",
-    "total": "total_rmse_deg",
-    "noise": "noise_tilt_deg@hover",
-    "rest_noise": "noise_tilt_deg",
-    "step": "step_error_deg.0.5s",
-    "lag": "lag_ms",
-    "drift": "drift_rest_deg_per_min",
-}
-"""Short names of what is usually weighed; every metric can be named by its id."""
-UNSOUND_COST = 3.0
-"""The cost of a setting that diverges, has no value or is not corrected by gravity: as if twenty times as far off."""
-
-
 @dataclass(frozen=True, slots=True)
 class ObjectiveTerm:
-    """A metric and its weight."""
+    """A question and its weight."""
 
     name: str
-    metric: SweptMetric
+    question: Question
     weight: float
 
 
 def parse_objective(texts: Sequence[str]) -> list[ObjectiveTerm]:
-    """The terms of texts such as ``tilt=1``, ``noise=0.5``, ``lag_ms@airborne=0.2``; commas part several in one text.
+    """Return the terms of texts such as ``tilt=1``, ``tilt=1,noise=0.5``, ``lag_ms@airborne=0.2``.
 
-    UsageError tells everything wrong in them.
+    UsageError names everything wrong in them.
     """
     found: dict[str, ObjectiveTerm] = {}
     wrong = []
@@ -129,13 +126,12 @@ def parse_objective(texts: Sequence[str]) -> list[ObjectiveTerm]:
             wrong.append(f"{text}: the weight is a number above 0, such as {name or 'tilt'}=1")
             continue
         try:
-            metrics = parse_metrics([TERM_NAMES.get(name, name)])
+            questions = swept_questions([TERM_NAMES.get(name, name)])
         except UsageError:
-            wrong.append(
-                f"{text}: there is nothing called {name}{suggestion(name, [*TERM_NAMES])}, nor a metric of that name"
-            )
+            hint = suggestion(name, [*TERM_NAMES])
+            wrong.append(f"{text}: there is nothing called {name}{hint}, nor a metric of that name")
             continue
-        found |= {m.name: ObjectiveTerm(name, m, number) for m in metrics}
+        found |= {q.id: ObjectiveTerm(name, q, number) for q in questions}
     if wrong or not found:
         raise UsageError("\n".join(wrong) or "no objective; give one such as tilt=1,noise=0.5")
     return list(found.values())
@@ -144,52 +140,36 @@ def parse_objective(texts: Sequence[str]) -> list[ObjectiveTerm]:
 def objective_cost(
     terms: Sequence[ObjectiveTerm],
     parts: Sequence[LogPart],
-    settled: Mapping[int, SettingResult],
+    results: Mapping[int, SettingResult],
     base: Mapping[int, SettingResult],
 ) -> float:
-    """The cost of a setting on parts, from what it and the default gains (``base``) are worth by log."""
+    """Return the cost of a setting on parts, of its ``results`` and those of the default gains (``base``) by log."""
     total, weights = 0.0, 0.0
     for term in terms:
-        found = [c for part in parts if (c := log_ratio(term, part, settled[part.log], base[part.log])) is not None]
+        costs = [log_ratio(term.question, part, results[part.log], base[part.log]) for part in parts]
+        found = [c for c in costs if c is not None]
         if found:
             total += term.weight * sum(found) / len(found)
             weights += term.weight
     return total / weights if weights else UNSOUND_COST
 
 
-def log_ratio(term: ObjectiveTerm, part: LogPart, settled: SettingResult, base: SettingResult) -> float | None:
-    """ln of how far a setting is from perfect over how far the default gains are; None where that is not known."""
-    metric = term.metric
-    before = part.value(base.answers[metric])
+def log_ratio(question: Question, part: LogPart, result: SettingResult, base: SettingResult) -> float | None:
+    """Return ln of a setting's distance from perfect over the default gains', None where theirs is unknown."""
+    before = part.value(base.answers[question])
     if before is None:
         return None
-    value = part.value(settled.answers[metric]) if settled.fit(metric) else None
+    value = part.value(result.answers[question]) if result.counts(question) else None
     if value is None:
         return UNSOUND_COST
-    step = NEGLIGIBLE.get(metric.unit, 0.0) or 1e-9
-    sizes = (_value_distance(v, metric.better) for v in (value, before))
-    now, then = (max(s, 0.0) + step for s in sizes)
+    step = NEGLIGIBLE.get(question.unit, 0.0) or 1e-9
+    now, then = (max(distance(Answer(v, "", ""), question.better)[1], 0.0) + step for v in (value, before))
     return min(math.log(now / then), UNSOUND_COST)
-
-
-def _value_distance(value: float, better: str) -> float:
-    from attlog.metrics.metric import Answer
-
-    return distance(Answer(value, "", ""), better)[1]
-
-
-# Gains for a filter from logs, judged on what was left out of finding them.
-#
-# The logs (of one log alone blocks of time) are left out in turn; on the others the gains with the smallest cost are
-# searched for, and judged on what was left out, beside its default gains, pair by pair. The gains that are given are
-# those found on all parts; what they are worth is what gains found in the same way gained where they were not fitted.
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """What was left out, the gains found without it, and both costs."""
+    """Parts left out, the gains found without them, and the cost there."""
 
     left_out: list[LogPart]
     found: SearchResult
@@ -198,15 +178,14 @@ class Fold:
 
 @dataclass(frozen=True, slots=True)
 class HeldOutScore:
-    """A metric on parts left out: the tuned filter beside its default gains, pooled, and part by part.
+    """One question on parts left out: the tuned filter against its default gains, pooled, and part by part.
 
-    ``before``, ``after``: values by part, NaN where there is none. ``better``, ``worse``: on how many parts;
-    ``missing``: why parts do not count.
+    ``before``, ``after``: values by part, NaN without one. ``missing``: reason by number, for parts that do not count.
     """
 
-    metric: SweptMetric
+    question: Question
     weight: float
-    beside: SettingDifference
+    difference: Difference
     before: Array
     after: Array
     better: int
@@ -216,7 +195,7 @@ class HeldOutScore:
 
 @dataclass(slots=True)
 class Tuning:
-    """The whole answer. ``start`` are the gains as they are, ``found`` those from all parts."""
+    """Result of a tuning. ``start``: default gains, ``found``: gains from all parts."""
 
     filter: str
     free: list[FreeParameter]
@@ -226,12 +205,19 @@ class Tuning:
     start: Setting
     found: SearchResult
     folds: list[Fold]
-    judged: list[HeldOutScore]
+    scores: list[HeldOutScore]
     seed: int
 
+    @property
+    def weighed(self) -> list[HeldOutScore]:
+        """Return the scores of the objective."""
+        return [score for score in self.scores if score.weight > 0.0]
 
-GENERATIONS = 6
-"""Of 32 settings in each search."""
+    @property
+    def cost_left_out(self) -> float:
+        """Return the mean cost over parts, each with the gains found without it."""
+        sizes = [len(fold.left_out) for fold in self.folds]
+        return sum(n * fold.cost_left_out for n, fold in zip(sizes, self.folds, strict=True)) / sum(sizes)
 
 
 def tune(
@@ -244,15 +230,15 @@ def tune(
     generations: int,
     seed: int,
 ) -> Tuning:
-    """Search and judge. ``logs`` are asked for the terms' metrics, ``elsewhere`` the same logs for others.
+    """Search and judge. ``elsewhere``: the same logs with questions beside those of the terms.
 
-    UsageError where a metric cannot be split over the blocks of a single log; LogUnusable where the default gains
-    has no value to begin from.
+    UsageError where a metric cannot be split over the blocks of a single log; LogUnusable where the default gains have
+    no value of the objective.
     """
     base = {k: log([{}])[0] for k, log in enumerate(logs)}
     parts = _usable_parts(split_parts(logs), terms, base)
 
-    def costs_on(some: Sequence[LogPart]) -> SearchResult:
+    def search(some: Sequence[LogPart]) -> SearchResult:
         def costs(settings: list[Setting]) -> Array:
             by_log = {k: logs[k](settings) for k in dict.fromkeys(p.log for p in some)}
             rows = [{k: s[i] for k, s in by_log.items()} for i in range(len(settings))]
@@ -260,72 +246,64 @@ def tune(
 
         return minimize(free, costs, start, generations, seed)
 
-    groups = make_folds(parts)
-    done = []
-    for left_out in groups:
-        found = costs_on([p for p in parts if p not in left_out])
+    folds = []
+    for left_out in make_folds(parts):
+        found = search([p for p in parts if p not in left_out])
         there = {p.log: logs[p.log]([found.setting])[0] for p in left_out}
-        done.append(Fold(left_out, found, objective_cost(terms, left_out, there, base)))
-    judged = [_held_out_score(t.metric, t.weight, logs, parts, done) for t in terms]
-    own = {t.metric for t in terms}
-    others = [m for m in (elsewhere[0].asked if elsewhere else []) if m not in own]
-    judged += [_held_out_score(m, 0.0, elsewhere, parts, done) for m in others]
-    found = costs_on(parts)
+        folds.append(Fold(left_out, found, objective_cost(terms, left_out, there, base)))
+    scores = [_held_out_score(t.question, t.weight, logs, parts, folds) for t in terms]
+    own = {t.question for t in terms}
+    others = [q for q in (elsewhere[0].questions if elsewhere else []) if q not in own]
+    scores += [_held_out_score(q, 0.0, elsewhere, parts, folds) for q in others]
     names = [log.name for log in logs]
-    return Tuning(filter_name, list(free), list(terms), names, parts, start, found, done, judged, seed)
+    return Tuning(filter_name, list(free), list(terms), names, parts, start, search(parts), folds, scores, seed)
 
 
 def _usable_parts(
     parts: Sequence[LogPart], terms: Sequence[ObjectiveTerm], base: Mapping[int, SettingResult]
 ) -> list[LogPart]:
-    """The parts on which the default gains have a value of some term."""
+    """Return the parts on which the default gains have a value of some term."""
     blocks = parts[0].t0 is not None
     for term in terms if blocks else ():
-        answer = base[0].answers[term.metric]
+        answer = base[0].answers[term.question]
         if answer.value is not None and answer.units is None:
             raise UsageError(f"{term.name}: cannot be compared by blocks of one log; give several logs")
-    found = [p for p in parts if any(p.value(base[p.log].answers[t.metric]) is not None for t in terms)]
+    found = [p for p in parts if any(p.value(base[p.log].answers[t.question]) is not None for t in terms)]
     if len(found) < 2:
-        said = base[0].answers[terms[0].metric].reason or "too little of it can be scored"
+        said = base[0].answers[terms[0].question].reason or "too little of it can be scored"
         what = "blocks of this log" if blocks else "logs"
         raise LogUnusable(f"two {what} with a value of the objective are needed, to find gains and to judge ({said})")
     return found
 
 
 def _held_out_score(
-    metric: SweptMetric, weight: float, logs: Sequence[SettingsOnLog], parts: Sequence[LogPart], done: Sequence[Fold]
+    question: Question, weight: float, logs: Sequence[SettingsOnLog], parts: Sequence[LogPart], folds: Sequence[Fold]
 ) -> HeldOutScore:
-    """A metric of the folds' gains on the parts that they did not see."""
-    gains = {part: fold.found.setting for fold in done for part in fold.left_out}
-    first, second, missing = [], [], {}
+    """Return one question of the folds' gains on the parts that they were not found on."""
+    gains = {part: fold.found.setting for fold in folds for part in fold.left_out}
+    first, second, lost = [], [], {}
     before, after = np.full(len(parts), np.nan), np.full(len(parts), np.nan)
     for k, part in enumerate(parts):
-        a, b = (_answers_on(part, settled, metric) for settled in logs[part.log]([{}, gains[part]]))
-        values = a.answers[metric].value, b.answers[metric].value
+        a, b = (_answers_on(part, result, question) for result in logs[part.log]([{}, gains[part]]))
+        values = a.answers[question].value, b.answers[question].value
         before[k], after[k] = (np.nan if v is None else v for v in values)
-        if values[0] is None or not b.fit(metric):
-            missing[k] = b.unsound or a.answers[metric].reason or b.answers[metric].reason or "no value"
+        if values[0] is None or not b.counts(question):
+            lost[k] = b.unsound or a.answers[question].reason or b.answers[question].reason or "no value"
             continue
-        first.append(a)
+        first.append(replace(a, unsound=""))
         second.append(b)
-    changes = [
-        distance_or_nan(b, metric) - distance_or_nan(replace(a, unsound=""), metric)
-        for a, b in zip(first, second, strict=True)
-    ]
+    changes = [b.distance(question) - a.distance(question) for a, b in zip(first, second, strict=True)]
     better, worse = sum(c < 0 for c in changes), sum(c > 0 for c in changes)
-    beside, _ = pooled_setting_difference(metric, [replace(a, unsound="") for a in first], second)
+    found = pooled_setting_difference(question, first, second)
     if not first:
-        said = list(missing.values())
-        beside = replace(beside, why=max(said, key=said.count))
-    return HeldOutScore(metric, weight, beside, before, after, better, worse, missing)
+        found = replace(found, reason=commonest_reason(lost.values()))
+    return HeldOutScore(question, weight, found, before, after, better, worse, lost)
 
 
-def _answers_on(part: LogPart, settled: SettingResult, metric: SweptMetric) -> SettingResult:
-    """The settled answers of one metric on a part."""
-    from attlog.metrics.metric import missing
-
-    answer = settled.answers[metric]
+def _answers_on(part: LogPart, result: SettingResult, question: Question) -> SettingResult:
+    """Return the answer to one question on a part."""
+    answer = result.answers[question]
     there = part.of(answer)
     if there is None and answer.value is not None:
-        there = missing("not_covered", "no whole block of it lies there", metric.unit, metric.window)
-    return replace(settled, answers={metric: there if there is not None else answer})
+        there = missing("not_covered", "no whole block of it lies there", question.unit, question.window)
+    return replace(result, answers={question: there if there is not None else answer})

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from attlog.simulate.flight import Flight
 
 
-Outcome = TypeVar("R")
+Outcome = TypeVar("Outcome")
 STAGES = logging.getLogger("attlog.stages")
 
 

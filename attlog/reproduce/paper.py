@@ -18,7 +18,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.compare.paired import pool
+from attlog.compare.paired import pool_values
 from attlog.core.errors import UsageError, suggestion
 from attlog.core.plain import IN_JSON, to_plain
 from attlog.words.numbers import between, interval, listed, quantity
@@ -290,8 +290,10 @@ def combine_readings(verdicts: Sequence[Verdict]) -> Verdict:
 def _pooled_number(what: str, values: Sequence[float], unit: str) -> PaperNumber:
     if not values:
         return PaperNumber(what, None, unit, None, 0)
-    found = pool(values, [None] * len(values))
-    return PaperNumber(what, found.value, unit, found.ci95 if len(values) > 1 else None, len(values))
+    if len(values) == 1:
+        return PaperNumber(what, float(values[0]), unit)
+    found = pool_values(values, [None] * len(values))
+    return PaperNumber(what, found.value, unit, found.ci95, len(values))
 
 
 # The papers by name, each run by its own file.

@@ -8,14 +8,8 @@ from typing import Any
 
 import pytest
 
-from attlog.compare.comparison import (
-    ComparedMetric,
-    Comparison,
-    ConfigurationAnswer,
-    LogDifference,
-    LogLine,
-    select_questions,
-)
+from attlog.compare.comparison import Comparison, LogLine, Question, SettingAnswer, select_questions
+from attlog.compare.paired import Difference
 from attlog.compare.run import LogComparison, gather
 from attlog.compare.setting import Configuration, parse_configuration
 from attlog.result import EstimatorRow, ParameterValue, Result
@@ -83,7 +77,7 @@ CONFIGURATIONS = [parse_configuration("mahony:kp=0.3"), parse_configuration("mah
 FIRST, SECOND = (c.name for c in CONFIGURATIONS)
 
 
-def beside(log: str, question: ComparedMetric, change: float, half: float) -> LogDifference:
+def difference(log: str, question: Question, change: float, half: float) -> Difference:
     """A difference (of the logarithm for ratios) with its interval; significant where that excludes none."""
     direction = "better" if change < 0.0 else "worse"
     if abs(change) <= half:
@@ -93,15 +87,28 @@ def beside(log: str, question: ComparedMetric, change: float, half: float) -> Lo
         value, ends = math.exp(change), (math.exp(ends[0]), math.exp(ends[1]))
     else:
         value = change
-    p = 1.0 if direction in ("same", "not significant") else 0.001
-    return LogDifference(log, value, ends, p, 9, 2.0, 2.0 * value, half / 2.0, 0.0, direction, question.windows[0])
+    return Difference(
+        question.scale,
+        value,
+        ends,
+        1.0 if direction in ("same", "not significant") else 0.001,
+        half / 2.0,
+        direction=direction,  # type: ignore[arg-type]
+        n=9,
+        first=2.0,
+        second=2.0 * value,
+        better=int(change < 0.0),
+        worse=int(change > 0.0),
+        log=log,
+        window=question.window,
+    )
 
 
 def comparison(
     changes: dict[str, list[tuple[float, float]]],
     configurations: list[Configuration] | None = None,
     broken: list[LogLine] | None = None,
-    questions: list[ComparedMetric] | None = None,
+    questions: list[Question] | None = None,
     factors: tuple[float, ...] = (1.0,),
 ) -> Comparison:
     """A comparison of configurations: by metric id, for each log (change, half interval).
@@ -116,11 +123,11 @@ def comparison(
         one = LogComparison(LogLine(f"flight{k + 1}.ulg", f"flight{k + 1}.ulg"))
         for q in questions:
             each = changes[q.metric]
-            one.cells[q.id] = {c.name: ConfigurationAnswer(1.0, (0.9, 1.1), 9, q.windows[0]) for c in chosen}
-            one.beside[q.id] = {
-                c.name: beside(one.line.name, q, factor * each[k][0], each[k][1])
+            one.cells[q.id] = {c.name: SettingAnswer(1.0, (0.9, 1.1), 9, q.window) for c in chosen}
+            one.differences[q.id] = {
+                c.name: difference(one.line.name, q, factor * each[k][0], each[k][1])
                 if k < len(each)
-                else LogDifference(one.line.name, None, reason="no steps")
+                else Difference(q.scale, log=one.line.name, reason="no steps")
                 for c, factor in zip(chosen[1:], factors, strict=True)
             }
         logs.append(one)

@@ -17,12 +17,11 @@ import pytest
 from attlog.compare import comparison_page as page
 from attlog.compare import tables
 from attlog.compare.comparison import Comparison, LogLine
-from attlog.compare.comparison_page import comparison_headline, end_label, overview
+from attlog.compare.comparison_page import dots, end_label, scale_ends
 from attlog.compare.setting import parse_configuration
 from attlog.compare.setting_words import read_configurations
-from attlog.compare.tables import comparison_tables, matrix_of_log, matrix_over_logs, pooled_tables
-from attlog.compare.wording import own_value_text
-from attlog.core.errors import LogUnreadable, UsageError
+from attlog.compare.tables import comparison_tables, matrix, pooled_tables
+from attlog.compare.wording import own_value_text, signed_text
 from attlog.core.files import write_all_atomic
 from tests.compare.made import CONFIGURATIONS, FIRST, SECOND, comparison, stands
 from tests.report.browser import Visit
@@ -52,7 +51,7 @@ def test_one_log_has_no_row_of_all_logs_and_pooled_changes_say_on_how_many_they_
     one = comparison({"tilt_rmse_deg": [(0.3, 0.1)]})
     assert [len(t.rows) for t in comparison_tables(one)] == [1]
     four = comparison({"tilt_rmse_deg": [(-0.3, 0.1)] * 3 + [(0.1, 0.1)]})
-    (pooled,) = pooled_tables(four)
+    (pooled,) = pooled_tables(four, 80)
     assert pooled.rows[0][-1] == "3 of 4"
     assert pooled.title.endswith("4 logs")
 
@@ -82,80 +81,55 @@ def some(seed: int) -> Comparison:
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_sentences_agree_with_the_dots(seed: int) -> None:
+def test_sentences_and_cells_agree_with_the_dots(seed: int) -> None:
     found = some(seed)
-    columns = overview(found)
-    assert [c.title for c in columns] == ["Accuracy", "Static noise", "Step response", "Yaw drift"]
-    said = " ".join(comparison_headline(found))
-    for column in columns:
-        assert len(column.sentence.split()) <= 20
-        better, _, worse = column.sentence.partition("Worse:")
-        for label, cell in zip(LABELS, column.cells, strict=True):
-            assert (label in better) == (cell.direction == "better"), column.sentence
-            assert (label in worse) == (cell.direction == "worse"), column.sentence
+    for row in matrix(found):
+        for k, (cell, dot) in enumerate(zip(row.cells, dots(row), strict=True)):
+            over = row.question.contrasts[k].over
+            assert dot is not None
+            assert over is not None
+            assert (cell.direction, cell.change) == (over.direction, signed_text(over.value or 0.0, row.question))
+            assert dot.say.startswith(cell.change)
+            lead = found.verdicts[k].lead
+            named = f"{row.question.title.lower()} ({cell.change})"
             if cell.direction in ("better", "worse"):
                 side = -1.0 if cell.direction == "better" else 1.0
-                assert cell.ends is not None
-                assert side * (cell.x - 50.0) >= cell.floor
-                assert min(side * (e - 50.0) for e in cell.ends) >= 0.0
-                noun = column.what.rpartition(",")[0].lower()
-                sentence = next(
-                    s for s in comparison_headline(found) if s.startswith(f"Significantly {cell.direction}")
-                )
-                part = next(p for p in re.split(r"[:;]", sentence) if p.strip().startswith(label))
-                assert f"{noun} ({cell.value})" in part or "more" in part
-            assert re.match(r"[+−<×>]|\d+ times|not comparable", cell.value), cell.value
-    significant = any(c.over.direction in ("better", "worse") for q in found.questions for c in q.contrasts if c.over)
-    assert said.startswith("Significantly") == significant
+                assert dot.ends is not None
+                assert side * (dot.x - 50.0) >= dot.floor
+                assert min(side * (e - 50.0) for e in dot.ends) >= 0.0
+                part = re.split(r"(?=better|worse)", lead)
+                assert any(p.startswith(cell.direction) and (named in p or "more" in p) for p in part)
+            else:
+                assert named not in lead
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_the_table_shows_what_the_dots_show(seed: int) -> None:
-    found = some(seed)
-    rows = {title: cells for title, _, cells in matrix_over_logs(found).rows}
-    for column in overview(found):
-        cells = next(cells for title, cells in rows.items() if title.startswith(column.what.rpartition(",")[0] + ","))
-        assert [(c.change, c.direction) for c in cells] == [(c.value, c.direction) for c in column.cells]
-
-
-def test_nothing_significant_is_said_once() -> None:
-    found = comparison({"tilt_rmse_deg": [(0.02, 0.1), (-0.03, 0.1)], "lag_ms": [(0.1, 3.0), (0.0, 3.0)]})
-    assert comparison_headline(found) == ["No significant difference to kp 0.3 in any question."]
-    assert {c.sentence for c in overview(found)} == {"No significant difference."}
-
-
-def test_a_column_that_no_log_answers_says_why_and_has_no_dots() -> None:
-    found = comparison({"tilt_rmse_deg": [(0.3, 0.1)] * 3})
-    found.unanswered = {"lag_ms@airborne": "no steps", "step_error_deg.0.5s@airborne": "no steps"}
-    column = next(c for c in overview(found) if c.cells == [])
-    assert column.sentence == "Cannot be determined: no steps."
-
-
-def test_a_difference_far_from_the_others_stands_at_the_end_of_its_column() -> None:
+def test_a_difference_far_from_the_others_stands_at_the_end_of_its_row() -> None:
     found = comparison({"noise_tilt_deg": [(0.05, 0.01)] * 3}, THREE, factors=(1.0, 60.0))
-    (column,) = overview(found)
-    near, far = column.cells
+    (row,) = matrix(found)
+    near, far = dots(row)
+    assert near is not None
+    assert far is not None
     assert (near.beyond, far.beyond) == (0, 1)
     assert 55.0 < near.x < far.x
-    assert (far.direction, column.sentence) == ("worse", "Worse: kp 0.6 and kp 1.2.")
+    assert scale_ends(row)[0].startswith("−")
 
 
 def test_dots_count_the_logs_that_point_the_same_way_of_those_with_an_answer() -> None:
     found = comparison({"tilt_rmse_deg": [(-0.3, 0.1), (-0.2, 0.1), (0.05, 0.1)], "lag_ms": [(1.0, 0.1)]})
-    accuracy, lag = overview(found)
-    assert accuracy.cells[0].count == "2/3 logs"
-    assert lag.cells[0].count == "1/1 log"
-    assert len(accuracy.cells[0].logs) == 3
+    tilt, lag = matrix(found)
+    assert (tilt.cells[0].count, lag.cells[0].count) == ("2/3", "")
+    dot = dots(tilt)[0]
+    assert dot is not None
+    assert len(dot.logs) == 3
 
 
-def test_a_log_without_a_difference_has_its_reason_beside_its_table() -> None:
+def test_a_log_without_a_difference_has_its_reason_in_its_table() -> None:
     found = comparison({"tilt_rmse_deg": [(0.3, 0.1)] * 2, "lag_ms": [(1.0, 0.1)]})
-    matrix = matrix_of_log(found, found.logs[1])
-    assert [cells[0].change for _, _, cells in matrix.rows] == ["+35 %", "–"]
-    assert matrix.reasons == ["no steps"]
+    cells = [row.cells[0] for row in matrix(found, found.logs[1])]
+    assert [(c.change, c.reason) for c in cells] == [("+35 %", ""), ("–", "no steps")]
 
 
-@pytest.mark.parametrize(("value", "label"), [(0.5, "−50"), (1.5, "+50"), (40.0, "×40"), (0.005, "÷200")])
+@pytest.mark.parametrize(("value", "label"), [(0.5, "−50 %"), (1.5, "+50 %"), (40.0, "×40"), (0.005, "÷200")])
 def test_ends_of_a_scale_of_ratios_are_percent_and_beyond_ten_a_factor(value: float, label: str) -> None:
     assert end_label(value, SimpleNamespace(scale="ratio", unit="deg")) == label  # type: ignore[arg-type]
 
@@ -172,30 +146,10 @@ def made() -> Comparison:
     )
 
 
-def test_a_comparison_is_read_back_as_it_was_written(tmp_path: Path) -> None:
-    found = made()
-    text = found.to_json(tmp_path / "c.json")
-    assert Comparison.load(tmp_path / "c.json").to_json() == text
-    assert Comparison.load(tmp_path / "c.json") == found
-
-
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [("{", "no valid JSON"), ("[]", "its schema is None"), ('{"schema": "attlog-comparison/2"}', "is missing")],
-)
-def test_what_is_no_comparison_is_refused(tmp_path: Path, text: str, why: str) -> None:
-    path = tmp_path / "c.json"
-    path.write_text(text)
-    with pytest.raises(UsageError, match=why):
-        Comparison.load(path)
-    with pytest.raises(LogUnreadable):
-        Comparison.load(tmp_path / "none.json")
-
-
 def test_the_page_says_every_sentence_and_which_log_was_not_used() -> None:
     found = made()
     text = page.render_comparison(found)
-    for said in (*comparison_headline(found), *(column.sentence for column in overview(found))):
+    for said in (verdict.lead for verdict in found.verdicts):
         assert said.replace("<", "&lt;") in text.replace("\u00a0", " ")
     assert WHY in text
     assert "=&#34;" not in text, "an attribute of the template was taken for text"
@@ -260,8 +214,9 @@ def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
         line.vehicle = line.firmware = line.reference = EVIL
     found.logs[-1].name = found.logs[-1].reason = EVIL
     for question in found.questions:
-        question.contrasts[0].logs[0].reason = EVIL
-        question.title = EVIL
+        logs = question.contrasts[0].logs
+        logs[0] = replace(logs[0], reason=EVIL, value=None)
+    found.questions = [replace(question, title=EVIL) for question in found.questions]
     found.configurations[1].label = found.command = EVIL
     path = tmp_path / "compare.html"
     write_all_atomic({path: page.render_comparison(found)})

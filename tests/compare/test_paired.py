@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from attlog.compare import paired as pooled
 from attlog.compare.comparison import select_questions
 from attlog.compare.filter_input import ConfiguredFilter
-from attlog.compare.paired import PairedDifference, estimate_difference, hodges_lehmann, paired
+from attlog.compare.paired import (
+    Difference,
+    dersimonian_laird,
+    estimate_difference,
+    hartung_knapp,
+    hodges_lehmann,
+    paired,
+    pool,
+    pool_values,
+)
 from attlog.compare.run import answer_place
 from attlog.compare.setting import parse_configuration
 from attlog.metrics.metric import Answer, missing
@@ -36,9 +44,9 @@ def answer(kind: Kind, values: np.ndarray, begin: int = 0) -> Answer:
     return Answer(on(ids).value, "deg", "all", len(values), units=UnitValues(kind, ids, values, on))
 
 
-def compared(a: Answer, b: Answer, better: str = "low") -> PairedDifference:
+def compared(a: Answer, b: Answer, better: str = "low") -> Difference:
     found = paired(a, b, better)
-    assert isinstance(found, PairedDifference), found
+    assert found.value is not None, found
     return found
 
 
@@ -56,17 +64,21 @@ KINDS: dict[Kind, np.ndarray] = {
 @pytest.mark.parametrize("kind", KINDS)
 def test_identical_configurations_differ_by_exactly_nothing(kind: Kind) -> None:
     found = compared(answer(kind, KINDS[kind]), answer(kind, KINDS[kind].copy()))
-    assert (found.value, found.ci95, found.p, found.direction) == (0.0, (0.0, 0.0), 1.0, "same")
+    even = found.even
+    assert (found.value, found.ci95, found.p, found.direction) == (even, (even, even), 1.0, "same")
 
 
 @pytest.mark.parametrize("kind", ["log_variance", "mean_square"])
-def test_a_common_factor_comes_out_as_the_logarithm_of_the_ratio_of_sizes(kind: Kind) -> None:
+def test_a_common_factor_comes_out_as_the_ratio_of_sizes(kind: Kind) -> None:
     values = KINDS[kind]
     second = values + np.log(0.25) if kind == "log_variance" else 0.25 * values
     found = compared(answer(kind, values), answer(kind, second))
     assert found.scale == "ratio"
-    assert found.value == pytest.approx(np.log(0.5))
+    assert found.first is not None
+    assert found.second is not None
+    assert found.value == pytest.approx(0.5)
     assert found.second / found.first == pytest.approx(0.5)
+    assert found.inverse().value == pytest.approx(2.0)
     assert found.direction == "better"
 
 
@@ -94,11 +106,12 @@ def test_units_are_paired_by_their_times() -> None:
 def test_too_few_common_units_tell_nothing_and_the_reason_says_how_many_are_needed() -> None:
     values = KINDS["lag_event"]
     found = paired(answer("lag_event", values), answer("lag_event", values, begin=10), "zero")
-    assert found == "2 units of evidence in common; 6 are needed"
+    assert found.reason == "2 units of evidence in common; 6 are needed"
 
 
 def test_a_missing_answer_gives_its_own_reason() -> None:
-    assert paired(answer("lag_event", NOISE), missing("no_events", "no movement", "ms", "all"), "zero") == "no movement"
+    nothing = missing("no_events", "no movement", "ms", "all")
+    assert paired(answer("lag_event", NOISE), nothing, "zero").reason == "no movement"
 
 
 def test_hodges_and_lehmanns_interval_is_that_of_the_published_example() -> None:
@@ -143,7 +156,7 @@ def test_a_difference_that_one_side_cannot_resolve_is_not_told(coarse: int) -> N
 
 def test_hartung_and_knapps_interval_is_that_of_the_published_example() -> None:
     """IntHout, Ioannidis & Borm 2014 (BMC Med Res Methodol 14:25), first example, appendix 3, with its weights."""
-    mean, error = pooled.hartung_knapp([-0.04, -0.07, -0.31, -1.36, -0.54], [24.0, 22.2, 21.3, 15.5, 17.0])
+    mean, error = hartung_knapp([-0.04, -0.07, -0.31, -1.36, -0.54], [24.0, 22.2, 21.3, 15.5, 17.0])
     assert mean == pytest.approx(-0.3938, abs=5e-5)
     assert error == pytest.approx(0.2254, abs=5e-5)
     half = stats.t.ppf(0.975, 4) * error
@@ -177,33 +190,37 @@ def bcg() -> tuple[np.ndarray, np.ndarray]:
 def test_tau_and_the_mean_are_dersimonian_and_lairds_of_the_published_example() -> None:
     """Viechtbauer 2010 (J Stat Softw 36(3)), the vaccine trials: tau^2 0.3088, I^2 92.12 %, mean -0.7141."""
     y, variance = bcg()
-    tau2, i2 = pooled.dersimonian_laird(y, variance)
+    tau2, i2 = dersimonian_laird(y, variance)
     assert tau2 == pytest.approx(0.3088, abs=5e-5)
     assert i2 == pytest.approx(92.12, abs=5e-3)
-    found = pooled.pool(list(y), list(np.sqrt(variance)))
+    found = pool_values(list(y), list(np.sqrt(variance)))
     assert found.value == pytest.approx(-0.7141, abs=5e-5)
-    assert (found.better, found.worse, found.logs) == (11, 2, 13)
 
 
 def test_logs_that_agree_too_well_do_not_make_the_interval_narrower_than_their_own_errors() -> None:
-    found = pooled.pool([0.1, 0.1001, 0.0999], [0.05, 0.05, 0.05])
+    found = pool_values([0.1, 0.1001, 0.0999], [0.05, 0.05, 0.05])
     assert found.ci95 is not None
     assert 0.5 * (found.ci95[1] - found.ci95[0]) == pytest.approx(stats.t.ppf(0.975, 2) * 0.05 / np.sqrt(3), rel=1e-6)
 
 
 def test_no_difference_on_any_log_is_none_at_all() -> None:
-    found = pooled.pool([0.0, 0.0, 0.0], [0.1, 0.2, None])
-    assert (found.value, found.ci95, found.p, found.same) == (0.0, (0.0, 0.0), 1.0, 3)
+    found = pool_values([0.0, 0.0, 0.0], [0.1, 0.2, None])
+    assert (found.value, found.ci95, found.p) == (0.0, (0.0, 0.0), 1.0)
+    same = pool([Difference("ratio", 1.0, (1.0, 1.0))] * 3, "ratio")
+    assert same is not None
+    assert (same.value, same.ci95, same.direction, same.logs) == (1.0, (1.0, 1.0), "same", 3)
 
 
 def test_one_log_keeps_its_own_interval() -> None:
-    found = pooled.pool([-0.2], [0.05], alone=((-0.3, -0.1), 0.001))
+    alone = Difference("difference", -0.2, (-0.3, -0.1), 0.001, 0.05, better=1)
+    found = pool([alone, Difference("difference", reason="no steps")], "difference")
+    assert found is not None
     assert (found.value, found.ci95, found.p, found.better) == (-0.2, (-0.3, -0.1), 0.001, 1)
 
 
 def test_a_log_without_an_error_makes_all_weigh_the_same() -> None:
     y = [1.0, 2.0, 4.0]
-    found = pooled.pool(y, [0.1, None, 0.2])
+    found = pool_values(y, [0.1, None, 0.2])
     wanted = stats.t.interval(0.95, 2, np.mean(y), stats.sem(y))
     assert found.ci95 == pytest.approx(wanted)
     assert found.p == pytest.approx(stats.ttest_1samp(y, 0.0).pvalue)
@@ -215,14 +232,14 @@ def test_the_pooled_interval_covers_the_mean_of_all_logs() -> None:
     for _ in range(1000):
         errors = rng.uniform(0.02, 0.2, 9)
         y = -0.3 + rng.normal(0.0, 0.1, 9) + rng.normal(0.0, 1.0, 9) * errors
-        ci95 = pooled.pool(list(y), list(errors)).ci95
+        ci95 = pool_values(list(y), list(errors)).ci95
         assert ci95 is not None
         inside += ci95[0] <= -0.3 <= ci95[1]
     assert 930 <= inside <= 980
 
 
 def test_an_error_of_zero_weighs_no_more_than_the_smallest_that_is_known() -> None:
-    assert pooled.pool([-1.0, 0.4, 0.9], [0.0, 0.5, 0.8]) == pooled.pool([-1.0, 0.4, 0.9], [0.5, 0.5, 0.8])
+    assert pool_values([-1.0, 0.4, 0.9], [0.0, 0.5, 0.8]) == pool_values([-1.0, 0.4, 0.9], [0.5, 0.5, 0.8])
 
 
 # A paired interval of half a flight holds the difference of the other half (benchmarks/paired_intervals.py).

@@ -12,18 +12,10 @@ import pytest
 
 import attlog
 from attlog.compare.grid import parse_grid
-from attlog.compare.search import (
-    SettingDifference,
-    SettingResult,
-    SettingsOnLog,
-    Sweep,
-    SweptMetric,
-    parse_metrics,
-    sweep,
-    sweep_column,
-)
-from attlog.compare.search_text import difference_text, sweep_csv, sweep_document, sweep_rows, sweep_sentences
+from attlog.compare.paired import Difference, Direction, Scale
+from attlog.compare.search import SettingResult, SettingsOnLog, Sweep, sweep, sweep_column, swept_questions
 from attlog.compare.setting import parse_configuration
+from attlog.compare.sweep_report import difference_text, sweep_csv, sweep_document, sweep_rows, sweep_sentences
 from attlog.core.errors import UsageError
 from attlog.estimators import get
 from attlog.metrics.accuracy import of_blocks
@@ -32,8 +24,7 @@ from attlog.metrics.statistics import UnitValues, make_ids
 from attlog.pipeline import replay
 from tests.conftest import SAMPLES
 
-TILT = SweptMetric("tilt_rmse_deg", "all", "deg", "low")
-LAG = SweptMetric("lag_ms", "all", "ms", "zero")
+(TILT,) = swept_questions(["tilt_rmse_deg"])
 KP = (0.1, 0.2, 0.4, 0.8, 1.6)
 WEATHER = np.exp(0.5 * np.random.default_rng(0).standard_normal(24))
 """What all settings of a log share: blocks with more and less wind."""
@@ -56,8 +47,8 @@ def settled(answer: Answer, status: str = "ok", unsound: str = "") -> SettingRes
 class Made:
     """A log whose tilt error has its minimum at ``best``, in octaves of kp; the base is kp 0.8."""
 
-    def __init__(self, name: str, best: float, asked: list[SweptMetric] | None = None, unsound: float = np.inf) -> None:
-        self.name, self.best, self.asked, self.unsound = name, best, asked or [TILT], unsound
+    def __init__(self, name: str, best: float, unsound: float = np.inf) -> None:
+        self.name, self.best, self.questions, self.unsound = name, best, [TILT], unsound
 
     def __call__(self, settings: list[dict[str, float]]) -> list[SettingResult]:
         found = []
@@ -67,7 +58,7 @@ class Made:
             found.append(settled(answer, unsound="tilt error above 30 deg" if kp >= self.unsound else ""))
         return found
 
-    def why_not_best(self, setting: dict[str, float]) -> str:
+    def why_uncorrected(self, setting: dict[str, float]) -> str:
         return ""
 
 
@@ -81,8 +72,8 @@ def test_on_one_log_the_best_is_told_from_settings_that_are_worse_and_not_from_i
     assert found.single == 2
     assert found.own == [2]
     assert found.near == [1, 2]
-    assert found.beside[3].worse
-    low, high = found.beside[3].ci95 or (0.0, 0.0)
+    assert found.differences[3].direction == "worse"
+    low, high = found.differences[3].ci95 or (0.0, 0.0)
     assert low < 1.5 < high
 
 
@@ -111,8 +102,8 @@ def test_over_logs_one_setting_is_best_for_all_beside_the_own_optimum_of_each() 
     assert [s.settings[k] for k in c.own if k is not None] == [{"kp": v} for v in (0.1, 0.2, 0.4, 0.2, 0.2)]
     assert c.single == 1
     assert c.score[1] == pytest.approx(np.mean([1.3, 1.0, 1.3, 1.0, 1.0]))
-    assert c.beside[4].worse
-    assert c.beside[s.base].value == pytest.approx(c.beside[3].value, rel=0.05)
+    assert c.differences[4].direction == "worse"
+    assert c.differences[s.base].value == pytest.approx(c.differences[3].value, rel=0.05)
 
 
 def test_a_setting_that_fails_on_one_log_is_not_the_best_for_all() -> None:
@@ -120,7 +111,7 @@ def test_a_setting_that_fails_on_one_log_is_not_the_best_for_all() -> None:
     c = s.columns[0]
     assert (c.single, c.own) == (1, [2, 1])
     assert np.isnan(c.score[2])
-    assert c.beside[2].why == "tilt error above 30 deg"
+    assert c.differences[2].reason == "tilt error above 30 deg"
 
 
 def test_a_log_on_which_nothing_can_be_judged_is_left_out_with_its_reason() -> None:
@@ -149,7 +140,7 @@ def test_where_no_setting_can_be_judged_that_is_said() -> None:
 class Frozen(Made):
     """Its best setting is one that gravity does not correct."""
 
-    def why_not_best(self, setting: dict[str, float]) -> str:
+    def why_uncorrected(self, setting: dict[str, float]) -> str:
         return "it is not corrected by gravity" if setting["kp"] < 0.3 else ""
 
 
@@ -164,14 +155,14 @@ def test_equal_settings_are_equal_to_the_best() -> None:
     same = blocks(1.0, 1)
     found = sweep_column(TILT, [[settled(same)], [settled(same)], [settled(same)]])
     assert found.near == [0, 1]
-    assert found.beside[1].value == 1.0
-    assert found.beside[1].ci95 == (1.0, 1.0)
+    assert found.differences[1].value == 1.0
+    assert found.differences[1].ci95 == (1.0, 1.0)
 
 
 def test_a_value_that_is_missing_is_told_with_its_reason() -> None:
     gone = missing("no_events", "no step", "deg", "all")
     found = sweep_column(TILT, [[settled(blocks(1.0, 1))], [settled(gone)], [settled(gone)]])
-    assert found.beside[1].why == "no step"
+    assert found.differences[1].reason == "no step"
     assert found.near == [0]
 
 
@@ -192,7 +183,7 @@ def test_no_end_of_a_range_is_named_where_no_setting_is_told_from_the_others() -
 def test_the_json_and_the_csv_hold_every_setting_on_every_log() -> None:
     s = made(Made("a", 0.2), Made("bb", 0.4))
     found = sweep_document(s, {})
-    assert found["schema"] == "attlog-sweep/2"
+    assert found["schema"] == "attlog-sweep/3"
     assert len(found["settings"]) == len(KP) + 1
     assert found["settings"][1]["logs"][0]["metrics"]["tilt_rmse_deg"]["value"] == pytest.approx(1.0)
     assert found["metrics"][0]["own_optimum"][1]["setting"] == 2
@@ -213,7 +204,7 @@ def case() -> Case:
 
 
 def test_a_batch_answers_what_single_runs_answer(case: Case) -> None:
-    asked = parse_metrics(ASKED)
+    asked = swept_questions(ASKED)
     many = SettingsOnLog(case, parse_configuration("mahony"), asked)(SETTINGS)
     names = ["mahony:" + ",".join(f"{k}={v}" for k, v in s.items()) for s in SETTINGS]
     alone = attlog.evaluate(case, names).estimators
@@ -227,7 +218,7 @@ def test_a_batch_answers_what_single_runs_answer(case: Case) -> None:
 
 
 def test_what_comes_before_the_filter_comes_before_every_setting(case: Case) -> None:
-    asked = parse_metrics(["tilt_rmse_deg"])
+    asked = swept_questions(["tilt_rmse_deg"])
     plain, filtered = (
         SettingsOnLog(case, parse_configuration(c), asked)(SETTINGS[:1])[0] for c in ("mahony", "mahony:latency=50")
     )
@@ -238,7 +229,7 @@ def test_a_setting_is_run_once(case: Case, monkeypatch: pytest.MonkeyPatch) -> N
     ran: list[int] = []
     batch = replay.batch
     monkeypatch.setattr(replay, "batch", lambda *a: ran.append(len(a[4])) or batch(*a))
-    on = SettingsOnLog(case, parse_configuration("mahony"), parse_metrics(["tilt_rmse_deg"]))
+    on = SettingsOnLog(case, parse_configuration("mahony"), swept_questions(["tilt_rmse_deg"]))
     first = on([SETTINGS[0], SETTINGS[0], SETTINGS[1]])
     again = on([SETTINGS[1], SETTINGS[0]])
     assert sum(ran) == 2
@@ -246,19 +237,19 @@ def test_a_setting_is_run_once(case: Case, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_filter_that_gravity_does_not_correct_may_win_nothing(case: Case) -> None:
-    on = SettingsOnLog(case, parse_configuration("mahony"), parse_metrics(["tilt_rmse_deg"]))
-    assert "gravity" in on.why_not_best({"kp": 0.0, "ki": 0.0})
-    assert on.why_not_best({"kp": 0.5}) == ""
+    on = SettingsOnLog(case, parse_configuration("mahony"), swept_questions(["tilt_rmse_deg"]))
+    assert "gravity" in on.why_uncorrected({"kp": 0.0, "ki": 0.0})
+    assert on.why_uncorrected({"kp": 0.5}) == ""
 
 
 def test_everything_wrong_with_the_metrics_is_told_at_once() -> None:
     with pytest.raises(UsageError) as refused:
-        parse_metrics(["tilt_rms_deg", "lag_ms@", "cost_ns"])
+        swept_questions(["tilt_rms_deg", "lag_ms@", "cost_ns"])
     said = str(refused.value)
     assert "did you mean tilt_rmse_deg" in said
     assert "no window" in said
     assert "cost_ns" in said
-    assert [w.name for w in parse_metrics(["noise_tilt_deg@hover", "noise_tilt_deg@hover", "lag_ms"])] == [
+    assert [w.name for w in swept_questions(["noise_tilt_deg@hover", "noise_tilt_deg@hover", "lag_ms"])] == [
         "noise_tilt_deg@hover",
         "lag_ms",
     ]
@@ -266,7 +257,7 @@ def test_everything_wrong_with_the_metrics_is_told_at_once() -> None:
 
 def test_a_window_that_is_none_is_refused(case: Case) -> None:
     with pytest.raises(UsageError, match="noise_tilt_deg@flight"):
-        SettingsOnLog(case, parse_configuration("mahony"), parse_metrics(["noise_tilt_deg@flight"]))
+        SettingsOnLog(case, parse_configuration("mahony"), swept_questions(["noise_tilt_deg@flight"]))
 
 
 def test_a_filter_that_needs_a_magnetometer_says_so_of_a_log_without(tmp_path: Path) -> None:
@@ -277,7 +268,7 @@ def test_a_filter_that_needs_a_magnetometer_says_so_of_a_log_without(tmp_path: P
         "def start(params, acc, mag, q0):\n    return q0\ndef step(state, params, dt, gyr, acc, mag):\n    pass\n"
     )
     with pytest.raises(UsageError, match="needs a magnetometer"):
-        SettingsOnLog(case, parse_configuration(str(needs)), parse_metrics(["tilt_rmse_deg"]))([{}])
+        SettingsOnLog(case, parse_configuration(str(needs)), swept_questions(["tilt_rmse_deg"]))([{}])
 
 
 # What is said of a setting beside the best.
@@ -295,13 +286,15 @@ def test_a_filter_that_needs_a_magnetometer_says_so_of_a_log_without(tmp_path: P
     ],
 )
 def test_an_interval_alone_is_told_apart_from_one_that_holds_among_all_settings(
-    scale: str, value: float, ci95: tuple[float, float] | None, worse: bool, ends: str
+    scale: Scale, value: float, ci95: tuple[float, float] | None, worse: bool, ends: str
 ) -> None:
     """A ratio is significant beyond 1, a difference beyond 0."""
-    assert difference_text(SettingDifference(scale, value, ci95, worse), "ms").endswith(f", {ends}")
+    direction: Direction = "worse" if worse else "not significant"
+    found = Difference(scale, value, ci95, direction=direction)
+    assert difference_text(found, "ms").endswith(f", {ends}")
 
 
 def test_a_setting_without_value_says_why_and_equal_ones_that_they_are_equal() -> None:
-    assert difference_text(SettingDifference("ratio", None, None, False, "too few steps"), "ms") == "too few steps"
-    assert difference_text(SettingDifference("ratio", None, None, False), "ms") == "no value"
-    assert difference_text(SettingDifference("ratio", 1.0, (1.0, 1.0), False), "ms") == "equal to it"
+    assert difference_text(Difference("ratio", reason="too few steps"), "ms") == "too few steps"
+    assert difference_text(Difference("ratio"), "ms") == "no value"
+    assert difference_text(Difference("ratio", 1.0, (1.0, 1.0), direction="same"), "ms") == "equal to it"

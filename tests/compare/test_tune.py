@@ -15,9 +15,7 @@ import attlog
 from attlog.compare import tune as tuning
 from attlog.compare.diff import NEGLIGIBLE
 from attlog.compare.grid import SearchResult, parse_free_parameters
-from attlog.compare.search import SettingResult, SettingsOnLog, SweptMetric, parse_metrics
-from attlog.compare.search_pages import tune_page
-from attlog.compare.search_text import mean_left_out, paste_lines, significant_side, tune_document, tune_sentences
+from attlog.compare.search import SettingResult, SettingsOnLog, swept_questions
 from attlog.compare.setting import parse_configuration
 from attlog.compare.tune import (
     UNSOUND_COST,
@@ -29,6 +27,7 @@ from attlog.compare.tune import (
     split_parts,
     tune,
 )
+from attlog.compare.tune_report import paste_lines, tune_document, tune_page, tune_sentences
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.flight.model import Attitude, FlightLog
 from attlog.metrics.accuracy import of_blocks
@@ -40,7 +39,7 @@ from tests.report.browser import Visit
 from tests.segments.flights import imu_log
 
 OBJECTIVE = parse_objective(["tilt=1,lag=3"])
-TILT, LAG = (t.metric for t in OBJECTIVE)
+TILT, LAG = (t.question for t in OBJECTIVE)
 DEG, MS = NEGLIGIBLE["deg"], NEGLIGIBLE["ms"]
 
 
@@ -69,7 +68,7 @@ def test_a_setting_that_fails_costs_more_than_any_other_and_a_part_without_value
 
 def test_terms_have_short_names_and_weights() -> None:
     found = parse_objective(["tilt", "noise=0.5,lag_ms@airborne=0.2"])
-    assert [(t.metric.name, t.weight) for t in found] == [
+    assert [(t.question.name, t.weight) for t in found] == [
         ("tilt_rmse_deg", 1.0),
         ("noise_tilt_deg@hover", 0.5),
         ("lag_ms@airborne", 0.2),
@@ -112,10 +111,6 @@ def test_every_part_is_left_out_once() -> None:
         assert sorted(p.log for group in found for p in group) == list(range(count))
 
 
-def test_a_wanted_metric_is_a_key() -> None:
-    assert TILT == SweptMetric("tilt_rmse_deg", "all", "deg", "low")
-
-
 def test_blocks_of_one_log_begin_with_the_log_and_end_with_its_scoring() -> None:
     """Rest before the start of scoring has its evidence too."""
     case: Any = SimpleNamespace(
@@ -137,7 +132,7 @@ class MadeLog(SimpleNamespace):
 
     def __call__(self, settings: list[dict[str, Any]]) -> list[SettingResult]:
         values = [1.0 + 5.0 * abs(s.get("kp", 1.0) - self.best) for s in settings]
-        return [SettingResult({LEFT_OUT_TERMS[0].metric: Answer(v, "deg", "all")}, "ok", "") for v in values]
+        return [SettingResult({LEFT_OUT_TERMS[0].question: Answer(v, "deg", "all")}, "ok", "") for v in values]
 
 
 def on_a_grid(free: object, costs: Any, *_: object) -> SearchResult:
@@ -149,10 +144,10 @@ def on_a_grid(free: object, costs: Any, *_: object) -> SearchResult:
 
 def test_the_gains_of_a_fold_are_the_best_of_the_other_logs_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tuning, "minimize", on_a_grid)
-    logs: list[Any] = [MadeLog(name="low", best=0.2, asked=()), MadeLog(name="high", best=0.8, asked=())]
+    logs: list[Any] = [MadeLog(name="low", best=0.2, questions=()), MadeLog(name="high", best=0.8, questions=())]
     found = tuning.tune("mahony", [], LEFT_OUT_TERMS, logs, [], {"kp": 1.0}, 6, 1)
     assert {fold.left_out[0].name: fold.found.setting["kp"] for fold in found.folds} == {"low": 0.8, "high": 0.2}
-    (judged,) = found.judged
+    (judged,) = found.scores
     assert judged.after == pytest.approx([4.0, 4.0])
 
 
@@ -185,8 +180,8 @@ def tuned(
 ) -> Tuning:
     asked, base = parse_objective([terms]), parse_configuration(f"mahony:kp={start},ki=0")
     cases = [attlog.prepare(log) for log in logs]
-    on = [SettingsOnLog(c, base, [t.metric for t in asked], guarded=True) for c in cases]
-    elsewhere = [SettingsOnLog(c, base, parse_metrics(["noise_tilt_deg", "tilt_rmse_deg"])) for c in cases]
+    on = [SettingsOnLog(c, base, [t.question for t in asked], guarded=True) for c in cases]
+    elsewhere = [SettingsOnLog(c, base, swept_questions(["noise_tilt_deg", "tilt_rmse_deg"])) for c in cases]
     free = parse_free_parameters(ranges, base.row.estimator)
     return tune("mahony", free, asked, on, elsewhere, {f.name: on[0].values[f.name] for f in free}, generations, 0)
 
@@ -207,19 +202,19 @@ def test_its_worth_on_logs_left_out_is_what_theory_gives(planted: Tuning) -> Non
     """From 5 to the optimum the error falls by the root of (k/k* + k*/k) / 2."""
     ratio = 5.0 / PLANTED
     expected = 1.0 / np.sqrt(0.5 * (ratio + 1.0 / ratio))
-    tilt = planted.judged[0]
-    assert tilt.beside.value == pytest.approx(expected, rel=0.1)
-    assert significant_side(tilt.beside) == -1
+    tilt = planted.scores[0]
+    assert tilt.difference.value == pytest.approx(expected, rel=0.1)
+    assert tilt.difference.interval_side == -1
     assert (tilt.better, tilt.worse) == (4, 0)
-    assert np.exp(mean_left_out(planted)) == pytest.approx(expected, rel=0.1)
+    assert np.exp(planted.cost_left_out) == pytest.approx(expected, rel=0.1)
 
 
 @pytest.mark.slow
 def test_no_gain_is_promised_where_the_filter_is_at_its_best_already() -> None:
     found = tuned([noisy(seed, 100.0) for seed in range(3)], ["kp=0.1..10log"], start=PLANTED, generations=2)
-    assert significant_side(found.judged[0].beside) == 0
+    assert found.scores[0].difference.interval_side == 0
     said = next(s for s in tune_sentences(found, {"truth": 3}) if "No significant gain" in s)
-    left_out = 100.0 * (1.0 - np.exp(mean_left_out(found)))
+    left_out = 100.0 * (1.0 - np.exp(found.cost_left_out))
     assert f" {'falls' if left_out >= 0 else 'rises'} by {abs(left_out):.0f} % on what was left out" in said
     assert "by -" not in said
 
@@ -229,7 +224,7 @@ def test_one_log_alone_is_tuned_over_blocks_of_its_time() -> None:
     found = tuned([noisy(7, 300.0)], ["kp=0.05..20log"])
     assert [p.name for p in found.parts][1:] == ["86 to 157 s", "157 to 229 s", "229 to 300 s"]
     assert float(found.found.setting["kp"]) == pytest.approx(PLANTED, rel=0.4)
-    assert found.judged[0].better == 4
+    assert found.scores[0].better == 4
     assert any("4 blocks of time of one log" in text for text in tune_sentences(found, {}))
 
 
@@ -249,7 +244,7 @@ def test_what_is_told_can_be_pasted_and_read(planted: Tuning) -> None:
     page = tune_page(planted, ABOUT, {})
     assert "default-src &#39;none&#39;" in page
     assert "Worth taking" in page.replace("\u00a0", " ")
-    assert json.loads(json.dumps(tune_document(planted, {}, {}), allow_nan=False))["schema"] == "attlog-tune/1"
+    assert json.loads(json.dumps(tune_document(planted, {}, {}), allow_nan=False))["schema"] == "attlog-tune/2"
 
 
 @pytest.mark.slow
@@ -294,10 +289,10 @@ def test_flights_left_out_are_improved(corpus: Path) -> None:
     names = [f"px4_{name}.ulg" for name in ("hover", "steps", "wind", "yaw", "gnssloss", "static")]
     base, asked = parse_configuration("mahony"), parse_objective(["tilt"])
     on = [
-        SettingsOnLog(attlog.prepare(corpus / "sitl" / "px4" / n), base, [t.metric for t in asked], guarded=True)
+        SettingsOnLog(attlog.prepare(corpus / "sitl" / "px4" / n), base, [t.question for t in asked], guarded=True)
         for n in names
     ]
     free = parse_free_parameters(["kp=0.03..3log", "ki=0.0001..0.1log"], base.row.estimator)
     found = tune("mahony", free, asked, on, [], {f.name: on[0].values[f.name] for f in free}, 4, 0)
-    assert significant_side(found.judged[0].beside) == -1
-    assert found.judged[0].better >= 5
+    assert found.scores[0].difference.interval_side == -1
+    assert found.scores[0].better >= 5

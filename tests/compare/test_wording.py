@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -99,14 +100,14 @@ def test_agreement_with_what_flew_is_not_called_truth() -> None:
     ]
     found.logs[0].reference = "onboard (ATT)"
     assert comparison_sentences(found)[0].more == ["Errors are differences from onboard (agreement, not truth)."]
-    found.questions[0].metric = "noise_tilt_deg"
+    found.questions[0] = replace(found.questions[0], metric="noise_tilt_deg")
     assert comparison_sentences(found)[0].more == [], "noise is compared with nothing"
 
 
 def test_without_any_difference_the_commonest_reason_is_given() -> None:
     found = comparison({"tilt_rmse_deg": [(0.3, 0.1)]})
     only = found.questions[0].contrasts[0]
-    only.over, only.logs[0].value, only.logs[0].reason = None, None, "too short to rank"
+    only.over, only.logs = None, [replace(only.logs[0], value=None, reason="too short to rank")]
     assert comparison_sentences(found)[0].lead == "kp 0.6 and kp 0.3 cannot be compared: too short to rank."
 
 

@@ -6,6 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from attlog.batch.index_page import write_index
 from attlog.compare import comparison_page
 from attlog.compare.grid import parse_grid
 from attlog.compare.search import sweep
-from attlog.compare.search_pages import sweep_page
+from attlog.compare.sweep_report import sweep_page
 from attlog.estimators import get
 from attlog.health.causes import Finding
 from attlog.report import write_report
@@ -177,8 +178,8 @@ def compared(folder: Path) -> Path:
     for line, name in zip(found.logs, NAMES, strict=True):
         for question in found.questions:
             question.cells[name] = question.cells.pop(line.name)
-            for one in (one for c in question.contrasts for one in c.logs if one.log == line.name):
-                one.log = name
+            for c in question.contrasts:
+                c.logs = [replace(d, log=name) if d.log == line.name else d for d in c.logs]
         line.name = line.path = name
     found.configurations[1].label = NAMES[-1]
     path = folder / "compare.html"

@@ -84,13 +84,13 @@ def command(
 
     found = select_words(words)
     configurations = (
-        with_params_file(found.wanted.configurations, own.params) if own.params else found.wanted.configurations
+        with_params_file(found.configurations, own.params) if own.params else found.configurations
     )
-    if found.again and len(configurations) < 2:
-        raise UsageError(f"{found.again[0]}; a comparison needs two that differ")
-    for sentence in found.again:
+    if found.repeats and len(configurations) < 2:
+        raise UsageError(f"{found.repeats[0]}; a comparison needs two that differ")
+    for sentence in found.repeats:
         to_stderr(f"attlog: {sentence}; it is compared once")
-    settings = for_comparison(options, found.wanted.options | ({} if own.window is None else {"window": own.window}))
+    settings = for_comparison(options, found.options | ({} if own.window is None else {"window": own.window}))
     logs, wrong = find(found.logs)
     if not found.logs:
         raise UsageError("no log named: attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6")
@@ -104,10 +104,10 @@ def command(
                 logs,
                 configurations,
                 settings,
-                metrics=own.metric or found.wanted.metrics,
+                metrics=own.metric or found.metrics,
                 jobs=own.jobs,
                 command=command_line(),
-                tell=LogReport(stages, len(logs), common.verbose, codes).one,
+                progress=LogReport(stages, len(logs), common.verbose, codes).one,
             )
     for line in result.logs if result is not None else ():
         if line.same_as:
@@ -134,10 +134,10 @@ class LogReport:
         """One more log is measured."""
         self._done += 1
         self._stages.clear()
-        for sentence in log.late:
+        for sentence in log.overruns:
             self._codes.add(PluginTimeout.exit_code)
             to_stderr(f"attlog: {log.line.path}: {sentence}")
-        if log.nothing_ran and not log.late:
+        if log.nothing_ran and not log.overruns:
             self._codes.add(PluginError.exit_code)
             to_stderr(f"attlog: {log.line.path}: no configuration ran: {log.nothing_ran}")
         if log.line.code:
@@ -197,11 +197,10 @@ def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[T
 
 def _over_all_logs(result: Comparison, width: int) -> Iterator[TextLine]:
     """A row for each question: of one configuration all about its change, of several the changes side by side."""
-    from attlog.compare.tables import pooled_tables, side_by_side
+    from attlog.compare.tables import pooled_tables
     from attlog.words.text import clean
 
-    found = pooled_tables(result)
-    for table in found if len(found) < 2 else side_by_side(result, width):
+    for table in pooled_tables(result, width):
         yield TextLine(clean(table.title), "bold")
         for line in aligned([*map(clean, table.head)], table.rows):
             yield TextLine(line.text.removeprefix("  "), line.style)

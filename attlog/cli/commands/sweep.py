@@ -14,7 +14,8 @@ from attlog.cli.printing import TextLine, aligned, console, json_to_stdout, say,
 from attlog.cli.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.compare.search import SettingsOnLog, Sweep, SweptMetric
+    from attlog.compare.comparison import Question
+    from attlog.compare.search import SettingsOnLog, Sweep
     from attlog.compare.setting import Configuration
 
 EXAMPLE = "attlog sweep *.bin mahony kp=0.6,1.1,2 ki=0..0.05/6"
@@ -48,16 +49,15 @@ def command(words: SettingWords, options: ComparisonOptions, common: CommonOptio
 
     Example: attlog sweep flight.ulg mahony kp=0.2..2/6log
     """
-    from attlog.compare import search
-    from attlog.compare import search_text as sweep_words
+    from attlog.compare import sweep_report
     from attlog.compare.grid import decimal_comma_hints, parse_grid, search_request
-    from attlog.compare.search import sweep
+    from attlog.compare.search import sweep, swept_questions
     from attlog.compare.setting import parse_configuration
 
     asked = search_request(words, EXAMPLE)
     base = parse_configuration(asked.filter)
     metrics = metric or METRICS
-    all_problems(lambda: parse_grid(asked.axes, base.row.estimator), lambda: search.parse_metrics(metrics))
+    all_problems(lambda: parse_grid(asked.axes, base.row.estimator), lambda: swept_questions(metrics))
     for sentence in decimal_comma_hints(asked.axes):
         to_stderr(f"attlog: {sentence}")
     settings = one_unit(options)
@@ -66,19 +66,19 @@ def command(words: SettingWords, options: ComparisonOptions, common: CommonOptio
         found = sweep(
             asked.filter,
             parse_grid(asked.axes, base.row.estimator),
-            _on_logs(logs, base, search.parse_metrics(metrics)),
+            _on_logs(logs, base, swept_questions(metrics)),
         )
         files = _written(found, options.output, logs.about())
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if options.form is not None:
-        table_to_stdout(options.form, *sweep_words.sweep_rows(found))
+        table_to_stdout(options.form, *sweep_report.sweep_rows(found))
     if not common.quiet:
         say(_printed(found, files, logs.about(), common.verbose > 0), console(stderr=options.for_a_program))
     end(logs.errors)
 
 
-def _on_logs(logs: PreparedLogs, base: Configuration, metrics: Sequence[SweptMetric]) -> Iterator[SettingsOnLog]:
+def _on_logs(logs: PreparedLogs, base: Configuration, metrics: Sequence[Question]) -> Iterator[SettingsOnLog]:
     """The logs with what is asked of them; each is released when the next is asked for."""
     from attlog.compare.search import SettingsOnLog
 
@@ -91,35 +91,34 @@ def _written(found: Sweep, folder: Path, about: dict[str, Any]) -> tuple[Path, P
     """The page, the JSON and the CSV, written together."""
     import json
 
-    from attlog.compare import search_text as sweep_words
-    from attlog.compare.search_pages import sweep_page
+    from attlog.compare import sweep_report
     from attlog.core.files import write_all_atomic
 
     name = stem("sweep", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json", folder / f"{name}.csv"
     write_all_atomic(
         {
-            paths[0]: sweep_page(found, about),
-            paths[1]: json.dumps(sweep_words.sweep_document(found, about), indent=1, allow_nan=False) + "\n",
-            paths[2]: sweep_words.sweep_csv(found),
+            paths[0]: sweep_report.sweep_page(found, about),
+            paths[1]: json.dumps(sweep_report.sweep_document(found, about), indent=1, allow_nan=False) + "\n",
+            paths[2]: sweep_report.sweep_csv(found),
         }
     )
     return paths
 
 
 def _printed(found: Sweep, files: Sequence[Path], about: dict[str, Any], everything: bool) -> Iterator[TextLine]:
-    from attlog.compare import search_text as sweep_words
+    from attlog.compare import sweep_report
 
-    for sentence in sweep_words.sweep_sentences(found, sweep_words.count_references(about)):
+    for sentence in sweep_report.sweep_sentences(found, sweep_report.count_references(about)):
         yield from wrapped("", sentence, 100)
     yield TextLine("")
-    head, rows = sweep_words.sweep_rows(found)
+    head, rows = sweep_report.sweep_rows(found)
     shown = rows if everything or len(rows) <= SHOWN + 1 else rows[:SHOWN]
     yield from aligned(head, shown)
     if len(shown) < len(rows):
         yield TextLine(f"  and {len(rows) - len(shown)} more; -v lists all")
     if everything and len(found.logs) > 1 and found.columns[0].single is not None:
         yield TextLine("")
-        yield from aligned(*sweep_words.sweep_log_rows(found, found.columns[0]))
+        yield from aligned(*sweep_report.sweep_log_rows(found, found.columns[0]))
     yield TextLine("")
     yield TextLine(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")

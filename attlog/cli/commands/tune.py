@@ -61,9 +61,9 @@ def command(
 
     Example: attlog tune *.bin mahony kp=0.05..5log --objective tilt=1,noise=0.5
     """
-    from attlog.compare import search
-    from attlog.compare import search_text as tune_words
+    from attlog.compare import tune_report
     from attlog.compare.grid import parse_free_parameters, search_request
+    from attlog.compare.search import SettingsOnLog, swept_questions
     from attlog.compare.setting import firmware_names, parse_configuration
     from attlog.compare.tune import GENERATIONS, tune
     from attlog.compare.tune import parse_objective as terms_of
@@ -79,14 +79,14 @@ def command(
     with progress(common.quiet, common.verbose > 0):
         prepared = PreparedLogs(asked.logs, settings)
         cases = list(prepared)
-        logs = [search.SettingsOnLog(c, base, [t.metric for t in terms], guarded=True) for c in cases]
-        others = [search.SettingsOnLog(c, base, search.parse_metrics(ELSEWHERE)) for c in cases]
+        logs = [SettingsOnLog(c, base, [t.question for t in terms], guarded=True) for c in cases]
+        others = [SettingsOnLog(c, base, swept_questions(ELSEWHERE)) for c in cases]
         found = tune(asked.filter, free, terms, logs, others, _start(free, logs[0]), GENERATIONS, seed)
         files = _written(found, options.output, prepared.about(), firmware)
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if options.form is not None:
-        table_to_stdout(options.form, *tune_words.held_out_rows(found))
+        table_to_stdout(options.form, *tune_report.held_out_rows(found))
     if not common.quiet:
         say(
             _printed(found, files, prepared.about(), firmware, common.verbose > 0),
@@ -105,16 +105,15 @@ def _written(found: Tuning, folder: Path, about: dict[str, Any], firmware: dict[
     """The page and the JSON, written together."""
     import json
 
-    from attlog.compare import search_text as tune_words
-    from attlog.compare.search_pages import tune_page
+    from attlog.compare import tune_report
     from attlog.core.files import write_all_atomic
 
     name = stem("tune", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json"
     write_all_atomic(
         {
-            paths[0]: tune_page(found, about, firmware),
-            paths[1]: json.dumps(tune_words.tune_document(found, about, firmware), indent=1, allow_nan=False) + "\n",
+            paths[0]: tune_report.tune_page(found, about, firmware),
+            paths[1]: json.dumps(tune_report.tune_document(found, about, firmware), indent=1, allow_nan=False) + "\n",
         }
     )
     return paths
@@ -124,18 +123,18 @@ def _printed(
     found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str], everything: bool
 ) -> Iterator[TextLine]:
     """What to do, the gains to paste, what they change; ``everything``: also the gains of each fold."""
-    from attlog.compare import search_text as tune_words
-    from attlog.compare.search_text import count_references
+    from attlog.compare import tune_report
+    from attlog.compare.sweep_report import count_references
 
-    for sentence in tune_words.tune_sentences(found, count_references(about)):
+    for sentence in tune_report.tune_sentences(found, count_references(about)):
         yield from wrapped("", sentence, 100)
     yield TextLine("")
-    for line in tune_words.paste_lines(found, firmware):
+    for line in tune_report.paste_lines(found, firmware):
         yield TextLine(f"  {line}", "bold")
     yield TextLine("")
-    yield from aligned(*tune_words.held_out_rows(found))
+    yield from aligned(*tune_report.held_out_rows(found))
     if everything:
         yield TextLine("")
-        yield from aligned(*tune_words.gain_rows(found))
+        yield from aligned(*tune_report.gain_rows(found))
     yield TextLine("")
     yield TextLine(f"page: {files[0]}   data: {files[1].name}")

@@ -13,7 +13,7 @@ import pytest
 
 from attlog.compare.grid import GridAxis, parse_grid
 from attlog.compare.search import Sweep, sweep
-from attlog.compare.search_pages import axis_places, sweep_figures, sweep_page
+from attlog.compare.sweep_report import axis_places, sweep_figures, sweep_page
 from attlog.compare.tables import table_csv, table_latex, table_markdown
 from attlog.estimators import get
 from tests.compare.made import stands
