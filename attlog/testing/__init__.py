@@ -1,4 +1,4 @@
-"""Whether an estimator keeps the contract: named checks on closed-form motions with known truth.
+"""Named checks of the estimator contract on closed-form motions with known truth.
 
 For one's own filter, in a test file::
 
@@ -47,7 +47,7 @@ Check = Callable[[Subject], None]
 
 @dataclass(frozen=True, slots=True)
 class CheckOutcome:
-    """One check's result: its name, whether it passed, and what happened if not."""
+    """Result of one check; ``message`` says what was expected and what happened."""
 
     name: str
     passed: bool
@@ -55,11 +55,11 @@ class CheckOutcome:
 
 
 def checks(name: str | EstimatorSpec | Estimator) -> list[tuple[str, Callable[[], None]]]:
-    """The checks that apply to an estimator: (name, function without arguments that raises CheckFailed).
+    """Return the checks that apply to an estimator: (name, function without arguments that raises CheckFailed).
 
-    ``name`` is ``NAME[@PRESET][:k=v,...]``, ``FILE.py[...]``, a row or an estimator. What
-    applies follows from what it needs and uses: a filter without magnetometer is not asked
-    for heading. UsageError or PluginError if the estimator cannot be loaded at all.
+    ``name`` is ``NAME[@PRESET][:k=v,...]``, ``FILE.py[...]``, a row or an estimator. What applies follows from its
+    needs and uses: a filter without magnetometer is not asked for heading. UsageError or PluginError if it cannot be
+    loaded.
     """
     subject = Subject.of(name)
     return [(title, partial(check, subject)) for title, check in _applicable(subject)]
@@ -68,10 +68,10 @@ def checks(name: str | EstimatorSpec | Estimator) -> list[tuple[str, Callable[[]
 def check_estimator(
     name: str | EstimatorSpec | Estimator, report: Callable[[CheckOutcome], None] | None = None
 ) -> list[CheckOutcome]:
-    """The outcome of every check that applies, in order; ``report`` sees each as it is known.
+    """Return the outcome of every check that applies, in order; ``report`` gets each at once.
 
-    A check that ends in any exception has failed. UsageError or PluginError if the
-    estimator cannot be loaded at all, PluginTimeout where a check takes too long: the others would, too.
+    A check that ends in any exception has failed. UsageError or PluginError if the estimator cannot be loaded,
+    PluginTimeout where a check takes too long: the others would, too.
     """
     outcomes = []
     late: PluginTimeout | None = None
@@ -94,9 +94,9 @@ def check_estimator(
 
 
 def about(name: str | EstimatorSpec | Estimator) -> list[str]:
-    """Sentences on how an estimator is run, where it is not the usual way: whole segments, or plain Python.
+    """Return sentences on an unusual way of running: whole segments, or plain Python.
 
-    Errors as in :func:`checks`; PluginError also where its step fails at once.
+    Errors as in :func:`checks`; PluginError also where a step fails at once.
     """
     estimator = Subject.of(name).estimator
     if estimator.run is not None:
@@ -110,14 +110,14 @@ def about(name: str | EstimatorSpec | Estimator) -> list[str]:
 
 
 def speed_ns(name: str | EstimatorSpec | Estimator) -> float:
-    """Nanoseconds per update on 20,000 samples, best of three runs, without compiling."""
+    """Return nanoseconds per update on 20,000 samples, best of three runs, without compiling."""
     subject, m = Subject.of(name), swing(100.0, 200.0)
     subject.run(m.part(slice(0, 10)))
     return min(subject.run(m).ns_per_update for _ in range(3))
 
 
 def describes_itself(s: Subject) -> None:
-    """Title, source and every parameter's meaning are there; defaults and presets keep the ranges."""
+    """Title, source and the meaning of every parameter are given; defaults and presets keep the ranges."""
     e = s.estimator
     require(e.title and e.title != e.name, "the docstring's first line should say what the filter is")
     require(e.source, "SOURCE should name the paper or package")
@@ -131,7 +131,7 @@ def describes_itself(s: Subject) -> None:
 
 
 def _applicable(s: Subject) -> list[tuple[str, Check]]:
-    """Names and functions in the order in which a person would look at them."""
+    """Return names and functions in the order in which a person would look at them."""
     found: list[tuple[str, Check]] = [_named(describes_itself), _named(contract.gives_unit_quaternions)]
     for i, axis in enumerate(contract.AXES):
         found.append((f"follows_a_turn[{axis}]", partial(contract.follows_a_turn, axis=i)))

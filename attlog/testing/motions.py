@@ -1,9 +1,8 @@
-"""Closed-form motions with the sensor readings that belong to them: known truth for tests of filters.
+"""Closed-form motions with their sensor readings, the estimator under test, and its errors.
 
-A motion is given by formulas for roll, pitch and yaw; nothing is integrated. The gyro is
-the exact mean rate between two samples (the rotation vector of ``q_{k-1}* q_k`` over dt,
-sampling rule ``interval``), specific force and field are exact at the samples. Noise is
-declared as densities and drawn from a seeded generator.
+A motion is given by formulas for roll, pitch and yaw; nothing is integrated. The gyro is the exact mean rate between
+two samples (the rotation vector of ``q_{k-1}* q_k`` over dt, sampling rule ``interval``), specific force and field are
+exact at the samples. Noise is declared as densities and drawn from a seeded generator.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ FIELD_T = (21e-6, 0.0, 43e-6)
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """White noise densities and a constant gyro bias; all zero by default.
+    """White noise densities and a constant gyro bias.
 
     ``gyro`` [rad/s/sqrt(Hz)], ``acc`` [m/s^2/sqrt(Hz)], ``mag`` [T] per sample, ``bias`` [rad/s].
     """
@@ -59,7 +58,7 @@ class Motion:
         return self.t, self.gyr, self.acc, self.mag
 
     def part(self, keep: Any) -> Motion:
-        """The motion at some of its samples (a slice, mask or index array); the gyro stays as it was."""
+        """Select samples (a slice, mask or index array); the gyro is not integrated anew."""
         return replace(self, t=self.t[keep], q=self.q[keep], gyr=self.gyr[keep], acc=self.acc[keep], mag=self.mag[keep])
 
 
@@ -72,9 +71,9 @@ def motion(
     noise: Noise = Noise(),
     seed: int = 0,
 ) -> Motion:
-    """The motion with roll, pitch, yaw = ``angles(t)`` [rad].
+    """Return the motion with roll, pitch, yaw = ``angles(t)`` [rad].
 
-    ``acceleration(t)`` (n, 3) is the earth acceleration [m/s^2, NED], zero if not given.
+    ``acceleration(t)`` (n, 3) is the earth acceleration [m/s^2, NED], zero by default.
     """
     t = np.arange(round(seconds * rate)) / rate
     roll, pitch, yaw = (np.broadcast_to(np.asarray(a, np.float64), t.shape) for a in angles(t))
@@ -100,12 +99,12 @@ def still(
     yaw: float = 0.0,
     noise: Noise = Noise(),
 ) -> Motion:
-    """Rest at the given attitude [rad]."""
+    """Return rest at the given attitude [rad]."""
     return motion(lambda t: (roll, pitch, yaw), seconds, rate, noise=noise)
 
 
 def swing(seconds: float, rate: float = 100.0, *, yaw: float = 0.0, noise: Noise = Noise(), seed: int = 0) -> Motion:
-    """Sines of 35, 25 and 70 deg in roll, pitch and yaw around heading ``yaw``, in motion from the first sample on."""
+    """Return sines of 35, 25 and 70 deg in roll, pitch and yaw around heading ``yaw``, moving from the start."""
 
     def angles(t: Array) -> tuple[Array, Array, Array]:
         return 0.6 * np.sin(1.1 * t + 0.3), 0.45 * np.sin(0.7 * t + 1.0), yaw + 1.2 * np.sin(0.4 * t)
@@ -114,7 +113,7 @@ def swing(seconds: float, rate: float = 100.0, *, yaw: float = 0.0, noise: Noise
 
 
 def flight(seconds: float, rate: float = 100.0, *, noise: Noise = CONSUMER_NOISE, seed: int = 0) -> Motion:
-    """The swing with accelerations of up to 3 m/s^2 that average to zero, as a vehicle has that stays where it is."""
+    """Return the swing with accelerations of up to 3 m/s^2 that average to zero."""
 
     def angles(t: Array) -> tuple[Array, Array, Array]:
         return 0.5 * np.sin(0.9 * t), 0.4 * np.sin(0.6 * t + 0.5), 2.0 * np.sin(0.25 * t)
@@ -126,7 +125,7 @@ def flight(seconds: float, rate: float = 100.0, *, noise: Noise = CONSUMER_NOISE
 
 
 def one_turn(axis: int, angle: float = np.deg2rad(30.0), rate: float = 100.0) -> Motion:
-    """3 s of rest, a smooth turn by ``angle`` [rad] in roll (0), pitch (1) or yaw (2) within 1 s, 2 s of rest."""
+    """Return 3 s of rest, a smooth turn by ``angle`` [rad] about one axis within 1 s, 2 s of rest."""
 
     def angles(t: Array) -> tuple[Array, Array, Array]:
         u = np.clip(t - 3.0, 0.0, 1.0)
@@ -139,32 +138,32 @@ def one_turn(axis: int, angle: float = np.deg2rad(30.0), rate: float = 100.0) ->
     return motion(angles, 6.0, rate)
 
 
-# What the checks look at: one estimator with its settings, and how far it is from the truth.
+# The estimator under test.
 
 FIXES = np.arange(0.003, 300.0, 0.2)
-# What a filter is given that needs GNSS: a receiver that stays where it is.
+# Given to filters that need GNSS: a receiver in place.
 IN_PLACE = Aids(velocity=Measurements(FIXES, np.zeros((len(FIXES), 3)), np.full(len(FIXES), 0.1)))
 
 
 class CheckFailed(AssertionError):
-    """An estimator does not keep the contract; the message says what was expected and what happened."""
+    """Violation of the estimator contract; the message says what was expected and what happened."""
 
 
 def require(condition: Any, message: str) -> None:
-    """CheckFailed with ``message`` unless the condition holds."""
+    """Raise CheckFailed with ``message`` unless the condition holds."""
     if not bool(condition):
         raise CheckFailed(message)
 
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """The estimator under test, as a row with preset and settings."""
+    """The estimator under test, a row with preset and settings."""
 
     row: EstimatorSpec
 
     @classmethod
     def of(cls, name: str | EstimatorSpec | Estimator) -> Subject:
-        """From ``NAME[@PRESET][:k=v,...]``, ``FILE.py``, a row or an estimator; errors as in ``parse``."""
+        """Make it of ``NAME[@PRESET][:k=v,...]``, ``FILE.py``, a row or an estimator; errors as in ``parse``."""
         if isinstance(name, Estimator):
             return cls(EstimatorSpec(name))
         return cls(name if isinstance(name, EstimatorSpec) else parse(name))
@@ -183,12 +182,12 @@ class Subject:
 
     @property
     def corrects_tilt(self) -> bool:
-        """Whether it goes on looking at gravity after the start: it cannot run without."""
+        """True if it uses gravity after the start: it cannot run without."""
         return "acc" in self.estimator.needs
 
     @property
     def corrects_heading(self) -> bool:
-        """Whether it goes on looking at the field after the start."""
+        """True if it uses the field after the start."""
         return self.corrects_tilt and self.uses_mag
 
     @property
@@ -197,37 +196,37 @@ class Subject:
 
     @property
     def steps(self) -> bool:
-        """Whether it takes samples one by one (and a start attitude), not whole runs."""
+        """True if it takes samples one by one (and a start attitude), not whole segments."""
         return self.estimator.step is not None
 
     def run(self, m: Motion, **options: Any) -> Estimate:
-        """The estimate on a motion's sensors, with the magnetometer if it is used."""
+        """Estimate on a motion's sensors, with the magnetometer if it is used."""
         return self.on(m.t, m.gyr, m.acc, m.mag if self.uses_mag else None, **options)
 
     def on(self, t: Any, gyr: Any, acc: Any, mag: Any = None, **options: Any) -> Estimate:
-        """The estimate on samples, with fixes for a filter that needs them."""
+        """Estimate on samples, with fixes for a filter that needs them."""
         if self.needs_gnss:
             options.setdefault("aids", IN_PLACE)
         return estimate(self.row, t, gyr, acc, mag, **options)
 
 
 def tilt_deg(q: Array, truth: Array) -> Array:
-    """Tilt errors (n,) in deg."""
+    """Return tilt errors (n,) in deg."""
     return np.rad2deg(rotation.tilt_angle(rotation.earth_error(q, truth)))
 
 
 def heading_deg(q: Array, truth: Array) -> Array:
-    """Heading errors (n,) in deg, signed."""
+    """Return signed heading errors (n,) in deg."""
     return np.rad2deg(rotation.heading_angle(rotation.earth_error(q, truth)))
 
 
 def total_deg(q: Array, truth: Array) -> Array:
-    """Total errors (n,) in deg."""
+    """Return total errors (n,) in deg."""
     return np.rad2deg(rotation.total_angle(rotation.earth_error(q, truth)))
 
 
 def require_attitudes(e: Estimate, t: Array | None = None) -> None:
-    """CheckFailed unless the estimate holds finite unit quaternions (and stands at the times ``t``)."""
+    """Raise CheckFailed unless the estimate holds finite unit quaternions (at the times ``t``)."""
     require(e.q.shape == (len(e.t), 4), f"attitudes have shape {e.q.shape} for {len(e.t)} times")
     require(np.isfinite(e.q).all(), f"{int((~np.isfinite(e.q).all(axis=1)).sum())} attitudes are not finite")
     off = np.abs(np.sqrt(np.sum(e.q**2, axis=1)) - 1.0)
