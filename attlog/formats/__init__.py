@@ -148,7 +148,6 @@ def open(path: Path | str, system: int | None = None, *, key: Path | str | None 
     or none of the formats. LogUnusable: a format that cannot be read (encrypted, newer), or a file that unpacks to
     more than any log.
     """
-    from attlog.core.limits import MAX_DAMAGE
     from attlog.formats.file_bytes import unpacked_bytes
     from attlog.formats.ulog.encrypted import using_key
 
@@ -158,8 +157,7 @@ def open(path: Path | str, system: int | None = None, *, key: Path | str | None 
     with using_key(key):
         messages = entry.read(path, data, system)
     if lost is not None:
-        messages.damage = [lost, *messages.damage[: MAX_DAMAGE - 1]]  # the cause of what is missing stands first
-        messages.damage_places += 1
+        messages.losses.add_cause(lost)
     return messages
 
 

@@ -12,11 +12,10 @@ from __future__ import annotations
 import re
 from array import array
 from collections.abc import Callable
-from functools import partial
 from io import BytesIO
 from itertools import groupby
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ from attlog.core.limits import (
     MAX_TEXT_LENGTH,
     MAX_TEXTS,
 )
-from attlog.core.timestamps import Timeline, restarts
+from attlog.core.timestamps import Offsets, restarts
 from attlog.formats.dataflash.tables import (
     INFO_SEVERITY,
     Units,
@@ -56,27 +55,13 @@ from attlog.formats.dataflash.walk import (
     index_records,
 )
 from attlog.formats.file_bytes import decode_text, gather, read_file_bytes
-from attlog.formats.table import (
-    Boot,
-    DamageLog,
-    Field,
-    Guard,
-    Messages,
-    Offsets,
-    ReaderBarrier,
-    Remark,
-    Table,
-    Text,
-    boots_at,
-    boots_of_timeline,
-)
+from attlog.formats.table import Boot, DamageLog, Field, Messages, Table, Text, boots_at, boots_of_timeline
 
 __all__ = ["read_binary"]
 
 
 # Name and letters of the message that times all others in PX4 logs of 2013 to 2016.
 SDLOG2_CLOCK = ("TIME", "Q")
-T = TypeVar("T")
 
 
 def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
@@ -103,35 +88,18 @@ def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> M
     boots = _find_boots(data, index, at, time)
     clock = (at[:0].copy(), time[:0].copy()) if _carry_their_time(index.layouts) else (at, time)
     del at, time  # the sorting that follows takes as much
-    remarks: list[Remark] = []
-    around = ReaderBarrier(remarks).around
+    losses = index.losses
     units: Units = {}
-    with around("FMTU", "units and instances", None):
+    with losses.around("FMTU", "units and instances", None):
         units = read_units(data, index)
-    tables = build_tables(data, index, units, guard=around)
+    tables = build_tables(data, index, units)
     report_unreadable(index)
-    messages = Messages(
-        path,
-        "dataflash",
-        len(data),
-        tables,
-        remarks=remarks,
-        boots=boots,
-        damage=index.losses.listed,
-        damage_bytes=index.losses.bytes,
-        damage_places=index.losses.places,
-    )
-
-    def told(message: str, what: str, of: Callable[[Messages, Timeline], list[T]], log: Messages) -> list[T]:
-        with around(message, what, None):
-            return of(log, clock)
-        return []
-
-    messages.params = partial(told, "PARM", "parameters", read_params)
-    messages.texts = partial(told, "MSG", "texts", read_texts)
+    messages = Messages(path, "dataflash", len(data), tables, losses=losses, boots=boots)
+    messages.params = lambda log: losses.list_or_empty("PARM", "parameters", lambda: read_params(log, clock))
+    messages.texts = lambda log: losses.list_or_empty("MSG", "texts", lambda: read_texts(log, clock))
     version = messages.first("VER")
     if version is not None:
-        with around("VER", "versions", int(version.offsets[0])):
+        with losses.around("VER", "versions", int(version.offsets[0])):
             messages.info["VER"] = {name: _to_python(version[name][0]) for name in version.fields}
     return messages
 
@@ -196,18 +164,14 @@ def read_text(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Mes
     lines = _SortedLines(data.tobytes())
     if not lines.formats:
         raise LogUnusable(f"{path}: no FMT line describes the values, so the text cannot be read as a log.")
-    remarks: list[Remark] = []
-    around = ReaderBarrier(remarks).around
-    messages = Messages(path, "dataflash_text", len(data), lines.tables(around), remarks=remarks)
     losses = lines.losses
-    messages.damage, messages.damage_bytes, messages.damage_places = losses.listed, losses.bytes, losses.places
+    messages = Messages(path, "dataflash_text", len(data), lines.tables(), losses=losses)
     messages.info["banner"] = lines.banner
     timeline = table_timeline(messages, lines.formats)
-    with around("PARM", "parameters", None):
-        messages.params = read_params(messages, timeline)
-    messages.texts = [Text(line, INFO_SEVERITY, None, 0) for line in lines.banner]
-    with around("MSG", "texts", None):
-        messages.texts = [*messages.texts, *read_texts(messages, timeline)][:MAX_TEXTS]
+    messages.params = losses.list_or_empty("PARM", "parameters", lambda: read_params(messages, timeline))
+    banner = [Text(line, INFO_SEVERITY, None, 0) for line in lines.banner]
+    texts = losses.list_or_empty("MSG", "texts", lambda: read_texts(messages, timeline))
+    messages.texts = [*banner, *texts][:MAX_TEXTS]
     messages.boots = boots_of_timeline(timeline, len(data))
     return messages
 
@@ -286,28 +250,26 @@ class _SortedLines:
     def _lose(self, offset: int, line: bytes, lost: str) -> None:
         self.losses.add(offset, len(line), lost, "next line")
 
-    def tables(self, guard: Guard) -> dict[tuple[str, int], Table]:
+    def tables(self) -> dict[tuple[str, int], Table]:
         """The tables by (name, instance), in the order in which their first lines stand in the file."""
         tables: dict[tuple[str, int], Table] = {}
         for name, (offsets, lengths) in self._found.items():
             if offsets:
-                with guard(name, "its lines", offsets[0]):
+                with self.losses.around(name, "its lines", offsets[0]):
                     at, length = np.frombuffer(offsets, np.int64), np.frombuffer(lengths, np.int64)
-                    tables.update(self._of_message(name, at, length, guard))
+                    tables.update(self._of_message(name, at, length))
         return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
-    def _of_message(
-        self, name: str, at: NDArray[np.int64], length: NDArray[np.int64], guard: Guard
-    ) -> dict[tuple[str, int], Table]:
+    def _of_message(self, name: str, at: NDArray[np.int64], length: NDArray[np.int64]) -> dict[tuple[str, int], Table]:
         fmt = self.formats[name]
         fields = _line_fields(fmt)
         decode = _line_decoder(fmt, at, length, self.raw)
-        whole = Table(name, 0, fields, at, decode, guard)
+        whole = Table(name, 0, fields, at, decode, self.losses)
         column = instance_column(fmt, "")
         split = None if column is None else split_by_number(whole[column])
         if split is None:
             return {(name, 0): whole}
-        return {(name, number): Table(name, number, fields, at[mine], decode, guard) for number, mine in split}
+        return {(name, number): Table(name, number, fields, at[mine], decode, self.losses) for number, mine in split}
 
 
 def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:

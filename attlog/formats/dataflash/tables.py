@@ -18,7 +18,7 @@ from attlog.core.timestamps import Offsets, Timeline, false_times, merge_timelin
 from attlog.formats.dataflash.walk import HEADER_BYTES, LETTER_DTYPES, LETTER_SCALES, MessageFormat, RecordIndex
 from attlog.formats.file_bytes import RecordColumns, decode_text, decode_texts, gather, offsets_by_kind
 from attlog.formats.file_bytes import decode_texts as decoded
-from attlog.formats.table import Field, Guard, Messages, ParamChange, Table, Text, unguarded
+from attlog.formats.table import DamageLog, Field, Messages, ParamChange, Table, Text
 
 # By layout its unit ids, and the unit text of every column when somebody asks.
 Units = dict[int, tuple[str, Callable[[], tuple[str | None, ...]]]]
@@ -66,23 +66,16 @@ class _ColumnLayout:
     def fields(self) -> dict[str, Field]:
         return self._found[0]
 
-    def table(self, instance: int, offsets: Offsets, guard: Guard) -> Table:
+    def table(self, instance: int, offsets: Offsets, losses: DamageLog) -> Table:
         decode = RecordColumns(lambda at: gather(self._data, at, self._found[1]))
-        return Table(self._fmt.name, instance, self.fields, offsets, decode, guard)
+        return Table(self._fmt.name, instance, self.fields, offsets, decode, losses)
 
 
 def build_tables(
-    data: NDArray[np.uint8],
-    index: RecordIndex,
-    units: Units | None = None,
-    by_instance: bool = True,
-    guard: Guard = unguarded,
+    data: NDArray[np.uint8], index: RecordIndex, units: Units | None = None, by_instance: bool = True
 ) -> dict[tuple[str, int], Table]:
-    """The tables of an index by (name, instance), in the order in which their first records stand in the file.
-
-    ``guard`` goes around each message.
-    """
-    units = units or {}
+    """Return the tables of an index by (name, instance), in the order of their first records in the file."""
+    units, losses = units or {}, index.losses
     found_of = dict(offsets_by_kind([(index.offsets, index.layout.view(np.uint16))]))
     parts: dict[tuple[str, int], list[Table]] = {}
     for k, fmt in enumerate(index.layouts):
@@ -90,17 +83,16 @@ def build_tables(
         if offsets is None or not fmt.readable:
             continue
         try:
-            for part in _split_by_instance(data, fmt, offsets, units.get(k, ("", tuple)), by_instance, guard):
+            for part in _split_by_instance(data, fmt, offsets, units.get(k, ("", tuple)), by_instance, losses):
                 parts.setdefault((fmt.name, part.instance), []).append(part)
-        except Exception as error:  # the guard is asked only now: entering it for each message costs more than they do
-            with guard(fmt.name, "its records", fmt.offset):
-                raise error
+        except Exception as error:
+            losses.caught(error, fmt.name, "its records", fmt.offset)
     tables = {key: found[0] for key, found in parts.items()}
     for key, found in parts.items():
         if len(found) > 1:
             del tables[key]
-            with guard(key[0], "its layouts", int(found[0].offsets[0])):
-                tables[key] = MixedTable(found, guard)
+            with losses.around(key[0], "its layouts", int(found[0].offsets[0])):
+                tables[key] = MixedTable(found, losses)
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
@@ -110,7 +102,7 @@ def _split_by_instance(
     offsets: Offsets,
     described: tuple[str, Callable[[], tuple[str | None, ...]]],
     by_instance: bool,
-    guard: Guard,
+    losses: DamageLog,
 ) -> list[Table]:
     """The records of one layout, a table for each instance."""
     ids, texts = described
@@ -121,8 +113,8 @@ def _split_by_instance(
         k = fmt.columns.index(column)
         split = split_by_number(gather(data[fmt.place(k) :], offsets, LETTER_DTYPES[fmt.letters[k]]))
     if split is None:
-        return [layout.table(0, offsets, guard)]
-    return [layout.table(number, offsets[mine], guard) for number, mine in split]
+        return [layout.table(0, offsets, losses)]
+    return [layout.table(number, offsets[mine], losses) for number, mine in split]
 
 
 def split_by_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
@@ -162,7 +154,7 @@ class MixedTable(Table):
     one layout gives that layout's plain table.
     """
 
-    def __init__(self, parts: list[Table], guard: Guard = unguarded) -> None:
+    def __init__(self, parts: list[Table], losses: DamageLog | None = None) -> None:
         self._parts = parts
         fields: dict[str, Field] = {}
         for part in parts:
@@ -181,7 +173,7 @@ class MixedTable(Table):
         # of each record in file order: which part holds it, and at which place
         self._part = np.repeat(np.arange(len(parts)), [len(p) for p in parts])[order]
         self._place = np.concatenate([np.arange(len(p)) for p in parts])[order]
-        super().__init__(parts[0].name, parts[0].instance, fields, every[order], self._mixed, guard)
+        super().__init__(parts[0].name, parts[0].instance, fields, every[order], self._mixed, losses)
 
     def _mixed(self, column: str, offsets: Offsets) -> NDArray[Any]:
         """A column of all records; a table only ever decodes its own offsets."""
@@ -210,7 +202,7 @@ class MixedTable(Table):
         which, place = self._part[select], self._place[select]
         chosen = [(part, np.sort(place[which == k])) for k, part in enumerate(self._parts)]
         parts = [part.rows(mine) for part, mine in chosen if len(mine)] or [self._parts[0].rows(slice(0))]
-        return parts[0] if len(parts) == 1 else MixedTable(parts, self._around or unguarded)
+        return parts[0] if len(parts) == 1 else MixedTable(parts, self._losses)
 
 
 def report_unreadable(index: RecordIndex) -> None:
@@ -292,7 +284,7 @@ def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
     """For each layout that FMTU describes: its unit ids, and the unit text of every column."""
     describes = np.array([f.name in ("FMTU", "UNIT", "MULT") for f in index.layouts])
     chosen = describes[index.layout].nonzero()[0]
-    some = RecordIndex(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64))
+    some = RecordIndex(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64), index.losses)
     tables = build_tables(data, some, by_instance=False)
     described = tables.get(("FMTU", 0))
     if described is None or not has_integer(described, "FmtType"):

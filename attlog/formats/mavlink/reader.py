@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from itertools import repeat
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import LogUnusable
 from attlog.core.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
-from attlog.core.timestamps import Timeline, merge_timelines, times_before
+from attlog.core.timestamps import Offsets, Timeline, merge_timelines, times_before
 from attlog.formats.file_bytes import (
     MAX_SORTED_KINDS,
     RecordColumns,
@@ -28,19 +26,7 @@ from attlog.formats.file_bytes import (
 )
 from attlog.formats.mavlink.layout import STAMP_COLUMN, message_catalogue, message_layout
 from attlog.formats.mavlink.walk import MAVLINK_2, PAYLOAD_KERNEL, STAMP_BYTES, Packets, index_packets
-from attlog.formats.table import (
-    Boot,
-    Field,
-    Guard,
-    Messages,
-    Offsets,
-    ParamChange,
-    ReaderBarrier,
-    Remark,
-    Table,
-    Text,
-    boots_of_timeline,
-)
+from attlog.formats.table import Boot, Field, Messages, ParamChange, Table, Text, boots_of_timeline
 
 __all__ = ["CLOCK_MESSAGES", "STAMP_COLUMN", "decode_parameter_values", "list_systems", "main_vehicle", "read_mavlink"]
 
@@ -75,7 +61,6 @@ def boot_timeline(messages: Messages, system: int) -> Timeline:
 # checksum is found wherever it begins, also behind damage, and nothing is
 # reported in between; numbers stay as sent.
 
-T = TypeVar("T")
 PX4_AUTOPILOT = 12
 NO_AUTOPILOT = 8
 _GROUND_STATION = 6
@@ -96,18 +81,9 @@ def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[n
     packets = index_packets(data, message_catalogue())
     if len(packets.offsets) == 0:
         raise LogUnusable(f"{path}: no MAVLink packet with a right checksum, so there is nothing to decode.")
-    remarks: list[Remark] = []
-    around = ReaderBarrier(remarks).around
-    messages = Messages(
-        path,
-        "tlog" if packets.stamped else "mavlink",
-        len(data),
-        _build_tables(data, packets, around),
-        remarks=remarks,
-        damage=packets.losses.listed,
-        damage_bytes=packets.losses.bytes,
-        damage_places=packets.losses.places,
-    )
+    losses = packets.losses
+    log_format = "tlog" if packets.stamped else "mavlink"
+    messages = Messages(path, log_format, len(data), _build_tables(data, packets), losses=losses)
     messages.info["systems"] = list_systems(messages)
     messages.info["unknown"] = dict(sorted(packets.unknown.items()))
     chosen = main_vehicle(messages) if system is None else system
@@ -116,13 +92,12 @@ def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[n
     if chosen is not None:
         clock = boot_timeline(messages, chosen)
 
-        def told(message: str, what: str, of: Callable[[Messages, int, Timeline], list[T]], log: Messages) -> list[T]:
-            with around(message, what, None):
-                return of(log, chosen, clock)
-            return []
-
-        messages.params = partial(told, "PARAM_VALUE", "parameters", _read_params)
-        messages.texts = partial(told, "STATUSTEXT", "texts", _read_texts)
+        messages.params = lambda log: losses.list_or_empty(
+            "PARAM_VALUE", "parameters", lambda: _read_params(log, chosen, clock)
+        )
+        messages.texts = lambda log: losses.list_or_empty(
+            "STATUSTEXT", "texts", lambda: _read_texts(log, chosen, clock)
+        )
         messages.boots = boots_of_timeline(clock, len(data))
     return messages
 
@@ -130,7 +105,7 @@ def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[n
 # --- tables -----------------------------------------------------------------------------------------------------
 
 
-def _build_tables(data: NDArray[np.uint8], packets: Packets, guard: Guard) -> dict[tuple[str, int], Table]:
+def _build_tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], Table]:
     """The tables by message name and sender, in the order in which their first packets stand in the file."""
     numbers, number = _ranks(packets.ids)
     senders, sender = _ranks(packets.senders)
@@ -143,7 +118,7 @@ def _build_tables(data: NDArray[np.uint8], packets: Packets, guard: Guard) -> di
         name, fields, record = message_layout(int(numbers[k // len(senders)]))
         if packets.stamped:
             fields = {STAMP_COLUMN: Field(STAMP_COLUMN, np.dtype(np.int64), "us"), **fields}
-        tables[name, instance] = Table(name, instance, fields, offsets, _PayloadDecoder(data, record), guard)
+        tables[name, instance] = Table(name, instance, fields, offsets, _PayloadDecoder(data, record), packets.losses)
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 

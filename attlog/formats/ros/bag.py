@@ -1,4 +1,8 @@
-"""Does a file begin as a bag of ROS 2?"""
+"""The channels of a ROS 2 bag: MCAP, or a SQLite database as rosbag2 wrote by default before Iron.
+
+MCAP is read record by record, so that a bag whose end is missing gives all whole records before. A record is an opcode
+(u8), a length (u64) and its body; chunks hold records, packed or not. Specification: MCAP 0, "mcap.dev/spec".
+"""
 
 from __future__ import annotations
 
@@ -16,34 +20,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import LogUnusable, UsageError
-from attlog.core.limits import MAX_DAMAGE, MAX_FORMATS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
-from attlog.formats.table import Damage
+from attlog.core.limits import MAX_FORMATS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
+from attlog.formats.table import DamageLog
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-# rosbag2's older storage.
 SQLITE_MAGIC = b"SQLite format 3\0"
-# A column of rosbag2's table of topics; its definition stands on the first page. Other databases lack it.
+# A column of rosbag2's table of topics, defined on the first page; other databases lack it.
 ROSBAG2_COLUMN = b"serialization_format"
-
-
-def is_bag(head: bytes) -> bool:
-    """Whether these first bytes are those of an MCAP file or of rosbag2's database."""
-    return head.startswith(MCAP_MAGIC) or (head.startswith(SQLITE_MAGIC) and ROSBAG2_COLUMN in head)
-
-
-# What a bag holds, however it is stored: channels with their messages as bytes.
-
-# Whether a channel, by topic and type, is kept.
-ChannelFilter = Callable[[str, str], bool]
+# Bytes of a database that are 2 where a journal (``-wal``) lies beside it; such a database cannot be read from memory.
+JOURNAL_VERSION = slice(18, 20)
 MISSING_PACKAGES = (
     'a ROS 2 bag needs mcap and rosbags: pip install mcap rosbags, or pip install ".[ros]" in the source folder'
 )
 
+RECORD_HEAD = Struct("<BQ")
+# Channel, sequence number, log time and publish time in ns; the rest is the message.
+MESSAGE_HEAD = Struct("<HIQQ")
+# First and last time, unpacked bytes, their CRC, letters of the compression's name.
+CHUNK_HEAD = Struct("<QQQII")
+# Opcodes; those from 16 to 127 are not assigned.
+SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
+
+ChannelFilter = Callable[[str, str], bool]  # True for a topic and type whose messages are kept
+
 
 @dataclass(slots=True)
 class BagChannel:
-    """One topic: its ``type`` as ``pkg/msg/Name``, the ``definition`` in ``encoding`` (ros2msg, ros2idl, or empty), the
-    messages as bytes and when the recorder got them, ns."""
+    """One topic with its messages as bytes and the recorder's times in ns.
+
+    ``type`` is ``pkg/msg/Name``, ``definition`` its text in ``encoding`` (ros2msg, ros2idl, or empty).
+    """
 
     topic: str
     type: str
@@ -55,84 +61,145 @@ class BagChannel:
 
 @dataclass(slots=True)
 class Bag:
-    """The channels that were wanted, the topics and types of all, what is broken, and whether the recorder ended it."""
+    """The kept channels, topics and types of all, damage, and whether the recorder ended the file."""
 
     channels: list[BagChannel]
     types: dict[str, str]
-    damage: list[Damage] = field(default_factory=list)
+    losses: DamageLog
     ended: bool = True
 
 
-# MCAP files record by record: what is whole is read, whatever is missing behind it.
-#
-# A record is an opcode (u8), a length (u64) and so many bytes; chunks hold records, packed or not. The index at the
-# end
-# is not needed, so that a recorder's power may be cut. Specification: MCAP 0, "mcap.dev/spec".
-
-RECORD_HEAD = Struct("<BQ")
-# Channel, sequence number, log time and publish time in ns; the rest are the data.
-MESSAGE_HEAD = Struct("<HIQQ")
-# First and last time, bytes unpacked, their CRC, letters of the compression's name.
-CHUNK_HEAD = Struct("<QQQII")
-# Opcodes; those below 128 and above the last belong to nobody.
-SCHEMA_OPCODE, CHANNEL_OPCODE, MESSAGE_OPCODE, CHUNK_OPCODE, DATA_END_OPCODE, LAST_OPCODE = 3, 4, 5, 6, 15, 15
+def is_bag(head: bytes) -> bool:
+    """True if a file with these first bytes is an MCAP file or rosbag2's database."""
+    return head.startswith(MCAP_MAGIC) or (head.startswith(SQLITE_MAGIC) and ROSBAG2_COLUMN in head)
 
 
-@dataclass(slots=True)
-class _McapState:
-    """What has been read so far."""
-
-    wanted: ChannelFilter
-    budget: int
-    schemas: dict[int, Any] = field(default_factory=dict)
-    channels: dict[int, BagChannel | None] = field(default_factory=dict)
-    types: dict[str, str] = field(default_factory=dict)
-    encodings: set[str] = field(default_factory=set)
-    damage: list[Damage] = field(default_factory=list)
-
-    def lose(self, at: int, length: int, what: str, resumed: str) -> None:
-        """Note a damaged place."""
-        if len(self.damage) < MAX_DAMAGE:
-            self.damage.append(Damage(at, length, f"{length} bytes of {what}", resumed))
+def read_bag(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> Bag:
+    """Read a bag. LogUnusable for an MCAP file or database of other content, UsageError without packages."""
+    if data[: len(MCAP_MAGIC)].tobytes() == MCAP_MAGIC:
+        return _McapReader(wanted, len(data)).read(path, data.data.cast("B"))
+    return _read_sqlite(path, data, wanted)
 
 
-def read_mcap(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> Bag:
-    """The bag in an MCAP file. LogUnusable where its messages are not those of ROS 2, UsageError without packages."""
-    try:
-        import mcap.records  # noqa: F401
-    except ImportError:
-        raise UsageError(f"{path}: {MISSING_PACKAGES}") from None
-    budget = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * len(data)))
-    state = _McapState(wanted, budget)
-    whole = data.data.cast("B")
-    ended = False
-    for at, opcode, body, length in _mcap_records(whole, len(MCAP_MAGIC)):
-        if (
-            opcode in (SCHEMA_OPCODE, CHANNEL_OPCODE) and len(body) == length
-        ):  # repeated at the end, should a chunk have lost them
-            _take_record(state, at, opcode, body)
-    for at, opcode, body, length in _mcap_records(whole, len(MCAP_MAGIC)):
-        if opcode == DATA_END_OPCODE and len(body) == length:
-            ended = True
-            break
-        if opcode == 0 or LAST_OPCODE < opcode < 128:
-            state.lose(at, len(data) - at, "the bag, which follow no record", "not at all")
-            break
-        if len(body) < length:
-            state.lose(at, len(data) - at, "the last record, which is cut", "not at all")
-        if opcode == CHUNK_OPCODE:
-            _read_chunk(state, at, body, len(body) == length)
-        elif opcode == MESSAGE_OPCODE and len(body) == length:
-            _take_record(state, at, opcode, body)
-    if state.encodings and "cdr" not in state.encodings:
-        held = ", ".join(sorted(state.encodings))
-        raise LogUnusable(f"{path}: an MCAP file without messages of ROS 2 (it holds {held}); record with ros2 bag")
-    kept = [channel for channel in state.channels.values() if channel is not None]
-    return Bag(kept, state.types, state.damage, ended)
+class _McapReader:
+    """State of reading an MCAP file."""
+
+    def __init__(self, wanted: ChannelFilter, size: int) -> None:
+        self.wanted = wanted
+        self.budget = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * size))
+        self.schemas: dict[int, Any] = {}
+        self.channels: dict[int, BagChannel | None] = {}
+        self.types: dict[str, str] = {}
+        self.encodings: set[str] = set()
+        self.losses = DamageLog()
+
+    def read(self, path: Path, data: memoryview) -> Bag:
+        """Read schemas and channels first: they are repeated at the end, should a chunk have lost them."""
+        try:
+            import mcap.records  # noqa: F401
+        except ImportError:
+            raise UsageError(f"{path}: {MISSING_PACKAGES}") from None
+        ended = False
+        for at, opcode, body, length in _records(data, len(MCAP_MAGIC)):
+            if opcode in (SCHEMA, CHANNEL) and len(body) == length:
+                self._define(at, opcode, body)
+        for at, opcode, body, length in _records(data, len(MCAP_MAGIC)):
+            if opcode == DATA_END and len(body) == length:
+                ended = True
+                break
+            if opcode == 0 or DATA_END < opcode < 128:
+                self._lose(at, len(data) - at, "the bag, which follow no record", "not at all")
+                break
+            if len(body) < length:
+                self._lose(at, len(data) - at, "the last record, which is cut", "not at all")
+            if opcode == CHUNK:
+                self._read_chunk(at, body, len(body) == length)
+            elif opcode == MESSAGE and len(body) == length:
+                self._take_message(body, 0, len(body))
+        if self.encodings and "cdr" not in self.encodings:
+            held = ", ".join(sorted(self.encodings))
+            raise LogUnusable(f"{path}: an MCAP file without messages of ROS 2 (it holds {held}); record with ros2 bag")
+        kept = [channel for channel in self.channels.values() if channel is not None]
+        return Bag(kept, self.types, self.losses, ended)
+
+    def _lose(self, at: int, length: int, what: str, resumed: str) -> None:
+        self.losses.add(at, length, f"{length} bytes of {what}", resumed)
+
+    def _read_chunk(self, at: int, body: memoryview, whole: bool) -> None:
+        """Read the records of a chunk; of a cut one as many as can be unpacked."""
+        try:
+            _, _, size, crc, letters = CHUNK_HEAD.unpack_from(body)
+            name = bytes(body[CHUNK_HEAD.size : CHUNK_HEAD.size + letters]).decode("ascii", "replace")
+            if size > self.budget:
+                raise ValueError("it unpacks to more than any log")
+            content = _unpacked(body[CHUNK_HEAD.size + letters + 8 :], name, size)
+        except (ValueError, error, OSError, RuntimeError, EOFError, MemoryError) as problem:
+            if whole:
+                what = f"a chunk that cannot be unpacked ({problem})"
+                self._lose(at, RECORD_HEAD.size + len(body), what, "at the next chunk")
+            return
+        self.budget -= len(content)
+        if whole and (len(content) < size or (crc and zlib.crc32(content) != crc)):
+            self._lose(at, RECORD_HEAD.size + len(body), "a chunk whose checksum is wrong", "at the next chunk")
+            return
+        self._read_records(at, memoryview(content))
+
+    def _read_records(self, at: int, content: memoryview) -> None:
+        """Read the records of an unpacked chunk; a loop without generator, for hundred thousands of messages."""
+        head, end, place = RECORD_HEAD.unpack_from, len(content), 0
+        while place + RECORD_HEAD.size <= end:
+            opcode, length = head(content, place)
+            place += RECORD_HEAD.size
+            after = place + length
+            if after > end:
+                break
+            if opcode == MESSAGE:
+                self._take_message(content, place, after)
+            elif opcode in (SCHEMA, CHANNEL):
+                self._define(at, opcode, content[place:after])
+            place = after
+
+    def _take_message(self, content: memoryview, begin: int, end: int) -> None:
+        if end - begin < MESSAGE_HEAD.size:
+            return
+        number, _, time, _ = MESSAGE_HEAD.unpack_from(content, begin)
+        channel = self.channels.get(number)
+        if channel is not None:
+            channel.messages.append(bytes(content[begin + MESSAGE_HEAD.size : end]))
+            channel.times_ns.append(time)
+
+    def _define(self, at: int, opcode: int, body: memoryview) -> None:
+        """Take in a schema or a channel; a channel's messages are kept if they are ROS 2's and wanted."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.exceptions import McapError
+        from mcap.records import Channel, Schema
+
+        try:
+            stream = ReadDataStream(io.BytesIO(bytes(body)))
+            if opcode == SCHEMA:
+                schema = Schema.read(stream)
+                if len(self.schemas) < MAX_FORMATS:
+                    self.schemas[schema.id] = schema
+                return
+            channel = Channel.read(stream)
+        except (McapError, ValueError, error, EOFError, MemoryError) as problem:
+            what = f"a definition ({type(problem).__name__})"
+            self._lose(at, RECORD_HEAD.size + len(body), what, "at the next record")
+            return
+        if channel.id in self.channels or len(self.channels) >= MAX_FORMATS:
+            return
+        schema = self.schemas.get(channel.schema_id)
+        kind = "" if schema is None else schema.name
+        self.types[channel.topic] = kind
+        self.encodings.add(channel.message_encoding or "unnamed messages")
+        self.channels[channel.id] = None
+        if channel.message_encoding == "cdr" and schema is not None and self.wanted(channel.topic, kind):
+            text = schema.data.decode("utf-8", "replace")
+            self.channels[channel.id] = BagChannel(channel.topic, kind, text, schema.encoding)
 
 
-def _mcap_records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview, int]]:
-    """Place, opcode and bytes of each record, with the length it should have: the last may be cut."""
+def _records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview, int]]:
+    """Yield place, opcode and body of each record, and its declared length: the last may be cut."""
     while at + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, at)
         begin = at + RECORD_HEAD.size
@@ -140,30 +207,8 @@ def _mcap_records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryv
         at = begin + length
 
 
-def _read_chunk(state: _McapState, at: int, body: memoryview, whole: bool) -> None:
-    """Read what a chunk holds; of one that is cut or broken what can be unpacked."""
-    try:
-        _, _, size, crc, letters = CHUNK_HEAD.unpack_from(body)
-        name = bytes(body[CHUNK_HEAD.size : CHUNK_HEAD.size + letters]).decode("ascii", "replace")
-        packed = body[CHUNK_HEAD.size + letters + 8 :]
-        if size > state.budget:
-            raise ValueError("it unpacks to more than any log")
-        content = _unpack_chunk(packed, name, size)
-    except (ValueError, error, OSError, RuntimeError, EOFError, MemoryError) as problem:
-        if whole:
-            state.lose(
-                at, RECORD_HEAD.size + len(body), f"a chunk that cannot be unpacked ({problem})", "at the next chunk"
-            )
-        return
-    state.budget -= len(content)
-    if whole and (len(content) < size or (crc and zlib.crc32(content) != crc)):
-        state.lose(at, RECORD_HEAD.size + len(body), "a chunk whose checksum is wrong", "at the next chunk")
-        return
-    _read_chunk_records(state, at, memoryview(content))
-
-
-def _unpack_chunk(packed: memoryview, name: str, size: int) -> bytes | memoryview:
-    """At most ``size`` bytes of a chunk's content. Raises what the compressor does, ValueError for another one."""
+def _unpacked(packed: memoryview, name: str, size: int) -> bytes | memoryview:
+    """Unpack at most ``size`` bytes of a chunk. ValueError for an unknown compression, else the compressor's errors."""
     if name == "":
         return packed[:size]
     if name == "zstd":
@@ -180,88 +225,12 @@ def _unpack_chunk(packed: memoryview, name: str, size: int) -> bytes | memoryvie
     raise ValueError(f"compression {name[:16]!r} is not known")
 
 
-def _read_chunk_records(state: _McapState, at: int, content: memoryview) -> None:
-    """The records of a chunk; a loop of its own, because a bag has hundred thousands of messages."""
-    head, message, channels, end = RECORD_HEAD.unpack_from, MESSAGE_HEAD.unpack_from, state.channels, len(content)
-    place, data_at = 0, MESSAGE_HEAD.size
-    while place + RECORD_HEAD.size <= end:
-        opcode, length = head(content, place)
-        place += RECORD_HEAD.size
-        after = place + length
-        if after > end:
-            break
-        if opcode == MESSAGE_OPCODE and length >= data_at:
-            number, _, time, _ = message(content, place)
-            channel = channels.get(number)
-            if channel is not None:
-                channel.messages.append(bytes(content[place + data_at : after]))
-                channel.times_ns.append(time)
-        elif opcode in (SCHEMA_OPCODE, CHANNEL_OPCODE):
-            _take_record(state, at, opcode, content[place:after])
-        place = after
-
-
-def _take_record(state: _McapState, at: int, opcode: int, body: memoryview) -> None:
-    """A schema, a channel, or a message that stands in no chunk."""
-    if opcode == MESSAGE_OPCODE:
-        if len(body) >= MESSAGE_HEAD.size:
-            number, _, time, _ = MESSAGE_HEAD.unpack_from(body)
-            channel = state.channels.get(number)
-            if channel is not None:
-                channel.messages.append(bytes(body[MESSAGE_HEAD.size :]))
-                channel.times_ns.append(time)
-        return
-    from mcap.data_stream import ReadDataStream
-    from mcap.exceptions import McapError
-    from mcap.records import Channel, Schema
-
-    try:
-        stream = ReadDataStream(io.BytesIO(bytes(body)))
-        if opcode == SCHEMA_OPCODE:
-            schema = Schema.read(stream)
-            if len(state.schemas) < MAX_FORMATS:
-                state.schemas[schema.id] = schema
-            return
-        channel = Channel.read(stream)
-    except (McapError, ValueError, error, EOFError, MemoryError) as problem:
-        state.lose(at, RECORD_HEAD.size + len(body), f"a definition ({type(problem).__name__})", "at the next record")
-        return
-    if channel.id not in state.channels and len(state.channels) < MAX_FORMATS:
-        _open_channel(state, channel)
-
-
-def _open_channel(state: _McapState, channel: Any) -> None:
-    """Note a channel; its messages are kept if they are ROS 2's and wanted."""
-    schema = state.schemas.get(channel.schema_id)
-    kind = "" if schema is None else schema.name
-    state.types[channel.topic] = kind
-    state.encodings.add(channel.message_encoding or "unnamed messages")
-    state.channels[channel.id] = None
-    if channel.message_encoding == "cdr" and schema is not None and state.wanted(channel.topic, kind):
-        text = schema.data.decode("utf-8", "replace")
-        state.channels[channel.id] = BagChannel(channel.topic, kind, text, schema.encoding)
-
-
-# The channels of a bag: MCAP, or a SQLite database as rosbag2 wrote by default before Iron.
-
-# Where a database says whether a journal (``-wal``) lies beside it: one that does cannot be read from memory.
-JOURNAL_VERSION = slice(18, 20)
-
-
-def read_bag(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> Bag:
-    """The bag in these bytes. LogUnusable for a database or an MCAP file that is none, UsageError without packages."""
-    return (
-        read_mcap(path, data, wanted)
-        if data[: len(MCAP_MAGIC)].tobytes() == MCAP_MAGIC
-        else _read_sqlite(path, data, wanted)
-    )
-
-
 def _read_sqlite(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> Bag:
     content = bytearray(data.tobytes())
-    journal = content[JOURNAL_VERSION] == b"\2\2"
+    beside = path.with_name(f"{path.name}-wal")
+    unfinished = content[JOURNAL_VERSION] == b"\2\2" and beside.is_file() and beside.stat().st_size > 0
     content[JOURNAL_VERSION] = b"\1\1"
-    bag = Bag([], {}, ended=not (journal and _has_journal(path)))
+    bag = Bag([], {}, DamageLog(), ended=not unfinished)
     with closing(sqlite3.connect(":memory:")) as database:
         database.text_factory = lambda raw: raw.decode("utf-8", "replace")
         try:
@@ -271,26 +240,26 @@ def _read_sqlite(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> 
             tables = {name for (name,) in database.execute("select name from sqlite_master where type = 'table'")}
             if not {"topics", "messages"} <= tables:
                 raise LogUnusable(f"{path}: a SQLite database, but no bag of ROS 2 (no tables topics and messages)")
-            channels = _sqlite_topics(database, bag, wanted, "message_definitions" in tables)
-        except (sqlite3.Error, ValueError, TypeError) as error:
-            raise LogUnusable(f"{path}: a damaged SQLite database ({error})") from None
+            channels = _sqlite_channels(database, bag, wanted, "message_definitions" in tables)
+        except (sqlite3.Error, ValueError, TypeError) as problem:
+            raise LogUnusable(f"{path}: a damaged SQLite database ({problem})") from None
         try:
             for number, time, message in database.execute("select topic_id, timestamp, data from messages"):
                 channel = channels.get(number)
                 if channel is not None and isinstance(message, bytes) and isinstance(time, int):
                     channel.messages.append(message)
                     channel.times_ns.append(time)
-        except sqlite3.Error as error:
-            bag.damage.append(Damage(len(data) - 1, 1, f"messages of the bag ({error})", "not at all"))
+        except sqlite3.Error as problem:
+            bag.losses.add(len(data) - 1, 1, f"messages of the bag ({problem})", "not at all")
     return bag
 
 
-def _sqlite_topics(
+def _sqlite_channels(
     database: sqlite3.Connection, bag: Bag, wanted: ChannelFilter, defined: bool
 ) -> dict[object, BagChannel]:
-    """The wanted topics by their numbers, noted in the bag."""
+    """Return the wanted channels by number and enter them in the bag; ``defined``: with definitions, since Iron."""
     definitions: dict[object, tuple[str, str]] = {}
-    if defined:  # since Iron
+    if defined:
         query = "select topic_type, encoded_message_definition, encoding from message_definitions"
         definitions = {kind: (str(text), str(encoding)) for kind, text, encoding in database.execute(query)}
     channels: dict[object, BagChannel] = {}
@@ -300,9 +269,3 @@ def _sqlite_topics(
             channels[number] = BagChannel(str(topic), str(kind), *definitions.get(kind, ("", "")))
     bag.channels = list(channels.values())
     return channels
-
-
-def _has_journal(path: Path) -> bool:
-    """Whether what was written last is still in the database's journal."""
-    journal = path.with_name(f"{path.name}-wal")
-    return journal.is_file() and journal.stat().st_size > 0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from attlog.core.limits import MAX_DROPOUTS, MAX_INFO, MAX_LAYOUTS, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 from attlog.core.timestamps import Offsets, far_from_median
 from attlog.formats.file_bytes import gather
-from attlog.formats.table import Field, Guard, ParamChange, Remark, Table, Text
+from attlog.formats.table import DamageLog, Field, ParamChange, Table, Text
 from attlog.formats.ulog.layout import TopicLayout, decode_ulog_text, info_value, parameter_value, split_key
 from attlog.formats.ulog.walk import DATA_HEADER_BYTES, Bytes
 
@@ -60,14 +60,12 @@ class Content:
         """How long the logger lost what it should have written."""
         return self._dropouts.tolist()
 
-    def remarks(self) -> list[Remark]:
-        """What was left out because there is more of it than a log can sensibly hold."""
+    def report(self, losses: DamageLog) -> None:
+        """Report what exceeds the limits of a log."""
         kept = {"parameters": MAX_PARAM_CHANGES, "texts": MAX_TEXTS, "statements": MAX_INFO, "dropouts": MAX_DROPOUTS}
-        return [
-            Remark("log_limit", f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
-            for what, most in kept.items()
-            if (n := self._left_out[what])
-        ]
+        for what, most in kept.items():
+            if n := self._left_out[what]:
+                losses.add_remark("log_limit", f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
 
     def start(self, version: int, start_us: int) -> None:
         """A file header with the logger's version and start time (us); what is known of the file is the first one's."""
@@ -182,7 +180,7 @@ class Topic:
             self.layouts.append(layout)
         self.parts.append((len(self.layouts) - 1, offsets))
 
-    def table(self, data: Bytes, name: str, multi: int, guard: Guard, *, own_starts: bool = False) -> Table:
+    def table(self, data: Bytes, name: str, multi: int, losses: DamageLog, *, own_starts: bool = False) -> Table:
         """The topic's table; fields are those that all its layouts share. Gives up the parts.
 
         ``own_starts``: where records were sorted in several groups, one part would keep all of its group.
@@ -197,7 +195,7 @@ class Topic:
             order = starts.argsort(kind="stable")
             starts, which = starts[order], None if which is None else which[order]
         self.decoder = _TopicDecoder(data, self.layouts, starts, which)
-        return Table(name, multi, self._fields, starts, self.decoder, guard)
+        return Table(name, multi, self._fields, starts, self.decoder, losses)
 
     def forget(self) -> None:
         """Drop the records that were gathered to look at a table once."""
@@ -270,10 +268,10 @@ def implausible(table: Table) -> NDArray[np.bool_]:
     found = np.zeros(len(table), bool)
     if len(table) < MIN_RECORDS:
         return found
-    for name, field in table.fields.items():
-        if name == "timestamp" and field.dtype.kind == "u":
+    for name, described in table.fields.items():
+        if name == "timestamp" and described.dtype.kind == "u":
             odd = far_from_median(table[name])
-        elif field.dtype.base.kind == "f":
+        elif described.dtype.base.kind == "f":
             odd = _beyond_magnitudes(table[name])
         else:
             continue

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from attlog.core.limits import MAX_FIELDS, MAX_FORMATS, MAX_NESTING, MAX_REDEFINED, MAX_RESUBSCRIBED
-from attlog.formats.table import Field, Remark
+from attlog.formats.table import DamageLog, Field, Remark
 
 # Where each field of a ULog message lies, from the format texts in the log.
 #
@@ -433,24 +433,24 @@ class Definitions:
                         self._free_of_size.setdefault(length, []).append((name, layout))
         return self._free_of_size.get(size, [])
 
-    def remarks(self) -> list[Remark]:
-        """What was left out because there is more of it than a log can sensibly define."""
-        said = (
-            (self._too_many, MAX_FORMATS, "formats", "the others are not read"),
-            (self._redefined - MAX_REDEFINED, MAX_REDEFINED, "formats declared anew", "then they stay"),
-            (self._resubscribed - MAX_RESUBSCRIBED, MAX_RESUBSCRIBED, "ids that change their topic", "then they stay"),
-        )
+    def report(self, losses: DamageLog) -> None:
+        """Report unusable definitions and what exceeds the limits of a log, each sentence once."""
         refused = dict(self.why_not.values())
         others = {1: "", 2: "; one other topic neither"}.get(len(refused), f"; {len(refused) - 1} other topics neither")
-        unusable = [
+        found = [
             Remark("unreadable_message", f"{name} cannot be used: {why}{others}.", count=len(refused))
             for name, why in list(refused.items())[:1]
         ]
-        return unusable + [
-            Remark("log_limit", f"The log has {most + beyond} {what}; the first {most} count, {then}.", count=beyond)
-            for beyond, most, what, then in said
-            if beyond > 0
-        ]
+        for beyond, most, what, then in (
+            (self._too_many, MAX_FORMATS, "formats", "the others are not read"),
+            (self._redefined - MAX_REDEFINED, MAX_REDEFINED, "formats declared anew", "then they stay"),
+            (self._resubscribed - MAX_RESUBSCRIBED, MAX_RESUBSCRIBED, "ids that change their topic", "then they stay"),
+        ):
+            if beyond > 0:
+                text = f"The log has {most + beyond} {what}; the first {most} count, {then}."
+                found.append(Remark("log_limit", text, count=beyond))
+        known = {remark.text for remark in losses.remarks}
+        losses.remarks += [remark for remark in found if remark.text not in known]
 
 
 # Does a file begin as a ULog?

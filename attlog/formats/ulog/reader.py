@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from attlog.core.errors import LogUnusable, NotALog
-from attlog.core.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
+from attlog.core.limits import MAX_BOOTS, MAX_COLUMNS, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
 from attlog.core.timestamps import Offsets
 from attlog.formats.file_bytes import offset_type, offsets_by_kind, read_file_bytes
-from attlog.formats.table import Boot, Damage, Messages, ReaderBarrier, Remark, Table
+from attlog.formats.table import Boot, DamageLog, Messages, Table
 from attlog.formats.ulog.content import MAX_START_US, Content, Topic, implausible
 from attlog.formats.ulog.encrypted import decrypt, is_encrypted
 from attlog.formats.ulog.layout import (
@@ -87,14 +87,10 @@ class _Reader:
         self.chain = fastest_chain(self.data, self.followed)
         self.topics: dict[tuple[str, int], Topic] = {}
         self.content = Content(self._time_before)
-        self.damage: list[Damage] = []
-        self.damage_bytes = 0
-        self.damage_places = 0
+        self.losses = DamageLog()
         self.damaged = False
         self.boots: list[int] = []
         self.headers = 0
-        self.remarks: list[Remark] = []
-        self.barrier = ReaderBarrier(self.remarks)
         self.unknown: dict[int, array[int]] = {}
         self.alike: dict[int, tuple[int, int]] = {}
         self.segments: Segments = []
@@ -123,12 +119,9 @@ class _Reader:
             content.params,
             content.texts,
             content.info,
-            sorted(self.damage, key=lambda d: d.offset),
-            self.damage_bytes,
+            self.losses,
             content.dropouts_ms,
             [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)],
-            self.damage_places,
-            self.remarks,
         )
 
     def _tables(self) -> dict[tuple[str, int], Table]:
@@ -147,8 +140,8 @@ class _Reader:
                 )
                 break
             columns |= {id(layout): layout.columns for layout in topic.layouts}
-            with self.barrier.around(name, "its table", offset):
-                table = topic.table(self.data, name, multi, self.barrier.around, own_starts=in_groups)
+            with self.losses.around(name, "its table", offset):
+                table = topic.table(self.data, name, multi, self.losses, own_starts=in_groups)
                 if self.damaged:
                     table = self._without_doubtful(table)
                     topic.forget()
@@ -161,13 +154,13 @@ class _Reader:
                     offset,
                     topic.left_out,
                 )
-        self.remarks += self.content.remarks()
+        self.content.report(self.losses)
         if self.headers > MAX_BOOTS:
             self._limit(f"The file holds {self.headers} headers; from the {MAX_BOOTS}th on all is one power-up.", None)
         return tables
 
     def _limit(self, sentence: str, offset: int | None, count: int = 1) -> None:
-        self.remarks.append(Remark("log_limit", sentence, offset, count))
+        self.losses.add_remark("log_limit", sentence, offset, count)
 
     # The walk.
 
@@ -185,7 +178,7 @@ class _Reader:
                 position += len(SYNC_MARK)
                 continue
             if position + DATA_HEADER_BYTES < stop and raw[position + 2] in b"PQ":
-                with self.barrier.around("Parameters", "a run of them", position):
+                with self.losses.around("Parameters", "a run of them", position):
                     position = self.content.take_parameters(raw, position, stop)
             following = self._record(position, stop)
             position = self._resume(position, stop) if following is None else following
@@ -297,10 +290,7 @@ class _Reader:
         return table.rows(~doubt)
 
     def _damaged(self, begin: int, end: int, lost: str, resumed: str) -> None:
-        self.damage_bytes += end - begin
-        self.damage_places += 1
-        if len(self.damage) < MAX_DAMAGE:
-            self.damage.append(Damage(begin, end - begin, lost, resumed))
+        self.losses.add(begin, end - begin, lost, resumed)
 
     def _end_log(self) -> None:
         """Sort what is pending; give records whose subscription is lost to the one topic that they can be."""
@@ -326,12 +316,11 @@ class _Reader:
             )
             lost = f"{len(starts)} records ({lengths.sum()} bytes) of {what}"
             self._damaged(first, first, lost, "skipped one by one")
-            self.damage_bytes += int(lengths.sum())
+            self.losses.bytes += int(lengths.sum())
         self.unknown.clear()
         self.alike.clear()
         if self.headers <= MAX_BOOTS:  # else a header after the other may bring its own
-            said = {remark.text for remark in self.remarks}
-            self.remarks += [remark for remark in self.definitions.remarks() if remark.text not in said]
+            self.definitions.report(self.losses)
 
     def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, TopicLayout] | None:
         """The one format without subscription that has this size and rising times, None if there are none or more."""
@@ -383,7 +372,7 @@ class _Reader:
         except (IndexError, struct.error):
             self._damaged(position, end, f"a malformed {chr(kind)} record", "behind it")
         except Exception as error:
-            self.barrier.caught(error, f"Records of type {chr(kind)}", "one of them", position)
+            self.losses.caught(error, f"Records of type {chr(kind)}", "one of them", position)
 
     def _take_subscription(self, payload: bytes) -> None:
         self.content.in_data = True

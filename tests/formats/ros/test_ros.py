@@ -225,7 +225,7 @@ def test_a_bag_cut_between_records_says_that_it_has_no_end(tmp_path: Path) -> No
     path = tmp_path / "a.mcap"
     write_mcap(path, combined(40), "NONE")
     data = memoryview(path.read_bytes())
-    end = next(at for at, opcode, _, _ in bag._mcap_records(data, len(MCAP_MAGIC)) if opcode == bag.DATA_END_OPCODE)
+    end = next(at for at, opcode, _, _ in bag._records(data, len(MCAP_MAGIC)) if opcode == bag.DATA_END)
     path.write_bytes(data[:end])
     log = formats.open(path)
     assert (len(log["sensor_combined", 0]), [r.code for r in log.remarks]) == (40, ["cut_at_end"])

@@ -15,7 +15,7 @@ from attlog.core.errors import LogUnusable, NotALog
 from attlog.core.limits import MAX_RESUBSCRIBED
 from attlog.core.timestamps import far_from_median
 from attlog.formats import Messages
-from attlog.formats.table import Field
+from attlog.formats.table import DamageLog, Field
 from attlog.formats.ulog import reader
 from attlog.formats.ulog.content import implausible
 from attlog.formats.ulog.layout import (
@@ -415,4 +415,6 @@ def test_an_id_that_changes_its_topic_too_often_keeps_the_last_one() -> None:
     again = found.subscription(7, other, 0)
     assert again is not None
     assert again.name == kept
-    assert [r.code for r in found.remarks()] == ["log_limit"]
+    losses = DamageLog()
+    found.report(losses)
+    assert [r.code for r in losses.remarks] == ["log_limit"]
