@@ -16,7 +16,6 @@ from attlog.flight.compass import dead_reason, field_spikes, turned_deg
 from attlog.flight.imu import ImuCandidate, best_per_unit, validate_candidate
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
 from attlog.flight.px4 import imu as imus
-from attlog.formats.table import Damage
 from tests.flight import fake
 from tests.flight.fake import messages, micros
 
@@ -152,11 +151,9 @@ def test_of_each_unit_the_best_usable_message_counts_that_covers_its_time() -> N
 def damaged(lost: int, size: int = 1_000_000, places: int = 2, at: int = 500) -> list[Any]:
     messages = fake.messages("ulog", {})
     messages.size = size
-    messages.damage = [Damage(at, lost // places, "bytes that are no record", "later")] * places
-    known: Any = SimpleNamespace(
-        damage=messages.damage, damage_bytes=lost, damage_places=places, size=size, dropouts_ms=[]
-    )
-    return flight.damage_problems(known)
+    for _ in range(places):
+        messages.losses.add(at, lost // places, "bytes that are no record", "later")
+    return flight.damage_problems(messages)
 
 
 def test_damage_is_a_warning_from_a_thousandth_of_the_file_on() -> None:
