@@ -28,7 +28,6 @@ from attlog.flight.mavlink import unix_minus_boot
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
 from attlog.flight.timestamps import record_clock
-from attlog.formats.table import Damage
 from tests.flight.fake import gravity, level, messages, micros
 
 
@@ -246,7 +245,7 @@ def test_a_log_that_is_mostly_damaged_is_not_told_what_to_log() -> None:
     made = messages(
         "ulog", {("vehicle_attitude", 0): {"timestamp": micros(ODD_RECORDS, 50.0), "q": level(ODD_RECORDS)}}
     )
-    made.damage, made.damage_bytes = [Damage(77, made.size, "900 bytes that are no records", "")], made.size
+    made.losses.add(77, made.size, "900 bytes that are no records", "")
     told = next(p.text for p in reader.read(made).problems if p.code == "no_imu")
     assert "900 bytes that are no records at byte 77" in told
     assert "SDLOG" not in told
