@@ -338,15 +338,17 @@ def title(result: Result) -> str:
 
 
 def answers(result: Result, width: int, verbose: bool) -> Iterator[tuple[str, str]]:
-    """The answers with their labels: short ones, or whole sentences and what was subtracted from the gyro."""
-    from attlog.words.answers import QUESTIONS, brief_answers
+    """Return the answers with their labels; ``verbose``: whole, with notes and what was subtracted from the gyro."""
+    from attlog.words.answers import QUESTIONS, answer_lines
     from attlog.words.flight import gyro_bias_text
 
     if verbose:
-        yield from ((QUESTIONS.get(v.question, v.question), typeset(v.sentence)) for v in result.verdicts)
+        for verdict in result.verdicts:
+            yield QUESTIONS.get(verdict.question, verdict.question), typeset(verdict.sentence)
+            yield from (("", typeset(note)) for note in verdict.notes)
         yield from (("gyro bias", typeset(sentence)) for sentence in gyro_bias_text(result))
     elif result.verdicts:
-        found = {QUESTIONS[q]: typeset(answer.within(width)) for q, answer in brief_answers(result).items()}
+        found = {QUESTIONS[q]: typeset(answer.within(width)) for q, answer in answer_lines(result).items()}
         yield from said_once(found)
 
 

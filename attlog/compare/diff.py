@@ -15,6 +15,7 @@ from typing import Any, Literal
 from attlog.compare.comparison import MAIN_QUESTIONS
 from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError, suggestion
 from attlog.result import MEASURED_TIMES, SCHEMA_NAME, Answer, EstimatorRow, Result
+from attlog.words.answers import QUESTIONS
 
 Verdict = Literal["beyond", "within", "not_significant", "appeared", "vanished"]
 Interval = tuple[float, float]
@@ -278,7 +279,9 @@ def compare_results(
     sha = [r.log.get("sha256") for r in (old, new)]
     found = RunDifference(name, same_log=sha[0] is not None and sha[0] == sha[1])
     found.statements = _changed_statements(old, new)
-    found.verdicts = _changed_entries(*({v.title: v.sentence for v in r.verdicts} for r in (old, new)))
+    found.verdicts = _changed_entries(
+        *({QUESTIONS[v.question].capitalize(): v.sentence for v in r.verdicts} for r in (old, new))
+    )
     found.made_by = _changed_entries({"attlog": old.attlog.get("version")}, {"attlog": new.attlog.get("version")})
     about = ("name", "firmware", "vehicle", "format")
     found.log = (

@@ -40,7 +40,7 @@ from attlog.reference.model import AlignmentStep, HeadingReference, Reference, R
 from attlog.result import TIMED_OUT, Duplicates, EstimatorRow, ReferenceSummary, Result
 from attlog.result import Trace as result_Trace
 from attlog.segments.model import Segments
-from attlog.words.answers import verdicts
+from attlog.words.answers import QUESTIONS, verdicts
 
 
 def assessments(case: Case, checks: list[Check], *, drawn: list[Trace] | None = None) -> list[Assessment]:
@@ -128,7 +128,7 @@ def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
     """The questions that no row answers, each with what would answer it."""
     silent = [verdict for verdict in result.verdicts if not verdict.bars]
     remedies = {a.question: a.setting for a in answerable(case.log, case)} if silent else {}
-    return [OpenQuestion(verdict.title, remedies.get(verdict.question, "")) for verdict in silent]
+    return [OpenQuestion(QUESTIONS[verdict.question].capitalize(), remedies.get(verdict.question, "")) for verdict in silent]
 
 
 def _unmeasured(lines: Iterable[EstimatorRow]) -> list[Problem]:

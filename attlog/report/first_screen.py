@@ -12,7 +12,7 @@ import numpy as np
 from attlog.report.figures.panels import time_range
 from attlog.report.figures.style import RowStyle
 from attlog.result import EstimatorRow, Event, Result
-from attlog.words.answers import NO_ANSWER, BriefAnswer, brief_answers, step_remark
+from attlog.words.answers import NO_ANSWER, AnswerLine, answer_lines
 from attlog.words.flight import EVENT_LABELS
 from attlog.words.names import CODES
 from attlog.words.numbers import MINUS, SIGNED, duration, interval, moment, number, quantity
@@ -159,11 +159,10 @@ class FourQuestions:
 
 def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestions:
     """The figure of a result."""
-    answers = brief_answers(result)
+    answers = answer_lines(result)
     rows = filters_in_order(result, answers["accuracy"].column)
     rows = [row for row in rows if row.name in look]
-    remarks = {"lag": step_remark(result)}
-    found = [question_column(key, answers[key], rows, remarks.get(key, "")) for key in TITLES]
+    found = [question_column(key, answers[key], rows) for key in TITLES]
     nothing = ""
     if all(q.empty for q in found):
         why = dict.fromkeys(q.sentence.removeprefix(NO_ANSWER).rstrip(".") for q in found)
@@ -194,14 +193,13 @@ def filters_in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorR
     return sorted(shown, key=key)
 
 
-def question_column(key: str, answer: BriefAnswer, rows: list[EstimatorRow], remark: str = "") -> QuestionColumn:
-    """One column of all rows; ``remark`` follows its sentence where there is an answer."""
+def question_column(key: str, answer: AnswerLine, rows: list[EstimatorRow]) -> QuestionColumn:
+    """One column of all rows."""
     column = answer.column
     title, figures = TITLES[key]
-    sentence = f"{answer.text} {answer.onboard}".strip()
-    if not column.filters or answer.text.startswith(NO_ANSWER):
+    sentence = answer.sentence
+    if not column.filters or not answer.answered:
         return QuestionColumn(key, title, figures, "", sentence, True)
-    sentence = f"{sentence} {remark}".strip()
     scale = scale_of(column)
     dots = [filter_dot(row, column, scale) for row in rows]
     onboard = next((d.x for d, row in zip(dots, rows, strict=True) if row.name == "onboard"), None)

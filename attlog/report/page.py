@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,9 @@ from attlog.core.files import write_atomic
 from attlog.report.bundle import ArrayPacker, Bundle, bundle, packed, source_hash
 from attlog.report.figures.catalogue import sections
 from attlog.report.figures.panels import time_marks
-from attlog.report.figures.style import RowStyle, row_styles
+from attlog.report.figures.style import row_styles
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
-from attlog.result import MEASURED_TIMES, Result, Verdict
-from attlog.words.answers import grouped_reasons as not_judged
+from attlog.result import MEASURED_TIMES, Result
 from attlog.words.findings import (
     checks_by_trouble,
     findings,
@@ -130,7 +129,7 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         happened=shown_events(result),
         four=compare_filters(result, look),
         checked=sum(check.verdict == "ok" for check in result.audit),
-        answers={v.question: spoken(v, look) for v in result.verdicts},
+        notes={v.question: v.notes for v in result.verdicts},
         findings=findings(result),
         gyro_bias=gyro_bias_text(result),
         alike=duplicate_rows_text(result),
@@ -151,13 +150,6 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         bundle=base64.b64encode(plot.packed).decode(),
         bundle_name=plot.name,
     )
-
-
-def spoken(verdict: Verdict, look: Mapping[str, RowStyle]) -> dict[str, Any]:
-    """An answer in whole sentences: how it was measured, who is not judged and why."""
-    names = {key: v.name for key, v in look.items()}
-    silent = not_judged(verdict, names, {key for key, v in look.items() if not v.onboard})
-    return {"sentence": verdict.sentence, "notes": verdict.notes, "reasons": silent}
 
 
 def file_stem(result: Result) -> str:

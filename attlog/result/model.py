@@ -85,20 +85,17 @@ def nothing_ran(rows: Iterable[EstimatorRow]) -> str:
 
 @dataclass(slots=True)
 class Verdict:
-    """The answer to one of the four questions in plain sentences.
+    """The answer to one of the four questions.
 
-    ``question``: accuracy, noise, lag, yaw_drift. ``sentence`` is plain text. ``bars`` are
-    (row, value, unit) for the card, ``not_judged`` (row, reason), ``notes`` sentences on
-    what was measured, for the card's details.
+    ``question``: accuracy, noise, lag, yaw_drift. ``bars``: (row, value, unit) of the rows with a value in the column
+    ``metric``, ``window``. ``notes``: sentences on what was measured and which rows are not ranked, and why.
     """
 
     question: str
-    title: str
     sentence: str
     metric: str
     window: str
     bars: list[tuple[str, float, str]] = field(default_factory=list)
-    not_judged: list[tuple[str, str]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
@@ -200,19 +197,15 @@ class Result:
     def load(cls, path: str | Path) -> Result:
         """The result that ``to_json`` wrote to ``path``, without traces: those are not in the file.
 
-        LogUnreadable if the file cannot be opened, UsageError for what is no result of
-        this schema or an older one, with the place. A file written without measured times reads back
-        with none: ``to_json(deterministic=True)`` gives its text again. Of an older schema its values are
-        read; what it did not tell takes its default, and ``schema`` tells which it was.
+        LogUnreadable if the file cannot be opened, UsageError with the place for what is no result of this schema. A
+        file written without measured times reads back with none: ``to_json(deterministic=True)`` gives its text again.
         """
         return cls.read(read_settings_bytes(Path(path), MAX_RESULT_BYTES), str(path))
 
     @classmethod
     def read(cls, content: bytes, name: str) -> Result:
         """The result that a JSON text is; errors as of :meth:`load` begin with ``name``."""
-        from attlog.result.reading import read
-
-        return read(cls, content, name)
+        return document.read(cls, content, name)
 
     @property
     def definitions(self) -> dict[str, dict[str, str]]:

@@ -14,7 +14,7 @@ from attlog.core.settings import adapter
 from attlog.metrics.gyro_bias import CommonBias
 from attlog.metrics.metric import Answer
 from attlog.metrics.statistics import UnitValues
-from attlog.result.document import MEASURED_TIMES, OWN, SCHEMA, SENTENCES
+from attlog.result.document import MEASURED_TIMES, SCHEMA
 from attlog.result.model import Result
 
 
@@ -40,22 +40,6 @@ def schema() -> dict[str, Any]:
     _drop_hidden(document)
     del document["properties"]["schema"]
     document["properties"] = {"schema": {"const": SCHEMA}} | document["properties"]
-    document["properties"]["sentences"] = {
-        "type": "array",
-        "items": {"type": "string"},
-        "description": "Reasons and methods of answers, each once; evidence has their number here, from 0 on.",
-    }
-    for name, what in (("evidence", "Evidence"), ("units", "UnitValues"), ("details", "Detail")):
-        document["properties"][name] = {
-            "type": "array",
-            "items": {"$ref": f"#/$defs/{what}"},
-            "description": "What answers share, each once; they have its number here, from 0 on.",
-        }
-    document["properties"]["usual"] = {
-        "type": "object",
-        "additionalProperties": {"type": "object", "additionalProperties": {"type": ["integer", "string"]}},
-        "description": "window -> metric -> evidence, or earlier window, of answers that tell neither.",
-    }
     document["required"] = ["schema", *document["required"]]
     _name_answers(document["$defs"])
     for part in (document, *document["$defs"].values()):
@@ -71,7 +55,7 @@ def _metrics() -> dict[str, Any]:
     """Every metric by its id: an answer, and what its value means."""
     return {
         name: {
-            "anyOf": [{"$ref": "#/$defs/Answer"}, {"type": "null"}],
+            "allOf": [{"$ref": "#/$defs/Answer"}],
             "title": metric.title,
             "unit": metric.unit,
             "better": metric.better,
@@ -82,29 +66,14 @@ def _metrics() -> dict[str, Any]:
 
 
 def _name_answers(parts: dict[str, Any]) -> None:
-    """Answers as they are shortened: sentences by their number, and those of an earlier window by its name."""
-    fields_of_answer = parts["Answer"]["properties"]
-    own = {name: fields_of_answer.pop(name) for name in OWN}
-    parts["Detail"] = own.pop("detail")
-    numbered = dict.fromkeys(SENTENCES, "sentences") | {"units": "units"}
-    fields_of_answer |= {name: _number(of) for name, of in numbered.items()}
-    parts["Evidence"] = {"type": "object", "properties": fields_of_answer, "description": "The rest of an answer."}
-    units = parts["UnitValues"]
-    own["unit_values"] = units["properties"].pop("values") | {"description": "One value per id of its evidence."}
-    units["required"].remove("values")
-    own["each"] = {"anyOf": [own["each"], {"type": "null"}], "description": "null: as unit_values."}
-    own |= {"detail": _number("details"), "evidence": _number("evidence")}
-    own["as_in"] = {"type": "string", "description": "The earlier window of the row whose answer this is, too."}
-    parts["Answer"]["properties"] = own
+    """Name the metrics of an answer, and leave out what its place gives."""
+    answer = parts["Answer"]["properties"]
+    del answer["detail"]
     parts["EstimatorRow"]["properties"]["metrics"] = {
         "type": "object",
         "description": "window -> metric -> answer",
         "additionalProperties": {"$ref": "#/$defs/Answers"},
     }
-
-
-def _number(of: str) -> dict[str, Any]:
-    return {"type": "integer", "minimum": 0, "description": f"Which of the document's {of}."}
 
 
 def _drop_hidden(document: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ import json
 import jsonschema
 import pytest
 
-from attlog.result.document import expanded
+from attlog.result.document import complete_answers
 from attlog.result.schema import schema
 from tests.conftest import few
 from tests.report.browser import executable
@@ -27,7 +27,8 @@ def document(request, samples, tmp_path_factory):
 
 
 def answers(document):
-    for row in expanded(document)["estimators"]:
+    complete_answers(document)
+    for row in document["estimators"]:
         for window, metrics in row["metrics"].items():
             for metric, answer in metrics.items():
                 yield row["name"], window, metric, answer

@@ -19,12 +19,10 @@ from attlog.compare.setting import parse_configuration
 from attlog.compare.setting_words import select_words, with_params_file
 from attlog.compare.tables import pooled_tables
 from attlog.core.errors import UsageError
-from attlog.core.plain import to_plain
 from attlog.estimators import get
 from attlog.formats import Recording
 from attlog.pipeline import prepare
 from attlog.pipeline.config import Config
-from attlog.result import Result
 from tests.compare.made import CONFIGURATIONS, comparison, filtered, result
 from tests.conftest import SAMPLES
 from tests.words.made import lag, merged, row, tilt
@@ -269,20 +267,6 @@ def test_wrong_usage_is_2_and_files_that_cannot_be_used_are_65_and_66(
     ):
         done = attlog("diff", *arguments)
         assert (done.code, word in done.err, done.out) == (code, True, ""), (arguments, done)
-
-
-def test_a_result_of_an_older_schema_is_compared(attlog, two: tuple[Path, Path]) -> None:
-    document = to_plain(Result.load(two[0])) | {"schema": "attlog-result/1"}
-    for key in ("worst", "ranked"):
-        del document[key]
-    del document["log"]["params"]
-    document["segments"] = [{"kind": "run", "t0": 0.0, "t1": 1.0, "why": ""}]
-    for answer in document["estimators"][0]["metrics"]["airborne"].values():
-        for key in ("floor", "each", "records", "taken_out"):
-            del answer[key]
-    two[0].write_text(json.dumps(document))
-    done = attlog("diff", *two)
-    assert (done.code, "lag_ms" in done.out) == (1, True), done
 
 
 # ``attlog sweep``: files, tables and exit codes.

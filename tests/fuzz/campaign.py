@@ -24,7 +24,7 @@ from typing import Any
 from unittest import mock
 
 from attlog.flight import limits
-from attlog.result.document import expanded
+from attlog.result.document import complete_answers
 from attlog.result.schema import schema
 from tests.conftest import SAMPLES, corpus_root
 from tests.fuzz.mutate import mutated
@@ -81,7 +81,8 @@ def wrong(text: str) -> list[str]:
     except ValueError as error:
         return [f"no JSON: {error}"]
     found = [f"schema: {e.json_path}: {e.message[:200]}" for e in _validator().iter_errors(document)]
-    return found + list(unphysical(expanded(document)))
+    complete_answers(document)
+    return found + list(unphysical(document))
 
 
 def unphysical(value: Any, path: str = "", name: str = "", unit: str = "") -> Iterator[str]:

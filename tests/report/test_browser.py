@@ -14,7 +14,7 @@ import pytest
 
 from attlog.report import write_report
 from attlog.result import Result
-from attlog.result.reading import read
+from attlog.result.document import read
 from attlog.story.flight_events import Event
 from tests.conftest import ROOT
 from tests.report.browser import Visit
@@ -341,7 +341,7 @@ def test_the_result_can_be_saved_from_the_page(visit, report):
     with page.expect_download() as download:
         page.click("#save")
     saved = json.loads(download.value.path().read_text(encoding="utf-8"))
-    assert saved["schema"] == "attlog-result/6"
+    assert saved["schema"] == "attlog-result/7"
     assert saved["estimators"][0]["name"] == "onboard"
 
 

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
+
 from attlog.metrics.gyro_bias import CommonBias
-from attlog.result import Check, Result, Verdict
-from attlog.words.answers import BriefAnswer, brief_answers, grouped_reasons, verdicts
+from attlog.metrics.metric import SpanAnswer, missing
+from attlog.result import Check, Result
+from attlog.words.answers import AnswerLine, answer_lines, verdicts
 from tests.words.made import (
+    DRIFT_AIR,
     DRIFT_REST,
     LAG,
     NOISE,
@@ -20,12 +26,13 @@ from tests.words.made import (
     sentence,
     step,
     tilt,
+    verdict,
 )
 
 
 def brief(question: str, made: Result) -> str:
     """The answer without the onboard attitude."""
-    return brief_answers(made)[question].text
+    return answer_lines(made)[question].text
 
 
 def rows(*values: float) -> list:
@@ -80,16 +87,21 @@ def test_a_drift_is_told_where_its_interval_excludes_zero_in_the_air_only_withou
 
 def test_the_onboard_attitude_is_added_where_it_fits() -> None:
     made = result([*rows(0.4, 1.2), row("onboard", tilt(0.9))], {TILT: ["a"]}, reference="truth")
-    found = brief_answers(made)["accuracy"]
+    found = answer_lines(made)["accuracy"]
     assert found.within(70) == "Tilt: A 0.40°, B 1.2°. Onboard 0.90°."
     assert found.within(30) == "Tilt: A 0.40°, B 1.2°."
-    assert BriefAnswer("ab", found.column, "cd").within(5) == "ab cd"
+    assert AnswerLine("ab", found.column, "cd", "ef.").within(5) == "ab cd"
+    assert AnswerLine("ab", found.column, "cd", "ef.").sentence == "ab cd ef."
 
 
 def test_what_has_no_answer_says_why_and_what_is_not_ranked_shows_its_range() -> None:
     made = result([row("a", absent(LAG, "airborne", "no_events", "no step in flight; fly some"))])
     assert brief("lag", made) == "Cannot be determined: no step in flight."
     assert brief("noise", result([])) == "Cannot be determined: no filter was run."
+    assert (
+        brief("accuracy", result([row("gyro", tilt(1.0))]))
+        == "Cannot be determined: only Gyro was run, which is never ranked."
+    )
     unranked = result([row("a", tilt(0.4, ranked=False)), row("b", tilt(0.7, ranked=False))])
     assert brief("accuracy", unranked) == "Not ranked (too little data in common): tilt 0.40 to 0.70°."
 
@@ -125,67 +137,154 @@ def test_filters_that_are_all_lost_are_said_so_once() -> None:
 def test_a_drift_of_the_onboard_attitude_is_a_number_only_where_it_is_significant() -> None:
     def onboard(value: float, width: float) -> str:
         made = result([row("a", drift(0.1)), row("b", drift(0.0)), row("onboard", drift(value, width))])
-        return brief_answers(made)["yaw_drift"].onboard
+        return answer_lines(made)["yaw_drift"].onboard
 
     assert onboard(6.9, 1.0) == "Onboard +6.9°/min."
     assert onboard(2.1, 4.0) == "Onboard below 6.1°/min."
     assert onboard(6.9, 11.6) == ""
 
 
-# What holds for all sentences: there are always four, short, and a wrong sensor is said by each.
+# All four answers.
 
 
-def test_nothing_at_all_still_gives_four_sentences():
+def test_nothing_at_all_still_gives_four_answers() -> None:
     found = verdicts(Result({}, "", {}, {}))
     assert [v.question for v in found] == ["accuracy", "noise", "lag", "yaw_drift"]
-    assert all(v.sentence.startswith("Cannot be judged: ") and v.sentence.endswith(".") for v in found)
+    assert all(v.sentence == "Cannot be determined: no filter was run." for v in found)
 
 
-def test_sentences_stay_short_with_many_filters():
+def test_answers_stay_short_with_many_filters() -> None:
     every = [
         merged(tilt(i + 1.0, i + 2.0), noise(0.01 * (i + 1)), lag(3.0 * i), step(i + 0.1, -i * 3), drift(i, 0.5))
         for i in range(20)
     ]
-    rows = [row(f"filter{i}@preset", metrics) for i, metrics in enumerate(every)]
-    names = [r.name for r in rows]
-    best = {m: names[:4] for m in ("tilt_rmse_deg", "noise_tilt_deg", "lag_ms", "drift_rest_deg_per_min")}
-    for found in verdicts(result(rows, best, dict.fromkeys(best, names[-1]), "truth")):
-        assert len(found.sentence.split()) <= 70, found.sentence
+    many = [row(f"filter{i}@preset", metrics) for i, metrics in enumerate(every)]
+    best = dict.fromkeys((TILT, NOISE, LAG, DRIFT_REST), [r.name for r in many][:4])
+    for found in verdicts(result(many, best, reference="truth")):
+        assert len(found.sentence.split()) <= 30, found.sentence
 
 
-def test_a_gyro_that_reads_wrong_standing_still_is_said_by_every_card():
+def test_a_gyro_that_reads_wrong_is_in_every_answer_and_its_numbers_in_the_notes() -> None:
     made = result([row("a", noise(0.01))])
     made.audit = [Check("gyro bias", "fault", "At rest -24.34, -23.28, 2.62 deg/s about x, y, z.")]
-    for found in verdicts(made):
-        assert found.sentence.startswith(
-            "Unreliable, the gyro is wrong: at rest −24.34, −23.28, 2.62°/s about x, y, z. "
-        )
+    found = verdict("noise", made)
+    assert found.sentence.startswith("Unreliable, the gyro is wrong: At rest A")
+    assert found.notes[0] == "At rest −24.34, −23.28, 2.62°/s about x, y, z."
     made.gyro_bias = [CommonBias("rest", "rest", dps=[-24.2, -24.1, 2.5])]
-    assert not any(found.sentence.startswith("Unreliable") for found in verdicts(made)), "it was subtracted"
+    assert not sentence("noise", made).startswith("Unreliable"), "it was subtracted"
     made.estimators[0].status = "not_judged"
     assert sentence("noise", made).startswith("Unreliable")
+    made.estimators[0].status = "ok"
     made.audit[0].verdict = "warning"
     assert not sentence("noise", made).startswith("Unreliable")
 
 
-def test_what_a_filter_of_nan_is_missing_is_not_blamed_on_the_log():
-    nan = row(
-        "nan",
-        absent("noise_tilt_deg", "rest", "rest_too_short", "rest too short"),
-        status="failed",
-        reason="returned NaN from 0.0 s on",
+def test_a_filter_that_failed_is_not_blamed_on_the_log() -> None:
+    few = absent(NOISE, "rest", "rest_too_short", "rest too short")
+    nan = row("nan", few, status="failed", reason="returned NaN from 0.0 s on")
+    assert "Nan: returned NaN from 0.0 s on." in verdict("noise", result([nan, row("a", noise(0.01))])).notes
+    assert sentence("noise", result([nan])) == "Cannot be determined: returned NaN from 0.0 s on."
+
+
+def test_a_filter_that_misses_the_step_is_named_beside_its_lag() -> None:
+    rows = [row("a", merged(lag(0), step(8.0, -30.0))), row("b", merged(lag(0), step(0.1, 1.0)))]
+    assert sentence("lag", result(rows)).endswith("(28 steps). A is 30 % short after 0.5 s.")
+    rows[1].metrics["airborne"]["step_error_pct.0.5s"].value = 12.0
+    assert sentence("lag", result(rows)).endswith("2 filters are up to 30 % off after 0.5 s.")
+
+
+@pytest.mark.parametrize(
+    ("verdict_", "ms", "late"),
+    [("warning", 21.0, True), ("fault", 80.0, True), ("ok", 21.0, False), ("warning", -9.0, False)],
+)
+def test_an_imu_that_is_late_makes_every_filter_late(verdict_: str, ms: float, late: bool) -> None:
+    made = result([row("a", lag(0))])
+    made.audit = [Check("imu delay", verdict_, "x", ms, "ms")]
+    assert (f"The IMU itself is {ms:.0f} ms late, and every filter with it." in sentence("lag", made)) == late
+
+
+@pytest.mark.parametrize(
+    ("present", "quoted", "doubtful"),
+    [(("onboard", "truth"), "truth", False), (("onboard", "mag"), "onboard", False), (("course", "mag"), "mag", True)],
+)
+def test_one_heading_reference_is_quoted_whatever_it_ranks(present, quoted: str, doubtful: bool) -> None:
+    made = result([row(n, merged(*(drift(v, against=p) for p in present))) for n, v in (("a", 1.0), ("b", 2.0))])
+    made.audit = [Check("field", "fault", "x")]
+    found = verdict("yaw_drift", made)
+    assert found.metric == f"{DRIFT_AIR}.{quoted}"
+    assert ("in doubt: its field is wrong" in found.sentence) == doubtful
+
+
+# Notes: what was measured, and who is not ranked.
+
+
+def test_rows_with_the_same_reason_stand_together_and_the_reference_itself_is_left_out() -> None:
+    itself = {"airborne": {LAG: missing("not_applicable", "it is the reference itself", "ms", "airborne")}}
+    few = absent(LAG, "airborne", "too_few_events", "2 steps; at least 3 are needed")
+    rows = [row("a", few), row("b", few), row("onboard", itself, is_reference=True)]
+    assert verdict("lag", result(rows)).notes == [
+        "Fly some more brisk steps in roll, pitch and yaw.",
+        "All filters: 2 steps; at least 3 are needed.",
+    ]
+    assert verdict("lag", result([*rows, row("c", lag(0))])).notes == ["A and B: 2 steps; at least 3 are needed."]
+
+
+def test_accuracy_notes_hold_the_reference_its_doubts_and_the_time() -> None:
+    made = result([row("a", tilt(1.0)), row("b", tilt(2.0))], reference="smoother")
+    made.reference.sigma_tilt_deg, made.reference.heading_by = 0.12, "onboard"
+    made.reference.text, made.reference.caveat = "Own sigma 0.12 deg.", "in doubt: own tilt sigma 1.8 deg; no heading"
+    made.estimators = [replace(r, uses_mag=False) for r in made.estimators]
+    assert verdict("accuracy", made).notes == [
+        "Own sigma 0.12°.",
+        "In doubt: own tilt sigma 1.8°.",
+        "No heading.",
+        "Headings are compared with onboard (agreement, not truth).",
+        "RMS error in the air, 60 s, against the smoother (sigma 0.12°).",
+        "Without a compass filters know no north: each heading counts from the start.",
+    ]
+
+
+def test_noise_notes_hold_the_phases_and_the_gyros_own_noise_where_it_is_larger() -> None:
+    quiet = [row(n, merged(noise(v, "hover", gyro_share=0.3), noise(v, "cruise"))) for n, v in (("a", 0.1), ("b", 0.2))]
+    assert verdict("noise", result(quiet)).notes == [
+        "In hover: 28 windows of 5 s.",
+        "In moving flight: 28 windows of 5 s.",
+        "The gyro's own noise is about 0.30°.",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ms", "note"),
+    [
+        (11.0, "The logged IMU itself comes 11 ms late; that is not counted as lag."),
+        (0.2, "No delay of the logged IMU is known; lags are taken as they are."),
+    ],
+)
+def test_the_delay_of_the_logged_imu_is_a_note(ms: float, note: str) -> None:
+    made = result([row("a", lag(0))])
+    made.estimators[0].metrics["airborne"][LAG].taken_out = ms
+    assert note in verdict("lag", made).notes
+
+
+def test_every_rest_is_a_note_with_what_could_be_used_of_it() -> None:
+    made = result([row("a", drift(1.0))], place={"earth_turn_deg_per_min": 0.15})
+    made.estimators[0].metrics["rest"][DRIFT_REST].records = [
+        SpanAnswer(0.0, 14.2, 0.0, reason="0 s after settling; 8 are needed"),
+        SpanAnswer(700.0, 736.0, 31.0, 1.0, (0.9, 1.1)),
+    ]
+    assert verdict("yaw_drift", made).notes == [
+        "Rest from 0.0 s to 14.2 s: 0 s after settling; 8 are needed.",
+        "Rest from 0:11:40 to 0:12:16: 31 s usable.",
+        "The earth itself turns by +0.15°/min here.",
+    ]
+
+
+def test_both_reasons_for_no_drift_are_notes_with_advice_on_the_rest() -> None:
+    metrics = merged(
+        absent(DRIFT_REST, "rest", "no_rest", "No rest."),
+        absent(f"{DRIFT_AIR}.onboard", "airborne", "record_too_short", "8 s in the air; 20 are needed"),
     )
-    found = {v.question: v for v in verdicts(result([nan, row("a", noise(0.01))]))}
-    assert ("nan", "returned NaN from 0.0 s on") in found["noise"].not_judged
-    assert sentence("noise", result([nan])) == "Cannot be judged: returned NaN from 0.0 s on."
-
-
-# Who is not judged in an answer, and why.
-
-
-def test_rows_with_the_same_reason_stand_together_by_name_and_the_reference_itself_is_left_out():
-    given = [("a@x-1", "short"), ("b", "short"), ("onboard", "it is the reference itself")]
-    verdict = Verdict("lag", "", "", "lag_ms", "all", [], given)
-    names = {"a@x-1": "A, X 1", "b": "B"}
-    assert grouped_reasons(verdict, names, {"a@x-1", "b", "c"}) == [("A, X 1 and B", "short")]
-    assert grouped_reasons(verdict, names, {"a@x-1", "b"}) == [("All filters", "short")]
+    found = verdict("yaw_drift", result([row("a", metrics)], advice={"rest": "Set LOG_DISARMED to 1"}))
+    assert found.sentence == "Cannot be determined: no rest."
+    assert found.notes[0] == "Set LOG_DISARMED to 1."
+    assert found.notes[1:] == ["A: at rest, No rest.", "A: in the air, 8 s in the air; 20 are needed."]

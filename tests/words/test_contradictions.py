@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from pathlib import Path
 
@@ -12,8 +11,7 @@ from hypothesis import strategies as st
 
 from attlog.metrics.metric import Answer, missing
 from attlog.result import Assessment, Check, EstimatorRow, Finding, Result
-from attlog.words.answers import BriefAnswer, brief_answers, verdicts
-from attlog.words.ranking import rank_column
+from attlog.words.answers import verdicts
 from tests.conftest import corpus_logs, corpus_root, few
 from tests.words.contradictions import contradictions
 from tests.words.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT, merged, result, row
@@ -116,28 +114,21 @@ def told() -> Result:
     return made
 
 
-@pytest.mark.parametrize("question", ["accuracy", "noise", "lag", "yaw_drift"])
-def test_a_worst_row_that_the_table_marks_best_is_found(question):
+@pytest.mark.parametrize("question", ["accuracy", "noise"])
+def test_a_leader_that_the_table_does_not_mark_is_found(question):
     made = told()
     assert contradictions(made) == []
-    i = ("accuracy", "noise", "lag", "yaw_drift").index(question)
-    for names in (made.best, made.worst):
-        for window in names.values():
-            for metric in window:
-                window[metric] = ["mahony"]
-    assert any(line.startswith(question) for line in contradictions(made)), made.verdicts[i].sentence
+    for names in made.best.values():
+        for metric in names:
+            names[metric] = ["mahony"]
+    assert any(line.startswith(question) for line in contradictions(made))
 
 
-@pytest.mark.parametrize(
-    ("was", "now"), [("1.0°", "1.3°"), ("less than", "less than 0."), ("VQF", "mahony@xu"), ("9.0°", "9.0 deg")]
-)
+@pytest.mark.parametrize(("was", "now"), [("1.0°", "1.3°"), ("VQF", "mahony@xu"), ("9.0°", "9.0 deg")])
 def test_a_changed_word_or_number_is_found(was, now):
     made = told()
     for v in made.verdicts:
         v.sentence = v.sentence.replace(was, now)
-    if was == "less than":
-        made.verdicts[3].sentence = "At rest, no drift is told of VQF: less than 0.50°/min."
-        made.estimators[0].metrics["rest"][DRIFT_REST].ci95 = (-0.7, 0.5)
     assert contradictions(made)
 
 
@@ -145,9 +136,6 @@ def test_a_bar_or_a_star_that_differs_from_the_table_is_found():
     made = told()
     made.verdicts[1].bars[0] = ("vqf", 0.7, "deg")
     assert any("bar of vqf" in line for line in contradictions(made))
-    made = told()
-    made.verdicts[1] = dataclasses.replace(made.verdicts[1], not_judged=[("vqf", "too short")])
-    assert any("pale" in line for line in contradictions(made))
 
 
 def wrong(made: Result, words: str) -> bool:
@@ -155,31 +143,21 @@ def wrong(made: Result, words: str) -> bool:
     return any(words in line for line in contradictions(made))
 
 
-def test_a_bound_that_excludes_nothing_is_found():
+def test_a_bound_that_excludes_nothing_or_too_much_is_found():
     made = told()
-    made.verdicts[3].sentence = "At rest, no significant drift of VQF: less than 57.0°/min."
+    made.verdicts[3].sentence = "At rest VQF below 57.0°/min."
     assert wrong(made, "excludes nothing")
+    made.verdicts[3].sentence = "At rest VQF below 0.50°/min."
+    made.estimators[0].metrics["rest"][DRIFT_REST].ci95 = (-0.7, 0.5)
+    assert wrong(made, "said to be below 0.50")
 
 
 def test_all_filters_that_are_not_all_of_the_table_are_found():
     made = told()
-    made.verdicts[2].sentence = "All 5 filters lag by 1 to 9 ms."
+    made.verdicts[2].sentence = "All 5 filters 1 to 9 ms ahead of onboard."
     assert wrong(made, "the table has [3]")
-    made.verdicts[2].sentence = "2 of 2 ranked filters lag by 1 to 9 ms."
+    made.verdicts[2].sentence = "All 2 ranked filters 1 to 9 ms ahead of onboard."
     assert wrong(made, "the table has [3]")
-
-
-def test_most_beside_larger_values_is_found():
-    made = told()
-    made.verdicts[1].sentence = "Mahony has the most noise: 2.0°."
-    assert wrong(made, "beside larger values")
-
-
-def test_in_error_beside_a_value_better_than_most_is_found():
-    made = told()
-    made.estimators.append(row("onboard", {"airborne": {TILT: Answer(0.5, "deg", "airborne", 9, 60.0)}}))
-    made.verdicts[0].sentence += " Onboard: 0.50°; it is in error here."
-    assert wrong(made, "better than most")
 
 
 def test_a_headline_that_its_findings_deny_is_found():
@@ -203,14 +181,12 @@ def test_a_finding_of_a_sensor_that_its_check_calls_ok_is_found():
     assert wrong(made, "by the sensors' table")
 
 
-def test_a_number_of_a_short_answer_that_is_not_in_the_table_is_found(monkeypatch):
+def test_a_number_that_is_not_in_the_table_is_found():
     made = told()
-    said = {
-        q: BriefAnswer("At rest A 7.7°.", rank_column(made, TILT, ("airborne",)))
-        for q in ("accuracy", "noise", "lag", "yaw_drift")
-    }
-    monkeypatch.setattr("tests.words.contradictions.brief_answers", lambda result: said)
+    made.verdicts[0].sentence = "Tilt: VQF 7.7°, others 2.0 to 9.0°."
     assert wrong(made, "7.7 is no number of the table")
+    made.verdicts[2].sentence += " VQF is 33 % short after 0.5 s."
+    assert wrong(made, "33 % is no error of a step")
 
 
 def longest_clause(text: str) -> int:
@@ -236,6 +212,5 @@ def test_no_log_in_hand_contradicts_itself(path):
     except AttlogError as error:
         pytest.skip(str(error))
     assert contradictions(found) == []
-    brief = [answer.text for answer in brief_answers(found).values()]
-    long = [text for text in (*(v.sentence for v in found.verdicts), *brief) if longest_clause(text) > MAX_WORDS]
+    long = [v.sentence for v in found.verdicts if longest_clause(v.sentence) > MAX_WORDS]
     assert not long

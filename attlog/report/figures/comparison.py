@@ -9,7 +9,7 @@ from attlog.report.figures.canvas import ABOVE, Canvas, Key, PageFigure, Rows, t
 from attlog.report.figures.style import AXIS_LINE, DASH, INK, LINE, MARKER, TEXT, WIDTH, RowStyle, axis, below, palette
 from attlog.report.first_screen import TITLES, filters_in_order, scale_of, unit_text
 from attlog.result import Result
-from attlog.words.answers import brief_answers
+from attlog.words.answers import answer_lines
 
 ROW_PX = 14.0
 """Pixels of a row."""
@@ -21,7 +21,7 @@ PANEL_MARGIN = 0.04
 
 def comparison_figure(result: Result, look: dict[str, RowStyle]) -> list[PageFigure]:
     """The figure where a question can be answered: rows and, by question, a scale and dots."""
-    answers = brief_answers(result)
+    answers = answer_lines(result)
     names = Rows({key: own.name for key, own in look.items()})
     rows = [row for row in filters_in_order(result, answers["accuracy"].column) if row.name in names]
     found = [(key, answers[key].column) for key in TITLES if answers[key].column.filters]
