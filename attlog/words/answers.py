@@ -100,12 +100,12 @@ def answer_lines(result: Result) -> dict[str, AnswerLine]:
     check = spoiling_check(result)
     if check is None:
         return found
-    warning, note = f"Unreliable, {SPOILING_CHECKS[check.name]}: ", f"{typeset(check.text.rstrip('.'))}."
+    wrong = SPOILING_CHECKS[check.name]
+    note = f"{_capital(wrong)}: {typeset(check.text.rstrip('.'))}."
+    lines = {question: replace(line, notes=(note, *line.notes)) for question, line in found.items()}
     return {
-        question: replace(line, text=warning + line.text, onboard="", notes=(note, *line.notes))
-        if line.answered
-        else line
-        for question, line in found.items()
+        question: replace(line, text=f"Unreliable, {wrong}: {line.text}", onboard="") if line.answered else line
+        for question, line in lines.items()
     }
 
 

@@ -301,7 +301,7 @@ def test_what_is_left_to_say_with_an_accelerometer_in_wrong_axes() -> None:
     result = pipeline.analyze(log, {"estimators": ["mahony", "eskf"]})
     assert result.reference is not None
     assert result.reference.choice == "onboard"
-    assert all("the accelerometer is wrong" in verdict.sentence for verdict in result.verdicts)
+    assert all(verdict.notes[0].startswith("The accelerometer is wrong") for verdict in result.verdicts)
     codes = {problem.kind for problem in result.findings}
     assert "accelerometer_axes" in codes
     assert not codes & {"attitude", "mounting"}, "the attitude is right"

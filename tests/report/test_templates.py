@@ -55,7 +55,6 @@ def test_a_damaged_file_is_made_again(kept: Path, own: Path) -> None:
 
 def test_a_folder_that_cannot_be_written_is_no_error(kept: Path, own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept.rmdir()
-    kept.write_text("a file")
     assert filled(own) == "<p>&lt;HI&gt;</p>"
     monkeypatch.setattr(templates, "private_folder", lambda kind, version: None)
     assert filled(own) == "<p>&lt;HI&gt;</p>"

@@ -169,7 +169,7 @@ def test_a_gyro_that_reads_wrong_is_in_every_answer_and_its_numbers_in_the_notes
     made.audit = [Check("gyro bias", "fault", "At rest -24.34, -23.28, 2.62 deg/s about x, y, z.")]
     found = verdict("noise", made)
     assert found.sentence.startswith("Unreliable, the gyro is wrong: At rest A")
-    assert found.notes[0] == "At rest −24.34, −23.28, 2.62°/s about x, y, z."
+    assert found.notes[0] == "The gyro is wrong: At rest −24.34, −23.28, 2.62°/s about x, y, z."
     made.gyro_bias = [CommonBias("rest", "rest", dps=[-24.2, -24.1, 2.5])]
     assert not sentence("noise", made).startswith("Unreliable"), "it was subtracted"
     made.estimators[0].status = "not_judged"
