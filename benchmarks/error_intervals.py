@@ -30,12 +30,12 @@ from intervals import halves_of, meets
 from attlog import flight, metrics, pipeline, reference
 from attlog.flight.model import FlightLog
 from attlog.metrics import Answer, Case, following, ranking
+from attlog.metrics.accuracy import ERRORS
 from attlog.metrics.statistics import Summary
 from attlog.pipeline import replay
 from attlog.reference.model import Row
 
-STATISTICS = ("rmse", "median", "p95")
-METRICS = [f"{angle}_{name}_deg" for angle in ("tilt", "heading", "total") for name in STATISTICS]
+METRICS = [m.name for q in ERRORS.values() for m in q.metrics]
 FILTERS = ("default", "eskf", "mekf")
 Table = dict[str, dict[str, dict[str, Answer]]]
 
@@ -52,10 +52,8 @@ class Side:
         }
         self.halves = halves or halves_of(case)[:2]
         windows = ("airborne", *self.halves)
-        self.table: Table = {
-            n: metrics.compute(self.case, r, windows, cost=False, only=METRICS) for n, r in self.rows.items()
-        }
-        metrics.settle(self.case, self.table, cost=False, only=METRICS)
+        self.table: Table = {n: metrics.compute(self.case, r, windows, only=METRICS) for n, r in self.rows.items()}
+        metrics.finish(self.case, self.table, cost=False, only=METRICS)
 
     def answers(self, window: str, metric: str) -> dict[str, Answer]:
         """What the rows answer that have a value."""
@@ -108,7 +106,7 @@ def share(values: list[float]) -> str:
 
 def show(found: dict[tuple[str, str], dict[str, list[float]]]) -> None:
     """One table per statistic, then the orders."""
-    for statistic in STATISTICS:
+    for statistic in ("rmse", "p95"):
         print(f"\n| {statistic} | holds, % | halves, truth, % | halves, without, % | width, truth | width, without |")
         print("| --- | --- | --- | --- | --- | --- |")
         for (own, row), of in found.items():

@@ -7,7 +7,7 @@ log, without its truth, and with it. One line per column and window, over all re
 
 - ``answered``: share of the rows with a value, without truth and with it;
 - ``holds``: how often the interval that stands there without truth holds what truth says. Noise: the typical
-  window of estimate minus truth. Lag, gain, leak: the same filter on a gyro made from the truth. Others: the value
+  window of estimate minus truth. Lag and gain: the same filter on a gyro made from the truth. Others: the value
   against truth. ``*``: without truth such a value is agreement with the autopilot and does not claim to be an error;
 - ``halves``: how often the first half's interval meets the second half of the same flight, which is independent of
   it: difference within the root sum of squares of both widths. Noise of the second half is that of truth;
@@ -49,9 +49,9 @@ Table = dict[str, dict[str, dict[str, Answer]]]
 """row -> window -> metric -> Answer"""
 
 DEFINED = metrics.definitions()
-MADE = ("lag_ms", "lag_roll_ms", "lag_pitch_ms", "lag_yaw_ms", "leak_per_s", "step_gain")
+MADE = ("lag_ms", "lag_roll_ms", "lag_pitch_ms", "lag_yaw_ms", "step_gain")
 """Known where the gyro is made from the truth: what such a filter shows is its own."""
-AGREEMENT = ("total_", "heading_", "tilt_", "drift_air_", "wander_", "distortion_")
+AGREEMENT = ("total_", "heading_", "tilt_", "drift_air_", "distortion_")
 ERRORS = ("total_", "heading_", "tilt_")
 QUICK = ("px4_hover.ulg", "px4_steps.ulg", "copter_aggressive.bin", "copter_hover_rest.bin")
 HELD, WRONG, LEAST = (90.0, 99.0), 5.0, 20
@@ -103,7 +103,7 @@ def side(path: Path, truth: bool, halves: tuple[str, ...] = ()) -> Side:
     rows = {row.name: row for row in replay.run_rows(case, ["default"])}
     case = case.looked_at_with([*rows.values(), *reference.onboard_rows(case.log, case.segments, case.reference)])
     windows = (*case.windows, *(halves or halves_of(case)))
-    return Side(case, rows, {n: metrics.compute(case, row, windows, cost=False) for n, row in rows.items()})
+    return Side(case, rows, {n: metrics.compute(case, row, windows) for n, row in rows.items()})
 
 
 def halves_of(case: Case) -> tuple[str, ...]:
@@ -131,7 +131,7 @@ def made(truth: Side) -> dict[str, dict[str, Answer]]:
     found = {}
     for row in replay.run_rows(replace(case, imus={"": replace(unit, gyro=gyro, dt=None)}), ["default"]):
         row.status, row.imu = "ok", unit
-        found[row.name] = metrics.compute(case, row, ("all",), cost=False)["all"]
+        found[row.name] = metrics.compute(case, row, ("all",))["all"]
     return found
 
 
@@ -236,17 +236,11 @@ def judge_noise(seen: Flight, blind: Side, truth: Side, metric: str, phase: str)
             inside = np.isin(answer.units.ids, early)
             units = replace(answer.units, ids=answer.units.ids[inside], values=answer.units.values[inside])
             first[name], later[name] = replace(answer, value=mine.value, ci95=mine.ci95, units=units), its.value
-    if metric != "noise_p2p_deg":
-        answers = {n: blind.table[n][phase][metric] for n in same if n in blind.comparable}
-        judge_pairs(seen, column, "told", metric, told(answers, metric), same)
-        judge_pairs(
-            seen,
-            column,
-            "first",
-            metric,
-            told({n: a for n, a in first.items() if n in blind.comparable}, metric),
-            later,
-        )
+    answers = {n: blind.table[n][phase][metric] for n in same if n in blind.comparable}
+    judge_pairs(seen, column, "told", metric, told(answers, metric), same)
+    judge_pairs(
+        seen, column, "first", metric, told({n: a for n, a in first.items() if n in blind.comparable}, metric), later
+    )
 
 
 def judge(seen: Flight, blind: Side, truth: Side, own: dict[str, dict[str, Answer]], metric: str, window: str) -> None:
@@ -325,8 +319,7 @@ def observe(path: Path) -> Flight | None:
                 seen.counts[column]["blind"] += a is not None and a.value is not None
                 seen.counts[column]["true"] += b is not None and b.value is not None
         if metric.startswith("noise_"):
-            if metric != "noise_p2p_deg":
-                judge_noise(seen, blind, truth, metric, window)
+            judge_noise(seen, blind, truth, metric, window)
             continue
         judge(seen, blind, truth, own, metric, window)
         at_rest = metric.startswith("drift_rest")

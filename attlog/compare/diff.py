@@ -187,24 +187,18 @@ def _parse_rule(text: str, units: Mapping[str, str]) -> ToleranceRule:
 
 # Changes by their meaning: question by question, the numbers of the report first, worse before better.
 
-QUESTION_OF_METRICS = {"errors": "Accuracy", "noise": "Noise", "steps": "Step response", "drift": "Yaw drift"}
-"""Rooms of metrics and what their question is called."""
 OTHER_QUESTION = "Other numbers"
-QUESTION_ORDER = (*QUESTION_OF_METRICS.values(), OTHER_QUESTION)
+QUESTION_ORDER = ("Accuracy", "Noise", "Step response", "Yaw drift", OTHER_QUESTION)
 VERDICT_ORDER = ("beyond", "vanished", "appeared", "not_significant", "within")
 
 
 @cache
 def metric_titles() -> dict[str, tuple[str, str]]:
     """Metric id -> its question and its title."""
-    from attlog.metrics import QUESTIONS, questions
+    from attlog.metrics import questions
+    from attlog.metrics.cost import COST
 
-    pairs = zip(QUESTIONS, questions(), strict=True)
-    return {
-        m.name: (QUESTION_OF_METRICS.get(name.partition(".")[0], OTHER_QUESTION), m.title)
-        for name, q in pairs
-        for m in q.METRICS
-    }
+    return {m.name: (q.topic or OTHER_QUESTION, m.title) for q in (*questions(), COST) for m in q.metrics}
 
 
 def metric_question(metric: str) -> str:

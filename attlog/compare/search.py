@@ -38,7 +38,7 @@ def swept_questions(texts: Iterable[str]) -> list[Question]:
 
     UsageError names everything wrong in them. Metrics that run the filter again are not among them.
     """
-    known = [m for q in metrics.questions() if q is not metrics.measured() for m in q.METRICS]
+    known = [m for q in metrics.questions() for m in q.metrics]
     return [question_of(metric, window or "all") for metric, window in parse_metrics(texts, known)]
 
 
@@ -75,7 +75,7 @@ class SettingsOnLog:
         for question in self.questions:
             _check_window(case, question)
         asked = {q.metric for q in self.questions}
-        self._computed = [q for q in metrics.questions() if {m.name for m in q.METRICS} & asked]
+        self._computed = [q for q in metrics.questions() if {m.name for m in q.metrics} & asked]
         self._known: dict[str, SettingResult] = {}
 
     @property
@@ -111,8 +111,7 @@ class SettingsOnLog:
             here = [q for q in self.questions if q.window == window]
             answers: dict[str, Answer] = {}
             for computed in self._computed:
-                only = {"only": {q.metric for q in here}} if computed.name == "errors.rmse" else {}
-                answers |= computed.compute(seen, row, window, **only)
+                answers |= computed.ask(seen, row, window)
             for q in here:
                 nothing = f"{q.metric} means nothing in window {window}"
                 found[q] = answers.get(q.metric) or missing("not_applicable", nothing, q.unit, window)

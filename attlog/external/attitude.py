@@ -30,20 +30,20 @@ from attlog.segments import increments, model
 __all__ = ["attach_truth", "check_truth"]
 
 
+# Rates of one flight correlate above the first; another offset's misfit must not be as good within the second.
 MIN_CORRELATION, MIN_RIVAL_MISFIT = 0.9, 0.93
-"""Rates of one flight correlate above the first; another offset's misfit must not be as good within the second."""
+# Rates over the shorter tell most, over the longer a noisy truth still tells a slow flight.
 SPANS_S, MIN_RATES = (clock.SPAN_S, 0.3), 30
-"""Rates over the shorter tell most, over the longer a noisy truth still tells a slow flight."""
+# Of one flight rates over so long correlate even under a noisy truth; those of two that look alike still do not.
 LONG_S = 1.6
-"""Of one flight rates over so long correlate even under a noisy truth; those of two that look alike still do not."""
+# A turn between the bodies that is less sure is not known.
 MAX_TURN_SIGMA_DEG = 4.0
-"""A turn between the bodies that is less sure is not known."""
+# Another reading than the usual must leave less than this share of what the usual one leaves.
 MAX_READING_MISFIT = 0.9
-"""Another reading than the usual must leave less than this share of what the usual one leaves."""
+# How far the clock may lie from a given offset, and that of a topic from the log's own.
 AROUND_S, SAME_CLOCK_S = 0.5, 1.0
-"""How far the clock may lie from a given offset, and that of a topic from the log's own."""
+# In so short a time a gyro is exact: what the truth turns otherwise is its noise.
 NOISE_S = 0.1
-"""In so short a time a gyro is exact: what the truth turns otherwise is its noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,10 +256,10 @@ def _angles(q: NDArray[np.float64]) -> Angles:
 
 # A truth that the user brings: motion capture, RTK, vision or another estimator, put on a log's clock and axes.
 
+# Attitudes of a PX4 log that others measured.
 EXTERNAL_TOPICS = ("vehicle_mocap_odometry", "vehicle_visual_odometry", "vehicle_vision_attitude")
-"""Attitudes of a PX4 log that others measured."""
+# The heading of a receiver with two antennas, which goes with the smoother's tilt; so many make one.
 DUAL_ANTENNA, MIN_HEADINGS = "gnss_yaw", 20
-"""The heading of a receiver with two antennas, which goes with the smoother's tilt; so many make one."""
 
 
 def attach_truth(log: FlightLog, given: str) -> FlightLog:
@@ -342,8 +342,8 @@ def _attitude_trajectory(name: str, attitude: Attitude, known_axes: bool) -> Tra
 # An attitude that somebody computed elsewhere, read from a CSV file and put on the log's clock and axes by physics.
 
 Array = NDArray[np.float64]
+# Attitudes that make a row.
 MIN_ROW_ATTITUDES = 10
-"""Attitudes that make a row."""
 
 
 def read_attitude(path: Path, log: FlightLog, imu: Imu, asked: Mapping[str, float | str]) -> Estimate:

@@ -20,19 +20,19 @@ Array = NDArray[np.float64]
 
 G = 9.80665
 BLOCKS, MIN_BLOCKS = 10, 4
+# The mean force over so long is gravity, the bias and the change of velocity.
 BLOCK_S = 2.0
-"""The mean force over so long is gravity, the bias and the change of velocity."""
+# One sigma of an accelerometer's bias before a flight tells it.
 BIAS_M_S2 = np.array([0.15, 0.15, 0.3])
-"""One sigma of an accelerometer's bias before a flight tells it."""
+# Motion tells north above so much speed, where both velocities correlate by so much, by so many of them.
 SPEED_M_S, SAME_WAY, MIN_SPEEDS = 1.0, 0.9, 20
-"""Motion tells north above so much speed, where both velocities correlate by so much, by so many of them."""
+# A receiver's velocity may be late by what its driver does not know; on a curve that would turn north.
 LATE_S = np.arange(-0.1, 0.41, 0.02)
-"""A receiver's velocity may be late by what its driver does not know; on a curve that would turn north."""
 DOWN = np.array([0.0, 0.0, 1.0])
+# What differs from the usual by fewer sigmas is the usual.
 SIGNIFICANT_SIGMAS = 3.0
-"""What differs from the usual by fewer sigmas is the usual."""
+# Body axes that people give: forward-right-down and forward-left-up.
 USUAL_BODIES = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
-"""Body axes that people give: forward-right-down and forward-left-up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,16 +202,16 @@ def velocity_from_position(t: Array, position: Array | None) -> Array | None:
 
 NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 EARTH = {"ned": NO_TURN, "enu": rotation.ENU}
+# The half turns that lead from these axes to north-east-down and to forward-right-down.
 BODY = {"frd": NO_TURN, "flu": rotation.FLU}
-"""The half turns that lead from these axes to north-east-down and to forward-right-down."""
 INTERVAL_S, MAX_RATE_INTERVALS = 0.1, 20_000
+# Rates that differ by less than half of their own size are the same rotation. The fastest of which there are enough
+# count: in slow ones what a filter adds to the gyro is not small.
 MAX_RATE_DIFFERENCE, MOVING_DPS, MIN_MOVING = 0.5, (20.0, 8.0, 3.0), 10
-"""Rates that differ by less than half of their own size are the same rotation. The fastest of which there are enough
-count: in slow ones what a filter adds to the gyro is not small."""
+# The mean force may lie so far from the vertical: acceleration averages out over a flight.
 TILT_DEG = 20.0
-"""The mean force may lie so far from the vertical: acceleration averages out over a flight."""
+# The second best must be so much worse to be another.
 MIN_RIVAL_RATIO = 1.5
-"""The second best must be so much worse to be another."""
 
 
 @dataclass(frozen=True, slots=True)

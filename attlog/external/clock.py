@@ -21,23 +21,23 @@ from attlog.segments.increments import GyroIncrements
 
 Array = NDArray[np.float64]
 
+# Rates are means over so long at least, where noise of the truth is small, at so many instants at most.
 SPAN_S, MAX_INTERVALS = 0.08, 6000
-"""Rates are means over so long at least, where noise of the truth is small, at so many instants at most."""
+# Grid of the first search; what both must cover there, also as a share of the shorter of the two.
 GRID_S, MIN_OVERLAP_S, MIN_OVERLAP_SHARE = 0.05, 10.0, 0.3
-"""Grid of the first search; what both must cover there, also as a share of the shorter of the two."""
+# So many offsets are looked at closer, this far from each other.
 MAX_PEAKS, MIN_PEAK_DISTANCE_S = 6, 0.5
-"""So many offsets are looked at closer, this far from each other."""
+# Steps around the best offset, three to each side, before a parabola.
 STEPS_S = (0.05, 0.02, 0.006, 0.002)
-"""Steps around the best offset, three to each side, before a parabola."""
+# So many intervals tell which offset is best.
 COARSE_INTERVALS = 1200
-"""So many intervals tell which offset is best."""
+# The record is fitted to so far from its middle, in so many steps; the gyro's change is taken over twice so long.
 LENGTHS_S, ROUNDS, NEAR_S = (300.0, 900.0, 2700.0), 3, 0.004
-"""The record is fitted to so far from its middle, in so many steps; the gyro's change is taken over twice so long."""
 JACKKNIFE = 10
+# A drift is taken out where it is so many sigmas, and 1 ppm, and the vehicle turned in so many seconds.
 DRIFT_SIGMAS, LEAST_DRIFT, LEAST_SPREAD = 4.0, 1e-6, 10.0
-"""A drift is taken out where it is so many sigmas, and 1 ppm, and the vehicle turned in so many seconds."""
+# Beyond so many medians, and no larger share: where a vehicle mostly stands still, its motion is no outlier.
 OUTLIERS, FEW_OUTLIERS = 6.0, 0.005
-"""Beyond so many medians, and no larger share: where a vehicle mostly stands still, its motion is no outlier."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,8 @@ class RateFit:
 
     turn: Array
     bias: Array
+    # Mean square of what is left, (rad/s)^2.
     misfit: float
-    """Mean square of what is left, (rad/s)^2."""
     correlation: float
     n: int
 
@@ -290,8 +290,8 @@ def _gauss_newton_step(
 
 # On which clock are the times of a file? One that the log knows, or the offset that the user gives.
 
+# So much of the file, or of the log, must lie within the other.
 MIN_FILE_OVERLAP = 0.5
-"""So much of the file, or of the log, must lie within the other."""
 
 
 def times_on_log(

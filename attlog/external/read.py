@@ -41,8 +41,8 @@ POSITIONS = (
 )
 EULER = (("roll", "phi"), ("pitch", "theta"), ("yaw", "heading", "psi", "hdg"))
 ANGLE_UNITS = {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}
+# Attitudes come at 1 Hz to 5 kHz: where no unit is told, the one counts that says so.
 TIME_STEP_RANGE_S = (2e-4, 1.0)
-"""Attitudes come at 1 Hz to 5 kHz: where no unit is told, the one counts that says so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,12 @@ class AttitudeColumns:
     t: Array
     q: Array | None
     euler: Array | None
+    # Unit of the Euler angles as the names tell it: deg, rad, or empty.
     angles: str
-    """Unit of the Euler angles as the names tell it: deg, rad, or empty."""
+    # The columns that were taken, for messages.
     names: str
-    """The columns that were taken, for messages."""
+    # Where it was (n, 3), in m, if the file tells.
     position: Array | None = None
-    """Where it was (n, 3), in m, if the file tells."""
 
 
 def read_columns(path: Path) -> AttitudeColumns:
@@ -161,10 +161,10 @@ def _seconds(path: Path, name: str, values: Array) -> Array:
 # with a header.
 
 TUM_COLUMNS, EUROC_COLUMNS = 8, 8
+# Larger times without a unit are nanoseconds: as seconds they would be 30,000 years.
 NANOSECONDS = 1e12
-"""Larger times without a unit are nanoseconds: as seconds they would be 30,000 years."""
+# Attitudes that make a trajectory.
 MIN_ATTITUDES = 20
-"""Attitudes that make a trajectory."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from pathlib import Path
 from attlog.core.errors import LogUnreadable, UsageError
 
 KEYS = ("offset", "north", "topic")
+# What a trajectory's name may end with; another name with a dot in it is meant as a file too.
 SUFFIXES = (".csv", ".txt", ".tum", ".tsv")
-"""What a trajectory's name may end with; another name with a dot in it is meant as a file too."""
 YES, NO = ("true", "yes", "1"), ("false", "no", "0")
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from attlog.core.spans import Span
 from attlog.metrics import following
 from attlog.metrics import intervals as interval
-from attlog.metrics.metric import Answer, Case, Metric, applies_to, missing, paragraph, per_row
+from attlog.metrics.metric import Answer, Case, Metric, Question, missing, paragraph, per_row
 from attlog.metrics.windows import deviations, rest_spans, why_none, within
 from attlog.reference.model import Row
 
@@ -21,12 +21,12 @@ SHORTEST_S = 60.0
 POINTS_PER_DECADE = 12
 BLOCK = 1 << 14
 WALK_TAU_S = (0.3, 3.0)
+# White rate noise falls as tau^-1/2; outside these slopes the number would not be an angle random walk.
 WALK_SLOPE = (-0.7, -0.3)
-"""White rate noise falls as tau^-1/2; outside these slopes the number would not be an angle random walk."""
+# 0.664: the floor of flicker noise over its bias instability (IEEE Std 952, C.1.3).
 FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
-"""0.664: the floor of flicker noise over its bias instability (IEEE Std 952, C.1.3)."""
+# The record must be this many times longer than the averaging time of the floor.
 MIN_RATIO = 10.0
-"""The record must be this many times longer than the averaging time of the floor."""
 
 _SHARED = """Overlapping Allan deviation of the rate of the row's heading in the longest rest of at least 60 s,
     averaging times from 2 samples to a quarter of it, chi-squared intervals (NIST SP 1065). """
@@ -39,18 +39,11 @@ ALLAN_METRICS: tuple[Metric, ...] = (
         "Angle random walk, heading",
         "deg/sqrt(h)",
         "low",
-        ("rest",),
         paragraph(_SHARED + _WALK),
         asked="rest",
     ),
     Metric(
-        "allan_bias_deg_per_h",
-        "Bias instability, heading",
-        "deg/h",
-        "low",
-        ("rest",),
-        paragraph(_SHARED + _FLOOR),
-        asked="rest",
+        "allan_bias_deg_per_h", "Bias instability, heading", "deg/h", "low", paragraph(_SHARED + _FLOOR), asked="rest"
     ),
 )
 
@@ -128,18 +121,15 @@ def random_walk(d: Deviation) -> tuple[float, float]:
 
 
 def compute_allan(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
-    if not applies_to(window, "all", "rest", "rest.long"):
-        return {}
+    """Return random walk and bias instability of one row's heading in its longest rest."""
     segment = longest_rest(case, row, window)
     if segment is None:
-        absent = why_none(case, "rest", window)
-        return {m.name: missing(*absent, m.unit, window) for m in ALLAN_METRICS}
+        return ALLAN.without(*why_none(case, "rest", window), window)
     t = row.t[segment]
     length = float(t[-1] - t[0])
     if length < SHORTEST_S:
         reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
-        return {m.name: missing("rest_too_short", reason, m.unit, window) for m in ALLAN_METRICS}
+        return ALLAN.without("rest_too_short", reason, window)
     d = of_heading(case, row, segment)
     found = {
         "allan_arw_deg_per_sqrt_h": _walk(d, length, window),
@@ -187,3 +177,7 @@ def floor_answer(d: Deviation, length: float, window: str) -> Answer:
         f"floor of the Allan deviation at {tau:.1f} s",
         detail={"tau_s": tau},
     )
+
+
+ALLAN = Question("Allan deviation", "Noise", ALLAN_METRICS, compute_allan, ("all", "rest", "rest.long"))
+QUESTIONS = (ALLAN,)

@@ -28,9 +28,9 @@ Index = NDArray[np.int64]
 Three = tuple[float, float, float]
 
 
+# The vehicle stays within this of its mean attitude: beyond, the scatter of the comparison grows (onboard rows:
+# another IMU path, another delay).
 TURN_DEG, TURN_ONBOARD_DEG = 20.0, 10.0
-"""The vehicle stays within this of its mean attitude: beyond, the scatter of the comparison grows (onboard rows:
-another IMU path, another delay)."""
 DEG, TURN = math.degrees(1.0), 2.0 * math.pi
 
 

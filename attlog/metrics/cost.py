@@ -1,4 +1,4 @@
-"""What does a filter cost? Nanoseconds per update, and relative to mahony in the same process."""
+"""Processor time of a filter per update."""
 
 from __future__ import annotations
 
@@ -11,63 +11,47 @@ from attlog import estimators
 from attlog.core.errors import AttlogError
 from attlog.estimators.run import run
 from attlog.estimators.samples import prepare
-from attlog.metrics.metric import Answer, Case, Metric, missing, paragraph
+from attlog.metrics.metric import Answer, Case, Metric, Question, paragraph
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
 
-BASE = "mahony"
 SAMPLES, STEP_S = 3000, 0.004
 MAG_EVERY = 5
+# From the smallest to the largest of 6 the median lies with 97 % (1 - 2 / 2^6), whatever the distribution; 5: 94 %.
 REPEATS = 6
-"""From the smallest to the largest of 6 the median lies with 97 % (1 - 2 / 2^6), whatever the distribution; 5: 94 %."""
 
 _MEASURED = f"""Processor time of the filter's own loop per IMU sample, on the machine that made this result: median of
     {REPEATS} runs over the same {SAMPLES} made samples (250 Hz, magnetometer 50 Hz). Interval: from the fastest to the
     slowest run. Never ranked: another machine, another number."""
-COST_METRICS: tuple[Metric, ...] = (
-    Metric("cost_ns", "Cost per update", "ns", "low", (), paragraph(_MEASURED)),
-    Metric(
-        "cost_ratio",
-        "Cost relative to mahony",
-        "1",
-        "low",
-        (),
-        paragraph(_MEASURED + " Divided by that of mahony in the same process, so that results of machines compare."),
-    ),
-)
+COST_METRICS = (Metric("cost_ns", "Cost per update", "ns", "low", paragraph(_MEASURED)),)
 
 
 def compute_cost(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row over the whole log; nothing for other windows."""
+    """Return the time per update of one row's filter, over the whole log only."""
     if window != "all":
         return {}
-    own = measure_cost(row)
-    if own is None:
+    times = measure_cost(row)
+    if times is None:
         reason = "flew on board: its time is not in the log" if row.kind == "onboard" else "its time was not measured"
-        return {m.name: missing("not_applicable", reason, m.unit, window) for m in COST_METRICS}
-    mahony = next((r for r in case.rows if r.estimator == BASE), None)
-    base = None if mahony is None else measure_cost(mahony)
-    ratio = missing("not_applicable", f"needs {BASE} in the same run to compare with", "1", window)
-    if base is not None:
-        times = own / np.median(base)
-        ratio = _answer(times, "1", window, (float(np.min(own) / np.max(base)), float(np.max(own) / np.min(base))))
-    return {"cost_ns": _answer(own, "ns", window, (float(np.min(own)), float(np.max(own)))), "cost_ratio": ratio}
+        return COST.without("not_applicable", reason, window)
+    ci95 = (float(np.min(times)), float(np.max(times)))
+    return {
+        "cost_ns": Answer(
+            float(np.median(times)),
+            "ns",
+            window,
+            len(times),
+            1e-9 * SAMPLES * len(times),
+            ci95 if len(times) > 1 else None,
+            f"median of {len(times)} runs" if len(times) > 1 else "one replay",
+            reason="depends on the machine and what else it does",
+            ranked=False,
+        )
+    }
 
 
-def _answer(times: Array, unit: str, window: str, ci95: tuple[float, float]) -> Answer:
-    seconds = 1e-9 * SAMPLES * len(times)
-    return Answer(
-        float(np.median(times)),
-        unit,
-        window,
-        len(times),
-        seconds,
-        ci95 if len(times) > 1 else None,
-        f"median of {len(times)} runs" if len(times) > 1 else "one replay",
-        reason="depends on the machine and what else it does",
-        ranked=False,
-    )
+COST = Question("cost", "", COST_METRICS, compute_cost)
 
 
 def measure_cost(row: Row) -> Array | None:

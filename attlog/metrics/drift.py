@@ -20,10 +20,10 @@ from attlog.metrics.metric import (
     Answer,
     Case,
     Metric,
+    Question,
     Resolution,
     SpanAnswer,
     Wording,
-    applies_to,
     missing,
     paragraph,
     per_case,
@@ -45,13 +45,13 @@ from attlog.segments.model import DRIFT_AFTER_START_S, converged_spans
 
 Array = NDArray[np.float64]
 
+# Block means are over 1 s, over half a second in records under 20 s.
 BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
-"""Block means are over 1 s, over half a second in records under 20 s."""
+# A record makes one group for each 10 s, 4 at least and 12 at most.
 GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
-"""A record makes one group for each 10 s, 4 at least and 12 at most."""
 MIN_BLOCKS = 3
+# An uncalibrated gyro turns by as much: 1 deg/s.
 RESOLUTION = Resolution(60.0, "60 deg/min", "seconds")
-"""An uncalibrated gyro turns by as much: 1 deg/s."""
 
 
 @dataclass(slots=True)
@@ -62,8 +62,8 @@ class HeadingBlocks:
     e: Array
     segment: NDArray[np.int64]
     block_s: float = BLOCK_S
+    # What :func:`slope` found, by the shortest record that it was asked for: several metrics ask for the same.
     slopes: dict[float, Drift] = field(default_factory=dict, repr=False, compare=False)
-    """What :func:`slope` found, by the shortest record that it was asked for: several metrics ask for the same."""
 
     @property
     def seconds(self) -> float:
@@ -76,7 +76,7 @@ class Drift:
     """Mean drift of one record in deg/min. ``slopes`` are those of the groups, ``spans`` their times (s).
 
     ``value`` is None where the record is too short. ``changes`` holds the first and the
-    last group slope where the slopes rise or fall steadily. ``wander`` is the RMS (deg)
+    last group slope where the slopes rise or fall steadily. ``residual`` is the RMS (deg)
     that remains when the mean slope and each segment's offset are taken away. Of several records
     together, ``range`` holds the least and the largest, and ``agree`` tells whether one drift explains them.
     """
@@ -86,7 +86,7 @@ class Drift:
     slopes: Array
     spans: list[tuple[float, float]]
     seconds: float
-    wander: float = math.nan
+    residual: float = math.nan
     changes: tuple[float, float] | None = None
     range: tuple[float, float] | None = None
     agree: bool = True
@@ -161,7 +161,7 @@ def _fit_drift(blocks: HeadingBlocks, shortest_s: float) -> Drift:
         return found
     found.value = float(np.mean(slopes))
     found.ci95 = interval.mean_interval(slopes)
-    found.wander = math.sqrt(float(np.mean(without_slope(blocks, found.value) ** 2)))
+    found.residual = math.sqrt(float(np.mean(without_slope(blocks, found.value) ** 2)))
     rises = np.diff(slopes)
     width = found.ci95[1] - found.ci95[0] if found.ci95 else math.inf
     if ((rises > 0).all() or (rises < 0).all()) and abs(slopes[-1] - slopes[0]) > width:
@@ -219,7 +219,7 @@ def pool_drifts(records: list[Drift]) -> Drift:
         np.concatenate([r.slopes for r in usable]),
         [s for r in usable for s in r.spans],
         sum(r.seconds for r in usable),
-        float(np.sqrt(weight @ np.array([r.wander**2 for r in usable]))),
+        float(np.sqrt(weight @ np.array([r.residual**2 for r in usable]))),
         range=(float(values.min()), float(values.max())),
         agree=bool(agree),
     )
@@ -257,7 +257,7 @@ def drift_answer(found: Drift, window: str, against: str) -> Answer:
             "slopes": [float(s) for s in found.slopes],
             "significant": found.significant,
             "less_than": found.less_than,
-            "wander_deg": found.wander,
+            "residual_deg": found.residual,
             **({} if found.range is None else {"range": list(found.range)}),
         },
         records=found.records,
@@ -302,7 +302,6 @@ REST_DRIFT_METRICS: tuple[Metric, ...] = (
         "Yaw drift at rest",
         "deg/min",
         "zero",
-        ("rest",),
         _TEXT,
         resolution=RESOLUTION,
         wording=Wording("drifts", "less at rest", "more at rest", "drift at rest"),
@@ -376,13 +375,10 @@ def long_enough(case: Case, window: str) -> int:
 
 
 def compute_rest_drift(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
-    if not applies_to(window, "all", "rest", "rest.long"):
-        return {}
+    """Return the yaw drift of one row at rest."""
     found = rest_records(case, row, window)
     if not found:
-        code, reason = why_none(case, "rest", window)
-        return {REST_DRIFT_METRICS[0].name: missing(code, reason, "deg/min", window)}
+        return REST_DRIFT.without(*why_none(case, "rest", window), window)
     pooled = pool_drifts(found)
     pooled.records = [r for one in found for r in one.records]
     change = heading_change(case, row, window)
@@ -456,8 +452,8 @@ ABSENT = {
     "yaw_estimator": ("not_applicable", "the autopilot logged no valid yaw estimator, or the reference contradicts it"),
     "course": ("no_gnss", "needs GNSS velocity of a plane faster than 5 m/s"),
 }
+# Beyond this pitch the direction of the nose says little about heading.
 STEEP_RAD = math.radians(60.0)
-"""Beyond this pitch the direction of the nose says little about heading."""
 
 AIR_DRIFT_METRICS: tuple[Metric, ...] = tuple(
     Metric(
@@ -465,7 +461,6 @@ AIR_DRIFT_METRICS: tuple[Metric, ...] = tuple(
         f"Yaw drift in the air against {name.replace('_', ' ')}",
         "deg/min",
         "zero",
-        ("airborne", name),
         paragraph(
             f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start, from 20 s on:
             1 s block means, cut at gaps and at resets of the heading reference; one group for each 10 s of the
@@ -532,9 +527,7 @@ def split_at_steep(segment: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArr
 
 
 def compute_air_drift(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows that are not about flight."""
-    if not applies_to(window, "all", "airborne"):
-        return {}
+    """Return the yaw drift of one row in flight against each heading reference."""
     return {f"drift_air_deg_per_min.{name}": _against(case, row, name, window) for name in HEADING_REFERENCES}
 
 
@@ -567,3 +560,10 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
     if name in case.heading_references and case.heading_references[name].text:
         answer.detail["heading_reference"] = case.heading_references[name].text
     return answer
+
+
+REST_DRIFT = Question(
+    "drift at rest", "Yaw drift", REST_DRIFT_METRICS, compute_rest_drift, ("all", "rest", "rest.long")
+)
+AIR_DRIFT = Question("drift in the air", "Yaw drift", AIR_DRIFT_METRICS, compute_air_drift, ("all", "airborne"))
+QUESTIONS = (REST_DRIFT, AIR_DRIFT)

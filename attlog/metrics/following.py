@@ -25,10 +25,10 @@ from attlog.segments import model
 # On the log's own rest, or on made samples at the log's rate.
 
 GRAVITY_M_S2 = 9.81
+# A field that points north and down; filters take its direction.
 FIELD = (0.2, 0.0, 0.4)
-"""A field that points north and down; filters take its direction."""
+# Made samples come at the rate of the log, within these.
 HZ = (20.0, 200.0)
-"""Made samples come at the rate of the log, within these."""
 MIN_STILL_SAMPLES = 20
 
 
@@ -84,10 +84,10 @@ def end(row: Row, still: StillSamples, gyro: Array, acc: Array, mag: Array | Non
     return rotation.normalize(found.q[-1])
 
 
+# The pulse and what precedes it: docs/metrics.md, Noise.
 RATE_DPS, PULSE_S = 20.0, 1.0
-"""The pulse and what precedes it: docs/metrics.md, Noise."""
+# The filter runs so long on the rest before the pulse, at least and at most.
 SETTLE_S, LONGEST_S = 1.0, 8.0
-"""The filter runs so long on the rest before the pulse, at least and at most."""
 
 
 def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
@@ -127,9 +127,9 @@ def pulse_gains(case: Case, row: Row) -> Array | None:
 
 
 STILL_S, TILT_PULSE_S, AFTER_S = 20.0, 0.5, 10.0
+# Integrated gyro keeps 1.00 of the tilt, ``mekf``, which may take it for a bias of the accelerometer, 0.33 to 0.50 (6
+# logs), all others 0.00 to 0.32.
 MAX_LEFT = 0.8
-"""Integrated gyro keeps 1.00 of the tilt, ``mekf``, which may take it for a bias of the accelerometer, 0.33 to 0.50
-(6 logs), all others 0.00 to 0.32."""
 UNCORRECTED = "it is not corrected by gravity"
 
 
@@ -167,8 +167,8 @@ Array = NDArray[np.float64]
 
 LOW, HIGH = 0.8, 1.2
 MOVING_DPS = 5.0
+# The frozen-filter guard: docs/metrics.md, Noise.
 MIN_MOTION_SAMPLES = 20
-"""The frozen-filter guard: docs/metrics.md, Noise."""
 
 
 @dataclass(frozen=True, slots=True)

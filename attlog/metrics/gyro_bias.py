@@ -24,19 +24,19 @@ from attlog.segments.model import Segments
 
 Array = NDArray[np.float64]
 Choice = Literal["rest", "none", "onboard"]
+# Rising times (n,) s and finite vectors (n, 3).
 Samples = tuple[Array, Array]
-"""Rising times (n,) s and finite vectors (n, 3)."""
 
+# So much rest is used at most: what is nearest to take-off; the rest of the rests can still show a drift.
 REST_S = 30.0
-"""So much rest is used at most: what is nearest to take-off; the rest of the rests can still show a drift."""
 SHORTEST_S = 1.0
+# The interval comes from means over blocks of 1 s, shorter ones where there are fewer than four.
 BLOCK_S, FEWEST_BLOCKS = 1.0, 4
-"""The interval comes from means over blocks of 1 s, shorter ones where there are fewer than four."""
+# A vector that the mean rate would turn by less does not show whether the vehicle turned.
 TURN_DEG = 3.0
-"""A vector that the mean rate would turn by less does not show whether the vehicle turned."""
 TURNED_SHARE = 0.3
+# A span is looked at for as long as the mean rate turns by this: a full turn looks like none.
 SEEN_DEG = 90.0
-"""A span is looked at for as long as the mean rate turns by this: a full turn looks like none."""
 """The vehicle itself turned where gravity or field turned by more than this share of what the gyro shows."""
 
 
@@ -62,8 +62,8 @@ class CommonBias:
     landed_dps: list[float] | None = None
     why: str = ""
     flew: bool = False
+    # Of ``onboard``: times (m,) s and values (m, 3) rad/s, each held until the next.
     over_time: tuple[Array, Array] | None = field(default=None, repr=False, metadata={IN_JSON: False})
-    """Of ``onboard``: times (m,) s and values (m, 3) rad/s, each held until the next."""
 
     def at(self, t: Array) -> Array:
         """The bias (n, 3) in rad/s that is subtracted at times ``t`` (n,) s."""

@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
-
-import numpy as np
-from numpy.typing import NDArray
 
 from attlog.estimators.evidence import HeadingOffset
-from attlog.metrics import drift, following
-from attlog.metrics import intervals as interval
-from attlog.metrics.accuracy import own_sigma
-from attlog.metrics.drift import error_blocks, rest_blocks, usable_rests
 from attlog.metrics.metric import (
     Answer,
     Case,
     Metric,
+    Question,
     SpanAnswer,
     Wording,
-    applies_to,
     missing,
     paragraph,
     per_case,
     per_row,
 )
-from attlog.metrics.statistics import root_mean_square
-from attlog.metrics.windows import (
-    DRIFT_AIR_S,
-    DRIFT_REST_S,
-    imu_of,
-    logged_unit,
-    own_start,
-    why_no_errors,
-    why_no_heading,
-)
+from attlog.metrics.windows import imu_of, logged_unit, own_start
 from attlog.reference.heading_sources import GnssMotion, find_gnss_motion
 from attlog.reference.model import Row
 from attlog.segments import model
@@ -46,7 +29,6 @@ GNSS_HEADING_METRICS: tuple[Metric, ...] = (
         "Heading error by GNSS acceleration",
         GNSS_HEADING_UNIT,
         "zero",
-        ("gnss",),
         paragraph(
             """Angle by which specific force, turned to earth by this row, is turned against GNSS acceleration in
             flight, clockwise positive. Changes of velocity over 1 s; means of 30 s removed; one delay of GNSS for the
@@ -61,21 +43,18 @@ SHARED = "every row shares the errors of GNSS"
 T_95 = 1.96
 
 
+def why_no_motion(case: Case, row: Row, window: str) -> tuple[str, str] | None:
+    """Return code and reason where GNSS has no velocity, or the row no north of its own."""
+    if _motion_of(case, row) is None:
+        return "no_gnss", "the log holds no GNSS velocity with a 3D fix"
+    if own_north(row) is None:
+        return "not_applicable", "it has no north of its own: its heading was turned to the reference's"
+    return None
+
+
 def compute_gnss_heading(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows on the ground."""
-    if not applies_to(window, "all"):
-        return {}
-    motion = _motion_of(case, row)
-    if motion is None:
-        return {
-            GNSS_HEADING_NAME: missing(
-                "no_gnss", "the log holds no GNSS velocity with a 3D fix", GNSS_HEADING_UNIT, window
-            )
-        }
-    turned = own_north(row)
-    if turned is None:
-        reason = "it has no north of its own: its heading was turned to the reference's"
-        return {GNSS_HEADING_NAME: missing("not_applicable", reason, GNSS_HEADING_UNIT, window)}
+    """Return the heading error of one row by GNSS acceleration."""
+    turned = own_north(row) or 0.0
     whole, parts = _offsets(case, row, window)
     wrong = [_record(part, turned) for part in parts if _shifted(part, turned).wrong]
     if not whole.told:
@@ -142,85 +121,7 @@ def _record(found: HeadingOffset, turned: float) -> SpanAnswer:
     return SpanAnswer(found.t0, found.t1, found.t1 - found.t0, value, (value - half, value + half))
 
 
-# How far does the heading wander when its mean drift is taken away?
-
-Array = NDArray[np.float64]
-
-HEADING_RESIDUAL_METRICS: tuple[Metric, ...] = (
-    Metric(
-        "wander_deg",
-        "Heading wander",
-        "deg",
-        "low",
-        ("rest",),
-        paragraph(
-            """RMS of the block means of the heading (1 s, 0.5 s in records under 20 s) after the mean drift and each
-            segment's offset are removed: of the heading itself at rest, of the heading error against the reference in
-            the window airborne. Interval: t over the mean squares of the drift's groups, and 2 sigma of a smoother."""
-        ),
-    ),
+GNSS_HEADING = Question(
+    "heading by GNSS", "Accuracy", GNSS_HEADING_METRICS, compute_gnss_heading, ("all",), needs=(why_no_motion,)
 )
-
-
-LARGEST_DEG = 180.0
-"""A heading that is further from its mean drift has turned round: no size of it means anything."""
-
-
-def pooled(records: list[drift.HeadingBlocks], shortest_s: float) -> tuple[float, interval.Interval | None, int] | None:
-    """RMS in deg about each record's mean drift, its interval and the number of groups; None without a long record."""
-    residuals: list[Array] = []
-    groups: list[slice] = []
-    for blocks in records:
-        found = drift.fit_drift(blocks, shortest_s)
-        if found.value is None:
-            continue
-        begin = sum(len(r) for r in residuals)
-        residuals.append(drift.without_slope(blocks, found.value))
-        edges = [int(np.searchsorted(blocks.t, t0)) for t0, _ in found.spans] + [len(blocks.t)]
-        groups += [slice(begin + a, begin + b) for a, b in pairwise(edges)]
-    if not residuals:
-        return None
-    value, ci95 = root_mean_square(np.concatenate(residuals), groups)
-    return value, ci95, len(groups)
-
-
-def compute_heading_residual(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without a heading record by definition."""
-    if not applies_to(window, "all", "rest", "rest.long", "airborne"):
-        return {}
-    if window == "airborne":
-        absent = why_no_errors(case, row) or why_no_heading(case, row)
-        if absent is not None:
-            return {"wander_deg": missing(*absent, "deg", window)}
-        flown = error_blocks(case, row, case.reference.kind, window)
-        records, shortest_s = [] if flown is None else [flown], DRIFT_AIR_S
-    else:
-        records = [rest_blocks(case, row, usable) for _, usable in usable_rests(case, row, window)]
-        shortest_s = DRIFT_REST_S
-    records = [r for r in records if len(r.t)]
-    found = pooled(records, shortest_s)
-    if found is None:
-        longest = max((r.seconds for r in records), default=0.0)
-        reason = f"the longest record is {longest:.0f} s; {shortest_s:.0f} s are needed"
-        return {"wander_deg": missing("record_too_short", reason, "deg", window)}
-    value, ci95, groups = found
-    if window == "airborne" and ci95 is not None:
-        low, high = interval.widen_by_reference(value, ci95, own_sigma(case, "heading", window))
-        ci95 = max(low, 0.0), high
-    if value > LARGEST_DEG:
-        reason = f"the heading runs round by {value:.0f} deg about its mean drift: it does not wander, it is lost"
-        return {"wander_deg": missing("diverged", reason, "deg", window)}
-    if ci95 is not None and ci95[1] > LARGEST_DEG:
-        ci95 = None
-    floor = case.reference.floor_deg if window == "airborne" else row.step_deg / 2.0
-    answer = Answer(
-        value,
-        "deg",
-        window,
-        groups,
-        sum(r.seconds for r in records),
-        ci95,
-        f"RMS about the mean drift, {groups} groups",
-        floor=floor,
-    )
-    return {"wander_deg": following.unrank_frozen(case, row, "heading", answer)}
+QUESTIONS = (GNSS_HEADING,)

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 _TINY = 1e-300
 _STEPS = 2000
 _MANY = 30.0
+# Degrees of freedom below which Student's tails are too long for Newton's steps.
 _FEW = 2.0
-"""Degrees of freedom below which Student's tails are too long for Newton's steps."""
 _NEWTON = 30
 
 
@@ -191,16 +191,16 @@ class VariancePrior:
     dof: float
 
 
+# Squared change of the logarithm of an error's mean square from one piece of a flight to the next: 0.9 to 1.5 whether
+# pieces last 2.5 or 80 s, in flights with truth and in real logs (its prior is worth what makes halves of flights
+# agree).
 WANDERING = VariancePrior(1.3, 2.0)
-"""Squared change of the logarithm of an error's mean square from one piece of a flight to the next: 0.9 to 1.5 whether
-pieces last 2.5 or 80 s, in flights with truth and in real logs (its prior is worth what makes halves of flights
-agree)."""
+# What the change between halves counts, and those between the quarters of each: what both tell of the next record.
 WEIGHTS = (1.5, 0.75, 0.75)
-"""What the change between halves counts, and those between the quarters of each: what both tell of the next record."""
+# A sum of errors that last as long as the record: of those against a smoother 95 % were within one of its sigmas.
 REFERENCE_SIGMAS = 2.0
-"""A sum of errors that last as long as the record: of those against a smoother 95 % were within one of its sigmas."""
+# Few values tell their own correlation badly: none is taken for more than this, which doubles an interval.
 MOST_ALIKE = 0.6
-"""Few values tell their own correlation badly: none is taken for more than this, which doubles an interval."""
 
 
 def mean_interval(values: ArrayLike) -> Interval | None:

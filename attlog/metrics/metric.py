@@ -1,4 +1,4 @@
-"""An answer: a number with its evidence, or a code and a sentence that says what is missing."""
+"""Metrics, the questions that compute them, their answers, and the case they look at."""
 
 from __future__ import annotations
 
@@ -18,21 +18,11 @@ from attlog.metrics.statistics import UnitValues
 from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import WINDOWS, Segments
 
-__all__ = [
-    "Case",
-    "HeadingReference",
-    "Metric",
-    "Resolution",
-    "Wording",
-    "applies_to",
-    "named",
-    "paragraph",
-    "per_case",
-    "per_row",
-    "per_times",
-]
+Array = NDArray[np.float64]
+T = TypeVar("T")
+P = ParamSpec("P")
 
-
+# Why an answer has no value.
 CODES = (
     "no_rest",
     "rest_too_short",
@@ -61,9 +51,9 @@ CODES = (
 
 @dataclass(frozen=True, slots=True)
 class SpanAnswer:
-    """One span of time that a question was put to: [t0, t1] s, how much of it could be used, and what it says.
+    """The value of a metric over one span [t0, t1] s, of which ``usable_s`` could be used.
 
-    ``value`` with ``ci95``, or None and the ``reason``, which says what would be needed.
+    ``value`` with ``ci95``, or None with the ``reason``.
     """
 
     t0: float
@@ -78,21 +68,19 @@ class SpanAnswer:
 class Answer:
     """The value of one metric for one row and window.
 
-    With a value: ``n`` independent units of evidence over ``seconds``, ``ci95`` the
-    95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
-    the value is shown but may not be "best"; ``reason`` then says why. ``detail`` holds
-    more for people (slopes, flags); nothing is computed from it. In the value's own unit:
+    With a value: ``n`` independent units of evidence over ``seconds`` and the 95 % interval ``ci95``. Without:
+    ``code`` (of CODES) and ``reason``. A value that is not ``ranked`` is never the best; ``reason`` then says why.
+    ``detail`` is for people only. In the value's own unit:
 
-    - ``floor``: the difference below which two values are the same, for the ranking
-    - ``counts_as_zero_below``: a smaller value is no different from zero
-    - ``gyro_share``: what the gyro itself wanders by, of noise that is added to it; variances that differ by less
-      than its square are the same
-    - ``coverage_pct``: the share of the time that a comparison stands on where that is not nearly all
-    - ``each``: the value of every single event; ``records``: each span of time on its own
+    - ``floor``: smallest difference that counts in a ranking
+    - ``counts_as_zero_below``: smallest value that differs from zero
+    - ``gyro_share``: noise floor of the gyro; variances that differ by less than its square are equal
+    - ``coverage_pct``: share of the time that was compared, where it is below 95 %
+    - ``each``: value of each event; ``records``: value of each span
     - ``disagree``: least and largest of the records where one value does not explain them all
-    - ``changes``: first and last rate where the rate itself rises or falls steadily
-    - ``taken_out``: what was subtracted because it is not the row's own (the delay of the logged sensors)
-    - ``units``: the evidence by which the answer is paired with another on the same log
+    - ``changes``: first and last rate where the rate rises or falls steadily
+    - ``taken_out``: known delay of the sensors that was subtracted
+    - ``units``: evidence by which two answers on one log are paired
     """
 
     value: float | None = None
@@ -120,30 +108,21 @@ class Answer:
     def __post_init__(self) -> None:
         if self.value is None:
             if self.code not in CODES or not self.reason:
-                raise ValueError(
-                    f"an absent value needs a code of CODES and a reason, got {self.code!r}, {self.reason!r}"
-                )
+                raise ValueError(f"an answer without value needs a code of CODES and a reason: {self.code!r}")
             self.ranked = False
 
 
 def missing(code: str, reason: str, unit: str, window: str, **detail: Any) -> Answer:
-    """An answer without a value: why, and what would be needed."""
+    """Return an answer without a value: the reason, and what would be needed."""
     return Answer(None, unit, window, code=code, reason=reason, detail=detail)
-
-
-# What a metric is, and what it may look at.
-
-Array = NDArray[np.float64]
-T = TypeVar("T")
-P = ParamSpec("P")
 
 
 @dataclass(frozen=True, slots=True)
 class Resolution:
-    """The coarsest answer that says anything: an interval that holds perfection and reaches farther is withheld.
+    """The coarsest answer worth showing; one that includes perfection and reaches farther is withheld.
 
-    ``size`` is the distance from perfection that is known without any log, in the metric's unit; ``even`` says in
-    words what is then not shown ("a lag of 50 ms"); ``evidence`` is what more of would help.
+    ``size`` is the distance from perfection in the metric's unit, ``even`` the same in words ("a lag of 50 ms"),
+    ``evidence`` what a longer log would add.
     """
 
     size: float
@@ -153,9 +132,9 @@ class Resolution:
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """How a comparison says a metric: "A ``verb`` 24 % ``more`` than B", or ``less``; ``noun`` stands after "in".
+    """Words of a comparison: "A ``verb`` 24 % ``more`` than B", or ``less``; ``noun`` follows "in".
 
-    ``more`` is said of the better one. ``none``: a difference whose interval ends below it is no difference.
+    ``more`` is the better one. A difference whose interval ends below ``none`` is no difference.
     """
 
     verb: str
@@ -167,21 +146,17 @@ class Wording:
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A column of the table, and all that others say or decide about it. ``definition`` is the report's paragraph.
+    """A column of the table. ``definition`` is the report's paragraph.
 
-    ``name`` carries the unit (``noise_roll_deg``); ``better`` says which value is best;
-    ``needs`` names what must be in the log (rest, reference, events, mag, gnss, setpoint).
-    ``decided_by`` is the metric whose comparison of rows holds for this one too. ``resolution``: what its
-    answers must resolve, None where any answer describes the flight. ``wording``: its words in a comparison, else
-    made of the title. ``scale``: how two values are compared. ``asked``: where ``compare`` asks it: in flight, at
-    rest, or in each phase for itself. ``covers``: whether an answer tells the share of the time it was compared on.
+    ``name`` carries the unit (``noise_roll_deg``); ``better`` is the best value. ``decided_by`` names the metric whose
+    comparison of rows decides this one too. ``wording`` None: made of the title. ``scale``: how two values are
+    compared. ``asked``: where ``compare`` asks it. ``covers``: whether an answer reports its coverage.
     """
 
     name: str
     title: str
     unit: str
     better: Literal["low", "zero", "one", "high"]
-    needs: tuple[str, ...]
     definition: str
     decided_by: str = ""
     resolution: Resolution | None = None
@@ -191,16 +166,45 @@ class Metric:
     covers: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Metrics that one function computes, and what it needs.
+
+    It is asked in ``windows`` and any ``T0:T1``, in every window where there are none. Each of ``needs`` returns the
+    code and reason of what a case, row and window lack, or None. ``topic`` is its heading in a report.
+    """
+
+    name: str
+    topic: str
+    metrics: tuple[Metric, ...]
+    compute: Callable[[Case, Row, str], dict[str, Answer]]
+    windows: tuple[str, ...] = ()
+    needs: tuple[Callable[[Case, Row, str], tuple[str, str] | None], ...] = ()
+
+    def ask(self, case: Case, row: Row, window: str) -> dict[str, Answer]:
+        """Return the answers for one row and window by metric; empty where the question means nothing."""
+        if self.windows and window not in self.windows and ":" not in window:
+            return {}
+        for need in self.needs:
+            absent = need(case, row, window)
+            if absent is not None:
+                return self.without(*absent, window)
+        return self.compute(case, row, window)
+
+    def without(self, code: str, reason: str, window: str) -> dict[str, Answer]:
+        """Return answers without a value for all metrics."""
+        return {m.name: missing(code, reason, m.unit, window) for m in self.metrics}
+
+
 @dataclass(slots=True)
 class Case:
-    """One log made ready for any set of filters: nothing in it but ``rows`` depends on a filter.
+    """One log made ready for any set of filters; only ``rows`` depend on a filter.
 
-    ``heading_references``: headings by name for drift in the air. ``imus``: the units to
-    replay, by what their rows are called after the filter's name ("" for the only one).
-    ``gyro_bias``: what is subtracted from their gyros before any filter runs, by index of the unit.
-    ``windows``: those to answer for. ``settings``: the resolved configuration as plain
-    values, for the result. ``timing``: seconds by stage of making it ready. ``rows``
-    are those of one evaluation that have passed, the one that is asked about included.
+    ``heading_references``: headings by name for drift in the air. ``imus``: units to replay, by what is appended to
+    the filter's name. ``gyro_bias``: what is subtracted from their gyros before any filter runs, by unit index.
+    ``settings``: resolved configuration as plain values. ``timing``: seconds by stage. ``rows``: those of one
+    evaluation so far. ``undecided``: answers whose rank depends on later rows. ``of_log`` and ``of_row`` cache what
+    functions marked :func:`per_case` and :func:`per_row` return.
     """
 
     log: FlightLog
@@ -214,30 +218,27 @@ class Case:
     settings: dict[str, Any] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     of_log: dict[Hashable, Any] = field(default_factory=dict, repr=False)
-    """What functions marked :func:`per_case` have found."""
     of_row: WeakKeyDictionary[Row, dict[Hashable, Any]] = field(default_factory=WeakKeyDictionary, repr=False)
-    """What functions marked :func:`per_row` have found, kept as long as the row lives."""
     undecided: list[tuple[Row, Answer]] = field(default_factory=list, repr=False)
-    """Answers whose rank depends on rows that may pass later."""
 
     def bias_of(self, imu: Imu) -> CommonBias:
-        """What is subtracted from the gyro of a unit before any filter runs; of changed samples of a unit their own."""
+        """Return what is subtracted from a unit's gyro; a unit with changed samples has its own bias at rest."""
         known = self.gyro_bias.get(imu.index)
         if known is None or known.asked != "rest" or any(imu is own for own in self.log.imus):
             return known or no_common_bias()
         return common_bias(self.log, self.segments, imu, known.asked)
 
     def gyro_of(self, imu: Imu) -> Array:
-        """The rates (n, 3) in rad/s of a unit as filters get them: without the common bias."""
+        """Return a unit's rates (n, 3) in rad/s without the common bias, as filters receive them."""
         taken = self.bias_of(imu)
         return imu.gyro.x if taken.taken == "none" else imu.gyro.x - taken.at(imu.gyro.t_best)
 
     def looked_at_with(self, rows: list[Row]) -> Case:
-        """The same case with the rows of one evaluation; what was found of the log is shared, not computed again."""
+        """Return the case with the rows of one evaluation and a shared cache."""
         return replace(self, rows=rows, undecided=[])
 
     def compared_with(self, reference: Reference, heading_references: dict[str, HeadingReference]) -> Case:
-        """The same case with another reference; nothing computed with the first is kept."""
+        """Return the case with another reference and an empty cache."""
         return Case(
             self.log,
             self.segments,
@@ -251,59 +252,55 @@ class Case:
         )
 
     def done_with(self, row: Row) -> None:
-        """Release what a replayed row holds for each sample: in a long log the rows are larger than the log."""
+        """Release the arrays of a replayed row: in a long log rows are larger than the log."""
         if row.kind == "replay":
             self.of_row.pop(row, None)
             row.release()
 
     def forget(self) -> None:
-        """Drop what was computed, after a change to the log or to a row."""
+        """Clear the cache after a change to the log or to a row."""
         self.of_log.clear()
         self.of_row.clear()
 
 
 def per_case(compute: Callable[Concatenate[Case, P], T]) -> Callable[Concatenate[Case, P], T]:
-    """A function of a case (and of values such as spans) that is computed once for each of them.
-
-    For what rows, windows or metrics share; it must not look at ``case.rows``.
-    """
+    """Cache a function of a case (and of values such as spans); it must not read ``case.rows``."""
 
     @functools.wraps(compute)
-    def shared(case: Case, /, *args: P.args, **kwargs: P.kwargs) -> T:
-        key = (compute, *map(_frozen, args), *((name, _frozen(kwargs[name])) for name in sorted(kwargs)))
+    def cached(case: Case, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        key = _key(compute, args, kwargs)
         if key not in case.of_log:
             case.of_log[key] = compute(case, *args, **kwargs)
         found: T = case.of_log[key]
         return found
 
-    return shared
+    return cached
 
 
 def per_row(compute: Callable[Concatenate[Case, Row, P], T]) -> Callable[Concatenate[Case, Row, P], T]:
-    """A function of a case and one of its rows (and of values such as spans) that is computed once for each."""
+    """Cache a function of a case and one of its rows (and of values such as spans)."""
 
     @functools.wraps(compute)
-    def shared(case: Case, row: Row, /, *args: P.args, **kwargs: P.kwargs) -> T:
+    def cached(case: Case, row: Row, /, *args: P.args, **kwargs: P.kwargs) -> T:
         known = case.of_row.setdefault(row, {})
-        key = (compute, *map(_frozen, args), *((name, _frozen(kwargs[name])) for name in sorted(kwargs)))
+        key = _key(compute, args, kwargs)
         if key not in known:
             known[key] = compute(case, row, *args, **kwargs)
         found: T = known[key]
         return found
 
-    return shared
+    return cached
 
 
 def per_times(compute: Callable[Concatenate[Case, Any, P], T]) -> Callable[Concatenate[Case, Any, P], T]:
-    """A function of a case and an array (and of values such as windows) that is computed once for each array object.
+    """Cache a function of a case and an array (and of values) for each array object while it lives.
 
-    For what rows share that have the same times: replays of one unit share the array. It is kept as long as the array
-    lives, and must not hold it; nobody may write into the array.
+    Replays of one unit share the array of times. Neither the function nor its callers may hold or change it.
     """
 
     @functools.wraps(compute)
-    def shared(case: Case, array: Any, /, *args: P.args, **kwargs: P.kwargs) -> T:
-        key = (compute, id(array), *map(_frozen, args), *((name, _frozen(kwargs[name])) for name in sorted(kwargs)))
+    def cached(case: Case, array: Any, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        key = (id(array), _key(compute, args, kwargs))
         known = case.of_log.get(key)
         if known is None or known[0]() is not array:
             of_log = case.of_log
@@ -312,11 +309,15 @@ def per_times(compute: Callable[Concatenate[Case, Any, P], T]) -> Callable[Conca
         found: T = known[1]
         return found
 
-    return shared
+    return cached
+
+
+def _key(compute: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Hashable:
+    return (compute, *map(_frozen, args), *((name, _frozen(kwargs[name])) for name in sorted(kwargs)))
 
 
 def _frozen(value: Any) -> Hashable:
-    """A value as part of a key: lists become tuples, slices their bounds; anything else must be hashable itself."""
+    """Return a hashable form: tuples of lists, bounds of slices."""
     if isinstance(value, list):
         return tuple(map(_frozen, value))
     if isinstance(value, slice):
@@ -326,21 +327,13 @@ def _frozen(value: Any) -> Hashable:
 
 
 def named(metrics: Iterable[Metric], name: str) -> Metric:
-    """The metric of an id; for an id without its variant after the dot (``drift_air_deg_per_min``) the first of them.
-
-    KeyError for an id that none has.
-    """
+    """Return the metric of an id, or the first variant of it (``drift_air_deg_per_min``). KeyError for others."""
     some = [metric for metric in metrics if name in (metric.name, metric.name.partition(".")[0])]
     if not some:
         raise KeyError(name)
     return next((metric for metric in some if metric.name == name), some[0])
 
 
-def applies_to(window: str, *names: str) -> bool:
-    """Whether a metric that belongs to the named windows says something about this one (``T0:T1`` always)."""
-    return ":" in window or window in names
-
-
 def paragraph(text: str) -> str:
-    """The text with its line breaks and indents as single spaces, for definitions written over several lines."""
+    """Join the lines of a definition by single spaces."""
     return " ".join(text.split())

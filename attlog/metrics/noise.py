@@ -17,7 +17,7 @@ from attlog.metrics import correction_noise, following, windows
 from attlog.metrics import intervals as interval
 from attlog.metrics.correction_noise import DEG, relative, vector
 from attlog.metrics.intervals import VariancePrior
-from attlog.metrics.metric import Answer, Case, Metric, Resolution, Wording, missing, paragraph, per_case, per_row
+from attlog.metrics.metric import Answer, Case, Metric, Question, Resolution, Wording, paragraph, per_case, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.windows import WINDOW_S, imu_of, phase_of, phase_spans, why_none
 from attlog.reference.model import Row
@@ -27,8 +27,8 @@ Index = NDArray[np.int64]
 
 
 NOISE_AXES = ("roll", "pitch", "heading", "tilt")
+# Leading windows of a rest with more than this times the median variance of all later ones (at least 3) settle.
 UNSETTLED, MIN_LATER = 4.0, 3
-"""Leading windows of a rest with more than this times the median variance of all later ones (at least 3) settle."""
 
 
 TURN = 2.0 * math.pi
@@ -75,24 +75,22 @@ AT_REST = kernel_of(left_at_rest, AT_REST_SIGNATURE, "metrics", "the noise at re
 class PhaseVariances:
     """The windows of a row in one phase: they begin at ``t0`` (k,) s.
 
-    ``variances`` (k, 4) deg^2 about AXES, ``seconds`` together, ``p2p`` (3,) deg the middle
-    99.8 % of the residuals, ``settled_s`` how long after its start a row still settled at rest, if it did.
+    ``variances`` (k, 4) deg^2 about AXES, ``seconds`` together, ``settled_s`` how long after its start a row still
+    settled at rest, if it did.
     """
 
     t0: Array
     variances: Array
     seconds: float
-    p2p: Array
     settled_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class SpanVariances:
-    """What :class:`Measured` has of one span: the residuals (n, 3) in deg of its windows, their lengths (k) in s."""
+    """The variances (k, 4) of one span's windows, which begin at ``t0`` (k,) s and are ``lengths`` (k) s long."""
 
     t0: Array
     variances: Array
-    residuals: Array
     lengths: list[float]
     settled_s: float | None
 
@@ -125,12 +123,10 @@ def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> PhaseVaria
     parts = [part for span in spans if (part := known[span]) is not None]
     if not parts:
         return None
-    columns = np.concatenate([part.residuals for part in parts]).T
-    reach = np.array([np.quantile(x, 0.999) - np.quantile(x, 0.001) for x in columns])
     t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
     settled = [part.settled_s for part in parts if part.settled_s is not None]
     seconds = sum((length for part in parts for length in part.lengths), 0.0)
-    return PhaseVariances(t0, variances, seconds, reach, settled[-1] if settled else None)
+    return PhaseVariances(t0, variances, seconds, settled[-1] if settled else None)
 
 
 @per_row
@@ -159,24 +155,23 @@ def residuals_at_rest(row: Row, inside: list[slice]) -> Iterator[Array]:
 
 def _part(row: Row, phase: str, windows: list[tuple[Span, Array]]) -> SpanVariances | None:
     """The windows of a span, with their residuals, without those in which the row settles."""
-    found = [(window, variance(residual), residual) for window, residual in windows]
-    skip = unsettled(np.array([v for _, v, _ in found])) if phase == "rest" and len(found) > MIN_LATER else 0
+    found = [(window, variance(residual)) for window, residual in windows]
+    skip = unsettled(np.array([v for _, v in found])) if phase == "rest" and len(found) > MIN_LATER else 0
     kept = found[skip:]
     if not kept:
         return None
     return SpanVariances(
-        np.array([w[0] for w, _, _ in kept]),
-        np.array([v for _, v, _ in kept]),
-        np.concatenate([r for _, _, r in kept]),
-        [w[1] - w[0] for w, _, _ in kept],
+        np.array([w[0] for w, _ in kept]),
+        np.array([v for _, v in kept]),
+        [w[1] - w[0] for w, _ in kept],
         kept[0][0][0] - row.start if skip else None,
     )
 
 
 # What does the gyro itself wander by in flight? Below that nobody can order what filters add to it.
 
+# A gyro that shows one value has no logarithm, deg^2.
 TINY = 1e-18
-"""A gyro that shows one value has no logarithm, deg^2."""
 
 
 @per_case
@@ -203,16 +198,16 @@ def gyro_noise_floor(case: Case, index: int, phase: str) -> list[float]:
 
 # How quiet is a row? What its filter adds within 5 s: at rest, in hover, in other flight, with motors idling.
 
+# Scatter of the logarithm of a window's variance, measured over logs. In cruise one axis is quiet until the vehicle
+# moves about it: a single window says little of the next, both axes of tilt together say more.
 PRIORS = {
     "rest": VariancePrior(0.25, 4.0),
     "onboard at rest": VariancePrior(0.6, 4.0),
     "moving": VariancePrior(1.0, 4.0),
     "one axis in cruise": VariancePrior(3.0, 4.0),
 }
-"""Scatter of the logarithm of a window's variance, measured over logs. In cruise one axis is quiet until the vehicle
-moves about it: a single window says little of the next, both axes of tilt together say more."""
+# A variance of exactly zero (a gyro that shows one value) has no logarithm.
 SMALLEST_DEG = 1e-9
-"""A variance of exactly zero (a gyro that shows one value) has no logarithm."""
 _TEXT = paragraph(
     """How much the row moves by itself within 5 s, 1 sigma. At rest: rotation away from the window's mean attitude,
     about the level roll and pitch axis and the vertical, straight line removed. In hover, cruise (other flight) and
@@ -227,10 +222,6 @@ _TEXT = paragraph(
     corrected by gravity; at rest only above half the step of the logged values and above what the steps of the
     logged gyro can hide."""
 )
-_TEXT_P2P = paragraph(
-    """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
-    samples of this record: shown without an interval and never ranked."""
-)
 _RESOLUTION = Resolution(1.0, "its order of magnitude", "windows")
 
 
@@ -242,7 +233,6 @@ def _noise(axis: str, title: str) -> Metric:
         title,
         "deg",
         "low",
-        ("rest",),
         _TEXT,
         resolution=_RESOLUTION,
         wording=Wording("has", f"less noise{about}", f"more noise{about}", f"noise{about}"),
@@ -256,19 +246,9 @@ NOISE_METRICS: tuple[Metric, ...] = (
     _noise("roll", "Noise, roll"),
     _noise("pitch", "Noise, pitch"),
     _noise("heading", "Noise, heading"),
-    Metric(
-        "noise_p2p_deg",
-        "Noise, peak to peak",
-        "deg",
-        "low",
-        ("rest",),
-        _TEXT_P2P,
-        resolution=_RESOLUTION,
-        asked="phases",
-    ),
 )
+# No angle is larger: an interval that reaches so far, as of two unlike windows, says nothing.
 LARGEST_DEG = 180.0
-"""No angle is larger: an interval that reaches so far, as of two unlike windows, says nothing."""
 
 
 def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wanted: Ids) -> Summary:
@@ -282,35 +262,26 @@ def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wa
     return Summary(sigma, (bottom, top))
 
 
+def why_no_noise(case: Case, row: Row, window: str) -> tuple[str, str] | None:
+    """Return code and reason where a row has no noise in flight by definition."""
+    phase = phase_of(case, window)
+    if phase in ("rest", None):
+        return None
+    uncorrected = following.why_uncorrected(case, row)
+    if uncorrected:
+        return "not_applicable", f"{uncorrected}, so nothing is added to the gyro and this noise is zero by definition"
+    return ("not_applicable", "the log holds no gyro to compare with") if imu_of(case, row) is None else None
+
+
 def compute_noise(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows that are not one phase of the flight."""
+    """Return the noise of one row in the phase that a window means; empty for other windows."""
     phase = phase_of(case, window)
     if phase is None:
         return {}
-    uncorrected = following.why_uncorrected(case, row)
-    if phase != "rest" and uncorrected:
-        reason = f"{uncorrected}, so nothing is added to the gyro and this noise is zero by definition"
-        return {m.name: missing("not_applicable", reason, "deg", window) for m in NOISE_METRICS}
-    if phase != "rest" and imu_of(case, row) is None:
-        reason = "the log holds no gyro to compare with"
-        return {m.name: missing("not_applicable", reason, "deg", window) for m in NOISE_METRICS}
     found = phase_variances(case, row, phase, window)
     if found is None:
-        absent = why_none(case, phase, window)
-        return {m.name: missing(*absent, "deg", window) for m in NOISE_METRICS}
+        return NOISE.without(*why_none(case, phase, window), window)
     answers = {f"noise_{axis}_deg": _answer(case, row, window, phase, axis, found) for axis in NOISE_AXES}
-    answers["noise_p2p_deg"] = Answer(
-        float(np.max(found.p2p[:2])),
-        "deg",
-        window,
-        len(found.t0),
-        found.seconds,
-        None,
-        "middle 99.8 % of the residuals",
-        reason="set by the few largest samples of this record",
-        ranked=False,
-        detail={"heading_deg": float(found.p2p[2]), "windows": len(found.t0), "phase": phase},
-    )
     return {m.name: answers[m.name] for m in NOISE_METRICS}
 
 
@@ -393,8 +364,8 @@ def _gyro_share(case: Case, row: Row, phase: str, axis: str) -> float:
     return 0.0 if index is None else gyro_noise_floor(case, index, phase)[NOISE_AXES.index(axis)]
 
 
+# Gyro samples of the whole log that are enough to see the step of its values.
 STEP_SAMPLES = 20_000
-"""Gyro samples of the whole log that are enough to see the step of its values."""
 
 
 @per_case
@@ -422,3 +393,7 @@ def one_digit(summary: Summary) -> Summary:
         return float(f"{x:.1g}")
 
     return Summary(rounded(summary.value), summary.ci95 and (rounded(summary.ci95[0]), rounded(summary.ci95[1])))
+
+
+NOISE = Question("noise", "Noise", NOISE_METRICS, compute_noise, needs=(why_no_noise,))
+QUESTIONS = (NOISE,)

@@ -24,10 +24,10 @@ from attlog.metrics.statistics import Ids, Kind, UnitValues
 from attlog.reference.model import Row
 
 CODE = "too_uncertain"
+# A flight of usual length, and the steps that a pilot may be asked for. What would need more is too noisy.
 ENOUGH_S, ENOUGH_STEPS, ENOUGH_WINDOWS = 300.0, 30, 4
-"""A flight of usual length, and the steps that a pilot may be asked for. What would need more is too noisy."""
+# The ends of an interval that are further apart than this do not even show how many digits the value has.
 ORDERS = 100.0
-"""The ends of an interval that are further apart than this do not even show how many digits the value has."""
 PERFECT = {"zero": 0.0, "one": 1.0}
 
 
@@ -79,8 +79,8 @@ def _why(limit: Resolution, better: str, answer: Answer) -> str:
 
 Array = NDArray[np.float64]
 
+# Attitudes this close at every sample are equal: what the order of sums leaves is far below.
 EQUAL_DEG = 1e-6
-"""Attitudes this close at every sample are equal: what the order of sums leaves is far below."""
 GLANCES = 100
 
 
@@ -212,17 +212,17 @@ def _differ(group: Sequence[Row]) -> dict[str, list[float | str]]:
 # (Benjamini & Hochberg, 5 %), the shown values have the same order, and they differ by more than the
 # log resolves. The best rows are those that no row is significantly better than.
 
+# row name -> window -> metric id -> Answer
 Table = Mapping[str, Mapping[str, Mapping[str, Answer]]]
-"""row name -> window -> metric id -> Answer"""
+# window -> metric id -> row names
 Marks = dict[str, dict[str, list[str]]]
-"""window -> metric id -> row names"""
 
+# Couples whose differences are held at once.
 AT_ONCE = 4096
-"""Couples whose differences are held at once."""
 MIN_COVERAGE_PCT = 50.0
 MIN_UNITS = 0.5
+# Common events below which rows are not compared, and keep the values of their own events.
 FEWEST: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
-"""Common events below which rows are not compared, and keep the values of their own events."""
 """Of the units of the best covered row: rows with fewer are not compared."""
 
 

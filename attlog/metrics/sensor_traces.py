@@ -27,19 +27,19 @@ from attlog.segments.airborne import height_stream, highest_level
 Array = NDArray[np.float64]
 
 G = 9.80665
+# Full scales of accelerometers in use.
 RANGES_M_S2 = tuple(g * G for g in (4.0, 8.0, 16.0, 32.0))
-"""Full scales of accelerometers in use."""
+# Samples this near (share of the range) to a full scale were clipped, where no axis goes beyond it.
 NEAR_END = 0.01
-"""Samples this near (share of the range) to a full scale were clipped, where no axis goes beyond it."""
+# Samples per segment of a spectrum: at 250 Hz a resolution of 0.25 Hz.
 SEGMENT = 1024
-"""Samples per segment of a spectrum: at 250 Hz a resolution of 0.25 Hz."""
 MIN_SENSOR_SAMPLES = 64
+# Segments that are transformed at once.
 TOGETHER = 16
-"""Segments that are transformed at once."""
+# Segments averaged, evenly chosen over the flight: more change nothing that can be seen.
 SPECTRA = 400
-"""Segments averaged, evenly chosen over the flight: more change nothing that can be seen."""
+# Points of a line over the whole flight; windows grow with the log.
 BUCKETS = 2000
-"""Points of a line over the whole flight; windows grow with the log."""
 AXES = ("x", "y", "z")
 
 
@@ -191,12 +191,12 @@ def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
 
 Span = tuple[float, float]
 
+# Parts of the log: a strip is no wider.
 POINTS = 400
-"""Parts of the log: a strip is no wider."""
+# The ground is what the vehicle stood on within so long before and after a flight.
 STOOD_S = 5.0
-"""The ground is what the vehicle stood on within so long before and after a flight."""
+# A log that ends in the air goes on for a moment after the last sample that tells so: there it stood on nothing.
 LEAST_S = 0.5
-"""A log that ends in the air goes on for a moment after the last sample that tells so: there it stood on nothing."""
 
 
 def height_trace(case: Case) -> list[Trace]:

@@ -24,26 +24,26 @@ from attlog.core.spans import Span, intersect
 from attlog.flight.model import Attitude
 from attlog.flight.vehicle import commands_attitude
 from attlog.metrics import intervals as interval
-from attlog.metrics.metric import Answer, Case, Metric, applies_to, missing, paragraph, per_case
+from attlog.metrics.metric import Answer, Case, Metric, Question, missing, paragraph, per_case
 from attlog.metrics.statistics import groups_of, root_mean_square
 from attlog.metrics.windows import within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
+# Times (n,) evenly spaced, set-point (n, 2) and attitude (n, 2) in deg: roll and pitch.
 SetpointSegment = tuple[Array, Array, Array]
-"""Times (n,) evenly spaced, set-point (n, 2) and attitude (n, 2) in deg: roll and pitch."""
 
 MEMORY_S = 1.0
+# The response is expected to fall by e in this time.
 DECAY_S = 0.25
-"""The response is expected to fall by e in this time."""
+# A response as short as this is still likely: the scale of the prior.
 SHARP_S = 0.05
-"""A response as short as this is still likely: the scale of the prior."""
 BLOCK_S = 1.0
+# Seconds in which the set-point varies less, with the second before, show nothing of the response.
 MOVING_DEG = 1.0
-"""Seconds in which the set-point varies less, with the second before, show nothing of the response."""
 BAND = 0.05
+# The step response is divided by its mean from here to its end.
 LEVEL_S = 0.8
-"""The step response is divided by its mean from here to its end."""
 
 
 @dataclass(slots=True)
@@ -111,8 +111,8 @@ def step_response(blocks: ResponseEquations) -> tuple[Array, Array]:
     return t, np.asarray(step / (level if level > LEAST_LEVEL else np.nan), np.float64)
 
 
+# The noise that weighs the prior is that of the fit before.
 ROUNDS = 3
-"""The noise that weighs the prior is that of the fit before."""
 LEAST_LEVEL = 0.2
 
 
@@ -160,8 +160,8 @@ def _settled(t: Array, step: Array) -> float:
 
 MIN_RATE_HZ = 8.0
 FINEST_S = 0.01
+# Seconds (of roll and of pitch) in which the set-point moved.
 MIN_BLOCKS = 8
-"""Seconds (of roll and of pitch) in which the set-point moved."""
 GROUPS = 10
 
 _RESPONSE = """Response of roll and pitch together to a unit step of the set-point, from a causal impulse response of
@@ -175,23 +175,14 @@ SETPOINT_METRICS: tuple[Metric, ...] = (
         "Tracking error",
         "deg",
         "low",
-        ("setpoint",),
         "RMS of the angle between the down directions of set-point and onboard attitude, in flight.",
     ),
-    Metric(
-        "setpoint_delay_ms",
-        "Set-point delay",
-        "ms",
-        "zero",
-        ("setpoint",),
-        paragraph(_RESPONSE + "Time to half of the step."),
-    ),
+    Metric("setpoint_delay_ms", "Set-point delay", "ms", "zero", paragraph(_RESPONSE + "Time to half of the step.")),
     Metric(
         "setpoint_rise_ms",
         "Set-point rise time",
         "ms",
         "low",
-        ("setpoint",),
         paragraph(_RESPONSE + "Time from 10 to 90 % of the step."),
     ),
     Metric(
@@ -199,7 +190,6 @@ SETPOINT_METRICS: tuple[Metric, ...] = (
         "Set-point peak",
         "%",
         "low",
-        ("setpoint",),
         paragraph(_RESPONSE + "Highest value in percent of the step."),
     ),
     Metric(
@@ -207,7 +197,6 @@ SETPOINT_METRICS: tuple[Metric, ...] = (
         "Set-point settling time",
         "s",
         "low",
-        ("setpoint",),
         paragraph(_RESPONSE + "Time after which it stays within 5 % of the step."),
     ),
 )
@@ -280,12 +269,12 @@ def _moved(case: Case, spans: list[Span]) -> ResponseEquations | None:
 
 
 def compute_setpoint(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for the onboard row and windows of flight; nothing for other rows."""
-    if row.name != "onboard" or not applies_to(window, "all", "airborne"):
+    """Return how the vehicle follows its set-point; empty for rows other than ``onboard``."""
+    if row.name != "onboard":
         return {}
     segments, absent = flown_angles(case, window)
     if absent is not None:
-        return {m.name: missing(*absent, m.unit, window) for m in SETPOINT_METRICS}
+        return SETPOINT.without(*absent, window)
     answers = {"tracking_rms_deg": _tracking(segments, window)}
     blocks = moved(case, window)
     count = 0 if blocks is None else len(blocks.axis)
@@ -341,3 +330,7 @@ def _tracking(segments: list[tuple[Array, Array, Array]], window: str) -> Answer
         reason="a property of vehicle and controller",
         ranked=False,
     )
+
+
+SETPOINT = Question("set-point", "Step response", SETPOINT_METRICS, compute_setpoint, ("all", "airborne"))
+QUESTIONS = (SETPOINT,)

@@ -75,12 +75,12 @@ def _summed_up(kind: Kind, values: Array) -> float:
 
 # Do two rows differ? One test per kind of unit, on the units that both have.
 
+# Scatter of differences of logarithms from unit to unit, measured over logs.
 PRIORS: dict[Kind, VariancePrior] = {"log_variance": VariancePrior(0.4, 4.0), "mean_square": VariancePrior(1.0, 3.0)}
-"""Scatter of differences of logarithms from unit to unit, measured over logs."""
+# With fewer common units there is no test.
 NEEDED: dict[Kind, int] = {"log_variance": 1, "mean_square": 3, "slope_group": 4, "lag_event": 3, "step_event": 6}
-"""With fewer common units there is no test."""
+# Up to here the signed-rank distribution is counted, beyond it is normal.
 EXACT = 60
-"""Up to here the signed-rank distribution is counted, beyond it is normal."""
 
 
 def p_value(a: UnitValues, b: UnitValues, common: Ids) -> float:
@@ -166,18 +166,17 @@ def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
     return stand
 
 
-# The size of an error angle over a record: RMSE, median, 95th percentile, largest, each with its 95 % interval.
+# The size of an error angle over a record: RMSE and 95th percentile with their 95 % intervals.
 
-STATISTICS = {"rmse": "root mean square", "median": "median", "p95": "95th percentile", "max": "largest value"}
-QUANTILES = {"median": 0.5, "p95": 0.95, "max": 1.0}
-MOST = {"rmse": 3.0, "p95": 3.0, "median": math.inf}
-"""An interval ends at so many times the value: what came in one burst was not seen to be larger than this elsewhere
-(halves of flights agree as often as without). A median leaves bursts out."""
+STATISTICS = {"rmse": "root mean square", "p95": "95th percentile"}
+P95 = 0.95
+# An interval ends at this multiple of the value: one burst says nothing of larger values elsewhere.
+MAX_INTERVAL_RATIO = 3.0
 PIECES = 4
 GROUP_S, MAX_GROUPS = 5.0, 20
 SHORTEST_S, MIN_SAMPLES = 4.0, 8
+# No attitude is further from another, so no interval of an error ends beyond it.
 HALF_TURN_DEG = 180.0
-"""No attitude is further from another, so no interval of an error ends beyond it."""
 
 
 def groups_of(n: int, duration: float) -> list[slice]:
@@ -214,10 +213,7 @@ class ErrorSize:
         self._squares: Array | None = None
 
     def of(self, name: str) -> tuple[float, interval.Interval | None]:
-        """One of STATISTICS with its interval where it has one; an extreme has one of the reference alone."""
-        if name == "max":
-            value = float(np.max(self._angle))
-            return value, self._with_reference(value, (value, value)) if self._sigma > 0.0 else None
+        """Return one of STATISTICS with its interval; None for the interval of a short record."""
         whole, *parts = self._sizes(name)
         if not self.pieces:
             return whole, None
@@ -226,11 +222,8 @@ class ErrorSize:
             square, *squares = self._sizes("rmse")
             changes = np.maximum(changes, _changes(squares, square))
         low, high = interval.wandering_interval(whole, changes)
-        return whole, self._with_reference(whole, (low, min(high, MOST[name] * whole)))
-
-    def _with_reference(self, value: float, ci95: interval.Interval) -> interval.Interval:
-        low, high = interval.widen_by_reference(value, ci95, self._sigma)
-        return max(low, 0.0), min(high, HALF_TURN_DEG)
+        low, high = interval.widen_by_reference(whole, (low, min(high, MAX_INTERVAL_RATIO * whole)), self._sigma)
+        return whole, (max(low, 0.0), min(high, HALF_TURN_DEG))
 
     def _sizes(self, name: str) -> list[float]:
         """The size of the whole; where there are pieces also of both halves and the four quarters."""
@@ -240,9 +233,8 @@ class ErrorSize:
                 self._squares = self._angle**2
             square = interval.group_means(self._squares, [slice(0, len(self._angle)), *halves, *quarters])
             return [float(x) for x in np.sqrt(square)]
-        probability = QUANTILES[name]
         parts = [self._angle, *(self._angle[piece] for piece in (*halves, *quarters))]
-        return [interval.quantile(_ordered_at(part, probability), probability) for part in parts]
+        return [interval.quantile(_ordered_at(part, P95), P95) for part in parts]
 
 
 def _changes(parts: list[float], whole: float) -> Array:

@@ -17,9 +17,9 @@ from attlog.metrics.metric import (
     Answer,
     Case,
     Metric,
+    Question,
     Resolution,
     Wording,
-    applies_to,
     missing,
     paragraph,
     per_row,
@@ -35,11 +35,11 @@ from attlog.reference.model import AttitudeErrors, Row
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+# The error before the onset is the mean over this time; a constant heading offset is none.
 BEFORE_S = 0.3
-"""The error before the onset is the mean over this time; a constant heading offset is none."""
 
+# A set-point that was not logged for longer is not drawn.
 SETPOINT_HOLE_S = 0.5
-"""A set-point that was not logged for longer is not drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,11 +190,11 @@ def _largest_hole(t: Array, within: Array) -> float:
 # How wrong is the attitude after a step? The angle off about its axis, 0.5 s and 1.0 s later.
 
 AFTER_S = (0.5, 1.0)
+# The error is the mean over so long on both sides, of one sample at least.
 NEAR_S = 0.05
-"""The error is the mean over so long on both sides, of one sample at least."""
 
+# So much does a smoother's own error change within a second: 0.02 to 0.06 deg (RMS) on six flights with truth.
 SMOOTHED_DEG = 0.05
-"""So much does a smoother's own error change within a second: 0.02 to 0.06 deg (RMS) on six flights with truth."""
 
 _ERROR = """How far the attitude is off {after:.1f} s after a step: the row's error relative to its own
     mean over 0.3 s before the onset, about the axis of the step, {after:.1f} s after 90 % of it (mean over
@@ -215,7 +215,6 @@ STEP_ERROR_METRICS: tuple[Metric, ...] = tuple(
         f"Step error after {after:.1f} s",
         sign,
         better,
-        ("reference", "events"),
         paragraph(text.format(after=after) + _INTERVAL),
         resolution=resolution,
         wording=Wording("has a", "smaller step error", "larger step error", "step error"),
@@ -297,12 +296,7 @@ def percent(errors: EventErrors) -> Array:
 
 
 def compute_step_error(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
-    if not applies_to(window, "all", "airborne"):
-        return {}
-    absent = why_no_errors(case, row) or why_no_events(case, row, window)
-    if absent is not None:
-        return {m.name: missing(*absent, m.unit, window) for m in STEP_ERROR_METRICS}
+    """Return the errors of one row after the steps of a window."""
     found = curves(case, row, window)
     answers: dict[str, Answer] = {}
     for after in AFTER_S:
@@ -340,89 +334,12 @@ def _answer(
     )
 
 
-# What happens at the end of a step? Overshoot beyond the reference's, and the time until the error stays small.
-
-SETTLING_BAND = 0.05
-
-SETTLING_METRICS: tuple[Metric, ...] = (
-    Metric(
-        "overshoot_pct",
-        "Overshoot",
-        "%",
-        "zero",
-        ("reference", "events"),
-        paragraph(
-            """How far the row's peak in a step lies beyond the reference's own peak, in percent of the step; mean over
-            events, t interval. Negative where the row falls short."""
-        ),
-        resolution=Resolution(100.0, "an overshoot by the whole step", "steps"),
-    ),
-    Metric(
-        "settling_s",
-        "Settling time",
-        "s",
-        "low",
-        ("reference", "events"),
-        paragraph(
-            """Time from the onset of a step until the error about its axis (0 before the onset) stays below 5 % of
-            the step for the rest of the event's window; 0 where it never exceeds that. Mean over events, t interval.
-            Events that do not settle within their window count with the window's end."""
-        ),
-    ),
+STEP_ERROR = Question(
+    "step error",
+    "Step response",
+    STEP_ERROR_METRICS,
+    compute_step_error,
+    ("all", "airborne"),
+    needs=(why_no_errors, why_no_events),
 )
-
-
-def step_endings(found: list[Curve]) -> tuple[Array, Array, int]:
-    """Overshoot (%) and settling time (s) of each event (events,), and how many did not settle in their window."""
-    overshoot, settling, unsettled = [], [], 0
-    for curve in found:
-        seconds, size = curve.seconds, abs(curve.event.delta_deg)
-        first = int(np.searchsorted(seconds, 0.0))
-        since, reference, error = seconds[first:], curve.reference[first:], curve.error[first:]
-        if len(since) < 2:
-            continue
-        overshoot.append(100.0 * float((reference + error).max() - reference.max()) / size)
-        outside = np.flatnonzero(np.abs(error) > SETTLING_BAND * size)
-        settling.append(float(since[min(outside[-1] + 1, len(since) - 1)]) if len(outside) else 0.0)
-        unsettled += bool(len(outside) and outside[-1] == len(since) - 1)
-    return np.array(overshoot), np.array(settling), unsettled
-
-
-@per_row
-def _ends(case: Case, row: Row, window: str) -> tuple[Array, Array, int]:
-    return step_endings(curves(case, row, window))
-
-
-def compute_settling(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without steps by definition."""
-    if not applies_to(window, "all", "airborne"):
-        return {}
-    absent = why_no_errors(case, row) or why_no_events(case, row, window)
-    found = curves(case, row, window) if absent is None else []
-    overshoot, settling, unsettled = _ends(case, row, first_with(case, row, window)) if found else step_endings([])
-    if absent is None and len(overshoot) < MIN_EVENTS:
-        absent = "too_few_events", too_few(len(overshoot))
-    if absent is not None:
-        return {m.name: missing(*absent, m.unit, window) for m in SETTLING_METRICS}
-    seconds = math.fsum(c.event.end - c.event.begin for c in found)
-    method = f"mean of {len(overshoot)} events, t interval"
-    detail = {"unsettled": unsettled}
-    return {
-        name: Answer(
-            float(np.mean(values)),
-            unit,
-            window,
-            len(values),
-            seconds,
-            _from_zero(name, interval.mean_interval(values)),
-            method,
-            detail=detail if name == "settling_s" else {},
-            each=[float(x) for x in values],
-        )
-        for name, unit, values in (("overshoot_pct", "%", overshoot), ("settling_s", "s", settling))
-    }
-
-
-def _from_zero(name: str, ci95: interval.Interval | None) -> interval.Interval | None:
-    """A time cannot be negative, an overshoot can."""
-    return (max(ci95[0], 0.0), ci95[1]) if ci95 is not None and name == "settling_s" else ci95
+QUESTIONS = (STEP_ERROR,)

@@ -29,10 +29,10 @@ Index = NDArray[np.int64]
 
 
 Y, SLOPE, GAIN, AID = 0, 1, 2, slice(6, 12)
+# Slope, gain and misalignment come first: a fit without aiding takes these alone.
 PLAIN = 5
-"""Slope, gain and misalignment come first: a fit without aiding takes these alone."""
+# Misalignment (rad) and aiding beyond these are not believed without much evidence.
 SCALES = np.concatenate([np.full(3, np.radians(5.0)), step_sensors.RIDGE])
-"""Misalignment (rad) and aiding beyond these are not believed without much evidence."""
 RIDGE_WEIGHT = 10.0
 TINY = 1e-10
 MIN_EVENTS = 3
@@ -44,8 +44,7 @@ class Fit:
 
     ``distortion`` and ``share`` (of the aiding) are relative to the RMS of the reference's rate, ``shape_s`` is
     the residual over the RMS of its slope, ``moved_s`` what the aiding changes the delay by, ``plain_gain``
-    the gain without it, ``leak`` (1/s) how fast gravity takes tilt back (NaN without). ``left_out`` (events, 4)
-    are delay, gain, distortion and leak with one event left out each, ``each`` (events,) the delays of the
+    the gain without it. ``left_out`` (events, 3) are delay, gain and distortion with one event left out each, ``each`` (events,) the delays of the
     single ones, ``events`` (events,) their numbers in ``sums``.
     """
 
@@ -56,7 +55,6 @@ class Fit:
     shape_s: float
     moved_s: float
     plain_gain: float
-    leak: float
     x: Array
     left_out: Array
     each: Array
@@ -66,7 +64,7 @@ class Fit:
     at_edge: bool = False
 
     def half_width(self, column: int) -> float:
-        """Half the 95 % jackknife interval of delay (s), gain, distortion or leak; inf under 3 events."""
+        """Half the 95 % jackknife interval of delay (s), gain or distortion; inf under 3 events."""
         values = self.left_out[:, column]
         k = len(values)
         if k < MIN_EVENTS or not np.isfinite(values).all():
@@ -90,8 +88,8 @@ class NormalEquations:
     slow_row: bool
     ridge: Array
     kept: Array | None = None
+    # Share of the time in which the specific force exceeds 2 g.
     heavy: float = 0.0
-    """Share of the time in which the specific force exceeds 2 g."""
     axis: Index = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def keeping(self, x: Array) -> NormalEquations:
@@ -139,7 +137,6 @@ class NormalEquations:
             float(_ratio(residual_squares(total, x), total[SLOPE, SLOPE])),
             delay - plain_delay,
             plain_gain,
-            float(_leak(total, x)),
             x,
             self._without_each(number, total),
             self.delay + lone.step(lone.solve(self.products[number])),
@@ -149,11 +146,11 @@ class NormalEquations:
         )
 
     def _without_each(self, number: Index, total: Array) -> Array:
-        """Delay, gain, distortion and leak (k, 4) of the ``total`` (12, 12) with one of the events left out each."""
+        """Delay, gain and distortion (k, 3) of the ``total`` (12, 12) with one of the events left out each."""
         others = total - self.products[number]
         x = self.solve(others)
         distortion = _ratio(residual_squares(others, x), others[:, GAIN, GAIN])
-        return np.column_stack([self.delay + self.step(x), x[:, 1], distortion, _leak(others, x)])
+        return np.column_stack([self.delay + self.step(x), x[:, 1], distortion])
 
 
 def ridge(total: Array, variance: float, lines: int) -> Array:
@@ -184,15 +181,6 @@ def _ratio(squares: ArrayLike, of: ArrayLike) -> Array:
     return np.asarray(np.sqrt(np.divide(part, whole, out=np.full(np.shape(whole), math.inf), where=whole > 0)))
 
 
-def _leak(total: Array, x: Array) -> Array:
-    """Gravity's fitted aiding regressed on its direction form, 1/s; NaN without any. (...) of (..., 12, 12)."""
-    gravity = slice(AID.start, AID.start + step_sensors.GRAVITY_AIDING)
-    down = AID.start + step_sensors.NAMES.index("D")
-    square = total[..., down, down]
-    product = np.sum(x[..., PLAIN : PLAIN + step_sensors.GRAVITY_AIDING] * total[..., gravity, down], axis=-1)
-    return np.asarray(np.divide(product, square, out=np.full(np.shape(square), math.nan), where=square > 1e-12))
-
-
 # What did a row show in the steps? One linear fit of its turning to the reference's, all events together.
 #
 # Body rates w are summed increments of attitude over a span h; u is the event's axis.
@@ -203,8 +191,8 @@ def _leak(total: Array, x: Array) -> Array:
 #
 # Gauss-Newton in tau; everything else is linear.
 
+# A delay is looked for up to this far on both sides.
 RANGE_S, COARSE_S = 0.25, 0.025
-"""A delay is looked for up to this far on both sides."""
 SLOPE_S, LARGEST_STEP_S = 0.008, 0.020
 ENOUGH_S, MOST_STEPS = 3e-5, 20
 

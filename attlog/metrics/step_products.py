@@ -32,12 +32,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+# Columns: rate of the row, slope, rate of the reference, its product with the axis (3), aiding (6).
 SIZE = 12
-"""Columns: rate of the row, slope, rate of the reference, its product with the axis (3), aiding (6)."""
+# Most that is moved by the delay: seven columns of the row, two free, the slope.
 MOVED = 9
-"""Most that is moved by the delay: seven columns of the row, two free, the slope."""
+# About so many samples per event tell where the correlation is largest.
 THINNED = 60
-"""About so many samples per event tell where the correlation is largest."""
 
 
 SOURCES = ("metrics/step_products.py", "core/jit")
@@ -209,11 +209,11 @@ class EventTurning:
 
     t: Array
     x: Array
+    # (events,) first and last time of each event.
     low: Array
-    """(events,) first and last time of each event."""
     high: Array
+    # The first column (n,), the turning about the events' axes, without the others between its values.
     about: Array = field(init=False)
-    """The first column (n,), the turning about the events' axes, without the others between its values."""
 
     def __post_init__(self) -> None:
         self.about = np.ascontiguousarray(self.x[:, 0])
@@ -233,8 +233,8 @@ class FitColumns:
     begin: NDArray[np.int64]
     end: NDArray[np.int64]
     of: NDArray[np.int64]
+    # Of how many samples the specific force exceeds 2 g.
     heavy: int
-    """Of how many samples the specific force exceeds 2 g."""
 
     @property
     def nbytes(self) -> int:
@@ -303,17 +303,17 @@ class FitColumns:
 
 # All steps of one row as columns for the fit of its lag, some at a time: of thousands the columns are not kept.
 
+# A rate is taken over this time, at least two samples of the slower one.
 SPAN_S = 0.060
-"""A rate is taken over this time, at least two samples of the slower one."""
+# So far beyond an event's window the faster one is needed: delays of 250 ms, their slope and a sample.
 MARGIN_S = 0.30
-"""So far beyond an event's window the faster one is needed: delays of 250 ms, their slope and a sample."""
+# Events are laid behind each other on one time axis; none lasts that long.
 STRIDE_S = 64.0
-"""Events are laid behind each other on one time axis; none lasts that long."""
 HEAVY_M_S2 = 2.0 * GRAVITY
+# Samples of row and reference whose columns are made at once.
 TOGETHER = 1 << 15
-"""Samples of row and reference whose columns are made at once."""
+# Columns up to this size are kept, as of 40 minutes full of steps; those beyond are made anew for each delay.
 KEPT_BYTES = 64_000_000
-"""Columns up to this size are kept, as of 40 minutes full of steps; those beyond are made anew for each delay."""
 MIN_PAIRS = 4
 
 
@@ -336,8 +336,8 @@ class EventBatches:
     covered: list[EventRanges]
     sensors: RowSensors | None
     slow_row: bool
+    # Which of the events each group has.
     bounds: list[slice] = field(init=False)
-    """Which of the events each group has."""
     _kept: dict[int, FitColumns] = field(default_factory=dict)
     _heavy: dict[int, int] = field(default_factory=dict)
     _room: int = KEPT_BYTES

@@ -39,10 +39,10 @@ Three = tuple[float, float, float]
 
 
 NAMES = ("E", "D", "N", "EE", "M", "V")
+# Gains beyond these are not believed without much evidence: 1/s, 1/s, deg/s, 1/s^2, 1/s, 1/s.
 RIDGE = (3.0, 3.0, 10.0, 1.0, 3.0, 3.0)
-"""Gains beyond these are not believed without much evidence: 1/s, 1/s, deg/s, 1/s^2, 1/s, 1/s."""
+# The first of NAMES, which are gravity's.
 GRAVITY_AIDING = 4
-"""The first of NAMES, which are gravity's."""
 FIXED_STEP_DEG = 0.3
 DEG = math.degrees(1.0)
 
@@ -156,10 +156,10 @@ class Vectors:
 
     f: Array
     m: Array
+    # The row is slower than the IMU: ``f`` is the mean over the interval, for the attitudes at both its ends.
     trapezoid: bool
-    """The row is slower than the IMU: ``f`` is the mean over the interval, for the attitudes at both its ends."""
+    # Where the row sees magnetic north on average, rad: its heading is turned back by it.
     north: float = 0.0
-    """Where the row sees magnetic north on average, rad: its heading is turned back by it."""
 
 
 def add_turned(out: Array, track: SummedTurning, stack: EventIndex, seen: Vectors, axes: Array) -> None:
@@ -184,8 +184,8 @@ def add_turned(out: Array, track: SummedTurning, stack: EventIndex, seen: Vector
 
 # What did a row's filter see of accelerometer and magnetometer around its steps?
 
+# A magnetometer sample is held this long, as in the filters' own loop.
 HOLD_PERIODS = 1.5
-"""A magnetometer sample is held this long, as in the filters' own loop."""
 
 
 SENSOR_SOURCES = ("metrics/step_sensors.py", "metrics/step_sensors.py", "estimators/vectors.py", "core/jit")

@@ -19,15 +19,15 @@ Array = NDArray[np.float64]
 
 AXES = ("roll", "pitch", "yaw")
 SMALLEST_DEG = (5.0, 5.0, 10.0)
+# An onset is where the rate rises above this share of the stroke's peak rate.
 LEVEL = 0.15
-"""An onset is where the rate rises above this share of the stroke's peak rate."""
 QUIET_S = 0.3
 STROKE_S = 1.0
 REST_OF_EVENT_S = 0.7
 BEFORE_S, AFTER_S = 0.5, 1.0
 RUN_AFTER_S = 1.2
+# The rate is taken over this span: then a logged step of 0.01 deg at 400 Hz is no step.
 RATE_SPAN_S = 0.04
-"""The rate is taken over this span: then a logged step of 0.01 deg at 400 Hz is no step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,12 +151,12 @@ TURNING_SOURCES = ("metrics/step_turning.py", "core/jit")
 
 
 DEG = math.degrees(1.0)
+# Squared tangent of half an angle below which a series holds to the last digit: 0.1 rad, as between most samples.
 SMALL = 0.0025
-"""Squared tangent of half an angle below which a series holds to the last digit: 0.1 rad, as between most samples."""
 
 
+# So far before the onset and beyond the 90 % point a step must be covered, s.
 REACH_BEFORE_S, REACH_AFTER_S = 0.1, 0.3
-"""So far before the onset and beyond the 90 % point a step must be covered, s."""
 
 
 def summed_turning(out: Array, q: Array) -> None:
@@ -240,8 +240,8 @@ class SummedTurning:
     t: Array
     q: Array
     segment: Index
+    # What is known of ``t`` where others have the same times.
     timing: Timing | None = None
-    """What is known of ``t`` where others have the same times."""
     turned: Array = field(init=False)
     step: float = field(init=False)
 

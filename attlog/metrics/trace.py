@@ -14,12 +14,12 @@ from attlog.core.jit.kernel import function_of, kernel_of
 Array = NDArray[np.float64]
 
 
+# Samples per angle over all rows of a figure; beyond it envelopes take over.
 BUDGET = 100_000
-"""Samples per angle over all rows of a figure; beyond it envelopes take over."""
+# Samples that every row keeps, however many rows there are.
 FEWEST = 2000
-"""Samples that every row keeps, however many rows there are."""
+# What is beyond is infinite. (The question whether a number is finite would call the compiler's own library.)
 LARGEST = 1e300
-"""What is beyond is infinite. (The question whether a number is finite would call the compiler's own library.)"""
 SIGNATURE = "void(f8[:, ::1], (f8[:, ::1]), (i8[::1]))"
 
 

@@ -32,11 +32,11 @@ Array = NDArray[np.float64]
 
 ANGLES = ("roll", "pitch", "heading")
 BINS = 61
+# As the noise is measured: what is slower is wander.
 WINDOW_S = 5.0
-"""As the noise is measured: what is slower is wander."""
 MIN_REST_SAMPLES = 10
+# Values of a longer rest are counted by so many of them, spread evenly over their order.
 ORDERED = 20_000
-"""Values of a longer rest are counted by so many of them, spread evenly over their order."""
 
 
 class RestTraces:
@@ -127,12 +127,12 @@ def residual(t: Array, angles: Array) -> Array:
 
 # Arrays of steps: one that is like most of them, and what all of them have in common.
 
+# Times from the onset at which events are compared.
 GRID_S = np.linspace(-0.3, 1.2, 151)
-"""Times from the onset at which events are compared."""
+# The band holds four in five of the events.
 SHARES = (0.1, 0.5, 0.9)
-"""The band holds four in five of the events."""
+# Events from which a band is drawn; of fewer it would be the events themselves.
 MIN_EVENTS_DRAWN = 3
-"""Events from which a band is drawn; of fewer it would be the events themselves."""
 
 
 def step_traces(case: Case, row: Row) -> list[Trace]:
@@ -219,8 +219,8 @@ def resampled_errors(curves: list[Curve], values: list[Array]) -> Array:
 
 # Arrays of the attitude set-point: what was demanded over the flight, and how the vehicle followed a step of it.
 
+# Samples of the demanded angles, before they become an envelope.
 MAX_DEMAND_POINTS = 25_000
-"""Samples of the demanded angles, before they become an envelope."""
 
 
 def demand_traces(case: Case) -> list[Trace]:

@@ -17,14 +17,14 @@ from attlog.reference import alignment
 from attlog.reference.model import Row
 from attlog.segments import model, resets
 
+# Never pooled: the same filter is up to ten times as noisy in one as in another. In the order of the sentences.
 PHASES = ("rest", "hover", "cruise", "idle")
-"""Never pooled: the same filter is up to ten times as noisy in one as in another. In the order of the sentences."""
+# A row settles for so long after its own start, and after a restart.
 SETTLING_S = 10.0
-"""A row settles for so long after its own start, and after a restart."""
+# And for so long after the motors stop: the accelerometer still believes in vibration.
 SETTLING_AFTER_MOTORS_S = 5.0
-"""And for so long after the motors stop: the accelerometer still believes in vibration."""
+# Resets of an onboard attitude on the ground within this time of its first sample are its alignment.
 ALIGNING_S = 30.0
-"""Resets of an onboard attitude on the ground within this time of its first sample are its alignment."""
 SHORTEST_S = 2.0
 
 
@@ -104,8 +104,8 @@ def why_none(case: Case, phase: str, window: str) -> tuple[str, str]:
     )
 
 
-def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
-    """Code and reason where a row cannot be compared with the reference, else None."""
+def why_no_errors(case: Case, row: Row, window: str = "") -> tuple[str, str] | None:
+    """Return code and reason where a row cannot be compared with the reference."""
     if case.reference.kind == "none" or len(case.reference.t) == 0:
         nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
         return "no_reference", case.reference.fault or nothing
@@ -116,8 +116,8 @@ def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
     return None
 
 
-def why_no_heading(case: Case, row: Row) -> tuple[str, str] | None:
-    """Code and reason where a row's heading cannot be compared though its tilt can, else None."""
+def why_no_heading(case: Case, row: Row, window: str = "") -> tuple[str, str] | None:
+    """Return code and reason where a row's heading cannot be compared though its tilt can."""
     if row.heading_shared:
         return "not_applicable", f"{case.reference.heading_why}, so the reference has its heading from this row"
     if case.reference.heading_by == "nobody":
@@ -136,10 +136,10 @@ def why_never_airborne(case: Case) -> str:
 
 Array = NDArray[np.float64]
 
+# Shortest record of a drift in the air, and at rest after settling: four groups of 5 s, of 2 s.
 DRIFT_AIR_S, DRIFT_REST_S = 20.0, 8.0
-"""Shortest record of a drift in the air, and at rest after settling: four groups of 5 s, of 2 s."""
+# A record may lack this much: half a block of 1 s.
 DRIFT_SLACK_S = 0.5
-"""A record may lack this much: half a block of 1 s."""
 
 
 def unbroken(t: Array, inside: NDArray[np.bool_], segment_of: NDArray[np.int64] | None = None) -> list[slice]:
@@ -208,15 +208,15 @@ def deviations(q: Array) -> Array:
 
 # Windows of 5 s: the unit in which noise is measured, the same for every row of a log.
 
+# The length is part of the definition: 1, 2 and 5 s show 0.04, 0.08 and 0.31 deg for the same filter in hover.
 WINDOW_S = 5.0
-"""The length is part of the definition: 1, 2 and 5 s show 0.04, 0.08 and 0.31 deg for the same filter in hover."""
+# Samples of windows that are looked at at once.
 SAMPLES_AT_ONCE = 1 << 15
-"""Samples of windows that are looked at at once."""
 MIN_SAMPLES = 20
+# A longer interval between samples of the row is a gap.
 GAP_S, GAP_STEPS = 0.25, 5.0
-"""A longer interval between samples of the row is a gap."""
+# A span that misses its last window by less has it.
 ROUND_S = 0.05
-"""A span that misses its last window by less has it."""
 
 
 def lay_windows(span: Span, phase: str) -> list[Span]:

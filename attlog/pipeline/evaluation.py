@@ -211,7 +211,7 @@ class Measurement:
         reference.withhold(row, self._unusable)
         line.status, line.reason = row.status, row.reason
         guarded_part(log, "Which rows are alike", partial(self._likeness.add, row), lambda: None)
-        line.metrics = metrics.compute(case, row, case.windows, cost=False, only=self._only)
+        line.metrics = metrics.compute(case, row, case.windows, only=self._only)
         if self._traces:
             self._drawn += guarded_part(log, "Figures", partial(self._drawing.of_row, row), list[Trace])
         case.done_with(row)
@@ -387,7 +387,7 @@ def evaluate(
             lines.append(replay.table_row(row, title=row.estimator))
             measurement.add(row, lines[-1])
         rows, table = measurement.case.rows, {line.name: line.metrics for line in lines}
-        metrics.settle(measurement.case, table, cost=cost, only=only)
+        metrics.finish(measurement.case, table, cost=cost, only=only)
         drawn = measurement.drawn()
         ranking = guarded_part(case.log, "Who is best", partial(metrics.rank, table, rows), Ranking)
     own = of_reference_and_filters(case.reference, lines, failed, chosen, rows)

@@ -159,8 +159,8 @@ def observed_declination_deg(log: FlightLog, reference: Reference) -> float | No
 
 # The replay floor: the smallest difference between attitudes that a log can resolve.
 
+# What float32 quaternions resolve when angles come from the vector part.
 FLOAT32_DEG = 1e-5
-"""What float32 quaternions resolve when angles come from the vector part."""
 
 REPEATED_SHARE, MULTIPLE_SHARE = 0.01, 0.9
 TICK_S = 1e-3
@@ -233,19 +233,19 @@ def floor_step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[
 
 # Input delay: how late the logged gyro is, by the firmware's filter and by measurement.
 
+# Slower rotation is mostly noise and tells nothing about delay.
 MIN_ACTIVE_DPS = 12.0
-"""Slower rotation is mostly noise and tells nothing about delay."""
+# Delays looked for on both sides, and their grid: a low-pass at 20 Hz is late by 11 ms.
 DELAY_RANGE_S, DELAY_GRID_S = 0.06, 5e-3
-"""Delays looked for on both sides, and their grid: a low-pass at 20 Hz is late by 11 ms."""
+# Intervals that are examined, and of those that turn, how many are fitted: a long log takes no longer.
 MAX_INTERVALS, MAX_FITTED_INTERVALS = 100_000, 1200
-"""Intervals that are examined, and of those that turn, how many are fitted: a long log takes no longer."""
 INTERVAL_SAMPLES, MAX_INTERVAL_S = 8, 0.2
 MIN_INTERVALS = 100
 MIN_DELAY_RATE_HZ = 5.0
+# Formula and rates agree within 2 ms; a fit less sure than 1 ms (one sigma) is not used.
 DELAY_TOLERANCE_S, MAX_DELAY_SIGMA_S = 2e-3, 1e-3
-"""Formula and rates agree within 2 ms; a fit less sure than 1 ms (one sigma) is not used."""
+# A larger difference is a reset of the reference, not a delay.
 OUTLIER_RAD_S = np.radians(60.0)
-"""A larger difference is a reset of the reference, not a delay."""
 
 
 def filter_delay(imu: Imu) -> tuple[float, str]:

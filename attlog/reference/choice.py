@@ -31,8 +31,8 @@ Kind = Literal["truth", "smoother", "onboard"]
 
 SLOW_HZ = 5.0
 
+# A gyro that varies by more than this does not belong to an attitude that never changes.
 FROZEN_DPS = 5.0
-"""A gyro that varies by more than this does not belong to an attitude that never changes."""
 
 
 def build_reference(
@@ -185,8 +185,8 @@ def stuck_attitude(reference: Reference, imu: Imu | None) -> str:
 
 # Which attitude the others are compared with: truth, the smoother, the onboard one, or none.
 
+# Runs the smoother over the log; AttlogError says why it cannot.
 Smooth = Callable[[], Estimate]
-"""Runs the smoother over the log; AttlogError says why it cannot."""
 NO_ATTITUDE = "the log holds neither truth nor an onboard attitude"
 
 

@@ -22,28 +22,28 @@ from attlog.flight.model import Array, Attitude, FlightLog, Imu, Mag
 from attlog.reference.scoring import interpolate
 from attlog.segments import increments, model
 
+# An axis that turns less than this (standard deviation) tells nothing about its scale.
 MIN_RATE_STD_DPS = 3.0
-"""An axis that turns less than this (standard deviation) tells nothing about its scale."""
+# About its sign it does down to here, where what goes with it is the same turn the other way (yaw in a hover).
 MIN_SIGN_STD_DPS = 0.5
-"""About its sign it does down to here, where what goes with it is the same turn the other way (yaw in a hover)."""
 MIN_RATE_INTERVALS = 30
+# Turns are compared over so long at least: in single samples a gyro's noise and vibration look like turns that the
+# attitude did not make, and lower the slope (0.92 on a flight whose scales are equal).
 SPAN_S = 0.06
-"""Turns are compared over so long at least: in single samples a gyro's noise and vibration look like turns that the
-attitude did not make, and lower the slope (0.92 on a flight whose scales are equal)."""
+# Slower attitudes smear fast motion: low slopes alone are then no fault of the sensor.
 MIN_ATTITUDE_HZ = 20.0
-"""Slower attitudes smear fast motion: low slopes alone are then no fault of the sensor."""
 MIN_CORRELATION = 0.8
+# Of the attitude's rotation on the gyro's; outside one of them is in another unit; the second: surely so.
 SLOPES, FAR_SLOPES = (0.8, 1.25), (0.6, 1.6)
-"""Of the attitude's rotation on the gyro's; outside one of them is in another unit; the second: surely so."""
+# A gyro that shows less than this of an attitude's turns does not see them, or the attitude makes them up.
 BLIND_RATE_RATIO = 1.0 / 3.0
-"""A gyro that shows less than this of an attitude's turns does not see them, or the attitude makes them up."""
 MAX_MOUNTING_DEG = 45.0
+# The field is followed over so long: slow enough for its noise and delay, fast enough for one turn.
 FIELD_STEP_S = 0.3
-"""The field is followed over so long: slow enough for its noise and delay, fast enough for one turn."""
+# What is right leaves so many times less of the field's change (squared) unexplained.
 MIN_MISFIT_RATIO = 3.0
-"""What is right leaves so many times less of the field's change (squared) unexplained."""
+# Less unexplained change of the field's direction (RMS) is its noise.
 MIN_FIELD_CHANGE_DEG = 1.5
-"""Less unexplained change of the field's direction (RMS) is its noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,11 +260,11 @@ def swapped_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
 # the vehicle turns about the one axis that both frames share. The sign of the whole shows in the dip alone
 # (:mod:`attlog.reference.sensor_faults`).
 
+# Pairs of directions that are looked at: a long flight tells no more.
 MAX_FIELD_PAIRS = 4000
-"""Pairs of directions that are looked at: a long flight tells no more."""
+# Other axes leave so many times less of the field's change (squared) than there is: iron that turns with the vehicle
+# makes a field that hardly changes, which any frame along it explains.
 MIN_EXPLAINED_RATIO = 9.0
-"""Other axes leave so many times less of the field's change (squared) than there is: iron that turns with the vehicle
-makes a field that hardly changes, which any frame along it explains."""
 
 
 def compass_axes_error(log: FlightLog) -> str:
@@ -339,16 +339,16 @@ def _axes_text(axes: Array) -> str:
 
 # Does the gyro jump for single samples? No vehicle turns away and back within two samples.
 
+# A spike is so many times further from the mean of its neighbours than the median sample, and so far.
 MIN_SPIKE_RATIO, MIN_SPIKE_DPS = 20.0, 100.0
-"""A spike is so many times further from the mean of its neighbours than the median sample, and so far."""
+# It is so many times further from them than they are from each other: else it is the turn itself.
 MIN_ISOLATION_RATIO = 3.0
-"""It is so many times further from them than they are from each other: else it is the turn itself."""
+# So many in a log are reported; a blow makes one or two.
 MIN_SPIKES = 5
-"""So many in a log are reported; a blow makes one or two."""
+# So near a force of 3 g the vehicle was struck, and the gyro felt it too.
 IMPACT_M_S2, IMPACT_S = 30.0, 0.02
-"""So near a force of 3 g the vehicle was struck, and the gyro felt it too."""
+# Spikes that turn further than this, together, are more than the bias of a calibrated gyro (0.3 deg/s).
 MAX_SPIKE_DEG_PER_MIN = 20.0
-"""Spikes that turn further than this, together, are more than the bias of a calibrated gyro (0.3 deg/s)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,8 +79,8 @@ def _clipped(log: FlightLog, imu: Imu) -> list[Span]:
 
 # Is the heading of the attitude that flew wrong by GNSS acceleration, all the time or in some of the flight?
 
+# Two 30 s are off alike up to so many joint sigmas.
 SAME_SIGMAS = 2.0
-"""Two 30 s are off alike up to so many joint sigmas."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,11 +151,11 @@ Index = NDArray[np.int64]
 
 MAG_SMOOTHING_S = 1.0
 COURSE_SPEED_M_S = 5.0
+# Its tilt levels the magnetometer where there is no reference, whichever filters are compared.
 LEVELLED_BY = "mahony"
-"""Its tilt levels the magnetometer where there is no reference, whichever filters are compared."""
 MIN_HEADINGS = 10
+# RMS, in its own sigmas, of a yaw estimator's difference to the reference: beyond, it is in error itself.
 MAX_YAW_SIGMAS = 2.0
-"""RMS, in its own sigmas, of a yaw estimator's difference to the reference: beyond, it is in error itself."""
 
 
 def heading_references(log: FlightLog, segments: Segments, reference: Reference) -> dict[str, HeadingReference]:

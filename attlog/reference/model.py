@@ -79,8 +79,8 @@ class SensorFault:
     unit: str = ""
     t: float | None = None
     count: int = 1
+    # Whether a smoother that believes it is sure of a wrong attitude.
     misleads: bool = True
-    """Whether a smoother that believes it is sure of a wrong attitude."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,42 +124,42 @@ class Reference:
     input_delay_s: float = 0.0
     input_delay_shared: bool = False
     scoring_start: float = 0.0
+    # Comparisons end here (impact), s.
     end: float = np.inf
-    """Comparisons end here (impact), s."""
     steps: list[AlignmentStep] = field(default_factory=list)
     name: str = ""
     unscored: list[tuple[float, float]] = field(default_factory=list)
     trim: Array | None = None
     clock: Literal["sample", "publication"] = "sample"
     fault: str = ""
+    # Why one that the user asked for would have been refused; empty where it would not.
     doubt: str = ""
-    """Why one that the user asked for would have been refused; empty where it would not."""
     refused: dict[str, str] = field(default_factory=dict)
+    # What is in error of the onboard attitude, which then is compared with nowhere; empty where nothing is.
     onboard_error: str = ""
-    """What is in error of the onboard attitude, which then is compared with nowhere; empty where nothing is."""
+    # Why the onboard heading is wrong by GNSS acceleration; empty where it is not.
     wrong_heading: str = ""
-    """Why the onboard heading is wrong by GNSS acceleration; empty where it is not."""
+    # What a smoother says of itself.
     quality: dict[str, float | str] = field(default_factory=dict)
-    """What a smoother says of itself."""
+    # Where gravity refutes a smoother while the vehicle stands still, s.
     refuted: list[tuple[float, float]] = field(default_factory=list)
-    """Where gravity refutes a smoother while the vehicle stands still, s."""
     sigma_tilt_deg: Array | None = None
     sigma_heading_deg: Array | None = None
     heading_by: Literal["own", "onboard", "relative", "nobody"] = "own"
     heading_why: str = ""
     fit: TruthFit | None = None
+    # Why nothing that is made of the logged gyro can be judged (``reference.turning``); empty where nothing is.
     gyro_fault: str = ""
-    """Why nothing that is made of the logged gyro can be judged (``reference.turning``); empty where nothing is."""
+    # The steps of the gyro's bias that a smoother found, of several the largest; None where it looks for none.
     gyro_jumps: tuple[GyroJump, ...] | None = None
-    """The steps of the gyro's bias that a smoother found, of several the largest; None where it looks for none."""
+    # What physics contradicts of the sensors that are replayed, by name (``reference.sensor_faults``).
     sensor_faults: dict[str, SensorFault] = field(default_factory=dict)
-    """What physics contradicts of the sensors that are replayed, by name (``reference.sensor_faults``)."""
+    # A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later.
     second: Reference | None = None
-    """A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later."""
+    # Delay and standard error, s, that ``reference.physics.delay`` found of units against this reference.
     delays_seen: list[tuple[Imu, tuple[float, float] | None]] = field(default_factory=list, repr=False)
-    """Delay and standard error, s, that ``reference.physics.delay`` found of units against this reference."""
+    # What it showed at the times of the last row.
     met: ReferenceSamples | None = field(default=None, repr=False, compare=False)
-    """What it showed at the times of the last row."""
 
 
 @dataclass(slots=True)
@@ -204,10 +204,10 @@ class Row:
     north_by_gnss: bool = False
     start: float = 0.0
     causal: bool = True
+    # Gyro bias (n, 3) rad/s that the row subtracts from the logged gyro, with what every row has subtracted.
     bias: Array | None = None
-    """Gyro bias (n, 3) rad/s that the row subtracts from the logged gyro, with what every row has subtracted."""
+    # Whether part of ``bias`` is the row's own estimate.
     estimates_bias: bool = True
-    """Whether part of ``bias`` is the row's own estimate."""
     errors: AttitudeErrors | None = None
     status: str = "ok"
     reason: str = ""
@@ -219,20 +219,20 @@ class Row:
     convergence_s: float | None = None
     estimator: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
+    # The equation that the filter's file declares; empty where it is its own.
     equation: str = ""
-    """The equation that the filter's file declares; empty where it is its own."""
+    # Whether the reference has its heading from this row: then its heading errors mean nothing.
     heading_shared: bool = False
-    """Whether the reference has its heading from this row: then its heading errors mean nothing."""
+    # Heading that was taken out of ``q`` (of its first segment), None where the heading is the row's own.
     heading_offset_deg: float | None = None
-    """Heading that was taken out of ``q`` (of its first segment), None where the heading is the row's own."""
+    # What was done to this row alone: trim, heading offset.
     steps: list[AlignmentStep] = field(default_factory=list)
-    """What was done to this row alone: trim, heading offset."""
+    # The unit that was replayed; None for the one that the log's rows share.
     imu: Imu | None = None
-    """The unit that was replayed; None for the one that the log's rows share."""
+    # What an estimator that sees the whole run says of itself.
     quality: dict[str, float | str] = field(default_factory=dict)
-    """What an estimator that sees the whole run says of itself."""
+    # What else the estimator gave at every sample, (n,) or (n, k) by name.
     aux: dict[str, Array] = field(default_factory=dict)
-    """What else the estimator gave at every sample, (n,) or (n, k) by name."""
 
     @property
     def knows_north(self) -> bool:

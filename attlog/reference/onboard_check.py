@@ -23,12 +23,12 @@ from attlog.segments.model import Segments
 
 REFERENCE_KINDS = ("truth", "smoother")
 SIGMAS = 3.0
+# An onboard estimator, which saw the past alone, is at least as unsure as the smoother: so much larger is their joint
+# sigma.
 JOINT = float(np.sqrt(2.0))
-"""An onboard estimator, which saw the past alone, is at least as unsure as the smoother: so much larger is their joint
-sigma."""
+# What is worth a look, and what is wrong: onboard attitudes are off by 0.3 to 1.5 deg in tilt and 0.3 to 3 deg in
+# heading on flights with truth.
 SUSPECT_DEG, WRONG_DEG = {"tilt": 3.0, "heading": 8.0}, {"tilt": 10.0, "heading": 30.0}
-"""What is worth a look, and what is wrong: onboard attitudes are off by 0.3 to 1.5 deg in tilt and 0.3 to 3 deg in
-heading on flights with truth."""
 MIN_ERROR_S = 3.0
 
 
@@ -43,11 +43,11 @@ class OnboardError:
     longest: Span
     size: float
     sigma: float
+    # Whether it is not only off but the wrong attitude.
     wrong: bool
-    """Whether it is not only off but the wrong attitude."""
     evidence: str = ""
+    # Whether gravity or GNSS acceleration finds the onboard attitude wrong there, and the judge right.
     confirmed: bool = False
-    """Whether gravity or GNSS acceleration finds the onboard attitude wrong there, and the judge right."""
 
     @property
     def text(self) -> str:

@@ -21,15 +21,15 @@ from attlog.segments import Segments, model
 
 Array = NDArray[np.float64]
 
+# A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is.
 MAX_GRAVITY_TILT_DEG = 10.0
-"""A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is."""
+# Or by this share of the quiet time, in two segments and more, where the force is as large as gravity.
 MIN_WRONG_SHARE, MIN_WRONG_SEGMENTS = 0.2, 2
-"""Or by this share of the quiet time, in two segments and more, where the force is as large as gravity."""
 GRAVITY_M_S2, GRAVITY_TOLERANCE_M_S2 = 9.80665, 0.5
+# An onboard attitude may be wrong for so long while it starts.
 ALIGNED_S = 15.0
-"""An onboard attitude may be wrong for so long while it starts."""
+# Accelerometer samples of one segment that are enough for its mean.
 MAX_FORCE_SAMPLES = 2000
-"""Accelerometer samples of one segment that are enough for its mean."""
 QUIET_WORDS = {"rest": "at rest", "idle": "on the ground with motors on", "hover": "in hover"}
 
 
@@ -110,20 +110,20 @@ def _quiet_segment(
 
 # Who is tilted where the vehicle stands still? Gravity there says it of any attitude, with no filter between.
 
+# Nearly all sound onboard attitudes stay within this of gravity; accelerometer biases make half of it.
 SOUND_TILT_DEG = 2.5
-"""Nearly all sound onboard attitudes stay within this of gravity; accelerometer biases make half of it."""
+# A judge that is further from gravity, in degrees and in its sigmas (with 1 deg of the accelerometer's own).
 MAX_TILT_DEG, SIGMAS, FLOOR_DEG = 3.0, 3.0, 1.0
-"""A judge that is further from gravity, in degrees and in its sigmas (with 1 deg of the accelerometer's own)."""
+# Or by this, and so many times as far as the attitude it judges.
 DOUBTED_TILT_DEG, MIN_TILT_RATIO = 2.0, 2.0
-"""Or by this, and so many times as far as the attitude it judges."""
+# A window this near borders a span.
 BORDER_S = 1.0
-"""A window this near borders a span."""
+# Windows; a single one may be a slow landing.
 MIN_STILL_WINDOWS = 3
-"""Windows; a single one may be a slow landing."""
+# Twice what sound attitudes show: an onboard attitude that is this far from gravity is no reference.
 MAX_ONBOARD_TILT_DEG = 5.0
-"""Twice what sound attitudes show: an onboard attitude that is this far from gravity is no reference."""
+# A judge that is refused in so much of the still time, and of all, is refused throughout.
 MIN_REFUSED_SHARE, MIN_REFUSED_SHARE_OF_ALL = 0.5, 0.2
-"""A judge that is refused in so much of the still time, and of all, is refused throughout."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,19 +255,19 @@ def _residual(imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.
 # the model of ``mekf`` and what that gets wrong: where only these two stand together, it is no reference.
 
 G = 9.80665
+# So many different filters must agree, and they must be most of those that ran.
 MIN_FILTERS = 3
-"""So many different filters must agree, and they must be most of those that ran."""
+# Median distance of filters from their common down, and the least distance of the reference, also in these units.
 MAX_SPREAD_DEG, MIN_APART_DEG, MIN_SPREAD_RATIO = 8.0, 15.0, 2.5
-"""Median distance of filters from their common down, and the least distance of the reference, also in these units."""
+# For a fifth of the scored time, and 2 s without a break.
 MIN_APART_SHARE, MIN_APART_S = 0.2, 2.0
-"""For a fifth of the scored time, and 2 s without a break."""
+# What is left of the mean force without gravity: by the filters at most, by the reference at least.
 MAX_FORCE_RESIDUAL_M_S2, MIN_FORCE_FAULT_M_S2 = 1.0, 2.0
-"""What is left of the mean force without gravity: by the filters at most, by the reference at least."""
+# The filter whose model a smoother without GNSS has.
 SAME_MODEL = "mekf"
-"""The filter whose model a smoother without GNSS has."""
+# Filters of other models stay this close to their common down, and the smoother is further from it than 5 deg, four
+# of its sigmas (three joint ones) and 2.5 times their spread.
 CLOSE_DEG, ALONE_DEG, ALONE_SIGMAS = 3.0, 5.0, 4.0
-"""Filters of other models stay this close to their common down, and the smoother is further from it than 5 deg, four of
-its sigmas (three joint ones) and 2.5 times their spread."""
 SAMPLES = 4000
 DOWN = np.array([0.0, 0.0, 1.0])
 

@@ -18,10 +18,10 @@ from attlog.reference.scoring import attitude_errors
 from attlog.segments import Segments, model, resets
 
 Array = NDArray[np.float64]
+# A heading offset is the mean over the first long rest, of which so much must be scored, else over so long.
 FIRST_S, LEAST_REST_S = 10.0, 5.0
-"""A heading offset is the mean over the first long rest, of which so much must be scored, else over so long."""
+# Who gives a reference its heading where that has no north: headings are compared without their offset.
 NO_NORTH = ("nobody", "relative")
-"""Who gives a reference its heading where that has no north: headings are compared without their offset."""
 
 
 def replayed(

@@ -15,17 +15,17 @@ from attlog.segments import Segments, model
 Array = NDArray[np.float64]
 
 START_S = 15.0
+# Where the record is shorter than this, a third of it is left out instead of 15 s.
 SHORT_S = 30.0
-"""Where the record is shorter than this, a third of it is left out instead of 15 s."""
 
 DIVERGED_DEG, DIVERGED_S = 30.0, 2.0
 DIVERGED_HEADING_DEG, DIVERGED_HEADING_S = 45.0, 10.0
 CONVERGED_S, CONVERGED_TILT_DEG, CONVERGED_HEADING_DEG = 5.0, 2.0, 5.0
 CONVERGED_LIMIT_S = 60.0
+# The reference's heading before and after its reset is the mean over this long.
 RESET_S = 1.0
-"""The reference's heading before and after its reset is the mean over this long."""
+# A jump of an onboard attitude by this much, this soon and before the first flight is its own alignment.
 ALIGNED_DEG, ALIGNED_WITHIN_S = 5.0, 60.0
-"""A jump of an onboard attitude by this much, this soon and before the first flight is its own alignment."""
 
 
 def unscored_seconds(seconds: float) -> float:
@@ -170,11 +170,11 @@ def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> f
 
 Index = NDArray[np.int64]
 
+# Attitudes per pass: temporaries stay in the processor's cache and cost long logs no memory.
 CHUNK = 1 << 13
-"""Attitudes per pass: temporaries stay in the processor's cache and cost long logs no memory."""
 
+# Rates this close count as equal; then the row's own times are used.
 SAME_RATE = 1.05
-"""Rates this close count as equal; then the row's own times are used."""
 
 
 def interpolate(t: Array, q: Array, segment: Index, at: Array) -> tuple[Array, Index]:

@@ -22,13 +22,13 @@ from attlog.reference.model import SensorFault
 from attlog.segments import Segments, model
 from attlog.segments import model as gaps
 
+# Where the mean specific force is gravity's; the first kind that the log has.
 QUIET_KINDS = ("rest", "idle", "hover")
-"""Where the mean specific force is gravity's; the first kind that the log has."""
+# How far the dip may be from the model's: iron and a bad calibration stay below the first, no compass error without
+# another cause reaches the second where the first holds for the same field.
 MAX_DIP_ERROR_DEG, MIN_DIP_FAULT_DEG = 10.0, 25.0
-"""How far the dip may be from the model's: iron and a bad calibration stay below the first, no compass error without
-another cause reaches the second where the first holds for the same field."""
+# Records of each sensor in a quiet segment.
 MIN_DIP_RECORDS = 10
-"""Records of each sensor in a quiet segment."""
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
@@ -116,22 +116,22 @@ def _dip_deg(down: Array, field: Array) -> float:
 
 # Is the accelerometer on the clock of the attitude? Turned to earth its force changes the velocity as GNSS sees it.
 
+# Forces are averaged over so long, and shifted in such steps.
 FORCE_STEP_S = 0.1
-"""Forces are averaged over so long, and shifted in such steps."""
+# Delays that are looked for, either way; and how late a receiver may be itself.
 MAX_DELAY_S, GNSS_LATE_S = 10.0, 0.6
-"""Delays that are looked for, either way; and how late a receiver may be itself."""
+# A smaller one may be a receiver's.
 MIN_DELAY_S = 0.3
-"""A smaller one may be a receiver's."""
+# Velocities change over so long: less is their noise.
 VELOCITY_SPAN_S = 1.0
-"""Velocities change over so long: less is their noise."""
+# Weaker acceleration (RMS) tells nothing, nor do fewer pairs; of long flights the first minutes are looked at.
 MIN_ACCELERATION_M_S2, MIN_VELOCITY_PAIRS, MAX_FORCE_S = 0.5, 60, 300.0
-"""Weaker acceleration (RMS) tells nothing, nor do fewer pairs; of long flights the first minutes are looked at."""
+# The shift leaves so many times less (squared), and then both are alike (correlation).
 MIN_DELAY_MISFIT_RATIO, MIN_DELAY_CORRELATION = 9.0, 0.8
-"""The shift leaves so many times less (squared), and then both are alike (correlation)."""
+# Steps of a first look, and how many times less one of them leaves (squared) to be looked at closely.
 COARSE_STEPS, MIN_COARSE_RATIO = 4, 2.0
-"""Steps of a first look, and how many times less one of them leaves (squared) to be looked at closely."""
+# Forces that fit so well (correlation) are not late.
 ON_TIME_CORRELATION = 0.95
-"""Forces that fit so well (correlation) are not late."""
 FIX_3D = 3
 
 

@@ -25,32 +25,32 @@ from attlog.segments import Segments, model
 
 Array = NDArray[np.float64]
 
+# The estimator whose attitude is taken.
 SMOOTHER = "smoother"
-"""The estimator whose attitude is taken."""
+# A smoother less sure than the first of its tilt is a reference only where no onboard attitude is left, than the
+# second never; less sure than the first of its heading it is none for headings.
 MAX_SIGMA_DEG, MAX_USABLE_SIGMA_DEG = 1.0, 3.0
-"""A smoother less sure than the first of its tilt is a reference only where no onboard attitude is left, than the
-second never; less sure than the first of its heading it is none for headings."""
+# Its own checks: how often a sensor had to be believed anew, the share of GNSS velocities that did not fit, and the
+# largest ratio of a sensor's errors to what was expected of it.
 MAX_REOPENINGS, MAX_SOFT_GATED_PCT, MAX_ERROR_RATIO = 5.0, 40.0, 3.0
-"""Its own checks: how often a sensor had to be believed anew, the share of GNSS velocities that did not fit, and the
-largest ratio of a sensor's errors to what was expected of it."""
+# A heading less sure than this is none: pi stands for it.
 UNKNOWN_HEADING_DEG = 90.0
-"""A heading less sure than this is none: pi stands for it."""
+# Shorter segments show a smoother nothing, longer logs cost it minutes and gigabytes.
 SMOOTHED_SECONDS = 20.0, 1800.0
-"""Shorter segments show a smoother nothing, longer logs cost it minutes and gigabytes."""
+# Half of any flight's specific force lies between these; an accelerometer in g or dead shows no down, and a smoother
+# that believes it is sure of a wrong one.
 FORCE_RANGE_M_S2 = 6.0, 14.0
-"""Half of any flight's specific force lies between these; an accelerometer in g or dead shows no down,
-and a smoother that believes it is sure of a wrong one."""
+# Attitudes that come faster are thinned, to no less: no vehicle turns so that a slerp over 5 ms would show.
 MAX_REFERENCE_HZ = 200.0
-"""Attitudes that come faster are thinned, to no less: no vehicle turns so that a slerp over 5 ms would show."""
+# The blow itself reaches so far back through filters ahead of the logger and stamps.
 BEFORE_IMPACT_S = 0.3
-"""The blow itself reaches so far back through filters ahead of the logger and stamps."""
+# A vehicle has lost control so long before its tilt is beyond 90 deg.
 TIPPING_S = 1.0
-"""A vehicle has lost control so long before its tilt is beyond 90 deg."""
+# Of what is flown and rested; a smoother of which less is sound is none for the log.
 MIN_COVERED_SHARE = 0.5
-"""Of what is flown and rested; a smoother of which less is sound is none for the log."""
 FIX_3D = 3
+# A heading is turned to another's by the mean of their difference over so long: slowly, so that steps stay.
 HEADING_MEAN_S = 2.0
-"""A heading is turned to another's by the mean of their difference over so long: slowly, so that steps stay."""
 
 
 def smoothable(log: FlightLog, segments: Segments) -> list[Span]:

@@ -99,8 +99,8 @@ coverage_pct = { max_ratio_to_onboard = 1 }
 total_rmse_deg = {}
 noise_tilt_deg = { baseline = true }
 step_gain = { min = 2, max = 1, filters = [], optional = "yes" }
-wander_deg = { max = nan, max_ratio_to_onboard = 0 }
-hover_jitter_deg = []
+drift_rest_deg_per_min = { max = nan, max_ratio_to_onboard = 0 }
+allan_bias_deg_per_h = []
 """,
     )
     for start, word in (
@@ -119,9 +119,9 @@ hover_jitter_deg = []
         ("F, line 11: step_gain", "filters: must be a list of names or patterns (got [])"),
         ("F, line 11: step_gain", "optional: must be a valid boolean (got 'yes')"),
         ("F, line 11: step_gain", "min=2 is above max=1"),
-        ("F, line 12: wander_deg", "max: must be a finite number"),
-        ("F, line 12: wander_deg", "max_ratio_to_onboard: must be greater than 0"),
-        ("F, line 13: hover_jitter_deg", "is []"),
+        ("F, line 12: drift_rest_deg_per_min", "max: must be a finite number"),
+        ("F, line 12: drift_rest_deg_per_min", "max_ratio_to_onboard: must be greater than 0"),
+        ("F, line 13: allan_bias_deg_per_h", "is []"),
     ):
         assert any(line.startswith(start) and word in line for line in found), (start, word, found)
     assert len(found) == 18

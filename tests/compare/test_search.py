@@ -194,7 +194,7 @@ def test_the_json_and_the_csv_hold_every_setting_on_every_log() -> None:
 
 # Settings on one log: the same answers as one by one, asked once.
 
-ASKED = ("tilt_rmse_deg", "heading_median_deg", "noise_tilt_deg", "step_error_deg.0.5s@airborne")
+ASKED = ("tilt_rmse_deg", "tilt_p95_deg", "noise_tilt_deg", "step_error_deg.0.5s@airborne")
 SETTINGS = [{"kp": 0.3, "ki": 0.0}, {"kp": 0.9, "ki": 0.02}, {"kp": 2.0, "ki": 0.0, "mag_form": "vector"}]
 
 

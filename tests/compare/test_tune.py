@@ -281,7 +281,7 @@ def test_nothing_to_judge_by_is_refused_with_the_reason() -> None:
 
 def test_a_metric_without_units_cannot_be_split_over_one_log() -> None:
     with pytest.raises(UsageError, match="give several logs"):
-        tuned([noisy(1, 40.0)], ["kp=0.1..10log"], terms="tilt_max_deg")
+        tuned([noisy(1, 40.0)], ["kp=0.1..10log"], terms="tilt_p95_deg")
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from attlog import metrics
 from attlog.compare.comparison import select_questions
 from attlog.compare.tables import comparison_tables
 from attlog.compare.wording import comparison_sentences
-from attlog.metrics.metric import Answer, Metric, Resolution, Wording
+from attlog.metrics.metric import Answer, Metric, Question, Resolution, Wording
 from tests.compare.made import SECOND, comparison
 from tests.metrics.flights import case, row
 
@@ -154,7 +154,6 @@ SWAY = Metric(
     "Sway",
     "deg",
     "low",
-    (),
     "How far it sways.",
     resolution=Resolution(7.0, "a sway of a hand's breadth", "windows"),
     wording=Wording("sways", "less", "more", "sway"),
@@ -166,12 +165,10 @@ SWAY = Metric(
 def strangers_file(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A question that this package does not know: one file, and its line in the list of questions."""
     file = ModuleType("attlog.metrics.sway")
-    file.METRICS = (SWAY,)  # type: ignore[attr-defined]
-    file.compute = lambda case, row, window: {  # type: ignore[attr-defined]
-        "sway_deg": Answer(5.0, "deg", window, 2, 10.0, (0.01, 9.0))
-    }
+    answers = {"sway_deg": Answer(5.0, "deg", "all", 2, 10.0, (0.01, 9.0))}
+    file.QUESTIONS = (Question("sway", "", (SWAY,), lambda case, row, window: answers),)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, file.__name__, file)
-    monkeypatch.setattr(metrics, "QUESTIONS", metrics.QUESTIONS | {"sway": ("sway", "METRICS", "compute")})
+    monkeypatch.setattr(metrics, "FILES", (*metrics.FILES, "sway"))
     metrics.questions.cache_clear()
     yield
     metrics.questions.cache_clear()

@@ -16,7 +16,7 @@ from attlog.flight import read
 from attlog.formats import Table
 from attlog.health import compass, gnss
 from attlog.health import imu as gyro
-from attlog.metrics import accuracy, allan, noise
+from attlog.metrics import allan, drift, noise
 from attlog.pipeline import evaluation, summary
 from attlog.result import Result
 from tests.conftest import SAMPLES, few
@@ -91,16 +91,14 @@ def evaluated(case: Any) -> Result:
 def test_a_check_or_a_metric_that_fails_is_missing_and_the_others_are_there(case: Any) -> None:
     whole = evaluated(case)
     assert not [p for p in whole.findings if p.kind == "part_failed"]
-    with breaks(gyro, "gyro_checks"), breaks(accuracy, "compute_rmse"), breaks(evaluation, "verdicts"):
-        metrics.questions.cache_clear()  # holds the functions
+    with breaks(gyro, "gyro_checks"), breaks(drift, "rest_records"), breaks(evaluation, "verdicts"):
         result = evaluated(case)
-    metrics.questions.cache_clear()
     assert {c.name: c.verdict for c in result.audit}["gyro"] == "unknown"
     assert [c for c in result.audit if c.name.startswith("field")] == [
         c for c in whole.audit if c.name.startswith("field")
     ]
     answers = result.estimators[1].metrics["all"]
-    assert (answers["total_rmse_deg"].code, answers["total_rmse_deg"].value) == ("part_failed", None)
+    assert (answers["drift_rest_deg_per_min"].code, answers["drift_rest_deg_per_min"].value) == ("part_failed", None)
     assert answers["lag_ms"].value == whole.estimators[1].metrics["all"]["lag_ms"].value
     failed = [p.text for p in result.findings if p.kind == "part_failed"]
     assert len(failed) == 1 + len(result.estimators) + 1, "the check, the metric of each row, the sentences"
@@ -127,8 +125,8 @@ def test_a_page_is_written_where_everything_that_may_fail_does(tmp_path: Path) -
     from attlog.pipeline import analyze
 
     with (
-        breaks(noise, "compute_noise"),
-        breaks(allan, "compute_allan"),
+        breaks(noise, "phase_variances"),
+        breaks(allan, "longest_rest"),
         breaks(gnss, "gnss_checks"),
         breaks(compass, "field_checks"),
     ):

@@ -24,7 +24,7 @@ def test_a_rest_is_long_enough_for_drift_in_info_exactly_where_it_is_in_an_analy
     said = {a.question: a for a in health.answerable(log, prepare(log))}["yaw_drift"]
     row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.01) * t))
     phases = [Segment("continuous", 0.0, seconds), Segment("rest.long", 0.0, seconds)]
-    found = drift_rest.compute_rest_drift(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
+    found = drift_rest.REST_DRIFT.ask(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
     assert said.can is answered
     assert (found.value is not None) is answered
 

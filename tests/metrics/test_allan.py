@@ -47,19 +47,18 @@ def walking_row(seconds, density=0.01, seed=3):
 
 def test_the_angle_random_walk_is_60_times_the_density():
     row = walking_row(300.0)
-    answer = allan.compute_allan(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
+    answer = allan.ALLAN.ask(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
     assert answer.value == pytest.approx(0.6, rel=0.1)
     assert answer.ci95[0] < 0.6 < answer.ci95[1]
 
 
 def test_a_floor_that_the_rest_is_too_short_for_is_not_invented():
     row = walking_row(100.0)
-    answers = allan.compute_allan(flights.case([row], REST), row, "rest")
+    answers = allan.ALLAN.ask(flights.case([row], REST), row, "rest")
     assert answers["allan_bias_deg_per_h"].code == "rest_too_short"
     short = walking_row(50.0)
     assert (
-        allan.compute_allan(flights.case([short], REST), short, "rest")["allan_arw_deg_per_sqrt_h"].code
-        == "rest_too_short"
+        allan.ALLAN.ask(flights.case([short], REST), short, "rest")["allan_arw_deg_per_sqrt_h"].code == "rest_too_short"
     )
 
 
@@ -67,9 +66,7 @@ def test_white_heading_noise_is_no_angle_random_walk():
     t = np.arange(0.0, 200.0, STEP)
     noise = np.radians(0.01) * np.random.default_rng(1).standard_normal(len(t))
     row = flights.row(t, rotation.from_euler(0.0, 0.0, noise))
-    assert (
-        allan.compute_allan(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"].code == "not_applicable"
-    )
+    assert allan.ALLAN.ask(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"].code == "not_applicable"
 
 
 def test_averages_of_white_angle_noise_fall_with_the_root_of_tau():
@@ -106,7 +103,7 @@ def test_the_answer_is_the_floor_over_0_664_in_degrees_per_hour():
 
 def test_the_interval_of_the_walk_is_that_of_allantools_at_one_second():
     row = walking_row(300.0)
-    answer = allan.compute_allan(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
+    answer = allan.ALLAN.ask(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
     edf = allantools.edf_simple(len(row.t), round(1.0 / STEP), 0)
     low, high = allantools.confidence_interval(answer.value, edf, ci=0.95)
     assert answer.ci95 == pytest.approx((low, high), rel=0.01)

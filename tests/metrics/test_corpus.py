@@ -54,7 +54,7 @@ def test_the_commanded_movements_are_found(corpus, name, roll, pitch, yaw):
 def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, row):
     """Within 2 ms or with an interval that holds 0; in telemetry, whose truth has no clock of its own, within 3 ms."""
     case = trial_of(corpus / "sitl" / row["file"])
-    answer = lag.compute_lag(case, row_of(case, "onboard"), "all")["lag_ms"]
+    answer = lag.LAG.ask(case, row_of(case, "onboard"), "all")["lag_ms"]
     if answer.value is None:
         assert answer.code == "no_events"
         assert row["att_lag_ms"] == ""
@@ -66,7 +66,7 @@ def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, row):
 @pytest.mark.parametrize("name", ["px4/px4_steps.ulg", "ardupilot/copter_steps_stabilize.bin"])
 def test_integrated_gyro_is_not_late_once_the_input_delay_is_known(corpus, name):
     case = trial_of(corpus / "sitl" / name)
-    answer = lag.compute_lag(case, row_of(case, "gyro"), "all")["lag_ms"]
+    answer = lag.LAG.ask(case, row_of(case, "gyro"), "all")["lag_ms"]
     assert abs(answer.value) < 1.0
     assert answer.taken_out == pytest.approx(1000 * case.reference.input_delay_s)
 
@@ -136,7 +136,7 @@ def test_the_intervals_hold_the_true_lag_of_nearly_every_filter(corpus):
         case = trial_of(corpus / "sitl" / flight)
         real, made = flown_again(case, names), flown_again(case, names, gyro_of_truth(case))
         for row, exact in zip(real.rows, made.rows, strict=True):
-            told = lag.compute_lag(real, row, "all")["lag_ms"]
+            told = lag.LAG.ask(real, row, "all")["lag_ms"]
             assert told.value is not None, (flight, row.name, told.reason)
             true = 1000 * step_fits.fits(made, exact, "all")["all"].delay
             held.append(told.ci95[0] <= true <= told.ci95[1])

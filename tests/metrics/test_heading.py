@@ -32,7 +32,7 @@ def asked(
         nan = np.full(n, np.nan)
         fix = np.full(n, 3)
         log.gnss = [Gnss(0, flight.fixes, "gnss", nan, nan, nan, flight.velocity, nan, nan, nan, fix)]
-    return heading.compute_gnss_heading(case, row, window)["gnss_heading_deg"]
+    return heading.GNSS_HEADING.ask(case, row, window)["gnss_heading_deg"]
 
 
 def test_the_value_is_signed_with_interval_evidence_and_time() -> None:
@@ -99,22 +99,3 @@ def test_a_heading_that_was_taken_out_is_put_back_within_half_a_turn(
     found = heading.HeadingOffset(**{f.name: 1.0 for f in fields(heading.HeadingOffset)})  # type: ignore[arg-type]
     found = replace(found, offset_deg=offset)
     assert heading._shifted(found, turned).offset_deg == pytest.approx(shown)
-
-
-# Wander of the heading about its mean drift.
-
-T = np.arange(0.0, 120.0, 0.02)
-
-
-def test_at_rest_the_rows_own_step_limits_it_and_in_flight_the_references_floor() -> None:
-    """A sine of 0.5 deg in 20 s about a drift of 1 deg/min: RMS 0.354 deg."""
-    yaw = np.radians(0.5 * np.sin(2.0 * np.pi * T / 20.0) + T / 60.0)
-    still = np.tile([1.0, 0.0, 0.0, 0.0], (len(T), 1))
-    row = flights.row(T, rotation.turn_about_down(still, yaw), step_deg=0.02)
-    spans = [Segment("continuous", 0, 120), Segment("rest.long", 0, 60), Segment("airborne", 60, 120)]
-    case = flights.case([row], spans, (T, still))
-    case.reference.floor_deg = 0.3
-    for window, floor in (("rest", 0.01), ("airborne", 0.3)):
-        answer = heading.compute_heading_residual(case, row, window)["wander_deg"]
-        assert answer.value == pytest.approx(0.5 / np.sqrt(2.0), rel=0.05)
-        assert answer.floor == floor

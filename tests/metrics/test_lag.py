@@ -7,10 +7,8 @@ from attlog.core import rotation
 from attlog.flight.model import TruthFit
 from attlog.metrics import lag
 from attlog.segments.model import Segment
-from tests.conftest import few
 from tests.metrics import flights
 from tests.metrics.flights import motion, sampled
-from tests.metrics.test_step_fit import thrust_flight
 
 DELAY = 0.0073
 
@@ -25,7 +23,7 @@ def test_a_filter_that_follows_half_is_no_pure_delay_and_its_gain_is_told():
     t, q = motion("steps", 40.0)
     half = rotation.from_rotvec(0.5 * rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[0]), q)))
     case, row = step_case(sampled(t, half, 200.0), sampled(t, q, 25.0))
-    answers = lag.compute_lag(case, row, "all")
+    answers = lag.LAG.ask(case, row, "all")
     assert answers["lag_ms"].value is None
     assert answers["lag_ms"].code == "not_a_pure_delay"
     assert answers["step_gain"].value == pytest.approx(0.5, abs=0.01)
@@ -36,7 +34,7 @@ def test_a_frozen_filter_has_no_distortion_and_still_does_not_win_it():
     t, q = motion("steps", 40.0)
     frozen = sampled(t, q, 200.0)
     frozen.q = np.tile(frozen.q[0], (len(frozen.t), 1))
-    answer = lag.compute_lag(*step_case(frozen, sampled(t, q, 25.0)), "all")["distortion_pct"]
+    answer = lag.LAG.ask(*step_case(frozen, sampled(t, q, 25.0)), "all")["distortion_pct"]
     assert answer.value == pytest.approx(0.0, abs=1e-6)
     assert not answer.ranked
 
@@ -44,36 +42,36 @@ def test_a_frozen_filter_has_no_distortion_and_still_does_not_win_it():
 def test_a_causal_filter_that_comes_out_early_against_truth_is_not_judged_but_is_against_onboard():
     t, q = motion("steps", 40.0)
     early, ref = sampled(t, q, 200.0, delay=-0.02), sampled(t, q, 25.0)
-    assert lag.compute_lag(*step_case(early, ref), "all")["lag_ms"].code == "not_a_pure_delay"
-    onboard = lag.compute_lag(*step_case(early, ref, kind="onboard"), "all")["lag_ms"]
+    assert lag.LAG.ask(*step_case(early, ref), "all")["lag_ms"].code == "not_a_pure_delay"
+    onboard = lag.LAG.ask(*step_case(early, ref, kind="onboard"), "all")["lag_ms"]
     assert onboard.value == pytest.approx(-20.0, abs=0.5)
 
 
 def test_a_delay_beyond_the_range_is_no_answer():
     t, q = motion("steps", 40.0)
     case, row = step_case(sampled(t, q, 200.0, delay=0.4), sampled(t, q, 25.0))
-    assert lag.compute_lag(case, row, "all")["lag_ms"].code == "lag_at_edge"
+    assert lag.LAG.ask(case, row, "all")["lag_ms"].code == "lag_at_edge"
 
 
 def test_the_input_delay_is_subtracted_once_and_both_numbers_are_told():
     t, q = motion("steps", 40.0)
     case, row = step_case(sampled(t, q, 200.0, delay=0.0113), sampled(t, q, 25.0))
     case.reference.input_delay_s = 0.0113
-    told = lag.compute_lag(case, row, "all")["lag_ms"]
+    told = lag.LAG.ask(case, row, "all")["lag_ms"]
     assert told.value == pytest.approx(0.0, abs=0.3)
     assert told.detail["fitted_ms"] == pytest.approx(11.3, abs=0.3)
     assert told.taken_out == pytest.approx(11.3)
     case.reference.input_delay_shared = True
-    assert lag.compute_lag(case, row, "all")["lag_ms"].value == pytest.approx(11.3, abs=0.3)
+    assert lag.LAG.ask(case, row, "all")["lag_ms"].value == pytest.approx(11.3, abs=0.3)
 
 
 def test_the_clock_of_a_truth_that_was_brought_is_part_of_the_interval_also_of_a_choice_of_events():
     t, q = motion("steps", 40.0)
     case, row = step_case(sampled(t, q, 200.0, delay=0.0073), sampled(t, q, 25.0))
-    sure = lag.compute_lag(case, row, "all")["lag_ms"]
+    sure = lag.LAG.ask(case, row, "all")["lag_ms"]
     none = (0.0, 0.0, 0.0)
     case.reference.fit = TruthFit("m.tum", 1.0, 0.004, 0.0, 1.0, none, none, 0.99, 0.5, 100, 40.0, 0.1, 0.1)
-    unsure = lag.compute_lag(case, row, "all")["lag_ms"]
+    unsure = lag.LAG.ask(case, row, "all")["lag_ms"]
     assert unsure.value == pytest.approx(sure.value)
     added = (unsure.ci95[1] - unsure.value) ** 2 - (sure.ci95[1] - sure.value) ** 2
     assert np.sqrt(added) == pytest.approx(8.0)
@@ -85,20 +83,20 @@ def test_a_filter_that_corrects_the_input_delay_is_not_forgiven_it_again():
     case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
     case.reference.input_delay_s = 0.0113
     row.quality["imu_lag_corrected_ms"] = 11.3
-    assert lag.compute_lag(case, row, "all")["lag_ms"].value == pytest.approx(0.0, abs=0.3)
+    assert lag.LAG.ask(case, row, "all")["lag_ms"].value == pytest.approx(0.0, abs=0.3)
 
 
 def test_a_reference_below_5_hz_answers_no_lag():
     t, q = motion("yaw", 40.0)
     case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 4.0))
-    assert lag.compute_lag(case, row, "all")["lag_ms"].code == "reference_too_slow"
+    assert lag.LAG.ask(case, row, "all")["lag_ms"].code == "reference_too_slow"
 
 
 @pytest.mark.parametrize("kind", ["steps", "yaw", "flips"])
 def test_a_slow_row_is_compared_at_its_own_times(kind):
     t, q = motion(kind, 60.0)
     case, row = step_case(sampled(t, q, 10.0, delay=0.02), sampled(t, q, 200.0))
-    told = lag.compute_lag(case, row, "all")
+    told = lag.LAG.ask(case, row, "all")
     assert told["lag_ms"].value == pytest.approx(20.0, abs=2.0)
     assert told["step_gain"].value == pytest.approx(1.0, abs=0.01)
     assert told["distortion_pct"].value < 2.0
@@ -106,7 +104,7 @@ def test_a_slow_row_is_compared_at_its_own_times(kind):
 
 def test_two_events_are_too_few_and_none_is_none():
     t, q = motion("yaw", 10.5)
-    answers = lag.compute_lag(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")
+    answers = lag.LAG.ask(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")
     assert answers["lag_yaw_ms"].code == "too_few_events"
     assert answers["lag_roll_ms"].code == "no_events"
 
@@ -114,8 +112,8 @@ def test_two_events_are_too_few_and_none_is_none():
 def test_lag_does_not_change_with_heading():
     t, q = motion("steps", 30.0)
     turned = rotation.turn_about_down(q, 2.0)
-    one = lag.compute_lag(*step_case(sampled(t, q, 200.0, DELAY), sampled(t, q, 25.0)), "all")["lag_ms"]
-    two = lag.compute_lag(*step_case(sampled(t, turned, 200.0, DELAY), sampled(t, turned, 25.0)), "all")["lag_ms"]
+    one = lag.LAG.ask(*step_case(sampled(t, q, 200.0, DELAY), sampled(t, q, 25.0)), "all")["lag_ms"]
+    two = lag.LAG.ask(*step_case(sampled(t, turned, 200.0, DELAY), sampled(t, turned, 25.0)), "all")["lag_ms"]
     assert one.value == pytest.approx(two.value, abs=1e-6)
 
 
@@ -123,20 +121,20 @@ def test_no_movement_is_said_in_a_pilots_words():
     t = np.arange(0.0, 40.0, 0.02)
     still = sampled(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), 25.0)
     case, row = step_case(still, still)
-    told = lag.compute_lag(case, row, "airborne")["lag_ms"].reason
+    told = lag.LAG.ask(case, row, "airborne")["lag_ms"].reason
     assert told.startswith("no step in flight from 0 s on; turns of 5 deg")
     del case.segments.segments[1]
-    told = lag.compute_lag(case, row, "airborne")["lag_ms"].reason
+    told = lag.LAG.ask(case, row, "airborne")["lag_ms"].reason
     assert told == "the vehicle was never airborne (as far as the log shows)"
     case.log.vehicle = "boat"
-    assert lag.compute_lag(case, row, "airborne")["lag_ms"].reason == "a boat does not fly"
+    assert lag.LAG.ask(case, row, "airborne")["lag_ms"].reason == "a boat does not fly"
 
 
 def test_a_refused_reference_is_not_called_missing():
     t, q = motion("steps", 20.0)
     case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
     case.reference.kind, case.reference.fault = "none", "ATT never changes while the gyro turns"
-    assert lag.compute_lag(case, row, "all")["lag_ms"].reason == case.reference.fault
+    assert lag.LAG.ask(case, row, "all")["lag_ms"].reason == case.reference.fault
 
 
 def found_with(**changes):
@@ -188,7 +186,7 @@ def test_the_interval_adds_clock_shape_and_aiding_to_the_jackknife():
 
 def test_units_of_a_lag_are_pseudo_values_and_answer_again_on_a_choice():
     case, row = step_case(sampled(*motion("steps", 40.0), 200.0, DELAY), sampled(*motion("steps", 40.0), 25.0))
-    told = lag.compute_lag(case, row, "all")["lag_ms"]
+    told = lag.LAG.ask(case, row, "all")["lag_ms"]
     units = pickle.loads(pickle.dumps(told.units))
     assert units.kind == "lag_event"
     assert np.mean(units.values) == pytest.approx(told.value, abs=0.05)
@@ -200,7 +198,7 @@ def test_units_of_a_lag_are_pseudo_values_and_answer_again_on_a_choice():
 
 def test_scale_of_the_logged_gyro_stays_in_the_interval_of_a_gain():
     t, q = motion("steps", 40.0)
-    gain = lag.compute_lag(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")["step_gain"]
+    gain = lag.LAG.ask(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")["step_gain"]
     assert gain.ci95[0] <= gain.value - lag.COMMON_GAIN
     assert gain.ci95[1] == pytest.approx(gain.value + lag.COMMON_GAIN, rel=1e-3)
 
@@ -212,7 +210,7 @@ def test_an_attitude_computed_elsewhere_has_its_own_delay_and_not_that_of_the_lo
     est = sampled(t, q, 200.0, delay=1e-3 * own_ms)
     case, row = step_case(est, sampled(t, q, 25.0), estimator="estimate.csv", parameters={"delay": known_ms})
     case.reference.input_delay_s = 0.00375
-    told = lag.compute_lag(case, row, "all")["lag_ms"]
+    told = lag.LAG.ask(case, row, "all")["lag_ms"]
     assert told.value == pytest.approx(own_ms - known_ms, abs=0.3)
     assert told.ci95[0] < own_ms - known_ms < told.ci95[1]
     assert told.taken_out == known_ms
@@ -225,51 +223,3 @@ def test_a_distortion_is_ranked_where_the_row_follows_the_whole_step(gain, ranke
     seen.fits["all"].gain = gain
     answer = lag._of_axis(case, row, "all", "all", seen)["distortion_pct"]
     assert (answer.ranked, answer.reason) == (ranked, None if ranked else f"follows {100 * gain:.0f} % of the step")
-
-
-@pytest.mark.parametrize("kp", few([0.0, 0.6, 2.0], 2))
-def test_the_leak_of_a_filter_aided_by_direction_is_its_gain(kp):
-    case, row = thrust_flight(kp)
-    told = lag.compute_correction_rate(case, row, "all")["leak_per_s"]
-    assert told.value == pytest.approx(kp, abs=0.01)
-    assert told.ci95[0] <= kp + 0.01
-    assert told.ci95[1] >= kp - 0.01
-    assert not told.ranked
-
-
-def test_yaw_turns_alone_tell_no_leak():
-    t, q = motion("yaw", 40.0)
-    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
-    told = lag.compute_correction_rate(case, row, "all")["leak_per_s"]
-    assert told.code == "too_few_events"
-    assert told.reason.startswith("0 ")
-
-
-def test_without_an_accelerometer_there_is_no_leak():
-    t, q = motion("steps", 40.0)
-    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
-    assert lag.compute_correction_rate(case, row, "all")["leak_per_s"].code == "not_covered"
-
-
-def test_a_wide_interval_is_no_answer(monkeypatch):
-    case, row = thrust_flight(0.6)
-    monkeypatch.setattr(lag, "LARGEST_HALF_PER_S", 1e-9)
-    monkeypatch.setattr(lag, "LARGEST_HALF", 1e-9)
-    told = lag.compute_correction_rate(case, row, "all")["leak_per_s"]
-    assert told.value is None
-    assert told.detail["fitted"] == pytest.approx(0.6, abs=0.01)
-
-
-@pytest.mark.parametrize(("kp", "least"), [(0.0, 0.004), (2.0, 0.04)])
-def test_scale_of_the_logged_gyro_stays_in_the_interval_of_a_leak(kp, least):
-    case, row = thrust_flight(kp)
-    told = lag.compute_correction_rate(case, row, "all")["leak_per_s"]
-    assert 0.5 * (told.ci95[1] - told.ci95[0]) >= 0.99 * least
-
-
-def test_a_leak_without_interval_is_not_told_as_infinity(monkeypatch):
-    case, row = thrust_flight(0.6)
-    monkeypatch.setattr(lag.math, "hypot", lambda *x: float("inf"))
-    told = lag.compute_correction_rate(case, row, "all")["leak_per_s"]
-    assert "inf" not in told.reason
-    assert "without interval" in told.reason

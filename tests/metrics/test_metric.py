@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import json
 import re
-from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -146,14 +145,14 @@ UNITS = {
     "per_s": "1/s",
 }
 NAMED = (
-    "total_rmse_deg heading_median_deg tilt_p95_deg total_max_deg "
-    "noise_tilt_deg noise_roll_deg noise_pitch_deg noise_heading_deg noise_p2p_deg "
+    "total_rmse_deg heading_rmse_deg tilt_rmse_deg tilt_p95_deg "
+    "noise_tilt_deg noise_roll_deg noise_pitch_deg noise_heading_deg "
     "lag_roll_ms lag_pitch_ms lag_yaw_ms lag_ms step_gain_roll distortion_roll_pct "
-    "step_error_deg.0.5s step_error_deg.1.0s step_error_pct.0.5s step_error_pct.1.0s leak_per_s "
-    "overshoot_pct settling_s drift_rest_deg_per_min "
-    "drift_air_deg_per_min.onboard drift_air_deg_per_min.course wander_deg "
-    "allan_arw_deg_per_sqrt_h allan_bias_deg_per_h convergence_s recovery_s hover_jitter_deg gyro_bias_error_dps "
-    "coverage_pct replay_floor_deg cost_ns cost_ratio tracking_rms_deg setpoint_delay_ms"
+    "step_error_deg.0.5s step_error_deg.1.0s step_error_pct.0.5s step_error_pct.1.0s "
+    "drift_rest_deg_per_min "
+    "drift_air_deg_per_min.onboard drift_air_deg_per_min.course "
+    "allan_arw_deg_per_sqrt_h allan_bias_deg_per_h gnss_heading_deg "
+    "coverage_pct cost_ns tracking_rms_deg setpoint_delay_ms"
 ).split()
 
 
@@ -324,46 +323,31 @@ def test_the_documentation_names_every_metric():
     for name in metrics.definitions():
         stem, dot, heading_reference = name.partition(".")
         stands = f"{stem}.HEADING_REFERENCE" in text and heading_reference in text
-        known = f"`{name}`" in text or (bool(dot) and stands)
-        statistic = next((s for s in ("_median_", "_p95_", "_max_") if s in name), None)
-        assert known or (statistic and f"`{statistic}`" in text and f"`{name.replace(statistic, '_rmse_')}`" in text), (
-            name
-        )
+        assert f"`{name}`" in text or (bool(dot) and stands), name
 
 
-# What is measured is asked where it is wanted, once all rows have passed, and stands in its place of the table.
-
-MEASURED = metrics.measured().METRICS[0].name
-AFTER = metrics.questions()[list(metrics.QUESTIONS).index(metrics.MEASURED) + 1].METRICS[0].name
-BEFORE = metrics.questions()[0].METRICS[0].name
-
-
-def settled(monkeypatch: pytest.MonkeyPatch, cost: bool, only: Collection[str]) -> list[str]:
-    """The metrics of a row, in order, after it was settled."""
-    t = np.arange(0.0, 10.0, 0.01)
-    row = flights.row(t, rotation.from_euler(0.0 * t, 0.0 * t, 0.0 * t))
-    case = flights.case([row], [Segment("continuous", 0, 10)])
-    decided: list[Any] = []
-    monkeypatch.setattr(accuracy, "rank_errors", decided.append)
-    monkeypatch.setattr(metrics.measured(), "compute", lambda case, row, window: {MEASURED: Answer(1.0)})
-    table = {row.name: {"all": {BEFORE: Answer(2.0), AFTER: Answer(3.0)}}}
-    metrics.settle(case, table, cost=cost, only=only)
-    assert decided == [case]
-    return list(table[row.name]["all"])
+# Once all rows have passed, headings are ranked and the cost is measured where it is wanted.
 
 
 @pytest.mark.parametrize(
-    ("cost", "only", "asked"),
+    ("cost", "only", "measured"),
     [
         (True, (), True),
         (False, (), False),
-        (True, (MEASURED,), True),
-        (True, (MEASURED.partition(".")[0], BEFORE), True),
-        (True, (BEFORE,), False),
-        (False, (MEASURED,), False),
+        (True, ("cost_ns",), True),
+        (True, ("tilt_rmse_deg",), False),
+        (False, ("cost_ns",), False),
     ],
 )
-def test_what_is_measured_is_asked_where_it_is_wanted(
-    monkeypatch: pytest.MonkeyPatch, cost: bool, only: tuple[str, ...], asked: bool
+def test_the_cost_is_measured_where_it_is_wanted(
+    monkeypatch: pytest.MonkeyPatch, cost: bool, only: tuple[str, ...], measured: bool
 ) -> None:
-    assert settled(monkeypatch, cost, only) == ([BEFORE, MEASURED, AFTER] if asked else [BEFORE, AFTER])
+    row_ = row("mahony")
+    case = flights.case([row_], [Segment("continuous", 0, 10)])
+    decided: list[Any] = []
+    monkeypatch.setattr(accuracy, "rank_errors", decided.append)
+    monkeypatch.setattr(metrics.cost, "measure_cost", lambda row: np.array([5.0]))
+    table = {"mahony": {"all": {"lag_ms": Answer(2.0)}}}
+    metrics.finish(case, table, cost=cost, only=only)
+    assert decided == [case]
+    assert list(table["mahony"]["all"]) == ["lag_ms", *(["cost_ns"] if measured else [])]

@@ -33,7 +33,7 @@ def still(sigma_deg, seconds=60.0, hz=100.0, seed=0, tilt=0.1):
 
 
 def answers(row, window="rest", segments=REST, reference=None):
-    return noise.compute_noise(flights.case([row], segments, reference), row, window)
+    return noise.NOISE.ask(flights.case([row], segments, reference), row, window)
 
 
 def process(rng, n, step, time_constant):
@@ -163,7 +163,7 @@ def flown(name="mahony", sigma_deg=0.2, seed=0):
 @pytest.mark.parametrize("phase", ["hover", "cruise", "idle"])
 def test_in_motion_noise_is_that_of_the_error_though_no_reference_is_looked_at(phase):
     case, row = flown()
-    told = noise.compute_noise(case, row, phase)["noise_tilt_deg"]
+    told = noise.NOISE.ask(case, row, phase)["noise_tilt_deg"]
     e, squares = row.errors, []
     for start in ids_to_s(told):
         i, j = np.searchsorted(e.t, [start, start + 5.0])
@@ -173,7 +173,7 @@ def test_in_motion_noise_is_that_of_the_error_though_no_reference_is_looked_at(p
     assert told.value == pytest.approx(np.exp(np.mean(np.log(squares)) / 2), rel=0.05)
     case.reference.q[:] = rotation.from_euler(0.3, 0.2, 0.1)
     case.forget()
-    assert noise.compute_noise(case, row, phase)["noise_tilt_deg"].value == told.value
+    assert noise.NOISE.ask(case, row, phase)["noise_tilt_deg"].value == told.value
 
 
 def ids_to_s(answer):
@@ -182,28 +182,28 @@ def ids_to_s(answer):
 
 def test_phases_stand_apart_and_flight_is_never_rest():
     case, row = flown()
-    told = {w: noise.compute_noise(case, row, w)["noise_tilt_deg"] for w in ("all", "rest", "idle", "hover", "cruise")}
+    told = {w: noise.NOISE.ask(case, row, w)["noise_tilt_deg"] for w in ("all", "rest", "idle", "hover", "cruise")}
     assert told["all"].value == told["rest"].value
     assert told["hover"].value > 5 * told["rest"].value
     assert {w: a.seconds for w, a in told.items()} == {"all": 10, "rest": 10, "idle": 5, "hover": 15, "cruise": 15}
-    assert noise.compute_noise(case, row, "airborne") == {}
-    own = noise.compute_noise(case, row, "15:40")["noise_tilt_deg"]
+    assert noise.NOISE.ask(case, row, "airborne") == {}
+    own = noise.NOISE.ask(case, row, "15:40")["noise_tilt_deg"]
     assert (own.detail["phase"], own.seconds) == ("rest", 5.0)
 
 
 def test_the_noise_of_integrated_gyro_means_nothing_in_the_air_and_is_not_ranked_at_rest():
     case, row = flown("gyro")
-    at_rest = noise.compute_noise(case, row, "rest")["noise_tilt_deg"]
+    at_rest = noise.NOISE.ask(case, row, "rest")["noise_tilt_deg"]
     assert at_rest.value > 0
     assert (at_rest.ranked, at_rest.reason) == (False, "it is not corrected by gravity")
     for phase in ("idle", "hover", "cruise"):
-        assert noise.compute_noise(case, row, phase)["noise_tilt_deg"].code == "not_applicable"
+        assert noise.NOISE.ask(case, row, phase)["noise_tilt_deg"].code == "not_applicable"
 
 
 def test_onboard_noise_in_the_air_has_one_digit_and_no_rank():
     case, row = flown()
     row.kind = "onboard"
-    told = noise.compute_noise(case, row, "hover")["noise_tilt_deg"]
+    told = noise.NOISE.ask(case, row, "hover")["noise_tilt_deg"]
     assert not told.ranked
     for x in (told.value, *told.ci95):
         assert x == float(f"{x:.1g}")
@@ -272,10 +272,10 @@ def test_a_filter_that_never_moved_is_ranked_by_a_probe_and_only_if_it_can_be_re
     case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
     for row in rows:
         np.testing.assert_allclose(pulse_gains(case, row), 1.0, atol=0.03)
-        assert noise.compute_noise(case, row, "rest")["noise_roll_deg"].ranked == (row.name == "mahony")
+        assert noise.NOISE.ask(case, row, "rest")["noise_roll_deg"].ranked == (row.name == "mahony")
     rows[1].estimator = "unknown-file"
     case.forget()
-    assert not noise.compute_noise(case, rows[1], "rest")["noise_roll_deg"].ranked
+    assert not noise.NOISE.ask(case, rows[1], "rest")["noise_roll_deg"].ranked
 
 
 def telemetry(sigma, step, seed=0, name="mahony"):
@@ -296,7 +296,7 @@ def test_noise_that_the_steps_of_the_logged_gyro_hide_is_not_ranked(sigma):
     """Telemetry in mrad/s: a gyro that shows one value at rest makes the filter that follows it perfect."""
     case, row = telemetry(sigma, 1e-3)
     case.log.imus[0].gyro.x[-5:] = 0.02  # the vehicle moves at the end, in steps too
-    answer = noise.compute_noise(case, row, "rest")["noise_roll_deg"]
+    answer = noise.NOISE.ask(case, row, "rest")["noise_roll_deg"]
     assert answer.ranked == (sigma > 1e-3)
     assert answer.ranked or "steps of the logged gyro" in answer.reason
 
@@ -316,7 +316,7 @@ def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
     case.log.imus = [Imu(0, Stream(t, frozen, "rad/s", "FRD", "x"), Stream(t, level, "m/s^2", "FRD", "x"))]
     case.log.imu = 0
     for axis in ("roll", "tilt"):
-        answer = noise.compute_noise(case, row, "rest")[f"noise_{axis}_deg"]
+        answer = noise.NOISE.ask(case, row, "rest")[f"noise_{axis}_deg"]
         assert (answer.ranked, "never changes" in answer.reason) == (False, True)
         assert np.isfinite(answer.floor)
 
@@ -356,21 +356,21 @@ def test_a_single_axis_in_cruise_is_known_less_from_one_window_than_tilt():
 def test_a_filter_that_corrects_the_lag_of_its_sensor_does_not_add_the_lag():
     """Its attitude at a stamp is the one that the gyro shows 20 ms later: at 40 deg/s 0.8 deg, and no noise."""
     case, row = flown()
-    added_by_it = noise.compute_noise(case, row, "hover")["noise_tilt_deg"].value
+    added_by_it = noise.NOISE.ask(case, row, "hover")["noise_tilt_deg"].value
     late = case.log.imus[0].gyro.t_best - 0.02
     row.q = rotation.slerp(late, row.q, row.t.clip(late[0], late[-1]))
     case.forget()
-    assert noise.compute_noise(case, row, "hover")["noise_tilt_deg"].value > 1.1 * added_by_it
+    assert noise.NOISE.ask(case, row, "hover")["noise_tilt_deg"].value > 1.1 * added_by_it
     case.forget()
     row.quality = {"imu_lag_corrected_ms": 20.0}
-    assert noise.compute_noise(case, row, "hover")["noise_tilt_deg"].value == pytest.approx(added_by_it, rel=0.05)
+    assert noise.NOISE.ask(case, row, "hover")["noise_tilt_deg"].value == pytest.approx(added_by_it, rel=0.05)
 
 
 @pytest.mark.parametrize("phase", ["hover", "cruise", "idle"])
 def test_what_the_gyro_itself_wanders_by_stands_beside_what_is_added_to_it(phase):
     case, row = flown()
-    assert noise.compute_noise(case, row, phase)["noise_tilt_deg"].gyro_share > 0.0
-    assert noise.compute_noise(case, row, "rest")["noise_tilt_deg"].gyro_share == 0.0
+    assert noise.NOISE.ask(case, row, phase)["noise_tilt_deg"].gyro_share > 0.0
+    assert noise.NOISE.ask(case, row, "rest")["noise_tilt_deg"].gyro_share == 0.0
 
 
 EDGES = np.array([0, 60, 140])
@@ -582,7 +582,6 @@ def test_windows_that_settle_are_left_out_at_rest_alone(phase: str, left: int) -
     part = noise._part(row, phase, [(w, r) for (w, _), r in zip(found, residuals, strict=True)])
     assert part is not None
     assert len(part.t0) == len(part.lengths) == len(part.variances) == left
-    assert len(part.residuals) == 250 * left
     assert part.settled_s == (pytest.approx(25.0 - row.start) if phase == "rest" else None)
 
 
@@ -596,10 +595,6 @@ def test_a_row_is_measured_in_all_spans_of_a_phase_together() -> None:
     assert found.t0.tolist() == [20.0, 25.0, 30.0, 35.0, 60.0, 65.0, 70.0, 75.0, 80.0, 85.0]
     assert found.seconds == pytest.approx(50.0)
     assert np.sqrt(found.variances[:, 0]) == pytest.approx(0.1 / np.sqrt(2.0), rel=0.02)
-    swing = 0.1 * np.sin(2.0 * np.pi * t)
-    left = np.concatenate([detrend(swing[round(50 * a) : round(50 * a) + 250]) for a in found.t0])
-    assert found.p2p[0] == pytest.approx(np.quantile(left, 0.999) - np.quantile(left, 0.001), rel=1e-3)
-    assert found.p2p[1] < 1e-6
 
 
 # Windows that a row is measured in.

@@ -67,7 +67,7 @@ def flight(hertz=3.0, damping=0.7, dead_s=0.02, hz=100.0, noise_deg=0.02):
 @pytest.mark.parametrize("plant_of", few([[3.0, 0.7, 0.02], [3.0, 0.5, 0.02], [1.5, 0.7, 0.05]], 1))
 @pytest.mark.parametrize("noise_deg", few([0.0, 0.3], 1))
 def test_a_known_plant_comes_back_to_3_ms_and_5_percent(plant_of, noise_deg):
-    found = setpoint.compute_setpoint(*flight(*plant_of, noise_deg=noise_deg), "all")
+    found = setpoint.SETPOINT.ask(*flight(*plant_of, noise_deg=noise_deg), "all")
     delay, rise, peak, settled = known(*plant_of)
     assert found["setpoint_delay_ms"].value == pytest.approx(1000 * delay, abs=3.0)
     assert found["setpoint_rise_ms"].value == pytest.approx(1000 * rise, rel=0.05)
@@ -95,7 +95,7 @@ def test_settling_rise_and_peak_of_closed_forms():
 def test_a_vehicle_that_follows_at_once_has_no_delay_and_answers_never_come_before_the_command():
     case, row = flight(noise_deg=0.0)
     case.log.attitudes["ATT"].q = case.log.setpoints.attitude.q
-    found = setpoint.compute_setpoint(case, row, "all")
+    found = setpoint.SETPOINT.ask(case, row, "all")
     assert found["setpoint_delay_ms"].value == pytest.approx(0.0, abs=6.0)
     assert found["tracking_rms_deg"].value < 0.01
     pieces, _ = setpoint.flown_angles(flight()[0], "all")
@@ -108,7 +108,7 @@ def test_a_vehicle_that_follows_at_once_has_no_delay_and_answers_never_come_befo
 def test_an_attitude_that_ignores_its_set_point_has_no_response():
     case, row = flight()
     case.log.attitudes["ATT"].q = np.roll(case.log.attitudes["ATT"].q, 4000, axis=0)
-    found = setpoint.compute_setpoint(case, row, "all")
+    found = setpoint.SETPOINT.ask(case, row, "all")
     assert found["setpoint_delay_ms"].value is None
     assert found["setpoint_delay_ms"].code == "did_not_move"
     assert found["tracking_rms_deg"].value > 3.0
@@ -117,14 +117,14 @@ def test_an_attitude_that_ignores_its_set_point_has_no_response():
 @pytest.mark.slow
 def test_modes_that_command_no_attitude_and_times_disarmed_are_left_out():
     case, row = flight()
-    whole = setpoint.compute_setpoint(case, row, "all")["setpoint_delay_ms"].seconds
+    whole = setpoint.SETPOINT.ask(case, row, "all")["setpoint_delay_ms"].seconds
     case.log.state.mode = TimeLine(np.array([0.0, 25.5]), ["Stabilized", "Acro"], "made")
-    half = setpoint.compute_setpoint(case, row, "all")["setpoint_delay_ms"].seconds
+    half = setpoint.SETPOINT.ask(case, row, "all")["setpoint_delay_ms"].seconds
     assert half == pytest.approx(0.5 * whole, abs=8.0)
     case.segments.segments.append(Segment("armed", 0, 13))
-    assert setpoint.compute_setpoint(case, row, "all")["setpoint_delay_ms"].seconds < 0.55 * half
+    assert setpoint.SETPOINT.ask(case, row, "all")["setpoint_delay_ms"].seconds < 0.55 * half
     case.log.state.mode = TimeLine(np.array([0.0]), ["ACRO"], "made")
-    assert setpoint.compute_setpoint(case, row, "all")["setpoint_delay_ms"].code == "not_covered"
+    assert setpoint.SETPOINT.ask(case, row, "all")["setpoint_delay_ms"].code == "not_covered"
 
 
 def test_hold_is_a_standing_rover_but_a_hovering_px4():
@@ -140,13 +140,13 @@ def test_hold_is_a_standing_rover_but_a_hovering_px4():
 def test_without_a_set_point_there_is_a_code():
     case, row = flight()
     case.log.setpoints.attitude = None
-    assert {a.code for a in setpoint.compute_setpoint(case, row, "all").values()} == {"no_setpoint"}
+    assert {a.code for a in setpoint.SETPOINT.ask(case, row, "all").values()} == {"no_setpoint"}
 
 
 def test_only_the_onboard_row_has_a_controller():
     case, row = flight()
     row.name = "mahony"
-    assert setpoint.compute_setpoint(case, row, "all") == {}
+    assert setpoint.SETPOINT.ask(case, row, "all") == {}
 
 
 def test_two_samples_of_set_point_and_attitude_at_the_least_rate_are_needed():
