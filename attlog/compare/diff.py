@@ -195,10 +195,10 @@ VERDICT_ORDER = ("beyond", "vanished", "appeared", "not_significant", "within")
 @cache
 def metric_titles() -> dict[str, tuple[str, str]]:
     """Metric id -> its question and its title."""
-    from attlog.metrics import questions
+    from attlog.metrics import groups
     from attlog.metrics.cost import COST
 
-    return {m.name: (q.topic or OTHER_QUESTION, m.title) for q in (*questions(), COST) for m in q.metrics}
+    return {m.name: (q.topic or OTHER_QUESTION, m.title) for q in (*groups(), COST) for m in q.metrics}
 
 
 def metric_question(metric: str) -> str:

@@ -38,7 +38,7 @@ def swept_questions(texts: Iterable[str]) -> list[Question]:
 
     UsageError names everything wrong in them. Metrics that run the filter again are not among them.
     """
-    known = [m for q in metrics.questions() for m in q.metrics]
+    known = [m for q in metrics.groups() for m in q.metrics]
     return [question_of(metric, window or "all") for metric, window in parse_metrics(texts, known)]
 
 
@@ -75,7 +75,7 @@ class SettingsOnLog:
         for question in self.questions:
             _check_window(case, question)
         asked = {q.metric for q in self.questions}
-        self._computed = [q for q in metrics.questions() if {m.name for m in q.metrics} & asked]
+        self._computed = [q for q in metrics.groups() if {m.name for m in q.metrics} & asked]
         self._known: dict[str, SettingResult] = {}
 
     @property

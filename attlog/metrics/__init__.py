@@ -1,4 +1,4 @@
-"""Metrics of every row: which questions there are, and how they are asked."""
+"""Metrics of every row: which groups there are, and how they are computed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from attlog.core.errors import guarded
-from attlog.metrics.metric import Answer, Case, Metric, Question, missing
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing
 from attlog.reference.model import HeadingReference, Row
 
 if TYPE_CHECKING:
@@ -22,26 +22,26 @@ __all__ = [
     "Drawing",
     "HeadingReference",
     "Metric",
-    "Question",
+    "MetricGroup",
     "Trace",
     "compute",
     "definitions",
     "finish",
+    "groups",
     "missing",
-    "questions",
     "rank",
 ]
 
-# Files with a tuple QUESTIONS, in the order of the table; imported when they are first asked.
+# Files with a tuple METRIC_GROUPS, in the order of the table; imported when they are first asked.
 FILES = ("noise", "lag", "step_error", "drift", "accuracy", "heading", "allan", "setpoint")
 LATE = {"Drawing": "traces", "Trace": "trace"}
 FULL_COVERAGE_PCT = 95.0
 
 
 @cache
-def questions() -> tuple[Question, ...]:
-    """Return the questions that a log answers."""
-    return tuple(q for name in FILES for q in import_module(f"{__name__}.{name}").QUESTIONS)
+def groups() -> tuple[MetricGroup, ...]:
+    """Return the groups that a log answers."""
+    return tuple(q for name in FILES for q in import_module(f"{__name__}.{name}").METRIC_GROUPS)
 
 
 def __getattr__(name: str) -> Any:
@@ -58,7 +58,7 @@ def definitions() -> dict[str, Metric]:
     """Return every metric by its id, in the order of the table."""
     from attlog.metrics.cost import COST
 
-    return {metric.name: metric for question in (*questions(), COST) for metric in question.metrics}
+    return {metric.name: metric for group in (*groups(), COST) for metric in group.metrics}
 
 
 def compute(
@@ -67,20 +67,20 @@ def compute(
     """Return the answers of one row: window -> metric id -> Answer.
 
     A metric that means nothing in a window is left out there. ``only``: metrics that are wanted, by id or by the part
-    before the dot; others of the same question come too. A row that gravity does not correct is never ranked.
+    before the dot; others of the same group come too. A row that gravity does not correct is never ranked.
     """
     from attlog.metrics import following
     from attlog.metrics.ranking import mark_not_ranked
 
     table: dict[str, dict[str, Answer]] = {}
-    asked = [q for q in questions() if not only or _is_of(q, only)]
+    asked = [q for q in groups() if not only or _is_of(q, only)]
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
     uncorrected = following.why_uncorrected(case, row)
     for window in windows:
         answers = table.setdefault(window, {})
-        for question in asked:
-            answers |= _ask(question, case, row, window)
-            for metric in question.metrics:
+        for group in asked:
+            answers |= _ask(group, case, row, window)
+            for metric in group.metrics:
                 if metric.name in answers:
                     mark_not_ranked(metric, answers[metric.name])
                     if partly and metric.covers:
@@ -108,17 +108,17 @@ def finish(
                 answers |= _ask(COST, case, row, window)
 
 
-def _is_of(question: Question, wanted: Collection[str]) -> bool:
-    return any(m.name in wanted or m.name.partition(".")[0] in wanted for m in question.metrics)
+def _is_of(group: MetricGroup, wanted: Collection[str]) -> bool:
+    return any(m.name in wanted or m.name.partition(".")[0] in wanted for m in group.metrics)
 
 
-def _ask(question: Question, case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Return the answers of one question; a bug in it leaves its metrics missing with the reason."""
+def _ask(group: MetricGroup, case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Return the answers of one group; a bug in it leaves its metrics missing with the reason."""
 
     def failed(sentence: str) -> dict[str, Answer]:
-        return question.without("part_failed", sentence, window)
+        return group.without("part_failed", sentence, window)
 
-    return guarded(f"{row.name}: {question.name}", lambda: question.ask(case, row, window), failed)
+    return guarded(f"{row.name}: {group.name}", lambda: group.ask(case, row, window), failed)
 
 
 def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core.spans import complement, intersect
 from attlog.metrics import intervals as interval
-from attlog.metrics.metric import Answer, Case, Metric, Question, Wording, paragraph, per_case, per_row, per_times
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Wording, paragraph, per_case, per_row, per_times
 from attlog.metrics.statistics import (
     MIN_SAMPLES,
     PIECES,
@@ -73,20 +73,20 @@ def _metric(angle: str, statistic: str) -> Metric:
 
 def compute_errors(angle: str, case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Return the sizes of one of ANGLES of a row in a window."""
-    question, errors = ERRORS[angle], row.errors
+    group, errors = ERRORS[angle], row.errors
     assert errors is not None
     good = _scored(case, row) & in_window(case, errors.t, window)
     count = int(np.count_nonzero(good))
     if count < MIN_SAMPLES:
         start = case.reference.scoring_start
         reason = f"{count} scored samples are too few; {MIN_SAMPLES} are needed, from {start:.1f} s on"
-        return question.without("not_covered", reason, window)
+        return group.without("not_covered", reason, window)
     duration = covered_seconds(errors.t, model.segment_slices(good, _segments(case, row)))
     own = own_sigma(case, angle, window)
     size = ErrorSize(np.abs(getattr(errors, angle)[good]), duration, own)
     units = block_units(case, row, window, angle)
     answers: dict[str, Answer] = {}
-    for metric in question.metrics:
+    for metric in group.metrics:
         statistic = metric.name.split("_")[1]
         value, ci95 = size.of(statistic)
         alone = why_unranked(case, row, angle, ci95, duration)
@@ -279,7 +279,7 @@ def compute_coverage(case: Case, row: Row, window: str) -> dict[str, Answer]:
 
 STATISTICS_OF = {"total": ("rmse", "p95"), "heading": ("rmse",), "tilt": ("rmse", "p95")}
 ERRORS = {
-    angle: Question(
+    angle: MetricGroup(
         f"{NAMES[angle]} error",
         "Accuracy",
         tuple(_metric(angle, statistic) for statistic in statistics),
@@ -288,5 +288,5 @@ ERRORS = {
     )
     for angle, statistics in STATISTICS_OF.items()
 }
-COVERAGE = Question("coverage", "Accuracy", (COVERAGE_METRIC,), compute_coverage)
-QUESTIONS = (*ERRORS.values(), COVERAGE)
+COVERAGE = MetricGroup("coverage", "Accuracy", (COVERAGE_METRIC,), compute_coverage)
+METRIC_GROUPS = (*ERRORS.values(), COVERAGE)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from attlog.core.spans import Span
 from attlog.metrics import following
 from attlog.metrics import intervals as interval
-from attlog.metrics.metric import Answer, Case, Metric, Question, missing, paragraph, per_row
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_row
 from attlog.metrics.windows import deviations, rest_spans, why_none, within
 from attlog.reference.model import Row
 
@@ -179,5 +179,5 @@ def floor_answer(d: Deviation, length: float, window: str) -> Answer:
     )
 
 
-ALLAN = Question("Allan deviation", "Noise", ALLAN_METRICS, compute_allan, ("all", "rest", "rest.long"))
-QUESTIONS = (ALLAN,)
+ALLAN = MetricGroup("Allan deviation", "Noise", ALLAN_METRICS, compute_allan, ("all", "rest", "rest.long"))
+METRIC_GROUPS = (ALLAN,)

@@ -14,7 +14,7 @@ from attlog.estimators.interface import Estimate
 from attlog.flight.model import Imu
 from attlog.metrics import correction_noise, drift, lag
 from attlog.metrics.accuracy import ERRORS
-from attlog.metrics.metric import Answer, Case, Question, named, per_case
+from attlog.metrics.metric import Answer, Case, MetricGroup, named, per_case
 from attlog.metrics.ranking import CODE, mark_not_ranked
 from attlog.metrics.windows import PHASES, row_windows, why_none
 from attlog.reference import replayed
@@ -161,11 +161,11 @@ def yaw_drift(case: Case) -> Availability:
     return Availability((), tuple(w for p in both for w in p.why), tuple(c for p in both for c in p.codes))
 
 
-def looked_up(case: Case, question: Question, name: str, windows: tuple[str, ...]) -> Answer:
+def looked_up(case: Case, group: MetricGroup, name: str, windows: tuple[str, ...]) -> Answer:
     """Return the gyro's answer in the first window with a value, else in the first where the metric means something."""
-    metric, first = named(question.metrics, name), None
+    metric, first = named(group.metrics, name), None
     for window in windows:
-        answer = question.ask(case, stand_in(case), window).get(name)
+        answer = group.ask(case, stand_in(case), window).get(name)
         if answer is None:
             continue
         mark_not_ranked(metric, answer)

@@ -11,7 +11,7 @@ from attlog import estimators
 from attlog.core.errors import AttlogError
 from attlog.estimators.run import run
 from attlog.estimators.samples import prepare
-from attlog.metrics.metric import Answer, Case, Metric, Question, paragraph
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, paragraph
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ def compute_cost(case: Case, row: Row, window: str) -> dict[str, Answer]:
     }
 
 
-COST = Question("cost", "", COST_METRICS, compute_cost)
+COST = MetricGroup("cost", "", COST_METRICS, compute_cost)
 
 
 def measure_cost(row: Row) -> Array | None:

@@ -20,7 +20,7 @@ from attlog.metrics.metric import (
     Answer,
     Case,
     Metric,
-    Question,
+    MetricGroup,
     Resolution,
     SpanAnswer,
     Wording,
@@ -562,8 +562,8 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
     return answer
 
 
-REST_DRIFT = Question(
+REST_DRIFT = MetricGroup(
     "drift at rest", "Yaw drift", REST_DRIFT_METRICS, compute_rest_drift, ("all", "rest", "rest.long")
 )
-AIR_DRIFT = Question("drift in the air", "Yaw drift", AIR_DRIFT_METRICS, compute_air_drift, ("all", "airborne"))
-QUESTIONS = (REST_DRIFT, AIR_DRIFT)
+AIR_DRIFT = MetricGroup("drift in the air", "Yaw drift", AIR_DRIFT_METRICS, compute_air_drift, ("all", "airborne"))
+METRIC_GROUPS = (REST_DRIFT, AIR_DRIFT)

@@ -9,7 +9,7 @@ from attlog.metrics.metric import (
     Answer,
     Case,
     Metric,
-    Question,
+    MetricGroup,
     SpanAnswer,
     Wording,
     missing,
@@ -121,7 +121,7 @@ def _record(found: HeadingOffset, turned: float) -> SpanAnswer:
     return SpanAnswer(found.t0, found.t1, found.t1 - found.t0, value, (value - half, value + half))
 
 
-GNSS_HEADING = Question(
+GNSS_HEADING = MetricGroup(
     "heading by GNSS", "Accuracy", GNSS_HEADING_METRICS, compute_gnss_heading, ("all",), needs=(why_no_motion,)
 )
-QUESTIONS = (GNSS_HEADING,)
+METRIC_GROUPS = (GNSS_HEADING,)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.estimators import is_recorded
 from attlog.metrics import step_turning as steps
-from attlog.metrics.metric import Answer, Case, Metric, Question, Resolution, Wording, missing, paragraph, per_times
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph, per_times
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, Fit, NormalEquations, RowFits, evidence, too_few, why_no_events
 from attlog.metrics.windows import why_no_errors
@@ -261,7 +261,7 @@ def _step(case: Case, t: Array) -> float:
     return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
 
 
-LAG = Question(
+LAG = MetricGroup(
     "lag", "Step response", LAG_METRICS, compute_lag, ("all", "airborne"), needs=(why_no_errors, why_no_events)
 )
-QUESTIONS = (LAG,)
+METRIC_GROUPS = (LAG,)

@@ -1,4 +1,4 @@
-"""Metrics, the questions that compute them, their answers, and the case they look at."""
+"""Metrics, the groups that are computed together, their answers, and the case they look at."""
 
 from __future__ import annotations
 
@@ -167,8 +167,8 @@ class Metric:
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """Metrics that one function computes, and what it needs.
+class MetricGroup:
+    """Metrics that one function computes, and what that needs.
 
     It is asked in ``windows`` and any ``T0:T1``, in every window where there are none. Each of ``needs`` returns the
     code and reason of what a case, row and window lack, or None. ``topic`` is its heading in a report.
@@ -182,7 +182,7 @@ class Question:
     needs: tuple[Callable[[Case, Row, str], tuple[str, str] | None], ...] = ()
 
     def ask(self, case: Case, row: Row, window: str) -> dict[str, Answer]:
-        """Return the answers for one row and window by metric; empty where the question means nothing."""
+        """Return the answers for one row and window by metric; empty where the group means nothing."""
         if self.windows and window not in self.windows and ":" not in window:
             return {}
         for need in self.needs:

@@ -17,7 +17,7 @@ from attlog.metrics import correction_noise, following, windows
 from attlog.metrics import intervals as interval
 from attlog.metrics.correction_noise import DEG, relative, vector
 from attlog.metrics.intervals import VariancePrior
-from attlog.metrics.metric import Answer, Case, Metric, Question, Resolution, Wording, paragraph, per_case, per_row
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, paragraph, per_case, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.windows import WINDOW_S, imu_of, phase_of, phase_spans, why_none
 from attlog.reference.model import Row
@@ -395,5 +395,5 @@ def one_digit(summary: Summary) -> Summary:
     return Summary(rounded(summary.value), summary.ci95 and (rounded(summary.ci95[0]), rounded(summary.ci95[1])))
 
 
-NOISE = Question("noise", "Noise", NOISE_METRICS, compute_noise, needs=(why_no_noise,))
-QUESTIONS = (NOISE,)
+NOISE = MetricGroup("noise", "Noise", NOISE_METRICS, compute_noise, needs=(why_no_noise,))
+METRIC_GROUPS = (NOISE,)

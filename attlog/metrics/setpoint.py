@@ -24,7 +24,7 @@ from attlog.core.spans import Span, intersect
 from attlog.flight.model import Attitude
 from attlog.flight.vehicle import commands_attitude
 from attlog.metrics import intervals as interval
-from attlog.metrics.metric import Answer, Case, Metric, Question, missing, paragraph, per_case
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_case
 from attlog.metrics.statistics import groups_of, root_mean_square
 from attlog.metrics.windows import within
 from attlog.reference.model import Row
@@ -162,7 +162,7 @@ MIN_RATE_HZ = 8.0
 FINEST_S = 0.01
 # Seconds (of roll and of pitch) in which the set-point moved.
 MIN_BLOCKS = 8
-GROUPS = 10
+JACKKNIFE_GROUPS = 10
 
 _RESPONSE = """Response of roll and pitch together to a unit step of the set-point, from a causal impulse response of
     1 s that explains the changes of the onboard attitude by earlier changes of the set-point (regularised least squares
@@ -307,7 +307,7 @@ def compute_setpoint(case: Case, row: Row, window: str) -> dict[str, Answer]:
 def _left_out(blocks: ResponseEquations) -> Array:
     """The features (groups, 4) with one group of neighbouring seconds left out each."""
     found = []
-    for group in interval.equal_groups(len(blocks.axis), min(GROUPS, len(blocks.axis))):
+    for group in interval.equal_groups(len(blocks.axis), min(JACKKNIFE_GROUPS, len(blocks.axis))):
         keep = np.ones(len(blocks.axis), bool)
         keep[group] = False
         found.append(response_features(*step_response(blocks.only(keep))))
@@ -332,5 +332,5 @@ def _tracking(segments: list[tuple[Array, Array, Array]], window: str) -> Answer
     )
 
 
-SETPOINT = Question("set-point", "Step response", SETPOINT_METRICS, compute_setpoint, ("all", "airborne"))
-QUESTIONS = (SETPOINT,)
+SETPOINT = MetricGroup("set-point", "Step response", SETPOINT_METRICS, compute_setpoint, ("all", "airborne"))
+METRIC_GROUPS = (SETPOINT,)

@@ -17,7 +17,7 @@ from attlog.metrics.metric import (
     Answer,
     Case,
     Metric,
-    Question,
+    MetricGroup,
     Resolution,
     Wording,
     missing,
@@ -334,7 +334,7 @@ def _answer(
     )
 
 
-STEP_ERROR = Question(
+STEP_ERROR = MetricGroup(
     "step error",
     "Step response",
     STEP_ERROR_METRICS,
@@ -342,4 +342,4 @@ STEP_ERROR = Question(
     ("all", "airborne"),
     needs=(why_no_errors, why_no_events),
 )
-QUESTIONS = (STEP_ERROR,)
+METRIC_GROUPS = (STEP_ERROR,)

@@ -16,7 +16,7 @@ from attlog import metrics
 from attlog.compare.comparison import select_questions
 from attlog.compare.tables import comparison_tables
 from attlog.compare.wording import comparison_sentences
-from attlog.metrics.metric import Answer, Metric, Question, Resolution, Wording
+from attlog.metrics.metric import Answer, Metric, MetricGroup, Resolution, Wording
 from tests.compare.made import SECOND, comparison
 from tests.metrics.flights import case, row
 
@@ -166,12 +166,12 @@ def strangers_file(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A question that this package does not know: one file, and its line in the list of questions."""
     file = ModuleType("attlog.metrics.sway")
     answers = {"sway_deg": Answer(5.0, "deg", "all", 2, 10.0, (0.01, 9.0))}
-    file.QUESTIONS = (Question("sway", "", (SWAY,), lambda case, row, window: answers),)  # type: ignore[attr-defined]
+    file.METRIC_GROUPS = (MetricGroup("sway", "", (SWAY,), lambda case, row, window: answers),)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, file.__name__, file)
     monkeypatch.setattr(metrics, "FILES", (*metrics.FILES, "sway"))
-    metrics.questions.cache_clear()
+    metrics.groups.cache_clear()
     yield
-    metrics.questions.cache_clear()
+    metrics.groups.cache_clear()
 
 
 @pytest.mark.usefixtures("strangers_file")

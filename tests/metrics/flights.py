@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
 from attlog.flight.model import Firmware, FlightLog
-from attlog.metrics.metric import Answer, Case, Question
+from attlog.metrics.metric import Answer, Case, MetricGroup
 from attlog.metrics.step_turning import SummedTurning
 from attlog.reference.model import AttitudeErrors, Reference, Row
 from attlog.segments.model import Segment, Segments
@@ -151,6 +151,6 @@ def aided(t: Array, q: Array, f: Array, kp: float, m: Array | None = None) -> Ar
     return np.roll(np.array(out), 1, axis=1)
 
 
-def ask(questions: tuple[Question, ...], case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Return the answers of several questions in one."""
-    return {name: answer for q in questions for name, answer in q.ask(case, row, window).items()}
+def ask(groups: tuple[MetricGroup, ...], case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Return the answers of several groups in one."""
+    return {name: answer for q in groups for name, answer in q.ask(case, row, window).items()}

@@ -22,7 +22,7 @@ def answers(roll_deg, heading_deg=0.0, window="all", **fields):
     q = rotation.from_euler(np.radians(roll_deg) + 0 * T, 0 * T, 0.7 + np.radians(heading_deg) + 0 * T)
     row = flights.row(T, q, **fields)
     case = flights.case([row], SEGMENTS, (T[::5], LEVEL[::5]), scoring_start=15.0)
-    return flights.ask(accuracy.QUESTIONS, case, row, window)
+    return flights.ask(accuracy.METRIC_GROUPS, case, row, window)
 
 
 def test_angles_are_told_apart_in_degrees():
@@ -103,7 +103,7 @@ def test_an_error_against_a_reference_that_is_wrong_covers_the_true_one(shared):
     row = flights.row(t, rotation.from_euler(row_roll, 0 * t, 0 * t))
     case = flights.case([row], [Segment("continuous", 0, 100), Segment("airborne", 0, 100)], (t, level))
     with_sigma(case, 0.22, 0.22)
-    seen = flights.ask(accuracy.QUESTIONS, case, row, "airborne")
+    seen = flights.ask(accuracy.METRIC_GROUPS, case, row, "airborne")
     low, high = seen["tilt_rmse_deg"].ci95
     assert low <= np.degrees(np.sqrt(np.mean(row_roll**2))) <= high
     if shared:
@@ -115,28 +115,28 @@ def test_a_heading_whose_offset_was_removed_is_not_ranked_among_those_with_a_nor
     q = rotation.from_euler(0.01 + 0 * T, 0 * T, 0.7)
     rows = [flights.row(T, q, "gyro", heading_offset_deg=30.0), flights.row(T, q, "mahony")]
     case = flights.case(rows, SEGMENTS, (T[::5], LEVEL[::5]))
-    assert not flights.ask(accuracy.QUESTIONS, case, rows[0], "all")["heading_rmse_deg"].ranked
-    assert flights.ask(accuracy.QUESTIONS, case, rows[0], "all")["tilt_rmse_deg"].ranked
+    assert not flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "all")["heading_rmse_deg"].ranked
+    assert flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "all")["tilt_rmse_deg"].ranked
     alone = flights.case(rows[:1], SEGMENTS, (T[::5], LEVEL[::5]))
-    assert flights.ask(accuracy.QUESTIONS, alone, rows[0], "all")["heading_rmse_deg"].ranked
+    assert flights.ask(accuracy.METRIC_GROUPS, alone, rows[0], "all")["heading_rmse_deg"].ranked
 
 
 def test_without_a_reference_there_is_a_code():
     row = flights.row(T, LEVEL)
     assert (
-        flights.ask(accuracy.QUESTIONS, flights.case([row], SEGMENTS), row, "all")["total_rmse_deg"].code
+        flights.ask(accuracy.METRIC_GROUPS, flights.case([row], SEGMENTS), row, "all")["total_rmse_deg"].code
         == "no_reference"
     )
     case = flights.case([row], SEGMENTS, (T, LEVEL), "onboard")
     row.is_reference = True
-    assert flights.ask(accuracy.QUESTIONS, case, row, "all")["total_rmse_deg"].code == "not_applicable"
+    assert flights.ask(accuracy.METRIC_GROUPS, case, row, "all")["total_rmse_deg"].code == "not_applicable"
 
 
 def test_float32_quaternions_are_not_read_as_error():
     q = rotation.from_euler(0.3 * np.sin(T), 0.2 * np.cos(T), 0.05 * T)
     row = flights.row(T, rotation.normalize(q.astype(np.float32)))
     case = flights.case([row], SEGMENTS, (T[::5], q[::5]))
-    assert flights.ask(accuracy.QUESTIONS, case, row, "all")["total_rmse_deg"].value < 1e-4
+    assert flights.ask(accuracy.METRIC_GROUPS, case, row, "all")["total_rmse_deg"].value < 1e-4
 
 
 def drifting_rows(tilts_deg, seconds=90.0, kind="truth"):
@@ -153,7 +153,7 @@ def drifting_rows(tilts_deg, seconds=90.0, kind="truth"):
 
 def test_rows_are_compared_in_blocks_of_5_s_of_tilt_and_15_s_of_heading():
     case, rows = drifting_rows([1.0, 3.0])
-    found = flights.ask(accuracy.QUESTIONS, case, rows[0], "airborne")
+    found = flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "airborne")
     tilt, heading = found["tilt_rmse_deg"].units, found["heading_rmse_deg"].units
     assert tilt.ids.tolist() == [1000 * (15 + 5 * k) for k in range(15)][: len(tilt.ids)]
     assert (len(tilt.ids) in (14, 15), len(heading.ids) in (4, 5)) == (True, True)
@@ -175,7 +175,7 @@ def test_a_block_that_is_not_scored_or_half_empty_is_none():
 @pytest.mark.parametrize(("kind", "ranked"), [("truth", True), ("smoother", True), ("onboard", False)])
 def test_heading_errors_are_ranked_only_against_truth_or_smoother(kind, ranked):
     case, rows = drifting_rows([1.0, 3.0], kind=kind)
-    found = flights.ask(accuracy.QUESTIONS, case, rows[0], "airborne")
+    found = flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "airborne")
     for angle in ("heading", "total"):
         assert found[f"{angle}_rmse_deg"].ranked == ranked
     assert found["tilt_rmse_deg"].ranked
@@ -195,7 +195,7 @@ def test_differences_below_the_sigma_of_a_smoother_tell_nobody_apart():
     for sigma in (0.05, 0.5):
         case, rows = drifting_rows([1.0, 1.5])
         with_sigma(case, sigma, 2 * sigma)
-        found = [flights.ask(accuracy.QUESTIONS, case, row, "airborne") for row in rows]
+        found = [flights.ask(accuracy.METRIC_GROUPS, case, row, "airborne") for row in rows]
         floors = [found[0][f"{angle}_rmse_deg"].floor for angle in ("tilt", "heading", "total")]
         assert floors == pytest.approx([sigma, 2 * sigma, np.sqrt(5) * sigma], rel=1e-6)
         column = {row.name: a["tilt_rmse_deg"] for row, a in zip(rows, found, strict=True)}
@@ -207,7 +207,7 @@ def test_the_sigma_of_the_window_counts_and_not_that_of_the_whole_log():
     case, rows = drifting_rows([1.0, 1.5])
     with_sigma(case, 0.1, 0.1)
     case.reference.sigma_tilt_deg[case.reference.t < 50.0] = 1.0
-    assert flights.ask(accuracy.QUESTIONS, case, rows[0], "60:80")["tilt_rmse_deg"].floor == pytest.approx(0.1)
+    assert flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "60:80")["tilt_rmse_deg"].floor == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(("heading_by", "code"), [("own", None), ("onboard", None), ("nobody", "no_reference")])
@@ -215,14 +215,14 @@ def test_whose_heading_a_smoother_has_decides_what_heading_errors_mean(heading_b
     case, rows = drifting_rows([1.0, 3.0])
     with_sigma(case, 0.1, 0.1)
     case.reference.heading_by, case.reference.heading_why = heading_by, "the smoother's own heading sigma is 4.0 deg"
-    found = flights.ask(accuracy.QUESTIONS, case, rows[0], "airborne")
+    found = flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "airborne")
     for angle in ("heading", "total"):
         answer = found[f"{angle}_rmse_deg"]
         assert answer.code == code
         assert answer.ranked == (heading_by == "own")
     assert found["tilt_rmse_deg"].ranked
     rows[1].heading_shared = heading_by == "onboard"
-    shared = flights.ask(accuracy.QUESTIONS, case, rows[1], "airborne")["heading_rmse_deg"]
+    shared = flights.ask(accuracy.METRIC_GROUPS, case, rows[1], "airborne")["heading_rmse_deg"]
     assert (shared.code == "not_applicable") == (heading_by == "onboard")
 
 
@@ -230,13 +230,13 @@ def test_a_row_made_as_the_reference_is_not_ranked_against_it():
     case, rows = drifting_rows([1.0, 3.0])
     with_sigma(case, 0.1, 0.1)
     rows[0].estimator = "smoother"
-    assert not flights.ask(accuracy.QUESTIONS, case, rows[0], "airborne")["tilt_rmse_deg"].ranked
-    assert flights.ask(accuracy.QUESTIONS, case, rows[1], "airborne")["tilt_rmse_deg"].ranked
+    assert not flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "airborne")["tilt_rmse_deg"].ranked
+    assert flights.ask(accuracy.METRIC_GROUPS, case, rows[1], "airborne")["tilt_rmse_deg"].ranked
 
 
 def test_a_record_of_few_blocks_has_a_value_and_no_rank():
     case, rows = drifting_rows([1.0, 3.0], seconds=31.0)
-    found = flights.ask(accuracy.QUESTIONS, case, rows[0], "airborne")
+    found = flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "airborne")
     for name in ("tilt_rmse_deg", "heading_rmse_deg"):
         assert found[name].value > 0
         assert (found[name].ranked, "too short to rank" in found[name].reason) == (False, True)
