@@ -1,6 +1,6 @@
-"""Flight logs as lazy columns: ``open`` tells the formats apart by content, never by suffix.
+"""Flight logs as lazy columns: ``open`` recognises the format by content, never by suffix.
 
-A new format is a folder with reader, writer and recogniser, and one line in :data:`FORMATS`.
+A new format is a folder with recogniser, reader and writer, and one line in :data:`FORMATS`.
 """
 
 from __future__ import annotations
@@ -38,19 +38,17 @@ __all__ = [
     "write",
 ]
 
-
-# One entry per log format: how it is recognised, read, written and checked, loaded when it is needed.
+# Bytes that suffice to recognise every format, also behind a damaged start.
+MAX_HEAD_BYTES = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A log format. Recogniser, reader and writer name places below ``attlog.formats`` as ``module:name``.
+    """A log format; its functions are named ``module:name`` below ``attlog.formats`` and imported when needed.
 
-    ``name`` is ``Messages.format``; ``title`` and ``suffix`` are what messages say (files are told apart by content
-    when they are read, by suffix when they are written). ``recogniser(head) -> bool`` judges the first bytes;
-    ``reader(path, *, data) -> Messages`` decodes; ``writer(path, recording)`` takes a
-    :class:`attlog.formats.recording.Recording` and is None for formats that are only read.
-    ``several_vehicles``: the reader takes ``system`` too.
+    ``name`` is ``Messages.format``; messages show ``title`` and ``suffix``. ``recogniser(head) -> bool`` judges the
+    first bytes, ``reader(path, *, data) -> Messages`` decodes, and takes ``system`` too with ``several_vehicles``.
+    ``writer(path, recording)`` is None for formats that are only read.
     """
 
     name: str
@@ -58,7 +56,7 @@ class Format:
     suffix: str
     recogniser: str
     reader: str
-    writer: str | None
+    writer: str | None = None
     several_vehicles: bool = False
 
     @property
@@ -67,16 +65,16 @@ class Format:
         return f"{self.title} {self.suffix}"
 
     def recognises(self, head: bytes) -> bool:
-        """Whether a file that begins with these bytes is such a log."""
+        """True if a file with these first bytes is such a log."""
         return bool(_load_by_name(self.recogniser)(head))
 
     def read(self, path: Path, data: NDArray[np.uint8], system: int | None = None) -> Messages:
-        """The log whose bytes are ``data``; ``system`` means nothing to a format of one vehicle."""
+        """Read the log with the bytes ``data``; formats of one vehicle ignore ``system``."""
         read: Callable[..., Messages] = _load_by_name(self.reader)
         return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
 
     def write(self, path: Path, recording: Recording) -> None:
-        """Write the log; UsageError for what the format cannot hold, and where attlog has no writer for it."""
+        """Write the log; UsageError for what the format cannot hold, and for formats that are only read."""
         if self.writer is None:
             raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
         _load_by_name(self.writer)(path, recording)
@@ -87,66 +85,64 @@ def _load_by_name(place: str) -> Any:
     return getattr(import_module(f"attlog.formats.{module}"), name)
 
 
-# Bytes that are enough to recognise every format, also behind a damaged start.
-MAX_HEAD_BYTES = 1 << 16
-
-# name, title, suffix, recogniser, reader, writer; the first that recognises a file reads it
+# The first format that recognises a file reads it.
 FORMATS = (
     Format("ulog", "ULog", ".ulg", "ulog.layout:is_ulog", "ulog.reader:read_ulog", "ulog.writer:write_ulog"),
     Format(
-        "dataflash",
-        "DataFlash",
-        ".bin",
-        "dataflash.walk:is_dataflash",
-        "dataflash.reader:read_binary",
-        "dataflash.writer:write_dataflash",
+        name="dataflash",
+        title="DataFlash",
+        suffix=".bin",
+        recogniser="dataflash.walk:is_dataflash",
+        reader="dataflash.reader:read_binary",
+        writer="dataflash.writer:write_dataflash",
     ),
     Format(
-        "dataflash_text",
-        "DataFlash text",
-        ".log",
-        "dataflash.walk:is_dataflash_text",
-        "dataflash.reader:read_text",
-        None,
+        "dataflash_text", "DataFlash text", ".log", "dataflash.walk:is_dataflash_text", "dataflash.reader:read_text"
     ),
+    Format("ros", "ROS 2 bag", ".mcap", "ros.bag:is_bag", "ros.reader:read_ros", "ros.writer:write_mcap", True),
     Format(
-        "ros",
-        "ROS 2 bag",
-        ".mcap",
-        "ros.bag:is_bag",
-        "ros.reader:read_ros",
-        "ros.writer:write_mcap",
+        name="tlog",
+        title="MAVLink",
+        suffix=".tlog",
+        recogniser="mavlink.walk:is_tlog",
+        reader="mavlink.reader:read_mavlink",
+        writer="mavlink.writer:write_tlog",
         several_vehicles=True,
     ),
     Format(
-        "tlog",
-        "MAVLink",
-        ".tlog",
-        "mavlink.walk:is_tlog",
-        "mavlink.reader:read_mavlink",
-        "mavlink.writer:write_tlog",
-        several_vehicles=True,
-    ),
-    Format(
-        "mavlink",
-        "raw MAVLink",
-        ".mavlink",
-        "mavlink.walk:is_capture",
-        "mavlink.reader:read_mavlink",
-        None,
+        name="mavlink",
+        title="raw MAVLink",
+        suffix=".mavlink",
+        recogniser="mavlink.walk:is_capture",
+        reader="mavlink.reader:read_mavlink",
         several_vehicles=True,
     ),
 )
 
+_UNPACK_TEXT = "archive, not a log: unpack it"
+_UTF_16_TEXT = "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"
+# First bytes of files that may hold a log, and what to do with them.
+WRAPPERS = (
+    (b"\xff\xfe", _UTF_16_TEXT),
+    (b"\xfe\xff", _UTF_16_TEXT),
+    (b"PK\x03\x04", f"a zip {_UNPACK_TEXT}; analyze and batch read the logs in it"),
+    (b"7z\xbc\xaf\x27\x1c", f"a 7z {_UNPACK_TEXT}"),
+    (b"Rar!\x1a\x07", f"a rar {_UNPACK_TEXT}"),
+    (b"\xfd7zXZ\x00", f"an xz {_UNPACK_TEXT}"),
+    (b"BZh", f"a bzip2 {_UNPACK_TEXT}"),
+    (b"\x28\xb5\x2f\xfd", f"a zstd {_UNPACK_TEXT}"),
+    (b"\x1f\x8b", f"a gzip {_UNPACK_TEXT}"),
+    (b"#ROSBAG V", "a bag of ROS 1: convert it with rosbags-convert (pip install rosbags) to ROS 2"),
+)
+
 
 def open(path: Path | str, system: int | None = None, *, key: Path | str | None = None) -> Messages:
-    """The log as :class:`Messages`, whatever its format; a gzip file is unpacked first.
+    """Open a log of any format; a gzip file is unpacked first.
 
-    ``system``: the MAVLink vehicle whose parameters, texts and boots are wanted, in formats that can hold several;
-    the others hold one vehicle and take no notice. ``key``: the file of the private key that opens an encrypted log,
-    None: that of the variable ATTLOG_KEY. LogUnreadable: missing, a folder, no permission. NotALog: empty
-    or none of the formats. LogUnusable: a format that cannot be read (encrypted, newer), or a file that unpacks to
-    more than any log.
+    ``system``: the MAVLink vehicle of the parameters, texts and boots, in formats that can hold several. ``key``: file
+    of the private key of an encrypted log, by default that of the variable ATTLOG_KEY. LogUnreadable: missing, a
+    folder, no permission. NotALog: empty or of another format. LogUnusable: cannot be read (encrypted, newer), or
+    unpacks to more than any log.
     """
     from attlog.formats.file_bytes import unpacked_bytes
     from attlog.formats.ulog.encrypted import using_key
@@ -161,24 +157,8 @@ def open(path: Path | str, system: int | None = None, *, key: Path | str | None 
     return messages
 
 
-_UNPACK_TEXT = "archive, not a log: unpack it"
-# How a file begins that may hold a log, and what is to be done with it.
-WRAPPERS = (
-    (b"\xff\xfe", "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"),
-    (b"\xfe\xff", "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"),
-    (b"PK\x03\x04", f"a zip {_UNPACK_TEXT}; analyze and batch read the logs in it"),
-    (b"7z\xbc\xaf\x27\x1c", f"a 7z {_UNPACK_TEXT}"),
-    (b"Rar!\x1a\x07", f"a rar {_UNPACK_TEXT}"),
-    (b"\xfd7zXZ\x00", f"an xz {_UNPACK_TEXT}"),
-    (b"BZh", f"a bzip2 {_UNPACK_TEXT}"),
-    (b"\x28\xb5\x2f\xfd", f"a zstd {_UNPACK_TEXT}"),
-    (b"\x1f\x8b", f"a gzip {_UNPACK_TEXT}"),
-    (b"#ROSBAG V", "a bag of ROS 1: convert it with rosbags-convert (pip install rosbags) to ROS 2"),
-)
-
-
 def recognise(path: Path | str) -> str:
-    """The format's name as in ``Messages.format``; LogUnreadable and NotALog like :func:`open`."""
+    """Return the format's name as in ``Messages.format``; LogUnreadable and NotALog as :func:`open`."""
     path = Path(path)
     head = _head(path)
     if not head:
@@ -192,34 +172,10 @@ def recognise(path: Path | str) -> str:
 
 
 def recognise_bytes(file: BinaryIO) -> str:
-    """The format's name of an open file or of the first :data:`HEAD` bytes of one, packed or not; empty if none."""
+    """Return the format's name of an open file, packed or not; empty without one."""
     from attlog.formats.file_bytes import first_bytes_of
 
     return _format_of(first_bytes_of(file, MAX_HEAD_BYTES))
-
-
-def write(path: Path | str, recording: Recording) -> None:
-    """Write a log in the format of the path's suffix (``.ulg``, ``.bin``, ``.tlog``, ``.mcap``), whole or not at all.
-
-    UsageError for another suffix and for what the format cannot hold, OutputError if the file cannot be written.
-    The same recording gives the same bytes.
-    """
-    format_for(path).write(Path(path), recording)
-
-
-def format_for(path: Path | str) -> Format:
-    """The format that a path's suffix asks for when a log is written. UsageError if there is none."""
-    suffix = Path(path).suffix.lower()
-    for entry in FORMATS:
-        if entry.writer is not None and entry.suffix == suffix:
-            return entry
-    known = ", ".join(entry.for_people for entry in FORMATS if entry.writer is not None)
-    raise UsageError(f"{path}: the suffix tells the format of a log that is written, and it is none of {known}")
-
-
-def format_named(name: str) -> Format:
-    """The entry of a format. KeyError if there is none."""
-    return {entry.name: entry for entry in FORMATS}[name]
 
 
 def _format_of(head: bytes) -> str:
@@ -227,7 +183,7 @@ def _format_of(head: bytes) -> str:
 
 
 def _head(path: Path) -> bytes:
-    """The first bytes of the log, behind any compression."""
+    """Return the first bytes of the log, unpacked."""
     from attlog.formats.file_bytes import first_bytes
 
     if os.path.isdir(path):
@@ -235,10 +191,34 @@ def _head(path: Path) -> bytes:
     if os.path.exists(path) and not os.path.isfile(path):
         raise LogUnreadable(f"{path}: is no regular file; logs are memory-mapped, so save it to a file first")
     try:
-        if not os.path.getsize(path):  # the system's own files have no size, and some wait for ever when they are read
+        if not os.path.getsize(path):  # the system's own files have no size, and some block a reader for ever
             return b""
         return first_bytes(path, MAX_HEAD_BYTES)
     except FileNotFoundError:
         raise LogUnreadable(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         raise LogUnreadable(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+
+
+def write(path: Path | str, recording: Recording) -> None:
+    """Write a log in the format of the path's suffix (``.ulg``, ``.bin``, ``.tlog``, ``.mcap``), whole or not at all.
+
+    UsageError for another suffix and for what the format cannot hold, OutputError if the file cannot be written. The
+    same recording gives the same bytes.
+    """
+    format_for(path).write(Path(path), recording)
+
+
+def format_for(path: Path | str) -> Format:
+    """Return the format that a path's suffix asks for when a log is written. UsageError without one."""
+    suffix = Path(path).suffix.lower()
+    for entry in FORMATS:
+        if entry.writer is not None and entry.suffix == suffix:
+            return entry
+    known = ", ".join(entry.for_people for entry in FORMATS if entry.writer is not None)
+    raise UsageError(f"{path}: the suffix of a written log chooses its format, and it is none of {known}")
+
+
+def format_named(name: str) -> Format:
+    """Return a format by name. KeyError without one."""
+    return {entry.name: entry for entry in FORMATS}[name]

@@ -1,7 +1,7 @@
-"""What a log is to hold, the same for every format that can be written.
+"""What a written log holds, in any format, and records of several messages merged by time.
 
-Names and columns are those that the format's reader gives back, so that what was
-read can be written. Each writer refuses what its format has no place for.
+Names and columns are those of the format's reader, so that what was read can be written. Each writer refuses what its
+format cannot hold.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class MessageLayout:
-    """How one message is stored, beyond what the types of its columns say.
+    """How a message is stored, beyond the types of its columns.
 
-    DataFlash: ``letters``, ``units`` and ``multipliers`` have one character per column; columns of the letters
-    c C e E L are the printed numbers and are rounded to the letter's step. ULog: ``nested`` names the type of each
-    nested member (``esc`` of the columns ``esc[0].esc_rpm``).
+    DataFlash: ``letters``, ``units`` and ``multipliers`` have one character per column; columns of the letters c C e E
+    L are the printed numbers and are rounded to the letter's step. ULog: ``nested`` names the type of each nested
+    member (``esc`` of the columns ``esc[0].esc_rpm``).
     """
 
     letters: str = ""
@@ -37,13 +37,13 @@ class MessageLayout:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Columns, parameters and texts of a log in the making.
+    """Columns, parameters and texts of a log to be written.
 
-    ``messages``: (name, instance) to columns (n,) or (n, k), numbers or numpy bytes, all of one length; the
-    instance means what it means in :class:`attlog.formats.Messages`. Every message has its format's clock column.
-    ``params`` and ``texts`` without time belong to the start, which is ``start_us`` on the clock of the log, else
-    the first time of the data. ``info`` are the statements of a ULog, or the ``system`` and ``component`` (1 and 1
-    if not given) that send a tlog's parameters and texts. ``layouts``: message name to what its types do not tell.
+    ``messages``: (name, instance) to columns (n,) or (n, k), numbers or numpy bytes of one length; the instance is that
+    of :class:`attlog.formats.Messages`. Every message has its format's clock column. ``params`` and ``texts`` without
+    time belong to the start: ``start_us`` on the clock of the log, else the first time of the data. ``info``: the
+    statements of a ULog, or ``system`` and ``component`` (default 1) that send a tlog's parameters and texts.
+    ``layouts``: message name to layout.
     """
 
     messages: Mapping[Key, Columns]
@@ -54,7 +54,7 @@ class Recording:
     layouts: Mapping[str, MessageLayout] = field(default_factory=dict)
 
     def checked(self, clock: str) -> int:
-        """The log's start in us, by its ``clock`` column; UsageError where the columns do not make records."""
+        """Return the log's start in us by its ``clock`` column; UsageError where the columns do not make records."""
         first = []
         for (name, _), columns in self.messages.items():
             if clock not in columns:
@@ -78,7 +78,7 @@ class Recording:
 
 
 def fit_to_type(values: NDArray[Any], kind: np.dtype[Any], what: str) -> NDArray[Any]:
-    """``values`` (n,) or (n, k) as the stored type ``kind``, rounded where it holds integers.
+    """Convert ``values`` (n,) or (n, k) to the stored type ``kind``, rounded where it holds integers.
 
     UsageError where a value does not fit: too large, not a number in an integer, a text too long, another shape.
     """
@@ -110,20 +110,18 @@ def fit_to_type(values: NDArray[Any], kind: np.dtype[Any], what: str) -> NDArray
 
 
 def require_only(what: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """UsageError if ``given`` names anything but ``known``, which are all that a format has of ``what``."""
+    """Raise UsageError if ``given`` names anything but ``known``."""
     rest = sorted(set(given) - set(known))
     if rest:
         raise UsageError(f"this format has no place for the {what} {rest[0]!r}")
 
 
-# Records of several messages put into one stream, in the order of their times.
-
-# Rows that are put in their places in one step, so that the indices of their bytes stay small.
+# Rows placed in one step, so that the indices of their bytes stay small.
 MERGED_ROWS = 1 << 14
 
 
 def time_order(times: Sequence[NDArray[np.integer]]) -> NDArray[np.int64]:
-    """Which record (counted through all blocks) stands at each place: by time, equal times as the blocks stand."""
+    """Return the record at each place, counted through all blocks: by time, then in the order of the blocks."""
     if not times:
         return np.zeros(0, np.int64)
     return np.argsort(np.concatenate([t.astype(np.int64) for t in times]), kind="stable")
@@ -132,9 +130,9 @@ def time_order(times: Sequence[NDArray[np.integer]]) -> NDArray[np.int64]:
 def merge_records(
     blocks: Sequence[NDArray[np.uint8]], times: Sequence[NDArray[np.integer]], lengths: Sequence[NDArray[np.int64]]
 ) -> bytes:
-    """All records in the order of :func:`order_of`.
+    """Return all records in the order of :func:`time_order`.
 
-    A block is (n, width) bytes, of which each row's first ``lengths`` count.
+    A block is (n, width) bytes; the first ``lengths`` of each row count.
     """
     if not blocks:
         return b""

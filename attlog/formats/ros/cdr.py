@@ -1,9 +1,8 @@
-"""Messages of ROS 2 as columns: where in their bytes every number lies, once for all messages of a topic.
+"""ROS 2 messages as columns: the place of every number, found once for all messages of a topic.
 
-OMG's Common Data Representation (XCDR1): 4 bytes that tell the byte order, then the fields in order, numbers aligned to
-their own size, texts and sequences after their length. Messages of one topic mostly have equal lengths in all these
-places: then a field lies in the same place in each, and is a column of one array of bytes. Others make arrays of their
-own.
+OMG's Common Data Representation (XCDR1): 4 bytes with the byte order, then the fields in order, numbers aligned to
+their own size, texts and sequences behind their length. Messages of one topic mostly have equal lengths, so that a
+field is a column of one array of bytes. Messages of other lengths form arrays of their own.
 """
 
 from __future__ import annotations
@@ -37,17 +36,17 @@ NUMBER_TYPES = {
 # Kinds of nodes of rosbags' parsed definitions.
 BASE_NODE, NAME_NODE, ARRAY_NODE, SEQUENCE_NODE = 1, 2, 3, 4
 HEAD_BYTES = 4
-# Second bytes of messages without tags beside the fields: XCDR 1 and 2, big and little endian.
+# Second bytes of messages without field tags: XCDR 1 and 2, big and little endian.
 PLAIN_ENCODINGS = (0, 1, 6, 7)
-# Longer sequences are pictures and clouds.
+# Longer sequences are images and point clouds.
 MAX_ELEMENTS = 4096
-# The column that says when the recorder got a message.
+# Column with the recorder's time of a message.
 RECORDER_COLUMN = "log_time_ns"
 
 
 @dataclass(frozen=True, slots=True)
 class FieldPlace:
-    """A field that lies ``at`` bytes from the start of each message, as ``dtype`` (of an array: with its shape)."""
+    """A field ``at`` bytes from the start of each message; ``dtype`` includes the shape of an array."""
 
     name: str
     at: int
@@ -55,7 +54,7 @@ class FieldPlace:
 
 
 class MessageLayoutCdr:
-    """Where the fields of one message lie; ``lengths`` are the places (uint32) that must be the same in others.
+    """Places of the fields of one message, and the ``lengths`` (place, value) that other messages must share.
 
     ValueError for a message that ends early or holds what is not decoded.
     """
@@ -133,11 +132,11 @@ class MessageLayoutCdr:
         self._at += -(self._at - HEAD_BYTES) % size
 
     def fields(self) -> dict[str, np.dtype[Any]]:
-        """Name and type of each number, in the machine's byte order."""
+        """Return name and type of each number, in native byte order."""
         return {name: place.dtype.newbyteorder("=") for name, place in self.places.items()}
 
     def column(self, rows: NDArray[np.uint8], name: str) -> NDArray[Any]:
-        """A field of messages (n, size) of this layout, in the machine's byte order."""
+        """Return a field of messages (n, size) of this layout, in native byte order."""
         place = self.places[name]
         part = np.ascontiguousarray(rows[:, place.at : place.at + place.dtype.itemsize])
         flat = part.view(place.dtype.base)
@@ -145,7 +144,7 @@ class MessageLayoutCdr:
         return np.asarray(values.astype(values.dtype.newbyteorder("=")))
 
     def fits(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which messages (n, size) have the same lengths in the same places."""
+        """Select the messages (n, size) with the same lengths in the same places."""
         same = np.ones(len(rows), bool)
         for at, length in self.lengths:
             seen = np.ascontiguousarray(rows[:, at : at + 4]).view(self._order + "u4")[:, 0]
@@ -156,9 +155,9 @@ class MessageLayoutCdr:
 def decode_table(
     name: str, types: dict[str, Any], kind: str, messages: Sequence[bytes], times_ns: Sequence[int]
 ) -> Table:
-    """Messages of one topic as a table; those that cannot be decoded are left out.
+    """Return the messages of one topic as a table without those that cannot be decoded.
 
-    Column ``log_time_ns`` is when the recorder got them. ValueError where nothing can be decoded.
+    Column ``log_time_ns`` is the recorder's time. ValueError where no message can be decoded.
     """
     parts = _split_by_layout(types, kind, messages)
     stored = parts[0].layout.fields()
@@ -180,7 +179,7 @@ def decode_table(
 
 @dataclass(frozen=True, slots=True)
 class _LayoutPart:
-    """Messages of one layout: their places among all, (n,), and bytes, (n, size)."""
+    """Messages of one layout: their indices (n,) and bytes (n, size)."""
 
     layout: MessageLayoutCdr
     index: NDArray[np.int64]
@@ -188,7 +187,7 @@ class _LayoutPart:
 
 
 def _split_by_layout(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[_LayoutPart]:
-    """The messages by layout, most first. ValueError with the reason where none can be decoded."""
+    """Return the messages by layout, most first. ValueError with the reason where none can be decoded."""
     sizes = np.array([len(message) for message in messages])
     open_ = np.ones(len(messages), bool)
     parts: list[_LayoutPart] = []

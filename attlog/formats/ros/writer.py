@@ -1,7 +1,6 @@
-"""Recordings as MCAP bags with PX4's messages: what PX4's bridge to ROS 2 would have published.
+"""Write recordings as MCAP bags with PX4's messages, as PX4's bridge to ROS 2 publishes them.
 
-Types are made of the columns themselves, so that a bag defines what it holds. Names of types are PX4's where a topic
-bears another name than its type.
+Types are made of the columns, so that a bag defines what it holds. They have PX4's names where topic and type differ.
 """
 
 from __future__ import annotations
@@ -44,9 +43,9 @@ CLOCK_COLUMN = "timestamp"
 CDR_HEADER = b"\x00\x01\x00\x00"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 FRAME_NAME = "map"
-# When the recorder's clock begins: it knows the date, the autopilot does not.
+# Start of the recorder's clock, which knows the date.
 RECORDER_START_NS = 1_700_000_000_000_000_000
-# How long a message is under way from the autopilot to the recorder.
+# Delay of a message from the autopilot to the recorder.
 RECORDER_DELAY_NS = 2_000_000
 # Bytes per chunk.
 CHUNK_BYTES = 1 << 20
@@ -56,7 +55,7 @@ def write_mcap(path: Path, recording: Recording) -> None:
     """Write an MCAP bag; messages are numbered in the order of their times.
 
     A message whose name begins with a slash is a pose with columns ``q`` (n, 4) and ``p`` (n, 3) in axes of its own,
-    stamped by the recorder's clock. UsageError for what a bag has no place for and where a package is missing.
+    stamped by the recorder's clock. UsageError for what a bag cannot hold and where a package is missing.
     """
     try:
         from mcap.writer import CompressionType, Writer
@@ -92,12 +91,12 @@ def write_mcap(path: Path, recording: Recording) -> None:
 
 
 def _recorder_times(t_us: NDArray[Any], start_us: int) -> NDArray[np.int64]:
-    """When the recorder gets a message of the autopilot's time."""
+    """Return when the recorder gets a message of the autopilot's time."""
     return np.asarray(RECORDER_START_NS + RECORDER_DELAY_NS + (t_us.astype(np.int64) - start_us) * 1000, np.int64)
 
 
 def _topic_messages(name: str, columns: Columns) -> tuple[str, str, list[bytes]]:
-    """Type, definition and messages of a topic of PX4."""
+    """Return type, definition and messages of a PX4 topic."""
     kind = TYPE_OF_TOPIC.get(name, "".join(part.capitalize() for part in name.split("_")))
     flat = {column: np.asarray(x) for column, x in columns.items()}
     for column, x in flat.items():
@@ -111,7 +110,7 @@ def _topic_messages(name: str, columns: Columns) -> tuple[str, str, list[bytes]]
 
 
 def _encode_cdr(columns: Columns) -> list[bytes]:
-    """Messages of columns (n,) or (n, k): CDR, each number aligned to its size."""
+    """Return messages of columns (n,) or (n, k) in CDR, each number aligned to its size."""
     places, at = [], 0
     for x in columns.values():
         at += -at % x.dtype.itemsize
@@ -127,7 +126,7 @@ def _encode_cdr(columns: Columns) -> list[bytes]:
 
 
 def _pose_messages(columns: Columns, start_us: int) -> tuple[str, str, list[bytes]]:
-    """Type, definition and messages of a pose in the axes of its columns ``q``, scalar first, and ``p``."""
+    """Return type, definition and messages of a pose with columns ``q``, scalar first, and ``p``."""
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)

@@ -1,1 +1,1 @@
-"""PX4's ULog: how it is recognised, read (also damaged), written, timed, and compared with pyulog."""
+"""PX4's ULog: recognised, read (also damaged or encrypted), and written."""

@@ -1,4 +1,4 @@
-"""What stands beside the data in a ULog: information, parameters, texts and what the logger lost."""
+"""Contents of a ULog: information, parameters, texts and dropouts; columns of topics; implausible records."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from attlog.formats.table import DamageLog, Field, ParamChange, Table, Text
 from attlog.formats.ulog.layout import TopicLayout, decode_ulog_text, info_value, parameter_value, split_key
 from attlog.formats.ulog.walk import DATA_HEADER_BYTES, Bytes
 
-# Bytes of parameters looked at together.
+# Bytes of parameters parsed together.
 MAX_RUN_BYTES = 1 << 16
 PARAMETER_KIND, DEFAULT_KIND = b"PQ"
 _INT, _FLOAT = struct.Struct("<i").unpack_from, struct.Struct("<f").unpack_from
-# Times from here on do not fit the clocks of a flight; no logger ever ran so long.
+# Start times from here on do not fit the clocks of a flight.
 MAX_START_US = 2**63
 
 
 class Content:
-    """Collects the records that are neither data nor definitions, in file order.
+    """Collect the records that are neither data nor definitions, in file order.
 
-    ``time_before(position)`` is the time (us) that a parameter changed at, None or 0 where no data stands before.
+    ``time_before(position)`` is the time (us) of a parameter change, None or 0 without data before.
     """
 
     def __init__(self, time_before: Callable[[int], int | None]) -> None:
@@ -48,7 +48,7 @@ class Content:
 
     @property
     def info(self) -> dict[str, Any]:
-        """The log's statements; those that come in parts as lists of what was put together."""
+        """The log's statements; those in parts as lists of the joined parts."""
         return self._info | {
             name: [type(group[0])().join(group) if isinstance(group, list) else group for group in groups]
             for name, groups in self._parts.items()
@@ -57,7 +57,7 @@ class Content:
 
     @property
     def dropouts_ms(self) -> list[int]:
-        """How long the logger lost what it should have written."""
+        """Durations of the logger's dropouts."""
         return self._dropouts.tolist()
 
     def report(self, losses: DamageLog) -> None:
@@ -68,13 +68,13 @@ class Content:
                 losses.add_remark("log_limit", f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
 
     def start(self, version: int, start_us: int) -> None:
-        """A file header with the logger's version and start time (us); what is known of the file is the first one's."""
+        """Take in a file header with the logger's version and start time (us); the first one describes the file."""
         self._start_us, self.in_data = start_us if start_us < MAX_START_US else 0, False
         self._info.setdefault("ulog_version", version)
         self._info.setdefault("ulog_start_us", self._start_us)
 
     def take(self, kind: int, payload: bytes, position: int) -> None:
-        """One record. IndexError or struct.error if it is too short for its type."""
+        """Take in one record. IndexError or struct.error if it is too short for its type."""
         match chr(kind):
             case "I":
                 key_type, name, raw = split_key(payload)
@@ -101,7 +101,7 @@ class Content:
         value = info_value(key_type, raw)
         groups = self._parts.setdefault(name, []) if len(self._parts) < MAX_INFO else self._parts.get(name, [])
         if payload[0] and groups and isinstance(groups[-1], list) and type(groups[-1][0]) is type(value):
-            groups[-1].append(value)  # joined at the end: a message may come in a million parts
+            groups[-1].append(value)  # joined at the end; a message may have a million parts
         elif self._is_room("statements", self._n_parts, MAX_INFO):
             self._n_parts += 1
             groups.append([value] if isinstance(value, str | bytes) else value)
@@ -117,10 +117,10 @@ class Content:
         self.params.append(ParamChange(name, value, t_us, is_default, position))
 
     def take_parameters(self, raw: memoryview, position: int, stop: int) -> int:
-        """Take in parameters that stand one behind the other, all but the last; the position of that one.
+        """Take in successive parameters, all but the last; return the position of that one.
 
-        Each looks as strictly as :func:`attlog.formats.ulog.layout.is_record` demands and is followed by one that
-        does: most definitions of a log are parameters, and taken one by one they cost more than all its data.
+        Each is as strict as :func:`attlog.formats.ulog.layout.is_record` demands and is followed by one. Most
+        definitions of a log are parameters, and one by one they cost more than all its data.
         """
         chunk = bytes(raw[position : min(position + MAX_RUN_BYTES, stop)])
         before = (self._time_before(position) or self._start_us) if self.in_data else None
@@ -159,9 +159,6 @@ class Content:
             self.texts.append(Text(said, level, t_us, position))
 
 
-# The columns of one ULog topic, decoded when asked for.
-
-
 @dataclass(slots=True)
 class Topic:
     """A topic's records so far; another layout (a second log in the same file) starts a new part."""
@@ -172,7 +169,7 @@ class Topic:
     decoder: _TopicDecoder | None = None
 
     def add(self, layout: TopicLayout, offsets: Offsets) -> None:
-        """Take in records of one layout, starts in file order."""
+        """Take in records of one layout, in file order."""
         if self.layouts[-1] != layout:
             if len(self.layouts) >= MAX_LAYOUTS:
                 self.left_out += len(offsets)
@@ -181,9 +178,9 @@ class Topic:
         self.parts.append((len(self.layouts) - 1, offsets))
 
     def table(self, data: Bytes, name: str, multi: int, losses: DamageLog, *, own_starts: bool = False) -> Table:
-        """The topic's table; fields are those that all its layouts share. Gives up the parts.
+        """Return the topic's table with the fields that all its layouts share, and release the parts.
 
-        ``own_starts``: where records were sorted in several groups, one part would keep all of its group.
+        ``own_starts``: copy the starts, because a slice would keep those of its whole group.
         """
         parts, self.parts = self.parts, []
         one = len(parts) == 1 and not own_starts
@@ -198,7 +195,7 @@ class Topic:
         return Table(name, multi, self._fields, starts, self.decoder, losses)
 
     def forget(self) -> None:
-        """Drop the records that were gathered to look at a table once."""
+        """Release the gathered records."""
         if self.decoder is not None:
             self.decoder.forget()
 
@@ -210,9 +207,9 @@ class Topic:
 
 
 class _TopicDecoder:
-    """Gathers all bytes of a topic's records once; columns are views of them.
+    """Gather the bytes of a topic's records once; columns are views of them.
 
-    ``which`` (n,) is the layout of each of the topic's records, which start at ``starts``; None where there is one.
+    ``which`` (n,) is the layout of each record, None where there is one.
     """
 
     def __init__(
@@ -248,23 +245,20 @@ class _TopicDecoder:
             yield here, gather(body, offsets[here], layout.record)
 
 
-# Which records of a damaged ULog hold values that cannot have been logged.
-#
-# ULog has no checksums: a damage that lies within one record leaves the framing
-# intact. Random bytes as numbers give themselves away, because almost every one has
-# an exponent or a time that nothing on an aircraft has. Asked only where a file is
-# damaged anyway, so that an undamaged log always reads as it stands.
-
-# Magnitudes outside are no measurement: the largest real ones are times in us, the smallest variances.
+# Magnitudes outside are no measurements: the largest real ones are times in us, the smallest variances.
 MAX_MAGNITUDE, MIN_MAGNITUDE = 1e15, 1e-30
-# A column in which a larger share is beyond the limits is logged that way (not initialised, say).
+# A column with a larger share beyond the limits was logged so, for instance not initialised.
 MAX_IMPLAUSIBLE_SHARE = 0.01
-# Records that a topic needs before one of them can stand out.
+# Topics with fewer records have no outliers.
 MIN_RECORDS = 5
 
 
 def implausible(table: Table) -> NDArray[np.bool_]:
-    """Mask (n,) of the records with a time far from the others or a number beyond any range."""
+    """Select the records with a time far from the others or a number beyond any range.
+
+    ULog has no checksums, and damage within a record leaves the framing intact. Random bytes have an exponent or a time
+    that nothing on an aircraft has. Used only on damaged files, so that intact logs are read as they are.
+    """
     found = np.zeros(len(table), bool)
     if len(table) < MIN_RECORDS:
         return found
@@ -281,7 +275,7 @@ def implausible(table: Table) -> NDArray[np.bool_]:
 
 
 def _beyond_magnitudes(column: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Records with a finite number of impossible magnitude."""
+    """Select the records with a finite number of impossible magnitude."""
     with np.errstate(invalid="ignore"):  # random bytes hold signalling NaN too
         size = np.abs(column)
         beyond: NDArray[np.bool_] = (size > MAX_MAGNITUDE) & np.isfinite(size) | (size < MIN_MAGNITUDE) & (size > 0)

@@ -1,8 +1,8 @@
-"""ULogs that PX4 encrypted (``.ulge``), opened with the vehicle's private key.
+"""Decrypt PX4's encrypted ULogs (``.ulge``) with the vehicle's private key.
 
-Layout and algorithms: PX4's guide, "Log Encryption". A header of 22 bytes names the sizes of what follows: the key of
-the stream, wrapped by RSA (OAEP, SHA-256), and its nonce; then the log by XChaCha20. Up to PX4 1.15 header, key and
-nonce lie in a file of their own (``.ulgk``), beside the log (``.ulgc``).
+Layout and algorithms: PX4's guide, "Log Encryption". A header of 22 bytes holds the sizes of the stream's key, wrapped
+by RSA (OAEP, SHA-256), and of its nonce; the log follows in XChaCha20. Up to PX4 1.15 header, key and nonce are a file
+of their own (``.ulgk``) beside the log (``.ulgc``).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from attlog.formats.ulog.layout import ENCRYPTED_MAGIC, KEY_FILE_MAGIC
 
 Bytes = NDArray[np.uint8]
 
-# The environment variable that names the private key; ``--key`` sets it for the process and its children.
+# Environment variable with the private key's file; ``--key`` sets it for the process and its children.
 KEY_VARIABLE = "ATTLOG_KEY"
 _GIVEN_KEY: ContextVar[Path | None] = ContextVar("given", default=None)
 ENCRYPTED_HEADER, ENCRYPTED_VERSION, RSA_OAEP = struct.Struct("<7sBQBBHH"), 1, 4
@@ -33,7 +33,7 @@ MAX_KEY_BYTES = 1 << 13
 
 @contextmanager
 def using_key(key: str | Path | None) -> Iterator[None]:
-    """Within it encrypted logs are opened with the private key in this file, None: with that of the environment."""
+    """Decrypt with the private key in this file within the block, None: with that of the environment."""
     token = _GIVEN_KEY.set(None if key is None else Path(key))
     try:
         yield
@@ -42,15 +42,15 @@ def using_key(key: str | Path | None) -> Iterator[None]:
 
 
 def is_encrypted(head: bytes) -> bool:
-    """Whether a file that begins so is an encrypted ULog, or the key file of one."""
+    """True if a file with these first bytes is an encrypted ULog, or its key file."""
     return head.startswith((ENCRYPTED_MAGIC, KEY_FILE_MAGIC))
 
 
 def decrypt(path: Path, data: Bytes) -> Bytes:
-    """The bytes of the log that an encrypted one holds: as many as are there of one that was cut.
+    """Return the bytes of the log in an encrypted one, as many as a cut one holds.
 
-    UsageError for a key that is none, is missing its package or is named nowhere; LogUnreadable if a file cannot be
-    opened; LogUnusable for a damaged header and a key of another vehicle.
+    UsageError for an invalid key, a missing package or no key; LogUnreadable if a file cannot be opened; LogUnusable
+    for a damaged header and a key of another vehicle.
     """
     named = _GIVEN_KEY.get() or os.environ.get(KEY_VARIABLE, "")
     if not named:
@@ -84,12 +84,12 @@ def decrypt(path: Path, data: Bytes) -> Bytes:
 
 
 def has_key() -> bool:
-    """Whether a private key is named."""
+    """True if a private key is named."""
     return bool(os.environ.get(KEY_VARIABLE))
 
 
 def _log_beside(path: Path) -> Bytes:
-    """The log that the key file of an older firmware belongs to."""
+    """Return the log of an older firmware's key file."""
     log = path.with_suffix(".ulgc")
     if not log.exists():
         raise LogUnreadable(f"{path}: is the key of an encrypted ULog; put {log.name} beside it, both unpacked")
@@ -97,7 +97,7 @@ def _log_beside(path: Path) -> Bytes:
 
 
 def _unwrap_key(path: Path, key_file: Path, wrapped: bytes) -> bytes:
-    """The key of the stream. Errors as of :func:`decrypted`."""
+    """Return the key of the stream. Errors as of :func:`decrypt`."""
     try:
         from Crypto.Cipher import PKCS1_OAEP
         from Crypto.Hash import SHA256

@@ -1,8 +1,9 @@
-"""What a ULog record that is not data may look like, checked strictly enough to find records among garbage.
+"""Layout of ULog records: fields of topics from the format texts, checks of all other records, definitions of a log.
 
-Types (one letter): B flags, I info, M info in parts, F format, P parameter,
-Q default parameter, A subscription, R unsubscription, D data, L text,
-C text with tag, S synchronisation mark, O dropout. ULog file format:
+A format text reads ``vehicle_attitude:uint64_t timestamp;float[4] q;`` and may use other formats as types. Nested types
+are flattened with dotted names (``esc[0].esc_rpm``); arrays of numbers stay one column of shape (n, k). A few bytes of
+text can ask for any number of columns (``n1[99999] a`` in ``n0``, and so on), so the extent of each format is counted
+first, and columns are made only of accepted formats. ULog file format:
 https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 """
 
@@ -21,16 +22,6 @@ import numpy as np
 from attlog.core.limits import MAX_FIELDS, MAX_FORMATS, MAX_NESTING, MAX_REDEFINED, MAX_RESUBSCRIBED
 from attlog.formats.table import DamageLog, Field, Remark
 
-# Where each field of a ULog message lies, from the format texts in the log.
-#
-# A format text reads ``vehicle_attitude:uint64_t timestamp;float[4] q;`` and may use
-# other formats as types. Nested types are flattened with dotted names
-# (``esc[0].esc_rpm``), arrays of numbers stay one column of shape (n, k).
-#
-# A few bytes of text can ask for any number of columns (``n1[99999] a`` in ``n0``, and so
-# on). What a format amounts to is therefore counted first, each format once; columns are
-# written out only for accepted formats, when somebody asks for them.
-
 # Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte.
 BASIC_TYPES = {
     "int8_t": "<i1",
@@ -45,10 +36,10 @@ BASIC_TYPES = {
     "double": "<f8",
     "bool": "<i1",
 }
-# Bytes of a data record's payload behind the id: the record's size is a u16.
+# Payload of a data record behind the id; the record's size is a u16.
 MAX_PAYLOAD_BYTES = 0xFFFF - 2
 
-# Letters of a format text up to which what it says is remembered.
+# Longer format texts are not cached.
 MAX_CACHED_LETTERS = 2048
 
 _FORMAT_NAME = re.compile(r"[\w/-]+")
@@ -62,7 +53,7 @@ Members = list[tuple[str, int | None, str]]
 
 @dataclass(frozen=True, slots=True)
 class _Extent:
-    """What a format amounts to when it is flattened; ``why_not`` says why it cannot be used."""
+    """Size of a flattened format; ``why_not`` is the reason why it cannot be used."""
 
     size: int = 0
     columns: int = 0
@@ -71,11 +62,10 @@ class _Extent:
 
 
 class TopicLayout:
-    """The flattened message: fields with their byte positions behind the record's id.
+    """A flattened message: fields with their byte positions behind the record's id.
 
-    ``size`` is the payload without trailing padding, ``full_size`` with it; the logger
-    may write either. ``time_at`` is the position of the u64 ``timestamp``, None if absent.
-    ``columns`` counts the fields with padding.
+    ``size`` is the payload without trailing padding, ``full_size`` with it; the logger may write either. ``time_at`` is
+    the position of the u64 ``timestamp``, None if absent. ``columns`` counts the fields with padding.
     """
 
     def __init__(self, name: str, formats: Formats, size: int, full_size: int, columns: int, time_at: int | None):
@@ -83,7 +73,7 @@ class TopicLayout:
         self.size, self.full_size, self.columns, self.time_at = size, full_size, columns, time_at
 
     def __eq__(self, other: object) -> bool:
-        """Whether records of both are read alike."""
+        """True if records of both are decoded alike."""
         if self is other:
             return True
         return isinstance(other, TopicLayout) and self.size == other.size and self._placed == other._placed
@@ -92,7 +82,7 @@ class TopicLayout:
 
     @cached_property
     def fields(self) -> dict[str, Field]:
-        """The columns that are shown, in stored order."""
+        """The visible columns, in stored order."""
         return {name: Field(name, dtype) for name, (dtype, _) in self._placed.items()}
 
     @cached_property
@@ -112,12 +102,12 @@ class TopicLayout:
         placed: dict[str, tuple[np.dtype[np.generic], int]] = {}
         for name, dtype, position in self._formats.flattened(self.name):
             if not name.rpartition(".")[2].startswith("_padding") and position + dtype.itemsize <= self.size:
-                placed.setdefault(name, (dtype, position))  # nothing can ask for a second field of a name
+                placed.setdefault(name, (dtype, position))  # only the first field of a name can be asked for
         return placed
 
 
 class Formats:
-    """The format texts of one log by name, and what they amount to. A text once used is never changed."""
+    """The format texts of one log by name, with their extents and layouts. A text once used is never changed."""
 
     def __init__(self, texts: Mapping[str, str] = MappingProxyType({})) -> None:
         self.texts = dict(texts)
@@ -126,17 +116,17 @@ class Formats:
         self._layouts: dict[str, TopicLayout | str] = {}
 
     def is_used(self, name: str) -> bool:
-        """Whether something was concluded from this name's text, or from its lack."""
+        """True if something was derived from this name's text, or from its absence."""
         return name in self._members
 
     def layout(self, name: str) -> TopicLayout | str:
-        """The flattened layout of a message, or why there is none."""
+        """Return the layout of a message, or the reason why there is none."""
         if name not in self._layouts:
             self._layouts[name] = self._layout(name)
         return self._layouts[name]
 
     def flattened(self, name: str, prefix: str = "", at: int = 0) -> Iterable[tuple[str, np.dtype[np.generic], int]]:
-        """Name, type and position of each column of a format that was accepted, padding too."""
+        """Yield name, type and position of each column of an accepted format, padding included."""
         for kind, count, member in self._members_of(name) or ():
             if count == 0:
                 continue
@@ -174,7 +164,7 @@ class Formats:
         )
 
     def _extent(self, name: str) -> _Extent:
-        """Counts a format and what it is made of, each once; no recursion, because definitions may nest at will."""
+        """Count a format and its types, each once, without recursion because definitions may nest at will."""
         waiting, opened = [name], set()
         while waiting:
             top = waiting[-1]
@@ -225,13 +215,13 @@ class Formats:
 
 @lru_cache(1 << 10)
 def _members_in(text: str) -> Members | None:
-    """The members of a format text of usual length: logs of one firmware define the same ones."""
+    """Return the members of a format text; logs of one firmware define the same ones."""
     parsed = parse_format(text)
     return None if parsed is None else parsed[1]
 
 
 def parse_format(text: str) -> tuple[str, Members] | None:
-    """Name and members of a format text, None if it is not one."""
+    """Return name and members of a format text, None if it is none."""
     name, _, described = text.partition(":")
     if _FORMAT_NAME.fullmatch(name) is None:
         return None
@@ -241,22 +231,26 @@ def parse_format(text: str) -> tuple[str, Members] | None:
     return (name, members) if len(members) == len(parts) else None
 
 
+# Records that are not data. Types: B flags, I info, M info in parts, F format, P parameter, Q default parameter,
+# A subscription, R unsubscription, D data, L text, C text with tag, S synchronisation mark, O dropout. The checks are
+# strict enough to find records among garbage.
+
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEADER = 16
 SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 SYNC_MARK = b"\x08\x00S" + SYNC
-# Payload bytes that a record of a type we do not know may have before it counts as garbage.
+# Records of unknown type with a longer payload count as garbage.
 MAX_UNKNOWN_BYTES = 10_000
-# Characters of a topic's name; file systems and keys end there too.
+# Letters of a topic's name, as in file systems and keys.
 MAX_TOPIC_LETTERS = 255
-# Bytes of a message that may hold anything; longer ones must be ASCII to be told from garbage.
+# Longer messages must be ASCII to differ from garbage.
 MAX_BINARY_TEXT_BYTES = 1024
-# Bytes of a payload that tell whether it is one: every byte of garbage may be asked, and claim 64 kB.
+# Bytes of a payload that are checked: every byte of garbage may claim a record of 64 kB.
 MAX_HEAD_BYTES = 2 * MAX_BINARY_TEXT_BYTES
 
 _KEY_PATTERN = re.compile(rb"[\w/]+(?:\[\d{1,5}\])? [^\x00-\x20\x7f]+")
 _FORMAT_START_PATTERN = re.compile(rb"[\w/-]{1,255}:[\w/]{1,255}(?:\[\d{1,20}\])? [\w\[\]]+")
-# Where the name, or its length, begins in the payload.
+# Position of the name, or of its length, in the payload.
 _NAME_AT = {ord("F"): 0, ord("A"): 3, ord("I"): 0, ord("P"): 0, ord("M"): 1, ord("Q"): 1}
 _TOPIC_PATTERN = re.compile(rb"[\w/-]+")
 _PARAMETER_STRUCTS = {"int32_t": struct.Struct("<i"), "float": struct.Struct("<f")}
@@ -276,18 +270,15 @@ _INFO_STRUCTS = {
 
 
 def is_record(kind: int, head: bytes, size: int) -> bool:
-    """Whether a payload of ``size`` bytes, of which ``head`` are the first :data:`ENOUGH`, is what the type demands.
-
-    All types but D.
-    """
+    """True if a payload of ``size`` bytes with the first MAX_HEAD_BYTES ``head`` is valid for its type (all but D)."""
     check = _CHECKS.get(kind)
     return check is not None and check(head, size)
 
 
 def is_odd_definition(kind: int, head: bytes, size: int) -> bool:
-    """Whether a payload defines something under a name that no logger gives: framed as the type demands, in letters.
+    """True if a payload is a definition under a name that no logger uses, correctly framed and printable.
 
-    Enough for a record that follows a good one; not to find records among garbage.
+    This suffices behind a valid record, not to find records among garbage.
     """
     at = _NAME_AT.get(kind)
     if at is None or size <= at or size > len(head):
@@ -302,19 +293,19 @@ def is_odd_definition(kind: int, head: bytes, size: int) -> bool:
 
 
 def decode_ulog_text(raw: bytes) -> str:
-    """Text up to the first NUL; bytes that are no UTF-8 become replacement characters."""
+    """Return text up to the first NUL; bytes that are no UTF-8 become replacement characters."""
     return raw.split(b"\0", 1)[0].decode("utf-8", "replace")
 
 
 def split_key(payload: bytes) -> tuple[str, str, bytes]:
-    """Type, name and value bytes of an I, P or (behind its first byte) M and Q payload."""
+    """Return type, name and value bytes of an I, P or (behind its first byte) M and Q payload."""
     end = 1 + payload[0]
     kind, _, name = payload[1:end].decode("utf-8", "replace").partition(" ")
     return kind, name, payload[end:]
 
 
 def info_value(kind: str, raw: bytes) -> Any:
-    """An info value as text, number, or bytes where it is an array or none of these."""
+    """Return an info value as text or number, else as bytes."""
     if kind == "char" or kind.startswith("char["):
         return decode_ulog_text(raw)
     form = _INFO_STRUCTS.get(kind)
@@ -324,7 +315,7 @@ def info_value(kind: str, raw: bytes) -> Any:
 
 
 def parameter_value(kind: str, raw: bytes) -> float | int | None:
-    """A parameter's value, None if the type is neither int32_t nor float."""
+    """Return a parameter's value, None for other types than int32_t and float."""
     form = _PARAMETER_STRUCTS.get(kind)
     return form.unpack_from(raw)[0] if form is not None and len(raw) >= 4 else None
 
@@ -370,12 +361,9 @@ _CHECKS: dict[int, Callable[[bytes, int], bool]] = {
 }
 
 
-# What a ULog defines on the way: formats by name, and which id stands for which topic, instance and layout.
-
-
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """What records of an id are."""
+    """Topic, instance and layout of an id."""
 
     name: str
     multi: int
@@ -383,7 +371,7 @@ class Subscription:
 
 
 class Definitions:
-    """The formats and subscriptions of one power-up, within the limits of what a log may ask for."""
+    """The formats and subscriptions of one power-up, within the limits of a log."""
 
     def __init__(self) -> None:
         self.by_id: dict[int, Subscription] = {}
@@ -393,7 +381,7 @@ class Definitions:
         self._free_of_size: dict[int, list[tuple[str, TopicLayout]]] | None = None
 
     def declare(self, text: str) -> None:
-        """Take in a format text; what is no text of a format is found out when it is used."""
+        """Take in a format text; it is parsed when it is used."""
         name = text.partition(":")[0]
         known = self._formats.texts.get(name)
         if known == text:
@@ -409,7 +397,7 @@ class Definitions:
             self._redefined += 1
 
     def subscription(self, identifier: int, name: str, multi: int) -> Subscription | None:
-        """What a subscription says that the id means from now on; None if the definition cannot be used."""
+        """Return the meaning of an id from a subscription on; None if the definition cannot be used."""
         layout = self._formats.layout(name)
         before = self.by_id.get(identifier)
         if isinstance(layout, str):
@@ -422,7 +410,7 @@ class Definitions:
         return before if self._resubscribed > MAX_RESUBSCRIBED else now
 
     def without_subscription(self, size: int) -> list[tuple[str, TopicLayout]]:
-        """Formats that no id stands for, whose records have so many bytes behind the id. Asked at the log's end."""
+        """Return the formats without an id whose records have ``size`` bytes behind the id, at the log's end."""
         if self._free_of_size is None:
             self._free_of_size = {}
             subscribed = {subscription.name for subscription in self.by_id.values()}
@@ -453,12 +441,10 @@ class Definitions:
         losses.remarks += [remark for remark in found if remark.text not in known]
 
 
-# Does a file begin as a ULog?
-
-# How an encrypted one begins, and the key beside an encrypted one of PX4 1.13 to 1.15.
+# First bytes of an encrypted log, and of the key beside one of PX4 1.13 to 1.15.
 ENCRYPTED_MAGIC, KEY_FILE_MAGIC = b"ULogEnc", b"ULogKey"
 
 
 def is_ulog(head: bytes) -> bool:
-    """Whether these first bytes are a ULog's, encrypted or not."""
+    """True if a file with these first bytes is a ULog, encrypted or not."""
     return head.startswith((MAGIC, ENCRYPTED_MAGIC, KEY_FILE_MAGIC))

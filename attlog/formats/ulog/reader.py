@@ -1,12 +1,9 @@
-"""PX4 logs (``.ulg``) as lazy columns.
+"""Read PX4 logs (``.ulg``) as lazy columns.
 
-Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html. The file is
-mapped; one pass finds where every record lies (:mod:`attlog.formats.ulog.walk`),
-a topic's bytes are gathered when the first of its columns is asked for.
-
-ULog has no checksums. A data record counts only when another record begins where
-it ends: the one before a damaged place is given up, and reading goes on at the
-next place where three records in a row make sense and the time is near.
+One pass finds the place of every record (:mod:`attlog.formats.ulog.walk`); a topic's bytes are gathered when the first
+of its columns is asked for. ULog has no checksums, so a data record counts only when another record begins at its end:
+the one before damage is given up, and reading goes on at the next place with three valid records in a row and a
+plausible time.
 """
 
 from __future__ import annotations
@@ -51,19 +48,19 @@ from attlog.formats.ulog.walk import (
 
 __all__ = ["read_ulog"]
 
-# Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?
+# Longer data records of an unknown id are searched for known records.
 MIN_HIDING_BYTES = 300
-# Records whose times stand for now, and those among which they are sought where some are of unknown ids.
+# Records whose times represent the present, and the last ones among which they are searched.
 RECENT_RECORDS, MAX_RECENT_SEARCHED = 3, 256
-# Records of an unknown id and one size, looked at one by one, after which such are followed like known ones.
+# After this many records of one size an unknown id is followed like a known one.
 MIN_EQUAL_RECORDS = 8
 
 
 def read_ulog(path: Path | str, *, data: Bytes | None = None) -> Messages:
-    """The log as :class:`Messages` with ``(topic, multi id)`` keys, format ``ulog``; ``data`` are its bytes if mapped.
+    """Return the log with ``(topic, multi id)`` keys, format ``ulog``; ``data`` are its bytes if mapped.
 
-    LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable
-    if it is encrypted and no key opens it, or needs a newer reader. Damage is listed, never raised.
+    LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable if it is encrypted without key or
+    needs a newer reader. Damage is listed, never raised.
     """
     path = Path(path)
     data = read_file_bytes(path) if data is None else data
@@ -76,7 +73,7 @@ def read_ulog(path: Path | str, *, data: Bytes | None = None) -> Messages:
 
 
 class _Reader:
-    """One walk over the file; ``messages`` turns what was found into the result."""
+    """One walk over the file; ``messages`` makes the result."""
 
     def __init__(self, path: Path, data: Bytes) -> None:
         self.path, self.data, self.raw, self.size = path, data, data.data, len(data)
@@ -101,7 +98,7 @@ class _Reader:
         self._start_log(0)
 
     def messages(self) -> Messages:
-        """Walk everything, then hand out the tables."""
+        """Walk the file and return its tables."""
         position = FILE_HEADER
         while position < self.size:
             stop = min((a for a in self.appended if a > position), default=self.size)
@@ -110,7 +107,7 @@ class _Reader:
         tables = self._tables()
         ends = [*self.boots[1:], self.size]
         content = self.content
-        del self.content, self.framing, self.chain  # they know the reader: all would wait for the collector of cycles
+        del self.content, self.framing, self.chain  # cycles with the reader
         return Messages(
             self.path,
             "ulog",
@@ -125,7 +122,7 @@ class _Reader:
         )
 
     def _tables(self) -> dict[tuple[str, int], Table]:
-        """The topics with records, by name; what goes beyond the limits is said."""
+        """Return the topics with records by name, and report what exceeds the limits."""
         tables: dict[tuple[str, int], Table] = {}
         columns: dict[int, int] = {}
         in_groups = any(len(topic.parts) > 1 for topic in self.topics.values())
@@ -162,10 +159,8 @@ class _Reader:
     def _limit(self, sentence: str, offset: int | None, count: int = 1) -> None:
         self.losses.add_remark("log_limit", sentence, offset, count)
 
-    # The walk.
-
     def _walk(self, position: int, stop: int) -> int:
-        """Read records up to ``stop``; returns ``stop`` or the place where the plan changed."""
+        """Read records up to ``stop``; return ``stop`` or the place where appended data were announced."""
         plan, raw = self.appended, self.raw
         while position < stop and self.appended is plan:
             if position + DATA_HEADER_BYTES <= stop and raw[position + 2] == DATA_KIND:
@@ -185,14 +180,14 @@ class _Reader:
         return position
 
     def _keep(self, starts: Offsets, ids: Identifiers) -> None:
-        if self.pending >= self.chain.group:  # before and not after: the last record can still be given up
+        if self.pending >= self.chain.group:  # before, because the last record may be given up
             self._group()
         self.segments.append((starts, ids))
         self.pending += len(starts)
         self._remember()
 
     def _remember(self) -> None:
-        """The last record of the last segment, and the last ones whose times can be told."""
+        """Update the last record, and the last ones with a known time."""
         if not self.segments:
             self.last, self.recent = 0, []
             return
@@ -207,7 +202,7 @@ class _Reader:
         self.recent = starts[-RECENT_RECORDS:].tolist()
 
     def _record(self, position: int, stop: int) -> int | None:
-        """Take in the record that is no known data; the next position, None where there is no record."""
+        """Take in a record that is no known data; return the next position, None without a record."""
         if self.framing.is_header(position) and position + FILE_HEADER <= stop:
             self._end_log()
             self._start_log(position)
@@ -223,7 +218,7 @@ class _Reader:
         return end
 
     def _loose_record(self, position: int, end: int, stop: int) -> int | None:
-        """Take in a record that could be chance: data of an unknown id, or not quite what its type demands."""
+        """Take in a record that could be chance: data of an unknown id, or one not quite valid for its type."""
         kind, length = self.raw[position + 2], end - position - 3
         if kind == 0 or not length or (not KNOWN_KINDS[kind] and length > MAX_UNKNOWN_BYTES):
             return None
@@ -239,7 +234,7 @@ class _Reader:
         return end
 
     def _take_unknown(self, identifier: int, position: int, length: int) -> None:
-        """Take in a data record that no definition describes; many of one size need not be asked one by one."""
+        """Take in a data record without definition; ids with records of one size are then followed like known ones."""
         self.unknown.setdefault(identifier, array("q")).append(position)
         if self.followed.smallest[identifier] or len(self.alike) >= MAX_IDS_FOLLOWED:
             return
@@ -249,13 +244,11 @@ class _Reader:
             self.followed.set(identifier, length, length)
             self.chain.forget()
 
-    # Damage.
-
     def _resume(self, position: int, stop: int) -> int:
-        """Give up the record that ended at ``position``, find the next good one and note the damage.
+        """Give up the record that ended at ``position``, find the next valid one and report the damage.
 
-        Where nothing more follows and the rest is the beginning of a record, the log
-        was cut off there and the record before is whole.
+        Where nothing follows and the rest is the beginning of a record, the log was cut there and the record before is
+        whole.
         """
         if self.framing.is_cut_off(position, stop) and self.framing.anchor(position + 1, stop) == stop:
             resumed = "at the end of the file" if stop == self.size else f"at the appended data, byte {stop}"
@@ -280,7 +273,7 @@ class _Reader:
         self._remember()
 
     def _without_doubtful(self, table: Table) -> Table:
-        """The table without the records that damage went through unseen."""
+        """Return the table without implausible records."""
         doubt = implausible(table.rows(slice(None)))
         if not doubt.any():
             return table
@@ -293,7 +286,7 @@ class _Reader:
         self.losses.add(begin, end - begin, lost, resumed)
 
     def _end_log(self) -> None:
-        """Sort what is pending; give records whose subscription is lost to the one topic that they can be."""
+        """Sort pending records; assign records without subscription to the one topic that fits, or report them."""
         self._group()
         for identifier, places in self.unknown.items():
             starts: Offsets = np.sort(np.frombuffer(places, np.int64)).astype(offset_type(self.size))
@@ -319,11 +312,11 @@ class _Reader:
             self.losses.bytes += int(lengths.sum())
         self.unknown.clear()
         self.alike.clear()
-        if self.headers <= MAX_BOOTS:  # else a header after the other may bring its own
+        if self.headers <= MAX_BOOTS:
             self.definitions.report(self.losses)
 
     def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, TopicLayout] | None:
-        """The one format without subscription that has this size and rising times, None if there are none or more."""
+        """Return the one format without subscription of this size with rising times, None for none or more."""
         if len(starts) < ANCHOR_RECORDS or (lengths != lengths[0]).any():
             return None
         fitting: list[tuple[str, TopicLayout]] = []
@@ -339,10 +332,8 @@ class _Reader:
                 return None
         return fitting[0] if fitting else None
 
-    # What records mean.
-
     def _start_log(self, position: int) -> None:
-        """A file header: a new power-up with its own definitions."""
+        """Begin a power-up with its own definitions at a file header."""
         self.definitions = Definitions()
         self.clock.forget()
         self.last, self.low, self.recent = 0, 0, []
@@ -382,7 +373,7 @@ class _Reader:
             return
         if subscription != self.definitions.by_id.get(identifier):
             if self.followed.smallest[identifier]:
-                self._group()  # what came before keeps its meaning
+                self._group()  # earlier records keep their meaning
             self.definitions.by_id[identifier] = subscription
         layout = subscription.layout
         self.clock.subscribe(identifier, layout)
@@ -392,7 +383,7 @@ class _Reader:
 
     def _take_flags(self, payload: bytes, position: int) -> None:
         if position != self.header + FILE_HEADER:
-            return  # flags stand behind the header only, anything else is damage that looks like them
+            return  # flags follow the header; anything else is damage
         incompatible = payload[8:16]
         if incompatible[0] & ~1 or any(incompatible[1:]):
             raise LogUnusable(
@@ -404,12 +395,10 @@ class _Reader:
             self.appended = [a for a in offsets if position < a < self.size]
 
     def _time_before(self, position: int) -> int | None:
-        """The stamp of the last data record before, None if there is none that a clock can show."""
+        """Return the stamp of the last data record before, None if there is none that a clock can show."""
         last = self.recent[-1] if self.recent else 0
         stamp = self.clock.time_at(last) if last and last < position else None
         return stamp if stamp is not None and stamp < MAX_START_US else None
-
-    # From starts to tables.
 
     def _group(self) -> None:
         """Sort the collected starts into their topics, file order within each."""

@@ -20,17 +20,17 @@ from attlog.formats.ulog.layout import BASIC_TYPES, MAGIC
 _TYPES = {np.dtype(code): name for name, code in BASIC_TYPES.items() if name != "bool"} | {np.dtype(bool): "bool"}
 _FIELD_NAME = re.compile(r"[A-Za-z_]\w*")
 _MEMBER_NAME = re.compile(r"([A-Za-z_]\w*)(?:\[(\d+)\])?")
-# Header columns; no field of a topic can have such a name.
+# Header columns under names that no field can have.
 SIZE_FIELD, KIND_FIELD, ID_FIELD = "(size)", "(kind)", "(id)"
 
 
 def write_ulog(path: Path | str, recording: Recording) -> None:
-    """Write the log; ``attlog.formats.ulog.reader.read_ulog`` and any ULog reader give the same columns back.
+    """Write the log; attlog and any ULog reader give the same columns back.
 
-    The clock column is ``timestamp`` (uint64 us), the instance the multi id. Columns ``member[0].field`` become
-    a nested type, as they are read. Records of all topics are merged by time, stable. Parameters without time
-    stand before the data, the others behind the record they follow in time. UsageError for what ULog cannot
-    hold, OutputError if the file cannot be written.
+    The clock column is ``timestamp`` (uint64 us), the instance the multi id. Columns ``member[0].field`` become a
+    nested type. Records of all topics are merged by time, stable. Parameters without time come before the data, the
+    others behind the record they follow in time. UsageError for what ULog cannot hold, OutputError if the file cannot
+    be written.
     """
     start = recording.checked("timestamp")
     head = [MAGIC, b"\x01", struct.pack("<Q", start), _record("B", bytes(40))]
@@ -143,7 +143,7 @@ def _simple(name: str, column: str, values: NDArray[Any]) -> str:
 
 
 def _data(recording: Recording, start: int) -> bytes:
-    """Data records of all topics, texts and parameter changes in the order of their times."""
+    """Return data records of all topics, texts and parameter changes in the order of their times."""
     blocks = [_rows(k, key, columns) for k, (key, columns) in enumerate(recording.messages.items())]
     times = [columns["timestamp"] for columns in recording.messages.values()]
     lengths = [np.full(len(rows), rows.shape[1]) for rows in blocks]
@@ -157,7 +157,7 @@ def _data(recording: Recording, start: int) -> bytes:
 
 
 def _rows(identifier: int, key: Key, columns: Columns) -> NDArray[np.uint8]:
-    """The topic's records with their headers as (n, length) bytes."""
+    """Return the topic's records with their headers as (n, length) bytes."""
     members = [(name, values.dtype.newbyteorder("<"), values.shape[1:]) for name, values in columns.items()]
     record = np.dtype([(SIZE_FIELD, "<u2"), (KIND_FIELD, "u1"), (ID_FIELD, "<u2"), *members])
     if record.itemsize - 3 > 0xFFFF:
