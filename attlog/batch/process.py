@@ -18,8 +18,7 @@ from attlog.batch.report_files import PRINTED, load_filters, process_log
 from attlog.core import limits
 from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_message, exit_code, is_out_of_processes
 from attlog.core.files import is_disk_full
-from attlog.core.forks import Closed, Forks
-from attlog.core.workers import Died, Exit, TooLong, TooMuchMemory
+from attlog.core.workers import Closed, Died, Exit, ForkServer, TooLong, TooMuchMemory
 
 LIMIT_REACHED = 75
 """Exit code of a log that took more time or memory than it was given."""
@@ -47,22 +46,22 @@ PRELOADED = (
 Tell = Callable[[dict[str, Any]], None]
 
 
-def forks() -> Forks:
+def forks() -> ForkServer:
     """Processes for logs. Where a mapped file is cut, the process that waits for them says so."""
-    return Forks(PRELOADED, {limits.MAPPED: "1"})
+    return ForkServer(PRELOADED, {limits.MAPPED: "1"})
 
 
 shared = functools.lru_cache(maxsize=1)(forks)
 """Those of this process, for callers that bring none (a task of a cluster)."""
 
 
-def run_one(work: Work, processes: Forks | None = None, tell: Tell | None = None) -> Record:
+def run_one(work: Work, processes: ForkServer | None = None, tell: Tell | None = None) -> Record:
     """Analyse one log in a child process, put its files in place, and keep and return its record.
 
     Never raises for what a log, its process or the folder does: that is told by the record. A child only ever
     writes to a scratch folder of its own inside the folder; files are moved from there whole, so an orphan writes to
     nobody's report. ``tell`` hears the child's stages, and in silence an empty message now and
-    then; what it raises ends the child. :class:`attlog.core.forks.Closed` if the processes are.
+    then; what it raises ends the child. :class:`attlog.core.workers.Closed` if the processes are.
     """
     if work.resume:
         before = done_before(work)
@@ -116,16 +115,16 @@ def _ignore(_: dict[str, Any]) -> None:
     """Hears nothing."""
 
 
-def _analysed(work: Work, scratch: Path, processes: Forks, tell: Tell) -> Record:
+def _analysed(work: Work, scratch: Path, processes: ForkServer, tell: Tell) -> Record:
     """The record that a child process told, or what became of the process."""
     before = state(Path(work.source.place))
     with suppress(Died):  # what a filter does to this process it does to that of its log, which says so
         processes.prepare(load_filters, list(work.config.estimators), tell=tell)
     found: dict[str, Any]
-    with processes.child() as child:
+    with processes.worker() as worker:
         started = time.monotonic()
         try:
-            found = child.call(
+            found = worker.call(
                 process_log, work, scratch, seconds=work.timeout or 0.0, memory_mb=work.memory or 0.0, tell=tell
             )
         except Died as died:
@@ -133,7 +132,7 @@ def _analysed(work: Work, scratch: Path, processes: Forks, tell: Tell) -> Record
             found = {"code": code, "message": f"attlog: {work.source.name}: {why}"}
             if code != LIMIT_REACHED:
                 found["trace"] = _printed(scratch)
-        seconds, took = time.monotonic() - started, child.end()
+        seconds, took = time.monotonic() - started, worker.end()
     if processes.closed:
         raise Closed
     if "key" not in found:

@@ -28,7 +28,7 @@ from attlog.batch.results_file import CSV, PARQUET, write_results
 from attlog.batch.sources import Source
 from attlog.core.errors import EXIT_INTERRUPTED, ClusterError, OutputError, UsageError
 from attlog.core.files import remove_unfinished, write_atomic
-from attlog.core.forks import Forks
+from attlog.core.workers import ForkServer
 from attlog.pipeline.config import Config
 
 BEYOND = 1 << 30
@@ -212,7 +212,7 @@ Runner = Callable[[Sequence[Work]], Records]
 Tell = Callable[[Work, dict[str, Any]], None]
 
 
-def local_runner(workers: int | None = None, tell: Tell | None = None, processes: Forks | None = None) -> Runner:
+def local_runner(workers: int | None = None, tell: Tell | None = None, processes: ForkServer | None = None) -> Runner:
     """A runner on this machine; as many ``workers`` as it has cores by default. ``tell`` hears the stages of each log.
 
     ``tell`` is called from threads. ``processes``: used again, and closed by whoever made them.
@@ -229,7 +229,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _run(works: Sequence[Work], workers: int, tell: Tell | None, kept: Forks | None) -> Records:
+def _run(works: Sequence[Work], workers: int, tell: Tell | None, kept: ForkServer | None) -> Records:
     processes = kept or forks()
 
     def one(work: Work) -> Record:

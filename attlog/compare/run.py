@@ -24,9 +24,8 @@ from attlog.compare.same_flight import FlightTrack, find_repeats, flight_track
 from attlog.compare.setting import Configuration, labels, parse_configuration, setting_argument
 from attlog.compare.wording import comparison_sentences
 from attlog.core.errors import EXIT_BUG, UsageError, error_message, exit_code
-from attlog.core.forks import in_processes
 from attlog.core.machine import versions
-from attlog.core.workers import Died
+from attlog.core.workers import Died, in_processes
 from attlog.metrics import definitions
 from attlog.metrics.metric import named
 from attlog.pipeline import evaluate, prepare

@@ -1,13 +1,16 @@
-"""Values between two processes over a socket, each whole or not at all.
+"""Functions called in other processes: limits of time and memory, and a crash that costs only its own work.
 
-A frame is the number of its parts, their sizes and the parts: the pickle of a value, then the arrays in it, which are
-neither copied into the pickle nor out of it. Pickles run code of whoever sent them: both ends are processes of one
-user, and what a process of a filter is kept from is accident, not malice.
+A :class:`Worker` calls functions one after the other in a fresh interpreter or in a fork of a :class:`ForkServer`, a
+program that has imported everything: an interpreter of its own would cost 1 s of processor time a log, a third of what
+a small log takes. ``multiprocessing``'s fork server does not serve here: it leaves children running whose parent was
+killed while they held the interpreter lock, and starts nothing inside a daemonic worker such as Dask's.
 """
 
 from __future__ import annotations
 
 import faulthandler
+import gc
+import importlib
 import os
 import signal
 import socket
@@ -17,118 +20,577 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from pickle import PickleBuffer, PicklingError, dumps, loads
-from queue import SimpleQueue
+from pickle import PicklingError, dumps, loads
+from queue import Empty, SimpleQueue
 from typing import Any, Protocol, TypeVar
 
 from attlog.core.errors import UsageError
 
-COUNT, SIZE = struct.Struct("!I"), struct.Struct("!Q")
-ANY_SIZE = 1 << 62
-MOST_PARTS = 1 << 20
+K = TypeVar("K")
+T = TypeVar("T")
+MESSAGE, DONE, FAILED = "message", "done", "failed"
+# Not ``-m``, which puts the current folder first: a file beside a log may be called numpy.py.
+START = "import sys; sys.path[:] = {path!r}; from attlog.core import workers; workers.{function}({arguments})"
+# What a process starts belongs to its group and ends with it; Ctrl-C reaches the caller alone.
+OWN_GROUP: dict[str, Any] = {"process_group": 0} if hasattr(os, "killpg") else {}
+# There are as many processes as cores, and sums over several threads differ in the last bit.
+SINGLE_THREADED = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+EXIT_CUT_OFF = 74  # exit status of a process whose work broke its own connection
+MIN_CRASH_STATUS = 0xC0000000  # Windows
+UNLIMITED_BYTES = 1 << 62
+CHECK_PERIOD_S = 0.5
+MEMORY_CHECK_PERIOD_S = 0.05  # a process fills some GB/s at most
+CLOSING_S = 2.0  # for a process that has closed its connection, or a fork server that compiles a filter
+SELF_LIMIT_MARGIN_S = 10  # a process whose caller is gone ends itself so long after its limit
 
 
-class NonsenseError(Exception):
-    """What came is no frame: the memory of the process that sent it is spoilt."""
+@dataclass(frozen=True, slots=True)
+class Exit:
+    """End of a process: status (negative signal number, None if unknown), CPU time and peak resident memory."""
+
+    status: int | None = None
+    cpu_s: float = 0.0
+    peak_mb: float = 0.0
+
+    @property
+    def signal(self) -> str:
+        """Name of the signal that ended the process, or an empty text."""
+        return {-known.value: known.name for known in signal.Signals}.get(self.status or 0, "")
+
+    @property
+    def crashed(self) -> bool:
+        """True after a memory error or failed assertion in machine code."""
+        return self.signal not in ("", "SIGKILL", "SIGALRM", "SIGXCPU") or (self.status or 0) >= MIN_CRASH_STATUS
+
+    def __str__(self) -> str:
+        """Describe the end, as a continuation of "its process"."""
+        if self.signal == "SIGKILL":
+            return "was killed from outside (signal 9), as systems do when memory runs out"
+        if self.crashed:
+            return f"crashed ({self.signal or hex(self.status or 0)})"
+        if self.status == EXIT_CUT_OFF:
+            return "cannot answer any more: its work closed files or broke modules that are not its own"
+        if self.status is None:
+            return "is gone without an answer, and so is the process that started it"
+        return f"ended without an answer (exit status {self.status})"
 
 
-class Wire:
-    """One end of a socket; both ends may be used by several threads, each end by one thread that receives."""
+class Died(Exception):
+    """A process ended, or was ended, without an answer."""
 
-    def __init__(self, connection: socket.socket, most_bytes: int = ANY_SIZE) -> None:
-        """``most_bytes``: what is larger is nonsense."""
-        self._connection, self._most = connection, most_bytes
+    def __init__(self, exit_: Exit, why: str = "") -> None:
+        super().__init__(why or f"the process {exit_}")
+        self.exit = exit_
+
+
+class TooLong(Died):
+    """A process was ended at its time limit."""
+
+
+class TooMuchMemory(Died):
+    """A process was ended at its memory limit."""
+
+
+class Closed(Exception):
+    """The fork server was closed during a call: the run is being interrupted."""
+
+
+class Channel:
+    """Pickles over a socket, each with its length; receive in one thread only.
+
+    Pickles run code of their sender. Both ends belong to one user: filters are isolated against accidents, not malice.
+    """
+
+    def __init__(self, connection: socket.socket, max_bytes: int = UNLIMITED_BYTES) -> None:
+        self.connection, self._max_bytes = connection, max_bytes
         self._lock = threading.Lock()
 
-    def fileno(self) -> int:
-        """The descriptor to wait for."""
-        return self._connection.fileno()
-
     def send(self, value: Any, seconds: float | None = None) -> None:
-        """Send a value. TimeoutError where it is not taken in time, OSError where nobody is there."""
-        self.send_parts(parts(value), seconds)
-
-    def send_parts(self, sent: Sequence[Any], seconds: float | None = None) -> None:
-        """Send what :func:`parts` made."""
+        """Send a value. TimeoutError after ``seconds``, OSError without a reader."""
+        frame = dumps(value, 5)
         with self._lock:
-            self._connection.settimeout(seconds)
-            sizes = [len(part) for part in sent]
-            self._connection.sendall(b"".join([COUNT.pack(len(sizes)), *map(SIZE.pack, sizes)]))
-            for part in sent:
-                self._connection.sendall(part)
+            self.connection.settimeout(seconds)
+            self.connection.sendall(struct.pack("!Q", len(frame)))
+            self.connection.sendall(frame)
 
-    def receive(self, begins_s: float | None = None, ends_s: float | None = None) -> list[bytearray]:
-        """The parts of the next value, for :func:`value`.
+    def receive(self, start_s: float | None = None, until: float | None = None) -> bytearray:
+        """Receive the pickle of a value.
 
-        TimeoutError where nothing comes within ``begins_s``, or not all of it within ``ends_s`` after that; EOFError
-        where the other end is closed.
+        TimeoutError if nothing comes within ``start_s`` or the rest not before ``until`` (monotonic clock); EOFError at
+        the end of the connection; ValueError for more than the allowed bytes.
         """
-        self._connection.settimeout(begins_s)
-        try:
-            begin = self._connection.recv(1)
-        except BlockingIOError:
-            raise TimeoutError from None
-        if not begin:
-            raise EOFError
-        until = None if ends_s is None else time.monotonic() + ends_s
-        (count,) = COUNT.unpack(begin + self._exactly(COUNT.size - 1, until))
-        if not 0 < count <= MOST_PARTS:
-            raise NonsenseError(f"{count} parts")
-        sizes = [size for (size,) in SIZE.iter_unpack(self._exactly(SIZE.size * count, until))]
-        if sum(sizes) > self._most:
-            raise NonsenseError(f"{sum(sizes)} bytes")
-        return [self._exactly(size, until) for size in sizes]
+        head = self._read(8, start_s, until)
+        (size,) = struct.unpack("!Q", head)
+        if size > self._max_bytes:
+            raise ValueError(f"{size} bytes")
+        return self._read(size, None, until)
 
-    def close(self) -> None:
-        """End it: the other side reads an end."""
-        self._connection.close()
-
-    def _exactly(self, size: int, until: float | None) -> bytearray:
+    def _read(self, size: int, start_s: float | None, until: float | None) -> bytearray:
         found = bytearray(size)
-        left = memoryview(found)
+        left, patience = memoryview(found), start_s
         while left:
-            self._connection.settimeout(None if until is None else max(until - time.monotonic(), 1e-3))
-            count = self._connection.recv_into(left)
+            self.connection.settimeout(patience)
+            count = self.connection.recv_into(left)
             if not count:
                 raise EOFError
             left = left[count:]
+            patience = None if until is None else max(until - time.monotonic(), 1e-3)
         return found
 
 
-def parts(value: Any) -> list[Any]:
-    """A value as the parts of a frame: its pickle, then the memory of its arrays."""
-    buffers: list[PickleBuffer] = []
-    pickled = dumps(value, 5, buffer_callback=buffers.append)
-    return [pickled, *(buffer.raw() for buffer in buffers)]
+class Process(Protocol):
+    """A process started as an interpreter or as a fork."""
+
+    pid: int
+
+    def alive(self) -> bool: ...
+
+    def end(self, patience_s: float) -> Exit:
+        """Kill the process and everything it started, after a time in which it may end by itself."""
 
 
-def value(received: Sequence[bytearray]) -> Any:
-    """The value of a frame; its arrays lie in what was received. Any exception, where the pickle is none."""
-    return loads(received[0], buffers=received[1:])
+class Worker:
+    """A process that calls functions, until it is ended or garbage-collected."""
+
+    def __init__(self, process: Process, connection: socket.socket, max_bytes: int = UNLIMITED_BYTES) -> None:
+        self._process, self._channel = process, Channel(connection, max_bytes)
+        self._exit: Exit | None = None
+        self._owner = os.getpid()
+        self._finalizer = weakref.finalize(self, _end_if_owner, process, connection, self._owner)
+
+    @classmethod
+    def start(cls, environment: Mapping[str, str] | None = None, max_bytes: int = UNLIMITED_BYTES) -> Worker:
+        """Start a fresh interpreter; an answer beyond ``max_bytes`` counts as damaged memory."""
+        ours, theirs = socket.socketpair()
+        with theirs:
+            return cls(Interpreter("serve_in_interpreter", theirs, environment or {}), ours, max_bytes)
+
+    @property
+    def alive(self) -> bool:
+        """True while the process runs and belongs to this process, not to one that forked it."""
+        return self._exit is None and self._owner == os.getpid() and self._process.alive()
+
+    def call(
+        self,
+        function: Callable[..., T],
+        *arguments: Any,
+        seconds: float = 0.0,
+        memory_mb: float = 0.0,
+        tell: Callable[[dict[str, Any]], None] | None = None,
+        **options: Any,
+    ) -> T:
+        """Call a function in the process; function, arguments and result must pickle.
+
+        Exceptions of the function are raised here. TooLong after ``seconds``, TooMuchMemory beyond ``memory_mb``
+        (resident), Died without an answer; these and every other exception raised while waiting end the process.
+        With ``tell`` the function gets an argument ``tell``; ``tell`` receives here what the function passes to it,
+        and an empty message after each silent period.
+        """
+        until = time.monotonic() + seconds if seconds else None
+        period = MEMORY_CHECK_PERIOD_S if memory_mb else CHECK_PERIOD_S
+        try:
+            with suppress(BrokenPipeError, ConnectionResetError):  # a dead process is reported by _receive
+                self._channel.send((seconds, tell is not None, function, arguments, options), seconds or None)
+            while True:
+                kind, answer = self._receive(period, until)
+                if kind != MESSAGE:
+                    break
+                if tell is not None:
+                    tell(answer)
+                if until is not None and time.monotonic() > until:
+                    raise TimeoutError
+                if memory_mb and (held := resident_mb(self._process.pid)) > memory_mb:
+                    why = f"needed more than {memory_mb:g} MB of memory ({held:.0f} MB when it was ended)"
+                    raise TooMuchMemory(self.end(), why)
+        except TimeoutError:
+            raise TooLong(self.end(), f"took longer than {seconds:g} s and was ended") from None
+        except BaseException:  # its answer would be taken for that of a later call
+            self.end()
+            raise
+        if kind == FAILED:
+            raise answer
+        return answer  # type: ignore[no-any-return]
+
+    def end(self, patience_s: float = 0.0) -> Exit:
+        """End the process with everything it started."""
+        if self._exit is None:
+            self._channel.connection.close()
+            mine = self._finalizer.detach() and self._owner == os.getpid()
+            self._exit = self._process.end(patience_s) if mine else Exit()
+        return self._exit
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def _receive(self, period: float, until: float | None) -> tuple[str, Any]:
+        """Receive the next message; an empty one after a silent period. Died if none can come."""
+        for wait in (period, 1e-3):
+            if until is not None:
+                wait = min(wait, max(until - time.monotonic(), 1e-3))
+            try:
+                kind, answer = loads(self._channel.receive(wait, until))
+                return kind, answer
+            except TimeoutError:
+                if self._process.alive():  # a process that has ended may have answered before: look once more
+                    return MESSAGE, {}
+            except (EOFError, OSError):
+                break
+            except Exception as error:  # damaged memory
+                raise Died(self.end(), f"its process answers nonsense ({type(error).__name__}: {error})") from error
+        raise Died(self.end(CLOSING_S))
 
 
-# How much memory does a process hold?
-#
-# The limit of ``--memory`` is kept by looking at this number, not by RLIMIT_AS: an address space counts libraries,
-# mapped logs and reserved room that never becomes memory (a gigabyte before the first log), and an allocation that is
-# refused inside a filter would end as a failed row of a report that looks whole. A process that is ended leaves no
-# result at all.
+def _end_if_owner(process: Process, connection: socket.socket, owner: int) -> None:
+    if os.getpid() == owner:
+        connection.close()
+        process.end(0.0)
+
+
+class Interpreter:
+    """A fresh interpreter that runs a function of this module with a socket as its first argument."""
+
+    def __init__(self, function: str, theirs: socket.socket, environment: Mapping[str, str], *arguments: Any) -> None:
+        path = [os.path.abspath(p) if p else os.getcwd() for p in sys.path]
+        number = theirs.fileno()
+        words = ", ".join(map(repr, (number, *arguments)))
+        windows = sys.platform == "win32"
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", START.format(path=path, function=function, arguments=words)],
+            pass_fds=[] if windows else [number],
+            stdin=subprocess.PIPE if windows else subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env=SINGLE_THREADED | dict(environment) | os.environ,
+            **OWN_GROUP,
+        )
+        if sys.platform == "win32":  # not tried
+            self._process.communicate(theirs.share(self._process.pid))
+        self.pid = self._process.pid
+        self._lock = threading.Lock()
+
+    def alive(self) -> bool:
+        """True while the interpreter runs. Its number stays reserved afterwards, as that of its group."""
+        with self._lock:
+            if not OWN_GROUP or self._process.returncode is not None:
+                return self._process.poll() is None
+            with suppress(ChildProcessError):
+                return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is None
+        return False
+
+    def end(self, patience_s: float = 0.0) -> Exit:
+        """Kill the interpreter and its group, after a time in which it may end by itself."""
+        until = time.monotonic() + patience_s
+        while patience_s and self.alive() and time.monotonic() < until:
+            time.sleep(0.01)
+        with self._lock:
+            if self._process.returncode is None:
+                with suppress(OSError):
+                    os.killpg(self.pid, signal.SIGKILL) if OWN_GROUP else self._process.kill()
+            return Exit(self._process.wait())
+
+
+class ForkServer:
+    """Starts workers as forks of one program; usable from several threads. Its end ends its workers."""
+
+    def __init__(self, preloaded: Sequence[str] = (), environment: Mapping[str, str] | None = None) -> None:
+        """``preloaded``: modules that the program imports; ``environment``: variables beside those of this process."""
+        self._preloaded, self._environment = list(preloaded), dict(environment or {})
+        self._lock = threading.Lock()
+        self._program: _ForkProgram | None = None
+        self._prepared = False
+        self._workers: weakref.WeakSet[Worker] = weakref.WeakSet()
+        self.closed = False
+
+    def prepare(self, function: Callable[..., Any], *arguments: Any, tell: Callable[..., None] | None = None) -> None:
+        """Call a function once in the program itself: its forks have what it loaded. Died if it ends the program."""
+        with self._lock:
+            if self._prepared or not hasattr(os, "fork"):
+                return
+            program, connection, _ = self._order(CALL)
+            self._prepared = True
+        Worker(_Shared(program), connection).call(function, *arguments, tell=tell)
+
+    def worker(self) -> Worker:
+        """Start a worker. Closed after :meth:`close`."""
+        with self._lock:
+            if self.closed:
+                raise Closed
+            if not hasattr(os, "fork"):
+                started = Worker.start(self._environment)
+            else:
+                program, connection, pid = self._order(FORK)
+                started = Worker(_Fork(program, pid), connection)
+            self._workers.add(started)
+        return started
+
+    def close(self) -> None:
+        """End all workers and start no more."""
+        self.closed = True  # without the lock, which a thread may hold until the program answers
+        if self._program is not None:
+            self._program.end()
+        for worker in list(self._workers):
+            worker.end()
+
+    def _order(self, order: bytes) -> tuple[_ForkProgram, socket.socket, int]:
+        """Send an order with a new connection to the program, which is started first if none runs."""
+        ours, theirs = socket.socketpair()
+        with theirs:
+            for _ in range(2):  # the program may have died just now
+                program = self._running()
+                with suppress(OSError, EOFError):
+                    return program, ours, program.order(order, theirs)
+        return program, ours, 0
+
+    def _running(self) -> _ForkProgram:
+        if self._program is None or not self._program.alive():
+            self._program, self._prepared = _ForkProgram(self._environment, self._preloaded), False
+        if self.closed:  # meanwhile
+            self._program.end()
+            raise Closed
+        return self._program
+
+
+FORK, CALL, POLL, END = b"f", b"c", b"p", b"e"
+ORDER = struct.Struct("!cQ")
+
+
+class _ForkProgram:
+    """The running program of a fork server."""
+
+    def __init__(self, environment: Mapping[str, str], preloaded: Sequence[str]) -> None:
+        control, theirs = socket.socketpair()
+        with theirs:
+            self._interpreter = Interpreter("run_fork_program", theirs, environment, preloaded)
+        self._control, self._lock = Channel(control), threading.Lock()
+        self.pid = self._interpreter.pid
+
+    def alive(self) -> bool:
+        return self._interpreter.alive()
+
+    def order(self, order: bytes, connection: socket.socket) -> int:
+        """Hand over a connection to serve; the number of the new fork."""
+        with self._lock:
+            socket.send_fds(self._control.connection, [ORDER.pack(order, 0)], [connection.fileno()])
+            return int(loads(self._control.receive())) if order == FORK else 0
+
+    def exit_of(self, order: bytes, pid: int) -> Exit | None:
+        """Exit of a fork: after it was killed (END), or if it has ended (POLL). OSError, EOFError without a program."""
+        with self._lock:
+            self._control.connection.sendall(ORDER.pack(order, pid))
+            found: Exit | None = loads(self._control.receive())
+        return found
+
+    def end(self) -> Exit:
+        """End the program; a busy one is killed and cannot end its forks."""
+        with suppress(OSError):
+            self._control.connection.shutdown(socket.SHUT_RDWR)
+        return self._interpreter.end(CLOSING_S)
+
+
+class _Fork:
+    """A process that a fork program started."""
+
+    def __init__(self, program: _ForkProgram, pid: int) -> None:
+        self._program, self.pid = program, pid
+        self._exit: Exit | None = None if pid else Exit()
+
+    def alive(self) -> bool:
+        return self._ask(POLL) is None
+
+    def end(self, patience_s: float) -> Exit:
+        until = time.monotonic() + patience_s
+        while self._ask(POLL) is None and time.monotonic() < until:
+            time.sleep(0.01)
+        return self._ask(END) or Exit()
+
+    def _ask(self, order: bytes) -> Exit | None:
+        if self._exit is None:
+            try:
+                self._exit = self._program.exit_of(order, self.pid)
+            except (EOFError, OSError):
+                if self._program.end().status != 0:
+                    end_session(self.pid)  # an orphan
+                self._exit = Exit()
+        return self._exit
+
+
+class _Shared:
+    """A fork program that answers a call itself; it is not ended with the call."""
+
+    def __init__(self, program: _ForkProgram) -> None:
+        self.alive, self.pid = program.alive, program.pid
+
+    def end(self, patience_s: float) -> Exit:
+        return Exit()
+
+
+def run_fork_program(descriptor: int, preloaded: Sequence[str]) -> None:
+    """Fork on order until the caller is gone; then end all forks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller is interrupted, and decides
+    for name in preloaded:
+        importlib.import_module(name)
+    gc.freeze()  # a collection in a fork would copy every page that they share
+    forks: set[int] = set()
+    with socket.socket(fileno=descriptor) as control:
+        channel = Channel(control)
+        while True:
+            message, descriptors, _, _ = socket.recv_fds(control, ORDER.size, 1)
+            if len(message) < ORDER.size:
+                break
+            order, pid = ORDER.unpack(message)
+            if order == CALL:
+                with socket.socket(fileno=descriptors[0]) as connection, suppress(EOFError, OSError):
+                    asked = Channel(connection)
+                    _answer(asked, asked.receive())
+                gc.freeze()
+            elif order == FORK:
+                connection = socket.socket(fileno=descriptors[0])
+                pid = os.fork()
+                if not pid:
+                    control.close()
+                    _serve_as_fork(connection)
+                connection.close()
+                forks.add(pid)
+                channel.send(pid)
+            else:
+                channel.send(_reap(forks, pid, order == END))
+        for pid in list(forks):
+            _reap(forks, pid, True)
+
+
+def _reap(forks: set[int], pid: int, kill: bool) -> Exit | None:
+    """Exit of a fork, which is killed first or may still run (None)."""
+    if pid not in forks:
+        return Exit()
+    if kill:
+        end_session(pid)
+    ended, status, used = os.wait4(pid, 0 if kill else os.WNOHANG)
+    if not ended:
+        return None
+    forks.discard(pid)
+    unit_mb = 1e-6 if sys.platform == "darwin" else 1024e-6
+    return Exit(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime, used.ru_maxrss * unit_mb)
+
+
+def _serve_as_fork(connection: socket.socket) -> None:
+    try:
+        os.setsid()  # whatever the fork starts is killed with it
+        serve(connection)
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(70)
+
+
+def serve_in_interpreter(descriptor: int) -> None:
+    """Serve over the socket of this number; what is printed goes to standard error."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "win32":  # not tried
+        connection = socket.fromshare(sys.stdin.buffer.read())
+    else:
+        connection = socket.socket(fileno=descriptor)
+    with suppress(OSError):
+        os.dup2(2, 1)
+    serve(connection)
+
+
+def serve(connection: socket.socket) -> None:
+    """Answer calls until the other end closes the connection, which ends the process whatever it is doing."""
+    channel = Channel(connection)
+    calls: SimpleQueue[bytearray] = SimpleQueue()
+    threading.Thread(target=_listen, args=(channel, calls), daemon=True).start()
+    while True:
+        _answer(channel, calls.get())
+
+
+def _listen(channel: Channel, calls: SimpleQueue[bytearray]) -> None:
+    with suppress(OSError, EOFError):
+        while True:
+            calls.put(channel.receive())
+    if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
+        os.killpg(0, signal.SIGKILL)  # with everything it started
+    os._exit(0)
+
+
+def _answer(channel: Channel, call: bytearray) -> None:
+    """Make a call and send what it returns or raises; it may break whatever it finds in this process."""
+
+    def tell(message: dict[str, Any]) -> None:
+        with suppress(OSError):  # the caller is gone, which ends this process
+            channel.send((MESSAGE, message))
+
+    try:
+        seconds, tells, function, arguments, options = loads(call)
+        del call
+        _limit_self(seconds)
+        kind, answer = DONE, function(*arguments, **options, **({"tell": tell} if tells else {}))
+    except Exception as error:
+        kind, answer = FAILED, error
+    _limit_self(0.0)
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        try:
+            channel.send((kind, answer))
+        except OSError:
+            raise
+        except Exception as error:
+            if kind == FAILED:
+                raise
+            channel.send((FAILED, PicklingError(str(error))))
+    except Exception:
+        os._exit(EXIT_CUT_OFF)
+
+
+def _limit_self(seconds: float) -> None:
+    """Ask the system to end this process some time after its limit (0: no limit); compiled loops let no thread run."""
+    if hasattr(signal, "alarm"):
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(int(seconds) + SELF_LIMIT_MARGIN_S if seconds else 0)
+
+
+def write_output_to(file: Path) -> None:
+    """Send everything this process prints, also in a crash, to a file; its input is empty."""
+    output = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    for standard, instead in ((0, os.open(os.devnull, os.O_RDONLY)), (1, output), (2, output)):
+        os.dup2(instead, standard)
+    faulthandler.enable(output)
+
+
+def end_session(leader: int) -> None:
+    """Kill the leader of a session with all process groups of the session."""
+    groups = {leader}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError, ValueError):
+            group, session = stat.read_text(errors="replace").rpartition(")")[2].split()[2:4]
+            if int(session) == leader:
+                groups.add(int(group))
+    for kill, number in [*((os.killpg, group) for group in groups), (os.kill, leader)]:  # leads none before setsid
+        with suppress(OSError):
+            kill(number, signal.SIGKILL)
 
 
 def resident_mb(pid: int) -> float:
-    """Resident memory of a process and of those that it started, which run filters from files, in MB (10^6 bytes).
+    """Return the resident memory of a process and its children in MB (10^6 bytes), 0 for none.
 
-    Mapped pages of its log count; 0 for one that is gone. UsageError where the system has no /proc and psutil is not
-    installed.
+    An RLIMIT_AS would count libraries, mapped logs and reserved addresses, a gigabyte before the first log; and a
+    refused allocation would end as one failed row of a report that looks whole. UsageError without /proc and psutil.
     """
     try:
         with open(f"/proc/{pid}/statm", "rb") as file:
             own = int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-        return own + sum(map(resident_mb, _children(pid)))
+        with suppress(OSError, ValueError), open(f"/proc/{pid}/task/{pid}/children", "rb") as file:
+            own += sum(resident_mb(int(number)) for number in file.read().split())
+        return own
     except (FileNotFoundError, ProcessLookupError, IndexError):
         if os.path.exists("/proc/self/statm"):
             return 0.0
@@ -143,362 +605,35 @@ def resident_mb(pid: int) -> float:
         return 0.0
 
 
-def _children(pid: int) -> list[int]:
-    """The processes that a process started, as far as the system keeps a list of them."""
-    try:
-        with open(f"/proc/{pid}/task/{pid}/children", "rb") as file:
-            return [int(number) for number in file.read().split()]
-    except (OSError, ValueError):
-        return []
+def in_processes(
+    function: Callable[..., T], work: Mapping[K, tuple[Any, ...]], count: int
+) -> Iterator[tuple[K, T | Died]]:
+    """Call ``function(*arguments)`` for each key of ``work`` in ``count`` processes; results as they come.
 
-
-# The side of a child process: it calls the functions that it is asked for, until nobody asks any more.
-
-Tell = Callable[[dict[str, Any]], None]
-"""Sends a message to whoever waits for the answer."""
-MESSAGE, DONE, FAILED = "message", "done", "failed"
-CUT_OFF = 74
-"""Exit status of a process that cannot answer: what it ran broke the way by which it answers."""
-GRACE_S = 10
-"""After so much more than its limit a process ends itself: whoever would have ended it is gone."""
-
-
-def main(descriptor: int) -> None:
-    """A fresh interpreter: serve over the socket with this number. Interrupts are for whoever asks."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    connection = received(descriptor)
-    with suppress(OSError):
-        os.dup2(2, 1)  # what is printed goes to standard error
-    serve(connection)
-
-
-def received(descriptor: int) -> socket.socket:
-    """The socket that an interpreter was started with."""
-    if sys.platform == "win32":  # not tried
-        return socket.fromshare(sys.stdin.buffer.read())
-    return socket.socket(fileno=descriptor)
-
-
-def serve(connection: socket.socket) -> None:
-    """Answer requests; ends the process where the other end of the connection is closed, whatever it is doing."""
-    wire = Wire(connection)
-    requests: SimpleQueue[Sequence[bytearray]] = SimpleQueue()
-    threading.Thread(target=_listen, args=(wire, requests), daemon=True).start()
-    while True:
-        answer(wire, requests.get())
-
-
-def answer(wire: Wire, request: Sequence[bytearray]) -> None:
-    """Call what a request asks for, and send what it returns or raises.
-
-    What ends an interpreter (SystemExit) ends this one. Called functions may break what they find.
+    Function, arguments and results must pickle. Exceptions of the function are raised here; a process that dies is the
+    result of its key. The processes end with the caller's loop.
     """
+    server = ForkServer([function.__module__])
+    idle: SimpleQueue[Worker] = SimpleQueue()
+
+    def call(key: K) -> tuple[K, T | Died]:
+        try:
+            worker = idle.get_nowait()
+        except Empty:
+            worker = server.worker()
+        try:
+            result = worker.call(function, *work[key])
+        except Died as died:
+            if server.closed:
+                raise Closed from None
+            return key, died
+        idle.put(worker)
+        return key, result
+
+    threads = ThreadPoolExecutor(max(min(count, len(work)), 1), "attlog")
     try:
-        seconds, tells, function, arguments, options = value(request)
-        del request
-        _ends_by_itself(seconds)
-        if tells:
-            options = options | {"tell": lambda message: _tell(wire, message)}
-        kind, answered = DONE, function(*arguments, **options)
-    except Exception as error:
-        kind, answered = FAILED, error
-    _ends_by_itself(0.0)
-    try:
-        try:
-            sent = parts((kind, answered))
-        except Exception as error:
-            if kind == FAILED:
-                raise
-            sent = parts((FAILED, PicklingError(str(error))))
-        if sys.stdout is not None:
-            sys.stdout.flush()
-        wire.send_parts(sent)
-    except Exception:
-        os._exit(CUT_OFF)
-
-
-def write_output_to(file: Path) -> None:
-    """Let all that this process prints, also when it crashes, go to a file; it reads nothing."""
-    output = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    for standard, instead in ((0, nothing), (1, output), (2, output)):
-        os.dup2(instead, standard)
-    faulthandler.enable(output)
-
-
-def _tell(wire: Wire, message: dict[str, Any]) -> None:
-    with suppress(OSError):  # nobody waits any more, which ends this process
-        wire.send((MESSAGE, message))
-
-
-def _listen(wire: Wire, requests: SimpleQueue[Sequence[bytearray]]) -> None:
-    """Take requests, in a thread, so that the end of whoever asks ends what is being done."""
-    with suppress(OSError, EOFError):
-        while True:
-            requests.put(wire.receive())
-    if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
-        os.killpg(0, signal.SIGKILL)  # with what it has started
-    os._exit(0)
-
-
-def _ends_by_itself(seconds: float) -> None:
-    """A compiled loop lets no thread run, so the system is asked to end the process then; 0: not any more."""
-    if hasattr(signal, "alarm"):
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(int(seconds) + GRACE_S if seconds else 0)
-
-
-# A process that calls functions for this one: within limits, and if it dies it is known how.
-
-T = TypeVar("T")
-START = "import sys; sys.path[:] = {path!r}; from {module} import main; main({arguments})"
-"""Not ``-m``: that would put the current folder first, where a file next to a log could be called numpy.py."""
-OWN_GROUP: dict[str, Any] = {"process_group": 0} if hasattr(os, "killpg") else {}
-"""What a child starts belongs to its group and ends with it; Ctrl-C goes to the caller alone."""
-ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Processes are as many as cores already; and sums over several threads may differ in the last bit."""
-CRASHES = 0xC0000000
-"""From here on exit statuses of Windows are crashes."""
-ENDING_S = 2.0
-"""Who no longer talks is about to end."""
-PAUSE_S, WATCHED_S = 0.5, 0.05
-"""How often a child is looked at, and one whose memory is limited: it fills with some GB/s at most."""
-
-
-@dataclass(frozen=True, slots=True)
-class Exit:
-    """How a process ended: its status (the negative number of a signal; None where nobody knows) and what it took."""
-
-    status: int | None = None
-    cpu_s: float = 0.0
-    peak_mb: float = 0.0
-
-    @property
-    def signal(self) -> str:
-        """The name of the signal that ended it; empty if none did. Not every system knows every signal."""
-        return {-known.value: known.name for known in signal.Signals}.get(self.status or 0, "")
-
-    @property
-    def crashed(self) -> bool:
-        """Whether it ended by an error of memory or of an assertion in machine code."""
-        return self.signal not in ("", "SIGKILL", "SIGALRM", "SIGXCPU") or (self.status or 0) >= CRASHES
-
-    def __str__(self) -> str:
-        """The end in words, to follow "its process"."""
-        if self.signal == "SIGKILL":
-            return "was killed from outside (signal 9), as systems do when memory runs out"
-        if self.crashed:
-            return f"crashed ({self.signal or hex(self.status or 0)})"
-        if self.status == CUT_OFF:
-            return "cannot answer any more: what it ran closed files or broke modules that are not its own"
-        if self.status is None:
-            return "is gone without a word, and so is the one that started it"
-        return f"ended without a word (exit status {self.status})"
-
-
-class Died(Exception):
-    """A process ended, or was ended, without an answer."""
-
-    def __init__(self, exit_: Exit, why: str = "") -> None:
-        super().__init__(why or f"the process {exit_}")
-        self.exit = exit_
-
-
-class TooLong(Died):
-    """It was ended because it took longer than allowed."""
-
-
-class TooMuchMemory(Died):
-    """It was ended because it held more memory than allowed."""
-
-
-class Process(Protocol):
-    """A process that was started in one way or the other."""
-
-    @property
-    def pid(self) -> int:
-        """Its number."""
-
-    def alive(self) -> bool:
-        """Whether it runs."""
-
-    def end(self, patience_s: float) -> Exit:
-        """End it with all that it started, after so long if it does not end by itself."""
-
-
-class Child:
-    """A process that calls functions, one after the other, until it is ended or nobody holds it any more."""
-
-    def __init__(self, process: Process, connection: socket.socket, most_bytes: int = ANY_SIZE) -> None:
-        self._process, self._wire = process, Wire(connection, most_bytes)
-        self._exit: Exit | None = None
-        self._last = weakref.finalize(self, _ended, process, connection, os.getpid())
-        self._owner = os.getpid()
-
-    @classmethod
-    def started(cls, environment: Mapping[str, str] | None = None, most_bytes: int = ANY_SIZE) -> Child:
-        """A fresh interpreter: it takes some tenths of a second. What it prints goes to standard error.
-
-        ``environment``: variables beside those of this process; ``most_bytes``: an answer that is larger is nonsense.
-        """
-        ours, theirs = socket.socketpair()
-        with theirs:
-            return cls(Interpreter("attlog.core.workers", theirs, environment or {}), ours, most_bytes)
-
-    @property
-    def alive(self) -> bool:
-        """Whether it runs, and was started by this process: one that a fork inherited belongs to another."""
-        return self._exit is None and self._owner == os.getpid() and self._process.alive()
-
-    def call(
-        self,
-        function: Callable[..., T],
-        *arguments: Any,
-        seconds: float = 0.0,
-        memory_mb: float = 0.0,
-        tell: Callable[[dict[str, Any]], None] | None = None,
-        **options: Any,
-    ) -> T:
-        """``function(*arguments, **options)`` there. Functions, arguments and results must pickle.
-
-        What the function raises is raised here. TooLong after ``seconds``, TooMuchMemory beyond ``memory_mb`` (MB,
-        resident), Died where there is no answer; the child is ended then, and after any other exception that comes
-        while it is waited for (an interrupt). With ``tell`` the function is given an argument ``tell`` too: what it
-        calls that with comes here, with an empty message after each pause of silence.
-        """
-        until = time.monotonic() + seconds if seconds else None
-        try:
-            self._send((seconds, tell is not None, function, arguments, options), seconds)
-            while True:
-                kind, answer = self._received(WATCHED_S if memory_mb else PAUSE_S, until)
-                if kind != MESSAGE:
-                    break
-                if tell is not None:
-                    tell(answer)
-                if until is not None and time.monotonic() > until:
-                    raise self._too_long(seconds)
-                if memory_mb and (held := resident_mb(self._process.pid)) > memory_mb:
-                    raise TooMuchMemory(
-                        self.end(), f"needed more than {memory_mb:g} MB of memory ({held:.0f} MB when it was ended)"
-                    )
-        except BaseException:  # an answer that comes later would be taken for that of another request
-            self.end()
-            raise
-        if kind == FAILED:
-            raise answer
-        return answer  # type: ignore[no-any-return]
-
-    def end(self, patience_s: float = 0.0) -> Exit:
-        """End the process with all that it started; how it ended. ``patience_s``: for one that is about to end."""
-        if self._exit is None:
-            self._wire.close()
-            self._exit = self._process.end(patience_s) if self._last.detach() and self._owner == os.getpid() else Exit()
-        return self._exit
-
-    def __enter__(self) -> Child:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.end()
-
-    def _send(self, request: tuple[Any, ...], seconds: float) -> None:
-        try:
-            self._wire.send(request, seconds or None)
-        except TimeoutError:
-            raise self._too_long(seconds) from None
-        except (BrokenPipeError, ConnectionResetError):
-            pass  # it died, which is seen where its answer is waited for
-
-    def _too_long(self, seconds: float) -> TooLong:
-        return TooLong(self.end(), f"took longer than {seconds:g} s and was ended")
-
-    def _received(self, pause: float, until: float | None) -> tuple[str, Any]:
-        """The next message, an empty one after a pause. Died where none will come."""
-        left = None if until is None else max(until - time.monotonic(), 1e-3)
-        for begins_s in (pause if left is None else min(pause, left), 1e-3):
-            alive = self._process.alive()
-            try:
-                received = self._wire.receive(begins_s, left)
-            except TimeoutError:
-                if alive:
-                    return MESSAGE, {}
-                continue  # it ended since it was waited for: has it answered before?
-            except (EOFError, OSError):
-                break
-            except (NonsenseError, MemoryError) as error:
-                raise Died(self.end(), f"its process answers nonsense ({error})") from error
-            try:
-                kind, answer = value(received)
-            except Exception as error:  # its memory is spoilt
-                raise Died(self.end(), f"its process answers nonsense ({type(error).__name__})") from error
-            return kind, answer
-        raise Died(self.end(ENDING_S))
-
-
-class Interpreter:
-    """A fresh interpreter that runs ``main(number of a socket, *arguments)`` of a module."""
-
-    def __init__(self, module: str, theirs: socket.socket, environment: Mapping[str, str], *arguments: Any) -> None:
-        path = [os.path.abspath(p) if p else os.getcwd() for p in sys.path]
-        number = theirs.fileno()
-        start = START.format(path=path, module=module, arguments=", ".join(map(repr, (number, *arguments))))
-        windows = sys.platform == "win32"
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", start],
-            pass_fds=[] if windows else [number],
-            stdin=subprocess.PIPE if windows else subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            env=dict.fromkeys(ONE_THREAD, "1") | dict(environment) | os.environ,
-            **OWN_GROUP,
-        )
-        if sys.platform == "win32":  # not tried
-            self._process.communicate(theirs.share(self._process.pid))
-        self._lock = threading.Lock()
-
-    @property
-    def pid(self) -> int:
-        """Its number."""
-        return self._process.pid
-
-    def alive(self) -> bool:
-        """Whether it runs. One that has ended is not forgotten by the system yet: its number is that of a group."""
-        with self._lock:
-            if not OWN_GROUP or self._process.returncode is not None:
-                return self._process.poll() is None
-            with suppress(ChildProcessError):
-                return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is None
-        return False
-
-    def end(self, patience_s: float = 0.0) -> Exit:
-        """End it with what is in its group still, after so long if it does not end by itself."""
-        until = time.monotonic() + patience_s
-        while patience_s and self.alive() and time.monotonic() < until:
-            time.sleep(0.01)
-        with self._lock:
-            if self._process.returncode is None:
-                with suppress(OSError):
-                    os.killpg(self.pid, signal.SIGKILL) if OWN_GROUP else self._process.kill()
-            return Exit(self._process.wait())
-
-
-def end_session(leader: int) -> None:
-    """End the process that leads a session and all in that session, such as processes of filters.
-
-    Before its ``setsid`` it leads none.
-    """
-    groups = {leader}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError, ValueError):
-            group, session = stat.read_text(errors="replace").rpartition(")")[2].split()[2:4]
-            if int(session) == leader:
-                groups.add(int(group))
-    for end, number in [*((os.killpg, group) for group in groups), (os.kill, leader)]:
-        with suppress(OSError):
-            end(number, signal.SIGKILL)
-
-
-def _ended(process: Process, connection: socket.socket, owner: int) -> None:
-    """End a child that nobody holds. A program that was forked leaves it to whoever started it."""
-    if os.getpid() == owner:
-        connection.close()
-        process.end(0.0)
+        for future in as_completed([threads.submit(call, key) for key in work]):
+            yield future.result()
+    finally:
+        server.close()
+        threads.shutdown(wait=True, cancel_futures=True)

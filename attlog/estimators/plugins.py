@@ -23,7 +23,7 @@ from attlog.core.limits import FILTER_S, MAX_ERROR_LETTERS, MAX_FILTER_BYTES
 from attlog.estimators.interface import Estimator, LogInfo, broken
 
 if TYPE_CHECKING:
-    from attlog.core.workers import Child, Died
+    from attlog.core.workers import Died, Worker
 
 T = TypeVar("T")
 Load = Callable[[str], Estimator]
@@ -74,7 +74,7 @@ class IsolatedFilter:
 
     def __init__(self, name: str, load: Load) -> None:
         self.name, self._load = name, load
-        self._child: Child | None = None
+        self._worker: Worker | None = None
         self._lock = threading.RLock()
         self._too_long = ""
 
@@ -85,17 +85,19 @@ class IsolatedFilter:
         PluginTimeout where it took longer than :func:`limit_s` (and ``also_s`` for what is not its own work), and from
         then on without trying again.
         """
-        from attlog.core.workers import Child, Died, TooLong
+        from attlog.core.workers import Died, TooLong, Worker
 
         with self._lock:
             if self._too_long:
                 raise PluginTimeout(self._too_long)
-            if self._child is None or not self._child.alive:
-                self._child = Child.started(most_bytes=MAX_FILTER_BYTES)
+            if self._worker is None or not self._worker.alive:
+                self._worker = Worker.start(max_bytes=MAX_FILTER_BYTES)
             limit = timeout_s()
             limit += also_s if limit else 0.0
             try:
-                found: T = self._child.call(_called, self._load, self.name, function, arguments, options, seconds=limit)
+                found: T = self._worker.call(
+                    _called, self._load, self.name, function, arguments, options, seconds=limit
+                )
             except TooLong as error:
                 self._too_long = f"{self.name}: {error}; ATTLOG_FILTER_TIMEOUT allows more, 0 no end"
                 raise PluginTimeout(self._too_long) from None
@@ -109,8 +111,8 @@ class IsolatedFilter:
 
     def end(self) -> None:
         """End the process with what the filter started; another is begun when it is asked again."""
-        if self._child is not None:
-            self._child.end()
+        if self._worker is not None:
+            self._worker.end()
 
 
 class RemoteFunction:

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.core import rotation
 from attlog.core.errors import AttlogError
-from attlog.core.forks import in_processes
-from attlog.core.workers import Died
+from attlog.core.workers import Died, in_processes
 from attlog.estimators.samples import Sampling
 from attlog.reproduce.paper import PaperOptions
 from attlog.simulate.scenario import EstimatorChoice

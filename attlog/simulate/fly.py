@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.files import staging_folder
-from attlog.core.forks import in_processes
+from attlog.core.workers import in_processes
 from attlog.estimators import Estimator, EstimatorSpec
 from attlog.simulate.environment import Environment, environment, field_at, share_at, wind_at
 from attlog.simulate.flight import (

@@ -38,7 +38,7 @@ from attlog.core.errors import (
     exit_code,
     worst_exit_code,
 )
-from attlog.core.forks import Closed, Forks
+from attlog.core.workers import Closed, ForkServer
 from tests.batch.harm import harm, installed
 from tests.conftest import SAMPLES
 
@@ -140,7 +140,7 @@ LOG = SAMPLES / "copter_yaw_turns.bin"
 
 
 @pytest.fixture(scope="module")
-def processes() -> Iterator[Forks]:
+def processes() -> Iterator[ForkServer]:
     with installed():
         kept = forks()
         yield kept
@@ -160,7 +160,7 @@ def plugin(folder: Path, body: str) -> str:
     return str(path)
 
 
-def test_the_process_writes_what_the_caller_would(tmp_path: Path, processes: Forks) -> None:
+def test_the_process_writes_what_the_caller_would(tmp_path: Path, processes: ForkServer) -> None:
     record = run_one(work(tmp_path / "a"), processes)
     here = analyze_to_files(LOG, Config(estimators=["gyro"]), tmp_path / "b", deterministic=True)
     assert (record.code, record.message) == (0, "")
@@ -170,7 +170,7 @@ def test_the_process_writes_what_the_caller_would(tmp_path: Path, processes: For
     assert not list((tmp_path / "a" / ".attlog" / "scratch").iterdir())
 
 
-def test_a_record_reads_back_as_it_was(tmp_path: Path, processes: Forks) -> None:
+def test_a_record_reads_back_as_it_was(tmp_path: Path, processes: ForkServer) -> None:
     record = run_one(work(tmp_path), processes)
     assert read_record(tmp_path, LOG.name) == record
     assert list(records(tmp_path)) == [record]
@@ -181,7 +181,7 @@ def test_a_record_reads_back_as_it_was(tmp_path: Path, processes: Forks) -> None
 
 
 @pytest.mark.slow
-def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path, processes: Forks) -> None:
+def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path, processes: ForkServer) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
     first = run_one(work(tmp_path / "out", log), processes)
@@ -201,7 +201,7 @@ def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path,
 
 
 @pytest.mark.slow
-def test_a_record_that_is_damaged_is_a_log_that_is_not_done(tmp_path: Path, processes: Forks) -> None:
+def test_a_record_that_is_damaged_is_a_log_that_is_not_done(tmp_path: Path, processes: ForkServer) -> None:
     run_one(work(tmp_path), processes)
     place = record_path(tmp_path, LOG.name)
     place.write_bytes(place.read_bytes()[:100])
@@ -218,7 +218,7 @@ def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("body", "code", "words"),
     [
-        ("import os; os._exit(9)", 70, "without a word"),
+        ("import os; os._exit(9)", 70, "without an answer"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", 70, "crashed (SIGSEGV)"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", 70, "killed from outside"),
         ("import time; time.sleep(100)", 75, "longer than 1.5 s"),
@@ -226,7 +226,9 @@ def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
         ("x = bytearray(10**9)\nwhile True: pass", 75, "more than 600 MB"),
     ],
 )
-def test_a_process_that_fails_is_one_record(tmp_path: Path, processes: Forks, body: str, code: int, words: str) -> None:
+def test_a_process_that_fails_is_one_record(
+    tmp_path: Path, processes: ForkServer, body: str, code: int, words: str
+) -> None:
     limits: dict[str, Any] = {"timeout": 1.5 if code == 75 and "MB" not in words else 300.0, "memory": 600.0}
     record = run_one(work(tmp_path, specs=harm(body), **limits), processes)
     assert record.code == code
@@ -238,13 +240,13 @@ def test_a_process_that_fails_is_one_record(tmp_path: Path, processes: Forks, bo
     assert run_one(work(tmp_path), processes).code == 0
 
 
-def test_memory_of_a_filter_from_a_file_is_counted(tmp_path: Path, processes: Forks) -> None:
+def test_memory_of_a_filter_from_a_file_is_counted(tmp_path: Path, processes: ForkServer) -> None:
     file = plugin(tmp_path, "x = bytearray(10**9)\nwhile True: pass")
     record = run_one(work(tmp_path, specs=file, memory=600.0), processes)
     assert (record.code, "more than 600 MB" in record.message) == (75, True)
 
 
-def test_a_log_that_is_cut_while_it_is_mapped_is_unreadable(tmp_path: Path, processes: Forks) -> None:
+def test_a_log_that_is_cut_while_it_is_mapped_is_unreadable(tmp_path: Path, processes: ForkServer) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
     body = f"import os; os.truncate({str(log)!r}, 1000)"
@@ -253,7 +255,7 @@ def test_a_log_that_is_cut_while_it_is_mapped_is_unreadable(tmp_path: Path, proc
     assert "changed while it was read" in record.message
 
 
-def test_a_log_that_grows_while_it_is_read_is_unreadable(tmp_path: Path, processes: Forks) -> None:
+def test_a_log_that_grows_while_it_is_read_is_unreadable(tmp_path: Path, processes: ForkServer) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
     body = f"open({str(log)!r}, 'ab').write(b'x')"
@@ -262,14 +264,14 @@ def test_a_log_that_grows_while_it_is_read_is_unreadable(tmp_path: Path, process
     assert not list(tmp_path.glob("*.json"))
 
 
-def test_a_bug_is_told_with_its_traceback(tmp_path: Path, processes: Forks) -> None:
+def test_a_bug_is_told_with_its_traceback(tmp_path: Path, processes: ForkServer) -> None:
     body = "import attlog.report.page as page\ndef broken(*a, **k): raise ZeroDivisionError('x')\npage.render = broken"
     record = run_one(work(tmp_path, specs=harm(body)), processes)
     assert (record.code, "a bug in attlog" in record.message) == (70, True)
     assert "ZeroDivisionError" in record.trace
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, processes: Forks) -> None:
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, processes: ForkServer) -> None:
     (tmp_path / "file").write_text("x")
     assert run_one(work(tmp_path / "file" / "out"), processes).code == 73
     (tmp_path / "out" / f"{LOG.name}.html").mkdir(parents=True)
@@ -290,7 +292,7 @@ def test_the_death_of_the_forking_program_costs_its_children_alone(tmp_path: Pat
         )
         record = run_one(work(tmp_path, specs=harm(kills_the_program)), processes)
         assert record.code == 70
-        assert "so is the one that started it" in record.message
+        assert "so is the process that started it" in record.message
         assert gone(int(pid.read_text()))
         assert run_one(work(tmp_path), processes).code == 0
         processes.close()
@@ -394,7 +396,7 @@ def test_a_server_that_does_not_answer_at_first_is_asked_again_by_the_download(
 
 
 @pytest.fixture
-def fresh_processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[Forks]:
+def fresh_processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[ForkServer]:
     monkeypatch.delattr(os, "fork")
     for name in ("send_fds", "recv_fds"):
         monkeypatch.delattr(socket, name)
@@ -421,15 +423,15 @@ def test_a_fresh_process_writes_what_a_forked_one_does(tmp_path: Path, request: 
 
 
 @pytest.mark.slow
-def test_a_fresh_process_that_fails_is_one_record(tmp_path: Path, fresh_processes: Forks) -> None:
+def test_a_fresh_process_that_fails_is_one_record(tmp_path: Path, fresh_processes: ForkServer) -> None:
     record = run_one(work(tmp_path, specs=harm("import os; os._exit(9)")), fresh_processes)
-    assert (record.code, "without a word (exit status 9)" in record.message) == (70, True)
+    assert (record.code, "without an answer (exit status 9)" in record.message) == (70, True)
     slow = replace(work(tmp_path, specs=harm("import time; time.sleep(100)")), timeout=3.0)
     record = run_one(slow, fresh_processes)
     assert (record.code, "longer than 3 s" in record.message) == (75, True)
 
 
-def test_closing_ends_fresh_processes_too(tmp_path: Path, fresh_processes: Forks) -> None:
+def test_closing_ends_fresh_processes_too(tmp_path: Path, fresh_processes: ForkServer) -> None:
     body = f"import os, time\nopen({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid()))\ntime.sleep(100)"
     ended: list[object] = []
 

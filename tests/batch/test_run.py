@@ -22,7 +22,7 @@ from attlog.batch.process import forks
 from attlog.batch.run import Job, Outcome, local_runner, locked, run_batch
 from attlog.batch.sources import Source
 from attlog.core.errors import OutputError, UsageError
-from attlog.core.forks import Forks
+from attlog.core.workers import ForkServer
 from tests.conftest import SAMPLES
 
 ARDUPILOT, PX4 = SAMPLES / "copter_yaw_turns.bin", SAMPLES / "px4_steps.ulg"
@@ -48,7 +48,7 @@ def job(folder: Path, *logs: Path, **more: object) -> Job:
 
 
 @functools.cache
-def kept() -> Forks:
+def kept() -> ForkServer:
     """One for all tests of this file: it takes a second to start."""
     found = forks()
     atexit.register(found.close)

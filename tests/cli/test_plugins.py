@@ -57,7 +57,7 @@ def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
     assert (tmp_path / "copter_steps_stabilize.bin.html").stat().st_size > 10_000
     assert "raises.py, line 6: ValueError: bad run" in rows["raises"]["reason"]
     assert "took longer than 6 s" in rows["loops"]["reason"]
-    assert "its process ended without a word" in rows["ends"]["reason"]
+    assert "its process ended without an answer" in rows["ends"]["reason"]
     assert rows["prints"]["status"] != "failed"
     assert "at import" in done.stderr
     assert "in run" in done.stderr

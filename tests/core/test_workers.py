@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import socket
 import subprocess
 import sys
@@ -13,26 +14,25 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from attlog.core.forks import Closed, Forks, _Server, in_processes
-from attlog.core.workers import Child, Died, NonsenseError, TooLong, TooMuchMemory, Wire, parts, value
+from attlog.core.workers import Channel, Closed, Died, ForkServer, TooLong, TooMuchMemory, Worker, in_processes
 from tests.core import worker_functions
 
-Start = Callable[[], Child]
+Start = Callable[[], Worker]
 
 
 @pytest.fixture(scope="module")
-def forks() -> Iterator[Forks]:
-    kept = Forks(["tests.core.worker_functions"])
+def forks() -> Iterator[ForkServer]:
+    kept = ForkServer(["tests.core.worker_functions"])
     yield kept
     kept.close()
 
 
 @pytest.fixture(params=["fresh", "forked"])
-def start(request: pytest.FixtureRequest, forks: Forks) -> Iterator[Start]:
-    started: list[Child] = []
+def start(request: pytest.FixtureRequest, forks: ForkServer) -> Iterator[Start]:
+    started: list[Worker] = []
 
-    def begin() -> Child:
-        started.append(Child.started() if request.param == "fresh" else forks.child())
+    def begin() -> Worker:
+        started.append(Worker.start() if request.param == "fresh" else forks.worker())
         return started[-1]
 
     yield begin
@@ -91,7 +91,7 @@ def test_a_process_that_holds_too_much_memory_is_ended(start: Start) -> None:
 @pytest.mark.parametrize(
     ("function", "argument", "words"),
     [
-        (worker_functions.ending, 7, r"ended without a word \(exit status 7\)"),
+        (worker_functions.ending, 7, r"ended without an answer \(exit status 7\)"),
         (worker_functions.killing, 11, r"crashed \(SIGSEGV\)"),
         (worker_functions.killing, 9, "killed from outside"),
     ],
@@ -117,9 +117,9 @@ def test_what_a_process_has_started_ends_with_it(start: Start) -> None:
 def test_processes_end_with_a_caller_that_is_killed() -> None:
     """Also one that holds the interpreter lock, where no thread of its own could end it."""
     code = (
-        "import re, sys\nfrom attlog.core.forks import Forks\n"
-        "from tests.core import worker_functions\nforks = Forks()\n"
-        "children = [forks.child(), forks.child()]\n"
+        "import re, sys\nfrom attlog.core.workers import ForkServer\n"
+        "from tests.core import worker_functions\nforks = ForkServer()\n"
+        "children = [forks.worker(), forks.worker()]\n"
         "print(*[child.call(worker_functions.process) for child in children], flush=True)\n"
         "children[0].call(re.match, '(a+)+$', 'a' * 60 + 'b')"
     )
@@ -135,9 +135,9 @@ def test_processes_end_with_a_caller_that_is_killed() -> None:
 
 
 def test_closing_forks_ends_what_they_do_and_starts_nothing_more() -> None:
-    forks = Forks()
+    forks = ForkServer()
     ended: list[BaseException] = []
-    child = forks.child()
+    child = forks.worker()
 
     def run() -> None:
         try:
@@ -152,78 +152,52 @@ def test_closing_forks_ends_what_they_do_and_starts_nothing_more() -> None:
     thread.join(10.0)
     assert len(ended) == 1
     with pytest.raises(Closed):
-        forks.child()
+        forks.worker()
     forks.close()
 
 
 def test_what_forks_prepare_is_there_in_every_child() -> None:
-    forks = Forks()
+    forks = ForkServer()
     forks.prepare(worker_functions.mark, "loaded")
     forks.prepare(worker_functions.mark, "twice")
     for _ in range(2):
-        with forks.child() as child:
+        with forks.worker() as child:
             assert child.call(worker_functions.marks) == ["loaded"]
     assert worker_functions.marks() == []
     forks.close()
 
 
 def test_a_forking_program_that_died_is_begun_again() -> None:
-    forks = Forks()
-    with forks.child() as child:
+    forks = ForkServer()
+    with forks.worker() as child:
         program = child.call(worker_functions.parent)
         os.kill(program, 9)
-        with pytest.raises(Died, match="so is the one that started it"):
+        with pytest.raises(Died, match="so is the process that started it"):
             child.call(worker_functions.sleeping, 60.0)
-    with forks.child() as child:
+    with forks.worker() as child:
         assert child.call(worker_functions.parent) != program
     forks.close()
 
 
-def test_values_arrive_whole_however_they_are_cut_and_nonsense_is_no_value() -> None:
+def test_values_arrive_whole_however_they_are_cut_and_too_long_ones_not_at_all() -> None:
     near, far = socket.socketpair()
-    one, other = Wire(near), Wire(far, most_bytes=1000)
+    receiver = Channel(far, max_bytes=1000)
     sent = {"x": np.arange(5.0), "text": "y" * 100}
-    frame = parts(sent)
-    pieces = b"".join([len(frame).to_bytes(4, "big"), *(len(p).to_bytes(8, "big") for p in frame), *map(bytes, frame)])
-    thread = threading.Thread(target=lambda: [near.sendall(pieces[k : k + 1]) for k in range(len(pieces))])
+    frame = pickle.dumps(sent)
+    wire = len(frame).to_bytes(8, "big") + frame
+    thread = threading.Thread(target=lambda: [near.sendall(wire[k : k + 1]) for k in range(len(wire))])
     thread.start()
-    found = value(other.receive(1.0, 5.0))
+    found = pickle.loads(receiver.receive(1.0, time.monotonic() + 5.0))
     thread.join()
     np.testing.assert_array_equal(found["x"], sent["x"])
     assert found["text"] == sent["text"]
     with pytest.raises(TimeoutError):
-        other.receive(0.01)
-    one.send(bytes(2000))
-    with pytest.raises(NonsenseError):
-        other.receive(1.0)
-    one.close()
+        receiver.receive(0.01)
+    Channel(near).send(bytes(2000))
+    with pytest.raises(ValueError, match="bytes"):
+        receiver.receive(1.0)
+    near.close()
     far.close()
-
-
-# The program that forks children: what comes together is carried out together.
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no fork")
-def test_a_child_that_ends_as_its_caller_lets_go_of_it_ends_nothing_else() -> None:
-    """Its end, the end of its life and the end of the orders are read in one batch, in this order."""
-    pairs = [socket.socketpair() for _ in range(3)]
-    (parent, control), (wake, waker), (held, life) = pairs
-    server = _Server(control, wake, waker)
-    pid = os.fork()
-    if not pid:
-        os._exit(0)
-    os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # it has ended, and is still to be reaped
-    server._lives[pid] = life
-    server._events.register(life, 1)
-    waker.send(b"x")
-    held.close()
-    parent.close()
-    server.run()
-    assert server._lives == {}
-    with pytest.raises(ChildProcessError):
-        os.waitpid(pid, 0)
-    for end in (control, wake, waker):
-        end.close()
 
 
 # The same work on several things in several processes: all results, and a death costs its own thing alone.

@@ -29,7 +29,7 @@ HOW = {
     "crash": "ctypes.string_at(0)",
     "kill": "os.kill(os.getpid(), signal.SIGKILL)",
     "recurse": "deep(0)",
-    "overflow": "ctypes.memset(ctypes.addressof(ctypes.create_string_buffer(8)), 255, 1 << 24)",
+    "overflow": "ctypes.memset(ctypes.addressof(ctypes.create_string_buffer(8)), 255, 1 << 30)",
     "fill": "np.ones(1 << 36)",
     "ask": "input()",
     "nonsense": "return 'an estimate'",

@@ -240,7 +240,7 @@ def test_the_flight_is_that_of_this_process_to_the_bit(tmp_path: Path, capfd: py
     few(
         [
             ("raise ValueError('no good')", "pass", "own.py, line 9: ValueError: no good"),
-            ("os._exit(0)", "pass", "its process ended without a word (exit status 0)"),
+            ("os._exit(0)", "pass", "its process ended without an answer (exit status 0)"),
             ("os.abort()", "pass", "SIGABRT"),
             ("os.closerange(3, 64)", "pass", "cannot answer any more"),
             ("return np.zeros(3)", "state[:] = np.nan", "cannot fly: gives"),
