@@ -17,8 +17,9 @@ from xml.sax.saxutils import escape, quoteattr
 
 from attlog import __version__
 from attlog.batch.job import Record, write_record, written
-from attlog.compare import gate_file, gates
-from attlog.compare.gates import Baseline, GateOutcome, Gates, judge_gates, worst_first
+from attlog.compare import gate_file
+from attlog.compare.baseline import Baseline, read_baselines
+from attlog.compare.gates import GateOutcome, Gates, judge_gates, worst_first
 from attlog.core.errors import LogUnreadable, OutputError, UsageError
 from attlog.core.files import open_atomic, write_atomic
 from attlog.report import gates as report_gates
@@ -250,7 +251,7 @@ def gating(path: Path | None, strict: bool | None = None, output: Path | None = 
                 for p in own
             )
         )
-    return Gating(found, gates.read_baselines(places))
+    return Gating(found, read_baselines(places))
 
 
 def _overlap(one: Path, other: Path) -> bool:

@@ -28,7 +28,7 @@ from attlog.segments import model
 Array = NDArray[np.float64]
 Settings = Mapping[str, Value]
 
-# Smallest frequency of a rotor in widths of its notch: below it the rotor stands or starts and gets no notch.
+# Smallest frequency of a rotor in widths of its notch: slower ones get no notch.
 MIN_CENTRE_WIDTHS = 1.0
 TESLA_PER_UT = 1e-6
 # A rate may exceed that of the log by a third: rounding to a whole number of samples then still gives one.

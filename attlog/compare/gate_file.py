@@ -1,9 +1,17 @@
-"""The table ``[gates.health]`` of a gate file: what is wrong with it, each with its key, and the gates that it holds.
+"""Gates in a TOML file; all problems are reported at once, each with its line.
+
+[gates]
+baseline = "main.json"          # optional: a result, a file with one result a line, a batch's folder; beside this file
+strict = true                   # rows that failed or diverged count, the default
+tilt_p95_deg = { max = 2.0, filters = ["mekf", "soft-*"], window = "airborne" }
+lag_ms = [{ max = 5 }, { max = 10, filters = ["onboard"], optional = true }]
+tilt_rmse_deg = { baseline = true }                         # not worse than it
+heading_rmse_deg = { max_ratio_to_onboard = 1.2 }
 
 [gates.health]
 compass_offset = { max = 5 }                                # uT, on every compass
 vibration_level = { verdict = "warning", sensors = ["IMU.0"] }
-gnss_delay = { verdict = "ok", unknown = "pass" }           # skipped where the log cannot tell
+gnss_delay = { verdict = "ok", unknown = "pass" }           # skipped where the log has no answer
 """
 
 from __future__ import annotations
@@ -22,87 +30,13 @@ from attlog.metrics import definitions
 from attlog.result import TOPICS
 from attlog.segments.model import WINDOWS, Segments
 
-SENSOR_TABLE = "health"
-"""The table's name within that of all gates."""
+GATE_TABLE, SENSOR_TABLE = "gates", "health"
+# Key (empty: the gate as a whole) and sentence.
+Problem = tuple[str, str]
 
 
-def _sensor_patterns(value: Any) -> Any:
-    """Names or patterns of sensors as a list."""
-    if isinstance(value, str):
-        value = [value]
-    if not isinstance(value, list) or not value or "" in value:
-        raise ValueError("must be a list of names or patterns of sensors, such as MAG.0")
-    return value
-
-
-@dataclass
-class SensorGateTable:
-    """What the gate of one question may say. ``max`` is of the value's size, ``verdict`` the worst that is allowed."""
-
-    min: Annotated[float, NumberRange()] | None = None
-    max: Annotated[float, NumberRange(0.0)] | None = None
-    verdict: Literal["ok", "warning"] | None = None
-    sensors: Annotated[list[str], ParsedBy(_sensor_patterns)] | None = None
-    unknown: Literal["pass", "fail"] = "fail"
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-
-def sensor_gates(table: Any) -> tuple[list[SensorGate], list[tuple[str, str, str]]]:
-    """The gates of the table, and what is wrong with it: (question, key, sentence)."""
-    if not isinstance(table, Mapping):
-        return [], [
-            (SENSOR_TABLE, "", f"is {table!r}; write compass_offset = {{ max = 5 }} below [gates.{SENSOR_TABLE}]")
-        ]
-    gates: list[SensorGate] = []
-    wrong: list[tuple[str, str, str]] = []
-    for question, value in table.items():
-        for one in value if isinstance(value, list) and value else [value]:
-            gate, problems = _sensor_gate(question, one)
-            gates += [] if gate is None else [gate]
-            wrong += [(question, key, sentence) for key, sentence in problems]
-    return gates, wrong
-
-
-def _sensor_gate(question: str, table: Any) -> tuple[SensorGate | None, list[tuple[str, str]]]:
-    if question not in TOPICS:
-        return None, [("", f"there is no such question about a sensor{suggestion(question, list(TOPICS))}")]
-    if not isinstance(table, Mapping):
-        return None, [("", f'is {table!r}; write {question} = {{ verdict = "warning" }}')]
-    found, problems = validated_or_problems(SensorGateTable, table, strict=True)
-    wrong = [(str(place[0]), sentence) for place, sentence in problems]
-    if found is None:
-        return None, wrong
-    if found.min is not None and found.max is not None and found.min > found.max:
-        wrong.append(("min", f"min={found.min:g} is above max={found.max:g}"))
-    limits = [GateLimit("min", found.min)] if found.min is not None else []
-    limits += [GateLimit("max", found.max)] if found.max is not None else []
-    if not limits and found.verdict is None:
-        wrong.append(("", "has no limit; give one of min, max, verdict"))
-    if wrong:
-        return None, wrong
-    sensors = None if found.sensors is None else tuple(found.sensors)
-    return SensorGate(question, tuple(limits), found.verdict, sensors, found.unknown == "pass"), []
-
-
-# Gates in a TOML file: everything that is wrong with it at once, each with its line.
-#
-# [gates]
-# baseline = "main.json"          # optional: a result, a file with one result a line, a batch's folder; beside this
-# file
-# strict = true                   # rows that failed or diverged count, the default
-# tilt_p95_deg = { max = 2.0, filters = ["mekf", "soft-*"], window = "airborne" }
-# lag_ms = [{ max = 5 }, { max = 10, filters = ["onboard"], optional = true }]
-# tilt_rmse_deg = { baseline = true }              # not worse than it
-# heading_rmse_deg = { max_ratio_to_onboard = 1.2 }
-#
-# [gates.health]                  # of sensors: :mod:`attlog.compare.gate_file`
-# compass_offset = { max = 5 }
-
-GATE_TABLE = "gates"
-
-
-def _filter_patterns(value: Any) -> Any:
-    """Names or patterns of filters as a list."""
+def _patterns(value: Any) -> Any:
+    """Return names or patterns as a list."""
     if isinstance(value, str):
         value = [value]
     if not isinstance(value, list) or not value or "" in value:
@@ -112,7 +46,7 @@ def _filter_patterns(value: Any) -> Any:
 
 @dataclass
 class GateTable:
-    """What one gate may say in a file. A ratio is above 0; ``baseline`` true: not worse than that of all gates."""
+    """Keys of one gate. A ratio is above 0; ``baseline`` true: not worse than that of all gates."""
 
     min: Annotated[float, NumberRange(0.0)] | None = None
     max: Annotated[float, NumberRange(0.0)] | None = None
@@ -121,13 +55,13 @@ class GateTable:
     max_ratio_to_baseline: Annotated[float, NumberRange(above=0.0)] | None = None
     max_above_baseline: Annotated[float, NumberRange()] | None = None
     baseline: Literal[True] | str | None = None
-    filters: Annotated[list[str], ParsedBy(_filter_patterns)] | None = None
+    filters: Annotated[list[str], ParsedBy(_patterns)] | None = None
     window: str | None = None
     optional: bool = False
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def limits(self) -> tuple[GateLimit, ...]:
-        """Its limits, in the order of KINDS; not worse than a baseline where it names one and no limit beside it."""
+        """Return its limits; not worse than a baseline where it names one and no limit to it."""
         values = [(kind, getattr(self, kind)) for kind in LIMIT_KINDS if kind != "baseline"]
         found = [GateLimit(kind, value) for kind, value in values if value is not None]
         if self.baseline is not None and not any(limit.against == "baseline" for limit in found):
@@ -136,8 +70,20 @@ class GateTable:
 
 
 @dataclass
+class SensorGateTable:
+    """Keys of a sensor's gate. ``max`` is of the value's size, ``verdict`` the worst allowed."""
+
+    min: Annotated[float, NumberRange()] | None = None
+    max: Annotated[float, NumberRange(0.0)] | None = None
+    verdict: Literal["ok", "warning"] | None = None
+    sensors: Annotated[list[str], ParsedBy(_patterns)] | None = None
+    unknown: Literal["pass", "fail"] = "fail"
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+
+@dataclass
 class CommonKeys:
-    """What stands beside the gates of a file."""
+    """Keys beside the gates of a file."""
 
     strict: bool = True
     baseline: str | None = None
@@ -145,57 +91,72 @@ class CommonKeys:
 
 
 def read_gates(path: Path) -> Gates:
-    """The gates of a file. UsageError tells everything that is wrong in it."""
+    """Return the gates of a file. UsageError names everything wrong in it."""
     try:
         text = read_settings_text(path)
-    except LogUnreadable as error:  # 66 means that the logs cannot be read
+    except LogUnreadable as error:  # exit code 66 is for logs
         raise UsageError(str(error)) from error
     values = parse_toml(text, path)
     lines = text.splitlines()
     problems = [
-        f"{_place_of_key(path, lines, key)}: unknown key {key}{suggestion(key, [GATE_TABLE])}; gates stand below [{GATE_TABLE}]"
+        f"{_place_of_key(path, lines, key)}: unknown key {key}{suggestion(key, [GATE_TABLE])}; "
+        f"gates stand below [{GATE_TABLE}]"
         for key in values
         if key != GATE_TABLE
     ]
     table = values.get(GATE_TABLE)
     if not isinstance(table, Mapping):
-        problems.append(f"{path}: holds no [{GATE_TABLE}]")
-        raise UsageError("\n".join(problems))
+        raise UsageError("\n".join([*problems, f"{path}: holds no [{GATE_TABLE}]"]))
     names = {f.name for f in fields(CommonKeys)}
     common, wrong = validated_or_problems(CommonKeys, {k: v for k, v in table.items() if k in names}, strict=True)
     problems += [f"{_place_of_key(path, lines, str(place[0]))}: {said}" for place, said in wrong]
     baseline = table["baseline"] if isinstance(table.get("baseline"), str) else None
-    gates = []
-    for metric, one in _gate_entries({k: v for k, v in table.items() if k not in (*names, SENSOR_TABLE)}):
-        gate, said_of = _parse_gate(metric, one, path, baseline)
-        problems += [f"{_place_of_key(path, lines, key or metric, metric)}: {metric}: {said}" for key, said in said_of]
+    gates: list[Gate] = []
+    sensors: list[SensorGate] = []
+
+    def note(name: str, found: list[Problem]) -> None:
+        problems.extend(f"{_place_of_key(path, lines, key or name, name)}: {name}: {said}" for key, said in found)
+
+    for metric, one in _metric_entries({k: v for k, v in table.items() if k not in (*names, SENSOR_TABLE)}):
+        gate, found = _parse_gate(metric, one, path, baseline)
+        note(metric, found)
         gates += [] if gate is None else [gate]
-    of_sensors, said_of_sensors = sensor_gates(table.get(SENSOR_TABLE, {}))
-    problems += [
-        f"{_place_of_key(path, lines, key or name, name)}: {name}: {said}" for name, key, said in said_of_sensors
-    ]
-    if not gates and not of_sensors and not problems:
+    below = table.get(SENSOR_TABLE, {})
+    if not isinstance(below, Mapping):
+        note(SENSOR_TABLE, [("", f"is {below!r}; write compass_offset = {{ max = 5 }} below [gates.{SENSOR_TABLE}]")])
+        below = {}
+    for question, one in _entries(below):
+        sensor, found = _parse_sensor_gate(question, one)
+        note(question, found)
+        sensors += [] if sensor is None else [sensor]
+    if not gates and not sensors and not problems:
         problems.append(f"{path}: [{GATE_TABLE}] holds no gate, such as lag_ms = {{ max = 5 }}")
     if problems or common is None:
         raise UsageError("\n".join(problems))
-    return Gates(tuple(gates), common.strict, tuple(of_sensors))
+    return Gates(tuple(gates), common.strict, tuple(sensors))
 
 
-def _gate_entries(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """(metric, its table) of every gate. A metric's own dots may have made tables: ``step_error_deg.0.5s = ...``."""
+def _entries(table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Return (name, its table) of every gate; a list holds several of one name."""
+    for name, value in table.items():
+        for one in value if isinstance(value, list) and value else [value]:
+            yield name, one
+
+
+def _metric_entries(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Return entries of metrics, whose own dots may have made tables: ``step_error_deg.0.5s = ...``."""
     known = definitions()
     for key, value in table.items():
         name = before + key
         inside = name not in known and any(metric.startswith(f"{name}.") for metric in known)
         if inside and isinstance(value, Mapping):
-            yield from _gate_entries(value, f"{name}.")
-            continue
-        for one in value if isinstance(value, list) and value else [value]:
-            yield name, one
+            yield from _metric_entries(value, f"{name}.")
+        else:
+            yield from _entries({name: value})
 
 
-def _parse_gate(metric: str, table: Any, path: Path, baseline: str | None) -> tuple[Gate | None, list[tuple[str, str]]]:
-    """A gate of its table, or None and all that is wrong with it: sentences with the key that each is about."""
+def _parse_gate(metric: str, table: Any, path: Path, baseline: str | None) -> tuple[Gate | None, list[Problem]]:
+    """Return a gate of its table, or None and all that is wrong with it."""
     if metric not in definitions():
         near = suggestion(metric, [*definitions(), "baseline", "strict", SENSOR_TABLE])
         return None, [("", f"there is no such metric{near}")]
@@ -205,9 +166,7 @@ def _parse_gate(metric: str, table: Any, path: Path, baseline: str | None) -> tu
     wrong = [(str(place[0]), said) for place, said in problems]
     if isinstance(table.get("window"), str):
         wrong += _window_problems(metric, table["window"])
-    low, high = (table.get(key) for key in ("min", "max"))
-    if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
-        wrong.append(("min", f"min={low:g} is above max={high:g}"))
+    wrong += _range_problems(table.get("min"), table.get("max"))
     if found is None:
         return None, wrong
     limits = found.limits()
@@ -225,22 +184,47 @@ def _parse_gate(metric: str, table: Any, path: Path, baseline: str | None) -> tu
     return Gate(metric, limits, found.window, filters, found.optional, place), []
 
 
-def _window_problems(metric: str, window: str) -> list[tuple[str, str]]:
-    """What is wrong with a window."""
+def _parse_sensor_gate(question: str, table: Any) -> tuple[SensorGate | None, list[Problem]]:
+    """Return a sensor's gate of its table, or None and all that is wrong with it."""
+    if question not in TOPICS:
+        return None, [("", f"there is no such question about a sensor{suggestion(question, list(TOPICS))}")]
+    if not isinstance(table, Mapping):
+        return None, [("", f'is {table!r}; write {question} = {{ verdict = "warning" }}')]
+    found, problems = validated_or_problems(SensorGateTable, table, strict=True)
+    wrong = [(str(place[0]), said) for place, said in problems]
+    if found is None:
+        return None, wrong
+    wrong += _range_problems(found.min, found.max)
+    limits = [GateLimit("min", found.min)] if found.min is not None else []
+    limits += [GateLimit("max", found.max)] if found.max is not None else []
+    if not limits and found.verdict is None:
+        wrong.append(("", "has no limit; give one of min, max, verdict"))
+    if wrong:
+        return None, wrong
+    sensors = None if found.sensors is None else tuple(found.sensors)
+    return SensorGate(question, tuple(limits), found.verdict, sensors, found.unknown == "pass"), []
+
+
+def _range_problems(low: Any, high: Any) -> list[Problem]:
+    if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
+        return [("min", f"min={low:g} is above max={high:g}")]
+    return []
+
+
+def _window_problems(metric: str, window: str) -> list[Problem]:
     if window in WINDOWS:
         return []
     try:
         Segments([]).spans(window)
     except ValueError:
         near = suggestion(window, [*WINDOWS, "T0:T1"])
-        return [
-            ("window", f"there is no window {window}{near}; {metric} is looked up in {gate_windows(metric, None)[0]}")
-        ]
+        own = gate_windows(metric, None)[0]
+        return [("window", f"there is no window {window}{near}; {metric} is looked up in {own}")]
     return []
 
 
 def _place_of_key(path: Path, lines: list[str], key: str, metric: str | None = None) -> str:
-    """The file and, where it can be found, the line of a key: inside the metric's gate, or of its own."""
+    """Return the file and, where found, the line of a key: inside the metric's gate, or of its own."""
     quoted = rf"""["']?{re.escape(key)}["']?"""
     begin = 0
     if metric is not None and metric != key:

@@ -1,8 +1,8 @@
-"""Are two logs of one flight? What a card and a radio recorded of it counts once where logs are pooled.
+"""Records of one flight: what a card and a radio recorded counts once where logs are pooled.
 
-Both carry the onboard attitude on the autopilot's own clock. Where the vehicle moves, two flights differ by degrees
-at the same time since boot, two records of one flight by what interpolation leaves: on 27 simulated flights, three of
-them recorded twice, 2.6 deg and more against 0.002 to 0.016 deg. Without motion nothing shows it but equal content.
+Both hold the onboard attitude on the autopilot's own clock. In motion two flights differ by degrees at the same time
+since boot, two records of one flight by interpolation: on 27 simulated flights, three of them recorded twice, 2.6 deg
+and more against 0.002 to 0.016 deg. Without motion only equal content proves it.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from attlog.flight.model import FlightLog
 
 Array = NDArray[np.float64]
 
+# Attitudes are sampled so often, and not across longer intervals of a record.
 STEP_S, MAX_GAP_S = 0.2, 1.0
-"""Attitudes are compared so often; not within longer intervals of a record."""
+# An hour of a log suffices.
 MAX_STEPS = 18_000
-"""An hour of a log is enough."""
+# Median angle of one flight: the geometric mean of both kinds measured (see above).
 MAX_MEDIAN_DEG = 0.2
-"""Half of the attitudes differ by less: the geometric mean of both kinds in hand."""
+# RMS angle about the mean from which on two vehicles cannot rest alike.
 MIN_MOTION_DEG = 2.0
-"""Vehicles that turn less (root mean square about the mean) may stand alike."""
+# Common time, absolutely and of the shorter log.
 MIN_COMMON_S, MIN_COMMON_SHARE = 20.0, 0.5
-"""So long, and so much of the shorter log, has to be common."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightTrack:
-    """What of a log is compared: the onboard attitude ``q`` (n, 4) every STEP_S s since boot, from step ``first`` on.
+    """Onboard attitude ``q`` (n, 4) of a log every STEP_S s since boot, from step ``first`` on.
 
-    ``rate_hz`` is the rate of the IMU that is replayed: of one flight the log with the higher one counts.
+    ``rate_hz``: rate of the IMU that is replayed; of one flight the log with the higher one counts.
     """
 
     name: str
@@ -45,15 +45,15 @@ class FlightTrack:
 
 
 def flight_track(log: FlightLog, name: str, sha256: str = "") -> FlightTrack:
-    """The track of a log; without an onboard attitude an empty one, which is like no other."""
+    """Return the track of a log; without an onboard attitude an empty one, which equals no other."""
     imu = log.replay_imu
     rate = 0.0 if imu is None or len(imu.gyro.t) < 2 else float(1.0 / np.median(np.diff(imu.gyro.t)))
     found = FlightTrack(name, sha256, rate, 0, np.zeros((0, 4)))
     attitude = None if log.onboard is None else log.attitudes.get(log.onboard)
     if attitude is None:
         return found
-    rising = np.isfinite(attitude.q).all(axis=1) & np.isfinite(attitude.t)
-    t, q = attitude.t[rising] + 1e-6 * log.t0_us, attitude.q[rising]
+    usable = np.isfinite(attitude.q).all(axis=1) & np.isfinite(attitude.t)
+    t, q = attitude.t[usable] + 1e-6 * log.t0_us, attitude.q[usable]
     rising = np.concatenate([np.ones(min(len(t), 1), bool), t[1:] > np.maximum.accumulate(t)[:-1]])
     t, q = t[rising], q[rising]
     if len(t) < 2:
@@ -67,7 +67,7 @@ def flight_track(log: FlightLog, name: str, sha256: str = "") -> FlightTrack:
 
 
 def same_flight(a: FlightTrack, b: FlightTrack) -> bool:
-    """Whether two logs are of one flight: the same file, or equal attitudes at equal times since boot, in motion."""
+    """Return whether two logs are of one flight: the same file, or equal attitudes at equal times, in motion."""
     if a.sha256 and a.sha256 == b.sha256:
         return True
     begin, end = max(a.first, b.first), min(a.first + len(a.q), b.first + len(b.q))
@@ -84,21 +84,21 @@ def same_flight(a: FlightTrack, b: FlightTrack) -> bool:
 
 
 def find_repeats(tracks: Sequence[FlightTrack]) -> dict[str, str]:
-    """Name of each log that does not count -> name of the log of the same flight that does.
+    """Return the name of each log that does not count, with the log of the same flight that counts.
 
     The highest rate of the IMU counts, of equal ones the first.
     """
     kept: list[FlightTrack] = []
-    again: dict[str, str] = {}
+    repeats: dict[str, str] = {}
     for one in sorted(tracks, key=lambda t: -t.rate_hz):
         same = next((other for other in kept if same_flight(one, other)), None)
         if same is None:
             kept.append(one)
         else:
-            again[one.name] = same.name
-    return again
+            repeats[one.name] = same.name
+    return repeats
 
 
-def repeat_warning(again: str, kept: str) -> str:
-    """The warning for a log that does not count."""
-    return f"{again} and {kept} are one flight: only {kept} counts in what is pooled"
+def repeat_warning(repeat: str, kept: str) -> str:
+    """Return the warning for a log that does not count."""
+    return f"{repeat} and {kept} are one flight: only {kept} counts in what is pooled"

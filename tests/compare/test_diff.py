@@ -20,14 +20,7 @@ from attlog.compare.diff import (
     pair_results,
     parse_tolerances,
 )
-from attlog.compare.diff_text import (
-    diff_document,
-    diff_lines,
-    diff_markdown,
-    diff_page,
-    entry_line,
-    numbers_by_question,
-)
+from attlog.compare.diff_report import DiffReport, diff_document, diff_lines, diff_markdown, diff_page, entry_line
 from attlog.core.errors import LogUnreadable, LogUnusable, UsageError
 from attlog.health.causes import Finding
 from attlog.metrics.metric import Answer
@@ -203,7 +196,7 @@ def test_changes_stand_by_question_the_main_ones_first_worse_before_better() -> 
         ("noise_tilt_deg", "rest"),
         ("lag_ms", "airborne"),
     ]
-    assert [title for title, _ in numbers_by_question(found)] == ["Accuracy", "Noise", "Step response"]
+    assert [block.title for block in DiffReport.of(found).numbers] == ["Accuracy", "Noise", "Step response"]
     text = [line.strip() for line in diff_lines([found], [], False)]
     assert text.index("Accuracy (2)") < text.index("Noise (1)") < text.index("Step response (1)")
     assert [m["metric"] for m in diff_document([found], [])["logs"][0]["moved"]] == [m.metric for m in found.moved]

@@ -7,19 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from attlog.compare.baseline import Baseline, BaselineResult, read_baseline, read_baselines
 from attlog.compare.gate_file import read_gates
-from attlog.compare.gates import (
-    Baseline,
-    BaselineResult,
-    Gate,
-    GateLimit,
-    Gates,
-    LimitKind,
-    SensorGate,
-    judge_gates,
-    read_baseline,
-    read_baselines,
-)
+from attlog.compare.gates import Gate, GateLimit, Gates, LimitKind, SensorGate, judge_gates
 from attlog.core.errors import UsageError
 from attlog.metrics.metric import Answer
 from attlog.result import SCHEMA

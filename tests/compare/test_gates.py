@@ -13,9 +13,8 @@ import pytest
 import attlog
 from attlog import segments
 from attlog.compare import gate_file, gates
+from attlog.compare.baseline import Baseline, BaselineResult, read_baselines
 from attlog.compare.gates import (
-    Baseline,
-    BaselineResult,
     Gate,
     GateLimit,
     GateOutcome,
@@ -503,5 +502,5 @@ def test_a_changed_gain_is_paired_with_the_run_before(tmp_path: Path, gain: floa
     run(0.5).to_json(tmp_path / "main.json")
     (tmp_path / "gates.toml").write_text('[gates]\nbaseline="main.json"\ntilt_rmse_deg={baseline=true}\n')
     read = gate_file.read_gates(tmp_path / "gates.toml")
-    outcomes = judge_gates(read, run(gain), gates.read_baselines(gate.baseline for gate in read.gates))
+    outcomes = judge_gates(read, run(gain), read_baselines(gate.baseline for gate in read.gates))
     assert [o.status for o in outcomes if o.check != "status"] == ["passed" if passes else "failed"], outcomes

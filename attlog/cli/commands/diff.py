@@ -14,7 +14,7 @@ from attlog.cli.printing import TextLine, console, say, to_stderr
 from attlog.core.errors import UsageError, error_message, exit_code, worst_exit_code
 
 if TYPE_CHECKING:
-    from attlog.compare.diff import ResultPairs, RunDifference
+    from attlog.compare.diff import RunDifference
 
 
 def command(
@@ -61,31 +61,29 @@ def command(
     one_form(json, form)
     from json import dumps
 
-    from attlog.compare import diff
-    from attlog.compare import diff as result_files
-    from attlog.compare import diff_text as diff_words
-    from attlog.compare.diff import parse_tolerances
+    from attlog.compare import diff_report
+    from attlog.compare.diff import compare_results, metric_units, pair_results, parse_tolerances
 
-    found = result_files.pair_results(old, new)
+    found = pair_results(old, new)
     for error in found.wrong:
         to_stderr(error_message(error, __version__))
     results = [r for pair in found.pairs.values() for r in pair if r is not None]
     windows = {w for r in results for row in r.estimators for w in row.metrics}
     if window is not None and window not in windows and results:
         raise UsageError(f"--window {window}: no result has it; they have {', '.join(sorted(windows))}")
-    limits = parse_tolerances(tolerance or [], diff.metric_units(*results))
+    limits = parse_tolerances(tolerance or [], metric_units(*results))
     differences = [
-        diff.compare_results(name, a, b, limits, window)
+        compare_results(name, a, b, limits, window)
         for name, (a, b) in found.pairs.items()
         if a is not None and b is not None
     ]
-    count = sum(d.count for d in differences) + len(_alone(found))
-    alone = _alone(found)
+    alone = found.alone
+    count = sum(d.count for d in differences) + len(alone)
     paged = output is not None and not json and form is None
     if json:
-        lines = dumps(diff_words.diff_document(differences, alone), indent=1, allow_nan=False).split("\n")
+        lines = dumps(diff_report.diff_document(differences, alone), indent=1, allow_nan=False).split("\n")
     else:
-        words = diff_words.diff_lines if form is None else diff_words.diff_markdown
+        words = diff_report.diff_lines if form is None else diff_report.diff_markdown
         lines = list(words(differences, alone, common.verbose > 0))
     if output is not None and paged:
         lines += ["", f"page: {_page(differences, alone, (old, new), output)}"]
@@ -95,25 +93,19 @@ def command(
         raise typer.Exit(code)
 
 
-def _alone(found: ResultPairs) -> list[tuple[str, str]]:
-    """Logs that one side has alone, and which side."""
-    return [(n, "new" if a is None else "old") for n, (a, b) in found.pairs.items() if a is None or b is None]
-
-
 def _page(
     differences: list[RunDifference], alone: list[tuple[str, str]], sides: tuple[Path, Path], folder: Path
 ) -> Path:
     """The page and the JSON, written together."""
     from json import dumps
 
-    from attlog.compare import diff_text as diff_words
-    from attlog.compare.diff_text import diff_page
+    from attlog.compare import diff_report
     from attlog.core.files import write_all_atomic
 
-    whole = dumps(diff_words.diff_document(differences, alone), indent=1, allow_nan=False) + "\n"
+    whole = dumps(diff_report.diff_document(differences, alone), indent=1, allow_nan=False) + "\n"
     same = sides[0].name == sides[1].name
     names = [f"{side.parent.name}/{side.name}" if same else side.name for side in sides]
-    page = diff_page(differences, alone, names[0], names[1], __version__, command_line())
+    page = diff_report.diff_page(differences, alone, names[0], names[1], __version__, command_line())
     write_all_atomic({folder / "diff.html": page, folder / "diff.json": whole})
     return folder / "diff.html"
 

@@ -1,0 +1,266 @@
+"""Changes between two results for the terminal, as Markdown, JSON and as a page: statements, numbers, causes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from attlog.compare.diff import ABSENT_VALUE, QUESTION_ORDER, NumberChange, RunDifference, TextChange
+from attlog.compare.pages import WEB_FOLDER
+from attlog.core.plain import to_plain
+from attlog.report import shell
+from attlog.report.bundle import ArrayPacker
+from attlog.words.numbers import MINUS, counted, half_width, quantity, unit_sign
+from attlog.words.text import clean, escape_markdown
+
+DIFF_SCHEMA = "attlog-diff/2"
+# Entries listed in Markdown and on a terminal; the JSON holds all.
+MAX_LISTED, MAX_TERMINAL = 40, 5
+# Numbers of a question shown at first on the page: the main ones, within these limits.
+MIN_NUMBERS_SHOWN, MAX_NUMBERS_SHOWN = 2, 8
+NUMBER_COLUMNS = ("row", "window", "metric", "old", "new", "difference", "tolerance", "")
+VERDICT_SIGNS = {"appeared": "new", "vanished": "gone", "not_significant": "not significant", "within": "within"}
+SENTENCE_END = re.compile(r"(?<=[.;]) (?![^(]*\))")
+NO_PARAMETERS = "not compared: a result was written before results held them; analyse it again"
+
+Alone = Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class DiffBlock:
+    """A heading with entries (names, or changes of texts) or with numbers."""
+
+    title: str
+    entries: Sequence[TextChange | str] = ()
+    numbers: Sequence[NumberChange] = ()
+
+    @property
+    def heading(self) -> str:
+        """Return the title with the number of entries."""
+        return f"{self.title} ({len(self.entries) or len(self.numbers)})"
+
+
+@dataclass(frozen=True, slots=True)
+class DiffReport:
+    """Two results in blocks: statements first, then numbers by question, then possible causes."""
+
+    difference: RunDifference
+    before: list[DiffBlock] = field(default_factory=list)
+    numbers: list[DiffBlock] = field(default_factory=list)
+    causes: list[DiffBlock] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, d: RunDifference, everything: bool = False) -> DiffReport:
+        """Return the blocks; ``everything``: also numbers within their tolerance."""
+        found = cls(d)
+        found.before.extend(
+            _filled(
+                DiffBlock("Headline and findings", d.statements),
+                DiffBlock("Verdicts that differ", [c.name for c in d.verdicts]),
+                DiffBlock("Filters that vanished", d.rows_vanished),
+                DiffBlock("Filters that appeared", d.rows_appeared),
+                DiffBlock("State of filters", d.status),
+            )
+        )
+        moved = d.moved if everything else d.beyond
+        by_question = {title: [m for m in moved if m.question == title] for title in QUESTION_ORDER}
+        found.numbers.extend(_filled(*(DiffBlock(title, numbers=some) for title, some in by_question.items())))
+        unknown = d.parameters is None and not d.same_log
+        found.causes.extend(
+            _filled(
+                DiffBlock("Parameters of the log", [NO_PARAMETERS] if unknown else d.parameters or []),
+                DiffBlock("Filter gains", d.gains),
+                DiffBlock("Options", d.config),
+                DiffBlock("Log", d.log),
+            )
+        )
+        return found
+
+
+def _filled(*blocks: DiffBlock) -> list[DiffBlock]:
+    return [block for block in blocks if block.entries or block.numbers]
+
+
+def diff_document(differences: Sequence[RunDifference], alone: Alone) -> dict[str, Any]:
+    """Return the JSON: every number that differs, and ``count`` of those that matter; ``alone``: (name, side)."""
+    logs = [to_plain(asdict(d)) | {"count": d.count} for d in differences]
+    only = {side: [name for name, s in alone if s == side] for side in ("old", "new")}
+    return {
+        "schema": DIFF_SCHEMA,
+        "count": sum(d.count for d in differences) + len(alone),
+        "only_in": only,
+        "logs": logs,
+    }
+
+
+def diff_lines(differences: Sequence[RunDifference], alone: Alone, everything: bool) -> Iterator[str]:
+    """Return the text for a terminal, worst first; ``everything`` also lists numbers within their tolerance."""
+    most = None if everything else MAX_TERMINAL
+    for d in differences:
+        report = DiffReport.of(d, everything)
+        yield clean(f"{d.name}: {diff_summary(d)}")
+        for block in (*report.before, *report.numbers, *report.causes):
+            if block.numbers:
+                rows = [number_cells(m) for m in block.numbers[:most]]
+                yield f"  {block.heading}"
+                yield from _aligned(rows)
+                if len(rows) < len(block.numbers):
+                    yield f"    and {len(block.numbers) - len(rows)} more; -v lists all"
+            elif all(isinstance(e, str) for e in block.entries):
+                yield f"  {block.heading}: {', '.join(map(entry_line, block.entries))}"
+            else:
+                yield f"  {block.heading}"
+                yield from (f"    {text}" for text in _listed(block, most))
+    yield from (clean(f"{name}: only in {side.upper()}") for name, side in alone)
+
+
+def diff_markdown(differences: Sequence[RunDifference], alone: Alone, everything: bool) -> Iterator[str]:
+    """Return the same as Markdown."""
+    most = None if everything else MAX_LISTED
+    for d in differences:
+        report = DiffReport.of(d, everything)
+        yield from (f"### {escape_markdown(d.name)}", "", escape_markdown(diff_summary(d)), "")
+        for block in (*report.before, *report.numbers, *report.causes):
+            yield from (f"**{block.heading}**", "")
+            if not block.numbers:
+                yield from (*(f"- {escape_markdown(text)}" for text in _listed(block, most)), "")
+                continue
+            rows = [NUMBER_COLUMNS, *(number_cells(m) for m in block.numbers[:most])]
+            head, *lines = ("| " + " | ".join(map(escape_markdown, row)) + " |" for row in rows)
+            yield from (head, "|" + " --- |" * 3 + " ---: |" * 4 + " --- |", *lines, "")
+            if most is not None and len(block.numbers) > most:
+                yield from (f"and {len(block.numbers) - most} more", "")
+    yield from (f"- {escape_markdown(name)}: only in {side.upper()}" for name, side in alone)
+
+
+def diff_summary(d: RunDifference) -> str:
+    """Return what was compared and how much differs, in one sentence."""
+    versions = [e.old if e.old == e.new else f"{e.old} → {e.new}" for e in d.made_by]
+    what = "the same log" if d.same_log else "two logs"
+    by = f", attlog {versions[0]}" if versions else ""
+    total, more = d.equal + len(d.moved), d.count - len(d.beyond)
+    if not d.moved and not more:
+        return f"{what}{by}: no difference in {total:,} numbers"
+    parts = [f"{len(d.beyond):,} of {counted(total, 'number')} beyond tolerance", *_quiet_parts(d, "within")]
+    parts += [f"{counted(more, 'filter')} came, went or changed state"] if more else []
+    return f"{what}{by}: {', '.join(parts)}"
+
+
+def _quiet_parts(d: RunDifference, within: str) -> list[str]:
+    counts = ((d.with_verdict("within"), within), (d.with_verdict("not_significant"), "not significant"))
+    return [f"{n:,} {word}" for n, word in counts if n]
+
+
+def number_cells(m: NumberChange) -> tuple[str, ...]:
+    """Return a number that moved as the cells of NUMBER_COLUMNS; the last is its side."""
+    sign = VERDICT_SIGNS.get(m.verdict, "")
+    if m.verdict == "beyond":
+        sign = "" if m.closer is None else "better" if m.closer else "worse"
+    sides = [_value_text(v, c, m.unit) for v, c in ((m.old, m.old_ci95), (m.new, m.new_ci95))]
+    sizes = _size_text(m.difference, m.unit, "+"), _size_text(m.tolerance, m.unit, "")
+    return m.row, m.window, m.metric, *sides, *sizes, sign
+
+
+def _size_text(value: float | None, unit: str, plus: str) -> str:
+    """Return a difference to three digits: with those of values a small one would be 0."""
+    if value is None:
+        return ""
+    sign = unit_sign(unit)
+    text = f"{value:{plus}.3g}"
+    text = text if "e" in text else text.replace("-", MINUS, 1)
+    return text + sign if sign.startswith("°") else f"{text} {sign}".rstrip()
+
+
+def _value_text(value: float | None, ci95: tuple[float, float] | None, unit: str) -> str:
+    if value is None:
+        return "none"
+    return " ".join(x for x in (quantity(value, unit, signed=None), half_width(ci95, unit)) if x)
+
+
+def entry_line(entry: TextChange | str) -> str:
+    """Return a change of a text as ``name: old → new``."""
+    if isinstance(entry, str):
+        return clean(entry)
+    ends = entry.old, entry.new
+    sides = ["absent" if x == ABSENT_VALUE else f"{x:.7g}" if isinstance(x, float) else str(x) or "none" for x in ends]
+    if sides[0] == sides[1]:  # the difference lies behind the digits shown
+        sides = [repr(x) for x in ends]
+    return clean(f"{entry.name}: {sides[0]} → {sides[1]}")
+
+
+def _listed(block: DiffBlock, most: int | None) -> list[str]:
+    texts = [entry_line(e) for e in block.entries]
+    if most is None or len(texts) <= most + 1:
+        return texts
+    return [*texts[:most], f"and {len(texts) - most} more; -v lists all"]
+
+
+def _aligned(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    """Return rows in columns: names to the left, numbers to the right."""
+    last = len(NUMBER_COLUMNS) - 1
+    widths = [max(len(row[i]) for row in rows) for i in range(last + 1)]
+    for row in rows:
+        cells = [
+            c.ljust(w) if i < 3 or i == last else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield "    " + "  ".join(cells).rstrip()
+
+
+def diff_page(
+    differences: Sequence[RunDifference], alone: Alone, old: str, new: str, version: str, command: str
+) -> str:
+    """Return the page, worst first. ``old``, ``new``: names of both sides; ``alone``: logs of one side."""
+    whole = diff_document(differences, alone)
+    return shell.render(
+        "diff.html",
+        WEB_FOLDER,
+        rows=[],
+        figures=[],
+        store=ArrayPacker(),
+        document=whole,
+        styles=("diff.css",),
+        sections=[_page_section(d) for d in sorted(differences, key=lambda d: -d.count)],
+        alone=alone,
+        old=old,
+        new=new,
+        count=whole["count"],
+        version=version,
+        command=command,
+    )
+
+
+def _page_section(d: RunDifference) -> dict[str, Any]:
+    """Return what the template shows of a pair of results."""
+    report = DiffReport.of(d)
+    tables = []
+    for block in report.numbers:
+        main = sum(m.is_main for m in block.numbers)
+        shown = min(max(main, MIN_NUMBERS_SHOWN), MAX_NUMBERS_SHOWN)
+        cells = [_page_cells(m) for m in block.numbers]
+        tables.append((block.title, cells[:shown], cells[shown:]))
+    lists = report.before[bool(d.statements) + bool(d.verdicts) :]  # those two are shown side by side
+    quiet = [*_quiet_parts(d, "within tolerance"), *([f"{d.equal:,} equal"] if d.equal else [])]
+    return {
+        "name": d.name,
+        "summary": diff_summary(d),
+        "count": d.count,
+        "statements": [
+            TextChange(c.name, _first_sentence(c.old), _first_sentence(c.new)) for c in (*d.statements, *d.verdicts)
+        ],
+        "lists": [(block.heading, list(map(entry_line, block.entries))) for block in lists],
+        "tables": tables,
+        "causes": [(block.heading, list(map(entry_line, block.entries))) for block in report.causes],
+        "quiet": ", ".join(quiet),
+    }
+
+
+def _first_sentence(value: Any) -> str:
+    return "none" if value in (ABSENT_VALUE, "") else SENTENCE_END.split(str(value))[0]
+
+
+def _page_cells(m: NumberChange) -> list[str]:
+    """Return title and id of the metric, filter, window, both values, change, tolerance, side."""
+    name, window, metric, old, new, change, tolerance, sign = number_cells(m)
+    return [m.title, metric, name, window, old, new, change or m.reason, tolerance, sign]
