@@ -187,7 +187,9 @@ def _best_clock(trajectory: Trajectory, imu: Imu, request: TruthRequest, own_clo
         tried,
         key=lambda c: (1.0 - max(c.rates.correlation, 0.0) ** 2) / (1.0 if c.reading == usual else MAX_READING_MISFIT),
     )
-    slow = clock.fit_turn(clock.attitude_rates(trajectory.t, best.q, LONG_S).thinned(), gyro, best.offset)
+    slow = clock.fit_turn(
+        clock.attitude_rates(trajectory.t, best.q, LONG_S).at_most(clock.MAX_INTERVALS), gyro, best.offset
+    )
     if max(best.rates.correlation, 0.0 if slow is None else slow.correlation) < MIN_CORRELATION:
         turns = math.degrees(
             float(np.sqrt(np.mean(np.var(imu.gyro.x[rotation.finite_rows(imu.gyro.x)], axis=0).sum())))
@@ -210,7 +212,7 @@ def _clock_with_drift(trajectory: Trajectory, best: ClockFit, gyro: increments.G
     """The clock with its drift. UsageError where the turn between the bodies stays unknown."""
     rates = clock.attitude_rates(trajectory.t, best.q, best.span)
     shared = gyro.known(rates.start + best.offset, rates.end + best.offset)
-    rates = rates.part(shared)
+    rates = rates.select(shared)
     middle = float(np.mean(rates.start))
     timing = clock.fit_clock(rates, gyro, best.offset, middle, best.rates)
     sigma = 90.0 if timing is None else float(np.degrees(np.max(timing.turn_sigma)))
@@ -219,7 +221,7 @@ def _clock_with_drift(trajectory: Trajectory, best: ClockFit, gyro: increments.G
             f"--truth {trajectory.name}: the flight turns about too few axes to tell how it is mounted "
             f"(sigma {sigma:.0f} deg)"
         )
-    moved = rates.thinned().shifted(timing.offset, timing.drift, middle)
+    moved = rates.at_most(clock.MAX_INTERVALS).shifted(timing.offset, timing.drift, middle)
     turning = float(np.mean(np.sum(rates.rate**2, axis=1)))
     return BestClock(best.reading, best.q, timing, middle, clock.fit_turn(moved, gyro) or best.rates, turning)
 

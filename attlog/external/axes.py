@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.errors import UsageError
+from attlog.core.kinematics import body_rates, earth_force, tilt_deg
 from attlog.core.limits import GYRO_LIMIT_RAD_S
 from attlog.external.read import AttitudeColumns
 from attlog.flight.model import FlightLog, Imu
 from attlog.segments import model
+from attlog.segments.increments import gyro_increments
 
 Array = NDArray[np.float64]
 
@@ -204,7 +206,7 @@ NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 EARTH = {"ned": NO_TURN, "enu": rotation.ENU}
 # The half turns that lead from these axes to north-east-down and to forward-right-down.
 BODY = {"frd": NO_TURN, "flu": rotation.FLU}
-INTERVAL_S, MAX_RATE_INTERVALS = 0.1, 20_000
+INTERVAL_S, MAX_INTERVAL_S, MAX_RATE_INTERVALS = 0.1, 0.5, 20_000
 # Rates that differ by less than half of their own size are the same rotation. The fastest of which there are enough
 # count: in slow ones what a filter adds to the gyro is not small.
 MAX_RATE_DIFFERENCE, MOVING_DPS, MIN_MOVING = 0.5, (20.0, 8.0, 3.0), 10
@@ -264,7 +266,7 @@ def _quaternions(table: AttitudeColumns, rows: NDArray[np.int64], angles: str) -
 
 def choose_frame(path: Path, t: Array, found: list[FrameCandidate], imu: Imu) -> FrameFit:
     """The reading that gyro and gravity agree with. UsageError where none does, or two do and they are not the same."""
-    measured = [(c, _rate_difference(t, c.q, imu), _mean_force_tilt_deg(t, c.q, imu)) for c in found]
+    measured = [(c, _rate_difference(t, c.q, imu), _force_tilt_deg(t, c.q, imu)) for c in found]
     upright = [m for m in measured if m[2] is None or m[2] <= TILT_DEG]
     moves = [m for m in upright if m[1] is not None]
     if moves:
@@ -327,39 +329,27 @@ def _reason_refused(measured: list[tuple[FrameCandidate, float | None, float | N
 
 
 def _rate_difference(t: Array, q: Array, imu: Imu) -> float | None:
-    """How far the turning of the attitude is from the gyro's, over its size; None where the vehicle hardly turns."""
-    step = max(1, round(INTERVAL_S / max(float(np.median(np.diff(t))), 1e-4))) if len(t) > 1 else 1
-    first = np.arange(0, len(t) - step, max(step, len(t) // MAX_RATE_INTERVALS))
-    last = first + step
-    first, last = (x[(t[last] - t[first]) < 5.0 * INTERVAL_S] for x in (first, last))
-    gyro_t, rate = model.select_rising(imu.gyro.t_best, imu.gyro.x)
-    if len(first) < 10 or len(gyro_t) < 10:
+    """Return how far the attitude's rates are from the gyro's, over their size; None where the vehicle hardly turns."""
+    if len(t) < 2:
         return None
-    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(rate[1:] * np.diff(gyro_t)[:, None], axis=0)])
-    gyro = np.column_stack(
-        [np.interp(t[last], gyro_t, turned[:, k]) - np.interp(t[first], gyro_t, turned[:, k]) for k in range(3)]
-    )
-    own = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[first]), q[last]))
-    span = (t[last] - t[first])[:, None]
-    own, gyro = own / span, gyro / span
-    gyro = gyro - np.median(gyro - own, axis=0) if np.isfinite(own).all() else gyro
-    size = np.degrees(np.sqrt(np.sum(gyro**2, axis=1)))
-    sound = np.isfinite(own).all(axis=1) & (np.sum(own**2, axis=1) < GYRO_LIMIT_RAD_S**2)
-    moving = next((m for m in (sound & (size > fast) for fast in MOVING_DPS) if m.sum() >= MIN_MOVING), None)
+    step = max(1, round(INTERVAL_S / max(float(np.median(np.diff(t))), 1e-4)))
+    stride = max(step, len(t) // MAX_RATE_INTERVALS)
+    rates = body_rates(t, q, np.zeros(len(t), np.int64), step, stride, MAX_INTERVAL_S)
+    gyro = gyro_increments(imu).mean_rates(rates.start, rates.end)
+    known = rotation.finite_rows(gyro) & (rotation.length(rates.rate) < GYRO_LIMIT_RAD_S)
+    own, gyro = rates.rate[known], gyro[known]
+    if len(own) < MIN_MOVING:
+        return None
+    gyro = gyro - np.median(gyro - own, axis=0)
+    size = np.degrees(rotation.length(gyro))
+    moving = next((m for m in (size > fast for fast in MOVING_DPS) if m.sum() >= MIN_MOVING), None)
     if moving is None:
         return None
     return float(np.sqrt(np.sum((own - gyro)[moving] ** 2) / np.sum(gyro[moving] ** 2)))
 
 
-def _mean_force_tilt_deg(t: Array, q: Array, imu: Imu) -> float | None:
-    """The angle in deg between the mean specific force in earth axes and up; None without an accelerometer."""
+def _force_tilt_deg(t: Array, q: Array, imu: Imu) -> float | None:
+    """Return the angle in deg between the mean specific force in earth axes and up; None without an accelerometer."""
     acc_t, acc = model.select_rising(imu.acc.t_best, imu.acc.x)
-    if len(acc_t) < 10:
-        return None
-    force = np.column_stack([np.interp(t, acc_t, acc[:, k]) for k in range(3)])
-    earth = rotation.rotate(q, force)
-    earth = earth[np.isfinite(earth).all(axis=1)]
-    if len(earth) == 0:
-        return None
-    mean = np.mean(earth, axis=0)
-    return float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), -mean[2])))
+    mean = earth_force(acc_t, acc, t, q, None) if len(acc_t) >= MIN_MOVING else None
+    return None if mean is None else tilt_deg(mean)

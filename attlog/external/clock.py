@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation, timestamps
 from attlog.core.errors import UsageError
+from attlog.core.kinematics import BodyRates, body_rates
 from attlog.external.read import AttitudeColumns
 from attlog.flight.model import FlightLog
 from attlog.segments import model
@@ -52,50 +53,20 @@ class RateFit:
     n: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TruthRates:
-    """Rotation of a truth over intervals [``start``, ``end``] (n,) s on its own clock: mean rates (n, 3) rad/s."""
-
-    start: Array
-    end: Array
-    rate: Array
-
-    def part(self, use: NDArray[np.bool_] | slice) -> TruthRates:
-        """Some of the intervals."""
-        return TruthRates(self.start[use], self.end[use], self.rate[use])
-
-    def shifted(self, offset: float, drift: float = 0.0, middle: float = 0.0) -> TruthRates:
-        """The same on another clock: ``drift`` seconds per second about ``middle``, which changes no rate."""
-        start, end = (t + offset + drift * (t - middle) for t in (self.start, self.end))
-        return TruthRates(start, end, self.rate)
-
-    def thinned(self, most: int = MAX_INTERVALS) -> TruthRates:
-        """At most so many of them."""
-        return self.part(slice(None, None, max(1, -(-len(self.start) // most))))
-
-
-def attitude_rates(t: Array, q: Array, span_s: float = SPAN_S) -> TruthRates:
-    """Body rates of attitudes (n, 4), body to earth, at rising ``t`` (n,) s; intervals across gaps are left out."""
+def attitude_rates(t: Array, q: Array, span_s: float = SPAN_S) -> BodyRates:
+    """Return body rates of attitudes (n, 4), body to earth, at rising ``t`` (n,) s over at least ``span_s``."""
     step = 1.0 / max(model.sample_rate(t), 1e-9)
-    k = max(1, int(np.ceil(span_s / step - 1e-6)))
-    first = np.arange(len(t) - k)
-    if len(first) == 0:
-        return TruthRates(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    same = model.number_segments(t, timestamps.gap_limit_of_times(t))
-    first = first[same[first] == same[first + k]]
-    start, end = t[first], t[first + k]
-    turn = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[first]), q[first + k]))
-    return TruthRates(start, end, turn / (end - start)[:, None])
+    segment = model.number_segments(t, timestamps.gap_limit_of_times(t))
+    return body_rates(t, q, segment, max(1, int(np.ceil(span_s / step - 1e-6))))
 
 
-def fit_turn(truth: TruthRates, gyro: GyroIncrements, late: float = 0.0) -> RateFit | None:
+def fit_turn(truth: BodyRates, gyro: GyroIncrements, late: float = 0.0) -> RateFit | None:
     """The turn between the bodies and the gyro's bias (Kabsch), where the truth's clock is ``late`` too early."""
-    start, end = truth.start + late, truth.end + late
-    known = gyro.known(start, end)
+    seen = gyro.mean_rates(truth.start + late, truth.end + late)
+    known = rotation.finite_rows(seen)
     if np.count_nonzero(known) < 30:
         return None
-    own = truth.rate[known]
-    seen = gyro.between(start[known], end[known]) / (end - start)[known][:, None]
+    own, seen = truth.rate[known], seen[known]
     keep = np.ones(len(own), bool)
     turn, bias, off = np.eye(3), np.zeros(3), np.zeros(len(own))
     for _ in range(3):
@@ -122,14 +93,14 @@ def _kabsch(own: Array, seen: Array) -> tuple[Array, Array]:
     return turn, seen.mean(axis=0) - turn @ own.mean(axis=0)
 
 
-def clock_candidates(truth: TruthRates, gyro: GyroIncrements, around: float | None, within: float) -> list[float]:
+def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | None, within: float) -> list[float]:
     """Offsets in s that the size of the rates suggests, the best first; only ``within`` s of ``around`` if given."""
     if around is not None:
         lags = around + np.arange(-within, within + 1e-9, GRID_S)
         found = [
             (f.correlation, float(lag))
             for lag in lags
-            if (f := fit_turn(truth.thinned(COARSE_INTERVALS), gyro, float(lag)))
+            if (f := fit_turn(truth.at_most(COARSE_INTERVALS), gyro, float(lag)))
         ]
         return [max(found)[1]] if found else []
     grid = max(GRID_S, float(np.median(truth.end - truth.start)) / 2.0)
@@ -149,7 +120,7 @@ def clock_candidates(truth: TruthRates, gyro: GyroIncrements, around: float | No
     return found_at
 
 
-def _sizes(truth: TruthRates, grid: float) -> tuple[float, Array]:
+def _sizes(truth: BodyRates, grid: float) -> tuple[float, Array]:
     """The size of the truth's rate on a grid from a time on; NaN where it has none."""
     middle = 0.5 * (truth.start + truth.end)
     begin = float(middle[0]) - 0.5 * grid
@@ -181,14 +152,14 @@ def _correlation(a: Array, b: Array, grid: float) -> Array:
 
 
 def refine_offset(
-    truth: TruthRates,
+    truth: BodyRates,
     gyro: GyroIncrements,
     offset: float,
     most: int = COARSE_INTERVALS,
     steps: tuple[float, ...] = STEPS_S,
 ) -> tuple[float, RateFit] | None:
     """The offset near one, to a fraction of a ms, and the fit there; of at most so many intervals."""
-    few = truth.thinned(most)
+    few = truth.at_most(most)
     for step in steps:
         around = offset + step * np.arange(-3, 4)
         misfits = np.array([np.inf if (f := fit_turn(few, gyro, float(o))) is None else f.misfit for o in around])
@@ -217,7 +188,7 @@ class TruthClock:
 
 
 def fit_clock(
-    truth: TruthRates, gyro: GyroIncrements, offset: float, middle: float, start: RateFit
+    truth: BodyRates, gyro: GyroIncrements, offset: float, middle: float, start: RateFit
 ) -> TruthClock | None:
     """Offset at ``middle``, drift and turn at once: least squares of gyro - turn x truth - bias, linear in all of them.
 
@@ -228,7 +199,7 @@ def fit_clock(
     found = TruthClock(offset, 0.0, start.turn, np.inf, np.inf, np.full(3, np.inf))
     lengths = [length for length in LENGTHS_S if length < reach] + [reach]
     for length in lengths:
-        part = truth.part(np.abs(at) <= length).thinned()
+        part = truth.select(np.abs(at) <= length).at_most(MAX_INTERVALS)
         for _ in range(ROUNDS):
             better = _gauss_newton_step(part, gyro, middle, found)
             if better is None:
@@ -243,21 +214,21 @@ def fit_clock(
     return found
 
 
-def _turning_seconds(truth: TruthRates) -> float:
+def _turning_seconds(truth: BodyRates) -> float:
     """In how many seconds it turns, as a number of equal ones: a drift needs motion early and late."""
     energy = np.bincount((truth.start - truth.start[0]).astype(np.int64), np.sum(truth.rate**2, axis=1))
     return float(np.sum(energy) ** 2 / max(float(np.sum(energy**2)), 1e-30))
 
 
 def _gauss_newton_step(
-    truth: TruthRates, gyro: GyroIncrements, middle: float, now: TruthClock, with_drift: bool = True
+    truth: BodyRates, gyro: GyroIncrements, middle: float, now: TruthClock, with_drift: bool = True
 ) -> TruthClock | None:
     """One Gauss-Newton step, and the scatter of it where a tenth of the record is left out."""
     moved = truth.shifted(now.offset, now.drift, middle)
     known = gyro.known(moved.start - NEAR_S, moved.end + NEAR_S)
     if np.count_nonzero(known) < 30:
         return None
-    moved = moved.part(known)
+    moved = moved.select(known)
     span = (moved.end - moved.start)[:, None]
     early, seen, late = (gyro.between(moved.start + s, moved.end + s) / span for s in (-NEAR_S, 0.0, NEAR_S))
     change = (late - early) / (2.0 * NEAR_S)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core import earth, rotation, timestamps
 from attlog.core.errors import UsageError
+from attlog.core.kinematics import body_rates
 from attlog.flight.model import Angles, Attitude, FlightLog, Imu, TruthFit
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.reference.scoring import interpolate
@@ -59,6 +60,11 @@ def clock_step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = Fal
 def apply_trim(q: Array, trim: Array) -> Array:
     """Attitudes of the vehicle (n, 4) from those of its IMU: ``q_imu (x) exp(-trim)``."""
     return rotation.multiply(q, rotation.from_rotvec(-trim))
+
+
+def untrim(q: Array, trim: Array | None) -> Array:
+    """Return the attitudes of the IMU (n, 4) from those of the vehicle."""
+    return q if trim is None else apply_trim(q, -trim)
 
 
 def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array | None, AlignmentStep]:
@@ -264,26 +270,20 @@ def fit_gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None
     than 12 deg/s: 5 ms grid, then a parabola. An interval holds at least 8 IMU samples:
     in shorter ones the gyro's noise, which shrinks at half a sample's shift, pulls tau.
     """
-    t, q = reference.t, reference.q
     turning = increments.gyro_increments(imu)
-    gyro_t = turning.t
+    t, gyro_t = reference.t, turning.t
     if reference.rate < MIN_DELAY_RATE_HZ or len(t) < MIN_INTERVALS or len(gyro_t) < MIN_INTERVALS:
         return None
     wanted = min(INTERVAL_SAMPLES * (gyro_t[-1] - gyro_t[0]) / (len(gyro_t) - 1), MAX_INTERVAL_S)
     k = max(1, math.ceil(wanted * reference.rate))
-    first = np.arange(0, len(t) - k, max(1, (len(t) - k) // MAX_INTERVALS))
-    start, end = t[first], t[first + k]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[first]), q[first + k]))
-        own = turn / (end - start)[:, None]
-    active = np.degrees(np.sqrt(np.sum(own * own, axis=1))) > MIN_ACTIVE_DPS
-    active &= (reference.segment[first + k] == reference.segment[first]) & (start >= reference.scoring_start)
-    active &= (start > gyro_t[0] + DELAY_RANGE_S) & (end < gyro_t[-1] - DELAY_RANGE_S)
-    i = np.flatnonzero(active)
+    rates = body_rates(t, reference.q, reference.segment, k, max(1, (len(t) - k) // MAX_INTERVALS))
+    active = np.degrees(rotation.length(rates.rate)) > MIN_ACTIVE_DPS
+    active &= (rates.start >= reference.scoring_start) & (rates.start > gyro_t[0] + DELAY_RANGE_S)
+    i = np.flatnonzero(active & (rates.end < gyro_t[-1] - DELAY_RANGE_S))
     if len(i) < MIN_INTERVALS:
         return None
     i = i[:: max(1, len(i) // MAX_FITTED_INTERVALS)]
-    start, end, own = start[i], end[i], own[i]
+    start, end, own = rates.start[i], rates.end[i], rates.rate[i]
 
     def misfits(delays: Array) -> list[float]:
         shifted = ((t + delays[:, None]).ravel() for t in (start, end))

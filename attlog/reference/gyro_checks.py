@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.kinematics import body_rates
 from attlog.flight.model import Array, Attitude, FlightLog, Imu, Mag
 from attlog.reference.scoring import interpolate
-from attlog.segments import increments, model
+from attlog.segments import model
+from attlog.segments.increments import gyro_increments
 
 # An axis that turns less than this (standard deviation) tells nothing about its scale.
 MIN_RATE_STD_DPS = 3.0
@@ -36,6 +38,7 @@ MIN_CORRELATION = 0.8
 # Of the attitude's rotation on the gyro's; outside one of them is in another unit; the second: surely so.
 SLOPES, FAR_SLOPES = (0.8, 1.25), (0.6, 1.6)
 # A gyro that shows less than this of an attitude's turns does not see them, or the attitude makes them up.
+MAX_INTERVAL_S, MAX_TURN_RAD = 1.0, 1.0
 BLIND_RATE_RATIO = 1.0 / 3.0
 MAX_MOUNTING_DEG = 45.0
 # The field is followed over so long: slow enough for its noise and delay, fast enough for one turn.
@@ -83,25 +86,19 @@ def gyro_consistency(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag
 
 
 def mean_rates(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Mean rates (n, 3) in rad/s of gyro and attitude over intervals of the attitude of SPAN_S or one of its samples;
-    no gaps, large turns or ``jumps`` (indices of the samples after resets)."""
+    """Return mean rates (n, 3) in rad/s of gyro and attitude over SPAN_S, or over one sample of a slow attitude.
+
+    Left out are gaps, large turns and the samples around ``jumps`` (indices after resets).
+    """
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
-    turning = increments.gyro_increments(imu)
-    if len(turning.t) < 3 or len(t) < 3:
-        return np.zeros((0, 3)), np.zeros((0, 3))
     step = max(1, math.ceil(min(SPAN_S * attitude.rate, len(t) / MIN_RATE_INTERVALS) - 0.01))
-    reset = np.zeros(len(t), int)
+    reset = np.zeros(len(t), np.int64)
     reset[np.concatenate([jumps - 1, jumps, jumps + 1]).clip(0, len(t) - 1)] = 1
-    resets = np.cumsum(reset)[::step]
-    t, q = t[::step], attitude.q[::step]
-    dt = np.diff(t)
-    good = (dt > 0) & (dt <= 1.0) & turning.known(t[:-1], t[1:])
-    good &= np.diff(resets) == 0
-    turned = rotation.relative_rotvecs(q[:-1], q[1:])
-    good &= np.einsum("ni,ni->n", turned, turned) < 1.0
-    gyro = turning.between(t[:-1], t[1:])
-    good &= rotation.finite_rows(gyro)
-    return gyro[good] / dt[good, None], turned[good] / dt[good, None]
+    rates = body_rates(t, attitude.q, np.cumsum(reset), step, step, MAX_INTERVAL_S)
+    gyro = gyro_increments(imu).mean_rates(rates.start, rates.end)
+    turned = rates.rate * (rates.end - rates.start)[:, None]
+    good = rotation.finite_rows(gyro) & (np.einsum("ni,ni->n", turned, turned) < MAX_TURN_RAD**2)
+    return gyro[good], rates.rate[good]
 
 
 def rate_mismatch(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] = SLOPES) -> str:
@@ -169,7 +166,7 @@ def field_follows(
     if mag is None:
         return ""
     start, end, field, changed = field_changes(mag)
-    turning = increments.gyro_increments(imu)
+    turning = gyro_increments(imu)
     own = attitude.t if attitude.t_sample is None else attitude.t_sample
     segment = model.merge_numbers(model.number_segments(own), np.cumsum(np.isin(np.arange(len(own)), jumps)))
     (before, first), (after, last) = (interpolate(own, attitude.q, segment, t) for t in (start, end))
@@ -277,7 +274,7 @@ def compass_axes_error(log: FlightLog) -> str:
     if imu is None or mag is None:
         return ""
     start, end, before, after = field_changes(mag)
-    turning = increments.gyro_increments(imu)
+    turning = gyro_increments(imu)
     inside = np.flatnonzero(turning.known(start, end))
     inside = inside[:: len(inside) // MAX_FIELD_PAIRS + 1]
     if len(inside) < MIN_RATE_INTERVALS:

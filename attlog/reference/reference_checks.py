@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation, spans
 from attlog.core.errors import AttlogError
+from attlog.core.kinematics import earth_force, tilt_deg
 from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span
 from attlog.estimators.evidence import still_windows, tilt_residual, within
@@ -93,19 +94,10 @@ def _quiet_segment(
 ) -> QuietSegment | None:
     """The mean specific force over a segment, turned to earth by the reference; None without both."""
     inside = spans.between(t, t0, t1)
-    some = slice(inside.start, inside.stop, max(1, (inside.stop - inside.start) // MAX_FORCE_SAMPLES))
-    q, _ = interpolate(reference.t, reference.q, reference.segment, t[some])
-    force, good = force[some], rotation.finite_rows(q)
-    if not good.any():
-        return None
-    if reference.trim is not None:
-        q = alignment.apply_trim(q, -reference.trim)
-    mean = np.mean(rotation.rotate(q[good], force[good]), axis=0)
-    size = float(np.sqrt(np.sum(mean**2)))
-    if size == 0.0:
-        return None
-    tilt = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), -mean[2])))
-    return QuietSegment(kind, t0, t1 - t0, tilt, size)
+    q = alignment.untrim(reference.q, reference.trim)
+    mean = earth_force(t[inside], force[inside], reference.t, q, reference.segment, MAX_FORCE_SAMPLES)
+    size = 0.0 if mean is None else float(np.sqrt(np.sum(mean**2)))
+    return None if mean is None or size == 0.0 else QuietSegment(kind, t0, t1 - t0, tilt_deg(mean), size)
 
 
 # Who is tilted where the vehicle stands still? Gravity there says it of any attitude, with no filter between.
@@ -177,13 +169,12 @@ def static_tilt(log: FlightLog, judge: Reference, attitude: Attitude | None) -> 
     imu = log.replay_imu
     if imu is None or not len(windows := unit_still_windows(imu)):
         return None
-    q = judge.q if judge.trim is None else alignment.apply_trim(judge.q, -judge.trim)
+    q = alignment.untrim(judge.q, judge.trim)
     of_judge = _residual(imu, windows, judge.t, q, judge.gap_segment)
     of_accused = np.full(len(windows), np.nan)
     if attitude is not None:
         t, q, _ = alignment.usable_samples(attitude, judge.clock)
-        if attitude.has_trim and log.parameters.trim is not None:
-            q = alignment.apply_trim(q, -log.parameters.trim)
+        q = alignment.untrim(q, log.parameters.trim if attitude.has_trim else None)
         of_accused = _residual(imu, windows, t, q, model.number_segments(t))
     own = judge.sigma_tilt_deg
     middle = windows.mean(axis=1)
@@ -352,8 +343,8 @@ def _refuted_by_force(
         nearest = again(filters[int(near[np.argmin(typical[near])])])
     except AttlogError:
         return None
-    by_filter = _mean_force(imu, reference, nearest.t, nearest.q, nearest.segment, t0, t1)
-    by_reference = _mean_force(imu, reference, reference.t, reference.q, reference.segment, t0, t1)
+    by_filter = _mean_force(imu, nearest, reference.trim, t0, t1)
+    by_reference = _mean_force(imu, reference, reference.trim, t0, t1)
     if by_filter is None or by_reference is None:
         return None
     gravity = np.array([0.0, 0.0, -G]) + _acceleration(log, t0, t1)
@@ -427,20 +418,12 @@ def _angle(a: Array, b: Array) -> Array:
     return angle
 
 
-def _mean_force(
-    imu: Imu, reference: Reference, t: Array, q: Array, segment: NDArray[np.int64], t0: float, t1: float
-) -> Array | None:
-    """Mean specific force (3,) in earth axes by an attitude over [t0, t1] s; None without both."""
+def _mean_force(imu: Imu, attitude: Reference | Row, trim: Array | None, t0: float, t1: float) -> Array | None:
+    """Return the mean specific force (3,) in earth axes by an attitude over [t0, t1] s."""
     at = imu.acc.t_best
-    inside = np.flatnonzero((at >= t0) & (at <= t1) & rotation.finite_rows(imu.acc.x))
-    inside = inside[:: max(1, len(inside) // SAMPLES)]
-    turned, _ = interpolate(t, q, segment, at[inside])
-    good = rotation.finite_rows(turned)
-    if good.sum() < 10:
-        return None
-    turned = turned[good] if reference.trim is None else alignment.apply_trim(turned[good], -reference.trim)
-    mean: Array = rotation.rotate(turned, imu.acc.x[inside][good]).mean(axis=0)
-    return mean
+    inside = (at >= t0) & (at <= t1) & rotation.finite_rows(imu.acc.x)
+    q = alignment.untrim(attitude.q, trim)
+    return earth_force(at[inside], imu.acc.x[inside], attitude.t, q, attitude.segment, SAMPLES)
 
 
 def _acceleration(log: FlightLog, t0: float, t1: float) -> Array:

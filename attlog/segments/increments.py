@@ -71,6 +71,12 @@ class GyroIncrements:
         function_of(BETWEEN, rotation_between, between_at_once)(out, self.t, self._sums, start, end)
         return out
 
+    def mean_rates(self, start: Array, end: Array) -> Array:
+        """Return mean rates (m, 3) in rad/s over intervals of ``start`` to ``end`` (m,) s; NaN across gaps."""
+        rates = self.between(start, end) / (end - start)[:, None]
+        rates[~self.known(start, end)] = np.nan
+        return rates
+
 
 @cached_per_log
 def gyro_increments(imu: Imu) -> GyroIncrements:

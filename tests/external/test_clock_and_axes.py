@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
 from attlog.core.errors import UsageError
+from attlog.core.kinematics import BodyRates
 from attlog.external import axes, clock
 from attlog.external import read as columns
 from attlog.external.clock import times_on_log
@@ -34,13 +35,13 @@ def gyro() -> GyroIncrements:
     return GyroIncrements(T, body_rates(T) @ TURN.T + BIAS)
 
 
-def truth(offset: float = 0.0, drift: float = 0.0, begin: float = 5.0, end: float = 55.0) -> clock.TruthRates:
+def truth(offset: float = 0.0, drift: float = 0.0, begin: float = 5.0, end: float = 55.0) -> BodyRates:
     """Mean rates over 0.1 s on a clock that is ``offset`` early, and runs otherwise by ``drift`` about 30 s."""
     start = np.arange(begin, end, 0.05)
     exact = GyroIncrements(T, body_rates(T))
     rate = exact.between(start, start + 0.1) / 0.1
     own = [x - offset - drift * (x - 30.0) for x in (start, start + 0.1)]
-    return clock.TruthRates(own[0], own[1], rate)
+    return BodyRates(own[0], own[1], rate)
 
 
 def test_rates_of_attitudes_are_means_over_a_span_in_body_axes() -> None:
@@ -63,8 +64,8 @@ def test_rates_on_another_clock_keep_their_size_and_are_thinned_out_evenly() -> 
     moved = one.shifted(3.0, 1e-3, 30.0)
     np.testing.assert_allclose(moved.start, one.start + 3.0 + 1e-3 * (one.start - 30.0))
     np.testing.assert_array_equal(moved.rate, one.rate)
-    assert len(one.thinned(300).start) == 250  # every fourth of a thousand
-    assert len(one.thinned(1000).start) == 1000
+    assert len(one.at_most(300).start) == 250  # every fourth of a thousand
+    assert len(one.at_most(1000).start) == 1000
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.4])
@@ -143,7 +144,7 @@ def test_motion_counts_in_as_many_seconds_as_it_is_spread_over() -> None:
     start = np.arange(0.0, 30.0, 0.1)
     for seconds in (1, 4, 30):
         rate = np.where(start < seconds - 1e-9, 1.0, 0.0)[:, None] * [1.0, 2.0, 0.0]
-        assert clock._turning_seconds(clock.TruthRates(start, start + 0.1, rate)) == pytest.approx(seconds)
+        assert clock._turning_seconds(BodyRates(start, start + 0.1, rate)) == pytest.approx(seconds)
 
 
 def level(velocity: Any = None, world: Any = None) -> tuple[Imu, np.ndarray, np.ndarray]:

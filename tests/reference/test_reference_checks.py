@@ -310,7 +310,7 @@ def test_the_mean_force_of_a_vehicle_whose_imu_sits_tilted_is_gravity() -> None:
     vector = np.radians([6.0, -4.0, 0.0])
     own, none = rotation.multiply(TURN, rotation.from_rotvec(-vector)), np.zeros(len(T), np.int64)
     reference = Reference("onboard", "ATT", T, own, none, none, trim=vector)
-    force = reference_checks._mean_force(flight(own).imus[0], reference, T, own, none, 10.0, 50.0)
+    force = reference_checks._mean_force(flight(own).imus[0], reference, vector, 10.0, 50.0)
     assert force == pytest.approx([0.0, 0.0, -9.80665], abs=1e-6)
 
 
