@@ -11,8 +11,8 @@ then carry the larger bundle of the Python package, and ``attlog analyze`` says 
 ``ATTLOG_BUNDLE=full`` skips the fetch; ``ATTLOG_BUNDLE=basic`` makes a miss an error.
 
 The kernels that ``attlog analyze`` needs with its defaults, for wheels (a set for each level of processor) and
-editable installs (this machine's): object files in ``attlog/core/jit/objects/``, so that its first run compiles nothing;
-others are compiled at their first use, and kept. A wheel that holds objects is made for one system, any Python 3.
+editable installs (this machine's): object files in ``attlog/core/jit/objects/``, so that its first run compiles
+nothing; others are compiled at their first use, and kept. A wheel that holds objects is made for one system, any Python 3.
 Any failure leaves them out. ``ATTLOG_KERNELS=none`` skips it (``make`` compiles after the installation,
 where a count can be seen); ``ATTLOG_KERNELS=all`` compiles all kernels and makes a failure an error.
 """
@@ -71,7 +71,7 @@ class BundleHook(BuildHookInterface):
             self.app.display_warning(f"attlog: compiled kernels are left out ({error}); the first run compiles them")
             return
         if version != "editable":
-            build_data["artifacts"] += [f"/{OBJECTS.as_posix()}/index.json", f"/{OBJECTS.as_posix()}/*/*.o"]
+            build_data["artifacts"].append(f"/{OBJECTS.as_posix()}/*/*.o")
             build_data["pure_python"] = False
             build_data["tag"] = f"py3-none-{system()}"
 

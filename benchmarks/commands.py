@@ -50,7 +50,7 @@ print(time.process_time() - begin)
 """
 """Peers' work, imports outside; the last line printed is what the work took."""
 SIX = "gyro,mahony,madgwick,ekf12,mekf,vqf"
-EIGHT = "gyro,complementary,mahony,madgwick,ekf12,mekf,ukf,vqf"
+EIGHT = "gyro,complementary,mahony,madgwick,ekf12,mekf,vqf"
 STEPS, HOVER = SAMPLES / "px4_steps.ulg", SAMPLES / "px4_hover.ulg"
 GROUPS = ("Start", "analyze", "Many configurations", "Memory and long logs")
 

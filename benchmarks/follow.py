@@ -49,7 +49,7 @@ def source(path: Path) -> tuple[str, str] | None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--corpus", type=Path, default=os.environ.get("ATTLOG_CORPUS"))
-    parser.add_argument("--estimators", default="ap_dcm,px4_q,mahony,madgwick,vqf,ukf")
+    parser.add_argument("--estimators", default="ap_dcm,px4_q,mahony,madgwick,vqf")
     parser.add_argument("logs", nargs="*", type=Path)
     options = parser.parse_args()
     if not (options.logs or options.corpus):

@@ -28,7 +28,7 @@ from attlog.simulate.scenario import load_scenario
 
 Array = NDArray[np.float64]
 FILTERS = (
-    "accel_mag,complementary,variable_integral,mahony_passive,mahony_dcm,mahony,mahony_adaptive,madgwick,ekf12,mekf,ukf,"
+    "accel_mag,complementary,variable_integral,mahony_passive,mahony_dcm,mahony,mahony_adaptive,madgwick,ekf12,mekf,"
     "px4_q,ap_dcm,vqf,fusion"
 )
 KINDS = {

@@ -42,7 +42,7 @@ HUGE_MB_PER_GB, HUGE_S_PER_GB, INFO_S_PER_GB = 1500.0, 120.0, 15.0
 HOURS_S, HOURS_MB = 30.0, 400.0
 TWENTY = (
     "gyro,accel_mag,complementary,complementary@fan,variable_integral,mahony_passive,mahony_dcm,mahony,mahony@xu-0.6,"
-    "mahony:kp=0.8,mahony_adaptive,madgwick,ekf12,mekf,ukf,px4_q,ap_dcm,vqf,vqf@package,eskf"
+    "mahony:kp=0.8,mahony_adaptive,madgwick,ekf12,mekf,px4_q,ap_dcm,vqf,vqf@package,eskf"
 )
 
 

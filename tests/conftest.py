@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -19,31 +18,14 @@ from _pytest.mark import ParameterSet
 os.environ["ATTLOG_RAISE"] = "1"  # what the last barrier of attlog/barrier.py catches is a fault in tests
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_logs"
-COMPILE = """
-import sys
-from attlog.kernels.obtain import obtained
-from attlog.prebuilt import kernels
-for kernel in [each for number, each in enumerate(kernels()) if str(number) in sys.argv[1:]]:
-    obtained(kernel)
-"""
-"""Makes the kernels of these numbers and keeps them in the user's cache."""
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Before several workers start: kernels that are not at hand are compiled once, and not by each of them."""
-    if not getattr(session.config.option, "numprocesses", None):
-        return
-    from attlog.core.jit.build import kernels
-    from attlog.core.jit.compile import at_hand
+    """Compile what is missing once, before several workers start and each of them does."""
+    if getattr(session.config.option, "numprocesses", None):
+        from attlog.core.jit import build
 
-    missing = [str(number) for number, kernel in enumerate(kernels()) if at_hand(kernel) is None]
-    parts = os.cpu_count() or 1
-    if missing:
-        print(f"Compiling {len(missing)} kernels once, about {3 * len(missing) // parts + 1} s ...", flush=True)
-    shares = [missing[part::parts] for part in range(parts)]
-    running = [subprocess.Popen([sys.executable, "-c", COMPILE, *share], cwd=ROOT) for share in shares if share]
-    for process in running:
-        process.wait()
+        build.prepare(build.all_names(), lambda made, of: print(f"compiled {made} of {of} loops", flush=True))
 
 
 @pytest.hookimpl(tryfirst=True)

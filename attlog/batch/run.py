@@ -28,6 +28,7 @@ from attlog.batch.results_file import CSV, PARQUET, write_results
 from attlog.batch.sources import Source
 from attlog.core.errors import EXIT_INTERRUPTED, ClusterError, OutputError, UsageError
 from attlog.core.files import remove_unfinished, write_atomic
+from attlog.core.machine import cores
 from attlog.core.workers import ForkServer
 from attlog.pipeline.config import Config
 
@@ -222,11 +223,6 @@ def local_runner(workers: int | None = None, tell: Tell | None = None, processes
         return _run(works, min(workers or cores(), max(len(works), 1)), tell, processes)
 
     return run
-
-
-def cores() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _run(works: Sequence[Work], workers: int, tell: Tell | None, kept: ForkServer | None) -> Records:

@@ -16,6 +16,11 @@ import attlog
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 
+def cores() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def available_bytes(proc: Path = PROC, cgroup: Path = CGROUP) -> int | None:
     """Return the bytes that this process may still take, None where unknown.
 

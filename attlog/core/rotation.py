@@ -18,8 +18,8 @@ from typing import Any, ParamSpec, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.core.jit.kernel import kernel_of
-from attlog.core.jit.search import last_before
+from attlog.core import jit
+from attlog.core.jit import F1, F2, I1, IOut1, Out2, last_before
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")
@@ -241,13 +241,12 @@ def slerp_in_segments(
     t: ArrayLike, q: ArrayLike, segment: NDArray[np.int64] | None, at: ArrayLike
 ) -> tuple[Array, NDArray[np.int64]]:
     """Return :func:`slerp` within each ``segment`` (n,), and the sample (m,) before each time; NaN and -1 elsewhere."""
-    from attlog.core.jit.kernel import function_of
 
     t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
     at = np.ascontiguousarray(np.atleast_1d(at), np.float64)
     own = np.zeros(len(t), np.int64) if segment is None else np.ascontiguousarray(segment, np.int64)
     out, where = np.empty((len(at), 4)), np.empty(len(at), np.int64)
-    function_of(SLERP_KERNEL, slerp_loop, slerp_numpy)(out, where, t, q, own, at)
+    slerp_loop(out, where, t, q, own, at)
     return out, where
 
 
@@ -330,7 +329,6 @@ Indices = NDArray[np.int64]
 
 # Squared sine of half an angle below which series hold to the last digit: 0.1 rad between neighbours, as of most.
 MAX_SERIES_SINE_SQUARED = 0.0025
-SLERP_SIGNATURE = "void(f8[:, ::1], i8[::1], (f8[::1]), (f8[:, ::1]), (i8[::1]), (f8[::1]))"
 
 
 def small_arcsine(s: float) -> float:
@@ -345,7 +343,8 @@ def small_sine(y: float) -> float:
     return y * (1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0))))
 
 
-def slerp_loop(out: Array, where: Indices, t: Array, q: Array, segment: Indices, at: Array) -> None:
+@jit.loop("the interpolation of attitudes")
+def slerp_loop(out: Out2, where: IOut1, t: F1, q: F2, segment: I1, at: F1) -> None:
     """Fill ``out`` (m, 4) with attitudes at times ``at`` (m,) along the shortest arc, ``where`` (m,) with the sample
     before each; NaN and -1 where there is none, or where the next one is of another ``segment``.
 
@@ -390,36 +389,3 @@ def slerp_loop(out: Array, where: Indices, t: Array, q: Array, segment: Indices,
             first, second = math.sin(first * angle) / whole, math.sin(share * angle) / whole
         for c in range(4):
             out[k, c] = first * q[i, c] + second * sign * q[i + 1, c]
-
-
-def slerp_numpy(out: Array, where: Indices, t: Array, q: Array, segment: Indices, at: Array) -> None:
-    """The same in numpy, which needs memory for all times at once."""
-    out[:], where[:] = np.nan, -1
-    if len(t) == 0:
-        return
-    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 1)
-    inside = (at >= t[0]) & (at <= t[-1])
-    exact = inside & (t[i] == at)
-    out[exact], where[exact] = q[i[exact]], i[exact]
-    between = np.flatnonzero(inside & ~exact)
-    between = between[segment[i[between]] == segment[i[between] + 1]]
-    i = i[between]
-    where[between] = i
-    a, b, share = q[i], q[i + 1], ((at[between] - t[i]) / (t[i + 1] - t[i]))[:, None]
-    b = np.where(_row_sums(a * b) < 0.0, -b, b)
-    apart, along = (np.sqrt(_row_sums(x * x)) for x in (b - a, b + a))
-    angle = 2.0 * np.arctan2(apart, along)
-    whole = np.where(angle > 0.0, np.sin(angle), 1.0)
-    first = np.where(angle > 0.0, np.sin((1.0 - share) * angle) / whole, 1.0 - share)
-    second = np.where(angle > 0.0, np.sin(share * angle) / whole, share)
-    out[between] = first * a + second * b
-
-
-def _row_sums(x: Array) -> Array:
-    """The sums (n, 1) of rows (n, 4), column by column: numpy adds up short rows several times slower."""
-    return np.asarray(x[:, 0] + x[:, 1] + x[:, 2] + x[:, 3])[:, None]
-
-
-SLERP_KERNEL = kernel_of(
-    slerp_loop, SLERP_SIGNATURE, "rotation", "the interpolation of attitudes", ("core/rotation.py", "core/jit")
-)

@@ -21,13 +21,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog.core.errors import UsageError
-from attlog.estimators.interface import Array, Estimator
+from attlog.core.jit import F2, I1
+from attlog.estimators.interface import AIDS, Array, Estimator
 
 LAT, LON, ALT, POS_H_ACC, POS_V_ACC = 0, 1, 2, 3, 4
 VEL_N, VEL_E, VEL_D, VEL_ACC = 5, 6, 7, 8
@@ -172,28 +173,29 @@ def _array(x: ArrayLike, name: str) -> Array:
 # Aids as a step gets them: which measurement belongs to which sample, as rows of one table.
 
 
-@dataclass(frozen=True, slots=True)
-class Events:
-    """``table[row[k]]`` is the ``aid`` of sample k, ``table[quiet[k]]`` the one of a step in which nothing arrives.
+class AidRows(NamedTuple):
+    """The ``aid`` of sample k is ``table[row[k]]``, that of a step in which nothing arrives ``table[quiet[k]]``.
 
     ``row``, ``quiet`` (n,), ``table`` (m, SIZE).
     """
 
-    row: NDArray[np.int64]
-    quiet: NDArray[np.int64]
-    table: Array
+    row: I1
+    quiet: I1
+    table: F2
 
 
-def events(estimator: Estimator, aids: Aids | None, t: Array, declination: float = 0.0) -> Events:
-    """The aids that the estimator uses, each at the first sample at or after its time.
+def aid_rows(estimator: Estimator, aids: Aids | None, t: Array, declination: float = 0.0) -> AidRows:
+    """Place the aids that the estimator uses, each at the first sample at or after its time.
 
     ``t`` (n,) rising. Of several between two samples the newest is kept. The loop takes no
     step at the first sample of a segment, so what arrived until then, and in the gap before,
     is left out; so is what comes after the last sample. Steps know magnetic north only:
     velocities are turned to it by the ``declination`` (rad).
     """
-    aids = aids or Aids()
     quiet = np.zeros(len(t), np.int64)
+    if not estimator.uses & AIDS:
+        return AidRows(quiet, quiet, np.zeros((1, SIZE)))
+    aids = aids or Aids()
     base = np.full((3, SIZE), np.nan)
     if "at_rest" in estimator.uses:
         # Rows 0, 1, 2 hold nothing new: rest unknown, in motion, at rest.
@@ -222,7 +224,7 @@ def events(estimator: Estimator, aids: Aids | None, t: Array, declination: float
         north, east = table[:, VEL_N].copy(), table[:, VEL_E].copy()
         table[:, VEL_N] = np.cos(declination) * north + np.sin(declination) * east
         table[:, VEL_E] = np.cos(declination) * east - np.sin(declination) * north
-    return Events(row, quiet, table)
+    return AidRows(row, quiet, table)
 
 
 def _arrivals(

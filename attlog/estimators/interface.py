@@ -10,7 +10,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -29,7 +28,7 @@ def broken(where: str, error: BaseException) -> PluginError:
         f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename in (where, os.path.abspath(where))
     ]
     at = f"{where}, line {lines[-1]}" if lines else where
-    return PluginError(f"{at}: {type(error).__name__}: {_words(error)}{_moved(error)}")
+    return PluginError(f"{at}: {type(error).__name__}: {_words(error)}")
 
 
 def _words(error: BaseException) -> str:
@@ -39,19 +38,6 @@ def _words(error: BaseException) -> str:
     except Exception:
         return "its own words cannot be had"
     return said if len(said) <= MAX_ERROR_LETTERS else f"{said[:MAX_ERROR_LETTERS]}... ({len(said)} letters)"
-
-
-def _moved(error: BaseException) -> str:
-    """The remedy where a file imports a module of this package from where an older version had it."""
-    name = (error.name or "") if isinstance(error, ModuleNotFoundError) else ""
-    if not name.startswith("attlog."):
-        return ""
-    package = Path(__file__).parents[1]
-    found = sorted(package.rglob(f"{name.rpartition('.')[2]}.py"))
-    if not found:
-        return "; this version of attlog has no such module (attlog new writes a file that fits it)"
-    here = ".".join(("attlog", *found[0].relative_to(package).with_suffix("").parts))
-    return f"; in this version of attlog it is {here}"
 
 
 @contextmanager
@@ -437,9 +423,3 @@ MAG_GAIN = Parameter(
 )
 AS_PRINTED = {"acc_form": "direction", "integrator": "first_order"}
 """What the papers' presets share: unit vectors and the first-order step."""
-
-
-# What runs the filters: samples, start, loop, compiled kernels, batches of parameter sets.
-
-KERNEL_SOURCES = ("estimators", "core/jit", "core/earth.py", "core/errors.py", "core/limits.py", "core/rotation.py")
-"""Files below the package that say what a built-in filter's kernel does."""

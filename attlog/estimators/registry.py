@@ -25,6 +25,7 @@ import inspect
 import os
 import re
 import stat
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
@@ -140,7 +141,6 @@ BUILT_IN = (
     "madgwick",
     "ekf12",
     "mekf",
-    "ukf",
     "px4_q",
     "ap_dcm",
     "gsf",
@@ -150,6 +150,15 @@ BUILT_IN = (
     "smoother",
 )
 """Module names under ``attlog.estimators.filters``, in the order in which people see them."""
+
+# Modules that a filter of an earlier version may import, by their names then and now.
+OLD_MODULES = {
+    "base": "interface",
+    "engine": "vectors",
+    "engine.samples": "samples",
+    "engine.start": "start",
+    "engine.vectors": "vectors",
+}
 
 _NAME = re.compile(r"[\w.-]+")
 GROUP = "attlog.estimators"
@@ -202,6 +211,8 @@ def from_file(path: Path) -> Estimator:
     if spec is None or spec.loader is None:
         raise PluginError(f"{path}: cannot be loaded as a Python file")
     module = importlib.util.module_from_spec(spec)
+    for old, new in OLD_MODULES.items():
+        sys.modules[f"attlog.estimators.{old}"] = importlib.import_module(f"attlog.estimators.{new}")
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:

@@ -14,20 +14,18 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog.core import rotation
 from attlog.core.errors import AttlogError, PluginError
-from attlog.core.jit import call
-from attlog.core.jit import kernel as generate
-from attlog.core.jit.compile import by_numba, obtained
-from attlog.core.jit.kernel import Kernel
-from attlog.estimators.aids import Aids, Measurements, events
-from attlog.estimators.interface import KERNEL_SOURCES, Array, Estimate, Estimator, broken, plugin_errors
-from attlog.estimators.samples import NEW, PreparedSamples, lagged_samples
+from attlog.core.jit import F1, F2, I1, Loop, aligned_zeros, jit_wanted, plainly
+from attlog.core.jit.loops import with_globals
+from attlog.estimators.aids import AidRows, Aids, Measurements, aid_rows
+from attlog.estimators.interface import Array, Estimate, Estimator, VectorsAt, broken, plugin_errors
+from attlog.estimators.samples import HELD, NEW, PreparedSamples, lagged_samples
 from attlog.estimators.start import StartVectors, declination_rad, first, initial_state, realigned, to_true_north
 from attlog.estimators.vectors import GRAVITY, turn_vector_back
 
@@ -140,64 +138,168 @@ def _qualities(where: str, quality: Any) -> dict[str, float | str]:
 
 
 T = TypeVar("T")
-LOOP = """
-def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out{events}, a, m):
+# Outputs that are one number a sample, (n,), as whole runs return them.
+SIGMAS = ("sigma_tilt", "sigma_heading")
+# Where the gyro bias begins in the state, -1 for a filter without; a loop gets its filter's number.
+BIAS = -1
+
+
+class Samples(NamedTuple):
+    """What a step is handed sample by sample: time and parts of the step, rates, vectors, kind of magnetometer row."""
+
+    dt: F1
+    substeps: I1
+    gyr: F2
+    acc: F2
+    mag: F2
+    use: I1
+
+
+def advance(state: F1, params: F1, samples: Samples, aid: AidRows, every: int, out: F2, a: F1, m: F1) -> None:
+    """Run the filter over samples and keep each ``every``-th output in ``out`` (rows, outputs).
+
+    ``a``, ``m`` (3,) are scratch: accelerometer and magnetometer vector of a part of a step.
+    """
     row = 0
     wait = 0
-    for k in range(len(dt)):
-        h = dt[k] if substeps[k] == 1 else dt[k] / max(substeps[k], 1)
-{parts}
+    for k in range(len(samples.dt)):
+        take_sample(state, params, samples, aid, k, a, m)
         if wait == 0:
-            for j in range({outputs}):
+            for j in range(out.shape[1]):
                 out[row, j] = state[j]
             row += 1
             wait = every
         wait -= 1
-"""
-AT_START = """
-        if use[k] == 1:
-            m[0] = mag[k, 0]
-            m[1] = mag[k, 1]
-            m[2] = mag[k, 2]
-        elif use[k] == 0:
-            m[0] = 0.0
-            m[1] = 0.0
-            m[2] = 0.0
-        for i in range(substeps[k]):
-            if i > 0 or use[k] == 2:
-                p = k if i > 0 else k - 1
-                turn_vector_back(m, gyr[p, 0]{bx}, gyr[p, 1]{by}, gyr[p, 2]{bz}, dt[p] / max(substeps[p], 1))
-            step(state, params, h, gyr[k], acc[k] if i == 0 else a, m{aid})
-"""
-"""Vectors are those of the sample before, whose time is that of the state; in later parts of a step none but the field.
 
-The last field is turned on by the part of a step that was taken last.
-"""
-AT_END = """
-        for i in range(substeps[k]):
-            last = 1.0 if i + 1 == substeps[k] else 0.0
-            for j in range(3):
-                a[j] = last * acc[k, j]
-                if use[k] != 2:
-                    m[j] = last * mag[k, j]
-            if use[k] == 2:
-                turn_vector_back(m, gyr[k, 0]{bx}, gyr[k, 1]{by}, gyr[k, 2]{bz}, h)
-            step(state, params, h, gyr[k], a, m{aid})
-"""
-"""Vectors are the sample's own; in the earlier parts of a step, whose time is not theirs, there are none."""
-PLAIN = {"events": "", "aid": ""}
-AIDED = {"events": ", row_of, quiet, table", "aid": ", table[row_of[k] if i == substeps[k] - 1 else quiet[k]]"}
-"""What a loop with aids has more: an arrival is handed on once, in the last part of its sample's step."""
 
-SIGMAS = ("sigma_tilt", "sigma_heading")
-"""Outputs that are one number a sample, (n,), as whole runs give them."""
+def take_at_start(state: Any, params: Any, samples: Any, aid: Any, k: int, a: Any, m: Any) -> None:
+    """Step with the vectors of the sample before, whose time is that of the state.
 
-SIGNATURE = (
-    "void(f8[::1], f8[::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], i8, f8[:, ::1]{events})"
-)
-EVENTS = ", i8[::1], i8[::1], f8[:, ::1]"
-SCRATCH = (("f8", (3,)), ("f8", (3,)))
-"""Accelerometer and magnetometer vectors of a part of a step."""
+    Later parts of a step get no vectors but the field, turned on by the part before.
+    """
+    parts = samples.substeps[k]
+    h = samples.dt[k] if parts == 1 else samples.dt[k] / max(parts, 1)
+    for j in range(3):
+        a[j] = 0.0
+        if samples.use[k] != HELD:
+            m[j] = samples.mag[k, j] if samples.use[k] == NEW else 0.0
+    for i in range(parts):
+        if i > 0 or samples.use[k] == HELD:
+            p = k if i > 0 else k - 1
+            turn_field(state, m, samples.gyr[p], samples.dt[p] / max(samples.substeps[p], 1))
+        call_step(state, params, h, samples.gyr[k], samples.acc[k] if i == 0 else a, m, aid, k, i + 1 == parts)
+
+
+def take_at_end(state: Any, params: Any, samples: Any, aid: Any, k: int, a: Any, m: Any) -> None:
+    """Step with the sample's own vectors; earlier parts of a step, whose time is not theirs, get none."""
+    parts = samples.substeps[k]
+    h = samples.dt[k] if parts == 1 else samples.dt[k] / max(parts, 1)
+    for i in range(parts):
+        last = 1.0 if i + 1 == parts else 0.0
+        for j in range(3):
+            a[j] = last * samples.acc[k, j]
+            if samples.use[k] != HELD:
+                m[j] = last * samples.mag[k, j]
+        if samples.use[k] == HELD:
+            turn_field(state, m, samples.gyr[k], h)
+        call_step(state, params, h, samples.gyr[k], a, m, aid, k, i + 1 == parts)
+
+
+def turn_field(state: Any, m: Any, gyr: Any, h: float) -> None:
+    """Turn the field (3,) on by the gyro less the filter's bias."""
+    x = state[BIAS] if BIAS >= 0 else 0.0
+    y = state[BIAS + 1] if BIAS >= 0 else 0.0
+    z = state[BIAS + 2] if BIAS >= 0 else 0.0
+    turn_vector_back(m, gyr[0] - x, gyr[1] - y, gyr[2] - z, h)
+
+
+def call_plain(state: Any, params: Any, h: float, gyr: Any, acc: Any, m: Any, aid: Any, k: int, last: bool) -> None:
+    """Call a step that takes no aids."""
+    step(state, params, h, gyr, acc, m)
+
+
+def call_aided(state: Any, params: Any, h: float, gyr: Any, acc: Any, m: Any, aid: Any, k: int, last: bool) -> None:
+    """Call a step with the aids that arrived, once, in the last part of its sample's step."""
+    step(state, params, h, gyr, acc, m, aid.table[aid.row[k] if last else aid.quiet[k]])
+
+
+# Replaced in each filter's loop by its own.
+take_sample, call_step = take_at_start, call_plain
+
+
+def step(*_: Any) -> None:
+    """Stand for a filter's step."""
+
+
+def loop_of(estimator: Estimator) -> Loop[..., None]:
+    """Return the loop around an estimator's step; always the same one for the same step."""
+    assert estimator.step is not None
+    bias = estimator.slices.get("bias")
+    at = -1 if bias is None else int(bias.start)
+    return _loop_around(estimator.step, at, estimator.aided, estimator.vectors_at, estimator.name)
+
+
+@functools.lru_cache(maxsize=64)
+def _loop_around(step: Any, bias: int, aided: bool, vectors_at: VectorsAt, name: str) -> Loop[..., None]:
+    called = with_globals(call_aided if aided else call_plain, {"step": step})
+    turned = with_globals(turn_field, {"BIAS": bias})
+    take = take_at_start if vectors_at == "start" else take_at_end
+    return Loop(advance, name, {"take_sample": with_globals(take, {"call_step": called, "turn_field": turned})})
+
+
+def runner(estimator: Estimator) -> Callable[..., None]:
+    """Return the loop around a step as a function: machine code, else plain Python that reports a plug-in's line.
+
+    Plain with ATTLOG_NO_JIT=1, and where numba cannot compile a plug-in's step. PluginError where that fails as well.
+    """
+    return _plain(estimator) if not jit_wanted() or not_compiled(estimator) else loop_of(estimator).compiled()
+
+
+def _plain(estimator: Estimator) -> Callable[..., None]:
+    function = loop_of(estimator).function
+
+    def run(*values: Any) -> None:
+        with np.errstate(all="ignore"), plugin_errors(estimator.origin):
+            function(*values)
+
+    return run
+
+
+def not_compiled(estimator: Estimator) -> str:
+    """Return why a plug-in's step runs in plain Python, some hundred times slower; empty if it does not.
+
+    PluginError if it fails in Python as well.
+    """
+    if estimator.process is not None:
+        return estimator.process.call(not_compiled)
+    if estimator.step is None or not jit_wanted():
+        return ""
+    reason = _failure(loop_of(estimator))
+    if reason and estimator.origin == "attlog":
+        raise RuntimeError(f"{estimator.name}: numba cannot compile its step ({reason})")
+    if reason:
+        _try_two_samples(estimator)
+    return reason
+
+
+@functools.lru_cache(maxsize=64)
+def _failure(loop: Loop[..., None]) -> str:
+    try:
+        loop.compiled()
+    except Exception as error:
+        return " ".join(str(error).split())[:400]
+    return ""
+
+
+def _try_two_samples(estimator: Estimator) -> None:
+    """Run two samples in plain Python, for the line of the plug-in's file that fails."""
+    t, vectors = np.array([0.0, 0.01]), np.tile([0.1, 0.2, -GRAVITY], (2, 1))
+    samples = Samples(t, np.array([0, 1]), 0.1 * vectors, vectors, vectors, np.array([NEW, NEW]))
+    params = estimator.pack({p.name: p.default for p in estimator.parameters})
+    values = {p.name: p.default for p in estimator.parameters}
+    state = initial_state(estimator, StartVectors(vectors[0], vectors[0], None), params, values, None)
+    out = np.empty((2, estimator.outputs))
+    _plain(estimator)(state, params, samples, aid_rows(estimator, None, t), 1, out, np.zeros(3), np.zeros(3))
 
 
 def run(
@@ -215,8 +317,9 @@ def run(
     if estimator.run is not None:
         return _whole_segments(estimator, samples, values, q0, aids or Aids())
     params = estimator.pack(values)
-    advance = loop_of(estimator)
-    aiding = events(estimator, aids, samples.t, declination_rad(values)) if estimator.aided else None
+    run_loop = runner(estimator)
+    aiding = aid_rows(estimator, aids, samples.t, declination_rad(values))
+    scratch = aligned_zeros(3), aligned_zeros(3)
     acc, mag, use = lagged_samples(samples, estimator.vectors_at)
     bounds = np.append(samples.begin, len(samples.t)).tolist()
     chunks: list[Array] = []
@@ -231,10 +334,12 @@ def run(
             part: slice, mag: Array, use: NDArray[np.int64], each: int, out: Array, state: Array = state
         ) -> None:
             nonlocal spent
-            extra = () if aiding is None else (aiding.row[part], aiding.quiet[part], aiding.table)
-            data = (samples.dt[part], samples.substeps[part], samples.gyr[part], acc[part], mag, use)
+            own = AidRows(aiding.row[part], aiding.quiet[part], aiding.table)
+            data = Samples(samples.dt[part], samples.substeps[part], samples.gyr[part], acc[part], mag, use)
+            for vector in scratch:
+                vector.fill(0.0)
             clock = time.thread_time()
-            advance(state, params, *data, each, out, *extra)
+            run_loop(state, params, data, own, each, out, *scratch)
             spent += time.thread_time() - clock
 
         def realign(out: Array, state: Array = state, late: int = late or 0) -> None:
@@ -273,7 +378,7 @@ def with_line(estimator: Estimator, run: Callable[[], T]) -> T:
     except Exception as error:
         if estimator.origin == "attlog":
             raise
-        with call.plainly():
+        with plainly():
             run()
         raise broken(estimator.origin, error) from error
 
@@ -304,125 +409,6 @@ def collect(
         causal=estimator.causal,
         no_heading=spans,
     )
-
-
-def loop_of(estimator: Estimator) -> Any:
-    """The loop around the estimator's step: compiled, or plain Python with ATTLOG_NO_JIT=1 or where it cannot be.
-
-    PluginError if a plug-in's step fails in Python as well.
-    """
-    if not call.jit_wanted():
-        return _twin(estimator)
-    return _kernel(estimator)[0]
-
-
-def not_compiled(estimator: Estimator) -> str:
-    """Why the step of a plug-in runs in plain Python, which costs it a factor of about a hundred; "" if it does not.
-
-    PluginError as in :func:`kernel`.
-    """
-    if estimator.process is not None:
-        return estimator.process.call(not_compiled)
-    if estimator.step is None or not call.jit_wanted():
-        return ""
-    return _kernel(estimator)[1]
-
-
-def kernel_of_step(estimator: Estimator) -> Kernel:
-    """The loop around a step, for a compiler."""
-    assert estimator.step is not None
-    shape = (_bias_at(estimator), estimator.outputs, estimator.aided, estimator.vectors_at == "start")
-    return _kernel_of(estimator.step, *shape, estimator.name, estimator.origin == "attlog")
-
-
-def _kernel_of(
-    step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, at_start: bool, what: str, ours: bool
-) -> Kernel:
-    def text() -> str:
-        helpers = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=True)
-        return f"{helpers}\n\n{_loop(bias, outputs, aided, at_start)}"
-
-    name = f"loop {step.__module__} {bias} {outputs} {aided} {at_start}"
-    signature = SIGNATURE.format(events=EVENTS if aided else "")
-    return Kernel(name, "advance", text, signature, what, KERNEL_SOURCES if ours else (), SCRATCH)
-
-
-@functools.lru_cache(maxsize=64)
-def _loaded(
-    step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, at_start: bool, what: str, ours: bool
-) -> tuple[Any, str]:
-    """The compiled kernel and "", or None and why there is none.
-
-    A plug-in that is loaded again is another function, so its kernel is made anew.
-    """
-    kernel = _kernel_of(step, bias, outputs, aided, at_start, what, ours)
-    try:
-        return (obtained if ours else by_numba)(kernel), ""
-    except Exception as error:
-        return None, " ".join(str(error).split())[:400]
-
-
-def _kernel(estimator: Estimator) -> tuple[Any, str]:
-    """The kernel of an estimator, and why it is not a compiled one ("" if it is)."""
-    assert estimator.step is not None
-    shape = (_bias_at(estimator), estimator.outputs, estimator.aided, estimator.vectors_at == "start")
-    compiled, reason = _loaded(estimator.step, *shape, estimator.name, estimator.origin == "attlog")
-    if compiled is not None:
-        return compiled, ""
-    if estimator.origin == "attlog":
-        raise RuntimeError(f"{estimator.name}: numba cannot compile its step ({reason})")
-    _try_plainly(estimator)
-    return _twin(estimator), reason
-
-
-def _loop(bias: int | None, outputs: int, aided: bool, at_start: bool) -> str:
-    """The loop's text; ``bias`` is where the gyro bias stands in the state."""
-    b = ["" if bias is None else f" - state[{bias + i}]" for i in range(3)]
-    more = AIDED if aided else PLAIN
-    parts = (AT_START if at_start else AT_END).format(bx=b[0], by=b[1], bz=b[2], aid=more["aid"]).strip("\n")
-    return LOOP.format(parts=parts, outputs=outputs, events=more["events"]).lstrip()
-
-
-def _bias_at(estimator: Estimator) -> int | None:
-    bias = estimator.slices.get("bias")
-    return None if bias is None else bias.start
-
-
-def _twin(estimator: Estimator) -> Any:
-    """The plain twin under the compiled kernel's rule: a division by zero gives inf, not a warning."""
-    used = {"turn_vector_back": turn_vector_back, "step": estimator.step}
-    source = _loop(_bias_at(estimator), estimator.outputs, estimator.aided, estimator.vectors_at == "start")
-    function = call.plain(source, "advance", used)
-
-    def advance(*arguments: Any) -> None:
-        with np.errstate(all="ignore"), plugin_errors(estimator.origin):
-            function(*arguments, *(np.zeros(shape, kind) for kind, shape in SCRATCH))
-
-    return advance
-
-
-def _try_plainly(estimator: Estimator) -> None:
-    """Run two samples in plain Python: what is wrong there has a line in the plug-in's file. PluginError says it."""
-    vectors = np.tile([0.1, 0.2, -GRAVITY], (2, 1))
-    still = PreparedSamples(
-        np.array([0.0, 0.01]),
-        np.array([0.0, 0.01]),
-        np.array([0, 1]),
-        0.1 * vectors,
-        vectors,
-        vectors,
-        np.array([NEW, NEW]),
-        np.zeros(2, np.int64),
-        np.zeros(1, np.int64),
-    )
-    values = {p.name: p.default for p in estimator.parameters}
-    params = estimator.pack(values)
-    state = initial_state(estimator, StartVectors(vectors[0], vectors[0], None), params, values, None)
-    out = np.empty((2, estimator.outputs))
-    aiding = events(estimator, None, still.t)
-    extra = (aiding.row, aiding.quiet, aiding.table) if estimator.aided else ()
-    data = (still.dt, still.substeps, still.gyr, still.acc, still.mag, still.use, 1, out)
-    _twin(estimator)(state, params, *data, *extra)
 
 
 def end_to_end(parts: list[Array]) -> Array:

@@ -14,15 +14,14 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import limits
+from attlog.core import jit, limits
 from attlog.core.errors import LogUnreadable, LogUnusable
-from attlog.core.jit import kernel as loops
-from attlog.core.jit.kernel import Kernel
+from attlog.core.jit import Cells, IOut1, Loop
 from attlog.core.limits import MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 from attlog.core.timestamps import Offsets
 from attlog.formats.table import Damage
@@ -31,33 +30,26 @@ MIN_LOADED_BYTES = 1 << 18
 """Bytes from which a compiled loop is worth being asked for, in a process that has loaded compiled code already."""
 
 
-def reader_kernel(loop: Callable[..., Any], signature: str, source: str, *helpers: str) -> Kernel:
-    """A loop (arrays and numbers only) for numba's ``signature``.
-
-    ``source``: its file below the package; ``helpers``: those of functions that it calls.
-    """
-    return loops.kernel_of(loop, signature, source, f"the reader's {loop.__name__}", (source, *helpers, "core/jit"))
+# Arrays that the readers' loops read, and those that they write.
+U8 = Annotated[NDArray[np.uint8], Cells("u1", 1)]
+U16 = Annotated[NDArray[np.uint16], Cells("u2", 1)]
+U16Table = Annotated[NDArray[np.uint16], Cells("u2", 2)]
+I16 = Annotated[NDArray[np.int16], Cells("i2", 1)]
+I32 = Annotated[NDArray[np.int32], Cells("i4", 1)]
+U8Out = Annotated[NDArray[np.uint8], Cells("u1", 1, True)]
+U16Out = Annotated[NDArray[np.uint16], Cells("u2", 1, True)]
+I16Out = Annotated[NDArray[np.int16], Cells("i2", 1, True)]
+I32Out = Annotated[NDArray[np.int32], Cells("i4", 1, True)]
 
 
 @functools.cache
-def compiled_if_cheap(kernel: Kernel) -> Callable[..., Any] | None:
-    """The compiled loop; None where it would have to be compiled by a process that has no compiler loaded."""
-    from attlog.core.jit import call
-    from attlog.core.jit.compile import (
-        at_hand,
-        obtained,  # short logs are read without
-    )
+def compiled_if_cheap(loop: Loop[..., Any]) -> Callable[..., Any] | None:
+    """Return the compiled loop; None where it would have to be compiled by a process that has no compiler loaded."""
+    from attlog.core.jit.compile import at_hand  # short logs are read without
 
-    if not call.jit_wanted():
+    if not jit.jit_wanted():
         return None
-    return at_hand(kernel) or (obtained(kernel) if "numba" in sys.modules else None)
-
-
-def compiled_now(kernel: Kernel) -> Callable[..., Any]:
-    """The compiled loop, compiled now where no object is at hand."""
-    from attlog.core.jit.compile import obtained
-
-    return obtained(kernel)
+    return at_hand(loop) or (loop.compiled() if "numba" in sys.modules else None)
 
 
 def is_compiled_loaded(size: int) -> bool:
@@ -85,8 +77,6 @@ def _bytes_read_uncompiled() -> Counter[str]:
 
 
 # The bytes of a file as a read-only array that the system pages in on demand, and records copied out of it.
-
-GATHER_SOURCE = "formats/file_bytes.py"
 
 
 def read_file_bytes(path: str | Path) -> NDArray[np.uint8]:
@@ -124,7 +114,8 @@ def offset_type(size: int) -> type[np.int32] | type[np.int64]:
     return np.int32 if size < (1 << 31) - (1 << 16) else np.int64
 
 
-def copy_records(data, at, size, out):  # type: ignore[no-untyped-def]
+@jit.loop("the reader's copying")
+def copy_records(data: U8, at: I32, size: int, out: U8Out) -> int:
     """Copy ``size`` bytes from each place; returns how many, fewer where a place has no room."""
     for i in range(len(at)):
         begin, place = np.int64(at[i]), i * size
@@ -161,9 +152,6 @@ def copy_16_bytes(data: Any, a: Any, out: Any, b: Any) -> None:
     out[b + np.uint64(12)], out[b + np.uint64(13)], out[b + np.uint64(14)], out[b + np.uint64(15)] = d12, d13, d14, d15
 
 
-COPY_KERNEL = reader_kernel(copy_records, "i8((u1[::1]), (i4[::1]), i8, u1[::1])", GATHER_SOURCE)
-
-
 def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArray[Any]:
     """One value of ``dtype`` (also a sub-array) from each byte offset, (n,) or (n, k). Alignment does not matter.
 
@@ -178,7 +166,7 @@ def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArra
     if (
         at.dtype == np.int32
         and is_compiled_loaded(len(at) * dtype.itemsize)
-        and (loop := compiled_if_cheap(COPY_KERNEL)) is not None
+        and (loop := compiled_if_cheap(copy_records)) is not None
     ):
         found = np.empty(len(at) * dtype.itemsize, np.uint8)
         if loop(data, at, dtype.itemsize, found) < len(at):
@@ -262,7 +250,7 @@ def offsets_by_kind(segments: Sequence[tuple[Offsets, Kinds]]) -> list[tuple[int
         and segments[0][0].dtype == np.int32
         and segments[0][1].dtype == np.uint16
     ):
-        counted, scattered = compiled_if_cheap(COUNT_KERNEL), compiled_if_cheap(SCATTER_KERNEL)
+        counted, scattered = compiled_if_cheap(count_kinds), compiled_if_cheap(scatter_offsets)
         if counted is not None and scattered is not None:
             return _counting_sort(segments, counted, scattered)
     offsets, kinds = (np.concatenate(parts) for parts in zip(*segments, strict=True))
@@ -288,23 +276,20 @@ def _counting_sort(
 # Places are unsigned in these loops: a signed one could count from the end, and asking costs a third of the time.
 
 
-def count_kinds(kinds, counts):  # type: ignore[no-untyped-def]
+@jit.loop("the reader's counting")
+def count_kinds(kinds: U16, counts: IOut1) -> None:
     """Add how often each kind stands in a segment."""
     for i in range(len(kinds)):
         counts[kinds[i]] += 1
 
 
-def scatter_offsets(offsets, kinds, places, out):  # type: ignore[no-untyped-def]
+@jit.loop("the reader's sorting")
+def scatter_offsets(offsets: I32, kinds: U16, places: IOut1, out: I32Out) -> None:
     """Put each offset at the next free place of its kind."""
     for i in range(len(offsets)):
         place = places[kinds[i]]
         out[np.uint64(place)] = offsets[i]
         places[kinds[i]] = place + 1
-
-
-SORT_SOURCE = "formats/file_bytes.py"
-COUNT_KERNEL = reader_kernel(count_kinds, "void((u2[::1]), i8[::1])", SORT_SOURCE)
-SCATTER_KERNEL = reader_kernel(scatter_offsets, "void((i4[::1]), (u2[::1]), i8[::1], i4[::1])", SORT_SOURCE)
 
 
 # Logs inside gzip files (``flight.ulg.gz``), unpacked once into an anonymous temporary file.

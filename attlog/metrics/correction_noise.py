@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators
-from attlog.core import rotation
-from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.core import jit, rotation
+from attlog.core.jit import F1, F2, I1, Out1, Out2
 from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_row, per_times
 from attlog.metrics.windows import imu_of, logged_unit, sample_batches
@@ -32,14 +32,6 @@ Three = tuple[float, float, float]
 # another IMU path, another delay).
 TURN_DEG, TURN_ONBOARD_DEG = 20.0, 10.0
 DEG, TURN = math.degrees(1.0), 2.0 * math.pi
-
-
-SOURCES = ("metrics/correction_noise.py", "core/jit")
-
-
-CORRECTION_SIGNATURE = (
-    "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[:, ::1]), (f8[:, ::1]), (f8[::1]), (i8[::1]), f8[:, ::1])"
-)
 
 
 def relative(q: Array, i: int, c: Array, k: int) -> tuple[float, float, float, float]:
@@ -112,25 +104,27 @@ def fitted(x: Array, turned: Array, a: int, b: int, g: Array, h: Array) -> None:
                 x[i, r] -= turned[i, 3 * r] * sx + turned[i, 3 * r + 1] * sy + turned[i, 3 * r + 2] * sz
 
 
+@jit.loop("the noise in flight")
 def correction_residual(
-    out: Array,
-    t: Array,
-    q: Array,
-    pushed: Array,
-    centre: Array,
-    yaw: Array,
-    edges: Index,
-    turned: Array,
-    now: Array,
-    before: Array,
-    g: Array,
-    h: Array,
+    out: Out2,
+    t: F1,
+    q: F2,
+    pushed: F2,
+    centre: F2,
+    yaw: F1,
+    edges: I1,
+    turned: Out2,
+    now: Out1,
+    before: Out1,
+    g: Out1,
+    h: Out1,
 ) -> None:
     """Fill ``out`` (n, 3) with what is pushed into attitudes ``q`` (n, 4) at ``t`` (n,), in deg, without the fit.
 
     ``pushed`` (n, 4) is the rotation beside the gyro alone. Window k has the samples ``edges[k]`` to ``edges[k + 1]``,
     ``centre[k]`` is the mean of what is pushed, ``yaw[k]`` the heading of the mean attitude: about the level roll and
-    pitch axis and the vertical. The fit: an offset, and R(q) integrated times a constant. ``turned`` (n, 9) is room.
+    pitch axis and the vertical. The fit: an offset, and R(q) integrated times a constant. Scratch: ``turned`` (n, 9),
+    ``now``, ``before``, ``g`` (9,), ``h`` (3,).
     """
     for k in range(len(yaw)):
         a, b = edges[k], edges[k + 1]
@@ -147,16 +141,6 @@ def correction_residual(
         for i in range(a, b):
             x, y = out[i, 0], out[i, 1]
             out[i, 0], out[i, 1], out[i, 2] = x * cosine + y * sine, y * cosine - x * sine, DEG * out[i, 2]
-
-
-CORRECTION_KERNEL = kernel_of(
-    correction_residual,
-    CORRECTION_SIGNATURE,
-    "metrics",
-    "the noise in flight",
-    SOURCES,
-    (("f8", (9,)), ("f8", (9,)), ("f8", (9,)), ("f8", (3,))),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,9 +218,8 @@ def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -
         pushed = rotation.earth_error(own, rotation.slerp(gyro.t, gyro.q, t[at]))
         yaw = np.ascontiguousarray(rotation.to_euler(rotation.group_means(own, edges))[:, 2])
         out = np.empty((len(at), 3))
-        function_of(CORRECTION_KERNEL, correction_residual)(
-            out, t[at], own, pushed, rotation.group_means(pushed, edges), yaw, edges, np.empty((len(at), 9))
-        )
+        scratch = np.empty((len(at), 9)), np.zeros(9), np.zeros(9), np.zeros(9), np.zeros(3)
+        correction_residual(out, t[at], own, pushed, rotation.group_means(pushed, edges), yaw, edges, *scratch)
         yield from np.split(out, edges[1:-1])
 
 

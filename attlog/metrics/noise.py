@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import rotation
-from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.core import jit, rotation
+from attlog.core.jit import F1, F2, I1, Out2
 from attlog.core.spans import Span
 from attlog.metrics import correction_noise, following, windows
 from attlog.metrics import intervals as interval
@@ -32,13 +32,10 @@ UNSETTLED, MIN_LATER = 4.0, 3
 
 
 TURN = 2.0 * math.pi
-SOURCES = ("metrics/noise.py", "metrics/correction_noise.py", "core/jit")
 
 
-AT_REST_SIGNATURE = "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[:, ::1]), (f8[::1]), (i8[::1]))"
-
-
-def left_at_rest(out: Array, t: Array, q: Array, centre: Array, yaw: Array, edges: Index) -> None:
+@jit.loop("the noise at rest")
+def left_at_rest(out: Out2, t: F1, q: F2, centre: F2, yaw: F1, edges: I1) -> None:
     """Fill ``out`` (n, 3) with what attitudes ``q`` (n, 4) at ``t`` (n,) turn in deg away from their window's line.
 
     Window k has the samples ``edges[k]`` to ``edges[k + 1]``, ``centre[k]`` is their mean attitude, ``yaw[k]`` its
@@ -66,9 +63,6 @@ def left_at_rest(out: Array, t: Array, q: Array, centre: Array, yaw: Array, edge
                 along, size = along + u * (out[i, c] - mean), size + u * u
             for i in range(a, b):
                 out[i, c] -= mean + along / size * (t[i] - t[a] - middle)
-
-
-AT_REST = kernel_of(left_at_rest, AT_REST_SIGNATURE, "metrics", "the noise at rest", SOURCES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +143,7 @@ def residuals_at_rest(row: Row, inside: list[slice]) -> Iterator[Array]:
         q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
         centre = rotation.group_means(q, edges)
         yaw = np.ascontiguousarray(rotation.to_euler(centre)[:, 2])
-        function_of(AT_REST, left_at_rest)(out, row.t[at], q, centre, yaw, edges)
+        left_at_rest(out, row.t[at], q, centre, yaw, edges)
         yield from np.split(out, edges[1:-1])
 
 

@@ -13,12 +13,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.core import jit
+from attlog.core.jit import F1, F2, I1, IOut1, Out2, Out3
 from attlog.estimators.vectors import GRAVITY
 from attlog.metrics import step_sensors
 from attlog.metrics.step_sensors import RowSensors
 from attlog.metrics.step_turning import (
-    ABOUT,
     EventIndex,
     StepEvent,
     SummedTurning,
@@ -40,19 +40,6 @@ MOVED = 9
 THINNED = 60
 
 
-SOURCES = ("metrics/step_products.py", "core/jit")
-
-
-PRODUCTS_SIGNATURE = (
-    "void(f8[:, :, ::1], i8[::1], f8[:, ::1], f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[::1]), (f8[:, ::1]), (f8[::1]), "
-    "(f8[::1]), (f8[::1]), (i8[::1]), (i8[::1]), (i8[::1]), f8, f8, i8)"
-)
-POWERS_SIGNATURE = (
-    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], (f8[::1]), (f8[::1]), (f8[::1]), (f8[::1]), (f8[::1]), "
-    "(i8[::1]), (i8[::1]), (i8[::1]))"
-)
-
-
 def after(t: Array, at: float, i: int) -> int:
     """The first number from ``i`` on whose time is not before ``at``; at least 1, at most the last."""
     i = max(i, 1)
@@ -61,21 +48,22 @@ def after(t: Array, at: float, i: int) -> int:
     return i
 
 
+@jit.loop("the fit of steps")
 def event_products(
-    out: Array,
-    count: Index,
-    moved: Array,
-    rows: Array,
-    slow_t: Array,
-    slow_x: Array,
-    fast_t: Array,
-    fast_x: Array,
-    main: Array,
-    low: Array,
-    high: Array,
-    begin: Index,
-    end: Index,
-    first: Index,
+    out: Out3,
+    count: IOut1,
+    moved: Out2,
+    rows: Out2,
+    slow_t: F1,
+    slow_x: F2,
+    fast_t: F1,
+    fast_x: F2,
+    main: F1,
+    low: F1,
+    high: F1,
+    begin: I1,
+    end: I1,
+    first: I1,
     shift: float,
     slope: float,
     slow_row: int,
@@ -149,18 +137,19 @@ def event_products(
                 out[e, i, j] = out[e, j, i]
 
 
+@jit.loop("the coarse fit of steps")
 def powers(
-    out: Array,
-    x: Array,
-    sums: Array,
-    delays: Array,
-    slow_t: Array,
-    slow_x: Array,
-    fast_t: Array,
-    fast_x: Array,
-    begin: Index,
-    end: Index,
-    of: Index,
+    out: Out2,
+    x: Out2,
+    sums: Out2,
+    delays: F1,
+    slow_t: F1,
+    slow_x: F1,
+    fast_t: F1,
+    fast_x: F1,
+    begin: I1,
+    end: I1,
+    of: I1,
 ) -> None:
     """Fill ``out`` (delays, 3) with sums of squares of two rates, centred per event, and of their product.
 
@@ -197,10 +186,6 @@ def powers(
             for p in range(pairs):
                 xx, yy, xy = xx + x[1, p] * x[1, p], yy + x[0, p] * x[0, p], xy + x[1, p] * x[0, p]
             out[g, 0], out[g, 1], out[g, 2] = xx, yy, xy
-
-
-PRODUCTS = kernel_of(event_products, PRODUCTS_SIGNATURE, "metrics", "the fit of steps", SOURCES)
-POWERS = kernel_of(powers, POWERS_SIGNATURE, "metrics", "the coarse fit of steps", SOURCES)
 
 
 @dataclass(slots=True)
@@ -256,7 +241,7 @@ class FitColumns:
         if len(some) == 0:
             return out, count
         samples = self.end[first[some + 1] - 1] - self.begin[first[some]] + 1
-        function_of(PRODUCTS, event_products)(
+        event_products(
             out,
             count,
             np.empty((samples.max(), MOVED)),
@@ -285,7 +270,7 @@ class FitColumns:
         out, events = np.zeros((len(delays), 3)), len(self.slow.low)
         step = max(1, len(self.begin) // (THINNED * events))
         begin, end, of = (np.ascontiguousarray(x[::step]) for x in (self.begin, self.end, self.of))
-        function_of(POWERS, powers)(
+        powers(
             out,
             np.empty((2, len(begin))),
             np.empty((3, events)),
@@ -459,7 +444,7 @@ def _part(track: SummedTurning, stack: EventIndex, events: list[StepEvent], x: A
     t, (begin, first) = np.empty(len(x)), event_places(stack)
     start = STRIDE_S * np.arange(len(events)) - np.array([e.begin for e in events])
     cross = int(x.shape[1] == 4)
-    function_of(ABOUT, about_axes)(x, t, axes, start, begin, first, track.t, track.turned, cross)
+    about_axes(x, t, axes, start, begin, first, track.t, track.turned, cross)
     return EventTurning(t, x, t[first[:-1]], t[first[1:] - 1])
 
 

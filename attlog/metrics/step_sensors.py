@@ -22,8 +22,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import rotation
-from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.core import jit, rotation
+from attlog.core.jit import F1, F2, I1, Out1, Out2
 from attlog.estimators.samples import place
 from attlog.estimators.vectors import GRAVITY
 from attlog.flight.model import Imu
@@ -45,15 +45,6 @@ RIDGE = (3.0, 3.0, 10.0, 1.0, 3.0, 3.0)
 GRAVITY_AIDING = 4
 FIXED_STEP_DEG = 0.3
 DEG = math.degrees(1.0)
-
-
-AIDING_SOURCES = ("metrics/step_sensors.py", "estimators/vectors.py", "core/jit")
-
-
-SUMMED_SIGNATURE = (
-    "void(f8[:, ::1], (f8[:, ::1]), (i8[::1]), (i8[::1]), (f8[::1]), (f8[:, ::1]), (f8[:, ::1]), (f8[:, ::1]), "
-    "f8, f8, i8)"
-)
 
 
 def rotated(w: float, x: float, y: float, z: float, vx: float, vy: float, vz: float) -> Three:
@@ -100,18 +91,9 @@ def rates(
     return vector, direction, fixed, heading, field
 
 
+@jit.loop("the aiding in steps")
 def summed_aiding(
-    out: Array,
-    axes: Array,
-    begin: Index,
-    first: Index,
-    t: Array,
-    q: Array,
-    f: Array,
-    m: Array,
-    cosine: float,
-    sine: float,
-    trapezoid: int,
+    out: Out2, axes: F2, begin: I1, first: I1, t: F1, q: F2, f: F2, m: F2, cosine: float, sine: float, trapezoid: int
 ) -> None:
     """Fill ``out[:, 1:]`` (n, 7) with the turning in deg of E, D, N, EE, M, V since each event's first, about its axis.
 
@@ -142,9 +124,6 @@ def summed_aiding(
             out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5], out[i, 6] = s0, s1, s2, s3, s4, s5
 
 
-SUMMED = kernel_of(summed_aiding, SUMMED_SIGNATURE, "metrics", "the aiding in steps", AIDING_SOURCES)
-
-
 @dataclass(slots=True)
 class Vectors:
     """What the accelerometer and magnetometer showed a row around its events.
@@ -168,7 +147,7 @@ def add_turned(out: Array, track: SummedTurning, stack: EventIndex, seen: Vector
     Since an event's first sample, about ``axes`` (events, 3), an axis of the body for each event.
     """
     half = -0.5 * seen.north
-    function_of(SUMMED, summed_aiding)(
+    summed_aiding(
         out,
         np.ascontiguousarray(axes),
         *event_places(stack),
@@ -188,17 +167,8 @@ def add_turned(out: Array, track: SummedTurning, stack: EventIndex, seen: Vector
 HOLD_PERIODS = 1.5
 
 
-SENSOR_SOURCES = ("metrics/step_sensors.py", "metrics/step_sensors.py", "estimators/vectors.py", "core/jit")
-
-
-HELD_SIGNATURE = "void(f8[:, ::1], f8[::1], (f8[::1]), (f8[:, ::1]), (i8[::1]), f8)"
-SEEN_SIGNATURE = (
-    "void(f8[:, ::1], f8[:, ::1], (i8[::1]), (i8[::1]), (f8[::1]), (f8[::1]), (f8[:, ::1]), (f8[:, ::1]), (f8[::1]), "
-    "(f8[:, ::1]), (f8[::1]), i8)"
-)
-
-
-def held_field(m: Array, age: Array, t: Array, rate: Array, new: Index, limit: float) -> None:
+@jit.loop("the field between its samples")
+def held_field(m: Out2, age: Out1, t: F1, rate: F2, new: I1, limit: float) -> None:
     """Turn the field ``m`` (n, 3), known at the samples ``new`` (k,), on with the gyro's ``rate`` (n, 3) rad/s.
 
     From sample to sample at ``t`` (n,), ``age`` (n,) s since it was measured, until it is older than ``limit`` s.
@@ -219,18 +189,19 @@ def held_field(m: Array, age: Array, t: Array, rate: Array, new: Index, limit: f
             age[i] = t[i] - t[source]
 
 
+@jit.loop("the sensors in steps")
 def seen_at(
-    f: Array,
-    m: Array,
-    begin: Index,
-    first: Index,
-    t: Array,
-    seen_t: Array,
-    seen_f: Array,
-    seen_m: Array,
-    age: Array,
-    bias: Array,
-    trim: Array,
+    f: Out2,
+    m: Out2,
+    begin: I1,
+    first: I1,
+    t: F1,
+    seen_t: F1,
+    seen_f: F2,
+    seen_m: F2,
+    age: F1,
+    bias: F2,
+    trim: F1,
     slow: int,
 ) -> None:
     """Fill force and field ``f``, ``m`` (n, 3) of the intervals that end at the samples of each event.
@@ -271,10 +242,6 @@ def seen_at(
                 mx, my, mz = rotated(w, x, y, z, mx, my, mz)
                 f[i, 0], f[i, 1], f[i, 2] = rotated(w, x, y, z, f[i, 0], f[i, 1], f[i, 2])
             m[i, 0], m[i, 1], m[i, 2] = mx, my, mz
-
-
-HELD = kernel_of(held_field, HELD_SIGNATURE, "metrics", "the field between its samples", SENSOR_SOURCES)
-SEEN = kernel_of(seen_at, SEEN_SIGNATURE, "metrics", "the sensors in steps", SENSOR_SOURCES)
 
 
 @dataclass(slots=True)
@@ -342,7 +309,7 @@ def _hold(found: SensorSamples, rate: Array, measured: Array) -> None:
         return
     found.new, found.m[new] = new, measured[new] / size[new, None]
     limit = HOLD_PERIODS * float(np.median(np.diff(found.t[new])))
-    function_of(HELD, held_field)(found.m, found.age, found.t, np.ascontiguousarray(rate), new, limit)
+    held_field(found.m, found.age, found.t, np.ascontiguousarray(rate), new, limit)
 
 
 class RowSensors:
@@ -372,7 +339,7 @@ class RowSensors:
         m, none = np.empty((len(stack.index), 3)), np.zeros((0, 3))
         field = self.seen.m if self.uses_mag else none
         bias = none if self.bias is None or not self.uses_mag else self.bias[stack.index]
-        function_of(SEEN, seen_at)(
+        seen_at(
             f,
             m,
             *event_places(stack),

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import rotation
-from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.core import jit, rotation
+from attlog.core.jit import F1, F2, I1, Out1, Out2
 from attlog.metrics.metric import Case, per_case
 from attlog.reference.model import Reference
 from attlog.segments import model
@@ -143,13 +143,6 @@ def _largest_ahead(x: Array, count: int) -> Array:
 Index = NDArray[np.int64]
 
 
-SUMMED_SIGNATURE = "void(f8[:, ::1], (f8[:, ::1]))"
-ABOUT_SIGNATURE = (
-    "void(f8[:, ::1], f8[::1], (f8[:, ::1]), (f8[::1]), (i8[::1]), (i8[::1]), (f8[::1]), (f8[:, ::1]), i8)"
-)
-TURNING_SOURCES = ("metrics/step_turning.py", "core/jit")
-
-
 DEG = math.degrees(1.0)
 # Squared tangent of half an angle below which a series holds to the last digit: 0.1 rad, as between most samples.
 SMALL = 0.0025
@@ -159,7 +152,8 @@ SMALL = 0.0025
 REACH_BEFORE_S, REACH_AFTER_S = 0.1, 0.3
 
 
-def summed_turning(out: Array, q: Array) -> None:
+@jit.loop("the turning of an attitude")
+def summed_turning(out: Out2, q: F2) -> None:
     """Fill ``out`` (n, 3) with the summed rotation vectors in deg of ``q_i^* q_(i+1)`` of attitudes ``q`` (n, 4)."""
     sx, sy, sz = 0.0, 0.0, 0.0
     for i in range(len(q)):
@@ -183,16 +177,8 @@ def summed_turning(out: Array, q: Array) -> None:
         out[i, 0], out[i, 1], out[i, 2] = sx, sy, sz
 
 
-def summed_at_once(out: Array, q: Array) -> None:
-    """The same in numpy: summed turning ``out`` (n, 3) in deg of attitudes ``q`` (n, 4), body axes."""
-    turn = rotation.increments(q)
-    out[:1] = 0.0
-    np.cumsum(np.degrees(turn, out=turn), axis=0, out=out[1:])
-
-
-def about_axes(
-    out: Array, at: Array, axes: Array, start: Array, begin: Index, first: Index, t: Array, turned: Array, cross: int
-) -> None:
+@jit.loop("the turning in steps")
+def about_axes(out: Out2, at: Out1, axes: F2, start: F1, begin: I1, first: I1, t: F1, turned: F2, cross: int) -> None:
     """Fill ``out[:, 0]`` with what is turned (n,) in deg about each event's axis since its first sample.
 
     Event e has ``axes[e]`` and the samples ``first[e]`` to ``first[e + 1]`` of ``out`` and ``at``, which are those from
@@ -209,10 +195,6 @@ def about_axes(
             out[i, 0] = x * ux + y * uy + z * uz
             if cross == 1:
                 out[i, 1], out[i, 2], out[i, 3] = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
-
-
-SUMMED = kernel_of(summed_turning, SUMMED_SIGNATURE, "metrics", "the turning of an attitude", TURNING_SOURCES)
-ABOUT = kernel_of(about_axes, ABOUT_SIGNATURE, "metrics", "the turning in steps", TURNING_SOURCES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +240,7 @@ class SummedTurning:
         self.t, self.q = (np.ascontiguousarray(x, np.float64) for x in (self.t, self.q))
         self.step, self.timing = timing.step, None
         self.turned = np.empty((len(self.t), 3))
-        function_of(SUMMED, summed_turning, summed_at_once)(self.turned, self.q)
+        summed_turning(self.turned, self.q)
 
 
 @dataclass(slots=True)

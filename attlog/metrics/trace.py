@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.jit.kernel import function_of, kernel_of
+from attlog.core import jit
+from attlog.core.jit import F2, I1, Out2
 
 Array = NDArray[np.float64]
 
@@ -20,10 +21,6 @@ BUDGET = 100_000
 FEWEST = 2000
 # What is beyond is infinite. (The question whether a number is finite would call the compiler's own library.)
 LARGEST = 1e300
-SIGNATURE = "void(f8[:, ::1], (f8[:, ::1]), (i8[::1]))"
-
-
-TRACE_SOURCES = ("metrics/trace.py", "core/jit")
 
 
 @dataclass(slots=True)
@@ -109,11 +106,12 @@ def envelope(t: Array, columns: Array, keep: int) -> tuple[Array, Array]:
     edges = np.linspace(0, n, buckets + 1).astype(np.int64)
     first, middle = edges[:-1], (edges[:-1] + edges[1:]) // 2
     out = np.empty((2 * buckets, columns.shape[1]))
-    function_of(EXTREMES, extremes)(out, np.ascontiguousarray(columns), edges)
+    extremes(out, np.ascontiguousarray(columns), edges)
     return np.column_stack([t[first], t[middle]]).ravel(), out
 
 
-def extremes(out: NDArray[np.float64], x: NDArray[np.float64], edges: NDArray[np.int64]) -> None:
+@jit.loop("envelopes of long lines")
+def extremes(out: Out2, x: F2, edges: I1) -> None:
     """Fill ``out`` (2 m, k) with both extremes of the columns of ``x`` (n, k) between ``edges`` (m + 1,), as they came.
 
     NaN for the second where the bucket holds a NaN, for both where it holds nothing else, and for what is infinite.
@@ -138,6 +136,3 @@ def extremes(out: NDArray[np.float64], x: NDArray[np.float64], edges: NDArray[np
             if not -LARGEST < first < LARGEST:
                 first = math.nan
             out[2 * b, c], out[2 * b + 1, c] = first, second
-
-
-EXTREMES = kernel_of(extremes, SIGNATURE, "metrics", "envelopes of long lines", TRACE_SOURCES)

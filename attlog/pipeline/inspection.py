@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from attlog import flight as room
 from attlog import formats, reference, segments, story
-from attlog.core.jit.kernel import small_data
 from attlog.core.log_cache import log_cache
 from attlog.core.plain import to_plain
 from attlog.flight import flight_in
@@ -26,8 +23,6 @@ from attlog.pipeline.summary import describe
 from attlog.reference.model import Reference
 from attlog.segments import Segments
 
-SHORT_BYTES = 20_000_000
-"""A log up to this size is looked at in less time than compiled loops take to be loaded."""
 SHORTEST_S = 1.0
 """Records that span less have no rate."""
 
@@ -43,11 +38,6 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -
     ``gyro_bias`` (what an analysis takes off the gyro; None without inertial data). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
     """
-    with small_data() if os.path.isfile(path) and os.path.getsize(path) < SHORT_BYTES else nullcontext():
-        return _inspected(path, boot, system)
-
-
-def _inspected(path: Path, boot: int | None, system: int | None) -> dict[str, Any]:
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
     listed, damage = _listed(messages.boot(log.boot), system), _damage(messages)

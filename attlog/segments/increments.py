@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.jit.kernel import function_of, kernel_of
-from attlog.core.jit.search import last_before
+from attlog.core import jit
+from attlog.core.jit import F1, F2, Out2, last_before
 from attlog.core.log_cache import cached_per_log
 from attlog.flight.model import Imu
 from attlog.segments import model
@@ -24,10 +24,6 @@ CHUNK = 1 << 18
 
 LOOKED_UP = 1 << 12
 """Intervals per pass: what they need stays in the processor's cache."""
-
-SOURCES = ("segments/increments.py", "core/jit")
-SUMMED_SIGNATURE = "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), i8)"
-BETWEEN_SIGNATURE = "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[::1]), (f8[::1]))"
 
 
 class GyroIncrements:
@@ -43,7 +39,7 @@ class GyroIncrements:
         self._sums = np.empty((len(t), 6))
         """Angle and coning, side by side: what is looked up lies together in memory."""
         rate = np.ascontiguousarray(rate, np.float64)
-        function_of(SUMMED, sum_gyro, summed_at_once)(self._sums, self.t, rate, int(sampling == "interval"))
+        sum_gyro(self._sums, self.t, rate, int(sampling == "interval"))
 
     @cached_property
     def segment(self) -> NDArray[np.int64]:
@@ -68,7 +64,7 @@ class GyroIncrements:
         if len(self.t) < 2:
             return np.zeros((len(start), 3))
         out, (start, end) = np.empty((len(start), 3)), (np.ascontiguousarray(x, np.float64) for x in (start, end))
-        function_of(BETWEEN, rotation_between, between_at_once)(out, self.t, self._sums, start, end)
+        rotation_between(out, self.t, self._sums, start, end)
         return out
 
     def mean_rates(self, start: Array, end: Array) -> Array:
@@ -84,7 +80,8 @@ def gyro_increments(imu: Imu) -> GyroIncrements:
     return GyroIncrements(*model.select_rising(imu.gyro.t_best, imu.gyro.x), imu.gyro.sampling)
 
 
-def sum_gyro(out: Array, t: Array, rate: Array, interval: int) -> None:
+@jit.loop("the sums of a gyro")
+def sum_gyro(out: Out2, t: F1, rate: F2, interval: int) -> None:
     """Fill ``out`` (n, 6) with sums of the angle increments of ``rate`` (n, 3) at ``t`` (n,) and of their coning term.
 
     Sample k acts since the one before, without ``interval`` its mean with that one.
@@ -107,7 +104,8 @@ def sum_at(sums: Array, column: int, i: int, share: float) -> float:
     return float(sums[i, column] + share * (sums[i + 1, column] - sums[i, column]))
 
 
-def rotation_between(out: Array, t: Array, sums: Array, start: Array, end: Array) -> None:
+@jit.loop("the rotation between two times")
+def rotation_between(out: Out2, t: F1, sums: F2, start: F1, end: F1) -> None:
     """Fill ``out`` (m, 3) with rotation vectors from ``start`` (m,) to ``end`` (m,) by ``sums`` (n, 6) at ``t`` (n,).
 
     Linear between samples, two at least; outside the gyro stands still. Times that ascend are found by walking on.
@@ -125,47 +123,3 @@ def rotation_between(out: Array, t: Array, sums: Array, start: Array, end: Array
         cy = sum_at(sums, 4, j, r) - sum_at(sums, 4, i, p) - (az * x - ax * z)
         cz = sum_at(sums, 5, j, r) - sum_at(sums, 5, i, p) - (ax * y - ay * x)
         out[k, 0], out[k, 1], out[k, 2] = x + 0.5 * cx, y + 0.5 * cy, z + 0.5 * cz
-
-
-def summed_at_once(out: Array, t: Array, rate: Array, interval: int) -> None:
-    """:func:`summed_gyro` in numpy: ``out`` (n, 6), ``t`` (n,) s, ``rate`` (n, 3) rad/s."""
-    out[:1] = 0.0
-    angle, coning = out[:, :3], out[:, 3:]
-    for a in range(0, len(t) - 1, CHUNK):
-        b = min(a + CHUNK, len(t) - 1)
-        mean = rate[a + 1 : b + 1] if interval else 0.5 * (rate[a:b] + rate[a + 1 : b + 1])
-        step = mean * np.diff(t[a : b + 1])[:, None]
-        angle[a + 1 : b + 1] = angle[a] + np.cumsum(step, axis=0)
-        coning[a + 1 : b + 1] = coning[a] + np.cumsum(_cross(angle[a:b], step), axis=0)
-
-
-def between_at_once(out: Array, t: Array, sums: Array, start: Array, end: Array) -> None:
-    """:func:`gyro_between` in numpy: ``out`` (m, 3) rad, ``t`` (n,) and ``start``, ``end`` (m,) s, ``sums`` (n, 6)."""
-    for i in range(0, len(start), LOOKED_UP):
-        a, b = (_at(t, sums, x[i : i + LOOKED_UP]) for x in (start, end))
-        whole = b[:, :3] - a[:, :3]
-        out[i : i + LOOKED_UP] = whole + 0.5 * (b[:, 3:] - a[:, 3:] - _cross(a[:, :3], whole))
-
-
-def _at(t: Array, sums: Array, at: Array) -> Array:
-    """The sums (m, 6) at times ``at`` (m,) s, linear between samples."""
-    at = np.clip(at, t[0], t[-1])
-    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
-    start, since, found = sums.take(i, axis=0), t.take(i), sums.take(i + 1, axis=0)
-    found -= start
-    found /= (t.take(i + 1) - since)[:, None]
-    found *= (at - since)[:, None]
-    found += start
-    return found
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """a x b of (n, 3), several times as fast as numpy's general one."""
-    out = np.empty_like(a)
-    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        out[:, k] = a[:, i] * b[:, j] - a[:, j] * b[:, i]
-    return out
-
-
-SUMMED = kernel_of(sum_gyro, SUMMED_SIGNATURE, "segments", "the sums of a gyro", SOURCES)
-BETWEEN = kernel_of(rotation_between, BETWEEN_SIGNATURE, "segments", "the rotation between two times", SOURCES)

@@ -18,15 +18,14 @@ Plain functions on arrays of float64, so that they compile (:func:`compiled`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.core.jit.kernel import function_of
-from attlog.simulate.environment import kernel_of
+from attlog.core import jit
+from attlog.core.jit import F1, F2, Out1
 from attlog.simulate.scenario import Controller
 
 Array = NDArray[np.float64]
@@ -96,7 +95,8 @@ def new_controller_state() -> Array:
     return np.zeros(STATE_SIZE)
 
 
-def control(state: Any, gains: Any, q: Any, rate: Any, command: Any, shares: Any, dt: float, out: Any) -> None:
+@jit.loop("the controller")
+def control(state: Out1, gains: F1, q: F1, rate: F1, command: F1, shares: F2, dt: float, out: Out1) -> None:
     """One step: ``out`` is rotor thrust shares (n), rate set-point (3), torque asked for (3), thrust given (1).
 
     ``q`` (4,) attitude and ``rate`` (3,) rad/s as the vehicle knows them, ``command`` as above, ``shares`` (n, 3)
@@ -195,15 +195,6 @@ def mix(out: Any, n: int, shares: Any, thrust: float, idle: float, state: Any) -
         cut = abs(u) >= 1.0 or (scale < 1.0 if i < 2 else room < 1.0)
         state[CUT + i] = (1.0 if u > 0.0 else -1.0) if cut else 0.0
     return given
-
-
-CONTROLLER_SIGNATURE = "void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, f8[::1])"
-CONTROLLER_KERNEL = kernel_of(control, CONTROLLER_SIGNATURE, "controller")
-
-
-def compiled_control() -> Callable[..., None]:
-    """:func:`control` as machine code; in plain Python with ATTLOG_NO_JIT=1."""
-    return function_of(CONTROLLER_KERNEL, control)
 
 
 # The attitude loop as transfer functions: what it should do, from gains, rotor lag and inertia alone.

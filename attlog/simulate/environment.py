@@ -3,39 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import earth
+from attlog.core import earth, jit
 from attlog.core.errors import UsageError
-from attlog.core.jit import kernel
-from attlog.core.jit.call import bound
-from attlog.core.jit.kernel import Kernel, Scratch, function_of
+from attlog.core.jit import F2, Out2
 from attlog.simulate.scenario import Scenario, Wind
-
-__all__ = ["bound", "function_of", "kernel_of"]
-
-
-SOURCES = (
-    "simulate",
-    "estimators",
-    "core/jit",
-    "core/earth.py",
-    "core/errors.py",
-    "core/limits.py",
-    "core/rotation.py",
-)
-"""Files below the package that say what a loop of the simulator does."""
-
-
-def kernel_of(function: Callable[..., Any], signature: str, what: str, scratch: Scratch = ()) -> Kernel:
-    """``function`` (arrays and numbers only, the last ``scratch`` of them its own) for a compiler."""
-    return kernel.kernel_of(function, signature, "simulate", what, SOURCES, scratch)
-
 
 # Random numbers: one independent generator for each thing that is random.
 #
@@ -173,11 +149,12 @@ def share_at(height_m: float) -> float:
 def _dryden(noise: Array, stays: float) -> Array:
     """Turbulence (n, 3) of standard deviation 1 from white noise (n, 3); ``stays``: what is left after one step."""
     out = np.zeros_like(noise)
-    function_of(WIND_KERNEL, filtered)(np.ascontiguousarray(noise), stays, out)
+    filtered(np.ascontiguousarray(noise), stays, out)
     return out
 
 
-def filtered(noise: Any, stays: float, out: Any) -> None:
+@jit.loop("wind")
+def filtered(noise: F2, stays: float, out: Out2) -> None:
     """First-order noise x of variance 1 in column 0; in the others its second-order relative of variance 1.
 
     With x' = (noise - x) / T and z' = (x - z) / T the transverse form is (sqrt(3) x + (1 - sqrt(3)) z) / sqrt(2).
@@ -193,6 +170,3 @@ def filtered(noise: Any, stays: float, out: Any) -> None:
                 z = stays * z + (1.0 - stays) * 0.5 * (x + fresh)
                 x = fresh
             out[k, c] = x if c == 0 else (root3 * x + (1.0 - root3) * z) / math.sqrt(2.0)
-
-
-WIND_KERNEL = kernel_of(filtered, "void(f8[:, ::1], f8, f8[:, ::1])", "wind")

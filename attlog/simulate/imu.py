@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import rotation, signal
-from attlog.core.jit.call import bound
-from attlog.core.jit.kernel import function_of
-from attlog.simulate.environment import generator, kernel_of
+from attlog.core import jit, rotation, signal
+from attlog.core.jit import F1, F2, F3, Out1, Out2
+from attlog.simulate.environment import generator
 from attlog.simulate.flight import ImuStream
 from attlog.simulate.scenario import Scenario
 from attlog.simulate.sensor_settings import ImuSettings
@@ -33,29 +32,26 @@ SAMPLE_COLUMNS = 9
 IMU_STATE_SIZE = 50
 """y (6) 0, filter memories (6 x 2) 6, angle (3) 18, velocity (3) 21, last instant 24, clipped (2) 25, primed 27,
 true rate and force of the raw row before 28, y of the raw row before 34."""
-IMU_SIGNATURE = (
-    "i8(i8, f8, f8[:, ::1], f8[:, ::1], i8, f8[:, ::1], i8, f8[:, :, ::1], f8[::1], f8[::1], f8[:, :, ::1], "
-    "f8[:, :, ::1], f8[::1], f8[::1], i8, f8[:, ::1])"
-)
 
 
+@jit.loop("the simulated inertial unit")
 def imu_samples(
     first: int,
     h: float,
-    raw: Any,
-    noise: Any,
+    raw: F2,
+    noise: F2,
     used: int,
-    bias: Any,
+    bias: F2,
     substeps: int,
-    matrices: Any,
-    numbers: Any,
-    harmonics: Any,
-    shake: Any,
-    phase: Any,
-    state: Any,
-    instants: Any,
+    matrices: F3,
+    numbers: F1,
+    harmonics: F1,
+    shake: F3,
+    phase: F3,
+    state: Out1,
+    instants: F1,
     k: int,
-    out: Any,
+    out: Out2,
 ) -> int:
     """Run through the raw rows from number ``first`` on, which end at ``(first + 1) h`` ...; fill ``out`` from row
     ``k`` on; the next row's number.
@@ -177,8 +173,6 @@ G = 9.80665
 BLOCK_ROWS = 512
 """Periods of the loop whose noise is drawn at once."""
 
-IMU_KERNEL = kernel_of(imu_samples, IMU_SIGNATURE, "the simulated inertial unit")
-
 
 class ImuSensor:
     """Instance ``number`` of a scenario's inertial units. ``advance`` is called with the raw rows of the periods in
@@ -230,7 +224,7 @@ class ImuSensor:
         self.harmonics, self.shake, self.phase = _vibration(s, seed, number)
         self.balanced = self.shake.copy()
         self.state = np.zeros(IMU_STATE_SIZE)
-        self.run, self._raw = function_of(IMU_KERNEL, imu_samples), np.zeros((0, RAW_COLUMNS))
+        self._raw = np.zeros((0, RAW_COLUMNS))
         self.next, self.told = 0, 0
         self.late = s.hidden_delay_s + (s.delay_s if s.delay_s > self.period else 0.0)
 
@@ -305,7 +299,7 @@ class ImuSensor:
     def _bound(self, raw: Array) -> Callable[[int, int, int], int]:
         """The loop over these raw rows: of the first row's number, the noise's row, the next sample."""
         errors = (self.bias, self.substeps, self.matrices, self.numbers, self.harmonics, self.shake, self.phase)
-        return bound(self.run, ..., self.h, raw, self.block, ..., *errors, self.state, self.instants, ..., self.out)
+        return imu_samples.bound(..., self.h, raw, self.block, ..., *errors, self.state, self.instants, ..., self.out)
 
     def _drawn(self, rows: int) -> bool:
         """Use the next rows of standard normal noise, in any portions. Whether the block is a new one."""

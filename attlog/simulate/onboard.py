@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Callable
@@ -13,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog.core import rotation, timestamps
 from attlog.core.errors import PluginError, UsageError
-from attlog.core.jit.call import bound
+from attlog.core.jit import aligned_zeros
+from attlog.core.jit.loops import Call
 from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 from attlog.estimators import Estimate, EstimatorSpec, LogFacts, LogInfo, parse, registry
 from attlog.estimators.aids import (
@@ -29,9 +31,10 @@ from attlog.estimators.aids import (
     VEL_D,
     VEL_E,
     VEL_N,
+    AidRows,
 )
 from attlog.estimators.interface import Estimator, plugin_errors
-from attlog.estimators.run import SIGMAS, loop_of
+from attlog.estimators.run import SIGMAS, Samples, runner
 from attlog.estimators.samples import HELD, HOLD_PERIODS, MISSING, NEW, Sampling
 from attlog.estimators.start import (
     MOTION_S,
@@ -233,9 +236,9 @@ class _One:
     """What the compiled loop takes, for one sample: the same arrays every time, to which it is bound."""
 
     def __init__(self) -> None:
-        self.dt, self.substeps, self.use = np.zeros(1), np.zeros(1, np.int64), np.array([NEW])
-        self.gyr, self.acc, self.mag = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))
-        self.news, self.quiet, self.aid = np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros((2, SIZE))
+        rate, force, field = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))
+        self.samples = Samples(np.zeros(1), np.zeros(1, np.int64), rate, force, field, np.array([NEW]))
+        self.aids = AidRows(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros((2, SIZE)))
 
 
 class Live:
@@ -269,7 +272,7 @@ class Live:
         facts = log or LogFacts(info=LogInfo(declination_deg=declination, imu_rate_hz=imu_rate, mag_rate_hz=mag_rate))
         self.values = {k: v for k, (v, _) in filter_.resolve(self.row.preset, given, log=facts).items()}
         self._params = filter_.pack(self.values)
-        self._kernel = loop_of(filter_)
+        self._run = runner(filter_)
         self._north = declination_rad(self.values)
         self._turn = (math.cos(0.5 * self._north), math.sin(0.5 * self._north))
         self.aids = Inbox(self._north, "at_rest" in filter_.uses)
@@ -376,9 +379,9 @@ class Live:
         """The state at the first sample of a segment."""
         filter_, one = self.row.estimator, self._one
         state = initial_state(filter_, seen, self._params, self.values, self._q0)
-        data = (one.dt, one.substeps, one.gyr, one.acc, one.mag, one.use, 1, self._out)
-        aided = (one.news, one.quiet, one.aid) if filter_.aided else ()
-        self._advance = _with_errors(filter_, bound(self._kernel, state, self._params, *data, *aided))
+        values = (state, self._params, one.samples, one.aids, 1, self._out, aligned_zeros(3), aligned_zeros(3))
+        bound = self._run.bound(*values) if isinstance(self._run, Call) else functools.partial(self._run, *values)
+        self._advance = _with_errors(filter_, bound)
         self._state = state
         uses = "mag" in filter_.uses
         self._silent = uses and self._q0 is None and self._field_expected and not seen.mag.any()
@@ -400,10 +403,10 @@ class Live:
             self._m = source.mag.tolist()
         else:
             self._turn_field(source, 1)
-        one = self._one
+        one, aids = self._one.samples, self._one.aids
         one.dt[0], one.substeps[0], one.gyr[0], one.acc[0], one.mag[0] = s.dt, s.substeps, s.gyr, source.acc, self._m
         if s.aid is not None:
-            one.news[0], one.aid[:] = np.isfinite(s.aid[1, :AT_REST]).any(), s.aid
+            aids.row[0], aids.table[:] = np.isfinite(s.aid[1, :AT_REST]).any(), s.aid
         self._advance()
         if self.row.estimator.origin != "attlog" and not 0.0 < float(state[:4] @ state[:4]) < math.inf:
             raise PluginError(f"{self.row.estimator.origin}: cannot fly: gives {state[:4]} as attitude at {s.t:.2f} s")

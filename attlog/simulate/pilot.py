@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import UsageError
-from attlog.core.jit.call import bound
 from attlog.estimators import EstimatorSpec
 from attlog.simulate import controller
 from attlog.simulate.flight import Onboard, SensorInputs
@@ -42,9 +41,7 @@ class Pilot:
         self._guidance = Guidance(scenario.command, scenario.controller, vehicle.hover_command(gravity), gravity)
         self._attitude, self._rate = np.zeros(4), np.zeros(3)
         wanted = (self._guidance.command, self._shares, self._dt, self._out)
-        self._control = bound(
-            controller.compiled_control(), self._state, self._packed, self._attitude, self._rate, *wanted
-        )
+        self._control = controller.control.bound(self._state, self._packed, self._attitude, self._rate, *wanted)
         self._navigator = Navigator(gravity)
         name, params = scenario.estimator.name, scenario.estimator.params
         self._live: Live | None = None

@@ -22,10 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import rotation
-from attlog.core.jit.call import bound
-from attlog.core.jit.kernel import function_of
-from attlog.simulate.environment import kernel_of
+from attlog.core import jit, rotation
+from attlog.core.jit import F1, F2, Out1, Out2, aligned_zeros
 from attlog.simulate.scenario import ROTOR_SIGNS, ROTOR_TURNS, Scenario, Vehicle
 
 Array = NDArray[np.float64]
@@ -38,9 +36,6 @@ NOW = 20
 POINTS = 8
 SPRING_HZ, DAMPING, BREAKS_M_S = 12.0, 0.5, 0.5
 """How the vehicle bounces on its feet, and how fast a rotor must strike to break."""
-BODY_SIGNATURE = "void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, i8, f8[:, ::1], f8[::1])"
-BODY_SCRATCH = (("f8", (4, 13)), ("f8", (13,)), ("f8", (3, 4)), ("f8", (POINTS * 3,)))
-"""Of the loop: four derivatives, a state, three sets of rotor speeds, the ground's forces."""
 
 
 class Body:
@@ -61,7 +56,7 @@ class Body:
         self.health = np.ones(4)
         """Thrust of each rotor over what it should be."""
         self._command, self._wind = np.zeros(4), np.zeros(3)
-        self._run, self._raw = function_of(BODY_KERNEL, sub_steps), np.zeros((0, RAW_COLUMNS))
+        self._raw = np.zeros((0, RAW_COLUMNS))
 
     def advance(self, command: Array, wind: Array, h: float, raw: Array) -> None:
         """Move on by ``len(raw)`` steps of ``h`` s under motor commands (4,) and wind (3,) m/s, earth axes.
@@ -71,7 +66,8 @@ class Body:
         """
         if raw is not self._raw:
             fixed = (self.state, self._command, self.health, self._wind, self.numbers, self.points)
-            self._raw, self._steps = raw, bound(self._run, *fixed, ..., len(raw), raw, self.now)
+            scratch = aligned_zeros(4, 13), aligned_zeros(13), aligned_zeros(3, 4), aligned_zeros(3 * POINTS)
+            self._raw, self._steps = raw, sub_steps.bound(*fixed, ..., len(raw), raw, self.now, *scratch)
         self._command[:], self._wind[:] = command, wind
         self._steps(h)
 
@@ -107,23 +103,27 @@ def _numbers(v: Vehicle, gravity: float, density: float) -> tuple[Array, Array]:
     return np.array(numbers), np.ascontiguousarray(np.vstack([feet, tips]))
 
 
+@jit.loop("the rigid body")
 def sub_steps(
-    s: Any,
-    command: Any,
-    health: Any,
-    wind: Any,
-    c: Any,
-    points: Any,
+    s: Out1,
+    command: F1,
+    health: F1,
+    wind: F1,
+    c: F1,
+    points: F2,
     h: float,
     n: int,
-    raw: Any,
-    now: Any,
-    k: Any,
-    y: Any,
-    rotor: Any,
-    force: Any,
+    raw: Out2,
+    now: Out1,
+    k: Out2,
+    y: Out1,
+    rotor: Out2,
+    force: Out1,
 ) -> None:
-    """``n`` steps of ``h``: the state ``s`` moves on, a raw row is written at the end of each. The last are scratch."""
+    """``n`` steps of ``h``: the state ``s`` moves on, a raw row is written at the end of each.
+
+    Scratch: four derivatives ``k``, a state ``y``, three sets of rotor speeds, the ground's ``force``.
+    """
     half = math.exp(-0.5 * h / c[5]) if c[5] > 0.0 else 0.0
     for i in range(13):
         y[i] = s[i]
@@ -298,9 +298,6 @@ def _settle_contacts(s: Any, c: Any, points: Any, force: Any) -> None:
         size = math.sqrt(g0 * g0 + g1 * g1)
         if size > hold:
             s[21 + 2 * p], s[22 + 2 * p] = at0 - g0 * hold / size, at1 - g1 * hold / size
-
-
-BODY_KERNEL = kernel_of(sub_steps, BODY_SIGNATURE, "the rigid body", BODY_SCRATCH)
 
 
 # Prescribed motion: attitude and place by formulas, with their exact derivatives.

@@ -7,7 +7,7 @@ import re
 from attlog.result import Duplicates, EstimatorRow, Result
 from attlog.words.numbers import listed, quantity
 
-ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "gsf", "imu", "marg", "mekf", "px4", "q", "ukf"})
+ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "gsf", "imu", "marg", "mekf", "px4", "q"})
 """Words of names that are written in capitals; others are written as the estimator's title writes them."""
 
 SET_BY_HAND = ("option", "file")

@@ -10,7 +10,6 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation, Slerp
 
 from attlog.core import rotation
-from attlog.core.jit.kernel import small_data
 
 quaternions = (
     arrays(np.float64, (4,), elements=st.floats(-1, 1, width=32))
@@ -230,24 +229,6 @@ def test_increments_are_the_rotations_between_neighbours():
     wanted = (scipy_of(q[:-1]).inv() * scipy_of(q[1:])).as_rotvec()
     np.testing.assert_allclose(rotation.increments(q), wanted, atol=1e-9)
     assert rotation.increments(q[:1]).shape == rotation.increments(q[:0]).shape == (0, 3)
-
-
-def test_interpolation_at_once_is_that_of_the_loop():
-    rng = np.random.default_rng(5)
-    t = np.cumsum(rng.uniform(0.0, 0.02, 400))
-    t[100] = t[99]
-    q = rotation.normalize(rng.standard_normal((400, 4)))
-    q[200:300] = rotation.multiply(q[200], rotation.from_rotvec(1e-4 * rng.standard_normal((100, 3))))
-    q[250], q[350] = q[249], np.nan
-    segment = np.repeat([0, 1, 2, 3], 100)
-    at = np.concatenate([rng.uniform(-0.1, t[-1] + 0.1, 2000), t[::7], [np.nan, np.inf, -np.inf]])
-    with_loop = rotation.slerp_in_segments(t, q, segment, at)
-    with small_data():
-        at_once = rotation.slerp_in_segments(t, q, segment, at)
-        none = rotation.slerp_in_segments(t[:0], q[:0], None, at[:3])
-    np.testing.assert_array_equal(at_once[1], with_loop[1])
-    np.testing.assert_allclose(at_once[0], with_loop[0], atol=1e-14)
-    assert np.isnan(none[0]).all()
 
 
 def test_rows_with_a_number_that_is_none_are_told_and_huge_ones_are_numbers():

@@ -14,10 +14,10 @@ import attlog
 from attlog.core import rotation
 from attlog.core.errors import PluginError, UsageError
 from attlog.estimators import Aids, Measurements, estimate, get, place
-from attlog.estimators.aids import VEL_D, VEL_N, events
+from attlog.estimators.aids import VEL_D, VEL_N, aid_rows
 from attlog.estimators.aids import Aids as aids_Aids
 from attlog.estimators.aids import Measurements as aids_Measurements
-from attlog.estimators.batch import batch_kernel, estimate_batch
+from attlog.estimators.batch import estimate_batch
 
 RATE = 250.0
 G = 9.80665
@@ -476,7 +476,6 @@ def test_a_batch_with_aids_equals_runs_one_by_one(recorder: Path) -> None:
     estimator = get(str(recorder))
     t = np.arange(200) / 100.0
     gyr = np.tile([0.1, 0.2, 1.0], (200, 1))
-    assert batch_kernel(estimator, {}, "float64") is None
     batch = estimate_batch(estimator, [{"scale": 1.0}, {"scale": 0.5}], t, gyr, aids=RECORDED_AIDS, every=3)
     for one, scale in zip(batch, (1.0, 0.5), strict=True):
         alone = attlog.estimate(estimator, t, gyr, aids=RECORDED_AIDS, every=3, scale=scale)
@@ -560,7 +559,7 @@ def test_a_velocity_is_turned_to_magnetic_north_that_lies_east_of_true_north(dec
     velocity = np.column_stack([5.0 * np.cos(course), 5.0 * np.sin(course), [1.0, -2.0, 0.5]])
     estimator: Any = SimpleNamespace(uses={"gnss"})
     aids = aids_Aids(velocity=aids_Measurements(np.array([1.0, 2.0, 3.0]), velocity, np.full(3, 0.1)))
-    found = events(estimator, aids, np.arange(0.0, 4.0, 0.5), np.radians(declination_deg))
+    found = aid_rows(estimator, aids, np.arange(0.0, 4.0, 0.5), np.radians(declination_deg))
     told = found.table[found.row[[2, 4, 6]], VEL_N : VEL_D + 1]
     by_compass = course - np.radians(declination_deg)
     assert told[:, 0] == pytest.approx(5.0 * np.cos(by_compass))

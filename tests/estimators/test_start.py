@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
 from attlog.estimators import aids as aid
-from attlog.estimators import batch, estimate, get, start
+from attlog.estimators import estimate, get, start
 from attlog.estimators import run as estimators_run
-from attlog.estimators.aids import Aids, Measurements, events
+from attlog.estimators.aids import Aids, Measurements, aid_rows
 from attlog.estimators.batch import estimate_batch
 from attlog.estimators.registry import BUILT_IN
 from attlog.estimators.samples import HELD, MISSING, NEW, PreparedSamples, prepare, typical_scale, uniform
@@ -254,7 +254,6 @@ def test_a_late_field_is_the_same_thinned_in_a_batch_and_in_plain_python(
         monkeypatch.setenv("ATTLOG_NO_JIT", "1")
     assert run(name, x, every=7).q == pytest.approx(whole.q[::7], abs=1e-9)
     data = (x["t"], x["gyr"], x["acc"], x["mag"])
-    monkeypatch.setattr(batch, "WORTH", 0)
     for one in estimate_batch(get(name), [{}, {"declination": 0.0}], *data, every=7):
         assert one.q == pytest.approx(whole.q[::7], abs=1e-9)
         assert one.skipped == whole.skipped
@@ -486,13 +485,11 @@ def test_an_aid_arrives_at_the_first_sample_at_or_after_its_time_and_the_newest_
     t = np.arange(0.0, 1.0, 0.1)
     baro = Measurements(np.array([-1.0, 0.3, 0.31, 0.35, 0.9001, 2.0]), np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]))
     estimator: Any = SimpleNamespace(uses={"baro"})
-    found = events(estimator, Aids(baro=baro), t + 1e-12)
+    found = aid_rows(estimator, Aids(baro=baro), t + 1e-12)
     told = found.table[found.row, aid.BARO]
     assert np.flatnonzero(np.isfinite(told)).tolist() == [0, 3, 4]
     assert told[[0, 3, 4]].tolist() == [1.0, 2.0, 4.0]
     assert np.isnan(found.table[found.quiet]).all()
-    nothing = events(SimpleNamespace(uses=set()), Aids(baro=baro), t)  # type: ignore[arg-type]
-    assert np.isnan(nothing.table).all()
 
 
 def test_each_aid_has_its_own_columns_and_rest_stands_at_every_sample() -> None:
@@ -506,7 +503,7 @@ def test_each_aid_has_its_own_columns_and_rest_stands_at_every_sample() -> None:
         at_rest=np.array([[0.0, 0.35]]),
     )
     estimator: Any = SimpleNamespace(uses={"gnss", "baro", "airspeed", "at_rest"})
-    found = events(estimator, aids, t)
+    found = aid_rows(estimator, aids, t)
     row = found.table[found.row[5]]
     assert row.tolist() == [4.0, 5.0, 6.0, 9.0, 10.0, 14.0, 15.0, 16.0, 18.0, 20.0, 22.0, 0.0]
     assert found.table[found.row[2]][aid.LAT] == 1.0

@@ -13,7 +13,7 @@ import pytest
 
 from attlog import formats
 from attlog.core.errors import LogUnreadable, LogUnusable, NotALog
-from attlog.core.jit.compile import obtained
+from attlog.core.jit.compile import obtain
 from attlog.formats import file_bytes
 from attlog.formats.dataflash import walk as dataflash_compiled
 from attlog.formats.dataflash import walk as dataflash_index
@@ -47,7 +47,7 @@ def test_a_text_is_utf_8_or_else_latin_1_up_to_its_end(raw: bytes, text: str) ->
 def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Both ways of the loops, whatever this process has loaded."""
     monkeypatch.setattr(file_bytes, "is_compiled_loaded", lambda size: request.param == "compiled")
-    monkeypatch.setattr(file_bytes, "compiled_if_cheap", obtained)
+    monkeypatch.setattr(file_bytes, "compiled_if_cheap", obtain)
     return str(request.param)
 
 
@@ -74,7 +74,7 @@ def test_bytes_are_copied_from_any_place_up_to_the_last(size: int, loops: str) -
 @pytest.mark.parametrize("place", [-1, 1985, 2**31 - 1])
 def test_a_place_outside_the_file_is_refused_not_read(place: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(file_bytes, "is_compiled_loaded", lambda size: True)
-    monkeypatch.setattr(file_bytes, "compiled_if_cheap", obtained)
+    monkeypatch.setattr(file_bytes, "compiled_if_cheap", obtain)
     with pytest.raises(IndexError):
         gather(np.zeros(2000, np.uint8), np.array([0, place], np.int32), np.dtype("S16"))
 

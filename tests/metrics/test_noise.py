@@ -11,13 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from attlog import estimators
 from attlog.core import rotation
-from attlog.core.jit.kernel import function_of
 from attlog.flight.model import Imu, Stream
-from attlog.metrics import compute, correction_noise, noise, rank, windows
+from attlog.metrics import compute, noise, rank, windows
 from attlog.metrics import intervals as interval
-from attlog.metrics.correction_noise import CORRECTION_KERNEL, correction_residual
+from attlog.metrics.correction_noise import correction_residual
 from attlog.metrics.following import pulse_gains
-from attlog.metrics.noise import AT_REST, gyro_noise_floor, left_at_rest
+from attlog.metrics.noise import gyro_noise_floor, left_at_rest
 from attlog.metrics.windows import SETTLING_S, detrended
 from attlog.segments.model import Segment
 from tests.conftest import few
@@ -392,7 +391,7 @@ def level(vectors, q):
     return Rotation.from_euler("Z", yaw[:, None]).inv().apply(vectors), own
 
 
-@pytest.mark.parametrize("loop", [left_at_rest, function_of(AT_REST, left_at_rest)], ids=["plain", "compiled"])
+@pytest.mark.parametrize("loop", [left_at_rest.function, left_at_rest], ids=["plain", "compiled"])
 def test_at_rest_the_rotation_from_the_windows_mean_is_left_without_its_line(loop):
     q, t = attitudes(0.004), 3.0 + STEP * np.arange(140)
     means = rotation.group_means(q, EDGES)
@@ -413,18 +412,18 @@ def test_a_heading_that_turns_through_south_is_unwrapped_and_no_window_goes_on_f
     q = rotation.from_euler(0.0 * yaw, 0.0 * yaw, yaw + wave)
     means = rotation.group_means(q, EDGES)
     out = np.empty((140, 3))
-    function_of(AT_REST, left_at_rest)(out, t, q, means, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES)
+    left_at_rest(out, t, q, means, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES)
     wanted = np.concatenate([detrend(part) for part in np.split(np.degrees(wave), [60])])
     np.testing.assert_allclose(out[:, 2], wanted, atol=1e-9)
 
 
 @pytest.mark.parametrize(
-    "loop", [correction_residual, function_of(CORRECTION_KERNEL, correction_residual)], ids=["plain", "compiled"]
+    "loop", [correction_residual.function, correction_residual], ids=["plain", "compiled"]
 )
 def test_in_flight_an_offset_and_a_constant_in_body_axes_are_fitted_by_least_squares(loop):
     q, t, pushed = attitudes(0.1), STEP * np.arange(140), attitudes(0.01, seed=2)
     centre, means, out = rotation.group_means(pushed, EDGES), rotation.group_means(q, EDGES), np.empty((140, 3))
-    room = [np.empty((140, 9)), *([] if loop is not correction_residual else CORRECTION_KERNEL.room())]
+    room = np.empty((140, 9)), np.zeros(9), np.zeros(9), np.zeros(9), np.zeros(3)
     loop(out, t, q, pushed, centre, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES, *room)
     left = []
     for k, (a, b) in enumerate([(0, 60), (60, 140)]):
@@ -447,12 +446,6 @@ def test_windows_are_looked_at_some_at_a_time_and_none_is_lost(monkeypatch):
     for own, at, edges in found:
         assert [slice(at[a], at[b - 1] + 1) for a, b in pairwise(edges)] == own
     assert list(windows.sample_batches([])) == []
-
-
-def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
-    from attlog.core.jit import build
-
-    assert {noise.AT_REST.name, correction_noise.CORRECTION_KERNEL.name} <= {kernel.name for kernel in build.kernels()}
 
 
 # What does the gyro itself wander by?

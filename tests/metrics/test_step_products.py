@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.core.jit import kernel as loops
 from attlog.estimators.vectors import field_error, gravity_error
 from attlog.flight.model import Imu, Mag, Stream
 from attlog.metrics import step_fit as step_fits
@@ -18,8 +17,6 @@ from attlog.metrics.step_sensors import RowSensors, samples_of
 from attlog.metrics.step_turning import REACH_AFTER_S, REACH_BEFORE_S, SummedTurning, around, stack_events
 from tests.metrics import flights
 from tests.metrics.flights import motion, sampled
-
-KERNELS = (step_sensors.HELD, step_sensors.SEEN, step_sensors.SUMMED, step_columns.PRODUCTS, step_columns.POWERS)
 
 
 def columns_of(row_hz, ref_hz):
@@ -101,16 +98,12 @@ def test_without_a_compiler_the_loops_give_the_same_bits(monkeypatch):
     found = columns_of(100.0, 25.0)
     compiled = found.products(0.003, 0.008, np.ones(6))[0], found.powers(np.array([0.0, 0.01]))
     monkeypatch.setenv("ATTLOG_NO_JIT", "1")
-    loops._loaded.cache_clear()
-    try:
-        plain = found.products(0.003, 0.008, np.ones(6))[0], found.powers(np.array([0.0, 0.01]))
-    finally:
-        loops._loaded.cache_clear()
+    plain = found.products(0.003, 0.008, np.ones(6))[0], found.powers(np.array([0.0, 0.01]))
     for a, b in zip(compiled, plain, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
-HOLDING = (step_sensors.held_field, loops.function_of(step_sensors.HELD, step_sensors.held_field))
+HOLDING = (step_sensors.held_field.function, step_sensors.held_field)
 
 
 @pytest.mark.parametrize("loop", HOLDING, ids=["plain", "compiled"])
@@ -126,12 +119,6 @@ def test_a_field_is_held_until_it_is_too_old_or_the_next_one_comes(loop):
         wanted = Rotation.from_rotvec(-rate[k] * old).apply(np.eye(3)[held].sum(axis=0))
         np.testing.assert_allclose(m[k], wanted, atol=1e-12)
         assert age[k] == pytest.approx(old)
-
-
-def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
-    from attlog.core.jit import build
-
-    assert {kernel.name for kernel in KERNELS} <= {kernel.name for kernel in build.kernels()}
 
 
 @pytest.mark.parametrize(("low", "high", "lines"), [(-1.0, 2.0, 9), (0.25, 2.0, 6), (-1.0, 0.65, 6), (0.25, 0.65, 3)])

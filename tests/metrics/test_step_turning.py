@@ -11,19 +11,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.core.jit.kernel import function_of
 from attlog.metrics import step_turning
 from attlog.metrics import step_turning as steps
 from attlog.metrics.step_turning import (
-    ABOUT,
-    SUMMED,
     StepEvent,
     SummedTurning,
     Timing,
     about_axes,
     around,
     stack_events,
-    summed_at_once,
     summed_turning,
 )
 from tests.metrics.flights import motion, sampled, vehicle
@@ -249,7 +245,7 @@ def attitudes(step_rad, n=400):
 
 
 @pytest.mark.parametrize("step_rad", [1e-13, 1e-4, 0.03, 0.2, 1.5])
-@pytest.mark.parametrize("loop", [summed_turning, summed_at_once, function_of(SUMMED, summed_turning)])
+@pytest.mark.parametrize("loop", [summed_turning.function, summed_turning])
 def test_turning_is_the_sum_of_rotation_vectors_also_of_quaternions_that_are_not_quite_of_unit_length(step_rad, loop):
     q, turn = attitudes(step_rad)
     found = np.empty((len(q), 3))
@@ -263,7 +259,7 @@ def test_the_series_of_small_turns_meets_the_arc_tangent():
     q, _ = attitudes(0.057)
     series, arc = np.empty((len(q), 3)), np.empty((len(q), 3))
     summed_turning(series, q)
-    summed_at_once(arc, q)
+    arc[0], arc[1:] = 0.0, np.cumsum(np.degrees(rotation.increments(q)), axis=0)
     np.testing.assert_allclose(series, arc, rtol=1e-12, atol=1e-12)
 
 
@@ -276,19 +272,12 @@ def test_turning_about_axes_begins_with_each_event():
     out, at = np.empty((100, 4)), np.empty(100)
     first = np.append(stack.first, 100)
     begin = stack.index[stack.first]
-    function_of(ABOUT, about_axes)(out, at, axes, np.array([0.0, 64.0]), begin, first, track.t, track.turned, 1)
+    about_axes(out, at, axes, np.array([0.0, 64.0]), begin, first, track.t, track.turned, 1)
     for own, part, axis, start in zip((slice(0, 50), slice(50, 100)), parts, axes, (0.0, 64.0), strict=True):
         since = track.turned[part] - track.turned[part.start]
         np.testing.assert_allclose(out[own, 0], since @ axis, atol=1e-12)
         np.testing.assert_allclose(out[own, 1:], np.cross(since, axis), atol=1e-12)
         np.testing.assert_array_equal(at[own], t[part] + start)
-
-
-def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
-    from attlog.core.jit import build
-
-    names = {kernel.name for kernel in build.kernels()}
-    assert {step_turning.SUMMED.name, step_turning.ABOUT.name} <= names
 
 
 @pytest.mark.parametrize("share", [0.2, 0.98, 1.02, 9.0])

@@ -14,7 +14,6 @@ from scipy import signal
 
 import attlog
 from attlog.core import rotation
-from attlog.core.jit.kernel import function_of
 from attlog.flight.model import Attitude, Imu, Stream
 from attlog.metrics.sensor_traces import (
     BUCKETS,
@@ -29,7 +28,7 @@ from attlog.metrics.sensor_traces import (
 )
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_turning import StepEvent
-from attlog.metrics.trace import BUDGET, EXTREMES, SampleBudget, SampleBudgets, envelope, extremes
+from attlog.metrics.trace import BUDGET, SampleBudget, SampleBudgets, envelope, extremes
 from attlog.metrics.traces import (
     GRID_S,
     MAX_DEMAND_POINTS,
@@ -81,8 +80,8 @@ def test_without_a_compiler_the_loop_gives_the_same():
     x[[7, 300], [0, 1]] = np.nan, np.inf
     edges = np.linspace(0, 500, 41).astype(np.int64)
     compiled, plain = np.empty((80, 2)), np.empty((80, 2))
-    function_of(EXTREMES, extremes)(compiled, x, edges)
-    extremes(plain, x, edges)
+    extremes(compiled, x, edges)
+    extremes.function(plain, x, edges)
     np.testing.assert_array_equal(compiled, plain)
     assert np.isnan(plain).any(axis=0).all()
 

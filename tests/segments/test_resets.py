@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from itertools import pairwise
 
 import numpy as np
@@ -12,17 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.core.jit.kernel import small_data
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.segments import increments, resets
+from attlog.segments import resets
 from attlog.segments.increments import GyroIncrements
 from tests.conftest import few
-
-
-@pytest.fixture(autouse=True, params=[nullcontext, small_data], ids=["compiled", "in numpy"])
-def way(request):
-    with request.param():
-        yield
 
 
 @pytest.mark.parametrize("sampling", few(["interval", "instant"], 2))
@@ -53,15 +45,6 @@ def test_a_cone_turns_about_its_axis_though_no_rate_does():
     assert found[2] == pytest.approx(expected, rel=0.02)
 
 
-def test_long_logs_are_summed_in_blocks_without_seams(monkeypatch):
-    rng = np.random.default_rng(2)
-    t, rate = np.arange(1000) * 0.01, rng.normal(size=(1000, 3))
-    at = np.sort(rng.uniform(0, 9.99, 50))
-    whole = GyroIncrements(t, rate).between(at[:-1], at[1:])
-    monkeypatch.setattr("attlog.segments.increments.CHUNK", 7)
-    np.testing.assert_allclose(GyroIncrements(t, rate).between(at[:-1], at[1:]), whole, atol=1e-12)
-
-
 def test_the_gyro_stands_still_outside_its_times_whatever_the_order_in_which_it_is_asked():
     t = np.arange(0.0, 1.0, 0.01)
     turning = GyroIncrements(t, np.tile([0.3, -0.2, 0.1], (len(t), 1)))
@@ -69,23 +52,6 @@ def test_the_gyro_stands_still_outside_its_times_whatever_the_order_in_which_it_
     wanted = np.outer([0.005, 0.1, 0.79, 0.005, 0.0, np.nan], [0.3, -0.2, 0.1])
     np.testing.assert_allclose(turning.between(start, end), wanted, atol=1e-12)
     assert not GyroIncrements(t[:1], np.ones((1, 3))).between(start, end).any()
-
-
-def test_the_plain_loops_say_what_the_compiled_ones_do():
-    rng = np.random.default_rng(3)
-    t, rate = np.cumsum(rng.uniform(0.001, 0.02, 300)), rng.normal(size=(300, 3))
-    at = rng.uniform(-0.1, t[-1] + 0.1, 40)
-    for interval, sampling in enumerate(("instant", "interval")):
-        sums, out = np.empty((300, 6)), np.empty((39, 3))
-        increments.sum_gyro(sums, t, rate, interval)
-        increments.rotation_between(out, t, sums, at[:-1], at[1:])
-        np.testing.assert_allclose(out, GyroIncrements(t, rate, sampling).between(at[:-1], at[1:]), atol=1e-13)
-
-
-def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
-    from attlog.core.jit import build
-
-    assert {increments.SUMMED.name, increments.BETWEEN.name} <= {k.name for k in build.kernels()}
 
 
 # Resets of an attitude are found by the autopilot's counter, and without one by the gyro.

@@ -63,7 +63,7 @@ def flown(
     shares = controller.mixer(ROTOR_SIGNS, ROTOR_TURNS)
     t = np.arange(int(seconds * hz)) / hz
     wanted = np.broadcast_to(wanted, (len(t), 4))
-    step, out = controller.compiled_control(), np.zeros(11)
+    step, out = controller.control, np.zeros(11)
     qs, outs = np.empty((len(t), 4)), np.empty((len(t), 11))
     for k in range(len(t)):
         qs[k] = body.q

@@ -83,7 +83,7 @@ def test_it_is_the_batch_run_from_a_start_in_motion_and_with_a_compass_that_come
     assert_same(live, *data)
 
 
-@pytest.mark.parametrize("name", ["mahony", "ekf12", "madgwick", "ukf"])
+@pytest.mark.parametrize("name", ["mahony", "ekf12", "madgwick"])
 def test_it_is_the_batch_run_through_bad_samples_gaps_and_a_restart(name: str) -> None:
     t, gyr, acc, mag = made(9.0, still=1.2)
     gyr[700], acc[720], mag[740] = np.nan, np.inf, 0.0

@@ -258,7 +258,7 @@ def test_the_autopilot_is_one_as_the_simulator_wants_it() -> None:
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [("mahony_dcm@huang", 20), ("madgwick", 20)]
-    + [(n, 5) for n in ("truth", "mahony", "complementary", "ekf12@fan", "mekf", "ukf", "px4_q")],
+    + [(n, 5) for n in ("truth", "mahony", "complementary", "ekf12@fan", "mekf", "px4_q")],
 )
 def test_hover_and_tracking_are_within_the_papers_bounds(name: str, seeds: int) -> None:
     """Hover within +-5 deg (Huang); a sine of 15 deg and 2 s comes after the set-point by what the loop's gain says.

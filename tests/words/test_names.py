@@ -35,7 +35,6 @@ def named(spec: str, suffix: str = "") -> EstimatorRow:
         ("madgwick@marg", "Madgwick, MARG"),
         ("ekf12@fan", "EKF12, Fan"),
         ("vqf", "VQF"),
-        ("ukf", "UKF"),
         ("px4_q", "PX4 Q"),
         ("ap_dcm:AHRS_RP_P=0.1", "AP DCM (AHRS_RP_P 0.1)"),
         ("gyro", "Gyro"),

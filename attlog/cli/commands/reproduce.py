@@ -56,9 +56,9 @@ def command(
 
     Example: attlog reproduce lyu --seeds 20
     """
-    from attlog.batch.run import cores
     from attlog.batch.sources import find
     from attlog.core.files import write_all_atomic
+    from attlog.core.machine import cores
     from attlog.reproduce import page
     from attlog.reproduce.paper import PAPERS_WITH_LOGS, PaperOptions, paper_json, reproduce, select_papers
 

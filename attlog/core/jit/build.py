@@ -1,195 +1,191 @@
-"""Which kernels are compiled before they are run, so that a fresh machine has them at once.
+"""Compile loops before they are run: for a wheel, an installation in place, or somebody's first run.
 
-``python -m attlog.core.jit.build [FOLDER] [--here] [--all]`` (the build hook and ``make`` run it) writes object files into
-the package or ``FOLDER``, and the index that knows them by the state of the sources: for every level of processor that
-is shipped here, with ``--here`` for this machine's own level alone; those that ``analyze`` needs with its defaults,
-with ``--all`` all of them. What is left out is compiled at its first use, which says so. What is there already stays.
+``python -m attlog.core.jit.build [FOLDER] [--here] [--all]`` (the build hook and ``make`` run it) writes object files
+into the package or ``FOLDER``. Without ``--here`` it compiles for every level of processor that is shipped, else for
+this machine's. Without ``--all`` it compiles what ``analyze`` needs with its defaults. Objects that exist stay, missing
+ones are compiled at their first use.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import importlib
 import os
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import count
 from pathlib import Path
+from typing import Any
 
-from attlog.core.jit import compile, store
-from attlog.core.jit.compile import made_object
-from attlog.core.jit.kernel import Kernel
-from attlog.core.jit.store import write
+from attlog.core.jit import store
+from attlog.core.jit.compile import LOG, NeedsNumba, object_code
+from attlog.core.jit.loops import Loop
+from attlog.core.machine import cores
 
+# numba's own variable: the processor to compile for. It takes no features of this machine where it is set.
 LEVEL = "NUMBA_CPU_NAME"
-"""numba's own variable: the processor to compile for. numba takes no features of this machine where it is set."""
+# A compiling process writes this before the name of each object that it has made.
 MADE = "made"
-"""What a compiling process says of each object."""
+# One core compiles so many characters of a loop's text per second (mekf: 13 s for 18,000).
+CHARACTERS_PER_S = 1500.0
+# Modules whose loops run in each analysis, and those of other commands.
+DEFAULTS = (
+    "attlog.core.rotation",
+    "attlog.estimators.filters.navigation.backward",
+    "attlog.estimators.filters.navigation.forward",
+    "attlog.estimators.filters.navigation.turns",
+    "attlog.formats.dataflash.walk",
+    "attlog.formats.file_bytes",
+    "attlog.formats.mavlink.walk",
+    "attlog.formats.ulog.walk",
+    "attlog.metrics.correction_noise",
+    "attlog.metrics.noise",
+    "attlog.metrics.step_products",
+    "attlog.metrics.step_sensors",
+    "attlog.metrics.step_turning",
+    "attlog.metrics.trace",
+    "attlog.segments.increments",
+)
+OTHERS = (
+    "attlog.estimators.filters.inertial.backward",
+    "attlog.estimators.filters.inertial.recursion",
+    "attlog.simulate.controller",
+    "attlog.simulate.environment",
+    "attlog.simulate.imu",
+    "attlog.simulate.rigid_body",
+)
 
 
-def of_defaults() -> Iterator[Kernel]:
-    """What ``analyze`` runs where nothing else is asked for: its filters, the smoother, all readers and metrics."""
-    from attlog.core.rotation import SLERP_KERNEL
-    from attlog.estimators import get
+def default_names() -> list[str]:
+    """Return the loops that ``analyze`` runs with its defaults: filters, smoother, readers and metrics."""
     from attlog.estimators.api import DEFAULT
-    from attlog.estimators.filters.navigation import backward, forward, turns
-    from attlog.estimators.run import kernel_of_step
-    from attlog.formats import file_bytes
-    from attlog.formats.dataflash import walk as dataflash
-    from attlog.formats.mavlink import walk as mavlink
-    from attlog.formats.ulog import walk
-    from attlog.metrics import correction_noise, noise, step_products, step_sensors, step_turning, trace
-    from attlog.segments import increments
 
-    yield from (kernel_of_step(e) for e in map(get, DEFAULT) if e.step is not None)
-    yield from (
-        forward.FORWARD_KERNEL,
-        backward.BACKWARD_KERNEL,
-        turns.AHEAD_KERNEL,
-        turns.CHAIN_KERNEL,
-        file_bytes.COPY_KERNEL,
-        file_bytes.COUNT_KERNEL,
-        file_bytes.SCATTER_KERNEL,
-        walk.WALK_KERNEL,
-        mavlink.WALK_KERNEL,
-        mavlink.PAYLOAD_KERNEL,
-        dataflash.FOLLOW_KERNEL,
-        step_sensors.HELD,
-        step_sensors.SEEN,
-        step_sensors.SUMMED,
-        step_products.PRODUCTS,
-        step_products.POWERS,
-        trace.EXTREMES,
-        noise.AT_REST,
-        correction_noise.CORRECTION_KERNEL,
-        step_turning.SUMMED,
-        step_turning.ABOUT,
-        SLERP_KERNEL,
-        increments.SUMMED,
-        increments.BETWEEN,
-    )
+    return names_for(DEFAULT)
 
 
-def kernels() -> Iterator[Kernel]:
-    """Those, then of all built-in filters, of the smoother without GNSS and of the simulator."""
-    from attlog.estimators import get
-    from attlog.estimators.api import DEFAULT
-    from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
-    from attlog.estimators.filters.inertial.recursion import RECURSION_KERNEL
+def names_for(filters: Iterable[str]) -> list[str]:
+    """Return the loops that an analysis with these built-in filters runs."""
+    return [*_names_in(DEFAULTS), *_filters(filters)]
+
+
+def all_names() -> list[str]:
+    """Return these, and those of all built-in filters, of the simulator and of other commands."""
     from attlog.estimators.registry import BUILT_IN
-    from attlog.estimators.run import kernel_of_step
 
-    yield from of_defaults()
-    yield from (kernel_of_step(e) for e in map(get, BUILT_IN) if e.name not in DEFAULT and e.step is not None)
-    yield from (RECORD_KERNEL, RECURSION_KERNEL)
-    try:
-        from attlog.simulate import controller, imu, rigid_body
-        from attlog.simulate import environment as wind
-    except ImportError:  # built alone: the simulator reads its scenarios with pydantic
-        return
-    yield from (controller.CONTROLLER_KERNEL, rigid_body.BODY_KERNEL, wind.WIND_KERNEL, imu.IMU_KERNEL)
+    return list(dict.fromkeys([*default_names(), *_names_in(OTHERS), *_filters(BUILT_IN)]))
+
+
+def _names_in(modules: Iterable[str]) -> list[str]:
+    found = {name: vars(importlib.import_module(name)) for name in modules}
+    return [
+        f"{m}:{n}" for m, own in found.items() for n, x in own.items() if isinstance(x, Loop) and x.name == f"{m}.{n}"
+    ]
+
+
+def _filters(names: Iterable[str]) -> list[str]:
+    from attlog.estimators import get
+
+    return [f"filter:{name}" for name in names if get(name).step is not None]
+
+
+def named(name: str) -> Loop[Any, Any]:
+    """Return the loop of a name: ``module:function``, or ``filter:mekf`` for the loop around a filter's step."""
+    module, _, function = name.partition(":")
+    if module == "filter":
+        from attlog.estimators import get
+        from attlog.estimators.run import loop_of
+
+        return loop_of(get(function))
+    found: Loop[Any, Any] = getattr(importlib.import_module(module), function)
+    return found
+
+
+def prepare(names: Iterable[str], progress: Callable[[int, int], None]) -> None:
+    """Compile the loops that are missing, on all cores, and keep them; a single one waits for its first use."""
+    own = store.own_place()
+    missing = [name for name in names if store.find(named(name).key) is None]
+    if own is not None and len(missing) > 1:
+        LOG.info("compiling %d loops, once, about %d s; kept in %s", len(missing), expected_s(missing), own)
+        compile_all({own: ""}, missing, progress)
+
+
+def expected_s(names: Iterable[str]) -> int:
+    """Return about how long compiling takes on all cores."""
+    return round(sum(len(named(name).text) for name in names) / CHARACTERS_PER_S / cores()) + 2
 
 
 def build(target: Path, levels: tuple[str, ...], every: bool = True) -> None:
-    """Write objects for the levels and the index, in as many processes as there are processors; tell how far it is.
+    """Write objects for the levels in as many processes as there are processors, and print how far it is.
 
-    ``every``: of all kernels, else of those of the defaults. RuntimeError with the last line of what a compiler said
-    that failed.
+    ``every``: of all loops, else of those of the defaults. RuntimeError with the last line of a compiler that failed.
     """
-    target.mkdir(parents=True, exist_ok=True)
-    known = {kernel.name: (kernel, store.key_of(kernel)) for kernel in kernels()}
-    chosen = list(kernels() if every else of_defaults())
-    waiting = sum(_lacks(_place(target, level) / f"{known[k.name][1]}.o") for level in levels for k in chosen)
-    if waiting:
-        parts = max((os.cpu_count() or 1) // len(levels), 1)
-        print(f"compiling {waiting} loops of filters, readers and metrics, half a minute to two:", end="", flush=True)
-        _compile_in_processes(target, levels, parts, every)
-    valid = {f"{key}.o" for _, key in known.values()}
+    places = {store.place_of_level(target, level): level for level in levels}
+    names = all_names()
+    keys = {named(name).key for name in names}
+    chosen = names if every else default_names()
+    missing = [n for n in chosen if any(store.read(place / f"{named(n).key}.o") is None for place in places)]
+    if missing:
+        took = expected_s(missing) * len(levels)
+        print(f"compiling {len(missing)} loops of filters, readers and metrics, about {took} s:", end="", flush=True)
+        compile_all(places, missing, lambda made, _: print(f" {made}", end="", flush=True))
+        print(flush=True)
     for old in target.glob("*/*.o"):
-        if old.name not in valid:
+        if old.stem not in keys:
             old.unlink()
-    keys: dict[str, dict[str, str]] = {}
-    for kernel, key in known.values():
-        if any(target.glob(f"*/{key}.o")):
-            keys.setdefault(store.sources_state(kernel.sources), {})[kernel.name] = key
-    index = {"format": store.FORMAT, "keys": keys}
-    _write(target / store.INDEX, json.dumps(index, indent=1, sort_keys=True).encode())
 
 
-def _compile_in_processes(target: Path, levels: tuple[str, ...], parts: int, every: bool) -> None:
-    """One process for each level and part; each object that it says it made is counted on the line that stands."""
-    counted, count = threading.Lock(), 0
+def compile_all(places: dict[Path, str], names: list[str], progress: Callable[[int, int], None]) -> None:
+    """Compile loops for each place and its level of processor in processes of their own."""
+    parts = max(cores() // len(places), 1)
+    jobs = [(place, level, share) for place, level in places.items() for share in _shares(names, parts) if share]
+    made = count(1)
 
-    def run(level: str, part: int) -> tuple[int, str]:
-        nonlocal count
-        command = [sys.executable, "-m", "attlog.core.jit.build", str(target), "--share", str(part), str(parts)]
-        command += ["--all"] if every else []
+    def run(place: Path, level: str, share: list[str]) -> str:
         # The order in which numba goes through sets shows in the code: unfixed, two builds differ in some bytes.
-        environment = {**os.environ, LEVEL: level, "PYTHONHASHSEED": "0"}
-        environment.pop("NUMBA_CPU_FEATURES", None)
-        with subprocess.Popen(
-            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
-        ) as process:
-            assert process.stdout is not None
-            assert process.stderr is not None
+        environment = {**os.environ, "PYTHONHASHSEED": "0"}
+        if level:
+            environment[LEVEL] = level
+            environment.pop("NUMBA_CPU_FEATURES", None)
+        command = [sys.executable, "-m", "attlog.core.jit.build", str(place), "--loops", *share]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
+        with subprocess.Popen(command, env=environment, **pipes) as process:  # type: ignore[call-overload]
             for line in process.stdout:
                 if line.startswith(MADE):
-                    with counted:
-                        count += 1
-                        print(f" {count}", end="", flush=True)
+                    progress(next(made), len(names) * len(places))
             said = process.stderr.read()
-        return process.returncode, said
+        return "" if process.returncode == 0 else (said.strip().splitlines() or ["no reason given"])[-1]
 
-    jobs = [(level, part) for level in levels for part in range(parts)]
     with ThreadPoolExecutor(len(jobs)) as pool:
-        ended = list(pool.map(run, *zip(*jobs, strict=True)))
-    print(flush=True)
-    for code, said in ended:
-        if code:
-            raise RuntimeError((said.strip().splitlines() or ["no reason given"])[-1])
-        print(said, end="", file=sys.stderr)
+        failed = [reason for reason in pool.map(run, *zip(*jobs, strict=True)) if reason]
+    if failed:
+        raise RuntimeError(failed[0])
 
 
-def compile_share(place: Path, part: int, parts: int, every: bool) -> None:
-    """Write the objects of one share for the processor that :data:`LEVEL` names, where they are not there yet."""
-    place.mkdir(parents=True, exist_ok=True)
-    for kernel in _share(list(kernels() if every else of_defaults()), part, parts):
-        key = store.key_of(kernel)
-        path = place / f"{key}.o"
-        if _lacks(path):
-            try:
-                _write(path, made_object(kernel, key).packed())
-                print(MADE, kernel.name, flush=True)
-            except compile.NeedsNumba as error:
-                print(f"{kernel.what} will be compiled at its first use: {error}", file=sys.stderr)
-
-
-def _share(chosen: list[Kernel], part: int, parts: int) -> list[Kernel]:
-    """What one of several processes compiles: the longest text goes to the one that has least so far."""
-    shares: list[list[Kernel]] = [[] for _ in range(parts)]
+def _shares(names: list[str], parts: int) -> list[list[str]]:
+    """Return what each of several processes compiles: the longest text goes to the one that has least so far."""
+    shares: list[list[str]] = [[] for _ in range(parts)]
     load = [0] * parts
-    for kernel in sorted(chosen, key=lambda k: len(k.text()), reverse=True):
+    for name in sorted(names, key=lambda n: len(named(n).text), reverse=True):
         least = load.index(min(load))
-        shares[least].append(kernel)
-        load[least] += len(kernel.text())
-    return shares[part]
+        shares[least].append(name)
+        load[least] += len(named(name).text)
+    return shares
 
 
-def _place(target: Path, level: str) -> Path:
-    return target / f"{store.machine()}-{level}"
-
-
-def _lacks(path: Path) -> bool:
-    """Whether there is no sound object at ``path``."""
-    return not path.is_file() or store.unpacked(path.read_bytes()) is None
-
-
-def _write(path: Path, content: bytes) -> None:
-    """What is shipped is read by everybody."""
-    write(path, content)
-    path.chmod(0o644)
+def compile_share(place: Path, names: list[str], mode: int) -> None:
+    """Write the objects of some loops for the processor that :data:`LEVEL` names, where they are missing."""
+    place.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        loop = named(name)
+        path = place / f"{loop.key}.o"
+        if store.read(path) is None:
+            try:
+                store.write(path, object_code(loop), mode)
+            except NeedsNumba as error:
+                print(f"{loop.what} is compiled at its first use: {error}", file=sys.stderr)
+        print(MADE, name, flush=True)
 
 
 def main() -> None:
@@ -198,13 +194,12 @@ def main() -> None:
     options.add_argument("folder", nargs="?", type=Path, default=store.SHIPPED)
     options.add_argument("--here", action="store_true")
     options.add_argument("--all", action="store_true")
-    options.add_argument("--share", nargs=2, type=int, metavar=("PART", "PARTS"), help="of a process of its own")
+    options.add_argument("--loops", nargs="+", help="of a process of its own")
     asked = options.parse_args()
-    if asked.share:
-        part, parts = asked.share
-        compile_share(_place(asked.folder, os.environ[LEVEL]), part, parts, asked.all)
+    if asked.loops:
+        compile_share(asked.folder, asked.loops, 0o644 if LEVEL in os.environ else 0o600)
     else:
-        build(asked.folder, store.levels()[:1] if asked.here else store.portable(), asked.all)
+        build(asked.folder, store.levels()[:1] if asked.here else store.portable_levels(), asked.all)
 
 
 if __name__ == "__main__":

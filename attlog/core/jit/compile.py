@@ -1,95 +1,128 @@
-"""Object code of a kernel, made with numba and verified to run without it.
+"""Compile a loop to object code that runs without numba, load it, and call it.
 
-The supported way: ``numba.cfunc`` compiles an entry of plain pointers and lengths, ``inspect_llvm`` shows its code,
-llvmlite parses that and emits an object file. The entry still holds the way out of a Python exception; where LLVM can
-show that no exception is raised (our kernels divide as numpy does and allocate nothing), it is dropped together with
-all that only the compiler's process knows.
+``numba.cfunc`` compiles an entry of plain pointers and lengths, ``inspect_llvm`` returns its code, llvmlite parses that
+and emits an object file. The entry still holds the way out of a Python exception. Where LLVM can show that none is
+raised (loops divide as numpy does and allocate nothing) it is dropped with all that only numba's process has.
 """
 
 from __future__ import annotations
 
-import ast
 import logging
 from collections.abc import Callable
+from functools import lru_cache
+from types import FunctionType
 from typing import Any
 
 from attlog.core.errors import AttlogError
-from attlog.core.jit import call, store
-from attlog.core.jit.kernel import Kernel
-from attlog.core.jit.store import folder, target
+from attlog.core.jit import store
+from attlog.core.jit.loops import Argument, Call, Group, Loop, used_globals, with_globals
 
-ENTRY_HEADER = "import math\n\nimport numpy as np\n"
-LIBRARY = frozenset(
+LOG = logging.getLogger("attlog.compiling")
+# Operations of LLVM that become calls of the library's function of that name, on doubles.
+CALLED_OPERATIONS = frozenset("cos exp exp2 fma log log10 log2 memcpy memmove memset pow powi sin sincos tan".split())
+# Operations of LLVM that become instructions.
+INSTRUCTIONS = frozenset(
+    "abs assume bitreverse bswap ceil copysign ctlz ctpop cttz experimental fabs floor fshl fshr lifetime masked "
+    "maximum maxnum minimum minnum nearbyint prefetch rint round roundeven sadd scmp smax smin smul sqrt ssub trunc "
+    "uadd ucmp umax umin umul usub vector x86".split()
+)
+# What a loop may call: functions of the C library, which every process has.
+C_LIBRARY = frozenset(
     "acos acosf asin asinf atan atan2 atan2f atanf cbrt ceil copysign cos cosf cosh erf exp exp2 expf expm1 fabs "
     "floor fmax fmin fmod hypot log log10 log1p log2 logf memcpy memmove memset nearbyint pow powf rint round sin "
     "sincos sinf sinh sqrt tan tanf tanh trunc".split()
 )
-"""What a kernel may call: functions of the C library, which every process has."""
-MACHINE = frozenset(
-    "abs assume bitreverse bswap ceil copysign ctlz ctpop cttz experimental fabs floor fshl fshr lifetime masked "
-    "maximum maxnum memcpy memmove memset minimum minnum nearbyint prefetch rint round roundeven sadd scmp smax smin "
-    "smul sqrt ssub trunc uadd ucmp umax umin umul usub "
-    "vector x86".split()
-)
-"""Operations of LLVM that become instructions (memcpy and its like: a call of the library)."""
-ALSO_CALLS = frozenset("cos exp exp2 fma log log10 log2 pow powi sin sincos tan".split())
-"""Operations of LLVM that become calls of the library's function of that name, on doubles; others are refused."""
 
 
 class NeedsNumba(AttlogError):
-    """A kernel that needs more than the C library when it runs."""
+    """A loop needs more than the C library when it runs."""
 
 
-def emit(kernel: Kernel, symbol: str) -> tuple[bytes, tuple[str, ...]]:
-    """The object file that defines ``symbol``, and the library's functions that it calls.
+def obtain(loop: Loop[Any, Any]) -> Callable[..., Any]:
+    """Return a loop's machine code, from its object file where there is one, else compiled and kept.
 
-    NeedsNumba where something else would be needed, naming it; what numba raises where it cannot compile the text.
+    The logger ``attlog.compiling`` says what is compiled. Raises what numba does where it cannot compile the text.
     """
-    return objectified(cfunc(kernel).inspect_llvm(), symbol)
+    found = at_hand(loop)
+    if found is not None:
+        return found
+    own = store.own_place()
+    where = f"once; kept in {own}" if own else "at every start: no cache folder can be written"
+    LOG.info("compiling %s (%s)", loop.what, where)
+    try:
+        made = object_code(loop)
+    except NeedsNumba as error:
+        LOG.warning("%s is compiled at every start: %s", loop.what, error)
+        dispatcher: Callable[..., Any] = compilable(loop.function, {}, entry=True)
+        return dispatcher
+    if not loop.edited:
+        store.keep(loop.key, made)
+    return load(loop, made)
 
 
-def cfunc(kernel: Kernel) -> Any:
-    """The kernel compiled by numba behind an entry of pointers and lengths."""
-    namespace: dict[str, Any] = {}
-    exec(compile(entry_text(kernel), f"<attlog kernel {kernel.name}>", "exec"), namespace)
-    return namespace["entry_"]
+def at_hand(loop: Loop[Any, Any]) -> Call | None:
+    """Return a loop's machine code if its object file exists; None where it would have to be compiled."""
+    found = store.find(loop.key)
+    return load(loop, found) if found is not None and loadable(found.needs) else None
 
 
-def entry_text(kernel: Kernel) -> str:
-    """The kernel's module, its entry taking pointers and lengths.
-
-    The entry makes its arrays itself: a second function around the first would have all of it optimised twice.
-    """
-    head, text = kernel.parts()
-    entry = ast.parse(text).body[0]
-    assert isinstance(entry, ast.FunctionDef)
-    names, types, given = [], [], []
-    for i, argument in enumerate(kernel.arguments):
-        if argument.dimensions:
-            sizes = [f"n{i}_{d}_" for d in range(argument.dimensions)]
-            names += [f"p{i}_", *sizes]
-            types += [f"types.CPointer(types.{argument.kind})", *["types.i8"] * argument.dimensions]
-            given.append(f"carray(p{i}_, ({', '.join(sizes)},))")
-        else:
-            names.append(f"p{i}_")
-            types.append(f"types.{'i8' if argument.kind == 'b1' else argument.kind}")
-            given.append(f"p{i}_ != 0" if argument.kind == "b1" else f"p{i}_")
-    arrays = (f"{a.arg} = {g}" for a, g in zip(entry.args.args, given, strict=True))
-    entry.body[:0] = ast.parse("\n".join(arrays)).body
-    entry.name, entry.args.args = "entry_", [ast.arg(n) for n in names]
-    return (
-        f"{ENTRY_HEADER}from numba import carray, cfunc, njit, types\n\n{head}\n"
-        f"@cfunc(types.{kernel.result}({', '.join(types)}), error_model='numpy')\n"
-        f"{ast.unparse(ast.fix_missing_locations(entry))}\n"
-    )
+def object_code(loop: Loop[Any, Any]) -> store.ObjectCode:
+    """Compile a loop. NeedsNumba where its code needs more than this machine's C library."""
+    symbol = f"attlog_{loop.key}"
+    code, needs = emit(_cfunc(loop).inspect_llvm(), symbol)
+    if not loadable(needs):
+        raise NeedsNumba(f"this system lacks one of {', '.join(needs)}")
+    return store.ObjectCode(symbol, needs, code)
 
 
-def objectified(text: str, symbol: str) -> tuple[bytes, tuple[str, ...]]:
-    """LLVM's text of a compiled cfunc as an object file, see :func:`emit`."""
+def compilable(function: FunctionType, made: dict[FunctionType, Any], entry: bool = False) -> Any:
+    """Return numba's dispatcher of a function, the functions that it uses compiled as well."""
+    from numba import njit
+
+    if function not in made:
+        used = used_globals(function)
+        helpers = {name: compilable(x, made) for name, x in used.items() if isinstance(x, FunctionType)}
+        # Only the entry is called from Python: entry points of helpers cost a quarter of the time.
+        options: dict[str, Any] = (
+            {} if entry else {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        )
+        made[function] = njit(error_model="numpy", **options)(with_globals(function, helpers))
+    return made[function]
+
+
+def _cfunc(loop: Loop[Any, Any]) -> Any:
+    """Compile a loop behind an entry of pointers, lengths and numbers."""
+    from numba import carray, cfunc, types  # type: ignore[attr-defined]
+
+    arguments, result = loop.signature
+    names: list[str] = []
+    kinds: list[Any] = []
+    pointer: Any = types.CPointer
+    known: dict[str, Any] = {"carray": carray, "loop": compilable(loop.function, {})}
+
+    def given(argument: Argument) -> str:
+        if isinstance(argument, Group):
+            known[argument.made.__name__] = argument.made
+            return f"{argument.made.__name__}({', '.join(map(given, argument.fields))})"
+        own = f"p{len(names)}"
+        lengths = [f"{own}_{d}" for d in range(argument.dimensions)]
+        names.extend([own, *lengths])
+        if lengths:
+            kinds.extend([pointer(getattr(types, argument.kind)), *[types.i8] * len(lengths)])
+            return f"carray({own}, ({', '.join(lengths)},))"
+        kinds.append(types.i8 if argument.kind == "b1" else getattr(types, argument.kind))
+        return f"{own} != 0" if argument.kind == "b1" else own
+
+    values = ", ".join(map(given, arguments))
+    exec(f"def entry({', '.join(names)}):\n    return loop({values})\n", known)
+    return cfunc(getattr(types, result)(*kinds), error_model="numpy")(known["entry"])
+
+
+def emit(text: str, symbol: str) -> tuple[bytes, tuple[str, ...]]:
+    """Return the object file of a cfunc's LLVM text, and the functions of the C library that it calls."""
     import llvmlite.binding as llvm
 
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
+    _native()
     module = llvm.parse_assembly(text)
     # numba counts what it compiles in its names; without them the same text gives the same bytes.
     for number, thing in enumerate([*module.functions, *module.global_variables]):
@@ -99,20 +132,20 @@ def objectified(text: str, symbol: str) -> tuple[bytes, tuple[str, ...]]:
             else:
                 thing.linkage = "internal"
                 thing.name = f"part{number}"
-    name, features = target()
+    name, features = store.target()
     machine = llvm.Target.from_default_triple().create_target_machine(
         cpu=name, features=features, opt=3, reloc="pic", codemodel="jitdefault", jit=True
     )
-    _clean(module, machine)
+    _drop_unreached(module, machine)
     needs = needed([f.name for f in module.functions if f.is_declaration])
     foreign = [g.name for g in module.global_variables if g.is_declaration]
     if foreign:
-        raise NeedsNumba(f"the kernel needs {', '.join(foreign)}")
+        raise NeedsNumba(f"its code needs {', '.join(foreign)}")
     return machine.emit_object(module), needs
 
 
-def _clean(module: Any, machine: Any) -> None:
-    """Drop what is never reached: that nothing is raised shows when constants are followed through calls."""
+def _drop_unreached(module: Any, machine: Any) -> None:
+    """Drop what is never reached: constants are followed through calls, so an exception that is never raised goes."""
     import llvmlite.binding as llvm
 
     passes = llvm.create_new_module_pass_manager()
@@ -132,75 +165,44 @@ def _clean(module: Any, machine: Any) -> None:
 
 
 def needed(declared: list[str]) -> tuple[str, ...]:
-    """The library's functions among what a module declares. NeedsNumba where it declares more than these."""
+    """Return the C library's functions among those that a module declares. NeedsNumba where it declares others."""
     found = set()
     for name in declared:
         operation = name.split(".")[1] if name.startswith("llvm.") else ""
-        if operation in ALSO_CALLS and name.endswith(".f64"):
+        if operation.startswith("mem") or (operation in CALLED_OPERATIONS and name.endswith(".f64")):
             found.add(operation)
-        elif name in LIBRARY:
+        elif name in C_LIBRARY:
             found.add(name)
-        elif operation not in MACHINE:
-            raise NeedsNumba(f"the kernel needs {name}")
-        elif operation in ("memcpy", "memmove", "memset"):
-            found.add(operation)
+        elif operation not in INSTRUCTIONS:
+            raise NeedsNumba(f"its code needs {name}")
     return tuple(sorted(found))
 
 
-# From a kernel to a function: its object where it is at hand, else compiled, else as numba alone can run it.
-#
-# numba is imported only to compile. ``ATTLOG_NO_JIT=1`` asks for plain Python; whoever owns a kernel heeds it.
+@lru_cache(maxsize=1)
+def _native() -> Any:
+    """Return LLVM's knowledge of this machine, set up once."""
+    import llvmlite.binding as llvm
 
-COMPILING_LOG = logging.getLogger("attlog.compiling")
-
-
-def obtained(kernel: Kernel) -> Callable[..., Any]:
-    """The kernel as a function of arrays and numbers.
-
-    The logger ``attlog.compiling`` tells that it is compiled, which takes seconds, and warns where numba has to stay.
-    What numba raises where it cannot compile the text.
-    """
-    function = at_hand(kernel)
-    if function is not None:
-        return function
-    key = store.key_of(kernel)
-    kept = folder()
-    where = f"once; kept in {kept}" if kept else "at every start: no cache folder can be written"
-    COMPILING_LOG.info("compiling %s (%s)", kernel.what, where)
-    try:
-        made = made_object(kernel, key)
-    except NeedsNumba as error:
-        COMPILING_LOG.warning("%s cannot run without numba: %s", kernel.what, error)
-        return by_numba(kernel)
-    store.keep(key, made)
-    store.learn_key(kernel, key)
-    return call.load(kernel, made.code, made.symbol)
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    target = llvm.Target.from_default_triple()
+    llvm.create_mcjit_compiler(llvm.parse_assembly(""), target.create_target_machine(jit=True))  # opens the C library
+    return target
 
 
-def at_hand(kernel: Kernel) -> Callable[..., Any] | None:
-    """The kernel if its object exists already; None where it would have to be compiled."""
-    known = store.known_key(kernel)
-    key = known or store.key_of(kernel)
-    found = store.find(key)
-    if found is None or not call.loadable(found.needs):
-        return None
-    if known is None:
-        store.learn_key(kernel, key)
-    return call.load(kernel, found.code, found.symbol)
+def loadable(needs: tuple[str, ...]) -> bool:
+    """Return whether this process has these functions: LLVM ends the process where one is missing."""
+    import llvmlite.binding as llvm
+
+    _native()
+    return all(llvm.address_of_symbol(name) for name in needs)
 
 
-def made_object(kernel: Kernel, key: str) -> store.Object:
-    """The kernel's object, compiled now. NeedsNumba where it would need more than this machine's C library."""
-    symbol = f"attlog_{key}"
-    code, needs = emit(kernel, symbol)
-    if not call.loadable(needs):
-        raise NeedsNumba(f"this system lacks one of {', '.join(needs)}")
-    return store.Object(symbol, needs, code)
+def load(loop: Loop[Any, Any], found: store.ObjectCode) -> Call:
+    """Load an object file, by llvmlite alone."""
+    import llvmlite.binding as llvm
 
-
-def by_numba(kernel: Kernel) -> Callable[..., Any]:
-    """The kernel as numba's dispatcher calls it, as plug-ins have it."""
-    function = call.compiled(kernel.decorated(), kernel.entry, kernel.what)
-    if not kernel.scratch:
-        return function
-    return lambda *values: function(*values, *kernel.room())
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _native().create_target_machine(jit=True))
+    engine.add_object_file(llvm.ObjectFileRef.from_data(found.code))
+    engine.finalize_object()
+    return Call(loop, engine.get_function_address(found.symbol), engine)

@@ -18,10 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core import jit
+from attlog.core.jit import IOut1
 from attlog.core.limits import MAX_FORMATS, MAX_LAYOUTS_OF_A_NAME
 from attlog.core.timestamps import Offsets
 from attlog.formats import file_bytes
-from attlog.formats.file_bytes import compiled_if_cheap, compiled_now, gather, offset_type, reader_kernel
+from attlog.formats.file_bytes import U8, I16Out, I32Out, compiled_if_cheap, gather, offset_type
 from attlog.formats.table import DamageLog
 
 MIN_COMPILED_BYTES = 32 << 20
@@ -38,7 +40,7 @@ def is_follower_worthwhile(data: NDArray[np.uint8]) -> bool:
     is_worth = offset_type(len(data)) is np.int32 and file_bytes.is_compiled_worthwhile(
         "dataflash", len(data), MIN_COMPILED_BYTES
     )
-    return is_worth and compiled_if_cheap(FOLLOW_KERNEL) is not None
+    return is_worth and compiled_if_cheap(follow_records) is not None
 
 
 class RecordFollower:
@@ -49,7 +51,7 @@ class RecordFollower:
         self._defined = np.zeros(MAX_FORMATS + 1, np.int32)
         self.lengths[FMT_TYPE] = FMT_LENGTH
         self._data, self._count = data, 0
-        self._step = compiled_if_cheap(FOLLOW_KERNEL) or compiled_now(FOLLOW_KERNEL)
+        self._step = follow_records.compiled()
         self._starts, self._kinds, self._stamps = _record_arrays(_FIRST_RECORDS)
 
     @property
@@ -105,7 +107,17 @@ def _record_arrays(records: int) -> FoundRecords:
     return np.empty(records, np.int32), np.empty(records, np.int16), np.empty(records, np.int64)
 
 
-def follow_records(data, position, lengths, layouts, defined, starts, kinds, stamps):  # type: ignore[no-untyped-def]
+@jit.loop("the reader's walk over records")
+def follow_records(
+    data: U8,
+    position: int,
+    lengths: I32Out,
+    layouts: I16Out,
+    defined: I32Out,
+    starts: I32Out,
+    kinds: I16Out,
+    stamps: IOut1,
+) -> int:
     """Consecutive records of known types from ``position`` on, as many as fit the arrays; returns how many.
 
     Takes up what FMT records (type 128) define, unless it is what holds already: ``defined`` are their places by
@@ -137,15 +149,8 @@ def follow_records(data, position, lengths, layouts, defined, starts, kinds, sta
             stamp |= np.int64(data[position + 3 + k]) << (8 * k)
         stamps[n] = stamp
         n += 1
-        position += length
+        position += int(length)
     return n
-
-
-FOLLOW_KERNEL = reader_kernel(
-    follow_records,
-    "i8((u1[::1]), i8, i4[::1], i2[::1], i4[::1], i4[::1], i2[::1], i8[::1])",
-    "formats/dataflash/walk.py",
-)
 
 
 # Where the records of a DataFlash file begin, found in one vectorised pass.

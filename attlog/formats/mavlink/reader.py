@@ -25,7 +25,7 @@ from attlog.formats.file_bytes import (
     read_file_bytes,
 )
 from attlog.formats.mavlink.layout import STAMP_COLUMN, message_catalogue, message_layout
-from attlog.formats.mavlink.walk import MAVLINK_2, PAYLOAD_KERNEL, STAMP_BYTES, Packets, index_packets
+from attlog.formats.mavlink.walk import MAVLINK_2, STAMP_BYTES, Packets, copy_payloads, index_packets
 from attlog.formats.table import Boot, Field, Messages, ParamChange, Table, Text, boots_of_timeline
 
 __all__ = ["CLOCK_MESSAGES", "STAMP_COLUMN", "decode_parameter_values", "list_systems", "main_vehicle", "read_mavlink"]
@@ -152,7 +152,7 @@ def read_payloads(data: NDArray[np.uint8], offsets: Offsets, record: np.dtype[An
     if (
         offsets.dtype == np.int32
         and is_compiled_loaded(len(offsets) * size)
-        and (loop := compiled_if_cheap(PAYLOAD_KERNEL)) is not None
+        and (loop := compiled_if_cheap(copy_payloads)) is not None
     ):
         found = np.empty(len(offsets) * size, np.uint8)
         if loop(data, offsets, size, found) < len(offsets):

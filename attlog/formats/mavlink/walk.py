@@ -11,11 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core import jit
+from attlog.core.jit import IOut1
 from attlog.core.limits import MAX_SENDERS
 from attlog.core.timestamps import Offsets
 from attlog.formats import file_bytes
-from attlog.formats.file_bytes import GATHER_SOURCE as COPYING
-from attlog.formats.file_bytes import compiled_if_cheap, compiled_now, copy_record, gather, offset_type, reader_kernel
+from attlog.formats.file_bytes import (
+    I16,
+    I32,
+    U8,
+    I32Out,
+    U8Out,
+    U16Table,
+    compiled_if_cheap,
+    copy_record,
+    gather,
+    offset_type,
+)
 from attlog.formats.table import DamageLog
 
 MAVLINK_1, MAVLINK_2 = 0xFE, 0xFD
@@ -137,7 +149,7 @@ def is_walk_worthwhile(data: NDArray[np.uint8]) -> bool:
     """Whether :func:`compiled_packets` can be used and is worth it."""
     return (
         file_bytes.is_compiled_worthwhile("mavlink", len(data), MIN_COMPILED_BYTES)
-        and compiled_if_cheap(WALK_KERNEL) is not None
+        and compiled_if_cheap(walk_packets) is not None
     )
 
 
@@ -149,11 +161,7 @@ def walk_all_packets(
     ``seeds`` (CRC extra, -1 unknown) and ``sizes`` (payload bytes) by message id. A
     packet inside an accepted one is payload.
     """
-    walk, tables, width = (
-        compiled_if_cheap(WALK_KERNEL) or compiled_now(WALK_KERNEL),
-        slicing_tables(),
-        offset_type(len(data)),
-    )
+    walk, tables, width = (walk_packets.compiled(), slicing_tables(), offset_type(len(data)))
     starts, ends, ids = (
         np.empty(_WALKED_PACKETS, np.int64),
         np.empty(_WALKED_PACKETS, np.int64),
@@ -169,7 +177,10 @@ def walk_all_packets(
     return found_starts, found_ends, found_ids
 
 
-def walk_packets(data, position, seeds, sizes, tables, starts, ends, ids):  # type: ignore[no-untyped-def]
+@jit.loop("the reader's walk over packets")
+def walk_packets(
+    data: U8, position: int, seeds: I16, sizes: I16, tables: U16Table, starts: IOut1, ends: IOut1, ids: I32Out
+) -> int:
     """Find packets from ``position`` on, at most as many as fit the arrays; returns how many."""
     n = 0
     while n < len(starts) and position + 8 <= len(data):
@@ -214,34 +225,23 @@ def walk_packets(data, position, seeds, sizes, tables, starts, ends, ids):  # ty
             continue
         starts[n], ends[n], ids[n] = position, end, number
         n += 1
-        position = end
+        position = int(end)
     return n
 
 
-WALK_KERNEL = reader_kernel(
-    walk_packets,
-    "i8((u1[::1]), i8, i2[::1], i2[::1], u2[:, ::1], i8[::1], i8[::1], i4[::1])",
-    "formats/mavlink/walk.py",
-)
-
-
-def copy_payloads(data, offsets, size, out):  # type: ignore[no-untyped-def]
+@jit.loop("the reader's copying of payloads")
+def copy_payloads(data: U8, offsets: I32, size: int, out: U8Out) -> int:
     """The payloads of packets (rows of ``size`` bytes), what the sender left out or the file has no room for zero."""
     for i in range(len(offsets)):
         at, place = np.int64(offsets[i]), i * size
         if at < 0 or at + 2 > len(data):
             return i
         begin = at + (10 if data[at] == 0xFD else 6)
-        here = min(min(np.int64(data[at + 1]), size), len(data) - begin)
+        here = min(int(data[at + 1]), size, int(len(data) - begin))
         copy_record(data, begin, max(here, 0), out, place)
         for k in range(max(here, 0), size):
             out[place + k] = 0
     return len(offsets)
-
-
-PAYLOAD_KERNEL = reader_kernel(
-    copy_payloads, "i8((u1[::1]), (i4[::1]), i8, u1[::1])", "formats/mavlink/walk.py", COPYING
-)
 
 
 # Where the MAVLink packets of a tlog or a raw capture are, found by their checksums in one vectorised pass.

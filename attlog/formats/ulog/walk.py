@@ -17,15 +17,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core import jit
+from attlog.core.jit import IOut1
 from attlog.core.timestamps import Offsets, is_near, rise_nearby
-from attlog.formats.file_bytes import (
-    compiled_if_cheap,
-    compiled_now,
-    gather,
-    is_compiled_worthwhile,
-    offset_type,
-    reader_kernel,
-)
+from attlog.formats.file_bytes import U8, U16, U16Out, compiled_if_cheap, gather, is_compiled_worthwhile, offset_type
 from attlog.formats.ulog.layout import (
     FILE_HEADER,
     MAGIC,
@@ -198,7 +193,7 @@ class NumbaChain:
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data, self._sizes, self._width = data, sizes, offset_type(len(data))
-        self._walk = compiled_if_cheap(WALK_KERNEL) or compiled_now(WALK_KERNEL)
+        self._walk = walk_data_records.compiled()
         self._starts, self._ids = np.empty(MAX_SEGMENT_RECORDS, np.int64), np.empty(MAX_SEGMENT_RECORDS, np.uint16)
 
     def forget(self) -> None:
@@ -214,7 +209,10 @@ class NumbaChain:
 # Places are unsigned in this loop: a signed one could count from the end, and asking costs a third of the time.
 
 
-def walk_data_records(data, position, stop, smallest, spread, starts, ids):  # type: ignore[no-untyped-def]
+@jit.loop("the reader's walk over messages")
+def walk_data_records(
+    data: U8, position: int, stop: int, smallest: U16, spread: U16, starts: IOut1, ids: U16Out
+) -> int:
     """Starts and ids of consecutive data records from ``position`` on; returns how many."""
     n, room = np.uint64(0), np.uint64(len(starts))
     at, end = np.uint64(position), np.uint64(stop)
@@ -237,17 +235,14 @@ def walk_data_records(data, position, stop, smallest, spread, starts, ids):  # t
             if kind != 83 or n == 0 or size != 8 or first != 0x2F or mark > end or data[mark - np.uint64(1)] != 0x12:
                 break
             at = mark
-    return np.int64(n)
-
-
-WALK_SOURCE = "formats/ulog/walk.py"
-WALK_KERNEL = reader_kernel(walk_data_records, "i8((u1[::1]), i8, i8, u2[::1], u2[::1], i8[::1], u2[::1])", WALK_SOURCE)
+    return np.int64(n)  # type: ignore[return-value]
 
 
 def fastest_chain(data: Bytes, sizes: Sizes) -> Chain:
     """The follower that is faster now: compiled where that is at hand, else numpy."""
     is_worth = (
-        is_compiled_worthwhile("ulog", len(data), MIN_COMPILED_BYTES) and compiled_if_cheap(WALK_KERNEL) is not None
+        is_compiled_worthwhile("ulog", len(data), MIN_COMPILED_BYTES)
+        and compiled_if_cheap(walk_data_records) is not None
     )
     return NumbaChain(data, sizes) if is_worth else NumpyChain(data, sizes)
 

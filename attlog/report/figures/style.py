@@ -41,7 +41,6 @@ FIXED_LINES = {
     "ap_dcm": (4, "dash"),
     "px4_q": (5, "dash"),
     "gsf": (7, "dash"),
-    "ukf": (6, "dash"),
     "accel_mag": (8, "dash"),
 }
 """Slot and dash of what every log may hold, the same in all of them. Filters of one family share a colour."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.core import rotation
-from attlog.core.jit.call import compiled
-from attlog.core.jit.kernel import with_helpers
+from attlog.core import jit, rotation
+from attlog.core.jit import F1, F2, Out1, Out2
 from attlog.estimators import estimate, get
 from attlog.estimators.filters import ekf12
+from attlog.estimators.filters.ekf12 import step as ekf12_step
 from attlog.testing import Noise, flight, still
 from attlog.testing.motions import total_deg
 
@@ -208,23 +208,23 @@ def test_the_bandwidth_does_not_depend_on_the_magnetometer_s_rate() -> None:
     assert abs(full[-1] - thin[-1]) < 0.5
 
 
+@jit.loop("a million steps")
+def million(state: Out1, params: F1, gyr: F2, acc: F2, mag: F2, out: Out2) -> None:
+    k = 0
+    for i in range(len(out)):
+        for _ in range(1000):
+            k = k + 1 if k + 1 < len(gyr) else 0
+            ekf12_step(state, params, 0.005, gyr[k], acc[k], mag[k])
+        for j in range(144):
+            out[i, j] = state[16 + j]
+
+
 @pytest.mark.slow
 def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> None:
     """Looked at every 1000 steps, in motion, with noise and a slow magnetometer."""
     m = flight(50.0, 200.0, noise=NOISE)
     mag = np.where((np.arange(len(m.t)) % 20 == 0)[:, None], m.mag, 0.0)
     params = parameters()
-    loop = """
-@njit
-def million(state, params, gyr, acc, mag, out):
-    k = 0
-    for i in range(len(out)):
-        for _ in range(1000):
-            k = k + 1 if k + 1 < len(gyr) else 0
-            step(state, params, 0.005, gyr[k], acc[k], mag[k])
-        out[i] = state[16:160]
-"""
-    million = compiled(with_helpers({"step": ekf12.step}, jit=True) + loop, "million")
     out = np.empty((1000, 144))
     million(initial(m, params), params, m.gyr, m.acc, mag, out)
     p = out.reshape(-1, 12, 12)

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from attlog.core import rotation
-from attlog.core.jit.call import compiled
-from attlog.core.jit.kernel import with_helpers
+from attlog.core import jit, rotation
+from attlog.core.jit import F1, F2, Out1, Out2
 from attlog.estimators import estimate, get
 from attlog.estimators.aids import SIZE
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial import backward, compass, recursion, start
 from attlog.estimators.filters.inertial.recursion import BA, BIAS, DD, DV, A, B, D, M, N, P, Q, S, T, V, X
+from attlog.estimators.filters.mekf import step as mekf_step
 from attlog.testing.motions import CONSUMER_NOISE, Motion, Noise, flight, heading_deg, motion, still, swing, tilt_deg
 
 Array = np.ndarray
@@ -454,21 +454,21 @@ def test_rest_is_seen_at_rest_and_not_in_a_slow_turn() -> None:
     assert turning[recursion.QUIET] == 0.0
 
 
-@pytest.mark.slow
-def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> None:
-    m = flight(50.0, 200.0, noise=CONSUMER_NOISE)
-    params = parameters(field_sigma=3.0)
-    loop = f"""
-@njit
-def million(state, params, gyr, acc, mag, aid, out):
+@jit.loop("a million steps")
+def million(state: Out1, params: F1, gyr: F2, acc: F2, mag: F2, aid: F1, out: Out2) -> None:
     k = 0
     for i in range(len(out)):
         for _ in range(1000):
             k = k + 1 if k + 1 < len(gyr) else 0
-            step(state, params, 0.005, gyr[k], acc[k], mag[k], aid)
-        out[i] = state[{P}:{P + N * N}]
-"""
-    million = compiled(with_helpers({"step": mekf.step}, jit=True) + loop, "million")
+            mekf_step(state, params, 0.005, gyr[k], acc[k], mag[k], aid)
+        for j in range(N * N):
+            out[i, j] = state[P + j]
+
+
+@pytest.mark.slow
+def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> None:
+    m = flight(50.0, 200.0, noise=CONSUMER_NOISE)
+    params = parameters(field_sigma=3.0)
     out = np.empty((1000, N * N))
     million(mekf.start(params, m.acc[0], m.mag[0], m.q[0]), params, m.gyr, m.acc, m.mag, np.full(SIZE, np.nan), out)
     p = out.reshape(-1, N, N)

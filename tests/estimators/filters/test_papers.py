@@ -13,7 +13,7 @@ from attlog.core import rotation
 from attlog.estimators import estimate
 from attlog.estimators.registry import BUILT_IN, get
 from attlog.testing import Motion, Noise, flight, motion, swing
-from attlog.testing import still as testing_still
+from attlog.testing import still as still_motion
 from attlog.testing.motions import heading_deg, total_deg
 
 G = 9.80665
@@ -218,7 +218,7 @@ def test_variable_integral_is_complementary_to_the_bit_below_err1(forms: dict[st
 
 def test_variable_integral_fades_between_err1_and_err2() -> None:
     """At rest with a tilt error of 30, 40 and 60 deg the ratio is (17) of the sine; the field is left out."""
-    m = testing_still(0.1)
+    m = still_motion(0.1)
     for angle in (10.0, 30.0, 40.0, 60.0):
         e = estimate("variable_integral@lyu", *m.sensors, q0=off(m, roll=np.deg2rad(angle)), kp=0.0, ki=0.0)
         wanted = np.clip((0.8 - np.sin(np.deg2rad(angle))) / 0.5, 0.0, 1.0)
@@ -226,7 +226,7 @@ def test_variable_integral_fades_between_err1_and_err2() -> None:
 
 
 def test_frozen_output_keeps_summing_and_frozen_input_does_not() -> None:
-    m = testing_still(2.0)
+    m = still_motion(2.0)
     far = off(m, roll=np.deg2rad(60.0))
     output = estimate("variable_integral@lyu", *m.sensors, q0=far, kp=0.0, ki=0.1)
     entry = estimate("variable_integral@lyu", *m.sensors, q0=far, kp=0.0, ki=0.1, freeze="input")
@@ -252,7 +252,7 @@ def _mahony(m: Motion, **options: object) -> np.ndarray:
 
 @pytest.mark.parametrize("error", [0.02, -0.02])
 def test_passive_is_explicit_to_first_order_for_heading_errors_at_any_dip(error: float) -> None:
-    m = testing_still(20.0, roll=0.4, pitch=-0.3, yaw=1.0)
+    m = still_motion(20.0, roll=0.4, pitch=-0.3, yaw=1.0)
     _close_to_first_order(m, rotation.turn_about_down(m.q[0], error))
 
 
@@ -260,7 +260,7 @@ def test_passive_is_explicit_to_first_order_for_heading_errors_at_any_dip(error:
 def test_passive_is_explicit_to_first_order_for_all_errors_on_a_horizontal_field(
     start: tuple[float, float, float],
 ) -> None:
-    m = testing_still(20.0, roll=0.4, pitch=-0.3, yaw=1.0)
+    m = still_motion(20.0, roll=0.4, pitch=-0.3, yaw=1.0)
     level = rotation.rotate_inverse(m.q, np.array([20e-6, 0.0, 0.0]))
     _close_to_first_order(Motion(m.t, m.q, m.gyr, m.acc, level), off(m, *start))
 
@@ -275,7 +275,7 @@ def _close_to_first_order(m: Motion, q0: np.ndarray) -> None:
 
 def test_passive_and_explicit_differ_by_tilt_times_tan_dip_on_a_steep_field() -> None:
     """TRIAD turns a wrong gravity into heading; the explicit filter's heading error uses the estimate's tilt."""
-    m = testing_still(4.0)
+    m = still_motion(4.0)
     options = {**SAME, "ki": 0.0, "q0": off(m, roll=0.02)}
     passive = estimate("mahony_passive", *m.sensors, l1=1e6, l2=1e-6, **options).q
     explicit = _mahony(m, mag_form="heading", **options)
@@ -316,7 +316,7 @@ def test_adaptive_is_mahony_while_only_gravity_acts() -> None:
 
 def test_adaptive_trust_follows_the_printed_factor() -> None:
     for up, wanted in ((0.05, 1.0), (0.15, 0.5), (0.19, 0.1), (0.3, 0.0)):
-        m = testing_still(0.1)
+        m = still_motion(0.1)
         e = estimate("mahony_adaptive:tau=0", m.t, m.gyr, (1.0 + up) * m.acc, m.mag)
         assert e.aux["trust"][1:] == pytest.approx(wanted, abs=1e-9)
 
@@ -358,7 +358,7 @@ def test_adaptive_s_mean_force_knows_a_turn_from_an_acceleration() -> None:
 @pytest.mark.parametrize("name", ["mahony", "mahony_dcm", "mahony_passive", "mahony_adaptive"])
 def test_mag_gain_sets_how_fast_heading_is_found(name: str) -> None:
     """A heading error that is small falls by exp(-kp mag_gain t); 0 leaves it to the gyro; tilt is untouched."""
-    m = testing_still(4.0)
+    m = still_motion(4.0)
     at_begin = np.deg2rad(2.0)
     for gain in (0.0, 0.5, 1.0, 2.0):
         values = {"kp": 0.5, "ki": 0.0, "mag_gain": gain}
@@ -370,7 +370,7 @@ def test_mag_gain_sets_how_fast_heading_is_found(name: str) -> None:
 
 
 def test_huang_s_heading_error_as_printed_has_the_factor_cos_dip() -> None:
-    m = testing_still(4.0)
+    m = still_motion(4.0)
     h = rotation.rotate(m.q[0], m.mag[0])
     cos_dip = np.hypot(h[0], h[1]) / np.linalg.norm(h)
     assert 0.2 < cos_dip < 0.9, "else the test says nothing"
@@ -384,7 +384,7 @@ def test_huang_s_heading_error_as_printed_has_the_factor_cos_dip() -> None:
 
 
 def test_madgwick_steps_at_most_two_beta() -> None:
-    m = testing_still(5.0)
+    m = still_motion(5.0)
     e = estimate("madgwick:beta=0.1", m.t, m.gyr, m.acc, q0=off(m, roll=1.0))
     most = np.rad2deg(2.0 * 0.1 * 4.99)
     assert 0.7 * most < total_deg(e.q[:1], e.q[-1:])[0] < most, "part of the slope points along q and turns nothing"
@@ -392,7 +392,7 @@ def test_madgwick_steps_at_most_two_beta() -> None:
 
 def test_madgwick_estimates_a_bias_with_zeta() -> None:
     true = np.array([0.02, -0.01, 0.015])
-    m = testing_still(300.0, 50.0, noise=Noise(gyro=1e-3, bias=tuple(true)))
+    m = still_motion(300.0, 50.0, noise=Noise(gyro=1e-3, bias=tuple(true)))
     e = estimate("madgwick:beta=0.1,zeta=0.002", *m.sensors)
     assert e.bias[-3000:].mean(axis=0) == pytest.approx(true, abs=0.004)
 

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 
 from attlog import formats
 from attlog.core.errors import UsageError
-from attlog.core.jit.compile import obtained
+from attlog.core.jit.compile import obtain
 from attlog.formats import Recording
 from attlog.formats.file_bytes import read_file_bytes
 from attlog.formats.mavlink import reader, walk
@@ -87,7 +87,7 @@ def test_compiled_payloads_are_numpys_also_short_ones_and_at_the_end_of_the_file
     monkeypatch.setattr(reader, "is_compiled_loaded", lambda size: False)
     by_numpy = reader.read_payloads(data, offsets, record)
     monkeypatch.setattr(reader, "is_compiled_loaded", lambda size: True)
-    monkeypatch.setattr(reader, "compiled_if_cheap", obtained)
+    monkeypatch.setattr(reader, "compiled_if_cheap", obtain)
     compiled = reader.read_payloads(data, offsets, record)
     assert by_numpy.tobytes() == compiled.tobytes()
     assert compiled.tobytes() == b"".join(bytes(range(1, n + 1))[:size].ljust(size, b"\0") for n in range(60))

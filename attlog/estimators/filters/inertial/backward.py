@@ -13,20 +13,16 @@ what comes before the first field) the attitude is the gyro's, backwards, with t
 
 from __future__ import annotations
 
-import functools
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import rotation
-from attlog.core.jit import call
-from attlog.core.jit import kernel as generate
-from attlog.core.jit.compile import obtained
-from attlog.core.jit.kernel import Kernel
+from attlog.core import jit, rotation
+from attlog.core.jit import F1, F2, IOut1, Out1, Out2, aligned_zeros
 from attlog.estimators.aids import SURE, Measurements
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial.compass import EXCESS_TIME
@@ -56,6 +52,8 @@ from attlog.estimators.filters.inertial.recursion import (
     SIGMA,
     STAGE,
     UNIT,
+    Blocks,
+    Corrections,
     F,
     M,
     N,
@@ -63,11 +61,12 @@ from attlog.estimators.filters.inertial.recursion import (
     Q,
     T,
     X,
-    run_recursion,
+    recursion,
 )
 from attlog.estimators.filters.inertial.start import align, look_for_rest
+from attlog.estimators.filters.mekf import correct, finish, predict, sample, take_force
 from attlog.estimators.filters.navigation.start import chained
-from attlog.estimators.interface import KERNEL_SOURCES, Array, Estimate
+from attlog.estimators.interface import Array, Estimate
 
 PRESET = "smoother"
 ROUNDS = 3
@@ -82,78 +81,77 @@ BEFORE, AFTER = SUMS + 2, SUMS + 2 + 3 * N
 RECORDED = SUMS + 2 + 6 * N
 CHUNK = 500
 
-RECORD_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "look_for_rest": look_for_rest,
-    "align": align,
-    "take_force": mekf.take_force,
-    "sample": mekf.sample,
-    "predict": mekf.predict,
-    "correct": mekf.correct,
-    "finish": mekf.finish,
-}
-SIGNATURE = (
-    "i8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], b1, f8[:, ::1], i8[::1], "
-    "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
-)
-RECORD = f"""
-def record(state, params, dt, gyr, acc, mag, air, keep, q, end, nominal, sums, before, after, error):
+
+class RecordedSamples(NamedTuple):
+    """The samples (n,) of a run: time since the one before, rate, force, field, airspeed (NaN where there is none)."""
+
+    dt: F1
+    gyr: F2
+    acc: F2
+    mag: F2
+    air: F1
+
+
+class BlockEnds(NamedTuple):
+    """Written at the end of each block (m): see :class:`ForwardRecord`; matrices row by row."""
+
+    end: IOut1
+    nominal: Out2
+    sums: Out2
+    before: Out2
+    after: Out2
+    error: Out2
+
+
+@jit.loop("the inertial smoother, forward")
+def record(state: Out1, params: F1, data: RecordedSamples, keep: bool, q: Out2, out: BlockEnds) -> int:
+    """Run the filter and record each block; return how many. Without ``keep`` each overwrites the one before."""
     count = 0
     row = 0
-    for k in range(len(dt)):
-        h = dt[k]
+    for k in range(len(data.dt)):
+        h = data.dt[k]
         ends = False
-        at = {Q}
+        at = Q
         if h > 0.0:
-            look_for_rest(state, params, h, gyr[k], acc[k])
-            take_force(state, h, gyr[k], acc[k], air[k])
-            force = state[{F}:{END}]
-            if state[{STAGE}] == {ALIGNING}:
-                align(state, params, h, gyr[k], force, mag[k])
-                ends = state[{STAGE}] != {ALIGNING}
+            look_for_rest(state, params, h, data.gyr[k], data.acc[k])
+            take_force(state, h, data.gyr[k], data.acc[k], data.air[k])
+            force = state[F:END]
+            if state[STAGE] == ALIGNING:
+                align(state, params, h, data.gyr[k], force, data.mag[k])
+                ends = state[STAGE] != ALIGNING
                 at = 0
             else:
-                sample(state, h, gyr[k], force, mag[k])
-                ends = state[{T}] >= params[{BLOCK}] - 0.25 * h
+                sample(state, h, data.gyr[k], force, data.mag[k])
+                ends = state[T] >= params[BLOCK] - 0.25 * h
         for j in range(4):
             q[k, j] = state[at + j]
         if ends:
             if count > 0:
-                for j in range({SUMS}):
-                    sums[row, j] = state[{T} + j]
+                for j in range(SUMS):
+                    out.sums[row, j] = state[T + j]
                 predict(state, params)
-                for j in range({3 * N}):
-                    sums[row, {BEFORE} + j] = state[{REACH} + j]
-                for j in range({N * N}):
-                    before[row, j] = state[{P} + j]
+                for j in range(3 * N):
+                    out.sums[row, BEFORE + j] = state[REACH + j]
+                for j in range(N * N):
+                    out.before[row, j] = state[P + j]
                 correct(state, params)
-                for j in range({N}):
-                    error[row, j] = state[{X} + j]
+                for j in range(N):
+                    out.error[row, j] = state[X + j]
                 finish(state, params)
-            sums[row, {SUMS}] = state[{EXCESS}]
-            sums[row, {SUMS + 1}] = state[{HEADING_DOUBT}]
-            for j in range({3 * N}):
-                sums[row, {AFTER} + j] = state[{REACH} + j]
-            for j in range({N * N}):
-                after[row, j] = state[{P} + j]
+            out.sums[row, SUMS] = state[EXCESS]
+            out.sums[row, SUMS + 1] = state[HEADING_DOUBT]
+            for j in range(3 * N):
+                out.sums[row, AFTER + j] = state[REACH + j]
+            for j in range(N * N):
+                out.after[row, j] = state[P + j]
             for j in range(3):
-                nominal[row, j] = state[{BIAS} + j]
-            for j in range({N - 6}):
-                nominal[row, 3 + j] = state[{M} + j]
-            end[row] = k
+                out.nominal[row, j] = state[BIAS + j]
+            for j in range(N - 6):
+                out.nominal[row, 3 + j] = state[M + j]
+            out.end[row] = k
             count += 1
             row = count if keep else 0
     return count
-"""
-
-
-RECORD_KERNEL = Kernel(
-    "inertial record",
-    "record",
-    lambda: f"{generate.with_helpers(RECORD_FUNCTIONS, jit=True)}\n\n{RECORD.lstrip()}",
-    SIGNATURE,
-    "the inertial smoother",
-    KERNEL_SOURCES,
-)
 
 
 @dataclass(slots=True)
@@ -274,14 +272,6 @@ def acc_bias_spread(run: ForwardRecord, expected: float) -> float:
     return min(float(np.sqrt((found.sum() + expected**2) / 4.0)), max(mekf.WIDEST_BIAS, expected))
 
 
-@functools.lru_cache(maxsize=2)
-def kernel(jit: bool) -> Any:
-    """The recording loop, compiled or in plain Python."""
-    if not jit:
-        return call.plain(RECORD, "record", RECORD_FUNCTIONS)
-    return obtained(RECORD_KERNEL)
-
-
 def forward(data: list[Array], values: Array, known: Array | None, keep: bool = True) -> ForwardRecord:
     """The filter over samples (dt, gyr, acc, mag, airspeed), recorded; ``known`` is the last state of an earlier run.
 
@@ -303,7 +293,7 @@ def forward(data: list[Array], values: Array, known: Array | None, keep: bool = 
     q, end = np.empty((n, 4)), np.zeros(blocks, np.int64)
     shapes = (N - 3, RECORDED, N * N, N * N, N)
     kept = [np.zeros((blocks, k)) for k in shapes]
-    count = int(kernel(call.jit_wanted())(state, values, *data, keep, q, end, *kept)) if n else 0
+    count = record(state, values, RecordedSamples(*data), keep, q, BlockEnds(end, *kept)) if n else 0
     count = count if keep else min(count, 1)
     nominal, sums, before, after, error = (x[:count] for x in kept)
     return ForwardRecord(q, end[:count], nominal, sums, before.reshape(-1, N, N), after.reshape(-1, N, N), error, state)
@@ -346,26 +336,14 @@ def backward(run: ForwardRecord, values: Array) -> BackwardPass:
     reach_before, reach_after = (np.ascontiguousarray(run.sums[:, k : k + 3 * N]) for k in (BEFORE, AFTER))
     reach, considered = reach_after[-1].copy(), np.empty((m, 2))
     before, after = run.before.reshape(m, N * N), run.after.reshape(m, N * N)
+    scratch = aligned_zeros(N * N), aligned_zeros(N * N), aligned_zeros(N), aligned_zeros(N)
     for b in range(m, 1, -CHUNK):
         a = max(b - CHUNK, 1)
         own = slice(a, b)
-        run_recursion()(
-            gains(run, values, a, b).reshape(-1, N * N),
-            before[own],
-            after[a - 1 : b - 1],
-            run.error[own],
-            run.nominal[own],
-            dx,
-            covariance,
-            at_begin[own],
-            at_end[own],
-            states[own],
-            variance[own],
-            reach_before[own],
-            reach_after[a - 1 : b - 1],
-            reach,
-            considered[own],
-        )
+        found = gains(run, values, a, b).reshape(-1, N * N)
+        blocks = Blocks(found, before[own], after[a - 1 : b - 1], run.error[own], run.nominal[own])
+        written = Corrections(at_begin[own], at_end[own], states[own], variance[own], considered[own])
+        recursion(blocks, written, dx, covariance, reach_before[own], reach_after[a - 1 : b - 1], reach, *scratch)
     states[0] = run.nominal[0] + dx[3:]
     variance[0] = covariance[0] + covariance[N + 1], covariance[2 * N + 2]
     considered[0] = np.sum(reach.reshape(3, N)[:, :2] ** 2), np.sum(reach.reshape(3, N)[:, 2] ** 2)

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
-from attlog.core.jit import call, kernel
-from attlog.core.jit.compile import obtained
-from attlog.core.jit.kernel import Kernel
-from attlog.estimators.interface import KERNEL_SOURCES
+from attlog.core import jit
+from attlog.core.jit import F2, Out1, Out2
 
 N = 21
 BIAS, SIGMA, Q, M, BA, V, D, P, X, C = 4, 7, 9, 13, 22, 25, 27, 28, 469, 490
@@ -103,11 +99,31 @@ def multiply_left(state: Any, p0: float, p1: float, p2: float, p3: float) -> Non
 
 # Equations (1) and (2) of :mod:`backward`, block after block. One function for the compiler.
 
-RECURSION_SIGNATURE = (
-    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], "
-    "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1])"
-)
-SCRATCH = (("f8", (N * N,)), ("f8", (N * N,)), ("f8", (N,)), ("f8", (N,)))
+
+class Blocks(NamedTuple):
+    """Blocks (m): gains C from each to the one before, covariance before it, and after the one before it (N * N).
+
+    ``error`` (m, N) what was corrected, ``nominal`` (m, N - 3) the states after it.
+    """
+
+    gains: F2
+    before: F2
+    after: F2
+    error: F2
+    nominal: F2
+
+
+class Corrections(NamedTuple):
+    """Written for each block: attitude at its begin and end (m, 3), states (m, N - 3), variance (m, 2) at its end.
+
+    Variances, and ``considered``, the squares of D, are those of tilt and heading.
+    """
+
+    at_begin: Out2
+    at_end: Out2
+    states: Out2
+    variance: Out2
+    considered: Out2
 
 
 def composed(a: Any, b: Any, out: Any) -> None:
@@ -150,84 +166,55 @@ def sandwiched(G: Any, D: Any, add: Any, half: Any, turned: Any) -> None:
             added(D, i, half[i * N + k], turned, k)
 
 
+@jit.loop("the inertial smoother, backward")
 def recursion(
-    gains: Any,
-    before: Any,
-    after: Any,
-    error: Any,
-    nominal: Any,
-    dx: Any,
-    covariance: Any,
-    at_begin: Any,
-    at_end: Any,
-    states: Any,
-    variance: Any,
-    reach_before: Any,
-    reach_after: Any,
-    reach: Any,
-    considered: Any,
-    half: Any,
-    turned: Any,
-    delta: Any,
-    gap: Any,
+    blocks: Blocks,
+    out: Corrections,
+    dx: Out1,
+    covariance: Out1,
+    reach_before: F2,
+    reach_after: F2,
+    reach: Out1,
+    half: Out1,
+    turned: Out1,
+    delta: Out1,
+    gap: Out1,
 ) -> None:
-    """Blocks (m), last first: ``dx`` (N,) and ``covariance`` (N * N,) are carried on in place.
+    """Go back through the blocks: ``dx`` (N,) and ``covariance`` (N * N,) are carried on in place.
 
-    ``gains`` C from a block to the one before it, ``before`` of the block, ``after`` of the one before it (m, N * N);
-    ``error`` (m, N), ``nominal`` (m, N - 3). Written: ``at_begin``, ``at_end`` (m, 3), ``states`` (m, N - 3), and
-    ``variance`` (m, 2) of tilt and heading at the block's end. D of ``doubt.py`` is an error like another: ``reach``
-    (3 * N,) is carried on, with ``reach_before`` of the block and ``reach_after`` (m, 3 * N) of the one before it;
-    ``considered`` (m, 2) are its squares for tilt and heading. The last arguments are scratch.
+    D of the compass is an error like another: ``reach`` (3 * N,) is carried on, with ``reach_before`` of the block and
+    ``reach_after`` (m, 3 * N) of the one before it. Scratch: ``half``, ``turned`` (N * N,), ``delta``, ``gap`` (N,).
     """
-    for k in range(len(gains) - 1, -1, -1):
+    for k in range(len(blocks.gains) - 1, -1, -1):
         for i in range(N - 3):
-            states[k, i] = nominal[k, i] + dx[3 + i]
-        variance[k, 0] = covariance[0] + covariance[N + 1]
-        variance[k, 1] = covariance[2 * N + 2]
-        composed(dx, error[k], delta)
+            out.states[k, i] = blocks.nominal[k, i] + dx[3 + i]
+        out.variance[k, 0] = covariance[0] + covariance[N + 1]
+        out.variance[k, 1] = covariance[2 * N + 2]
+        composed(dx, blocks.error[k], delta)
         for i in range(3, N):
-            delta[i] = dx[i] + error[k, i]
+            delta[i] = dx[i] + blocks.error[k, i]
         for i in range(3):
-            at_end[k, i] = delta[i]
+            out.at_end[k, i] = delta[i]
         for i in range(N):
             total = 0.0
             for j in range(N):
-                total += gains[k, i * N + j] * delta[j]
+                total += blocks.gains[k, i * N + j] * delta[j]
             dx[i] = total
         for i in range(3):
-            at_begin[k, i] = dx[i]
+            out.at_begin[k, i] = dx[i]
         for i in range(N * N):
-            covariance[i] -= before[k, i]
-        sandwiched(gains[k], covariance, after[k], half, turned)
-        considered[k, 0] = 0.0
-        considered[k, 1] = 0.0
+            covariance[i] -= blocks.before[k, i]
+        sandwiched(blocks.gains[k], covariance, blocks.after[k], half, turned)
+        out.considered[k, 0] = 0.0
+        out.considered[k, 1] = 0.0
         for c in range(3):
             at = c * N
-            considered[k, 0] += reach[at] * reach[at] + reach[at + 1] * reach[at + 1]
-            considered[k, 1] += reach[at + 2] * reach[at + 2]
+            out.considered[k, 0] += reach[at] * reach[at] + reach[at + 1] * reach[at + 1]
+            out.considered[k, 1] += reach[at + 2] * reach[at + 2]
             for i in range(N):
                 gap[i] = reach[at + i] - reach_before[k, at + i]
             for i in range(N):
                 total = reach_after[k, at + i]
                 for j in range(N):
-                    total += gains[k, i * N + j] * gap[j]
+                    total += blocks.gains[k, i * N + j] * gap[j]
                 reach[at + i] = total
-
-
-RECURSION_KERNEL = Kernel(
-    "inertial recursion",
-    "recursion",
-    functools.partial(kernel.with_helpers, {"recursion": recursion}, jit=True),
-    RECURSION_SIGNATURE,
-    "the inertial smoother's way back",
-    KERNEL_SOURCES,
-    SCRATCH,
-)
-
-
-@functools.lru_cache(maxsize=1)
-def run_recursion() -> Callable[..., Any]:
-    """The compiled :func:`recursion`; plain Python where no compiler is wanted."""
-    if call.jit_wanted():
-        return obtained(RECURSION_KERNEL)
-    return lambda *values: recursion(*values, *RECURSION_KERNEL.room())

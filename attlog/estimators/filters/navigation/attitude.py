@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.core.jit.kernel import function_of
 from attlog.estimators.filters.navigation import turns
 from attlog.estimators.filters.navigation.inputs import LEAST_R, Inputs, NoiseLevels
 from attlog.estimators.filters.navigation.jumps import Jump
@@ -108,9 +107,8 @@ def predicted(inputs: Inputs, q: Array, bias: Array, first_bias: Array, horizon:
     n, sensed = len(inputs.t), inputs.sensed_at
     then = np.maximum(np.searchsorted(sensed, inputs.t - horizon, side="right") - 1, 0)
     out, ring = np.empty((n, 4)), np.empty((int(np.max(np.arange(n) - then)) + 1, turns.RING))
-    function_of(turns.AHEAD_KERNEL, turns.ahead)(
-        then, inputs.dt, inputs.gyr, inputs.rest, inputs.lag, q, bias, first_bias.copy(), ring, out
-    )
+    scratch = np.empty(4), np.empty(9), np.empty(4), np.empty(4)
+    turns.ahead(inputs.lag, then, inputs.motion, q, bias, first_bias.copy(), ring, out, *scratch)
     return out
 
 

@@ -14,101 +14,83 @@ the scores by which :mod:`calibration` works (DeJongPenzer1998).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
-from attlog.core.jit.kernel import kernel_of
-from attlog.estimators.filters.navigation.model import BG, ROW, SUM_T, WANDER_TAU, N, adjoint_predict, dot
-from attlog.estimators.interface import KERNEL_SOURCES
+from attlog.core import jit
+from attlog.core.jit import B1, F1, Out1, Out2, Out3, aligned_zeros
+from attlog.estimators.filters.navigation.model import BG, ROW, SUM_T, WANDER_TAU, Kept, N, adjoint_predict, dot
 
 CLIP = 9.0
 """A disturbance counts as at most three sigma: faults must not calibrate."""
 
 
-TYPES = {
-    "nodes": "i8",
-    "rest_of": "i1[::1]",
-    "par": "f8[::1]",
-    "P_rows": "f8[::1]",
-    "sums": "f8[:, ::1]",
-    "update_of": "i8[::1]",
-    "K": "f8[::1]",
-    "H": "f8[:, ::1]",
-    "H_at": "i1[:, ::1]",
-    "wide_of": "i1[::1]",
-    "s_of": "f8[::1]",
-    "nu_of": "f8[::1]",
-    "lam": "f8[::1]",
-    "Lam": "f8[::1]",
-    "d": "f8[:, ::1]",
-    "spread": "f8[:, ::1]",
-    "score": "f8[::1]",
-    "scores": "f8[:, ::1]",
-    "shocks": "f8[:, ::1]",
-    "gone": "b1",
-    "wanted": "b1",
-}
-"""Types of the arguments by name."""
-SCRATCH = {"M": ("f8", (5, 3, 3)), "Lk": ("f8", (3 * ROW,)), "w": ("f8", (3 * ROW,)), "h": ("f8", (3 * ROW,))}
-"""Kind and shape of what the function works with, by the argument's name."""
+class Adjoint(NamedTuple):
+    """Score and information carried back in place: ``lam`` (ROW,), ``Lam`` (39 * ROW,)."""
+
+    lam: Out1
+    Lam: Out1
 
 
-def backward(
-    nodes: int,
-    rest_of: Any,
-    par: Any,
-    P_rows: Any,
-    sums: Any,
-    update_of: Any,
-    K: Any,
-    H: Any,
-    H_at: Any,
-    wide_of: Any,
-    s_of: Any,
-    nu_of: Any,
-    lam: Any,
-    Lam: Any,
-    d: Any,
-    spread: Any,
-    score: Any,
-    scores: Any,
-    shocks: Any,
-    gone: bool,
-    wanted: bool,
-    M: Any,
-    Lk: Any,
-    w: Any,
-    h: Any,
-) -> None:
-    """The nodes of a stored part of a run, last first; ``lam`` (ROW,), ``Lam`` (39 * ROW,) are carried on in place.
+class Smoothed(NamedTuple):
+    """Written for m nodes: smoothed error ``d`` (m, 6) of attitude and gyro bias, variance (m, 3) of the attitude.
 
-    Written: ``d`` (m, 6) smoothed error of attitude and gyro bias, where ``wanted`` ``spread`` (m, 3) smoothed variance
-    of the attitude, ``score`` (u,) u^2 / D of every update, ``scores`` (2, 39) sums of T min(lam^2, 9 Lam) and T Lam
-    while moving, ``shocks`` (m, 12) lam (3) and Lam (9) of the gyro bias as each node begins.
-    ``gone`` tells whether node 0 is the first of the run, before which nothing moves. The last arguments are scratch.
+    ``score`` (updates,) u^2 / D of each update; ``scores`` (2, 39) sums of T min(lam^2, 9 Lam) and T Lam while moving;
+    ``shocks`` (m, 12) lam (3) and Lam (9) of the gyro bias as each node begins.
     """
-    for node in range(nodes - 1, -1, -1):
+
+    d: Out2
+    variance: Out2
+    score: Out1
+    scores: Out2
+    shocks: Out2
+
+
+class Work(NamedTuple):
+    """Scratch: matrices of a transition (5, 3, 3), three vectors each (3 * ROW,)."""
+
+    M: Out3
+    Lk: Out1
+    w: Out1
+    h: Out1
+
+
+def new_work() -> Work:
+    """Return scratch for a run."""
+    return Work(aligned_zeros(5, 3, 3), aligned_zeros(3 * ROW), aligned_zeros(3 * ROW), aligned_zeros(3 * ROW))
+
+
+@jit.loop("the navigation filter, backward")
+def backward(
+    begins: bool, wanted: bool, par: F1, rest_of: B1, kept: Kept, adjoint: Adjoint, out: Smoothed, work: Work
+) -> None:
+    """Go back through the stored nodes, last first.
+
+    ``rest_of`` (m,) of the interval before each; ``begins``: node 0 is the first of the run, before which nothing
+    moves; ``wanted``: write the smoothed variance.
+    """
+    lam, Lam, M, Lk = adjoint.lam, adjoint.Lam, work.M, work.Lk
+    for node in range(len(rest_of) - 1, -1, -1):
         own = 6 * node * ROW
         for i in range(6):
-            d[node, i] = -dot(P_rows, own + i * ROW, lam, 0)
+            out.d[node, i] = -dot(kept.P_rows, own + i * ROW, lam, 0)
         if wanted:
-            times_three(Lam, P_rows, own, 3, Lk)
+            times_three(Lam, kept.P_rows, own, 3, Lk)
             for i in range(3):
-                spread[node, i] = P_rows[own + i * ROW + i] - dot(P_rows, own + i * ROW, Lk, i * ROW)
-        back_through_updates(
-            update_of[node], update_of[node + 1], K, H, H_at, wide_of, s_of, nu_of, lam, Lam, Lk, w, h, score
-        )
+                at = own + i * ROW
+                out.variance[node, i] = kept.P_rows[at + i] - dot(kept.P_rows, at, Lk, i * ROW)
+        undo_updates(kept.update_of[node], kept.update_of[node + 1], kept, lam, Lam, out.score, work)
         for i in range(3):
-            shocks[node, i] = lam[BG + i]
+            out.shocks[node, i] = lam[BG + i]
             for j in range(3):
-                shocks[node, 3 + 3 * i + j] = Lam[(BG + i) * ROW + BG + j]
-        if gone and node == 0:
+                out.shocks[node, 3 + 3 * i + j] = Lam[(BG + i) * ROW + BG + j]
+        if begins and node == 0:
             break
-        T = sums[node, SUM_T]
+        T = kept.sums[node, SUM_T]
         if rest_of[node] == 0:
             for i in range(N):
-                scores[0, i] += T * min(lam[i] * lam[i], CLIP * Lam[(ROW + 1) * i])
-                scores[1, i] += T * Lam[(ROW + 1) * i]
-        adjoint_predict(lam, Lam, sums[node], rest_of[node], par[WANDER_TAU], M)
+                out.scores[0, i] += T * min(lam[i] * lam[i], CLIP * Lam[(ROW + 1) * i])
+                out.scores[1, i] += T * Lam[(ROW + 1) * i]
+        adjoint_predict(lam, Lam, kept.sums[node], rest_of[node], par[WANDER_TAU], M)
 
 
 def times_three(L: Any, x: Any, at: int, count: int, out: Any) -> None:
@@ -122,27 +104,13 @@ def times_three(L: Any, x: Any, at: int, count: int, out: Any) -> None:
                 out[c * ROW + m] += (a * L[j * ROW + m] + b * L[(j + 1) * ROW + m]) + d * L[(j + 2) * ROW + m]
 
 
-def back_through_updates(
-    a: int,
-    b: int,
-    K: Any,
-    H: Any,
-    H_at: Any,
-    wide_of: Any,
-    s_of: Any,
-    nu_of: Any,
-    lam: Any,
-    Lam: Any,
-    Lk: Any,
-    w: Any,
-    h: Any,
-    score: Any,
-) -> None:
-    """Scalar updates b - 1 down to a undone, up to three at once.
+def undo_updates(a: int, b: int, kept: Any, lam: Any, Lam: Any, score: Any, work: Any) -> None:
+    """Undo the scalar updates b - 1 down to a, up to three at once.
 
     One changes Lam by ``h w^T + w h^T`` with ``w = -Lam K + D h / 2``; what the ones before it in a group change is
     added to its ``Lam K``, and Lam itself is changed once for all of them.
     """
+    K, Lk, w, h = kept.K, work.Lk, work.w, work.h
     last = b
     while last > a:
         count = min(last - a, 3)
@@ -155,13 +123,13 @@ def back_through_updates(
                 by_w, by_h = dot(w, p * ROW, K, at), dot(h, p * ROW, K, at)
                 for m in range(ROW):
                     Lk[own + m] += by_w * h[p * ROW + m] + by_h * w[p * ROW + m]
-            u = nu_of[k] / s_of[k] + dot(K, at, lam, 0)
-            D = 1.0 / s_of[k] + dot(K, at, Lk, own)
+            u = kept.nu_of[k] / kept.s_of[k] + dot(K, at, lam, 0)
+            D = 1.0 / kept.s_of[k] + dot(K, at, Lk, own)
             score[k] = u * u / D
             for m in range(ROW):
                 h[own + m] = 0.0
-            for n in range(wide_of[k]):
-                h[own + H_at[k, n]] += H[k, n]
+            for n in range(kept.wide_of[k]):
+                h[own + kept.H_at[k, n]] += kept.H[k, n]
             half = 0.5 * D
             for m in range(ROW):
                 w[own + m] = half * h[own + m] - Lk[own + m]
@@ -185,13 +153,3 @@ def change(L: Any, h: Any, w: Any) -> None:
                 + (h1 * w[ROW + m] + w1 * h[ROW + m])
                 + (h2 * w[2 * ROW + m] + w2 * h[2 * ROW + m])
             )
-
-
-BACKWARD_KERNEL = kernel_of(
-    backward,
-    f"void({', '.join(TYPES.values())})",
-    "navigation",
-    "the navigation filter, backward",
-    KERNEL_SOURCES,
-    tuple(SCRATCH.values()),
-)

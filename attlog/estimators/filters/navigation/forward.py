@@ -10,9 +10,13 @@ additive noise, so the backward pass needs no special case.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
-from attlog.core.jit.kernel import kernel_of
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import jit
+from attlog.core.jit import F1, Cells, Out1, Out2, Out3, aligned_zeros
 from attlog.estimators.filters.navigation.model import (
     BA,
     BARO,
@@ -55,7 +59,13 @@ from attlog.estimators.filters.navigation.model import (
     WANDER,
     WANDER_TAU,
     WIDE,
+    Events,
+    Filtered,
+    Kept,
+    Motion,
     N,
+    Nodes,
+    State,
     V,
     between,
     field_rows,
@@ -66,7 +76,6 @@ from attlog.estimators.filters.navigation.model import (
     turn_body,
     turn_earth,
 )
-from attlog.estimators.interface import KERNEL_SOURCES
 
 MOST_SKIPS, MOST_SKIPS_MAG = 25.0, 100.0
 OPEN_PHI = 0.05
@@ -76,65 +85,48 @@ FAR_RAD = 0.1
 """Beyond this from the trajectory of linearisation the filter takes its own."""
 
 
-TYPES = {
-    "first": "i8",
-    "last": "i8",
-    "dt": "f8[::1]",
-    "gyr": "f8[:, ::1]",
-    "acc": "f8[:, ::1]",
-    "rest": "i1[::1]",
-    "node_at": "i8[::1]",
-    "node_event": "i8[::1]",
-    "kind": "i8[::1]",
-    "offset": "f8[::1]",
-    "z": "f8[:, ::1]",
-    "f_mean": "f8[:, ::1]",
-    "w_mean": "f8[:, ::1]",
-    "sigma": "f8[:, ::1]",
-    "jump": "f8[::1]",
-    "par": "f8[::1]",
-    "along": "f8[:, ::1]",
-    "use_along": "b1",
-    "x0": "f8[::1]",
-    "q": "f8[::1]",
-    "x": "f8[::1]",
-    "P": "f8[::1]",
-    "memory": "f8[::1]",
-    "q_all": "f8[:, ::1]",
-    "bias": "f8[:, ::1]",
-    "variance": "f8[:, ::1]",
-    "ratio": "f8[:, ::1]",
-    "keep": "b1",
-    "P_rows": "f8[::1]",
-    "sums": "f8[:, ::1]",
-    "update_of": "i8[::1]",
-    "K": "f8[::1]",
-    "H": "f8[:, ::1]",
-    "H_at": "i1[:, ::1]",
-    "wide_of": "i1[::1]",
-    "s_of": "f8[::1]",
-    "nu_of": "f8[::1]",
-    "r_of": "f8[::1]",
-    "group": "i1[::1]",
-    "soft": "i1[::1]",
-}
-"""Types of the arguments by name."""
-SCRATCH = {
-    "R": ("f8", (3, 3)),
-    "J": ("f8", (3, 3)),
-    "L": ("f8", (3, 3)),
-    "M": ("f8", (5, 3, 3)),
-    "own": ("f8", (SUMS,)),
-    "hi": ("i8", (3, WIDE)),
-    "hv": ("f8", (3, WIDE)),
-    "r": ("f8", (3,)),
-    "ph": ("f8", (3 * ROW,)),
-    "u": ("f8", (3 * ROW,)),
-    "dx": ("f8", (ROW,)),
-    "work": ("f8", (4, 3)),
-    "w": ("f8", (3,)),
-}
-"""Kind and shape of what the function works with, by the argument's name."""
+IOut2 = Annotated[NDArray[np.int64], Cells("i8", 2, True)]
+
+
+class Row(NamedTuple):
+    """Scratch: residual of an event (3,), entries ``hv`` of its rows at states ``hi`` (3, WIDE), P h (3 * ROW,).
+
+    ``u`` (3 * ROW,) and ``dx`` (ROW,): square root of the reduction of P, and correction, of the rows so far;
+    ``last`` (3,): variance of the innovation, innovation and gain of the last row.
+    """
+
+    r: Out1
+    hi: IOut2
+    hv: Out2
+    ph: Out1
+    u: Out1
+    dx: Out1
+    last: Out1
+
+
+class Work(NamedTuple):
+    """Scratch: rotation matrices, those of a transition (5, 3, 3), sums of an interval, small vectors."""
+
+    R: Out2
+    J: Out2
+    L: Out2
+    M: Out3
+    sums: Out1
+    vectors: Out2
+    w: Out1
+
+
+def new_row() -> Row:
+    """Return scratch for the rows of an event."""
+    wide = aligned_zeros(3, WIDE)
+    block = aligned_zeros(3 * ROW), aligned_zeros(3 * ROW), aligned_zeros(ROW)
+    return Row(aligned_zeros(3), aligned_zeros(3, WIDE, kind="i8"), wide, *block, aligned_zeros(3))
+
+
+def new_work() -> Work:
+    """Return scratch for a run."""
+    matrices = aligned_zeros(3, 3), aligned_zeros(3, 3), aligned_zeros(3, 3), aligned_zeros(5, 3, 3)
+    return Work(*matrices, aligned_zeros(SUMS), aligned_zeros(4, 3), aligned_zeros(3))
 
 
 def open_covariance(P: Any, kind: int, r: Any) -> None:
@@ -179,12 +171,13 @@ def along_row(i: int, wide: int, hi: Any, hv: Any, x: Any, at: int) -> float:
     return total
 
 
-def largest_innovation(r: Any, count: int, wide: int, hi: Any, hv: Any, sigma: Any, ph: Any) -> float:
-    """Largest marginal normalised innovation r^2 / s of an event's rows that are told; ``ph`` is their P h."""
+def largest_innovation(row: Any, count: int, wide: int, sigma: Any) -> float:
+    """Return the largest marginal normalised innovation r^2 / s of an event's rows that are measured."""
     c = 0.0
     for i in range(count):
         if sigma[i] > 0.0:
-            c = max(c, r[i] * r[i] / (sigma[i] * sigma[i] + along_row(i, wide, hi, hv, ph, i * ROW)))
+            s = sigma[i] * sigma[i] + along_row(i, wide, row.hi, row.hv, row.ph, i * ROW)
+            c = max(c, row.r[i] * row.r[i] / s)
     return c
 
 
@@ -217,10 +210,9 @@ def add_process_noise(P: Any, T: float, par: Any, rest: int) -> None:
     P[(ROW + 1) * BARO_BIAS] += T * par[Q_BARO] * par[Q_BARO]
 
 
-def propagate(
-    dt: Any, gyr: Any, acc: Any, rest: Any, a: int, b: int, g: float, q: Any, x: Any, R: Any, out: Any, sums: Any
-) -> None:
-    """The nominal state over samples a to b, the attitude of each to ``out`` (n, 4), the sums of the interval."""
+def propagate(motion: Any, a: int, b: int, g: float, q: Any, x: Any, R: Any, out: Any, sums: Any) -> None:
+    """Carry the nominal state over samples a to b; write each attitude to ``out`` (n, 4), the interval's sums."""
+    dt, gyr, acc, rest = motion.dt, motion.gyr, motion.acc, motion.rest
     for i in range(SUMS):
         sums[i] = 0.0
     for k in range(a, b + 1):
@@ -262,7 +254,7 @@ def turned_sums(R: Any, L: Any, sums: Any, work: Any) -> None:
 
 
 def opened_hard_iron(c: float, memory: Any, P: Any) -> bool:
-    """Whether a field that did not fit for a while has just opened the hard iron; ``c`` as of :func:`worst`."""
+    """Open the hard iron where a field did not fit for a while; ``c`` as of :func:`largest_innovation`."""
     memory[MAG_MEAN] += KICK_WEIGHT * (min(c, KICK_CLIP) - memory[MAG_MEAN])
     if memory[MAG_MEAN] <= KICK_MEAN or memory[SINCE_KICK] < KICK_EVERY_S:
         return False
@@ -275,7 +267,7 @@ def opened_hard_iron(c: float, memory: Any, P: Any) -> bool:
 
 
 def refused(kind: int, c: float, r: Any, par: Any, memory: Any, P: Any) -> int:
-    """1 for an event beyond the hard gate, 0 for one within, 2 where so many were refused that P was opened for it."""
+    """Return 1 for an event beyond the hard gate, 0 for one within, 2 where P was opened after many refusals."""
     if c <= par[HARD_GATE] * par[HARD_GATE]:
         memory[SKIPS + kind] = max(memory[SKIPS + kind] - 2.0, 0.0)
         return 0
@@ -288,238 +280,194 @@ def refused(kind: int, c: float, r: Any, par: Any, memory: Any, P: Any) -> int:
     return 2
 
 
-def gated(
-    P: Any,
-    kind: int,
-    count: int,
-    wide: int,
-    hi: Any,
-    hv: Any,
-    sigma: Any,
-    r: Any,
-    ph: Any,
-    par: Any,
-    memory: Any,
-    ratio: Any,
-) -> float:
-    """The worst normalised innovation of an event, below 0 where it is refused; ``ph`` = P h, as of :func:`project`.
+def gated(state: Any, kind: int, count: int, wide: int, sigma: Any, row: Any, par: Any, ratio: Any) -> float:
+    """Return the largest normalised innovation of an event, below 0 where it is refused.
 
-    Looked at anew where the hard iron and where the covariance was opened. ``ratio`` (4,) of the node.
+    It is found anew where the hard iron or the covariance was opened. ``ratio`` (4,) of the node is written.
     """
     c = 0.0
     for look in range(3):
-        if look == 1 and not (kind == MAG and opened_hard_iron(c, memory, P)):
+        if look == 1 and not (kind == MAG and opened_hard_iron(c, state.memory, state.P)):
             continue
         if look == 2:
-            verdict = refused(kind, c, r, par, memory, P)
+            verdict = refused(kind, c, row.r, par, state.memory, state.P)
             if verdict < 2:
                 return c if verdict == 0 else -1.0
-        project(P, count, wide, hi, hv, ph)
-        c = largest_innovation(r, count, wide, hi, hv, sigma, ph)
+        project(state.P, count, wide, row.hi, row.hv, row.ph)
+        c = largest_innovation(row, count, wide, sigma)
         if look == 0 and kind <= MAG:
             ratio[kind] = c / (par[SOFT_GATE] * par[SOFT_GATE])
     return c
 
 
-def gains(
-    row: int, wide: int, hi: Any, hv: Any, r: Any, noise: float, ph: Any, u: Any, dx: Any, memory: Any, told: Any
-) -> None:
-    """One row of an event after those before it: P itself is changed once for all of them, by :func:`shrink`.
+def gains(i: int, wide: int, noise: float, row: Any, memory: Any) -> None:
+    """Take row i of an event after those before it; P itself changes once for all of them, by :func:`apply_gain`.
 
-    ``ph`` is made P h as the rows before leave it, ``u`` (3 * ROW,) and ``dx`` (ROW,) are carried on; ``told`` (3,):
-    variance of the innovation, innovation, gain.
+    ``row.ph`` becomes P h as the rows before leave it; ``row.u`` and ``row.dx`` are carried on.
     """
-    at = row * ROW
-    for k in range(row):
-        share = along_row(row, wide, hi, hv, u, k * ROW)
+    ph, u, dx = row.ph, row.u, row.dx
+    at = i * ROW
+    for k in range(i):
+        share = along_row(i, wide, row.hi, row.hv, u, k * ROW)
         for m in range(ROW):
             ph[at + m] -= share * u[k * ROW + m]
-    s = noise + max(along_row(row, wide, hi, hv, ph, at), 0.0)
-    nu = r[row] - along_row(row, wide, hi, hv, dx, 0)
+    s = noise + max(along_row(i, wide, row.hi, row.hv, ph, at), 0.0)
+    nu = row.r[i] - along_row(i, wide, row.hi, row.hv, dx, 0)
     gain = 1.0 / s
     root, step = math.sqrt(gain), gain * nu
     for m in range(ROW):
         u[at + m] = ph[at + m] * root
         dx[m] += ph[at + m] * step
     memory[LIKELIHOOD] -= 0.5 * (nu * nu * gain + math.log(s))
-    told[0], told[1], told[2] = s, nu, gain
+    row.last[0], row.last[1], row.last[2] = s, nu, gain
 
 
+@jit.loop("the navigation filter, forward")
 def forward(
     first: int,
     last: int,
-    dt: Any,
-    gyr: Any,
-    acc: Any,
-    rest: Any,
-    node_at: Any,
-    node_event: Any,
-    kind: Any,
-    offset: Any,
-    z: Any,
-    f_mean: Any,
-    w_mean: Any,
-    sigma: Any,
-    jump: Any,
-    par: Any,
-    along: Any,
     use_along: bool,
-    x0: Any,
-    q: Any,
-    x: Any,
-    P: Any,
-    memory: Any,
-    q_all: Any,
-    bias: Any,
-    variance: Any,
-    ratio: Any,
     keep: bool,
-    P_rows: Any,
-    sums: Any,
-    update_of: Any,
-    K: Any,
-    H: Any,
-    H_at: Any,
-    wide_of: Any,
-    s_of: Any,
-    nu_of: Any,
-    r_of: Any,
-    group: Any,
-    soft: Any,
-    R: Any,
-    J: Any,
-    L: Any,
-    M: Any,
-    own: Any,
-    hi: Any,
-    hv: Any,
-    r: Any,
-    ph: Any,
-    u: Any,
-    dx: Any,
-    work: Any,
-    w: Any,
+    par: F1,
+    x0: F1,
+    motion: Motion,
+    nodes: Nodes,
+    events: Events,
+    state: State,
+    out: Filtered,
+    kept: Kept,
+    row: Row,
+    work: Work,
 ) -> int:
-    """Nodes ``first`` to ``last`` (exclusive) of a run; state, covariance and memory are carried on in place.
+    """Run the nodes ``first`` to ``last`` (exclusive); return how many updates were kept.
 
-    Samples: ``dt`` (n,), ``gyr``, ``acc`` (n, 3), ``rest`` (n,). Nodes: ``node_at`` (m,) sample, ``node_event`` (m
-    + 1,) first event. Events: ``kind``, ``offset`` (e,) s, values ``z``, centred means ``f_mean``, ``w_mean``,
-    noise ``sigma`` (e, 3), 0 where a component is not told. ``par`` see layout; ``jump`` (m,) rad/s by which the
-    gyro bias may jump at nodes; ``along`` (m, 4) the trajectory of linearisation where ``use_along``; ``P`` (39 *
-    ROW,) flat; ``x0`` (39,) the state at the start of the pass. Written always: ``q_all`` (n, 4), ``bias`` and
-    ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where ``keep`` also what the backward pass
-    needs, counted from ``first``; the rest is scratch. Returns how many updates were kept.
+    ``par`` see model; ``x0`` (39,) the state at the start of the pass. ``use_along``: linearise along ``nodes.along``.
+    ``keep``: write ``kept`` as well, counted from ``first``.
     """
     used = 0
+    q, x, P, memory = state.q, state.x, state.P, state.memory
     for node in range(first, last):
-        b = node_at[node]
-        resting = rest[b]
+        b = nodes.at[node]
+        resting = motion.rest[b]
         if resting == 1 and memory[RESTING] == 0.0:
             for i in range(4):
                 memory[FROZEN + i] = q[i]
         memory[RESTING] = float(resting)
         if node == 0:
             for i in range(4):
-                q_all[0, i] = q[i]
+                out.q[0, i] = q[i]
         # Before the first node nothing moves: an empty span leaves sums of zero.
-        propagate(
-            dt, gyr, acc, rest, node_at[node - 1] + 1 if node > 0 else b + 1, b, par[GRAVITY_AT], q, x, R, q_all, own
-        )
-        to_matrix3(q, R)
+        a = nodes.at[node - 1] + 1 if node > 0 else b + 1
+        propagate(motion, a, b, par[GRAVITY_AT], q, x, work.R, out.q, work.sums)
+        to_matrix3(q, work.R)
         follow = False
         if use_along:
-            to_matrix3(along[node], L)
-            follow = between(R, L, work[3]) < FAR_RAD
+            to_matrix3(nodes.along[node], work.L)
+            follow = between(work.R, work.L, work.vectors[3]) < FAR_RAD
         if node > 0:
             if follow:
-                turned_sums(R, L, own, work)
-            fade = math.exp(-own[SUM_T] / par[WANDER_TAU])
+                turned_sums(work.R, work.L, work.sums, work.vectors)
+            fade = math.exp(-work.sums[SUM_T] / par[WANDER_TAU])
             for i in range(3):
                 x[WANDER + i] *= fade
-            predict(P, own, resting, par[WANDER_TAU], M)
-            add_process_noise(P, own[SUM_T], par, resting)
+            predict(P, work.sums, resting, par[WANDER_TAU], work.M)
+            add_process_noise(P, work.sums[SUM_T], par, resting)
             for i in range(3):
-                P[(ROW + 1) * (BG + i)] += jump[node] * jump[node]
-            memory[SINCE_KICK] += own[SUM_T]
+                P[(ROW + 1) * (BG + i)] += nodes.jump[node] * nodes.jump[node]
+            memory[SINCE_KICK] += work.sums[SUM_T]
         if keep:
             for i in range(SUMS):
-                sums[node - first, i] = own[i]
-            update_of[node - first] = used
-        for e in range(node_event[node], node_event[node + 1]):
-            what = kind[e]
-            count = 1 if what == BARO else 3
-            for i in range(3):
-                w[i] = w_mean[e, i] - x[BG + i]
-            to_matrix3(q, R)
-            if what == MAG:
-                if follow:
-                    to_matrix3(along[node], J)
-                elif resting == 1:
-                    to_matrix3(memory[FROZEN : FROZEN + 4], J)
-                else:
-                    to_matrix3(q, J)
-                wide = field_rows(x, x0, R, J, offset[e], w, z[e], follow, work, r, hi, hv)
-            else:
-                wide = rows(what, x, R, offset[e], f_mean[e], w, z[e], par, work, r, hi, hv)
-            if what == VELOCITY:
-                memory[SEEN] += 1.0
-            c = gated(P, what, count, wide, hi, hv, sigma[e], r, ph, par, memory, ratio[node])
-            if c < 0.0:
-                continue
-            grown = max(c / (par[SOFT_GATE] * par[SOFT_GATE]), 1.0)
-            if grown > 1.0 and what == VELOCITY:
-                memory[SOFTENED] += 1.0
-            for i in range(ROW):
-                dx[i] = 0.0
-            for i in range(count):
-                if not sigma[e, i] > 0.0:
-                    for m in range(ROW):
-                        u[i * ROW + m] = 0.0
-                    continue
-                noise = grown * sigma[e, i] * sigma[e, i]
-                gains(i, wide, hi, hv, r, noise, ph, u, dx, memory, work[0])
-                if keep:
-                    for m in range(ROW):
-                        K[used * ROW + m] = ph[i * ROW + m] * work[0, 2]
-                    for k in range(wide):
-                        H[used, k], H_at[used, k] = hv[i, k], hi[i, k]
-                    wide_of[used], s_of[used], nu_of[used], r_of[used] = wide, work[0, 0], work[0, 1], noise
-                    group[used] = group_of(what, i)
-                    soft[used] = 1 if grown > 1.0 else 0
-                    used += 1
-            apply_gain(P, count, u)
-            turn_earth(q, dx[PHI], dx[PHI + 1], dx[PHI + 2])
-            for i in range(V, N):
-                x[i] += dx[i]
-        keep_node(node, node - first, b, q, x, P, q_all, bias, variance, keep, P_rows)
+                kept.sums[node - first, i] = work.sums[i]
+            kept.update_of[node - first] = used
+        for e in range(nodes.event[node], nodes.event[node + 1]):
+            used = take_event(e, node, resting, follow, keep, used, par, x0, nodes, events, state, out, kept, row, work)
+        keep_node(node, node - first, b, state, out, keep, kept.P_rows)
     if keep:
-        update_of[last - first] = used
+        kept.update_of[last - first] = used
     total: int = used
     return total
 
 
-def keep_node(
-    node: int, own: int, b: int, q: Any, x: Any, P: Any, q_all: Any, bias: Any, variance: Any, keep: bool, P_rows: Any
-) -> None:
-    """What a node leaves behind: attitude, bias, variance; for the way back the rows of P of attitude and bias."""
-    for i in range(4):
-        q_all[b, i] = q[i]
+def take_event(
+    e: int,
+    node: int,
+    resting: int,
+    follow: bool,
+    keep: bool,
+    used: int,
+    par: Any,
+    x0: Any,
+    nodes: Any,
+    events: Any,
+    state: Any,
+    out: Any,
+    kept: Any,
+    row: Any,
+    work: Any,
+) -> int:
+    """Correct the state by event ``e`` of a node; return how many updates are kept then."""
+    q, x, P, memory = state.q, state.x, state.P, state.memory
+    kind = events.kind[e]
+    count = 1 if kind == BARO else 3
     for i in range(3):
-        bias[node, i] = x[BG + i]
-        variance[node, i] = P[(ROW + 1) * (PHI + i)]
+        work.w[i] = events.rate[e, i] - x[BG + i]
+    to_matrix3(q, work.R)
+    if kind == MAG:
+        if follow:
+            to_matrix3(nodes.along[node], work.J)
+        elif resting == 1:
+            to_matrix3(memory[FROZEN : FROZEN + 4], work.J)
+        else:
+            to_matrix3(q, work.J)
+        wide = field_rows(x, x0, work.R, work.J, events.offset[e], work.w, events.z[e], follow, work.vectors, row)
+    else:
+        force = events.force[e]
+        wide = rows(kind, x, work.R, events.offset[e], force, work.w, events.z[e], par, work.vectors, row)
+    if kind == VELOCITY:
+        memory[SEEN] += 1.0
+    c = gated(state, kind, count, wide, events.sigma[e], row, par, out.ratio[node])
+    if c < 0.0:
+        return used
+    grown = max(c / (par[SOFT_GATE] * par[SOFT_GATE]), 1.0)
+    if grown > 1.0 and kind == VELOCITY:
+        memory[SOFTENED] += 1.0
+    for i in range(ROW):
+        row.dx[i] = 0.0
+    for i in range(count):
+        if not events.sigma[e, i] > 0.0:
+            for m in range(ROW):
+                row.u[i * ROW + m] = 0.0
+            continue
+        noise = grown * events.sigma[e, i] * events.sigma[e, i]
+        gains(i, wide, noise, row, memory)
+        if keep:
+            for m in range(ROW):
+                kept.K[used * ROW + m] = row.ph[i * ROW + m] * row.last[2]
+            for k in range(wide):
+                kept.H[used, k], kept.H_at[used, k] = row.hv[i, k], row.hi[i, k]
+            kept.wide_of[used], kept.r_of[used] = wide, noise
+            kept.s_of[used], kept.nu_of[used] = row.last[0], row.last[1]
+            kept.group[used] = group_of(kind, i)
+            kept.soft[used] = 1 if grown > 1.0 else 0
+            used += 1
+    apply_gain(P, count, row.u)
+    turn_earth(q, row.dx[PHI], row.dx[PHI + 1], row.dx[PHI + 2])
+    for i in range(V, N):
+        x[i] += row.dx[i]
+    return used
+
+
+def keep_node(node: int, own: int, b: int, state: Any, out: Any, keep: bool, P_rows: Any) -> None:
+    """Write attitude, bias and variance of a node; for the way back the rows of P of attitude and bias."""
+    P = state.P
+    for i in range(4):
+        out.q[b, i] = state.q[i]
+    for i in range(3):
+        out.bias[node, i] = state.x[BG + i]
+        out.variance[node, i] = P[(ROW + 1) * (PHI + i)]
     if keep:
         for i in range(3):
             at = (6 * own + i) * ROW
             for m in range(ROW):
                 P_rows[at + m] = P[(PHI + i) * ROW + m]
                 P_rows[at + 3 * ROW + m] = P[(BG + i) * ROW + m]
-
-
-FORWARD_KERNEL = kernel_of(
-    forward,
-    f"i8({', '.join(TYPES.values())})",
-    "navigation",
-    "the navigation filter, forward",
-    KERNEL_SOURCES,
-    tuple(SCRATCH.values()),
-)

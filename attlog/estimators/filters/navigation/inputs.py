@@ -26,6 +26,7 @@ from attlog.estimators.filters.navigation.model import (
     SETTINGS,
     SOFT_GATE,
     WANDER_TAU,
+    Motion,
 )
 from attlog.estimators.interface import Array, Parameter
 
@@ -178,6 +179,11 @@ class Inputs:
             self.field,
             self.gravity,
         )
+
+    @property
+    def motion(self) -> Motion:
+        """The samples as the loops take them."""
+        return Motion(self.dt, self.gyr, self.acc, self.rest)
 
     @property
     def sensed_at(self) -> Array:

@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from attlog.estimators.filters.navigation.inputs import JUMP_RAD_S, Inputs
-from attlog.estimators.filters.navigation.model import LIKELIHOOD, PHI, ROW
+from attlog.estimators.filters.navigation.model import LIKELIHOOD, PHI, ROW, State
 from attlog.estimators.filters.navigation.schedule import Schedule
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState
@@ -184,11 +184,11 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Array) 
     found, state = runner.begun(schedule, begin)
     when = runner.inputs.sensed_at[schedule.node_at]
     bounds = np.unique(np.append(np.searchsorted(when, np.arange(when[0], when[-1], EVERY_S)), [0, len(when)]))
-    begun: list[tuple[int, list[Array]]] = []
+    begun: list[tuple[int, State]] = []
     told: list[Jump] = []
     looks = 0
     for second, (a, b) in enumerate(pairwise(bounds)):
-        begun.append((int(a), [x.copy() for x in state]))
+        begun.append((int(a), state.copy()))
         while when[b - 1] - when[begun[0][0]] > WINDOW_S:
             begun.pop(0)
         runner.run(int(a), int(b), found, state, begin, par, None, None)
@@ -206,18 +206,19 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Array) 
         opened = replace(schedule, jump=schedule.jump.copy())
         opened.jump[first + k] = JUMP_RAD_S
         _, after, with_it = runner.shocks(opened, begin, par, before, first, int(b))
-        if after[3][LIKELIHOOD] - state[3][LIKELIHOOD] < ONLINE_MIN_GAIN:
+        if after.memory[LIKELIHOOD] - state.memory[LIKELIHOOD] < ONLINE_MIN_GAIN:
             continue
         if np.sum((with_it - without)[GNSS]) < GNSS_GAIN:
             continue
         for i in range(3):  # what it turned while its time is unsure
-            after[2][(ROW + 1) * (PHI + i)] += (UNSURE_S * size[k, i]) ** 2
-        state[:] = after
+            after.P[(ROW + 1) * (PHI + i)] += (UNSURE_S * size[k, i]) ** 2
+        for old, new in zip(state, after, strict=True):
+            old[:] = new
         schedule.jump[:] = opened.jump
         begun.clear()
         looks = 0
         told.append(Jump(float(when[first + k]), 0.0, size[k], np.zeros(3)))
-    found.memory = state[3]
+    found.memory = state.memory
     return found, tuple(told)
 
 

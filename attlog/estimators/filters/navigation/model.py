@@ -9,10 +9,12 @@ the same places; its first three are unused, the attitude is the quaternion besi
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from attlog.core.jit import B1, F1, F2, I1, Cells, IOut1, Out1, Out2
 
 N = 39
 PHI, V, POS, BG, BA, EARTH, HARD, SOFT, WANDER = 0, 3, 6, 9, 12, 15, 18, 21, 27
@@ -56,6 +58,88 @@ ROW = 40
 
 WIDE = 12
 """Most entries of a measurement's row that are not zero."""
+
+
+IOut1B = Annotated[NDArray[np.int8], Cells("i1", 1, True)]
+IOut2B = Annotated[NDArray[np.int8], Cells("i1", 2, True)]
+
+
+class Motion(NamedTuple):
+    """The samples (n,): time since the one before, gyro, accelerometer, 1 at rest."""
+
+    dt: F1
+    gyr: F2
+    acc: F2
+    rest: B1
+
+
+class Nodes(NamedTuple):
+    """The nodes (m,): sample, first event (m + 1,), by how many rad/s the gyro bias may jump (1 sigma).
+
+    ``along`` (m, 4): the trajectory of linearisation, of one row where there is none.
+    """
+
+    at: I1
+    event: I1
+    jump: F1
+    along: F2
+
+
+class Events(NamedTuple):
+    """The events (e,): kind, time after their sample in s, values, centred means of force and rate, noise (e, 3).
+
+    The noise is 0 where a component is missing.
+    """
+
+    kind: I1
+    offset: F1
+    z: F2
+    force: F2
+    rate: F2
+    sigma: F2
+
+
+class State(NamedTuple):
+    """What the filter carries on in place: attitude (4,), nominal state (39,), covariance (39 * ROW,), memory."""
+
+    q: Out1
+    x: Out1
+    P: Out1
+    memory: Out1
+
+    def copy(self) -> State:
+        """Return a state of its own."""
+        return State(*(x.copy() for x in self))
+
+
+class Filtered(NamedTuple):
+    """Attitude (n, 4) at the samples; bias and variance of the attitude (m, 3), test ratios (m, 4) at the nodes."""
+
+    q: Out2
+    bias: Out2
+    variance: Out2
+    ratio: Out2
+
+
+class Kept(NamedTuple):
+    """What the way back needs of some nodes and of their updates, counted from the first; ``sums`` (nodes, SUMS).
+
+    ``P_rows``: six rows of P of each node; ``update_of`` (nodes + 1,) first update. Of each update: gain ``K``, entries
+    ``H`` at the states ``H_at``, how many, variance of the innovation, innovation, noise, group, 1 if softly gated.
+    """
+
+    P_rows: Out1
+    sums: Out2
+    update_of: IOut1
+    K: Out1
+    H: Out2
+    H_at: IOut2B
+    wide_of: IOut1B
+    s_of: Out1
+    nu_of: Out1
+    r_of: Out1
+    group: IOut1B
+    soft: IOut1B
 
 
 # What each aid says of the state: residual, non-zero entries of its rows, and noise. Plain functions for the kernels.
@@ -128,62 +212,61 @@ def between(R: Any, L: Any, out: Any) -> float:
     return 2.0 * scale * s
 
 
-def field_rows(
-    x: Any, x0: Any, R: Any, J: Any, e: float, w: Any, z: Any, linear: bool, work: Any, r: Any, hi: Any, hv: Any
-) -> int:
-    """Residual and rows of a field sample; returns entries per row.
+def field_rows(x: Any, x0: Any, R: Any, J: Any, e: float, w: Any, z: Any, linear: bool, work: Any, row: Any) -> int:
+    """Write residual and rows of a field sample; return entries per row.
 
     ``J`` is the attitude (3, 3) of the Jacobian, ``x0`` (39,) the state that gives its field and soft iron: running
     estimates would let every sample at a slightly different attitude invent heading. ``linear``: the residual is
     linear about (J, x0) as well. ``work`` (4, 3).
     """
+    r, hi, hv = row.r, row.hi, row.hv
     m, c, d, phi = work[0], work[1], work[2], work[3]
     S = SOFT
     for i in range(3):
         m[i] = J[0, i] * x0[EARTH] + J[1, i] * x0[EARTH + 1] + J[2, i] * x0[EARTH + 2]
     c[0], c[1], c[2] = m[1] * w[2] - m[2] * w[1], m[2] * w[0] - m[0] * w[2], m[0] * w[1] - m[1] * w[0]
-    for row in range(3):
-        s0 = x0[S] if row == 0 else x0[S + 3] if row == 1 else x0[S + 4]
-        s1 = x0[S + 3] if row == 0 else x0[S + 1] if row == 1 else x0[S + 5]
-        s2 = x0[S + 4] if row == 0 else x0[S + 5] if row == 1 else x0[S + 2]
-        s0 += 1.0 if row == 0 else 0.0
-        s1 += 1.0 if row == 1 else 0.0
-        s2 += 1.0 if row == 2 else 0.0
+    for n in range(3):
+        s0 = x0[S] if n == 0 else x0[S + 3] if n == 1 else x0[S + 4]
+        s1 = x0[S + 3] if n == 0 else x0[S + 1] if n == 1 else x0[S + 5]
+        s2 = x0[S + 4] if n == 0 else x0[S + 5] if n == 1 else x0[S + 2]
+        s0 += 1.0 if n == 0 else 0.0
+        s1 += 1.0 if n == 1 else 0.0
+        s2 += 1.0 if n == 2 else 0.0
         for k in range(3):
             d[k] = s0 * J[k, 0] + s1 * J[k, 1] + s2 * J[k, 2]
-        hi[row, 0], hi[row, 1], hi[row, 2] = PHI, PHI + 1, PHI + 2
-        hv[row, 0] = d[1] * x0[EARTH + 2] - d[2] * x0[EARTH + 1]
-        hv[row, 1] = d[2] * x0[EARTH] - d[0] * x0[EARTH + 2]
-        hv[row, 2] = d[0] * x0[EARTH + 1] - d[1] * x0[EARTH]
+        hi[n, 0], hi[n, 1], hi[n, 2] = PHI, PHI + 1, PHI + 2
+        hv[n, 0] = d[1] * x0[EARTH + 2] - d[2] * x0[EARTH + 1]
+        hv[n, 1] = d[2] * x0[EARTH] - d[0] * x0[EARTH + 2]
+        hv[n, 2] = d[0] * x0[EARTH + 1] - d[1] * x0[EARTH]
         for k in range(3):
-            hi[row, 3 + k], hv[row, 3 + k] = EARTH + k, d[k]
-        hi[row, 6], hv[row, 6] = HARD + row, 1.0
-        hi[row, 7], hi[row, 8], hi[row, 9] = S + row, S, S
-        hv[row, 7] = m[row]
-        if row == 0:
-            hi[row, 8], hv[row, 8], hi[row, 9], hv[row, 9] = S + 3, m[1], S + 4, m[2]
-        elif row == 1:
-            hi[row, 8], hv[row, 8], hi[row, 9], hv[row, 9] = S + 3, m[0], S + 5, m[2]
+            hi[n, 3 + k], hv[n, 3 + k] = EARTH + k, d[k]
+        hi[n, 6], hv[n, 6] = HARD + n, 1.0
+        hi[n, 7], hi[n, 8], hi[n, 9] = S + n, S, S
+        hv[n, 7] = m[n]
+        if n == 0:
+            hi[n, 8], hv[n, 8], hi[n, 9], hv[n, 9] = S + 3, m[1], S + 4, m[2]
+        elif n == 1:
+            hi[n, 8], hv[n, 8], hi[n, 9], hv[n, 9] = S + 3, m[0], S + 5, m[2]
         else:
-            hi[row, 8], hv[row, 8], hi[row, 9], hv[row, 9] = S + 4, m[0], S + 5, m[1]
-        hi[row, 10], hv[row, 10] = MAG_DELAY, -(s0 * c[0] + s1 * c[1] + s2 * c[2])
+            hi[n, 8], hv[n, 8], hi[n, 9], hv[n, 9] = S + 4, m[0], S + 5, m[1]
+        hi[n, 10], hv[n, 10] = MAG_DELAY, -(s0 * c[0] + s1 * c[1] + s2 * c[2])
     if linear:
         between(R, J, phi)
-        for row in range(3):
-            h = x0[HARD + row] + m[row] + c[row] * (e - x0[MAG_DELAY])
-            h += soft_times(x0, row, m, c, e - x0[MAG_DELAY])
+        for n in range(3):
+            h = x0[HARD + n] + m[n] + c[n] * (e - x0[MAG_DELAY])
+            h += soft_times(x0, n, m, c, e - x0[MAG_DELAY])
             for k in range(3):
-                h += hv[row, k] * phi[k]
+                h += hv[n, k] * phi[k]
             for k in range(3, 11):
-                h += hv[row, k] * (x[hi[row, k]] - x0[hi[row, k]])
-            r[row] = z[row] - h
+                h += hv[n, k] * (x[hi[n, k]] - x0[hi[n, k]])
+            r[n] = z[n] - h
         return 11
     for i in range(3):
         m[i] = R[0, i] * x[EARTH] + R[1, i] * x[EARTH + 1] + R[2, i] * x[EARTH + 2]
     c[0], c[1], c[2] = m[1] * w[2] - m[2] * w[1], m[2] * w[0] - m[0] * w[2], m[0] * w[1] - m[1] * w[0]
     lead = e - x[MAG_DELAY]
-    for row in range(3):
-        r[row] = z[row] - x[HARD + row] - m[row] - c[row] * lead - soft_times(x, row, m, c, lead)
+    for n in range(3):
+        r[n] = z[n] - x[HARD + n] - m[n] - c[n] * lead - soft_times(x, n, m, c, lead)
     return 11
 
 
@@ -200,10 +283,9 @@ def soft_times(x: Any, row: int, m: Any, c: Any, lead: float) -> float:
     return total
 
 
-def rows(
-    kind: int, x: Any, R: Any, e: float, f: Any, w: Any, z: Any, par: Any, work: Any, r: Any, hi: Any, hv: Any
-) -> int:
-    """Residual ``r`` (3,) and rows (``hi``, ``hv`` (3, WIDE)) of an event that is no field sample; entries per row."""
+def rows(kind: int, x: Any, R: Any, e: float, f: Any, w: Any, z: Any, par: Any, work: Any, row: Any) -> int:
+    """Write residual and rows of an event that is no field sample; return entries per row."""
+    r, hi, hv = row.r, row.hi, row.hv
     if kind == VELOCITY:
         a, u = work[0], work[1]
         for i in range(3):

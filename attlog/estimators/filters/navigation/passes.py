@@ -109,7 +109,7 @@ def solved(
     if len(run.jumps) > len(known):
         run.place_jumps()
     run.advance(passes)
-    runner.store.clear()
+    runner.store = None
     return replace(run.best, jumps=run.modelled, unmodelled=unmodelled)
 
 

@@ -7,14 +7,13 @@ through it. Memory is bounded by one part, and the result is the same to the bit
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.core.jit.kernel import function_of
 from attlog.estimators.filters.navigation import backward, forward
 from attlog.estimators.filters.navigation.inputs import Inputs
 from attlog.estimators.filters.navigation.model import (
@@ -25,7 +24,12 @@ from attlog.estimators.filters.navigation.model import (
     ROW,
     SUMS,
     WIDE,
+    Events,
+    Filtered,
+    Kept,
     N,
+    Nodes,
+    State,
     padded,
     square,
 )
@@ -79,7 +83,7 @@ class Runner:
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
         self.timetable = Timetable(inputs)
-        self.store: dict[str, Array] = {}
+        self.store: Kept | None = None
 
     def forward(self, schedule: Schedule, begin: StartState, par: Array, along: Array | None = None) -> Pass:
         """The way forth alone; ``par`` (k,) see layout, ``along`` (m, 4) the trajectory of linearisation at nodes."""
@@ -99,29 +103,29 @@ class Runner:
         parts = [(a, min(a + PART_NODES, m)) for a in range(0, m, PART_NODES)]
         saved = []
         for a, b in parts:
-            saved.append([x.copy() for x in state])
+            saved.append(state.copy())
             if b < m:
                 self.run(a, b, found, state, begin, par, along, None)
         found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
-        lam, Lam = np.zeros(ROW), np.zeros(N * ROW)
-        told: list[tuple[Array, Array, Array]] = []
+        adjoint = backward.Adjoint(np.zeros(ROW), np.zeros(N * ROW))
+        told: list[tuple[NDArray[Any], ...]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
             store = self._storage(schedule, a, b)
             used = self.run(a, b, found, kept, begin, par, along, store)
             if b == m:
-                found.memory = kept[3]
+                found.memory = kept.memory
             score = np.zeros(used)
-            self._back(a, b, found, par, store, lam, Lam, score, a == 0, spread)
-            told.append((score, store["group"][:used].copy(), store["soft"][:used].copy()))
-        # lam and Lam now stand before the updates of the first node, whose covariance is the prior's.
-        found.first = -begin.P @ lam[:N]
-        found.first_spread = np.diag(begin.P) - np.einsum("ij,ij->i", begin.P @ square(Lam), begin.P)
+            self._back(a, b, found, par, store, adjoint, score, spread)
+            told.append((score, store.group[:used].copy(), store.soft[:used].copy()))
+        # The adjoint is now that before the updates of the first node, whose covariance is the prior's.
+        found.first = -begin.P @ adjoint.lam[:N]
+        found.first_spread = np.diag(begin.P) - np.einsum("ij,ij->i", begin.P @ square(adjoint.Lam), begin.P)
         found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(told), strict=True))
         return found
 
     def shocks(
-        self, schedule: Schedule, begin: StartState, par: Array, state: list[Array], a: int, b: int
-    ) -> tuple[Array, list[Array], Array]:
+        self, schedule: Schedule, begin: StartState, par: Array, state: State, a: int, b: int
+    ) -> tuple[Array, State, Array]:
         """Scores (b - a, 12) of a shock of the gyro bias at the nodes a to b, by what came up to b alone.
 
         ``state`` is that before node a, which stays; returned are also the state after node b - 1 and the logarithm of
@@ -130,83 +134,53 @@ class Runner:
         # Of a long run only these nodes' share of the memory is ever touched.
         n, m = len(self.inputs.t), len(schedule.node_at)
         q, ratio = np.empty((n, 4)), np.empty((m, 4))
-        found = Pass(schedule, q, np.empty((m, 3)), np.empty((m, 3)), ratio, state[3])
+        found = Pass(schedule, q, np.empty((m, 3)), np.empty((m, 3)), ratio, state.memory)
         found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
-        state, store = [x.copy() for x in state], self._storage(schedule, a, b)
+        state, store = state.copy(), self._storage(schedule, a, b)
         used = self.run(a, b, found, state, begin, par, None, store)
-        self._back(a, b, found, par, store, np.zeros(ROW), np.zeros(N * ROW), np.zeros(used), a == 0, False)
-        s, nu = store["s_of"][:used], store["nu_of"][:used]
-        told = store["group"][:used]
+        adjoint = backward.Adjoint(np.zeros(ROW), np.zeros(N * ROW))
+        self._back(a, b, found, par, store, adjoint, np.zeros(used), False)
+        s, nu, told = store.s_of[:used], store.nu_of[:used], store.group[:used]
         by_group = np.array([-0.5 * np.sum((nu * nu / s + np.log(s))[told == g]) for g in range(GROUPS)])
         return found.shocks[a:b], state, by_group
 
-    def begun(self, schedule: Schedule, begin: StartState) -> tuple[Pass, list[Array]]:
+    def begun(self, schedule: Schedule, begin: StartState) -> tuple[Pass, State]:
         """A pass with nothing in it yet, and the state that :meth:`run` carries on in place."""
         n, m = len(self.inputs.t), len(schedule.node_at)
         memory = np.zeros(MEMORY)
         memory[FROZEN : FROZEN + 4] = begin.q
         found = Pass(schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory)
-        return found, [begin.q.copy(), begin.x.copy(), padded(begin.P), memory]
+        return found, State(begin.q.copy(), begin.x.copy(), padded(begin.P), memory)
 
     def run(
         self,
         a: int,
         b: int,
         found: Pass,
-        state: list[Array],
+        state: State,
         begin: StartState,
         par: Array,
         along: Array | None,
-        store: dict[str, Array] | None,
+        store: Kept | None,
     ) -> int:
-        """The way forth over the nodes a to b, which the kernel describes; returns the updates kept in ``store``."""
-        s, i = found.schedule, self.inputs
-        keep = store is not None
-        store = self._storage(s, 0, 0) if store is None else store
-        q, x, P, memory = state
-        used = function_of(forward.FORWARD_KERNEL, forward.forward)(
+        """Run forward over the nodes a to b; return how many updates are in ``store``."""
+        s = found.schedule
+        return forward.forward(
             a,
             b,
-            i.dt,
-            i.gyr,
-            i.acc,
-            i.rest,
-            s.node_at,
-            s.node_event,
-            s.kind,
-            s.offset,
-            s.z,
-            s.f_mean,
-            s.w_mean,
-            s.sigma,
-            s.jump,
-            par,
-            np.zeros((1, 4)) if along is None else along,
             along is not None,
+            store is not None,
+            par,
             begin.x,
-            q,
-            x,
-            P,
-            memory,
-            found.q,
-            found.bias,
-            found.variance,
-            found.ratio,
-            keep,
-            store["P_rows"],
-            store["sums"],
-            store["update_of"],
-            store["K"],
-            store["H"],
-            store["H_at"],
-            store["wide_of"],
-            store["s_of"],
-            store["nu_of"],
-            store["r_of"],
-            store["group"],
-            store["soft"],
+            self.inputs.motion,
+            Nodes(s.node_at, s.node_event, s.jump, np.zeros((1, 4)) if along is None else along),
+            Events(s.kind, s.offset, s.z, s.f_mean, s.w_mean, s.sigma),
+            state,
+            Filtered(found.q, found.bias, found.variance, found.ratio),
+            self._storage(s, 0, 0) if store is None else store,
+            forward.new_row(),
+            forward.new_work(),
         )
-        return int(used)
 
     def _back(
         self,
@@ -214,57 +188,37 @@ class Runner:
         b: int,
         found: Pass,
         par: Array,
-        store: dict[str, Array],
-        lam: Array,
-        Lam: Array,
+        store: Kept,
+        adjoint: backward.Adjoint,
         score: Array,
-        gone: bool,
         wanted: bool,
     ) -> None:
-        """The way back through the nodes a to b, which ``store`` holds; ``lam``, ``Lam`` are carried on in place."""
-        function_of(backward.BACKWARD_KERNEL, backward.backward)(
-            b - a,
-            np.ascontiguousarray(found.schedule.rest_of[a:b]),
-            par,
-            store["P_rows"],
-            store["sums"],
-            store["update_of"],
-            store["K"],
-            store["H"],
-            store["H_at"],
-            store["wide_of"],
-            store["s_of"],
-            store["nu_of"],
-            lam,
-            Lam,
-            found.d[a:b],
-            found.spread[a:b],
-            score,
-            found.scores,
-            found.shocks[a:b],
-            gone,
-            wanted,
-        )
+        """Go back through the nodes a to b, which ``store`` holds; ``adjoint`` is carried on in place."""
+        rest_of = np.ascontiguousarray(found.schedule.rest_of[a:b])
+        out = backward.Smoothed(found.d[a:b], found.spread[a:b], score, found.scores, found.shocks[a:b])
+        backward.backward(a == 0, wanted, par, rest_of, store, adjoint, out, backward.new_work())
 
-    def _storage(self, s: Schedule, a: int, b: int) -> dict[str, Array]:
-        """Arrays large enough for the nodes a to b; used again."""
+    def _storage(self, s: Schedule, a: int, b: int) -> Kept:
+        """Return arrays large enough for the nodes a to b; used again."""
         nodes, updates = max(b - a, 1), max(int(s.scalars[b] - s.scalars[a]), 1)
-        shapes: dict[str, tuple[tuple[int, ...], type, Callable[..., Array]]] = {
-            "P_rows": ((nodes * 6 * ROW,), np.float64, np.empty),
-            "sums": ((nodes, SUMS), np.float64, np.empty),
-            "update_of": ((nodes + 1,), np.int64, np.zeros),
-            "K": ((updates * ROW,), np.float64, np.empty),
-            "H": ((updates, WIDE), np.float64, np.empty),
-            "H_at": ((updates, WIDE), np.int8, np.empty),
-            "wide_of": ((updates,), np.int8, np.empty),
-            "s_of": ((updates,), np.float64, np.empty),
-            "nu_of": ((updates,), np.float64, np.empty),
-            "r_of": ((updates,), np.float64, np.empty),
-            "group": ((updates,), np.int8, np.empty),
-            "soft": ((updates,), np.int8, np.empty),
-        }
-        for name, (shape, kind, make) in shapes.items():
-            have = self.store.get(name)
-            if have is None or len(have) < shape[0]:
-                self.store[name] = make(shape, kind)
-        return self.store
+        have = self.store
+        if have is None or len(have.sums) < nodes or len(have.s_of) < updates:
+            if have is not None:
+                nodes, updates = max(nodes, len(have.sums)), max(updates, len(have.s_of))
+            self.store = have = None
+            small = [np.empty(updates, np.int8) for _ in range(3)]
+            self.store = have = Kept(
+                np.empty(nodes * 6 * ROW),
+                np.empty((nodes, SUMS)),
+                np.zeros(nodes + 1, np.int64),
+                np.empty(updates * ROW),
+                np.empty((updates, WIDE)),
+                np.empty((updates, WIDE), np.int8),
+                small[0],
+                np.empty(updates),
+                np.empty(updates),
+                np.empty(updates),
+                small[1],
+                small[2],
+            )
+        return have

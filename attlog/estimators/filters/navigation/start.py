@@ -21,7 +21,6 @@ from typing import Literal
 import numpy as np
 
 from attlog.core import rotation
-from attlog.core.jit.kernel import function_of
 from attlog.estimators.filters.navigation.inputs import Inputs, NoiseLevels, RunningMean
 from attlog.estimators.filters.navigation.model import (
     ARM,
@@ -40,7 +39,7 @@ from attlog.estimators.filters.navigation.model import (
     N,
     V,
 )
-from attlog.estimators.filters.navigation.turns import CHAIN_KERNEL, chain
+from attlog.estimators.filters.navigation.turns import chain
 from attlog.estimators.interface import Array
 
 STATIC_S, QUIET_S, MOTION_S, TURNED_S = 2.0, 0.6, 8.0, 2.0
@@ -204,7 +203,7 @@ def turned_by_gyro(gyr: Array, dt: Array) -> Array:
 def chained(turns: Array) -> Array:
     """The turns (n, 3), rotation vectors, one after the other (n, 4); the first is taken as none."""
     q = np.empty((len(turns), 4))
-    function_of(CHAIN_KERNEL, chain)(rotation.from_rotvec(turns), q)
+    chain(rotation.from_rotvec(turns), q)
     return q
 
 

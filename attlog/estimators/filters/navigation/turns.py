@@ -14,27 +14,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from attlog.core.jit.kernel import kernel_of
-from attlog.estimators.interface import KERNEL_SOURCES
+from attlog.core import jit
+from attlog.core.jit import F1, F2, I1, Out1, Out2
+from attlog.estimators.filters.navigation.model import Motion
 
 RING = 13
 """Numbers kept of a sample: G (4), the integral of its columns (9)."""
-
-AHEAD_TYPES = {
-    "then": "i8[::1]",
-    "dt": "f8[::1]",
-    "gyr": "f8[:, ::1]",
-    "rest": "i1[::1]",
-    "lag": "f8",
-    "q": "f8[:, ::1]",
-    "bias": "f8[:, ::1]",
-    "first_bias": "f8[::1]",
-    "ring": "f8[:, ::1]",
-    "out": "f8[:, ::1]",
-}
-"""Types of the arguments by name."""
-SCRATCH = {"G": ("f8", (4,)), "total": ("f8", (9,)), "step": ("f8", (4,)), "now": ("f8", (4,))}
-"""Kind and shape of what the function works with, by the argument's name."""
 
 
 def exponential(x: float, y: float, z: float, out: Any) -> None:
@@ -53,27 +38,27 @@ def times(a: Any, b: Any, out: Any) -> None:
     out[0], out[1], out[2], out[3] = w, x, y, z
 
 
+@jit.loop("the navigation filter, ahead")
 def ahead(
-    then: Any,
-    dt: Any,
-    gyr: Any,
-    rest: Any,
     lag: float,
-    q: Any,
-    bias: Any,
-    first_bias: Any,
-    ring: Any,
-    out: Any,
-    G: Any,
-    total: Any,
-    step: Any,
-    now: Any,
+    then: I1,
+    motion: Motion,
+    q: F2,
+    bias: F2,
+    first_bias: F1,
+    ring: Out2,
+    out: Out2,
+    G: Out1,
+    total: Out1,
+    step: Out1,
+    now: Out1,
 ) -> None:
-    """``out`` (n, 4) at every sample from the attitude ``q`` (n, 4) and ``bias`` (n, 3) of sample ``then`` (n,).
+    """Write ``out`` (n, 4) at every sample, from the attitude ``q`` (n, 4) and ``bias`` (n, 3) of sample ``then`` (n,).
 
-    ``dt`` (n,), ``gyr`` (n, 3), ``rest`` (n,) of the interval before, ``lag`` s from samples to stamps, ``first_bias``
-    (3,); ``ring`` (r, 13) is longer than any look back. The last arguments are scratch.
+    ``lag`` s from samples to stamps, ``first_bias`` (3,); ``ring`` (r, 13) is longer than any look back. Scratch: ``G``
+    (4,), ``total`` (9,), ``step``, ``now`` (4,).
     """
+    dt, gyr, rest = motion.dt, motion.gyr, motion.rest
     G[0], G[1], G[2], G[3] = 1.0, 0.0, 0.0, 0.0
     for i in range(9):
         total[i] = 0.0
@@ -119,7 +104,8 @@ def ahead(
             out[k, i] = unit * now[i]
 
 
-def chain(steps: Any, q: Any) -> None:
+@jit.loop("the navigation filter, chain")
+def chain(steps: F2, q: Out2) -> None:
     """``q`` (n, 4): the products of the turns ``steps`` (n, 4) up to each row, the first of them taken as none."""
     a, b, c, d = 1.0, 0.0, 0.0, 0.0
     for k in range(len(steps)):
@@ -132,16 +118,3 @@ def chain(steps: Any, q: Any) -> None:
                 a * z + b * y - c * x + d * w,
             )
         q[k, 0], q[k, 1], q[k, 2], q[k, 3] = a, b, c, d
-
-
-AHEAD_KERNEL = kernel_of(
-    ahead,
-    f"void({', '.join(AHEAD_TYPES.values())})",
-    "navigation",
-    "the navigation filter, ahead",
-    KERNEL_SOURCES,
-    tuple(SCRATCH.values()),
-)
-CHAIN_KERNEL = kernel_of(
-    chain, "void(f8[:, ::1], f8[:, ::1])", "navigation", "the navigation filter, chain", KERNEL_SOURCES
-)

@@ -16,6 +16,7 @@ from attlog.estimators.filters.navigation import jumps
 from attlog.estimators.filters.navigation import jumps as online
 from attlog.estimators.filters.navigation.inputs import JUMP_RAD_S, NoiseLevels, prepare_inputs
 from attlog.estimators.filters.navigation.jumps import gains
+from attlog.estimators.filters.navigation.model import State
 from attlog.estimators.filters.navigation.passes import solved, solved_twice
 from attlog.estimators.filters.navigation.schedule import Schedule, Timetable
 from attlog.estimators.filters.navigation.solve import Runner
@@ -326,17 +327,19 @@ class Declared:
         self.inputs = SimpleNamespace(sensed_at=100.0 + STEP_S * np.arange(NODES))
         self.looks: list[tuple[int, int]] = []
 
-    def begun(self, schedule: Schedule, begin: Any) -> tuple[Any, list[np.ndarray]]:
+    def begun(self, schedule: Schedule, begin: Any) -> tuple[Any, State]:
         ratio = np.full((NODES, 4), np.nan)
         when = STEP_S * np.arange(NODES)
         ratio[::2, 0] = np.where((when >= self.bad) & (when < self.own.end), 0.6, 0.3)[::2]
-        return SimpleNamespace(ratio=ratio, memory=None), [np.zeros(4), np.zeros(39), np.zeros(39 * 40), np.zeros(18)]
+        return SimpleNamespace(ratio=ratio, memory=None), State(
+            np.zeros(4), np.zeros(39), np.zeros(39 * 40), np.zeros(18)
+        )
 
-    def run(self, a: int, b: int, found: Any, state: list[np.ndarray], *_: Any) -> None:
-        state[1][0] = b
+    def run(self, a: int, b: int, found: Any, state: State, *_: Any) -> None:
+        state.x[0] = b
 
-    def shocks(self, schedule: Schedule, begin: Any, par: Any, state: list[np.ndarray], a: int, b: int) -> Any:
-        assert state[1][0] == a
+    def shocks(self, schedule: Schedule, begin: Any, par: Any, state: State, a: int, b: int) -> Any:
+        assert state.x[0] == a
         scores = np.zeros((b - a, 12))
         scores[:, [3, 7, 11]] = 1.0
         k = round(self.at / STEP_S)
@@ -345,9 +348,9 @@ class Declared:
             scores[k - a] = shock(self.own.gain, self.own.dps)
         if not opened:
             self.looks.append((a, b))
-        after = [x.copy() for x in state]
-        after[1][0] = b
-        after[3][17] += self.own.real if opened else 0.0
+        after = state.copy()
+        after.x[0] = b
+        after.memory[17] += self.own.real if opened else 0.0
         by_group = np.zeros(8)
         if opened:
             by_group[:5] = 0.25 * self.own.gnss
@@ -395,7 +398,7 @@ def test_what_a_jump_turned_while_its_time_was_unsure_by_half_a_second_widens_th
     begun = runner.begun
     runner.begun = lambda *x: kept.append(begun(*x)) or kept[0]  # type: ignore[method-assign]
     filtered(runner)
-    P = kept[0][1][2].reshape(39, 40)
+    P = kept[0][1].P.reshape(39, 40)
     want = np.zeros((39, 40))
     want[2, 2] = (0.5 * np.radians(2.0)) ** 2
     assert pytest.approx(want) == P

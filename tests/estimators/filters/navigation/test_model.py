@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from attlog.core import rotation
-from attlog.core.jit.kernel import function_of
 from attlog.estimators.filters.navigation import backward, forward, solve, turns
-from attlog.estimators.filters.navigation.backward import back_through_updates
-from attlog.estimators.filters.navigation.forward import apply_gain, propagate
+from attlog.estimators.filters.navigation.backward import Work, undo_updates
+from attlog.estimators.filters.navigation.forward import apply_gain, new_row, new_work, propagate
 from attlog.estimators.filters.navigation.inputs import WANDER_S, NoiseLevels, prepare_inputs
 from attlog.estimators.filters.navigation.model import (
     BARO,
@@ -28,8 +27,12 @@ from attlog.estimators.filters.navigation.model import (
     SUMS,
     VELOCITY,
     WANDER_TAU,
-    WIDE,
+    Events,
+    Filtered,
+    Kept,
+    Motion,
     N,
+    Nodes,
     adjoint_predict,
     cross_times,
     field_rows,
@@ -59,18 +62,17 @@ def event(kind, q, x):
     """Residual of zero values, and the dense rows."""
     par = np.zeros(SETTINGS)
     par[GRAVITY_AT] = 9.8
-    R, r = np.zeros((3, 3)), np.zeros(3)
-    hi, hv, work = np.zeros((3, WIDE), np.int64), np.zeros((3, WIDE)), np.zeros((4, 3))
+    R, row, work = np.zeros((3, 3)), new_row(), np.zeros((4, 3))
     to_matrix3(q, R)
     if kind == MAG:
-        wide = field_rows(x, x, R, R, LATE, RATE, np.zeros(3), False, work, r, hi, hv)
+        wide = field_rows(x, x, R, R, LATE, RATE, np.zeros(3), False, work, row)
     else:
-        wide = rows(kind, x, R, LATE, FORCE, RATE, np.zeros(3), par, work, r, hi, hv)
+        wide = rows(kind, x, R, LATE, FORCE, RATE, np.zeros(3), par, work, row)
     H = np.zeros((COUNT[kind], N))
     for i in range(COUNT[kind]):
         for k in range(wide):
-            H[i, hi[i, k]] += hv[i, k]
-    return r[: COUNT[kind]].copy(), H
+            H[i, row.hi[i, k]] += row.hv[i, k]
+    return row.r[: COUNT[kind]].copy(), H
 
 
 def moved(q, x, dx):
@@ -94,29 +96,23 @@ def test_rows_are_the_derivatives_of_what_is_predicted(kind):
 
 
 def test_the_rows_of_the_start_are_those_of_a_field_sample():
-    hi, hv, work, r, R = (
-        np.zeros((3, WIDE), np.int64),
-        np.zeros((3, WIDE)),
-        np.zeros((4, 3)),
-        np.zeros(3),
-        np.zeros((3, 3)),
-    )
+    row, work, R = new_row(), np.zeros((4, 3)), np.zeros((3, 3))
     to_matrix3(Q, R)
-    field_rows(X, X, R, R, 0.0, np.zeros(3), np.zeros(3), False, work, r, hi, hv)
+    field_rows(X, X, R, R, 0.0, np.zeros(3), np.zeros(3), False, work, row)
     dense = np.zeros((3, N))
     for i in range(3):
-        dense[i, hi[i, :11]] = hv[i, :11]
+        dense[i, row.hi[i, :11]] = row.hv[i, :11]
     assert field_matrix(rotation.to_matrix(Q), X) == pytest.approx(dense, abs=1e-12)
 
 
 def test_a_residual_linear_about_the_state_itself_is_the_plain_one():
-    hi, hv, work, R = np.zeros((3, WIDE), np.int64), np.zeros((3, WIDE)), np.zeros((4, 3)), np.zeros((3, 3))
+    work, R = np.zeros((4, 3)), np.zeros((3, 3))
     to_matrix3(Q, R)
     found = []
     for linear in (False, True):
-        r = np.zeros(3)
-        field_rows(X, X, R, R, LATE, RATE, np.array([0.1, 0.2, 0.3]), linear, work, r, hi, hv)
-        found.append(r)
+        row = new_row()
+        field_rows(X, X, R, R, LATE, RATE, np.array([0.1, 0.2, 0.3]), linear, work, row)
+        found.append(row.r)
     assert found[1] == pytest.approx(found[0], abs=1e-12)
 
 
@@ -124,7 +120,8 @@ def carried(q, x, gyr, acc, dt):
     """State and sums after some samples."""
     q, x, sums, R = q.copy(), x.copy(), np.zeros(SUMS), np.zeros((3, 3))
     n = len(gyr)
-    propagate(np.full(n, dt), gyr, acc, np.zeros(n, np.int8), 0, n - 1, 9.8, q, x, R, np.empty((n, 4)), sums)
+    motion = Motion(np.full(n, dt), gyr, acc, np.zeros(n, np.int8))
+    propagate(motion, 0, n - 1, 9.8, q, x, R, np.empty((n, 4)), sums)
     return q, x, sums
 
 
@@ -193,22 +190,10 @@ def test_updates_are_undone_one_by_one_whatever_the_group():
     rows = np.zeros((count, ROW))
     rows[:, :N] = K
     flat_lam, flat, score = np.append(lam, 0.0), padded(L), np.zeros(count)
-    back_through_updates(
-        0,
-        count,
-        rows.ravel(),
-        H,
-        hi,
-        np.full(count, 3, np.int8),
-        s,
-        nu,
-        flat_lam,
-        flat,
-        np.zeros(3 * ROW),
-        np.zeros(3 * ROW),
-        np.zeros(3 * ROW),
-        score,
-    )
+    none = np.zeros(0)
+    kept = Kept(none, none, none, rows.ravel(), H, hi, np.full(count, 3, np.int8), s, nu, none, none, none)
+    work = Work(none, np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW))
+    undo_updates(0, count, kept, flat_lam, flat, score, work)
     for k in range(count - 1, -1, -1):
         h = np.zeros(N)
         h[hi[k]] = H[k]
@@ -283,46 +268,23 @@ def step(inputs, schedule, begin, par, state, node, events):
     if not events:
         count = np.zeros_like(count)
     m, store = len(schedule.node_at), Runner(inputs)._storage(schedule, node, node + 1)
-    function_of(forward.FORWARD_KERNEL, forward.forward)(
+    forward.forward(
         node,
         node + 1,
-        inputs.dt,
-        inputs.gyr,
-        inputs.acc,
-        inputs.rest,
-        schedule.node_at,
-        count,
-        schedule.kind,
-        schedule.offset,
-        schedule.z,
-        schedule.f_mean,
-        schedule.w_mean,
-        schedule.sigma,
-        schedule.jump,
-        par,
-        np.zeros((1, 4)),
         False,
-        begin.x,
-        *state,
-        np.empty((len(inputs.t), 4)),
-        np.empty((m, 3)),
-        np.empty((m, 3)),
-        np.empty((m, 4)),
         True,
-        store["P_rows"],
-        store["sums"],
-        store["update_of"],
-        store["K"],
-        store["H"],
-        store["H_at"],
-        store["wide_of"],
-        store["s_of"],
-        store["nu_of"],
-        store["r_of"],
-        store["group"],
-        store["soft"],
+        par,
+        begin.x,
+        inputs.motion,
+        Nodes(schedule.node_at, count, schedule.jump, np.zeros((1, 4))),
+        Events(schedule.kind, schedule.offset, schedule.z, schedule.f_mean, schedule.w_mean, schedule.sigma),
+        state,
+        Filtered(np.empty((len(inputs.t), 4)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 4))),
+        store,
+        new_row(),
+        new_work(),
     )
-    return store["sums"][0].copy()
+    return store.sums[0].copy()
 
 
 def test_the_way_back_is_rauch_tung_striebel(run):
@@ -331,7 +293,7 @@ def test_the_way_back_is_rauch_tung_striebel(run):
     state = Runner(inputs).begun(schedule, begin)[1]
     after, before, correction, moves = [], [], [], []
     for node in range(m):
-        predicted = [x.copy() for x in state]
+        predicted = state.copy()
         moves.append(step(inputs, schedule, begin, par, predicted, node, events=False))
         step(inputs, schedule, begin, par, state, node, events=True)
         turned = rotation.to_rotvec(rotation.multiply(state[0], rotation.conjugate(predicted[0])))
@@ -385,10 +347,22 @@ def test_only_disturbances_in_motion_calibrate_and_none_counts_beyond_three_sigm
     par[WANDER_TAU], sums[0, SUM_T] = WANDER_S, 0.5
     lam, Lam = np.zeros(ROW), np.zeros((N, ROW))
     lam[:N], Lam[:, :N] = np.where(np.arange(N) < 3, 2.0, 5.0), np.eye(N)
-    none, scratch = np.zeros(0), [np.zeros(shape) for _, shape in backward.SCRATCH.values()]
-    made = (np.array([rest], np.int8), par, np.zeros(6 * ROW), sums, np.zeros(2, np.int64), none, none, none, none)
-    room = (np.zeros((1, 6)), np.zeros((1, 3)), none, scores, np.zeros((1, 12)))
-    backward.backward(1, *made, none, none, lam, Lam.ravel(), *room, False, False, *scratch)
+    none, small, wide = np.zeros(0), np.zeros(0, np.int8), np.zeros((0, 12))
+    kept = Kept(
+        np.zeros(6 * ROW),
+        sums,
+        np.zeros(2, np.int64),
+        none,
+        wide,
+        wide.astype(np.int8),
+        small,
+        *[none] * 3,
+        small,
+        small,
+    )
+    out = backward.Smoothed(np.zeros((1, 6)), np.zeros((1, 3)), none, scores, np.zeros((1, 12)))
+    adjoint = backward.Adjoint(lam, Lam.ravel())
+    backward.backward(False, False, par, np.array([rest], np.int8), kept, adjoint, out, backward.new_work())
     wanted = 0.5 * np.array([np.where(np.arange(N) < 3, 4.0, 9.0), np.ones(N)])
     assert scores == pytest.approx(wanted if rest == 0 else np.zeros((2, N)))
 
@@ -406,10 +380,11 @@ def test_an_attitude_of_before_is_carried_on_by_the_rate_less_the_bias_that_is_k
         np.tile(rotation.from_euler(0.3, -0.2, 1.0), (n, 1)),
         rotation.from_rotvec((rate - known) * 0.01 * np.arange(n)[:, None] * along),
     )
-    out, scratch = np.empty((n, 4)), [np.zeros(shape) for _, shape in turns.SCRATCH.values()]
+    out, scratch = np.empty((n, 4)), [np.zeros(4), np.zeros(9), np.zeros(4), np.zeros(4)]
     gyr, bias = np.tile(rate * along, (n, 1)), np.tile(known * along, (n, 1))
     rest, ring = np.zeros(n, np.int8), np.zeros((8, turns.RING))
-    turns.ahead(then, dt, gyr, rest, lag, q, bias, np.array([0.05, -0.1, 0.2]) * along, ring, out, *scratch)
+    first, motion = np.array([0.05, -0.1, 0.2]) * along, Motion(dt, gyr, gyr, rest)
+    turns.ahead(lag, then, motion, q, bias, first, ring, out, *scratch)
     seconds = 0.01 * (np.arange(n) - then) + lag
     wanted = rotation.multiply(q[then], rotation.from_rotvec((rate - known) * seconds[:, None] * along))
     apart = rotation.total_angle(rotation.earth_error(out, wanted))
