@@ -1,18 +1,15 @@
-"""The nested controller of Huang et al.: angle to rate to torque to rotors, at 400 Hz.
+"""The nested controller of Huang et al. (angle to rate to torque to rotors, 400 Hz), and its transfer functions.
 
     e      = angle from the attitude to the set-point, in body axes      (tilt first, then heading)
     w_set  = kp e + ki int(e)                       outer PI, limited to ``rate_limit``
     u      = kp (w_set - w) + ki int(w_set - w) - kd dw/dt               inner PID, limited to +-1
     f_i    = thrust + mixer_i u                     share of a rotor's largest thrust, 0 to 1
 
-Source: Huang tables 2 and 3: outer 4.5 and 0.35, inner 0.14, 0.015 and 0.0025, alike for roll and pitch.
-Ours, because the paper does not tell it: the unit of ``u`` (1 turns the rotors of one side up by half of
-their largest thrust and the others down, as autopilots of that time had it), yaw's gains, all limits, the
-derivative of the measured rate behind a low-pass (that of the error would kick at every step of the set-point),
-and what happens at a limit: an integral does not go on in the direction that is limited already, and the
-mixer gives up yaw first, then thrust, and roll and pitch last.
-
-Plain functions on arrays of float64, so that they compile (:func:`compiled`).
+Source: Huang tables 2 and 3: outer 4.5 and 0.35, inner 0.14, 0.015 and 0.0025 for roll and pitch. Ours, because the
+paper prints none: the unit of ``u`` (1 moves the rotors of a side by half of their largest thrust, as in autopilots of
+that time), yaw's gains, all limits, the derivative of the measured rate behind a low-pass (that of the error would kick
+at every step of the set-point), and the anti-windup: an integral stops in the direction that is limited, and the mixer
+gives up yaw first, then thrust, roll and pitch last.
 """
 
 from __future__ import annotations
@@ -31,21 +28,21 @@ from attlog.simulate.scenario import Controller
 Array = NDArray[np.float64]
 Three = tuple[float, float, float]
 
+# Places in the state: three axes each, and whether there was a rate before.
 ANGLE_INTEGRAL, RATE_INTEGRAL, LAST_RATE, SLOPE, CUT, STARTED, STATE_SIZE = 0, 3, 6, 9, 12, 15, 16
-"""Where things stand in the state: three axes each, and whether there was a rate before."""
+# Places of gains in their array: three axes each, then the derivative's low-pass and the idle thrust.
 KP, KI, RATE_KP, RATE_KI, RATE_KD, RATE_LIMIT, ANGLE_PART, RATE_PART, COMMON_GAINS = 0, 3, 6, 9, 12, 15, 18, 21, 24
-"""Where gains stand in their array: three axes each, then the derivative's low-pass and the idle thrust."""
+# A command: attitude wanted, collective share of thrust, 1 in flight (0 stops the rotors).
 Q_SET, THRUST, ENGAGED, COMMAND_SIZE = 0, 4, 5, 6
-"""A command: attitude wanted, collective share of thrust, and 1 in flight (0 stops the rotors)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Gains and limits as (roll, pitch, yaw). ``u`` is the torque as a share of what the mixer can ask for.
+    """Gains and limits as (roll, pitch, yaw); ``u`` is the torque as a share of what the mixer can give.
 
-    ``angle_kp`` 1/s, ``angle_ki`` 1/s^2, ``rate_kp`` s (u per rad/s), ``rate_ki`` 1, ``rate_kd`` s^2; ``rate_limit``
-    rad/s; ``angle_part`` rad/s and ``rate_part`` u, the most that an integral may give; ``derivative_hz`` corner of the
-    derivative's low-pass; ``idle`` share of thrust at which a rotor still turns.
+    ``angle_kp`` 1/s, ``angle_ki`` 1/s^2, ``rate_kp`` s (u per rad/s), ``rate_ki`` 1, ``rate_kd`` s^2;
+    ``rate_limit`` rad/s; ``angle_part`` rad/s and ``rate_part`` u, the most that an integral may give;
+    ``derivative_hz`` corner of the derivative's low-pass; ``idle`` share of thrust at which a rotor still turns.
     """
 
     angle_kp: Three
@@ -61,7 +58,7 @@ class Gains:
 
     @classmethod
     def of(cls, c: Controller) -> Gains:
-        """The gains of a scenario."""
+        """Return the gains of a scenario."""
         most, turn = math.radians(c.rate_max_dps), math.radians(c.yaw_rate_max_dps)
         return cls(
             (c.angle_kp, c.angle_kp, c.yaw_angle_kp),
@@ -73,13 +70,13 @@ class Gains:
         )
 
     def pack(self) -> Array:
-        """The array (k,) that :func:`control` takes."""
+        """Return the array (k,) that :func:`control` takes."""
         parts = (self.angle_kp, self.angle_ki, self.rate_kp, self.rate_ki, self.rate_kd, self.rate_limit)
         return np.array([*sum((*parts, self.angle_part, self.rate_part), ()), self.derivative_hz, self.idle])
 
 
 def mixer(positions: Any, spins: Any) -> Array:
-    """What one unit of roll, pitch and yaw adds to each rotor's share of thrust: (n, 3), largest entry 0.5.
+    """Return the share of each rotor per unit of roll, pitch and yaw: (n, 3), largest entry 0.5.
 
     ``positions`` (n, 2 or 3) m in body axes from the centre of mass, ``spins`` (n,) +1 where the rotor turns
     counter-clockwise seen from above (its drag turns the body clockwise, to a larger heading), else -1.
@@ -91,16 +88,16 @@ def mixer(positions: Any, spins: Any) -> Array:
 
 
 def new_controller_state() -> Array:
-    """The controller's state before its first step."""
+    """Return the controller's state before its first step."""
     return np.zeros(STATE_SIZE)
 
 
 @jit.loop("the controller")
 def control(state: Out1, gains: F1, q: F1, rate: F1, command: F1, shares: F2, dt: float, out: Out1) -> None:
-    """One step: ``out`` is rotor thrust shares (n), rate set-point (3), torque asked for (3), thrust given (1).
+    """Make one step: ``out`` is rotor shares (n), rate set-point (3), torque asked for (3), thrust given (1).
 
-    ``q`` (4,) attitude and ``rate`` (3,) rad/s as the vehicle knows them, ``command`` as above, ``shares`` (n, 3)
-    of :func:`mixer`. State and ``out`` are changed in place.
+    ``q`` (4,) attitude and ``rate`` (3,) rad/s as estimated, ``command`` as above, ``shares`` (n, 3) of
+    :func:`mixer`. State and ``out`` change in place.
     """
     n = len(shares)
     if command[ENGAGED] < 0.5:
@@ -135,12 +132,12 @@ def control(state: Out1, gains: F1, q: F1, rate: F1, command: F1, shares: F2, dt
 
 
 def bounded(x: float, limit: float) -> float:
-    """x within +-limit."""
+    """Return x within +-limit."""
     return limit if x > limit else (-limit if x < -limit else x)
 
 
 def angle_error(q: Any, wanted: Any) -> tuple[float, float, float]:
-    """The turn (rad, body axes) from attitude ``q`` to ``wanted``: the shortest one of the thrust axis, then heading.
+    """Return the rotation (rad, body axes) from attitude ``q`` to ``wanted``: thrust axis first, then heading.
 
     For one axis it is the difference of its angles, however large.
     """
@@ -165,10 +162,10 @@ def angle_error(q: Any, wanted: Any) -> tuple[float, float, float]:
 
 
 def mix(out: Any, n: int, shares: Any, thrust: float, idle: float, state: Any) -> float:
-    """Rotor shares ``out[:n]`` from torques ``out[n + 3:n + 6]``; gives the collective share that was possible.
+    """Turn torques ``out[n + 3:n + 6]`` into rotor shares ``out[:n]``; return the collective share that was possible.
 
-    Roll and pitch come first and are scaled together if a rotor cannot span them; the thrust is moved to where they
-    fit; yaw gets what room is left. ``state[CUT:]`` tells per axis in which direction it was cut (+1, -1, 0 not).
+    Roll and pitch are scaled together if a rotor cannot span them; the thrust is moved to where they fit; yaw gets
+    the remainder. ``state[CUT:]``: direction in which an axis was cut (+1, -1, 0 not).
     """
     low = 0.0
     high = 0.0
@@ -197,28 +194,24 @@ def mix(out: Any, n: int, shares: Any, thrust: float, idle: float, state: Any) -
     return given
 
 
-# The attitude loop as transfer functions: what it should do, from gains, rotor lag and inertia alone.
-#
-# For one axis and small angles, with authority A (rad/s^2 per unit of torque), rotor lag T and the loop's delay d:
-#
-#     P(s) = A e^(-ds) / (T s + 1) / s                                   torque -> rate
-#     F(s) = kp + ki/s + kd s / (s/w_d + 1)                              rate -> torque (fed back)
-#     C(s) = kp + ki/s,   Co(s) = 4.5 + 0.35/s                           inner and outer PI
-#     L(s) = P (F + C Co / s)                                            the loop, cut at the rotors
-#     angle / set-point = (P C Co / s) / (1 + L)
-#
-# The delay is a Pade fraction of second order where a step is wanted and exact where margins are. A thing of
-# numpy alone, so that tests and the page of Huang's paper share it.
-
 LinearArray = NDArray[np.floating[Any]]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class LoopAxis:
-    """One axis of the loop: ``authority`` rad/s^2 per unit torque, ``lag`` of the rotors s, ``delay`` s, its gains.
+    """One axis of the loop as transfer functions, for small angles.
 
-    ``delay``: half a period of holding the output (1.25 ms at 400 Hz), and what sensors and computing take.
+    With authority A (``authority``, rad/s^2 per unit of torque), rotor lag T (``lag``, s) and the loop's delay d
+    (``delay``, s: half a period of holding the output, sensors and computing):
+
+        P(s) = A e^(-ds) / (T s + 1) / s                                   torque -> rate
+        F(s) = kp + ki/s + kd s / (s/w_d + 1)                              rate -> torque (fed back)
+        C(s) = kp + ki/s,   Co(s) = 4.5 + 0.35/s                           inner and outer PI
+        L(s) = P (F + C Co / s)                                            the loop, cut at the rotors
+        angle / set-point = (P C Co / s) / (1 + L)
+
+    The delay is a Pade fraction of second order in steps and exact in margins.
     """
 
     authority: float
@@ -229,7 +222,7 @@ class LoopAxis:
 
     @property
     def rate_feedback(self) -> tuple[LinearArray, LinearArray]:
-        """F(s): numerator and denominator, coefficients (k,) from the highest power."""
+        """Return numerator and denominator of F(s), from the highest power."""
         g, i = self.gains, self.index
         corner = 1.0 / (2.0 * math.pi * g.derivative_hz)
         low_pass = np.array([corner, 1.0])
@@ -238,12 +231,12 @@ class LoopAxis:
 
     @property
     def forward(self) -> tuple[LinearArray, LinearArray]:
-        """C(s) Co(s): numerator and denominator, coefficients (k,) from the highest power."""
+        """Return numerator and denominator of C(s) Co(s), from the highest power."""
         g, i = self.gains, self.index
         return np.polymul([g.rate_kp[i], g.rate_ki[i]], [g.angle_kp[i], g.angle_ki[i]]), np.array([1.0, 0.0, 0.0])
 
     def loop(self, omega: ArrayLike) -> Complex:
-        """L(j omega), cut at the rotors; ``omega`` (n,) rad/s."""
+        """Return L(j omega); ``omega`` (n,) rad/s."""
         s = 1j * np.asarray(omega, np.float64)
         plant = self.authority * np.exp(-self.delay * s) / (self.lag * s + 1.0) / s
         inner, outer = _at(self.rate_feedback, s), _at(self.forward, s) / s
@@ -251,7 +244,7 @@ class LoopAxis:
         return found
 
     def closed(self) -> tuple[LinearArray, LinearArray]:
-        """Numerator and denominator (k,) of angle / set-point, the delay as a Pade fraction."""
+        """Return numerator and denominator of angle / set-point, the delay as a Pade fraction."""
         d = self.delay
         ahead, behind = np.array([d * d / 12.0, -d / 2.0, 1.0]), np.array([d * d / 12.0, d / 2.0, 1.0])
         plant_num = self.authority * ahead
@@ -267,7 +260,7 @@ class LoopAxis:
         return num, den
 
     def step(self, t: ArrayLike) -> LinearArray:
-        """The angle (n,) at times ``t`` (n,) after a unit step of the set-point: a sum over the poles."""
+        """Return the angle (n,) at times ``t`` (n,) after a unit step, by a sum over the poles."""
         num, den = self.closed()
         poles = np.roots(den)
         residues = np.polyval(num, poles) / (np.polyval(np.polyder(den), poles) * poles)
@@ -277,7 +270,7 @@ class LoopAxis:
         return np.where(t > 0.0, rest + parts.sum(axis=1).real, 0.0)
 
     def response(self, omega: float) -> complex:
-        """angle / set-point at ``omega`` rad/s, the delay exact."""
+        """Return angle / set-point at ``omega`` rad/s, the delay exact."""
         s = np.array([1j * omega])
         plant = self.authority * np.exp(-self.delay * s) / (self.lag * s + 1.0) / s
         return complex((plant * _at(self.forward, s) / s / (1.0 + self.loop([omega])))[0])
@@ -285,7 +278,7 @@ class LoopAxis:
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How far the loop is from instability: ``gain`` (factor), ``phase_deg`` and ``delay_s``, at rad/s."""
+    """Distance from instability: ``gain`` (factor), ``phase_deg``, ``delay_s``, at rad/s."""
 
     gain: float
     gain_at: float
@@ -294,12 +287,12 @@ class Margins:
 
     @property
     def delay_s(self) -> float:
-        """The additional delay that the phase margin allows."""
+        """Return the additional delay that the phase margin allows."""
         return math.radians(self.phase_deg) / self.phase_at
 
 
 def margins(axis: LoopAxis) -> Margins:
-    """Gain margin above the highest crossing of -180 deg, phase margin at the highest crossing of 1."""
+    """Return the gain margin above the highest crossing of -180 deg, the phase margin at that of 1."""
     omega = np.geomspace(0.1, 3000.0, 60000)
     loop = axis.loop(omega)
     size, phase = np.abs(loop), np.unwrap(np.angle(loop))
@@ -313,12 +306,12 @@ def margins(axis: LoopAxis) -> Margins:
 
 
 def rise_and_overshoot(t: LinearArray, y: LinearArray) -> tuple[float, float]:
-    """Time from 10 to 90 % of a unit step ``y`` (n,) at ``t`` (n,) s, in s, and the largest excess over 1."""
+    """Return the time from 10 to 90 % of a unit step ``y`` (n,) at ``t`` (n,) s, and its overshoot."""
     a, b = (float(np.interp(level, np.maximum.accumulate(y), t)) for level in (0.1, 0.9))
     return b - a, float(y.max() - 1.0)
 
 
 def _at(fraction: tuple[LinearArray, LinearArray], s: Complex) -> Complex:
-    """A fraction of polynomials at s."""
+    """Return a fraction of polynomials at s."""
     value: Complex = np.polyval(fraction[0], s) / np.polyval(fraction[1], s)
     return value

@@ -1,4 +1,10 @@
-"""The simulator's loops as kernels, compiled like the filters'."""
+"""Earth, air and wind at a scenario's place, and its random numbers.
+
+Each random quantity has its own generator, spawned from the flight's seed by a key of names: another sensor, or more
+numbers from one, changes nothing in another. Turbulence has Dryden's spectra (MIL-F-8785C) of one length and size for
+all axes, as it passes at the mean wind's speed V, T = L / V: along the mean wind 1 / (1 + T s), across and down (1 +
+sqrt(3) T s) / (1 + T s)^2, driven by white noise and scaled to the declared standard deviation.
+"""
 
 from __future__ import annotations
 
@@ -13,37 +19,29 @@ from attlog.core.errors import UsageError
 from attlog.core.jit import F2, Out2
 from attlog.simulate.scenario import Scenario, Wind
 
-# Random numbers: one independent generator for each thing that is random.
-#
-# Each is spawned from the flight's seed by a key of names, so adding a sensor or drawing
-# more numbers from one changes nothing in another.
-
 
 def generator(seed: int, *key: str | int) -> np.random.Generator:
-    """The generator of a thing such as ``("imu", 0, "gyro")`` in the flight ``seed``."""
+    """Return the random generator of ``("imu", 0, "gyro")`` and the like in the flight ``seed``."""
     numbers = tuple(k if isinstance(k, int) else int.from_bytes(k.encode(), "big") for k in key)
     words = tuple(w for n in numbers for w in (n.bit_length(), *_words(n)))
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=words))
 
 
 def _words(number: int) -> list[int]:
-    """A number as 32-bit words, the lowest first."""
+    """Return a number as 32-bit words, the lowest first."""
     return [(number >> shift) & 0xFFFFFFFF for shift in range(0, max(number.bit_length(), 1), 32)]
 
-
-# The earth at the scenario's place: gravity, magnetic field with its anomalies, air, geodetic position.
 
 Array = NDArray[np.float64]
 A_M, F = 6378137.0, 1 / 298.257223563
 E2 = F * (2 - F)
+# The standard atmosphere below 11 km (ISO 2533).
 SEA_PRESSURE_PA, SEA_KELVIN, LAPSE, EXPONENT = 101325.0, 288.15, 0.0065, 5.255877
-"""The standard atmosphere below 11 km (ISO 2533)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """``gravity`` m/s^2, ``field_t`` (3,) T in earth axes and ``declination`` rad at the take-off place;
-    ``density`` kg/m^3."""
+    """Gravity m/s^2, field (3,) T (earth axes), declination rad, air density kg/m^3 at the take-off place."""
 
     gravity: float
     field_t: tuple[float, float, float]
@@ -52,7 +50,7 @@ class Environment:
 
 
 def environment(scenario: Scenario) -> Environment:
-    """The earth at the place and date of a scenario. UsageError for a date that no magnetic model covers."""
+    """Return the environment of a scenario's place and date. UsageError for a date without a magnetic model."""
     place = scenario.place
     field = earth.field(place.lat_deg, place.lon_deg, place.alt_m, place.unix_time)
     if field is None:
@@ -70,7 +68,7 @@ def environment(scenario: Scenario) -> Environment:
 
 
 def field_at(scenario: Scenario, home: Environment, p: Array) -> Array:
-    """The field (n, 3) T in earth axes at places ``p`` (n, 3) m from the take-off place, anomalies included."""
+    """Return the field (n, 3) T in earth axes at places ``p`` (n, 3) m, anomalies included."""
     field = np.tile(np.array(home.field_t), (len(p), 1))
     for iron in scenario.anomaly:
         far2 = np.sum((p - np.array(iron.ned_m)) ** 2, axis=1)
@@ -79,21 +77,20 @@ def field_at(scenario: Scenario, home: Environment, p: Array) -> Array:
 
 
 def pressure(height: Array) -> Array:
-    """Pressure (n,) [Pa] at heights above the sea (n,) [m] in the standard atmosphere."""
+    """Return the pressure (n,) [Pa] at heights above the sea (n,) [m] in the standard atmosphere."""
     return SEA_PRESSURE_PA * (1.0 - LAPSE * height / SEA_KELVIN) ** EXPONENT
 
 
 def height_of(pressure_pa: Array) -> Array:
-    """Height above the sea (n,) [m] of pressures (n,) [Pa] in the standard atmosphere."""
+    """Return heights above the sea (n,) [m] of pressures (n,) [Pa] in the standard atmosphere."""
     return SEA_KELVIN / LAPSE * (1.0 - (pressure_pa / SEA_PRESSURE_PA) ** (1.0 / EXPONENT))
 
 
 def geodetic(scenario: Scenario, ned: Array) -> tuple[Array, Array, Array]:
-    """Latitude, longitude [deg] and height [m], each (n,), of points (n, 3) m north-east-down of the take-off
-    place.
+    """Return latitude, longitude [deg] and height [m] of points (n, 3) m NED of the take-off place.
 
-    By way of earth-centred coordinates on the WGS 84 ellipsoid; back by Bowring's formula, which is exact to a
-    nanometre near the surface.
+    By way of earth-centred coordinates on the WGS 84 ellipsoid; back by Bowring's formula, exact to a nanometre
+    near the surface.
     """
     lat, lon = math.radians(scenario.place.lat_deg), math.radians(scenario.place.lon_deg)
     sl, cl, so, co = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
@@ -111,18 +108,12 @@ def geodetic(scenario: Scenario, ned: Array) -> tuple[Array, Array, Array]:
     return np.degrees(phi), np.degrees(np.arctan2(y, x)), height
 
 
-# The wind of a flight: mean, single gusts, turbulence.
-#
-# Turbulence has Dryden's spectra (MIL-F-8785C) of one length and size for all axes, as it passes at the mean wind's
-# speed V, T = L / V: along the mean wind 1 / (1 + T s), across and down (1 + sqrt(3) T s) / (1 + T s)^2, driven by
-# white noise and scaled to the declared standard deviation.
-
+# Short grass, and the height from which on the declared wind blows.
 ROUGHNESS_M, FULL_AT_M = 0.05, 6.0
-"""Short grass, and the height from which on the declared wind blows."""
 
 
 def wind_at(wind: Wind, t: Array, seed: int) -> Array:
-    """Velocity of the air (n, 3) m/s, earth axes, at equidistant times ``t`` (n,) s."""
+    """Return the velocity of the air (n, 3) m/s, earth axes, at equidistant times ``t`` (n,) s."""
     air = np.tile(np.array(wind.mean_ned_m_s), (len(t), 1))
     for gust in wind.gust:
         u = np.clip((t - gust.t) / gust.seconds, 0.0, 1.0)
@@ -140,14 +131,14 @@ def wind_at(wind: Wind, t: Array, seed: int) -> Array:
 
 
 def share_at(height_m: float) -> float:
-    """The share (0 to 1) of the declared wind at a height [m] above the ground: logarithmic profile below 6 m."""
+    """Return the share of the declared wind at a height [m]: logarithmic profile below 6 m."""
     if height_m >= FULL_AT_M:
         return 1.0
     return math.log(max(height_m, ROUGHNESS_M) / ROUGHNESS_M) / math.log(FULL_AT_M / ROUGHNESS_M)
 
 
 def _dryden(noise: Array, stays: float) -> Array:
-    """Turbulence (n, 3) of standard deviation 1 from white noise (n, 3); ``stays``: what is left after one step."""
+    """Return turbulence (n, 3) of standard deviation 1 from white noise (n, 3); ``stays``: remainder after a step."""
     out = np.zeros_like(noise)
     filtered(np.ascontiguousarray(noise), stays, out)
     return out
@@ -155,7 +146,7 @@ def _dryden(noise: Array, stays: float) -> Array:
 
 @jit.loop("wind")
 def filtered(noise: F2, stays: float, out: Out2) -> None:
-    """First-order noise x of variance 1 in column 0; in the others its second-order relative of variance 1.
+    """Filter noise to first order x of variance 1 in column 0, to its second-order relative in the others.
 
     With x' = (noise - x) / T and z' = (x - z) / T the transverse form is (sqrt(3) x + (1 - sqrt(3)) z) / sqrt(2).
     """

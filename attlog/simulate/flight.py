@@ -1,9 +1,9 @@
-"""A simulated flight: what happened, and what everything on board measured and thought.
+"""A simulated flight: true motion, and the samples and estimates of everything on board.
 
-Body axes forward-right-down, earth axes north-east-down from the take-off place, SI units,
-radians; ``t`` s from the start of the simulation (the boot). Quaternions are scalar first and
-turn body vectors into earth vectors. Of each sensor: ``t`` (n,) s is the stamp of publication, ``t_sample`` (n,) s the
-time of measurement as the driver knows it. Nothing here depends on a log format.
+Body axes forward-right-down, earth axes north-east-down from the take-off place, SI units, radians; ``t`` s from the
+start of the simulation (the boot). Quaternions are scalar first and turn body vectors into earth vectors. Of each
+sensor ``t`` (n,) s is the stamp of publication, ``t_sample`` (n,) s the time of measurement as the driver has it.
+Nothing here depends on a log format.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _none(columns: int) -> Array:
 
 @dataclass(slots=True)
 class Truth:
-    """What happened, at the loop's rate (400 Hz), n samples at ``t``.
+    """True motion at the loop's rate (400 Hz), n samples at ``t``.
 
     ``q`` (n, 4); ``w`` (n, 3) body rate rad/s; ``w_dot`` (n, 3) rad/s^2; ``p v a`` (n, 3) m, m/s, m/s^2 of the
     centre of gravity in earth axes (at rest ``a`` is 0); ``rotor`` (n, 4) rad/s; ``wind`` (n, 3) m/s NED; ``field``
@@ -86,9 +86,12 @@ class MagStream:
 
 @dataclass(slots=True)
 class GnssStream:
-    """One receiver: ``lat lon`` deg, ``alt`` m above the ellipsoid, ``vel`` (n, 3) m/s NED, all NaN where ``fix``
-    is 0 (3: three- dimensional). ``ned`` (n, 3) m is the measured position in earth axes. ``h_acc v_acc s_acc`` m,
-    m, m/s as the receiver states them; ``utc`` (n,) Unix s of the epoch, ``satellites`` (n,)."""
+    """One GNSS receiver: positions, velocities and reported accuracies.
+
+    ``lat lon`` deg, ``alt`` m above the ellipsoid, ``vel`` (n, 3) m/s NED, all NaN where ``fix`` is 0 (3:
+    three-dimensional). ``ned`` (n, 3) m: measured position in earth axes. ``h_acc v_acc s_acc``: m, m, m/s. ``utc``
+    (n,): Unix s of the epoch. ``satellites`` (n,).
+    """
 
     instance: int
     rate_hz: float
@@ -109,8 +112,7 @@ class GnssStream:
 
 @dataclass(slots=True)
 class BaroStream:
-    """One barometer: ``pressure`` Pa, ``height`` m above sea level in the standard atmosphere, ``temperature`` deg
-    C, each (n,)."""
+    """One barometer: ``pressure`` Pa, ``height`` m in the standard atmosphere, ``temperature`` deg C, each (n,)."""
 
     instance: int
     rate_hz: float
@@ -123,7 +125,7 @@ class BaroStream:
 
 @dataclass(slots=True)
 class Onboard:
-    """What the autopilot estimated and wanted, at the loop's rate; empty arrays where it did not run.
+    """Estimates and set-points of the autopilot at the loop's rate; empty where it did not run.
 
     ``t`` (n,): ``q`` (n, 4) estimated attitude, ``bias`` (n, 3) rad/s what it takes off the gyro, ``q_setpoint``
     (n, 4), ``rate_setpoint`` (n, 3) rad/s, ``thrust_setpoint`` (n,) 0 to 1, ``torque_setpoint`` (n, 3) -1 to 1,
@@ -148,7 +150,7 @@ class Onboard:
 
 @dataclass(slots=True)
 class BatteryStream:
-    """The battery's monitor: ``t voltage current`` (n,) s, V, A; ``used`` (n,) Ah."""
+    """Battery monitor: ``t voltage current`` (n,) s, V, A; ``used`` (n,) Ah."""
 
     t: Array
     voltage: Array
@@ -158,7 +160,7 @@ class BatteryStream:
 
 @dataclass(slots=True)
 class RpmStream:
-    """Rotor speeds as told: ``rpm`` (n, 4) at ``t`` (n,) s."""
+    """Reported rotor speeds: ``rpm`` (n, 4) at ``t`` (n,) s."""
 
     t: Array
     rpm: Array
@@ -166,8 +168,11 @@ class RpmStream:
 
 @dataclass(slots=True)
 class Flight:
-    """A simulated flight. ``events`` are (t, what) such as an impact or a planted fault that began; ``gravity``
-    m/s^2 and ``declination_deg`` hold at the place. ``extra`` is free for those who add to a flight."""
+    """A simulated flight.
+
+    ``events``: (t, text) such as an impact or the begin of a planted fault. ``gravity`` m/s^2 and
+    ``declination_deg``: of the place. ``extra``: free for callers.
+    """
 
     scenario: Scenario
     seed: int
@@ -186,16 +191,13 @@ class Flight:
 
     @property
     def seconds(self) -> float:
-        """Time that was simulated, s."""
+        """Return the simulated time [s]."""
         return float(self.truth.t[-1]) if len(self.truth.t) else 0.0
-
-
-# What the simulator asks of an autopilot: one step per period of the loop.
 
 
 @dataclass(slots=True)
 class Fix:
-    """A fix of GNSS as it arrives: its epoch, ``ned`` (3,) m from the take-off place, ``vel`` (3,) m/s NED."""
+    """A GNSS fix: its epoch, ``ned`` (3,) m from the take-off place, ``vel`` (3,) m/s NED."""
 
     t_sample: float
     ned: Array
@@ -204,7 +206,7 @@ class Fix:
 
 @dataclass(slots=True)
 class SensorInputs:
-    """What has arrived since the step before; the first instance of each sensor.
+    """Samples that arrived since the step before; the first instance of each sensor.
 
     ``imu`` (k, 8): t_sample, dt, gyro (3) rad/s, acc (3) m/s^2, the newest last; k is 1 where the unit runs at the
     loop's rate, 0 in between for a slower one. ``mag`` (3,) T, ``height`` m (barometer, above the take-off place),
@@ -219,31 +221,30 @@ class SensorInputs:
 
 
 class Autopilot(Protocol):
-    """Estimator, guidance and controller. ``step`` returns four commands, 0 to 1 (thrust over full thrust), in the
-    rotors' order (front right, back left, front left, back right); ``onboard`` what is kept of all steps, asked
-    once at the end."""
+    """Estimator, guidance and controller, one step per period of the loop.
+
+    ``step`` returns four commands, 0 to 1 (thrust over full thrust), in the rotors' order (front right, back left,
+    front left, back right). ``onboard`` returns the record of all steps, once at the end.
+    """
 
     def step(self, t: float, measured: SensorInputs) -> Array: ...
 
     def onboard(self) -> Onboard: ...
 
 
+# Autopilot of a scenario from gravity [m/s^2] and declination [rad] of its place.
 Maker = Callable[[Scenario, float, float], Autopilot]
-"""Makes the autopilot of a scenario from gravity [m/s^2] and declination [rad] of its place."""
 
 
-# What happened in a flight that a pilot would note: ground contacts, overturns, faults.
-
+# A touch-down faster than this is an impact; landing gear is tested for less.
 IMPACT_M_S = 2.0
-"""A touch-down faster than this is an impact; landing gear is tested for less."""
 OVERTURNED_DEG, UPRIGHT_DEG = 90.0, 30.0
+# Contacts within this time are one touch-down.
 MAX_BOUNCE_S = 1.5
-"""Feet that touch again within this time are one touch-down."""
 
 
 def flight_events(scenario: Scenario, truth: Truth, imus: Sequence[ImuStream] = ()) -> list[tuple[float, str]]:
-    """(t, what) in order: faults that begin, lift-off, touch-down with its speed, overturns, who carries it, and from
-    when to when accelerometers were at the end of their range in flight."""
+    """Return (t, text) in order: faults, lift-off, touch-down, overturns, carrying, accelerometers at their range."""
     found = [(f.t, f"fault: {f.part} {f.instance} {f.kind}") for f in scenario.fault]
     if scenario.command or scenario.motion is None:
         carried = scenario.motion.after_s if scenario.motion is not None else None
@@ -255,7 +256,7 @@ def flight_events(scenario: Scenario, truth: Truth, imus: Sequence[ImuStream] = 
 
 
 def _contacts(truth: Truth, end: int) -> list[tuple[float, str]]:
-    """Lift-offs and touch-downs before a row of the truth."""
+    """Return lift-offs and touch-downs before a row of the truth."""
     found: list[tuple[float, str]] = []
     last = -np.inf
     for k in np.flatnonzero(truth.ground[1:end] != truth.ground[: end - 1]) + 1:
@@ -270,7 +271,7 @@ def _contacts(truth: Truth, end: int) -> list[tuple[float, str]]:
 
 
 def _overturns(truth: Truth, end: int) -> list[tuple[float, str]]:
-    """When the tilt first passed 90 deg, once until it stands upright again."""
+    """Return when the tilt passed 90 deg, once until it is upright again."""
     tilt = np.degrees(rotation.tilt_angle(truth.q[:end]))
     found: list[tuple[float, str]] = []
     over = False
@@ -282,7 +283,7 @@ def _overturns(truth: Truth, end: int) -> list[tuple[float, str]]:
 
 
 def _at_the_limit(truth: Truth, imu: ImuStream) -> list[tuple[float, str]]:
-    """From when to when samples of an accelerometer were at the end of its range in the air."""
+    """Return from when to when an accelerometer was at its range in the air."""
     row = np.clip(np.searchsorted(truth.t, imu.t_sample), 0, len(truth.t) - 1)
     t = imu.t_sample[(imu.clipped[:, 1] > 0) & ~truth.ground[row]]
     if not len(t):
@@ -292,20 +293,18 @@ def _at_the_limit(truth: Truth, imu: ImuStream) -> list[tuple[float, str]]:
 
 
 def _sample_count(truth: Truth, seconds: float) -> int:
-    """How many samples of the truth a time holds."""
+    """Return the number of samples of the truth within a time."""
     return int(seconds / (truth.t[1] - truth.t[0]))
 
 
-# Whether a flight is one: numbers that run away are refused instead of being written into a log.
-
+# Range of the flat earth and the standard atmosphere.
 MAX_DISTANCE_M = 50_000.0
-"""Beyond it the flat earth and the standard atmosphere of the simulator end."""
+# Rates [rad/s] and specific forces [m/s^2] beyond any sensor; single precision still holds them.
 MAX_SAMPLE = 1e9
-"""Rates [rad/s] and specific forces [m/s^2] of no sensor on earth; single precision still holds them."""
 
 
 def check_truth(truth: Truth) -> None:
-    """UsageError where the motion is not finite or leaves the simulated world, with the time at which it does."""
+    """Raise UsageError where the motion is not finite or leaves the simulated world, with its time."""
     rows = np.hstack([truth.q, truth.w, truth.p, truth.v, truth.a])
     gone = ~np.isfinite(rows).all(axis=1) | (np.abs(truth.p) > MAX_DISTANCE_M).any(axis=1)
     if gone.any():
@@ -316,7 +315,7 @@ def check_truth(truth: Truth) -> None:
 
 
 def check_samples(streams: Sequence[tuple[str, ImuStream]]) -> None:
-    """UsageError for an inertial unit whose samples are no numbers that a log can hold, or that has none at all."""
+    """Raise UsageError for an IMU without samples or with values that a log cannot hold."""
     for name, stream in streams:
         if not len(stream.t):
             raise UsageError(f"sensors.{name} gives no sample in this flight; look at its rate, loss and gaps")

@@ -1,4 +1,4 @@
-"""Flies a scenario: motion period by period, sensors as they come, the autopilot in between."""
+"""A scenario flown: motion period by period, sensors, the autopilot in between; and its flights as files."""
 
 from __future__ import annotations
 
@@ -33,19 +33,18 @@ from attlog.simulate.scenario import Scenario
 from attlog.simulate.sensors import BaroSensor, GnssSensor, MagSensor, sample_battery, sample_rpm
 
 Array = NDArray[np.float64]
+# Before the start the vehicle leans into the wind on its feet for this time.
 SETTLING_S = 1.0
-"""Before the start the vehicle leans into the wind on its feet."""
+# Periods of a prescribed motion computed at once.
 BLOCK = 2000
-"""Periods of a prescribed motion that are computed at once."""
 
 
 def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Flight:
-    """The flight of a scenario; same scenario and seed, same numbers to the bit.
+    """Fly a scenario; the same scenario and seed give the same numbers to the bit.
 
-    ``autopilot`` makes what is on board; None takes the one of the scenario's ``estimator`` and ``controller``. Where
-    that estimator is not attlog's, the whole flight is flown in the estimator's process: asked step by step across
-    processes a flight would take several times as long. UsageError where the scenario's numbers lead to motion or
-    samples that cannot be computed or written; PluginError and PluginTimeout as in a replay.
+    ``autopilot`` makes what is on board, by default of the scenario's ``estimator`` and ``controller``. A flight on
+    a plug-in is flown in the plug-in's process: step by step across processes it would take several times as long.
+    UsageError where motion or samples cannot be computed or written; PluginError and PluginTimeout as in a replay.
     """
     from attlog.simulate.pilot import is_from_file, make_pilot
 
@@ -56,7 +55,7 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
     truth = _no_truth(scenario)
     sensors = _Sensors(scenario, seed, home)
     pilot = (autopilot or make_pilot)(scenario, home.gravity, home.declination)
-    with np.errstate(all="ignore"):  # what overflows is told below, with the time and what to look at
+    with np.errstate(all="ignore"):  # overflow is reported below with its time
         first = 0
         if scenario.command or scenario.motion is None:
             first = _flown(scenario, home, truth, sensors, pilot, seed)
@@ -83,7 +82,7 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
 
 
 class _Sensors:
-    """All sensors of a flight, and what of their samples the autopilot gets."""
+    """All sensors of a flight, and their samples for the autopilot."""
 
     def __init__(self, scenario: Scenario, seed: int, home: Environment) -> None:
         kinds = scenario.sensors
@@ -94,8 +93,7 @@ class _Sensors:
         self.slow = [*self.mags, *self.gnss, *self.baro]
 
     def advance(self, truth: Truth, step: int, raw: Array, end: int) -> None:
-        """Measure the periods from number ``step`` on, whose raw rows are ``raw`` and which end with row ``end`` of
-        ``truth``."""
+        """Measure the periods from number ``step`` on, with raw rows ``raw``, up to row ``end`` of ``truth``."""
         for imu in self.imus:
             imu.advance(step, raw)
         now = float(truth.t[end])
@@ -103,7 +101,7 @@ class _Sensors:
             sensor.advance(truth, now)
 
     def measured(self, truth: Truth, row: int) -> SensorInputs:
-        """What arrived since it was last asked."""
+        """Return the samples since the last call."""
         now = float(truth.t[row])
         mag = self.mags[0].arrived(now) if self.mags else None
         baro = self.baro[0].arrived(now) if self.baro else None
@@ -118,7 +116,7 @@ class _Sensors:
 
 
 def _no_truth(scenario: Scenario) -> Truth:
-    """Room for the truth of a scenario: a row for the start and one for the end of each period."""
+    """Return an empty truth: a row for the start and one for the end of each period."""
     n = round(scenario.seconds * scenario.loop.rate_hz) + 1
     three = [np.zeros((n, 3)) for _ in range(7)]
     w, w_dot, p, v, a, wind, field = three
@@ -129,9 +127,9 @@ def _no_truth(scenario: Scenario) -> Truth:
 def _prescribed(
     scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot, first: int
 ) -> None:
-    """Fill ``truth`` from row ``first`` on with the prescribed motion, from where it lies if it flew before.
+    """Fill ``truth`` from row ``first`` on with the prescribed motion.
 
-    The estimator on board runs along, its commands move nothing.
+    The estimator runs along, its commands move nothing.
     """
     sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
     lying = (truth.q[first].copy(), truth.p[first].copy()) if first else None
@@ -156,9 +154,9 @@ def _prescribed(
 
 
 def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot, seed: int) -> int:
-    """Fill ``truth`` with what the body does under the autopilot's commands, each of which holds for one period.
+    """Fill ``truth`` with the motion under the autopilot's commands.
 
-    The last row that is filled: of the flight's end, or of where somebody takes it up.
+    Returns the last row, of the flight's end or of the carrying.
     """
     sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
     body = Body(scenario.vehicle, home.gravity, home.density, math.radians(scenario.place.heading_deg))
@@ -200,22 +198,23 @@ def _note(scenario: Scenario, home: Environment, truth: Truth, body: Body, row: 
 def _there(
     estimator: Estimator, preset: str | None, params: dict[str, float | str], scenario: Scenario, seed: int
 ) -> Flight:
-    """:func:`fly` in the process of the scenario's estimator."""
+    """Run :func:`fly` in the process of the scenario's estimator."""
     from attlog.simulate.pilot import make_pilot
 
     return fly(scenario, seed, partial(make_pilot, row=EstimatorSpec(estimator, preset, params)))
 
 
-# Flights of a scenario to their files, one after the other or in several processes.
-
+# Each path with its bytes, or the error.
 WrittenFlight = list[tuple[Path, int]] | Exception
-"""Each path with its bytes, or what went wrong."""
 
 
 def plan_flights(
     scenario: Scenario, work: Mapping[int, Sequence[Path]], params: Mapping[str, float | int], jobs: int = 1
 ) -> Iterator[tuple[int, WrittenFlight]]:
-    """What became of each seed of ``work`` and its paths: in their order, or as ``jobs`` processes finish them."""
+    """Write the flights of ``work`` (paths by seed).
+
+    Yields seed and result in order, or as ``jobs`` processes finish.
+    """
     if jobs == 1 or len(work) == 1:
         for seed, paths in work.items():
             yield seed, write_flights(scenario, seed, paths, params)

@@ -1,12 +1,11 @@
-"""From what shall be done to attitude and thrust: timed commands, height, position and velocity loops.
+"""Guidance and navigation of the simulated vehicle: from timed commands to attitude and thrust, and its position.
 
     v_set = kp (p_set - p), limited      a = kp (v_set - v) + ki int(v_set - v), limited      (north, east)
     thrust vector = (a_north, a_east, a_down - g): its direction is the attitude, its length the thrust
 
-Attitude commands (``attitude``, ``track``) set roll and pitch themselves and keep the height: the thrust is
-divided by the cosine of the tilt. Without a position (GNSS lost) horizontal commands become "level". The loops
-run at the controller's rate on what the vehicle believes. Heading turns at a limited rate. Gains are ours
-(:class:`attlog.simulate.scenario.Controller`).
+Attitude commands (``attitude``, ``track``) set roll and pitch and keep the height: the thrust is divided by the cosine
+of the tilt. Without a position (GNSS lost) horizontal commands become "level". Heading turns at a limited rate. Gains
+are ours (:class:`attlog.simulate.scenario.Controller`).
 """
 
 from __future__ import annotations
@@ -23,21 +22,21 @@ from attlog.simulate.scenario import Command, Controller
 Array = NDArray[np.float64]
 
 CLIMB_M_S, SINK_M_S, LAND_M_S = 2.0, 1.5, 0.6
+# Largest acceleration that position and velocity may ask for; the tilt limit reduces it further.
 ACCELERATION_M_S2 = 5.0
-"""The most that position and velocity may ask for; the tilt limit cuts it further."""
+# Acceleration of the point that is followed.
 BRAKING_M_S2 = 1.5
-"""How fast the point that is followed gathers and loses speed."""
 LEAST_THRUST, MOST_THRUST = 0.08, 0.95
+# Landed: no sinking for so long although it is wanted.
 TOUCH_S, LEAST_CLIMB_M_S = 0.6, 0.2
-"""Landed: for so long no sinking although it is wanted."""
 MODES = {"attitude": "STABILIZE", "track": "STABILIZE", "hold": "POSCTL", "velocity": "POSCTL", "land": "LAND"}
 
 
 class Guidance:
-    """Set-points of a flight. ``hover`` is the share of thrust that carries the weight; ``gravity`` m/s^2.
+    """Set-points of a flight. ``hover``: share of thrust that carries the weight; ``gravity`` m/s^2.
 
-    After :meth:`step`: ``command`` for :func:`attlog.simulate.controller.control`, and ``armed``,
-    ``landed``, ``mode``.
+    After :meth:`step`: ``command`` for :func:`attlog.simulate.controller.control`, and ``armed``, ``landed``,
+    ``mode``.
     """
 
     def __init__(self, commands: Sequence[Command], gains: Controller, hover: float, gravity: float) -> None:
@@ -59,9 +58,10 @@ class Guidance:
         self._touching = 0.0
 
     def step(self, t: float, dt: float, q: Array, p: Array, v: Array, placed: bool) -> None:
-        """Set-points at ``t`` s from what is believed: attitude ``q`` (4,), position ``p`` (3,) m, velocity ``v`` (3,).
+        """Set command, mode and arming at ``t`` s.
 
-        NED, velocity in m/s; ``placed``: the position is known.
+        From the estimated attitude ``q`` (4,), position ``p`` (3,) m and velocity ``v`` (3,) m/s, NED;
+        ``placed``: the position is known.
         """
         w, x, y, z = q.tolist()
         at: list[float] = p.tolist()
@@ -95,7 +95,7 @@ class Guidance:
             self._touch(t, dt, speed)
 
     def _begin(self, command: Command, t: float, heading: float, p: list[float]) -> None:
-        """What changes at once with a command."""
+        """Apply the immediate effects of a command."""
         self._now, self._since = command, t
         if command.do in ("disarm", "kill"):
             self.armed, self.landed = False, self.landed or command.do == "disarm"
@@ -124,19 +124,19 @@ class Guidance:
             self._up_end = self._up
 
     def _stopped(self, heading: float) -> None:
-        """On the ground or stopped: no torque, the set-point is the heading that it has."""
+        """Return no torque and the present heading, on the ground or stopped."""
         self._heading = self._heading_end if self.armed and self._heading is not None else None
         self._set(0.0, 0.0, heading)
         self.command[THRUST], self.command[ENGAGED] = 0.0, 0.0
 
     def _turn(self, dt: float) -> None:
-        """The heading wanted, at a limited rate along the shorter way."""
+        """Return the heading wanted, at a limited rate along the shorter way."""
         assert self._heading is not None
         way = math.remainder(self._heading_end - self._heading, 2.0 * math.pi)
         self._heading = math.remainder(self._heading + bounded(way, self._turn_rate * dt), 2.0 * math.pi)
 
     def _climb(self, now: Command, dt: float, p: list[float], v: list[float]) -> float:
-        """The upward acceleration wanted."""
+        """Return the upward acceleration wanted."""
         g = self._gains
         if now.do == "land":
             self._up = min(self._up, -p[2] + 1.0) - LAND_M_S * dt
@@ -153,7 +153,7 @@ class Guidance:
         return bounded(g.climb_kp * error + self._push[2], 0.6 * self._g)
 
     def _horizontal(self, now: Command, dt: float, p: list[float], v: list[float], placed: bool) -> tuple[float, float]:
-        """The acceleration wanted to the north and east."""
+        """Return the acceleration wanted to the north and east."""
         if not placed or now.do in ("attitude", "track"):
             self._push[0] = self._push[1] = self._going = 0.0
             self._path = self._place = p[:2]
@@ -182,7 +182,7 @@ class Guidance:
         return pushed[0], pushed[1]
 
     def _angles(self, now: Command, t: float) -> tuple[float, float]:
-        """Roll and pitch of an attitude command at ``t``."""
+        """Return roll and pitch of an attitude command at ``t``."""
         if now.do == "attitude":
             return math.radians(now.roll_deg), math.radians(now.pitch_deg)
         wave = math.sin(2.0 * math.pi * (t - self._since) / now.period_s)
@@ -192,7 +192,7 @@ class Guidance:
         return (angle, 0.0) if now.axis == "roll" else (0.0, angle)
 
     def _set(self, roll: float, pitch: float, heading: float) -> None:
-        """The attitude wanted as a quaternion."""
+        """Set the attitude wanted as a quaternion."""
         cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
         cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
         cy, sy = math.cos(0.5 * heading), math.sin(0.5 * heading)
@@ -202,7 +202,7 @@ class Guidance:
         self.command[3] = cr * cp * sy - sr * sp * cy
 
     def _touch(self, t: float, dt: float, v: list[float]) -> None:
-        """Landed once it does not sink any more although it is wanted."""
+        """Detect the landing: no sinking although it is wanted."""
         sinking = v[2] > LEAST_CLIMB_M_S
         self._touching = 0.0 if sinking or t - self._since < 1.0 else self._touching + dt
         if self._touching > TOUCH_S:
@@ -210,17 +210,17 @@ class Guidance:
 
 
 def _stopping(left: float, most: float) -> float:
-    """The speed from which it can stop within ``left`` m, at most ``most``."""
+    """Return the speed that can be braked within ``left`` m, at most ``most``."""
     return min(most, math.sqrt(2.0 * BRAKING_M_S2 * left))
 
 
 def _sped(speed: float, wanted: float, dt: float) -> float:
-    """The speed wanted, reached with a limited acceleration; a smaller one is taken at once."""
+    """Return the speed wanted with a limited acceleration; a smaller one is taken at once."""
     return min(wanted, speed + BRAKING_M_S2 * dt) if wanted >= 0.0 else max(wanted, speed - BRAKING_M_S2 * dt)
 
 
 def _lean(north: float, east: float, up: float, heading: float, most_deg: float) -> tuple[float, float]:
-    """Roll and pitch whose thrust accelerates so: ``up`` is what carries, gravity included, all m/s^2."""
+    """Return roll and pitch of the thrust for an acceleration; ``up`` includes gravity, all m/s^2."""
     level, most = math.hypot(north, east), max(up, 1.0) * math.tan(math.radians(most_deg))
     if level > most:
         north, east = north * most / level, east * most / level
@@ -230,25 +230,24 @@ def _lean(north: float, east: float, up: float, heading: float, most_deg: float)
     return math.atan2(right * math.cos(pitch), max(up, 1.0)), pitch
 
 
-# Where a vehicle believes it is: specific force integrated twice, pulled to GNSS and barometer.
-#
-#     v' = R f + g - b,   p' = v,   b: what the integrated acceleration is off by (tilt error, accelerometer bias)
-#
-# Each fix is compared with what was believed at its epoch, which is a delay ago, and the difference is taken off now
-# (the complementary filter that small autopilots use). Without fixes it is dead reckoning whose velocity fades.
-
+# Gains of a fix, 1/s, 1/s, 1/s^2: velocity and bias settle together, critically damped.
 POSITION, VELOCITY, BIAS = 0.6, 1.2, 0.3
-"""Gains of a fix, 1/s, 1/s, 1/s^2: velocity and bias settle together, critically damped."""
+# Gains of the barometer, 1/s, 1/s^2, 1/s^3.
 HEIGHT, CLIMB, HEIGHT_BIAS = 1.5, 0.9, 0.1
-"""Gains of the barometer, 1/s, 1/s^2, 1/s^3."""
+# Time without a fix after which there is no position; time constant of the velocity then.
 LOST_S, FADE_S = 1.5, 10.0
-"""Without a fix for so long there is no position; the velocity then fades with this time constant."""
 MEMORY_S, EVERY_S = 1.0, 0.02
 LONGEST_S = 1.0
 
 
 class Navigator:
-    """Position ``p`` and velocity ``v`` (3,) m, m/s NED from the take-off place. ``gravity`` m/s^2."""
+    """Position ``p`` and velocity ``v`` (3,) m, m/s NED: dead reckoning corrected by GNSS and barometer.
+
+        v' = R f + g - b,   p' = v,   b: bias of the integrated acceleration (tilt error, accelerometer bias)
+
+    Each fix is compared with the estimate at its epoch, a delay ago, and the difference is subtracted now (a
+    complementary filter). Without fixes the velocity fades.
+    """
 
     def __init__(self, gravity: float) -> None:
         self.p, self.v, self._bias = np.zeros(3), np.zeros(3), np.zeros(3)
@@ -260,11 +259,14 @@ class Navigator:
         self._ground = math.nan
 
     def placed(self, t: float) -> bool:
-        """Whether fixes come: the horizontal position is known."""
+        """Return whether fixes arrive: the horizontal position is known."""
         return t - self._fix_t < LOST_S
 
     def inertial(self, t: float, dt: float, q: Array, force: Array, standing: bool) -> None:
-        """A specific force (3,) m/s^2 over ``dt`` at attitude ``q``; ``standing``: on the ground with rotors still."""
+        """Integrate a specific force (3,) m/s^2 over ``dt`` at attitude ``q``.
+
+        ``standing``: on the ground with rotors still.
+        """
         a = _turned(q, force)
         a[2] += self._gravity
         fade = 1.0 if self.placed(t) else math.exp(-dt / FADE_S)
@@ -284,7 +286,10 @@ class Navigator:
             self._memory[self._row, 0], self._memory[self._row, 1:4], self._memory[self._row, 4:] = t, self.p, self.v
 
     def fix(self, t: float, epoch: float, ned: Array, velocity: Array) -> None:
-        """A fix that arrives at ``t`` s and holds at ``epoch``: ``ned`` (3,) m, ``velocity`` (3,) m/s; NaN is none."""
+        """Correct by a fix that arrives at ``t`` s and holds at ``epoch``.
+
+        ``ned`` (3,) m, ``velocity`` (3,) m/s or NaN.
+        """
         if not (np.isfinite(ned).all() and np.isfinite(velocity).all()):
             return
         if not self.placed(t):
@@ -300,7 +305,7 @@ class Navigator:
         self._fix_t = t
 
     def height(self, t: float, height: float, standing: bool) -> None:
-        """A barometer's height (m), whose zero is where the vehicle stood."""
+        """Correct by a barometer's height (m above the take-off place)."""
         if not math.isfinite(height):
             return
         dt = min(t - self._height_t, LONGEST_S)
@@ -313,7 +318,7 @@ class Navigator:
         self._height_t = t
 
     def _correct(self, part: slice, position: Array, velocity: Array) -> None:
-        """Take a difference off now and from what was believed before, so that the next fix does not see it again."""
+        """Subtract a difference now and from earlier estimates, so that the next fix does not see it again."""
         self.p[part] += position
         self.v[part] += velocity
         self._memory[:, 1:4][:, part] += position
@@ -321,7 +326,7 @@ class Navigator:
 
 
 def _turned(q: Array, v: Array) -> list[float]:
-    """A vector turned from body to earth axes; in plain numbers, which is ten times faster for a single one."""
+    """Rotate a vector from body to earth axes in plain numbers, ten times faster for a single one."""
     w, x, y, z = q.tolist()
     a, b, c = v.tolist()
     return [

@@ -1,10 +1,9 @@
-"""The raw samples of an inertial unit and what becomes of them, as one compiled loop.
+"""An inertial unit: errors drawn from the seed, raw samples and their reduction in one compiled loop.
 
-At the raw rate (loop rate x substeps) the body's rate and specific force are moved to the unit's place, shaken,
-turned and scaled, biased, made noisy, clipped and rounded like a converter's counts, then low-passed. At each
-sampling instant the loop writes the low-pass's value (instant) or the mean since the last instant (interval): for
-the gyro the rotation vector over the interval, composed to second order with the term of a linearly changing rate
-(Bortz 1971), divided by its length.
+At the raw rate (loop rate x substeps) the body's rate and specific force are moved to the unit's place, shaken, rotated
+and scaled, biased, made noisy, clipped and rounded to counts, then low-passed. At each sampling instant the loop writes
+the low-pass (instant) or the mean since the last instant (interval): for the gyro the rotation vector over the
+interval, composed to second order with the term of a linearly changing rate (Bortz 1971), divided by its length.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ from attlog.simulate.scenario import Scenario
 from attlog.simulate.sensor_settings import ImuSettings
 from attlog.simulate.sensors import damage, kept_samples, sampling_instants, silence
 
+# Columns of a raw row: w (3), w_dot (3), specific force at the centre of gravity (3), rotor speeds (4), rotor angles
+# (4).
 RAW_COLUMNS = 17
-"""Columns of a raw row: w (3), w_dot (3), specific force at the centre of gravity (3), rotor speeds (4), rotor
-angles (4)."""
+# Columns of a sample: dt, gyro (3), acc (3), clipped raw samples of gyro and accelerometer.
 SAMPLE_COLUMNS = 9
-"""Columns of a sample: dt, gyro (3), acc (3), clipped raw samples of gyro and accelerometer."""
+# y (6) 0, filter memories (6 x 2) 6, angle (3) 18, velocity (3) 21, last instant 24, clipped (2) 25, primed 27, true
+# rate and force of the raw row before 28, y of the raw row before 34.
 IMU_STATE_SIZE = 50
-"""y (6) 0, filter memories (6 x 2) 6, angle (3) 18, velocity (3) 21, last instant 24, clipped (2) 25, primed 27,
-true rate and force of the raw row before 28, y of the raw row before 34."""
 
 
 @jit.loop("the simulated inertial unit")
@@ -53,12 +52,11 @@ def imu_samples(
     k: int,
     out: Out2,
 ) -> int:
-    """Run through the raw rows from number ``first`` on, which end at ``(first + 1) h`` ...; fill ``out`` from row
-    ``k`` on; the next row's number.
+    """Run through the raw rows from number ``first`` on, fill ``out`` from row ``k`` on, return the next row's number.
 
-    ``noise`` (n, 6) is standard normal, its row ``used`` the first one's; ``bias`` (periods, 6) has a row for every
-    ``substeps`` raw rows of the flight. ``numbers``: lever arm (3), limits (2), steps (2), noise
-    (2), low-pass on (2) and coefficients (2 x 5), interval (1 or 0), hover speed.
+    Row ``first`` ends at ``(first + 1) h``. ``noise`` (n, 6): standard normal, row ``used`` for the first. ``bias``
+    (periods, 6): a row for every ``substeps`` raw rows of the flight. ``numbers``: lever arm (3), limits (2), steps
+    (2), noise (2), low-pass on (2) and coefficients (2 x 5), interval (1 or 0), hover speed.
     """
     mean = numbers[21] > 0.5
     for j in range(len(raw)):
@@ -156,7 +154,7 @@ def imu_samples(
 
 
 def _integrate(state: Any, seconds: float) -> None:
-    """Add ``seconds`` of the present values: the turn composed to second order, the velocity as a sum."""
+    """Add ``seconds`` of the present values: the turn to second order, the velocity as a sum."""
     d0, d1, d2 = state[0] * seconds, state[1] * seconds, state[2] * seconds
     a0, a1, a2 = state[18], state[19], state[20]
     state[18] = a0 + d0 + 0.5 * (a1 * d2 - a2 * d1)
@@ -166,17 +164,14 @@ def _integrate(state: Any, seconds: float) -> None:
         state[21 + i] += seconds * state[3 + i]
 
 
-# An inertial unit in a flight: its errors drawn from the seed, its samples as they come.
-
 Array = NDArray[np.float64]
 G = 9.80665
+# Periods of the loop whose noise is drawn at once.
 BLOCK_ROWS = 512
-"""Periods of the loop whose noise is drawn at once."""
 
 
 class ImuSensor:
-    """Instance ``number`` of a scenario's inertial units. ``advance`` is called with the raw rows of the periods in
-    order."""
+    """Instance ``number`` of a scenario's inertial units; ``advance`` takes the raw rows in order."""
 
     def __init__(self, scenario: Scenario, number: int, seed: int, gravity: float) -> None:
         self.settings: ImuSettings = scenario.sensors.imu[number]
@@ -225,13 +220,13 @@ class ImuSensor:
         self.balanced = self.shake.copy()
         self.state = np.zeros(IMU_STATE_SIZE)
         self._raw = np.zeros((0, RAW_COLUMNS))
-        self.next, self.told = 0, 0
+        self.next, self.delivered = 0, 0
         self.late = s.hidden_delay_s + (s.delay_s if s.delay_s > self.period else 0.0)
 
     def advance(self, step: int, raw: Array) -> None:
-        """Take the raw rows (m * substeps, RAW) of the m periods that begin with number ``step``.
+        """Take the raw rows (m * substeps, RAW_COLUMNS) of the m periods from number ``step`` on.
 
-        Handed the same array every time, it is looked at once.
+        The same array each time is bound once.
         """
         if self._drawn(len(raw)) or raw is not self._raw:
             self._raw, self._samples = raw, self._bound(raw)
@@ -249,21 +244,21 @@ class ImuSensor:
                 )
 
     def _shake_at(self, t: float) -> None:
-        """Shake at ``t`` s, in place, as rotors do that are out of balance then."""
+        """Set the shake of unbalanced rotors at ``t`` s."""
         self.shake[:] = self.balanced
         for fault in self.unbalanced:
             if fault.holds(t):
                 self.shake[:, fault.instance] *= fault.factor
 
     def arrived(self, now: float) -> Array:
-        """Rows (k, 8) that arrived since it was last asked: t_sample, dt, gyro, acc.
+        """Return rows (k, 8) since the last call: t_sample, dt, gyro, acc.
 
         The unit triggers the loop, so a publication within one period is not late; a hidden delay is.
         """
-        begin, end, limit = self.told, self.told, now - self.late + 1e-6 * self.h
+        begin, end, limit = self.delivered, self.delivered, now - self.late + 1e-6 * self.h
         while end < self.next and self.times[end] <= limit:
             end += 1
-        self.told = end
+        self.delivered = end
         if end - begin == 1 and self.kept[begin]:
             row = np.empty((1, 8))
             row[0, 0] = self.times[begin] + self.settings.hidden_delay_s
@@ -275,18 +270,18 @@ class ImuSensor:
         return np.column_stack([t, self.out[rows][keep, :7]])
 
     def stream(self) -> ImuStream:
-        """All samples that arrived, as a log holds them."""
+        """Return all samples that arrived, as a log holds them."""
         s, keep = self.settings, self.kept & (np.arange(len(self.kept)) < self.next)
         t, out = self.instants[keep], self.out[keep]
-        told = t + s.hidden_delay_s
+        reported = t + s.hidden_delay_s
         row = np.clip(np.ceil(t / self.period - 1e-6).astype(int) - 1, 0, len(self.bias) - 1)
         return ImuStream(
             instance=self.number,
             sampling=s.sampling,
             rate_hz=s.rate_hz,
             lowpass_hz=(s.gyro.lowpass_hz, s.acc.lowpass_hz),
-            t=told + s.delay_s,
-            t_sample=told,
+            t=reported + s.delay_s,
+            t_sample=reported,
             dt=out[:, 0].copy(),
             gyro=out[:, 1:4].copy(),
             acc=out[:, 4:7].copy(),
@@ -297,12 +292,12 @@ class ImuSensor:
         )
 
     def _bound(self, raw: Array) -> Callable[[int, int, int], int]:
-        """The loop over these raw rows: of the first row's number, the noise's row, the next sample."""
+        """Return the loop over these raw rows: of the first row's number, the noise's row, the next sample."""
         errors = (self.bias, self.substeps, self.matrices, self.numbers, self.harmonics, self.shake, self.phase)
         return imu_samples.bound(..., self.h, raw, self.block, ..., *errors, self.state, self.instants, ..., self.out)
 
     def _drawn(self, rows: int) -> bool:
-        """Use the next rows of standard normal noise, in any portions. Whether the block is a new one."""
+        """Use the next rows of standard normal noise; return whether the block is new."""
         empty = self.used + rows > len(self.block)
         if empty:
             fresh = self.noise.standard_normal((max(BLOCK_ROWS * self.substeps, rows), 6))
@@ -312,12 +307,12 @@ class ImuSensor:
 
 
 def warming(s: ImuSettings, t: Array) -> Array:
-    """How much warmer than at the start (n,) [K] the unit is at times ``t`` (n,) s."""
+    """Return the warming since the start (n,) [K] at times ``t`` (n,) s."""
     return s.warming_k * -np.expm1(-t / s.warming_s)
 
 
 def _biases(s: ImuSettings, seed: int, number: int, periods: int, period: float) -> Array:
-    """True bias (periods, 6) of gyro [rad/s] and accelerometer [m/s^2] in each period of the loop."""
+    """Return the true bias (periods, 6) of gyro [rad/s] and accelerometer [m/s^2] by period of the loop."""
     start, walk = generator(seed, "imu", number, "bias"), generator(seed, "imu", number, "walk")
     first = start.standard_normal(6)
     steps = walk.standard_normal((periods, 6)) * math.sqrt(period)
@@ -340,7 +335,7 @@ def _biases(s: ImuSettings, seed: int, number: int, periods: int, period: float)
 
 
 def _matrix(s: ImuSettings, misalign_deg: tuple[float, float, float], scale_pct: tuple[float, float, float]) -> Array:
-    """What the unit tells (3, 3) of a vector in body axes: mounting, misalignment, scale."""
+    """Return mounting, misalignment and scale as one matrix (3, 3) of body vectors."""
     mount = rotation.to_matrix(rotation.from_euler(*np.radians(s.rotation_deg)))
     small = rotation.to_matrix(rotation.from_rotvec(np.radians(misalign_deg)))
     matrix: Array = np.diag(1.0 + np.array(scale_pct) / 100.0) @ small.T @ mount.T
@@ -348,7 +343,7 @@ def _matrix(s: ImuSettings, misalign_deg: tuple[float, float, float], scale_pct:
 
 
 def _vibration(s: ImuSettings, seed: int, number: int) -> tuple[Array, Array, Array]:
-    """Harmonics (H,), amplitudes and phases (H, 4, 6) of gyro and accelerometer: a direction per rotor and harmonic."""
+    """Return harmonics (H,), amplitudes and phases (H, 4, 6) of gyro and accelerometer, with random directions."""
     random = generator(seed, "imu", number, "vibration")
     count = len(s.vibration.harmonics)
     direction = random.standard_normal((count, 4, 2, 3))
@@ -362,7 +357,7 @@ def _vibration(s: ImuSettings, seed: int, number: int) -> tuple[Array, Array, Ar
 
 
 def low_pass(cutoff_hz: float, rate_hz: float) -> tuple[float, float, float, float, float]:
-    """b0, b1, b2, a1, a2 of the low-pass ahead of the sampling; without one, or above half of the rate, what passes."""
+    """Return b0, b1, b2, a1, a2 of the low-pass before sampling; above half of the rate it passes everything."""
     inside = 0.0 < cutoff_hz < 0.5 * rate_hz
     f = signal.lowpass(cutoff_hz, rate_hz) if inside else signal.PASS_THROUGH
     return f.b0, f.b1, f.b2, f.a1, f.a2

@@ -1,4 +1,4 @@
-"""Fixes and heights on their way to an estimator in the loop: each waits for the first sample at or after its time."""
+"""An attlog estimator in the loop: aids, cleaning of samples, and its attitude sample by sample."""
 
 from __future__ import annotations
 
@@ -52,8 +52,10 @@ Array = NDArray[np.float64]
 
 
 class Inbox:
-    """What has arrived and no sample has taken yet. ``north`` rad: where true north is from the north of the steps;
-    ``asks_rest``: whether the estimator uses that the vehicle stands."""
+    """Aids that arrived and wait for the first sample at or after their time.
+
+    ``north`` rad: true north from the north of the steps. ``asks_rest``: whether the estimator uses rest.
+    """
 
     def __init__(self, north: float, asks_rest: bool) -> None:
         self._north, self._asks_rest = north, asks_rest
@@ -63,53 +65,50 @@ class Inbox:
     def gnss(
         self, t: float, position: ArrayLike | None, velocity: ArrayLike | None, sigma: tuple[float, float, float]
     ) -> None:
-        """A fix with stamp ``t``: latitude, longitude (deg), altitude (m); velocity NED (m/s) relative to true north.
+        """Add a fix with stamp ``t``: latitude, longitude (deg), altitude (m), velocity NED (m/s) from true north.
 
         ``sigma``: 1 sigma of horizontal and vertical position (m) and of the velocity (m/s).
         """
-        told: dict[int, float] = {}
+        reported: dict[int, float] = {}
         if position is not None:
-            told |= dict(zip((LAT, LON, ALT), np.asarray(position, np.float64).tolist(), strict=True))
-            told |= {POS_H_ACC: sigma[0], POS_V_ACC: sigma[1]}
+            reported |= dict(zip((LAT, LON, ALT), np.asarray(position, np.float64).tolist(), strict=True))
+            reported |= {POS_H_ACC: sigma[0], POS_V_ACC: sigma[1]}
         if velocity is not None:
             north, east, down = np.asarray(velocity, np.float64).tolist()
             # A step knows magnetic north only.
             c, s = math.cos(self._north), math.sin(self._north)
-            told |= {VEL_N: c * north + s * east, VEL_E: c * east - s * north, VEL_D: down, VEL_ACC: sigma[2]}
-        self._arrived.append((t, told))
+            reported |= {VEL_N: c * north + s * east, VEL_E: c * east - s * north, VEL_D: down, VEL_ACC: sigma[2]}
+        self._arrived.append((t, reported))
 
     def baro(self, t: float, height: float) -> None:
-        """Barometric height (m) with stamp ``t``."""
+        """Add a barometric height (m) with stamp ``t``."""
         self._arrived.append((t, {BARO: height}))
 
     def resting(self, rest: bool) -> None:
-        """Whether the vehicle knows that it stands: landed and disarmed. Unknown until it is told."""
+        """Add whether the vehicle rests (landed and disarmed)."""
         self._resting = 1.0 if rest else 0.0
 
     def due(self, t: float, begins: bool) -> Array:
-        """What has arrived until ``t``, the newest of each (2, SIZE), as the shared loop hands it to a step.
+        """Return the newest of each aid (2, SIZE) up to ``t``, as the shared loop hands it to a step.
 
         The first sample of a segment (``begins``) takes no step, so it gets none.
         """
-        due = [told for at, told in self._arrived if at <= t]
-        self._arrived = [(at, told) for at, told in self._arrived if at > t]
+        due = [reported for at, reported in self._arrived if at <= t]
+        self._arrived = [(at, reported) for at, reported in self._arrived if at > t]
         aid = np.full((2, SIZE), np.nan)
         aid[:, AT_REST] = self._resting if self._asks_rest else math.nan
-        for told in due if not begins else ():
-            for where, value in told.items():
+        for reported in due if not begins else ():
+            for where, value in reported.items():
                 if math.isfinite(value):
                     aid[1, where] = value
         return aid
-
-
-# Samples as an estimator in the loop takes them: each cleaned by the rules of the shared loop as it comes.
 
 
 @dataclass(slots=True)
 class Sample:
     """One cleaned sample, as a row of :class:`attlog.estimators.samples.Samples`, with its aid or None.
 
-    ``restart``: it comes after a gap that nothing bridges, and begins a segment.
+    ``restart``: after a gap that nothing bridges, it begins a segment.
     """
 
     t: float
@@ -124,8 +123,11 @@ class Sample:
 
 
 class Cleaner:
-    """Remembers of the samples before what the next one needs. ``hold_mag``: whether a field serves until the next;
-    ``aids``: where a sample's aid comes from, None for an estimator that takes none. ``skipped`` counts why."""
+    """Cleaning of single samples by the rules of the shared loop.
+
+    ``hold_mag``: a field serves until the next. ``aids``: source of a sample's aid, None without. ``skipped``:
+    count by reason.
+    """
 
     def __init__(
         self, imu_rate: float, mag_rate: float | None, *, hold_mag: bool, instant: bool, aids: Inbox | None
@@ -139,7 +141,7 @@ class Cleaner:
         self._field_t = -math.inf
 
     def cleaned(self, t: float, gyr: Array, acc: Array, mag: Array | None, own: float) -> Sample | None:
-        """The sample as :func:`attlog.estimators.samples.prepare` would clean it; None if it is left out."""
+        """Return the sample as :func:`attlog.estimators.samples.prepare` cleans it, None if it is left out."""
         last_t = self._last_t
         x, y, z = gyr.tolist()
         if not math.isfinite(t + x + y + z):
@@ -177,7 +179,7 @@ class Cleaner:
         return Sample(t, dt, 0 if begins else max(math.ceil(angle), 1), rate, force, field, use, aid, restart)
 
     def _vector(self, x: Array, limit: float) -> Array:
-        """The vector, or zeros, which are counted, where it is not finite or not possible."""
+        """Return the vector, or zeros (counted) where it is not finite or impossible."""
         a, b, c = x.tolist()
         if not math.isfinite(a + b + c):
             self.skipped["nan"] += 1
@@ -190,26 +192,12 @@ class Cleaner:
         return np.zeros(3)
 
 
-# An attlog estimator in the loop: sample by sample as a vehicle would run it, with the numbers of a batch run.
-#
-# The shared loop (:mod:`attlog.estimators.run`) sees a whole log at once; a vehicle sees one sample
-# after the other. Here every rule of that loop is kept for single samples, around the same compiled step: bad
-# samples, gaps, the sampling rule, the time to which vectors belong, the slow magnetometer's vector turned on by
-# the gyro, aids at the first sample at or after their time, a field that comes late, and the start. A start
-# looks at the first seconds, so there is no attitude until they are over; then what came meanwhile is run at
-# once. ``attlog.estimate`` over the logged samples gives the same attitudes.
-#
-# What can differ: of two samples with one time the loop may take the later; it takes the median of all sample
-# times for a gap and for the age of a magnetometer's vector, here it is the nominal rate; with ``q0`` a vehicle
-# that flies cannot wait, so the vectors of the first sample alone go into the start; a step of more than 1 rad
-# turns a held field with the bias after it.
-
+# No estimator: the controller flies on the true attitude and rate.
 TRUE_ATTITUDE = "truth"
-"""Not an estimator: the controller flies on the true attitude and rate."""
 
 
 def stepping(text: str) -> EstimatorSpec:
-    """The estimator ``NAME[@PRESET][:k=v,...]`` that can fly. UsageError for unknown ones and those that cannot."""
+    """Return the estimator of ``NAME[@PRESET][:k=v,...]``. UsageError for one that cannot fly."""
     row = parse(text)
     if row.estimator.step is None:
         why = "looks at samples that a vehicle does not have yet" if not row.estimator.causal else "has no step"
@@ -221,7 +209,7 @@ def stepping(text: str) -> EstimatorSpec:
 
 
 def _with_errors(estimator: Estimator, advance: Callable[..., Any]) -> Callable[..., Any]:
-    """A filter's loop; what that of a file raises is a PluginError with its name, as in a replay."""
+    """Return a filter's loop whose errors are PluginErrors with the file's name, as in a replay."""
     if estimator.origin == "attlog":
         return advance
 
@@ -233,7 +221,7 @@ def _with_errors(estimator: Estimator, advance: Callable[..., Any]) -> Callable[
 
 
 class _One:
-    """What the compiled loop takes, for one sample: the same arrays every time, to which it is bound."""
+    """Arguments of the compiled loop for one sample: arrays bound once."""
 
     def __init__(self) -> None:
         rate, force, field = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))
@@ -242,11 +230,20 @@ class _One:
 
 
 class Live:
-    """The attitude of one estimator while a vehicle flies, in this process, also where the estimator is not attlog's.
+    """Attitude of one estimator while a vehicle flies, with the numbers of a batch run.
 
-    ``q`` (4,) body to true north, or None until the start is over; ``bias`` (3,) rad/s, zero where the filter
-    knows none; ``aids`` takes fixes and heights, and whether the vehicle stands. UsageError for an estimator that has
-    no step or lacks a sensor.
+    The shared loop (:mod:`attlog.estimators.run`) has a whole log, a vehicle one sample after the other. Every rule
+    of that loop is kept around the same compiled step: bad samples, gaps, the sampling rule, the time to which
+    vectors belong, the slow magnetometer's vector turned on by the gyro, aids at the first sample at or after their
+    time, a late field, and the start. A start needs the first seconds: there is no attitude before; then the
+    samples waiting are run at once.
+
+    Differences: of two samples with one time the loop may take the later; gap limit and age of a field use the
+    nominal rate instead of the median; with ``q0`` the vectors of the first sample alone go into the start; a step
+    of more than 1 rad turns a held field with the bias after it.
+
+    ``q`` (4,): body to true north, None until the start is over. ``bias`` (3,) rad/s. ``aids`` takes fixes, heights
+    and rest. UsageError for an estimator without a step or without a sensor that it needs.
     """
 
     def __init__(
@@ -301,9 +298,9 @@ class Live:
         self._kept: list[tuple[float, int, Array]] = []
 
     def sample(self, t: float, gyr: Array, acc: Array, mag: Array | None = None, dt: float = math.nan) -> None:
-        """One IMU sample: ``gyr`` (3,) rad/s, ``acc`` (3,) m/s^2, ``mag`` (3,) any unit if one came since the last.
+        """Take one IMU sample: ``gyr`` (3,) rad/s, ``acc`` (3,) m/s^2, ``mag`` (3,) if a field came.
 
-        ``dt`` s is the sample's own time of integration where it is known.
+        ``dt`` s: the sample's own time of integration where it is known.
         """
         cleaned = self._cleaner.cleaned(t, gyr, acc, mag, dt)
         if cleaned is None:
@@ -330,7 +327,7 @@ class Live:
             self.bias = state[self._bias_at : self._bias_at + 3].copy()
 
     def estimate(self) -> Estimate:
-        """What a batch run would return: all outputs so far."""
+        """Return the outputs so far, as a batch run would."""
         filter_ = self.row.estimator
         out = np.array([x for _, _, x in self._kept]).reshape(-1, filter_.outputs)
         parts = {name: out[:, part.start if name in SIGMAS else part].copy() for name, part in filter_.slices.items()}
@@ -347,13 +344,13 @@ class Live:
         )
 
     def _restart(self) -> None:
-        """A new segment: the filter starts anew."""
+        """Begin a new segment: the filter starts anew."""
         self._segment += 1
         self._state, self._waiting, self._q0 = None, [], None
         self._silent = False
 
     def _seen(self) -> StartVectors | None:
-        """What the start needs, once enough has come that more would not change it."""
+        """Return what the start needs, once more samples would not change it."""
         queue = self._waiting
         elapsed = queue[-1].t - queue[0].t
         if self._q0 is not None:
@@ -367,7 +364,7 @@ class Live:
         return first_seconds(t, gyr, acc, mag, dt, str(self.values.get("init", "average")))
 
     def _settled(self, queue: list[Sample]) -> bool:
-        """Whether more samples would not change the start: at rest, and half a second of every vector is in."""
+        """Return whether the start is complete: at rest, half a second of every vector."""
         soon = [s for s in queue if s.t - queue[0].t <= REST_S]
         if not at_rest(np.array([s.gyr for s in soon]), np.array([s.acc for s in soon])):
             return False
@@ -376,7 +373,7 @@ class Live:
         return queue[-1].t - max(came) > REST_S
 
     def _begin(self, begin: Sample, seen: StartVectors) -> None:
-        """The state at the first sample of a segment."""
+        """Set the state at the first sample of a segment."""
         filter_, one = self.row.estimator, self._one
         state = initial_state(filter_, seen, self._params, self.values, self._q0)
         values = (state, self._params, one.samples, one.aids, 1, self._out, aligned_zeros(3), aligned_zeros(3))
@@ -390,7 +387,7 @@ class Live:
         self._before = Sample(begin.t, 0.0, 1, np.zeros(3), np.zeros(3), np.zeros(3), MISSING, None)
 
     def _step(self, s: Sample) -> None:
-        """One step of the kernel, with the vectors that belong to it."""
+        """Run one step of the kernel, with the vectors that belong to it."""
         state = self._state
         assert state is not None
         at_start = self.row.estimator.vectors_at == "start"
@@ -424,7 +421,7 @@ class Live:
         self._kept.append((s.t, self._segment, self._out[0].copy()))
 
     def _turn_field(self, s: Sample, times: int) -> None:
-        """The last field turned on by the bias-corrected rate of a sample."""
+        """Turn the last field on by the bias-corrected rate of a sample."""
         state, at = self._state, self._bias_at
         assert state is not None
         x, y, z = (s.gyr if at is None else s.gyr - state[at : at + 3]).tolist()

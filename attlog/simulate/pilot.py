@@ -17,16 +17,16 @@ from attlog.simulate.scenario import ROTOR_SIGNS, ROTOR_TURNS, Scenario
 
 Array = NDArray[np.float64]
 
+# On the mean sphere; places of a flight are within a few kilometres.
 METRES_PER_DEG = math.radians(6371008.8)
-"""On the mean sphere; the places of a flight are within a few kilometres."""
 ROTORS = len(ROTOR_SIGNS)
 
 
 class Pilot:
-    """Flies a scenario's commands on the attitude of its estimator; ``truth`` flies on true attitude, rate and place.
+    """Autopilot that flies a scenario's commands on the attitude of its estimator, or on ``truth``.
 
-    It arms only once there is an attitude. ``row``: the scenario's estimator where it is loaded already, as in the
-    process of one that is not attlog's. UsageError for an estimator that cannot fly.
+    It arms once there is an attitude. ``row``: the scenario's estimator where it is loaded already, as in the
+    process of a plug-in. UsageError for an estimator that cannot fly.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Pilot:
         }
 
     def step(self, t: float, measured: SensorInputs) -> Array:
-        """Motor commands (4,), 0 to 1, at ``t``."""
+        """Return motor commands (4,), 0 to 1, at ``t``."""
         guidance = self._guidance
         standing = guidance.landed and not guidance.armed
         if self._live is None:
@@ -89,7 +89,7 @@ class Pilot:
         return motors
 
     def onboard(self) -> Onboard:
-        """What was estimated and wanted at every step."""
+        """Return estimates and set-points of every step."""
         x = np.array(self._kept).reshape(-1, 19 + ROTORS)
         name = self._scenario.estimator.name if self._live is None else self._live.row.name
         return Onboard(
@@ -108,7 +108,7 @@ class Pilot:
         )
 
     def _feed(self, t: float, measured: SensorInputs, live: Live, standing: bool) -> None:
-        """What has arrived, to estimator and navigation."""
+        """Hand new samples to estimator and navigation."""
         navigator = self._navigator
         live.aids.resting(standing)
         if measured.fix is not None:
@@ -136,7 +136,7 @@ class Pilot:
                 navigator.inertial(t, dt, self._q, force, standing)
 
     def _note(self, t: float, motors: Array) -> None:
-        """Keep what this step believed and wanted."""
+        """Record this step's estimates and set-points."""
         guidance, out = self._guidance, self._out
         kept = np.empty(19 + ROTORS)
         kept[0], kept[1:5], kept[5:8] = t, self._q if self._ready else math.nan, self._bias
@@ -149,7 +149,7 @@ class Pilot:
 
 
 def estimator_spec(name: str, params: dict[str, bool | float | str]) -> str:
-    """``NAME[@PRESET]:k=v,...`` of a scenario's table."""
+    """Return ``NAME[@PRESET]:k=v,...`` of a scenario's table."""
     if not params:
         return name
     values = ",".join(f"{k}={v!r}" if isinstance(v, float) else f"{k}={v}" for k, v in params.items())
@@ -157,12 +157,12 @@ def estimator_spec(name: str, params: dict[str, bool | float | str]) -> str:
 
 
 def make_pilot(scenario: Scenario, gravity: float, declination: float, row: EstimatorSpec | None = None) -> Pilot:
-    """The autopilot of a scenario at a place with this gravity (m/s^2) and declination (rad)."""
+    """Return the autopilot of a scenario at a place with this gravity (m/s^2) and declination (rad)."""
     return Pilot(scenario, gravity, declination, row)
 
 
 def is_from_file(scenario: Scenario) -> EstimatorSpec | None:
-    """The scenario's estimator if its code is not attlog's. Errors as of ``onboard.stepping``."""
+    """Return the scenario's estimator if its code is a plug-in's. Errors as of :func:`stepping`."""
     if scenario.estimator.name == TRUE_ATTITUDE:
         return None
     row = stepping(estimator_spec(scenario.estimator.name, scenario.estimator.params))

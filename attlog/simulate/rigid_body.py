@@ -1,16 +1,16 @@
-"""A rigid body with four rotors in moving air and on the ground: one compiled loop over sub-steps.
+"""A rigid body with four rotors in moving air and on the ground, and prescribed motions.
 
 Body axes forward-right-down, earth axes north-east-down:
 
-p' = v,   m v' = R F + m g,   q' = 1/2 q (x) w,   J w' = M - w x (J w + h) - h'
+    p' = v,   m v' = R F + m g,   q' = 1/2 q (x) w,   J w' = M - w x (J w + h) - h'
 
 F, M: thrust and drag torque of the rotors (both with the square of their speed), linear and quadratic air drag,
-damping, ground. h: angular momentum of the rotors. Their speed follows the command with a first-order lag, which is
-solved exactly; the rest is integrated by the classical fourth-order Runge-Kutta method.
+damping, ground. h: angular momentum of the rotors. Their speed follows the command with a first-order lag, solved
+exactly; the rest is integrated by the classical fourth-order Runge-Kutta method in one compiled loop.
 
-The ground carries eight points (feet and rotor tips) by springs and dampers; friction is a spring to the place
-where a point touched down, dragged along beyond the cone of friction. A body at rest therefore stays at rest. A
-rotor that strikes the ground breaks.
+The ground carries eight points (feet and rotor tips) by springs and dampers; friction is a spring to the place where a
+point touched down, dragged along beyond the cone of friction. A body at rest therefore stays at rest. A rotor that
+strikes the ground breaks.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from attlog.simulate.scenario import ROTOR_SIGNS, ROTOR_TURNS, Scenario, Vehicle
 Array = NDArray[np.float64]
 P, V, Q, W, ROTOR, ANGLE = 0, 3, 6, 10, 13, 17
 ANCHOR, TOUCHING, BROKEN = 21, 37, 45
+# State: p, v (earth), q, w, rotor speeds and angles (4 each), anchors (8 x 2), touching (8), broken rotors (4).
 BODY_STATE_SIZE, RAW_COLUMNS = 49, 17
-"""p, v (earth), q, w, rotor speeds and angles (4 each), anchors (8 x 2), touching (8), broken rotors (4)."""
+# Of the step: v' 0, w' 3, specific force (body) 6, stage values behind.
 NOW = 20
-"""v' 0, w' 3, specific force (body) 6; stage values behind."""
 POINTS = 8
+# Bounce of the vehicle on its feet, and the speed of impact that breaks a rotor.
 SPRING_HZ, DAMPING, BREAKS_M_S = 12.0, 0.5, 0.5
-"""How the vehicle bounces on its feet, and how fast a rotor must strike to break."""
 
 
 class Body:
-    """A vehicle's state (:data:`STATE` numbers) and how it moves on. It begins at rest on its feet."""
+    """State (:data:`BODY_STATE_SIZE` numbers) of a vehicle and its integration; it begins at rest on its feet."""
 
     def __init__(self, vehicle: Vehicle, gravity: float, density: float, heading_rad: float = 0.0) -> None:
         self.numbers, self.points = _numbers(vehicle, gravity, density)
@@ -59,10 +59,10 @@ class Body:
         self._raw = np.zeros((0, RAW_COLUMNS))
 
     def advance(self, command: Array, wind: Array, h: float, raw: Array) -> None:
-        """Move on by ``len(raw)`` steps of ``h`` s under motor commands (4,) and wind (3,) m/s, earth axes.
+        """Integrate ``len(raw)`` steps of ``h`` s under motor commands (4,) and wind (3,) m/s, earth axes.
 
-        ``raw`` (n, 17) is filled: w, w', specific force at the centre of gravity, rotor speeds, rotor angles. Handed
-        the same array every time, it is looked at once.
+        ``raw`` (n, 17) is filled: w, w', specific force at the centre of gravity, rotor speeds, rotor angles.
+        The same array each time is bound once.
         """
         if raw is not self._raw:
             fixed = (self.state, self._command, self.health, self._wind, self.numbers, self.points)
@@ -73,7 +73,7 @@ class Body:
 
 
 def _numbers(v: Vehicle, gravity: float, density: float) -> tuple[Array, Array]:
-    """What the loop needs of a vehicle, and the points (8, 3) that can touch the ground."""
+    """Return the loop's numbers of a vehicle, and the points (8, 3) that can touch the ground."""
     spring = v.mass_kg * (2.0 * math.pi * SPRING_HZ) ** 2 / 4.0
     damper = 2.0 * DAMPING * v.mass_kg * 2.0 * math.pi * SPRING_HZ / 4.0
     side = v.arm_m / math.sqrt(2.0)
@@ -120,7 +120,7 @@ def sub_steps(
     rotor: Out2,
     force: Out1,
 ) -> None:
-    """``n`` steps of ``h``: the state ``s`` moves on, a raw row is written at the end of each.
+    """Integrate ``n`` steps of ``h``: the state ``s`` moves on, a raw row is written at the end of each.
 
     Scratch: four derivatives ``k``, a state ``y``, three sets of rotor speeds, the ground's ``force``.
     """
@@ -180,7 +180,7 @@ def _derivative(
     now: Any,
     force: Any,
 ) -> None:
-    """``out`` (13,): the derivative of p, v, q, w at ``y``; ``now``: acceleration, w', specific force."""
+    """Write the derivative of p, v, q, w at ``y`` to ``out`` (13,), acceleration, w', specific force to ``now``."""
     q0, q1, q2, q3 = y[6], y[7], y[8], y[9]
     w0, w1, w2 = y[10], y[11], y[12]
     r00, r01, r02 = 1 - 2 * (q2 * q2 + q3 * q3), 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)
@@ -267,7 +267,7 @@ def _derivative(
 
 
 def _settle_contacts(s: Any, c: Any, points: Any, force: Any) -> None:
-    """Anchor what has touched down, let go what has lifted off, drag along what slides; break rotors that strike."""
+    """Anchor points that touched down, release lifted ones, drag sliding ones; break rotors that strike."""
     q0, q1, q2, q3 = s[6], s[7], s[8], s[9]
     if s[2] <= -0.5:
         for p in range(POINTS):
@@ -300,16 +300,16 @@ def _settle_contacts(s: Any, c: Any, points: Any, force: Any) -> None:
             s[21 + 2 * p], s[22 + 2 * p] = at0 - g0 * hold / size, at1 - g1 * hold / size
 
 
-# Prescribed motion: attitude and place by formulas, with their exact derivatives.
-
+# Ringing of a light airframe on a table.
 RING_HZ, RING_S = 45.0, 0.03
-"""A blow rings off like a light airframe on a table."""
 
 
 @dataclass(slots=True)
 class BodyMotion:
-    """The motion at n times: attitude ``q``, body rate and its derivative, place, velocity, acceleration (earth axes);
-    ``shock`` (n,) m/s^2 along body down that the sensors feel on top."""
+    """A motion at n times: attitude ``q``, body rate and its derivative, place, velocity, acceleration (earth axes).
+
+    ``shock`` (n,) m/s^2: along body down, felt by the sensors on top.
+    """
 
     q: Array
     w: Array
@@ -321,7 +321,7 @@ class BodyMotion:
 
 
 def prescribed_motion(scenario: Scenario, t: Array, lying: tuple[Array, Array] | None = None) -> BodyMotion:
-    """The prescribed motion of a scenario at times ``t`` (n,) s since it began.
+    """Return the prescribed motion of a scenario at times ``t`` (n,) s since it began.
 
     It begins at the attitude (4,) and place (3,) of ``lying``, else at the scenario's angles, with the centre of
     gravity at its height over the feet.
@@ -363,7 +363,7 @@ def prescribed_motion(scenario: Scenario, t: Array, lying: tuple[Array, Array] |
 
 
 def _body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
-    """Body rate and its derivative of roll, pitch, yaw (n, 3) and their first two derivatives."""
+    """Return body rate and its derivative of roll, pitch, yaw (n, 3) and their first two derivatives."""
     (roll, pitch, _), (dr, dp, dy), (ddr, ddp, ddy) = angles.T, rates.T, accelerations.T
     sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
     w = np.stack([dr - dy * sp, dp * cr + dy * sr * cp, -dp * sr + dy * cr * cp], axis=1)

@@ -1,4 +1,7 @@
-"""What happens on board: controller, estimator in the loop, what is logged how often."""
+"""A scenario: everything that decides a simulated flight but the seed, from TOML or as frozen dataclasses.
+
+Units are in the names; angles are degrees here and radians inside.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ Value = bool | float | str
 
 @dataclass(frozen=True, config=STRICT)
 class Loop:
-    """``rate_hz`` of controller and estimator; physics and raw sensors run ``substeps`` times as fast."""
+    """Rate of controller and estimator; physics and raw sensors run ``substeps`` times as fast."""
 
     rate_hz: Annotated[float, Field(ge=50, le=2000)] = 400.0
     substeps: Annotated[int, Field(ge=1, le=50)] = 5
@@ -31,7 +34,7 @@ class Loop:
 
 @dataclass(frozen=True, config=STRICT)
 class Controller:
-    """Nested loops: angle error [rad] to rate (PI), rate error [rad/s] to torque as share of the greatest (PID).
+    """Nested loops: angle error [rad] to rate (PI), rate error [rad/s] to torque as a share of the largest (PID).
 
     Roll and pitch as in Huang (tables 2, 3); the others are ours.
     """
@@ -57,8 +60,7 @@ class Controller:
 
 @dataclass(frozen=True, config=STRICT)
 class EstimatorChoice:
-    """The attitude that is flown on: a filter of attlog by name (``mahony@huang``), or ``truth``; ``params`` are
-    its own."""
+    """Attitude that is flown on: a filter of attlog (``mahony@huang``) with ``params``, or ``truth``."""
 
     name: str = "mahony_dcm@huang"
     params: dict[str, Value] = Field(default_factory=dict)
@@ -66,8 +68,7 @@ class EstimatorChoice:
 
 @dataclass(frozen=True, config=STRICT)
 class LoggingRates:
-    """How often a log holds what [Hz]; 0 is every value there is. Sensors are logged at their own rates unless
-    given."""
+    """Logging rates [Hz], 0 for every value; sensors have their own rates unless given."""
 
     imu_hz: NotNegative = 0.0
     attitude_hz: NotNegative = 100.0
@@ -76,14 +77,12 @@ class LoggingRates:
     truth_hz: NotNegative = 100.0
 
 
-# What flies: mass, rotors, drag and feet of a quadrotor in X, 1.5 kg with 10 inch propellers unless said otherwise.
-
 NotNegativeThree = tuple[NotNegative, NotNegative, NotNegative]
 
+# Rotors at (forward, right): front right, back left, front left, back right, the order of both firmwares.
 ROTOR_SIGNS = ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))
-"""Rotors at (forward, right): front right, back left, front left, back right, the order of both firmwares."""
+# Yaw torque on the body, + to the right: the first two turn anticlockwise seen from above.
 ROTOR_TURNS = (1.0, 1.0, -1.0, -1.0)
-"""Yaw torque on the body, + to the right: the first two turn anticlockwise seen from above."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -113,24 +112,21 @@ class Vehicle:
 
     @property
     def speed_max_rad_s(self) -> float:
-        """Rotor speed at full command [rad/s]."""
+        """Return the rotor speed at full command [rad/s]."""
         return self.speed_max_rpm * math.pi / 30.0
 
     @property
     def thrust_factor(self) -> float:
-        """Thrust of a rotor over the square of its speed [N s^2]."""
+        """Return the thrust of a rotor over the square of its speed [N s^2]."""
         return self.thrust_max_n / self.speed_max_rad_s**2
 
     def hover_command(self, gravity: float) -> float:
-        """The command (0 to 1, thrust over full thrust) of each rotor that carries the weight in still air."""
+        """Return the command (thrust over full thrust) of each rotor in still hover."""
         return self.mass_kg * gravity / (4.0 * self.thrust_max_n)
 
 
-# Where and when: place, date, wind, and what disturbs the magnetic field there.
-
-
 def _date(written: object) -> object:
-    """The time that a text tells; a day alone begins at midnight."""
+    """Return the time of a text; a day alone begins at midnight."""
     if not isinstance(written, str):
         return written
     try:
@@ -141,8 +137,7 @@ def _date(written: object) -> object:
 
 @dataclass(frozen=True, config=STRICT)
 class TakeoffPlace:
-    """The take-off place (earth axes begin there) and the time of the start; ``heading_deg`` of the vehicle at
-    first."""
+    """Take-off place (origin of the earth axes), time of the start, and heading then."""
 
     lat_deg: Annotated[float, Field(ge=-89.9, le=89.9)] = 47.397
     lon_deg: Annotated[float, Field(ge=-180, le=180)] = 8.545
@@ -152,14 +147,14 @@ class TakeoffPlace:
 
     @property
     def unix_time(self) -> float:
-        """The start as Unix time [s]; a date without a zone is UTC."""
+        """Return the start as Unix time [s]; a date without a zone is UTC."""
         date = self.date if self.date.tzinfo else self.date.replace(tzinfo=UTC)
         return date.timestamp()
 
 
 @dataclass(frozen=True, config=STRICT)
 class Gust:
-    """A single gust: from ``t`` on for ``seconds`` the wind grows to ``ned_m_s`` and falls again (1 - cos)."""
+    """A single gust of ``seconds`` from ``t`` on: the wind grows to ``ned_m_s`` and falls again (1 - cos)."""
 
     t: NotNegative
     seconds: Positive
@@ -168,9 +163,12 @@ class Gust:
 
 @dataclass(frozen=True, config=STRICT)
 class Wind:
-    """``mean_ned_m_s``: where the air moves to, from 6 m above the ground on; less below. ``turbulence_m_s``:
-    standard deviation per axis of a Dryden-like disturbance of length ``length_m``, which passes at the mean wind's
-    speed, at least ``speed_m_s``."""
+    """Mean wind, turbulence and gusts.
+
+    ``mean_ned_m_s``: velocity of the air from 6 m above the ground on, less below. ``turbulence_m_s``: standard
+    deviation per axis of a Dryden-like disturbance of length ``length_m``, which passes at the mean wind's speed,
+    at least ``speed_m_s``.
+    """
 
     mean_ned_m_s: Three = ZERO
     turbulence_m_s: NotNegative = 0.3
@@ -181,21 +179,19 @@ class Wind:
 
 @dataclass(frozen=True, config=STRICT)
 class Anomaly:
-    """Iron at a place: adds ``field_ned_ut`` at ``ned_m``, falling off like a Gauss bell of width ``radius_m``."""
+    """Iron at a place: adds ``field_ned_ut`` at ``ned_m``, a Gauss bell of width ``radius_m``."""
 
     ned_m: Three
     field_ned_ut: Three
     radius_m: Positive = 3.0
 
 
-# What the vehicle shall do: timed commands of a flight, or a motion that is prescribed.
-
 Doing = Literal["arm", "takeoff", "hold", "goto", "velocity", "attitude", "track", "land", "disarm", "kill"]
 
 
 @dataclass(frozen=True, config=STRICT)
 class Command:
-    """From ``t`` s on, until the next command:
+    """A command from ``t`` s on, until the next.
 
     ``arm`` (rotors idle), ``takeoff`` (climb to ``up_m``), ``hold`` (stay where it is), ``goto`` (``north_m east_m
     up_m`` with up to ``speed_m_s``), ``velocity`` (``north_m_s east_m_s``, height held), ``attitude`` (``roll_deg
@@ -224,10 +220,10 @@ class Command:
 
 @dataclass(frozen=True, config=STRICT)
 class Move:
-    """Within ``seconds`` on to these angles and height, smoothly (fifth-order, no jump in rate or acceleration).
+    """A smooth move to these angles and height within ``seconds`` (fifth order, no jump in rate or acceleration).
 
-    What is not given stays; ``north_m east_m`` count from where it began. ``shock_m_s2``: the blow at the end, along
-    body down, that rings off in hundredths of a second.
+    What is not given stays. ``north_m east_m`` count from its begin. ``shock_m_s2``: blow at the end, along body
+    down, that rings off in hundredths of a second.
     """
 
     seconds: Positive
@@ -242,10 +238,12 @@ class Move:
 
 @dataclass(frozen=True, config=STRICT)
 class PrescribedMotion:
-    """A prescribed motion by hand or on a table; rotors stand still. It begins at these angles and goes through
-    ``move`` one after the other, then rests. It turns about a point fixed to the earth; ``arm_m`` is the way from
-    there to the centre of gravity in body axes. After commands: from ``after_s`` on somebody carries what flew, from
-    where and how it lies; roll and pitch of the start are not asked for then."""
+    """A motion by hand or on a table; the rotors stand still.
+
+    It begins at these angles, makes every ``move`` in turn, then rests. It turns about a point fixed to the earth;
+    ``arm_m``: from there to the centre of gravity, body axes. After commands it carries the vehicle from
+    ``after_s`` on, from its place and attitude then.
+    """
 
     roll_deg: float = 0.0
     pitch_deg: Annotated[float, Field(ge=-85, le=85)] = 0.0
@@ -254,20 +252,18 @@ class PrescribedMotion:
     move: tuple[Move, ...] = ()
 
 
-# What breaks, when: faults that are planted in a sensor or a rotor.
-
 Part = Literal["gyro", "acc", "mag", "gnss", "baro", "rotor"]
 Kind = Literal["stuck", "silent", "zero", "offset", "scale", "noise", "spikes", "flipped", "off", "unbalanced"]
 
 
 @dataclass(frozen=True, config=STRICT)
 class PlantedFault:
-    """From ``t`` for ``seconds`` (None: to the end), ``part`` number ``instance`` is
+    """A fault of ``part`` number ``instance`` from ``t`` for ``seconds`` (None: to the end).
 
     ``stuck`` at its last value, ``silent`` (no samples), ``zero``, ``offset`` by ``value`` (SI; T for mag, m and
-    m/s NED for gnss, m for baro uses the first), ``scale`` by ``factor``, ``noise`` of standard deviation ``size``
-    added (SI), ``spikes`` of ``size`` in ``share_pct`` of the samples, ``flipped`` (x and y change sign); a rotor
-    is ``off``, ``scale`` d in thrust or ``unbalanced``: it shakes every inertial unit ``factor`` times as much.
+    m/s NED for gnss; baro: m, the first), ``scale`` by ``factor``, ``noise`` of standard deviation ``size`` added
+    (SI), ``spikes`` of ``size`` in ``share_pct`` of the samples, ``flipped`` (x and y change sign). A rotor is
+    ``off``, ``scale`` d in thrust, or ``unbalanced``: it shakes every IMU ``factor`` times as much.
     """
 
     t: NotNegative
@@ -281,28 +277,25 @@ class PlantedFault:
     share_pct: Annotated[float, Field(ge=0, le=100)] = 1.0
 
     def holds(self, t: float) -> bool:
-        """Whether it acts at ``t`` s."""
+        """Return whether it acts at ``t`` s."""
         return t >= self.t and (self.seconds is None or t < self.t + self.seconds)
 
 
-# A scenario: everything that decides a simulated flight but the seed, from TOML or as frozen dataclasses.
-#
-# ``load`` takes the name of one in ``scenarios/`` or the path of a TOML file and tells
-# everything that is wrong in it at once. Units stand in the names; angles are degrees
-# here and radians inside.
-
 LIBRARY = Path(__file__).parent / "scenarios"
+# Names become file names: no path.
 NAME = r"^[^/\\\x00-\x1f]*$"
-"""Names are names of files: no path."""
+# Steps of physics in a flight: an hour or two at the default rates, about 1 GB and minutes.
 MAX_STEPS = 20_000_000
-"""Steps of physics in a flight: what an hour or two at the default rates take, about 1 GB and minutes."""
 ROTOR_FAULTS = ("off", "scale", "unbalanced")
 
 
 @dataclass(frozen=True, config=STRICT)
 class Scenario:
-    """A flight to simulate. With ``motion`` it is prescribed, else ``command`` tells the autopilot what to do and
-    when; with both it is flown, and carried from ``motion.after_s`` on."""
+    """A flight to simulate.
+
+    With ``motion`` it is prescribed, with ``command`` it is flown; with both it is carried from ``motion.after_s``
+    on.
+    """
 
     name: Annotated[str, Field(pattern=NAME)] = ""
     title: str = ""
@@ -321,26 +314,25 @@ class Scenario:
     fault: tuple[PlantedFault, ...] = ()
 
     def changed(self, **values: Any) -> Scenario:
-        """A copy with other values, checked like a file: ``changed(seconds=20, estimator=Estimator("truth"))``."""
+        """Return a copy with other values, validated like a file."""
         return dataclasses.replace(self, **values)
 
 
 def scenario_names() -> list[str]:
-    """The scenarios that come with attlog."""
+    """Return the names of the library."""
     return sorted(path.stem for path in LIBRARY.glob("*.toml"))
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
-    """A scenario by its name in the library or by the path of a TOML file.
+    """Load a scenario by its name in the library or by the path of a TOML file.
 
-    LogUnreadable where the file cannot be opened, UsageError for a name that is not
-    known and for everything wrong in a file.
+    LogUnreadable where the file cannot be opened; UsageError names an unknown name or everything wrong in the file.
     """
     return build_scenario(scenario_values(name_or_path), origin=scenario_path(name_or_path).name)
 
 
 def scenario_path(name_or_path: str | Path) -> Path:
-    """The TOML file of a scenario. UsageError for a name that is not known."""
+    """Return the TOML file of a scenario. UsageError for an unknown name."""
     path = Path(name_or_path)
     if path.suffix.lower() == ".toml" or os.path.isfile(path):
         return path
@@ -351,13 +343,13 @@ def scenario_path(name_or_path: str | Path) -> Path:
 
 
 def scenario_values(name_or_path: str | Path) -> dict[str, Any]:
-    """The plain values of a scenario's file, with the file's name where it has none; errors as of :func:`load`."""
+    """Return the plain values of a scenario's file. Errors as of :func:`load_scenario`."""
     path = scenario_path(name_or_path)
     return {"name": path.stem} | parse_toml(read_settings_text(path), path)
 
 
 def build_scenario(values: Mapping[str, Any], origin: str = "scenario") -> Scenario:
-    """A scenario from plain values, as TOML holds them. UsageError lists every problem with its place."""
+    """Build a scenario from plain values of TOML. UsageError lists every problem with its place."""
     scenario = validated(Scenario, values, origin, strict=True)
     problems = [*_refused_spans(scenario), *_contradictions(scenario)]
     if problems:
@@ -366,7 +358,7 @@ def build_scenario(values: Mapping[str, Any], origin: str = "scenario") -> Scena
 
 
 def _contradictions(scenario: Scenario) -> list[str]:
-    """What single values do not show."""
+    """Return contradictions between values."""
     found = []
     raw = scenario.loop.rate_hz * scenario.loop.substeps
     if scenario.seconds * raw > MAX_STEPS:
@@ -408,7 +400,7 @@ def _contradictions(scenario: Scenario) -> list[str]:
 
 
 def _both_motions(scenario: Scenario) -> Iterator[str]:
-    """Commands and a motion by hand go together only where one comes after the other."""
+    """Return contradictions between commands and a motion."""
     motion = scenario.motion
     if motion is None:
         return
@@ -421,7 +413,7 @@ def _both_motions(scenario: Scenario) -> Iterator[str]:
 
 
 def _refused_spans(scenario: Scenario) -> Iterator[str]:
-    """Times without samples that are none."""
+    """Return spans without samples that are no spans."""
     for where, sensor in scenario.sensors.each():
         for key in ("gaps", "outages"):
             for first, last in getattr(sensor, key, ()):

@@ -1,4 +1,4 @@
-"""A scenario as TOML with every value, also those that nobody set: to read, and to start from."""
+"""A scenario as TOML text: written with every value, overridden on the command line, entries without effect."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from attlog.simulate.scenario import Command, PlantedFault, Scenario
 
 
 def scenario_toml(scenario: Scenario) -> str:
-    """The text; ``build(tomllib.loads(text))`` is the scenario again. What is None is left out."""
+    """Return a scenario as TOML with every value; entries of None are left out."""
     return "\n".join(_table_lines("", _plain_values(scenario))).strip() + "\n"
 
 
 def _plain_values(table: Any) -> dict[str, Any]:
-    """The keys of a table and their values, None left out."""
+    """Return the keys of a table and their values, None left out."""
     if isinstance(table, Mapping):
         return dict(table)
     return {f.name: value for f in fields(table) if (value := getattr(table, f.name)) is not None}
 
 
 def _table_lines(path: str, values: dict[str, Any]) -> Iterator[str]:
-    """Lines of a table: first its own values, then the tables below it."""
+    """Return the lines of a table: its own values, then the tables below it."""
     below: list[tuple[str, Any]] = []
     for key, value in values.items():
         if is_dataclass(value) or isinstance(value, Mapping) or _is_list_of_tables(value):
@@ -61,19 +61,16 @@ def _toml_text(value: Any) -> str:
     return repr(value)
 
 
-# Single values of a scenario set by hand: ``sensors.imu.0.gyro.bias_dps=[1,0,0]``, and ranges of seeds.
-
+# More files in one call are a typing error.
 MAX_SEEDS = 10_000
-"""More files in one call are a mistake in typing."""
 
 
 def override_values(values: Mapping[str, Any], settings: Iterable[str]) -> dict[str, Any]:
-    """The values of a scenario's file with ``KEY=VALUE`` set, in order.
+    """Return the values of a scenario's file with ``KEY=VALUE`` set, in order.
 
-    A key goes down through tables by points, as in TOML; a list of tables (``sensors.imu``, ``fault``) takes the
-    number of one, from 0, the next new one included; without a number all are meant. Values are TOML; what is
-    none is text. UsageError for a setting without ``=`` and for a key that leads nowhere; what the scenario does
-    not know is told when it is built.
+    Dots lead down through tables, as in TOML. A list of tables (``sensors.imu``, ``fault``) takes a number from 0,
+    the next new one included; without a number all are meant. Values are TOML, else text. UsageError for a setting
+    without ``=`` and for a key that leads nowhere; unknown keys are reported when the scenario is built.
     """
     found = copy.deepcopy(dict(values))
     for setting in settings:
@@ -86,7 +83,7 @@ def override_values(values: Mapping[str, Any], settings: Iterable[str]) -> dict[
 
 
 def parse_seeds(text: str) -> list[int]:
-    """The seeds of ``7``, ``1..20`` or ``1,5,9``. UsageError for anything else."""
+    """Return the seeds of ``7``, ``1..20`` or ``1,5,9``. UsageError for anything else."""
     found: list[int] = []
     for part in text.split(","):
         first, dots, last = part.strip().partition("..")
@@ -100,7 +97,7 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def _parse_value(text: str) -> Any:
-    """A TOML value, else the text itself."""
+    """Return a TOML value, else the text itself."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -108,7 +105,7 @@ def _parse_value(text: str) -> Any:
 
 
 def _put_value(table: dict[str, Any], path: list[str], value: Any, default: Any, setting: str) -> None:
-    """Set one value below ``table``; ``default`` is what the scenario has at this place if nothing is given."""
+    """Set one value below ``table``; ``default``: the scenario's value at this place."""
     key, rest = path[0], path[1:]
     default = getattr(default, key, None)
     if not rest:
@@ -144,13 +141,9 @@ def _put_value(table: dict[str, Any], path: list[str], value: Any, default: Any,
             raise UsageError(f"--set {setting}: {key} holds values and has nothing below them")
 
 
-# What stands in a scenario and changes nothing: commands and faults after its end, values that nothing asks for.
-#
-# A scenario is flown all the same: a shorter flight of a longer scenario is a fair wish. But whoever wrote the value
-# meant something by it.
-
 TURN_VALUES = {"heading_deg", "yaw_rate_dps"}
 FLIGHT_VALUES = TURN_VALUES | {"up_m"}
+# Values that a command uses (:mod:`attlog.simulate.guidance`).
 VALUES_OF_COMMAND = {
     "arm": TURN_VALUES,
     "takeoff": FLIGHT_VALUES,
@@ -163,18 +156,17 @@ VALUES_OF_COMMAND = {
     "disarm": set(),
     "kill": set(),
 }
-"""The values of a command that count for what it does (:mod:`attlog.simulate.guidance`)."""
+# Value that gives the size of a fault; all others need none.
 FAULT_SIZE = {"offset": "value", "scale": "factor", "unbalanced": "factor", "noise": "size", "spikes": "size"}
-"""The value that says how much a fault does; all others need none."""
 
 
 def ineffective_entries(scenario: Scenario) -> list[str]:
-    """A sentence with its place for everything in a scenario that changes nothing in the flight."""
+    """Return a sentence with its place for every entry that changes nothing in the flight."""
     return [*_after_the_end(scenario), *_unused_values(scenario), *_harmless_faults(scenario)]
 
 
 def _after_the_end(scenario: Scenario) -> Iterator[str]:
-    """What begins when the flight is over."""
+    """Return entries that begin after the flight."""
     end = scenario.seconds
     over = f"the flight ends after {end:g} s (seconds)"
     for k, command in enumerate(scenario.command):
@@ -201,7 +193,7 @@ def _after_the_end(scenario: Scenario) -> Iterator[str]:
 
 
 def _unused_values(scenario: Scenario) -> Iterator[str]:
-    """Values of commands that count only for others."""
+    """Return values of commands that only others use."""
     for k, command in enumerate(scenario.command):
         for field in fields(Command):
             if field.name in ("t", "do") or getattr(command, field.name) == field.default:
@@ -212,7 +204,7 @@ def _unused_values(scenario: Scenario) -> Iterator[str]:
 
 
 def _harmless_faults(scenario: Scenario) -> Iterator[str]:
-    """Faults that change no number, and rotors that fail where none turns."""
+    """Return faults that change no number, and rotor faults where none turns."""
     standard = {field.name: field.default for field in fields(PlantedFault)}
     for k, fault in enumerate(scenario.fault):
         needed = FAULT_SIZE.get(fault.kind)

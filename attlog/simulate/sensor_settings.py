@@ -1,8 +1,8 @@
-"""What the sensors are like: one table each of a scenario, in the units of data sheets.
+"""Settings of the sensors, one table each of a scenario, in the units of data sheets.
 
 Defaults are a Pixhawk-class board: TDK ICM-20689 (data sheet DS-000143: 0.006 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), 2000
-deg/s and 16 g on 16 bit), a magneto-inductive magnetometer, a u-blox receiver without corrections, a MEMS
-barometer. Turn-on biases are what a calibration in the field leaves.
+deg/s and 16 g on 16 bit), a magneto-inductive magnetometer, a u-blox receiver without corrections, a MEMS barometer.
+Turn-on biases are the remainder of a calibration in the field.
 """
 
 from __future__ import annotations
@@ -25,11 +25,13 @@ ZERO: Three = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, config=STRICT)
 class GyroSettings:
-    """Gyro errors. ``noise_dps_rthz`` is the density of white noise [deg/s/sqrt(Hz)] and ``walk_dps_rts`` that of
-    the bias's random walk [deg/s/sqrt(s)]; ``bias_spread_dps`` the standard deviation of a turn-on bias drawn per
-    seed, added to ``bias_dps``. ``drift_dps_per_k`` acts on the warming since the start. ``misalign_deg``: the
-    sensor's axes turned about body x, y, z. ``lowpass_hz`` 0: none; else a second-order Butterworth ahead of the
-    sampling."""
+    """Gyro errors.
+
+    ``noise_dps_rthz``: density of white noise [deg/s/sqrt(Hz)]. ``walk_dps_rts``: of the bias's random walk
+    [deg/s/sqrt(s)]. ``bias_spread_dps``: standard deviation of a turn-on bias drawn per seed, added to
+    ``bias_dps``. ``drift_dps_per_k``: per warming since the start. ``misalign_deg``: rotation of the axes about
+    body x, y, z. ``lowpass_hz``: second-order Butterworth before sampling, 0 for none.
+    """
 
     noise_dps_rthz: NotNegative = 0.006
     bias_dps: Three = ZERO
@@ -45,7 +47,7 @@ class GyroSettings:
 
 @dataclass(frozen=True, config=STRICT)
 class AccelerometerSettings:
-    """Accelerometer errors; as :class:`GyroSettings` in ug/sqrt(Hz), m/s^2, g and mg."""
+    """Accelerometer errors, as :class:`GyroSettings`, in ug/sqrt(Hz), m/s^2, g and mg."""
 
     noise_ug_rthz: NotNegative = 150.0
     bias_m_s2: Three = ZERO
@@ -61,8 +63,11 @@ class AccelerometerSettings:
 
 @dataclass(frozen=True, config=STRICT)
 class VibrationSettings:
-    """What the rotors shake at the sensor: per harmonic of each rotor's speed the amplitude of one rotor at hover
-    speed, growing with the square of its speed. ``acc_m_s2`` and ``gyro_dps`` are as long as ``harmonics``."""
+    """Vibration of the rotors at the sensor.
+
+    Per harmonic of each rotor's speed: the amplitude of one rotor at hover speed, growing with the square of its
+    speed. ``acc_m_s2`` and ``gyro_dps`` are as long as ``harmonics``.
+    """
 
     harmonics: tuple[Positive, ...] = (1.0, 2.0)
     acc_m_s2: tuple[NotNegative, ...] = (0.6, 0.4)
@@ -71,14 +76,14 @@ class VibrationSettings:
 
 @dataclass(frozen=True, config=STRICT)
 class ImuSettings:
-    """One inertial unit. ``sampling``: ``interval`` values are means over the interval that ends at the sample
-    (increments, as PX4 logs them), ``instant`` ones what the low-pass holds at the sample (ArduPilot).
+    """One inertial unit.
 
-    ``position_m`` from the centre of gravity, body axes; ``rotation_deg``: mounting error (roll, pitch, yaw) that
-    nobody corrects. ``delay_s``: publication after the sample; ``hidden_delay_s``: what nobody knows of, the
-    sample's time is told that much too late. ``jitter_s``: standard deviation of the sampling instant about its
-    raster. ``loss_pct``: samples that are missing at random; ``gaps``: (from, to) s without samples. The unit warms
-    by ``warming_k`` with time constant ``warming_s`` from ``temperature_c`` on.
+    ``sampling``: ``interval`` values are means over the interval that ends at the sample (increments, as PX4 logs
+    them), ``instant`` ones the low-pass at the sample (ArduPilot). ``position_m``: from the centre of gravity, body
+    axes. ``rotation_deg``: uncorrected mounting error (roll, pitch, yaw). ``delay_s``: publication after the
+    sample. ``hidden_delay_s``: error of the reported sample time. ``jitter_s``: standard deviation of the sampling
+    instant. ``loss_pct``: samples missing at random. ``gaps``: (from, to) s without samples. The unit warms by
+    ``warming_k`` with time constant ``warming_s`` from ``temperature_c`` on.
     """
 
     rate_hz: Positive = 400.0
@@ -100,8 +105,11 @@ class ImuSettings:
 
 @dataclass(frozen=True, config=STRICT)
 class MagSettings:
-    """One magnetometer, body axes, in microtesla. ``hard_iron_ut`` and ``soft_iron`` (rows of a 3x3 matrix) are
-    what the calibration left; ``current_ut_a`` [uT/A] times the battery's current is added."""
+    """One magnetometer, body axes, in microtesla.
+
+    ``hard_iron_ut`` and ``soft_iron`` (rows of a 3x3 matrix): left by the calibration. ``current_ut_a`` [uT/A]:
+    times the battery's current.
+    """
 
     rate_hz: Positive = 50.0
     noise_ut_rthz: NotNegative = 0.05
@@ -121,9 +129,12 @@ class MagSettings:
 
 @dataclass(frozen=True, config=STRICT)
 class GnssSettings:
-    """One receiver. White noise per fix and a slow wander (first-order Gauss-Markov, standard deviation ``wander_m``
-    horizontal, twice that vertical, correlation ``wander_s``). ``delay_s``: a fix arrives that much after its epoch.
-    ``outages``: (from, to) s without a fix; ``first_fix_s``: none before. ``antenna_m``: body axes."""
+    """One GNSS receiver.
+
+    White noise per fix and a slow wander: first-order Gauss-Markov, standard deviation ``wander_m`` horizontal,
+    twice that vertical, correlation ``wander_s``. ``delay_s``: arrival after the epoch. ``outages``: (from, to) s
+    without a fix; ``first_fix_s``: none before. ``antenna_m``: body axes.
+    """
 
     rate_hz: Positive = 5.0
     noise_h_m: NotNegative = 0.05
@@ -171,7 +182,7 @@ class BatterySettings:
 
 @dataclass(frozen=True, config=STRICT)
 class RpmSettings:
-    """Rotor speeds told by the speed controllers, rounded to ``step_rpm``."""
+    """Rotor speeds reported by the speed controllers, rounded to ``step_rpm``."""
 
     rate_hz: Positive = 50.0
     noise_rpm: NotNegative = 5.0
@@ -180,7 +191,7 @@ class RpmSettings:
 
 @dataclass(frozen=True, config=STRICT)
 class SensorSettings:
-    """All sensors of the vehicle; several of one kind are instances 0, 1, ... in their order."""
+    """All sensors of the vehicle; several of one kind are instances 0, 1, ..."""
 
     imu: tuple[ImuSettings, ...] = (ImuSettings(),)
     mag: tuple[MagSettings, ...] = (MagSettings(),)
@@ -190,7 +201,7 @@ class SensorSettings:
     rpm: RpmSettings | None = RpmSettings()
 
     def each(self) -> Iterator[tuple[str, Any]]:
-        """Every sensor with its place in a scenario's file: ``sensors.imu[0]``, ``sensors.battery``."""
+        """Return every sensor with its place in a scenario: ``sensors.imu[0]``, ``sensors.battery``."""
         for kind in fields(self):
             value = getattr(self, kind.name)
             for k, one in enumerate(value if isinstance(value, tuple) else ()):

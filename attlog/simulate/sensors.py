@@ -1,4 +1,4 @@
-"""When a sensor measures: a raster with jitter, from which samples are lost."""
+"""Slow sensors: sampling with jitter, loss and faults; battery, rotor speeds, magnetometer, GNSS, barometer."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 def sampling_instants(
     rate_hz: float, seconds: float, jitter_s: float, random: np.random.Generator, phase: float = 1.0
 ) -> Array:
-    """Times of measurement (n,) s, ascending, up to ``seconds``; the first is ``phase`` of a period after 0.
+    """Return times of measurement (n,) s up to ``seconds``; the first is ``phase`` of a period after 0.
 
     Jitter is normal about the raster, kept within 0.45 of a period so that samples stay in order.
     """
@@ -32,25 +32,22 @@ def sampling_instants(
 
 
 def kept_samples(t: Array, loss_pct: float, gaps: tuple[Span, ...], random: np.random.Generator) -> NDArray[np.bool_]:
-    """Which of the samples at ``t`` (n,) s arrive: the others are lost at random or fall into a gap (from, to)."""
+    """Return which samples at ``t`` (n,) s arrive; others are lost at random or in a gap (from, to)."""
     arrives = random.random(len(t)) >= loss_pct / 100.0
     for begin, end in gaps:
         arrives &= (t < begin) | (t >= end)
     return arrives
 
 
-# Planted faults at work on samples of three columns.
-
-
 def is_acting(fault: PlantedFault, t: Array) -> NDArray[np.bool_]:
-    """At which of the times (n,) s a fault acts."""
+    """Return at which of the times (n,) s a fault acts."""
     end = np.inf if fault.seconds is None else fault.t + fault.seconds
     mask: NDArray[np.bool_] = (t >= fault.t) & (t < end)
     return mask
 
 
 def silence(faults: list[PlantedFault], t: Array) -> NDArray[np.bool_]:
-    """Which samples at ``t`` (n,) s a fault keeps from being sent."""
+    """Return which samples at ``t`` (n,) s faults suppress."""
     gone = np.zeros(len(t), bool)
     for fault in faults:
         if fault.kind == "silent":
@@ -59,7 +56,7 @@ def silence(faults: list[PlantedFault], t: Array) -> NDArray[np.bool_]:
 
 
 def damage(faults: list[PlantedFault], t: Array, x: Array, last: Array, seed: int = 0) -> Array:
-    """Samples ``x`` (n, k) at ``t`` (n,) s with the faults that act then; ``last`` (k,) is the sample before them.
+    """Return samples ``x`` (n, k) at ``t`` (n,) s with acting faults; ``last`` (k,): the sample before.
 
     Random faults draw by the sample's time, so that samples one by one and all at once give the same.
     """
@@ -88,11 +85,8 @@ def damage(faults: list[PlantedFault], t: Array, x: Array, last: Array, seed: in
     return x
 
 
-# What the slow sensors share: samples at their own instants out of a motion that is still growing.
-
-
 def interpolate_truth(x: Array, t: Array, period: float) -> Array:
-    """Rows of ``x`` (n, ...), taken every ``period`` s from 0 on, interpolated at times ``t`` (m,) s."""
+    """Return rows of ``x`` (n, ...), taken every ``period`` s from 0 on, interpolated at ``t`` (m,) s."""
     where = t / period
     low = np.minimum(where.astype(int), len(x) - 2)
     u = (where - low).reshape(-1, *[1] * (x.ndim - 1))
@@ -101,12 +95,12 @@ def interpolate_truth(x: Array, t: Array, period: float) -> Array:
 
 
 def interpolate_attitude(q: Array, t: Array, period: float) -> Array:
-    """Attitudes (m, 4) at ``t`` (m,) s; the chord between two periods of a loop is the arc to 1e-6 rad and less."""
+    """Return attitudes (m, 4) at ``t`` (m,) s; within a period the chord equals the arc to 1e-6 rad."""
     return rotation.normalize(interpolate_truth(q, t, period))
 
 
 class SlowSensor(ABC):
-    """Instance ``number`` of a ``kind``: when it measures, when that arrives, what has been told."""
+    """Instance ``number`` of a ``kind``: samples at their own instants of a motion that still grows."""
 
     def __init__(
         self,
@@ -131,10 +125,10 @@ class SlowSensor(ABC):
         self.period = 1.0 / scenario.loop.rate_hz
         self.scenario, self.seed, self.number = scenario, seed, number
         self.faults = [f for f in scenario.fault if f.part == kind and f.instance == number]
-        self.next, self.told = 0, 0
+        self.next, self.delivered = 0, 0
 
     def advance(self, truth: Truth, now: float) -> None:
-        """Measure everything whose instant is not after ``now``, the last row of ``truth`` that is there."""
+        """Measure every instant up to ``now``, the last row of ``truth``."""
         if self.due[self.next] <= now + 1e-9:
             end = int(np.searchsorted(self.instants, now + 1e-9, side="right"))
             self.measure(truth, np.arange(self.next, end))
@@ -142,22 +136,19 @@ class SlowSensor(ABC):
 
     @abstractmethod
     def measure(self, truth: Truth, k: NDArray[np.int64]) -> None:
-        """Make the samples of the indices ``k`` (m,)."""
+        """Make the samples of indices ``k`` (m,)."""
 
     def arrived(self, now: float) -> int | None:
-        """The newest sample that arrived since it was last asked, None if there is none."""
+        """Return the newest sample since the last call, None if there is none."""
         found = None
-        while self.told < self.next and self.t[self.told] <= now + 1e-9:
-            found = self.told if self.kept[self.told] else found
-            self.told += 1
+        while self.delivered < self.next and self.t[self.delivered] <= now + 1e-9:
+            found = self.delivered if self.kept[self.delivered] else found
+            self.delivered += 1
         return found
 
 
-# Battery current from the rotors' power, and rotor speeds as the speed controllers tell them.
-
-
 def battery_current(scenario: Scenario, rotor: Array) -> Array:
-    """Battery current (n,) A at rotor speeds (n, 4) rad/s: idle and shaft power over efficiency and mean voltage."""
+    """Return the current (n,) A at rotor speeds (n, 4) rad/s: idle and shaft power over efficiency and voltage."""
     b, v = scenario.sensors.battery, scenario.vehicle
     shaft = v.torque_m * v.thrust_factor * np.sum(np.abs(rotor) ** 3, axis=1)
     total: Array = b.idle_a + shaft / (b.efficiency * 0.5 * (b.full_v + b.empty_v))
@@ -165,7 +156,7 @@ def battery_current(scenario: Scenario, rotor: Array) -> Array:
 
 
 def sample_battery(scenario: Scenario, seed: int, truth: Truth) -> BatteryStream:
-    """What the battery's monitor tells: its noisy current and voltage, and the charge used by its own account."""
+    """Return the battery monitor's noisy current and voltage, and its own account of the charge."""
     b, period = scenario.sensors.battery, 1.0 / scenario.loop.rate_hz
     random = generator(seed, "battery", 0, "noise")
     t = sampling_instants(b.rate_hz, scenario.seconds, 0.0, random)
@@ -174,14 +165,14 @@ def sample_battery(scenario: Scenario, seed: int, truth: Truth) -> BatteryStream
     used = np.cumsum(drawn) * period / 3600.0
     volts = b.full_v - (b.full_v - b.empty_v) * used / b.capacity_ah - b.resistance_ohm * drawn
     noise = random.standard_normal((len(t), 2))
-    told = np.maximum(interpolate_truth(drawn, t, period) + b.noise_a * noise[:, 0], 0.0)
+    reported = np.maximum(interpolate_truth(drawn, t, period) + b.noise_a * noise[:, 0], 0.0)
     return BatteryStream(
-        t, interpolate_truth(volts, t, period) + b.noise_v * noise[:, 1], told, interpolate_truth(used, t, period)
+        t, interpolate_truth(volts, t, period) + b.noise_v * noise[:, 1], reported, interpolate_truth(used, t, period)
     )
 
 
 def sample_rpm(scenario: Scenario, seed: int, truth: Truth) -> RpmStream | None:
-    """Rotor speeds as told; None without such telemetry. Standing rotors tell 0."""
+    """Return reported rotor speeds, None without such telemetry; standing rotors report 0."""
     s = scenario.sensors.rpm
     if s is None:
         return None
@@ -189,11 +180,8 @@ def sample_rpm(scenario: Scenario, seed: int, truth: Truth) -> RpmStream | None:
     t = sampling_instants(s.rate_hz, scenario.seconds, 0.0, random)
     t = t[t <= truth.t[-1]]
     true = interpolate_truth(truth.rotor, t, 1.0 / scenario.loop.rate_hz) * 30.0 / math.pi
-    told = np.where(true > 1.0, np.maximum(true + s.noise_rpm * random.standard_normal(true.shape), 0.0), 0.0)
-    return RpmStream(t, s.step_rpm * np.round(told / s.step_rpm) if s.step_rpm > 0 else told)
-
-
-# A magnetometer: the earth's field in body axes, iron on board, the battery's current, noise, counts.
+    reported = np.where(true > 1.0, np.maximum(true + s.noise_rpm * random.standard_normal(true.shape), 0.0), 0.0)
+    return RpmStream(t, s.step_rpm * np.round(reported / s.step_rpm) if s.step_rpm > 0 else reported)
 
 
 class MagSensor(SlowSensor):
@@ -237,15 +225,13 @@ class MagSensor(SlowSensor):
         self.field[k] = x
 
     def stream(self) -> MagStream:
-        """All samples that arrived."""
+        """Return all samples that arrived."""
         keep = np.flatnonzero(self.kept[: self.next])
         return MagStream(self.number, self.rate_hz, self.t[keep], self.t_sample[keep], self.field[keep])
 
 
-# A GNSS receiver: position and velocity of its antenna, late, with white noise and a slow wander.
-
+# Accuracy that a receiver reports without a fix, m.
 STILL_UNKNOWN = 99.0
-"""What a receiver states as its accuracy without a fix, m."""
 
 
 class GnssSensor(SlowSensor):
@@ -285,11 +271,11 @@ class GnssSensor(SlowSensor):
             self.pv[k, part] = damage(self.faults, t, self.pv[k, part], last, self.seed)
 
     def fix(self, k: int) -> Fix | None:
-        """Fix number ``k`` as the autopilot gets it, None where there was none."""
+        """Return fix number ``k``, None where there was none."""
         return Fix(float(self.t_sample[k]), self.pv[k, :3], self.pv[k, 3:]) if self.fixed[k] else None
 
     def stream(self) -> GnssStream:
-        """All messages that arrived; those without a fix hold no position."""
+        """Return all messages that arrived; those without a fix hold no position."""
         s, keep = self.settings, np.flatnonzero(self.kept[: self.next])
         has = self.fixed[keep]
         ned = np.where(has[:, None], self.pv[keep, :3], np.nan)
@@ -315,11 +301,8 @@ class GnssSensor(SlowSensor):
         )
 
 
-# A barometer: pressure of the standard atmosphere with noise, walk and counts.
-
-
 class BaroSensor(SlowSensor):
-    """Pressure [Pa] and the height of the standard atmosphere that it means [m]."""
+    """Pressure [Pa] with noise, walk and counts, and its height in the standard atmosphere [m]."""
 
     def __init__(self, scenario: Scenario, number: int, seed: int) -> None:
         s = scenario.sensors.baro[number]
@@ -337,15 +320,15 @@ class BaroSensor(SlowSensor):
         if self.faults:
             last = height_of(self.pressure[k[0] - 1 : k[0]]) if k[0] else height[:1]
             height = damage(self.faults, t, height[:, None], last, self.seed)[:, 0]
-        told = pressure(height)
-        self.pressure[k] = self.step * np.round(told / self.step) if self.step > 0 else told
+        reported = pressure(height)
+        self.pressure[k] = self.step * np.round(reported / self.step) if self.step > 0 else reported
 
     def height(self, k: int) -> float:
-        """Height [m] above the take-off place that sample ``k`` means."""
+        """Return the height [m] above the take-off place of sample ``k``."""
         return float(height_of(self.pressure[k : k + 1])[0]) - self.scenario.place.alt_m
 
     def stream(self) -> BaroStream:
-        """All samples that arrived."""
+        """Return all samples that arrived."""
         keep = np.flatnonzero(self.kept[: self.next])
         p = self.pressure[keep]
         height = height_of(p)

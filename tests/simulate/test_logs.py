@@ -339,7 +339,7 @@ def test_every_stream_equals_that_of_the_ulog(both: Logs) -> None:
     np.testing.assert_array_equal(one.gnss[0].vel_ned, other.gnss[0].vel_ned)
     assert one.state.armed is not None
     assert other.state.armed is not None
-    assert (one.state.armed.value, list(one.state.armed.t)) == (other.state.armed.value, list(other.armed.t))
+    assert (one.state.armed.value, list(one.state.armed.t)) == (other.state.armed.value, list(other.state.armed.t))
 
 
 def test_the_motion_capture_is_the_truth_but_for_its_axes_and_noise(both: Logs) -> None:

@@ -1,4 +1,4 @@
-"""A flight as the log that an autopilot would have written: one module per format, ``recording(flight)``."""
+"""A flight as the log that an autopilot would have written, one file per format."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from attlog.simulate.flight import Flight
 
 
 def recording(flight: Flight, name: str, params: Mapping[str, float | int] | None = None) -> Recording:
-    """The flight as the messages of a format (``ulog``, ``dataflash``, ``tlog``, ``ros``). KeyError for another one.
+    """Return the flight as messages of a format (``ulog``, ``dataflash``, ``tlog``, ``ros``).
 
-    ``params`` are parameters that the log tells instead of, or beside, those that the flight had.
+    ``params``: parameters in the log instead of, or beside, those of the flight. KeyError for another format.
     """
     from attlog.simulate.logs import ardupilot, mavlink, px4
     from attlog.simulate.logs import px4 as ros

@@ -1,7 +1,10 @@
-"""The records of ArduPilot that a simulated log holds: columns, letters, units and multipliers as Copter 4.6 has them.
+"""A flight as ArduPilot logs one: records, parameters and texts of a DataFlash log as of Copter 4.6.
 
-From the FMT and FMTU records of ArduPilot's own simulator; ESC: libraries/AP_ESC_Telem/LogStructure.h. IMT, the
-record for increments, is that of Copter 4.0 to 4.3.
+Columns, letters, units and multipliers are from the FMT and FMTU records of ArduPilot's own simulator; ESC:
+libraries/AP_ESC_Telem/LogStructure.h. A unit that measures instants becomes IMU, above 500 Hz GYR and ACC with IMU at
+the rate of the loop, as with LOG_BITMASK's bit 19. One that measures means becomes IMT (increments, Copter 4.0 to 4.3),
+and IMU at the middle of each interval. XKF1, XKQ and XKF4 hold the estimator in the loop: attitude and gyro bias;
+values that only ArduPilot's EKF has are NaN or 0.
 """
 
 from __future__ import annotations
@@ -33,48 +36,29 @@ from attlog.simulate.logs.records import (
     vibration,
 )
 
+# Columns behind TimeUS, their letters, units and multipliers.
 RECORDS = {
-    "IMU": (
-        "I GyrX GyrY GyrZ AccX AccY AccZ EG EA T GH AH GHz AHz",
-        "BffffffIIfBBHH",
-        "#EEEooo--O--zz",
-        "-000000-----00",
-    ),
+    "IMU": ("I GyrX GyrY GyrZ AccX AccY AccZ EG EA T GH AH GHz AHz", "BffffffIIfBBHH", "#EEEooo--O--zz",
+            "-000000-----00"),
     "IMT": ("I DelT DelvT DelaT DelAX DelAY DelAZ DelVX DelVY DelVZ", "Bfffffffff", "#sssrrrnnn", "-000000000"),
     "GYR": ("I SampleUS GyrX GyrY GyrZ", "BQfff", "#sEEE", "-F000"),
     "ACC": ("I SampleUS AccX AccY AccZ", "BQfff", "#sooo", "-F000"),
     "VIBE": ("IMU VibeX VibeY VibeZ Clip", "BfffI", "#ooo-", "-000-"),
     "MAG": ("I MagX MagY MagZ OfsX OfsY OfsZ MOX MOY MOZ Health S", "BhhhhhhhhhBI", "#GGGGGGGGG-s", "-CCCCCCCCC-F"),
     "BARO": ("I Alt AltAMSL Press Temp CRt SMS Offset GndTemp Health", "BfffcfIffB", "#mmPOnsmO-", "-000B0C?0-"),
-    "GPS": (
-        "I Status GMS GWk NSats HDop Lat Lng Alt Spd GCrs VZ Yaw U",
-        "BBIHBcLLeffffB",
-        "#-s-S-DUmnhnh-",
-        "--C-0BGGB000--",
-    ),
-    "GPA": (
-        "I VDop HAcc VAcc SAcc YAcc VV SMS Delta Und RTCMFU RTCMFD",
-        "BCCCCfBIHfHH",
-        "#-mmnd-ssm--",
-        "-BBBB0-CC0--",
-    ),
+    "GPS": ("I Status GMS GWk NSats HDop Lat Lng Alt Spd GCrs VZ Yaw U", "BBIHBcLLeffffB", "#-s-S-DUmnhnh-",
+            "--C-0BGGB000--"),
+    "GPA": ("I VDop HAcc VAcc SAcc YAcc VV SMS Delta Und RTCMFU RTCMFD", "BCCCCfBIHfHH", "#-mmnd-ssm--",
+            "-BBBB0-CC0--"),
     "BAT": ("Inst Volt VoltR Curr CurrTot EnrgTot Temp Res RemPct H SH", "BfffffcfBBB", "#vvAaXOw%-%", "-000C0?0000"),
     "ESC": ("Instance RPM RawRPM Volt Curr Temp CTot MotTemp Err", "Bffffcfcf", "#qqvAOaO%", "-00--BCB-"),
     "ATT": ("DesRoll Roll DesPitch Pitch DesYaw Yaw AEKF", "ffffffB", "ddddhh-", "000000-"),
-    "RATE": (
-        "RDes R ROut PDes P POut YDes Y YOut ADes A AOut AOutSlew",
-        "fffffffffffff",
-        "kk-kk-kk-oo--",
-        "?????????BB--",
-    ),
+    "RATE": ("RDes R ROut PDes P POut YDes Y YOut ADes A AOut AOutSlew", "fffffffffffff", "kk-kk-kk-oo--",
+             "?????????BB--"),
     "CTUN": ("ThI ABst ThO ThH DAlt Alt BAlt DSAlt SAlt TAlt DCRt CRt", "ffffffefffhh", "----mmmmmmnn", "----00B000BB"),
     "RCOU": ("C1 C2 C3 C4", "HHHH", "YYYY", "----"),
-    "XKF1": (
-        "C Roll Pitch Yaw VN VE VD dPD PN PE PD GX GY GZ OH",
-        "BccCfffffffccce",
-        "#ddhnnnnmmmkkkm",
-        "-BBB0000000BBBB",
-    ),
+    "XKF1": ("C Roll Pitch Yaw VN VE VD dPD PN PE PD GX GY GZ OH", "BccCfffffffccce", "#ddhnnnnmmmkkkm",
+             "-BBB0000000BBBB"),
     "XKQ": ("C Q1 Q2 Q3 Q4", "Bffff", "#????", "-????"),
     "XKF4": ("C SV SP SH SM SVT errRP OFN OFE FS TS SS GPS PI", "BcccccfffHBIHb", "#------mm-----", "-------??-----"),
     "SIM": ("Roll Pitch Yaw Alt Lat Lng Q1 Q2 Q3 Q4", "ccCfLLffff", "ddhmDU----", "BBB0GG0000"),
@@ -84,7 +68,6 @@ RECORDS = {
     "ARM": ("ArmState ArmChecks Forced Method", "BIBB", "----", "----"),
     "VER": ("BT BST Maj Min Pat FWT GH FWS APJ BU FV", "BHBBBBIZHBB", "-----------", "-----------"),
 }
-"""Columns behind TimeUS, their letters, units and multipliers."""
 
 LAYOUTS = {
     name: MessageLayout("Q" + letters, "s" + units, "F" + mults) for name, (_, letters, units, mults) in RECORDS.items()
@@ -92,7 +75,7 @@ LAYOUTS = {
 
 
 def record(name: str, t_us: NDArray[np.uint64], **values: Any) -> Columns:
-    """The columns of a record; ``values`` are arrays or one value for all, 0 where none is given.
+    """Return the columns of a record; ``values`` are arrays or one value for all, 0 by default.
 
     Columns of the letters c C e E L are the printed numbers. KeyError for unknown columns.
     """
@@ -105,42 +88,21 @@ def record(name: str, t_us: NDArray[np.uint64], **values: Any) -> Columns:
     return columns
 
 
-# A flight as ArduPilot logs one: records, parameters and texts of a DataFlash log.
-#
-# A unit that measures instants becomes IMU, above 500 Hz GYR and ACC with IMU at the rate of the loop, as with
-# LOG_BITMASK's bit 19. One that measures means over intervals becomes IMT (increments), and IMU at the middle of each
-# interval, to whose instant its mean belongs. XKF1, XKQ and XKF4 hold the estimator in the loop: attitude and gyro
-# bias; what only ArduPilot's EKF knows is NaN or 0.
-
 Array = NDArray[np.float64]
-MODES = {
-    "STABILIZE": 0,
-    "ACRO": 1,
-    "ALTCTL": 2,
-    "ALT_HOLD": 2,
-    "AUTO": 3,
-    "MISSION": 3,
-    "GUIDED": 4,
-    "OFFBOARD": 4,
-    "POSCTL": 5,
-    "LOITER": 5,
-    "RTL": 6,
-    "LAND": 9,
-    "HOLD": 17,
-    "TAKEOFF": 4,
-}
-"""Copter's mode numbers; MODE and the heartbeat have the same."""
+# Copter's mode numbers, the same in MODE and the heartbeat.
+MODES = {"STABILIZE": 0, "ACRO": 1, "ALTCTL": 2, "ALT_HOLD": 2, "AUTO": 3, "MISSION": 3, "GUIDED": 4, "OFFBOARD": 4,
+         "POSCTL": 5, "LOITER": 5, "RTL": 6, "LAND": 9, "HOLD": 17, "TAKEOFF": 4}
 BANNER = "ArduCopter V4.6.0-simulated"
 MILLIGAUSS = 1e-7
+# A faster unit is logged in GYR and ACC.
 RAW_HZ = 500.0
-"""A unit that samples faster is logged in GYR and ACC."""
 PWM_MIN, PWM_MAX = 1000, 2000
 SLOW_HZ, VIBE_HZ, EKF_HZ = 10.0, 10.0, 10.0
 _NAN = float("nan")
 
 
 def dataflash_recording(flight: Flight) -> Recording:
-    """The flight as the records of a DataFlash log."""
+    """Return the flight as the records of a DataFlash log."""
     flight = since_start(flight)
     messages: dict[Key, Columns] = {}
     for part in (_inertial, _sensors, _states, _onboard, _truth):
@@ -148,13 +110,12 @@ def dataflash_recording(flight: Flight) -> Recording:
     messages = {key: columns for key, columns in messages.items() if len(columns["TimeUS"])}
     said = [Text(BANNER, 6, START_US), Text("Frame: QUAD/X", 6, START_US), *texts(flight, START_US)]
     names = {name for name, _ in messages}
-    return Recording(
-        messages, copter_parameters(flight), said, {}, START_US, {n: x for n, x in LAYOUTS.items() if n in names}
-    )
+    layouts = {n: x for n, x in LAYOUTS.items() if n in names}
+    return Recording(messages, copter_parameters(flight), said, {}, START_US, layouts)
 
 
 def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """Samples of every unit, and how much it shakes."""
+    """Return samples and vibration of every unit."""
     for imu in flight.imus:
         k, i = every(imu.t_sample, flight.scenario.logging.imu_hz), imu.instance
         instants = imu.t_sample
@@ -169,22 +130,8 @@ def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         (gx, gy, gz), (ax, ay, az), rate = imu.gyro[k].T, imu.acc[k].T, round(imu.rate_hz)
         yield (
             ("IMU", i),
-            record(
-                "IMU",
-                micros(instants[k]),
-                I=i,
-                GyrX=gx,
-                GyrY=gy,
-                GyrZ=gz,
-                AccX=ax,
-                AccY=ay,
-                AccZ=az,
-                T=imu.temperature[k],
-                GH=1,
-                AH=1,
-                GHz=rate,
-                AHz=rate,
-            ),
+            record("IMU", micros(instants[k]), I=i, GyrX=gx, GyrY=gy, GyrZ=gz, AccX=ax, AccY=ay, AccZ=az,
+                   T=imu.temperature[k], GH=1, AH=1, GHz=rate, AHz=rate),
         )
         k = every(imu.t, VIBE_HZ)
         x, y, z = vibration(imu)[k].T
@@ -193,27 +140,15 @@ def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 
 
 def _increments(imu: ImuStream, k: NDArray[np.int64]) -> Columns:
-    """IMT; the increments are those of the interval as it is stored, so that the rates come back as they were."""
+    """Return IMT with increments of the stored interval: the rates come back as they were."""
     dt = imu.dt[k].astype(np.float32).astype(np.float64)
     (ax, ay, az), (vx, vy, vz) = (imu.gyro[k] * dt[:, None]).T, (imu.acc[k] * dt[:, None]).T
-    return record(
-        "IMT",
-        micros(imu.t_sample[k]),
-        I=imu.instance,
-        DelT=dt,
-        DelvT=dt,
-        DelaT=dt,
-        DelAX=ax,
-        DelAY=ay,
-        DelAZ=az,
-        DelVX=vx,
-        DelVY=vy,
-        DelVZ=vz,
-    )
+    return record("IMT", micros(imu.t_sample[k]), I=imu.instance, DelT=dt, DelvT=dt, DelaT=dt, DelAX=ax, DelAY=ay,
+                  DelAZ=az, DelVX=vx, DelVY=vy, DelVZ=vz)
 
 
 def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """Compasses, barometers, receivers, battery and rotor speeds."""
+    """Return compasses, barometers, receivers, battery and rotor speeds."""
     for mag in flight.mags:
         x, y, z = (mag.field / MILLIGAUSS).T
         sampled = micros(mag.t_sample) & np.uint64(0xFFFFFFFF)
@@ -225,18 +160,9 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         ground = float(np.median(baro.height[:10])) if len(baro.height) else 0.0
         yield (
             ("BARO", baro.instance),
-            record(
-                "BARO",
-                micros(baro.t),
-                I=baro.instance,
-                Alt=baro.height - ground,
-                AltAMSL=baro.height,
-                Press=baro.pressure,
-                Temp=baro.temperature,
-                SMS=micros(baro.t_sample) // np.uint64(1000),
-                GndTemp=baro.temperature[0] if len(baro.t) else 0.0,
-                Health=1,
-            ),
+            record("BARO", micros(baro.t), I=baro.instance, Alt=baro.height - ground, AltAMSL=baro.height,
+                   Press=baro.pressure, Temp=baro.temperature, SMS=micros(baro.t_sample) // np.uint64(1000),
+                   GndTemp=baro.temperature[0] if len(baro.t) else 0.0, Health=1),
         )
     for gnss in flight.gnss:
         yield from _receiver(gnss)
@@ -246,18 +172,8 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         left = np.clip(100.0 * (1.0 - b.used / whole.capacity_ah), 0.0, 100.0)
         yield (
             ("BAT", 0),
-            record(
-                "BAT",
-                micros(b.t),
-                Volt=b.voltage,
-                VoltR=b.voltage + b.current * whole.resistance_ohm,
-                Curr=b.current,
-                CurrTot=b.used * 1e3,
-                EnrgTot=energy,
-                Res=whole.resistance_ohm,
-                RemPct=left,
-                H=1,
-            ),
+            record("BAT", micros(b.t), Volt=b.voltage, VoltR=b.voltage + b.current * whole.resistance_ohm,
+                   Curr=b.current, CurrTot=b.used * 1e3, EnrgTot=energy, Res=whole.resistance_ohm, RemPct=left, H=1),
         )
     if flight.rpm is not None:
         for k, rpm in enumerate(flight.rpm.rpm.T):
@@ -265,50 +181,27 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 
 
 def _receiver(gnss: GnssStream) -> Iterator[tuple[Key, Columns]]:
-    """GPS and GPA of one receiver."""
+    """Return GPS and GPA of one receiver."""
     t, has = micros(gnss.t), gnss.fix > 0
     lat, lon, alt, vel = place_while_lost(gnss)
     week, milliseconds = gps_time(gnss.utc)
     course = np.degrees(np.arctan2(vel[:, 1], vel[:, 0])) % 360.0
     yield (
         ("GPS", gnss.instance),
-        record(
-            "GPS",
-            t,
-            I=gnss.instance,
-            Status=np.where(has, gnss.fix, 1),
-            GMS=np.where(has, milliseconds, 0),
-            GWk=np.where(has, week, 0),
-            NSats=gnss.satellites,
-            HDop=np.where(has, 0.9, 99.99),
-            Lat=lat,
-            Lng=lon,
-            Alt=alt,
-            Spd=np.hypot(vel[:, 0], vel[:, 1]),
-            GCrs=course,
-            VZ=vel[:, 2],
-            U=gnss.instance == 0,
-        ),
+        record("GPS", t, I=gnss.instance, Status=np.where(has, gnss.fix, 1), GMS=np.where(has, milliseconds, 0),
+               GWk=np.where(has, week, 0), NSats=gnss.satellites, HDop=np.where(has, 0.9, 99.99), Lat=lat, Lng=lon,
+               Alt=alt, Spd=np.hypot(vel[:, 0], vel[:, 1]), GCrs=course, VZ=vel[:, 2], U=gnss.instance == 0),
     )
     yield (
         ("GPA", gnss.instance),
-        record(
-            "GPA",
-            t,
-            I=gnss.instance,
-            VDop=np.where(has, 1.2, 99.99),
-            HAcc=gnss.h_acc,
-            VAcc=gnss.v_acc,
-            SAcc=gnss.s_acc,
-            VV=has,
-            SMS=micros(gnss.t_sample) // np.uint64(1000),
-            Delta=np.minimum(np.diff(gnss.t, prepend=gnss.t[:1]) * 1e3, 65535),
-        ),
+        record("GPA", t, I=gnss.instance, VDop=np.where(has, 1.2, 99.99), HAcc=gnss.h_acc, VAcc=gnss.v_acc,
+               SAcc=gnss.s_acc, VV=has, SMS=micros(gnss.t_sample) // np.uint64(1000),
+               Delta=np.minimum(np.diff(gnss.t, prepend=gnss.t[:1]) * 1e3, 65535)),
     )
 
 
 def gps_time(unix: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """GPS week (n,) and milliseconds of the week (n,) at Unix times (n,) [s]."""
+    """Return GPS week (n,) and milliseconds of the week (n,) at Unix times (n,) [s]."""
     leap = np.zeros(len(unix))
     for start, seconds in LEAP_SECONDS:
         leap = np.where(unix >= start, seconds, leap)
@@ -317,7 +210,7 @@ def gps_time(unix: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """Modes, arming and events, when they change; the version once."""
+    """Return modes, arming and events at their changes, the version once."""
     board = flight.onboard
     times, names = _unzipped(board.mode)
     numbers = np.array(numbered(names, MODES, "ArduCopter"))
@@ -338,7 +231,7 @@ def _unzipped(line: list[tuple[float, Any]]) -> tuple[NDArray[np.uint64], list[A
 
 
 def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """What the estimator in the loop thought and the controller wanted."""
+    """Return estimates and set-points."""
     board, logging = flight.onboard, flight.scenario.logging
     if len(board.t) == 0:
         return
@@ -348,9 +241,8 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     wanted = _degrees(board.q_setpoint[k]) if len(board.q_setpoint) else (_NAN, _NAN, _NAN)
     yield (
         ("ATT", 0),
-        record(
-            "ATT", t, DesRoll=wanted[0], Roll=roll, DesPitch=wanted[1], Pitch=pitch, DesYaw=wanted[2], Yaw=yaw, AEKF=3
-        ),
+        record("ATT", t, DesRoll=wanted[0], Roll=roll, DesPitch=wanted[1], Pitch=pitch, DesYaw=wanted[2], Yaw=yaw,
+               AEKF=3),
     )
     q = board.q[k].T
     yield ("XKQ", 0), record("XKQ", t, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3])
@@ -361,17 +253,8 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     unknown = {name: _NAN for name in ("VN", "VE", "VD", "dPD", "PN", "PE", "PD")}
     yield (
         ("XKF1", 0),
-        record(
-            "XKF1",
-            t,
-            Roll=_cut(roll),
-            Pitch=_cut(pitch),
-            Yaw=yaw,
-            GX=_cut(bias[0]),
-            GY=_cut(bias[1]),
-            GZ=_cut(bias[2]),
-            **unknown,
-        ),
+        record("XKF1", t, Roll=_cut(roll), Pitch=_cut(pitch), Yaw=yaw, GX=_cut(bias[0]), GY=_cut(bias[1]),
+               GZ=_cut(bias[2]), **unknown),
     )
     yield ("XKF4", 0), record("XKF4", t, errRP=_NAN, OFN=_NAN, OFE=_NAN)
     if len(board.rate_setpoint):
@@ -383,17 +266,8 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         hover = flight.scenario.vehicle.hover_command(flight.gravity)
         yield (
             ("CTUN", 0),
-            record(
-                "CTUN",
-                micros(board.t[k]),
-                ThI=thrust,
-                ThO=thrust,
-                ThH=hover,
-                DAlt=_NAN,
-                Alt=_NAN,
-                DSAlt=_NAN,
-                BAlt=_baro_height(flight, board.t[k], up),
-            ),
+            record("CTUN", micros(board.t[k]), ThI=thrust, ThO=thrust, ThH=hover, DAlt=_NAN, Alt=_NAN, DSAlt=_NAN,
+                   BAlt=_baro_height(flight, board.t[k], up)),
         )
     if len(board.motors):
         k = every(board.t, logging.motors_hz)
@@ -402,26 +276,14 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 
 
 def _rate(flight: Flight) -> Columns:
-    """Wanted and measured body rates [deg/s] and what the controller gave out."""
+    """Return wanted and measured body rates [deg/s] and the controller's output."""
     board = flight.onboard
     k = every(board.t, flight.scenario.logging.setpoint_hz)
     wanted, measured = np.degrees(board.rate_setpoint[k]).T, np.degrees(measured_rates(flight, board.t[k])).T
     out = board.torque_setpoint[k].T if len(board.torque_setpoint) else np.zeros((3, len(k)))
     thrust = board.thrust_setpoint[k] if len(board.thrust_setpoint) else 0.0
-    return record(
-        "RATE",
-        micros(board.t[k]),
-        RDes=wanted[0],
-        R=measured[0],
-        ROut=out[0],
-        PDes=wanted[1],
-        P=measured[1],
-        POut=out[1],
-        YDes=wanted[2],
-        Y=measured[2],
-        YOut=out[2],
-        AOut=thrust,
-    )
+    return record("RATE", micros(board.t[k]), RDes=wanted[0], R=measured[0], ROut=out[0], PDes=wanted[1],
+                  P=measured[1], POut=out[1], YDes=wanted[2], Y=measured[2], YOut=out[2], AOut=thrust)
 
 
 def _baro_height(flight: Flight, at: Array, otherwise: Array) -> Array:
@@ -432,18 +294,18 @@ def _baro_height(flight: Flight, at: Array, otherwise: Array) -> Array:
 
 
 def _degrees(q: Array) -> tuple[Array, Array, Array]:
-    """Roll, pitch and heading (0 to 360) in degrees."""
+    """Return roll, pitch and heading (0 to 360) in degrees."""
     roll, pitch, yaw = np.degrees(to_euler(q)).T
     return roll, pitch, yaw % 360.0
 
 
 def _cut(degrees: Array) -> Array:
-    """What two bytes of hundredths hold."""
+    """Clip to what two bytes of hundredths hold."""
     return np.clip(degrees, -327.68, 327.67)
 
 
 def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """What happened: SIM, SIM2."""
+    """Return the true motion: SIM, SIM2."""
     truth = flight.truth
     k = every(truth.t, flight.scenario.logging.truth_hz)
     t, q = micros(truth.t[k]), truth.q[k].T
@@ -451,9 +313,8 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     lat, lon, alt = geodetic(flight.scenario, truth.p[k])
     yield (
         ("SIM", 0),
-        record(
-            "SIM", t, Roll=roll, Pitch=pitch, Yaw=yaw, Alt=alt, Lat=lat, Lng=lon, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3]
-        ),
+        record("SIM", t, Roll=roll, Pitch=pitch, Yaw=yaw, Alt=alt, Lat=lat, Lng=lon, Q1=q[0], Q2=q[1], Q3=q[2],
+               Q4=q[3]),
     )
     (pn, pe, pd), (vn, ve, vd) = truth.p[k].T, truth.v[k].T
     through_air = rotate_inverse(truth.q[k], truth.v[k] - truth.wind[k])
@@ -462,7 +323,7 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 
 
 def copter_parameters(flight: Flight) -> list[ParamChange]:
-    """Copter's parameters as far as the scenario and those who read the log need them."""
+    """Return Copter's parameters as far as the scenario and readers of the log need them."""
     control, loop = flight.scenario.controller, flight.scenario.loop
     imu = flight.imus[0]
     raw = imu.sampling == "instant" and imu.rate_hz > RAW_HZ
@@ -507,5 +368,5 @@ def copter_parameters(flight: Flight) -> list[ParamChange]:
 
 
 def held_numbers(line: list[tuple[float, str]], at: Array) -> NDArray[np.int64]:
-    """Copter's numbers (n,) of the modes that hold at times ``at`` (n,) s."""
+    """Return Copter's mode numbers (n,) at times ``at`` (n,) s."""
     return np.array(numbered(held(line, at), MODES, "ArduCopter"), np.int64)

@@ -1,8 +1,8 @@
-"""A flight as a ground station records ArduPilot's telemetry: the packets of a tlog, at the rates of a fast link.
+"""A flight as a ground station records ArduPilot's telemetry: the packets of a tlog at the rates of a fast link.
 
-RAW_IMU and SCALED_IMU2, 3 have the resolution of MAVLink (1 mrad/s, 1 mg, 1 mGa); a unit that measures means is
-sent as means over the link's period, at their middle. GLOBAL_POSITION_INT is the receiver's
-position: nobody on board estimates another one.
+RAW_IMU and SCALED_IMU2, 3 have the resolution of MAVLink (1 mrad/s, 1 mg, 1 mGa); a unit that measures means is sent as
+means over the link's period, at their middle. GLOBAL_POSITION_INT is the receiver's position: no estimate on board
+replaces it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ ON_GROUND, IN_AIR = 1, 2
 
 
 def telemetry_recording(flight: Flight) -> Recording:
-    """The flight as the packets of a telemetry log; the receiver's clock is Unix time."""
+    """Return the flight as the packets of a telemetry log; the receiver's clock is Unix time."""
     flight = since_start(flight)
     ahead_us = round(flight.scenario.place.unix_time * 1e6) - START_US
     messages: dict[Key, Columns] = {}
@@ -60,12 +60,12 @@ Packets = Iterator[tuple[str, NDArray[np.uint64], dict[str, Any]]]
 
 
 def _ms(t_us: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Whole milliseconds since boot, as the autopilot's clock counts them."""
+    """Return whole milliseconds since boot, as the autopilot counts them."""
     return t_us // np.uint64(1000)
 
 
 def _inertial(flight: Flight) -> Packets:
-    """Inertial units with the compass of the same number."""
+    """Return inertial units with the compass of the same number."""
     for imu, name in zip(flight.imus, ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3"), strict=False):
         t, gyro, acc, temperature = _sent(imu, flight.scenario.logging.imu_hz or IMU_HZ)
         t_us = micros(t)
@@ -84,23 +84,16 @@ def _inertial(flight: Flight) -> Packets:
         x, y, z = vibration(first)[k].T
         t_us = micros(first.t[k])
         yield (
-            "VIBRATION",
-            t_us,
-            {
-                "time_usec": t_us,
-                "vibration_x": x,
-                "vibration_y": y,
-                "vibration_z": z,
-                "clipping_0": np.cumsum(first.clipped[:, 1])[k],
-            },
+            "VIBRATION", t_us,
+            {"time_usec": t_us, "vibration_x": x, "vibration_y": y, "vibration_z": z,
+             "clipping_0": np.cumsum(first.clipped[:, 1])[k]},
         )
 
 
 def _sent(imu: ImuStream, hz: float) -> tuple[Array, Array, Array, Array]:
-    """Times, rates, forces and temperatures of a unit at the link's rate.
+    """Return times, rates, forces and temperatures of a unit at the link's rate.
 
-    Means over intervals are joined to means over the link's period and belong to its middle; of instants one
-    in each period is sent.
+    Means over intervals become means over the link's period, at its middle; of instants one in each period is sent.
     """
     k = every(imu.t_sample, hz)
     if imu.sampling == "instant" or len(k) == 0:
@@ -113,12 +106,12 @@ def _sent(imu: ImuStream, hz: float) -> tuple[Array, Array, Array, Array]:
 
 
 def _int16(x: Array) -> Array:
-    """The axes (3, n) of what two bytes hold; the sensors of the link saturate there."""
+    """Return the axes (3, n) as two bytes hold them: the sensors of the link saturate."""
     return np.clip(x, -32768, 32767).T
 
 
 def _onboard(flight: Flight) -> Packets:
-    """Attitude and set-points."""
+    """Return attitude and set-points."""
     board = flight.onboard
     if len(board.t) == 0:
         return
@@ -142,27 +135,18 @@ def _onboard(flight: Flight) -> Packets:
 
 
 def _receivers(flight: Flight) -> Packets:
-    """GPS_RAW_INT, GPS2_RAW and the position that follows from the first."""
+    """Return GPS_RAW_INT, GPS2_RAW and the position of the first receiver."""
     for gnss, name in zip(flight.gnss, ("GPS_RAW_INT", "GPS2_RAW"), strict=False):
         lat, lon, alt, vel = place_while_lost(gnss)
         has, t_us = gnss.fix > 0, micros(gnss.t)
         course = np.rint(np.degrees(np.arctan2(vel[:, 1], vel[:, 0])) % 360.0 * 100.0) % 36000
         speed = np.hypot(vel[:, 0], vel[:, 1]) * 100.0
         columns: dict[str, Any] = {
-            "time_usec": micros(gnss.t_sample),
-            "fix_type": np.where(has, gnss.fix, 1),
-            "lat": lat * 1e7,
-            "lon": lon * 1e7,
-            "alt": alt * 1e3,
-            "eph": np.where(has, 90, 0xFFFF),
-            "epv": np.where(has, 120, 0xFFFF),
-            "vel": np.where(has, speed, 0xFFFF),
-            "cog": np.where(has, course, 0xFFFF),
-            "satellites_visible": gnss.satellites,
-            "alt_ellipsoid": alt * 1e3,
-            "h_acc": gnss.h_acc * 1e3,
-            "v_acc": gnss.v_acc * 1e3,
-            "vel_acc": gnss.s_acc * 1e3,
+            "time_usec": micros(gnss.t_sample), "fix_type": np.where(has, gnss.fix, 1), "lat": lat * 1e7,
+            "lon": lon * 1e7, "alt": alt * 1e3, "eph": np.where(has, 90, 0xFFFF), "epv": np.where(has, 120, 0xFFFF),
+            "vel": np.where(has, speed, 0xFFFF), "cog": np.where(has, course, 0xFFFF),
+            "satellites_visible": gnss.satellites, "alt_ellipsoid": alt * 1e3, "h_acc": gnss.h_acc * 1e3,
+            "v_acc": gnss.v_acc * 1e3, "vel_acc": gnss.s_acc * 1e3,
         }
         if name == "GPS2_RAW":
             del columns["eph"], columns["epv"]
@@ -175,30 +159,20 @@ def _receivers(flight: Flight) -> Packets:
                 heading = np.rint(np.degrees(to_euler(q)[:, 2]) % 360.0 * 100.0) % 36000
             vx, vy, vz = np.clip(vel[k] * 100.0, -32767, 32767).T
             yield (
-                "GLOBAL_POSITION_INT",
-                t_us[k],
-                {
-                    "time_boot_ms": _ms(t_us[k]),
-                    "lat": lat[k] * 1e7,
-                    "lon": lon[k] * 1e7,
-                    "alt": alt[k] * 1e3,
-                    "relative_alt": (alt[k] - flight.scenario.place.alt_m) * 1e3,
-                    "vx": vx,
-                    "vy": vy,
-                    "vz": vz,
-                    "hdg": heading,
-                },
+                "GLOBAL_POSITION_INT", t_us[k],
+                {"time_boot_ms": _ms(t_us[k]), "lat": lat[k] * 1e7, "lon": lon[k] * 1e7, "alt": alt[k] * 1e3,
+                 "relative_alt": (alt[k] - flight.scenario.place.alt_m) * 1e3, "vx": vx, "vy": vy, "vz": vz,
+                 "hdg": heading},
             )
 
 
 def _slow(flight: Flight) -> Packets:
-    """Pressure, battery, rotor speeds, throttle."""
+    """Return pressure, battery, rotor speeds, throttle."""
     for baro, name in zip(flight.baro, ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"), strict=False):
         k = every(baro.t, SLOW_HZ)
         t_us = micros(baro.t[k])
         yield (
-            name,
-            t_us,
+            name, t_us,
             {"time_boot_ms": _ms(t_us), "press_abs": baro.pressure[k] * 0.01, "temperature": baro.temperature[k] * 100},
         )
     if flight.battery is not None:
@@ -207,13 +181,9 @@ def _slow(flight: Flight) -> Packets:
         capacity = flight.scenario.sensors.battery.capacity_ah
         current = np.clip(battery.current[k] * 1e2, 0, 32767)
         yield (
-            "SYS_STATUS",
-            micros(battery.t[k]),
-            {
-                "voltage_battery": battery.voltage[k] * 1e3,
-                "current_battery": current,
-                "battery_remaining": np.clip(100 * (1 - battery.used[k] / capacity), 0, 100),
-            },
+            "SYS_STATUS", micros(battery.t[k]),
+            {"voltage_battery": battery.voltage[k] * 1e3, "current_battery": current,
+             "battery_remaining": np.clip(100 * (1 - battery.used[k] / capacity), 0, 100)},
         )
     if flight.rpm is not None:
         k = every(flight.rpm.t, SLOW_HZ)
@@ -224,35 +194,24 @@ def _slow(flight: Flight) -> Packets:
         v = flight.truth.v[truth]
         throttle = np.clip(flight.onboard.thrust_setpoint[k], 0, 1) * 100
         yield (
-            "VFR_HUD",
-            micros(flight.onboard.t[k]),
-            {
-                "groundspeed": np.hypot(v[:, 0], v[:, 1]),
-                "throttle": throttle,
-                "alt": flight.scenario.place.alt_m - flight.truth.p[truth, 2],
-                "climb": -v[:, 2],
-                "heading": np.rint(np.degrees(to_euler(flight.onboard.q[k])[:, 2])) % 360,
-            },
+            "VFR_HUD", micros(flight.onboard.t[k]),
+            {"groundspeed": np.hypot(v[:, 0], v[:, 1]), "throttle": throttle,
+             "alt": flight.scenario.place.alt_m - flight.truth.p[truth, 2], "climb": -v[:, 2],
+             "heading": np.rint(np.degrees(to_euler(flight.onboard.q[k])[:, 2])) % 360},
         )
 
 
 def _states(flight: Flight) -> Packets:
-    """Heartbeat, landing, clock, version."""
+    """Return heartbeat, landing, clock, version."""
     board = flight.onboard
     t = state_times(flight, [board.armed, board.mode, board.landed], STATES_HZ)
     t_us, armed = micros(t), np.array(held(board.armed, t), bool)
     landed = np.array(held(board.landed, t), bool)
     yield (
-        "HEARTBEAT",
-        t_us,
-        {
-            "type": np.full(len(t), 2),
-            "autopilot": np.full(len(t), 3),
-            "base_mode": CUSTOM_MODE + ARMED_FLAG * armed,
-            "custom_mode": held_numbers(board.mode, t),
-            "system_status": np.where(armed, 4, 3),
-            "mavlink_version": np.full(len(t), 3),
-        },
+        "HEARTBEAT", t_us,
+        {"type": np.full(len(t), 2), "autopilot": np.full(len(t), 3), "base_mode": CUSTOM_MODE + ARMED_FLAG * armed,
+         "custom_mode": held_numbers(board.mode, t), "system_status": np.where(armed, 4, 3),
+         "mavlink_version": np.full(len(t), 3)},
     )
     yield "EXTENDED_SYS_STATE", t_us, {"landed_state": np.where(landed, ON_GROUND, IN_AIR)}
     unix = np.rint((flight.scenario.place.unix_time + t) * 1e6).astype(np.uint64)
@@ -261,7 +220,7 @@ def _states(flight: Flight) -> Packets:
 
 
 def _truth(flight: Flight) -> Packets:
-    """What happened: SIM_STATE, which has no clock of its own."""
+    """Return the true motion: SIM_STATE, which has no clock of its own."""
     truth = flight.truth
     k = every(truth.t, min(TRUTH_HZ, flight.scenario.logging.truth_hz or TRUTH_HZ))
     q = dict(zip(("q1", "q2", "q3", "q4"), truth.q[k].T, strict=True))

@@ -1,7 +1,10 @@
-"""The topics of PX4 that a simulated log holds, with fields and types as PX4 1.16 logs them.
+"""A flight as PX4 logs one: topics, parameters and states of a ULog; and as a companion computer's bag.
 
-Measured on logs of PX4's own simulation and of vehicles; ``esc_report`` is the type of the elements of ``esc``.
-Fields that nobody sets stay zero, floating-point ones NaN ("not known" in PX4).
+Fields and types are those of PX4 1.16, measured on logs of PX4's own simulation and of vehicles; ``esc_report`` is the
+type of the elements of ``esc``. Unset fields are zero, floating-point ones NaN ("not known" in PX4). Increments
+(``vehicle_imu``, ``sensor_combined``) where the unit measures means, as PX4 does; raw samples (``sensor_gyro``,
+``sensor_accel``) with their calibration where it measures instants. The attitude is that of the estimator in the loop;
+values that only PX4's EKF has (test ratios, position) are left out.
 """
 
 from __future__ import annotations
@@ -34,18 +37,10 @@ from attlog.simulate.logs.records import (
     vibration,
 )
 
-_TYPES = {
-    "b": np.dtype(bool),
-    "u1": np.dtype("u1"),
-    "i1": np.dtype("i1"),
-    "u2": np.dtype("<u2"),
-    "u4": np.dtype("<u4"),
-    "i4": np.dtype("<i4"),
-    "u8": np.dtype("<u8"),
-    "f4": np.dtype("<f4"),
-    "f8": np.dtype("<f8"),
-}
+_TYPES = {"b": np.dtype(bool), "u1": np.dtype("u1"), "i1": np.dtype("i1"), "u2": np.dtype("<u2"), "u4": np.dtype("<u4"),
+          "i4": np.dtype("<i4"), "u8": np.dtype("<u8"), "f4": np.dtype("<f4"), "f8": np.dtype("<f8")}
 
+# Fields in stored order; a type is that of all names before it, ``[n]`` is an array.
 TOPIC_LAYOUTS = {
     "vehicle_imu": "timestamp timestamp_sample:u8 accel_device_id gyro_device_id:u4 delta_angle[3] delta_velocity[3]:f4"
     " delta_angle_dt delta_velocity_dt:u4 delta_angle_clipping delta_velocity_clipping accel_calibration_count"
@@ -110,11 +105,11 @@ TOPIC_LAYOUTS = {
     "vehicle_global_position_groundtruth": "timestamp timestamp_sample:u8 lat lon:f8 alt alt_ellipsoid eph epv:f4"
     " lat_lon_valid alt_valid dead_reckoning:b",
 }
-"""Fields in stored order; a type holds for all names before it, ``[n]`` is an array."""
 
 
 def topic(name: str, **values: Any) -> Columns:
-    """The columns of a topic; ``values`` are arrays or one value for all records. KeyError for unknown fields."""
+    """Return the columns of a topic; ``values`` are arrays or one value for all records. KeyError for unknown fields.
+    """
     n = len(values["timestamp"])
     columns: dict[str, NDArray[Any]] = {}
     waiting: list[str] = []
@@ -135,52 +130,36 @@ def topic(name: str, **values: Any) -> Columns:
     return columns
 
 
-# Parameters of a simulated PX4 log: device ids, calibrations, and the gains that flew, beside PX4's defaults.
-
+# Device ids of PX4's simulated sensors.
 GYROS = ACCS = (1310988, 1310996, 1311004, 1311012)
 MAGS = (197388, 197644, 197900, 198156)
 BAROS = (6620172, 6620428)
 GNSS_ID = 11469065
-"""Device ids of PX4's simulated sensors."""
+# Offsets of the raw samples, which the calibration subtracts [rad/s, m/s^2].
 OFFSETS = {"GYRO": (0.01, -0.02, 0.015), "ACC": (0.1, -0.05, 0.15)}
-"""What the raw samples of a unit carry and its calibration takes off [rad/s, m/s^2]."""
 
 
 def px4_parameters(flight: Flight) -> list[ParamChange]:
-    """Parameters with PX4's defaults where the scenario differs from them."""
+    """Return parameters, with PX4's defaults where the scenario differs from them."""
     control, loop = flight.scenario.controller, flight.scenario.loop
     instant = any(imu.sampling == "instant" for imu in flight.imus)
     values: list[tuple[str, float | int, float | int]] = [  # name, value, PX4's default
-        ("MAV_TYPE", 2, 2),
-        ("SYS_AUTOSTART", 4001, 0),
-        ("SYS_HAS_MAG", int(bool(flight.mags)), 1),
-        ("SDLOG_PROFILE", 1 << 0 | 1 << 4, 1),
-        ("SDLOG_MODE", 2, 0),
+        ("MAV_TYPE", 2, 2), ("SYS_AUTOSTART", 4001, 0), ("SYS_HAS_MAG", int(bool(flight.mags)), 1),
+        ("SDLOG_PROFILE", 1 << 0 | 1 << 4, 1), ("SDLOG_MODE", 2, 0),
         ("IMU_INTEG_RATE", round(flight.imus[0].rate_hz) if flight.imus else 200, 200),
         ("IMU_GYRO_RATEMAX", round(loop.rate_hz), 400),
-        ("EKF2_MAG_DECL", float(flight.declination_deg), 0.0),
-        ("EKF2_DECL_TYPE", 0, 3),
-        ("SENS_BOARD_ROT", 0, 0),
-        ("SENS_BOARD_X_OFF", 0.0, 0.0),
-        ("SENS_BOARD_Y_OFF", 0.0, 0.0),
+        ("EKF2_MAG_DECL", float(flight.declination_deg), 0.0), ("EKF2_DECL_TYPE", 0, 3),
+        ("SENS_BOARD_ROT", 0, 0), ("SENS_BOARD_X_OFF", 0.0, 0.0), ("SENS_BOARD_Y_OFF", 0.0, 0.0),
         ("SENS_BOARD_Z_OFF", 0.0, 0.0),
-        ("MC_ROLL_P", control.angle_kp, 6.5),
-        ("MC_PITCH_P", control.angle_kp, 6.5),
-        ("MC_YAW_P", control.yaw_angle_kp, 2.8),
-        ("MC_ROLLRATE_P", control.rate_kp, 0.15),
-        ("MC_ROLLRATE_I", control.rate_ki, 0.2),
-        ("MC_ROLLRATE_D", control.rate_kd, 0.003),
-        ("MC_PITCHRATE_P", control.rate_kp, 0.15),
-        ("MC_PITCHRATE_I", control.rate_ki, 0.2),
-        ("MC_PITCHRATE_D", control.rate_kd, 0.003),
-        ("MC_YAWRATE_P", control.yaw_rate_kp, 0.2),
+        ("MC_ROLL_P", control.angle_kp, 6.5), ("MC_PITCH_P", control.angle_kp, 6.5),
+        ("MC_YAW_P", control.yaw_angle_kp, 2.8), ("MC_ROLLRATE_P", control.rate_kp, 0.15),
+        ("MC_ROLLRATE_I", control.rate_ki, 0.2), ("MC_ROLLRATE_D", control.rate_kd, 0.003),
+        ("MC_PITCHRATE_P", control.rate_kp, 0.15), ("MC_PITCHRATE_I", control.rate_ki, 0.2),
+        ("MC_PITCHRATE_D", control.rate_kd, 0.003), ("MC_YAWRATE_P", control.yaw_rate_kp, 0.2),
         ("MC_YAWRATE_I", control.yaw_rate_ki, 0.1),
     ]
-    for kind, ids, count in (
-        ("GYRO", GYROS, len(flight.imus)),
-        ("ACC", ACCS, len(flight.imus)),
-        ("MAG", MAGS, len(flight.mags)),
-    ):
+    for kind, ids, count in (("GYRO", GYROS, len(flight.imus)), ("ACC", ACCS, len(flight.imus)),
+                             ("MAG", MAGS, len(flight.mags))):
         for k in range(min(count, len(ids))):
             values += [(f"CAL_{kind}{k}_ID", ids[k], 0), (f"CAL_{kind}{k}_PRIO", 75 - 25 * (k > 0), -1)]
             values += [(f"CAL_{kind}{k}_ROT", -1, -1)]
@@ -190,36 +169,16 @@ def px4_parameters(flight: Flight) -> list[ParamChange]:
     return [ParamChange(name, value) for name, value, _ in values] + found
 
 
-# A flight as PX4 logs one: topics, parameters and statements of a ULog.
-#
-# Increments (``vehicle_imu``, ``sensor_combined``) where the unit measures means over intervals, as PX4 does; raw
-# samples (``sensor_gyro``, ``sensor_accel``) with their calibration where it measures instants. The attitude is that
-# of the estimator in the loop: nothing that only PX4's EKF knows (test ratios, position) is made up.
-
-MODES = {
-    "STABILIZE": 15,
-    "ALTCTL": 1,
-    "ALT_HOLD": 1,
-    "POSCTL": 2,
-    "LOITER": 2,
-    "GUIDED": 14,
-    "OFFBOARD": 14,
-    "AUTO": 3,
-    "MISSION": 3,
-    "HOLD": 4,
-    "RTL": 5,
-    "ACRO": 10,
-    "TAKEOFF": 17,
-    "LAND": 18,
-}
-"""nav_state."""
+# nav_state.
+MODES = {"STABILIZE": 15, "ALTCTL": 1, "ALT_HOLD": 1, "POSCTL": 2, "LOITER": 2, "GUIDED": 14, "OFFBOARD": 14,
+         "AUTO": 3, "MISSION": 3, "HOLD": 4, "RTL": 5, "ACRO": 10, "TAKEOFF": 17, "LAND": 18}
 GAUSS = 1e-4
 RELEASE = 1 << 24 | 16 << 16 | 255
 STATES_HZ, STATUS_HZ = 2.0, 1.0
 
 
 def ulog_recording(flight: Flight) -> Recording:
-    """The flight as the topics of a ULog."""
+    """Return the flight as the topics of a ULog."""
     flight = since_start(flight)
     messages: dict[Key, Columns] = {}
     for imu in flight.imus:
@@ -234,12 +193,8 @@ def ulog_recording(flight: Flight) -> Recording:
         px4_parameters(flight),
         texts(flight, START_US),
         {
-            "sys_name": "PX4",
-            "ver_hw": "SITL_ATTLOG",
-            "ver_sw": f"attlog {__version__} simulate",
-            "ver_sw_release": RELEASE,
-            "sys_os_name": "attlog",
-            "sys_uuid": f"seed {flight.seed}",
+            "sys_name": "PX4", "ver_hw": "SITL_ATTLOG", "ver_sw": f"attlog {__version__} simulate",
+            "ver_sw_release": RELEASE, "sys_os_name": "attlog", "sys_uuid": f"seed {flight.seed}",
             "simulated_scenario": flight.scenario.name or "unnamed",
         },
         START_US,
@@ -248,7 +203,7 @@ def ulog_recording(flight: Flight) -> Recording:
 
 
 def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
-    """The samples of a unit and its slow status."""
+    """Return the samples of a unit and its slow status."""
     k = every(imu.t_sample, flight.scenario.logging.imu_hz)
     unit = min(imu.instance, len(GYROS) - 1)
     gyro_id, acc_id = GYROS[unit], ACCS[unit]
@@ -259,34 +214,20 @@ def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
         yield (
             ("vehicle_imu", imu.instance),
             topic(
-                "vehicle_imu",
-                timestamp=published,
-                timestamp_sample=sampled,
-                accel_device_id=acc_id,
-                gyro_device_id=gyro_id,
-                delta_angle=imu.gyro[k] * dt_us[:, None] * 1e-6,
-                delta_velocity=imu.acc[k] * dt_us[:, None] * 1e-6,
-                delta_angle_dt=dt_us,
-                delta_velocity_dt=dt_us,
-                delta_angle_clipping=clipped[:, 0],
-                delta_velocity_clipping=clipped[:, 1],
-                accel_calibration_count=1,
-                gyro_calibration_count=1,
+                "vehicle_imu", timestamp=published, timestamp_sample=sampled, accel_device_id=acc_id,
+                gyro_device_id=gyro_id, delta_angle=imu.gyro[k] * dt_us[:, None] * 1e-6,
+                delta_velocity=imu.acc[k] * dt_us[:, None] * 1e-6, delta_angle_dt=dt_us, delta_velocity_dt=dt_us,
+                delta_angle_clipping=clipped[:, 0], delta_velocity_clipping=clipped[:, 1],
+                accel_calibration_count=1, gyro_calibration_count=1,
             ),
         )
         if imu.instance == 0:
             yield (
                 ("sensor_combined", 0),
                 topic(
-                    "sensor_combined",
-                    timestamp=sampled,
-                    gyro_rad=imu.gyro[k],
-                    gyro_integral_dt=dt_us,
-                    accelerometer_m_s2=imu.acc[k],
-                    accelerometer_integral_dt=dt_us,
-                    accelerometer_clipping=clipped[:, 1],
-                    gyro_clipping=clipped[:, 0],
-                    accel_calibration_count=1,
+                    "sensor_combined", timestamp=sampled, gyro_rad=imu.gyro[k], gyro_integral_dt=dt_us,
+                    accelerometer_m_s2=imu.acc[k], accelerometer_integral_dt=dt_us,
+                    accelerometer_clipping=clipped[:, 1], gyro_clipping=clipped[:, 0], accel_calibration_count=1,
                     gyro_calibration_count=1,
                 ),
             )
@@ -299,23 +240,15 @@ def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
             yield (
                 (name, imu.instance),
                 topic(
-                    name,
-                    timestamp=published,
-                    timestamp_sample=sampled,
-                    device_id=device,
-                    x=raw[:, 0],
-                    y=raw[:, 1],
-                    z=raw[:, 2],
-                    temperature=imu.temperature[k],
-                    clip_counter=np.tile(clips[:, None] > 0, 3),
-                    samples=1,
+                    name, timestamp=published, timestamp_sample=sampled, device_id=device, x=raw[:, 0], y=raw[:, 1],
+                    z=raw[:, 2], temperature=imu.temperature[k], clip_counter=np.tile(clips[:, None] > 0, 3), samples=1,
                 ),
             )
     yield ("vehicle_imu_status", imu.instance), _imu_status(imu, gyro_id, acc_id)
 
 
 def _imu_status(imu: ImuStream, gyro_id: int, acc_id: int) -> Columns:
-    """Once a second: counts, vibration, temperature, and mean and variance over the second."""
+    """Return counts, vibration, temperature, mean and variance of each second."""
     k = every(imu.t_sample, STATUS_HZ)
     counts = np.cumsum(imu.clipped, axis=0)[k, :, None] * [1, 0, 0]  # the flight counts all axes together
     shaking = vibration(imu)
@@ -326,25 +259,16 @@ def _imu_status(imu: ImuStream, gyro_id: int, acc_id: int) -> Columns:
         means[f"mean_{name}"] = mean
         means[f"var_{name}"] = np.maximum(np.add.reduceat(x**2, k, axis=0) / parts[:, None] - mean**2, 0.0)
     return topic(
-        "vehicle_imu_status",
-        timestamp=micros(imu.t[k]),
-        accel_device_id=acc_id,
-        gyro_device_id=gyro_id,
-        accel_clipping=counts[:, 1],
-        gyro_clipping=counts[:, 0],
-        accel_rate_hz=imu.rate_hz,
-        gyro_rate_hz=imu.rate_hz,
-        accel_raw_rate_hz=imu.rate_hz,
-        gyro_raw_rate_hz=imu.rate_hz,
-        accel_vibration_metric=np.sqrt(np.sum(shaking[k] ** 2, axis=1)),
-        temperature_accel=imu.temperature[k],
-        temperature_gyro=imu.temperature[k],
-        **means,
+        "vehicle_imu_status", timestamp=micros(imu.t[k]), accel_device_id=acc_id, gyro_device_id=gyro_id,
+        accel_clipping=counts[:, 1], gyro_clipping=counts[:, 0], accel_rate_hz=imu.rate_hz,
+        gyro_rate_hz=imu.rate_hz, accel_raw_rate_hz=imu.rate_hz, gyro_raw_rate_hz=imu.rate_hz,
+        accel_vibration_metric=np.sqrt(np.sum(shaking[k] ** 2, axis=1)), temperature_accel=imu.temperature[k],
+        temperature_gyro=imu.temperature[k], **means,
     )
 
 
 def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """Magnetometers, receivers, barometers, battery and rotor speeds; which unit flies."""
+    """Return magnetometers, receivers, barometers, battery and rotor speeds, and the unit that flies."""
     yield (
         ("sensor_selection", 0),
         topic("sensor_selection", timestamp=micros(np.zeros(1)), accel_device_id=ACCS[0], gyro_device_id=GYROS[0]),
@@ -353,11 +277,8 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         yield (
             ("vehicle_magnetometer", mag.instance),
             topic(
-                "vehicle_magnetometer",
-                timestamp=micros(mag.t),
-                timestamp_sample=micros(mag.t_sample),
-                device_id=MAGS[min(mag.instance, len(MAGS) - 1)],
-                magnetometer_ga=mag.field / GAUSS,
+                "vehicle_magnetometer", timestamp=micros(mag.t), timestamp_sample=micros(mag.t_sample),
+                device_id=MAGS[min(mag.instance, len(MAGS) - 1)], magnetometer_ga=mag.field / GAUSS,
                 calibration_count=1,
             ),
         )
@@ -367,28 +288,12 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         yield (
             ("sensor_gps", gnss.instance),
             topic(
-                "sensor_gps",
-                timestamp=micros(gnss.t),
-                timestamp_sample=micros(gnss.t_sample),
-                latitude_deg=lat,
-                longitude_deg=lon,
-                altitude_msl_m=alt,
-                altitude_ellipsoid_m=alt,
-                time_utc_usec=np.where(gnss.fix > 0, np.rint(gnss.utc * 1e6), 0),
-                device_id=GNSS_ID + gnss.instance,
-                s_variance_m_s=gnss.s_acc,
-                eph=gnss.h_acc,
-                epv=gnss.v_acc,
-                hdop=0.9,
-                vdop=1.2,
-                vel_m_s=speed,
-                vel_n_m_s=vel[:, 0],
-                vel_e_m_s=vel[:, 1],
-                vel_d_m_s=vel[:, 2],
-                cog_rad=np.arctan2(vel[:, 1], vel[:, 0]),
-                fix_type=gnss.fix,
-                vel_ned_valid=gnss.fix > 0,
-                satellites_used=gnss.satellites,
+                "sensor_gps", timestamp=micros(gnss.t), timestamp_sample=micros(gnss.t_sample), latitude_deg=lat,
+                longitude_deg=lon, altitude_msl_m=alt, altitude_ellipsoid_m=alt,
+                time_utc_usec=np.where(gnss.fix > 0, np.rint(gnss.utc * 1e6), 0), device_id=GNSS_ID + gnss.instance,
+                s_variance_m_s=gnss.s_acc, eph=gnss.h_acc, epv=gnss.v_acc, hdop=0.9, vdop=1.2, vel_m_s=speed,
+                vel_n_m_s=vel[:, 0], vel_e_m_s=vel[:, 1], vel_d_m_s=vel[:, 2], cog_rad=np.arctan2(vel[:, 1], vel[:, 0]),
+                fix_type=gnss.fix, vel_ned_valid=gnss.fix > 0, satellites_used=gnss.satellites,
             ),
         )
     for baro in flight.baro:
@@ -399,12 +304,8 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         yield (
             ("vehicle_air_data", baro.instance),
             topic(
-                "vehicle_air_data",
-                **stamps,
-                baro_device_id=device,
-                baro_alt_meter=baro.height,
-                baro_pressure_pa=baro.pressure,
-                ambient_temperature=baro.temperature,
+                "vehicle_air_data", **stamps, baro_device_id=device, baro_alt_meter=baro.height,
+                baro_pressure_pa=baro.pressure, ambient_temperature=baro.temperature,
                 rho=baro.pressure / (287.05 * (baro.temperature + 273.15)),
             ),
         )
@@ -416,18 +317,10 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         yield (
             ("battery_status", 0),
             topic(
-                "battery_status",
-                timestamp=micros(flight.battery.t),
-                voltage_v=flight.battery.voltage,
-                current_a=flight.battery.current,
-                discharged_mah=flight.battery.used * 1e3,
-                remaining=np.clip(1.0 - flight.battery.used / capacity, 0.0, 1.0),
-                scale=1.0,
-                voltage_cell_v=cells,
-                capacity=round(capacity * 1000),
-                connected=True,
-                cell_count=4,
-                id=1,
+                "battery_status", timestamp=micros(flight.battery.t), voltage_v=flight.battery.voltage,
+                current_a=flight.battery.current, discharged_mah=flight.battery.used * 1e3,
+                remaining=np.clip(1.0 - flight.battery.used / capacity, 0.0, 1.0), scale=1.0, voltage_cell_v=cells,
+                capacity=round(capacity * 1000), connected=True, cell_count=4, id=1,
             ),
         )
     if flight.rpm is not None:
@@ -435,38 +328,28 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 
 
 def _esc(flight: Flight) -> Columns:
-    """Rotor speeds as ESC reports; the last four of eight stay empty."""
+    """Return rotor speeds as ESC reports; the last four of eight stay empty."""
     assert flight.rpm is not None
     t, rotors = micros(flight.rpm.t), flight.rpm.rpm.shape[1]
     columns = dict(
         topic(
-            "esc_status",
-            timestamp=t,
-            counter=np.arange(len(t)) & 0xFFFF,
-            esc_count=rotors,
-            esc_connectiontype=5,
-            esc_online_flags=(1 << rotors) - 1,
-            esc_armed_flags=(flight.rpm.rpm > 0) @ (1 << np.arange(rotors)),
+            "esc_status", timestamp=t, counter=np.arange(len(t)) & 0xFFFF, esc_count=rotors, esc_connectiontype=5,
+            esc_online_flags=(1 << rotors) - 1, esc_armed_flags=(flight.rpm.rpm > 0) @ (1 << np.arange(rotors)),
         )
     )
     for k in range(8):
         there = k < rotors
         report = topic(
-            "esc_report",
-            timestamp=t if there else np.zeros_like(t),
-            esc_rpm=np.rint(flight.rpm.rpm[:, k]) if there else 0,
-            esc_voltage=0.0,
-            esc_current=0.0,
-            esc_temperature=0.0,
-            esc_address=k,
-            actuator_function=101 + k if there else 0,
+            "esc_report", timestamp=t if there else np.zeros_like(t),
+            esc_rpm=np.rint(flight.rpm.rpm[:, k]) if there else 0, esc_voltage=0.0, esc_current=0.0,
+            esc_temperature=0.0, esc_address=k, actuator_function=101 + k if there else 0,
         )
         columns |= {f"esc[{k}].{name}": values for name, values in report.items()}
     return columns
 
 
 def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """Arming, mode and landing, twice a second and at each change."""
+    """Return arming, mode and landing, twice a second and at each change."""
     board = flight.onboard
     t = state_times(flight, [board.armed, board.landed, board.mode], STATES_HZ)
     stamps = micros(t)
@@ -477,36 +360,21 @@ def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     yield (
         ("vehicle_status", 0),
         topic(
-            "vehicle_status",
-            timestamp=stamps,
-            armed_time=since,
-            arming_state=np.where(armed, 2, 1),
-            nav_state_user_intention=mode,
-            nav_state=mode,
-            vehicle_type=1,
-            system_type=2,
-            system_id=1,
-            component_id=1,
-            power_input_valid=True,
-            pre_flight_checks_pass=True,
+            "vehicle_status", timestamp=stamps, armed_time=since, arming_state=np.where(armed, 2, 1),
+            nav_state_user_intention=mode, nav_state=mode, vehicle_type=1, system_type=2, system_id=1, component_id=1,
+            power_input_valid=True, pre_flight_checks_pass=True,
         ),
     )
     yield ("actuator_armed", 0), topic("actuator_armed", timestamp=stamps, armed=armed, ready_to_arm=True)
     yield (
         ("vehicle_land_detected", 0),
-        topic(
-            "vehicle_land_detected",
-            timestamp=stamps,
-            ground_contact=landed,
-            maybe_landed=landed,
-            landed=landed,
-            has_low_throttle=landed,
-        ),
+        topic("vehicle_land_detected", timestamp=stamps, ground_contact=landed, maybe_landed=landed, landed=landed,
+              has_low_throttle=landed),
     )
 
 
 def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """What the estimator in the loop thought and the controller wanted."""
+    """Return estimates and set-points."""
     board, logging = flight.onboard, flight.scenario.logging
     k = every(board.t, logging.attitude_hz)
     stamps = _both(board.t[k])
@@ -520,15 +388,8 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     if len(board.bias):
         yield (
             ("estimator_sensor_bias", 0),
-            topic(
-                "estimator_sensor_bias",
-                **_both(board.t[k]),
-                gyro_device_id=GYROS[0],
-                gyro_bias=board.bias[k],
-                accel_device_id=ACCS[0],
-                accel_bias=0.0,
-                gyro_bias_valid=True,
-            ),
+            topic("estimator_sensor_bias", **_both(board.t[k]), gyro_device_id=GYROS[0], gyro_bias=board.bias[k],
+                  accel_device_id=ACCS[0], accel_bias=0.0, gyro_bias_valid=True),
         )
     k = every(board.t, logging.setpoint_hz)
     thrust = np.zeros((len(k), 3))
@@ -538,22 +399,15 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     if len(board.q_setpoint):
         yield (
             ("vehicle_attitude_setpoint", 0),
-            topic(
-                "vehicle_attitude_setpoint", timestamp=micros(board.t[k]), q_d=board.q_setpoint[k], thrust_body=thrust
-            ),
+            topic("vehicle_attitude_setpoint", timestamp=micros(board.t[k]), q_d=board.q_setpoint[k],
+                  thrust_body=thrust),
         )
     if len(board.rate_setpoint):
         roll, pitch, yaw = board.rate_setpoint[k].T
         yield (
             ("vehicle_rates_setpoint", 0),
-            topic(
-                "vehicle_rates_setpoint",
-                timestamp=micros(board.t[k]),
-                roll=roll,
-                pitch=pitch,
-                yaw=yaw,
-                thrust_body=thrust,
-            ),
+            topic("vehicle_rates_setpoint", timestamp=micros(board.t[k]), roll=roll, pitch=pitch, yaw=yaw,
+                  thrust_body=thrust),
         )
     if len(board.torque_setpoint):
         torque = topic("vehicle_torque_setpoint", **_both(board.t[k]), xyz=board.torque_setpoint[k])
@@ -566,7 +420,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 
 
 def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
-    """What happened, under the names of PX4's own simulators."""
+    """Return the true motion under the names of PX4's own simulators."""
     truth, place = flight.truth, flight.scenario.place
     k = every(truth.t, flight.scenario.logging.truth_hz)
     stamps = _both(truth.t[k])
@@ -582,77 +436,41 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     yield (
         ("vehicle_local_position_groundtruth", 0),
         topic(
-            "vehicle_local_position_groundtruth",
-            **stamps,
-            ref_timestamp=START_US,
-            ref_lat=place.lat_deg,
-            ref_lon=place.lon_deg,
-            x=x,
-            y=y,
-            z=z,
-            vx=vx,
-            vy=vy,
-            vz=vz,
-            z_deriv=vz,
-            ax=ax,
-            ay=ay,
-            az=az,
-            heading=to_euler(truth.q[k])[:, 2],
-            ref_alt=place.alt_m,
-            eph=0.0,
-            epv=0.0,
-            evh=0.0,
-            evv=0.0,
-            xy_valid=True,
-            z_valid=True,
-            v_xy_valid=True,
-            v_z_valid=True,
-            heading_good_for_control=True,
-            xy_global=True,
-            z_global=True,
+            "vehicle_local_position_groundtruth", **stamps, ref_timestamp=START_US, ref_lat=place.lat_deg,
+            ref_lon=place.lon_deg, x=x, y=y, z=z, vx=vx, vy=vy, vz=vz, z_deriv=vz, ax=ax, ay=ay, az=az,
+            heading=to_euler(truth.q[k])[:, 2], ref_alt=place.alt_m, eph=0.0, epv=0.0, evh=0.0, evv=0.0, xy_valid=True,
+            z_valid=True, v_xy_valid=True, v_z_valid=True, heading_good_for_control=True, xy_global=True, z_global=True,
         ),
     )
     lat, lon, alt = geodetic(flight.scenario, truth.p[k])
     yield (
         ("vehicle_global_position_groundtruth", 0),
-        topic(
-            "vehicle_global_position_groundtruth",
-            **stamps,
-            lat=lat,
-            lon=lon,
-            alt=alt,
-            alt_ellipsoid=alt,
-            eph=0.0,
-            epv=0.0,
-            lat_lon_valid=True,
-            alt_valid=True,
-        ),
+        topic("vehicle_global_position_groundtruth", **stamps, lat=lat, lon=lon, alt=alt, alt_ellipsoid=alt, eph=0.0,
+              epv=0.0, lat_lon_valid=True, alt_valid=True),
     )
 
 
 def _both(t: NDArray[np.float64]) -> dict[str, Any]:
-    """Stamps of what is published when it is computed."""
+    """Return both stamps of a value published when it is computed."""
     return {"timestamp": micros(t), "timestamp_sample": micros(t)}
 
 
-# A flight as a bag that a companion computer records: PX4's topics, and the pose of a motion capture.
-#
-# The pose is the simulated truth in the axes of a laboratory (forward-left-up in east-north-up, turned by a heading),
-# on
-# the recorder's clock: a truth to be brought, as ``--truth /mocap/pose``.
-
 TOPIC, RATE_HZ = "/mocap/pose", 100.0
+# Noise of motion capture, and its first axis from east.
 NOISE_DEG, TURNED_DEG = 0.05, 30.0
-"""What motion capture adds to each attitude, and how its first axis lies to east."""
 
 
 def left_out(topic: str) -> bool:
-    """Whether a topic is not in the bag: truth that only a simulator logs, and nested messages."""
+    """Return whether a bag lacks a topic: simulator's truth, and nested messages."""
     return "groundtruth" in topic or topic == "esc_status"
 
 
 def bag_recording(flight: Flight) -> Recording:
-    """The flight as the messages of a bag; without the truth that only a simulator logs."""
+    """Return the flight as the messages of a bag, without the simulator's truth.
+
+    The pose of a motion capture is the true one in the axes of a laboratory (forward-left-up in east-north-up,
+    turned by a heading), on the recorder's clock: ``--truth /mocap/pose``.
+    """
     made = ulog_recording(flight)
     messages = {key: columns for key, columns in made.messages.items() if not left_out(key[0])}
     truth = since_start(flight).truth

@@ -1,4 +1,4 @@
-"""What the logs of all firmwares need of a flight: its clock, its rates, its states as records, its words."""
+"""Parts of a flight that the logs of all firmwares need: clock, rates, states as records, texts."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 T = TypeVar("T")
 
+# Boot clock at the begin of the simulation; 0 means unset in every format.
 START_US = 5_000_000
-"""The boot clock when the simulation begins; 0 would mean unset in every format."""
+# Low-passes of the vibration level: limit of motion, and smoothing (ArduPilot).
 VIBRATION_FLOOR_HZ, VIBRATION_HZ = 5.0, 2.0
-"""Low-passes of the vibration level: what counts as motion, and how fast the level follows (ArduPilot)."""
 
 
 def micros(t: Array) -> NDArray[np.uint64]:
-    """Boot clock (n,) [us] at times (n,) [s] of a flight."""
+    """Return the boot clock (n,) [us] at times (n,) [s] of a flight."""
     return (START_US + np.rint(np.asarray(t, np.float64) * 1e6)).astype(np.uint64)
 
 
 def every(t: Array, hz: float) -> Index:
-    """Which of the values at ``t`` (n,) s are logged at ``hz``: the first in each period; all where ``hz`` is 0."""
+    """Return which values at ``t`` (n,) s are logged at ``hz``: the first in each period; all where ``hz`` is 0."""
     if hz <= 0 or len(t) == 0:
         return np.arange(len(t))
     period = np.floor(t * hz + 1e-6)
@@ -38,25 +38,25 @@ def every(t: Array, hz: float) -> Index:
 
 
 def last_before(t: Array, at: Array) -> Index:
-    """For each time ``at`` the index of the newest value of a series at ``t`` (n,), the first before it begins."""
+    """Return for each time ``at`` the index of the newest value at ``t`` (n,), the first before it begins."""
     return np.maximum(np.searchsorted(t, at + 1e-9, side="right") - 1, 0)
 
 
 def state_times(flight: Flight, lines: Sequence[list[tuple[float, Any]]], hz: float) -> Array:
-    """Times (n,) s at which states are sent: ``hz`` times a second and at each change."""
+    """Return times (n,) s of states: ``hz`` times a second and at each change."""
     regular = np.arange(0.0, flight.seconds + 1e-9, 1.0 / hz)
     changes = [t for line in lines for t, _ in line if 0.0 <= t <= flight.seconds]
     return np.unique(np.round(np.concatenate([regular, changes]), 6))
 
 
 def held(line: list[tuple[float, T]], at: Array) -> list[T]:
-    """The value of a time line that holds at each time."""
+    """Return the value of a time line at each time."""
     times = np.array([t for t, _ in line])
     return [line[k][1] for k in last_before(times, at)]
 
 
 def numbered(modes: Sequence[str], numbers: dict[str, int], firmware: str) -> list[int]:
-    """Modes by the firmware's numbers; UsageError for a mode that it does not have."""
+    """Return modes by the firmware's numbers. UsageError for a mode that it does not have."""
     for mode in modes:
         if mode not in numbers:
             raise UsageError(f"the flight mode {mode} has no number in {firmware}")
@@ -64,7 +64,7 @@ def numbered(modes: Sequence[str], numbers: dict[str, int], firmware: str) -> li
 
 
 def texts(flight: Flight, at_us: int) -> list[Text]:
-    """What the log says of itself: that it is simulated, by which scenario, who flew; then what happened."""
+    """Return the texts of the log: simulated, scenario, estimator, then events."""
     pilot = flight.onboard.estimator
     found = [
         Text(f"attlog {__version__} simulated this flight, seed {flight.seed}", 6, at_us),
@@ -75,26 +75,24 @@ def texts(flight: Flight, at_us: int) -> list[Text]:
 
 
 def place_while_lost(gnss: GnssStream) -> tuple[Array, Array, Array, Array]:
-    """Latitude, longitude (n,) deg, height (n,) m, velocity (n, 3) m/s NED as receivers send them.
+    """Return latitude, longitude (n,) deg, height (n,) m, velocity (n, 3) m/s NED as receivers send them.
 
     Without a fix the last ones, at first 0.
     """
     k = np.maximum.accumulate(np.where(gnss.fix > 0, np.arange(len(gnss.t)), -1))
-    lat, lon, alt, vel = (
-        np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
-        for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel)
-    )
+    lat, lon, alt, vel = (np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
+                          for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel))
     return lat, lon, alt, np.where((gnss.fix > 0)[:, None], vel, 0.0)
 
 
 def vibration(imu: ImuStream) -> Array:
-    """Vibration level (n, 3) m/s^2 of an accelerometer: what is faster than motion, rectified and smoothed."""
+    """Return the vibration level (n, 3) m/s^2 of an accelerometer: above motion, rectified and smoothed."""
     floor = _low_passed(imu.acc, imu.rate_hz, VIBRATION_FLOOR_HZ)
     return np.sqrt(_low_passed((imu.acc - floor) ** 2, imu.rate_hz, VIBRATION_HZ, 0.0))
 
 
 def _low_passed(x: Array, rate_hz: float, cut_hz: float, start: float | None = None) -> Array:
-    """First-order low-pass of ``x`` (n, 3), from ``start``, else from the first value on; its kernel to 1e-6."""
+    """Return ``x`` (n, 3) behind a first-order low-pass from ``start``, else from the first value; kernel to 1e-6."""
     if len(x) == 0:
         return x
     step = 1.0 / rate_hz
@@ -106,7 +104,7 @@ def _low_passed(x: Array, rate_hz: float, cut_hz: float, start: float | None = N
 
 
 def since_start(flight: Flight) -> Flight:
-    """The flight with what was on board from the estimator's start on: before, nobody publishes an attitude."""
+    """Return the flight without onboard values before the estimator's start: none are published then."""
     board = flight.onboard
     known = np.all(np.isfinite(board.q), axis=1)
     if known.all():
@@ -117,7 +115,7 @@ def since_start(flight: Flight) -> Flight:
 
 
 def measured_rates(flight: Flight, at: Array) -> Array:
-    """Body rates (n, 3) rad/s that the controller had: the first gyro without the bias that was estimated."""
+    """Return the controller's body rates (n, 3) rad/s: the first gyro without the estimated bias."""
     imu, onboard = flight.imus[0], flight.onboard
     rates = imu.gyro[last_before(imu.t_sample, at)]
     bias = onboard.bias[last_before(onboard.t, at)] if len(onboard.bias) else np.zeros(3)
