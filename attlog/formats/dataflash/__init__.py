@@ -1,1 +1,1 @@
-"""ArduPilot's DataFlash logs, binary and text: recognised, read, written, timed, and compared with pymavlink."""
+"""ArduPilot's DataFlash logs, binary and text: recognised, read and written."""

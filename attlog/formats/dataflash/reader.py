@@ -1,10 +1,10 @@
-"""Reads ArduPilot's DataFlash binary logs (``.bin``).
+"""Read ArduPilot's DataFlash logs, binary (``.bin``) and text (``.log``).
 
-Layout: ArduPilot, libraries/AP_Logger/LogStructure.h. Every type is described by
-an FMT record, from 3.6 on also by FMTU (one unit and one multiplier id per
-column, spelled out by UNIT and MULT). Deliberate differences from pymavlink's
-reader: formats hold from their place in the file on, records that do not frame
-are left out and counted, times are the logged ones.
+Layout: ArduPilot, libraries/AP_Logger/LogStructure.h. An FMT record describes every type, since 3.6 also FMTU (one unit
+and one multiplier id per column, spelled out by UNIT and MULT). Deliberate differences from pymavlink's reader: formats
+are valid from their place in the file on, records that do not frame are left out and counted, times are the logged
+ones. Text logs (ArduPilot 3.x, libraries/DataFlash) hold lines ``NAME, value, value``: values are scaled already, modes
+are names, and a banner may precede the first FMT line. A line counts only if all its numbers can be read.
 """
 
 from __future__ import annotations
@@ -60,19 +60,18 @@ from attlog.formats.table import Boot, DamageLog, Field, Messages, Table, Text, 
 __all__ = ["read_binary"]
 
 
-# Name and letters of the message that times all others in PX4 logs of 2013 to 2016.
+# Name and letters of the message with all times in PX4 logs of 2013 to 2016.
 SDLOG2_CLOCK = ("TIME", "Q")
 
 
 def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
-    """The messages of a DataFlash binary log, columns decoded on demand; ``data`` are its bytes if mapped already.
+    """Return a DataFlash binary log; ``data`` are its bytes if mapped.
 
     Instances come from the column that FMTU marks ``#``, else from
     :data:`attlog.formats.dataflash.tables.INSTANCE_COLUMNS`; the older ``IMU2`` or ``MAG2`` stay names of their own.
-    ``Field.scale`` belongs to the letters c C e E L. ``Field.unit`` is the unit of
-    the printed number: what is left of FMTU's multiplier after that scale becomes
-    a prefix or a factor in the text (``mGauss``, ``us``, ``100 m``). LogUnusable
-    if no format is defined, for example in a file that starts in the middle.
+    ``Field.scale`` belongs to the letters c C e E L. ``Field.unit`` is the unit of the printed number: the rest of
+    FMTU's multiplier becomes a prefix or a factor in the text (``mGauss``, ``us``, ``100 m``). LogUnusable if no format
+    is defined, for example in a file that starts in the middle.
     """
     path = Path(path)
     data = read_file_bytes(path) if data is None else data
@@ -87,7 +86,7 @@ def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> M
     at, time = drop_false_times(index, at, time)
     boots = _find_boots(data, index, at, time)
     clock = (at[:0].copy(), time[:0].copy()) if _carry_their_time(index.layouts) else (at, time)
-    del at, time  # the sorting that follows takes as much
+    del at, time  # before the tables, which take as much memory
     losses = index.losses
     units: Units = {}
     with losses.around("FMTU", "units and instances", None):
@@ -105,12 +104,12 @@ def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> M
 
 
 def _to_python(value: Any) -> Any:
-    """A value of numpy as the Python value that JSON knows."""
+    """Return a numpy value as Python value."""
     return decode_text(value) if isinstance(value, bytes) else value.tolist()
 
 
 def _carry_their_time(layouts: list[MessageFormat]) -> bool:
-    """Whether parameters and texts carry their time, so that no other record's is needed for them."""
+    """True if parameters and texts carry their time, so that no other record's is needed."""
     return all(
         time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters
         for fmt in layouts
@@ -119,10 +118,10 @@ def _carry_their_time(layouts: list[MessageFormat]) -> bool:
 
 
 def _find_boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:
-    """The power-ups in the file: a boot starts where the clock falls for good or a new block of formats begins."""
+    """Return the power-ups: where the clock falls for good or a new block of formats begins."""
     starts = {0}
     for k in restarts(time):
-        # the new boot's untimed records (formats, parameters) stand before its first time
+        # records without time (formats, parameters) precede the first time of a boot
         first = int(np.searchsorted(index.offsets, at[k - 1])) + 1
         starts.add(int(index.offsets[first]))
     defined = index.offsets[index.layout == 0]
@@ -137,27 +136,20 @@ def _find_boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: 
     return boots_at(joined[1:], len(data))
 
 
-# Reads ArduPilot's text logs (``.log``): lines ``NAME, value, value``, described by FMT lines.
-#
-# The values are scaled already (c, C, e, E, L), modes are names, and a banner may
-# stand before the first FMT line. A line counts only if every number in it can be
-# read; others are damage. Source: ArduPilot 3.x, libraries/DataFlash.
-
-_TEXT_LETTERS = "nNZMa"  # M is a mode name in text logs; arrays are printed in a form of their own
-# Every quantifier is possessive (it never gives back what it took), so that a line is judged in one pass over it.
+_TEXT_LETTERS = "nNZMa"  # M is the name of a mode; arrays are printed in a form of their own
+# Every quantifier is possessive, so that a line is matched in one pass.
 _DIGITS_PATTERN = rb"\d{1,320}+(?:\.\d{0,320}+)?+(?:e[-+]?+\d{1,4}+)?+|\.\d{1,320}+"
 _NUMBER_PATTERN = rb"[ \t]*+[-+]?+(?>" + _DIGITS_PATTERN + rb"|nan|inf(?:inity)?+)[ \t]*+"
-_INTEGER_PATTERN = rb"[ \t]*+[-+]?+\d{1,18}+[ \t]*+"  # what int64 holds for sure
+_INTEGER_PATTERN = rb"[ \t]*+[-+]?+\d{1,18}+[ \t]*+"  # fits int64
 _ANY_PATTERN = rb"[^,]*+"
 
 
 def read_text(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
-    """The messages of a text log, columns split and converted on demand; ``data`` are its bytes if mapped already.
+    """Return a text log, columns split and converted on demand; ``data`` are its bytes if mapped.
 
-    ``info["banner"]`` holds the lines before the first FMT line. Numbers are int64
-    or float64 as printed, text is bytes, at most :data:`attlog.core.limits.MAX_CELL_BYTES`.
-    Memory: the file once, 16 bytes per line, and the columns asked for. LogUnusable if
-    there is no FMT line.
+    ``info["banner"]`` holds the lines before the first FMT line. Numbers are int64 or float64 as printed, text is
+    bytes, at most :data:`attlog.core.limits.MAX_CELL_BYTES`. Memory: the file once, 16 bytes per line, and the decoded
+    columns. LogUnusable without an FMT line.
     """
     path = Path(path)
     data = read_file_bytes(path) if data is None else data
@@ -177,10 +169,9 @@ def read_text(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Mes
 
 
 def parse_fmt_line(line: bytes) -> MessageFormat | None:
-    """The Format in an FMT line, None if it is none.
+    """Return the format in an FMT line, None if it is none.
 
-    Some converters put further values before the column list: the list is what
-    begins with the last value that is set off by a blank.
+    Some converters put further values before the column list: the list begins with the last value behind a blank.
     """
     cells = line.split(b",", 5)
     try:
@@ -200,7 +191,7 @@ def parse_fmt_line(line: bytes) -> MessageFormat | None:
 
 
 class _SortedLines:
-    """The lines of a file, sorted by message: where each begins, and its length without blanks at its end."""
+    """The lines of a file by message: offset, and length without trailing blanks."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
@@ -212,7 +203,7 @@ class _SortedLines:
 
     def _sort(self) -> None:
         patterns: dict[bytes, re.Pattern[bytes]] = {}
-        waiting: dict[bytes, MessageFormat] = {}  # compiling a pattern takes longer than reading a thousand lines
+        waiting: dict[bytes, MessageFormat] = {}  # a pattern takes the time of a thousand lines
         found: dict[bytes, tuple[array[int], array[int]]] = {}
         offset = 0
         for line in BytesIO(self.raw):
@@ -251,7 +242,7 @@ class _SortedLines:
         self.losses.add(offset, len(line), lost, "next line")
 
     def tables(self) -> dict[tuple[str, int], Table]:
-        """The tables by (name, instance), in the order in which their first lines stand in the file."""
+        """Return the tables by (name, instance), in the order of their first lines in the file."""
         tables: dict[tuple[str, int], Table] = {}
         for name, (offsets, lengths) in self._found.items():
             if offsets:
@@ -273,15 +264,15 @@ class _SortedLines:
 
 
 def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
-    """What a whole line of a message looks like; further values are allowed, a last text may contain commas."""
+    """Return the pattern of a whole line; further values are allowed, a last text may contain commas."""
     whole = re.escape(fmt.name.encode())
-    for cell, alike in groupby(map(_cell_pattern, fmt.letters)):  # a pattern is compiled in the time of its length
+    for cell, alike in groupby(map(_cell_pattern, fmt.letters)):  # short patterns compile faster
         whole += rb"(?:,%b){%d}+" % (cell, len(list(alike)))
     return re.compile(whole + rb"(?:,.*+)?+", re.IGNORECASE)
 
 
 def _cell_pattern(letter: str) -> bytes:
-    """What a value looks like; unscaled integers are printed as such, all other numbers in decimal."""
+    """Return the pattern of a value; unscaled integers are printed as such, all other numbers in decimal."""
     if letter in _TEXT_LETTERS:
         return _ANY_PATTERN
     return _INTEGER_PATTERN if _is_integer_letter(letter) else _NUMBER_PATTERN
@@ -292,7 +283,7 @@ def _is_integer_letter(letter: str) -> bool:
 
 
 def _letter_dtype(letter: str) -> np.dtype[Any]:
-    """The type of a printed value."""
+    """Return the type of a printed value."""
     if letter in _TEXT_LETTERS:
         return np.dtype("S64")
     return np.dtype(np.int64 if _is_integer_letter(letter) else np.float64)
@@ -306,7 +297,7 @@ def _line_fields(fmt: MessageFormat) -> dict[str, Field]:
 def _line_decoder(
     fmt: MessageFormat, at: NDArray[np.int64], length: NDArray[np.int64], raw: bytes
 ) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
-    """Converts one column of the lines at some offsets."""
+    """Return a function that converts one column of the lines at some offsets."""
     last = len(fmt.letters) - 1
 
     def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Tables of DataFlash records: one per message and instance, columns decoded on demand."""
+"""Tables of DataFlash records, units of columns, and the parameters, texts and times in them."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from attlog.formats.file_bytes import RecordColumns, decode_text, decode_texts, 
 from attlog.formats.file_bytes import decode_texts as decoded
 from attlog.formats.table import DamageLog, Field, Messages, ParamChange, Table, Text
 
-# By layout its unit ids, and the unit text of every column when somebody asks.
+# By layout: unit ids, and a function that returns the unit of every column.
 Units = dict[int, tuple[str, Callable[[], tuple[str | None, ...]]]]
 
-# Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0).
+# One-byte columns that number sensors or cores in logs without FMTU (ArduPilot 3.x, 4.0).
 INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
 
 
 def format_fields(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
-    """The fields of a format by name, and its whole record as structured type."""
+    """Return the fields of a format by name, and its whole record as structured type."""
     fields: dict[str, Field] = {}
     places: dict[str, int] = {}
     place = HEADER_BYTES
@@ -52,7 +52,7 @@ def format_fields(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tup
 
 
 class _ColumnLayout:
-    """What a format says of its columns, found out when the first of its tables is asked."""
+    """The columns of a format, made when the first of its tables is asked."""
 
     def __init__(
         self, data: NDArray[np.uint8], fmt: MessageFormat, units: Callable[[], tuple[str | None, ...]]
@@ -104,7 +104,7 @@ def _split_by_instance(
     by_instance: bool,
     losses: DamageLog,
 ) -> list[Table]:
-    """The records of one layout, a table for each instance."""
+    """Return the records of one layout, a table for each instance."""
     ids, texts = described
     layout = _ColumnLayout(data, fmt, texts)
     column = instance_column(fmt, ids) if by_instance else None
@@ -118,8 +118,8 @@ def _split_by_instance(
 
 
 def split_by_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
-    """Each instance, ascending, and the positions of its records, ascending; None if so many numbers number nothing."""
-    if (number == number[:1]).all():  # most messages have one
+    """Return each instance and the positions of its records, ascending; None for too many instances."""
+    if (number == number[:1]).all():  # usual
         return [(n, np.arange(len(number))) for n in number[:1].tolist()]
     order = number.argsort(kind="stable")
     sorted_numbers = number[order]
@@ -131,7 +131,7 @@ def split_by_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray
 
 
 def instance_column(fmt: MessageFormat, unit_ids: str) -> str | None:
-    """The column that tells the instance, None if there is none."""
+    """Return the column that numbers the instance, None without one."""
     return _instance_column(fmt.letters, fmt.columns, unit_ids)
 
 
@@ -147,11 +147,10 @@ def _instance_column(letters: str, columns: tuple[str, ...], unit_ids: str) -> s
 
 
 class MixedTable(Table):
-    """Records of one message whose layout changed inside the file, as in joined logs of two firmwares.
+    """Records of one message whose layout changed in the file, as in joined logs of two firmwares.
 
-    A column that not all layouts have, or have with another type or scale, reads
-    as float64 of the printed values, NaN where it does not exist. ``rows`` within
-    one layout gives that layout's plain table.
+    A column that some layouts lack, or have with another type or scale, is float64 of the printed values, NaN where it
+    does not exist. ``rows`` within one layout returns that layout's plain table.
     """
 
     def __init__(self, parts: list[Table], losses: DamageLog | None = None) -> None:
@@ -170,13 +169,13 @@ class MixedTable(Table):
                 fields[name] = Field(name, np.dtype(np.float64), field.unit)
         every = np.concatenate([p.offsets for p in parts])
         order = np.argsort(every, kind="stable")
-        # of each record in file order: which part holds it, and at which place
+        # part and place of each record in file order
         self._part = np.repeat(np.arange(len(parts)), [len(p) for p in parts])[order]
         self._place = np.concatenate([np.arange(len(p)) for p in parts])[order]
         super().__init__(parts[0].name, parts[0].instance, fields, every[order], self._mixed, losses)
 
     def _mixed(self, column: str, offsets: Offsets) -> NDArray[Any]:
-        """A column of all records; a table only ever decodes its own offsets."""
+        """Decode a column of all records; a table only decodes its own offsets."""
         dtype = self.fields[column].dtype
         blank = np.nan if dtype.kind == "f" else 0
         result = np.full((len(offsets), *dtype.shape), b"" if dtype.kind == "S" else blank, dtype.base)
@@ -186,19 +185,19 @@ class MixedTable(Table):
                 continue
             field = part.fields[column]
             if (field.dtype.kind == "S", field.dtype.shape) != (dtype.kind == "S", dtype.shape):
-                continue  # the same name for something else
+                continue  # another meaning of the name
             as_stored = dtype.kind == "S" or (field.dtype, field.scale) == (dtype, self.fields[column].scale)
             result[mine] = part[column] if as_stored else part.value(column)
         return result
 
     def forget(self) -> None:
-        """Let go of the columns, also of those of each layout."""
+        """Release the columns, also of each layout."""
         super().forget()
         for part in self._parts:
             part.forget()
 
     def rows(self, select: NDArray[Any] | slice) -> Table:
-        """The same message, only the selected records; a plain table if they share one layout."""
+        """Return selected records; a plain table if they share one layout."""
         which, place = self._part[select], self._place[select]
         chosen = [(part, np.sort(place[which == k])) for k, part in enumerate(self._parts)]
         parts = [part.rows(mine) for part, mine in chosen if len(mine)] or [self._parts[0].rows(slice(0))]
@@ -206,7 +205,7 @@ class MixedTable(Table):
 
 
 def report_unreadable(index: RecordIndex) -> None:
-    """Adds to the losses what formats cost whose letters do not give their length; framing goes on by the length."""
+    """Report records of formats whose letters contradict their length; framing goes on by the length."""
     if all(fmt.readable for fmt in index.layouts):
         return
     counts = np.bincount(index.layout, minlength=len(index.layouts)).tolist()
@@ -219,14 +218,12 @@ def report_unreadable(index: RecordIndex) -> None:
             )
 
 
-# Parameters and texts from the tables of a log, alike in binary DataFlash and its text form.
-
-# Syslog severity of all texts; MSG records carry none.
+# Syslog severity of all texts; MSG records have none.
 INFO_SEVERITY = 6
 
 
 def read_params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
-    """PARM records; the default, where it is logged, stands before the value as its own entry."""
+    """Return PARM records; a logged default precedes the value as its own entry."""
     table = messages.first("PARM")
     if table is None or not has_text(table, "Name") or not has_number(table, "Value"):
         return []
@@ -244,7 +241,7 @@ def read_params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
 
 
 def read_texts(messages: Messages, timeline: Timeline) -> list[Text]:
-    """MSG records: banner and events."""
+    """Return MSG records: banner and events."""
     table = messages.first("MSG")
     if table is None or not has_text(table, "Message"):
         return []
@@ -254,34 +251,32 @@ def read_texts(messages: Messages, timeline: Timeline) -> list[Text]:
 
 
 def has_text(table: Table, column: str) -> bool:
-    """Whether the table has this column of texts; a damaged or foreign format may call anything by its name."""
+    """True if the table has this column as text; damaged or foreign formats may use any type."""
     return column in table.fields and table.fields[column].dtype.kind == "S"
 
 
 def has_number(table: Table, column: str) -> bool:
-    """Whether the table has this column of numbers."""
+    """True if the table has this column of numbers."""
     return column in table.fields and table.fields[column].dtype.kind in "iuf"
 
 
 def has_integer(table: Table, column: str) -> bool:
-    """Whether the table has this column of whole numbers, such as ids and types."""
+    """True if the table has this column of integers."""
     return column in table.fields and table.fields[column].dtype.kind in "iu"
 
 
 def _record_times(table: Table, timeline: Timeline) -> list[int | None]:
-    """The time of each record, from its own stamp or else from the record before it."""
+    """Return the time of each record: its own stamp, else that of the record before."""
     if "TimeUS" in table.fields and table.fields["TimeUS"].dtype.kind in "iu":
         return [t if 0 <= t <= LAST_TIME_US else None for t in table["TimeUS"].tolist()]
     return times_before(table.offsets, timeline)
 
 
-# What FMTU, UNIT and MULT records say of the units of DataFlash columns.
-
 _UNIT_PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
 
 
 def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
-    """For each layout that FMTU describes: its unit ids, and the unit text of every column."""
+    """Return for each layout with FMTU its unit ids, and the unit of every column."""
     describes = np.array([f.name in ("FMTU", "UNIT", "MULT") for f in index.layouts])
     chosen = describes[index.layout].nonzero()[0]
     some = RecordIndex(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64), index.losses)
@@ -323,7 +318,7 @@ def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
 
 
 def _id_values(table: Table | None, column: str, is_fit: Callable[[Table, str], bool]) -> list[tuple[str, Any]]:
-    """Id and value of UNIT or MULT records; none where the log gives these columns another type."""
+    """Return id and value of UNIT or MULT records; empty where the log gives these columns another type."""
     if table is None or not is_fit(table, column) or not has_integer(table, "Id"):
         return []
     ids = [chr(int(i) & 0xFF) for i in table["Id"].tolist()]
@@ -331,12 +326,11 @@ def _id_values(table: Table | None, column: str, is_fit: Callable[[Table, str], 
 
 
 def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: float) -> str | None:
-    """The unit of the printed number, None if the log does not tell.
+    """Return the unit of the printed number, None if unknown.
 
-    Logged value times multiplier is in ``name``. The letter's scale is often part
-    of the multiplier already (c with B = 0.01, L with G = 1e-7) or the multiplier
-    is left at 1 beside a scaled letter: both mean that the printed number is in
-    ``name``. What remains becomes an SI prefix or a factor.
+    The logged value times the multiplier is in ``name``. The letter's scale is often part of the multiplier (c with B =
+    0.01, L with G = 1e-7), or the multiplier is 1 beside a scaled letter: both mean that the printed number is in
+    ``name``. The rest becomes an SI prefix or a factor.
     """
     if unit_id in "-?#" or mult_id == "?" or not name or not 0.0 <= factor < np.inf:
         return None
@@ -348,11 +342,8 @@ def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: floa
     return _UNIT_PREFIXES[rest] + name if rest in _UNIT_PREFIXES else f"{rest:g} {name}"
 
 
-# The boot clock of DataFlash records: which column it is, and which records it shows to be false.
-
-
 def time_column(fmt: MessageFormat) -> tuple[str, int] | None:
-    """Column of a format's boot clock and microseconds per count, None if it has none."""
+    """Return the column of a format's boot clock and microseconds per count, None without one."""
     return _time_column(fmt.columns, fmt.letters)
 
 
@@ -361,13 +352,13 @@ def _time_column(columns: tuple[str, ...], kinds: str) -> tuple[str, int] | None
     letters = dict(zip(columns, kinds, strict=False))
     if letters.get("TimeUS") in ("Q", "q"):
         return "TimeUS", 1
-    # in GPS records of 3.1 and 3.2, TimeMS is the time of the GPS week and T the boot clock
+    # in GPS records of 3.1 and 3.2 TimeMS is the time of the GPS week, T the boot clock
     column = "T" if "Week" in letters or "GWk" in letters else "TimeMS"
     return (column, 1000) if letters.get(column) in ("I", "i") else None
 
 
 def record_timeline(data: NDArray[np.uint8], index: RecordIndex) -> tuple[Offsets, NDArray[np.int64]]:
-    """Offset and boot time (us) of every record that carries its time, in file order; uses up ``index.stamps``."""
+    """Return offset and boot time (us) of every record with a time, in file order; releases ``index.stamps``."""
     stamps, index.stamps = index.stamps, np.zeros(0, np.int64)
     columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
     timed = np.array([column is not None for column in columns])[index.layout]
@@ -388,11 +379,11 @@ def record_timeline(data: NDArray[np.uint8], index: RecordIndex) -> tuple[Offset
 
 
 def table_timeline(messages: Messages, formats: Mapping[str, MessageFormat]) -> Timeline:
-    """The same from the tables of a text log, whose ``formats`` stand by message name."""
+    """Return the timeline of a text log's tables; ``formats`` by message name."""
     found = []
     for (name, _), table in messages.items():
         if column := time_column(formats[name]):
-            with suppress(KeyError):  # a column that could not be decoded is told among the remarks
+            with suppress(KeyError):  # reported among the remarks
                 found.append((table.offsets, _counts_to_us(table[column[0]], column[1])))
     at, time = merge_timelines(found)
     possible = (time >= 0) & (time <= LAST_TIME_US)
@@ -400,14 +391,14 @@ def table_timeline(messages: Messages, formats: Mapping[str, MessageFormat]) -> 
 
 
 def _counts_to_us(counts: NDArray[np.int64], factor: int) -> NDArray[np.int64]:
-    """Counts of a clock as microseconds; -1 where they are beyond any clock."""
+    """Convert counts of a clock to microseconds; -1 where they are beyond any clock."""
     return np.where((counts >= 0) & (counts <= LAST_TIME_US // factor), counts, -1) * factor
 
 
 def drop_false_times(index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:
-    """The timeline without records whose time those around them contradict; they leave the index as damage.
+    """Remove records with a contradicted time from timeline and index, as damage.
 
-    DataFlash has no checksum, so this is the one sign of a record whose bytes were changed.
+    DataFlash has no checksum, so this is the only sign of a record with changed bytes.
     """
     far = false_times(time)
     if len(far) == 0:
@@ -418,7 +409,7 @@ def drop_false_times(index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -
     false[records[impossible]] = True
     flagged = np.bincount(index.layout[records], minlength=len(index.layouts))
     every = np.bincount(index.layout, minlength=len(index.layouts))
-    # a message that is mostly far has another clock, it is not damaged
+    # a message with many false times has another clock
     damaged = (flagged < 3) | (flagged < 0.1 * every)
     false[records[damaged[index.layout[records]]]] = True
     kept = np.ones(len(at), np.bool_)

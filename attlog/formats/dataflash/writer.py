@@ -1,4 +1,4 @@
-"""Writes DataFlash binary logs from columns: formats, units, parameters, data merged by time, texts."""
+"""Write DataFlash binary logs from columns: formats, units, parameters, data merged by time, texts."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ MULTIPLIERS = {
     "/": 3600.0,
 }
 
-# Messages that are made of a recording's parameters, texts and layouts: letters, columns, units, multipliers.
+# Messages of a recording's parameters, texts and layouts: letters, columns, units, multipliers.
 OWN_MESSAGES = {
     "PARM": ("QNff", ("TimeUS", "Name", "Value", "Default"), "s---", "F---"),
     "MSG": ("QZ", ("TimeUS", "Message"), "s-", "F-"),
@@ -110,13 +110,13 @@ _MESSAGE_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,3}")
 
 
 def write_dataflash(path: Path | str, recording: Recording) -> None:
-    """Write the log; ``attlog.formats.dataflash.reader.read_binary`` and pymavlink give the same numbers back.
+    """Write the log; attlog and pymavlink give the same numbers back.
 
-    The clock column is ``TimeUS`` (uint64). Types tell the letters where the layout does not; where one layout
-    has units, FMTU, UNIT and MULT describe all messages. A message with several instances has a column that tells
-    them (unit ``#`` or one of ``tables.INSTANCE_COLUMNS``). Texts are cut to 64 bytes as ArduPilot cuts them and
-    lose their level, which DataFlash does not hold; a default needs its parameter. UsageError for what the format
-    cannot hold, OutputError if the file cannot be written.
+    The clock column is ``TimeUS`` (uint64). Types choose the letters where the layout does not; where one layout has
+    units, FMTU, UNIT and MULT describe all messages. A message with several instances has a column that numbers them
+    (unit ``#`` or one of ``tables.INSTANCE_COLUMNS``). Texts are cut to 64 bytes as ArduPilot does and lose their
+    level, which DataFlash does not hold; a default needs its parameter. UsageError for what the format cannot hold,
+    OutputError if the file cannot be written.
     """
     start = recording.checked("TimeUS")
     require_only("info", recording.info, ())
@@ -152,7 +152,7 @@ def write_dataflash(path: Path | str, recording: Recording) -> None:
 
 
 def _format(name: str, columns: Columns, layout: MessageLayout) -> MessageFormat:
-    """The format of a message; UsageError if DataFlash cannot hold it."""
+    """Return the format of a message; UsageError if DataFlash cannot hold it."""
     if _MESSAGE_NAME.fullmatch(name) is None:
         raise UsageError(f"{name}: a DataFlash message has 1 to 4 capitals, digits or _")
     if columns["TimeUS"].dtype != np.dtype("<u8"):
@@ -173,7 +173,7 @@ def _format(name: str, columns: Columns, layout: MessageLayout) -> MessageFormat
 
 
 def _check_instance(fmt: MessageFormat, units: str, instance: int, columns: Columns) -> None:
-    """UsageError unless the records of an instance say that they are of this instance."""
+    """Raise UsageError unless the records of an instance carry its number."""
     column = instance_column(fmt, units)
     if column is None and instance != 0:
         raise UsageError(f"{fmt.name}: instance {instance} needs a column that tells it, such as I")
@@ -182,7 +182,7 @@ def _check_instance(fmt: MessageFormat, units: str, instance: int, columns: Colu
 
 
 def _letter(name: str, column: str, values: NDArray[Any]) -> str:
-    """The letter that stores a column as it is."""
+    """Return the letter that stores a column as it is."""
     if values.dtype.kind == "S" and values.ndim == 1 and values.dtype.itemsize <= 64:
         return "n" if values.dtype.itemsize <= 4 else "N" if values.dtype.itemsize <= 16 else "Z"
     if values.ndim == 2 and values.shape[1] == 32 and values.dtype == np.int16:
@@ -208,7 +208,7 @@ def _fmt_record(fmt: MessageFormat) -> bytes:
 
 
 def _records(fmt: MessageFormat, columns: Columns) -> NDArray[np.uint8]:
-    """The records of a message as (n, length) bytes."""
+    """Return the records of a message as (n, length) bytes."""
     kinds = [LETTER_DTYPES[letter] for letter in fmt.letters]
     record = np.dtype([("(header)", "u1", (HEADER_BYTES,)), *zip(fmt.columns, kinds, strict=True)])
     rows = np.zeros(len(columns["TimeUS"]), record)
@@ -221,7 +221,7 @@ def _records(fmt: MessageFormat, columns: Columns) -> NDArray[np.uint8]:
 
 
 def _parameters(recording: Recording, start: int) -> dict[str, Columns]:
-    """PARM; the default stands beside the value."""
+    """Return PARM columns with the default beside the value."""
     defaults = {p.name: p.value for p in recording.params if p.is_default}
     values = [p for p in recording.params if not p.is_default]
     require_only("default without its parameter", defaults, {p.name for p in values})
@@ -248,7 +248,7 @@ def _texts(recording: Recording, start: int) -> dict[str, Columns]:
 def _units(
     formats: Mapping[str, MessageFormat], layouts: Mapping[str, MessageLayout], start: int
 ) -> dict[str, Columns]:
-    """UNIT, MULT, and FMTU for the messages that have units."""
+    """Return UNIT, MULT, and FMTU of the messages with units."""
     own = {name: MessageLayout(units=units, multipliers=ids) for name, (_, _, units, ids) in OWN_MESSAGES.items()}
     told = {name: layout for name, layout in (own | dict(layouts)).items() if layout.units}
     return {

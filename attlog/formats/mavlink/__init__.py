@@ -1,1 +1,1 @@
-"""MAVLink telemetry, tlogs and raw captures: recognised, read, written, timed, and compared with pymavlink."""
+"""MAVLink telemetry, tlogs and raw captures: recognised, read and written."""

@@ -10,8 +10,7 @@ import numpy as np
 from attlog.formats.mavlink.walk import Catalogue
 from attlog.formats.table import Field
 
-# Column of a tlog with the receiver's clock (Unix us) at which the packet came in, not the time of the data. It has no
-# checksum: right behind damage it may be damaged itself.
+# Column of a tlog with the receiver's time of the packet (Unix us). It has no checksum and may be damaged behind damage.
 STAMP_COLUMN = "_t_us"
 
 # numpy type by struct letter of the dialect's ``native_format``
@@ -31,7 +30,7 @@ _NATIVE_TYPES = {
 
 @cache
 def dialect() -> dict[int, Any]:
-    """The message classes of the dialect by id."""
+    """Return the message classes of the dialect by id."""
     from pymavlink.dialects.v20 import ardupilotmega
 
     messages: dict[int, Any] = ardupilotmega.mavlink_map
@@ -40,7 +39,7 @@ def dialect() -> dict[int, Any]:
 
 @cache
 def message_catalogue() -> Catalogue:
-    """CRC seed and payload size of every message of the dialect."""
+    """Return CRC seed and payload size of every message of the dialect."""
     messages = dialect()
     seeds = np.full(max(messages) + 1, -1, np.int16)
     sizes = np.zeros(len(seeds), np.int16)
@@ -52,7 +51,7 @@ def message_catalogue() -> Catalogue:
 
 @cache
 def message_layout(number: int) -> tuple[str, dict[str, Field], np.dtype[Any]]:
-    """Name, fields (declaration order) and payload as structured type of a message."""
+    """Return name, fields (declaration order) and payload as structured type of a message."""
     message = dialect()[number]
     fields: dict[str, Field] = {}
     letters = message.native_format.decode()[1:]

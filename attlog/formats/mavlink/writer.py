@@ -1,4 +1,4 @@
-"""Writes MAVLink 2 telemetry logs from columns, packets merged by their receiver time."""
+"""Write MAVLink 2 telemetry logs from columns, packets merged by their receiver time."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _PX4_AUTOPILOT = 12
 
 
 def write_tlog(path: Path | str, recording: Recording) -> None:
-    """Write the log; ``attlog.formats.mavlink.reader.read_mavlink`` and pymavlink give the same columns back.
+    """Write the log; attlog and pymavlink give the same columns back.
 
-    The instance is system * 256 + component. The clock column is ``_t_us``, the receiver's clock (Unix us) in
-    whose order the packets stand; fields that are not given are zero. Parameters become PARAM_VALUE packets,
-    whole numbers the way the autopilot in the heartbeats sends them, texts STATUSTEXT packets, in chunks where they
-    are long. Both come from ``info["system"]`` and ``info["component"]``. Defaults and layouts have no place.
-    UsageError for unknown messages or fields, OutputError if the file cannot be written.
+    The instance is system * 256 + component. The clock column is ``_t_us``, the receiver's clock (Unix us), which
+    orders the packets; fields that are not given are zero. Parameters become PARAM_VALUE packets, whole numbers as the
+    autopilot in the heartbeats sends them, texts STATUSTEXT packets, in chunks where they are long. Both come from
+    ``info["system"]`` and ``info["component"]``. Defaults and layouts are refused. UsageError for unknown messages or
+    fields, OutputError if the file cannot be written.
     """
     start = recording.checked(STAMP_COLUMN)
     require_only("info", recording.info, ("system", "component"))
@@ -64,7 +64,7 @@ def _byte(value: str | int, name: str) -> int:
 
 
 def _sequences(times: list[NDArray[Any]], senders: list[int]) -> list[NDArray[np.uint8]]:
-    """Each packet's count (0 to 255) among all packets of its sender, in the order in which they stand."""
+    """Return each packet's count (0 to 255) among all packets of its sender, in the order of the file."""
     order = time_order(times)
     sender = np.repeat(np.array(senders, np.int64), [len(t) for t in times])
     count = np.zeros(len(order), np.int64)
@@ -76,7 +76,7 @@ def _sequences(times: list[NDArray[Any]], senders: list[int]) -> list[NDArray[np
 
 
 def _parameters(recording: Recording, start: int, pilot: int) -> Iterable[tuple[Key, Columns]]:
-    """PARAM_VALUE. ArduPilot sends a whole number as a float value, PX4 its bits in the float."""
+    """Yield PARAM_VALUE. ArduPilot sends a whole number as float value, PX4 its bits in the float."""
     params = recording.params
     require_only("default of", [p.name for p in params if p.is_default], ())
     if not params:
@@ -113,7 +113,7 @@ def _parameters(recording: Recording, start: int, pilot: int) -> Iterable[tuple[
 
 
 def _texts(texts: Iterable[Text], start: int, pilot: int) -> Iterable[tuple[Key, Columns]]:
-    """STATUSTEXT; a text of more than one field is cut into numbered chunks of which the last is not full."""
+    """Yield STATUSTEXT; a long text is cut into numbered chunks of which the last is not full."""
     rows: list[tuple[int, int, bytes, int, int]] = []
     number = 0
     for text in texts:
@@ -144,7 +144,7 @@ def _texts(texts: Iterable[Text], start: int, pilot: int) -> Iterable[tuple[Key,
 def _packets(
     number: int, sender: int, columns: Columns, count: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Stamped packets as rows, and how many bytes of each count: trailing zeros of a payload are not sent."""
+    """Return stamped packets as rows, and the bytes of each; trailing zeros of a payload are not sent."""
     name, fields, record = message_layout(number)
     unknown = set(columns) - set(fields) - {STAMP_COLUMN}
     if unknown:
