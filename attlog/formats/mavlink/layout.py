@@ -10,7 +10,7 @@ import numpy as np
 from attlog.formats.mavlink.walk import Catalogue
 from attlog.formats.table import Field
 
-# Column of a tlog with the receiver's time of the packet (Unix us). It has no checksum and may be damaged behind damage.
+# Column of a tlog with the receiver's time of the packet (Unix us). It has no checksum: behind damage it may be wrong.
 STAMP_COLUMN = "_t_us"
 
 # numpy type by struct letter of the dialect's ``native_format``
