@@ -164,7 +164,7 @@ def index_against_copy(path: Path, runs: int = 5) -> Pair:
     begin = min(int(table.offsets[0]) for table in log.values())
 
     def follow() -> None:
-        chain, position = walk.fastest_chain(data, sizes), begin
+        chain, position = walk.DataChain(data, sizes), begin
         while position < len(data):
             starts, _ = chain.follow(position, len(data))
             if len(starts):

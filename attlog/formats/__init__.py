@@ -92,19 +92,19 @@ FORMATS = (
         name="dataflash",
         title="DataFlash",
         suffix=".bin",
-        recogniser="dataflash.walk:is_dataflash",
+        recogniser="dataflash.layout:is_dataflash",
         reader="dataflash.reader:read_binary",
         writer="dataflash.writer:write_dataflash",
     ),
     Format(
-        "dataflash_text", "DataFlash text", ".log", "dataflash.walk:is_dataflash_text", "dataflash.reader:read_text"
+        "dataflash_text", "DataFlash text", ".log", "dataflash.layout:is_dataflash_text", "dataflash.reader:read_text"
     ),
     Format("ros", "ROS 2 bag", ".mcap", "ros.bag:is_bag", "ros.reader:read_ros", "ros.writer:write_mcap", True),
     Format(
         name="tlog",
         title="MAVLink",
         suffix=".tlog",
-        recogniser="mavlink.walk:is_tlog",
+        recogniser="mavlink.layout:is_tlog",
         reader="mavlink.reader:read_mavlink",
         writer="mavlink.writer:write_tlog",
         several_vehicles=True,
@@ -113,7 +113,7 @@ FORMATS = (
         name="mavlink",
         title="raw MAVLink",
         suffix=".mavlink",
-        recogniser="mavlink.walk:is_capture",
+        recogniser="mavlink.layout:is_capture",
         reader="mavlink.reader:read_mavlink",
         several_vehicles=True,
     ),

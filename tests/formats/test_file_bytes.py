@@ -1,4 +1,4 @@
-"""Strings of a log: every byte can be spelt."""
+"""The bytes of a log: strings, gathered records, gzip files, wide offsets, and memory."""
 
 from __future__ import annotations
 
@@ -13,16 +13,13 @@ import pytest
 
 from attlog import formats
 from attlog.core.errors import LogUnreadable, LogUnusable, NotALog
-from attlog.core.jit.compile import obtain
 from attlog.formats import file_bytes
-from attlog.formats.dataflash import walk as dataflash_compiled
-from attlog.formats.dataflash import walk as dataflash_index
+from attlog.formats.dataflash import walk as dataflash_walk
 from attlog.formats.file_bytes import decode_text, decode_texts, gather, offset_type, offsets_by_kind
-from attlog.formats.mavlink import walk as mavlink_compiled
-from attlog.formats.mavlink import walk as mavlink_index
+from attlog.formats.mavlink import walk as mavlink_walk
 from attlog.formats.table import Messages
 from attlog.formats.ulog import reader as ulog_reader
-from attlog.formats.ulog import walk as ulog_index
+from attlog.formats.ulog import walk as ulog_walk
 from tests.conftest import SAMPLES, few
 
 
@@ -40,19 +37,8 @@ def test_a_text_is_utf_8_or_else_latin_1_up_to_its_end(raw: bytes, text: str) ->
     assert decode_texts(np.array([b"GPS", raw, b""])) == ["GPS", text, ""]
 
 
-# Records sorted by kind and bytes copied, by compiled loops and by numpy alone.
-
-
-@pytest.fixture(params=["compiled", "numpy"])
-def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Both ways of the loops, whatever this process has loaded."""
-    monkeypatch.setattr(file_bytes, "is_compiled_loaded", lambda size: request.param == "compiled")
-    monkeypatch.setattr(file_bytes, "compiled_if_cheap", obtain)
-    return str(request.param)
-
-
 @pytest.mark.parametrize("kinds", [1, 7, 300])
-def test_records_of_a_kind_stay_in_file_order(kinds: int, loops: str) -> None:
+def test_records_of_a_kind_stay_in_file_order(kinds: int) -> None:
     rng = np.random.default_rng(kinds)
     offsets = np.cumsum(rng.integers(1, 99, 5000)).astype(np.int32)
     kind = rng.integers(0, kinds, 5000).astype(np.uint16) * np.uint16(65535 // kinds)
@@ -63,7 +49,7 @@ def test_records_of_a_kind_stay_in_file_order(kinds: int, loops: str) -> None:
 
 
 @pytest.mark.parametrize("size", [1, 2, 8, 15, 16, 17, 44, 300])
-def test_bytes_are_copied_from_any_place_up_to_the_last(size: int, loops: str) -> None:
+def test_bytes_are_copied_from_any_place_up_to_the_last(size: int) -> None:
     rng = np.random.default_rng(size)
     data = rng.integers(0, 256, 2000).astype(np.uint8)
     at = np.append(rng.integers(0, 2001 - size, 500), 2000 - size).astype(np.int32)
@@ -71,20 +57,10 @@ def test_bytes_are_copied_from_any_place_up_to_the_last(size: int, loops: str) -
     assert rows.tobytes() == b"".join(data[k : k + size].tobytes() for k in at.tolist())
 
 
-@pytest.mark.parametrize("place", [-1, 1985, 2**31 - 1])
-def test_a_place_outside_the_file_is_refused_not_read(place: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(file_bytes, "is_compiled_loaded", lambda size: True)
-    monkeypatch.setattr(file_bytes, "compiled_if_cheap", obtain)
+@pytest.mark.parametrize("place", [1985, 2**31 - 1])
+def test_a_place_outside_the_file_is_refused_not_read(place: int) -> None:
     with pytest.raises(IndexError):
         gather(np.zeros(2000, np.uint8), np.array([0, place], np.int32), np.dtype("S16"))
-
-
-def test_a_process_that_reads_many_logs_loads_compiled_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(file_bytes.sys.modules, "llvmlite", raising=False)
-    name = "a reader of this test"
-    told = [file_bytes.is_compiled_worthwhile(name, 10 << 20, 25 << 20) for _ in range(4)]
-    assert told == [False, False, True, True]
-    assert not file_bytes.is_compiled_worthwhile(name, 1000, 25 << 20)
 
 
 # Logs inside gzip files: read as pyulog reads the unpacked log, as far as they are sound, and never without limit.
@@ -255,7 +231,7 @@ def test_offsets_of_both_widths_give_the_same_log(
     path = tmp_path / name
     path.write_bytes(raw)
     narrow = formats.open(path)
-    for module in (dataflash_index, dataflash_compiled, mavlink_index, mavlink_compiled, ulog_index, ulog_reader):
+    for module in (dataflash_walk, mavlink_walk, ulog_walk, ulog_reader):
         monkeypatch.setattr(module, "offset_type", lambda size: np.int64)
     wide = formats.open(path)
     assert narrow.keys() == wide.keys()

@@ -30,6 +30,7 @@ from attlog.core.limits import (
     MAX_TEXTS,
 )
 from attlog.core.timestamps import Offsets, restarts
+from attlog.formats.dataflash.layout import FMT_FORMAT, HEADER_BYTES, LETTER_DTYPES, MessageFormat, column_names
 from attlog.formats.dataflash.tables import (
     INFO_SEVERITY,
     Units,
@@ -45,15 +46,7 @@ from attlog.formats.dataflash.tables import (
     table_timeline,
     time_column,
 )
-from attlog.formats.dataflash.walk import (
-    FMT_FORMAT,
-    HEADER_BYTES,
-    LETTER_DTYPES,
-    MessageFormat,
-    RecordIndex,
-    column_names,
-    index_records,
-)
+from attlog.formats.dataflash.walk import RecordIndex, index_records
 from attlog.formats.file_bytes import decode_text, gather, read_file_bytes
 from attlog.formats.table import Boot, DamageLog, Field, Messages, Table, Text, boots_at, boots_of_timeline
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from attlog.core.limits import LAST_TIME_US, MAX_INSTANCES, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 from attlog.core.timestamps import Offsets, Timeline, false_times, merge_timelines, times_before
-from attlog.formats.dataflash.walk import HEADER_BYTES, LETTER_DTYPES, LETTER_SCALES, MessageFormat, RecordIndex
+from attlog.formats.dataflash.layout import HEADER_BYTES, LETTER_DTYPES, LETTER_SCALES, MessageFormat
+from attlog.formats.dataflash.walk import RecordIndex
 from attlog.formats.file_bytes import RecordColumns, decode_text, decode_texts, gather, offsets_by_kind
 from attlog.formats.file_bytes import decode_texts as decoded
 from attlog.formats.table import DamageLog, Field, Messages, ParamChange, Table, Text

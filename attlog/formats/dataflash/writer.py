@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import UsageError
 from attlog.core.files import write_atomic
-from attlog.formats.dataflash.tables import instance_column
-from attlog.formats.dataflash.walk import (
+from attlog.formats.dataflash.layout import (
     FMT_FORMAT,
     FMT_TYPE,
     HEADER_BYTES,
@@ -22,6 +21,7 @@ from attlog.formats.dataflash.walk import (
     LETTER_SCALES,
     MessageFormat,
 )
+from attlog.formats.dataflash.tables import instance_column
 from attlog.formats.recording import Columns, MessageLayout, Recording, fit_to_type, merge_records, require_only
 
 # ArduPilot's unit ids (AP_Logger/LogStructure.h).

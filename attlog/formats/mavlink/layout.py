@@ -1,18 +1,29 @@
-"""Layouts of MAVLink messages, from pymavlink's ``ardupilotmega`` dialect (which contains ``common``)."""
+"""Layout of MAVLink packets: recognition, checksum, and messages of pymavlink's ``ardupilotmega`` dialect.
+
+The dialect contains ``common`` and so what PX4 sends.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from attlog.formats.mavlink.walk import Catalogue
 from attlog.formats.table import Field
 
+# Marker bytes of MAVLink 1 and 2.
+MAVLINK_1, MAVLINK_2 = 0xFE, 0xFD
+# Bytes of receive time before each packet of a tlog.
+STAMP_BYTES = 8
+# Bytes tolerated before the first whole packet.
+MAX_DAMAGED_START = 2048
 # Column of a tlog with the receiver's time of the packet (Unix us). It has no checksum: behind damage it may be wrong.
 STAMP_COLUMN = "_t_us"
-
+_POLYNOMIAL = 0x8408  # 0x1021 with its bits reversed
 # numpy type by struct letter of the dialect's ``native_format``
 _NATIVE_TYPES = {
     "b": "i1",
@@ -28,6 +39,100 @@ _NATIVE_TYPES = {
 }
 
 
+def is_tlog(head: bytes) -> bool:
+    """True for packets behind the receiver's time."""
+    return _has_packets(head, STAMP_BYTES)
+
+
+def is_capture(head: bytes) -> bool:
+    """True for packets alone."""
+    return _has_packets(head, 0)
+
+
+def _has_packets(head: bytes, stamp: int) -> bool:
+    """True if MAVLink packets follow each other, each behind ``stamp`` bytes.
+
+    Firmware images hold the marker everywhere. Four packets with fitting lengths, or a short file of packets only, are
+    no coincidence.
+    """
+    if _packets_in_row(head, 0, stamp) >= 1 and len(head) < 2048:
+        return True
+    return any(_packets_in_row(head, start, stamp) >= 4 for start in range(min(len(head), MAX_DAMAGED_START)))
+
+
+def _packets_in_row(head: bytes, position: int, stamp: int) -> int:
+    """Count packets in a row from ``position`` on, at most 8; 0 where the row ends in something else."""
+    count = 0
+    while count < 8 and position + stamp + 3 <= len(head):
+        at = position + stamp
+        if head[at] not in (MAVLINK_1, MAVLINK_2):
+            return 0
+        position = at + head[at + 1] + (8 if head[at] == MAVLINK_1 else 12 + 13 * (head[at + 2] & 1))
+        count += position <= len(head)
+    return count
+
+
+# CRC-16/MCRF4XX: reflected polynomial 0x1021, first state 0xffff.
+
+
+@cache
+def byte_table() -> NDArray[np.uint16]:
+    """Return the state after one more byte (256), by the lower byte of the state xor that byte."""
+    state = np.arange(256, dtype=np.uint16)
+    for _ in range(8):
+        state = np.where(state & 1, (state >> 1) ^ _POLYNOMIAL, state >> 1).astype(np.uint16)
+    return state
+
+
+@cache
+def word_table() -> NDArray[np.uint16]:
+    """Return the state after two more bytes (65536), by state xor these bytes as little-endian word."""
+    byte = byte_table()
+    state = np.arange(65536, dtype=np.uint16)
+    for _ in range(2):
+        state = (state >> 8) ^ byte[state & 0xFF]
+    return state
+
+
+def crc_of_padded_rows(rows: NDArray[np.uint8], pad: NDArray[np.int64]) -> NDArray[np.uint16]:
+    """Return the CRC of rows (n, k), k even, without their first ``pad`` (sorted) bytes; changes ``rows``.
+
+    Zero bytes do not change a state of zero. So rows of many lengths go together when the padding is zero and the start
+    value 0xffff is put on the first two bytes.
+    """
+    edges = [0, *(np.flatnonzero(np.diff(pad)) + 1).tolist(), len(rows)]
+    for begin, stop in pairwise(edges):
+        skipped = int(pad[begin]) if stop > begin else 0
+        rows[begin:stop, :skipped] = 0
+        rows[begin:stop, skipped : skipped + 2] ^= 0xFF
+    crc, table = np.zeros(len(rows), np.uint16), word_table()
+    for column in np.ascontiguousarray(rows.view("<u2").T):
+        column ^= crc
+        # every u16 is a valid index; wrap only spares numpy the check
+        table.take(column, out=crc, mode="wrap")
+    return crc
+
+
+def crc_of_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """Return the CRC of each row of (n, k) bytes, k > 1."""
+    pad = rows.shape[1] % 2
+    padded = np.zeros((len(rows), rows.shape[1] + pad), np.uint8)
+    padded[:, pad:] = rows
+    return crc_of_padded_rows(padded, np.full(len(rows), pad))
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """CRC extra (-1 unknown) and full payload size of messages, arrays by id."""
+
+    seeds: NDArray[np.int16]
+    sizes: NDArray[np.int16]
+
+    def knows(self, number: int) -> bool:
+        """True for a message of the dialect."""
+        return number < len(self.seeds) and self.seeds[number] >= 0
+
+
 @cache
 def dialect() -> dict[int, Any]:
     """Return the message classes of the dialect by id."""
@@ -39,7 +144,7 @@ def dialect() -> dict[int, Any]:
 
 @cache
 def message_catalogue() -> Catalogue:
-    """Return CRC seed and payload size of every message of the dialect."""
+    """Return the catalogue of the dialect."""
     messages = dialect()
     seeds = np.full(max(messages) + 1, -1, np.int16)
     sizes = np.zeros(len(seeds), np.int16)

@@ -1,4 +1,8 @@
-"""The boot clock of a vehicle in telemetry: which messages tell it."""
+"""Read MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
+
+MAVLink 1 and 2 may be mixed in one file. Deliberate differences from pymavlink's reader: every packet with a right
+checksum is found wherever it begins, also behind damage, and nothing is reported in between; numbers stay as sent.
+"""
 
 from __future__ import annotations
 
@@ -16,65 +20,51 @@ from attlog.core.timestamps import Offsets, Timeline, merge_timelines, times_bef
 from attlog.formats.file_bytes import (
     MAX_SORTED_KINDS,
     RecordColumns,
-    compiled_if_cheap,
     decode_text,
     decode_texts,
     gather,
-    is_compiled_loaded,
     offsets_by_kind,
     read_file_bytes,
 )
-from attlog.formats.mavlink.layout import STAMP_COLUMN, message_catalogue, message_layout
-from attlog.formats.mavlink.walk import MAVLINK_2, STAMP_BYTES, Packets, copy_payloads, index_packets
+from attlog.formats.mavlink.layout import MAVLINK_2, STAMP_BYTES, STAMP_COLUMN, message_catalogue, message_layout
+from attlog.formats.mavlink.walk import Packets, index_packets
 from attlog.formats.table import Boot, Field, Messages, ParamChange, Table, Text, boots_of_timeline
 
 __all__ = ["CLOCK_MESSAGES", "STAMP_COLUMN", "decode_parameter_values", "list_systems", "main_vehicle", "read_mavlink"]
 
 
+# Messages whose ``time_boot_ms`` is the autopilot's clock at the moment of sending.
 CLOCK_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "SYSTEM_TIME")
-"""Messages whose ``time_boot_ms`` is the autopilot's clock at the moment of sending; they show restarts."""
-
-
-def system_tables(messages: Messages, name: str, system: int) -> list[Table]:
-    """A message's tables from all components of one system."""
-    return [messages[name, i] for i in messages.instances(name) if i >> 8 == system]
-
-
-def boot_timeline(messages: Messages, system: int) -> Timeline:
-    """Offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
-    component = messages.info["systems"].get(system, {}).get("component")
-    found = []
-    for table in (t for name in CLOCK_MESSAGES for t in system_tables(messages, name, system)):
-        if component is None or table.instance & 0xFF == component:
-            with suppress(KeyError):  # a column that could not be decoded is told among the remarks
-                found.append((table.offsets, table["time_boot_ms"].astype(np.int64) * 1000))
-    at, time = merge_timelines(found)
-    told = time > 0  # SYSTEM_TIME of a ground station that answers under the vehicle's id is zero
-    return at[told], time[told]
-
-
-# Reads MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
-#
-# MAVLink 1 and 2 may be mixed in one file. Layouts and CRC seeds come from
-# pymavlink's ``ardupilotmega`` dialect, which contains ``common`` and so what PX4
-# sends. Deliberate differences from pymavlink's reader: every packet with a right
-# checksum is found wherever it begins, also behind damage, and nothing is
-# reported in between; numbers stay as sent.
-
 PX4_AUTOPILOT = 12
 NO_AUTOPILOT = 8
 _GROUND_STATION = 6
 _MAX_TEXT_BYTES = 50  # a STATUSTEXT that fills its field goes on in the next chunk
 
 
-def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8] | None = None) -> Messages:
-    """The messages of a tlog or raw MAVLink file, columns decoded on demand; ``data`` are its bytes if mapped already.
+def system_tables(messages: Messages, name: str, system: int) -> list[Table]:
+    """Return a message's tables from all components of one system."""
+    return [messages[name, i] for i in messages.instances(name) if i >> 8 == system]
 
-    The instance of a table is ``system * 256 + component``. ``params``, ``texts``
-    and ``boots`` are those of one vehicle: ``system``, or the one that
-    :func:`vehicle_of` chooses; ``info["systems"]`` lists all, ``info["unknown"]``
-    counts messages that the dialect does not know. A tlog has the extra column
-    :data:`STAMP`. LogUnusable if no packet has a right checksum.
+
+def boot_timeline(messages: Messages, system: int) -> Timeline:
+    """Return offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
+    component = messages.info["systems"].get(system, {}).get("component")
+    found = []
+    for table in (t for name in CLOCK_MESSAGES for t in system_tables(messages, name, system)):
+        if component is None or table.instance & 0xFF == component:
+            with suppress(KeyError):  # reported among the remarks
+                found.append((table.offsets, table["time_boot_ms"].astype(np.int64) * 1000))
+    at, time = merge_timelines(found)
+    known = time > 0  # SYSTEM_TIME of a ground station under the vehicle's id is zero
+    return at[known], time[known]
+
+
+def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8] | None = None) -> Messages:
+    """Return a tlog or raw MAVLink file; ``data`` are its bytes if mapped.
+
+    The instance of a table is ``system * 256 + component``. ``params``, ``texts`` and ``boots`` are those of one
+    vehicle: ``system``, or :func:`main_vehicle`. ``info["systems"]`` lists all, ``info["unknown"]`` counts messages
+    outside the dialect. A tlog has the extra column STAMP_COLUMN. LogUnusable if no packet has a right checksum.
     """
     path = Path(path)
     data = read_file_bytes(path) if data is None else data
@@ -102,11 +92,8 @@ def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[n
     return messages
 
 
-# --- tables -----------------------------------------------------------------------------------------------------
-
-
 def _build_tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], Table]:
-    """The tables by message name and sender, in the order in which their first packets stand in the file."""
+    """Return the tables by message name and sender, in the order of their first packets in the file."""
     numbers, number = _ranks(packets.ids)
     senders, sender = _ranks(packets.senders)
     keys: NDArray[np.unsignedinteger[Any]] = number.astype(np.uint32) * np.uint32(len(senders)) + sender
@@ -123,7 +110,7 @@ def _build_tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, 
 
 
 def _ranks(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
-    """The different values, ascending, and the place among them of each value."""
+    """Return the different values, ascending, and the rank of each value."""
     present = np.bincount(values).nonzero()[0]
     place = np.zeros(int(present[-1]) + 1, np.uint16)
     place[present] = np.arange(len(present))
@@ -131,7 +118,7 @@ def _ranks(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArray
 
 
 class _PayloadDecoder:
-    """The columns of one message: the stamp ahead of each packet, and the fields of its payload."""
+    """Decoder of one message: the stamp ahead of each packet, and the fields of its payload."""
 
     def __init__(self, data: NDArray[np.uint8], record: np.dtype[Any]) -> None:
         self._data = data
@@ -147,23 +134,14 @@ class _PayloadDecoder:
 
 
 def read_payloads(data: NDArray[np.uint8], offsets: Offsets, record: np.dtype[Any]) -> NDArray[Any]:
-    """The payloads of packets at some offsets as records; bytes that the sender left out are zero."""
+    """Return the payloads of packets as records; bytes that the sender left out are zero."""
     size = record.itemsize
-    if (
-        offsets.dtype == np.int32
-        and is_compiled_loaded(len(offsets) * size)
-        and (loop := compiled_if_cheap(copy_payloads)) is not None
-    ):
-        found = np.empty(len(offsets) * size, np.uint8)
-        if loop(data, offsets, size, found) < len(offsets):
-            raise IndexError("no packet begins at an offset")
-        return found.view(record)
     begin = offsets + np.where(data.take(offsets) == MAVLINK_2, np.uint8(10), np.uint8(6))
     length = data[1:].take(offsets)
     fits = begin <= len(data) - size
     if fits.all():
         raw = gather(data, begin, np.dtype((np.uint8, (size,))))
-    else:  # the last packets of a file may be shorter than the message is now
+    else:  # the last packets of a file may be shorter than the message
         raw = np.zeros((len(offsets), size), np.uint8)
         raw[fits] = gather(data, begin[fits], np.dtype((np.uint8, (size,))))
         for k in (~fits).nonzero()[0].tolist():
@@ -175,11 +153,8 @@ def read_payloads(data: NDArray[np.uint8], offsets: Offsets, record: np.dtype[An
     return raw.view(record).reshape(len(offsets))
 
 
-# --- systems, times, parameters, texts --------------------------------------------------------------------------
-
-
 def list_systems(messages: Messages) -> dict[int, dict[str, Any]]:
-    """Each system in the file: its components, packets, and what its autopilot's heartbeat says (None without)."""
+    """Return each system: its components, packets, and its autopilot by heartbeat (None without)."""
     systems: dict[int, dict[str, Any]] = {}
     for (name, instance), table in messages.tables.items():
         system = systems.setdefault(
@@ -200,7 +175,7 @@ def list_systems(messages: Messages) -> dict[int, dict[str, Any]]:
 
 
 def main_vehicle(messages: Messages) -> int | None:
-    """The system to analyse: among those with an autopilot the one with most packets; None if nobody sent data."""
+    """Return the system with an autopilot and most packets; None if no one sent data."""
     systems = messages.info.get("systems") or list_systems(messages)
     flying = {s: d for s, d in systems.items() if d["autopilot"] is not None}
     if not flying:
@@ -211,10 +186,7 @@ def main_vehicle(messages: Messages) -> int | None:
 
 
 def _read_params(messages: Messages, system: int, clock: Timeline) -> list[ParamChange]:
-    """PARAM_VALUE of a system; times are those of the last clock message before.
-
-    ArduPilot sends integers as float values, PX4 sends their bits in the float.
-    """
+    """Return PARAM_VALUE of a system with the times of the last clock message before."""
     bitwise = messages.info["systems"].get(system, {}).get("autopilot") == PX4_AUTOPILOT
     result: list[ParamChange] = []
     for table in system_tables(messages, "PARAM_VALUE", system):
@@ -231,7 +203,10 @@ _INTEGER_PARAMETERS = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4
 
 
 def decode_parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8], bitwise: bool) -> list[float | int]:
-    """What PARAM_VALUE packets say: ints for integer types (their bits, or their float value), else floats."""
+    """Return parameter values: ints for integer types, else floats.
+
+    ArduPilot sends integers as float values, PX4 sends their bits in the float (``bitwise``).
+    """
     result: list[float | int] = values.tolist()
     raw = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(len(values), 4)
     for kind, name in _INTEGER_PARAMETERS.items():
@@ -247,7 +222,7 @@ def decode_parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8
 
 
 def _read_texts(messages: Messages, system: int, clock: Timeline) -> list[Text]:
-    """STATUSTEXT of a system with its severity; the chunks of a long MAVLink 2 text are joined."""
+    """Return STATUSTEXT of a system; the chunks of a long MAVLink 2 text are joined."""
     result: list[Text] = []
     for table in system_tables(messages, "STATUSTEXT", system):
         open_id, open_sequence = 0, -1

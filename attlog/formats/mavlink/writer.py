@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import UsageError
 from attlog.core.files import write_atomic
-from attlog.formats.mavlink.layout import STAMP_COLUMN, dialect, message_catalogue, message_layout
-from attlog.formats.mavlink.walk import MAVLINK_2, STAMP_BYTES, crc_of_rows
+from attlog.formats.mavlink.layout import (
+    MAVLINK_2,
+    STAMP_BYTES,
+    STAMP_COLUMN,
+    crc_of_rows,
+    dialect,
+    message_catalogue,
+    message_layout,
+)
 from attlog.formats.recording import Columns, Key, Recording, fit_to_type, merge_records, require_only, time_order
 from attlog.formats.table import Text
 

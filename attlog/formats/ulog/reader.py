@@ -32,16 +32,16 @@ from attlog.formats.ulog.layout import (
 )
 from attlog.formats.ulog.walk import (
     ANCHOR_RECORDS,
+    DATA,
     DATA_HEADER_BYTES,
-    DATA_KIND,
     KNOWN_KINDS,
+    MAX_SORTED_RECORDS,
     Bytes,
+    DataChain,
     Framing,
     Identifiers,
-    RecordClock,
     Segments,
     Sizes,
-    fastest_chain,
     identifier_at,
     times_rise,
 )
@@ -78,10 +78,9 @@ class _Reader:
     def __init__(self, path: Path, data: Bytes) -> None:
         self.path, self.data, self.raw, self.size = path, data, data.data, len(data)
         self.sizes = Sizes()
-        self.clock = RecordClock(self.raw)
-        self.framing = Framing(data, self.sizes, lambda start: self.clock.is_timely(start, self.recent))
+        self.framing = Framing(data, self.sizes)
         self.followed = Sizes()
-        self.chain = fastest_chain(self.data, self.followed)
+        self.chain = DataChain(self.data, self.followed)
         self.topics: dict[tuple[str, int], Topic] = {}
         self.content = Content(self._time_before)
         self.losses = DamageLog()
@@ -94,7 +93,6 @@ class _Reader:
         self.pending = 0
         self.appended: list[int] = []
         self.last, self.low = 0, 0
-        self.recent: list[int] = []
         self._start_log(0)
 
     def messages(self) -> Messages:
@@ -163,7 +161,7 @@ class _Reader:
         """Read records up to ``stop``; return ``stop`` or the place where appended data were announced."""
         plan, raw = self.appended, self.raw
         while position < stop and self.appended is plan:
-            if position + DATA_HEADER_BYTES <= stop and raw[position + 2] == DATA_KIND:
+            if position + DATA_HEADER_BYTES <= stop and raw[position + 2] == DATA:
                 starts, ids = self.chain.follow(position, stop)
                 if len(starts):
                     self._keep(starts, ids)
@@ -180,7 +178,7 @@ class _Reader:
         return position
 
     def _keep(self, starts: Offsets, ids: Identifiers) -> None:
-        if self.pending >= self.chain.group:  # before, because the last record may be given up
+        if self.pending >= MAX_SORTED_RECORDS:  # before, because the last record may be given up
             self._group()
         self.segments.append((starts, ids))
         self.pending += len(starts)
@@ -189,7 +187,7 @@ class _Reader:
     def _remember(self) -> None:
         """Update the last record, and the last ones with a known time."""
         if not self.segments:
-            self.last, self.recent = 0, []
+            self.last, self.framing.recent = 0, []
             return
         starts, ids = self.segments[-1]
         self.last = int(starts[-1])
@@ -197,9 +195,9 @@ class _Reader:
             starts = starts[-MAX_RECENT_SEARCHED:]
             starts = starts[self.sizes.smallest[ids[-MAX_RECENT_SEARCHED:]] > 0]
             if not len(starts):
-                self.recent = [start for start in self.recent if start <= self.last]
+                self.framing.recent = [start for start in self.framing.recent if start <= self.last]
                 return
-        self.recent = starts[-RECENT_RECORDS:].tolist()
+        self.framing.recent = starts[-RECENT_RECORDS:].tolist()
 
     def _record(self, position: int, stop: int) -> int | None:
         """Take in a record that is no known data; return the next position, None without a record."""
@@ -210,7 +208,7 @@ class _Reader:
         if position + 3 > stop or (end := self.framing.end(position)) > stop:
             return None
         kind = self.raw[position + 2]
-        if kind == DATA_KIND or not self.framing.is_strict(position, end):
+        if kind == DATA or not self.framing.is_strict(position, end):
             return self._loose_record(position, end, stop)
         if not self.framing.leads_on(end, stop, 1, odd=True):
             return None
@@ -222,12 +220,12 @@ class _Reader:
         kind, length = self.raw[position + 2], end - position - 3
         if kind == 0 or not length or (not KNOWN_KINDS[kind] and length > MAX_UNKNOWN_BYTES):
             return None
-        if (kind == DATA_KIND and length < 2) or not self.framing.leads_on(end, stop, 2, odd=kind != DATA_KIND):
+        if (kind == DATA and length < 2) or not self.framing.leads_on(end, stop, 2, odd=kind != DATA):
             return None
-        may_hide_records = kind != DATA_KIND or length > MIN_HIDING_BYTES
+        may_hide_records = kind != DATA or length > MIN_HIDING_BYTES
         if may_hide_records and self.framing.anchor(position + 1, end) < end:
             return None
-        if kind == DATA_KIND:
+        if kind == DATA:
             self._take_unknown(identifier_at(self.raw, position), position, length)
         elif kind in b"IMFPQALC":
             self._take(kind, position, end)
@@ -335,9 +333,8 @@ class _Reader:
     def _start_log(self, position: int) -> None:
         """Begin a power-up with its own definitions at a file header."""
         self.definitions = Definitions()
-        self.clock.forget()
-        self.last, self.low, self.recent = 0, 0, []
-        self.framing.checked = -1
+        self.framing.forget()
+        self.last, self.low = 0, 0
         self.segments.clear()
         self.headers += 1
         self.header = position
@@ -376,8 +373,7 @@ class _Reader:
                 self._group()  # earlier records keep their meaning
             self.definitions.by_id[identifier] = subscription
         layout = subscription.layout
-        self.clock.subscribe(identifier, layout)
-        self.sizes.set(identifier, layout.size + 2, layout.full_size + 2)
+        self.framing.subscribe(identifier, layout)
         if self.followed.set(identifier, layout.size + 2, layout.full_size + 2):
             self.chain.forget()
 
@@ -396,8 +392,8 @@ class _Reader:
 
     def _time_before(self, position: int) -> int | None:
         """Return the stamp of the last data record before, None if there is none that a clock can show."""
-        last = self.recent[-1] if self.recent else 0
-        stamp = self.clock.time_at(last) if last and last < position else None
+        last = self.framing.recent[-1] if self.framing.recent else 0
+        stamp = self.framing.time_at(last) if last and last < position else None
         return stamp if stamp is not None and stamp < MAX_START_US else None
 
     def _group(self) -> None:

@@ -8,17 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from attlog.core.errors import LogUnusable
-from attlog.formats.dataflash import reader, tables, walk
+from attlog.formats.dataflash import layout, reader, tables, walk
 from attlog.formats.dataflash import reader as text
+from attlog.formats.dataflash.layout import MessageFormat
 from attlog.formats.dataflash.tables import time_column
-from attlog.formats.dataflash.walk import MessageFormat
-from attlog.formats.file_bytes import read_file_bytes
-from tests.conftest import SAMPLES, corpus_logs
+from tests.conftest import corpus_logs
 from tests.formats.dataflash.made import form, record, size
-from tests.fuzz.mutate import mutated
 
 
 def test_units_are_those_of_the_printed_numbers(samples: Path, tmp_path: Path) -> None:
@@ -49,51 +46,6 @@ def test_the_time_of_the_gps_week_is_never_taken_for_the_boot_clock(columns: str
     assert time_column(fmt) == clock
 
 
-# The compiled walk along a DataFlash file finds what the search for marks finds, or leaves the file to it.
-
-LOG = SAMPLES / "copter_steps_stabilize.bin"
-
-
-def both(data: NDArray[np.uint8]) -> bool:
-    """Whether the walk takes the file; then its index is that of the search."""
-    walked = walk._follow_all(data)
-    if walked is None:
-        return False
-    searched = walk.search_records(data)
-    assert walked.layouts == searched.layouts
-    for name in ("offsets", "layout", "stamps"):
-        mine, theirs = getattr(walked, name), getattr(searched, name)
-        assert np.array_equal(mine, theirs), name
-    assert walked.losses.listed == searched.losses.listed
-    assert (walked.losses.places, walked.losses.bytes) == (searched.losses.places, searched.losses.bytes)
-    return True
-
-
-@pytest.mark.parametrize("path", [p for p in corpus_logs(".bin") if "px4log" not in p.name], ids=lambda p: p.name)
-def test_undamaged_logs_are_walked_and_give_the_same_index(path: Path) -> None:
-    data = read_file_bytes(path)
-    whole = all(d.offset + d.length == len(data) and d.length < 256 for d in walk.search_records(data).losses.listed)
-    assert both(data) or not whole or path.name.startswith("made_")
-
-
-@pytest.mark.parametrize("cut", range(1, 120))
-def test_a_file_cut_anywhere_gives_the_same_index(cut: int) -> None:
-    assert both(read_file_bytes(LOG)[: 150_000 - cut])
-
-
-def test_broken_files_give_the_same_index_or_are_searched() -> None:
-    raw = LOG.read_bytes()[:150_000]
-    walked = [both(np.frombuffer(mutated(raw, seed), np.uint8)) for seed in range(120)]
-    assert 5 < sum(walked) < 115, "some are still whole, some are not"
-
-
-def test_definitions_beyond_the_limits_are_searched() -> None:
-    raw = LOG.read_bytes()
-    first = raw[89 : 2 * 89]
-    more = [first[:25] + b"%d" % k + first[25 + len(b"%d" % k) :] for k in range(100)]
-    assert not both(np.frombuffer(raw[:89] + b"".join(more) + raw[89:150_000], np.uint8))
-
-
 # DataFlash logs made by hand: layouts, marks, units and clocks, each from both sides of its limit.
 
 
@@ -105,7 +57,7 @@ def bytes_of(*parts: bytes) -> np.ndarray:
 def test_a_letter_takes_as_many_bytes_as_the_loggers_type(letter: str) -> None:
     """ArduPilot, libraries/AP_Logger/README: one column of each letter and a byte behind it."""
     letters = letter + "B"
-    fmt = walk.parse_fmt_record(form(7, "ABC", letters, "X,Y"), 40)
+    fmt = layout.parse_fmt_record(form(7, "ABC", letters, "X,Y"), 40)
     assert fmt == MessageFormat(7, size(letters), "ABC", letters, ("X", "Y"), 40)
     assert fmt.readable
     assert (fmt.place(0), fmt.place(1)) == (3, size(letters) - 1)
@@ -114,9 +66,9 @@ def test_a_letter_takes_as_many_bytes_as_the_loggers_type(letter: str) -> None:
 
 
 def test_scaled_letters_are_hundredths_and_degrees_ten_millionths() -> None:
-    assert walk.LETTER_SCALES == {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
-    assert walk.LETTER_DTYPES["a"].itemsize == 64
-    assert walk.LETTER_DTYPES["g"] == np.float16
+    assert layout.LETTER_SCALES == {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
+    assert layout.LETTER_DTYPES["a"].itemsize == 64
+    assert layout.LETTER_DTYPES["g"] == np.float16
 
 
 @pytest.mark.parametrize(
@@ -137,53 +89,34 @@ def test_a_definition_has_a_name_plain_texts_and_a_length_beyond_its_header(chan
     raw = bytearray(form(7, "ABC", "fB", "X,Y"))
     for at, value in change.items():
         raw[at] = value
-    assert (walk.parse_fmt_record(bytes(raw), 0) is not None) is fits
+    assert (layout.parse_fmt_record(bytes(raw), 0) is not None) is fits
 
 
 def test_a_layout_is_valid_from_its_definition_on_and_the_first_also_before() -> None:
     first, second = form(7, "ABC", "ff", "X,Y"), form(7, "ABD", "ii", "P,Q")
     early, late = record(7, "ff", 1.0, 2.0), record(7, "ii", 3, 4)
     data = bytes_of(early, first, early, first, second, late, late)
-    found = walk.search_records(data)
+    found = walk.index_records(data)
     assert [f.name for f in found.layouts] == ["FMT", "ABC", "ABD"]
     assert found.layout.tolist() == [1, 0, 1, 0, 0, 2, 2]
     assert found.stamps[-1] == 3 + (4 << 32)
     assert found.losses.bytes == 0
 
 
-def test_the_compiled_walk_counts_as_many_definitions_as_may_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (walk, walk):
-        monkeypatch.setattr(module, "MAX_FORMATS", 5)
-    forms = [form(10 + k, f"AB{k}", "ff", "X,Y") for k in range(5)]
-    rows = [record(10 + k, "ff", 1.0, 2.0) for k in range(5)]
-    whole = walk._follow_all(bytes_of(*forms[:4], *rows[:4]))
-    assert whole is not None
-    assert [f.name for f in whole.layouts] == ["FMT", "AB0", "AB1", "AB2", "AB3"]
-    assert whole.layout.tolist() == [0, 0, 0, 0, 1, 2, 3, 4]
-    data = bytes_of(*forms, *rows)
-    assert walk._follow_all(data) is None
-    assert [f.name for f in walk.search_records(data).layouts] == ["FMT", "AB0", "AB1", "AB2", "AB3"]
-    chain = walk.RecordFollower(data)
-    assert chain.follow(0) == len(data)
-    assert chain.definitions == [89 * k for k in range(5)]
-
-
 @pytest.mark.parametrize("cut", [0, 1, 2, 3, 7, 10, 11, 12])
-def test_a_cut_last_record_is_a_loss_and_walked_as_it_is_searched(cut: int) -> None:
+def test_a_cut_last_record_is_a_loss(cut: int) -> None:
     row = record(7, "fff", 1.0, 2.0, 3.0)
     data = bytes_of(form(7, "ABC", "fff", "X,Y,Z"), row, row, row[:cut])
-    walked, searched = walk._follow_all(data), walk.search_records(data)
-    assert walked is not None
-    for found in (walked, searched):
-        assert found.offsets.tolist() == [0, 89, 104]
-        assert found.losses.bytes == cut
+    found = walk.index_records(data)
+    assert found.offsets.tolist() == [0, 89, 104]
+    assert found.losses.bytes == cut
 
 
 def test_a_mark_within_a_payload_begins_no_record_and_unknown_types_are_counted() -> None:
     odd = record(7, "BBBB", 0xA3, 0x95, 7, 1)
     stranger = record(9, "BBBB", 1, 2, 3, 4)
     data = bytes_of(form(7, "ABC", "BBBB", "W,X,Y,Z"), odd, stranger, stranger, odd, odd)
-    found = walk.search_records(data)
+    found = walk.index_records(data)
     assert found.offsets.tolist() == [0, 89, 110, 117]
     (loss,) = found.losses.listed
     assert (loss.offset, loss.length) == (96, 14)
@@ -204,7 +137,7 @@ def test_a_mark_within_a_payload_begins_no_record_and_unknown_types_are_counted(
     ],
 )
 def test_a_binary_log_shows_a_definition_or_a_mark_every_400_bytes(head: bytes, binary: bool) -> None:
-    assert walk.is_dataflash(head) is binary
+    assert layout.is_dataflash(head) is binary
 
 
 @pytest.mark.parametrize(
@@ -219,7 +152,7 @@ def test_a_binary_log_shows_a_definition_or_a_mark_every_400_bytes(head: bytes, 
     ],
 )
 def test_a_text_log_shows_a_line_that_defines_a_format(head: bytes, text: bool) -> None:
-    assert walk.is_dataflash_text(head) is text
+    assert layout.is_dataflash_text(head) is text
 
 
 @pytest.mark.parametrize(
@@ -280,7 +213,7 @@ def test_times_stand_where_their_column_does_and_in_microseconds() -> None:
     forms = [form(7, "AAA", "Qf", "TimeUS,X"), form(8, "BBB", "fQ", "X,TimeUS"), form(9, "CCC", "BIf", "I,TimeMS,X")]
     rows = [record(7, "Qf", 5_000, 1.0), record(8, "fQ", 1.0, 6_000), record(9, "BIf", 3, 7, 1.0)]
     data = bytes_of(*forms, form(10, "DDD", "ff", "X,Y"), *rows, record(10, "ff", 1.0, 2.0), rows[0])
-    at, times = tables.record_timeline(data, walk.search_records(data))
+    at, times = tables.record_timeline(data, walk.index_records(data))
     assert times.tolist() == [5_000, 6_000, 7_000, 5_000]
     assert at.tolist()[0] == 4 * 89
     limit: Any = tables.LAST_TIME_US

@@ -15,7 +15,8 @@ from attlog.core.errors import LogUnreadable, LogUnusable
 from attlog.core.limits import MAX_INSTANCES, MAX_LAYOUTS_OF_A_NAME, MAX_TEXT_FORMATS
 from attlog.formats import Recording
 from attlog.formats.dataflash import reader
-from attlog.formats.dataflash.walk import FMT_LENGTH, RecordIndex, index_records
+from attlog.formats.dataflash.layout import FMT_LENGTH
+from attlog.formats.dataflash.walk import RecordIndex, index_records
 from tests.conftest import SAMPLES
 from tests.formats.damage import KINDS, Damaged, damage
 

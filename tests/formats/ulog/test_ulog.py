@@ -13,7 +13,7 @@ from pyulog import ULog
 
 from attlog.core.errors import LogUnusable, NotALog
 from attlog.core.limits import MAX_RESUBSCRIBED
-from attlog.core.timestamps import far_from_median
+from attlog.core.timestamps import far_from_median, is_near
 from attlog.formats import Messages
 from attlog.formats.table import DamageLog, Field
 from attlog.formats.ulog import reader
@@ -28,7 +28,7 @@ from attlog.formats.ulog.layout import (
     parameter_value,
     split_key,
 )
-from attlog.formats.ulog.walk import Framing, NumbaChain, NumpyChain, RecordClock, times_rise
+from attlog.formats.ulog.walk import Framing, Sizes, times_rise
 from tests.conftest import SAMPLES, corpus_logs
 from tests.formats.ulog.crafted import keyed as with_key
 
@@ -74,16 +74,6 @@ def test_info_is_equal(both: tuple[Messages, ULog]) -> None:
 def test_undamaged_logs_have_no_damage(both: tuple[Messages, ULog]) -> None:
     ours, _ = both
     assert (ours.damage_bytes, ours.damage) == (0, [])
-
-
-@pytest.mark.parametrize("path", CLEAN[:6], ids=lambda p: p.name)
-def test_compiled_and_numpy_index_find_the_same_records(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader, "fastest_chain", NumpyChain)
-    by_numpy = reader.read_ulog(path)
-    monkeypatch.setattr(reader, "fastest_chain", NumbaChain)
-    compiled = reader.read_ulog(path)
-    assert list(by_numpy) == list(compiled)
-    assert all(np.array_equal(by_numpy[k].offsets, compiled[k].offsets) for k in by_numpy)
 
 
 def test_columns_of_selected_rows_are_those_rows() -> None:
@@ -150,21 +140,13 @@ def test_a_value_that_is_too_short_for_its_type_stays_bytes(kind: str, raw: byte
     assert info_value(kind, raw) == value
 
 
-class Raw(bytes):
-    """Bytes as a log holds them."""
-
-    @property
-    def data(self) -> bytes:
-        return self
-
-
 @pytest.mark.parametrize(("extra", "strict"), [(0, True), (1, False), (3, False), (-1, False)])
 def test_a_record_is_as_long_as_its_type_says(extra: int, strict: bool) -> None:
     """``uint32_t ver`` has a value of 4 bytes, neither more nor less."""
     key = b"uint32_t ver"
     payload = bytes([len(key)]) + key + bytes(4 + extra)
     record = struct.pack("<HB", len(payload), ord("I")) + payload
-    framing = Framing(Raw(record + bytes(16)), np.zeros(1 << 16, np.int64), lambda start: True)  # type: ignore[arg-type]
+    framing = Framing(np.frombuffer(record + bytes(16), np.uint8), Sizes())
     assert framing.end(0) == len(record)
     assert framing.is_strict(0, framing.end(0)) is strict
 
@@ -304,13 +286,13 @@ def test_values_are_those_of_their_types() -> None:
     assert decode_ulog_text(b"a\xffb\0c") == "a\ufffdb"
 
 
-def clocked(*records: tuple[int, int]) -> RecordClock:
+def clocked(*records: tuple[int, int]) -> Framing:
     """Data records of 16 bytes: id and stamp; id 1 has its stamp at byte 3 behind the header, id 2 has none."""
     raw = b"".join(struct.pack("<HBH3xQ", 13, ord("D"), one, t) for one, t in records)
-    clock = RecordClock(memoryview(raw))
-    clock.subscribe(1, SimpleNamespace(time_at=3))  # type: ignore[arg-type]
-    clock.subscribe(2, SimpleNamespace(time_at=None))  # type: ignore[arg-type]
-    return clock
+    framing = Framing(np.frombuffer(raw, np.uint8), Sizes())
+    framing.subscribe(1, SimpleNamespace(time_at=3, size=11, full_size=11))  # type: ignore[arg-type]
+    framing.subscribe(2, SimpleNamespace(time_at=None, size=11, full_size=11))  # type: ignore[arg-type]
+    return framing
 
 
 def test_a_time_is_believed_that_is_near_any_of_those_before() -> None:
@@ -320,13 +302,17 @@ def test_a_time_is_believed_that_is_near_any_of_those_before() -> None:
     clock = clocked((1, 500), (1, 10 * jump), (2, 7), (1, 11 * jump - 1), (1, 11 * jump), (1, 9 * jump + 1))
     assert clock.time_at(16) == 10 * jump
     assert clock.time_at(32) is None
-    assert clock.is_timely(48, [0, 16])
-    assert not clock.is_timely(64, [0, 16])
-    assert clock.is_timely(80, [0, 16, 32])
-    assert not clock.is_timely(48, [0])
-    assert clock.is_timely(48, [32])
-    assert clock.is_timely(48, [])
-    assert clock.is_timely(32, [0])
+
+    def near(start: int, *recent: int) -> bool:
+        return is_near(clock.time_at(start), map(clock.time_at, recent))
+
+    assert near(48, 0, 16)
+    assert not near(64, 0, 16)
+    assert near(80, 0, 16, 32)
+    assert not near(48, 0)
+    assert near(48, 32)
+    assert near(48)
+    assert near(32, 0)
     clock.forget()
     assert clock.time_at(16) is None
 
