@@ -25,13 +25,13 @@ __all__ = ["FlightLog", "flight_in", "read"]
 
 # Is there memory for a log of hours? Said before the work begins, instead of being ended in its middle.
 
+# Bytes for each inertial sample: of the flight, attitudes and truth included; and of what ``info`` or an analysis makes
+# of it. Measured on logs of 2 to 18 million samples (``docs/formats.md``).
 FLIGHT_BYTES, INFO_BYTES, ANALYSIS_BYTES = 170, 200, 550
-"""Bytes for each inertial sample: of the flight, attitudes and truth included; and of what ``info`` or an analysis
-makes of it. Measured on logs of 2 to 18 million samples (``docs/formats.md``)."""
+# Samples that every machine has room for.
 ALWAYS_ALLOWED_SAMPLES = 500_000
-"""Samples that every machine has room for."""
+# Messages whose records become the samples of a replay, by firmware; where there are none, nothing is foretold.
 INERTIAL_MESSAGES = ("sensor_combined", "IMU", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")
-"""Messages whose records become the samples of a replay, by firmware; where there are none, nothing is foretold."""
 
 
 def check_flight_memory(messages: Messages) -> None:
@@ -61,8 +61,8 @@ def _check_memory(path: Path, samples: int, each: int) -> None:
         )
 
 
+# A smaller share of a file's bytes is no loss.
 SERIOUS_DAMAGE_SHARE = 0.001
-"""A smaller share of a file's bytes is no loss."""
 IMU_MESSAGES = (
     "sensor_combined",
     "IMU",

@@ -1,62 +1,136 @@
-"""What a vehicle's logging settings are asked for; each firmware answers in its own folder."""
+"""Advise on a vehicle's settings: what would log a missing quantity, and what to do about a fault.
+
+Sources of the logging settings. ArduPilot: ``@Bitmask`` of LOG_BITMASK in ``Parameters.cpp`` of each vehicle, and
+``libraries/AP_Logger/AP_Logger.cpp`` for rate limits and LOG_DISARMED. PX4: ``src/modules/logger/params.c`` and
+``logged_topics.cpp`` of 1.6 to 1.16. Sources of the remedies: ardupilot.org/copter/docs on compass calibration,
+magnetic interference and vibration damping; the parameter reference and the sensor calibration pages of docs.px4.io.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
+# Inertial data at all, inertial data faster than now, the attitude that flew, a magnetometer, time before arming.
 LoggingNeed = Literal["imu", "fast_imu", "attitude", "mag", "rest"]
-"""Inertial data at all, inertial data faster than now, the attitude that flew, a magnetometer, time before arming."""
-
 ADVISED_REST_S = 30
 
 
-class LoggingAdvice(Protocol):
-    """The logging settings of the vehicle that wrote a log."""
+def version_number(version: str) -> tuple[int, int]:
+    """Return major and minor number of a version text, (0, 0) without any."""
+    match = re.search(r"(\d+)\.(\d+)", version)
+    return (int(match[1]), int(match[2])) if match else (0, 0)
 
-    def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """A sentence on what would log ``what``; ``rate`` (Hz) of the records that are there, None without any.
 
-        Never names a setting that is already made or that this version does not have.
-        """
-        ...
+def bit_mask(value: float | None) -> int | None:
+    """Return a parameter's value as a bit mask (two's complement if negative), None where it is unknown."""
+    return None if value is None or not abs(value) < 2**53 else int(value)
 
 
 def advise_rest(why: str = "", setting: str = "") -> str:
-    """The advice to rest: after a ``setting`` that is missing, or because (``why``) none is."""
+    """Return the advice to rest: after a missing ``setting``, or because (``why``) none is missing."""
     how = f"let the vehicle stand still with motors off for {ADVISED_REST_S} s"
     if setting:
         return f"{setting} and {how}."
     return f"{why}: {how}." if why else f"{how[0].upper()}{how[1:]}."
 
 
-def version_number(version: str) -> tuple[int, int]:
-    """Major and minor number in a version text, (0, 0) where it holds none."""
-    match = re.search(r"(\d+)\.(\d+)", version)
-    return (int(match[1]), int(match[2])) if match else (0, 0)
-
-
-def bit_mask(value: float | None) -> int | None:
-    """A bit mask from a parameter's value (two's complement where it is negative), None where it is unknown."""
-    return None if value is None or not abs(value) < 2**53 else int(value)
-
-
-# ArduPilot's logging settings: LOG_BITMASK of each vehicle, rate limits, and logging before arming.
-#
-# Bits: the parameter documentation of each vehicle (``@Bitmask`` of LOG_BITMASK in
-# ArduCopter, ArduPlane, Rover, ArduSub, Blimp and AntennaTracker ``Parameters.cpp``;
-# shown at ardupilot.org/copter/docs/parameters.html and its sisters). Limits and
-# LOG_DISARMED: ``libraries/AP_Logger/AP_Logger.cpp``.
+# --- logging ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class LogBits:
-    """Bits of LOG_BITMASK. ``fast_imu`` and ``raw_imu`` since 3.4, None where the vehicle has none.
+class LoggingSettings:
+    """Settings of a vehicle's logger: its kind, firmware version, vehicle family and parameters at boot.
 
-    Copters log ``imu`` at 25 Hz (50 Hz before 3.4) and ``fast_imu`` in every main loop;
-    planes and rovers log ``imu`` in every main loop.
+    ``name``: the program of an ``other`` log, the suffix of the vehicle's own log for ``telemetry``.
+    """
+
+    kind: Literal["PX4", "ArduPilot", "telemetry", "bag", "other"]
+    version: str = ""
+    family: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""
+
+
+_SD_CARD = "Take the log from the vehicle's SD card ({name}) instead of telemetry."
+_IMU_TOPIC = "Record the IMU's topic (sensor_msgs/Imu) at its full rate."
+_CONNECT_COMPASS = "Connect and calibrate a compass."
+FIXED_ADVICE: dict[str, dict[LoggingNeed, str]] = {
+    "telemetry": {
+        "imu": _SD_CARD,
+        "fast_imu": _SD_CARD,
+        "attitude": _SD_CARD,
+        "mag": _CONNECT_COMPASS,
+        "rest": advise_rest("Record telemetry before arming"),
+    },
+    "bag": {
+        "imu": _IMU_TOPIC,
+        "fast_imu": _IMU_TOPIC,
+        "attitude": _IMU_TOPIC,
+        "mag": "Record a topic of sensor_msgs/MagneticField.",
+        "rest": advise_rest("Begin the bag before arming"),
+    },
+    "other": {"imu": "{name} wrote it, which is no autopilot that attlog knows."},
+}
+
+
+def logging_advice(settings: LoggingSettings, need: LoggingNeed, rate: float | None = None) -> str:
+    """Return a sentence on the setting that would log ``need``, empty for none.
+
+    ``rate``: of the logged records in Hz, None without any. Names no setting that is already made or that this version
+    does not have.
+    """
+    if settings.kind == "PX4":
+        return _px4_advice(settings, need, rate)
+    if settings.kind == "ArduPilot":
+        return _ardupilot_advice(settings, need, rate)
+    return FIXED_ADVICE[settings.kind].get(need, "").format(name=settings.name)
+
+
+# SDLOG_PROFILE is a bit mask since this version, and its bit 0 logs ``sensor_combined`` at full rate since that one.
+PX4_PROFILE_VERSION, PX4_FULL_RATE_VERSION = (1, 8), (1, 12)
+# Bit of SDLOG_PROFILE that logs the gyro FIFO.
+GYRO_FIFO = 8
+_DEFAULT_SET, _REPLAY, _HIGH_RATE = (0, "default set"), (1, "estimator replay"), (4, "high rate")
+TOPICS_FILE = "etc/logging/logger_topics.txt on the SD card"
+# Values of SDLOG_MODE with which the log begins at boot.
+LOG_FROM_BOOT_MODES = (1, 2)
+
+
+def _px4_advice(settings: LoggingSettings, need: LoggingNeed, rate: float | None) -> str:
+    values, version = settings.values, version_number(settings.version)
+    if need == "rest":
+        mode = values.get("SDLOG_MODE")
+        if values and mode is None:
+            return advise_rest(setting="Start the logger at boot (logger start -e)")
+        if mode in LOG_FROM_BOOT_MODES:
+            return advise_rest(f"SDLOG_MODE is {mode:g} already")
+        return advise_rest(setting="Set SDLOG_MODE to 1")
+    if need == "mag":
+        return "Set SYS_HAS_MAG to 1." if values.get("SYS_HAS_MAG", 1.0) == 0 else _CONNECT_COMPASS
+    topic = "vehicle_attitude" if need == "attitude" else "sensor_combined"
+    if (0, 0) < version < PX4_PROFILE_VERSION or (values and "SDLOG_PROFILE" not in values):
+        return f"Name {topic} at full rate (interval 0) in {TOPICS_FILE}."
+    bits = [_HIGH_RATE] if need == "attitude" else [_REPLAY, _HIGH_RATE]
+    if need != "attitude" and not (0, 0) < version < PX4_FULL_RATE_VERSION:
+        bits.insert(0, _DEFAULT_SET)
+    profile = bit_mask(values.get("SDLOG_PROFILE"))
+    on = [(bit, name) for bit, name in bits if profile is not None and profile >> bit & 1]
+    if not on:
+        return f"Set bit {bits[0][0]} of SDLOG_PROFILE ({bits[0][1]}), which logs {topic} at full rate."
+    text = f"Bit {on[0][0]} of SDLOG_PROFILE ({on[0][1]}) is set already and logs {topic} at full rate"
+    if rate is None:
+        return f"{text}, unless {TOPICS_FILE} replaces the set."
+    return f"{text}: the sensors give no more than {rate:.1f} Hz, or {TOPICS_FILE} replaces the set."
+
+
+class LogBits(NamedTuple):
+    """Bits of LOG_BITMASK of a vehicle; ``fast_imu`` and ``raw_imu`` exist since 3.4.
+
+    Copters log ``imu`` at 25 Hz (50 Hz before 3.4) and ``fast_imu`` in every main loop; planes and rovers log ``imu``
+    in every main loop.
     """
 
     attitude: int
@@ -74,255 +148,111 @@ LOG_BITS = {
     "blimp": LogBits(attitude=0, imu=7, mag=13),
     "tracker": LogBits(attitude=0, imu=3, mag=5),
 }
-LOG_WHEN_DISARMED_BIT = 16
-"""Bit of LOG_BITMASK that stood for LOG_DISARMED in Copter 3.2 and 3.3 and the first Sub."""
-SLOW_IMU, SLOW_IMU_HZ = ("copter", "sub", "blimp"), 25.0
-"""Families that log ``imu`` in a task of its own at 25 Hz, and not in every main loop."""
+# Bit of LOG_BITMASK in place of LOG_DISARMED in Copter 3.2 and 3.3 and the first Sub.
+LOG_WHEN_DISARMED_BIT, WHEN_DISARMED_VERSIONS = 16, ((3, 2), (3, 3))
+# LOG_BITMASK has more than 16 bits, and LOG_DISARMED exists, since these versions.
+WIDE_MASK_VERSION, LOG_DISARMED_VERSION = (3, 2), (3, 4)
+# Families that log ``imu`` in a task of its own, and its rate.
+SLOW_IMU_FAMILIES, SLOW_IMU_HZ = ("copter", "sub", "blimp"), 25.0
+# A rate between these shares of a limit is made by the limit, which takes every k-th record of its source.
 LIMITED_RATE_SHARE = (0.6, 1.3)
-"""A rate between these parts of a limit is made by the limit: it takes every k-th record of its source."""
-FILE_BACKEND, MAVLINK_BACKEND, BLOCK_BACKEND = 1, 2, 4
-"""Bits of LOG_BACKEND_TYPE."""
-RATE_LIMITS = (
-    ("LOG_FILE_RATEMAX", FILE_BACKEND),
-    ("LOG_MAV_RATEMAX", MAVLINK_BACKEND),
-    ("LOG_BLK_RATEMAX", BLOCK_BACKEND),
-)
+# Rate limits with their bit of LOG_BACKEND_TYPE, 0 for any.
+RATE_LIMITS = (("LOG_FILE_RATEMAX", 1), ("LOG_MAV_RATEMAX", 2), ("LOG_BLK_RATEMAX", 4), ("LOG_DARM_RATEMAX", 0))
 
 
-@dataclass(frozen=True, slots=True)
-class ArduPilotLogging:
-    """Logging settings of one vehicle: its firmware family, version text and parameters at boot (may be empty)."""
-
-    family: str
-    version: str
-    values: Mapping[str, float]
-
-    @property
-    def modern(self) -> bool:
-        """Whether this is 3.4 or later, by its parameters where the log holds them."""
-        if "LOG_BITMASK" in self.values:
-            return "LOG_DISARMED" in self.values
-        return version_number(self.version) >= (3, 4)
-
-    def is_set(self, bit: int | None) -> bool:
-        """Whether LOG_BITMASK holds a bit; False where it is unknown. Before 3.2 it had 16 bits."""
-        mask = bit_mask(self.values.get("LOG_BITMASK"))
-        if mask is None or bit is None or (bit >= 16 and (0, 0) < version_number(self.version) < (3, 2)):
-            return False
-        return bool(mask >> bit & 1)
-
-    def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """What would log ``what``; see :class:`attlog.flight.advice.Logging`."""
-        if what == "rest":
-            return self.rest()
-        bits = LOG_BITS.get(self.family)
-        if bits is None:
-            named = {"attitude": "fast attitude", "mag": "compass"}.get(what, "IMU")
-            return f"Set the bit of LOG_BITMASK for {named}; its number depends on the vehicle."
-        if what == "mag":
-            return self.mag(bits)
-        if what == "attitude":
-            return self.attitude(bits, rate)
-        if rate is None and not any(self.is_set(b) for b in (bits.imu, bits.fast_imu, bits.raw_imu)):
-            faster = f" or bit {bits.fast_imu} (fast IMU)" if bits.fast_imu is not None and self.modern else ""
-            return f"Set bit {bits.imu} of LOG_BITMASK (IMU){faster}."
-        return self.inertial(bits, rate)
-
-    def attitude(self, bits: LogBits, rate: float | None) -> str:
-        """What would log the attitude that flew, faster than now."""
-        name = "attitude" if self.family == "tracker" else "fast attitude"
-        limited = self.limits(rate)
-        if self.is_set(bits.attitude):
-            return limited or setting_already_made(f"Bit {bits.attitude} of LOG_BITMASK ({name}) is", rate, "attitude")
-        return f"Set bit {bits.attitude} of LOG_BITMASK ({name}). {limited}".rstrip()
-
-    def inertial(self, bits: LogBits, rate: float | None) -> str:
-        """What would log inertial data, or log it faster than now."""
-        known = [(b, n) for b, n in ((bits.fast_imu, "fast IMU"), (bits.raw_imu, "raw IMU")) if b is not None]
-        slow_source = self.family in SLOW_IMU and not any(self.is_set(b) for b, _ in known)
-        limited = "" if slow_source and rate is not None and rate > 0.95 * SLOW_IMU_HZ else self.limits(rate)
-        if limited:
-            return limited
-        missing = [f"bit {b} ({n})" for b, n in known if not self.is_set(b)]
-        on = [str(b) for b in (bits.imu, *(b for b, _ in known)) if self.is_set(b)]
-        if rate is not None and missing:
-            if self.modern:
-                return f"Set {' or '.join(missing)} of LOG_BITMASK."
-            return f"ArduPilot 3.4 and later can log the IMU faster: {' or '.join(missing)} of LOG_BITMASK."
-        if not on:
-            return "No bit of LOG_BITMASK logs the IMU faster."
-        which = f"Bit {on[0]}" if len(on) == 1 else f"Bits {', '.join(on[:-1])} and {on[-1]}"
-        return setting_already_made(f"{which} of LOG_BITMASK (IMU) {'is' if len(on) == 1 else 'are'}", rate, "IMU data")
-
-    def limits(self, rate: float | None) -> str:
-        """The limits that hold the records at this rate, empty where none does."""
-        backends = bit_mask(self.values.get("LOG_BACKEND_TYPE"))
-        named = [(n, self.values.get(n, 0.0)) for n, b in RATE_LIMITS if backends is None or backends & b]
-        named.append(("LOG_DARM_RATEMAX", self.values.get("LOG_DARM_RATEMAX", 0.0)))
-        active = [(n, v) for n, v in named if v > 0]
-        if rate is None or not any(LIMITED_RATE_SHARE[0] * v <= rate <= LIMITED_RATE_SHARE[1] * v for _, v in active):
-            return ""
-        told = " and ".join(
-            f"{n} {v:g} Hz" + (" (while disarmed)" if n == "LOG_DARM_RATEMAX" else "") for n, v in active
-        )
-        limit, them = ("limits", "it") if len(active) == 1 else ("limit", "them")
-        return f"{told} {limit} the rate: set {them} to 0."
-
-    def mag(self, bits: LogBits) -> str:
-        """What would log a compass."""
+def _ardupilot_advice(settings: LoggingSettings, need: LoggingNeed, rate: float | None) -> str:
+    values, family = settings.values, settings.family
+    if need == "rest":
+        return _ardupilot_rest(settings)
+    bits = LOG_BITS.get(family)
+    if bits is None:
+        named = {"attitude": "fast attitude", "mag": "compass"}.get(need, "IMU")
+        return f"Set the bit of LOG_BITMASK for {named}; its number depends on the vehicle."
+    if need == "mag":
         for name in ("COMPASS_ENABLE", "MAG_ENABLE"):
-            if self.values.get(name, 1.0) == 0:
+            if values.get(name, 1.0) == 0:
                 return f"Set {name} to 1."
-        if not self.is_set(bits.mag):
+        if not _is_set(settings, bits.mag):
             return f"Set bit {bits.mag} of LOG_BITMASK (compass)."
         return f"Bit {bits.mag} of LOG_BITMASK (compass) is set already: connect and calibrate a compass."
-
-    def rest(self) -> str:
-        """What would log the vehicle at rest with motors off."""
-        if "LOG_DISARMED" in self.values:
-            now = int(self.values["LOG_DISARMED"])
-            return (
-                advise_rest(f"LOG_DISARMED is {now} already") if now else advise_rest(setting="Set LOG_DISARMED to 1")
-            )
-        number = version_number(self.version)
-        if "LOG_BITMASK" not in self.values and number >= (3, 4):
-            return advise_rest(setting="Set LOG_DISARMED to 1")
-        if self.family == "copter" and number in ((3, 2), (3, 3)):
-            name = f"bit {LOG_WHEN_DISARMED_BIT} of LOG_BITMASK (log when disarmed)"
-            if self.is_set(LOG_WHEN_DISARMED_BIT):
-                return advise_rest(f"B{name[1:]} is set already")
-            return advise_rest(setting=f"Set {name}")
-        return advise_rest()
+    if need == "attitude":
+        name = "attitude" if family == "tracker" else "fast attitude"
+        limited = _rate_limits(values, rate)
+        if _is_set(settings, bits.attitude):
+            return limited or _already_set(f"Bit {bits.attitude} of LOG_BITMASK ({name}) is", rate, "attitude")
+        return f"Set bit {bits.attitude} of LOG_BITMASK ({name}). {limited}".rstrip()
+    return _ardupilot_imu(settings, bits, rate)
 
 
-def setting_already_made(what: str, rate: float | None, records: str) -> str:
-    """The sentence where the setting is made and the records are missing or slow all the same."""
+def _ardupilot_imu(settings: LoggingSettings, bits: LogBits, rate: float | None) -> str:
+    """Advise on inertial data at all (``rate`` None), or on faster ones."""
+    modern = version_number(settings.version) >= LOG_DISARMED_VERSION
+    if "LOG_BITMASK" in settings.values:
+        modern = "LOG_DISARMED" in settings.values
+    faster = [(b, n) for b, n in ((bits.fast_imu, "fast IMU"), (bits.raw_imu, "raw IMU")) if b is not None]
+    on = [b for b in (bits.imu, *(b for b, _ in faster)) if _is_set(settings, b)]
+    if rate is None and not on:
+        more = f" or bit {bits.fast_imu} (fast IMU)" if bits.fast_imu is not None and modern else ""
+        return f"Set bit {bits.imu} of LOG_BITMASK (IMU){more}."
+    missing = [f"bit {b} ({n})" for b, n in faster if b not in on]
+    slow_task = settings.family in SLOW_IMU_FAMILIES and len(missing) == len(faster)
+    at_full_rate = slow_task and rate is not None and rate > 0.95 * SLOW_IMU_HZ
+    if limited := "" if at_full_rate else _rate_limits(settings.values, rate):
+        return limited
+    if rate is not None and missing:
+        if modern:
+            return f"Set {' or '.join(missing)} of LOG_BITMASK."
+        return f"ArduPilot 3.4 and later can log the IMU faster: {' or '.join(missing)} of LOG_BITMASK."
+    if not on:
+        return "No bit of LOG_BITMASK logs the IMU faster."
+    which = f"Bit {on[0]}" if len(on) == 1 else f"Bits {', '.join(map(str, on[:-1]))} and {on[-1]}"
+    return _already_set(f"{which} of LOG_BITMASK (IMU) {'is' if len(on) == 1 else 'are'}", rate, "IMU data")
+
+
+def _is_set(settings: LoggingSettings, bit: int) -> bool:
+    """Return whether LOG_BITMASK holds a bit, False where that is unknown."""
+    mask = bit_mask(settings.values.get("LOG_BITMASK"))
+    if mask is None or (bit >= 16 and (0, 0) < version_number(settings.version) < WIDE_MASK_VERSION):
+        return False
+    return bool(mask >> bit & 1)
+
+
+def _rate_limits(values: Mapping[str, float], rate: float | None) -> str:
+    """Name the limits that hold records at this rate, empty where none does."""
+    backends = bit_mask(values.get("LOG_BACKEND_TYPE"))
+    active = [(n, v) for n, bit in RATE_LIMITS if (not bit or backends is None or backends & bit)
+              and (v := values.get(n, 0.0)) > 0]  # fmt: skip
+    low, high = LIMITED_RATE_SHARE
+    if rate is None or not any(low * v <= rate <= high * v for _, v in active):
+        return ""
+    named = " and ".join(f"{n} {v:g} Hz" + (" (while disarmed)" if n == "LOG_DARM_RATEMAX" else "") for n, v in active)
+    limit, them = ("limits", "it") if len(active) == 1 else ("limit", "them")
+    return f"{named} {limit} the rate: set {them} to 0."
+
+
+def _ardupilot_rest(settings: LoggingSettings) -> str:
+    values, version = settings.values, version_number(settings.version)
+    if "LOG_DISARMED" in values:
+        now = int(values["LOG_DISARMED"])
+        return advise_rest(f"LOG_DISARMED is {now} already") if now else advise_rest(setting="Set LOG_DISARMED to 1")
+    if "LOG_BITMASK" not in values and version >= LOG_DISARMED_VERSION:
+        return advise_rest(setting="Set LOG_DISARMED to 1")
+    if settings.family == "copter" and version in WHEN_DISARMED_VERSIONS:
+        name = f"bit {LOG_WHEN_DISARMED_BIT} of LOG_BITMASK (log when disarmed)"
+        if _is_set(settings, LOG_WHEN_DISARMED_BIT):
+            return advise_rest(f"B{name[1:]} is set already")
+        return advise_rest(setting=f"Set {name}")
+    return advise_rest()
+
+
+def _already_set(setting: str, rate: float | None, records: str) -> str:
+    """Return the sentence for a setting that is made while records are missing or slow all the same."""
     if rate is None:
-        return f"{what} set already, yet the log holds no {records}: the reason is not among its logging settings."
-    return f"{what} set already and no limit is near: the vehicle logs no faster than {rate:.1f} Hz."
+        return f"{setting} set already, yet the log holds no {records}: the reason is not among its logging settings."
+    return f"{setting} set already and no limit is near: the vehicle logs no faster than {rate:.1f} Hz."
 
 
-# PX4's logging settings: SDLOG_PROFILE, SDLOG_MODE and the topic list on the SD card.
-#
-# Source: ``src/modules/logger/params.c`` and ``logged_topics.cpp`` of 1.6 to 1.16. SDLOG_PROFILE is a bit mask since 1.8; its bit 0
-# logged ``sensor_combined`` at 10 Hz before 1.12 and at full rate since.
-
-DEFAULT, REPLAY, HIGH_RATE, GYRO_FIFO, ACCEL_FIFO = 0, 1, 4, 8, 9
-"""Bits of SDLOG_PROFILE."""
-TOPICS_FILE = "etc/logging/logger_topics.txt on the SD card"
-LOG_FROM_BOOT_MODES = (1, 2)
-"""Values of SDLOG_MODE with which the log begins at boot."""
-
-
-@dataclass(frozen=True, slots=True)
-class Px4Logging:
-    """Settings of the ULog logger: the version's text and the parameters at boot (may be empty)."""
-
-    version: str
-    values: Mapping[str, float]
-
-    @property
-    def profile(self) -> int | None:
-        """SDLOG_PROFILE as a mask, None where the log does not tell."""
-        return bit_mask(self.values.get("SDLOG_PROFILE"))
-
-    @property
-    def by_file(self) -> bool:
-        """Whether this version has no bits to choose topics with: before 1.8."""
-        if (0, 0) < version_number(self.version) < (1, 8):
-            return True
-        return bool(self.values) and "SDLOG_PROFILE" not in self.values
-
-    def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """What would log ``what``; see :class:`attlog.flight.advice.Logging`."""
-        if what == "rest":
-            return self.rest()
-        if what == "mag":
-            return self.mag()
-        topic = "vehicle_attitude" if what == "attitude" else "sensor_combined"
-        if self.by_file:
-            return f"Name {topic} at full rate (interval 0) in {TOPICS_FILE}."
-        if what == "attitude":
-            wanted = [(HIGH_RATE, "high rate")]
-        elif (0, 0) < version_number(self.version) < (1, 12):
-            wanted = [(REPLAY, "estimator replay"), (HIGH_RATE, "high rate")]
-        else:
-            wanted = [(DEFAULT, "default set"), (REPLAY, "estimator replay"), (HIGH_RATE, "high rate")]
-        on = [(bit, name) for bit, name in wanted if self.profile is not None and self.profile >> bit & 1]
-        if not on:
-            bit, name = wanted[0]
-            return f"Set bit {bit} of SDLOG_PROFILE ({name}), which logs {topic} at full rate."
-        bit, name = on[0]
-        text = f"Bit {bit} of SDLOG_PROFILE ({name}) is set already and logs {topic} at full rate"
-        if rate is None:
-            return f"{text}, unless {TOPICS_FILE} replaces the set."
-        return f"{text}: the sensors give no more than {rate:.1f} Hz, or {TOPICS_FILE} replaces the set."
-
-    def mag(self) -> str:
-        """What would log a compass."""
-        if self.values.get("SYS_HAS_MAG", 1.0) == 0:
-            return "Set SYS_HAS_MAG to 1."
-        return "Connect and calibrate a compass."
-
-    def rest(self) -> str:
-        """What would log the vehicle at rest with motors off."""
-        if self.values and "SDLOG_MODE" not in self.values:
-            return advise_rest(setting="Start the logger at boot (logger start -e)")
-        mode = self.values.get("SDLOG_MODE")
-        if mode in LOG_FROM_BOOT_MODES:
-            return advise_rest(f"SDLOG_MODE is {mode:g} already")
-        return advise_rest(setting="Set SDLOG_MODE to 1")
-
-
-@dataclass(frozen=True, slots=True)
-class OtherLogging:
-    """A ULog of a program that is no autopilot: there is nothing to set, so its name is all that is told."""
-
-    program: str
-
-    def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """That it is no autopilot, where inertial data are missing; nothing else."""
-        return f"{self.program} wrote it, which is no autopilot that attlog knows." if what == "imu" else ""
-
-
-# What a telemetry log lacks is usually in the vehicle's own log.
-
-LOG_FILE_SUFFIX = {"PX4": ".ulg", "ArduPilot": ".bin"}
-
-
-@dataclass(frozen=True, slots=True)
-class TelemetryLogging:
-    """Telemetry of an autopilot."""
-
-    firmware: str
-
-    def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """What would log ``what``; see :class:`attlog.flight.advice.Logging`."""
-        if what == "rest":
-            return advise_rest("Record telemetry before arming")
-        if what == "mag":
-            return "Connect and calibrate a compass."
-        kind = LOG_FILE_SUFFIX.get(self.firmware, ".bin or .ulg")
-        return f"Take the log from the vehicle's SD card ({kind}) instead of telemetry."
-
-
-# What a bag lacks has to be recorded by another topic.
-
-
-@dataclass(frozen=True, slots=True)
-class BagLogging:
-    """Messages of sensors in a bag."""
-
-    def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """What would record ``what``; see :class:`attlog.flight.advice.Logging`."""
-        if what == "rest":
-            return advise_rest("Begin the bag before arming")
-        if what == "mag":
-            return "Record a topic of sensor_msgs/MagneticField."
-        return "Record the IMU's topic (sensor_msgs/Imu) at its full rate."
-
-
-# What a pilot does about a fault of sensors or estimator; each firmware adds its own settings.
+# --- remedies ---------------------------------------------------------------------------------------------------
 
 Fault = Literal[
     "gyro_bias",
@@ -342,8 +272,8 @@ Fault = Literal[
     "gyro_scale",
     "temperature",
 ]
-"""What a remedy is asked for."""
 
+# Remedies for any firmware.
 GENERAL_REMEDIES: Mapping[Fault, str] = {
     "gyro_bias": "Calibrate the gyro, and keep it still as it starts.",
     "accelerometer": "Calibrate the accelerometer in six positions.",
@@ -362,4 +292,72 @@ GENERAL_REMEDIES: Mapping[Fault, str] = {
     "gyro_scale": "Fly on another unit, and replace this one.",
     "temperature": "Switch on, wait until the sensors are warm, then calibrate them and take off.",
 }
-"""Where nothing is known of the firmware."""
+
+
+class FirmwareRemedy(NamedTuple):
+    """A remedy by a parameter of the log, ``{p}`` with its value ``{v}``; only for the value ``only``, if given.
+
+    A ``text`` that begins with a blank continues the general remedy. An empty one removes it.
+    """
+
+    fault: Fault
+    parameter: str
+    text: str
+    only: float | None = None
+
+
+# ``{slot}`` is the slot of the compass in use in parameter names.
+FIRMWARE_REMEDIES: dict[str, tuple[FirmwareRemedy, ...]] = {
+    "ArduPilot": (
+        FirmwareRemedy("gyro_bias", "INS_GYR_CAL", "Set {p} to 1 and keep the vehicle still as it starts.", 0.0),
+        FirmwareRemedy("mounting", "AHRS_ORIENTATION", "Compare the mounting with {p} {v}, then calibrate the level."),
+        FirmwareRemedy(
+            "compass_mounting", "COMPASS_ORIENT{slot}", "Compare the mounting with {p} {v}, then calibrate the compass."
+        ),
+        FirmwareRemedy("interference", "COMPASS_MOTCT", " Then repeat compassmot."),
+        FirmwareRemedy("interference", "COMPASS_MOTCT", " Then run compassmot ({p} is 0).", 0.0),
+        FirmwareRemedy("declination", "COMPASS_AUTODEC", "Set {p} to 1."),
+        FirmwareRemedy("declination", "COMPASS_AUTODEC", "", 1.0),
+        FirmwareRemedy(
+            "temperature", "INS_TCAL1_ENABLE", "Calibrate over temperature: {p} is {v}, 2 learns from a cold start."
+        ),
+    ),
+    "PX4": (
+        FirmwareRemedy("mounting", "SENS_BOARD_ROT", "Compare the mounting with {p} {v}, then calibrate the level."),
+        FirmwareRemedy(
+            "compass_mounting", "CAL_MAG{slot}_ROT", "Compare the mounting with {p} {v}, then calibrate the compass."
+        ),
+        FirmwareRemedy("interference", "CAL_MAG_COMP_TYP", " {p} is 0: nothing compensates for them.", 0.0),
+        FirmwareRemedy(
+            "temperature", "TC_G_ENABLE", "Run the thermal calibration from a cold start ({p} is {v}; 1 uses it)."
+        ),
+    ),
+}
+
+
+def firmware_remedies(firmware: str, values: Mapping[str, float], slot: object = "") -> dict[Fault, str]:
+    """Return the remedies for a vehicle with these parameters; only parameters of the log are named."""
+    found = dict(GENERAL_REMEDIES)
+    for fault, template, text, only in FIRMWARE_REMEDIES.get(firmware, ()):
+        name = template.format(slot=slot)
+        if name not in values or only not in (None, values[name]):
+            continue
+        told = text.format(p=name, v=f"{values[name]:g}")
+        found[fault] = GENERAL_REMEDIES[fault] + told if told.startswith(" ") else told
+        if not told:
+            del found[fault]
+    return found
+
+
+def compass_switches(values: Mapping[str, float]) -> dict[int, str]:
+    """Return ArduPilot's parameters that enable a compass, by its index."""
+    names = dict(enumerate(("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")))
+    return {index: name for index, name in names.items() if name in values}
+
+
+def compass_first(values: Mapping[str, float]) -> str:
+    """Return the parameter of the compass with which NavEKF2 starts (``InitialiseVariablesMag``), used or not.
+
+    Empty since 4.1, where the first enabled one counts.
+    """
+    return "COMPASS_PRIMARY" if "COMPASS_PRIMARY" in values else ""

@@ -16,10 +16,10 @@ from attlog.flight.model import FlightLog, Gnss
 # hardware (AP_GPS_UBLOX.cpp). EKF2 of Copter 3.4 has EK2_GPS_DELAY instead.
 # The delay of a compass is 60 ms there, a constant (``magDelay_ms``); PX4 has EKF2_MAG_DELAY.
 
+# By the upper half of the hardware number of ``u-blox 1 HW: 00080000``: 5 and 6, 7, M8, F9, M10.
 UBLOX_DELAY_MS = {0x0004: 220.0, 0x0007: 120.0, 0x0008: 120.0, 0x0019: 120.0, 0x000A: 120.0}
-"""By the upper half of the hardware number of ``u-blox 1 HW: 00080000``: 5 and 6, 7, M8, F9, M10."""
+# What the drivers of all receivers take for their own delay lies between these (AP_GPS, ``get_lag``).
 DRIVER_DELAY_MS = (50.0, 220.0)
-"""What the drivers of all receivers take for their own delay lies between these (AP_GPS, ``get_lag``)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +101,8 @@ def _by_hardware(log: FlightLog, slot: int) -> float | None:
     return None
 
 
+# ArduPilot's constant.
 COMPASS_MS = 60.0
-"""ArduPilot's constant."""
 
 
 def of_compass(log: FlightLog, t: float) -> DelayParameter | str:
@@ -123,6 +123,7 @@ def buffer(log: FlightLog, t: float) -> DelayParameter | None:
 
 # Which parameter tells the onboard estimator the noise of an aid, and how many standard deviations is its gate?
 
+# Noise, its documented range, its gate and the gate's unit in standard deviations.
 NOISE_PARAMETERS: dict[str, dict[str, tuple[str, float, float, str, float]]] = {
     "PX4": {
         "compass": ("EKF2_MAG_NOISE", 0.001, 1.0, "EKF2_MAG_GATE", 1.0),
@@ -143,7 +144,6 @@ NOISE_PARAMETERS: dict[str, dict[str, tuple[str, float, float, str, float]]] = {
         "height": ("EK2_ALT_M_NSE", 0.1, 10.0, "EK2_HGT_I_GATE", 0.01),
     },
 }
-"""Noise, its documented range, its gate and the gate's unit in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)

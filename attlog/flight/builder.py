@@ -1,16 +1,15 @@
-"""What the readers of all firmwares share: from columns to streams on one clock.
+"""Build a flight log: from columns of tables to streams on one clock, without impossible times and values.
 
-A reader first collects inertial candidates with their stamps in int64 microseconds,
-chooses one, and only then knows t = 0. :class:`LogBuilder` carries what is found on
-the way: problems, choices and the zero.
+A reader collects inertial candidates with stamps in int64 microseconds, chooses one, and only then knows t = 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,24 +20,60 @@ from attlog.core.limits import LAST_TIME_US, READ_BYTES
 from attlog.core.timestamps import Stamps, ValidRecords, plausible_records
 from attlog.flight import limits
 from attlog.flight.limits import Quantity
-from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
-from attlog.flight.timestamps import isolated_timestamps
+from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Problem, Severity, Stream, TimeLine
+from attlog.flight.timestamps import isolated_timestamps, read_stamps
 from attlog.formats.table import Messages, Table
 
 T = TypeVar("T")
 U = TypeVar("U")
 
+# Problems of values, as opposed to those of times.
 VALUE_CODES = ("values_out_of_range", "rate_impossible")
+# A sample lies at most so long before its stamp.
+MAX_SAMPLE_AGE_US = 1_000_000
+# Share of records with a possible sample age from which the column of sample times counts.
+MIN_SAMPLED_SHARE = 0.9
+# Steps of logged angles of old records, in deg.
+ANGLE_STEP_DEG = 0.01
+
+
+class Part(NamedTuple):
+    """A part of the flight log: its dotted field ("" for none), its name in messages, and its reader."""
+
+    field: str
+    what: str
+    read: Callable[[Any], Any]
 
 
 @dataclass(slots=True)
 class LogBuilder:
-    """A log in the making: its messages, and what the reader has found out so far."""
+    """A flight log in the making, with the messages that it is read from."""
 
     messages: Messages
-    problems: list[Problem] = field(default_factory=list)
-    choices: dict[str, str] = field(default_factory=dict)
     t0_us: int = 0
+    log: FlightLog = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.log = self._empty_log()
+
+    def _empty_log(self) -> FlightLog:
+        messages = self.messages
+        return FlightLog(messages.path, messages.format, messages.size, self.t0_us, Firmware(""), "")
+
+    @property
+    def problems(self) -> list[Problem]:
+        """The problems of the log."""
+        return self.log.problems
+
+    def quiet(self) -> LogBuilder:
+        """Return a builder on the same clock with problems of its own."""
+        other = copy(self)
+        other.log = self._empty_log()
+        return other
+
+    def start_at(self, t_us: int) -> None:
+        """Set t = 0 to a stamp."""
+        self.t0_us = self.log.t0_us = t_us
 
     def problem(
         self,
@@ -49,20 +84,29 @@ class LogBuilder:
         offset: int | None = None,
         count: int = 1,
     ) -> None:
-        """Note something the user must know."""
+        """Add a problem to the log."""
         self.problems.append(Problem(code, severity, text.strip(), t, offset, count))
 
-    def attempt(self, what: str, build: Callable[[], T], otherwise: U) -> T | U:
-        """What ``build`` finds, ``otherwise`` where a damaged definition makes its message unreadable.
+    # Parts of the log.
 
-        Damage in a log hits format definitions too: fields are then missing, renamed or
-        of another type. One such message must not take the others with it, nor may
-        anything else that nobody thought of (``attlog/barrier.py``).
+    def table(self, name: str, instance: int = 0) -> Table | None:
+        """Return a message's table, None without records."""
+        return self.messages.tables.get((name, instance))
+
+    def stamps(self, table: Table) -> Stamps:
+        """Return the stamps (n,) of a table in us of the boot clock."""
+        return read_stamps(table, "timestamp")
+
+    def read_optional(self, what: str, read: Callable[[], T], otherwise: U) -> T | U:
+        """Return ``read()``, or ``otherwise`` and a problem where the definition of its message is damaged.
+
+        A damaged definition leaves fields missing, renamed or of another type. One such message must not take others
+        with it, nor may a bug.
         """
 
         def tried() -> T | U:
             try:
-                return build()
+                return read()
             except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
                 reason = str(error.args[0]) if error.args else type(error).__name__
                 self.problem("unreadable_message", "warning", f"{what} cannot be used: {reason.rstrip('.')[:200]}.")
@@ -77,17 +121,57 @@ class LogBuilder:
             self.messages.forget()
         return found
 
+    def read_parts(self, parts: Iterable[Part]) -> None:
+        """Read parts of the log in order; a part that cannot be read keeps its default."""
+        for part in parts:
+            group, _, name = part.field.rpartition(".")
+            holder = getattr(self.log, group) if group else self.log
+            default = getattr(holder, name) if name else None
+            found = self.read_optional(part.what, partial(part.read, self), default)
+            if name:
+                setattr(holder, name, found)
+
+    # Times.
+
     def seconds(self, t_us: Stamps) -> Array:
-        """Boot-clock microseconds as seconds on the log's clock (exact difference first)."""
+        """Convert stamps in us to seconds of the log (exact difference first)."""
         seconds: Array = (np.asarray(t_us, np.int64) - self.t0_us) * np.float64(1e-6)
         return seconds
 
-    def take_values(self, other: LogBuilder) -> None:
-        """What another builder found wrong with values; its times were told by another stream of the same records."""
-        self.problems += [p for p in other.problems if p.code in VALUE_CODES]
+    def near(self, t_us: Stamps) -> NDArray[np.bool_]:
+        """Mark the stamps (n,) that are not days away from this flight."""
+        t = np.asarray(t_us, np.int64)
+        near: NDArray[np.bool_] = (t >= 0) & (t <= LAST_TIME_US) & (np.abs(t - self.t0_us) <= 1e6 * limits.LONGEST_S)
+        return near
+
+    def is_near(self, t_us: int) -> bool:
+        """Return :meth:`near` for a single stamp."""
+        return 0 <= t_us <= LAST_TIME_US and abs(t_us - self.t0_us) <= 1e6 * limits.LONGEST_S
+
+    def near_rows(self, table: Table) -> tuple[Table, Array]:
+        """Return the rows of a table that are :meth:`near`, and their times (n,) in s."""
+        stamps = self.stamps(table)
+        near = self.near(stamps)
+        return table.rows(near), self.seconds(stamps[near])
+
+    def sample_times(self, t_us: Stamps, t_sample_us: Stamps) -> Array | None:
+        """Return times of measurement in s, None where the column is unset or equals the stamps.
+
+        Single unset ones get the usual age. A repeated sample time is moved on by a microsecond to stay rising.
+        """
+        t_us, t_sample_us = np.asarray(t_us, np.int64), np.asarray(t_sample_us, np.int64)
+        age = t_us - t_sample_us
+        known = (age >= 0) & (age < MAX_SAMPLE_AGE_US)
+        if len(age) == 0 or np.mean(known) < MIN_SAMPLED_SHARE or not age[known].any():
+            return None
+        sampled = np.where(known, t_sample_us, t_us - int(np.median(age[known])))
+        order = np.arange(len(sampled))
+        return self.seconds(np.maximum.accumulate(sampled - order) + order)
+
+    # Records and values that are left out.
 
     def within(self, x: Array, quantity: Quantity, source: str) -> Array:
-        """The values ``x`` (n,) or (n, k), NaN where they are impossible, which is counted and told."""
+        """Return ``x`` (n,) or (n, k) with NaN for impossible values, which become a problem."""
         beyond = quantity.outside(x)
         count = int(np.count_nonzero(beyond))
         if count == 0:
@@ -96,17 +180,11 @@ class LogBuilder:
         self.problem("values_out_of_range", "warning", f"{text} ({quantity.why}).", count=count)
         return np.where(beyond, np.nan, x)
 
-    def near(self, t_us: Stamps) -> NDArray[np.bool_]:
-        """Which stamps (n,) may belong to this flight: events, texts and parameters days away from it do not."""
-        t = np.asarray(t_us, np.int64)
-        near: NDArray[np.bool_] = (t >= 0) & (t <= LAST_TIME_US) & (np.abs(t - self.t0_us) <= 1e6 * limits.LONGEST_S)
-        return near
+    def add_value_problems(self, other: LogBuilder) -> None:
+        """Add another builder's problems of values; its times were reported with another stream of the records."""
+        self.problems.extend(p for p in other.problems if p.code in VALUE_CODES)
 
-    def is_near(self, t_us: int) -> bool:
-        """:meth:`near` for one stamp."""
-        return 0 <= t_us <= LAST_TIME_US and abs(t_us - self.t0_us) <= 1e6 * limits.LONGEST_S
-
-    def keep(
+    def select_records(
         self,
         t_us: Stamps,
         source: str,
@@ -115,26 +193,22 @@ class LogBuilder:
         wrong: str = "with values that no sensor can give",
         fastest_hz: float = limits.FUSED_HZ,
     ) -> NDArray[np.int64]:
-        """Indices of the records with plausible stamps (and ``good`` values); what is left out becomes problems.
+        """Return the indices of records with plausible stamps and ``good`` values; report the others.
 
-        ``wrong`` says what is the matter with the others. None is left where they follow each
-        other faster than ``fastest_hz``: their stamps are then no microseconds.
+        ``wrong``: the fault of the others. Records faster than ``fastest_hz`` have stamps of another unit: none is
+        left.
         """
         index = np.arange(len(t_us)) if good is None else np.flatnonzero(good)
         values = len(t_us) - len(index)
         if values:
-            self.problem(
-                "values_out_of_range",
-                "warning",
-                f"{source}: left out {values:,} of {len(t_us):,} records, {wrong}.",
-                count=values,
-            )
+            text = f"{source}: left out {values:,} of {len(t_us):,} records, {wrong}."
+            self.problem("values_out_of_range", "warning", text, count=values)
         whole = np.asarray(t_us, np.int64)
         kept = plausible_records(whole[index], partial(isolated_timestamps, self.messages), whole)
         self._report_false_stamps(kept, source, len(t_us))
         index = index[kept.index]
         if self.t0_us:
-            near = self.near(np.asarray(t_us, np.int64)[index])
+            near = self.near(whole[index])
             if not near.all():
                 far = int(np.count_nonzero(~near))
                 text = (
@@ -142,7 +216,7 @@ class LogBuilder:
                 )
                 self.problem("false_times", "warning", text, count=far)
                 index = index[near]
-        rate = burst_rate(np.asarray(t_us, np.int64)[index])
+        rate = burst_rate(whole[index])
         if rate > fastest_hz:
             text = f"{source}: its {len(index):,} records follow each other at {rate:,.0f} Hz; more than "
             text += f"{fastest_hz:,.0f} Hz is not possible. Their stamps are false, and none is used."
@@ -151,7 +225,7 @@ class LogBuilder:
         return index
 
     def _report_false_stamps(self, kept: ValidRecords, source: str, records: int) -> None:
-        """A problem for each reason why stamps of a message, of so many records, are not used."""
+        """Add a problem for each reason why stamps of a message are not used."""
         reasons: tuple[tuple[str, Severity, int, str], ...] = (
             ("duplicate_times", "note", kept.duplicates, "which repeat a time stamp"),
             ("time_backward", "warning", kept.backward, "which go back in time"),
@@ -163,6 +237,8 @@ class LogBuilder:
                 left_out = f"{source}: left out {count:,} of {records:,} records"
                 text = f"{left_out}, {why}." if why else f"{left_out}: nothing else in the log has such times."
                 self.problem(code, severity, text, count=count)
+
+    # Streams, attitudes, time lines, texts.
 
     def stream(
         self,
@@ -179,10 +255,10 @@ class LogBuilder:
         t_sample_us: Stamps | None = None,
         allow_nan: bool = False,
     ) -> Stream | None:
-        """A clean stream of ``x`` (n,) or (n, k), None if no record is left.
+        """Return a clean stream of ``x`` (n,) or (n, k), None if no record is left.
 
-        Records with values that are missing or not ``within`` a quantity's limits go. Where
-        ``allow_nan`` such values become NaN instead, and a record without any value goes silently.
+        Records with values that are missing or not ``within`` limits are left out. With ``allow_nan`` such values
+        become NaN instead, and a record without any value is left out silently.
         """
         x = np.asarray(x, np.float64).reshape(len(t_us), -1)
         wrong, good = "with missing values", None
@@ -194,34 +270,38 @@ class LogBuilder:
             good = np.asarray(finite if within is None else finite & ~within.outside(x).any(axis=1))
             if within is not None:
                 wrong = f"where {within.name} is missing or outside {within.limits} ({within.why})"
-        index = chosen[self.keep(np.asarray(t_us)[chosen], source, good, wrong=wrong, fastest_hz=fastest_hz)]
+        index = self.select_records(np.asarray(t_us)[chosen], source, good, wrong=wrong, fastest_hz=fastest_hz)
+        index = chosen[index]
         if len(index) == 0:
             return None
         t = self.seconds(np.asarray(t_us)[index])
         sampled = None if t_sample_us is None else self.sample_times(np.asarray(t_us)[index], t_sample_us[index])
         return Stream(t, x[index], unit, frame, source, sampling, delay, sampled)
 
-    def battery(self, t_us: Stamps, x: Array, source: str) -> Stream | None:
-        """Battery from ``x`` (n, 2), voltage in V and current in A, NaN where not measured."""
+    def column_stream(
+        self,
+        table: Table | None,
+        names: tuple[str, ...],
+        unit: str,
+        source: str,
+        within: Quantity | None,
+        *,
+        scale: float = 1.0,
+        frame: str = "",
+        allow_nan: bool = False,
+    ) -> Stream | None:
+        """Return the stream of columns of a table times ``scale``, None where the table or a column is missing."""
+        if table is None or not all(name in table for name in names):
+            return None
+        x = columns(table, *names) * scale
+        return self.stream(self.stamps(table), x, unit, source, frame=frame, within=within, allow_nan=allow_nan)
+
+    def battery_stream(self, t_us: Stamps, x: Array, source: str) -> Stream | None:
+        """Return the battery from ``x`` (n, 2), voltage in V and current in A, NaN where not measured."""
         volts, amperes = x[:, :1], x[:, 1:2]
         clean = [self.within(volts, limits.VOLTAGE, source), self.within(amperes, limits.CURRENT, source)]
         fastest = limits.AIDING_HZ
         return self.stream(t_us, np.hstack(clean), "V, A", source, fastest_hz=fastest, allow_nan=True)
-
-    def sample_times(self, t_us: Stamps, t_sample_us: Stamps) -> Array | None:
-        """Times of measurement in s, None where the log's column is unset or tells nothing new.
-
-        A sample lies at most one second before its stamp. Single unset ones get the
-        usual age; a repeated sample time is moved on by a microsecond to stay rising.
-        """
-        t_us, t_sample_us = np.asarray(t_us, np.int64), np.asarray(t_sample_us, np.int64)
-        age = t_us - t_sample_us
-        known = (age >= 0) & (age < 1_000_000)
-        if len(age) == 0 or np.mean(known) < 0.9 or not age[known].any():
-            return None
-        sampled = np.where(known, t_sample_us, t_us - int(np.median(age[known])))
-        order = np.arange(len(sampled))
-        return self.seconds(np.maximum.accumulate(sampled - order) + order)
 
     def attitude(
         self,
@@ -235,11 +315,10 @@ class LogBuilder:
         has_trim: bool = False,
         step_deg: float = 0.0,
     ) -> Attitude | None:
-        """A clean attitude of quaternions ``q`` (n, 4), None if no record holds one.
+        """Return a clean attitude of quaternions ``q`` (n, 4), None without any.
 
-        ``counter`` (n,) steps where the estimator reset its attitude; ``reset_times_us``
-        are resets that the log tells elsewhere, each put on the largest of the three
-        steps around it (the logger's order and rate leave one sample of doubt).
+        ``counter`` (n,) steps where the estimator reset its attitude. ``reset_times_us``: resets that are logged
+        elsewhere, each put on the largest of the three steps around it.
         """
         if np.shape(q)[1:] != (4,):
             raise ValueError(f"{source} does not hold four numbers of a quaternion")
@@ -254,45 +333,29 @@ class LogBuilder:
             good = (norm > limits.QUATERNION_NORM.low) & (norm < limits.QUATERNION_NORM.high)
         chosen = np.flatnonzero(~unset)
         wrong = f"with quaternions or angles that are none (norm outside {limits.QUATERNION_NORM.limits})"
-        index = chosen[self.keep(np.asarray(t_us)[chosen], source, good[chosen], wrong=wrong)]
+        index = chosen[self.select_records(np.asarray(t_us)[chosen], source, good[chosen], wrong=wrong)]
         if len(index) == 0:
             return None
         stamps = np.asarray(t_us, np.int64)[index]
-        # Twice: the second time takes out what rounding left of the first, and nobody has to do it again.
+        # Twice, because rounding leaves a last bit the first time.
         unit = rotation.normalize(rotation.normalize(np.asarray(q, np.float64)[index]))
         resets: set[int] = set()
         if counter is not None:
             resets |= {int(i) + 1 for i in np.flatnonzero(np.diff(np.asarray(counter)[index].astype(np.int64)))}
-        resets |= self.reset_steps(stamps, unit, reset_times_us, resets)
+        resets |= _reset_steps(stamps, unit, reset_times_us, resets)
         sampled = None if t_sample_us is None else self.sample_times(stamps, np.asarray(t_sample_us)[index])
-        return Attitude(
-            self.seconds(stamps), unit, source, sampled, np.array(sorted(resets), np.int64), has_trim, step_deg, True
-        )
+        order = np.array(sorted(resets), np.int64)
+        return Attitude(self.seconds(stamps), unit, source, sampled, order, has_trim, step_deg, normal=True)
 
     def positions(self, t_us: Stamps, x: Array, at: Array) -> Array | None:
-        """Positions ``x`` (n, 3) at the times ``at`` (m,) s of an attitude of the same records; None without two."""
+        """Interpolate positions ``x`` (n, 3) at times ``at`` (m,) s, None without two."""
         t = self.seconds(t_us)
         order = np.argsort(t, kind="stable")
         order = order[rotation.finite_rows(x[order])]
         return np.column_stack([np.interp(at, t[order], axis) for axis in x[order].T]) if len(order) > 1 else None
 
-    def reset_steps(self, t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int]) -> set[int]:
-        """Indices of the steps that resets at the given times made; none where one is known already."""
-        found: set[int] = set()
-        if len(t_us) < 2:
-            return found
-        steps = rotation.total_angle(rotation.multiply(rotation.conjugate(q[:-1]), q[1:]))
-        for time in times_us:
-            if not t_us[0] < time <= t_us[-1]:
-                continue
-            i = int(np.searchsorted(t_us, time))
-            around = [k for k in (i - 1, i, i + 1) if 1 <= k < len(t_us)]
-            if around and not known & set(around):
-                found.add(max(around, key=lambda k: steps[k - 1]))
-        return found
-
     def texts(self, at: Callable[[int], int] | None = None) -> list[tuple[float, int, str]]:
-        """The autopilot's messages (t, level, text); ``at`` gives the time of a place in the file for those without."""
+        """Return the autopilot's messages (t, level, text); ``at`` maps a place in the file to a stamp."""
         found = []
         for text in self.messages.texts:
             t_us = text.t_us if text.t_us is not None else self.t0_us if at is None else at(text.offset)
@@ -301,7 +364,7 @@ class LogBuilder:
         return found
 
     def time_line(self, t_us: Stamps, values: list[Any], source: str) -> TimeLine | None:
-        """A time line that keeps only changes; None without entries."""
+        """Return a time line of the changes, None without entries."""
         stamps = np.asarray(t_us, np.int64)
         sane = self.near(stamps)
         if len(values) == 0 or not sane.any():
@@ -310,12 +373,31 @@ class LogBuilder:
         order = order[sane[order]]
         ordered = [values[i] for i in order]
         changed = [i for i, value in enumerate(ordered) if i == 0 or value != ordered[i - 1]]
-        t = self.seconds(np.asarray(t_us, np.int64)[order])
+        t = self.seconds(stamps[order])
         return TimeLine(t[changed], [ordered[i] for i in changed], source)
 
 
+def _reset_steps(t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int]) -> set[int]:
+    """Return the indices of steps made by resets at given times, except beside a known one.
+
+    The logger's order and rate leave one sample of doubt.
+    """
+    found: set[int] = set()
+    if len(t_us) < 2:
+        return found
+    steps = rotation.total_angle(rotation.multiply(rotation.conjugate(q[:-1]), q[1:]))
+    for time in times_us:
+        if not t_us[0] < time <= t_us[-1]:
+            continue
+        i = int(np.searchsorted(t_us, time))
+        around = [k for k in (i - 1, i, i + 1) if 1 <= k < len(t_us)]
+        if around and not known & set(around):
+            found.add(max(around, key=lambda k: steps[k - 1]))
+    return found
+
+
 def burst_rate(t_us: Stamps) -> float:
-    """Records per second while they follow each other within a second, 0 where there are too few to tell."""
+    """Return records per second while they follow each other within a second, 0 for too few records."""
     steps = np.diff(t_us)
     close = steps[steps <= 1_000_000]
     span = float(close.sum())
@@ -323,15 +405,26 @@ def burst_rate(t_us: Stamps) -> float:
 
 
 def columns(table: Table, *names: str) -> Array:
-    """Columns (n, k) of a table as float64 in the format's own units; array fields are widened."""
+    """Return columns (n, k) of a table as float64 in the format's units; array fields are widened."""
     parts = [table.value(name) for name in names]
     if len(parts) == 1 and parts[0].ndim == 2:
         return np.ascontiguousarray(parts[0])
     return np.column_stack(parts) if parts else np.zeros((len(table), 0))
 
 
+def optional_column(table: Table, name: str) -> Array:
+    """Return a column (n,) as float64, NaN where the table has none."""
+    return table.value(name).astype(np.float64) if name in table else np.full(len(table), np.nan)
+
+
+def new_counts(counter: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the increments (n,) of a counter (n,) or of several (n, k) together; a fall is a restart."""
+    counts = counter.astype(np.int64).reshape(len(counter), -1)
+    return np.asarray(np.maximum(np.diff(counts, axis=0, prepend=counts[:1]), 0).sum(axis=1))
+
+
 def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:
-    """Which rows (n,) of x (n, k) are finite and within +-limit."""
+    """Mark the rows (n,) of x (n, k) that are finite and within +-limit."""
     inside = np.ones(len(x), bool)
     with np.errstate(invalid="ignore"):
         for column in x.T:  # many times faster than ``all`` of each row
@@ -339,17 +432,19 @@ def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:
     return inside
 
 
-def on_earth(place: Array) -> NDArray[np.bool_]:
-    """Which rows of ``place`` (n, 2 or more) begin with a latitude and a longitude in deg."""
-    return finite_within(place[:, :1], limits.LATITUDE.high) & finite_within(place[:, 1:2], limits.LONGITUDE.high)
+def from_euler(angles: Array, limit: float) -> Array:
+    """Return quaternions (n, 4) of Euler angles (n, 3) rad, NaN where one is beyond +-limit."""
+    good = finite_within(angles, limit)
+    q = np.full((len(angles), 4), np.nan)
+    q[good] = rotation.from_euler(*angles[good].T)
+    return q
 
 
-def angle_quantisation_deg(angles_deg: Array) -> float:
-    """The quantisation of logged angles in degrees: 0.01 where all lie on that grid, else 0."""
+def angle_step_deg(angles_deg: Array) -> float:
+    """Return the quantisation of logged angles in deg: ANGLE_STEP_DEG where all lie on that grid, else 0."""
     angles = np.asarray(angles_deg, np.float64)
     angles = angles[np.isfinite(angles)]
     if len(angles) < 10:
         return 0.0
-    hundredths = angles * 100.0
-    on_grid = np.abs(hundredths - np.round(hundredths)) < 1e-3
-    return 0.01 if np.mean(on_grid) > 0.99 else 0.0
+    steps = angles / ANGLE_STEP_DEG
+    return ANGLE_STEP_DEG if np.mean(np.abs(steps - np.round(steps)) < 1e-3) > 0.99 else 0.0

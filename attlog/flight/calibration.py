@@ -9,12 +9,13 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.flight.advice import version_number
-from attlog.flight.model import Array
+from attlog.flight.model import Array, Mag
 
 # Mounting rotations by number (MAV_SENSOR_ORIENTATION), shared by PX4 and ArduPilot.
 #
 # Values: MAVLink common.xml, and PX4 src/lib/conversion/rotation.h.
 
+# Roll, pitch, yaw of the sensor or board in the vehicle, by number.
 MOUNTING_EULER_DEG = (
     (0, 0, 0),
     (0, 0, 45),
@@ -65,7 +66,6 @@ MOUNTING_EULER_DEG = (
     (270, 0, 225),
     (270, 0, 315),
 )
-"""Roll, pitch, yaw of the sensor or board in the vehicle, by number."""
 
 
 def mounting_matrix(number: float | None) -> Array | None:
@@ -86,8 +86,8 @@ def euler_matrix(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:
 # of
 # the motors (their current in A, or their throttle 0 to 1).
 
+# A calibration whose determinant is smaller folds the axes into a plane: it is damage.
 MIN_DETERMINANT = 1e-3
-"""A calibration whose determinant is smaller folds the axes into a plane: it is damage."""
 
 
 class CalibrationUnknownError(Exception):
@@ -167,17 +167,17 @@ class Calibration:
 # ``(raw - OFFS) * SCAL``, then turned by AHRS_ORIENTATION.
 
 Values = Mapping[str, float]
+# Tesla per milligauss, the unit of COMPASS_OFS and COMPASS_MOT.
 MILLIGAUSS = 1e-7
-"""Tesla per milligauss, the unit of COMPASS_OFS and COMPASS_MOT."""
 ARDUPILOT_SLOTS = 3
+# COMPASS_SCALE counts within these (COMPASS_MIN_SCALE_FACTOR, COMPASS_MAX_SCALE_FACTOR); 0 is "not set".
 SCALE_RANGE = (1.0 / 1.5, 1.5)
-"""COMPASS_SCALE counts within these (COMPASS_MIN_SCALE_FACTOR, COMPASS_MAX_SCALE_FACTOR); 0 is "not set"."""
+# COMPASS_MOTCT.
 ARDUPILOT_MOTOR_POWERS = {0: "", 1: "throttle", 2: "current"}
-"""COMPASS_MOTCT."""
+# Decimals of milligauss, of mG/A and of m/s^2.
 ARDUPILOT_DIGITS, ACC_DIGITS = 2, 4
-"""Decimals of milligauss, of mG/A and of m/s^2."""
+# Before this version accelerometer offsets were those of the vehicle's axes.
 SENSOR_AXES_VERSION = (3, 3)
-"""Before this version accelerometer offsets were those of the vehicle's axes."""
 
 
 def slot_suffix(slot: int) -> str:
@@ -306,16 +306,16 @@ def ardupilot_accelerometer(values: Values, index: int, version: str) -> Calibra
 # (PX4 src/lib/sensor_calibration). Since 1.13 the firmware subtracts from a compass what it learnt before arming,
 # too.
 
+# Tesla per gauss, the unit of CAL_MAGn_*OFF.
 GAUSS = 1e-4
-"""Tesla per gauss, the unit of CAL_MAGn_*OFF."""
+# CAL_MAGn_*COMP is gauss per kA of current, or gauss at full throttle.
 KILOAMPERE = 1e3
-"""CAL_MAGn_*COMP is gauss per kA of current, or gauss at full throttle."""
+# CAL_MAG_COMP_TYP; 3 is the current of a second battery, which no log names.
 PX4_MOTOR_POWERS = {0: "", 1: "throttle", 2: "current"}
-"""CAL_MAG_COMP_TYP; 3 is the current of a second battery, which no log names."""
+# So many slots; decimals of gauss, of G/kA and of m/s^2 in a parameter.
 PX4_SLOTS, PX4_DIGITS = 8, 4
-"""So many slots; decimals of gauss, of G/kA and of m/s^2 in a parameter."""
+# CAL_MAGn_ROT that points to CAL_MAGn_ROLL, _PITCH, _YAW in degrees.
 CUSTOM_ROTATION = 100
-"""CAL_MAGn_ROT that points to CAL_MAGn_ROLL, _PITCH, _YAW in degrees."""
 BOARD_PARAMETERS = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z_OFF")
 
 
@@ -324,6 +324,15 @@ def px4_slot(kind: str, values: Values, device_id: int) -> int | None:
     if device_id == 0:
         return None
     return next((n for n in range(PX4_SLOTS) if values.get(f"CAL_{kind}{n}_ID") == device_id), None)
+
+
+def px4_slot_in_use(values: Values, mag: Mag | None) -> int | None:
+    """Return the calibration slot of a compass by its device; of one without a device the only enabled slot."""
+    if mag is not None and mag.device is not None and mag.device.isdigit():
+        return px4_slot("MAG", values, int(mag.device))
+    slots = [n for n in range(PX4_SLOTS) if values.get(f"CAL_MAG{n}_ID")]
+    slots = [n for n in slots if values.get(f"CAL_MAG{n}_EN", 1.0) != 0 and values.get(f"CAL_MAG{n}_PRIO", 1.0) != 0]
+    return slots[0] if len(slots) == 1 else None
 
 
 def px4_calibrate(kind: str, values: Values, device_id: int, x: Array) -> tuple[Array, bool]:

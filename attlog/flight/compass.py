@@ -1,4 +1,4 @@
-"""Magnetometers: spikes out, repeated values out, and which one can be used."""
+"""Choose a magnetometer: without spikes and repeated values, and one that measures."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
-from attlog.flight.advice import LoggingAdvice
 from attlog.flight.builder import LogBuilder
 from attlog.flight.imu import as_sentence
-from attlog.flight.model import Array, Imu, Mag
+from attlog.flight.model import Array, Imu, Mag, Severity
 
-GAUSS = 1e-4
-"""Tesla per gauss."""
+# Tesla per gauss and per milligauss.
+GAUSS, MILLIGAUSS = 1e-4, 1e-7
+# A record whose norm is this many times the median of its neighbours, or this part of it, is a spike.
 SPIKE_FACTOR = 3.0
-"""A record whose norm is this many times the local median, or this part of it, is a spike."""
-MAX_SILENT_SPIKES = 3
-"""So many spikes are no trouble, however short the log."""
+# Up to this number and share spikes are a note.
+MAX_NOTE_SPIKES, MAX_NOTE_SPIKE_SHARE = 3, 0.01
+# A field that stays constant during a turn of this size is not measured.
 MIN_TURN_DEG = 15.0
-"""A field that stays constant while the gyro sees this much turn is not measured."""
 
 
 def build_mag(
@@ -36,7 +35,7 @@ def build_mag(
     enabled: bool = True,
     fastest_hz: float = limits.FUSED_HZ,
 ) -> Mag | None:
-    """One magnetometer, ``field_t`` (n, 3) in tesla; None if no record is left. Spikes and zeros become NaN rows."""
+    """Return a magnetometer of ``field_t`` (n, 3) tesla, None without records; spikes and zeros become NaN."""
     if field_t.shape[1:] != (3,):
         raise ValueError(f"{source} does not hold three axes")
     stream = builder.stream(
@@ -51,20 +50,16 @@ def build_mag(
         return None
     if bad.any() and not bad.all():
         stream.x[bad] = np.nan
-        worst = int(bad.sum())
-        builder.problem(
-            "mag_spikes",
-            "warning" if worst > max(0.01 * len(bad), MAX_SILENT_SPIKES) else "note",
-            f"{source}: left out {worst} of {len(bad)} records of the magnetometer, zero or more than a factor "
-            f"{SPIKE_FACTOR:.0f} off their neighbours.",
-            t=float(stream.t[np.flatnonzero(bad)[0]]),
-            count=worst,
-        )
+        count = int(bad.sum())
+        severity: Severity = "warning" if count > max(MAX_NOTE_SPIKE_SHARE * len(bad), MAX_NOTE_SPIKES) else "note"
+        text = f"{source}: left out {count} of {len(bad)} records of the magnetometer, zero or more than a factor "
+        text += f"{SPIKE_FACTOR:.0f} off their neighbours."
+        builder.problem("mag_spikes", severity, text, t=float(stream.t[np.flatnonzero(bad)[0]]), count=count)
     return Mag(index, stream, calibrated, device, enabled)
 
 
 def field_spikes(field_t: Array) -> NDArray[np.bool_]:
-    """Which records (n,) cannot be a field: not finite, zero, beyond the limit, or far from the local median norm."""
+    """Mark records (n,) that are no field: not finite, zero, beyond the limit, or far from the local median norm."""
     norm = np.sqrt(np.sum(field_t**2, axis=1))
     bad: NDArray[np.bool_] = ~np.isfinite(norm) | (norm == 0) | (norm > limits.FIELD.high)
     good = np.flatnonzero(~bad)
@@ -77,7 +72,7 @@ def field_spikes(field_t: Array) -> NDArray[np.bool_]:
 
 
 def dead_reason(mag: Mag, imu: Imu | None) -> str:
-    """Why this magnetometer measures nothing, empty if it seems to."""
+    """Return the reason why this magnetometer measures nothing, empty if it seems to."""
     x = mag.field.x[rotation.finite_rows(mag.field.x)]
     if len(x) == 0 or not x.any():
         return "all its values are zero"
@@ -89,7 +84,7 @@ def dead_reason(mag: Mag, imu: Imu | None) -> str:
 
 
 def turned_deg(imu: Imu, t0: float, t1: float) -> float:
-    """Largest excursion in deg of the integrated gyro about any axis between two times."""
+    """Return the largest excursion in deg of the integrated gyro about any axis between two times."""
     t, x = imu.gyro.t, imu.gyro.x
     inside = (t >= t0) & (t <= t1)
     if inside.sum() < 2:
@@ -99,40 +94,30 @@ def turned_deg(imu: Imu, t0: float, t1: float) -> float:
     return float(np.degrees(np.ptp(np.cumsum(rate * dt[:, None], axis=0), axis=0).max()))
 
 
-def choose_mag(
-    builder: LogBuilder,
-    mags: list[Mag],
-    imu: Imu | None,
-    preferred: int | None,
-    why: str,
-    asked: int | str | None,
-    logging: LoggingAdvice,
-) -> int | None:
-    """Position of the magnetometer to use, None with a problem where none can be.
+def choose_mag(builder: LogBuilder, preferred: int | None, why: str, asked: int | str | None) -> int | None:
+    """Return the position of the magnetometer to use, None with a problem where none can be.
 
-    ``asked`` is a number, ``"none"`` for no magnetometer, or None to choose; ``logging``
-    knows the settings that would log one.
+    ``preferred``: index of the one that flew. ``asked``: an index, ``"none"``, or None to choose.
     """
+    log, mags = builder.log, builder.log.mags
     if asked == "none":
-        builder.choices["mag"] = "None, as asked for."
+        log.choices["mag"] = "None, as asked for."
         return None
     if asked is not None:
         named = [k for k, m in enumerate(mags) if m.index == int(asked)]
         if not named:
             have = ", ".join(str(m.index) for m in mags) or "none"
-            builder.problem(
-                "mag_not_in_log", "error", f"There is no magnetometer {asked} in this log; it holds {have}."
-            )
+            text = f"There is no magnetometer {asked} in this log; it holds {have}."
+            builder.problem("mag_not_in_log", "error", text)
             return None
-        builder.choices["mag"] = "Asked for."
+        log.choices["mag"] = "Asked for."
         return named[0]
     usable, passed_over = [], []
     for k, mag in enumerate(mags):
         name = mag.field.source
-        reason = dead_reason(mag, imu)
+        reason = dead_reason(mag, log.replay_imu)
         if reason:
-            told = any(p.code == "mag_only_offsets" and p.text.startswith(f"{name}:") for p in builder.problems)
-            if not told:
+            if not any(p.code == "mag_only_offsets" and p.text.startswith(f"{name}:") for p in builder.problems):
                 builder.problem("mag_dead", "warning", f"{name}: {reason}; this magnetometer is not used.")
         elif not mag.enabled:
             passed_over.append(("mag_disabled", f"{name}: the parameters disable this compass", mag.index))
@@ -145,10 +130,9 @@ def choose_mag(
         builder.problem(code, "note" if usable else "warning", text)
     if not usable:
         if not mags:
-            text = f"This log holds no magnetometer data: headings are relative. {logging.advice('mag')}"
+            text = f"This log holds no magnetometer data: headings are relative. {log.advice('mag')}"
             builder.problem("no_mag", "warning", text)
         return None
     chosen = next((k for k in usable if mags[k].index == preferred), usable[0])
-    reason = why if mags[chosen].index == preferred else "the first usable one"
-    builder.choices["mag"] = as_sentence(reason)
+    log.choices["mag"] = as_sentence(why if mags[chosen].index == preferred else "the first usable one")
     return chosen

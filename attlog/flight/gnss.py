@@ -1,4 +1,4 @@
-"""One GNSS receiver: its records on the log's clock, without what no receiver can measure."""
+"""Build a GNSS receiver on the log's clock, without impossible values."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.timestamps import Stamps
-from attlog.flight import limits as physics
-from attlog.flight.builder import VALUE_CODES, LogBuilder, on_earth
+from attlog.flight import limits
+from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.limits import Quantity
 from attlog.flight.model import Array, Gnss, Reception
 
+# Fix types from here on carry a position.
 MIN_FIX_TYPE = 2
-"""Fix types from here on tell a place."""
-NOT_ON_EARTH = f"whose place is none ({physics.LATITUDE.limits}, {physics.LONGITUDE.limits})"
+NOT_ON_EARTH = f"whose place is none ({limits.LATITUDE.limits}, {limits.LONGITUDE.limits})"
+# A record is written at most so long after it was received.
+MAX_WRITE_DELAY_US = 1e6
 
 
 def build_gnss(
@@ -34,63 +36,62 @@ def build_gnss(
     received_us: Array | None = None,
     reception: Mapping[str, Array] | None = None,
 ) -> Gnss | None:
-    """The receiver ``unit``; None if no record is left.
+    """Return the receiver ``unit``, None if no record is left.
 
-    ``place`` (n, 3): latitude and longitude in deg, height in m. ``velocity`` (n, 3) m/s NED.
-    ``accuracy``: horizontal and vertical in m, of the speed in m/s, each (n,). ``yaw`` (n,) rad,
-    ``utc_us`` (n,) Unix time. Where records tell of no fix, place and velocity become NaN
-    and nothing in them counts as wrong. ``repeats``: the last record is sent again until there
-    is a new one, with its stamp or none, so that times tell no fault. ``received_us`` (n,) us is when the autopilot
-    took a record to have come, NaN where unknown; ``reception``: columns (n,) of :class:`Reception`.
-    ValueError where the log's definitions make arrays of single numbers.
+    ``place`` (n, 3): latitude and longitude in deg, height in m. ``velocity`` (n, 3): m/s north-east-down.
+    ``accuracy``: horizontal, vertical (m), speed (m/s), each (n,). ``yaw`` (n,): rad. ``utc_us`` (n,): Unix time.
+    ``repeats``: records are sent again until there is a new one, so that repeated times are no fault.
+    ``received_us`` (n,): arrival in us, NaN where unknown. ``reception``: columns (n,) of :class:`Reception`.
+    ValueError where a damaged definition makes arrays of single numbers.
     """
     if not all(len(t_us) == len(x) and x.ndim == 1 for x in (fix, *accuracy, yaw, utc_us) if x is not None):
         raise ValueError(f"{source} does not hold one value per record")
-    own = LogBuilder(builder.messages, t0_us=builder.t0_us)
-    index = own.keep(t_us, source, on_earth(place), wrong=NOT_ON_EARTH, fastest_hz=physics.AIDING_HZ)
-    builder.problems += [p for p in own.problems if not repeats or p.code in VALUE_CODES]
+    own = builder.quiet()
+    on_earth = finite_within(place[:, :1], limits.LATITUDE.high) & finite_within(place[:, 1:2], limits.LONGITUDE.high)
+    index = own.select_records(t_us, source, on_earth, wrong=NOT_ON_EARTH, fastest_hz=limits.AIDING_HZ)
+    if repeats:
+        builder.add_value_problems(own)
+    else:
+        builder.problems.extend(own.problems)
     if len(index) == 0:
         return None
     place, velocity, fix = place[index], velocity[index], fix[index]
     fixed = fix >= MIN_FIX_TYPE
     place[~fixed], velocity[~fixed] = np.nan, np.nan
-    place[:, 2] = builder.within(place[:, 2], physics.HEIGHT, source)
-    velocity = builder.within(velocity, physics.SPEED, source)
-    quantities = (physics.PLACE_ACCURACY, physics.PLACE_ACCURACY, physics.SPEED_ACCURACY)
+    place[:, 2] = builder.within(place[:, 2], limits.HEIGHT, source)
+    velocity = builder.within(velocity, limits.SPEED, source)
+    quantities = (limits.PLACE_ACCURACY, limits.PLACE_ACCURACY, limits.SPEED_ACCURACY)
     h_acc, v_acc, s_acc = (
         _fixed_accuracy(builder, x[index], fixed, quantity, source)
         for x, quantity in zip(accuracy, quantities, strict=True)
     )
     if yaw is not None:
-        yaw = builder.within(yaw[index], physics.GNSS_YAW, source)
+        yaw = builder.within(yaw[index], limits.GNSS_YAW, source)
         yaw = yaw if np.isfinite(yaw).any() and yaw.any() else None
     if utc_us is not None:
         utc_us = _valid_dates(builder, utc_us[index], fix, source)
+    received = _reception_times(builder, t_us[index], None if received_us is None else received_us[index])
+    signals = None if reception is None else _reception({name: x[index] for name, x in reception.items()})
+    lat, lon, alt = place[:, 0], place[:, 1], place[:, 2]
+    t = builder.seconds(t_us[index])
     return Gnss(
-        unit,
-        builder.seconds(t_us[index]),
-        source,
-        place[:, 0],
-        place[:, 1],
-        place[:, 2],
-        velocity,
-        h_acc,
-        v_acc,
-        s_acc,
-        fix,
-        yaw,
-        utc_us,
-        _reception_times(builder, t_us[index], None if received_us is None else received_us[index]),
-        None if reception is None else _reception({name: x[index] for name, x in reception.items()}),
-    )
+        unit, t, source, lat, lon, alt, velocity, h_acc, v_acc, s_acc, fix, yaw, utc_us, received, signals
+    )  # fmt: skip
 
 
-MAX_WRITE_DELAY_US = 1e6
-"""A record is not written later than this after it came."""
+def utc_offset(builder: LogBuilder) -> float | None:
+    """Return the seconds that turn the log's clock into Unix time, from GNSS with a fix; None without a date."""
+    for receiver in builder.log.gnss:
+        if receiver.utc_us is None:
+            continue
+        good = (receiver.utc_us > 0) & (receiver.fix >= MIN_FIX_TYPE)
+        if good.any():
+            return float(np.median(receiver.utc_us[good] * 1e-6 - receiver.t[good]))
+    return None
 
 
 def _reception_times(builder: LogBuilder, t_us: Stamps, received_us: Array | None) -> Array | None:
-    """When each record came (n,) s, its own stamp where that is not known; None where none is."""
+    """Return arrival times (n,) in s, the stamp where one is unknown; None where all are."""
     if received_us is None or received_us.shape != t_us.shape:
         return None
     since = t_us - received_us
@@ -100,20 +101,20 @@ def _reception_times(builder: LogBuilder, t_us: Stamps, received_us: Array | Non
     return builder.seconds(t_us) - 1e-6 * np.where(known, since, 0.0)
 
 
-def _reception(told: Mapping[str, Array]) -> Reception | None:
-    """What a receiver tells of its signals, NaN where it tells nothing or what cannot be; None if it never does."""
-    limits = {"satellites": physics.SATELLITES, "hdop": physics.HDOP}
-    unknown = np.full(len(next(iter(told.values()))), np.nan)
+def _reception(columns: Mapping[str, Array]) -> Reception | None:
+    """Return the signal quality with NaN for impossible values, None without any value."""
+    quantities = {"satellites": limits.SATELLITES, "hdop": limits.HDOP}
+    unknown = np.full(len(next(iter(columns.values()))), np.nan)
     found = {}
     for name in Reception.__slots__:
-        x = told.get(name, unknown).astype(np.float64)
+        x = columns.get(name, unknown).astype(np.float64)
         x = x if x.shape == unknown.shape else unknown  # a damaged definition makes arrays of single numbers
-        found[name] = np.where(limits[name].outside(x), np.nan, x) if name in limits else x
+        found[name] = np.where(quantities[name].outside(x), np.nan, x) if name in quantities else x
     return Reception(**found) if any(np.isfinite(x).any() for x in found.values()) else None
 
 
 def _fixed_accuracy(builder: LogBuilder, x: Array, fixed: NDArray[np.bool_], quantity: Quantity, source: str) -> Array:
-    """An accuracy without impossible values. Those without a fix do not count: drivers write their largest number."""
+    """Return an accuracy without impossible values; without a fix drivers write their largest number."""
     x = np.where(~fixed & quantity.outside(x), np.nan, x)
     return builder.within(x, quantity, source)
 
@@ -121,8 +122,8 @@ def _fixed_accuracy(builder: LogBuilder, x: Array, fixed: NDArray[np.bool_], qua
 def _valid_dates(
     builder: LogBuilder, utc_us: NDArray[np.int64], fix: NDArray[np.int64], source: str
 ) -> NDArray[np.int64] | None:
-    """Unix times with 0 where they are none; None if no record tells one. They count as wrong with a fix in space."""
-    date = physics.UTC_US
+    """Return Unix times with 0 where they are impossible, None without any; report those with a fix in space."""
+    date = limits.UTC_US
     wrong = date.outside(utc_us.astype(np.float64)) & (utc_us != 0)
     count = int(np.count_nonzero(wrong & (fix > MIN_FIX_TYPE)))
     if count:

@@ -98,15 +98,13 @@ UTC_US = Quantity(
     "1,024 weeks behind",
 )
 
+# Fastest records: a gyro's own samples (32 kHz), what a loop makes of them (8 kHz), GNSS and battery (100 Hz).
+# Faster ones have stamps of another unit: a log in ms read as us is a thousand times too fast.
 RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 500.0
-"""Fastest records: a gyro's own samples (32 kHz), what a loop makes of them (8 kHz), GNSS and battery (100 Hz).
-
-Faster ones have stamps of another unit: a log in ms read as us is a thousand times too fast.
-"""
+# What lies further from the first sample is of another flight, or its time is false: boats run for a day.
 LONGEST_S = 3 * 86_400.0
-"""What lies further from the first sample is of another flight, or its time is false: boats run for a day."""
+# Fewer records in a burst tell no rate.
 ENOUGH_FOR_A_RATE = 20
-"""Fewer records in a burst tell no rate."""
 
 
 # Which values can the parameters have that attlog computes with?
@@ -119,6 +117,7 @@ CUTOFF = Quantity("cutoff frequency", 1.0, 10_000.0, "Hz", "no filter of an auto
 _TURN = Quantity("angle", -360.0, 360.0, "deg", "one turn")
 _GAIN = Quantity("gain", 0.0, 100.0, "", "the firmware's own largest is 10")
 
+# By the whole name. Parameters that are not here are shown and compared, not computed with.
 PARAMETER_LIMITS: tuple[tuple[str, Quantity], ...] = (
     (r"EKF2_MAG_DECL|ATT_MAG_DECL", Quantity("declination", -180.0, 180.0, "deg", "half a turn")),
     (r"COMPASS_DEC", Quantity("declination", -math.pi, math.pi, "rad", "half a turn")),
@@ -139,9 +138,8 @@ PARAMETER_LIMITS: tuple[tuple[str, Quantity], ...] = (
     ),
     (r"SCHED_LOOP_RATE", Quantity("loop rate", 0.0, 32_000.0, "Hz", "no autopilot loops faster than a gyro samples")),
 )
-"""By the whole name. Parameters that are not here are shown and compared, not computed with."""
+# Of many parameters with impossible values, so many are named.
 MAX_NAMED = 4
-"""Of many parameters with impossible values, so many are named."""
 _PARAMETER_PATTERN = re.compile("|".join(f"({pattern.replace('(', '(?:')})" for pattern, _ in PARAMETER_LIMITS))
 
 
@@ -205,6 +203,7 @@ def _limit_problem(
 # is
 # not here is never offered.
 
+# By the whole name: lowest and highest value.
 DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
     (r"COMPASS_OFS[23]?_[XYZ]", -400.0, 400.0),
     (r"COMPASS_MOT[23]?_[XYZ]", -1000.0, 1000.0),
@@ -249,12 +248,11 @@ DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
     (r"EKF2_BARO_NOISE", 0.01, 15.0),
     (r"EKF2_EAS_NOISE", 0.5, 5.0),
 )
-"""By the whole name: lowest and highest value."""
+# Parameters that hold whole numbers: int32 in a file of QGroundControl's form.
 INTEGER_PARAMETERS = re.compile(
     r"COMPASS_(MOTCT|USE[23]?|PRIO\d_ID)|INS_HNT(CH|C2)_(ENABLE|MODE|HMNCS|OPTS)|INS_TCAL\d_ENABLE|GPS\d?_DELAY_MS2?"
     r"|EK[23]_HGT_DELAY|CAL_MAG_COMP_TYP|CAL_(MAG|ACC|GYRO)\d_(PRIO|ROT|ID)|IMU_GYRO_DNF_(EN|HMC)"
 )
-"""Parameters that hold whole numbers: int32 in a file of QGroundControl's form."""
 
 
 def documented_range(name: str) -> tuple[float, float] | None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import guarded
-from attlog.flight.advice import GENERAL_REMEDIES, Fault, LoggingAdvice, LoggingNeed, advise_rest
+from attlog.flight.advice import GENERAL_REMEDIES, Fault, LoggingNeed, LoggingSettings, advise_rest, logging_advice
 from attlog.flight.vehicle import VehicleKind, vehicle_kind
 
 Array = NDArray[np.float64]
@@ -493,7 +493,7 @@ class FlightLog:
     parameters: Parameters = field(default_factory=Parameters)
     estimator: OnboardEstimator = field(default_factory=OnboardEstimator)
     vibration: Vibration = field(default_factory=Vibration)
-    logging: LoggingAdvice | None = None
+    logging: LoggingSettings | None = None
     remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL_REMEDIES))
     compass_switches: dict[int, str] = field(default_factory=dict)
     compass_first: str = ""
@@ -531,7 +531,7 @@ class FlightLog:
         """
         if what == "rest" and self.begins_disarmed:
             return advise_rest("The log begins before arming already")
-        return "" if self.logging is None else self.logging.advice(what, rate)
+        return "" if self.logging is None else logging_advice(self.logging, what, rate)
 
     @property
     def begins_disarmed(self) -> bool:

@@ -12,8 +12,8 @@ from attlog.flight.model import FlightLog
 
 # Which notches did the gyro fly with, and where were they?
 
+# INS_HNTCH_MODE; 2 (RPM sensor), 3 (ESC), 4 (FFT) and 5 (second RPM sensor) follow what they measure.
 FOLLOWS_THROTTLE = 1
-"""INS_HNTCH_MODE; 2 (RPM sensor), 3 (ESC), 4 (FFT) and 5 (second RPM sensor) follow what they measure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +71,7 @@ def _at_hover(log: FlightLog, frequency: float, reference: float) -> float:
 # "MC
 # Filter Tuning".
 
+# Documented ranges, the narrowest of any version.
 NOTCH_RANGES = {
     "INS_HNTCH_FREQ": (10.0, 400.0),
     "INS_HNTCH_BW": (5.0, 250.0),
@@ -80,23 +81,22 @@ NOTCH_RANGES = {
     "IMU_GYRO_NF_FREQ": (0.0, 1000.0),
     "IMU_GYRO_NF_BW": (0.0, 100.0),
 }
-"""Documented ranges, the narrowest of any version."""
+# INS_HNTCH_MODE.
 THROTTLE_MODE, RPM_MODE, ESC_MODE = 1, 2, 3
-"""INS_HNTCH_MODE."""
+# INS_HNTCH_HMNCS: the first and the second.
 DEFAULT_HARMONICS = 3
-"""INS_HNTCH_HMNCS: the first and the second."""
+# INS_HNTCH_FREQ of a notch that measures the rotors, of the slowest speed in flight: it goes no lower.
 BELOW_SLOWEST = 0.9
-"""INS_HNTCH_FREQ of a notch that measures the rotors, of the slowest speed in flight: it goes no lower."""
+# Bits of IMU_GYRO_DNF_EN.
 DNF_ESC, DNF_FFT = 1, 2
-"""Bits of IMU_GYRO_DNF_EN."""
+# IMU_GYRO_NF0_BW by default, and the narrowest that is offered.
 PX4_WIDTH_HZ = 20.0
-"""IMU_GYRO_NF0_BW by default, and the narrowest that is offered."""
+# Parameters of centre and width.
 FIXED_NOTCHES = (
     ("INS_HNTCH_FREQ", "INS_HNTCH_BW"),
     ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
     ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
 )
-"""Parameters of centre and width."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,8 +180,8 @@ def advise_reboot(values: dict[str, float]) -> str:
 
 # What would log vibration, and fast samples of the gyro, in the firmware that flew?
 
+# The firmware whose level is that of differences of samples that it logs at full rate itself.
 DIFFERENCE_FIRMWARE = "PX4"
-"""The firmware whose level is that of differences of samples that it logs at full rate itself."""
 FLIGHT_ADVICE = "fly two minutes with changes of throttle"
 
 

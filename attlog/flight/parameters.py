@@ -1,4 +1,9 @@
-"""Parameters as time lines, with the defaults that the log states."""
+"""Read and write parameters: those of a log over time, and files of ground stations.
+
+Three spellings of files: Mission Planner ``NAME,VALUE``, MAVProxy ``NAME VALUE`` and QGroundControl (tabs: vehicle,
+component, name, value, type). ``#`` begins a comment. Mission Planner skips a line that holds more than a name and a
+value, so comments have lines of their own.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +17,26 @@ import numpy as np
 
 from attlog.core.errors import UsageError
 from attlog.core.files import read_settings_bytes
-from attlog.flight import limits
 from attlog.flight.builder import LogBuilder
-from attlog.flight.limits import broken_limits
+from attlog.flight.limits import broken_limits, is_integer
 from attlog.flight.model import FlightLog, Problem, TimeLine
 from attlog.formats.table import Messages, ParamChange
 
+# A declination of 0 is "not set": on almost all of the earth 0 is wrong.
+UNSET_DECLINATION_DEG = 1e-6
+# Parameters with the bit that lets the autopilot look the declination up by its position.
+DECLINATION_LOOKUP = {"EKF2_DECL_TYPE": 1, "ATT_MAG_DECL_A": 1, "COMPASS_AUTODEC": 1}
+# Names in a sentence, and bad lines of a file, that are shown.
+MAX_SHOWN = 6
+# Names at least this similar are suggested (difflib's ratio).
+MIN_SIMILARITY = 0.8
+
+
+# --- parameters of a log ----------------------------------------------------------------------------------------
+
 
 def boot_values(changes: list[ParamChange]) -> dict[str, float]:
-    """The first value of each parameter: what the vehicle booted with."""
+    """Return the first value of each parameter, with which the vehicle booted."""
     first: dict[str, float] = {}
     for change in changes:
         if not change.is_default and change.name not in first and math.isfinite(change.value):
@@ -29,18 +45,18 @@ def boot_values(changes: list[ParamChange]) -> dict[str, float]:
 
 
 def logged_defaults(changes: list[ParamChange]) -> dict[str, float]:
-    """The last default value that the log states of each parameter."""
+    """Return the last default value of each parameter in the log."""
     return {c.name: c.value for c in changes if c.is_default and math.isfinite(c.value)}
 
 
-def parameter_lines(builder: LogBuilder, changes: list[ParamChange], source: str) -> dict[str, TimeLine]:
-    """Every parameter's changes on the log's clock; values from before the data hold from the first stamp known.
+def parameter_lines(builder: LogBuilder, source: str) -> dict[str, TimeLine]:
+    """Return every parameter's changes on the log's clock; values from before the data hold from its first stamp on.
 
     Repetitions of the same value (a table written again at each arming) are one entry.
     """
-    told = (c.t_us for c in changes if c.t_us is not None and builder.is_near(c.t_us))
-    begin = min(told, default=builder.t0_us)
-    begin = min(begin, builder.t0_us)
+    changes = builder.messages.params
+    near = (c.t_us for c in changes if c.t_us is not None and builder.is_near(c.t_us))
+    begin = min(min(near, default=builder.t0_us), builder.t0_us)
     lines: dict[str, tuple[list[int], list[float]]] = {}
     for change in changes:
         if change.is_default or not math.isfinite(change.value):
@@ -59,42 +75,30 @@ def parameter_lines(builder: LogBuilder, changes: list[ParamChange], source: str
     }
 
 
-UNSET_DECLINATION_DEG = 1e-6
-"""A declination of 0 is "not set", not "0 deg": on almost all of the earth 0 is wrong."""
-
-
-def declination(log: FlightLog, names: Mapping[str, float]) -> tuple[float | None, str]:
-    """Declination in deg and the name of the first parameter (``names``: factor to deg) that is set; None without."""
-    for name, to_deg in names.items():
+def add_values(builder: LogBuilder, declinations: Mapping[str, float]) -> None:
+    """Add defaults and the set declination; ``declinations``: its parameters with their factor to deg, best first."""
+    log = builder.log
+    log.parameters.defaults = logged_defaults(builder.messages.params)
+    for name, to_deg in declinations.items():
         value = log.param(name)
         if value is not None and UNSET_DECLINATION_DEG < abs(value * to_deg) <= 180.0:
-            return float(value) * to_deg, name
-    return None, ""
-
-
-DECLINATION_LOOKUP = {"EKF2_DECL_TYPE": 1, "ATT_MAG_DECL_A": 1, "COMPASS_AUTODEC": 1}
-"""Parameters whose lowest bit lets the autopilot look the declination up by its position."""
+            log.parameters.declination, log.parameters.declination_source = float(value) * to_deg, name
+            return
 
 
 def looks_up_declination(log: FlightLog) -> bool:
-    """Whether the autopilot takes the declination from its own map once it has a position, whatever it was told."""
+    """Return whether the autopilot takes the declination from its own map once it has a position."""
     return any((value := log.param(name)) is not None and int(value) & bit for name, bit in DECLINATION_LOOKUP.items())
 
 
-# Parameters from a ground station's file: they fill in what a log lacks, and filters take them before the log's.
-#
-# Three spellings: Mission Planner ``NAME,VALUE``, MAVProxy ``NAME VALUE`` and
-# QGroundControl (tabs: vehicle, component, name, value, type). ``#`` begins a comment.
-
-MAX_SHOWN = 6
-"""So many names stand in a sentence, so many bad lines of a file are told."""
+# --- files of ground stations -----------------------------------------------------------------------------------
 
 
 def read_parameter_file(path: str | Path) -> dict[str, float]:
-    """Values by name. LogUnreadable if the file cannot be opened, UsageError with every line that is no parameter."""
+    """Return values by name. LogUnreadable if the file cannot be opened, UsageError with every bad line."""
     lines = read_settings_bytes(Path(path)).decode("utf-8-sig", "replace").splitlines()
     values: dict[str, float] = {}
-    stands: dict[str, int] = {}
+    first_line: dict[str, int] = {}
     wrong = []
     for number, line in enumerate(lines, 1):
         words = line.split("#")[0].replace(",", " ").split()
@@ -108,8 +112,9 @@ def read_parameter_file(path: str | Path) -> dict[str, float]:
         elif limits is not None:
             wrong.append(f"{path}, line {number}: {name} is {value:g}; the {limits.name} lies within {limits.limits}")
         elif values.setdefault(name, value) != value:
-            wrong.append(f"{path}, line {number}: {name} is {value:g}, in line {stands[name]} it was {values[name]:g}")
-        stands.setdefault(name, number)
+            before = f"in line {first_line[name]} it was {values[name]:g}"
+            wrong.append(f"{path}, line {number}: {name} is {value:g}, {before}")
+        first_line.setdefault(name, number)
     if wrong:
         more = [f"{path}: {len(wrong) - MAX_SHOWN} more lines like these"] if len(wrong) > MAX_SHOWN else []
         raise UsageError("\n".join([*wrong[:MAX_SHOWN], *more]))
@@ -119,7 +124,7 @@ def read_parameter_file(path: str | Path) -> dict[str, float]:
 
 
 def _parse_number(text: str) -> float:
-    """A decimal or hexadecimal number, NaN if it is none."""
+    """Return a decimal or hexadecimal number, NaN if it is none."""
     try:
         return float(int(text, 16)) if text.lower().startswith("0x") else float(text)
     except (ValueError, OverflowError):
@@ -127,7 +132,7 @@ def _parse_number(text: str) -> float:
 
 
 def add_missing(messages: Messages, given: Mapping[str, float]) -> frozenset[str]:
-    """Give a log the parameters that it does not hold itself; the names of those."""
+    """Add parameters that a log does not hold, and return their names."""
     known = {change.name for change in messages.params}
     start = messages.boots[0].start if messages.boots else 0
     added = [ParamChange(name, value, offset=start) for name, value in given.items() if name not in known]
@@ -138,9 +143,9 @@ def add_missing(messages: Messages, given: Mapping[str, float]) -> frozenset[str
 def compare_with_log(
     path: str | Path, given: Mapping[str, float], own: Mapping[str, float], applied: Collection[str] = ()
 ) -> list[Problem]:
-    """What is to be said of a file beside a log with parameters of its own: what differs, and what it does not know.
+    """Report where a file differs from a log's own parameters, and names that the log does not hold.
 
-    ``applied``: parameters by which sensors were corrected, which is said elsewhere.
+    ``applied``: parameters that corrected sensors and are reported elsewhere.
     """
     if not own:
         return []
@@ -155,10 +160,10 @@ def compare_with_log(
         found.append(Problem("params_differ", "note", text))
     unknown = [n for n in given if n not in own]
     if unknown:
-        near = {n: difflib.get_close_matches(n, own, n=1, cutoff=0.8) for n in unknown[:MAX_SHOWN]}
+        near = {n: difflib.get_close_matches(n, own, n=1, cutoff=MIN_SIMILARITY) for n in unknown[:MAX_SHOWN]}
         names = _list_names([n + (f" (did you mean {near[n][0]}?)" if near.get(n) else "") for n in unknown])
         text = f"{name} names parameters that the log does not hold: {names}. Typing errors, or another firmware."
-        # Where most names are new the log's own table is the one with holes.
+        # Where most names are new the log's own table is incomplete.
         found.append(Problem("params_unknown", "warning" if 2 * len(unknown) <= len(given) else "note", text))
     return found
 
@@ -167,28 +172,21 @@ def _list_names(items: list[str]) -> str:
     return ", ".join(items[:MAX_SHOWN]) + (f" and {len(items) - MAX_SHOWN} more" if len(items) > MAX_SHOWN else "")
 
 
-# A file of parameters that a ground station loads: Mission Planner's and MAVProxy's form, or QGroundControl's.
-#
-# Comments stand in lines of their own: Mission Planner skips every line that holds more than a name and a value. Both
-# take values as decimals. QGroundControl wants the vehicle's id, its component and the type of each value.
-
 LEARNED_OFFSETS_NOTE = "PX4 may have moved compass offsets at disarming: old values are those that flew."
-INT32, FLOAT = 6, 9
-"""MAV_PARAM_TYPE_INT32 and MAV_PARAM_TYPE_REAL32."""
-AUTOPILOT = 1
-"""MAV_COMP_ID_AUTOPILOT1."""
+# MAV_PARAM_TYPE_INT32, MAV_PARAM_TYPE_REAL32 and MAV_COMP_ID_AUTOPILOT1.
+INT32, FLOAT, AUTOPILOT = 6, 9, 1
+# Parameters that swap the slots of compasses at the next boot, and those of a slot.
 COMPASS_ORDER_PREFIX = "COMPASS_PRIO"
-"""Parameters of this name swap the slots of compasses at the next boot."""
 COMPASS_SLOT_PREFIXES = ("COMPASS_OFS", "COMPASS_MOT", "COMPASS_DIA", "COMPASS_ODI", "COMPASS_SCALE")
 
 
 def parameter_file_text(
     firmware: str, values: Mapping[str, float], head: Sequence[str], beside: Mapping[str, str], vehicle: int = 1
 ) -> str:
-    """The file's text: ``head`` as comments, then the parameters ``values``, each with what ``beside`` says above it.
+    """Return a parameter file: ``head`` as comments, then ``values``, each below its comment in ``beside``.
 
-    ``firmware``: PX4 or ArduPilot; ``vehicle``: its MAVLink id. Where the file holds calibrations of compasses, their
-    order is left to a file of its own: after it all slots are others'.
+    ``firmware``: PX4 or ArduPilot. ``vehicle``: its MAVLink id. Beside calibrations of compasses their order is left
+    out, because a new order swaps all slots.
     """
     calibrates = any(name.startswith(COMPASS_SLOT_PREFIXES) for name in values)
     lines = [f"# {line}" for line in head]
@@ -199,13 +197,10 @@ def parameter_file_text(
             lines.append(f"# left out: {name} {value:.0f} swaps the compasses at a boot. Set it alone, reboot, fly.")
             continue
         lines += [f"# {beside[name]}"] if beside.get(name) else []
-        whole = limits.is_integer(name)
+        whole = is_integer(name)
         number = f"{value:.0f}" if whole else f"{value:.9g}"
         if firmware == "PX4":
             lines.append(f"{vehicle}\t{AUTOPILOT}\t{name}\t{number}\t{INT32 if whole else FLOAT}")
         else:
             lines.append(f"{name},{number}")
     return "\n".join(lines) + "\n"
-
-
-# Parameters of the vehicle: their history, files of them, their limits.

@@ -20,19 +20,19 @@ from attlog.flight.advice import version_number
 from attlog.flight.calibration import Calibration, CalibrationUnknownError
 from attlog.flight.model import Array, FlightLog, Imu, Mag, Problem, Stream
 
+# A log that begins armed may tell parameters that were changed at its start up to 0.2 s later.
 BOOT_CHANGES_S = 1.0
-"""A log that begins armed may tell parameters that were changed at its start up to 0.2 s later."""
+# Arming is logged once or twice a second, and what a firmware learnt is saved the moment it disarms.
 STATUS_LAG_S = 2.0
-"""Arming is logged once or twice a second, and what a firmware learnt is saved the moment it disarms."""
+# How names of parameters begin that have to do with calibration.
 CALIBRATION_PREFIXES = ("COMPASS_", "INS", "AHRS_ORIENTATION", "CAL_", "SENS_BOARD_")
-"""How names of parameters begin that have to do with calibration."""
 MIN_RAW_VALUES = 5
+# A calibrated compass is its raw values corrected, to 25 mG: both are sampled some 10 ms apart in turns.
 MAX_SCATTER_T = 2.5e-6
-"""A calibrated compass is its raw values corrected, to 25 mG: both are sampled some 10 ms apart in turns."""
+# Standard error of a median from the median deviation of normal noise (1.4826 times 1.2533); known to 5 mG.
 MEDIAN_SIGMA_FACTOR, MAX_BIAS_SIGMA_T = 1.86, 5e-7
-"""Standard error of a median from the median deviation of normal noise (1.4826 times 1.2533); known to 5 mG."""
+# PX4 versions: since when calibrations are found by device, and when a bias is subtracted before arming.
 PX4_BY_SLOT_VERSION, PX4_LEARNS_VERSION = (1, 12), (1, 13)
-"""PX4 versions: since when calibrations are found by device, and when a bias is subtracted before arming."""
 
 
 def armed_span(log: FlightLog) -> tuple[float, float]:
@@ -208,10 +208,10 @@ def _check_logged_offsets(log: FlightLog, mag: Mag, found: Calibration) -> None:
 # the onboard attitude above all, stays as it is.
 
 COMPASS_PARAMETERS = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT).*|CAL_MAG\d_.(OFF|SCALE|ODIAG|COMP)|CAL_MAG_COMP_TYP")
+# Parameters that calibrate one of them.
 ACCELEROMETER_PARAMETERS = re.compile(r"INS\d?_ACC\d?(OFFS|SCAL)_.|CAL_ACC\d_.(OFF|SCALE)")
-"""Parameters that calibrate one of them."""
+# So many parameters of a sensor are named.
 MAX_SHOWN = 3
-"""So many parameters of a sensor are named."""
 
 Known = Callable[[dict[str, float] | None], Calibration]
 Bias = Callable[[Calibration], Array]

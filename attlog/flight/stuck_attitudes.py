@@ -16,14 +16,14 @@ from attlog.flight.model import Attitude, FlightLog, Problem, Severity, Stream, 
 Mask = NDArray[np.bool_]
 
 STUCK_CODE = "attitude_frozen"
+# So many equal records over so many s at least: an attitude logged in steps of 0.01 deg stands for 1 s at rest.
 MIN_RECORDS, MIN_STUCK_S = 10, 2.0
-"""So many equal records over so many s at least: an attitude logged in steps of 0.01 deg stands for 1 s at rest."""
+# An attitude that never changes in a log of this length stands.
 MIN_WHOLE_LOG_S = 10.0
-"""An attitude that never changes in a log of this length stands."""
+# Sine of a heading that was never set.
 UNSET_HEADING_SINE = 1e-9
-"""Sine of a heading that was never set."""
+# The gyro turned by more than this, beside what a change of its bias may do.
 TURNED_DEG, DRIFT_DPS = 2.0, 0.2
-"""The gyro turned by more than this, beside what a change of its bias may do."""
 
 
 def drop_stuck_attitudes(log: FlightLog) -> None:

@@ -38,10 +38,10 @@ def valid_stamp(t_us: int) -> int:
 # One message alone cannot tell a false time from a pause: a logger that stops and goes on leaves the same gap. But a
 # logger never writes one message only, so records at whose times no other message has any were not logged then.
 
+# Messages are logged together when a logger goes on after a pause; slow ones follow within this time.
 CORROBORATION_US = 10_000_000
-"""Messages are logged together when a logger goes on after a pause; slow ones follow within this time."""
+# Messages with times, the judged one among them, that a log must have for one to contradict another.
 MIN_CLOCKS = 3
-"""Messages with times, the judged one among them, that a log must have for one to contradict another."""
 
 
 def isolated_timestamps(messages: Messages, t_us: Stamps) -> NDArray[np.bool_]:
@@ -88,8 +88,8 @@ def _own_stamps(log_format: str, table: Table) -> Stamps | None:
 
 # The autopilot's clock of any record of a log, whatever the format calls its time.
 
+# The column in which each record tells its time, whatever the others of its message tell.
 TIMESTAMP_COLUMN = {"ulog": "timestamp"}
-"""The column in which each record tells its time, whatever the others of its message tell."""
 
 
 def table_time_span(messages: Messages, system: int | None = None) -> Callable[[Table], tuple[int, int] | None]:
@@ -119,7 +119,7 @@ def record_clock(messages: Messages, system: int | None = None) -> Callable[[Tab
     if messages.format in ("tlog", "mavlink"):
         from attlog.flight.mavlink import PacketClock, choose_system
 
-        _, instance = choose_system(messages, messages.path, system)
+        instance = choose_system(messages, messages.path, system)
         packets = PacketClock(messages, instance)
         return lambda table: packets.of(table) if table.instance == instance else packets.by_packet(table)
     column = TIMESTAMP_COLUMN.get(messages.format, "_t_us")
@@ -135,10 +135,10 @@ def record_clock(messages: Messages, system: int | None = None) -> Callable[[Tab
 
 # The pieces of time in a file: how long each lasts, by all of its messages, and which was taken.
 
+# Columns of boot clocks, and their units in us.
 BOOT_CLOCK_COLUMNS = (("TimeUS", 1.0), ("timestamp", 1.0), ("time_boot_ms", 1e3), ("TimeMS", 1e3))
-"""Columns of boot clocks, and their units in us."""
+# A table that spans more than a week has a false stamp.
 MAX_TABLE_S = 7 * 86_400.0
-"""A table that spans more than a week has a false stamp."""
 MAX_LISTED_BOOTS = 4
 
 
@@ -171,10 +171,10 @@ def describe_other_boots(messages: Messages, chosen: int) -> str:
 
 # GPS time as Unix time.
 
+# 1980-01-06 00:00 UTC as Unix time.
 GPS_EPOCH_S = 315_964_800
-"""1980-01-06 00:00 UTC as Unix time."""
+# (Unix time of the start, GPS minus UTC in s), IERS Bulletin C; none was added since 2017.
 LEAP_SECONDS = ((1_230_768_000, 15), (1_341_100_800, 16), (1_435_708_800, 17), (1_483_228_800, 18))
-"""(Unix time of the start, GPS minus UTC in s), IERS Bulletin C; none was added since 2017."""
 
 
 def gps_time_us(week: NDArray[np.int64], milliseconds: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -1,7 +1,7 @@
-"""What kind of vehicle flew: the one list that every log format and every firmware is read with.
+"""Name vehicles and flight modes: the lists for every log format and every firmware.
 
-Sources: MAVLink common.xml (MAV_TYPE), PX4 ``msg/VehicleStatus.msg`` (vehicle_type), ArduPilot's firmware
-families and FRAME_CLASS.
+Sources: MAVLink common.xml (MAV_TYPE), PX4 ``msg/VehicleStatus.msg`` (vehicle_type, nav_state), ArduPilot's firmware
+families, FRAME_CLASS and ``mode.h`` of each vehicle. Numbers that PX4 gave a second meaning have their newest name.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from enum import Enum
 
 
 class VehicleKind(Enum):
-    """What a vehicle can do, whatever it is called."""
+    """Abilities of a vehicle, whatever its name."""
 
     MULTIROTOR = "multirotor"
     HELICOPTER = "helicopter"
@@ -34,12 +34,12 @@ class VehicleKind(Enum):
 
     @property
     def hovers(self) -> bool:
-        """Whether it can stand in the air without wind; an unknown vehicle may."""
+        """Whether it can hover; an unknown vehicle may."""
         return self.flies and self not in (VehicleKind.PLANE, VehicleKind.PARAFOIL, VehicleKind.ROCKET)
 
     @property
     def fixed_wing(self) -> bool:
-        """Whether it always flies where its nose points, so that its course tells its heading."""
+        """Whether it always flies where its nose points, so that its course is its heading."""
         return self in (VehicleKind.PLANE, VehicleKind.ORNITHOPTER)
 
     @property
@@ -48,6 +48,7 @@ class VehicleKind(Enum):
         return self.fixed_wing or self is VehicleKind.VTOL
 
 
+# Name, kind, ArduPilot's firmware family (it decides what a mode number means) and MAV_TYPE numbers.
 VEHICLES: tuple[tuple[str, VehicleKind, str, tuple[int, ...]], ...] = (
     ("generic", VehicleKind.OTHER, "", (0,)),
     ("fixed wing", VehicleKind.PLANE, "plane", (1,)),
@@ -75,218 +76,103 @@ VEHICLES: tuple[tuple[str, VehicleKind, str, tuple[int, ...]], ...] = (
     ("blimp", VehicleKind.AIRSHIP, "blimp", ()),
     ("tracker", VehicleKind.TRACKER, "tracker", ()),
 )
-"""Name, kind, ArduPilot's firmware family (it decides what a mode number means) and MAV_TYPE numbers."""
 
 KIND_OF = {name: kind for name, kind, _, _ in VEHICLES}
 FAMILY_OF = {name: family for name, _, family, _ in VEHICLES}
 NAME_OF_TYPE = {number: name for name, _, _, numbers in VEHICLES for number in numbers}
+# ``vehicle_status.vehicle_type``; 0 is unknown.
 PX4_TYPES = {1: "multirotor", 2: "fixed wing", 3: "rover", 4: "airship"}
-"""``vehicle_status.vehicle_type``; 0 is unknown."""
+# Lowest byte of a release number.
+RELEASE_TYPES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
 
 def vehicle_name(mav_type: int) -> str:
-    """The vehicle for a MAV_TYPE number, "unknown" where it is none."""
+    """Return the vehicle of a MAV_TYPE number, "unknown" for any other number."""
     return NAME_OF_TYPE.get(mav_type, "unknown")
 
 
 def vehicle_kind(name: str) -> VehicleKind:
-    """The kind of a vehicle by its whole name in the list, OTHER for any other name."""
+    """Return the kind of a vehicle by its whole name in the list, OTHER for any other name."""
     return KIND_OF.get(name, VehicleKind.OTHER)
 
 
 def firmware_family(name: str) -> str:
-    """ArduPilot's firmware family (copter, plane, rover, sub, blimp, tracker) for a vehicle; empty if none flies it."""
+    """Return ArduPilot's firmware family (copter, plane, rover, sub, blimp, tracker) of a vehicle, empty for none."""
     return FAMILY_OF.get(name, "")
 
 
-# Names of flight modes.
-#
-# Sources: PX4 msg/VehicleStatus.msg, ArduPilot
-# ``mode.h`` of each vehicle. Numbers that PX4 gave a second meaning are named by
-# their newest one.
+def px4_version(number: int) -> str:
+    """Return the version text of a release number: a byte each for major, minor, patch and type."""
+    version = f"{number >> 24}.{number >> 16 & 0xFF}.{number >> 8 & 0xFF}"
+    kind = RELEASE_TYPES.get(number & 0xFF, f"type {number & 0xFF}")
+    return f"{version} {kind}" if kind else version
 
-PX4_MODES = {
-    0: "Manual",
-    1: "Altitude",
-    2: "Position",
-    3: "Mission",
-    4: "Hold",
-    5: "Return",
-    6: "Position Slow",
-    7: "Recovery",
-    8: "Altitude Cruise",
-    9: "Land without GNSS",
-    10: "Acro",
-    12: "Descend",
-    13: "Termination",
-    14: "Offboard",
-    15: "Stabilized",
-    16: "Rattitude",
-    17: "Takeoff",
-    18: "Land",
-    19: "Follow Me",
-    20: "Precision Land",
-    21: "Orbit",
-    22: "VTOL Takeoff",
-    23: "External 1",
-    24: "External 2",
-    25: "External 3",
-    26: "External 4",
-    27: "External 5",
-    28: "External 6",
-    29: "External 7",
-    30: "External 8",
-}
 
-COPTER_MODES = {
-    0: "STABILIZE",
-    1: "ACRO",
-    2: "ALT_HOLD",
-    3: "AUTO",
-    4: "GUIDED",
-    5: "LOITER",
-    6: "RTL",
-    7: "CIRCLE",
-    8: "POSITION",
-    9: "LAND",
-    10: "OF_LOITER",
-    11: "DRIFT",
-    13: "SPORT",
-    14: "FLIP",
-    15: "AUTOTUNE",
-    16: "POSHOLD",
-    17: "BRAKE",
-    18: "THROW",
-    19: "AVOID_ADSB",
-    20: "GUIDED_NOGPS",
-    21: "SMART_RTL",
-    22: "FLOWHOLD",
-    23: "FOLLOW",
-    24: "ZIGZAG",
-    25: "SYSTEMID",
-    26: "AUTOROTATE",
-    27: "AUTO_RTL",
-    28: "TURTLE",
-}
+# --- flight modes -----------------------------------------------------------------------------------------------
 
-PLANE_MODES = {
-    0: "MANUAL",
-    1: "CIRCLE",
-    2: "STABILIZE",
-    3: "TRAINING",
-    4: "ACRO",
-    5: "FBWA",
-    6: "FBWB",
-    7: "CRUISE",
-    8: "AUTOTUNE",
-    10: "AUTO",
-    11: "RTL",
-    12: "LOITER",
-    13: "TAKEOFF",
-    14: "AVOID_ADSB",
-    15: "GUIDED",
-    16: "INITIALISING",
-    17: "QSTABILIZE",
-    18: "QHOVER",
-    19: "QLOITER",
-    20: "QLAND",
-    21: "QRTL",
-    22: "QAUTOTUNE",
-    23: "QACRO",
-    24: "THERMAL",
-    25: "LOITER_ALT_QLAND",
-    26: "AUTOLAND",
-}
 
-ROVER_MODES = {
-    0: "MANUAL",
-    1: "ACRO",
-    2: "LEARNING",
-    3: "STEERING",
-    4: "HOLD",
-    5: "LOITER",
-    6: "FOLLOW",
-    7: "SIMPLE",
-    8: "DOCK",
-    9: "CIRCLE",
-    10: "AUTO",
-    11: "RTL",
-    12: "SMART_RTL",
-    15: "GUIDED",
-    16: "INITIALISING",
-}
+def _numbered(names: str) -> dict[int, str]:
+    """Return names by number from 0; "-" for a number without a mode."""
+    return {number: name for number, name in enumerate(names.split(", ")) if name != "-"}
 
-SUB_MODES = {
-    0: "STABILIZE",
-    1: "ACRO",
-    2: "ALT_HOLD",
-    3: "AUTO",
-    4: "GUIDED",
-    7: "CIRCLE",
-    9: "SURFACE",
-    16: "POSHOLD",
-    19: "MANUAL",
-    20: "MOTOR_DETECT",
-    21: "SURFTRAK",
-}
 
-ARDUPILOT_MODES = {"copter": COPTER_MODES, "plane": PLANE_MODES, "rover": ROVER_MODES, "sub": SUB_MODES}
-
-WITHOUT_ATTITUDE = frozenset(
-    (
-        "manual",
-        "acro",
-        "rattitude",
-        "training",
-        "flip",
-        "throw",
-        "turtle",
-        "qacro",
-        "learning",
-        "steering",
-        "hold",
-        "simple",
-        "dock",
-        "motor_detect",
-        "initialising",
-        "termination",
-        "ready",
-    )
+PX4_MODES = _numbered(
+    "Manual, Altitude, Position, Mission, Hold, Return, Position Slow, Recovery, Altitude Cruise, Land without "
+    "GNSS, Acro, -, Descend, Termination, Offboard, Stabilized, Rattitude, Takeoff, Land, Follow Me, Precision "
+    "Land, Orbit, VTOL Takeoff, External 1, External 2, External 3, External 4, External 5, External 6, External 7, "
+    "External 8"
 )
-"""Modes in which nobody commands an attitude: rates, servos or wheels are steered, or nothing is."""
+COPTER_MODES = _numbered(
+    "STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, POSITION, LAND, OF_LOITER, DRIFT, -, SPORT, "
+    "FLIP, AUTOTUNE, POSHOLD, BRAKE, THROW, AVOID_ADSB, GUIDED_NOGPS, SMART_RTL, FLOWHOLD, FOLLOW, ZIGZAG, "
+    "SYSTEMID, AUTOROTATE, AUTO_RTL, TURTLE"
+)
+PLANE_MODES = _numbered(
+    "MANUAL, CIRCLE, STABILIZE, TRAINING, ACRO, FBWA, FBWB, CRUISE, AUTOTUNE, -, AUTO, RTL, LOITER, TAKEOFF, "
+    "AVOID_ADSB, GUIDED, INITIALISING, QSTABILIZE, QHOVER, QLOITER, QLAND, QRTL, QAUTOTUNE, QACRO, THERMAL, "
+    "LOITER_ALT_QLAND, AUTOLAND"
+)
+ROVER_MODES = _numbered(
+    "MANUAL, ACRO, LEARNING, STEERING, HOLD, LOITER, FOLLOW, SIMPLE, DOCK, CIRCLE, AUTO, RTL, SMART_RTL, -, -, "
+    "GUIDED, INITIALISING"
+)
+SUB_MODES = _numbered(
+    "STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, -, -, CIRCLE, -, SURFACE, -, -, -, -, -, -, POSHOLD, -, -, MANUAL, "
+    "MOTOR_DETECT, SURFTRAK"
+)
+ARDUPILOT_MODES = {"copter": COPTER_MODES, "plane": PLANE_MODES, "rover": ROVER_MODES, "sub": SUB_MODES}
+# Main modes of PX4's MAVLink custom_mode, and sub modes of the automatic one.
+PX4_AUTO = 4
+PX4_MAIN_MODES = _numbered("-, Manual, Altitude, Position, -, Acro, Offboard, Stabilized, Rattitude")
+PX4_AUTO_MODES = _numbered("-, Ready, Takeoff, Hold, Mission, Return, Land, -, Follow Me, Precision Land")
+
+# Modes without a commanded attitude: rates, servos or wheels are steered, or nothing is.
+WITHOUT_ATTITUDE = frozenset(
+    "manual acro rattitude training flip throw turtle qacro learning steering hold simple dock motor_detect "
+    "initialising termination ready".split()
+)
+# PX4 writes Hold for holding a position in the air; HOLD is a rover that stands.
 HOLDS_ATTITUDE = frozenset(("Hold",))
-"""PX4 writes Hold for holding a position in the air; HOLD is a rover that stands."""
 
 
 def commands_attitude(mode: str) -> bool:
-    """Whether the attitude set-point of a mode means anything; modes that are not known command one."""
+    """Return whether a mode commands its attitude set-point; unknown modes do."""
     return mode in HOLDS_ATTITUDE or mode.lower() not in WITHOUT_ATTITUDE
 
 
 def px4_mode(nav_state: int) -> str:
-    """The mode for a PX4 nav_state, "mode N" where the number has no name."""
+    """Return the mode of a PX4 nav_state, "mode N" without a name."""
     return PX4_MODES.get(nav_state, f"mode {nav_state}")
 
 
 def px4_custom_mode(custom_mode: int) -> str:
-    """The mode for PX4's MAVLink custom_mode (main mode in bits 16 to 23, sub mode in 24 to 31)."""
+    """Return the mode of PX4's MAVLink custom_mode (main mode in bits 16 to 23, sub mode in 24 to 31)."""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    if main == 4:
-        auto = {
-            1: "Ready",
-            2: "Takeoff",
-            3: "Hold",
-            4: "Mission",
-            5: "Return",
-            6: "Land",
-            8: "Follow Me",
-            9: "Precision Land",
-        }
-        return auto.get(sub, "Auto")
-    names = {1: "Manual", 2: "Altitude", 3: "Position", 5: "Acro", 6: "Offboard", 7: "Stabilized", 8: "Rattitude"}
-    return names.get(main, f"mode {custom_mode}")
+    if main == PX4_AUTO:
+        return PX4_AUTO_MODES.get(sub, "Auto")
+    return PX4_MAIN_MODES.get(main, f"mode {custom_mode}")
 
 
 def ardupilot_mode(family: str, number: int) -> str:
-    """The mode for an ArduPilot number in a firmware family (copter, plane, rover, sub)."""
+    """Return the mode of an ArduPilot number in a firmware family (copter, plane, rover, sub)."""
     return ARDUPILOT_MODES.get(family, {}).get(number, f"mode {number}")

@@ -30,23 +30,23 @@ Mask = NDArray[np.bool_]
 
 LIKELY_HEIGHT_M = {"range": 0.3, "barometer": 0.7, "GNSS": 3.0}
 CERTAIN_HEIGHT_M = {"range": 0.5, "barometer": 2.0, "GNSS": 12.0}
+# What stands moves no faster over the ground, and neither climbs nor sinks faster.
 HIGHEST_HAND_M_S, CLIMBS_M_S = 2.0, 0.5
-"""What stands moves no faster over the ground, and neither climbs nor sinks faster."""
 LEVEL_S, STANDS_S = 1.0, 1.0
+# A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing.
 MOVED_M = 0.5
-"""A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing."""
+# A rangefinder in range for this part of a flight tells how high it went.
 SEEN = 0.95
-"""A rangefinder in range for this part of a flight tells how high it went."""
+# A height that never rose by more tells of no flight.
 ROSE_M = 0.3
-"""A height that never rose by more tells of no flight."""
+# A barometer that rose by this factor and so much more than a rangefinder: that one looked out of its range. Wind and
+# propellers move a barometer by 4 m.
 BEYOND, BEYOND_M = 1.5, 5.0
-"""A barometer that rose by this factor and so much more than a rangefinder: that one looked out of its range. Wind and
-propellers move a barometer by 4 m."""
+# A height so far off the median of so many s was never flown: a climb of 10 m/s^2 is 5 m off there.
 SPIKE_M, SPIKE_S = 15.0, 4.0
-"""A height so far off the median of so many s was never flown: a climb of 10 m/s^2 is 5 m off there."""
+# A pause of the drive of up to so long in which the height changes by more than this is a fall or a climb in the air:
+# on the ground propellers move a barometer by up to 4 m.
 FALLS_S, FALLS_M = 10.0, 5.0
-"""A pause of the drive of up to so long in which the height changes by more than this is a fall or a climb in the air:
-on the ground propellers move a barometer by up to 4 m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,21 +179,21 @@ def _long_runs(mask: Mask, count: int) -> Mask:
 # height
 # that no drift of a barometer gives. Heights count from the line through what it stood on before and after.
 
+# Dynamics above which something carries itself, below which it surely stands, below which a flight is over.
 CARRIED, STILL, FALLEN = 0.4, -0.6, -2.5
-"""Dynamics above which something carries itself, below which it surely stands, below which a flight is over."""
 HINTED, PROVEN, LASTING = 0.2, 0.55, -0.3
 LEAST_DRIVE, OF_FLIGHT, OF_OWN = 0.02, 0.25, 0.6
+# Parts of the power of flight: below the first nothing climbs, at the second it hovers. Motors idle to the third.
 OF_LIFT, OF_HOVER, IDLING = 0.5, 0.8, 0.1
-"""Parts of the power of flight: below the first nothing climbs, at the second it hovers. Motors idle to the third."""
 ENOUGH_S, LONG_S, BRIDGE_S, SLOW_S = 0.5, 1.5, 2.0, 3.0
+# Rotors push along their own axis: a sideways force of this size (15 deg) without speed or height is a hand's.
 LEANS_M_S2 = 2.5
-"""Rotors push along their own axis: a sideways force of this size (15 deg) without speed or height is a hand's."""
 BY_AIR_M_S = 5.0
+# Signs of flight come late where the ground was felt for long: up to so many s the height leads back to it.
 OF_HINT, CLIMBS_S, TREMBLE_M = 0.3, 3.0, 0.03
-"""Signs of flight come late where the ground was felt for long: up to so many s the height leads back to it."""
 LEAVES_M_S2, SPREADS, OUTSTANDING = 0.25, 5.0, 4.0
+# Propellers near the ground raise a barometer by up to 4 m: only above this height contact is none.
 CLEAR_M = 5.0
-"""Propellers near the ground raise a barometer by up to 4 m: only above this height contact is none."""
 
 
 @dataclass(slots=True)

@@ -14,10 +14,10 @@ from attlog.segments.crash import FlightOutcome, Wreck
 from attlog.segments.model import Segment, Segments
 
 Array = NDArray[np.float64]
+# The phases that may stay unknown.
 UNKNOWN = ("armed", "airborne")
-"""The phases that may stay unknown."""
+# GNSS speed, and vertical speed, from which a vehicle is not at rest, whatever its IMU feels.
 MOVING_M_S, CLIMB_M_S = 3.0, 1.0
-"""GNSS speed, and vertical speed, from which a vehicle is not at rest, whatever its IMU feels."""
 
 
 def build(log: FlightLog) -> Segments:

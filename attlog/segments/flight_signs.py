@@ -14,8 +14,8 @@ from attlog.flight.model import FlightLog, Imu, Stream
 
 Array = NDArray[np.float64]
 
+# A position or attitude older than this says nothing about an instant.
 MAX_FIX_AGE_S = 1.5
-"""A position or attitude older than this says nothing about an instant."""
 
 
 def tilt_at(log: FlightLog, at: Array) -> Array:
@@ -60,15 +60,15 @@ STEP_S = 0.1
 G = 9.80665
 MEAN_S, SPREAD_S, AVERAGE_S, SLOPE_S = 0.4, 2.0, 3.0, 4.0
 SHORT_S = 0.2
+# Of a vehicle that is neither moved nor moves: standard deviation of force, rate, standard deviation of the tilt.
 FORCE_M_S2, RATE_DPS, TURN_DEG = 0.03, 1.0, 0.2
-"""Of a vehicle that is neither moved nor moves: standard deviation of force, rate, standard deviation of the tilt."""
+# Variance of gravity's sideways part, (m/s^2)^2, from which the slope of the sideways force on it is known.
 VARIED = 0.005
-"""Variance of gravity's sideways part, (m/s^2)^2, from which the slope of the sideways force on it is known."""
 FASTEST_M_S = 3.0
 BY_THE_GROUND, MOST, PART = 0.7, 1.6, 0.6
 MAX_AGE_S, BROKEN_S = 1.5, 0.5
+# Below this rate of the IMU its movements are not known.
 SLOW_HZ = 8.0
-"""Below this rate of the IMU its movements are not known."""
 
 
 @dataclass(slots=True)

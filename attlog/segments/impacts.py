@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 CrashKind = Literal["impact", "overturn", "tumble", "hard_landing"]
 
 REST_BEGINS_S, REST_ENDS_S = 1.5, 4.0
+# It lies where it turns slower and feels gravity alone; with motors driven tilt and force agree to so many degrees.
 LYING_DPS, LYING_M_S2, AGREES_DEG = 60.0, 2.5, 30.0
-"""It lies where it turns slower and feels gravity alone; with motors driven tilt and force agree to so many degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,18 +160,18 @@ def max_rate_dps(scene: CrashContext, t0: float, t1: float) -> float:
 
 MIN_HARD_LANDING_G, MIN_IMPACT_G, SIMULATED_G, VIOLENT_G = 3.0, 4.0, 10.0, 8.0
 BEFORE_S, AFTER_S = 1.5, 2.5
+# A blow stands out this many times from the 98 % of the seconds before it; vibration does not.
 OUT, USUAL_S = 1.8, 5.0
-"""A blow stands out this many times from the 98 % of the seconds before it; vibration does not."""
+# Sensors lie up to this far from where a spinning vehicle turns around: what it feels of that is no blow.
 ARM_M = 0.1
-"""Sensors lie up to this far from where a spinning vehicle turns around: what it feels of that is no blow."""
 LIES_DEG, LIES_DRIVEN_DEG = 20.0, 45.0
 FELL_DEG, FELL_S = 75.0, 3.0
 STOPS_S = 1.0
 SPUN_DPS, SPUN_DEG = 250.0, 30.0
 LEANING_DEG = 20.0
 LATER_S = 6.0
+# From this rate of an IMU the blow of a crash shows; at 25 Hz a third of its peak is left.
 MIN_IMPACT_HZ = 40.0
-"""From this rate of an IMU the blow of a crash shows; at 25 Hz a third of its peak is left."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,11 @@ from attlog.segments import model
 
 Array = NDArray[np.float64]
 
+# Samples per pass: temporaries of long logs stay small.
 CHUNK = 1 << 18
-"""Samples per pass: temporaries of long logs stay small."""
 
+# Intervals per pass: what they need stays in the processor's cache.
 LOOKED_UP = 1 << 12
-"""Intervals per pass: what they need stays in the processor's cache."""
 
 
 class GyroIncrements:

@@ -206,8 +206,8 @@ def restart_times(t: Array) -> Array:
 # Settled: the time in which a filter has forgotten its own start and the motors.
 
 CONVERGED_AFTER_MOTORS_S = 5.0
+# Filters were seen to turn their heading for 20 s after their start.
 DRIFT_AFTER_START_S = 20.0
-"""Filters were seen to turn their heading for 20 s after their start."""
 
 
 def converged_spans(

@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1
+# Tried on simulated flights: they find all counted resets; agile flights show 0 to 1 false ones.
 NEIGHBOURS, NEIGHBOUR_FACTOR = 10, 4.0
-"""Tried on simulated flights: they find all counted resets; agile flights show 0 to 1 false ones."""
+# Intervals per pass: temporaries of long logs stay small.
 CHUNK = 50_000
-"""Intervals per pass: temporaries of long logs stay small."""
 
 
 def find_resets(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:

@@ -18,10 +18,10 @@ from attlog.segments.airborne import InAir
 from attlog.segments.model import Segment
 from attlog.segments.windows import ImuWindows, join_windows
 
+# Without arming or drive to tell: a rest this long is no flight.
 MIN_LYING_S = 5.0
-"""Without arming or drive to tell: a rest this long is no flight."""
+# Share of the motors' range up to which they stand still.
 MAX_STOPPED_OUTPUT = 0.01
-"""Share of the motors' range up to which they stand still."""
 
 
 @dataclass(slots=True)
@@ -115,14 +115,14 @@ MIN_RATE_STD_DPS, MAX_RATE_STD_DPS, RATE_STD_FACTOR = 0.15, 0.6, 4.0
 MAX_FORCE_STD_M_S2 = 0.15
 MAX_MEAN_RATE_DPS = 0.3
 NEIGHBOURS_S = 30.0
+# Tried on simulated flights with truth and on real logs.
 MIN_LONG_REST_S, MIN_SHORT_REST_S, MIN_IDLE_S = 10.0, 2.0, 1.0
-"""Tried on simulated flights with truth and on real logs."""
 IDLE_RATE_DPS = 1.0
+# Rates up to here may be the gyro's own offset where no rest tells it.
 IDLE_OFFSET_DPS = 3.0
-"""Rates up to here may be the gyro's own offset where no rest tells it."""
 
+# An accelerometer that shows less than this is not one that feels gravity.
 MIN_FORCE_M_S2 = 1.0
-"""An accelerometer that shows less than this is not one that feels gravity."""
 
 
 def still_rate_limit(windows: ImuWindows) -> float:
@@ -220,8 +220,8 @@ def _median_around(windows: ImuWindows, quiet: Mask) -> Array:
 
 # Hover: in the air, hardly turning, hardly tilted, hardly moving.
 
+# A tilt limit of 10 deg loses two thirds of a hover in wind.
 MIN_HOVER_S, MAX_HOVER_RATE_DPS, MAX_HOVER_TILT_DEG, MAX_HOVER_SPEED_M_S = 3.0, 10.0, 20.0, 1.0
-"""A tilt limit of 10 deg loses two thirds of a hover in wind."""
 
 
 def find_hovers(log: FlightLog, windows: ImuWindows, airborne: FlagSpans) -> list[Segment]:

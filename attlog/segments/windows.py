@@ -15,11 +15,11 @@ from attlog.segments import model
 Array = NDArray[np.float64]
 
 MIN_WINDOW_S = 0.5
+# A standard deviation needs a few samples: slow logs get longer windows.
 MIN_WINDOW_SAMPLES = 5
-"""A standard deviation needs a few samples: slow logs get longer windows."""
 
+# Windows per pass: temporaries of long logs stay small.
 WINDOWS_PER_PASS = 2048
-"""Windows per pass: temporaries of long logs stay small."""
 
 
 @dataclass(slots=True)
@@ -120,8 +120,8 @@ def join_windows(windows: ImuWindows, passed: NDArray[np.bool_]) -> list[tuple[f
 
 # How strongly an accelerometer vibrates, second by second.
 
+# What is faster than a mean over 0.2 s is vibration; its standard deviation is taken over 1 s.
 VIBRATION_MEAN_S, VIBRATION_WINDOW_S = 0.2, 1.0
-"""What is faster than a mean over 0.2 s is vibration; its standard deviation is taken over 1 s."""
 
 
 def vibration_levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:

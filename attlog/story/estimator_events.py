@@ -33,16 +33,16 @@ from attlog.story.flight_events import (
 
 # Did GNSS itself jump? Its position against its own velocity, which a receiver measures apart (Doppler).
 
+# An estimator rejects GNSS for a while before it says so: what is looked at around a report.
 JUMP_BEFORE_S, JUMP_AFTER_S = 10.0, 1.0
-"""An estimator rejects GNSS for a while before it says so: what is looked at around a report."""
+# Fewer seconds with fixes before the report tell nothing.
 MIN_FIX_S = 5.0
-"""Fewer seconds with fixes before the report tell nothing."""
+# Below this the position follows the velocity: ArduPilot's EK2_GLITCH_RAD and EK3_GLITCH_RAD are 25 m, and a position
+# wanders by some metres in minutes.
 MAX_STEADY_M = 5.0
-"""Below this the position follows the velocity: ArduPilot's EK2_GLITCH_RAD and EK3_GLITCH_RAD are 25 m, and a
-position wanders by some metres in minutes."""
 GAP_S, GNSS_FIX_3D = 2.0, 3
+# Of a sphere of 6,371 km.
 M_PER_DEG = 111_195.0
-"""Of a sphere of 6,371 km."""
 
 
 def gnss_disagreement_m(receivers: Sequence[Gnss], t: float) -> float:
@@ -79,10 +79,10 @@ def _spread(
 
 # What the onboard estimator rejected in flight: one source for the events and for the checks.
 
+# Rejected for this long without a break: single outliers are what the test is for.
 MIN_REJECTION_S = 1.0
-"""Rejected for this long without a break: single outliers are what the test is for."""
+# Both ends of a flight: the ground pushes there, and a blow reaches back through records of 5 Hz.
 FLIGHT_MARGIN_S = 1.0
-"""Both ends of a flight: the ground pushes there, and a blow reaches back through records of 5 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,12 +148,12 @@ def rejection_events(log: FlightLog, segments: Segments) -> list[Event]:
     ]
 
 
+# Cores of one estimator do the same within so many seconds: one event.
 TOGETHER_S = 1.5
-"""Cores of one estimator do the same within so many seconds: one event."""
 LOST_S = 2.0
 FIX_3D = 3
+# Codes of problems: ERR 24 of ArduPilot, and PX4's estimator_selector_status.
 SWITCHED = ("lane_switch", "estimator_instance_changed")
-"""Codes of problems: ERR 24 of ArduPilot, and PX4's estimator_selector_status."""
 
 
 def onboard_estimator_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
@@ -304,17 +304,19 @@ def is_estimator_jump(event: Event) -> bool:
 
 # Failsafes, the kill switch and the battery: what the autopilot did about trouble.
 
+# A failsafe's cause is said so soon before or after it.
 CAUSE_S = 2.0
-"""A failsafe's cause is said so soon before or after it."""
 AGAIN_S = 60.0
 KILLED_S = 1.0
+# In a log's first second a battery may not have been measured yet.
 MEASURED_S = 1.0
-"""In a log's first second a battery may not have been measured yet."""
+# A failsafe so soon after a landing still belongs to the flight; a mode set so soon before one ends none.
 ENDED_S = 2.0
-"""A failsafe so soon after a landing still belongs to the flight; a mode set so soon before one ends none."""
 AT_ONCE_S = 10.0
+# A failsafe sets its mode so soon before or after it is told.
 SET_S = 1.0
-"""A failsafe sets its mode so soon before or after it is told."""
+# What a failsafe is of, where its text says so. Rovers to 2.50 say bits: 1 throttle, 2 ground station (APMrover2,
+# defines.h).
 FAILSAFE_NAMES = (
     (re.compile(r"\bradio|\brc\b|\bmanual control|trigger 0x[13]\b", re.I), "Radio failsafe"),
     (re.compile(r"\bgcs\b|ground station|data ?link|trigger 0x2\b", re.I), "Ground station failsafe"),
@@ -322,10 +324,9 @@ FAILSAFE_NAMES = (
     (re.compile(r"\bgps\b|\bgnss\b", re.I), "GNSS failsafe"),
     (re.compile(r"\bterrain", re.I), "Terrain failsafe"),
 )
-"""What a failsafe is of, where its text says so. Rovers to 2.50 say bits: 1 throttle, 2 ground station (APMrover2,
-defines.h)."""
+# The failsafe of GNSS means 5 s without a position: so soon after the first one they cannot have passed.
 FIRST_FIX_S, FAILSAFE_FIX_3D = 5.0, 3
-"""The failsafe of GNSS means 5 s without a position: so soon after the first one they cannot have passed."""
+# ERR records of ArduPilot and PX4's flag, by the codes of their problems.
 FAILSAFE_CODES = {
     "err_5_1": "Radio failsafe",
     "err_7_1": "GNSS failsafe",
@@ -336,7 +337,6 @@ FAILSAFE_CODES = {
     "err_31_1": "Dead reckoning failsafe",
     "failsafe": "Failsafe",
 }
-"""ERR records of ArduPilot and PX4's flag, by the codes of their problems."""
 
 
 def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:

@@ -44,8 +44,8 @@ KINDS = (
     "battery",
     "message",
 )
+# A crash is one of these with severity ``serious``.
 CRASHES = ("impact", "overturn", "tumble")
-"""A crash is one of these with severity ``serious``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +87,10 @@ def format_time(t: float) -> str:
 
 Text = tuple[float, int, str]
 
+# The level of syslog from which a text is a warning.
 WARNING = 4
-"""The level of syslog from which a text is a warning."""
 MESSAGE_MARGIN_S = 2.0
+# ArduPilot gives most of its texts one level: these words make one a warning.
 WARNING_WORDS = re.compile(
     r"fail|crash|glitch|variance|unhealthy|not healthy|inconsistent|error|lost|bad |emergency|terminat|estop|"
     r"thrust loss|imbalance|vibration comp|clipping|parachute|forced reset|stopped aiding|re-aligned|lane switch|"
@@ -97,7 +98,6 @@ WARNING_WORDS = re.compile(
     r"dead reckon|kill.?switch|thrust|throttle not",
     re.IGNORECASE,
 )
-"""ArduPilot gives most of its texts one level: these words make one a warning."""
 HARMLESS_WORDS = re.compile(
     r"failsafe (cleared|deactivated)|glitch cleared|autotest|^SRC=|^scenario: |no error|fail.?safe.*(off|disabled)",
     re.I,
@@ -117,8 +117,8 @@ PREARM = re.compile(r"pre-?arm|preflight fail|^arm:|arming denied|arming_checks"
 ARMING = re.compile(r"^pre-?arm|^arm:", re.IGNORECASE)
 PREFIX = re.compile(r"^\[[\w ]+\]\s*")
 MAX_TEXT = 110
+# A flight says a few dozen things; a damaged one could say anything.
 MAX_MESSAGES = 100
-"""A flight says a few dozen things; a damaged one could say anything."""
 
 
 def clean_text(text: str) -> str:
@@ -165,13 +165,13 @@ def message_events(log: FlightLog, told: Iterable[Text], flights: list[Span]) ->
 
 # Arming, lift-off, landing, and how flights ended: the events of movement.
 
+# A flight that lasts to within so much of the log's end has no end in it.
 END_S = 1.0
-"""A flight that lasts to within so much of the log's end has no end in it."""
+# A flight that lasts from so soon after the log's begin had begun before.
 BEGUN_S = 0.5
-"""A flight that lasts from so soon after the log's begin had begun before."""
 BOOT_S = 3600.0
+# Below this rate of the IMU a blow was at least what it shows.
 FULL_PEAK_HZ = 100.0
-"""Below this rate of the IMU a blow was at least what it shows."""
 TAKE_OFF = re.compile(r"takeoff detected", re.IGNORECASE)
 LANDED = re.compile(r"landing detected|land complete", re.IGNORECASE)
 TEXT_MARGIN_S = 5.0
@@ -318,10 +318,10 @@ def impact_limit_text(log: FlightLog) -> str:
 
 STRONG_M_S2, STRONG_S = 15.0, 5
 ONBOARD_M_S2, MIN_LEVELS = 60.0, 10
+# Clipped samples up to so many are chance, and no warning.
 MAX_CHANCE_CLIPS, MAX_NOTE_CLIPS = 3, 10
-"""Clipped samples up to so many are chance, and no warning."""
+# Before the end of a flight: what a touch-down, or the blow of a crash, does to a range is no clipping in flight.
 LANDING_S, BLOW_S = 1.0, 0.1
-"""Before the end of a flight: what a touch-down, or the blow of a crash, does to a range is no clipping in flight."""
 FAST_IMU_HZ = 40.0
 
 

@@ -31,14 +31,14 @@ from attlog.story.flight_events import (
 
 # The first part of a headline: when it flew, how high and how tilted; or why it never did.
 
+# Pushes of the throttle so close to each other are one.
 MAX_THROTTLE_PAUSE_S = 5.0
-"""Pushes of the throttle so close to each other are one."""
+# Motors that ran for longer than this before a flight are told.
 STOOD_S = 10.0
-"""Motors that ran for longer than this before a flight are told."""
+# Up to so many flights are told with their times; more are counted.
 LISTED = 3
-"""Up to so many flights are told with their times; more are counted."""
+# Throttle is up above this part of its largest value.
 OF_FLIGHT = 0.5
-"""Throttle is up above this part of its largest value."""
 UPRIGHT_DEG = 30.0
 
 
@@ -186,12 +186,13 @@ def has_hard_landing(events: Sequence[Event]) -> bool:
 
 
 WORDS = 30
+# Endings so close to each other are one crash.
 MAX_CRASH_GAP_S = 5.0
-"""Endings so close to each other are one crash."""
 KILLED_S = 5.0
+# A blow above this height is no ground.
 HIGH_M = 5.0
-"""A blow above this height is no ground."""
 NAMES = {"Copter": "ArduCopter", "Plane": "ArduPlane", "Rover": "ArduRover", "Sub": "ArduSub"}
+# What may explain an end, by kind.
 TOLD_FIRST = (
     "clipping",
     "vibration",
@@ -204,9 +205,8 @@ TOLD_FIRST = (
     "gnss_lost",
     "gnss_jump",
 )
-"""What may explain an end, by kind."""
+# An angle that is wrong from so soon after the first lift-off until so shortly before the last landing.
 THROUGHOUT_S = 10.0
-"""An angle that is wrong from so soon after the first lift-off until so shortly before the last landing."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,15 @@ import numpy as np
 import pytest
 
 from attlog import flight
-from attlog.flight import remedies
-from attlog.flight.advice import ArduPilotLogging, LoggingNeed, OtherLogging, Px4Logging
+from attlog.flight.advice import (
+    LoggingNeed,
+    LoggingSettings,
+    compass_first,
+    compass_switches,
+    firmware_remedies,
+    logging_advice,
+)
+from attlog.flight.calibration import px4_slot_in_use
 from attlog.flight.model import Mag, Stream
 
 COPTER = (
@@ -47,8 +54,17 @@ def bits(family: str) -> dict[str, int]:
     return {name.lower(): int(bit) for bit, name in (item.split(":") for item in DOCUMENTED[family].split(","))}
 
 
-def settings(family: str, mask: int = 0, **values: float) -> ArduPilotLogging:
-    return ArduPilotLogging(family, "4.5.0", {"LOG_BITMASK": mask, "LOG_DISARMED": 0, **values})
+def ardupilot(family: str, version: str, values: dict[str, float], what: LoggingNeed, rate: float | None = None) -> str:
+    return logging_advice(LoggingSettings("ArduPilot", version, family, values), what, rate)
+
+
+def modern(family: str, mask: int, what: LoggingNeed, rate: float | None = None, **values: float) -> str:
+    """Return the advice to a vehicle of today."""
+    return ardupilot(family, "4.5.0", {"LOG_BITMASK": mask, "LOG_DISARMED": 0, **values}, what, rate)
+
+
+def px4(version: str, values: dict[str, float], what: LoggingNeed, rate: float | None = None) -> str:
+    return logging_advice(LoggingSettings("PX4", version, values=values), what, rate)
 
 
 def named(sentence: str) -> dict[str, int]:
@@ -62,7 +78,7 @@ def named(sentence: str) -> dict[str, int]:
     [("imu", None), ("imu", 8.0), ("fast_imu", 25.0), ("attitude", 10.0), ("attitude", None), ("mag", None)],
 )
 def test_every_bit_is_the_documented_one(family: str, what: LoggingNeed, rate: float | None) -> None:
-    said = named(settings(family).advice(what, rate))
+    said = named(modern(family, 0, what, rate))
     documented = bits(family)
     if "attitude" in documented:
         documented |= {"fast attitude": -1}
@@ -75,74 +91,66 @@ def test_every_bit_is_the_documented_one(family: str, what: LoggingNeed, rate: f
 @pytest.mark.parametrize("what", ["imu", "fast_imu", "attitude", "mag"])
 @pytest.mark.parametrize("rate", [None, 12.0])
 def test_what_is_set_is_never_advised(family: str, what: LoggingNeed, rate: float | None) -> None:
-    full = settings(family, (1 << 22) - 1).advice(what, rate)
+    full = modern(family, (1 << 22) - 1, what, rate)
     assert "set already" in full
     assert not full.startswith("Set ")
 
 
 def test_one_missing_bit_is_what_is_advised() -> None:
     everything = (1 << 22) - 1
-    assert (
-        settings("copter", everything & ~(1 << 18)).advice("fast_imu", 100.0) == "Set bit 18 (fast IMU) of LOG_BITMASK."
-    )
-    assert settings("copter", everything & ~1).advice("attitude", 10.0) == "Set bit 0 of LOG_BITMASK (fast attitude)."
-    assert settings("rover", everything & ~(1 << 11)).advice("mag") == "Set bit 11 of LOG_BITMASK (compass)."
+    fast = modern("copter", everything & ~(1 << 18), "fast_imu", 100.0)
+    assert fast == "Set bit 18 (fast IMU) of LOG_BITMASK."
+    assert modern("copter", everything & ~1, "attitude", 10.0) == "Set bit 0 of LOG_BITMASK (fast attitude)."
+    assert modern("rover", everything & ~(1 << 11), "mag") == "Set bit 11 of LOG_BITMASK (compass)."
 
 
 def test_a_compass_that_is_switched_off_is_switched_on_first() -> None:
-    assert settings("plane", 0xFFFF, COMPASS_ENABLE=0).advice("mag") == "Set COMPASS_ENABLE to 1."
-    assert (
-        ArduPilotLogging("plane", "3.0.4", {"LOG_BITMASK": 0xFFFF, "MAG_ENABLE": 0}).advice("mag")
-        == "Set MAG_ENABLE to 1."
-    )
+    assert modern("plane", 0xFFFF, "mag", COMPASS_ENABLE=0) == "Set COMPASS_ENABLE to 1."
+    assert ardupilot("plane", "3.0.4", {"LOG_BITMASK": 0xFFFF, "MAG_ENABLE": 0}, "mag") == "Set MAG_ENABLE to 1."
 
 
 def test_limits_of_the_rate_are_named_where_they_are_the_reason() -> None:
-    limited = settings(
-        "copter", 180222, LOG_FILE_RATEMAX=10, LOG_DARM_RATEMAX=5, LOG_BACKEND_TYPE=1, LOG_MAV_RATEMAX=10
-    )
+    limits = {"LOG_FILE_RATEMAX": 10, "LOG_DARM_RATEMAX": 5, "LOG_BACKEND_TYPE": 1, "LOG_MAV_RATEMAX": 10}
     for rate in (5.2, 8.3, 10.0):
-        assert limited.advice("imu", rate) == (
+        assert modern("copter", 180222, "imu", rate, **limits) == (
             "LOG_FILE_RATEMAX 10 Hz and LOG_DARM_RATEMAX 5 Hz (while disarmed) limit the rate: set them to 0."
         )
-    assert limited.advice("fast_imu", 25.0) == "Set bit 18 (fast IMU) or bit 19 (raw IMU) of LOG_BITMASK."
-    other_backend = settings("copter", 180222, LOG_BLK_RATEMAX=10, LOG_BACKEND_TYPE=1)
-    assert "RATEMAX" not in other_backend.advice("imu", 10.0)
-    block = settings("copter", 180222, LOG_BLK_RATEMAX=10, LOG_BACKEND_TYPE=4)
-    assert block.advice("imu", 9.8) == "LOG_BLK_RATEMAX 10 Hz limits the rate: set it to 0."
-    above_source = settings("copter", 180222, LOG_FILE_RATEMAX=40)
-    assert "RATEMAX" not in above_source.advice("fast_imu", 25.0), "25 Hz is the rate of the task, not of the limit"
+    faster = modern("copter", 180222, "fast_imu", 25.0, **limits)
+    assert faster == "Set bit 18 (fast IMU) or bit 19 (raw IMU) of LOG_BITMASK."
+    other_backend = modern("copter", 180222, "imu", 10.0, LOG_BLK_RATEMAX=10, LOG_BACKEND_TYPE=1)
+    assert "RATEMAX" not in other_backend
+    block = modern("copter", 180222, "imu", 9.8, LOG_BLK_RATEMAX=10, LOG_BACKEND_TYPE=4)
+    assert block == "LOG_BLK_RATEMAX 10 Hz limits the rate: set it to 0."
+    above_source = modern("copter", 180222, "fast_imu", 25.0, LOG_FILE_RATEMAX=40)
+    assert "RATEMAX" not in above_source, "25 Hz is the rate of the task, not of the limit"
 
 
 @pytest.mark.parametrize("disarmed", [1, 2, 3])
 def test_logging_before_arming_that_is_on_is_not_advised(disarmed: int) -> None:
-    assert settings("copter", LOG_DISARMED=disarmed).advice("rest").startswith(f"LOG_DISARMED is {disarmed} already")
+    assert modern("copter", 0, "rest", LOG_DISARMED=disarmed).startswith(f"LOG_DISARMED is {disarmed} already")
 
 
 def test_logging_before_arming_is_set_as_this_version_can() -> None:
-    assert settings("plane").advice("rest").startswith("Set LOG_DISARMED to 1 and let")
+    assert modern("plane", 0, "rest").startswith("Set LOG_DISARMED to 1 and let")
     for version in ("Copter 3.1.1", "Copter 3.0.1", "Rover 2.46beta2", "Plane 3.0.4-beta3"):
         family = version.split()[0].lower()
-        old = ArduPilotLogging(family, version, {"LOG_BITMASK": -22530}).advice("rest")
+        old = ardupilot(family, version, {"LOG_BITMASK": -22530}, "rest")
         assert "LOG_" not in old, f"{version} has no setting for it"
-    assert (
-        ArduPilotLogging("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006})
-        .advice("rest")
-        .startswith("Set bit 16 of LOG_BITMASK")
-    )
-    on = ArduPilotLogging("copter", "Copter 3.3-dev", {"LOG_BITMASK": 131070}).advice("rest")
+    off = ardupilot("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006}, "rest")
+    assert off.startswith("Set bit 16 of LOG_BITMASK")
+    on = ardupilot("copter", "Copter 3.3-dev", {"LOG_BITMASK": 131070}, "rest")
     assert on.startswith("Bit 16 of LOG_BITMASK (log when disarmed) is set already")
 
 
 @pytest.mark.parametrize("what", ["imu", "fast_imu"])
 def test_bits_that_came_later_are_not_advised_to_old_versions(what: LoggingNeed) -> None:
-    old = ArduPilotLogging("copter", "Copter 3.1.1", {"LOG_BITMASK": 0}).advice(what, None)
+    old = ardupilot("copter", "Copter 3.1.1", {"LOG_BITMASK": 0}, what)
     assert named(old) == {"imu": 7}
-    assert "3.4 and later" in ArduPilotLogging("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006}).advice(what, 49.0)
+    assert "3.4 and later" in ardupilot("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006}, what, 49.0)
 
 
 def test_an_unknown_vehicle_gets_no_number() -> None:
-    assert re.search(r"\d", ArduPilotLogging("", "", {}).advice("imu")) is None
+    assert re.search(r"\d", ardupilot("", "", {}, "imu")) is None
 
 
 CASES = {
@@ -175,17 +183,17 @@ def test_advice_of_logs_that_were_told_something_false(corpus: Path, name: str) 
 )
 def test_a_topic_set_that_is_on_is_not_advised(version: str, profile: int, said: str) -> None:
     for rate in (None, 9.0):
-        assert Px4Logging(version, {"SDLOG_PROFILE": profile}).advice("imu", rate).startswith(said)
+        assert px4(version, {"SDLOG_PROFILE": profile}, "imu", rate).startswith(said)
 
 
 def test_the_attitude_at_full_rate_is_bit_4() -> None:
-    assert "Set bit 4 of SDLOG_PROFILE" in Px4Logging("1.15.0", {"SDLOG_PROFILE": 1}).advice("attitude", 4.0)
-    assert "set already" in Px4Logging("1.15.0", {"SDLOG_PROFILE": 17}).advice("attitude", 4.0)
+    assert "Set bit 4 of SDLOG_PROFILE" in px4("1.15.0", {"SDLOG_PROFILE": 1}, "attitude", 4.0)
+    assert "set already" in px4("1.15.0", {"SDLOG_PROFILE": 17}, "attitude", 4.0)
 
 
 @pytest.mark.parametrize(("version", "values"), [("1.6.5", {"SDLOG_PROFILE": 0}), ("", {"SYS_LOGGER": 1})])
 def test_versions_without_topic_sets_have_a_file(version: str, values: dict[str, float]) -> None:
-    said = Px4Logging(version, values).advice("attitude", 4.0)
+    said = px4(version, values, "attitude", 4.0)
     assert "vehicle_attitude" in said
     assert "logger_topics.txt" in said
     assert "SDLOG_PROFILE" not in said
@@ -193,12 +201,12 @@ def test_versions_without_topic_sets_have_a_file(version: str, values: dict[str,
 
 @pytest.mark.parametrize(("mode", "advised"), [(0, True), (1, False), (2, False), (-1, True), (3, True)])
 def test_logging_from_boot_is_advised_only_where_it_is_off(mode: int, advised: bool) -> None:
-    said = Px4Logging("1.15.0", {"SDLOG_MODE": mode}).advice("rest")
+    said = px4("1.15.0", {"SDLOG_MODE": mode}, "rest")
     assert said.startswith("Set SDLOG_MODE to 1 and let" if advised else f"SDLOG_MODE is {mode} already: let")
 
 
 def test_versions_without_the_mode_are_not_told_to_set_it() -> None:
-    assert "SDLOG_MODE" not in Px4Logging("", {"SYS_LOGGER": 0, "SDLOG_RATE": -1}).advice("rest")
+    assert "SDLOG_MODE" not in px4("", {"SYS_LOGGER": 0, "SDLOG_RATE": -1}, "rest")
 
 
 def test_a_log_that_begins_before_arming_is_told_to_stand_still_only(corpus: Path) -> None:
@@ -218,28 +226,29 @@ def test_a_unit_whose_records_are_mostly_refused_is_no_flight(corpus: Path) -> N
 
 
 def test_a_program_that_is_no_autopilot_is_told_by_its_name_without_settings() -> None:
-    logging = OtherLogging("ULogExampleWriter")
-    assert logging.advice("imu").startswith("ULogExampleWriter wrote it")
-    assert [logging.advice(what) for what in ("fast_imu", "attitude", "mag", "rest")] == [""] * 4
+    settings = LoggingSettings("other", name="ULogExampleWriter")
+    assert logging_advice(settings, "imu").startswith("ULogExampleWriter wrote it")
+    needs: tuple[LoggingNeed, ...] = ("fast_imu", "attitude", "mag", "rest")
+    assert [logging_advice(settings, what) for what in needs] == [""] * 4
 
 
 # Which parameters switch a compass: by the firmware's own names, where the log holds them.
 
 
 def test_switches_are_those_that_the_log_holds() -> None:
-    assert remedies.compass_switches({"COMPASS_USE": 1.0, "COMPASS_USE3": 0.0}) == {0: "COMPASS_USE", 2: "COMPASS_USE3"}
+    assert compass_switches({"COMPASS_USE": 1.0, "COMPASS_USE3": 0.0}) == {0: "COMPASS_USE", 2: "COMPASS_USE3"}
 
 
 def test_firmware_before_priorities_has_a_first_compass() -> None:
-    assert remedies.compass_first({"COMPASS_PRIMARY": 0.0}) == "COMPASS_PRIMARY"
-    assert remedies.compass_first({"COMPASS_PRIO1_ID": 97539.0}) == ""
+    assert compass_first({"COMPASS_PRIMARY": 0.0}) == "COMPASS_PRIMARY"
+    assert compass_first({"COMPASS_PRIO1_ID": 97539.0}) == ""
 
 
 def test_the_orientation_that_is_named_is_that_of_the_compass_in_use() -> None:
     values = {"COMPASS_ORIENT": 4.0, "COMPASS_ORIENT2": 0.0}
-    assert "COMPASS_ORIENT 4," in remedies.ardupilot_remedies(values)["compass_mounting"]
-    assert "COMPASS_ORIENT2 0," in remedies.ardupilot_remedies(values, 1)["compass_mounting"]
-    assert "COMPASS_ORIENT" not in remedies.ardupilot_remedies(values, 2)["compass_mounting"]
+    assert "COMPASS_ORIENT 4," in firmware_remedies("ArduPilot", values)["compass_mounting"]
+    assert "COMPASS_ORIENT2 0," in firmware_remedies("ArduPilot", values, 2)["compass_mounting"]
+    assert "COMPASS_ORIENT" not in firmware_remedies("ArduPilot", values, 3)["compass_mounting"]
 
 
 # Which rotation of a compass is named: that of the slot of the one in use.
@@ -267,6 +276,7 @@ def test_the_rotation_that_is_named_is_that_of_the_compass_in_use(
     values: dict[str, float], device: str | None, named: str
 ) -> None:
     """A vehicle flew on its second compass and was told to compare the first one's rotation."""
-    said = remedies.px4_remedies(values, compass(device))["compass_mounting"]
+    slot = px4_slot_in_use(values, compass(device))
+    said = firmware_remedies("PX4", values, slot)["compass_mounting"]
     assert named in said
     assert bool(named) is ("_ROT" in said)

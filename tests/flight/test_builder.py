@@ -12,9 +12,8 @@ import pytest
 from attlog import flight
 from attlog.core.limits import MAX_ATTITUDES
 from attlog.flight import compass
-from attlog.flight.advice import Px4Logging
 from attlog.flight.ardupilot import vehicle
-from attlog.flight.ardupilot.imu import RecordClock
+from attlog.flight.ardupilot.imu import DataflashBuilder
 from attlog.flight.builder import LogBuilder
 from attlog.flight.imu import (
     ImuCandidate,
@@ -34,7 +33,7 @@ from tests.flight.fake import gravity, level, messages, micros
 @pytest.mark.parametrize(("age_us", "believed"), [(3_000, True), (999_999, True), (1_000_000, False), (-1, False)])
 def test_a_sample_lies_at_most_a_second_before_its_stamp(age_us: int, believed: bool) -> None:
     """Single ones that cannot be true get the usual age; a column that is mostly wrong is none."""
-    nothing: Any = None
+    nothing = messages("ulog", {})
     builder, stamps = LogBuilder(nothing, t0_us=5_000_000), 10_000_000 + 20_000 * np.arange(40)
     found = builder.sample_times(stamps, stamps - age_us)
     assert (found is not None) is believed
@@ -125,7 +124,7 @@ def test_the_unit_that_flew_longest_counts() -> None:
 
 def test_a_message_with_a_damaged_definition_does_not_take_the_others_with_it() -> None:
     r = builder()
-    assert r.attempt("GPS", lambda: r.messages["x", 0]["lat"], "nothing") == "nothing"
+    assert r.read_optional("GPS", lambda: r.messages["x", 0]["lat"], "nothing") == "nothing"
     assert [(p.code, p.severity) for p in r.problems] == [("unreadable_message", "warning")]
     assert "x has no field 'lat'" in r.problems[0].text
 
@@ -135,15 +134,15 @@ def test_two_axes_are_no_gyro_and_three_numbers_no_attitude() -> None:
     assert validate_candidate(r, candidate(np.zeros((N, 2)), gravity(N).astype(float))) is None
     assert [p.code for p in r.problems] == ["unreadable_message"]
     t = micros(5, 50).astype(np.int64)
-    assert r.attempt("ATT", lambda: r.attitude(t, np.ones((5, 3)), "ATT"), None) is None
-    assert r.attempt("MAG", lambda: compass.build_mag(r, 0, t, np.ones((5, 2)), "MAG"), None) is None
+    assert r.read_optional("ATT", lambda: r.attitude(t, np.ones((5, 3)), "ATT"), None) is None
+    assert r.read_optional("MAG", lambda: compass.build_mag(r, 0, t, np.ones((5, 2)), "MAG"), None) is None
     assert len(r.problems) == 3
 
 
 def test_a_handful_of_samples_is_no_flight() -> None:
     r = builder()
     one = validate_candidate(r, candidate(np.zeros((5, 3)), gravity(5).astype(float)))
-    assert choose_imu(r, [one], 0, "it flew", None, Px4Logging("4.6.0", {})) is None
+    assert choose_imu(r, [one], 0, "it flew", None) is None
     assert [p.code for p in r.problems] == ["imu_too_short"]
 
 
@@ -318,9 +317,9 @@ def test_a_hundred_thousand_kinds_of_reports_take_no_time_and_are_not_all_told()
         "Subsys": np.arange(n, dtype=np.int64),
         "ECode": np.arange(n, dtype=np.int64) + 1,
     }
-    builder = LogBuilder(messages("dataflash", {("ERR", 0): errors}), t0_us=10_000_000)
+    builder = DataflashBuilder(messages("dataflash", {("ERR", 0): errors}), t0_us=10_000_000)
     begin = time.process_time()
-    vehicle.report_events(builder, RecordClock(builder.messages))
+    vehicle.report_events(builder)
     assert time.process_time() - begin < 2.0
     assert len(builder.problems) == vehicle.MAX_EVENT_KINDS + 1
     assert builder.problems[-1].code == "damaged_reports"

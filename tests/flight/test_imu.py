@@ -56,8 +56,6 @@ def test_repeated_stamps_count_as_refused_only_where_nearly_all_repeat() -> None
 
 # Which unit is replayed, and what makes a unit useless: limits from both sides on candidates made by hand.
 
-LOGGING: Any = SimpleNamespace(advice=lambda what, rate=None: "Log more.")
-
 
 def unit(index: int = 0, hz: float = 100.0, seconds: float = 60.0, begin_s: float = 10.0, **more: Any) -> ImuCandidate:
     n = round(hz * seconds) + 1
@@ -72,7 +70,7 @@ def empty_builder() -> LogBuilder:
 
 def chosen(*units: ImuCandidate, flew: int | None = None, asked: int | None = None) -> tuple[int | None, list[str]]:
     made = empty_builder()
-    found = imu.choose_imu(made, list(units), flew, "it flew", asked, LOGGING)
+    found = imu.choose_imu(made, list(units), flew, "it flew", asked)
     return found, [p.code for p in made.problems]
 
 
@@ -190,7 +188,7 @@ def test_increments_are_rates_over_their_own_times_and_each_unit_has_its_own() -
         }
     tables["vehicle_imu", 0]["delta_angle_dt"][3] = 0
     messages = fake.messages("ulog", tables)
-    one, two = imus.vehicle_imu_candidates(LogBuilder(messages, t0_us=0))
+    one, two = imus.vehicle_imu_candidates(imus.TopicBuilder(messages))
     np.testing.assert_allclose(one.gyro[0], [0.1, -0.2, 0.3], rtol=1e-5)
     np.testing.assert_allclose(two.acc[0], [20.0, 40.0, -40.0], rtol=1e-5)
     assert (len(one.t_us), len(two.t_us)) == (n - 1, n)

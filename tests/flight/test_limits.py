@@ -175,8 +175,8 @@ def test_stamps_of_another_unit_give_no_rate(scale: float) -> None:
 def test_a_fast_gyro_is_no_false_clock() -> None:
     t = micros(2000, 32_000.0)
     builder = LogBuilder(messages("ulog", {}))
-    assert len(builder.keep(t, "gyro", fastest_hz=limits.RAW_HZ)) == len(t)
-    assert len(builder.keep(t, "attitude")) == 0
+    assert len(builder.select_records(t, "gyro", fastest_hz=limits.RAW_HZ)) == len(t)
+    assert len(builder.select_records(t, "attitude")) == 0
 
 
 def test_a_boot_clock_beyond_2100_is_none() -> None:

@@ -14,9 +14,8 @@ from attlog import flight, formats
 from attlog.core import rotation
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.flight import mavlink
-from attlog.flight.builder import LogBuilder
-from attlog.flight.mavlink import PacketClock, force_rising, is_steady
-from attlog.flight.model import Firmware, FlightLog
+from attlog.flight.mavlink import PacketClock, TelemetryBuilder, force_rising, is_steady
+from attlog.flight.model import FlightLog
 from attlog.formats import Recording
 from attlog.formats.mavlink.layout import STAMP_COLUMN
 from attlog.formats.table import Messages
@@ -345,7 +344,7 @@ ATTITUDE = told(100 * np.arange(200), time_boot_ms=BOOT_MS, stamp=AHEAD_US + 100
 
 
 def test_whole_milliseconds_that_have_passed_are_half_of_one_more() -> None:
-    assert mavlink.boot_milliseconds(told([1, 2], time_boot_ms=[7, 4_000_000_000])).tolist() == [
+    assert mavlink.boot_stamps(told([1, 2], time_boot_ms=[7, 4_000_000_000])).tolist() == [
         7_500,
         4_000_000_000_500,
     ]
@@ -438,12 +437,12 @@ N = 6
 RARE_BOOT_MS = (10_000 + 100 * np.arange(N)).astype(np.uint32)
 
 
-def read_rare(function: Any, *more: Any, **tables: dict[str, Any]) -> Any:
+def read_rare(function: Any, *more: Any, vehicle: str = "quadrotor", **tables: dict[str, Any]) -> Any:
     """What a function makes of messages of vehicle 1, whose records have the same times."""
     made = {(name, 1): {"time_boot_ms": RARE_BOOT_MS, **columns} for name, columns in tables.items()}
-    messages = fake.messages("tlog", made)
-    builder = LogBuilder(messages, t0_us=10_000_500)
-    return function(builder, PacketClock(messages, 1), 1, *more)
+    builder = TelemetryBuilder(fake.messages("tlog", made), 10_000_500, instance=1, autopilot=mavlink.ARDUPILOT)
+    builder.log.vehicle = vehicle
+    return function(builder, *more)
 
 
 def receiver(**more: Any) -> dict[str, Any]:
@@ -493,15 +492,13 @@ def test_a_heading_of_antennas_is_hundredths_of_a_degree_and_zero_or_all_ones_is
 def test_pressure_is_the_altitude_of_the_standard_atmosphere(hpa: float, metres: float) -> None:
     """US Standard Atmosphere 1976, table I."""
     pressure = {"press_abs": np.full(N, hpa, np.float32)}
-    found = read_rare(mavlink.baro_stream, "", SCALED_PRESSURE=pressure)
-    assert found is not None
+    (found,) = read_rare(mavlink.baro_streams, SCALED_PRESSURE=pressure)
     assert found.x[0, 0] == pytest.approx(metres, abs=1.5)
-    second = read_rare(mavlink.baro_stream, "2", SCALED_PRESSURE2=pressure)
-    assert second is not None
+    (second,) = read_rare(mavlink.baro_streams, SCALED_PRESSURE2=pressure)
     assert second.source == "SCALED_PRESSURE2"
-    assert read_rare(mavlink.baro_stream, "", SCALED_PRESSURE2=pressure) is None
+    assert read_rare(mavlink.baro_streams) == []
     nothing = {"press_abs": np.array([0.5, *[hpa] * (N - 1)], np.float32)}
-    assert len(read_rare(mavlink.baro_stream, "", SCALED_PRESSURE=nothing).x) == N - 1
+    assert len(read_rare(mavlink.baro_streams, SCALED_PRESSURE=nothing)[0].x) == N - 1
 
 
 def test_a_battery_is_in_millivolts_and_hundredths_of_an_ampere() -> None:
@@ -522,40 +519,31 @@ def test_only_rotors_that_ever_turn_are_rotors() -> None:
     assert read_rare(mavlink.rpm_stream, ESC_TELEMETRY_1_TO_4={"rpm": 0 * rpm}) is None
 
 
-def log(vehicle: str = "quadrotor") -> FlightLog:
-    made = FlightLog(Path("made"), "tlog", 0, 0, Firmware("ArduPilot"), "quadrotor")
-    made.vehicle = vehicle
-    return made
-
-
 @pytest.mark.parametrize(("vehicle", "has_airspeed"), [("quadrotor", False), ("fixed wing", True)])
 def test_throttle_is_percent_and_airspeed_that_of_planes(vehicle: str, has_airspeed: bool) -> None:
-    made = log(vehicle)
     hud = {"throttle": np.full(N, 43, np.uint16), "airspeed": np.full(N, 17.5, np.float32)}
-    read_rare(mavlink.add_hud, made, VFR_HUD=hud)
-    assert made.power.throttle is not None
-    assert made.power.throttle.x[0, 0] == pytest.approx(0.43)
-    assert (made.airspeed is not None) is has_airspeed
-    if made.airspeed is not None:
-        assert made.airspeed.x[0, 0] == 17.5
+    throttle = read_rare(mavlink.throttle_stream, VFR_HUD=hud)
+    assert throttle.x[0, 0] == pytest.approx(0.43)
+    airspeed = read_rare(mavlink.airspeed_stream, vehicle=vehicle, VFR_HUD=hud)
+    assert (None if airspeed is None else airspeed.x[0, 0]) == (17.5 if has_airspeed else None)
 
 
 def test_set_points_keep_their_axes() -> None:
-    made = log()
     rates = {f"body_{axis}_rate": np.full(N, 0.1 * k, np.float32) for k, axis in enumerate(("roll", "pitch", "yaw"), 1)}
-    q = np.tile(np.array([0.8, 0.0, 0.6, 0.0], np.float32), (N, 1))
-    read_rare(mavlink.add_setpoints, 3, made, ATTITUDE_TARGET={"q": q, **rates})
-    assert made.setpoints.attitude is not None
-    np.testing.assert_allclose(made.setpoints.attitude.q[0], [0.8, 0.0, 0.6, 0.0], atol=1e-6)
-    assert made.setpoints.attitude.has_trim
-    assert made.setpoints.rates is not None
-    np.testing.assert_allclose(made.setpoints.rates.x[0], [0.1, 0.2, 0.3], rtol=1e-6)
+    target = {"q": np.tile(np.array([0.8, 0.0, 0.6, 0.0], np.float32), (N, 1)), **rates}
+    attitude = read_rare(mavlink.attitude_setpoint, ATTITUDE_TARGET=target)
+    np.testing.assert_allclose(attitude.q[0], [0.8, 0.0, 0.6, 0.0], atol=1e-6)
+    assert attitude.has_trim
+    found = read_rare(mavlink.rate_setpoint_stream, ATTITUDE_TARGET=target)
+    np.testing.assert_allclose(found.x[0], [0.1, 0.2, 0.3], rtol=1e-6)
 
 
 def test_a_date_is_unix_time_between_the_first_flights_and_the_end_of_the_clock() -> None:
-    builder = LogBuilder(fake.messages("tlog", {}), t0_us=0)
-    assert mavlink.valid_date(builder, 1_700_000_000_000_000) == pytest.approx(1.7e9)
+    builder = TelemetryBuilder(fake.messages("tlog", {}))
+    builder.clock.unix = 1_700_000_000_000_000
+    assert mavlink.utc_offset(builder) == pytest.approx(1.7e9)
     assert builder.problems == []
     for unix in (10**14, 10**16):
-        assert mavlink.valid_date(builder, unix) is None
+        builder.clock.unix = unix
+        assert mavlink.utc_offset(builder) is None
     assert len(builder.problems) == 2

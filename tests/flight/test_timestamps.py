@@ -42,7 +42,7 @@ def log_with_stamps(judged: NDArray[np.int64], *others: NDArray[np.int64], log_f
 def refused(builder: LogBuilder, good: NDArray[np.bool_] | None = None) -> list[int]:
     """Which records are left out, and each one counted as such."""
     t = builder.messages["judged", 0]["timestamp"]
-    kept = builder.keep(t, "judged", good)
+    kept = builder.select_records(t, "judged", good)
     lost = np.setdiff1d(np.arange(len(t)) if good is None else np.flatnonzero(good), kept)
     assert sum(p.count for p in builder.problems if p.code in ("false_times", "time_backward")) == len(lost)
     return lost.tolist()

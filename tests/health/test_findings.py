@@ -291,14 +291,14 @@ def test_a_gyro_is_unusable_from_ten_degrees_a_second_on() -> None:
 
 
 def test_no_action_names_a_setting_that_is_made() -> None:
-    from attlog.flight import remedies as ardupilot
-    from attlog.flight import remedies as px4
+    from attlog.flight.advice import firmware_remedies
 
-    assert "COMPASS_AUTODEC" not in ardupilot.ardupilot_remedies({"COMPASS_AUTODEC": 1.0}).get("declination", "")
-    assert ardupilot.ardupilot_remedies({"COMPASS_AUTODEC": 0.0})["declination"] == "Set COMPASS_AUTODEC to 1."
-    assert "INS_GYR_CAL" not in ardupilot.ardupilot_remedies({"INS_GYR_CAL": 1.0})["gyro_bias"]
+    assert "COMPASS_AUTODEC" not in firmware_remedies("ArduPilot", {"COMPASS_AUTODEC": 1.0}).get("declination", "")
+    assert firmware_remedies("ArduPilot", {"COMPASS_AUTODEC": 0.0})["declination"] == "Set COMPASS_AUTODEC to 1."
+    assert "INS_GYR_CAL" not in firmware_remedies("ArduPilot", {"INS_GYR_CAL": 1.0})["gyro_bias"]
     for values in ({"INS_HNTCH_ENABLE": 0.0}, {"IMU_GYRO_DNF_EN": 0.0}):
-        assert "notch" not in ardupilot.ardupilot_remedies(values)["vibration"] + px4.px4_remedies(values)["vibration"]
+        for firmware in ("ArduPilot", "PX4"):
+            assert "notch" not in firmware_remedies(firmware, values)["vibration"]
 
 
 def test_every_fault_has_a_general_remedy() -> None:

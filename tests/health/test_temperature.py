@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.flight import remedies as ardupilot
-from attlog.flight import remedies as px4
+from attlog.flight.advice import firmware_remedies
 from attlog.flight.model import FlightLog, Stream
 from attlog.health import temperature
 from attlog.segments import Segment, Segments
@@ -73,7 +72,7 @@ def test_a_thermometer_without_numbers_does_no_harm() -> None:
 
 
 def test_the_action_names_the_calibration_that_the_firmware_has_and_none_that_it_has_not() -> None:
-    assert "INS_TCAL1_ENABLE is 0" in ardupilot.ardupilot_remedies({"INS_TCAL1_ENABLE": 0.0})["temperature"]
-    assert "TC_G_ENABLE is 1" in px4.px4_remedies({"TC_G_ENABLE": 1.0})["temperature"]
-    for old in (ardupilot.ardupilot_remedies({}), px4.px4_remedies({})):
+    assert "INS_TCAL1_ENABLE is 0" in firmware_remedies("ArduPilot", {"INS_TCAL1_ENABLE": 0.0})["temperature"]
+    assert "TC_G_ENABLE is 1" in firmware_remedies("PX4", {"TC_G_ENABLE": 1.0})["temperature"]
+    for old in (firmware_remedies("ArduPilot", {}), firmware_remedies("PX4", {})):
         assert "ENABLE" not in old["temperature"]

@@ -12,9 +12,8 @@ import pytest
 import attlog
 from attlog import segments, story
 from attlog.core import spans
-from attlog.flight.builder import LogBuilder
 from attlog.flight.model import Clipping, FlightLog, Gnss, Problem, Stream, TimeLine
-from attlog.flight.px4.imu import gyro_mask_problem
+from attlog.flight.px4.imu import TopicBuilder, gyro_mask_problem
 from attlog.segments import Segments
 from attlog.segments.impacts import CrashEvent
 from attlog.story import Event, flight_events
@@ -430,7 +429,7 @@ def test_a_mask_that_is_none_is_no_gyro_at_the_end_of_its_range(mask: int, relea
     )
     rate = np.full((50, 3), np.radians(1900.0))
     table = made.tables["sensor_combined", 0]
-    assert len(gyro_mask_problem(LogBuilder(made), "sensor_combined", table, column, rate)) == told
+    assert len(gyro_mask_problem(TopicBuilder(made), "sensor_combined", table, column, rate)) == told
 
 
 def test_telemetry_at_four_hertz_tells_the_flight_and_no_blow() -> None:

@@ -1,8 +1,19 @@
-"""Attitudes of ArduPilot logs: which record holds whose attitude, with or without the vehicle's trim.
+"""Read the attitudes of ArduPilot logs and the states of its EKF.
 
-ATT, ANG, AHR2 and the Euler records of the EKFs (EKF1, NKF1, XKF1) have AHRS_TRIM
-taken out; the quaternion records (NKQ, XKQ) have not (ArduPilot
-NavEKF3_core::getEulerAngles, and measured on a log with 0.96 deg of trim).
+ATT, ANG, AHR2 and the Euler records of the EKFs (EKF1, NKF1, XKF1) have AHRS_TRIM taken out; the quaternion records
+(NKQ, XKQ) have not (NavEKF3_core::getEulerAngles, and measured on a log with 0.96 deg of trim).
+
+GX, GY, GZ of XKF1 and NKF1 are deg/s in body axes (ArduPilot's list of log messages; FMTU since 3.6), to be subtracted;
+IMU, GYR, IMT and RISI are logged before. EKF1 is left out: commit ac2e5f6 (October 2014) changed its unit from deg/min
+to deg/s under the same format.
+
+SV, SP, SH, SM and SVT of XKF4 and NKF4, and of EKF4 before Copter 3.4, are the roots of the test ratios in hundredths;
+the format's scale takes these out ("c" in the FMT record). Above 1 the EKF rejects.
+
+XKY0 and NKY0 (EKF-GSF, #13603 of 2020, written while velocities are fused) hold the heading from true north by GNSS
+motion, YC, and its sigma, YCS. Both are radians before 4.3. Since (#20546, April 2022) YC is degrees 0 to 360, and YCS,
+though labelled deg, is sqrt(degrees(variance)) of a variance in rad^2: the estimator starts at 2 pi / sqrt(10) rad,
+which is 114 deg, and such logs start at 15.04.
 """
 
 from __future__ import annotations
@@ -14,37 +25,45 @@ from functools import partial
 import numpy as np
 
 from attlog.core import rotation
-from attlog.core.timestamps import Stamps
 from attlog.flight import limits
-from attlog.flight.ardupilot.imu import RecordClock, primary_core, unit_of_core, unit_tables
-from attlog.flight.builder import LogBuilder, angle_quantisation_deg, columns
+from attlog.flight.ardupilot.imu import DataflashBuilder, primary_core, unit_of_core
+from attlog.flight.builder import angle_step_deg, columns, from_euler
 from attlog.flight.imu import longest_held
-from attlog.flight.model import Array, Attitude, Imu, InnovationTest, Stream, TimeLine, covered_seconds
+from attlog.flight.model import Array, Attitude, InnovationTest, Stream, TimeLine, covered_seconds
 from attlog.formats.table import Messages, Table
 
+# Id of an EV record.
 YAW_RESET_EVENT = 62
+# ANG replaces ATT where it covers at least this share of its time.
 MIN_ANG_SHARE = 0.95
-"""ANG that covers less than this part of ATT's time is not the record to replace it."""
 QUATERNION_COLUMNS = ("Q1", "Q2", "Q3", "Q4")
 EULER_COLUMNS = ("Roll", "Pitch", "Yaw")
 POSE_COLUMNS = ("R", "P", "Y")
+SETPOINT_COLUMNS = ("DesRoll", "DesPitch", "DesYaw")
+# Texts of a step of the attitude.
+RESET_WORDS = ("yaw align", "yaw reset", "lane switch", "in-flight yaw", "emergency yaw")
 
 
-def attitudes(builder: LogBuilder, clock: RecordClock, resets_us: list[int]) -> dict[str, Attitude]:
-    """Every attitude of the log by its name in the comparison (``ATT``, ``XKQ.1``, ...)."""
+# --- attitudes --------------------------------------------------------------------------------------------------
+
+
+def attitudes(builder: DataflashBuilder) -> dict[str, Attitude]:
+    """Return every attitude of the log by its name in the comparison (``ATT``, ``XKQ.1``, ...)."""
+    resets = builder.read_optional("Resets", partial(reset_times, builder), [])
     found: dict[str, Attitude] = {}
     for name, table, trimmed in attitude_tables(builder.messages):
-        followed = resets_us if name in ("ATT", "ANG") or name.startswith(("XK", "NK", "EKF")) else ()
-        attitude = builder.attempt(name, partial(read_attitude, builder, clock, table, name, trimmed, followed), None)
+        followed = resets if name in ("ATT", "ANG") or name.startswith(("XK", "NK", "EKF")) else []
+        attitude = builder.read_optional(name, partial(read_attitude, builder, table, name, trimmed, followed), None)
         if attitude is not None:
             found[name] = attitude
     return found
 
 
 def attitude_tables(messages: Messages) -> Iterator[tuple[str, Table, bool]]:
-    """(name, table, trim taken out) of every attitude record; old names NKQ2, XKF6 are cores of their family.
+    """Yield name, table and "trim taken out" of every attitude record.
 
-    XKF1 and NKF1 count only for cores without quaternion: they are the same attitude.
+    The old names NKQ2 and XKF6 are cores of their family. XKF1 and NKF1 are the attitude of a quaternion record,
+    rounded to 0.01 deg, and count only for cores without one.
     """
     for name in ("ANG", "ATT", "AHR2", "DCM", "EKF1"):
         table = messages.first(name)
@@ -56,21 +75,20 @@ def attitude_tables(messages: Messages) -> Iterator[tuple[str, Table, bool]]:
         for core, (q_name, e_name) in enumerate(((f"{family}Q1", ""), (f"{family}Q2", f"{family}F6"))):
             for place, name in ((quaternion, q_name), (euler, e_name)):
                 table = messages.first(name) if name else None
-                if table is not None and core not in place:
-                    place[core] = table
+                if table is not None:
+                    place.setdefault(core, table)
         for core, table in sorted(quaternion.items()):
             yield f"{family}Q.{core}", table, False
         for core, table in sorted(euler.items()):
-            if core in quaternion:
-                continue  # the same attitude, rounded to 0.01 deg
-            yield f"{family}F1.{core}", table, True
+            if core not in quaternion:
+                yield f"{family}F1.{core}", table, True
 
 
 def read_attitude(
-    builder: LogBuilder, clock: RecordClock, table: Table, name: str, trimmed: bool, resets_us: list[int] | tuple[()]
+    builder: DataflashBuilder, table: Table, name: str, trimmed: bool, resets_us: list[int]
 ) -> Attitude | None:
-    """The attitude in one record type: its quaternion where it has one, else its Euler angles in degrees."""
-    t = clock.of_samples(table)
+    """Return the attitude of a record: its quaternion where it has one, else its Euler angles in degrees."""
+    t = builder.clock.of_samples(table)
     if t is None:
         return None
     step = 0.0
@@ -84,86 +102,73 @@ def read_attitude(
 
 
 def from_euler_deg(angles: Array) -> tuple[Array, float]:
-    """Quaternions (n, 4) of Euler angles in degrees, zero where they are no angles, and the step of the angles."""
-    with np.errstate(invalid="ignore"):
-        good = (np.abs(angles) <= 720.0).all(axis=1)
-    q = np.full((len(angles), 4), np.nan)
-    q[good] = rotation.from_euler(*np.radians(angles[good]).T)
-    return q, angle_quantisation_deg(angles[good][:, :2].ravel())
+    """Return quaternions (n, 4) of Euler angles in degrees, NaN where they are no angles, and the angles' step."""
+    q = from_euler(np.radians(angles), math.radians(limits.EULER_DEG.high))
+    return q, angle_step_deg(angles[rotation.finite_rows(q)][:, :2].ravel())
 
 
-def reset_times(builder: LogBuilder, clock: RecordClock, lane_t: Stamps, lanes: list[int]) -> list[int]:
-    """Boot times in us at which the attitude that flies stepped: lane switches, yaw resets, DCM to EKF."""
-    messages, times = builder.messages, []
-    changes = [int(lane_t[k]) for k in range(1, len(lanes)) if lanes[k] != lanes[k - 1]]
-    if changes:
-        often = "once" if len(changes) == 1 else f"{len(changes)} times"
-        builder.problem(
-            "lane_switch",
-            "warning",
-            f"The EKF changed its primary core {often}, first from {lanes[0]}; the attitude steps there.",
-            count=len(changes),
-        )
-    times += changes
+def reset_times(builder: DataflashBuilder) -> list[int]:
+    """Return boot times in us of steps of the attitude that flies: lane switches, yaw resets, DCM to EKF."""
+    messages = builder.messages
+    _, lane_t, lanes = primary_core(builder)
+    times = [int(lane_t[k]) for k in range(1, len(lanes)) if lanes[k] != lanes[k - 1]]
+    if times:
+        often = "once" if len(times) == 1 else f"{len(times)} times"
+        text = f"The EKF changed its primary core {often}, first from {lanes[0]}; the attitude steps there."
+        builder.problem("lane_switch", "warning", text, count=len(times))
     events = messages.first("EV")
     if events is not None and "Id" in events:
-        times += clock.of(events)[events["Id"].astype(np.int64) == YAW_RESET_EVENT].tolist()
+        times += builder.stamps(events)[events["Id"].astype(np.int64) == YAW_RESET_EVENT].tolist()
     att = messages.first("ATT")
     if att is not None and "AEKF" in att:
-        active = att["AEKF"].astype(np.int64)
-        times += clock.of(att)[1:][np.diff(active) != 0].tolist()
-    words = ("yaw align", "yaw reset", "lane switch", "in-flight yaw", "emergency yaw")
-    times += [x.t_us for x in messages.texts if x.t_us is not None and any(w in x.text.lower() for w in words)]
+        times += builder.stamps(att)[1:][np.diff(att["AEKF"].astype(np.int64)) != 0].tolist()
+    times += [x.t_us for x in messages.texts if x.t_us is not None and any(w in x.text.lower() for w in RESET_WORDS)]
     return sorted(times)
 
 
-def simulated_attitude(builder: LogBuilder, clock: RecordClock) -> Attitude | None:
-    """The simulator's attitude (SIM): its quaternion, else angles that are cut to 0.01 deg."""
-    table = builder.messages.first("SIM")
-    if table is None or clock.of_samples(table) is None:
-        return None
-    return read_attitude(builder, clock, table, "SIM", False, ())
+def simulated_attitude(builder: DataflashBuilder) -> Attitude | None:
+    """Return the simulator's attitude (SIM): its quaternion, else angles that are cut to 0.01 deg."""
+    table = builder.sampled("SIM")
+    return None if table is None else read_attitude(builder, table, "SIM", False, [])
 
 
-def vision_poses(builder: LogBuilder, clock: RecordClock) -> dict[str, Attitude]:
-    """What a camera or motion capture measured (VISP: degrees; the vehicle takes CTimeMS for the time of measurement),
-    but for records that it ignored (Ign)."""
-    table = builder.messages.first("VISP")
-    t = None if table is None else clock.of_samples(table)
-    if table is None or t is None or not all(c in table for c in POSE_COLUMNS):
+def vision_poses(builder: DataflashBuilder) -> dict[str, Attitude]:
+    """Return the attitude of a camera or motion capture (VISP, degrees), without records that were ignored (Ign).
+
+    The vehicle takes CTimeMS for the time of measurement.
+    """
+    table = builder.sampled("VISP", *POSE_COLUMNS)
+    if table is None:
         return {}
-    used = table["Ign"].astype(np.int64) == 0 if "Ign" in table else np.ones(len(t), bool)
+    used = table["Ign"].astype(np.int64) == 0 if "Ign" in table else np.ones(len(table), bool)
     q, step = from_euler_deg(columns(table, *POSE_COLUMNS))
-    sampled = 1000 * table["CTimeMS"].astype(np.int64) if "CTimeMS" in table else None
+    sampled = 1000 * table["CTimeMS"].astype(np.int64)[used] if "CTimeMS" in table else None
     counter = table["Rst"][used] if "Rst" in table else None
-    own = None if sampled is None else sampled[used]
-    found = builder.attitude(t[used], q[used], "VISP", t_sample_us=own, counter=counter, step_deg=step)
+    t = builder.stamps(table)[used]
+    found = builder.attitude(t, q[used], "VISP", t_sample_us=sampled, counter=counter, step_deg=step)
     return {} if found is None else {"VISP": found}
 
 
-def attitude_setpoint(builder: LogBuilder, clock: RecordClock, flew: str | None) -> Attitude | None:
-    """The attitude set-point (DesRoll, DesPitch, DesYaw) beside the attitude that ``flew``, else beside ANG or ATT."""
-    desired = ("DesRoll", "DesPitch", "DesYaw")
-    for name in ("ATT", "ANG") if flew == "ATT" else ("ANG", "ATT"):
-        table = builder.messages.first(name)
-        if table is None or not all(c in table for c in desired):
+def attitude_setpoint(builder: DataflashBuilder) -> Attitude | None:
+    """Return the attitude set-point beside the attitude that flew, else beside ANG or ATT."""
+    for name in ("ATT", "ANG") if builder.log.onboard == "ATT" else ("ANG", "ATT"):
+        table = builder.sampled(name, *SETPOINT_COLUMNS)
+        if table is None:
             continue
-        if clock.of_samples(table) is None:
-            return None
-        q, step = from_euler_deg(columns(table, *desired))
+        q, step = from_euler_deg(columns(table, *SETPOINT_COLUMNS))
         good = rotation.finite_rows(q)
-        own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # the stamps were reported with the attitude
-        found = own.attitude(clock.of(table)[good], q[good], f"{name}.Des", has_trim=True, step_deg=step)
-        builder.take_values(own)
+        own = builder.quiet()  # the stamps were reported with the attitude
+        found = own.attitude(builder.stamps(table)[good], q[good], f"{name}.Des", has_trim=True, step_deg=step)
+        builder.add_value_problems(own)
         return found
     return None
 
 
 def onboard_source(found: dict[str, Attitude], family: str, core: int | None) -> str | None:
-    """The name of the attitude that flew: ANG > ATT > quaternion of the primary core > AHR2.
+    """Return the name of the attitude that flew: ANG, ATT, quaternion of the primary core, AHR2, in this order.
 
-    ANG holds the values of ATT at loop rate, but a VTOL writes it in its hover modes
-    only: it counts where it covers as much time as ATT, pauses left out, and is no slower.
+    ANG holds the values of ATT at loop rate, but a VTOL writes it in its hover modes only: it counts where it covers as
+    much time as ATT, pauses left out, and is no slower.
     """
     names = ["ANG", "ATT", f"{family}Q.{core or 0}", f"{family}F1.{core or 0}", "EKF1", "AHR2", "DCM"]
     have = [n for n in names if n in found]
@@ -174,140 +179,122 @@ def onboard_source(found: dict[str, Attitude], family: str, core: int | None) ->
     return have[0] if have else None
 
 
-# ArduPilot's own EKF: the bias that it takes off the replayed gyro, test ratios of its aids, GNSS heading.
-#
-# GX, GY, GZ of XKF1 and NKF1 are deg/s in body axes (ArduPilot's list of log messages, and
-# FMTU since 3.6), to be subtracted; IMU, GYR, IMT and RISI are logged before. EKF1 is left
-# out: ArduPilot commit ac2e5f6 (October 2014) changed its unit from deg/min to deg/s under
-# the same format, which no record of the time tells apart.
-#
-# SV, SP, SH, SM and SVT of XKF4 and NKF4, and of EKF4 before Copter 3.4, are the roots of the test ratios in
-# hundredths
-# in all eras; the format's scale takes these out ("c" in the FMT record). Above 1 the EKF rejects.
-#
-# XKY0 and NKY0 (EKF-GSF, #13603 of 2020, written while velocities are fused) hold the heading from true north that
-# GNSS motion shows, YC, and its one sigma, YCS. Radians before 4.3; since (#20546, April 2022) YC is degrees 0
-# to 360, and YCS, though labelled deg, is sqrt(degrees(variance)) of a variance in rad^2: the estimator starts at
-# 2 pi / sqrt(10) rad, which is 114 deg, and such logs start at 15.04.
+# --- states of the EKF ------------------------------------------------------------------------------------------
 
-GYRO_BIAS_COLUMNS = ("GX", "GY", "GZ")
+GYRO_BIAS_COLUMNS, ACC_BIAS_COLUMNS = ("GX", "GY", "GZ"), ("AX", "AY", "AZ")
+# EKF families that may have flown, by AHRS_EKF_TYPE; with any other number no EKF of ArduPilot did.
 EKF_FAMILIES = {None: ("XK", "NK"), 2.0: ("NK",), 3.0: ("XK",)}
-"""EKF families that may have flown, by AHRS_EKF_TYPE; with any other number no EKF of ArduPilot's did."""
+TEST_RATIO_COLUMNS = {"SM": "compass", "SV": "velocity", "SP": "position", "SH": "height", "SVT": "airspeed"}
+# Of the compass in EKF4.
+COMPASS_AXIS_COLUMNS = ("SMX", "SMY", "SMZ")
+# GSF_YAW_ACCURACY_THRESHOLD_DEG of both EKFs.
+MAX_YAW_SIGMA_RAD = math.radians(15.0)
+# Just above ``sqrt(degrees(variance))`` at the start of the estimator; a larger ``YCS`` is degrees.
+MAX_YAW_SIGMA_ROOT = 15.1
 
 
-def gyro_bias_stream(
-    builder: LogBuilder, clock: RecordClock, values: dict[str, float], imu: Imu | None
-) -> Stream | None:
-    """Gyro bias (n, 3) in rad/s FRD to subtract from ``imu.gyro``; None where the log does not tell.
+def gyro_bias_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return the gyro bias (n, 3) in rad/s to subtract from the replayed gyro, None where it is not logged.
 
-    It is that of the core that was primary longest, or of another one on the replayed unit.
+    Of the core that was primary longest, or of another one on the replayed unit.
     """
-    ekf = values.get("AHRS_EKF_TYPE")
-    family, t_us, lanes = primary_core(builder.messages, clock, ekf)
+    imu, ekf = builder.log.replay_imu, builder.values.get("AHRS_EKF_TYPE")
+    family, t_us, lanes = primary_core(builder)
     allowed = EKF_FAMILIES.get(ekf, ())
     family = family or next((f for f in allowed if builder.messages.instances(f"{f}F1")), "")
     if imu is None or family not in allowed:
         return None
     first = longest_held(t_us, lanes) or 0
-    mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
-    found = bias_tables(builder.messages, family)
+    found = bias_tables(builder, family)
     for core in sorted(found, key=lambda c: (c != first, c)):
-        if unit_of_core(core, mask, list(found)) == imu.index:
-            table = found[core]
-            bias = np.radians(columns(table, *GYRO_BIAS_COLUMNS))
-            source = f"{table.name}:{core}"
-            return builder.stream(clock.of(table), bias, "rad/s", source, frame="FRD", within=limits.GYRO_BIAS)
+        if unit_of_core(builder, family, core, list(found)) == imu.index:
+            bias, source = np.radians(columns(found[core], *GYRO_BIAS_COLUMNS)), f"{found[core].name}:{core}"
+            stamps, within = builder.stamps(found[core]), limits.GYRO_BIAS
+            return builder.stream(stamps, bias, "rad/s", source, frame="FRD", within=within)
     return None
 
 
-def bias_tables(messages: Messages, family: str) -> dict[int, Table]:
-    """Records with the bias by core; before 4.0 the second core wrote NKF6 or XKF6."""
-    found = unit_tables(messages, f"{family}F1")
-    second = messages.first(f"{family}F6")
+def bias_tables(builder: DataflashBuilder, family: str) -> dict[int, Table]:
+    """Return the records with the bias by core; before 4.0 the second core wrote NKF6 or XKF6."""
+    found = builder.units(f"{family}F1")
+    second = builder.messages.first(f"{family}F6")
     if second is not None:
         found.setdefault(1, second)
     return {core: table for core, table in found.items() if all(c in table for c in GYRO_BIAS_COLUMNS)}
 
 
-TEST_RATIO_COLUMNS = {"SM": "compass", "SV": "velocity", "SP": "position", "SH": "height", "SVT": "airspeed"}
-COMPASS_AXIS_COLUMNS = ("SMX", "SMY", "SMZ")
-"""Of the compass in EKF4."""
+def acc_bias_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return the accelerometer bias (n, 3) in m/s^2 of EKF3's primary core, else of the first."""
+    status = builder.messages.first("XKF4")
+    core = int(np.median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
+    table = builder.units("XKF2").get(core)
+    return builder.column_stream(table, ACC_BIAS_COLUMNS, "m/s^2", "XKF2", limits.ACC_BIAS, frame="FRD")
 
 
-def innovation_tests(builder: LogBuilder, clock: RecordClock, values: dict[str, float]) -> list[InnovationTest]:
-    """The ratios of the core that was primary longest, one for each aid; none where another estimator flew."""
-    table, source = flown_ratio_table(builder, clock, values.get("AHRS_EKF_TYPE"))
+def innovation_tests(builder: DataflashBuilder) -> list[InnovationTest]:
+    """Return the test ratios of the core that was primary longest, none where another estimator flew."""
+    table, source = flown_ratio_table(builder)
     if table is None or len(table) < 2:
         return []
-    stamps = clock.of(table)
-    near = builder.near(stamps)
-    table, t = table.rows(near), builder.seconds(stamps[near])
+    table, t = builder.near_rows(table)
     found = []
     for column, aid in TEST_RATIO_COLUMNS.items():
-        name = f"{source}.{column}"
         if column in table:
             ratio = table.value(column)
         elif column == "SM" and all(c in table for c in COMPASS_AXIS_COLUMNS):
             ratio = np.max([table.value(c) for c in COMPASS_AXIS_COLUMNS], axis=0)
         else:
             continue
-        # an int16 in hundredths wraps above 327, which tells nothing but that it was large
-        possible = (ratio >= limits.TEST_RATIO.low) & (ratio <= limits.TEST_RATIO.high)
-        found.append(InnovationTest(aid, t, np.where(possible, ratio, np.nan), name))
+        # An int16 in hundredths wraps above 327: only "large" remains known.
+        impossible = limits.TEST_RATIO.outside(ratio)
+        found.append(InnovationTest(aid, t, np.where(impossible, np.nan, ratio), f"{source}.{column}"))
     return found
 
 
-def flown_ratio_table(builder: LogBuilder, clock: RecordClock, ekf: float | None) -> tuple[Table | None, str]:
-    """The records of the core that flew, with their name; before 4.0 the second core wrote NKF9 or XKF9."""
-    messages = builder.messages
-    family, t_us, cores = primary_core(messages, clock, ekf)
+def flown_ratio_table(builder: DataflashBuilder) -> tuple[Table | None, str]:
+    """Return the records of the core that flew, with their name; before 4.0 the second core wrote NKF9 or XKF9."""
+    messages, ekf = builder.messages, builder.values.get("AHRS_EKF_TYPE")
+    family, t_us, cores = primary_core(builder)
     if not family:
         return (messages.first("EKF4"), "EKF4") if ekf is None else (None, "")
     if family not in EKF_FAMILIES.get(ekf, ()):
         return None, ""
     core = longest_held(t_us, cores) or 0
-    table = unit_tables(messages, f"{family}F4").get(core)
+    table = builder.units(f"{family}F4").get(core)
     if table is None and core == 1:
         return messages.first(f"{family}F9"), f"{family}F9"
     return table, f"{family}F4:{core}"
 
 
-def primary_core_line(builder: LogBuilder, clock: RecordClock, values: dict[str, float]) -> TimeLine | None:
-    """Which core flew; None where another estimator did or the log does not tell."""
-    ekf = values.get("AHRS_EKF_TYPE")
-    family, t_us, cores = primary_core(builder.messages, clock, ekf)
-    return builder.time_line(t_us, cores, f"{family}F4.PI") if family in EKF_FAMILIES.get(ekf, ()) else None
+def primary_core_line(builder: DataflashBuilder) -> TimeLine | None:
+    """Return the core that flew over time, None where another estimator did."""
+    family, t_us, cores = primary_core(builder)
+    if family not in EKF_FAMILIES.get(builder.values.get("AHRS_EKF_TYPE"), ()):
+        return None
+    return builder.time_line(t_us, cores, f"{family}F4.PI")
 
 
-MAX_YAW_SIGMA_RAD = math.radians(15.0)
-"""GSF_YAW_ACCURACY_THRESHOLD_DEG of both EKFs."""
-MAX_YAW_SIGMA_ROOT = 15.1
-"""Just above what ``sqrt(degrees(variance))`` is at the start; a larger ``YCS`` is degrees."""
+def yaw_estimator_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return heading and sigma (n, 2) in rad by GNSS motion where the EKF would use them, None without any.
 
-
-def yaw_estimator_stream(builder: LogBuilder, clock: RecordClock, values: dict[str, float]) -> Stream | None:
-    """Heading and its one sigma (n, 2) in rad where the EKF would use it; None where the log does not tell.
-
-    It is that of the core that was primary longest, or of the first that has one.
+    Of the core that was primary longest, or of the first that has them.
     """
-    family, t_us, lanes = primary_core(builder.messages, clock, values.get("AHRS_EKF_TYPE"))
+    family, t_us, lanes = primary_core(builder)
     first = longest_held(t_us, lanes) or 0
     for name in sorted(EKF_FAMILIES[None], key=lambda f: f != family):
-        found = {c: t for c, t in unit_tables(builder.messages, f"{name}Y0").items() if "YC" in t and "YCS" in t}
+        found = {c: t for c, t in builder.units(f"{name}Y0").items() if "YC" in t and "YCS" in t}
         for core in sorted(found, key=lambda c: (c != first, c)):
-            table = found[core]
-            yaw, sigma = heading_and_sigma(table)
+            yaw, sigma = heading_and_sigma(found[core])
             valid = (sigma > 0.0) & (sigma < MAX_YAW_SIGMA_RAD)
-            if not valid.any():
-                continue
-            x, source = np.column_stack([yaw, sigma])[valid], f"{table.name}:{core}"
-            within = limits.ESTIMATED_YAW
-            return builder.stream(clock.of(table)[valid], x, "rad", source, frame="NED", within=within)
+            if valid.any():
+                x, source = np.column_stack([yaw, sigma])[valid], f"{found[core].name}:{core}"
+                stamps, within = builder.stamps(found[core])[valid], limits.ESTIMATED_YAW
+                return builder.stream(stamps, x, "rad", source, frame="NED", within=within)
     return None
 
 
 def heading_and_sigma(table: Table) -> tuple[Array, Array]:
-    """Heading and one sigma (n,) in rad of the records of any era."""
+    """Return heading and sigma (n,) in rad of the records of any era."""
     yaw, sigma = table.value("YC"), table.value("YCS")
     unit = table.fields["YC"].unit
     if unit == "rad" or (unit is None and not np.any(np.abs(yaw) > 2.0 * math.pi)):

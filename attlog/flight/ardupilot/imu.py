@@ -1,29 +1,58 @@
-"""The boot clock of DataFlash records in every era.
+"""Read the clock and the inertial data of ArduPilot logs.
 
-``TimeUS`` since 3.3; before that ``TimeMS``, except in GPS records, whose TimeMS
-is the time of the GPS week and ``T`` the boot clock. Records without time (EV,
-MODE, MSG of 3.x) get the time of the record before them in the file. In 3.1 and
-older no record but GPS carries a time: all others get theirs from their place in
-the file between GPS records, as pymavlink does, good to about one GPS interval.
+Records carry ``TimeUS`` since 3.3, before that ``TimeMS``, except GPS records, whose TimeMS is the time of the GPS week
+and ``T`` the boot clock. Records without time (EV, MODE, MSG of 3.x) get the time of the record before them in the
+file. In 3.1 and older only GPS records carry a time: all others are placed between them, good to a GPS interval.
+
+Inertial sources, best first (docs/flight.md): RISI (LOG_REPLAY), IMT increments from 100 Hz, GYR/ACC raw from 400 Hz,
+IMU. Batches (ISBD) are never a continuous input.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from attlog.core.timestamps import Stamps
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.imu import ImuCandidate, drop_unpaired, low_pass_delay, resample_vectors, validate_candidates
+from attlog.flight.imu import ImuCandidate, drop_unpaired, low_pass_delay, read_candidates, resample_vectors
 from attlog.flight.model import Array
+from attlog.flight.parameters import boot_values
 from attlog.flight.timestamps import read_stamps
 from attlog.formats.table import Messages, ParamChange, Table
 
+# Rates in Hz from which IMT and GYR are preferred to IMU.
+MIN_INCREMENTS_HZ, MIN_RAW_HZ = 100.0, 400.0
+# Higher cutoff frequencies of a parameter are damage.
+MAX_CUTOFF_HZ = 10_000.0
+# The sensor's own stamp counts while its median is nearer to the record's stamp than this.
+MAX_SENSOR_CLOCK_US = 1_000_000
+# Bit of INS_RAW_LOG_OPT: GYR and ACC are logged behind the filters.
+RAW_AFTER_FILTERS_BIT = 4
+GYRO_COLUMNS, ACC_COLUMNS = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
+
+
+class IncrementColumns(NamedTuple):
+    """Columns of delta angles and delta velocities, with those of their integration times."""
+
+    angle_time: str
+    velocity_time: str
+    angle: tuple[str, ...]
+    velocity: tuple[str, ...]
+
+
+IMT_COLUMNS = IncrementColumns("DelaT", "DelvT", ("DelAX", "DelAY", "DelAZ"), ("DelVX", "DelVY", "DelVZ"))
+RISI_COLUMNS = IncrementColumns("DADT", "DVDT", ("DAX", "DAY", "DAZ"), ("DVX", "DVY", "DVZ"))
+
+
+# --- clock ------------------------------------------------------------------------------------------------------
+
 
 def own_time(table: Table) -> Stamps | None:
-    """The stamps (n,) in us that the records carry themselves, None where they carry none (or text in its place)."""
+    """Return the stamps (n,) in us that the records carry themselves, None without numbers."""
     column, us = "TimeUS", 1
     if column not in table:
         column, us = "T" if ("Week" in table or "GWk" in table) and "T" in table else "TimeMS", 1000
@@ -52,7 +81,7 @@ class RecordClock:
 
     @cached_property
     def interpolates(self) -> bool:
-        """Whether GPS records alone carry a time (3.1 and older)."""
+        """Whether only GPS records carry a time (3.1 and older)."""
         return self.known and all(table.name == "GPS" for table, _ in self._timed)
 
     @cached_property
@@ -61,18 +90,20 @@ class RecordClock:
         return [(t, own) for t in self.messages.values() if (own := own_time(t)) is not None]
 
     def of_samples(self, table: Table) -> Stamps | None:
-        """Stamps (n,) in us that are good enough for a stream: the records' own or interpolated; else None."""
+        """Return stamps (n,) in us that are good enough for a stream: own or interpolated ones; else None."""
         own = own_time(table)
         return self.at(table.offsets) if own is None and self.interpolates else own
 
     def of(self, table: Table) -> Stamps:
-        """Stamps (n,) in us: the records' own, else what their place in the file tells."""
+        """Return stamps (n,) in us: the records' own, else by their place in the file."""
         own = own_time(table)
         return self.at(table.offsets) if own is None else own
 
     def at(self, offsets: Stamps) -> Stamps:
-        """The time of the last timed record before each place in the file, between GPS records where only they
-        carry a time; 0 in a log without any."""
+        """Return the time of the last timed record before each place in the file, 0 without any.
+
+        Where only GPS records carry a time, the time between them.
+        """
         if self._offsets is None:
             parts = [(t.offsets, own) for t, own in self._timed]
             joined = np.concatenate([p[0] for p in parts]) if parts else np.zeros(0, np.int64)
@@ -88,7 +119,7 @@ class RecordClock:
 
 
 def interpolate_stamps(offsets: Stamps, known: Stamps, times: Stamps) -> Stamps:
-    """Stamps (n,) in us at places in a file, from those (m,) at ``known`` places; beyond both ends at the mean pace."""
+    """Return stamps (n,) in us at places in a file, from those at ``known`` places; beyond them at the mean pace."""
     valid = times >= 0
     known, times = known[valid], times[valid]
     if len(known) < 2 or times[-1] <= times[0]:
@@ -100,96 +131,118 @@ def interpolate_stamps(offsets: Stamps, known: Stamps, times: Stamps) -> Stamps:
     return stamps
 
 
-# Inertial data of ArduPilot logs, best source first (docs/flight.md).
-#
-# RISI (LOG_REPLAY) > IMT increments >= 100 Hz > GYR/ACC raw >= 400 Hz > IMU. Batches
-# (ISBD) are never a continuous input.
+@dataclass(slots=True)
+class DataflashBuilder(LogBuilder):
+    """A flight log in the making, of DataFlash records; ``values``: parameters at boot, ``family``: firmware family."""
 
-MIN_INCREMENTS_HZ = 100.0
-MIN_RAW_HZ = 400.0
-MAX_CUTOFF_HZ = 10_000.0
-"""No filter of an autopilot reaches further; other values are damage."""
-GYRO_COLUMNS, ACC_COLUMNS = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
+    clock: RecordClock = field(init=False)
+    values: dict[str, float] = field(init=False)
+    family: str = ""
+
+    def __post_init__(self) -> None:
+        LogBuilder.__post_init__(self)
+        self.clock = RecordClock(self.messages)
+        self.values = boot_values(self.messages.params)
+
+    def stamps(self, table: Table) -> Stamps:
+        """Return the stamps (n,) of a table in us of the boot clock."""
+        return self.clock.of(table)
+
+    def sampled(self, name: str, *needed: str) -> Table | None:
+        """Return a message with these columns whose stamps are good enough for a stream, else None."""
+        table = self.messages.first(name)
+        if table is None or not all(c in table for c in needed) or self.clock.of_samples(table) is None:
+            return None
+        return table
+
+    def units(self, name: str) -> dict[int, Table]:
+        """Return the tables of a message by unit."""
+        return unit_tables(self.messages, name)
+
+
+# --- units and EKF cores ----------------------------------------------------------------------------------------
 
 
 def unit_tables(messages: Messages, name: str) -> dict[int, Table]:
-    """Tables of a message by unit, numbered by instance column (4.1 on) or by name (IMU, IMU2, IMU3)."""
-    found: dict[int, Table] = {}
-    for instance in messages.instances(name):
-        found[instance] = messages[name, instance]
+    """Return the tables of a message by unit: by instance column (4.1 on) or by name (IMU, IMU2, IMU3)."""
+    found: dict[int, Table] = {i: messages[name, i] for i in messages.instances(name)}
     for extra in range(2, 10):
         table = messages.tables.get((f"{name}{extra}", 0))
-        if table is not None and extra - 1 not in found:
-            found[extra - 1] = table
+        if table is not None:
+            found.setdefault(extra - 1, table)
     return found
 
 
-def raw_units(messages: Messages, name: str) -> dict[int, Table]:
-    """GYR or ACC tables by unit: an instance column, or before 4.1 the names GYR1, GYR2, GYR3."""
+def raw_unit_tables(messages: Messages, name: str) -> dict[int, Table]:
+    """Return GYR or ACC tables by unit: an instance column, or before 4.1 the names GYR1, GYR2, GYR3."""
     numbered = {k: messages.tables.get((f"{name}{k + 1}", 0)) for k in range(9)}
     named = {k: t for k, t in numbered.items() if t is not None}
     return named or {i: messages[name, i] for i in messages.instances(name)}
 
 
-def imu_candidates(builder: LogBuilder, clock: RecordClock, params: list[ParamChange]) -> list[ImuCandidate]:
-    """Every inertial source of the log, cleaned."""
-    sources: dict[str, Callable[[], list[ImuCandidate]]] = {
-        "RISI": lambda: replay_records(builder),
-        "IMT": lambda: increment_records(builder, clock),
-        "GYR": lambda: raw_records(builder, clock, params),
-        "IMU": lambda: imu_records(builder, clock, params),
-    }
-    found = [c for name, source in sources.items() for c in builder.attempt(name, source, [])]
-    return validate_candidates(builder, found)
-
-
-def imu_records(builder: LogBuilder, clock: RecordClock, params: list[ParamChange]) -> list[ImuCandidate]:
-    """``IMU`` records: calibrated, body frame, after the firmware's low-pass filters, at one instant."""
-    found = []
-    for unit, table in unit_tables(builder.messages, "IMU").items():
-        if missing := [c for c in (*GYRO_COLUMNS, *ACC_COLUMNS) if c not in table]:
-            text = f"{source_name(table, unit)}: its {len(table):,} records hold no {', '.join(missing)}."
-            builder.problem("unreadable_message", "warning", text, count=len(table))
-            continue
-        t = clock.of(table)
-        timed = own_time(table) is not None
-        if not timed:
-            builder.problem(
-                "imu_without_time",
-                "error",
-                f"The records of IMU {unit} carry no time stamp (ArduPilot 3.0 and older): they cannot be replayed.",
-            )
-            continue
-        gyro_cut, acc_cut = filter_cutoffs(params, int(t[0]) if len(t) else 0)
-        temperature = next((table.value(c) for c in ("T", "Temp") if c in table), None)
-        found.append(
-            ImuCandidate(
-                unit,
-                3,
-                t,
-                columns(table, *GYRO_COLUMNS),
-                columns(table, *ACC_COLUMNS),
-                source_name(table, unit),
-                "instant",
-                filtered=f"low-pass {gyro_cut:.0f} Hz" if gyro_cut else "unknown",
-                gyro_delay=low_pass_delay(gyro_cut),
-                acc_delay=low_pass_delay(acc_cut),
-                temperature=temperature,
-            )
-        )
-    return found
-
-
 def source_name(table: Table, unit: int) -> str:
-    """The source as people find it in the log: ``IMU:1`` with instances, ``IMU2`` by name."""
+    """Return the source as it appears in the log: ``IMU:1`` with instances, ``IMU2`` by name."""
     return f"{table.name}:{unit}" if table.instance == unit and "I" in table else table.name
 
 
-def filter_cutoffs(params: list[ParamChange], t_us: int) -> tuple[float, float]:
-    """Cutoff frequencies in Hz of the gyro and accelerometer low-pass at a time, 0 where unknown.
+def primary_core(builder: DataflashBuilder) -> tuple[str, Stamps, list[int]]:
+    """Return the EKF family that flew (XK, NK or empty), and its primary cores from stamps on.
 
-    3.3 and later: INS_GYRO_FILTER, INS_ACCEL_FILTER. Before, INS_MPU6K_FILTER set the
-    low-pass inside the sensor, whose delay is not that of a second-order filter.
+    Both families may run; EKF2 (NK) flies with AHRS_EKF_TYPE 2.
+    """
+    for family in ("NK", "XK") if builder.values.get("AHRS_EKF_TYPE") == 2 else ("XK", "NK"):
+        table = builder.messages.first(f"{family}F4")
+        if table is not None and "PI" in table:
+            primary = table["PI"].astype(np.int64)
+            good = (primary >= 0) & (primary < 6)
+            return family, builder.stamps(table)[good], primary[good].tolist()
+    return "", np.zeros(0, np.int64), []
+
+
+def unit_of_core(builder: DataflashBuilder, family: str, core: int, have: list[int]) -> int:
+    """Return the IMU of an EKF core: cores take the set bits of EKx_IMU_MASK in ascending order."""
+    mask = builder.values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
+    bits = [k for k in range(8) if int(mask or 0) >> k & 1]
+    return bits[core] if core < len(bits) else (core if core in have else 0)
+
+
+# --- inertial sources -------------------------------------------------------------------------------------------
+
+
+def imu_candidates(builder: DataflashBuilder) -> list[ImuCandidate]:
+    """Return every inertial source of the log."""
+    readers = {"RISI": replay_records, "IMT": increment_records, "GYR": raw_records, "IMU": imu_records}
+    return read_candidates(builder, [(name, partial(read, builder)) for name, read in readers.items()])
+
+
+def imu_records(builder: DataflashBuilder) -> list[ImuCandidate]:
+    """Read ``IMU``: calibrated, body frame, behind the firmware's low-pass filters, at one instant."""
+    found = []
+    for unit, table in builder.units("IMU").items():
+        source = source_name(table, unit)
+        if missing := [c for c in (*GYRO_COLUMNS, *ACC_COLUMNS) if c not in table]:
+            text = f"{source}: its {len(table):,} records hold no {', '.join(missing)}."
+            builder.problem("unreadable_message", "warning", text, count=len(table))
+            continue
+        if own_time(table) is None:
+            text = f"The records of IMU {unit} carry no time stamp (ArduPilot 3.0 and older): they cannot be replayed."
+            builder.problem("imu_without_time", "error", text)
+            continue
+        t = builder.stamps(table)
+        gyro_cut, acc_cut = filter_cutoffs(builder.messages.params, int(t[0]) if len(t) else 0)
+        one = ImuCandidate(unit, 3, t, columns(table, *GYRO_COLUMNS), columns(table, *ACC_COLUMNS), source, "instant")
+        one.filtered = f"low-pass {gyro_cut:.0f} Hz" if gyro_cut else "unknown"
+        one.gyro_delay, one.acc_delay = low_pass_delay(gyro_cut), low_pass_delay(acc_cut)
+        one.temperature = next((table.value(c) for c in ("T", "Temp") if c in table), None)
+        found.append(one)
+    return found
+
+
+def filter_cutoffs(params: list[ParamChange], t_us: int) -> tuple[float, float]:
+    """Return the cutoffs in Hz of gyro and accelerometer low-pass at a time, 0 where unknown.
+
+    INS_GYRO_FILTER and INS_ACCEL_FILTER exist since 3.3. Before, INS_MPU6K_FILTER set the low-pass inside the sensor,
+    whose delay is not that of a second-order filter.
     """
     values = {"INS_GYRO_FILTER": 0.0, "INS_ACCEL_FILTER": 0.0}
     seen: set[str] = set()
@@ -202,129 +255,77 @@ def filter_cutoffs(params: list[ParamChange], t_us: int) -> tuple[float, float]:
     return values["INS_GYRO_FILTER"], values["INS_ACCEL_FILTER"]
 
 
-def raw_records(builder: LogBuilder, clock: RecordClock, params: list[ParamChange]) -> list[ImuCandidate]:
-    """``GYR`` with ``ACC``: every sample of the sensors at their own clock ``SampleUS``."""
-    gyros, accs = raw_units(builder.messages, "GYR"), raw_units(builder.messages, "ACC")
+def raw_records(builder: DataflashBuilder) -> list[ImuCandidate]:
+    """Read ``GYR`` with ``ACC``: every sample of the sensors at their own clock ``SampleUS``."""
+    params = builder.messages.params
+    accs = raw_unit_tables(builder.messages, "ACC")
     options = next((int(p.value) for p in params if p.name == "INS_RAW_LOG_OPT" and not p.is_default), 0)
-    after = bool(options & 4)
-    gyro_cut, acc_cut = filter_cutoffs(params, 0) if after else (0.0, 0.0)
+    filtered = bool(options & RAW_AFTER_FILTERS_BIT)
+    gyro_cut, acc_cut = filter_cutoffs(params, 0) if filtered else (0.0, 0.0)
     found = []
-    for unit, table in gyros.items():
+    for unit, table in raw_unit_tables(builder.messages, "GYR").items():
         partner = accs.get(unit)
         if partner is None or not all(c in table for c in GYRO_COLUMNS) or not all(c in partner for c in ACC_COLUMNS):
             continue
-        t, t_acc = sample_time(table, clock), sample_time(partner, clock)
+        t, t_acc = sensor_time(builder, table), sensor_time(builder, partner)
         rising = np.concatenate([[True], np.diff(t_acc) > 0])
-        acc = columns(partner, *ACC_COLUMNS)[rising]
-        one = ImuCandidate(
-            unit,
-            2,
-            t,
-            columns(table, *GYRO_COLUMNS),
-            resample_vectors(t, t_acc[rising], acc),
-            f"{table.name}:{unit}",
-            "instant",
-            filtered=f"low-pass {gyro_cut:.0f} Hz" if after else "none",
-            gyro_delay=low_pass_delay(gyro_cut),
-            acc_delay=low_pass_delay(acc_cut),
-            acc_source=f"{partner.name}:{unit}",
-        )
+        acc = resample_vectors(t, t_acc[rising], columns(partner, *ACC_COLUMNS)[rising])
+        one = ImuCandidate(unit, 2, t, columns(table, *GYRO_COLUMNS), acc, f"{table.name}:{unit}", "instant")
+        one.filtered = f"low-pass {gyro_cut:.0f} Hz" if filtered else "none"
+        one.gyro_delay, one.acc_delay = low_pass_delay(gyro_cut), low_pass_delay(acc_cut)
+        one.acc_source = f"{partner.name}:{unit}"
         one = drop_unpaired(one)
         one.usable = one.rate >= MIN_RAW_HZ
         found.append(one)
     return found
 
 
-def sample_time(table: Table, clock: RecordClock) -> Stamps:
-    """The sensor's own stamps in us; they may start anew or be unset, then the record's stamp counts."""
-    t = clock.of(table)
+def sensor_time(builder: DataflashBuilder, table: Table) -> Stamps:
+    """Return the sensor's own stamps in us, those of the records where it restarts or is unset."""
+    t = builder.stamps(table)
     if "SampleUS" not in table:
         return t
     sample = table["SampleUS"].astype(np.int64)
-    return sample if len(t) and abs(int(np.median(t - sample))) < 1_000_000 else t
+    return sample if len(t) and abs(int(np.median(t - sample))) < MAX_SENSOR_CLOCK_US else t
 
 
-def increment_records(builder: LogBuilder, clock: RecordClock) -> list[ImuCandidate]:
-    """``IMT``: delta angles and velocities with their own integration times."""
+def increment_records(builder: DataflashBuilder) -> list[ImuCandidate]:
+    """Read ``IMT``: delta angles and velocities with their own integration times."""
     found = []
-    for unit, table in unit_tables(builder.messages, "IMT").items():
-        needed = ("DelvT", "DelaT", "DelAX", "DelAY", "DelAZ", "DelVX", "DelVY", "DelVZ")
+    for unit, table in builder.units("IMT").items():
+        needed = (IMT_COLUMNS.angle_time, IMT_COLUMNS.velocity_time, *IMT_COLUMNS.angle, *IMT_COLUMNS.velocity)
         if all(c in table for c in needed):
-            one = candidate_from_increments(
-                unit,
-                1,
-                clock.of(table),
-                table.value("DelaT"),
-                columns(table, "DelAX", "DelAY", "DelAZ"),
-                table.value("DelvT"),
-                columns(table, "DelVX", "DelVY", "DelVZ"),
-                source_name(table, unit),
-            )
+            t, source = builder.stamps(table), source_name(table, unit)
+            one = candidate_from_increments(unit, 1, t, table, IMT_COLUMNS, source)
             one.usable = one.rate >= MIN_INCREMENTS_HZ
             found.append(one)
     return found
 
 
-def replay_records(builder: LogBuilder) -> list[ImuCandidate]:
-    """``RISI`` (LOG_REPLAY) of every unit: the increments that the EKF was given."""
+def replay_records(builder: DataflashBuilder) -> list[ImuCandidate]:
+    """Read ``RISI`` (LOG_REPLAY) of every unit: the increments that the EKF was given."""
     frames = builder.messages.first("RFRH")
     if frames is None or "TimeUS" not in frames:
         return []
     return [
-        candidate_from_increments(
-            unit,
-            0,
-            replay_frame_stamps(frames, table),
-            table.value("DADT"),
-            columns(table, "DAX", "DAY", "DAZ"),
-            table.value("DVDT"),
-            columns(table, "DVX", "DVY", "DVZ"),
-            f"RISI:{unit}",
-        )
-        for unit, table in unit_tables(builder.messages, "RISI").items()
+        candidate_from_increments(unit, 0, replay_frame_stamps(frames, table), table, RISI_COLUMNS, f"RISI:{unit}")
+        for unit, table in builder.units("RISI").items()
     ]
 
 
 def replay_frame_stamps(frames: Table, table: Table) -> Stamps:
-    """Stamps (n,) in us of replay records: that of the frame header (RFRH) before each; -1 before the first."""
+    """Return stamps (n,) in us of replay records, those of the frame header (RFRH) before each; -1 before the first."""
     k = np.searchsorted(frames.offsets, table.offsets) - 1
     time = frames["TimeUS"].astype(np.int64)
     return np.where(k >= 0, time[np.maximum(k, 0)], -1)
 
 
 def candidate_from_increments(
-    unit: int, rank: int, t: Stamps, dt: Array, angle: Array, dt_v: Array, velocity: Array, source: str
+    unit: int, rank: int, t: Stamps, table: Table, names: IncrementColumns, source: str
 ) -> ImuCandidate:
-    """Rates from increments by their own integration times; records without a time are left out."""
+    """Return rates from increments by their own integration times; records without a time are left out."""
+    dt, dt_v = table.value(names.angle_time), table.value(names.velocity_time)
     good = (dt > 1e-5) & (dt < 1.0) & (dt_v > 1e-5) & (dt_v < 1.0)
-    return ImuCandidate(
-        unit,
-        rank,
-        t[good],
-        angle[good] / dt[good, None],
-        velocity[good] / dt_v[good, None],
-        source,
-        "interval",
-        filtered="none",
-        dt=dt[good],
-    )
-
-
-def primary_core(messages: Messages, clock: RecordClock, ekf_type: float | None) -> tuple[str, Stamps, list[int]]:
-    """The EKF family that flew (XK, NK or empty), and when which of its cores was primary.
-
-    Both may run; AHRS_EKF_TYPE 2 means that EKF2 (NK) flies.
-    """
-    for family in ("NK", "XK") if ekf_type == 2 else ("XK", "NK"):
-        table = messages.first(f"{family}F4")
-        if table is not None and "PI" in table:
-            primary = table["PI"].astype(np.int64)
-            good = (primary >= 0) & (primary < 6)
-            return family, clock.of(table)[good], primary[good].tolist()
-    return "", np.zeros(0, np.int64), []
-
-
-def unit_of_core(core: int, mask: float | None, have: list[int]) -> int:
-    """The IMU that an EKF core uses: cores take the set bits of EKx_IMU_MASK in ascending order."""
-    bits = [k for k in range(8) if int(mask or 0) >> k & 1]
-    return bits[core] if core < len(bits) else (core if core in have else 0)
+    gyro: Array = columns(table, *names.angle)[good] / dt[good, None]
+    acc: Array = columns(table, *names.velocity)[good] / dt_v[good, None]
+    return ImuCandidate(unit, rank, t[good], gyro, acc, source, "interval", filtered="none", dt=dt[good])

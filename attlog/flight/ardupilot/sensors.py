@@ -1,171 +1,184 @@
-"""What drives an ArduPilot vehicle: throttle, outputs to the motors, rotor speeds, battery."""
+"""Read the sensors of ArduPilot logs beside the IMU, and what drives the vehicle.
+
+GPA.SMS (boot time, ms) is ``last_message_time_ms``, from which the EKF subtracts GPS_DELAY_MS; GPS and GPA are written
+10 to 50 ms later.
+
+VIBE measures at the sensor's full rate. ``Clip0`` to ``Clip2`` (3.4 to 4.0) count by unit in one record, ``Clip``
+(4.1 on) in one record for each unit; before 3.4 nothing counts. Bursts (ISBH, ISBD; ``BatchSampler.cpp`` of
+AP_InertialSensor): a header with sensor and factor, then up to 32 data records of 32 samples.
+"""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.flight import gnss, limits
-from attlog.flight.ardupilot.imu import RecordClock, unit_tables
-from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.model import Array, Burst, Clipping, Gnss, Imu, OnboardVibration, Stream
+from attlog.core.timestamps import Stamps
+from attlog.flight import limits
+from attlog.flight.ardupilot.imu import DataflashBuilder, own_time, replay_frame_stamps, source_name
+from attlog.flight.builder import columns, new_counts, optional_column
+from attlog.flight.calibration import compass_device
+from attlog.flight.compass import MILLIGAUSS, build_mag
+from attlog.flight.gnss import build_gnss
+from attlog.flight.model import Array, Burst, Clipping, Gnss, Imu, Mag, OnboardVibration, Stream
 from attlog.flight.timestamps import gps_time_us, read_stamps
 from attlog.formats.table import Table
 
-MOTOR_FUNCTIONS = (*range(33, 41), *range(82, 86))
-"""SERVOn_FUNCTION of motors 1 to 12."""
-MOTOR_COUNT = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8, "dodecarotor": 12}
-"""How many of the first outputs are motors where no parameter tells."""
+# Unsigned microseconds of 32 bits.
+_WRAP_US = 2**32
+
+# --- magnetometers ----------------------------------------------------------------------------------------------
 
 
-def throttle_stream(builder: LogBuilder, clock: RecordClock, family: str) -> Stream | None:
-    """Throttle output 0 to 1; planes and rovers log percent, copters before 3.4 per mille."""
-    for name in ("CTUN", "THR"):
-        table = builder.messages.first(name)
-        column = None if table is None else next((c for c in ("ThO", "ThrOut") if c in table), None)
-        if table is None or column is None or clock.of_samples(table) is None:
+def magnetometers(builder: DataflashBuilder) -> list[Mag]:
+    """Return every compass: MAG (mGa, body frame) with offsets and motor compensation applied by the firmware."""
+    found = []
+    for unit, table in builder.units("MAG").items():
+        if "MagX" not in table or own_time(table) is None:
             continue
-        x = table.value(column)
-        scale = 0.01 if family in ("plane", "rover") else (1e-3 if column == "ThrOut" else 1.0)
-        return builder.stream(
-            clock.of(table), x * scale, "1", f"{name}.{column}", within=limits.THROTTLE, allow_nan=True
+        t, source = builder.stamps(table), source_name(table, unit)
+        field = columns(table, "MagX", "MagY", "MagZ")
+        offsets = columns(table, "OfsX", "OfsY", "OfsZ") if "OfsX" in table else None
+        if offsets is not None and shows_only_offsets(field, offsets):
+            text = f"{source}: every value equals the compass offsets, so the compass itself measures nothing; "
+            builder.problem("mag_only_offsets", "warning", text + "it is not used.")
+            field = np.zeros_like(field)
+        sampled = t - (t - table["S"].astype(np.int64)) % _WRAP_US if "S" in table else None
+        enabled = builder.values.get("COMPASS_USE" + ("" if unit == 0 else str(unit + 1)), 1.0) != 0
+        device = compass_device(builder.values, unit)
+        mag = build_mag(
+            builder, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, device=device, enabled=enabled
         )
-    return None
+        if mag is not None:
+            mag.offsets = None if offsets is None else applied_offsets(builder, t, offsets * MILLIGAUSS, source)
+            found.append(mag)
+    return found or replay_magnetometers(builder)
 
 
-def motor_outputs(builder: LogBuilder, clock: RecordClock, vehicle: str, values: dict[str, float]) -> Stream | None:
-    """Outputs to the motors of a multirotor (n, motors), 0 stopped to 1 full, by RCOU and its limits."""
-    table = builder.messages.first("RCOU")
-    if table is None or vehicle not in MOTOR_COUNT or clock.of_samples(table) is None:
-        return None
-    numbers = [n for n in range(1, 17) if values.get(f"SERVO{n}_FUNCTION") in MOTOR_FUNCTIONS]
-    numbers = numbers or list(range(1, MOTOR_COUNT[vehicle] + 1))
-    prefix = next((p for p in ("C", "Ch", "Chan") if f"{p}{numbers[0]}" in table), None)
-    throttle_channel = int(values.get("RCMAP_THROTTLE", 3))
-    low = values.get("MOT_PWM_MIN") or values.get(f"RC{throttle_channel}_MIN")
-    high = values.get("MOT_PWM_MAX") or values.get(f"RC{throttle_channel}_MAX")
-    if prefix is None or not low or not high or high - low < 100.0:
-        return None
-    names = [f"{prefix}{n}" for n in numbers if f"{prefix}{n}" in table]
-    share = np.clip((columns(table, *names) - low) / (high - low), 0.0, 1.0)
-    return builder.stream(clock.of(table), share, "1", "RCOU")
+def applied_offsets(builder: DataflashBuilder, t_us: Stamps, offsets_t: Array, source: str) -> Stream | None:
+    """Return the offsets (k, 3) in tesla of the records, at the first of them and at each change."""
+    new = np.concatenate([[True], np.diff(offsets_t, axis=0).any(axis=1)]) if len(t_us) else np.zeros(0, bool)
+    return builder.quiet().stream(t_us[new], offsets_t[new], "T", source)
 
 
-def rpm_stream(builder: LogBuilder, clock: RecordClock) -> Stream | None:
-    """Rotor speeds (n, rotors) in rev/min: ESC telemetry by motor, else the RPM sensors."""
-    messages = builder.messages
-    motors = [t for t in (messages["ESC", i] for i in messages.instances("ESC")) if "RPM" in t and len(t) > 1]
-    if motors:
-        t = clock.of(motors[0])
-        x = [np.interp(t, clock.of(m), m.value("RPM")) for m in motors]
-        return builder.stream(t, np.column_stack(x), "rpm", "ESC", within=limits.RPM)
-    table = messages.first("RPM")
-    if table is None:
-        return None
-    names = [c for c in ("rpm1", "rpm2", "RPM1", "RPM2", "RPM") if c in table]
-    return builder.stream(clock.of(table), columns(table, *names), "rpm", "RPM", within=limits.RPM) if names else None
-
-
-def battery_stream(builder: LogBuilder, clock: RecordClock) -> Stream | None:
-    """Battery (n, 2): voltage in V and current in A; before 3.4 the log holds hundredths."""
-    for name in ("BAT", "CURR"):
-        table = builder.messages.first(name)
-        if table is None or "Volt" not in table or "Curr" not in table or clock.of_samples(table) is None:
+def replay_magnetometers(builder: DataflashBuilder) -> list[Mag]:
+    """Return compasses as LOG_REPLAY gave them to the EKF (RMGI, mGa, body frame), at their own microseconds."""
+    found = []
+    frames = builder.messages.first("RFRH")
+    for unit, table in builder.units("RMGI").items():
+        if frames is None or "FX" not in table or "LU" not in table:
             continue
-        x = columns(table, "Volt", "Curr")
-        volts = x[np.isfinite(x[:, 0]), 0]
-        if table.fields["Volt"].dtype.kind in "iu" or (len(volts) and np.median(np.abs(volts)) > 150.0):
-            x = x * 0.01
-        return builder.battery(clock.of(table), x, name)
-    return None
+        t = replay_frame_stamps(frames, table)
+        updated = t - (t - table["LU"].astype(np.int64)) % _WRAP_US
+        field = columns(table, "FX", "FY", "FZ") * MILLIGAUSS
+        new = np.concatenate([[True], np.diff(updated) != 0]) if len(t) else np.zeros(0, bool)
+        use = bool("UFY" not in table or (table["UFY"] != 0).any())
+        mag = build_mag(builder, unit, updated[new], field[new], f"RMGI:{unit}", enabled=use)
+        found += [mag] if mag is not None else []
+    return found
 
 
-# Satellite receivers of an ArduPilot log: as flown, and as given to the EKF for replay.
-#
-# GPA.SMS (boot time, ms) is ``last_message_time_ms``, from which the EKF subtracts GPS_DELAY_MS; GPS and GPA are
-# written
-# 10 to 50 ms later.
+def shows_only_offsets(field: Array, offsets: Array) -> bool:
+    """Return whether a compass shows its own offsets only: a raw field of zero that never changes."""
+    measured = field.any(axis=1)
+    if not measured.any() or not offsets.any():
+        return False
+    return bool((np.abs(field - offsets)[measured] <= 1.0).all())
 
 
-def read_receiver(builder: LogBuilder, clock: RecordClock, unit: int, table: Table) -> Gnss | None:
-    """One receiver: GPS with the accuracies of GPA; velocity from ground speed, course and vertical speed."""
-    if not all(c in table for c in ("Lat", "Lng", "Spd", "GCrs")) or "Status" not in table:
+def primary_compass(builder: DataflashBuilder) -> int | None:
+    """Return the index of the preferred compass: COMPASS_PRIMARY before 4.1, the first (by priority) since."""
+    primary, mags = builder.values.get("COMPASS_PRIMARY"), builder.log.mags
+    if primary is not None:
+        return int(primary)
+    return mags[0].index if mags else None
+
+
+# --- GNSS -------------------------------------------------------------------------------------------------------
+
+RECEPTION_COLUMNS = {"satellites": "NSats", "hdop": "HDop"}
+# A GPA record belongs to a GPS record at most so far away.
+MAX_ACCURACY_AGE_US = 500_000
+
+
+def receivers(builder: DataflashBuilder) -> list[Gnss]:
+    """Return the receivers of GPS records, else those that LOG_REPLAY gave to the EKF."""
+    every = [
+        builder.read_optional("GPS", partial(read_receiver, builder, unit, table), None)
+        for unit, table in builder.units("GPS").items()
+    ]
+    found = [receiver for receiver in every if receiver is not None]
+    return found or builder.read_optional("RGPJ", partial(replay_receivers, builder), [])
+
+
+def read_receiver(builder: DataflashBuilder, unit: int, table: Table) -> Gnss | None:
+    """Return a receiver: GPS with the accuracies of GPA, velocity by ground speed, course and vertical speed."""
+    if not all(c in table for c in ("Lat", "Lng", "Spd", "GCrs", "Status")):
         return None
-    t_us = clock.of(table)
-    source = f"GPS:{unit}"
-    altitude = table.value("Alt") if "Alt" in table else np.full(len(table), np.nan)
-    place = np.column_stack([table.value("Lat"), table.value("Lng"), altitude])
+    t_us = builder.stamps(table)
     speed, course = table.value("Spd"), np.radians(table.value("GCrs"))
-    down = table.value("VZ") if "VZ" in table else np.full(len(table), np.nan)
-    velocity = np.column_stack([speed * np.cos(course), speed * np.sin(course), down])
-    h_acc, v_acc, s_acc = (nearest_accuracy(builder, clock, unit, t_us, c) for c in ("HAcc", "VAcc", "SAcc"))
+    down = optional_column(table, "VZ")
+    h_acc, v_acc, s_acc = (nearest_accuracy(builder, unit, t_us, c) for c in ("HAcc", "VAcc", "SAcc"))
     yaw = np.radians(table.value("Yaw")) if "Yaw" in table else None
     if yaw is not None:
         yaw = np.where(yaw == 0.0, np.nan, (yaw + np.pi) % (2 * np.pi) - np.pi)  # 0: the receiver has no heading
-    return gnss.build_gnss(
+    return build_gnss(
         builder,
         unit,
         t_us,
-        source,
-        place=place,
-        velocity=velocity,
+        f"GPS:{unit}",
+        place=np.column_stack([table.value("Lat"), table.value("Lng"), optional_column(table, "Alt")]),
+        velocity=np.column_stack([speed * np.cos(course), speed * np.sin(course), down]),
         fix=table["Status"].astype(np.int64),
         accuracy=(h_acc, v_acc, s_acc),
         yaw=yaw,
         utc_us=receiver_utc_us(table),
-        received_us=1e3 * nearest_accuracy(builder, clock, unit, t_us, "SMS"),
+        received_us=1e3 * nearest_accuracy(builder, unit, t_us, "SMS"),
         reception={name: optional_column(table, column) for name, column in RECEPTION_COLUMNS.items()},
     )
 
 
-RECEPTION_COLUMNS = {"satellites": "NSats", "hdop": "HDop"}
-
-
-def optional_column(table: Table, column: str) -> Array:
-    """A column (n,), NaN where the record has none."""
-    return table.value(column).astype(np.float64) if column in table else np.full(len(table), np.nan)
-
-
-def replay_receivers(builder: LogBuilder) -> list[Gnss]:
-    """Receivers as LOG_REPLAY gave them to the EKF (RGPJ): 1e-7 deg, cm, m/s NED, boot time in ms."""
+def replay_receivers(builder: DataflashBuilder) -> list[Gnss]:
+    """Return receivers as LOG_REPLAY gave them to the EKF (RGPJ): 1e-7 deg, cm, m/s, boot time in ms."""
     found = []
-    for unit, table in unit_tables(builder.messages, "RGPJ").items():
+    for unit, table in builder.units("RGPJ").items():
         t_us = read_stamps(table, "TS", 1000)
         place = columns(table, "Lat", "Lon", "Alt") * [1e-7, 1e-7, 1e-2]
         new = np.concatenate([[True], np.diff(t_us) != 0]) if len(t_us) else np.zeros(0, bool)
-        told = new & (place[:, :2] != 0).any(axis=1)
-        one = gnss.build_gnss(
+        new &= (place[:, :2] != 0).any(axis=1)
+        one = build_gnss(
             builder,
             unit,
-            t_us[told],
+            t_us[new],
             f"RGPJ:{unit}",
-            place=place[told],
-            velocity=columns(table, "VX", "VY", "VZ")[told],
-            fix=np.full(int(told.sum()), 3),
-            accuracy=(table.value("HA")[told], table.value("VA")[told], table.value("SA")[told]),
+            place=place[new],
+            velocity=columns(table, "VX", "VY", "VZ")[new],
+            fix=np.full(int(new.sum()), 3),
+            accuracy=(table.value("HA")[new], table.value("VA")[new], table.value("SA")[new]),
         )
         found += [] if one is None else [one]
     return found
 
 
-def nearest_accuracy(builder: LogBuilder, clock: RecordClock, unit: int, t_us: np.ndarray, column: str) -> Array:
-    """An accuracy from the GPA record that belongs to each GPS record (at most 0.5 s away), else NaN."""
-    table = unit_tables(builder.messages, "GPA").get(unit)
+def nearest_accuracy(builder: DataflashBuilder, unit: int, t_us: Stamps, column: str) -> Array:
+    """Return a column of the nearest GPA record to each GPS record, NaN where none is near."""
+    table = builder.units("GPA").get(unit)
     if table is None or column not in table or len(table) == 0:
         return np.full(len(t_us), np.nan)
-    at = clock.of(table)
+    at = builder.stamps(table)
     order = np.argsort(at, kind="stable")
     at, x = at[order], table.value(column)[order]
     k = np.clip(np.searchsorted(at, t_us), 1, max(len(at) - 1, 1))
     k = np.minimum(k, len(at) - 1)
     k = np.where(np.abs(at[k - 1] - t_us) < np.abs(at[k] - t_us), k - 1, k)
-    return np.where(np.abs(at[k] - t_us) <= 500_000, x[k], np.nan)
+    return np.where(np.abs(at[k] - t_us) <= MAX_ACCURACY_AGE_US, x[k], np.nan)
 
 
-def receiver_utc_us(table: Table) -> np.ndarray | None:
-    """Unix time in us from GPS week and milliseconds, 0 where the receiver did not know it; None without columns."""
+def receiver_utc_us(table: Table) -> NDArray[np.int64] | None:
+    """Return Unix time in us from GPS week and milliseconds, 0 where the receiver did not know it."""
     week = next((c for c in ("GWk", "Week") if c in table), None)
     ms = next((c for c in ("GMS", "TimeMS") if c in table), None)
     if week is None or ms is None:
@@ -173,73 +186,230 @@ def receiver_utc_us(table: Table) -> np.ndarray | None:
     return gps_time_us(table[week].astype(np.int64), table[ms].astype(np.int64))
 
 
-# What ArduPilot logs of vibration: VIBE at the sensor's full rate (levels, clipped samples), and bursts (ISBH, ISBD).
-#
-# ``Clip0`` to ``Clip2`` (3.4 to 4.0) count by unit in one record, ``Clip`` (4.1 on) in one record for each unit.
-# Before
-# 3.4 nothing tells, and the logged IMU at 25 Hz never reaches the limit. Bursts: ``BatchSampler.cpp`` of
-# AP_InertialSensor; a header tells the sensor and the factor, up to 32 data records of 32 samples follow.
+# --- height and airspeed ----------------------------------------------------------------------------------------
+
+# RFND.Orient of a rangefinder that looks at the ground, RFND.Stat of a reading within its range.
+DOWNWARD_ORIENTATION, GOOD_RANGE_STATUS = 25, 4
+# Standard atmosphere: pressure at sea level, and (density) = (pressure)^0.81, both relative to sea level.
+SEA_LEVEL_PA, DENSITY_EXPONENT = 101_325.0, 0.81
+
+
+def baro_streams(builder: DataflashBuilder) -> list[Stream]:
+    """Return barometric altitudes in m above the take-off pressure: BARO.Alt, in 3.2 and older CTUN.BarAlt."""
+    tables = builder.units("BARO")
+    control = None if tables else builder.sampled("CTUN", "BarAlt")
+    if control is not None:
+        one = builder.column_stream(control, ("BarAlt",), "m", "CTUN.BarAlt", limits.BARO)
+        return [] if one is None else [one]
+    for extra in (2, 3):
+        table = builder.messages.first(f"BAR{extra}")
+        if table is not None:
+            tables.setdefault(extra - 1, table)
+    every = [
+        builder.column_stream(table, ("Alt",), "m", f"BARO:{unit}", limits.BARO)
+        for unit, table in sorted(tables.items())
+    ]
+    return [stream for stream in every if stream is not None]
+
+
+def rangefinder_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return the distance (n, 1) in m of the downward rangefinder (RFND, else CTUN) within its range."""
+    for name, distances in (("RFND", ("Dist", "Dist1")), ("CTUN", ("SAlt", "SonAlt"))):
+        for table in builder.units(name).values():
+            column = next((c for c in distances if c in table), None)
+            if column is None or builder.clock.of_samples(table) is None:
+                continue
+            x = table.value(column).astype(np.float64)
+            good = np.isfinite(x) & (x > 0)
+            if "Stat" in table:
+                good &= table["Stat"] == GOOD_RANGE_STATUS
+            orientation = next((c for c in ("Orient", "Orient1") if c in table), None)
+            if orientation is not None:
+                good &= table[orientation] == DOWNWARD_ORIENTATION
+            if np.count_nonzero(good) > 1:
+                stamps, source = builder.stamps(table)[good], f"{name}.{column}"
+                return builder.quiet().stream(stamps, x[good], "m", source, within=limits.RANGE)
+    return None
+
+
+def airspeed_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return the true airspeed in m/s of the primary sensor while it is healthy and in use (ARSP: equivalent one)."""
+    tables = builder.units("ARSP")
+    primary = next((int(t["Pri"][-1]) for t in tables.values() if "Pri" in t and len(t)), 0)
+    table = tables.get(primary, next(iter(tables.values()), None))
+    if table is None or "Airspeed" not in table or builder.clock.of_samples(table) is None:
+        return None
+    t, x = builder.stamps(table), table.value("Airspeed").astype(np.float64)
+    good = np.ones(len(t), bool)
+    for flag in ("H", "U"):
+        good &= table[flag] > 0 if flag in table else True
+    baro = builder.units("BARO").get(0)
+    if baro is not None and "Press" in baro and builder.clock.of_samples(baro) is not None:
+        pressure = np.interp(t, builder.stamps(baro), baro.value("Press").astype(np.float64))
+        relative = np.where(pressure > 0.0, pressure, SEA_LEVEL_PA) / SEA_LEVEL_PA
+        x = x * relative ** (-0.5 * DENSITY_EXPONENT)
+    return builder.stream(t[good], x[good], "m/s", "ARSP", within=limits.AIRSPEED)
+
+
+# --- drive ------------------------------------------------------------------------------------------------------
+
+# SERVOn_FUNCTION of motors 1 to 12.
+MOTOR_FUNCTIONS = (*range(33, 41), *range(82, 86))
+# Number of first outputs that are motors where the parameters are missing.
+MOTOR_COUNT = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8, "dodecarotor": 12}
+# A smaller range of pulses in us is damage.
+MIN_PULSE_RANGE_US = 100.0
+# A median voltage above this is in hundredths.
+MAX_VOLTS = 150.0
+# Set-points and rates of RATE, since 4.0 and before.
+RATE_COLUMNS = ((("RDes", "PDes", "YDes"), ("R", "P", "Y")), (("RllDes", "PitDes", "YawDes"), ("Rll", "Pit", "Yaw")))
+
+
+def throttle_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return the throttle output 0 to 1; planes and rovers log percent, copters before 3.4 per mille."""
+    for name in ("CTUN", "THR"):
+        table = builder.sampled(name)
+        column = None if table is None else next((c for c in ("ThO", "ThrOut") if c in table), None)
+        if table is None or column is None:
+            continue
+        scale = 0.01 if builder.family in ("plane", "rover") else (1e-3 if column == "ThrOut" else 1.0)
+        return builder.column_stream(
+            table, (column,), "1", f"{name}.{column}", limits.THROTTLE, scale=scale, allow_nan=True
+        )
+    return None
+
+
+def motor_outputs(builder: DataflashBuilder) -> Stream | None:
+    """Return the outputs to the motors of a multirotor (n, motors), 0 stopped to 1 full, by RCOU and its limits."""
+    table, values, vehicle = builder.sampled("RCOU"), builder.values, builder.log.vehicle
+    if table is None or vehicle not in MOTOR_COUNT:
+        return None
+    numbers = [n for n in range(1, 17) if values.get(f"SERVO{n}_FUNCTION") in MOTOR_FUNCTIONS]
+    numbers = numbers or list(range(1, MOTOR_COUNT[vehicle] + 1))
+    prefix = next((p for p in ("C", "Ch", "Chan") if f"{p}{numbers[0]}" in table), None)
+    throttle_channel = int(values.get("RCMAP_THROTTLE", 3))
+    low = values.get("MOT_PWM_MIN") or values.get(f"RC{throttle_channel}_MIN")
+    high = values.get("MOT_PWM_MAX") or values.get(f"RC{throttle_channel}_MAX")
+    if prefix is None or not low or not high or high - low < MIN_PULSE_RANGE_US:
+        return None
+    names = [f"{prefix}{n}" for n in numbers if f"{prefix}{n}" in table]
+    share = np.clip((columns(table, *names) - low) / (high - low), 0.0, 1.0)
+    return builder.stream(builder.stamps(table), share, "1", "RCOU")
+
+
+def rpm_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return rotor speeds (n, rotors) in rev/min: ESC telemetry by motor, else the RPM sensors."""
+    messages = builder.messages
+    motors = [t for t in (messages["ESC", i] for i in messages.instances("ESC")) if "RPM" in t and len(t) > 1]
+    if motors:
+        t = builder.stamps(motors[0])
+        x = [np.interp(t, builder.stamps(m), m.value("RPM")) for m in motors]
+        return builder.stream(t, np.column_stack(x), "rpm", "ESC", within=limits.RPM)
+    table = messages.first("RPM")
+    names = () if table is None else tuple(c for c in ("rpm1", "rpm2", "RPM1", "RPM2", "RPM") if c in table)
+    return builder.column_stream(table, names, "rpm", "RPM", limits.RPM) if names else None
+
+
+def battery_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return the battery (n, 2), voltage in V and current in A; before 3.4 the log holds hundredths."""
+    for name in ("BAT", "CURR"):
+        table = builder.sampled(name, "Volt", "Curr")
+        if table is None:
+            continue
+        x = columns(table, "Volt", "Curr")
+        volts = x[np.isfinite(x[:, 0]), 0]
+        if table.fields["Volt"].dtype.kind in "iu" or (len(volts) and np.median(np.abs(volts)) > MAX_VOLTS):
+            x = x * 0.01
+        return builder.battery_stream(builder.stamps(table), x, name)
+    return None
+
+
+def rate_setpoint_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return the body rate set-point in rad/s.
+
+    RATE holds deg/s since 3.4 and hundredths of it before, in columns of the same name: the measured rate beside the
+    set-point is compared with the gyro.
+    """
+    table, imu = builder.messages.first("RATE"), builder.log.replay_imu
+    for commanded, measured in RATE_COLUMNS:
+        if table is None or not all(c in table for c in (*commanded, *measured)):
+            continue
+        scale = np.pi / 180.0
+        if imu is not None and are_hundredths(builder.seconds(builder.stamps(table)), columns(table, *measured), imu):
+            scale *= 0.01
+        return builder.column_stream(table, commanded, "rad/s", "RATE", limits.RATE_SETPOINT, scale=scale, frame="FRD")
+    return None
+
+
+def are_hundredths(t: Array, measured: Array, imu: Imu) -> bool:
+    """Return whether measured rates (n, 3) fit the gyro better as 0.01 deg/s than as deg/s."""
+    gyro = np.column_stack([np.interp(t, imu.gyro.t, imu.gyro.x[:, k]) for k in range(3)])
+    known = measured[np.isfinite(measured)]
+    if len(known) == 0:
+        return False
+    spread = np.median(np.abs(np.radians(known))), np.median(np.abs(gyro))
+    return bool(spread[0] > 10.0 * spread[1] and spread[1] > 0)
+
+
+# --- vibration --------------------------------------------------------------------------------------------------
 
 VIBE_COLUMNS = ("VibeX", "VibeY", "VibeZ")
+# Bursts kept of each sensor, evenly spread: 5 MB of memory.
 MAX_BURSTS = 200
-"""So many of each sensor are kept, evenly spread, so that the memory they take has a limit (5 MB)."""
+# A shorter rest of a burst that lost records resolves no peak.
 MIN_BURST_SAMPLES = 256
-"""A shorter rest of a burst of which records were lost resolves no peak."""
+# A burst is written within seconds; a header of another time has no time of measurement.
 MAX_BURST_DELAY_US = 10_000_000
-"""A burst is written within a second or two; a header that says otherwise has no time of measurement."""
+# Bits of INS_LOG_BAT_OPT: behind the filters; both, with those behind them numbered after the last IMU.
 POST_FILTER_BIT, PRE_AND_POST_BIT = 2, 4
-"""Bits of INS_LOG_BAT_OPT: behind the filters; both, those behind them numbered after the last IMU."""
+# ISBH.type.
 BURST_SENSORS: dict[int, Literal["gyro", "accelerometer"]] = {0: "accelerometer", 1: "gyro"}
-"""ISBH.type."""
+HEADER_COLUMNS = ("N", "type", "instance", "mul", "SampleUS", "smp_rate")
 
 
-def vibration_stream(builder: LogBuilder, clock: RecordClock, imu: Imu | None) -> Stream | None:
-    """VIBE (n, 3) in m/s^2 of the replayed unit; before 4.1 there is one record for all."""
-    tables = unit_tables(builder.messages, "VIBE")
+def vibration_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return VIBE (n, 3) in m/s^2 of the replayed unit; before 4.1 there is one record for all."""
+    imu, tables = builder.log.replay_imu, builder.units("VIBE")
     table = tables.get(imu.index if imu is not None else 0, tables.get(0))
-    if table is None or not all(c in table for c in VIBE_COLUMNS):
-        return None
-    x = columns(table, *VIBE_COLUMNS)
-    return builder.stream(clock.of(table), x, "m/s^2", "VIBE", frame="FRD", within=limits.VIBRATION)
+    return builder.column_stream(table, VIBE_COLUMNS, "m/s^2", "VIBE", limits.VIBRATION, frame="FRD")
 
 
-def vibration_levels(builder: LogBuilder, clock: RecordClock) -> list[OnboardVibration]:
-    """The level of the worst axis of every unit that VIBE tells of; before 4.1 that is the primary one, here 0."""
+def vibration_levels(builder: DataflashBuilder) -> list[OnboardVibration]:
+    """Return the level of the worst axis of every unit of VIBE; before 4.1 that is the primary one, here 0."""
     found = []
-    own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # what is left out is told where the replayed unit is read
-    for unit, table in unit_tables(builder.messages, "VIBE").items():
-        if all(c in table for c in VIBE_COLUMNS):
-            source = f"VIBE:{unit}" if "IMU" in table else "VIBE"
-            stream = own.stream(
-                clock.of(table), columns(table, *VIBE_COLUMNS), "m/s^2", source, within=limits.VIBRATION
-            )
-            if stream is not None:
-                found.append(OnboardVibration(unit, "rest", source, stream.t, stream.x.max(axis=1)))
+    own = builder.quiet()  # problems are reported with the replayed unit
+    for unit, table in builder.units("VIBE").items():
+        source = f"VIBE:{unit}" if "IMU" in table else "VIBE"
+        stream = own.column_stream(table, VIBE_COLUMNS, "m/s^2", source, limits.VIBRATION)
+        if stream is not None:
+            found.append(OnboardVibration(unit, "rest", source, stream.t, stream.x.max(axis=1)))
     return found
 
 
-def clippings(builder: LogBuilder, clock: RecordClock) -> list[Clipping]:
-    """New clipped samples of every unit over time."""
-    found = []
-    have = {imu for imu in unit_tables(builder.messages, "IMU")}
-    for instance, table in unit_tables(builder.messages, "VIBE").items():
+def clippings(builder: DataflashBuilder) -> list[Clipping]:
+    """Return new clipped samples of every unit over time."""
+    found, have = [], set(builder.units("IMU"))
+    for instance, table in builder.units("VIBE").items():
         if len(table) < 2:
             continue
         named = [(instance, "Clip")] if "Clip" in table else [(k, f"Clip{k}") for k in range(3)]
         for unit, column in named:
             if column in table and (column == "Clip" or unit in have):
-                counter = table[column].astype(np.int64)
-                new = np.maximum(np.diff(counter, prepend=counter[:1]), 0)
                 source = f"VIBE:{unit}.Clip" if column == "Clip" else f"VIBE.{column}"
-                found.append(Clipping("accelerometer", unit, source, builder.seconds(clock.of(table)), new, True))
+                t = builder.seconds(builder.stamps(table))
+                found.append(Clipping("accelerometer", unit, source, t, new_counts(table[column]), True))
     return found
 
 
-def read_bursts(builder: LogBuilder, values: dict[str, float]) -> list[Burst]:
-    """The batches of the sensors' raw samples, at most 200 of each sensor, in time order."""
+def read_bursts(builder: DataflashBuilder) -> list[Burst]:
+    """Return the batches of the sensors' raw samples, at most MAX_BURSTS of each sensor, in time order."""
     heads, data = builder.messages.first("ISBH"), builder.messages.first("ISBD")
-    needed = ("N", "type", "instance", "mul", "SampleUS", "smp_rate")
-    if heads is None or data is None or not all(c in heads for c in needed) or not all(c in data for c in "xyz"):
+    if (
+        heads is None
+        or data is None
+        or not all(c in heads for c in HEADER_COLUMNS)
+        or not all(c in data for c in "xyz")
+    ):
         return []
     number = heads["N"].astype(np.int64)
     of_head = np.searchsorted(heads.offsets, data.offsets) - 1
@@ -247,8 +417,7 @@ def read_bursts(builder: LogBuilder, values: dict[str, float]) -> list[Burst]:
     rows = np.flatnonzero(mine)
     begin = np.searchsorted(of_head[rows], np.arange(len(heads)))
     end = np.searchsorted(of_head[rows], np.arange(len(heads)), side="right")
-    imus = max(len(unit_tables(builder.messages, "IMU")), 1)
-    options = int(values.get("INS_LOG_BAT_OPT", 0.0))
+    imus, options = max(len(builder.units("IMU")), 1), int(builder.values.get("INS_LOG_BAT_OPT", 0.0))
     found = []
     for k in _chosen_headers(heads):
         unit, filtered = int(heads["instance"][k]), bool(options & POST_FILTER_BIT)
@@ -260,7 +429,7 @@ def read_bursts(builder: LogBuilder, values: dict[str, float]) -> list[Burst]:
 
 
 def _chosen_headers(heads: Table) -> NDArray[np.int64]:
-    """Which headers to read, in file order: of each sensor as many as are kept, evenly spread."""
+    """Return the headers to read, in file order, evenly spread over each sensor's."""
     kind = heads["type"].astype(np.int64) * 256 + heads["instance"].astype(np.int64)
     kept = []
     for one in np.unique(kind):
@@ -269,8 +438,10 @@ def _chosen_headers(heads: Table) -> NDArray[np.int64]:
     return np.sort(np.concatenate(kept)) if kept else np.zeros(0, np.int64)
 
 
-def _read_burst(builder: LogBuilder, heads: Table, k: int, data: Table, unit: int, filtered: bool) -> Burst | None:
-    """One burst up to the first record that is missing; None where that is too short or its header makes no sense."""
+def _read_burst(
+    builder: DataflashBuilder, heads: Table, k: int, data: Table, unit: int, filtered: bool
+) -> Burst | None:
+    """Return a burst up to its first missing record, None if that is too short or its header is damaged."""
     sensor = BURST_SENSORS.get(int(heads["type"][k]))
     factor, rate = float(heads["mul"][k]), float(heads["smp_rate"][k])
     if sensor is None or factor <= 0 or not 100.0 <= rate <= limits.RAW_HZ:

@@ -1,4 +1,9 @@
-"""Who wrote an ArduPilot log and what flew: firmware, family, kind of vehicle."""
+"""Read who wrote an ArduPilot log, what flew, its state over time, and what it reports of itself.
+
+Subsystems and codes of ERR records: the list "Subsystem and error codes" at
+ardupilot.org/copter/docs/common-diagnosing-problems-using-logs.html, and the enumerations of
+``libraries/AP_Logger/AP_Logger.h``. Code 0 ends a fault, except of subsystem 24, whose code is the core that took over.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +11,13 @@ import re
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from attlog.flight.ardupilot.imu import RecordClock
+from attlog.core.timestamps import Stamps
+from attlog.flight.ardupilot.imu import DataflashBuilder
 from attlog.flight.builder import LogBuilder
 from attlog.flight.model import Firmware, Problem, Severity, TimeLine
+from attlog.flight.parameters import boot_values
 from attlog.flight.vehicle import ardupilot_mode
 from attlog.formats.table import Messages
 
@@ -18,6 +26,7 @@ BANNER = re.compile(
     r"[Vv]?(\d[\w.\-]*)(?:\s*\(([0-9a-fA-F]+)\))?"
 )
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
+# FRAME_CLASS of Copter.
 FRAME_CLASSES = {
     1: "quadrotor",
     2: "hexarotor",
@@ -32,21 +41,34 @@ FRAME_CLASSES = {
     12: "dodecarotor",
     13: "helicopter",
 }
-"""FRAME_CLASS of Copter."""
+# SYSID_SW_TYPE.
 SOFTWARE_TYPES = {0: "plane", 10: "copter", 20: "rover", 40: "sub"}
-"""SYSID_SW_TYPE."""
+# Records that only one family writes.
 FAMILY_RECORDS = (("copter", ("MOTB", "PSCD", "PSC")), ("plane", ("AETR", "TECS", "LAND")), ("rover", ("STER", "THR")))
 
 
+# Frames by the first letters of the text "Frame: QUAD/X".
+FRAME_WORDS = (
+    ("QUAD", "quadrotor"),
+    ("HEXA", "hexarotor"),
+    ("OCTA", "octorotor"),
+    ("Y6", "hexarotor"),
+    ("TRI", "tricopter"),
+    ("HELI", "helicopter"),
+)
+
+
+# --- vehicle ----------------------------------------------------------------------------------------------------
+
+
 def read_banner(messages: Messages) -> tuple[str, str, str]:
-    """(family, version, git hash) from the firmware's message, empty strings where there is none."""
+    """Return family, version and git hash from the firmware's message, empty strings without one."""
     texts = [t.text for t in messages.texts]
     texts += [str(v) for v in messages.info.values() if isinstance(v, str)]
     own = messages.info.get("VER")
     if isinstance(own, dict):
         texts.insert(0, str(own.get("FWS", "")))
-    for line in messages.info.get("banner", ()) or ():
-        texts.append(str(line))
+    texts += [str(line) for line in messages.info.get("banner", ()) or ()]
     matches = [m for m in map(BANNER.search, texts) if m]
     if not matches:
         return "", "", ""
@@ -56,19 +78,19 @@ def read_banner(messages: Messages) -> tuple[str, str, str]:
 
 
 def read_firmware(messages: Messages) -> Firmware:
-    """Who wrote the log, as far as it tells; the version starts with the vehicle (``Copter 4.6.2``)."""
+    """Return the firmware; its version starts with the vehicle (``Copter 4.6.2``)."""
     family, version, git = read_banner(messages)
     board = next((m[1] for t in messages.texts if (m := BOARD.match(t.text.strip()))), "")
     return Firmware("ArduPilot", f"{family.capitalize()} {version}".strip(), git, board)
 
 
-def detect_family(messages: Messages, values: dict[str, float]) -> str:
-    """The firmware family (copter, plane, rover, sub), empty if unknown: by message, parameters or records."""
-    family = read_banner(messages)[0]
+def detect_family(messages: Messages) -> str:
+    """Return the firmware family (copter, plane, rover, sub) by message, parameters or records, empty if unknown."""
+    family, software = read_banner(messages)[0], boot_values(messages.params).get("SYSID_SW_TYPE")
     if family:
         return family
-    if values.get("SYSID_SW_TYPE") in SOFTWARE_TYPES:
-        return SOFTWARE_TYPES[int(values["SYSID_SW_TYPE"])]
+    if software in SOFTWARE_TYPES:
+        return SOFTWARE_TYPES[int(software)]
     names = set(messages.names())
     for known, records in FAMILY_RECORDS:
         if names & set(records):
@@ -79,8 +101,9 @@ def detect_family(messages: Messages, values: dict[str, float]) -> str:
     return ""
 
 
-def vehicle_type(messages: Messages, values: dict[str, float], family: str) -> str:
-    """The kind of vehicle in words."""
+def vehicle_type(builder: DataflashBuilder) -> str:
+    """Return the vehicle's usual name."""
+    values, family = builder.values, builder.family
     if family == "plane":
         return "VTOL" if values.get("Q_ENABLE", 0) > 0 else "fixed wing"
     if family == "rover":
@@ -90,107 +113,98 @@ def vehicle_type(messages: Messages, values: dict[str, float], family: str) -> s
     if family == "copter":
         if int(values.get("FRAME_CLASS", 0)) in FRAME_CLASSES:
             return FRAME_CLASSES[int(values["FRAME_CLASS"])]
-        for text in messages.texts:
+        for text in builder.messages.texts:
             match = re.search(r"[Ff]rame: (\w+)", text.text)
-            for word, name in (
-                ("QUAD", "quadrotor"),
-                ("HEXA", "hexarotor"),
-                ("OCTA", "octorotor"),
-                ("Y6", "hexarotor"),
-                ("TRI", "tricopter"),
-                ("HELI", "helicopter"),
-            ):
+            for word, name in FRAME_WORDS if match else ():
                 if match and match[1].upper().startswith(word):
                     return name
         return "helicopter" if any(n.startswith("H_SV") for n in values) else "multirotor"
     return family or "unknown"
 
 
-# Armed, on the ground, which mode: the time lines of an ArduPilot log.
+# --- state ------------------------------------------------------------------------------------------------------
 
+# Event ids of EV records (AP_Logger LogEvent). 17, LAND_COMPLETE_MAYBE, also comes in flight.
 ARMED_EVENT, DISARMED_EVENT, LANDED_EVENT, NOT_LANDED_EVENT = 10, 11, 18, 28
-"""Event ids of EV records (ArduPilot AP_Logger LogEvent). 17, LAND_COMPLETE_MAYBE, comes in flight: it lands nobody."""
 
 
-def armed_line(builder: LogBuilder, clock: RecordClock) -> TimeLine | None:
-    """Armed or not: ARM records (4.x), events 10 and 11, or STAT of planes."""
-    messages = builder.messages
-    arm = messages.first("ARM")
+def armed_line(builder: DataflashBuilder) -> TimeLine | None:
+    """Return arming over time: ARM records (4.x), events 10 and 11, or STAT of planes."""
+    arm = builder.messages.first("ARM")
     if arm is not None and "ArmState" in arm:
-        return line_with_start(builder, clock.of(arm), (arm["ArmState"] != 0).tolist(), "ARM")
-    events = messages.first("EV")
-    if events is not None and "Id" in events:
-        ids = events["Id"].astype(np.int64)
-        mine = (ids == ARMED_EVENT) | (ids == DISARMED_EVENT)
-        if mine.any():
-            return line_with_start(builder, clock.of(events)[mine], (ids[mine] == ARMED_EVENT).tolist(), "EV")
-    status = messages.first("STAT")
+        return _event_line(builder, builder.stamps(arm), arm["ArmState"] != 0, "ARM")
+    t_us, ids = _events(builder, (ARMED_EVENT, DISARMED_EVENT))
+    if len(ids):
+        return _event_line(builder, t_us, ids == ARMED_EVENT, "EV")
+    status = builder.messages.first("STAT")
     if status is not None and "Armed" in status:
-        return builder.time_line(clock.of(status), (status["Armed"] != 0).tolist(), "STAT")
+        return builder.time_line(builder.stamps(status), (status["Armed"] != 0).tolist(), "STAT")
     return None
 
 
-def landed_line(builder: LogBuilder, clock: RecordClock, arming: TimeLine | None) -> TimeLine | None:
-    """On the ground or not: copter events 18 and 28, or STAT.isFlying of planes.
+def landed_line(builder: DataflashBuilder) -> TimeLine | None:
+    """Return ground contact over time: copter events 18 and 28, or STAT.isFlying of planes.
 
     Before the first event a disarmed vehicle stands on the ground.
     """
-    messages = builder.messages
-    events = messages.first("EV")
-    if events is not None and "Id" in events:
-        ids = events["Id"].astype(np.int64)
-        mine = np.isin(ids, (LANDED_EVENT, NOT_LANDED_EVENT))
-        if mine.any():
-            line = line_with_start(builder, clock.of(events)[mine], (ids[mine] != NOT_LANDED_EVENT).tolist(), "EV")
-            if line is not None and arming is not None and not arming.at(float(line.t[0])) and not line.value[0]:
-                line.value[0] = True
-            return line
-    status = messages.first("STAT")
+    armed = builder.log.state.armed
+    t_us, ids = _events(builder, (LANDED_EVENT, NOT_LANDED_EVENT))
+    if len(ids):
+        line = _event_line(builder, t_us, ids != NOT_LANDED_EVENT, "EV")
+        if line is not None and armed is not None and not armed.at(float(line.t[0])) and not line.value[0]:
+            line.value[0] = True
+        return line
+    status = builder.messages.first("STAT")
     if status is not None and "isFlying" in status:
-        return builder.time_line(clock.of(status), (status["isFlying"] == 0).tolist(), "STAT")
+        return builder.time_line(builder.stamps(status), (status["isFlying"] == 0).tolist(), "STAT")
     return None
 
 
-def mode_line(builder: LogBuilder, clock: RecordClock, family: str) -> TimeLine | None:
-    """Flight modes by name; text logs hold the name, binary ones a number whose meaning depends on the family."""
+def mode_line(builder: DataflashBuilder) -> TimeLine | None:
+    """Return flight modes by name over time; binary logs hold a number whose meaning depends on the family."""
     table = builder.messages.first("MODE")
     if table is None or "Mode" not in table:
         return None
-    if table["Mode"].dtype.kind in "SU":
-        names = [x.decode("latin-1") if isinstance(x, bytes) else str(x) for x in table["Mode"].tolist()]
-        names = [
-            ardupilot_mode(family, int(n)) if n.strip().isdigit() else n.strip().upper().replace(" ", "_")
-            for n in names
-        ]
-    else:
-        names = [ardupilot_mode(family, int(n)) for n in table["Mode"].tolist()]
-    return builder.time_line(clock.of(table), names, "MODE")
+    logged = [x.decode("latin-1") if isinstance(x, bytes) else str(x) for x in table["Mode"].tolist()]
+    if table["Mode"].dtype.kind not in "SU":
+        logged = [str(int(n)) for n in table["Mode"].tolist()]
+    names = [
+        ardupilot_mode(builder.family, int(n)) if n.strip().isdigit() else n.strip().upper().replace(" ", "_")
+        for n in logged
+    ]
+    return builder.time_line(builder.stamps(table), names, "MODE")
 
 
-def line_with_start(builder: LogBuilder, t_us: np.ndarray, values: list[bool], source: str) -> TimeLine | None:
-    """A time line of events; before the first one the opposite held, from the log's first sample on."""
-    line = builder.time_line(t_us, values, source)
+def _events(builder: DataflashBuilder, wanted: tuple[int, ...]) -> tuple[Stamps, NDArray[np.int64]]:
+    """Return stamps and ids (n,) of the EV records with these ids."""
+    events = builder.messages.first("EV")
+    if events is None or "Id" not in events:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    ids = events["Id"].astype(np.int64)
+    mine = np.isin(ids, wanted)
+    return builder.stamps(events)[mine], ids[mine]
+
+
+def _event_line(builder: LogBuilder, t_us: Stamps, on: NDArray[np.bool_], source: str) -> TimeLine | None:
+    """Return a time line of events; before the first one the opposite held, from the log's first sample on."""
+    line = builder.time_line(t_us, on.tolist(), source)
     if line is not None and line.t[0] > 0:
         line.t = np.concatenate([[0.0], line.t])
         line.value = [not line.value[0], *line.value]
     return line
 
 
-# What ERR and EV records report, in plain words.
-#
-# Subsystems and codes: the list "Subsystem and error codes" at
-# ardupilot.org/copter/docs/common-diagnosing-problems-using-logs.html, and the
-# enumerations of ``libraries/AP_Logger/AP_Logger.h``. Code 0 says that a fault is over,
-# but for subsystem 24, whose code is the core that took over.
+# --- reports ----------------------------------------------------------------------------------------------------
 
-EKF_PRIMARY, FLIGHT_MODE = 24, 10
+# Subsystems of ERR records whose code is a number of something else.
+FLIGHT_MODE, FENCE, EKF_PRIMARY = 10, 9, 24
+# A firmware has about 70 kinds of reports in all, a flight a few.
 MAX_EVENT_KINDS = 100
-"""A firmware has about 70 kinds of reports in all; a flight has a few."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventMeaning:
-    """What a record says: a sentence, how bad it is, why it comes, what to do."""
+    """Meaning of a record: a sentence, its severity, cause and remedy, and the code of the problem."""
 
     text: str
     severity: Severity = "warning"
@@ -207,6 +221,7 @@ _NO_GNSS = EventMeaning(
 _BAD_COMPASS = "The compass does not answer: wiring, bus or the compass itself."
 _CHECK_COMPASS = "Check wiring and supply of the compass."
 
+# By subsystem and code.
 ERRORS: dict[tuple[int, int], EventMeaning] = {
     (1, 1): EventMeaning("The main loop waited for the inertial sensor", "note"),
     (2, 2): EventMeaning("Radio frames came late for 2 s", "note"),
@@ -281,38 +296,35 @@ ERRORS: dict[tuple[int, int], EventMeaning] = {
     (30, 1): EventMeaning("An internal error of the firmware", "warning", remedy="Report it with this log."),
     (31, 1): EventMeaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost."),
 }
-"""By subsystem and code."""
 FENCE_BITS = {1: "height", 2: "circle", 4: "polygon", 8: "lowest height"}
+# By the id of EV records; yaw resets are among the jumps of the attitude.
 EVENTS: dict[int, EventMeaning] = {
     19: _NO_GNSS,
     51: EventMeaning("The parachute was released", "error", cause="By the pilot or by the crash check.", code="crash"),
     54: EventMeaning("The pilot stopped the motors (emergency stop)"),
     60: EventMeaning("The EKF set its height anew", "note", cause="Its height source changed or drifted."),
 }
-"""By the id of EV records; yaw resets stand among the jumps of the attitude."""
 
 
-def report_events(builder: LogBuilder, clock: RecordClock) -> None:
-    """Add to the builder's problems what ERR and EV records say: one entry for each kind, with its first time."""
-    for record, columns in (("ERR", ("Subsys", "ECode")), ("EV", ("Id",))):
+def report_events(builder: DataflashBuilder) -> None:
+    """Add a problem for each kind of ERR and EV records, with its first time."""
+    for record, names in (("ERR", ("Subsys", "ECode")), ("EV", ("Id",))):
         table = builder.messages.first(record)
-        if table is None or not all(c in table for c in columns):
+        if table is None or not all(c in table for c in names):
             continue
-        stamps = clock.of(table)
-        near = builder.near(stamps)
-        table, t = table.rows(near), builder.seconds(stamps[near])
-        numbers = np.column_stack([table[c].astype(np.int64) for c in columns])
+        table, t = builder.near_rows(table)
+        numbers = np.column_stack([table[c].astype(np.int64) for c in names])
         kinds, first, counts = np.unique(numbers, axis=0, return_index=True, return_counts=True)
-        told = 0
+        shown = 0
         for k in np.argsort(first):
             key = tuple(kinds[k].tolist())
             meaning = error_meaning(*key) if record == "ERR" else EVENTS.get(key[0])
             if meaning is None:
                 continue
-            told += 1
-            if told > MAX_EVENT_KINDS:
-                text = f"{record} holds {len(kinds):,} kinds of reports, more than firmwares have; {MAX_EVENT_KINDS} are shown."
-                builder.problem("damaged_reports", "warning", text, count=len(kinds))
+            shown += 1
+            if shown > MAX_EVENT_KINDS:
+                text = f"{record} holds {len(kinds):,} kinds of reports, more than firmwares have; "
+                builder.problem("damaged_reports", "warning", f"{text}{MAX_EVENT_KINDS} are shown.", count=len(kinds))
                 break
             what = f"{record} {'/'.join(map(str, key))}"
             builder.problems.append(
@@ -329,7 +341,7 @@ def report_events(builder: LogBuilder, clock: RecordClock) -> None:
 
 
 def error_meaning(subsystem: int, code: int) -> EventMeaning | None:
-    """What an ERR record means, None for one that ends a fault."""
+    """Return the meaning of an ERR record, None for one that ends a fault."""
     if subsystem == EKF_PRIMARY:
         text = f"The EKF changed its primary core to {code}"
         return EventMeaning(text, cause="Another core agreed better with its sensors.", code="lane_switch")
@@ -338,7 +350,7 @@ def error_meaning(subsystem: int, code: int) -> EventMeaning | None:
     if subsystem == FLIGHT_MODE:
         text = f"The change to flight mode {code} was refused"
         return EventMeaning(text, "note", cause="The mode needs a position or an arming state that was not there.")
-    if subsystem == 9:
+    if subsystem == FENCE:
         crossed = " and ".join(n for bit, n in FENCE_BITS.items() if code & bit) or f"code {code}"
         return EventMeaning(f"The fence was crossed ({crossed})")
     return ERRORS.get((subsystem, code), EventMeaning(f"Subsystem {subsystem} reported error {code}", "note"))

@@ -1,89 +1,190 @@
-"""Which gyro bias does PX4's own estimator take off the gyro that is replayed?
+"""Read the attitudes of PX4 logs, the states of its estimator, and what it reports of itself.
 
-``estimator_sensor_bias.gyro_bias`` (since 1.11): rad/s in body axes, to be subtracted
-from the calibrated gyro. Before, ``estimator_status.states[10..12]`` holds an angle per
-step of the filter; the length of that step is not logged, so no rate follows from it.
+``estimator_sensor_bias.gyro_bias`` (since 1.11): rad/s in body axes, to be subtracted from the calibrated gyro. Before,
+``estimator_status.states[10..12]`` hold an angle per step of the filter, whose length is not logged.
+
+``yaw_estimator_status`` (EKF-GSF, since 1.11): ``yaw_composite`` rad and ``yaw_variance`` rad^2 in all eras,
+``timestamp_sample`` since 1.12, ``yaw_composite_valid`` since 1.14. Before, the EKF itself asked for one sigma below
+15 deg (EKFGSF_yaw_err_max).
+
+Test ratios above 1 are rejections. ``estimator_status`` holds roots, innovation over gate and standard deviation, in
+all versions; low-passed since 1.16, where the heading's is called ``hdg_test_ratio``.
+``estimator_innovation_test_ratios`` holds squares of each axis. Bits of ``filter_fault_flags``:
+``msg/EstimatorStatus.msg``.
 """
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core import rotation
 from attlog.flight import limits
-from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.builder import columns
 from attlog.flight.imu import longest_held
-from attlog.flight.model import Array, Imu, InnovationTest, Problem, Stream, TimeLine
-from attlog.flight.px4.imu import sample_stamps, topic_stamps
+from attlog.flight.model import Array, Attitude, Imu, InnovationTest, Problem, Stream, TimeLine
+from attlog.flight.px4.imu import TopicBuilder, sample_stamps
 from attlog.formats.table import Table
 
-GYRO_BIAS_TOPIC = "estimator_sensor_bias"
+ATTITUDE_TOPICS = (
+    "vehicle_attitude",
+    "estimator_attitude",
+    "vehicle_vision_attitude",
+    "vehicle_visual_odometry",
+    "vehicle_mocap_odometry",
+)
+# Topics with an attitude and a position of cameras or motion capture.
+POSE_TOPICS = ("vehicle_visual_odometry", "vehicle_mocap_odometry")
+# Instance changes that a problem lists.
+MAX_LISTED_CHANGES = 5
+SELECTOR = "estimator_selector_status"
 
 
-def gyro_bias_stream(builder: LogBuilder, imu: Imu | None) -> Stream | None:
-    """Gyro bias (n, 3) in rad/s FRD to subtract from ``imu.gyro``; None where the log does not tell.
+# --- attitudes --------------------------------------------------------------------------------------------------
 
-    It is that of the instance selected longest, or of another one on the replayed gyro.
-    ``vehicle_angular_velocity`` has the estimator's bias taken off already, and a gyro
-    without its calibration is not the one that the estimator corrects: None.
+
+def attitudes(builder: TopicBuilder) -> dict[str, Attitude]:
+    """Return every attitude: the published one, each EKF instance, and cameras or motion capture."""
+    found: dict[str, Attitude] = {}
+    switches = builder.read_optional(SELECTOR, partial(instance_changes, builder), ())
+    for name in ATTITUDE_TOPICS:
+        for i in builder.messages.instances(name):
+            times = switches if name == "vehicle_attitude" else ()
+            attitude = builder.read_optional(name, partial(read_attitude, builder, name, i, times), None)
+            if attitude is None:
+                continue
+            if name in POSE_TOPICS:
+                attitude.position = builder.read_optional(
+                    name, partial(read_positions, builder, name, i, attitude), None
+                )
+            found[name if name != "estimator_attitude" and i == 0 else f"{name}.{i}"] = attitude
+    return found
+
+
+def read_positions(builder: TopicBuilder, name: str, instance: int, attitude: Attitude) -> Array | None:
+    """Return positions (n, 3) m of a pose at the times of its attitude, in its own axes; None without any."""
+    table = builder.messages[name, instance]
+    names = ("position",) if "position" in table else ("x", "y", "z")
+    if not all(column in table for column in names):
+        return None
+    return builder.positions(builder.stamps(table), columns(table, *names), attitude.t)
+
+
+def read_attitude(
+    builder: TopicBuilder, name: str, instance: int = 0, switches_us: tuple[int, ...] = ()
+) -> Attitude | None:
+    """Return an attitude topic, None without it; resets come from its counter and from instance switches."""
+    table = builder.table(name, instance)
+    if table is None or "q" not in table:
+        return None
+    return builder.attitude(
+        builder.stamps(table),
+        columns(table, "q"),
+        name if instance == 0 and name != "estimator_attitude" else f"{name}:{instance}",
+        t_sample_us=sample_stamps(table),
+        counter=table["quat_reset_counter"] if "quat_reset_counter" in table else None,
+        reset_times_us=switches_us,
+    )
+
+
+def instance_changes(builder: TopicBuilder) -> tuple[int, ...]:
+    """Return boot times in us at which another EKF instance took over."""
+    table = builder.table(SELECTOR)
+    if table is None or "primary_instance" not in table:
+        return ()
+    t, primary = builder.stamps(table), table["primary_instance"].astype(np.int64)
+    at = np.flatnonzero(np.diff(primary)) + 1
+    if "last_instance_change" in table:
+        changed = table["last_instance_change"].astype(np.int64)
+        t = np.where(changed > 0, changed, t)
+    if len(at):
+        changes = ", ".join(f"from {primary[i - 1]} to {primary[i]}" for i in at[:MAX_LISTED_CHANGES])
+        text = f"The autopilot changed its estimator instance {changes}: the onboard attitude steps there."
+        builder.problem("estimator_instance_changed", "note", text, count=len(at))
+    return tuple(int(t[i]) for i in at)
+
+
+def attitude_setpoint(builder: TopicBuilder) -> Attitude | None:
+    """Return the attitude set-point; old versions hold Euler angles beside or instead of ``q_d``."""
+    table = builder.table("vehicle_attitude_setpoint")
+    if table is None:
+        return None
+    q = columns(table, "q_d") if "q_d" in table else np.zeros((len(table), 4))
+    unset = ~(np.abs(np.sum(q**2, axis=1) - 1.0) < 0.1)
+    if unset.any() and "roll_body" in table:
+        euler = columns(table, "roll_body", "pitch_body", "yaw_body")
+        q = np.where(unset[:, None], rotation.from_euler(*euler.T), q)
+        unset = ~rotation.finite_rows(q)
+    if unset.all():
+        return None
+    return builder.attitude(builder.stamps(table)[~unset], q[~unset], "vehicle_attitude_setpoint")
+
+
+# --- instances and biases ---------------------------------------------------------------------------------------
+
+
+def selected_instance(builder: TopicBuilder) -> int:
+    """Return the estimator instance that flew longest, 0 without a selector."""
+    table = builder.table(SELECTOR)
+    if table is None or "primary_instance" not in table:
+        return 0
+    return longest_held(builder.stamps(table), table["primary_instance"].astype(np.int64).tolist()) or 0
+
+
+def selected_instance_line(builder: TopicBuilder) -> TimeLine | None:
+    """Return the instance that flew over time, None without a selector."""
+    table = builder.table(SELECTOR)
+    if table is None or "primary_instance" not in table:
+        return None
+    return builder.time_line(builder.stamps(table), table["primary_instance"].astype(np.int64).tolist(), SELECTOR)
+
+
+def gyro_bias_stream(builder: TopicBuilder) -> Stream | None:
+    """Return the gyro bias (n, 3) in rad/s to subtract from the replayed gyro, None where it is not logged.
+
+    Of the instance selected longest, or of another one on the replayed gyro. ``vehicle_angular_velocity`` has the bias
+    taken off already, and the estimator does not correct an uncalibrated gyro: None.
     """
-    messages = builder.messages
-    found = {
-        i: messages[GYRO_BIAS_TOPIC, i]
-        for i in messages.instances(GYRO_BIAS_TOPIC)
-        if "gyro_bias" in messages[GYRO_BIAS_TOPIC, i]
-    }
+    imu = builder.log.replay_imu
+    found = {i: t for i, t in builder.topics("estimator_sensor_bias").items() if "gyro_bias" in t}
     if imu is None or not imu.calibrated or imu.gyro.source.startswith("vehicle_angular_velocity"):
         return None
     first = selected_instance(builder)
     for i in sorted(found, key=lambda i: (i != first, i)):
-        if on_same_gyro(found[i], imu):
-            table = found[i]
-            return builder.stream(
-                topic_stamps(table),
-                columns(table, "gyro_bias"),
-                "rad/s",
-                f"{GYRO_BIAS_TOPIC}:{i}",
-                frame="FRD",
-                within=limits.GYRO_BIAS,
-            )
+        if is_on_gyro(found[i], imu):
+            source = f"estimator_sensor_bias:{i}"
+            return builder.column_stream(found[i], ("gyro_bias",), "rad/s", source, limits.GYRO_BIAS, frame="FRD")
     return None
 
 
-def selected_instance(builder: LogBuilder) -> int:
-    """The estimator instance that flew longest, 0 where there is no selector."""
-    table = builder.messages.tables.get(("estimator_selector_status", 0))
-    if table is None or "primary_instance" not in table:
-        return 0
-    return longest_held(topic_stamps(table), table["primary_instance"].astype(np.int64).tolist()) or 0
-
-
-def on_same_gyro(table: Table, imu: Imu) -> bool:
-    """Whether an instance runs on the replayed gyro, as far as both tell their device."""
+def is_on_gyro(table: Table, imu: Imu) -> bool:
+    """Return whether an instance runs on a gyro, True where a device id is missing."""
     if imu.device in (None, "", "0") or "gyro_device_id" not in table:
         return True
     ids = table["gyro_device_id"]
     return not ids.any() or str(int(np.median(ids[ids > 0]))) == imu.device
 
 
-# The heading that PX4 finds from GNSS motion without a compass: ``yaw_estimator_status`` (EKF-GSF, since 1.11).
-#
-# ``yaw_composite`` rad and ``yaw_variance`` rad^2 in all eras; ``timestamp_sample`` since 1.12,
-# ``yaw_composite_valid`` since 1.14. Before, the EKF itself asked for one sigma below 15 deg (EKFGSF_yaw_err_max).
+def acc_bias_stream(builder: TopicBuilder) -> Stream | None:
+    """Return the accelerometer bias (n, 3) in m/s^2 of the first EKF instance (since 1.11)."""
+    name = "estimator_sensor_bias"
+    return builder.column_stream(builder.table(name), ("accel_bias",), "m/s^2", name, limits.ACC_BIAS, frame="FRD")
 
-YAW_TOPIC = "yaw_estimator_status"
+
+# Before ``yaw_composite_valid``: EKFGSF_yaw_err_max.
 MAX_YAW_SIGMA_RAD = 0.262
 
 
-def yaw_estimator_stream(builder: LogBuilder) -> Stream | None:
-    """Heading and its one sigma (n, 2) in rad where the estimator calls it valid; None where the log does not tell."""
-    messages = builder.messages
+def yaw_estimator_stream(builder: TopicBuilder) -> Stream | None:
+    """Return heading and sigma (n, 2) in rad by GNSS motion where they are valid, None without any."""
     names = ("yaw_composite", "yaw_variance")
-    found = [i for i in messages.instances(YAW_TOPIC) if all(name in messages[YAW_TOPIC, i] for name in names)]
+    found = {i: t for i, t in builder.topics("yaw_estimator_status").items() if all(name in t for name in names)}
     if not found:
         return None
     instance = min(found, key=lambda i: (i != selected_instance(builder), i))
-    table = messages[YAW_TOPIC, instance]
+    table = found[instance]
     yaw, variance = columns(table, *names).T
     sigma = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     valid = sigma < MAX_YAW_SIGMA_RAD
@@ -93,23 +194,17 @@ def yaw_estimator_stream(builder: LogBuilder) -> Stream | None:
         return None
     sampled = sample_stamps(table)
     return builder.stream(
-        topic_stamps(table)[valid],
+        builder.stamps(table)[valid],
         np.column_stack([yaw, sigma])[valid],
         "rad",
-        f"{YAW_TOPIC}:{instance}",
+        f"yaw_estimator_status:{instance}",
         frame="NED",
         within=limits.ESTIMATED_YAW,
         t_sample_us=None if sampled is None else sampled[valid],
     )
 
 
-# What PX4 reports of its estimator and of failsafes: ``estimator_status`` and ``vehicle_status``.
-#
-# Test ratios above 1 are measurements that the EKF rejects. ``estimator_status`` holds roots, innovation over gate
-# and standard deviation, in all versions; low-passed since 1.16, where the heading's is called ``hdg_test_ratio``.
-# ``estimator_innovation_test_ratios`` holds squares, of each axis; the largest is taken for aids that the former
-# lacks.
-# Bits of ``filter_fault_flags``: ``msg/EstimatorStatus.msg``.
+# --- test ratios and reports ------------------------------------------------------------------------------------
 
 TEST_RATIO_COLUMNS = {
     "mag_test_ratio": "compass",
@@ -119,6 +214,15 @@ TEST_RATIO_COLUMNS = {
     "hgt_test_ratio": "height",
     "tas_test_ratio": "airspeed",
 }
+# Columns of ``estimator_innovation_test_ratios`` by aid.
+SQUARED_RATIO_COLUMNS = {
+    "compass": ("mag_field", "heading"),
+    "velocity": ("gps_hvel", "gps_vvel"),
+    "position": ("gps_hpos",),
+    "height": ("baro_vpos", "gps_vpos"),
+    "airspeed": ("airspeed",),
+}
+# Fusions that failed numerically, by bit, to PX4 1.14; later bits are no failures of fusion.
 FUSION_FAULTS = (
     "compass x",
     "compass y",
@@ -137,89 +241,21 @@ FUSION_FAULTS = (
     "position down",
     "accelerometer bias",
 )
-"""Fusions that failed numerically, by bit, to PX4 1.14; later bits are no failures of fusion."""
+# The first bits mean the same in all versions. From ``ver_sw_release`` 1.15 on bits 10 and 11 are FORCE_FAULTS
+# (EKF/common.h, fault_status_u), and velocity and position have none.
 STABLE_FAULT_BITS, MOVED_FAULTS_RELEASE = 9, 0x010F0000
-"""The first bits mean the same in all versions; from ``ver_sw_release`` 1.15 on bits 10 and 11 are BY_FORCE
-(EKF/common.h, fault_status_u), and velocity and position have none."""
 FORCE_FAULTS = {10: "bad vertical acceleration", 11: "a clipping accelerometer"}
 
 
-def report_estimator(builder: LogBuilder) -> None:
-    """Add to the builder's problems what the autopilot says of its own estimator."""
-    builder.attempt("estimator_status", lambda: _report_faults(builder), None)
-    builder.attempt("vehicle_status", lambda: _report_failsafe(builder), None)
-
-
-def _report_faults(builder: LogBuilder) -> None:
-    table = builder.messages.tables.get(("estimator_status", 0))
-    if table is None or len(table) < 2:
-        return
-    table = table.rows(builder.near(topic_stamps(table)))
-    t = builder.seconds(topic_stamps(table))
-    if "filter_fault_flags" in table:
-        flags = table["filter_fault_flags"].astype(np.int64)
-        if flags.any():
-            bits = int(np.bitwise_or.reduce(flags))
-            moved = _has_moved_faults(builder)
-            known = FUSION_FAULTS[:STABLE_FAULT_BITS] if moved else FUSION_FAULTS
-            failed = [name for k, name in enumerate(known) if bits >> k & 1]
-            felt = [name for k, name in FORCE_FAULTS.items() if moved and bits >> k & 1]
-            if failed:
-                _add_fault(builder, t, flags, 2 ** len(known) - 1, f"The EKF failed numerically: {', '.join(failed)}.")
-            if felt:
-                _add_fault(builder, t, flags, sum(1 << k for k in FORCE_FAULTS), f"The EKF found {' and '.join(felt)}.")
-
-
-def _add_fault(builder: LogBuilder, t: Array, flags: NDArray[np.int64], mask: int, text: str) -> None:
-    """A problem with the first time at which a bit of the mask is set."""
-    first = float(t[np.argmax(flags & mask != 0)])
-    cause = "Sensors contradict each other or are stuck."
-    builder.problems.append(Problem("ekf_fault", "warning", text, t=first, cause=cause))
-
-
-def _has_moved_faults(builder: LogBuilder) -> bool:
-    """Whether the log's firmware has the bits of 1.15: by the flags' own names, else by its version."""
-    named = builder.messages.tables.get(("estimator_status_flags", 0))
-    if named is not None and "fs_bad_acc_vertical" in named:
-        return "fs_bad_vel_n" not in named
-    release = builder.messages.info.get("ver_sw_release")
-    return isinstance(release, (int, np.integer)) and int(release) >= MOVED_FAULTS_RELEASE
-
-
-def _report_failsafe(builder: LogBuilder) -> None:
-    table = builder.messages.tables.get(("vehicle_status", 0))
-    if table is None or "failsafe" not in table:
-        return
-    table = table.rows(builder.near(topic_stamps(table)))
-    on = table["failsafe"].astype(np.int64) != 0
-    starts = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0) == 1)
-    if len(starts):
-        first = float(builder.seconds(topic_stamps(table))[starts[0]])
-        builder.problems.append(
-            Problem("failsafe", "warning", "The autopilot was in failsafe.", t=first, count=len(starts))
-        )
-
-
-SQUARED_RATIO_COLUMNS = {
-    "compass": ("mag_field", "heading"),
-    "velocity": ("gps_hvel", "gps_vvel"),
-    "position": ("gps_hpos",),
-    "height": ("baro_vpos", "gps_vpos"),
-    "airspeed": ("airspeed",),
-}
-"""Columns of ``estimator_innovation_test_ratios`` by aid."""
-
-
-def innovation_tests(builder: LogBuilder) -> list[InnovationTest]:
-    """The test ratios of the instance that flew longest, one for each aid."""
+def innovation_tests(builder: TopicBuilder) -> list[InnovationTest]:
+    """Return the test ratios of the instance that flew longest, one for each aid."""
     instance = selected_instance(builder)
     found: dict[str, InnovationTest] = {}
     for name in ("estimator_status", "estimator_innovation_test_ratios"):
-        table = builder.messages.tables.get((name, instance))
+        table = builder.table(name, instance)
         if table is None or len(table) < 2:
             continue
-        table = table.rows(builder.near(topic_stamps(table)))
-        t = builder.seconds(topic_stamps(table))
+        table, t = builder.near_rows(table)
         if name == "estimator_status":
             for column, aid in TEST_RATIO_COLUMNS.items():
                 if column in table and aid not in found:
@@ -227,29 +263,66 @@ def innovation_tests(builder: LogBuilder) -> list[InnovationTest]:
                     ratio = np.asarray(builder.within(table.value(column), limits.TEST_RATIO, source), np.float64)
                     found[aid] = InnovationTest(aid, t, ratio, source)
             continue
-        for aid in SQUARED_RATIO_COLUMNS:
-            if aid not in found and (squared := _largest_ratio(table, SQUARED_RATIO_COLUMNS[aid])) is not None:
-                found[aid] = InnovationTest(
-                    aid, t, np.sqrt(squared), f"{name}:{instance}.{SQUARED_RATIO_COLUMNS[aid][0]}"
-                )
+        for aid, names in SQUARED_RATIO_COLUMNS.items():
+            if aid not in found and (squared := _largest_ratio(table, names)) is not None:
+                found[aid] = InnovationTest(aid, t, np.sqrt(squared), f"{name}:{instance}.{names[0]}")
     return [found[aid] for aid in SQUARED_RATIO_COLUMNS if aid in found]
 
 
 def _largest_ratio(table: Table, names: tuple[str, ...]) -> Array | None:
-    """The largest squared ratio (n,) of some columns; NaN, None where there is none: axes not fused are infinite."""
+    """Return the largest squared ratio (n,) of some columns, NaN or None without any: axes not fused are infinite."""
     have = [name for name in names if name in table]
     if not have:
         return None
     x = columns(table, *have)
-    possible = np.isfinite(x) & (x >= limits.TEST_RATIO.low) & (x <= limits.TEST_RATIO.high)
+    possible = np.isfinite(x) & ~limits.TEST_RATIO.outside(x)
     largest = np.max(np.where(possible, x, -1.0), axis=1)
     return np.where(largest >= 0.0, largest, np.nan) if np.any(largest > 0.0) else None
 
 
-def selected_instance_line(builder: LogBuilder) -> TimeLine | None:
-    """Which instance flew; None where there is no selector."""
-    table = builder.messages.tables.get(("estimator_selector_status", 0))
-    if table is None or "primary_instance" not in table:
-        return None
-    numbers = table["primary_instance"].astype(np.int64).tolist()
-    return builder.time_line(topic_stamps(table), numbers, "estimator_selector_status")
+def report_faults(builder: TopicBuilder) -> None:
+    """Add a problem for failed fusions, and one for bad forces, with their first time."""
+    table = builder.table("estimator_status")
+    if table is None or len(table) < 2:
+        return
+    table, t = builder.near_rows(table)
+    if "filter_fault_flags" not in table:
+        return
+    flags = table["filter_fault_flags"].astype(np.int64)
+    bits = int(np.bitwise_or.reduce(flags)) if len(flags) else 0
+    moved = _has_moved_faults(builder)
+    known = FUSION_FAULTS[:STABLE_FAULT_BITS] if moved else FUSION_FAULTS
+    failed = [name for k, name in enumerate(known) if bits >> k & 1]
+    forces = [name for k, name in FORCE_FAULTS.items() if moved and bits >> k & 1]
+    if failed:
+        _add_fault(builder, t, flags, 2 ** len(known) - 1, f"The EKF failed numerically: {', '.join(failed)}.")
+    if forces:
+        _add_fault(builder, t, flags, sum(1 << k for k in FORCE_FAULTS), f"The EKF found {' and '.join(forces)}.")
+
+
+def _add_fault(builder: TopicBuilder, t: Array, flags: NDArray[np.int64], mask: int, text: str) -> None:
+    """Add a problem with the first time at which a bit of the mask is set."""
+    first = float(t[np.argmax(flags & mask != 0)])
+    cause = "Sensors contradict each other or are stuck."
+    builder.problems.append(Problem("ekf_fault", "warning", text, t=first, cause=cause))
+
+
+def _has_moved_faults(builder: TopicBuilder) -> bool:
+    """Return whether the log's firmware has the bits of 1.15: by the flags' own names, else by its version."""
+    named = builder.table("estimator_status_flags")
+    if named is not None and "fs_bad_acc_vertical" in named:
+        return "fs_bad_vel_n" not in named
+    release = builder.messages.info.get("ver_sw_release")
+    return isinstance(release, (int, np.integer)) and int(release) >= MOVED_FAULTS_RELEASE
+
+
+def report_failsafe(builder: TopicBuilder) -> None:
+    """Add a problem for failsafes, with the first one's time."""
+    table = builder.table("vehicle_status")
+    if table is None or "failsafe" not in table:
+        return
+    table, t = builder.near_rows(table)
+    on = table["failsafe"].astype(np.int64) != 0
+    starts = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0) == 1)
+    if len(starts):
+        builder.problem("failsafe", "warning", "The autopilot was in failsafe.", float(t[starts[0]]), None, len(starts))

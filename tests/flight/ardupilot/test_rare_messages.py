@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from attlog.flight.ardupilot import estimator, imu, reader, sensors, vehicle
+from attlog.flight.ardupilot import estimator, imu, sensors, vehicle
 from attlog.flight.ardupilot.estimator import onboard_source
-from attlog.flight.ardupilot.imu import RecordClock, own_time
-from attlog.flight.builder import LogBuilder
+from attlog.flight.ardupilot.imu import DataflashBuilder, own_time
 from attlog.flight.model import Attitude, Problem
-from attlog.formats.table import Messages
 from tests.flight import fake
 from tests.flight.fake import messages
 
@@ -23,14 +21,13 @@ N = 6
 T = fake.micros(N, 10.0)
 
 
-def made(*known: tuple[str, int, dict[str, Any]], stamps: Any = T) -> tuple[LogBuilder, RecordClock, Messages]:
-    """A log of messages (name, instance, columns), all with the same times."""
+def made(*known: tuple[str, int, dict[str, Any]], stamps: Any = T, **values: float) -> DataflashBuilder:
+    """Return a builder of messages (name, instance, columns) at the same times, with parameters at boot."""
     tables = {
         (name, k): {"TimeUS": stamps, **{key: np.asarray(x) for key, x in columns.items()}}
         for name, k, columns in known
     }
-    messages = fake.messages("dataflash", tables)
-    return LogBuilder(messages, t0_us=int(T[0])), RecordClock(messages), messages
+    return DataflashBuilder(fake.messages("dataflash", tables, values), t0_us=int(T[0]))
 
 
 def ramp(*factors: float) -> list[np.ndarray]:
@@ -44,8 +41,8 @@ def receiver(**more: Any) -> dict[str, Any]:
 
 
 def test_a_receivers_velocity_follows_from_speed_course_and_vertical_speed() -> None:
-    builder, clock, messages = made(("GPS", 0, receiver()))
-    one = sensors.read_receiver(builder, clock, 0, messages["GPS", 0])
+    builder = made(("GPS", 0, receiver()))
+    one = sensors.read_receiver(builder, 0, builder.messages["GPS", 0])
     assert one is not None
     assert (one.lat[0], one.lon[0], one.alt[0]) == (47.1, -8.2, 430.0)
     np.testing.assert_allclose(one.vel_ned[0], [5.0 * np.cos(np.radians(120)), 5.0 * np.sin(np.radians(120)), -0.7])
@@ -55,8 +52,8 @@ def test_a_receivers_velocity_follows_from_speed_course_and_vertical_speed() -> 
 
 def test_a_heading_of_antennas_of_zero_is_none_and_others_are_wrapped() -> None:
     yaw = np.array([0.0, 359.0, 90.0, 181.0, 0.0, 45.0])
-    builder, clock, messages = made(("GPS", 0, receiver(Yaw=yaw)))
-    one = sensors.read_receiver(builder, clock, 0, messages["GPS", 0])
+    builder = made(("GPS", 0, receiver(Yaw=yaw)))
+    one = sensors.read_receiver(builder, 0, builder.messages["GPS", 0])
     assert one is not None
     assert one.yaw is not None
     np.testing.assert_allclose(np.degrees(one.yaw), [np.nan, -1.0, 90.0, -179.0, np.nan, 45.0])
@@ -69,12 +66,12 @@ def test_an_accuracy_is_that_of_the_nearest_record_of_its_unit_within_half_a_sec
         ("GPA", 1): {"TimeUS": at, "HAcc": np.array([7.0, 8.0, 9.0])},
     }
     messages = fake.messages("dataflash", tables)
-    builder, clock = LogBuilder(messages, t0_us=int(T[0])), RecordClock(messages)
+    builder = DataflashBuilder(messages, t0_us=int(T[0]))
     asked = int(T[0]) + np.array([0, 190_000, 210_000, 899_000, 901_000, 1_499_000, 1_501_000, 2_500_000, 2_501_000])
-    found = sensors.nearest_accuracy(builder, clock, 0, asked, "HAcc")
+    found = sensors.nearest_accuracy(builder, 0, asked, "HAcc")
     np.testing.assert_array_equal(found, [1.0, 1.0, 2.0, 2.0, np.nan, np.nan, 3.0, 3.0, np.nan])
-    np.testing.assert_array_equal(sensors.nearest_accuracy(builder, clock, 1, asked[:1], "HAcc"), [7.0])
-    assert np.isnan(sensors.nearest_accuracy(builder, clock, 1, asked, "VAcc")).all()
+    np.testing.assert_array_equal(sensors.nearest_accuracy(builder, 1, asked[:1], "HAcc"), [7.0])
+    assert np.isnan(sensors.nearest_accuracy(builder, 1, asked, "VAcc")).all()
 
 
 def test_a_replayed_receiver_counts_tenths_of_microdegrees_centimetres_and_milliseconds() -> None:
@@ -86,7 +83,7 @@ def test_a_replayed_receiver_counts_tenths_of_microdegrees_centimetres_and_milli
         "Alt": np.full(N, 43_000, np.int32),
         **dict(zip(("VX", "VY", "VZ", "HA", "VA", "SA"), ramp(1.0, -2.0, 0.5, 0.1, 0.2, 0.3), strict=True)),
     }
-    builder, _, _ = made(("RGPJ", 0, columns))
+    builder = made(("RGPJ", 0, columns))
     (one,) = sensors.replay_receivers(builder)
     assert (one.lat[0], one.lon[0], one.alt[0]) == pytest.approx((47.1, -8.2, 430.0))
     np.testing.assert_allclose(one.t, [0.0, 0.2, 0.6, 0.8], atol=1e-9)
@@ -99,43 +96,42 @@ def test_a_replayed_receiver_counts_tenths_of_microdegrees_centimetres_and_milli
     [("ThO", "copter", 1.0), ("ThrOut", "copter", 1e-3), ("ThO", "plane", 0.01), ("ThrOut", "rover", 0.01)],
 )
 def test_throttle_is_a_share_per_mille_or_percent(column: str, family: str, scale: float) -> None:
-    builder, clock, _ = made(("CTUN", 0, {column: 0.5 * np.ones(N) / scale}))
-    found = sensors.throttle_stream(builder, clock, family)
+    builder = made(("CTUN", 0, {column: 0.5 * np.ones(N) / scale}))
+    builder.family = family
+    found = sensors.throttle_stream(builder)
     assert found is not None
     assert found.x[0, 0] == pytest.approx(0.5)
 
 
 def test_motors_are_the_outputs_with_their_function_between_their_limits() -> None:
     outputs = {f"C{n}": np.full(N, 1000.0 + 100.0 * n) for n in range(1, 9)}
-    builder, clock, _ = made(("RCOU", 0, outputs))
+    builder = made(("RCOU", 0, outputs))
+
+    def shares(vehicle: str = "quadrotor", **values: float) -> Any:
+        builder.log.vehicle, builder.values = vehicle, values
+        found = sensors.motor_outputs(builder)
+        return None if found is None else found.x[0]
+
     limits = {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}
-    plain = sensors.motor_outputs(builder, clock, "quadrotor", limits)
-    assert plain is not None
-    np.testing.assert_allclose(plain.x[0], [0.0, 0.125, 0.25, 0.375])
+    np.testing.assert_allclose(shares(**limits), [0.0, 0.125, 0.25, 0.375])
     functions = {"SERVO5_FUNCTION": 33.0, "SERVO7_FUNCTION": 82.0, "SERVO8_FUNCTION": 85.0, "SERVO1_FUNCTION": 41.0}
-    own = sensors.motor_outputs(builder, clock, "quadrotor", limits | functions)
-    assert own is not None
-    np.testing.assert_allclose(own.x[0], [0.5, 0.75, 0.875])
-    sticks = sensors.motor_outputs(
-        builder, clock, "quadrotor", {"RC3_MIN": 1000.0, "RC3_MAX": 2000.0, "MOT_PWM_MIN": 0.0}
-    )
-    assert sticks is not None
-    np.testing.assert_allclose(sticks.x[0], [0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_allclose(shares(**limits, **functions), [0.5, 0.75, 0.875])
+    np.testing.assert_allclose(shares(RC3_MIN=1000.0, RC3_MAX=2000.0, MOT_PWM_MIN=0.0), [0.1, 0.2, 0.3, 0.4])
     other = {"RCMAP_THROTTLE": 2.0, "RC2_MIN": 1100.0, "RC2_MAX": 1200.0, "RC3_MIN": 1000.0, "RC3_MAX": 2000.0}
-    assert sensors.motor_outputs(builder, clock, "quadrotor", other) is not None
-    assert sensors.motor_outputs(builder, clock, "quadrotor", other | {"RC2_MAX": 1199.0}) is None
-    assert sensors.motor_outputs(builder, clock, "plane", limits) is None
-    assert sensors.motor_outputs(builder, clock, "quadrotor", {}) is None
+    assert shares(**other) is not None
+    assert shares(**(other | {"RC2_MAX": 1199.0})) is None
+    assert shares("plane", **limits) is None
+    assert shares() is None
 
 
 def test_rotor_speeds_are_those_of_the_escs_else_of_the_sensors() -> None:
     one, two = ramp(1000.0, 300.0)
-    builder, clock, _ = made(("ESC", 0, {"RPM": one}), ("ESC", 1, {"RPM": two}), ("RPM", 0, {"rpm1": two}))
-    found = sensors.rpm_stream(builder, clock)
+    builder = made(("ESC", 0, {"RPM": one}), ("ESC", 1, {"RPM": two}), ("RPM", 0, {"rpm1": two}))
+    found = sensors.rpm_stream(builder)
     assert found is not None
     assert (found.source, found.x[1].tolist()) == ("ESC", [2000.0, 600.0])
-    builder, clock, _ = made(("RPM", 0, {"rpm1": one, "rpm2": two}))
-    found = sensors.rpm_stream(builder, clock)
+    builder = made(("RPM", 0, {"rpm1": one, "rpm2": two}))
+    found = sensors.rpm_stream(builder)
     assert found is not None
     assert (found.source, found.x[1].tolist()) == ("RPM", [2000.0, 600.0])
 
@@ -144,8 +140,8 @@ def test_rotor_speeds_are_those_of_the_escs_else_of_the_sensors() -> None:
     ("volts", "scale"), [(np.full(N, 1480, np.int16), 0.01), (np.full(N, 151.0), 0.01), (np.full(N, 149.0), 1.0)]
 )
 def test_a_battery_of_whole_numbers_or_above_150_v_is_in_hundredths(volts: np.ndarray, scale: float) -> None:
-    builder, clock, _ = made(("BAT", 0, {"Volt": volts, "Curr": 10.0 * np.ones(N)}))
-    found = sensors.battery_stream(builder, clock)
+    builder = made(("BAT", 0, {"Volt": volts, "Curr": 10.0 * np.ones(N)}))
+    found = sensors.battery_stream(builder)
     assert found is not None
     np.testing.assert_allclose(found.x[0], [scale * float(volts[0]), 10.0 * scale])
 
@@ -161,27 +157,29 @@ def matches(q: np.ndarray, degrees: np.ndarray) -> bool:
 def test_set_points_stand_beside_the_attitude_that_flew() -> None:
     columns = dict(zip(("DesRoll", "DesPitch", "DesYaw"), ANGLES.T, strict=True))
     doubled = {name: 0.5 * x for name, x in columns.items()}
-    builder, clock, _ = made(("ATT", 0, columns), ("ANG", 0, doubled))
+    builder = made(("ATT", 0, columns), ("ANG", 0, doubled))
     for flew, source, factor in (("ATT", "ATT.Des", 1.0), ("ANG", "ANG.Des", 0.5), (None, "ANG.Des", 0.5)):
-        found = estimator.attitude_setpoint(builder, clock, flew)
+        builder.log.onboard = flew
+        found = estimator.attitude_setpoint(builder)
         assert found is not None
         assert found.source == source
         assert matches(found.q, factor * ANGLES)
-    builder, clock, _ = made(("ATT", 0, {"DesRoll": ANGLES[:, 0]}))
-    assert estimator.attitude_setpoint(builder, clock, "ATT") is None
+    builder = made(("ATT", 0, {"DesRoll": ANGLES[:, 0]}))
+    builder.log.onboard = "ATT"
+    assert estimator.attitude_setpoint(builder) is None
 
 
 def test_a_pose_has_its_time_of_measurement_and_not_what_the_vehicle_ignored() -> None:
     columns = dict(zip(("R", "P", "Y"), ANGLES.T, strict=True))
     more = {"CTimeMS": (9_950 + 100 * np.arange(N)).astype(np.uint32), "Ign": np.array([0, 1, 0, 0, 0, 0], np.uint8)}
-    builder, clock, _ = made(("VISP", 0, {**columns, **more, "Rst": np.array([0, 0, 0, 1, 1, 1], np.uint8)}))
-    found = estimator.vision_poses(builder, clock)["VISP"]
+    builder = made(("VISP", 0, {**columns, **more, "Rst": np.array([0, 0, 0, 1, 1, 1], np.uint8)}))
+    found = estimator.vision_poses(builder)["VISP"]
     assert matches(found.q, np.delete(ANGLES, 1, axis=0))
     assert found.t_sample is not None
     np.testing.assert_allclose(found.t - found.t_sample, 0.05, atol=1e-9)
     assert found.resets.tolist() == [2]
-    builder, clock, _ = made(("VISP", 0, {"R": ANGLES[:, 0], "Y": ANGLES[:, 2]}))
-    assert estimator.vision_poses(builder, clock) == {}
+    builder = made(("VISP", 0, {"R": ANGLES[:, 0], "Y": ANGLES[:, 2]}))
+    assert estimator.vision_poses(builder) == {}
 
 
 def flown(seconds: float, hz: float, begin: float = 0.0) -> Attitude:
@@ -213,8 +211,8 @@ def compass(factor: float = 1.0) -> dict[str, Any]:
 
 
 def test_a_compass_counts_milligauss_and_its_offsets_stand_at_each_change() -> None:
-    builder, clock, _ = made(("MAG", 0, compass()))
-    (one,) = reader.magnetometers(builder, clock, {})
+    builder = made(("MAG", 0, compass()))
+    (one,) = sensors.magnetometers(builder)
     np.testing.assert_allclose(one.field.x[2], 1e-7 * np.array([202.0, -100.0, 400.0]))
     assert one.offsets is not None
     np.testing.assert_allclose(one.offsets.x, 1e-7 * np.array([[5.0, 1.0, 0.0], [6.0, 1.0, 0.0]]))
@@ -222,52 +220,53 @@ def test_a_compass_counts_milligauss_and_its_offsets_stand_at_each_change() -> N
 
 
 def test_each_compass_is_switched_by_its_own_parameter() -> None:
-    builder, clock, _ = made(*(("MAG", k, compass(1.0 + k)) for k in range(3)))
+    builder = made(*(("MAG", k, compass(1.0 + k)) for k in range(3)))
     for values, enabled in (
         ({}, [True, True, True]),
         ({"COMPASS_USE": 0.0}, [False, True, True]),
         ({"COMPASS_USE2": 0.0}, [True, False, True]),
         ({"COMPASS_USE3": 0.0}, [True, True, False]),
     ):
-        found = reader.magnetometers(builder, clock, values)
-        assert [m.enabled for m in found] == enabled
+        builder.values = values
+        assert [m.enabled for m in sensors.magnetometers(builder)] == enabled
 
 
 def test_a_compass_that_shows_its_offsets_alone_measures_nothing() -> None:
     offsets = np.tile([5.0, -9.0, 2.0], (N, 1))
-    assert reader.shows_only_offsets(offsets + 0.9, offsets)
-    assert not reader.shows_only_offsets(offsets + np.array([0.0, 1.1, 0.0]), offsets)
-    assert not reader.shows_only_offsets(0.0 * offsets, offsets)
-    assert not reader.shows_only_offsets(offsets, 0.0 * offsets)
+    assert sensors.shows_only_offsets(offsets + 0.9, offsets)
+    assert not sensors.shows_only_offsets(offsets + np.array([0.0, 1.1, 0.0]), offsets)
+    assert not sensors.shows_only_offsets(0.0 * offsets, offsets)
+    assert not sensors.shows_only_offsets(offsets, 0.0 * offsets)
 
 
 def test_the_first_compass_or_the_primary_one_is_preferred() -> None:
-    builder, clock, _ = made(("MAG", 1, compass()), ("MAG", 2, compass(2.0)))
-    found = reader.magnetometers(builder, clock, {})
-    assert reader.primary_compass({}, found) == 1
-    assert reader.primary_compass({"COMPASS_PRIMARY": 2.0}, found) == 2
-    assert reader.primary_compass({}, []) is None
+    builder = made(("MAG", 1, compass()), ("MAG", 2, compass(2.0)))
+    assert sensors.primary_compass(builder) is None
+    builder.log.mags = sensors.magnetometers(builder)
+    assert sensors.primary_compass(builder) == 1
+    builder.values["COMPASS_PRIMARY"] = 2.0
+    assert sensors.primary_compass(builder) == 2
 
 
 def test_a_yaw_estimate_needs_both_heading_and_sigma() -> None:
     for missing in ("YC", "YCS"):
         columns = {"YC": np.full(N, 0.3), "YCS": np.full(N, 0.1)}
         del columns[missing]
-        builder, clock, _ = made(("XKY0", 0, columns))
-        assert estimator.yaw_estimator_stream(builder, clock, {}) is None
+        builder = made(("XKY0", 0, columns))
+        assert estimator.yaw_estimator_stream(builder) is None
 
 
 def test_rates_are_degrees_per_second_and_the_rangefinder_looks_down_within_its_range() -> None:
     names = ("RDes", "PDes", "YDes", "R", "P", "Y")
-    builder, clock, _ = made(
+    builder = made(
         ("RATE", 0, dict(zip(names, ramp(1.0, -2.0, 3.0, 9.0, 9.0, 9.0), strict=True))),
         ("RFND", 0, {"Dist": ramp(1.0)[0], "Orient": np.zeros(N), "Stat": np.full(N, 4)}),
         ("RFND", 1, {"Dist": ramp(2.0)[0], "Orient": np.full(N, 25), "Stat": np.array([4, 3, 4, 4, 5, 4])}),
     )
-    rates = reader.rate_setpoint_stream(builder, clock, None)
+    rates = sensors.rate_setpoint_stream(builder)
     assert rates is not None
     np.testing.assert_allclose(np.degrees(rates.x[1]), [2.0, -4.0, 6.0])
-    found = reader.rangefinder_stream(builder, clock)
+    found = sensors.rangefinder_stream(builder)
     assert found is not None
     assert found.x[:, 0].tolist() == [2.0, 6.0, 8.0, 12.0]
 
@@ -275,19 +274,19 @@ def test_rates_are_degrees_per_second_and_the_rangefinder_looks_down_within_its_
 def test_airspeed_is_true_and_that_of_the_primary_tube_while_it_is_sound_and_used() -> None:
     """At 79,495 Pa (2,000 m) air has 0.8217 of its density at sea level (standard atmosphere, tabulated)."""
     flags = {"Pri": np.ones(N), "H": np.array([0, 1, 1, 1, 1, 1]), "U": np.array([1, 1, 1, 1, 0, 1])}
-    builder, clock, _ = made(
+    builder = made(
         ("ARSP", 0, {"Airspeed": ramp(9.0)[0], **flags}),
         ("ARSP", 1, {"Airspeed": ramp(10.0)[0], **flags}),
         ("BARO", 0, {"Press": np.full(N, 79_495.0)}),
     )
-    found = reader.airspeed_stream(builder, clock)
+    found = sensors.airspeed_stream(builder)
     assert found is not None
     np.testing.assert_allclose(found.x[:, 0], np.array([20.0, 30.0, 40.0, 60.0]) / np.sqrt(0.8217), rtol=1e-3)
-    builder, clock, _ = made(("ARSP", 0, {"Airspeed": ramp(10.0)[0]}))
-    old = reader.airspeed_stream(builder, clock)
+    builder = made(("ARSP", 0, {"Airspeed": ramp(10.0)[0]}))
+    old = sensors.airspeed_stream(builder)
     assert old is not None
     assert old.x[:, 0].tolist() == [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
-    assert reader.airspeed_stream(*made(("BARO", 0, {"Press": np.full(N, 1e5)}))[:2]) is None
+    assert sensors.airspeed_stream(made(("BARO", 0, {"Press": np.full(N, 1e5)}))) is None
 
 
 def test_records_with_a_week_have_their_boot_clock_in_t() -> None:
@@ -300,22 +299,22 @@ def test_records_with_a_week_have_their_boot_clock_in_t() -> None:
 
 
 def test_a_record_without_a_time_has_that_of_the_record_before_it_in_the_file() -> None:
-    _builder, clock, messages = made(("ATT", 0, {"Roll": np.zeros(N)}))
-    at = messages["ATT", 0].offsets
+    builder = made(("ATT", 0, {"Roll": np.zeros(N)}))
+    clock, at = builder.clock, builder.messages["ATT", 0].offsets
     asked = np.array([at[0] - 1, at[0], at[0] + 1, at[3] + 50, at[-1] + 999])
     stamps = T.astype(np.int64)
     assert clock.at(asked).tolist() == [stamps[0], stamps[0], stamps[0], stamps[3], stamps[-1]]
 
 
-@pytest.mark.parametrize("which", ["dt", "dt_v"])
+@pytest.mark.parametrize("which", ["DADT", "DVDT"])
 @pytest.mark.parametrize(("seconds", "kept"), [(0.9e-5, 5), (1.1e-5, 6), (0.99, 6), (1.01, 5), (np.nan, 5)])
 def test_increments_over_no_time_or_more_than_a_second_are_left_out(which: str, seconds: float, kept: int) -> None:
-    times = {"dt": np.full(N, 0.01), "dt_v": np.full(N, 0.02)}
-    times[which][2] = seconds
-    angle, velocity = (np.tile(x, (N, 1)) for x in ([0.001, -0.002, 0.003], [0.2, 0.4, -0.6]))
-    found = imu.candidate_from_increments(
-        3, 1, T.astype(np.int64), times["dt"], angle, times["dt_v"], velocity, "RISI:3"
-    )
+    columns = {"DADT": np.full(N, 0.01), "DVDT": np.full(N, 0.02)}
+    columns[which][2] = seconds
+    columns |= {name: np.full(N, x) for name, x in zip(("DAX", "DAY", "DAZ"), (0.001, -0.002, 0.003), strict=True)}
+    columns |= {name: np.full(N, x) for name, x in zip(("DVX", "DVY", "DVZ"), (0.2, 0.4, -0.6), strict=True)}
+    table = fake.table("RISI", 3, columns, np.arange(N))
+    found = imu.candidate_from_increments(3, 1, T.astype(np.int64), table, imu.RISI_COLUMNS, "RISI:3")
     assert len(found.t_us) == len(found.gyro) == kept
     np.testing.assert_allclose(found.gyro[0], [0.1, -0.2, 0.3])
     np.testing.assert_allclose(found.acc[0], [10.0, 20.0, -30.0])
@@ -328,25 +327,28 @@ def test_a_replay_record_has_the_time_of_the_frame_before_it() -> None:
 
 
 def test_an_ekf_core_uses_the_set_bits_of_its_mask_in_their_order() -> None:
-    assert [imu.unit_of_core(core, 0b0110, [0, 1]) for core in range(3)] == [1, 2, 0]
-    assert [imu.unit_of_core(core, None, [0, 1]) for core in range(3)] == [0, 1, 0]
+    masked, free = made(EK3_IMU_MASK=0b0110), made()
+    assert [imu.unit_of_core(masked, "XK", core, [0, 1]) for core in range(3)] == [1, 2, 0]
+    assert [imu.unit_of_core(free, "XK", core, [0, 1]) for core in range(3)] == [0, 1, 0]
 
 
 def test_the_family_that_flew_is_that_of_its_type_and_cores_out_of_range_tell_nothing() -> None:
     lanes = {"PI": np.array([0, 1, 7, -1, 5, 6], np.int8)}
-    _, clock, messages = made(("NKF4", 0, lanes), ("XKF4", 0, lanes))
-    assert [imu.primary_core(messages, clock, ekf)[0] for ekf in (None, 2.0, 3.0)] == ["XK", "NK", "XK"]
-    _, t_us, cores = imu.primary_core(messages, clock, None)
+    builder = made(("NKF4", 0, lanes), ("XKF4", 0, lanes))
+    for ekf, family in ((None, "XK"), (2.0, "NK"), (3.0, "XK")):
+        builder.values = {} if ekf is None else {"AHRS_EKF_TYPE": ekf}
+        assert imu.primary_core(builder)[0] == family
+    _, t_us, cores = imu.primary_core(builder)
     assert (cores, (t_us - int(T[0])).tolist()) == ([0, 1, 5], [0, 100_000, 400_000])
-    assert imu.primary_core(fake.messages("dataflash", {}), clock, None)[0] == ""
+    assert imu.primary_core(made())[0] == ""
 
 
 @pytest.mark.parametrize(("count", "source"), [(1, "RPM"), (2, "ESC")])
 def test_two_records_of_a_motor_tell_its_speed(count: int, source: str) -> None:
-    builder, clock, _ = made(
+    builder = made(
         ("ESC", 0, {"RPM": np.full(count, 900.0)}), ("RPM", 0, {"rpm1": np.full(count, 700.0)}), stamps=T[:count]
     )
-    found = sensors.rpm_stream(builder, clock)
+    found = sensors.rpm_stream(builder)
     assert found is not None
     assert (found.source, found.x[0, 0]) == (source, 900.0 if source == "ESC" else 700.0)
 
@@ -355,9 +357,9 @@ def test_two_records_of_a_motor_tell_its_speed(count: int, source: str) -> None:
 def test_outputs_of_motors_are_shares_of_a_range_of_a_hundred_microseconds(high: float, known: bool) -> None:
     pulses = np.array([900.0, 1000.0, 1025.0, 1050.0, 1100.0, 1300.0])
     columns = {f"C{n}": pulses + (n == 2) for n in range(1, 5)}
-    builder, clock, _ = made(("RCOU", 0, columns))
-    values = {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": high}
-    found = sensors.motor_outputs(builder, clock, "quadrotor", values)
+    builder = made(("RCOU", 0, columns), MOT_PWM_MIN=1000.0, MOT_PWM_MAX=high)
+    builder.log.vehicle = "quadrotor"
+    found = sensors.motor_outputs(builder)
     assert (found is not None) is known
     if found is not None:
         np.testing.assert_allclose(found.x[:, 0], [0.0, 0.0, 0.25, 0.5, 1.0, 1.0])
@@ -367,11 +369,11 @@ def test_outputs_of_motors_are_shares_of_a_range_of_a_hundred_microseconds(high:
 def test_without_limits_of_motors_those_of_the_throttle_channel_count() -> None:
     columns = {f"C{n}": np.full(N, 1200.0) for n in range(1, 5)}
     for channel, share in ((None, 0.1), (1, 0.2)):
-        builder, clock, _ = made(("RCOU", 0, columns))
+        builder = made(("RCOU", 0, columns))
         values = {"RC3_MIN": 1100.0, "RC3_MAX": 2100.0, "RC1_MIN": 1000.0, "RC1_MAX": 2000.0}
-        found = sensors.motor_outputs(
-            builder, clock, "quadrotor", values | ({} if channel is None else {"RCMAP_THROTTLE": 1.0})
-        )
+        builder.log.vehicle = "quadrotor"
+        builder.values = values | ({} if channel is None else {"RCMAP_THROTTLE": 1.0})
+        found = sensors.motor_outputs(builder)
         assert found is not None
         np.testing.assert_allclose(found.x, share)
 
@@ -434,9 +436,8 @@ def told(record: str, rows: Iterable[tuple[int, ...]], step_us: int = 1_000_000)
     names = ("Subsys", "ECode") if record == "ERR" else ("Id",)
     columns = {"TimeUS": 10_000_000 + step_us * np.arange(len(numbers)).astype(np.uint64)}
     made = messages("dataflash", {(record, 0): columns | {n: numbers[:, k] for k, n in enumerate(names)}})
-    builder = LogBuilder(made)
-    builder.t0_us = 10_000_000
-    vehicle.report_events(builder, RecordClock(made))
+    builder = DataflashBuilder(made, t0_us=10_000_000)
+    vehicle.report_events(builder)
     return builder.problems
 
 
@@ -481,8 +482,8 @@ def test_more_than_a_hundred_kinds_are_damage(kinds: int, shown: int) -> None:
 
 def test_records_without_their_columns_say_nothing() -> None:
     made = messages("dataflash", {("ERR", 0): {"TimeUS": np.array([10_000_000]), "Subsys": np.array([16])}})
-    builder = LogBuilder(made)
-    vehicle.report_events(builder, RecordClock(made))
+    builder = DataflashBuilder(made)
+    vehicle.report_events(builder)
     assert builder.problems == []
 
 

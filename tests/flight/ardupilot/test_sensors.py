@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 import attlog
 from attlog.flight.ardupilot import sensors
-from attlog.flight.builder import LogBuilder
+from attlog.flight.ardupilot.imu import DataflashBuilder
 from attlog.flight.model import Burst
 from attlog.formats.table import Messages
 from tests.flight import fake
@@ -51,7 +50,9 @@ def logged(lost: tuple[int, int] | None = None, **head: Any) -> Messages:
 
 
 def bursts(messages: Messages, **values: float) -> list[Burst]:
-    return sensors.read_bursts(LogBuilder(messages, t0_us=START), values)
+    builder = DataflashBuilder(messages, t0_us=START)
+    builder.values = values
+    return sensors.read_bursts(builder)
 
 
 def test_samples_come_back_by_the_headers_factor_and_time() -> None:
@@ -135,6 +136,5 @@ def test_a_counter_of_clipped_samples_that_begins_anew_has_counted_none() -> Non
     """3, 2 and 4 new ones; between them the counter falls back to 0, as after a restart of the sensor's driver."""
     counter = {"TimeUS": fake.micros(6, 10.0), "Clip0": np.array([7, 10, 10, 0, 2, 6], np.uint32)}
     log = fake.messages("dataflash", {("IMU", 0): {"TimeUS": fake.micros(5, 50.0)}, ("VIBE", 0): counter})
-    clock: Any = SimpleNamespace(of=lambda table: table["TimeUS"].astype(np.int64))
-    (found,) = sensors.clippings(LogBuilder(log), clock)
+    (found,) = sensors.clippings(DataflashBuilder(log))
     assert (found.source, found.new.tolist()) == ("VIBE.Clip0", [0, 3, 0, 0, 2, 4])

@@ -9,11 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.flight.builder import LogBuilder
 from attlog.flight.calibration import board_rotation, px4_calibrate
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
-from attlog.flight.px4.reader import rangefinder_stream
+from attlog.flight.px4.imu import TopicBuilder
+from attlog.flight.px4.sensors import rangefinder_stream
 from tests.flight import fake
 from tests.flight.fake import gravity, level, messages, micros
 
@@ -469,6 +469,6 @@ def test_of_a_rangefinder_only_readings_with_a_signal_and_in_range_count() -> No
         "signal_quality": np.array([80, 0, -1, 90, 90, 1], np.int8),
         "orientation": np.full(6, 25, np.uint8),
     }
-    found = rangefinder_stream(LogBuilder(fake.messages("ulog", {("distance_sensor", 0): columns}), t0_us=10_000_000))
+    found = rangefinder_stream(TopicBuilder(fake.messages("ulog", {("distance_sensor", 0): columns}), t0_us=10_000_000))
     assert found is not None
     assert found.x[:, 0].tolist() == [1.0, 3.0, 6.0]

@@ -10,9 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import attlog
-from attlog.flight.builder import LogBuilder
-from attlog.flight.model import Problem
-from attlog.flight.px4 import imu, reader, sensors
+from attlog.flight.gnss import utc_offset
+from attlog.flight.model import Problem, TimeLine
+from attlog.flight.px4 import estimator, imu, reader, sensors
+from attlog.flight.px4.imu import TopicBuilder
 from attlog.health.vibration import sample_levels, second_means
 from tests.flight import fake
 from tests.flight.fake import messages, micros
@@ -21,14 +22,14 @@ N = 6
 T = fake.micros(N, 10.0)
 
 
-def builder(**topics: dict[str, Any]) -> LogBuilder:
+def builder(**topics: dict[str, Any]) -> TopicBuilder:
     """Topics by ``name`` or ``name_at_instance``; each gets the same stamps."""
     tables = {}
     for key, columns in topics.items():
         name, _, instance = key.partition("_at_")
         made = {"timestamp": T, **{k: np.asarray(v) for k, v in columns.items()}}
         tables[name, int(instance or 0)] = made
-    return LogBuilder(fake.messages("ulog", tables), t0_us=int(T[0]))
+    return TopicBuilder(fake.messages("ulog", tables), t0_us=int(T[0]))
 
 
 def ramp(*factors: float) -> np.ndarray:
@@ -42,7 +43,7 @@ def distance(**more: Any) -> dict[str, Any]:
 def test_the_first_rangefinder_that_always_looks_down_counts() -> None:
     aside = np.full(N, 25, np.uint8)
     aside[3] = 0
-    found = reader.rangefinder_stream(
+    found = sensors.rangefinder_stream(
         builder(
             distance_sensor=distance(orientation=aside),
             distance_sensor_at_1=distance(current_distance=2.0 * ramp(1.0)[:, 0]),
@@ -51,9 +52,9 @@ def test_the_first_rangefinder_that_always_looks_down_counts() -> None:
     )
     assert found is not None
     assert (found.source, found.x[:, 0].tolist()) == ("distance_sensor:1", [2.0, 4.0, 6.0, 8.0, 10.0, 12.0])
-    assert reader.rangefinder_stream(builder(distance_sensor=distance(orientation=np.zeros(N, np.uint8)))) is None
+    assert sensors.rangefinder_stream(builder(distance_sensor=distance(orientation=np.zeros(N, np.uint8)))) is None
     few = distance(current_distance=np.array([1.0, 0.0, np.nan, -1.0, 0.0, 0.0], np.float32))
-    assert reader.rangefinder_stream(builder(distance_sensor=few)) is None
+    assert sensors.rangefinder_stream(builder(distance_sensor=few)) is None
 
 
 def receiver(**more: Any) -> dict[str, Any]:
@@ -76,7 +77,7 @@ def test_positions_are_tenths_of_a_microdegree_and_millimetres_or_degrees_and_me
     degrees = {"latitude_deg": np.full(N, 47.3977420), "longitude_deg": np.full(N, -8.5455940)}
     degrees["altitude_msl_m"] = np.full(N, 488.15)
     for columns in (receiver(), {k: v for k, v in receiver(**degrees).items() if k not in ("lat", "lon", "alt")}):
-        (one,) = reader.read_receivers(builder(vehicle_gps_position=columns))
+        (one,) = sensors.receivers(builder(vehicle_gps_position=columns))
         assert (one.lat[0], one.lon[0], one.alt[0]) == pytest.approx((47.3977420, -8.5455940, 488.15))
         np.testing.assert_allclose(one.vel_ned, ramp(1.0, -2.0, 0.5))
         assert (one.h_acc[0], one.v_acc[0], one.s_acc[0]) == pytest.approx((0.8, 1.6, 0.3), rel=1e-6)
@@ -84,7 +85,7 @@ def test_positions_are_tenths_of_a_microdegree_and_millimetres_or_degrees_and_me
 
 def test_a_velocity_that_is_said_to_be_invalid_is_none() -> None:
     valid = np.array([1, 1, 0, 1, 0, 1], np.uint8)
-    (one,) = reader.read_receivers(builder(vehicle_gps_position=receiver(vel_ned_valid=valid)))
+    (one,) = sensors.receivers(builder(vehicle_gps_position=receiver(vel_ned_valid=valid)))
     assert np.isnan(one.vel_ned).any(axis=1).tolist() == [False, False, True, False, True, False]
 
 
@@ -92,47 +93,53 @@ def test_the_topic_that_was_logged_faster_is_the_receiver() -> None:
     made = builder(vehicle_gps_position=receiver(), sensor_gps=receiver())
     short = {"timestamp": T[:3], **{k: v[:3] for k, v in receiver().items()}}
     tables: Any = {("vehicle_gps_position", 0): short, ("sensor_gps", 1): {"timestamp": T, **receiver()}}
-    faster = LogBuilder(fake.messages("ulog", tables), t0_us=int(T[0]))
-    assert reader.read_receivers(made)[0].source == "vehicle_gps_position:0"
-    assert reader.read_receivers(faster)[0].source == "sensor_gps:1"
-    assert reader.read_receivers(builder(other={"x": np.zeros(N)})) == []
+    faster = TopicBuilder(fake.messages("ulog", tables), t0_us=int(T[0]))
+    assert sensors.receivers(made)[0].source == "vehicle_gps_position:0"
+    assert sensors.receivers(faster)[0].source == "sensor_gps:1"
+    assert sensors.receivers(builder(other={"x": np.zeros(N)})) == []
 
 
 def test_the_date_is_the_median_of_what_receivers_with_a_fix_tell() -> None:
     unix = 1_700_000_000_000_000 + (T - T[0]).astype(np.int64)
     unix[1] += 90_000_000
     columns = receiver(time_utc_usec=unix.astype(np.uint64))
-    assert reader.utc_offset(reader.read_receivers(builder(vehicle_gps_position=columns))) == pytest.approx(1.7e9)
+    assert date(columns) == pytest.approx(1.7e9)
     columns["fix_type"] = np.full(N, 1, np.uint8)
-    assert reader.utc_offset(reader.read_receivers(builder(vehicle_gps_position=columns))) is None
+    assert date(columns) is None
     columns["fix_type"], columns["time_utc_usec"] = np.full(N, 3, np.uint8), np.zeros(N, np.uint64)
-    assert reader.utc_offset(reader.read_receivers(builder(vehicle_gps_position=columns))) is None
+    assert date(columns) is None
+
+
+def date(columns: dict[str, Any]) -> float | None:
+    made = builder(vehicle_gps_position=columns)
+    made.log.gnss = sensors.receivers(made)
+    return utc_offset(made)
 
 
 def test_thrust_is_the_length_of_the_set_point_or_the_throttle_of_old_versions() -> None:
     thrust = ramp(0.03, -0.04, 0.12)
     both = builder(vehicle_thrust_setpoint={"xyz": thrust}, vehicle_rates_setpoint={"thrust_body": 0.5 * thrust})
-    found = reader.throttle_stream(both)
+    found = sensors.throttle_stream(both)
     assert found is not None
     np.testing.assert_allclose(found.x[:, 0], 0.13 * np.arange(1, N + 1), rtol=1e-5)
-    old = reader.throttle_stream(builder(vehicle_attitude_setpoint={"thrust": ramp(-0.1)[:, 0]}))
+    old = sensors.throttle_stream(builder(vehicle_attitude_setpoint={"thrust": ramp(-0.1)[:, 0]}))
     assert old is not None
     np.testing.assert_allclose(old.x[:, 0], 0.1 * np.arange(1, N + 1), rtol=1e-5)
-    assert reader.throttle_stream(builder(vehicle_attitude_setpoint={"q_d": np.zeros((N, 4))})) is None
+    assert sensors.throttle_stream(builder(vehicle_attitude_setpoint={"q_d": np.zeros((N, 4))})) is None
 
 
 def test_only_rotors_that_ever_turn_are_rotors() -> None:
     columns = {f"esc[{k}].esc_rpm": (1000 * k * np.arange(N)).astype(np.int32) for k in (0, 1, 3)}
-    found = reader.rpm_stream(builder(esc_status=columns))
+    found = sensors.rpm_stream(builder(esc_status=columns))
     assert found is not None
     assert found.x[-1].tolist() == [5000.0, 15000.0]
-    assert reader.rpm_stream(builder(esc_status={"esc[0].esc_rpm": np.zeros(N, np.int32)})) is None
-    assert reader.rpm_stream(builder(esc_status={"count": np.zeros(N)})) is None
+    assert sensors.rpm_stream(builder(esc_status={"esc[0].esc_rpm": np.zeros(N, np.int32)})) is None
+    assert sensors.rpm_stream(builder(esc_status={"count": np.zeros(N)})) is None
 
 
 def test_a_current_of_minus_one_was_not_measured() -> None:
     amperes = np.array([1.0, -1.0, 3.0, 4.0, 5.0, 6.0], np.float32)
-    found = reader.battery_stream(builder(battery_status={"voltage_v": ramp(3.0)[:, 0], "current_a": amperes}))
+    found = sensors.battery_stream(builder(battery_status={"voltage_v": ramp(3.0)[:, 0], "current_a": amperes}))
     assert found is not None
     assert found.x[:, 0].tolist() == pytest.approx([3.0, 6.0, 9.0, 12.0, 15.0, 18.0])
     assert np.isnan(found.x[:, 1]).tolist() == [False, True, False, False, False, False]
@@ -144,29 +151,29 @@ def test_set_points_are_quaternions_or_where_these_are_unset_euler_angles() -> N
     q = np.tile(given, (N, 1)).astype(np.float32)
     q[2:] = 0.0
     euler = dict(zip(("roll_body", "pitch_body", "yaw_body"), angles.T, strict=True))
-    found = reader.attitude_setpoint(builder(vehicle_attitude_setpoint={"q_d": q, **euler}))
+    found = estimator.attitude_setpoint(builder(vehicle_attitude_setpoint={"q_d": q, **euler}))
     assert found is not None
     wanted = np.roll(Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat(), 1, axis=1)
     wanted[:2] = given
     same = np.abs(np.sum(found.q * wanted, axis=1))
     np.testing.assert_allclose(same, 1.0, atol=1e-6)
-    alone = reader.attitude_setpoint(builder(vehicle_attitude_setpoint={"q_d": q}))
+    alone = estimator.attitude_setpoint(builder(vehicle_attitude_setpoint={"q_d": q}))
     assert alone is not None
     assert len(alone.t) == 2
-    assert reader.attitude_setpoint(builder(vehicle_attitude_setpoint={"q_d": 0.0 * q})) is None
+    assert estimator.attitude_setpoint(builder(vehicle_attitude_setpoint={"q_d": 0.0 * q})) is None
 
 
 def test_rates_biases_and_airspeed_keep_their_axes() -> None:
-    rates = reader.rate_setpoint_stream(
+    rates = sensors.rate_setpoint_stream(
         builder(vehicle_rates_setpoint=dict(zip(("roll", "pitch", "yaw"), ramp(0.1, 0.2, -0.3).T, strict=True)))
     )
     assert rates is not None
     np.testing.assert_allclose(rates.x, ramp(0.1, 0.2, -0.3), rtol=1e-6)
-    bias = reader.acc_bias_stream(builder(estimator_sensor_bias={"accel_bias": ramp(0.01, -0.02, 0.03)}))
+    bias = estimator.acc_bias_stream(builder(estimator_sensor_bias={"accel_bias": ramp(0.01, -0.02, 0.03)}))
     assert bias is not None
     np.testing.assert_allclose(bias.x, ramp(0.01, -0.02, 0.03), rtol=1e-6)
     speed = {"true_airspeed_m_s": ramp(2.0)[:, 0]}
-    found = reader.airspeed_stream(builder(airspeed={"true_airspeed_m_s": ramp(9.0)[:, 0]}, airspeed_validated=speed))
+    found = sensors.airspeed_stream(builder(airspeed={"true_airspeed_m_s": ramp(9.0)[:, 0]}, airspeed_validated=speed))
     assert found is not None
     assert (found.source, found.x[0, 0]) == ("airspeed_validated", 2.0)
 
@@ -174,9 +181,9 @@ def test_rates_biases_and_airspeed_keep_their_axes() -> None:
 def test_barometers_are_those_of_the_first_topic_that_has_any_and_repeats_count_once() -> None:
     high = np.array([5.0, 5.0, 6.0, 6.0, 7.0, 7.0], np.float32)
     both = builder(sensor_combined={"baro_alt_meter": high}, sensor_baro={"altitude": ramp(1.0)[:, 0]})
-    (one,) = reader.baro_streams(both)
+    (one,) = sensors.baro_streams(both)
     assert (one.source, one.x[:, 0].tolist()) == ("sensor_combined:0", [5.0, 6.0, 7.0])
-    two = reader.baro_streams(
+    two = sensors.baro_streams(
         builder(sensor_baro={"altitude": ramp(1.0)[:, 0]}, sensor_baro_at_1={"altitude": ramp(3.0)[:, 0]})
     )
     assert [s.x[1, 0] for s in two] == [2.0, 6.0]
@@ -191,7 +198,9 @@ def test_barometers_are_those_of_the_first_topic_that_has_any_and_repeats_count_
 )
 def test_the_vehicle_is_what_its_status_says(columns: dict[str, Any], mav_type: float | None, said: str) -> None:
     made = builder(vehicle_status=columns)
-    assert reader.vehicle_type(made.messages.tables["vehicle_status", 0], mav_type) == said
+    if mav_type is not None:
+        made.log.parameters.lines["MAV_TYPE"] = TimeLine(np.zeros(1), [mav_type], "made")
+    assert sensors.vehicle_type(made) == said
 
 
 def test_the_version_is_three_bytes_and_the_kind_of_release_the_fourth() -> None:
@@ -217,7 +226,7 @@ def test_a_log_is_simulated_by_its_board_its_state_or_its_truth(
         topics["vehicle_attitude_groundtruth"] = {"q": np.zeros((N, 4))}
     made = builder(**topics)
     made.messages.info.update(info)
-    assert reader.is_simulated(made, made.messages.tables["vehicle_status", 0]) is simulated
+    assert sensors.is_simulated(made) is simulated
 
 
 def test_units_are_found_by_the_device_of_their_increments_else_of_their_status_else_of_the_raw_gyro() -> None:
@@ -229,9 +238,6 @@ def test_units_are_found_by_the_device_of_their_increments_else_of_their_status_
         sensor_gyro={"device_id": np.full(N, 12, np.uint32)},
     )
     assert imu.units_of_devices(made, {11, 12, 13, 14, 0, 99}) == {11: 0, 12: 1, 13: 0, 14: 2}
-    assert imu.unit_of_device(made, 14) == 2
-    assert imu.unit_of_device(made, 99) is None
-    assert imu.unit_of_device(made, 0) is None
 
 
 def test_unix_time_is_that_of_the_first_receiver_with_a_fix() -> None:
@@ -241,9 +247,14 @@ def test_unix_time_is_that_of_the_first_receiver_with_a_fix() -> None:
         return SimpleNamespace(t=t, utc_us=utc, fix=np.full(6, fix))
 
     none = SimpleNamespace(t=np.arange(6.0), utc_us=None, fix=np.full(6, 3))
-    assert reader.utc_offset([none, one(1, 8e15), one(2, 1.7e15), one(3, 1.6e15)]) == pytest.approx(1.7e9)
-    assert reader.utc_offset([one(3, 1.5e15, unknown=4)]) == pytest.approx(1.5e9)
-    assert reader.utc_offset([one(3, 0.0, unknown=6), none]) is None
+    made = builder()
+    for receivers, unix in (
+        ([none, one(1, 8e15), one(2, 1.7e15), one(3, 1.6e15)], 1.7e9),
+        ([one(3, 1.5e15, unknown=4)], 1.5e9),
+        ([one(3, 0.0, unknown=6), none], None),
+    ):
+        made.log.gnss = receivers
+        assert utc_offset(made) == (None if unix is None else pytest.approx(unix))
 
 
 # Masks of a gyro at the end of its range count from 1.15 on, where values are masks and something else agrees.
@@ -261,7 +272,7 @@ def told(mask: Any, rate: float, release: Any = 0x010F0000, counter: int = 0) ->
     }
     info = {} if release is None else {"ver_sw_release": release}
     tables = {("sensor_combined", 0): combined, ("vehicle_imu_status", 0): status}
-    builder = LogBuilder(messages("ulog", tables, info=info))
+    builder = TopicBuilder(messages("ulog", tables, info=info))
     rates = np.zeros((MASK_RECORDS, 3))
     rates[5, 2] = -rate
     table = builder.messages.tables["sensor_combined", 0]
@@ -305,8 +316,7 @@ def test_counters_count_their_growth_over_all_axes_and_masks_their_samples() -> 
             "accelerometer_clipping": SOME.astype(np.uint8),
         },
     }
-    builder = LogBuilder(messages("ulog", tables))
-    builder.t0_us = 10_000_000
+    builder = TopicBuilder(messages("ulog", tables), t0_us=10_000_000)
     unit, mask = imu.clippings(builder)
     assert (unit.sensor, unit.unit, unit.whole, unit.source) == (
         "accelerometer",
@@ -331,7 +341,7 @@ def test_increments_of_velocity_become_accelerations_in_old_versions() -> None:
     new = old | {"var_accel": np.zeros((VIBRATION_RECORDS, 3), np.float32)}
     imu = {"timestamp": t, "delta_velocity_dt": np.full(VIBRATION_RECORDS, 4000, np.uint32)}
     tables = {("vehicle_imu_status", 0): old, ("vehicle_imu_status", 1): new, ("vehicle_imu", 0): imu}
-    levels = sensors.vibration_levels(LogBuilder(fake.messages("ulog", tables), t0_us=int(t[0])))
+    levels = sensors.vibration_levels(TopicBuilder(fake.messages("ulog", tables), t0_us=int(t[0])))
     assert [(v.unit, v.measure) for v in levels] == [(0, "difference"), (1, "difference")]
     assert levels[0].level == pytest.approx(0.05 / 0.004)
     assert levels[1].level == pytest.approx(0.05)
@@ -341,7 +351,7 @@ def test_without_increments_the_default_rate_counts() -> None:
     t = fake.micros(VIBRATION_RECORDS, 1.0)
     old = {"timestamp": t, "accel_vibration_metric": np.full(VIBRATION_RECORDS, 0.05, np.float32)}
     (found,) = sensors.vibration_levels(
-        LogBuilder(fake.messages("ulog", {("vehicle_imu_status", 0): old}), t0_us=int(t[0]))
+        TopicBuilder(fake.messages("ulog", {("vehicle_imu_status", 0): old}), t0_us=int(t[0]))
     )
     assert found.level == pytest.approx(10.0)
 
@@ -357,7 +367,7 @@ def test_impossible_peaks_of_the_onboard_spectrum_are_none() -> None:
         for axis, value in zip("xyz", (-5.0, 1e9, 150.0), strict=True)
     }
     found = sensors.onboard_spectrum(
-        LogBuilder(fake.messages("ulog", {("sensor_gyro_fft", 0): table}), t0_us=int(t[0]))
+        TopicBuilder(fake.messages("ulog", {("sensor_gyro_fft", 0): table}), t0_us=int(t[0]))
     )
     assert found is not None
     assert found.peaks.shape == (VIBRATION_RECORDS, 9)
