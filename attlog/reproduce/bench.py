@@ -1,4 +1,4 @@
-"""The same experiment for many seeds, in several processes; results in the order of the seeds."""
+"""Experiments shared by the papers: seeds in processes, filters over simulated samples, responses, spectra, cost."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ STAGES = logging.getLogger("attlog.stages")
 
 
 def run_seeds(what: str, experiment: Callable[..., Outcome], options: PaperOptions, *arguments: Any) -> list[Outcome]:
-    """``experiment(seed, *arguments)`` for seeds 0, 1, ... as ``options`` say. AttlogError if a process dies.
+    """Return ``experiment(seed, *arguments)`` for seeds 0, 1, ... in their order.
 
-    ``experiment`` is a function of a module and its result pickles; ``what`` is said while it works.
+    ``experiment`` is a function of a module and its result pickles; ``what``: text of the progress. AttlogError if
+    a process dies.
     """
     return run_each(what, experiment, [(seed, *arguments) for seed in range(options.seeds)], options)
 
@@ -38,7 +39,7 @@ def run_seeds(what: str, experiment: Callable[..., Outcome], options: PaperOptio
 def run_each(
     what: str, experiment: Callable[..., Outcome], work: Sequence[tuple[Any, ...]], options: PaperOptions
 ) -> list[Outcome]:
-    """``experiment(*arguments)`` for each of ``work``, in its order."""
+    """Return ``experiment(*arguments)`` for each of ``work``, in its order."""
     if options.processes <= 1 or len(work) <= 1:
         found: dict[int, Outcome] = {}
         for k, arguments in enumerate(work):
@@ -54,18 +55,18 @@ def run_each(
     return [found[k] for k in range(len(work))]
 
 
-# The inertial and magnetic samples of a simulated flight, filters run over them, angles for people.
-
 Array = NDArray[np.float64]
 AXES = ("roll", "pitch", "heading")
+# Bench flights use the true attitude; filters run over the samples afterwards.
 FLOWN_ON_TRUTH = EstimatorChoice("truth")
-"""On the bench nothing flies on an estimate: filters are run over the samples afterwards."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightSamples:
-    """What a filter gets: ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` T (n, 3; NaN rows without a new one) at ``t`` (n,) s;
-    and what it should find, ``q`` (n, 4). Heading counts from true north, ``declination_deg`` east of it is the field.
+    """Input of a filter: ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` T (n, 3) at ``t`` (n,) s, and the truth ``q`` (n, 4).
+
+    Rows of ``mag`` are NaN without a new field. Heading counts from true north, the field is ``declination_deg``
+    east of it.
     """
 
     t: Array
@@ -80,7 +81,7 @@ class FlightSamples:
 
 @dataclass(frozen=True, slots=True)
 class FilterOutput:
-    """What a filter found: ``q`` (n, 4) at ``t`` (n,) s and ``truth`` (n, 4) at the same times."""
+    """Attitudes of a filter: ``q`` (n, 4) at ``t`` (n,) s and ``truth`` (n, 4) at the same times."""
 
     t: Array
     q: Array
@@ -88,27 +89,27 @@ class FilterOutput:
 
     @property
     def angles(self) -> Array:
-        """Roll, pitch, heading (n, 3) in deg, heading without jumps."""
+        """Return roll, pitch, heading (n, 3) in deg, heading without jumps."""
         return angles(self.q)
 
     @property
     def errors(self) -> Array:
-        """Errors of roll, pitch and heading (n, 3) in deg, within 180 deg."""
+        """Return errors of roll, pitch and heading (n, 3) in deg, within 180 deg."""
         return np.asarray(np.degrees(rotation.wrap(rotation.to_euler(self.q) - rotation.to_euler(self.truth))))
 
     @property
     def tilt_error(self) -> Array:
-        """The angle (n,) in deg between the true vertical and the one that was found."""
+        """Return the angle (n,) in deg between true and estimated vertical."""
         return np.asarray(np.degrees(rotation.tilt_angle(rotation.earth_error(self.q, self.truth))))
 
     @property
     def heading_error(self) -> Array:
-        """The error (n,) in deg about the vertical."""
+        """Return the error (n,) in deg about the vertical."""
         return np.asarray(np.degrees(rotation.heading_angle(rotation.earth_error(self.q, self.truth))))
 
 
 def flight_samples(flight: Flight, *, mag: bool = True) -> FlightSamples:
-    """The first inertial unit of a flight, with the first magnetometer placed on its times unless ``mag`` is False."""
+    """Return the first IMU of a flight, with the first magnetometer at its times unless ``mag`` is False."""
     imu = flight.imus[0]
     t = imu.t_sample
     field = None
@@ -119,7 +120,7 @@ def flight_samples(flight: Flight, *, mag: bool = True) -> FlightSamples:
 
 
 def run_filter(row: str, s: FlightSamples, q0: Array | None = None) -> FilterOutput:
-    """A filter (``mahony@xu-0.6``) over the samples, from its own start or from ``q0`` (4,)."""
+    """Run a filter (``mahony@xu-0.6``) over the samples, from its own start or from ``q0`` (4,)."""
     found = estimators.estimate(
         row, s.t, s.gyr, s.acc, s.mag, sampling=s.sampling, dt=s.dt, q0=q0, declination=s.declination_deg
     )
@@ -127,7 +128,7 @@ def run_filter(row: str, s: FlightSamples, q0: Array | None = None) -> FilterOut
 
 
 def gravity_error(s: FlightSamples, found: FilterOutput) -> Array:
-    """|e| (n,): the sine of the angle between measured gravity and that of the attitude found (Lyu 13-15)."""
+    """Return |e| (n,): the sine of the angle between measured and estimated gravity (Lyu 13-15)."""
     acc = s.acc[np.searchsorted(s.t, found.t)]
     seen = -acc / np.linalg.norm(acc, axis=1, keepdims=True)
     expected = rotation.rotate_inverse(found.q, np.array([0.0, 0.0, 1.0]))
@@ -135,22 +136,19 @@ def gravity_error(s: FlightSamples, found: FilterOutput) -> Array:
 
 
 def angles(q: Array) -> Array:
-    """Roll, pitch, heading (n, 3) in deg of attitudes (n, 4), heading without jumps."""
+    """Return roll, pitch, heading (n, 3) in deg of attitudes (n, 4), heading without jumps."""
     found = np.array(rotation.to_euler(q))
     found[:, 2] = np.unwrap(found[:, 2])
     return np.asarray(np.degrees(found))
 
 
 def rms(x: Array) -> float:
-    """The root of the mean square of what is finite."""
+    """Return the root of the mean square of finite values."""
     return float(np.sqrt(np.nanmean(np.square(x))))
 
 
-# How an attitude answers a movement: when it settles, how far it overshoots, how soon it rises, where it spikes.
-
-
 def settling_s(t: Array, error: Array, since: float, within: float) -> float:
-    """Seconds from ``since`` until |error| (n,) stays ``within`` for good; NaN if it never does."""
+    """Return seconds from ``since`` until |error| (n,) stays ``within`` for good; NaN if it never does."""
     late = t >= since
     beyond = np.flatnonzero(late & ~(np.abs(error) <= within))
     if not late.any() or (len(beyond) and beyond[-1] == len(t) - 1):
@@ -159,13 +157,13 @@ def settling_s(t: Array, error: Array, since: float, within: float) -> float:
 
 
 def overshoot_of(t: Array, y: Array, since: float, begin: float, end: float) -> float:
-    """How far ``y`` (n,) goes beyond ``end`` after ``since``, coming from ``begin``, in the unit of ``y``."""
+    """Return how far ``y`` (n,) passes ``end`` after ``since``, coming from ``begin``."""
     beyond = (y[t >= since] - end) * np.sign(end - begin)
     return max(0.0, float(np.nanmax(beyond))) if len(beyond) else float("nan")
 
 
 def crossing_s(t: Array, y: Array, since: float, begin: float, end: float, share: float) -> float:
-    """When ``y`` (n,) first has gone ``share`` of the way from ``begin`` to ``end`` after ``since``; NaN if never."""
+    """Return when ``y`` (n,) first is at ``share`` of the way from ``begin`` to ``end``; NaN if never."""
     gone = (y - begin) / (end - begin)
     hit = np.flatnonzero((t >= since) & (gone >= share))
     if not len(hit):
@@ -177,14 +175,14 @@ def crossing_s(t: Array, y: Array, since: float, begin: float, end: float, share
 
 
 def rise_s(t: Array, y: Array, since: float, begin: float, end: float) -> float:
-    """Seconds from 10 to 90 % of the way from ``begin`` to ``end``; NaN if it does not get there."""
+    """Return seconds from 10 to 90 % of the way from ``begin`` to ``end``; NaN if never."""
     return crossing_s(t, y, since, begin, end, 0.9) - crossing_s(t, y, since, begin, end, 0.1)
 
 
 def quick_errors(t: Array, error: Array, within_s: float = 2.0, step_s: float = 0.04) -> tuple[Array, Array]:
-    """What is quick in an error (n, k): its distance from its own running median over ``within_s``, every ``step_s``.
+    """Return the distance of an error (n, k) from its running median, every ``step_s``.
 
-    Times (m,) and distances (m, k); half a window at both ends is left out.
+    Median over ``within_s``. Times (m,) and distances (m, k); half a window at both ends is left out.
     """
     every = max(1, round(step_s * (len(t) - 1) / float(t[-1] - t[0])))
     t, error = t[::every], error[::every]
@@ -194,9 +192,9 @@ def quick_errors(t: Array, error: Array, within_s: float = 2.0, step_s: float = 
 
 
 def count_spikes(t: Array, error: Array, threshold: float, apart_s: float = 0.5) -> tuple[int, float]:
-    """How many times |error| (n,) rises beyond a threshold, and its peak.
+    """Return the number of times |error| (n,) exceeds a threshold, and its peak.
 
-    Excursions less than ``apart_s`` after one another count once.
+    Excursions less than ``apart_s`` apart count once.
     """
     over = np.flatnonzero(np.abs(error) > threshold)
     count = 0 if not len(over) else 1 + int(np.sum(np.diff(t[over]) > apart_s))
@@ -204,19 +202,14 @@ def count_spikes(t: Array, error: Array, threshold: float, apart_s: float = 0.5)
 
 
 def detrended_std(t: Array, y: Array) -> float:
-    """The standard deviation of ``y`` (n,) about its straight line."""
+    """Return the standard deviation of ``y`` (n,) about its straight line."""
     line = np.polynomial.Polynomial.fit(t, y, 1)
     return float(np.std(y - line(t), ddof=2))
 
 
-# How much a signal moves within a band of frequencies, at which frequency most, and at which in the mean.
-#
-# Power by Welch's method (1967): windows of 10 s that overlap by half, each without its straight line, tapered by
-# Hann's window. The band's RMS is the root of the power between its ends.
-
 SPECTRUM_WINDOW_S = 10.0
+# Fewest samples of a window.
 MIN_WINDOW_SAMPLES = 8
-"""Samples that a window must have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,17 +220,19 @@ class Spectrum:
     density: Array
 
     def rms(self, band: tuple[float, float]) -> float:
-        """The RMS between two frequencies (Hz, the first included) in the unit of the signal."""
+        """Return the RMS between two frequencies (Hz, the first included)."""
         return math.sqrt(float(np.sum(self.density[self._inside(band)])) * float(self.f[1]))
 
     def dominant_hz(self, band: tuple[float, float]) -> float:
-        """The frequency of the band with most power per octave (f times density)."""
+        """Return the frequency of the band with most power per octave (f times density)."""
         inside = np.flatnonzero(self._inside(band))
         return float(self.f[inside[np.argmax(self.f[inside] * self.density[inside])]])
 
     def crossing_hz(self, band: tuple[float, float]) -> float:
-        """How often the part of the signal within the band crosses zero upwards, 1/s: the root of the mean of f^2,
-        weighted by power (Rice 1944)."""
+        """Return upward zero crossings per second of the part in the band.
+
+        The root of the mean of f^2, weighted by power (Rice 1944).
+        """
         inside = self._inside(band)
         power = self.density[inside]
         return math.sqrt(float(np.sum(self.f[inside] ** 2 * power)) / float(np.sum(power)))
@@ -247,9 +242,10 @@ class Spectrum:
 
 
 def spectrum(t: Array, y: Array, window_s: float = SPECTRUM_WINDOW_S) -> Spectrum:
-    """The spectrum of ``y`` (n,) at even times ``t`` (n,) s; a signal shorter than the window is one window.
+    """Return the spectrum of ``y`` (n,) at even times ``t`` (n,) s.
 
-    ValueError for less than 8 samples.
+    Welch's method (1967): windows of 10 s that overlap by half, each without its straight line, tapered by Hann's
+    window; a shorter signal is one window. ValueError for less than 8 samples.
     """
     if len(t) < MIN_WINDOW_SAMPLES:
         raise ValueError(f"{len(t)} samples are too few for a spectrum")
@@ -259,7 +255,7 @@ def spectrum(t: Array, y: Array, window_s: float = SPECTRUM_WINDOW_S) -> Spectru
 
 
 def spectrum_of_windows(dt: float, windows: Sequence[Array]) -> Spectrum:
-    """The mean spectrum of windows (n,) of one length, samples ``dt`` s apart."""
+    """Return the mean spectrum of windows (n,) of one length, samples ``dt`` s apart."""
     size = len(windows[0])
     taper = np.hanning(size + 1)[:-1]
     line = np.vander(np.arange(size) - 0.5 * (size - 1), 2)
@@ -273,8 +269,6 @@ def spectrum_of_windows(dt: float, windows: Sequence[Array]) -> Spectrum:
         density[-1] *= 0.5
     return Spectrum(np.asarray(np.fft.rfftfreq(size, dt), np.float64), np.asarray(density, np.float64))
 
-
-# What an update of a filter costs: processor time of kernels that are compiled alike, over the same samples.
 
 COST_ROUNDS, COST_UPDATES, COST_REPEATS, COST_RATE_HZ = 9, 4000, 7, 400.0
 COST_METHOD = f"Processor time of {COST_UPDATES:,} updates, compiled alike, {COST_ROUNDS} runs in turn."
@@ -291,7 +285,7 @@ class CostSamples:
 
 
 def cost_samples(updates: int = COST_UPDATES) -> CostSamples:
-    """The samples that every filter is timed with."""
+    """Return the samples that every filter is timed with."""
     rng = np.random.default_rng(0)
     t = np.arange(updates) / COST_RATE_HZ
     turn = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
@@ -306,10 +300,10 @@ def time_updates(
     updates: int = COST_UPDATES,
     repeats: int = COST_REPEATS,
 ) -> dict[str, list[float]]:
-    """Nanoseconds per update of each filter, ``rounds`` times in turn.
+    """Return nanoseconds per update of each filter, ``rounds`` times in turn.
 
-    ``every`` how many updates a new field comes, None: never. Of ``repeats`` runs of a round the fastest counts: the
-    others were interrupted by something.
+    ``every``: updates per new field, None: never. Of ``repeats`` runs of a round the fastest counts: the others
+    were interrupted.
     """
     s = cost_samples(updates)
     mag = None

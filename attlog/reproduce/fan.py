@@ -1,11 +1,14 @@
-"""Fan's conclusion: which filter is the more exact one, and which needs the more computation."""
+"""Fan: accelerometer and magnetometer alone, a Kalman filter with 12 states, a complementary filter, side by side.
+
+The paper prints no noise values, and the Kalman filter's bandwidth follows from them: every claim about its angles is
+judged with ours and with random walks three and ten times as large.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from attlog.reproduce import bench
-from attlog.reproduce.bench import AXES, run_seeds
+from attlog.reproduce.bench import AXES, COST_METHOD, run_seeds, time_updates
 from attlog.reproduce.fan_runs import (
     AHEAD,
     ARM_M,
@@ -53,7 +56,7 @@ from attlog.words.numbers import listed, quantity
 
 
 def exact_claim(found: list[FanSeed]) -> Judged:
-    """The error of the attitude, at rest and in rotation."""
+    """Judge the error of the attitude, at rest and in rotation."""
     numbers = [
         [
             ratio(
@@ -83,9 +86,9 @@ def exact_claim(found: list[FanSeed]) -> Judged:
         "and in rotation are below 1.",
         put_first(smallest_and_largest(pairs), (*pairs, *own)),
         combine_readings(verdicts),
-        f"It holds {by_walk(verdicts)}. The ratios are {range_text(pairs, 'ratio')}. The Kalman filter has no gyro bias "
-        "among its states: with a narrow band a bias tilts it. The complementary filter's gain of 3 leaves little of "
-        "it.",
+        f"It holds {by_walk(verdicts)}. The ratios are {range_text(pairs, 'ratio')}. The Kalman filter has no gyro "
+        "bias among its states: with a narrow band a bias tilts it. The complementary filter's gain of 3 leaves little "
+        "of it.",
         shown=2,
     )
     return claim, verdicts
@@ -96,14 +99,14 @@ def _attitude_error(seed: FanSeed, row: str, where: str) -> float:
 
 
 def cost_claim(spent: dict[str, list[float]]) -> Claim:
-    """Time per update; ``spent`` of :func:`attlog.reproduce.bench.time_updates`."""
+    """Judge the time per update; ``spent`` of :func:`time_updates`."""
     one = ratio("time per update, Kalman over complementary filter", spent[EKF], spent[FILTER])
     each = [mean(f"time per update, {CALLED[row]}", spent[row], "ns") for row in (EKF, FILTER)]
     return Claim(
         "dearer",
         "The Kalman filter needs many matrix operations, the complementary filter little computation.",
         "sections 5, 6",
-        f"{bench.COST_METHOD} Holds if the interval of the ratio is above 1.",
+        f"{COST_METHOD} Holds if the interval of the ratio is above 1.",
         (one, *each),
         above(one, 1.0),
         f"An update takes {quantity(each[0].value, 'ns')} and {quantity(each[1].value, 'ns')}. The sparse blocks of "
@@ -111,13 +114,11 @@ def cost_claim(spent: dict[str, list[float]]) -> Claim:
     )
 
 
-# Fan's figures, redrawn from the first seed, and the spread of all seeds by axis.
-
 AXIS_TITLES = tuple(f"{axis}, deg" for axis in AXES)
 
 
 def paper_figures(found: Sequence[FanSeed], called: Mapping[str, str], seed: int = 0) -> tuple[PaperFigure, ...]:
-    """At rest, in rotation, its errors, and the spread at rest over all seeds."""
+    """Draw rest, rotation, its errors, and the spread at rest over all seeds."""
     still, moved = at_rest(seed), hand_turns(seed)
     rows = {row: called[row] for row in (RAW, FILTER, EKF)}
     return (
@@ -174,20 +175,14 @@ def _spread_figure(found: Sequence[FanSeed], called: Mapping[str, str]) -> Paper
     )
 
 
-# Fan: accelerometer and magnetometer alone, a Kalman filter with 12 states and a complementary filter, side by side.
-#
-# The paper prints no noise values, and the Kalman filter's bandwidth follows from them: every claim about its angles
-# is
-# judged with ours and with random walks three and ten times as large.
-
+# Small: less than half of the raw angles' spread.
 SMALL = 0.5
-"""Less than half of the raw angles' spread is small."""
 
 
 def paper(options: PaperOptions) -> Paper:
-    """Fan's claims, measured."""
+    """Measure Fan's claims."""
     found = run_seeds("bench", one_seed, options)
-    spent = bench.time_updates((FILTER, EKF, AHEAD))
+    spent = time_updates((FILTER, EKF, AHEAD))
     judged = [_small_claim(found), _yaw_claim(found), _spikes_claim(found), _sooner_claim(found), exact_claim(found)]
     return Paper(
         "fan",
@@ -244,7 +239,7 @@ def _settings() -> tuple[PaperSetting, ...]:
 
 
 def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
-    """How many of the claims hold with one and the same random walks."""
+    """Return the number of claims that hold with one and the same random walks."""
     counts = [sum(one[k] == "holds" for one in verdicts) for k in range(len(WIDER))]
     said = [
         f"{count} with {CALLED[wider(f)].partition(', ')[2] or 'ours'}" for f, count in zip(WIDER, counts, strict=True)
@@ -379,8 +374,8 @@ def _sooner_claim(found: list[FanSeed]) -> Judged:
         (*delays, ahead, *rises),
         combine_readings(verdicts),
         f"It holds {by_walk(verdicts)}. The difference is {quantity(delays[0].value, 'ms')} with ours, "
-        f"{range_text(delays[1:], 'ms')} with wider ones. As printed the vectors turn by the rate of the sample before. "
-        f"That alone costs {quantity(ahead.value, 'ms')}, one sample.",
+        f"{range_text(delays[1:], 'ms')} with wider ones. As printed the vectors turn by the rate of the sample "
+        f"before. That alone costs {quantity(ahead.value, 'ms')}, one sample.",
         shown=len(delays),
     )
     return claim, verdicts

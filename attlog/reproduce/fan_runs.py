@@ -1,7 +1,7 @@
 """Fan's experiments for one seed: a minute at rest, and turned by hand to 45 deg both ways about each axis.
 
-Three ways to an attitude on the same samples: accelerometer and magnetometer alone, the Kalman filter with 12 states
-in its printed order, the complementary filter.
+Three attitudes of the same samples: accelerometer and magnetometer alone, the Kalman filter with 12 states in its
+printed order, the complementary filter.
 """
 
 from __future__ import annotations
@@ -14,8 +14,20 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.estimators import get
-from attlog.reproduce import bench
-from attlog.reproduce.bench import AXES, FLOWN_ON_TRUTH, FilterOutput, FlightSamples, flight_samples, rms, run_filter
+from attlog.reproduce.bench import (
+    AXES,
+    FLOWN_ON_TRUTH,
+    FilterOutput,
+    FlightSamples,
+    count_spikes,
+    crossing_s,
+    detrended_std,
+    flight_samples,
+    quick_errors,
+    rise_s,
+    rms,
+    run_filter,
+)
 from attlog.reproduce.paper import Claim, PaperNumber, Verdict, ratio
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario import PrescribedMotion, Scenario, load_scenario
@@ -26,22 +38,24 @@ Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 RAW, EKF, FILTER = "accel_mag", "ekf12@fan-printed", "complementary@fan"
+# Ours, for comparison: the gyro's sample before the vectors turn.
 AHEAD = "ekf12@fan"
-"""Ours, for comparison: the gyro's sample before the vectors turn."""
+# Factors on our random walks of gravity and field: the paper leaves the filter's bandwidth open.
 WIDER = (1.0, 3.0, 10.0)
-"""Factors on our random walks of gravity and field: the Kalman filter's bandwidth, of which the paper says nothing."""
 REST_S, SETTLED_S, MOVED_S = 60.0, 20.0, 10.0
 SPIKE_DEG = 0.5
 SENSORS = SensorSettings(imu=(ImuSettings(rate_hz=200.0),), mag=(MagSettings(rate_hz=50.0),))
+# From the pivot of a hand's turn to the sensors.
 ARM_M = (0.2, 0.0, 0.0)
-"""From the point that a hand turns about to the sensors."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandTurn:
-    """What a row made of the turns: RMS ``errors`` (roll, pitch, heading) in deg; how many ``spikes`` (errors that
-    leave their own median of 2 s by more than 0.5 deg) and the largest of them; ``delay_ms`` and ``rise_ms`` of
-    heading beyond the true one's, means of three turns; ``off_deg`` RMS of the whole angle to the true attitude.
+    """Results of a row on the turns.
+
+    RMS ``errors`` (roll, pitch, heading) in deg; number of ``spikes`` (errors more than 0.5 deg from their median
+    of 2 s) and the largest; ``delay_ms`` and ``rise_ms`` of heading beyond the true one's, means of three turns;
+    ``off_deg``: RMS angle to the true attitude.
     """
 
     errors: Triple
@@ -54,8 +68,10 @@ class HandTurn:
 
 @dataclass(frozen=True, slots=True)
 class FanSeed:
-    """What one seed gave by row: ``spread`` (roll, pitch, heading) and ``off`` (RMS of the whole angle to the true
-    attitude) at rest in deg, and the turns."""
+    """Results of one seed by row: ``spread`` (roll, pitch, heading) and ``off`` at rest in deg, and the turns.
+
+    ``off``: RMS angle to the true attitude.
+    """
 
     spread: dict[str, Triple]
     off: dict[str, float]
@@ -63,7 +79,7 @@ class FanSeed:
 
 
 def wider(factor: float) -> str:
-    """The Kalman filter with larger random walks of gravity and field."""
+    """Return the Kalman filter with larger random walks of gravity and field."""
     values = {p.name: p.default for p in get("ekf12").parameters}
     walks = (f"{name}={float(values[name]) * factor:g}" for name in ("gravity_noise", "field_noise"))
     return EKF if factor == 1.0 else f"{EKF}:{','.join(walks)}"
@@ -74,7 +90,7 @@ ROWS = (RAW, FILTER, *EKFS)
 
 
 def at_rest(seed: int) -> FlightSamples:
-    """A minute at rest on a table."""
+    """Return samples of a minute at rest on a table."""
     return flight_samples(
         fly(
             Scenario(name="fan", seconds=REST_S, motion=PrescribedMotion(), sensors=SENSORS, estimator=FLOWN_ON_TRUTH),
@@ -84,19 +100,19 @@ def at_rest(seed: int) -> FlightSamples:
 
 
 def turns() -> Scenario:
-    """The library's rotation, turned about a point 20 cm away as by a hand."""
+    """Return the library's rotation about a point 20 cm away, as by a hand."""
     scenario = load_scenario("rotation")
     assert scenario.motion is not None
     return scenario.changed(motion=replace(scenario.motion, arm_m=ARM_M), sensors=SENSORS, estimator=FLOWN_ON_TRUTH)
 
 
 def hand_turns(seed: int) -> FlightSamples:
-    """The board turned about each axis."""
+    """Return samples of the board turned about each axis."""
     return flight_samples(fly(turns(), seed))
 
 
 def heading_moves() -> list[tuple[float, float, float, float]]:
-    """Each turn of the heading: when it begins and ends in s, and from where to where in deg."""
+    """Return begin, end [s], start and goal [deg] of each turn of the heading."""
     scenario = turns()
     assert scenario.motion is not None
     now, heading, found = 0.0, scenario.place.heading_deg, []
@@ -109,7 +125,7 @@ def heading_moves() -> list[tuple[float, float, float, float]]:
 
 
 def one_seed(seed: int) -> FanSeed:
-    """Both experiments for one seed."""
+    """Run both experiments for one seed."""
     still, moved = at_rest(seed), hand_turns(seed)
     rested = {row: run_filter(row, still) for row in ROWS}
     return FanSeed(
@@ -120,7 +136,7 @@ def one_seed(seed: int) -> FanSeed:
 
 
 def _off(found: FilterOutput, since: float) -> float:
-    """RMS from ``since`` on of the angle between found and true attitude."""
+    """Return the RMS angle from the true attitude from ``since`` on."""
     late = found.t >= since
     angle = rotation.total_angle(rotation.earth_error(found.q[late], found.truth[late]))
     return rms(np.asarray(np.degrees(angle)))
@@ -128,21 +144,21 @@ def _off(found: FilterOutput, since: float) -> float:
 
 def _spread(found: FilterOutput) -> Triple:
     late = found.t >= SETTLED_S
-    a, b, c = (bench.detrended_std(found.t[late], found.angles[late, axis]) for axis in range(len(AXES)))
+    a, b, c = (detrended_std(found.t[late], found.angles[late, axis]) for axis in range(len(AXES)))
     return a, b, c
 
 
 def _turned(found: FilterOutput) -> HandTurn:
     late = found.t >= MOVED_S
     errors = found.errors[late]
-    t, quick = bench.quick_errors(found.t[late], errors)
-    count, peak = bench.count_spikes(t, np.asarray(np.max(np.abs(quick), axis=1)), SPIKE_DEG)
+    t, quick = quick_errors(found.t[late], errors)
+    count, peak = count_spikes(t, np.asarray(np.max(np.abs(quick), axis=1)), SPIKE_DEG)
     a, b, c = (rms(errors[:, axis]) for axis in range(len(AXES)))
     return HandTurn((a, b, c), _off(found, MOVED_S), count, peak, *_heading(found))
 
 
 def _heading(found: FilterOutput) -> tuple[float, float]:
-    """Delay at half of the way and rise time beyond the true heading's, in ms, means of the turns."""
+    """Return delay at half of the way and rise time beyond the true heading's, in ms, means of the turns."""
     truth = np.degrees(np.unwrap(np.arctan2(*_direction(found.truth))))
     own = truth + found.heading_error
     delays, rises = [], []
@@ -151,29 +167,27 @@ def _heading(found: FilterOutput) -> tuple[float, float]:
         t = found.t[part]
         answers = []
         for y in (truth[part], own[part]):
-            answers.append((bench.crossing_s(t, y, begin, start, goal, 0.5), bench.rise_s(t, y, begin, start, goal)))
+            answers.append((crossing_s(t, y, begin, start, goal, 0.5), rise_s(t, y, begin, start, goal)))
         delays.append(answers[1][0] - answers[0][0])
         rises.append(answers[1][1] - answers[0][1])
     return 1e3 * float(np.mean(delays)), 1e3 * float(np.mean(rises))
 
 
 def _direction(q: Array) -> tuple[Array, Array]:
-    """East and north of the body's x axis."""
+    """Return east and north of the body's x axis."""
     w, x, y, z = q.T
     return np.asarray(2.0 * (x * y + w * z)), np.asarray(1.0 - 2.0 * (y * y + z * z))
 
 
-# Fan's filters by name, and what the Kalman filter's three random walks say of a claim.
-
 CALLED = {RAW: "raw", FILTER: "complementary filter"} | {
     wider(f): "Kalman filter" if f == 1.0 else f"Kalman filter, walks x {f:g}" for f in WIDER
 }
+# Claim about the Kalman filter, and its verdict with each of the random walks.
 Judged = tuple[Claim, list[Verdict]]
-"""A claim about the Kalman filter, and whether it holds with each of the random walks."""
 
 
 def spreads(found: Sequence[FanSeed], row: str, over: str, axis: int) -> PaperNumber:
-    """The spread of one axis at rest, one filter's over another's."""
+    """Return the ratio of two filters' spread of one axis at rest."""
     return ratio(
         f"spread of {AXES[axis]} at rest, {CALLED[row]} over {CALLED[over]}",
         [s.spread[row][axis] for s in found],
@@ -182,7 +196,7 @@ def spreads(found: Sequence[FanSeed], row: str, over: str, axis: int) -> PaperNu
 
 
 def by_walk(verdicts: Sequence[Verdict]) -> str:
-    """With which random walks a claim holds and with which it is not significant, in words."""
+    """Return with which random walks a claim holds, and with which it is not significant."""
     held, untold = (
         [f"{f:g}" for f, v in zip(WIDER, verdicts, strict=True) if v == which]
         for which in ("holds", "cannot be judged")

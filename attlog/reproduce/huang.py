@@ -1,4 +1,4 @@
-"""Huang's tables: times as printed and here, the same flight on other filters, the loop by its transfer function."""
+"""Huang: Mahony's filter on the rotation matrix and a nested PI-PID controller, flown and timed."""
 
 from __future__ import annotations
 
@@ -8,20 +8,37 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.reproduce import bench, huang_runs
-from attlog.reproduce.bench import AXES, COST_METHOD, COST_UPDATES, angles, flight_samples, run_seeds
+from attlog.reproduce.bench import AXES, COST_METHOD, COST_UPDATES, angles, flight_samples, rise_s, run_seeds
 from attlog.reproduce.huang_runs import (
+    BESIDE_SEEDS,
     DCM,
     EKF,
+    FLOWN_ON,
     HOVER,
     LEVEL_AT,
     LEVEL_EVERY_S,
+    LEVEL_S,
+    LEVEL_WITHIN_DEG,
     LEVELS,
+    MORE_WIND_M_S,
     NEW_EKF,
+    STAND_AT,
+    STAND_EVERY_S,
+    TILTED_S,
+    TRACK_AT,
+    TRACK_EVERY_S,
+    TRACK_S,
     TRACKS,
+    WIND_M_S,
     WITHIN_DEG,
     HuangSeed,
     LevelReturn,
+    axis_of,
+    fly_stand,
+    huang_scenario,
+    huang_seed,
+    microseconds,
+    time_numpy,
 )
 from attlog.reproduce.page import Span, curve_line, filter_lines
 from attlog.reproduce.paper import (
@@ -52,12 +69,11 @@ from attlog.words.numbers import number, quantity
 
 PRINTED_MAHONY_S = (0.9995, 0.9880, 1.0023, 1.0029, 0.9851, 1.1822, 1.3897, 1.1918, 1.0115)
 PRINTED_EKF_S = (1.8698, 1.8520, 1.8568, 2.2022, 2.0360, 1.9098, 2.1788, 2.4898, 1.8645)
-"""Table 1: seconds for 4,000 updates, nine runs."""
 FILTER_WORDS = {TRUE_ATTITUDE: "the true attitude", DCM: "Huang's filter", EKF: "Fan's EKF", NEW_EKF: "mekf"}
 
 
 def times_table(spent: dict[str, list[float]]) -> PaperTable:
-    """Table 1 as it is printed and as it is here."""
+    """Return table 1 as printed and as measured here."""
     rows = [
         (str(k + 1), f"{a:.4f} s", f"{b:.4f} s", f"{b / a:.2f}", quantity(c, "us"), quantity(d, "us"), f"{d / c:.2f}")
         for k, (a, b, c, d) in enumerate(zip(PRINTED_MAHONY_S, PRINTED_EKF_S, spent[DCM], spent[EKF], strict=True))
@@ -72,9 +88,9 @@ def times_table(spent: dict[str, list[float]]) -> PaperTable:
 
 
 def filter_table(found: list[HuangSeed]) -> PaperTable:
-    """What the same flight is on each filter."""
+    """Return the same flight on each filter."""
     rows = []
-    for row in huang_runs.FLOWN_ON:
+    for row in FLOWN_ON:
         one = [s.flown[row] for s in found if row in s.flown]
         rows.append(
             (
@@ -105,41 +121,38 @@ def filter_table(found: list[HuangSeed]) -> PaperTable:
         "The same flight on other filters",
         head,
         tuple(rows),
-        f"Means over seeds; of EKFs over the first {huang_runs.BESIDE_SEEDS}.",
+        f"Means over seeds; of EKFs over the first {BESIDE_SEEDS}.",
     )
 
 
 def loop_table(found: list[HuangSeed]) -> PaperTable:
-    """What the transfer function says beside what the vehicle did on the true attitude."""
-    axis = huang_runs.axis_of(0)
+    """Return the transfer function beside the flight on the true attitude."""
+    axis = axis_of(0)
     limits = margins(axis)
     t = np.linspace(0.0, 4.0, 4001)
     _, over = rise_and_overshoot(t, axis.step(t))
-    back = axis.step(t + huang_runs.TILTED_S) - axis.step(t)
-    fall = 1e3 * bench.rise_s(t, back, 0.0, float(back[0]), 0.0)
+    back = axis.step(t + TILTED_S) - axis.step(t)
+    fall = 1e3 * rise_s(t, back, 0.0, float(back[0]), 0.0)
     truth = [s.flown[TRUE_ATTITUDE] for s in found]
     rows = [
         ("phase margin", f"{limits.phase_deg:.0f} deg at {limits.phase_at:.0f} rad/s", ""),
         ("gain margin", f"{limits.gain:.1f}", ""),
-        ("delay that it stands", f"{1e3 * limits.delay_s:.0f} ms", ""),
+        ("delay margin", f"{1e3 * limits.delay_s:.0f} ms", ""),
         ("90 to 10 % of 20 deg", quantity(fall, "ms"), mean_text([1e3 * f.returned[0].fall_s for f in truth], "ms")),
         ("overshoot of a step", f"{100 * over:.1f} %", ""),
     ]
     for k, (size, period, name) in enumerate(TRACKS):
-        told = axis.response(2.0 * math.pi / period)
-        late = -float(np.angle(told)) * period / (2.0 * math.pi) * 1e3
+        answer = axis.response(2.0 * math.pi / period)
+        late = -float(np.angle(answer)) * period / (2.0 * math.pi) * 1e3
         sine = f"{name}, {size:g} deg at {period:g} s"
         rows.append((f"delay, {sine}", quantity(late, "ms"), mean_text([f.tracked[k].delay_ms for f in truth], "ms")))
-        rows.append((f"gain, {sine}", f"{abs(told):.2f}", mean_text([f.tracked[k].gain for f in truth], "1")))
+        rows.append((f"gain, {sine}", f"{abs(answer):.2f}", mean_text([f.tracked[k].gain for f in truth], "1")))
     return PaperTable(
         "The loop: transfer function and flight on the true attitude",
         ("", "linear", "flown"),
         tuple(rows),
         "Rotor lag, inertia, gains and the time that sampling and holding take; means over seeds.",
     )
-
-
-# Huang's table 1: what Mahony's filter costs beside an EKF, compiled and in numpy.
 
 
 def cost_claim(
@@ -180,8 +193,6 @@ def _ratio_text(numbers: Sequence[PaperNumber]) -> str:
     return f"{number(low.value, 'ratio')} to {quantity(high.value, 'ratio')}"
 
 
-# Huang's figures, redrawn from the first seed.
-
 Array = NDArray[np.float64]
 OWN, WANTED, LINEAR = "Huang's filter", "set-point", "transfer function"
 AXIS_TITLES = ("roll, deg", "pitch, deg", "heading, deg")
@@ -192,8 +203,8 @@ SINCE: Span = (HOVER[0], np.inf)
 def paper_figures(
     spent: dict[str, list[float]], printed_mahony: Sequence[float], printed_ekf: Sequence[float], seed: int = 0
 ) -> tuple[PaperFigure, ...]:
-    """Filter against truth, against the EKF, cost, back to level, hover, tracking."""
-    flight = fly(huang_runs.huang_scenario(DCM), seed)
+    """Draw filter against truth and EKF, cost, return to level, hover, tracking."""
+    flight = fly(huang_scenario(DCM), seed)
     return (
         _truth_figure(flight),
         _ekf_figure(flight),
@@ -252,16 +263,16 @@ def _cost_figure(spent: dict[str, list[float]], mahony: Sequence[float], ekf: Se
 
 
 def _level_figure(flight: Flight, seed: int) -> PaperFigure:
-    """The three returns below each other: true angle and the filter's, on the stand, and the linear loop."""
+    """Draw the three returns: true angle and the filter's, on the stand, and the linear loop."""
     lines: list[FigureLine] = []
-    held = huang_runs.fly_stand(seed)
-    shown = np.linspace(-huang_runs.TILTED_S, huang_runs.LEVEL_S, 701)
+    held = fly_stand(seed)
+    shown = np.linspace(-TILTED_S, LEVEL_S, 701)
     for k, (angle, axis) in enumerate(LEVELS):
         column = ("roll", "pitch").index(axis)
-        since = LEVEL_AT + k * LEVEL_EVERY_S + huang_runs.TILTED_S
-        beside = huang_runs.STAND_AT + k * huang_runs.STAND_EVERY_S + huang_runs.TILTED_S
-        step = huang_runs.axis_of(column).step
-        linear = angle * (step(shown + huang_runs.TILTED_S) - step(shown))
+        since = LEVEL_AT + k * LEVEL_EVERY_S + TILTED_S
+        beside = STAND_AT + k * STAND_EVERY_S + TILTED_S
+        step = axis_of(column).step
+        linear = angle * (step(shown + TILTED_S) - step(shown))
         lines += [
             FigureLine(
                 TRUTH_LINE, shown, np.interp(since + shown, flight.truth.t, angles(flight.truth.q)[:, column]), k
@@ -277,7 +288,7 @@ def _level_figure(flight: Flight, seed: int) -> PaperFigure:
         "level",
         "fig. 6",
         "From an angle back to level",
-        "At 0 s the set-point becomes level. In free flight the filter believes it is level while the vehicle is not.",
+        "At 0 s the set-point becomes level. In free flight the filter is level and the vehicle is not.",
         "time, s",
         panels,
         tuple(lines),
@@ -301,13 +312,13 @@ def _tracking_figure(flight: Flight) -> PaperFigure:
     lines = []
     for k, (_, _, axis) in enumerate(TRACKS):
         column = ("roll", "pitch").index(axis)
-        begin = huang_runs.TRACK_AT + k * huang_runs.TRACK_EVERY_S
+        begin = TRACK_AT + k * TRACK_EVERY_S
         for name, t, y in (
             (TRUTH_LINE, flight.truth.t, angles(flight.truth.q)),
             (OWN, flight.onboard.t, _known(flight)),
             (WANTED, flight.onboard.t, angles(flight.onboard.q_setpoint)),
         ):
-            lines.append(curve_line(name, t - begin, y[:, column], k, (0.0, huang_runs.TRACK_S)))
+            lines.append(curve_line(name, t - begin, y[:, column], k, (0.0, TRACK_S)))
     panels = tuple(f"{axis}, sine of {period:g} s, deg" for _, period, axis in TRACKS)
     return PaperFigure(
         "tracking",
@@ -321,13 +332,13 @@ def _tracking_figure(flight: Flight) -> PaperFigure:
 
 
 def _both(flight: Flight, axes: int, span: Span) -> tuple[FigureLine, ...]:
-    """The truth and what the filter on board made of it, axis by axis."""
+    """Return truth and onboard filter, axis by axis."""
     both = ((TRUTH_LINE, flight.truth.t, angles(flight.truth.q)), (OWN, flight.onboard.t, _known(flight)))
     return tuple(curve_line(name, t, y[:, axis], axis, span) for axis in range(axes) for name, t, y in both)
 
 
 def _known(flight: Flight) -> Array:
-    """The filter's angles (n, 3) at all times; NaN before it has any."""
+    """Return the filter's angles (n, 3) at all times, NaN before its start."""
     q = flight.onboard.q
     found = np.full((len(q), 3), np.nan)
     known = np.isfinite(q[:, 0])
@@ -335,20 +346,18 @@ def _known(flight: Flight) -> Array:
     return found
 
 
-# Huang: Mahony's filter on the rotation matrix and a nested PI-PID controller, flown and timed.
-
+# Errors up to which an attitude can be flown on.
 TILT_DEG, HEADING_DEG = 2.0, 5.0
-"""An attitude that is this close is one that can be flown on."""
 NO_WORSE = 1.1
+# Gain of -3 dB, the usual limit of following.
 HALF_POWER = math.sqrt(0.5)
-"""Gain of -3 dB: up to there a loop is said to follow."""
 PHASES = ("hover", "moving")
 
 
 def paper(options: PaperOptions) -> Paper:
-    """Huang's claims, measured."""
-    found = run_seeds("flights", huang_runs.huang_seed, options)
-    spent, slow, numpy = huang_runs.microseconds(), huang_runs.microseconds(every=8), huang_runs.time_numpy()
+    """Measure Huang's claims."""
+    found = run_seeds("flights", huang_seed, options)
+    spent, slow, numpy = microseconds(), microseconds(every=8), time_numpy()
     timed = cost_claim(spent, slow, numpy)
     return Paper(
         "huang",
@@ -370,7 +379,7 @@ def paper(options: PaperOptions) -> Paper:
             "Figures 3, 4, 8 and 9 do not say which flights they show. Tables 2 and 3 hold the controller's gains of "
             "roll and pitch; none are printed for yaw.",
             "Which EKF the paper compares with is not said. Here it is Fan's with 12 states (ekf12@fan). Beside it "
-            "stands one that estimates biases and expects accelerations (mekf).",
+            "is one that estimates biases and expects accelerations (mekf).",
             "The filter's equations are those that `attlog estimators mahony_dcm` shows.",
         ),
         seeds=options.seeds,
@@ -387,7 +396,7 @@ def _settings() -> tuple[PaperSetting, ...]:
         PaperSetting("yaw", "2.5 on angle, 0.6 and 0.1 on rate", "ours"),
         PaperSetting("vehicle", "1.5 kg, 0.45 m across, rotors with 25 ms lag", "ours"),
         PaperSetting("sensors", "Pixhawk class; magnetometer 50 Hz", "ours"),
-        PaperSetting("wind", f"turbulence {huang_runs.WIND_M_S:g} m/s (1 sigma per axis)", "ours"),
+        PaperSetting("wind", f"turbulence {WIND_M_S:g} m/s (1 sigma per axis)", "ours"),
         PaperSetting("flight", f"hover 30 s, back to level from {_listed([a for a, _ in LEVELS])} deg, sines", "ours"),
         PaperSetting("stand", "the same returns with so much drag that the vehicle does not gather speed", "ours"),
     )
@@ -480,7 +489,7 @@ def _level_claim(found: list[HuangSeed]) -> Claim:
             time = mean(f"settling time as the filter sees it, {after}", [r.settling_s for r in seen], "s")
             numbers += [left, there, time, mean(f"overshoot, {after}", [r.overshoot_deg for r in seen], "deg")]
             if place == "stand":
-                verdicts.append(below(left, huang_runs.LEVEL_WITHIN_DEG))
+                verdicts.append(below(left, LEVEL_WITHIN_DEG))
             rest.append(left.value or 0.0)
             lasting.append(left)
             settled.append(there.value or 0.0)
@@ -490,9 +499,9 @@ def _level_claim(found: list[HuangSeed]) -> Claim:
         "level",
         "From an initial angle the controller brings the vehicle back to level.",
         "fig. 6",
-        f"Tilted for {huang_runs.TILTED_S:g} s, then the set-point is level. Settled: within {huang_runs.LEVEL_WITHIN_DEG:g} deg "
+        f"Tilted for {TILTED_S:g} s, then the set-point is level. Settled: within {LEVEL_WITHIN_DEG:g} deg "
         "for good. The figure simulates the attitude loop, which is our stand. Holds if there the whole intervals of "
-        f"the true angle left are below {huang_runs.LEVEL_WITHIN_DEG:g} deg.",
+        f"the true angle left are below {LEVEL_WITHIN_DEG:g} deg.",
         put_first((lasting[-1], max(lasting[:3], key=lambda n: n.value or 0.0)), numbers),
         combine_verdicts(verdicts),
         f"To the filter the vehicle is level in {_at_least(min(settled))} of the returns, after "
@@ -505,10 +514,10 @@ def _level_claim(found: list[HuangSeed]) -> Claim:
 
 def _hover_claim(found: list[HuangSeed]) -> Claim:
     most = [max(s.flown[DCM].most_deg) for s in found]
-    size = mean(f"largest roll or pitch, turbulence {huang_runs.WIND_M_S:g} m/s", most, "deg")
+    size = mean(f"largest roll or pitch, turbulence {WIND_M_S:g} m/s", most, "deg")
     inside = share_of_seeds(f"flights within {WITHIN_DEG:g} deg all the time", [m < WITHIN_DEG for m in most])
     windy = []
-    for wind in huang_runs.MORE_WIND_M_S:
+    for wind in MORE_WIND_M_S:
         values = [max(s.windy[wind]) for s in found]
         windy.append(mean(f"largest roll or pitch, turbulence {wind:g} m/s", values, "deg"))
         windy.append(
@@ -527,7 +536,7 @@ def _hover_claim(found: list[HuangSeed]) -> Claim:
         (size, inside, scatter, reach, *windy),
         below(size, WITHIN_DEG),
         f"{quantity(inside.value, 'pct')} of the flights stay within. With turbulence of "
-        f"{huang_runs.MORE_WIND_M_S[-1]:g} m/s the largest angle is {quantity(windy[-2].value, 'deg')}; "
+        f"{MORE_WIND_M_S[-1]:g} m/s the largest angle is {quantity(windy[-2].value, 'deg')}; "
         f"{quantity(windy[-1].value, 'pct')} of the flights stay within.",
         paper="+-5 deg",
     )
@@ -545,12 +554,12 @@ def _tracking_claim(found: list[HuangSeed]) -> Claim:
         numbers += [delay, gain, straight]
         verdicts.append(above(gain, HALF_POWER))
         w = 2.0 * math.pi / period
-        told = huang_runs.axis_of(0 if axis == "roll" else 1).response(w)
+        answer = axis_of(0 if axis == "roll" else 1).response(w)
         said.append(
             f"At a period of {period:g} s the gain is {number(gain.value, '1')}, the delay "
             f"{quantity(delay.value, 'ms', False)}. On the true attitude it is "
             f"{quantity(straight.value, 'ms', False)}, by the transfer function "
-            f"{quantity(-float(np.angle(told)) / w * 1e3, 'ms', False)}."
+            f"{quantity(-float(np.angle(answer)) / w * 1e3, 'ms', False)}."
         )
     return Claim(
         "tracks",
@@ -571,7 +580,7 @@ def _at_least(pct: float) -> str:
 
 
 def _axis(what: str) -> str:
-    """Which axis and part of the flight a number of the EKF claim is about."""
+    """Return axis and part of the flight of an EKF number."""
     return what.removeprefix("error of ").replace(", Huang's over EKF's", "")
 
 

@@ -1,7 +1,7 @@
-"""Huang's experiments for one seed: one flight with hover, returns to level and angle tracking, on any filter; cost.
+"""Huang's experiments for one seed: hover, returns to level and tracking on any filter; cost, compiled and in numpy.
 
-The flight is the same for every row but for the filter that it is flown on. What a filter is worth is measured
-twice: in the loop (the vehicle flies on it) and row to row over the samples of one flight.
+The flight is the same for every row but for its filter. A filter is measured twice: in the loop, and over the samples
+of one flight.
 """
 
 from __future__ import annotations
@@ -19,13 +19,17 @@ from attlog.reproduce.bench import (
     AXES,
     COST_RATE_HZ,
     COST_ROUNDS,
+    COST_UPDATES,
     CostSamples,
     FilterOutput,
     angles,
     cost_samples,
     flight_samples,
+    overshoot_of,
+    rise_s,
     rms,
     run_filter,
+    time_updates,
 )
 from attlog.simulate.controller import Gains, LoopAxis
 from attlog.simulate.flight import Flight
@@ -39,33 +43,35 @@ Array = NDArray[np.float64]
 RATE_HZ = 400.0
 DCM, EKF = "mahony_dcm@huang", "ekf12@fan"
 PASSIVE, NEW_EKF = "mahony_passive@huang", "mekf"
+# Filters that the same flight is flown on.
 FLOWN_ON = (DCM, TRUE_ATTITUDE, EKF, NEW_EKF)
-"""What the same flight is flown on."""
+# Filters in a table alone: the first seeds suffice.
 BESIDE, BESIDE_SEEDS = (EKF, NEW_EKF), 5
-"""These stand in a table alone, no claim hangs on them: the first seeds are enough."""
+# Filters over the samples of one flight.
 ROWS = (DCM, PASSIVE, EKF, NEW_EKF)
-"""Filters over the samples of one flight."""
 WIND_M_S, MORE_WIND_M_S = 0.3, (1.0, 2.0)
 HOVER = (15.0, 45.0)
 WITHIN_DEG = 5.0
 LEVELS = ((20.0, "roll"), (30.0, "pitch"), (45.0, "roll"))
+# A return to level: tilted for a moment, then level, then back to the place.
 LEVEL_AT, LEVEL_EVERY_S, TILTED_S, LEVEL_S = 45.0, 9.0, 0.8, 2.7
-"""A return to level: tilted for a moment, then level, then back to the place."""
 LEVEL_WITHIN_DEG = 2.0
+# Amplitude in deg, period in s, axis.
 TRACKS = ((15.0, 2.0, "roll"), (10.0, 1.0, "pitch"))
-"""Amplitude in deg, period in s, axis."""
 TRACK_AT, TRACK_EVERY_S, TRACK_S = 78.0, 12.0, 8.0
 SECONDS = 98.0
+# N s/m: with such drag a tilted vehicle does not gather speed, as on a stand.
 STAND_DRAG = (30.0, 30.0, 30.0)
-"""N s/m: a vehicle so dragged does not gather speed, as on a stand; without one it flies away while it is tilted."""
 STAND_AT, STAND_EVERY_S = 12.0, 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class LevelReturn:
-    """A return to level: ``settling_s`` until the angle stays within 2 deg, ``fall_s`` from 90 to 10 % of the
-    angle, ``overshoot_deg`` beyond level, all as the filter shows them; ``left_deg`` is what the true angle is in the
-    mean over the last second."""
+    """A return to level.
+
+    ``settling_s``: until the angle stays within 2 deg; ``fall_s``: from 90 to 10 % of the angle; ``overshoot_deg``:
+    beyond level; all of the filter. ``left_deg``: true angle in the mean of the last second.
+    """
 
     settling_s: float
     fall_s: float
@@ -75,8 +81,7 @@ class LevelReturn:
 
 @dataclass(frozen=True, slots=True)
 class AngleTracking:
-    """A tracked sine: ``delay_ms`` and ``gain`` of the true angle behind the set-point, by its fundamental;
-    ``rms_deg`` between the two."""
+    """A tracked sine: ``delay_ms`` and ``gain`` of the true angle's fundamental, ``rms_deg`` from the set-point."""
 
     delay_ms: float
     gain: float
@@ -85,7 +90,7 @@ class AngleTracking:
 
 @dataclass(frozen=True, slots=True)
 class HuangErrors:
-    """RMS errors (roll, pitch, heading) in deg of an attitude against the truth, in hover and in the moves after it."""
+    """RMS errors (roll, pitch, heading) in deg in hover and in the moves after it."""
 
     hover: tuple[float, float, float]
     moving: tuple[float, float, float]
@@ -93,8 +98,11 @@ class HuangErrors:
 
 @dataclass(frozen=True, slots=True)
 class HuangFlight:
-    """What one seed gave on one filter. ``most_deg``: largest true roll and pitch in hover, ``spread_deg`` their
-    standard deviations there, ``drift_m`` how far it got from the mean place; ``crashed``: it touched the ground."""
+    """Results of one seed on one filter.
+
+    ``most_deg``: largest true roll and pitch in hover, ``spread_deg``: their standard deviations, ``drift_m``:
+    distance from the mean place. ``crashed``: it touched the ground.
+    """
 
     errors: HuangErrors
     most_deg: tuple[float, float]
@@ -107,29 +115,29 @@ class HuangFlight:
 
 @dataclass(frozen=True, slots=True)
 class FlightReplay:
-    """Filters over the samples of one flight: errors by row, and RMS (roll, pitch, heading) between DCM and EKF."""
+    """Filters over the samples of one flight: errors by row, RMS (roll, pitch, heading) between DCM and EKF."""
 
     errors: dict[str, HuangErrors]
     apart: HuangErrors
 
 
 def huang_commands() -> tuple[Command, ...]:
-    """Take-off, hover, returns to level, tracking."""
-    told = [Command(t=2.0, do="arm"), Command(t=3.0, do="takeoff", up_m=10.0), Command(t=10.0, do="hold")]
+    """Return take-off, hover, returns to level, tracking."""
+    commands = [Command(t=2.0, do="arm"), Command(t=3.0, do="takeoff", up_m=10.0), Command(t=10.0, do="hold")]
     for k, (angle, axis) in enumerate(LEVELS):
         t = LEVEL_AT + k * LEVEL_EVERY_S
-        told += [*_level(t, angle, axis), Command(t=t + TILTED_S + LEVEL_S, do="hold")]
+        commands += [*_level(t, angle, axis), Command(t=t + TILTED_S + LEVEL_S, do="hold")]
     for k, (size, period, axis) in enumerate(TRACKS):
         t = TRACK_AT + k * TRACK_EVERY_S
-        told += [
+        commands += [
             Command(t=t, do="track", axis="roll" if axis == "roll" else "pitch", amplitude_deg=size, period_s=period),
             Command(t=t + TRACK_S, do="hold"),
         ]
-    return tuple(told)
+    return tuple(commands)
 
 
 def huang_scenario(estimator: str, wind: float = WIND_M_S, seconds: float = SECONDS) -> Scenario:
-    """Huang's flight on a filter, or on ``truth``, in turbulence of ``wind`` m/s (1 sigma)."""
+    """Return Huang's flight on a filter, or on ``truth``, in turbulence of ``wind`` m/s (1 sigma)."""
     return Scenario(
         name="huang",
         seconds=seconds,
@@ -144,9 +152,11 @@ def huang_scenario(estimator: str, wind: float = WIND_M_S, seconds: float = SECO
 
 @dataclass(frozen=True, slots=True)
 class HuangSeed:
-    """Everything of one seed: the flight by filter (of the first seeds also those beside), filters over the samples of
-    the flight on Huang's, returns to level on the stand with the errors there, the largest true roll and pitch in hover
-    by wind in m/s."""
+    """Results of one seed.
+
+    The flight by filter, filters over the samples of Huang's flight, returns to level on the stand with their
+    errors, largest true roll and pitch in hover by wind in m/s.
+    """
 
     flown: dict[str, HuangFlight]
     replayed: FlightReplay
@@ -156,7 +166,7 @@ class HuangSeed:
 
 
 def huang_seed(seed: int) -> HuangSeed:
-    """All flights of a seed."""
+    """Fly all flights of a seed."""
     flown = {}
     for estimator in FLOWN_ON:
         if estimator in BESIDE and seed >= BESIDE_SEEDS:
@@ -178,19 +188,19 @@ def huang_seed(seed: int) -> HuangSeed:
 
 
 def fly_stand(seed: int, estimator: str = DCM) -> Flight:
-    """Returns to level of a vehicle that cannot gather speed."""
-    told = [Command(t=2.0, do="arm"), Command(t=3.0, do="takeoff", up_m=1.5)]
+    """Fly returns to level of a vehicle that cannot gather speed."""
+    commands = [Command(t=2.0, do="arm"), Command(t=3.0, do="takeoff", up_m=1.5)]
     for k, (angle, axis) in enumerate(LEVELS):
         t = STAND_AT + k * STAND_EVERY_S
-        told += _level(t, angle, axis)
+        commands += _level(t, angle, axis)
     seconds = STAND_AT + len(LEVELS) * STAND_EVERY_S
     free = huang_scenario(estimator, 0.0)
     held = replace(Vehicle(), drag_n_s_m=STAND_DRAG)
-    return fly(free.changed(seconds=seconds, command=tuple(told), vehicle=held), seed)
+    return fly(free.changed(seconds=seconds, command=tuple(commands), vehicle=held), seed)
 
 
 def replay_filters(flight: Flight) -> FlightReplay:
-    """All rows over the samples of a flight."""
+    """Run all rows over the samples of a flight."""
     s = flight_samples(flight)
     found = {row: run_filter(row, s) for row in ROWS}
     dcm, ekf = found[DCM], found[EKF]
@@ -198,14 +208,14 @@ def replay_filters(flight: Flight) -> FlightReplay:
 
 
 def hover_extremes(seed: int, wind: float) -> tuple[float, float]:
-    """Largest true roll and pitch in hover in turbulence of ``wind`` m/s."""
+    """Return the largest true roll and pitch in hover in turbulence of ``wind`` m/s."""
     flight = fly(huang_scenario(DCM, wind, HOVER[1]), seed)
     tilt = np.abs(angles(flight.truth.q)[_between(flight.truth.t, *HOVER), :2])
     return float(tilt[:, 0].max()), float(tilt[:, 1].max())
 
 
 def measure_flight(flight: Flight) -> HuangFlight:
-    """Everything that the claims need from a flight."""
+    """Return the numbers of a flight that the claims need."""
     truth = flight.truth
     hover = _between(truth.t, *HOVER)
     place = truth.p[hover] - truth.p[hover].mean(axis=0)
@@ -222,7 +232,7 @@ def measure_flight(flight: Flight) -> HuangFlight:
 
 
 def axis_of(index: int) -> LoopAxis:
-    """The loop of roll (0) or pitch (1) as transfer functions: what the gains, rotors and inertia alone would do.
+    """Return the loop of roll (0) or pitch (1) as transfer functions of gains, rotors and inertia.
 
     The delay: half a period of the IMU's mean, half of the held command, one period until it acts.
     """
@@ -233,9 +243,9 @@ def axis_of(index: int) -> LoopAxis:
 
 
 def microseconds(every: int = 1) -> dict[str, list[float]]:
-    """Microseconds for 4,000 updates of both filters, a new field at every ``every``-th: nine runs in turn."""
-    spent = bench.time_updates((DCM, EKF), every)
-    return {row: [1e-3 * bench.COST_UPDATES * ns for ns in found] for row, found in spent.items()}
+    """Return microseconds for 4,000 updates of both filters, nine runs in turn; a field every ``every``-th."""
+    spent = time_updates((DCM, EKF), every)
+    return {row: [1e-3 * COST_UPDATES * ns for ns in found] for row, found in spent.items()}
 
 
 def _between(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
@@ -249,7 +259,7 @@ def _errors(found: FilterOutput) -> HuangErrors:
 
 
 def _found(flight: Flight) -> FilterOutput:
-    """What was flown on, with the truth at the same times."""
+    """Return the attitude that was flown on, with the truth at the same times."""
     truth, board = flight.truth, flight.onboard
     known = np.isfinite(board.q[:, 0])
     t = board.t[known]
@@ -257,7 +267,7 @@ def _found(flight: Flight) -> FilterOutput:
 
 
 def _level(t: float, angle: float, axis: str) -> list[Command]:
-    """Tilted for a moment from ``t`` on, then level."""
+    """Return a tilt from ``t`` on for a moment, then level."""
     tilted = Command(t=t, do="attitude", roll_deg=angle * (axis == "roll"), pitch_deg=angle * (axis == "pitch"))
     return [tilted, Command(t=t + TILTED_S, do="attitude")]
 
@@ -269,8 +279,8 @@ def _returned(flight: Flight, tilted_at: float, angle: float, axis: str) -> Leve
     true = angles(found.truth[part])[:, AXES.index(axis)]
     return LevelReturn(
         bench.settling_s(t, y, since, LEVEL_WITHIN_DEG),
-        bench.rise_s(t, y, since, float(np.interp(since, t, y)), 0.0),
-        bench.overshoot_of(t, y, since, angle, 0.0),
+        rise_s(t, y, since, float(np.interp(since, t, y)), 0.0),
+        overshoot_of(t, y, since, angle, 0.0),
         float(true[t >= since + LEVEL_S - 1.0].mean()),
     )
 
@@ -294,36 +304,27 @@ def _tracked(flight: Flight, k: int) -> AngleTracking:
 
 
 def _fundamental(t: Array, y: Array, period: float) -> complex:
-    """The complex amplitude of a period in ``y``, beside a straight line."""
+    """Return the complex amplitude of a period in ``y``, beside a straight line."""
     w = 2.0 * np.pi / period
     columns = np.column_stack([np.cos(w * t), np.sin(w * t), np.ones_like(t), t])
     c, s, _, _ = np.linalg.lstsq(columns, y, rcond=None)[0]
     return complex(c, -s)
 
 
-# Mahony's filter and an EKF with 7 states as plain numpy arrays: what interpreted code costs.
-#
-# The EKF is the textbook's, dense: attitude and gyro bias, X = [q, b],
-#
-#     q'  = q (x) (0, w - b)/2,  F = [[I + dt Omega(w - b)/2, -dt Xi(q)/2], [0, I]]
-#     z   = [-f/|f|, m/|m|],     h = [R^T e_z, R^T m_n],  m_n the field's direction in earth axes
-#
-# and P = F P F^T + Q, K = P H^T (H P H^T + R)^-1, P = (I - K H) P. Mahony's filter is that of ``mahony_dcm@huang``.
-
 STEP_S = 1.0 / COST_RATE_HZ
 MAHONY_KP, MAHONY_KI = 0.3, 0.01
+# Noise of the EKF per sample: rad/s, rad/s, 1.
 GYRO_NOISE, BIAS_NOISE, VECTOR_NOISE = 0.02, 1e-5, 0.3
-"""Noise of the EKF per sample: rad/s, rad/s, 1."""
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
 def skew(v: Array) -> Array:
-    """[v]x (3, 3) of a vector (3,)."""
+    """Return [v]x (3, 3) of a vector (3,)."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def numpy_mahony(s: CostSamples, q0: Array) -> Array:
-    """Huang 2.3.2 from ``q0`` (4,): the rotation matrix, body to earth, after every sample, (n, 3, 3)."""
+    """Return the rotation matrices (n, 3, 3), body to earth, of Huang 2.3.2 from ``q0`` (4,)."""
     r, bias, found = rotation.to_matrix(q0), np.zeros(3), np.empty((len(s.t), 3, 3))
     for k, (gyr, acc, mag) in enumerate(zip(s.gyr, s.acc, s.mag, strict=True)):
         field = r @ (mag / np.linalg.norm(mag))
@@ -335,7 +336,7 @@ def numpy_mahony(s: CostSamples, q0: Array) -> Array:
 
 
 def orthonormal(r: Array) -> Array:
-    """A matrix (3, 3) after the renormalisation of Huang 2.3.1."""
+    """Renormalise a matrix (3, 3) as Huang 2.3.1."""
     half = 0.5 * (r[0] @ r[1])
     x, y = r[0] - half * r[1], r[1] - half * r[0]
     x, y = 0.5 * (3.0 - x @ x) * x, 0.5 * (3.0 - y @ y) * y
@@ -343,7 +344,15 @@ def orthonormal(r: Array) -> Array:
 
 
 def numpy_ekf(s: CostSamples, q0: Array) -> Array:
-    """The EKF from ``q0`` (4,): its states [q, b] after every sample, (n, 7)."""
+    """Return the states [q, b] (n, 7) of a dense EKF from ``q0`` (4,).
+
+    The textbook's, X = [q, b]:
+
+        q'  = q (x) (0, w - b)/2,  F = [[I + dt Omega(w - b)/2, -dt Xi(q)/2], [0, I]]
+        z   = [-f/|f|, m/|m|],     h = [R^T e_z, R^T m_n],  m_n the field's direction in earth axes
+
+    and P = F P F^T + Q, K = P H^T (H P H^T + R)^-1, P = (I - K H) P.
+    """
     x, p = np.concatenate([q0, np.zeros(3)]), np.diag([1e-2] * 4 + [1e-4] * 3)
     north = rotation.rotate(q0, s.mag[0] / np.linalg.norm(s.mag[0]))
     h, f, noise = np.zeros((6, 7)), np.eye(7), VECTOR_NOISE**2 * np.eye(6)
@@ -367,7 +376,7 @@ def numpy_ekf(s: CostSamples, q0: Array) -> Array:
 
 
 def turned_back(q: Array, v: Array) -> tuple[Array, Array]:
-    """R^T v (3,) of a vector (3,) in earth axes, and its derivative by ``q`` (3, 4)."""
+    """Return R^T v (3,) of a vector (3,) in earth axes, and its derivative by ``q`` (3, 4)."""
     w, u = q[0], q[1:]
     across = skew(u) @ v
     turned = (w * w - u @ u) * v + 2.0 * (u @ v) * u - 2.0 * w * across
@@ -376,7 +385,7 @@ def turned_back(q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def time_numpy(rounds: int = COST_ROUNDS, updates: int = 400, repeats: int = 3) -> tuple[list[float], list[float]]:
-    """Nanoseconds per update of Mahony's filter and of the EKF, ``rounds`` times in turn, best of ``repeats``."""
+    """Return nanoseconds per update of both numpy filters, ``rounds`` times in turn, best of ``repeats``."""
     s = cost_samples(updates)
     q0 = start_attitude(s.acc[0], s.mag[0])
     spent: tuple[list[float], list[float]] = ([], [])

@@ -1,4 +1,4 @@
-"""Lyu's figures, redrawn from the first seed."""
+"""Lyu: a complementary filter whose integral fades where the error is large, against one with a fixed integral."""
 
 from __future__ import annotations
 
@@ -6,10 +6,33 @@ import math
 
 import numpy as np
 
-from attlog.reproduce import bench, lyu_runs
-from attlog.reproduce import lyu_runs as lyu_flight
-from attlog.reproduce.bench import angles, run_filter, run_seeds
-from attlog.reproduce.lyu_runs import DROPS, ERR1, READINGS, WRONG_DEG, BenchResult, LyuFlight, fixed, stopped, variable
+from attlog.reproduce.bench import COST_METHOD, angles, run_filter, run_seeds, time_updates
+from attlog.reproduce.lyu_runs import (
+    AMPLITUDE_DEG,
+    DROP_AT,
+    DROP_WITHIN_DEG,
+    DROPS,
+    ERR1,
+    PERIOD_S,
+    READINGS,
+    ROWS,
+    SHAKEN_M_S2,
+    STILL_S,
+    TRACK_S,
+    WRONG_DEG,
+    WRONG_WITHIN_DEG,
+    BenchResult,
+    LyuFlight,
+    at_rest,
+    bench_seed,
+    drop,
+    fixed,
+    flight_seed,
+    fly_row,
+    stopped,
+    variable,
+    wrong_start,
+)
 from attlog.reproduce.page import curve_line, truth_lines
 from attlog.reproduce.paper import (
     TRUTH_LINE,
@@ -40,16 +63,16 @@ NAMES = {
     for reading in READINGS
     for kind, name in ((fixed, "fixed"), (variable, "variable"), (stopped, "input stopped"))
 }
-DRAWN = [row for row in lyu_runs.ROWS if row not in (stopped("second"), stopped("sample"))]
+DRAWN = [row for row in ROWS if row not in (stopped("second"), stopped("sample"))]
 
 
 def paper_figures(seed: int = 0) -> tuple[PaperFigure, ...]:
-    """At rest, lifted and dropped, from a wrong start, in flight."""
+    """Draw rest, drop, wrong start and flight."""
     return _rest_figure(seed), _drop_figure(seed), _start_figure(seed), _flight_figure(seed)
 
 
 def _rest_figure(seed: int) -> PaperFigure:
-    s = lyu_runs.at_rest(seed)
+    s = at_rest(seed)
     lines = [FigureLine(TRUTH_LINE, s.t[[0, -1]], angles(s.q)[[0, -1], axis], axis) for axis in (0, 1)]
     for row in DRAWN:
         found = run_filter(row, s)
@@ -67,8 +90,8 @@ def _rest_figure(seed: int) -> PaperFigure:
 
 
 def _drop_figure(seed: int) -> PaperFigure:
-    s = lyu_runs.drop(seed, 60.0, 500.0)
-    span = (lyu_runs.STILL_S - 1.0, lyu_runs.DROP_AT + 15.0)
+    s = drop(seed, 60.0, 500.0)
+    span = (STILL_S - 1.0, DROP_AT + 15.0)
     lines = truth_lines(s, span, axes=1)
     for row in DRAWN:
         found = run_filter(row, s)
@@ -88,11 +111,11 @@ def _drop_figure(seed: int) -> PaperFigure:
 
 
 def _start_figure(seed: int) -> PaperFigure:
-    s = lyu_runs.at_rest(seed)
+    s = at_rest(seed)
     shown = 25.0
     lines = [FigureLine(TRUTH_LINE, [0.0, shown], [0.0, 0.0])]
-    for row in lyu_runs.ROWS:
-        found = lyu_runs.wrong_start(row, s, 60.0)
+    for row in ROWS:
+        found = wrong_start(row, s, 60.0)
         lines.append(curve_line(NAMES[row], found.t, found.errors[:, 0], span=(0.0, shown)))
     return PaperFigure(
         "start",
@@ -109,9 +132,9 @@ def _start_figure(seed: int) -> PaperFigure:
 def _flight_figure(seed: int) -> PaperFigure:
     lines: list[FigureLine] = []
     for row in (fixed("second"), variable("second")):
-        flight = lyu_flight.fly_row(row, seed)
+        flight = fly_row(row, seed)
         on, truth = flight.onboard, flight.truth
-        late = on.t >= lyu_flight.TRACK_S - 4.0
+        late = on.t >= TRACK_S - 4.0
         t, found = on.t[late], angles(on.q)[late, 0]
         true = np.interp(t, truth.t, angles(truth.q)[:, 0])
         if not lines:
@@ -128,15 +151,13 @@ def _flight_figure(seed: int) -> PaperFigure:
     )
 
 
-# Lyu's last results: the vehicle flies on the improved filter, which costs the processor hardly more.
-
+# Section 2 calls a vehicle beyond 45 deg unstable.
 IN_CONTROL_DEG = 45.0
-"""Section 2 takes a vehicle beyond 45 deg for unstable."""
 HARDLY = 1.5
 
 
 def flight_claim(found: list[dict[str, LyuFlight]]) -> Claim:
-    """No flight is out of control."""
+    """Judge that no flight is out of control."""
     kinds = (("variable integral", variable), ("fixed integral", fixed))
     each = {name: [f[kind(r)] for f in found for r in READINGS] for name, kind in kinds}
     most, kept = (
@@ -172,7 +193,7 @@ def flight_claim(found: list[dict[str, LyuFlight]]) -> Claim:
         "Flown on the improved filter the vehicle is stable and does not lose control.",
         "section 3.2",
         "Largest true tilt from take-off on; the set-point of roll swings by "
-        f"{lyu_flight.AMPLITUDE_DEG:g} deg. Out of control: beyond {IN_CONTROL_DEG:g} deg, or on the ground. Holds if "
+        f"{AMPLITUDE_DEG:g} deg. Out of control: beyond {IN_CONTROL_DEG:g} deg, or on the ground. Holds if "
         f"no flight is, and the interval of the tilt is below {IN_CONTROL_DEG:g} deg.",
         (kept[0], most[0], kept[1], most[1], size, *numbers, equal, e),
         "does not hold" if lost else combine_verdicts([below(n, IN_CONTROL_DEG) for n in most]),
@@ -184,7 +205,7 @@ def flight_claim(found: list[dict[str, LyuFlight]]) -> Claim:
 
 
 def cost_claim(spent: dict[str, list[float]]) -> Claim:
-    """Time per update; ``spent`` of :func:`attlog.reproduce.bench.time_updates`."""
+    """Judge the time per update; ``spent`` of :func:`time_updates`."""
     new, old = variable("second"), fixed("second")
     one = ratio("time per update, variable over fixed integral", spent[new], spent[old])
     each = [
@@ -195,7 +216,7 @@ def cost_claim(spent: dict[str, list[float]]) -> Claim:
         "cost",
         "The improved filter costs the processor hardly more.",
         "section 4",
-        f"{bench.COST_METHOD} Hardly more is less than half more: holds if the interval of the ratio is below {HARDLY:g}.",
+        f"{COST_METHOD} Hardly more is less than half more: holds if the interval of the ratio is below {HARDLY:g}.",
         (one, *each),
         below(one, HARDLY),
         f"The size of the error and the ratio of (17) add {quantity(more, 'ns')} to {quantity(each[1].value, 'ns')}. "
@@ -204,7 +225,7 @@ def cost_claim(spent: dict[str, list[float]]) -> Claim:
 
 
 def range_words(numbers: list[PaperNumber], unit: str) -> str:
-    """Where the numbers lie, in words: from the smallest to the largest, or that all are too small to see."""
+    """Return the range of numbers in words, or that all are too small to see."""
     values = [n.value for n in numbers if n.value is not None]
     largest = max(map(abs, values))
     if largest < {"s": 0.05, "deg": 0.05}[unit]:
@@ -212,19 +233,17 @@ def range_words(numbers: list[PaperNumber], unit: str) -> str:
     return f"{quantity(min(values), unit, True)} to {quantity(max(values), unit, True)}"
 
 
-# Lyu: a complementary filter whose integral fades where the error is large, against the one with a fixed integral.
-
+# Ratio of spreads visible in a figure: 2 %.
 QUIETER = 0.98
-"""A ratio of spreads that a person could see in a figure: 2 %."""
+# Differences visible in a figure.
 SOONER_S, CLOSER_DEG = -0.1, -0.1
-"""Differences that a person could see in a figure."""
 
 
 def paper(options: PaperOptions) -> Paper:
-    """Lyu's claims, measured."""
-    found = run_seeds("bench", lyu_runs.bench_seed, options)
-    flown = run_seeds("flights", lyu_flight.flight_seed, options)
-    spent = bench.time_updates((variable("second"), fixed("second")), every=None)
+    """Measure Lyu's claims."""
+    found = run_seeds("bench", bench_seed, options)
+    flown = run_seeds("flights", flight_seed, options)
+    spent = time_updates((variable("second"), fixed("second")), every=None)
     return Paper(
         "lyu",
         "Improved method for the complementary filtering attitude of the four-rotor aircraft",
@@ -254,15 +273,15 @@ def _settings() -> tuple[PaperSetting, ...]:
         PaperSetting("its noise", "0.005 deg/s/sqrt(Hz), 400 ug/sqrt(Hz), from its data sheet", "ours"),
         PaperSetting("magnetometer", "none: heading is free", "paper"),
         PaperSetting("sampling", "200 Hz; gyro range 500 deg/s, once 250; gyro bias left 0.1 deg/s (1 sigma)", "ours"),
-        PaperSetting("vibration", f"{lyu_runs.SHAKEN_M_S2:g} m/s^2 RMS an axis, white, at rest", "ours"),
+        PaperSetting("vibration", f"{SHAKEN_M_S2:g} m/s^2 RMS an axis, white, at rest", "ours"),
         PaperSetting(
             "at rest", "60 s on a table tilted by 1 to 3 deg; spread from 20 s on, straight line removed", "ours"
         ),
         PaperSetting("drop", "up about an edge 15 cm away in 1 s, held 4 s, dropped in 0.3 s, a blow of 2 g", "ours"),
         PaperSetting(
             "flight",
-            f"take-off, hover, roll on a sine of {lyu_flight.AMPLITUDE_DEG:g} deg and "
-            f"{lyu_flight.PERIOD_S:g} s, on the filter's attitude, by Huang's controller",
+            f"take-off, hover, roll on a sine of {AMPLITUDE_DEG:g} deg and "
+            f"{PERIOD_S:g} s, on the filter's attitude, by Huang's controller",
             "ours",
         ),
     )
@@ -286,7 +305,7 @@ def _rest_claim(found: list[BenchResult]) -> Claim:
     spread = mean("spread of roll, both filters, ki per second", [b.spread[fixed("second")][0] for b in found], "deg")
     shaken = [
         ratio(
-            f"spread of {name} under {lyu_runs.SHAKEN_M_S2:g} m/s^2 of vibration, variable over fixed, ki per {reading}",
+            f"spread of {name} under {SHAKEN_M_S2:g} m/s^2 of vibration, variable over fixed, ki per {reading}",
             [b.shaken[variable(reading)][axis] for b in found],
             [b.shaken[fixed(reading)][axis] for b in found],
         )
@@ -317,14 +336,14 @@ def _rest_claim(found: list[BenchResult]) -> Claim:
         combine_verdicts(verdicts),
         f"The two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The integral fades above "
         f"|e| = {ERR1:g}; at rest |e| stays below {math.ceil(100 * largest) / 100:g}. Without any integral the spread "
-        f"is {quantity(none.value, 'ratio')} as large. With {lyu_runs.SHAKEN_M_S2:g} m/s^2 (RMS) of vibration the mean "
-        f"|e| is {shaken_e:.2f}. Then the variable integral's spread is {range_text(shaken[2:], 'ratio')} as large with ki "
-        f"per sample, {range_text(shaken[:2], 'ratio')} with ki per second. The paper's motors may have run.",
+        f"is {quantity(none.value, 'ratio')} as large. With {SHAKEN_M_S2:g} m/s^2 (RMS) of vibration the mean "
+        f"|e| is {shaken_e:.2f}. Then the variable integral's spread is {range_text(shaken[2:], 'ratio')} as large "
+        f"with ki per sample, {range_text(shaken[:2], 'ratio')} with ki per second. The paper's motors may have run.",
     )
 
 
 def _each_drop(found: list[BenchResult], what: str, field: str, unit: str) -> list[PaperNumber]:
-    """Differences (variable minus fixed) of a field by reading and drop."""
+    """Return differences (variable minus fixed) of a field by reading and drop."""
     return [
         difference(
             f"{what} after {_named(angle, span)}, variable minus fixed, ki per {reading}",
@@ -338,7 +357,7 @@ def _each_drop(found: list[BenchResult], what: str, field: str, unit: str) -> li
 
 
 def _each_start(found: list[BenchResult], what: str, field: str, unit: str, ours: bool = False) -> list[PaperNumber]:
-    """Differences (variable, or ours, minus fixed) of a field by reading and angle of the wrong start."""
+    """Return differences (variable, or ours, minus fixed) of a field by reading and wrong start."""
     kind, name = (stopped, "input stopped") if ours else (variable, "variable")
     return [
         difference(
@@ -375,8 +394,8 @@ def _follow_claim(found: list[BenchResult]) -> Claim:
         f"the difference is below {CLOSER_DEG:g} deg.",
         put_first(smallest_and_largest(numbers), (*numbers, *above)),
         combine_verdicts([below(n, CLOSER_DEG) for n in numbers]),
-        f"The error differs by {range_words(numbers, 'deg')}. The filters differ only while |e| is above {ERR1:g}: less "
-        f"than {most} of the time. That is in the blow, and where the gyro's range is too small for the drop.",
+        f"The error differs by {range_words(numbers, 'deg')}. The filters differ only while |e| is above {ERR1:g}: "
+        f"less than {most} of the time. That is in the blow, and where the gyro's range is too small for the drop.",
         shown=2,
     )
 
@@ -389,21 +408,20 @@ def _settle_claim(found: list[BenchResult]) -> Claim:
         "settle",
         "After a large error the improved filter is back at the true angle sooner.",
         "fig. 5",
-        f"After a drop: time until the error of roll stays within {lyu_runs.DROP_WITHIN_DEG:g} deg of where it ends. "
-        f"After a wrong start: time until it stays within {lyu_runs.WRONG_WITHIN_DEG:g} deg. Holds if the whole interval "
+        f"After a drop: time until the error of roll stays within {DROP_WITHIN_DEG:g} deg of where it ends. "
+        f"After a wrong start: time until it stays within {WRONG_WITHIN_DEG:g} deg. Holds if the whole interval "
         f"of the difference is below {SOONER_S:g} s.",
         put_first(smallest_and_largest((*drops, *starts)), (*drops, *starts, *ours)),
         combine_verdicts([below(n, SOONER_S) for n in (*drops, *starts)]),
-        f"After a drop it differs by {range_words(drops, 's')}. After a wrong start it differs by {range_words(starts, 's')}. "
-        "Equation (16) "
-        "goes on summing while nothing is put out; the sum then drives the angle too far. With the sum stopped "
-        f"instead, it differs by {range_words(ours, 's')}.",
+        f"After a drop it differs by {range_words(drops, 's')}. After a wrong start it differs by "
+        f"{range_words(starts, 's')}. Equation (16) goes on summing while nothing is put out; the sum then "
+        f"drives the angle too far. With the sum stopped instead, it differs by {range_words(ours, 's')}.",
         shown=2,
     )
 
 
 def _table(found: list[BenchResult]) -> PaperTable:
-    """Means of settling time and overshoot by row."""
+    """Return means of settling time and overshoot by row."""
     kinds = (("fixed", fixed), ("variable, as printed", variable), ("variable, input stopped", stopped))
     rows = []
     for reading in READINGS:
@@ -419,5 +437,5 @@ def _table(found: list[BenchResult]) -> PaperTable:
         "From a start with a wrong angle",
         head,
         tuple(rows),
-        f"Means over seeds; settled: the error of roll stays within {lyu_runs.WRONG_WITHIN_DEG:g} deg.",
+        f"Means over seeds; settled: the error of roll stays within {WRONG_WITHIN_DEG:g} deg.",
     )

@@ -1,7 +1,7 @@
 """Lyu's experiments for one seed: the board at rest, lifted and dropped, started with a wrong angle, and in flight.
 
-Each is run with the traditional filter (fixed integral) and the one with variable integral, ki read as per second and
-as per sample. Without a magnetometer, as in the paper.
+Each is run with the traditional filter (fixed integral) and the one with variable integral, ki per second and per
+sample; without a magnetometer, as in the paper.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from attlog.reproduce.bench import (
     FLOWN_ON_TRUTH,
     FilterOutput,
     FlightSamples,
+    detrended_std,
     flight_samples,
     gravity_error,
+    overshoot_of,
     rms,
     run_filter,
 )
@@ -30,39 +32,39 @@ from attlog.simulate.sensor_settings import AccelerometerSettings, GyroSettings,
 Array = NDArray[np.float64]
 
 RATE_HZ = 200.0
+# InvenSense PS-MPU-6000A: 0.005 deg/s/sqrt(Hz), 400 ug/sqrt(Hz); ranges, rate and remaining bias are ours.
 MPU6050 = ImuSettings(
     rate_hz=RATE_HZ,
     gyro=GyroSettings(noise_dps_rthz=0.005, bias_spread_dps=0.1, range_dps=500.0, step_dps=500.0 / 32768),
     acc=AccelerometerSettings(noise_ug_rthz=400.0, range_g=4.0, step_mg=4000.0 / 32768),
 )
-"""InvenSense PS-MPU-6000A: 0.005 deg/s/sqrt(Hz), 400 ug/sqrt(Hz); ranges, rate and the bias left are ours."""
 READINGS = ("second", "sample")
 ERR1, ERR2 = 0.3, 0.8
+# Angle in deg and the gyro's range in deg/s: a drop of 60 deg in 0.3 s turns at up to 375 deg/s.
 DROPS = ((20.0, 500.0), (40.0, 500.0), (60.0, 500.0), (60.0, 250.0))
-"""Angle in deg and the gyro's range in deg/s: a drop of 60 deg in 0.3 s turns at up to 375 deg/s."""
 WRONG_DEG = (20.0, 40.0, 60.0)
 REST_S, SETTLED_S = 60.0, 20.0
+# RMS of rotor vibration on each axis of the accelerometer: the mean |e| is above err1.
 SHAKEN_M_S2 = 3.0
-"""RMS of what rotors would shake into each axis of the accelerometer: the mean |e| is above err1."""
 STILL_S, LIFT_S, HOLD_S, DROP_S, AFTER_S = 10.0, 1.0, 4.0, 0.3, 30.0
 DROP_AT = STILL_S + LIFT_S + HOLD_S
 DROP_WITHIN_DEG, WRONG_WITHIN_DEG = 0.25, 1.0
+# A row, an angle in deg, the gyro's range in deg/s.
 Key = tuple[str, float, float]
-"""A row, an angle in deg, the gyro's range in deg/s."""
 
 
 def fixed(reading: str) -> str:
-    """The traditional filter's row."""
+    """Return the row of the traditional filter."""
     return f"complementary@lyu-fixed:ki_per={reading}"
 
 
 def variable(reading: str) -> str:
-    """The row of the filter with variable integral."""
+    """Return the row of the filter with variable integral."""
     return f"variable_integral@lyu:ki_per={reading}"
 
 
 def stopped(reading: str) -> str:
-    """Ours, for comparison: what is faded is the integral's input."""
+    """Return our variant for comparison, which fades the input of the integral."""
     return f"variable_integral@lyu:ki_per={reading},freeze=input"
 
 
@@ -71,9 +73,11 @@ ROWS = tuple(kind(reading) for reading in READINGS for kind in (fixed, variable,
 
 @dataclass(frozen=True, slots=True)
 class BenchMotion:
-    """What a row made of a drop or of a wrong start: ``settling_s`` until its error of roll stays near where it ends,
-    ``overshoot_deg`` of roll beyond the true one, ``error_deg`` RMS of tilt, ``above_pct`` of the time in which |e| is
-    above err1, ``q_equal`` to the traditional filter to the last bit.
+    """Results of a row on a drop or a wrong start.
+
+    ``settling_s``: until its error of roll stays near its end value. ``overshoot_deg``: of roll beyond the true
+    one. ``error_deg``: RMS of tilt. ``above_pct``: time with |e| above err1. ``q_equal``: to the traditional filter
+    to the last bit.
     """
 
     settling_s: float
@@ -85,9 +89,11 @@ class BenchMotion:
 
 @dataclass(frozen=True, slots=True)
 class BenchResult:
-    """What one seed gave on the bench. ``spread``: roll and pitch at rest in deg by row; ``without`` any integral;
-    ``largest_e`` at rest; ``equal``: variable and fixed integral to the last bit, by reading of ki; ``shaken``: spread
-    with vibration, ``shaken_e`` the mean |e| then.
+    """Results of one seed on the bench.
+
+    ``spread``: roll and pitch at rest in deg by row; ``without``: without any integral. ``largest_e``: at rest.
+    ``equal``: variable and fixed integral to the last bit, by reading of ki. ``shaken``: spread with vibration,
+    ``shaken_e``: mean |e| then.
     """
 
     spread: dict[str, tuple[float, float]]
@@ -101,7 +107,7 @@ class BenchResult:
 
 
 def board(seconds: float, motion: PrescribedMotion, range_dps: float = 500.0) -> Scenario:
-    """Lyu's board, moved by hand or at rest on a table, rotors off."""
+    """Return Lyu's board, moved by hand or at rest on a table, rotors off."""
     gyro = replace(MPU6050.gyro, range_dps=range_dps, step_dps=range_dps / 32768)
     return Scenario(
         name="lyu",
@@ -113,7 +119,7 @@ def board(seconds: float, motion: PrescribedMotion, range_dps: float = 500.0) ->
 
 
 def lifted(angle: float) -> PrescribedMotion:
-    """Rest, up about one edge, held, dropped within 0.3 s onto the table."""
+    """Return rest, a lift about one edge, a hold, a drop within 0.3 s."""
     moves = (
         Move(seconds=STILL_S),
         Move(seconds=LIFT_S, roll_deg=angle),
@@ -124,35 +130,35 @@ def lifted(angle: float) -> PrescribedMotion:
 
 
 def tilted(seed: int) -> PrescribedMotion:
-    """A table tilted by 1 to 3 deg towards somewhere."""
+    """Return a table tilted by 1 to 3 deg in a random direction."""
     draw = np.random.default_rng([seed, 24])
     size, where = draw.uniform(1.0, 3.0), draw.uniform(0.0, 2.0 * np.pi)
     return PrescribedMotion(roll_deg=float(size * np.cos(where)), pitch_deg=float(size * np.sin(where)))
 
 
 def at_rest(seed: int) -> FlightSamples:
-    """The board on its tilted table."""
+    """Return samples of the board on its tilted table."""
     return flight_samples(fly(board(REST_S, tilted(seed)), seed), mag=False)
 
 
 def shaken(s: FlightSamples, seed: int) -> FlightSamples:
-    """The same samples with vibration: sampled at 200 Hz what rotors shake is as good as white."""
+    """Return the samples with vibration, white at 200 Hz."""
     noise = np.random.default_rng([seed, 25]).standard_normal(s.acc.shape)
     return replace(s, acc=s.acc + SHAKEN_M_S2 * noise)
 
 
 def drop(seed: int, angle: float, range_dps: float) -> FlightSamples:
-    """The board lifted and dropped."""
+    """Return samples of the board lifted and dropped."""
     return flight_samples(fly(board(DROP_AT + DROP_S + AFTER_S, lifted(angle), range_dps), seed), mag=False)
 
 
 def wrong_start(row: str, s: FlightSamples, angle: float) -> FilterOutput:
-    """A row over samples at rest that starts ``angle`` deg off in roll."""
+    """Run a row over samples at rest from a start ``angle`` deg off in roll."""
     return run_filter(row, s, q0=rotation.multiply(s.q[0], rotation.from_euler(np.radians(angle), 0.0, 0.0)))
 
 
 def bench_seed(seed: int) -> BenchResult:
-    """All experiments on the bench for one seed."""
+    """Run all experiments on the bench for one seed."""
     still = at_rest(seed)
     found = {row: run_filter(row, still) for row in ROWS}
     none = run_filter("complementary@lyu-fixed:ki=0", still)
@@ -185,11 +191,9 @@ def _reading(row: str) -> str:
 
 
 def _spread(found: FilterOutput) -> tuple[float, float]:
-    """Standard deviations of roll and pitch in deg, straight line removed."""
+    """Return standard deviations of roll and pitch in deg, straight line removed."""
     late = found.t >= SETTLED_S
-    return bench.detrended_std(found.t[late], found.angles[late, 0]), bench.detrended_std(
-        found.t[late], found.angles[late, 1]
-    )
+    return detrended_std(found.t[late], found.angles[late, 0]), detrended_std(found.t[late], found.angles[late, 1])
 
 
 def _dropped(s: FlightSamples, found: FilterOutput, traditional: FilterOutput) -> BenchMotion:
@@ -198,7 +202,7 @@ def _dropped(s: FlightSamples, found: FilterOutput, traditional: FilterOutput) -
     moving = (found.t >= STILL_S) & (found.t < late + 5.0)
     return BenchMotion(
         bench.settling_s(found.t, error - end, late, DROP_WITHIN_DEG),
-        bench.overshoot_of(found.t, error, late, 1.0, 0.0),
+        overshoot_of(found.t, error, late, 1.0, 0.0),
         rms(found.tilt_error[moving]),
         100.0 * float(np.mean(gravity_error(s, found)[moving] >= ERR1)),
         bool(np.array_equal(found.q, traditional.q)),
@@ -209,14 +213,12 @@ def _started(s: FlightSamples, found: FilterOutput, traditional: FilterOutput, a
     roll = found.errors[:, 0]
     return BenchMotion(
         bench.settling_s(found.t, roll, float(found.t[0]), WRONG_WITHIN_DEG),
-        bench.overshoot_of(found.t, roll, float(found.t[0]), angle, 0.0),
+        overshoot_of(found.t, roll, float(found.t[0]), angle, 0.0),
         rms(found.tilt_error),
         100.0 * float(np.mean(gravity_error(s, found) >= ERR1)),
         bool(np.array_equal(found.q, traditional.q)),
     )
 
-
-# Lyu's filters in the loop: hover, then roll follows a sine, flown on either filter's attitude.
 
 TRACK_S, SECONDS = 20.0, 32.0
 AMPLITUDE_DEG, PERIOD_S = 15.0, 3.0
@@ -224,9 +226,10 @@ AMPLITUDE_DEG, PERIOD_S = 15.0, 3.0
 
 @dataclass(frozen=True, slots=True)
 class LyuFlight:
-    """One flight from take-off to its end: RMS of the tilt error of the estimate and of the distance of the true roll
-    from its set-point (deg), the largest true tilt (deg), whether it ``landed`` on its own once it tracked, the
-    largest |e|, ``equal`` to the flight on the traditional filter to the last bit.
+    """One flight from take-off to its end.
+
+    RMS of the estimate's tilt error and of roll from its set-point (deg), largest true tilt (deg), ``landed`` on
+    its own while tracking, largest |e|, ``equal`` to the flight on the traditional filter to the last bit.
     """
 
     error_deg: float
@@ -238,7 +241,7 @@ class LyuFlight:
 
 
 def flight_scenario(row: str) -> Scenario:
-    """Take-off, hover, a sine in roll; the board is Lyu's, without magnetometer."""
+    """Return take-off, hover, a sine in roll; Lyu's board without magnetometer."""
     commands = (
         Command(t=11.0, do="arm"),
         Command(t=12.0, do="takeoff", up_m=5.0),
@@ -254,12 +257,12 @@ def flight_scenario(row: str) -> Scenario:
 
 
 def fly_row(row: str, seed: int) -> Flight:
-    """A flight on one filter's attitude."""
+    """Fly on one filter's attitude."""
     return fly(flight_scenario(row), seed)
 
 
 def flight_seed(seed: int) -> dict[str, LyuFlight]:
-    """All flights of one seed by row."""
+    """Fly all rows of one seed."""
     found: dict[str, LyuFlight] = {}
     for reading in READINGS:
         traditional = fly_row(fixed(reading), seed)

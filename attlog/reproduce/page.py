@@ -1,4 +1,4 @@
-"""Lines of figures that several papers draw: angles or errors of filters over one flight, means with intervals."""
+"""Lines of figures that several papers draw, and a paper as one self-contained page."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ WHOLE_FLIGHT: Span = (-np.inf, np.inf)
 
 
 def curve_line(name: str, t: Array, y: Array, panel: int = 0, span: Span = WHOLE_FLIGHT) -> FigureLine:
-    """A line of ``y`` (n,) at ``t`` (n,) s from ``span[0]`` to before ``span[1]``, thinned for a page."""
+    """Return a line of ``y`` (n,) at ``t`` (n,) s within ``span``, thinned for a page."""
     part = (t >= span[0]) & (t < span[1])
     return FigureLine(name, *thin(t[part], y[part]), panel)
 
 
 def truth_lines(s: FlightSamples, span: Span = WHOLE_FLIGHT, axes: int = len(AXES)) -> list[FigureLine]:
-    """The true roll, pitch, heading [deg] of a flight, a panel each."""
+    """Return the true roll, pitch, heading [deg] of a flight, a panel each."""
     y = angles(s.q)
     return [curve_line(TRUTH_LINE, s.t, y[:, axis], axis, span) for axis in range(axes)]
 
@@ -40,9 +40,9 @@ def truth_lines(s: FlightSamples, span: Span = WHOLE_FLIGHT, axes: int = len(AXE
 def filter_lines(
     s: FlightSamples, rows: Mapping[str, str], errors: bool = False, span: Span = WHOLE_FLIGHT
 ) -> list[FigureLine]:
-    """What filters make of the samples of a flight: angles, or their ``errors``, by axis [deg], a panel each.
+    """Return angles of filters over the samples of a flight, or their ``errors``, by axis [deg], a panel each.
 
-    ``rows``: filter (``mahony@xu-0.6``) to the line's name.
+    ``rows``: name of the line by filter (``mahony@xu-0.6``).
     """
     lines = []
     for row, name in rows.items():
@@ -53,24 +53,22 @@ def filter_lines(
 
 
 def points_line(name: str, x: Sequence[float], numbers: Sequence[PaperNumber], panel: int = 0) -> FigureLine:
-    """Numbers at ``x`` with the ends of their intervals; one without an interval is its own."""
+    """Return numbers at ``x`` with the ends of their intervals."""
     y = np.array([np.nan if n.value is None else n.value for n in numbers])
     ends = np.array([n.ci95 or (v, v) for n, v in zip(numbers, y, strict=True)])
     return FigureLine(name, x, y, panel, ends[:, 0], ends[:, 1])
 
 
 def thin(t: Array, y: Array, most: int = 8000) -> tuple[Array, Array]:
-    """Every k-th point of a line ``y`` (n,) at ``t`` (n,), so that a page stays small."""
+    """Return every k-th point of a line, so that a page stays small."""
     every = -(-len(t) // most)
     return t[::every], y[::every]
 
 
-# A paper run again as one self-contained page: claims with verdicts, figures, tables, settings.
-
 WEB_FOLDER = Path(__file__).parent / "web"
 PALETTE_SIZE = 8
+# Step of stored values, coarser where the range needs it.
 VALUE_STEP = 1e-6
-"""Values of lines are stored in steps of this size, coarser where the range needs it."""
 CHIP_CLASS = {"holds": "good", "holds in part": "warn", "does not hold": "bad", "cannot be judged": ""}
 
 
@@ -80,7 +78,7 @@ def write_page(paper: Paper, path: Path) -> None:
 
 
 def render_paper(paper: Paper) -> str:
-    """The page as text: nothing in it is loaded from anywhere."""
+    """Return the page as text; it loads nothing."""
     store = ArrayPacker()
     names = list(dict.fromkeys(line.name for figure in paper.figures for line in figure.lines))
     rows = line_styles(names)
@@ -103,7 +101,7 @@ def render_paper(paper: Paper) -> str:
 
 
 def line_styles(names: Iterable[str]) -> list[dict[str, Any]]:
-    """How each line name is drawn: the truth in black, the others in the colours of the palette."""
+    """Return the style of each line: the truth in black, the others in the colours of the palette."""
     others = [name for name in names if name != TRUTH_LINE]
     return [
         {
@@ -119,7 +117,7 @@ def line_styles(names: Iterable[str]) -> list[dict[str, Any]]:
 
 
 def number_text(number: PaperNumber) -> str:
-    """A number with its interval and how many flights it stands on: ``0.42° (0.40 to 0.44; 20)``."""
+    """Return a number with its interval and its flights: ``0.42° (0.40 to 0.44; 20)``."""
     if number.value is None:
         return "not measurable"
     most = max(map(abs, (number.value, *(number.ci95 or ()))))
@@ -134,7 +132,7 @@ def number_text(number: PaperNumber) -> str:
 
 
 def unit_of(title: str) -> str:
-    """The unit that a title of an axis ends with, empty where there is none."""
+    """Return the unit at the end of an axis' title, empty without one."""
     return title.rpartition(", ")[2] if ", " in title else ""
 
 
@@ -192,13 +190,13 @@ def _axis_title(title: str) -> str:
 
 
 def _unit_suffix(title: str) -> str:
-    """The unit behind a number."""
+    """Return the unit behind a number."""
     unit = unit_sign(unit_of(title))
     return unit if unit.startswith("°") or not unit else f" {unit}"
 
 
 def _line_words(line: FigureLine, figure: PaperFigure) -> str:
-    """What a line shows in words: its smallest and largest value."""
+    """Return a line's smallest and largest value in words."""
     y = np.asarray(line.y, np.float64)
     good = y[np.isfinite(y)]
     title = figure.panels[line.panel]

@@ -1,7 +1,10 @@
-"""What a paper claims and what was found here: the claims with their verdicts, figures, tables, settings.
+"""A paper run again: claims with verdicts, figures, tables, settings; and the verdicts of intervals.
 
-One file per paper has ``paper(options) -> Paper``; page, JSON and terminal show a Paper and know no paper.
-Texts are plain (``deg``, ``m/s^2``, ``-1``): the page and the terminal typeset them.
+Each paper has a file with ``paper(options) -> Paper``; page, JSON and terminal show a Paper and know no paper. Texts
+are plain (``deg``, ``m/s^2``, ``-1``): page and terminal typeset them. A claim about a size holds where the whole 95 %
+interval is on its side, does not hold where it is on the other, and cannot be judged where the interval includes the
+limit. Ratios are paired: both numbers of a pair come from the same seed, and the interval is of the mean of their
+logarithms.
 """
 
 from __future__ import annotations
@@ -26,15 +29,15 @@ from attlog.words.numbers import between, interval, listed, quantity
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]
 PAPER_SCHEMA = "attlog-paper/1"
+# Verdicts of several claims.
 VERDICT_PLURALS: dict[Verdict, str] = {
     "holds": "hold",
     "holds in part": "hold in part",
     "does not hold": "do not hold",
     "cannot be judged": "cannot be judged",
 }
-"""Each verdict as it is said of several claims."""
+# Name of the line of true values, drawn in black.
 TRUTH_LINE = "truth"
-"""The name of a line that shows what really was; it is drawn in black."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +56,11 @@ class PaperNumber:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A sentence of a paper and what became of it.
+    """A sentence of a paper and its verdict.
 
-    ``says`` in our words; ``where`` figure, table or section; ``paper`` the number it prints, empty where it prints
-    none; ``measured`` how it was measured here; ``numbers`` what was, the ``shown`` first ones those that tell most;
-    ``by`` by how much it holds or not, in short sentences.
+    ``says``: in our words. ``where``: figure, table or section. ``paper``: the number it prints, if any.
+    ``measured``: how it was measured here. ``numbers``: results, the first ``shown`` the decisive ones. ``by``: by
+    how much it holds or not, in short sentences.
     """
 
     id: str
@@ -73,7 +76,7 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class FigureLine:
-    """A line of a figure: ``x`` and ``y`` (n,), NaN breaks it; lines of one name share colour and legend.
+    """A line of a figure: ``x`` and ``y`` (n,), broken by NaN; lines of one name share colour and legend.
 
     ``low`` and ``high`` (n,): ends of intervals of the points of a figure of kind ``points``.
     """
@@ -88,11 +91,10 @@ class FigureLine:
 
 @dataclass(frozen=True, slots=True)
 class PaperFigure:
-    """A figure redrawn from our own run. ``kind``: ``curves`` (dense lines) or ``points`` (with intervals).
+    """A figure redrawn from our own run; ``kind``: ``curves`` (dense lines) or ``points`` (with intervals).
 
-    ``x_title`` and each of ``panels`` (titles of the y axes, stacked, sharing x) end with their unit after a comma
-    (``time, s``). ``ticks``: names of x = 0, 1, 2 ... in place of numbers; ``x_log``: equal factors are equally far
-    apart (points only). ``where``: the paper's figure.
+    ``x_title`` and each of ``panels`` (titles of stacked y axes) end with their unit after a comma (``time, s``).
+    ``ticks``: names of x = 0, 1, 2 ...; ``x_log``: logarithmic x (points only). ``where``: the paper's figure.
     """
 
     id: str
@@ -120,7 +122,7 @@ class PaperTable:
 
 @dataclass(frozen=True, slots=True)
 class PaperSetting:
-    """A setting of the run; ``origin``: ``paper`` where the paper states it, ``ours`` where it does not."""
+    """A setting of the run; ``origin``: whether the paper states it."""
 
     name: str
     value: str
@@ -129,7 +131,7 @@ class PaperSetting:
 
 @dataclass(frozen=True, slots=True)
 class Paper:
-    """One paper run again. ``key`` names it (``lyu``); ``citation`` is that of docs/references.md, shortened."""
+    """One paper run again; ``key`` names it (``lyu``), ``citation`` is that of docs/references.md, shortened."""
 
     key: str
     title: str
@@ -147,7 +149,7 @@ class Paper:
 
 
 def tally_verdicts(paper: Paper) -> str:
-    """How many claims have which verdict: ``1 holds, 3 hold in part``."""
+    """Return the number of claims by verdict: ``1 holds, 3 hold in part``."""
     counts = Counter(claim.verdict for claim in paper.claims)
     return ", ".join(
         f"{counts[verdict]} {verdict if counts[verdict] == 1 else plural}"
@@ -158,42 +160,30 @@ def tally_verdicts(paper: Paper) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PaperOptions:
-    """What a run may be told: how many seeds (0, 1, ... are flown), how many processes, logs for the paper that wants
-    some."""
+    """Number of seeds (0, 1, ...) and processes, and logs for the paper with real flights."""
 
     seeds: int = 20
     processes: int = 1
     logs: tuple[Path, ...] = ()
 
 
-# The JSON of a paper run again.
-
-
 def paper_json(paper: Paper, indent: int | None = None) -> str:
-    """Claims, numbers, tables, settings; of the figures what they show, not their points (those stand in the page)."""
+    """Return claims, numbers, tables, settings; of the figures their texts, not their points."""
     return json.dumps(to_plain(paper), ensure_ascii=False, allow_nan=False, indent=indent) + "\n"
 
 
-# Numbers of many seeds as one number with an interval, and what an interval says about a claim.
-#
-# A claim about a size holds where the whole 95 % interval lies on its side, does not hold where the whole interval
-# lies
-# on the other, and cannot be judged where the interval holds the limit. Ratios are paired: both numbers of a pair
-# come from the same seed, and it is the mean of their logarithms that has the interval.
-
-
 def mean(what: str, values: Sequence[float], unit: str) -> PaperNumber:
-    """The mean of a number over seeds with Student's interval. Seeds without one (NaN) are left out and not counted."""
+    """Return the mean of a number over seeds with Student's interval; seeds without one (NaN) do not count."""
     return _pooled_number(what, [v for v in values if math.isfinite(v)], unit)
 
 
 def difference(what: str, ours: Sequence[float], other: Sequence[float], unit: str) -> PaperNumber:
-    """The mean of ``ours - other``, seed by seed."""
+    """Return the mean of ``ours - other``, seed by seed."""
     return mean(what, [a - b for a, b in zip(ours, other, strict=True)], unit)
 
 
 def ratio(what: str, ours: Sequence[float], other: Sequence[float], unit: str = "ratio") -> PaperNumber:
-    """The geometric mean of ``ours / other``, seed by seed. Pairs in which either is not positive are left out."""
+    """Return the geometric mean of ``ours / other``, seed by seed; pairs with a value <= 0 do not count."""
     pairs = [(a, b) for a, b in zip(ours, other, strict=True) if a > 0.0 and b > 0.0]
     logs = _pooled_number(what, [math.log(a / b) for a, b in pairs], unit)
     if logs.value is None:
@@ -203,39 +193,39 @@ def ratio(what: str, ours: Sequence[float], other: Sequence[float], unit: str = 
 
 
 def geometric_mean(values: Sequence[float], unit: str = "deg") -> PaperNumber:
-    """The geometric mean with its interval. What is not positive is left out."""
+    """Return the geometric mean of positive values with its interval."""
     return ratio("", values, [1.0] * len(values), unit)
 
 
 def mean_text(values: Sequence[float], unit: str) -> str:
-    """The mean over seeds as a table shows it."""
+    """Return the mean over seeds for a table."""
     return quantity(mean("", values, unit).value, unit)
 
 
 def numbers_text(numbers: Sequence[PaperNumber]) -> str:
-    """Numbers with their intervals in words."""
+    """Return numbers with their intervals in words."""
     return listed([quantity(n.value, n.unit) + (f" ({interval(n.ci95, n.unit)})" if n.ci95 else "") for n in numbers])
 
 
 def smallest_and_largest(numbers: Sequence[PaperNumber]) -> tuple[PaperNumber, PaperNumber]:
-    """The smallest and the largest of numbers of one kind; those that could not be measured are neither."""
+    """Return the smallest and the largest of the numbers that could be measured."""
     known = [n for n in numbers if n.value is not None] or list(numbers)
     return min(known, key=lambda n: n.value or 0.0), max(known, key=lambda n: n.value or 0.0)
 
 
 def range_text(numbers: Sequence[PaperNumber], unit: str) -> str:
-    """From the smallest to the largest of numbers, in words: ``0.93 to 0.94×``, or one where they look alike."""
+    """Return the range of numbers in words: ``0.93 to 0.94×``, or one where they look alike."""
     low, high = smallest_and_largest(numbers)
     return between(quantity(low.value, unit), quantity(high.value, unit))
 
 
 def put_first(first: Sequence[PaperNumber], numbers: Sequence[PaperNumber]) -> tuple[PaperNumber, ...]:
-    """Numbers of a claim, ``first`` ahead of the others."""
+    """Return the numbers of a claim, ``first`` ahead of the others."""
     return (*first, *(n for n in numbers if n not in first))
 
 
 def share_of_seeds(what: str, hits: Sequence[bool]) -> PaperNumber:
-    """The percentage of seeds on which something is so, with Wilson's interval (1927)."""
+    """Return the percentage of hits among seeds with Wilson's interval (1927)."""
     n = len(hits)
     if n == 0:
         return PaperNumber(what, None, "pct", None, 0)
@@ -248,7 +238,7 @@ def share_of_seeds(what: str, hits: Sequence[bool]) -> PaperNumber:
 
 
 def below(number: PaperNumber, limit: float) -> Verdict:
-    """Whether a number is smaller than a limit."""
+    """Return the verdict on a number being smaller than a limit."""
     if number.value is None or number.ci95 is None:
         return "cannot be judged"
     low, high = number.ci95
@@ -256,7 +246,7 @@ def below(number: PaperNumber, limit: float) -> Verdict:
 
 
 def above(number: PaperNumber, limit: float) -> Verdict:
-    """Whether a number is larger than a limit."""
+    """Return the verdict on a number being larger than a limit."""
     if number.value is None or number.ci95 is None:
         return "cannot be judged"
     low, high = number.ci95
@@ -264,7 +254,7 @@ def above(number: PaperNumber, limit: float) -> Verdict:
 
 
 def combine_verdicts(verdicts: Sequence[Verdict]) -> Verdict:
-    """The verdict on a claim of several parts: of one mind, or in part where one part holds and another does not.
+    """Return the verdict on a claim of several parts: common to all, or in part.
 
     Without a part that holds, one that does not decides: "A and B" is false when A is.
     """
@@ -277,9 +267,9 @@ def combine_verdicts(verdicts: Sequence[Verdict]) -> Verdict:
 
 
 def combine_readings(verdicts: Sequence[Verdict]) -> Verdict:
-    """The verdict on a claim that is tried under several readings of what the paper does not print.
+    """Return the verdict on a claim under several readings of what the paper leaves open.
 
-    In part where it holds under some; false only where it is under each: a reading that cannot be judged may be theirs.
+    In part where it holds under some; false only where it is under each.
     """
     found = set(verdicts)
     if len(found) == 1:
@@ -296,15 +286,13 @@ def _pooled_number(what: str, values: Sequence[float], unit: str) -> PaperNumber
     return PaperNumber(what, found.value, unit, found.ci95, len(values))
 
 
-# The papers by name, each run by its own file.
-
 PAPER_NAMES = ("lyu", "fan", "huang", "xu")
+# Papers that use real flights as well.
 PAPERS_WITH_LOGS = {"xu"}
-"""Those that look at real flights as well."""
 
 
 def select_papers(names: list[str]) -> list[str]:
-    """The papers that are named, ``all`` for all of them, each once. UsageError with a suggestion for other names."""
+    """Return the papers named, ``all`` for all of them, each once. UsageError for other names."""
     for name in names:
         if name != "all" and name not in PAPER_NAMES:
             raise UsageError(f"no paper {name}{suggestion(name, [*PAPER_NAMES, 'all'])}")

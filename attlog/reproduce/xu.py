@@ -1,4 +1,4 @@
-"""Xu's remarks beside the figures: what a gain that is too small does, and which form of the attitude is cheaper."""
+"""Xu: which gain of Mahony's filter, judged by how much the attitude oscillates; and a gain that adapts."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from attlog.reproduce import bench
-from attlog.reproduce.bench import AXES, COST_METHOD, run_each, run_seeds
+from attlog.reproduce.bench import AXES, COST_METHOD, run_each, run_seeds, time_updates
 from attlog.reproduce.page import filter_lines, points_line, truth_lines
 from attlog.reproduce.paper import (
     Claim,
@@ -49,7 +48,7 @@ from attlog.words.numbers import counted, listed, number, quantity
 
 
 def slow_claim(seeds: Sequence[XuSeed], missions: GainErrors) -> Claim:
-    """The slow error below the best gain."""
+    """Judge the slow error below the best gain."""
     smallest, next_one = SWEPT[0], SWEPT[1]
     best = best_gain(missions, missions.tilt, "tilt")
     grown, printed = (
@@ -78,7 +77,7 @@ def slow_claim(seeds: Sequence[XuSeed], missions: GainErrors) -> Claim:
 
 
 def cost_claim(spent: dict[str, list[float]]) -> Claim:
-    """Time per update; ``spent`` of :func:`attlog.reproduce.bench.time_updates`."""
+    """Judge the time per update; ``spent`` of :func:`time_updates`."""
     quaternion, matrix = COSTED
     one = ratio("time per update, rotation matrix over quaternion", spent[matrix], spent[quaternion])
     each = [
@@ -96,13 +95,11 @@ def cost_claim(spent: dict[str, list[float]]) -> Claim:
     )
 
 
-# Xu's figures, redrawn from the first seed, and what the gain does over all flights.
-
 CALLED = {row: f"kp {kp:g}" for kp, row in FIXED.items()} | {ADAPTIVE: "adaptive (our law)"}
 
 
 def paper_figures(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation], seed: int = 0) -> tuple[PaperFigure, ...]:
-    """The mission, its errors, oscillation and error against the gain."""
+    """Draw the mission, its errors, oscillation and error against the gain."""
     s = flown(seed)
     return (
         PaperFigure(
@@ -168,10 +165,14 @@ def _errors_by_gain(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> 
             "simulated missions", SWEPT, [geometric_mean([s.heading[gain(kp)] for s in seeds]) for kp in SWEPT], 1
         ),
     ]
-    told = [log for log in logs if all(math.isfinite(v) for kp in SWEPT for v in log.errors.get(gain(kp), (math.nan,)))]
-    if told:
+    complete = [
+        log for log in logs if all(math.isfinite(v) for kp in SWEPT for v in log.errors.get(gain(kp), (math.nan,)))
+    ]
+    if complete:
         lines += [
-            points_line("logs", SWEPT, [geometric_mean([log.errors[gain(kp)][k] for log in told]) for kp in SWEPT], k)
+            points_line(
+                "logs", SWEPT, [geometric_mean([log.errors[gain(kp)][k] for log in complete]) for kp in SWEPT], k
+            )
             for k in (0, 1)
         ]
     return PaperFigure(
@@ -189,7 +190,7 @@ def _errors_by_gain(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> 
 
 
 def oscillation_table(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperTable:
-    """Oscillation and errors of the paper's gains and of the adaptive one."""
+    """Return oscillation and errors of the paper's gains and of the adaptive one."""
     rows = []
     for row, name in CALLED.items():
         sets = [("missions", [s.rms[row] for s in seeds], [(s.tilt[row], s.heading[row]) for s in seeds])]
@@ -205,22 +206,20 @@ def oscillation_table(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -
     return PaperTable("Oscillation and error", head, tuple(rows), "Geometric means over flights of RMS values.")
 
 
-# Xu: which gain of Mahony's filter, judged by how much the attitude oscillates; and a gain that adapts.
-
+# Flights of the source tree; an installed package has none.
 SAMPLE_LOGS = Path(__file__).parents[2] / "sample_logs"
-"""The flights that come with the source; an installed package has none."""
 BAND = f"{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz"
 PAIRS = ((1.1, 0.6), (2.0, 1.1))
 FREQUENCIES = {"crossing": "zero crossings", "hz": "dominant frequency"}
+# A gain below those of the paper.
 CALMER = 0.3
-"""A gain below those of the paper."""
+# Less than 10 % more is no fluctuation that begins.
 LITTLE_RATIO = 1.1
-"""Less than 10 % more is no fluctuation that begins."""
 BETTER_RATIO = 0.98
 
 
 def paper(options: PaperOptions) -> Paper:
-    """Xu's claims, measured on simulated missions and on logs."""
+    """Measure Xu's claims on simulated missions and on logs."""
     seeds = run_seeds("missions", one_seed, options)
     paths = options.logs or tuple(sorted(p for p in SAMPLE_LOGS.glob("*") if p.suffix in (".ulg", ".bin")))
     logs = run_each("logs", oscillation_on_log, [(path, ROWS) for path in paths], options)
@@ -237,7 +236,7 @@ def paper(options: PaperOptions) -> Paper:
             _heading_claim(runs),
             _best_gain_claim(runs),
             slow_claim(seeds, runs[0]),
-            cost_claim(bench.time_updates(COSTED)),
+            cost_claim(time_updates(COSTED)),
             _adaptive_claim(runs),
         ),
         paper_figures(seeds, used),
@@ -334,7 +333,7 @@ def _frequency(runs: GainErrors, field: str, axis: int, high: float, low: float)
 
 
 def _verdict(runs: Sequence[GainErrors], parts: Mapping[str, list[Verdict]]) -> Verdict:
-    """Over simulated missions, and over logs where there are enough for an interval."""
+    """Combine the verdicts on simulated missions, and on logs where there are enough for an interval."""
     return combine_verdicts([v for r in runs if r is runs[0] or r.flights > 1 for v in parts[r.called]])
 
 
@@ -402,7 +401,7 @@ def _best_gain_claim(runs: Sequence[GainErrors]) -> Claim:
     parts: dict[str, list[Verdict]] = {}
     for called, found in best.items():
         parts[called] = [above(n, 1.0) for n in three[called]]
-        parts[called] += ["holds" if b.any_within(0.6, 1.1) else "does not hold" for b in found if b.tells]
+        parts[called] += ["holds" if b.any_within(0.6, 1.1) else "does not hold" for b in found if b.decides]
     first = measured[0].called
     errors = [f"On {called} {b.words}." for called, found in best.items() for b in found]
     return Claim(
@@ -427,7 +426,7 @@ def _adaptive_claim(runs: Sequence[GainErrors]) -> Claim:
         own, other = r.in_band(ADAPTIVE, 0), r.in_band(fixed, 0)
         roll = ratio(f"roll in the band, adaptive over fixed 0.6, {r.called}", own, other)
         numbers[r.called] = [n for n in (tilt, roll) if n.value is not None]
-    told = [f"{numbers_text(found[:1])} on {called}" for called, found in numbers.items()]
+    complete = [f"{numbers_text(found[:1])} on {called}" for called, found in numbers.items()]
     return Claim(
         "adaptive",
         "A gain that adapts is better than a fixed one.",
@@ -436,7 +435,7 @@ def _adaptive_claim(runs: Sequence[GainErrors]) -> Claim:
         f"fixed gain 0.6. Holds if the intervals are below {BETTER_RATIO:g}.",
         tuple(n for found in numbers.values() for n in found),
         _verdict(runs, {called: [below(n, BETTER_RATIO) for n in found] for called, found in numbers.items()}),
-        f"Over the fixed gain's the error of tilt is {listed(told)}. The law sees the size of the "
+        f"Over the fixed gain's the error of tilt is {listed(complete)}. The law sees the size of the "
         "specific force alone. Accelerations across gravity pass it up to 0.46 g, where the size is 10 % off.",
         shown=2,
     )

@@ -1,4 +1,4 @@
-"""Xu's experiment for one seed: a waypoint mission, and gains of Mahony's filter run over what its sensors logged."""
+"""Xu's experiment: gains of Mahony's filter over a waypoint mission, or over a real flight."""
 
 from __future__ import annotations
 
@@ -17,8 +17,18 @@ from attlog.core.errors import AttlogError
 from attlog.flight.vehicle import VehicleKind
 from attlog.metrics import correction_noise
 from attlog.metrics.metric import Case
-from attlog.reproduce import bench
-from attlog.reproduce.bench import FLOWN_ON_TRUTH, FilterOutput, FlightSamples, flight_samples, rms, run_filter
+from attlog.reproduce.bench import (
+    FLOWN_ON_TRUTH,
+    SPECTRUM_WINDOW_S,
+    FilterOutput,
+    FlightSamples,
+    Spectrum,
+    flight_samples,
+    rms,
+    run_filter,
+    spectrum,
+    spectrum_of_windows,
+)
 from attlog.reproduce.paper import PaperNumber, above, ratio
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario import Scenario, load_scenario
@@ -31,25 +41,26 @@ Triple = tuple[float, float, float]
 FIXED = {0.6: "mahony@xu-0.6", 1.1: "mahony@xu-1.1", 2.0: "mahony@xu-2"}
 ADAPTIVE = "mahony_adaptive@xu"
 SWEPT = (0.03, 0.06, 0.1, 0.2, 0.3, 0.45, 0.6, 0.85, 1.1, 1.5, 2.0, 3.0)
+# Below is drift and manoeuvre, above more than a logged IMU of 25 Hz shows.
 BAND_HZ = (0.2, 5.0)
-"""Slower is drift and manoeuvre, faster is beyond what a logged IMU of 25 Hz can show."""
 
 
 def gain(kp: float) -> str:
-    """Xu's filter with another gain."""
+    """Return Xu's filter with another gain."""
     return FIXED.get(kp, f"mahony@xu-0.6:kp={kp:g}")
 
 
+# The same filter on the quaternion and on the rotation matrix.
 COSTED = (gain(0.6), "mahony_dcm:kp=0.6,ki=0,mag_gain=1,acc_form=direction,integrator=first_order")
-"""The same filter on the quaternion and on the rotation matrix."""
 ROWS = (*map(gain, SWEPT), ADAPTIVE)
 
 
 @dataclass(frozen=True, slots=True)
 class XuSeed:
-    """What one seed gave by row, in the air: RMS of the error of (roll, pitch, heading) within BAND_HZ in deg, the
-    dominant frequency of each and that of its zero crossings (upwards) in Hz, the RMS error of tilt and of heading in
-    deg, and of roll and pitch averaged over 1 / BAND_HZ[0].
+    """Results of one seed by row, in the air.
+
+    RMS error of (roll, pitch, heading) within BAND_HZ in deg, dominant frequency and upward zero crossings of each
+    in Hz, RMS error of tilt and heading in deg, and of roll and pitch averaged over 1 / BAND_HZ[0].
     """
 
     rms: dict[str, Triple]
@@ -61,31 +72,31 @@ class XuSeed:
 
 
 def mission() -> Scenario:
-    """The library's waypoints: around a square of 30 m, nose ahead, in wind. No filter changes the flight."""
+    """Return the library's waypoints: a square of 30 m, nose ahead, in wind, flown on the truth."""
     sensors = SensorSettings(imu=(ImuSettings(rate_hz=200.0),), mag=(MagSettings(rate_hz=50.0),))
     return load_scenario("waypoints").changed(sensors=sensors, estimator=FLOWN_ON_TRUTH)
 
 
 def flown(seed: int) -> FlightSamples:
-    """What the sensors of one mission logged."""
+    """Return the samples of one mission."""
     return flight_samples(fly(mission(), seed))
 
 
 @functools.cache
 def air_span() -> tuple[float, float]:
-    """From the first waypoint to the landing, s."""
+    """Return the time from the first waypoint to the landing, s."""
     commands = mission().command
     return next(c.t for c in commands if c.do == "goto"), next(c.t for c in commands if c.do == "land")
 
 
 def in_the_air(t: Array) -> NDArray[np.bool_]:
-    """Which times (n,) lie between the first waypoint and the landing."""
+    """Return which times (n,) are between the first waypoint and the landing."""
     begin, end = air_span()
     return np.asarray((t >= begin) & (t < end))
 
 
 def one_seed(seed: int) -> XuSeed:
-    """All gains over one mission."""
+    """Run all gains over one mission."""
     s = flown(seed)
     found = {row: run_filter(row, s) for row in ROWS}
     spectra = {row: _spectra(one) for row, one in found.items()}
@@ -101,29 +112,29 @@ def one_seed(seed: int) -> XuSeed:
 
 
 def slow_deg(t: Array, error: Array) -> float:
-    """RMS of both columns of an error (n, 2) together, averaged over 1 / BAND_HZ[0], in its unit."""
+    """Return the RMS of both columns of an error (n, 2), averaged over 1 / BAND_HZ[0]."""
     size = round((len(t) - 1) / float(t[-1] - t[0]) / BAND_HZ[0])
     total = np.cumsum(np.vstack([np.zeros((1, 2)), error]), axis=0)
     return math.sqrt(2.0) * rms((total[size:] - total[:-size]) / size)
 
 
-def _spectra(found: FilterOutput) -> list[bench.Spectrum]:
+def _spectra(found: FilterOutput) -> list[Spectrum]:
     part = in_the_air(found.t)
-    return [bench.spectrum(found.t[part], found.errors[part, axis]) for axis in range(3)]
+    return [spectrum(found.t[part], found.errors[part, axis]) for axis in range(3)]
 
 
 def triple(values: list[float]) -> Triple:
-    """Roll, pitch, heading."""
+    """Return roll, pitch, heading."""
     return values[0], values[1], values[2]
-
-
-# Which gain errs least over many flights, and which ones do not differ significantly from it.
 
 
 @dataclass(frozen=True, slots=True)
 class GainErrors:
-    """Simulated missions or real flights, as lists by row: RMS in the band by axis in deg, dominant frequencies and
-    those of zero crossings in Hz, errors of tilt and heading in deg, NaN where a flight has none."""
+    """Simulated missions or real flights, as lists by row; NaN where a flight has no value.
+
+    RMS in the band by axis in deg, dominant frequencies and zero crossings in Hz, errors of tilt and heading in
+    deg.
+    """
 
     called: str
     rms: Mapping[str, list[tuple[float, float, float]]]
@@ -134,22 +145,22 @@ class GainErrors:
 
     @property
     def flights(self) -> int:
-        """How many."""
+        """Return the number of flights."""
         return len(self.rms[gain(0.6)])
 
     @property
     def measured(self) -> bool:
-        """Whether any flight has an error for every gain."""
+        """Return whether any flight has an error for every gain."""
         return any(all(math.isfinite(self.tilt[gain(kp)][k]) for kp in SWEPT) for k in range(self.flights))
 
     def in_band(self, row: str, axis: int) -> list[float]:
-        """The RMS of one axis in the band."""
+        """Return the RMS of one axis in the band."""
         return [values[axis] for values in self.rms[row]]
 
 
 @dataclass(frozen=True, slots=True)
 class BestGain:
-    """The gain with the smallest error of ``what``, those not significantly different, and 0.6's error over its."""
+    """Gain with the smallest error of ``what``, those not significantly different, and 0.6's error over its."""
 
     what: str
     kp: float
@@ -157,25 +168,25 @@ class BestGain:
     over: PaperNumber
 
     @property
-    def tells(self) -> bool:
-        """Whether any gain differs significantly from the best."""
+    def decides(self) -> bool:
+        """Return whether any gain differs significantly from the best."""
         return len(self.alike) < len(SWEPT)
 
     @property
     def words(self) -> str:
-        """In words: ``kp 0.03 to 0.1 gives the smallest error of tilt; 0.6 gives 3.4×``."""
-        if not self.tells:
+        """Return words: ``kp 0.03 to 0.1 gives the smallest error of tilt; 0.6 gives 3.4×``."""
+        if not self.decides:
             return f"no gain differs significantly in {self.what} from the best, kp {self.kp:g}"
         span = f"kp {self.alike[0]:g}" + (f" to {self.alike[-1]:g}" if len(self.alike) > 1 else "")
         return f"{span} gives the smallest error of {self.what}; 0.6 gives {quantity(self.over.value, 'ratio')}"
 
     def any_within(self, low: float, high: float) -> bool:
-        """Whether one of the best lies between two gains."""
+        """Return whether one of the best lies between two gains."""
         return any(low <= kp <= high for kp in self.alike)
 
 
 def best_gain(runs: GainErrors, errors: Mapping[str, list[float]], what: str) -> BestGain:
-    """The best over the flights on which every gain has an error, by the mean logarithm."""
+    """Return the best over the flights with an error for every gain, by the mean logarithm."""
     usable = [k for k in range(runs.flights) if all(math.isfinite(errors[gain(kp)][k]) for kp in SWEPT)]
     found = {kp: [errors[gain(kp)][k] for k in usable] for kp in SWEPT}
     best = min(SWEPT, key=lambda kp: float(np.mean(np.log(found[kp]))) if usable else 0.0)
@@ -184,22 +195,18 @@ def best_gain(runs: GainErrors, errors: Mapping[str, list[float]], what: str) ->
     return BestGain(what, best, alike, ratio(said, found[0.6], found[best]))
 
 
-# What gains of Mahony's filter do on a real flight: how much the attitude oscillates, how far off it is.
-#
-# Nobody knows the true attitude of a real flight. What a filter pushes into its attitude beyond the gyro alone
-# (:mod:`attlog.metrics.correction_noise`) needs none: true motion is in both and cancels. How far off it is, is told
-# against the log's reference, which is truth in simulation and else what the autopilot found, or a smoother.
-
 GRID_S = 0.04
 MIN_WINDOWS = 1
+# Windows begin so long after a filter's start.
 SETTLED_S = 10.0
-"""Windows begin so long after a filter's start."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogOscillation:
-    """One log. By row of ``rows``: RMS of (roll, pitch, heading) within the band in deg, the dominant frequency of each
-    in Hz, errors (tilt, heading) against ``reference`` in deg where there is one. Or ``why_not``.
+    """Oscillation on one log by row, or ``why_not``.
+
+    RMS of (roll, pitch, heading) within the band in deg, dominant frequency of each in Hz, errors (tilt, heading)
+    against ``reference`` in deg where there is one.
     """
 
     name: str
@@ -213,7 +220,12 @@ class LogOscillation:
 
 
 def oscillation_on_log(path: Path, rows: tuple[str, ...]) -> LogOscillation:
-    """What the rows (``mahony@xu-0.6``) do on one log; a log that cannot tell says why instead."""
+    """Measure rows (``mahony@xu-0.6``) on one log, or return the reason for none.
+
+    A real flight has no true attitude. The correction that a filter adds to the gyro alone
+    (:mod:`attlog.metrics.noise`) needs none: true motion is in both and cancels. Errors are against the log's
+    reference.
+    """
     from attlog.pipeline import prepare
     from attlog.pipeline.config import Config
 
@@ -248,9 +260,9 @@ def _measured(case: Case, rows: tuple[str, ...]) -> LogOscillation:
                 pushed[row].append(part)
     if used < MIN_WINDOWS:
         limit = f"within {correction_noise.TURN_DEG:g} deg of their mean attitude"
-        return LogOscillation(name, f"no {bench.SPECTRUM_WINDOW_S:g} s in the air {limit}")
+        return LogOscillation(name, f"no {SPECTRUM_WINDOW_S:g} s in the air {limit}")
     seen = {
-        row: [bench.spectrum_of_windows(GRID_S, [p[:, axis] for p in parts]) for axis in range(3)]
+        row: [spectrum_of_windows(GRID_S, [p[:, axis] for p in parts]) for axis in range(3)]
         for row, parts in pushed.items()
     }
     return LogOscillation(
@@ -279,12 +291,12 @@ def _segments(found: estimators.Estimate) -> NDArray[np.int64]:
 
 
 def _windows(case: Case, start: float) -> list[Array]:
-    size = round(bench.SPECTRUM_WINDOW_S / GRID_S)
+    size = round(SPECTRUM_WINDOW_S / GRID_S)
     found: list[Array] = []
     for t0, t1 in case.segments.spans("airborne"):
         begin = max(t0, start + SETTLED_S)
-        for k in range(int((t1 - begin) // bench.SPECTRUM_WINDOW_S)):
-            found.append(np.asarray(begin + k * bench.SPECTRUM_WINDOW_S + GRID_S * np.arange(size), np.float64))
+        for k in range(int((t1 - begin) // SPECTRUM_WINDOW_S)):
+            found.append(np.asarray(begin + k * SPECTRUM_WINDOW_S + GRID_S * np.arange(size), np.float64))
     return found
 
 
