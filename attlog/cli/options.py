@@ -373,9 +373,9 @@ def check_truth(config: Config) -> None:
         return
     if config.reference not in ("auto", "truth"):
         raise UsageError(f"--truth {config.truth}: the reference is {config.reference}; leave out one of the two")
-    from attlog.external import attitude
+    from attlog.external import request
 
-    attitude.check_truth(config.truth)
+    request.check_truth(config.truth)
 
 
 def for_comparison(options: ComparisonOptions, before: dict[str, Any] | None = None) -> Config:

@@ -1,10 +1,11 @@
-"""In which axes is a truth? Its body's by the gyro, its vertical by gravity, its north by motion or not at all."""
+"""Axes of an outside attitude: its body's by the gyro, its vertical by gravity, its north by motion."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.core.kinematics import body_rates, earth_force, tilt_deg
 from attlog.core.limits import GYRO_LIMIT_RAD_S
-from attlog.external.read import AttitudeColumns
+from attlog.external.read import Trajectory
 from attlog.flight.model import FlightLog, Imu
 from attlog.segments import model
 from attlog.segments.increments import gyro_increments
@@ -22,24 +23,24 @@ Array = NDArray[np.float64]
 
 G = 9.80665
 BLOCKS, MIN_BLOCKS = 10, 4
-# The mean force over so long is gravity, the bias and the change of velocity.
+# Blocks of the mean force: gravity, bias and change of velocity.
 BLOCK_S = 2.0
-# One sigma of an accelerometer's bias before a flight tells it.
+# One sigma of an accelerometer's bias beforehand.
 BIAS_M_S2 = np.array([0.15, 0.15, 0.3])
-# Motion tells north above so much speed, where both velocities correlate by so much, by so many of them.
-SPEED_M_S, SAME_WAY, MIN_SPEEDS = 1.0, 0.9, 20
-# A receiver's velocity may be late by what its driver does not know; on a curve that would turn north.
-LATE_S = np.arange(-0.1, 0.41, 0.02)
+# Velocities that show north: speed, correlation of both, number of them.
+MIN_SPEED_M_S, MIN_CORRELATION, MIN_SPEEDS = 1.0, 0.9, 20
+# Delays of a receiver's velocity that are tried; on a curve a delay would turn north.
+DELAYS_S = np.arange(-0.1, 0.41, 0.02)
 DOWN = np.array([0.0, 0.0, 1.0])
-# What differs from the usual by fewer sigmas is the usual.
+# A difference of fewer sigmas is none.
 SIGNIFICANT_SIGMAS = 3.0
-# Body axes that people give: forward-right-down and forward-left-up.
+# Turns to FRD of the usual body axes: forward-right-down and forward-left-up.
 USUAL_BODIES = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Vertical:
-    """Earth's down (3,) in the truth's world, its one sigma in rad, and the size of gravity found in m/s^2."""
+    """Down (3,) in the world of an attitude, its one sigma in rad, and the size of gravity found in m/s^2."""
 
     down: Array
     sigma: float
@@ -55,10 +56,10 @@ class North:
 
 
 def fit_vertical(imu: Imu, t: Array, q: Array, velocity: Array | None) -> Vertical | None:
-    """Down in the world of attitudes ``q`` (n, 4), body FRD to that world, at ``t`` (n,) s on the log's clock.
+    """Return down in the world of attitudes ``q`` (n, 4), body FRD to that world, at ``t`` (n,) s on the log's clock.
 
-    Least squares over blocks: force in body = -R^T g + bias + R^T a, where ``velocity`` (n, 3) of the truth, if it
-    has one, tells the acceleration a. None where less than a few blocks are covered.
+    Least squares over blocks: force in body = -R^T g + bias + R^T a, with the acceleration a from ``velocity`` (n, 3)
+    in that world. The sigma is the larger of covariance and jackknife. None where few blocks are covered.
     """
     at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
     turned, _ = rotation.slerp_in_segments(t, q, model.number_segments(t), at)
@@ -91,7 +92,7 @@ def fit_vertical(imu: Imu, t: Array, q: Array, velocity: Array | None) -> Vertic
 
 
 def _fit_down(mean_turn: Array, y: Array) -> Vertical | None:
-    """The solution for y (k, 3) = -g + mean_turn (k, 3, 3) b, b near zero; the worst blocks count less."""
+    """Solve y (k, 3) = -g + mean_turn (k, 3, 3) b with b near zero and Huber weights."""
     k = len(y)
     rows = np.concatenate([np.broadcast_to(-np.eye(3), (k, 3, 3)), mean_turn], axis=2)
     weight, prior = np.ones(k), np.diag(np.concatenate([np.zeros(3), BIAS_M_S2**-2.0]))
@@ -113,7 +114,7 @@ def _fit_down(mean_turn: Array, y: Array) -> Vertical | None:
 
 
 def snap_to_usual(turn: Array, sigma: Array) -> Array:
-    """The usual body axes where a turn (4,) of a body to FRD is no different, by ``sigma`` (3,) rad; else the turn."""
+    """Return the usual body axes where a turn (4,) to FRD differs by less than its ``sigma`` (3,) rad allows."""
     for named in np.array(USUAL_BODIES):
         apart = rotation.to_rotvec(rotation.earth_error(turn, named))
         if np.all(np.abs(apart) <= SIGNIFICANT_SIGMAS * sigma):
@@ -122,11 +123,10 @@ def snap_to_usual(turn: Array, sigma: Array) -> Array:
 
 
 def level_world(down: Array, within: float = 0.0) -> Array:
-    """The rotation (4,) of least angle from the nearest of the world's axes, that makes ``down`` (3,) the third axis.
+    """Return the rotation (4,) of least angle that makes ``down`` (3,) the third axis of the world.
 
-    A world that is level but for ``within`` rad stays so: an accelerometer's bias would only tilt it.
-
-    East-north-up becomes north-east-down; a world whose vertical is its second axis is turned onto it first.
+    The axis nearest to the vertical is turned there first; east-north-up becomes north-east-down. A world that is
+    level within ``within`` rad stays as it is: an accelerometer's bias would only tilt it.
     """
     nearest = np.zeros(3)
     axis = int(np.argmax(np.abs(down)))
@@ -148,15 +148,15 @@ def level_world(down: Array, within: float = 0.0) -> Array:
 
 
 def north_by_gnss(log: FlightLog, t: Array, velocity: Array) -> North | None:
-    """The heading that turns horizontal velocities (n, 3) of the levelled truth onto the GNSS velocity.
+    """Return the heading that turns velocities (n, 3) of a levelled trajectory onto those of GNSS.
 
-    None where it did not move enough, or the two do not go the same way.
+    None where it hardly moves or the two disagree.
     """
     for gnss in log.gnss:
         good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned[:, :2])
-        products = [_velocity_products(t, velocity, gnss.t[good] - late, gnss.vel_ned[good]) for late in LATE_S]
+        products = [_velocity_products(t, velocity, gnss.t[good] - delay, gnss.vel_ned[good]) for delay in DELAYS_S]
         same, product = max(products, key=lambda found: found[0])
-        if same < SAME_WAY:
+        if same < MIN_CORRELATION:
             continue
         heading = float(np.angle(product.sum()))
         parts = np.array([p.sum() for p in np.array_split(product, BLOCKS)])
@@ -166,11 +166,11 @@ def north_by_gnss(log: FlightLog, t: Array, velocity: Array) -> North | None:
 
 
 def _velocity_products(t: Array, velocity: Array, at: Array, seen: Array) -> tuple[float, NDArray[np.complex128]]:
-    """How well velocities (n, 3) at ``t`` and ``seen`` (m, 3) go the same way, 0 to 1, and their products (k,)."""
+    """Return the correlation of velocities (n, 3) at ``t`` with ``seen`` (m, 3), and their complex products (k,)."""
     inside = (at > t[0]) & (at < t[-1])
     a = np.column_stack([np.interp(at[inside], t, v) for v in velocity.T[:2]]) @ [1.0, 1j]
     b = seen[inside, :2] @ [1.0, 1j]
-    fast = (np.abs(a) > SPEED_M_S) & (np.abs(b) > SPEED_M_S)
+    fast = (np.abs(a) > MIN_SPEED_M_S) & (np.abs(b) > MIN_SPEED_M_S)
     product = np.conj(a[fast]) * b[fast]
     if len(product) < MIN_SPEEDS:
         return 0.0, product
@@ -179,7 +179,7 @@ def _velocity_products(t: Array, velocity: Array, at: Array, seen: Array) -> tup
 
 
 def gnss_velocity(log: FlightLog, t: Array) -> Array | None:
-    """Velocity (n, 3) m/s NED at times (n,) s by the first receiver with a fix, NaN beyond it; None without one."""
+    """Return GNSS velocities (n, 3) m/s NED at times (n,) s, NaN beyond the fixes; None without a receiver."""
     for gnss in log.gnss:
         at, v = model.select_rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned)
         if len(at) > MIN_SPEEDS:
@@ -188,7 +188,7 @@ def gnss_velocity(log: FlightLog, t: Array) -> Array | None:
 
 
 def velocity_from_position(t: Array, position: Array | None) -> Array | None:
-    """Velocities (n, 3) of positions (n, 3), over 0.2 s; None without any."""
+    """Return velocities (n, 3) of positions (n, 3) over 0.2 s; None where they are missing or constant."""
     if position is None or not np.isfinite(position).all() or len(t) < 3 or not np.ptp(position, axis=0).any():
         return None
     half = 0.1
@@ -197,102 +197,144 @@ def velocity_from_position(t: Array, position: Array | None) -> Array | None:
     return np.asarray((ends[1] - ends[0]) / np.maximum(span, 1e-3)[:, None])
 
 
-# In which axes is an attitude? The ones in which its rotation is the gyro's, and the mean force points up.
-#
-# The body axes and the direction of the rotation follow from the gyro: body rates of q (body to earth) are 2 q* q'.
-# Whether the earth's third axis points down or up follows from the mean specific force, which must be -g along down.
+@dataclass(frozen=True, slots=True)
+class WorldFit:
+    """The turn (4,) from a trajectory's world to NED, its sigmas in rad, and the origin of its north."""
+
+    turn: Array
+    sigma_tilt: float
+    sigma_heading: float
+    north: Literal["file", "gnss", "nobody"]
+
+
+def fit_world(
+    log: FlightLog, imu: Imu, t: Array, q: Array, trajectory: Trajectory, inside: NDArray[np.bool_], keeps_north: bool
+) -> WorldFit:
+    """Fit how the world of attitudes ``q`` (n, 4), FRD to that world, lies in NED."""
+    if trajectory.known_axes:
+        return WorldFit(np.array([1.0, 0.0, 0.0, 0.0]), 0.0, 0.0, "file")
+    velocity = None if trajectory.position is None else velocity_from_position(t, trajectory.position[inside])
+    down = fit_vertical(imu, t, q, velocity)
+    if down is None:
+        raise UsageError(f"--truth {trajectory.name}: too little force in common to tell its vertical")
+    north = None
+
+    def turned(level: Array) -> float:
+        return 0.0 if keeps_north else north.heading if north else _onto_onboard(log, t, rotation.multiply(level, q))
+
+    level = level_world(down.down)
+    if velocity is not None and not keeps_north:
+        north = north_by_gnss(log, t, rotation.rotate(level, velocity))
+    elif velocity is None and (moving := gnss_velocity(log, t)) is not None:
+        to_ned = rotation.multiply(_about_down(turned(level)), level)
+        better = fit_vertical(imu, t, q, rotation.rotate(rotation.conjugate(to_ned), moving))
+        down = better if better is not None and better.sigma < down.sigma else down
+    level = level_world(down.down, SIGNIFICANT_SIGMAS * down.sigma)
+    left = rotation.rotate(level, down.down)
+    sigma = max(down.sigma, float(np.arctan2(np.hypot(left[0], left[1]), left[2])))
+    turn = rotation.multiply(_about_down(turned(level)), level)
+    whose: Literal["file", "gnss", "nobody"] = "file" if keeps_north else "gnss" if north else "nobody"
+    return WorldFit(turn, sigma, north.sigma if north else 0.0, whose)
+
+
+def _about_down(angle: float) -> Array:
+    return rotation.from_rotvec([0.0, 0.0, angle])
+
+
+def _onto_onboard(log: FlightLog, t: Array, q: Array) -> float:
+    """Return the mean heading in rad from a levelled attitude to the onboard one, so that figures overlap."""
+    onboard = log.onboard_attitude
+    if onboard is None:
+        return 0.0
+    other = rotation.slerp(t, q, onboard.t)
+    good = rotation.finite_rows(other) & rotation.finite_rows(onboard.q)
+    if not good.any():
+        return 0.0
+    off = rotation.heading_angle(rotation.earth_error(onboard.q[good], other[good]))
+    return float(np.angle(np.mean(np.exp(1j * off))))
+
+
+# Conventions of an attitude from a file: the one in which it turns as the gyro and the mean force points up.
 
 NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
+# Half turns that lead from these axes to north-east-down and to forward-right-down.
 EARTH = {"ned": NO_TURN, "enu": rotation.ENU}
-# The half turns that lead from these axes to north-east-down and to forward-right-down.
 BODY = {"frd": NO_TURN, "flu": rotation.FLU}
 INTERVAL_S, MAX_INTERVAL_S, MAX_RATE_INTERVALS = 0.1, 0.5, 20_000
-# Rates that differ by less than half of their own size are the same rotation. The fastest of which there are enough
-# count: in slow ones what a filter adds to the gyro is not small.
+# Share of the rate by which attitude and gyro may differ. Fast turns count first: in slow ones a filter's correction
+# is not small.
 MAX_RATE_DIFFERENCE, MOVING_DPS, MIN_MOVING = 0.5, (20.0, 8.0, 3.0), 10
-# The mean force may lie so far from the vertical: acceleration averages out over a flight.
-TILT_DEG = 20.0
-# The second best must be so much worse to be another.
+# Angle of the mean force to the vertical: acceleration averages out over a flight.
+MAX_FORCE_TILT_DEG = 20.0
+# Ratio of rate differences from which the second best convention is excluded.
 MIN_RIVAL_RATIO = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class FrameCandidate:
-    """One reading of a file: what it is called, and its attitudes (n, 4), body FRD to earth NED."""
+class Frame:
+    """One convention of a file: its name, and attitudes (n, 4) as body FRD to earth NED.
+
+    ``rate_difference`` is that from the gyro's rates over their size, ``force_tilt_deg`` the angle of the mean force to
+    the vertical; None where unknown.
+    """
 
     name: str
     q: Array
-
-
-@dataclass(frozen=True, slots=True)
-class FrameFit:
-    """The reading that physics agrees with, and how well."""
-
-    name: str
-    q: Array
-    quality: dict[str, float | str]
+    rate_difference: float | None = None
+    force_tilt_deg: float | None = None
 
     @property
-    def apart(self) -> float:
-        """How far its turning is from the gyro's, in percent; 100 where that is not known."""
-        return float(self.quality.get("gyro_disagreement_pct", 100.0))
+    def quality(self) -> dict[str, float | str]:
+        """What gyro and gravity say of it, for people."""
+        found: dict[str, float | str] = {}
+        if self.rate_difference is not None:
+            found["gyro_disagreement_pct"] = round(100.0 * self.rate_difference, 2)
+        if self.force_tilt_deg is not None:
+            found["gravity_off_deg"] = round(self.force_tilt_deg, 2)
+        return found
 
 
-def frame_candidates(table: AttitudeColumns, rows: NDArray[np.int64], asked: str, angles: str) -> list[FrameCandidate]:
-    """All readings of a file that are not excluded by what was asked for or told by the names of its columns."""
+def possible_frames(readings: dict[str, Array], asked: str = "auto") -> list[Frame]:
+    """Return all conventions of attitudes (n, 4) by reading, or the one that was asked for (``ned-frd``)."""
     found = []
-    for unit, q in _quaternions(table, rows, angles):
+    for reading, q in readings.items():
         for earth, turn in EARTH.items():
             for body, half in BODY.items():
-                for inverse in (False, True):
-                    name = f"{body}-{earth}" if inverse else f"{earth}-{body}"
+                for name, own in ((f"{earth}-{body}", q), (f"{body}-{earth}", rotation.conjugate(q))):
                     if asked in ("auto", name):
-                        own = rotation.conjugate(q) if inverse else q
                         ned = rotation.multiply(rotation.multiply(turn, own), half)
-                        found.append(FrameCandidate(f"{name}{', ' + unit if unit else ''}", ned))
+                        found.append(Frame(f"{name}{', ' + reading if reading else ''}", ned))
     return found
 
 
-def _quaternions(table: AttitudeColumns, rows: NDArray[np.int64], angles: str) -> Iterator[tuple[str, Array]]:
-    if table.q is not None:
-        yield "", rotation.normalize(table.q[rows])
-        return
-    assert table.euler is not None
-    unit = angles if angles != "auto" else table.angles
-    for one in (unit,) if unit else ("deg", "rad"):
-        scale = np.pi / 180.0 if one == "deg" else 1.0
-        yield f"angles in {one}", rotation.from_euler(*(scale * table.euler[rows]).T)
-
-
-def choose_frame(path: Path, t: Array, found: list[FrameCandidate], imu: Imu) -> FrameFit:
-    """The reading that gyro and gravity agree with. UsageError where none does, or two do and they are not the same."""
-    measured = [(c, _rate_difference(t, c.q, imu), _force_tilt_deg(t, c.q, imu)) for c in found]
-    upright = [m for m in measured if m[2] is None or m[2] <= TILT_DEG]
-    moves = [m for m in upright if m[1] is not None]
-    if moves:
-        moves.sort(key=lambda m: m[1] or 0.0)
-        best = moves[0]
-        if (best[1] or 0.0) <= MAX_RATE_DIFFERENCE:
-            _only_one(path, best, moves[1:])
-            return FrameFit(best[0].name, best[0].q, _fit_quality(best))
-    elif len({c.name for c, _, _ in upright}) == 1:
-        return FrameFit(upright[0][0].name, upright[0][0].q, _fit_quality(upright[0]))
-    raise UsageError(f"{path}: {_reason_refused(measured, bool(moves))}")
-
-
-def _only_one(
-    path: Path,
-    best: tuple[FrameCandidate, float | None, float | None],
-    others: list[tuple[FrameCandidate, float | None, float | None]],
-) -> None:
-    rate = max(best[1] or 0.0, 1e-3)
-    near = [
-        o[0].name for o in others if (o[1] or 0.0) < MIN_RIVAL_RATIO * rate and not _same_attitude(o[0].q, best[0].q)
+def choose_frame(path: Path, t: Array, frames: Sequence[Frame], imu: Imu) -> Frame:
+    """Return the convention that gyro and gravity support. UsageError where none is, or two that differ are."""
+    seen = [
+        replace(f, rate_difference=_rate_difference(t, f.q, imu), force_tilt_deg=_force_tilt_deg(t, f.q, imu))
+        for f in frames
     ]
-    if near:
-        raise UsageError(
-            f"{path}: could be {best[0].name} as well as {', '.join(near)}; say which as frame= or angles="
-        )
+    upright = [f for f in seen if f.force_tilt_deg is None or f.force_tilt_deg <= MAX_FORCE_TILT_DEG]
+    moving = sorted((f for f in upright if f.rate_difference is not None), key=_difference)
+    if moving and _difference(moving[0]) <= MAX_RATE_DIFFERENCE:
+        best = moving[0]
+        limit = MIN_RIVAL_RATIO * max(_difference(best), 1e-3)
+        near = [f.name for f in moving[1:] if _difference(f) < limit and not _same_attitude(f.q, best.q)]
+        if near:
+            raise UsageError(
+                f"{path}: could be {best.name} as well as {', '.join(near)}; say which as frame= or angles="
+            )
+        return best
+    if not moving and len({f.name for f in upright}) == 1:
+        return upright[0]
+    raise UsageError(f"{path}: {_reason_refused(seen)}")
+
+
+def _difference(frame: Frame) -> float:
+    return 9.0 if frame.rate_difference is None else frame.rate_difference
+
+
+def _percent(share: float | None) -> str:
+    return "?" if share is None else f"{100.0 * share:.0f}"
 
 
 def _same_attitude(a: Array, b: Array) -> bool:
@@ -301,30 +343,19 @@ def _same_attitude(a: Array, b: Array) -> bool:
     return bool(np.nanmax(apart) < np.radians(0.1))
 
 
-def _fit_quality(m: tuple[FrameCandidate, float | None, float | None]) -> dict[str, float | str]:
-    found: dict[str, float | str] = {}
-    if m[1] is not None:
-        found["gyro_disagreement_pct"] = round(100.0 * m[1], 2)
-    if m[2] is not None:
-        found["gravity_off_deg"] = round(m[2], 2)
-    return found
-
-
-def _reason_refused(measured: list[tuple[FrameCandidate, float | None, float | None]], moves: bool) -> str:
-    """What was tried and how far off it was."""
-    if not moves and all(m[1] is None for m in measured):
+def _reason_refused(seen: list[Frame]) -> str:
+    """Return what was tried and how far off it was."""
+    if all(f.rate_difference is None for f in seen):
         return "the vehicle turns too little to tell its axes by the gyro; say them as frame=ned-frd or frame=enu-flu"
-    told = sorted(measured, key=lambda m: (m[1] if m[1] is not None else 9.0) + ((m[2] or 0.0) > TILT_DEG))[:3]
+    nearest = sorted(seen, key=lambda f: _difference(f) + ((f.force_tilt_deg or 0.0) > MAX_FORCE_TILT_DEG))[:3]
     parts = [
-        f"{c.name}: turns otherwise than the gyro by {100.0 * (r if r is not None else np.nan):.0f} %, "
-        f"gravity off by {g if g is not None else np.nan:.0f} deg"
-        for c, r, g in told
+        f"{f.name}: turns otherwise than the gyro by {_percent(f.rate_difference)} %, "
+        f"gravity off by {f.force_tilt_deg or 0.0:.0f} deg"
+        for f in nearest
     ]
     return (
-        "is no attitude of this log in any axes that were tried ("
-        + "; ".join(parts)
-        + "). Is it of this log, its clock right "
-        "(offset=SECONDS), and its rotation from body to earth?"
+        f"is no attitude of this log in any axes that were tried ({'; '.join(parts)}). Is it of this log, its clock "
+        "right (offset=SECONDS), and its rotation from body to earth?"
     )
 
 

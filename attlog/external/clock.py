@@ -1,13 +1,13 @@
-"""On which clock is a truth? The one on which it turns as the gyro does.
+"""Clock of an outside attitude: the offset at which it turns as the gyro, or one that the log knows.
 
-The size of the angular rate is the same in all axes, so its correlation finds the offset first; then the rates
-themselves fix it, with the turn between the two bodies. Kalibr and evo users expect the same of their tools.
+The size of the rate is the same in all axes, so its correlation gives the offset first. The rates themselves then give
+offset, drift and the turn between the two bodies (Kabsch, Gauss-Newton, jackknife).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,39 +15,52 @@ from numpy.typing import NDArray
 from attlog.core import rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.core.kinematics import BodyRates, body_rates
-from attlog.external.read import AttitudeColumns
-from attlog.flight.model import FlightLog
+from attlog.external.read import Trajectory
+from attlog.flight.model import FlightLog, Imu
 from attlog.segments import model
-from attlog.segments.increments import GyroIncrements
+from attlog.segments.increments import GyroIncrements, gyro_increments
 
 Array = NDArray[np.float64]
 
-# Rates are means over so long at least, where noise of the truth is small, at so many instants at most.
+# Shortest interval of a mean rate, in which the noise of most truths is small; intervals of one fit.
 SPAN_S, MAX_INTERVALS = 0.08, 6000
-# Grid of the first search; what both must cover there, also as a share of the shorter of the two.
+# Grid of the first search; time that both must cover, also as a share of the shorter one.
 GRID_S, MIN_OVERLAP_S, MIN_OVERLAP_SHARE = 0.05, 10.0, 0.3
-# So many offsets are looked at closer, this far from each other.
+# Offsets that are refined, and their least distance.
 MAX_PEAKS, MIN_PEAK_DISTANCE_S = 6, 0.5
-# Steps around the best offset, three to each side, before a parabola.
+# Steps around the best offset, three to each side, before the parabola.
 STEPS_S = (0.05, 0.02, 0.006, 0.002)
-# So many intervals tell which offset is best.
+# Intervals of the search for an offset.
 COARSE_INTERVALS = 1200
-# The record is fitted to so far from its middle, in so many steps; the gyro's change is taken over twice so long.
+# Half lengths of the record that are fitted in turn, Gauss-Newton steps each, and half the time of the gyro's change.
 LENGTHS_S, ROUNDS, NEAR_S = (300.0, 900.0, 2700.0), 3, 0.004
 JACKKNIFE = 10
-# A drift is taken out where it is so many sigmas, and 1 ppm, and the vehicle turned in so many seconds.
+# Correlation of the rates of one flight, and the ratio of misfits within which two offsets fit equally well.
+MIN_CORRELATION, MIN_RIVAL_MISFIT = 0.9, 0.93
+# Intervals that are tried in turn: over the longer one a noisy truth still shows a slow flight.
+SPANS_S, MIN_RATES = (SPAN_S, 0.3), 30
+# Interval over which rates of one flight correlate even under a noisy truth.
+LONG_S = 1.6
+MAX_TURN_SIGMA_DEG = 4.0
+# Misfit of an unusual reading as a share of the usual one's, below which it is taken.
+MAX_READING_MISFIT = 0.9
+# Distance of the clock from a given offset, and of a topic's clock from the log's.
+AROUND_S, SAME_CLOCK_S = 0.5, 1.0
+# Sigmas and size (s/s) from which a drift is removed, and seconds in which the vehicle turned.
 DRIFT_SIGMAS, LEAST_DRIFT, LEAST_SPREAD = 4.0, 1e-6, 10.0
-# Beyond so many medians, and no larger share: where a vehicle mostly stands still, its motion is no outlier.
+# Medians beyond which a misfit is an outlier, and their largest share: motion in a quiet record is none.
 OUTLIERS, FEW_OUTLIERS = 6.0, 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class RateFit:
-    """How well rates fit: gyro = turn x truth + bias. ``turn`` (3, 3) from the truth's body to the IMU's."""
+    """Fit of rates: gyro = turn x truth + bias, with ``turn`` (3, 3) from the truth's body to the IMU's.
+
+    ``misfit`` is the mean square of the residuals, (rad/s)^2.
+    """
 
     turn: Array
     bias: Array
-    # Mean square of what is left, (rad/s)^2.
     misfit: float
     correlation: float
     n: int
@@ -61,7 +74,7 @@ def attitude_rates(t: Array, q: Array, span_s: float = SPAN_S) -> BodyRates:
 
 
 def fit_turn(truth: BodyRates, gyro: GyroIncrements, late: float = 0.0) -> RateFit | None:
-    """The turn between the bodies and the gyro's bias (Kabsch), where the truth's clock is ``late`` too early."""
+    """Fit the turn between the bodies and the gyro's bias (Kabsch) with ``late`` s added to the truth's times."""
     seen = gyro.mean_rates(truth.start + late, truth.end + late)
     known = rotation.finite_rows(seen)
     if np.count_nonzero(known) < 30:
@@ -81,20 +94,20 @@ def fit_turn(truth: BodyRates, gyro: GyroIncrements, late: float = 0.0) -> RateF
 
 
 def _inliers(square: Array) -> NDArray[np.bool_]:
-    """Which squared misfits (n,) are no outliers."""
+    """Return the mask (n,) of squared misfits that are no outliers."""
     beyond = max(OUTLIERS**2 * float(np.median(square)), float(np.quantile(square, 1.0 - FEW_OUTLIERS)), 1e-12)
     return np.asarray(square <= beyond)
 
 
 def _kabsch(own: Array, seen: Array) -> tuple[Array, Array]:
-    """The rotation (3, 3) and offset (3,) that take rates ``own`` (n, 3) to ``seen`` (n, 3) with least squares."""
+    """Return the rotation (3, 3) and offset (3,) from rates ``own`` (n, 3) to ``seen`` (n, 3) by least squares."""
     a, b = own - own.mean(axis=0), seen - seen.mean(axis=0)
     turn = rotation.nearest_rotation(b.T @ a)
     return turn, seen.mean(axis=0) - turn @ own.mean(axis=0)
 
 
 def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | None, within: float) -> list[float]:
-    """Offsets in s that the size of the rates suggests, the best first; only ``within`` s of ``around`` if given."""
+    """Return offsets in s by the size of the rates, best first; ``within`` s of ``around`` where that is given."""
     if around is not None:
         lags = around + np.arange(-within, within + 1e-9, GRID_S)
         found = [
@@ -121,7 +134,7 @@ def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | Non
 
 
 def _sizes(truth: BodyRates, grid: float) -> tuple[float, Array]:
-    """The size of the truth's rate on a grid from a time on; NaN where it has none."""
+    """Return the begin of a grid and the size of the rates on it, NaN where there is none."""
     middle = 0.5 * (truth.start + truth.end)
     begin = float(middle[0]) - 0.5 * grid
     place = ((middle - begin) / grid).astype(np.int64)
@@ -132,7 +145,7 @@ def _sizes(truth: BodyRates, grid: float) -> tuple[float, Array]:
 
 
 def _correlation(a: Array, b: Array, grid: float) -> Array:
-    """Pearson's r of two series with gaps (NaN) at every lag, lag 0 at len(a) - 1; NaN where they share little."""
+    """Return Pearson's r of two series with gaps (NaN) at each lag; lag 0 is at len(a) - 1, NaN with little overlap."""
     n = 1 << int(np.ceil(np.log2(len(a) + len(b))))
 
     def lagged(x: Array, y: Array) -> Array:
@@ -158,7 +171,7 @@ def refine_offset(
     most: int = COARSE_INTERVALS,
     steps: tuple[float, ...] = STEPS_S,
 ) -> tuple[float, RateFit] | None:
-    """The offset near one, to a fraction of a ms, and the fit there; of at most so many intervals."""
+    """Return the offset near one to a fraction of a ms, and the fit there."""
     few = truth.at_most(most)
     for step in steps:
         around = offset + step * np.arange(-3, 4)
@@ -177,7 +190,7 @@ def refine_offset(
 
 @dataclass(frozen=True, slots=True)
 class TruthClock:
-    """A clock and a turn between bodies that fit best, with jackknife sigmas: s, s/s, and rad (3,) about IMU axes."""
+    """Offset (s), drift (s/s) and turn between the bodies, with jackknife sigmas (rad about IMU axes for the turn)."""
 
     offset: float
     drift: float
@@ -190,9 +203,9 @@ class TruthClock:
 def fit_clock(
     truth: BodyRates, gyro: GyroIncrements, offset: float, middle: float, start: RateFit
 ) -> TruthClock | None:
-    """Offset at ``middle``, drift and turn at once: least squares of gyro - turn x truth - bias, linear in all of them.
+    """Fit the offset at ``middle``, drift and turn at once, from the middle of the record outwards.
 
-    The middle of a long record comes first: the clock that it tells leads to the rest. None where too little is shared.
+    None where truth and gyro share too little.
     """
     at = 0.5 * (truth.start + truth.end) - middle
     reach = float(np.max(np.abs(at)))
@@ -215,7 +228,7 @@ def fit_clock(
 
 
 def _turning_seconds(truth: BodyRates) -> float:
-    """In how many seconds it turns, as a number of equal ones: a drift needs motion early and late."""
+    """Return the effective number of seconds with turns: a drift needs motion early and late."""
     energy = np.bincount((truth.start - truth.start[0]).astype(np.int64), np.sum(truth.rate**2, axis=1))
     return float(np.sum(energy) ** 2 / max(float(np.sum(energy**2)), 1e-30))
 
@@ -223,7 +236,7 @@ def _turning_seconds(truth: BodyRates) -> float:
 def _gauss_newton_step(
     truth: BodyRates, gyro: GyroIncrements, middle: float, now: TruthClock, with_drift: bool = True
 ) -> TruthClock | None:
-    """One Gauss-Newton step, and the scatter of it where a tenth of the record is left out."""
+    """Make one Gauss-Newton step, with the jackknife over tenths of the record as its sigma."""
     moved = truth.shifted(now.offset, now.drift, middle)
     known = gyro.known(moved.start - NEAR_S, moved.end + NEAR_S)
     if np.count_nonzero(known) < 30:
@@ -259,42 +272,124 @@ def _gauss_newton_step(
     return TruthClock(offset, drift, turn, float(sigma[0]), float(sigma[1]), sigma[2:5])
 
 
-# On which clock are the times of a file? One that the log knows, or the offset that the user gives.
+@dataclass(frozen=True, slots=True)
+class ClockFit:
+    """One reading of a trajectory as ``q`` (n, 4), the offset (s) near which it fits, and its fit."""
 
-# So much of the file, or of the log, must lie within the other.
+    reading: str
+    q: Array
+    span: float
+    offset: float
+    rates: RateFit
+
+
+@dataclass(frozen=True, slots=True)
+class BestClock:
+    """The reading that fits, its clock about ``middle`` s, and its mean square rate ``turning`` in (rad/s)^2."""
+
+    reading: str
+    q: Array
+    timing: TruthClock
+    middle: float
+    rates: RateFit
+    turning: float
+
+
+def find_clock(trajectory: Trajectory, imu: Imu, offset: float | None, own_clock: bool) -> BestClock:
+    """Return the reading and the clock that fit best, near ``offset`` s where that is given.
+
+    ``own_clock``: the times are the log's but for a delay. UsageError where no clock fits, or two do.
+    """
+    gyro, name = gyro_increments(imu), trajectory.name
+    around = offset if offset is not None else 0.0 if own_clock else None
+    within = AROUND_S if offset is not None else SAME_CLOCK_S
+    tried: list[ClockFit] = []
+    for span in SPANS_S:
+        for words, q in trajectory.readings.items():
+            rates = attitude_rates(trajectory.t, q, span)
+            if len(rates.start) < MIN_RATES:
+                continue
+            for offset in clock_candidates(rates, gyro, around, within):
+                fine = refine_offset(rates, gyro, offset)
+                if fine is not None:
+                    tried.append(ClockFit(words, q, span, *fine))
+        if any(c.rates.correlation >= MIN_CORRELATION for c in tried):
+            break
+    if not tried:
+        raise UsageError(f"--truth {name}: shares no 10 s with the log's gyro; give :offset=SECONDS if you know it")
+    usual = next(iter(trajectory.readings))
+    best = min(
+        tried,
+        key=lambda c: (1.0 - max(c.rates.correlation, 0.0) ** 2) / (1.0 if c.reading == usual else MAX_READING_MISFIT),
+    )
+    slow = fit_turn(attitude_rates(trajectory.t, best.q, LONG_S).at_most(MAX_INTERVALS), gyro, best.offset)
+    if max(best.rates.correlation, 0.0 if slow is None else slow.correlation) < MIN_CORRELATION:
+        turns = math.degrees(
+            float(np.sqrt(np.mean(np.var(imu.gyro.x[rotation.finite_rows(imu.gyro.x)], axis=0).sum())))
+        )
+        raise UsageError(
+            f"--truth {name}: its rates do not follow the gyro (correlation {best.rates.correlation:.2f}, "
+            f"{MIN_CORRELATION} needed; the log turns by {turns:.0f} deg/s RMS): is it of this flight?"
+        )
+    rival = next(
+        (c for c in tried if abs(c.offset - best.offset) > 0.1 and c.rates.correlation > MIN_CORRELATION), None
+    )
+    if rival is not None and rival.rates.misfit * MIN_RIVAL_MISFIT < best.rates.misfit:
+        raise UsageError(
+            f"--truth {name}: fits at {best.offset:.2f} s as well as at {rival.offset:.2f} s; give :offset=SECONDS"
+        )
+    return _clock_with_drift(trajectory, best, gyro)
+
+
+def _clock_with_drift(trajectory: Trajectory, best: ClockFit, gyro: GyroIncrements) -> BestClock:
+    """Add the drift. UsageError where the turn between the bodies stays unknown."""
+    rates = attitude_rates(trajectory.t, best.q, best.span)
+    shared = gyro.known(rates.start + best.offset, rates.end + best.offset)
+    rates = rates.select(shared)
+    middle = float(np.mean(rates.start))
+    timing = fit_clock(rates, gyro, best.offset, middle, best.rates)
+    sigma = 90.0 if timing is None else float(np.degrees(np.max(timing.turn_sigma)))
+    if timing is None or sigma > MAX_TURN_SIGMA_DEG:
+        raise UsageError(
+            f"--truth {trajectory.name}: the flight turns about too few axes to tell how it is mounted "
+            f"(sigma {sigma:.0f} deg)"
+        )
+    moved = rates.at_most(MAX_INTERVALS).shifted(timing.offset, timing.drift, middle)
+    turning = float(np.mean(np.sum(rates.rate**2, axis=1)))
+    return BestClock(best.reading, best.q, timing, middle, fit_turn(moved, gyro) or best.rates, turning)
+
+
+# Clocks that a log knows, for an attitude that was computed from it.
+
+# Share of the file, or of the log, that lies within the other.
 MIN_FILE_OVERLAP = 0.5
 
 
-def times_on_log(
-    path: Path, table: AttitudeColumns, log: FlightLog, offset: float
-) -> list[tuple[Array, NDArray[np.int64], str]]:
-    """For each clock on which the file overlaps the log: times (m,) s on the log's clock, which rows (m,) of the table
-    they are, and what clock it is.
+@dataclass(frozen=True, slots=True)
+class FileClock:
+    """Times (n,) s of a file on the log's clock, the ``inside`` mask (n,) of those within the log, and its name."""
 
-    Rows whose time does not rise are left out. UsageError where nothing overlaps.
-    """
-    good = np.isfinite(table.t)
-    highest = np.maximum.accumulate(np.where(good, table.t, -np.inf))
-    good[1:] &= highest[1:] > highest[:-1]
-    rows = np.flatnonzero(good)
-    raw = table.t[rows]
-    if len(raw) < 2:
-        raise UsageError(f"{path}: {len(raw)} rows whose time rises; an attitude needs more")
+    t: Array
+    inside: NDArray[np.bool_]
+    name: str
+
+
+def file_clocks(file: Trajectory, log: FlightLog, offset: float) -> list[FileClock]:
+    """Return every known clock on which a file overlaps the log. UsageError where none does."""
     imu = log.replay_imu
     begin, end = (0.0, log.seconds) if imu is None else (float(imu.gyro.t_best[0]), float(imu.gyro.t_best[-1]))
     found = []
-    for shift, said in _known_clocks(log, offset):
-        t = raw + shift
+    for shift, name in _known_clocks(log, offset):
+        t = file.t + shift
         common = min(end, float(t[-1])) - max(begin, float(t[0]))
         if common >= MIN_FILE_OVERLAP * min(end - begin, float(t[-1] - t[0])):
-            inside = (t >= begin) & (t <= end)
-            found.append((t[inside], rows[inside], said))
+            found.append(FileClock(t, (t >= begin) & (t <= end), name))
     if found:
         return found
     raise UsageError(
-        f"{path}: does not overlap the log: its times are {raw[0]:.3f} to {raw[-1]:.3f} s, the log's {begin:.3f} to "
-        f"{end:.3f} s (0 is the first IMU sample, {log.t0_us / 1e6:.3f} s after the autopilot's boot); "
-        f"give the difference as {path.name}:offset=SECONDS"
+        f"{file.name}: does not overlap the log: its times are {file.t[0]:.3f} to {file.t[-1]:.3f} s, the log's "
+        f"{begin:.3f} to {end:.3f} s (0 is the first IMU sample, {log.t0_us / 1e6:.3f} s after the autopilot's boot); "
+        f"give the difference as {file.name}:offset=SECONDS"
     )
 
 

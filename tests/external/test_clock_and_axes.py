@@ -13,9 +13,8 @@ from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.core.kinematics import BodyRates
 from attlog.external import axes, clock
-from attlog.external import read as columns
-from attlog.external.clock import times_on_log
-from attlog.external.read import AttitudeColumns
+from attlog.external.clock import FileClock, file_clocks
+from attlog.external.read import Trajectory, make_trajectory, read_trajectory
 from attlog.flight.model import Firmware, FlightLog, Gnss, Imu, Stream
 from attlog.segments.increments import GyroIncrements
 
@@ -297,51 +296,59 @@ def log(t0_us: int = 0, utc: float | None = None) -> FlightLog:
     return made
 
 
-def table(t: np.ndarray) -> AttitudeColumns:
-    return AttitudeColumns(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), None, "", "t, q")
+def file_at(t: np.ndarray) -> Trajectory:
+    return make_trajectory("made.csv", t, {"": np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))})
+
+
+def inside(found: FileClock) -> np.ndarray:
+    return found.t[found.inside]
 
 
 @pytest.mark.parametrize(
     ("shift", "said"), [(0.0, "the log's own"), (-137.5, "the autopilot's"), (-1.6e9, "Unix time"), (12.25, "added")]
 )
 def test_times_of_a_file_come_to_lie_on_the_logs_clock(shift: float, said: str) -> None:
-    found = times_on_log(PATH, table(FILE_T - shift), log(137_500_000, 1.6e9), shift if said == "added" else 0.0)
-    ((t, rows, told),) = found
-    assert said in told
-    assert len(rows) >= len(FILE_T) - 1  # the last may lie a rounding behind the end
-    np.testing.assert_allclose(t, FILE_T[rows], atol=1e-6)
+    offset = shift if said == "added" else 0.0
+    (found,) = file_clocks(file_at(FILE_T - shift), log(137_500_000, 1.6e9), offset)
+    assert said in found.name
+    assert np.count_nonzero(found.inside) >= len(FILE_T) - 1  # the last may lie a rounding behind the end
+    np.testing.assert_allclose(found.t, FILE_T, atol=1e-6)
 
 
 def test_where_two_clocks_overlap_both_are_told() -> None:
-    found = times_on_log(PATH, table(FILE_T + 5.0), log(8_000_000), 0.0)
-    assert [t[0] for t, _, _ in found] == pytest.approx([5.0, 0.0], abs=0.021)
+    found = file_clocks(file_at(FILE_T + 5.0), log(8_000_000), 0.0)
+    assert [inside(one)[0] for one in found] == pytest.approx([5.0, 0.0], abs=0.021)
 
 
-def test_half_of_the_shorter_of_file_and_log_must_lie_in_the_other() -> None:
-    for begin, ok in ((29.0, True), (31.0, False)):
-        if ok:
-            ((t, rows, _),) = times_on_log(PATH, table(FILE_T + begin), log(), 0.0)
-            assert (t[0], t[-1]) == (pytest.approx(begin), pytest.approx(FILE_T[-1], abs=0.02))
-            assert rows[-1] == len(t) - 1
-        else:
-            with pytest.raises(UsageError, match="does not overlap"):
-                times_on_log(PATH, table(FILE_T + begin), log(), 0.0)
-    short = FILE_T[:500]  # 10 s, of which six lie before the log's end
-    ((t, _, _),) = times_on_log(PATH, table(short + 54.0), log(), 0.0)
-    assert t[-1] <= FILE_T[-1]
-    with pytest.raises(UsageError, match="does not overlap"):
-        times_on_log(PATH, table(short + 56.0), log(), 0.0)
+@pytest.mark.parametrize(
+    ("t", "ok"),
+    [
+        (FILE_T + 29.0, True),
+        (FILE_T + 31.0, False),
+        (FILE_T[:500] + 54.0, True),  # 10 s, of which six lie before the log's end
+        (FILE_T[:500] + 56.0, False),
+    ],
+)
+def test_half_of_the_shorter_of_file_and_log_must_lie_in_the_other(t: np.ndarray, ok: bool) -> None:
+    if ok:
+        (found,) = file_clocks(file_at(t), log(), 0.0)
+        assert (inside(found)[0], inside(found)[-1]) == (pytest.approx(t[0]), pytest.approx(FILE_T[-1], abs=0.02))
+    else:
+        with pytest.raises(UsageError, match="does not overlap"):
+            file_clocks(file_at(t), log(), 0.0)
 
 
-def test_rows_whose_time_does_not_rise_or_is_none_are_left_out() -> None:
+def test_rows_whose_time_does_not_rise_or_without_an_attitude_are_left_out() -> None:
     t = FILE_T.copy()
     t[[10, 20]] = np.nan, 0.1
     t[30] = t[29]
-    ((kept, rows, _),) = times_on_log(PATH, table(t), log(), 0.0)
-    assert sorted(set(range(len(FILE_T))) - set(rows.tolist())) == [10, 20, 30]
-    np.testing.assert_array_equal(kept, t[rows])
-    with pytest.raises(UsageError, match="1 rows whose time rises"):
-        times_on_log(PATH, table(np.array([5.0, 4.0, np.nan])), log(), 0.0)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    q[40] = np.nan
+    found = make_trajectory("made.csv", t, {"": q})
+    np.testing.assert_array_equal(found.t, np.delete(t, [10, 20, 30, 40]))
+    assert found.left_out == 4
+    with pytest.raises(UsageError, match="1 usable attitudes in rising time"):
+        file_at(np.array([5.0, 4.0, np.nan]))
 
 
 HALF = {"frd": Rotation.identity(), "flu": Rotation.from_euler("x", 180, degrees=True)}
@@ -356,21 +363,22 @@ def test_each_convention_is_found_by_gyro_and_gravity(body: str, earth: str, inv
     q = motion(FILE_T)
     given = EARTH[earth].inv() * Rotation.from_quat(np.roll(q, -1, axis=1)) * HALF[body]
     stored = np.roll((given.inv() if inverse else given).as_quat(), 1, axis=1)
-    read = AttitudeColumns(FILE_T, stored, None, "", "t, q")
-    found = axes.choose_frame(PATH, FILE_T, axes.frame_candidates(read, np.arange(len(FILE_T)), "auto", "auto"), unit())
+    found = axes.choose_frame(PATH, FILE_T, axes.possible_frames({"": stored}), unit())
     assert found.name == (f"{body}-{earth}" if inverse else f"{earth}-{body}")
     assert np.degrees(np.max(rotation.total_angle(rotation.earth_error(found.q, q)))) < 1e-6
     assert found.quality["gravity_off_deg"] == pytest.approx(0.0, abs=0.01)
-    assert found.apart < 2.0
+    assert (found.rate_difference or 0.0) < 0.02
 
 
 @pytest.mark.parametrize("degrees", [True, False])
 def test_euler_angles_in_degrees_and_radians_are_told_from_each_other(degrees: bool) -> None:
     angles = np.unwrap(rotation.to_euler(motion(FILE_T)), axis=0)
-    read = AttitudeColumns(FILE_T, None, np.degrees(angles) if degrees else angles, "", "t, roll, pitch, yaw")
-    found = axes.choose_frame(
-        PATH, FILE_T, axes.frame_candidates(read, np.arange(len(FILE_T)), "ned-frd", "auto"), unit()
-    )
+    given = np.degrees(angles) if degrees else angles
+    readings = {
+        "angles in deg": rotation.from_euler(*np.radians(given).T),
+        "angles in rad": rotation.from_euler(*given.T),
+    }
+    found = axes.choose_frame(PATH, FILE_T, axes.possible_frames(readings, "ned-frd"), unit())
     assert found.name == f"ned-frd, angles in {'deg' if degrees else 'rad'}"
     assert np.degrees(np.max(rotation.total_angle(rotation.earth_error(found.q, motion(FILE_T))))) < 1e-6
 
@@ -383,9 +391,9 @@ def test_an_attitude_that_turns_otherwise_by_more_than_half_is_another(factor: f
     gyro = np.column_stack([np.cos(2.0 * t), level, level])
     acc = rotation.rotate_inverse(rotation.from_euler(roll, level, level), np.array([0.0, 0.0, -9.81]))
     imu = Imu(0, Stream(t, gyro, "rad/s", "FRD", "IMU"), Stream(t, acc, "m/s^2", "FRD", "IMU"))
-    one = [axes.FrameCandidate("ned-frd", rotation.from_euler(factor * roll, level, level))]
+    one = [axes.Frame("ned-frd", rotation.from_euler(factor * roll, level, level))]
     if fits:
-        assert axes.choose_frame(PATH, t, one, imu).apart == pytest.approx(40.0, abs=2.0)
+        assert axes.choose_frame(PATH, t, one, imu).rate_difference == pytest.approx(0.4, abs=0.02)
     else:
         with pytest.raises(UsageError, match="turns otherwise than the gyro by 60 %"):
             axes.choose_frame(PATH, t, one, imu)
@@ -394,7 +402,7 @@ def test_an_attitude_that_turns_otherwise_by_more_than_half_is_another(factor: f
 def test_the_mean_force_may_lie_20_deg_from_the_vertical() -> None:
     for tilt, fits in ((19.0, True), (21.0, False)):
         q = rotation.multiply(rotation.from_euler(0.0, np.radians(tilt), 0.0), motion(FILE_T))
-        one = [axes.FrameCandidate("ned-frd", q)]
+        one = [axes.Frame("ned-frd", q)]
         if fits:
             assert axes.choose_frame(PATH, FILE_T, one, unit()).quality["gravity_off_deg"] == pytest.approx(
                 tilt, abs=0.3
@@ -417,26 +425,27 @@ def test_the_mean_force_may_lie_20_deg_from_the_vertical() -> None:
 )
 def test_the_unit_in_a_columns_name_counts(tmp_path: Path, head: str, unit_s: float) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("\n".join([f"{head},qw,qx,qy,qz", *(f"{300 * k},1,0,0,0" for k in range(5))]) + "\n")
-    assert columns.read_columns(path).t == pytest.approx(unit_s * 300.0 * np.arange(5))
+    path.write_text("\n".join([f"{head},qw,qx,qy,qz", *(f"{300 * k},1,0,0,0" for k in range(30))]) + "\n")
+    assert read_trajectory(path).t == pytest.approx(unit_s * 300.0 * np.arange(30))
 
 
 def test_angles_keep_their_axes_whatever_the_order_of_the_columns(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("yaw_deg;t_s;pitch_deg;px;roll_deg;pz;py\n30;1;20;7;10;9;8\n31;2;21;7;x;9;8\n")
-    read = columns.read_columns(path)
-    np.testing.assert_array_equal(read.euler, [[10.0, 20.0, 30.0], [np.nan, 21.0, 31.0]])
-    np.testing.assert_array_equal(read.position, [[7.0, 8.0, 9.0]] * 2)
-    assert (read.angles, read.q) == ("deg", None)
-    assert read.t.tolist() == [1.0, 2.0]
+    rows = [f"30;{k};20;7;10;9;8" for k in range(30)]
+    path.write_text("\n".join(["yaw_deg;t_s;pitch_deg;px;roll_deg;pz;py", *rows, "31;30;21;7;x;9;8"]) + "\n")
+    read = read_trajectory(path)
+    ((name, q),) = read.readings.items()
+    assert name == "angles in deg"
+    np.testing.assert_allclose(np.degrees(rotation.to_euler(q)), [[10.0, 20.0, 30.0]] * 30)
+    np.testing.assert_array_equal(read.position, [[7.0, 8.0, 9.0]] * 30)
+    assert read.t.tolist() == list(range(30))
 
 
 def test_a_quaternion_named_x_y_z_is_no_position_and_scalar_first(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("t_s,x,y,z,w\n1,0.1,0.2,0.3,0.9\n")
-    read = columns.read_columns(path)
-    assert read.q is not None
-    assert read.q.tolist() == [[0.9, 0.1, 0.2, 0.3]]
+    path.write_text("\n".join(["t_s,x,y,z,w", *(f"{k},0.1,0.2,0.3,0.9" for k in range(30))]) + "\n")
+    read = read_trajectory(path)
+    np.testing.assert_allclose(read.readings[""][0], np.array([0.9, 0.1, 0.2, 0.3]) / np.sqrt(0.95))
     assert read.position is None
 
 
@@ -444,4 +453,4 @@ def test_angles_in_two_units_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t,roll_deg,pitch_rad,yaw\n1,0.1,0.2,0.3\n")
     with pytest.raises(UsageError, match="deg and rad"):
-        columns.read_columns(path)
+        read_trajectory(path)

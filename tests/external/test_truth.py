@@ -12,7 +12,7 @@ from attlog import segments
 from attlog.core import rotation
 from attlog.core.errors import LogUnreadable, UsageError
 from attlog.external import attitude
-from attlog.external.request import parse_truth
+from attlog.external.request import check_truth, parse_truth
 from attlog.flight import read
 from attlog.flight.model import Attitude, FlightLog, Gnss, Stream, TruthFit
 from attlog.reference import (
@@ -199,11 +199,11 @@ def test_a_pose_of_the_log_is_levelled_and_its_lateness_found(log: FlightLog) ->
 def test_evo_reads_the_same_file_alike(tmp_path: Path) -> None:
     """An independent reader of TUM files, of the people who use them."""
     interface = pytest.importorskip("evo.tools.file_interface")
-    from attlog.external import read as trajectory
+    from attlog.external.read import read_trajectory
 
     path = tum(tmp_path, made(5))
-    theirs, ours = interface.read_tum_trajectory_file(str(path)), trajectory.read_trajectory(path)
-    q = ours.quaternions["as TUM, scalar last"]
+    theirs, ours = interface.read_tum_trajectory_file(str(path)), read_trajectory(path)
+    q = ours.readings["as TUM, scalar last"]
     assert np.allclose(ours.t, theirs.timestamps)
     assert np.allclose(np.abs(np.sum(q * theirs.orientations_quat_wxyz, axis=1)), 1.0)
 
@@ -311,8 +311,8 @@ def test_a_topic_that_is_not_there_lists_what_is(refused_log: FlightLog) -> None
 
 def test_a_file_that_is_not_there() -> None:
     with pytest.raises(LogUnreadable, match="no such file"):
-        attitude.check_truth("nowhere/mocap.txt:north=true")
-    attitude.check_truth("vehicle_mocap_odometry")
+        check_truth("nowhere/mocap.txt:north=true")
+    check_truth("vehicle_mocap_odometry")
 
 
 def test_no_numbers(refused_log: FlightLog, tmp_path: Path) -> None:
@@ -347,7 +347,7 @@ def test_names_may_hold_colons(given: str, name: str, offset: float | None, nort
 )
 def test_keys_that_are_wrong_are_told_before_a_log_is_read(given: str, said: str) -> None:
     with pytest.raises(UsageError, match=said.replace("?", r"\?")):
-        attitude.check_truth(given)
+        check_truth(given)
 
 
 # A truth that the user brought: taken before all others, wrong by its own sigma, with or without a north.
