@@ -64,7 +64,7 @@ class Baseline:
     last: tuple[DocumentPlace, Result] | None = None
 
     def of(self, log: Mapping[str, Any]) -> BaselineResult | str:
-        """Return the result of the same log, else of a log of the same name, else the only one; or the reason for none."""
+        """Return the result of the same log, else of the same name, else the only one; or the reason for none."""
         same = self.by_sha256.get(str(log.get("sha256")))
         place = same or self.by_name.get(str(log.get("name"))) or self.only
         if place is None:

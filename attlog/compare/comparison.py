@@ -1,4 +1,4 @@
-"""Questions that ``attlog compare``, ``sweep`` and ``tune`` ask of settings on logs, and the document of a comparison."""
+"""Questions of ``attlog compare``, ``sweep`` and ``tune`` to settings on logs, and the document of a comparison."""
 
 from __future__ import annotations
 

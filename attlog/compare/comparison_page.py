@@ -30,7 +30,7 @@ HALF_WIDTH_PCT = 45.0
 class Dot:
     """A difference drawn in its cell. Places in percent of the width, 50 is no difference.
 
-    ``beyond``: -1 or 1 outside the scale. ``floor``: half width of the log's resolution. ``logs``: a place for each log.
+    ``beyond``: -1 or 1 outside the scale. ``floor``: half width of the log's resolution. ``logs``: a place for each.
     """
 
     x: float

@@ -95,7 +95,7 @@ class NumberChange:
 
     @property
     def order(self) -> tuple[bool, int, bool, int, float, int]:
-        """Return the sort key: what counts first, by question, main numbers first, worse first, most tolerances first."""
+        """Return the sort key: what counts, by question, main numbers, worse, most tolerances first."""
         side = 0 if self.closer is False else 1 if self.verdict in ("vanished", "appeared") else 3 if self.closer else 2
         times = 0.0
         if self.difference is not None and self.tolerance is not None:
@@ -117,10 +117,10 @@ class TextChange:
 class RunDifference:
     """Two results side by side.
 
-    ``statements``: headline and findings above notes. ``verdicts``: sentences. ``made_by``: versions of attlog. ``log``:
-    firmware, vehicle, format. ``config``: options. ``parameters`` of the log: first those that both have, none of two
-    kinds of autopilot, None where a result holds none. ``gains``: filter parameters. ``status``: of rows. ``moved``:
-    numbers that differ, in their order.
+    ``statements``: headline and findings above notes. ``verdicts``: sentences. ``made_by``: versions of attlog.
+    ``log``: firmware, vehicle, format. ``config``: options. ``parameters`` of the log: first those that both have, none
+    of two kinds of autopilot, None where a result holds none. ``gains``: filter parameters. ``status``: of rows.
+    ``moved``: numbers that differ, in their order.
     """
 
     name: str

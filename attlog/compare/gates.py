@@ -1,9 +1,9 @@
 """Limits on the numbers of a result, judged: which are exceeded?
 
 A gate asks one metric in one window of every row that it names for one or more limits. It fails a row that failed or
-diverged; it fails a missing answer, unless it is optional (then the answer is skipped, never passed); and it fails where
-it names no row. A strict set of gates also fails every lost row that no gate asks. Gates of sensors ask the checks of
-``attlog health`` in the same way: an unknown or missing check fails unless the gate lets unknown pass.
+diverged; it fails a missing answer, unless it is optional (then the answer is skipped, never passed); and it fails
+where it names no row. A strict set of gates also fails every lost row that no gate asks. Gates of sensors ask the
+checks of ``attlog health`` in the same way: an unknown or missing check fails unless the gate lets unknown pass.
 
 Sizes are compared: where good is zero the absolute value, where good is one (gains) the distance from one. A limit to a
 baseline is exceeded where the size is beyond it **and** the evidence separates it from the baseline: the 95 % interval
@@ -119,8 +119,8 @@ class GateLimit:
 class Gate:
     """Every one of ``limits`` on a metric, for the rows that ``filters`` name.
 
-    ``window`` None: the first of the metric's windows with an answer. ``filters`` None: every estimator row but ``gyro``
-    and ``accel_mag``. ``baseline``: file or folder for limits to a baseline.
+    ``window`` None: the first of the metric's windows with an answer. ``filters`` None: every estimator row but
+    ``gyro`` and ``accel_mag``. ``baseline``: file or folder for limits to a baseline.
     """
 
     metric: str

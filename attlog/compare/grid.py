@@ -9,8 +9,8 @@
 
 A number may carry the parameter's own unit (``declination=3deg``); another one is refused.
 
-The search is scipy's differential evolution (Storn1997): a whole generation goes to one batch (``vectorized``); it needs
-no gradient and has a seed. optuna and nevergrad ask for one setting after the other.
+The search is scipy's differential evolution (Storn1997): a whole generation goes to one batch (``vectorized``); it
+needs no gradient and has a seed. optuna and nevergrad ask for one setting after the other.
 """
 
 from __future__ import annotations

@@ -140,9 +140,9 @@ class SweepColumn:
     """One question of a sweep. Settings go by number; the last is the default gains.
 
     ``values`` (settings, logs): as measured, NaN without one. ``own``: best setting of each log (None without),
-    ``own_near``: those not significantly different from it. ``score`` (settings,): mean distance over the ``used`` logs,
-    NaN where one has no value. ``single``: best of all, ``differences`` to it by setting. ``left_out``: reason by log
-    number, for logs on which no setting may be best.
+    ``own_near``: those not significantly different from it. ``score`` (settings,): mean distance over the ``used``
+    logs, NaN where one has no value. ``single``: best of all, ``differences`` to it by setting. ``left_out``: reason by
+    log number, for logs on which no setting may be best.
     """
 
     question: Question

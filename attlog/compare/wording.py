@@ -104,33 +104,14 @@ def change_text(question: Question, found: Difference) -> str:
     return f"{signed_text(found.value, question)}{f' ({ends})' if ends else ''}"
 
 
-def difference_clause(question: Question, found: Difference, other: str) -> str:
-    """Return what one does against ``other``, without subject and full stop."""
-    words, value = question_wording(question), found.value or 0.0
-    if found.direction == "same":
-        return f"is equal to {other} in {subject_of(question)}"
-    count = ""
-    if found.logs > 1:
-        sign, n = ("worse", found.worse) if found.direction == "worse" else ("better", found.better)
-        count = f"{sign} on {n} of {found.logs} logs"
-    if found.direction == "not significant":
-        inside = ", ".join(p for p in (interval_text(question, found), count) if p)
-        tail = f" ({inside})" if inside else ""
-        return f"does not differ significantly from {other} in {subject_of(question)}{tail}"
-    size = amount_text(value, question)
-    if size == "not comparable":
-        return f"is {size} with {other} in {subject_of(question)}"
-    word = words.more if found.direction == "better" else words.less
-    return f"{words.verb} {size} {word} than {other}{_in_brackets(_reach(question, found), count)}"
-
-
-def favour_text(question: Question, found: Difference) -> str:
-    """Return a significant difference as the better one has it: ``24 % closer (15 % to 31 %, better on 8 of 9 logs)``."""
+def favour_text(question: Question, found: Difference, than: str = "") -> str:
+    """Return a significant difference of the better one: ``24 % closer (15 % to 31 %, better on 8 of 9 logs)``."""
     size = amount_text(found.value or 0.0, question)
     if size == "not comparable":
         return size
-    count = f"better on {found.better} of {found.logs} logs" if found.logs > 1 else ""
-    return f"{size} {question_wording(question).more}{_in_brackets(_reach(question, found), count)}"
+    inside = [_reach(question, found), f"better on {found.better} of {found.logs} logs" if found.logs > 1 else ""]
+    tail = ", ".join(p for p in inside if p)
+    return f"{size} {question_wording(question).more}{than}{f' ({tail})' if tail else ''}"
 
 
 def _reach(question: Question, found: Difference) -> str:
@@ -139,11 +120,6 @@ def _reach(question: Question, found: Difference) -> str:
         return ""
     low, high = sorted(found.ci95, key=lambda x: abs(x - found.even))
     return f"{amount_text(low, question)} to {amount_text(high, question)}"
-
-
-def _in_brackets(*parts: str) -> str:
-    inside = ", ".join(p for p in parts if p)
-    return f" ({inside})" if inside else ""
 
 
 def comparison_sentences(found: Comparison) -> list[ConfigurationSentences]:
@@ -185,8 +161,11 @@ def _change_list(pairs: list[tuple[Question, Difference]]) -> str:
 def _question_sentence(question: Question, found: Difference, first: str, second: str) -> str:
     """Return a significant difference as a sentence about the better one."""
     if found.direction == "worse":
-        return f"{first} {difference_clause(question, found.inverse(), second)}."
-    return f"{second} {difference_clause(question, found, first)}."
+        first, second, found = second, first, found.inverse()
+    favour = favour_text(question, found, f" than {first}")
+    if favour == "not comparable":
+        return f"{second} is {favour} with {first} in {subject_of(question)}."
+    return f"{second} {question_wording(question).verb} {favour}."
 
 
 def _reason_unavailable(found: Comparison, name: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from attlog.compare.setting import labels, parse_configuration
-from attlog.compare.setting_words import _place_of_key, read_configurations
+from attlog.compare.setting_words import read_configurations
 from attlog.core.errors import LogUnreadable, UsageError
 
 FULL = (
@@ -225,11 +225,3 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str, why: str) -> 
 def test_a_file_that_is_not_there_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(LogUnreadable):
         read_configurations(tmp_path / "none.toml")
-
-
-def test_the_line_of_a_key_is_that_in_its_own_part_of_the_file(tmp_path):
-    lines = ['reference = "truth"', "[[configuration]]", "kp = 1", "[[configuration]]", "kp = 2", "window = 3"]
-    at = [_place_of_key(tmp_path, lines, key, table) for key, table in (("reference", None), ("kp", 1), ("kp", 0))]
-    assert [place.rpartition(" ")[2] for place in at] == ["1", "5", "3"]
-    assert _place_of_key(tmp_path, lines, "window") == str(tmp_path)
-    assert _place_of_key(tmp_path, lines, "window", 0).endswith("line 2")
