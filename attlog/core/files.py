@@ -146,7 +146,7 @@ def _open_special(path: Path) -> Iterator[BinaryIO]:
             yield file
     except OSError as error:
         if error.errno == errno.ENXIO:
-            error = OSError(errno.ENXIO, "nobody reads this pipe")
+            error = OSError(errno.ENXIO, "the pipe has no reader")
         raise _write_error(path, error) from error
 
 

@@ -241,7 +241,6 @@ def slerp_in_segments(
     t: ArrayLike, q: ArrayLike, segment: NDArray[np.int64] | None, at: ArrayLike
 ) -> tuple[Array, NDArray[np.int64]]:
     """Return :func:`slerp` within each ``segment`` (n,), and the sample (m,) before each time; NaN and -1 elsewhere."""
-
     t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
     at = np.ascontiguousarray(np.atleast_1d(at), np.float64)
     own = np.zeros(len(t), np.int64) if segment is None else np.ascontiguousarray(segment, np.int64)
@@ -323,32 +322,28 @@ def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
     return out
 
 
-# The loop behind interpolated attitudes (:func:`attlog.core.rotation.slerp`, :mod:`attlog.reference.scoring`).
-
-Indices = NDArray[np.int64]
-
-# Squared sine of half an angle below which series hold to the last digit: 0.1 rad between neighbours, as of most.
+# Squared sine of half an angle (0.1 rad between neighbours) below which the series are exact to the last digit.
 MAX_SERIES_SINE_SQUARED = 0.0025
 
 
 def small_arcsine(s: float) -> float:
-    """The angle in rad of a sine up to 0.05."""
+    """Return the angle in rad of a sine up to 0.05."""
     x = s * s
     return s * (1.0 + x * (1.0 / 6.0 + x * (3.0 / 40.0 + x * (5.0 / 112.0 + x * (35.0 / 1152.0 + x * 63.0 / 2816.0)))))
 
 
 def small_sine(y: float) -> float:
-    """The sine of an angle up to 0.11 rad."""
+    """Return the sine of an angle up to 0.11 rad."""
     x = y * y
     return y * (1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0))))
 
 
 @jit.loop("the interpolation of attitudes")
 def slerp_loop(out: Out2, where: IOut1, t: F1, q: F2, segment: I1, at: F1) -> None:
-    """Fill ``out`` (m, 4) with attitudes at times ``at`` (m,) along the shortest arc, ``where`` (m,) with the sample
-    before each; NaN and -1 where there is none, or where the next one is of another ``segment``.
+    """Fill ``out`` (m, 4) with attitudes at times ``at`` (m,), ``where`` (m,) with the sample before each.
 
-    ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Times that ascend are found by walking on.
+    NaN and -1 outside ``t``, and between two samples of different ``segment`` (n,). ``t`` (n,) ascending, ``q`` (n, 4).
+    Ascending times are found by walking on.
     """
     i, last = 0, len(t) - 1
     for k in range(len(at)):

@@ -100,7 +100,7 @@ def validated_or_problems(
     from pydantic import ValidationError
 
     try:
-        if strict:  # as JSON a list may stand for a tuple and a table for a dataclass
+        if strict:  # in JSON a list may be a tuple and a table a dataclass
             return adapter(kind).validate_json(json.dumps(dict(values), default=_toml_value_as_text), strict=True), []
         return adapter(kind).validate_python(dict(values)), []
     except ValidationError as error:
@@ -127,8 +127,8 @@ def problems(error: ValidationError, kind: type) -> list[tuple[Place, str]]:
         while len(loc) > 1 and isinstance(loc[-1], str) and ALTERNATIVE.fullmatch(loc[-1]):
             loc = loc[:-1]
         found.setdefault(loc, []).append(item)
-    told = [(loc, *_problem(loc, items, kind)) for loc, items in found.items()]
-    return [(loc, f"{where}: {what}" if where else what) for loc, where, what in told]
+    described = [(loc, *_problem(loc, items, kind)) for loc, items in found.items()]
+    return [(loc, f"{where}: {what}" if where else what) for loc, where, what in described]
 
 
 def _problem(loc: Place, items: list[Any], kind: type) -> tuple[str, str]:

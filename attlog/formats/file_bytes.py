@@ -176,10 +176,10 @@ def first_bytes_of(file: BinaryIO, count: int) -> bytes:
 
 
 def unpacked_bytes(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
-    """The bytes of a log as uint8 array (n,), unpacked if need be, and what a broken gzip file lost of them.
+    """Return the bytes of a log as uint8 array (n,), unpacked, and what a broken gzip file lost of them.
 
-    LogUnreadable if the file cannot be opened or the temporary folder cannot hold
-    the log, LogUnusable if nothing or too much comes out.
+    LogUnreadable if the file cannot be opened or the temporary folder cannot hold the log, LogUnusable if nothing or
+    too much comes out.
     """
     try:
         packed = is_gzip(path)
@@ -187,7 +187,7 @@ def unpacked_bytes(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
         raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error})") from error
     if not packed:
         return read_file_bytes(path), None
-    import tempfile  # with random, 3 ms: nearly no log is packed
+    import tempfile  # 3 ms with its imports; few logs are packed
 
     try:
         unpacked = tempfile.TemporaryFile(prefix="attlog-")
@@ -199,7 +199,10 @@ def unpacked_bytes(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
 
 
 def unpack_gzip(path: Path, into: BinaryIO) -> Damage | None:
-    """Write what a gzip file holds; the place where it breaks off, None if it is whole. Errors as :func:`content`."""
+    """Write the content of a gzip file; return the place where it breaks off, None if it is whole.
+
+    Errors as :func:`unpacked_bytes`.
+    """
     written = 0
     try:
         limit = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * path.stat().st_size))
@@ -219,9 +222,9 @@ def unpack_gzip(path: Path, into: BinaryIO) -> Damage | None:
 
 
 class GzipContent:
-    """The content of a gzip file (one or more members) block by block, as far as it is sound.
+    """The content of a gzip file (one or more members) in blocks, up to the first error.
 
-    ``lost`` says after the last block what is missing, None if nothing is.
+    ``lost`` is the missing part after the last block, None if the file is whole.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -229,7 +232,7 @@ class GzipContent:
         self.lost: str | None = None
 
     def blocks(self) -> Iterator[bytes]:
-        """Blocks of bounded size, however much a byte of the file stands for."""
+        """Yield blocks of bounded size at any compression ratio."""
         inflate, at_start = zlib.decompressobj(_GZIP_WBITS), True
         while packed := self._file.read(_PACKED_BLOCK):
             while packed := packed.lstrip(b"\0") if at_start else packed:
@@ -256,7 +259,7 @@ class GzipContent:
 
 
 def _up_to_the_error(inflate: zlib._Decompress, packed: bytes) -> bytes:
-    """What comes out of the bytes before the broken place; zlib gives nothing back from a call that fails."""
+    """Return what comes out of the bytes before a broken place; a failed call of zlib returns nothing."""
     found = []
     for k in range(0, len(packed), _SALVAGE_STEP):
         try:
@@ -267,5 +270,5 @@ def _up_to_the_error(inflate: zlib._Decompress, packed: bytes) -> bytes:
 
 
 def _zlib_reason(error: zlib.error) -> str:
-    """zlib's own words without its numbers: "Error -3 while decompressing data: incorrect data check"."""
+    """Return zlib's words without its numbers: "Error -3 while decompressing data: incorrect data check"."""
     return str(error).rpartition(": ")[2]

@@ -127,6 +127,10 @@ class DamageLog:
         """Report a sentence on what was left out."""
         self.remarks.append(Remark(code, text, offset, count))
 
+    def add_limit(self, text: str, offset: int | None = None, count: int = 1) -> None:
+        """Report a sentence on a limit of :mod:`attlog.core.limits` that the log exceeds."""
+        self.add_remark("log_limit", text, offset, count)
+
     @property
     def listed(self) -> list[Damage]:
         """The places in file order, at most MAX_DAMAGE."""

@@ -117,7 +117,7 @@ def test_what_a_format_has_no_place_for_is_refused(suffix: str, more: dict, reas
 
 def test_an_instance_must_be_told_by_its_records(tmp_path: Path) -> None:
     columns = {"TimeUS": TIME, "GyrX": np.zeros(100)}
-    with pytest.raises(UsageError, match="needs a column that tells it"):
+    with pytest.raises(UsageError, match="needs a column with its number"):
         formats.write(tmp_path / "a.bin", Recording({("IMU", 1): columns}))
     with pytest.raises(UsageError, match="not all of it is 1"):
         formats.write(tmp_path / "a.bin", Recording({("IMU", 1): columns | {"I": np.zeros(100, np.uint8)}}))

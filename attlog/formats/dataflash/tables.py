@@ -235,8 +235,8 @@ def read_params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
     changes = map(ParamChange._make, zip(names, values, times, repeat(False), offsets, strict=False))
     if not has_number(table, "Default"):
         return list(changes)
-    told: list[float] = table["Default"].tolist()
-    defaults = map(ParamChange._make, zip(names, told, times, repeat(True), offsets, strict=False))
+    logged: list[float] = table["Default"].tolist()
+    defaults = map(ParamChange._make, zip(names, logged, times, repeat(True), offsets, strict=False))
     pairs = zip(defaults, changes, strict=True)
     return [c for default, change in pairs for c in ((default, change) if isfinite(default.value) else (change,))]
 

@@ -176,9 +176,9 @@ def _check_instance(fmt: MessageFormat, units: str, instance: int, columns: Colu
     """Raise UsageError unless the records of an instance carry its number."""
     column = instance_column(fmt, units)
     if column is None and instance != 0:
-        raise UsageError(f"{fmt.name}: instance {instance} needs a column that tells it, such as I")
+        raise UsageError(f"{fmt.name}: instance {instance} needs a column with its number, such as I")
     if column is not None and not bool(np.all(np.asarray(columns[column]) == instance)):
-        raise UsageError(f"{fmt.name}.{column}: tells the instance, and not all of it is {instance}")
+        raise UsageError(f"{fmt.name}.{column}: numbers the instance, and not all of it is {instance}")
 
 
 def _letter(name: str, column: str, values: NDArray[Any]) -> str:
@@ -250,15 +250,15 @@ def _units(
 ) -> dict[str, Columns]:
     """Return UNIT, MULT, and FMTU of the messages with units."""
     own = {name: MessageLayout(units=units, multipliers=ids) for name, (_, _, units, ids) in OWN_MESSAGES.items()}
-    told = {name: layout for name, layout in (own | dict(layouts)).items() if layout.units}
+    described = {name: layout for name, layout in (own | dict(layouts)).items() if layout.units}
     return {
         "UNIT": _constant_rows(start, Id=[ord(u) for u in UNIT_NAMES], Label=[t.encode() for t in UNIT_NAMES.values()]),
         "MULT": _constant_rows(start, Id=[ord(m) for m in MULTIPLIERS], Mult=list(MULTIPLIERS.values())),
         "FMTU": _constant_rows(
             start,
-            FmtType=[formats[name].type for name in told],
-            UnitIds=[layout.units.encode() for layout in told.values()],
-            MultIds=[layout.multipliers.encode() for layout in told.values()],
+            FmtType=[formats[name].type for name in described],
+            UnitIds=[layout.units.encode() for layout in described.values()],
+            MultIds=[layout.multipliers.encode() for layout in described.values()],
         ),
     }
 

@@ -65,7 +65,7 @@ class Content:
         kept = {"parameters": MAX_PARAM_CHANGES, "texts": MAX_TEXTS, "statements": MAX_INFO, "dropouts": MAX_DROPOUTS}
         for what, most in kept.items():
             if n := self._left_out[what]:
-                losses.add_remark("log_limit", f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
+                losses.add_limit(f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
 
     def start(self, version: int, start_us: int) -> None:
         """Take in a file header with the logger's version and start time (us); the first one describes the file."""

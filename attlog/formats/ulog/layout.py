@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from attlog.core.limits import MAX_FIELDS, MAX_FORMATS, MAX_NESTING, MAX_REDEFINED, MAX_RESUBSCRIBED
-from attlog.formats.table import DamageLog, Field, Remark
+from attlog.formats.table import DamageLog, Field
 
 # Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte.
 BASIC_TYPES = {
@@ -423,22 +423,21 @@ class Definitions:
 
     def report(self, losses: DamageLog) -> None:
         """Report unusable definitions and what exceeds the limits of a log, each sentence once."""
+        known = {remark.text for remark in losses.remarks}
         refused = dict(self.why_not.values())
         others = {1: "", 2: "; one other topic neither"}.get(len(refused), f"; {len(refused) - 1} other topics neither")
-        found = [
-            Remark("unreadable_message", f"{name} cannot be used: {why}{others}.", count=len(refused))
-            for name, why in list(refused.items())[:1]
-        ]
+        for name, why in list(refused.items())[:1]:
+            text = f"{name} cannot be used: {why}{others}."
+            if text not in known:
+                losses.add_remark("unreadable_message", text, count=len(refused))
         for beyond, most, what, then in (
             (self._too_many, MAX_FORMATS, "formats", "the others are not read"),
             (self._redefined - MAX_REDEFINED, MAX_REDEFINED, "formats declared anew", "then they stay"),
             (self._resubscribed - MAX_RESUBSCRIBED, MAX_RESUBSCRIBED, "ids that change their topic", "then they stay"),
         ):
-            if beyond > 0:
-                text = f"The log has {most + beyond} {what}; the first {most} count, {then}."
-                found.append(Remark("log_limit", text, count=beyond))
-        known = {remark.text for remark in losses.remarks}
-        losses.remarks += [remark for remark in found if remark.text not in known]
+            text = f"The log has {most + beyond} {what}; the first {most} count, {then}."
+            if beyond > 0 and text not in known:
+                losses.add_limit(text, count=beyond)
 
 
 # First bytes of an encrypted log, and of the key beside one of PX4 1.13 to 1.15.

@@ -77,22 +77,22 @@ class _Reader:
 
     def __init__(self, path: Path, data: Bytes) -> None:
         self.path, self.data, self.raw, self.size = path, data, data.data, len(data)
-        self.sizes = Sizes()
-        self.framing = Framing(data, self.sizes)
-        self.followed = Sizes()
-        self.chain = DataChain(self.data, self.followed)
-        self.topics: dict[tuple[str, int], Topic] = {}
-        self.content = Content(self._time_before)
         self.losses = DamageLog()
-        self.damaged = False
+        self.damaged = False  # by more than a cut
+        self.sizes = Sizes()  # of subscribed ids
+        self.framing = Framing(data, self.sizes)
+        self.followed = Sizes()  # of all ids that the chain follows
+        self.chain = DataChain(self.data, self.followed)
+        self.content = Content(self._time_before)
+        self.topics: dict[tuple[str, int], Topic] = {}
         self.boots: list[int] = []
         self.headers = 0
-        self.unknown: dict[int, array[int]] = {}
-        self.alike: dict[int, tuple[int, int]] = {}
-        self.segments: Segments = []
-        self.pending = 0
-        self.appended: list[int] = []
-        self.last, self.low = 0, 0
+        self.unknown: dict[int, array[int]] = {}  # starts of records without definition
+        self.equal_sized: dict[int, tuple[int, int]] = {}  # size of an unknown id, and records of it in a row
+        self.segments: Segments = []  # not sorted yet
+        self.pending = 0  # records in them
+        self.appended: list[int] = []  # starts of appended data
+        self.last, self.low = 0, 0  # last data record, and the place from which anchors are searched
         self._start_log(0)
 
     def messages(self) -> Messages:
@@ -128,7 +128,7 @@ class _Reader:
             offset = int(topic.parts[0][1][0])
             more = sum(layout.columns for layout in topic.layouts if id(layout) not in columns)
             if sum(columns.values()) + more > MAX_COLUMNS:
-                self._limit(
+                self.losses.add_limit(
                     f"{name} has {more} fields, with which the log has more than the {MAX_COLUMNS} that are "
                     "read; it and what follows it is left out.",
                     offset,
@@ -138,12 +138,12 @@ class _Reader:
             with self.losses.around(name, "its table", offset):
                 table = topic.table(self.data, name, multi, self.losses, own_starts=in_groups)
                 if self.damaged:
-                    table = self._without_doubtful(table)
+                    table = self._without_implausible(table)
                     topic.forget()
                 if len(table):
                     tables[name, multi] = table
             if topic.left_out:
-                self._limit(
+                self.losses.add_limit(
                     f"{name} has more than {MAX_LAYOUTS} layouts; {topic.left_out} records of further ones are "
                     "left out.",
                     offset,
@@ -151,11 +151,10 @@ class _Reader:
                 )
         self.content.report(self.losses)
         if self.headers > MAX_BOOTS:
-            self._limit(f"The file holds {self.headers} headers; from the {MAX_BOOTS}th on all is one power-up.", None)
+            self.losses.add_limit(
+                f"The file holds {self.headers} headers; from the {MAX_BOOTS}th on all is one power-up."
+            )
         return tables
-
-    def _limit(self, sentence: str, offset: int | None, count: int = 1) -> None:
-        self.losses.add_remark("log_limit", sentence, offset, count)
 
     def _walk(self, position: int, stop: int) -> int:
         """Read records up to ``stop``; return ``stop`` or the place where appended data were announced."""
@@ -191,7 +190,7 @@ class _Reader:
             return
         starts, ids = self.segments[-1]
         self.last = int(starts[-1])
-        if self.alike:
+        if self.equal_sized:
             starts = starts[-MAX_RECENT_SEARCHED:]
             starts = starts[self.sizes.smallest[ids[-MAX_RECENT_SEARCHED:]] > 0]
             if not len(starts):
@@ -209,13 +208,13 @@ class _Reader:
             return None
         kind = self.raw[position + 2]
         if kind == DATA or not self.framing.is_strict(position, end):
-            return self._loose_record(position, end, stop)
+            return self._uncertain_record(position, end, stop)
         if not self.framing.leads_on(end, stop, 1, odd=True):
             return None
         self._take(kind, position, end)
         return end
 
-    def _loose_record(self, position: int, end: int, stop: int) -> int | None:
+    def _uncertain_record(self, position: int, end: int, stop: int) -> int | None:
         """Take in a record that could be chance: data of an unknown id, or one not quite valid for its type."""
         kind, length = self.raw[position + 2], end - position - 3
         if kind == 0 or not length or (not KNOWN_KINDS[kind] and length > MAX_UNKNOWN_BYTES):
@@ -234,10 +233,10 @@ class _Reader:
     def _take_unknown(self, identifier: int, position: int, length: int) -> None:
         """Take in a data record without definition; ids with records of one size are then followed like known ones."""
         self.unknown.setdefault(identifier, array("q")).append(position)
-        if self.followed.smallest[identifier] or len(self.alike) >= MAX_IDS_FOLLOWED:
+        if self.followed.smallest[identifier] or len(self.equal_sized) >= MAX_IDS_FOLLOWED:
             return
-        size, count = self.alike.get(identifier, (length, 0))
-        self.alike[identifier] = length, count + 1 if size == length else 1
+        size, count = self.equal_sized.get(identifier, (length, 0))
+        self.equal_sized[identifier] = length, count + 1 if size == length else 1
         if size == length and count + 1 == MIN_EQUAL_RECORDS:
             self.followed.set(identifier, length, length)
             self.chain.forget()
@@ -250,7 +249,7 @@ class _Reader:
         """
         if self.framing.is_cut_off(position, stop) and self.framing.anchor(position + 1, stop) == stop:
             resumed = "at the end of the file" if stop == self.size else f"at the appended data, byte {stop}"
-            self._damaged(position, stop, "a record that is cut off", resumed)
+            self.losses.add(position, stop - position, "a record that is cut off", resumed)
             return stop
         self.damaged = True
         begin = position
@@ -260,7 +259,9 @@ class _Reader:
         here = self.framing.anchor(max(begin + 1, self.low), stop)
         self.low = here
         lost = f"{here - begin} bytes that are no records"
-        self._damaged(begin, here, lost, f"at byte {here}" if here < stop else "nothing behind it is readable")
+        self.losses.add(
+            begin, here - begin, lost, f"at byte {here}" if here < stop else "nothing behind it is readable"
+        )
         return here
 
     def _drop_last(self) -> None:
@@ -270,18 +271,15 @@ class _Reader:
             self.segments.append((starts[:-1], ids[:-1]))
         self._remember()
 
-    def _without_doubtful(self, table: Table) -> Table:
+    def _without_implausible(self, table: Table) -> Table:
         """Return the table without implausible records."""
-        doubt = implausible(table.rows(slice(None)))
-        if not doubt.any():
+        false = implausible(table.rows(slice(None)))
+        if not false.any():
             return table
-        for start in table.offsets[doubt].tolist():
+        for start in table.offsets[false].tolist():
             lost = f"a record of {table.name} with impossible numbers"
-            self._damaged(start, self.framing.end(start), lost, "behind it")
-        return table.rows(~doubt)
-
-    def _damaged(self, begin: int, end: int, lost: str, resumed: str) -> None:
-        self.losses.add(begin, end - begin, lost, resumed)
+            self.losses.add(start, self.framing.end(start) - start, lost, "behind it")
+        return table.rows(~false)
 
     def _end_log(self) -> None:
         """Sort pending records; assign records without subscription to the one topic that fits, or report them."""
@@ -297,7 +295,7 @@ class _Reader:
                 name, layout = found
                 self._add((name, 0), layout, starts)
                 lost = f"the subscription of id {identifier}; its {len(starts)} records can only be {name}"
-                self._damaged(first, first, lost, f"read as {name}")
+                self.losses.add(first, 0, lost, f"read as {name}")
                 continue
             name, why = self.definitions.why_not.get(identifier, ("", ""))
             what = (
@@ -306,10 +304,10 @@ class _Reader:
                 else (f"id {identifier}, which no readable definition describes")
             )
             lost = f"{len(starts)} records ({lengths.sum()} bytes) of {what}"
-            self._damaged(first, first, lost, "skipped one by one")
+            self.losses.add(first, 0, lost, "skipped one by one")
             self.losses.bytes += int(lengths.sum())
         self.unknown.clear()
-        self.alike.clear()
+        self.equal_sized.clear()
         if self.headers <= MAX_BOOTS:
             self.definitions.report(self.losses)
 
@@ -358,7 +356,7 @@ class _Reader:
                 case _:
                     self.content.take(kind, payload, position)
         except (IndexError, struct.error):
-            self._damaged(position, end, f"a malformed {chr(kind)} record", "behind it")
+            self.losses.add(position, end - position, f"a malformed {chr(kind)} record", "behind it")
         except Exception as error:
             self.losses.caught(error, f"Records of type {chr(kind)}", "one of them", position)
 

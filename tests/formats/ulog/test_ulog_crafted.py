@@ -244,8 +244,8 @@ def test_records_without_subscription_are_followed_not_asked_one_by_one(
     body = [b"".join([one(k), *(data(i, 10_000 + k, bytes(i)) for i in names)]) for k in range(4000)]
     raw = log(PLAIN, *forms, *body[:2000], subscribe("d", 5), *body[2000:])
     asked = []
-    loose = reader._Reader._loose_record
-    monkeypatch.setattr(reader._Reader, "_loose_record", lambda *given: asked.append(given) or loose(*given))
+    loose = reader._Reader._uncertain_record
+    monkeypatch.setattr(reader._Reader, "_uncertain_record", lambda *given: asked.append(given) or loose(*given))
     found = read(raw, tmp_path / "lost.ulg")
     assert {name: len(table) for (name, _), table in found.items()} == {"a": 4000, "b": 4000, "c": 4000, "d": 2000}
     assert found["c", 0]["timestamp"].tolist() == [10_000 + k for k in range(4000)]
