@@ -3,7 +3,7 @@
 An estimator's module holds a docstring (its first line is the title, the rest the
 equations) and these names:
 
-======== ==================================================================================
+======== ===========================================================================
 SOURCE   paper or package with equation numbers
 EQUATION where several files are one equation: its source, the same in all of them (default empty)
 NEEDS    what it cannot run without, of ``{"gyro", "acc", "mag", "gnss"}``
@@ -14,7 +14,7 @@ STATE    sizes by name in the order of the state array, ``{"q": 4, "bias": 3, "_
 PARAMETERS, PRESETS, HOLD_MAG, CAUSAL   see :class:`attlog.estimators.interface.Estimator`
 start, step   or  run                   the functions
 from_log                                optional, see :class:`attlog.estimators.interface.LogFacts`
-======== ==================================================================================
+======== ===========================================================================
 """
 
 from __future__ import annotations
@@ -160,6 +160,9 @@ OLD_MODULES = {
     "engine.vectors": "vectors",
 }
 
+# Filters of the firmwares, run again on what they were given on board; they need the flight, not only its samples.
+FLOWN = ("px4_ekf2",)
+
 _NAME = re.compile(r"[\w.-]+")
 GROUP = "attlog.estimators"
 """Entry points of this group name modules of other packages: ``my_filter = "my_package.my_filter"``."""
@@ -182,7 +185,7 @@ def get(name: str) -> Estimator:
         return plugins.from_file(Path(name), here)
     if is_recorded(name):
         return recorded_estimator(Path(name))
-    if name in BUILT_IN:
+    if name in BUILT_IN + FLOWN:
         return from_module(importlib.import_module(f"attlog.estimators.filters.{name}"), name)
     point = _entry_point(name)
     return plugins.from_package(name, f"{point.value} {_version(point)}", here)
@@ -348,7 +351,7 @@ def _entry_point(name: str) -> EntryPoint:
     """The entry point of that name. UsageError with a suggestion if there is none."""
     points = _entry_points()
     if name not in points:
-        raise UsageError(f"there is no estimator {name}{suggestion(name, names())}")
+        raise UsageError(f"there is no estimator {name}{suggestion(name, names() + FLOWN)}")
     return points[name]
 
 

@@ -313,7 +313,8 @@ class OnboardEstimator:
 
     ``gyro_bias`` (n, 3) rad/s: subtracted from the replayed gyro, None where it runs on another one. ``acc_bias``
     (n, 3) m/s^2: subtracted from the accelerometer. ``yaw`` (n, 2) rad: heading from GNSS motion without a compass and
-    its sigma, while it is valid. ``lane``: number of the EKF core or instance that flew.
+    its sigma, while it is valid. ``lane``: number of the EKF core or instance that flew. ``inputs`` reads all that the
+    filter was given, for a re-run of it; None where that is not known of the firmware.
     """
 
     gyro_bias: Stream | None = None
@@ -321,6 +322,7 @@ class OnboardEstimator:
     yaw: Stream | None = None
     innovation_tests: list[InnovationTest] = field(default_factory=list)
     lane: TimeLine | None = None
+    inputs: Callable[[], Any] | None = None
 
 
 # How a vibration level is made. ``rest`` (ArduPilot's VIBE): root of the low-passed square of what a 5 Hz low-pass

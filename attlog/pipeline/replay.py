@@ -16,7 +16,7 @@ from attlog import estimators, reference
 from attlog.core.errors import AttlogError, PluginError, UsageError, guarded
 from attlog.core.spans import Span
 from attlog.estimators.interface import Estimate
-from attlog.estimators.registry import BUILT_IN
+from attlog.estimators.registry import BUILT_IN, FLOWN
 from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.gyro_bias import CommonBias
 from attlog.metrics.metric import Case, per_case
@@ -176,6 +176,10 @@ def _run(
         return spec.run(case, imu, suffix)
     if is_recorded(spec):
         return recorded_row(case, imu, spec, spec.name + suffix)
+    if spec.estimator.name in FLOWN:
+        from attlog.pipeline.onboard_rerun import rerun_row  # no other row needs it
+
+        return rerun_row(case, imu, spec, spec.name + suffix)
     mag = None if case.log.mag is None else case.log.mags[case.log.mag]
     told, aids = facts(case, suffix), aids_of(case, suffix)
     return replayed(case, imu, mag, spec, told, aids, spec.name + suffix, whole)

@@ -46,6 +46,8 @@ DEFAULTS = (
     "attlog.segments.increments",
 )
 OTHERS = (
+    "attlog.estimators.ekf2.loop",
+    "attlog.estimators.ekf2.run",
     "attlog.estimators.filters.inertial.backward",
     "attlog.estimators.filters.inertial.recursion",
     "attlog.simulate.controller",

@@ -19,6 +19,7 @@ from attlog.flight.gnss import utc_offset
 from attlog.flight.imu import FlownUnits, add_imus, best_per_unit, longest_held
 from attlog.flight.model import Firmware, FlightLog
 from attlog.flight.px4 import estimator, sensors
+from attlog.flight.px4.ekf2_inputs import read_inputs
 from attlog.flight.px4.imu import TopicBuilder, clippings, flown_units, imu_candidates
 from attlog.flight.timestamps import read_stamps
 from attlog.flight.vehicle import px4_version
@@ -93,6 +94,8 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.vehicle = "unknown"
     builder.read_parts(STREAMS)
     log.onboard = "vehicle_attitude" if "vehicle_attitude" in log.attitudes else None
+    if "EKF2_GYR_NOISE" in builder.values:
+        log.estimator.inputs = partial(read_inputs, messages, builder.values)
     return log
 
 

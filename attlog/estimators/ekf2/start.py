@@ -1,0 +1,113 @@
+"""Where a re-run of EKF2 begins: the states that the log holds, and the events that the log dates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.estimators.ekf2 import state as s
+
+if TYPE_CHECKING:
+    from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
+
+Array = NDArray[np.float64]
+# Smallest start variance of an attitude error, rad^2: a logged zero would never be corrected.
+MIN_ATTITUDE_VARIANCE = 1e-9
+# Flags are logged once a second; a heading reset dates them to one record of the attitude.
+FLAGS_BEFORE_S, FLAGS_AFTER_S, RESET_RECORD_S = 0.6, 0.2, 0.01
+
+
+class WarmStart(NamedTuple):
+    """A logged state: time since boot, state (24,), covariance (23, 23) and control state."""
+
+    t: float
+    x: Array
+    P: Array
+    c: Array
+
+
+def warm_start(inputs: Ekf2Inputs, era: int, step_s: float) -> WarmStart | None:
+    """Return the first complete logged state, None where the log holds none.
+
+    Only variances are logged: correlations begin at zero and are there again after about 5 s. Up to 1.14 the states
+    hold biases per step, and four variances of the quaternion, which are fitted by tilt and yaw about earth axes.
+    """
+    logged = inputs.states
+    if logged is None:
+        return None
+    t, states, variances = float(logged.t[0]), logged.states[0], logged.covariances[0].copy()
+    x, P, c = np.zeros(s.N_STATE), np.zeros((s.N_ERR, s.N_ERR)), np.zeros(len(s.CONTROL))
+    x[:] = states[: s.N_STATE]
+    x[:4] /= np.linalg.norm(x[:4])
+    if era <= s.ERA_C:
+        x[10:16] /= step_s
+        variances[10:16] /= step_s**2
+    if era == s.ERA_D:
+        np.fill_diagonal(P, np.maximum(variances[: s.N_ERR], 0.0))
+    else:
+        np.fill_diagonal(P, np.maximum(variances[1 : s.N_ERR + 1], 0.0))
+        tilt, yaw = attitude_variances(x[:4], variances[:4])
+        P[0, 0] = P[1, 1] = tilt
+        P[2, 2] = yaw
+    for i in range(3):
+        P[i, i] = max(P[i, i], MIN_ATTITUDE_VARIANCE)
+    set_modes(c, inputs, t, era)
+    c[s.FALSE_N], c[s.FALSE_E] = x[7], x[8]
+    return WarmStart(t, x, P, c)
+
+
+def attitude_variances(q: Array, variances: Array) -> tuple[float, float]:
+    """Fit tilt and yaw variance (rad^2) to the four variances of a quaternion: diag(P_q) = E^2 (s, s, s_D) / 4."""
+    w, x, y, z = q
+    E = np.array([[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]]) ** 2 / 4.0
+    columns, wanted = np.column_stack([E[:, 0] + E[:, 1], E[:, 2]]), np.maximum(variances, 0.0)
+    tilt, yaw = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    if tilt < 0.0:
+        tilt, yaw = 0.0, columns[:, 1] @ wanted / (columns[:, 1] @ columns[:, 1])
+    elif yaw < 0.0:
+        tilt, yaw = columns[:, 0] @ wanted / (columns[:, 0] @ columns[:, 0]), 0.0
+    return float(tilt), float(yaw)
+
+
+def set_modes(c: Array, inputs: Ekf2Inputs, t: float, era: int) -> None:
+    """Set alignment, GNSS and magnetometer modes from the flags just after ``t``."""
+
+    def flag(*names: str) -> float | None:
+        for name in names:
+            column = inputs.flags.get(name)
+            if column is not None and len(column):
+                return float(column[min(int(np.searchsorted(inputs.flags["t"], t)), len(column) - 1)] > 0)
+        return None
+
+    c[s.TILT] = 0.0 if flag("cs_tilt_align") == 0.0 else 1.0
+    c[s.YAW] = 0.0 if flag("cs_yaw_align") == 0.0 else 1.0
+    c[s.GNSS_ON] = flag("cs_gps", "cs_gnss_pos") or 0.0
+    c[s.ALIGNED] = flag("cs_mag_aligned_in_flight") or 0.0
+    if flag("cs_mag_3d", "cs_mag_3D"):
+        c[s.MAG_MODE] = s.MAG_3D
+    elif flag("cs_mag_hdg"):
+        c[s.MAG_MODE] = s.MAG_HEADING
+    elif era == s.ERA_D and c[s.YAW]:
+        c[s.MAG_MODE] = s.MAG_FIELD_ONLY
+    consistent = flag("cs_mag_heading_consistent")
+    c[s.CONSISTENT] = float(c[s.MAG_MODE] in (s.MAG_3D, s.MAG_HEADING)) if consistent is None else consistent
+    c[s.WIND_ON] = flag("cs_wind", "cs_wind_vel") or 0.0
+
+
+def alignment_times(inputs: Ekf2Inputs) -> Array | None:
+    """Return when the heading was aligned in flight, dated by the counter of resets; None where no flag tells."""
+    flags, attitude = inputs.flags, inputs.attitude
+    if not len(flags["t"]) or "cs_mag_aligned_in_flight" not in flags:
+        return None
+    on = flags["cs_mag_aligned_in_flight"] > 0
+    resets = np.zeros(0)
+    if "resets" in attitude:
+        resets = attitude["t_now"][1:][np.diff(attitude["resets"]) != 0]
+    times = []
+    for i in np.flatnonzero(on[1:] & ~on[:-1]) + 1:
+        before, after = float(flags["t"][i - 1]), float(flags["t"][i])
+        near = resets[(resets >= before - FLAGS_BEFORE_S) & (resets <= after + FLAGS_AFTER_S)]
+        times.append(float(near[0]) - RESET_RECORD_S if len(near) else 0.5 * (before + after))
+    return np.array(times, np.float64)

@@ -1,0 +1,357 @@
+"""Read from a ULog what EKF2 was given on board: samples, flags and its own states.
+
+Times are s since boot. Units are SI but for the magnetic field, which EKF2 keeps in gauss.
+Topics and fields: PX4-Autopilot ``msg/``; their eras: ``docs/ekf.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core.errors import UsageError
+from attlog.formats.table import Messages, Table
+
+Array = NDArray[np.float64]
+
+# EKF2 fuses in steps of about 10 ms; below this rate the IMU is averaged over several of them.
+MIN_IMU_RATE_HZ = 90.0
+# Half a period: a longer hole between two integration intervals is a sample that the logger lost.
+LOST_SAMPLE_SHARE = 0.5
+# Longer holes are pauses of the logger, which no interpolation can fill.
+MAX_FILLED_S = 0.25
+# Aids that the re-run does not model: a log that flew on one of them is refused.
+UNSUPPORTED_AIDS = {
+    "cs_ev_pos": "vision position",
+    "cs_ev_vel": "vision velocity",
+    "cs_ev_yaw": "vision heading",
+    "cs_opt_flow": "optical flow",
+    "cs_gps_yaw": "dual-antenna heading",
+}
+# Delays of the filter against now that are believable; 1.12 stamps some records with the time of writing.
+MIN_HORIZON_S, MAX_HORIZON_S = 0.03, 0.5
+# Share of the log's time from which on an unsupported aid counts as flown.
+MIN_AID_SHARE = 0.05
+
+
+@dataclass(slots=True)
+class ImuIncrements:
+    """Mean rates (rad/s) and forces (m/s^2) over intervals of ``dt`` s ending at ``t`` (n,); ``clip``: bits of axes."""
+
+    t: Array
+    dt: Array
+    gyro: Array
+    acc: Array
+    clip: NDArray[np.uint8]
+    filled: int = 0
+
+
+@dataclass(slots=True)
+class EstimatorStates:
+    """Logged states of one lane, one row a record, in the layout of the logged version."""
+
+    t: Array
+    t_now: Array
+    states: Array
+    covariances: Array
+    n_states: int
+
+
+@dataclass(slots=True)
+class Ekf2Inputs:
+    """All that one lane of EKF2 was given, as far as the log holds it.
+
+    ``mag`` (t, t_arrival, field in gauss), ``gnss`` and ``baro`` likewise as mappings of columns; absent streams are
+    empty. ``flags`` are columns of ``estimator_status_flags`` or bits of ``control_mode_flags`` at ``flags["t"]``.
+    """
+
+    imu: ImuIncrements
+    mag: Mapping[str, Array]
+    gnss: Mapping[str, Array]
+    baro: Mapping[str, Array]
+    airspeed: Mapping[str, Array]
+    landed: Mapping[str, Array]
+    flags: Mapping[str, Array]
+    gsf: Mapping[str, Array]
+    states: EstimatorStates | None
+    horizon: float | None
+    lanes: Mapping[str, Array]
+    attitude: Mapping[str, Array]
+    bias: Mapping[str, Array]
+    vehicle_type: int
+    params: dict[str, float] = field(default_factory=dict)
+    version: tuple[int, int] = (0, 0)
+
+
+def _s(table: Table, column: str = "timestamp") -> Array:
+    return table[column].astype(np.float64) * 1e-6
+
+
+def _sorted(columns: dict[str, Array]) -> dict[str, Array]:
+    """Keep records in rising order of ``t`` with finite values of it."""
+    t = columns["t"]
+    keep = np.isfinite(t)
+    order = np.argsort(t[keep], kind="stable")
+    return {name: x[keep][order] for name, x in columns.items()}
+
+
+def _stack(table: Table, name: str, n: int) -> Array:
+    """Read an array field (n columns) or ``name_x``-like scalars as (m, n)."""
+    if name in table:
+        return np.asarray(table[name], np.float64).reshape(len(table), -1)[:, :n]
+    return np.column_stack([table[f"{name}[{i}]"].astype(np.float64) for i in range(n)])
+
+
+def imu_increments(messages: Messages) -> ImuIncrements:
+    """Read ``sensor_combined`` and fill samples that the logger lost by the mean of their neighbours."""
+    table = messages.first("sensor_combined")
+    if table is None or len(table) < 100:
+        raise UsageError("EKF2 cannot be run again: the log holds no sensor_combined.")
+    t = _s(table)
+    gyro, acc = _stack(table, "gyro_rad", 3), _stack(table, "accelerometer_m_s2", 3)
+    dt = table["gyro_integral_dt"].astype(np.float64)
+    dt = dt * 1e-6 if np.median(dt) > 1.0 else dt
+    clip = (
+        table["accelerometer_clipping"].astype(np.uint8)
+        if "accelerometer_clipping" in table
+        else np.zeros(len(t), np.uint8)
+    )
+    good = np.isfinite(t) & np.all(np.isfinite(gyro), 1) & np.all(np.isfinite(acc), 1) & (dt > 0) & (dt < 0.1)
+    t, gyro, acc, dt, clip = t[good], gyro[good], acc[good], dt[good], clip[good]
+    rising = np.concatenate([[True], np.diff(t) > 0])
+    t, gyro, acc, dt, clip = t[rising], gyro[rising], acc[rising], dt[rising], clip[rising]
+    period = float(np.median(dt))
+    if period > 1.0 / MIN_IMU_RATE_HZ or float(np.median(np.diff(t))) > 2.0 * period:
+        rate = 1.0 / max(period, float(np.median(np.diff(t))))
+        raise UsageError(
+            f"EKF2 cannot be run again: its IMU is logged at {rate:.0f} Hz; {MIN_IMU_RATE_HZ:.0f} are needed."
+        )
+    missing = t[1:] - dt[1:] - t[:-1]
+    lost = np.where(
+        (missing > LOST_SAMPLE_SHARE * period) & (missing < MAX_FILLED_S), np.rint(missing / period), 0
+    ).astype(int)
+    extra = int(lost.sum())
+    if extra:
+        where = np.repeat(np.arange(len(lost)), lost)
+        within = np.arange(extra) - np.repeat(np.cumsum(lost) - lost, lost)
+        step = missing[where] / lost[where]
+        t_new = t[where] + (within + 1.0) * step
+        mean = 0.5 * (gyro[where] + gyro[where + 1]), 0.5 * (acc[where] + acc[where + 1])
+        order = np.argsort(np.concatenate([t, t_new]), kind="stable")
+        t = np.concatenate([t, t_new])[order]
+        dt = np.concatenate([dt, step])[order]
+        gyro = np.concatenate([gyro, mean[0]])[order]
+        acc = np.concatenate([acc, mean[1]])[order]
+        clip = np.concatenate([clip, np.zeros(extra, np.uint8)])[order]
+    return ImuIncrements(t, dt, gyro, acc, clip, extra)
+
+
+def _magnetometer(messages: Messages, lane_device: int | None) -> dict[str, Array]:
+    tables = [messages["vehicle_magnetometer", i] for i in messages.instances("vehicle_magnetometer")]
+    if not tables:
+        table = messages.first("sensor_combined")
+        if table is not None and "magnetometer_ga" in table:
+            m = _stack(table, "magnetometer_ga", 3)
+            new = np.concatenate([[True], np.any(np.diff(m, axis=0) != 0, axis=1)])
+            t = _s(table)[new]
+            return _sorted({"t": t, "t_arrival": t, "x": m[new]})
+        return {"t": np.zeros(0), "t_arrival": np.zeros(0), "x": np.zeros((0, 3))}
+    chosen = tables[0]
+    for table in tables:
+        if lane_device and "device_id" in table and len(table) and int(np.median(table["device_id"])) == lane_device:
+            chosen = table
+            break
+    t_arrival = _s(chosen)
+    t = _s(chosen, "timestamp_sample") if "timestamp_sample" in chosen else t_arrival
+    return _sorted({"t": t, "t_arrival": t_arrival, "x": _stack(chosen, "magnetometer_ga", 3)})
+
+
+def _gnss(messages: Messages) -> dict[str, Array]:
+    table = messages.first("vehicle_gps_position")
+    names = ("t", "lat", "lon", "alt", "vn", "ve", "vd", "eph", "epv", "sacc", "fix", "satellites", "utc")
+    if table is None or not len(table):
+        return {name: np.zeros(0) for name in names}
+    new = "latitude_deg" in table
+    columns = {
+        "t": _s(table),
+        "lat": table["latitude_deg"].astype(np.float64) if new else table["lat"] * 1e-7,
+        "lon": table["longitude_deg"].astype(np.float64) if new else table["lon"] * 1e-7,
+        "alt": table["altitude_msl_m"].astype(np.float64) if new else table["alt"] * 1e-3,
+        "vn": table["vel_n_m_s"].astype(np.float64),
+        "ve": table["vel_e_m_s"].astype(np.float64),
+        "vd": table["vel_d_m_s"].astype(np.float64),
+        "eph": table["eph"].astype(np.float64),
+        "epv": table["epv"].astype(np.float64),
+        "sacc": table["s_variance_m_s"].astype(np.float64),
+        "fix": table["fix_type"].astype(np.float64),
+        "satellites": table["satellites_used"].astype(np.float64),
+        "utc": table["time_utc_usec"].astype(np.float64) * 1e-6,
+    }
+    return _sorted(columns)
+
+
+def _columns(table: Table | None, names: Mapping[str, str]) -> dict[str, Array]:
+    """Columns of a topic as floats under shorter names; columns that it lacks are NaN, an absent topic is empty."""
+    if table is None or not len(table):
+        return {"t": np.zeros(0)} | {short: np.zeros(0) for short in names}
+    n = len(table)
+    found = {
+        short: table[long].astype(np.float64) if long in table else np.full(n, np.nan) for short, long in names.items()
+    }
+    return _sorted({"t": _s(table)} | found)
+
+
+# Bits of filter_control_status / control_mode_flags (msg/estimator_status.msg).
+CONTROL_BITS = {
+    "cs_tilt_align": 0,
+    "cs_yaw_align": 1,
+    "cs_gps": 2,
+    "cs_opt_flow": 3,
+    "cs_mag_hdg": 4,
+    "cs_mag_3d": 5,
+    "cs_mag_dec": 6,
+    "cs_in_air": 7,
+    "cs_wind": 8,
+    "cs_ev_pos": 12,
+    "cs_ev_yaw": 13,
+    "cs_fuse_aspd": 16,
+    "cs_fuse_beta": 15,
+    "cs_mag_aligned_in_flight": 23,
+    "cs_gps_yaw": 18,
+}
+
+
+def control_flags(messages: Messages, lane: int) -> dict[str, Array]:
+    """Control flags of a lane: columns of ``estimator_status_flags``, else bits of ``estimator_status``."""
+    key = ("estimator_status_flags", lane)
+    if key in messages.tables and len(messages[key]):
+        table = messages[key]
+        names = [n for n in table.fields if n.startswith(("cs_", "fs_", "reject_"))]
+        return _sorted({"t": _s(table)} | {n: table[n].astype(np.float64) for n in names})
+    status = messages.tables.get(("estimator_status", lane)) or messages.first("estimator_status")
+    if status is None or "control_mode_flags" not in status:
+        return {"t": np.zeros(0)}
+    bits = status["control_mode_flags"].astype(np.int64)
+    return _sorted(
+        {"t": _s(status)} | {name: ((bits >> bit) & 1).astype(np.float64) for name, bit in CONTROL_BITS.items()}
+    )
+
+
+def estimator_states(messages: Messages, lane: int) -> EstimatorStates | None:
+    """Logged states and variances of a lane; None where the log holds none."""
+    for name in ("estimator_states", "estimator_status"):
+        table = messages.tables.get((name, lane))
+        if table is None or not len(table) or "states" not in table or "covariances" not in table:
+            continue
+        t_now = _s(table)
+        t = _s(table, "timestamp_sample") if "timestamp_sample" in table else t_now
+        states = np.asarray(table["states"], np.float64)
+        covariances = np.asarray(table["covariances"], np.float64)
+        n = int(np.median(table["n_states"])) if "n_states" in table else states.shape[1]
+        keep = np.all(np.isfinite(states), 1) & np.all(np.isfinite(covariances), 1) & np.any(states[:, :4] != 0, 1)
+        if keep.any():
+            return EstimatorStates(t[keep], t_now[keep], states[keep], covariances[keep], n)
+    return None
+
+
+def _horizon(messages: Messages, lane: int) -> float | None:
+    for name in ("estimator_states", "estimator_status", "estimator_status_flags"):
+        table = messages.tables.get((name, lane))
+        if table is not None and len(table) and "timestamp_sample" in table:
+            late = _s(table) - _s(table, "timestamp_sample")
+            late = late[(late > MIN_HORIZON_S) & (late < MAX_HORIZON_S)]
+            if len(late):
+                return float(np.median(late))
+    return None
+
+
+def _attitude(messages: Messages) -> dict[str, Array]:
+    table = messages.first("vehicle_attitude")
+    if table is None:
+        raise UsageError("EKF2 cannot be compared: the log holds no vehicle_attitude.")
+    t = _s(table, "timestamp_sample") if "timestamp_sample" in table else _s(table)
+    columns = {"t": t, "t_now": _s(table), "q": _stack(table, "q", 4)}
+    if "quat_reset_counter" in table:
+        columns["resets"] = table["quat_reset_counter"].astype(np.float64)
+        columns["delta_q"] = _stack(table, "delta_q_reset", 4)
+    return _sorted(columns)
+
+
+# Type of a release in its lowest byte: below this it is a development build.
+ALPHA = 64
+
+
+def version_of(messages: Messages, params: Mapping[str, float]) -> tuple[int, int]:
+    """Return major and minor version of PX4, by the parameters of EKF2 where the log does not name it.
+
+    UsageError for development builds between 1.14 and 1.15, whose filter is neither's.
+    """
+    release = int(messages.info.get("ver_sw_release") or 0)
+    if release >> 16:
+        version = (release >> 24) & 0xFF, (release >> 16) & 0xFF
+        if version == (1, 15) and release & 0xFF < ALPHA:
+            raise UsageError("EKF2 cannot be run again: development builds between PX4 1.14 and 1.15 mix two filters.")
+        return version
+    if "EKF2_GPS_CTRL" in params:
+        return (1, 14) if "EKF2_AID_MASK" in params else (1, 15)
+    if "EKF2_PREDICT_US" in params:
+        return 1, 13
+    return (1, 12) if messages.first("estimator_states") is not None else (1, 10)
+
+
+def read_inputs(messages: Messages, params: Mapping[str, float], lane: int | None = None) -> Ekf2Inputs:
+    """Read all inputs of the lane that flew first, or of ``lane``. UsageError where the log is too thin."""
+    version = version_of(messages, params)
+    selector = messages.first("estimator_selector_status")
+    lanes = _columns(selector, {"primary": "primary_instance"})
+    if lane is None:
+        known = lanes["primary"][lanes["primary"] < 10]
+        lane = int(known[0]) if len(known) else 0
+    status = messages.tables.get(("estimator_status", lane))
+    device = int(np.median(status["mag_device_id"])) if status is not None and "mag_device_id" in status else None
+    flags = control_flags(messages, lane)
+    for name, aid in UNSUPPORTED_AIDS.items():
+        if name in flags and len(flags["t"]) and float(np.mean(flags[name])) > MIN_AID_SHARE:
+            raise UsageError(f"EKF2 cannot be run again: it flew on {aid}, which the re-run does not model.")
+    baro = messages.first("vehicle_air_data")
+    baro_columns = _columns(baro, {"alt": "baro_alt_meter", "t_sample": "timestamp_sample"})
+    if len(baro_columns["t"]):
+        sample = baro_columns["t_sample"] * 1e-6
+        baro_columns["t_sample"] = np.where(np.isfinite(sample), sample, baro_columns["t"])
+    vehicle = messages.first("vehicle_status")
+    kind = 0
+    if vehicle is not None and len(vehicle):
+        column = "vehicle_type" if "vehicle_type" in vehicle else None
+        kind = int(np.median(vehicle[column])) if column else 1
+    return Ekf2Inputs(
+        imu=imu_increments(messages),
+        mag=_magnetometer(messages, device),
+        gnss=_gnss(messages),
+        baro=baro_columns,
+        airspeed=_columns(
+            messages.first("airspeed_validated"), {"tas": "true_airspeed_m_s", "cas": "calibrated_airspeed_m_s"}
+        ),
+        landed=_columns(
+            messages.first("vehicle_land_detected"),
+            {"landed": "landed", "at_rest": "at_rest", "ground_effect": "in_ground_effect"},
+        ),
+        flags=flags,
+        gsf=_columns(
+            messages.tables.get(("yaw_estimator_status", lane)) or messages.first("yaw_estimator_status"),
+            {"yaw": "yaw_composite", "var": "yaw_variance"},
+        ),
+        states=estimator_states(messages, lane),
+        horizon=_horizon(messages, lane),
+        lanes=lanes,
+        attitude=_attitude(messages),
+        bias=_columns(
+            messages.tables.get(("estimator_sensor_bias", lane)) or messages.first("estimator_sensor_bias"),
+            {"x": "gyro_bias[0]", "y": "gyro_bias[1]", "z": "gyro_bias[2]"},
+        ),
+        vehicle_type=kind,
+        params=dict(params),
+        version=version,
+    )

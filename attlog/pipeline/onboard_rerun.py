@@ -1,0 +1,166 @@
+"""The onboard filter run again as a row, and how closely it follows what flew."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import estimators, reference
+from attlog.core import rotation
+from attlog.core.errors import UsageError
+from attlog.estimators.ekf2.parameters import PREFIX
+from attlog.estimators.interface import Estimate
+from attlog.flight.model import FlightLog, Imu
+from attlog.metrics.metric import Case, per_case
+from attlog.reference import alignment
+from attlog.reference.model import Row
+from attlog.result import EstimatorRow, ParameterValue
+
+Array = NDArray[np.float64]
+
+# A re-run follows what flew below these differences of the airborne attitude (deg); above, no parameter is studied.
+MAX_TILT_MEDIAN_DEG, MAX_TILT_P95_DEG, MAX_HEADING_MEDIAN_DEG = 0.5, 1.5, 2.0
+# Fewer seconds in the air tell nothing: the whole log is compared instead.
+MIN_AIRBORNE_S = 5.0
+# A comparison of fewer records of the onboard attitude is none.
+MIN_RECORDS = 20
+GAUSS_PER_TESLA = 1e4
+
+
+@dataclass(frozen=True, slots=True)
+class Reproduction:
+    """Difference of a re-run to the onboard attitude in deg over ``n`` records in ``seconds``."""
+
+    tilt_median: float
+    tilt_p95: float
+    heading_median: float
+    heading_p95: float
+    n: int
+    seconds: float
+    airborne: bool
+    start: str
+    leaves: float | None = None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the differences are small enough for studies of parameters."""
+        return (
+            self.tilt_median <= MAX_TILT_MEDIAN_DEG
+            and self.tilt_p95 <= MAX_TILT_P95_DEG
+            and self.heading_median <= MAX_HEADING_MEDIAN_DEG
+        )
+
+    def __str__(self) -> str:
+        where = "in the air" if self.airborne else "in the whole log"
+        size = f"{max(self.tilt_median, 0.01):.2f}° tilt and {max(self.heading_median, 0.01):.2f}° heading"
+        if self.follows:
+            return f"EKF2 run again: within {size} of what flew (median {where}, {self.seconds:.0f} s)"
+        left = "" if self.leaves is None else f", first at {self.leaves:.0f} s"
+        return f"EKF2 run again does not follow what flew: {size} apart (median {where}{left})"
+
+
+@per_case
+def inputs_of(case: Case, _: str) -> Any:
+    """What the onboard filter was given. UsageError where the log cannot tell."""
+    read = case.log.estimator.inputs
+    if read is None:
+        raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
+    return read()
+
+
+@per_case
+def gnss_rate_of(case: Case, _: str) -> float | None:
+    """The receiver's rate on board, fitted once with the parameters that flew."""
+    from attlog.estimators.ekf2.run import fitted_gnss_rate
+
+    return fitted_gnss_rate(inputs_of(case, ""), *_field(case.log))
+
+
+def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
+    """Declination, inclination (rad) and strength (gauss) of the world model, and the latitude in deg."""
+    fixes = [g for g in log.gnss if np.isfinite(g.lat).any()]
+    latitude = float(np.nanmedian(fixes[0].lat)) if fixes else 0.0
+    model = alignment.earth_field(log)
+    if model is None:
+        return None, latitude
+    return (
+        (math.radians(model.declination_deg), math.radians(model.inclination_deg), model.strength_t * GAUSS_PER_TESLA),
+        latitude,
+    )
+
+
+def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Row, EstimatorRow]:
+    """Run EKF2 again with the values of ``spec`` over the log's own. UsageError where the log is too thin."""
+    from attlog.estimators.ekf2.run import rerun
+
+    inputs = inputs_of(case, "")
+    changes = {key.removeprefix(PREFIX): float(value) for key, value in spec.params.items()}
+    found = rerun(inputs, *_field(case.log), changes, gnss_hz=gnss_rate_of(case, ""))
+    estimate = _estimate(case.log, found)
+    row = reference.replayed(
+        case.log,
+        case.segments,
+        case.reference,
+        estimate,
+        name=name,
+        estimator=spec.estimator.name,
+        parameters=dict(spec.params),
+        uses_mag=True,
+    )
+    row.imu, row.ns_per_update = imu, None
+    if (same := reproduction(case, estimate, found.start)) is not None and not changes:
+        row.quality = {"reproduction": str(same), "follows": "yes" if same.follows else "no"}
+    known = {p.name: p for p in spec.estimator.parameters}
+    parameters = {k: ParameterValue(v, "option", known[k].unit, known[k].meaning) for k, v in spec.params.items()}
+    from attlog.pipeline.replay import table_row
+
+    return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
+
+
+def _estimate(log: FlightLog, found: Any) -> Estimate:
+    """A re-run on the log's clock, with gyro bias and sigmas at its samples."""
+    good = np.isfinite(found.q[:, 0])
+    t = found.t[good] - log.t0_us * 1e-6
+    k = np.clip(np.searchsorted(found.t_step, found.t[good]), 0, len(found.t_step) - 1)
+    known = np.isfinite(found.steps[:, 0])
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
+    steps = found.steps[last[k]]
+    tilt = np.sqrt(np.maximum(steps[:, 0] + steps[:, 1], 0.0))
+    aux = {"sigma_tilt": tilt, "sigma_heading": np.sqrt(np.maximum(steps[:, 2], 0.0)), "innovations": found.innovations}
+    return Estimate(t, found.q[good], bias=steps[:, 6:9].copy(), aux=aux, segment=np.zeros(len(t), np.int64))
+
+
+def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | None:
+    """Compare a re-run with the onboard attitude: in the air, else over all; None where they share no time."""
+    onboard = case.log.onboard_attitude
+    if onboard is None or len(estimate.t) < 2:
+        return None
+    t = onboard.t if onboard.t_sample is None else onboard.t_sample
+    inside = (t >= estimate.t[0]) & (t <= estimate.t[-1])
+    lanes = case.log.estimator.lane
+    if lanes is not None and len(lanes.t) > 1:
+        inside &= t < lanes.t[1]
+    if np.count_nonzero(inside) < MIN_RECORDS:
+        return None
+    error = rotation.earth_error(rotation.slerp(estimate.t, estimate.q, t[inside]), onboard.q[inside])
+    tilt, heading = np.degrees(rotation.tilt_angle(error)), np.degrees(np.abs(rotation.heading_angle(error)))
+    air = case.segments.mask(t[inside], "airborne")
+    period = float(np.median(np.diff(t[inside])))
+    airborne = bool(air.sum() * period >= MIN_AIRBORNE_S)
+    use = air if airborne else np.ones(len(tilt), bool)
+    apart = np.flatnonzero(use & ((tilt > MAX_TILT_P95_DEG) | (heading > 2 * MAX_HEADING_MEDIAN_DEG)))
+    return Reproduction(
+        float(np.median(tilt[use])),
+        float(np.percentile(tilt[use], 95)),
+        float(np.median(heading[use])),
+        float(np.percentile(heading[use], 95)),
+        int(use.sum()),
+        float(use.sum() * period),
+        airborne,
+        start,
+        float(t[inside][apart[0]]) if len(apart) else None,
+    )
