@@ -81,6 +81,16 @@ def progress(quiet: bool, verbose: bool, lines: bool = False) -> Iterator[StageH
             logger.propagate = True
 
 
+def compile_first(rows: Sequence[str], quiet: bool) -> None:
+    """Compile the loops that a first analysis with these estimators lacks, where the package brings none."""
+    from attlog.core.jit import build, jit_wanted, store
+
+    if not store.is_shipped() and jit_wanted():
+        stage = logging.getLogger(STAGES)
+        with progress(quiet, verbose=not quiet):
+            build.prepare(build.names_for(rows), lambda made, of: stage.info("compiled %d of %d loops", made, of))
+
+
 PER_LOG = 300_000
 """Bytes of log that take as long as what each log costs whatever its size."""
 SHOWN = 40

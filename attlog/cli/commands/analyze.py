@@ -30,7 +30,7 @@ from attlog.cli.options import (
 )
 from attlog.cli.printing import TextLine, console, json_line, json_to_stdout, say, table_to_stdout, to_stderr
 from attlog.cli.process import is_of_a_stream
-from attlog.cli.progress import Bar, progress
+from attlog.cli.progress import Bar, compile_first, progress
 from attlog.core.errors import (
     EXIT_BUG,
     EXIT_INTERRUPTED,
@@ -124,6 +124,7 @@ class AnalyzeRun:
 
         name = report_names([source.file_name])[0]
         try:
+            compile_first(self.config.estimators, self.quiet)
             with progress(self.quiet, self.verbose > 0), source.local() as log:
                 written = analyze_to_files(
                     log.path,
@@ -161,6 +162,7 @@ class AnalyzeRun:
             for source, name, words, start in zip(logs, names, typed, starts, strict=True)
         ]
         done: dict[str, Entry] = {}
+        compile_first(self.config.estimators, self.quiet)
         started = time.monotonic()
         with tidied(self.folder), Bar(self.quiet, self.verbose > 0) as bar:
             coming = local_runner(jobs, bar.stage)(works)

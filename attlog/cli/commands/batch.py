@@ -14,7 +14,7 @@ from attlog.cli.gates import GateOptions, GateReport
 from attlog.cli.options import CommonOptions, JobsOfCores, LogOptions, Places, commands, configured, finite
 from attlog.cli.printing import TextLine, console, say, to_stderr
 from attlog.cli.process import ended_by_signals
-from attlog.cli.progress import Bar
+from attlog.cli.progress import Bar, compile_first
 from attlog.core.errors import EXIT_INTERRUPTED, UsageError, error_message, exit_code, worst_exit_code
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ def command(
             resume=batch.resume,
             fresh=batch.fresh,
         )
+        compile_first(settings.estimators, common.quiet)
         with ended_by_signals(), Bar(common.quiet, common.verbose > 0) as bar:
             progress = BatchProgress(bar, common.verbose)
             outcome = run_batch(job, batch.runner(progress, bar), progress, judge)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
@@ -59,14 +60,17 @@ OTHERS = (
 
 def default_names() -> list[str]:
     """Return the loops that ``analyze`` runs with its defaults: filters, smoother, readers and metrics."""
+    return names_for(["default"])
+
+
+def names_for(rows: Iterable[str]) -> list[str]:
+    """Return the loops that an analysis with these estimators runs, ``default``, ``all`` or ``NAME[@PRESET][:...]``."""
     from attlog.estimators.api import DEFAULT
+    from attlog.estimators.registry import BUILT_IN
 
-    return names_for(DEFAULT)
-
-
-def names_for(filters: Iterable[str]) -> list[str]:
-    """Return the loops that an analysis with these built-in filters runs."""
-    return [*_names_in(DEFAULTS), *_filters(filters)]
+    named = {re.split("[@:]", item.strip())[0] for row in rows for item in row.split(",")}
+    named |= set(DEFAULT) if "default" in named else set()
+    return [*_names_in(DEFAULTS), *_filters(name for name in BUILT_IN if name in named or "all" in named)]
 
 
 def all_names() -> list[str]:
@@ -104,7 +108,7 @@ def named(name: str) -> Loop[Any, Any]:
 def prepare(names: Iterable[str], progress: Callable[[int, int], None]) -> None:
     """Compile the loops that are missing, on all cores, and keep them; a single one waits for its first use."""
     own = store.own_place()
-    missing = [name for name in names if store.find(named(name).key) is None]
+    missing = [name for name in names if not store.has(named(name).key)]
     if own is not None and len(missing) > 1:
         LOG.info("compiling %d loops, once, about %d s; kept in %s", len(missing), expected_s(missing), own)
         compile_all({own: ""}, missing, progress)

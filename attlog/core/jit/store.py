@@ -78,6 +78,16 @@ def find(key: str) -> ObjectCode | None:
     return next(filter(None, (read(place / f"{key}.o") for place in _places())), None)
 
 
+def has(key: str) -> bool:
+    """Return whether there is an object of a key."""
+    return any((place / f"{key}.o").is_file() for place in _places())
+
+
+def is_shipped() -> bool:
+    """Return whether the package holds objects for this kind of machine."""
+    return any(SHIPPED.glob("*/*.o"))
+
+
 def keep(key: str, found: ObjectCode) -> None:
     """Put an object into the user's folder."""
     own = own_place()
