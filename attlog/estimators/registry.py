@@ -28,7 +28,6 @@ import stat
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from attlog.core.errors import AttlogError, PluginError, UsageError, suggestion
@@ -151,6 +150,11 @@ BUILT_IN = (
 )
 """Module names under ``attlog.estimators.filters``, in the order in which people see them."""
 
+# Filters that stand in one module with the one they are named after.
+MAHONY_FAMILY = dict.fromkeys(
+    ("complementary", "variable_integral", "mahony_passive", "mahony_dcm", "mahony_adaptive"), "mahony"
+)
+
 # Modules that a filter of an earlier version may import, by their names then and now.
 OLD_MODULES = {
     "base": "interface",
@@ -186,7 +190,8 @@ def get(name: str) -> Estimator:
     if is_recorded(name):
         return recorded_estimator(Path(name))
     if name in BUILT_IN + FLOWN:
-        return from_module(importlib.import_module(f"attlog.estimators.filters.{name}"), name)
+        module = importlib.import_module(f"attlog.estimators.filters.{MAHONY_FAMILY.get(name, name)}")
+        return from_module(getattr(module, "FAMILY", {name: module})[name], name)
     point = _entry_point(name)
     return plugins.from_package(name, f"{point.value} {_version(point)}", here)
 
@@ -223,10 +228,10 @@ def from_file(path: Path) -> Estimator:
     return from_module(module, path.name if path.stem in names() else path.stem, origin=str(path))
 
 
-def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estimator:
-    """The estimator that a module describes. PluginError says which name is missing or wrong."""
+def from_module(module: Any, name: str, origin: str = "attlog") -> Estimator:
+    """Return the estimator that a module or a class describes. PluginError says which name is missing or wrong."""
     where = origin if origin != "attlog" else name
-    title, _, text = (module.__doc__ or name).strip().partition("\n")
+    title, _, text = inspect.cleandoc(module.__doc__ or name).partition("\n")
     state = dict(getattr(module, "STATE", {"q": 4}))
     needs = frozenset(getattr(module, "NEEDS", {"gyro", "acc"}))
     uses = frozenset(getattr(module, "USES", ())) | needs

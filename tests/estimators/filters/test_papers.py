@@ -287,7 +287,7 @@ def test_the_rebuilt_attitude_solves_wahba_s_problem() -> None:
     """w of (10) equals vex(Pa(R^T R_y)) with R_y from scipy, for vectors that fit badly."""
     from scipy.spatial.transform import Rotation
 
-    from attlog.estimators.filters.mahony_passive import rebuilt_error
+    from attlog.estimators.filters.mahony import rebuilt_error
 
     random = np.random.default_rng(2)
     for l1, l2 in ((1.0, 0.01), (1.0, 1.0), (0.2, 0.8)):
