@@ -1,4 +1,4 @@
-"""From messages to a flight: one clock, SI units, body FRD, earth NED, whatever wrote the log."""
+"""Read a log as a flight: one clock, SI units, body axes forward-right-down, earth axes north-east-down."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from attlog.formats.table import Messages as table_Messages
 __all__ = ["FlightLog", "flight_in", "read"]
 
 
-# Is there memory for a log of hours? Said before the work begins, instead of being ended in its middle.
+# --- memory ------------------------------------------------------------------------------------------------------
 
 # Bytes for each inertial sample: of the flight, attitudes and truth included; and of what ``info`` or an analysis makes
 # of it. Measured on logs of 2 to 18 million samples (``docs/formats.md``).
 FLIGHT_BYTES, INFO_BYTES, ANALYSIS_BYTES = 170, 200, 550
 # Samples that every machine has room for.
 ALWAYS_ALLOWED_SAMPLES = 500_000
-# Messages whose records become the samples of a replay, by firmware; where there are none, nothing is foretold.
+# Messages whose records become the samples of a replay, by firmware.
 INERTIAL_MESSAGES = ("sensor_combined", "IMU", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")
 
 
 def check_flight_memory(messages: Messages) -> None:
-    """TooLittleMemory if the machine cannot hold what a flight keeps of a log's inertial samples."""
+    """Raise TooLittleMemory if the machine cannot hold the flight of a log's inertial samples."""
     _check_memory(
         messages.path,
         max((len(table) for (name, _), table in messages.items() if name in INERTIAL_MESSAGES), default=0),
@@ -44,7 +44,7 @@ def check_flight_memory(messages: Messages) -> None:
 
 
 def check_analysis_memory(log: FlightLog, each: int) -> None:
-    """The same for what is made of the flight, ``each`` bytes for a sample."""
+    """Raise TooLittleMemory if the machine cannot hold what is computed of the flight, ``each`` bytes a sample."""
     imu = log.replay_imu
     _check_memory(log.path, 0 if imu is None else len(imu.gyro.t), each)
 
@@ -86,17 +86,18 @@ def read(
     params: str | Path | None = None,
     key: str | Path | None = None,
 ) -> FlightLog:
-    """The flight in a log file: one clock in s, SI units, body axes forward-right-down, earth axes north-east-down.
+    """Return the flight in a log file: one clock in s, SI units, body forward-right-down, earth north-east-down.
 
-    ``path``: a ULog, DataFlash (``.bin``, ``.log``), or tlog file, also with gzip around it. ``imu`` and
-    ``mag`` name an instance instead of the one that flew (``mag="none"``: no magnetometer), ``boot`` one of several
-    power-ups in a file, ``system`` one of several vehicles in a tlog, ``params`` a ground station's parameter file for
-    what the log does not tell (filters under the firmware's names take all of it; compasses and accelerometers are
-    corrected by its calibration instead of the log's), ``key`` the vehicle's private key in a PEM file, which opens an
-    encrypted ULog (None: that of the variable ATTLOG_KEY). NotALog or LogUnusable if the file
-    holds no flight, LogUnreadable if it cannot be opened, TooLittleMemory if the machine cannot hold it, UsageError for
-    a bad parameter file or key. A log without usable IMU is returned with ``imu`` None and the reason among
-    ``problems``.
+    ``path``: a ULog, DataFlash (``.bin``, ``.log``) or tlog file, also with gzip around it. ``imu`` and ``mag``: an
+    instance instead of the one that flew (``mag="none"``: no magnetometer). ``boot``: one of several power-ups in a
+    file. ``system``: one of several vehicles in a tlog. ``params``: a ground station's parameter file for what the log
+    lacks; filters under the firmware's names take all of it, compasses and accelerometers are corrected by its
+    calibration. ``key``: the vehicle's private key in a PEM file, for an encrypted ULog (None: of the variable
+    ATTLOG_KEY).
+
+    NotALog or LogUnusable if the file holds no flight, LogUnreadable if it cannot be opened, TooLittleMemory if the
+    machine cannot hold it, UsageError for a bad parameter file or key. A log without usable IMU has ``imu`` None and
+    the reason among its ``problems``.
     """
     return flight_in(formats.open(path, system, key=key), imu=imu, mag=mag, boot=boot, system=system, params=params)
 
@@ -110,7 +111,7 @@ def flight_in(
     system: int | None = None,
     params: str | Path | None = None,
 ) -> FlightLog:
-    """The flight in messages that are read already, as :func:`read`; errors as there but for those of opening."""
+    """Return the flight in opened messages; options and errors as of :func:`read`."""
     boots = max(len(messages.boots), 1)
     chosen = choose_boot(messages) if boot is None else boot
     if not 0 <= chosen < boots:
@@ -151,7 +152,7 @@ def flight_in(
 
 
 def read_messages(messages: table_Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
-    """The flight in one power-up's messages, by the reader for who wrote them."""
+    """Return the flight in one power-up's messages, by the reader of their format."""
     if messages.format == "ulog":
         from attlog.flight.px4 import reader as px4
 
@@ -172,7 +173,7 @@ def read_messages(messages: table_Messages, imu: int | None, mag: int | str | No
 
 
 def limit_attitudes(log: FlightLog) -> None:
-    """The attitude that flew and those with most records, where there are more than a vehicle has; which is told."""
+    """Keep the onboard attitude and those with most records, where there are more than a vehicle has, and report it."""
     beyond = len(log.attitudes) - MAX_ATTITUDES
     if beyond <= 0:
         return
@@ -184,7 +185,7 @@ def limit_attitudes(log: FlightLog) -> None:
 
 
 def choose_boot(messages: table_Messages) -> int:
-    """The power-up with most inertial (else attitude) records."""
+    """Return the power-up with most inertial (else attitude) records."""
     if len(messages.boots) <= 1:
         return 0
     counts = []
@@ -195,8 +196,7 @@ def choose_boot(messages: table_Messages) -> int:
 
 
 def flight_seconds(log: FlightLog, messages: table_Messages) -> float:
-    """Length of the flight's data in s: of the replayed IMU, else the first one, else the onboard attitude, else of all
-    messages."""
+    """Return the flight's length in s: of the replayed IMU, else the first one, else the onboard attitude, else all."""
     if log.imus:
         t = log.imus[log.imu or 0].gyro.t
     elif log.onboard is not None:
@@ -207,7 +207,7 @@ def flight_seconds(log: FlightLog, messages: table_Messages) -> float:
 
 
 def damage_problems(messages: table_Messages) -> list[Problem]:
-    """What was broken in the file and what the logger itself lost, in one problem each."""
+    """Return a problem for damage of the file, and one for losses of the logger."""
     found = []
     if messages.damage:
         first = messages.damage[0]
@@ -230,12 +230,12 @@ def damage_problems(messages: table_Messages) -> list[Problem]:
 
 
 def remark_problems(messages: table_Messages) -> list[Problem]:
-    """What the reader left out, and why; columns are read late, so this is asked last."""
+    """Return a problem for each remark of the format's reader; columns are read late, so call it last."""
     return [Problem(r.code, "warning", r.text, offset=r.offset, count=r.count) for r in messages.remarks]
 
 
 def dropout_problems(messages: table_Messages) -> list[Problem]:
-    """What the logger itself says it lost."""
+    """Return a problem for dropouts of the logger."""
     found = []
     if messages.dropouts_ms:
         found.append(

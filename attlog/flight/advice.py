@@ -342,9 +342,9 @@ def firmware_remedies(firmware: str, values: Mapping[str, float], slot: object =
         name = template.format(slot=slot)
         if name not in values or only not in (None, values[name]):
             continue
-        told = text.format(p=name, v=f"{values[name]:g}")
-        found[fault] = GENERAL_REMEDIES[fault] + told if told.startswith(" ") else told
-        if not told:
+        said = text.format(p=name, v=f"{values[name]:g}")
+        found[fault] = GENERAL_REMEDIES[fault] + said if said.startswith(" ") else said
+        if not said:
             del found[fault]
     return found
 

@@ -1,4 +1,4 @@
-"""What an onboard estimator is told of its aids: delays, noise, gates, and what it asks of GNSS."""
+"""Parameters of the onboard estimator's aids: delays, noise, gates, and what it asks of GNSS."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 from attlog.flight.model import FlightLog, Gnss
 
-# Which parameter tells the onboard estimator how late a receiver or compass is, what it was, and what it may be?
+# --- delays ------------------------------------------------------------------------------------------------------
 #
-# PX4 subtracts EKF2_GPS_DELAY from the record's stamp, since 2026 SENS_GPSn_DELAY (VehicleGPSPosition). ArduPilot's
-# EKF
+# PX4 subtracts EKF2_GPS_DELAY from the record's stamp, since 2026 SENS_GPSn_DELAY (VehicleGPSPosition). ArduPilot's EKF
 # subtracts ``AP_GPS::get_lag`` from GPA.SMS: GPS_DELAY_MS, or where that is 0 the driver's own number, of u-blox by
-# hardware (AP_GPS_UBLOX.cpp). EKF2 of Copter 3.4 has EK2_GPS_DELAY instead.
-# The delay of a compass is 60 ms there, a constant (``magDelay_ms``); PX4 has EKF2_MAG_DELAY.
+# hardware (AP_GPS_UBLOX.cpp). EKF2 of Copter 3.4 has EK2_GPS_DELAY instead. The delay of a compass is 60 ms there, a
+# constant (``magDelay_ms``); PX4 has EKF2_MAG_DELAY.
 
 # By the upper half of the hardware number of ``u-blox 1 HW: 00080000``: 5 and 6, 7, M8, F9, M10.
 UBLOX_DELAY_MS = {0x0004: 220.0, 0x0007: 120.0, 0x0008: 120.0, 0x0019: 120.0, 0x000A: 120.0}
@@ -24,9 +23,9 @@ DRIVER_DELAY_MS = (50.0, 220.0)
 
 @dataclass(frozen=True, slots=True)
 class DelayParameter:
-    """``name`` was ``old`` ms when flown: the estimator took the delay for something from ``low`` to ``high`` ms.
+    """A delay parameter: ``name`` was ``old`` ms, which the estimator took for ``low`` to ``high`` ms.
 
-    ``most`` ms is the end of its documented range. ``words``: how it was told.
+    ``most`` ms: end of its documented range. ``words``: how the delay was set.
     """
 
     name: str
@@ -38,7 +37,7 @@ class DelayParameter:
 
 
 def gnss_delay_parameter(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str:
-    """The parameter at ``t`` s, or a sentence why it is not known."""
+    """Return the delay parameter of a receiver at ``t`` s, or a sentence why it is unknown."""
     if log.firmware.name == "PX4":
         return _px4_delay(log, receiver, t)
     if log.firmware.name == "ArduPilot":
@@ -116,12 +115,12 @@ def of_compass(log: FlightLog, t: float) -> DelayParameter | str:
 
 
 def buffer(log: FlightLog, t: float) -> DelayParameter | None:
-    """How long PX4's estimator keeps its past (since 1.14): no aid may be later. None where nothing is told."""
+    """Return how long PX4's estimator keeps its past (since 1.14), None if not logged: no aid may be later."""
     old = _known(log, "EKF2_DELAY_MAX", t)
     return None if old is None else DelayParameter("EKF2_DELAY_MAX", old, old, old, 1000.0, "")
 
 
-# Which parameter tells the onboard estimator the noise of an aid, and how many standard deviations is its gate?
+# --- noise and gates ---------------------------------------------------------------------------------------------
 
 # Noise, its documented range, its gate and the gate's unit in standard deviations.
 NOISE_PARAMETERS: dict[str, dict[str, tuple[str, float, float, str, float]]] = {
@@ -148,7 +147,7 @@ NOISE_PARAMETERS: dict[str, dict[str, tuple[str, float, float, str, float]]] = {
 
 @dataclass(frozen=True, slots=True)
 class NoiseParameter:
-    """``name`` was ``old`` and lies between ``low`` and ``high``; the aid's gate is ``gate`` standard deviations."""
+    """A noise parameter: ``name`` was ``old``, between ``low`` and ``high``; ``gate`` in standard deviations."""
 
     name: str
     old: float
@@ -158,7 +157,7 @@ class NoiseParameter:
 
 
 def noise_parameter(log: FlightLog, aid: str, source: str) -> NoiseParameter | None:
-    """The noise of an aid whose test ratio comes from ``source``; None where the log does not hold noise and gate."""
+    """Return the noise of an aid by the source of its test ratio, None where noise or gate are not logged."""
     family = "PX4" if log.firmware.name == "PX4" else source[:2]
     known = NOISE_PARAMETERS.get(family, {}).get(aid)
     if known is None:
@@ -173,7 +172,7 @@ def noise_parameter(log: FlightLog, aid: str, source: str) -> NoiseParameter | N
 
 
 def advise_test_ratios(log: FlightLog) -> str:
-    """What would log test ratios."""
+    """Return what would log test ratios."""
     if log.firmware.name == "PX4":
         return "No estimator_status in flight: set bit 0 of SDLOG_PROFILE to log test ratios."
     if log.firmware.name == "ArduPilot":
@@ -181,12 +180,12 @@ def advise_test_ratios(log: FlightLog) -> str:
     return "The log holds no test ratios of an EKF."
 
 
-# What does the onboard estimator ask of GNSS before it uses it?
+# --- requirements on GNSS ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class GnssRequirements:
-    """At least so many ``satellites``, at most this dilution, accuracies of ``speed`` m/s and ``place`` m."""
+    """Requirements on GNSS: number of ``satellites``, dilution, accuracies of ``speed`` m/s and ``place`` m."""
 
     satellites: float
     hdop: float
@@ -202,5 +201,5 @@ ARDUPILOT_REQUIREMENTS = GnssRequirements(6, 2.5, 1.0, 5.0, "calcGpsGoodToAlign 
 
 
 def gnss_requirements(log: FlightLog) -> GnssRequirements:
-    """The defaults of the firmware that flew."""
+    """Return the defaults of the firmware that flew."""
     return PX4_REQUIREMENTS if log.firmware.name == "PX4" else ARDUPILOT_REQUIREMENTS

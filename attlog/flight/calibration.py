@@ -1,4 +1,8 @@
-"""What a firmware makes of a sensor's raw values, and which parameters hold it."""
+"""Calibration of compasses and accelerometers by firmware: formulas, parameter names, mounting.
+
+Every firmware's correction is ``y = matrix (x + offset) + motor p``: x raw, y in body axes as logged, p the power of
+the motors (current in A, or throttle 0 to 1).
+"""
 
 from __future__ import annotations
 
@@ -11,9 +15,9 @@ from attlog.core import rotation
 from attlog.flight.advice import version_number
 from attlog.flight.model import Array, Mag
 
-# Mounting rotations by number (MAV_SENSOR_ORIENTATION), shared by PX4 and ArduPilot.
+# --- mounting ----------------------------------------------------------------------------------------------------
 #
-# Values: MAVLink common.xml, and PX4 src/lib/conversion/rotation.h.
+# Numbers of MAV_SENSOR_ORIENTATION, shared by PX4 and ArduPilot: MAVLink common.xml, PX4 src/lib/conversion/rotation.h.
 
 # Roll, pitch, yaw of the sensor or board in the vehicle, by number.
 MOUNTING_EULER_DEG = (
@@ -69,34 +73,30 @@ MOUNTING_EULER_DEG = (
 
 
 def mounting_matrix(number: float | None) -> Array | None:
-    """The rotation matrix (3, 3) that turns sensor vectors into body vectors, None for an unknown number."""
+    """Return the rotation matrix (3, 3) from sensor to body vectors, None for an unknown number."""
     if number is None or not 0 <= number < len(MOUNTING_EULER_DEG):
         return None
     return euler_matrix(*MOUNTING_EULER_DEG[int(number)])
 
 
 def euler_matrix(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:
-    """The rotation matrix (3, 3) of Euler angles in degrees, z-y-x."""
+    """Return the rotation matrix (3, 3) of Euler angles in degrees, z-y-x."""
     return rotation.to_matrix(rotation.from_euler(*np.radians([roll_deg, pitch_deg, yaw_deg])))
 
 
-# How do raw values of a compass or an accelerometer become those in the log, and which offset would move them?
-#
-# Every firmware's correction is ``y = matrix (x + offset) + motor p``: x raw, y in body axes as logged, p the power
-# of
-# the motors (their current in A, or their throttle 0 to 1).
+# --- corrections -------------------------------------------------------------------------------------------------
 
 # A calibration whose determinant is smaller folds the axes into a plane: it is damage.
 MIN_DETERMINANT = 1e-3
 
 
 class CalibrationUnknownError(Exception):
-    """Why the parameters that made a sensor's values cannot be named: one sentence."""
+    """The parameters behind a sensor's values are unknown; the message is the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """``matrix`` (3, 3), ``offset`` (3,) in the sensor's unit, ``motor`` (3,) in that unit per unit of power."""
+    """A correction: ``matrix`` (3, 3), ``offset`` (3,) in the sensor's unit, ``motor`` (3,) per unit of power."""
 
     matrix: Array
     offset: Array
@@ -108,27 +108,27 @@ class Correction:
             raise CalibrationUnknownError("The calibration in the parameters is no rotation with scales.")
 
     def body(self, raw: Array, power: Array | float = 0.0) -> Array:
-        """Values (n, 3) in body axes of ``raw`` (n, 3) at ``power`` (n, 1)."""
+        """Return values (n, 3) in body axes of ``raw`` (n, 3) at ``power`` (n, 1)."""
         return (raw + self.offset) @ self.matrix.T + power * self.motor
 
     def raw(self, body: Array, power: Array | float = 0.0) -> Array:
-        """Raw values (n, 3) of those in ``body`` axes: the inverse of :meth:`body`."""
+        """Return the raw values (n, 3) of values in ``body`` axes."""
         return (body - power * self.motor) @ np.linalg.inv(self.matrix).T - self.offset
 
     def offset_without(self, error: Array) -> Array:
-        """The offset (3,) with which values would be lower by ``error`` (3,) in body axes."""
+        """Return the offset (3,) with which values would be lower by ``error`` (3,) in body axes."""
         return self.offset - np.linalg.solve(self.matrix, error)
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """A sensor's correction with the parameters that hold it.
+    """A sensor's correction with its parameters.
 
     ``offsets``: three names; the correction's offset is ``offset_unit`` times their values, negative where a firmware
-    subtracts them. ``motors``: three names; the correction's motor is ``motor_matrix`` (3, 3) times their values while
-    ``motor_power`` is what the firmware multiplies them with: "current", "throttle" or "" for nothing. ``names``: all
-    parameters that enter. ``fixed``: parameters that say where the sensor points, or which one it is. ``units`` of the
-    parameters by name, and their ``digits``: decimals beyond which no sensor shows a difference.
+    subtracts them. ``motors``: three names; the correction's motor is ``motor_matrix`` (3, 3) times their values,
+    multiplied with ``motor_power`` ("current", "throttle" or ""). ``names``: all parameters that enter. ``fixed``:
+    parameters of the sensor's mounting or order. ``units`` by name. ``digits``: decimals beyond which no sensor shows a
+    difference.
     """
 
     correction: Correction
@@ -143,11 +143,11 @@ class Calibration:
     motor_power: str = ""
 
     def offset_values(self, offset: Array) -> dict[str, float]:
-        """The parameters that hold an ``offset`` (3,) of the correction, rounded."""
+        """Return the rounded parameters of an ``offset`` (3,) of the correction."""
         return self._rounded(self.offsets, offset / self.offset_unit)
 
     def motor_values(self, motor: Array) -> dict[str, float]:
-        """The parameters that hold what the correction adds per unit of power, ``motor`` (3,) in body axes."""
+        """Return the rounded parameters of ``motor`` (3,) per unit of power in body axes."""
         if self.motor_matrix is None:
             return {}
         return self._rounded(self.motors, np.linalg.solve(self.motor_matrix, motor))
@@ -156,15 +156,13 @@ class Calibration:
         return {name: round(float(value), self.digits) for name, value in zip(names, values, strict=True)}
 
 
-# ArduPilot's calibration of compasses and accelerometers: formulas, names by slot, what must not be mapped.
+# --- ArduPilot ---------------------------------------------------------------------------------------------------
 #
 # Compass (AP_Compass_Backend.cpp, correct_field): ``(raw + OFS) * SCALE``, times the symmetric matrix of DIA and ODI,
-# plus MOT times current or throttle. Before COMPASS_SCALE (4.0) MOT was added before the matrix. Since 4.1 a compass
-# is
-# logged by its priority, and its parameters stand in the slot with its device id; at boot the firmware swaps whole
-# slots
-# until both are the same. Accelerometer (AP_InertialSensor_Backend.cpp, _rotate_and_correct_accel):
-# ``(raw - OFFS) * SCAL``, then turned by AHRS_ORIENTATION.
+# plus MOT times current or throttle. Before COMPASS_SCALE (4.0) MOT was added before the matrix. Since 4.1 a compass is
+# logged by its priority, and its parameters are in the slot with its device id; at boot the firmware swaps whole slots
+# until both are the same. Accelerometer (AP_InertialSensor_Backend.cpp, _rotate_and_correct_accel): ``(raw - OFFS) *
+# SCAL``, then turned by AHRS_ORIENTATION.
 
 Values = Mapping[str, float]
 # Tesla per milligauss, the unit of COMPASS_OFS and COMPASS_MOT.
@@ -181,29 +179,29 @@ SENSOR_AXES_VERSION = (3, 3)
 
 
 def slot_suffix(slot: int) -> str:
-    """What stands behind the name of a slot's parameter: nothing for the first."""
+    """Return the suffix of a slot's parameters, empty for the first."""
     return "" if slot == 1 else str(slot)
 
 
 def axis_names(name: str) -> tuple[str, str, str]:
-    """The names of a parameter's three axes."""
+    """Return the names of a parameter's three axes."""
     return f"{name}_X", f"{name}_Y", f"{name}_Z"
 
 
 def parameter_vector(values: Values, names: tuple[str, ...], default: float = 0.0) -> Array:
-    """Their values (3,)."""
+    """Return values (3,) by name."""
     return np.array([values.get(name, default) for name in names])
 
 
 def compass_device(values: Values, index: int) -> str | None:
-    """Device id of the compass that is logged with a number from 0; None where the log does not tell."""
+    """Return the device id of a logged compass, None where it is unknown."""
     by_priority = values.get(f"COMPASS_PRIO{index + 1}_ID")
     found = values.get(f"COMPASS_DEV_ID{slot_suffix(index + 1)}") if by_priority is None else by_priority
     return str(int(found)) if found else None
 
 
 def compass_slot(values: Values, index: int) -> int:
-    """The slot 1 to 3 that holds the parameters of the compass that is logged with a number from 0."""
+    """Return the slot 1 to 3 with the parameters of a logged compass."""
     wanted = values.get(f"COMPASS_PRIO{index + 1}_ID")
     if wanted is None:
         return index + 1
@@ -221,7 +219,7 @@ def compass_slot(values: Values, index: int) -> int:
 
 
 def ardupilot_compass(values: Values, index: int) -> Calibration:
-    """The calibration of the compass that is logged with a number from 0. CalibrationUnknownError says why not."""
+    """Return the calibration of a logged compass. CalibrationUnknownError gives the reason why it is unknown."""
     slot = compass_slot(values, index)
     end = slot_suffix(slot)
     offsets, motors = axis_names(f"COMPASS_OFS{end}"), axis_names(f"COMPASS_MOT{end}")
@@ -259,7 +257,7 @@ def ardupilot_compass(values: Values, index: int) -> Calibration:
 
 
 def ardupilot_motor_type(values: Values, index: int, power: str) -> dict[str, float]:
-    """What to set beside COMPASS_MOT so that it is multiplied with ``power``. CalibrationUnknownError says why not."""
+    """Return what to set beside COMPASS_MOT for another ``power``. CalibrationUnknownError otherwise."""
     slot = compass_slot(values, index)
     if values.get("COMPASS_PMOT_EN"):
         raise CalibrationUnknownError("COMPASS_PMOT_EN compensates each motor by itself.")
@@ -281,7 +279,7 @@ def ardupilot_motor_type(values: Values, index: int, power: str) -> dict[str, fl
 
 
 def ardupilot_accelerometer(values: Values, index: int, version: str) -> Calibration:
-    """The calibration of the accelerometer with a number from 0. CalibrationUnknownError says why there is none."""
+    """Return the calibration of an accelerometer. CalibrationUnknownError gives the reason why it is unknown."""
     if (0, 0) < version_number(version) < SENSOR_AXES_VERSION:
         raise CalibrationUnknownError("Before version 3.3 accelerometer offsets had other axes.")
     name = "INS_ACC" if index == 0 else f"INS_ACC{index + 1}" if index < ARDUPILOT_SLOTS else f"INS{index + 1}_ACC"
@@ -298,13 +296,12 @@ def ardupilot_accelerometer(values: Values, index: int, version: str) -> Calibra
     return Calibration(correction, offsets, -1.0, (*offsets, *scales), fixed, units, ACC_DIGITS)
 
 
-# PX4's own sensor calibration: its formula, its names by slot, and raw values that it corrects.
+# --- PX4 ---------------------------------------------------------------------------------------------------------
 #
 # ``y = R (S (x - b))`` for accelerometer (S diagonal) and magnetometer (S symmetric; x + power times COMP in place of
-# x), ``y = R (x - b)`` for gyros; R is the sensor's rotation, or the board's (``SENS_BOARD_ROT``) for a sensor on the
-# board, and after it the board's fine offsets. Slots are found by device id, never by instance number
-# (PX4 src/lib/sensor_calibration). Since 1.13 the firmware subtracts from a compass what it learnt before arming,
-# too.
+# x), ``y = R (x - b)`` for gyros. R is the sensor's rotation, or the board's (``SENS_BOARD_ROT``) for a sensor on the
+# board, and after it the board's fine offsets. Slots are found by device id, never by instance number (PX4
+# src/lib/sensor_calibration). Since 1.13 the firmware also subtracts from a compass what it learned before arming.
 
 # Tesla per gauss, the unit of CAL_MAGn_*OFF.
 GAUSS = 1e-4
@@ -320,7 +317,7 @@ BOARD_PARAMETERS = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "S
 
 
 def px4_slot(kind: str, values: Values, device_id: int) -> int | None:
-    """The calibration slot n of ``CAL_<kind>n_*`` for a device, None where it was never calibrated."""
+    """Return the slot n of ``CAL_<kind>n_*`` of a device, None where it was never calibrated."""
     if device_id == 0:
         return None
     return next((n for n in range(PX4_SLOTS) if values.get(f"CAL_{kind}{n}_ID") == device_id), None)
@@ -336,10 +333,9 @@ def px4_slot_in_use(values: Values, mag: Mag | None) -> int | None:
 
 
 def px4_calibrate(kind: str, values: Values, device_id: int, x: Array) -> tuple[Array, bool]:
-    """Body-frame values (n, 3) of raw ones, and whether they were ever calibrated; else only the board is turned.
+    """Return body-frame values (n, 3) of raw ones, and whether they were calibrated; else only the board is turned.
 
-    ``kind`` is GYRO, ACC or MAG as in the parameter names. The gain for motor
-    current (``CAL_MAGn_*COMP``) needs the current at every sample and is left out.
+    ``kind``: GYRO, ACC or MAG. The gain for motor current (``CAL_MAGn_*COMP``) is left out.
     """
     n = px4_slot(kind, values, device_id)
     if n is None:
@@ -349,7 +345,7 @@ def px4_calibrate(kind: str, values: Values, device_id: int, x: Array) -> tuple[
 
 
 def px4_axis_names(kind: str, n: int, what: str) -> tuple[str, str, str]:
-    """The names of a calibration's three axes."""
+    """Return the names of a calibration's three axes."""
     return f"CAL_{kind}{n}_X{what}", f"CAL_{kind}{n}_Y{what}", f"CAL_{kind}{n}_Z{what}"
 
 
@@ -358,7 +354,7 @@ def _px4_offset(kind: str, values: Values, n: int) -> Array:
 
 
 def _px4_gain(kind: str, values: Values, n: int) -> Array:
-    """Scale factors as a matrix (3, 3); compasses have elements beside the diagonal."""
+    """Return scale factors as a matrix (3, 3); those of compasses are not diagonal."""
     gain = np.eye(3)
     if kind != "GYRO":
         np.fill_diagonal(gain, parameter_vector(values, px4_axis_names(kind, n, "SCALE"), 1.0))
@@ -369,7 +365,7 @@ def _px4_gain(kind: str, values: Values, n: int) -> Array:
 
 
 def _px4_rotation(kind: str, values: Values, n: int) -> Array:
-    """The rotation (3, 3) from the sensor to the vehicle: its own where it has one, else the board's."""
+    """Return the rotation (3, 3) from sensor to vehicle: its own where it has one, else the board's."""
     own = values.get(f"CAL_{kind}{n}_ROT", -1.0)
     turn = mounting_matrix(own) if own >= 0 else None
     if own == CUSTOM_ROTATION:
@@ -378,7 +374,7 @@ def _px4_rotation(kind: str, values: Values, n: int) -> Array:
 
 
 def board_rotation(values: Values) -> Array:
-    """The rotation matrix of the board in the vehicle: SENS_BOARD_ROT, then the fine offsets in degrees."""
+    """Return the rotation matrix of the board in the vehicle: SENS_BOARD_ROT, then the fine offsets in degrees."""
     turn = mounting_matrix(values.get("SENS_BOARD_ROT", 0.0))
     return _board_fine_rotation(values) if turn is None else _board_fine_rotation(values) @ turn
 
@@ -388,13 +384,13 @@ def _board_fine_rotation(values: Values) -> Array:
 
 
 def compass_priority(values: Values, device_id: int) -> float | None:
-    """``CAL_MAGn_PRIO`` of a compass (0: disabled), None where the log does not tell."""
+    """Return ``CAL_MAGn_PRIO`` of a compass (0: disabled), None where it is unknown."""
     n = px4_slot("MAG", values, device_id)
     return None if n is None else values.get(f"CAL_MAG{n}_PRIO")
 
 
 def px4_compass(values: Values, device_id: int) -> Calibration:
-    """The calibration of a compass. CalibrationUnknownError says why there is none."""
+    """Return the calibration of a compass. CalibrationUnknownError gives the reason why it is unknown."""
     n = _px4_known_slot("MAG", values, device_id)
     matrix = _px4_rotation("MAG", values, n) @ _px4_gain("MAG", values, n)
     motors = px4_axis_names("MAG", n, "COMP")
@@ -419,7 +415,7 @@ def px4_compass(values: Values, device_id: int) -> Calibration:
 
 
 def px4_motor_type(values: Values, device_id: int, power: str) -> dict[str, float]:
-    """What to set beside COMP so that it is multiplied with ``power``. CalibrationUnknownError says why not."""
+    """Return what to set beside COMP so that it is multiplied with ``power``. CalibrationUnknownError otherwise."""
     _px4_known_slot("MAG", values, device_id)
     now = int(values.get("CAL_MAG_COMP_TYP", 0))
     wanted = next(number for number, name in PX4_MOTOR_POWERS.items() if name == power)
@@ -431,7 +427,7 @@ def px4_motor_type(values: Values, device_id: int, power: str) -> dict[str, floa
 
 
 def px4_accelerometer(values: Values, device_id: int) -> Calibration:
-    """The calibration of an accelerometer. CalibrationUnknownError says why there is none."""
+    """Return the calibration of an accelerometer. CalibrationUnknownError gives the reason why it is unknown."""
     n = _px4_known_slot("ACC", values, device_id)
     correction = Correction(
         _px4_rotation("ACC", values, n) @ _px4_gain("ACC", values, n), -_px4_offset("ACC", values, n), np.zeros(3)
@@ -443,7 +439,7 @@ def px4_accelerometer(values: Values, device_id: int) -> Calibration:
 
 
 def _px4_known_slot(kind: str, values: Values, device_id: int) -> int:
-    """The slot of a device, whose offsets are in the log."""
+    """Return the slot of a device whose offsets are in the log."""
     n = px4_slot(kind, values, device_id)
     if n is None:
         raise CalibrationUnknownError(f"No CAL_{kind}n_ID is that of device {device_id}.")

@@ -1,11 +1,9 @@
-"""Which values can a quantity of a flight have at all?
+"""Limits of the values that a quantity or a parameter of a flight can have.
 
-Logs are damaged, and drivers, parameters and clocks go wrong: a height of 1e30 m or a
-field of 1e34 T is a perfectly good float. Every value that a reader takes from a log is
-held against this table where it enters (:class:`~attlog.flight.builder.LogBuilder`),
-left out where it lies outside, and counted. The limits are those of sensors, of the
-earth and of what flies, wide enough that no flight meets them; what is merely wrong is
-the business of ``attlog/health``.
+Logs are damaged, and drivers, parameters and clocks go wrong: a height of 1e30 m is a good float. Every value that a
+reader takes is compared with this table (:class:`~attlog.flight.builder.LogBuilder`), left out where it lies outside,
+and counted. Limits are those of sensors, of the earth and of what flies, wide enough for any flight; ``attlog/health``
+judges what is merely wrong.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """``name`` in ``unit`` lies within ``low`` and ``high``, because of ``why``; NaN is no value and never outside."""
+    """A quantity: ``name`` in ``unit`` lies within ``low`` and ``high``, because of ``why``; NaN is never outside."""
 
     name: str
     low: float
@@ -36,7 +34,7 @@ class Quantity:
     why: str
 
     def outside(self, x: Array) -> NDArray[np.bool_]:
-        """Which values of x (any shape) are impossible."""
+        """Mark the impossible values of x (any shape)."""
         beyond: NDArray[np.bool_] = (x < self.low) | (x > self.high)
         return beyond
 
@@ -107,11 +105,10 @@ LONGEST_S = 3 * 86_400.0
 ENOUGH_FOR_A_RATE = 20
 
 
-# Which values can the parameters have that attlog computes with?
+# --- parameters that attlog computes with ------------------------------------------------------------------------
 #
-# A parameter is a float in a log like any other: damage makes a declination of 1e39 deg or
-# a filter at 1e-38 Hz of it, whose delay would be longer than the universe is old. Limits
-# are those of the firmware's own parameter tables or of the quantity, whichever is wider.
+# Damage makes a declination of 1e39 deg, or a filter at 1e-38 Hz. Limits are those of the firmware's parameter tables
+# or of the quantity, whichever is wider.
 
 CUTOFF = Quantity("cutoff frequency", 1.0, 10_000.0, "Hz", "no filter of an autopilot is slower or faster; 0 is none")
 _TURN = Quantity("angle", -360.0, 360.0, "deg", "one turn")
@@ -144,13 +141,13 @@ _PARAMETER_PATTERN = re.compile("|".join(f"({pattern.replace('(', '(?:')})" for 
 
 
 def parameter_quantity(name: str) -> Quantity | None:
-    """The limits of a parameter, None for one that attlog does not compute with."""
+    """Return the limits of a parameter, None for one that attlog does not compute with."""
     found = _PARAMETER_PATTERN.fullmatch(name)
     return None if found is None or found.lastindex is None else PARAMETER_LIMITS[found.lastindex - 1][1]
 
 
 def broken_limits(name: str, value: float) -> Quantity | None:
-    """The limits that a value breaks, None where it is possible. A filter that is off (0 or less) is."""
+    """Return the limits that a value breaks, None for a possible one, which a disabled filter (0 or less) is."""
     quantity = parameter_quantity(name)
     if quantity is None or (quantity is CUTOFF and -1.0 <= value <= 0.0):
         return None
@@ -158,7 +155,7 @@ def broken_limits(name: str, value: float) -> Quantity | None:
 
 
 def drop_impossible(messages: Messages) -> list[Problem]:
-    """Take impossible values out of a log's parameters; one problem for each quantity that had any."""
+    """Remove impossible values from a log's parameters, and return a problem for each quantity."""
     limited = {name for name in {change.name for change in messages.params} if parameter_quantity(name) is not None}
     kept: list[ParamChange] = []
     wrong: dict[str, list[ParamChange]] = {}
@@ -180,7 +177,7 @@ def drop_impossible(messages: Messages) -> list[Problem]:
 def _limit_problem(
     quantity: Quantity, names: list[str], wrong: dict[str, list[ParamChange]], kept: Iterable[ParamChange]
 ) -> Problem:
-    """One sentence for the parameters of a quantity that had impossible values."""
+    """Return the problem of a quantity's parameters with impossible values."""
     changes = [change for name in names for change in wrong[name]]
     count = len(changes) + sum(change.name in names for change in kept)
     more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
@@ -195,13 +192,10 @@ def _limit_problem(
     return Problem("values_out_of_range", "warning", text, offset=changes[0].offset, count=len(changes))
 
 
-# In which range may a parameter be set that a log gives a value for?
+# --- parameters that attlog offers -------------------------------------------------------------------------------
 #
-# The documented ranges of the firmwares' parameter tables (``@Range`` of ArduPilot, ``@min`` and ``@max`` of PX4).
-# PX4
-# documents none for offsets: there it is what ArduPilot documents, or a few times the earth's field. A parameter that
-# is
-# not here is never offered.
+# Documented ranges: ``@Range`` of ArduPilot, ``@min`` and ``@max`` of PX4. PX4 documents none for offsets: there it is
+# what ArduPilot documents, or a few times the earth's field.
 
 # By the whole name: lowest and highest value.
 DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
@@ -256,10 +250,10 @@ INTEGER_PARAMETERS = re.compile(
 
 
 def documented_range(name: str) -> tuple[float, float] | None:
-    """Lowest and highest value of a parameter; None for one that is never offered."""
+    """Return the lowest and highest documented value of a parameter, None for one that is never offered."""
     return next(((low, high) for pattern, low, high in DOCUMENTED_RANGES if re.fullmatch(pattern, name)), None)
 
 
 def is_integer(name: str) -> bool:
-    """Whether a parameter holds a whole number."""
+    """Return whether a parameter holds a whole number."""
     return INTEGER_PARAMETERS.fullmatch(name) is not None

@@ -1,4 +1,4 @@
-"""What autopilots log of vibration, and how they filter it."""
+"""Notches of the gyro: those that flew, and parameters that make one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from attlog.flight.advice import GYRO_FIFO, version_number
 from attlog.flight.model import FlightLog
 
-# Which notches did the gyro fly with, and where were they?
+# --- notches that flew -------------------------------------------------------------------------------------------
 
 # INS_HNTCH_MODE; 2 (RPM sensor), 3 (ESC), 4 (FFT) and 5 (second RPM sensor) follow what they measure.
 FOLLOWS_THROTTLE = 1
@@ -18,7 +18,7 @@ FOLLOWS_THROTTLE = 1
 
 @dataclass(frozen=True, slots=True)
 class ActiveNotch:
-    """A notch of the gyro at ``frequency`` Hz, ``width`` Hz wide; ``follows`` what moves it, empty for a fixed one."""
+    """A notch of the gyro at ``frequency`` Hz, ``width`` Hz wide; ``follows``: what moves it, empty if fixed."""
 
     name: str
     frequency: float
@@ -26,12 +26,12 @@ class ActiveNotch:
     follows: str
 
     def covers(self, frequency: float) -> bool:
-        """Whether a frequency lies in its stop band; a notch that measures its frequency is wherever the peak is."""
+        """Return whether a frequency lies in its stop band; a notch that measures its frequency covers any peak."""
         return self.follows == "measurement" or abs(frequency - self.frequency) <= 0.5 * self.width
 
 
 def active_notches(log: FlightLog) -> list[ActiveNotch]:
-    """The notches that flew, by the log's parameters."""
+    """Return the notches that flew, by the log's parameters."""
     found = []
     for group in ("INS_HNTCH", "INS_HNTC2"):
         frequency, width = log.param(f"{group}_FREQ"), log.param(f"{group}_BW")
@@ -58,17 +58,15 @@ def active_notches(log: FlightLog) -> list[ActiveNotch]:
 
 
 def _at_hover(log: FlightLog, frequency: float, reference: float) -> float:
-    """Where a notch that follows throttle is at the hover throttle that the vehicle learnt."""
+    """Return the frequency of a throttle notch at the hover throttle that the vehicle learned."""
     hover = log.param("MOT_THST_HOVER")
     return frequency * float(np.sqrt(hover / reference)) if hover and reference > 0.0 and hover > 0.0 else frequency
 
 
-# Which parameters make a notch of the gyro, in the firmware that flew?
+# --- notches that would help -------------------------------------------------------------------------------------
 #
-# ArduPilot: ardupilot.org, "Throttle Based Dynamic Notch Setup" (INS_HNTCH_FREQ at hover, BW half of it, REF the
-# hover
-# throttle) and "ESC Telemetry Based Harmonic Notch Setup" (REF 1, FREQ below the slowest rotor). PX4: docs.px4.io,
-# "MC
+# ArduPilot: ardupilot.org, "Throttle Based Dynamic Notch Setup" (INS_HNTCH_FREQ at hover, BW half of it, REF the hover
+# throttle) and "ESC Telemetry Based Harmonic Notch Setup" (REF 1, FREQ below the slowest rotor). PX4: docs.px4.io, "MC
 # Filter Tuning".
 
 # Documented ranges, the narrowest of any version.
@@ -101,9 +99,11 @@ FIXED_NOTCHES = (
 
 @dataclass(frozen=True, slots=True)
 class WantedNotch:
-    """A notch that would help: ``frequency`` Hz at the usual ``throttle`` (0 to 1, None where not logged), which
-    ``follows`` throttle or rotors, the ``harmonic`` of the ``slowest`` rotor's Hz (None without), moving by ``spread``
-    Hz in flight."""
+    """A notch that would help: ``frequency`` Hz at the usual ``throttle`` (0 to 1, None if not logged).
+
+    ``follows``: throttle or rotors, by the ``harmonic`` of the ``slowest`` rotor's Hz. ``spread``: its movement in
+    flight in Hz.
+    """
 
     frequency: float
     follows: Literal["throttle", "rotors"]
@@ -114,8 +114,10 @@ class WantedNotch:
 
 
 def notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
-    """Value and unit of every parameter of a notch, also of those that are set so already; none where this firmware
-    has no such notch or a value lies outside its documented range."""
+    """Return value and unit of every parameter of a notch, also of those that are set already.
+
+    Empty where the firmware has no such notch or a value lies outside its documented range.
+    """
     made = (
         harmonic_notch_parameters(log, notch) if log.firmware.name == "ArduPilot" else px4_notch_parameters(log, notch)
     )
@@ -124,7 +126,7 @@ def notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[floa
 
 
 def harmonic_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
-    """INS_HNTCH_*: those below ENABLE exist wherever it does, though a log names them only where it is 1."""
+    """Return INS_HNTCH_*; those below ENABLE exist wherever it does, though a log holds them only where it is 1."""
     if log.param("INS_HNTCH_ENABLE") is None:
         return {}
     harmonics = int(log.param("INS_HNTCH_HMNCS") or DEFAULT_HARMONICS)
@@ -151,7 +153,7 @@ def harmonic_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, t
 
 
 def px4_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
-    """The dynamic notch where the autopilot measures what the peak follows, else a fixed one as wide as it moves."""
+    """Return the dynamic notch where the autopilot measures what the peak follows, else a fixed one of its width."""
     dynamic = log.param("IMU_GYRO_DNF_EN")
     by_fft = (log.param("IMU_GYRO_FFT_EN") or 0.0) >= 1.0
     if notch.follows == "rotors" and dynamic is not None:
@@ -167,18 +169,18 @@ def px4_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[
 
 
 def fixed_notch(values: dict[str, float]) -> tuple[str, float, float] | None:
-    """Name, centre and width in Hz of the notch that parameters make, None where it has no fixed place."""
+    """Return name, centre and width in Hz of a fixed notch, None for another one."""
     return next(((f, values[f], values.get(w, 0.0)) for f, w in FIXED_NOTCHES if f in values), None)
 
 
 def advise_reboot(values: dict[str, float]) -> str:
-    """What must be set first; empty where all can be set at once."""
+    """Return what must be set first, empty where all can be set at once."""
     if "INS_HNTCH_ENABLE" in values:
         return "Set INS_HNTCH_ENABLE and reboot first: only then do the others exist."
     return ""
 
 
-# What would log vibration, and fast samples of the gyro, in the firmware that flew?
+# --- logging of vibration ----------------------------------------------------------------------------------------
 
 # The firmware whose level is that of differences of samples that it logs at full rate itself.
 DIFFERENCE_FIRMWARE = "PX4"
@@ -186,17 +188,17 @@ FLIGHT_ADVICE = "fly two minutes with changes of throttle"
 
 
 def filters_gyro(log: FlightLog) -> bool:
-    """Whether this firmware has notches that are known here."""
+    """Return whether this firmware has known notches."""
     return log.firmware.name in ("PX4", "ArduPilot")
 
 
 def measures_differences(log: FlightLog) -> bool:
-    """Whether the firmware's own level can be made of the samples that it logs."""
+    """Return whether the firmware's own level can be computed from the logged samples."""
     return log.firmware.name == DIFFERENCE_FIRMWARE
 
 
 def advise_vibration_level(log: FlightLog) -> str:
-    """Why a log holds no level of vibration, and what would log one."""
+    """Return why a log holds no vibration level, and what would log one."""
     if log.firmware.name == "PX4":
         return (
             "No vehicle_imu_status (PX4 1.11 and later log it) and no samples at full rate: vibration is not measured."
@@ -207,7 +209,7 @@ def advise_vibration_level(log: FlightLog) -> str:
 
 
 def advise_fast_gyro(log: FlightLog) -> str:
-    """What would log the gyro at the sensor's rate, with settings that are not made yet."""
+    """Return what would log the gyro at the sensor's rate, without settings that are made already."""
     if log.firmware.name == "ArduPilot":
         mask = log.param("INS_LOG_BAT_MASK")
         if mask is None:

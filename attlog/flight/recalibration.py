@@ -1,4 +1,4 @@
-"""Which calibration did the sensors of a log fly with? Its parameters, checked against what the log says beside.
+"""Find the calibration that a log's sensors flew with, and correct them by another one.
 
 Parameters are those of the first arming, or shortly after the log's begin. What a log cannot show is refused with its
 reason: another firmware, values that changed in flight, parameters of another boot.
@@ -36,7 +36,7 @@ PX4_BY_SLOT_VERSION, PX4_LEARNS_VERSION = (1, 12), (1, 13)
 
 
 def armed_span(log: FlightLog) -> tuple[float, float]:
-    """First arming and last disarming in s; the whole log where it does not tell."""
+    """Return first arming and last disarming in s, the whole log where they are unknown."""
     armed = log.state.armed
     if armed is None or not any(armed.value):
         return BOOT_CHANGES_S, log.seconds
@@ -46,7 +46,7 @@ def armed_span(log: FlightLog) -> tuple[float, float]:
 
 
 def flown_parameters(log: FlightLog) -> dict[str, float]:
-    """The parameters of calibration that flew, by name; those that only a given file holds are not among them."""
+    """Return the parameters of calibration that flew, without those of a given file alone."""
     at = armed_span(log)[0]
     own = (
         name
@@ -57,7 +57,7 @@ def flown_parameters(log: FlightLog) -> dict[str, float]:
 
 
 def _changed_parameters(log: FlightLog, names: tuple[str, ...], until: float) -> list[str]:
-    """Which parameters have another value at some time between the first arming and ``until`` s."""
+    """Return the parameters that change between the first arming and ``until`` s."""
     begin = armed_span(log)[0]
     lines = {
         name: log.parameters.lines[name]
@@ -68,9 +68,9 @@ def _changed_parameters(log: FlightLog, names: tuple[str, ...], until: float) ->
 
 
 def flown_compass(log: FlightLog, mag: Mag, read: dict[str, float] | None = None) -> Calibration:
-    """The calibration of a compass by the parameters that flew, or by others (``read``).
+    """Return the calibration of a compass by the parameters that flew, or by others (``read``).
 
-    CalibrationUnknownError says why it cannot be known.
+    CalibrationUnknownError gives the reason why it is unknown.
     """
     used = flown_parameters(log) if read is None else read
     firmware = _known_firmware(log, "compass")
@@ -86,7 +86,7 @@ def flown_compass(log: FlightLog, mag: Mag, read: dict[str, float] | None = None
 
 
 def flown_accelerometer(log: FlightLog, imu: Imu, read: dict[str, float] | None = None) -> Calibration:
-    """The calibration of an accelerometer, as :func:`compass`."""
+    """Return the calibration of an accelerometer, as :func:`flown_compass`."""
     used = flown_parameters(log) if read is None else read
     if _known_firmware(log, "accelerometer") == "ArduPilot":
         found = calibration.ardupilot_accelerometer(used, imu.index, log.firmware.version)
@@ -98,21 +98,21 @@ def flown_accelerometer(log: FlightLog, imu: Imu, read: dict[str, float] | None 
 
 
 def flown_motor_type(log: FlightLog, mag: Mag, power: str) -> dict[str, float]:
-    """What to set so that a compass is compensated by ``power``. CalibrationUnknownError says why it cannot be."""
+    """Return what to set so that a compass is compensated by ``power``. CalibrationUnknownError gives a reason."""
     if log.firmware.name == "ArduPilot":
         return calibration.ardupilot_motor_type(flown_parameters(log), mag.index, power)
     return calibration.px4_motor_type(flown_parameters(log), _device_number(log, mag.device), power)
 
 
 def changed_sensor_order(log: FlightLog, found: Calibration) -> list[str]:
-    """Parameters that say which sensor is which, or where it points, and were set after the flight began."""
+    """Return the parameters of the sensors' order or mounting that were set after the flight began."""
     return _changed_parameters(log, found.fixed, np.inf)
 
 
 def learned_compass_bias(log: FlightLog, mag: Mag, found: Calibration) -> Array:
-    """What a compass (3,) T shows beside its parameters: the negative of a bias learnt before arming.
+    """Return the negative (3,) T of the bias that a compass learned before arming, beside its parameters.
 
-    CalibrationUnknownError says why it cannot be known.
+    CalibrationUnknownError gives the reason why it is unknown.
     """
     if log.firmware.name != "PX4" or mag.field.source.startswith("sensor_mag"):
         return np.zeros(3)
@@ -144,7 +144,7 @@ def learned_compass_bias(log: FlightLog, mag: Mag, found: Calibration) -> Array:
 
 
 def motor_power(log: FlightLog, kind: str, t: Array) -> Array:
-    """The motors' current in A or their throttle (n, 1) at ``t`` (n,) s. CalibrationUnknownError without."""
+    """Return the motors' current in A or their throttle (n, 1) at ``t`` (n,) s. CalibrationUnknownError without."""
     if kind == "current":
         stream = log.power.battery
         x = None if stream is None or stream.x.shape[1] < 2 else stream.x[:, 1]
@@ -158,7 +158,7 @@ def motor_power(log: FlightLog, kind: str, t: Array) -> Array:
 
 
 def _known_firmware(log: FlightLog, what: str) -> str:
-    """Whose formula counts."""
+    """Return the firmware whose formula counts."""
     name = log.firmware.name
     if log.format in ("tlog", "mavlink"):
         raise CalibrationUnknownError(
@@ -178,14 +178,14 @@ def _device_number(log: FlightLog, device: str | None) -> int:
 
 
 def _check_unchanged(log: FlightLog, found: Calibration) -> None:
-    """No parameter of it changes in flight."""
+    """Raise where a parameter of the calibration changes in flight."""
     moved = _changed_parameters(log, found.names, armed_span(log)[1] - STATUS_LAG_S)
     if moved:
         raise CalibrationUnknownError(f"{moved[0]} was changed during the flight.")
 
 
 def _check_logged_offsets(log: FlightLog, mag: Mag, found: Calibration) -> None:
-    """The offsets that flew are those of the parameters, cut to whole mG as ArduPilot logs them."""
+    """Raise where the logged offsets are not those of the parameters, cut to whole mG as ArduPilot logs them."""
     if mag.offsets is None or not len(mag.offsets.t):
         raise CalibrationUnknownError(f"{mag.field.source} does not hold the offsets that flew.")
     begin, end = armed_span(log)
@@ -201,11 +201,10 @@ def _check_logged_offsets(log: FlightLog, mag: Mag, found: Calibration) -> None:
         )
 
 
-# What would the compasses and accelerometers of a log have shown with a file's calibration?
+# --- correction by a file ----------------------------------------------------------------------------------------
 #
-# The logged values go back to raw ones by the parameters that flew, and forward by those of the file. What flew on
-# them,
-# the onboard attitude above all, stays as it is.
+# Logged values go back to raw ones by the parameters that flew, and forward by those of the file. What flew on them,
+# such as the onboard attitude, stays.
 
 COMPASS_PARAMETERS = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT).*|CAL_MAG\d_.(OFF|SCALE|ODIAG|COMP)|CAL_MAG_COMP_TYP")
 # Parameters that calibrate one of them.
@@ -220,7 +219,7 @@ Bias = Callable[[Calibration], Array]
 def recorrect(log: FlightLog, file: str, given: Mapping[str, float]) -> set[str]:
     """Correct the log's sensors as the firmware would have by the parameters ``given`` in a ``file``.
 
-    Names of those that did something; the log's problems say of each sensor what was done, or why nothing was.
+    Returns the names of those with an effect. The log's problems report each sensor.
     """
     flew, used = flown_parameters(log), set()
     differ = {name: value for name, value in given.items() if name in flew and not _same_value(value, flew[name])}
@@ -235,14 +234,14 @@ def recorrect(log: FlightLog, file: str, given: Mapping[str, float]) -> set[str]
 
 
 def calibrates(names: Iterable[str]) -> bool:
-    """Whether any of the parameters calibrates a compass or an accelerometer."""
+    """Return whether any of the parameters calibrates a compass or an accelerometer."""
     return any(COMPASS_PARAMETERS.fullmatch(name) or ACCELEROMETER_PARAMETERS.fullmatch(name) for name in names)
 
 
 def recorrected_units(
     log: FlightLog, file: str, given: Mapping[str, float], imu: Imu, mag: Mag | None
 ) -> tuple[Imu, Mag | None]:
-    """An IMU and a compass of a log as :func:`recorrect` makes them; the log's own stay as they are."""
+    """Return an IMU and a compass of a log as corrected by :func:`recorrect`; the log's own stay."""
     imus, mags = [replace(imu, acc=replace(imu.acc))], [] if mag is None else [replace(mag, field=replace(mag.field))]
     if not recorrect(replace(log, imus=imus, mags=mags, problems=[]), file, given):
         return imu, mag
@@ -260,7 +259,7 @@ def _no_bias(_: Calibration) -> Array:
 def _recorrect_stream(
     log: FlightLog, file: str, stream: Stream, differ: Mapping[str, float], known: Known, bias: Bias
 ) -> set[str]:
-    """Correct one sensor's ``stream`` in place by what is ``differ``ent in a file; the parameters that did it."""
+    """Correct a sensor's ``stream`` in place by the parameters that differ, and return those with an effect."""
     flew = flown_parameters(log)
     try:
         old = known(None)

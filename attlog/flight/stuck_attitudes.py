@@ -1,4 +1,4 @@
-"""Attitudes that do not move: an estimate that never ran, began late, or froze, is no attitude while it stands.
+"""Leave out attitudes that do not move: estimates that never ran, began late, or froze.
 
 ArduPilot logs the records of an EKF that is not running too: roll and pitch hold the trim, heading is exactly 0.
 """
@@ -16,9 +16,9 @@ from attlog.flight.model import Attitude, FlightLog, Problem, Severity, Stream, 
 Mask = NDArray[np.bool_]
 
 STUCK_CODE = "attitude_frozen"
-# So many equal records over so many s at least: an attitude logged in steps of 0.01 deg stands for 1 s at rest.
+# Equal records, and their time: an attitude logged in steps of 0.01 deg is constant for 1 s at rest.
 MIN_RECORDS, MIN_STUCK_S = 10, 2.0
-# An attitude that never changes in a log of this length stands.
+# An attitude that never changes in a log of this length is stuck.
 MIN_WHOLE_LOG_S = 10.0
 # Sine of a heading that was never set.
 UNSET_HEADING_SINE = 1e-9
@@ -27,9 +27,9 @@ TURNED_DEG, DRIFT_DPS = 2.0, 0.2
 
 
 def drop_stuck_attitudes(log: FlightLog) -> None:
-    """Take records that repeat one attitude, though the vehicle turned or the estimate had not begun, out of the log.
+    """Remove records that repeat an attitude, though the vehicle turned or the estimate had not begun, and report it.
 
-    An attitude without any other record goes as a whole. What was left out becomes problems.
+    An attitude without any other record is removed as a whole.
     """
     if not _anything_moves(log):
         return
@@ -50,13 +50,13 @@ def drop_stuck_attitudes(log: FlightLog) -> None:
 
 
 def _anything_moves(log: FlightLog) -> bool:
-    """Whether a gyro's values or another attitude show that constant values are odd: a made vehicle may not move."""
+    """Return whether a gyro or another attitude moves: in a synthetic log nothing may."""
     moving = [imu.gyro.x for imu in log.imus] or [a.q for a in log.attitudes.values()]
     return any(len(x) > 1 and bool((x[1:] != x[:-1]).any()) for x in moving)
 
 
 def _stuck_runs(attitude: Attitude) -> list[tuple[int, int]]:
-    """Index ranges of records that hold one attitude, without a pause of the logger in them, long enough to be odd."""
+    """Return index ranges of equal attitudes without a pause of the logger, long enough to be suspicious."""
     if len(attitude.t) < MIN_RECORDS:
         return []
     same = (attitude.q[1:] == attitude.q[:-1]).all(axis=1) & without_pauses(attitude.t)
@@ -66,7 +66,7 @@ def _stuck_runs(attitude: Attitude) -> list[tuple[int, int]]:
 
 
 def _is_stuck(attitude: Attitude, run: tuple[int, int], gyro: Stream | None) -> bool:
-    """Whether records a to b of an attitude are no estimate: a heading never set, the whole log, or a turn missed."""
+    """Return whether a run is no estimate: a heading never set, the whole log, or a missed turn."""
     a, b = run
     w, x, y, z = attitude.q[a]
     t0, t1 = float(attitude.t[a]), float(attitude.t[b - 1])
@@ -76,7 +76,7 @@ def _is_stuck(attitude: Attitude, run: tuple[int, int], gyro: Stream | None) -> 
 
 
 def _turned_deg(gyro: Stream, t0: float, t1: float) -> float:
-    """The largest angle (deg) by which a vehicle was turned from ``t0`` s on, the gyro's median taken as its bias."""
+    """Return the largest angle (deg) turned from ``t0`` s on, with the gyro's median as its bias."""
     mine = (gyro.t >= t0) & (gyro.t <= t1) & rotation.finite_rows(gyro.x)
     if np.count_nonzero(mine) < 2:
         return 0.0
@@ -86,7 +86,7 @@ def _turned_deg(gyro: Stream, t0: float, t1: float) -> float:
 
 
 def _stuck_problem(name: str, attitude: Attitude, runs: list[tuple[int, int]], kept: Mask, flew: bool) -> Problem:
-    """What was left out of an attitude, and why."""
+    """Return the problem of the records that were left out."""
     a, b = runs[0]
     t0, t1 = float(attitude.t[a]), float(attitude.t[b - 1])
     count = int(np.count_nonzero(~kept))
@@ -104,7 +104,7 @@ def _stuck_problem(name: str, attitude: Attitude, runs: list[tuple[int, int]], k
 
 
 def _kept_records(attitude: Attitude, kept: Mask) -> Attitude:
-    """The records of an attitude that are kept (n,)."""
+    """Return an attitude of the kept records (n,)."""
     place = np.cumsum(kept) - 1
     resets = attitude.resets[kept[attitude.resets]] if len(attitude.resets) else attitude.resets
     return replace(

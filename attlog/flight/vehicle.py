@@ -151,7 +151,7 @@ WITHOUT_ATTITUDE = frozenset(
     "manual acro rattitude training flip throw turtle qacro learning steering hold simple dock motor_detect "
     "initialising termination ready".split()
 )
-# PX4 writes Hold for holding a position in the air; HOLD is a rover that stands.
+# PX4 writes Hold for holding a position in the air; HOLD is a rover at rest.
 HOLDS_ATTITUDE = frozenset(("Hold",))
 
 

@@ -1,4 +1,4 @@
-"""What was going on when: continuous segments, rest, idling, armed, flight, hover, impact, resets."""
+"""Divide a flight into segments: continuous, rest, idling, armed, flight, hover, impact, resets."""
 
 from attlog.segments.build import build
 from attlog.segments.model import KINDS, WINDOWS, Segment, Segments

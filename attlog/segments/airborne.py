@@ -1,4 +1,10 @@
-"""When a vehicle was in the air: signs of the sensors, heights, and the rule over both."""
+"""Find flights by physics: drive, movement and height.
+
+Flags and throttle prove nothing: motors stand at 60 % of hover on the ground, run at 100 % on a bench, and land
+detectors come seconds late or never. A flight needs drive, and then either movement that no ground gives or a height
+that no drift of a barometer gives. Heights (rangefinder, barometer, GNSS, never an estimator's) count from the line
+through the ground before and after.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +19,8 @@ from attlog.core.spans import Span
 from attlog.flight.model import FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.flight_signs import (
-    FASTEST_M_S,
     MAX_AGE_S,
+    MAX_HAND_M_S,
     STEP_S,
     Grid,
     hold_last,
@@ -23,21 +29,21 @@ from attlog.segments.flight_signs import (
     true_runs,
 )
 
-# Heights above what a vehicle stood on: by rangefinder, barometer or GNSS, never by what an estimator believes.
+# --- heights -----------------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 LIKELY_HEIGHT_M = {"range": 0.3, "barometer": 0.7, "GNSS": 3.0}
 CERTAIN_HEIGHT_M = {"range": 0.5, "barometer": 2.0, "GNSS": 12.0}
-# What stands moves no faster over the ground, and neither climbs nor sinks faster.
+# Largest speed over the ground, and largest climb, of a vehicle at rest or in a hand.
 HIGHEST_HAND_M_S, CLIMBS_M_S = 2.0, 0.5
 LEVEL_S, STANDS_S = 1.0, 1.0
 # A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing.
 MOVED_M = 0.5
-# A rangefinder in range for this part of a flight tells how high it went.
+# A rangefinder in range for this share of a flight gives its height.
 SEEN = 0.95
-# A height that never rose by more tells of no flight.
+# A height that never rose by more shows no flight.
 ROSE_M = 0.3
 # A barometer that rose by this factor and so much more than a rangefinder: that one looked out of its range. Wind and
 # propellers move a barometer by 4 m.
@@ -51,7 +57,7 @@ FALLS_S, FALLS_M = 10.0, 5.0
 
 @dataclass(frozen=True, slots=True)
 class HeightLevel:
-    """A height (n,) m above what the vehicle stood on, NaN where unknown, by a ``sensor`` named as in HINT_M."""
+    """Height (n,) m above the ground, NaN where unknown, by a ``sensor`` of LIKELY_HEIGHT_M."""
 
     sensor: str
     source: str
@@ -69,7 +75,7 @@ class HeightLevel:
 
 
 def height_levels(log: FlightLog, grid: Grid, driven: Mask) -> list[HeightLevel]:
-    """Heights over the ground, the surest first."""
+    """Return heights over the ground, the surest first."""
     stands = ~driven & grid.known & ~(grid.speed > HIGHEST_HAND_M_S)
     found = []
     if log.rangefinder is not None and len(log.rangefinder.t) > 3:
@@ -91,26 +97,26 @@ def height_levels(log: FlightLog, grid: Grid, driven: Mask) -> list[HeightLevel]
 
 
 def highest_level(levels: list[HeightLevel], flying: Mask) -> tuple[HeightLevel, float] | None:
-    """The height that tells how high it went while ``flying`` (n,), and its largest there, m; None where none does.
+    """Return the height source for a flight's top while ``flying`` (n,), and the top in m; None without any.
 
     A rangefinder that sees the ground nearly all the time is right, unless the barometer shows that it went beyond its
-    range; a barometer feels wind; GNSS stays behind.
+    range. A barometer follows wind; GNSS lags.
     """
     tops = [(level, float(np.nanmax(level.above[flying], initial=-np.inf))) for level in levels]
     others = max((top for level, top in tops if level.sensor != "range"), default=-np.inf)
 
-    def rank(told: tuple[HeightLevel, float]) -> int:
-        level, top = told
+    def rank(candidate: tuple[HeightLevel, float]) -> int:
+        level, top = candidate
         if level.sensor != "range":
             return 1
         seen = np.isfinite(level.above[flying]).mean() > SEEN
         return 0 if seen and others <= BEYOND * top + BEYOND_M else 2
 
-    return next((told for told in sorted(tops, key=rank) if told[1] > ROSE_M), None)
+    return next(((level, top) for level, top in sorted(tops, key=rank) if top > ROSE_M), None)
 
 
 def join_across_falls(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Index ranges of flights, as one where the height between two of them moves as nothing on the ground does.
+    """Join index ranges of flights between which the height moves as nothing on the ground does.
 
     Throttle near zero, or a force near zero, ends the signs of flight; a vehicle that falls is still in the air.
     """
@@ -131,12 +137,12 @@ def join_across_falls(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) 
 
 
 def height_stream(log: FlightLog) -> Stream | None:
-    """Height (n, 1) in m over time: the barometer, else GNSS altitude with a 3D fix, else None."""
+    """Return height (n, 1) in m over time: the barometer, else GNSS altitude with a 3D fix, else None."""
     return next((stream for _, stream in _height_streams(log)), None)
 
 
 def _height_streams(log: FlightLog) -> list[tuple[str, Stream]]:
-    """Streams of height in m (m, 1) without bad values: the barometer, then GNSS with a fix."""
+    """Return streams of height in m (m, 1) without bad values: the barometer, then GNSS with a fix."""
     found = []
     for stream in log.baro:
         x = stream.x.reshape(len(stream.t), -1)[:, 0] if len(stream.t) else np.zeros(0)
@@ -153,7 +159,7 @@ def _height_streams(log: FlightLog) -> list[tuple[str, Stream]]:
 
 
 def _averaged_height(t: Array, stream: Stream) -> Array:
-    """A height (n,) averaged over 1 s without spikes, NaN where none is near."""
+    """Return a height (n,) averaged over 1 s without spikes, NaN without any near."""
     raw = np.interp(t, stream.t, stream.x[:, 0])
     around = round(0.5 * SPIKE_S / STEP_S)
     middle = np.median(sliding_window_view(np.pad(raw, around, mode="edge"), 2 * around + 1), axis=1)
@@ -165,21 +171,16 @@ def _averaged_height(t: Array, stream: Stream) -> Array:
 
 
 def _long_runs(mask: Mask, count: int) -> Mask:
-    """The samples of a mask that lie in runs of at least ``count`` samples."""
+    """Return the samples of a mask in runs of at least ``count`` samples."""
     kept = np.zeros(len(mask), bool)
     for a, b in true_runs(mask):
         kept[a:b] = b - a >= count
     return kept
 
 
-# When a vehicle was in the air, by physics: what drives it, how it moves, how high it is.
-#
-# Flags and throttle prove nothing: motors stand at 60 % of hover on the ground, run at 100 % on a bench, and land
-# detectors come seconds late or never. A flight needs drive, and then either movement that no ground gives or a
-# height
-# that no drift of a barometer gives. Heights count from the line through what it stood on before and after.
+# --- flights -----------------------------------------------------------------------------------------------------
 
-# Dynamics above which something carries itself, below which it surely stands, below which a flight is over.
+# Dynamics above which a vehicle carries itself, below which it rests, below which a flight is over.
 CARRIED, STILL, FALLEN = 0.4, -0.6, -2.5
 HINTED, PROVEN, LASTING = 0.2, 0.55, -0.3
 LEAST_DRIVE, OF_FLIGHT, OF_OWN = 0.02, 0.25, 0.6
@@ -198,10 +199,10 @@ CLEAR_M = 5.0
 
 @dataclass(slots=True)
 class InAir:
-    """The flights (t0, t1) s of a log, and what tells them.
+    """The flights (t0, t1) s of a log, and their signs.
 
-    ``driven`` and ``power`` (n,), 0 to 1, on the grid's times, by ``power_source``. ``why`` is a sentence; ``known`` is
-    False where nothing in the log tells flight.
+    ``driven`` and ``power`` (n,), 0 to 1, on the grid's times, by ``power_source``. ``why``: a sentence. ``known``:
+    False where flight is not logged.
     """
 
     grid: Grid
@@ -221,7 +222,7 @@ class InAir:
 
 
 def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list[Span]) -> InAir:
-    """The flights in a grid. ``armed``: None where unknown; ``known_spans``: what was logged without pauses."""
+    """Return the flights in a grid; ``armed``: None where unknown, ``known_spans``: time logged without pauses."""
     t = grid.t
     power, source = _drive_power(log, t)
     may = grid.known & inside_spans(t, known_spans)
@@ -236,17 +237,17 @@ def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spa
     levels = height_levels(log, grid, driven)
     flying = _flying_mask(log.kind, grid, levels, driven, power / max(usual, LEAST_DRIVE), lifting)
     found = join_across_falls(log, grid, _flight_ranges(log.kind, flying, grid, levels, driven, power))
-    rolls = log.kind.fixed_wing  # the force of a take-off run tells no lift-off
+    rolls = log.kind.fixed_wing  # the force of a take-off run shows no lift-off
     edges = [(float(t[a]) if rolls else _liftoff_time(grid, a, driven), _landing_time(grid, b)) for a, b in found]
     heights = ", ".join(f"height by {level.source}" for level in levels[:2])
     why = f"driven ({source}) and moving as only the air lets it" + (f", {heights}" if heights else "")
-    tells_drive = source != "arming" or armed is not None  # a bag of sensors alone does not say whether motors ran
-    known = tells_drive and (bool(levels) or (source != "arming" and not grid.slow))
+    drive_known = source != "arming" or armed is not None  # a bag of sensors alone does not say whether motors ran
+    known = drive_known and (bool(levels) or (source != "arming" and not grid.slow))
     return InAir(grid, spans.merge(s for s in edges if s[1] > s[0]), driven, power, levels, source, why, known)
 
 
 def _drive_power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
-    """What drives the vehicle (n,), 0 to 1: throttle, else motor outputs, else rotor speed; None without any."""
+    """Return the drive (n,), 0 to 1: throttle, else motor outputs, else rotor speed; None without any."""
     if log.power.throttle is not None and len(log.power.throttle.t) > 1:
         return np.abs(hold_last(t, log.power.throttle)), log.power.throttle.source
     for stream in (log.power.motors, log.power.rpm):
@@ -258,14 +259,14 @@ def _drive_power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
 
 
 def _usual_power(power: Array, carried: Mask) -> float:
-    """The power that flight takes: its median where something carries itself, else the largest that is held."""
+    """Return the power of flight: its median where something carries itself, else the largest that is held."""
     return float(np.median(power[carried]) if carried.any() else np.quantile(power, 0.95))
 
 
 def _flying_mask(
     kind: VehicleKind, grid: Grid, levels: list[HeightLevel], driven: Mask, power: Array, lifting: Mask
 ) -> Mask:
-    """Where a driven vehicle is in the air. ``power`` counts in that of flight; ``lifting``: more than idling."""
+    """Mark where a driven vehicle is in the air; ``power`` relative to that of flight."""
     none = np.zeros(len(grid.t), bool)
     hint, sure, clear = none, none, none
     for level in levels:
@@ -293,7 +294,7 @@ def _flying_mask(
 def _flight_ranges(
     kind: VehicleKind, flying: Mask, grid: Grid, levels: list[HeightLevel], driven: Mask, power: Array
 ) -> list[tuple[int, int]]:
-    """Index ranges of the flights: proven ones, as long as they last."""
+    """Return index ranges of proven flights, as long as they last."""
     found = []
     for a, b in _bridge_gaps(list(true_runs(flying)), grid.known & driven):
         if not _is_flight(a, b, grid, levels):
@@ -310,7 +311,7 @@ def _flight_ranges(
         if before[:a].all():  # a log that begins in the air
             a = 0
         while not levels and 0 < a < b - 1 and power[a] < OF_OWN * own:
-            a += 1  # no height tells: motors spin up on the ground
+            a += 1  # without a height: motors spin up on the ground
         found.append((a, b))
     if grid.slow:
         return _bridge_gaps(found, grid.known)
@@ -322,7 +323,7 @@ def _flight_ranges(
 
 
 def _extend_to_ground(a: int, b: int, levels: list[HeightLevel], driven: Mask) -> tuple[int, int]:
-    """A range with the seconds before and after in which the height still rises from, or sinks to, what it stood on."""
+    """Extend a range over the seconds in which the height still rises from, or sinks to, the ground."""
     for level in levels:
         above, least = np.nan_to_num(level.above), OF_HINT * LIKELY_HEIGHT_M[level.sensor]
         furthest = round(CLIMBS_S / STEP_S)
@@ -335,7 +336,7 @@ def _extend_to_ground(a: int, b: int, levels: list[HeightLevel], driven: Mask) -
 
 
 def _bridge_gaps(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, int]]:
-    """Ranges with their gaps of up to 2 s closed in which ``whole`` holds."""
+    """Join ranges whose gaps of up to 2 s lie in ``whole``."""
     joined: list[tuple[int, int]] = []
     for a, b in found:
         if joined and (a - joined[-1][1]) * STEP_S <= BRIDGE_S and bool(whole[joined[-1][1] : a].all()):
@@ -346,7 +347,10 @@ def _bridge_gaps(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, i
 
 
 def _is_flight(a: int, b: int, grid: Grid, levels: list[HeightLevel]) -> bool:
-    """Whether a span is a flight: a height that proves it, or movement, with a hint of height or for long."""
+    """Return whether a span is a flight.
+
+    By a height that proves it, or by movement with a hint of height or for long.
+    """
 
     def seconds(masks: list[Mask]) -> float:
         return max((np.count_nonzero(mask[a:b]) for mask in masks), default=0) * STEP_S
@@ -358,20 +362,20 @@ def _is_flight(a: int, b: int, grid: Grid, levels: list[HeightLevel]) -> bool:
         return hints >= SLOW_S
     hinted = hints >= ENOUGH_S
     dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
-    by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without an attitude nothing tells the ground from the air
+    by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without an attitude ground and air look the same
     moves = dynamics > PROVEN and (b - a) * STEP_S >= LONG_S and by_tilt
     return (hinted and dynamics > HINTED) or (moves and not (levels and _is_handheld(a, b, grid)))
 
 
 def _is_handheld(a: int, b: int, grid: Grid) -> bool:
-    """Whether what never rose leans on a hand or the ground: slow, and long tilted against its own force."""
+    """Return whether a span leans on a hand or the ground: slow, and long tilted against its force."""
     sideways = np.hypot(grid.force[a:b, 0], grid.force[a:b, 1])
-    slow = not np.any(grid.speed[a:b] > FASTEST_M_S)
+    slow = not np.any(grid.speed[a:b] > MAX_HAND_M_S)
     return slow and float(np.quantile(sideways, 0.6)) > LEANS_M_S2
 
 
 def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
-    """When the force first left its level on the ground, around the first sign of flight; nothing lifts undriven."""
+    """Return when the force first left its level on the ground, around the first sign of flight."""
     a, b = max(first - round(0.5 / STEP_S), 0), min(first + round(2.5 / STEP_S), len(grid.t))
     a += int(np.argmax(driven[a : first + 1]))
     before = grid.size[max(a - round(2.0 / STEP_S), 0) : a]
@@ -390,7 +394,7 @@ def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
 
 
 def _landing_time(grid: Grid, end: int) -> float:
-    """When the ground took it: the largest bump of the force around the end of the signs of flight."""
+    """Return the largest bump of the force around the end of the signs of flight."""
     a, b = max(end - round(2.0 / STEP_S), 0), min(end + round(1.0 / STEP_S) + 1, len(grid.t))
     if grid.slow or end >= len(grid.t):
         return float(grid.t[min(end, len(grid.t) - 1)])

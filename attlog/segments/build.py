@@ -1,4 +1,4 @@
-"""All segments of a log, from the sensors and the flags together."""
+"""Build all segments of a log from sensors and flags."""
 
 from __future__ import annotations
 
@@ -21,18 +21,17 @@ MOVING_M_S, CLIMB_M_S = 3.0, 1.0
 
 
 def build(log: FlightLog) -> Segments:
-    """Runs, gaps, rests, idling, arming, flight, hover, impact and resets of a log, each with its reason.
+    """Return runs, gaps, rests, idling, arming, flight, hover, impact and resets of a log, each with its reason.
 
-    Without an IMU to replay the first one still tells stillness, however slow; without any there are the
-    continuous segments of the onboard attitude and what the flags tell, and the notes say so. Where finding
-    them ends in a bug there are the continuous segments alone, nothing is known of rest and flight, and a problem of
-    the log says so.
+    Without an IMU to replay the first one is used for stillness, however slow. Without any there are the continuous
+    segments of the onboard attitude and the flags. A bug leaves the continuous segments alone, and a problem of the
+    log.
     """
     return guarded_part(log, "Rest, arming and flight", lambda: _found(log), lambda: _continuous_alone(log))
 
 
 def _continuous_alone(log: FlightLog) -> Segments:
-    """What can be said where the rest cannot: where samples follow each other, which every filter and metric needs."""
+    """Return the segments of successive samples, which every filter and metric needs."""
     clock = _clock(log)
     if not len(clock):
         return Segments([], {}, UNKNOWN)
@@ -43,14 +42,14 @@ def _continuous_alone(log: FlightLog) -> Segments:
 
 
 def _clock(log: FlightLog) -> Array:
-    """The times (n,) of the unit to replay, else of the first, else of the onboard attitude."""
+    """Return the times (n,) of the unit to replay, else of the first, else of the onboard attitude."""
     imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
     clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
     return clock[np.isfinite(clock)]
 
 
 def _found(log: FlightLog) -> Segments:
-    """The segments, none of them missing."""
+    """Return all segments."""
     notes: dict[str, str] = {}
     imu = log.replay_imu or next(iter(log.imus), None)
     onboard = log.onboard_attitude
@@ -107,36 +106,36 @@ def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
 
 
 def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
-    """The time of [t0, t1] without the gaps after which filters restart: nothing is known there, so no span crosses."""
+    """Return the time of [t0, t1] without gaps behind which filters restart."""
     return spans.complement(
         [(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > timestamps.MAX_BRIDGED_GAP_S], t0, t1
     )
 
 
 def _without_wrecks(whole: Segment, wrecks: list[Wreck]) -> list[Segment]:
-    """A rest in a wreck's time is a wreck, and flight, hover and idling end with a crash."""
+    """Return the parts of a segment outside wrecks; a rest of a wreck is a wreck."""
     if whole.kind not in ("rest.long", "rest.short", "idle", "airborne", "hover"):
         return [whole]
-    lost = [(w.blow, w.t1) for w in wrecks]
+    lost = [(w.impact_s, w.t1) for w in wrecks]
     if not spans.intersect([(whole.t0, whole.t1)], lost):
         return [whole]
     if whole.kind.startswith("rest"):
-        at = max(w.blow for w in wrecks if w.blow < whole.t1)
+        at = max(w.impact_s for w in wrecks if w.impact_s < whole.t1)
         return [Segment("wreck", whole.t0, whole.t1, f"lies still after a crash at {at:.1f} s")]
     kept = spans.intersect([(whole.t0, whole.t1)], spans.complement(lost, -np.inf, np.inf))
     return [Segment(whole.kind, a, b, whole.why) for a, b in kept]
 
 
 def _lost(wreck: Wreck, t1: float) -> list[Segment]:
-    """A crash that ends the log as its loss of control and its impact; one that is flown after as a loss of control."""
+    """Return loss of control and impact of a crash that ends the log, else one loss of control."""
     if wreck.t1 < t1:
         return [Segment("loss_of_control", wreck.t0, wreck.t1, wreck.why)]
-    lost = [Segment("loss_of_control", wreck.t0, wreck.blow, wreck.why)] if wreck.blow > wreck.t0 else []
-    return [*lost, Segment("impact", wreck.blow, t1, wreck.why)]
+    lost = [Segment("loss_of_control", wreck.t0, wreck.impact_s, wreck.why)] if wreck.impact_s > wreck.t0 else []
+    return [*lost, Segment("impact", wreck.impact_s, t1, wreck.why)]
 
 
 def _cruise(found: list[Segment]) -> list[Segment]:
-    """Flight without hover."""
+    """Return flight without hover."""
     hovering = [(s.t0, s.t1) for s in found if s.kind == "hover"]
     flying = [(s.t0, s.t1) for s in found if s.kind == "airborne"]
     moving = spans.intersect(flying, spans.complement(hovering, -np.inf, np.inf))
@@ -144,7 +143,7 @@ def _cruise(found: list[Segment]) -> list[Segment]:
 
 
 def _windows(imu: Imu) -> windows.ImuWindows | None:
-    """Windows over the good samples of an IMU, None where it has too few."""
+    """Return windows over the good samples of an IMU, None for too few."""
     t, gyro, acc = imu.gyro.t_best, imu.gyro.x, imu.acc.x
     n = min(len(t), len(gyro), len(acc))
     t, gyro, acc = t[:n], gyro[:n], acc[:n]
@@ -155,7 +154,7 @@ def _windows(imu: Imu) -> windows.ImuWindows | None:
 
 
 def _rest_note(rests: list[Segment], limit: float, armed: rest.FlagSpans, airborne: rest.FlagSpans) -> str:
-    """The sentence on how rest was found, or why there is none."""
+    """Return the sentence on how rest was found, or why there is none."""
     unknown = [word for word, phase in (("arming", armed), ("flight", airborne)) if not phase.known]
     doubt = f"; {' and '.join(unknown)} unknown, so by the sensors alone" if unknown else ""
     if not rests:

@@ -1,4 +1,9 @@
-"""How fast and how far tilted the vehicle was: the nearest that the log tells of it."""
+"""Signs of flight every 0.1 s: is the vehicle carried by the air, by the ground or by a hand?
+
+Sizes are those of docs/story.md, measured on real logs and on simulated flights with true height. On the ground and in
+a hand the specific force is the reaction to gravity, so its sideways part follows the tilt. Rotors push along their own
+axis, so in flight the sideways force hardly depends on the tilt.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +24,7 @@ MAX_FIX_AGE_S = 1.5
 
 
 def tilt_at(log: FlightLog, at: Array) -> Array:
-    """Tilt (m,) in deg by the onboard attitude (else the truth) nearest in time; NaN where there is none near."""
+    """Return tilt (m,) in deg of the onboard attitude (else the truth) nearest in time, NaN without any near."""
     attitude = log.onboard_attitude or log.truth
     if attitude is None or len(attitude.t) == 0:
         return np.full(len(at), np.nan)
@@ -29,7 +34,7 @@ def tilt_at(log: FlightLog, at: Array) -> Array:
 
 
 def speed_at(log: FlightLog, at: Array) -> Array:
-    """Speed (m,) in m/s by the first receiver with a 3D fix nearest in time; NaN where there is none near."""
+    """Return speed (m,) in m/s of the first receiver with a 3D fix nearest in time, NaN without any near."""
     for gnss in log.gnss:
         velocity = np.where(np.isfinite(gnss.vel_ned), gnss.vel_ned, 0.0)
         good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned[:, :2]) & np.isfinite(gnss.t)
@@ -41,45 +46,46 @@ def speed_at(log: FlightLog, at: Array) -> Array:
 
 
 def _nearest_index(t: Array, at: Array) -> NDArray[np.int64]:
-    """Indices (m,) of the times nearest to ``at``."""
+    """Return indices (m,) of the times nearest to ``at``."""
     i = np.clip(np.searchsorted(t, at), 1, max(len(t) - 1, 1)) if len(t) > 1 else np.zeros(len(at), np.int64)
     if len(t) > 1:
         i = i - (at - t[i - 1] < t[i] - at)
     return i
 
 
-# What sensors show of a vehicle every 0.1 s: is it carried by the air, by the ground or by a hand?
-#
-# Sizes are those of docs/story.md, measured on real logs and on simulated flights with true height. On the ground
-# and in a hand the specific force is the reaction to gravity, so its sideways part follows the tilt; rotors push
-# along their own axis, so in flight the sideways force feels next to nothing of the tilt.
+# --- signs of flight ---------------------------------------------------------------------------------------------
 
 Mask = NDArray[np.bool_]
 
+# Step of the grid.
 STEP_S = 0.1
+# Standard gravity in m/s^2.
 G = 9.80665
-MEAN_S, SPREAD_S, AVERAGE_S, SLOPE_S = 0.4, 2.0, 3.0, 4.0
-SHORT_S = 0.2
-# Of a vehicle that is neither moved nor moves: standard deviation of force, rate, standard deviation of the tilt.
-FORCE_M_S2, RATE_DPS, TURN_DEG = 0.03, 1.0, 0.2
+# Windows of mean force, its variation, mean dynamics, slope, and the size of the force.
+MEAN_S, SPREAD_S, AVERAGE_S, SLOPE_S, SHORT_S = 0.4, 2.0, 3.0, 4.0, 0.2
+# Of a vehicle at rest: standard deviation of force, rate, standard deviation of the tilt.
+STILL_FORCE_M_S2, STILL_RATE_DPS, STILL_TILT_DEG = 0.03, 1.0, 0.2
 # Variance of gravity's sideways part, (m/s^2)^2, from which the slope of the sideways force on it is known.
-VARIED = 0.005
-FASTEST_M_S = 3.0
-BY_THE_GROUND, MOST, PART = 0.7, 1.6, 0.6
-MAX_AGE_S, BROKEN_S = 1.5, 0.5
+MIN_SLOPE_VARIANCE = 0.005
+# Faster over the ground nothing touches it.
+MAX_HAND_M_S = 3.0
+# Slope of the sideways force that shows the ground, for at least this share of the window.
+MIN_GROUND_SLOPE, MAX_GROUND_SLOPE, MIN_CONTACT_SHARE = 0.7, 1.6, 0.6
+# Oldest attitude or stream value, and largest hole between IMU samples.
+MAX_AGE_S, MAX_SAMPLE_GAP_S = 1.5, 0.5
 # Below this rate of the IMU its movements are not known.
-SLOW_HZ = 8.0
+MIN_IMU_HZ = 8.0
 
 
 @dataclass(slots=True)
 class Grid:
-    """Signs of flight at times ``t`` (n,) s, 0.1 s apart; NaN where a log shows nothing.
+    """Signs of flight at times ``t`` (n,) s, 0.1 s apart; NaN where unknown.
 
-    ``known`` (n,): the IMU was logged there. ``force`` (n, 3) m/s^2: specific force over 0.4 s; ``size`` (n,) m/s^2:
-    its length over 0.2 s. ``dynamics`` (n,): mean of the logarithms of how much force, rate and tilt vary against what
-    stands still; above 0.4 something carries itself, below -0.6 it surely stands. ``slope`` (n,) of the sideways force
-    on that of a vehicle on the ground; ``contact`` (n,): the slope tells the ground. ``speed`` (n,) m/s over ground;
-    ``down`` (n, 3): the earth's down in body axes. ``slow``: the IMU is too slow for all but ``known`` and ``speed``.
+    ``known`` (n,): the IMU was logged. ``force`` (n, 3) m/s^2: specific force over 0.4 s. ``size`` (n,) m/s^2: its
+    length over 0.2 s. ``dynamics`` (n,): mean of the logarithms of how much force, rate and tilt vary, relative to a
+    vehicle at rest; above 0.4 it carries itself, below -0.6 it stands. ``slope`` (n,): of the sideways force on that of
+    a vehicle on the ground. ``contact`` (n,): the slope shows the ground. ``speed`` (n,) m/s over ground. ``down`` (n,
+    3): the earth's down in body axes. ``slow``: the IMU is too slow for all but ``known`` and ``speed``.
     """
 
     t: Array
@@ -94,12 +100,12 @@ class Grid:
     slow: bool
 
     def index(self, t: float) -> int:
-        """The place of a time in the grid."""
+        """Return the place of a time in the grid."""
         return int(np.clip(round((t - self.t[0]) / STEP_S), 0, len(self.t) - 1))
 
 
 def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
-    """The signs of flight over [t0, t1] s; None for less than 1 s, or without an IMU and an attitude."""
+    """Return the signs of flight over [t0, t1] s, None for less than 1 s, or without an IMU and an attitude."""
     imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
     if not t1 - t0 > 1.0 or (imu is None and onboard is None):
         return None
@@ -111,7 +117,7 @@ def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
         force, rate, known = np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.isfinite(down[:, 0])
     no_contact = np.zeros(len(t), bool)
     found = Grid(t, known, force, nothing, nothing.copy(), nothing.copy(), no_contact, speed, down, True)
-    if imu is None or imu.acc.rate < SLOW_HZ or not known.any():
+    if imu is None or imu.acc.rate < MIN_IMU_HZ or not known.any():
         return found
     found.slow = False
     bias = np.median(rate[known], axis=0)
@@ -121,25 +127,28 @@ def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
 
 
 def _fill_signs(grid: Grid, part: slice, rate: Array) -> None:
-    """Signs of one unbroken segment of a log, from its force and its rate (n, 3) deg/s without the gyro's offset."""
+    """Fill the signs of an unbroken part, from its force and its rate (n, 3) deg/s without the gyro's offset."""
     raw, down = grid.force[part], grid.down[part]
     force, turned = _mean(raw, MEAN_S), rotation.length(_mean(rate, MEAN_S))
-    signs = [_deviation(rotation.length(force), SPREAD_S) / FORCE_M_S2]
-    signs += [np.sqrt(_mean(turned**2, SPREAD_S)) / RATE_DPS]
-    tilted = np.degrees(np.sqrt(np.sum(_variance(down, SPREAD_S), axis=1))) / TURN_DEG
+    signs = [_deviation(rotation.length(force), SPREAD_S) / STILL_FORCE_M_S2]
+    signs += [np.sqrt(_mean(turned**2, SPREAD_S)) / STILL_RATE_DPS]
+    tilted = np.degrees(np.sqrt(np.sum(_variance(down, SPREAD_S), axis=1))) / STILL_TILT_DEG
     logs = np.log(np.clip([*signs, tilted], 1e-2, 1e3))
     dynamics = np.where(np.isfinite(logs[2]), np.nanmean(logs, axis=0), logs[:2].mean(axis=0))
     slope = _ground_slope(force, -G * down)
-    touching = _mean(((slope > BY_THE_GROUND) & (slope < MOST)).astype(np.float64), SLOPE_S) >= PART
+    touching = (
+        _mean(((slope > MIN_GROUND_SLOPE) & (slope < MAX_GROUND_SLOPE)).astype(np.float64), SLOPE_S)
+        >= MIN_CONTACT_SHARE
+    )
     grid.size[part] = rotation.length(_mean(raw, SHORT_S))
     grid.force[part] = force
     grid.dynamics[part] = _mean(dynamics, AVERAGE_S)
     grid.slope[part] = slope
-    grid.contact[part] = touching & ~(grid.speed[part] > FASTEST_M_S)
+    grid.contact[part] = touching & ~(grid.speed[part] > MAX_HAND_M_S)
 
 
 def _mean_samples(imu: Imu, t: Array) -> tuple[Array, Array, Mask]:
-    """Mean force (n, 3) m/s^2 and rate (n, 3) rad/s of the samples around each time, and where any are near."""
+    """Return mean force (n, 3) m/s^2 and rate (n, 3) rad/s of the samples around each time, and where any are near."""
     at, acc, gyro = imu.acc.t_best, imu.acc.x, imu.gyro.x
     n = min(len(at), len(acc), len(gyro))
     good = np.isfinite(at[:n]) & rotation.finite_rows(acc[:n]) & rotation.finite_rows(gyro[:n])
@@ -154,11 +163,11 @@ def _mean_samples(imu: Imu, t: Array) -> tuple[Array, Array, Mask]:
     mean = sums[have] / count[have, None]
     filled = np.column_stack([np.interp(t, t[have], column) for column in mean.T])
     usual = float(np.median(np.diff(at)))
-    return filled[:, :3], filled[:, 3:], seconds_to_nearest(t, at) <= max(BROKEN_S, 2.0 * usual)
+    return filled[:, :3], filled[:, 3:], seconds_to_nearest(t, at) <= max(MAX_SAMPLE_GAP_S, 2.0 * usual)
 
 
 def _down_axis(log: FlightLog, t: Array) -> Array:
-    """The earth's down in body axes (n, 3) by the onboard attitude, else the true one; NaN where there is none near."""
+    """Return the earth's down in body axes (n, 3) by the onboard attitude, else the true one; NaN without any near."""
     attitude = log.onboard_attitude or log.truth
     down = np.full((len(t), 3), np.nan)
     if attitude is None or len(attitude.t) < 2:
@@ -172,25 +181,25 @@ def _down_axis(log: FlightLog, t: Array) -> Array:
 
 
 def _ground_slope(force: Array, gravity: Array) -> Array:
-    """Slope (n,) over 4 s of the sideways force on that of a vehicle that is carried by the ground (n, 3)."""
+    """Return the slope (n,) over 4 s of the sideways force on that of a vehicle carried by the ground (n, 3)."""
     both = gravity[:, :2], force[:, :2]
     known = np.isfinite(gravity[:, 0])
     g, f = (np.where(known[:, None], x, 0.0) for x in both)
     mean_g, mean_f, share = _mean(g, SLOPE_S), _mean(f, SLOPE_S), _mean(known.astype(np.float64), SLOPE_S)
     varied = np.sum(_mean(g * g, SLOPE_S) - mean_g**2, axis=1)
     common = np.sum(_mean(g * f, SLOPE_S) - mean_g * mean_f, axis=1)
-    slope: Array = np.where((varied > VARIED) & (share > 0.99), common / np.maximum(varied, 1e-12), np.nan)
+    slope: Array = np.where((varied > MIN_SLOPE_VARIANCE) & (share > 0.99), common / np.maximum(varied, 1e-12), np.nan)
     return slope
 
 
 def seconds_to_nearest(t: Array, at: Array) -> Array:
-    """Seconds (n,) from each time to the nearest of rising times ``at``."""
+    """Return the time (n,) in s from each time to the nearest of rising times ``at``."""
     after = np.clip(np.searchsorted(at, t), 1, max(len(at) - 1, 1))
     return np.minimum(np.abs(at[np.minimum(after, len(at) - 1)] - t), np.abs(t - at[after - 1]))
 
 
 def _mean(x: Array, seconds: float) -> Array:
-    """Centred mean of x (n,) or (n, k) over some seconds of the grid, over fewer at the ends."""
+    """Return the centred mean of x (n,) or (n, k) over some seconds of the grid, over fewer at the ends."""
     count = max(round(seconds / STEP_S), 2)
     flat = x.reshape(len(x), -1)
     total = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(flat, axis=0)])
@@ -201,7 +210,7 @@ def _mean(x: Array, seconds: float) -> Array:
 
 
 def _variance(x: Array, seconds: float) -> Array:
-    """Centred variance of x (n,) or (n, k) over some seconds of the grid, NaN beside a NaN."""
+    """Return the centred variance of x (n,) or (n, k) over some seconds of the grid, NaN beside a NaN."""
     known = rotation.finite_rows(x.reshape(len(x), -1))
     if not known.any():
         return np.full(x.shape, np.nan)
@@ -217,13 +226,13 @@ def _deviation(x: Array, seconds: float) -> Array:
 
 
 def true_runs(mask: Mask) -> Iterator[tuple[int, int]]:
-    """Index ranges [a, b) of neighbouring samples that hold."""
+    """Return index ranges [a, b) of neighbouring true samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return ((int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True))
 
 
 def hold_last(t: Array, stream: Stream, nothing: float = 0.0) -> Array:
-    """The last value (n,) of a stream's first column at or before ``t``; ``nothing`` where that is too old to say."""
+    """Return the last value (n,) of a stream's first column at or before ``t``, ``nothing`` where that is too old."""
     x = stream.x.reshape(len(stream.t), -1)[:, 0]
     usual = float(np.median(np.diff(stream.t))) if len(stream.t) > 1 else MAX_AGE_S
     i = np.clip(np.searchsorted(stream.t, t, side="right") - 1, 0, len(stream.t) - 1)
@@ -232,5 +241,5 @@ def hold_last(t: Array, stream: Stream, nothing: float = 0.0) -> Array:
 
 
 def inside_spans(t: Array, wanted: list[Span]) -> Mask:
-    """Which (n,) of the grid's times ``t`` (n,) s lie in spans."""
+    """Mark the grid's times ``t`` (n,) s inside spans."""
     return spans.inside(t, wanted)

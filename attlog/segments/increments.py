@@ -47,9 +47,9 @@ class GyroIncrements:
         return model.number_segments(self.t)
 
     def known(self, start: Array, end: Array) -> NDArray[np.bool_]:
-        """Which intervals (m,) from ``start`` to ``end`` lie between samples of one segment.
+        """Mark intervals (m,) from ``start`` to ``end`` between samples of one segment.
 
-        How far the gyro turned in a gap nobody knows, also where both ends lie in it.
+        The rotation across a gap is unknown, also where both ends lie in it.
         """
         if len(self.t) == 0:
             return np.zeros(len(start), bool)
@@ -76,7 +76,7 @@ class GyroIncrements:
 
 @cached_per_log
 def gyro_increments(imu: Imu) -> GyroIncrements:
-    """How far the gyro of a unit turned, by its good samples."""
+    """Return the rotation of a unit's gyro by its good samples."""
     return GyroIncrements(*model.select_rising(imu.gyro.t_best, imu.gyro.x), imu.gyro.sampling)
 
 

@@ -1,4 +1,4 @@
-"""Segments of a flight: what was going on when, and why we think so."""
+"""Segments of a flight with their reasons, and the gaps between continuous ones."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ WINDOWS = ("all", "rest", "rest.long", "idle", "armed", "airborne", "hover", "cr
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One segment of time, seconds on the log's clock. ``why`` is a sentence with the numbers."""
+    """A segment of time in s on the log's clock; ``why`` is a sentence with numbers."""
 
     kind: str
     t0: float
@@ -55,10 +55,10 @@ class Segment:
 
 @dataclass(slots=True)
 class Segments:
-    """All segments of a log. ``notes`` says how flags and sensors were weighed, by kind.
+    """All segments of a log.
 
-    ``unknown`` names the phases (armed, airborne) that nothing in the log tells: no segment of them means nothing.
-    ``air`` is what tells flight, None without sensors; ``endings`` are crashes and hard landings in time order.
+    ``notes``: how flags and sensors were weighed, by kind. ``unknown``: phases (armed, airborne) that are not logged.
+    ``air``: signs of flight, None without sensors. ``endings``: crashes and hard landings in time order.
     """
 
     segments: list[Segment] = field(default_factory=list)
@@ -68,16 +68,16 @@ class Segments:
     endings: list[CrashEvent] = field(default_factory=list)
 
     def seconds(self, kind: str) -> float | None:
-        """Total length of a kind in s, None where the log cannot tell."""
+        """Return the total length of a kind in s, None where it is not logged."""
         return None if kind in self.unknown else float(sum(s.seconds for s in self.of(kind)))
 
     def of(self, kind: str) -> list[Segment]:
-        """Segments of a kind in time order; ``rest`` means long and short."""
+        """Return the segments of a kind in time order; ``rest`` means long and short."""
         kinds = ("rest.long", "rest.short") if kind == "rest" else (kind,)
         return sorted([s for s in self.segments if s.kind in kinds], key=attrgetter("t0"))
 
     def spans(self, window: str) -> list[tuple[float, float]]:
-        """(t0, t1) pairs of a ``--window``: a name of WINDOWS or ``T0:T1`` in s. ValueError otherwise."""
+        """Return (t0, t1) pairs of a ``--window``: a name of WINDOWS or ``T0:T1`` in s. ValueError otherwise."""
         if window == "all":
             return [(s.t0, s.t1) for s in self.of("continuous")]
         if window in WINDOWS:
@@ -92,24 +92,24 @@ class Segments:
         return [span]
 
     def mask(self, t: Array, window: str) -> NDArray[np.bool_]:
-        """Which of the times (n,) lie inside a window."""
+        """Mark the times (n,) inside a window."""
         return spans.inside(t, self.spans(window))
 
 
-# Gaps: where samples are missing, and the continuous segments between them, which no metric leaves.
+# --- gaps --------------------------------------------------------------------------------------------------------
 
 T = TypeVar("T", bound=np.generic)
 
 
 def sample_rate(t: Array) -> float:
-    """Samples per second in Hz of times ``t`` (n,) s: time lost in gaps does not count; 0 for fewer than two."""
+    """Return the rate in Hz of times (n,) s without the time of gaps, 0 for fewer than two."""
     dt = np.diff(t)
     dt = dt[(dt > 0) & (dt <= timestamps.gap_limit_of_times(t))]
     return len(dt) / float(np.sum(dt)) if len(dt) else 0.0
 
 
 def number_segments(t: Array, limit: float | None = None) -> NDArray[np.int64]:
-    """The number of the segment (n,) that each time belongs to; a gap or a backward step begins a new one."""
+    """Return the number (n,) of each time's segment; a gap or a backward step begins a new one."""
     if len(t) == 0:
         return np.zeros(0, np.int64)
     dt = np.diff(t)
@@ -123,9 +123,9 @@ def number_segments(t: Array, limit: float | None = None) -> NDArray[np.int64]:
 
 
 def merge_numbers(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Segment numbers (n,) from 0 that rise by one wherever one of these numbers (n,) changes.
+    """Return segment numbers (n,) that rise wherever one of these numbers changes.
 
-    The first of them itself where it is that already, because copies add up: to be read alone.
+    The first array itself where it is that already, because copies add up: read only.
     """
     if len(numbers[0]) == 0:
         return np.zeros(0, np.int64)
@@ -137,7 +137,7 @@ def merge_numbers(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def segment_slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:
-    """Index ranges of neighbouring samples that are all inside and bear the same segment number (n,)."""
+    """Return index ranges of neighbouring samples inside a mask with the same segment number (n,)."""
     if len(inside) == 0:
         return []
     edges = np.flatnonzero((inside[1:] != inside[:-1]) | (np.diff(number) != 0)) + 1
@@ -146,10 +146,7 @@ def segment_slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list
 
 
 def select_good(good: NDArray[np.bool_], *arrays: NDArray[T]) -> tuple[NDArray[T], ...]:
-    """The good samples of arrays (n, ...); the arrays themselves where all are good, because copies add up.
-
-    Where only some at the ends are not, as of two records of one flight, parts of the arrays: to be read alone.
-    """
+    """Return the good samples of arrays (n, ...), without a copy where all or a middle part is good: read only."""
     if good.all():
         return arrays
     begin, end = int(good.argmax()), len(good) - int(good[::-1].argmax())
@@ -159,7 +156,7 @@ def select_good(good: NDArray[np.bool_], *arrays: NDArray[T]) -> tuple[NDArray[T
 
 
 def select_rising(t: Array, x: Array) -> tuple[Array, Array]:
-    """The samples (m,), (m, k) that are finite and later than all before them; the arrays themselves if all are."""
+    """Return the samples (m,), (m, k) that are finite and later than all before, the arrays themselves if all are."""
     good = np.isfinite(t) & rotation.finite_rows(x)
     if good.all() and (t[1:] > t[:-1]).all():
         return t, x
@@ -170,9 +167,9 @@ def select_rising(t: Array, x: Array) -> tuple[Array, Array]:
 
 
 def find_continuous(t: Array, replayed: bool = True) -> list[Segment]:
-    """Continuous segments and the gaps between them, of the times (n,) of the replayed IMU.
+    """Return continuous segments and the gaps between them from times (n,) of the replayed IMU.
 
-    ``replayed``: False where they are those of the onboard attitude, because the log has no IMU for a filter.
+    ``replayed``: False for times of the onboard attitude, in a log without an IMU for a filter.
     """
     if len(t) < 2:
         return []
@@ -195,7 +192,7 @@ def find_continuous(t: Array, replayed: bool = True) -> list[Segment]:
 
 
 def restart_times(t: Array) -> Array:
-    """Times (k,) at which a filter has to start anew: the first sample, and those after gaps beyond 0.5 s."""
+    """Return the times (k,) at which a filter restarts: the first sample, and those behind long gaps."""
     if len(t) == 0:
         return np.zeros(0)
     dt = np.diff(t)
@@ -203,7 +200,7 @@ def restart_times(t: Array) -> Array:
     return began
 
 
-# Settled: the time in which a filter has forgotten its own start and the motors.
+# --- converged time ----------------------------------------------------------------------------------------------
 
 CONVERGED_AFTER_MOTORS_S = 5.0
 # Filters were seen to turn their heading for 20 s after their start.
@@ -213,9 +210,9 @@ DRIFT_AFTER_START_S = 20.0
 def converged_spans(
     each: Iterable[Span], segments: Segments, starts: Iterable[float], after_start_s: float
 ) -> Iterator[list[Span]]:
-    """Of each span the time that is later than ``after_start_s`` after each start, and 5 s after motors stopped.
+    """Yield for each span its time later than ``after_start_s`` after each start, and later than motors stopped.
 
-    ``starts`` are those of the filter: its first attitude and each restart. Time before the first does not count.
+    ``starts``: the filter's first attitude and each restart. Time before the first does not count.
     """
     began = sorted(starts)
     if not began:

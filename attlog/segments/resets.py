@@ -1,4 +1,4 @@
-"""Resets: jumps of an attitude that no rotation of the vehicle explains."""
+"""Find resets: jumps of an attitude that no rotation of the vehicle explains."""
 
 from __future__ import annotations
 
@@ -22,12 +22,11 @@ CHUNK = 50_000
 
 
 def find_resets(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
-    """Indices i (k,) where the step from sample i-1 to i is a reset, and a sentence for each.
+    """Return indices i (k,) where the step from sample i-1 to i is a reset, and a sentence for each.
 
-    The log's own counters, and jumps that the gyro does not explain: above
-    ``max(1 deg, 6 sigma) + 10 %`` of the interval's rotation and above 4 times the
-    90th percentile of the unexplained rotation in the 10 intervals on each side, next
-    neighbours left out (docs/metrics.md). Not across gaps.
+    The log's own counters, and jumps that the gyro does not explain: above ``max(1 deg, 6 sigma) + 10 %`` of the
+    interval's rotation, and above 4 times the 90th percentile of the unexplained rotation in the 10 intervals on each
+    side, next neighbours left out (docs/metrics.md). Not across gaps.
     """
     counted = {int(i): "reset counter or event of the autopilot" for i in attitude.resets if 0 < i < len(attitude.t)}
     unexplained = unexplained_deg(attitude, imu)
@@ -44,7 +43,7 @@ def find_resets(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
 
 
 def known_resets(log: FlightLog, name: str, segments: Segments) -> tuple[Index, list[str]]:
-    """As ``find`` for the onboard attitude ``name``; those of the onboard one stand in the segments."""
+    """Return :func:`find_resets` of an attitude of the log, for the onboard one by its segments."""
     attitude = log.attitudes[name]
     if name != log.onboard:
         return find_resets(attitude, log.replay_imu)
@@ -54,9 +53,9 @@ def known_resets(log: FlightLog, name: str, segments: Segments) -> tuple[Index, 
 
 @cached_per_log
 def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] | None:
-    """Rotation (n-1,) in deg of each interval that the gyro does not explain, and the gyro's own; None without gyro.
+    """Return rotation (n-1,) in deg per interval that the gyro does not explain, and the gyro's own; None without gyro.
 
-    NaN for intervals that lie across a gap of the attitude or of the gyro, or outside it.
+    NaN for intervals across a gap of the attitude or of the gyro, or outside it.
     """
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
     if imu is None or len(t) < 3 or len(imu.gyro.t) < 3:
@@ -82,7 +81,7 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
 
 
 def _jump_indices(jump: Array, rotated: Array) -> Index:
-    """Indices of the intervals whose unexplained rotation stands out of the log and of the neighbours."""
+    """Return the intervals whose unexplained rotation exceeds that of the log and of the neighbours."""
     known = np.isfinite(jump)
     if not known.any():
         return np.zeros(0, np.int64)
@@ -101,7 +100,7 @@ def _jump_indices(jump: Array, rotated: Array) -> Index:
 
 
 def _percentile_90(rows: Array) -> Array:
-    """The 90th percentile (n,) of the finite values of each row (n, k), 0 where there is none."""
+    """Return the 90th percentile (n,) of the finite values of each row (n, k), 0 without any."""
     ordered = np.sort(rows, axis=1)
     count = np.sum(np.isfinite(rows), axis=1)
     place = 0.9 * np.maximum(count - 1, 0)

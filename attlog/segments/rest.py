@@ -1,6 +1,8 @@
-"""What the autopilot says about arming and flying, and what physics says to that.
+"""Find rest, idling and hover by the IMU, and weigh the autopilot's flags of arming and flight.
 
-A flag decides only where no sensor can: land detectors are late by seconds, and some are never updated.
+Rest gives noise and gyro offset, so it must never be hover: the limit follows the log's quietest windows but is capped,
+because a log with little rest would otherwise find "rest" in a calm hover. A flag decides only where no sensor can:
+land detectors are late by seconds, and some are never updated.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ MAX_STOPPED_OUTPUT = 0.01
 
 @dataclass(slots=True)
 class FlagSpans:
-    """Spans in which something holds. ``known``: whether the log can tell; ``measured``: not by a flag."""
+    """Spans of a phase. ``known``: it is logged. ``measured``: not by a flag."""
 
     known: bool
     spans: list[Span] = field(default_factory=list)
@@ -35,7 +37,7 @@ class FlagSpans:
 
 
 def flag_spans(line: TimeLine, wanted: bool, t0: float, t1: float) -> list[Span]:
-    """Spans of [t0, t1] in which a flag's truth is ``wanted``; before its first entry the first holds."""
+    """Return spans of [t0, t1] in which a flag has a value; before its first entry the first holds."""
     if not line.value:
         return []
     t = np.concatenate([[t0], np.clip(np.asarray(line.t, np.float64), t0, t1), [t1]])
@@ -45,7 +47,7 @@ def flag_spans(line: TimeLine, wanted: bool, t0: float, t1: float) -> list[Span]
 
 
 def armed_spans(log: FlightLog, t0: float, t1: float) -> FlagSpans:
-    """When the motors were armed, by the autopilot's flag; unknown without one."""
+    """Return when the motors were armed, by the autopilot's flag."""
     if log.state.armed is None or not log.state.armed.value:
         return FlagSpans(False, why="the log holds no arming state")
     return FlagSpans(True, flag_spans(log.state.armed, True, t0, t1), f"armed by {log.state.armed.source}")
@@ -54,10 +56,9 @@ def armed_spans(log: FlightLog, t0: float, t1: float) -> FlagSpans:
 def airborne_spans(
     log: FlightLog, armed: FlagSpans, air: InAir | None, flights: list[Span], lying: list[Span], t0: float, t1: float
 ) -> FlagSpans:
-    """When the vehicle flew: by physics; by the land detector only where nothing else tells.
+    """Return when the vehicle flew: by physics, by the land detector only without sensors.
 
-    ``air``: what the sensors show of flight over [t0, t1] s, None without any; ``flights``: those of them that count;
-    ``lying``: spans as still as a surface.
+    ``air``: signs of flight over [t0, t1] s. ``flights``: flights that count. ``lying``: spans as still as a surface.
     """
     if not log.kind.flies:
         return FlagSpans(True, [], f"a {log.vehicle} does not fly")
@@ -73,7 +74,7 @@ def airborne_spans(
 
 
 def motor_spans(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagSpans:
-    """When motors turned: by their outputs, else arming, else rotor speed, else throttle; and which of them says so."""
+    """Return when motors turned: by their outputs, else arming, else rotor speed, else throttle."""
     if log.power.motors is not None and len(log.power.motors.t) > 1:
         return FlagSpans(
             True,
@@ -90,23 +91,19 @@ def motor_spans(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagS
 
 
 def busy_spans(armed: FlagSpans, motors: FlagSpans) -> list[Span]:
-    """When nothing rests: while motors turn, and from arming on until they have turned for the last time."""
+    """Return when nothing rests: while motors turn, and from arming until they have turned for the last time."""
     last = [(a, max((d for _, d in spans.intersect([(a, b)], motors.spans)), default=a)) for a, b in armed.spans]
     return spans.merge([*motors.spans, *last])
 
 
 def _spans_above(stream: Stream, limit: float) -> list[Span]:
-    """Spans in which any column of a stream exceeds a limit."""
+    """Return spans in which any column of a stream exceeds a limit."""
     turning = np.nanmax(np.nan_to_num(stream.x.reshape(len(stream.t), -1)), axis=1) > limit
     entries = zip(stream.t[:-1], stream.t[1:], turning[:-1], strict=True)
     return spans.merge((float(a), float(b)) for a, b, on in entries if on)
 
 
-# Rest and idling: when the vehicle stood still, by its own IMU.
-#
-# Rest is what the noise and the gyro's offset are measured on, so it must never be
-# hover: the limit follows this log's quietest windows but is capped, because a log
-# with little rest would otherwise find "rest" in a calm hover.
+# --- rest and idling ---------------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -118,7 +115,7 @@ NEIGHBOURS_S = 30.0
 # Tried on simulated flights with truth and on real logs.
 MIN_LONG_REST_S, MIN_SHORT_REST_S, MIN_IDLE_S = 10.0, 2.0, 1.0
 IDLE_RATE_DPS = 1.0
-# Rates up to here may be the gyro's own offset where no rest tells it.
+# Rates up to here may be the gyro's own offset where no rest shows it.
 IDLE_OFFSET_DPS = 3.0
 
 # An accelerometer that shows less than this is not one that feels gravity.
@@ -126,7 +123,7 @@ MIN_FORCE_M_S2 = 1.0
 
 
 def still_rate_limit(windows: ImuWindows) -> float:
-    """The largest standard deviation of the gyro at rest, deg/s: clip(4 x floor, 0.15, 0.6)."""
+    """Return the largest standard deviation of the gyro at rest in deg/s: clip(4 x floor, 0.15, 0.6)."""
     if len(windows.t0) == 0:
         return MIN_RATE_STD_DPS
     floor = np.quantile(windows.rate_std, 0.02)
@@ -134,15 +131,15 @@ def still_rate_limit(windows: ImuWindows) -> float:
 
 
 def largest_rate_limit(windows: ImuWindows, motors: FlagSpans) -> float:
-    """The largest standard deviation of the gyro that counts as rest in a log, deg/s."""
+    """Return the largest standard deviation of the gyro that counts as rest in a log, deg/s."""
     return MAX_RATE_STD_DPS if motors.measured else still_rate_limit(windows)
 
 
 def still_windows(windows: ImuWindows, motors: FlagSpans) -> Mask:
-    """Windows (m,) as still as a surface: little noise, and a mean rate like that of the other still windows around.
+    """Mark windows (m,) as still as a surface: little noise, and a mean rate like the still windows around.
 
-    The limit is capped because a calm hover is nearly as quiet. Where outputs show motors that stand still no
-    hover is possible, and the cap alone is the limit.
+    The limit is capped because a calm hover is nearly as quiet. Where outputs show stopped motors no hover is possible,
+    and the cap alone is the limit.
     """
     limit = np.full(len(windows.t0), still_rate_limit(windows))
     if motors.measured:
@@ -158,7 +155,7 @@ def still_windows(windows: ImuWindows, motors: FlagSpans) -> Mask:
 def find_rests(
     windows: ImuWindows, still: Mask, airborne: FlagSpans, motors: FlagSpans, busy: list[Span], moving: Mask
 ) -> list[Segment]:
-    """Rest of both classes. ``moving`` marks windows in which GNSS shows travel, or height a climb."""
+    """Return rests of both classes; ``moving`` marks windows of travel by GNSS or of a climb by height."""
     forbidden = [*airborne.spans, *busy]
     passed = still & ~moving & ~spans.overlaps(windows.t0, windows.t1, forbidden)
     limit = largest_rate_limit(windows, motors)
@@ -179,7 +176,7 @@ def find_rests(
 def find_idles(
     windows: ImuWindows, still: Mask, airborne: FlagSpans, motors: FlagSpans, rests: list[Span]
 ) -> list[Segment]:
-    """Spans on the ground with motors turning, outside rest; none where nothing tells flight from ground."""
+    """Return spans on the ground with motors turning, outside rest; none where flight is unknown."""
     if not airborne.known:
         return []
     offset = np.median(windows.rate[still], axis=0) if still.any() else np.zeros(3)
@@ -196,7 +193,7 @@ def find_idles(
 
 
 def _median_around(windows: ImuWindows, quiet: Mask) -> Array:
-    """Median mean rate (m, 3) of the quiet windows within 30 s of each window; NaN where there is none."""
+    """Return the median mean rate (m, 3) of the quiet windows around each window, NaN without any."""
     around = np.full((len(quiet), 3), np.nan)
     i = np.flatnonzero(quiet)
     if len(i) == 0:
@@ -218,14 +215,14 @@ def _median_around(windows: ImuWindows, quiet: Mask) -> Array:
     return around
 
 
-# Hover: in the air, hardly turning, hardly tilted, hardly moving.
+# --- hover -------------------------------------------------------------------------------------------------------
 
 # A tilt limit of 10 deg loses two thirds of a hover in wind.
 MIN_HOVER_S, MAX_HOVER_RATE_DPS, MAX_HOVER_TILT_DEG, MAX_HOVER_SPEED_M_S = 3.0, 10.0, 20.0, 1.0
 
 
 def find_hovers(log: FlightLog, windows: ImuWindows, airborne: FlagSpans) -> list[Segment]:
-    """Spans of at least 3 s with rate < 10 deg/s rms, tilt < 20 deg and speed < 1 m/s where it is known."""
+    """Return hovers: airborne for 3 s with rate < 10 deg/s rms, tilt < 20 deg and, where known, speed < 1 m/s."""
     if not airborne.spans or not log.kind.hovers:
         return []
     wholly = ~spans.overlaps(windows.t0, windows.t1, spans.complement(airborne.spans, -np.inf, np.inf))

@@ -1,4 +1,4 @@
-"""The IMU in windows of half a second: what stillness, idling and hover are judged by."""
+"""Statistics of the IMU in short windows, for stillness, idling and hover, and its vibration second by second."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ WINDOWS_PER_PASS = 2048
 class ImuWindows:
     """Statistics of the IMU in windows [t0, t1], (m,) and (m, 3); ``segment`` numbers continuous segments.
 
-    ``rate`` is the mean body rate, ``rate_std`` the standard deviation of the gyro
-    (rms of the three axes), ``rate_rms`` the rms of the rate's length, all in deg/s;
-    ``force`` and ``force_std`` are mean and standard deviation of the specific force's length in m/s^2.
+    ``rate``: mean body rate. ``rate_std``: standard deviation of the gyro (rms of three axes). ``rate_rms``: rms of the
+    rate's length, all in deg/s. ``force`` and ``force_std``: mean and standard deviation of the specific force's length
+    in m/s^2.
     """
 
     t0: Array
@@ -43,12 +43,12 @@ class ImuWindows:
 
     @property
     def middle(self) -> Array:
-        """The middles of the windows (m,) in s."""
+        """Middles of the windows (m,) in s."""
         return 0.5 * (self.t0 + self.t1)
 
 
 def build_windows(t: Array, gyro: Array, acc: Array) -> ImuWindows:
-    """Windows over good samples (n,), (n, 3) rad/s, (n, 3) m/s^2; windows with under 3 samples are left out."""
+    """Return windows over good samples (n,), (n, 3) rad/s, (n, 3) m/s^2, without those of under 3 samples."""
     dt = np.diff(t)
     usual = float(np.median(dt[dt > 0])) if np.any(dt > 0) else MIN_WINDOW_S
     seconds = max(MIN_WINDOW_S, MIN_WINDOW_SAMPLES * usual)
@@ -83,7 +83,7 @@ def build_windows(t: Array, gyro: Array, acc: Array) -> ImuWindows:
 
 
 def _statistics(gyro: Array, acc: Array, key: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
-    """Columns (m, 7) of the windows that begin at samples ``key``: rate, rate_std, rate_rms, force, force_std."""
+    """Return columns (m, 7) of the windows at samples ``key``: rate, rate_std, rate_rms, force, force_std."""
     samples = slice(int(key[0]), int(key[-1] + count[-1]))
     rate = np.degrees(gyro[samples])
     force = rotation.length(acc[samples])
@@ -106,7 +106,7 @@ def _statistics(gyro: Array, acc: Array, key: NDArray[np.int64], count: NDArray[
 
 
 def join_windows(windows: ImuWindows, passed: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Segments (t0, t1) in s of neighbouring windows of one continuous segment that all passed."""
+    """Return spans (t0, t1) in s of neighbouring windows of one continuous segment that all passed."""
     i = np.flatnonzero(passed)
     if len(i) == 0:
         return []
@@ -118,14 +118,14 @@ def join_windows(windows: ImuWindows, passed: NDArray[np.bool_]) -> list[tuple[f
     return [(float(windows.t0[i[a]]), float(windows.t1[i[b]])) for a, b in zip(first, last, strict=True)]
 
 
-# How strongly an accelerometer vibrates, second by second.
+# --- vibration ---------------------------------------------------------------------------------------------------
 
 # What is faster than a mean over 0.2 s is vibration; its standard deviation is taken over 1 s.
 VIBRATION_MEAN_S, VIBRATION_WINDOW_S = 0.2, 1.0
 
 
 def vibration_levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:
-    """Starts (m,) in s of windows of 1 s inside spans, and the standard deviation (m, 3) of fast force in them."""
+    """Return starts (m,) in s of windows of 1 s inside spans, and the deviation (m, 3) of fast force in them."""
     t, acc = imu.acc.t_best, imu.acc.x
     good = np.isfinite(t) & rotation.finite_rows(acc) & inside(t, within)
     t, acc = t[good], acc[good]
@@ -148,7 +148,7 @@ def vibration_levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:
 
 
 def centred_mean(x: Array, n: int) -> Array:
-    """Centred mean (m, k) over ``n`` samples, over fewer at the ends."""
+    """Return the centred mean (m, k) over ``n`` samples, over fewer at the ends."""
     total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
     i = np.arange(len(x))
     low, high = np.maximum(i - n // 2, 0), np.minimum(i + (n - n // 2), len(x))

@@ -1,4 +1,4 @@
-"""What happened in a flight: events with their evidence, in time order, and the headline."""
+"""Tell what happened in a flight: events with their evidence, in time order, and a headline."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ BEGUN_S = 0.5
 
 
 def events(log: FlightLog, segments: Segments) -> list[Event]:
-    """Everything that happened, in time order: one event each, however many sources tell it."""
+    """Return everything that happened, in time order, one event each however many sources report it."""
     found: list[Event] = []
-    told: list[flight_events.Text] = []
+    quoted: list[flight_events.Text] = []
     for what, make in (
         ("Flights and crashes", flight_events.movement_events),
         ("Clipping and vibration", flight_events.sensor_events),
@@ -28,11 +28,11 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
     ):
         some, texts = guarded_part(log, what, lambda make=make: make(log, segments), lambda: ([], []))  # type: ignore[misc]
         found += some
-        told += texts
+        quoted += texts
     found += guarded_part(
         log,
         "The autopilot’s messages",
-        lambda: flight_events.message_events(log, told, segments.spans("airborne")),
+        lambda: flight_events.message_events(log, quoted, segments.spans("airborne")),
         list[Event],
     )
     lost = [(s.t0, s.t1) for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
@@ -41,12 +41,12 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
 
 
 def _of_a_wreck(event: Event, lost: list[Span]) -> Event:
-    """An event as it counts: what warns of a wreck warns nobody."""
+    """Return an event with its severity: a warning of a wreck is a note."""
     in_wreck = event.severity == "warning" and any(a + 0.1 < event.t <= b for a, b in lost)
     return replace(event, severity="note") if in_wreck else event
 
 
 def _of_the_start(event: Event) -> Event:
-    """An event as it counts: what a log begins with is the autopilot starting, or a state from before."""
+    """Return an event with its severity: a warning as the log begins is the autopilot starting, a note."""
     begun = event.severity == "warning" and event.t < BEGUN_S and event.t_end is None
     return replace(event, severity="note") if begun else event

@@ -1,4 +1,4 @@
-"""What became of the onboard estimator and of what aids it: alignments, resets, switches, rejections, GNSS."""
+"""Events of the onboard estimator, its aids and failsafes: alignments, resets, switches, rejections, GNSS."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from attlog.story.flight_events import (
     quote_text,
 )
 
-# Did GNSS itself jump? Its position against its own velocity, which a receiver measures apart (Doppler).
+# --- jumps of GNSS -----------------------------------------------------------------------------------------------
 
 # An estimator rejects GNSS for a while before it says so: what is looked at around a report.
 JUMP_BEFORE_S, JUMP_AFTER_S = 10.0, 1.0
@@ -46,10 +46,10 @@ M_PER_DEG = 111_195.0
 
 
 def gnss_disagreement_m(receivers: Sequence[Gnss], t: float) -> float:
-    """By how many metres (horizontal) the position left its integrated velocity around ``t`` s; NaN where unknown.
+    """Return the largest distance in m between position and integrated velocity around ``t`` s, NaN where unknown.
 
-    Of the first receiver that had a 3D fix without a gap, with position and velocity, from 10 s before to 1 s after;
-    the largest distance between any two moments. A lost fix is a disagreement of infinite size.
+    Of the first receiver with a 3D fix without a gap, with position and velocity, from 10 s before to 1 s after. A lost
+    fix is infinite. A receiver measures position and velocity apart (Doppler).
     """
     for gnss in receivers:
         near = (gnss.t >= t - JUMP_BEFORE_S) & (gnss.t <= t + JUMP_AFTER_S)
@@ -68,7 +68,7 @@ def gnss_disagreement_m(receivers: Sequence[Gnss], t: float) -> float:
 def _spread(
     t: NDArray[np.float64], lat: NDArray[np.float64], lon: NDArray[np.float64], velocity: NDArray[np.float64]
 ) -> float:
-    """The largest change, m, of position less integrated velocity (n, 2) m/s north and east."""
+    """Return the largest change in m of position minus integrated velocity (n, 2) m/s north and east."""
     north = (lat - lat[0]) * M_PER_DEG
     east = (lon - lon[0]) * M_PER_DEG * np.cos(np.radians(lat[0]))
     moved = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t)[:, None], axis=0)
@@ -77,7 +77,7 @@ def _spread(
     return float(np.hypot(*np.ptp(apart, axis=0)))
 
 
-# What the onboard estimator rejected in flight: one source for the events and for the checks.
+# --- rejected aids -----------------------------------------------------------------------------------------------
 
 # Rejected for this long without a break: single outliers are what the test is for.
 MIN_REJECTION_S = 1.0
@@ -87,7 +87,7 @@ FLIGHT_MARGIN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """When an aid was rejected (spans of a second and more), how far beyond its gate at most, and by which record."""
+    """Rejection of an aid: spans of a second and more, the largest ratio to its gate, and the record."""
 
     aid: str
     spans: list[Span]
@@ -97,12 +97,12 @@ class Rejection:
 
     @property
     def seconds(self) -> float:
-        """In all, s."""
+        """Total time in s."""
         return float(sum(b - a for a, b in self.spans))
 
     @property
     def longest(self) -> float:
-        """The longest without a break, s."""
+        """Longest span in s."""
         return max((b - a for a, b in self.spans), default=0.0)
 
     @property
@@ -118,7 +118,7 @@ class Rejection:
 
 
 def aid_rejections(log: FlightLog, segments: Segments) -> list[Rejection]:
-    """Of each aid whose ratio was logged in flight, what was rejected there (maybe nothing); never of a wreck."""
+    """Return for each aid with a test ratio in flight what was rejected there (maybe nothing), without wrecks."""
     spans = [
         (a + FLIGHT_MARGIN_S, b - FLIGHT_MARGIN_S)
         for a, b in segments.spans("airborne")
@@ -140,7 +140,7 @@ def _rejections_of(test: InnovationTest, flown: list[Span]) -> Rejection | None:
 
 
 def rejection_events(log: FlightLog, segments: Segments) -> list[Event]:
-    """One event for each aid that was rejected."""
+    """Return an event for each rejected aid."""
     return [
         Event("aid_rejected", r.spans[0][0], "warning", r.text, r.spans[-1][1], round(r.worst, 2), evidence=[r.source])
         for r in aid_rejections(log, segments)
@@ -157,19 +157,19 @@ SWITCHED = ("lane_switch", "estimator_instance_changed")
 
 
 def onboard_estimator_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
-    """The events in no order, and the texts that are told in them."""
-    told: list[Text] = []
-    found = [*_realign_events(log, segments, told), *_reset_events(segments), *_switch_events(log, segments, told)]
+    """Return the events in no order, and the texts that they quote."""
+    quoted: list[Text] = []
+    found = [*_realign_events(log, segments, quoted), *_reset_events(segments), *_switch_events(log, segments, quoted)]
     return [
         *found,
         *rejection_events(log, segments),
         *_gnss_lost(log, segments),
-        *_gnss_jumps(log, segments, told),
-    ], told
+        *_gnss_jumps(log, segments, quoted),
+    ], quoted
 
 
 def _group_texts(texts: list[Text]) -> list[list[Text]]:
-    """Texts that follow each other within a few seconds."""
+    """Return groups of texts that follow each other within a few seconds."""
     groups: list[list[Text]] = []
     for text in texts:
         if groups and text[0] - groups[-1][-1][0] <= TOGETHER_S:
@@ -184,11 +184,11 @@ def _driven_at(segments: Segments, t: float) -> bool:
     return bool(inside(np.array([t]), armed).any())
 
 
-def _realign_events(log: FlightLog, segments: Segments, told: list[Text]) -> list[Event]:
-    """Yaw alignments that the autopilot tells: the first after arming is its custom, others are odd."""
+def _realign_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
+    """Return yaw alignments: the first after arming is usual, others are warnings."""
     found = []
     texts = matching_texts(log, REALIGNED)
-    told += texts
+    quoted += texts
     aligned: set[int] = set()
     armed = segments.spans("armed") or segments.spans("airborne")
     for group in _group_texts(texts):
@@ -205,7 +205,7 @@ def _realign_events(log: FlightLog, segments: Segments, told: list[Text]) -> lis
 
 
 def _reset_events(segments: Segments) -> list[Event]:
-    """Steps of the onboard attitude while it was armed that are no rotation."""
+    """Return steps of the onboard attitude while armed that are no rotation."""
     return [
         Event("reset", s.t1, "note", f"The onboard attitude was reset at {s.t1:.1f} s: {s.why}.", evidence=[s.why])
         for s in segments.of("reset")
@@ -213,11 +213,11 @@ def _reset_events(segments: Segments) -> list[Event]:
     ]
 
 
-def _switch_events(log: FlightLog, segments: Segments, told: list[Text]) -> list[Event]:
-    """Changes of the estimator's core, of the IMU and of the compass while it was armed."""
+def _switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
+    """Return changes of the estimator's core, of the IMU and of the compass while armed."""
     found = []
     lanes = [x for x in matching_texts(log, LANE) if _driven_at(segments, x[0])]
-    told += lanes
+    quoted += lanes
     for group in _group_texts(lanes):
         t, why = group[0][0], _reason(group[0][2])
         text = f"The estimator changed its core at {t:.1f} s{why}."
@@ -236,7 +236,7 @@ def _switch_events(log: FlightLog, segments: Segments, told: list[Text]) -> list
         text = f"IMU {after} replaced IMU {before} at {t:.1f} s."
         found.append(Event("sensor_switch", t, "warning", text, evidence=[line.source]))
     compasses = [x for x in matching_texts(log, COMPASS) if _driven_at(segments, x[0]) and x not in lanes]
-    told += compasses
+    quoted += compasses
     for group in _group_texts(compasses):
         text = f"The compass was changed at {group[0][0]:.1f} s."
         found.append(Event("compass_switch", group[0][0], "warning", text, evidence=[quote_text(group[0])]))
@@ -244,13 +244,13 @@ def _switch_events(log: FlightLog, segments: Segments, told: list[Text]) -> list
 
 
 def _reason(text: str) -> str:
-    """The reason that PX4 gives in brackets."""
+    """Return the reason that PX4 gives in brackets."""
     found = re.search(r"\(([\w ]+)\)", text)
     return "" if found is None else f" ({found.group(1)})"
 
 
 def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
-    """Time in flight without a 3D fix of any receiver, after there had been one."""
+    """Return time in flight without a 3D fix of any receiver, after there had been one."""
     stamps = [g.t[(g.fix >= FIX_3D) & np.isfinite(g.t)] for g in log.gnss]
     t = np.sort(np.concatenate(stamps)) if stamps else np.zeros(0)
     if len(t) < 2:
@@ -269,10 +269,10 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
     return found
 
 
-def _gnss_jumps(log: FlightLog, segments: Segments, told: list[Text]) -> list[Event]:
-    """Positions that jumped away from the predicted ones, by ERR records or texts; which of both jumped, by GNSS."""
+def _gnss_jumps(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
+    """Return reports (ERR records or texts) of positions that left the predicted ones."""
     said = matching_texts(log, JUMP)
-    told += said
+    quoted += said
     reported = [p for p in log.problems if p.code == "gnss_glitch" and p.t is not None]
     if reported and reported[0].t is not None:
         count = f", {reported[0].count} times in all" if reported[0].count > 1 else ""
@@ -286,23 +286,23 @@ def _gnss_jumps(log: FlightLog, segments: Segments, told: list[Text]) -> list[Ev
 
 
 def _gnss_jump_event(log: FlightLog, t: float, weight: EventSeverity, count: str, evidence: str) -> Event:
-    """GNSS and the estimator came apart at ``t``: GNSS jumped, or it was steady and the estimator left it."""
+    """Return the event of GNSS and estimator apart: GNSS jumped, or it was steady and the estimator left it."""
     size = gnss_disagreement_m(log.gnss, t)
     jumped = np.isfinite(size) and size >= MAX_STEADY_M
     text = f"{'GNSS jumped' if jumped else 'The EKF and GNSS came apart'} at {t:.1f} s{count}."
-    told = [evidence]
+    quoted = [evidence]
     if np.isfinite(size):
-        told.append(f"GNSS position and velocity agree to {size:.1f} m around it")
+        quoted.append(f"GNSS position and velocity agree to {size:.1f} m around it")
     value = round(float(size), 1) if np.isfinite(size) else None
-    return Event("gnss_jump", t, weight, text, value=value, unit="m" if value is not None else "", evidence=told)
+    return Event("gnss_jump", t, weight, text, value=value, unit="m" if value is not None else "", evidence=quoted)
 
 
 def is_estimator_jump(event: Event) -> bool:
-    """Whether an event tells that the estimator left a GNSS whose position and velocity agree."""
+    """Return whether the estimator left a GNSS whose position and velocity agree."""
     return event.kind == "gnss_jump" and event.value is not None and event.value < MAX_STEADY_M
 
 
-# Failsafes, the kill switch and the battery: what the autopilot did about trouble.
+# --- failsafes ---------------------------------------------------------------------------------------------------
 
 # A failsafe's cause is said so soon before or after it.
 CAUSE_S = 2.0
@@ -313,7 +313,7 @@ MEASURED_S = 1.0
 # A failsafe so soon after a landing still belongs to the flight; a mode set so soon before one ends none.
 ENDED_S = 2.0
 AT_ONCE_S = 10.0
-# A failsafe sets its mode so soon before or after it is told.
+# A failsafe sets its mode so soon before or after its text.
 SET_S = 1.0
 # What a failsafe is of, where its text says so. Rovers to 2.50 say bits: 1 throttle, 2 ground station (APMrover2,
 # defines.h).
@@ -340,16 +340,16 @@ FAILSAFE_CODES = {
 
 
 def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
-    """The events in no order, and the texts that are told in them."""
-    told: list[Text] = []
-    found = _kill_switch_events(log, segments, told)
+    """Return failsafes, kill switch and battery in no order, and the texts that they quote."""
+    quoted: list[Text] = []
+    found = _kill_switch_events(log, segments, quoted)
     said = [x for x in matching_texts(log, FAILSAFE) if not HARMLESS_WORDS.search(x[2])]
     low = matching_texts(log, BATTERY)
     for text in said:
         t = text[0]
         causes = [x for x in low if abs(x[0] - t) <= CAUSE_S]
         battery = bool(causes) or bool(BATTERY.search(text[2]))
-        told += [text, *causes]
+        quoted += [text, *causes]
         kind = "battery" if battery else "failsafe"
         if any(e.kind == kind and (e.t_end or e.t) > t - AGAIN_S for e in found):
             continue
@@ -368,12 +368,15 @@ def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
             first = problem.code == "err_7_1" and _first_fix(log, problem.t)
             early: EventSeverity = "note" if problem.t < MEASURED_S or first else "warning"
             found.append(Event("failsafe", problem.t, early, words, evidence=[problem.text]))
-    return [_weigh_failsafe(e, segments) for e in found], told
+    return [_weigh_failsafe(e, segments) for e in found], quoted
 
 
 def _first_fix(log: FlightLog, t: float) -> bool:
-    """Whether GNSS has just found its first 3D fix: ArduPilot 3 counts the seconds without one from its start, and
-    begins to look only now (ArduCopter/events.pde, failsafe_gps_check)."""
+    """Return whether GNSS has just found its first 3D fix.
+
+    ArduPilot 3 counts the seconds without one from its start, and begins to look only now (ArduCopter/events.pde,
+    failsafe_gps_check).
+    """
     first = min(
         (float(g.t[g.fix >= FAILSAFE_FIX_3D][0]) for g in log.gnss if (g.fix >= FAILSAFE_FIX_3D).any()), default=np.inf
     )
@@ -381,7 +384,7 @@ def _first_fix(log: FlightLog, t: float) -> bool:
 
 
 def _weigh_failsafe(event: Event, segments: Segments) -> Event:
-    """A failsafe as it counts: of a vehicle that is known to be disarmed it warns nobody."""
+    """Return a failsafe with its severity: of a disarmed vehicle it is a note."""
     if "armed" in segments.unknown:
         return event
     driven = [(a, b + CAUSE_S) for a, b in (*segments.spans("armed"), *segments.spans("airborne"))]
@@ -393,7 +396,7 @@ def _already_found(found: list[Event], t: float) -> bool:
 
 
 def _failsafe_name(text: Text, battery: bool) -> str:
-    """What a failsafe is called, by the autopilot's words."""
+    """Return the name of a failsafe by the autopilot's text."""
     return (
         "Battery failsafe"
         if battery
@@ -406,8 +409,8 @@ def _failsafe_event(kind: str, t: float, words: str, evidence: list[str]) -> Eve
     return Event(kind, t, weight, f"{words} {format_time(t)}.", evidence=evidence)
 
 
-def _kill_switch_events(log: FlightLog, segments: Segments, told: list[Text]) -> list[Event]:
-    """The kill switch, which stops motors wherever the vehicle is; on the ground nothing is wrong with that."""
+def _kill_switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
+    """Return uses of the kill switch; on the ground they are notes."""
 
     def weight(t: float) -> EventSeverity:
         flown = [(a, b + KILLED_S) for a, b in segments.spans("airborne")]
@@ -415,7 +418,7 @@ def _kill_switch_events(log: FlightLog, segments: Segments, told: list[Text]) ->
 
     found: list[Event] = []
     texts = matching_texts(log, KILLED)
-    told += texts
+    quoted += texts
     for text in texts:
         if not any(abs(e.t - text[0]) < AGAIN_S for e in found):
             found.append(
@@ -435,10 +438,10 @@ def _kill_switch_events(log: FlightLog, segments: Segments, told: list[Text]) ->
 
 
 def failsafe_phrases(first: list[str], log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
-    """What went wrong first and, where that is something else, the last failsafe in flight; one that ended the flight
-    is told in any case.
+    """Return the first fault and, where it differs, the last failsafe in flight, for the headline.
 
-    One of a disarmed vehicle that never flew warns nobody, but is what happened where nothing else did.
+    A failsafe that ended the flight is always named. One of a disarmed vehicle that never flew is named where nothing
+    else happened.
     """
     crash = next((e.t for e in events if e.is_crash), np.inf)
     found = [e for e in events if e.kind in ("failsafe", "battery") and "Kill switch" not in e.text]
@@ -455,7 +458,7 @@ def failsafe_phrases(first: list[str], log: FlightLog, segments: Segments, event
 
 
 def _ended_it(log: FlightLog, t: float, landing: float) -> bool:
-    """Whether a failsafe at ``t`` ended a flight: it landed at once, or nobody changed the mode that was set then."""
+    """Return whether a failsafe at ``t`` ended a flight: landed at once, or in the mode that was set then."""
     if landing - t <= AT_ONCE_S:
         return True
     set_ = (

@@ -1,4 +1,4 @@
-"""An event of a flight: what happened, when, how large, and who says so."""
+"""Events of movement, clipping and vibration, and the autopilot's texts by kind."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ CRASHES = ("impact", "overturn", "tumble")
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """What happened at ``t`` s, until ``t_end`` s where it lasted: one of KINDS, a sentence, its size and the evidence.
+    """An event at ``t`` s, until ``t_end`` s if it lasted: a kind, a sentence, its size and its evidence.
 
-    ``evidence`` are the sources that tell it: sensors with what they show, flags, and the autopilot's own words.
+    ``evidence``: sensors with their values, flags, and the autopilot's texts.
     """
 
     kind: str
@@ -71,7 +71,7 @@ class Event:
 
 
 def format_significant(x: float, count: int = 2) -> str:
-    """A size with so many significant figures at least, without an exponent: 4.6, 13, 250."""
+    """Format a size with at least so many significant figures, without an exponent: 4.6, 13, 250."""
     if x == 0.0:
         return "0"
     digits = count - len(str(int(abs(x)))) if abs(x) >= 1.0 else count
@@ -79,11 +79,11 @@ def format_significant(x: float, count: int = 2) -> str:
 
 
 def format_time(t: float) -> str:
-    """When something was, in words; a clock that begins a little late tells no "-0.0 s"."""
+    """Format a time in words, without "-0.0 s" for a clock that begins a little late."""
     return f"at {max(t, 0.0) if t > -0.05 else t:.1f} s"
 
 
-# What autopilots say, by kind: texts are told once, at their time, in the autopilot's own words.
+# --- texts of the autopilot --------------------------------------------------------------------------------------
 
 Text = tuple[float, int, str]
 
@@ -122,32 +122,32 @@ MAX_MESSAGES = 100
 
 
 def clean_text(text: str) -> str:
-    """A text without the module's name before it, in one line."""
+    """Return a text in one line without the module's name before it."""
     return PREFIX.sub("", " ".join(text.split()))[:MAX_TEXT].strip()
 
 
 def quote_text(text: Text) -> str:
-    """A text as evidence."""
+    """Format a text as evidence."""
     return f"text at {text[0]:.1f} s: {clean_text(text[2])}"
 
 
 def matching_texts(log: FlightLog, pattern: re.Pattern[str]) -> list[Text]:
-    """The texts that a pattern fits, in time order; what is said of arming alone is none."""
+    """Return the texts that match a pattern, in time order, without those of arming."""
     return sorted((x for x in log.texts if pattern.search(x[2]) and not ARMING.search(x[2])), key=lambda x: x[0])
 
 
 def is_warning(text: Text) -> bool:
-    """Whether the autopilot warns with a text."""
+    """Return whether a text is a warning."""
     return not HARMLESS_WORDS.search(text[2]) and (text[1] <= WARNING or bool(WARNING_WORDS.search(text[2])))
 
 
-def message_events(log: FlightLog, told: Iterable[Text], flights: list[Span]) -> list[Event]:
-    """The warnings and errors that stand in no other event; one that repeats is one event.
+def message_events(log: FlightLog, quoted: Iterable[Text], flights: list[Span]) -> list[Event]:
+    """Return warnings and errors that belong to no other event; a repeated one is one event.
 
     In flight (``flights``) they are warnings, on the ground notes.
     """
     near = [(a - MESSAGE_MARGIN_S, b + MESSAGE_MARGIN_S) for a, b in flights]
-    taken = {(t, text) for t, _, text in told}
+    taken = {(t, text) for t, _, text in quoted}
     found: dict[str, list[Text]] = {}
     for text in sorted(log.texts, key=lambda x: x[0]):
         if is_warning(text) and (text[0], text[2]) not in taken:
@@ -163,7 +163,7 @@ def message_events(log: FlightLog, told: Iterable[Text], flights: list[Span]) ->
     return events
 
 
-# Arming, lift-off, landing, and how flights ended: the events of movement.
+# --- movement ----------------------------------------------------------------------------------------------------
 
 # A flight that lasts to within so much of the log's end has no end in it.
 END_S = 1.0
@@ -180,8 +180,8 @@ OVER_DEG = 90.0
 
 
 def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
-    """The events in no order, and the texts that are told in them."""
-    told: list[Text] = []
+    """Return the events of movement in no order, and the texts that they quote."""
+    quoted: list[Text] = []
     found = [*_power_up(log), *_arming(log)]
     flights = segments.spans("airborne")
     crashes = [e for e in segments.endings if e.is_crash]
@@ -189,7 +189,7 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
     begin = min((s.t0 for s in segments.of("continuous")), default=0.0)
     for a, b in flights:
         if a - begin > BEGUN_S:
-            found.append(_flown_event(log, "liftoff", a, "Lifted off", matching_texts(log, TAKE_OFF), told))
+            found.append(_flown_event(log, "liftoff", a, "Lifted off", matching_texts(log, TAKE_OFF), quoted))
         ended = [e for e in segments.endings if abs(e.t - b) <= TEXT_MARGIN_S]
         if not ended and end - b < END_S:
             found.append(
@@ -198,24 +198,24 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
                 )
             )
         elif not ended:
-            found.append(_flown_event(log, "landing", b, "Landed", matching_texts(log, LANDED), told))
+            found.append(_flown_event(log, "landing", b, "Landed", matching_texts(log, LANDED), quoted))
     said = matching_texts(log, CRASHED)
     reported = [p for p in log.problems if p.code == "crash" and p.t is not None]
     for ending in segments.endings:
         evidence = list(_physical_evidence(ending))
         near = [x for x in said if -2.0 <= x[0] - ending.t <= 10.0] if ending.is_crash else []
-        told += near
+        quoted += near
         evidence += [quote_text(x) for x in near[:1]]
         evidence += [
             p.text for p in reported if p.t is not None and ending.is_crash and -2.0 <= p.t - ending.t <= 10.0
         ][:1]
         found.append(_crash_event(ending, evidence))
     found += _wreck_moved(segments, crashes, end)
-    return found, told
+    return found, quoted
 
 
 def _power_up(log: FlightLog) -> list[Event]:
-    """When the autopilot was switched on, where its clock tells."""
+    """Return when the autopilot was switched on, by its clock."""
     at = -1e-6 * log.t0_us
     if not 0 <= log.t0_us < 1e6 * BOOT_S:
         return []
@@ -224,7 +224,7 @@ def _power_up(log: FlightLog) -> list[Event]:
 
 
 def _arming(log: FlightLog) -> list[Event]:
-    """Arming and disarming, by the flag's changes; what holds at the log's start began before it."""
+    """Return arming and disarming by the flag's changes; the state at the log's start began before it."""
     line = log.state.armed
     if line is None or not line.value:
         return []
@@ -240,17 +240,17 @@ def _arming(log: FlightLog) -> list[Event]:
     return found
 
 
-def _flown_event(log: FlightLog, kind: str, t: float, word: str, texts: list[Text], told: list[Text]) -> Event:
-    """A lift-off or landing, with what the autopilot says of it."""
+def _flown_event(log: FlightLog, kind: str, t: float, word: str, texts: list[Text], quoted: list[Text]) -> Event:
+    """Return a lift-off or landing with the autopilot's text."""
     near = [x for x in texts if abs(x[0] - t) <= TEXT_MARGIN_S]
-    told += near
+    quoted += near
     return Event(
         kind, t, "info", f"{word} at {t:.1f} s.", evidence=[*_flight_sources(log), *(quote_text(x) for x in near[:1])]
     )
 
 
 def _flight_sources(log: FlightLog) -> list[str]:
-    """What tells flight in a log: its IMU, else a height."""
+    """Return the evidence of flight in a log: its IMU, else a height."""
     if log.imu is not None:
         return ["IMU"]
     stream = height_stream(log)
@@ -262,7 +262,7 @@ def _physical_evidence(ending: CrashEvent) -> tuple[str, ...]:
 
 
 def format_size(ending: CrashEvent) -> str:
-    """The size of an ending, with "at least" where the IMU was too slow for its peak."""
+    """Format the size of a crash event, with "at least" where the IMU was too slow for its peak."""
     if ending.unit == "g":
         least = "at least " if ending.rate < FULL_PEAK_HZ else ""
         return f"{least}{format_significant(ending.size)} g"
@@ -270,7 +270,7 @@ def format_size(ending: CrashEvent) -> str:
 
 
 def overturn_word(ending: CrashEvent) -> str:
-    """What an overturn is called: up to 90 deg it fell over."""
+    """Return the word for an overturn: up to 90 deg it fell over."""
     return "Turned over" if ending.size > OVER_DEG else "Fell over"
 
 
@@ -290,7 +290,7 @@ def _crash_event(ending: CrashEvent, evidence: list[str]) -> Event:
 
 
 def _wreck_moved(segments: Segments, crashes: list[CrashEvent], end: float) -> list[Event]:
-    """When a wreck was picked up or moved: it lay still for a while, and then moves without drive."""
+    """Return when a wreck that lay still was moved without drive."""
     air = segments.air
     if air is None or not crashes or air.grid.slow:
         return []
@@ -307,14 +307,14 @@ def _wreck_moved(segments: Segments, crashes: list[CrashEvent], end: float) -> l
 
 
 def impact_limit_text(log: FlightLog) -> str:
-    """Why a crash that left it upright could not be told; empty where the IMU is fast enough."""
+    """Return why an upright crash would not show, empty where the IMU is fast enough."""
     rate = max((imu.acc.rate for imu in log.imus), default=0.0)
     if shows_impacts(log) or rate == 0.0:
         return ""
     return f"IMU at {rate:.0f} Hz: a blow shorter than {1000.0 / rate:.0f} ms would not show"
 
 
-# Clipping and vibration: what flight did to the accelerometers, from when to when.
+# --- clipping and vibration --------------------------------------------------------------------------------------
 
 STRONG_M_S2, STRONG_S = 15.0, 5
 ONBOARD_M_S2, MIN_LEVELS = 60.0, 10
@@ -326,24 +326,24 @@ FAST_IMU_HZ = 40.0
 
 
 def sensor_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
-    """Clipping of the accelerometers and vibration in flight, and the texts that are told in them."""
-    found, told = [], []
+    """Return clipping and vibration in flight, and the texts that they quote."""
+    found, quoted = [], []
     if any(problem.code == "imu_mostly_refused" for problem in log.problems):
         return [], []  # what is no measurement of a vehicle clips no sensor
     within = clipping_spans(segments)
     clip, texts = _clipping_event(log, within)
     if clip is not None:
         found.append(clip)
-        told += texts
+        quoted += texts
     crashes = [e.t for e in segments.endings if e.is_crash]
     shaken = _vibration_event(
         log, [(a, min([b, *(t - LANDING_S for t in crashes if a < t)])) for a, b in segments.spans("airborne")]
     )
-    return [*found, *([shaken] if shaken is not None else [])], told
+    return [*found, *([shaken] if shaken is not None else [])], quoted
 
 
 def clipping_spans(segments: Segments) -> list[Span]:
-    """When clipping counts: in flight but for the touch-down, and while something that never flew was driven."""
+    """Return when clipping counts: in flight without touch-down, and while a vehicle that never flew was driven."""
     flights = segments.spans("airborne")
     crashes = [e.t for e in segments.endings if e.is_crash]
     if flights:
@@ -352,7 +352,7 @@ def clipping_spans(segments: Segments) -> list[Span]:
 
 
 def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, list[Text]]:
-    """The flags of the selected unit tell the time, the counters of every unit the number."""
+    """Return clipping: its time by the flags of the selected unit, its size by the counters of every unit."""
     first: list[float] = []
     last: list[float] = []
     counts: dict[str, int] = {}
@@ -377,7 +377,7 @@ def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, l
 
 
 def _is_calm(own: Stream | None, flown: list[Span]) -> bool:
-    """Whether the autopilot's own measure of the worst axis is as it should be in flight."""
+    """Return whether the autopilot's own measure of the worst axis stays below its limit in flight."""
     if own is None:
         return False
     x = own.x[inside(own.t, flown) & rotation.finite_rows(own.x)].max(axis=1, initial=0.0)
@@ -386,9 +386,9 @@ def _is_calm(own: Stream | None, flown: list[Span]) -> bool:
 
 
 def _vibration_event(log: FlightLog, flown: list[Span]) -> Event | None:
-    """Vibration in flight above 15 m/s^2 (rms of the worst axis), or above 60 by the autopilot's own measure.
+    """Return vibration in flight above 15 m/s^2 rms of the worst axis, or above 60 by the autopilot's measure.
 
-    None where that measure, made of every sample, stays below its limit: the logged ones fold and count motion.
+    None where that measure, made of every sample, stays below its limit: logged samples alias and count motion.
     """
     imu = log.replay_imu
     if imu is None or _is_calm(log.vibration.level, flown):

@@ -1,4 +1,4 @@
-"""One sentence or three, of at most 30 words: what flew, from when to when, what went wrong first, how it ended."""
+"""Write the headline: up to three sentences of 30 words on what flew, when, what went wrong first, and how it ended."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from attlog.story.flight_events import (
     overturn_word,
 )
 
-# The first part of a headline: when it flew, how high and how tilted; or why it never did.
+# --- flight ------------------------------------------------------------------------------------------------------
 
 # Pushes of the throttle so close to each other are one.
 MAX_THROTTLE_PAUSE_S = 5.0
-# Motors that ran for longer than this before a flight are told.
+# Motors that ran for longer than this before a flight are named.
 STOOD_S = 10.0
-# Up to so many flights are told with their times; more are counted.
+# Up to so many flights are named with their times; more are counted.
 LISTED = 3
 # Throttle is up above this part of its largest value.
 OF_FLIGHT = 0.5
@@ -43,7 +43,7 @@ UPRIGHT_DEG = 30.0
 
 
 def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
-    """When it flew, and how high and how tilted; or why it did not; the fullest first."""
+    """Return when the vehicle flew, how high and how tilted, or why it did not; the fullest first."""
     flights = segments.spans("airborne")
     crashed = any(e.is_crash for e in events)
     if not flights:
@@ -68,7 +68,7 @@ def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) 
 
 
 def ending_of_slow(log: FlightLog, t: float) -> str:
-    """How a vehicle stood after a flight whose end nothing faster than its attitude tells."""
+    """Return how a vehicle stood after a flight whose end only its attitude shows."""
     tilt = largest_tilt(log, [(t + 2.0, t + 5.0)])
     return "" if tilt is None else ", ended upright" if tilt < UPRIGHT_DEG else f", ended at {tilt:.0f}° of tilt"
 
@@ -78,7 +78,7 @@ def number_word(n: int) -> str:
 
 
 def _size_phrases(log: FlightLog, segments: Segments, flights: Sequence[Span]) -> list[str]:
-    """Height and tilt reached, the fullest first."""
+    """Return height and tilt reached, the fullest first."""
     air = segments.air
     found = None if air is None else highest_level(air.levels, inside(air.grid.t, flights))
     top = None if found is None else found[1]
@@ -90,7 +90,7 @@ def _size_phrases(log: FlightLog, segments: Segments, flights: Sequence[Span]) -
 
 
 def largest_tilt(log: FlightLog, spans: Sequence[Span]) -> float | None:
-    """The largest tilt (deg) of the onboard attitude within spans, None without one."""
+    """Return the largest tilt (deg) of the onboard attitude within spans, None without one."""
     attitude = log.onboard_attitude or log.truth
     mine = None if attitude is None else inside(attitude.t, spans)
     if attitude is None or mine is None or not mine.any():
@@ -99,13 +99,13 @@ def largest_tilt(log: FlightLog, spans: Sequence[Span]) -> float | None:
 
 
 def _stood_armed(segments: Segments, liftoff: float) -> bool:
-    """Whether motors ran for more than 10 s before a lift-off, idling or more."""
+    """Return whether motors ran for more than 10 s before a lift-off."""
     return any(a < liftoff <= b and liftoff - a > STOOD_S for a, b in segments.spans("armed"))
 
 
 def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
-    """What it did that never flew."""
-    # a failsafe after the last sample may be told beside it; other texts go on long after what was measured
+    """Return what a vehicle did that never flew."""
+    # a failsafe after the last sample may be named; other texts go on long after the samples
     seconds = max([log.seconds, *(e.t for e in events if e.kind in ("failsafe", "battery"))])
     total = f"{seconds:.0f} s"
     if not log.kind.flies:
@@ -147,7 +147,7 @@ def how_often(n: int) -> str:
 
 
 def _throttle_spans(segments: Segments) -> list[Span]:
-    """When throttle was up, for a second and more, with pauses of up to 5 s."""
+    """Return when throttle was up, for a second and more, with pauses of up to 5 s."""
     air = segments.air
     if air is None or not air.driven.any() or air.power_source == "arming":
         return []
@@ -163,7 +163,7 @@ def _throttle_spans(segments: Segments) -> list[Span]:
 
 
 def _still_reason(log: FlightLog, segments: Segments, pushed: Sequence[Span]) -> str:
-    """The best reason why it did not fly: a height that did not move, or a tilt that did not change."""
+    """Return the best reason why it did not fly: a constant height or a constant tilt."""
     tilt = largest_tilt(log, pushed)
     levels = segments.air.levels if segments.air is not None else []
     ranged = log.rangefinder is not None and all(level.sensor != "range" for level in levels)
@@ -173,7 +173,7 @@ def _still_reason(log: FlightLog, segments: Segments, pushed: Sequence[Span]) ->
 
 
 def format_spans(spans: Sequence[Span]) -> str:
-    """Spans as "11 to 103 s and 120 to 130 s"."""
+    """Format spans as "11 to 103 s and 120 to 130 s"."""
     return " and ".join(f"{a:.0f} to {b:.0f} s" for a, b in spans)
 
 
@@ -211,7 +211,7 @@ THROUGHOUT_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class WrongAngle:
-    """An angle (tilt, heading) of the onboard attitude, proven wrong by ``size_deg`` from ``t`` to ``t_end`` s."""
+    """An angle (tilt, heading) of the onboard attitude that was wrong by ``size_deg`` from ``t`` to ``t_end`` s."""
 
     angle: str
     size_deg: float
@@ -222,10 +222,10 @@ class WrongAngle:
 def headline(
     log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool = True, wrong: WrongAngle | None = None
 ) -> str:
-    """The headline. ``events``: of the flight, in time order; ``sound``: no finding is a warning; ``wrong``: what was
-    wrong with the onboard attitude in flight.
+    """Return the fullest headline of at most 30 words.
 
-    The fullest wording that fits into 30 words is taken.
+    ``events``: of the flight, in time order. ``sound``: no finding is a warning. ``wrong``: angle of the onboard
+    attitude that was wrong in flight.
     """
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
     flew, end = flight_phrases(log, segments, events), _ending_phrases(log, segments, events, sound)
@@ -241,14 +241,14 @@ def headline(
 
 
 def _vehicle(log: FlightLog) -> str:
-    """What people call the vehicle, with what is special about the log."""
+    """Return the vehicle's usual name, with "simulated"."""
     name = log.vehicle if log.vehicle not in ("unknown", "generic", "") else "vehicle"
     name = name[0].upper() + name[1:]
     return f"{name} (simulated)" if log.simulated else name
 
 
 def _firmware(log: FlightLog) -> str:
-    """Firmware and version as people say them: ArduCopter 4.7-dev, PX4 1.14.3."""
+    """Return firmware and version as usually written: ArduCopter 4.7-dev, PX4 1.14.3."""
     version = log.firmware.version
     family, _, number = version.partition(" ")
     if log.firmware.name == "ArduPilot" and family in NAMES:
@@ -259,7 +259,7 @@ def _firmware(log: FlightLog) -> str:
 
 
 def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
-    """What went wrong first before a crash, or at all; the fullest first."""
+    """Return what went wrong first before a crash, or at all; the fullest first."""
     crash = next((e.t for e in events if e.is_crash), np.inf)
     found = [e for e in events if e.severity == "warning" and e.kind in TOLD_FIRST and e.t <= crash]
     found = [e for e in found if not (e.kind == "failsafe" and "Kill switch" in e.text)]
@@ -286,7 +286,7 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
 
 
 def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments) -> list[str]:
-    """What went wrong first with an angle that was wrong in flight, which explains what the estimator did."""
+    """Return the first fault with a wrong angle, which explains what the estimator did."""
     flights = segments.spans("airborne")
     if wrong is None or not flights:
         return first
@@ -304,7 +304,7 @@ def _realigned(found: Sequence[Event]) -> str:
 
 
 def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool) -> list[str]:
-    """How it ended, the fullest first."""
+    """Return how the flight ended, the fullest first."""
     crashes = _crashes(segments.endings)
     if crashes:
         blow = next((e.t for e in crashes[0] if e.kind == "impact"), crashes[0][0].t)
@@ -332,13 +332,13 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
 
 
 def _too_slow(log: FlightLog) -> bool:
-    """Whether no blow at all could be told: a tenth of the rate at which most are."""
+    """Return whether no impact at all would show: a tenth of the rate at which most do."""
     rate = max((imu.acc.rate for imu in log.imus), default=0.0)
     return bool(impact_limit_text(log)) and rate < 0.1 * FULL_PEAK_HZ
 
 
 def _crashes(endings: Sequence[CrashEvent]) -> list[list[CrashEvent]]:
-    """The endings of each crash, in time order."""
+    """Return the events of each crash, in time order."""
     groups: list[list[CrashEvent]] = []
     for ending in (e for e in endings if e.is_crash):
         if groups and ending.t - groups[-1][-1].t_end < MAX_CRASH_GAP_S:
@@ -354,7 +354,7 @@ def _size(group: Sequence[CrashEvent]) -> str:
 
 
 def _crash_target(kind: VehicleKind, segments: Segments, t: float) -> str:
-    """What a crash at a time hit: the ground, something higher up, or nothing because it never flew."""
+    """Return what a crash hit: the ground, something higher up, or nothing because it never flew."""
     if not segments.spans("airborne"):
         return ""
     air = segments.air
@@ -366,7 +366,7 @@ def _crash_target(kind: VehicleKind, segments: Segments, t: float) -> str:
 
 
 def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
-    """One crash in words, and shorter. ``what`` was hit; empty for what never flew."""
+    """Return a crash in words, and shorter; ``what`` is empty for a vehicle that never flew."""
     blow, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
     if blow is not None:
         hit = f"hit {what or 'something'} at {blow.t:.1f} s ({format_size(blow)})"
@@ -387,7 +387,7 @@ def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
 
 
 def _rest_phrase(ending: CrashEvent) -> str:
-    """How it lay afterwards."""
+    """Return how the vehicle lay afterwards."""
     angle = ending.lies_deg
     if angle is None:
         return ""
