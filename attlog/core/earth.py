@@ -25,7 +25,7 @@ UNKNOWN_DATE_YEAR = 2025.0
 
 @dataclass(frozen=True, slots=True)
 class MagneticField:
-    """The earth's field at a place and date; ``model`` names the model and the date used."""
+    """The earth's field at a place; ``model`` names model and date."""
 
     declination_deg: float
     inclination_deg: float
@@ -52,14 +52,14 @@ def gravity(lat_deg: float, alt_m: float = 0.0) -> float:
 
 
 def middle_longitude(lon_deg: NDArray[np.float64]) -> float:
-    """Return the median of longitudes (n,) in deg, n > 0; valid for flights over the date line."""
+    """Return the median of longitudes (n,) in deg, also over the date line."""
     if float(lon_deg.max()) - float(lon_deg.min()) <= 180.0:
         return float(np.median(lon_deg))
     return (float(np.median(lon_deg % 360.0)) + 180.0) % 360.0 - 180.0
 
 
 def heading_turn(lat_deg: float) -> float:
-    """Return the heading rate in deg/min of a perfect gyro at rest, relative to north.
+    """Return the heading rate in deg/min of a perfect gyro at rest.
 
     The gyro senses the earth's rotation, whose down component is ``-Omega sin(lat)``. The integrated heading falls on
     the northern hemisphere by up to 0.25 deg/min.
@@ -69,9 +69,10 @@ def heading_turn(lat_deg: float) -> float:
 
 @lru_cache(maxsize=64)  # several checks ask for the same place and day; each call reads the model's file
 def field(lat: float, lon: float, alt_m: float, unix_time: float | None) -> MagneticField | None:
-    """Return the field at a place (deg, deg, m) and Unix time, None outside 2010 to 2030 and for an invalid place.
+    """Return the field at a place and Unix time, None if unknown.
 
-    Without a time the first day of the newest model is used, and ``model`` reports it.
+    Place in deg, deg, m. None outside 2010 to 2030 and for an invalid place. Without a time the first day of the newest
+    model is used, and ``model`` reports it.
     """
     if not (math.isfinite(lat) and math.isfinite(lon) and abs(lat) <= 90 and abs(lon) <= 180):
         return None
@@ -88,7 +89,7 @@ def field(lat: float, lon: float, alt_m: float, unix_time: float | None) -> Magn
 
 
 def decimal_year(unix_time: float) -> float | None:
-    """Return a date as decimal year (2024.5 is mid-2024), None for an invalid time."""
+    """Return a date as decimal year, None for an invalid time."""
     try:
         date = datetime.fromtimestamp(unix_time, UTC)
         start = datetime(date.year, 1, 1, tzinfo=UTC)

@@ -34,7 +34,10 @@ RAISE_VARIABLE = "ATTLOG_RAISE"
 
 
 class AttlogError(Exception):
-    """Root of all expected errors; ``str(error)`` is a sentence for the user, ``exit_code`` that of the command."""
+    """Root of all expected errors.
+
+    ``str(error)`` is a sentence for the user, ``exit_code`` that of the command.
+    """
 
     exit_code = 70
 
@@ -86,13 +89,13 @@ class ClusterError(AttlogError):
 
 
 class TooLittleMemory(AttlogError):
-    """A log that needs more memory than is free; later, or elsewhere, it may be."""
+    """A log that needs more memory than is free now."""
 
     exit_code = 75
 
 
 def exit_code(error: BaseException) -> int:
-    """Return the exit code of the process: the error's own, that of too little memory, or that of a bug."""
+    """Return the exit code of the process for an error."""
     if isinstance(error, KeyboardInterrupt):
         return EXIT_INTERRUPTED
     if isinstance(error, AttlogError):
@@ -106,7 +109,7 @@ def worst_exit_code(codes: Iterable[int]) -> int:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """True if an error, or one of its causes, reports that memory ran out."""
+    """True if an error or its cause is a lack of memory."""
     at: BaseException | None = error
     while at is not None:
         if isinstance(at, MemoryError) or (isinstance(at, OSError) and at.errno == errno.ENOMEM):
@@ -125,7 +128,7 @@ def is_out_of_processes(error: BaseException) -> bool:
 
 
 def error_message(error: BaseException, version: str, log: str = "") -> str:
-    """Return the text that a user reads about an error; ``log`` names one of several."""
+    """Return the text for the user; ``log`` names one of several."""
     where = f"{log}: " if log and log not in str(error) else ""
     if isinstance(error, AttlogError):
         return f"attlog: {where}{shortened_message(str(error))}"
@@ -140,7 +143,7 @@ def error_message(error: BaseException, version: str, log: str = "") -> str:
 
 
 def shortened_message(text: str) -> str:
-    """Cut a message: settings may be wrong in thousands of lines, or in one of megabytes."""
+    """Cut a message of thousands of lines, or of megabytes."""
     lines = [
         line if len(line) <= MAX_LINE_LETTERS else f"{line[:MAX_LINE_LETTERS]}..."
         for line in text.split("\n", MAX_LINES)
@@ -151,7 +154,7 @@ def shortened_message(text: str) -> str:
 
 
 def suggestion(name: str, known: Iterable[object]) -> str:
-    """Return the end of an error sentence: the nearest known name, or all of them."""
+    """Return the end of an error sentence: the nearest known name."""
     import difflib
 
     names = [str(k) for k in known]
@@ -179,7 +182,7 @@ def guarded(what: str, make: Callable[[], T], otherwise: Callable[[str], U]) -> 
 
 
 def bug_sentence(what: str, error: Exception) -> str:
-    """Return a sentence with the missing part and the place in attlog that failed."""
+    """Return a sentence with the missing part and the failed line."""
     place, trace = "", error.__traceback__
     while trace is not None:
         name = trace.tb_frame.f_globals.get("__name__", "")

@@ -36,10 +36,10 @@ def is_disk_full(error: BaseException | None) -> bool:
 
 
 def write_atomic(path: Path, data: str | bytes) -> None:
-    """Write a temporary file in the same folder and rename it; an old file survives any failure.
+    """Write a temporary file in the same folder and rename it.
 
-    The file gets the rights of any new file of the process. Bytes of names that are no UTF-8 are written as escapes.
-    OutputError names the file and the reason.
+    An old file survives any failure. The file gets the rights of any new file of the process. Bytes of names that are
+    no UTF-8 are written as escapes. OutputError names the file and the reason.
     """
     with open_atomic(path) as file:
         file.write(_encoded(data))
@@ -50,7 +50,10 @@ def _encoded(data: str | bytes) -> bytes:
 
 
 def write_all_atomic(files: Mapping[Path, str | bytes]) -> None:
-    """Write several files before the first is renamed: either all are new or all stay. OutputError as write_atomic."""
+    """Write several files: either all are new or all stay.
+
+    OutputError as write_atomic.
+    """
     with ExitStack() as open_files:
         for path, data in files.items():
             file = open_files.enter_context(open_atomic(path))
@@ -62,7 +65,7 @@ def write_all_atomic(files: Mapping[Path, str | bytes]) -> None:
 
 @contextmanager
 def staging_folder(folder: Path) -> Iterator[Path]:
-    """Yield a folder inside ``folder`` for the files of others; they move out when the block ends well.
+    """Yield a folder whose files move into ``folder`` at the end.
 
     The JSON files move last. OutputError names the final places.
     """
@@ -122,7 +125,7 @@ def open_atomic(path: Path) -> Iterator[BinaryIO]:
 
 
 def is_special(path: Path) -> bool:
-    """True for a device, a pipe, a socket, or a name that the system keeps for an open file."""
+    """True for a device, pipe, socket, or name of an open file."""
     try:
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
@@ -135,7 +138,10 @@ def is_special(path: Path) -> bool:
 
 @contextmanager
 def _open_special(path: Path) -> Iterator[BinaryIO]:
-    """Yield a special file open for writing. Disks are refused, and pipes without a reader, which block for ever."""
+    """Yield a special file open for writing.
+
+    Disks are refused, and pipes without a reader, which block for ever.
+    """
     try:
         mode = path.stat().st_mode
         if stat.S_ISBLK(mode):
@@ -181,7 +187,7 @@ DEVICE_NAME = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|com[0-9¹²³]|lpt[
 
 
 def file_name(text: str, longest: int = MAX_NAME_BYTES) -> str:
-    """Return a name from outside as the name of one file, at most ``longest`` bytes.
+    """Return a harmless file name of at most ``longest`` bytes.
 
     No separator, control or direction sign; no dot, dash or blank at the beginning, no dot or blank at the end.
     Forbidden letters become ``_``. A name that is too long keeps its beginning and ending around a hash of the whole.
@@ -195,7 +201,7 @@ def file_name(text: str, longest: int = MAX_NAME_BYTES) -> str:
 
 
 def file_names(texts: Iterable[str], taken: Iterable[str] = (), longest: int = MAX_NAME_BYTES) -> list[str]:
-    """Return the file name of each text; repeated names get a number in the order given.
+    """Return the file name of each text; repeated names get numbers.
 
     Names that some file systems do not distinguish (case, composed accents) count as equal. ``taken`` names are in use.
     """
@@ -219,7 +225,7 @@ def _underlined(match: re.Match[str]) -> str:
 
 
 def _shortened(name: str, text: str, longest: int) -> str:
-    """Cut a name to ``longest`` bytes and add a hash of the whole text."""
+    """Cut a name to ``longest`` bytes with a hash of the text."""
     if len(name.encode()) <= longest:
         return name
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:10]
@@ -241,9 +247,9 @@ TRUSTED_OWNERS = (0, 65_534)
 
 
 def private_folder(kind: str, version: str) -> Path | None:
-    """Return the folder of a kind and version in the user's cache, else a temporary one; None if neither is usable.
+    """Return a folder in the user's cache, or a temporary one.
 
-    It exists, can be written, and belongs to the user alone.
+    None if neither is usable. It exists, can be written, and belongs to the user alone.
     """
     import platformdirs
 
@@ -259,7 +265,10 @@ def private_folder(kind: str, version: str) -> Path | None:
 
 @cache
 def installed_version(package: str) -> str:
-    """Return the installed version of a package without importing it, "none" where it is missing."""
+    """Return the installed version of a package, "none" if missing.
+
+    The package is not imported.
+    """
     spec = find_spec(package)
     beside = Path(spec.origin).parents[1].iterdir() if spec is not None and spec.origin else ()
     names = [path.stem for path in beside if path.suffix == ".dist-info"]
@@ -275,7 +284,7 @@ def installed_version(package: str) -> str:
 
 
 def is_private_folder(folder: Path) -> bool:
-    """True if the folder can be made and written and no other user can put code into it."""
+    """True if the folder is writable, and by this user alone."""
     try:
         # One by one: with ``parents=True`` folders get the rights of the umask, on many systems writable by the group.
         for above in reversed([path for path in folder.parents if not path.exists()]):
@@ -290,7 +299,7 @@ def is_private_folder(folder: Path) -> bool:
 
 
 def _is_unmovable(above: Path) -> bool:
-    """True if no other user can replace a folder below this one (POSIX; elsewhere True).
+    """True if no other user can replace a folder below (POSIX; elsewhere True).
 
     Whoever may write to a folder may rename what is in it, also what belongs to others, unless its sticky bit is set.
     """
@@ -311,7 +320,7 @@ def _revoke_others_write(folder: Path) -> None:
 
 
 def _is_private(folder: Path) -> bool:
-    """True if the folder belongs to the user and others cannot write to it (POSIX; elsewhere True)."""
+    """True if only the user can write to the folder (POSIX; elsewhere True)."""
     if not hasattr(os, "getuid"):
         return True
     info = folder.stat()
@@ -326,7 +335,7 @@ def _user_name() -> str:
 
 
 def read_settings_bytes(path: Path, largest: int = MAX_SETTINGS_BYTES) -> bytes:
-    """Return the bytes of a file that a user writes (options, parameters, scenarios, gates).
+    """Return the bytes of a settings file.
 
     LogUnreadable if it cannot be opened. UsageError for a device or a pipe, which may never end, and for more than
     ``largest`` bytes.
@@ -354,7 +363,10 @@ def _too_large(path: Path, largest: int) -> UsageError:
 
 
 def read_settings_text(path: Path, largest: int = MAX_SETTINGS_BYTES) -> str:
-    """Return the text of such a file without byte order mark. UsageError also where it is no UTF-8."""
+    """Return the text of a settings file without byte order mark.
+
+    UsageError also where it is no UTF-8.
+    """
     try:
         return read_settings_bytes(path, largest).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -362,7 +374,10 @@ def read_settings_text(path: Path, largest: int = MAX_SETTINGS_BYTES) -> str:
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """Return the values of a TOML text; UsageError with line and column names ``path``."""
+    """Return the values of a TOML text.
+
+    UsageError with line and column names ``path``.
+    """
     import tomllib
 
     try:
@@ -390,10 +405,11 @@ INVISIBLE = re.compile(
 
 
 def csv_cell(value: Any) -> Any:
-    """Return a value as CSV cell; texts that a spreadsheet would execute get an apostrophe in front.
+    """Return a value as CSV cell that no spreadsheet executes.
 
-    The same holds for text behind a line end, a tab or a semicolon, which is a cell with another separator. Line ends
-    become ``\\n``: a lone ``\\r`` ends a row in spreadsheets, and writers do not quote it.
+    Texts that it would execute get an apostrophe in front. The same holds for text behind a line end, a tab or a
+    semicolon, which is a cell with another separator. Line ends become ``\n``: a lone ``\r`` ends a row in
+    spreadsheets, and writers do not quote it.
     """
     if not isinstance(value, str):
         return value

@@ -19,7 +19,10 @@ _FOUND: ContextVar[dict[tuple[Any, ...], tuple[Any, Any]] | None] = ContextVar("
 
 @contextmanager
 def log_cache() -> Iterator[None]:
-    """Open a block in which the log does not change; nested blocks share answers."""
+    """Open a block of cached answers; nested blocks share them.
+
+    The log must not change within it.
+    """
     before = _FOUND.set({} if (found := _FOUND.get()) is None else found)
     try:
         yield
@@ -28,7 +31,10 @@ def log_cache() -> Iterator[None]:
 
 
 def cached_per_log(compute: Callable[P, T]) -> Callable[P, T]:
-    """Cache a function of objects (by identity) per block; callers must not write into the answer."""
+    """Cache a function of objects (by identity) per block.
+
+    Callers must not write into the answer.
+    """
 
     @functools.wraps(compute)
     def shared(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -72,9 +72,9 @@ MIN_TRIMMED_SAMPLES = 100_000
 
 
 def release_memory(samples: int) -> bool:
-    """Return freed memory to the system after a step over ``samples``; False where the C library cannot.
+    """Return freed memory to the system after a long step.
 
-    The C library keeps freed blocks that fit no later request.
+    False where the C library cannot. The C library keeps freed blocks that fit no later request.
     """
     trim = _malloc_trim() if samples >= MIN_TRIMMED_SAMPLES else None
     return trim is not None and bool(trim(0))

@@ -19,7 +19,10 @@ IN_JSON = "json"
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NumberArray:
-    """Pydantic annotation of an array: a list in documents, null for NaN: ``Annotated[Array, NumberArray(float)]``."""
+    """Pydantic annotation of an array, a list in documents.
+
+    ``Annotated[Array, NumberArray(float)]``; null is NaN.
+    """
 
     number: type
 
@@ -78,7 +81,7 @@ PLAIN_TYPES = frozenset((str, int, bool, type(None)))
 
 @functools.cache
 def _document_fields(kind: type) -> tuple[tuple[str, Any], ...] | None:
-    """Return the documented fields of a dataclass with their defaults, None for other types."""
+    """Return a dataclass's documented fields with defaults, None for other types."""
     if not dataclasses.is_dataclass(kind):
         return None
     return tuple(
@@ -89,12 +92,12 @@ def _document_fields(kind: type) -> tuple[tuple[str, Any], ...] | None:
 
 
 def _is_default(item: Any, default: Any) -> bool:
-    """True if a field has its default: the same value of the same type."""
+    """True if a value and its type are those of the default."""
     return item is default or (type(item) is type(default) and not isinstance(item, np.ndarray) and item == default)
 
 
 def _rare_to_plain(value: Any, defaults: bool) -> Any:
-    """Convert sets, arrays, numpy scalars and subclasses of plain types; anything else becomes its text."""
+    """Convert sets, arrays, numpy scalars; anything else becomes text."""
     if isinstance(value, dict):
         return {str(k): to_plain(v, defaults) for k, v in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

@@ -31,7 +31,7 @@ ENU, FLU = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0]), np.array([0.0, 1.0, 0.0, 0.
 
 
 def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]]:
-    """Decorate a function of rows, whose answers have this shape, to work in blocks."""
+    """Decorate a function of rows to work in blocks of rows."""
 
     def of(function: Callable[P, Array]) -> Callable[P, Array]:
         @functools.wraps(function)
@@ -87,7 +87,7 @@ def conjugate(q: ArrayLike) -> Array:
 
 @_by_blocks(4)
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return the Hamilton product (n, 4) of quaternions (n, 4) or (4,): the rotation ``b``, then ``a``."""
+    """Return the Hamilton product (n, 4): the rotation ``b``, then ``a``."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     a0, a1, a2, a3 = (a[..., k] for k in range(4))
     b0, b1, b2, b3 = (b[..., k] for k in range(4))
@@ -101,7 +101,10 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
-    """Rotate vectors (n, 3) by quaternions (n, 4), body to earth; either may be single."""
+    """Rotate vectors (n, 3) by quaternions (n, 4), body to earth.
+
+    Either may be single.
+    """
     q = np.asarray(q, np.float64)
     v = np.asarray(v, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
@@ -115,7 +118,10 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def rotate_inverse(q: ArrayLike, v: ArrayLike) -> Array:
-    """Rotate vectors (n, 3) by inverse quaternions (n, 4), earth to body; either may be single."""
+    """Rotate vectors (n, 3) by inverse quaternions, earth to body.
+
+    Either may be single.
+    """
     return rotate(conjugate(q), v)
 
 
@@ -134,7 +140,7 @@ def from_rotvec(v: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def to_rotvec(q: ArrayLike) -> Array:
-    """Return the rotation vectors (n, 3) or (3,) in rad, length 0 to pi, of quaternions."""
+    """Return rotation vectors (n, 3) in rad, length 0 to pi."""
     q = np.asarray(q, np.float64)
     w, s = q[..., 0], length(q[..., 1:])
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -143,12 +149,15 @@ def to_rotvec(q: ArrayLike) -> Array:
 
 
 def increments(q: Array) -> Array:
-    """Return the rotation vectors (n - 1, 3) in rad between successive attitudes (n, 4), in body axes."""
+    """Return rotation vectors (n - 1, 3) between successive attitudes, body axes.
+
+    In rad, of attitudes (n, 4).
+    """
     return relative_rotvecs(q[:-1], q[1:])
 
 
 def relative_rotvecs(before: Array, after: Array) -> Array:
-    """Return the rotation vectors (n, 3) in rad of ``before^* after``, in body axes."""
+    """Return rotation vectors (n, 3) in rad of ``before^* after``, body axes."""
     out = np.empty((len(before), 3))
     for a in range(0, len(out), BLOCK_ROWS):
         (w, x, y, z), (e, f, g, h) = before[a : a + BLOCK_ROWS].T, after[a : a + BLOCK_ROWS].T
@@ -180,7 +189,7 @@ def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def to_euler(q: ArrayLike) -> Array:
-    """Return roll, pitch, yaw (n, 3) in rad of quaternions (n, 4); yaw in (-pi, pi]."""
+    """Return roll, pitch, yaw (n, 3) in rad; yaw in (-pi, pi]."""
     q = np.asarray(q, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
     out = np.empty((*q.shape[:-1], 3))
@@ -192,7 +201,7 @@ def to_euler(q: ArrayLike) -> Array:
 
 @_by_blocks(3, 3)
 def to_matrix(q: ArrayLike) -> Array:
-    """Return the rotation matrices (n, 3, 3), body to earth, of quaternions (n, 4)."""
+    """Return rotation matrices (n, 3, 3), body to earth."""
     q = np.asarray(q, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
     xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
@@ -204,7 +213,7 @@ def to_matrix(q: ArrayLike) -> Array:
 
 
 def from_matrix(m: Array) -> Array:
-    """Return the quaternion (4,) of a rotation matrix (3, 3), by the largest of its four components."""
+    """Return the quaternion (4,) of a rotation matrix (3, 3)."""
     trace = m[0, 0] + m[1, 1] + m[2, 2]
     k = int(np.argmax([trace, m[0, 0], m[1, 1], m[2, 2]]))
     if k == 0:
@@ -221,18 +230,18 @@ def from_matrix(m: Array) -> Array:
 
 
 def nearest_rotation(b: Array) -> Array:
-    """Return the rotation matrix R (3, 3) that maximises trace(R^T B): Wahba's problem [Markley1988].
+    """Return the rotation matrix R that maximises trace(R^T B).
 
-    With B = sum a b^T it rotates vectors b onto vectors a (Kabsch1976).
+    Wahba's problem [Markley1988]. With B = sum a b^T it rotates vectors b onto vectors a (Kabsch1976).
     """
     u, _, v = np.linalg.svd(b)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
 
 
 def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
-    """Interpolate attitudes (n, 4) at times ``at`` along the shortest arc; NaN outside ascending ``t`` (n,).
+    """Interpolate attitudes (n, 4) at times along the shortest arc.
 
-    The caller decides whether interpolation across a gap is valid.
+    NaN outside ascending ``t`` (n,). The caller decides whether interpolation across a gap is valid.
     """
     return slerp_in_segments(t, q, None, at)[0]
 
@@ -240,7 +249,10 @@ def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
 def slerp_in_segments(
     t: ArrayLike, q: ArrayLike, segment: NDArray[np.int64] | None, at: ArrayLike
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return :func:`slerp` within each ``segment`` (n,), and the sample (m,) before each time; NaN and -1 elsewhere."""
+    """Return :func:`slerp` within segments, and the sample before each time.
+
+    NaN and -1 across segments (n,) and outside ``t``.
+    """
     t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
     at = np.ascontiguousarray(np.atleast_1d(at), np.float64)
     own = np.zeros(len(t), np.int64) if segment is None else np.ascontiguousarray(segment, np.int64)
@@ -250,16 +262,17 @@ def slerp_in_segments(
 
 
 def mean(q: ArrayLike) -> Array:
-    """Return the mean attitude (4,) of (n, 4): largest eigenvector of sum q q^T (Markley et al. 2007).
+    """Return the mean attitude (4,) of (n, 4).
 
-    Rows with NaN or zero length do not count; NaN without any row.
+    Largest eigenvector of sum q q^T (Markley et al. 2007). Rows with NaN or zero length do not count; NaN without any
+    row.
     """
     q = np.asarray(q, np.float64).reshape(-1, 4)
     return np.asarray(group_means(q, np.array([0, len(q)]))[0])
 
 
 def group_means(q: Array, edges: NDArray[np.int64]) -> Array:
-    """Return the :func:`mean` attitudes (k, 4) of the groups of (n, 4) between ``edges`` (k + 1,)."""
+    """Return the mean attitudes (k, 4) of groups between ``edges`` (k + 1,)."""
     q = normalize(q)
     good = finite_rows(q)
     if not good.all():
@@ -272,7 +285,10 @@ def group_means(q: Array, edges: NDArray[np.int64]) -> Array:
 
 
 def earth_error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
-    """Return the error quaternions (n, 4) in earth axes, q_est times the inverse of q_ref (``docs/metrics.md``)."""
+    """Return the error quaternions q_est q_ref^* (n, 4) in earth axes.
+
+    See ``docs/metrics.md``.
+    """
     return multiply(q_est, conjugate(q_ref))
 
 
@@ -284,13 +300,16 @@ def total_angle(e: ArrayLike) -> Array:
 
 
 def heading_angle(e: ArrayLike) -> Array:
-    """Return the heading error (n,) in rad, -pi to pi: 2 atan2(e3, e0), wrapped."""
+    """Return the heading error (n,) in rad: 2 atan2(e3, e0), wrapped."""
     e = np.asarray(e, np.float64)
     return wrap(2.0 * np.arctan2(e[..., 3], e[..., 0]))
 
 
 def tilt_angle(e: ArrayLike) -> Array:
-    """Return the tilt error (n,) in rad, 0 to pi: 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
+    """Return the tilt error (n,) in rad.
+
+    2 atan2(hypot(e1, e2), hypot(e0, e3)), 0 to pi.
+    """
     e = np.asarray(e, np.float64)
     angle: Array = 2.0 * np.arctan2(length(e[..., 1:3]), length(e[..., ::3]))
     return angle
@@ -307,7 +326,10 @@ def unwrap(angle: Array, period: float = 2 * np.pi) -> Array:
 
 
 def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotate attitudes (n, 4) by ``angle`` (n,) or one angle in rad about the earth's down axis."""
+    """Rotate attitudes (n, 4) by an angle about the down axis.
+
+    ``angle`` (n,) or one, in rad.
+    """
     q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)
     out = np.empty((*np.broadcast_shapes(q.shape[:-1], half.shape), 4))
     if q.ndim == 2 and len(q) > BLOCK_ROWS and half.shape in ((), (len(q),)):
@@ -340,10 +362,10 @@ def small_sine(y: float) -> float:
 
 @jit.loop("the interpolation of attitudes")
 def slerp_loop(out: Out2, where: IOut1, t: F1, q: F2, segment: I1, at: F1) -> None:
-    """Fill ``out`` (m, 4) with attitudes at times ``at`` (m,), ``where`` (m,) with the sample before each.
+    """Fill attitudes at times, and the sample before each.
 
-    NaN and -1 outside ``t``, and between two samples of different ``segment`` (n,). ``t`` (n,) ascending, ``q`` (n, 4).
-    Ascending times are found by walking on.
+    ``out`` (m, 4), ``where`` (m,) at ``at`` (m,). NaN and -1 outside ``t``, and between two samples of different
+    ``segment`` (n,). ``t`` (n,) ascending, ``q`` (n, 4). Ascending times are found by walking on.
     """
     i, last = 0, len(t) - 1
     for k in range(len(at)):

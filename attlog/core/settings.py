@@ -83,7 +83,10 @@ adapter: Callable[[Any], TypeAdapter[Any]] = functools.cache(_adapter)
 
 
 def validated(kind: type[T], values: Mapping[str, Any], origin: str = "", strict: bool = False) -> T:
-    """Return an instance of a dataclass; UsageError lists every problem in a line that begins with ``origin``."""
+    """Return an instance of a dataclass from plain values.
+
+    UsageError lists every problem in a line that begins with ``origin``.
+    """
     found, wrong = validated_or_problems(kind, values, strict)
     if found is None:
         raise UsageError("\n".join(f"{origin}: {text}" if origin else text for _, text in wrong))
@@ -120,7 +123,7 @@ def problem_lines(error: ValidationError, kind: type) -> list[str]:
 
 
 def problems(error: ValidationError, kind: type) -> list[tuple[Place, str]]:
-    """Return place and sentence of each problem; a value of several possible kinds gets one sentence."""
+    """Return place and sentence of each problem."""
     found: dict[Place, list[Any]] = {}
     for item in error.errors(include_url=False):
         loc = item["loc"]
@@ -179,7 +182,10 @@ def _keys(kind: type, loc: Place) -> list[str]:
 
 
 def _table_type(kind: Any) -> Any:
-    """Return the dataclass within a type such as ``tuple[Imu, ...]`` or ``Motion | None``, None without one."""
+    """Return the dataclass within a declared type, None without one.
+
+    Such as ``tuple[Imu, ...]`` or ``Motion | None``.
+    """
     if dataclasses.is_dataclass(kind):
         return kind
     return next((found for inner in get_args(kind) if (found := _table_type(inner)) is not None), None)

@@ -34,7 +34,7 @@ PASS_THROUGH = Biquad(1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def lowpass(cutoff_hz: float, rate_hz: float) -> Biquad:
-    """Return the Butterworth low-pass at a sample rate. UsageError from half of the rate on."""
+    """Return the Butterworth low-pass. UsageError from half the rate on."""
     _require_below_nyquist(cutoff_hz, rate_hz, "a low-pass at")
     w = math.tan(math.pi * cutoff_hz / rate_hz)
     norm = 1.0 + math.sqrt(2.0) * w + w * w
@@ -43,7 +43,7 @@ def lowpass(cutoff_hz: float, rate_hz: float) -> Biquad:
 
 
 def notch(centre_hz: float, width_hz: float, rate_hz: float) -> Biquad:
-    """Return the notch at a sample rate. UsageError from half of the rate on."""
+    """Return the notch. UsageError from half the rate on."""
     _require_below_nyquist(centre_hz, rate_hz, "a notch at")
     _require_below_nyquist(width_hz, rate_hz, "a notch with a width of")
     alpha, middle = math.tan(math.pi * width_hz / rate_hz), math.cos(2.0 * math.pi * centre_hz / rate_hz)
@@ -52,10 +52,11 @@ def notch(centre_hz: float, width_hz: float, rate_hz: float) -> Biquad:
 
 
 def run_biquads(filters: list[tuple[int, Biquad]], x: Array) -> Array:
-    """Filter samples (n, k) with a filter that changes: pairs of the first sample and the filter from there on.
+    """Filter samples (n, k) with a filter that changes.
 
-    The first sample counts as steady state before it, as in the firmwares. The state stays when the filter changes and
-    starts anew after PASS_THROUGH. Samples that are not finite are skipped.
+    ``filters``: pairs of the first sample and the filter from there on. The first sample counts as steady state before
+    it, as in the firmwares. The state stays when the filter changes and starts anew after PASS_THROUGH. Samples that
+    are not finite are skipped.
     """
     out = np.array(x, np.float64)
     for column in range(out.shape[1]):

@@ -57,12 +57,15 @@ MIN_UNSET = 3
 
 
 def gap_limit(usual_s: float) -> float:
-    """Return the longest interval in s that is no gap where ``usual_s`` is the usual interval."""
+    """Return the longest interval in s that is no gap."""
     return max(GAP_MEDIANS * usual_s, MIN_GAP_S)
 
 
 def gap_limit_of_times(t: NDArray[np.float64]) -> float:
-    """Return :func:`gap_limit` for the median positive interval of times (n,) in s, MIN_GAP_S without any."""
+    """Return the gap limit for times (n,), by their median interval.
+
+    MIN_GAP_S without positive intervals.
+    """
     dt = np.diff(t)
     dt = dt[np.isfinite(dt) & (dt > 0)]
     return gap_limit(float(np.median(dt))) if len(dt) else MIN_GAP_S
@@ -77,7 +80,10 @@ def gap_indices(t: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def longest_rising(t: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the indices of the longest strictly rising subsequence (patience sorting, n log n)."""
+    """Return the indices of the longest strictly rising subsequence.
+
+    Patience sorting, n log n.
+    """
     if len(t) < 2 or bool(np.all(np.diff(t) > 0)):
         return np.arange(len(t))
     tails: list[float] = []  # smallest last value of a rising subsequence of each length
@@ -101,7 +107,7 @@ def longest_rising(t: NDArray[Any]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True)
 class ValidRecords:
-    """Records with strictly rising, plausible stamps: ``index`` (k,), and counts of the others by cause."""
+    """Records with plausible stamps, and counts of the others by cause."""
 
     index: NDArray[np.int64]
     duplicates: int = 0
@@ -152,7 +158,7 @@ def plausible_records(t_us: Stamps, alone: IsolationTest | None = None, whole: S
 
 
 def _within_half_a_day(t: Stamps) -> NDArray[np.int64]:
-    """Return the positions of the largest group of times in which none is half a day from the next."""
+    """Return the largest group of times without half a day between."""
     if len(t) == 0 or int(t.max()) - int(t.min()) <= MAX_JUMP_US:
         return np.arange(len(t))
     order = np.argsort(t, kind="stable")
@@ -161,7 +167,7 @@ def _within_half_a_day(t: Stamps) -> NDArray[np.int64]:
 
 
 def _isolated(t: Stamps, alone: IsolationTest, whole: Stamps) -> NDArray[np.int64]:
-    """Return the positions among rising times (n,) of a few behind a gap without other messages near."""
+    """Return positions of few times behind a gap without company."""
     cuts = np.flatnonzero(np.diff(t) > ISOLATED_US) + 1
     edges = np.concatenate([[0], cuts, [len(t)]])
     sizes = np.diff(edges)
@@ -177,7 +183,7 @@ def _isolated(t: Stamps, alone: IsolationTest, whole: Stamps) -> NDArray[np.int6
 
 
 def changed_records(x: NDArray[np.float64], t_us: Stamps) -> NDArray[np.bool_]:
-    """Select the records (n,) with a new measurement where a slow sensor is repeated at a faster rate.
+    """Select records (n,) with a new measurement of a slow sensor.
 
     ``x`` (n,) or (n, k). An unchanged value may be measured anew, so one record of each second stays.
     """
@@ -195,7 +201,10 @@ def changed_records(x: NDArray[np.float64], t_us: Stamps) -> NDArray[np.bool_]:
 
 
 def is_near(t_us: int | None, recent: Iterable[int | None]) -> bool:
-    """True if a time is less than half a day from one of the ``recent``, or where no time is known."""
+    """True if a time is within half a day of a recent one.
+
+    Also where no time is known.
+    """
     before = [t for t in recent if t is not None]
     return t_us is None or not before or min(abs(t_us - t) for t in before) < MAX_JUMP_US
 
@@ -217,10 +226,10 @@ def far_from_median(t_us: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def restarts(time_us: Stamps) -> list[int]:
-    """Return the indices of the first records after a restart of the clock, at most MAX_BOOTS - 1.
+    """Return the indices of the first records after a restart.
 
-    One false time is no restart: the medians of the neighbours on both sides decide. Nor are records that a task wrote
-    late with the times at which it should have: the clock comes back behind them.
+    At most MAX_BOOTS - 1. One false time is no restart: the medians of the neighbours on both sides decide. Nor are
+    records that a task wrote late with the times at which it should have: the clock comes back behind them.
     """
     found: list[int] = []
     for k in _step_indices(time_us, -MIN_RESTART_US, np.iinfo(np.int64).max).tolist():
@@ -239,7 +248,7 @@ def restarts(time_us: Stamps) -> list[int]:
 
 
 def _written_late(time_us: Stamps, begin: int, k: int) -> bool:
-    """True if the times from ``k`` on are old ones of the boot that begins at ``begin``.
+    """True if times from ``k`` on are old ones of their boot.
 
     The clock then jumps back to where it was before the fall. A new boot counts on from its own start, when no record
     of the old one was late.
@@ -253,7 +262,7 @@ def _written_late(time_us: Stamps, begin: int, k: int) -> bool:
 
 
 def false_times(time_us: Stamps) -> NDArray[np.int64]:
-    """Return the indices of times in file order that are impossible or contradicted by the times around them.
+    """Return the indices of impossible and contradicted times.
 
     Contradicted are up to MAX_FALSE_RECORDS in a row further than MAX_DEVIATION_US from the record before and the one
     behind, which agree. A clock that jumps and goes on from there is a pause or a restart. At the ends of the file,
@@ -276,7 +285,7 @@ def false_times(time_us: Stamps) -> NDArray[np.int64]:
 
 
 def _step_indices(time_us: Stamps, least: int, most: int) -> NDArray[np.int64]:
-    """Return the indices of times that differ from the one before by less than ``least`` or more than ``most``."""
+    """Return indices of times with a change outside the limits."""
     found = [np.zeros(0, np.int64)]
     for begin in range(0, len(time_us) - 1, _CHUNK):
         some = time_us[begin : begin + _CHUNK + 1]
@@ -287,7 +296,7 @@ def _step_indices(time_us: Stamps, least: int, most: int) -> NDArray[np.int64]:
 
 
 def _contradicted_runs(starts: list[int], first: list[int], last: list[int], size: int) -> list[int]:
-    """Return the false runs of times without steps, given their beginnings, first and last times."""
+    """Return the false runs among runs of times without steps."""
     n = len(starts)
     false = [0] if starts[1] < MIN_END_RECORDS and abs(first[1] - last[0]) > MAX_JUMP_US else []
     k = len(false) + 1
@@ -309,7 +318,7 @@ def _contradicted_runs(starts: list[int], first: list[int], last: list[int], siz
 
 
 def merge_timelines(timelines: Iterable[Timeline]) -> Timeline:
-    """Return the offsets and times of several messages as one timeline in file order."""
+    """Return several timelines as one in file order."""
     at, time = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for offsets, times in timelines:
         at.append(offsets)
@@ -320,7 +329,7 @@ def merge_timelines(timelines: Iterable[Timeline]) -> Timeline:
 
 
 def times_before(at: Offsets, timeline: Timeline) -> list[int | None]:
-    """Return for each byte offset the time of the last record before it, None without one."""
+    """Return the last time before each byte offset, None without one."""
     offsets, time_us = timeline
     if len(time_us) == 0:
         return [None] * len(at)

@@ -44,11 +44,12 @@ MAX_HEAD_BYTES = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A log format; its functions are named ``module:name`` below ``attlog.formats`` and imported when needed.
+    """A log format with its recogniser, reader and writer.
 
-    ``name`` is ``Messages.format``; messages show ``title`` and ``suffix``. ``recogniser(head) -> bool`` judges the
-    first bytes, ``reader(path, *, data) -> Messages`` decodes, and takes ``system`` too with ``several_vehicles``.
-    ``writer(path, recording)`` is None for formats that are only read.
+    Functions are named ``module:name`` below ``attlog.formats`` and imported when needed. ``name`` is
+    ``Messages.format``; messages show ``title`` and ``suffix``. ``recogniser(head) -> bool`` judges the first bytes,
+    ``reader(path, *, data) -> Messages`` decodes, and takes ``system`` too with ``several_vehicles``. ``writer(path,
+    recording)`` is None for formats that are only read.
     """
 
     name: str
@@ -74,7 +75,10 @@ class Format:
         return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
 
     def write(self, path: Path, recording: Recording) -> None:
-        """Write the log; UsageError for what the format cannot hold, and for formats that are only read."""
+        """Write the log.
+
+        UsageError for what the format cannot hold, and for formats that are only read.
+        """
         if self.writer is None:
             raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
         _load_by_name(self.writer)(path, recording)
@@ -172,7 +176,7 @@ def recognise(path: Path | str) -> str:
 
 
 def recognise_bytes(file: BinaryIO) -> str:
-    """Return the format's name of an open file, packed or not; empty without one."""
+    """Return an open file's format, packed or not; empty without one."""
     from attlog.formats.file_bytes import first_bytes_of
 
     return _format_of(first_bytes_of(file, MAX_HEAD_BYTES))
@@ -201,16 +205,16 @@ def _head(path: Path) -> bytes:
 
 
 def write(path: Path | str, recording: Recording) -> None:
-    """Write a log in the format of the path's suffix (``.ulg``, ``.bin``, ``.tlog``, ``.mcap``), whole or not at all.
+    """Write a log in the format of the path's suffix.
 
-    UsageError for another suffix and for what the format cannot hold, OutputError if the file cannot be written. The
-    same recording gives the same bytes.
+    ``.ulg``, ``.bin``, ``.tlog`` or ``.mcap``, whole or not at all. UsageError for another suffix and for what the
+    format cannot hold, OutputError if the file cannot be written. The same recording gives the same bytes.
     """
     format_for(path).write(Path(path), recording)
 
 
 def format_for(path: Path | str) -> Format:
-    """Return the format that a path's suffix asks for when a log is written. UsageError without one."""
+    """Return the format of a path's suffix. UsageError without one."""
     suffix = Path(path).suffix.lower()
     for entry in FORMATS:
         if entry.writer is not None and entry.suffix == suffix:

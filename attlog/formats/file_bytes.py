@@ -30,12 +30,12 @@ _SALVAGE_STEP = 64  # bytes unpacked at a time before a broken place
 
 
 def read_file_bytes(path: str | Path) -> NDArray[np.uint8]:
-    """Read a file into a uint8 array (n,); this takes some 0.3 ms per MB.
+    """Read a file into a uint8 array (n,).
 
-    The system ends a process that reads on in a mapped file which was cut (SIGBUS). So files larger than
-    :data:`attlog.core.limits.READ_BYTES` are mapped only in a process with the environment variable
-    :data:`attlog.core.limits.MAPPED`. LogUnreadable if the file cannot be opened or is cut meanwhile, LogUnusable if it
-    is empty.
+    Reading takes some 0.3 ms per MB. The system ends a process that reads on in a mapped file which was cut (SIGBUS).
+    So files larger than :data:`attlog.core.limits.READ_BYTES` are mapped only in a process with the environment
+    variable :data:`attlog.core.limits.MAPPED`. LogUnreadable if the file cannot be opened or is cut meanwhile,
+    LogUnusable if it is empty.
     """
     try:
         with open(path, "rb") as file:
@@ -63,14 +63,15 @@ def map_open_file(file: BinaryIO, path: str | Path) -> NDArray[np.uint8]:
 
 
 def offset_type(size: int) -> type[np.int32] | type[np.int64]:
-    """Return the narrowest integer for offsets in a file of ``size`` bytes, ends of records included."""
+    """Return the narrowest integer for offsets in a file."""
     return np.int32 if size < (1 << 31) - (1 << 16) else np.int64
 
 
 def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return one value of ``dtype`` (also a sub-array) from each byte offset, (n,) or (n, k), at any alignment.
+    """Return one value of ``dtype`` from each byte offset.
 
-    Offsets must leave room for the value. Values k bytes behind each offset come from ``data[k:]``.
+    (n,), or (n, k) of a sub-array, at any alignment. Offsets must leave room for the value. Values k bytes behind each
+    offset come from ``data[k:]``.
     """
     if len(at) == 0:
         return np.zeros((0, *dtype.shape), dtype.base)
@@ -81,7 +82,7 @@ def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArra
 
 
 class RecordColumns:
-    """Decoder of one table's columns: views of a single copy of its records, made on the first access.
+    """Decoder of one table's columns as views of a single copy.
 
     ``fetch(offsets)`` returns the records as structured array.
     """
@@ -104,7 +105,7 @@ class RecordColumns:
 
 
 def offsets_by_kind(segments: Sequence[tuple[Offsets, Kinds]]) -> list[tuple[int, Offsets]]:
-    """Return each kind, ascending, with the offsets of its records in the given order.
+    """Return each kind, ascending, with the offsets of its records.
 
     ``segments``: offsets (n,) and kinds (n,) of records.
     """
@@ -150,13 +151,16 @@ def decode_text(raw: bytes) -> str:
 
 
 def is_gzip(path: Path) -> bool:
-    """True if a file begins as gzip files do. OSError if it cannot be opened."""
+    """True for a gzip file. OSError if it cannot be opened."""
     with path.open("rb") as file:
         return file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
 
 
 def first_bytes(path: Path, count: int) -> bytes:
-    """Return the first bytes of a log, unpacked. OSError if the file cannot be opened."""
+    """Return the first bytes of a log, unpacked.
+
+    OSError if the file cannot be opened.
+    """
     with path.open("rb") as file:
         return first_bytes_of(file, count)
 
@@ -176,7 +180,7 @@ def first_bytes_of(file: BinaryIO, count: int) -> bytes:
 
 
 def unpacked_bytes(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
-    """Return the bytes of a log as uint8 array (n,), unpacked, and what a broken gzip file lost of them.
+    """Return a log's unpacked bytes, and what a broken gzip lost.
 
     LogUnreadable if the file cannot be opened or the temporary folder cannot hold the log, LogUnusable if nothing or
     too much comes out.
@@ -199,7 +203,7 @@ def unpacked_bytes(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
 
 
 def unpack_gzip(path: Path, into: BinaryIO) -> Damage | None:
-    """Write the content of a gzip file; return the place where it breaks off, None if it is whole.
+    """Write the content of a gzip file; return its damage, if any.
 
     Errors as :func:`unpacked_bytes`.
     """
@@ -222,9 +226,9 @@ def unpack_gzip(path: Path, into: BinaryIO) -> Damage | None:
 
 
 class GzipContent:
-    """The content of a gzip file (one or more members) in blocks, up to the first error.
+    """The content of a gzip file in blocks, up to the first error.
 
-    ``lost`` is the missing part after the last block, None if the file is whole.
+    A file may have several members. ``lost`` is the missing part after the last block, None if the file is whole.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -259,7 +263,7 @@ class GzipContent:
 
 
 def _up_to_the_error(inflate: zlib._Decompress, packed: bytes) -> bytes:
-    """Return what comes out of the bytes before a broken place; a failed call of zlib returns nothing."""
+    """Return what can be unpacked before a broken place."""
     found = []
     for k in range(0, len(packed), _SALVAGE_STEP):
         try:
@@ -270,5 +274,5 @@ def _up_to_the_error(inflate: zlib._Decompress, packed: bytes) -> bytes:
 
 
 def _zlib_reason(error: zlib.error) -> str:
-    """Return zlib's words without its numbers: "Error -3 while decompressing data: incorrect data check"."""
+    """Return zlib's words without its numbers."""
     return str(error).rpartition(": ")[2]

@@ -54,7 +54,10 @@ class Recording:
     layouts: Mapping[str, MessageLayout] = field(default_factory=dict)
 
     def checked(self, clock: str) -> int:
-        """Return the log's start in us by its ``clock`` column; UsageError where the columns do not make records."""
+        """Return the log's start in us by its ``clock`` column.
+
+        UsageError where the columns do not make records.
+        """
         first = []
         for (name, _), columns in self.messages.items():
             if clock not in columns:
@@ -78,7 +81,7 @@ class Recording:
 
 
 def fit_to_type(values: NDArray[Any], kind: np.dtype[Any], what: str) -> NDArray[Any]:
-    """Convert ``values`` (n,) or (n, k) to the stored type ``kind``, rounded where it holds integers.
+    """Convert ``values`` to the stored type ``kind``, rounded for integers.
 
     UsageError where a value does not fit: too large, not a number in an integer, a text too long, another shape.
     """
@@ -121,7 +124,7 @@ MERGED_ROWS = 1 << 14
 
 
 def time_order(times: Sequence[NDArray[np.integer]]) -> NDArray[np.int64]:
-    """Return the record at each place, counted through all blocks: by time, then in the order of the blocks."""
+    """Return the record at each place, by time, then by block."""
     if not times:
         return np.zeros(0, np.int64)
     return np.argsort(np.concatenate([t.astype(np.int64) for t in times]), kind="stable")

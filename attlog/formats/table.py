@@ -58,12 +58,15 @@ class Boot:
 
 
 def boots_at(edges: Iterable[int], size: int) -> list[Boot]:
-    """Return the power-ups of a file of ``size`` bytes; all but the first begin at ``edges``, ascending."""
+    """Return the power-ups of a file that begin at ``edges``.
+
+    The first begins at 0, ``size`` is the file's.
+    """
     return [Boot(a, b) for a, b in pairwise([0, *edges, size])]
 
 
 def boots_of_timeline(timeline: Timeline, size: int) -> list[Boot]:
-    """Return the power-ups of a file, each from the first record after a restart of the clock."""
+    """Return the power-ups of a file, split at restarts of the clock."""
     at, time = timeline
     return boots_at(at[restarts(time)].tolist(), size)
 
@@ -89,7 +92,7 @@ class Remark:
 
 
 class DamageLog:
-    """What of a file cannot be used: damaged places, left-out parts, and bugs that a message triggers.
+    """Damaged places, left-out parts, and bugs met while reading a file.
 
     All places are counted (``places``, ``bytes``), the first ones :attr:`listed`. A whole kind of record (few per file)
     goes through :meth:`add_kind` and is always listed.
@@ -112,7 +115,10 @@ class DamageLog:
             self._single.append(Damage(offset, length, lost, resumed))
 
     def add_kind(self, offset: int, length: int, lost: str, resumed: str, counted: bool = False) -> None:
-        """Report all records of a kind by the place of the first; ``counted``: their bytes are counted already."""
+        """Report all records of a kind by the first one's place.
+
+        ``counted``: their bytes are counted already.
+        """
         self.places += 1
         self.bytes += 0 if counted else length
         if len(self._kinds) < MAX_DAMAGE:
@@ -139,16 +145,19 @@ class DamageLog:
 
     @contextmanager
     def around(self, message: str, what: str, offset: int | None) -> Iterator[None]:
-        """Run a block that reads ``what`` of a message; an unexpected error in it ends here."""
+        """Run a block that reads ``what`` of a message.
+
+        An unexpected error in it ends here.
+        """
         try:
             yield
         except Exception as error:
             self.caught(error, message, what, offset)
 
     def caught(self, error: Exception, message: str, what: str, offset: int | None) -> None:
-        """Turn an error into one remark per message, with a traceback at log level debug.
+        """Turn an error into one remark per message.
 
-        Expected errors, too little memory, and errors under test are raised.
+        The traceback goes to log level debug. Expected errors, too little memory, and errors under test are raised.
         """
         if isinstance(error, (AttlogError, MemoryError)) or os.environ.get(RAISE_VARIABLE):
             raise error
@@ -182,7 +191,7 @@ class Field:
 
 
 class Table:
-    """All records of one message and instance, in file order, with columns on demand.
+    """All records of one message and instance, columns on demand.
 
     ``table["GyrX"]`` is the column with its stored dtype, ``table.value("Roll")`` the column as float64 with the
     format's scaling (what the official library prints). ``offsets`` (n,) are the byte offsets of the records, int32
@@ -208,7 +217,7 @@ class Table:
 
     @property
     def fields(self) -> dict[str, Field]:
-        """The columns by name, in stored order; a reader may find them only now."""
+        """The columns by name, in stored order."""
         if callable(self._fields):
             try:
                 self._fields = self._fields()
@@ -227,10 +236,10 @@ class Table:
         return f"<Table {self.name}:{self.instance} {len(self)} records, {len(self.fields)} fields>"
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """Return the column as stored, (n,) or (n, k) for array fields; ``q[2]`` is one element of an array field.
+        """Return the column as stored, (n,) or (n, k).
 
-        An array of one element is a number: beside columns (n,), one of (n, 1) would broadcast to n times n values.
-        KeyError if the message has no such field.
+        ``q[2]`` is one element of an array field. An array of one element is a number: beside columns (n,), one of (n,
+        1) would broadcast to n times n values. KeyError if the message has no such field.
         """
         if column not in self._columns:
             element = self._element(column)
@@ -263,7 +272,7 @@ class Table:
         return as_float if scale == 1.0 else as_float * scale
 
     def _element(self, column: str) -> tuple[str, int] | None:
-        """Return field and position of ``name[i]``, None if it is no element of an array field."""
+        """Return field and position of ``name[i]``, or None."""
         name, _, index = column.removesuffix("]").rpartition("[")
         known = self.fields.get(name) if column not in self.fields else None
         if known is None or not index.isdecimal() or len(known.dtype.shape) != 1 or int(index) >= known.dtype.shape[0]:
@@ -271,7 +280,7 @@ class Table:
         return name, int(index)
 
     def forget(self) -> None:
-        """Release the decoded columns and the copy of their records; both are made again on demand."""
+        """Release the decoded columns and the copy of their records."""
         self._columns.clear()
         forget = getattr(self._decode, "forget", None)
         if forget is not None:
@@ -283,7 +292,7 @@ class Table:
 
 
 class LazyList(Generic[T]):
-    """A list attribute that may be set to a function of the log, called on the first access.
+    """A list attribute that a function of the log makes on access.
 
     Logs hold thousands of parameters. A function that held the log itself would keep its bytes until the collector of
     cycles runs.
@@ -314,7 +323,7 @@ class LazyList(Generic[T]):
 
 @dataclass
 class Messages(Mapping[tuple[str, int], Table]):
-    """An opened log: ``(name, instance) -> Table`` and what is stored beside the data.
+    """An opened log: ``(name, instance) -> Table``, and contents beside the data.
 
     ``format`` is ``ulog``, ``dataflash``, ``dataflash_text``, ``tlog``, ``mavlink`` or ``ros``. ``info`` holds the
     format's own statements (versions, hardware), ``losses`` all that could not be read. For MAVLink the instance is
@@ -362,7 +371,7 @@ class Messages(Mapping[tuple[str, int], Table]):
         return self.losses.remarks
 
     def forget(self) -> None:
-        """Release all decoded columns: of a log of gigabytes more than a flight keeps."""
+        """Release all decoded columns."""
         for table in self.tables.values():
             table.forget()
 

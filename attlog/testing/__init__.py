@@ -55,7 +55,7 @@ class CheckOutcome:
 
 
 def checks(name: str | EstimatorSpec | Estimator) -> list[tuple[str, Callable[[], None]]]:
-    """Return the checks that apply to an estimator: (name, function without arguments that raises CheckFailed).
+    """Return the checks of an estimator: name, and function that raises CheckFailed.
 
     ``name`` is ``NAME[@PRESET][:k=v,...]``, ``FILE.py[...]``, a row or an estimator. What applies follows from its
     needs and uses: a filter without magnetometer is not asked for heading. UsageError or PluginError if it cannot be
@@ -68,10 +68,10 @@ def checks(name: str | EstimatorSpec | Estimator) -> list[tuple[str, Callable[[]
 def check_estimator(
     name: str | EstimatorSpec | Estimator, report: Callable[[CheckOutcome], None] | None = None
 ) -> list[CheckOutcome]:
-    """Return the outcome of every check that applies, in order; ``report`` gets each at once.
+    """Return the outcome of every check that applies, in order.
 
-    A check that ends in any exception has failed. UsageError or PluginError if the estimator cannot be loaded,
-    PluginTimeout where a check takes too long: the others would, too.
+    ``report`` gets each at once. A check that ends in any exception has failed. UsageError or PluginError if the
+    estimator cannot be loaded, PluginTimeout where a check takes too long: the others would, too.
     """
     outcomes = []
     late: PluginTimeout | None = None
@@ -117,7 +117,7 @@ def speed_ns(name: str | EstimatorSpec | Estimator) -> float:
 
 
 def describes_itself(s: Subject) -> None:
-    """Title, source and the meaning of every parameter are given; defaults and presets keep the ranges."""
+    """Title, source and meanings are given; presets keep the ranges."""
     e = s.estimator
     require(e.title and e.title != e.name, "the docstring's first line should say what the filter is")
     require(e.source, "SOURCE should name the paper or package")
@@ -131,7 +131,7 @@ def describes_itself(s: Subject) -> None:
 
 
 def _applicable(s: Subject) -> list[tuple[str, Check]]:
-    """Return names and functions in the order in which a person would look at them."""
+    """Return names and functions in the order of a person's interest."""
     found: list[tuple[str, Check]] = [_named(describes_itself), _named(contract.gives_unit_quaternions)]
     for i, axis in enumerate(contract.AXES):
         found.append((f"follows_a_turn[{axis}]", partial(contract.follows_a_turn, axis=i)))

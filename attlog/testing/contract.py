@@ -69,7 +69,7 @@ def gives_unit_quaternions(s: Subject) -> None:
 
 
 def follows_a_turn(s: Subject, axis: int) -> None:
-    """A turn by +30 deg about one axis is estimated as +30 deg about it: sign and unit of the gyro."""
+    """A turn of 30 deg is estimated: sign and unit of the gyro."""
     m = one_turn(axis)
     euler = np.rad2deg(rotation.to_euler(s.run(m).q))
     seen = (rotation.wrap(np.deg2rad(euler[-1] - euler[250]))) * 180.0 / np.pi
@@ -79,7 +79,7 @@ def follows_a_turn(s: Subject, axis: int) -> None:
 
 
 def corrects_an_offset(s: Subject, axis: int) -> None:
-    """A start attitude 20 deg off about one axis improves on both sides: sign of the correction."""
+    """A start attitude 20 deg off improves: sign of the correction."""
     m = still(40.0, yaw=0.7)
     for offset in (20.0, -20.0):
         turn = np.zeros(3)
@@ -90,7 +90,10 @@ def corrects_an_offset(s: Subject, axis: int) -> None:
 
 
 def converges_from_170_deg(s: Subject) -> None:
-    """From 170 deg off in tilt (and heading with a magnetometer) 3 deg are reached within 4 minutes."""
+    """From 170 deg off 3 deg are reached within 4 minutes.
+
+    In tilt, and in heading with a magnetometer.
+    """
     m = still(240.0, 50.0, yaw=0.7)
     turns = {"tilt": (np.deg2rad(170.0), 0.0, 0.0)} | (
         {"heading": (0.0, 0.0, np.deg2rad(170.0))} if s.corrects_heading else {}
@@ -102,7 +105,10 @@ def converges_from_170_deg(s: Subject) -> None:
 
 
 def finds_the_attitude_at_rest(s: Subject) -> None:
-    """Tilted at rest with sensor noise, tilt is found to 1 deg and heading to 3 deg."""
+    """At rest tilt is found to 1 deg, heading to 3 deg.
+
+    Tilted, with sensor noise.
+    """
     m = still(30.0, roll=np.deg2rad(30.0), pitch=np.deg2rad(-40.0), yaw=-2.0, noise=CONSUMER_NOISE)
     q = s.run(m).q[-500:]
     tilt = _rms(tilt_deg(q, m.q[-500:]))
@@ -113,7 +119,10 @@ def finds_the_attitude_at_rest(s: Subject) -> None:
 
 
 def starts_in_motion(s: Subject) -> None:
-    """A minute after a start at 5 m/s^2 of acceleration in a swing the error is below 5 deg."""
+    """A minute after a start in motion errors are below 5 deg.
+
+    The start is at 5 m/s^2 of acceleration in a swing.
+    """
 
     def fading(t: Array) -> Array:
         return np.outer(np.exp(-t), (3.0, 4.0, 0.0))
@@ -136,7 +145,10 @@ def works_at_every_heading(s: Subject) -> None:
 
 
 def turns_with_the_earth(s: Subject) -> None:
-    """Yaw equivariance: a declination or start turned about the vertical turns the result by the same angle."""
+    """Yaw equivariance: a declination turns the result by its angle.
+
+    So does a start turned about the vertical.
+    """
     m, angle = flight(20.0), np.deg2rad(40.0)
     if s.uses_mag:
         limit = MAX_ROUNDING_DEG if s.steps else MAX_TURNED_DEG
@@ -177,7 +189,7 @@ def finds_the_gyro_bias(s: Subject) -> None:
 
 
 def works_without_magnetometer(s: Subject) -> None:
-    """Tilt without magnetometer is as good; a filter that needs one refuses with a sentence."""
+    """Tilt without magnetometer is as good."""
     m = swing(30.0, noise=CONSUMER_NOISE)
     e = s.on(m.t, m.gyr, m.acc)
     require_attitudes(e, m.t)
@@ -187,7 +199,10 @@ def works_without_magnetometer(s: Subject) -> None:
 
 
 def works_with_a_slow_magnetometer(s: Subject) -> None:
-    """Heading from a field sample every half second is within 3 deg of the full rate's, with gyro bias."""
+    """Heading from a slow magnetometer is as good within 3 deg.
+
+    With a field sample every half second and a gyro bias.
+    """
     m = swing(60.0, noise=Noise(bias=(0.0, 0.0, 0.01)))
     slow = np.full_like(m.mag, np.nan)
     slow[::50] = m.mag[::50]
@@ -198,7 +213,10 @@ def works_with_a_slow_magnetometer(s: Subject) -> None:
 
 
 def does_not_depend_on_the_sampling_rate(s: Subject) -> None:
-    """Tilt at 50 and 400 Hz differs by less than 2 deg while an offset of 15 deg decays."""
+    """Tilt at 50 and 400 Hz differs by less than 2 deg.
+
+    While an offset of 15 deg decays.
+    """
     slow, fast = swing(10.0, 50.0), swing(10.0, 400.0)
     q0 = rotation.multiply(slow.q[0], rotation.from_rotvec((0.2, 0.15, 0.0)))
     a = s.run(slow, q0=q0).q
@@ -220,7 +238,7 @@ def looks_back_only(s: Subject) -> None:
 
 
 def keeps_its_norm(s: Subject) -> None:
-    """After 200,000 steps the quaternion is of unit length to rounding and the attitude still right.
+    """After 200,000 steps norm and attitude are still right.
 
     20,000 steps in plain Python.
     """
@@ -258,7 +276,10 @@ def uses_every_parameter(s: Subject) -> None:
 
 
 def _try_parameters(s: Subject, m: Motion, unused: dict[str, Parameter], given: dict[str, Any]) -> None:
-    """Remove from ``unused`` the parameters that change the attitudes of this motion, or their sigmas."""
+    """Remove from ``unused`` the parameters that change this motion's result.
+
+    Attitudes or their sigmas.
+    """
     q0 = rotation.multiply(m.q[0], rotation.from_rotvec((0.9, -0.6, 1.2)))
     start = given | ({"q0": q0} if s.steps else {})
     settings: list[dict[str, float | str]] = [{}, *(dict(p) for p in s.estimator.presets.values())]
@@ -313,7 +334,10 @@ def refuses_without_magnetometer(s: Subject) -> None:
 
 
 def refuses_without_gnss(s: Subject) -> None:
-    """A filter that needs GNSS velocity refuses to run without; position alone does not suffice."""
+    """A filter that needs GNSS velocity refuses to run without.
+
+    Position alone does not suffice.
+    """
     m = still(2.0)
     place = Aids(position=Measurements(np.array([0.5]), np.array([[60.0, 10.0, 100.0]])))
     for aids in (None, place):
@@ -321,7 +345,7 @@ def refuses_without_gnss(s: Subject) -> None:
 
 
 def survives_nan(s: Subject) -> None:
-    """NaN in any sensor is left out and counted and does not reach the attitude."""
+    """NaN in any sensor is left out, counted, without effect."""
     m = swing(30.0, noise=CONSUMER_NOISE)
     gyr, acc, mag = m.gyr.copy(), m.acc.copy(), m.mag.copy()
     gyr[300], gyr[1001, 1], acc[500:510], acc[777, 2], mag[600:700] = np.nan, np.nan, np.nan, np.nan, np.nan
@@ -332,7 +356,7 @@ def survives_nan(s: Subject) -> None:
 
 
 def bridges_a_short_gap(s: Subject) -> None:
-    """0.3 s without samples stay one segment; the rotation in between is not lost."""
+    """0.3 s without samples stay one segment with its rotation."""
     m = swing(30.0)
     kept = m.part(np.r_[0:1000, 1030:3000])
     e = s.run(kept)
@@ -355,7 +379,10 @@ def restarts_after_a_long_gap(s: Subject) -> None:
 
 
 def survives_a_time_jump(s: Subject) -> None:
-    """A clock that jumps by eleven days costs no time and no attitude; its zero does not matter."""
+    """A clock that jumps by eleven days costs no attitude.
+
+    Nor does its zero matter.
+    """
     m = swing(20.0)
     t = m.t.copy()
     t[1000:] += 1e6
@@ -368,7 +395,7 @@ def survives_a_time_jump(s: Subject) -> None:
 
 
 def drops_times_that_do_not_rise(s: Subject) -> None:
-    """Repeated samples and one from the past are left out and counted, without effect on the rest."""
+    """Repeated and past samples are left out, counted, without effect."""
     m = swing(10.0)
     order = np.r_[0:400, 399:700, 650, 700:1000]
     m2 = m.part(order)
@@ -461,7 +488,10 @@ LOG_INFOS = (
 
 
 def aids_in_place(m: Motion, seed: int = 0) -> Aids:
-    """Return noisy receiver and sensor data of a motion that turns in place, each at its own rate."""
+    """Return noisy aids of a motion that turns in place.
+
+    Each sensor has its own rate.
+    """
     random = np.random.default_rng(seed)
 
     def clock(rate: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -489,7 +519,7 @@ def works_with_aids(s: Subject) -> None:
 
 
 def survives_few_aids(s: Subject) -> None:
-    """Attitudes are finite with each aid alone, with aids that end, and with none in the time of the samples."""
+    """Attitudes are finite with single, ending or absent aids."""
     m = swing(20.0)
     full = aids_in_place(m)
     cases: dict[str, Aids] = {f"{n} alone": Aids(**{n: getattr(full, n)}) for n in ("position", "velocity", "baro")}

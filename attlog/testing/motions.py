@@ -44,7 +44,10 @@ CONSUMER_NOISE = Noise(gyro=np.deg2rad(0.01), acc=0.003, mag=0.4e-6)
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """True attitude ``q`` (n, 4) at ``t`` (n,) s; ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` T, each (n, 3), body FRD."""
+    """True attitude ``q`` (n, 4) and sensor samples at times ``t``.
+
+    ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` T, each (n, 3), body FRD.
+    """
 
     t: Array
     q: Array
@@ -58,7 +61,7 @@ class Motion:
         return self.t, self.gyr, self.acc, self.mag
 
     def part(self, keep: Any) -> Motion:
-        """Select samples (a slice, mask or index array); the gyro is not integrated anew."""
+        """Select samples (a slice, mask or index array)."""
         return replace(self, t=self.t[keep], q=self.q[keep], gyr=self.gyr[keep], acc=self.acc[keep], mag=self.mag[keep])
 
 
@@ -104,7 +107,10 @@ def still(
 
 
 def swing(seconds: float, rate: float = 100.0, *, yaw: float = 0.0, noise: Noise = Noise(), seed: int = 0) -> Motion:
-    """Return sines of 35, 25 and 70 deg in roll, pitch and yaw around heading ``yaw``, moving from the start."""
+    """Return sines in roll, pitch and yaw, moving from the start.
+
+    Of 35, 25 and 70 deg, around heading ``yaw``.
+    """
 
     def angles(t: Array) -> tuple[Array, Array, Array]:
         return 0.6 * np.sin(1.1 * t + 0.3), 0.45 * np.sin(0.7 * t + 1.0), yaw + 1.2 * np.sin(0.4 * t)
@@ -113,7 +119,10 @@ def swing(seconds: float, rate: float = 100.0, *, yaw: float = 0.0, noise: Noise
 
 
 def flight(seconds: float, rate: float = 100.0, *, noise: Noise = CONSUMER_NOISE, seed: int = 0) -> Motion:
-    """Return the swing with accelerations of up to 3 m/s^2 that average to zero."""
+    """Return the swing with accelerations that average to zero.
+
+    Up to 3 m/s^2.
+    """
 
     def angles(t: Array) -> tuple[Array, Array, Array]:
         return 0.5 * np.sin(0.9 * t), 0.4 * np.sin(0.6 * t + 0.5), 2.0 * np.sin(0.25 * t)
@@ -125,7 +134,10 @@ def flight(seconds: float, rate: float = 100.0, *, noise: Noise = CONSUMER_NOISE
 
 
 def one_turn(axis: int, angle: float = np.deg2rad(30.0), rate: float = 100.0) -> Motion:
-    """Return 3 s of rest, a smooth turn by ``angle`` [rad] about one axis within 1 s, 2 s of rest."""
+    """Return rest, a smooth turn about one axis, and rest.
+
+    3 s, 1 s by ``angle`` [rad], 2 s.
+    """
 
     def angles(t: Array) -> tuple[Array, Array, Array]:
         u = np.clip(t - 3.0, 0.0, 1.0)
@@ -146,7 +158,7 @@ IN_PLACE = Aids(velocity=Measurements(FIXES, np.zeros((len(FIXES), 3)), np.full(
 
 
 class CheckFailed(AssertionError):
-    """Violation of the estimator contract; the message says what was expected and what happened."""
+    """Violation of the estimator contract, with expectation and result."""
 
 
 def require(condition: Any, message: str) -> None:
@@ -163,7 +175,10 @@ class Subject:
 
     @classmethod
     def of(cls, name: str | EstimatorSpec | Estimator) -> Subject:
-        """Make it of ``NAME[@PRESET][:k=v,...]``, ``FILE.py``, a row or an estimator; errors as in ``parse``."""
+        """Make it of a name, a file, a row or an estimator.
+
+        ``NAME[@PRESET][:k=v,...]`` or ``FILE.py``; errors as in ``parse``.
+        """
         if isinstance(name, Estimator):
             return cls(EstimatorSpec(name))
         return cls(name if isinstance(name, EstimatorSpec) else parse(name))
@@ -196,7 +211,7 @@ class Subject:
 
     @property
     def steps(self) -> bool:
-        """True if it takes samples one by one (and a start attitude), not whole segments."""
+        """True if it takes single samples and a start attitude."""
         return self.estimator.step is not None
 
     def run(self, m: Motion, **options: Any) -> Estimate:

@@ -56,7 +56,7 @@ LETTER_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 
 
 class MessageFormat(NamedTuple):
-    """One FMT record: the layout of a message type, valid from ``offset`` in the file on.
+    """One FMT record: layout of a message type from ``offset`` on.
 
     A tuple, because each log defines some 200, and these are made four times as fast.
     """
@@ -70,7 +70,7 @@ class MessageFormat(NamedTuple):
 
     @property
     def readable(self) -> bool:
-        """True if the letters are known and their sizes add up to the declared length."""
+        """True if known letters add up to the declared length."""
         return _length_of(self.letters) == self.length
 
     def place(self, k: int) -> int:
@@ -84,7 +84,7 @@ class MessageFormat(NamedTuple):
 
 @lru_cache(1 << 12)
 def _length_of(letters: str) -> int | None:
-    """Return the bytes of a record with these letters; None where one is unknown or there are none."""
+    """Return the bytes of a record, None for unknown letters."""
     if not letters or not LETTER_DTYPES.keys() >= set(letters):
         return None
     return HEADER_BYTES + sum(map(_LETTER_SIZES.__getitem__, letters))
@@ -94,7 +94,7 @@ FMT_FORMAT = MessageFormat(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Lengt
 
 
 def parse_fmt_record(raw: bytes, offset: int) -> MessageFormat | None:
-    """Return the format in the 89 bytes of an FMT record, None if they cannot be one."""
+    """Return the format in an FMT record, None if invalid."""
     found = _parse_fmt_record(raw)
     return None if found is None else MessageFormat(*found[:-1], offset)
 
@@ -110,7 +110,7 @@ def _parse_fmt_record(raw: bytes) -> MessageFormat | None:
 
 
 def _printable_text(raw: bytes) -> str | None:
-    """Return the text before the first NUL without padding blanks, None if it is not plain ASCII."""
+    """Return stripped text up to NUL, None if not plain ASCII."""
     text = raw.split(b"\0", 1)[0]
     if not text.isascii():
         return None
@@ -119,7 +119,10 @@ def _printable_text(raw: bytes) -> str | None:
 
 
 def column_names(listed: Iterable[str]) -> tuple[str, ...]:
-    """Strip the names; a repeated name becomes empty, because only the first column can be asked for."""
+    """Strip the names; repeated ones become empty.
+
+    Only the first column of a name can be asked for.
+    """
     names = tuple(map(str.strip, listed))
     if len(set(names)) == len(names):
         return names
@@ -171,7 +174,7 @@ class Definitions:
 
 
 def is_dataflash(head: bytes) -> bool:
-    """True for a format definition, or many record marks where the start of the log is lost."""
+    """True for a format definition or many record marks."""
     if head[:2] == RECORD_MARK and len(head) < FMT_LENGTH:
         return True
     if any(True for _ in _formats_in(head)):
@@ -180,7 +183,7 @@ def is_dataflash(head: bytes) -> bool:
 
 
 def is_dataflash_text(head: bytes) -> bool:
-    """True for a line that defines a format, and no NUL near the start."""
+    """True for a line that defines a format, without NUL."""
     return b"\0" not in head[:4096] and _FMT_LINE.search(head) is not None
 
 

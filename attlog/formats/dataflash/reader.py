@@ -102,7 +102,7 @@ def _to_python(value: Any) -> Any:
 
 
 def _carry_their_time(layouts: list[MessageFormat]) -> bool:
-    """True if parameters and texts carry their time, so that no other record's is needed."""
+    """True if parameters and texts carry their own time."""
     return all(
         time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters
         for fmt in layouts
@@ -111,7 +111,10 @@ def _carry_their_time(layouts: list[MessageFormat]) -> bool:
 
 
 def _find_boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:
-    """Return the power-ups: where the clock falls for good or a new block of formats begins."""
+    """Return the power-ups of the file.
+
+    A boot begins where the clock falls for good or a new block of formats begins.
+    """
     starts = {0}
     for k in restarts(time):
         # records without time (formats, parameters) precede the first time of a boot
@@ -138,11 +141,11 @@ _ANY_PATTERN = rb"[^,]*+"
 
 
 def read_text(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
-    """Return a text log, columns split and converted on demand; ``data`` are its bytes if mapped.
+    """Return a text log, columns split and converted on demand.
 
-    ``info["banner"]`` holds the lines before the first FMT line. Numbers are int64 or float64 as printed, text is
-    bytes, at most :data:`attlog.core.limits.MAX_CELL_BYTES`. Memory: the file once, 16 bytes per line, and the decoded
-    columns. LogUnusable without an FMT line.
+    ``data`` are its bytes if mapped. ``info["banner"]`` holds the lines before the first FMT line. Numbers are int64 or
+    float64 as printed, text is bytes, at most :data:`attlog.core.limits.MAX_CELL_BYTES`. Memory: the file once, 16
+    bytes per line, and the decoded columns. LogUnusable without an FMT line.
     """
     path = Path(path)
     data = read_file_bytes(path) if data is None else data
@@ -235,7 +238,7 @@ class _SortedLines:
         self.losses.add(offset, len(line), lost, "next line")
 
     def tables(self) -> dict[tuple[str, int], Table]:
-        """Return the tables by (name, instance), in the order of their first lines in the file."""
+        """Return the tables by (name, instance), in file order."""
         tables: dict[tuple[str, int], Table] = {}
         for name, (offsets, lengths) in self._found.items():
             if offsets:
@@ -257,7 +260,10 @@ class _SortedLines:
 
 
 def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
-    """Return the pattern of a whole line; further values are allowed, a last text may contain commas."""
+    """Return the pattern of a line.
+
+    Further values are allowed; a last text may contain commas.
+    """
     whole = re.escape(fmt.name.encode())
     for cell, alike in groupby(map(_cell_pattern, fmt.letters)):  # short patterns compile faster
         whole += rb"(?:,%b){%d}+" % (cell, len(list(alike)))
@@ -265,7 +271,10 @@ def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
 
 
 def _cell_pattern(letter: str) -> bytes:
-    """Return the pattern of a value; unscaled integers are printed as such, all other numbers in decimal."""
+    """Return the pattern of a value.
+
+    Unscaled integers are printed as such, all other numbers in decimal.
+    """
     if letter in _TEXT_LETTERS:
         return _ANY_PATTERN
     return _INTEGER_PATTERN if _is_integer_letter(letter) else _NUMBER_PATTERN

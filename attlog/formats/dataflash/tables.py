@@ -29,7 +29,7 @@ INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
 
 
 def format_fields(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
-    """Return the fields of a format by name, and its whole record as structured type."""
+    """Return the fields of a format, and its record as structured type."""
     fields: dict[str, Field] = {}
     places: dict[str, int] = {}
     place = HEADER_BYTES
@@ -53,7 +53,7 @@ def format_fields(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tup
 
 
 class _ColumnLayout:
-    """The columns of a format, made when the first of its tables is asked."""
+    """The columns of a format, made on first access."""
 
     def __init__(
         self, data: NDArray[np.uint8], fmt: MessageFormat, units: Callable[[], tuple[str | None, ...]]
@@ -75,7 +75,7 @@ class _ColumnLayout:
 def build_tables(
     data: NDArray[np.uint8], index: RecordIndex, units: Units | None = None, by_instance: bool = True
 ) -> dict[tuple[str, int], Table]:
-    """Return the tables of an index by (name, instance), in the order of their first records in the file."""
+    """Return the tables by (name, instance), in file order."""
     units, losses = units or {}, index.losses
     found_of = dict(offsets_by_kind([(index.offsets, index.layout.view(np.uint16))]))
     parts: dict[tuple[str, int], list[Table]] = {}
@@ -119,7 +119,10 @@ def _split_by_instance(
 
 
 def split_by_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
-    """Return each instance and the positions of its records, ascending; None for too many instances."""
+    """Return each instance and the positions of its records.
+
+    None for too many instances.
+    """
     if (number == number[:1]).all():  # usual
         return [(n, np.arange(len(number))) for n in number[:1].tolist()]
     order = number.argsort(kind="stable")
@@ -148,10 +151,10 @@ def _instance_column(letters: str, columns: tuple[str, ...], unit_ids: str) -> s
 
 
 class MixedTable(Table):
-    """Records of one message whose layout changed in the file, as in joined logs of two firmwares.
+    """Records of one message whose layout changed in the file.
 
-    A column that some layouts lack, or have with another type or scale, is float64 of the printed values, NaN where it
-    does not exist. ``rows`` within one layout returns that layout's plain table.
+    As in joined logs of two firmwares. A column that some layouts lack, or have with another type or scale, is float64
+    of the printed values, NaN where it does not exist. ``rows`` within one layout returns that layout's plain table.
     """
 
     def __init__(self, parts: list[Table], losses: DamageLog | None = None) -> None:
@@ -206,7 +209,10 @@ class MixedTable(Table):
 
 
 def report_unreadable(index: RecordIndex) -> None:
-    """Report records of formats whose letters contradict their length; framing goes on by the length."""
+    """Report records of formats whose letters contradict their length.
+
+    Framing goes on by the length.
+    """
     if all(fmt.readable for fmt in index.layouts):
         return
     counts = np.bincount(index.layout, minlength=len(index.layouts)).tolist()
@@ -252,7 +258,10 @@ def read_texts(messages: Messages, timeline: Timeline) -> list[Text]:
 
 
 def has_text(table: Table, column: str) -> bool:
-    """True if the table has this column as text; damaged or foreign formats may use any type."""
+    """True if the table has this column as text.
+
+    Damaged or foreign formats may use any type.
+    """
     return column in table.fields and table.fields[column].dtype.kind == "S"
 
 
@@ -267,7 +276,7 @@ def has_integer(table: Table, column: str) -> bool:
 
 
 def _record_times(table: Table, timeline: Timeline) -> list[int | None]:
-    """Return the time of each record: its own stamp, else that of the record before."""
+    """Return the time of each record, else that of the record before."""
     if "TimeUS" in table.fields and table.fields["TimeUS"].dtype.kind in "iu":
         return [t if 0 <= t <= LAST_TIME_US else None for t in table["TimeUS"].tolist()]
     return times_before(table.offsets, timeline)
@@ -277,7 +286,7 @@ _UNIT_PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k
 
 
 def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
-    """Return for each layout with FMTU its unit ids, and the unit of every column."""
+    """Return unit ids and units of columns by layout."""
     describes = np.array([f.name in ("FMTU", "UNIT", "MULT") for f in index.layouts])
     chosen = describes[index.layout].nonzero()[0]
     some = RecordIndex(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64), index.losses)
@@ -319,7 +328,10 @@ def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
 
 
 def _id_values(table: Table | None, column: str, is_fit: Callable[[Table, str], bool]) -> list[tuple[str, Any]]:
-    """Return id and value of UNIT or MULT records; empty where the log gives these columns another type."""
+    """Return id and value of UNIT or MULT records.
+
+    Empty where the log gives these columns another type.
+    """
     if table is None or not is_fit(table, column) or not has_integer(table, "Id"):
         return []
     ids = [chr(int(i) & 0xFF) for i in table["Id"].tolist()]
@@ -344,7 +356,7 @@ def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: floa
 
 
 def time_column(fmt: MessageFormat) -> tuple[str, int] | None:
-    """Return the column of a format's boot clock and microseconds per count, None without one."""
+    """Return a format's clock column and its unit in us, or None."""
     return _time_column(fmt.columns, fmt.letters)
 
 
@@ -359,7 +371,10 @@ def _time_column(columns: tuple[str, ...], kinds: str) -> tuple[str, int] | None
 
 
 def record_timeline(data: NDArray[np.uint8], index: RecordIndex) -> tuple[Offsets, NDArray[np.int64]]:
-    """Return offset and boot time (us) of every record with a time, in file order; releases ``index.stamps``."""
+    """Return offset and time of every timed record, in file order.
+
+    Releases ``index.stamps``.
+    """
     stamps, index.stamps = index.stamps, np.zeros(0, np.int64)
     columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
     timed = np.array([column is not None for column in columns])[index.layout]
@@ -392,7 +407,7 @@ def table_timeline(messages: Messages, formats: Mapping[str, MessageFormat]) -> 
 
 
 def _counts_to_us(counts: NDArray[np.int64], factor: int) -> NDArray[np.int64]:
-    """Convert counts of a clock to microseconds; -1 where they are beyond any clock."""
+    """Convert counts of a clock to microseconds; invalid ones to -1."""
     return np.where((counts >= 0) & (counts <= LAST_TIME_US // factor), counts, -1) * factor
 
 

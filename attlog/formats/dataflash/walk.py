@@ -27,7 +27,7 @@ _SCAN_BYTES = 1 << 17  # bytes scanned at once; temporary arrays stay in cache
 
 @dataclass(slots=True)
 class RecordIndex:
-    """Offsets of all records in file order, the layout of each, and what is damaged.
+    """Offsets and layouts of all records in file order, and damage.
 
     ``layout[i]`` is the position in ``layouts`` of the format of the record at ``offsets[i]``, ``stamps[i]`` the first
     8 bytes of its payload, usually the time. The reader of the times releases them.
@@ -41,7 +41,7 @@ class RecordIndex:
 
 
 def index_records(data: NDArray[np.uint8]) -> RecordIndex:
-    """Return the index of a whole file (bytes as uint8 array); no formats means no records.
+    """Return the index of a whole file; no formats means no records.
 
     A header inside a payload is passed over because the chain of lengths does not lead to it. A record whose end is no
     header is given up: its own bytes or the following ones may be overwritten.
@@ -65,7 +65,7 @@ def index_records(data: NDArray[np.uint8]) -> RecordIndex:
 
 
 def _find_headers(data: NDArray[np.uint8]) -> tuple[Offsets, NDArray[np.uint8], NDArray[np.int64]]:
-    """Return every offset of ``a3 95 type``, real header or not, the type, and the 8 bytes behind it."""
+    """Return offset, type and next 8 bytes of every ``a3 95``."""
     width = offset_type(len(data))
     found, types, stamps = [np.zeros(0, width)], [np.zeros(0, np.uint8)], [np.zeros(0, np.int64)]
     last = len(data) - HEADER_BYTES + 1
@@ -98,7 +98,10 @@ def _defined_formats(
 
 
 def _layout_of_headers(types: NDArray[np.uint8], headers: Offsets, layouts: list[MessageFormat]) -> NDArray[np.int16]:
-    """Return the layout of each header: the last definition of its type before it, else the first; -1 without one."""
+    """Return the layout of each header, -1 without one.
+
+    The last definition of its type before it, else the first.
+    """
     table = np.full(256, -1, np.int16)
     per_type: dict[int, list[int]] = {}
     for k, fmt in enumerate(layouts):
@@ -116,7 +119,7 @@ def _layout_of_headers(types: NDArray[np.uint8], headers: Offsets, layouts: list
 
 
 def _stands_at_header(data: NDArray[np.uint8], at: Offsets) -> NDArray[np.bool_]:
-    """Select the offsets of a header, also one cut by the end of the file, or of the end itself."""
+    """Select offsets of a header, whole or cut, or of the end."""
     size = len(data)
     result: NDArray[np.bool_] = at == size
     if size >= 2:
@@ -165,7 +168,7 @@ def _chain_candidates(
 
 
 def _next_true(mask: NDArray[np.bool_], first: int) -> int:
-    """Return the first index from ``first`` on where the mask is true, else its length."""
+    """Return the first true index from ``first`` on, else the length."""
     rest = mask[first:]
     k = int(rest.argmax()) if len(rest) else 0
     return first + k if len(rest) and rest[k] else len(mask)

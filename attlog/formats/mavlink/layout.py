@@ -61,7 +61,7 @@ def _has_packets(head: bytes, stamp: int) -> bool:
 
 
 def _packets_in_row(head: bytes, position: int, stamp: int) -> int:
-    """Count packets in a row from ``position`` on, at most 8; 0 where the row ends in something else."""
+    """Count packets in a row, at most 8; 0 for other bytes."""
     count = 0
     while count < 8 and position + stamp + 3 <= len(head):
         at = position + stamp
@@ -77,7 +77,10 @@ def _packets_in_row(head: bytes, position: int, stamp: int) -> int:
 
 @cache
 def byte_table() -> NDArray[np.uint16]:
-    """Return the state after one more byte (256), by the lower byte of the state xor that byte."""
+    """Return the CRC state after one more byte (256).
+
+    By the lower byte of the state xor that byte.
+    """
     state = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         state = np.where(state & 1, (state >> 1) ^ _POLYNOMIAL, state >> 1).astype(np.uint16)
@@ -86,7 +89,10 @@ def byte_table() -> NDArray[np.uint16]:
 
 @cache
 def word_table() -> NDArray[np.uint16]:
-    """Return the state after two more bytes (65536), by state xor these bytes as little-endian word."""
+    """Return the CRC state after two more bytes (65536).
+
+    By state xor these bytes as little-endian word.
+    """
     byte = byte_table()
     state = np.arange(65536, dtype=np.uint16)
     for _ in range(2):
@@ -95,10 +101,11 @@ def word_table() -> NDArray[np.uint16]:
 
 
 def crc_of_padded_rows(rows: NDArray[np.uint8], pad: NDArray[np.int64]) -> NDArray[np.uint16]:
-    """Return the CRC of rows (n, k), k even, without their first ``pad`` (sorted) bytes; changes ``rows``.
+    """Return the CRC of rows (n, k) without their padding.
 
-    Zero bytes do not change a state of zero. So rows of many lengths go together when the padding is zero and the start
-    value 0xffff is put on the first two bytes.
+    k is even, the first ``pad`` (sorted) bytes of a row do not count; changes ``rows``. Zero bytes do not change a
+    state of zero. So rows of many lengths go together when the padding is zero and the start value 0xffff is put on the
+    first two bytes.
     """
     edges = [0, *(np.flatnonzero(np.diff(pad)) + 1).tolist(), len(rows)]
     for begin, stop in pairwise(edges):

@@ -47,7 +47,7 @@ def system_tables(messages: Messages, name: str, system: int) -> list[Table]:
 
 
 def boot_timeline(messages: Messages, system: int) -> Timeline:
-    """Return offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
+    """Return offset and boot time (us) of an autopilot's clock messages."""
     component = messages.info["systems"].get(system, {}).get("component")
     found = []
     for table in (t for name in CLOCK_MESSAGES for t in system_tables(messages, name, system)):
@@ -93,7 +93,7 @@ def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[n
 
 
 def _build_tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], Table]:
-    """Return the tables by message name and sender, in the order of their first packets in the file."""
+    """Return the tables by message name and sender, in file order."""
     numbers, number = _ranks(packets.ids)
     senders, sender = _ranks(packets.senders)
     keys: NDArray[np.unsignedinteger[Any]] = number.astype(np.uint32) * np.uint32(len(senders)) + sender
@@ -118,7 +118,7 @@ def _ranks(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArray
 
 
 class _PayloadDecoder:
-    """Decoder of one message: the stamp ahead of each packet, and the fields of its payload."""
+    """Decoder of one message: stamps, and fields of the payload."""
 
     def __init__(self, data: NDArray[np.uint8], record: np.dtype[Any]) -> None:
         self._data = data
@@ -134,7 +134,7 @@ class _PayloadDecoder:
 
 
 def read_payloads(data: NDArray[np.uint8], offsets: Offsets, record: np.dtype[Any]) -> NDArray[Any]:
-    """Return the payloads of packets as records; bytes that the sender left out are zero."""
+    """Return the payloads of packets; bytes that were not sent are zero."""
     size = record.itemsize
     begin = offsets + np.where(data.take(offsets) == MAVLINK_2, np.uint8(10), np.uint8(6))
     length = data[1:].take(offsets)
@@ -175,7 +175,7 @@ def list_systems(messages: Messages) -> dict[int, dict[str, Any]]:
 
 
 def main_vehicle(messages: Messages) -> int | None:
-    """Return the system with an autopilot and most packets; None if no one sent data."""
+    """Return the system with an autopilot and most packets, or None."""
     systems = messages.info.get("systems") or list_systems(messages)
     flying = {s: d for s, d in systems.items() if d["autopilot"] is not None}
     if not flying:
@@ -186,7 +186,7 @@ def main_vehicle(messages: Messages) -> int | None:
 
 
 def _read_params(messages: Messages, system: int, clock: Timeline) -> list[ParamChange]:
-    """Return PARAM_VALUE of a system with the times of the last clock message before."""
+    """Return PARAM_VALUE of a system with times."""
     bitwise = messages.info["systems"].get(system, {}).get("autopilot") == PX4_AUTOPILOT
     result: list[ParamChange] = []
     for table in system_tables(messages, "PARAM_VALUE", system):
@@ -222,7 +222,7 @@ def decode_parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8
 
 
 def _read_texts(messages: Messages, system: int, clock: Timeline) -> list[Text]:
-    """Return STATUSTEXT of a system; the chunks of a long MAVLink 2 text are joined."""
+    """Return STATUSTEXT of a system; chunks of long texts are joined."""
     result: list[Text] = []
     for table in system_tables(messages, "STATUSTEXT", system):
         open_id, open_sequence = 0, -1

@@ -48,7 +48,7 @@ I32Out = Annotated[NDArray[np.int32], Cells("i4", 1, True)]
 
 @dataclass(slots=True)
 class Packets:
-    """The packets of a file in file order: offset of the marker byte, message id and sender.
+    """The packets of a file: offset of the marker, message, sender.
 
     ``stamped`` for a tlog (each packet behind its receiver time), not for a raw capture.
     """
@@ -87,7 +87,7 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
 
 
 def _drop_rare_senders(packets: Packets, end: Offsets) -> None:
-    """Leave out the packets of the rarest senders where there are more senders than in any network."""
+    """Leave out the rarest senders beyond the limit of a network."""
     counts = np.bincount(packets.senders)
     senders = np.count_nonzero(counts)
     if senders <= MAX_SENDERS:
@@ -131,7 +131,10 @@ def _account_for_holes(data: NDArray[np.uint8], packets: Packets, end: Offsets, 
 
 
 def _unchecked_chain(data: NDArray[np.uint8], begin: int, stop: int, stamp: int) -> list[tuple[int, int, int]]:
-    """Return begin, end and message id of unchecked packets that fill a hole exactly, else an empty list."""
+    """Return unchecked packets that fill a hole exactly, else none.
+
+    Begin, end and message id of each.
+    """
     found = []
     at = begin
     while at < stop:
@@ -149,7 +152,7 @@ def _unchecked_chain(data: NDArray[np.uint8], begin: int, stop: int, stamp: int)
 
 
 def _marker_offsets(data: NDArray[np.uint8], value: int, smallest: int, start: int) -> NDArray[np.int64]:
-    """Return the offsets of a marker byte in one chunk from ``start`` on that leave room for the smallest packet."""
+    """Return the offsets of a marker byte in one chunk."""
     stop = min(start + _SEARCH_BYTES, len(data) - smallest + 1)
     return np.flatnonzero(data[start : max(stop, start)] == value) + start
 
@@ -224,7 +227,10 @@ def _checksum_right(data: NDArray[np.uint8], headers: _Headers, catalogue: Catal
 
 
 def _without_embedded(start: Offsets, end: Offsets) -> NDArray[np.bool_]:
-    """Select the packets that do not begin inside an accepted one; a tunnelled packet is payload."""
+    """Select packets that do not begin inside an accepted one.
+
+    A tunnelled packet is payload.
+    """
     keep = np.ones(len(start), np.bool_)
     reach = np.maximum.accumulate(end) if len(end) else end
     inside = np.flatnonzero(start[1:] < reach[:-1]) + 1
@@ -239,7 +245,7 @@ def _without_embedded(start: Offsets, end: Offsets) -> NDArray[np.bool_]:
 
 
 def search_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> tuple[Offsets, Offsets, NDArray[np.int32]]:
-    """Return begin, end and message id of the packets with a right checksum, in file order."""
+    """Return begin, end and message id of valid packets, in file order."""
     width = offset_type(len(data))
     starts: list[Offsets] = []
     ends: list[Offsets] = []
@@ -262,7 +268,7 @@ def search_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> tuple[Offse
 
 
 def _is_compiled(size: int) -> bool:
-    """True for a large file where the object code of the walk is at hand."""
+    """True for a large file with object code of the walk."""
     if size < MIN_COMPILED_BYTES or not jit.jit_wanted():
         return False
     from attlog.core.jit.compile import at_hand  # small files are read without
@@ -271,7 +277,7 @@ def _is_compiled(size: int) -> bool:
 
 
 def slicing_tables() -> NDArray[np.uint16]:
-    """Return the state after one byte followed by 0 to 7 zero bytes, from a zero state: (8, 256)."""
+    """Return the CRC tables (8, 256) of eight bytes a step."""
     tables = [byte_table()]
     for _ in range(7):
         tables.append((tables[-1] >> 8) ^ byte_table()[tables[-1] & 0xFF])
@@ -302,7 +308,7 @@ def walk_all_packets(
 def walk_packets(
     data: U8, position: int, seeds: I16, sizes: I16, tables: U16Table, starts: IOut1, ends: IOut1, ids: I32Out
 ) -> int:
-    """Find packets from ``position`` on, at most as many as fit the arrays; return their number."""
+    """Find packets from ``position`` on; return their number."""
     n = 0
     while n < len(starts) and position + 8 <= len(data):
         marker = data[position]

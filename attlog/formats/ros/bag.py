@@ -61,7 +61,7 @@ class BagChannel:
 
 @dataclass(slots=True)
 class Bag:
-    """The kept channels, topics and types of all, damage, and whether the recorder ended the file."""
+    """Kept channels, types of all topics, damage, and whether it ended."""
 
     channels: list[BagChannel]
     types: dict[str, str]
@@ -70,12 +70,15 @@ class Bag:
 
 
 def is_bag(head: bytes) -> bool:
-    """True if a file with these first bytes is an MCAP file or rosbag2's database."""
+    """True for an MCAP file or rosbag2's database."""
     return head.startswith(MCAP_MAGIC) or (head.startswith(SQLITE_MAGIC) and ROSBAG2_COLUMN in head)
 
 
 def read_bag(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> Bag:
-    """Read a bag. LogUnusable for an MCAP file or database of other content, UsageError without packages."""
+    """Read a bag.
+
+    LogUnusable for an MCAP file or database of other content, UsageError without packages.
+    """
     if data[: len(MCAP_MAGIC)].tobytes() == MCAP_MAGIC:
         return _McapReader(wanted, len(data)).read(path, data.data.cast("B"))
     return _read_sqlite(path, data, wanted)
@@ -94,7 +97,10 @@ class _McapReader:
         self.losses = DamageLog()
 
     def read(self, path: Path, data: memoryview) -> Bag:
-        """Read schemas and channels first: they are repeated at the end, should a chunk have lost them."""
+        """Read a file, schemas and channels first.
+
+        They are repeated at the end, should a chunk have lost them.
+        """
         try:
             import mcap.records  # noqa: F401
         except ImportError:
@@ -126,7 +132,7 @@ class _McapReader:
         self.losses.add(at, length, f"{length} bytes of {what}", resumed)
 
     def _read_chunk(self, at: int, body: memoryview, whole: bool) -> None:
-        """Read the records of a chunk; of a cut one as many as can be unpacked."""
+        """Read the records of a chunk, of a cut one its beginning."""
         try:
             _, _, size, crc, letters = CHUNK_HEAD.unpack_from(body)
             name = bytes(body[CHUNK_HEAD.size : CHUNK_HEAD.size + letters]).decode("ascii", "replace")
@@ -145,7 +151,10 @@ class _McapReader:
         self._read_records(at, memoryview(content))
 
     def _read_records(self, at: int, content: memoryview) -> None:
-        """Read the records of an unpacked chunk; a loop without generator, for hundred thousands of messages."""
+        """Read the records of an unpacked chunk.
+
+        A loop without generator, for hundred thousands of messages.
+        """
         head, end, place = RECORD_HEAD.unpack_from, len(content), 0
         while place + RECORD_HEAD.size <= end:
             opcode, length = head(content, place)
@@ -169,7 +178,10 @@ class _McapReader:
             channel.times_ns.append(time)
 
     def _define(self, at: int, opcode: int, body: memoryview) -> None:
-        """Take in a schema or a channel; a channel's messages are kept if they are ROS 2's and wanted."""
+        """Take in a schema or a channel.
+
+        A channel's messages are kept if they are ROS 2's and wanted.
+        """
         from mcap.data_stream import ReadDataStream
         from mcap.exceptions import McapError
         from mcap.records import Channel, Schema
@@ -199,7 +211,10 @@ class _McapReader:
 
 
 def _records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview, int]]:
-    """Yield place, opcode and body of each record, and its declared length: the last may be cut."""
+    """Yield place, opcode, body and declared length of each record.
+
+    The last may be cut.
+    """
     while at + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, at)
         begin = at + RECORD_HEAD.size
@@ -208,7 +223,10 @@ def _records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview, 
 
 
 def _unpacked(packed: memoryview, name: str, size: int) -> bytes | memoryview:
-    """Unpack at most ``size`` bytes of a chunk. ValueError for an unknown compression, else the compressor's errors."""
+    """Unpack at most ``size`` bytes of a chunk.
+
+    ValueError for an unknown compression, else the compressor's errors.
+    """
     if name == "":
         return packed[:size]
     if name == "zstd":
@@ -257,7 +275,10 @@ def _read_sqlite(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> 
 def _sqlite_channels(
     database: sqlite3.Connection, bag: Bag, wanted: ChannelFilter, defined: bool
 ) -> dict[object, BagChannel]:
-    """Return the wanted channels by number and enter them in the bag; ``defined``: with definitions, since Iron."""
+    """Return the wanted channels by number; fill in the bag.
+
+    ``defined``: with definitions, since Iron.
+    """
     definitions: dict[object, tuple[str, str]] = {}
     if defined:
         query = "select topic_type, encoded_message_definition, encoding from message_definitions"

@@ -46,7 +46,7 @@ RECORDER_COLUMN = "log_time_ns"
 
 @dataclass(frozen=True, slots=True)
 class FieldPlace:
-    """A field ``at`` bytes from the start of each message; ``dtype`` includes the shape of an array."""
+    """A field ``at`` bytes from the start of each message."""
 
     name: str
     at: int
@@ -54,9 +54,10 @@ class FieldPlace:
 
 
 class MessageLayoutCdr:
-    """Places of the fields of one message, and the ``lengths`` (place, value) that other messages must share.
+    """Places of the fields of one message.
 
-    ValueError for a message that ends early or holds what is not decoded.
+    ``lengths`` (place, value) are what other messages must share. ValueError for a message that ends early or holds
+    what is not decoded.
     """
 
     def __init__(self, types: dict[str, Any], kind: str, message: bytes) -> None:
@@ -136,7 +137,7 @@ class MessageLayoutCdr:
         return {name: place.dtype.newbyteorder("=") for name, place in self.places.items()}
 
     def column(self, rows: NDArray[np.uint8], name: str) -> NDArray[Any]:
-        """Return a field of messages (n, size) of this layout, in native byte order."""
+        """Return a field of messages (n, size), in native byte order."""
         place = self.places[name]
         part = np.ascontiguousarray(rows[:, place.at : place.at + place.dtype.itemsize])
         flat = part.view(place.dtype.base)
@@ -155,7 +156,7 @@ class MessageLayoutCdr:
 def decode_table(
     name: str, types: dict[str, Any], kind: str, messages: Sequence[bytes], times_ns: Sequence[int]
 ) -> Table:
-    """Return the messages of one topic as a table without those that cannot be decoded.
+    """Return the messages of one topic that can be decoded.
 
     Column ``log_time_ns`` is the recorder's time. ValueError where no message can be decoded.
     """
@@ -187,7 +188,10 @@ class _LayoutPart:
 
 
 def _split_by_layout(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[_LayoutPart]:
-    """Return the messages by layout, most first. ValueError with the reason where none can be decoded."""
+    """Return the messages by layout, most first.
+
+    ValueError with the reason where none can be decoded.
+    """
     sizes = np.array([len(message) for message in messages])
     open_ = np.ones(len(messages), bool)
     parts: list[_LayoutPart] = []

@@ -111,7 +111,10 @@ def _choose_vehicle(path: Path, bag: Bag, system: int | None) -> str:
 
 
 def _channel_table(path: Path, name: str, channel: BagChannel, bag: Bag) -> Table | None:
-    """Return the messages of a channel, None where no one can be decoded; others are reported."""
+    """Return a channel's table, None where nothing can be decoded.
+
+    Messages left out are reported.
+    """
     count = len(channel.messages)
     table: Table | None = None
     reason = ""

@@ -68,13 +68,19 @@ class Content:
                 losses.add_limit(f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
 
     def start(self, version: int, start_us: int) -> None:
-        """Take in a file header with the logger's version and start time (us); the first one describes the file."""
+        """Take in a file header; the first one describes the file.
+
+        ``version`` of the logger, start time in us.
+        """
         self._start_us, self.in_data = start_us if start_us < MAX_START_US else 0, False
         self._info.setdefault("ulog_version", version)
         self._info.setdefault("ulog_start_us", self._start_us)
 
     def take(self, kind: int, payload: bytes, position: int) -> None:
-        """Take in one record. IndexError or struct.error if it is too short for its type."""
+        """Take in one record.
+
+        IndexError or struct.error if it is too short for its type.
+        """
         match chr(kind):
             case "I":
                 key_type, name, raw = split_key(payload)
@@ -117,10 +123,10 @@ class Content:
         self.params.append(ParamChange(name, value, t_us, is_default, position))
 
     def take_parameters(self, raw: memoryview, position: int, stop: int) -> int:
-        """Take in successive parameters, all but the last; return the position of that one.
+        """Take in successive parameters; return the last one's position.
 
-        Each is as strict as :func:`attlog.formats.ulog.layout.is_record` demands and is followed by one. Most
-        definitions of a log are parameters, and one by one they cost more than all its data.
+        The last is not taken in. Each is as strict as :func:`attlog.formats.ulog.layout.is_record` demands and is
+        followed by one. Most definitions of a log are parameters, and one by one they cost more than all its data.
         """
         chunk = bytes(raw[position : min(position + MAX_RUN_BYTES, stop)])
         before = (self._time_before(position) or self._start_us) if self.in_data else None
@@ -161,7 +167,7 @@ class Content:
 
 @dataclass(slots=True)
 class Topic:
-    """A topic's records so far; another layout (a second log in the same file) starts a new part."""
+    """A topic's records so far, in parts of one layout each."""
 
     layouts: list[TopicLayout]
     parts: list[tuple[int, Offsets]] = field(default_factory=list)
@@ -178,9 +184,9 @@ class Topic:
         self.parts.append((len(self.layouts) - 1, offsets))
 
     def table(self, data: Bytes, name: str, multi: int, losses: DamageLog, *, own_starts: bool = False) -> Table:
-        """Return the topic's table with the fields that all its layouts share, and release the parts.
+        """Return the table of fields that all layouts share.
 
-        ``own_starts``: copy the starts, because a slice would keep those of its whole group.
+        Releases the parts. ``own_starts``: copy the starts, because a slice would keep those of its whole group.
         """
         parts, self.parts = self.parts, []
         one = len(parts) == 1 and not own_starts
@@ -254,7 +260,7 @@ MIN_RECORDS = 5
 
 
 def implausible(table: Table) -> NDArray[np.bool_]:
-    """Select the records with a time far from the others or a number beyond any range.
+    """Select records with a far time or an impossible number.
 
     ULog has no checksums, and damage within a record leaves the framing intact. Random bytes have an exponent or a time
     that nothing on an aircraft has. Used only on damaged files, so that intact logs are read as they are.

@@ -33,7 +33,10 @@ MAX_KEY_BYTES = 1 << 13
 
 @contextmanager
 def using_key(key: str | Path | None) -> Iterator[None]:
-    """Decrypt with the private key in this file within the block, None: with that of the environment."""
+    """Decrypt with this private key within the block.
+
+    None: with that of the environment.
+    """
     token = _GIVEN_KEY.set(None if key is None else Path(key))
     try:
         yield
@@ -42,15 +45,15 @@ def using_key(key: str | Path | None) -> Iterator[None]:
 
 
 def is_encrypted(head: bytes) -> bool:
-    """True if a file with these first bytes is an encrypted ULog, or its key file."""
+    """True for an encrypted ULog or its key file."""
     return head.startswith((ENCRYPTED_MAGIC, KEY_FILE_MAGIC))
 
 
 def decrypt(path: Path, data: Bytes) -> Bytes:
-    """Return the bytes of the log in an encrypted one, as many as a cut one holds.
+    """Return the bytes of the log in an encrypted one.
 
-    UsageError for an invalid key, a missing package or no key; LogUnreadable if a file cannot be opened; LogUnusable
-    for a damaged header and a key of another vehicle.
+    Of a cut one as many as it holds. UsageError for an invalid key, a missing package or no key; LogUnreadable if a
+    file cannot be opened; LogUnusable for a damaged header and a key of another vehicle.
     """
     named = _GIVEN_KEY.get() or os.environ.get(KEY_VARIABLE, "")
     if not named:

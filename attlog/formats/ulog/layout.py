@@ -53,7 +53,7 @@ Members = list[tuple[str, int | None, str]]
 
 @dataclass(frozen=True, slots=True)
 class _Extent:
-    """Size of a flattened format; ``why_not`` is the reason why it cannot be used."""
+    """Size of a flattened format, or why it cannot be used."""
 
     size: int = 0
     columns: int = 0
@@ -107,7 +107,10 @@ class TopicLayout:
 
 
 class Formats:
-    """The format texts of one log by name, with their extents and layouts. A text once used is never changed."""
+    """The format texts of one log, with extents and layouts.
+
+    A text once used is never changed.
+    """
 
     def __init__(self, texts: Mapping[str, str] = MappingProxyType({})) -> None:
         self.texts = dict(texts)
@@ -126,7 +129,7 @@ class Formats:
         return self._layouts[name]
 
     def flattened(self, name: str, prefix: str = "", at: int = 0) -> Iterable[tuple[str, np.dtype[np.generic], int]]:
-        """Yield name, type and position of each column of an accepted format, padding included."""
+        """Yield name, type and position of each column, padding included."""
         for kind, count, member in self._members_of(name) or ():
             if count == 0:
                 continue
@@ -164,7 +167,10 @@ class Formats:
         )
 
     def _extent(self, name: str) -> _Extent:
-        """Count a format and its types, each once, without recursion because definitions may nest at will."""
+        """Count a format and its types, each once.
+
+        Without recursion, because definitions may nest at will.
+        """
         waiting, opened = [name], set()
         while waiting:
             top = waiting[-1]
@@ -215,7 +221,7 @@ class Formats:
 
 @lru_cache(1 << 10)
 def _members_in(text: str) -> Members | None:
-    """Return the members of a format text; logs of one firmware define the same ones."""
+    """Return the members of a format text, cached."""
     parsed = parse_format(text)
     return None if parsed is None else parsed[1]
 
@@ -270,15 +276,18 @@ _INFO_STRUCTS = {
 
 
 def is_record(kind: int, head: bytes, size: int) -> bool:
-    """True if a payload of ``size`` bytes with the first MAX_HEAD_BYTES ``head`` is valid for its type (all but D)."""
+    """True if a payload is valid for its type (all but D).
+
+    ``head``: its first MAX_HEAD_BYTES, ``size``: its length.
+    """
     check = _CHECKS.get(kind)
     return check is not None and check(head, size)
 
 
 def is_odd_definition(kind: int, head: bytes, size: int) -> bool:
-    """True if a payload is a definition under a name that no logger uses, correctly framed and printable.
+    """True for a definition under a name that no logger uses.
 
-    This suffices behind a valid record, not to find records among garbage.
+    Correctly framed and printable. This suffices behind a valid record, not to find records among garbage.
     """
     at = _NAME_AT.get(kind)
     if at is None or size <= at or size > len(head):
@@ -293,12 +302,15 @@ def is_odd_definition(kind: int, head: bytes, size: int) -> bool:
 
 
 def decode_ulog_text(raw: bytes) -> str:
-    """Return text up to the first NUL; bytes that are no UTF-8 become replacement characters."""
+    """Decode text up to NUL, with replacement characters."""
     return raw.split(b"\0", 1)[0].decode("utf-8", "replace")
 
 
 def split_key(payload: bytes) -> tuple[str, str, bytes]:
-    """Return type, name and value bytes of an I, P or (behind its first byte) M and Q payload."""
+    """Return type, name and value bytes of a keyed payload.
+
+    Of types I and P, and of M and Q behind their first byte.
+    """
     end = 1 + payload[0]
     kind, _, name = payload[1:end].decode("utf-8", "replace").partition(" ")
     return kind, name, payload[end:]
@@ -397,7 +409,10 @@ class Definitions:
             self._redefined += 1
 
     def subscription(self, identifier: int, name: str, multi: int) -> Subscription | None:
-        """Return the meaning of an id from a subscription on; None if the definition cannot be used."""
+        """Return the meaning of an id from a subscription on.
+
+        None if the definition cannot be used.
+        """
         layout = self._formats.layout(name)
         before = self.by_id.get(identifier)
         if isinstance(layout, str):
@@ -410,7 +425,10 @@ class Definitions:
         return before if self._resubscribed > MAX_RESUBSCRIBED else now
 
     def without_subscription(self, size: int) -> list[tuple[str, TopicLayout]]:
-        """Return the formats without an id whose records have ``size`` bytes behind the id, at the log's end."""
+        """Return the formats without an id, of records of ``size`` bytes.
+
+        Behind the id; called at the log's end.
+        """
         if self._free_of_size is None:
             self._free_of_size = {}
             subscribed = {subscription.name for subscription in self.by_id.values()}
@@ -422,7 +440,7 @@ class Definitions:
         return self._free_of_size.get(size, [])
 
     def report(self, losses: DamageLog) -> None:
-        """Report unusable definitions and what exceeds the limits of a log, each sentence once."""
+        """Report unusable definitions and exceeded limits, each sentence once."""
         known = {remark.text for remark in losses.remarks}
         refused = dict(self.why_not.values())
         others = {1: "", 2: "; one other topic neither"}.get(len(refused), f"; {len(refused) - 1} other topics neither")
@@ -445,5 +463,5 @@ ENCRYPTED_MAGIC, KEY_FILE_MAGIC = b"ULogEnc", b"ULogKey"
 
 
 def is_ulog(head: bytes) -> bool:
-    """True if a file with these first bytes is a ULog, encrypted or not."""
+    """True for a ULog, encrypted or not."""
     return head.startswith((MAGIC, ENCRYPTED_MAGIC, KEY_FILE_MAGIC))

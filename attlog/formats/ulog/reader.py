@@ -57,10 +57,10 @@ MIN_EQUAL_RECORDS = 8
 
 
 def read_ulog(path: Path | str, *, data: Bytes | None = None) -> Messages:
-    """Return the log with ``(topic, multi id)`` keys, format ``ulog``; ``data`` are its bytes if mapped.
+    """Return a ULog with ``(topic, multi id)`` keys.
 
-    LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable if it is encrypted without key or
-    needs a newer reader. Damage is listed, never raised.
+    ``data`` are its bytes if mapped. LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable
+    if it is encrypted without key or needs a newer reader. Damage is listed, never raised.
     """
     path = Path(path)
     data = read_file_bytes(path) if data is None else data
@@ -157,7 +157,7 @@ class _Reader:
         return tables
 
     def _walk(self, position: int, stop: int) -> int:
-        """Read records up to ``stop``; return ``stop`` or the place where appended data were announced."""
+        """Read records up to ``stop``, or up to announced appended data."""
         plan, raw = self.appended, self.raw
         while position < stop and self.appended is plan:
             if position + DATA_HEADER_BYTES <= stop and raw[position + 2] == DATA:
@@ -199,7 +199,10 @@ class _Reader:
         self.framing.recent = starts[-RECENT_RECORDS:].tolist()
 
     def _record(self, position: int, stop: int) -> int | None:
-        """Take in a record that is no known data; return the next position, None without a record."""
+        """Take in a record that is no known data.
+
+        Return the next position, None without a record.
+        """
         if self.framing.is_header(position) and position + FILE_HEADER <= stop:
             self._end_log()
             self._start_log(position)
@@ -215,7 +218,10 @@ class _Reader:
         return end
 
     def _uncertain_record(self, position: int, end: int, stop: int) -> int | None:
-        """Take in a record that could be chance: data of an unknown id, or one not quite valid for its type."""
+        """Take in a record that could be chance.
+
+        Data of an unknown id, or a record not quite valid for its type.
+        """
         kind, length = self.raw[position + 2], end - position - 3
         if kind == 0 or not length or (not KNOWN_KINDS[kind] and length > MAX_UNKNOWN_BYTES):
             return None
@@ -231,7 +237,10 @@ class _Reader:
         return end
 
     def _take_unknown(self, identifier: int, position: int, length: int) -> None:
-        """Take in a data record without definition; ids with records of one size are then followed like known ones."""
+        """Take in a data record without definition.
+
+        Ids with several records of one size are then followed like known ones.
+        """
         self.unknown.setdefault(identifier, array("q")).append(position)
         if self.followed.smallest[identifier] or len(self.equal_sized) >= MAX_IDS_FOLLOWED:
             return
@@ -242,10 +251,10 @@ class _Reader:
             self.chain.forget()
 
     def _resume(self, position: int, stop: int) -> int:
-        """Give up the record that ended at ``position``, find the next valid one and report the damage.
+        """Give up a record and find the next valid one.
 
-        Where nothing follows and the rest is the beginning of a record, the log was cut there and the record before is
-        whole.
+        The record that ended at ``position`` is given up, and the damage reported. Where nothing follows and the rest
+        is the beginning of a record, the log was cut there and the record before is whole.
         """
         if self.framing.is_cut_off(position, stop) and self.framing.anchor(position + 1, stop) == stop:
             resumed = "at the end of the file" if stop == self.size else f"at the appended data, byte {stop}"
@@ -282,7 +291,7 @@ class _Reader:
         return table.rows(~false)
 
     def _end_log(self) -> None:
-        """Sort pending records; assign records without subscription to the one topic that fits, or report them."""
+        """Sort pending records, and assign or report those without subscription."""
         self._group()
         for identifier, places in self.unknown.items():
             starts: Offsets = np.sort(np.frombuffer(places, np.int64)).astype(offset_type(self.size))
@@ -312,7 +321,10 @@ class _Reader:
             self.definitions.report(self.losses)
 
     def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, TopicLayout] | None:
-        """Return the one format without subscription of this size with rising times, None for none or more."""
+        """Return the one topic without subscription that fits, or None.
+
+        It has this size and rising times.
+        """
         if len(starts) < ANCHOR_RECORDS or (lengths != lengths[0]).any():
             return None
         fitting: list[tuple[str, TopicLayout]] = []
@@ -389,7 +401,7 @@ class _Reader:
             self.appended = [a for a in offsets if position < a < self.size]
 
     def _time_before(self, position: int) -> int | None:
-        """Return the stamp of the last data record before, None if there is none that a clock can show."""
+        """Return the last stamp before a position, None without one."""
         last = self.framing.recent[-1] if self.framing.recent else 0
         stamp = self.framing.time_at(last) if last and last < position else None
         return stamp if stamp is not None and stamp < MAX_START_US else None

@@ -52,7 +52,10 @@ def identifier_at(raw: memoryview, start: int) -> int:
 
 
 class Sizes:
-    """Payload sizes (with the id) that a data record may have, by id; 0 for unknown ids."""
+    """Payload sizes (with the id) of data records, by id.
+
+    0 for unknown ids.
+    """
 
     def __init__(self) -> None:
         self.smallest = np.zeros(65536, np.uint16)
@@ -60,7 +63,7 @@ class Sizes:
         self._known: list[int] = []
 
     def set(self, identifier: int, smallest: int, largest: int) -> bool:
-        """Allow the sizes from ``smallest`` to ``largest`` for an id; return True for a change."""
+        """Allow sizes for an id; return True for a change."""
         is_new = (self.smallest[identifier], self.spread[identifier]) != (smallest, largest - smallest)
         if is_new:
             self._known.append(identifier)
@@ -81,7 +84,10 @@ class Sizes:
 
 
 class DataChain:
-    """Successive data records, found by comparing whole blocks; ``forget`` must be called when the sizes change."""
+    """Successive data records, found in whole blocks.
+
+    ``forget`` must be called when the sizes change.
+    """
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data, self._sizes, self._width = data, sizes, offset_type(len(data))
@@ -94,7 +100,10 @@ class DataChain:
         self._knows_few = False
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
-        """Return starts and ids of the unbroken records from ``position`` on, within one block and before ``stop``."""
+        """Return starts and ids of unbroken records from ``position`` on.
+
+        Within one block and before ``stop``.
+        """
         if not self._begin <= position < self._end:
             if not self._knows_few:
                 self._knows_few = True
@@ -123,7 +132,7 @@ class DataChain:
         return np.array(starts, self._width), np.array(ids, np.uint16)
 
     def _look(self, position: int) -> None:
-        """Find the places in the next block that look like a data record, and where their chain breaks."""
+        """Find possible data records in the next block, and chain breaks."""
         self._begin, self._end = position, min(position + self._block, len(self._data))
         self._block = min(4 * self._block, MAX_BLOCK_BYTES)
         length = self._end - position
@@ -166,7 +175,7 @@ def _u16_at(block: Bytes, at: Offsets) -> NDArray[np.uint16]:
 
 
 class Framing:
-    """Judge places of a log by their bytes, the sizes of subscribed records, and the times of ``recent`` records."""
+    """Judge places by bytes, sizes, and times of ``recent`` records."""
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self.data, self.raw, self.size, self.sizes = data, data.data, len(data), sizes
@@ -184,7 +193,7 @@ class Framing:
         self.sizes.set(identifier, layout.size + 2, layout.full_size + 2)
 
     def time_at(self, start: int) -> int | None:
-        """Return the stamp of the data record that starts here, None if its topic has none."""
+        """Return the stamp of a data record, None without one."""
         place = self._time_places.get(identifier_at(self.raw, start))
         return None if place is None else int(struct.unpack_from("<Q", self.raw, start + DATA_HEADER_BYTES + place)[0])
 
@@ -210,7 +219,7 @@ class Framing:
         return position + 3 > stop or (self.end(position) > stop and self._begins_well(position))
 
     def leads_on(self, position: int, stop: int, records: int, *, odd: bool = False) -> bool:
-        """True if ``records`` valid records follow, or fewer before the end of the section.
+        """True if ``records`` valid records follow, or the section ends.
 
         ``odd``: behind a valid record definitions under names that no logger uses suffice.
         """
@@ -259,7 +268,7 @@ class Framing:
         return position + DATA_HEADER_BYTES > self.size or self.sizes.fits(identifier_at(self.raw, position), size)
 
     def _candidates(self, begin: int, end: int) -> list[int]:
-        """Return the places whose first bytes could be a record that can be checked."""
+        """Return the places that could be a record."""
         last = min(end, self.size - DATA_HEADER_BYTES)
         if last <= begin:
             return []
@@ -279,7 +288,10 @@ class Framing:
 
 
 def times_rise(data: Bytes, starts: Offsets, layout: TopicLayout) -> bool:
-    """True if records of this layout have times that rise and stay near each other; False without stamp."""
+    """True if records of this layout have rising, near times.
+
+    False without stamp.
+    """
     if layout.time_at is None:
         return False
     return rise_nearby(gather(data[DATA_HEADER_BYTES + layout.time_at :], starts, np.dtype("<u8")))

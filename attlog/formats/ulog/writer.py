@@ -143,7 +143,7 @@ def _simple(name: str, column: str, values: NDArray[Any]) -> str:
 
 
 def _data(recording: Recording, start: int) -> bytes:
-    """Return data records of all topics, texts and parameter changes in the order of their times."""
+    """Return data, texts and parameter changes in order of time."""
     blocks = [_rows(k, key, columns) for k, (key, columns) in enumerate(recording.messages.items())]
     times = [columns["timestamp"] for columns in recording.messages.values()]
     lengths = [np.full(len(rows), rows.shape[1]) for rows in blocks]
