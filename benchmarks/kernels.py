@@ -1,10 +1,10 @@
-"""Cost of one update: every filter, batches of parameter sets against the scalar kernel, and the packages vqf and ahrs.
+"""Cost of one update: every filter, and the packages vqf and ahrs.
 
     python benchmarks/kernels.py [--filters LIST] [--turns 15]
 
 Prints nanoseconds of CPU time per update (one thread, kernels loaded from the cache: each runs once before it counts).
-What is compared runs by turns on the same data, so that a shared machine slows both; medians. Batches keep every 8th
-output, as a sweep does. ``vqf`` is the package, called as attlog calls it.
+What is compared runs by turns on the same data, so that a shared machine slows both; medians.
+``vqf`` is the package, called as attlog calls it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from measured import apart
 from table import Measured, Target, Task
 
 from attlog.core import rotation
-from attlog.estimators import batch, get, names
+from attlog.estimators import get, names
 from attlog.estimators import run as loop
 from attlog.estimators.samples import PreparedSamples, prepare
 
@@ -69,21 +69,6 @@ def scalar(name: str, samples: PreparedSamples) -> Work:
     return lambda: loop.run(e, samples, values).ns_per_update
 
 
-def batched(name: str, samples: PreparedSamples, dtype: str) -> Work:
-    """Cost per update and parameter set of a full kernel width."""
-    e = get(name)
-    packed = e.pack({k: v for k, (v, _) in e.resolve().items()})
-    advance = batch.batch_kernel(e, {i: packed[i] for i, p in enumerate(e.own) if p.choices}, dtype)
-    width = batch.WIDTH[dtype]
-    work = np.zeros((e.state_size + len(packed) + 3, width), dtype)
-    work[0] = 1
-    work[e.state_size : -3] = packed[:, None]
-    out = np.empty((-(-SAMPLES // 8), e.outputs, width), dtype)
-    dt, gyr, acc, mag = (np.ascontiguousarray(x, dtype) for x in (samples.dt, samples.gyr, samples.acc, samples.mag))
-    flat = work.ravel()
-    return clocked(lambda: advance(flat, dt, samples.substeps, gyr, acc, mag, samples.use, 8, out), SAMPLES * width)
-
-
 def ahrs(gyr: np.ndarray, acc: np.ndarray, mag: np.ndarray) -> Work:
     """The peer's Mahony on the first 1000 samples."""
     from ahrs.filters import Mahony  # type: ignore[import-untyped]
@@ -96,13 +81,6 @@ def per_update(filters: Sequence[str], turns: int = TURNS) -> dict[str, np.ndarr
     """Nanoseconds per update (turns,) of filters, by turns on the same data."""
     samples = prepare(*data())
     return by_turns({name: scalar(name, samples) for name in filters}, turns)
-
-
-def per_set(name: str, turns: int = TURNS) -> dict[str, np.ndarray]:
-    """Nanoseconds per update and parameter set (turns,): ``scalar`` and each float type of a batch."""
-    samples = prepare(*data())
-    works = {dtype: batched(name, samples, dtype) for dtype in batch.WIDTH}
-    return by_turns({"scalar": scalar(name, samples), **works}, turns)
 
 
 def against_ahrs(turns: int = 3) -> dict[str, np.ndarray]:
@@ -125,15 +103,8 @@ def tasks(turns: int = TURNS) -> list[Task]:
     def costs() -> dict[str, np.ndarray]:
         return apart(per_update, ("mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf"), turns)
 
-    @cache
-    def lanes() -> dict[str, np.ndarray]:
-        return apart(per_set, "mahony", turns)
-
     def of(name: str) -> Callable[[], Measured]:
         return lambda: ratio(name, "vqf", costs(), "vqf")
-
-    def lane(dtype: str) -> Callable[[], Measured]:
-        return lambda: ratio(dtype, "scalar", lanes(), "one by one", faster=True)
 
     return [
         Task(GROUP, "mahony", None, of("mahony")),
@@ -147,8 +118,6 @@ def tasks(turns: int = TURNS) -> list[Task]:
             Target("≥", 3000),
             lambda: ratio("mahony", "ahrs", apart(against_ahrs), "ahrs", faster=True),
         ),
-        Task(GROUP, "sweep, mahony, one of a batch, float64", Target("≥", 4), lane("float64")),
-        Task(GROUP, "sweep, mahony, one of a batch, float32", Target("≥", 10), lane("float32")),
     ]
 
 
@@ -166,12 +135,6 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{name:24}{np.median(ns):14.0f}")
     if {"ekf12", "vqf"} <= set(cost):
         print(f"ekf12 takes {np.median(cost['ekf12']) / np.median(cost['vqf']):.2f} of vqf's time")
-    print(f"\n{'batch':24}{'ns per set':>14}{'ratio':>8}")
-    for name in ("mahony", "complementary", "madgwick"):
-        cost = per_set(name, options.turns)
-        for dtype in batch.WIDTH:
-            ratio = np.median(cost["scalar"]) / np.median(cost[dtype])
-            print(f"{name + ' ' + dtype:24}{np.median(cost[dtype]):14.1f}{ratio:8.1f}")
     cost = against_ahrs()
     ratio = np.median(cost["ahrs"]) / np.median(cost["mahony"])
     print(f"\nahrs Mahony {np.median(cost['ahrs']):.0f} ns: {ratio:.0f} times attlog's")

@@ -22,8 +22,6 @@ from attlog.estimators.interface import Array
 
 FORCE_S, RATE_S = 0.05, 0.03
 """Half widths of the centred means in an event's rows."""
-NEAR_S, NEAR_M_S = 0.5, 1.0
-"""Without GNSS: the vehicle stays near, told as a velocity of zero with this spread, so that gravity shows the tilt."""
 TIE_S = 1e-6
 SETTLE_MORE, SETTLE_S = 10.0, 3.0
 Ints = NDArray[np.int64]
@@ -126,7 +124,7 @@ class Timetable:
                     delattr(p, name)
             return out
 
-        levels = _levels(tuned, self.inputs.velocity is None)
+        levels = _levels(tuned)
         kind, at = gathered("kind", dtype=np.int64), gathered("at", dtype=np.int64)
         sigma = gathered("shape", 3)
         for one, level in levels.items():
@@ -159,9 +157,6 @@ class Timetable:
             if m is not None:
                 assert m.sigma is not None
                 out.append(self._place(kind, m.t - tuned.gnss_delay, m.x, m.sigma[:, columns]))
-        if i.velocity is None and i.position is None:
-            slow = np.arange(t[0] + NEAR_S, t[-1], NEAR_S)
-            out.append(self._place(VELOCITY, slow, np.zeros((len(slow), 3)), np.ones((len(slow), 3))))
         if i.baro is not None:
             m = i.baro
             out.append(self._once(BARO, 0.0, m.t, _wide(m.x), _same([1.0, 0.0, 0.0], len(m.t))))
@@ -226,11 +221,11 @@ def scheduled(inputs: Inputs, tuned: NoiseLevels, settling: bool = False) -> Sch
     return Timetable(inputs).scheduled(tuned, settling)
 
 
-def _levels(tuned: NoiseLevels, near: bool) -> dict[int, Array]:
-    """The noise (3,) of each kind of events; ``near``: no GNSS tells a velocity."""
+def _levels(tuned: NoiseLevels) -> dict[int, Array]:
+    """Return the noise (3,) of each kind of events."""
     r = tuned.r
     return {
-        VELOCITY: np.full(3, NEAR_M_S) if near else r[[0, 0, 1]],
+        VELOCITY: r[[0, 0, 1]],
         POSITION: r[[2, 2, 3]],
         BARO: np.full(3, r[4]),
         MAG: np.full(3, r[5]),

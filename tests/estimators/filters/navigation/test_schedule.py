@@ -124,17 +124,6 @@ def test_each_kind_has_the_noise_of_its_groups_times_its_own_shape() -> None:
     assert found.scalars.tolist() == [0 if e == 0 else scalars[e - 1] for e in found.node_event]
 
 
-def test_without_gnss_the_vehicle_stays_within_1_m_s_told_twice_a_second() -> None:
-    found = Timetable(inputs()).scheduled(TUNED)
-    at = np.repeat(found.node_at, np.diff(found.node_event))
-    assert at.tolist() == [50, 100, 150, 200, 250]
-    assert (found.kind == VELOCITY).all()
-    assert (found.sigma == 1.0).all()
-    assert (found.z == 0.0).all()
-    only = Timetable(inputs(position=fixes([6.22], 2))).scheduled(TUNED)
-    assert only.kind.tolist() == [POSITION]
-
-
 def test_while_it_settles_aids_count_a_tenth_and_after_three_seconds_e_times_more() -> None:
     own = inputs(mag=Measurements(T[[0, 150, 300]], np.ones((3, 3))), velocity=fixes([9.0]))
     plain, settling = (Timetable(own).scheduled(TUNED, settling=x) for x in (False, True))
