@@ -408,7 +408,7 @@ def csv_cell(value: Any) -> Any:
     """Return a value as CSV cell that no spreadsheet executes.
 
     Texts that it would execute get an apostrophe in front. The same holds for text behind a line end, a tab or a
-    semicolon, which is a cell with another separator. Line ends become ``\n``: a lone ``\r`` ends a row in
+    semicolon, which is a cell with another separator. Line ends become ``\\n``: a lone ``\\r`` ends a row in
     spreadsheets, and writers do not quote it.
     """
     if not isinstance(value, str):

@@ -191,6 +191,7 @@ def _equal(ours: Any, theirs: Any, log_format: str) -> Any:
         return (raw[0] == raw[1]).all(axis=1)
     a, b = ours.astype(np.float64), theirs.astype(np.float64)
     same = (a == b) | (np.isnan(a) & np.isnan(b))
-    near = np.isfinite(a) & np.isfinite(b)
-    same[near] |= np.abs(a[near] - b[near]) <= np.spacing(np.abs(b[near]))
+    near = np.isfinite(a) & np.isfinite(b) & ~same
+    with np.errstate(over="ignore"):
+        same[near] = np.abs(a[near] - b[near]) <= np.spacing(np.abs(b[near]))
     return same if same.ndim == 1 else same.all(axis=1)
