@@ -32,24 +32,20 @@ def compared(runs: int = 15) -> Pair:
     import plotly.graph_objects as go
 
     from attlog.report.bundle import ArrayPacker
-    from attlog.report.figures.canvas import Rows, packed_series
-    from attlog.result import Trace
+    from attlog.report.figures.figure import View, figure_data
+    from attlog.report.figures.style import RowStyle
 
     drawn = lines()
-    rows = Rows({str(i): str(i) for i in range(LINES)})
-    traces = [
-        [
-            Trace(figure=str(f), row=str(i), key="", t=t, columns={"roll": y}, ratio=1.0)
-            for i, (t, y) in enumerate(figure)
-        ]
-        for f, figure in enumerate(drawn)
-    ]
+    rows = [RowStyle(str(i), i, "solid") for i in range(LINES)]
 
     def ours() -> str:
-        store = ArrayPacker()
-        return store.pack(
-            {i: packed_series(figure, ("roll",), rows, store, 0.01)[0] for i, figure in enumerate(traces)}
-        )
+        packer, found = ArrayPacker(), {}
+        for i, figure in enumerate(drawn):
+            view = View(rows)
+            for r, (t, y) in enumerate(figure):
+                view.row(r, t, y, unit="deg", meta={"time": True, "step": 0.01})
+            found[i] = figure_data(view.as_data(), packer)
+        return packer.pack(found)
 
     def theirs() -> list[str]:
         return [go.Figure([go.Scatter(x=t, y=y) for t, y in figure]).to_json() for figure in drawn]

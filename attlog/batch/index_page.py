@@ -15,7 +15,7 @@ from attlog.batch.order import FIRST, LEVELS, TITLES, RankedLog, natural, ordere
 from attlog.compare.gates import BASELINE_ESTIMATORS
 from attlog.core.files import write_atomic
 from attlog.report.bundle import packed, source_hash
-from attlog.report.page import WEB as REPORT
+from attlog.report.shell import WEB as REPORT
 from attlog.words.numbers import counted, listed, unit_sign
 from attlog.words.text import clean, cleaned, typeset
 

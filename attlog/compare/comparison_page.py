@@ -15,9 +15,8 @@ from attlog.compare.tables import MatrixRow, matrix
 from attlog.compare.wording import STATUS_WORDS, change_text, scale_unit, signed_text, titled
 from attlog.core.plain import to_plain
 from attlog.report import shell
-from attlog.report.bundle import ArrayPacker
-from attlog.report.figures.canvas import PageFigure
-from attlog.report.figures.style import assign_colours
+from attlog.report.figures.figure import PageFigure
+from attlog.report.figures.style import RowStyle, assign_colours
 from attlog.words.numbers import counted, listed
 
 # Differences and intervals this many times the median one do not set the scale of their row.
@@ -47,22 +46,18 @@ def render_comparison(found: Comparison) -> str:
         q.id: _forest_figure(found, q, n) for n, q in enumerate(found.questions) if q.main and _has_difference(q)
     }
     slots = assign_colours([c.name for c in found.configurations])
-    rows = [
-        {"name": c.label, "slot": slot, "dash": "solid", "shown": True, "onboard": False, "lost": False}
-        for c, slot in zip(found.configurations, slots, strict=True)
-    ]
+    rows = [RowStyle(c.label, slot, "solid") for c, slot in zip(found.configurations, slots, strict=True)]
     whole = matrix(found)
     return shell.render(
         "compare.html",
         WEB_FOLDER,
         rows=rows,
         figures=figures.values(),
-        store=ArrayPacker(),
         document=to_plain(found),
-        scripts=("folded.js",),
+        scripts=("forest.js",),
         styles=("compare.css",),
         found=found,
-        slots={c.name: row["slot"] for c, row in zip(found.configurations, rows, strict=True)},
+        slots={c.name: row.slot for c, row in zip(found.configurations, rows, strict=True)},
         plots=figures.values(),
         troubles=status_words(found),
         onboard=sum(line.reference.startswith("onboard") for line in found.used),

@@ -11,7 +11,6 @@ from attlog.compare.diff import ABSENT_VALUE, QUESTION_ORDER, NumberChange, RunD
 from attlog.compare.pages import WEB_FOLDER
 from attlog.core.plain import to_plain
 from attlog.report import shell
-from attlog.report.bundle import ArrayPacker
 from attlog.words.numbers import MINUS, counted, half_width, quantity, unit_sign
 from attlog.words.text import clean, escape_markdown
 
@@ -218,7 +217,6 @@ def diff_page(
         WEB_FOLDER,
         rows=[],
         figures=[],
-        store=ArrayPacker(),
         document=whole,
         styles=("diff.css",),
         sections=[_page_section(d) for d in sorted(differences, key=lambda d: -d.count)],

@@ -10,8 +10,7 @@ from typing import Any
 from attlog.compare.tables import TableCells
 from attlog.core.plain import to_plain
 from attlog.report import shell
-from attlog.report.bundle import ArrayPacker
-from attlog.report.figures.canvas import PageFigure
+from attlog.report.figures.figure import PageFigure
 
 WEB_FOLDER = Path(__file__).parent / "web"
 
@@ -39,7 +38,6 @@ def render_sections(name: str, title: str, document: dict[str, Any], sections: S
         WEB_FOLDER,
         rows=[],
         figures=[figure for section in sections for figure in section.figures],
-        store=ArrayPacker(),
         document=to_plain(document),
         scripts=("settings.js",),
         styles=("settings.css",),

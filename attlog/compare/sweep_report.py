@@ -17,7 +17,7 @@ from attlog.compare.search import SettingResult, Sweep, SweepColumn
 from attlog.compare.tables import TableCells
 from attlog.core import files
 from attlog.core.plain import to_plain
-from attlog.report.figures.canvas import PageFigure, json_numbers
+from attlog.report.figures.figure import PageFigure, json_numbers
 from attlog.words.numbers import between, change, change_end, counted, listed, number, quantity, unit_sign
 from attlog.words.text import clean
 

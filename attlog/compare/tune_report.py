@@ -22,7 +22,7 @@ from attlog.compare.sweep_report import (
 from attlog.compare.tables import TableCells
 from attlog.compare.tune import HeldOutScore, Tuning
 from attlog.core.plain import to_plain
-from attlog.report.figures.canvas import PageFigure, json_numbers
+from attlog.report.figures.figure import PageFigure, json_numbers
 from attlog.words.numbers import between, change, change_end, counted, listed, unit_sign
 from attlog.words.text import clean
 

@@ -171,7 +171,7 @@ class ArrayPacker:
         place = self._places.setdefault(raw, len(self._bytes))
         if place == len(self._bytes):
             self._bytes += raw
-        return {"s": step, "o": place, "n": len(whole)}
+        return {"s": step, "o": place, "n": len(whole), "w": whole.itemsize}
 
 
 def packed(raw: bytes) -> str:

@@ -9,7 +9,7 @@ from statistics import median
 
 import numpy as np
 
-from attlog.report.figures.panels import time_range
+from attlog.report.figures.figure import time_range
 from attlog.report.figures.style import RowStyle
 from attlog.result import EstimatorRow, Event, Result
 from attlog.words.answers import NO_ANSWER, AnswerLine, answer_lines

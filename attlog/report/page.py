@@ -1,9 +1,7 @@
-"""The page: template, style and script put together, data packed, content-security policy."""
+"""The report of one log as a page."""
 
 from __future__ import annotations
 
-import base64
-import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from attlog.core.files import write_atomic
-from attlog.report.bundle import ArrayPacker, Bundle, bundle, packed, source_hash
+from attlog.report import shell
+from attlog.report.bundle import Bundle
 from attlog.report.figures.catalogue import sections
-from attlog.report.figures.panels import time_marks
-from attlog.report.figures.style import row_styles
+from attlog.report.figures.figure import FigureSource
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
 from attlog.result import MEASURED_TIMES, Result
 from attlog.words.findings import (
@@ -40,21 +38,8 @@ from attlog.words.flight import (
 from attlog.words.names import duplicate_rows_text
 from attlog.words.numbers import counted, duration, moment, number, quantity, unit_sign
 from attlog.words.table import axis_table, main_table, window_tables
-from attlog.words.text import clean, cleaned, plain_value, typeset
+from attlog.words.text import plain_value, typeset
 
-WEB = Path(__file__).parent / "web"
-SCRIPTS = (
-    "unpack.js",
-    "theme.js",
-    "reduce.js",
-    "plots.js",
-    "figures.js",
-    "sensors.js",
-    "spreadsheet.js",
-    "export.js",
-    "page.js",
-)
-"""Joined in this order into the one script of the page."""
 FILTERS: dict[str, Callable[..., Any]] = {
     "unit": unit_sign,
     "duration": duration,
@@ -79,46 +64,27 @@ def write_report(
     ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: what ``to_dict`` gave
     for it, where somebody has it already.
     """
-    path = Path(path)
-    write_atomic(path, render(result, bundle(), deterministic=deterministic, document=document))
+    write_atomic(Path(path), render(result, deterministic=deterministic, document=document))
 
 
-def render(result: Result, plot: Bundle, *, deterministic: bool = False, document: dict[str, Any] | None = None) -> str:
-    """The report as text: template, style and script of this package, data packed."""
-    from attlog.report.templates import template
-
+def render(
+    result: Result, plot: Bundle | None = None, *, deterministic: bool = False, document: dict[str, Any] | None = None
+) -> str:
+    """Return the report as text: template, style and script of this package, data packed."""
     whole = result.to_dict(deterministic) if document is None else document
-    result = timeless(result) if deterministic else result
-    look = row_styles(result)
-    store = ArrayPacker()
-    figures = sections(result, look, store)
-    header = {
-        "rows": [
-            {
-                "name": clean(v.name),
-                "slot": v.slot,
-                "dash": v.dash,
-                "shown": v.shown,
-                "onboard": v.onboard,
-                "lost": v.lost,
-            }
-            for v in look.values()
-        ],
-        "log": file_stem(result),
-        "marks": cleaned(time_marks(result)),
-        "figures": {
-            f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for part in figures.values() for f in part
-        },
-    }
-    style = (WEB / "style.css").read_text(encoding="utf-8")
-    parts = [(WEB / name).read_text(encoding="utf-8") for name in SCRIPTS]
-    script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
-    text = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return template("page.html", FILTERS).render(
+    result = without_times(result) if deterministic else result
+    source = FigureSource.of(result)
+    look, figures = source.styles, sections(source)
+    return shell.render(
+        "page.html",
+        rows=source.rows,
+        figures=[figure for part in figures.values() for figure in part],
+        document=whole,
+        filters=FILTERS,
+        marks=source.marks,
+        log=file_stem(result),
+        plot=plot,
         result=result,
-        policy=policy(plot, style, script),
-        style=style,
-        script=script,
         look=look,
         title=str(result.log.get("name") or "log"),
         subtitle=subtitle(result),
@@ -136,7 +102,7 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         numbers=main_table(result),
         axes=axis_table(result),
         windows=window_tables(result),
-        figures=figures,
+        sections=figures,
         health=shown_assessments(result.health),
         checks=checks_by_trouble(result.audit),
         param_file=parameter_file(result),
@@ -145,10 +111,6 @@ def render(result: Result, plot: Bundle, *, deterministic: bool = False, documen
         config=toml(result.config),
         firmware=firmware(result),
         definitions={m: d for m, d in result.definitions.items() if not (deterministic and m in MEASURED_TIMES)},
-        data=store.pack(header),
-        json=packed(text.encode("utf-8", "replace")),
-        bundle=base64.b64encode(plot.packed).decode(),
-        bundle_name=plot.name,
     )
 
 
@@ -158,7 +120,7 @@ def file_stem(result: Result) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem)[:80].strip("._-") or "attlog"
 
 
-def timeless(result: Result) -> Result:
+def without_times(result: Result) -> Result:
     """The result without what differs between two runs of the same log with the same settings."""
 
     def left(found: dict[str, Any]) -> dict[str, Any]:
@@ -176,17 +138,6 @@ def timeless(result: Result) -> Result:
         best=by_window(result.best),
         worst=by_window(result.worst),
         ranked=by_window(result.ranked),
-    )
-
-
-def policy(plot: Bundle, style: str, script: str) -> str:
-    """The content-security policy: the page's own script, style and bundle by hash, nothing else, no request."""
-    scripts = [plot.hash, source_hash(script.encode("utf-8"))]
-    styles = [source_hash(style.encode("utf-8")), *plot.styles]
-    quoted = [" ".join(f"'{h}'" for h in hashes) for hashes in (scripts, styles)]
-    return (
-        f"default-src 'none'; script-src {quoted[0]}; style-src {quoted[1]}; "
-        "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
 
 

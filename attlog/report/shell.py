@@ -1,4 +1,4 @@
-"""A page of another room drawn by the report's machinery: its style, its script, its packed data, its policy."""
+"""The machinery of a page with figures: style, script, packed data, content-security policy."""
 
 from __future__ import annotations
 
@@ -8,66 +8,88 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from attlog.report.bundle import ArrayPacker, bundle, packed
-from attlog.report.figures.canvas import PageFigure
-from attlog.report.page import SCRIPTS, WEB, policy
+from attlog.report.bundle import ArrayPacker, Bundle, bundle, packed, source_hash
+from attlog.report.figures.figure import PageFigure, figure_data
+from attlog.report.figures.style import RowStyle
 from attlog.words.numbers import counted, duration
-from attlog.words.text import cleaned, typeset
+from attlog.words.text import clean, cleaned, typeset
 
-NO_MARKS: dict[str, Any] = {
-    "range": [0, 1],
-    "modes": [],
-    "armed": [],
-    "airborne": [],
-    "texts": [],
-    "rest": [],
+WEB = Path(__file__).parent / "web"
+# Joined in this order into the one script of the page; scripts of its own come before the last.
+SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "spreadsheet.js", "export.js", "page.js")
+# Marks on the time axis; pages of several flights have none.
+NO_MARKS: dict[str, Any] = {"range": [0, 1], "modes": [], "armed": [], "airborne": [], "texts": [], "rest": []} | {
     "impact": [],
     "gaps": [],
     "resets": [],
 }
-"""What figures over flight time would show; pages of several flights have none."""
 FILTERS: dict[str, Callable[..., Any]] = {"typeset": typeset, "duration": duration, "counted": counted}
 
 
 def render(
     template: str,
-    folder: Path,
+    folder: Path | None = None,
     *,
-    rows: Sequence[dict[str, Any]],
+    rows: Sequence[RowStyle],
     figures: Iterable[PageFigure],
-    store: ArrayPacker,
     document: Any,
     scripts: Sequence[str] = (),
     styles: Sequence[str] = (),
+    filters: dict[str, Callable[..., Any]] = FILTERS,
+    marks: dict[str, Any] = NO_MARKS,
+    log: str = "",
+    plot: Bundle | None = None,
     **words: Any,
 ) -> str:
-    """The page as text. ``template``, ``scripts`` (run before the page starts to draw), ``styles`` stand in ``folder``.
+    """Return the page as text.
 
-    ``rows``: name, slot, dash, shown, onboard, lost of each line; ``document``: the JSON that can be saved from the
-    page; ``words``: what else the template wants.
+    ``template``, ``scripts`` and ``styles`` lie in ``folder``, else in this package. ``document``: plain values, the
+    JSON that can be saved from the page. ``log`` begins the names of saved files. ``words``: names of the template.
     """
-    from attlog.report.templates import template as compiled
+    from attlog.report.templates import template as load
 
-    plot = bundle()
+    plot, packer = plot or bundle(), ArrayPacker()
     header = {
-        "rows": cleaned(rows),
-        "marks": NO_MARKS,
-        "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for f in figures},
+        "rows": [row_header(row) for row in rows],
+        "log": log,
+        "marks": cleaned(marks),
+        "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(figure_data(f.data, packer)) for f in figures},
     }
-    style = "".join(
-        file.read_text(encoding="utf-8") for file in (WEB / "style.css", *(folder / name for name in styles))
-    )
+    own = folder or WEB
+    style = "".join(file.read_text(encoding="utf-8") for file in (WEB / "style.css", *(own / name for name in styles)))
     *drawing, start = [WEB / name for name in SCRIPTS]
-    parts = [file.read_text(encoding="utf-8") for file in (*drawing, *(folder / name for name in scripts), start)]
+    parts = [file.read_text(encoding="utf-8") for file in (*drawing, *(own / name for name in scripts), start)]
     script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
-    text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return compiled(template, FILTERS, folder).render(
+    return load(template, filters, folder).render(
         policy=policy(plot, style, script),
         style=style,
         script=script,
         rows=rows,
-        data=store.pack(header),
-        json=packed(text.encode("utf-8", "replace")),
+        data=packer.pack(header),
+        json=packed(json_text(document).encode("utf-8", "replace")),
         bundle=base64.b64encode(plot.packed).decode(),
+        bundle_name=plot.name,
         **words,
+    )
+
+
+def json_text(document: Any) -> str:
+    """Return a document as compact JSON."""
+    return json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def row_header(row: RowStyle) -> dict[str, Any]:
+    """Return how the script draws a row."""
+    named = {"name": clean(row.name), "slot": row.slot, "dash": row.dash}
+    return named | {"shown": row.shown, "onboard": row.onboard, "lost": row.lost}
+
+
+def policy(plot: Bundle, style: str, script: str) -> str:
+    """Return the content-security policy: own script, style and bundle by hash, nothing else, no request."""
+    scripts = [plot.hash, source_hash(script.encode("utf-8"))]
+    styles = [source_hash(style.encode("utf-8")), *plot.styles]
+    quoted = [" ".join(f"'{h}'" for h in hashes) for hashes in (scripts, styles)]
+    return (
+        f"default-src 'none'; script-src {quoted[0]}; style-src {quoted[1]}; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,8 @@ from numpy.typing import NDArray
 from attlog.core.files import write_atomic
 from attlog.core.plain import to_plain
 from attlog.report import shell
-from attlog.report.bundle import ArrayPacker
-from attlog.report.figures.canvas import PageFigure as Place
-from attlog.report.figures.canvas import json_numbers
+from attlog.report.figures.figure import PageFigure, View, axis_key, panel_domain, unit_suffix
+from attlog.report.figures.style import RowStyle
 from attlog.reproduce.bench import AXES, FlightSamples, angles, run_filter
 from attlog.reproduce.paper import TRUTH_LINE, FigureLine, Paper, PaperFigure, PaperNumber, tally_verdicts
 from attlog.words.numbers import below, interval, quantity, unit_sign
@@ -78,19 +78,15 @@ def write_page(paper: Paper, path: Path) -> None:
 
 
 def render_paper(paper: Paper) -> str:
-    """Return the page as text; it loads nothing."""
-    store = ArrayPacker()
-    names = list(dict.fromkeys(line.name for figure in paper.figures for line in figure.lines))
-    rows = line_styles(names)
-    figures = [_page_figure(figure, names, store) for figure in paper.figures]
+    """Return the page as text: nothing in it is loaded from anywhere."""
+    rows = line_styles(list(dict.fromkeys(line.name for figure in paper.figures for line in figure.lines)))
+    figures = [_page_figure(figure, rows) for figure in paper.figures]
     return shell.render(
         "paper.html",
         WEB_FOLDER,
         rows=rows,
         figures=figures,
-        store=store,
         document=to_plain(paper),
-        scripts=("curves.js",),
         styles=("paper.css",),
         paper=paper,
         places=list(zip(paper.figures, figures, strict=True)),
@@ -100,18 +96,14 @@ def render_paper(paper: Paper) -> str:
     )
 
 
-def line_styles(names: Iterable[str]) -> list[dict[str, Any]]:
-    """Return the style of each line: the truth in black, the others in the colours of the palette."""
+def line_styles(names: Sequence[str]) -> list[RowStyle]:
+    """Return how each line is drawn: the truth in black, the others in the colours of the palette."""
     others = [name for name in names if name != TRUTH_LINE]
+    dashes = ("solid", "dash", "dot")
     return [
-        {
-            "name": name,
-            "slot": 0 if name == TRUTH_LINE else 1 + others.index(name) % PALETTE_SIZE,
-            "dash": ("solid", "dash", "dot")[0 if name == TRUTH_LINE else others.index(name) // PALETTE_SIZE % 3],
-            "shown": True,
-            "onboard": name == TRUTH_LINE,
-            "lost": False,
-        }
+        RowStyle(name, 0, "solid", onboard=True)
+        if name == TRUTH_LINE
+        else RowStyle(name, 1 + others.index(name) % PALETTE_SIZE, dashes[others.index(name) // PALETTE_SIZE % 3])
         for name in names
     ]
 
@@ -136,63 +128,56 @@ def unit_of(title: str) -> str:
     return title.rpartition(", ")[2] if ", " in title else ""
 
 
-def _page_figure(figure: PaperFigure, names: list[str], store: ArrayPacker) -> Place:
-    panels = [_axis_title(title) for title in figure.panels]
-    x = np.concatenate([np.asarray(line.x, np.float64) for line in figure.lines])
-    low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
-    data: dict[str, Any] = {
-        "panels": panels,
-        "units": [_unit_suffix(p) for p in figure.panels],
-        "x": _axis_title(figure.x_title),
-        "at": _unit_suffix(figure.x_title),
-        "range": [low, high],
-        "ticks": list(figure.ticks),
-        "log": figure.x_log,
-    }
-    if figure.kind == "curves":
-        data["series"] = [
-            {
-                "r": names.index(line.name),
-                "t": store.times(np.asarray(line.x, np.float64)),
-                "y": {str(line.panel): store.values(np.asarray(line.y, np.float64), VALUE_STEP)},
-            }
-            for line in figure.lines
-        ]
-    else:
-        data["dots"] = [_point_data(line, names) for line in figure.lines]
+def _page_figure(figure: PaperFigure, rows: Sequence[RowStyle]) -> PageFigure:
+    """Return the figure for the page: curves, or points with their intervals."""
+    view = View(rows)
+    places = {row.name: r for r, row in enumerate(rows)}
+    lines = sorted(figure.lines, key=lambda line: rows[places[line.name]].depth)
+    drawn = list(dict.fromkeys(places[line.name] for line in figure.lines))
+    x = np.concatenate([np.asarray(line.x, np.float64) for line in lines] or [np.zeros(1)])
+    limits = [math.log10(v) if figure.x_log else float(v) for v in (x.min(), x.max())]
+    shift = 0.5 / (len(drawn) + 1) if figure.ticks else 0.0
+    for line in lines:
+        r, unit = places[line.name], unit_of(figure.panels[line.panel])
+        meta: dict[str, Any] = {"digits": 3}
+        key = axis_key(line.panel)
+        if figure.kind == "curves":
+            meta |= {"time": True, "step": VALUE_STEP}
+            view.row(r, np.asarray(line.x), np.asarray(line.y), unit=unit, yaxis=key, meta=meta)
+        else:
+            place = np.asarray(line.x, np.float64) + shift * (drawn.index(r) - 0.5 * (len(drawn) - 1))
+            _add_points(view, r, place, line, unit=unit, yaxis=key, meta=meta, ticks=bool(figure.ticks))
+    for i, title in enumerate(figure.panels):
+        fit: dict[str, Any] = {"least": 1e-4}
+        if figure.kind == "points":
+            own = [x for line in lines if line.panel == i for x in (line.low, line.high) if x is not None]
+            fit = {"include": [0.0, *(float(f(np.asarray(x))) for x in own for f in (np.nanmin, np.nanmax))]}
+        view.axis(axis_key(i), _axis_title(title), domain=panel_domain(i, len(figure.panels)), nticks=5, fit=fit)
+    pad = 0.0 if figure.kind == "curves" else (0.06 * (limits[1] - limits[0]) or 0.5) + shift * len(drawn)
+    axis: dict[str, Any] = {"range": [limits[0] - pad, limits[1] + pad], "anchor": axis_key(len(figure.panels) - 1)}
+    axis |= {"type": "log"} if figure.x_log else {}
+    axis |= {"tickvals": list(range(len(figure.ticks))), "ticktext": list(figure.ticks)} if figure.ticks else {}
+    view.axis("x", _axis_title(figure.x_title), **axis)
+    data = {"views": [view.as_data()], "at": unit_suffix(unit_of(figure.x_title))}
+    title = f"{typeset(figure.title)} ({figure.where})" if figure.where else typeset(figure.title)
     words = "; ".join(_line_words(line, figure) for line in figure.lines)
-    return Place(
-        figure.id,
-        figure.kind,
-        f"{typeset(figure.title)} ({figure.where})" if figure.where else typeset(figure.title),
-        typeset(figure.caption),
-        figure.height,
-        data,
-        True,
-        words,
-    )
+    return PageFigure(figure.id, "plot", title, typeset(figure.caption), figure.height, data, words=words)
 
 
-def _point_data(line: FigureLine, names: list[str]) -> dict[str, Any]:
-    ends = None if line.low is None or line.high is None else [json_numbers(line.low), json_numbers(line.high)]
-    return {
-        "r": names.index(line.name),
-        "panel": line.panel,
-        "x": json_numbers(line.x),
-        "y": json_numbers(line.y),
-        "ci": ends,
-    }
+def _add_points(view: View, r: int, x: Array, line: FigureLine, *, ticks: bool, **more: Any) -> None:
+    """Add points with their intervals; points at named places are not joined."""
+    colour, y = f"e{view.rows[r].slot}", np.asarray(line.y, np.float64)
+    if line.low is not None and line.high is not None:
+        size = {"array": np.asarray(line.high) - y, "arrayminus": y - np.asarray(line.low)}
+        look = {"type": "data", "symmetric": False, "color": colour, "thickness": 1.6, "width": 4}
+        more["error_y"] = look | size
+    marker = {"size": 8, "color": colour}
+    view.row(r, x, y, mode="markers" if ticks else "lines+markers", marker=marker, **more)
 
 
 def _axis_title(title: str) -> str:
     unit = unit_of(title)
     return f"{typeset(title.removesuffix(unit))}{unit_sign(unit)}" if unit else typeset(title)
-
-
-def _unit_suffix(title: str) -> str:
-    """Return the unit behind a number."""
-    unit = unit_sign(unit_of(title))
-    return unit if unit.startswith("°") or not unit else f" {unit}"
 
 
 def _line_words(line: FigureLine, figure: PaperFigure) -> str:

@@ -229,7 +229,7 @@ class Result:
 
         Of a result read from JSON these are the few that need no lines.
         """
-        from attlog.report.figures.pictures import figures
+        from attlog.report.figures.catalogue import figures
 
         return figures(self)
 
@@ -248,7 +248,7 @@ class Result:
         time (from, to) in s. Long lines are the extremes of 600 buckets of what is in the span. UsageError for a name
         that is not in :meth:`figures`.
         """
-        from attlog.report.figures.pictures import figure
+        from attlog.report.figures.catalogue import figure
 
         return figure(self, name, view=view, rows=rows, span=span)
 

@@ -12,7 +12,7 @@ from attlog.health.check import Assessment, Setting, unknown
 from attlog.metrics.metric import Answer, missing
 from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep
-from attlog.report.figures.pictures import Album
+from attlog.report.figures.catalogue import Album
 from attlog.result import Check, EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import Segment
 from attlog.story.flight_events import Event

@@ -123,9 +123,9 @@ def test_the_attitude_shows_onboard_and_set_point_until_a_filter_is_asked_for(vi
 def test_all_steps_show_the_band_of_one_filter(visit, report):
     page = visit(report)
     bands = "() => document.getElementById('steps').data.filter((t) => t.fill === 'tonexty').map((t) => t.name)"
-    assert page.page.evaluate(bands) == ["VQF, 90 %"]
+    assert page.page.evaluate(bands) == ["VQF: 80 % of the steps"]
     page.page.select_option("select[data-band=steps]", label="Gyro")
-    assert page.page.evaluate(bands) == ["Gyro, 90 %"]
+    assert page.page.evaluate(bands) == ["Gyro: 80 % of the steps"]
 
 
 @pytest.mark.slow
@@ -256,9 +256,9 @@ def test_dark_follows_the_button_in_page_and_figures(visit, report):
 def test_what_a_figure_shows_can_be_chosen(visit, report):
     page = visit(report)
     title = "() => document.getElementById('spectrum').layout.yaxis.title.text"
-    assert page.page.evaluate(title) == "°/s/√Hz"
+    assert page.page.evaluate(title) == "gyro, °/s/√Hz"
     page.page.select_option("select[data-figure=spectrum]", label="accelerometer")
-    assert page.page.evaluate(title) == "m/s²/√Hz"
+    assert page.page.evaluate(title) == "accelerometer, m/s²/√Hz"
     for figure, views in (("allan", 3), ("drift", 2), ("steps", 3)):
         assert page.page.locator(f"select[data-figure={figure}] option").count() == views
     assert page.complaints == []

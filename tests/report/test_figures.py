@@ -9,11 +9,19 @@ import pytest
 
 from attlog.metrics.trace import Trace
 from attlog.report import write_report
-from attlog.report.bundle import ArrayPacker
-from attlog.report.figures.canvas import Rows, dots_words, range_words
 from attlog.report.figures.catalogue import sections
-from attlog.report.figures.panels import MAX_MESSAGES, marked_messages, time_marks
+from attlog.report.figures.drift import AnswerDot, dots_words
+from attlog.report.figures.figure import (
+    FIT_KEYS,
+    MAX_MESSAGES,
+    META_KEYS,
+    FigureSource,
+    marked_messages,
+    range_words,
+    time_marks,
+)
 from attlog.report.figures.style import row_styles
+from attlog.report.shell import WEB
 from attlog.story.flight_events import Event
 from attlog.words.names import row_name
 from tests.report.browser import own_bytes
@@ -22,7 +30,29 @@ from tests.report.conftest import make_result
 
 def figures(result):
     """All figures of a result by id."""
-    return {f.id: f for part in sections(result, row_styles(result), ArrayPacker()).values() for f in part}
+    return {f.id: f for part in sections(FigureSource.of(result)).values() for f in part}
+
+
+def traces(figure, view=0):
+    """The traces of a view."""
+    return (figure.data | figure.data["views"][view])["traces"]
+
+
+def dots(figure):
+    """Own keys of the dots with an interval or a value."""
+    return [t["meta"] for t in traces(figure) if "value" in t["meta"]]
+
+
+def test_own_keys_are_documented_and_read_by_the_page():
+    scripts = "".join((WEB / name).read_text(encoding="utf-8") for name in ("plots.js", "reduce.js", "spreadsheet.js"))
+    printed = {"group", "places", "step", "log"}  # of the printed legend, and of packing
+    for figure in figures(make_result()).values():
+        for view in range(len(figure.data["views"])):
+            assert {k for t in traces(figure, view) for k in t["meta"]} <= set(META_KEYS), figure.id
+            axes = (figure.data | figure.data["views"][view])["axes"].values()
+            assert {k for axis in axes for k in axis.get("fit", {})} <= set(FIT_KEYS), figure.id
+    assert [k for k in set(META_KEYS) - printed if f"m.{k}" not in scripts and f"own.{k}" not in scripts] == []
+    assert [k for k in FIT_KEYS if f"fit.{k}" not in scripts] == []
 
 
 @pytest.mark.slow
@@ -57,20 +87,19 @@ def test_the_figure_of_drifts_holds_every_drift_at_rest_and_in_the_air_once():
     rows = [row for row in result.estimators if row.kind == "replay"]
     answers = [(m, a) for row in rows for found in row.metrics.values() for m, a in found.items() if "drift_" in m]
     wanted = sorted({(m.partition(".")[2] or "rest", a.value) for m, a in answers if a.value is not None})
-    dots = figures(result)["drifts"].data["rows"]
-    found = [(d["where"].removeprefix("against ").removeprefix("at "), d["v"]) for d in dots]
+    found = [(d["quantity"].split(" ")[-1], d["value"]) for d in dots(figures(result)["drifts"])]
     assert {where for where, _ in wanted} == {"rest", "onboard"}
     assert [one for one in wanted if one not in found] == []
 
 
 def test_lines_in_words_are_their_smallest_and_largest_value():
     trace = Trace("attitude", "vqf", np.arange(3.0), {"roll": np.array([-2.0, np.nan, 31.04])})
-    assert range_words([trace], Rows({"vqf": "VQF"})) == "VQF: roll −2.0° to 31.0°"
+    assert range_words([trace], FigureSource.of(make_result())) == "VQF: roll −2.0° to 31.0°"
 
 
 def test_dots_in_words_are_value_and_interval():
-    dots = [{"r": 0, "v": 9.3, "ci": [7.0, 11.0], "ok": True}, {"r": 1, "v": None, "ci": None, "ok": False}]
-    assert dots_words(dots, ["ekf", "fan"], "ms") == "ekf: +9 ms (+7 to +11); fan: not judged"
+    found = [AnswerDot(0, 9.3, [7.0, 11.0], True, 3), AnswerDot(5, 1.0, None, False, 3, "at rest")]
+    assert dots_words(found, FigureSource.of(make_result()), "ms") == "Onboard: +9 ms (+7 to +11); Gyro at rest: +1 ms"
 
 
 def test_the_lag_figure_shows_single_movements_of_ranked_rows_only():
@@ -78,11 +107,14 @@ def test_the_lag_figure_shows_single_movements_of_ranked_rows_only():
     for row in result.estimators[1:]:
         row.metrics["airborne"]["lag_ms"].each = [250.0, 3.0]
     result.estimators[1].metrics["airborne"]["lag_ms"].ranked = False
-    drawn = {d["r"]: d for d in figures(result)["lag"].data["rows"]}
-    assert drawn[5]["single"] == []
-    assert drawn[5]["ok"] is False
+    found = traces(figures(result)["lag"])
+    drawn = {t["meta"]["row"]: t for t in found if "value" in t["meta"]}
+    single = {t["meta"]["row"]: t["x"] for t in found if "value" not in t["meta"]}
+    assert drawn[5]["marker"]["color"] == "bg"
+    assert drawn[3]["marker"]["color"] != "bg"
     assert 1 not in drawn
-    assert drawn[3]["single"] == [250.0, 3.0]
+    assert single[3] == [3.0], "what is beyond the figure is not drawn"
+    assert 5 not in single
 
 
 def test_modes_armed_airborne_messages_and_failsafes_stand_on_the_time_axis():
@@ -124,7 +156,7 @@ def test_the_attitude_starts_with_onboard_and_set_point_and_offers_the_filters()
     figure = figures(make_result())["attitude"]
     assert figure.views == ["Onboard, set-point", "With the filters"]
     assert figure.data["views"] == [{"focus": [0]}, {}]
-    assert {"roll", "pitch", "heading"} == set(figure.data["demand"]["y"])
+    assert {"roll", "pitch", "heading"} == {t["meta"]["quantity"] for t in traces(figure) if t["name"] == "set-point"}
     result = make_result()
     result.traces = [t for t in result.traces if t.row in ("", "onboard")]
     assert figures(result)["attitude"].views == []
@@ -155,15 +187,15 @@ def test_an_alarm_is_explained_only_where_it_is_drawn():
 
 def test_a_drift_that_several_windows_tell_is_one_dot():
     result = make_result()
-    before = len(figures(result)["drifts"].data["rows"])
+    before = len(dots(figures(result)["drifts"]))
     for row in result.estimators:
         found = row.metrics["rest"]["drift_rest_deg_per_min"]
         row.metrics.setdefault("all", {})["drift_rest_deg_per_min"] = replace(found, n=found.n + 1)
-    assert len(figures(result)["drifts"].data["rows"]) == before
+    assert len(dots(figures(result)["drifts"])) == before
 
 
 def test_dots_hold_how_many_they_stand_on():
-    assert {d["n"] for d in figures(make_result())["lag"].data["rows"]} == {28}
+    assert {d["n"] for d in dots(figures(make_result())["lag"])} == {28}
 
 
 @pytest.mark.slow
@@ -184,11 +216,11 @@ def test_a_reference_without_a_heading_shows_none_and_no_difference_from_it():
     result = make_result()
     result.reference = replace(result.reference, choice="onboard", heading_by="nobody")
     found = figures(result)
-    assert all("heading" not in line["y"] for line in found["difference"].data["series"])
-    by_row = {line["r"]: line["y"] for line in found["attitude"].data["series"]}
-    assert [r for r, y in by_row.items() if "heading" not in y] == [0]
+    assert not any(t["meta"]["quantity"] == "heading" for t in traces(found["difference"]))
+    headings = {t["meta"].get("row") for t in traces(found["attitude"]) if t["meta"]["quantity"] == "heading"}
+    assert headings == {None, 1, 2, 3, 4, 5}
     result.reference = replace(result.reference, heading_by="own")
-    assert all("heading" in line["y"] for line in figures(result)["difference"].data["series"])
+    assert any(t["meta"]["quantity"] == "heading" for t in traces(figures(result)["difference"]))
 
 
 # What is drawn of an autopilot's messages where there are more than a page holds.
@@ -209,8 +241,7 @@ def test_of_too_many_messages_the_worst_are_drawn_in_the_order_of_time() -> None
 
 def sensor_figures_of(result=None):
     """Figures of the section by id."""
-    result = result or make_result()
-    return {f.id: f for f in sections(result, row_styles(result), ArrayPacker())["sensors"]}
+    return {f.id: f for f in sections(FigureSource.of(result or make_result()))["sensors"]}
 
 
 def without(*figures: str):
@@ -253,15 +284,16 @@ def test_the_autopilots_own_level_comes_first_with_percentiles_and_limits():
         "The autopilot's own level in flight: p50 20.0, p80 26.0, worst second 48.0 m/s²; limits 30 and 60. "
         "▼ 7 samples clipped (VIBE.Clip0)."
     )
-    first, second = figure.data["views"]
-    assert first["limits"] == [30.0, 60.0]
-    assert first["clipped"] == second["clipped"] == [[100.5, 7]]
-    assert set(second["axes"]) == {"x", "y", "z"}
+    assert [n["text"] for n in figure.data["views"][0]["notes"]] == ["p50 20", "p80 26", "limit 30"]
+    for view in (0, 1):
+        clipped = traces(figure, view)[-1]
+        assert (clipped["x"], clipped["meta"]["value"]) == ([100.5], [7])
+    assert [t["name"] for t in traces(figure, 1)] == ["x", "y", "z", "clipped"]
 
 
 def test_without_counters_the_logged_samples_tell_what_was_clipped():
     figure = sensor_figures_of(without("levels", "clipping"))["vibration"]
-    assert figure.data["views"][0]["clipped"] == [[100.5, 1]]
+    assert traces(figure)[-1]["x"] == [100.5]
     assert "1 sample at the end of its range" in figure.caption
 
 
@@ -272,7 +304,8 @@ def test_folded_frequencies_reach_from_the_rate_less_the_fastest_rotor_to_half_t
         if trace.figure == "spectrum":
             trace.values["nyquist_hz"] = rate / 2
     figure = sensor_figures_of(result)["spectrum"]
-    assert figure.data["views"][0]["folded"] == folded
+    hatched = next(t for t in traces(figure) if t["name"] == "folded")
+    assert hatched["x"][0] == max(folded, 0.1)
     assert f"between {rate / 2:.0f} and 300 Hz" in figure.caption
 
 
@@ -285,10 +318,16 @@ def test_a_rate_beyond_twice_the_fastest_rotor_folds_nothing():
 
 
 def test_rotors_and_notches_are_bands_of_the_spectrum():
-    data = sensor_figures_of()["spectrum"].data
-    assert "Grey: rotors, 8.0 Hz and harmonics." in sensor_figures_of()["spectrum"].caption
-    assert [b["f"] for b in data["rotor"]] == [8.0, 16.0, 24.0]
-    assert [(b["key"], b["f"]) for b in data["notches"]] == [("set", 8.0), ("proposed", 16.0)]
+    figure = sensor_figures_of()["spectrum"]
+    assert "Grey: rotors, 8.0 Hz and harmonics." in figure.caption
+    bands = [s for s in figure.data["views"][0]["shapes"] if s["type"] == "rect"]
+    assert [(s["fillcolor"], round(s["x0"], 2), round(s["x1"], 2)) for s in bands] == [
+        ("e9/0.18", 7.2, 8.8),
+        ("e9/0.18", 14.4, 17.6),
+        ("e9/0.18", 21.6, 26.4),
+        ("e1/0.18", 6.4, 9.6),
+        ("e3/0.18", 12.8, 19.2),
+    ]
 
 
 def test_rotors_faster_than_half_the_rate_are_said_to_be_beyond_it():
@@ -299,13 +338,13 @@ def test_rotors_faster_than_half_the_rate_are_said_to_be_beyond_it():
 
 
 def test_every_aid_has_a_colour_of_its_own_whoever_else_is_drawn():
-    lines = sensor_figures_of()["ratios"].data["lines"]
-    assert [(line["aid"], line["slot"]) for line in lines] == [("compass", 1), ("velocity", 2)]
+    def colours(result):
+        return [(t["name"], t["line"]["color"]) for t in traces(sensor_figures_of(result)["ratios"])]
+
+    assert colours(make_result()) == [("compass", "e1"), ("velocity", "e2"), ("gate", "bad")]
     result = without("bias")
     result.traces = [t for t in result.traces if not (t.figure == "ratios" and t.key == "compass")]
-    assert [(line["aid"], line["slot"]) for line in sensor_figures_of(result)["ratios"].data["lines"]] == [
-        ("velocity", 2)
-    ]
+    assert colours(result) == [("velocity", "e2"), ("gate", "bad")]
 
 
 def test_lines_of_nothing_but_gaps_are_drawn_without_error():

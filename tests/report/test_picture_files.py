@@ -11,8 +11,8 @@ import pytest
 
 from attlog.core.errors import OutputError
 from attlog.report.figures import files
+from attlog.report.figures.catalogue import Album
 from attlog.report.figures.files import write_figures
-from attlog.report.figures.pictures import Album
 from tests.report.browser import executable
 from tests.report.conftest import NAMES, make_result, traces
 

@@ -11,17 +11,12 @@ import pytest
 
 from attlog import Result
 from attlog.core.errors import UsageError
-from attlog.report.figures.canvas import Canvas, Key, RowLine, legend, text_width
-from attlog.report.figures.panels import BUCKETS, fitted, leaving, thinned
-from attlog.report.figures.pictures import DRAWERS, Album
-from attlog.report.figures.style import AXIS_LINE, PT, TEXT, WIDTH, palette
-from attlog.report.page import WEB
+from attlog.report.figures.catalogue import Album
+from attlog.report.figures.figure import PageFigure, View
+from attlog.report.figures.paper import AXIS_LINE, BUCKETS, PT, TEXT, WIDTH, Key, finish, legend, text_width, thinned
+from attlog.report.figures.style import RowStyle, palette
 from tests.report.conftest import NAMES, make_result
 
-OF_OTHER_PAGES = {"forest"}
-"""Kinds that only the pages of ``compare`` draw: no figure of a result."""
-OF_THE_FIRST_SCREEN = {"comparison"}
-"""Drawn by a template there."""
 SAME = {"bias": "bias", "compass": "compass", "gravity": "gravity", "spectrum": "spectrum", "steps": "steps"}
 SAME |= {name: name for name in ("attitude", "difference", "rest", "spread", "allan", "step", "drift", "ratios")}
 """Figures and the traces that they draw without a change."""
@@ -30,22 +25,12 @@ UNIT = re.compile(
 )
 
 
-def kinds_of_the_page() -> set[str]:
-    """The drawing functions of the page's scripts."""
-    scripts = [(WEB / name).read_text(encoding="utf-8") for name in ("figures.js", "sensors.js")]
-    return {kind for script in scripts for kind in re.findall(r"^  (\w+)\(id, f", script, re.MULTILINE)}
-
-
 def axes(layout: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {name: value for name, value in layout.items() if re.fullmatch(r"[xy]axis\d*", name)}
 
 
-def test_every_kind_of_the_page_can_be_drawn_and_no_other() -> None:
-    assert set(DRAWERS) - OF_THE_FIRST_SCREEN == kinds_of_the_page() - OF_OTHER_PAGES
-
-
 def test_a_result_lists_the_figures_of_its_page_and_draws_each(album: Album, drawn: dict[str, Any]) -> None:
-    listed = album.result.figures()
+    listed = album.source.result.figures()
     assert list(listed) == list(album.found) == list(drawn)
     assert len(listed) >= 18
     assert all(listed.values())
@@ -56,23 +41,24 @@ def test_a_result_lists_the_figures_of_its_page_and_draws_each(album: Album, dra
 def test_a_figure_is_one_of_plotly(album: Album, name: str) -> None:
     import plotly.graph_objects as go
 
-    found = album.result.figure(name)
+    found = album.source.result.figure(name)
     assert isinstance(found, go.Figure)
     assert found.layout.width == WIDTH
 
 
 @pytest.mark.parametrize("name", SAME)
 def test_values_drawn_are_values_of_the_traces(album: Album, drawn: dict[str, Any], name: str) -> None:
-    known = [t for t in album.result.traces if t.figure == SAME[name]]
+    known = [t for t in album.source.result.traces if t.figure == SAME[name]]
     values = np.concatenate([np.asarray(y, float) for t in known for y in t.columns.values()])
     values = np.sort(values[np.isfinite(values)])
-    lines = [t for t in drawn[name]["data"] if t["mode"] == "lines" and t.get("name") not in ("throttle", "expected")]
+    other = ("throttle", "expected", "gate")
+    lines = [t for t in drawn[name]["data"] if t["mode"] == "lines" and t.get("name") not in other]
     if name == "compass":
         lines = [t for t in lines if t["yaxis"] != "y4"]  # the size is computed of them
     if name == "spectrum":
-        lines = [t for t in lines if "name" in t]  # what is hatched has none
+        lines = [t for t in lines if t["name"] != "folded"]
     if name == "step":
-        lines = [t for t in lines if t["yaxis"] == "y"]
+        lines = [t for t in lines if t.get("yaxis", "y") == "y"]
     assert lines
     for line in lines:
         y = np.asarray(line["y"], float)
@@ -85,14 +71,14 @@ def test_values_drawn_are_values_of_the_traces(album: Album, drawn: dict[str, An
 
 
 def test_an_error_of_a_step_is_filter_minus_reference(album: Album, drawn: dict[str, Any]) -> None:
-    trace = next(t for t in album.result.traces if t.figure == "step")
+    trace = next(t for t in album.source.result.traces if t.figure == "step")
     wanted = trace.columns["est"] - trace.columns["ref"]
-    below = [t for t in drawn["step"]["data"] if t["yaxis"] == "y2" and t["mode"] == "lines"]
+    below = [t for t in drawn["step"]["data"] if t.get("yaxis") == "y2" and t["mode"] == "lines"]
     assert any(np.array_equal(t["y"], wanted) for t in below)
 
 
 def test_dots_stand_at_the_answers_with_their_intervals(album: Album, drawn: dict[str, Any]) -> None:
-    answers = [row.metrics["airborne"]["lag_ms"] for row in album.result.estimators]
+    answers = [row.metrics["airborne"]["lag_ms"] for row in album.source.result.estimators]
     wanted = {(a.value, *a.ci95) for a in answers if a.value is not None}
     dots = [t for t in drawn["lag"]["data"] if "error_x" in t]
     found = [(t["x"][0], t["error_x"]["arrayminus"][0], t["error_x"]["array"][0]) for t in dots]
@@ -103,12 +89,12 @@ def test_dots_stand_at_the_answers_with_their_intervals(album: Album, drawn: dic
 
 
 def test_the_comparison_shows_the_answers_of_the_four_questions(album: Album, drawn: dict[str, Any]) -> None:
-    layout, rows = drawn["comparison"]["layout"], {row.name: row for row in album.result.estimators}
+    layout, rows = drawn["comparison"]["layout"], {row.name: row for row in album.source.result.estimators}
     titles = [note["text"] for note in layout["annotations"] if note["text"].startswith("<b>")]
     assert titles == ["<b>Accuracy</b>", "<b>Static noise</b>", "<b>Step response</b>", "<b>Yaw drift</b>"]
     for number, window, metric in (("", "airborne", "tilt_rmse_deg"), ("3", "airborne", "lag_ms")):
         dots = {t["meta"]: t for t in drawn["comparison"]["data"] if t["xaxis"] == f"x{number}"}
-        answers = {i: rows[name].metrics[window][metric] for i, name in enumerate(album.look)}
+        answers = {i: rows[name].metrics[window][metric] for i, name in enumerate(album.source.styles)}
         assert set(dots) == {i for i, a in answers.items() if a.value is not None}
         ends = layout[f"xaxis{number}"]["range"] if number else [10.0**v for v in layout["xaxis"]["range"]]
         inside = {i: dot for i, dot in dots.items() if dot["marker"]["symbol"] == "circle"}
@@ -144,7 +130,7 @@ def test_a_figure_fits_a_column_and_has_lines_that_printers_keep(drawn: dict[str
 
 
 def test_filters_have_the_colours_of_the_page_and_dashes_that_differ(album: Album, drawn: dict[str, Any]) -> None:
-    looks = list(album.look.values())
+    looks = list(album.source.styles.values())
     lines = {t["meta"]: t["line"] for t in drawn["rest"]["data"] if t["mode"] == "lines"}
     assert len(lines) == 3
     assert all(line["color"] == palette()[f"e{looks[r].slot}"] for r, line in lines.items())
@@ -208,18 +194,11 @@ def test_a_result_from_json_has_the_figures_that_need_no_lines() -> None:
 def test_the_text_of_a_log_is_never_markup() -> None:
     result = make_result(NAMES[:1], with_traces=False)
     result.log["timeline"]["modes"] = [[0, 200, "<b>A</b>%{x}$"]]
-    texts = [note["text"] for note in Album.of(result).drawn("strip")["layout"]["annotations"]]
-    assert "‹b›A‹/b›%(x}＄" in texts
+    bars = [t for t in Album.of(result).drawn("strip")["data"] if t["type"] == "bar"]
+    assert "‹b›A‹/b›%(x}＄" in bars[0]["text"]
 
 
 # Long lines keep their peaks and gaps; ranges leave out what diverged.
-
-MARKS = {name: [] for name in ("airborne", "rest", "impact", "gaps", "resets", "texts")}
-
-
-def canvas(*lost: bool) -> Canvas:
-    rows = [RowLine(f"row {i}", "#111111", "solid", 1.0, gone, False) for i, gone in enumerate(lost)]
-    return Canvas(rows, set(range(len(rows))), MARKS, (0.0, 10.0))
 
 
 def test_peaks_gaps_and_order_of_a_long_line_stay() -> None:
@@ -245,24 +224,43 @@ def test_a_full_turn_breaks_the_line() -> None:
     assert np.isnan(y).tolist() == [False, False, True, False, False]
 
 
+def printed(ends: list[float], *, lost: int = -1, **fit: Any) -> dict[str, Any]:
+    """A figure of rows that move between 0 and an end each."""
+    rows = [RowStyle(f"row {i}", i + 1, "solid", lost=i == lost) for i in range(len(ends))]
+    view, t = View(rows), np.arange(10.0)
+    for r, end in enumerate(ends):
+        view.row(r, t, end * (t % 2))
+    view.axis("x", "time, s", range=[0.0, 9.0])
+    view.axis("y", "angle, °", fit=fit)
+    figure = PageFigure("made", "plot", "", "", 330, {"views": [view.as_data()]})
+    return finish(figure, figure.data["views"][0], rows, set(range(len(rows))), {}, (0.0, 9.0))
+
+
 def test_a_diverged_row_does_not_set_the_range_and_leaves_with_an_arrow() -> None:
-    figure, t = canvas(False, True), np.arange(10.0)
-    figure.row(0, t, np.ones(10), yaxis="y")
-    figure.row(1, t, 100.0 * t, yaxis="y")
-    low, high = fitted(figure, figure.traces, 2.0)
-    assert (low, high) == (0.0, 2.0)
-    figure.axes = {"xaxis": {"range": [0.0, 10.0]}, "yaxis": {"range": [low, high]}}
-    leaving(figure)
-    assert [t["marker"]["symbol"] for t in figure.traces if t["mode"] == "markers"] == ["triangle-up"]
-    assert [t.get("opacity", 1.0) for t in figure.traces if t["mode"] == "lines"] == [1.0, 0.35]
+    found = printed([1.0, 100.0], lost=1, least=2.0)
+    assert found["layout"]["yaxis"]["range"] == [-0.5, 1.5]
+    assert [t["marker"]["symbol"] for t in found["data"] if t["mode"] == "markers"] == ["triangle-up"]
+    assert [t.get("opacity", 1.0) for t in found["data"] if t["mode"] == "lines"] == [1.0, 0.35]
 
 
 def test_a_calm_figure_leaves_out_who_moves_far_more() -> None:
-    figure, t = canvas(False, False, False), np.arange(10.0)
-    for r, size in enumerate((1.0, 1.1, 50.0)):
-        figure.row(r, t, size * (t % 2))
-    assert fitted(figure, figure.traces, 0.1, calm=True)[1] < 2.0
-    assert fitted(figure, figure.traces, 0.1)[1] > 40.0
+    assert printed([1.0, 1.1, 50.0], calm=True)["layout"]["yaxis"]["range"][1] < 2.0
+    assert printed([1.0, 1.1, 50.0])["layout"]["yaxis"]["range"][1] > 40.0
+
+
+@pytest.mark.parametrize(
+    ("fit", "low", "high"),
+    [
+        ({"pad": 0.5}, -0.5, 1.5),
+        ({"floor": 0.0, "pad": 0.5}, 0.0, 1.5),
+        ({"floor": 0.0, "pad": 0.5, "most": 1.2}, 0.0, 1.2),
+        ({"floor": 0.0, "pad": 0.5, "least": 4.0}, 0.0, 4.0),
+        ({"pad": 0.1, "include": [11.0]}, -1.1, 12.1),
+        ({"pad": 0.1, "to": 0.5}, -1e-6, 1e-6),
+    ],
+)
+def test_the_range_follows_the_keys_of_its_axis(fit: dict[str, Any], low: float, high: float) -> None:
+    assert printed([1.0], **fit)["layout"]["yaxis"]["range"] == pytest.approx([low, high])
 
 
 # The legend above a figure stays inside the column and no entry covers another.

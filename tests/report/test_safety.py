@@ -263,7 +263,7 @@ def test_the_script_quotes_cells_as_the_package_does(page: Visit, spreadsheet: C
 
 @pytest.fixture
 def spreadsheet(page: Visit) -> Callable[[str], str]:
-    from attlog.report.page import WEB
+    from attlog.report.shell import WEB
 
     script = (WEB / "spreadsheet.js").read_text(encoding="utf-8")
     return lambda text: page.page.evaluate(f"text => {{ {script}; return spreadsheetCell(text); }}", text)

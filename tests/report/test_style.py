@@ -8,7 +8,7 @@ import pytest
 
 from attlog.estimators.registry import BUILT_IN
 from attlog.report.figures.style import COLOURS, FIXED_LINES, GREY, assign_colours, assign_lines, row_styles
-from attlog.report.page import WEB
+from attlog.report.shell import WEB
 from tests.report.conftest import make_result
 
 

@@ -1,43 +1,138 @@
-"""Which figures a result can fill, section by section.
+"""Which figures a result can fill: by section for the page, by name as plotly figures.
 
-A figure exists only where there is something to draw; the page then says in its
-place what is missing.
+A figure is one builder and its line in SECTIONS. A builder returns None where there is nothing to draw.
 """
 
 from __future__ import annotations
 
-from attlog.report.bundle import ArrayPacker
-from attlog.report.figures.canvas import PageFigure, Rows
-from attlog.report.figures.drift import drift_figures
-from attlog.report.figures.flight import flight_figures
-from attlog.report.figures.rest import rest_figures
-from attlog.report.figures.sensors import sensor_figures
-from attlog.report.figures.steps import step_figures
-from attlog.report.figures.style import RowStyle
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from attlog.core.errors import UsageError
+from attlog.report.figures import drift, flight, rest, sensors, steps, vibration
+from attlog.report.figures.figure import FigureSource, PageFigure
 from attlog.result import Result
 
+if TYPE_CHECKING:
+    import plotly.graph_objects
 
-def sections(result: Result, looks: dict[str, RowStyle], store: ArrayPacker) -> dict[str, list[PageFigure]]:
-    """Figures by section of the page: flight, rest, step, drift, sensors."""
-    names = Rows({key: look.name for key, look in looks.items()})
-    traces = [t for t in result.traces if (not t.row or t.row in looks) and len(t.t)]
-    by = {kind: [t for t in traces if t.figure == kind] for kind in {t.figure for t in traces}}
-    found = {
-        "flight": flight_figures(by, names, store, result),
-        "rest": rest_figures(by, names, store),
-        "step": step_figures(by, names, store, result),
-        "drift": drift_figures(by, names, store, result),
-        "sensors": sensor_figures(by, names, store, result),
-    }
-    for part in found.values():
-        fill(part)
+Builder = Callable[[FigureSource], PageFigure | None]
+# Figures by section of the page, in its order.
+SECTIONS: dict[str, tuple[Builder, ...]] = {
+    "flight": (flight.strip, flight.attitude, flight.difference, flight.track),
+    "rest": (rest.close_up, rest.spread, rest.allan),
+    "step": (steps.one_step, steps.all_steps, drift.lag, steps.setpoint),
+    "drift": (drift.drift, drift.drifts),
+    "sensors": (
+        sensors.compass,
+        sensors.field,
+        sensors.interference,
+        vibration.vibration,
+        vibration.spectrum,
+        sensors.gravity,
+        sensors.ratios,
+        sensors.bias,
+    ),
+}
+# The strip has no title on the page.
+UNTITLED = "Flight modes, armed and airborne time, messages"
+
+
+def sections(source: FigureSource) -> dict[str, list[PageFigure]]:
+    """Build the figures of each section of the page."""
+    found = {}
+    for name, builders in SECTIONS.items():
+        found[name] = [figure for build in builders if (figure := build(source)) is not None]
+        widen_last(found[name])
     return found
 
 
-def fill(part: list[PageFigure]) -> None:
+def widen_last(part: list[PageFigure]) -> None:
     """Make a half-width figure wide where no other stands beside it."""
     beside = 0
     for i, figure in enumerate(part):
         beside = 0 if figure.wide else beside + 1
         if beside % 2 == 1 and (i + 1 == len(part) or part[i + 1].wide):
             figure.wide = True
+
+
+@dataclass(frozen=True, slots=True)
+class Album:
+    """The figures that a result can fill, by name in the order of the page."""
+
+    source: FigureSource
+    found: dict[str, PageFigure]
+
+    @classmethod
+    def of(cls, result: Result) -> Album:
+        """Build all figures, the comparison of the first screen ahead."""
+        from attlog.report.figures.comparison import comparison
+
+        source = FigureSource.of(result)
+        first = comparison(source)
+        parts = [[first] if first else [], *sections(source).values()]
+        return cls(source, {figure.id: figure for part in parts for figure in part})
+
+    def drawn(
+        self,
+        name: str,
+        *,
+        view: str | int = 0,
+        rows: Sequence[str] | None = None,
+        span: tuple[float, float] | None = None,
+    ) -> dict[str, Any]:
+        """Return ``data`` and ``layout`` of a figure for print; see :meth:`Result.figure`."""
+        from attlog.report.figures.paper import finish
+
+        if name not in self.found:
+            raise UsageError(_missing(self.source.result, name, self.found))
+        start, end = span or self.source.marks["first"]
+        if not start < end:
+            raise UsageError(f"span: from {start:g} s to {end:g} s is no stretch of time")
+        figure = self.found[name]
+        chosen = _view(figure, view)
+        shown = set(chosen["focus"]) if rows is None and "focus" in chosen else _shown(self.source, rows)
+        return finish(figure, chosen, self.source.rows, shown, self.source.marks, (float(start), float(end)))
+
+
+def figures(result: Result) -> dict[str, str]:
+    """Return titles of the figures that the result can fill, by their names; see :meth:`Result.figures`."""
+    return {name: figure.title or UNTITLED for name, figure in Album.of(result).found.items()}
+
+
+def figure(result: Result, name: str, **options: Any) -> plotly.graph_objects.Figure:
+    """Return one figure; see :meth:`Result.figure`."""
+    import plotly.graph_objects as go
+
+    return go.Figure(Album.of(result).drawn(name, **options))
+
+
+def _missing(result: Result, name: str, found: dict[str, PageFigure]) -> str:
+    words = f"no figure {name!r}; this result has {', '.join(found)}"
+    if result.traces:
+        return words
+    return f"{words}. It holds no lines, as none does that is read from JSON; attlog.analyze(log) gives one with them"
+
+
+def _shown(source: FigureSource, rows: Sequence[str] | None) -> set[int]:
+    """Return positions of the rows to draw: those asked for, by id or name, else those that the page shows at first."""
+    if rows is None:
+        return {i for i, style in enumerate(source.rows) if style.shown}
+    asked = [rows] if isinstance(rows, str) else list(rows)
+    known = {style.name: i for i, style in enumerate(source.rows)}
+    known |= {name: i for i, name in enumerate(source.styles)}
+    if wrong := [name for name in asked if name not in known]:
+        raise UsageError(f"rows: no row {wrong[0]!r}; this result has {', '.join(source.styles)}")
+    return {known[name] for name in asked}
+
+
+def _view(figure: PageFigure, view: str | int) -> dict[str, Any]:
+    """Return a view of a figure, by its place or its name on the page."""
+    views = figure.data["views"]
+    if isinstance(view, int) and -len(views) <= view < len(views):
+        return dict(views[view])
+    for i, name in enumerate(figure.views):
+        if isinstance(view, str) and name.startswith(view):
+            return dict(views[i])
+    raise UsageError(f"{figure.id}: no view {view!r}; use {', '.join(map(repr, figure.views)) or 0}")

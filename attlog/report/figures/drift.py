@@ -1,205 +1,234 @@
-"""How fast the heading drifts: against one heading reference at a time, and all drifts with their intervals."""
+"""Figures of heading drift, and values with intervals, a line for each row: lag and drift."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from attlog.report.bundle import ArrayPacker
-from attlog.report.figures.canvas import (
-    Canvas,
-    Key,
-    PageFigure,
-    Rows,
-    answer_dot,
-    as_array,
-    dot_height,
-    dots_words,
-    packed_series,
-    range_words,
-    text_width,
-)
-from attlog.report.figures.panels import fitted, leaving, thinned, time_axis
-from attlog.report.figures.style import AXIS_LINE, INK, LINE, MARKER, STRONG, WIDTH, axis, below, palette
-from attlog.result import Result, Trace
+from attlog.report.figures.figure import FigureSource, PageFigure, View, interval_of, is_number, range_words
+from attlog.report.figures.style import safe
+from attlog.result import Answer, Trace
 from attlog.words.names import heading_reference_name
+from attlog.words.numbers import interval, quantity
+from attlog.words.ranking import AIR, find_answer
 
-DRIFT_SIGNS = {
-    "at rest": "●",
-    "against truth": "◆",
-    "against smoother": "◇",
-    "against onboard": "○",
-    "against mag": "□",
-    "against gnss_yaw": "△",
-    "against yaw_estimator": "⬠",
-    "against course": "▽",
+# Where a drift was found: sign in the caption, symbol in the figure, whether it is filled.
+DRIFT_PLACES = {
+    "at rest": ("●", "circle", True),
+    "against truth": ("◆", "diamond", True),
+    "against smoother": ("◇", "diamond", False),
+    "against onboard": ("○", "circle", False),
+    "against mag": ("□", "square", False),
+    "against gnss_yaw": ("△", "triangle-up", False),
+    "against yaw_estimator": ("⬠", "pentagon", False),
+    "against course": ("▽", "triangle-down", False),
 }
-"""How a drift is drawn by where it was found; the script has the same list."""
-
-VIEW_ORDER = ("rest", *(where.removeprefix("against ") for where in DRIFT_SIGNS if where != "at rest"))
-"""What is shown first where it can be chosen."""
-
-
-def drift_figures(by: dict[str, list[Trace]], names: Rows, store: ArrayPacker, result: Result) -> list[PageFigure]:
-    """Heading drift against the heading reference that is chosen, and all drifts with their intervals."""
-    figures = []
-    if by.get("drift"):
-        figures.append(drift_figure(by["drift"], names, store))
-    dots = drift_dots(result, names)
-    if dots:
-        symbols = dict.fromkeys(d["where"] for d in dots)
-        caption = ", ".join(f"{DRIFT_SIGNS.get(where, '○')} {place_text(where)}" for where in symbols)
-        caption += ". An interval across zero: no drift that differs from zero. ▶ beyond the figure."
-        height, words = dot_height(dots), dots_words(dots, names, "deg/min")
-        figures.append(
-            PageFigure("drifts", "drifts", "Drift with 95 % interval", caption, height, {"rows": dots}, False, words)
-        )
-    return figures
+VIEW_ORDER = ("rest", *(where.removeprefix("against ") for where in DRIFT_PLACES if where != "at rest"))
+# Values beyond so many times the largest ranked value lie outside the figure.
+FAR_DOT_FACTOR = 4.0
+BOUNDED = ["filter", "quantity", "value", "lower", "upper", "n", "unit"]
 
 
-def drift_figure(traces: list[Trace], names: Rows, store: ArrayPacker) -> PageFigure:
-    """Heading error with its line, one heading reference at a time."""
-    keys = sorted(
-        {t.key for t in traces}, key=lambda k: (VIEW_ORDER.index(k) if k in VIEW_ORDER else len(VIEW_ORDER), k)
-    )
-    views, called = [], []
+def drift(source: FigureSource) -> PageFigure | None:
+    """Draw the heading error with its fitted line, one heading reference at a time."""
+    found = source.traces("drift")
+    if not found:
+        return None
+    keys = sorted({t.key for t in found}, key=lambda k: (VIEW_ORDER.index(k) if k in VIEW_ORDER else 99, k))
+    views, names = [], []
     for key in keys:
-        same = overlapping([t for t in traces if t.key == key])
-        drawn, _ = packed_series(same, ("heading", "line"), names, store, 0.001)
-        views.append({"series": drawn, "range": [min(float(t.t[0]) for t in same), max(float(t.t[-1]) for t in same)]})
-        called.append(f"{'at rest' if key == 'rest' else 'in the air'}, against {heading_reference_name(key)}")
+        own, view = overlapping([t for t in found if t.key == key]), source.view()
+        name = f"{'at rest' if key == 'rest' else 'in the air'}, against {heading_reference_name(key)}"
+        for r, trace in source.by_depth(own):
+            if "heading" in trace.columns:
+                meta = {"time": True, "step": 0.001, "quantity": f"heading error, {name}", "keyless": True}
+                y = trace.columns["heading"]
+                view.row(r, trace.t, y, unit="deg", width=1.1, dash="solid", opacity=0.7, meta=meta)
+            if "line" in trace.columns:
+                meta = {"time": True, "step": 0.001, "quantity": f"fitted line, {name}", "quiet": True}
+                view.row(r, trace.t, trace.columns["line"], unit="deg", width=2.6, meta=meta)
+        span = [min(float(t.t[0]) for t in own), max(float(t.t[-1]) for t in own)]
+        view.axis("x", "time, s", range=span)
+        view.axis("y", "heading, °", fit={"least": 0.1, "calm": True})
+        views.append(view.as_data())
+        names.append(name)
     caption = "One-second means with the fitted line, each minus its own mean; anything but flat is drift."
-    words = range_words(overlapping([t for t in traces if t.key == keys[0]]), names)
-    return PageFigure("drift", "drift", "Heading", caption, 330, {"views": views}, False, words, called)
-
-
-def drift_dots(result: Result, names: Rows) -> list[dict[str, Any]]:
-    """Every drift of every row with its interval, and where it was found."""
-    dots: list[dict[str, Any]] = []
-    for row in result.estimators:
-        for window in row.metrics.values():
-            for metric, found in window.items():
-                if "drift_" in metric and found.unit == "deg/min" and found.value is not None and row.name in names:
-                    where = "at rest" if metric.startswith("drift_rest") else "against " + metric.partition(".")[2]
-                    entry = answer_dot(names.index(row.name), found) | {"where": where}
-                    if not any(entry | {"n": d["n"]} == d for d in dots):
-                        dots.append(entry)
-    return dots
-
-
-def place_text(where: str) -> str:
-    """Where a drift was found, in words."""
-    word, _, reference = where.partition(" ")
-    return f"against {heading_reference_name(reference)}" if word == "against" else where
+    words = range_words(overlapping([t for t in found if t.key == keys[0]]), source)
+    data = {"views": views, "labels": "end", "table": ["time_s", "filter", "quantity", "value", "unit"]}
+    return PageFigure("drift", "plot", "Heading", caption, 330, data, False, words, names)
 
 
 def overlapping(traces: list[Trace]) -> list[Trace]:
-    """Those that share time with the longest: a row may have its longest rest elsewhere."""
+    """Return those that share time with the longest: a row may have its longest rest elsewhere."""
     longest = max(traces, key=lambda t: float(t.t[-1] - t.t[0]))
     return [t for t in traces if t.t[0] <= longest.t[-1] and t.t[-1] >= longest.t[0]]
 
 
-# How fast the heading drifts against one heading reference.
+@dataclass(frozen=True, slots=True)
+class AnswerDot:
+    """A value of row ``r`` with its interval, where it was found, and the single values behind it."""
+
+    r: int
+    value: float
+    ci95: list[float] | None
+    ranked: bool
+    n: int
+    where: str = ""
+    single: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, r: int, answer: Answer, **more: Any) -> AnswerDot:
+        """Take value and interval of an answer."""
+        return cls(r, float(answer.value or 0.0), interval_of(answer), answer.ranked, answer.n, **more)
 
 
-def draw_drift(canvas: Canvas, data: dict[str, Any]) -> None:
-    """Means of a second, pale, and the fitted line."""
-    for s in canvas.drawn_rows(data["series"]):
-        t, drawn = as_array(s["t"]), s["y"]
-        if "heading" in drawn:
-            pale = {"width": AXIS_LINE, "dash": "solid"}
-            canvas.row(s["r"], *thinned(t, as_array(drawn["heading"])), line=pale, opacity=0.6, key="line" not in drawn)
-        if "line" in drawn:
-            canvas.row(s["r"], *thinned(t, as_array(drawn["line"])), line={"width": STRONG})
-    canvas.axes["xaxis"] = time_axis(tuple(data["range"]))
-    canvas.axes["yaxis"] = axis("heading, °", range=fitted(canvas, canvas.traces, 0.1, True), nticks=6)
-    leaving(canvas)
+def drifts(source: FigureSource) -> PageFigure | None:
+    """Draw every drift of every row with its interval, a symbol for each place where it was found."""
+    dots = drift_dots(source)
+    if not dots:
+        return None
+    places = dict.fromkeys(d.where for d in dots)
+    caption = ", ".join(f"{DRIFT_PLACES.get(where, ('○',))[0]} {place_text(where)}" for where in places)
+    caption += ". An interval across zero: no drift that differs from zero. ▶ beyond the figure."
+    view = dot_view(source, dots, "drift", "deg/min")
+    view.axes["xaxis"]["title"] = "drift of the heading, °/min"
+    return _dots_figure("drifts", "Drift with 95 % interval", caption, view, dots, source, "deg/min")
 
 
-# Values with their intervals, a line for each row: lag and drift.
-
-DRIFT_SYMBOLS = {
-    "against truth": "diamond",
-    "against smoother": "diamond",
-    "against mag": "square",
-    "against gnss_yaw": "triangle-up",
-    "against yaw_estimator": "pentagon",
-    "against course": "triangle-down",
-}
-FILLED_PLACES = ("", "at rest", "against truth")
-"""Where a drift was found whose dot is filled."""
-FAR_DOT_FACTOR = 4.0
-"""What is beyond so many times the largest ranked value runs out of the figure."""
-LETTERS = 26
-
-
-def draw_lag(canvas: Canvas, data: dict[str, Any]) -> None:
-    """Lag of each row with its interval and its single steps; grey: half a sample of the IMU either way."""
-    if data["half"]:
-        canvas.band(-data["half"], data["half"], palette()["arm"])
-        canvas.key(Key("± half a sample of the IMU", palette()["mu"], fill=True))
-    draw_dots(canvas, data["rows"], "lag, ms")
+def drift_dots(source: FigureSource) -> list[AnswerDot]:
+    """Collect every drift once, also where several windows hold it."""
+    dots: list[AnswerDot] = []
+    for row in source.result.estimators:
+        for window in row.metrics.values():
+            for metric, found in window.items():
+                if (
+                    "drift_" not in metric
+                    or found.unit != "deg/min"
+                    or found.value is None
+                    or row.name not in source.styles
+                ):
+                    continue
+                where = "at rest" if metric.startswith("drift_rest") else "against " + metric.partition(".")[2]
+                dot = AnswerDot.of(source.index(row.name), found, where=where)
+                if not any((dot.r, dot.value, dot.ci95, dot.where) == (d.r, d.value, d.ci95, d.where) for d in dots):
+                    dots.append(dot)
+    return dots
 
 
-def draw_drifts(canvas: Canvas, data: dict[str, Any]) -> None:
-    """Drift of each row with its interval, a symbol for each place where it was found."""
-    draw_dots(canvas, data["rows"], "drift of the heading, °/min")
-    for where in dict.fromkeys(d["where"] for d in data["rows"] if d["r"] in canvas.shown):
-        canvas.key(Key(place_text(where), INK, symbol=DRIFT_SYMBOLS.get(where, "circle"), full=where in FILLED_PLACES))
+def place_text(where: str) -> str:
+    """Return in words where a drift was found."""
+    word, _, reference = where.partition(" ")
+    return f"against {heading_reference_name(reference)}" if word == "against" else where
 
 
-def draw_dots(canvas: Canvas, found: list[dict[str, Any]], title: str) -> None:
-    """A line for each row from the top down; hollow: not ranked, or not against a truth."""
-    found = [d for d in found if d["r"] in canvas.shown and d["v"] is not None]
-    rows = list(dict.fromkeys(d["r"] for d in found))
-    ends = _dot_range(canvas, found)
-    places = {r: float(len(rows) - 1 - i) for i, r in enumerate(rows)}
-    for r in rows:
-        own = [d for d in found if d["r"] == r]
-        for i, d in enumerate(own):
-            y = places[r] + (0.28 - 0.56 * i / (len(own) - 1) if len(own) > 1 else 0.0)
-            _dot(canvas, d, y, ends)
-            _singles(canvas, d, places[r], ends)
-    names = [n if len(n := canvas.rows[r].name) <= LETTERS else n[: LETTERS - 1] + "…" for r in rows]
-    canvas.left = min(12.0 + max(map(text_width, names), default=0.0), 0.42 * WIDTH)
-    canvas.height = 16.0 * max(len(rows), 3) * (1.4 if len(found) > len(rows) else 1.0)
-    canvas.axes["xaxis"] = below(title, range=ends)
-    canvas.axes["yaxis"] = axis(
-        "", tickvals=list(places.values()), ticktext=names, range=[-0.6, len(rows) - 0.4], ticks=""
+def lag(source: FigureSource) -> PageFigure | None:
+    """Draw the lag of each row with its interval and its single steps."""
+    dots = []
+    for row in source.result.estimators:
+        found = find_answer(row, "lag_ms", AIR)
+        if found is not None and row.name in source.styles and found.value is not None:
+            single = tuple(float(x) for x in found.each if is_number(x)) if found.ranked else ()
+            dots.append(AnswerDot.of(source.index(row.name), found, single=single))
+    if not dots:
+        return None
+    caption = (
+        "Line: lag with 95 % interval; small dots: single steps. Hollow: not ranked. "
+        "▶ beyond the figure. Grey: half an IMU sample either way."
     )
-    canvas.upright(0.0, INK, width=AXIS_LINE)
+    view = dot_view(source, dots, "lag", "ms")
+    view.axes["xaxis"]["title"] = "lag (left: ahead, right: behind), ms"
+    rate = float((source.result.log.get("imu") or {}).get("rate_hz") or 0.0)
+    if rate > 0:
+        view.span(-500.0 / rate, 500.0 / rate, "arm")
+        view.note("± half an IMU sample", x=0.0)
+    return _dots_figure("lag", "Lag", caption, view, dots, source, "ms")
 
 
-def _dot(canvas: Canvas, d: dict[str, Any], y: float, ends: list[float]) -> None:
-    """A value with its interval; beyond the figure an arrow."""
-    colour = canvas.rows[d["r"]].colour
-    out = -1 if d["v"] < ends[0] else 1 if d["v"] > ends[1] else 0
-    full = d.get("where", "") in FILLED_PLACES and d["ok"] is not False
-    symbol = ("", "triangle-right", "triangle-left")[out] or DRIFT_SYMBOLS.get(d.get("where", ""), "circle")
-    line = {"color": colour, "width": LINE}
-    marker = {"size": MARKER + 1.5, "symbol": symbol, "color": colour if full else "#ffffff", "line": line}
-    bars = {}
-    if d["ci"] and not out:
-        sizes = {"array": [d["ci"][1] - d["v"]], "arrayminus": [d["v"] - d["ci"][0]]}
-        bars = {"error_x": {"symmetric": False, "color": colour, "thickness": LINE, "width": 2} | sizes}
-    canvas.marker([min(max(d["v"], ends[0]), ends[1])], [y], marker, cliponaxis=not out, meta=d["r"], **bars)
+def _dots_figure(
+    name: str, title: str, caption: str, view: View, dots: list[AnswerDot], source: FigureSource, unit: str
+) -> PageFigure:
+    height = 90 + 34 * max(len({d.r for d in dots}), 2)
+    data = {"views": [view.as_data()], "hover": "closest", "table": BOUNDED}
+    return PageFigure(name, "plot", title, caption, height, data, False, dots_words(dots, source, unit))
 
 
-def _singles(canvas: Canvas, d: dict[str, Any], y: float, ends: list[float]) -> None:
-    """Single steps as small dots around the row's line, those in the figure."""
-    x = [v for v in d.get("single", []) if ends[0] <= v <= ends[1]]
-    if x:
-        away = [y + ((i * 7919) % 101) / 101 * 0.5 - 0.25 for i in range(len(x))]
-        marker = {"size": 2.2, "color": canvas.rows[d["r"]].colour, "opacity": 0.55}
-        canvas.marker(x, away, marker, meta=d["r"], hoverinfo="skip")
+def dot_view(source: FigureSource, dots: Sequence[AnswerDot], what: str, unit: str) -> View:
+    """Draw a line for each row; dots of a row stand one above the other. Hollow: not ranked, or against no truth."""
+    view = source.view()
+    low, high = dot_range(source, dots)
+    rows = list(dict.fromkeys(d.r for d in dots))
+    for r in rows:
+        own = [d for d in dots if d.r == r]
+        for i, d in enumerate(own):
+            singles = [x for x in d.single if low <= x <= high]
+            if singles:
+                _singles(view, d, singles, unit)
+            offset = 0.28 - 0.56 * i / (len(own) - 1) if len(own) > 1 else 0.0
+            _dot(view, d, offset, (low, high), f"{what} {d.where}".strip(), unit)
+    view.axis("x", "", range=[low, high])
+    view.axis("y", "", rows=rows, fixedrange=True, zeroline=False)
+    view.upright(0.0, "tx", width=1)
+    return view
 
 
-def _dot_range(canvas: Canvas, found: list[dict[str, Any]]) -> list[float]:
-    """A range fitted to what is ranked: values far beyond it and intervals far wider leave it."""
-    sound = [d for d in found if d["ok"] is not False and not canvas.rows[d["r"]].lost] or found
-    most = max([1e-3, *(abs(d["v"]) for d in sound)])
-    values = [v for d in found for v in (d["v"], *d.get("single", []))] + [v for d in sound for v in d["ci"] or ()]
+def _dot(view: View, d: AnswerDot, offset: float, ends: tuple[float, float], what: str, unit: str) -> None:
+    """Add a value with its interval; an arrow where it lies beyond the figure."""
+    style = view.rows[d.r]
+    colour = f"e{style.slot}"
+    _, symbol, full = DRIFT_PLACES.get(d.where, ("○", "circle", not d.where))
+    symbol = "triangle-left" if d.value < ends[0] else "triangle-right" if d.value > ends[1] else symbol
+    inside = ends[0] <= d.value <= ends[1]
+    filled = colour if full and d.ranked is not False else "bg"
+    marker = {"size": 9, "symbol": symbol, "color": filled, "line": {"color": colour, "width": 2}}
+    said = f"{style.name}{', ' + place_text(d.where) if d.where else ''}: {quantity(d.value, unit)}"
+    said += f" ({interval(d.ci95, unit)})" if d.ci95 else ""
+    meta = {"row": d.r, "quantity": what, "n": d.n, "value": d.value, "ci": d.ci95, "places": place_text(d.where)}
+    more: dict[str, Any] = {}
+    if inside and d.ci95:
+        sizes = {"array": [d.ci95[1] - d.value], "arrayminus": [d.value - d.ci95[0]]}
+        more["error_x"] = {"type": "data", "symmetric": False, "color": colour, "thickness": 2, "width": 4} | sizes
+    view.markers(
+        style.name,
+        [min(max(d.value, ends[0]), ends[1])],
+        [offset],
+        marker,
+        unit=unit,
+        meta=meta,
+        hovertemplate=safe(said, 160) + "<extra></extra>",
+        cliponaxis=inside,
+        **more,
+    )
+
+
+def _singles(view: View, d: AnswerDot, values: list[float], unit: str) -> None:
+    """Add single values as small dots around the line of their row."""
+    offsets = [((i * 7919) % 101) / 101 * 0.5 - 0.25 for i in range(len(values))]
+    marker = {"size": 5, "color": f"e{view.rows[d.r].slot}", "opacity": 0.55}
+    name = view.rows[d.r].name
+    meta = {"row": d.r, "quantity": "lag of one step", "keyless": True}
+    hover = safe(name) + ": %{x:.0f} ms<extra></extra>"
+    view.markers(name, values, offsets, marker, unit=unit, meta=meta, hovertemplate=hover)
+
+
+def dot_range(source: FigureSource, dots: Sequence[AnswerDot]) -> tuple[float, float]:
+    """Fit a range to what is ranked: values far beyond it and intervals far wider leave the figure."""
+    sound = [d for d in dots if d.ranked is not False and not source.rows[d.r].lost]
+    core = sorted(abs(d.value) for d in sound or dots)
+    most = max(1e-3, core[-1] if sound else core[len(core) // 2])
+    values = [v for d in dots for v in (d.value, *d.single)] + [v for d in sound or dots for v in d.ci95 or ()]
     near = np.array([0.0, *(v for v in values if abs(v) < FAR_DOT_FACTOR * most)])
     pad = 0.08 * float(near.max() - near.min()) or 1.0
-    return [float(near.min()) - pad, float(near.max()) + pad]
+    return float(near.min()) - pad, float(near.max()) + pad
+
+
+def dots_words(dots: Sequence[AnswerDot], source: FigureSource, unit: str) -> str:
+    """Return dots in words: row, where it was found, value and interval."""
+    parts = []
+    for d in dots:
+        bounds = f" ({interval(d.ci95, unit)})" if d.ci95 else ""
+        where = f" {d.where}" if d.where else ""
+        parts.append(f"{source.rows[d.r].name}{where}: {quantity(d.value, unit)}{bounds}")
+    return "; ".join(parts)

@@ -26,7 +26,7 @@ import numpy as np
 from attlog.core.errors import OutputError
 from attlog.core.files import staging_folder
 from attlog.report.bundle import bundle
-from attlog.report.figures.pictures import Album
+from attlog.report.figures.catalogue import Album
 from attlog.result import Result
 
 DRIVER = Path(__file__).parents[1] / "web" / "pictures.js"
@@ -161,10 +161,9 @@ def _named(svg: str, name: str) -> str:
 
 
 def write_figures(result: Result, start: Path) -> list[Path]:
-    """Write ``START_NAME.svg`` and ``.png`` for every figure; the files. All appear, or none does.
+    """Write ``START_NAME.svg`` and ``.png`` for every figure and return the files. All appear, or none does.
 
-    OutputError where no browser is found (see :func:`attlog.report.figures.files.find_browser`), where it fails, or where
-    a file cannot be written.
+    OutputError where no browser is found, where it fails, or where a file cannot be written.
     """
     album = Album.of(result)
     drawn = {name: plain(album.drawn(name)) for name in album.found}

@@ -4,23 +4,23 @@ let full = [0, 1], home = [0, 1], range = [0, 1], busy = false;
 const waiting = new Set(), failures = [];
 const ids = () => Object.keys(D.figures);
 const shownOf = (id) => Object.assign({}, D.figures[id], (D.figures[id].views || [])[picked[id] || 0]);
-const timed = (id) => TIMED.includes(D.figures[id].kind), inTime = (id) => timed(id) || FOLLOWS.includes(D.figures[id].kind);
+const timed = (id) => D.figures[id].timed, inTime = (id) => timed(id) || D.figures[id].follows;
 
 function draw(id) {
   waiting.delete(id);
   const f = shownOf(id);
   focus = f.focus || null;
-  stored = drawn = 0;
+  stored = points = 0;
   try {
     $(id).style.height = tall(id) + 'px';
-    const p = draws[f.kind](id, f, range);
+    const p = (draws[f.kind] || plotted)(id, f, range);
     Plotly.react($(id), p.traces, p.layout, CONFIG);
   } catch (error) {
     failures.push(id);
     $(id).textContent = 'This figure could not be drawn.';
     throw error;
   }
-  if (f.kind === 'attitude') $('ratio').textContent = 'The attitude figure now draws ' + drawn.toLocaleString('en') + ' of ' + stored.toLocaleString('en') + ' points.';
+  if (id === 'attitude') $('ratio').textContent = 'The attitude figure now draws ' + points.toLocaleString('en') + ' of ' + stored.toLocaleString('en') + ' points.';
   if ($(id).dataset.ready) return;
   $(id).dataset.ready = '1';
   $(id).on('plotly_hover', (e) => readout(id, e));
@@ -48,10 +48,7 @@ function toggled() {
   for (const id of ids()) if (!picked[id] && (D.figures[id].views || []).some((v) => v.focus)) { picked[id] = 1; document.querySelector('select[data-figure=' + id + ']').value = '1'; }
   document.querySelectorAll('.lg input').forEach((box) => { const r = +box.dataset.row; if (box.checked) hidden.delete(r); else hidden.add(r); });
   busy = true;
-  for (const id of ids()) if (!waiting.has(id)) {
-    if (REFIT.includes(D.figures[id].kind)) draw(id);
-    else Plotly.restyle($(id), { visible: $(id).data.map((t) => t.meta == null || !hidden.has(t.meta)) });
-  }
+  for (const id of ids()) if (!waiting.has(id)) draw(id);
   busy = false;
 }
 

@@ -1,5 +1,5 @@
 // Smallest and largest value per two pixel columns, again at every zoom; gaps and wraps break the line.
-let stored = 0, drawn = 0;
+let stored = 0, points = 0;
 const at = (t, x) => {
   let a = 0, b = t.length;
   while (a < b) { const m = (a + b) >> 1; if (t[m] < x) a = m + 1; else b = m; }
@@ -28,7 +28,7 @@ function reduced(t, y, range, pixels, wraps) {
     }
     for (const i of [...new Set([low, high, hole])].filter((i) => i >= 0).sort((a, b) => a - b)) put(i);
   }
-  drawn += X.length;
+  points += X.length;
   return [X, Y];
 }
 
@@ -59,24 +59,31 @@ function enveloped(t, y, range, pixels, wraps) {
     part.push([x, low, high]); X.push(x); Y.push(middle);
   }
   close();
-  drawn += X.length + bandX.length;
+  points += X.length + bandX.length;
   return { X, Y, bandX, bandY };
 }
 
-// the range of visible values with a margin, from what is drawn; a diverged filter may leave the figure, and in a
-// calm one also those that move CALM times as far as the middle one; `from` and `to` leave out what comes before and
-// after them, if anything stays
+const share = (all, p) => all.slice().sort((a, b) => a - b)[Math.min(Math.floor(p * all.length), all.length - 1)];
+
+// the range of an axis from what is drawn: diverged filters do not set it, in a calm one also not those that move CALM
+// times as far as the middle one, nor what comes before `from` and after `to`, if anything stays
 const CALM = 8;
-function fitted(traces, axis, least, calm, from, to) {
-  let low = Infinity, high = -Infinity;
-  const here = traces.filter((t) => t.visible !== false && (t.yaxis || 'y') === axis), sound = here.filter((t) => t.meta == null || !D.rows[t.meta].lost);
+function fitted(traces, key, fit, within) {
+  const here = traces.filter((t) => t.visible !== false && !t.own.free && (t.yaxis || 'y') === key), sound = here.filter((t) => t.meta === null || !D.rows[t.meta].lost);
   const travel = (t) => t.y.reduce((m, v) => (v === null ? m : [Math.min(m[0], v), Math.max(m[1], v)]), [Infinity, -Infinity]).reduce((a, b) => b - a);
-  const far = calm ? CALM * sound.map(travel).sort((a, b) => a - b)[sound.length >> 1] : Infinity;
-  const late = from !== undefined && here.some((t) => t.x[t.x.length - 1] > from) ? from : -Infinity;
-  const early = to !== null && to !== undefined && here.some((t) => t.x[0] < to) ? to : Infinity;
-  for (const t of sound.length ? sound.filter((t) => travel(t) <= far) : here)
-    t.y.forEach((v, i) => { if (v !== null && v !== undefined && t.x[i] >= late && t.x[i] <= early) { if (v < low) low = v; if (v > high) high = v; } });
-  if (!(low <= high)) return [-least, least];
-  const pad = Math.max((high - low) * 0.06, (least - (high - low)) / 2, 1e-6);
+  const far = fit.calm ? CALM * sound.map(travel).sort((a, b) => a - b)[sound.length >> 1] : Infinity;
+  const late = fit.from !== undefined && here.some((t) => t.x[t.x.length - 1] > fit.from) ? fit.from : -Infinity;
+  const early = fit.to !== undefined && here.some((t) => t.x[0] < fit.to) ? fit.to : Infinity;
+  const ends = [...(fit.include || [])], p = fit.share || 0;
+  for (const t of sound.length ? sound.filter((t) => travel(t) <= far) : here) {
+    const all = t.y.filter((v, i) => v !== null && t.x[i] >= late && t.x[i] <= early && (t.mode === 'lines' || !within || (t.x[i] >= within[0] && t.x[i] <= within[1])));
+    if (p && all.length) ends.push(share(all, p), share(all, 1 - p));
+    else if (all.length) { let low = Infinity, high = -Infinity; for (const v of all) { if (v < low) low = v; if (v > high) high = v; } ends.push(low, high); }
+  }
+  const least = fit.least || 0;
+  if (!ends.length) return [-least || -1, least || 1];
+  const low = Math.min(...ends), high = Math.max(...ends);
+  if (fit.floor !== undefined) return [fit.floor, Math.min(Math.max(high + fit.pad * (high - fit.floor), least), fit.most || Infinity)];
+  const pad = Math.max((fit.pad || 0.06) * (high - low), (least - (high - low)) / 2, fit.least_pad || 1e-6);
   return [low - pad, high + pad];
 }

@@ -50,3 +50,6 @@ function times(a) {
   decoded.set(key, out);
   return out;
 }
+
+// an array of a figure: numbers as they are, else what is packed
+const array = (a) => (Array.isArray(a) ? a : a.w === 4 ? times(a) : values(a));
