@@ -1,4 +1,8 @@
-"""What the shell offers after TAB. Nothing is imported before somebody presses it."""
+"""Options that several commands take, each declared once: annotated types, and dataclasses for sets of options.
+
+A command takes a set as one parameter; :func:`expanded` gives Typer an option for each field. Completion imports
+nothing before somebody presses TAB.
+"""
 
 from __future__ import annotations
 
@@ -15,73 +19,65 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
-from attlog.core.errors import PluginError, UsageError
+from attlog.core.errors import AttlogError, PluginError, UsageError
 
 if TYPE_CHECKING:
     from attlog.pipeline.config import Config
 
 
+# Sections of the help.
+OUTPUT, LOGS, COMMON = "Output", "Logs and filters", "Every command"
+
+
 def complete_rows(incomplete: str) -> list[str]:
-    """The last item of a list of row specifications: sets, filters, and their presets behind @."""
-    from attlog.core.errors import AttlogError
+    """Complete the last item of a list of rows: sets, filters, and their presets behind @."""
     from attlog.estimators import get, names
 
     done, comma, last = incomplete.rpartition(",")
     name, at, _ = last.partition("@")
+    offered = ["default", "all", *names()]
     if at:
         try:
             offered = [f"{name}@{preset}" for preset in get(name).presets]
         except AttlogError:
             offered = []
-    else:
-        offered = ["default", "all", *names()]
     return [f"{done}{comma}{item}" for item in offered if item.startswith(last)]
 
 
 def complete_filters(incomplete: str) -> list[str]:
-    """Names of filters."""
     from attlog.estimators import names
 
     return [name for name in names() if name.startswith(incomplete)]
 
 
 def complete_scenarios(incomplete: str) -> list[str]:
-    """Names of the scenarios that can be simulated."""
     from attlog.simulate.scenario import scenario_names
 
     return [name for name in scenario_names() if name.startswith(incomplete)]
 
 
 def complete_windows(incomplete: str) -> list[str]:
-    """Names of windows."""
     from attlog.segments.model import WINDOWS
 
     return [name for name in WINDOWS if name.startswith(incomplete)]
 
 
 def complete_references(incomplete: str) -> list[str]:
-    """What ``--reference`` takes."""
-    return [
-        name for name in ("auto", "truth", "smoother", "onboard", "onboard:", "none") if name.startswith(incomplete)
-    ]
+    names = ("auto", "truth", "smoother", "onboard", "onboard:", "none")
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_messages(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of the messages in the log that stands before on the line."""
+    """Complete the messages of the log named before; nothing for what is no log."""
     from attlog import formats
-    from attlog.core.errors import AttlogError
 
     log: Any = ctx.params.get("log")
     try:
         names = formats.open(log).names() if log else []
     except AttlogError:
-        return []  # no log, nothing to offer; the command itself will say why
+        return []
     return [name for name in names if name.startswith(incomplete)]
 
-
-# Options that several commands take, each declared once: single ones as annotated types, sets of them as dataclasses.
-#
-# A command takes a set as one parameter; :func:`expanded` gives Typer an option for each of its fields.
 
 Logs = Annotated[
     list[Path],
@@ -110,35 +106,44 @@ Log = Annotated[
         help="Read this flight log, known by its content; also as .gz.",
     ),
 ]
-Folder = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Write pages and data to this folder.")]
+Folder = Annotated[
+    Path,
+    typer.Option("-o", "--output", metavar="DIR", help="Write pages and data to this folder.", rich_help_panel=OUTPUT),
+]
 OneFile = Annotated[
-    Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file. [default: print]")
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE", help="Write to this file. [default: print]", rich_help_panel=OUTPUT),
 ]
 Jobs = Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on N at a time.")]
 JobsOfCores = Annotated[
     int | None,
     typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on N at a time. [default: one for each core]"),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, one line for each log.")]
-TableForm = Literal["md", "csv", "tex"]
-"""As in ``compare.tables.files``, which is not imported for help."""
+Json = Annotated[
+    bool, typer.Option("--json", help="Print JSON on standard output, one line for each log.", rich_help_panel=OUTPUT)
+]
+TableForm = Literal["md", "csv", "tex"]  # as in attlog.compare.tables, which is not imported for help
 Form = Annotated[
     TableForm | None,
     typer.Option(
-        "--format", metavar="md|csv|tex", help="Print the table as Markdown, CSV or LaTeX. [default: for reading]"
+        "--format",
+        metavar="md|csv|tex",
+        help="Print the table as Markdown, CSV or LaTeX. [default: for reading]",
+        rich_help_panel=OUTPUT,
     ),
 ]
 Figures = Annotated[
     Path | None,
     typer.Option("--figures", metavar="DIR", help="Write the figures to this folder too, as SVG and PNG for papers."),
 ]
-Open = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
+Open = Annotated[bool, typer.Option("--open", help="Open the page in a browser.", rich_help_panel=OUTPUT)]
 Reference = Annotated[
     str | None,
     typer.Option(
         metavar="R",
         autocompletion=complete_references,
         help="Compare with auto, truth, smoother, onboard, onboard:NAME or none. [default: auto]",
+        rich_help_panel=LOGS,
     ),
 ]
 Truth = Annotated[
@@ -147,6 +152,7 @@ Truth = Annotated[
         metavar="FILE|DIR|TOPIC",
         help="Compare with this trajectory (TUM, EuRoC, CSV), log or bag, with one of a folder, or with a topic of the "
         "log; :offset=S,north=true,topic=T may follow. [default: none]",
+        rich_help_panel=LOGS,
     ),
 ]
 GyroBias = Annotated[
@@ -155,21 +161,35 @@ GyroBias = Annotated[
         metavar="rest|none|onboard",
         help="Subtract this gyro bias: the mean at rest before take-off, none, or the onboard estimator's. "
         "[default: rest]",
+        rich_help_panel=LOGS,
     ),
 ]
 ConfigFile = Annotated[
     Path | None,
     typer.Option(
-        metavar="F.toml|F.json", help="Read settings from a file or an earlier result; options win. [default: none]"
+        metavar="F.toml|F.json",
+        help="Read settings from a file or an earlier result; options win. [default: none]",
+        rich_help_panel=LOGS,
     ),
 ]
 Boot = Annotated[
     int | None,
-    typer.Option(metavar="N", min=0, help="Take this power-up of several, from 0. [default: with most data]"),
+    typer.Option(
+        metavar="N",
+        min=0,
+        help="Take this power-up of several, from 0. [default: with most data]",
+        rich_help_panel=LOGS,
+    ),
 ]
 System = Annotated[
     int | None,
-    typer.Option(metavar="N", min=0, max=255, help="Take this MAVLink system of several. [default: the autopilot]"),
+    typer.Option(
+        metavar="N",
+        min=0,
+        max=255,
+        help="Take this MAVLink system of several. [default: the autopilot]",
+        rich_help_panel=LOGS,
+    ),
 ]
 
 
@@ -204,16 +224,27 @@ def _key(named: Path | None) -> Path | None:
 class CommonOptions:
     """Options of every command, which may stand before the command too."""
 
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")] = False
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.", rich_help_panel=COMMON)] = False
     verbose: Annotated[
         int,
         typer.Option(
-            "-v", "--verbose", count=True, show_default=False, help="Print more; -vv shows a traceback for a bug."
+            "-v",
+            "--verbose",
+            count=True,
+            show_default=False,
+            help="Print more; -vv shows a traceback for a bug.",
+            rich_help_panel=COMMON,
         ),
     ] = 0
     no_color: Annotated[
         bool,
-        typer.Option("--no-color", callback=_no_color, is_eager=True, help="Print without colours (as NO_COLOR does)."),
+        typer.Option(
+            "--no-color",
+            callback=_no_color,
+            is_eager=True,
+            help="Print without colours (as NO_COLOR does).",
+            rich_help_panel=COMMON,
+        ),
     ] = False
     key: Annotated[
         Path | None,
@@ -221,6 +252,7 @@ class CommonOptions:
             metavar="FILE.pem",
             callback=_key,
             help="Open encrypted logs (.ulge) with this private key. [default: that of ATTLOG_KEY]",
+            rich_help_panel=COMMON,
         ),
     ] = None
 
@@ -275,13 +307,18 @@ class LogOptions:
             metavar="LIST",
             autocompletion=complete_rows,
             help="Run these filters, with commas: default, all, NAME[@PRESET][:k=v,...], FILE.py. [default: default]",
+            rich_help_panel=LOGS,
         ),
     ] = None
     imu: Annotated[
-        str | None, typer.Option(metavar="N|all", help="Replay this IMU. [default: the one used in flight]")
+        str | None,
+        typer.Option(metavar="N|all", help="Replay this IMU. [default: the one used in flight]", rich_help_panel=LOGS),
     ] = None
     mag: Annotated[
-        str | None, typer.Option(metavar="N|none", help="Replay this magnetometer. [default: the log's choice]")
+        str | None,
+        typer.Option(
+            metavar="N|none", help="Replay this magnetometer. [default: the log's choice]", rich_help_panel=LOGS
+        ),
     ] = None
     reference: Reference = None
     truth: Truth = None
@@ -292,6 +329,7 @@ class LogOptions:
             autocompletion=complete_windows,
             help="Show the table of this window: all, rest, armed, airborne, hover, cruise, idle or T0:T1 (s). "
             "[default: all]",
+            rich_help_panel=LOGS,
         ),
     ] = None
     gyro_bias: GyroBias = None
@@ -300,13 +338,19 @@ class LogOptions:
         typer.Option(
             metavar="F.param",
             help="Use the parameters of this file for the autopilots' filters. [default: those of the log]",
+            rich_help_panel=LOGS,
         ),
     ] = None
     config: ConfigFile = None
     boot: Boot = None
     system: System = None
     deterministic: Annotated[
-        bool, typer.Option("--deterministic", help="Leave measured times out: the same log gives the same bytes.")
+        bool,
+        typer.Option(
+            "--deterministic",
+            help="Leave measured times out: the same log gives the same bytes.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = False
 
 

@@ -1,4 +1,7 @@
-"""How a command prints: plain tables, lines to a terminal or a pipe, results on standard output, messages on error."""
+"""Output of commands: lines and tables of text, results on standard output, messages on standard error.
+
+Tables are laid out here, because rich would cost 40 ms of every start; it is imported for colours on a terminal.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -16,8 +19,12 @@ if TYPE_CHECKING:
 
     from attlog.compare.tables import TableForm
 
-GAP = 2
-NARROWEST = 30
+GAP = "  "
+SENTENCE_COLUMNS = 100  # longer lines are hard to read
+MIN_COLUMNS = 30
+UNIT_BLANK = re.compile(r"(?<=\d) (?=\S{1,4}(?:[\s.,;:)]|$))")  # between a number and its unit
+# Variables that ask for colours where the output is no terminal.
+COLOR_VARIABLES = ("FORCE_COLOR", "TTY_COMPATIBLE")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,49 +35,53 @@ class TextLine:
     style: str = ""
 
 
-SENTENCES = 100
-"""Columns over which sentences are laid out; longer lines are hard to read."""
+def wrapped(label: str, text: str, width: int, style: str = "") -> Iterator[TextLine]:
+    """Break a sentence after its label between words, but not between a number and its unit."""
+    text = UNIT_BLANK.sub("\u00a0", text)
+    room = min(width, SENTENCE_COLUMNS) - len(label)
+    lines = textwrap.wrap(text, room, break_long_words=False, break_on_hyphens=False) or [""]
+    for i, line in enumerate(lines):
+        yield TextLine(((" " * len(label) if i else label) + line).replace("\u00a0", " ").rstrip(), style)
 
 
-UNIT = re.compile(r"(?<=\d) (?=\S{1,4}(?:[\s.,;:)]|$))")
-"""A blank between a number and its unit."""
+def table(
+    rows: Iterable[Sequence[str]],
+    head: Sequence[str] = (),
+    *,
+    left: Collection[int] = (0,),
+    width: int = 0,
+    indent: str = "",
+    styles: Sequence[str] = (),
+) -> Iterator[TextLine]:
+    """Lay out a table: columns ``left`` (-1: the last) to the left, all others to the right.
 
-
-def wrapped(label: str, text: str, width: int) -> Iterator[TextLine]:
-    """A sentence after its label, broken between words, but not between a number and its unit."""
-    text = UNIT.sub("\u00a0", text)
-    lines = textwrap.wrap(text, min(width, SENTENCES) - len(label), break_long_words=False, break_on_hyphens=False)
-    for i, line in enumerate(lines or [""]):
-        yield TextLine(((label if i == 0 else " " * len(label)) + line).replace("\u00a0", " ").rstrip())
-
-
-def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[TextLine]:
-    """A table: words of the last and first column to the left, all between to the right"""
-    widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
-    for number, row in enumerate([head, *rows]):
-        cells = [
-            c.ljust(w) if i in (0, len(head) - 1) else c.rjust(w)
-            for i, (c, w) in enumerate(zip(row, widths, strict=True))
+    A heading may have several lines. With ``width`` the last column is wrapped between words. ``styles``: of the rows.
+    """
+    body = [[cell.split("\n") for cell in row] for row in rows]
+    heading = [cell.split("\n") for cell in head]
+    every = [heading, *body] if head else body
+    if not every:
+        return
+    widths = [max(len(line) for row in every for line in row[i]) for i in range(len(every[0]))]
+    if width:
+        before = len(indent) + sum(widths[:-1]) + len(GAP) * (len(widths) - 1)
+        room = max(width - before, MIN_COLUMNS)
+        for row in every:
+            row[-1] = textwrap.wrap(row[-1][0], room, break_long_words=False, break_on_hyphens=False) or [""]
+    adjust = [str.ljust if {i, i - len(widths)} & set(left) else str.rjust for i in range(len(widths))]
+    for number, row in enumerate(every, start=0 if head else 1):
+        height = max(map(len, row))
+        padded = [
+            [""] * (height - len(cell)) + cell if number == 0 else cell + [""] * (height - len(cell)) for cell in row
         ]
-        yield TextLine("  " + "  ".join(cells).rstrip(), "bold" if number == 0 else "")
-
-
-def columns(rows: Iterable[tuple[str, ...]], width: int, indent: str = "  ") -> list[list[str]]:
-    """The lines of each row; all but the last column are as wide as their longest cell."""
-    listed = list(rows)
-    widths = [max(len(row[i]) for row in listed) + GAP for i in range(len(listed[0]) - 1)] if listed else []
-    before = len(indent) + sum(widths)
-    room = max(width - before, NARROWEST)
-    found = []
-    for row in listed:
-        head = indent + "".join(cell.ljust(w) for cell, w in zip(row, widths, strict=False))
-        last = textwrap.wrap(row[-1], room, break_long_words=False, break_on_hyphens=False) or [""]
-        found.append([(head + last[0]).rstrip(), *(" " * before + line for line in last[1:])])
-    return found
+        style = "bold" if number == 0 else styles[number - 1] if styles else ""
+        for cells in zip(*padded, strict=True):
+            text = GAP.join(to(cell, size) for to, cell, size in zip(adjust, cells, widths, strict=True))
+            yield TextLine((indent + text).rstrip(), style)
 
 
 class Piped:
-    """Standard output or error where it is no terminal: lines without styles, wide, and nothing to import for them."""
+    """Standard output or error that is no terminal: wide lines without styles."""
 
     width = 160
 
@@ -79,46 +90,53 @@ class Piped:
 
     @property
     def encoding(self) -> str:
-        """Of the stream."""
         return (self._stream.encoding or "utf-8").lower()
 
     def lines(self, texts: Iterable[str]) -> None:
-        """Write each as a line, tabs as blanks."""
+        """Write lines, tabs as blanks."""
         for text in texts:
             self._stream.write(text.expandtabs().rstrip() + "\n")
         self._stream.flush()
 
 
-LIKE_A_TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE")
-"""Variables by which people have colours where the output is no terminal."""
-
-
 def console(stderr: bool = False) -> Console | Piped:
-    """What to print to: a terminal, or plain text where the output is none, wide where it is piped."""
+    """Return the terminal to print to, or plain text where the output is none."""
     stream = sys.stderr if stderr else sys.stdout
-    if not stream.isatty() and not any(os.environ.get(name) for name in LIKE_A_TERMINAL):
+    if not stream.isatty() and not any(os.environ.get(name) for name in COLOR_VARIABLES):
         return Piped(stream)
     return terminal(stderr)
 
 
 def terminal(stderr: bool = False) -> Console:
-    """A terminal to print to; also for an output that is none, which then is as wide as a piped one."""
+    """Return a rich console, as wide as :class:`Piped` where the output is no terminal."""
     from rich.console import Console
 
     class Terminal(Console):
-        def on_broken_pipe(self) -> None:
-            # rich would end with 1, which means that a gate failed
+        def on_broken_pipe(self) -> None:  # rich would end with 1, the code of a gate that failed
             raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
 
-    stream = sys.stderr if stderr else sys.stdout
-    width = None if stream.isatty() else Piped.width
-    if os.environ.get("NO_COLOR"):
-        return Terminal(stderr=stderr, highlight=False, soft_wrap=False, width=width, color_system=None)
-    return Terminal(stderr=stderr, highlight=False, soft_wrap=False, width=width)
+    width = None if (sys.stderr if stderr else sys.stdout).isatty() else Piped.width
+    colors: Any = {"color_system": None} if os.environ.get("NO_COLOR") else {}
+    return Terminal(stderr=stderr, highlight=False, soft_wrap=False, width=width, **colors)
+
+
+def say(lines: Iterable[TextLine | str], out: Console | Piped) -> None:
+    """Print lines as they are: not broken, no markup, no control characters, signs that the output can show."""
+    from attlog.words.text import encodable, for_terminal
+
+    safe = ((line, "") if isinstance(line, str) else (line.text, line.style) for line in lines)
+    shown = ((encodable(for_terminal(text), out.encoding), style) for text, style in safe)
+    if isinstance(out, Piped):
+        out.lines(text for text, _ in shown)
+        return
+    from rich.text import Text
+
+    for text, style in shown:
+        out.print(Text(text.rstrip(), style), soft_wrap=True)
 
 
 def to_stderr(text: str) -> None:
-    """A message on standard error; whatever a log called itself steers no terminal."""
+    """Print a message on standard error, without control characters."""
     from attlog.words.text import for_terminal
 
     if sys.stderr is not None:
@@ -126,52 +144,35 @@ def to_stderr(text: str) -> None:
 
 
 def to_stdout(text: str) -> None:
-    """A line of results on standard output, as :func:`to_stderr`."""
+    """Print results on standard output, without control characters."""
     from attlog.words.text import for_terminal
 
     print(for_terminal(text))
 
 
 def table_to_stdout(form: TableForm, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output as Markdown, CSV or LaTeX."""
+    """Print a table as Markdown, CSV or LaTeX."""
     from attlog.compare.tables import table_text
 
     text_to_stdout(table_text(form, head, rows))
 
 
 def text_to_stdout(text: str) -> None:
-    """A text of several lines on standard output, as :func:`to_stderr`."""
-    say(map(TextLine, text.splitlines()), Piped(sys.stdout))
+    """Print a text of several lines on standard output."""
+    say(text.splitlines(), Piped(sys.stdout))
 
 
-def json_to_stdout(text: str) -> None:
-    """JSON on standard output, as it is but for escapes of what would steer a terminal."""
-    from attlog.words.text import json_for_terminal
-
-    print(json_for_terminal(text).rstrip("\n"))
-
-
-def json_line(document: dict[str, Any]) -> str:
-    """A document as one line of JSON; with JSON's own escapes where standard output cannot show what is in it."""
+def json_to_stdout(document: dict[str, Any] | str) -> None:
+    """Print JSON, a document as one line; what standard output cannot show, or would steer a terminal, is escaped."""
     import json
 
-    layout: dict[str, Any] = {"separators": (",", ":"), "allow_nan": False}
-    text = json.dumps(document, ensure_ascii=False, **layout)
-    try:
-        text.encode(sys.stdout.encoding or "utf-8")
-    except UnicodeEncodeError:
-        return json.dumps(document, **layout)
-    return text
+    from attlog.words.text import json_for_terminal
 
-
-def say(lines: Iterable[TextLine], out: Console | Piped) -> None:
-    """Print lines as they are: not broken, nothing in them taken for markup, no blanks behind them."""
-    from attlog.words.text import encodable, for_terminal
-
-    if isinstance(out, Piped):
-        out.lines(encodable(for_terminal(line.text), out.encoding) for line in lines)
-        return
-    from rich.text import Text
-
-    for line in lines:
-        out.print(Text(encodable(for_terminal(line.text), out.encoding).rstrip(), line.style), soft_wrap=True)
+    text = document if isinstance(document, str) else ""
+    if not text:
+        text = json.dumps(document, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+        try:
+            text.encode(sys.stdout.encoding or "utf-8")
+        except UnicodeEncodeError:
+            text = json.dumps(document, separators=(",", ":"), allow_nan=False)
+    print(json_for_terminal(text).rstrip("\n"))

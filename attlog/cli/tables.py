@@ -1,13 +1,13 @@
-"""The assessments of sensors on a terminal: the table of ``attlog health``, and the line that ``analyze`` adds."""
+"""One log on a terminal: what happened, findings, answers, the table of filters, the table of sensors."""
 
 from __future__ import annotations
 
+import itertools
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from attlog.cli.printing import SENTENCES, TextLine, wrapped
+from attlog.cli.printing import GAP, SENTENCE_COLUMNS, TextLine, table, wrapped
 from attlog.words.findings import (
     ShownAssessment,
     ShownFinding,
@@ -26,307 +26,50 @@ if TYPE_CHECKING:
     from attlog.result import Assessment, EstimatorRow, Result, Setting
     from attlog.words.table import ColumnHeading, FilterTable, TableCell
 
-
-STYLES = {"fault": "red", "warning": "yellow"}
-LABEL = 10
-"""Columns of what a line is about, as of the findings and answers of ``analyze``."""
-SENSOR_GAP = 2
-
-ShownText = Callable[[str], str]
-"""A text as the output can show it."""
-
-
-def sensor_lines(health: Sequence[Assessment], shown: ShownText, width: int, verbose: bool) -> Iterator[TextLine]:
-    """The table of what is off or may be set, faults first; what is ok and what cannot be told in a line each, with the
-    number of sensors where there are several.
-
-    ``verbose``: what is ok as rows, too, the evidence of each, and why the rest cannot be told.
-    """
-    every = shown_assessments(health)
-    ok = [a for a in every if a.verdict == "ok" and not a.listed]
-    silent = [a for a in every if a.verdict == "unknown" and not a.listed]
-    listed = [a for a in every if a.listed]
-    yield from _table(repeat_advice_once(listed + ok if verbose else listed), shown, width, verbose)
-    if ok and not verbose:
-        yield from wrapped("  ok: ", shown(question_titles(ok)), width)
-    if silent and not verbose:
-        yield from wrapped("  no answer: ", shown(f"{question_titles(silent)} (why: -v)"), width)
-    for questions, why in reasons_unknown(silent) if verbose else ():
-        yield from wrapped("  no answer: ", shown(questions), width)
-        yield from _below([why], shown, width, 6, "dim")
-    if not every:
-        yield TextLine("  No question about a sensor can be answered from this log.")
-
-
-def setting_lines(settings: Sequence[Setting]) -> Iterator[TextLine]:
-    """What should be set, a line each: ``NAME old -> new``."""
-    if settings:
-        yield TextLine("set", "bold")
-        yield from (TextLine(f"  {parameter_change(setting)}") for setting in settings)
-
-
-def set_line(settings: Sequence[Setting], log: str, width: int) -> Iterator[TextLine]:
-    """At most two lines of what should be set, and which command shows why; none where there is nothing."""
-    from attlog.words.findings import parameter_changes
-
-    width = min(width, SENTENCES)
-    why = f"attlog health {log} shows why."
-    for most in range(len(settings), 0, -1):
-        lines = list(wrapped(f"{'set':<{LABEL}}", f"{parameter_changes(settings, most)}; {why}", width))
-        if len(lines) <= 2 and all(len(line.text) <= width for line in lines):
-            yield from lines
-            return
-    if settings:
-        yield TextLine(f"{'set':<{LABEL}}{len(settings)} parameters; attlog health shows which and why.")
-
-
-def _table(rows: Sequence[ShownAssessment], shown: ShownText, width: int, verbose: bool) -> Iterator[TextLine]:
-    """A row for each: sensor, question, verdict, value; below it what was found and what to set or to do.
-
-    Where long names leave no columns for the value it begins the lines below. ``verbose``: then what else is known.
-    """
-    if not rows:
-        return
-    head = ("sensor", "question", "verdict", "value")
-    cells = [tuple(shown(text) for text in (a.sensor, a.question, a.verdict, a.value)) for a in rows]
-    widths = [max(len(row[i]) for row in (head, *cells)) + SENSOR_GAP for i in range(len(head))]
-    beside = len(head) if SENSOR_GAP + sum(widths) - SENSOR_GAP <= width else len(head) - 1
-    laid = [(" " * SENSOR_GAP + "".join(map(str.ljust, row[:beside], widths))).rstrip() for row in (head, *cells)]
-    yield TextLine(laid[0], "bold")
-    for a, line, row in zip(rows, laid[1:], cells, strict=True):
-        yield TextLine(line, STYLES.get(a.verdict, ""))
-        yield from _below([*row[beside:], a.text, a.to_set], shown, width)
-        yield from _below(a.why if verbose else (), shown, width, 6, "dim")
-
-
-def _below(texts: Sequence[str], shown: ShownText, width: int, indent: int = 4, style: str = "") -> Iterator[TextLine]:
-    """Texts below a row, each from a line of its own; what is empty is left out."""
-    for text in filter(None, texts):
-        yield from (TextLine(line.text, style) for line in wrapped(" " * indent, shown(text), width))
-
-
-# The table of filters on a terminal: a row per filter, as many columns as there is room for; a cell is never cut.
-
-GAP = "  "
+VERDICT_STYLES = {"fault": "red", "warning": "yellow"}
+FINDING_STYLES = {"bad": "red", "warn": "yellow"}
+LABEL_COLUMNS = 10  # of the name of a question
+MAX_FINDINGS = 5  # above the answers without -v
 MARKS = {"*": "* none significantly better", "~": "~ not ranked", "±": "± 95 %"}
 AGAINST = {
     "truth": "Against {truth}",
     "smoother": "Against the smoother",
     "onboard": "Agreement with onboard, not truth",
 }
-SHORTEST_NAME = 8
-
-Shown = Callable[[str], str]
-"""A text as the output can show it."""
+ALL_COLUMNS = 9  # above every ``spare``
 
 
-@dataclass(frozen=True, slots=True)
-class Room:
-    """How much a table shows: ids beside names, half intervals, full words, columns up to which ``spare``.
-
-    ``short``: titles are short and stand on one line.
-    """
-
-    ids: bool
-    halves: bool
-    words: bool
-    spare: int
-    short: bool = False
-
-
-ROOMS = (
-    *(Room(ids, True, True, spare) for ids, spare in ((True, 9), (False, 9), (False, 4), (False, 3))),
-    *(Room(False, halves, False, spare) for halves, spare in ((True, 9), (True, 3), (True, 2))),
-    *(Room(False, False, False, spare) for spare in (2, 1, 0)),
-)
-"""What is tried in turn until a table fits."""
-SHORT_ROOMS = (Room(False, True, False, 9, True), Room(False, False, False, 9, True))
-"""The same of the short table."""
-
-
-def comparison(result: Result, window: str, width: int, shown: Shown = str, verbose: bool = False) -> list[TextLine]:
-    """The table in at most ``width`` columns, with its legend; empty where no question has a value.
-
-    ``*`` marks rows that none is significantly better than, ``~`` what may not be ranked, a word says why a value is
-    missing. Where there is little room half intervals go, then whole columns; the last line says which. Without
-    ``verbose`` there is one column for each question, and no onboard source but what flew and the reference.
-    """
-    from attlog.words.names import row_names
-    from attlog.words.table import main_table
-
-    table = main_table(result, window) if verbose else shortened(main_table(result, window))
-    if not table.columns:
-        return []
-    names = {key: shown(clean(name)) for key, name in row_names(result).items()}
-    names |= {} if verbose else {"onboard": "Onboard"}
-    for room in ROOMS if verbose else SHORT_ROOMS:
-        lines = laid_out(table.columns, table.rows, names, room, shown)
-        if max(map(len, lines)) <= width:
-            break
-    else:
-        longest = max(len(names[row.name]) for row, _ in table.rows)
-        least = max(longest - (max(map(len, lines)) - width), SHORTEST_NAME)
-        names = {key: name if len(name) <= least else name[: least - 2] + ".." for key, name in names.items()}
-        lines = laid_out(table.columns, table.rows, names, room, shown)
-    left_out = [c.title[0].lower() + c.title[1:] for c in table.columns if c.spare > room.spare]
-    said = legend(result, table, room, width, caveat=not verbose)
-    ahead = [names[row.name] for row, _ in table.rows if not row.causal and not row.is_reference]
-    said += textwrap.wrap(f"Looks ahead in time: {'; '.join(ahead)}.", width) if ahead else []
-    for row in unfit(result):
-        said += textwrap.wrap(f"{names[row.name]} failed: {row.reason.removeprefix(f'{row.name}: ')}.", width)
-    said += textwrap.wrap(f"No room for: {', '.join(left_out)}.", width) if left_out else []
-    return [TextLine(line) for line in lines] + [TextLine(shown(line), "dim") for line in said]
-
-
-def unfit(result: Result) -> list[EstimatorRow]:
-    """Filters that this log does not hold enough for: no trouble, so that nothing above the table tells why."""
-    told = {f.text for f in result.findings if f.kind == "estimator_failed" and not f.is_trouble}
-    return [row for row in result.estimators if f"{row.name}: {row.reason}" in told]
-
-
-def shortened(table: FilterTable) -> FilterTable:
-    """The first column of each question that has a short title, for filters, what flew and the reference.
-
-    The gyro alone wins nothing and stands there only without other filters.
-    """
-    from attlog.words.ranking import is_baseline
-    from attlog.words.table import FilterTable
-
-    first: dict[str, int] = {}
-    for i, heading in enumerate(table.columns):
-        if heading.short:
-            first.setdefault(heading.short, i)
-    filters = [r.name for r, _ in table.rows if r.kind == "replay"]
-    filters = [r.name for r, _ in table.rows if r.name in filters and not is_baseline(r)] or filters
-    rows = [(r, cells) for r, cells in table.rows if r.name in [*filters, "onboard"] or r.is_reference]
-    return FilterTable(
-        [table.columns[i] for i in first.values()], [(r, [c[i] for i in first.values()]) for r, c in rows]
-    )
-
-
-def against(result: Result, caveat: bool) -> str:
-    """What errors are against, as a sentence, with a ``caveat`` where sentences with it do not stand above."""
-    reference = result.reference
-    if reference is None or reference.choice not in AGAINST:
-        return ""
-    from attlog.words.names import against_heading, truth_name
-
-    borrowed = reference.heading_by == "onboard"
-    parts = [
-        AGAINST[reference.choice].format(truth=truth_name(result)),
-        f"headings against {against_heading(result, 'onboard')}" if borrowed else "",
-    ]
-    parts.append(typeset(reference.caveat) if caveat else "")
-    return "; ".join(part for part in parts if part) + "."
-
-
-def legend(result: Result, table: FilterTable, room: Room, width: int, *, caveat: bool) -> list[str]:
-    """What errors are against and what the marks mean, those that stand in the table."""
-    cells = [cell for _, row in table.rows for cell in row]
-    marks = {"*": any(c.best for c in cells), "~": any(c.unranked for c in cells)}
-    marks["±"] = room.halves and any(c.half for c in cells)
-    lines = textwrap.wrap(against(result, caveat), width)
-    for part in (text for mark, text in MARKS.items() if marks[mark]):
-        if lines and len(lines[-1]) + len(GAP) + len(part) <= width:
-            lines[-1] += GAP + part
-        else:
-            lines.append(part)
-    return lines
-
-
-def laid_out(
-    headings: list[ColumnHeading],
-    rows: list[tuple[EstimatorRow, list[TableCell]]],
-    names: dict[str, str],
-    room: Room,
-    shown: Shown,
-) -> list[str]:
-    """The lines of a table with this much room: headings of several lines, then a line per row."""
-    left = [(["filter"], [names[r.name] + (" (reference)" if r.is_reference and room.words else "") for r, _ in rows])]
-    if room.ids:
-        left.append((["id"], [shown(clean(r.name)) for r, _ in rows]))
-    right = [
-        titled(heading, [shown(text(cells[i], room)) for _, cells in rows], room.short, shown)
-        for i, heading in enumerate(headings)
-        if heading.spare <= room.spare
-    ]
-    height = max(len(title) for title, _ in left + right)
-    columns = [[""] * (height - len(title)) + title + cells for title, cells in left + right]
-    padded = [
-        [c.ljust(width) if i < len(left) else c.rjust(width) for c in column]
-        for i, column in enumerate(columns)
-        for width in (max(map(len, column)),)
-    ]
-    return [GAP.join(line).rstrip() for line in zip(*padded, strict=True)]
-
-
-def titled(heading: ColumnHeading, cells: list[str], short: bool, shown: Shown) -> tuple[list[str], list[str]]:
-    """A heading broken into lines no wider than its cells or its longest word, or a short one; and the cells."""
-    unit = shown(heading.unit)
-    if short:
-        return [f"{shown(heading.short)} {unit} ".rstrip() + " "], cells
-    title = shown(heading.title)
-    width = max(map(len, [*cells, *title.split()]))
-    lines = textwrap.wrap(title, width)
-    if unit and len(lines[-1]) + 1 + len(unit) <= width:
-        return [*lines[:-1], f"{lines[-1]} {unit}"], cells
-    return lines + ([unit] if unit else []), cells
-
-
-def text(cell: TableCell, room: Room) -> str:
-    """What a cell says: its value and mark, or a word."""
-    if cell.missing:
-        return (cell.text if room.words else cell.brief) + " "
-    half = f" {cell.half}" if room.halves and cell.half else ""
-    return cell.text + half + ("*" if cell.best else "~" if cell.unranked else " ")
-
-
-# What ``analyze`` prints of one log: what happened, what is wrong with the log, four answers, the table of filters.
-#
-# Lines are laid out here, not by rich: no line ends with blanks, and signs that the output cannot show are replaced
-# before anything is aligned.
-
-ANSWER = 10
-"""Columns of the name of a question."""
-SHOWN = 5
-"""So many findings stand above the answers; -v lists all."""
-
-
-def printed(result: Result, window: str, width: int, encoding: str, verbose: bool = False) -> Iterator[TextLine]:
-    """The lines for one log, at most ``width`` columns wide where words can be broken.
+def result_lines(result: Result, window: str, width: int, verbose: bool = False) -> Iterator[TextLine]:
+    """Lines of one log, at most ``width`` columns wide where words can be broken.
 
     Title, headline, findings, what to set, four answers, the table: 19 lines of 80 columns at most of a healthy log.
-    ``window``: where the table looks; ``encoding``: of the output, signs that it lacks get stand-ins; ``verbose``:
-    every finding and why, whole sentences instead of short answers, every column and row of the table, which else
-    stands only where filters were compared.
+    The table shows ``window``, without ``verbose`` only where filters were compared. ``verbose``: every finding and
+    why, whole sentences, every column and row.
     """
     from attlog.result import agreed_settings
     from attlog.words.names import duplicate_rows_text
 
-    def shown(text: str) -> str:
-        return encodable(text, encoding)
-
-    yield from (TextLine(line.text, "bold") for line in wrapped("", shown(title(result)), width))
+    yield from wrapped("", title(result), width, "bold")
     if result.headline:
-        yield from wrapped("  ", shown(clean(result.headline)), width)
+        yield from wrapped("  ", clean(result.headline), width)
     found = findings(result)
     if verbose or any(not finding.is_note for finding in found):
-        yield from wrong(found, shown, width, verbose)
+        yield from finding_lines(found, width, verbose)
     name = clean(encodable(str(result.log.get("name") or "LOG"), "utf-8"))
-    yield from (TextLine(shown(line.text)) for line in set_line(agreed_settings(result.health), name, width))
-    for label, sentence in answers(result, min(width, SENTENCES) - ANSWER, verbose):
-        yield from wrapped(f"{label:<{ANSWER}}", shown(sentence), width)
+    yield from set_line(agreed_settings(result.health), name, width)
+    for label, sentence in answers(result, min(width, SENTENCE_COLUMNS) - LABEL_COLUMNS, verbose):
+        yield from wrapped(f"{label:<{LABEL_COLUMNS}}", sentence, width)
     compared = verbose or window != "all" or any(any(rows.values()) for rows in result.ranked.values())
-    table = comparison(result, window, width, shown, verbose) if compared else []
-    if table:
+    shown = filter_table(result, window, width, verbose) if compared else []
+    if shown:
         yield TextLine("")
-        yield from table
+        yield from shown
         for sentence in duplicate_rows_text(result, equations=verbose):
-            yield from wrapped("", shown(typeset(sentence)), width)
+            yield from wrapped("", typeset(sentence), width)
 
 
 def title(result: Result) -> str:
-    """Which log it is: the file, what flew with which firmware, how long the log is."""
+    """Name the log: the file, what flew with which firmware, how long the log is."""
     from attlog.words.flight import firmware
     from attlog.words.numbers import duration
 
@@ -349,11 +92,11 @@ def answers(result: Result, width: int, verbose: bool) -> Iterator[tuple[str, st
         yield from (("gyro bias", typeset(sentence)) for sentence in gyro_bias_text(result))
     elif result.verdicts:
         found = {QUESTIONS[q]: typeset(answer.within(width)) for q, answer in answer_lines(result).items()}
-        yield from said_once(found)
+        yield from merge_missing(found)
 
 
-def said_once(found: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Answers with their labels; a reason why several questions have none stands once, behind their names."""
+def merge_missing(found: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Answers with their labels; a reason why several questions have none appears once, after their names."""
     from attlog.words.answers import NO_ANSWER
 
     asked: dict[str, list[str]] = {}
@@ -366,18 +109,192 @@ def said_once(found: Mapping[str, str]) -> Iterator[tuple[str, str]]:
         yield "no answer", f"{listed(labels)[:1].upper()}{listed(labels)[1:]}: {sentence.removeprefix(NO_ANSWER)}"
 
 
-def wrong(found: list[ShownFinding], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[TextLine]:
-    """What is wrong with the log and what to do, a line each, the worst first; ``verbose``: notes, and why."""
+def finding_lines(found: list[ShownFinding], width: int, verbose: bool) -> Iterator[TextLine]:
+    """Findings with actions, a line each, worst first; ``verbose``: notes, and why."""
     every = [f for f in found if verbose or not f.is_note]
-    nothing = no_problem_text(every, len(found) - len(every))
-    if nothing:
+    if nothing := no_problem_text(every, len(found) - len(every)):
         yield TextLine(f"  {nothing}")
-    kept = every if verbose or len(every) <= SHOWN + 1 else every[:SHOWN]
+    kept = every if verbose or len(every) <= MAX_FINDINGS + 1 else every[:MAX_FINDINGS]
     for finding in kept:
-        style = {"bad": "red", "warn": "yellow"}.get(finding.style, "")
-        begin = f"{finding.label.lower():<{ANSWER}}"
-        yield from (TextLine(line.text, style) for line in wrapped(begin, shown(finding.line), width))
+        style = FINDING_STYLES.get(finding.style, "")
+        yield from wrapped(f"{finding.label.lower():<{LABEL_COLUMNS}}", finding.line, width, style)
         for text in finding.why if verbose else ():
-            yield from (TextLine(line.text, "dim") for line in wrapped(" " * (ANSWER + 2), shown(text), width))
+            yield from wrapped(" " * (LABEL_COLUMNS + 2), text, width, "dim")
     if len(kept) < len(every):
-        yield TextLine(f"{'':<{ANSWER}}and {len(every) - len(kept)} more with -v")
+        yield TextLine(f"{'':<{LABEL_COLUMNS}}and {len(every) - len(kept)} more with -v")
+
+
+def filter_table(result: Result, window: str, width: int, verbose: bool = False) -> list[TextLine]:
+    """Table of the filters in at most ``width`` columns, with its legend; empty if no question has a value.
+
+    ``*`` marks rows that none is significantly better than, ``~`` rows that may not be ranked; a word says why a value
+    is missing. A narrow table loses ids, then half intervals, then columns, which its last line names. Without
+    ``verbose`` it has a column for each question, and of the onboard sources only what flew and the reference.
+    """
+    from attlog.words.names import row_names
+    from attlog.words.table import main_table
+
+    found = main_table(result, window) if verbose else shortened(main_table(result, window))
+    if not found.columns:
+        return []
+    names = {key: clean(name) for key, name in row_names(result).items()}
+    names |= {} if verbose else {"onboard": "Onboard"}
+    halves, spare, lines = True, ALL_COLUMNS, list[TextLine]()
+    layouts = [(True, True, ALL_COLUMNS)] if verbose else []
+    layouts += [(False, True, ALL_COLUMNS), *((False, False, most) for most in (ALL_COLUMNS, 3, 2, 1, 0))]
+    for ids, halves, spare in layouts:
+        lines = _filter_rows(found, names, ids, halves, spare, not verbose)
+        if max(len(line.text) for line in lines) <= width:
+            break
+    said = _legend(result, found, halves, width, caveat=not verbose)
+    ahead = [names[row.name] for row, _ in found.rows if not row.causal and not row.is_reference]
+    said += [f"Looks ahead in time: {'; '.join(ahead)}."] if ahead else []
+    said += [f"{names[r.name]} failed: {r.reason.removeprefix(f'{r.name}: ')}." for r in _without_data(result)]
+    left_out = [c.title[0].lower() + c.title[1:] for c in found.columns if c.spare > spare]
+    said += [f"No room for: {', '.join(left_out)}."] if left_out else []
+    return lines + [TextLine(line, "dim") for text in said for line in textwrap.wrap(text, width)]
+
+
+def _filter_rows(
+    found: FilterTable, names: Mapping[str, str], ids: bool, halves: bool, spare: int, short: bool
+) -> list[TextLine]:
+    shown = [i for i, heading in enumerate(found.columns) if heading.spare <= spare]
+    rows = []
+    for row, cells in found.rows:
+        name = names[row.name] + (" (reference)" if row.is_reference else "")
+        rows.append([name, *([clean(row.name)] if ids else []), *(_cell_text(cells[i], halves) for i in shown)])
+    first = ["filter", *(["id"] if ids else [])]
+    columns = list(zip(*rows, strict=True))[len(first) :]
+    head = [_heading(found.columns[i], cells, short) for i, cells in zip(shown, columns, strict=True)]
+    return list(table(rows, [*first, *head], left=range(len(first))))
+
+
+def _heading(heading: ColumnHeading, cells: Sequence[str], short: bool) -> str:
+    """Break a heading into lines no wider than its cells or its longest word."""
+    if short:
+        return f"{heading.short} {heading.unit} ".rstrip() + " "
+    width = max(map(len, [*cells, *heading.title.split()]))
+    return "\n".join(textwrap.wrap(f"{heading.title} {heading.unit}".strip(), width))
+
+
+def _cell_text(cell: TableCell, halves: bool) -> str:
+    if cell.missing:
+        return (cell.text if halves else cell.brief) + " "
+    half = f" {cell.half}" if halves and cell.half else ""
+    return cell.text + half + ("*" if cell.best else "~" if cell.unranked else " ")
+
+
+def _without_data(result: Result) -> list[EstimatorRow]:
+    """Filters that this log does not hold enough for: no trouble, so that no finding names them."""
+    told = {f.text for f in result.findings if f.kind == "estimator_failed" and not f.is_trouble}
+    return [row for row in result.estimators if f"{row.name}: {row.reason}" in told]
+
+
+def shortened(found: FilterTable) -> FilterTable:
+    """Keep the first column of each question with a short title, for filters, what flew and the reference.
+
+    The gyro alone appears only without other filters.
+    """
+    from attlog.words.ranking import is_baseline
+    from attlog.words.table import FilterTable
+
+    first: dict[str, int] = {}
+    for i, heading in enumerate(found.columns):
+        if heading.short:
+            first.setdefault(heading.short, i)
+    filters = [r.name for r, _ in found.rows if r.kind == "replay"]
+    filters = [r.name for r, _ in found.rows if r.name in filters and not is_baseline(r)] or filters
+    rows = [(r, cells) for r, cells in found.rows if r.name in [*filters, "onboard"] or r.is_reference]
+    return FilterTable(
+        [found.columns[i] for i in first.values()], [(r, [c[i] for i in first.values()]) for r, c in rows]
+    )
+
+
+def _against(result: Result, caveat: bool) -> str:
+    """Name what errors are against, with its caveat where no sentence above has it."""
+    reference = result.reference
+    if reference is None or reference.choice not in AGAINST:
+        return ""
+    from attlog.words.names import against_heading, truth_name
+
+    parts = [AGAINST[reference.choice].format(truth=truth_name(result))]
+    parts += [f"headings against {against_heading(result, 'onboard')}"] if reference.heading_by == "onboard" else []
+    parts += [typeset(reference.caveat)] if caveat and reference.caveat else []
+    return "; ".join(parts) + "."
+
+
+def _legend(result: Result, found: FilterTable, halves: bool, width: int, *, caveat: bool) -> list[str]:
+    """Name what errors are against and explain the marks that the table has."""
+    cells = list(itertools.chain.from_iterable(row for _, row in found.rows))
+    marks = {"*": any(c.best for c in cells), "~": any(c.unranked for c in cells)}
+    marks["±"] = halves and any(c.half for c in cells)
+    lines = textwrap.wrap(_against(result, caveat), width)
+    for part in (text for mark, text in MARKS.items() if marks[mark]):
+        if lines and len(lines[-1]) + len(GAP) + len(part) <= width:
+            lines[-1] += GAP + part
+        else:
+            lines.append(part)
+    return lines
+
+
+def sensor_lines(health: Sequence[Assessment], width: int, verbose: bool) -> Iterator[TextLine]:
+    """Table of sensors that are off or may be set, faults first; the rest in a line each.
+
+    ``verbose``: sound sensors as rows too, the evidence of each, and why others have no answer.
+    """
+    every = shown_assessments(health)
+    ok = [a for a in every if a.verdict == "ok" and not a.listed]
+    silent = [a for a in every if a.verdict == "unknown" and not a.listed]
+    listed = [a for a in every if a.listed]
+    yield from _sensor_table(repeat_advice_once(listed + ok if verbose else listed), width, verbose)
+    if ok and not verbose:
+        yield from wrapped("  ok: ", question_titles(ok), width)
+    if silent and not verbose:
+        yield from wrapped("  no answer: ", f"{question_titles(silent)} (why: -v)", width)
+    for questions, why in reasons_unknown(silent) if verbose else ():
+        yield from wrapped("  no answer: ", questions, width)
+        yield from wrapped(" " * 6, why, width, "dim")
+    if not every:
+        yield TextLine("  No question about a sensor can be answered from this log.")
+
+
+def _sensor_table(rows: Sequence[ShownAssessment], width: int, verbose: bool) -> Iterator[TextLine]:
+    """Sensor, question, verdict, value (below the row if there is no room); then what was found, what to set or do."""
+    if not rows:
+        return
+    head = ("sensor", "question", "verdict", "value")
+    cells = [(a.sensor, a.question, a.verdict, a.value) for a in rows]
+    laid = list(table(cells, head, left=range(4), indent="  "))
+    beside = len(head)
+    if max(len(line.text) for line in laid) > width:
+        beside -= 1
+        laid = list(table([row[:beside] for row in cells], head[:beside], left=range(beside), indent="  "))
+    yield laid[0]
+    for a, line, row in zip(rows, laid[1:], cells, strict=True):
+        yield TextLine(line.text, VERDICT_STYLES.get(a.verdict, ""))
+        for text in filter(None, (*row[beside:], a.text, a.to_set)):
+            yield from wrapped(" " * 4, text, width)
+        for text in filter(None, a.why if verbose else ()):
+            yield from wrapped(" " * 6, text, width, "dim")
+
+
+def setting_lines(settings: Sequence[Setting]) -> Iterator[TextLine]:
+    """Parameters to set, a line each: ``NAME old -> new``."""
+    if settings:
+        yield TextLine("set", "bold")
+        yield from (TextLine(f"  {parameter_change(setting)}") for setting in settings)
+
+
+def set_line(settings: Sequence[Setting], log: str, width: int) -> Iterator[TextLine]:
+    """At most two lines of parameters to set, and the command that shows why."""
+    from attlog.words.findings import parameter_changes
+
+    width = min(width, SENTENCE_COLUMNS)
+    why = f"attlog health {log} shows why."
+    for most in range(len(settings), 0, -1):
+        lines = list(wrapped(f"{'set':<{LABEL_COLUMNS}}", f"{parameter_changes(settings, most)}; {why}", width))
+        if len(lines) <= 2 and all(len(line.text) <= width for line in lines):
+            yield from lines
+            return
+    if settings:
+        yield TextLine(f"{'set':<{LABEL_COLUMNS}}{len(settings)} parameters; attlog health shows which and why.")

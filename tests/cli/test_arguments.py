@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import pytest
-import typer
-from typer.testing import CliRunner
 
-from attlog.cli.arguments import Plain
-from attlog.cli.options import finite
 from tests.conftest import SAMPLES, few
 
 GYRO = ("--estimators", "gyro", "-q")
@@ -42,17 +33,6 @@ def test_a_mistyped_command_is_told_with_the_one_that_was_meant(attlog):
     assert "analyze" in done.err
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("asked", few([["--json"], ["--json", "-"], ["--json=-"]], 2))
-@pytest.mark.parametrize("command", ["info", "analyze"])
-def test_json_on_standard_output_with_or_without_a_dash(attlog, samples, tmp_path, asked, command):
-    more = ["-o", tmp_path, *GYRO] if command == "analyze" else []
-    done = attlog(command, *asked, samples / "copter_yaw_turns.bin", *more)
-    assert done.code == 0, done.err
-    assert json.loads(done.out)["log"]["name"] == "copter_yaw_turns.bin"
-    assert len(done.out.splitlines()) == 1  # also where a pattern happens to match one log
-
-
 @pytest.mark.parametrize("command", few(["info", "analyze"], 1))
 def test_several_logs_are_one_object_a_line(attlog, samples, tmp_path, command):
     logs = [samples / "copter_yaw_turns.bin", samples / "px4_hover.ulg"]
@@ -72,17 +52,6 @@ def test_a_summary_names_what_has_no_report(attlog, samples, tmp_path):
     assert "2 logs: 1 report in" in done.out
     assert "1 log cannot be used (exit code 65):\n    not a flight log" in done.out
     assert "(bad.ulg)" in done.out
-
-
-@pytest.mark.parametrize("command", ["analyze", "info", "extract", "estimators", "new", "check-estimator", "schema"])
-def test_help_is_plain_and_loses_no_bracket(attlog, command):
-    done = attlog(command, "--help")
-    assert done.code == 0
-    assert [line for line in done.out.splitlines() if line != line.rstrip()] == []
-    if command == "analyze":
-        text = " ".join(done.out.split())
-        for told in ("NAME[@PRESET][:k=v,...]", "[default: the one used in flight]", "[default: reports]"):
-            assert told in text
 
 
 @pytest.mark.slow
@@ -136,88 +105,9 @@ def test_several_jobs_print_every_result(attlog, samples, tmp_path):
     assert {json.loads(line)["log"]["name"] for line in done.out.splitlines()} == {log.name for log in logs}
 
 
-SEEN: list[dict[str, Any]] = []
-
-
-def _told(**values: Any) -> None:
-    SEEN.append(values)
-
-
-def command(
-    logs: Annotated[list[Path], typer.Argument(readable=False)],
-    places: Annotated[list[str] | None, typer.Option("--place")] = None,
-    output: Annotated[Path, typer.Option("-o")] = Path("reports"),
-    config: Annotated[Path | None, typer.Option()] = None,
-    window: str | None = None,
-    jobs: Annotated[int, typer.Option("-j", min=1)] = 1,
-    score: Annotated[float | None, typer.Option(callback=finite)] = None,
-    quiet: Annotated[bool, typer.Option("-q")] = False,
-    strict: Annotated[bool | None, typer.Option("--strict/--no-strict")] = None,
-    verbose: Annotated[int, typer.Option("-v", count=True)] = 0,
-) -> None:
-    _told(**locals())
-
-
-def run(words: list[str], cls: Any) -> tuple[int, Any, str]:
-    """Exit code, what the command got, what was said."""
-    app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    app.command(cls=cls)(command)
-    SEEN.clear()
-    done = CliRunner().invoke(app, words)
-    return done.exit_code, [{k: (v, type(v)) for k, v in seen.items()} for seen in SEEN], done.output
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["a.ulg"],
-        ["a.ulg", "b\udcff.ulg", "-o", "", "--window", ""],
-        ["a.ulg", "--place", "x", "--place", "y", "-o", "out", "--config", __file__, "--window", "3:4"],
-        ["a.ulg", "-j", "3", "--score", "1.5", "-q", "-vv", "--no-strict"],
-        ["a.ulg", "-j", "0"],
-        ["a.ulg", "-j", "x"],
-        ["a.ulg", "--score", "nan"],
-        ["--window", "3"],
-        [],
-    ],
-    ids=" ".join,
-)
-def test_a_command_gets_what_typer_would_give_it(words: list[str]) -> None:
-    assert run(words, Plain) == run(words, None)
-
-
-def test_the_help_has_all_that_typer_has_in_sections_without_types_of_python() -> None:
-    ours, theirs = (run(["--help"], cls)[2] for cls in (Plain, None))
-    assert set(re.findall(r"--?[a-z-]+", ours)) == set(re.findall(r"--?[a-z-]+", theirs))
-    assert ours.index("Options:") < ours.index("Logs and filters:") < ours.index("Every command:")
-    assert "<" in theirs
-    assert not re.search(r"<(str|path|list)", ours, re.IGNORECASE)
-
-
-@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a file that may not be read")
-def test_a_path_that_may_not_be_read_is_left_to_typer(tmp_path: Path) -> None:
-    closed = tmp_path / "closed.toml"
-    closed.write_text("")
-    closed.chmod(0)
-    words = ["a.ulg", "--config", str(closed)]
-    assert run(words, Plain) == run(words, None)
-    assert run(words, Plain)[0] == 2
-
-
-def test_text_and_paths_ask_no_validator() -> None:
-    """Typer imports pydantic for the first value that it looks at."""
-    code = (
-        "import sys\nfrom tests.cli.test_arguments import run\nfrom attlog.cli.arguments import Plain\n"
-        "assert run(['a.ulg', '-o', 'out', '--window', '3:4', '-q', '-v'], Plain)[0] == 0\n"
-        "print('pydantic' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
-
-
 # Numbers that are none, or are out of all proportion: exit code 2 and a sentence, whatever the option.
 
-HOSTILE_OPTIONS_LOG = SAMPLES / "copter_yaw_turns.bin"
+LOG = SAMPLES / "copter_yaw_turns.bin"
 OPTIONS: dict[str, tuple[str, ...]] = {
     "analyze": ("--imu", "--mag", "--boot", "--system", "-j"),
     "extract": ("--from", "--to", "--boot", "--system"),
@@ -231,13 +121,7 @@ CASES = [(command, option) for command, options in OPTIONS.items() for option in
 def test_what_is_no_number_is_refused(
     attlog: Callable[..., Any], command: str, option: str, word: str, tmp_path: Any
 ) -> None:
-    done = attlog(
-        command,
-        HOSTILE_OPTIONS_LOG,
-        f"{option}={word}" if option.startswith("--") else f"{option}{word}",
-        "-o",
-        tmp_path,
-    )
+    done = attlog(command, LOG, f"{option}={word}" if option.startswith("--") else f"{option}{word}", "-o", tmp_path)
     if option == "-j" and not word:
         pytest.skip("-j without a number takes the next word for it")
     assert done.code == 2
@@ -259,7 +143,7 @@ def test_what_is_no_number_is_refused(
 def test_numbers_and_files_out_of_all_proportion_are_refused(
     attlog: Callable[..., Any], words: tuple[str, str], tmp_path: Any
 ) -> None:
-    done = attlog("analyze", HOSTILE_OPTIONS_LOG, *words, "-o", tmp_path)
+    done = attlog("analyze", LOG, *words, "-o", tmp_path)
     assert done.code == 2
     assert list(tmp_path.iterdir()) == []
 
@@ -273,32 +157,29 @@ def test_a_simulated_log_tells_no_parameter_that_is_no_number(
 
 # What people write where the command line takes something else: the answer names how it is written here.
 
-SPELLING_LOG = "copter_yaw_turns.bin"
+LOG_NAME = "copter_yaw_turns.bin"
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("analyze", SPELLING_LOG, "--estimators", "mahony:kp=0,3"), "did you mean kp=0.3?"),
-        (("analyze", SPELLING_LOG, "--estimators", "gyro,mahony:ki=0.1,kp=1,25"), "did you mean kp=1.25?"),
-        (("extract", SPELLING_LOG, "--estimates", "mahony:kp=0,3"), "did you mean kp=0.3?"),
-        (("compare", SPELLING_LOG, "mahony", "mahony:ki=1,kp=0,3"), "did you mean kp=0.3?"),
-        (("sweep", SPELLING_LOG, "mahony:kp=0,3", "ki=0..1/3"), "did you mean kp=0.3?"),
-        (("sweep", SPELLING_LOG, "mahony", "kp=0,5..2/4"), "did you mean kp=0.5?"),
-        (("tune", SPELLING_LOG, "mahony", "kp=0,3..2"), "did you mean kp=0.3?"),
-        (("sweep", SPELLING_LOG, "mahony", "kp=0.1-2"), "kp=0.1..2/12"),
-        (("sweep", SPELLING_LOG, "mahony", "kp=1e-2:2"), "kp=1e-2..2/12"),
-        (("sweep", SPELLING_LOG, "mahony", "kp=0.1..2"), "kp=0.1..2/12"),
-        (("tune", SPELLING_LOG, "mahony", "kp=0.1-2"), "kp=0.1..2,"),
-        (("compare", SPELLING_LOG, "gyro", "mahony:kp=0.1-2"), "attlog sweep takes a range, written kp=0.1..2/12"),
-        (
-            ("analyze", SPELLING_LOG, "--estimators", "mahony:latency=20,kp=1"),
-            "compare LOG mahony mahony:latency=20,kp=1",
-        ),
-        (("extract", SPELLING_LOG, "--estimates", "mahony:lowpass=20"), "attlog compare LOG mahony mahony:lowpass=20"),
-        (("compare", SPELLING_LOG, "mahony:kp=0.6", "mahony:kp=0.60"), "is the same configuration as mahony:kp=0.6; a"),
-        (("compare", SPELLING_LOG, "mahony", "mahony"), "mahony is given twice; a comparison needs two that differ"),
-        (("compare", SPELLING_LOG, "mahony"), "a comparison needs two configurations or more"),
+        (("analyze", LOG_NAME, "--estimators", "mahony:kp=0,3"), "did you mean kp=0.3?"),
+        (("analyze", LOG_NAME, "--estimators", "gyro,mahony:ki=0.1,kp=1,25"), "did you mean kp=1.25?"),
+        (("extract", LOG_NAME, "--estimates", "mahony:kp=0,3"), "did you mean kp=0.3?"),
+        (("compare", LOG_NAME, "mahony", "mahony:ki=1,kp=0,3"), "did you mean kp=0.3?"),
+        (("sweep", LOG_NAME, "mahony:kp=0,3", "ki=0..1/3"), "did you mean kp=0.3?"),
+        (("sweep", LOG_NAME, "mahony", "kp=0,5..2/4"), "did you mean kp=0.5?"),
+        (("tune", LOG_NAME, "mahony", "kp=0,3..2"), "did you mean kp=0.3?"),
+        (("sweep", LOG_NAME, "mahony", "kp=0.1-2"), "kp=0.1..2/12"),
+        (("sweep", LOG_NAME, "mahony", "kp=1e-2:2"), "kp=1e-2..2/12"),
+        (("sweep", LOG_NAME, "mahony", "kp=0.1..2"), "kp=0.1..2/12"),
+        (("tune", LOG_NAME, "mahony", "kp=0.1-2"), "kp=0.1..2,"),
+        (("compare", LOG_NAME, "gyro", "mahony:kp=0.1-2"), "attlog sweep takes a range, written kp=0.1..2/12"),
+        (("analyze", LOG_NAME, "--estimators", "mahony:latency=20,kp=1"), "compare LOG mahony mahony:latency=20,kp=1"),
+        (("extract", LOG_NAME, "--estimates", "mahony:lowpass=20"), "attlog compare LOG mahony mahony:lowpass=20"),
+        (("compare", LOG_NAME, "mahony:kp=0.6", "mahony:kp=0.60"), "is the same configuration as mahony:kp=0.6; a"),
+        (("compare", LOG_NAME, "mahony", "mahony"), "mahony is given twice; a comparison needs two that differ"),
+        (("compare", LOG_NAME, "mahony"), "a comparison needs two configurations or more"),
     ],
 )
 def test_the_answer_to_another_writing_names_ours(attlog, samples, monkeypatch, words, said):
@@ -320,14 +201,14 @@ def test_what_is_no_other_writing_is_not_taken_for_one(text):
 
 def test_a_list_of_two_whole_numbers_is_swept_and_said_to_be_two(attlog, samples, tmp_path):
     given = ("--reference", "onboard", "-q", "-o", tmp_path)
-    done = attlog("sweep", samples / SPELLING_LOG, "mahony", "kp=0,3", *given)
+    done = attlog("sweep", samples / LOG_NAME, "mahony", "kp=0,3", *given)
     assert done.code == 0
     assert done.err == "attlog: kp=0,3 are two values, 0 and 3; the number is written 0.3\n"
-    assert attlog("sweep", samples / SPELLING_LOG, "mahony", "kp=0,3.0", *given).err == ""
+    assert attlog("sweep", samples / LOG_NAME, "mahony", "kp=0,3.0", *given).err == ""
 
 
 def test_a_configuration_that_is_given_twice_beside_another_is_compared_once(attlog, samples, tmp_path):
     given = ("--reference", "onboard", "-q", "-o", tmp_path)
-    done = attlog("compare", samples / SPELLING_LOG, "gyro", "mahony:kp=1", "mahony:kp=1.0", *given)
+    done = attlog("compare", samples / LOG_NAME, "gyro", "mahony:kp=1", "mahony:kp=1.0", *given)
     assert done.code == 0
     assert done.err == "attlog: mahony:kp=1.0 is the same configuration as mahony:kp=1; it is compared once\n"

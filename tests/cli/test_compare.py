@@ -14,6 +14,8 @@ import pytest
 
 from attlog import formats
 from attlog.cli.commands.compare import printed
+from attlog.cli.logs import PreparedLogs
+from attlog.cli.options import ComparisonOptions
 from attlog.compare.run import compare
 from attlog.compare.setting import parse_configuration
 from attlog.compare.setting_words import select_words, with_params_file
@@ -323,11 +325,8 @@ def test_a_flight_that_is_given_twice_is_swept_once_and_both_are_named(attlog, t
 
 
 def test_the_log_of_a_radio_comes_last_for_of_one_flight_the_card_counts() -> None:
-    from attlog.cli.prepared_logs import PreparedLogs
-    from attlog.pipeline.config import Config
-
     card, radio = SAMPLES / "copter_steps_stabilize.bin", next(SAMPLES.glob("*.tlog"))
-    assert PreparedLogs([radio, card], Config())._logs == [card, radio]
+    assert PreparedLogs([radio, card], ComparisonOptions())._logs == [card, radio]
 
 
 # ``attlog tune``: files, exit codes.

@@ -106,7 +106,6 @@ def test_unreadable_for_lack_of_rights_is_66(attlog, tmp_path):
         ["--imu", "first"],
         ["--imu", "7"],
         ["--mag", "9"],
-        ["--json", "out.json"],
         ["--format", "xls"],
         ["--json", "--format", "md"],
         ["--reference", "onboard:NOPE"],

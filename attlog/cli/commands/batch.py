@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog import __version__
 from attlog.cli.gates import GateOptions, GateReport
+from attlog.cli.logs import end, named_sources
 from attlog.cli.options import CommonOptions, JobsOfCores, LogOptions, Places, commands, configured, finite
 from attlog.cli.printing import TextLine, console, say, to_stderr
 from attlog.cli.process import ended_by_signals
 from attlog.cli.progress import Bar, compile_first
-from attlog.core.errors import EXIT_INTERRUPTED, UsageError, error_message, exit_code, worst_exit_code
+from attlog.core.errors import EXIT_INTERRUPTED, UsageError
 
 if TYPE_CHECKING:
     from attlog.batch.index_row import Entry
@@ -90,13 +90,10 @@ def command(
     gates = GateReport(gate_options, output)
     settings = configured(options)
     from attlog.batch.run import Job, run_batch
-    from attlog.batch.sources import sources
 
     judge = gates.judge(output, options.deterministic)
-    found, wrong = sources(logs)
-    for error in wrong:
-        to_stderr(error_message(error, __version__))
-    codes, names = {exit_code(error) for error in wrong}, list[str]()
+    codes, names = set[int](), list[str]()
+    found, wrong = named_sources(logs, codes)
     if found:
         job = Job(
             found,
@@ -116,9 +113,7 @@ def command(
         codes |= outcome.codes
         _say_outcome(outcome, output, common.quiet)
         names = [entry.name for entry in outcome.entries]
-    codes |= gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in codes)
-    if worst_exit_code(codes):
-        raise typer.Exit(worst_exit_code(codes))
+    end(codes | gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in codes))
 
 
 class BatchProgress:
@@ -162,9 +157,9 @@ def _say_outcome(outcome: Outcome, folder: Path, quiet: bool) -> None:
         first, *others = summary(
             outcome.entries, outcome.total, outcome.seconds, folder, outcome.again, width=out.width
         )
-        say([TextLine(first, "bold"), *map(TextLine, others)], out)
+        say([TextLine(first, "bold"), *others], out)
         if outcome.entries:
-            say([TextLine(f"index: {folder / 'index.html'}")], out)
+            say([f"index: {folder / 'index.html'}"], out)
     if outcome.lost:
         to_stderr(f"attlog: {outcome.lost}")
     if outcome.stopped:

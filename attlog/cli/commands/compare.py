@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog import __version__
 from attlog.cli import options as completion
 from attlog.cli.arguments import command_line
+from attlog.cli.logs import end, named_files
 from attlog.cli.options import CommonOptions, ComparisonOptions, Jobs, Open, check_window, for_comparison
-from attlog.cli.printing import TextLine, aligned, console, json_to_stdout, say, text_to_stdout, to_stderr, wrapped
+from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, text_to_stdout, to_stderr, wrapped
 from attlog.cli.progress import StageHandler, progress
-from attlog.core.errors import PluginError, PluginTimeout, UsageError, error_message, exit_code, worst_exit_code
+from attlog.core.errors import PluginError, PluginTimeout, UsageError
 from attlog.core.files import file_name
 
 if TYPE_CHECKING:
@@ -77,26 +77,21 @@ def command(
     if file_name(own.name) != own.name:
         raise UsageError(f"--name {own.name!r}: no name of a file in the folder of -o; such as {file_name(own.name)}")
     check_window(own.window)
-    from attlog.batch.sources import find
     from attlog.compare.run import compare
     from attlog.compare.same_flight import repeat_warning
     from attlog.compare.setting_words import select_words, with_params_file
 
     found = select_words(words)
-    configurations = (
-        with_params_file(found.configurations, own.params) if own.params else found.configurations
-    )
+    configurations = with_params_file(found.configurations, own.params) if own.params else found.configurations
     if found.repeats and len(configurations) < 2:
         raise UsageError(f"{found.repeats[0]}; a comparison needs two that differ")
     for sentence in found.repeats:
         to_stderr(f"attlog: {sentence}; it is compared once")
     settings = for_comparison(options, found.options | ({} if own.window is None else {"window": own.window}))
-    logs, wrong = find(found.logs)
     if not found.logs:
         raise UsageError("no log named: attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6")
-    for error in wrong:
-        to_stderr(error_message(error, __version__))
-    codes = {exit_code(error) for error in wrong}
+    codes: set[int] = set()
+    logs = named_files(found.logs, codes)
     result = None
     with progress(common.quiet, common.verbose > 0) as stages:
         if logs:
@@ -118,8 +113,7 @@ def command(
         _print(result, page, options, common)
         if own.open_page:
             typer.launch(str(page))
-    if worst_exit_code(codes):
-        raise typer.Exit(worst_exit_code(codes))
+    end(codes)
 
 
 class LogReport:
@@ -167,7 +161,7 @@ def _print(result: Comparison, page: Path, options: ComparisonOptions, common: C
     if not common.quiet:
         out = console(stderr=options.for_a_program)
         say(printed(result, out.width, common.verbose > 0), out)
-        say([TextLine(f"page: {page}")], out)
+        say([f"page: {page}"], out)
 
 
 def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[TextLine]:
@@ -178,20 +172,16 @@ def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[T
     """
     from attlog.words.text import clean, typeset
 
-    leads = [
-        TextLine(line.text, "bold")
-        for verdict in result.verdicts
-        for line in wrapped("", typeset(clean(verdict.lead)), width)
-    ]
+    leads = [line for v in result.verdicts for line in wrapped("", typeset(clean(v.lead)), width, "bold")]
     yield from leads
-    for text in (text for verdict in result.verdicts for text in (verdict.more if verbose else ())):
+    for text in (text for v in result.verdicts for text in (v.more if verbose else ())):
         yield from wrapped("  ", typeset(clean(text)), width)
     yield TextLine("")
-    table = list(_each_log(result, width) if verbose else _over_all_logs(result, width))
-    yield from table
+    tables = list(_each_log(result, width) if verbose else _over_all_logs(result, width))
+    yield from tables
     for line in (line for line in result.logs if line.code):
         yield from wrapped("not used: ", clean(f"{line.name}: {line.reason}"), width)
-    if table:
+    if tables:
         yield from leads
 
 
@@ -200,10 +190,9 @@ def _over_all_logs(result: Comparison, width: int) -> Iterator[TextLine]:
     from attlog.compare.tables import pooled_tables
     from attlog.words.text import clean
 
-    for table in pooled_tables(result, width):
-        yield TextLine(clean(table.title), "bold")
-        for line in aligned([*map(clean, table.head)], table.rows):
-            yield TextLine(line.text.removeprefix("  "), line.style)
+    for found in pooled_tables(result, width):
+        yield TextLine(clean(found.title), "bold")
+        yield from table(found.rows, [*map(clean, found.head)], left=(0, -1))
         yield TextLine("")
 
 
@@ -212,12 +201,12 @@ def _each_log(result: Comparison, width: int) -> Iterator[TextLine]:
     from attlog.compare.tables import comparison_tables
     from attlog.words.text import clean, typeset
 
-    for table in comparison_tables(result):
-        if not any(row[3] for row in table.rows):
+    for found in comparison_tables(result):
+        if not any(row[3] for row in found.rows):
             continue
-        yield TextLine(f"{table.title} ({table.caption})", "bold")
-        cells = [[clean(cell) for cell in row] for row in (table.head, *table.rows)]
-        yield from aligned(cells[0], cells[1:])
-        for reason in dict.fromkeys(filter(None, table.reasons)):
+        yield TextLine(f"{found.title} ({found.caption})", "bold")
+        cells = [[clean(cell) for cell in row] for row in (found.head, *found.rows)]
+        yield from table(cells[1:], cells[0], left=(0, -1), indent="  ")
+        for reason in dict.fromkeys(filter(None, found.reasons)):
             yield from wrapped("  – ", typeset(clean(reason)), width)
         yield TextLine("")

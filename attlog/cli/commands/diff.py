@@ -9,9 +9,10 @@ import typer
 
 from attlog import __version__
 from attlog.cli.arguments import command_line
+from attlog.cli.logs import end
 from attlog.cli.options import CommonOptions, Json, one_form
-from attlog.cli.printing import TextLine, console, say, to_stderr
-from attlog.core.errors import UsageError, error_message, exit_code, worst_exit_code
+from attlog.cli.printing import console, say, to_stderr
+from attlog.core.errors import UsageError, error_message
 
 if TYPE_CHECKING:
     from attlog.compare.diff import RunDifference
@@ -78,7 +79,7 @@ def command(
         if a is not None and b is not None
     ]
     alone = found.alone
-    count = sum(d.count for d in differences) + len(alone)
+    changed = bool(alone) or any(d.count for d in differences)
     paged = output is not None and not json and form is None
     if json:
         lines = dumps(diff_report.diff_document(differences, alone), indent=1, allow_nan=False).split("\n")
@@ -88,9 +89,7 @@ def command(
     if output is not None and paged:
         lines += ["", f"page: {_page(differences, alone, (old, new), output)}"]
     _write(lines, None if paged else output)
-    code = worst_exit_code([exit_code(error) for error in found.wrong] + [1 if count else 0])
-    if code:
-        raise typer.Exit(code)
+    end([*found.wrong, int(changed)])
 
 
 def _page(
@@ -112,7 +111,7 @@ def _page(
 
 def _write(lines: list[str], output: Path | None) -> None:
     if output is None:
-        say(map(TextLine, lines), console())
+        say(lines, console())
         return
     from attlog.core.files import write_atomic
 

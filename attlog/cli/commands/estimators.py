@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from attlog.cli import options
-from attlog.cli.printing import TextLine, aligned, columns, console, json_line, json_to_stdout, say, to_stdout
+from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, to_stdout
 from attlog.estimators.accuracy import NOT_MEASURED, SETS, MeanRmse, read_accuracy
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def accuracy_table(estimators: Sequence[Estimator]) -> Iterator[TextLine]:
         cells = [sets[key].short() if key in sets else "-" for key in SHOWN] if sets else [NOT_MEASURED, "", ""]
         cost = next((f"{one.ns:.0f}" for one in sets.values()), "")
         rows.append([e.name, *cells, cost, _short_needs(e)])
-    yield from aligned(["filter", *(f"{SETS[key]} °" for key in SHOWN), "ns", "needs (uses)"], rows)
+    head = ["filter", *(f"{SETS[key]} °" for key in SHOWN), "ns", "needs (uses)"]
+    yield from table(rows, head, left=(0, -1), indent="  ")
     every = [sets for name, sets in known.items() if "@" not in name]
     trials = ", ".join(str(max((s[key].trials for s in every if key in s), default=0)) for key in SHOWN)
     dated = sorted({(one.date, one.version) for sets in every for one in sets.values()})
@@ -94,7 +95,7 @@ def command(
 
     if json:
         for one in names() if name is None else [name]:
-            json_to_stdout(json_line(document(one, strict=name is not None)))
+            json_to_stdout(document(one, strict=name is not None))
     elif name is None:
         out = console()
         say(overview(out.width), out)
@@ -168,8 +169,7 @@ def overview(width: int) -> Iterator[TextLine]:
         found.append(e)
         rows += [(name, e.title), ("", f"source: {e.source}")]
         rows += [("", f"presets: {', '.join(f'{name}@{p}' for p in e.presets)}")] if e.presets else []
-    for row, laid in zip(rows, columns(rows, width, indent=""), strict=True):
-        yield from (TextLine(line, "bold" if row[0] else "") for line in laid)
+    yield from table(rows, left=(0, -1), width=width, styles=["bold" if name else "" for name, _ in rows])
     yield TextLine("")
     yield from accuracy_table(found)
     yield TextLine("")

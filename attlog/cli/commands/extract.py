@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli import options
+from attlog.cli.logs import one_log
 from attlog.cli.options import Boot, CommonOptions, Log, System, finite
 from attlog.cli.printing import to_stderr, to_stdout
 from attlog.core.errors import LogUnusable, UsageError
@@ -117,20 +118,6 @@ def command(
     if not common.quiet:
         for path, table in zip(written, tables, strict=True):
             to_stdout(f"{path}: {len(table)} rows, {len(table.columns)} columns")
-
-
-def one_log(path: Path) -> Path:
-    """The one log that a name means, also where it is a folder or a pattern. Errors as in ``fleet.find``."""
-    from attlog.batch.sources import find
-
-    logs, wrong = find([path])
-    if wrong:
-        raise wrong[0]
-    if len(logs) > 1:
-        raise UsageError(
-            f"{path}: {len(logs)} logs; this command takes one ({', '.join(p.name for p in logs[:3])} ...)"
-        )
-    return logs[0]
 
 
 def _tables(

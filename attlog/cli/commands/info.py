@@ -5,57 +5,37 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import typer
-
-from attlog import __version__
+from attlog.cli.logs import end, named_files, reported
 from attlog.cli.options import Boot, CommonOptions, Json, Logs, System
-from attlog.cli.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stderr, wrapped
-from attlog.core.errors import EXIT_BUG, error_message, exit_code, worst_exit_code
+from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, wrapped
 
 STYLES = {"ok": "", "warning": "yellow", "fault": "red", "unknown": "dim"}
 
 
-def command(
-    logs: Logs,
-    common: CommonOptions,
-    json: Json = False,
-    boot: Boot = None,
-    system: System = None,
-) -> None:
+def command(logs: Logs, common: CommonOptions, json: Json = False, boot: Boot = None, system: System = None) -> None:
     """Say what is in a log and what it can answer.
 
     Each LOG is checked against physics. What is missing is listed with the setting that would log it.
 
     Example: attlog info flight.ulg
     """
-    from attlog.batch.sources import find
-    from attlog.cli.process import is_of_a_stream
     from attlog.pipeline.inspection import inspect
 
-    found, wrong = find(logs)
-    codes = {exit_code(error) for error in wrong}
-    for error in wrong:
-        to_stderr(error_message(error, __version__))
-    for number, log in enumerate(found):
-        try:
+    codes: set[int] = set()
+    for number, log in enumerate(named_files(logs, codes)):
+        with reported(str(log), codes, common.verbose):
             report = inspect(log, boot=boot, system=system)
             if json:
-                json_to_stdout(json_line(report))
+                json_to_stdout(report)
             elif not common.quiet:
                 out = console()
-                say([TextLine("")] * (number > 0), out)
+                say([""] * (number > 0), out)
                 say(lines(printable(report), out.width, common.verbose), out)
-        except Exception as error:
-            if is_of_a_stream(error) or (common.verbose > 1 and exit_code(error) == EXIT_BUG):
-                raise
-            to_stderr(error_message(error, __version__, str(log)))
-            codes.add(exit_code(error))
-    if worst_exit_code(codes):
-        raise typer.Exit(worst_exit_code(codes))
+    end(codes)
 
 
 def printable(report: dict[str, Any]) -> dict[str, Any]:
-    """The report without what a stranger's log could do to a terminal; strange bytes of a file name as escapes."""
+    """Return the report without control characters of the log; strange bytes of a file name as escapes."""
     from attlog.words.text import cleaned, encodable
 
     name = encodable(report["log"]["name"], "utf-8")
@@ -64,8 +44,8 @@ def printable(report: dict[str, Any]) -> dict[str, Any]:
 
 
 def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[TextLine]:
-    """What ``inspection.inspect`` found as text of at most ``width`` columns where words can be broken."""
-    from attlog.cli.tables import wrong
+    """Lay out a report of ``inspect`` as text of at most ``width`` columns where words can be broken."""
+    from attlog.cli.tables import finding_lines
     from attlog.health.causes import Finding
     from attlog.metrics.gyro_bias import CommonBias
     from attlog.words.findings import shown_findings
@@ -93,7 +73,7 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Text
         yield from _part("Compared with", [("reference", "", report["compared_with"])], width, [""])
     yield TextLine("")
     found = [Finding(**f) for f in report["findings"]]
-    yield from wrong(shown_findings(found), str, width, bool(verbose))
+    yield from finding_lines(shown_findings(found), width, bool(verbose))
     messages = [
         (
             m["name"] + (f".{m['instance']}" if m["instance"] else ""),
@@ -107,7 +87,7 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Text
 
 
 def _head(log: dict[str, Any], width: int) -> Iterator[TextLine]:
-    """Which file, vehicle, firmware, when, how long; the sensors and why they were chosen."""
+    """Yield file, vehicle, firmware, date and length; the sensors and why they were chosen."""
     firmware = " ".join(x for x in (log["firmware"]["name"], log["firmware"]["version"]) if x) or "unknown firmware"
     yield TextLine(f"{log['name']}  {log['format']}, {log['size'] / 1e6:.1f} MB, sha256 {log['sha256'][:12]}", "bold")
     yield TextLine(f"{log['vehicle'] or 'unknown vehicle'}, {firmware}{', simulated' if log['simulated'] else ''}")
@@ -121,7 +101,7 @@ def _head(log: dict[str, Any], width: int) -> Iterator[TextLine]:
             found += f"; --truth takes {', '.join(log['poses'])}"
         reason = log["choices"].get(what, "")
         sensors.append((what, found + (f". {reason.rstrip('.')}." if reason else "")))
-    yield from (TextLine(line) for row in columns(sensors, width) for line in row)
+    yield from table(sensors, left=(0, -1), width=width, indent="  ")
     if log["seconds"]:
         yield TextLine(
             "  " + ", ".join(f"{k} {'unknown' if s is None else f'{s:.1f} s'}" for k, s in log["seconds"].items())
@@ -129,9 +109,8 @@ def _head(log: dict[str, Any], width: int) -> Iterator[TextLine]:
 
 
 def _part(title: str, rows: Sequence[tuple[str, ...]], width: int, styles: list[str]) -> Iterator[TextLine]:
-    """A titled table; nothing without rows."""
+    """Yield a titled table; nothing without rows."""
     if rows:
         yield TextLine("")
         yield TextLine(title, "bold")
-        for laid, style in zip(columns(rows, width), styles, strict=True):
-            yield from (TextLine(line, style) for line in laid)
+        yield from table(rows, left=range(len(rows[0])), width=width, indent="  ", styles=styles)

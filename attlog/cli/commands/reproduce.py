@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import textwrap
 from collections.abc import Iterator
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +12,7 @@ import typer
 
 from attlog.cli.arguments import command_line
 from attlog.cli.options import CommonOptions, Folder, JobsOfCores, Json
-from attlog.cli.printing import TextLine, console, json_to_stdout, say, wrapped
+from attlog.cli.printing import GAP, TextLine, console, json_to_stdout, say, table, wrapped
 from attlog.cli.progress import progress
 from attlog.core.errors import AttlogError, LogUnreadable, UsageError
 
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
     from attlog.reproduce.paper import Paper
 
 SEEDS = 20
-WIDEST, VERDICT, GAP = 110, len("cannot be judged"), "  "
-"""Columns of the table of claims: at most, of its last column, and what stands between two."""
+MAX_COLUMNS = 110
 
 
 def command(
@@ -87,33 +85,28 @@ def command(
 
 
 def printed(paper: Paper, place: Path, verbose: bool = False, width: int = 80) -> Iterator[TextLine]:
-    """The claims of a paper as a table; ``verbose`` adds to each why, how it was measured and all of its numbers."""
+    """Yield the claims of a paper as a table; ``verbose``: then reasons, methods and all numbers."""
     from attlog.reproduce.page import number_text
     from attlog.reproduce.paper import tally_verdicts
     from attlog.words.text import typeset
 
-    width = min(width, WIDEST)
-    half = (width - VERDICT - 2 * len(GAP)) // 2
-    yield TextLine(f"{paper.key}: {paper.title}", "bold")
-    yield from _row(("The paper says", "Ours (95 % interval; flights)", "Verdict"), half, "bold")
+    width = min(width, MAX_COLUMNS)
+    half = (width - len("cannot be judged") - 2 * len(GAP)) // 2
+    rows, details = [], []
     for number, claim in enumerate(paper.claims, 1):
         says = f"{number}. {typeset(claim.says)} ({claim.where}{f': {typeset(claim.paper)}' if claim.paper else ''})"
-        ours = "\n".join(f"{number_text(n)}: {typeset(n.what)}" for n in claim.numbers[: claim.shown])
-        yield from _row((says, ours, claim.verdict), half)
-        if verbose:
-            for text in (claim.by, claim.measured):
-                yield from wrapped("     ", typeset(text), width)
-            for n in claim.numbers:
-                yield from wrapped("     ", f"{typeset(n.what)}: {number_text(n)}", width)
+        ours = [f"{number_text(n)}: {typeset(n.what)}" for n in claim.numbers[: claim.shown]]
+        rows.append((_broken([says], half), _broken(ours, half), claim.verdict))
+        details += [f"{number}. {typeset(claim.by)}", typeset(claim.measured)]
+        details += [f"{typeset(n.what)}: {number_text(n)}" for n in claim.numbers]
+    yield TextLine(f"{paper.key}: {paper.title}", "bold")
+    head = ("The paper says", _broken(["Ours (95 % interval; flights)"], half), "Verdict")
+    yield from table(rows, head, left=range(3))
+    for text in details if verbose else ():
+        yield from wrapped("" if text[:1].isdigit() else "   ", text, width)
     yield TextLine(tally_verdicts(paper))
     yield TextLine(f"page: {place}")
 
 
-def _row(cells: tuple[str, str, str], half: int, style: str = "") -> Iterator[TextLine]:
-    """A row of the table: two cells of equal width and a short one, each laid out over as many lines as it needs."""
-    columns = [
-        [line for part in cell.split("\n") for line in textwrap.wrap(part, half, break_on_hyphens=False) or [""]]
-        for cell in cells
-    ]
-    for a, b, c in zip_longest(*columns, fillvalue=""):
-        yield TextLine(f"{a:<{half}}{GAP}{b:<{half}}{GAP}{c}".rstrip(), style)
+def _broken(texts: list[str], width: int) -> str:
+    return "\n".join(line for text in texts for line in textwrap.wrap(text, width, break_on_hyphens=False))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from attlog.cli.logs import PreparedLogs, end, file_stem, parse_all
 from attlog.cli.options import CommonOptions, ComparisonOptions
-from attlog.cli.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
-from attlog.cli.printing import TextLine, aligned, console, json_to_stdout, say, table_to_stdout, to_stderr, wrapped
+from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, table_to_stdout, to_stderr, wrapped
 from attlog.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "attlog sweep *.bin mahony kp=0.6,1.1,2 ki=0..0.05/6"
 METRICS = ("tilt_rmse_deg", "heading_rmse_deg")
-SHOWN = 8
-"""So many settings are listed; -v lists all, and each log's own optimum."""
+MAX_SETTINGS = 8  # listed; -v lists all, and each log's own optimum
 
 SettingWords = Annotated[
     list[str],
@@ -57,17 +56,12 @@ def command(words: SettingWords, options: ComparisonOptions, common: CommonOptio
     asked = search_request(words, EXAMPLE)
     base = parse_configuration(asked.filter)
     metrics = metric or METRICS
-    all_problems(lambda: parse_grid(asked.axes, base.row.estimator), lambda: swept_questions(metrics))
+    grid, questions = parse_all(lambda: parse_grid(asked.axes, base.row.estimator), lambda: swept_questions(metrics))
     for sentence in decimal_comma_hints(asked.axes):
         to_stderr(f"attlog: {sentence}")
-    settings = one_unit(options)
     with progress(common.quiet, common.verbose > 0):
-        logs = PreparedLogs(asked.logs, settings)
-        found = sweep(
-            asked.filter,
-            parse_grid(asked.axes, base.row.estimator),
-            _on_logs(logs, base, swept_questions(metrics)),
-        )
+        logs = PreparedLogs(asked.logs, options)
+        found = sweep(asked.filter, grid, _on_logs(logs, base, questions))
         files = _written(found, options.output, logs.about())
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
@@ -79,7 +73,7 @@ def command(words: SettingWords, options: ComparisonOptions, common: CommonOptio
 
 
 def _on_logs(logs: PreparedLogs, base: Configuration, metrics: Sequence[Question]) -> Iterator[SettingsOnLog]:
-    """The logs with what is asked of them; each is released when the next is asked for."""
+    """Yield the logs with their questions; each is released before the next."""
     from attlog.compare.search import SettingsOnLog
 
     for case in logs:
@@ -88,13 +82,13 @@ def _on_logs(logs: PreparedLogs, base: Configuration, metrics: Sequence[Question
 
 
 def _written(found: Sweep, folder: Path, about: dict[str, Any]) -> tuple[Path, Path, Path]:
-    """The page, the JSON and the CSV, written together."""
+    """Write page, JSON and CSV together."""
     import json
 
     from attlog.compare import sweep_report
     from attlog.core.files import write_all_atomic
 
-    name = stem("sweep", found.filter)
+    name = file_stem("sweep", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json", folder / f"{name}.csv"
     write_all_atomic(
         {
@@ -113,12 +107,13 @@ def _printed(found: Sweep, files: Sequence[Path], about: dict[str, Any], everyth
         yield from wrapped("", sentence, 100)
     yield TextLine("")
     head, rows = sweep_report.sweep_rows(found)
-    shown = rows if everything or len(rows) <= SHOWN + 1 else rows[:SHOWN]
-    yield from aligned(head, shown)
+    shown = rows if everything or len(rows) <= MAX_SETTINGS + 1 else rows[:MAX_SETTINGS]
+    yield from table(shown, head, left=(0, -1), indent="  ")
     if len(shown) < len(rows):
         yield TextLine(f"  and {len(rows) - len(shown)} more; -v lists all")
     if everything and len(found.logs) > 1 and found.columns[0].single is not None:
         yield TextLine("")
-        yield from aligned(*sweep_report.sweep_log_rows(found, found.columns[0]))
+        head, rows = sweep_report.sweep_log_rows(found, found.columns[0])
+        yield from table(rows, head, left=(0, -1), indent="  ")
     yield TextLine("")
     yield TextLine(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from attlog import __version__
+from attlog.cli.logs import end
 from attlog.cli.options import OneFile
-from attlog.cli.printing import TextLine, console, say, to_stderr
+from attlog.cli.printing import TextLine, console, say, table, to_stderr
 from attlog.core import files
-from attlog.core.errors import LogUnusable, OutputError, UsageError, error_message, exit_code, worst_exit_code
+from attlog.core.errors import LogUnusable, OutputError, UsageError, error_message
 
 if TYPE_CHECKING:
     from attlog.batch.across import Across, Column
 
 FORMATS = ("md", "csv", "tex", "parquet")
 DEFAULT = "tilt_rmse_deg"
-GAP = "  "
 
 
 def command(
@@ -89,9 +89,7 @@ def command(
     if found.logs:
         _notes(found, gathered.failed)
         _write(found, by, kind, output)
-    code = worst_exit_code([exit_code(error) for error in gathered.wrong])
-    if code:
-        raise typer.Exit(code)
+    end(gathered.wrong)
 
 
 def _listed(options: list[str] | None) -> list[str]:
@@ -147,10 +145,10 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
         head, body = values(found, by)
         text = files.csv_text([head, *body])
     else:
-        table = words(found, by, found.columns, units=True)
-        text = (table_markdown if kind == "md" else table_latex)(table.head, [*table.body, *table.foot])
+        shown = words(found, by, found.columns, units=True)
+        text = (table_markdown if kind == "md" else table_latex)(shown.head, [*shown.body, *shown.foot])
     if output is None:
-        say(map(TextLine, text.splitlines()), console())
+        say(text.splitlines(), console())
         return
     write_atomic(output, text.encode("utf-8", "backslashreplace"))
 
@@ -173,20 +171,19 @@ def _block(found: Across, by: str | None, columns: Sequence[Column], width: int)
     from attlog.batch.across import words
     from attlog.words.text import clean
 
-    table = words(found, by, columns)
-    lines = [[clean(cell) for cell in line] for line in (table.head, *table.body, *table.foot)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(table.head))]
-    fit = len(widths)
-    while fit > 3 and sum(widths[:fit]) + len(GAP) * (fit - 1) > width:
+    shown = words(found, by, columns)
+    rows = [[clean(cell) for cell in line] for line in (*shown.body, *shown.foot)]
+    styles = [""] * len(shown.body) + ["dim"] * len(shown.foot)
+    fit = len(shown.head)
+    while True:
+        head = [clean(cell) for cell in shown.head[:fit]]
+        lines = list(table([row[:fit] for row in rows], head, left=range(1 if by else 2), styles=styles))
+        if fit <= 3 or max(len(line.text) for line in lines) <= width:
+            break
         fit -= 1
-    for i, line in enumerate(lines):
-        cells = [
-            c.ljust(w) if k < (1 if by else 2) else c.rjust(w)
-            for k, (c, w) in enumerate(zip(line, widths, strict=True))
-        ]
-        yield TextLine(GAP.join(cells[:fit]), "bold" if i == 0 else "dim" if i > len(table.body) else "")
-    if fit < len(widths):
-        yield TextLine(f"No room for {', '.join(table.head[fit:])}: --row NAME, or -o table.csv for all.", "dim")
+    yield from lines
+    if fit < len(shown.head):
+        yield TextLine(f"No room for {', '.join(shown.head[fit:])}: --row NAME, or -o table.csv for all.", "dim")
 
 
 def _parquet(found: Across, by: str | None) -> bytes:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from attlog.cli.logs import PreparedLogs, end, file_stem, parse_all
 from attlog.cli.options import CommonOptions, ComparisonOptions
-from attlog.cli.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
-from attlog.cli.printing import TextLine, aligned, console, json_to_stdout, say, table_to_stdout, wrapped
+from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, table_to_stdout, wrapped
 from attlog.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -65,19 +65,18 @@ def command(
     from attlog.compare.grid import parse_free_parameters, search_request
     from attlog.compare.search import SettingsOnLog, swept_questions
     from attlog.compare.setting import firmware_names, parse_configuration
-    from attlog.compare.tune import GENERATIONS, tune
-    from attlog.compare.tune import parse_objective as terms_of
+    from attlog.compare.tune import GENERATIONS, parse_objective, tune
 
     asked = search_request(words, EXAMPLE)
     base = parse_configuration(asked.filter)
     uses_mag = "mag" in base.row.estimator.uses and base.before.get("mag") != "off"
     goals = objective or ["tilt=1,heading=1" if uses_mag else "tilt=1"]
-    all_problems(lambda: parse_free_parameters(asked.axes, base.row.estimator), lambda: terms_of(goals))
-    free, terms = parse_free_parameters(asked.axes, base.row.estimator), terms_of(goals)
-    settings = one_unit(options)
+    free, terms = parse_all(
+        lambda: parse_free_parameters(asked.axes, base.row.estimator), lambda: parse_objective(goals)
+    )
     firmware = firmware_names(base.row.estimator)
     with progress(common.quiet, common.verbose > 0):
-        prepared = PreparedLogs(asked.logs, settings)
+        prepared = PreparedLogs(asked.logs, options)
         cases = list(prepared)
         logs = [SettingsOnLog(c, base, [t.question for t in terms], guarded=True) for c in cases]
         others = [SettingsOnLog(c, base, swept_questions(ELSEWHERE)) for c in cases]
@@ -96,19 +95,19 @@ def command(
 
 
 def _start(free: Sequence[FreeParameter], log: SettingsOnLog) -> dict[str, float | str]:
-    """The gains as they are on the first log."""
+    """Return the gains of the first log."""
     values = log.values
     return {f.name: values[f.name] for f in free}
 
 
 def _written(found: Tuning, folder: Path, about: dict[str, Any], firmware: dict[str, str]) -> tuple[Path, Path]:
-    """The page and the JSON, written together."""
+    """Write page and JSON together."""
     import json
 
     from attlog.compare import tune_report
     from attlog.core.files import write_all_atomic
 
-    name = stem("tune", found.filter)
+    name = file_stem("tune", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json"
     write_all_atomic(
         {
@@ -132,9 +131,11 @@ def _printed(
     for line in tune_report.paste_lines(found, firmware):
         yield TextLine(f"  {line}", "bold")
     yield TextLine("")
-    yield from aligned(*tune_report.held_out_rows(found))
+    head, rows = tune_report.held_out_rows(found)
+    yield from table(rows, head, left=(0, -1), indent="  ")
     if everything:
         yield TextLine("")
-        yield from aligned(*tune_report.gain_rows(found))
+        head, rows = tune_report.gain_rows(found)
+        yield from table(rows, head, left=(0, -1), indent="  ")
     yield TextLine("")
     yield TextLine(f"page: {files[0]}   data: {files[1].name}")
