@@ -24,13 +24,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 FILE = Path(__file__).with_name("accuracy.csv")
+# The sets by the names that the file has, with the words that people see.
 SETS = {
     "broad": "BROAD",
     "euroc": "EuRoC",
     "simulated": "simulated",
     "simulated_unbiased": "simulated, gyro bias subtracted",
 }
-"""The sets by the names that the file has, with the words that people see."""
 ANGLES = ("total", "heading", "tilt")
 NOT_MEASURED = "not measured"
 

@@ -33,10 +33,10 @@ from attlog.estimators.interface import AIDS, Array, Estimator
 LAT, LON, ALT, POS_H_ACC, POS_V_ACC = 0, 1, 2, 3, 4
 VEL_N, VEL_E, VEL_D, VEL_ACC = 5, 6, 7, 8
 BARO, AIRSPEED, AT_REST = 9, 10, 11
+# Elements of ``aid``.
 SIZE = 12
-"""Elements of ``aid``."""
+# No low-pass ahead of a logger is later: one at 10 Hz is late by 23 ms.
 LONGEST_LAG_S = 0.1
-"""No low-pass ahead of a logger is later: one at 10 Hz is late by 23 ms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,12 +253,12 @@ def _arrivals(
 #
 # Source: centripetal correction of Premerlani2009, and the change of airspeed.
 
+# From where it stands in the state: V of (1) [m/s], V' [m/s^2], the low-passed reading, the last one, its age [s].
 AIR_SPEED, AIR_CHANGE, AIR_HEARD, AIR_TOLD, AIR_AGE = 0, 1, 2, 3, 4
-"""From where it stands in the state: V of (1) [m/s], V' [m/s^2], the low-passed reading, the last one, its age [s]."""
+# Below the first [m/s] a pitot tube tells nothing, from the second on it counts in full.
 SLOWEST, SURE = 1.0, 3.0
-"""Below the first [m/s] a pitot tube tells nothing, from the second on it counts in full."""
+# Time constant of the low-pass [s], the steepest change believed [m/s^2], how long a reading holds [s].
 FOLLOW_TIME, STEEPEST, AIR_LOST = 0.3, 10.0, 2.0
-"""Time constant of the low-pass [s], the steepest change believed [m/s^2], how long a reading holds [s]."""
 NEVER = 1e9
 
 

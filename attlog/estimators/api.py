@@ -18,11 +18,11 @@ from attlog.estimators.interface import Array, Estimate, Estimator, LogFacts, cu
 from attlog.estimators.registry import BUILT_IN, get, names
 from attlog.estimators.samples import HOLD_PERIODS, Sampling, place, prepare
 
+# What ``default`` stands for: the papers' filters and modern ones with the gains of docs/estimators.md, and the bare
+# gyro as the baseline that wins nothing.
 DEFAULT = tuple(
     name for name in ("complementary", "mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf", "gyro") if name in BUILT_IN
 )
-"""What ``default`` stands for: the papers' filters and modern ones with the gains of docs/estimators.md, and the bare
-gyro as the baseline that wins nothing."""
 
 
 @dataclass(frozen=True, slots=True)

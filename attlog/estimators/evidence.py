@@ -24,8 +24,8 @@ from attlog.core import rotation
 
 Array = NDArray[np.float64]
 
+# A window is 8 parts of 0.25 s; one begins with every second part.
 PARTS, PART_S, EVERY = 8, 0.25, 2
-"""A window is 8 parts of 0.25 s; one begins with every second part."""
 EXCURSION_DEG, SPREAD_M_S2, DIRECTION_DEG = 0.3, 0.05, 0.5
 G_M_S2, NEAR_M_S2 = 9.8, 0.6
 STILL_WINDOW_S = PARTS * PART_S
@@ -129,23 +129,23 @@ def _excursion_deg(rate: Array) -> Array:
 Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
 
+# The change of velocity between two fixes so far apart, and what still counts as that.
 WINDOW_S, FROM_S, TO_S = 1.0, 0.7, 1.3
-"""The change of velocity between two fixes so far apart, and what still counts as that."""
 SEGMENT_S, EVERY_S, BLOCK_S = 30.0, 15.0, 5.0
 GAP_S = 0.15
 DELAYS_S, STEP_S = (-0.25, 0.6), 0.025
+# A delay is known where the residual so far beside it is so many times larger, else known to so many seconds.
 BESIDE_S, PEAK_RATIO = 0.15, 1.5
-"""A delay is known where the residual so far beside it is so many times larger, else known to so many seconds."""
 SIGMA_DELAY_S, FLOOR_DEG = 0.02, 0.3
 ROUNDS, OUTLIER, LEAST_M_S = 3, 4.0, 0.05
+# Median of the length of a plane vector of normal errors of sigma 1.
 MEDIAN_OF_LENGTH = 1.18
-"""Median of the length of a plane vector of normal errors of sigma 1."""
 LEAST_CORRELATION, SCALES, MOST_SIGMA_DEG = 0.7, (0.7, 1.3), 10.0
 LEAST_BLOCKS, LEAST_BLOCKS_OF_SEGMENT = 1.8, 2.5
 WRONG_DEG, WRONG_SIGMAS = 8.0, 3.0
 SOUND_DEG, SOUND_SIGMAS, SOUND_SIGMA_DEG = 3.0, 2.0, 2.0
+# Fewer in 30 s fit any rotation.
 LEAST_WINDOWS = 4
-"""Fewer in 30 s fit any rotation."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,8 +59,8 @@ NUMBER = r"[-+]?(?>\d+\.?\d*|\.\d+)(?>[eE][-+]?\d+)?"
 WITH_COMMA = re.compile(r"([-+]?\d+),(\d+)")
 LIKE_A_RANGE = re.compile(rf"({NUMBER})\s*(?:\.\.+|-|\u2013|:|to)\s*({NUMBER})")
 CUT = re.compile(r"(\w+)=([-+]?\d+)$")
+# Values in the range that a sentence proposes.
 A_FEW = 12
-"""Values in the range that a sentence proposes."""
 
 
 def number_spelled(name: str, value: str) -> str:
@@ -95,8 +95,8 @@ def cut_by_comma(before: str, item: str) -> str:
 Array = NDArray[np.float64]
 T = TypeVar("T")
 MAX_VALUE_LETTERS = 60
+# With the attitude at which end of its time a step compares vectors: the one it is given, or the one it has turned.
 VectorsAt = Literal["start", "end"]
-"""With the attitude at which end of its time a step compares vectors: the one it is given, or the one it has turned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,14 +195,14 @@ DECLINATION = Parameter(
     "angle from true to magnetic north, positive east: turns the estimated heading from magnetic to true north",
     "attlog; 0 keeps magnetic north",
 )
+# Parameters that the shared loop handles for every filter; the kernel does not see them.
 COMMON = (INIT, DECLINATION)
-"""Parameters that the shared loop handles for every filter; the kernel does not see them."""
 
 SENSORS = frozenset({"gyro", "acc", "mag"})
+# What ``uses`` may name beside the sensors.
 AIDS = frozenset({"gnss", "baro", "airspeed", "at_rest"})
-"""What ``uses`` may name beside the sensors."""
+# What ``needs`` may name.
 NEEDED = SENSORS | {"gnss"}
-"""What ``needs`` may name."""
 
 
 class PluginProcess(Protocol):

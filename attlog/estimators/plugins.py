@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from attlog.core.workers import Died, Worker
 
 T = TypeVar("T")
+# Loads a filter into the process that calls it: here.
 Load = Callable[[str], Estimator]
-"""Loads a filter into the process that calls it: :func:`attlog.estimators.registry.here`."""
+# Seconds that a request may take; 0: any time. An environment variable, because processes within processes ask.
 TIMEOUT_VARIABLE = "ATTLOG_FILTER_TIMEOUT"
-"""Seconds that a request may take; 0: any time. An environment variable, because processes within processes ask."""
 
 
 def timeout_s() -> float:

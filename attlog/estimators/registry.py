@@ -128,6 +128,7 @@ def recorded_estimator(path: Path) -> Estimator:
     return Estimator(path.stem, title, "", "", nothing, nothing, RECORDED_PARAMETERS, {}, run=run, origin=str(path))
 
 
+# Module names under ``attlog.estimators.filters``, in the order in which people see them.
 BUILT_IN = (
     "gyro",
     "accel_mag",
@@ -148,7 +149,6 @@ BUILT_IN = (
     "eskf",
     "smoother",
 )
-"""Module names under ``attlog.estimators.filters``, in the order in which people see them."""
 
 # Filters that stand in one module with the one they are named after.
 MAHONY_FAMILY = dict.fromkeys(
@@ -168,8 +168,8 @@ OLD_MODULES = {
 FLOWN = ("px4_ekf2",)
 
 _NAME = re.compile(r"[\w.-]+")
+# Entry points of this group name modules of other packages: ``my_filter = "my_package.my_filter"``.
 GROUP = "attlog.estimators"
-"""Entry points of this group name modules of other packages: ``my_filter = "my_package.my_filter"``."""
 
 
 def names() -> tuple[str, ...]:

@@ -31,8 +31,8 @@ from attlog.estimators.vectors import GRAVITY, turn_vector_back
 
 # A segment whose first field comes after the start: run in two parts, between them the heading is set.
 
+# Runs the samples of a slice with these magnetometer rows and their use, keeping each n-th output in an array.
 Part = Callable[[slice, "Array", NDArray[np.int64], int, Any], None]
-"""Runs the samples of a slice with these magnetometer rows and their use, keeping each n-th output in an array."""
 
 
 def late_field(estimator: Estimator, seen: StartVectors, heading_given: bool) -> int | None:

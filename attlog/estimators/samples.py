@@ -54,12 +54,12 @@ class PreparedSamples:
     segment: NDArray[np.int64]
     begin: NDArray[np.int64]
     skipped: dict[str, int] = field(default_factory=dict)
+    # ``acc``, ``mag``, ``use`` with a row of nothing before the first sample, where they are views of such arrays.
     led: tuple[Array, Array, NDArray[np.int64]] | None = None
-    """``acc``, ``mag``, ``use`` with a row of nothing before the first sample, where they are views of such arrays."""
+    # What start found, by begin, end and ``init``, for who runs over them again.
     starts: dict[tuple[int, int, str], Any] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What :mod:`attlog.estimators.start` found, by begin, end and ``init``, for who runs over them again."""
+    # Whether nobody runs over them again: a filter then releases them before its output is put together.
     once: bool = False
-    """Whether nobody runs over them again: a filter then releases them before its output is put together."""
 
     def release(self) -> None:
         """Drop the sensors, which in long logs are as large as what comes out of a filter; times and segments stay."""

@@ -65,16 +65,14 @@ def derotate(dt: Array, gyr: Array, acc: Array, mag: Array) -> DerotatedVectors:
 # the attitude is that of the first sample. A field that comes later than that sets the heading when
 # it comes (:func:`realigned`).
 
+# Vectors of a start at rest are averaged over this long.
 REST_S = 0.5
-"""Vectors of a start at rest are averaged over this long."""
+# In motion over this long: the longer the better accelerations cancel and the more a gyro bias turns the axes. Over
+# starts in motion (177 of BROAD, 112 ArduPilot, 92 PX4) the start is off by 18, 21, 16 deg with 0.5 s, 7.7, 15.8, 12.6
+# with 2 s, 5.9, 12.3, 11.8 with 3 s; with a bias of 4.4 deg/s (46 of EuRoC) tilt by 4.8, 5.2, 6.8.
 MOTION_S = 3.0
-"""In motion over this long: the longer the better accelerations cancel and the more a gyro bias turns the axes.
-
-Over starts in motion (177 of BROAD, 112 ArduPilot, 92 PX4) the start is off by 18, 21, 16 deg with 0.5 s,
-7.7, 15.8, 12.6 with 2 s, 5.9, 12.3, 11.8 with 3 s; with a bias of 4.4 deg/s (46 of EuRoC) tilt by 4.8, 5.2, 6.8.
-"""
+# At rest the gyro shows no more than its bias, and the two halves of the first 0.5 s agree.
 REST_RAD_S, REST_STEADY_RAD_S, REST_STEADY_M_S2 = np.deg2rad(10.0), np.deg2rad(1.0), 0.15
-"""At rest the gyro shows no more than its bias, and the two halves of the first 0.5 s agree."""
 
 
 @dataclass(frozen=True, slots=True)

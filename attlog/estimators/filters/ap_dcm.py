@@ -47,8 +47,8 @@ USES = {"mag", "gnss", "airspeed", "at_rest"}
 STATE = {"q": 4, "bias": 3, "_correction": 33}
 P, YAW, I_SUM, I_TIME, SUM, SUM_TIME, BEFORE, VELOCITY = 7, 10, 11, 14, 15, 18, 19, 22
 LOCK, FIX_AGE, AGE, FIELD_AGE, ODD, SPEED, COURSE_N, COURSE_E = 25, 26, 27, 28, 29, 30, 31, 32
+# Where things stand in the state.
 HAS_YAW, YAW_AGE, AIR, C_Z, DECAY, EVERY = 33, 34, 35, 36, 37, 38
-"""Where things stand in the state."""
 
 KI, KI_YAW, I_AFTER_S = 0.0087, 0.01, 5.0
 DRIFT_LIMIT = math.radians(0.5 / 60.0)
@@ -79,8 +79,8 @@ PARAMETERS = (
         "ArduPilot, 20 s from power-up",
     ),
 )
+# The firmware's map is within 2 deg of the world magnetic model.
 MAP_DEG = 3.0
-"""The firmware's map is within 2 deg of the world magnetic model."""
 PRESETS: dict[str, dict[str, float | str]] = {}
 
 

@@ -52,8 +52,8 @@ NEEDS = {"gyro", "acc", "mag"}
 HOLD_MAG = False
 VECTORS_AT = "end"
 STATE = {"q": 4, "rate": 3, "rate_dot": 3, "gravity": 3, "field": 3, "_covariance": 144, "_work": 72, "_since_field": 1}
+# Where things stand: X, P, V (work) in the state; W, G, M within X and within each row of P.
 X, W, G, M, P, V, SINCE = 4, 0, 6, 9, 16, 160, 232
-"""Where things stand: X, P, V (work) in the state; W, G, M within X and within each row of P."""
 
 PARAMETERS = (
     Parameter(

@@ -39,13 +39,13 @@ NEEDS = {"gyro", "acc"}
 USES = {"mag", "gnss", "baro", "airspeed", "at_rest"}
 WITHOUT_GNSS = "mekf"
 STATE = {"q": 4, "bias": 3}
+# Which constants of the sensors a run begins with, by where they come from.
 KNOWN: dict[str, tuple[str, ...]] = {
     "past": ("soft", "scale", "arm"),
     "fixed": (),
     "whole_log": ("soft", "scale", "arm"),
     "whole_log_biases": tuple(passes.CONSTANTS),
 }
-"""Which constants of the sensors a run begins with, by where they come from."""
 AHEAD = frozenset({"whole_log", "whole_log_biases"})
 PARAMETERS = (
     *PRIORS,
@@ -64,10 +64,10 @@ PARAMETERS = (
 PRESETS: dict[str, dict[str, float | str]] = {
     name: {"constants": name} for name in ("fixed", "whole_log", "whole_log_biases")
 }
+# Less tells no delay and no noise.
 LEAST_GNSS_S = 30.0
-"""Less tells no delay and no noise."""
+# Aids act this much after they were true at least: rest is known half a second later.
 MARGIN_S = 0.6
-"""Aids act this much after they were true at least: rest is known half a second later."""
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:

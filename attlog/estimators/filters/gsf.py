@@ -16,9 +16,9 @@ from attlog.estimators.interface import LogInfo, Parameter
 from attlog.estimators.vectors import GRAVITY, down, turn, turned_back
 
 N = 5
+# Where things stand in the state: sigma of the heading, w_i, x_i, v_i (2 each), P_i (6 each: NN, NE, N psi, EE, E psi,
+# psi psi), x with its cosine and sine, and whether the bank runs.
 SIGMA, W, X, V, P, MIX, RUNS = 7, 8, 13, 18, 28, 58, 61
-"""Where things stand in the state: sigma of the heading, w_i, x_i, v_i (2 each), P_i (6 each: NN, NE, N psi, EE, E psi,
-psi psi), x with its cosine and sine, and whether the bank runs."""
 
 UNKNOWN, TURN = math.pi / math.sqrt(3.0), 2.0 * math.pi
 CLIP, LEAST_VAR = 25.0, 1e-6
@@ -175,9 +175,9 @@ USES = {"airspeed", "at_rest"}
 VECTORS_AT = "end"
 BINS = 32
 STATE = {"q": 4, "bias": 3, "sigma_heading": 1, "weights": N, "_bank": 49, "_now": 14, "_past": 3 * BINS}
+# Where things stand in the state behind the bank; PAST holds what is younger than ``delay``, BINS times (dv_N, dv_E,
+# dt) in the axes before x.
 FORCE, HELD, SUM, FIRST, COUNT, PAST_S, AIR, AIR_AGE, SPEED, REST_S, PAST = 62, 65, 66, 69, 70, 71, 72, 73, 74, 75, 76
-"""Where things stand in the state behind the bank; PAST holds what is younger than ``delay``, BINS times (dv_N, dv_E,
-dt) in the axes before x."""
 
 BIN_S, HELD_S, AIR_LOST_S, REST_MEAN_S, NEVER = 0.0095, 0.2, 5.0, 10.0, 1e9
 SPIN, LEAST_ARDUPILOT = math.radians(10.0), 0.5

@@ -206,15 +206,15 @@ PRESETS: dict[str, dict[str, float | str]] = {
         "moving_sigma": 2.0,
     }
 }
+# How often the size of accelerometer bias is asked for [s].
 EXPECT_EVERY = 5.0
-"""How often the size of accelerometer bias is asked for [s]."""
+# Widest prior of an accelerometer bias [m/s^2]; wider ones took what a hand or an alias did for 1.4 m/s^2 (9 deg).
+# EuRoC's raw 0.1 m/s^2 is found all the same.
 WIDEST_BIAS = 0.05
-"""Widest prior of an accelerometer bias [m/s^2]; wider ones took what a hand or an alias did for 1.4 m/s^2 (9 deg).
-EuRoC's raw 0.1 m/s^2 is found all the same."""
+# Random walk of the air about a plane [m/s/sqrt(s)]: gusts of 1 m/s that last for 10 s.
 GUSTS = 0.4
-"""Random walk of the air about a plane [m/s/sqrt(s)]: gusts of 1 m/s that last for 10 s."""
+# At rest: sigma of velocity [m/s], noise density of the rate [rad/s*sqrt(s)].
 REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
-"""At rest: sigma of velocity [m/s], noise density of the rate [rad/s*sqrt(s)]."""
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

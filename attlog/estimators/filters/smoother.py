@@ -58,17 +58,17 @@ from attlog.estimators.interface import Array, Estimate, Parameter
 # is up to 2, of the tilt unless the compass is beyond doubt the one that errs.
 
 HeadingFrom = Literal["both", "compass", "motion", "nobody"]
+# Joint sigmas between two headings of which one shares every sensor with the other: sound compasses stay below 0.85 (24
+# simulated flights), turned by 15 deg they are above it on 22.
 MOST_DISAGREEMENT = 1.0
-"""Joint sigmas between two headings of which one shares every sensor with the other: sound compasses stay below 0.85
-(24 simulated flights), turned by 15 deg they are above it on 22."""
+# Samples that are compared: smoothed attitudes differ slowly, and a long run's copies are large.
 COMPARED = 20_000
-"""Samples that are compared: smoothed attitudes differ slowly, and a long run's copies are large."""
+# What a run by motion alone says of its heading (rad) where that is too unsure for a reference; pi if contradicted.
 OWN_HEADING = "own_sigma_heading"
-"""What a run by motion alone says of its heading (rad) where that is too unsure for a reference; pi if contradicted."""
 NO_NORTH = "neither GNSS nor a compass shows north"
+# Up to so many joint sigmas it is open which of the runs errs, and the difference is part of the sigma: a wrong gyro
+# scale or accelerometer bias parts the runs by less (chosen on 24 flights with 18 faults).
 OPEN = 2.0
-"""Up to so many joint sigmas it is open which of the runs errs, and the difference is part of the sigma: a wrong gyro
-scale or accelerometer bias parts the runs by less (chosen on 24 flights with 18 faults)."""
 
 
 def without_compass_twin(run: Estimate) -> Estimate:
@@ -157,11 +157,11 @@ def _with_heading(run: Estimate, found: HeadingFrom, told: Mapping[str, float | 
 #
 # A gyro whose bias jumps turns the heading of every run alike, with the compass or without it, and both stay sure.
 
+# A heading that is off by more than this by GNSS acceleration, in deg and in joint sigmas, does not stand.
 MIN_HEADING_OFFSET_DEG, MAX_HEADING_SIGMAS = 3.0, 3.0
-"""A heading that is off by more than this by GNSS acceleration, in deg and in joint sigmas, does not stand."""
 
+# A heading by motion alone that is no reference still judges a compass up to this sigma: it is checked as well.
 MAX_USEFUL_SIGMA_DEG = 5.0
-"""A heading by motion alone that is no reference still judges a compass up to this sigma: it is checked as well."""
 
 
 def check_heading(run: Estimate, inputs: Inputs) -> Estimate:
@@ -200,8 +200,8 @@ PRESETS: dict[str, dict[str, float | str]] = {}
 
 
 BEFORE_IMPACT_S = 0.2
+# A shorter part before an impact is no flight of its own.
 LEAST_S = 5.0
-"""A shorter part before an impact is no flight of its own."""
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:

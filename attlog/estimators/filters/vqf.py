@@ -80,8 +80,8 @@ PRESETS = {"package": {"tau_acc": 3.0, "tau_mag": 9.0, "bias_sigma": 0.5, "bias_
 FRD = np.array([1.0, -1.0, -1.0])
 TO_NED = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0])
 TO_FRD = np.array([0.0, 1.0, 0.0, 0.0])
+# Samples handed to the package at once.
 BLOCK = 1 << 14
-"""Samples handed to the package at once."""
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping[str, float | str]) -> Estimate:

@@ -70,14 +70,14 @@ from attlog.estimators.interface import Array, Estimate
 
 PRESET = "smoother"
 ROUNDS = 3
+# Longer recordings get longer blocks: what has to be kept of one is 7.5 kB.
 MOST_BLOCKS = 20_000
-"""Longer recordings get longer blocks: what has to be kept of one is 7.5 kB."""
 LEAST_TILT = np.deg2rad(0.3)
+# What the model does not know of a smoothed tilt: the accelerometer's scale (0.5 % of g), and the time of a sample.
 LATE_S = 0.002
-"""What the model does not know of a smoothed tilt: the accelerometer's scale (0.5 % of g), and the time of a sample."""
 SUMS = 41
+# After the sums of a block: excess and doubt of doubt.py, then its D (3 N) before and after what was measured.
 BEFORE, AFTER = SUMS + 2, SUMS + 2 + 3 * N
-"""After the sums of a block: excess and doubt of doubt.py, then its D (3 N) before and after what was measured."""
 RECORDED = SUMS + 2 + 6 * N
 CHUNK = 500
 

@@ -80,13 +80,13 @@ from attlog.estimators.filters.inertial.recursion import (
     turn_earth,
 )
 
+# Corrections add up over that long [s]; the excess is a mean over that long. 3 to 10 and 10 to 30 s give the same.
 SLOW_TIME, EXCESS_TIME = 5.0, 20.0
-"""Corrections add up over that long [s]; the excess is a mean over that long. 3 to 10 and 10 to 30 s give the same."""
 
+# Rooms and currents bend a sound field by that much; sigma [rad] of a heading of which nothing is known.
 SOUND_FIELD, LOST = math.radians(12.0), math.radians(104.0)
-"""Rooms and currents bend a sound field by that much; sigma [rad] of a heading of which nothing is known."""
+# Seconds of motion over which the field is compared with itself; before that much the heading is its first.
 FIELD_MEMORY, FIELD_KNOWN = 30.0, 20.0
-"""Seconds of motion over which the field is compared with itself; before that much the heading is its first."""
 
 
 def correct_reach(state: Any, k: int, s: float, C: int) -> None:
@@ -174,20 +174,20 @@ def residual_sigmas(state: Any, params: Any) -> None:
 # (1) while the body turns, whatever the heading: a filter of its own finds them, relative to the size of the field.
 # The delay is taken off at once, the offset as far as it exceeds several of its sigmas.
 
+# A field at one place says no more about north than this: buildings bend it by a few degrees from place to place.
 REST_HEADING = 5.0 * RAD
-"""A field at one place says no more about north than this: buildings bend it by a few degrees from place to place."""
+# A field is the earth's while its norm (relative) and dip [rad] are near the references for that long [s].
 NORM_LIMIT, DIP_LIMIT, UNDISTURBED_TIME = 0.09, 3.2 * RAD, 0.5
-"""A field is the earth's while its norm (relative) and dip [rad] are near the references for that long [s]."""
+# The references: mean over the first seconds, time constant after that [s].
 REFERENCE_START, REFERENCE_TIME = 15.0, 15.0
-"""The references: mean over the first seconds, time constant after that [s]."""
+# New references: time constant [s], seconds in rotation before they are believed, deviation allowed (relative).
 CANDIDATE_TIME, CANDIDATE_AFTER, CANDIDATE_SIZE = 15.0, 10.0, 0.18
-"""New references: time constant [s], seconds in rotation before they are believed, deviation allowed (relative)."""
+# Sigmas of heading by which a steady field may differ before the heading is opened.
 ALARM = 4.0
-"""Sigmas of heading by which a steady field may differ before the heading is opened."""
+# Deviation of the field in space, and its walk per sqrt(s) of motion (relative).
 FIELD_NOISE, FIELD_WALK = 0.023, 0.01
-"""Deviation of the field in space, and its walk per sqrt(s) of motion (relative)."""
+# A field fixed to the body is taken off as far as it exceeds this many of its sigmas.
 SIGNIFICANT = 4.0
-"""A field fixed to the body is taken off as far as it exceeds this many of its sigmas."""
 
 
 def field(state: Any, params: Any) -> None:

@@ -27,14 +27,14 @@ LEVEL, LEVEL_SPREAD, DOWN, DOWN_SPREAD, FIELD_CLOCK, FIELD_DOUBT, HEADING_DOUBT,
     728,
 )
 AIR, F, END = 729, 734, 737
+# Where things stand in the state; the error x holds theta 0, db 3, dM 6, dba 15, dv 18, dd 20.
 SWING = END
-"""Where things stand in the state; the error x holds theta 0, db 3, dM 6, dba 15, dv 18, dd 20."""
 TH, DB, DM, DBA, DV, DD = 0, 3, 6, 15, 18, 20
 RAD = math.pi / 180.0
+# Stages: the first seconds, no heading from a field yet, everything runs.
 ALIGNING, NO_FIELD, RUNNING = 0.0, 1.0, 2.0
-"""Stages: the first seconds, no heading from a field yet, everything runs."""
+# Rate [rad/s] from which a body counts as moving about.
 MOVING_RATE = 0.35
-"""Rate [rad/s] from which a body counts as moving about."""
 
 # Positions of the parameters.
 (

@@ -16,15 +16,15 @@ from attlog.estimators.filters.navigation.passes import Solution
 from attlog.estimators.filters.navigation.solve import Pass
 from attlog.estimators.interface import Array
 
+# The model's own spread is that much too small (measured on flights with truth).
 HONEST = 1.2
-"""The model's own spread is that much too small (measured on flights with truth)."""
 LEAST_TILT, LEAST_HEADING = np.deg2rad(0.03), np.deg2rad(0.04)
 LEAST_TIME_S = 1.5e-3
 WORST_RATIO, MOST_SOFT_PCT, MOST_OPENINGS = 3.0, 40.0, 5
+# A reference must be surer than this in tilt and in heading (root mean square over the run).
 SURE_DEG = 1.0
-"""A reference must be surer than this in tilt and in heading (root mean square over the run)."""
+# Samples worked on at once: a long log must not take many times its size.
 BLOCK = 50_000
-"""Samples worked on at once: a long log must not take many times its size."""
 
 
 def node_before(found: Pass, n: int) -> NDArray[np.int64]:

@@ -20,8 +20,8 @@ from attlog.core import jit
 from attlog.core.jit import B1, F1, Out1, Out2, Out3, aligned_zeros
 from attlog.estimators.filters.navigation.model import BG, ROW, SUM_T, WANDER_TAU, Kept, N, adjoint_predict, dot
 
+# A disturbance counts as at most three sigma: faults must not calibrate.
 CLIP = 9.0
-"""A disturbance counts as at most three sigma: faults must not calibrate."""
 
 
 class Adjoint(NamedTuple):

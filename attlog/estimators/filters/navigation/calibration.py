@@ -43,13 +43,14 @@ from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState
 from attlog.estimators.interface import Array
 
+# Median of the square of a standard normal variable.
 MEDIAN_OF_SQUARE = 0.4549
-"""Median of the square of a standard normal variable."""
 SOFT_COUNTS = 9.0
 WIDE_CLIP, NARROW_CLIP = 50.0, 5.0
 LEAST_UPDATES, LEAST_FLIGHT_S = 20, 10.0
 FIXED_GROUP = 7
 GYRO_RANGE, ACC_RANGE = (2e-5, 3e-2), (1e-3, 1.0)
+# State rows, and the range of the random walk as parts of its start.
 WALKS = {
     "gyro_walk": (BG, 3, 0.3, 10.0),
     "acc_walk": (BA, 3, 0.3, 10.0),
@@ -57,7 +58,6 @@ WALKS = {
     "wander_walk": (WANDER, 3, 0.1, 3.0),
     "baro_walk": (BARO_BIAS, 1, 0.1, 5.0),
 }
-"""State rows, and the range of the random walk as parts of its start."""
 SPREADS = {
     "hard": (HARD, 3, 0.004, 0.150),
     "soft": (SOFT, 6, 0.003, 0.05),
@@ -71,8 +71,8 @@ WHITE_FACTOR = 1.5
 USUAL_S, USUAL_SIGMA_S = 0.12, 0.08
 LONGEST_S, LONGEST_MAG_S = 0.6, 0.15
 MOST_STEPS = 4
+# Fixes this near to the ends are left out of the search: all delays must see the same ones.
 MARGIN_S = 0.7
-"""Fixes this near to the ends are left out of the search: all delays must see the same ones."""
 
 
 def first_guess(inputs: Inputs, tuned: NoiseLevels) -> NoiseLevels:

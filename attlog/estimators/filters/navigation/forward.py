@@ -81,8 +81,8 @@ MOST_SKIPS, MOST_SKIPS_MAG = 25.0, 100.0
 OPEN_PHI = 0.05
 OPEN_HARD_G, KICK_G = 0.010, 0.020
 KICK_MEAN, KICK_AFTER, KICK_EVERY_S, KICK_CLIP, KICK_WEIGHT = 12.0, 4.0, 0.5, 60.0, 0.15
+# Beyond this from the trajectory of linearisation the filter takes its own.
 FAR_RAD = 0.1
-"""Beyond this from the trajectory of linearisation the filter takes its own."""
 
 
 IOut2 = Annotated[NDArray[np.int64], Cells("i8", 2, True)]

@@ -36,18 +36,18 @@ PRIORS = (
     Parameter("acc_bias_sigma", 0.1, "m/s^2", 0.001, 2, "spread of the accelerometer bias", MEASURED),
     Parameter("declination_sigma", 0.6, "deg", 0.01, 20, "spread of the declination around the model's", MEASURED),
 )
+# Parameters of ``eskf`` and ``smoother`` alike.
 GATE = Parameter("soft_gate", 2.5, "", 1, 100, "innovations beyond so many sigma count less", MEASURED)
-"""Parameters of ``eskf`` and ``smoother`` alike."""
+# Longest time between nodes, and where a smoothed attitude is told: in between its correction is that of a node.
 NODE_S, FINE_S = 0.04, 0.02
-"""Longest time between nodes, and where a smoothed attitude is told: in between its correction is that of a node."""
 MAG_BLOCK_S, BARO_BLOCK_S = 0.04, 0.05
 HARD_SIGMA = 30.0
 WANDER_S, WANDER_M = 100.0, 1.0
+# How far the gyro bias may jump where it does, one sigma.
 JUMP_RAD_S = np.deg2rad(3.0)
-"""How far the gyro bias may jump where it does, one sigma."""
 REST_SPEED, REST_EVERY_S, REST_MEAN_S = 0.02, 0.2, 0.2
+# Receivers are never better: a GNSS of 4 mm/s would make timing errors look like information. m/s, m, m, G, rad/s.
 LEAST_R = (0.02, 0.02, 0.03, 0.03, 0.02, 0.001, 1e-6, REST_SPEED)
-"""Receivers are never better: a GNSS of 4 mm/s would make timing errors look like information. m/s, m, m, G, rad/s."""
 START_R = (0.1, 0.1, 0.5, 0.5, 0.3, 0.010, 1e-4, REST_SPEED)
 
 
@@ -121,16 +121,16 @@ assert len(START_R) == len(LEAST_R) == GROUPS
 
 GRAVITY = 9.80665
 TYPICAL_FIELD_G = 0.5
+# Samples further from the median are faults; a median further from the model is a unit or scale fault.
 ODD_FIELD, SCALED_FIELD = 0.6, 0.07
-"""Samples further from the median are faults; a median further from the model is a unit or scale fault."""
 EQUATOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563
 LEAST_FIXES = 5
+# Take-off and touch-down stay out of rest.
 REST_EDGE_S = 0.5
-"""Take-off and touch-down stay out of rest."""
+# Short means of the gyro that differ by more than this from the first few are no rest.
 SHORT_S, FEW, STANDS_RAD_S = 0.2, 3, np.deg2rad(3.0)
-"""Short means of the gyro that differ by more than this from the first few are no rest."""
+# What a run may know of a sensor's level before it begins, where it may not look ahead.
 FIRST_S = 2.0
-"""What a run may know of a sensor's level before it begins, where it may not look ahead."""
 
 
 @dataclass(slots=True)

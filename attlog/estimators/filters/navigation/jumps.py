@@ -26,23 +26,23 @@ from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState
 from attlog.estimators.interface import Array
 
+# Least gain in log likelihood. Without a compass sound flights stay below 5 and flights with faults of other sensors
+# below 15; with one that is turned or offset they reach 113.
 MIN_GAIN, GAIN_COMPASS = 20.0, 200.0
-"""Least gain in log likelihood. Without a compass sound flights stay below 5 and flights with faults of other sensors
-below 15; with one that is turned or offset they reach 113."""
 MAX_JUMPS = 4
+# So near to the ends, or to another jump, none is looked for: it could not be told from a blow.
 EDGE_S = 2.0
-"""So near to the ends, or to another jump, none is looked for: it could not be told from a blow."""
+# What is smaller the bias' random walk follows; what is larger is a blow or a clipped gyro, what is less sure no step
+# of a constant bias.
 SMALLEST_RAD_S, LARGEST_RAD_S, LEAST_SURE_RAD_S = np.deg2rad(0.2), np.deg2rad(10.0), np.deg2rad(0.3)
-"""What is smaller the bias' random walk follows; what is larger is a blow or a clipped gyro, what is less sure no step
-of a constant bias."""
+# Two runs agree on a jump within so many joint sigmas and this much.
 AGREE_SIGMAS, SAME_RAD_S = 3.0, np.deg2rad(0.1)
-"""Two runs agree on a jump within so many joint sigmas and this much."""
+# A gyro's bias drifts less in a flight, unless it jumps; each rest shows it for so long at least.
 BIAS_CHANGED_DPS, MIN_REST_S = 0.5, 2.0
-"""A gyro's bias drifts less in a flight, unless it jumps; each rest shows it for so long at least."""
+# Steps in s by which the time of a jump is moved while that is likelier.
 PLACED_S = (0.4, 0.2, 0.1, 0.05)
-"""Steps in s by which the time of a jump is moved while that is likelier."""
+# Two sigma from its best time the logarithm of the likelihood has fallen by 2; none is looked at further away.
 FALL, FURTHEST_S = 2.0, 26.0
-"""Two sigma from its best time the logarithm of the likelihood has fallen by 2; none is looked at further away."""
 Times = tuple[float, ...]
 
 
@@ -161,21 +161,21 @@ def bias_change_dps(inputs: Inputs) -> float:
 # and the filter goes on from there. What it said before stands. A compass that is turned or offset looks like a jump
 # too, but such a jump worsens the fit of GNSS: then there is none.
 
+# How often the filter asks, and how far back it looks.
 EVERY_S, WINDOW_S = 1.0, 10.0
-"""How often the filter asks, and how far back it looks."""
+# Mean square, over the gate's, of the worst of three innovations of velocity or field: 0.3 where noise levels fit.
 GROWN = 0.5
-"""Mean square, over the gate's, of the worst of three innovations of velocity or field: 0.3 where noise levels fit."""
+# Least gain in log likelihood, and what a filter that a bad compass misleads would take for a jump.
 ONLINE_MIN_GAIN, ONLINE_MAX_JUMP_RAD_S = 40.0, np.deg2rad(4.0)
-"""Least gain in log likelihood, and what a filter that a bad compass misleads would take for a jump."""
+# Groups of GNSS velocities and positions, and what they must gain at least: -3 and more for real jumps on 24 flights (a
+# plane's -12 in the first second), -6 to -32 in 11 of the 18 copies where a compass feigned one.
 GNSS, GNSS_GAIN = slice(0, 4), -5.0
-"""Groups of GNSS velocities and positions, and what they must gain at least: -3 and more for real jumps on 24 flights
-(a plane's -12 in the first second), -6 to -32 in 11 of the 18 copies where a compass feigned one."""
+# After so many looks in vain it looks in every fifth second only: aids that stay bad must not cost minutes.
 LOOKS, SELDOM = 5, 5
-"""After so many looks in vain it looks in every fifth second only: aids that stay bad must not cost minutes."""
+# How well the time of a jump is known, about.
 UNSURE_S = 0.5
-"""How well the time of a jump is known, about."""
+# So near to the end a jump is not told from a single odd fix.
 FRESH_S = 0.3
-"""So near to the end a jump is not told from a single odd fix."""
 
 
 def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Array) -> tuple[Pass, tuple[Jump, ...]]:

@@ -20,19 +20,19 @@ N = 39
 PHI, V, POS, BG, BA, EARTH, HARD, SOFT, WANDER = 0, 3, 6, 9, 12, 15, 18, 21, 27
 BARO_BIAS, GNSS_DELAY, MAG_DELAY, ARM, SCALE = 30, 31, 32, 33, 36
 
+# Kinds of events: GNSS velocity and position, height, field, rest as zero velocity and as zero rate.
 VELOCITY, POSITION, BARO, MAG, STILL, NO_RATE = 0, 1, 2, 3, 4, 5
-"""Kinds of events: GNSS velocity and position, height, field, rest as zero velocity and as zero rate."""
 KINDS = 6
 
+# Groups of scalar updates that share a noise level: velocity level, vertical, position level, vertical, height, field,
+# zero rate, zero velocity.
 GROUPS = 8
-"""Groups of scalar updates that share a noise level: velocity level, vertical, position level, vertical, height, field,
-zero rate, zero velocity."""
 
 GRAVITY_AT, Q_GYRO, Q_ACC, Q_BG, Q_BA, Q_HARD, Q_WANDER, Q_BARO, WANDER_TAU, Q_ACC_REST, SOFT_GATE, HARD_GATE = range(
     12
 )
+# Places of the numbers that a run of the filter is given.
 SETTINGS = 12
-"""Places of the numbers that a run of the filter is given."""
 
 SKIPS, MAG_MEAN, SINCE_KICK, RESTING, FROZEN, OPENED, KICKED, SOFTENED, SEEN, LIKELIHOOD = (
     0,
@@ -46,18 +46,18 @@ SKIPS, MAG_MEAN, SINCE_KICK, RESTING, FROZEN, OPENED, KICKED, SOFTENED, SEEN, LI
     16,
     17,
 )
+# What the filter remembers beside its state: counters of its gates, attitude kept during rest, likelihood.
 MEMORY = 18
-"""What the filter remembers beside its state: counters of its gates, attitude kept during rest, likelihood."""
 
 SUM_T, SUM_A, SUM_D, SUM_W = 0, 1, 4, 13
+# Sums over the samples between two nodes: time, R f dt (3), R dt (9), R diag(w) dt (9).
 SUMS = 22
-"""Sums over the samples between two nodes: time, R f dt (3), R dt (9), R diag(w) dt (9)."""
 
+# Numbers from one row of a covariance to the next: rows end with a zero and fill whole vector registers.
 ROW = 40
-"""Numbers from one row of a covariance to the next: rows end with a zero and fill whole vector registers."""
 
+# Most entries of a measurement's row that are not zero.
 WIDE = 12
-"""Most entries of a measurement's row that are not zero."""
 
 
 IOut1B = Annotated[NDArray[np.int8], Cells("i1", 1, True)]

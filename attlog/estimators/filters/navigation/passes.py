@@ -36,17 +36,17 @@ __all__ = [
 
 # The passes of the smoother: five, or more where the gyro bias jumps.
 
+# Passes, and how many of them the filter linearises about itself; the others, which a smoother tells, about the pass
+# before.
 PASSES, OWN_LINEARISATION = 5, 3
-"""Passes, and how many of them the filter linearises about itself; the others, which a smoother tells, about the pass
-before."""
+# After so many passes jumps of the gyro bias are looked for: noise levels are calibrated, and not yet to a jump.
 LOOK = 3
-"""After so many passes jumps of the gyro bias are looked for: noise levels are calibrated, and not yet to a jump."""
+# After these passes the GNSS delay is searched with this step in s.
 SEARCH = {1: 0.030, 2: 0.012}
-"""After these passes the GNSS delay is searched with this step in s."""
 FOUND_SIGMA_S = 0.003
 HEADINGS = 12
+# A likelihood that falls by more is a pass that went wrong.
 WORSE = 0.01
-"""A likelihood that falls by more is a pass that went wrong."""
 
 
 @dataclass(slots=True)
@@ -57,16 +57,16 @@ class Solution:
     tuned: NoiseLevels
     begin: StartState
     runner: Runner
+    # Levels after the last calibration.
     next: NoiseLevels
-    """Levels after the last calibration."""
     passes: int
     kept: int
+    # u^2 / D of each group (8,) in the pass that is kept.
     ratios: Array
-    """u^2 / D of each group (8,) in the pass that is kept."""
+    # Jumps of the gyro bias that are modelled.
     jumps: tuple[jumping.Jump, ...] = ()
-    """Jumps of the gyro bias that are modelled."""
+    # What a further jump would add to the likelihood that cannot be modelled; 0 where there is none.
     unmodelled: float = 0.0
-    """What a further jump would add to the likelihood that cannot be modelled; 0 where there is none."""
 
 
 def solved(
@@ -302,6 +302,7 @@ def solved_twice(inputs: Inputs, begun: NoiseLevels, gate: float, passes: int) -
 
 # The one pass forward of a filter, with constants of the sensors that passes found in the log.
 
+# Constants of the sensors: their rows and how sure the whole log is of them.
 CONSTANTS = {
     "acc_bias": (BA, 3, 0.01),
     "hard": (HARD, 3, 1e-3),
@@ -310,7 +311,6 @@ CONSTANTS = {
     "scale": (SCALE, 3, 5e-4),
     "arm": (ARM, 3, 0.01),
 }
-"""Constants of the sensors: their rows and how sure the whole log is of them."""
 
 
 def causal(
@@ -351,17 +351,17 @@ def _begun_with(begin: StartState, smoothed: Array, constants: Collection[str]) 
 # again from the start with these, and its attitudes count from that moment on: no attitude knows what comes after it.
 # What shows constants is motion, so these moments lie at 10, 16, 26, ... s of it, up to 400 s.
 
+# Of a longer log so much is looked at for the constants, where it turns most (measured: docs/smoother.md).
 MAX_LEARNING_S = 400.0
-"""Of a longer log so much is looked at for the constants, where it turns most (measured: docs/smoother.md)."""
+# Seconds of motion before the first look, and how much more each further one has. 1.2 to 2 give the same in 2 %.
 FIRST_S, FURTHER = 10.0, 1.6
-"""Seconds of motion before the first look, and how much more each further one has. 1.2 to 2 give the same in 2 %."""
 GRID_S = 15.0
+# A rate in rad/s, the mean between two fixes, and the longest time between these that counts.
 FASTEST, FIXES_S = 1.0, 2.0
-"""A rate in rad/s, the mean between two fixes, and the longest time between these that counts."""
 LEAST_FIXES_S = 10.0
 LEARNING_PASSES = 3
+# Noise of gyro and accelerometer counts as learnt by that much motion: at take-off it is still that of rest.
 DOUBT_S = 40.0
-"""Noise of gyro and accelerometer counts as learnt by that much motion: at take-off it is still that of rest."""
 
 
 @dataclass(frozen=True, slots=True)

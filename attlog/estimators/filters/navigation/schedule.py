@@ -20,8 +20,8 @@ from attlog.estimators.filters.navigation.inputs import (
 from attlog.estimators.filters.navigation.model import BARO, MAG, NO_RATE, POSITION, STILL, VELOCITY
 from attlog.estimators.interface import Array
 
+# Half widths of the centred means in an event's rows.
 FORCE_S, RATE_S = 0.05, 0.03
-"""Half widths of the centred means in an event's rows."""
 TIE_S = 1e-6
 SETTLE_MORE, SETTLE_S = 10.0, 3.0
 Ints = NDArray[np.int64]
@@ -40,10 +40,10 @@ class Schedule:
     w_mean: Array
     sigma: Array
     rest_of: NDArray[np.int8]
+    # (m + 1,) how many scalar updates the events before each node can make.
     scalars: Ints
-    """(m + 1,) how many scalar updates the events before each node can make."""
+    # (m,) rad/s by which the gyro bias may jump at each node, one sigma.
     jump: Array
-    """(m,) rad/s by which the gyro bias may jump at each node, one sigma."""
 
     def nodes(self) -> Schedule:
         """The nodes without the events, for who does not run again."""
@@ -150,7 +150,7 @@ class Timetable:
 
     def _placed(self, tuned: NoiseLevels, within: tuple[float, float] | None) -> list[PlacedEvents]:
         """The events of each kind, in order of the kinds."""
-        i, t = self.inputs, self.t
+        i = self.inputs
         out = []
         for kind, m, columns in ((VELOCITY, i.velocity, [0, 0, 0]), (POSITION, i.position, [0, 0, 1])):
             m = m if m is None or within is None else m.between(*within)

@@ -37,8 +37,8 @@ from attlog.estimators.filters.navigation.schedule import Schedule, Timetable
 from attlog.estimators.filters.navigation.start import StartState
 from attlog.estimators.interface import Array
 
+# Some 200 s of flight: 60 MB.
 PART_NODES = 20_000
-"""Some 200 s of flight: 60 MB."""
 
 
 @dataclass(slots=True)

@@ -18,8 +18,8 @@ from attlog.core import jit
 from attlog.core.jit import F1, F2, I1, Out1, Out2
 from attlog.estimators.filters.navigation.model import Motion
 
+# Numbers kept of a sample: G (4), the integral of its columns (9).
 RING = 13
-"""Numbers kept of a sample: G (4), the integral of its columns (9)."""
 
 
 def exponential(x: float, y: float, z: float, out: Any) -> None:
