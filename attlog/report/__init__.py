@@ -1,4 +1,4 @@
-"""A Result as one self-contained HTML page. Computes nothing that is not drawing."""
+"""A result as one self-contained HTML page. Nothing is computed here that is not drawing."""
 
 from attlog.report.bundle import bundle_notice
 from attlog.report.page import write_report

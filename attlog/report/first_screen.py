@@ -1,4 +1,7 @@
-"""The scale of a column of dots: logarithmic for sizes, about zero for what has a sign."""
+"""The first screen of a report: the flight as a strip, and the four questions as columns of dots.
+
+Places are percentages of the width, so that both fit any screen.
+"""
 
 from __future__ import annotations
 
@@ -20,29 +23,29 @@ from attlog.words.ranking import ColumnRanking, RankedValue, is_baseline, reason
 
 Span = tuple[float, float]
 
+# Values beyond so many times the median lie at the edge.
 FAR_FACTOR = 4.0
-"""A value so many times the middle one is drawn at the edge."""
+# Percent of the width between two ticks: labels do not touch in a narrow column.
 MIN_TICK_DISTANCE_PCT = 22.0
-"""Percent of the width between two ticks, so that their labels do not touch in a narrow column."""
+# Ends of intervals may lie so many times further out than values.
 MAX_END_FACTOR = 2.5
-"""An end of an interval may lie so many times further out than a value."""
+# Free width at both ends, %.
 MARGIN_PCT = 3.0
-"""Percent of the width left free at both ends."""
+# Smallest range of a scale about zero: half a millisecond looks small.
 MIN_RANGE = {"ms": 10.0, "deg/min": 1.0}
-"""A scale about zero spans so much at least, so that half a millisecond does not look like much."""
 TICK_STEPS = (1.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True, slots=True)
 class DotScale:
-    """From ``low`` to ``high``, both positive where ``log``; a place is a percentage of the width."""
+    """A scale from ``low`` to ``high``, logarithmic for sizes, about zero for values with a sign."""
 
     low: float
     high: float
     log: bool
 
     def place(self, value: float) -> float:
-        """Where a value stands; what is beyond the scale stands at its edge."""
+        """Return the place of a value, % of the width; values beyond the scale lie at its edge."""
         low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
         if self.log:
             value = math.log10(value) if value > 0.0 else low
@@ -64,7 +67,7 @@ class DotScale:
 
 
 def log_scale(values: Sequence[float], spans: Sequence[Span]) -> DotScale:
-    """For sizes and their intervals; an interval that begins at zero is cut."""
+    """Return a logarithmic scale for sizes and their intervals; an interval from zero on is cut."""
     good = [v for v in values if v > 0.0] or [1.0]
     ends = [x for span in spans for x in span if x > 0.0]
     low, high = min(good), max(good)
@@ -75,7 +78,7 @@ def log_scale(values: Sequence[float], spans: Sequence[Span]) -> DotScale:
 
 
 def zero_scale(values: Sequence[float], spans: Sequence[Span], unit: str) -> DotScale:
-    """For values with a sign: zero is in it, and all that is not far off."""
+    """Return a linear scale with zero for values with a sign; values far off set no end."""
     ends = [x for span in spans for x in span]
     most = max(MIN_RANGE.get(unit, 0.0) / 2.0, FAR_FACTOR * median([abs(x) for x in ends or values]))
     near = [x for x in [*values, 0.0] if abs(x) <= most] + [x for x in ends if abs(x) <= MAX_END_FACTOR * most]
@@ -104,13 +107,13 @@ def _steps(low: float, high: float) -> list[float]:
 
 # The four questions as one figure: a row for each filter, a column of dots with intervals for each question.
 
+# Title of a column, and the part of the page with its figures.
 TITLES = {
     "accuracy": ("Accuracy", "part-flight"),
     "noise": ("Static noise", "part-rest"),
     "lag": ("Step response", "part-step"),
     "yaw_drift": ("Yaw drift", "part-drift"),
 }
-"""What a column is called, and where its figures stand."""
 NOISE_PLACES = {
     "rest": "at rest",
     "hover": "added in hover",
@@ -121,7 +124,7 @@ NOISE_PLACES = {
 
 @dataclass(frozen=True, slots=True)
 class Dot:
-    """A row in a column: places are percentages of the width. ``text`` is a word where there is no value (no ``x``)."""
+    """A row in a column, places in % of the width. Without a value (no ``x``) ``text`` is a word."""
 
     text: str
     hint: str
@@ -134,7 +137,7 @@ class Dot:
 
 @dataclass(frozen=True, slots=True)
 class QuestionColumn:
-    """A column. ``empty``: this log cannot answer it, the sentence says why. ``ticks``: place and label."""
+    """A column. ``empty``: no filter has an answer, ``sentence`` gives the reason. ``ticks``: place and label."""
 
     id: str
     title: str
@@ -150,7 +153,7 @@ class QuestionColumn:
 
 @dataclass(frozen=True, slots=True)
 class FourQuestions:
-    """Rows (ids, from top to bottom) and the four questions; ``nothing`` says why where none can be answered."""
+    """The rows (ids from top to bottom) and the four questions; ``nothing``: why none has an answer."""
 
     rows: list[str]
     questions: list[QuestionColumn]
@@ -158,7 +161,7 @@ class FourQuestions:
 
 
 def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestions:
-    """The figure of a result."""
+    """Return the columns of a result."""
     answers = answer_lines(result)
     rows = filters_in_order(result, answers["accuracy"].column)
     rows = [row for row in rows if row.name in look]
@@ -171,7 +174,7 @@ def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestio
 
 
 def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:
-    """The columns; one that is empty for the reason of an earlier one names that instead."""
+    """Replace the reason of an empty column by the title of an earlier one with the same reason."""
     first: dict[str, str] = {}
     out = []
     for one in found:
@@ -182,7 +185,7 @@ def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:
 
 
 def filters_in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorRow]:
-    """The onboard attitude, filters by their accuracy, those without one, the gyro alone."""
+    """Sort rows: onboard, filters by their accuracy, filters without one, the gyro alone."""
     place = {j.row.name: i for i, j in enumerate(accuracy.judged)}
 
     def key(row: EstimatorRow) -> tuple[int, int]:
@@ -194,7 +197,7 @@ def filters_in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorR
 
 
 def question_column(key: str, answer: AnswerLine, rows: list[EstimatorRow]) -> QuestionColumn:
-    """One column of all rows."""
+    """Return the column of a question."""
     column = answer.column
     title, figures = TITLES[key]
     sentence = answer.sentence
@@ -218,7 +221,7 @@ def question_column(key: str, answer: AnswerLine, rows: list[EstimatorRow]) -> Q
 
 
 def unit_text(key: str, column: ColumnRanking) -> str:
-    """What the numbers of a column are."""
+    """Return quantity and unit of a column."""
     return {
         "accuracy": "tilt error, RMS °",
         "noise": f"{NOISE_PLACES.get(column.window, column.window)}, °",
@@ -228,7 +231,7 @@ def unit_text(key: str, column: ColumnRanking) -> str:
 
 
 def scale_of(column: ColumnRanking) -> DotScale:
-    """A scale for the rows that are sound; for all where none is."""
+    """Return a scale for the sound rows of a column, for all rows where none is sound."""
     sound = [j for j in column.judged if j.row.status == "ok" and j.shown and (j.ranked or not j.replay)]
     sound = ([j for j in sound if j.replay] and sound) or [j for j in column.judged if j.shown]
     values, spans = [j.value for j in sound], [j.ends for j in sound]
@@ -237,10 +240,10 @@ def scale_of(column: ColumnRanking) -> DotScale:
 
 
 def filter_dot(row: EstimatorRow, column: ColumnRanking, scale: DotScale) -> Dot:
-    """A row's value, or the word for what is missing.
+    """Return the dot of a row, or the word for its missing value.
 
-    ``best`` also asks that no row which is significantly worse than another has a smaller value: on the time that two
-    rows share they may rank otherwise than over all.
+    ``best`` also requires that no significantly worse row has a smaller value: rows are ranked on the time that they
+    share, values cover all of it.
     """
     judged = column.of(row)
     if judged is None:
@@ -262,12 +265,12 @@ def filter_dot(row: EstimatorRow, column: ColumnRanking, scale: DotScale) -> Dot
 
 
 def judged_number(judged: RankedValue) -> str:
-    """A value without its unit, as the table writes it."""
+    """Return a value without its unit, as in the table."""
     return number(judged.value, judged.answer.unit)
 
 
 def dot_hint(judged: RankedValue) -> str:
-    """The value with its interval, what it was measured on, and why it is not ranked."""
+    """Return value, interval, evidence, and the reason for no rank."""
     answer = judged.answer
     text = f"{judged.name}: {quantity(judged.value, answer.unit)}"
     bounds = interval(answer.ci95, answer.unit)
@@ -279,25 +282,25 @@ def dot_hint(judged: RankedValue) -> str:
 
 # The flight in one strip: height, in flight, flight modes, and what happened as marks that lead to the figures.
 #
-# Places across are percentages of the width, so that the strip fits any screen; heights are in the units of HEIGHT.
 
+
+# Height of the curve in its own units.
 STRIP_HEIGHT = 60
-"""Of the area of the curve, in its own units."""
 MIN_HEIGHT_M = 1.0
+# Heights from here on are rounded to whole metres.
 WHOLE_METRES_FROM_M = 2.0
-"""From here a height is told in whole metres."""
+# Labels are placed for a screen of this width; a phone shows those of serious events.
 STRIP_WIDTH_PX, LETTER_PX, GAP_PX = 830.0, 6.6, 8.0
-"""Labels are placed for a strip of a screen's width; a phone shows only those of serious events."""
 LABEL_LEVELS = 3
 MAX_MARKS = 40
+# Kinds that get a mark though nothing is wrong.
 ROUTINE = ("armed", "liftoff", "landing")
-"""Kinds that get a mark though nothing is wrong with them."""
 GRADES = {"serious": 2, "warning": 1}
 
 
 @dataclass(slots=True)
 class StripMark:
-    """An event at ``x`` %: its style, sentence, label with its level from the top; ``left``: it stands left of it."""
+    """An event at ``x`` % with style, sentence, label and level of the label; ``left``: the label ends at ``x``."""
 
     t: float
     x: float
@@ -310,7 +313,7 @@ class StripMark:
 
 @dataclass(slots=True)
 class FlightStrip:
-    """What is drawn; ``curve`` is the path of the height, empty where unknown; ``modes`` and ``air`` are spans."""
+    """The strip: ``curve`` is the path of the height, empty where unknown; ``modes`` and ``air`` are spans."""
 
     curve: str
     top: str
@@ -324,7 +327,7 @@ class FlightStrip:
 
 
 def flight_strip(result: Result) -> FlightStrip:
-    """The strip of a result."""
+    """Return the strip of a result."""
     start, end = time_range(result)
     line = result.log.get("timeline") or {}
 
@@ -347,10 +350,10 @@ def flight_strip(result: Result) -> FlightStrip:
 
 
 def height_curve(result: Result, start: float, end: float) -> tuple[str, str, float]:
-    """The path of the height, its largest in flight as text, and when that was; texts are empty where unknown.
+    """Return the path of the height, its largest in flight as text, and when that was, s.
 
-    A barometer that never flew shows the weather. The text is that of the headline: rounded alike, and none where the
-    log shows no ground.
+    Texts are empty where the height is unknown: a barometer that never flew shows the weather. The largest height is
+    rounded as in the headline, and missing where the log holds no ground.
     """
     trace = next((t for t in result.traces if t.figure == "height"), None)
     flights = (result.log.get("timeline") or {}).get("airborne") or []
@@ -372,21 +375,21 @@ def height_curve(result: Result, start: float, end: float) -> tuple[str, str, fl
 
 
 def marked_events(events: list[Event]) -> list[Event]:
-    """What gets a mark: what is serious or a warning, and the routine of a flight; the worst where they are many."""
+    """Return serious events, warnings and the routine of a flight, at most MAX_MARKS, the worst first."""
     shown = [e for e in events if e.severity in GRADES or e.kind in ROUTINE]
     worst = sorted(shown, key=lambda e: -GRADES.get(e.severity, 0))[:MAX_MARKS]
     return sorted(worst, key=lambda e: e.t)
 
 
 def mark_style(event: Event) -> str:
-    """How a mark is drawn."""
+    """Return the style of a mark."""
     return {"serious": "bad", "warning": "warn"}.get(event.severity, "")
 
 
 def place_labels(marks: list[StripMark], peak: float | None = None) -> list[StripMark]:
-    """Labels where they collide with none that matters more; a mark without room keeps its sentence only.
+    """Place labels, serious ones first; a mark whose label has no room keeps only its sentence.
 
-    ``peak`` %: there the second level holds how high it went.
+    ``peak``: the place in % where the second level holds the largest height.
     """
     taken: list[list[tuple[float, float]]] = [[] for _ in range(LABEL_LEVELS)]
     if peak is not None:
@@ -407,15 +410,15 @@ def place_labels(marks: list[StripMark], peak: float | None = None) -> list[Stri
 
 
 def label_span(at: float, wide: float, left: bool) -> tuple[float, float]:
-    """Where a label begins and ends, px."""
+    """Return both ends of a label, px."""
     return (at - wide, at) if left else (at, at + wide)
 
 
 def is_free(taken: list[tuple[float, float]], a: float, b: float) -> bool:
-    """Whether nothing stands between a and b, which lie in the strip."""
+    """Whether the strip is empty between a and b."""
     return a >= 0.0 and b <= STRIP_WIDTH_PX and all(b <= low or a >= high for low, high in taken)
 
 
 def fitting_name(name: str, share: float) -> str:
-    """The name of a mode where its part of the strip has room for it."""
+    """Return the name of a mode where it fits into its part of the strip, else an empty text."""
     return name if LETTER_PX * len(name) + GAP_PX <= share * STRIP_WIDTH_PX / 100.0 else ""

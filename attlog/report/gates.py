@@ -1,7 +1,6 @@
-"""Gates on a page that is written already: red or green above the verdicts, each check below.
+"""Results of gates in a report that is written already.
 
-What gates say is known only after the analysis, and other gates need no new one: the page keeps a place for it, which
-is filled, and filled anew, without touching anything else.
+Gates run after the analysis, and again without one: the page keeps a place for them that can be filled again.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ from attlog.words.numbers import counted
 from attlog.words.text import clean
 
 BEGIN, END = "<!--gates-->", "<!--/gates-->"
+# Result of a gate: status, check, sentence.
 Said = tuple[Literal["passed", "failed", "skipped"], str, str]
-"""What a gate said: status, check, sentence."""
 
 
 def show(report: Path, said: Sequence[Said]) -> bool:
-    """Put gates, worst first, into a report file (atomically). False where it has no place for them.
+    """Put gates, worst first, into a report file (atomically). False where the page has no place for them.
 
     OutputError if it cannot be written.
     """
@@ -35,14 +34,14 @@ def show(report: Path, said: Sequence[Said]) -> bool:
 
 
 def with_gates(page: str, said: Sequence[Said]) -> str | None:
-    """The page with what gates said; None where it has no place for that."""
+    """Return the page with the results of gates; None where it has no place for them."""
     before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     return f"{before}{BEGIN}{block(said)}{END}{after}" if begin and end else None
 
 
 def block(said: Sequence[Said]) -> str:
-    """The gates as HTML; empty without any."""
+    """Return gates as HTML; empty without any."""
     if not said:
         return ""
     failed = [sentence for status, _, sentence in said if status == "failed"]

@@ -40,6 +40,7 @@ from attlog.words.numbers import counted, duration, moment, number, quantity, un
 from attlog.words.table import axis_table, main_table, window_tables
 from attlog.words.text import plain_value, typeset
 
+# Functions of the template.
 FILTERS: dict[str, Callable[..., Any]] = {
     "unit": unit_sign,
     "duration": duration,
@@ -53,7 +54,6 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "titles": question_titles,
     "reasons": reasons_unknown,
 }
-"""What its template calls."""
 
 
 def write_report(
@@ -61,8 +61,8 @@ def write_report(
 ) -> None:
     """Write the report of a result to ``path`` (atomically). OutputError if it cannot be written.
 
-    ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: what ``to_dict`` gave
-    for it, where somebody has it already.
+    ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: its ``to_dict``, where
+    the caller has it.
     """
     write_atomic(Path(path), render(result, deterministic=deterministic, document=document))
 
@@ -115,13 +115,13 @@ def render(
 
 
 def file_stem(result: Result) -> str:
-    """The log's name without its suffix, in letters that every file system takes: how saved files begin."""
+    """Return the log's name without suffix in letters that every file system takes: saved files begin with it."""
     stem = Path(str(result.log.get("name") or "")).stem
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem)[:80].strip("._-") or "attlog"
 
 
 def without_times(result: Result) -> Result:
-    """The result without what differs between two runs of the same log with the same settings."""
+    """Return the result without what differs between two runs of the same log."""
 
     def left(found: dict[str, Any]) -> dict[str, Any]:
         return {name: value for name, value in found.items() if name not in MEASURED_TIMES}
@@ -142,14 +142,14 @@ def without_times(result: Result) -> Result:
 
 
 def toml(config: dict[str, Any]) -> str:
-    """The resolved configuration as a file that ``--config`` reads; what is not set is left out."""
+    """Return the resolved configuration as a file for ``--config``, without options that are not set."""
     import tomli_w
 
     return tomli_w.dumps(without_none(config))
 
 
 def without_none(value: Any) -> Any:
-    """A value without the None that TOML cannot hold."""
+    """Return a value without None, which TOML cannot hold."""
     if isinstance(value, dict):
         return {str(k): without_none(v) for k, v in value.items() if v is not None}
     return [without_none(v) for v in value if v is not None] if isinstance(value, (list, tuple)) else value

@@ -1,6 +1,6 @@
-"""The contract: everything that an analysis found, as dataclasses, as a JSON document, and read back.
+"""The result of an analysis as dataclasses, as a JSON document, and read back.
 
-What stands in a result comes from here for those above it, wherever it is defined.
+Other rooms import the parts of a result from here, wherever they are defined.
 """
 
 from __future__ import annotations

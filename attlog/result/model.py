@@ -1,8 +1,7 @@
-"""The result of an analysis: the dataclasses that are the JSON contract.
+"""The dataclasses of a result, which are the JSON contract.
 
-``Result.to_json`` writes one document without NaN (null with a code instead), keys in the order of the fields here,
-angles in degrees, times in s or ms; :mod:`attlog.result.document` tells what it leaves out. ``traces`` are arrays for
-the figures; they go packed into the page, not into the JSON file.
+``Result.to_json`` writes one document without NaN (null with a code instead), keys in the order of the fields, angles
+in degrees, times in s or ms. ``traces`` are arrays for the figures: packed in the page, not in the JSON.
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ if TYPE_CHECKING:
     import pandas
     import plotly.graph_objects
 
+# Kind of the finding that a user's filter took too long; its row has failed.
 TIMED_OUT = "estimator_timed_out"
-"""The kind of the finding that a user's filter took longer than it was given; its row has failed."""
 
 
 @dataclass(slots=True)
@@ -51,11 +50,10 @@ class ParameterValue:
 
 @dataclass(slots=True)
 class EstimatorRow:
-    """One line of the table: who, with which parameters, and every answer by window.
+    """A row of the table: estimator, parameters, and every answer by window.
 
-    ``title`` is what the source calls itself: the first line of an estimator's
-    docstring, or the message that an onboard attitude comes from. ``quality`` is what an
-    estimator that sees the whole run says of itself.
+    ``title``: first line of an estimator's docstring, or the message of an onboard attitude. ``quality``: remarks of an
+    estimator on its own run.
     """
 
     name: str
@@ -78,7 +76,7 @@ class EstimatorRow:
 
 
 def nothing_ran(rows: Iterable[EstimatorRow]) -> str:
-    """Why the first filter failed, where every filter that was to run did; empty else."""
+    """Return why the first filter failed where every filter did; empty else."""
     ran = [row for row in rows if row.kind == "replay"]
     return f"{ran[0].name}: {ran[0].reason}" if ran and all(row.status == "failed" for row in ran) else ""
 
@@ -101,12 +99,11 @@ class Verdict:
 
 @dataclass(slots=True)
 class ReferenceSummary:
-    """What everything was compared with, and each step of the alignment.
+    """The reference of all comparisons, and each step of the alignment.
 
-    ``sigma_tilt_deg``, ``sigma_heading_deg``: how wrong a smoother or a brought truth may be itself (RMS over what is
-    scored). ``heading_by``: whose north its heading has, ``own``, ``onboard`` or ``nobody``; ``relative``: changes
-    alone are compared. ``refused``: why a better attitude (truth, smoother) was not taken. ``fit``: how a truth that
-    the user brought came onto the log's clock and axes.
+    ``sigma_tilt_deg``, ``sigma_heading_deg``: own RMS error of a smoother or an external truth. ``heading_by``: source
+    of its heading, ``own``, ``onboard`` or ``nobody``. ``refused``: why a better attitude (truth, smoother) was not
+    taken. ``fit``: clock and axes of a truth from the user.
     """
 
     choice: str
@@ -115,73 +112,72 @@ class ReferenceSummary:
     floor_deg: Annotated[float, NullAsNaN()]
     text: str
     alignment: list[AlignmentStep] = field(default_factory=list)
+    # Rows are compared from here on: before it filters and onboard settle.
     scoring_start_s: float = 0.0
-    """Rows are compared from here on: before it filters and onboard settle."""
+    # Rows are compared up to here (impact); None: to the end.
     scoring_end_s: float | None = None
-    """Rows are compared up to here (impact); None: to the end."""
     sigma_tilt_deg: float | None = None
     sigma_heading_deg: float | None = None
     heading_by: str = "own"
+    # Clause on doubts of the reference, the source of its heading, a refused better one.
     caveat: str = ""
-    """What a ranking by it has to say beside it, as a clause: in doubt, what its heading rests on, who was refused."""
     refused: dict[str, str] = field(default_factory=dict)
     fit: TruthFit | None = None
 
 
 @dataclass(slots=True)
 class Result:
-    """Everything ``attlog analyze`` found out about one log; its JSON (``attlog schema``) has the same names.
+    """The result of ``attlog analyze`` for one log; its JSON (``attlog schema``) has the same names.
 
-    ``estimators`` are the rows: each has its answers in ``metrics[window][metric]``, with ``value``, ``ci95``, ``n``
-    and ``unit``, or ``code`` and ``reason`` where there is none. ``verdicts`` say in words which row is closest, quiet,
-    late and drifting. ``headline`` and ``events``: what happened. ``findings`` and ``audit``: what is wrong, one
-    entry for each cause, and what physics says of the sensors.
-    ``segments``: what was going on when; ``reference``: what the rows are compared with, and how it was aligned.
-    ``definitions``: what each metric means. Angles in deg, times in s or ms, as the metric's name says; times on
-    the log's clock, 0 at the first sample of the replayed IMU.
+    ``estimators``: rows with their answers in ``metrics[window][metric]``: ``value``, ``ci95``, ``n`` and ``unit``, or
+    ``code`` and ``reason`` without a value. ``verdicts``: the four answers in words. ``headline`` and ``events``: what
+    happened. ``findings``: what is wrong, one entry for each cause; ``audit`` and ``health``: checks of the sensors.
+    ``segments``: phases of the log. ``reference``: what rows are compared with. ``definitions``: meaning of each
+    metric. Angles in deg, times in s or ms, as the metric's name says, on the log's clock: 0 at the first sample of
+    the replayed IMU.
     """
 
     attlog: dict[str, str]
     command: str
     config: dict[str, Any]
     log: dict[str, Any]
+    # What flew, from when to when, what went wrong first and how it ended, in at most 30 words.
     headline: str = ""
-    """What flew, from when to when, what went wrong first and how it ended, in at most 30 words."""
+    # In time order, each with its evidence.
     events: list[Event] = field(default_factory=list)
-    """What happened, in time order, each with its evidence."""
     findings: list[Finding] = field(default_factory=list)
     audit: list[Check] = field(default_factory=list)
+    # Sensors: what to trust, what to set.
     health: list[Assessment] = field(default_factory=list)
-    """Can the sensors be trusted, and what should be set."""
     segments: list[Segment] = field(default_factory=list)
     reference: ReferenceSummary | None = None
+    # Subtracted from the gyro for every filter alike, one for each replayed IMU.
     gyro_bias: list[CommonBias] = field(default_factory=list)
-    """What was subtracted from the gyro for every filter alike, one for each replayed IMU."""
     estimators: list[EstimatorRow] = field(default_factory=list)
+    # Rows that share an equation, or whose attitudes are equal.
     alike: list[Duplicates] = field(default_factory=list)
-    """Rows that share an equation, or whose attitudes are equal."""
     verdicts: list[Verdict] = field(default_factory=list)
+    # window -> metric -> rows that none is significantly better than; absent for all of them.
     best: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    """window -> metric -> rows that none is significantly better than; absent where that is everybody."""
+    # window -> metric -> the significantly worst row; absent without one.
     worst: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    """window -> metric -> the one row that is worst; absent where nobody is."""
+    # window -> metric -> compared rows.
     ranked: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    """window -> metric -> rows that were compared."""
     timing: dict[str, float] = field(default_factory=dict)
     schema: str = SCHEMA
     traces: list[Trace] = field(default_factory=list, metadata={IN_JSON: False})
     __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid", "arbitrary_types_allowed": True}
 
     def to_dict(self, deterministic: bool = False) -> dict[str, Any]:
-        """The JSON document as plain Python; ``deterministic`` drops measured times and how the command was spelled."""
+        """Return the JSON document as plain Python; ``deterministic``: without measured times and the command."""
         return document.document(self, deterministic)
 
     def to_json(
         self, path: str | Path | None = None, deterministic: bool = False, *, whole: dict[str, Any] | None = None
     ) -> str:
-        """The JSON text, one line; also written to ``path`` (atomically) where given. OutputError if it cannot be.
+        """Return the JSON text, one line; write it to ``path`` (atomically) where given. OutputError if it cannot be.
 
-        ``whole``: what ``to_dict`` gave for it, where somebody has it already.
+        ``whole``: what ``to_dict`` gave, where the caller has it.
         """
         whole = self.to_dict(deterministic) if whole is None else whole
         text = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
@@ -195,22 +191,21 @@ class Result:
 
     @classmethod
     def load(cls, path: str | Path) -> Result:
-        """The result that ``to_json`` wrote to ``path``, without traces: those are not in the file.
+        """Read the result that ``to_json`` wrote to ``path``, without traces.
 
         LogUnreadable if the file cannot be opened, UsageError with the place for what is no result of this schema. A
-        file written without measured times reads back with none: ``to_json(deterministic=True)`` gives its text again.
+        file without measured times reads back with none: ``to_json(deterministic=True)`` gives its text again.
         """
         return cls.read(read_settings_bytes(Path(path), MAX_RESULT_BYTES), str(path))
 
     @classmethod
     def read(cls, content: bytes, name: str) -> Result:
-        """The result that a JSON text is; errors as of :meth:`load` begin with ``name``."""
+        """Return the result of a JSON text; errors as of :meth:`load` begin with ``name``."""
         return document.read(cls, content, name)
 
     @property
     def definitions(self) -> dict[str, dict[str, str]]:
-        """What each metric of this version means: title, unit, better and text by its id; ``attlog schema`` tells
-        them too."""
+        """Title, unit, better and text of each metric by its id."""
         from attlog import metrics
 
         return {
@@ -225,9 +220,9 @@ class Result:
         write_report(self, Path(path), **options)
 
     def figures(self) -> dict[str, str]:
-        """Titles of the figures of the report that this result can fill, by the names that :meth:`figure` takes.
+        """Return titles of the figures that this result can fill, by the names of :meth:`figure`.
 
-        Of a result read from JSON these are the few that need no lines.
+        A result read from JSON has the few that need no lines.
         """
         from attlog.report.figures.catalogue import figures
 
@@ -241,22 +236,21 @@ class Result:
         rows: Sequence[str] | None = None,
         span: tuple[float, float] | None = None,
     ) -> plotly.graph_objects.Figure:
-        """A figure of the report for a paper or a notebook: one column (88 mm), 8 pt, black axes, light colours.
+        """Return a figure of the report for a paper or a notebook: 88 mm wide, 8 pt, black axes, light colours.
 
-        ``view``: which of the figure's views, by its name on the page or the start of it (``"pitch"``), else by its
-        place. ``rows``: filters and onboard rows to draw; else those that the page shows at first. ``span``: flight
-        time (from, to) in s. Long lines are the extremes of 600 buckets of what is in the span. UsageError for a name
-        that is not in :meth:`figures`.
+        ``view``: a view of the figure by its name on the page or the start of it (``"pitch"``), else by its place.
+        ``rows``: filters and onboard rows to draw; else those that the page shows at first. ``span``: flight time
+        (from, to), s. Long lines are the extremes of 600 buckets. UsageError for a name that is not in
+        :meth:`figures`.
         """
         from attlog.report.figures.catalogue import figure
 
         return figure(self, name, view=view, rows=rows, span=span)
 
     def table(self, window: str = "all") -> pandas.DataFrame:
-        """Values of one window: a line for each row, by its name, a column for each metric; NaN where there is none.
+        """Return the values of one window: a line for each row, a column for each metric, NaN without a value.
 
-        Columns are named as in the JSON, with the unit in the name (``tilt_rmse_deg``, ``lag_ms``). Empty where
-        the log has no such window.
+        Columns are named as in the JSON (``tilt_rmse_deg``, ``lag_ms``). Empty where the log has no such window.
         """
         import pandas
 

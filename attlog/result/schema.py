@@ -1,4 +1,4 @@
-"""The JSON schema of a result document, made from the dataclasses of ``model.py``: they cannot drift apart."""
+"""The JSON schema of a result document, made from the dataclasses of ``model.py``."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from attlog.result.model import Result
 
 
 class DocumentSchema(GenerateJsonSchema):
-    """Accepts functions and arrays of figures, which only fields hold that stay out of the document."""
+    """A schema generator that accepts functions and arrays, which only fields outside the document hold."""
 
     def handle_invalid_for_json_schema(self, schema: Any, error_info: str) -> dict[str, Any]:
-        """Anything."""
+        """Accept anything."""
         return {}
 
     def is_instance_schema(self, schema: Any) -> dict[str, Any]:
-        """Anything."""
+        """Accept anything."""
         return {}
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of a result document, with what each metric means.
+    """Return the JSON schema (draft 2020-12) of a result document, with the meaning of each metric.
 
-    What has its default is not in the document, and the figures' traces never are. Non-finite numbers are null.
+    Fields with their default and traces are not in the document. Non-finite numbers are null.
     """
     document: dict[str, Any] = adapter(Result).json_schema(schema_generator=DocumentSchema)
     document["$defs"]["Answers"] = {"type": "object", "properties": _metrics(), "additionalProperties": False}
@@ -52,7 +52,7 @@ def schema() -> dict[str, Any]:
 
 
 def _metrics() -> dict[str, Any]:
-    """Every metric by its id: an answer, and what its value means."""
+    """Return every metric by its id: an answer and its meaning."""
     return {
         name: {
             "allOf": [{"$ref": "#/$defs/Answer"}],
@@ -66,7 +66,7 @@ def _metrics() -> dict[str, Any]:
 
 
 def _name_answers(parts: dict[str, Any]) -> None:
-    """Name the metrics of an answer, and leave out what its place gives."""
+    """Name the metrics of an answer, without what its place gives."""
     answer = parts["Answer"]["properties"]
     del answer["detail"]
     parts["EstimatorRow"]["properties"]["metrics"] = {
@@ -77,7 +77,7 @@ def _name_answers(parts: dict[str, Any]) -> None:
 
 
 def _drop_hidden(document: dict[str, Any]) -> None:
-    """Take out the fields that are not in the JSON, and the definitions that only they use."""
+    """Remove fields outside the JSON, and definitions that only they use."""
     parts = document["$defs"]
     for kind in (Result, Answer, CommonBias, UnitValues):
         properties = (document if kind is Result else parts[kind.__name__])["properties"]

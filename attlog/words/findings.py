@@ -1,4 +1,4 @@
-"""What is wrong with this log and what to do, as it is shown: a line for each finding, its evidence behind it."""
+"""Findings and assessments as every output shows them: a line each, with the evidence behind it."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from attlog.result import Finding, Result
 
 
+# Label and style by severity, the worst first.
 SEVERITY = {
     "serious": ("Serious", "bad"),
     "warning": ("Warning", "warn"),
     "note": ("Note", "note"),
     "info": ("Note", "note"),
 }
-"""Severity, worst first: its label and style."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShownFinding:
-    """A finding as it is shown: its sentence in three parts, of which the second is when it was (may be empty).
+    """A finding for display; ``when`` is the part of its sentence with the time (may be empty).
 
-    ``t`` s, None where it has no time; ``why``: evidence, and the cause, a line each.
+    ``t`` s, None without a time. ``why``: evidence and cause, a line each.
     """
 
     label: str
@@ -52,28 +52,28 @@ class ShownFinding:
 
     @property
     def line(self) -> str:
-        """The sentence and what to do."""
+        """The sentence with its action."""
         return f"{self.text} {self.action}".strip()
 
     @property
     def is_note(self) -> bool:
-        """Whether it changes nothing for the reader."""
+        """Whether nothing has to be done."""
         return self.style == "note"
 
 
 def findings(result: Result) -> list[ShownFinding]:
-    """The findings of a result as they are shown."""
+    """Return the findings of a result for display."""
     return shown_findings(result.findings)
 
 
 def shown_findings(found: Iterable[Finding]) -> list[ShownFinding]:
-    """Findings as they are shown, worst first."""
+    """Return findings for display, the worst first."""
     order = {name: i for i, name in enumerate(SEVERITY)}
     return [_shown_finding(finding) for finding in sorted(found, key=lambda f: order.get(f.severity, 9))]
 
 
 def no_problem_text(shown: list[ShownFinding], hidden: int = 0) -> str:
-    """What stands where nothing is listed; ``hidden`` notes are not."""
+    """Return the sentence for an empty list, with the number of ``hidden`` notes."""
     if shown:
         return ""
     notes = {0: "", 1: "; 1 note with -v"}.get(hidden, f"; {hidden} notes with -v")
@@ -96,7 +96,7 @@ def _shown_finding(finding: Finding) -> ShownFinding:
 
 
 def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
-    """A sentence parted at its time, which is put at its end where it does not stand in it, with how often (times)."""
+    """Split a sentence at its time; a missing time is added at the end, with ``times``, how often it happened."""
     if t is None:
         return (f"{text.rstrip('.')} ({times})." if times else text), "", ""
     for written in dict.fromkeys((moment(t), f"{t:.1f} s", f"{t:.1f}", f"{t:.0f} s", f"{t:.0f}")):
@@ -109,20 +109,20 @@ def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
 
 # Can the sensors be trusted, and what should be set? Assessments and checks as every output shows them.
 
+# The worst first, unknown last.
 VERDICTS = ("fault", "warning", "ok", "unknown")
-"""Worst first; what cannot be told comes last."""
 BAD_VERDICTS = ("fault", "warning")
+# An interval off its value by more than this share of its half width is written as two ends.
 LOPSIDED = 0.25
-"""An interval whose middle is off the value by more than this share of its half width is written as two ends."""
+# Units of whole numbers.
 COUNTED = ("satellites", "samples")
-"""Units of whole numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:
-    """A parameter to set: its name, its value when the log was flown (empty where unknown) and the new one.
+    """A parameter to set: name, value in the log (empty where unknown) and new value.
 
-    In signs that every terminal has, because values are typed or pasted from here.
+    ASCII only: values are typed or pasted from here.
     """
 
     name: str
@@ -130,16 +130,16 @@ class ParameterChange:
     new: str
 
     def __str__(self) -> str:
-        """``COMPASS_OFS_X -12 -> 145``; the new value alone where the log does not hold the old one."""
+        """``COMPASS_OFS_X -12 -> 145``; the new value alone where the old one is missing."""
         return f"{self.name} {self.old} -> {self.new}" if self.old else f"{self.name} {self.new}"
 
 
 @dataclass(frozen=True, slots=True)
 class ShownAssessment:
-    """An assessment as it is shown: a row of a table on a terminal, in a file, on a page.
+    """An assessment for display: a row of a table on a terminal, in a file, on a page.
 
-    ``value`` with its unit and 95 % interval; ``text`` what was found; ``settings`` what to set, ``advice`` what to do
-    where there is nothing to set; ``why``: components, evidence, extent, limit, a line each.
+    ``value`` with unit and 95 % interval. ``settings``: what to set; ``advice``: what to do without any. ``why``:
+    components, evidence, extent, limit, a line each.
     """
 
     sensor: str
@@ -154,22 +154,22 @@ class ShownAssessment:
 
     @property
     def to_set(self) -> str:
-        """What to set or to do, in one line."""
+        """Settings or advice in one line."""
         return ", ".join(map(str, self.settings)) or self.advice
 
     @property
     def listed(self) -> bool:
-        """Whether a table of what matters holds it: something is off, or may be set."""
+        """Whether it is a fault, a warning, or has something to set."""
         return self.verdict in BAD_VERDICTS or bool(self.settings)
 
 
 def shown_assessments(health: Iterable[Assessment]) -> list[ShownAssessment]:
-    """The assessments as they are shown: faults, warnings, what is ok, what cannot be told; else in their order."""
+    """Return assessments for display: faults, warnings, ok, unknown."""
     return sorted(map(_shown_assessment, health), key=lambda a: VERDICTS.index(a.verdict))
 
 
 def repeat_advice_once(rows: Iterable[ShownAssessment]) -> list[ShownAssessment]:
-    """The rows of a table in which the same advice to the same question stands once, at its first sensor."""
+    """Replace repeated advice to one question by the name of the first sensor with it."""
     first: dict[tuple[str, str], str] = {}
     found = []
     for row in rows:
@@ -180,13 +180,13 @@ def repeat_advice_once(rows: Iterable[ShownAssessment]) -> list[ShownAssessment]
 
 
 def question_titles(rows: Iterable[ShownAssessment]) -> str:
-    """The questions of rows in one line, with the number of sensors where there are several: ``vibration (3)``."""
+    """Return the questions of rows in one line with the number of sensors: ``vibration (3)``."""
     times = Counter(row.question for row in rows)
     return ", ".join(f"{question} ({n})" if n > 1 else question for question, n in times.items())
 
 
 def reasons_unknown(rows: Iterable[ShownAssessment]) -> list[tuple[str, str]]:
-    """What cannot be told, and why: questions with the same reason together."""
+    """Return unknown questions and their reason, questions with the same reason together."""
     asked: dict[str, list[str]] = {}
     for row in rows:
         why = row.text if row.advice in row.text else f"{row.text} {row.advice}"
@@ -195,18 +195,18 @@ def reasons_unknown(rows: Iterable[ShownAssessment]) -> list[tuple[str, str]]:
 
 
 def checks_by_trouble(checks: Sequence[Check]) -> tuple[list[Check], list[Check]]:
-    """Checks that found something (faults first), and the others."""
+    """Return checks with a fault or warning (faults first), and the others."""
     trouble = sorted((c for c in checks if c.verdict in BAD_VERDICTS), key=lambda c: VERDICTS.index(c.verdict))
     return trouble, [c for c in checks if c.verdict not in BAD_VERDICTS]
 
 
 def question_title(question: str) -> str:
-    """A question in words."""
+    """Return the title of a question."""
     return TOPICS[question].title if question in TOPICS else clean(question.replace("_", " "))
 
 
 def value_text(assessment: Assessment) -> str:
-    """The value with its unit and 95 % interval: ``15.1 ± 2.0 µT``, ``0.4 (0.1 to 1.9) m/s²``; empty without one."""
+    """Return the value with unit and 95 % interval: ``15.1 ± 2.0 µT``, ``0.4 (0.1 to 1.9) m/s²``."""
     unit, ci95 = assessment.unit, assessment.ci95
     value = number(assessment.value, unit)
     if value and unit in COUNTED:
@@ -225,13 +225,13 @@ def value_text(assessment: Assessment) -> str:
 
 
 def parameter_change(setting: Setting) -> ParameterChange:
-    """A parameter to set as it is shown."""
+    """Return a parameter to set for display."""
     old = "" if setting.old is None else setting_number(setting.old)
     return ParameterChange(clean(setting.name), old, setting_number(setting.new))
 
 
 def parameter_changes(settings: Sequence[Setting], most: int) -> str:
-    """What to set in one line, at most so many by name."""
+    """Return parameters to set in one line, at most ``most`` by name."""
     rest = len(settings) - most
     named = ", ".join(str(parameter_change(setting)) for setting in settings[:most])
     return f"{named} and {rest} more" if rest > 0 else named
@@ -259,7 +259,7 @@ def _shown_assessment(one: Assessment) -> ShownAssessment:
 
 
 def _axes(one: Assessment) -> list[str]:
-    """The components along the body's axes with their intervals as one line: ``x 12.0 ± 2.0, y ... µT.``"""
+    """Return the components along the body's axes in one line: ``x 12.0 ± 2.0, y ... µT.``"""
     numbers = [*one.vector, *one.vector_ci95]
     if not one.vector or len(one.vector) != len(one.vector_ci95) or not all(map(math.isfinite, numbers)):
         return []
@@ -268,7 +268,7 @@ def _axes(one: Assessment) -> list[str]:
 
 
 def _with_half(value: float, half: float, unit: str) -> str:
-    """A value and half the width of its interval to the same decimals, at least one of which the latter fills."""
+    """Return a value and half its interval with the same decimals, of which the latter fills one."""
     places = decimals(max(abs(value), half), unit)
     if half > 0.0:
         places = max(places, min(-math.floor(math.log10(half)), 6))
@@ -277,12 +277,12 @@ def _with_half(value: float, half: float, unit: str) -> str:
 
 # What a result offers to set, as the file of its ground station.
 
+# PX4's own MAVLink id, which QGroundControl compares with the connected vehicle.
 MAVLINK_ID_PARAMETER = "MAV_SYS_ID"
-"""PX4's own MAVLink id, which QGroundControl compares with the vehicle it is connected to."""
 
 
 def parameter_file(result: model_Result) -> str:
-    """The text of the ``.param`` file, empty where there is nothing to set."""
+    """Return the text of the ``.param`` file, empty without anything to set."""
     firmware = str((result.log.get("firmware") or {}).get("name") or "")
     vehicle = (result.log.get("params") or {}).get(MAVLINK_ID_PARAMETER) or 1
     return param_file(firmware, str(result.log.get("name") or "log"), agreed_settings(result.health), int(vehicle))

@@ -1,4 +1,4 @@
-"""What flew, when, how long, with which sensors: the line below the title."""
+"""The flight in words: title line, tone, gyro bias, messages and events."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMPARED_WITH = {"truth": "the logged truth", "smoother": "the smoother", "onboa
 
 
 def subtitle(result: Result) -> list[str]:
-    """The parts of the line below the title."""
+    """Return the parts of the line below the title."""
     log, reference = result.log, result.reference
     vehicle = str(log.get("vehicle") or "vehicle unknown")
     what = [firmware(result), "(simulated)" if log.get("simulated") else ""]
@@ -31,13 +31,13 @@ def subtitle(result: Result) -> list[str]:
 
 
 def what_happened(result: Result) -> str:
-    """The headline without who flew, which stands in the line below the title."""
+    """Return the headline without the vehicle, which the line below the title names."""
     who, colon, what = result.headline.partition(": ")
     return what[:1].upper() + what[1:] if colon else who
 
 
 def flight_tone(result: Result) -> str:
-    """How bad a flight was: ``bad``, ``warn``, ``good``, or empty where nothing flew or nothing can be told."""
+    """Return ``bad``, ``warn``, ``good``, or an empty text without a flight."""
     if any(event.is_crash for event in result.events):
         return "bad"
     found = {finding.severity for finding in result.findings}
@@ -47,14 +47,14 @@ def flight_tone(result: Result) -> str:
 
 
 def flight_length(result: Result) -> str:
-    """How long the log is, and how much of it was flown."""
+    """Return the length of the log and of its flights."""
     flown = (result.log.get("seconds") or {}).get("airborne")
     whole = duration(result.log.get("duration_s"))
     return f"{whole}, {duration(flown)} in flight" if flown else whole
 
 
 def sensor_rates(result: Result) -> str:
-    """How often each sensor was logged."""
+    """Return the logged rate of each sensor."""
     log = result.log
     return ", ".join(
         f"{word} {number(log[key]['rate_hz'], 'Hz')} Hz"
@@ -64,7 +64,7 @@ def sensor_rates(result: Result) -> str:
 
 
 def firmware(result: Result) -> str:
-    """Name, version and board of the autopilot."""
+    """Return name, version and board of the autopilot."""
     said = result.log.get("firmware") or {}
     name = " ".join(str(said[k]) for k in ("name", "version") if said.get(k))
     return f"{name} on {said['board']}" if name and said.get("board") else name
@@ -74,13 +74,13 @@ def firmware(result: Result) -> str:
 
 
 def gyro_bias_text(result: Result) -> list[str]:
-    """A sentence for each replayed IMU: how much was subtracted from its gyro and why, or why nothing was."""
+    """Return a sentence for each replayed IMU on the bias subtracted from its gyro."""
     several = len(result.gyro_bias) > 1
     return [(f"{bias.imu}: " if several else "") + bias_sentence(bias) for bias in result.gyro_bias]
 
 
 def bias_sentence(bias: CommonBias) -> str:
-    """The sentence for one IMU."""
+    """Return the sentence for one IMU."""
     if bias.dps is None:
         why = f": {bias.why}" if bias.why else " (--gyro-bias none)"
         return f"No gyro bias was subtracted before the filters ran{why}."
@@ -99,39 +99,40 @@ def bias_sentence(bias: CommonBias) -> str:
 
 
 def rates_text(dps: list[float]) -> str:
-    """Three rates about the body axes."""
+    """Return three rates about the body axes."""
     x, y, z = (f"{0.0 if abs(v) < 0.0005 else v:+.3f}" for v in dps)
     return f"{x}, {y}, {z} deg/s about x, y, z"
 
 
 # What the autopilot said, and which of it a pilot looks for first.
 
+# Texts of alarms whatever their level.
 ALARM = re.compile(r"fail[- ]?safe|crash|emergency|lost|terminat|\bland(ing)? now\b|parachute", re.IGNORECASE)
-"""Texts that a pilot looks for first whatever their level."""
 
 LEVELS = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 CRITICAL, WARNING = 2, 4
 
 
 def messages(result: Result) -> list[tuple[float, int, str]]:
-    """The autopilot's messages in time order: (t, level, text)."""
+    """Return the autopilot's messages in time order: (t, level, text)."""
     found = (result.log.get("timeline") or {}).get("texts") or []
     return sorted(((float(t), int(level), str(text)) for t, level, text in found), key=lambda m: m[0])
 
 
 def alarming(level: int, text: str) -> bool:
-    """Whether a message is one that a pilot looks for first."""
+    """Whether a message is an alarm: a failsafe, crash or critical level."""
     return level <= CRITICAL or bool(ALARM.search(text))
 
 
 def level_name(level: int) -> str:
-    """A syslog level in words."""
+    """Return the name of a syslog level."""
     return LEVELS[level] if 0 <= level < len(LEVELS) else str(level)
 
 
 # What happened in a flight, as it is listed: time, words, how bad, and the evidence.
 
 EVENT_STYLES = {"serious": "bad", "warning": "warn"}
+# Label of an event by its kind.
 EVENT_LABELS = {
     "armed": "armed",
     "disarmed": "disarmed",
@@ -157,14 +158,13 @@ EVENT_LABELS = {
     "battery": "battery",
     "message": "message",
 }
-"""An event in two words, by its kind."""
+# Kinds in the folded list.
 MINOR_EVENTS = ("power_up", "reset")
-"""Kinds that are listed only where somebody asks for all."""
 
 
 @dataclass(slots=True)
 class ShownEvent:
-    """An event as it is shown: ``t`` s, its sentence, its style, and the sources that tell it."""
+    """An event for display: ``t`` s, sentence, style, and its sources."""
 
     t: float
     text: str
@@ -173,7 +173,7 @@ class ShownEvent:
 
 
 def shown_events(result: Result) -> tuple[list[ShownEvent], list[ShownEvent]]:
-    """What happened, in time order, and what of it is custom or detail."""
+    """Return events in time order, and those of minor kinds."""
     listed: list[ShownEvent] = []
     details: list[ShownEvent] = []
     for event in result.events:

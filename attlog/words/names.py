@@ -1,4 +1,4 @@
-"""What things are called: rows, heading references, what was compared with, codes of missing answers."""
+"""Names of rows, heading references, references, and codes of missing answers."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ import re
 from attlog.result import Duplicates, EstimatorRow, Result
 from attlog.words.numbers import listed, quantity
 
+# Words in capitals.
 ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "gsf", "imu", "marg", "mekf", "px4", "q"})
-"""Words of names that are written in capitals; others are written as the estimator's title writes them."""
 
+# Origins of a parameter from the user: an option, or a ground station's file.
 SET_BY_HAND = ("option", "file")
-"""Origins of a parameter that the user gave: for this row, or in a ground station's file instead of the log's."""
 
 
 def row_name(row: EstimatorRow) -> str:
-    """The name of a row for people, by rule from its id: ``Mahony, Xu 0.6``, ``Mahony (kp 0.8)``, ``Onboard (ATT)``."""
+    """Return the name of a row by rule from its id: ``Mahony, Xu 0.6``, ``Onboard (ATT)``."""
     return _named(row, ", ")
 
 
 def name_in_sentence(row: EstimatorRow) -> str:
-    """The same without commas, so that names can stand in a row: ``Mahony Xu 0.6``, ``Onboard``."""
+    """Return the name without commas, for lists of names: ``Mahony Xu 0.6``, ``Onboard``."""
     return "Onboard" if row.name == "onboard" else _named(row, " ")
 
 
 def row_names(result: Result) -> dict[str, str]:
-    """The name of every row by id; rows that would be called the same keep their id beside it."""
+    """Return the name of every row by id; equal names get their id."""
     names = {row.name: row_name(row) for row in result.estimators}
     called = list(names.values())
     return {key: name if called.count(name) == 1 else f"{name} [{key}]" for key, name in names.items()}
@@ -51,7 +51,7 @@ def _named(row: EstimatorRow, comma: str) -> str:
 
 
 def _spelled(words: list[str], title: str) -> str:
-    """Words of an id in the spelling of the title, abbreviations in capitals, the first with a capital."""
+    """Spell the words of an id as the title does, abbreviations in capitals."""
     spelled = {w.lower(): w for w in re.findall(r"\w+", title)}
     written = []
     for word in words:
@@ -66,6 +66,7 @@ def _parameter_text(value: float | str) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+# A heading reference in a column heading, and after "against".
 HEADING_REFERENCE = {
     "rest": ("rest", "standing still"),
     "truth": ("truth", "the truth"),
@@ -76,22 +77,22 @@ HEADING_REFERENCE = {
     "yaw_estimator": ("yaw estimator", "the onboard yaw estimator"),
     "course": ("GNSS course", "the GNSS course"),
 }
-"""A heading reference in a column heading, and in a sentence after "against"."""
 
+# Reference of errors that are differences from the autopilot's own attitude.
 AGREEMENT = "onboard (agreement, not truth)"
-"""What has to be said where errors are differences from the autopilot's own attitude."""
 
 
 def heading_reference_short(reference: str) -> str:
-    """A heading reference in a column heading."""
+    """Return a heading reference for a column heading."""
     return HEADING_REFERENCE.get(reference, (reference, ""))[0]
 
 
 def heading_reference_name(reference: str) -> str:
-    """A heading reference after "against"."""
+    """Return a heading reference after "against"."""
     return HEADING_REFERENCE.get(reference, ("", reference))[1]
 
 
+# Checks that put a heading reference in doubt.
 DOUBTS = {
     "onboard": {
         "heading by GNSS": "GNSS contradicts it",
@@ -105,22 +106,21 @@ DOUBTS = {
         "field against motors": "motors disturb it",
     },
 }
-"""Checks that put a heading reference in doubt, in what words."""
 
 
 def truth_name(result: Result) -> str:
-    """Whose truth it is: the log's, or what the user brought."""
+    """Return whether the truth is the log's or the user's."""
     return "the logged truth" if result.reference is None or result.reference.fit is None else "your truth"
 
 
 def against_heading(result: Result, reference: str) -> str:
-    """The same in a verdict, with a warning where it is no truth, or in doubt."""
+    """Return a heading reference after "against", with a warning where it is no truth or in doubt."""
     name = truth_name(result) if reference == "truth" else heading_reference_name(reference)
     return f"{name} ({heading_warning(result, reference)})" if reference in DOUBTS else name
 
 
 def heading_warning(result: Result, reference: str) -> str:
-    """That a heading which filters share, or which flew, is no truth; why it is in doubt where it failed a check."""
+    """Return the warning on a heading that is no truth, or its doubt where it failed a check."""
     least = ("fault",) if reference == "onboard" else ("fault", "warning")
     failed = {check.name for check in result.audit if check.verdict in least}
     doubt = next((words for name, words in DOUBTS[reference].items() if name in failed), "")
@@ -128,7 +128,7 @@ def heading_warning(result: Result, reference: str) -> str:
 
 
 def against_whom(result: Result, *, sigma: bool = False) -> str:
-    """What the rows were compared with, with a warning where it is no truth; with its own sigma of tilt."""
+    """Return the reference with a warning where it is no truth; ``sigma``: with its own tilt sigma."""
     reference = result.reference
     choice = reference.choice if reference else ""
     whom = {"truth": truth_name(result), "smoother": "the smoother"}.get(choice, AGREEMENT)
@@ -136,6 +136,7 @@ def against_whom(result: Result, *, sigma: bool = False) -> str:
     return f"{whom} (sigma {quantity(own, 'deg', signed=False)})" if own else whom
 
 
+# Word in a cell without a value by code, and the same in at most 9 letters.
 CODES = {
     "no_rest": ("no rest", "no rest"),
     "rest_too_short": ("rest too short", "short"),
@@ -160,8 +161,8 @@ CODES = {
     "too_uncertain": ("too uncertain", "unsure"),
     "part_failed": ("failed", "bug"),
 }
-"""What a cell without a value says, by code, and the same in at most 9 letters; the sentence stands beside it."""
 
+# Codes and states in brackets after names.
 NOT_JUDGED = {
     "not_a_pure_delay": "wrong angle in the step",
     "lag_at_edge": "wrong angle in the step",
@@ -173,14 +174,13 @@ NOT_JUDGED = {
     "failed": "failed",
     "not_judged": "not judged",
 }
-"""Codes and states in a sentence, in brackets after names."""
 
 
 # Rows that are one filter twice, in a sentence.
 
 
 def duplicate_rows_text(result: Result, equations: bool = True) -> list[str]:
-    """A sentence for each group of rows that share an equation (unless left out) or their attitudes."""
+    """Return a sentence for each group of rows with one equation (unless left out) or equal attitudes."""
     names = {row.name: name_in_sentence(row) for row in result.estimators}
     return [
         duplicate_sentence(group, [names.get(row, row) for row in group.rows])
@@ -190,7 +190,7 @@ def duplicate_rows_text(result: Result, equations: bool = True) -> list[str]:
 
 
 def duplicate_sentence(group: Duplicates, names: list[str]) -> str:
-    """The sentence for one group."""
+    """Return the sentence for one group."""
     which = listed(names)
     values = [f"{name} ({', '.join(_short_value(v) for v in own)})" for name, own in group.differ.items()]
     if group.by == "attitudes":

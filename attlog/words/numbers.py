@@ -1,8 +1,7 @@
-"""How numbers are written for people: the report, the verdicts and the terminal agree.
+"""Number formats of report, answers and terminal.
 
-Angles get 3 decimals below 0.1, 2 below 1, else 1, none from 100 on; drifts 2 below 1, else 1 and
-always a sign; ms and % are whole. Minus is the true minus sign. A value too small
-to show is "<0.001", never 0.
+Angles get 3 decimals below 0.1, 2 below 1, else 1, none from 100 on. Drifts get 2 below 1, else 1, and always a sign;
+ms and % are whole. Minus is the true minus sign. A value too small to show is "<0.001", never 0.
 """
 
 from __future__ import annotations
@@ -27,24 +26,24 @@ UNITS = {
     "ratio": "×",
 }
 
+# Times from here on are written as h:mm:ss.
 CLOCK_FROM_S = 600.0
-"""From here on times on the log's clock are written as h:mm:ss."""
 
+# Units whose sign matters: direction of a drift, lag or lead.
 SIGNED = ("deg/min", "ms")
-"""Where the sign is the message: which way it drifts, whether it lags or leads."""
 
 
+# Ratios from the first on are factors; beyond the second two values are not comparable.
 FACTOR, NOT_COMPARABLE = 10.0, 100.0
-"""Ratios from the first on are written as factors; beyond the second two values have nothing in common."""
 
 
 def unit_sign(unit: str) -> str:
-    """The unit as people write it: ``deg/min`` is °/min."""
+    """Return the sign of a unit: ``deg/min`` is °/min."""
     return UNITS.get(unit, unit)
 
 
 def number(value: float | None, unit: str = "", signed: bool | None = None) -> str:
-    """The value as text without its unit; an empty string for None and what is not finite."""
+    """Return a value without its unit; an empty text for None and what is not finite."""
     if value is None or not math.isfinite(value):
         return ""
     size = abs(value)
@@ -61,7 +60,7 @@ def number(value: float | None, unit: str = "", signed: bool | None = None) -> s
 
 
 def decimals(size: float, unit: str) -> int:
-    """How many decimals a value of this size and unit deserves."""
+    """Return the number of decimals for a size and unit."""
     if unit in ("deg", "deg/min") and size >= 99.95:
         return 0
     if unit == "deg":
@@ -76,7 +75,7 @@ def decimals(size: float, unit: str) -> int:
 
 
 def quantity(value: float | None, unit: str = "", signed: bool | None = None) -> str:
-    """The value with its unit: ``0.012°``, ``+12 ms``, ``−1.2°/min``."""
+    """Return a value with its unit: ``0.012°``, ``+12 ms``, ``−1.2°/min``."""
     text = number(value, unit, signed)
     sign = unit_sign(unit)
     if not text or not sign:
@@ -85,8 +84,7 @@ def quantity(value: float | None, unit: str = "", signed: bool | None = None) ->
 
 
 def change(ratio: float, *, signed: bool = True) -> str:
-    """A ratio as the change that it is: ``−24 %``, from ten on the factor (``12 times``), beyond 100 in either
-    direction that it cannot be compared. A change too small to show is ``<0.1 %``."""
+    """Return a ratio as a change: ``−24 %``, from ten on a factor, beyond 100 not comparable."""
     if not 1.0 / NOT_COMPARABLE <= ratio <= NOT_COMPARABLE:
         return "not comparable"
     if ratio >= FACTOR:
@@ -99,16 +97,13 @@ def change(ratio: float, *, signed: bool = True) -> str:
 
 
 def change_end(ratio: float, *, signed: bool = True) -> str:
-    """The same of the end of an interval: ``over 100 times`` where the value itself may be comparable."""
+    """Return the end of an interval of a ratio: ``over 100 times`` beyond 100."""
     text = change(ratio, signed=signed)
     return text if text != "not comparable" else "over 100 times" if ratio > 1.0 else f"{MINUS * signed}99 %"
 
 
 def between(low: str, high: str) -> str:
-    """Two quantities as a range, the unit once, one quantity where both read the same: ``0.4 to 1.2°``, ``up to 3 ms``.
-
-    What is too small to show is no end of a range.
-    """
+    """Return two quantities as a range with the unit once: ``0.4 to 1.2°``, ``up to 3 ms``."""
     if low == high:
         return high
     if low.startswith("<"):
@@ -118,14 +113,14 @@ def between(low: str, high: str) -> str:
 
 
 def below(value: float, unit: str = "") -> str:
-    """A size that stays below this, with its unit: rounded up, so that the sentence is never less than the number."""
+    """Return an upper bound with its unit, rounded up."""
     size = abs(value)
     scale = 10.0 ** decimals(size, unit)
     return quantity(math.ceil(size * scale - 1e-9) / scale, unit, signed=False)
 
 
 def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
-    """The interval as text, ``−6.7 to −2.7``; empty where there is none."""
+    """Return an interval, ``−6.7 to −2.7``; empty without one."""
     if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
         return ""
     low, high = ci95
@@ -133,21 +128,21 @@ def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> 
 
 
 def bracketed(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
-    """The interval as a table writes it, ``[−6.7, −2.7]``; empty where there is none."""
+    """Return an interval for a table, ``[−6.7, −2.7]``; empty without one."""
     if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
         return ""
     return f"[{number(ci95[0], unit)}, {number(ci95[1], unit)}]"
 
 
 def half_width(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
-    """Half of the interval as text, ``±2.0``; empty where there is none."""
+    """Return half of an interval, ``±2.0``; empty without one."""
     if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
         return ""
     return f"±{number(0.5 * (ci95[1] - ci95[0]), unit, False)}"
 
 
 def moment(t: float, places: int = 1) -> str:
-    """A time on the log's clock: ``103.4 s``, beyond ten minutes ``0:17:23``; never "−0.0 s"."""
+    """Return a time on the log's clock: ``103.4 s``, from ten minutes on ``0:17:23``."""
     if abs(t) >= CLOCK_FROM_S:
         whole = round(abs(t))
         return f"{MINUS if t < 0 else ''}{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
@@ -156,12 +151,12 @@ def moment(t: float, places: int = 1) -> str:
 
 
 def counted(n: int, thing: str) -> str:
-    """How many, in the singular for one: ``1 step``, ``28 steps``."""
+    """Return a number with its noun: ``1 step``, ``28 steps``."""
     return f"{n:,} {thing}{'' if n == 1 else 's'}"
 
 
 def duration(seconds: float | None) -> str:
-    """A length of time as people say it: ``36 s``, ``4.0 min``, ``2 h 05 min``."""
+    """Return a length of time: ``36 s``, ``4.0 min``, ``2 h 05 min``."""
     if seconds is None or not math.isfinite(seconds):
         return ""
     if seconds < 9.95:
@@ -175,5 +170,5 @@ def duration(seconds: float | None) -> str:
 
 
 def listed(names: list[str]) -> str:
-    """Names in a row: ``a``, ``a and b``, ``a, b and c``."""
+    """Return names in a list: ``a``, ``a and b``, ``a, b and c``."""
     return " and ".join(x for x in (", ".join(names[:-1]), names[-1]) if x) if names else ""

@@ -1,4 +1,4 @@
-"""Rows and their answers: where a question is looked up, in which order rows stand, who may be called best."""
+"""Rows and their answers: windows of a question, order of rows, ranking of a column."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from attlog.words.numbers import SIGNED, interval, quantity
 
 REST = ("rest", "rest.long", "all")
 AIR = ("airborne", "all", "armed")
+# Windows of a question; the first in which a filter has an answer counts for all rows.
 ALL = ("all", "airborne", "rest")
-"""Windows in which a question is looked up; the first in which a filter has an answer counts for all rows."""
 
+# Phases of noise, never pooled; the first with an answer leads.
 PHASES = ("rest", "hover", "cruise", "idle")
-"""Where noise is looked up, never pooled; the first with an answer leads."""
 
+# The estimator without corrections: it is drawn beside the others and never ranked.
 BASELINE = "gyro"
-"""The estimator that nothing corrects: it is drawn beside the others and wins nothing."""
 
 
 def window_of(result: Result, metric: str, windows: tuple[str, ...]) -> str:
-    """The one window of a column: the first in which a filter has a value, else any row, else any answer."""
+    """Return the first window in which a filter has a value, else any row, else any answer."""
     for wanted in (_filter_rows, _all_rows):
         for window in windows:
             if any(has_value(row.metrics.get(window, {}).get(metric)) for row in wanted(result)):
@@ -40,18 +40,18 @@ def _all_rows(result: Result) -> list[EstimatorRow]:
 
 
 def find_answer(row: EstimatorRow, metric: str, windows: tuple[str, ...]) -> Answer | None:
-    """The row's answer in the first of the windows that has it, one with a value preferred."""
+    """Return the row's answer in the first of the windows, one with a value preferred."""
     answers = [row.metrics[w][metric] for w in windows if metric in row.metrics.get(w, {})]
     return next((a for a in answers if a.value is not None), answers[0] if answers else None)
 
 
 def value_of(answer: Answer) -> float:
-    """The value as a float, NaN where there is none."""
+    """Return the value as a float, NaN without one."""
     return math.nan if answer.value is None else float(answer.value)
 
 
 def has_value(answer: Answer | None) -> bool:
-    """Whether there is a number to show."""
+    """Whether there is a finite value."""
     return answer is not None and math.isfinite(value_of(answer))
 
 
@@ -61,22 +61,22 @@ def is_baseline(row: EstimatorRow) -> bool:
 
 
 def is_ranked(result: Result, row: EstimatorRow, metric: str, window: str) -> bool:
-    """Whether this row was compared with others: only then may it be called best or worst."""
+    """Whether this row was compared with others."""
     return not is_baseline(row) and row.name in result.ranked.get(window, {}).get(metric, ())
 
 
 def is_best(result: Result, row: EstimatorRow, metric: str, window: str) -> bool:
-    """Whether no row is significantly better than this one, and at least one significantly worse."""
+    """Whether no row is significantly better, and at least one significantly worse."""
     return not is_baseline(row) and row.name in result.best.get(window, {}).get(metric, ())
 
 
 def count_best(result: Result, name: str) -> int:
-    """How often a row is marked best, over all windows and metrics."""
+    """Return how often a row is marked best, over all windows and metrics."""
     return sum(name in rows for metrics in result.best.values() for rows in metrics.values())
 
 
 def rows_in_order(result: Result) -> list[EstimatorRow]:
-    """Rows as people see them: what flew, the filters, the baseline, other onboard rows."""
+    """Sort rows: onboard, the filters, the baseline, other onboard rows."""
 
     def place(row: EstimatorRow) -> int:
         if row.is_reference or row.name == "onboard":
@@ -89,14 +89,14 @@ def rows_in_order(result: Result) -> list[EstimatorRow]:
 # Who has a value in a column, who was compared, who is best, who is worst: once for table, sentences and bars.
 
 BASELINE_REMARK = "the gyro alone, shown for comparison"
+# Columns that need no reference.
 SELF_COMPARED = ("noise_", "drift_rest_")
-"""Columns in which a row is compared with nothing but itself."""
 NOT_COMPARED = "too little data in common"
 
 
 @dataclass(slots=True)
 class RankedValue:
-    """One row with an answer that has a value. ``ranked``: it was compared with others."""
+    """A row with a value. ``ranked``: it was compared with others."""
 
     row: EstimatorRow
     answer: Answer
@@ -104,7 +104,7 @@ class RankedValue:
 
     @property
     def name(self) -> str:
-        """What the row is called in a sentence."""
+        """Name of the row in a sentence."""
         return name_in_sentence(self.row)
 
     @property
@@ -114,33 +114,33 @@ class RankedValue:
 
     @property
     def size(self) -> float:
-        """How far from perfect: drift and lag without their sign."""
+        """Distance from zero: drift and lag without their sign."""
         return abs(self.value)
 
     @property
     def replay(self) -> bool:
-        """Whether it is a filter that was run again."""
+        """Whether it is a replayed filter."""
         return self.row.kind == "replay"
 
     @property
     def shown(self) -> bool:
-        """Whether a card has a bar for it: filters and the onboard attitude; other onboard rows stand in the table."""
+        """Whether it has a bar: filters and the onboard attitude."""
         return self.replay or self.row.name == "onboard"
 
     @property
     def text(self) -> str:
-        """The value with its unit, as the table writes it."""
+        """The value with its unit."""
         return quantity(self.value, self.answer.unit)
 
     @property
     def interval(self) -> str:
-        """The interval in brackets with a blank before it; empty where there is none."""
+        """The interval in brackets after a blank; empty without one."""
         text = interval(self.answer.ci95, self.answer.unit)
         return f" ({text})" if text else ""
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The interval, the value twice where there is none."""
+        """The interval, else the value twice."""
         low, high = self.answer.ci95 if self.answer.ci95 is not None else (self.value, self.value)
         return low, high
 
@@ -152,7 +152,7 @@ class RankedValue:
 
 @dataclass(frozen=True, slots=True)
 class MissingValue:
-    """One row without a value: why."""
+    """A row without a value, and the reason."""
 
     row: EstimatorRow
     code: str
@@ -163,10 +163,9 @@ class MissingValue:
 class ColumnRanking:
     """One metric in one window: rows with a value, the least first, and rows without.
 
-    ``best`` are the rows that no row is significantly better than, empty where that is
-    everybody (too close to rank) or where one row stands alone; ``worst`` is the one
-    that is worst. The baseline and the onboard attitude are among ``judged`` and never in these.
-    ``total``: how many filters the table has, the baseline left out.
+    ``best``: rows that no row is significantly better than, empty where that is all of them. ``worst``: the
+    significantly worst row. The baseline and the onboard attitude are among ``judged`` and never in these. ``total``:
+    number of filters without the baseline.
     """
 
     metric: str
@@ -179,17 +178,17 @@ class ColumnRanking:
 
     @property
     def ranked(self) -> list[RankedValue]:
-        """The rows that were compared, the least first."""
+        """The compared rows, the least first."""
         return [j for j in self.judged if j.ranked]
 
     @property
     def filters(self) -> list[RankedValue]:
-        """Replayed rows with a value, the baseline left out."""
+        """Replayed rows with a value, without the baseline."""
         return [j for j in self.judged if j.replay and not is_baseline(j.row)]
 
     @property
     def compared(self) -> str:
-        """How many rows were compared: ``7 filters``, ``5 ranked filters`` where the table has others too."""
+        """Number of compared rows: ``7 filters``, ``5 ranked filters`` of more."""
         return f"{len(self.ranked)} {'filters' if self.total == len(self.ranked) else 'ranked filters'}"
 
     @property
@@ -199,12 +198,12 @@ class ColumnRanking:
         return next((j for j in self.judged if j.row.name == "onboard" and (by_itself or not j.row.is_reference)), None)
 
     def of(self, row: EstimatorRow) -> RankedValue | None:
-        """The value of a row, None without."""
+        """Return the value of a row, None without."""
         return next((j for j in self.judged if j.row.name == row.name), None)
 
 
 def rank_column(result: Result, metric: str, windows: tuple[str, ...]) -> ColumnRanking:
-    """The column of a metric in the first of the windows in which a filter has a value."""
+    """Return the column of a metric in the first window in which a filter has a value."""
     window = window_of(result, metric, windows)
     every = sum(row.kind == "replay" and not is_baseline(row) for row in result.estimators)
     found = ColumnRanking(metric, window, every)
@@ -226,7 +225,7 @@ def rank_column(result: Result, metric: str, windows: tuple[str, ...]) -> Column
 
 
 def reason_unranked(judged: RankedValue) -> str:
-    """Why a value is not ranked."""
+    """Return why a value is not ranked."""
     if is_baseline(judged.row):
         return BASELINE_REMARK
     if judged.row.status != "ok":
@@ -239,18 +238,18 @@ def reason_unranked(judged: RankedValue) -> str:
 DRIFT_AIR = "drift_air_deg_per_min"
 
 
+# Code of an answer whose interval excludes nothing.
 CODE_TOO_UNCERTAIN = "too_uncertain"
-"""The code of an answer that leaves so much open that it tells nothing."""
+# Code of a heading reference that is shorter than a drift takes.
 CODE_TOO_SHORT = "record_too_short"
-"""The code of a heading reference that is there for less time than a drift takes."""
+# Order in which heading references are quoted.
 HEADING_REFERENCE_ORDER = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "yaw_estimator", "course")
-"""The order in which a heading reference is quoted; with truth no other is."""
 
 
 def quoted_heading_reference(result: Result) -> str:
-    """The heading reference that drift in the air is quoted against, whatever it ranks.
+    """Return the heading reference that drift in the air is quoted against, whatever it ranks.
 
-    The first of QUOTED by which any replayed row has a value; truth also where it tells nothing.
+    The first of HEADING_REFERENCE_ORDER with a value of a replayed row; truth also where it is too uncertain.
     """
     replayed = [row for row in result.estimators if row.kind == "replay"]
     unsure = short = ""

@@ -1,4 +1,4 @@
-"""Which columns the comparison has, in the order of the questions: for the page and for the terminal."""
+"""The table of filters for page and terminal: columns in the order of the questions, cells."""
 
 from __future__ import annotations
 
@@ -30,11 +30,10 @@ from attlog.words.text import typeset
 
 @dataclass(frozen=True, slots=True)
 class TableColumn:
-    """A question of the table: ``metric`` in the first of ``windows`` in which a filter has a value.
+    """A column: ``metric`` in the first of ``windows`` in which a filter has a value.
 
-    ``contest`` is False for conditions of another column, which are never marked best.
-    ``spare`` says how soon a narrow terminal leaves it out: 0 never, the largest first. ``short`` is its title where a
-    question has one column, that of the first which has a value; empty where it stands in no short table.
+    ``contest`` is False for columns that are never marked best. ``spare``: how soon a narrow terminal leaves it out, 0
+    never, the largest first. ``short``: title where a question has one column, empty for none.
     """
 
     title: str
@@ -62,6 +61,7 @@ DRIFT_REST = TableColumn("Drift at rest", "drift_rest_deg_per_min", REST, short=
 COST = TableColumn("Cost", "cost_ns", ALL, contest=False, spare=4)
 
 
+# Lag, gain and shape of the steps by axis.
 AXIS_COLUMNS = tuple(
     TableColumn(f"{axis.capitalize()} {title}", f"{metric}_{axis}{unit}", AIR, contest)
     for axis in ("roll", "pitch", "yaw")
@@ -71,14 +71,12 @@ AXIS_COLUMNS = tuple(
         ("distortion", "distortion", "_pct", False),
     )
 )
-"""Lag, gain and shape of the steps by axis."""
 
 
 def table_columns(result: Result) -> list[TableColumn]:
-    """The comparison, in the order of the questions: errors, noise by phase, steps, drift, cost.
+    """Return the columns of the comparison: errors, noise by phase, steps, drift, cost.
 
-    Noise has a column for each phase in which a filter has a value; of the drifts in the
-    air the quoted heading reference has one. All others stand in the expert's tables.
+    Noise has a column for each phase with a value, drift in the air one for the quoted heading reference.
     """
     phases = [phase for phase in PHASES if _has_noise(result, phase)]
     noise = [
@@ -102,11 +100,10 @@ FULL_COVERAGE_PCT = 95.0
 
 @dataclass(slots=True)
 class TableCell:
-    """One value as it is shown.
+    """A value for display.
 
-    ``small`` stands below the number (interval, share of the time), ``half`` is half of
-    the interval for one line, ``brief`` the text where there is little room. ``sort`` is
-    None where there is nothing to sort by.
+    ``small``: lines below the number (interval, share of the time). ``half``: half of the interval for one line.
+    ``brief``: the text where there is little room. ``sort`` is None without a value.
     """
 
     text: str
@@ -121,7 +118,7 @@ class TableCell:
 
 
 def table_cell(result: Result, row: EstimatorRow, column: TableColumn, window: str) -> TableCell:
-    """The cell of a row in a column, which has one window for all rows."""
+    """Return the cell of a row in a column."""
     answer = row.metrics.get(window, {}).get(column.metric)
     if answer is None:
         word = "failed" if row.status == "failed" else "n/a"
@@ -144,7 +141,7 @@ def table_cell(result: Result, row: EstimatorRow, column: TableColumn, window: s
 
 
 def missing_cell(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
-    """The cell of an answer that is not there: a word, and the reason; a filter that lost its way says so first."""
+    """Return the cell of a missing answer: a word and the reason; a failed filter comes first."""
     if row.kind == "replay" and row.status == "failed":
         return TableCell("failed", brief="failed", missing=True, reason=row.reason)
     itself = row.is_reference and answer.code == "not_applicable" and not metric.startswith("cost")
@@ -153,13 +150,13 @@ def missing_cell(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
 
 
 def coverage_text(answer: Answer) -> str:
-    """Which part of the time could be compared, ``of 62 %``; empty where (nearly) all of it."""
+    """Return the share of the time that was compared, ``of 62 %``; empty for (nearly) all of it."""
     coverage = answer.coverage_pct
     return f"of {coverage:.0f} %" if coverage is not None and coverage < FULL_COVERAGE_PCT else ""
 
 
 def sort_key(result: Result, metric: str, answer: Answer) -> float:
-    """What a column is sorted by: how far the value is from the best there is."""
+    """Return the distance of a value from the best possible one."""
     better = result.definitions.get(metric, {}).get("better") or ("zero" if answer.unit in SIGNED else "low")
     value = value_of(answer)
     return {"zero": abs(value), "one": abs(value - 1.0)}.get(better, value)
@@ -170,7 +167,7 @@ def sort_key(result: Result, metric: str, answer: Answer) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ColumnHeading:
-    """One heading: title, unit, the metric and window it stands for, how soon it may be left out, a short title."""
+    """A heading: title, unit, metric, window, how soon it is left out, short title."""
 
     title: str
     unit: str
@@ -189,14 +186,14 @@ class FilterTable:
 
     @property
     def partial(self) -> bool:
-        """Whether a cell says that only part of the time could be compared."""
+        """Whether a cell covers only part of the time."""
         return any(small.startswith("of ") for _, cells in self.rows for c in cells for small in c.small)
 
 
 def main_table(result: Result, window: str = "all") -> FilterTable:
-    """The comparison of all rows: every column in which at least one row has a value.
+    """Return the comparison of all rows: every column with a value.
 
-    With ``window`` other than ``all`` every column is looked up there only.
+    With ``window`` other than ``all`` columns are looked up there only.
     """
     chosen = table_columns(result)
     if window != "all":
@@ -206,12 +203,12 @@ def main_table(result: Result, window: str = "all") -> FilterTable:
 
 
 def axis_table(result: Result) -> FilterTable:
-    """Lag, gain and shape of the steps by axis."""
+    """Return lag, gain and shape of the steps by axis."""
     return fill_table(result, AXIS_COLUMNS)
 
 
 def window_tables(result: Result) -> dict[str, FilterTable]:
-    """Every metric of every window: the expert's tables."""
+    """Return every metric of every window."""
     windows = dict.fromkeys(w for r in result.estimators for w in r.metrics)
     out = {}
     for window in windows:
@@ -224,7 +221,7 @@ def window_tables(result: Result) -> dict[str, FilterTable]:
 
 
 def fill_table(result: Result, wanted: Iterable[TableColumn]) -> FilterTable:
-    """The columns in which at least one row has a value, for all rows, each in one window."""
+    """Return those columns that have a value, for all rows, each in one window."""
     rows = rows_in_order(result)
     table, chosen = FilterTable(), []
     for column in wanted:

@@ -1,4 +1,4 @@
-"""ASCII stand-ins for signs that an output cannot show, and escapes for file names that are not UTF-8."""
+"""Texts for display: texts of logs cleaned, signs for narrow encodings, typeset sentences, Markdown."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ ASCII_SIGNS = {
 
 
 def encodable(text: str, encoding: str) -> str:
-    """The text as ``encoding`` can show it; unchanged where it can show all of it."""
+    """Return a text with stand-ins for signs that ``encoding`` lacks."""
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
@@ -50,7 +50,7 @@ def encodable(text: str, encoding: str) -> str:
 
 
 def on_encode_error(error: UnicodeError) -> tuple[str, int]:
-    """The same as an error handler of :func:`codecs.register_error`."""
+    """Replace signs that an encoding lacks; an error handler of :func:`codecs.register_error`."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object
@@ -82,25 +82,25 @@ CONTROL = re.compile(
 
 
 def clean(text: str) -> str:
-    """Text from a log made fit to be shown: control and direction characters become a visible mark."""
+    """Replace control and direction characters of a text from a log by a visible mark."""
     text = str(text)
     return text if text.isascii() and text.isprintable() else CONTROL.sub("\ufffd", text)
 
 
 def for_terminal(text: str) -> str:
-    """Any text as a terminal may have it: none of its own commands, bytes that are not UTF-8 as escapes."""
+    """Return a text without terminal commands, bytes that are not UTF-8 as escapes."""
     return clean(encodable(text, "utf-8"))
 
 
 def json_for_terminal(text: str) -> str:
-    """JSON for standard output: what would steer a terminal, all of it inside texts, as JSON's own escapes."""
+    """Escape terminal commands in a JSON text as JSON does."""
     import json
 
     return CONTROL.sub(lambda found: json.dumps(found[0])[1:-1], text)
 
 
 def cleaned(value: Any) -> Any:
-    """The same for every text inside a JSON value; numbers that JSON cannot hold become null."""
+    """Clean every text inside a JSON value; numbers that JSON cannot hold become null."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, int):
@@ -123,13 +123,13 @@ UNITS_IN_TEXT = (
 )
 
 
+# A time on the log's clock in a sentence.
 INSTANT = re.compile(r"\b(at|from|until) (\d{3,}(?:\.\d+)?) s\b")
-"""A time on the log's clock in a sentence."""
 
 
 @lru_cache(maxsize=1024)  # the same reason stands in a hundred cells
 def typeset(text: str) -> str:
-    """A sentence of another room with units, signs and times written as everywhere: ``±6.0°/min``, ``at 0:17:23``."""
+    """Write units, signs and times of a sentence as everywhere: ``±6.0°/min``, ``at 0:17:23``."""
     text = INSTANT.sub(
         lambda m: f"{m[1]} {moment(float(m[2])) if float(m[2]) >= CLOCK_FROM_S else m[2] + ' s'}", clean(text)
     )
@@ -139,7 +139,7 @@ def typeset(text: str) -> str:
 
 
 def plain_value(value: Any, unit: str = "") -> str:
-    """A value of unknown type as text."""
+    """Return a value of unknown type as text."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -158,6 +158,6 @@ LINE_BREAKS = re.compile("[\t\r\n]+")
 
 
 def escape_markdown(text: str) -> str:
-    """The text as it is, on one line, also in a cell of a table."""
+    """Escape a text for Markdown, on one line, also in a cell of a table."""
     plain = CONTROL.sub(" ", LINE_BREAKS.sub(" ", text)).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return MARKDOWN_SIGNS.sub(r"\\\1", plain)

@@ -1,6 +1,6 @@
-"""Pictures of figures: a page with the reports' plotly.js, drawn by a Chrome or Chromium that is installed.
+"""Figures as files: SVG for papers, PNG for slides, drawn by an installed Chrome or Chromium.
 
-plotly has no way to an SVG without a browser; its own (kaleido) starts one too. The page makes no request.
+plotly needs a browser for an SVG; its own exporter (kaleido) starts one too. The page makes no request.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ BROWSER_NAMES = (
     *("chromium", "chromium-browser", "google-chrome-stable", "google-chrome", "chrome"),
     *("msedge", "microsoft-edge", "microsoft-edge-stable", "brave", "brave-browser"),
 )
+# Browsers on systems that have them on no path.
 BROWSER_PATHS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
@@ -42,29 +43,28 @@ BROWSER_PATHS = (
     r"C:\Program Files (x86)\Google\Chrome\Application\chrome.exe",
     r"C:\Program Files (x86)\Microsoft\Edge\Application\msedge.exe",
 )
-"""Where browsers stand on systems that have them on no path."""
 BROWSER_OPTIONS = (
     *("--headless", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--disable-extensions"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage"),
     *("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=600000", "--dump-dom"),
 )
 DRAWING_TIMEOUT_S = 180.0
+# Smallest resolution that journals take; lines are sharper in the SVG.
 PNG_DPI = 300
-"""What journals ask of pictures at least; lines are sharper in the SVG."""
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 ANSWER = re.compile(rb'<pre id="pictures">([A-Za-z0-9+/=]*)</pre>')
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One figure as an SVG text and as the bytes of a PNG."""
+    """A figure as SVG text and as the bytes of a PNG."""
 
     svg: str
     png: bytes
 
 
 def find_browser() -> str:
-    """The browser to draw with: that of ``BROWSER_PATH``, else one that is installed. OutputError if there is none."""
+    """Return the browser of ``BROWSER_PATH``, else an installed one. OutputError without any."""
     asked = os.environ.get("BROWSER_PATH")
     found = (
         shutil.which(asked) if asked else next(filter(None, map(shutil.which, (*BROWSER_NAMES, *BROWSER_PATHS))), None)
@@ -76,10 +76,10 @@ def find_browser() -> str:
 
 
 def draw_pictures(figures: Mapping[str, dict[str, Any]], scratch: Path) -> dict[str, Picture]:
-    """Each figure (``data`` and ``layout``, plain JSON) as pictures, by its name; all at once.
+    """Draw figures (``data`` and ``layout``, plain JSON) by their names, all at once.
 
-    ``scratch`` holds the page while it is drawn: some browsers may read the user's own folders only. OutputError
-    where the browser fails.
+    ``scratch`` holds the page while it is drawn: some browsers read only folders of the user. OutputError where the
+    browser fails.
     """
     program = find_browser()
     with TemporaryDirectory(prefix=".attlog-figures.", dir=scratch, ignore_cleanup_errors=True) as folder:
@@ -95,7 +95,7 @@ def draw_pictures(figures: Mapping[str, dict[str, Any]], scratch: Path) -> dict[
 
 
 def _page(figures: list[dict[str, Any]]) -> str:
-    """The page that draws figures and then holds nothing but pictures."""
+    """Return the page that draws figures and then holds nothing but pictures."""
     data = json.dumps({"figures": figures, "scale": PNG_DPI / 96.0}, allow_nan=False).replace("<", "\\u003c")
     scripts = [bundle().script.decode("utf-8"), DRIVER.read_text(encoding="utf-8")]
     head = f'<meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="{POLICY}">'
@@ -104,7 +104,7 @@ def _page(figures: list[dict[str, Any]]) -> str:
 
 
 def _drawn(program: str, page: Path) -> list[list[str]]:
-    """What the page holds when it is done."""
+    """Return the pictures of the finished page."""
     command = [program, *BROWSER_OPTIONS, f"--user-data-dir={page.parent / 'profile'}", page.resolve().as_uri()]
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         command.insert(1, "--no-sandbox")  # for root it starts without only; the page is attlog's own
@@ -133,7 +133,7 @@ def _drawn(program: str, page: Path) -> list[list[str]]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a browser with all that it started, also where the user interrupts."""
+    """End a browser with its children, also on an interrupt."""
     if process.poll() is None:
         with suppress(OSError):
             os.killpg(process.pid, signal.SIGKILL) if sys.platform != "win32" else process.kill()
@@ -141,7 +141,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _in_millimetres(svg: str) -> str:
-    """The size as paper has it: programs disagree on how large a pixel is."""
+    """Give the size in millimetres: programs disagree on how large a pixel is."""
     return re.sub(
         r'width="([\d.]+)" height="([\d.]+)"', lambda m: f'width="{_mm(m[1])}mm" height="{_mm(m[2])}mm"', svg, count=1
     )
@@ -152,7 +152,7 @@ def _mm(pixels: str) -> str:
 
 
 def _named(svg: str, name: str) -> str:
-    """The figure's name in place of plotly's random one: the same figure gives the same text."""
+    """Replace plotly's random name: the same figure gives the same text."""
     chance = re.search(r'id="defs-(\w+)"', svg)
     return re.sub(rf'((?:id="|#)[\w-]*?){chance[1]}', rf"\g<1>{name}-", svg) if chance else svg
 
@@ -179,7 +179,7 @@ def write_figures(result: Result, start: Path) -> list[Path]:
 
 
 def plain(value: Any) -> Any:
-    """A figure as JSON takes it: lists for arrays, null for what is not finite."""
+    """Return a figure as JSON: lists for arrays, null for what is not finite."""
     if isinstance(value, np.ndarray):
         return [x if math.isfinite(x) else None for x in value.tolist()]
     if isinstance(value, dict):

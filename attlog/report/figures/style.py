@@ -1,4 +1,4 @@
-"""Who gets which colour and line, and who is shown at first: the same in every figure, table and log."""
+"""Colours and lines of rows, the same in every figure, table and log."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from attlog.result import EstimatorRow, Result
 from attlog.words.names import row_names
 from attlog.words.ranking import count_best, is_baseline, rows_in_order
 
+# Filter colours of the palette in ``style.css``; slot 0 is black.
 COLOURS = 8
-"""Filter colours of the palette in ``style.css``; slot 0 is black."""
 
+# Slot of the gyro alone, which is shown for comparison.
 GREY = 9
-"""Slot of the gyro alone, which is shown for comparison."""
 
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 
+# Slot and dash that are the same in every log. Filters of one family share a colour.
 FIXED_LINES = {
     "onboard": (0, "solid"),
     "truth": (0, "dot"),
@@ -43,22 +44,21 @@ FIXED_LINES = {
     "gsf": (7, "dash"),
     "accel_mag": (8, "dash"),
 }
-"""Slot and dash of what every log may hold, the same in all of them. Filters of one family share a colour."""
 
+# Filters without memory: their angle follows every shake and sets no range.
 UNFILTERED = ("accel_mag",)
-"""Filters without memory: their angle follows every shake and sets no range."""
 
+# From so many replayed rows on only FEW_ROWS of them are shown at first.
 MANY_ROWS = 9
-"""From so many replayed rows on only FEW of them are shown at first."""
 
 FEW_ROWS = 6
 
 
 @dataclass(frozen=True, slots=True)
 class RowStyle:
-    """How one row is drawn: its name for people, ``slot`` of the palette, ``dash``, whether it is shown at first.
+    """How a row is drawn: name, ``slot`` of the palette, ``dash``, whether it is ``shown`` at first.
 
-    A ``lost`` row (diverged, or of a filter that bounces) does not set the range of an axis.
+    A ``lost`` row (diverged, or of a filter without memory) does not set the range of an axis.
     """
 
     name: str
@@ -75,7 +75,7 @@ class RowStyle:
 
 
 def row_styles(result: Result) -> dict[str, RowStyle]:
-    """The look of every row by id: reference and onboard, the filters, other onboard rows."""
+    """Return the style of every row by id: reference and onboard, the filters, other onboard rows."""
     rows = rows_in_order(result)
     replays = [r.name for r in rows if r.kind == "replay"]
     shown = set(replays)
@@ -98,7 +98,7 @@ def row_styles(result: Result) -> dict[str, RowStyle]:
 
 
 def line_key(name: str, rows: Iterable[EstimatorRow]) -> str:
-    """What decides how a row is drawn: its estimator, ``onboard``, or of a reference that is no row its name."""
+    """Return the key of a row in FIXED_LINES: estimator, ``onboard``, or the name of a reference."""
     row = next((r for r in rows if r.name == name), None)
     if row is None:
         return name
@@ -108,10 +108,10 @@ def line_key(name: str, rows: Iterable[EstimatorRow]) -> str:
 
 
 def assign_lines(filters: Iterable[str]) -> list[tuple[int, str]]:
-    """Slot and dash of lines by what they draw: estimators, ``onboard``, ``truth``, in the order of the page.
+    """Assign slot and dash to lines by their keys, in the order of the page.
 
-    What stands in FIXED looks the same everywhere. Further lines of one filter share its colour with another dash;
-    a filter that is not known takes the first colour without a line.
+    Keys of FIXED_LINES look the same everywhere. Further lines of one filter share its colour with another dash. An
+    unknown filter takes the first free colour.
     """
     filters = list(filters)
     known = [FIXED_LINES[f] for f in dict.fromkeys(filters) if f in FIXED_LINES]
@@ -132,8 +132,7 @@ def assign_lines(filters: Iterable[str]) -> list[tuple[int, str]]:
 
 
 def assign_colours(names: Sequence[str]) -> list[int]:
-    """Slots of configurations (``mahony:kp=0.5``), which colour alone tells: of each filter its own, of several of one
-    filter one after another, the first black."""
+    """Assign slots to settings (``mahony:kp=0.5``), each its own."""
     own = [slot for slot, _ in assign_lines(re.split("[@:]", name)[0] for name in names)]
     return own if len(set(own)) == len(own) else [0 if not k else 1 + (k - 1) % COLOURS for k in range(len(names))]
 
@@ -161,7 +160,7 @@ def palette() -> dict[str, str]:
 
 
 def print_dash(style: RowStyle) -> str:
-    """Return the dash of a row in print: it follows from the colour, and from the page's dash."""
+    """Return the dash of a row in print by its colour and the page's dash."""
     shift = DASHES.index(style.dash)
     return PRINT_DASHES[shift if style.slot == 0 else (style.slot - 1 + 3 * shift) % len(PRINT_DASHES)]
 
