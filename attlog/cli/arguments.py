@@ -1,4 +1,4 @@
-"""Typer's group and command, and what attlog adds: ``attlog LOG``, sections of help, no file overwritten by accident."""
+"""Typer's group and command with ``attlog LOG``, sections of help, and inputs that are never overwritten."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ from attlog.cli.options import COMMON, CommonOptions, expanded
 from attlog.core.errors import AttlogError, UsageError
 
 DEFAULT_COMMAND = "analyze"
-# In the order of the help; each is the function ``command`` of a module in ``commands``.
-COMMANDS = (
-    *("analyze", "batch", "info", "health", "extract", "compare", "diff", "sweep", "tune", "table"),
-    *("estimators", "new", "check-estimator", "reproduce", "simulate", "schema"),
-)
+# Commands and their modules in ``commands``, in the order of the help.
+COMMANDS = {
+    **{"analyze": "analyze", "batch": "batch"},
+    **dict.fromkeys(("info", "health", "extract"), "inspect"),
+    **dict.fromkeys(("compare", "diff"), "compare"),
+    **dict.fromkeys(("sweep", "tune"), "search"),
+    "table": "batch",
+    **dict.fromkeys(("estimators", "new", "check-estimator"), "filters"),
+    **dict.fromkeys(("reproduce", "simulate"), "simulate"),
+    "schema": "analyze",
+}
 OUTPUT_OPTIONS = {"junit": "--junit", "summary": "--summary", "output": "-o"}
 # Elsewhere ``-o`` is a folder.
 OUTPUT_IS_A_FILE = ("extract", "diff", "table", "simulate")
@@ -39,7 +45,8 @@ class Group(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in self.commands and self.commands[cmd_name] is None:
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-            function = import_module(f"attlog.cli.commands.{cmd_name.replace('-', '_')}").command
+            module = import_module(f"attlog.cli.commands.{COMMANDS[cmd_name]}")
+            function = getattr(module, f"{cmd_name.replace('-', '_')}_command")
             alone.command(cmd_name, cls=Command)(expanded(function))
             self.commands[cmd_name] = typer.main.get_command(alone)
         return super().get_command(ctx, cmd_name)

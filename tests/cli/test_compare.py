@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.cli.commands.compare import printed
+from attlog.cli.commands.compare import comparison_lines
 from attlog.cli.logs import PreparedLogs
 from attlog.cli.options import ComparisonOptions
 from attlog.compare.run import compare
@@ -56,7 +56,7 @@ def test_two_settings_on_one_log(attlog, tmp_path: Path) -> None:
 def test_the_terminal_tells_all_logs_in_a_table_and_each_log_only_when_asked() -> None:
     logs = [SAMPLES / "copter_steps_stabilize.bin", SAMPLES / "copter_yaw_turns.bin"]
     found = compare(logs, [parse_configuration(f"mahony:kp={kp}") for kp in (0.3, 0.6)], Config())
-    short, whole = ([line.text for line in printed(found, 80, verbose)] for verbose in (False, True))
+    short, whole = ([line.text for line in comparison_lines(found, 80, verbose)] for verbose in (False, True))
     assert " ".join(short).startswith(found.verdicts[0].lead)
     rows = {line.split("  ")[0]: line.split() for line in short}
     assert rows["Noise added moving"][-4:] == ["worse", "0", "of", "1"]
@@ -200,7 +200,7 @@ def test_files_are_written_together_or_the_old_ones_stay(attlog, tmp_path: Path)
 
 def test_the_sentence_stands_first_and_last_and_several_configurations_side_by_side() -> None:
     found = comparison({"tilt_rmse_deg": [(0.3, 0.01)] * 9, "noise_tilt_deg": [(3.0, 0.01)] * 9})
-    lines = [line.text for line in printed(found, 80)]
+    lines = [line.text for line in comparison_lines(found, 80)]
     lead = " ".join(lines[: lines.index("")])
     assert lead == found.verdicts[0].lead
     assert " ".join(lines[-len(lines[: lines.index("")]) :]) == lead

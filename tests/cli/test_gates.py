@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from junitparser import JUnitXml
 
-from attlog.cli.commands.new import RUN_TEMPLATE
+from attlog.cli.commands.filters import RUN_TEMPLATE
 from tests.conftest import SAMPLES, few
 
 LOG = SAMPLES / "px4_steps.ulg"

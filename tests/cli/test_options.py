@@ -98,7 +98,9 @@ def test_common_options_stand_before_the_command_or_after_it(attlog: Any, tmp_pa
 
 def test_verbose_before_and_after_the_command_adds_up(attlog: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    monkeypatch.setattr("attlog.cli.commands.info.lines", lambda report, width, verbose: seen.append(verbose) or [])
+    monkeypatch.setattr(
+        "attlog.cli.commands.inspect.info_lines", lambda report, width, verbose: seen.append(verbose) or []
+    )
     for words in (("info", LOG), ("-v", "info", LOG), ("-vv", "info", LOG, "-v")):
         assert attlog(*words).code == 0
     assert seen == [0, 1, 3]

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from attlog import flight as flights
-from attlog.cli.commands.reproduce import printed
+from attlog.cli.commands.simulate import paper_lines
 from attlog.core.errors import UsageError
 from attlog.reproduce import lyu
 from attlog.reproduce.bench import run_seeds
@@ -281,7 +281,7 @@ def test_a_paper_is_told_on_the_terminal_and_written_as_page_and_json(
 
 @pytest.mark.parametrize("width", [70, 80, 200])
 def test_claims_are_a_table_that_fits_the_terminal(width: int) -> None:
-    lines = [line.text for line in printed(paper(), Path("a.html"), width=width)]
+    lines = [line.text for line in paper_lines(paper(), Path("a.html"), width=width)]
     assert max(map(len, lines)) <= width
     rows = [line for line in lines if re.match(r"\d\. Claim", line)]
     assert [row.split("  ")[-1].strip() for row in rows] == [

@@ -1,4 +1,4 @@
-"""``attlog analyze``: a report and a JSON for each log, sentences and the table on the terminal."""
+"""``attlog analyze``: a report and a JSON for each log; ``attlog schema``: the schema of the JSON."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from attlog.result import Result
 
 
-def command(
+def analyze_command(
     logs: Places,
     options: LogOptions,
     common: CommonOptions,
@@ -223,3 +223,15 @@ def _kept(reports: Sequence[str], total: int, folder: Path) -> str:
         return f"attlog: interrupted; nothing was written, reports of earlier runs in {folder} are untouched"
     names = ", ".join(f"{name}.html" for name in reports)
     return f"attlog: interrupted; kept {len(reports)} of {total} reports in {folder}: {names}"
+
+
+def schema_command() -> None:
+    """Print the JSON schema of a result of analyze.
+
+    Example: attlog schema > result.schema.json
+    """
+    import json
+
+    from attlog.result.schema import schema
+
+    typer.echo(json.dumps(schema(), indent=1))

@@ -1,0 +1,249 @@
+"""``attlog sweep``: a grid of settings of one filter; ``attlog tune``: gains judged on logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from attlog.cli.logs import PreparedLogs, end, file_stem, parse_all
+from attlog.cli.options import CommonOptions, ComparisonOptions
+from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, table_to_stdout, to_stderr, wrapped
+from attlog.cli.progress import progress
+
+if TYPE_CHECKING:
+    from attlog.compare.comparison import Question
+    from attlog.compare.grid import FreeParameter
+    from attlog.compare.search import SettingsOnLog, Sweep
+    from attlog.compare.setting import Configuration
+    from attlog.compare.tune import Tuning
+
+
+SWEEP_EXAMPLE = "attlog sweep *.bin mahony kp=0.6,1.1,2 ki=0..0.05/6"
+SWEEP_METRICS = ("tilt_rmse_deg", "heading_rmse_deg")
+MAX_SETTINGS = 8  # listed; -v lists all, and each log's own optimum
+
+SettingWords = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="LOG... FILTER [NAME=VALUES...]",
+        show_default=False,
+        help="Vary these parameters of this filter on these logs: kp=0.6,1.1,2 (values), ki=0..0.05/6 (6 even steps), "
+        "ki=1e-4..0.1/7log (equal factors), mag_form=heading,vector (a switch).",
+    ),
+]
+MetricList = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--metric",
+        metavar="METRIC[@WINDOW]",
+        help="Compare by this metric, the first decides; repeat it for more. [default: "
+        + ", ".join(SWEEP_METRICS)
+        + "]",
+    ),
+]
+
+
+def sweep_command(
+    words: SettingWords, options: ComparisonOptions, common: CommonOptions, metric: MetricList = None
+) -> None:
+    """Try a grid of settings of one filter on logs.
+
+    The best one is printed, those that do not differ significantly from it, and one for all logs.
+
+    Example: attlog sweep flight.ulg mahony kp=0.2..2/6log
+    """
+    from attlog.compare import sweep_report
+    from attlog.compare.grid import decimal_comma_hints, parse_grid, search_request
+    from attlog.compare.search import sweep, swept_questions
+    from attlog.compare.setting import parse_configuration
+
+    asked = search_request(words, SWEEP_EXAMPLE)
+    base = parse_configuration(asked.filter)
+    metrics = metric or SWEEP_METRICS
+    grid, questions = parse_all(lambda: parse_grid(asked.axes, base.row.estimator), lambda: swept_questions(metrics))
+    for sentence in decimal_comma_hints(asked.axes):
+        to_stderr(f"attlog: {sentence}")
+    with progress(common.quiet, common.verbose > 0):
+        logs = PreparedLogs(asked.logs, options)
+        found = sweep(asked.filter, grid, _on_logs(logs, base, questions))
+        files = _write_sweep(found, options.output, logs.about())
+    if options.json:
+        json_to_stdout(files[1].read_text(encoding="utf-8"))
+    if options.form is not None:
+        table_to_stdout(options.form, *sweep_report.sweep_rows(found))
+    if not common.quiet:
+        say(_sweep_lines(found, files, logs.about(), common.verbose > 0), console(stderr=options.for_a_program))
+    end(logs.errors)
+
+
+def _on_logs(logs: PreparedLogs, base: Configuration, metrics: Sequence[Question]) -> Iterator[SettingsOnLog]:
+    """Yield the logs with their questions; each is released before the next."""
+    from attlog.compare.search import SettingsOnLog
+
+    for case in logs:
+        yield SettingsOnLog(case, base, metrics)
+        del case
+
+
+def _write_sweep(found: Sweep, folder: Path, about: dict[str, Any]) -> tuple[Path, Path, Path]:
+    """Write page, JSON and CSV together."""
+    import json
+
+    from attlog.compare import sweep_report
+    from attlog.core.files import write_all_atomic
+
+    name = file_stem("sweep", found.filter)
+    paths = folder / f"{name}.html", folder / f"{name}.json", folder / f"{name}.csv"
+    write_all_atomic(
+        {
+            paths[0]: sweep_report.sweep_page(found, about),
+            paths[1]: json.dumps(sweep_report.sweep_document(found, about), indent=1, allow_nan=False) + "\n",
+            paths[2]: sweep_report.sweep_csv(found),
+        }
+    )
+    return paths
+
+
+def _sweep_lines(found: Sweep, files: Sequence[Path], about: dict[str, Any], everything: bool) -> Iterator[TextLine]:
+    from attlog.compare import sweep_report
+
+    for sentence in sweep_report.sweep_sentences(found, sweep_report.count_references(about)):
+        yield from wrapped("", sentence, 100)
+    yield TextLine("")
+    head, rows = sweep_report.sweep_rows(found)
+    shown = rows if everything or len(rows) <= MAX_SETTINGS + 1 else rows[:MAX_SETTINGS]
+    yield from table(shown, head, left=(0, -1), indent="  ")
+    if len(shown) < len(rows):
+        yield TextLine(f"  and {len(rows) - len(shown)} more; -v lists all")
+    if everything and len(found.logs) > 1 and found.columns[0].single is not None:
+        yield TextLine("")
+        head, rows = sweep_report.sweep_log_rows(found, found.columns[0])
+        yield from table(rows, head, left=(0, -1), indent="  ")
+    yield TextLine("")
+    yield TextLine(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")
+
+
+TUNE_EXAMPLE = "attlog tune *.bin mahony kp=0.05..5log ki=0.001..0.1log"
+SIDE_EFFECT_METRICS = (
+    "tilt_rmse_deg",
+    "heading_rmse_deg",
+    "noise_tilt_deg",
+    "noise_tilt_deg@hover",
+    "noise_tilt_deg@cruise",
+    "step_error_deg.0.5s",
+    "lag_ms",
+)
+"""What gains may cost beside what they were found for."""
+
+TuneWords = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="LOG... FILTER [NAME=LOW..HIGH[log]...]",
+        show_default=False,
+        help="Tune this filter on these logs between these gains. Without any: all that it has, a factor of 20 "
+        "around the defaults.",
+    ),
+]
+
+
+def tune_command(
+    words: TuneWords,
+    options: ComparisonOptions,
+    common: CommonOptions,
+    objective: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=WEIGHT,...",
+            help="Make this small: tilt, heading, total, noise (hover), rest_noise, step, lag, drift or "
+            "METRIC[@WINDOW], with weights. [default: tilt=1, with a magnetometer heading=1 too]",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed the search; the same seed repeats it.")] = 0,
+) -> None:
+    """Find gains that hold on logs they were not found on.
+
+    What the gains of a FILTER improve and cost on logs that were left out is printed.
+
+    Example: attlog tune *.bin mahony kp=0.05..5log --objective tilt=1,noise=0.5
+    """
+    from attlog.compare import tune_report
+    from attlog.compare.grid import parse_free_parameters, search_request
+    from attlog.compare.search import SettingsOnLog, swept_questions
+    from attlog.compare.setting import firmware_names, parse_configuration
+    from attlog.compare.tune import GENERATIONS, parse_objective, tune
+
+    asked = search_request(words, TUNE_EXAMPLE)
+    base = parse_configuration(asked.filter)
+    uses_mag = "mag" in base.row.estimator.uses and base.before.get("mag") != "off"
+    goals = objective or ["tilt=1,heading=1" if uses_mag else "tilt=1"]
+    free, terms = parse_all(
+        lambda: parse_free_parameters(asked.axes, base.row.estimator), lambda: parse_objective(goals)
+    )
+    firmware = firmware_names(base.row.estimator)
+    with progress(common.quiet, common.verbose > 0):
+        prepared = PreparedLogs(asked.logs, options)
+        cases = list(prepared)
+        logs = [SettingsOnLog(c, base, [t.question for t in terms], guarded=True) for c in cases]
+        others = [SettingsOnLog(c, base, swept_questions(SIDE_EFFECT_METRICS)) for c in cases]
+        found = tune(asked.filter, free, terms, logs, others, _start(free, logs[0]), GENERATIONS, seed)
+        files = _write_tuning(found, options.output, prepared.about(), firmware)
+    if options.json:
+        json_to_stdout(files[1].read_text(encoding="utf-8"))
+    if options.form is not None:
+        table_to_stdout(options.form, *tune_report.held_out_rows(found))
+    if not common.quiet:
+        say(
+            _tuning_lines(found, files, prepared.about(), firmware, common.verbose > 0),
+            console(stderr=options.for_a_program),
+        )
+    end(prepared.errors)
+
+
+def _start(free: Sequence[FreeParameter], log: SettingsOnLog) -> dict[str, float | str]:
+    """Return the gains of the first log."""
+    values = log.values
+    return {f.name: values[f.name] for f in free}
+
+
+def _write_tuning(found: Tuning, folder: Path, about: dict[str, Any], firmware: dict[str, str]) -> tuple[Path, Path]:
+    """Write page and JSON together."""
+    import json
+
+    from attlog.compare import tune_report
+    from attlog.core.files import write_all_atomic
+
+    name = file_stem("tune", found.filter)
+    paths = folder / f"{name}.html", folder / f"{name}.json"
+    write_all_atomic(
+        {
+            paths[0]: tune_report.tune_page(found, about, firmware),
+            paths[1]: json.dumps(tune_report.tune_document(found, about, firmware), indent=1, allow_nan=False) + "\n",
+        }
+    )
+    return paths
+
+
+def _tuning_lines(
+    found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str], everything: bool
+) -> Iterator[TextLine]:
+    """What to do, the gains to paste, what they change; ``everything``: also the gains of each fold."""
+    from attlog.compare import tune_report
+    from attlog.compare.sweep_report import count_references
+
+    for sentence in tune_report.tune_sentences(found, count_references(about)):
+        yield from wrapped("", sentence, 100)
+    yield TextLine("")
+    for line in tune_report.paste_lines(found, firmware):
+        yield TextLine(f"  {line}", "bold")
+    yield TextLine("")
+    head, rows = tune_report.held_out_rows(found)
+    yield from table(rows, head, left=(0, -1), indent="  ")
+    if everything:
+        yield TextLine("")
+        head, rows = tune_report.gain_rows(found)
+        yield from table(rows, head, left=(0, -1), indent="  ")
+    yield TextLine("")
+    yield TextLine(f"page: {files[0]}   data: {files[1].name}")
