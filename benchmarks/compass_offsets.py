@@ -54,7 +54,7 @@ def case_of(path: Path) -> HealthCase:
     phases = segments.build(log)
     none = reference.choose(log, phases, ReferenceOptions(reference="none"))
     motion = motion_attitude(Case(log, phases, none, settings=Config().resolved()))
-    return HealthCase(log, phases, None, [], lambda: motion)
+    return HealthCase(log, phases, None, lambda: motion)
 
 
 def planted(case: HealthCase, constant: np.ndarray, per_power: np.ndarray) -> HealthCase:
@@ -64,7 +64,7 @@ def planted(case: HealthCase, constant: np.ndarray, per_power: np.ndarray) -> He
     for mag in log.mags:
         power = np.nan_to_num(power_at(drive, mag.field.t_best))
         mag.field.x = mag.field.x + 1e-6 * (constant + power[:, None] * per_power)
-    return HealthCase(log, case.segments, None, [], lambda: case.motion)
+    return HealthCase(log, case.segments, None, lambda: case.motion)
 
 
 def row(name: str, compasses: int, found: list[tuple[CompassStudy, np.ndarray, bool]]) -> None:

@@ -19,8 +19,8 @@ from pathlib import Path
 
 from attlog import flight, segments
 from attlog.core.errors import AttlogError
-from attlog.health import audit
-from attlog.health.check import agreed_settings
+from attlog.health import run_checks
+from attlog.health.check import HealthCase, agreed_settings
 from attlog.pipeline.evaluation import health
 
 SETS = ("logs", "sitl")
@@ -63,8 +63,8 @@ def checked(path: Path) -> Iterator[Fired]:
     """The checks of one log, its truth taken away."""
     log = flight.read(path)
     log.truth = None
-    for check in audit(log, segments.build(log) if log.imus else None):
-        yield check.name, check.verdict, check.text
+    for check in run_checks(HealthCase(log, segments.build(log) if log.imus else None)):
+        yield check.question, check.verdict, check.text
 
 
 def asked(path: Path) -> Iterator[Fired]:

@@ -17,14 +17,14 @@ from pathlib import Path
 
 from attlog import flight, pipeline
 from attlog.health import delays
-from attlog.health.check import Assessment, HealthCase
+from attlog.health.check import Check, HealthCase
 from attlog.pipeline.evaluation import motion_attitude
 
 LATE_MS = (0.0, 60.0, 120.0, 200.0)
 TRUE_MS = {"PX4": 0.0, "ArduPilot": 83.0}
 
 
-def found(path: Path, late_ms: float) -> Assessment | None:
+def found(path: Path, late_ms: float) -> Check | None:
     """What is said of the first receiver, its records ``late_ms`` later than logged; None where nothing is."""
     log = deepcopy(flight.read(path))
     for receiver in log.gnss:
@@ -32,7 +32,7 @@ def found(path: Path, late_ms: float) -> Assessment | None:
         if receiver.received is not None:
             receiver.received = receiver.received + 1e-3 * late_ms
     case = pipeline.prepare(log)
-    asked = HealthCase(case.log, case.segments, case.reference, [], lambda: motion_attitude(case))
+    asked = HealthCase(case.log, case.segments, case.reference, lambda: motion_attitude(case))
     return next(iter(delays.gnss_delays(asked)), None)
 
 

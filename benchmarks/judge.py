@@ -42,7 +42,7 @@ from attlog.core import rotation
 from attlog.core.log_cache import log_cache
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import Attitude, FlightLog, Gnss
-from attlog.health import Check, audit
+from attlog.health import Check, HealthCase, run_checks
 from attlog.pipeline import replay
 from attlog.reference import alignment, scoring
 from attlog.reference.model import Reference, ReferenceOptions
@@ -230,14 +230,14 @@ def accused(log: FlightLog, checks: Iterable[Check], ref: Reference) -> list[tup
     for check in checks:
         if check.verdict not in BAD:
             continue
-        if check.name.startswith("onboard") or check.name == "heading by GNSS":
+        if check.question.startswith("onboard") or check.question == "heading_by_gnss":
             said = [match.groups() for text in (check.text, *check.evidence) for match in SAID.finditer(text)]
             spans = [(angle.lower(), float(a), float(b)) for angle, a, b in said]
             own = (check.about or "heading", check.t or 0.0, end if check.t_end is None else check.t_end)
             spans += [] if any(angle == own[0] for angle, *_ in spans) else [own]
-            found += [(check.name, *span, check.text) for span in spans]
-        if check.name == "second source" and f"{log.onboard} is wrong" in check.text:
-            found.append((check.name, check.about, check.t or 0.0, end, check.text))
+            found += [(check.question, *span, check.text) for span in spans]
+        if check.question == "second_source" and f"{log.onboard} is wrong" in check.text:
+            found.append((check.question, check.about, check.t or 0.0, end, check.text))
     if ref.refused.get("onboard", "") not in ("", ref.wrong_heading):  # a wrong heading has its own check
         found.append(("refused", "tilt", 0.0, end, ref.refused["onboard"]))
     return found
@@ -255,7 +255,7 @@ def judged(log: FlightLog) -> tuple[Reference, Segments, list[Check], dict[str, 
     with log_cache():
         phases = segments.build(log)
         ref = reference.choose(log, phases, smooth=smooth)
-        return ref, phases, audit(log, phases, ref), quality
+        return ref, phases, run_checks(HealthCase(log, phases, ref)), quality
 
 
 def rms(x: Array) -> float | None:
@@ -308,7 +308,7 @@ def outcome(name: str, log: FlightLog, fault: str, middle: float) -> Outcome:
         own.get("tilt ratio"),
         own.get("heading ratio"),
         accusations,
-        [f"{check.name}: {check.text}" for check in checks if check.verdict in BAD],
+        [f"{check.question}: {check.text}" for check in checks if check.verdict in BAD],
         dict(ref.refused),
         quality,
         time.process_time() - clock,

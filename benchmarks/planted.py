@@ -24,8 +24,8 @@ import numpy as np
 from attlog import flight, reference, segments
 from attlog.core import rotation
 from attlog.flight.model import FlightLog
-from attlog.health import accelerometer, audit
-from attlog.health.check import Check
+from attlog.health import accelerometer, run_checks
+from attlog.health.check import Check, HealthCase
 from attlog.health.findings import findings
 
 FLIGHTS = (
@@ -100,28 +100,28 @@ def pushed(log: FlightLog) -> None:
 
 
 PLANTS: dict[str, Plant] = {
-    "IMU delay 15 ms": Plant(late, "imu delay", 15.0, 2.0),
+    "IMU delay 15 ms": Plant(late, "imu_delay", 15.0, 2.0),
     "100 ms gaps": Plant(holes, "gaps", 0.1, 0.02),
-    "gyro scale 3 %": Plant(scaled, "gyro scale", 3.0, 1.0),
-    "accelerometer x and y swapped": Plant(exchanged, "force axes", 0.0, np.inf),
-    "compass offset 100 mG": Plant(iron, "compass offset", 10.0, 3.0),
-    "compass yawed by 28 deg": Plant(turned, "compass turn", 28.0, 4.0),
-    "gyro bias step 1 deg/s": Plant(stepped, "gyro bias step", 1.0, 0.2),
-    "accelerometer offset 0.3 m/s^2": Plant(pushed, "force offset", 0.3, 0.1),
+    "gyro scale 3 %": Plant(scaled, "gyro_scale", 3.0, 1.0),
+    "accelerometer x and y swapped": Plant(exchanged, "force_axes", 0.0, np.inf),
+    "compass offset 100 mG": Plant(iron, "compass_offset", 10.0, 3.0),
+    "compass yawed by 28 deg": Plant(turned, "compass_turn", 28.0, 4.0),
+    "gyro bias step 1 deg/s": Plant(stepped, "gyro_bias_step", 1.0, 0.2),
+    "accelerometer offset 0.3 m/s^2": Plant(pushed, "accelerometer_offset", 0.3, 0.1),
 }
 
 
 def audited(log: FlightLog) -> list[Check]:
-    return audit(log, segments.build(log))
+    return run_checks(HealthCase(log, segments.build(log)))
 
 
 def size_of(log: FlightLog, check: Check, before: Check | None) -> float:
     """How much a check's number grew by the plant, without sign; of gaps their mean length."""
     if not isinstance(check.value, (int, float)):
         return float("nan")
-    if check.name == "gaps":
+    if check.question == "gaps":
         return check.value / check.count
-    if check.name == accelerometer.FORCE_OFFSET:  # which tells the worst axis: this is the planted one
+    if check.question == accelerometer.FORCE_OFFSET:  # which tells the worst axis: this is the planted one
         phases = segments.build(log)
         found = accelerometer.fit_force(log, phases, reference.choose(log, phases))
         return float("nan") if found is None else -float(found.solution.x[4])
@@ -141,7 +141,7 @@ def main() -> None:
     logs = [flight.read(p) for p in (every if given.all else [folder / name for name in FLIGHTS])]
     for log in logs:
         log.truth = None if given.without_truth else log.truth
-    plain = [{c.name: c for c in audited(log)} for log in logs]
+    plain = [{c.question: c for c in audited(log)} for log in logs]
     print("| planted | flights | shown | cause and action | size | cannot tell | untouched |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for what, plant in PLANTS.items():
@@ -158,7 +158,7 @@ def one(log: FlightLog, plant: Plant, before: dict[str, Check], verbose: bool) -
     copy = deepcopy(log)
     plant.make(copy)
     checks = audited(copy)
-    told = next((c for c in checks if c.name == plant.check), None)
+    told = next((c for c in checks if c.question == plant.check), None)
     if verbose and told is not None:
         print(f"    {log.path.name}: {told.verdict}: {told.text}")
     if told is None or told.verdict not in BAD:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from attlog.compare.gates import BASELINE_ESTIMATORS
 from attlog.core.plain import to_plain
-from attlog.result import MEASURED_TIMES, Answer, Assessment, EstimatorRow, Finding, Result, Verdict, agreed_settings
+from attlog.result import MEASURED_TIMES, Answer, Check, EstimatorRow, Finding, Result, Verdict, agreed_settings
 from attlog.words.findings import parameter_change
 from attlog.words.flight import firmware
 from attlog.words.names import row_names
@@ -58,7 +58,7 @@ def packed(result: Result) -> dict[str, Any]:
             if kept:
                 place = values.setdefault(row.name, {}).setdefault(window, {})
                 place |= {m: _packed(a, missing) for m, a in kept.items()}
-    for found in result.health:
+    for found in result.checks:
         units[found.question] = found.unit or units.get(found.question, "")
         place = values.setdefault(found.sensor or SENSOR_WINDOW, {}).setdefault(SENSOR_WINDOW, {})
         place[found.question] = _of_sensor(found, missing)
@@ -72,7 +72,7 @@ def _packed(answer: Answer, missing: dict[tuple[str, str], int]) -> Any:
     return [answer.value, low, high, answer.n, answer.seconds]
 
 
-def _of_sensor(found: Assessment, missing: dict[tuple[str, str], int]) -> Any:
+def _of_sensor(found: Check, missing: dict[tuple[str, str], int]) -> Any:
     """An assessment as an answer; one without a value tells its verdict in place of a code."""
     if found.value is None:
         return missing.setdefault((found.verdict, found.text), len(missing))
@@ -311,7 +311,7 @@ def with_gates(said: dict[str, Any], failed: Iterable[str]) -> dict[str, Any]:
 
 def reasons(result: Result) -> list[Reason]:
     """Everything in a result that speaks of trouble with the attitude or with what it is computed from."""
-    faults = {check.text for check in result.audit if check.verdict == "fault"}
+    faults = {check.text for check in result.checks if check.verdict == "fault"}
     found = [reason for finding in result.findings if (reason := _of_finding(finding, faults)) is not None]
     codes = {r.code for r in found}
     crashes = [event for event in result.events if event.is_crash]
@@ -476,8 +476,8 @@ def _flight(result: Result) -> dict[str, Any]:
 
 
 def _sensors(result: Result) -> dict[str, Any]:
-    verdicts = Counter(assessment.verdict for assessment in result.health)
-    settings = [str(parameter_change(setting)) for setting in agreed_settings(result.health)]
+    verdicts = Counter(assessment.verdict for assessment in result.checks)
+    settings = [str(parameter_change(setting)) for setting in agreed_settings(result.checks)]
     return {"faults": verdicts["fault"], "warnings": verdicts["warning"], "to_set": settings}
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from attlog.cli.printing import GAP, SENTENCE_COLUMNS, TextLine, table, wrapped
 from attlog.words.findings import (
-    ShownAssessment,
+    ShownCheck,
     ShownFinding,
     findings,
     no_problem_text,
@@ -17,13 +17,13 @@ from attlog.words.findings import (
     question_titles,
     reasons_unknown,
     repeat_advice_once,
-    shown_assessments,
+    shown_checks,
 )
 from attlog.words.numbers import listed
 from attlog.words.text import clean, encodable, typeset
 
 if TYPE_CHECKING:
-    from attlog.result import Assessment, EstimatorRow, Result, Setting
+    from attlog.result import Check, EstimatorRow, Result, Setting
     from attlog.words.table import ColumnHeading, FilterTable, TableCell
 
 VERDICT_STYLES = {"fault": "red", "warning": "yellow"}
@@ -56,7 +56,7 @@ def result_lines(result: Result, window: str, width: int, verbose: bool = False)
     if verbose or any(not finding.is_note for finding in found):
         yield from finding_lines(found, width, verbose)
     name = clean(encodable(str(result.log.get("name") or "LOG"), "utf-8"))
-    yield from set_line(agreed_settings(result.health), name, width)
+    yield from set_line(agreed_settings(result.checks), name, width)
     for label, sentence in answers(result, min(width, SENTENCE_COLUMNS) - LABEL_COLUMNS, verbose):
         yield from wrapped(f"{label:<{LABEL_COLUMNS}}", sentence, width)
     compared = verbose or window != "all" or any(any(rows.values()) for rows in result.ranked.values())
@@ -237,12 +237,12 @@ def _legend(result: Result, found: FilterTable, halves: bool, width: int, *, cav
     return lines
 
 
-def sensor_lines(health: Sequence[Assessment], width: int, verbose: bool) -> Iterator[TextLine]:
+def sensor_lines(checks: Sequence[Check], width: int, verbose: bool) -> Iterator[TextLine]:
     """Table of sensors that are off or may be set, faults first; the rest in a line each.
 
     ``verbose``: sound sensors as rows too, the evidence of each, and why others have no answer.
     """
-    every = shown_assessments(health)
+    every = shown_checks(checks)
     ok = [a for a in every if a.verdict == "ok" and not a.listed]
     silent = [a for a in every if a.verdict == "unknown" and not a.listed]
     listed = [a for a in every if a.listed]
@@ -258,7 +258,7 @@ def sensor_lines(health: Sequence[Assessment], width: int, verbose: bool) -> Ite
         yield TextLine("  No question about a sensor can be answered from this log.")
 
 
-def _sensor_table(rows: Sequence[ShownAssessment], width: int, verbose: bool) -> Iterator[TextLine]:
+def _sensor_table(rows: Sequence[ShownCheck], width: int, verbose: bool) -> Iterator[TextLine]:
     """Sensor, question, verdict, value (below the row if there is no room); then what was found, what to set or do."""
     if not rows:
         return

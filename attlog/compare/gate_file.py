@@ -27,7 +27,7 @@ from attlog.core.errors import LogUnreadable, UsageError, suggestion
 from attlog.core.files import parse_toml, read_settings_text
 from attlog.core.settings import NumberRange, ParsedBy, validated_or_problems
 from attlog.metrics import definitions
-from attlog.result import TOPICS
+from attlog.result import CHECKS
 from attlog.segments.model import WINDOWS, Segments
 
 GATE_TABLE, SENSOR_TABLE = "gates", "health"
@@ -186,8 +186,8 @@ def _parse_gate(metric: str, table: Any, path: Path, baseline: str | None) -> tu
 
 def _parse_sensor_gate(question: str, table: Any) -> tuple[SensorGate | None, list[Problem]]:
     """Return a sensor's gate of its table, or None and all that is wrong with it."""
-    if question not in TOPICS:
-        return None, [("", f"there is no such question about a sensor{suggestion(question, list(TOPICS))}")]
+    if question not in CHECKS:
+        return None, [("", f"there is no such question about a sensor{suggestion(question, list(CHECKS))}")]
     if not isinstance(table, Mapping):
         return None, [("", f'is {table!r}; write {question} = {{ verdict = "warning" }}')]
     found, problems = validated_or_problems(SensorGateTable, table, strict=True)

@@ -33,7 +33,7 @@ from attlog.compare.diff import Tolerances, difference_interval
 from attlog.compare.paired import paired
 from attlog.metrics import Metric, definitions, ranking
 from attlog.metrics.metric import Answer
-from attlog.result import Assessment, EstimatorRow, Result
+from attlog.result import Check, EstimatorRow, Result
 from attlog.result.document import as_written
 from attlog.segments.model import WINDOWS
 from attlog.words.numbers import quantity, unit_sign
@@ -178,7 +178,7 @@ def judge_gates(gates: Gates, result: Result, baselines: Mapping[Path, Baseline]
                 text = no_filter_text(names) if gate.filters is None else no_row_text(pattern, names)
                 found.append(_without_value(gate, limit, pattern, "no_row", text))
             found += [_limit_outcome(gate, limit, row, rows, beside) for row in meant]
-    found += [outcome for gate in gates.health for outcome in judge_sensors(gate, result.health)]
+    found += [outcome for gate in gates.health for outcome in judge_sensors(gate, result.checks)]
     if gates.strict:
         found += map(_row_outcome, select_rows(rows, None)[0])
     return worst_first(found)
@@ -407,21 +407,21 @@ def smallest_size(
     return None if span is None else before + span[0]
 
 
-def judge_sensors(gate: SensorGate, health: Iterable[Assessment]) -> list[GateOutcome]:
+def judge_sensors(gate: SensorGate, checks: Iterable[Check]) -> list[GateOutcome]:
     """Return an outcome for each sensor and limit of a gate."""
     patterns = gate.sensors or ("*",)
-    asked = [a for a in health if a.question == gate.question and any(fnmatchcase(a.sensor, p) for p in patterns)]
-    checks: list[GateLimit | str] = [*gate.limits, *([] if gate.worst is None else [gate.worst])]
+    asked = [a for a in checks if a.question == gate.question and any(fnmatchcase(a.sensor, p) for p in patterns)]
+    limits: list[GateLimit | str] = [*gate.limits, *([] if gate.worst is None else [gate.worst])]
     if not asked:
         named = "" if gate.sensors is None else f" for {' or '.join(gate.sensors)}"
         why = f"the log has no answer to {gate.question}{named}"
-        return [_sensor_unanswered(gate, check, ", ".join(gate.sensors or (NO_SENSOR,)), why) for check in checks]
-    return [outcome for assessment in asked for outcome in _sensor_outcomes(gate, checks, assessment)]
+        return [_sensor_unanswered(gate, check, ", ".join(gate.sensors or (NO_SENSOR,)), why) for check in limits]
+    return [outcome for found in asked for outcome in _sensor_outcomes(gate, limits, found)]
 
 
-def _sensor_outcomes(gate: SensorGate, checks: Iterable[GateLimit | str], found: Assessment) -> Iterator[GateOutcome]:
+def _sensor_outcomes(gate: SensorGate, limits: Iterable[GateLimit | str], found: Check) -> Iterator[GateOutcome]:
     sensor = found.sensor or NO_SENSOR
-    for check in checks:
+    for check in limits:
         if found.verdict == "unknown":
             yield _sensor_unanswered(gate, check, sensor, f"{sensor}: {gate.question} is unknown: {found.text}")
             continue

@@ -12,7 +12,7 @@ from attlog.compare.paired import Difference, Direction
 from attlog.compare.wording import DIRECTION_WORDS, favour_text, interval_text, own_value_text, signed_text
 from attlog.core import files
 from attlog.result import Result
-from attlog.words.findings import shown_assessments
+from attlog.words.findings import shown_checks
 from attlog.words.names import row_names
 from attlog.words.numbers import counted, unit_sign
 from attlog.words.table import ColumnHeading, main_table
@@ -116,7 +116,7 @@ def sensor_rows(results: Sequence[Result]) -> tuple[list[str], list[list[str]]]:
     rows = []
     for result in results:
         log = [clean(str(result.log.get("name") or "log"))] if several else []
-        for a in shown_assessments(result.health):
+        for a in shown_checks(result.checks):
             rows.append([*log, a.sensor, a.question, a.verdict, a.value, a.to_set, a.text])
     return [*(["log"] if several else []), *SENSOR_COLUMNS], rows
 

@@ -27,7 +27,7 @@ __all__ = ["FlightLog", "flight_in", "read"]
 
 # Bytes for each inertial sample: of the flight, attitudes and truth included; and of what ``info`` or an analysis makes
 # of it. Measured on logs of 2 to 18 million samples (``docs/formats.md``).
-FLIGHT_BYTES, INFO_BYTES, ANALYSIS_BYTES = 170, 200, 550
+FLIGHT_BYTES, ANALYSIS_BYTES = 170, 550
 # Samples that every machine has room for.
 ALWAYS_ALLOWED_SAMPLES = 500_000
 # Messages whose records become the samples of a replay, by firmware.

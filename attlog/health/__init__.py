@@ -1,40 +1,46 @@
-"""Which of the four questions a log can answer, and what would be needed for the others.
-
-The metrics say it themselves (``metrics/evidence/possible.py``): what they find in the gyro alone
-every filter can be judged by, what they refuse to it they refuse to every filter.
-"""
+"""Health of sensors and onboard estimator: checks with verdicts, findings, and which questions a log can answer."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
 
-from attlog.core.errors import guarded
-from attlog.flight.model import FlightLog, guarded_part
-from attlog.health import (
-    accelerometer,
-    attitude,
-    compass,
-    compass_fit,
-    delays,
-    gnss,
-    gravity,
-    gyro,
-    imu,
-    innovations,
-    sources,
-    timing,
-    vibration,
-)
-from attlog.health import compass as declination_told
-from attlog.health.check import Answerable, Check, as_sentence, failed_check
+from attlog.flight.model import FlightLog
+from attlog.health.check import Check, HealthCase, MotionAttitude, Setting, agreed_settings, as_sentence
+from attlog.health.findings import Finding, OpenQuestion, contradiction, nothing_wrong
+from attlog.health.gyro import unusable_gyro
+from attlog.health.registry import CHECKS, run_checks
 from attlog.metrics.answerable import ASKED, Availability, ask
 from attlog.metrics.metric import Case
-from attlog.reference import choose
-from attlog.reference.model import Reference
-from attlog.segments.model import Segments
 
-__all__ = ["Answerable", "Check", "answerable", "audit"]
+__all__ = [
+    "CHECKS",
+    "Answerable",
+    "Check",
+    "Finding",
+    "HealthCase",
+    "MotionAttitude",
+    "OpenQuestion",
+    "Setting",
+    "agreed_settings",
+    "answerable",
+    "contradiction",
+    "nothing_wrong",
+    "run_checks",
+    "unusable_gyro",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Answerable:
+    """Whether one of the four questions (accuracy, noise, lag, yaw_drift) can be answered from this log.
+
+    ``reason``: a sentence with the numbers; ``setting``: what would log the missing, for this firmware.
+    """
+
+    question: str
+    can: bool
+    reason: str
+    setting: str = ""
 
 
 FLY_STEPS = "Fly quick attitude steps of 15 deg and more in Stabilize."
@@ -70,59 +76,3 @@ def missing_setting(question: str, codes: tuple[str, ...], case: Case) -> str:
     if "reference_too_slow" in codes:
         return log.advice("attitude", reference.rate)
     return FLY_STEPS if question == "lag" and log.kind.hovers and {"no_events", "too_few_events"} & {*codes} else ""
-
-
-# Does physics agree with what the log says, and what can this log answer?
-
-BEFORE_CHECK = "heading by GNSS"
-"""The onboard attitude stands before this check and is judged when all sensors are."""
-
-
-def audit(log: FlightLog, segments: Segments | None, reference: Reference | None = None) -> list[Check]:
-    """Every check of the log in a fixed order; ``segments`` None where there is no usable IMU.
-
-    ``reference`` judges the onboard attitude, and the delay is measured against it; where it is not given, or is
-    a smoother, made of the very gyro whose delay is asked for, truth or the onboard attitude is taken for that.
-    """
-    phases = segments or Segments()
-    rates = reference
-    if (reference is None or reference.kind == "smoother") and segments is not None and log.imu is not None:
-        rates = guarded_part(log, "The reference", lambda: choose(log, phases, heading=False), lambda: reference)
-    every: dict[str, Callable[[], list[Check]]] = {
-        "gaps and rate": lambda: timing.timing_checks(log, phases),
-        "delay": lambda: delays.imu_delay_checks(log, rates),
-        "gyro": lambda: imu.gyro_checks(log, phases),
-        "frozen sensors": lambda: timing.frozen_checks(log, phases),
-        "sensor faults": lambda: timing.sensor_fault_checks(rates),
-        "heading by GNSS": lambda: attitude.gnss_heading_checks(log, phases),
-        "turns": lambda: gyro.turn_checks(log, phases, rates, reference),
-        "force": lambda: accelerometer.force_checks(log, phases, reference or rates),
-        "compass error": lambda: compass_fit.compass_error_checks(log, phases, _heading_reference(reference, rates)),
-        "gravity": lambda: gravity.gravity_checks(log, phases),
-        "accelerometer bias": lambda: gravity.onboard_acc_bias_check(log, phases),
-        "vibration": lambda: vibration.vibration_checks(log, phases),
-        "gravity direction": lambda: attitude.attitude_checks(log, phases, "" if rates is None else rates.gyro_fault),
-        "attitude jumps": lambda: attitude.jump_checks(log, phases, reference),
-        "second source": lambda: sources.source_checks(log, phases, reference),
-        "field": lambda: compass.field_checks(log, phases),
-        "aids": lambda: innovations.aid_checks(log, phases),
-        "declination set": lambda: declination_told.declination_checks(log),
-        "field against motors": lambda: compass_fit.interference_checks(log, phases),
-        "GNSS": lambda: gnss.gnss_checks(log, phases),
-        "crash": lambda: attitude.crash_checks(log, phases) if log.imus else [],
-    }
-    found = {name: guarded(f"The check {name}", make, partial(failed_check, name)) for name, make in every.items()}
-    sensors = [check for made in found.values() for check in made]
-    name = attitude.AGAINST_SMOOTHER
-    accused = guarded(
-        f"The check {name}",
-        lambda: attitude.smoother_checks(log, phases, reference, sensors),
-        partial(failed_check, name),
-    )
-    return [check for room, made in found.items() for check in [*(accused if room == BEFORE_CHECK else []), *made]]
-
-
-def _heading_reference(reference: Reference | None, otherwise: Reference | None) -> Reference | None:
-    """Whose heading may judge the compass: truth's or a smoother's own, else the onboard attitude's if it is right."""
-    judge = reference if reference is not None and reference.heading_by == "own" else otherwise
-    return judge if judge is None or judge.heading_by == "own" else None

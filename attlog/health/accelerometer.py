@@ -19,7 +19,7 @@ from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span, inside
 from attlog.flight.model import Array, FlightLog, Gnss, Imu
 from attlog.health import gravity
-from attlog.health.check import Assessment, Check, HealthCase, Verdict, graded, not_judged, unknown
+from attlog.health.check import Check, HealthCase, Verdict, graded, measured, unknown
 from attlog.health.gravity import expected_gravity
 from attlog.health.imu import (
     FLOOR_M_S2,
@@ -38,7 +38,6 @@ from attlog.reference import alignment
 from attlog.reference.model import Reference
 from attlog.segments.model import Segments
 
-FORCE_AXES, FORCE_OFFSET = "force axes", "force offset"
 VELOCITY_SPAN_S = 2.0
 """Velocities change over so long: a receiver's noise of 0.1 m/s is then 0.07 m/s^2."""
 EDGE_S, LEAST_S, LONGEST_S = 1.0, 20.0, 900.0
@@ -101,19 +100,26 @@ class ForceFit:
         return float(np.sqrt(np.sum(np.var(size, axis=1))))
 
 
-def force_checks(log: FlightLog, segments: Segments, reference: Reference | None) -> list[Check]:
-    """Axes and offset of the accelerometer by GNSS; nothing where nothing flew or no velocity was logged."""
-    if log.replay_imu is None or not log.gnss or not segments.of("airborne"):
-        return []
-    if reference is None or reference.kind == "none":
-        why = "No attitude in this log can turn the force to earth."
-        return [not_judged(FORCE_AXES, why, AXES_LIMIT), not_judged(FORCE_OFFSET, why, FORCE_LIMIT)]
-    found = fit_force(log, segments, reference)
-    if found is None:
+def accelerometer_checks(case: HealthCase) -> list[Check]:
+    """Check axes and offsets of the accelerometers in flight by GNSS.
+
+    The offset is the smoother's; where that does not know it, the one of the force turned by the reference's attitude.
+    """
+    log, reference = case.log, case.reference or case.rates
+    offsets = accelerometer_offsets(case)
+    if log.replay_imu is None or not log.gnss or not case.segments.of("airborne"):
+        return offsets
+    fitted = None if reference is None or reference.kind == "none" else fit_force(log, case.segments, reference)
+    if reference is None or fitted is None:
         why = f"Less than {LEAST_S:.0f} s of flight have a GNSS velocity."
-        return [not_judged(FORCE_AXES, why, AXES_LIMIT), not_judged(FORCE_OFFSET, why, FORCE_LIMIT)]
-    axes = _force_axes_check(log, found, reference)
-    return [axes] if axes.verdict == "fault" else [axes, _force_offset_check(log, found, reference)]
+        if reference is None or reference.kind == "none":
+            why = "No attitude in this log can turn the force to earth."
+        return [unknown("force_axes", why, AXES_LIMIT), *offsets]
+    axes = _force_axes_check(log, fitted, reference)
+    coarse = _force_offset_check(log, fitted, reference)
+    if axes.verdict == "fault" or coarse.verdict == "unknown" or (offsets and offsets[0].verdict != "unknown"):
+        return [axes, *offsets]
+    return [axes, coarse, *offsets[1:]]
 
 
 def _force_axes_check(log: FlightLog, found: ForceFit, reference: Reference) -> Check:
@@ -123,14 +129,14 @@ def _force_axes_check(log: FlightLog, found: ForceFit, reference: Reference) -> 
     shown = f"{len(found.t)} changes of the GNSS velocity in {found.seconds:.0f} s of flight"
     if found.spread < LEAST_M_S2:
         why = f"The horizontal force hardly changes in flight ({found.spread:.2f} m/s^2)."
-        return not_judged(FORCE_AXES, why, AXES_LIMIT)
+        return unknown("force_axes", why, AXES_LIMIT)
     clear = best * AXES_RATIO < usual and np.sqrt(best) < MAX_FORCE_LEFT * found.spread
     if not clear:
         text = f"{source} fits {shown}, turned by {reference.source}."
-        return Check(FORCE_AXES, "ok", text, round(float(np.sqrt(usual)), 3), "m/s^2", AXES_LIMIT)
+        return Check("force_axes", "ok", text, round(float(np.sqrt(usual)), 3), "m/s^2", AXES_LIMIT)
     times = np.sqrt(usual / max(best, 1e-12))
     text = f"{source}: {name} against {shown}, turned by {reference.source}; that leaves {times:.1f} times less."
-    return Check(FORCE_AXES, "fault", text, round(float(np.sqrt(usual)), 3), "m/s^2", AXES_LIMIT)
+    return Check("force_axes", "fault", text, round(float(np.sqrt(usual)), 3), "m/s^2", AXES_LIMIT)
 
 
 def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -> Check:
@@ -141,14 +147,15 @@ def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -
     size, unsure = float(offset[worst]), float(sigma[worst])
     if unsure * FORCE_SIGMAS > FORCE_FAR_M_S2:
         why = f"The flight shows the offset to {1.96 * unsure:.2f} m/s^2 only (95 %)."
-        return not_judged(FORCE_OFFSET, why, FORCE_LIMIT)
+        return unknown("accelerometer_offset", why, FORCE_LIMIT)
     told = abs(size) > max(FORCE_OFF_M_S2, FORCE_SIGMAS * unsure)
-    verdict = "ok" if not told else "warning" if abs(size) <= FORCE_FAR_M_S2 else "fault"
+    verdict: Verdict = "ok" if not told else "warning" if abs(size) <= FORCE_FAR_M_S2 else "fault"
     text = f"{source} reads {size:+.2f} m/s^2 too much in {'xy'[worst]} ({interval_text(size, unsure, 2)}, 95 %) by "
     text += f"{len(found.t)} changes of the GNSS velocity in {found.seconds:.0f} s, turned by {reference.source}."
-    return Check(FORCE_OFFSET, verdict, text, round(size, 3), "m/s^2", FORCE_LIMIT)
+    return Check("accelerometer_offset", verdict, text, round(size, 3), "m/s^2", FORCE_LIMIT, sensor=source)
 
 
+@cached_per_log
 def fit_force(log: FlightLog, segments: Segments, reference: Reference) -> ForceFit | None:
     """The fit over all flights up to the reference's end; None where too little was flown with GNSS."""
     imu, gnss = log.replay_imu, _best_receiver(log)
@@ -263,7 +270,6 @@ def _turned_force(imu: Imu, reference: Reference, spans: list[Span]) -> TurnedFo
 # shifts
 # an accelerometer as an offset does, but in flight only: along the vertical the ground must confirm it.
 
-OFFSET_QUESTION = "accelerometer_offset"
 OFFSET_OFF_M_S2, OFFSET_FAR_M_S2 = np.array([0.17, 0.17, 0.3]), np.array([0.5, 0.5, 1.0])
 """1 and 3 deg of tilt horizontally; along z the limits of gravity's size at rest."""
 OFFSET_SIGMAS, MAX_OFFSET_M_S2 = 4.0, 1.0
@@ -280,26 +286,26 @@ SET_ADVICE = "Set the offsets, then calibrate the level; or calibrate the accele
 """A level that was calibrated with the offset holds it: without it the vehicle would lean."""
 
 
-def accelerometer_offsets(case: HealthCase) -> list[Assessment]:
-    """One assessment for each accelerometer that can be judged; one ``unknown`` where none can."""
+def accelerometer_offsets(case: HealthCase) -> list[Check]:
+    """Check the offset of each accelerometer in flight; one ``unknown`` where none is known."""
     units = usable_imus(case)
     if not units:
         return []
     own, why = _replayed_bias(case)
     if own is None or not any(own.known):
-        return [
-            replace(unknown(units[0].acc.source, OFFSET_QUESTION, why, OFFSET_LIMIT, OFFSET_SOURCE), action=TURN_ADVICE)
-        ]
+        found = unknown("accelerometer_offset", why, OFFSET_LIMIT, sensor=units[0].acc.source, source=OFFSET_SOURCE)
+        found.action = TURN_ADVICE
+        return [found]
     if units[0] is not case.log.replay_imu:
         return []
     biases = [(imu, bias) for imu in units if (bias := _imu_bias(case, own, units[0], imu)) is not None]
-    found = [_offset_assessment(case, imu, bias, own) for imu, bias in biases]
-    return [one for k, one in enumerate(found) if k == 0 or one.verdict != "unknown"]
+    checks = [_offset_check(case, imu, bias, own) for imu, bias in biases]
+    return [one for k, one in enumerate(checks) if k == 0 or one.verdict != "unknown"]
 
 
 def _replayed_bias(case: HealthCase) -> tuple[SensorBias | None, str]:
     """The bias of the replayed unit, or why it is not known."""
-    if case.segments is None or not flight_spans(case.segments):
+    if not flight_spans(case.segments):
         return None, "The vehicle does not fly in this log, so GNSS shows no offset."
     found, reference = smoothed_acc_bias(case), case.reference
     if found is not None and any(found.known):
@@ -346,7 +352,7 @@ def offset_axes(bias: SensorBias) -> NDArray[np.bool_]:
     return np.asarray(np.array(bias.known) & (np.abs(bias.mean) > offset_limits(bias)))
 
 
-def _offset_assessment(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> Assessment:
+def _offset_check(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> Check:
     """The answer for a unit; ``own`` is the bias of the replayed one, by which it was found."""
     known, limits, off = np.array(bias.known), offset_limits(bias), offset_axes(bias)
     worst = int(np.argmax(np.where(known, np.abs(bias.mean) / limits, -1.0)))
@@ -362,22 +368,21 @@ def _offset_assessment(case: HealthCase, imu: Imu, bias: SensorBias, own: Sensor
         verdict = "unknown"
         axes, others = (" and ".join("xyz"[k] for k in np.flatnonzero(which)) for which in (known, ~known))
         text = f"The flight turns too little to show the offset of {source} along {others}; along {axes} it is small."
-    found = Assessment(
-        source,
-        OFFSET_QUESTION,
+    found = Check(
+        "accelerometer_offset",
         verdict,
         text,
-        value=round(size, 3),
+        sensor=source,
         unit="m/s^2",
-        ci95=(round(size - 1.96 * sigma, 3), round(size + 1.96 * sigma, 3)),
+        **measured(size, sigma, 3),
         vector=[round(float(v), 3) for v in bias.mean] if known.all() else [],
         vector_ci95=[round(1.96 * float(v), 3) for v in bias.sigma] if known.all() else [],
         n=bias.n,
         seconds=round(bias.seconds, 1),
         threshold=OFFSET_LIMIT,
         source=OFFSET_SOURCE,
-        evidence=_evidence(case, imu, bias),
         action=TURN_ADVICE if verdict == "unknown" else "",
+        evidence=_evidence(case, imu, bias),
     )
     if off.any():
         found.why_no_setting = _refusal(case, imu, bias, own)
@@ -398,10 +403,9 @@ def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> s
     flew = case.log.imu_that_flew
     if flew is not None and len(set(flew.value)) > 1:
         return "The unit in use changed, and the offset of each is not known."
-    bad = {c.name for c in case.checks if c.verdict in ("warning", "fault")}
-    if "vibration" in bad:
+    if case.trouble("vibration_level"):
         return "Vibration as strong as here shifts an accelerometer too. Reduce it first, then fly again."
-    if FORCE_AXES in bad:
+    if case.trouble("force_axes"):
         return "Its axes are exchanged or reversed: correct these first."
     if off[2]:
         ground = ground_excess(case, imu, bias)
@@ -419,7 +423,7 @@ def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> s
 def ground_excess(case: HealthCase, imu: Imu, bias: SensorBias) -> tuple[float, float] | None:
     """By how much the force on the ground exceeds gravity, and by how much it would by this bias, m/s^2."""
     size = gravity.size_at_rest(case, imu)
-    if case.segments is None or size is None:
+    if size is None:
         return None
     shown = stream_blocks(imu.acc, still_spans(case.segments)[0])
     if shown is None:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.spans import Span, intersect
 from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS
-from attlog.flight.model import Array as model_Array
-from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.health.check import Check, as_sentence, graded, not_judged
+from attlog.flight.model import Array, Attitude, FlightLog, Imu
+from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded, unknown
 from attlog.health.flown import before_crashes
 from attlog.reference import onboard_check
 from attlog.reference.gyro_checks import (
@@ -37,28 +36,27 @@ from attlog.story.headlines import WrongAngle
 
 # The onboard attitude against the gyro: coverage, scale, axes and signs; and the vehicle's trim.
 
-CONTRADICTED = "contradicted"
-"""The value of the check where the gyro is not the one that turned: nothing that is made of it can be judged."""
 
-
-def attitude_checks(log: FlightLog, segments: Segments, gyro_fault: str = "") -> list[Check]:
-    """Coverage, gyro against attitude, trim. ``gyro_fault``: what ``reference.turning`` found, empty for nothing."""
+def attitude_checks(case: HealthCase) -> list[Check]:
+    """Check coverage of the onboard attitude, its turns against the gyro's, and the trim."""
+    log = case.log
     if not log.imus:
         return []
     imu = log.imus[log.imu or 0]
     onboard = log.onboard_attitude
     if onboard is None or len(onboard.t) < 2:
-        return [not_judged("coverage", "There is no onboard attitude in this log.", "ok from 95 %")]
-    against = gyro_against_attitude(log, imu, onboard, segments)
-    if gyro_fault:
-        against = Check("gyro against attitude", "fault", as_sentence(gyro_fault), CONTRADICTED, "", against.threshold)
+        return [unknown("coverage", "There is no onboard attitude in this log.", "ok from 95 %")]
+    against = gyro_against_attitude(log, imu, onboard, case.segments)
+    if case.rates is not None and case.rates.gyro_fault:
+        why = as_sentence(case.rates.gyro_fault)
+        against = Check("gyro_against_attitude", "fault", why, threshold=against.threshold)
     return [coverage_check(imu, onboard, log.onboard or ""), against, *trim_check(log, onboard)]
 
 
 def coverage_check(imu: Imu, onboard: Attitude, name: str) -> Check:
     """The share of the inertial data that the onboard attitude covers; its pauses do not count."""
     share = round(100.0 * float(np.mean(onboard.covers(imu.gyro.t))), 1)
-    verdict = "ok" if share >= 95.0 else "warning" if share >= 50.0 else "fault"
+    verdict: Verdict = "ok" if share >= 95.0 else "warning" if share >= 50.0 else "fault"
     text = f"{name} at {onboard.rate:.1f} Hz covers {share:.1f} % of the inertial data."
     return Check("coverage", verdict, text, share, "%", "ok from 95 %, fault below 50 %")
 
@@ -70,9 +68,9 @@ def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments:
     jumps, _ = resets.known_resets(log, name, segments) if imu is log.replay_imu else resets.find_resets(onboard, imu)
     by_gyro, by_attitude = mean_rates(imu, onboard, jumps)
     if imu.gyro.rate < MIN_ATTITUDE_HZ:
-        return not_judged("gyro against attitude", f"At {imu.gyro.rate:.0f} Hz {imu.gyro.source} misses turns.", limit)
+        return unknown("gyro_against_attitude", f"At {imu.gyro.rate:.0f} Hz {imu.gyro.source} misses turns.", limit)
     if len(by_gyro) < MIN_RATE_INTERVALS:
-        return not_judged("gyro against attitude", f"{name} has too few intervals with inertial data.", limit)
+        return unknown("gyro_against_attitude", f"{name} has too few intervals with inertial data.", limit)
     g, a = center_rates(by_gyro), center_rates(by_attitude)
     moving = np.degrees(g.std(axis=0)) >= MIN_RATE_STD_DPS
     slowly = reversed_slowly(g, a, moving)
@@ -80,10 +78,10 @@ def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments:
         text = (
             f"The vehicle hardly turns: {', '.join(f'{s:.1f}' for s in np.degrees(g.std(axis=0)))} deg/s about x, y, z."
         )
-        return not_judged("gyro against attitude", text, limit)
+        return unknown("gyro_against_attitude", text, limit)
     wrong = (swapped_axes(g, a, moving) if moving.any() else "") or slowly
     if wrong:
-        return Check("gyro against attitude", "fault", f"{imu.gyro.source} against {name}: {wrong}", wrong, "", limit)
+        return Check("gyro_against_attitude", "fault", f"{imu.gyro.source} against {name}: {wrong}", threshold=limit)
     slopes = np.sum(g * a, axis=0) / np.sum(g * g, axis=0)
     shown = ", ".join(f"{axis} {s:.3f}" for axis, s, m in zip("xyz", slopes, moving, strict=True) if m)
     worst = float(np.abs(np.log(np.maximum(slopes[moving], 1e-3))).max())
@@ -93,7 +91,7 @@ def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments:
     if slow and verdict == "fault":
         verdict, text = "warning", text + f" At {onboard.rate:.0f} Hz the attitude smears fast motion."
     value = float(slopes[moving][np.argmax(np.abs(slopes[moving] - 1))])
-    return Check("gyro against attitude", verdict, text, round(value, 4), "", limit)
+    return Check("gyro_against_attitude", verdict, text, round(value, 4), "", limit)
 
 
 def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
@@ -103,7 +101,7 @@ def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
     limit = "warning above 3 deg"
     vector = log.parameters.trim
     if vector is None:
-        return [not_judged("trim", "The log holds no parameters of the trim.", limit)]
+        return [unknown("trim", "The log holds no parameters of the trim.", limit)]
     roll, pitch = np.degrees(vector[:2])
     size = float(np.hypot(roll, pitch))
     text = f"The vehicle's trim turns roll by {roll:.2f} and pitch by {pitch:.2f} deg."
@@ -112,7 +110,7 @@ def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
 
 # Is the onboard heading wrong by GNSS acceleration, and when? It needs no compass, no truth and no smoother.
 
-HEADING_BY_GNSS = "heading by GNSS"
+HEADING_BY_GNSS = "heading_by_gnss"
 SERIOUS_HEADING_DEG = 15.0
 """So far off, position hold circles instead of holding."""
 GNSS_HEADING_LIMIT = (
@@ -120,8 +118,9 @@ GNSS_HEADING_LIMIT = (
 )
 
 
-def gnss_heading_checks(log: FlightLog, segments: Segments) -> list[Check]:
+def gnss_heading_checks(case: HealthCase) -> list[Check]:
     """The onboard heading against GNSS acceleration in flight; nothing without GNSS or attitude."""
+    log, segments = case.log, case.segments
     motion = find_gnss_motion(log, segments)
     if motion is None or log.onboard_attitude is None:
         return []
@@ -130,7 +129,7 @@ def gnss_heading_checks(log: FlightLog, segments: Segments) -> list[Check]:
     if wrong is not None:
         return [_wrong_heading_check(log, segments, wrong)]
     if not whole.told:
-        return [not_judged(HEADING_BY_GNSS, f"{whole.why[0].upper()}{whole.why[1:]}.", GNSS_HEADING_LIMIT)]
+        return [unknown(HEADING_BY_GNSS, f"{whole.why[0].upper()}{whole.why[1:]}.", GNSS_HEADING_LIMIT)]
     size = abs(whole.offset_deg)
     text = f"{log.onboard}'s heading is {size:.1f} deg off by GNSS acceleration (± {whole.sigma_deg:.1f} deg)."
     return [Check(HEADING_BY_GNSS, "ok", text, round(size, 1), "deg", GNSS_HEADING_LIMIT)]
@@ -146,7 +145,7 @@ def _wrong_heading_check(log: FlightLog, segments: Segments, wrong: WrongHeading
     rejected = _rejected_gnss(log, segments, wrong.spans)
     if rejected:
         evidence.append(f"The EKF rejected {rejected} then: its heading is wrong, not GNSS.")
-    verdict = "fault" if size > SERIOUS_HEADING_DEG else "warning"
+    verdict: Verdict = "fault" if size > SERIOUS_HEADING_DEG else "warning"
     return Check(
         HEADING_BY_GNSS, verdict, text, size, "deg", GNSS_HEADING_LIMIT, t=first, t_end=last, evidence=evidence
     )
@@ -168,32 +167,28 @@ def _rejected_gnss(log: FlightLog, segments: Segments, spans: list[Span]) -> str
 # smoother
 # whose own sensors failed a check accuses nobody, unless that evidence speaks against the onboard attitude too.
 
-AGAINST_SMOOTHER, AGAINST_TRUTH = "onboard against smoother", "onboard against truth"
+AGAINST_SMOOTHER, AGAINST_TRUTH = "onboard_against_smoother", "onboard_against_truth"
 AGAINST = {"smoother": AGAINST_SMOOTHER, "truth": AGAINST_TRUTH}
 """By what the reference is."""
 MAX_MOUNTING_LEFT = 0.3
 """What is left of a tilt error that a turn of the sensor explains, at most."""
 ONBOARD_LIMIT = "ok up to 3 deg of tilt and 8 deg of heading"
 ONBOARD_LIMITS = {"smoother": f"{ONBOARD_LIMIT}, or 3 joint sigmas", "truth": ONBOARD_LIMIT}
-FORCE_CHECKS = ("accelerometer axes", "accelerometer delay", "force axes", "frozen sensors")
+FORCE_CHECKS = ("accelerometer_axes", "accelerometer_delay", "force_axes", "frozen_sensors")
 """Checks of the accelerometer, which the evidence of gravity and of GNSS acceleration needs."""
 INERTIAL_CHECKS = (
     *FORCE_CHECKS,
-    *("gyro", "gyro range", "gyro bias", "frozen gyro", "gyro spikes", "gyro bias step", "gyro scale"),
-    *("gravity", "force offset", "vibration", "vertical force"),
+    *("gyro_dead", "gyro_range", "gyro_bias", "frozen_gyro", "gyro_spikes", "gyro_bias_step", "gyro_scale"),
+    *("accelerometer_dead", "accelerometer_rest", "accelerometer_offset", "vibration_level", "vertical_force"),
 )
 """Checks of the sensors that every smoother is made of."""
-COMPASS_CHECKS = ("compass axes", "compass offset", "compass turn", "field", "field against motors")
+COMPASS_CHECKS = ("compass_axes", "compass_offset", "compass_turn", "field", "compass_motors")
 """Checks of the sensor that a heading may rest on."""
 
 
-def smoother_checks(
-    log: FlightLog, segments: Segments, reference: Reference | None, others: Iterable[Check] = ()
-) -> list[Check]:
-    """Tilt and heading of the attitude that flew against truth or smoother; nothing where neither is the reference.
-
-    ``others``: the checks of the sensors that a smoother is made of.
-    """
+def smoother_checks(case: HealthCase) -> list[Check]:
+    """Check tilt and heading of the onboard attitude against truth or smoother, by the checks of its sensors."""
+    log, segments, reference = case.log, case.segments, case.reference
     found = None if reference is None else onboard_check.compare_onboard(log, segments, reference)
     if reference is None or found is None:
         return []
@@ -201,13 +196,13 @@ def smoother_checks(
     whom = "the truth" if reference.kind == "truth" else "the smoother"
     if not found.errors:
         return [Check(name, "ok", _agreement_text(log, found, whom), threshold=limit)]
-    failed = {check.name for check in others if _misleads(check)}
+    failed = {check.question for check in case.trouble() if _misleads(check)}
     doubts = {error.angle: _failed_sensors(error, reference, failed) for error in found.errors}
     errors = [error for error in found.errors if not doubts[error.angle]]
     if not errors:
         error = found.errors[0]
         why = f"{log.onboard} differs from {whom}: {error.text}. Who is wrong is open: {doubts[error.angle]} failed."
-        return [not_judged(name, why, limit)]
+        return [unknown(name, why, limit)]
     shown = [error for error in errors if error.wrong] or errors
     lead, *rest = shown
     wrong = lead.wrong
@@ -249,9 +244,9 @@ def _agreement_text(log: FlightLog, found: OnboardComparison, whom: str) -> str:
 
 
 def _misleads(check: Check) -> bool:
-    """Whether a check failed in a way that a smoother does not find out and correct, as it does a constant bias."""
-    constant = check.name == "gyro bias" and check.t is None
-    return check.verdict == "fault" or (check.verdict == "warning" and not constant)
+    """Return whether a smoother cannot correct what failed; a constant gyro bias up to a warning it can."""
+    constant = check.question == "gyro_bias" and check.t is None
+    return check.verdict == "fault" or not constant
 
 
 def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str]) -> str:
@@ -262,13 +257,13 @@ def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str])
     by_compass = reference.quality.get("heading_from") not in ("motion", "brought")
     if not error.confirmed and error.angle == "heading" and by_compass:
         relevant = (*relevant, *COMPASS_CHECKS)
-    found = [f"`{name}`" for name in relevant if name in failed]
+    found = [f"`{name.replace('_', ' ')}`" for name in relevant if name in failed]
     if not error.confirmed and reference.gyro_jumps:
         found.append("the gyro's bias, which jumps,")
     return " and ".join(found)
 
 
-def is_mounted_turned(onboard: model_Array, own: model_Array) -> bool:
+def is_mounted_turned(onboard: Array, own: Array) -> bool:
     """Whether one turn of the sensor in the body explains the tilt (n, 4) of the onboard attitude against ``own``."""
     down = np.array([0.0, 0.0, 1.0])
     a, b = (rotation.rotate_inverse(q, down) for q in (own, onboard))
@@ -277,7 +272,7 @@ def is_mounted_turned(onboard: model_Array, own: model_Array) -> bool:
     return left < MAX_MOUNTING_LEFT**2 * whole
 
 
-def _usual_difference(angle: str, size: model_Array, sigma: model_Array) -> str:
+def _usual_difference(angle: str, size: Array, sigma: Array) -> str:
     """``tilt 0.6 deg (2.1 sigma)``: RMS of the difference, and of its ratio to the reference's own sigma."""
     text = f"{angle} {float(np.sqrt(np.mean(size**2))):.1f} deg"
     return f"{text} ({float(np.sqrt(np.mean((size / sigma) ** 2))):.1f} sigma)" if sigma.all() else text
@@ -291,10 +286,10 @@ PROOFS = (HEADING_BY_GNSS, AGAINST_TRUTH, AGAINST_SMOOTHER)
 
 def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
     """The wrong angle with its size in deg and its time in s; None where no check proves one."""
-    faults = {check.name: check for check in checks if check.name in PROOFS and check.verdict == "fault"}
+    faults = {check.question: check for check in checks if check.question in PROOFS and check.verdict == "fault"}
     for name in PROOFS:
         check = faults.get(name)
-        if check is not None and isinstance(check.value, float | int) and check.t is not None:
+        if check is not None and check.value is not None and check.t is not None:
             angle = "heading" if name == HEADING_BY_GNSS else check.about
             return WrongAngle(angle, float(check.value), check.t, check.t if check.t_end is None else check.t_end)
     return None
@@ -302,7 +297,6 @@ def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
 
 # Jumps of the onboard attitude: yaw realignments, resets and lane switches, with their size.
 
-Array = NDArray[np.float64]
 
 MIN_JUMP_DEG, LARGE_JUMP_DEG = 3.0, 15.0
 """Smaller ones are what an estimator does every day; from 15 deg a flight in position hold goes astray."""
@@ -315,11 +309,12 @@ MAX_ERROR_LEFT = 0.4
 """A jump sets right (or wrong) what had (or has then) so much of the error of its other side at most."""
 
 
-def jump_checks(log: FlightLog, segments: Segments, reference: Reference | None = None) -> list[Check]:
+def jump_checks(case: HealthCase) -> list[Check]:
     """Steps of the onboard attitude that no rotation of the vehicle explains, once it was armed (aligned) and whole.
 
     ``reference``: truth or smoother tell on which side of the largest jump the attitude was right.
     """
+    log, segments, reference = case.log, case.segments, case.reference
     attitude, imu = log.onboard_attitude, log.replay_imu
     if attitude is None or imu is None:
         return []
@@ -329,13 +324,13 @@ def jump_checks(log: FlightLog, segments: Segments, reference: Reference | None 
     index = index[jumps_in_use(stamps, float(attitude.t[0]), segments) & before_crashes(segments, stamps)]
     sizes = resets.unexplained_deg(attitude, imu) if len(index) else None
     if sizes is None:
-        return [Check("attitude jumps", "ok", f"{log.onboard} never jumps while in use.", 0.0, "deg", limit)]
+        return [Check("attitude_jumps", "ok", f"{log.onboard} never jumps while in use.", 0.0, "deg", limit)]
     size = sizes[0][index - 1]
     large = np.isfinite(size) & (size > MIN_JUMP_DEG)
     if not large.any():
         worst = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
         text = f"{log.onboard} jumps by {worst:.1f} deg at most."
-        return [Check("attitude jumps", "ok", text, round(worst, 1), "deg", limit)]
+        return [Check("attitude_jumps", "ok", text, round(worst, 1), "deg", limit)]
     t, size, index = attitude.t[index[large]], size[large], index[large]
     order = np.argsort(-size, kind="stable")
     flown = segments.mask(t, "airborne")
@@ -345,12 +340,12 @@ def jump_checks(log: FlightLog, segments: Segments, reference: Reference | None 
     heading = bool((yaw > 0.9).all())
     times = "once" if len(t) == 1 else f"{len(t)} times"
     text = f"The onboard {'heading' if heading else 'attitude'} jumped {times}: {shown}{more}."
-    verdict = "fault" if (size[flown] > LARGE_JUMP_DEG).any() else "warning"
+    verdict: Verdict = "fault" if (size[flown] > LARGE_JUMP_DEG).any() else "warning"
     k = int(order[0])
     side = right_side(log, reference, int(index[k]), heading, float(size[k]))
     return [
         Check(
-            "attitude jumps",
+            "attitude_jumps",
             verdict,
             text,
             round(float(size.max()), 1),
@@ -411,8 +406,11 @@ def yaw_share(q: Array, index: NDArray[np.int64]) -> Array:
 CRASH_LIMIT = "ok: no tilt beyond 90 deg that ends on the ground, no blow above 4 g after which it lies or tumbles"
 
 
-def crash_checks(log: FlightLog, segments: Segments) -> list[Check]:
+def crash_checks(case: HealthCase) -> list[Check]:
     """One check that tells the first crash, and how often control was lost; ok only where samples could show one."""
+    log, segments = case.log, case.segments
+    if not log.imus:
+        return []
     lost, blows = segments.of("loss_of_control"), segments.of("impact")
     if not lost and not blows:
         return [_no_crash(log, segments)]
@@ -427,7 +425,7 @@ def crash_checks(log: FlightLog, segments: Segments) -> list[Check]:
     else:
         after = f"Nothing is compared after {blows[0].t0:.1f} s."
     count = max(len(before), 1)
-    return [Check("crash", "fault", text, count, "", CRASH_LIMIT, t=first.t0, count=count, evidence=[after])]
+    return [Check("crash", "fault", text, float(count), "", CRASH_LIMIT, t=first.t0, count=count, evidence=[after])]
 
 
 def _crash_text(segments: Segments, t: float) -> str:
@@ -441,7 +439,7 @@ def _no_crash(log: FlightLog, segments: Segments) -> Check:
     """No crash, where raw samples would show one; else why that cannot be said."""
     driven = segments.of("airborne") or segments.of("armed")
     if not driven or shows_impacts(log):
-        return Check("crash", "ok", "No loss of control and no impact.", 0, "", CRASH_LIMIT)
+        return Check("crash", "ok", "No loss of control and no impact.", 0.0, "", CRASH_LIMIT)
     rate = max(imu.acc.rate for imu in log.imus)
     blind = f"a blow shorter than {1000.0 / rate:.0f} ms would not show"
-    return not_judged("crash", f"IMU at {rate:.0f} Hz: nothing turned it over; {blind}.", CRASH_LIMIT)
+    return unknown("crash", f"IMU at {rate:.0f} Hz: nothing turned it over; {blind}.", CRASH_LIMIT)

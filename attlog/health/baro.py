@@ -12,7 +12,7 @@ from attlog.core.spans import Span, inside
 from attlog.flight import aiding as parameters
 from attlog.flight.model import Array, FlightLog, Stream
 from attlog.health import delays
-from attlog.health.check import Assessment, HealthCase
+from attlog.health.check import Check, HealthCase
 
 BARO_QUESTION = "barometer_noise"
 MIN_BARO_SAMPLES = 50
@@ -22,14 +22,14 @@ FIX_3D = 3
 BARO_SOURCE = "the noise parameter of the estimator, else 28 real flights"
 
 
-def barometer_noise(case: HealthCase) -> list[Assessment]:
+def barometer_noise(case: HealthCase) -> list[Check]:
     """The noise of each barometer in flight; nothing where nothing flew."""
     flown = delays.flight_spans(case)
     found = [_noise_assessment(case.log, one, flown) for one in case.log.baro]
     return [one for one in found if one is not None]
 
 
-def _noise_assessment(log: FlightLog, baro: Stream, flown: list[Span]) -> Assessment | None:
+def _noise_assessment(log: FlightLog, baro: Stream, flown: list[Span]) -> Check | None:
     use = inside(baro.t, flown) & np.isfinite(baro.x[:, 0])
     t, x = without_repeats(baro.t[use], baro.x[use, 0])
     if len(t) < MIN_BARO_SAMPLES:
@@ -38,7 +38,9 @@ def _noise_assessment(log: FlightLog, baro: Stream, flown: list[Span]) -> Assess
     tested = next((test.source for test in log.estimator.innovation_tests if test.aid == "height"), "")
     expected = parameters.noise_parameter(log, "height", tested)
     limit = USUAL_NOISE_M if expected is None else expected.old
-    told = Assessment(baro.source, BARO_QUESTION, "ok", "", round(size, 3), "m", threshold=f"ok up to {limit:g} m")
+    told = Check(
+        BARO_QUESTION, "ok", "", sensor=baro.source, value=round(size, 3), unit="m", threshold=f"ok up to {limit:g} m"
+    )
     told.source, told.n, told.seconds = BARO_SOURCE, len(t), round(float(delays.held_seconds(t).sum()), 1)
     told.ci95 = (round(interval[0], 3), round(interval[1], 3))
     words = "" if expected is None else f"; {expected.name} expects {expected.old:g} m"

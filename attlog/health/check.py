@@ -1,113 +1,34 @@
-"""What the audit says: checks with verdicts, and which questions a log can answer."""
+"""Check of a sensor or estimator: verdict, value with interval, evidence, and parameters to set."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isclose
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, guarded_part
+from attlog.reference import choose
 from attlog.reference.model import Reference
 from attlog.segments.model import Segments
 
-__all__ = [
-    "TOPICS",
-    "Assessment",
-    "HealthCase",
-    "MotionAttitude",
-    "SensorQuestion",
-    "Setting",
-    "Verdict",
-    "agreed_settings",
-    "unknown",
-]
-
-
-@dataclass(slots=True)
-class Check:
-    """One physics check of the log: ``verdict`` is ok, warning, fault or unknown.
-
-    ``t`` s is where it begins and ``t_end`` s where it ends, None for all of the log; ``count`` how often it happens.
-    ``about``: the angle (tilt, heading) or the sensor that it speaks of, where not of what its name says.
-    ``evidence``: further sentences with numbers. ``cause`` where this log tells it, empty where it is the usual one.
-    ``ci95``: the 95 % interval of ``value`` where one is known, by so many ``samples`` in ``seconds``.
-    """
-
-    name: str
-    verdict: str
-    text: str
-    value: int | float | str | None = None
-    unit: str = ""
-    threshold: str = ""
-    t: float | None = None
-    count: int = 1
-    t_end: float | None = None
-    about: str = ""
-    evidence: list[str] = field(default_factory=list)
-    cause: str = ""
-    ci95: tuple[float, float] | None = None
-    samples: int = 0
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Answerable:
-    """Whether one of the four questions (accuracy, noise, lag, yaw_drift) can be answered from this log.
-
-    ``reason`` is a sentence with the numbers; ``setting`` names what would log what is
-    missing, for the firmware that flew, empty where nothing is missing.
-    """
-
-    question: str
-    can: bool
-    reason: str
-    setting: str = ""
-
-
-def graded(value: float, ok: float, warning: float) -> Literal["ok", "warning", "fault"]:
-    """The verdict of a size: ok up to ``ok``, warning up to ``warning``, else fault."""
-    return "ok" if value <= ok else "warning" if value <= warning else "fault"
-
-
-FAILED = "part_failed"
-"""The value of a check that ended in a bug."""
-
-
-def failed_check(name: str, sentence: str) -> list[Check]:
-    """A check that ended in a bug, with the sentence that says so."""
-    return [Check(name, "unknown", sentence, value=FAILED)]
-
-
-def not_judged(name: str, why: str, threshold: str = "") -> Check:
-    """A check that cannot be made, with the reason."""
-    return Check(name, "unknown", why, threshold=threshold)
-
-
-# A reason, written as a part of a sentence, as a sentence of its own.
-
-
-def as_sentence(reason: str) -> str:
-    """With a capital and a full stop; a message's name at its beginning stays as the log writes it."""
-    text = reason.rstrip(".")
-    name = "_" in text.partition(" ")[0]
-    return f"{text if name else text[:1].upper() + text[1:]}."
-
-
-# What one question about a sensor found: a verdict with its number, and what should be set.
-
 Array = NDArray[np.float64]
 Verdict = Literal["ok", "warning", "fault", "unknown"]
+Weight = Literal["serious", "warning", "note", "info"]
+TROUBLE = ("warning", "fault")
+BUG = "part_failed"
+# Parameters are 32-bit floats in logs and files: values that differ by this share are equal.
+SETTING_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A parameter to set. ``old`` is its value when the log was flown, None where the log does not hold it."""
+    """Parameter to set. ``old``: its value when the log was flown, None where the log does not hold it."""
 
     name: str
     old: float | None
@@ -116,62 +37,104 @@ class Setting:
 
 
 @dataclass(slots=True)
-class Assessment:
-    """One question about one sensor, answered.
+class Check:
+    """Answer to one question about one sensor or estimator.
 
-    ``sensor``: which one, as the log calls it (``MAG.0``); ``question``: an id (``compass_offset``). ``text`` is one
-    sentence with the number. ``value`` in ``unit`` with its 95 % interval ``ci95``; ``vector`` its components along the
-    body's axes x, y, z where it has any, ``vector_ci95`` half the width of their intervals. ``n`` samples or blocks in
-    ``seconds``. ``threshold`` with its ``source``. ``settings``: what to set; ``why_no_setting``: why there is nothing
-    to set although something is off, and what to log or fly for it. ``evidence``: further sentences with numbers.
+    ``question``: id of a row in :data:`attlog.health.registry.CHECKS`; ``sensor``: name in the log (``MAG.0``), not
+    ``in_use`` where the vehicle did not fly by it. ``text`` is one sentence with the number. ``value`` in ``unit`` has the 95 % interval ``ci95``; ``vector`` holds components
+    along the body axes x, y, z, ``vector_ci95`` half the widths of their intervals. ``n`` samples in ``seconds``.
+    ``t`` to ``t_end`` s: begin and end, None for the whole log; ``count``: number of events. ``about``: angle (tilt,
+    heading) or case; ``kind``: kind of finding, empty for
+    that of the row. ``threshold`` with its ``source``. ``settings``: parameters to set; ``why_no_setting``: reason
+    for none and what to log or fly. ``cause``: cause found in this log, empty for the usual one of the row.
     """
 
-    sensor: str
     question: str
     verdict: Verdict
     text: str
     value: float | None = None
     unit: str = ""
+    threshold: str = ""
+    t: float | None = None
+    count: int = 1
+    t_end: float | None = None
+    about: str = ""
+    kind: str = ""
+    evidence: list[str] = field(default_factory=list)
+    cause: str = ""
+    sensor: str = ""
+    in_use: bool = True
     ci95: tuple[float, float] | None = None
     vector: list[float] = field(default_factory=list)
     vector_ci95: list[float] = field(default_factory=list)
     n: int = 0
     seconds: float = 0.0
-    t: float | None = None
-    threshold: str = ""
     source: str = ""
     settings: list[Setting] = field(default_factory=list)
     why_no_setting: str = ""
     action: str = ""
-    evidence: list[str] = field(default_factory=list)
+
+    @property
+    def is_trouble(self) -> bool:
+        """Whether the verdict is a warning or a fault."""
+        return self.verdict in TROUBLE
 
 
-def finite(found: Assessment) -> Assessment:
-    """The assessment without numbers that are none: JSON holds no NaN, and a vehicle takes none.
+def unknown(question: str, why: str, threshold: str = "", *, sensor: str = "", source: str = "") -> Check:
+    """Return a check that this log cannot answer, with the reason."""
+    return Check(question, "unknown", why, threshold=threshold, sensor=sensor, source=source)
 
-    With one value to set that is none all of them go, because they only fit together.
+
+def graded(value: float, ok: float, warning: float) -> Literal["ok", "warning", "fault"]:
+    """Return ok up to ``ok``, warning up to ``warning``, else fault."""
+    return "ok" if value <= ok else "warning" if value <= warning else "fault"
+
+
+class Measured(TypedDict):
+    """Value of a check with its 95 % interval."""
+
+    value: float
+    ci95: tuple[float, float]
+
+
+def measured(value: float, sigma: float, digits: int, least: float = -math.inf) -> Measured:
+    """Return a value and its 95 % interval, rounded; the interval does not begin below ``least``."""
+    low, high = max(value - 1.96 * sigma, least), value + 1.96 * sigma
+    return {"value": round(value, digits), "ci95": (round(low, digits), round(high, digits))}
+
+
+def finite(check: Check) -> Check:
+    """Return the check without NaN and infinite numbers, which neither JSON nor a vehicle accepts.
+
+    One invalid value to set removes all settings, because they only fit together.
     """
-    numbers = [found.value] if found.value is not None else []
-    lists = [numbers, list(found.ci95 or ()), found.vector, found.vector_ci95, [s.new for s in found.settings]]
+    numbers = [check.value] if check.value is not None else []
+    lists = [numbers, list(check.ci95 or ()), check.vector, check.vector_ci95, [s.new for s in check.settings]]
     value, ci95, vector, vector_ci95, settings = (all(map(math.isfinite, each)) for each in lists)
     return replace(
-        found,
-        value=found.value if value else None,
-        ci95=found.ci95 if ci95 and value else None,
-        vector=found.vector if vector else [],
-        vector_ci95=found.vector_ci95 if vector and vector_ci95 else [],
-        settings=found.settings if settings else [],
+        check,
+        value=check.value if value else None,
+        ci95=check.ci95 if ci95 and value else None,
+        vector=check.vector if vector else [],
+        vector_ci95=check.vector_ci95 if vector and vector_ci95 else [],
+        settings=check.settings if settings else [],
     )
+
+
+def as_sentence(reason: str) -> str:
+    """Return a clause as a sentence: capital, full stop; message names keep their case."""
+    text = reason.rstrip(".")
+    name = "_" in text.partition(" ")[0]
+    return f"{text if name else text[:1].upper() + text[1:]}."
 
 
 @dataclass(frozen=True, slots=True)
 class MotionAttitude:
-    """The smoother without any compass: its heading is that of motion alone.
+    """Attitude by the smoother without any compass: its heading follows from motion alone.
 
     ``q`` (n, 4) turns vectors in the axes of the replayed IMU to north-east-down at ``t`` (n,) s; ``segment`` (n,)
-    numbers what is between gaps. ``sigma_tilt``, ``sigma_heading`` (n,) rad: what the run says of itself, of the
-    heading also where it is too unsure for a reference of attitudes; pi where something contradicts it. ``quality``:
-    the same in single numbers.
+    numbers the parts between gaps. ``sigma_tilt``, ``sigma_heading`` (n,) rad: own 1-sigma errors, pi where the heading
+    is contradicted. ``quality``: the same as single numbers.
     """
 
     t: Array
@@ -184,94 +147,55 @@ class MotionAttitude:
 
 @dataclass
 class HealthCase:
-    """What every question may look at. ``reference`` and ``checks`` are those of the analysis.
+    """Input of every check; ``reference`` None where no IMU can be replayed.
 
-    ``segments`` are there without an IMU too, as far as arming, position and attitudes tell them; ``reference`` is None
-    where no IMU can be replayed. ``smooth`` runs the smoother without a compass, at most once (``motion``).
+    ``segments`` exist without an IMU too. ``smooth`` runs the smoother without a compass, at most once (``motion``).
+    ``found``: checks made so far, for those that depend on others.
     """
 
     log: FlightLog
     segments: Segments
-    reference: Reference | None
-    checks: list[Check]
-    smooth: Callable[[], MotionAttitude | None]
+    reference: Reference | None = None
+    smooth: Callable[[], MotionAttitude | None] = lambda: None
+    found: list[Check] = field(default_factory=list)
 
     @cached_property
     def motion(self) -> MotionAttitude | None:
-        """The attitude by motion alone, None where there is none: no GNSS, no flight, too long a log."""
+        """Attitude by motion alone; None without GNSS or flight."""
         return self.smooth()
 
+    @cached_property
+    def rates(self) -> Reference | None:
+        """Reference that is not made of the replayed gyro: truth or the onboard attitude instead of a smoother."""
+        if (self.reference is None or self.reference.kind == "smoother") and self.log.imu is not None:
+            what = "The reference"
+            return guarded_part(
+                self.log, what, lambda: choose(self.log, self.segments, heading=False), lambda: self.reference
+            )
+        return self.reference
 
-def unknown(sensor: str, question: str, why: str, threshold: str = "", source: str = "") -> Assessment:
-    """A question that this log cannot answer, with the reason and what would answer it."""
-    return Assessment(sensor, question, "unknown", why, threshold=threshold, source=source)
-
-
-# Which questions about sensors are there? Each id once: its words, and the finding that it belongs to.
-#
-# Tables, gates and findings take their words and names from here, so that a new question needs its line and no more.
-
-
-@dataclass(frozen=True, slots=True)
-class SensorQuestion:
-    """``title`` in words; ``finding``: the kind of finding (``attlog.health.findings``) that a warning belongs to."""
-
-    title: str
-    finding: str
+    def trouble(self, *questions: str) -> list[Check]:
+        """Return checks of sensors in use that found warnings or faults, of all questions where none is named."""
+        return [c for c in self.found if c.is_trouble and c.in_use and (not questions or c.question in questions)]
 
 
-COMPASS, ACCELEROMETER, GYRO_BIAS, VIBRATION, GNSS, ESTIMATOR = (
-    "compass",
-    "accelerometer",
-    "gyro_bias",
-    "vibration",
-    "gnss",
-    "estimator",
-)
-TOPICS: Mapping[str, SensorQuestion] = {
-    "compass_offset": SensorQuestion("compass offset", COMPASS),
-    "compass_motors": SensorQuestion("compass and motor current", COMPASS),
-    "soft_iron": SensorQuestion("compass soft iron", COMPASS),
-    "compass_choice": SensorQuestion("compass in use", COMPASS),
-    "accelerometer_offset": SensorQuestion("accelerometer offset", ACCELEROMETER),
-    "accelerometer_rest": SensorQuestion("gravity at rest", ACCELEROMETER),
-    "accelerometer_temperature": SensorQuestion("accelerometer and temperature", ACCELEROMETER),
-    "imu_instances": SensorQuestion("IMUs against each other", ACCELEROMETER),
-    "gyro_bias": SensorQuestion("gyro bias", GYRO_BIAS),
-    "gyro_bias_step": SensorQuestion("step of the gyro bias", GYRO_BIAS),
-    "gyro_temperature": SensorQuestion("gyro bias and temperature", GYRO_BIAS),
-    "gyro_scale": SensorQuestion("gyro scale", "gyro_scale"),
-    "vibration_level": SensorQuestion("vibration", VIBRATION),
-    "clipping": SensorQuestion("clipping", VIBRATION),
-    "gyro_spectrum": SensorQuestion("gyro spectrum", VIBRATION),
-    "notch": SensorQuestion("notch filter", VIBRATION),
-    "gnss_delay": SensorQuestion("GNSS delay", ESTIMATOR),
-    "magnetometer_delay": SensorQuestion("magnetometer delay", ESTIMATOR),
-    "barometer_delay": SensorQuestion("barometer delay", ESTIMATOR),
-    "imu_delay": SensorQuestion("IMU delay", "imu_delay"),
-    "innovations": SensorQuestion("test ratios", ESTIMATOR),
-    "lanes": SensorQuestion("estimator lane in use", ESTIMATOR),
-    "gnss_quality": SensorQuestion("GNSS quality", GNSS),
-    "gnss_jumps": SensorQuestion("GNSS jumps", GNSS),
-    "gnss_interference": SensorQuestion("GNSS interference", GNSS),
-    "barometer_noise": SensorQuestion("barometer noise", ESTIMATOR),
-}
-"""By question id, in the order of tables."""
+def spare_sensors(log: FlightLog) -> set[str]:
+    """Return the sources of compasses and IMUs that are logged beside those in use."""
+    imu = log.imus[log.imu or 0] if log.imus else None
+    used = {log.mags[log.mag].field.source} if log.mag is not None else set()
+    used |= {imu.gyro.source, imu.acc.source} if imu is not None else set()
+    every = {mag.field.source for mag in log.mags}
+    every |= {source for imu in log.imus for source in (imu.gyro.source, imu.acc.source)}
+    return every - used
 
 
-# What should be set, all questions about a log together? Each parameter once, and none that two questions dispute.
+def agreed_settings(checks: Iterable[Check]) -> list[Setting]:
+    """Return the parameters to set, each once, in the order of the checks.
 
-SETTING_TOLERANCE = 1e-6
-"""Values that differ by this share are equal: logs and files hold parameters as 32 bit floating point."""
-
-
-def agreed_settings(assessments: Iterable[Assessment]) -> list[Setting]:
-    """The parameters to set, in the order of the questions.
-
-    One that two questions would set to different values is left out: one of them is wrong. So are all others of those
-    questions, because offsets and scales only fit together.
+    A parameter that two checks set to different values is left out with all others of those checks, because offsets
+    and scales only fit together.
     """
-    given = [assessment.settings for assessment in assessments if assessment.settings]
+    given = [check.settings for check in checks if check.settings]
     values: dict[str, list[float]] = {}
     for settings in given:
         for setting in settings:
@@ -279,23 +203,20 @@ def agreed_settings(assessments: Iterable[Assessment]) -> list[Setting]:
     disputed = {
         name for name, new in values.items() if any(not isclose(x, new[0], rel_tol=SETTING_TOLERANCE) for x in new)
     }
-    agreed = [settings for settings in given if disputed.isdisjoint(setting.name for setting in settings)]
     found: dict[str, Setting] = {}
-    for settings in agreed:
-        for setting in settings:
-            found.setdefault(setting.name, setting)
+    for settings in given:
+        if disputed.isdisjoint(setting.name for setting in settings):
+            for setting in settings:
+                found.setdefault(setting.name, setting)
     return list(found.values())
 
 
 def number_text(value: float) -> str:
-    """A parameter's value as a ground station takes it: seven digits, as many as 32 bit floating point holds."""
+    """Return a parameter's value with seven digits, the precision of 32-bit floats."""
     return f"{value + 0.0:.7g}"
 
 
 def settings_sentence(settings: Iterable[Setting]) -> str:
-    """What to set as one sentence, empty without: ``Set COMPASS_OFS_X 145, COMPASS_OFS_Y -20.``"""
+    """Return ``Set COMPASS_OFS_X 145, COMPASS_OFS_Y -20.``; empty without settings."""
     words = ", ".join(f"{setting.name} {number_text(setting.new)}" for setting in settings)
     return f"Set {words}." if words else ""
-
-
-# Can these sensors be trusted, and what should be set? One file per question; each answers with assessments.

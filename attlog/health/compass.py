@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,40 +13,30 @@ from attlog.core.spans import inside
 from attlog.flight import compass
 from attlog.flight.model import Array, Attitude, FlightLog, Mag
 from attlog.flight.parameters import looks_up_declination
-from attlog.health import compass_fit, timing
 from attlog.health import settings as parameters
-from attlog.health.causes import CLOSE_SHARE, OFF_SHARE, STEADY_SHARE, switch_parameters, was_calibrated
-from attlog.health.check import Array as check_Array
-from attlog.health.check import Assessment, Check, HealthCase, Setting, Verdict, graded, not_judged, unknown
+from attlog.health import timing
+from attlog.health.check import Check, HealthCase, Setting, Verdict, graded, unknown
 from attlog.health.compass_fit import (
     COMPASS_HUBER,
     MIN_OFFSET_UT,
+    MOVE_ADVICE,
     OFFSET_SIGMAS,
     STANDARD_ERRORS,
     CompassStudy,
     HeadingProof,
+    compass_error_checks,
     compass_flight_spans,
     compass_studies,
     heading_error,
+    interference_check,
     rms_deg,
 )
-from attlog.health.figures import FieldHistory, Interference, field_against_expected, interference_points
 from attlog.health.flown import samples_in_use
 from attlog.health.gravity import imu_attitude
 from attlog.health.regression import robust_fit
 from attlog.reference import alignment, scoring
 from attlog.segments import resets
 from attlog.segments.model import Segments
-
-__all__ = [
-    "COMPASS_QUESTIONS",
-    "FieldHistory",
-    "Interference",
-    "compass_assessments",
-    "field_against_expected",
-    "interference_points",
-]
-
 
 STRENGTH_UT = (15.0, 90.0)
 """Outside this no place on earth lies: 22 to 67 uT with room for an iron vehicle."""
@@ -69,31 +59,30 @@ NORTH_OFF_DEG, NORTH_FAR_DEG = 4.0, 15.0
 wrong."""
 
 
-def field_checks(log: FlightLog, segments: Segments) -> list[Check]:
+def field_checks(case: HealthCase) -> list[Check]:
     """Field strength, steadiness in earth axes, declination."""
+    log, segments = case.log, case.segments
     if not log.mags:
-        return [not_judged("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
+        return [unknown("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
     found = [
         Check(
-            f"magnetometer {m.index}",
+            "compass_dead",
             "fault",
             f"{_compass_name(log, m.field.source)}: {reason}.",
-            "dead",
-            "",
-            "must follow the field",
+            threshold="must follow the field",
         )
         for m in log.mags
         if (reason := compass.dead_reason(m, log.replay_imu))
     ]
     if log.mag is None:
-        return [*found, not_judged("field", "No usable magnetometer in this log.", "15 to 90 uT")]
+        return [*found, unknown("field", "No usable magnetometer in this log.", "15 to 90 uT")]
     held = timing.frozen_compass(log)
     if held:
         why = f"The compass stops at {held[0][0]:.1f} s: its field says nothing from there on."
         return [
             *found,
             field_strength(log, segments),
-            *(not_judged(name, why) for name in ("field against attitude", "declination")),
+            *(unknown(name, why) for name in ("field_against_attitude", "declination")),
         ]
     return [*found, field_strength(log, segments), *field_direction(log, segments)]
 
@@ -105,12 +94,12 @@ def field_strength(log: FlightLog, segments: Segments) -> Check:
     used = (norm > 0) & samples_in_use(log, segments, mag.field.t_best)
     t = mag.field.t_best[used]
     if len(t) < MIN_STRENGTH_SAMPLES or (len(t) - 1) * float(np.median(np.diff(t))) < MIN_STRENGTH_S:
-        return not_judged("field", f"{mag.field.source} measured for less than {MIN_STRENGTH_S:.0f} s in use.")
+        return unknown("field", f"{mag.field.source} measured for less than {MIN_STRENGTH_S:.0f} s in use.")
     norm = norm[used]
     value, spread = float(np.median(norm)), float(np.std(norm) / np.median(norm))
     model = alignment.earth_field(log)
     text = f"{mag.field.source} reads {value:.1f} uT, varying by {100 * spread:.0f} %"
-    verdict = "ok" if STRENGTH_UT[0] <= value <= STRENGTH_UT[1] else "fault"
+    verdict: Verdict = "ok" if STRENGTH_UT[0] <= value <= STRENGTH_UT[1] else "fault"
     limit = "ok within 20 % of the model and varying up to 10 %; fault outside 15 to 90 uT"
     if model is not None:
         expected = model.strength_t * 1e6
@@ -142,7 +131,7 @@ def field_direction(log: FlightLog, segments: Segments) -> list[Check]:
     truth = log.truth_with_north
     name, attitude = ("truth", truth) if truth is not None else (log.onboard, log.onboard_attitude)
     if attitude is None:
-        return [not_judged("field against attitude", "There is no attitude to rotate the field by.", limit)]
+        return [unknown("field_against_attitude", "There is no attitude to rotate the field by.", limit)]
     q = attitude.q if name == "truth" else imu_attitude(log, attitude)
     field = log.mags[log.mag or 0].field
     turned = rotation.slerp(attitude.t, q, field.t_best)
@@ -152,7 +141,7 @@ def field_direction(log: FlightLog, segments: Segments) -> list[Check]:
     good &= turning_dps(attitude.t, q, field.t_best) < (SLOW_DPS if slow else FAST_DPS)
     if good.sum() < MIN_STRENGTH_SAMPLES:
         said = f"{name} covers {good.sum()} magnetometer samples only, at slow turns."
-        return [not_judged("field against attitude", said, limit)]
+        return [unknown("field_against_attitude", said, limit)]
     north = rotation.rotate(turned[good], field.x[good])
     azimuth, spread = circular_mean(np.arctan2(north[:, 1], north[:, 0]))
     model = alignment.earth_field(log)
@@ -161,16 +150,13 @@ def field_direction(log: FlightLog, segments: Segments) -> list[Check]:
     less = "" if model is None else f", less the declination of {model.declination_deg:.1f} deg,"
     text = f"The field's north lies {off:.1f} deg from {whose} north{less} and varies by {spread:.1f} deg (1 sigma)."
     verdict = graded(spread, STEADY_DEG * (2.0 if slow else 1.0), UNSTEADY_DEG)
-    found = [Check("field against attitude", verdict, text, round(spread, 2), "deg", limit)]
+    found = [Check("field_against_attitude", verdict, text, round(spread, 2), "deg", limit)]
     within = NORTH_OFF_DEG * (2.0 if slow else 1.0)
     limit = f"ok within {within:.0f} deg of the model, fault above {NORTH_FAR_DEG:.0f} deg"
     if model is None:
-        return [
-            *found,
-            not_judged("declination", "There is no GNSS position, so no declination to compare with.", limit),
-        ]
+        return [*found, unknown("declination", "There is no GNSS position, so no declination to compare with.", limit)]
     if max(UNSTEADY_DEG, abs(off)) < spread:
-        return [*found, not_judged("declination", "The field varies too much to determine a declination.", limit)]
+        return [*found, unknown("declination", "The field varies too much to determine a declination.", limit)]
     expected = f"the model says {model.declination_deg:.1f} deg"
     text = f"The field's north lies {azimuth:.1f} deg from {whose} north; {expected}."
     found.append(Check("declination", graded(abs(off), within, NORTH_FAR_DEG), text, round(azimuth, 2), "deg", limit))
@@ -209,18 +195,18 @@ def circular_mean(angle: Array) -> tuple[float, float]:
 
 # Was the autopilot told the right declination?
 
-DECLINATION_SET = "declination set"
 DECLINATION_LIMIT = "ok within 4 deg of the model, fault above 15 deg"
 
 
-def declination_checks(log: FlightLog) -> list[Check]:
+def declination_checks(case: HealthCase) -> list[Check]:
     """The parameter against the world magnetic model; nothing where it is not set or not used, or no place is known."""
+    log = case.log
     told, model = log.parameters.declination, alignment.earth_field(log)
     if told is None or model is None or looks_up_declination(log):
         return []
     off = abs(float(np.degrees(rotation.wrap(np.radians(told - model.declination_deg)))))
     text = f"{log.parameters.declination_source} says {told:.1f} deg; the model says {model.declination_deg:.1f} deg."
-    return [Check(DECLINATION_SET, graded(off, 4.0, 15.0), text, round(told, 2), "deg", DECLINATION_LIMIT)]
+    return [Check("declination_set", graded(off, 4.0, 15.0), text, round(told, 2), "deg", DECLINATION_LIMIT)]
 
 
 # Is a compass off, and may its offset be set? One that was fitted in the air holds the motors' field as well.
@@ -229,7 +215,6 @@ def declination_checks(log: FlightLog) -> list[Check]:
 # it
 # is offered only where the ground shows the same, and where it improves the heading of the half it was not fitted to.
 
-OFFSET_QUESTION = "compass_offset"
 OFFSET_FAR_UT = 15.0
 """150 mG: the heading swings by 45 deg where the horizontal field is 20 uT."""
 MAX_UNCERTAINTY_UT = 10.0
@@ -240,22 +225,22 @@ OFFSET_LIMIT = (
 OFFSET_SOURCE = "measured on 39 simulated flights with truth and 98 compasses"
 
 
-def offset_assessment(case: HealthCase, study: CompassStudy) -> Assessment:
+def offset_check(case: HealthCase, study: CompassStudy) -> Check:
     """The offset of one compass in flight, with its total error, and what to set."""
     found, samples = study.air, study.samples
     verdict = _offset_verdict(study)
-    answer = Assessment(
-        samples.source,
-        OFFSET_QUESTION,
+    answer = Check(
+        "compass_offset",
         verdict,
         f"{samples.source} is off by {axes_with_interval(found.offset, found.sigma)} uT in x, y, z in flight.",
-        round(found.size, 1),
-        "uT",
-        (round(found.size_ci95[0], 1), round(found.size_ci95[1], 1)),
-        [round(float(x), 2) for x in found.offset],
-        [round(1.96 * float(s), 2) for s in found.sigma],
-        found.n,
-        round(samples.seconds, 1),
+        sensor=samples.source,
+        value=round(found.size, 1),
+        unit="uT",
+        ci95=(round(found.size_ci95[0], 1), round(found.size_ci95[1], 1)),
+        vector=[round(float(x), 2) for x in found.offset],
+        vector_ci95=[round(1.96 * float(s), 2) for s in found.sigma],
+        n=found.n,
+        seconds=round(samples.seconds, 1),
         threshold=OFFSET_LIMIT,
         source=OFFSET_SOURCE,
         evidence=_offset_evidence(study),
@@ -326,7 +311,7 @@ def _offset_evidence(study: CompassStudy) -> list[str]:
     return said
 
 
-def axes_with_interval(value: check_Array, sigma: check_Array) -> str:
+def axes_with_interval(value: Array, sigma: Array) -> str:
     """Three numbers in words, each with half its 95 % interval."""
     return ", ".join(f"{v:.1f} ± {1.96 * s:.1f}" for v, s in zip(value, sigma, strict=True))
 
@@ -338,40 +323,39 @@ def axes_with_interval(value: check_Array, sigma: check_Array) -> str:
 # car) goes with the ground as well: so the ground before take-off and after landing must agree, and the heading in
 # flight must improve.
 
-MOTORS_QUESTION = "compass_motors"
 MOTORS_FAR_SHARE = 0.3
 """Of the earth's horizontal field: ardupilot.org, "Magnetic Interference", calls 30 % the limit."""
 MOTORS_LIMIT = "ok where ground and air agree within 4 sigma or 2 uT, fault above 30 % of the horizontal field"
-MOVE_ADVICE = "Move the compass away from power wires, or calibrate it against the motors."
-KNOWN_VERDICTS: dict[str, Verdict] = {"ok": "ok", "warning": "warning", "fault": "fault"}
 MOTORS_SOURCE = "ground against air, two points; 30 %: ardupilot.org, Magnetic Interference"
 
 
-def motor_assessment(case: HealthCase, study: CompassStudy) -> Assessment:
+def motor_check(case: HealthCase, study: CompassStudy) -> Check:
     """What the motors add to one compass, by the ground and the air."""
     samples, ground, found = study.samples, study.ground, study.motors
     advice = case.log.advice("rest")
     if ground is None:
         why = "No field on the ground with motors off is logged, so their own field is unknown."
-        return unknown(samples.source, MOTORS_QUESTION, f"{why} {advice}".strip(), MOTORS_LIMIT, MOTORS_SOURCE)
+        return unknown(
+            "compass_motors", f"{why} {advice}".strip(), MOTORS_LIMIT, sensor=samples.source, source=MOTORS_SOURCE
+        )
     added, sigma = study.air.offset - ground.offset, np.hypot(study.air.sigma, ground.sigma)
     size = float(np.linalg.norm(added))
     half = 1.96 * float(np.linalg.norm(sigma * added)) / max(size, 1e-9)
     level = float(np.hypot(added[0], added[1])) / max(float(np.hypot(samples.earth[0], samples.earth[1])), 1e-9)
     agrees = not study.ground_differs
     unsure = agrees and OFFSET_SIGMAS * float(sigma.max()) > MAX_UNCERTAINTY_UT
-    answer = Assessment(
-        samples.source,
-        MOTORS_QUESTION,
+    answer = Check(
+        "compass_motors",
         "unknown" if unsure else "ok" if agrees else "fault" if level > MOTORS_FAR_SHARE else "warning",
         f"In flight {samples.source} reads {axes_with_interval(added, sigma)} uT more in x, y, z than on the ground{_at_power(study)}.",
-        round(size, 1),
-        "uT",
-        (round(max(size - half, 0.0), 1), round(size + half, 1)),
-        [round(float(x), 2) for x in added],
-        [round(1.96 * float(s), 2) for s in sigma],
-        study.air.n + ground.n,
-        round(samples.seconds, 1),
+        sensor=samples.source,
+        value=round(size, 1),
+        unit="uT",
+        ci95=(round(max(size - half, 0.0), 1), round(size + half, 1)),
+        vector=[round(float(x), 2) for x in added],
+        vector_ci95=[round(1.96 * float(s), 2) for s in sigma],
+        n=study.air.n + ground.n,
+        seconds=round(samples.seconds, 1),
         threshold=MOTORS_LIMIT,
         source=MOTORS_SOURCE,
         evidence=_motor_evidence(study),
@@ -392,24 +376,6 @@ def motor_assessment(case: HealthCase, study: CompassStudy) -> Assessment:
     return answer
 
 
-def motors_by_size(case: HealthCase, source: str) -> list[Assessment]:
-    """Whether the size of the field follows the motors, as the audit says, where no attitude judges the compass."""
-    check = next(
-        (c for c in case.checks if c.name == compass_fit.FIELD_AGAINST_MOTORS and c.verdict in KNOWN_VERDICTS), None
-    )
-    if check is None:
-        return []
-    answer = Assessment(
-        source, MOTORS_QUESTION, KNOWN_VERDICTS[check.verdict], check.text, unit="%", threshold=check.threshold
-    )
-    answer.value = float(check.value) if isinstance(check.value, int | float) else None
-    answer.source = "correlation in flight; ardupilot.org, Magnetic Interference"
-    if answer.verdict != "ok":
-        answer.why_no_setting = "Without a heading by motion no value is known. Fly with GNSS, turning and braking."
-        answer.action = case.log.remedies.get("interference", MOVE_ADVICE)
-    return [answer]
-
-
 def turns_heading(study: CompassStudy) -> bool:
     """Whether the motors may turn the heading: their field is not vertical only, and without it it is no worse."""
     proof = study.motor_proof
@@ -420,7 +386,7 @@ def _promised_error(source: str, proof: HeadingProof) -> str:
     return f"compensated for the motors, {source} would err by {proof.after:.0f} deg instead of {proof.before:.0f}."
 
 
-def motor_advice(answers: Sequence[Assessment], studies: Sequence[CompassStudy]) -> list[Assessment]:
+def motor_advice(answers: Sequence[Check], studies: Sequence[CompassStudy]) -> list[Check]:
     """The answers to the studies: of compasses that the motors bend, all say to use the one that power explains best.
 
     Another one whose own compensation does not mend its heading has no better advice.
@@ -483,7 +449,6 @@ def _motor_evidence(study: CompassStudy) -> list[str]:
 # b
 # are the ellipse that soft iron makes of a circle. They swing the heading by hypot(a, b) rad, twice in a full turn.
 
-SOFT_IRON = "soft_iron"
 SOFT_IRON_OFF, SOFT_IRON_SIGMAS = 0.1, 4.0
 """A tenth swings the heading by 6 deg."""
 SOFT_IRON_FLOOR = 0.015
@@ -496,7 +461,7 @@ SOFT_IRON_ADVICE = (
 )
 
 
-def soft_iron_assessment(study: CompassStudy) -> Assessment:
+def soft_iron_check(study: CompassStudy) -> Check:
     """The ellipse that the horizontal field draws in the axes of one compass."""
     samples = study.samples
     t, u, m = samples.t[samples.air], samples.expected[samples.air], samples.measured[samples.air]
@@ -504,28 +469,31 @@ def soft_iron_assessment(study: CompassStudy) -> Assessment:
     turned = _field_turn_deg(x, y)
     if turned < MIN_FIELD_TURN_DEG:
         why = f"The flight turns by {turned:.0f} deg: soft iron needs {MIN_FIELD_TURN_DEG:.0f} deg."
-        return unknown(samples.source, SOFT_IRON, why, SOFT_IRON_LIMIT)
+        return unknown("soft_iron", why, SOFT_IRON_LIMIT, sensor=samples.source)
     one, none = np.ones(len(t)), np.zeros(len(t))
     columns = np.stack([np.column_stack([x, x, y, y, one, none]), np.column_stack([y, -y, x, -x, none, one])], axis=1)
     found = robust_fit(t, columns, m[:, :2] - u[:, :2], huber=COMPASS_HUBER)
     if found is None:
         return unknown(
-            samples.source, SOFT_IRON, f"The flight does not show the soft iron of {samples.source}.", SOFT_IRON_LIMIT
+            "soft_iron",
+            f"The flight does not show the soft iron of {samples.source}.",
+            SOFT_IRON_LIMIT,
+            sensor=samples.source,
         )
     size = math.hypot(found.x[1], found.x[2])
     sigma = math.hypot(STANDARD_ERRORS * float(found.sigma[1:3].max()), SOFT_IRON_FLOOR)
     if SOFT_IRON_SIGMAS * sigma > 2.0 * SOFT_IRON_OFF and size <= SOFT_IRON_SIGMAS * sigma:
         why = f"Soft iron of {samples.source} is known to {196 * sigma:.0f} % only: the flight turns too little."
-        return unknown(samples.source, SOFT_IRON, why, SOFT_IRON_LIMIT)
+        return unknown("soft_iron", why, SOFT_IRON_LIMIT, sensor=samples.source)
     off = size > max(SOFT_IRON_OFF, SOFT_IRON_SIGMAS * sigma)
-    return Assessment(
-        samples.source,
-        SOFT_IRON,
+    return Check(
+        "soft_iron",
         "warning" if off else "ok",
         f"Soft iron stretches the field of {samples.source} by {100 * size:.1f} ± {196 * sigma:.1f} %.",
-        round(100.0 * size, 1),
-        "%",
-        (round(max(100.0 * size - 196.0 * sigma, 0.0), 1), round(100.0 * size + 196.0 * sigma, 1)),
+        sensor=samples.source,
+        value=round(100.0 * size, 1),
+        unit="%",
+        ci95=(round(max(100.0 * size - 196.0 * sigma, 0.0), 1), round(100.0 * size + 196.0 * sigma, 1)),
         n=len(t),
         seconds=round(samples.seconds, 1),
         threshold=SOFT_IRON_LIMIT,
@@ -544,7 +512,9 @@ def _field_turn_deg(x: np.ndarray, y: np.ndarray) -> float:
 
 # Is another compass better than the one in use? Their headings side by side, else the size of their fields.
 
-CHOICE_QUESTION = "compass_choice"
+# A compass that reads the earth's field to the first share, varying by less than the second, is sound; one that is off
+# by more than the third is not.
+CLOSE_SHARE, STEADY_SHARE, OFF_SHARE = 0.1, 0.1, 0.2
 BETTER_SHARE, BETTER_DEG = 0.5, 5.0
 """Another is better where its heading errs by half as much, and by 5 deg less: attitudes do not err by that."""
 MAX_SOUND_DEG = 12.0
@@ -554,11 +524,11 @@ CHOICE_LIMIT = (
 )
 
 
-def choice_assessments(case: HealthCase, studies: Sequence[CompassStudy]) -> list[Assessment]:
+def choice_checks(case: HealthCase, studies: Sequence[CompassStudy]) -> list[Check]:
     """Which compass to use; nothing where the log holds fewer than two that measure."""
     log = case.log
     mags = [mag for mag in log.mags if not compass.dead_reason(mag, log.replay_imu)]
-    if len(mags) < 2 or log.mag is None or case.segments is None or not compass_flight_spans(case.segments):
+    if len(mags) < 2 or log.mag is None or not compass_flight_spans(case.segments):
         return []
     used = log.mags[log.mag]
     own = next((s for s in studies if s.samples.mag is used), None)
@@ -568,7 +538,7 @@ def choice_assessments(case: HealthCase, studies: Sequence[CompassStudy]) -> lis
     return _choice_by_size(case, used, [mag for mag in mags if mag is not used])
 
 
-def _choice_by_heading(log: FlightLog, own: CompassStudy, others: Sequence[CompassStudy]) -> Assessment:
+def _choice_by_heading(log: FlightLog, own: CompassStudy, others: Sequence[CompassStudy]) -> Check:
     """The heading errors of every compass as it is logged, and what is left after its own offset."""
     errors = {id(study): _heading_errors(study) for study in (own, *others)}
     best = min(others, key=lambda study: errors[id(study)][0])
@@ -576,13 +546,13 @@ def _choice_by_heading(log: FlightLog, own: CompassStudy, others: Sequence[Compa
     better = then <= BETTER_SHARE * now and now - then >= BETTER_DEG
     one, two = best.samples.source, own.samples.source
     text = f"{two}, in use, errs by {now:.1f} deg in heading, {one} by {then:.1f} deg."
-    answer = Assessment(
-        two,
-        CHOICE_QUESTION,
+    answer = Check(
+        "compass_choice",
         "warning" if better else "ok",
         text,
-        round(then - now, 1),
-        "deg",
+        sensor=two,
+        value=round(then - now, 1),
+        unit="deg",
         n=own.air.n,
         seconds=round(own.samples.seconds, 1),
         threshold=CHOICE_LIMIT,
@@ -613,10 +583,10 @@ def _heading_line(study: CompassStudy, logged: float, fitted: float) -> str:
     )
 
 
-def _choice_by_size(case: HealthCase, used: Mag, others: Sequence[Mag]) -> list[Assessment]:
+def _choice_by_size(case: HealthCase, used: Mag, others: Sequence[Mag]) -> list[Check]:
     """The size of the fields against the earth's, which needs no attitude."""
     model = alignment.earth_field(case.log)
-    if model is None or case.segments is None:
+    if model is None:
         return []
     earth, spans = 1e6 * model.strength_t, compass_flight_spans(case.segments)
     own_size, own_spread = _field_size(used, spans)
@@ -632,8 +602,8 @@ def _choice_by_size(case: HealthCase, used: Mag, others: Sequence[Mag]) -> list[
         for m, s, v in ((used, own_size, own_spread), *seen)
     ]
     source = used.field.source
-    answer = Assessment(
-        source, CHOICE_QUESTION, "warning" if better else "ok", text, threshold=CHOICE_LIMIT, evidence=shown
+    answer = Check(
+        "compass_choice", "warning" if better else "ok", text, sensor=source, threshold=CHOICE_LIMIT, evidence=shown
     )
     if better:
         _offer_switch(case.log, answer, other, used)
@@ -650,7 +620,26 @@ def _field_size(mag: Mag, spans: list[tuple[float, float]]) -> tuple[float, floa
     return size, float(np.std(norm)) / max(size, 1e-9)
 
 
-def _offer_switch(log: FlightLog, answer: Assessment, other: Mag, used: Mag) -> None:
+def was_calibrated(mag: Mag) -> bool:
+    """Whether a compass ever was: a firmware that applies offsets of zero refuses to arm with it."""
+    return mag.calibrated and (mag.offsets is None or len(mag.offsets.x) == 0 or bool(mag.offsets.x.any()))
+
+
+def switch_parameters(log: FlightLog, other: Mag, used: Mag) -> dict[str, float]:
+    """What uses one compass instead of another, of what changes; empty where the log does not hold both switches.
+
+    An estimator that starts with the first one (``FlightLog.compass_first``) has none if that is only switched off.
+    """
+    names = [log.compass_switches.get(mag.index, "") for mag in (other, used)]
+    if not all(names):
+        return {}
+    wanted = dict(zip(names, (1.0, 0.0), strict=True))
+    if log.compass_first:
+        wanted[log.compass_first] = float(other.index)
+    return {name: value for name, value in wanted.items() if log.param(name) != value}
+
+
+def _offer_switch(log: FlightLog, answer: Check, other: Mag, used: Mag) -> None:
     """Adds the switches of both compasses where the log holds them, else words."""
     answer.action = f"Use {other.field.source} instead of {used.field.source}."
     if not was_calibrated(other):
@@ -669,31 +658,42 @@ def _offer_switch(log: FlightLog, answer: Assessment, other: Mag, used: Mag) -> 
 # Can the compasses be trusted? Every one against the earth's field, by an attitude that no compass had part in.
 
 
-def compass_assessments(case: HealthCase) -> list[Assessment]:
-    """Offset, motors and soft iron of each compass, and which one to use; nothing without any compass."""
+def compass_checks(case: HealthCase) -> list[Check]:
+    """Check offset, motors and soft iron of each compass by motion alone, and which compass is best.
+
+    Of the compass in use offset and motors fall back on the reference's heading and on the size of the field.
+    """
     log = case.log
     if not log.mags:
         return []
     used = log.mags[log.mag or 0].field.source
-    found, why = compass_studies(case)
-    if not found:
-        offsets = unknown(used, OFFSET_QUESTION, why, OFFSET_LIMIT, OFFSET_SOURCE)
-        return [offsets, *motors_by_size(case, used), *choice_assessments(case, [])]
-    # One that is switched off misleads nothing; where it is the better one, the choice tells its numbers.
-    judged = [study for study in found if study.samples.mag.enabled] or found
-    answers = [offset_assessment(case, study) for study in judged]
-    answers += motor_advice([motor_assessment(case, study) for study in judged], judged)
-    answers += [soft_iron_assessment(study) for study in judged]
-    answers = [answer if answer.sensor == used else not_in_use(answer) for answer in answers]
-    return without_repeats(answers) + choice_assessments(case, found)
+    studies, why = compass_studies(case)
+    # One that is switched off misleads nothing; where it is the better one, the choice names its numbers.
+    judged = [study for study in studies if study.samples.mag.enabled] or studies
+    checks = [offset_check(case, study) for study in judged]
+    checks += motor_advice([motor_check(case, study) for study in judged], judged)
+    checks += [soft_iron_check(study) for study in judged]
+    if not studies:
+        checks = [unknown("compass_offset", why, OFFSET_LIMIT, sensor=used, source=OFFSET_SOURCE)]
+    checks = without_repeats([check if check.sensor == used else not_in_use(check) for check in checks])
+    coarse = compass_error_checks(case)
+    if log.mag is not None:
+        coarse.append(interference_check(log, case.segments, log.mags[log.mag]))
+    for check in coarse:
+        own = [c for c in checks if c.question == check.question and c.sensor == used]
+        if not own:
+            checks.append(check)
+        elif own[0].verdict == "unknown" and check.verdict != "unknown":
+            checks[checks.index(own[0])] = check
+    return checks + choice_checks(case, studies)
 
 
-def not_in_use(answer: Assessment) -> Assessment:
+def not_in_use(answer: Check) -> Check:
     """Of a compass that is not in use: no fault, because the vehicle did not fly by it."""
     return replace(answer, verdict="warning") if answer.verdict == "fault" else answer
 
 
-def without_repeats(answers: list[Assessment]) -> list[Assessment]:
+def without_repeats(answers: list[Check]) -> list[Check]:
     """Without what is unknown of another compass for the same reason."""
     said: set[str] = set()
     kept = []
@@ -703,7 +703,3 @@ def without_repeats(answers: list[Assessment]) -> list[Assessment]:
         if answer.verdict == "unknown":
             said.add(answer.text)
     return kept
-
-
-COMPASS_QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {"compass": compass_assessments}
-"""By name, in the order of the table."""

@@ -15,19 +15,15 @@ from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span, inside
 from attlog.estimators.evidence import velocity_steps
 from attlog.flight import compass
-from attlog.flight.model import Array as model_Array
-from attlog.flight.model import FlightLog, Mag, Stream, TimeLine
-from attlog.health.check import Array as check_Array
-from attlog.health.check import Check, HealthCase, MotionAttitude, not_judged
+from attlog.flight.model import Array, FlightLog, Mag, Stream, TimeLine
+from attlog.health.check import Check, HealthCase, MotionAttitude, Verdict, unknown
 from attlog.health.flown import UPSIDE_DOWN_DEG, crash_spans, samples_in_use
 from attlog.health.regression import robust_fit
 from attlog.reference import alignment
 from attlog.reference.model import Reference
 from attlog.segments.model import Segments
 
-Array = NDArray[np.float64]
-
-FIELD_AGAINST_MOTORS = "field against motors"
+MOVE_ADVICE = "Move the compass away from power wires, or calibrate it against the motors."
 MIN_CORRELATION = 0.6
 """Weaker correlation is no sign: the field also changes with attitude and place."""
 MIN_FIELD_UT = 1.0
@@ -41,14 +37,12 @@ STEADIER_SHARE, MIN_SPHERE_TURN_DEG = 0.5, 15.0
 """Offsets explain a field whose size then varies by half; only where the vehicle turned can they be known."""
 
 
-def interference_checks(log: FlightLog, segments: Segments) -> list[Check]:
-    """The strength of the field against the motors' current, else their throttle."""
-    if log.mag is None:
-        return []
+def interference_check(log: FlightLog, segments: Segments, mag: Mag) -> Check:
+    """Check the size of a compass's field against the motors' current, else their throttle."""
     limit = (
         f"ok up to {INTERFERENCE_PCT[0]:.0f} % or r below {MIN_CORRELATION}, fault above {INTERFERENCE_PCT[1]:.0f} %"
     )
-    field = log.mags[log.mag].field
+    field = mag.field
     use = samples_in_use(log, segments, field.t_best, ("armed", "airborne"))
     use &= inside(field.t_best, segments.spans("armed") or segments.spans("airborne"))
     flown = use & inside(field.t_best, segments.spans("airborne"))
@@ -60,17 +54,22 @@ def interference_checks(log: FlightLog, segments: Segments) -> list[Check]:
         r, low, high = seen
         change = 100.0 * abs(high - low) / max(min(low, high), MIN_FIELD_UT)
         follows = abs(r) >= MIN_CORRELATION and change > INTERFERENCE_PCT[0]
-        verdict = "ok" if not follows else "fault" if change > INTERFERENCE_PCT[1] else "warning"
+        verdict: Verdict = "ok" if not follows else "fault" if change > INTERFERENCE_PCT[1] else "warning"
         text = f"The field goes from {low:.1f} to {high:.1f} uT with {what} (r = {r:.2f})."
         if follows and offsets_explain(field, stream, flown if flown.sum() >= MIN_FIELD_SAMPLES else use):
             verdict, text = "ok", f"{text[:-1]}, but offsets of the compass explain that: not the motors."
-        check = Check(FIELD_AGAINST_MOTORS, verdict, text, round(change, 1), "%", limit)
+        check = Check("compass_motors", verdict, text, round(change, 1), "%", limit, sensor=field.source)
+        check.about = "field_size"
         if best is None or (verdict != "ok" and change > float(best.value or 0.0)):
             best = check
-    return [
-        best
-        or not_judged(FIELD_AGAINST_MOTORS, "The log holds no throttle or current that changes while armed.", limit)
-    ]
+    if best is None:
+        why = "The log holds no throttle or current that changes while armed."
+        return unknown("compass_motors", why, limit, sensor=field.source)
+    best.source = "correlation in flight; ardupilot.org, Magnetic Interference"
+    if best.is_trouble:
+        best.why_no_setting = "Without a heading by motion no value is known. Fly with GNSS, turning and braking."
+        best.action = log.remedies.get("interference", MOVE_ADVICE)
+    return best
 
 
 def motor_drives(log: FlightLog) -> list[tuple[str, Stream, float]]:
@@ -145,7 +144,6 @@ def offsets_explain(field: Stream, drive: Stream, use: NDArray[np.bool_]) -> boo
 # offset
 # does not.
 
-COMPASS_OFFSET_CHECK, COMPASS_TURN_CHECK = "compass offset", "compass turn"
 MIN_COMPASS_SAMPLES, MIN_COMPASS_FLIGHT_S = 50, 20.0
 OFFSET_OFF_UT, OFFSET_CHECK_FAR_UT = 5.0, 15.0
 """50 and 150 mG, horizontally: by 5 uT the heading swings by 14 deg where the horizontal field is 20 uT."""
@@ -170,8 +168,8 @@ TURN_LIMIT = f"ok up to {TURN_OFF_DEG:.0f} deg, fault above {TURN_FAR_DEG:.0f} d
 class CompassFit:
     """Offset (3,) uT with sigmas, and turn with sigma in deg, of the model that explains the field most simply."""
 
-    offset: model_Array
-    offset_sigma: model_Array
+    offset: Array
+    offset_sigma: Array
     turn_deg: float
     turn_sigma: float
     left_ut: float
@@ -195,26 +193,32 @@ class CompassFit:
         )
 
 
-def compass_error_checks(log: FlightLog, segments: Segments, reference: Reference | None) -> list[Check]:
-    """Offset and turn of the compass that is replayed; nothing without one, or where nothing flew."""
-    if log.mag is None or not segments.of("airborne"):
+def compass_error_checks(case: HealthCase) -> list[Check]:
+    """Check offset and turn of the replayed compass in flight by the reference's heading, or the onboard one."""
+    log = case.log
+    if log.mag is None or not case.segments.of("airborne"):
         return []
-    model = alignment.earth_field(log)
+    model, reference, source = alignment.earth_field(log), _heading_reference(case), log.mags[log.mag].field.source
+    found = None
     if reference is None or reference.kind == "none" or model is None:
         why = "No attitude in this log can turn the field." if model is not None else "No position, so no earth field."
-        return [
-            not_judged(COMPASS_OFFSET_CHECK, why, OFFSET_CHECK_LIMIT),
-            not_judged(COMPASS_TURN_CHECK, why, TURN_LIMIT),
-        ]
-    found = fit_compass(log, segments, reference)
-    if found is None:
+    else:
+        found = fit_compass(log, case.segments, reference)
         why = f"Fewer than {MIN_COMPASS_SAMPLES} samples or {MIN_COMPASS_FLIGHT_S:.0f} s of flight have an attitude."
-        return [
-            not_judged(COMPASS_OFFSET_CHECK, why, OFFSET_CHECK_LIMIT),
-            not_judged(COMPASS_TURN_CHECK, why, TURN_LIMIT),
-        ]
-    source = log.mags[log.mag].field.source
-    return [_offset_check(source, found, reference), _turn_check(source, found, reference)]
+    if reference is None or found is None:
+        checks = [unknown("compass_offset", why, OFFSET_CHECK_LIMIT), unknown("compass_turn", why, TURN_LIMIT)]
+    else:
+        checks = [_offset_check(source, found, reference), _turn_check(source, found, reference)]
+    for check in checks:
+        check.sensor, check.about = source, "attitude"
+    return checks
+
+
+def _heading_reference(case: HealthCase) -> Reference | None:
+    """Return the reference whose heading may judge the compass: truth or a smoother, else a sound onboard attitude."""
+    own = case.reference is not None and case.reference.heading_by == "own"
+    judge = case.reference if own else case.rates
+    return judge if judge is None or judge.heading_by == "own" else None
 
 
 def _offset_check(source: str, found: CompassFit, reference: Reference) -> Check:
@@ -222,17 +226,17 @@ def _offset_check(source: str, found: CompassFit, reference: Reference) -> Check
     level, unsure = float(np.hypot(*found.offset[:2])), float(found.offset_sigma[:2].max())
     told = level > max(OFFSET_OFF_UT, CHECK_SIGMAS * unsure)
     if not told and CHECK_SIGMAS * unsure > OFFSET_CHECK_FAR_UT:
-        return not_judged(
-            COMPASS_OFFSET_CHECK,
+        return unknown(
+            "compass_offset",
             f"The flight turns too little: the offset is known to {unsure:.0f} uT only.",
             OFFSET_CHECK_LIMIT,
         )
     if told and (why := found.doubt(reference)):
-        return not_judged(COMPASS_OFFSET_CHECK, why, OFFSET_CHECK_LIMIT)
-    verdict = "ok" if not told else "warning" if level <= OFFSET_CHECK_FAR_UT else "fault"
+        return unknown("compass_offset", why, OFFSET_CHECK_LIMIT)
+    verdict: Verdict = "ok" if not told else "warning" if level <= OFFSET_CHECK_FAR_UT else "fault"
     sizes = ", ".join(f"{v:.0f} ± {1.96 * s:.0f}" for v, s in zip(found.offset, found.offset_sigma, strict=True))
     text = f"{source} is off by {sizes} uT in x, y, z (95 %), {found.by(reference)}."
-    return Check(COMPASS_OFFSET_CHECK, verdict, text, round(size, 1), "uT", OFFSET_CHECK_LIMIT)
+    return Check("compass_offset", verdict, text, round(size, 1), "uT", OFFSET_CHECK_LIMIT)
 
 
 def _turn_check(source: str, found: CompassFit, reference: Reference) -> Check:
@@ -240,14 +244,14 @@ def _turn_check(source: str, found: CompassFit, reference: Reference) -> Check:
     told = size > max(TURN_OFF_DEG, CHECK_SIGMAS * found.turn_sigma)
     if not told and CHECK_SIGMAS * found.turn_sigma > TURN_FAR_DEG:
         why = f"The flight turns too little: the turn is known to {found.turn_sigma:.0f} deg only."
-        return not_judged(COMPASS_TURN_CHECK, why, TURN_LIMIT)
+        return unknown("compass_turn", why, TURN_LIMIT)
     if told and (why := found.doubt(reference)):
-        return not_judged(COMPASS_TURN_CHECK, why, TURN_LIMIT)
-    verdict = "ok" if not told else "warning" if size <= TURN_FAR_DEG else "fault"
+        return unknown("compass_turn", why, TURN_LIMIT)
+    verdict: Verdict = "ok" if not told else "warning" if size <= TURN_FAR_DEG else "fault"
     way = "clockwise" if found.turn_deg > 0 else "anticlockwise"
     text = f"{source} points {size:.0f} ± {1.96 * found.turn_sigma:.0f} deg {way} of the attitude's heading (95 %), "
     text += f"{found.by(reference)}."
-    return Check(COMPASS_TURN_CHECK, verdict, text, round(found.turn_deg, 1), "deg", TURN_LIMIT)
+    return Check("compass_turn", verdict, text, round(found.turn_deg, 1), "deg", TURN_LIMIT)
 
 
 def fit_compass(log: FlightLog, segments: Segments, reference: Reference) -> CompassFit | None:
@@ -282,7 +286,7 @@ def _halves_agree(found: CompassFit, one: CompassFit | None, two: CompassFit | N
     return same_turn and apart <= max(HALVES_AGREE * size, 3.0 * unsure)
 
 
-def fit_simplest(t: model_Array, u: model_Array, m: model_Array, seconds: float) -> CompassFit | None:
+def fit_simplest(t: Array, u: Array, m: Array, seconds: float) -> CompassFit | None:
     """One fault where it explains the field, else both. ``u``, ``m`` (n, 3) uT: the earth's field and the compass's.
 
     ``m_x = a u_x + b u_y + o_x`` and ``m_y = a u_y - b u_x + o_y``: a turn by the angle of (a, b).
@@ -330,7 +334,7 @@ def fit_simplest(t: model_Array, u: model_Array, m: model_Array, seconds: float)
     )
 
 
-def _rms_left(columns: model_Array, target: model_Array, x: model_Array) -> float:
+def _rms_left(columns: Array, target: Array, x: Array) -> float:
     """RMS that a model leaves, uT, without its largest twentieth."""
     left = np.sort(np.sum((target - columns @ x) ** 2, axis=1))
     return float(np.sqrt(np.mean(left[: max(1, int(0.95 * len(left)))])))
@@ -369,16 +373,16 @@ class FieldSamples:
     """
 
     mag: Mag
-    t: check_Array
-    measured: check_Array
-    expected: check_Array
-    q: check_Array
-    sigma_heading: check_Array
-    power: check_Array
+    t: Array
+    measured: Array
+    expected: Array
+    q: Array
+    sigma_heading: Array
+    power: Array
     air: Mask
     before: Mask
     after: Mask
-    earth: check_Array
+    earth: Array
     hover: float
     power_kind: Power
     seconds: float
@@ -389,7 +393,7 @@ class FieldSamples:
         return self.mag.field.source
 
     @property
-    def error(self) -> check_Array:
+    def error(self) -> Array:
         """What the compass reads too much (n, 3), uT in body axes."""
         return self.measured - self.expected
 
@@ -401,7 +405,6 @@ class FieldSamples:
 
 def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: MagneticField) -> FieldSamples | None:
     """Samples of ``mag`` where the ``motion`` attitude knows its heading; None where the flight holds none."""
-    assert case.segments is not None
     t, field = mag.field.t_best, 1e6 * mag.field.x
     flown = compass_flight_spans(case.segments)
     good = rotation.finite_rows(field) & np.isfinite(t)
@@ -468,7 +471,7 @@ def motor_drive(log: FlightLog) -> tuple[Power, Stream | None]:
     return "throttle", None
 
 
-def power_at(drive: Stream | None, t: check_Array) -> check_Array:
+def power_at(drive: Stream | None, t: Array) -> Array:
     """The power (n,) at times ``t`` (n,) s; NaN further than NEAR_S from any record, or without one."""
     if drive is None:
         return np.full(len(t), np.nan)
@@ -481,7 +484,7 @@ def power_at(drive: Stream | None, t: check_Array) -> check_Array:
     return np.where(gap <= MAX_POWER_DISTANCE_S, np.interp(t, at, x), np.nan)
 
 
-def _idle_motors(armed: TimeLine | None, t: check_Array, power: check_Array, hover: float) -> Mask:
+def _idle_motors(armed: TimeLine | None, t: Array, power: Array, hover: float) -> Mask:
     """Where motors stand or idle: by the power, where none is known by being disarmed."""
     off = np.zeros(len(t), bool)
     if armed is not None and len(armed.value):
@@ -492,7 +495,7 @@ def _idle_motors(armed: TimeLine | None, t: check_Array, power: check_Array, hov
     return np.asarray(np.where(np.isfinite(power), power < IDLE_SHARE * hover, off))
 
 
-def _enough_ground(t: check_Array, use: Mask) -> Mask:
+def _enough_ground(t: Array, use: Mask) -> Mask:
     """The samples, none of them where they are too few to tell a field."""
     few = use.sum() < MIN_GROUND_SAMPLES or np.ptp(t[use]) < MIN_GROUND_S
     return np.zeros(len(t), bool) if few else use
@@ -506,7 +509,7 @@ def _thinned_mask(use: Mask, most: int) -> Mask:
     return kept
 
 
-def _finite_median(x: check_Array) -> float:
+def _finite_median(x: Array) -> float:
     known = x[np.isfinite(x)]
     return float(np.median(known)) if len(known) else float("nan")
 
@@ -529,7 +532,7 @@ GNSS_DELAY_S = 0.1
 
 def reason_no_heading(case: HealthCase) -> str:
     """Why no attitude can judge the compasses of this log, with what would help; empty where one can."""
-    if case.segments is None:
+    if case.log.replay_imu is None:
         return "No inertial unit of this log can be replayed, so nothing judges the compass."
     flown = compass_flight_spans(case.segments)
     if not flown:
@@ -557,7 +560,6 @@ def horizontal_acceleration(log: FlightLog, motion: MotionAttitude, case: Health
     GNSS alone takes its noise for acceleration, the force alone the errors of its tilt, which change slowly: the mean
     of every 30 s goes.
     """
-    assert case.segments is not None
     imu = log.replay_imu
     receiver = next((r for r in log.gnss if np.isfinite(r.vel_ned).any()), None)
     if imu is None or receiver is None:
@@ -606,8 +608,8 @@ class OffsetFit:
     ``left_ut``: the residuals' root mean square; ``n`` samples in ``blocks`` of 5 s.
     """
 
-    offset: check_Array
-    sigma: check_Array
+    offset: Array
+    sigma: Array
     left_ut: float
     n: int
     blocks: int
@@ -630,7 +632,7 @@ class OffsetFit:
         return bool(np.any(np.abs(self.offset) > np.maximum(OFFSET_SIGMAS * self.sigma, MIN_OFFSET_UT)))
 
 
-def fit_offset(t: check_Array, error: check_Array, sigma_heading: check_Array, earth: check_Array) -> OffsetFit | None:
+def fit_offset(t: Array, error: Array, sigma_heading: Array, earth: Array) -> OffsetFit | None:
     """The offset that samples at ``t`` (n,) s show; None without any.
 
     ``error`` (n, 3) uT is what the compass reads more than the earth's field ``earth`` (3,) uT NED, ``sigma_heading``
@@ -652,7 +654,7 @@ def fit_offset_of(samples: FieldSamples, use: Mask) -> OffsetFit | None:
     return fit_offset(samples.t[use], samples.error[use], samples.sigma_heading[use], samples.earth)
 
 
-def total_offset_sigma(standard: check_Array, sigma_heading: float, earth: check_Array) -> check_Array:
+def total_offset_sigma(standard: Array, sigma_heading: float, earth: Array) -> Array:
     """One sigma (3,) uT of an offset in body axes of a vehicle that is mostly level.
 
     ``standard`` (3,) uT are the errors of the fit, ``sigma_heading`` rad that of the heading; ``earth`` (3,) uT NED.
@@ -660,7 +662,7 @@ def total_offset_sigma(standard: check_Array, sigma_heading: float, earth: check
     level, down = math.hypot(earth[0], earth[1]), abs(float(earth[2]))
     across = math.hypot(sigma_heading * level, TILT_RAD * down)
     along = math.hypot(TILT_RAD * level, MODEL_SIZE_ERROR * math.hypot(level, down))
-    sigma: check_Array = np.sqrt(
+    sigma: Array = np.sqrt(
         (STANDARD_ERRORS * standard) ** 2 + np.array([across, across, along]) ** 2 + OFFSET_FLOOR_UT**2
     )
     return sigma
@@ -691,7 +693,7 @@ class HeadingProof:
         return f"Heading error on the half not fitted: {self.before:.1f} deg before, {self.after:.1f} deg after."
 
 
-def heading_error(q: check_Array, field: check_Array, earth: check_Array) -> check_Array:
+def heading_error(q: Array, field: Array, earth: Array) -> Array:
     """Heading error (n,) in rad of a tilt-compensated compass, against the heading of attitudes ``q`` (n, 4).
 
     ``field`` (n, 3) in body axes and the earth's ``earth`` (3,), north-east-down, in the same unit.
@@ -701,7 +703,7 @@ def heading_error(q: check_Array, field: check_Array, earth: check_Array) -> che
     return -rotation.wrap(np.arctan2(seen[:, 1], seen[:, 0]) - math.atan2(earth[1], earth[0]))
 
 
-def rms_deg(angle: check_Array) -> float:
+def rms_deg(angle: Array) -> float:
     """Root mean square in deg of angles (n,) in rad."""
     return math.degrees(float(np.sqrt(np.mean(angle**2)))) if len(angle) else float("nan")
 
@@ -715,9 +717,7 @@ def flight_halves(samples: FieldSamples) -> tuple[Mask, Mask]:
     return first, second
 
 
-def cross_validate(
-    samples: FieldSamples, parts: tuple[Mask, Mask], wrong: tuple[check_Array, check_Array]
-) -> HeadingProof:
+def cross_validate(samples: FieldSamples, parts: tuple[Mask, Mask], wrong: tuple[Array, Array]) -> HeadingProof:
     """The heading before and after: each of two ``parts`` of the flight corrected by what was fitted in the other.
 
     ``wrong``: what the compass reads too much (n, 3) uT at every sample, by the first and by the second part.
@@ -754,13 +754,13 @@ class MotorField:
     ground. ``offset`` (3,) uT is what remains without any power, zero where it may be.
     """
 
-    per_unit: check_Array
-    added: check_Array
-    sigma: check_Array
+    per_unit: Array
+    added: Array
+    sigma: Array
     power: float
-    offset: check_Array
+    offset: Array
 
-    def at(self, samples: FieldSamples) -> check_Array:
+    def at(self, samples: FieldSamples) -> Array:
         """What the compass reads too much (n, 3) uT at every sample."""
         power = np.nan_to_num(samples.power, nan=samples.hover)
         return np.asarray(self.offset + power[:, None] * self.per_unit)

@@ -20,11 +20,10 @@ from attlog.core.spans import Span, complement, inside, intersect
 from attlog.flight import aiding
 from attlog.flight.aiding import DelayParameter
 from attlog.flight.model import Array, FlightLog, Gnss, Imu
-from attlog.health.check import Assessment, Check, HealthCase, Setting, graded, not_judged, unknown
+from attlog.health.check import Check, HealthCase, Setting, graded, unknown
 from attlog.health.flown import crash_spans
 from attlog.health.regression import RobustFit, interval_text, robust_fit
 from attlog.reference import alignment
-from attlog.reference.model import Reference
 
 VELOCITY_SPAN_S, SPAN_TOLERANCE_S = 2.0, 0.7
 """Velocities change over so long, give or take."""
@@ -184,12 +183,12 @@ SURE_HEADING_DEG, SURE_TILT_DEG = 5.0, 1.0
 def flight_spans(case: HealthCase) -> list[Span]:
     """Spans (t0, t1) s in the air before any crash; while armed, where a log cannot tell of flight."""
     segments = case.segments
-    if segments is None or "airborne" in segments.unknown:
+    if "airborne" in segments.unknown:
         spans = armed_spans(case.log)
     else:
         spans = segments.spans("airborne")
     spans = [(a + EDGE_S, b - EDGE_S) for a, b in spans if b - a > 2.0 * EDGE_S]
-    return spans if segments is None else intersect(spans, complement(crash_spans(segments), -np.inf, np.inf))
+    return intersect(spans, complement(crash_spans(segments), -np.inf, np.inf))
 
 
 def armed_spans(log: FlightLog) -> list[Span]:
@@ -267,7 +266,6 @@ AGREES_MS, HIDDEN_MS, WRONG_CLOCK_MS = 4.0, 10.0, 20.0
 (20 Hz), beyond the third a clock or a sampling rule is wrong."""
 IMU_DELAY_SIGMAS, IMU_FLOOR_MS = 4.0, 0.5
 """Told above four times sqrt((1.5 standard errors)^2 + 0.5^2)."""
-FILTER_DELAY, IMU_DELAY = "delay", "imu delay"
 FILTER_DELAY_LIMIT = f"ok up to {SHORT_DELAY_MS:.0f} ms"
 IMU_DELAY_LIMIT = (
     f"ok within {AGREES_MS:.0f} ms ({HIDDEN_MS:.0f} where the log names no filter) of its filter's, "
@@ -275,49 +273,47 @@ IMU_DELAY_LIMIT = (
 )
 
 
-def imu_delay_checks(log: FlightLog, reference: Reference | None) -> list[Check]:
-    """The delay of the filters ahead of the logger, and how much later the rates are against the reference's."""
+def imu_delay_checks(case: HealthCase) -> list[Check]:
+    """Check the delay of the filters ahead of the logger, and of the gyro rates against those of the reference."""
+    log, reference = case.log, case.rates
     if not log.imus:
         return []
     imu = log.imus[log.imu or 0]
     by_filter = 1e3 * imu.gyro.delay
-    seen = None if reference is None or log.imu is None else alignment.gyro_delay(imu, reference)
+    own = Check("filter_delay", "ok", "", threshold=FILTER_DELAY_LIMIT, sensor=imu.gyro.source)
     if by_filter > 0:
-        text = f"{imu.gyro.source} is late by {by_filter:.1f} ms ({imu.filtered})."
-        own = Check(
-            FILTER_DELAY,
-            graded(by_filter, SHORT_DELAY_MS, math.inf),
-            text,
-            round(by_filter, 2),
-            "ms",
-            FILTER_DELAY_LIMIT,
-        )
+        own.verdict = graded(by_filter, SHORT_DELAY_MS, math.inf)
+        own.text, own.value, own.unit = f"{own.sensor} is late by {by_filter:.1f} ms ({imu.filtered}).", by_filter, "ms"
+        own.value = round(by_filter, 2)
     elif imu.filtered not in ("unknown", "driver"):
-        text = f"{imu.gyro.source} is logged without a low-pass filter."
-        own = Check(FILTER_DELAY, "ok", text, 0.0, "ms", FILTER_DELAY_LIMIT)
+        own.text, own.value, own.unit = f"{own.sensor} is logged without a low-pass filter.", 0.0, "ms"
     else:
-        own = not_judged(
-            FILTER_DELAY, f"{imu.gyro.source}: the log does not show how it was filtered.", FILTER_DELAY_LIMIT
-        )
+        own.verdict, own.text = "unknown", f"{own.sensor}: the log does not show how it was filtered."
+    rates = Check("imu_delay", "ok", "", threshold=IMU_DELAY_LIMIT, sensor=imu.gyro.source)
+    seen = None if reference is None or log.imu is None else alignment.gyro_delay(imu, reference)
     if reference is None or seen is None:
-        return [own, not_judged(IMU_DELAY, "The vehicle turns too little to show a delay.", IMU_DELAY_LIMIT)]
+        rates.verdict, rates.text = "unknown", "The vehicle turns too little to show a delay."
+        return [own, rates]
     late, sigma = 1e3 * seen[0], math.hypot(1.5e3 * seen[1], IMU_FLOOR_MS)
+    rates.value, rates.unit = round(late, 2), "ms"
     off = late - by_filter
-    way = "later" if off > 0 else "earlier"
     known = f"its filter's {by_filter:.1f} ms" if by_filter > 0 else "no filter"
     agrees = HIDDEN_MS if imu.filtered in ("unknown", "driver") else AGREES_MS
     if -AGREES_MS <= off <= agrees or abs(off) <= IMU_DELAY_SIGMAS * sigma:
-        text = f"Against {reference.source} the rates of {imu.gyro.source} are late by {late:.1f} ms: {known}."
-        return [own, Check(IMU_DELAY, "ok", text, round(late, 2), "ms", IMU_DELAY_LIMIT)]
-    if off < 0 and reference.kind == "onboard":
-        text = (
-            f"{reference.source} comes {-off:.1f} ms later than {imu.gyro.source}: the attitude, not the IMU, is late."
+        rates.text = f"Against {reference.source} the rates of {rates.sensor} are late by {late:.1f} ms: {known}."
+    elif off < 0 and reference.kind == "onboard":
+        rates.text = (
+            f"{reference.source} comes {-off:.1f} ms later than {rates.sensor}: the attitude, not the IMU, is late."
         )
-        return [own, Check(IMU_DELAY, "ok", text, round(late, 2), "ms", IMU_DELAY_LIMIT)]
-    text = f"{imu.gyro.source} comes {abs(off):.1f} ms {way} ({interval_text(abs(off), sigma, 1)}, 95 %) against "
-    text += f"{reference.source} than {known} makes it: {late:.1f} ms in all."
-    verdict = "fault" if abs(off) > WRONG_CLOCK_MS else "warning"
-    return [own, Check(IMU_DELAY, verdict, text, round(late, 2), "ms", IMU_DELAY_LIMIT)]
+    else:
+        way = "later" if off > 0 else "earlier"
+        rates.text = (
+            f"{rates.sensor} comes {abs(off):.1f} ms {way} ({interval_text(abs(off), sigma, 1)}, 95 %) against "
+        )
+        rates.text += f"{reference.source} than {known} makes it: {late:.1f} ms in all."
+        rates.verdict = "fault" if abs(off) > WRONG_CLOCK_MS else "warning"
+        rates.why_no_setting = "No parameter moves the inertial samples: look at their filter and at the logger."
+    return [own, rates]
 
 
 # How late is GNSS, and does the onboard estimator know it?
@@ -326,7 +322,6 @@ def imu_delay_checks(log: FlightLog, reference: Reference | None) -> list[Check]
 # the
 # smoother, without and with the compass. Their mean is told; half their range is part of its error.
 
-GNSS_DELAY = "gnss_delay"
 GNSS_OFF_MS, GNSS_SIGMAS, GNSS_FLOOR_MS = 20.0, 3.0, 8.0
 """Offered beyond both. On 24 simulated flights both estimates lie within 18 ms of the truth; floor: their scatter."""
 MIN_FORCE_CHANGE_M_S2, MIN_GNSS_S = 0.4, 15.0
@@ -342,7 +337,7 @@ GNSS_DELAY_LIMIT = f"ok within {GNSS_OFF_MS:.0f} ms or {GNSS_SIGMAS:.0f} sigma o
 GNSS_DELAY_SOURCE = "planted delays on 24 simulated flights"
 
 
-def gnss_delays(case: HealthCase) -> list[Assessment]:
+def gnss_delays(case: HealthCase) -> list[Check]:
     """The delay of each receiver that had fixes in flight against the parameter that flew."""
     flown = flight_spans(case)
     receivers = [g for g in case.log.gnss if (g.fix >= FIX_3D).sum() > MIN_DELAY_SAMPLES]
@@ -352,17 +347,17 @@ def gnss_delays(case: HealthCase) -> list[Assessment]:
     return [_gnss_delay(case, one, path, flown) for one in receivers]
 
 
-def _gnss_delay(
-    case: HealthCase, receiver: Gnss, path: AttitudePath | None, flown: list[tuple[float, float]]
-) -> Assessment:
+def _gnss_delay(case: HealthCase, receiver: Gnss, path: AttitudePath | None, flown: list[tuple[float, float]]) -> Check:
     imu = case.log.replay_imu
     if imu is None or path is None:
-        return unknown(receiver.source, GNSS_DELAY, reason_no_path(case), GNSS_DELAY_LIMIT, GNSS_DELAY_SOURCE)
+        return unknown(
+            "gnss_delay", reason_no_path(case), GNSS_DELAY_LIMIT, sensor=receiver.source, source=GNSS_DELAY_SOURCE
+        )
     smoothed = _smoother_delays(case, receiver)
     found = fit_gnss_delay(imu, receiver, path, flown, 1e-3 * smoothed[0] if smoothed else 0.1)
     why = _gnss_delay_doubt(found, smoothed)
     if found is None or why:
-        return unknown(receiver.source, GNSS_DELAY, why, GNSS_DELAY_LIMIT, GNSS_DELAY_SOURCE)
+        return unknown("gnss_delay", why, GNSS_DELAY_LIMIT, sensor=receiver.source, source=GNSS_DELAY_SOURCE)
     own = 1e3 * found.delay
     every = [own, *smoothed]
     late, apart = sum(every) / len(every), 0.5 * (max(every) - min(every))
@@ -379,12 +374,12 @@ def _gnss_delay(
 
 def _gnss_delay_assessment(
     receiver: Gnss, late: float, sigma: float, parameter: DelayParameter | str, buffer: DelayParameter | None
-) -> Assessment:
+) -> Check:
     """The delay beside the parameter; a value where it is off by more than both limits."""
     interval = f"{late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}"
     text = f"{receiver.source} is {late:.0f} ms late ({interval}, 95 %)"
-    found = Assessment(
-        receiver.source, GNSS_DELAY, "ok", f"{text}.", threshold=GNSS_DELAY_LIMIT, source=GNSS_DELAY_SOURCE
+    found = Check(
+        "gnss_delay", "ok", f"{text}.", sensor=receiver.source, threshold=GNSS_DELAY_LIMIT, source=GNSS_DELAY_SOURCE
     )
     found.value, found.unit = round(late, 1), "ms"
     found.ci95 = (round(late - 1.96 * sigma, 1), round(late + 1.96 * sigma, 1))
@@ -458,7 +453,6 @@ def _gnss_delay_doubt(found: DelayFit | None, smoothed: list[float]) -> str:
 
 # How late is the compass, and does the onboard estimator know it? And how late are the inertial samples?
 
-COMPASS_DELAY = "magnetometer_delay"
 COMPASS_OFF_MS, COMPASS_SIGMAS, COMPASS_FLOOR_MS, COMPASS_SURE_MS = 20.0, 3.0, 5.0, 15.0
 """Told beyond both; the floor is the scatter over 24 simulated flights (44 to 53, and -2 to 2 ms)."""
 MIN_FIELD_CHANGE_UT_S, MIN_COMPASS_S = 1.5, 20.0
@@ -469,7 +463,7 @@ COMPASS_DELAY_LIMIT = f"ok within {COMPASS_OFF_MS:.0f} ms or {COMPASS_SIGMAS:.0f
 COMPASS_DELAY_SOURCE = "24 simulated flights"
 
 
-def compass_delay(case: HealthCase) -> list[Assessment]:
+def compass_delay(case: HealthCase) -> list[Check]:
     """The delay of the compass that is replayed; nothing without one, or where nothing flew."""
     log = case.log
     model = None if log.mag is None else alignment.earth_field(log)
@@ -479,23 +473,38 @@ def compass_delay(case: HealthCase) -> list[Assessment]:
     field = log.mags[log.mag].field
     path = None if log.replay_imu is None else attitude_path(case)
     if path is None:
-        return [unknown(field.source, COMPASS_DELAY, reason_no_path(case), COMPASS_DELAY_LIMIT, COMPASS_DELAY_SOURCE)]
+        return [
+            unknown(
+                "magnetometer_delay",
+                reason_no_path(case),
+                COMPASS_DELAY_LIMIT,
+                sensor=field.source,
+                source=COMPASS_DELAY_SOURCE,
+            )
+        ]
     use = inside(field.t_best, flown) & rotation.finite_rows(field.x)
     found = fit_compass_delay(field.t_best[use], 1e6 * field.x[use], 1e6 * np.array(model.ned_t), path)
     why = _compass_delay_doubt(found)
     if found is None or why:
-        return [unknown(field.source, COMPASS_DELAY, why, COMPASS_DELAY_LIMIT, COMPASS_DELAY_SOURCE)]
+        return [
+            unknown("magnetometer_delay", why, COMPASS_DELAY_LIMIT, sensor=field.source, source=COMPASS_DELAY_SOURCE)
+        ]
     told = _compass_delay_assessment(field.source, found, aiding.of_compass(log, flown[0][0]))
     told.n, told.seconds = found.n, round(found.seconds, 1)
     told.evidence = [f"Found by {path.name} in {found.seconds:.0f} s of flight."]
     return [told]
 
 
-def _compass_delay_assessment(source: str, found: DelayFit, parameter: DelayParameter | str) -> Assessment:
+def _compass_delay_assessment(source: str, found: DelayFit, parameter: DelayParameter | str) -> Check:
     late, sigma = 1e3 * found.delay, math.hypot(1.5e3 * found.sigma, COMPASS_FLOOR_MS)
     text = f"{source} is {late:.0f} ms late ({late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}, 95 %)"
-    told = Assessment(
-        source, COMPASS_DELAY, "ok", f"{text}.", threshold=COMPASS_DELAY_LIMIT, source=COMPASS_DELAY_SOURCE
+    told = Check(
+        "magnetometer_delay",
+        "ok",
+        f"{text}.",
+        sensor=source,
+        threshold=COMPASS_DELAY_LIMIT,
+        source=COMPASS_DELAY_SOURCE,
     )
     told.value, told.unit = round(late, 1), "ms"
     told.ci95 = (round(late - 1.96 * sigma, 1), round(late + 1.96 * sigma, 1))
@@ -524,19 +533,3 @@ def _compass_delay_doubt(found: DelayFit | None) -> str:
     if 1.5e3 * found.sigma > COMPASS_SURE_MS or not abs(one - two) <= max(COMPASS_APART_MS, 8.5e3 * found.sigma):
         return f"The delay of the compass is known to {1.5e3 * found.sigma:.0f} ms only; its field may be disturbed."
     return ""
-
-
-def imu_delay(case: HealthCase) -> list[Assessment]:
-    """What the audit found of the delay of the inertial samples."""
-    imu = case.log.replay_imu
-    found = next((check for check in case.checks if check.name == IMU_DELAY), None)
-    if imu is None or found is None:
-        return []
-    verdict = found.verdict if found.verdict in ("ok", "warning", "fault") else "unknown"
-    told = unknown(imu.gyro.source, "imu_delay", found.text, found.threshold)
-    told.verdict = verdict  # type: ignore[assignment]
-    if isinstance(found.value, int | float):
-        told.value, told.unit = float(found.value), "ms"
-    if verdict in ("warning", "fault"):
-        told.why_no_setting = "No parameter moves the inertial samples: look at their filter and at the logger."
-    return [told]

@@ -13,9 +13,8 @@ from attlog.core import rotation
 from attlog.core.spans import Span, inside
 from attlog.flight.model import Array, Attitude, Gnss, Mag, covered_seconds, guarded_part, without_pauses
 from attlog.flight.vehicle import VehicleKind
-from attlog.health import compass, compass_fit, innovations, notch
-from attlog.health.check import Array as check_Array
-from attlog.health.check import Assessment, HealthCase
+from attlog.health import compass, compass_fit, innovations, notch, vibration
+from attlog.health.check import Check, HealthCase
 from attlog.health.compass_fit import (
     MAX_SIGMA_HEADING_RAD,
     MIN_CURRENT_RANGE_A,
@@ -37,16 +36,16 @@ MAX_LINE_SAMPLES = 1500
 """Samples of a line: a figure is at most as many pixels wide."""
 
 
-def figure_end(segments: Segments | None) -> float:
+def figure_end(segments: Segments) -> float:
     """Where figures end, s: at the first crash, else never."""
-    wrecks = [] if segments is None else crash_spans(segments)
+    wrecks = crash_spans(segments)
     return wrecks[0][0] if wrecks else math.inf
 
 
-def flight_before_crash(segments: Segments | None) -> list[Span]:
+def flight_before_crash(segments: Segments) -> list[Span]:
     """Spans in the air before the first crash, s."""
     end = figure_end(segments)
-    spans = [] if segments is None else segments.spans("airborne")
+    spans = segments.spans("airborne")
     return [(a, min(b, end)) for a, b in spans if a < end]
 
 
@@ -75,10 +74,10 @@ class FieldHistory:
     """
 
     source: str
-    t: check_Array
-    measured: check_Array
-    expected: check_Array
-    corrected: check_Array | None
+    t: Array
+    measured: Array
+    expected: Array
+    corrected: Array | None
     by: str
 
 
@@ -90,8 +89,8 @@ class Interference:
 
     source: str
     kind: Power
-    power: check_Array
-    excess: check_Array
+    power: Array
+    excess: Array
 
 
 def field_against_expected(case: HealthCase) -> list[FieldHistory]:
@@ -119,7 +118,7 @@ def interference_points(case: HealthCase) -> list[Interference]:
     """Power against the field's size for every compass in flight; nothing without position, flight or power."""
     model = alignment.earth_field(case.log)
     kind, drive = motor_drive(case.log)
-    if model is None or drive is None or case.segments is None:
+    if model is None or drive is None:
         return []
     flown, earth = compass_flight_spans(case.segments), 1e6 * model.strength_t
     found = []
@@ -133,7 +132,7 @@ def interference_points(case: HealthCase) -> list[Interference]:
     return found
 
 
-def _compass_attitude(case: HealthCase) -> tuple[check_Array, check_Array, np.ndarray | None, str] | None:
+def _compass_attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None, str] | None:
     """The attitude by motion where its heading judges compasses, else the reference of the analysis, else (of a log
     that is not replayed) the onboard one: times, quaternions, segments and a name. None where nobody knows heading."""
     known, own = case.motion, case.log.onboard_attitude
@@ -151,14 +150,14 @@ def _compass_attitude(case: HealthCase) -> tuple[check_Array, check_Array, np.nd
     return reference.t, reference.q, reference.gap_segment, reference.source
 
 
-def _corrected_field(case: HealthCase, study: CompassStudy | None, measured: check_Array) -> check_Array | None:
+def _corrected_field(case: HealthCase, study: CompassStudy | None, measured: Array) -> Array | None:
     """The field less the offset that may be set; None where none may."""
     if study is None or not study.air.counts or compass.offset_refusal(case, study):
         return None
     return np.asarray(measured - study.air.offset)
 
 
-def _thinned_field(mag: Mag, use: np.ndarray) -> tuple[check_Array, check_Array]:
+def _thinned_field(mag: Mag, use: np.ndarray) -> tuple[Array, Array]:
     """Times and field (uT) of at most POINTS of the samples that may be used and are numbers."""
     where = np.flatnonzero(use & rotation.finite_rows(mag.field.x))
     where = where[:: max(1, -(-len(where) // MAX_COMPASS_SAMPLES))]
@@ -167,27 +166,27 @@ def _thinned_field(mag: Mag, use: np.ndarray) -> tuple[check_Array, check_Array]
 
 # Does each compass show the earth's field, before and after, and does it follow the motors? Arrays of the question.
 
-Shown = TypeVar("T", FieldHistory, Interference)
+Shown = TypeVar("Shown", FieldHistory, Interference)
 AXES = ("x", "y", "z")
 MIN_FIELD_SAMPLES, MIN_INTERFERENCE_POINTS = 10, 50
 DRIVE_RANGES = {"current": (1.0, MIN_CURRENT_RANGE_A), "throttle": (100.0, MIN_THROTTLE_RANGE)}
 """By drive: from its own unit to A or %, and the range in its own unit that shows anything."""
 
 
-def field_traces(case: HealthCase, found: list[Assessment]) -> list[Trace]:
+def field_traces(case: HealthCase, found: list[Check]) -> list[Trace]:
     """The field of every compass over the flight, the one in use first; nothing without a place or an attitude.
 
     ``found``: what the questions answered; only an offset that they offer is drawn as a correction.
     """
     offered = {a.sensor for a in found if a.question == "compass_offset" and a.settings}
-    histories = _in_use_first(case, compass.field_against_expected(case))
+    histories = _in_use_first(case, field_against_expected(case))
     drawn = (_history_trace(one, one.source in offered, figure_end(case.segments)) for one in histories)
     return [trace for trace in drawn if trace is not None]
 
 
 def interference_traces(case: HealthCase) -> list[Trace]:
     """Points and line of the compass in use; nothing where the drive does not vary in flight."""
-    for one in _in_use_first(case, compass.interference_points(case))[:1]:
+    for one in _in_use_first(case, interference_points(case))[:1]:
         scale, least = DRIVE_RANGES[one.kind]
         if len(one.power) >= MIN_INTERFERENCE_POINTS and np.ptp(np.quantile(one.power, [0.05, 0.95])) >= least:
             seconds = sum(b - a for a, b in flight_before_crash(case.segments))
@@ -240,7 +239,7 @@ TURNING_RPM = 300.0
 def level_traces(case: HealthCase) -> list[Trace]:
     """The level of each IMU in flight by the firmware's own measure, second by second, with its percentiles."""
     found = []
-    for one in notch.level_figures(case):
+    for one in vibration.level_figures(case):
         t, level, fault = np.asarray(one["t"]), np.asarray(one["level"]), one["fault"]
         limits = (float(str(one["warning"])), math.nan if fault is None else float(str(fault)))
         if len(t) >= MIN_LEVELS:
@@ -258,7 +257,7 @@ def level_trace(source: str, t: Array, level: Array, limit: float, fault: float)
 
 def clipping_traces(case: HealthCase) -> list[Trace]:
     """Samples that the vehicle counted as clipped, of the unit that clipped most, while it flew or was driven."""
-    within = [] if case.segments is None else clipping_spans(case.segments)
+    within = clipping_spans(case.segments)
     found: list[Trace] = []
     for one in case.log.vibration.clippings:
         mine = inside(one.t, within) & (one.new > 0)
@@ -336,7 +335,7 @@ def track_traces(case: HealthCase) -> list[Trace]:
     receiver = max(log.gnss, key=lambda g: int(np.count_nonzero(_has_position(g))), default=None)
     if receiver is None or np.count_nonzero(_has_position(receiver)) < MIN_TRACK_POINTS:
         return []
-    spans = [] if case.segments is None else case.segments.spans("airborne" if log.kind.flies else "armed")
+    spans = case.segments.spans("airborne" if log.kind.flies else "armed")
     forward = log.kind.fixed_wing or log.kind in (VehicleKind.ROVER, VehicleKind.BOAT)
     least = WINGED_M_S if log.kind.fixed_wing else FAST_M_S
     found = track_path(receiver, log.onboard_attitude, spans, least, figure_end(case.segments))
@@ -442,7 +441,7 @@ def _extent_m(found: Trace, use: NDArray[np.bool_]) -> float:
 # ``difference low high``: median and quartiles of heading minus course, and ``seconds``.
 
 
-def traces(case: HealthCase, found: list[Assessment]) -> list[Trace]:
+def traces(case: HealthCase, found: list[Check]) -> list[Trace]:
     """All traces that the log can fill; ``found``: what the questions answered, which says what is offered."""
     parts = [
         guarded_part(case.log, "The figure of the field", lambda: field_traces(case, found), list[Trace]),

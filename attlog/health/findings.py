@@ -1,343 +1,303 @@
-"""A check and a question may ask the same of the sensor in use. Where the question was answered, its answer is both's.
+"""Findings: what is wrong with a log, one entry for each cause, from checks, reports of the autopilot and events.
 
-Questions look at more: a heading without any compass, the total error, the firmware's own measure. Two numbers for one
-thing, or an "ok" beside a warning, would only leave the reader to choose.
+Each check, report and event that is not ok is a sign. :data:`REPORT_RULES` judge what readers and autopilot report,
+:data:`RULES` give signs that share a cause the same kind; signs of one kind then become one finding.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from attlog.flight.model import FlightLog, Problem
-from attlog.health import causes, timing
-from attlog.health.attitude import CONTRADICTED
-from attlog.health.causes import (
-    RATE,
-    SEVERITY_ORDER,
-    Explanation,
-    Finding,
-    Weight,
-    event_finding,
-    merge_kinds,
-    problem_finding,
-)
-from attlog.health.check import FAILED, Assessment, Check, as_sentence
-from attlog.health.imu import CONSTANT, UNUSABLE_DPS, ZERO
+from attlog.flight.model import FlightLog, Problem, Severity
+from attlog.health.check import BUG, TROUBLE, Check, Weight, agreed_settings, as_sentence, settings_sentence
+from attlog.health.gravity import MEAN_GRAVITY
+from attlog.health.gyro import UNUSABLE_DPS
+from attlog.health.registry import CHECKS
 from attlog.reference.model import Reference
 from attlog.story.estimator_events import is_estimator_jump
 from attlog.story.flight_events import CRASHES, Event
 
-__all__ = [
-    "EXPLANATIONS",
-    "Finding",
-    "OpenQuestion",
-    "Weight",
-    "contradiction",
-    "findings",
-    "nothing_wrong",
-    "unusable_gyro",
-]
-
-
-SAME_QUESTION: Mapping[str, str] = {
-    "compass offset": "compass_offset",
-    "field against motors": "compass_motors",
-    "force offset": "accelerometer_offset",
-    "gravity": "accelerometer_rest",
-    "gyro bias": "gyro_bias",
-    "vibration": "vibration_level",
-}
-"""The question that asks what a check asks, by the check's name; of ``rejected ...`` it is RATIOS, for each aid."""
-VEHICLE_QUESTIONS = ("vibration_level",)
-"""Questions whose worst sensor answers: every IMU feels the same propellers, and estimators run on each."""
-SPOILING_CHECKS = ("gravity",)
-"""Checks whose fault makes every comparison worthless: that is for them to say, a wrong scale does not."""
-RATIO_QUESTION = "innovations"
-VERDICT_ORDER = ("ok", "warning", "fault")
-
-
-def answers_by_check(log: FlightLog, checks: Iterable[Check], health: Iterable[Assessment]) -> dict[str, Assessment]:
-    """The assessment that answers a check, by the check's name; none for what is unknown or of another sensor.
-
-    A check whose value is a word, such as a sensor that stopped, stands for itself.
-    """
-    known = [a for a in health if a.verdict in VERDICT_ORDER]
-    found: dict[str, Assessment] = {}
-    for check in checks:
-        if isinstance(check.value, str):
-            continue
-        same = [a for a in known if _answers_check(log, check.name, a)]
-        if same:
-            found[check.name] = max(same, key=lambda a: VERDICT_ORDER.index(a.verdict))
-    return found
-
-
-def _answers_check(log: FlightLog, name: str, assessment: Assessment) -> bool:
-    if assessment.question == RATIO_QUESTION:
-        return any(
-            t.source == assessment.sensor and name == f"rejected {t.aid}" for t in log.estimator.innovation_tests
-        )
-    if SAME_QUESTION.get(name) != assessment.question:
-        return False
-    return assessment.question in VEHICLE_QUESTIONS or assessment.sensor in _sources_in_use(log)
-
-
-def reconcile(log: FlightLog, checks: Iterable[Check], health: Iterable[Assessment]) -> list[Check]:
-    """The checks, each with the verdict, sentence and number of the question that asks the same, where it is known."""
-    checks = list(checks)
-    found = answers_by_check(log, checks, health)
-    return [_reconciled(check, found[check.name]) if check.name in found else check for check in checks]
-
-
-def _reconciled(check: Check, answer: Assessment) -> Check:
-    if (
-        answer.question == RATIO_QUESTION
-        and "ok" not in (check.verdict, answer.verdict)
-        and check.verdict in VERDICT_ORDER
-    ):
-        return replace(check, verdict=answer.verdict)  # its own sentence tells when, and by how much
-    verdict: str = answer.verdict
-    if check.name in SPOILING_CHECKS and verdict == "fault":
-        verdict = check.verdict if check.verdict in VERDICT_ORDER[1:] else "warning"
-    same = check.verdict == verdict
-    return Check(
-        check.name,
-        verdict,
-        answer.text,
-        answer.value,
-        answer.unit,
-        answer.threshold,
-        check.t if answer.t is None and same else answer.t,
-        check.count if same else 1,
-        check.t_end if same else None,
-        answer.question,
-        list(answer.evidence),
-        check.cause if same else "",
-        answer.ci95,
-        answer.n,
-        answer.seconds,
-    )
-
-
-def unused_sensors(log: FlightLog, health: Iterable[Assessment]) -> list[Assessment]:
-    """The assessments of compasses and IMUs that are logged beside those in use: nothing flew by them."""
-    sources = {mag.field.source for mag in log.mags}
-    sources |= {source for imu in log.imus for source in (imu.gyro.source, imu.acc.source)}
-    return [a for a in health if a.sensor in sources - _sources_in_use(log)]
-
-
-def _sources_in_use(log: FlightLog) -> set[str]:
-    """The sources of the compass and of the IMU that flew."""
-    imu = log.imus[log.imu or 0] if log.imus else None
-    used = {log.mags[log.mag].field.source} if log.mag is not None else set()
-    return used | ({imu.gyro.source, imu.acc.source} if imu is not None else set())
-
-
-# Signs of one kind that are too many to list: one with their number, the first of them and what all share.
-
-MAX_LISTED = 5
-"""Up to so many signs of one kind stand for themselves; a hostile or badly damaged log brings hundreds."""
-MAX_QUOTED = 3
-"""Of more than that, so many are quoted."""
-
-
-def join_repeated(signs: Iterable[Finding]) -> list[Finding]:
-    """The signs in their order; equal ones once, more than :data:`MANY` of a kind and severity as one sign.
-
-    Its ``count`` is the sum of theirs. Cause and action stay where all have the same.
-    """
-    kinds: dict[tuple[str, str, str], list[Finding]] = {}
-    for sign in signs:
-        kinds.setdefault((sign.kind, sign.severity, sign.about), []).append(sign)
-    told: list[Finding] = []
-    for same in kinds.values():
-        told += same if len(same) <= MAX_LISTED else [_join_signs(same)]
-    return told
-
-
-def _join_signs(same: list[Finding]) -> Finding:
-    first, *_ = same
-    times = [sign.t for sign in same if sign.t is not None]
-    return replace(
-        first,
-        text=f"{first.text.rstrip('.')}, and {len(same) - 1} more of the kind.",
-        t=min(times, default=None),
-        count=sum(sign.count for sign in same),
-        value=None,
-        unit="",
-        evidence=[sign.text for sign in same[1:MAX_QUOTED]],
-        cause=_shared_text([sign.cause for sign in same]),
-        action=_shared_text([sign.action for sign in same]),
-    )
-
-
-def _shared_text(texts: list[str]) -> str:
-    return texts[0] if len(set(texts)) == 1 else ""
-
-
-# What is wrong with the recording alone: it costs detail, and nothing went wrong in the flight.
-
-RECORD_KINDS = frozenset(
-    """calibration_applied calibration_not_applied coverage cut_at_end damage damaged_reports delay duplicate_times
-    estimator_failed estimator_not_compiled estimator_timed_out false_times gaps gaps_and_rate imu_covers_a_part
-    imu_decimated imu_delay imu_that_flew_too_slow jitter late_field log_limit not_checked params_differ
-    params_unknown rate rate_impossible several_boots several_systems time_backward truth_packet_times unanswered
-    unreadable_message unset_times values_out_of_range""".split()
+# Worst first.
+SEVERITY_ORDER: tuple[Weight, ...] = ("serious", "warning", "note", "info")
+WEIGHTS: Mapping[Severity, Weight] = {"error": "serious", "warning": "warning", "note": "note", "info": "info"}
+# Kinds of which each sign has a cause of its own.
+SEPARATE_KINDS = (BUG, "estimator_failed", "estimator_timed_out")
+# Order of kinds among equally bad findings.
+KINDS = (
+    *("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", "crash", "vibration", "attitude", "mounting", "trim", "reset"),
+    *("coverage", "estimator", "accelerometer", "accelerometer_axes", "accelerometer_delay", "frozen_sensors"),
+    *("gyro_range", "gnss", "imu_delay", "gyro_scale", "gaps", "jitter", "rate", "delay", "compass", "declination"),
 )
-"""Kinds of findings that are of the record or of filters."""
-IMU_CHECKS = ("gravity", "gravity in flight", "gravity direction", "rate", "gaps", "jitter", "delay", "vibration")
-"""Checks of inertial data, which say nothing where most of them were refused."""
-MINOR_KINDS = ("duplicate_times", "time_backward", "unset_times", "imu_decimated", "no_mag", "mag_disabled")
-"""What is not in the log, or left out, without harm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One cause (``kind``) in a sentence, with its evidence and one action on this vehicle.
+
+    ``t`` to ``t_end`` s: when, ``offset`` bytes: where in the file; ``count``: number of events; ``value`` in ``unit``:
+    size. ``about``: angle (tilt, heading), or the check it comes from. ``cause``, ``action``: empty where unknown.
+    """
+
+    kind: str
+    severity: Weight
+    text: str
+    t: float | None = None
+    t_end: float | None = None
+    offset: int | None = None
+    count: int = 1
+    value: float | None = None
+    unit: str = ""
+    about: str = ""
+    evidence: list[str] = field(default_factory=list)
+    cause: str = ""
+    action: str = ""
+
+    @property
+    def is_trouble(self) -> bool:
+        """Whether it is serious or a warning."""
+        return self.severity in ("serious", "warning")
+
+
+@dataclass(frozen=True, slots=True)
+class OpenQuestion:
+    """Question without an answer: title of its card, and what would answer it (may be empty)."""
+
+    title: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What rules may look at beside the signs. ``crashed``: sensors show a crash."""
+
+    log: FlightLog
+    events: Sequence[Event] = ()
+    crashed: bool = False
+
+
+Signs = list[Finding]
+Rule = Callable[[Signs, Context], Signs]
+
+
+def findings(
+    log: FlightLog,
+    checks: Iterable[Check],
+    others: Iterable[Problem] = (),
+    unanswered: Iterable[OpenQuestion] = (),
+    events: Iterable[Event] = (),
+) -> list[Finding]:
+    """Return everything that is not ok, worst first, one finding for each cause.
+
+    ``others``: problems that the analysis found itself; ``events``: what happened. Parameters that checks offer to set
+    are the action of their findings; checks of sensors that are not in use are notes.
+    """
+    events, checks = list(events), without_refused_imu(list(checks), log)
+    reports = [problem_finding(problem) for problem in [*log.problems, *others]]
+    happened = event_signs(events, reports, log)
+    named = {"crash", "clipping"} & {name for sign in happened for name in (sign.kind, sign.about)}
+    signs = [*check_signs(checks, log, reports, skip=named), *happened]
+    context = Context(log, events, any(sign.kind == "crash" for sign in signs))
+    for rule in REPORT_RULES:
+        reports = rule(reports, context)
+    signs = [*signs, *reports]
+    for rule in RULES:
+        signs = rule(signs, context)
+    signs += spare_signs(checks, log, {sign.kind for sign in signs})
+    signs += [Finding(BUG, "serious", check.text) for check in checks if check.about == BUG]
+    signs += [*_unchecked(checks), *_open(list(unanswered))]
+    found = merge_causes(signs)
+    place = {kind: k for k, kind in enumerate(KINDS)}
+    found.sort(key=lambda f: (SEVERITY_ORDER.index(f.severity), place.get(f.kind, len(place)), f.t or 0.0))
+    return choose_actions(found, checks, log)
+
+
+# Signs.
+
+
+def problem_finding(problem: Problem, kind: str = "") -> Finding:
+    """Return a problem of reader, autopilot or analysis as a sign of ``kind``, its code where empty."""
+    return Finding(
+        kind or problem.code,
+        WEIGHTS[problem.severity],
+        problem.text,
+        t=None if problem.t is None or abs(problem.t) >= 1e12 else problem.t,
+        offset=problem.offset,
+        count=problem.count,
+        value=problem.value,
+        unit=problem.unit,
+        cause=problem.cause,
+        action=problem.remedy,
+    )
+
+
+def event_finding(event: Event, kind: str) -> Finding:
+    """Return an event as a sign of ``kind``."""
+    return Finding(
+        kind,
+        event.severity,
+        event.text,
+        t=event.t,
+        t_end=event.t_end,
+        value=event.value,
+        unit=event.unit,
+        evidence=list(event.evidence),
+    )
+
+
+def check_signs(checks: Sequence[Check], log: FlightLog, reports: Signs, skip: Iterable[str] = ()) -> Signs:
+    """Return warnings and faults of sensors in use as signs; not what events (``skip``) or reports name already."""
+    left_out = {*skip, *({"rate"} if any(REPORT_KINDS.get(report.kind) == "rate" for report in reports) else ())}
+    return [
+        check_sign(check, log)
+        for check in checks
+        if check.verdict in TROUBLE and check.question not in left_out and check.in_use
+    ]
+
+
+def check_sign(check: Check, log: FlightLog, severity: Weight | None = None) -> Finding:
+    """Return a check that is not ok as a sign of its kind."""
+    row = CHECKS[check.question]
+    usual = row.fault if check.verdict == "fault" else row.warning
+    if check.question == "gyro_bias" and usual == "serious" and abs(check.value or 0.0) < UNUSABLE_DPS:
+        usual = "warning"
+    action = settings_text(check) or check.action or check.why_no_setting or _logging_advice(check, log)
+    if severity is None and row.remedy is not None:
+        action = log.remedies.get(row.remedy, "")
+    harmless = check.question == "compass_motors" and not (check.action or check.settings)  # turns no heading
+    return Finding(
+        check.kind or row.kind,
+        severity or usual,
+        check.text,
+        t=check.t,
+        t_end=check.t_end,
+        count=check.count,
+        value=check.value,
+        unit=check.unit if check.value is not None else "",
+        about=check.about or check.question,
+        evidence=list(check.evidence),
+        cause="" if harmless else check.cause or row.cause,
+        action="" if harmless else action,
+    )
+
+
+def spare_signs(checks: Sequence[Check], log: FlightLog, known: set[str]) -> Signs:
+    """Return warnings and faults of sensors that are not in use as notes, of kinds that nothing else names."""
+    signs = [check_sign(c, log, "note") for c in _settings_first(checks) if not c.in_use]
+    return [sign for sign in signs if sign.kind not in known]
+
+
+def settings_text(check: Check) -> str:
+    """Return what to set: the check's own words where they name each parameter, else a sentence; empty without."""
+    named = check.action and all(setting.name in check.action for setting in check.settings)
+    return check.action if check.settings and named else settings_sentence(check.settings)
+
+
+def _logging_advice(check: Check, log: FlightLog) -> str:
+    """Return the setting that would log what a check lacks."""
+    imu, onboard = log.replay_imu, log.onboard_attitude
+    if check.question == "rate":
+        return log.advice("fast_imu", imu.gyro.rate) if imu is not None else log.advice("imu")
+    if check.question == "coverage":
+        return log.advice("attitude", onboard.rate if onboard is not None else None)
+    return ""
+
+
+# Checks of inertial data, which mean nothing where most of it was refused.
+IMU_CHECKS = (
+    *("accelerometer_rest", "gravity_in_flight", "gravity_direction", "rate", "gaps", "jitter", "filter_delay"),
+    *("vibration_level", "imu_instances", "accelerometer_offset", "gyro_bias"),
+)
 IMU_REFUSED = "imu_mostly_refused"
-FEW_VALUES = 10
-"""Values left out, of thousands."""
-
-
-def nothing_wrong(findings: Sequence[Finding]) -> bool:
-    """Whether no finding about the flight is a warning."""
-    return not any(finding.is_trouble and finding.kind not in RECORD_KINDS for finding in findings)
 
 
 def without_refused_imu(checks: list[Check], log: FlightLog) -> list[Check]:
-    """The checks but for those of inertial data of which most were refused: what is left is chance."""
+    """Return the checks without those of inertial data of which most was refused: the rest is chance."""
     refused = any(problem.code == IMU_REFUSED for problem in log.problems)
-    return [check for check in checks if check.name not in IMU_CHECKS] if refused else checks
+    return [check for check in checks if check.question not in IMU_CHECKS] if refused else checks
 
 
-def settle_record(signs: Sequence[Finding]) -> list[Finding]:
-    """The signs, those that cost the reader and change nothing as notes."""
-    refused = any(sign.kind == IMU_REFUSED for sign in signs)
-    return [_note_minor(sign, refused) if sign.is_trouble else sign for sign in signs]
+def _unchecked(checks: list[Check]) -> Signs:
+    """Return the checks that could not be made as one entry, with the reasons as evidence."""
+    missing = [check for check in checks if check.verdict == "unknown" and check.about != BUG]
+    if not missing:
+        return []
+    names = dict.fromkeys(check.question.replace("_", " ") for check in missing)
+    text = f"Not checked: {', '.join(names)}."
+    evidence = dict.fromkeys(f"{check.question.replace('_', ' ')}: {check.text}" for check in missing)
+    return [Finding("not_checked", "info", text, evidence=[*evidence])]
 
 
-def _note_minor(sign: Finding, refused: bool) -> Finding:
-    """A slow but usable IMU, records left out here and there, one parameter's value as notes; an IMU that is too slow
-    for filters is no fault of a flight. ``refused``: most values, which says it all."""
-    if sign.kind == RATE:
-        return replace(sign, severity="warning" if sign.severity == "serious" else "note")
-    minor = sign.kind in MINOR_KINDS or (sign.kind == "values_out_of_range" and (refused or sign.count < FEW_VALUES))
-    return replace(sign, severity="note") if minor else sign
+def _open(unanswered: list[OpenQuestion]) -> Signs:
+    """Return the questions without an answer as one entry."""
+    if not unanswered:
+        return []
+    titles = ", ".join(item.title.lower() for item in unanswered)
+    remedies = dict.fromkeys(item.remedy for item in unanswered if item.remedy)
+    return [Finding("unanswered", "note", f"Not answered: {titles}.", action=" ".join(remedies))]
 
 
-# How often did it crash, and what is said of each crash? Events that belong together are one crash.
+def contradiction(reference: Reference) -> list[Problem]:
+    """Return a reference that physics contradicts, or that gave way to the smoother, as a problem.
 
-CRASH_KIND = "crash"
+    A wrong onboard heading has its own check.
+    """
+    taken = reference.kind in ("smoother", "onboard")
+    reasons = {name: why for name, why in reference.refused.items() if why != reference.wrong_heading}
+    gave_way = [reasons[name] for name in ("truth", "onboard") if taken and name in reasons]
+    if gave_way:
+        return [Problem("reference_contradicted", "error", as_sentence(why)) for why in gave_way]
+    if not reference.fault or reference.fault == reference.wrong_heading:
+        return []
+    sentences = [reference.fault, *(step.text for step in reference.steps if step.name == "contradiction")]
+    return [Problem("reference_contradicted", "error", f"{sentence}.") for sentence in sentences]
+
+
+# Events.
+
+# Kind of finding by kind of event; crashes and messages are treated on their own.
+EVENT_KINDS = {
+    "hard_landing": "hard_landing",
+    "clipping": "vibration",
+    "vibration": "vibration",
+    "realigned": "realigned",
+    "lane_switch": "reset",
+    "sensor_switch": "sensor_switch",
+    "compass_switch": "compass",
+    "gnss_lost": "gnss",
+    "gnss_jump": "gnss",
+    "failsafe": "failsafe",
+    "battery": "battery",
+}
+# Kind of finding by the words of the autopilot's message.
+MESSAGE_KINDS = (
+    (re.compile(r"\bmag|compass|yaw", re.I), "compass"),
+    (re.compile(r"clipping|vibration", re.I), "vibration"),
+    (re.compile(r"\bgps|\bgnss|glitch", re.I), "gnss"),
+    (re.compile(r"\bekf|variance|estimator|attitude|\bahrs", re.I), "estimator"),
+)
+EVENT_ACTIONS = {"battery": "Charge or change the battery, and land earlier."}
+# Failsafes of a sensor or the estimator, reported at the same time as the event.
+EXPLAINED_FAILSAFES, SAME_TIME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibration_failsafe"), 0.01
+STEADY_GNSS_CAUSE = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."
+# Messages of the autopilot that one finding quotes.
+MAX_EVIDENCE = 4
+# Impacts and overturns that follow each other this closely are one crash, as in the headline.
 ONE_CRASH_S = 5.0
-"""Blows and overturns that follow each other so soon are one crash, as in the headline."""
+# Later crashes that are named by their time.
 MAX_LATER_CRASHES = 3
-"""Later crashes that are told by their time."""
 SOON_AFTER_ARMING_S = 10.0
 FLIPPED_ADVICE = "Check motor order, spin and propellers, and how the autopilot is mounted."
 
 
-def crash_signs(events: Sequence[Event], hovers: bool = True) -> list[Finding]:
-    """One sign for each event that is a crash, in time order; the first of them says what all of them were.
+def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: FlightLog) -> Signs:
+    """Return the signs in what happened: crashes as one, others by their kind, messages by what they name.
 
-    Who ``hovers`` and turns over soon after arming, before any lift-off, has its rotors or its autopilot mounted
-    otherwise than set.
+    A failsafe that ``reports`` name with its sensor is no sign of its own.
     """
-    happened = [event for event in events if event.is_crash]
-    found = [event_finding(event, CRASH_KIND) for event in happened]
-    if found:
-        flipped = hovers and happened[0].kind == "overturn" and _was_on_ground(events, happened[0].t)
-        found[0] = replace(
-            found[0], text=_crash_text(_group_crashes(happened)), action=FLIPPED_ADVICE if flipped else ""
-        )
-    return found
-
-
-def wreck_spans(events: Sequence[Event]) -> list[tuple[float, float]]:
-    """Spans (t0, t1) s from each crash to the next lift-off, or for ever."""
-    lifts = [event.t for event in events if event.kind == "liftoff"]
-    return [(e.t, min((t for t in lifts if t > e.t), default=float("inf"))) for e in events if e.is_crash]
-
-
-def _was_on_ground(events: Sequence[Event], t: float) -> bool:
-    """Whether it armed just before and did not lift off; a log that begins long after arming may begin in the air."""
-    before = [event for event in events if event.t < t]
-    armed = any(event.kind == "armed" and event.t >= max(t - SOON_AFTER_ARMING_S, 0.0) for event in before)
-    return armed and not any(event.kind in ("liftoff", "landing") for event in before)
-
-
-def _group_crashes(events: Sequence[Event]) -> list[list[Event]]:
-    """The events of each crash."""
-    groups = [[event] for event in events[:1]]
-    for before, event in pairwise(events):
-        if event.t - (before.t_end or before.t) < ONE_CRASH_S:
-            groups[-1].append(event)
-        else:
-            groups.append([event])
-    return groups
-
-
-def _crash_text(groups: Sequence[Sequence[Event]]) -> str:
-    """What happened in the first crash and how it lay in the end, then when it crashed again."""
-    told = [event.text.split(". ", 1) for event in groups[0]]
-    moves = list(dict.fromkeys(f"{sentences[0].rstrip('.')}." for sentences in told))
-    lay = told[-1][1:]  # how it lay before the last of them is over
-    again = [f"{group[0].t:.1f} s" for group in groups[1:]]
-    if len(again) > MAX_LATER_CRASHES:
-        again = [*again[: MAX_LATER_CRASHES - 1], f"{len(again) - MAX_LATER_CRASHES + 1} times more"]
-    times = " and ".join([", ".join(again[:-1]), again[-1]] if len(again) > 1 else again)
-    return " ".join([*moves, *lay, *([f"Crashed again at {times}."] if again else [])])
-
-
-# What the autopilot did and said, and how flights ended: events of the story that are trouble.
-
-CRASH = CRASH_KIND
-CRASH_CHECKS = {CRASH: Explanation(CRASH, as_fault="serious")}
-EVENT_KINDS = {
-    "hard_landing": "hard_landing",
-    "clipping": causes.VIBRATION,
-    "vibration": causes.VIBRATION,
-    "realigned": "realigned",
-    "lane_switch": causes.RESET,
-    "sensor_switch": "sensor_switch",
-    "compass_switch": causes.COMPASS,
-    "gnss_lost": causes.GNSS,
-    "gnss_jump": causes.GNSS,
-    "failsafe": "failsafe",
-    "battery": "battery",
-}
-"""Of which finding an event is a sign; crashes and messages are treated on their own."""
-MESSAGE_KINDS = (
-    (re.compile(r"\bmag|compass|yaw", re.I), causes.COMPASS),
-    (re.compile(r"clipping|vibration", re.I), causes.VIBRATION),
-    (re.compile(r"\bgps|\bgnss|glitch", re.I), causes.GNSS),
-    (re.compile(r"\bekf|variance|estimator|attitude|\bahrs", re.I), causes.ESTIMATOR),
-)
-"""What a message of the autopilot is about, by its words."""
-EVENTS_FOR_CODES = {
-    "failsafe": ("failsafe", "battery"),
-    "err_5_1": ("failsafe",),
-    "err_6_1": ("battery",),
-    "err_8_1": ("failsafe",),
-    "gnss_glitch": ("gnss_jump",),
-    "ev_54": ("failsafe",),
-    "imu_switched": ("sensor_switch",),
-}
-"""Codes of problems, and the events that tell the same better where there is one."""
-EVENT_ACTIONS = {"battery": "Charge or change the battery, and land earlier."}
-EXPLAINED_FAILSAFES, SAME_TIME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibration_failsafe"), 0.01
-"""Failsafes of a sensor or the estimator, which are signs of those, and told at the same time."""
-STEADY_GNSS_CAUSE = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."
-"""Why the estimator says that GNSS jumped where its position and velocity agree."""
-MAX_EVIDENCE = 4
-"""So many sentences of the autopilot are quoted in one finding."""
-
-
-def event_signs(events: Iterable[Event], reports: Sequence[Finding] = (), hovers: bool = True) -> list[Finding]:
-    """The signs in what happened: crashes as one, the others by their kind; a message is a sign of what it names.
-
-    A failsafe that ``reports`` of the autopilot tell with its sensor is no sign of its own. ``hovers``: the vehicle
-    takes off upright on its rotors.
-    """
-    events = list(events)
-    found = crash_signs(events, hovers)
+    found = crash_signs(events, log.kind.hovers)
     wrecks = wreck_spans(events)
     explained = [report.t for report in reports if report.kind in EXPLAINED_FAILSAFES and report.t is not None]
     for event in events:
@@ -351,35 +311,106 @@ def event_signs(events: Iterable[Event], reports: Sequence[Finding] = (), hovers
         elif event.kind in EVENT_KINDS:
             sign = event_finding(event, EVENT_KINDS[event.kind])
             if is_estimator_jump(event):
-                sign = replace(sign, kind=causes.ESTIMATOR, value=None, unit="", cause=STEADY_GNSS_CAUSE)
+                sign = replace(sign, kind="estimator", value=None, unit="", cause=STEADY_GNSS_CAUSE)
             about = {"clipping": "clipping", "realigned": "heading", "vibration": "vibration"}.get(event.kind, "")
-            found.append(replace(sign, about=about, action=EVENT_ACTIONS.get(event.kind, "")))
-    counted = [sign for sign in found if sign.kind == CRASH or not _is_within(sign.t, wrecks)]
+            sign = replace(sign, about=about, action=EVENT_ACTIONS.get(event.kind, ""))
+            if about == "vibration":
+                row = CHECKS["vibration_level"]
+                sign = replace(sign, cause=row.cause, action=log.remedies.get("vibration", ""))
+            found.append(sign)
+    counted = [sign for sign in found if sign.kind == "crash" or not _is_within(sign.t, wrecks)]
     return [replace(sign, evidence=sign.evidence[:MAX_EVIDENCE]) for sign in counted]
+
+
+def crash_signs(events: Sequence[Event], hovers: bool = True) -> Signs:
+    """Return one sign for each event that is a crash; the text of the first covers all.
+
+    A vehicle that hovers and turns over soon after arming has its rotors or its autopilot mounted otherwise than set.
+    """
+    happened = [event for event in events if event.is_crash]
+    found = [event_finding(event, "crash") for event in happened]
+    if found:
+        flipped = hovers and happened[0].kind == "overturn" and _was_on_ground(events, happened[0].t)
+        text = _crash_text(_group_crashes(happened))
+        found[0] = replace(found[0], text=text, action=FLIPPED_ADVICE if flipped else "")
+    return found
+
+
+def wreck_spans(events: Sequence[Event]) -> list[tuple[float, float]]:
+    """Return spans (t0, t1) s from each crash to the next lift-off, or to infinity."""
+    lifts = [event.t for event in events if event.kind == "liftoff"]
+    return [(e.t, min((t for t in lifts if t > e.t), default=float("inf"))) for e in events if e.is_crash]
 
 
 def _is_within(t: float | None, spans: Sequence[tuple[float, float]]) -> bool:
     return t is not None and any(a < t < b for a, b in spans)
 
 
-def without_events(problems: Sequence[Finding], events: Sequence[Event]) -> list[Finding]:
-    """The signs of problems that no event tells already."""
-    happened = {event.kind for event in events}
-    return [p for p in problems if not happened.intersection(EVENTS_FOR_CODES.get(p.kind, ()))]
+def _was_on_ground(events: Sequence[Event], t: float) -> bool:
+    """Return whether it armed just before and never lifted off; a log that begins later may begin in the air."""
+    before = [event for event in events if event.t < t]
+    armed = any(event.kind == "armed" and event.t >= max(t - SOON_AFTER_ARMING_S, 0.0) for event in before)
+    return armed and not any(event.kind in ("liftoff", "landing") for event in before)
 
 
-def note_after_crashes(reports: Sequence[Finding], events: Sequence[Event]) -> list[Finding]:
-    """The reports, those of a wreck as notes: from a crash until it lifted off again."""
-    wrecks = wreck_spans(events)
-    return [
-        replace(report, severity="note") if report.kind != CRASH and _is_within(report.t, wrecks) else report
-        for report in reports
-    ]
+def _group_crashes(events: Sequence[Event]) -> list[list[Event]]:
+    """Return the events of each crash."""
+    groups = [[event] for event in events[:1]]
+    for before, event in pairwise(events):
+        if event.t - (before.t_end or before.t) < ONE_CRASH_S:
+            groups[-1].append(event)
+        else:
+            groups.append([event])
+    return groups
 
 
-def note_harmless(reports: Sequence[Finding], events: Sequence[Event]) -> list[Finding]:
-    """The reports, a failsafe as a note where the event at its time is one: disarmed, or before it could be true."""
-    notes = [event.t for event in events if event.kind == "failsafe" and event.severity == "note"]
+def _crash_text(groups: Sequence[Sequence[Event]]) -> str:
+    """Return what happened in the first crash, how the vehicle lay at its end, and when it crashed again."""
+    texts = [event.text.split(". ", 1) for event in groups[0]]
+    moves = list(dict.fromkeys(f"{sentences[0].rstrip('.')}." for sentences in texts))
+    lay = texts[-1][1:]  # how it lay before the last of them is over
+    again = [f"{group[0].t:.1f} s" for group in groups[1:]]
+    if len(again) > MAX_LATER_CRASHES:
+        again = [*again[: MAX_LATER_CRASHES - 1], f"{len(again) - MAX_LATER_CRASHES + 1} times more"]
+    times = " and ".join([", ".join(again[:-1]), again[-1]] if len(again) > 1 else again)
+    return " ".join([*moves, *lay, *([f"Crashed again at {times}."] if again else [])])
+
+
+# Rules of reports.
+
+# Codes of problems, and the events that name the same in more words.
+EVENTS_FOR_CODES = {
+    "failsafe": ("failsafe", "battery"),
+    "err_5_1": ("failsafe",),
+    "err_6_1": ("battery",),
+    "err_8_1": ("failsafe",),
+    "gnss_glitch": ("gnss_jump",),
+    "ev_54": ("failsafe",),
+    "imu_switched": ("sensor_switch",),
+}
+# Kind of finding by the code of a problem; its code where it is not named here.
+REPORT_KINDS = {
+    **dict.fromkeys(("reference_contradicted",), "attitude"),
+    **dict.fromkeys(("lane_switch", "estimator_instance_changed"), "reset"),
+    **dict.fromkeys(("ekf_check", "ekf_failsafe", "ekf_fault"), "estimator"),
+    **dict.fromkeys(("vibration_failsafe",), "vibration"),
+    **dict.fromkeys(("gyro_clipped",), "gyro_range"),
+    **dict.fromkeys(("gnss_glitch", "err_7_1", "err_31_1", "ev_19"), "gnss"),
+    **dict.fromkeys(("logger_dropouts",), "gaps"),
+    **dict.fromkeys(("imu_low_rate", "imu_rate_too_low", "no_imu", "imu_too_short"), "rate"),
+    **dict.fromkeys(("mag_spikes", "mag_uncalibrated", "err_3_1", "err_3_4", "compass_switch"), "compass"),
+}
+
+
+def drop_told_by_events(reports: Signs, context: Context) -> Signs:
+    """Drop reports that an event names in more words."""
+    happened = {event.kind for event in context.events}
+    return [p for p in reports if not happened.intersection(EVENTS_FOR_CODES.get(p.kind, ()))]
+
+
+def note_harmless_failsafes(reports: Signs, context: Context) -> Signs:
+    """Note failsafes whose event is a note: disarmed, or before it could be true."""
+    notes = [event.t for event in context.events if event.kind == "failsafe" and event.severity == "note"]
     return [
         replace(report, severity="note")
         if report.kind in EXPLAINED_FAILSAFES
@@ -389,173 +420,388 @@ def note_harmless(reports: Sequence[Finding], events: Sequence[Event]) -> list[F
     ]
 
 
-def note_before_start(reports: Sequence[Finding], log: FlightLog) -> list[Finding]:
-    """The reports, those from before the first sample as notes: an autopilot that starts, and is not armed yet."""
-    line = log.state.armed
+def note_after_crashes(reports: Signs, context: Context) -> Signs:
+    """Note reports of a wreck: from a crash until the next lift-off."""
+    wrecks = wreck_spans(context.events)
+    return [
+        replace(report, severity="note") if report.kind != "crash" and _is_within(report.t, wrecks) else report
+        for report in reports
+    ]
+
+
+def note_before_start(reports: Signs, context: Context) -> Signs:
+    """Note reports from before the first sample and before arming: an autopilot that starts."""
+    line = context.log.state.armed
     armed = [] if line is None else [t for t, value in zip(line.t.tolist(), line.value, strict=True) if value]
     begin = min([0.0, *armed])
     return [replace(r, severity="note") if r.t is not None and r.t < begin and r.is_trouble else r for r in reports]
 
 
-def doubt_crash(report: Finding) -> Finding:
-    """A crash that the autopilot reports while no sensor shows one."""
-    return replace(report, kind="crash_check", severity="warning", cause="No sensor shows a crash: a bench, or a hand.")
+def doubt_reported_crashes(reports: Signs, context: Context) -> Signs:
+    """Doubt a crash that the autopilot reports while no sensor shows one."""
+    if context.crashed:
+        return reports
+    cause = "No sensor shows a crash: a bench, or a hand."
+    return [
+        replace(r, kind="crash_check", severity="warning", cause=cause) if r.kind == "crash" else r for r in reports
+    ]
 
 
-# What is wrong with this log: one list, made once, from checks, reports of the autopilot, events and open questions.
-#
-# Each check and each report is a sign of a kind of finding; what shares its cause is one finding.
+def name_kinds(reports: Signs, context: Context) -> Signs:
+    """Give reports the kind of their finding."""
+    return [replace(report, kind=REPORT_KINDS.get(report.kind, report.kind)) for report in reports]
 
-EXPLANATIONS: Mapping[str, Explanation] = (
-    CRASH_CHECKS
-    | causes.ATTITUDE_CHECKS
-    | causes.SENSOR_CHECKS
-    | causes.COMPASS_CHECKS  # the order of findings that are equally bad
+
+REPORT_RULES: tuple[Rule, ...] = (
+    drop_told_by_events,
+    note_harmless_failsafes,
+    note_after_crashes,
+    note_before_start,
+    doubt_reported_crashes,
+    name_kinds,
 )
-"""What a check that is not ok means, by its name."""
-FIRST_KINDS = ("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", CRASH, causes.VIBRATION)
-"""Kinds of findings that stand first among those that are equally bad."""
-REPORT_KINDS: Mapping[str, str] = causes.ATTITUDE_REPORTS | causes.SENSOR_REPORTS | causes.COMPASS_REPORTS
-"""Of which kind of finding a problem is a sign, by its code; of its own where it stands nowhere."""
 
 
-@dataclass(frozen=True, slots=True)
-class OpenQuestion:
-    """A question without an answer, as its card is titled, and what would answer it (may be empty)."""
+# Rules of all signs.
 
-    title: str
-    remedy: str = ""
-
-
-def findings(
-    log: FlightLog,
-    checks: Iterable[Check],
-    others: Iterable[Problem] = (),
-    unanswered: Iterable[OpenQuestion] = (),
-    events: Iterable[Event] = (),
-    health: Iterable[Assessment] = (),
-) -> list[Finding]:
-    """Everything that is not ok, worst first, one entry for each cause.
-
-    ``others`` are problems that the analysis itself found, ``events`` what happened, ``health`` the assessments of the
-    sensors: what they offer to set is the action of the findings that they belong to. One that answers a check takes
-    its place (``attlog.health.findings``); those of sensors that are not in use are notes.
-    """
-    events, health = list(events), list(health)
-    checks = without_refused_imu(list(checks), log)
-    answers = answers_by_check(log, checks, health)
-    checks = reconcile(log, checks, health)
-    spare = unused_sensors(log, health)
-    mine = [a for a in health if a not in spare]
-    reports = [problem_finding(p) for p in [*log.problems, *others]]
-    happened = [causes.explain_vibration(sign, log.remedies) for sign in event_signs(events, reports, log.kind.hovers)]
-    crashed = any(sign.kind == CRASH for sign in happened)
-    reported = any(REPORT_KINDS.get(report.kind) == causes.RATE for report in reports)
-    left_out = {CRASH: crashed, "rate": reported}
-    wrong = [c for c in checks if c.verdict in ("warning", "fault") and not left_out.get(c.name)]
-    told = [causes.without_harmless(check_sign(c, log), answers.get(c.name)) for c in wrong]
-    told += happened
-    crashed |= any(sign.kind == CRASH for sign in told)
-    reports = note_after_crashes(note_harmless(without_events(reports, events), events), events)
-    reports = note_before_start(reports, log)
-    if not crashed:  # what the autopilot alone calls a crash is a bench or a hand
-        reports = [doubt_crash(report) if report.kind == CRASH else report for report in reports]
-    told += [replace(report, kind=REPORT_KINDS.get(report.kind, report.kind)) for report in reports]
-    told = causes.settle_vibration(causes.settle_attitude(causes.settle_compass(join_repeated(told)), log))
-    told = causes.add_assessments(told, [a for a in mine if a not in answers.values()], spare)
-    told += [Finding(FAILED, "serious", check.text) for check in checks if check.value == FAILED]
-    told += [*_unchecked_finding(checks), *_open_finding(list(unanswered))]
-    found = merge_kinds(settle_record(told))
-    place = {
-        kind: i
-        for i, kind in enumerate(dict.fromkeys([*FIRST_KINDS, *(about.kind for about in EXPLANATIONS.values())]))
-    }
-    found.sort(key=lambda f: (SEVERITY_ORDER.index(f.severity), place.get(f.kind, len(place)), f.t or 0.0))
-    chosen = any(a.question == "compass_choice" and a.verdict != "unknown" for a in mine)
-    return causes.choose_actions(found, log, causes.settings_advice(mine), chosen=chosen)
+# Signs of one kind that are listed; a damaged log brings hundreds. Of more, so many are quoted.
+MAX_LISTED, MAX_QUOTED = 5, 3
+# What a reader reports of a compass that is missing says all of it.
+ONLY_OFFSETS = "mag_only_offsets"
+MISSING_COMPASS = ("mag_dead", "no_mag", "mag_not_in_log", ONLY_OFFSETS)
+# Kinds that belong to the compass where they are about heading and the compass is in doubt.
+HEADING_KINDS = ("realigned", "reset", "attitude")
+LOST_HEADING = "The onboard estimator was not aligned, or drifted without a compass."
+FIELD_CHECKS = ("compass_axes", "field", "field_size")
+# Checks that turn the field by the onboard attitude.
+FIELD_BY_ATTITUDE = ("field_against_attitude", "declination", "compass_turn", "attitude")
+# Change of the field in percent from which motors lead the finding.
+BENT_PCT = 30.0
+# Checks of the compass, the one that explains most first.
+COMPASS_LEADS = (
+    *("heading_by_gnss", "compass_axes", "compass_turn", "compass_motors", "attitude", "field", "field_size"),
+    *("field_against_attitude", "compass_offset", "declination"),
+)
+# Checks of the attitude against the accelerometer, and what only repeats that the attitude is wrong.
+ATTITUDE_AGAINST_FORCE = ("gravity_direction", MEAN_GRAVITY, "gravity_in_flight", "vertical_force", "trim")
+REPEATS_WRONG_ATTITUDE = ("gravity_direction", MEAN_GRAVITY, "gravity_in_flight", "vertical_force")
+LEVEL_CAUSE = "The accelerometer was calibrated on a slope, or its offsets are wrong."
+FRAMES_CAUSE = "The simulator gives sensors and attitude in different frames: no setting of a vehicle mends it."
+# A smaller jump is usual for an estimator.
+SMALL_JUMP_DEG = 10.0
+GYRO_KINDS = ("gyro", "gyro_bias", "frozen_gyro")
+# Kinds that vibration explains where they begin with it.
+SHAKEN_KINDS = ("imu_switched", "sensor_switch", "attitude", "estimator")
+LOGGER_STOPPED = "The logger stopped and went on later: no card loses seconds."
+BEFORE_ONSET_S = 1.0
 
 
-def check_sign(check: Check, log: FlightLog) -> Finding:
-    """A check that is not ok as a sign of its kind."""
-    own = causes.DEAD_COMPASS if check.name.startswith("magnetometer ") else Explanation(check.name.replace(" ", "_"))
-    about = EXPLANATIONS.get(check.name, own)
-    severity = about.as_fault if check.verdict == "fault" else about.as_warning
-    if check.name == "gyro bias" and severity == "serious" and not unusable_gyro([check]):
-        severity = "warning"
-    value = check.value if isinstance(check.value, (int, float)) else None
-    mends = check.value not in (ZERO, CONSTANT)  # no setting mends a dead sensor
-    return Finding(
-        about.kind,
-        severity,
-        check.text,
-        t=check.t,
-        t_end=check.t_end,
-        count=check.count,
-        value=value,
-        unit=check.unit if value is not None else "",
-        about=check.about or check.name,
-        evidence=list(check.evidence),
-        cause=check.cause or about.cause,
-        action=log.remedies.get(about.fault, "") if about.fault and mends else _logging_advice(check, log),
+def join_repeated(signs: Signs, context: Context) -> Signs:
+    """Join more than :data:`MAX_LISTED` signs of a kind, severity and subject into one with the sum of counts."""
+    kinds: dict[tuple[str, str, str], Signs] = {}
+    for sign in signs:
+        kinds.setdefault((sign.kind, sign.severity, sign.about), []).append(sign)
+    joined: Signs = []
+    for same in kinds.values():
+        joined += same if len(same) <= MAX_LISTED else [_joined(same)]
+    return joined
+
+
+def _joined(same: Signs) -> Finding:
+    return replace(
+        same[0],
+        text=f"{same[0].text.rstrip('.')}, and {len(same) - 1} more of the kind.",
+        t=min((sign.t for sign in same if sign.t is not None), default=None),
+        count=sum(sign.count for sign in same),
+        value=None,
+        unit="",
+        evidence=[sign.text for sign in same[1:MAX_QUOTED]],
+        cause=same[0].cause if len({sign.cause for sign in same}) == 1 else "",
+        action=same[0].action if len({sign.action for sign in same}) == 1 else "",
     )
 
 
-def contradiction(reference: Reference) -> list[Problem]:
-    """A reference that physics contradicts, or that had to give way to the smoother, as an entry; none otherwise.
+def drop_zero_compass(signs: Signs, context: Context) -> Signs:
+    """Drop "all its values are zero" of a compass whose values are its offsets and were left out."""
+    dead = {_source(sign): sign for sign in signs if sign.kind == "mag_dead"}
+    left_out = {_source(sign) for sign in signs if sign.kind == ONLY_OFFSETS}
+    return [
+        replace(sign, cause=dead[_source(sign)].cause, action=dead[_source(sign)].action)
+        if sign.kind == ONLY_OFFSETS and _source(sign) in dead
+        else sign
+        for sign in signs
+        if not (sign.kind == "mag_dead" and _source(sign) in left_out)
+    ]
 
-    A wrong onboard heading is an entry by its own check.
+
+def _source(sign: Finding) -> str:
+    """Return the sensor that a sentence begins with."""
+    return sign.text.partition(":")[0]
+
+
+def gather_wrong_heading(signs: Signs, context: Context) -> Signs:
+    """Put signs of a wrong heading under the compass where GNSS shows it; without a compass under the attitude.
+
+    GNSS uses no field. Checks of the field know the cause better.
     """
-    taken = reference.kind in ("smoother", "onboard")
-    told = {name: why for name, why in reference.refused.items() if why != reference.wrong_heading}
-    gave_way = [told[name] for name in ("truth", "onboard") if taken and name in told]
-    if gave_way:
-        return [Problem("reference_contradicted", "error", as_sentence(why)) for why in gave_way]
-    if not reference.fault or reference.fault == reference.wrong_heading:
-        return []
-    sentences = [reference.fault, *(step.text for step in reference.steps if step.name == "contradiction")]
-    return [Problem("reference_contradicted", "error", f"{sentence}.") for sentence in sentences]
+    gnss = [sign for sign in signs if sign.about == "heading_by_gnss" and sign.is_trouble]
+    if not gnss:
+        return signs
+    if any(sign.kind in MISSING_COMPASS and sign.is_trouble for sign in signs):
+        return [
+            replace(sign, kind="attitude", about="heading", cause=LOST_HEADING, action="") if sign in gnss else sign
+            for sign in signs
+        ]
+    others = [s for s in signs if s.kind == "compass" and s.is_trouble and s not in gnss and s.action]
+    if others:
+        signs = [replace(sign, cause="", action="") if sign in gnss else sign for sign in signs]
+    return [_as_kind("compass", s) if s.kind in HEADING_KINDS and s.about == "heading" else s for s in signs]
 
 
-def unusable_gyro(checks: Iterable[Check]) -> str:
-    """Why no filter can be judged at all: a gyro far from zero while the vehicle stands, or one that is not what
-    turned or stopped; empty where one can."""
-    for check in checks:
-        if check.name == "gyro against attitude" and check.value == CONTRADICTED:
-            return f"{check.text[0].lower()}{check.text[1:].rstrip('.')}"
-        if check.name == "gyro bias" and isinstance(check.value, float) and abs(check.value) >= UNUSABLE_DPS:
-            return f"the gyro reads {check.value:.0f} deg/s while the vehicle stands still"
-        if why := timing.frozen_gyro_reason(check):
-            return why
-    return ""
+def drop_missing_compass(signs: Signs, context: Context) -> Signs:
+    """Drop checks of a compass that is missing or dead."""
+    missing = any(sign.kind in MISSING_COMPASS and sign.is_trouble for sign in signs)
+    return [sign for sign in signs if sign.kind != "compass"] if missing else signs
 
 
-def _unchecked_finding(checks: list[Check]) -> list[Finding]:
-    """The checks that could not be made as one entry; why, as its evidence."""
-    missing = [check for check in checks if check.verdict == "unknown" and check.value != FAILED]
-    if not missing:
-        return []
-    text = f"Not checked: {', '.join(check.name for check in missing)}."
-    return [Finding("not_checked", "info", text, evidence=[f"{check.name}: {check.text}" for check in missing])]
+def doubt_heading(signs: Signs, context: Context) -> Signs:
+    """Weaken a serious error of the onboard heading where the field is wrong: the judge used that field too."""
+    wrong = any(sign.kind == "compass" and sign.about in FIELD_CHECKS and sign.is_trouble for sign in signs)
+    return [
+        replace(s, severity="warning")
+        if wrong and s.kind == "attitude" and s.about == "heading" and s.severity == "serious"
+        else s
+        for s in signs
+    ]
 
 
-def _open_finding(unanswered: list[OpenQuestion]) -> list[Finding]:
-    """The questions without an answer as one entry; their cards say why."""
-    if not unanswered:
-        return []
-    titles = ", ".join(item.title.lower() for item in unanswered)
-    remedies = dict.fromkeys(item.remedy for item in unanswered if item.remedy)
-    text = f"Not answered: {titles}."
-    return [Finding("unanswered", "note", text, action=" ".join(remedies))]
+def drop_field_by_wrong_attitude(signs: Signs, context: Context) -> Signs:
+    """Drop checks of the compass that turn the field by an attitude that is wrong."""
+    wrong = any(sign.kind == "attitude" and sign.severity == "serious" for sign in signs)
+    return [s for s in signs if not (wrong and s.kind == "compass" and s.about in FIELD_BY_ATTITUDE)]
 
 
-def _logging_advice(check: Check, log: FlightLog) -> str:
-    """The setting that would log what a check lacks."""
-    imu, onboard = log.replay_imu, log.onboard_attitude
-    if check.name == "rate":
-        return log.advice("fast_imu", imu.gyro.rate) if imu is not None else log.advice("imu")
-    if check.name == "coverage":
-        return log.advice("attitude", onboard.rate if onboard is not None else None)
-    return ""
+def gather_heading(signs: Signs, context: Context) -> Signs:
+    """Put signs of heading under the compass where it is in doubt, the check that explains most first."""
+    if not any(sign.kind == "compass" and sign.is_trouble for sign in signs):
+        return signs
+    own = [
+        replace(s, kind="compass")
+        if s.kind in HEADING_KINDS and s.about == "heading" and s.severity != "serious"
+        else s
+        for s in signs
+    ]
+    return sorted(own, key=_compass_place)
 
 
-# What is wrong with a log, and what to do about it: one finding for each cause.
+def _compass_place(sign: Finding) -> int:
+    """Return the place of a sign of the compass: motors that bend the field by a third stand first."""
+    if sign.about == "field_size" and (sign.value or 0.0) > BENT_PCT:
+        return 0
+    return COMPASS_LEADS.index(sign.about) if sign.about in COMPASS_LEADS else len(COMPASS_LEADS)
+
+
+def note_small_jumps(signs: Signs, context: Context) -> Signs:
+    """Note resets of a few degrees."""
+    return [
+        replace(s, severity="note") if s.kind == "reset" and s.value is not None and s.value < SMALL_JUMP_DEG else s
+        for s in signs
+    ]
+
+
+def explain_small_tilts(signs: Signs, context: Context) -> Signs:
+    """Explain a small angle to gravity by the accelerometer: mountings turn by more."""
+    action = context.log.remedies.get("accelerometer", "")
+    return [
+        replace(s, kind="accelerometer", cause=LEVEL_CAUSE, action=action)
+        if s.about == "gravity_direction" and s.severity == "warning"
+        else s
+        for s in signs
+    ]
+
+
+def explain_by_gyro(signs: Signs, context: Context) -> Signs:
+    """Put a wrong attitude and mounting under a gyro that is broken."""
+    gyro = next((sign.kind for sign in signs if sign.kind in GYRO_KINDS and sign.severity == "serious"), "")
+    return [_as_kind(gyro, s) if gyro and s.kind in ("attitude", "mounting") else s for s in signs]
+
+
+def explain_by_attitude(signs: Signs, context: Context) -> Signs:
+    """Put what repeats that the attitude is wrong under it."""
+    wrong = any(sign.kind == "attitude" and sign.severity == "serious" for sign in signs)
+    return [
+        _as_kind("attitude", s) if wrong and s.about in REPEATS_WRONG_ATTITUDE and s.kind != "vibration" else s
+        for s in signs
+    ]
+
+
+def drop_force_in_wrong_frame(signs: Signs, context: Context) -> Signs:
+    """Drop checks of the attitude against the force where the accelerometer's axes are wrong."""
+    wrong = any(sign.about == "accelerometer_axes" for sign in signs)
+    return [sign for sign in signs if not (wrong and sign.about in ATTITUDE_AGAINST_FORCE)]
+
+
+def explain_simulator(signs: Signs, context: Context) -> Signs:
+    """Explain a mounting of a simulated vehicle by the simulator's frames."""
+    return [
+        replace(_as_kind("simulator", s), cause=FRAMES_CAUSE)
+        if context.log.simulated and s.kind == "mounting" and s.is_trouble
+        else s
+        for s in signs
+    ]
+
+
+def explain_stopped_logger(signs: Signs, context: Context) -> Signs:
+    """Explain a gap of seconds by a logger that stopped."""
+    return [replace(s, cause=LOGGER_STOPPED, action="") if s.about == "stopped" else s for s in signs]
+
+
+def explain_by_vibration(signs: Signs, context: Context) -> Signs:
+    """Put a wrong force under vibration; where it is strong also switches and rejections that begin with it."""
+    shaken = [s for s in signs if s.kind == "vibration" and s.is_trouble and s.about != "vertical_force"]
+    if not shaken:
+        return signs
+    strong = any(s.about == "clipping" or s.severity == "serious" for s in shaken)
+    onset = min((s.t for s in shaken if s.t is not None), default=None)
+
+    def explained(sign: Finding) -> Finding:
+        begins_with_it = sign.t is not None and onset is not None and sign.t >= onset - BEFORE_ONSET_S
+        force = sign.about in ("gravity_in_flight", MEAN_GRAVITY)
+        if sign.severity == "serious" or not (force or (strong and sign.kind in SHAKEN_KINDS and begins_with_it)):
+            return sign
+        return _as_kind("vibration", sign)
+
+    place = {"clipping": 0, "vertical_force": 1, "vibration": 1, "vibration_level": 1}
+    return sorted(map(explained, signs), key=lambda sign: place.get(sign.about, 2))
+
+
+def _as_kind(kind: str, sign: Finding) -> Finding:
+    """Return a sign as one of another kind, whose cause and action it shares."""
+    return replace(sign, kind=kind, cause="", action="")
+
+
+# Left out of the log without harm.
+MINOR_KINDS = ("duplicate_times", "time_backward", "unset_times", "imu_decimated", "no_mag", "mag_disabled")
+# Values left out, of thousands.
+FEW_VALUES = 10
+
+
+def note_minor_records(signs: Signs, context: Context) -> Signs:
+    """Note a slow but usable IMU and records that are left out here and there; no fault of the flight."""
+    refused = any(sign.kind == IMU_REFUSED for sign in signs)
+
+    def noted(sign: Finding) -> Finding:
+        if sign.kind == "rate":
+            return replace(sign, severity="warning" if sign.severity == "serious" else "note")
+        few = sign.kind == "values_out_of_range" and (refused or sign.count < FEW_VALUES)
+        return replace(sign, severity="note") if sign.kind in MINOR_KINDS or few else sign
+
+    return [noted(sign) if sign.is_trouble else sign for sign in signs]
+
+
+RULES: tuple[Rule, ...] = (
+    join_repeated,
+    drop_zero_compass,
+    gather_wrong_heading,
+    drop_missing_compass,
+    doubt_heading,
+    drop_field_by_wrong_attitude,
+    gather_heading,
+    note_small_jumps,
+    explain_small_tilts,
+    explain_by_gyro,
+    explain_by_attitude,
+    drop_force_in_wrong_frame,
+    explain_simulator,
+    explain_stopped_logger,
+    explain_by_vibration,
+    note_minor_records,
+)
+
+
+# Findings.
+
+
+def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
+    """Return one finding for each kind; the worst sign leads, the first of equals, and the others are evidence."""
+    kinds: dict[tuple[str, str], Signs] = {}
+    for sign in signs:
+        kinds.setdefault((sign.kind, sign.text if sign.kind in SEPARATE_KINDS else ""), []).append(sign)
+    return [_merged(same) for same in kinds.values()]
+
+
+def _merged(same: Signs) -> Finding:
+    lead = min(same, key=_lead_rank)
+    others = [sign for sign in same if sign is not lead]
+    texts = [*lead.evidence, *(text for sign in others for text in (sign.text, *sign.evidence))]
+    return replace(
+        lead,
+        count=sum(sign.count for sign in same if sign.text == lead.text),
+        evidence=[text for text in dict.fromkeys(texts) if text != lead.text],
+        cause=next((sign.cause for sign in (lead, *others) if sign.cause), ""),
+        action=next((sign.action for sign in (lead, *others) if sign.action), ""),
+    )
+
+
+def _lead_rank(sign: Finding) -> tuple[int, float]:
+    """Return the rank of a sign in its kind: severity, then size of impacts and test ratios; poor GNSS last."""
+    by_size = sign.kind == "hard_landing" or (sign.kind == "estimator" and sign.about == "innovations")
+    poor = sign.about == "gnss_quality" and sign.unit != "s"
+    return SEVERITY_ORDER.index(sign.severity), -(sign.value or 0.0) if by_size else float(poor)
+
+
+def choose_actions(found: Sequence[Finding], checks: Sequence[Check], log: FlightLog) -> list[Finding]:
+    """Return the findings with the actions that their checks offer; an action stands at its first finding only."""
+    advice = settings_advice(checks, log)
+    taken: set[str] = set()
+    chosen = []
+    for finding in found:
+        action, cause = finding.action, finding.cause
+        if finding.is_trouble and finding.kind in advice:
+            action, why = advice[finding.kind]
+            cause = why or cause
+        chosen.append(replace(finding, cause=cause, action="" if action in taken else action))
+        taken.add(action)
+    return chosen
+
+
+def settings_advice(checks: Sequence[Check], log: FlightLog) -> dict[str, tuple[str, str]]:
+    """Return action and cause by kind of finding: what to set, of the compass also what to do.
+
+    A calibration mends no field of motors, so a check of the compass overrules the usual remedy. Values that checks
+    dispute are left out.
+    """
+    agreed = {setting.name for setting in agreed_settings(checks)}
+    to_set: dict[str, dict[str, str]] = {}
+    to_do: dict[str, tuple[str, str]] = {}
+    for check in _settings_first(c for c in checks if c.in_use):
+        kind, cause = check_sign(check, log).kind, CHECKS[check.question].cause if check.question in OFFERS else ""
+        if check.settings and all(setting.name in agreed for setting in check.settings):
+            to_set.setdefault(kind, {})[settings_text(check)] = cause
+        elif check.action and kind == "compass" and check.question in OFFERS:
+            to_do.setdefault(kind, (check.action, cause))
+    return to_do | {kind: (" ".join(texts), next(iter(texts.values()))) for kind, texts in to_set.items()}
+
+
+# Checks whose settings or action mend the cause of their row.
+OFFERS = ("compass_offset", "compass_motors", "compass_choice")
+
+
+def _settings_first(checks: Iterable[Check]) -> list[Check]:
+    """Return warnings and faults, those with something to set first, then faults."""
+    return sorted((c for c in checks if c.is_trouble), key=lambda c: (not c.settings, c.verdict != "fault"))
+
+
+# Kinds of findings about the recording or the filters: they cost detail, and nothing went wrong in the flight.
+RECORD_KINDS = frozenset(
+    """calibration_applied calibration_not_applied coverage cut_at_end damage damaged_reports delay duplicate_times
+    estimator_failed estimator_not_compiled estimator_timed_out false_times gaps gaps_and_rate imu_covers_a_part
+    imu_decimated imu_delay imu_that_flew_too_slow jitter late_field log_limit not_checked params_differ
+    params_unknown rate rate_impossible several_boots several_systems time_backward truth_packet_times unanswered
+    unreadable_message unset_times values_out_of_range""".split()
+)
+
+
+def nothing_wrong(found: Sequence[Finding]) -> bool:
+    """Return whether no finding about the flight is a warning."""
+    return not any(finding.is_trouble and finding.kind not in RECORD_KINDS for finding in found)

@@ -1,4 +1,4 @@
-"""Did GNSS have a fix all through the flight?"""
+"""GNSS receivers: fix, satellites, accuracies, jamming and spoofing, jumps of the position."""
 
 from __future__ import annotations
 
@@ -11,29 +11,11 @@ from attlog.core.spans import Span, inside
 from attlog.flight import aiding
 from attlog.flight.model import Array, FlightLog, Gnss
 from attlog.health import delays
-from attlog.health.check import Assessment, Check, HealthCase, unknown
-from attlog.segments.model import Segments
+from attlog.health.check import Check, HealthCase, unknown
 
 MIN_OUTAGE_S = 3.0
 """A shorter outage is a late message."""
 THREE_DIMENSIONAL = 3
-GNSS_FIX = "GNSS"
-FIX_LIMIT = f"ok: never without a fix for more than {MIN_OUTAGE_S:.0f} s in flight"
-
-
-def gnss_checks(log: FlightLog, segments: Segments) -> list[Check]:
-    """Outages of the best receiver while airborne; nothing where none ever had a fix, or nothing flew."""
-    flights = segments.spans("airborne")
-    had = [g for g in log.gnss if (g.fix >= THREE_DIMENSIONAL).any()]
-    if not had or not flights:
-        return []
-    found = min((gnss_outages(one, flights, log) for one in had), key=lambda lost: sum(b - a for a, b in lost))
-    if not found:
-        return [Check(GNSS_FIX, "ok", "GNSS had a fix all through the flight.", 0.0, "s", FIX_LIMIT)]
-    seconds = sum(b - a for a, b in found)
-    times = "" if len(found) == 1 else f" in {len(found)} outages"
-    text = f"GNSS had no fix for {seconds:.0f} s in flight{times}, first at {found[0][0]:.0f} s."
-    return [Check(GNSS_FIX, "warning", text, round(seconds, 1), "s", FIX_LIMIT, t=found[0][0], count=len(found))]
 
 
 def gnss_outages(gnss: Gnss, flights: list[tuple[float, float]], log: FlightLog) -> list[tuple[float, float]]:
@@ -72,10 +54,10 @@ JUMP_M, JUMP_SIGMAS, MAX_FIX_INTERVAL_S = 3.0, 5.0, 1.5
 JUMP_LIMIT = f"ok: no step above {JUMP_M:.0f} m and {JUMP_SIGMAS:.0f} times its usual size"
 
 
-def gnss_quality(case: HealthCase) -> list[Assessment]:
+def gnss_checks(case: HealthCase) -> list[Check]:
     """Quality, interference and jumps of each receiver that had a fix; nothing where nothing flew."""
     flown = delays.flight_spans(case)
-    found: list[Assessment] = []
+    found: list[Check] = []
     for receiver in case.log.gnss:
         use = inside(receiver.t, flown)
         if use.sum() >= MIN_FIXES and (receiver.fix >= FIX_3D).any():
@@ -83,7 +65,7 @@ def gnss_quality(case: HealthCase) -> list[Assessment]:
     return found
 
 
-def _quality(case: HealthCase, receiver: Gnss, flown: list[Span], use: np.ndarray) -> Assessment:
+def _quality(case: HealthCase, receiver: Gnss, flown: list[Span], use: np.ndarray) -> Check:
     """Each number's worse end (5th or 95th percentile) against what the firmware needs, while there is a fix.
 
     Without one receivers tell no satellites and accuracies of 100 m: that is the loss, told by itself.
@@ -102,11 +84,13 @@ def _quality(case: HealthCase, receiver: Gnss, flown: list[Span], use: np.ndarra
     known = [one for one in numbers if math.isfinite(one[1])]
     lost = gnss_outages(receiver, flown, case.log)
     if not known:
-        return unknown(receiver.source, QUALITY, "The log holds no satellites and no accuracy of GNSS.", QUALITY_LIMIT)
+        return unknown(
+            QUALITY, "The log holds no satellites and no accuracy of GNSS.", QUALITY_LIMIT, sensor=receiver.source
+        )
     words = [f"{name} {_number(value)}{unit}" for name, value, unit, _ in known]
     bad = [word for word, one in zip(words, known, strict=True) if one[3]]
-    told = Assessment(
-        receiver.source, QUALITY, "ok", "", threshold=QUALITY_LIMIT, source=needs.source, n=int(use.sum())
+    told = Check(
+        QUALITY, "ok", "", sensor=receiver.source, n=int(use.sum()), threshold=QUALITY_LIMIT, source=needs.source
     )
     told.seconds = round(float(sum(b - a for a, b in flown)), 1)
     told.value, told.unit = (
@@ -126,7 +110,9 @@ def _quality(case: HealthCase, receiver: Gnss, flown: list[Span], use: np.ndarra
             told.evidence.insert(0, told.text)
         else:
             told.evidence = [f"With a fix it has {', '.join(words)} (95 %)."]
-        told.text = f"GNSS had no fix for {seconds:.0f} s in flight, first at {lost[0][0]:.0f} s."
+        times = "" if len(lost) == 1 else f" in {len(lost)} outages"
+        told.text = f"GNSS had no fix for {seconds:.0f} s in flight{times}, first at {lost[0][0]:.0f} s."
+        told.count = len(lost)
         told.value, told.unit = round(seconds, 1), "s"
     return told
 
@@ -141,7 +127,7 @@ def _percentile(x: Array, percent: float) -> float:
     return float(np.percentile(known, percent)) if len(known) else math.nan
 
 
-def _interference(receiver: Gnss, use: np.ndarray) -> list[Assessment]:
+def _interference(receiver: Gnss, use: np.ndarray) -> list[Check]:
     """Jamming and spoofing by the receiver's own word; nothing where it says nothing."""
     reception = receiver.reception
     if reception is None:
@@ -153,7 +139,7 @@ def _interference(receiver: Gnss, use: np.ndarray) -> list[Assessment]:
     level, noise = _percentile(reception.jamming[use], 95.0), _percentile(reception.noise[use], 50.0)
     if not told:
         return []
-    found = Assessment(receiver.source, INTERFERENCE, "ok", "", threshold=INTERFERENCE_LIMIT, n=int(use.sum()))
+    found = Check(INTERFERENCE, "ok", "", sensor=receiver.source, n=int(use.sum()), threshold=INTERFERENCE_LIMIT)
     found.source, found.seconds = "the receiver's own jamming and spoofing state", round(float(held.sum()), 1)
     found.text = f"The receiver reports no {' and no '.join(told)} in flight."
     if level > 0.0 or noise > 0.0:
@@ -171,7 +157,7 @@ def _interference(receiver: Gnss, use: np.ndarray) -> list[Assessment]:
     return [found]
 
 
-def _jumps(case: HealthCase, receiver: Gnss, use: np.ndarray) -> list[Assessment]:
+def _jumps(case: HealthCase, receiver: Gnss, use: np.ndarray) -> list[Check]:
     """Steps between successive fixes that their mean velocity does not explain."""
     k = np.flatnonzero(use & (receiver.fix >= FIX_3D) & np.isfinite(receiver.lat + receiver.vel_ned[:, 0]))
     if len(k) < MIN_FIXES:
@@ -186,7 +172,7 @@ def _jumps(case: HealthCase, receiver: Gnss, use: np.ndarray) -> list[Assessment
     usual = float(np.median(size))
     limit = max(JUMP_M, JUMP_SIGMAS * usual)
     beyond = np.flatnonzero(size > limit)
-    told = Assessment(receiver.source, JUMPS, "ok", "", unit="m", threshold=JUMP_LIMIT, n=len(size))
+    told = Check(JUMPS, "ok", "", sensor=receiver.source, unit="m", n=len(size), threshold=JUMP_LIMIT)
     told.source, told.seconds = (
         "GNSS position against GNSS velocity",
         round(float(dt[dt < MAX_FIX_INTERVAL_S].sum()), 1),

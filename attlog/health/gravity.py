@@ -11,8 +11,8 @@ from attlog.core import earth, rotation
 from attlog.core.log_cache import cached_per_log
 from attlog.estimators.evidence import mean_directions, still_windows
 from attlog.flight.model import Array, Attitude, FlightLog, Imu, Stream
-from attlog.health.check import Assessment, Check, HealthCase, graded, not_judged, unknown
-from attlog.health.imu import Blocks, dead_axes, still_spans, stream_blocks, usable_imus
+from attlog.health.check import Check, HealthCase, Verdict, graded, measured, unknown
+from attlog.health.imu import Blocks, dead_reason, still_spans, stream_blocks, usable_imus
 from attlog.reference import alignment
 from attlog.segments import model
 from attlog.segments.model import Segments
@@ -52,19 +52,23 @@ MAX_SAMPLE_STEPS = 5.0
 """A sample stands for so many usual intervals at most: what was lost for longer is not known."""
 
 
-def gravity_checks(log: FlightLog, segments: Segments) -> list[Check]:
-    """Alive, size of gravity, direction of gravity."""
+def gravity_checks(case: HealthCase) -> list[Check]:
+    """Check size and direction of gravity: at rest, else over a flight; the size of every unit."""
+    log = case.log
     if not log.imus:
         return []
     imu = log.imus[log.imu or 0]
-    found = dead_axes("gravity", imu.acc.x, imu.acc.source)
-    if found:
-        return found
-    rest = segments.mask(imu.acc.t, "rest")
-    where = "at rest"
+    if why := dead_reason(imu.acc.x, imu.acc.source, "accelerometer"):
+        dead = Check("accelerometer_dead", "fault", why, threshold="every axis must change", sensor=imu.acc.source)
+        return [dead, *gravity_at_rest(case)]
+    rest, where = case.segments.mask(imu.acc.t, "rest"), "at rest"
     if rest.sum() < 10:
-        rest, where = segments.mask(imu.acc.t, "idle"), "on the ground with motors on"
-    return [gravity_check(log, imu, rest, segments, where), direction_check(log, imu, rest, segments, where)]
+        rest, where = case.segments.mask(imu.acc.t, "idle"), "on the ground with motors on"
+    sizes = gravity_at_rest(case)
+    if not any(check.sensor == imu.acc.source and check.verdict != "unknown" for check in sizes):
+        own = _short_rest(log, imu, rest, where) if rest.sum() >= 10 else gravity_in_flight(log, imu, case.segments)
+        sizes = [own, *(check for check in sizes if check.verdict != "unknown" or own.verdict == "unknown")]
+    return [*sizes, direction_check(log, imu, rest, case.segments, where)]
 
 
 def expected_gravity(log: FlightLog) -> float:
@@ -73,31 +77,33 @@ def expected_gravity(log: FlightLog) -> float:
     return STANDARD_GRAVITY if where is None else earth.gravity(where[0], where[2])
 
 
-def gravity_check(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segments, where: str) -> Check:
-    """Size of gravity in the specific force: its norm at rest (``where``), else its mean in flight."""
+def _short_rest(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], where: str) -> Check:
+    """Check the size of gravity by the median of a rest that is too short for blocks."""
     g = expected_gravity(log)
-    if rest.sum() < 10:
-        return gravity_in_flight(log, imu, segments, g)
-    value = float(np.median(np.sqrt(np.sum(imu.acc.x[rest] ** 2, axis=1))))
-    verdict = "fault" if not 7.0 <= value <= 13.0 else graded(abs(value - g), 0.3, np.inf)
+    value = float(np.median(rotation.length(imu.acc.x[rest])))
+    verdict: Verdict = (
+        "ok" if abs(value - g) <= GRAVITY_OFF_M_S2 else "warning" if is_usable_gravity(value) else "fault"
+    )
     text = f"{where[0].upper()}{where[1:]} the accelerometer shows {value:.3f} m/s^2; gravity is {g:.3f}."
-    limit = f"ok within 0.3 of {g:.2f}, fault outside 7 to 13"
-    scale = [f"Its scale seems to be {value / g:.2f} of what it should be, or it has an offset."]
-    return Check("gravity", verdict, text, round(value, 3), "m/s^2", limit, evidence=scale if verdict != "ok" else [])
+    limit = f"ok within {GRAVITY_OFF_M_S2} of {g:.2f}, fault outside {USABLE_M_S2[0]:.0f} to {USABLE_M_S2[1]:.0f}"
+    found = Check("accelerometer_rest", verdict, text, round(value, 3), "m/s^2", limit, sensor=imu.acc.source)
+    if found.is_trouble:
+        found.evidence = [f"Its scale seems to be {value / g:.2f} of what it should be, or it has an offset."]
+    return found
 
 
-def gravity_in_flight(log: FlightLog, imu: Imu, segments: Segments, g: float) -> Check:
-    """The same without rest in the log."""
-    flown = mean_force_in_flight(log, imu, segments)
+def gravity_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
+    """Check the size of gravity by the mean vertical force of a flight."""
+    g, flown = expected_gravity(log), mean_force_in_flight(log, imu, segments)
     if flown is None:
-        return not_judged("gravity in flight", "No rest in the log, and no attitude to find gravity in flight.")
+        return unknown("gravity_in_flight", "No rest in the log, and no attitude to find gravity in flight.")
     mean, seconds = flown
     value = -float(mean[2])
     good = max(0.5, CLIMB_M_S / seconds)
     verdict = graded(abs(value - g), good, good + 1.0)
     text = f"The mean vertical force over {seconds:.0f} s is {value:.2f} m/s^2; gravity is {g:.2f}."
     limit = f"ok within {good:.1f} of {g:.2f}, fault beyond {good + 1.0:.1f}"
-    return Check("gravity in flight", verdict, text, round(value, 3), "m/s^2", limit)
+    return Check("gravity_in_flight", verdict, text, round(value, 3), "m/s^2", limit, sensor=imu.acc.source)
 
 
 def mean_force_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[Array, float] | None:
@@ -132,7 +138,7 @@ def direction_check(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments:
     """Angle between measured gravity and the attitude's down, with the vehicle's trim put back."""
     onboard = log.onboard_attitude
     if onboard is None:
-        return not_judged("gravity direction", "There is no onboard attitude to compare with.", "ok up to 3 deg")
+        return unknown("gravity_direction", "There is no onboard attitude to compare with.", "ok up to 3 deg")
     if rest.sum() < 10:
         return direction_in_flight(log, imu, segments)
     limit = "ok up to 3 deg, fault above 10 deg"
@@ -141,12 +147,12 @@ def direction_check(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments:
     whole[rest] = q
     measured, up = still_directions(imu, rest, whole)
     if not len(measured):
-        return not_judged("gravity direction", "The onboard attitude covers no still time on the ground.", limit)
+        return unknown("gravity_direction", "The onboard attitude covers no still time on the ground.", limit)
     angle = float(np.median(degrees_between(measured, up)))
     text = f"Measured gravity and {log.onboard} differ by {angle:.3g} deg {where}."
     hint = mounting_hint(measured, up) if angle > TILT_LIMITS_DEG[1] else []
     verdict = graded(angle, *TILT_LIMITS_DEG)
-    return Check("gravity direction", verdict, text, round(angle, 3), "deg", limit, evidence=hint)
+    return Check("gravity_direction", verdict, text, round(angle, 3), "deg", limit, evidence=hint)
 
 
 def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
@@ -154,12 +160,12 @@ def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
     limit = "ok up to 10 deg in flight, fault above 30 deg"
     flown = mean_force_in_flight(log, imu, segments)
     if flown is None:
-        return not_judged("gravity direction", "No rest in the log, and too little attitude in flight.", limit)
+        return unknown("gravity_direction", "No rest in the log, and too little attitude in flight.", limit)
     mean, seconds = flown
     angle = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), -mean[2])))
     text = f"Mean gravity over {seconds:.0f} s and {log.onboard} differ by {angle:.1f} deg."
     verdict = graded(angle, 10.0, 30.0)
-    return Check("gravity direction", verdict, text, round(angle, 2), "deg", limit, about=MEAN_GRAVITY)
+    return Check("gravity_direction", verdict, text, round(angle, 2), "deg", limit, about=MEAN_GRAVITY)
 
 
 def imu_attitude(log: FlightLog, attitude: Attitude) -> Array:
@@ -187,9 +193,9 @@ MAX_LEFT_SHARE = 0.5
 """It explains a tilt difference at rest where it leaves less than half of it."""
 
 
-def onboard_acc_bias_check(log: FlightLog, segments: Segments) -> list[Check]:
+def onboard_acc_bias_check(case: HealthCase) -> list[Check]:
     """The tilt that the estimated accelerometer bias makes, and whether gravity at rest confirms or refutes it."""
-    stream = log.estimator.acc_bias
+    log, stream = case.log, case.log.estimator.acc_bias
     if stream is None:
         return []
     bias = np.median(stream.x, axis=0)
@@ -201,13 +207,13 @@ def onboard_acc_bias_check(log: FlightLog, segments: Segments) -> list[Check]:
     text = (
         f"The onboard estimator subtracts {size:+.2f} m/s^2 from the accelerometer's {worst}: {tilt:.1f} deg of tilt."
     )
-    both = tilt_with_and_without_bias(log, segments, bias) if tilt > ACC_BIAS_TILT_DEG[0] else None
+    both = tilt_with_and_without_bias(log, case.segments, bias) if tilt > ACC_BIAS_TILT_DEG[0] else None
     seen = []
     if both is not None and both[1] < MAX_LEFT_SHARE * both[0]:
         plain, corrected = both
         seen = [f"It explains {plain - corrected:.1f} of {plain:.1f} deg between {log.onboard} and gravity at rest."]
-    verdict = "fault" if tilt > ACC_BIAS_TILT_DEG[1] else "warning" if seen else "ok"
-    return [Check("accelerometer bias", verdict, text, round(size, 3), "m/s^2", limit, evidence=seen)]
+    verdict: Verdict = "fault" if tilt > ACC_BIAS_TILT_DEG[1] else "warning" if seen else "ok"
+    return [Check("onboard_acc_bias", verdict, text, round(size, 3), "m/s^2", limit, evidence=seen)]
 
 
 def tilt_with_and_without_bias(log: FlightLog, segments: Segments, bias: Array) -> tuple[float, float] | None:
@@ -227,76 +233,69 @@ def tilt_with_and_without_bias(log: FlightLog, segments: Segments, bias: Array) 
     return found[0], found[1]
 
 
-# Does each accelerometer show gravity's size while the vehicle stands still?
-#
-# At one rest only the size is known: an offset along the vertical and a wrong scale look alike.
+# Size of gravity at rest. One position shows neither an offset along the vertical nor a wrong scale alone.
 
-REST_QUESTION = "accelerometer_rest"
+# 3 % of gravity: tilts nothing but spoils heights; beyond the second an offset fitted in flight is not exact either.
 GRAVITY_OFF_M_S2, GRAVITY_FAR_M_S2 = 0.3, 1.0
-"""The first as the check of gravity's size; beyond the second an offset fitted in flight is not exact either."""
+# Sizes outside are no calibration error: the accelerometer is wrong and every comparison with it.
+USABLE_M_S2 = (7.0, 13.0)
+# The floor covers the model of gravity and a level that is not exact.
 GRAVITY_SIGMAS, GRAVITY_FLOOR_M_S2 = 4.0, 0.01
-"""The model of gravity and a level that is not exact."""
 REST_LIMIT = (
     f"ok within {GRAVITY_OFF_M_S2} m/s^2 or {GRAVITY_SIGMAS:.0f} sigma of gravity, fault beyond {GRAVITY_FAR_M_S2:.0f}"
 )
-REST_SOURCE = "gravity at the place of the flight; 3 % of it tilts nothing but spoils heights"
+REST_SOURCE = "gravity at the place of the flight"
 
 
-def gravity_at_rest(case: HealthCase) -> list[Assessment]:
-    """One assessment for each accelerometer; one ``unknown`` where the vehicle never stands still."""
+def is_usable_gravity(size: float) -> bool:
+    """Return whether a size of gravity in m/s^2 may come from a calibration error."""
+    return USABLE_M_S2[0] <= size <= USABLE_M_S2[1]
+
+
+def gravity_at_rest(case: HealthCase) -> list[Check]:
+    """Check the size of gravity of each usable unit; one ``unknown`` where the vehicle never stands still."""
     units = usable_imus(case)
-    if not units:
-        return []
-    sizes = {imu.acc.source: size_at_rest(case, imu) for imu in units}
-    found = [
-        _gravity_assessment(case, imu, size)
-        for imu in units
-        if (size := sizes[imu.acc.source]) is not None and _is_certain(size)
-    ]
+    sizes = [(imu, size) for imu in units if (size := size_at_rest(case, imu)) is not None]
+    found = [_rest_check(case, imu, size) for imu, size in sizes if 1.96 * _size_sigma(size) <= GRAVITY_OFF_M_S2]
+    if found or not units:
+        return found
     why = "The vehicle never stands still on the ground in this log, or shakes too much."
-    return found or [unknown(units[0].acc.source, REST_QUESTION, why, REST_LIMIT, REST_SOURCE)]
+    return [unknown("accelerometer_rest", why, REST_LIMIT, sensor=units[0].acc.source, source=REST_SOURCE)]
 
 
-def _is_certain(size: Blocks) -> bool:
-    """Whether it is known as well as an error of it counts."""
-    return 1.96 * float(size.sigma(GRAVITY_FLOOR_M_S2)[0]) <= GRAVITY_OFF_M_S2
+def _size_sigma(size: Blocks) -> float:
+    """Return the 1-sigma error of the size of gravity in m/s^2."""
+    return float(size.sigma(GRAVITY_FLOOR_M_S2)[0])
 
 
 @cached_per_log
 def size_at_rest(case: HealthCase, imu: Imu) -> Blocks | None:
-    """Size of the specific force (b, 1) in m/s^2 over blocks of still time on the ground; None without any."""
-    spans = [] if case.segments is None else still_spans(case.segments)[0]
+    """Return blocks (b, 1) of the size of the specific force in m/s^2 while the vehicle stands still."""
     acc = imu.acc
     size = Stream(acc.t, rotation.length(acc.x)[:, None], acc.unit, "", acc.source, t_sample=acc.t_sample)
-    return stream_blocks(size, spans)
+    return stream_blocks(size, still_spans(case.segments)[0])
 
 
-def _gravity_assessment(case: HealthCase, imu: Imu, found: Blocks) -> Assessment:
-    assert case.segments is not None
+def _rest_check(case: HealthCase, imu: Imu, found: Blocks) -> Check:
     where, g = still_spans(case.segments)[1], expected_gravity(case.log)
-    size, sigma = float(found.middle[0]), float(found.sigma(GRAVITY_FLOOR_M_S2)[0])
-    error = size - g
+    size, sigma = float(found.middle[0]), _size_sigma(found)
     off_from = max(GRAVITY_OFF_M_S2, GRAVITY_SIGMAS * sigma)
-    verdict = graded(abs(error), off_from, max(GRAVITY_FAR_M_S2, off_from))
+    verdict = graded(abs(size - g), off_from, max(GRAVITY_FAR_M_S2, off_from))
     text = f"{imu.acc.source} shows {size:.2f} ± {1.96 * sigma:.2f} m/s^2 {where}; gravity is {g:.2f}."
-    off = verdict != "ok"
-    return Assessment(
-        imu.acc.source,
-        REST_QUESTION,
+    check = Check(
+        "accelerometer_rest",
         verdict,
         text,
-        value=round(size, 3),
         unit="m/s^2",
-        ci95=(round(size - 1.96 * sigma, 3), round(size + 1.96 * sigma, 3)),
+        threshold=REST_LIMIT,
+        sensor=imu.acc.source,
+        **measured(size, sigma, 3),
         n=found.samples,
         seconds=round(found.seconds, 1),
-        threshold=REST_LIMIT,
         source=REST_SOURCE,
-        why_no_setting=_scale_or_offset(size / g) if off else "",
-        action=case.log.remedies.get("accelerometer", "") if off else "",
     )
-
-
-def _scale_or_offset(scale: float) -> str:
-    also = f"Scale {scale:.3f} or an offset: one position cannot show which." if np.isfinite(scale) else ""
-    return f"{also} Log six positions, or a flight with GNSS.".strip()
+    if check.is_trouble:
+        scale = f"Scale {size / g:.3f} or an offset: one position cannot show which." if np.isfinite(size) else ""
+        check.why_no_setting = f"{scale} Log six positions, or a flight with GNSS.".strip()
+        check.action = case.log.remedies.get("accelerometer", "")
+    return check

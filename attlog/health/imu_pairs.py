@@ -16,7 +16,7 @@ from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span
 from attlog.flight.model import Array, Imu, Stream
 from attlog.health import gravity
-from attlog.health.check import Assessment, HealthCase, Verdict, unknown
+from attlog.health.check import Check, HealthCase, Verdict, measured, unknown
 from attlog.health.gravity import expected_gravity
 from attlog.health.imu import (
     Blocks,
@@ -32,7 +32,6 @@ from attlog.health.imu import (
     usable_imus,
 )
 
-PAIRS_QUESTION = "imu_instances"
 Kind = Literal["acc", "gyro"]
 
 
@@ -66,16 +65,18 @@ LARGER_FACTOR = 2.0
 """One unit is off where its error is so many times the other's."""
 
 
-def imu_differences(case: HealthCase) -> list[Assessment]:
+def imu_differences(case: HealthCase) -> list[Check]:
     """Two assessments, accelerometer and gyro, for each unit beside the one that is replayed; none for a single one."""
     units = usable_imus(case)
     if len(units) < 2:
         return []
     pairs = [(kind, units[0], other) for other in units[1:] for kind in PAIR_LIMITS]
-    found = [one for pair in pairs if (one := _pair_assessment(case, *pair)) is not None]
+    found = [one for pair in pairs if (one := _pair_check(case, *pair)) is not None]
     why = "The units share too little time, at rest or in flight, or shake too much to be compared."
     return found or [
-        unknown(units[0].acc.source, PAIRS_QUESTION, why, PAIR_LIMITS["acc"].text, PAIR_LIMITS["acc"].source)
+        unknown(
+            "imu_instances", why, PAIR_LIMITS["acc"].text, sensor=units[0].acc.source, source=PAIR_LIMITS["acc"].source
+        )
     ]
 
 
@@ -98,9 +99,7 @@ def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
 @cached_per_log
 def difference_in_flight(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Blocks | None:
     """How much ``b`` reads more than ``a`` in flight, rad/s or m/s^2; None where they share no flight."""
-    return (
-        None if case.segments is None else difference(getattr(a, kind), getattr(b, kind), flight_spans(case.segments))
-    )
+    return difference(getattr(a, kind), getattr(b, kind), flight_spans(case.segments))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,8 +129,6 @@ class ImuDifference:
 
 def _imu_differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[ImuDifference]:
     """At rest and in flight, in deg/s or m/s^2, where it is known as well as it counts."""
-    if case.segments is None:
-        return []
     limits, factor = PAIR_LIMITS[kind], 1.0 if kind == "acc" else float(np.degrees(1.0))
     one, two = (getattr(imu, kind) for imu in (a, b))
     rest, where = still_spans(case.segments)
@@ -146,7 +143,7 @@ def _imu_differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[ImuDi
     return [d for d in found if 1.96 * d.unsure <= limits.off or d.size > SIGMAS * d.unsure]
 
 
-def _pair_assessment(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Assessment | None:
+def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
     """The difference of two units where it is larger, at rest or in flight."""
     limits, every = PAIR_LIMITS[kind], _imu_differences(case, kind, a, b)
     if not every:
@@ -162,20 +159,20 @@ def _pair_assessment(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Assessment
         else:
             wrong, why = _faulty_imu(case, kind, a, b, worst.middle)
     text = f"{b.acc.source} and {a.acc.source} differ by {worst.text(limits.unit)} ({axes_text(worst.middle)})."
-    return Assessment(
-        (wrong or (b if verdict == "ok" or not why else a)).acc.source,
-        PAIRS_QUESTION,
+    return Check(
+        "imu_instances",
         verdict,
         f"{text} {why}".strip(),
-        value=round(worst.size, 3),
+        sensor=(wrong or (b if verdict == "ok" or not why else a)).acc.source,
         unit=limits.unit,
-        ci95=(round(max(worst.size - 1.96 * worst.unsure, 0.0), 3), round(worst.size + 1.96 * worst.unsure, 3)),
+        **measured(worst.size, worst.unsure, 3, 0.0),
         vector=[round(float(v), 3) for v in worst.middle],
         vector_ci95=[round(1.96 * float(v), 3) for v in worst.sigma],
         n=worst.blocks.samples,
         seconds=round(worst.blocks.seconds, 1),
         threshold=limits.text,
         source=limits.source,
+        kind="gyro_bias" if kind == "gyro" else "",
         action="" if verdict == "ok" else remedy,
         evidence=[f"They differ by {d.text(limits.unit)}." for d in every if d is not worst],
     )
@@ -191,9 +188,9 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
         g = expected_gravity(case.log)
         shown = [gravity.size_at_rest(case, imu) for imu in (a, b)]
         sizes = [abs(float(one.middle[0]) - g) for one in shown if one is not None]
-        by = f"gravity {still_spans(case.segments)[1]}" if case.segments is not None else ""
+        by = f"gravity {still_spans(case.segments)[1]}"
     else:
-        spans = [] if case.segments is None else still_spans(case.segments)[0]
+        spans = still_spans(case.segments)[0]
         rates = [stream_blocks(imu.gyro, spans) for imu in (a, b)]
         sizes = [float(np.degrees(rotation.length(one.middle[None])[0])) for one in rates if one is not None]
         by = "its rate while standing still"

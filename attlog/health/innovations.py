@@ -1,4 +1,4 @@
-"""Did the onboard estimator reject what aids it? Its own test ratios above 1 in flight, by aid."""
+"""Innovation test ratios of the onboard estimator in flight: rejections of aids, and noise that is set too small."""
 
 from __future__ import annotations
 
@@ -8,35 +8,14 @@ import numpy as np
 
 from attlog.core.spans import Span, inside
 from attlog.flight import aiding as parameters
-from attlog.flight.model import Array, FlightLog, InnovationTest
+from attlog.flight.model import Array, InnovationTest
 from attlog.health import delays
-from attlog.health.check import Assessment, Check, HealthCase, Setting, unknown
+from attlog.health.check import Check, HealthCase, Setting, unknown
 from attlog.segments.flight_signs import true_runs
-from attlog.segments.model import Segments
-from attlog.story.estimator_events import MIN_REJECTION_S as LEAST_S
 from attlog.story.estimator_events import Rejection, aid_rejections
 
 LONG_REJECTION_S = 10.0
 """ArduPilot's EKF3 resets to GNSS that it rejected for so long (AP_NavEKF3.h, posRetryTimeUseVel_ms)."""
-REJECTION_LIMIT = f"ok: never above 1, the firmware's own gate, for {LEAST_S:.0f} s in flight; fault: for {LONG_REJECTION_S:.0f} s on end"
-
-
-def aid_checks(log: FlightLog, segments: Segments) -> list[Check]:
-    """One check for each aid whose test ratio was logged in flight."""
-    return [_aid_check(one) for one in aid_rejections(log, segments)]
-
-
-def _aid_check(one: Rejection) -> Check:
-    name = f"rejected {one.aid}"
-    if not one.spans:
-        text = f"The EKF never rejected its {one.aid} for {LEAST_S:.0f} s in {one.seconds_flown:.0f} s of flight."
-        return Check(name, "ok", text, 0.0, "s", REJECTION_LIMIT)
-    verdict = "fault" if one.longest >= LONG_REJECTION_S else "warning"
-    first, last = one.spans[0][0], one.spans[-1][1]
-    seconds = round(one.seconds, 1)
-    return Check(name, verdict, one.text, seconds, "s", REJECTION_LIMIT, first, len(one.spans), last)
-
-
 # How far were the aids of the onboard estimator from what it expected, in flight: arrays for figures and questions.
 #
 # A test ratio is innovation over gate and standard deviation (in both firmwares the root is what is kept): 1 is
@@ -144,11 +123,21 @@ MIN_NOISE_FLIGHT_S = 60.0
 """A shorter flight suggests no noise."""
 MAX_NOISE_FACTOR = 3.0
 """At most so many times the old noise in one step."""
-UNSOUND_CHECKS = ("heading by GNSS", "second source", "compass offset", "compass turn", "force axes", "force offset")
+UNSOUND_CHECKS = (
+    "heading_by_gnss",
+    "second_source",
+    "compass_offset",
+    "compass_turn",
+    "force_axes",
+    "accelerometer_offset",
+    *("gyro_dead", "gyro_range", "gyro_bias", "gyro_spikes", "gyro_against_attitude", "gyro_scale", "gyro_bias_step"),
+    *("accelerometer_dead", "accelerometer_rest", "gravity_in_flight", "gravity_direction", "vibration_level"),
+    *("field", "compass_motors", "field_against_attitude"),
+)
 """Checks that name another cause of large ratios."""
 
 
-def suggest_noise(case: HealthCase, one: RatioSummary, told: Assessment) -> None:
+def suggest_noise(case: HealthCase, one: RatioSummary, told: Check) -> None:
     """Add a larger noise to an assessment where the ratios of a sound flight stay high."""
     if one.interval[0] <= HIGH_RATIO or one.above > RARE_SHARE * one.seconds or one.seconds < MIN_NOISE_FLIGHT_S:
         return
@@ -156,9 +145,9 @@ def suggest_noise(case: HealthCase, one: RatioSummary, told: Assessment) -> None
     told.evidence.append(
         "Half of all innovations use up more than half of the gate: a gust or a turn is rejected next."
     )
-    accused = [c.name for c in case.checks if c.verdict in ("warning", "fault") and _is_unsound(c.name)]
-    if accused:
-        told.why_no_setting = f"Something else is wrong first: {', '.join(accused[:3])}."
+    wrong = dict.fromkeys(check.question.replace("_", " ") for check in case.trouble(*UNSOUND_CHECKS))
+    if wrong:
+        told.why_no_setting = f"Something else is wrong first: {', '.join([*wrong][:3])}."
         return
     known = parameters.noise_parameter(case.log, one.aid, one.source)
     if known is None:
@@ -173,13 +162,8 @@ def suggest_noise(case: HealthCase, one: RatioSummary, told: Assessment) -> None
     told.action = f"A suggestion: {known.name} {known.old:g} expects less than happens; {new:g} fits this flight."
 
 
-def _is_unsound(name: str) -> bool:
-    return name in UNSOUND_CHECKS or name.startswith(("gyro", "vibration", "gravity", "field"))
-
-
 # Does the onboard estimator accept its aids? Test ratios of each in flight, and a noise that is set too small.
 
-INNOVATIONS_QUESTION = "innovations"
 OFTEN_SHARE, FAULT_SHARE = 0.02, 0.10
 """Parts of the flight above 1: Gaussian innovations are beyond 3 sigma, the smallest gate, in 0.3 %."""
 MIN_REJECTION_S = 1.0
@@ -187,31 +171,37 @@ MIN_REJECTION_S = 1.0
 RATIO_LIMIT = f"ok: above 1 for less than {MIN_REJECTION_S:.0f} s in all, or for {100 * OFTEN_SHARE:.0f} % and never that long on end; "
 RATIO_LIMIT += f"fault: {LONG_REJECTION_S:.0f} s on end or {100 * FAULT_SHARE:.0f} %"
 RATIO_SOURCE = "the firmware's own gate; some EKFs reset after 10 s"
-RATIO_ADVICE = {
-    "compass": "Look at the questions about the compass first: offsets and motors' fields do this.",
-    "velocity": "Look at the heading, the GNSS quality and its delay first.",
-    "position": "Look at the heading, the GNSS quality and its delay first.",
-    "height": "Look at vibration and at the barometer's exposure to wind and rotors first.",
-    "airspeed": "Look at the pitot tube and its calibration first.",
+REJECTION_CAUSES = {
+    "compass": "A disturbed or badly calibrated compass, or a wrong heading.",
+    "velocity": "Bad GNSS, vibration, or a wrong attitude.",
+    "position": "Bad GNSS, vibration, or a wrong attitude.",
+    "height": "A drifting barometer or vibration.",
+    "airspeed": "A blocked or badly calibrated airspeed sensor.",
 }
-HEADING_CHECK = "heading by GNSS"
 
 
-def innovation_ratios(case: HealthCase) -> list[Assessment]:
+def innovation_checks(case: HealthCase) -> list[Check]:
     """One for each aid whose ratios were logged in flight; unknown where none were."""
     if not case.log.attitudes or not delays.flight_spans(case):
         return []
     found = ratio_summaries(case)
     if not found:
-        return [unknown("EKF", INNOVATIONS_QUESTION, _reason_no_ratios(case), RATIO_LIMIT, RATIO_SOURCE)]
-    return [_ratio_assessment(case, one) for one in found]
+        return [unknown("innovations", _reason_no_ratios(case), RATIO_LIMIT, sensor="EKF", source=RATIO_SOURCE)]
+    rejections = {one.aid: one for one in aid_rejections(case.log, case.segments) if one.spans}
+    return [_ratio_check(case, one, rejections.get(one.aid)) for one in found]
 
 
-def _ratio_assessment(case: HealthCase, one: RatioSummary) -> Assessment:
+def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | None) -> Check:
     share = one.above / max(one.seconds, 1e-9)
     text = f"The EKF's {one.aid} test ratio is {one.median:.2f} in the median, {one.p95:.2f} in the 95th percentile"
-    told = Assessment(
-        one.source, INNOVATIONS_QUESTION, "ok", f"{text}.", round(one.median, 3), "of the gate", threshold=RATIO_LIMIT
+    told = Check(
+        "innovations",
+        "ok",
+        f"{text}.",
+        sensor=one.source,
+        value=round(one.median, 3),
+        unit="of the gate",
+        threshold=RATIO_LIMIT,
     )
     told.source, told.n, told.seconds = RATIO_SOURCE, one.n, round(one.seconds, 1)
     told.ci95 = (round(one.interval[0], 3), round(one.interval[1], 3))
@@ -228,11 +218,17 @@ def _ratio_assessment(case: HealthCase, one: RatioSummary) -> Assessment:
         told.verdict = "fault" if fault else "warning"
         told.text = f"The EKF rejects its {one.aid} for {one.above:.1f} s ({100 * share:.1f} %) of {one.seconds:.0f} s."
         told.evidence.insert(0, f"{text}.")
-        told.why_no_setting = RATIO_ADVICE[one.aid]
-        wrong = next((c for c in case.checks if c.name == HEADING_CHECK and c.verdict in ("warning", "fault")), None)
-        if wrong is not None and one.aid in ("velocity", "position"):
+        told.cause = REJECTION_CAUSES[one.aid]
+        if one.aid == "compass":
+            told.kind, told.action = "compass", case.log.remedies.get("compass", "")
+        if rejection is not None:
+            told.evidence.insert(0, told.text)
+            told.text, told.count = rejection.text, len(rejection.spans)
+            told.t, told.t_end = rejection.spans[0][0], rejection.spans[-1][1]
+        wrong = case.trouble("heading_by_gnss")
+        if wrong and one.aid in ("velocity", "position"):
             told.why_no_setting = "The heading is wrong, not GNSS: turned by one angle, both agree."
-            told.evidence.append(wrong.text)
+            told.evidence.append(wrong[0].text)
     else:
         suggest_noise(case, one, told)
     return told

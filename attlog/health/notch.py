@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from attlog.core.spans import Span
@@ -18,7 +16,7 @@ from attlog.flight.notches import (
     fixed_notch,
     notch_parameters,
 )
-from attlog.health.check import Assessment, HealthCase, Setting, Verdict, unknown
+from attlog.health.check import Check, HealthCase, Setting, Verdict, unknown
 from attlog.health.spectrum import (
     LOWEST_HZ,
     MIN_MOVED_WINDOWS,
@@ -38,17 +36,7 @@ from attlog.health.spectrum import (
     track_peak,
     window_means,
 )
-from attlog.health.vibration import MAX_FIGURE_POINTS, level_figures, sound_flight, vibration_level
-
-__all__ = [
-    "VIBRATION_QUESTIONS",
-    "gyro_spectrum",
-    "level_figures",
-    "notch_filter",
-    "spectrum_figures",
-    "vibration_level",
-]
-
+from attlog.health.vibration import MAX_FIGURE_POINTS, sound_flight
 
 # Would a notch filter take the rotors' vibration out of the gyro, and with which parameters?
 #
@@ -65,7 +53,7 @@ NOTCH_LIMIT = f"a peak of {MIN_PEAK_DPS:g} deg/s that follows throttle or rotors
 NOTCH_SOURCE = "ardupilot.org, Managing Gyro Noise; docs.px4.io, MC Filter Tuning"
 
 
-def notch_filter(case: HealthCase) -> list[Assessment]:
+def notch_filter(case: HealthCase) -> list[Check]:
     """The notch that would help, the one that does already, or what to log to know."""
     log, within = case.log, sound_flight(case.segments, case.log)
     if not log.kind.hovers or not filters_gyro(log):
@@ -119,7 +107,7 @@ def min_windows(spectra: Spectra) -> int:
     return MIN_BURSTS if spectra.seconds < 1.0 else MIN_WINDOWS
 
 
-def _no_peak(log: FlightLog, spectra: Spectra, active: list[ActiveNotch]) -> Assessment:
+def _no_peak(log: FlightLog, spectra: Spectra, active: list[ActiveNotch]) -> Check:
     """No strong peak: what that means depends on what the source could have shown."""
     if spectra.rate < TRUSTED_RATE_HZ:
         return _unknown_notch(
@@ -135,7 +123,7 @@ def _no_peak(log: FlightLog, spectra: Spectra, active: list[ActiveNotch]) -> Ass
     return _notch_assessment("ok", text, spectra, evidence=[f"{n.name} is on." for n in active])
 
 
-def _covered_peak(log: FlightLog, spectra: Spectra, peak: Peak, active: ActiveNotch, within: list[Span]) -> Assessment:
+def _covered_peak(log: FlightLog, spectra: Spectra, peak: Peak, active: ActiveNotch, within: list[Span]) -> Check:
     """A notch that is on already, and by how much it lowers the peak where bursts behind the filters tell."""
     text = f"{active.name} covers the gyro's peak at {peak.true:.0f} Hz already."
     if active.follows == "measurement":
@@ -168,7 +156,7 @@ def reduction_db(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span
     return 10.0 * float(np.log10(power(spectra) / max(power(behind), 1e-12)))
 
 
-def _notch_offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Assessment:
+def _notch_offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Check:
     """The parameters of a notch for a peak, or why this firmware has none."""
     values = notch_parameters(log, wanted_notch(log, spectra, peak))
     settings = [Setting(n, log.param(n), value, unit) for n, (value, unit) in values.items()]
@@ -211,24 +199,24 @@ def wanted_notch(log: FlightLog, spectra: Spectra, peak: Peak) -> WantedNotch:
     )
 
 
-def _unknown_notch(why: str, log: FlightLog) -> Assessment:
+def _unknown_notch(why: str, log: FlightLog) -> Check:
     """A refusal with what to log."""
-    found = unknown("GYR", "notch", why, NOTCH_LIMIT, NOTCH_SOURCE)
+    found = unknown("notch", why, NOTCH_LIMIT, sensor="GYR", source=NOTCH_SOURCE)
     found.why_no_setting = found.action = advise_fast_gyro(log)
     return found
 
 
 def _notch_assessment(
     verdict: Verdict, text: str, spectra: Spectra, peak: Peak | None = None, evidence: list[str] | None = None
-) -> Assessment:
-    return Assessment(
-        f"GYR.{spectra.unit}",
+) -> Check:
+    return Check(
         "notch",
         verdict,
         text,
-        None if peak is None or peak.true is None else round(peak.true, 1),
-        "" if peak is None else "Hz",
-        None if peak is None else frequency_interval(spectra, peak),
+        sensor=f"GYR.{spectra.unit}",
+        value=None if peak is None or peak.true is None else round(peak.true, 1),
+        unit="" if peak is None else "Hz",
+        ci95=None if peak is None else frequency_interval(spectra, peak),
         n=len(spectra.t),
         seconds=round(len(spectra.t) * spectra.seconds, 1),
         threshold=NOTCH_LIMIT,
@@ -248,14 +236,14 @@ FOLLOWS_TEXT = {
 }
 
 
-def gyro_spectrum(case: HealthCase) -> list[Assessment]:
+def gyro_spectrum(case: HealthCase) -> list[Check]:
     """The peaks of every gyro's fastest source, with their true frequencies where those are known."""
     log, within = case.log, sound_flight(case.segments, case.log)
     if not within or not log.kind.flies:
         return []  # without flight the level says so already, and for all questions of vibration
     sources = all_spectra(log, within)
     if not sources:
-        found = unknown("", "gyro_spectrum", _too_slow(log), PEAK_LIMIT)
+        found = unknown("gyro_spectrum", _too_slow(log), PEAK_LIMIT)
         found.action = advise_fast_gyro(log)
         return [found]
     first: dict[int, Spectra] = {}
@@ -273,14 +261,11 @@ def _too_slow(log: FlightLog) -> str:
     return f"No {WINDOW_S:.0f} s of sound flight without a gap are logged."
 
 
-def _spectrum_assessment(log: FlightLog, spectra: Spectra, found: list[Peak]) -> Assessment:
+def _spectrum_assessment(log: FlightLog, spectra: Spectra, found: list[Peak]) -> Check:
     sensor = f"GYR.{spectra.unit}"
     seen = f"{spectra.source} at {spectra.rate:.0f} Hz, {len(spectra.t)} windows of {spectra.seconds:.1f} s"
     seen += ", behind the autopilot's filters." if spectra.filtered else "."
-    made = Assessment(
-        sensor, "gyro_spectrum", "ok", "", n=len(spectra.t), seconds=round(len(spectra.t) * spectra.seconds, 1),
-        threshold=PEAK_LIMIT, evidence=[seen],
-    )  # fmt: skip
+    made = Check("gyro_spectrum", "ok", "", sensor=sensor, n=len(spectra.t), seconds=round(len(spectra.t) * spectra.seconds, 1), threshold=PEAK_LIMIT, evidence=[seen])  # fmt: skip
     if not found:
         made.text = (
             f"Gyro {spectra.unit} shows no peak of {PROMINENT_DB:.0f} dB between {LOWEST_HZ:.0f} and "
@@ -359,11 +344,3 @@ def _proposed_notches(settings: list[Setting]) -> list[dict[str, object]]:
         return []
     name, frequency, width = found
     return [{"name": name, "frequency": frequency, "width": width, "proposed": True}]
-
-
-VIBRATION_QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
-    "vibration level": vibration_level,
-    "gyro spectrum": gyro_spectrum,
-    "notch": notch_filter,
-}
-"""By name, in the order of the table."""

@@ -1,14 +1,17 @@
-"""Can the accelerometers and gyros be trusted: offsets, scale, temperature, and one unit against another?"""
+"""Registry of checks: one row a question with its maker, its kind of finding, its cause and its remedy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 
 from attlog.core.errors import guarded
 from attlog.core.log_cache import log_cache
+from attlog.flight.advice import Fault
 from attlog.health import (
     accelerometer,
+    attitude,
     baro,
     compass,
     delays,
@@ -20,55 +23,321 @@ from attlog.health import (
     notch,
     sources,
     temperature,
+    timing,
+    vibration,
 )
-from attlog.health.check import Assessment, HealthCase, finite, unknown
+from attlog.health.check import BUG, Check, HealthCase, Weight, finite, spare_sensors
 
-INERTIAL_QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
-    "accelerometer offset": accelerometer.accelerometer_offsets,
-    "accelerometer rest": gravity.gravity_at_rest,
-    "IMU instances": imu_pairs.imu_differences,
-    "gyro bias": gyro.gyro_bias,
-    "gyro scale": gyro.gyro_scale,
-    "gyro temperature": temperature.gyro_temperature,
-    "accelerometer temperature": temperature.accelerometer_temperature,
+Maker = Callable[[HealthCase], list[Check]]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One question: what it is called, what makes it, and what a warning or a fault of it means.
+
+    ``kind``: kind of finding; ``warning``, ``fault``: its severity by verdict; ``cause``: usual cause; ``remedy``: key
+    of :attr:`FlightLog.remedies`, None where the check itself names the action.
+    """
+
+    title: str
+    make: Maker
+    kind: str
+    warning: Weight = "warning"
+    fault: Weight = "warning"
+    cause: str = ""
+    remedy: Fault | None = None
+
+
+_STOPPED = "The sensor, its driver or its bus stopped."
+_DEAD = "The sensor does not answer: its wiring, its bus or the sensor itself."
+_WRONG_ATTITUDE = "The onboard estimator was not aligned, or learned a wrong bias or a wrong field."
+_ASKEW = "The accelerometer is mounted otherwise than set, or its axes are mixed up."
+
+# Rows stand in the order of tables and of equally bad signs of one finding. A maker runs at its first row, so that a
+# check that reads others (``HealthCase.found``) stands after them; those in LAST run after all.
+CHECKS: Mapping[str, Row] = {
+    "rate": Row("IMU rate", timing.timing_checks, "rate", "note", "serious"),
+    "gaps": Row(
+        "gaps of the IMU",
+        timing.timing_checks,
+        "gaps",
+        cause="The logger lost records: card or link are too slow.",
+        remedy="gaps",
+    ),
+    "jitter": Row("jitter", timing.timing_checks, "jitter", "note", "note", "The logger was busy.", "gaps"),
+    "filter_delay": Row(
+        "delay of the gyro's filter",
+        delays.imu_delay_checks,
+        "delay",
+        "note",
+        cause="Low-pass filters ahead of the logger, or another clock.",
+    ),
+    "imu_delay": Row(
+        "IMU delay",
+        delays.imu_delay_checks,
+        "imu_delay",
+        fault="serious",
+        cause="Samples are stamped when published, wait in a queue, or pass a filter that no parameter shows.",
+        remedy="clock",
+    ),
+    "gyro_dead": Row("dead gyro", gyro.gyro_checks, "gyro", fault="serious", cause=_DEAD),
+    "gyro_range": Row(
+        "gyro range", gyro.gyro_checks, "gyro_range", cause="A blow or vibration beyond the sensor's range."
+    ),
+    "gyro_bias": Row(
+        "gyro bias",
+        gyro.gyro_bias_checks,
+        "gyro_bias",
+        fault="serious",
+        cause="The gyro was not calibrated, was moved while it started, or warms up.",
+        remedy="gyro_bias",
+    ),
+    "frozen_gyro": Row("frozen gyro", timing.frozen_checks, "frozen_gyro", "warning", "serious", _STOPPED, "bus"),
+    "frozen_sensors": Row(
+        "frozen sensors", timing.frozen_checks, "frozen_sensors", "warning", "serious", _STOPPED, "bus"
+    ),
+    "gyro_spikes": Row(
+        "gyro spikes",
+        timing.sensor_fault_checks,
+        "gyro_spikes",
+        fault="serious",
+        cause="Errors on the sensor's bus, or samples that leave its range.",
+        remedy="bus",
+    ),
+    "accelerometer_axes": Row(
+        "accelerometer axes", timing.sensor_fault_checks, "accelerometer_axes", "warning", "serious", _ASKEW, "mounting"
+    ),
+    "accelerometer_delay": Row(
+        "accelerometer delay",
+        timing.sensor_fault_checks,
+        "accelerometer_delay",
+        fault="serious",
+        cause="Its samples wait in a queue, or are stamped by another clock.",
+        remedy="bus",
+    ),
+    "compass_axes": Row(
+        "compass axes",
+        timing.sensor_fault_checks,
+        "compass",
+        fault="serious",
+        cause="The compass is mounted otherwise than set, or its axes are mixed up.",
+        remedy="compass_mounting",
+    ),
+    "onboard_against_truth": Row(
+        "attitude against truth", attitude.smoother_checks, "attitude", fault="serious", cause=_WRONG_ATTITUDE
+    ),
+    "onboard_against_smoother": Row(
+        "attitude against smoother", attitude.smoother_checks, "attitude", fault="serious", cause=_WRONG_ATTITUDE
+    ),
+    "heading_by_gnss": Row(
+        "heading by GNSS",
+        attitude.gnss_heading_checks,
+        "compass",
+        fault="serious",
+        cause="The compass is turned, badly calibrated or disturbed, or the declination is wrong.",
+        remedy="compass",
+    ),
+    "vibration_level": Row(
+        "vibration",
+        vibration.vibration_checks,
+        "vibration",
+        cause="Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.",
+        remedy="vibration",
+    ),
+    "clipping": Row("clipping", vibration.vibration_checks, "vibration"),
+    "vertical_force": Row(
+        "vertical force",
+        vibration.vertical_force_check,
+        "vibration",
+        fault="serious",
+        cause="Vibration that clips or is rectified in the sensor becomes a constant force.",
+        remedy="vibration",
+    ),
+    "gyro_scale": Row(
+        "gyro scale",
+        gyro.turn_checks,
+        "gyro_scale",
+        fault="serious",
+        cause="The gyro's own scale or its range setting; no calibration corrects it.",
+        remedy="gyro_scale",
+    ),
+    "gyro_bias_step": Row(
+        "step of the gyro bias",
+        gyro.turn_checks,
+        "gyro_bias",
+        cause="The gyro warmed up or was struck, or its driver lost its calibration.",
+        remedy="gyro_scale",
+    ),
+    "force_axes": Row(
+        "axes of the force",
+        accelerometer.accelerometer_checks,
+        "accelerometer_axes",
+        "warning",
+        "serious",
+        _ASKEW,
+        "mounting",
+    ),
+    "accelerometer_offset": Row(
+        "accelerometer offset",
+        accelerometer.accelerometer_checks,
+        "accelerometer",
+        cause="The accelerometer was not calibrated, or on a slope or at another temperature.",
+        remedy="accelerometer",
+    ),
+    "accelerometer_dead": Row("dead accelerometer", gravity.gravity_checks, "accelerometer", cause=_DEAD),
+    "accelerometer_rest": Row(
+        "gravity at rest",
+        gravity.gravity_checks,
+        "accelerometer",
+        cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.",
+        remedy="accelerometer",
+    ),
+    "gravity_in_flight": Row(
+        "gravity in flight",
+        gravity.gravity_checks,
+        "accelerometer",
+        cause="Wrong scale, vibration that the sensor rectifies or clips, or a wrong attitude.",
+        remedy="accelerometer",
+    ),
+    "gravity_direction": Row(
+        "direction of gravity",
+        gravity.gravity_checks,
+        "mounting",
+        fault="serious",
+        cause="The sensor is mounted otherwise than set, or the onboard estimator failed.",
+        remedy="mounting",
+    ),
+    "onboard_acc_bias": Row(
+        "onboard accelerometer bias",
+        gravity.onboard_acc_bias_check,
+        "accelerometer",
+        cause="The accelerometer is off, was calibrated on a slope, or the estimator has learned wrongly.",
+        remedy="accelerometer",
+    ),
+    "coverage": Row("attitude coverage", attitude.attitude_checks, "coverage", "note"),
+    "gyro_against_attitude": Row(
+        "gyro against attitude",
+        attitude.attitude_checks,
+        "mounting",
+        "note",
+        "serious",
+        "A wrong scale, unit, orientation or clock of the logged gyro, or a slow or filtered attitude.",
+        "mounting",
+    ),
+    "trim": Row(
+        "trim",
+        attitude.attitude_checks,
+        "trim",
+        "note",
+        cause="The level was calibrated on a slope, or the autopilot is mounted tilted.",
+        remedy="trim",
+    ),
+    "attitude_jumps": Row("attitude jumps", attitude.jump_checks, "reset"),
+    "second_source": Row("second attitude", sources.source_checks, "attitude"),
+    "compass_dead": Row(
+        "dead compass",
+        compass.field_checks,
+        "mag_dead",
+        cause="Its wiring, its bus or the compass itself.",
+        remedy="compass_wiring",
+    ),
+    "field": Row(
+        "field",
+        compass.field_checks,
+        "compass",
+        cause="The compass is not calibrated, or iron is near.",
+        remedy="compass",
+    ),
+    "field_against_attitude": Row(
+        "field against attitude",
+        compass.field_checks,
+        "compass",
+        cause="A disturbed or badly calibrated compass, or an attitude that turns away.",
+        remedy="compass",
+    ),
+    "declination": Row(
+        "declination",
+        compass.field_checks,
+        "compass",
+        "note",
+        cause="The compass does not point forward, or the heading is not of true north.",
+        remedy="compass",
+    ),
+    "declination_set": Row(
+        "declination set",
+        compass.declination_checks,
+        "declination",
+        cause="A value set by hand, or kept from another place.",
+        remedy="declination",
+    ),
+    "compass_offset": Row(
+        "compass offset",
+        compass.compass_checks,
+        "compass",
+        cause="Iron or a current near the compass that its calibration does not know.",
+        remedy="compass",
+    ),
+    "compass_turn": Row(
+        "compass turn",
+        compass.compass_checks,
+        "compass",
+        fault="serious",
+        cause="The compass is mounted turned against what is set, or the attitude's heading is off.",
+        remedy="compass_mounting",
+    ),
+    "compass_motors": Row(
+        "compass and motor current",
+        compass.compass_checks,
+        "compass",
+        cause="Currents of motors and battery bend the field at the compass.",
+        remedy="interference",
+    ),
+    "soft_iron": Row("compass soft iron", compass.compass_checks, "compass"),
+    "compass_choice": Row(
+        "compass in use",
+        compass.compass_checks,
+        "compass",
+        cause="The compass in use is disturbed or badly calibrated; another one is not.",
+    ),
+    "gnss_quality": Row(
+        "GNSS quality",
+        gnss.gnss_checks,
+        "gnss",
+        cause="Bad view of the sky, interference, or a receiver that failed.",
+        remedy="gnss",
+    ),
+    "gnss_jumps": Row("GNSS jumps", gnss.gnss_checks, "gnss"),
+    "gnss_interference": Row("GNSS interference", gnss.gnss_checks, "gnss"),
+    "innovations": Row("test ratios", innovations.innovation_checks, "estimator"),
+    "crash": Row("crash", attitude.crash_checks, "crash", fault="serious"),
+    "imu_instances": Row("IMUs against each other", imu_pairs.imu_differences, "accelerometer"),
+    "accelerometer_temperature": Row(
+        "accelerometer and temperature", temperature.accelerometer_temperature, "accelerometer"
+    ),
+    "gyro_temperature": Row("gyro bias and temperature", temperature.gyro_temperature, "gyro_bias"),
+    "gyro_spectrum": Row("gyro spectrum", notch.gyro_spectrum, "vibration"),
+    "notch": Row("notch filter", notch.notch_filter, "vibration"),
+    "gnss_delay": Row("GNSS delay", delays.gnss_delays, "estimator"),
+    "magnetometer_delay": Row("magnetometer delay", delays.compass_delay, "estimator"),
+    "lanes": Row("estimator lane in use", sources.lane_errors, "estimator"),
+    "barometer_noise": Row("barometer noise", baro.barometer_noise, "estimator"),
 }
-"""By name, in the order of the table."""
+LAST = (attitude.smoother_checks,)
 
 
-# Does the onboard estimator know the delays of its aids, does it accept them, and are its aids any good?
-
-ONBOARD_QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
-    "GNSS delay": delays.gnss_delays,
-    "magnetometer delay": delays.compass_delay,
-    "IMU delay": delays.imu_delay,
-    "innovations": innovations.innovation_ratios,
-    "lanes": sources.lane_errors,
-    "GNSS quality": gnss.gnss_quality,
-    "barometer": baro.barometer_noise,
-}
-"""By name, in the order of the table."""
-
-
-# Every question about the sensors of a log, in the order of the table.
-
-QUESTIONS: dict[str, Callable[[HealthCase], list[Assessment]]] = {
-    **compass.COMPASS_QUESTIONS,
-    **INERTIAL_QUESTIONS,
-    **notch.VIBRATION_QUESTIONS,
-    **ONBOARD_QUESTIONS,
-}
-"""By name: each gives no, one or several assessments, with ids of :data:`attlog.health.check.TOPICS`."""
-
-
-def assess(case: HealthCase) -> list[Assessment]:
-    """Every question about the sensors of a log, in a fixed order; one that ends in a bug is unknown and says so."""
-    found: list[Assessment] = []
+def run_checks(case: HealthCase) -> list[Check]:
+    """Make every check of a log, in the order of the rows; one that ends in a bug is unknown and says so."""
+    makers: dict[Maker, str] = {}
+    for question, row in sorted(CHECKS.items(), key=lambda item: item[1].make in LAST):
+        makers.setdefault(row.make, question)
+    spare = spare_sensors(case.log)
     with log_cache():
-        for name, answer in QUESTIONS.items():
-            failed = partial(_failed_question, name)
-            found += guarded(f"The question {name}", partial(answer, case), failed)
-    return list(map(finite, found))
+        for make, question in makers.items():
+            made = guarded(f"The check {question}", partial(make, case), partial(_failed, question))
+            case.found += [replace(finite(check), in_use=check.sensor not in spare) for check in made]
+    place = {question: k for k, question in enumerate(CHECKS)}
+    return sorted(case.found, key=lambda check: place[check.question])
 
 
-def _failed_question(name: str, sentence: str) -> list[Assessment]:
-    return [unknown("", name.replace(" ", "_"), sentence)]
+def _failed(question: str, sentence: str) -> list[Check]:
+    return [Check(question, "unknown", sentence, about=BUG)]

@@ -11,7 +11,7 @@ from attlog.core import rotation
 from attlog.core.spans import Span, inside
 from attlog.flight.model import Array, Attitude, FlightLog
 from attlog.health import delays
-from attlog.health.check import Assessment, Check, HealthCase, not_judged, unknown
+from attlog.health.check import Check, HealthCase, Verdict, unknown
 from attlog.health.flown import before_crashes
 from attlog.reference import alignment
 from attlog.reference.model import Reference
@@ -33,11 +33,12 @@ CLEARLY_BETTER = 0.4
 """One of two is wrong where the other has so much of its error at most."""
 
 
-def source_checks(log: FlightLog, segments: Segments, reference: Reference | None = None) -> list[Check]:
+def source_checks(case: HealthCase) -> list[Check]:
     """How far each other onboard attitude is off for a fifth of the flight, since when, and which of them is wrong.
 
     ``reference``: truth or a smoother that can tell; nobody else can.
     """
+    log, segments, reference = case.log, case.segments, case.reference
     flew = log.onboard_attitude
     others = {n: a for n, a in log.attitudes.items() if n != log.onboard}
     if flew is None or not others:
@@ -47,8 +48,8 @@ def source_checks(log: FlightLog, segments: Segments, reference: Reference | Non
     seen = {n: d for n, a in others.items() if (d := source_difference(flew, a, segments)) is not None}
     if not seen:
         return [
-            not_judged(
-                "second source",
+            unknown(
+                "second_source",
                 f"No other onboard attitude shares enough time with {log.onboard} after its first {SETTLED_S:.0f} s.",
                 limit,
             )
@@ -56,11 +57,13 @@ def source_checks(log: FlightLog, segments: Segments, reference: Reference | Non
     off = {n: d for n, d in seen.items() if d.since is not None}
     if not off:
         text = f"{names_text([*seen, str(log.onboard)])} show the same tilt and heading."
-        return [Check("second source", "ok", text, 0.0, "deg", limit)]
+        return [Check("second_source", "ok", text, 0.0, "deg", limit)]
     name = max(off, key=lambda n: max(off[n].tilt / SOURCE_TILT_DEG[0], off[n].heading / SOURCE_HEADING_DEG[0]))
     worst = off[name]
     same = [n for n, d in off.items() if abs(d.tilt - worst.tilt) < 1.0 and abs(d.heading - worst.heading) < 3.0]
-    verdict = "fault" if worst.tilt > SOURCE_TILT_DEG[1] or worst.heading > SOURCE_HEADING_DEG[1] else "warning"
+    verdict: Verdict = (
+        "fault" if worst.tilt > SOURCE_TILT_DEG[1] or worst.heading > SOURCE_HEADING_DEG[1] else "warning"
+    )
     sizes = [(worst.heading, SOURCE_HEADING_DEG[0], "heading"), (worst.tilt, SOURCE_TILT_DEG[0], "tilt")]
     shown = " and ".join(f"{size:.0f} deg in {what}" for size, least, what in sizes if size > least)
     differ = "differ" if len(same) > 1 else "differs"
@@ -76,7 +79,7 @@ def source_checks(log: FlightLog, segments: Segments, reference: Reference | Non
         who = f"GNSS acceleration contradicts {log.onboard}"
     text += f"; {who}." if who else "; which is right cannot be determined."
     t, t_end = worst.since, worst.until
-    return [Check("second source", verdict, text, round(size, 1), "deg", limit, t=t, t_end=t_end, about=about)]
+    return [Check("second_source", verdict, text, round(size, 1), "deg", limit, t=t, t_end=t_end, about=about)]
 
 
 def errors_of_both(
@@ -206,7 +209,7 @@ class LaneError:
     n: int
 
 
-def lane_errors(case: HealthCase) -> list[Assessment]:
+def lane_errors(case: HealthCase) -> list[Check]:
     """One answer for all lanes; nothing where only one ran or nothing flew."""
     log, flown = case.log, delays.flight_spans(case)
     lanes = lanes_of(log)
@@ -220,7 +223,7 @@ def lane_errors(case: HealthCase) -> list[Assessment]:
         why = (
             f"No truth and no smoother judges the {len(lanes)} lanes; in flight they differ by {apart:.1f} deg at most."
         )
-        told = unknown(log.estimator.lane.source, LANES_QUESTION, why, LANE_LIMIT, LANE_SOURCE)
+        told = unknown(LANES_QUESTION, why, LANE_LIMIT, sensor=log.estimator.lane.source, source=LANE_SOURCE)
         told.evidence = [switches]
         return [told]
     errors = [e for number, name in sorted(lanes.items()) if (e := _lane_error(log, reference, number, name, flown))]
@@ -228,11 +231,11 @@ def lane_errors(case: HealthCase) -> list[Assessment]:
     if mine is None or len(errors) < 2:
         return [
             unknown(
-                log.estimator.lane.source,
                 LANES_QUESTION,
                 "The lanes share too little time with the reference.",
                 LANE_LIMIT,
-                LANE_SOURCE,
+                sensor=log.estimator.lane.source,
+                source=LANE_SOURCE,
             )
         ]
     told = _lane_assessment(log.estimator.lane.source, mine, errors, reference)
@@ -278,9 +281,9 @@ def _lane_switches(log: FlightLog, flown: list[Span]) -> str:
     return f"The lane changed {len(times)} times in flight, first at {times[0]:.1f} s."
 
 
-def _lane_assessment(source: str, mine: LaneError, errors: list[LaneError], reference: Reference) -> Assessment:
+def _lane_assessment(source: str, mine: LaneError, errors: list[LaneError], reference: Reference) -> Check:
     whom = "the truth" if reference.kind == "truth" else "the smoother"
-    told = Assessment(source, LANES_QUESTION, "ok", "", threshold=LANE_LIMIT, source=LANE_SOURCE, n=mine.n)
+    told = Check(LANES_QUESTION, "ok", "", sensor=source, n=mine.n, threshold=LANE_LIMIT, source=LANE_SOURCE)
     for what, limit in (("tilt", LANE_TILT_DEG), ("heading", LANE_HEADING_DEG)):
         own = float(getattr(mine, what))
         best = min(errors, key=lambda e: np.nan_to_num(getattr(e, what), nan=np.inf))

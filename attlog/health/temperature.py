@@ -14,7 +14,7 @@ import numpy as np
 from attlog.core import rotation
 from attlog.core.spans import Span
 from attlog.flight.model import Array, Imu, Stream
-from attlog.health.check import Assessment, HealthCase, graded, unknown
+from attlog.health.check import Check, HealthCase, graded, unknown
 from attlog.health.imu import finite_samples, still_spans, stream_blocks, usable_imus
 
 GYRO_QUESTION, ACC_QUESTION = "gyro_temperature", "accelerometer_temperature"
@@ -48,21 +48,21 @@ class TemperatureSlope:
         return self.high - self.low
 
 
-def gyro_temperature(case: HealthCase) -> list[Assessment]:
+def gyro_temperature(case: HealthCase) -> list[Check]:
     """Slope of the bias of each gyro by its temperature; one ``unknown`` where none is known."""
     return _temperature_assessments(case, GYRO_QUESTION)
 
 
-def accelerometer_temperature(case: HealthCase) -> list[Assessment]:
+def accelerometer_temperature(case: HealthCase) -> list[Check]:
     """Slope of the size of gravity by temperature of each accelerometer; one ``unknown`` where none is known."""
     return _temperature_assessments(case, ACC_QUESTION)
 
 
-def _temperature_assessments(case: HealthCase, question: str) -> list[Assessment]:
+def _temperature_assessments(case: HealthCase, question: str) -> list[Check]:
     units = usable_imus(case)
     if not units:
         return []
-    spans = [] if case.segments is None else still_spans(case.segments)[0]
+    spans = still_spans(case.segments)[0]
     found = []
     widest = 0.0
     for imu in units:
@@ -79,7 +79,7 @@ def _temperature_assessments(case: HealthCase, question: str) -> list[Assessment
     elif not spans:
         why = "The vehicle never stands still on the ground in this log."
     limit = GYRO_LIMIT if question == GYRO_QUESTION else ACC_LIMIT
-    one = unknown(units[0].gyro.source, question, why, limit, SOURCE)
+    one = unknown(question, why, limit, sensor=units[0].gyro.source, source=SOURCE)
     one.action = COLD_START_ADVICE
     return [one]
 
@@ -126,7 +126,7 @@ def _widest_rest(imu: Imu, spans: list[Span]) -> list[Span]:
     return [max(spans, key=lambda span: _temperature_span(imu, [span])[1])] if spans else []
 
 
-def _slope_assessment(case: HealthCase, imu: Imu, question: str, line: TemperatureSlope) -> Assessment:
+def _slope_assessment(case: HealthCase, imu: Imu, question: str, line: TemperatureSlope) -> Check:
     is_gyro = question == GYRO_QUESTION
     factor, unit = (float(np.degrees(1.0)), "deg/s") if is_gyro else (1.0, "m/s^2")
     ok, far = (OFF_DPS, FAR_DPS) if is_gyro else (OFF_M_S2, FAR_M_S2)
@@ -139,11 +139,11 @@ def _slope_assessment(case: HealthCase, imu: Imu, question: str, line: Temperatu
     low, high = size - 1.96 * unsure, size + 1.96 * unsure
     text = f"{source} changes by {size:+.3f} {unit} per K{about} ({low:.3f} to {high:.3f}, 95 %), "
     text += f"{line.low:.0f} to {line.high:.0f} degC."
-    return Assessment(
-        source,
+    return Check(
         question,
         verdict,
         text,
+        sensor=source,
         value=round(size, 4),
         unit=f"{unit}/K",
         ci95=(round(low, 4), round(high, 4)),

@@ -1,4 +1,4 @@
-"""Rate, gaps and jitter of the inertial data."""
+"""Timing of inertial samples, and sensors that stop: rate, gaps, jitter, frozen values, spikes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from attlog.core.timestamps import gap_indices
 from attlog.flight import compass
 from attlog.flight.imu import LOW_RATE_HZ, REPLAY_MIN_HZ, is_replayable_rate
 from attlog.flight.model import Array, FlightLog, Gnss, Stream
-from attlog.health.check import Check, as_sentence, graded
-from attlog.reference.model import Reference
+from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded
 from attlog.reference.sensor_faults import COMPASS, FRAME, GYRO, LATE
 from attlog.segments import model
 from attlog.segments.model import Segments
@@ -30,8 +29,9 @@ FULL_HZ = 95.0
 """Above this the rotation between samples is small enough for every estimator."""
 
 
-def timing_checks(log: FlightLog, segments: Segments) -> list[Check]:
-    """The checks that need no attitude."""
+def timing_checks(case: HealthCase) -> list[Check]:
+    """Check rate, gaps and jitter of the IMU in use."""
+    log = case.log
     if not log.imus:
         return [Check("rate", "fault", "There is no usable gyro and accelerometer data.", 0.0, "Hz", ">= 10 Hz")]
     imu = log.imus[log.imu or 0]
@@ -43,12 +43,12 @@ def timing_checks(log: FlightLog, segments: Segments) -> list[Check]:
     steady = np.delete(dt, breaks)
     thinned = any(p.code == "imu_decimated" and p.text.startswith(f"{imu.gyro.source}:") for p in log.problems)
     even = [] if thinned else [jitter_check(steady)]  # a logger that drops most samples is told already
-    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log, segments), *even]
+    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log, case.segments), *even]
 
 
 def rate_check(source: str, rate: float) -> Check:
     """Is the IMU logged fast enough?"""
-    verdict = "ok" if rate >= FULL_HZ else "warning" if is_replayable_rate(rate) else "fault"
+    verdict: Verdict = "ok" if rate >= FULL_HZ else "warning" if is_replayable_rate(rate) else "fault"
     what = (
         "fast enough for every figure"
         if verdict == "ok"
@@ -82,7 +82,7 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segme
     text = f"{len(lost)} gap{'s' if len(lost) > 1 else ''} in the inertial data, {total:.2f} s in all ({share:.1f} %)"
     text += f", of {np.median(lost):.2f} s (median), the longest {lost.max():.2f} s" if len(lost) > 1 else ""
     few = len(lost) < FEW_GAPS and share < FEW_GAPS_PCT
-    verdict = "ok" if few else "fault" if share > MANY_GAPS_PCT else "warning"
+    verdict: Verdict = "ok" if few else "fault" if share > MANY_GAPS_PCT else "warning"
     seen = [rest] if paused.any() else []
     others = count_logged_gaps(log, begin[~paused], end[~paused])
     if others:
@@ -137,7 +137,6 @@ def jitter_check(dt: np.ndarray) -> Check:
 
 # Does a sensor say the same in every record while the vehicle moves? Then it, its driver or its bus has stopped.
 
-FROZEN_GYRO, FROZEN_SENSORS = "frozen gyro", "frozen sensors"
 FROZEN_IMU_S, FROZEN_MAG_S, FROZEN_BARO_S = 1.0, 5.0, 5.0
 """So long a value may stay by chance: an IMU's noise changes its last digit at each sample, that of a barometer at most
 of them; a compass of whole milligauss may rest."""
@@ -157,19 +156,18 @@ class _FrozenTime(TypedDict, total=False):
     count: int
 
 
-def frozen_checks(log: FlightLog, segments: Segments) -> list[Check]:
-    """The gyro by itself, the others together; nothing without a gyro to replay."""
-    imu = log.replay_imu
+def frozen_checks(case: HealthCase) -> list[Check]:
+    """Check the gyro, and all other sensors together, for values that stay equal while the vehicle moves."""
+    log, imu = case.log, case.log.replay_imu
     if imu is None:
         return []
-    stopped = [s for s in frozen_spans(imu.gyro, FROZEN_IMU_S) if _turned_deg(log, s) >= TURNED_DEG]
-    lost = 100.0 * seconds(stopped) / max(log.seconds, 1e-9)
+    stopped, lost = _frozen_gyro(log)
     text = (
         f"{imu.gyro.source}: {_frozen_text('gyro', stopped)}." if stopped else "The gyro never stands still in motion."
     )
     found = [
         Check(
-            FROZEN_GYRO, "fault" if stopped else "ok", text, round(lost, 1), "%", FROZEN_LIMIT, **_first_time(stopped)
+            "frozen_gyro", "fault" if stopped else "ok", text, round(lost, 1), "%", FROZEN_LIMIT, **_first_time(stopped)
         )
     ]
     others = {
@@ -180,19 +178,29 @@ def frozen_checks(log: FlightLog, segments: Segments) -> list[Check]:
         if spans
     }
     serious = bool(others)
-    others |= _frozen_compass(log) | _frozen_barometer(log, segments)
+    others |= _frozen_compass(log) | _frozen_barometer(log, case.segments)
     every = sorted((s for spans in others.values() for s in spans), key=lambda s: s[0] - s[1])
     text = f"{'; '.join(others)}." if others else "No other sensor stands still while the vehicle moves."
-    verdict = "fault" if serious else "warning" if others else "ok"
+    verdict: Verdict = "fault" if serious else "warning" if others else "ok"
     longest = round(every[0][1] - every[0][0], 1) if every else 0.0
-    return [*found, Check(FROZEN_SENSORS, verdict, text, longest, "s", FROZEN_LIMIT, **_first_time(every))]
+    return [*found, Check("frozen_sensors", verdict, text, longest, "s", FROZEN_LIMIT, **_first_time(every))]
 
 
-def frozen_gyro_reason(check: Check) -> str:
-    """Why no filter can be judged where the gyro stood still for too long, empty where it did not."""
-    if check.name != FROZEN_GYRO or not isinstance(check.value, float) or check.value <= UNUSABLE_PCT:
-        return ""
-    return f"the gyro stands still for {check.value:.0f} % of the record while the vehicle moves"
+def _frozen_gyro(log: FlightLog) -> tuple[list[Span], float]:
+    """Return when the replayed gyro was frozen while the vehicle turned, and that time as percentage of the log."""
+    imu = log.replay_imu
+    if imu is None:
+        return [], 0.0
+    stopped = [s for s in frozen_spans(imu.gyro, FROZEN_IMU_S) if _turned_deg(log, s) >= TURNED_DEG]
+    return stopped, 100.0 * seconds(stopped) / max(log.seconds, 1e-9)
+
+
+def frozen_gyro_reason(log: FlightLog) -> str:
+    """Return why a frozen gyro makes every replay wrong; empty where it does not."""
+    _, lost = _frozen_gyro(log)
+    return (
+        f"the gyro stands still for {lost:.0f} % of the record while the vehicle moves" if lost > UNUSABLE_PCT else ""
+    )
 
 
 def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
@@ -290,12 +298,12 @@ SENSOR_FAULT_LIMITS = {
 }
 
 
-def sensor_fault_checks(reference: Reference | None) -> list[Check]:
-    """What was found while the reference was chosen; nothing is said of what physics does not contradict."""
-    faults = {} if reference is None else reference.sensor_faults
+def sensor_fault_checks(case: HealthCase) -> list[Check]:
+    """Return the sensor faults that were found while the reference was chosen."""
+    faults = {} if case.rates is None else case.rates.sensor_faults
     return [
         Check(
-            name,
+            name.replace(" ", "_"),
             "fault" if fault.misleads else "warning",
             as_sentence(fault.why),
             fault.value,

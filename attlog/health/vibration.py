@@ -11,7 +11,7 @@ from attlog.core import rotation
 from attlog.core.spans import Span, complement, inside, intersect
 from attlog.flight.model import VIBRATION_LIMITS, Burst, FlightLog, Imu, OnboardVibration, Stream
 from attlog.flight.notches import advise_vibration_level, measures_differences
-from attlog.health.check import Assessment, Check, HealthCase, Verdict, not_judged, unknown
+from attlog.health.check import Check, HealthCase, Verdict, unknown
 from attlog.health.flown import crash_spans
 from attlog.health.gravity import imu_attitude
 from attlog.segments.airborne import height_stream
@@ -22,53 +22,36 @@ Array = NDArray[np.float64]
 
 STRONG_M_S2, VERY_STRONG_M_S2 = 3.0, 15.0
 """Of the logged, mostly low-passed accelerometer: measured on the logs in hand (docs/flight.md)."""
-ONBOARD_M_S2 = (VIBRATION_LIMITS["rest"].warning, VIBRATION_LIMITS["rest"].fault)
-"""Of the autopilot's own level at full rate."""
 MIN_FLIGHT_S = 10
 GROWTH, BEFORE_S, AFTER_S = 3.0, 20, 10
 """Onset: the median of the next 10 s is three times the median of all flight before, at least 20 s."""
 MORE_POWER = 1.3
 """Vibration that comes with so much more throttle is none that something broke."""
-TIMES_OWN = 5.0
-"""Where the autopilot's own level is so much higher, the logger's rate is too low to show what vibrates."""
 FORCE_WINDOW_S, CHANGED_M_S2, WRONG_M_S2 = 10.0, 0.7, 1.5
 """Mean vertical force over 10 s: what it may change by without a change of vertical speed that explains it."""
 
 
-def vibration_checks(log: FlightLog, segments: Segments) -> list[Check]:
-    """Level of vibration in flight, and the mean vertical force against the barometer."""
-    imu = log.replay_imu
-    if imu is None:
-        return []
-    flown = segments.spans("airborne")
-    return [vibration_check(log, imu, flown), vertical_force(log, imu, flown)]
+def vertical_force_check(case: HealthCase) -> list[Check]:
+    """Check the mean vertical force in flight against the barometer."""
+    imu = case.log.replay_imu
+    return [] if imu is None else [vertical_force(case.log, imu, case.segments.spans("airborne"))]
 
 
-def vibration_check(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
-    """The typical level in flight, and the time from which it had grown to several times what it was."""
-    limit = f"ok up to {STRONG_M_S2:.0f} m/s^2 and steady, fault above {VERY_STRONG_M_S2:.0f}; onboard level 30 and 60"
+def logged_vibration(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
+    """Check the level of the logged samples in flight, and the time from which it has grown several times."""
+    limit = f"ok up to {STRONG_M_S2:.0f} m/s^2 and steady, fault above {VERY_STRONG_M_S2:.0f}"
     t, x = vibration_levels(imu, flown)
     if len(t) < MIN_FLIGHT_S:
-        return not_judged("vibration", "Too little flight to measure vibration in.", limit)
+        return unknown("vibration_level", "Too little flight to measure vibration in.", limit)
     axis = int(np.argmax(np.median(x, axis=0)))
     strongest = x.max(axis=1)
     typical = float(np.median(strongest))
-    shown, unit, since = typical, "m/s^2", find_onset(strongest)
+    since = find_onset(strongest)
     since = None if since is None or has_more_power(log.power.throttle, t, since) else since
     text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
-    verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
-    own = onboard_level(log.vibration.level, flown)
-    seen: list[str] = []
-    if own is not None and own <= ONBOARD_M_S2[0]:
-        verdict = "ok" if verdict == "warning" else verdict  # the logged samples fold and hold motion
-    elif own is not None:
-        verdict = "fault" if own > ONBOARD_M_S2[1] or verdict == "fault" else "warning"
-        seen = [text]
-        text = f"The autopilot measured vibration of {own:.0f} m/s^2 or more in 5 % of the flight."
-        if own > TIMES_OWN * typical:
-            seen.append(f"The logged {imu.acc.rate:.0f} Hz show little of it.")
+    verdict: Verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
     if since is None:
-        return Check("vibration", verdict, text, round(shown, 2), unit, limit, evidence=seen)
+        return Check("vibration_level", verdict, text, round(typical, 2), "m/s^2", limit, sensor=imu.acc.source)
     later = x[since:]
     axis = int(np.argmax(np.median(later, axis=0)))
     before, after = float(np.median(x[:since, axis])), float(np.median(later[:, axis]))
@@ -77,9 +60,19 @@ def vibration_check(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
         f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 instead of "
         f"{before:.1f}."
     )
-    seen.append(f"95 % of the seconds from then on stay below {peak:.1f} m/s^2.")
+    seen = [f"95 % of the seconds from then on stay below {peak:.1f} m/s^2."]
     verdict = "fault" if after > STRONG_M_S2 else "warning"
-    return Check("vibration", verdict, text, round(after, 2), unit, limit, t=float(t[since]), evidence=seen)
+    return Check(
+        "vibration_level",
+        verdict,
+        text,
+        round(after, 2),
+        "m/s^2",
+        limit,
+        t=float(t[since]),
+        evidence=seen,
+        sensor=imu.acc.source,
+    )
 
 
 def find_onset(level_: Array) -> int | None:
@@ -111,38 +104,30 @@ def has_more_power(throttle: Stream | None, t: Array, since: int) -> bool:
     return float(np.median(x[since : since + 3])) > MORE_POWER * float(np.median(x[:since]))
 
 
-def onboard_level(own: Stream | None, flown: list[Span]) -> float | None:
-    """The level that the autopilot's own measure of the worst axis exceeds for 5 % of the flight; None without."""
-    if own is None:
-        return None
-    x = own.x[inside(own.t, flown)].max(axis=1, initial=0.0)
-    return np.quantile(x, 0.95) if len(x) >= 10 else None
-
-
 def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     """Whether the mean vertical force changes in flight without a climb that explains it (vibration rectification)."""
     limit = f"ok up to {CHANGED_M_S2} m/s^2 over {FORCE_WINDOW_S:.0f} s, fault above {WRONG_M_S2}"
     above, onboard = height_stream(log), log.onboard_attitude
     if above is None or onboard is None or onboard.rate < 5.0:
-        return not_judged("vertical force", "No barometer or no attitude to compare the vertical force with.", limit)
+        return unknown("vertical_force", "No barometer or no attitude to compare the vertical force with.", limit)
     found = [w for span in flown for w in _force_windows(span, imu, above)]
     if len(found) < 2:
-        return not_judged("vertical force", f"Less than {2 * FORCE_WINDOW_S:.0f} s of unbroken flight.", limit)
+        return unknown("vertical_force", f"Less than {2 * FORCE_WINDOW_S:.0f} s of unbroken flight.", limit)
     q = imu_attitude(log, onboard)
     force = np.array([_mean_force(imu, onboard.t, q, w) for w in found])
     by_height = np.array([_mean_acceleration(above, w) for w in found])
     good = np.isfinite(force) & np.isfinite(by_height)
     if good.sum() < 2:
-        return not_judged("vertical force", "No barometer or no attitude to compare the vertical force with.", limit)
+        return unknown("vertical_force", "No barometer or no attitude to compare the vertical force with.", limit)
     force, by_height = force[good], by_height[good]
     times = np.array([w[0] for w in found])[good]
     unexplained = force - by_height - (force[0] - by_height[0])
     worst = int(np.argmax(np.abs(unexplained)))
     size = float(abs(unexplained[worst]))
-    verdict = "ok" if size <= CHANGED_M_S2 else "warning" if size <= WRONG_M_S2 else "fault"
+    verdict: Verdict = "ok" if size <= CHANGED_M_S2 else "warning" if size <= WRONG_M_S2 else "fault"
     text = f"The mean vertical force over {FORCE_WINDOW_S:.0f} s stays within {size:.2f} m/s^2 of what the height explains."
     if verdict == "ok":
-        return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit)
+        return Check("vertical_force", verdict, text, round(size, 2), "m/s^2", limit)
     since = int(np.argmax(np.abs(unexplained) > CHANGED_M_S2))
     first = f"{times[since]:.0f} to {times[since] + FORCE_WINDOW_S:.0f} s"
     text = f"The mean vertical force is up to {size:.1f} m/s^2 off what the height shows, first from {first}."
@@ -150,7 +135,7 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
         f"At {times[worst]:.0f} s it is {force[worst]:.2f} m/s^2 after {force[0]:.2f} at first, while the height shows "
         f"an acceleration of {by_height[worst]:+.1f} m/s^2."
     ]
-    return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit, t=float(times[since]), evidence=seen)
+    return Check("vertical_force", verdict, text, round(size, 2), "m/s^2", limit, t=float(times[since]), evidence=seen)
 
 
 def _force_windows(span: Span, imu: Imu, above: Stream) -> list[Span]:
@@ -205,28 +190,25 @@ FEW_CLIPS, MANY_CLIPS, LASTING_S = 10, 100, 3
 """ardupilot.org, "Measuring Vibration": below 100 is likely fine, a number that keeps growing is not."""
 
 
-def sound_flight(segments: Segments | None, log: FlightLog) -> list[Span]:
+def sound_flight(segments: Segments, log: FlightLog) -> list[Span]:
     """When vibration counts: in flight but for take-off and touch-down, never as a wreck; armed for what cannot fly."""
-    if segments is None:
-        return []
     spans = segments.spans("airborne" if log.kind.flies else "armed")
     spans = [(a + TAKE_OFF_S, b - LANDING_S) for a, b in spans if b - a > TAKE_OFF_S + LANDING_S]
     wrecks = crash_spans(segments)
     return intersect(spans, complement(wrecks, -1e9, 1e9)) if wrecks else spans
 
 
-def vibration_level(case: HealthCase) -> list[Assessment]:
-    """The level of every IMU in percentiles over flight, and clipped samples of those that clip."""
-    within = sound_flight(case.segments, case.log)
-    clips = clipping_assessments(case.log, within)
-    seen = imu_vibrations(case.log)
-    if not seen:
-        return [unknown("", "vibration_level", advise_vibration_level(case.log)), *clips]
-    longest = max(len(levels_in_flight(one, within)[0]) for one in seen)
-    if longest < MIN_LEVEL_S:
-        why = f"Vibration can be judged from {MIN_LEVEL_S} s of sound flight on; this log holds {longest} s."
-        return [unknown("", "vibration_level", why), *clips]
-    return [*(_level_assessment(case.log, one, within) for one in seen), *clips]
+def vibration_checks(case: HealthCase) -> list[Check]:
+    """Check the vibration of every IMU by the firmware's measure, else by the logged samples; and its clipping."""
+    log, within = case.log, sound_flight(case.segments, case.log)
+    levels = [_level_check(log, one, within) for one in imu_vibrations(log)]
+    if all(check.verdict == "unknown" for check in levels):
+        logged = (
+            None if log.replay_imu is None else logged_vibration(log, log.replay_imu, case.segments.spans("airborne"))
+        )
+        why = levels[0].text if levels else advise_vibration_level(log)
+        levels = [unknown("vibration_level", why) if logged is None or logged.verdict == "unknown" else logged]
+    return [*levels, *clipping_checks(log, within)]
 
 
 def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:
@@ -287,7 +269,7 @@ def levels_in_flight(one: OnboardVibration, within: list[Span]) -> tuple[Array, 
     return second_means(one.t[mine], one.level[mine])
 
 
-def _level_assessment(log: FlightLog, one: OnboardVibration, within: list[Span]) -> Assessment:
+def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> Check:
     limits = VIBRATION_LIMITS[one.measure]
     named = f"{limits.warning:g} m/s^2" + (f" and {limits.fault:g}" if np.isfinite(limits.fault) else "")
     threshold = f"below {named} in {100 * limits.share:.0f} % of the flight"
@@ -295,7 +277,7 @@ def _level_assessment(log: FlightLog, one: OnboardVibration, within: list[Span])
     t, level = levels_in_flight(one, within)
     if len(t) < MIN_LEVEL_S:
         why = f"{one.source} holds {len(t)} s of sound flight, and {MIN_LEVEL_S} are needed for percentiles."
-        return unknown(sensor, "vibration_level", why, threshold, limits.source)
+        return unknown("vibration_level", why, threshold, sensor=sensor, source=limits.source)
     half, most, judged = (float(np.quantile(level, q)) for q in (0.5, 0.8, limits.share))
     worst = int(np.argmax(level))
     verdict: Verdict = "fault" if judged > limits.fault else "warning" if judged > limits.warning else "ok"
@@ -303,10 +285,7 @@ def _level_assessment(log: FlightLog, one: OnboardVibration, within: list[Span])
         f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the time below {most:.1f}, "
         f"in the worst second {level[worst]:.1f}."
     )
-    found = Assessment(
-        sensor, "vibration_level", verdict, text, round(judged, 2), "m/s^2", quantile_interval(level, limits.share),
-        n=len(level), seconds=float(len(level)), threshold=threshold, source=limits.source,
-    )  # fmt: skip
+    found = Check("vibration_level", verdict, text, sensor=sensor, value=round(judged, 2), unit="m/s^2", ci95=quantile_interval(level, limits.share), n=len(level), seconds=float(len(level)), threshold=threshold, source=limits.source)  # fmt: skip
     found.evidence = [f"{one.source}; the worst second begins at {t[worst]:.0f} s."]
     since = find_onset(level)
     if since is not None and not has_more_power(log.power.throttle, t, since):
@@ -328,7 +307,7 @@ def quantile_interval(level: Array, share: float) -> tuple[float, float]:
     return round(float(ordered[low]), 2), round(float(ordered[high]), 2)
 
 
-def clipping_assessments(log: FlightLog, within: list[Span]) -> list[Assessment]:
+def clipping_checks(log: FlightLog, within: list[Span]) -> list[Check]:
     """Accelerometers that reached the end of their range in sound flight; nothing of those that did not."""
     found = []
     limit = f"up to {FEW_CLIPS} samples; fault above {MANY_CLIPS} in {LASTING_S} seconds and more"
@@ -341,20 +320,20 @@ def clipping_assessments(log: FlightLog, within: list[Span]) -> list[Assessment]
         first, last = float(one.t[mine][0]), float(one.t[mine][-1])
         text = f"The accelerometer of IMU {one.unit} clipped {count:,} samples in {seconds} s of flight."
         found.append(
-            Assessment(
-                f"IMU.{one.unit}",
+            Check(
                 "clipping",
                 "fault" if lasting else "warning",
                 text,
-                float(count),
-                "samples",
+                sensor=f"IMU.{one.unit}",
+                value=float(count),
+                unit="samples",
                 n=count,
                 seconds=float(seconds),
                 t=first,
                 threshold=limit,
                 source="ardupilot.org, Measuring Vibration",
-                action="Balance the propellers and soften the autopilot's mounting before the next flight.",
                 why_no_setting="No parameter brings clipped samples back.",
+                action="Balance the propellers and soften the autopilot's mounting before the next flight.",
                 evidence=[f"{one.source}: from {first:.0f} to {last:.0f} s."],
             )
         )

@@ -18,14 +18,21 @@ from attlog.core.machine import versions
 from attlog.estimators.filters.smoother import OWN_HEADING
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import FlightLog, Problem, guarded_part
-from attlog.health import Check as health_Check
-from attlog.health import answerable, audit
+from attlog.health import (
+    Check,
+    Finding,
+    HealthCase,
+    MotionAttitude,
+    OpenQuestion,
+    answerable,
+    contradiction,
+    nothing_wrong,
+    run_checks,
+    unusable_gyro,
+)
 from attlog.health.attitude import wrong_angle
-from attlog.health.causes import Finding, problem_finding
-from attlog.health.check import Assessment, Check, HealthCase, MotionAttitude
 from attlog.health.figures import traces
-from attlog.health.findings import OpenQuestion, contradiction, findings, nothing_wrong, reconcile, unusable_gyro
-from attlog.health.registry import assess
+from attlog.health.findings import findings, problem_finding
 from attlog.metrics.gyro_bias import common_bias
 from attlog.metrics.gyro_bias import no_common_bias as no_bias
 from attlog.metrics.metric import Case, per_case
@@ -43,24 +50,17 @@ from attlog.segments.model import Segments
 from attlog.words.answers import QUESTIONS, verdicts
 
 
-def assessments(case: Case, checks: list[Check], *, drawn: list[Trace] | None = None) -> list[Assessment]:
-    """Every question about the sensors of a prepared log; ``checks`` are those of the audit.
+def checks_of(
+    log: FlightLog, phases: Segments, case: Case | None = None, *, drawn: list[Trace] | None = None
+) -> list[Check]:
+    """Make every check of a log; ``case``: the log as it was prepared, None where it cannot be replayed.
 
     ``drawn``: where the arrays of their figures go, None where none are wanted.
     """
-    return _assessed(HealthCase(case.log, case.segments, case.reference, checks, lambda: motion_attitude(case)), drawn)
-
-
-def assessments_unreplayed(
-    log: FlightLog, segments: Segments, checks: list[Check], *, drawn: list[Trace] | None = None
-) -> list[Assessment]:
-    """The same of a log that no filter can be run on, such as telemetry: there is no attitude to judge sensors by."""
-    return _assessed(HealthCase(log, segments, None, checks, lambda: None), drawn)
-
-
-def _assessed(asked: HealthCase, drawn: list[Trace] | None) -> list[Assessment]:
+    ref = None if case is None else case.reference
+    asked = HealthCase(log, phases, ref, lambda: None if case is None else motion_attitude(case))
     with log_cache():
-        found = guarded_part(asked.log, "The sensors", lambda: assess(asked), list[Assessment])
+        found = guarded_part(log, "The checks", lambda: run_checks(asked), list[Check])
         if drawn is not None:
             drawn += traces(asked, found)
     return found
@@ -108,9 +108,7 @@ def of_reference_and_filters(
     return [*contradiction(ref), *broken, *_slow(chosen, rows)]
 
 
-def all_of(
-    case: Case, result: Result, checks: Sequence[health_Check], rows: Sequence[Row], known: Sequence[Problem]
-) -> list[Finding]:
+def all_of(case: Case, result: Result, rows: Sequence[Row], known: Sequence[Problem]) -> list[Finding]:
     """Every finding of a log and its analysis, worst first; ``known``: of reference and filters."""
     own = [*known, *_unmeasured(result.estimators), *_late_field(rows)]
     unanswered = guarded_part(
@@ -119,7 +117,7 @@ def all_of(
     return guarded_part(
         case.log,
         "The findings",
-        lambda: findings(case.log, checks, own, unanswered, result.events, result.health),
+        lambda: findings(case.log, result.checks, own, unanswered, result.events),
         lambda: [problem_finding(problem) for problem in (*case.log.problems, *own)],
     )
 
@@ -128,7 +126,9 @@ def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
     """The questions that no row answers, each with what would answer it."""
     silent = [verdict for verdict in result.verdicts if not verdict.bars]
     remedies = {a.question: a.setting for a in answerable(case.log, case)} if silent else {}
-    return [OpenQuestion(QUESTIONS[verdict.question].capitalize(), remedies.get(verdict.question, "")) for verdict in silent]
+    return [
+        OpenQuestion(QUESTIONS[verdict.question].capitalize(), remedies.get(verdict.question, "")) for verdict in silent
+    ]
 
 
 def _unmeasured(lines: Iterable[EstimatorRow]) -> list[Problem]:
@@ -242,34 +242,28 @@ class Measurement:
 def without_replay(
     log: FlightLog, config: Config, stage: Stages, command: str = "", case: Case | None = None
 ) -> Result:
-    """The result without the comparison: headline, events, segments, checks and assessments of sensors, findings.
+    """The result without the comparison: headline, events, segments, checks, findings.
 
     ``case``: the log as it was prepared, where it can be replayed.
     """
     with stage("segments"):
         phases = segments.build(log) if case is None else case.segments
         happened = story.events(log, phases)
-    with stage("audit"):
-        checks = audit(log, None) if case is None else audit(log, phases, case.reference)
     drawn: list[result_Trace] = []
-    with stage("sensors"):
-        if case is None:
-            health = assessments_unreplayed(log, phases, checks, drawn=drawn)
-        else:
-            health = assessments(case, checks)
+    with stage("checks"):
+        checks = checks_of(log, phases, case, drawn=drawn if case is None else None)
+    described = describe(log, phases)  # before the findings: what breaks in it is one
     others = [] if case is None else contradiction(case.reference)
-    checks = reconcile(log, checks, health)
-    found = findings(log, checks, others, events=happened, health=health)
+    found = findings(log, checks, others, events=happened)
     return Result(
         attlog=versions(),
         command=command,
         config=config.resolved(),
-        log=describe(log, phases),
+        log=described,
         headline=story.headline(log, phases, happened, nothing_wrong(found), wrong_angle(checks)),
         events=happened,
         findings=found,
-        audit=checks,
-        health=health,
+        checks=checks,
         traces=drawn,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         gyro_bias=[] if case is None else list(case.gyro_bias.values()),
@@ -297,10 +291,10 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
     stage = Stages()
     with stage("read"):
         log = preparation.flight_of(source, config)
-    return _prepared(log, config, stage)
+    return prepared(log, config, stage)
 
 
-def _prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
+def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
     """The case of a log. LogUnusable where it cannot be replayed."""
     preparation.require_imu(log)
     flight.check_analysis_memory(log, flight.ANALYSIS_BYTES)
@@ -367,9 +361,8 @@ def evaluate(
         with stage("estimators"):
             chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
             onboard = _onboard(case)
-        with stage("audit"):
-            checks = _checks(case)
-    measurement = Measurement(case, chosen, onboard, unusable_gyro(checks), traces=traces, only=only)
+        unusable = _unusable_gyro(case)
+    measurement = Measurement(case, chosen, onboard, unusable, traces=traces, only=only)
     lines: list[EstimatorRow] = []
     failed: dict[str, AttlogError] = {}
     with stage("estimators"):
@@ -398,7 +391,6 @@ def evaluate(
         log=dict(_described(case)),
         events=_events(case),
         findings=[problem_finding(problem) for problem in own],
-        audit=list(checks),
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
         gyro_bias=list(case.gyro_bias.values()),
@@ -411,13 +403,12 @@ def evaluate(
         timing=stage.seconds,
     )
     if not only:
-        with stage("sensors"):
-            result.health = assessments(case, checks, drawn=result.traces if traces else None)
-            result.audit = reconcile(case.log, checks, result.health)
+        with stage("checks"):
+            result.checks = checks_of(case.log, case.segments, case, drawn=result.traces if traces else None)
         result.verdicts = guarded_part(case.log, "The verdicts", lambda: verdicts(result), list)
-        result.findings = all_of(case, result, checks, rows, own)
+        result.findings = all_of(case, result, rows, own)
         sound = nothing_wrong(result.findings)
-        wrong = wrong_angle(checks)
+        wrong = wrong_angle(result.checks)
         told = partial(story.headline, case.log, case.segments, result.events, sound, wrong)
         result.headline = guarded_part(case.log, "The headline", told, str)
     return result
@@ -440,14 +431,14 @@ def analyze(
             log = preparation.flight_of(source, settings)
         if log.imu is None and has_a_story(log):
             return without_replay(log, settings, stage, command)
-        case = _prepared(log, settings, stage)
+        case = prepared(log, settings, stage)
     return evaluate(case, traces=True, cost=True, command=command)
 
 
 def health(
     source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
 ) -> Result:
-    """What ``attlog health`` tells: headline, checks, assessments of the sensors and findings; no filter runs.
+    """What ``attlog health`` tells: headline, checks and findings; no filter runs.
 
     Arguments and errors as of :func:`analyze`.
     """
@@ -456,7 +447,7 @@ def health(
         with stage("read"):
             log = preparation.flight_of(source, settings)
         replayable = log.imu is not None or not has_a_story(log)
-        return without_replay(log, settings, stage, command, _prepared(log, settings, stage) if replayable else None)
+        return without_replay(log, settings, stage, command, prepared(log, settings, stage) if replayable else None)
 
 
 def has_a_story(log: FlightLog) -> bool:
@@ -477,8 +468,8 @@ def _onboard(case: Case) -> list[Row]:
 
 
 @per_case
-def _checks(case: Case) -> list[health_Check]:
-    return audit(case.log, case.segments, case.reference)
+def _unusable_gyro(case: Case) -> str:
+    return unusable_gyro(case.log, case.segments, case.reference)
 
 
 @per_case

@@ -25,8 +25,7 @@ SENTENCES = {
     "smoother": "smoothing the whole flight",
     "estimators": "running filters",
     "metrics": "measuring",
-    "audit": "checking against physics",
-    "sensors": "assessing the sensors",
+    "checks": "checking sensors and estimator",
 }
 
 

@@ -16,13 +16,12 @@ from attlog.report.figures.figure import FigureSource
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
 from attlog.result import MEASURED_TIMES, Result
 from attlog.words.findings import (
-    checks_by_trouble,
     findings,
     parameter_file,
     question_titles,
     reasons_unknown,
     repeat_advice_once,
-    shown_assessments,
+    shown_checks,
 )
 from attlog.words.flight import (
     alarming,
@@ -94,7 +93,7 @@ def render(
         strip_height=STRIP_HEIGHT,
         happened=shown_events(result),
         four=compare_filters(result, look),
-        checked=sum(check.verdict == "ok" for check in result.audit),
+        checked=sum(check.verdict == "ok" for check in result.checks),
         notes={v.question: v.notes for v in result.verdicts},
         findings=findings(result),
         gyro_bias=gyro_bias_text(result),
@@ -103,8 +102,7 @@ def render(
         axes=axis_table(result),
         windows=window_tables(result),
         sections=figures,
-        health=shown_assessments(result.health),
-        checks=checks_by_trouble(result.audit),
+        checks=shown_checks(result.checks),
         param_file=parameter_file(result),
         file_stem=file_stem(result),
         messages=[(t, level_name(level), alarming(level, text), text) for t, level, text in messages(result)],

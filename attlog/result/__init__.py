@@ -5,9 +5,10 @@ Other rooms import the parts of a result from here, wherever they are defined.
 
 from __future__ import annotations
 
-from attlog.health.causes import Finding
-from attlog.health.check import TOPICS, Assessment, Check, Setting, agreed_settings
+from attlog.health.check import Check, Setting, agreed_settings
 from attlog.health.check import number_text as setting_number
+from attlog.health.findings import Finding
+from attlog.health.registry import CHECKS
 from attlog.metrics.gyro_bias import CommonBias
 from attlog.metrics.metric import Answer
 from attlog.metrics.ranking import Duplicates
@@ -19,14 +20,13 @@ from attlog.segments.model import Segment
 from attlog.story.flight_events import Event
 
 __all__ = [
+    "CHECKS",
     "MEASURED_TIMES",
     "SCHEMA",
     "SCHEMA_NAME",
     "TIMED_OUT",
-    "TOPICS",
     "AlignmentStep",
     "Answer",
-    "Assessment",
     "Check",
     "CommonBias",
     "Duplicates",

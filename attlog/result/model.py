@@ -18,8 +18,8 @@ from attlog.core.files import read_settings_bytes
 from attlog.core.limits import MAX_RESULT_BYTES
 from attlog.core.plain import IN_JSON, NullAsNaN
 from attlog.flight.model import TruthFit
-from attlog.health.causes import Finding
-from attlog.health.check import Assessment, Check
+from attlog.health.check import Check
+from attlog.health.findings import Finding
 from attlog.metrics.gyro_bias import CommonBias
 from attlog.metrics.metric import Answer
 from attlog.metrics.ranking import Duplicates
@@ -131,7 +131,7 @@ class Result:
 
     ``estimators``: rows with their answers in ``metrics[window][metric]``: ``value``, ``ci95``, ``n`` and ``unit``, or
     ``code`` and ``reason`` without a value. ``verdicts``: the four answers in words. ``headline`` and ``events``: what
-    happened. ``findings``: what is wrong, one entry for each cause; ``audit`` and ``health``: checks of the sensors.
+    happened. ``findings``: what is wrong, one entry for each cause; ``checks``: of sensors and estimator, and what to set.
     ``segments``: phases of the log. ``reference``: what rows are compared with. ``definitions``: meaning of each
     metric. Angles in deg, times in s or ms, as the metric's name says, on the log's clock: 0 at the first sample of
     the replayed IMU.
@@ -146,9 +146,7 @@ class Result:
     # In time order, each with its evidence.
     events: list[Event] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
-    audit: list[Check] = field(default_factory=list)
-    # Sensors: what to trust, what to set.
-    health: list[Assessment] = field(default_factory=list)
+    checks: list[Check] = field(default_factory=list)
     segments: list[Segment] = field(default_factory=list)
     reference: ReferenceSummary | None = None
     # Subtracted from the gyro for every filter alike, one for each replayed IMU.

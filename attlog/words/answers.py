@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from attlog.health.gravity import is_usable_gravity
 from attlog.result import Check, EstimatorRow, Result, Verdict
 from attlog.words.names import NOT_JUDGED, against_heading, against_whom, name_in_sentence, row_names
 from attlog.words.numbers import below, between, counted, duration, listed, moment, quantity
@@ -49,9 +50,10 @@ SHOWN_DELAY_MS = 0.5
 NAMED = 3
 # Checks of the sensors that every filter needs, and what a fault in one means.
 SPOILING_CHECKS = {
-    "gyro bias": "the gyro is wrong",
-    "gravity": "the accelerometer is wrong",
-    "accelerometer axes": "the accelerometer is wrong",
+    "gyro_bias": "the gyro is wrong",
+    "accelerometer_dead": "the accelerometer is wrong",
+    "accelerometer_rest": "the accelerometer is wrong",
+    "accelerometer_axes": "the accelerometer is wrong",
 }
 # What a pilot can do about a code whose reason does not say it.
 ADVICE = {
@@ -100,7 +102,7 @@ def answer_lines(result: Result) -> dict[str, AnswerLine]:
     check = spoiling_check(result)
     if check is None:
         return found
-    wrong = SPOILING_CHECKS[check.name]
+    wrong = SPOILING_CHECKS[check.question]
     note = f"{_capital(wrong)}: {typeset(check.text.rstrip('.'))}."
     lines = {question: replace(line, notes=(note, *line.notes)) for question, line in found.items()}
     return {
@@ -116,8 +118,9 @@ def spoiling_check(result: Result) -> Check | None:
     """
     judged = all(row.status != "not_judged" for row in result.estimators)
     mended = judged and any(bias.dps is not None for bias in result.gyro_bias)
-    faults = [check for check in result.audit if check.verdict == "fault" and check.name in SPOILING_CHECKS]
-    return next((check for check in faults if not (mended and check.name == "gyro bias")), None)
+    faults = [c for c in result.checks if c.verdict == "fault" and c.in_use and c.question in SPOILING_CHECKS]
+    faults = [c for c in faults if c.question != "accelerometer_rest" or not is_usable_gravity(c.value or 0.0)]
+    return next((check for check in faults if not (mended and check.question == "gyro_bias")), None)
 
 
 def _accuracy(result: Result) -> AnswerLine:
@@ -188,8 +191,8 @@ def _lag(result: Result) -> AnswerLine:
 
 def late_imu(result: Result) -> str:
     """Return the sentence on an IMU that is late beyond its filters; no attitude filter can be earlier."""
-    for check in result.audit:
-        if check.name == "imu delay" and check.verdict in ("warning", "fault") and isinstance(check.value, float):
+    for check in result.checks:
+        if check.question == "imu_delay" and check.is_trouble and check.value is not None:
             if check.value > 0.0:
                 return f" The IMU itself is {quantity(check.value, 'ms', signed=False)} late, and every filter with it."
     return ""

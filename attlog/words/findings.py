@@ -1,4 +1,4 @@
-"""Findings and assessments as every output shows them: a line each, with the evidence behind it."""
+"""Findings and checks as every output shows them: a line each, with the evidence behind it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from attlog.health.check import agreed_settings
 from attlog.health.settings import param_file
-from attlog.result import TOPICS, Assessment, Check, Setting, setting_number
+from attlog.result import CHECKS, Check, Setting, setting_number
 from attlog.result.model import Result as model_Result
 from attlog.words.numbers import MINUS, decimals, duration, interval, moment, number, quantity, unit_sign
 from attlog.words.text import clean, typeset
@@ -107,7 +107,7 @@ def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
     return f"{text.rstrip('.')} ({times + ', ' if times else ''}{'from' if times else 'at'} ", moment(t), ")."
 
 
-# Can the sensors be trusted, and what should be set? Assessments and checks as every output shows them.
+# Checks of sensors and estimator as every output shows them.
 
 # The worst first, unknown last.
 VERDICTS = ("fault", "warning", "ok", "unknown")
@@ -135,8 +135,8 @@ class ParameterChange:
 
 
 @dataclass(frozen=True, slots=True)
-class ShownAssessment:
-    """An assessment for display: a row of a table on a terminal, in a file, on a page.
+class ShownCheck:
+    """A check for display: a row of a table on a terminal, in a file, on a page.
 
     ``value`` with unit and 95 % interval. ``settings``: what to set; ``advice``: what to do without any. ``why``:
     components, evidence, extent, limit, a line each.
@@ -163,12 +163,12 @@ class ShownAssessment:
         return self.verdict in BAD_VERDICTS or bool(self.settings)
 
 
-def shown_assessments(health: Iterable[Assessment]) -> list[ShownAssessment]:
-    """Return assessments for display: faults, warnings, ok, unknown."""
-    return sorted(map(_shown_assessment, health), key=lambda a: VERDICTS.index(a.verdict))
+def shown_checks(checks: Iterable[Check]) -> list[ShownCheck]:
+    """Return checks for display: faults, warnings, ok, unknown."""
+    return sorted(map(_shown_check, checks), key=lambda a: VERDICTS.index(a.verdict))
 
 
-def repeat_advice_once(rows: Iterable[ShownAssessment]) -> list[ShownAssessment]:
+def repeat_advice_once(rows: Iterable[ShownCheck]) -> list[ShownCheck]:
     """Replace repeated advice to one question by the name of the first sensor with it."""
     first: dict[tuple[str, str], str] = {}
     found = []
@@ -179,13 +179,13 @@ def repeat_advice_once(rows: Iterable[ShownAssessment]) -> list[ShownAssessment]
     return found
 
 
-def question_titles(rows: Iterable[ShownAssessment]) -> str:
+def question_titles(rows: Iterable[ShownCheck]) -> str:
     """Return the questions of rows in one line with the number of sensors: ``vibration (3)``."""
     times = Counter(row.question for row in rows)
     return ", ".join(f"{question} ({n})" if n > 1 else question for question, n in times.items())
 
 
-def reasons_unknown(rows: Iterable[ShownAssessment]) -> list[tuple[str, str]]:
+def reasons_unknown(rows: Iterable[ShownCheck]) -> list[tuple[str, str]]:
     """Return unknown questions and their reason, questions with the same reason together."""
     asked: dict[str, list[str]] = {}
     for row in rows:
@@ -194,34 +194,28 @@ def reasons_unknown(rows: Iterable[ShownAssessment]) -> list[tuple[str, str]]:
     return [("; ".join(dict.fromkeys(names)), why) for why, names in asked.items()]
 
 
-def checks_by_trouble(checks: Sequence[Check]) -> tuple[list[Check], list[Check]]:
-    """Return checks with a fault or warning (faults first), and the others."""
-    trouble = sorted((c for c in checks if c.verdict in BAD_VERDICTS), key=lambda c: VERDICTS.index(c.verdict))
-    return trouble, [c for c in checks if c.verdict not in BAD_VERDICTS]
-
-
 def question_title(question: str) -> str:
     """Return the title of a question."""
-    return TOPICS[question].title if question in TOPICS else clean(question.replace("_", " "))
+    return CHECKS[question].title if question in CHECKS else clean(question.replace("_", " "))
 
 
-def value_text(assessment: Assessment) -> str:
+def value_text(check: Check) -> str:
     """Return the value with unit and 95 % interval: ``15.1 ± 2.0 µT``, ``0.4 (0.1 to 1.9) m/s²``."""
-    unit, ci95 = assessment.unit, assessment.ci95
-    value = number(assessment.value, unit)
+    unit, ci95 = check.unit, check.ci95
+    value = number(check.value, unit)
     if value and unit in COUNTED:
-        return f"{assessment.value:,.0f} {unit}"
+        return f"{check.value:,.0f} {unit}"
     if not value or ci95 is None or not interval(ci95, unit):
-        return quantity(assessment.value, unit)
+        return quantity(check.value, unit)
     sign = unit_sign(unit)
     end = sign if sign.startswith(("°", "×")) or not sign else f" {sign}"
     middle, half = 0.5 * (ci95[0] + ci95[1]), 0.5 * abs(ci95[1] - ci95[0])
     if half == 0.0:
-        return quantity(assessment.value, unit)
-    if abs(middle - (assessment.value or 0.0)) > LOPSIDED * half:
+        return quantity(check.value, unit)
+    if abs(middle - (check.value or 0.0)) > LOPSIDED * half:
         return f"{value} ({interval(ci95, unit)}){end}"
     plus = "+" if value.startswith("+") else ""
-    return f"{plus}{_with_half(assessment.value or 0.0, half, unit)}{end}"
+    return f"{plus}{_with_half(check.value or 0.0, half, unit)}{end}"
 
 
 def parameter_change(setting: Setting) -> ParameterChange:
@@ -237,7 +231,7 @@ def parameter_changes(settings: Sequence[Setting], most: int) -> str:
     return f"{named} and {rest} more" if rest > 0 else named
 
 
-def _shown_assessment(one: Assessment) -> ShownAssessment:
+def _shown_check(one: Check) -> ShownCheck:
     advice = "" if one.settings else one.action or one.why_no_setting
     why = [text for text in (one.action, one.why_no_setting) if text and text != advice]
     extent = [f"n = {one.n:,}"] if one.n else []
@@ -245,7 +239,8 @@ def _shown_assessment(one: Assessment) -> ShownAssessment:
     limit = f"{one.threshold} ({one.source})" if one.threshold and one.source else one.threshold
     limit = f"O{limit[1:]}." if limit.startswith("ok") else f"Limit: {limit}." if limit else ""
     why += [*_axes(one), *one.evidence, *([f"{' '.join(extent)}."] if extent else []), *([limit] if limit else [])]
-    return ShownAssessment(
+    why += [f"Cause: {one.cause}"] if one.cause else []
+    return ShownCheck(
         clean(one.sensor),
         question_title(one.question),
         one.verdict if one.verdict in VERDICTS else "unknown",
@@ -258,7 +253,7 @@ def _shown_assessment(one: Assessment) -> ShownAssessment:
     )
 
 
-def _axes(one: Assessment) -> list[str]:
+def _axes(one: Check) -> list[str]:
     """Return the components along the body's axes in one line: ``x 12.0 ± 2.0, y ... µT.``"""
     numbers = [*one.vector, *one.vector_ci95]
     if not one.vector or len(one.vector) != len(one.vector_ci95) or not all(map(math.isfinite, numbers)):
@@ -285,4 +280,4 @@ def parameter_file(result: model_Result) -> str:
     """Return the text of the ``.param`` file, empty without anything to set."""
     firmware = str((result.log.get("firmware") or {}).get("name") or "")
     vehicle = (result.log.get("params") or {}).get(MAVLINK_ID_PARAMETER) or 1
-    return param_file(firmware, str(result.log.get("name") or "log"), agreed_settings(result.health), int(vehicle))
+    return param_file(firmware, str(result.log.get("name") or "log"), agreed_settings(result.checks), int(vehicle))

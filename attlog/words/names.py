@@ -95,15 +95,15 @@ def heading_reference_name(reference: str) -> str:
 # Checks that put a heading reference in doubt.
 DOUBTS = {
     "onboard": {
-        "heading by GNSS": "GNSS contradicts it",
-        "attitude jumps": "it jumps",
-        "second source": "another source differs",
+        "heading_by_gnss": "GNSS contradicts it",
+        "attitude_jumps": "it jumps",
+        "second_source": "another source differs",
     },
     "mag": {
         "field": "its field is wrong",
-        "compass axes": "its axes are wrong",
-        "compass offset": "it is off",
-        "field against motors": "motors disturb it",
+        "compass_axes": "its axes are wrong",
+        "compass_offset": "it is off",
+        "compass_motors": "motors disturb it",
     },
 }
 
@@ -122,7 +122,7 @@ def against_heading(result: Result, reference: str) -> str:
 def heading_warning(result: Result, reference: str) -> str:
     """Return the warning on a heading that is no truth, or its doubt where it failed a check."""
     least = ("fault",) if reference == "onboard" else ("fault", "warning")
-    failed = {check.name for check in result.audit if check.verdict in least}
+    failed = {check.question for check in result.checks if check.verdict in least and check.in_use}
     doubt = next((words for name, words in DOUBTS[reference].items() if name in failed), "")
     return f"in doubt: {doubt}" if doubt else "agreement, not truth"
 

@@ -19,7 +19,7 @@ FIRMWARES = ("PX4 1.9.0", "PX4 1.13.2", "PX4 1.15.4", "ArduPilot Copter 4.5.7")
 @functools.cache
 def _sound() -> dict[str, Any]:
     made = make_result()
-    made.findings, made.health = [], []
+    made.findings, made.checks = [], []
     made.verdicts = verdicts(made)
     return light(index_row(made))
 

@@ -259,7 +259,7 @@ def test_an_assessment_is_a_number_of_its_sensor() -> None:
     entries = []
     for name, size in (("a", 24.0), ("b", 3.0)):
         made = result([made_row("mekf", 1.0, "airborne")], name=name, sha256=name)
-        made.health = [replace(OFFSET, value=size)]
+        made.checks = [replace(OFFSET, value=size)]
         entries.append(("batch", Entry(name, name, row=index_row(made))))
     found = across(entries, ["compass_offset"])
     assert [(c.row, c.window, c.unit) for c in found.columns] == [("MAG.0", "sensors", "uT")]

@@ -129,7 +129,7 @@ def test_a_baseline_that_the_run_writes_to_is_refused(tmp_path: Path, place: str
 
 
 def test_gates_of_sensors_fail_a_log_and_stand_in_its_suite_like_others() -> None:
-    made = Result({}, "", {}, {}, health=list(MADE))
+    made = Result({}, "", {}, {}, checks=list(MADE))
     gates = Gates(
         strict=False,
         health=(

@@ -10,7 +10,7 @@ import pytest
 
 from attlog.batch.index_row import RANKS, Entry, reasons, trouble, with_gates
 from attlog.batch.order import ordered, short_names, summary
-from attlog.health.causes import Weight
+from attlog.health.findings import Weight
 from attlog.result import Check, Finding
 from attlog.story.flight_events import Event
 from tests.batch.made import failed, flown, reason
@@ -130,7 +130,7 @@ def test_a_bad_check_weighs_more_than_one_to_look_at() -> None:
     checks = [Check("field", "fault", "The field varies."), Check("gaps", "fault", "Gaps.")]
     points = {}
     for verdict in ("warning", "fault"):
-        made.audit = [Check(c.name, verdict, c.text) for c in checks]
+        made.checks = [Check(c.question, verdict, c.text) for c in checks]
         points[verdict] = {r.code: r.points for r in reasons(made)}
     assert points["warning"] == {"compass": 10.0, "gaps": 3.0}
     assert points["fault"] == {"compass": 20.0, "gaps": 3.0}

@@ -89,7 +89,7 @@ def test_every_answer_of_the_result_comes_back(flown: Result) -> None:
         if m not in MEASURED_TIMES
     }
     of_sensors = {key for key in found if key[1] == SENSOR_WINDOW}
-    assert {key[2] for key in of_sensors} == {a.question for a in flown.health}
+    assert {key[2] for key in of_sensors} == {a.question for a in flown.checks}
     assert found.keys() - of_sensors == expected.keys()
     for key, a in expected.items():
         n = found[key]
@@ -245,7 +245,7 @@ def test_odd_numbers_stay_out() -> None:
 
 def test_a_row_counts_what_is_off_and_names_what_to_set() -> None:
     made = make_result()
-    made.health = [*MADE, replace(REFUSED, verdict="warning"), SOUND]
+    made.checks = [*MADE, replace(REFUSED, verdict="warning"), SOUND]
     told = index_row(made)["sensors"]
     assert told == {"faults": 1, "warnings": 2, "to_set": ["COMPASS_OFS_X -12 -> 145", "COMPASS_OFS_Y 4.5 -> -20.25"]}
     assert sensors_of({"sensors": told}) == told
@@ -254,7 +254,7 @@ def test_a_row_counts_what_is_off_and_names_what_to_set() -> None:
 
 def test_assessments_are_numbers_of_their_sensor() -> None:
     made = make_result()
-    made.health = [OFFSET, SILENT]
+    made.checks = [OFFSET, SILENT]
     found = {n.row: n for n in numbers(index_row(made)["answers"]) if n.window == SENSOR_WINDOW}
     offset, silent = found["MAG.0"], found["GPS.0"]
     assert (offset.metric, offset.unit, offset.value) == ("compass_offset", "uT", 24.0)
@@ -302,7 +302,7 @@ def test_a_results_file_counts_unless_a_record_is_newer(tmp_path: Path, record_s
 
 def flown_with_numbers(name: str = "a.ulg", **log: object) -> Entry:
     made = make_result(with_traces=False)
-    made.health = []
+    made.checks = []
     made.log |= {"name": name} | log
     return Entry(f"logs/{name}", name, row=index_row(made))
 
@@ -425,7 +425,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
 
 def test_every_line_tells_what_is_off_with_the_sensors_and_what_to_set(tmp_path: Path, without_pyarrow: None) -> None:
     made = make_result(with_traces=False)
-    made.health = list(MADE)
+    made.checks = list(MADE)
     entries = [Entry("logs/off.ulg", "off.ulg", row=index_row(made)), flown_with_numbers()]
     with write_results(tmp_path, entries).open(newline="") as file:
         lines = list(csv.DictReader(file))

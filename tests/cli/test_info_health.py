@@ -33,7 +33,7 @@ def test_it_names_vehicle_sensors_and_what_can_be_answered(attlog, samples, log,
     assert report["log"]["firmware"]["name"] == firmware
     assert source in report["log"]["imu"]["source"]
     assert report["log"]["simulated"] is True
-    assert {c["verdict"] for c in report["audit"]} <= {"ok", "warning", "fault", "unknown"}
+    assert {c["verdict"] for c in report["checks"]} <= {"ok", "warning", "fault", "unknown"}
     assert {a["question"] for a in report["answerable"]} == {"accuracy", "noise", "lag", "yaw_drift"}
     text = attlog("info", samples / log)
     assert text.code == 0
@@ -126,8 +126,8 @@ def test_json_is_one_line_for_each_log_with_everything_that_should_be_set(attlog
     told = [json.loads(line) for line in done.out.splitlines()]
     assert [one["log"]["name"] for one in told] == [LOG, "px4_hover.ulg"]
     for one in told:
-        assert list(one) == ["log", "headline", "health", "settings", "findings"]
-        assert [a["question"] for a in one["health"]] == [a.question for a in MADE]
+        assert list(one) == ["log", "headline", "checks", "settings", "findings"]
+        assert [a["question"] for a in one["checks"]] == [a.question for a in MADE]
         assert [s["name"] for s in one["settings"]] == ["COMPASS_OFS_X", "COMPASS_OFS_Y"]
         assert {"kind": "compass", "severity": "warning"}.items() <= one["findings"][0].items()
 
@@ -135,7 +135,7 @@ def test_json_is_one_line_for_each_log_with_everything_that_should_be_set(attlog
 def test_a_log_with_nothing_to_say_of_its_sensors_says_so(attlog, samples, monkeypatch):
     asked(monkeypatch)
     done = attlog("health", samples / LOG, "--json")
-    assert json.loads(done.out)["health"] == json.loads(done.out)["settings"] == []
+    assert json.loads(done.out)["checks"] == json.loads(done.out)["settings"] == []
     assert "No question about a sensor can be answered" in done.err
 
 

@@ -55,7 +55,7 @@ def test_every_number_is_whole_and_no_line_is_wider_than_the_terminal(width: int
 
 def test_a_healthy_log_takes_twenty_lines_of_eighty_columns() -> None:
     result = make_result()
-    result.findings, result.events, result.health = [], [], []
+    result.findings, result.events, result.checks = [], [], []
     result.headline = "Quadrotor, PX4 1.15.4: flew 36 to 140 s, up to 6 m and 23° of tilt, landed. Nothing went wrong."
     found = texts(result_lines(result, "all", 80))
     assert len(found) + len(["report: ..."]) <= 20

@@ -22,7 +22,7 @@ from attlog.compare.diff import (
 )
 from attlog.compare.diff_report import DiffReport, diff_document, diff_lines, diff_markdown, diff_page, entry_line
 from attlog.core.errors import LogUnreadable, LogUnusable, UsageError
-from attlog.health.causes import Finding
+from attlog.health.findings import Finding
 from attlog.metrics.metric import Answer
 from attlog.result import EstimatorRow
 from tests.compare.made import filtered, result, stands

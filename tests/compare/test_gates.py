@@ -404,7 +404,7 @@ def test_only_the_sensors_that_are_named_are_judged():
 
 
 def test_gates_of_sensors_stand_among_the_others_worst_first():
-    result = Result({}, "", {}, {}, health=list(MADE))
+    result = Result({}, "", {}, {}, checks=list(MADE))
     gates = (SensorGate("vibration_level", worst="ok"), SensorGate("compass_offset", (GateLimit("max", 5.0),)))
     found = judge_gates(Gates(health=gates), result)
     assert [o.check for o in found] == ["health.compass_offset max=5", "health.vibration_level verdict=ok"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
@@ -15,8 +16,7 @@ from attlog.core import errors
 from attlog.core.errors import LogUnreadable, UsageError
 from attlog.flight import read
 from attlog.formats import Table
-from attlog.health import compass, gnss
-from attlog.health import imu as gyro
+from attlog.health import registry
 from attlog.metrics import allan, drift, noise
 from attlog.pipeline import evaluation, summary
 from attlog.result import Result
@@ -37,6 +37,12 @@ def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def breaks(part: object, name: str) -> Any:
     return mock.patch.object(part, name, broken)
+
+
+def breaks_checks(*questions: str) -> Any:
+    """Their functions end in a bug."""
+    rows = {question: replace(registry.CHECKS[question], make=broken) for question in questions}
+    return mock.patch.dict(registry.CHECKS, rows)
 
 
 def test_in_tests_a_bug_is_a_bug() -> None:
@@ -92,11 +98,11 @@ def evaluated(case: Any) -> Result:
 def test_a_check_or_a_metric_that_fails_is_missing_and_the_others_are_there(case: Any) -> None:
     whole = evaluated(case)
     assert not [p for p in whole.findings if p.kind == "part_failed"]
-    with breaks(gyro, "gyro_checks"), breaks(drift, "rest_records"), breaks(evaluation, "verdicts"):
+    with breaks_checks("gyro_dead", "gyro_range"), breaks(drift, "rest_records"), breaks(evaluation, "verdicts"):
         result = evaluated(case)
-    assert {c.name: c.verdict for c in result.audit}["gyro"] == "unknown"
-    assert [c for c in result.audit if c.name.startswith("field")] == [
-        c for c in whole.audit if c.name.startswith("field")
+    assert {c.question: c.verdict for c in result.checks}["gyro_dead"] == "unknown"
+    assert [c for c in result.checks if c.question.startswith("field")] == [
+        c for c in whole.checks if c.question.startswith("field")
     ]
     answers = result.estimators[1].metrics["all"]
     assert (answers["drift_rest_deg_per_min"].code, answers["drift_rest_deg_per_min"].value) == ("part_failed", None)
@@ -125,12 +131,7 @@ def test_a_filter_that_ends_in_a_bug_is_a_failed_row(case: Any) -> None:
 def test_a_page_is_written_where_everything_that_may_fail_does(tmp_path: Path) -> None:
     from attlog.pipeline import analyze
 
-    with (
-        breaks(noise, "phase_variances"),
-        breaks(allan, "longest_rest"),
-        breaks(gnss, "gnss_checks"),
-        breaks(compass, "field_checks"),
-    ):
+    with breaks(noise, "phase_variances"), breaks(allan, "longest_rest"), breaks_checks("gnss_quality", "field"):
         result = analyze(LOG, {"estimators": ["mahony"]})
     result.to_html(tmp_path / "x.html")
     assert "please report it" in result.to_json()
@@ -145,7 +146,7 @@ def test_info_goes_on_without_a_reference_and_without_answers() -> None:
 
     def unless_none(*args: Any, **kwargs: Any) -> Any:
         calls.append(args)
-        return choose(*args, **kwargs) if len(args) > 2 else broken()
+        return choose(*args, **kwargs) if args[2].reference == "none" else broken()
 
     with mock.patch.object(inspection.reference, "choose", unless_none), breaks(inspection, "answerable"):
         told = inspection.inspect(LOG)

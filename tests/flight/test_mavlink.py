@@ -19,7 +19,8 @@ from attlog.flight.model import FlightLog
 from attlog.formats import Recording
 from attlog.formats.mavlink.layout import STAMP_COLUMN
 from attlog.formats.table import Messages
-from attlog.health.timing import timing_checks as rate_audit
+from attlog.health.check import HealthCase
+from attlog.health.timing import timing_checks
 from attlog.segments.model import Segments
 from tests.flight import fake
 from tests.flight.fake import messages
@@ -179,7 +180,7 @@ def test_a_rate_is_judged_as_it_is_shown(hz: float, replayed: bool) -> None:
     log = read({("RAW_IMU", ME): raw_imu(300, hz), ("ATTITUDE", ME): attitude(100, 4)})
     assert (log.imu is not None) == replayed
     assert all("10.0 Hz; a replay needs" not in p.text for p in log.problems)
-    rate = next(check for check in rate_audit(log, Segments()) if check.name == "rate")
+    rate = next(check for check in timing_checks(HealthCase(log, Segments())) if check.question == "rate")
     assert (rate.verdict != "fault") == replayed
 
 
@@ -344,10 +345,7 @@ ATTITUDE = told(100 * np.arange(200), time_boot_ms=BOOT_MS, stamp=AHEAD_US + 100
 
 
 def test_whole_milliseconds_that_have_passed_are_half_of_one_more() -> None:
-    assert mavlink.boot_stamps(told([1, 2], time_boot_ms=[7, 4_000_000_000])).tolist() == [
-        7_500,
-        4_000_000_000_500,
-    ]
+    assert mavlink.boot_stamps(told([1, 2], time_boot_ms=[7, 4_000_000_000])).tolist() == [7_500, 4_000_000_000_500]
 
 
 def test_a_message_without_a_clock_is_as_late_as_its_packet_by_the_receiver() -> None:

@@ -18,7 +18,7 @@ from attlog.core.errors import AttlogError, LogUnusable
 from attlog.flight import limits as physics
 from attlog.flight.model import Attitude, FlightLog, Stream
 from attlog.formats.table import Messages
-from attlog.health import answerable, audit
+from attlog.health import HealthCase, answerable, run_checks
 from attlog.metrics.metric import Case
 from attlog.reference import smoother
 from tests.conftest import SAMPLES, few
@@ -93,7 +93,7 @@ def limits(log: FlightLog) -> list[tuple[str, np.ndarray, physics.Quantity]]:
             ("rpm", log.power.rpm, physics.RPM),
             ("rates", log.setpoints.rates, physics.RATE_SETPOINT),
             ("acc bias", log.estimator.acc_bias, physics.ACC_BIAS),
-            ("gyro bias", log.estimator.gyro_bias, physics.GYRO_BIAS),
+            ("gyro_bias", log.estimator.gyro_bias, physics.GYRO_BIAS),
             ("vibration", log.vibration.level, physics.VIBRATION),
         )
         if s is not None
@@ -232,12 +232,12 @@ CHEAP = (
     (COPTER, "accelerometer", "zero"),
 )
 TOLD = (
-    (PX4, "compass", "reversed", "compass axes", "all its axes have the other sign"),
-    (TELEMETRY, "compass", "one axis reversed", "compass axes", "it does with x = -x"),
-    (COPTER, "compass", "swapped", "compass axes", "it does with x = y, y = x"),
-    (COPTER, "gyro", "spiked", "gyro spikes", "jumps 9 times for a single sample"),
-    (PX4, "accelerometer", "reversed", "accelerometer axes", "the accelerometer's axes are wrong"),
-    (COPTER, "accelerometer", "late", "accelerometer delay", "taken 4.5 s later"),
+    (PX4, "compass", "reversed", "compass_axes", "all its axes have the other sign"),
+    (TELEMETRY, "compass", "one axis reversed", "compass_axes", "it does with x = -x"),
+    (COPTER, "compass", "swapped", "compass_axes", "it does with x = y, y = x"),
+    (COPTER, "gyro", "spiked", "gyro_spikes", "jumps 9 times for a single sample"),
+    (PX4, "accelerometer", "reversed", "accelerometer_axes", "the accelerometer's axes are wrong"),
+    (COPTER, "accelerometer", "late", "accelerometer_delay", "taken 4.5 s later"),
 )
 """What the audit says of faults that misled the smoother, or that nobody told of."""
 EVERY = [(log, sensor, fault) for log in SENSOR_LOGS for sensor in AXES for fault in FAULTS]
@@ -287,7 +287,7 @@ def test_a_fault_that_would_mislead_a_smoother_is_told_and_none_is_made(
     name: str, sensor: str, fault: str, check: str, said: str
 ) -> None:
     case = prepared(faulty(opened_for_sensors(name), sensor, fault))
-    told = {c.name: c for c in audit(case.log, case.segments, case.reference)}
+    told = {c.question: c for c in run_checks(HealthCase(case.log, case.segments, case.reference))}
     assert told[check].verdict == "fault"
     assert said in told[check].text
     assert case.reference.kind == "onboard"
@@ -373,7 +373,7 @@ def test_whole_logs_have_no_fault(logs: list[Path], tmp_path: Path) -> None:
     ("document", "says"),
     [
         ({"rate_hz": 250_000.0}, ".rate_hz"),
-        ({"audit": [{"value": 1e34, "unit": "uT"}]}, ".audit[0].value"),
+        ({"checks": [{"value": 1e34, "unit": "uT"}]}, ".checks[0].value"),
         ({"delay_ms": 1e42}, ".delay_ms"),
         ({"place": {"alt_m": -23_889.0}}, ".place.alt_m"),
         ({"segments": [{"t1": 1e12}]}, ".segments[0].t1"),

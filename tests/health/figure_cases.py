@@ -54,7 +54,7 @@ def case(made: FlightLog, sigma_deg: float | None = 1.0, crash: float | None = N
         motion = MotionAttitude(T, attitude(), number, 0 * T, 0 * T + np.radians(sigma_deg), {})
     kinds = [Segment("continuous", 0.0, SECONDS), Segment("armed", 5.0, 95.0), Segment("airborne", *AIR)]
     kinds += [] if crash is None else [Segment("impact", crash, crash + 0.5), Segment("wreck", crash, crash + 10.0)]
-    return HealthCase(made, Segments(kinds), reference, [], lambda: motion)
+    return HealthCase(made, Segments(kinds), reference, lambda: motion)
 
 
 def innovations(ratio: np.ndarray, aid: str = "compass") -> InnovationTest:

@@ -69,4 +69,4 @@ def case(
     reference: Reference | None = None,
 ) -> HealthCase:
     said = None if quality is None else motion(quality)
-    return HealthCase(log, segments or phases(), reference, checks or [], lambda: said)
+    return HealthCase(log, segments or phases(), reference, lambda: said, checks or [])

@@ -10,6 +10,7 @@ from attlog.core import rotation
 from attlog.flight.model import Firmware, FlightLog, Mag, Stream
 from attlog.health.check import HealthCase
 from attlog.health.compass_fit import FieldSamples
+from attlog.segments.model import Segments
 
 EARTH = np.array([20.0, 3.0, 40.0])
 """The earth's field, uT north-east-down."""
@@ -75,4 +76,4 @@ def empty_log() -> FlightLog:
 
 def case_of(log: FlightLog) -> HealthCase:
     """A case that knows of no attitude."""
-    return HealthCase(log, None, None, [], lambda: None)
+    return HealthCase(log, Segments())

@@ -67,4 +67,4 @@ def case(log: FlightLog, delay_ms: float | None = None, sigma_heading_deg: float
     zero = np.zeros(len(t))
     motion = MotionAttitude(t, attitude(t), np.zeros(len(t), np.int64), zero, zero, quality)
     segments = Segments([Segment("airborne", 5.0, SECONDS - 5.0)])
-    return HealthCase(log, segments, None, [], lambda: motion)
+    return HealthCase(log, segments, None, lambda: motion)

@@ -62,4 +62,4 @@ def phases() -> Segments:
 
 
 def case(log: FlightLog) -> HealthCase:
-    return HealthCase(log, phases(), None, [], lambda: None)
+    return HealthCase(log, phases())

@@ -80,8 +80,8 @@ def test_without_a_rest_on_the_ground_nothing_is_offered_along_z(asked: Asked) -
     ("quality", "checks"),
     [
         (told((1.2, 0.0, 0.0)), []),
-        (told((0.3, 0.0, 0.0)), [Check("vibration", "fault", "It shakes.")]),
-        (told((0.3, 0.0, 0.0)), [Check("force axes", "fault", "x and y are exchanged.")]),
+        (told((0.3, 0.0, 0.0)), [Check("vibration_level", "fault", "It shakes.")]),
+        (told((0.3, 0.0, 0.0)), [Check("force_axes", "fault", "x and y are exchanged.")]),
     ],
     ids=["beyond the prior", "vibration", "axes"],
 )

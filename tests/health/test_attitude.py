@@ -13,12 +13,13 @@ from attlog import segments
 from attlog.core import rotation
 from attlog.estimators.evidence import HeadingOffset
 from attlog.flight.model import Clipping, FlightLog, InnovationTest, Problem
-from attlog.health import Check, attitude, audit, sources
+from attlog.health import Check, attitude, sources
 from attlog.health import attitude as against_smoother
 from attlog.health import attitude as gnss_heading
 from attlog.health.attitude import wrong_angle
-from attlog.health.check import Check as check_Check
+from attlog.health.check import HealthCase
 from attlog.health.findings import findings
+from attlog.health.registry import run_checks
 from attlog.reference import Reference, choose, onboard_check
 from attlog.reference.heading_sources import find_wrong_heading
 from attlog.segments.model import Segment, Segments
@@ -29,7 +30,7 @@ from tests.reference.flights import flight
 from tests.reference.test_smoother import made
 from tests.segments.flights import flight as flights_flight
 
-NAME = "onboard against smoother"
+NAME = "onboard_against_smoother"
 
 
 def off(log: FlightLog, vector_deg: tuple[float, float, float], t0: float, t1: float) -> FlightLog:
@@ -46,7 +47,7 @@ def judged(log: FlightLog, **sigma: float) -> tuple[Check, Reference]:
     phases = segments.build(log)
     phases.segments.append(Segment("airborne", 22.0, 60.0))  # or a jump at 30 s would be its own alignment
     reference = choose(log, phases, smooth=lambda: made(**sigma))
-    return next(c for c in audit(log, phases, reference) if c.name == NAME), reference
+    return next(c for c in run_checks(HealthCase(log, phases, reference)) if c.question == NAME), reference
 
 
 def test_an_attitude_that_agrees_is_good_and_told_in_sigmas() -> None:
@@ -97,7 +98,7 @@ def test_a_heading_of_which_the_smoother_is_not_sure_judges_nobody() -> None:
 def test_nothing_is_judged_where_the_smoother_is_no_reference() -> None:
     log = flight()
     phases = segments.build(log)
-    assert all(c.name != NAME for c in audit(log, phases, choose(log, phases)))
+    assert all(c.question != NAME for c in run_checks(HealthCase(log, phases, choose(log, phases))))
 
 
 def test_it_stands_in_the_list_of_what_is_wrong_and_takes_the_place_of_what_follows_from_it() -> None:
@@ -105,8 +106,8 @@ def test_it_stands_in_the_list_of_what_is_wrong_and_takes_the_place_of_what_foll
     log = off(flight(), (18.0, 0.0, 0.0), 0.0, 60.0)
     phases = segments.build(log)
     reference = choose(log, phases, smooth=made)
-    checks = audit(log, phases, reference)
-    assert {c.name for c in checks if c.verdict == "fault"} >= {NAME, "gravity direction"}
+    checks = run_checks(HealthCase(log, phases, reference))
+    assert {c.question for c in checks if c.verdict == "fault"} >= {NAME, "gravity_direction"}
     told = findings(log, checks)
     first = next(f for f in told if f.kind == "attitude")
     assert first.severity == "serious"
@@ -133,13 +134,15 @@ def test_truth_judges_the_attitude_that_flew_without_sigmas() -> None:
     log.truth = flight().attitudes["ATT"]
     phases = segments.build(log)
     phases.segments.append(Segment("airborne", 22.0, 60.0))
-    checks = audit(log, phases, choose(log, phases))
-    check = next(c for c in checks if c.name == "onboard against truth")
+    checks = run_checks(HealthCase(log, phases, choose(log, phases)))
+    check = next(c for c in checks if c.question == "onboard_against_truth")
     assert (check.verdict, check.value) == ("fault", 60.0)
     assert check.text == "The onboard attitude was wrong: heading 60.0 deg off from 30 s to 50 s."
     assert "attitude" in {f.kind for f in findings(log, checks)}
     log.attitudes["ATT"] = flight().attitudes["ATT"]
-    check = next(c for c in audit(log, phases, choose(log, phases)) if c.name == "onboard against truth")
+    check = next(
+        c for c in run_checks(HealthCase(log, phases, choose(log, phases))) if c.question == "onboard_against_truth"
+    )
     assert (check.verdict, check.text) == ("ok", "ATT differs from the truth by tilt 0.0 deg, heading 0.0 deg.")
 
 
@@ -148,12 +151,12 @@ def test_a_smoother_whose_sensors_failed_a_check_accuses_nobody() -> None:
     phases = segments.build(log)
     phases.segments.append(Segment("airborne", 22.0, 60.0))
     reference = choose(log, phases, smooth=lambda: made(tilt=0.3))
-    spikes = Check("gyro spikes", "fault", "The gyro jumps.")
-    (check,) = against_smoother.smoother_checks(log, phases, reference, [spikes])
+    spikes = Check("gyro_spikes", "fault", "The gyro jumps.")
+    (check,) = against_smoother.smoother_checks(HealthCase(log, phases, reference, found=[spikes]))
     assert check.verdict == "unknown"
     assert "Who is wrong is open: `gyro spikes` failed." in check.text
-    constant = Check("gyro bias", "warning", "The gyro reads 1.2 deg/s.")
-    (check,) = against_smoother.smoother_checks(log, phases, reference, [constant])
+    constant = Check("gyro_bias", "warning", "The gyro reads 1.2 deg/s.")
+    (check,) = against_smoother.smoother_checks(HealthCase(log, phases, reference, found=[constant]))
     assert check.verdict == "fault"  # a smoother finds a constant bias
 
 
@@ -193,8 +196,8 @@ def test_a_smoother_that_gravity_refutes_elsewhere_accuses_of_no_tilt_in_flight(
 
 # Which angle of the onboard attitude the checks prove wrong.
 
-GNSS = check_Check("heading by GNSS", "fault", "", 26.5, "deg", t=11.0, t_end=102.0)
-SMOOTHER = check_Check("onboard against smoother", "fault", "", 7.2, "deg", t=30.0, t_end=40.0, about="tilt")
+GNSS = Check("heading_by_gnss", "fault", "", 26.5, "deg", t=11.0, t_end=102.0)
+SMOOTHER = Check("onboard_against_smoother", "fault", "", 7.2, "deg", t=30.0, t_end=40.0, about="tilt")
 
 
 def test_gnss_acceleration_which_assumes_least_is_taken_before_the_smoother():
@@ -203,14 +206,14 @@ def test_gnss_acceleration_which_assumes_least_is_taken_before_the_smoother():
 
 
 def test_a_warning_or_a_check_of_something_else_proves_nothing():
-    warning = check_Check("heading by GNSS", "warning", "", 10.0, "deg", t=11.0)
-    assert wrong_angle([warning, check_Check("field", "fault", "", 80.0, "uT", t=1.0)]) is None
+    warning = Check("heading_by_gnss", "warning", "", 10.0, "deg", t=11.0)
+    assert wrong_angle([warning, Check("field", "fault", "", 80.0, "uT", t=1.0)]) is None
 
 
 @pytest.mark.slow
 def test_the_headline_and_the_finding_give_the_same_degrees(corpus):
     result = attlog.analyze(corpus / "logs" / "cases" / "copter_heading_28deg_off.BIN", {"estimators": ["gyro"]})
-    size = next(check.value for check in result.audit if check.name == "heading by GNSS")
+    size = next(check.value for check in result.checks if check.question == "heading_by_gnss")
     assert f"Heading was {size:.0f}° wrong throughout" in result.headline
     assert f"{size:.0f}" in result.findings[0].text
 
@@ -221,7 +224,7 @@ LOSS = Segment("loss_of_control", 41.7, 42.0, "tilt of 159 deg, and 0.3 s later 
 
 
 def said(*found: Segment) -> str:
-    (check,) = attitude.crash_checks(flights_flight(), Segments(list(found)))
+    (check,) = attitude.crash_checks(HealthCase(flights_flight(), Segments(list(found))))
     return " ".join([check.text, *check.evidence])
 
 
@@ -250,8 +253,8 @@ def test_an_impact_of_a_later_flight_is_told_beside_the_loss() -> None:
 def test_a_flight_without_a_crash_is_good_only_where_samples_could_show_one() -> None:
     flown = Segments([Segment("airborne", 35.0, 75.0)])
     (fast,), (slow,) = (
-        attitude.crash_checks(flights_flight(200.0), flown),
-        attitude.crash_checks(flights_flight(25.0), flown),
+        attitude.crash_checks(HealthCase(flights_flight(200.0), flown)),
+        attitude.crash_checks(HealthCase(flights_flight(25.0), flown)),
     )
     assert (fast.verdict, slow.verdict) == ("ok", "unknown")
     assert "IMU at 25 Hz" in slow.text
@@ -270,7 +273,7 @@ def turned(off_deg: float, t0: float = -np.inf) -> FlightLog:
 
 
 def checked(log: FlightLog) -> Check:
-    (check,) = gnss_heading.gnss_heading_checks(log, segments.build(log))
+    (check,) = gnss_heading.gnss_heading_checks(HealthCase(log, segments.build(log)))
     return check
 
 
@@ -320,7 +323,7 @@ def test_heading_and_field_are_one_entry_with_one_action() -> None:
     log = deepcopy(good("px4_steps.ulg"))
     log.problems = []
     field = Check("field", "warning", "The field is too small.")
-    second = Check("second source", "fault", "Another heading differs.", about="heading")
+    second = Check("second_source", "fault", "Another heading differs.", about="heading")
     found = findings(log, [field, second, checked(turned(40.0))])
     (one,) = [f for f in found if f.is_trouble]
     assert (one.kind, one.severity) == ("compass", "serious")
@@ -357,7 +360,7 @@ def test_a_second_source_that_differs_is_not_left_open_where_gnss_tells() -> Non
     assert flew is not None
     log.attitudes["second"] = replace(flew, q=rotation.turn_about_down(flew.q, np.full(len(flew.t), np.radians(-40.0))))
     phases = segments.build(log)
-    (check,) = sources.source_checks(log, phases, choose(log, phases))
+    (check,) = sources.source_checks(HealthCase(log, phases, choose(log, phases)))
     assert check.text.endswith(f"; GNSS acceleration contradicts {log.onboard}.")
 
 

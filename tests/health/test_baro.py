@@ -7,11 +7,11 @@ import pytest
 
 from attlog.flight.model import InnovationTest, Stream
 from attlog.health import baro
-from attlog.health.check import Assessment
+from attlog.health.check import Check
 from tests.health.made_flight import SECONDS, case, flight
 
 
-def told(noise_m: float, repeat: int = 1, **params: float) -> Assessment:
+def told(noise_m: float, repeat: int = 1, **params: float) -> Check:
     log = flight(firmware="ArduPilot", params=params)
     t = np.arange(0.0, SECONDS, 0.1)
     x = 3.0 * t + np.random.default_rng(4).normal(0.0, noise_m, len(t))

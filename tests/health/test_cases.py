@@ -10,7 +10,7 @@ import pytest
 import attlog
 from attlog import formats
 from attlog.core.errors import LogUnusable
-from attlog.health.causes import SEVERITY_ORDER, Finding
+from attlog.health.findings import SEVERITY_ORDER, Finding
 from attlog.result import Result
 from tests.conftest import corpus_root
 
@@ -116,7 +116,7 @@ def test_filters_are_not_called_diverged_where_the_onboard_attitude_is_the_wrong
     first = judged.findings[0]
     assert (first.kind, first.severity) == ("attitude", "serious")
     assert "The onboard attitude was wrong: tilt 2" in first.text
-    check = next(c for c in judged.audit if c.name == "onboard against smoother")
+    check = next(c for c in judged.checks if c.question == "onboard_against_smoother")
     assert check.value == pytest.approx(28, abs=4)
     assert not {"compass", "accelerometer"} & set(said(name))
 
@@ -166,9 +166,9 @@ def test_the_list_is_sorted_complete_and_free_of_doubles(name: str) -> None:
     assert all(p.text.endswith((".", "?")) and p.severity in SEVERITY_ORDER for p in problems)
     texts = " ".join(words(p) for p in problems)
     left_out = {"rate", "crash"}  # told by what the autopilot or the events say of the same
-    for check in result(name).audit:
-        if check.verdict in ("warning", "fault") and not check.name.startswith(("magnetometer", "gaps")):
-            assert check.name in left_out or check.text in texts, check.name
+    for check in result(name).checks:
+        if check.verdict in ("warning", "fault") and not check.question.startswith(("magnetometer", "gaps")):
+            assert check.question in left_out or check.text in texts, check.question
 
 
 @pytest.mark.slow
@@ -189,7 +189,7 @@ def test_a_vehicle_that_stands_still_is_not_accused_by_a_smoother_that_gravity_r
 @pytest.mark.slow
 def test_vibration_of_motors_before_take_off_is_no_tilt() -> None:
     """px4_1.14_hard_landing: 0.09 deg before flight, 0.3 after; the median of single samples was 4.4."""
-    check = next(c for c in result("px4_1.14_hard_landing.ulg").audit if c.name == "gravity direction")
+    check = next(c for c in result("px4_1.14_hard_landing.ulg").checks if c.question == "gravity_direction")
     assert check.verdict == "ok"
     assert check.value < 1.0
 
@@ -208,11 +208,11 @@ def test_another_compass_that_reads_the_earths_field_is_to_be_calibrated_and_use
 def test_a_heading_that_motors_turn_is_one_finding_with_what_a_compensation_would_bring() -> None:
     """copter_heading_28deg_off: at 72 A each compass reads another constant offset than on the ground."""
     flown = result("copter_heading_28deg_off.BIN")
-    check = next(c for c in flown.audit if c.name == "field against motors")
+    check = next(c for c in flown.checks if c.question == "compass_motors")
     assert (check.verdict, check.about) == ("fault", "compass_motors")
     assert "more in x, y, z than on the ground" in check.text
     (found,) = [f for f in flown.findings if f.kind in ("compass", "estimator")]
-    assert (found.severity, found.about) == ("serious", "heading by GNSS")
+    assert (found.severity, found.about) == ("serious", "heading_by_gnss")
     assert "Currents of motors" in found.cause
     assert "Reboot and fly once." in found.action
     assert "MAG:2 would err by 2 deg instead of 31. Then use MAG:2." in found.action

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import health
+from attlog.core.plain import to_plain
+from attlog.health import compass_fit, registry
 from attlog.health.check import (
-    TOPICS,
     HealthCase,
     Setting,
     agreed_settings,
@@ -21,8 +21,9 @@ from attlog.health.check import (
     number_text,
     settings_sentence,
 )
-from attlog.health.registry import assess
+from attlog.health.registry import CHECKS, run_checks
 from attlog.pipeline.evaluation import health as evaluation_health
+from attlog.pipeline.inspection import inspect
 from attlog.segments.model import Segments
 from tests.conftest import SAMPLES
 from tests.health.made import MADE, OFFSET, REFUSED, asked
@@ -55,9 +56,9 @@ def test_what_to_set_as_a_sentence() -> None:
     assert settings_sentence([]) == ""
 
 
-def test_every_question_has_words_and_a_kind_of_finding() -> None:
-    assert all(topic.title and topic.finding for topic in TOPICS.values())
-    titles = [topic.title for topic in TOPICS.values()]
+def test_every_check_has_a_title_of_its_own_and_a_kind_of_finding() -> None:
+    assert all(row.title and row.kind for row in CHECKS.values())
+    titles = [row.title for row in CHECKS.values()]
     assert len(set(titles)) == len(titles)
 
 
@@ -76,15 +77,14 @@ def by(heading: str) -> Any:
     return SimpleNamespace(heading_by=heading)
 
 
-def test_a_compass_is_judged_by_a_heading_of_the_references_own_or_by_none() -> None:
-    own, other = by("own"), by("own")
-    assert health._heading_reference(own, other) is own
-    assert health._heading_reference(by("onboard"), other) is other
-    assert health._heading_reference(None, other) is other
-    assert health._heading_reference(by("onboard"), by("onboard")) is None
-    assert health._heading_reference(None, by("onboard")) is None
-    assert health._heading_reference(own, None) is own
-    assert health._heading_reference(None, None) is None
+@pytest.mark.parametrize(
+    ("reference", "rates", "judge"),
+    [("own", "own", 0), ("onboard", "own", 1), (None, "own", 1), ("onboard", "onboard", None), (None, None, None)],
+)
+def test_a_compass_is_judged_by_a_heading_of_its_own_or_by_none(reference, rates, judge) -> None:
+    pair = [None if x is None else by(x) for x in (reference, rates)]
+    case: Any = SimpleNamespace(reference=pair[0], rates=pair[1])
+    assert compass_fit._heading_reference(case) is (None if judge is None else pair[judge])
 
 
 # A reason becomes a sentence; a name from the log is not respelled.
@@ -105,62 +105,61 @@ def test_a_reason_becomes_a_sentence_and_a_name_from_the_log_stays(reason, sente
 
 # Questions about the sensors of real logs: ids that tables and gates know, and what a bug in one leaves.
 
-QUESTIONS = "attlog.health.registry.QUESTIONS"
-
 LOGS = ("px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("log", LOGS)
-def test_assessments_of_every_log_have_known_ids(log: str) -> None:
-    found = evaluation_health(SAMPLES / log).health
-    assert {a.question for a in found} <= set(TOPICS), "an id needs its line in topics.py"
-    assert all(a.text.strip().endswith(".") for a in found)
+def test_checks_of_every_log_have_a_row_and_a_sentence(log: str) -> None:
+    found = evaluation_health(SAMPLES / log).checks
+    assert {check.question for check in found} <= set(CHECKS)
+    assert all(check.text.strip().endswith(".") for check in found)
 
 
-def test_a_log_that_cannot_be_replayed_is_assessed_with_its_segments(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_that_cannot_be_replayed_is_checked_with_its_segments(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[HealthCase] = []
-    asked(monkeypatch)
-    monkeypatch.setattr(QUESTIONS, {"made": lambda case: seen.append(case) or MADE})
+    asked(monkeypatch, *MADE, seen=seen)
     log = attlog.read(SAMPLES / "copter_steps_stabilize.tlog")
     log.imu = None
     found = evaluation_health(log)
-    (case,) = seen
-    assert case.segments.spans("airborne")
-    assert (case.reference, case.motion) == (None, None)
-    assert found.health == MADE
+    assert seen[0].segments.spans("airborne")
+    assert (seen[0].reference, seen[0].motion) == (None, None)
+    assert found.checks == sorted(MADE, key=lambda check: [*CHECKS].index(check.question))
     assert [(f.kind, f.action) for f in found.findings if f.kind == "compass"] == [
         ("compass", "Set COMPASS_OFS_X 145, COMPASS_OFS_Y -20.25.")
     ]
 
 
 @pytest.mark.slow
-def test_health_and_analyze_say_the_same_of_the_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked(monkeypatch, OFFSET)
+def test_info_health_and_analyze_name_the_same_checks(monkeypatch: pytest.MonkeyPatch) -> None:
     quick = evaluation_health(SAMPLES / "px4_hover.ulg")
     whole = attlog.analyze(SAMPLES / "px4_hover.ulg", {"estimators": ["gyro"]})
-    assert quick.health == whole.health == [OFFSET]
+    looked = inspect(SAMPLES / "px4_hover.ulg")
+    assert quick.checks == whole.checks
+    assert looked["checks"] == to_plain(quick.checks)
     assert [f for f in quick.findings if f.is_trouble] == [f for f in whole.findings if f.is_trouble]
-    assert (quick.headline, quick.events, quick.audit) == (whole.headline, whole.events, whole.audit)
+    assert looked["findings"] == to_plain(quick.findings)
+    assert looked["headline"] == quick.headline == whole.headline
     assert quick.estimators == []
 
 
-def test_a_question_that_ends_in_a_bug_is_unknown_and_costs_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(QUESTIONS, {"gyro bias": lambda case: 1 // 0, "made": lambda case: [OFFSET]})
+def test_a_check_that_ends_in_a_bug_is_unknown_and_costs_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked(monkeypatch, OFFSET)
+    monkeypatch.setitem(registry.CHECKS, "gyro_bias", replace(registry.CHECKS["gyro_bias"], make=lambda case: 1 // 0))
     monkeypatch.delenv("ATTLOG_RAISE")
-    case = HealthCase(attlog.read(SAMPLES / "px4_hover.ulg"), Segments(), None, [], lambda: None)
-    found = assess(case)
-    assert [(a.question, a.verdict) for a in found] == [("gyro_bias", "unknown"), ("compass_offset", "warning")]
+    found = run_checks(HealthCase(attlog.read(SAMPLES / "px4_hover.ulg"), Segments()))
+    assert [(c.question, c.verdict, c.about) for c in found] == [
+        ("gyro_bias", "unknown", "part_failed"),
+        ("compass_offset", "warning", ""),
+    ]
 
 
-def test_numbers_that_are_none_reach_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_that_are_none_go(monkeypatch: pytest.MonkeyPatch) -> None:
     nan = float("nan")
     broken = replace(OFFSET, value=nan, vector=[1.0, nan, 0.0], settings=[*OFFSET.settings, Setting("Z", 0.0, nan)])
     half = replace(OFFSET, ci95=(nan, 1.0), vector_ci95=[nan, 1.0, 1.0])
     asked(monkeypatch, broken, half, OFFSET)
-    first, second, third = assess(
-        HealthCase(attlog.read(SAMPLES / "px4_hover.ulg"), Segments(), None, [], lambda: None)
-    )
+    first, second, third = run_checks(HealthCase(attlog.read(SAMPLES / "px4_hover.ulg"), Segments()))
     assert (first.value, first.ci95, first.vector, first.vector_ci95, first.settings) == (None, None, [], [], [])
     assert (second.value, second.ci95, second.vector, second.vector_ci95) == (24.0, None, OFFSET.vector, [])
     assert third == OFFSET

@@ -83,7 +83,7 @@ def gathered(
     q = np.tile([np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0], (len(t), 1))
     sigma = np.radians(np.full(len(t), sigma_deg))
     motion = MotionAttitude(t, q, np.zeros(len(t), np.int64), sigma, sigma, {})
-    case = HealthCase(log, flown(), None, [], lambda: motion)
+    case = HealthCase(log, flown(), None, lambda: motion)
     mag = Mag(0, Stream(t, np.tile(1e-6 * EARTH, (len(t), 1)), "T", "FRD", "MAG.0"))
     mag.field.x[500] = np.nan
     return gathering.field_samples(case, mag, motion, Model())  # type: ignore[arg-type]
@@ -121,11 +121,13 @@ T = np.arange(0.0, 100.0, 0.1)
 def judged(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A case in which everything speaks for an attitude by motion."""
     monkeypatch.setattr(compass_fit, "compass_flight_spans", lambda segments: segments.flown)
-    monkeypatch.setattr(compass_fit.declination, "model", lambda log: log.model)
+    monkeypatch.setattr(compass_fit.alignment, "earth_field", lambda log: log.model)
     monkeypatch.setattr(compass_fit, "horizontal_acceleration", lambda log, told, case: log.moved)
     told = SimpleNamespace(t=T, sigma_heading=np.full(len(T), 0.05), quality={})
     return SimpleNamespace(
-        segments=SimpleNamespace(flown=[(20.0, 80.0)]), log=SimpleNamespace(model=1, moved=9.9), motion=told
+        segments=SimpleNamespace(flown=[(20.0, 80.0)]),
+        log=SimpleNamespace(model=1, moved=9.9, replay_imu=1),
+        motion=told,
     )
 
 
@@ -149,7 +151,7 @@ def test_each_reason_is_told_in_its_turn(judged: Any) -> None:
     assert "no position" in compass_fit.reason_no_heading(judged)
     judged.segments.flown = []
     assert "no flight" in compass_fit.reason_no_heading(judged)
-    judged.segments = None
+    judged.log.replay_imu = None
     assert "No inertial unit" in compass_fit.reason_no_heading(judged)
 
 

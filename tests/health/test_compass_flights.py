@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from attlog import flight, reference, segments
-from attlog.health import compass, compass_fit
-from attlog.health.check import Assessment, HealthCase, MotionAttitude, unknown
-from attlog.health.registry import assess
+from attlog.health import compass, compass_fit, figures
+from attlog.health.check import Check, HealthCase, MotionAttitude, unknown
+from attlog.health.registry import run_checks
 from attlog.metrics.metric import Case
 from attlog.pipeline.config import Config
 from attlog.pipeline.evaluation import motion_attitude
@@ -37,17 +37,17 @@ def flown(name: str) -> tuple[Segments, MotionAttitude]:
 
 def case(name: str) -> HealthCase:
     phases, found = flown(name)
-    return HealthCase(deepcopy(flight.read(SAMPLES / name)), phases, None, [], lambda: found)
+    return HealthCase(deepcopy(flight.read(SAMPLES / name)), phases, None, lambda: found)
 
 
-def named(found: list[Assessment], question: str) -> Assessment:
+def named(found: list[Check], question: str) -> Check:
     return next(a for a in found if a.question == question)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_an_untouched_flight_gets_no_offer(name: str) -> None:
-    found = compass.compass_assessments(case(name))
+    found = compass.compass_checks(case(name))
     assert {a.verdict for a in found} <= {"ok", "unknown"}
     assert not [a for a in found if a.settings]
 
@@ -57,14 +57,14 @@ def test_an_untouched_flight_gets_no_offer(name: str) -> None:
 @pytest.mark.parametrize("planted", [(10.0, 0.0, 0.0), (-7.0, 7.0, 0.0), (0.0, -15.0, 12.0)])
 def test_a_planted_offset_is_found_inside_its_interval(name: str, planted: tuple[float, float, float]) -> None:
     asked = case(name)
-    before = np.array(named(compass.compass_assessments(asked), "compass_offset").vector)
+    before = np.array(named(compass.compass_checks(asked), "compass_offset").vector)
     for mag in asked.log.mags:
         mag.field.x = mag.field.x + 1e-6 * np.array(planted)
-    found = named(compass.compass_assessments(asked), "compass_offset")
+    found = named(compass.compass_checks(asked), "compass_offset")
     assert found.verdict in ("warning", "fault")
     assert np.array(found.vector) - before == pytest.approx(planted, abs=0.1)
     assert np.all(np.abs(np.array(found.vector) - planted) < found.vector_ci95)
-    (history, *_) = compass.field_against_expected(asked)
+    (history, *_) = figures.field_against_expected(asked)
     assert history.corrected is not None
     left = np.nanmedian(history.corrected - history.expected, axis=0)
     assert left == pytest.approx(np.zeros(3), abs=1.5)
@@ -73,7 +73,7 @@ def test_a_planted_offset_is_found_inside_its_interval(name: str, planted: tuple
 @pytest.mark.slow
 def test_figures_hold_what_flew_in_few_points() -> None:
     asked = case(FLIGHTS[1])
-    (history, *_) = compass.field_against_expected(asked)
+    (history, *_) = figures.field_against_expected(asked)
     assert len(history.t) <= 1500
     assert history.measured.shape == history.expected.shape == (len(history.t), 3)
     assert history.by == "motion"
@@ -81,7 +81,7 @@ def test_figures_hold_what_flew_in_few_points() -> None:
     known = np.isfinite(history.expected[:, 0])
     assert known.mean() > 0.9
     assert np.median(np.abs(history.measured - history.expected)[known]) < 1.0
-    (bent, *_) = compass.interference_points(asked)
+    (bent, *_) = figures.interference_points(asked)
     assert bent.kind == "current"
     assert len(bent.power) == len(bent.excess) <= 1500
     assert abs(np.median(bent.excess)) < 2.0
@@ -94,11 +94,11 @@ def test_why_no_attitude_judges_is_said_with_what_would_help() -> None:
     assert compass_fit.reason_no_heading(asked) == ""
     phases, found = flown(FLIGHTS[0])
     contradicted = replace(found, sigma_heading=np.full(len(found.t), np.pi), quality={"heading_why": "it jumps"})
-    assert compass_fit.reason_no_heading(HealthCase(asked.log, phases, None, [], lambda: contradicted)).endswith(
+    assert compass_fit.reason_no_heading(HealthCase(asked.log, phases, None, lambda: contradicted)).endswith(
         "it jumps."
     )
-    assert "GNSS velocity" in compass_fit.reason_no_heading(HealthCase(asked.log, phases, None, [], lambda: None))
-    assert "no flight" in compass_fit.reason_no_heading(HealthCase(asked.log, Segments(), None, [], lambda: found))
+    assert "GNSS velocity" in compass_fit.reason_no_heading(HealthCase(asked.log, phases))
+    assert "no flight" in compass_fit.reason_no_heading(HealthCase(asked.log, Segments(), None, lambda: found))
     for receiver in asked.log.gnss:
         receiver.vel_ned[:] = 0.0
     assert "shows no heading" in compass_fit.reason_no_heading(asked)
@@ -115,21 +115,21 @@ def test_noise_of_gnss_is_no_acceleration() -> None:
     imu = asked.log.replay_imu
     assert imu is not None
     level = replace(found, q=np.tile([1.0, 0.0, 0.0, 0.0], (len(found.t), 1)))
-    still = HealthCase(asked.log, phases, None, [], lambda: level)
+    still = HealthCase(asked.log, phases, None, lambda: level)
     imu.acc.x[:] = [0.0, 0.0, -9.81]
     assert compass_fit.horizontal_acceleration(asked.log, level, still) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_what_is_unknown_of_every_compass_is_said_once() -> None:
-    why = [unknown(f"MAG.{k}", "soft_iron", "The flight does not turn.") for k in range(2)]
+    why = [unknown("soft_iron", "The flight does not turn.", sensor=f"MAG.{k}") for k in range(2)]
     assert [a.sensor for a in compass.without_repeats([*why, replace(why[0], verdict="ok")])] == ["MAG.0", "MAG.0"]
 
 
 def test_a_log_without_compass_or_anything_else_is_silent_or_unknown() -> None:
     log = empty_log()
-    assert compass.compass_assessments(case_of(log)) == []
-    assert compass.field_against_expected(case_of(log)) == []
-    assert compass.interference_points(case_of(log)) == []
+    assert compass.compass_checks(case_of(log)) == []
+    assert figures.field_against_expected(case_of(log)) == []
+    assert figures.interference_points(case_of(log)) == []
 
 
 @pytest.mark.slow
@@ -144,7 +144,7 @@ def test_damaged_compasses_raise_nothing(damage: str) -> None:
             mag.field.x[:] = np.nan
         if damage == "still":
             mag.field.x[:] = [2e-5, 0.0, 4e-5]
-    found = assess(asked)
+    found = run_checks(asked)
     assert not [a for a in found if a.question.startswith("compass") and a.verdict != "unknown"]
-    compass.field_against_expected(asked)
-    compass.interference_points(asked)
+    figures.field_against_expected(asked)
+    figures.interference_points(asked)

@@ -12,9 +12,10 @@ from attlog.core import rotation
 from attlog.flight.aiding import DelayParameter
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
 from attlog.health import delays
-from attlog.health.check import Assessment, Check
+from attlog.health.check import Check, HealthCase
 from attlog.health.delays import DelayFit
 from attlog.reference import alignment
+from attlog.segments.model import Segments
 from tests.health.made_flight import EARTH_UT, RATE, SECONDS, attitude, case, flight
 from tests.reference.flights import ardupilot
 from tests.reference.flights import flight as flights_flight
@@ -118,8 +119,8 @@ def test_force_that_a_filter_makes_late_is_not_taken_for_an_early_receiver() -> 
 def test_a_gyro_may_be_as_late_as_its_low_pass_makes_it(late_ms: float, verdict: str) -> None:
     """At 20 Hz that is 11.3 ms: 8 ms more or less are another clock's, 24 ms more a wrong one's."""
     log = ardupilot(flights_flight(truth_hz=50.0, gyro_late=1e-3 * late_ms), INS_GYRO_FILTER=20.0)
-    _, check = delays.imu_delay_checks(log, chosen(log))
-    assert (check.name, check.verdict) == (delays.IMU_DELAY, verdict)
+    _, check = delays.imu_delay_checks(HealthCase(log, Segments(), chosen(log)))
+    assert (check.question, check.verdict) == ("imu_delay", verdict)
     assert check.value == pytest.approx(late_ms, abs=0.5)
 
 
@@ -139,8 +140,8 @@ def checks(
     log: Any = SimpleNamespace(imus=[Imu(0, gyro, gyro, filtered=filtered)], imu=0)
     reference: Any = SimpleNamespace(kind=kind, source="TRUTH")
     seen = None if late_ms is None else (1e-3 * late_ms, 1e-3 * sigma_ms)
-    monkeypatch.setattr(delays.delay, "measured", lambda imu, reference: seen)
-    own, unexplained = delays.imu_delay_checks(log, reference)
+    monkeypatch.setattr(delays.alignment, "gyro_delay", lambda imu, reference: seen)
+    own, unexplained = delays.imu_delay_checks(HealthCase(log, Segments(), reference))
     return own, unexplained
 
 
@@ -206,7 +207,7 @@ def test_a_filter_of_more_than_six_milliseconds_is_a_warning_and_none_is_told_as
 # A late receiver is offered its delay where both limits are passed, and nothing else is offered anything.
 
 
-def gnss_delay_of(log: FlightLog, delay_ms: float | None = None) -> Assessment:
+def gnss_delay_of(log: FlightLog, delay_ms: float | None = None) -> Check:
     (one,) = delays.gnss_delays(case(log, delay_ms))
     return one
 
@@ -290,17 +291,19 @@ def test_broken_receivers_raise_nothing() -> None:
 # A late compass is found against an attitude, and offered only where a parameter is off by both limits.
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def known_field(monkeypatch: pytest.MonkeyPatch) -> None:
     """The earth's field is that of the made flight."""
 
     class Known:
         ned_t = tuple(1e-6 * EARTH_UT)
+        declination_deg = 0.0
+        strength_t = 5e-5
 
     monkeypatch.setattr(alignment, "earth_field", lambda log: Known())
 
 
-def compass_delay_of(late_s: float, firmware: str = "PX4", noise_ut: float = 0.3, **params: float) -> Assessment:
+def compass_delay_of(late_s: float, firmware: str = "PX4", noise_ut: float = 0.3, **params: float) -> Check:
     log = flight(firmware=firmware, params=params)
     t = np.arange(0.0, SECONDS, 0.1)
     field = rotation.rotate_inverse(attitude(t - late_s), np.tile(EARTH_UT, (len(t), 1)))
@@ -310,22 +313,26 @@ def compass_delay_of(late_s: float, firmware: str = "PX4", noise_ut: float = 0.3
     return one
 
 
+@pytest.mark.usefixtures("known_field")
 def test_a_compass_on_time_is_ok() -> None:
     one = compass_delay_of(0.0, EKF2_MAG_DELAY=0.0)
     assert (one.verdict, one.settings) == ("ok", [])
     assert one.value == pytest.approx(0.0, abs=6.0)
 
 
+@pytest.mark.usefixtures("known_field")
 def test_a_late_one_is_offered_its_delay() -> None:
     one = compass_delay_of(0.06, EKF2_MAG_DELAY=0.0)
     (setting,) = one.settings
     assert (one.verdict, setting.name, setting.old, setting.new) == ("warning", "EKF2_MAG_DELAY", 0.0, 60.0)
 
 
+@pytest.mark.usefixtures("known_field")
 def test_15_ms_are_not_offered() -> None:
     assert compass_delay_of(0.015, EKF2_MAG_DELAY=0.0).settings == []
 
 
+@pytest.mark.usefixtures("known_field")
 @pytest.mark.parametrize(("late_s", "verdict"), [(0.0, "ok"), (0.05, "ok"), (0.12, "warning")])
 def test_where_no_parameter_sets_it_words_say_so(late_s: float, verdict: str) -> None:
     one = compass_delay_of(late_s, "ArduPilot")
@@ -333,17 +340,9 @@ def test_where_no_parameter_sets_it_words_say_so(late_s: float, verdict: str) ->
     assert "the EKF takes 60 ms" in one.text
 
 
+@pytest.mark.usefixtures("known_field")
 def test_a_disturbed_field_tells_nothing() -> None:
     assert compass_delay_of(0.06, noise_ut=30.0, EKF2_MAG_DELAY=0.0).verdict == "unknown"
-
-
-def test_the_delay_of_the_imu_is_the_audits() -> None:
-    asked = case(flight())
-    assert delays.imu_delay(asked) == []
-    asked.checks = [Check("imu delay", "fault", "IMU comes 25 ms later.", 25.0, "ms")]
-    (one,) = delays.imu_delay(asked)
-    assert (one.verdict, one.value, one.settings) == ("fault", 25.0, [])
-    assert one.why_no_setting
 
 
 def fitted(late_ms: float, sigma_ms: float = 2.0, apart_ms: float = 0.0, **more: float) -> DelayFit:

@@ -15,7 +15,7 @@ from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, Mag, Stream
 from attlog.health import compass as magnetometer
 from attlog.health import compass_fit
-from attlog.health.check import Check
+from attlog.health.check import Check, HealthCase
 from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES
 from tests.flight.made_log import with_fields
@@ -81,7 +81,7 @@ def test_a_dead_compass_of_a_record_with_an_imu_is_told_apart_from_the_imu():
     log.mags[0].field.x[:] = 0.0
     for source, said in (("MAG:0", "MAG:0"), (log.imus[0].gyro.source, f"The compass of {log.imus[0].gyro.source}")):
         log.mags[0].field.source = source
-        (dead, _) = magnetometer.field_checks(log, Segments([], {}))
+        (dead, _) = magnetometer.field_checks(HealthCase(log, Segments([], {})))
         assert dead.text == f"{said}: all its values are zero."
 
 
@@ -89,8 +89,8 @@ def test_a_dead_compass_of_a_record_with_an_imu_is_told_apart_from_the_imu():
 
 
 def direction(log: FlightLog) -> Check:
-    found = magnetometer.field_checks(log, segments.build(log))
-    return next(c for c in found if c.name == "field against attitude")
+    found = magnetometer.field_checks(HealthCase(log, segments.build(log)))
+    return next(c for c in found if c.question == "field_against_attitude")
 
 
 def px4() -> FlightLog:
@@ -157,8 +157,8 @@ def test_a_slow_field_bears_twice_the_declination(every: int, verdict: str) -> N
     turn(log, np.ones(len(attitude.t), bool), 6.0 - lies)
     field.t, field.x = field.t[::every], field.x[::every]
     field.t_sample = None if field.t_sample is None else field.t_sample[::every]
-    found = magnetometer.field_checks(log, segments.build(log))
-    assert next(c for c in found if c.name == "declination").verdict == verdict
+    found = magnetometer.field_checks(HealthCase(log, segments.build(log)))
+    assert next(c for c in found if c.question == "declination").verdict == verdict
 
 
 def test_a_field_that_is_late_in_fast_turns_accuses_no_compass() -> None:
@@ -217,7 +217,7 @@ def test_a_field_has_its_strength_within_a_fifth_of_the_model_and_varies_by_a_te
     monkeypatch: pytest.MonkeyPatch, size: float, model: float | None, varies: float, verdict: str
 ) -> None:
     known = None if model is None else SimpleNamespace(strength_t=1e-6 * model)
-    monkeypatch.setattr(magnetometer.declination, "model", lambda log: known)
+    monkeypatch.setattr(magnetometer.alignment, "earth_field", lambda log: known)
     wave = np.sqrt(2.0) * np.sin(2.0 * np.pi * T / 5.0 + 0.01)  # ten of these are flown
     one = compass(size * (1.0 + varies * wave))
     check = magnetometer.field_strength(log(one), FLOWN)
@@ -276,7 +276,7 @@ def test_a_drive_that_hardly_varies_a_short_time_and_few_samples_tell_nothing() 
 def test_a_field_that_goes_with_the_throttle_by_an_eighth_or_a_third_is_bent(slope: float, verdict: str) -> None:
     """Over 0.59 of throttle: 2.6, 4.1 and 10.6 of some 33 uT; offsets cannot explain what never turns."""
     one = log(compass(33.0 + slope * (THROTTLE - 0.5)), throttle=drive(THROTTLE))
-    (check,) = compass_fit.interference_checks(one, FLOWN)
+    check = compass_fit.interference_check(one, FLOWN, one.mags[one.mag])
     low, high = (33.0 + slope * (q - 0.5) for q in np.quantile(THROTTLE, [0.05, 0.95]))
     assert check.verdict == verdict
     assert check.value == pytest.approx(100.0 * abs(high - low) / min(low, high), abs=0.7)

@@ -9,8 +9,8 @@ import pytest
 
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Clipping, Gnss, Mag, OnboardVibration, Stream
-from attlog.health import compass, notch
-from attlog.health.check import Assessment, Setting
+from attlog.health import figures, notch
+from attlog.health.check import Check, Setting
 from attlog.health.figures import (
     M_PER_DEG,
     MAX_LINE_SAMPLES,
@@ -29,10 +29,11 @@ from attlog.health.figures import (
     track_traces,
 )
 from attlog.reference import alignment
+from attlog.segments.model import Segments
 from tests.health.figure_cases import AIR, T, attitude, case, innovations, log
 
 OFFSET = (12.0, -3.0, 5.0)
-OFFERED = Assessment("MAG:0", "compass_offset", "fault", "Off.", settings=[Setting("COMPASS_OFS_X", 0.0, -120.0)])
+OFFERED = Check("compass_offset", "fault", "Off.", sensor="MAG:0", settings=[Setting("COMPASS_OFS_X", 0.0, -120.0)])
 
 
 def off(trace, part: str = "") -> np.ndarray:
@@ -51,7 +52,7 @@ def test_measured_less_expected_is_the_planted_offset():
 def test_a_correction_is_drawn_only_where_its_values_are_offered(monkeypatch):
     x = np.zeros((20, 3))
     history = FieldHistory("MAG:0", np.arange(20.0), x + OFFSET, x, x, "motion")
-    monkeypatch.setattr(compass, "field_against_expected", lambda asked: [history])
+    monkeypatch.setattr(figures, "field_against_expected", lambda asked: [history])
     (trace,) = field_traces(case(log()), [OFFERED])
     np.testing.assert_allclose(off(trace, "corrected_"), 0.0)
     assert "corrected_x" not in field_traces(case(log()), [])[0].columns
@@ -149,7 +150,7 @@ def test_a_log_with_nothing_but_an_attitude_gives_no_figure_and_no_error():
     made = log()
     made.mags, made.mag, made.power.battery, made.gnss = [], None, None, []
     asked = case(made, None)
-    asked.segments = asked.reference = None
+    asked.segments, asked.reference = Segments(), None
     assert traces(asked, []) == []
 
 

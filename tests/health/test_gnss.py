@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from attlog import flight, segments
-from attlog.flight.model import FlightLog, Reception, TimeLine
+from attlog.flight.model import FlightLog, Gnss, Reception, TimeLine
 from attlog.health import compass as declination_told
 from attlog.health import gnss
 from attlog.health import gnss as gnss_quality
-from attlog.health.check import Assessment
-from attlog.health.imu import count_at_limit
+from attlog.health.check import Check, HealthCase
+from attlog.health.gyro import count_at_limit
 from attlog.segments.model import Segments
 from tests.conftest import SAMPLES
 from tests.health.made_flight import case
@@ -33,8 +34,19 @@ def middle(found: Segments) -> float:
 
 
 def test_a_fix_all_through_the_flight_is_good(flown: tuple[FlightLog, Segments]) -> None:
-    (check,) = gnss.gnss_checks(*flown)
-    assert (check.name, check.verdict, check.value) == ("GNSS", "ok", 0.0)
+    check, *_ = gnss.gnss_checks(HealthCase(*flown))
+    assert (check.question, check.verdict) == ("gnss_quality", "ok")
+
+
+def keep_records(receiver: Gnss, keep: np.ndarray) -> None:
+    """Keep some of a receiver's records."""
+    for one in (receiver, receiver.reception):
+        for field in fields(one) if one is not None else ():
+            values = getattr(one, field.name)
+            if isinstance(values, np.ndarray) and len(values) == len(keep):
+                setattr(one, field.name, values[keep]) if one is receiver else object.__setattr__(
+                    one, field.name, values[keep]
+                )
 
 
 @pytest.mark.parametrize("how", ["no fix", "no message"])
@@ -46,8 +58,8 @@ def test_an_outage_is_told_with_its_time_and_length(flown: tuple[FlightLog, Segm
         if how == "no fix":
             one.fix = np.where(lost, 1, one.fix)
         else:
-            one.t, one.fix = one.t[~lost], one.fix[~lost]
-    (check,) = gnss.gnss_checks(log, found)
+            keep_records(one, ~lost)
+    check, *_ = gnss.gnss_checks(HealthCase(log, found))
     assert check.verdict == "warning"
     assert check.value == pytest.approx(6.0, abs=0.41)
     assert check.t == pytest.approx(at, abs=0.21)
@@ -61,34 +73,26 @@ def test_late_messages_outages_on_the_ground_and_pauses_of_the_logger_are_none(
     at = middle(found)
     for one in log.gnss:
         one.fix = np.where((one.t < begin - 1) | ((one.t > at) & (one.t < at + 2.5)), 1, one.fix)
-    assert gnss.gnss_checks(log, found)[0].verdict == "ok"
-    for stream in (*(g for g in log.gnss), log.imus[log.imu or 0].gyro):
-        keep = (stream.t < at) | (stream.t > at + 20)
-        stream.t = stream.t[keep]
-        if hasattr(stream, "fix"):
-            stream.fix = stream.fix[keep]
-    assert gnss.gnss_checks(log, found)[0].verdict == "ok"
-
-
-def test_the_better_of_two_receivers_counts(flown: tuple[FlightLog, Segments]) -> None:
-    log, found = deepcopy(flown[0]), flown[1]
-    log.gnss = [deepcopy(log.gnss[0]), log.gnss[0]]
-    log.gnss[0].fix = np.where(log.gnss[0].t > middle(found), 0, log.gnss[0].fix)
-    assert gnss.gnss_checks(log, found)[0].verdict == "ok"
+    assert "no fix" not in gnss.gnss_checks(HealthCase(log, found))[0].text
+    for one in log.gnss:
+        keep_records(one, (one.t < at) | (one.t > at + 20))
+    gyro = log.imus[log.imu or 0].gyro
+    gyro.t = gyro.t[(gyro.t < at) | (gyro.t > at + 20)]
+    assert "no fix" not in gnss.gnss_checks(HealthCase(log, found))[0].text
 
 
 def test_indoors_nothing_is_said(flown: tuple[FlightLog, Segments]) -> None:
     log, found = deepcopy(flown[0]), flown[1]
     for one in log.gnss:
         one.fix = np.zeros_like(one.fix)
-    assert gnss.gnss_checks(log, found) == []
-    assert gnss.gnss_checks(flown[0], Segments()) == []
+    assert gnss.gnss_checks(HealthCase(log, found)) == []
+    assert gnss.gnss_checks(HealthCase(flown[0], Segments())) == []
 
 
 @pytest.mark.parametrize(("name", "seconds"), [("ardupilot/copter_gps_loss.bin", 30), ("px4/px4_gnssloss.ulg", 50)])
 def test_the_planted_outages_of_the_firmware_simulators_are_found(corpus: Path, name: str, seconds: float) -> None:
     log = flight.read(corpus / "sitl" / name)
-    (check,) = gnss.gnss_checks(log, segments.build(log))
+    check, *_ = gnss.gnss_checks(HealthCase(log, segments.build(log)))
     assert check.verdict == "warning"
     assert check.value == pytest.approx(seconds, abs=2.0)
 
@@ -107,15 +111,28 @@ def test_a_wrong_declination_is_found_unless_the_autopilot_looks_it_up(flown: tu
     model = alignment.earth_field(log)
     assert model is not None
     right = model.declination_deg
-    assert [c.verdict for c in declination_told.declination_checks(fix_check(log, right + 3.0))] == ["ok"]
-    assert [c.verdict for c in declination_told.declination_checks(fix_check(log, right - 10.0))] == ["warning"]
-    assert [c.verdict for c in declination_told.declination_checks(fix_check(log, right + 20.0 - 360.0))] == ["fault"]
+    assert [
+        c.verdict for c in declination_told.declination_checks(HealthCase(fix_check(log, right + 3.0), Segments()))
+    ] == ["ok"]
+    assert [
+        c.verdict for c in declination_told.declination_checks(HealthCase(fix_check(log, right - 10.0), Segments()))
+    ] == ["warning"]
+    assert [
+        c.verdict
+        for c in declination_told.declination_checks(HealthCase(fix_check(log, right + 20.0 - 360.0), Segments()))
+    ] == ["fault"]
     for name in ("COMPASS_AUTODEC", "EKF2_DECL_TYPE", "ATT_MAG_DECL_A"):
-        assert declination_told.declination_checks(fix_check(log, right + 20.0, **{name: 3.0})) == []
-        assert declination_told.declination_checks(fix_check(log, right + 20.0, **{name: 2.0})) != []
+        assert (
+            declination_told.declination_checks(HealthCase(fix_check(log, right + 20.0, **{name: 3.0}), Segments()))
+            == []
+        )
+        assert (
+            declination_told.declination_checks(HealthCase(fix_check(log, right + 20.0, **{name: 2.0}), Segments()))
+            != []
+        )
     without = fix_check(log, right + 20.0)
     without.gnss = []
-    assert declination_told.declination_checks(without) == []
+    assert declination_told.declination_checks(HealthCase(without, Segments())) == []
 
 
 def test_a_gyro_at_the_end_of_a_range_lies_flat_there() -> None:
@@ -134,7 +151,7 @@ def test_several_outages_are_told_with_the_first_their_sum_and_their_number(flow
     for one in log.gnss:
         lost = ((one.t >= first) & (one.t < first + 4)) | ((one.t >= first + 8) & (one.t < first + 14))
         one.fix = np.where(lost, 1, one.fix)
-    (check,) = gnss.gnss_checks(log, found)
+    check, *_ = gnss.gnss_checks(HealthCase(log, found))
     assert (check.verdict, check.count) == ("warning", 2)
     assert check.t == pytest.approx(first, abs=0.21)
     assert check.value == pytest.approx(10.0, abs=0.81)
@@ -160,13 +177,13 @@ def received(**told: float) -> FlightLog:
     return log
 
 
-def quality_of(log: FlightLog, question: str) -> Assessment:
-    (one,) = (a for a in gnss_quality.gnss_quality(case(log)) if a.question == question)
+def quality_of(log: FlightLog, question: str) -> Check:
+    (one,) = (a for a in gnss.gnss_checks(case(log)) if a.question == question)
     return one
 
 
 def test_good_reception_is_ok_in_all_three() -> None:
-    found = gnss_quality.gnss_quality(case(received()))
+    found = gnss.gnss_checks(case(received()))
     assert [(a.question, a.verdict) for a in found] == [
         ("gnss_quality", "ok"),
         ("gnss_interference", "ok"),
@@ -239,7 +256,7 @@ def test_a_receiver_that_tells_nothing_raises_nothing() -> None:
     log = made_flight_flight()
     for name in ("lat", "lon", "vel_ned", "s_acc", "h_acc"):
         getattr(log.gnss[0], name)[:] = np.nan
-    assert [a.verdict for a in gnss_quality.gnss_quality(case(log))] == ["unknown"]
+    assert [a.verdict for a in gnss.gnss_checks(case(log))] == ["unknown"]
 
 
 @pytest.mark.parametrize(("count", "answered"), [(19, 0), (20, 3)])
@@ -255,7 +272,7 @@ def test_twenty_fixes_in_flight_tell_something(count: int, answered: int) -> Non
         jamming_state=gnss.reception.jamming_state[near],
         spoofing_state=gnss.reception.spoofing_state[near],
     )
-    assert len(gnss_quality.gnss_quality(case(log))) == answered
+    assert len(gnss_quality.gnss_checks(case(log))) == answered
 
 
 @pytest.mark.parametrize(("metres", "verdict"), [(2.8, "ok"), (3.3, "warning"), (-3.3, "warning")])

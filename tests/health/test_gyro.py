@@ -14,8 +14,8 @@ from attlog.core import rotation
 from attlog.flight.model import Array, Firmware, FlightLog, Imu, Stream
 from attlog.health import gyro
 from attlog.health import gyro as turns
-from attlog.health.check import Check
-from attlog.health.gyro import gyro_bias, gyro_scale
+from attlog.health.check import Check, HealthCase
+from attlog.health.gyro import gyro_bias_checks
 from attlog.health.regression import RobustFit
 from attlog.reference import choose
 from attlog.reference.model import GyroJump, Reference
@@ -175,14 +175,14 @@ def made_log(imu: Imu) -> tuple[FlightLog, Segments]:
 def test_a_reference_that_follows_this_gyro_judges_nothing() -> None:
     log, spans = made_log(unit())
     for bad in (None, reference(kind="smoother"), reference(gyro_fault="it is made of it")):
-        assert [c.verdict for c in turns.turn_checks(log, spans, bad)] == ["unknown", "unknown"]
-    assert turns.turn_checks(log, Segments([Segment("continuous", 0.0, 30.0)]), reference()) == []
+        assert [c.verdict for c in turns.turn_checks(HealthCase(log, spans, bad))] == ["unknown", "unknown"]
+    assert turns.turn_checks(HealthCase(log, Segments([Segment("continuous", 0.0, 30.0)]), reference())) == []
 
 
 def test_twenty_seconds_in_flight_and_sixty_intervals_are_needed() -> None:
     log, spans = made_log(unit())
     for end, few in ((23.0, False), (21.0, True)):
-        texts = [c.text for c in turns.turn_checks(log, spans, reference(end=end))]
+        texts = [c.text for c in turns.turn_checks(HealthCase(log, spans, reference(end=end)))]
         assert [text.endswith("60 and 20 s are needed.") for text in texts] == [few, few]
 
 
@@ -197,7 +197,7 @@ def told(dps: tuple[float, float, float]) -> dict[str, float | str]:
 
 @pytest.mark.parametrize(("dps", "verdict"), [(0.4, "ok"), (-1.6, "warning"), (24.0, "fault")])
 def test_the_reading_at_rest_of_every_unit(dps: float, verdict: str) -> None:
-    first, second = gyro_bias(
+    first, second = gyro_bias_checks(
         case(
             log_of(
                 imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS),
@@ -214,8 +214,8 @@ def test_the_reading_at_rest_of_every_unit(dps: float, verdict: str) -> None:
 
 def test_a_bias_that_moves_from_rest_to_flight_counts_and_a_small_one_does_not() -> None:
     log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, (0.3, 0.0, 0.0)))
-    assert gyro_bias(case(log, told((0.4, 0.0, 0.0))))[0].verdict == "ok"
-    (moved,) = gyro_bias(case(log, told((2.0, 0.0, 0.0))))
+    assert gyro_bias_checks(case(log, told((0.4, 0.0, 0.0))))[0].verdict == "ok"
+    (moved,) = gyro_bias_checks(case(log, told((2.0, 0.0, 0.0))))
     assert moved.verdict == "warning"
     assert "+2.00" in moved.evidence[0]
 
@@ -225,40 +225,18 @@ def test_without_rest_the_smoother_tells_and_a_second_unit_by_its_difference() -
     log = log_of(
         imu_cases_unit(0, 100.0, NO_ACC_BIAS, (0.3, 0.0, 0.0)), imu_cases_unit(1, 50.0, NO_ACC_BIAS, (0.3, 0.0, 1.5))
     )
-    first, second = gyro_bias(case(log, told((0.3, 0.0, 0.0)), segments=air))
+    first, second = gyro_bias_checks(case(log, told((0.3, 0.0, 0.0)), segments=air))
     assert (first.verdict, second.verdict) == ("ok", "warning")
     assert second.vector == pytest.approx([0.3, 0.0, 1.5], abs=0.1)
-    assert [a.verdict for a in gyro_bias(case(log, segments=air))] == ["unknown"]
-
-
-def test_the_verdict_of_the_replayed_unit_is_the_check_s() -> None:
-    log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS))
-    moved = Check("gyro bias", "warning", "Its bias moved by 1.20 deg/s.", 0.6, "deg/s")
-    assert gyro_bias(case(log, checks=[moved]))[0].verdict == "warning"
-
-
-def test_a_step_is_told_with_time_and_interval() -> None:
-    step = Check(
-        gyro.GYRO_BIAS_STEP, "fault", "It steps.", 4.0, "deg/s", t=61.0, ci95=(3.8, 4.2), samples=300, seconds=90.0
-    )
-    log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS))
-    _, found = gyro_bias(case(log, checks=[step]))
-    assert (found.question, found.verdict, found.t, found.ci95, found.n) == (
-        "gyro_bias_step",
-        "fault",
-        61.0,
-        (3.8, 4.2),
-        300,
-    )
-    assert len(gyro_bias(case(log, checks=[Check(gyro.GYRO_BIAS_STEP, "ok", "No step.")]))) == 1
+    assert [a.verdict for a in gyro_bias_checks(case(log, segments=air))] == ["unknown"]
 
 
 def test_damaged_streams_do_no_harm() -> None:
     log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS))
     log.imus[0].gyro.x[::2] = np.nan
-    assert gyro_bias(case(log))[0].verdict == "ok"
+    assert gyro_bias_checks(case(log))[0].verdict == "ok"
     log.imus[0].gyro.x[:] = np.nan
-    assert [a.verdict for a in gyro_bias(case(log))] == ["unknown"]
+    assert [a.verdict for a in gyro_bias_checks(case(log))] == ["unknown"]
 
 
 # The gyro's scale with its interval: a planted size, and the words of the check.
@@ -282,10 +260,9 @@ def test_a_planted_scale_lies_inside_the_interval(factor: float) -> None:
     sound = imu.gyro.x
     imu.gyro.x = factor * sound
     try:
-        checks = gyro.turn_checks(log, phases, reference)
+        found, _ = gyro.turn_checks(HealthCase(log, phases, reference))
     finally:
         imu.gyro.x = sound
-    (found,) = gyro_scale(case(log, checks=checks))
     assert found.ci95 is not None
     assert found.value is not None
     low, high = sorted(abs(v) for v in found.ci95)
@@ -294,18 +271,3 @@ def test_a_planted_scale_lies_inside_the_interval(factor: float) -> None:
     assert high - low < 4.0
     assert found.n * gyro.INTERVAL_S == pytest.approx(found.seconds, abs=0.1)
     assert bool(found.why_no_setting) == (factor != 1.0)
-
-
-def test_what_cannot_be_judged_is_unknown_with_what_to_fly() -> None:
-    log = log_of(imu_cases_unit(0, 100.0, NO_SCALE_BIAS, NO_SCALE_BIAS))
-    too_little = Check(
-        gyro.GYRO_SCALE, "unknown", "In flight x, y, z turn by 1, 1, 0 deg/s.", threshold=gyro.SCALE_LIMIT
-    )
-    for checks in ([], [too_little]):
-        (found,) = gyro_scale(case(log, checks=checks))
-        assert found.verdict == "unknown"
-        assert found.value is None
-        assert found.action
-    log.imu = None
-    assert gyro_scale(case(log)) == []
-    assert np.isfinite(gyro.SCALE_OFF)

@@ -9,7 +9,6 @@ import pytest
 
 from attlog.flight.model import Stream
 from attlog.health import gyro, imu, imu_pairs, temperature
-from attlog.health.check import Check
 from attlog.health.imu import (
     Blocks,
     _decimated,
@@ -288,7 +287,7 @@ def test_two_units_differ_beyond_their_limits_and_four_sigmas(
     monkeypatch.setattr(imu_pairs, "_imu_differences", lambda *given: every)
     monkeypatch.setattr(imu_pairs, "_faulty_imu", lambda *given: (None, "Nobody knows."))
     log = log_of(unit(0, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS), unit(1, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
-    found = imu_pairs._pair_assessment(case(log), kind, *log.imus)
+    found = imu_pairs._pair_check(case(log), kind, *log.imus)
     assert found is not None
     assert found.verdict == verdict
     worst = max(every, key=lambda one: one.size)
@@ -313,28 +312,6 @@ def test_of_two_errors_the_larger_one_is_twice_the_other_and_one_that_counts(
     sizes: list[float], wrong: int | None
 ) -> None:
     assert imu_pairs._larger_index(sizes, 0.15) == wrong
-
-
-@pytest.mark.parametrize(
-    ("check", "moved", "reads", "verdict"),
-    [
-        (None, 0.0, 0.99, "ok"),
-        (None, 0.0, 1.01, "warning"),
-        (None, 3.1, 0.1, "fault"),
-        (None, 1.1, -0.1, "warning"),
-        ("ok", 0.0, 1.5, "ok"),
-        ("ok", 1.1, 0.0, "warning"),
-        ("fault", 1.1, 0.0, "fault"),
-        ("warning", 3.1, 0.0, "fault"),
-        ("unknown", 0.0, 1.5, "warning"),
-    ],
-)
-def test_a_bias_has_the_verdict_of_its_check_unless_it_moved_further(
-    check: str | None, moved: float, reads: float, verdict: str
-) -> None:
-    log = log_of(unit(0, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
-    asked = case(log, checks=[] if check is None else [Check("gyro bias", check, "It reads.", 0.1, "deg/s")])
-    assert gyro._bias_verdict(asked, log.imus[0], np.array([0.2, reads, 0.0]), moved) == verdict
 
 
 def test_a_bias_that_changes_in_flight_is_the_largest_change_beyond_four_sigmas() -> None:
@@ -474,4 +451,4 @@ def test_a_bias_that_changes_counts_though_each_reading_is_small(before: float, 
     x[:, 1] = np.radians(np.where(t < 30.0, before, after))
     log = imu_log(t, x, np.tile([0.0, 0.0, -9.81], (len(t), 1)))
     rests = Segments([Segment("rest.long", 0.0, 20.0), Segment("rest.long", 40.0, 60.0)])
-    assert imu.gyro_bias_check(log.imus[0], rests).verdict == verdict
+    assert gyro._rest_bias(log.imus[0], rests).verdict == verdict

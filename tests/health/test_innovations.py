@@ -7,7 +7,8 @@ import pytest
 
 from attlog.flight.model import Attitude, InnovationTest, TimeLine
 from attlog.health import gnss, innovations
-from attlog.health.check import Assessment, Check, HealthCase
+from attlog.health.check import Check, HealthCase
+from attlog.segments.model import Segments
 from tests.health.made_flight import SECONDS, case, flight
 
 PARAMS = {"EK3_MAG_M_NSE": 0.05, "EK3_MAG_I_GATE": 300.0}
@@ -25,8 +26,8 @@ def ratios(level: float, above: tuple[float, float] | None = None, aid: str = "c
     return case(log)
 
 
-def told(asked: HealthCase) -> Assessment:
-    (one,) = innovations.innovation_ratios(asked)
+def told(asked: HealthCase) -> Check:
+    (one,) = innovations.innovation_checks(asked)
     return one
 
 
@@ -62,7 +63,7 @@ def test_a_ratio_that_stays_high_in_a_sound_flight_suggests_its_noise_by_the_gat
 
 def test_no_noise_is_suggested_where_something_else_is_wrong() -> None:
     asked = ratios(0.6)
-    asked.checks = [Check("compass offset", "warning", "The compass is off.")]
+    asked.found = [Check("compass_offset", "warning", "The compass is off.")]
     one = told(asked)
     assert (one.verdict, one.settings) == ("warning", [])
     assert "compass offset" in one.why_no_setting
@@ -75,7 +76,7 @@ def test_low_ratios_suggest_nothing(level: float) -> None:
 
 def test_rejected_velocities_are_the_headings_fault_where_gnss_acceleration_says_so() -> None:
     asked = ratios(0.2, (40.0, 50.0), aid="velocity")
-    asked.checks = [Check("heading by GNSS", "fault", "The onboard heading is 28 deg off.")]
+    asked.found = [Check("heading_by_gnss", "fault", "The onboard heading is 28 deg off.")]
     one = told(asked)
     assert "heading is wrong, not GNSS" in one.why_no_setting
     assert "The onboard heading is 28 deg off." in one.evidence
@@ -83,9 +84,9 @@ def test_rejected_velocities_are_the_headings_fault_where_gnss_acceleration_says
 
 def test_an_aid_of_zeros_is_not_used_and_none_at_all_is_unknown() -> None:
     asked = ratios(0.0)
-    assert [one.verdict for one in innovations.innovation_ratios(asked)] == ["unknown"]
+    assert [one.verdict for one in innovations.innovation_checks(asked)] == ["unknown"]
     asked.log.estimator.innovation_tests = []
-    (one,) = innovations.innovation_ratios(asked)
+    (one,) = innovations.innovation_checks(asked)
     assert "LOG_BITMASK" in one.text
 
 
@@ -115,8 +116,8 @@ def test_telemetry_without_segments_is_judged_while_armed() -> None:
     asked = ratios(0.2, (40.0, 43.0))
     asked.log.imus, asked.log.imu = [], None
     asked.log.state.armed = TimeLine(np.array([0.0, 20.0, 60.0]), [False, True, False], "HEARTBEAT")
-    one = told(HealthCase(asked.log, None, None, [], lambda: None))
+    one = told(HealthCase(asked.log, Segments([], unknown=("airborne",))))
     assert (one.verdict, one.t) == ("warning", pytest.approx(40.0, abs=0.11))
     assert one.seconds == pytest.approx(38.0, abs=0.3)
-    found = gnss.gnss_quality(HealthCase(asked.log, None, None, [], lambda: None))
+    found = gnss.gnss_checks(HealthCase(asked.log, Segments([], unknown=("airborne",))))
     assert {a.question for a in found} == {"gnss_quality", "gnss_jumps"}

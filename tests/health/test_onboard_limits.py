@@ -44,29 +44,29 @@ def summary(median: float = 0.3, above: float = 0.0, longest: float = 0.0, **mor
 def test_ratios_above_one_are_told_by_their_share_and_their_longest_stretch(
     above: float, longest: float, verdict: str
 ) -> None:
-    found = innovations._ratio_assessment(
-        case(flight(firmware="ArduPilot", params=PARAMS)), summary(0.3, above, longest)
+    found = innovations._ratio_check(
+        case(flight(firmware="ArduPilot", params=PARAMS)), summary(0.3, above, longest), None
     )
     assert found.verdict == verdict
     assert (found.t, found.value) == (40.0, 0.3)
     assert f"{above:.1f} s ({above:.1f} %)" in found.evidence[-1]
-    assert bool(found.why_no_setting) is (verdict != "ok")
+    assert bool(found.cause) is (verdict != "ok")
 
 
 @pytest.mark.parametrize("aid", ["velocity", "position", "height", "airspeed"])
 @pytest.mark.parametrize("verdict", ["ok", "warning"])
 def test_a_wrong_heading_explains_rejected_velocities_and_positions_alone(aid: str, verdict: str) -> None:
     asked = case(flight(firmware="ArduPilot"))
-    asked.checks = [Check("heading by GNSS", verdict, "It is off.")]
-    found = innovations._ratio_assessment(asked, summary(0.3, 5.0, 5.0, aid=aid))
+    asked.found = [Check("heading_by_gnss", verdict, "It is off.")]
+    found = innovations._ratio_check(asked, summary(0.3, 5.0, 5.0, aid=aid), None)
     explained = verdict == "warning" and aid in ("velocity", "position")
     assert ("heading is wrong" in found.why_no_setting) is ("It is off." in found.evidence) is explained
 
 
 def suggested(one: RatioSummary, checks: tuple[Check, ...] = (), **params: float) -> Any:
     asked = case(flight(firmware="ArduPilot", params=PARAMS | params))
-    asked.checks = list(checks)
-    told = unknown("EKF", "innovations", "", "")
+    asked.found = list(checks)
+    told = unknown("innovations", "", "", sensor="EKF")
     told.verdict = "ok"
     innovations.suggest_noise(asked, one, told)
     return told
@@ -102,21 +102,21 @@ def test_a_noise_ends_at_its_range_and_is_not_suggested_smaller() -> None:
 @pytest.mark.parametrize(
     ("name", "verdict", "blamed"),
     [
-        ("compass offset", "fault", True),
-        ("compass offset", "ok", False),
-        ("compass offset", "unknown", False),
-        ("gyro bias", "warning", True),
-        ("vibration", "warning", True),
-        ("field against motors", "warning", True),
-        ("gravity", "warning", True),
-        ("second source", "warning", True),
-        ("GNSS", "warning", False),
+        ("compass_offset", "fault", True),
+        ("compass_offset", "ok", False),
+        ("compass_offset", "unknown", False),
+        ("gyro_bias", "warning", True),
+        ("vibration_level", "warning", True),
+        ("compass_motors", "warning", True),
+        ("accelerometer_rest", "warning", True),
+        ("second_source", "warning", True),
+        ("gnss_quality", "warning", False),
         ("declination", "fault", False),
     ],
 )
 def test_a_check_that_names_another_cause_leaves_the_noise_alone(name: str, verdict: str, blamed: bool) -> None:
     told = suggested(summary(0.6), (Check(name, verdict, "It says so."),))
-    assert (name in told.why_no_setting, bool(told.settings)) == (blamed, not blamed)
+    assert (name.replace("_", " ") in told.why_no_setting, bool(told.settings)) == (blamed, not blamed)
 
 
 def lane(number: int, tilt: float, heading: float = 1.0) -> LaneError:
@@ -204,7 +204,10 @@ def test_a_flight_loses_its_first_and_last_second_and_what_follows_a_crash() -> 
     log.state.armed = TimeLine(np.array([0.0, 20.0, 60.0, 80.0]), [False, True, False, True], "made")
     last = max(float(g.t[-1]) for g in log.gnss)
     assert delays.armed_spans(log) == [(20.0, 60.0), (80.0, last)]
-    assert delays.flight_spans(HealthCase(log, None, None, [], lambda: None)) == [(21.0, 59.0), (81.0, last - 1.0)]
+    assert delays.flight_spans(HealthCase(log, Segments([], unknown=("airborne",)))) == [
+        (21.0, 59.0),
+        (81.0, last - 1.0),
+    ]
 
 
 @pytest.mark.parametrize(("states", "verdict"), [(4, "ok"), (5, "warning"), (6, "warning")])
@@ -216,7 +219,7 @@ def test_jamming_of_a_second_is_told(states: int, verdict: str) -> None:
     state[200 : 200 + states] = 2.0
     usual = dict(satellites=np.full(n, 15.0), hdop=np.full(n, 0.8), noise=np.zeros(n), jamming=np.zeros(n))
     log.gnss[0].reception = Reception(**usual, jamming_state=state, spoofing_state=np.full(n, np.nan))
-    (found,) = (a for a in gnss_quality.gnss_quality(case(log)) if a.question == "gnss_interference")
+    (found,) = (a for a in gnss_quality.gnss_checks(case(log)) if a.question == "gnss_interference")
     assert found.verdict == verdict
     assert found.evidence == []
     if verdict != "ok":
@@ -235,7 +238,7 @@ def test_reception_is_poor_beyond_what_px4_asks(name: str, good: float, poor: fl
         rest = {k: np.zeros(n) for k in ("noise", "jamming", "jamming_state", "spoofing_state")}
         gnss.reception = Reception(**usual, **rest)
         setattr(gnss.reception if name in usual else gnss, name, np.full(n, value))
-        (found,) = (a for a in gnss_quality.gnss_quality(case(log)) if a.question == "gnss_quality")
+        (found,) = (a for a in gnss_quality.gnss_checks(case(log)) if a.question == "gnss_quality")
         assert found.verdict == verdict
 
 

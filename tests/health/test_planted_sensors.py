@@ -17,22 +17,23 @@ import attlog
 from attlog import flight, segments
 from attlog.core import rotation
 from attlog.flight.model import FlightLog
-from attlog.health import accelerometer, audit, compass_fit
-from attlog.health.check import Check
+from attlog.health import accelerometer, compass_fit
+from attlog.health.check import Check, HealthCase
 from attlog.health.findings import findings
+from attlog.health.registry import run_checks
 from attlog.reference import choose
 from tests.conftest import SAMPLES
 
 QUAD, COPTER = SAMPLES / "px4_steps.ulg", SAMPLES / "copter_steps_stabilize.bin"
 NEW = (
-    "imu delay",
+    "imu_delay",
     "gaps",
-    "gyro scale",
-    "gyro bias step",
-    "force axes",
-    "force offset",
-    "compass offset",
-    "compass turn",
+    "gyro_scale",
+    "gyro_bias_step",
+    "force_axes",
+    "accelerometer_offset",
+    "compass_offset",
+    "compass_turn",
 )
 
 
@@ -47,7 +48,7 @@ def checked(path: Path, change: Callable[[FlightLog], None] | None = None, truth
         log.truth = None
     if change is not None:
         change(log)
-    return {c.name: c for c in audit(log, segments.build(log))}
+    return {c.question: c for c in reversed(run_checks(HealthCase(log, segments.build(log)))) if c.in_use}
 
 
 def each_gyro(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Callable[[FlightLog], None]:
@@ -84,9 +85,9 @@ def test_an_imu_on_another_clock_is_late_or_early_by_what_its_filter_does_not_ex
                 stream.t = stream.t + 1e-3 * late_ms
 
     if late_ms < 0:
-        check = checked(path, shift, truth=False)["imu delay"]
+        check = checked(path, shift, truth=False)["imu_delay"]
         assert (check.verdict, "the attitude, not the IMU, is late" in check.text) == ("ok", True)
-    check = checked(path, shift, truth=late_ms < 0)["imu delay"]
+    check = checked(path, shift, truth=late_ms < 0)["imu_delay"]
     assert check.verdict == "warning"
     assert check.value == pytest.approx(own_ms + late_ms, abs=1.0)
     assert ("earlier" if late_ms < 0 else "later") in check.text
@@ -94,7 +95,7 @@ def test_an_imu_on_another_clock_is_late_or_early_by_what_its_filter_does_not_ex
 
 @pytest.mark.parametrize(("factor", "way"), [(1.03, "much"), (0.97, "little")])
 def test_a_gyro_that_reads_too_much_or_too_little_is_told_in_percent(factor: float, way: str) -> None:
-    check = checked(QUAD, each_gyro(lambda _, x: x * [factor, 1.0, 1.0]), truth=False)["gyro scale"]
+    check = checked(QUAD, each_gyro(lambda _, x: x * [factor, 1.0, 1.0]), truth=False)["gyro_scale"]
     assert check.verdict == "warning"
     assert check.value == pytest.approx(100.0 * (factor - 1.0), abs=0.5)
     assert f"too {way} about x (" in check.text
@@ -102,7 +103,7 @@ def test_a_gyro_that_reads_too_much_or_too_little_is_told_in_percent(factor: flo
 
 def test_a_bias_that_steps_in_flight_is_told_with_axis_sign_and_time() -> None:
     step = np.radians([0.0, -1.2, 0.0])
-    check = checked(COPTER, each_gyro(lambda t, x: x + np.outer(t > 50.0, step)), truth=False)["gyro bias step"]
+    check = checked(COPTER, each_gyro(lambda t, x: x + np.outer(t > 50.0, step)), truth=False)["gyro_bias_step"]
     assert check.verdict == "warning"
     assert check.value == pytest.approx(-1.2, abs=0.2)
     assert check.t == pytest.approx(50.0, abs=2.0)
@@ -115,7 +116,9 @@ def test_a_step_about_z_that_no_onboard_heading_shows_is_told_by_the_smoother_wi
     each_gyro(lambda t, x: x + np.outer(t > 50.0, np.radians([0.0, 0.0, 1.2])))(log)
     case = attlog.prepare(log)
     assert case.reference.kind == "smoother"
-    (check,) = (c for c in audit(case.log, case.segments, case.reference) if c.name == "gyro bias step")
+    (check,) = (
+        c for c in run_checks(HealthCase(case.log, case.segments, case.reference)) if c.question == "gyro_bias_step"
+    )
     assert (check.verdict, check.value) == ("warning", pytest.approx(1.2, abs=0.1))
     assert check.t == pytest.approx(50.0, abs=1.0)
     assert "about z" in check.text
@@ -128,7 +131,9 @@ def test_where_the_smoother_finds_no_step_none_is_told() -> None:
     log = deepcopy(read(COPTER))
     log.truth = None
     case = attlog.prepare(log)
-    (check,) = (c for c in audit(case.log, case.segments, case.reference) if c.name == "gyro bias step")
+    (check,) = (
+        c for c in run_checks(HealthCase(case.log, case.segments, case.reference)) if c.question == "gyro_bias_step"
+    )
     assert check.verdict == "ok"
     assert case.reference.gyro_jumps == ()
 
@@ -145,14 +150,14 @@ def test_where_the_smoother_finds_no_step_none_is_told() -> None:
 )
 def test_horizontal_axes_in_another_order_are_named(path: Path, order: np.ndarray, words: str) -> None:
     found = checked(path, each_force(lambda x: x @ order.T))
-    assert found["force axes"].verdict == "fault"
-    assert words in found["force axes"].text
-    assert "force offset" not in found
+    assert found["force_axes"].verdict == "fault"
+    assert words in found["force_axes"].text
+    assert found["accelerometer_offset"].verdict == "unknown"
 
 
 def test_an_offset_of_the_accelerometer_is_told_with_axis_and_sign() -> None:
     """The simulator's own: +0.06 m/s^2 in y (MANIFEST of the flight), so -0.46 is left of -0.52."""
-    check = checked(QUAD, each_force(lambda x: x + np.array([0.0, -0.52, 0.0])))["force offset"]
+    check = checked(QUAD, each_force(lambda x: x + np.array([0.0, -0.52, 0.0])))["accelerometer_offset"]
     assert check.verdict == "warning"
     assert check.value == pytest.approx(-0.46, abs=0.1)
     assert "m/s^2 too much in y" in check.text
@@ -165,9 +170,9 @@ def test_iron_beside_the_compass_is_an_offset_in_its_axes(path: Path) -> None:
             mag.field.x = mag.field.x + 1e-6 * np.array([6.0, -8.0, 2.0])
 
     found = checked(path, iron)
-    assert found["compass offset"].verdict == "warning"
-    assert found["compass offset"].value == pytest.approx(np.sqrt(6**2 + 8**2 + 2**2), abs=2.0)
-    assert found["compass turn"].verdict != "fault"
+    assert found["compass_offset"].verdict == "warning"
+    assert found["compass_offset"].value == pytest.approx(np.sqrt(6**2 + 8**2 + 2**2), abs=2.0)
+    assert found["compass_turn"].verdict != "fault"
 
 
 @pytest.mark.parametrize("turn", [28.0, -15.0])
@@ -180,9 +185,9 @@ def test_a_compass_mounted_askew_is_a_turn_and_no_offset(turn: float) -> None:
             mag.field.x = rotation.rotate_inverse(np.tile(q, (len(mag.field.x), 1)), mag.field.x)
 
     found = checked(QUAD, mount)
-    assert found["compass turn"].verdict in ("warning", "fault")
-    assert found["compass turn"].value == pytest.approx(turn, abs=4.0)
-    assert found["compass offset"].verdict == "ok"
+    assert found["compass_turn"].verdict in ("warning", "fault")
+    assert found["compass_turn"].value == pytest.approx(turn, abs=4.0)
+    assert found["compass_offset"].verdict == "ok"
 
 
 def lose(log: FlightLog, every: float, seconds: float, attitude: bool) -> None:
@@ -201,8 +206,8 @@ def lose(log: FlightLog, every: float, seconds: float, attitude: bool) -> None:
 def test_gaps_are_the_imus_where_others_go_on_and_the_loggers_where_none_does(attitude: bool, cause: str) -> None:
     log = deepcopy(read(QUAD))
     lose(log, 5.0, 0.2, attitude)
-    checks = audit(log, segments.build(log))
-    check = next(c for c in checks if c.name == "gaps")
+    checks = run_checks(HealthCase(log, segments.build(log)))
+    check = next(c for c in checks if c.question == "gaps")
     assert check.verdict == "warning"
     assert check.value / check.count == pytest.approx(0.2, abs=0.01)
     entry = next(p for p in findings(log, checks) if p.kind == "gaps")
@@ -217,15 +222,15 @@ def test_two_short_gaps_change_nothing_and_are_only_counted() -> None:
 
 def test_what_a_flight_cannot_tell_is_unknown_with_its_reason() -> None:
     hover = checked(SAMPLES / "px4_hover.ulg")
-    assert hover["gyro scale"].verdict == "unknown"
-    assert "deg/s" in hover["gyro scale"].text
+    assert hover["gyro_scale"].verdict == "unknown"
+    assert "deg/s" in hover["gyro_scale"].text
 
     def blind(log: FlightLog) -> None:
         log.gnss[0].fix[:] = 0
 
     found = checked(QUAD, blind)
-    assert found["force axes"].verdict == found["force offset"].verdict == "unknown"
-    assert "GNSS velocity" in found["force axes"].text
+    assert found["force_axes"].verdict == found["accelerometer_offset"].verdict == "unknown"
+    assert "GNSS velocity" in found["force_axes"].text
 
 
 def test_a_receiver_that_is_late_fits_as_well_as_one_that_is_not() -> None:
@@ -265,6 +270,6 @@ def test_an_onboard_heading_that_a_compass_drags_is_no_step_of_the_gyro() -> Non
         turned = np.radians(1.5) * np.maximum(attitude.t - 50.0, 0.0)
         attitude.q = rotation.turn_about_down(attitude.q, turned)
 
-    check = checked(COPTER, drag, truth=False)["gyro bias step"]
+    check = checked(COPTER, drag, truth=False)["gyro_bias_step"]
     assert check.verdict == "ok"
     assert "about x and y" in check.text

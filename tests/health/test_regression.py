@@ -121,7 +121,7 @@ def test_what_motors_add_has_the_interval_of_ground_and_air_along_it() -> None:
     study = study_samples(samples((1.0, 0.0, 0.0), (0.2, -0.4, 0.1)))
     assert study is not None
     assert study.ground is not None
-    found = compass.motor_assessment(case_of(empty_log()), study)
+    found = compass.motor_check(case_of(empty_log()), study)
     added = study.air.offset - study.ground.offset
     sigma = np.hypot(study.air.sigma, study.ground.sigma)
     size = np.linalg.norm(added)
@@ -139,7 +139,7 @@ def test_motors_that_add_a_third_of_the_horizontal_field_are_a_fault(motor: floa
     """19.5 A more than on the ground; the horizontal field has 20.2 uT."""
     study = study_samples(samples(motor=(0.6 * motor, 0.8 * motor, 0.0)))
     assert study is not None
-    assert compass.motor_assessment(case_of(empty_log()), study).verdict == verdict
+    assert compass.motor_check(case_of(empty_log()), study).verdict == verdict
 
 
 @pytest.mark.parametrize(("stretch", "verdict"), [(0.05, "ok"), (0.14, "warning")])
@@ -150,7 +150,7 @@ def test_soft_iron_stretches_the_horizontal_field_by_so_many_percent(stretch: fl
     made.measured[:, 1] += -0.6 * stretch * y + 0.8 * stretch * x
     study = study_samples(made)
     assert study is not None
-    found = compass.soft_iron_assessment(study)
+    found = compass.soft_iron_check(study)
     assert (found.verdict, found.value) == (verdict, pytest.approx(100.0 * stretch, abs=0.6))
     assert found.ci95 is not None
     low, high = found.ci95

@@ -12,7 +12,7 @@ import pytest
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, TimeLine
 from attlog.health import sources
-from attlog.health.check import Assessment, HealthCase
+from attlog.health.check import Check, HealthCase
 from attlog.reference.model import Reference
 from attlog.segments.model import Segment, Segments
 from tests.health.made_flight import SECONDS, case, flight
@@ -151,7 +151,7 @@ def truth(tilt_deg: float = 0.0, heading_deg: float = 0.0, kind: str = "truth", 
 def test_the_verdict_is_that_of_the_larger_share_of_its_limit(
     tilt: float, heading: float, verdict: str, value: float
 ) -> None:
-    (check,) = sources.source_checks(log_of(OTHER=attitude(tilt, heading)), FLOWN)
+    (check,) = sources.source_checks(HealthCase(log_of(OTHER=attitude(tilt, heading)), FLOWN))
     assert (check.verdict, check.value) == (verdict, pytest.approx(value, abs=1.5))
     if verdict != "ok":
         assert check.about == ("tilt" if tilt else "heading")
@@ -161,10 +161,10 @@ def test_the_verdict_is_that_of_the_larger_share_of_its_limit(
 
 def test_those_that_differ_alike_are_named_together_and_the_worst_leads() -> None:
     log = log_of(B=attitude(15.0), C=attitude(15.5), D=attitude(25.0), E=attitude(1.0))
-    (check,) = sources.source_checks(log, FLOWN)
+    (check,) = sources.source_checks(HealthCase(log, FLOWN))
     assert "D differs from FLEW by 25 deg in tilt" in check.text
     del log.attitudes["D"]
-    (check,) = sources.source_checks(log, FLOWN)
+    (check,) = sources.source_checks(HealthCase(log, FLOWN))
     assert "B and C differ from FLEW" in check.text
 
 
@@ -172,10 +172,10 @@ def test_those_that_differ_alike_are_named_together_and_the_worst_leads() -> Non
     ("of_truth", "wrong", "verdict"), [(0.0, "OTHER is wrong", "warning"), (35.0, "FLEW is wrong", "fault")]
 )
 def test_the_truth_says_who_is_wrong(of_truth: float, wrong: str, verdict: str) -> None:
-    (check,) = sources.source_checks(log_of(OTHER=attitude(35.0)), FLOWN, truth(of_truth))
+    (check,) = sources.source_checks(HealthCase(log_of(OTHER=attitude(35.0)), FLOWN, truth(of_truth)))
     assert wrong in check.text
     assert check.verdict == verdict
-    (undecided,) = sources.source_checks(log_of(OTHER=attitude(35.0)), FLOWN, truth(17.5))
+    (undecided,) = sources.source_checks(HealthCase(log_of(OTHER=attitude(35.0)), FLOWN, truth(17.5)))
     assert "cannot be determined" in undecided.text
 
 
@@ -238,7 +238,7 @@ def flew(*tilts_deg: float, used: int = 0, judged: bool = True) -> HealthCase:
     return asked
 
 
-def told(asked: HealthCase) -> Assessment:
+def told(asked: HealthCase) -> Check:
     (one,) = sources.lane_errors(asked)
     return one
 

@@ -31,7 +31,7 @@ def warming(dps_per_k: float, m_s2_per_k: float, kelvin: float, seed: int = 1) -
 def of(log: FlightLog, segments: Segments = REST):
     from attlog.health.check import HealthCase
 
-    one = HealthCase(log, segments, None, [], lambda: None)
+    one = HealthCase(log, segments)
     return temperature.gyro_temperature(one), temperature.accelerometer_temperature(one)
 
 

@@ -12,10 +12,9 @@ import pytest
 from attlog import segments
 from attlog.flight.model import FlightLog, Gnss, Mag, Problem, Stream, TimeLine
 from attlog.health import timing
-from attlog.health.check import Check
-from attlog.health.findings import unusable_gyro
+from attlog.health.check import Check, HealthCase
+from attlog.health.timing import frozen_gyro_reason, timing_checks
 from attlog.health.timing import is_pause as pauses
-from attlog.health.timing import timing_checks
 from attlog.segments import Segments
 from tests.health.test_health import good
 from tests.reference.flights import Array, flight
@@ -34,10 +33,10 @@ def test_a_gap_of_seconds_is_a_pause_unless_more_than_a_second_and_a_tenth_of_it
 
 def test_a_logger_that_keeps_every_tenth_sample_is_not_called_uneven_too() -> None:
     log = deepcopy(good("px4_steps.ulg"))
-    assert "jitter" in [c.name for c in timing_checks(log, Segments())]
+    assert "jitter" in [c.question for c in timing_checks(HealthCase(log, Segments()))]
     thinned = f"{log.imus[0].gyro.source}: the logger kept one sample per 100 ms."
     log.problems.append(Problem("imu_decimated", "note", thinned))
-    assert "jitter" not in [c.name for c in timing_checks(log, Segments())]
+    assert "jitter" not in [c.question for c in timing_checks(HealthCase(log, Segments()))]
 
 
 # A sensor that stops in motion is said; one that rests, or is coarse, or simulated without noise, is not.
@@ -50,7 +49,7 @@ def stop(x: Array, t: Array, begin: float, end: float) -> None:
 
 
 def found(log: FlightLog) -> dict[str, Check]:
-    return {c.name: c for c in timing.frozen_checks(log, segments.build(log))}
+    return {c.question: c for c in timing.frozen_checks(HealthCase(log, segments.build(log)))}
 
 
 def moving() -> FlightLog:
@@ -70,18 +69,18 @@ def test_a_gyro_that_stops_in_motion_is_said_and_nothing_is_judged(attitude: boo
     if not attitude:
         log.attitudes, log.onboard = {}, None
     stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 50.0)
-    check = found(log)["frozen gyro"]
+    check = found(log)["frozen_gyro"]
     assert (check.verdict, check.t) == ("fault", pytest.approx(40.0))
     assert check.value == pytest.approx(100 * 10 / 60, abs=0.2)
-    assert "stands still for 17 %" in unusable_gyro([check])
+    assert "stands still for 17 %" in frozen_gyro_reason(log)
 
 
 def test_a_gyro_that_stops_for_a_moment_leaves_the_filters_judged() -> None:
     log = moving()
     stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 42.0)
-    check = found(log)["frozen gyro"]
+    check = found(log)["frozen_gyro"]
     assert check.verdict == "fault"
-    assert unusable_gyro([check]) == ""
+    assert frozen_gyro_reason(log) == ""
 
 
 def test_a_gyro_that_is_coarse_and_at_rest_is_not_frozen() -> None:
@@ -89,7 +88,7 @@ def test_a_gyro_that_is_coarse_and_at_rest_is_not_frozen() -> None:
     log = moving()
     log.imus[0].gyro.x = np.round(log.imus[0].gyro.x, 2)
     assert timing.frozen_spans(log.imus[0].gyro, 1.0)
-    assert found(log)["frozen gyro"].verdict == "ok"
+    assert found(log)["frozen_gyro"].verdict == "ok"
 
 
 def test_an_accelerometer_and_a_compass_that_stop_are_told_together() -> None:
@@ -98,12 +97,12 @@ def test_an_accelerometer_and_a_compass_that_stop_are_told_together() -> None:
     assert log.mag is not None
     field = log.mags[log.mag].field
     stop(field.x, field.t, 30.0, 50.0)
-    check = found(log)["frozen sensors"]
+    check = found(log)["frozen_sensors"]
     assert (check.verdict, check.count) == ("fault", 2)
     assert check.value == pytest.approx(20.0, abs=0.1)
     assert "accelerometer" in check.text
     assert "compass" in check.text
-    assert unusable_gyro([check]) == ""
+    assert frozen_gyro_reason(log) == ""
 
 
 def test_values_without_a_number_are_no_value_that_stays() -> None:
@@ -111,7 +110,7 @@ def test_values_without_a_number_are_no_value_that_stays() -> None:
     assert log.mag is not None
     x = np.full_like(log.mags[log.mag].field.x, np.nan)
     log.mags[log.mag] = Mag(0, Stream(log.mags[log.mag].field.t, x, "T", "FRD", "MAG"))
-    assert found(log)["frozen sensors"].verdict == "ok"
+    assert found(log)["frozen_sensors"].verdict == "ok"
 
 
 @pytest.mark.parametrize(("climbs", "verdict"), [((0.0, 20.0), "ok"), ((30.0, 60.0), "warning")])
@@ -126,5 +125,5 @@ def test_a_barometer_stands_still_where_the_vehicle_rises_in_flight_and_not_wher
     phases = segments.build(log)
     phases.segments = [s for s in phases.segments if s.kind != "airborne"]
     phases.segments.append(segments.Segment("airborne", 25.0, 60.0))
-    (check,) = (c for c in timing.frozen_checks(log, phases) if c.name == timing.FROZEN_SENSORS)
+    (check,) = (c for c in timing.frozen_checks(HealthCase(log, phases)) if c.question == "frozen_sensors")
     assert check.verdict == verdict

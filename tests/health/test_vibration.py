@@ -9,9 +9,8 @@ import pytest
 
 from attlog.flight.model import Burst, Clipping, OnboardVibration, Stream, VibrationMeasure
 from attlog.health import vibration
-from attlog.segments.model import Segment
+from attlog.segments.model import Segment, Segments
 from tests.health.shaken import BEGIN, END, SECONDS, case, params, shaken
-from tests.segments.flights import imu_log
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 100])
@@ -40,29 +39,6 @@ def test_twenty_hours_of_flight_take_no_minutes() -> None:
     assert time.process_time() - begin < 5.0
 
 
-@pytest.mark.parametrize(
-    ("shaking", "own", "verdict"),
-    [
-        (0.5, 10.0, "ok"),
-        (6.0, 10.0, "ok"),
-        (0.5, 40.0, "warning"),
-        (0.5, 70.0, "fault"),
-        (60.0, 40.0, "fault"),
-        (60.0, 10.0, "fault"),
-    ],
-)
-def test_the_worse_of_what_is_measured_and_what_the_autopilot_says_is_told(
-    shaking: float, own: float, verdict: str
-) -> None:
-    """White noise on each axis; the autopilot's level clears what little its logged samples show, not a fault."""
-    t = np.arange(0.0, 60.0, 0.005)
-    force = np.random.default_rng(2).standard_normal((len(t), 3)) * shaking + [0.0, 0.0, -9.81]
-    log = imu_log(t, np.zeros((len(t), 3)), force)
-    told = Stream(np.arange(0.0, 60.0, 0.1), np.full((600, 3), own), "m/s^2", "FRD", "VIBE")
-    log.vibration.level = told
-    assert vibration.vibration_check(log, log.imus[0], [(5.0, 55.0)]).verdict == verdict
-
-
 @pytest.mark.parametrize("a", [0.4, -0.3])
 def test_a_height_that_rises_faster_and_faster_shows_an_acceleration_upwards(a: float) -> None:
     t = np.arange(0.0, 20.0, 0.1)
@@ -83,7 +59,7 @@ def test_percentiles_are_those_of_flight_whatever_ground_and_touch_down_do() -> 
     flying = (T >= BEGIN + 1.0) & (T < END - 2.0)
     second = np.floor(T)
     log = shaken(50.0, 60.0, levels=[told(np.where(flying, 0.1 * second, 99.0))])
-    (found,) = vibration.vibration_level(case(log))
+    (found,) = vibration.vibration_checks(case(log))
     expected = 0.1 * np.arange(11, 68)
     assert found.n == len(expected)
     assert found.text == (
@@ -99,14 +75,14 @@ def test_percentiles_are_those_of_flight_whatever_ground_and_touch_down_do() -> 
 )  # fmt: skip
 def test_each_measure_has_its_own_limits(size: float, measure: VibrationMeasure, verdict: str) -> None:
     log = shaken(50.0, 60.0, levels=[told(np.array(size), measure=measure)])
-    (found,) = vibration.vibration_level(case(log))
+    (found,) = vibration.vibration_checks(case(log))
     assert found.verdict == verdict
     assert found.settings == []
 
 
 def test_every_unit_has_its_own_level() -> None:
     log = shaken(50.0, 60.0, levels=[told(np.array(20.0)), told(np.array(40.0), 1)])
-    assert [(a.sensor, a.verdict) for a in vibration.vibration_level(case(log))] == [
+    assert [(a.sensor, a.verdict) for a in vibration.vibration_checks(case(log))] == [
         ("IMU.0", "ok"),
         ("IMU.1", "warning"),
     ]
@@ -114,7 +90,7 @@ def test_every_unit_has_its_own_level() -> None:
 
 def test_vibration_that_grows_in_flight_is_a_warning_with_its_time() -> None:
     log = shaken(50.0, 60.0, levels=[told(np.where(T < 40.0, 2.0, 9.0))], throttle=None)
-    (found,) = vibration.vibration_level(case(log))
+    (found,) = vibration.vibration_checks(case(log))
     assert found.verdict == "warning"
     assert found.t == pytest.approx(40.0, abs=1.0)
 
@@ -124,13 +100,17 @@ def test_a_short_flight_is_unknown_once_for_all_units() -> None:
     short = case(log)
     assert short.segments is not None
     short.segments.segments = [s for s in short.segments.segments if s.kind != "airborne"]
-    (found,) = vibration.vibration_level(short)
+    (found,) = vibration.vibration_checks(short)
     assert found.verdict == "unknown"
     assert "0 s" in found.text
 
 
 def test_without_any_level_the_reason_is_told() -> None:
-    (found,) = vibration.vibration_level(case(shaken(50.0, 60.0)))
+    log = shaken(50.0, 60.0)
+    (logged,) = vibration.vibration_checks(case(log))
+    assert (logged.verdict, "accelerometer vibrates by" in logged.text) == ("ok", True)
+    log.imu = None
+    (found,) = vibration.vibration_checks(case(log))
     assert found.verdict == "unknown"
     assert "VIBE" in found.text
 
@@ -157,7 +137,7 @@ def test_the_level_of_differences_is_their_mean_length() -> None:
     one = vibration.sample_levels(imu)
     # the length of a difference of two normal vectors: sqrt(2) sigma times the mean of chi with 3 degrees of freedom
     assert np.mean(one.level) == pytest.approx(2.0 * np.sqrt(2.0) * np.sqrt(8.0 / np.pi), rel=0.01)
-    (found,) = vibration.vibration_level(case(log))
+    (found,) = vibration.vibration_checks(case(log))
     assert found.value == pytest.approx(4.51, rel=0.06)
 
 
@@ -170,7 +150,7 @@ def test_clipping_counts_in_flight_only(count: int, seconds: int, verdict: str |
         new[np.argmin(np.abs(T - 20.5 - k))] = count // seconds
     new[T >= END - 1.0] = 1000
     log = shaken(50.0, 60.0, clippings=[Clipping("accelerometer", 1, "VIBE:1.Clip", T, new, True)])
-    found = vibration.clipping_assessments(log, vibration.sound_flight(case(log).segments, log))
+    found = vibration.clipping_checks(log, vibration.sound_flight(case(log).segments, log))
     assert [a.verdict for a in found] == ([] if verdict is None else [verdict])
     if found:
         assert (found[0].value, found[0].seconds) == (float(count), float(seconds))
@@ -192,11 +172,11 @@ def test_a_figure_of_hours_has_few_points_and_keeps_the_highest() -> None:
 def test_nothing_raises_where_everything_is_missing() -> None:
     log = shaken(50.0, 60.0, imus=[], imu=None, throttle=None, lines=params())
     empty = case(log)
-    empty.segments = None
-    assert [a.verdict for a in vibration.vibration_level(empty)] == ["unknown"]
+    empty.segments = Segments()
+    assert [a.verdict for a in vibration.vibration_checks(empty)] == ["unknown"]
     assert vibration.level_figures(empty) == []
     log.vibration.levels = [told(np.array(np.nan))]
-    assert [a.verdict for a in vibration.vibration_level(case(log))] == ["unknown"]
+    assert [a.verdict for a in vibration.vibration_checks(case(log))] == ["unknown"]
 
 
 def test_what_a_wreck_shakes_is_no_vibration_of_the_flight_that_it_ended() -> None:
@@ -204,7 +184,7 @@ def test_what_a_wreck_shakes_is_no_vibration_of_the_flight_that_it_ended() -> No
     whole = case(log)
     assert whole.segments is not None
     whole.segments.segments.append(Segment("impact", 40.0, SECONDS))
-    (found,) = vibration.vibration_level(whole)
+    (found,) = vibration.vibration_checks(whole)
     assert (found.verdict, found.value) == ("ok", 10.0)
     assert vibration.sound_flight(whole.segments, log) == [(BEGIN + 1.0, 40.0)]
 

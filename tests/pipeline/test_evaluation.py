@@ -52,7 +52,7 @@ def test_a_second_evaluation_prepares_nothing_again(case: Case, alone: Result, m
         raise AssertionError("prepared again")
 
     for module, names in (
-        (evaluation, ("describe", "audit")),
+        (evaluation, ("describe",)),
         (preparation, ("read",)),
         (evaluation.segments, ("build",)),
         (evaluation.reference, ("choose", "heading_references", "onboard_rows")),
@@ -63,7 +63,7 @@ def test_a_second_evaluation_prepares_nothing_again(case: Case, alone: Result, m
     assert [r.name for r in first.estimators][:2] == ["mahony", "onboard"]
     assert [r.name for r in second.estimators][:2] == ["madgwick", "onboard"]
     assert answers(first, "onboard") == answers(second, "onboard")
-    assert (first.log, first.audit, first.reference) == (second.log, second.audit, second.reference)
+    assert (first.log, first.checks, first.reference) == (second.log, second.checks, second.reference)
 
 
 def test_a_filter_gets_the_same_answers_alone_as_among_others(case: Case, alone: Result) -> None:
@@ -163,7 +163,7 @@ def test_analyze_is_both_halves(alone: Result) -> None:
             m: a.value for m, a in answers(whole, "mahony")[window].items() if not m.startswith("cost")
         }
     assert whole.config == halves.config
-    assert list(whole.timing) == ["read", "segments", "reference", "estimators", "audit", "metrics", "sensors"]
+    assert list(whole.timing) == ["read", "segments", "reference", "estimators", "metrics", "checks"]
 
 
 def test_the_result_tells_which_time_is_scored(case: Case, alone: Result) -> None:

@@ -13,7 +13,7 @@ from attlog import formats
 from attlog.flight import builder
 from attlog.flight.model import TimeLine
 from attlog.formats import Messages
-from attlog.pipeline import inspection, summary
+from attlog.pipeline import evaluation, inspection, summary
 from attlog.reference import alignment
 from tests.reference.flights import flight
 
@@ -34,7 +34,7 @@ def test_the_file_is_read_once_and_the_delay_measured_once(samples: Path, monkey
     monkeypatch.setattr(alignment, "fit_gyro_delay", measuring)
     report = inspection.inspect(samples / "px4_hover.ulg")
     assert report["messages"]
-    assert any(check["name"] == "delay" for check in report["audit"])
+    assert any(check["question"] == "filter_delay" for check in report["checks"])
     assert (len(opened), len(measured)) == (1, 1)
 
 
@@ -78,7 +78,7 @@ def test_a_logs_bytes_are_let_go_of_before_the_flight_is_looked_at(
 ) -> None:
     opened: list[weakref.ref[Messages]] = []
     alive: list[bool] = []
-    open_log, judge = formats.open, inspection.audit
+    open_log, judge = formats.open, evaluation.run_checks
 
     def opening(*given: Any) -> Messages:
         messages = open_log(*given)
@@ -90,7 +90,7 @@ def test_a_logs_bytes_are_let_go_of_before_the_flight_is_looked_at(
         return judge(*given)
 
     monkeypatch.setattr(formats, "open", opening)
-    monkeypatch.setattr(inspection, "audit", judging)
+    monkeypatch.setattr(evaluation, "run_checks", judging)
     found = inspection.inspect(samples / "copter_yaw_turns.bin")
     assert found["messages"]
     assert alive == [False]

@@ -14,8 +14,10 @@ from attlog import flight as attlog_flight
 from attlog import segments
 from attlog.core import rotation
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
-from attlog.health.attitude import CONTRADICTED, attitude_checks
-from attlog.health.findings import contradiction, unusable_gyro
+from attlog.health.attitude import attitude_checks
+from attlog.health.check import HealthCase
+from attlog.health.findings import contradiction
+from attlog.health.gyro import unusable_gyro
 from attlog.reference import choose, gyro_checks
 from tests.conftest import SAMPLES
 from tests.reference.flights import Array, attitude_at, flight
@@ -62,10 +64,10 @@ def test_the_field_finds_the_gyro_that_is_wrong(what: str) -> None:
     assert found.kind == "onboard"
     assert "smoother" in found.refused
     (against,) = [
-        c for c in attitude_checks(log, segments.build(log), found.gyro_fault) if c.name == "gyro against attitude"
+        c for c in attitude_checks(HealthCase(log, segments.build(log), found)) if c.question == "gyro_against_attitude"
     ]
-    assert (against.verdict, against.value) == ("fault", CONTRADICTED)
-    assert "turn differently" in unusable_gyro([against])
+    assert against.verdict == "fault"
+    assert "turn differently" in unusable_gyro(log, segments.build(log), found)
 
 
 @pytest.mark.parametrize("what", ["one sign", "swapped axes", "3 s late"])
@@ -126,7 +128,9 @@ def test_vibration_of_the_gyro_is_no_scale() -> None:
     log = flight(onboard_hz=100.0)
     imu = log.imus[0]
     imu.gyro.x = imu.gyro.x + np.radians(10.0) * np.sin(2 * np.pi * 37.0 * imu.gyro.t)[:, None]
-    (against,) = [c for c in attitude_checks(log, segments.build(log)) if c.name == "gyro against attitude"]
+    (against,) = [
+        c for c in attitude_checks(HealthCase(log, segments.build(log))) if c.question == "gyro_against_attitude"
+    ]
     assert against.verdict == "ok"
     assert against.value == pytest.approx(1.0, abs=0.02)
 
@@ -187,7 +191,9 @@ def test_a_reversed_axis_is_found_where_the_vehicle_hardly_turns_about_it(sample
     fault = gyro_checks.gyro_consistency(imu, attitude, none, None)
     assert fault.of == "gyro"
     assert f"reversed sign about {'xyz'[axis]}" in fault.why
-    found = {check.name: check for check in attitude_checks(log, segments.build(log))}["gyro against attitude"]
+    found = {check.question: check for check in attitude_checks(HealthCase(log, segments.build(log)))}[
+        "gyro_against_attitude"
+    ]
     assert found.verdict == "fault"
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.health.causes import Finding
-from attlog.health.check import Assessment, Setting, unknown
+from attlog.health.check import Setting, unknown
+from attlog.health.findings import Finding
 from attlog.metrics.metric import Answer, missing
 from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep
@@ -240,32 +240,42 @@ def health(t: np.ndarray) -> list[Trace]:
     ]
 
 
-def assessments() -> list[Assessment]:
+def checks() -> list[Check]:
     """One of every verdict, with and without something to set."""
     ofs = [Setting("COMPASS_OFS_X", -12.5, -133.5, "mG"), Setting("COMPASS_OFS_Y", None, 0.0, "mG")]
     return [
-        Assessment("GPS:0", "gnss_delay", "ok", "GNSS is 203 ms late, as set.", 203.0, "ms", (190.0, 216.0)),
-        unknown("MAG:0", "soft_iron", "The flight turned by 90 deg only: fly two full turns."),
-        Assessment(
-            "IMU:0",
+        Check("accelerometer_rest", "ok", "The accelerometer reads 9.81 m/s² at rest.", 9.81, "m/s^2", "9.80 ± 0.3"),
+        Check("field", "warning", "The magnetic field changes by 12 % with the throttle.", 12.0, "%", "below 10 %"),
+        Check(
+            "gnss_delay",
+            "ok",
+            "GNSS is 203 ms late, as set.",
+            sensor="GPS:0",
+            value=203.0,
+            unit="ms",
+            ci95=(190.0, 216.0),
+        ),
+        unknown("soft_iron", "The flight turned by 90 deg only: fly two full turns.", sensor="MAG:0"),
+        Check(
             "vibration_level",
             "warning",
             "It vibrates by 48.0 m/s^2.",
-            48.0,
-            "m/s^2",
+            sensor="IMU:0",
+            value=48.0,
+            unit="m/s^2",
             t=100.5,
             action="Balance.",
         ),
-        Assessment(
-            "MAG:0",
+        Check(
             "compass_offset",
             "fault",
             "MAG:0 reads 12.0 uT too much along x.",
-            12.0,
-            "uT",
-            (10.0, 14.0),
-            [12.0, -0.5, 0.2],
-            [2.0, 2.0, 1.0],
+            sensor="MAG:0",
+            value=12.0,
+            unit="uT",
+            ci95=(10.0, 14.0),
+            vector=[12.0, -0.5, 0.2],
+            vector_ci95=[2.0, 2.0, 1.0],
             n=38,
             seconds=125.0,
             threshold="ok below 1.5 uT",
@@ -337,10 +347,6 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
             Finding("onboard_reset", "serious", "The onboard heading jumps by 15.7 deg without a rotation.", 103.4),
             Finding("text_truncated", "note", "3 messages were cut to 4096 characters.", count=3),
         ],
-        audit=[
-            Check("gravity", "ok", "The accelerometer reads 9.81 m/s² at rest.", 9.81, "m/s^2", "9.80 ± 0.3"),
-            Check("field", "warning", "The magnetic field changes by 12 % with the throttle.", 12.0, "%", "below 10 %"),
-        ],
         segments=[
             Segment("continuous", 0, SECONDS, "one segment without a gap"),
             Segment("rest.long", *REST, "gyro below 0.15 deg/s, motors off"),
@@ -387,7 +393,7 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
             for window in ("rest", "airborne", "all")
         },
         events=[Event("reset", 103.4, "note", "The onboard attitude was reset at 103.4 s: 15.7 deg without rotation.")],
-        health=assessments(),
+        checks=checks(),
         timing={"read": 0.21, "estimators": 0.33},
         traces=traces(names) if with_traces else [],
     )

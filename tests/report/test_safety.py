@@ -18,7 +18,7 @@ from attlog.compare.grid import parse_grid
 from attlog.compare.search import sweep
 from attlog.compare.sweep_report import sweep_page
 from attlog.estimators import get
-from attlog.health.causes import Finding
+from attlog.health.findings import Finding
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.page import render
@@ -61,13 +61,11 @@ def hostile() -> Result:
                 answer.reason = EVIL
     for segment_index, segment in enumerate(result.segments):
         result.segments[segment_index] = type(segment)(segment.kind, segment.t0, segment.t1, EVIL)
-    for check in result.audit:
-        check.text = check.name = check.threshold = EVIL
     result.reference.text = result.reference.source = EVIL
-    for answer in result.health:
-        answer.sensor = answer.question = answer.text = answer.unit = answer.threshold = answer.source = EVIL
-        answer.action = answer.why_no_setting = EVIL
-        answer.evidence, answer.settings = [EVIL], [Setting(EVIL, 1.0, 2.0)]
+    for check in result.checks:
+        check.sensor = check.question = check.text = check.unit = check.threshold = check.source = EVIL
+        check.action = check.why_no_setting = EVIL
+        check.evidence, check.settings = [EVIL], [Setting(EVIL, 1.0, 2.0)]
     for trace in result.traces:
         trace.key = EVIL if trace.figure in ("compass", "levels", "clipping", "ratios", "interference") else trace.key
     result.verdicts = verdicts(result)

@@ -224,9 +224,9 @@ def test_the_schema_names_the_version_that_is_read() -> None:
 
 def test_assessments_of_sensors_read_back_and_defaults_stay_out(written: Path, tmp_path: Path) -> None:
     result = Result.load(written)
-    result.health = list(MADE)
+    result.checks = list(MADE)
     text = result.to_json(tmp_path / "a.json", deterministic=True)
-    told = json.loads(text)["health"]
+    told = json.loads(text)["checks"]
     assert told[-1] == {
         "sensor": "GPS.0",
         "question": "gnss_delay",
@@ -234,18 +234,18 @@ def test_assessments_of_sensors_read_back_and_defaults_stay_out(written: Path, t
         "text": "The flight has too few turns.",
     }
     again = Result.load(tmp_path / "a.json")
-    assert again.health == MADE
+    assert again.checks == MADE
     assert again.to_json(deterministic=True) == text
 
 
 def test_a_document_without_assessments_reads_as_none(written: Path, tmp_path: Path) -> None:
     document = json.loads(written.read_text(encoding="utf-8"))
-    document.pop("health", None)
+    document.pop("checks", None)
     (tmp_path / "a.json").write_text(json.dumps(document), encoding="utf-8")
-    assert Result.load(tmp_path / "a.json").health == []
-    document["health"] = [{"sensor": "MAG.0", "question": "x", "verdict": "great", "text": "x."}]
+    assert Result.load(tmp_path / "a.json").checks == []
+    document["checks"] = [{"sensor": "MAG.0", "question": "x", "verdict": "great", "text": "x."}]
     (tmp_path / "a.json").write_text(json.dumps(document), encoding="utf-8")
-    with pytest.raises(UsageError, match="health"):
+    with pytest.raises(UsageError, match="checks"):
         Result.load(tmp_path / "a.json")
 
 
@@ -253,6 +253,6 @@ def test_the_schema_tells_what_an_assessment_holds() -> None:
     from attlog.result.schema import schema
 
     parts = schema()["$defs"]
-    assert parts["Assessment"]["properties"]["verdict"]["enum"] == ["ok", "warning", "fault", "unknown"]
+    assert parts["Check"]["properties"]["verdict"]["enum"] == ["ok", "warning", "fault", "unknown"]
     assert set(parts["Setting"]["properties"]) == {"name", "old", "new", "unit"}
-    assert set(parts["Assessment"]["required"]) == {"sensor", "question", "verdict", "text"}
+    assert set(parts["Check"]["required"]) == {"question", "verdict", "text"}

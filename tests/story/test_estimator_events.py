@@ -13,7 +13,7 @@ import attlog
 from attlog import segments, story
 from attlog.core import rotation
 from attlog.flight.model import Attitude, FlightLog, Gnss, InnovationTest, Problem, Stream
-from attlog.health import innovations
+from attlog.health import HealthCase, innovations
 from attlog.segments.model import Segment, Segments
 from attlog.story import estimator_events, flight_events, headlines
 from tests.segments.test_airborne import carried
@@ -220,32 +220,33 @@ def test_rejections_in_flight_are_told_with_seconds_longest_and_size() -> None:
 
 
 def test_event_and_check_tell_the_same() -> None:
-    log = flown((12.0, 15.0, 1.7))
+    log = flown((12.0, 14.5, 1.7))
     phases = segments.build(log)
     (event,) = (e for e in story.events(log, phases) if e.kind == "aid_rejected")
-    (check,) = innovations.aid_checks(log, phases)
+    (check,) = innovations.innovation_checks(HealthCase(log, phases))
     assert event.text == check.text
-    assert (event.t, event.t_end) == (check.t, check.t_end) == (pytest.approx(12.0), pytest.approx(15.0))
-    assert (check.name, check.verdict) == ("rejected compass", "warning")
+    assert (event.t, event.t_end) == (check.t, check.t_end) == (pytest.approx(12.0), pytest.approx(14.5))
+    assert (check.question, check.kind, check.verdict) == ("innovations", "compass", "warning")
     assert "1.7 times its limit (XKF4:0.SM)" in check.text
 
 
 def test_ten_seconds_on_end_are_a_fault() -> None:
     log = flown((12.0, 22.5, 1.2), aid="velocity")
-    (check,) = innovations.aid_checks(log, segments.build(log))
-    assert (check.name, check.verdict) == ("rejected velocity", "fault")
+    (check,) = innovations.innovation_checks(HealthCase(log, segments.build(log)))
+    assert (check.question, check.verdict) == ("innovations", "fault")
 
 
 def test_the_ground_and_a_moment_are_no_rejection() -> None:
     log = flown((0.0, 4.0, 5.0), (20.0, 20.5, 5.0), (37.0, 40.0, 8.0))
-    (check,) = innovations.aid_checks(log, segments.build(log))
-    assert (check.verdict, check.value) == ("ok", 0.0)
+    (check,) = innovations.innovation_checks(HealthCase(log, segments.build(log)))
+    assert (check.verdict, check.count) == ("ok", 1)
 
 
 def test_a_ratio_that_was_not_logged_is_no_ok() -> None:
     log = flown()
     log.estimator.innovation_tests[0].ratio[:] = np.nan
-    assert innovations.aid_checks(log, segments.build(log)) == []
+    (check,) = innovations.innovation_checks(HealthCase(log, segments.build(log)))
+    assert check.verdict == "unknown"
 
 
 def test_ratios_of_real_logs_are_roots_of_one_scale_in_every_era(corpus: Path) -> None:

@@ -186,8 +186,7 @@ def bars(result: Result, verdict: Verdict) -> Iterator[str]:
 def headline(result: Result) -> Iterator[str]:
     """Where nothing went wrong nothing serious is found; what a headline tells, the checks do not deny."""
     serious = [f.text for f in result.findings if f.severity == "serious"]
-    serious += [c.text for c in result.audit if c.verdict == "fault"]
-    serious += [a.text for a in result.health if a.verdict == "fault"]
+    serious += [c.text for c in result.checks if c.verdict == "fault"]
     if "Nothing went wrong" in result.headline and serious:
         yield f"headline: nothing went wrong beside: {serious[0]}"
     if result.headline and "never left the ground" in result.headline:
@@ -196,29 +195,26 @@ def headline(result: Result) -> Iterator[str]:
             yield f"headline: never left the ground, {airborne} s in the air"
     if "EKF re-aligned yaw" in result.headline and not any(e.kind == "realigned" for e in result.events):
         yield "headline: the yaw was re-aligned, no event says so"
-    checks = {c.name: c.verdict for c in result.audit}
-    if JUMPS.search(result.headline) and checks.get("attitude jumps") == "ok":
+    checks = {c.question: c.verdict for c in result.checks}
+    if JUMPS.search(result.headline) and checks.get("attitude_jumps") == "ok":
         yield "headline: a jump, the check says none"
 
 
 def findings(result: Result) -> Iterator[str]:
-    """A finding of a sensor is one that its check, or the question about it, found too."""
-    checks = {c.name: c.verdict for c in result.audit}
+    """A finding of a sensor is one that a check of its question found too."""
     asked: dict[str, set[str]] = {}
-    for one in result.health:
+    for one in result.checks:
         asked.setdefault(one.question, set()).add(one.verdict)
     for finding in result.findings:
         if not finding.is_trouble or not finding.about:
             continue
-        if checks.get(finding.about) == "ok":
-            yield f"finding: {finding.about} is ok by its check | {finding.text}"
         verdicts = asked.get(finding.about)
         if verdicts and not verdicts.intersection(TROUBLE):
-            yield f"finding: {finding.about} is {sorted(verdicts)} by the sensors' table | {finding.text}"
-    compass = [a for a in result.health if a.question == "compass_heading"]
+            yield f"finding: {finding.about} is {sorted(verdicts)} by its checks | {finding.text}"
+    compass = [a for a in result.checks if a.question == "compass_heading"]
     if any("heading" in f.text and f.kind == "compass" and f.severity == "serious" for f in result.findings):
         if compass and all(a.verdict == "ok" for a in compass):
-            yield "finding: the compass's heading is ok by the sensors' table"
+            yield "finding: the compass's heading is ok by its check"
 
 
 def marks(result: Result) -> Iterator[str]:

@@ -108,7 +108,7 @@ def test_what_has_no_answer_says_why_and_what_is_not_ranked_shows_its_range() ->
 
 def test_a_sensor_that_spoils_all_filters_is_named_in_each_answer_that_has_a_value() -> None:
     made = result([row("a", drift(4.0)), row("b", drift(0.05))], {DRIFT_REST: ["b"]})
-    made.audit = [Check("gravity", "fault", "It is 12 m/s^2.")]
+    made.checks = [Check("accelerometer_rest", "fault", "It is 14 m/s^2.", 14.0)]
     assert brief("yaw_drift", made) == "Unreliable, the accelerometer is wrong: At rest A +4.0°/min; B below 0.15°/min."
     assert brief("noise", made) == "Cannot be determined: no filter was run."
 
@@ -166,7 +166,7 @@ def test_answers_stay_short_with_many_filters() -> None:
 
 def test_a_gyro_that_reads_wrong_is_in_every_answer_and_its_numbers_in_the_notes() -> None:
     made = result([row("a", noise(0.01))])
-    made.audit = [Check("gyro bias", "fault", "At rest -24.34, -23.28, 2.62 deg/s about x, y, z.")]
+    made.checks = [Check("gyro_bias", "fault", "At rest -24.34, -23.28, 2.62 deg/s about x, y, z.")]
     found = verdict("noise", made)
     assert found.sentence.startswith("Unreliable, the gyro is wrong: At rest A")
     assert found.notes[0] == "The gyro is wrong: At rest −24.34, −23.28, 2.62°/s about x, y, z."
@@ -175,7 +175,7 @@ def test_a_gyro_that_reads_wrong_is_in_every_answer_and_its_numbers_in_the_notes
     made.estimators[0].status = "not_judged"
     assert sentence("noise", made).startswith("Unreliable")
     made.estimators[0].status = "ok"
-    made.audit[0].verdict = "warning"
+    made.checks[0].verdict = "warning"
     assert not sentence("noise", made).startswith("Unreliable")
 
 
@@ -199,7 +199,7 @@ def test_a_filter_that_misses_the_step_is_named_beside_its_lag() -> None:
 )
 def test_an_imu_that_is_late_makes_every_filter_late(verdict_: str, ms: float, late: bool) -> None:
     made = result([row("a", lag(0))])
-    made.audit = [Check("imu delay", verdict_, "x", ms, "ms")]
+    made.checks = [Check("imu_delay", verdict_, "x", ms, "ms")]
     assert (f"The IMU itself is {ms:.0f} ms late, and every filter with it." in sentence("lag", made)) == late
 
 
@@ -209,7 +209,7 @@ def test_an_imu_that_is_late_makes_every_filter_late(verdict_: str, ms: float, l
 )
 def test_one_heading_reference_is_quoted_whatever_it_ranks(present, quoted: str, doubtful: bool) -> None:
     made = result([row(n, merged(*(drift(v, against=p) for p in present))) for n, v in (("a", 1.0), ("b", 2.0))])
-    made.audit = [Check("field", "fault", "x")]
+    made.checks = [Check("field", "fault", "x")]
     found = verdict("yaw_drift", made)
     assert found.metric == f"{DRIFT_AIR}.{quoted}"
     assert ("in doubt: its field is wrong" in found.sentence) == doubtful

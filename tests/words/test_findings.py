@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from attlog.cli.tables import wrong
+from attlog.cli.tables import finding_lines
 from attlog.health.check import Setting, unknown
-from attlog.result import Check, Finding, Result
+from attlog.result import Finding, Result
 from attlog.words.findings import (
-    checks_by_trouble,
     findings,
     no_problem_text,
     parameter_change,
@@ -20,7 +19,7 @@ from attlog.words.findings import (
     question_titles,
     reasons_unknown,
     repeat_advice_once,
-    shown_assessments,
+    shown_checks,
     value_text,
 )
 from tests.health.made import MADE, OFFSET, REFUSED, SILENT, SOUND
@@ -31,7 +30,7 @@ def found(*found: Finding) -> Result:
 
 
 def printed(made: Result, verbose: bool = False, width: int = 100) -> list[str]:
-    return [line.text for line in wrong(findings(made), lambda text: text, width, verbose)]
+    return [line.text for line in finding_lines(findings(made), width, verbose)]
 
 
 GYRO = Finding(
@@ -117,7 +116,7 @@ def test_a_value_has_its_unit_and_interval(value, unit, ci95, text):
 
 
 def test_the_worst_stands_first_and_what_cannot_be_told_last():
-    shown = shown_assessments([SILENT, *MADE])
+    shown = shown_checks([SILENT, *MADE])
     assert [a.verdict for a in shown] == ["fault", "warning", "ok", "unknown", "unknown"]
     assert [a.listed for a in shown] == [True, True, False, False, False]
     assert shown[1].to_set == "COMPASS_OFS_X -12 -> 145, COMPASS_OFS_Y 4.5 -> -20.25"
@@ -125,10 +124,10 @@ def test_the_worst_stands_first_and_what_cannot_be_told_last():
 
 def test_without_values_the_row_says_what_to_do_and_its_details_why_there_are_none():
     made = replace(OFFSET, settings=[], action="Balance the propellers.", why_no_setting="No parameter removes it.")
-    (shown,) = shown_assessments([made])
+    (shown,) = shown_checks([made])
     assert shown.to_set == "Balance the propellers."
     assert "No parameter removes it." in shown.why
-    (shown,) = shown_assessments([replace(made, action="")])
+    (shown,) = shown_checks([replace(made, action="")])
     assert shown.to_set == "No parameter removes it."
 
 
@@ -146,7 +145,7 @@ def test_a_question_of_another_version_is_told_by_its_id():
 
 
 def test_axes_evidence_extent_and_limit_stand_beside_the_answer():
-    (shown,) = shown_assessments([OFFSET])
+    (shown,) = shown_checks([OFFSET])
     assert shown.why == (
         "x 24.0 ± 3.0, y −3.00 ± 3.00, z 0.50 ± 4.00 µT.",
         "The compass heading was off by 15°, after it by 1.5°.",
@@ -157,12 +156,12 @@ def test_axes_evidence_extent_and_limit_stand_beside_the_answer():
 
 def test_where_nothing_can_be_set_the_action_stands_and_the_reason_is_a_detail():
     both = replace(REFUSED, action="Move it.")
-    (shown,) = shown_assessments([both])
+    (shown,) = shown_checks([both])
     assert (shown.to_set, shown.why) == ("Move it.", (REFUSED.why_no_setting,))
-    assert shown_assessments([replace(SOUND, threshold="ok up to 30 m/s^2")])[0].why == ("Ok up to 30 m/s².",)
-    assert shown_assessments([REFUSED])[0].to_set == REFUSED.why_no_setting
+    assert shown_checks([replace(SOUND, threshold="ok up to 30 m/s^2")])[0].why == ("Ok up to 30 m/s².",)
+    assert shown_checks([REFUSED])[0].to_set == REFUSED.why_no_setting
     offering = replace(both, settings=[Setting("A", 1.0, 2.0)], why_no_setting="")
-    (shown,) = shown_assessments([offering])
+    (shown,) = shown_checks([offering])
     assert (shown.advice, shown.to_set, shown.why) == ("", "A 1 -> 2", ("Move it.",))
 
 
@@ -170,39 +169,32 @@ def test_values_that_are_no_numbers_are_shown_as_nothing():
     broken = replace(
         OFFSET, value=math.nan, ci95=(math.nan, 1.0), vector=[math.nan], vector_ci95=[math.inf], evidence=[]
     )
-    (shown,) = shown_assessments([broken])
+    (shown,) = shown_checks([broken])
     assert shown.value == ""
     assert "x" not in shown.why[0]
 
 
 def test_a_verdict_of_another_version_cannot_be_told():
-    assert shown_assessments([replace(SOUND, verdict="better")])[0].verdict == "unknown"
+    assert shown_checks([replace(SOUND, verdict="better")])[0].verdict == "unknown"
 
 
 def test_the_same_advice_to_one_question_stands_once():
-    rows = shown_assessments([REFUSED, replace(REFUSED, sensor="MAG.2"), replace(REFUSED, question="soft_iron")])
+    rows = shown_checks([REFUSED, replace(REFUSED, sensor="MAG.2"), replace(REFUSED, question="soft_iron")])
     assert [a.advice for a in repeat_advice_once(rows)] == [
         REFUSED.why_no_setting,
         "The same as for MAG.1.",
         REFUSED.why_no_setting,
     ]
-    bare = shown_assessments([replace(SOUND, sensor=name) for name in ("IMU.0", "IMU.1")])
+    bare = shown_checks([replace(SOUND, sensor=name) for name in ("IMU.0", "IMU.1")])
     assert repeat_advice_once(bare) == bare
     assert question_titles(bare) == "vibration (2)"
 
 
 def test_questions_that_cannot_be_told_for_one_reason_stand_together():
     why = "The flight is too short."
-    found = [unknown("GPS", "gnss_delay", why), unknown("", "lanes", why), unknown("", "notch", "Too slow.")]
+    found = [unknown("gnss_delay", why, sensor="GPS"), unknown("lanes", why), unknown("notch", "Too slow.")]
     found[2].action = "Log more."
-    assert reasons_unknown(shown_assessments(found)) == [
+    assert reasons_unknown(shown_checks(found)) == [
         ("GNSS delay of GPS; estimator lane in use", why),
         ("notch filter", "Too slow. Log more."),
     ]
-
-
-def test_checks_that_are_not_ok_come_first_with_faults_before_warnings():
-    checks = [Check(v, v, "") for v in ("ok", "warning", "unknown", "fault")]
-    trouble, others = checks_by_trouble(checks)
-    assert [c.verdict for c in trouble] == ["fault", "warning"]
-    assert [c.verdict for c in others] == ["ok", "unknown"]

@@ -85,7 +85,7 @@ def printable(report: dict[str, Any]) -> dict[str, Any]:
 def info_lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[TextLine]:
     """Lay out a report of ``inspect`` as text of at most ``width`` columns where words can be broken."""
     from attlog.cli.tables import finding_lines
-    from attlog.health.causes import Finding
+    from attlog.health.findings import Finding
     from attlog.metrics.gyro_bias import CommonBias
     from attlog.words.findings import shown_findings
     from attlog.words.flight import bias_sentence as said_bias
@@ -94,8 +94,8 @@ def info_lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator
     if report["headline"]:
         yield TextLine("")
         yield from wrapped("", report["headline"], width)
-    checks = [(c["name"], c["verdict"], c["text"]) for c in report["audit"]]
-    yield from _part("Physics", checks, width, [STYLES[c["verdict"]] for c in report["audit"]])
+    checks = [(c["question"].replace("_", " "), c["verdict"], c["text"]) for c in report["checks"]]
+    yield from _part("Checks", checks, width, [STYLES[c["verdict"]] for c in report["checks"]])
     questions = report["answerable"]
     answers = [
         (
@@ -233,8 +233,8 @@ def health_document(result: Result) -> dict[str, Any]:
     from attlog.result import agreed_settings
 
     whole = result.to_dict()
-    told = {key: whole.get(key, empty) for key, empty in (("log", {}), ("headline", ""), ("health", []))}
-    settings = [to_plain(setting, defaults=False) for setting in agreed_settings(result.health)]
+    told = {key: whole.get(key, empty) for key, empty in (("log", {}), ("headline", ""), ("checks", []))}
+    settings = [to_plain(setting, defaults=False) for setting in agreed_settings(result.checks)]
     return told | {"settings": settings, "findings": whole.get("findings", [])}
 
 
@@ -247,8 +247,8 @@ def health_lines(result: Result, width: int, verbose: bool) -> Iterator[TextLine
     yield from wrapped("", title(result), width, "bold")
     if result.headline:
         yield from wrapped("  ", clean(result.headline), width)
-    yield from sensor_lines(result.health, width, verbose)
-    yield from setting_lines(agreed_settings(result.health))
+    yield from sensor_lines(result.checks, width, verbose)
+    yield from setting_lines(agreed_settings(result.checks))
 
 
 def write_parameters(result: Result, path: Path, params: str | None) -> str | None:
