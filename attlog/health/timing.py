@@ -205,9 +205,9 @@ def frozen_gyro_reason(log: FlightLog) -> str:
 
 def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
     """Spans (t0, t1) s in which every record holds the same finite values (all of them), for ``least_s`` and more."""
-    x = stream.x.reshape(len(stream.t), -1)
-    if len(x) < MIN_FROZEN_RECORDS:
+    if len(stream.t) < MIN_FROZEN_RECORDS:
         return []
+    x = stream.x.reshape(len(stream.t), -1)
     t, x = model.select_good(rotation.finite_rows(x), stream.t, x)
     changed = np.zeros(max(len(t) - 1, 0), bool)
     for column in x.T:  # one at a time: of gigabytes copies add up
