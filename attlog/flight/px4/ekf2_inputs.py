@@ -1,7 +1,7 @@
 """Read from a ULog what EKF2 was given on board: samples, flags and its own states.
 
 Times are s since boot. Units are SI but for the magnetic field, which EKF2 keeps in gauss.
-Topics and fields: PX4-Autopilot ``msg/``; their eras: ``docs/ekf.md``.
+Topics and fields: PX4-Autopilot ``msg/``.
 """
 
 from __future__ import annotations
