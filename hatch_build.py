@@ -12,7 +12,8 @@ then carry the larger bundle of the Python package, and ``attlog analyze`` says 
 
 The kernels that ``attlog analyze`` needs with its defaults, for wheels (a set for each level of processor) and
 editable installs (this machine's): object files in ``attlog/core/jit/objects/``, so that its first run compiles
-nothing; others are compiled at their first use, and kept. A wheel that holds objects is made for one system, any Python 3.
+nothing; others are compiled at their first use, and kept. A wheel that holds objects is made for one
+system, any Python 3.
 Any failure leaves them out. ``ATTLOG_KERNELS=none`` skips it (``make`` compiles after the installation,
 where a count can be seen); ``ATTLOG_KERNELS=all`` compiles all kernels and makes a failure an error.
 """

@@ -41,7 +41,8 @@ class Check:
     """Answer to one question about one sensor or estimator.
 
     ``question``: id of a row in :data:`attlog.health.registry.CHECKS`; ``sensor``: name in the log (``MAG.0``), not
-    ``in_use`` where the vehicle did not fly by it. ``text`` is one sentence with the number. ``value`` in ``unit`` has the 95 % interval ``ci95``; ``vector`` holds components
+    ``in_use`` where the vehicle did not fly by it. ``text`` is one sentence with the number. ``value`` in
+    ``unit`` has the 95 % interval ``ci95``; ``vector`` holds components
     along the body axes x, y, z, ``vector_ci95`` half the widths of their intervals. ``n`` samples in ``seconds``.
     ``t`` to ``t_end`` s: begin and end, None for the whole log; ``count``: number of events. ``about``: angle (tilt,
     heading) or case; ``kind``: kind of finding, empty for

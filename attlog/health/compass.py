@@ -272,7 +272,8 @@ def offset_refusal(case: HealthCase, study: CompassStudy) -> str:
             "The motors or the place bend the field, and this offset would be wrong on the ground."
         )
     if not study.ground_agrees:
-        return f"The ground does not confirm it: off by {axes_with_interval(study.ground.offset, study.ground.sigma)} uT there."
+        ground = axes_with_interval(study.ground.offset, study.ground.sigma)
+        return f"The ground does not confirm it: off by {ground} uT there."
     if study.cause == "turn":
         return "A compass mounted askew would read the same: compare its orientation with the parameters."
     if study.cause == "neither":
@@ -347,7 +348,8 @@ def motor_check(case: HealthCase, study: CompassStudy) -> Check:
     answer = Check(
         "compass_motors",
         "unknown" if unsure else "ok" if agrees else "fault" if level > MOTORS_FAR_SHARE else "warning",
-        f"In flight {samples.source} reads {axes_with_interval(added, sigma)} uT more in x, y, z than on the ground{_at_power(study)}.",
+        f"In flight {samples.source} reads {axes_with_interval(added, sigma)} uT more in x, y, z "
+        f"than on the ground{_at_power(study)}.",
         sensor=samples.source,
         value=round(size, 1),
         unit="uT",

@@ -550,7 +550,8 @@ def reason_no_heading(case: HealthCase) -> str:
         return f"Motion shows no heading that can be trusted: {why}."
     moved = horizontal_acceleration(case.log, motion, case)
     if not moved >= MIN_ACCELERATION_M_S2:
-        return f"Horizontal acceleration of {moved:.2f} m/s^2 shows no heading ({MIN_ACCELERATION_M_S2} needed). {FLY_ADVICE}"
+        needed = f"{MIN_ACCELERATION_M_S2} needed"
+        return f"Horizontal acceleration of {moved:.2f} m/s^2 shows no heading ({needed}). {FLY_ADVICE}"
     return ""
 
 

@@ -168,7 +168,8 @@ OFTEN_SHARE, FAULT_SHARE = 0.02, 0.10
 """Parts of the flight above 1: Gaussian innovations are beyond 3 sigma, the smallest gate, in 0.3 %."""
 MIN_REJECTION_S = 1.0
 """Above 1 for so long without a break is no single outlier."""
-RATIO_LIMIT = f"ok: above 1 for less than {MIN_REJECTION_S:.0f} s in all, or for {100 * OFTEN_SHARE:.0f} % and never that long on end; "
+RATIO_LIMIT = f"ok: above 1 for less than {MIN_REJECTION_S:.0f} s in all, "
+RATIO_LIMIT += f"or for {100 * OFTEN_SHARE:.0f} % and never that long on end; "
 RATIO_LIMIT += f"fault: {LONG_REJECTION_S:.0f} s on end or {100 * FAULT_SHARE:.0f} %"
 RATIO_SOURCE = "the firmware's own gate; some EKFs reset after 10 s"
 REJECTION_CAUSES = {

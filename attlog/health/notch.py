@@ -265,7 +265,8 @@ def _spectrum_assessment(log: FlightLog, spectra: Spectra, found: list[Peak]) ->
     sensor = f"GYR.{spectra.unit}"
     seen = f"{spectra.source} at {spectra.rate:.0f} Hz, {len(spectra.t)} windows of {spectra.seconds:.1f} s"
     seen += ", behind the autopilot's filters." if spectra.filtered else "."
-    made = Check("gyro_spectrum", "ok", "", sensor=sensor, n=len(spectra.t), seconds=round(len(spectra.t) * spectra.seconds, 1), threshold=PEAK_LIMIT, evidence=[seen])  # fmt: skip
+    made = Check("gyro_spectrum", "ok", "", sensor=sensor, n=len(spectra.t), threshold=PEAK_LIMIT, evidence=[seen])
+    made.seconds = round(len(spectra.t) * spectra.seconds, 1)
     if not found:
         made.text = (
             f"Gyro {spectra.unit} shows no peak of {PROMINENT_DB:.0f} dB between {LOWEST_HZ:.0f} and "

@@ -24,7 +24,8 @@ ARMED_MARGIN_S, ARMED_SHARE = 1.0, 0.1
 """A pause begins up to so long after disarming, and ends with arming."""
 FEW_GAPS, FEW_GAPS_PCT, MANY_GAPS_PCT = 3, 1.0, 20.0
 """So few gaps change nothing that is measured; a fifth of the time lost changes all."""
-GAP_LIMIT = f"ok: fewer than {FEW_GAPS} above 50 ms while armed, and {FEW_GAPS_PCT:.0f} % of the time; fault: above {MANY_GAPS_PCT:.0f} %"
+GAP_LIMIT = f"ok: fewer than {FEW_GAPS} above 50 ms while armed, and {FEW_GAPS_PCT:.0f} % of the time; "
+GAP_LIMIT += f"fault: above {MANY_GAPS_PCT:.0f} %"
 FULL_HZ = 95.0
 """Above this the rotation between samples is small enough for every estimator."""
 
@@ -148,7 +149,8 @@ MOVING_DPS, TURNED_DEG, CLIMBED_M = 3.0, 5.0, 10.0
 An accelerometer that shakes is no sign of it: engines run on the ground."""
 UNUSABLE_PCT = 5.0
 """A gyro that stood still for more than this part of the record makes every replay wrong from there on."""
-FROZEN_LIMIT = f"ok: no value stays for {FROZEN_IMU_S:.0f} s (compass {FROZEN_MAG_S:.0f} s, barometer {FROZEN_BARO_S:.0f} s) while the vehicle moves"
+FROZEN_LIMIT = f"ok: no value stays for {FROZEN_IMU_S:.0f} s (compass {FROZEN_MAG_S:.0f} s, "
+FROZEN_LIMIT += f"barometer {FROZEN_BARO_S:.0f} s) while the vehicle moves"
 
 
 class _FrozenTime(TypedDict, total=False):

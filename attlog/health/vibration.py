@@ -125,7 +125,8 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     worst = int(np.argmax(np.abs(unexplained)))
     size = float(abs(unexplained[worst]))
     verdict: Verdict = "ok" if size <= CHANGED_M_S2 else "warning" if size <= WRONG_M_S2 else "fault"
-    text = f"The mean vertical force over {FORCE_WINDOW_S:.0f} s stays within {size:.2f} m/s^2 of what the height explains."
+    stays = f"stays within {size:.2f} m/s^2 of what the height explains"
+    text = f"The mean vertical force over {FORCE_WINDOW_S:.0f} s {stays}."
     if verdict == "ok":
         return Check("vertical_force", verdict, text, round(size, 2), "m/s^2", limit)
     since = int(np.argmax(np.abs(unexplained) > CHANGED_M_S2))
@@ -285,7 +286,9 @@ def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> C
         f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the time below {most:.1f}, "
         f"in the worst second {level[worst]:.1f}."
     )
-    found = Check("vibration_level", verdict, text, sensor=sensor, value=round(judged, 2), unit="m/s^2", ci95=quantile_interval(level, limits.share), n=len(level), seconds=float(len(level)), threshold=threshold, source=limits.source)  # fmt: skip
+    found = Check("vibration_level", verdict, text, sensor=sensor, value=round(judged, 2), unit="m/s^2")
+    found.ci95, found.n = quantile_interval(level, limits.share), len(level)
+    found.seconds, found.threshold, found.source = float(len(level)), threshold, limits.source
     found.evidence = [f"{one.source}; the worst second begins at {t[worst]:.0f} s."]
     since = find_onset(level)
     if since is not None and not has_more_power(log.power.throttle, t, since):

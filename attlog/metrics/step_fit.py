@@ -44,8 +44,8 @@ class Fit:
 
     ``distortion`` and ``share`` (of the aiding) are relative to the RMS of the reference's rate, ``shape_s`` is
     the residual over the RMS of its slope, ``moved_s`` what the aiding changes the delay by, ``plain_gain``
-    the gain without it. ``left_out`` (events, 3) are delay, gain and distortion with one event left out each, ``each`` (events,) the delays of the
-    single ones, ``events`` (events,) their numbers in ``sums``.
+    the gain without it. ``left_out`` (events, 3) are delay, gain and distortion with one event left out each,
+    ``each`` (events,) the delays of the single ones, ``events`` (events,) their numbers in ``sums``.
     """
 
     delay: float

@@ -49,8 +49,8 @@ class Config:
     standard ones. ``gyro_bias``: what is subtracted from the gyro for every filter: its mean over the
     rest before take-off, nothing, or the onboard estimator's own.
     ``params``: a parameter file for what the log does not tell. ``truth``: what everything is compared with, a
-    trajectory, another log, a folder of them or a message of the log (:mod:`attlog.external.attitude`). Times are seconds
-    on the log's clock (0 = first IMU sample). Whatever is set is checked: UsageError.
+    trajectory, another log, a folder of them or a message of the log (:mod:`attlog.external.attitude`). Times are
+    seconds on the log's clock (0 = first IMU sample). Whatever is set is checked: UsageError.
     """
 
     estimators: Annotated[list[str], ParsedBy(_rows)] = field(default_factory=lambda: ["default"])

@@ -191,7 +191,7 @@ def is_recorded(spec: estimators.EstimatorSpec) -> bool:
 
 
 def recorded_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Row, EstimatorRow]:
-    """An attitude that was computed elsewhere as a row like any other. Errors as of :func:`attlog.external.attitude.read_attitude`."""
+    """Return an external attitude as a row. Errors as of :func:`attlog.external.attitude.read_attitude`."""
     values = spec.resolved()
     asked = {k: v for k, (v, _) in values.items()}
     from attlog.external import attitude  # no other row needs it

@@ -40,9 +40,9 @@ def accelerometer_contradicted(seen: DipAngles | None, attitude: Attitude | None
     if not (off[0] >= MIN_DIP_FAULT_DEG and off[1] <= MAX_DIP_ERROR_DEG):
         return ""
     return (
-        f"the field {_dip_text(seen.by_force)} the level of the accelerometer and {_dip_text(seen.by_attitude)} that of "
-        f"{attitude.source}; the earth's field there {_dip_text(seen.on_earth)} the horizon: the accelerometer's axes are "
-        "wrong"
+        f"the field {_dip_text(seen.by_force)} the level of the accelerometer and {_dip_text(seen.by_attitude)} "
+        f"that of {attitude.source}; the earth's field there {_dip_text(seen.on_earth)} the horizon: "
+        "the accelerometer's axes are wrong"
     )
 
 
@@ -55,8 +55,8 @@ def compass_contradicted(seen: DipAngles | None, attitude: Attitude | None, sour
         return ""
     signs = abs(seen.by_force + seen.on_earth) <= MAX_DIP_ERROR_DEG and abs(seen.on_earth) >= MIN_DIP_FAULT_DEG
     return (
-        f"the field of {source} {_dip_text(seen.by_force)} the level of the accelerometer and of {attitude.source}; the "
-        f"earth's field there {_dip_text(seen.on_earth)} the horizon: "
+        f"the field of {source} {_dip_text(seen.by_force)} the level of the accelerometer and of {attitude.source}; "
+        f"the earth's field there {_dip_text(seen.on_earth)} the horizon: "
         f"{'all its axes have the other sign' if signs else 'its axes are wrong, or iron bends it'}"
     )
 

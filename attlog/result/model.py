@@ -131,8 +131,9 @@ class Result:
 
     ``estimators``: rows with their answers in ``metrics[window][metric]``: ``value``, ``ci95``, ``n`` and ``unit``, or
     ``code`` and ``reason`` without a value. ``verdicts``: the four answers in words. ``headline`` and ``events``: what
-    happened. ``findings``: what is wrong, one entry for each cause; ``checks``: of sensors and estimator, and what to set.
-    ``segments``: phases of the log. ``reference``: what rows are compared with. ``definitions``: meaning of each
+    happened. ``findings``: what is wrong, one entry for each cause; ``checks``: of sensors and estimator, and
+    what to set. ``segments``: phases of the log. ``reference``: what rows are compared with.
+    ``definitions``: meaning of each
     metric. Angles in deg, times in s or ms, as the metric's name says, on the log's clock: 0 at the first sample of
     the replayed IMU.
     """

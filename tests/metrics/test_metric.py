@@ -200,11 +200,11 @@ def table(case):
 def test_the_names_that_users_rely_on_are_defined_and_carry_their_unit():
     known = metrics.definitions()
     assert not set(NAMED) - known.keys()
-    for name, metric in known.items():
+    for name, defined in known.items():
         suffix = next((s for s in sorted(UNITS, key=len, reverse=True) if re.search(rf"_{s}(\.|$)", name)), None)
-        assert metric.unit == (UNITS[suffix] if suffix else "1"), name
-        assert len(metric.definition) > 40
-        assert "\n" not in metric.definition
+        assert defined.unit == (UNITS[suffix] if suffix else "1"), name
+        assert len(defined.definition) > 40
+        assert "\n" not in defined.definition
 
 
 def test_every_value_has_its_evidence_and_every_absence_its_reason(table):

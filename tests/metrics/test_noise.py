@@ -417,9 +417,7 @@ def test_a_heading_that_turns_through_south_is_unwrapped_and_no_window_goes_on_f
     np.testing.assert_allclose(out[:, 2], wanted, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "loop", [correction_residual.function, correction_residual], ids=["plain", "compiled"]
-)
+@pytest.mark.parametrize("loop", [correction_residual.function, correction_residual], ids=["plain", "compiled"])
 def test_in_flight_an_offset_and_a_constant_in_body_axes_are_fitted_by_least_squares(loop):
     q, t, pushed = attitudes(0.1), STEP * np.arange(140), attitudes(0.01, seed=2)
     centre, means, out = rotation.group_means(pushed, EDGES), rotation.group_means(q, EDGES), np.empty((140, 3))
