@@ -13,7 +13,8 @@ from attlog import Result
 from attlog.core.errors import UsageError
 from attlog.report.figures.catalogue import Album
 from attlog.report.figures.figure import PageFigure, View
-from attlog.report.figures.paper import AXIS_LINE, BUCKETS, PT, TEXT, WIDTH, Key, finish, legend, text_width, thinned
+from attlog.report.figures.legend import PT, TEXT, WIDTH, Key, legend, text_width
+from attlog.report.figures.paper import AXIS_LINE, BUCKETS, finish, thinned
 from attlog.report.figures.style import RowStyle, palette
 from tests.report.conftest import NAMES, make_result
 

@@ -6,27 +6,23 @@ The page's script does the same for the screen (``web/plots.js``), again at ever
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.report.figures.figure import PageFigure, quantile
+from attlog.report.figures.legend import INK, PT, TEXT, WIDTH, Key, legend, shortened, text_width
 from attlog.report.figures.style import PRINT_DASHES, RowStyle, palette, print_dash
 
 Array = NDArray[np.float64]
 Layout = dict[str, Any]
 
-# Pixels (96 to the inch) in a point; 88 mm, one column of a page with two.
-PT, WIDTH = 96.0 / 72.0, 332
 # Fonts that journals take, and one with the same widths that is free.
 FONT = "Arial, Helvetica, Liberation Sans, sans-serif"
-TEXT = 8.0 * PT
 # Thinnest line that printers keep.
 AXIS_LINE = 0.5 * PT
-INK = "#000000"
 DASHES = {"dash": "4px,2px", "dot": "1.2px,1.8px"}
 # Print sizes as shares of those on the page: heights, line widths, markers.
 HEIGHT_SHARE, LINE_SHARE, MARKER_SHARE = 0.46, 0.67, 0.6
@@ -39,7 +35,6 @@ CALM = 8.0
 MOSTLY = 0.05
 # More marks of a kind than these cannot be seen singly and are not drawn.
 MANY_MARKS, MAX_ALARMS, MAX_ARROWS = 80, 60, 60
-PLACED = {"xref": "paper", "yref": "paper"}
 
 
 def finish(
@@ -51,23 +46,12 @@ def finish(
     span: tuple[float, float],
 ) -> Layout:
     """Return ``data`` and ``layout`` of a view as plotly takes them; ``shown``: positions of the drawn rows."""
-    return _Print(figure, view, rows, shown, marks, span).finished()
+    return PrintedFigure(figure, view, rows, shown, marks, span).finished()
 
 
-@dataclass(frozen=True, slots=True)
-class Key:
-    """An entry of the legend: a line with its dash, a band (``fill``), or a ``symbol``, filled or hollow."""
+class PrintedFigure:
+    """A view while it is finished for print."""
 
-    name: str
-    colour: str
-    dash: str = "solid"
-    width: float = 1.0
-    symbol: str = ""
-    full: bool = True
-    fill: bool = False
-
-
-class _Print:
     def __init__(
         self,
         figure: PageFigure,
@@ -543,72 +527,3 @@ def spaced(east: Array, north: Array, at: NDArray[np.int64], apart: float) -> ND
     step = max(apart, flown[-1] / MAX_ARROWS, 1e-9)
     places: NDArray[np.int64] = np.searchsorted(flown, np.arange(0.0, flown[-1] + step, step)).clip(max=len(at) - 1)
     return np.asarray(at[np.unique(places)])
-
-
-# Legend: pixels of a line's sample, of a symbol's, behind it, between entries, at the left edge, below it.
-SAMPLE, POINT, BEHIND, BETWEEN, EDGE, GAP = 18.0, 8.0, 1.0, 9.0, 4.0, 3.0
-ROW = 1.25 * TEXT
-NARROW, WIDE = set("fijlrtI.,:;'|!()[] -·°"), set("mwMW@%")
-# Symbols by how many corners they have and where the first one is, deg.
-CORNERS = {
-    "diamond": (4, 90),
-    "square": (4, 45),
-    "triangle-up": (3, 90),
-    "triangle-down": (3, 270),
-    "pentagon": (5, 90),
-}
-
-
-def text_width(text: str) -> float:
-    """Return about how many pixels a text is wide in Arial."""
-    return TEXT * sum(0.3 if c in NARROW else 0.86 if c in WIDE else 0.7 if c.isupper() else 0.55 for c in text)
-
-
-def shortened(name: str, most: int = 26) -> str:
-    """Return a name cut to so many letters."""
-    return name if len(name) <= most else name[: most - 1] + "…"
-
-
-def legend(keys: Iterable[Key], left: float, above: float) -> tuple[list[Layout], list[Layout], float]:
-    """Return shapes, texts and height of a legend above the figure, in as few rows as fit; all pixels.
-
-    plotly's own legend has columns as wide as the longest name: as high as the figure in one column of a journal.
-    """
-    places, x, row = [], EDGE, 0
-    for key in keys:
-        sample = POINT if key.symbol else SAMPLE
-        wide = sample + BEHIND + text_width(key.name)
-        if x > EDGE and x + wide > WIDTH - EDGE:
-            x, row = EDGE, row + 1
-        places.append((key, x - left, row, sample))
-        x += wide + BETWEEN
-    height = ROW * (row + 1) + GAP if places else 0.0
-    shapes, texts = [], []
-    for key, x, row, sample in places:
-        y = above + height - ROW * (row + 0.5)
-        shapes.append(_legend_sample(key, x, y))
-        font = {"size": TEXT, "color": INK}
-        place = {"x": 0, "y": 1, "xanchor": "left", "yanchor": "middle"} | PLACED
-        shift = {"xshift": x + sample + BEHIND, "yshift": y}
-        texts.append({"text": key.name, "showarrow": False, "font": font} | place | shift)
-    return shapes, texts, height
-
-
-def _legend_sample(key: Key, x: float, y: float) -> Layout:
-    """Return the shape of an entry whose left middle is at x, y."""
-    place: Layout = PLACED | {"xanchor": 0, "yanchor": 1, "xsizemode": "pixel", "ysizemode": "pixel"}
-    line = {"color": key.colour, "width": key.width, "dash": key.dash}
-    if key.fill:
-        box = {"x0": x, "x1": x + SAMPLE, "y0": y - 4, "y1": y + 4, "line": {"width": 0}}
-        return place | box | {"type": "rect", "fillcolor": key.colour, "opacity": 0.25}
-    if not key.symbol:
-        return place | {"type": "line", "x0": x, "x1": x + SAMPLE, "y0": y, "y1": y, "line": line}
-    middle, size = x + POINT / 2, POINT / 2 - 0.7
-    look = {"fillcolor": key.colour if key.full else "#ffffff", "line": {"color": key.colour, "width": 1.0}}
-    if key.symbol not in CORNERS:
-        box = {"x0": middle - size, "x1": middle + size, "y0": y - size, "y1": y + size}
-        return place | box | look | {"type": "circle"}
-    corners, first = CORNERS[key.symbol]
-    turns = [math.radians(first + 360.0 * k / corners) for k in range(corners)]
-    points = [f"{middle + size * math.cos(a):.2f} {y + size * math.sin(a):.2f}" for a in turns]
-    return place | look | {"type": "path", "path": f"M{' L'.join(points)} Z"}
