@@ -497,13 +497,13 @@ def _rows(result: Result) -> dict[str, dict[str, Any]]:
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:
-    """The sentence and the numbers that its card shows; ``bars``: [row, value, unit]."""
+    """Return an answer without its notes."""
     return {
         "question": verdict.question,
         "sentence": verdict.sentence,
         "metric": verdict.metric,
         "window": verdict.window,
-        "bars": [list(bar) for bar in verdict.bars],
+        "answered": verdict.answered,
     }
 
 

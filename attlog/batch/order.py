@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 from urllib.parse import quote
 
 from attlog.batch.index_row import RANKS, Entry, light, sensors_of, trouble, with_gates
-from attlog.compare.gates import BASELINE_ESTIMATORS
 from attlog.words.answers import QUESTIONS
 from attlog.words.flight import COMPARED_WITH
 from attlog.words.numbers import counted, duration
@@ -211,13 +210,9 @@ def _of_sensors(done: Sequence[Entry]) -> Iterator[str]:
 
 
 def _answers(entry: Entry, question: str) -> bool:
-    """Whether a filter has a number for a question on this log; the gyro alone is shown and answers nothing."""
+    """Whether a filter has a value for a question on this log."""
     verdicts = entry.row["verdicts"] if entry.row is not None else []
-    return any(v["question"] == question and any(_is_filter(bar[0]) for bar in v["bars"]) for v in verdicts)
-
-
-def _is_filter(row: str) -> bool:
-    return re.split("[@/]", row)[0] not in BASELINE_ESTIMATORS and not row.startswith("onboard")
+    return any(v["question"] == question and v["answered"] for v in verdicts)
 
 
 def _failures(failed: Sequence[Entry], width: int) -> Iterator[str]:

@@ -47,7 +47,7 @@ from attlog.reference.model import AlignmentStep, HeadingReference, Reference, R
 from attlog.result import TIMED_OUT, Duplicates, EstimatorRow, ReferenceSummary, Result
 from attlog.result import Trace as result_Trace
 from attlog.segments.model import Segments
-from attlog.words.answers import QUESTIONS, verdicts
+from attlog.words.answers import ONLY_BASELINE, QUESTIONS, verdicts
 
 
 def checks_of(
@@ -124,7 +124,7 @@ def all_of(case: Case, result: Result, rows: Sequence[Row], known: Sequence[Prob
 
 def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
     """The questions that no row answers, each with what would answer it."""
-    silent = [verdict for verdict in result.verdicts if not verdict.bars]
+    silent = [v for v in result.verdicts if not v.answered and ONLY_BASELINE not in v.sentence]
     remedies = {a.question: a.setting for a in answerable(case.log, case)} if silent else {}
     return [
         OpenQuestion(QUESTIONS[verdict.question].capitalize(), remedies.get(verdict.question, "")) for verdict in silent

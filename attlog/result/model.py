@@ -85,7 +85,7 @@ def nothing_ran(rows: Iterable[EstimatorRow]) -> str:
 class Verdict:
     """The answer to one of the four questions.
 
-    ``question``: accuracy, noise, lag, yaw_drift. ``bars``: (row, value, unit) of the rows with a value in the column
+    ``question``: accuracy, noise, lag, yaw_drift. ``answered``: a filter has a value in the column
     ``metric``, ``window``. ``notes``: sentences on what was measured and which rows are not ranked, and why.
     """
 
@@ -93,7 +93,7 @@ class Verdict:
     sentence: str
     metric: str
     window: str
-    bars: list[tuple[str, float, str]] = field(default_factory=list)
+    answered: bool = False
     notes: list[str] = field(default_factory=list)
 
 

@@ -91,7 +91,9 @@ class AnswerLine:
 def verdicts(result: Result) -> list[Verdict]:
     """Return the four answers in the order of the page."""
     return [
-        Verdict(question, line.sentence, line.column.metric, line.column.window, bars(line.column), list(line.notes))
+        Verdict(
+            question, line.sentence, line.column.metric, line.column.window, bool(line.column.filters), list(line.notes)
+        )
         for question, line in answer_lines(result).items()
     ]
 
@@ -424,11 +426,3 @@ def reason_notes(result: Result, columns: list[tuple[str, ColumnRanking]]) -> li
         every = len(who) > 1 and replayed <= set(who)
         notes.append(f"{'All filters' if every else listed([names.get(w, w) for w in who])}: {reason}.")
     return notes
-
-
-def bars(found: ColumnRanking) -> list[tuple[str, float, str]]:
-    """Return (row, value, unit) of the rows with a value, the smallest first, lost rows last; none without a filter."""
-    if not any(j.replay for j in found.judged):
-        return []
-    shown = sorted((j for j in found.judged if j.shown), key=lambda j: j.row.status != "ok")
-    return [(j.row.name, j.value, j.answer.unit) for j in shown]

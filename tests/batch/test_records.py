@@ -113,7 +113,7 @@ def test_what_flew_when_and_the_four_sentences(flown: Result) -> None:
     assert flight["duration_s"] == pytest.approx(88.92)
     assert flight["airborne_s"] == pytest.approx(60.0, abs=1.0)  # 20.0 to 80.0 s by the true height
     assert [v["sentence"] for v in row["verdicts"]] == [v.sentence for v in flown.verdicts]
-    assert {v["question"]: v["bars"] for v in row["verdicts"]}["accuracy"]
+    assert {v["question"]: v["answered"] for v in row["verdicts"]}["accuracy"]
     tilt = next(c for c in row["columns"] if c["metric"] == "tilt_rmse_deg")
     value = next(r for r in flown.estimators if r.name == "mahony").metrics["airborne"]["tilt_rmse_deg"].value
     assert tilt["values"]["mahony"] == pytest.approx(value, rel=1e-5)

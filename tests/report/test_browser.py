@@ -398,7 +398,7 @@ def test_it_answers_all_four_questions():
     result = read(Result, json.dumps(RESULT).encode(), "example.html")
     assert [v.question for v in result.verdicts] == ["accuracy", "noise", "lag", "yaw_drift"]
     for verdict in RESULT["verdicts"]:
-        assert verdict["bars"]
+        assert verdict["answered"]
         assert not verdict["sentence"].startswith(("Cannot", "No filter"))
         assert len(verdict["sentence"].split()) <= 40
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from attlog.result import EstimatorRow, Result, Verdict
 from attlog.words.answers import EXCLUDES_NOTHING, NO_ANSWER
 from attlog.words.names import name_in_sentence
-from attlog.words.numbers import below, number, quantity
+from attlog.words.numbers import below, number
 from attlog.words.ranking import (
     AIR,
     DRIFT_AIR,
@@ -39,7 +39,7 @@ def contradictions(result: Result) -> list[str]:
     for verdict in result.verdicts:
         said = verdict.sentence
         rules = [*leaders(result, verdict), *bounds(result, verdict), *figures(result, verdict)]
-        rules += [*counts(result, verdict), *answered(result, verdict), *bars(result, verdict)]
+        rules += [*counts(result, verdict), *answered(result, verdict)]
         odd = CODE.finditer(" ".join([said, *verdict.notes]))
         rules += [f"code or id in words: {m[0]!r}" for m in odd if m[0] not in messages]
         found += [f"{verdict.question}: {why} | {said}" for why in rules]
@@ -166,21 +166,6 @@ def answered(result: Result, verdict: Verdict) -> Iterator[str]:
     }
     if verdict.sentence.startswith(NO_ANSWER) and values:
         yield f"said to have no answer, but {sorted(values)} were compared"
-
-
-def bars(result: Result, verdict: Verdict) -> Iterator[str]:
-    """Bars have the numbers of the table."""
-    table = main_table(result)
-    at = [i for i, c in enumerate(table.columns) if (c.metric, c.window) == (verdict.metric, verdict.window)]
-    if verdict.bars and not at:
-        yield "bars without a column"
-    for row, cells in table.rows if at else []:
-        cell, bar = cells[at[0]], next((b for b in verdict.bars if b[0] == row.name), None)
-        if bar is None:
-            if not cell.missing and (row.kind == "replay" or (row.name == "onboard" and verdict.bars)):
-                yield f"{row.name} has a value and no bar"
-        elif number(bar[1], bar[2]) != cell.text:
-            yield f"bar of {row.name} says {quantity(bar[1], bar[2])}, the table {cell.text}"
 
 
 def headline(result: Result) -> Iterator[str]:

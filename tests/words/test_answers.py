@@ -98,10 +98,9 @@ def test_what_has_no_answer_says_why_and_what_is_not_ranked_shows_its_range() ->
     made = result([row("a", absent(LAG, "airborne", "no_events", "no step in flight; fly some"))])
     assert brief("lag", made) == "Cannot be determined: no step in flight."
     assert brief("noise", result([])) == "Cannot be determined: no filter was run."
-    assert (
-        brief("accuracy", result([row("gyro", tilt(1.0))]))
-        == "Cannot be determined: only Gyro was run, which is never ranked."
-    )
+    alone = result([row("gyro", tilt(1.0))])
+    assert brief("accuracy", alone) == "Cannot be determined: only Gyro was run, which is never ranked."
+    assert not verdict("accuracy", alone).answered
     unranked = result([row("a", tilt(0.4, ranked=False)), row("b", tilt(0.7, ranked=False))])
     assert brief("accuracy", unranked) == "Not ranked (too little data in common): tilt 0.40 to 0.70°."
 
