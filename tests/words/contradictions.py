@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from attlog.result import EstimatorRow, Result, Verdict
 from attlog.words.answers import EXCLUDES_NOTHING, NO_ANSWER
-from attlog.words.names import name_in_sentence
+from attlog.words.names import name_in_sentence, row_names
 from attlog.words.numbers import below, number
 from attlog.words.ranking import (
     AIR,
@@ -35,12 +35,15 @@ CODE = re.compile(
 def contradictions(result: Result) -> list[str]:
     """What is wrong, one line each; empty where nothing is."""
     found: list[str] = []
-    messages = {row.title for row in result.estimators}
+    messages = {part for row in result.estimators for part in (row.title, row.title.partition(".")[0])}
     for verdict in result.verdicts:
         said = verdict.sentence
         rules = [*leaders(result, verdict), *bounds(result, verdict), *figures(result, verdict)]
         rules += [*counts(result, verdict), *answered(result, verdict)]
-        odd = CODE.finditer(" ".join([said, *verdict.notes]))
+        notes = " ".join(verdict.notes)
+        for name in sorted(row_names(result).values(), key=len, reverse=True):
+            notes = notes.replace(name, "#")
+        odd = CODE.finditer(f"{said} {notes}")
         rules += [f"code or id in words: {m[0]!r}" for m in odd if m[0] not in messages]
         found += [f"{verdict.question}: {why} | {said}" for why in rules]
     return [*found, *marks(result), *headline(result), *findings(result)]
