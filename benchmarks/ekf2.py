@@ -6,7 +6,7 @@ the air as median / 95 % in deg, the ratio of velocity sigmas, CPU per 100 s.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 
 import numpy as np
@@ -49,7 +49,10 @@ def row(path: str) -> str:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", nargs="+", metavar="LOG")
+    logs = parser.parse_args().logs
     print("| log | version, start | tilt, deg | heading, deg | sigma of velocity, ours / logged | CPU s per 100 s |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for log in sys.argv[1:]:
+    for log in logs:
         print(row(log), flush=True)

@@ -73,7 +73,7 @@ from attlog import Aids, Config, Result, analyze, estimate, evaluate, prepare, r
 from attlog.estimators import Estimate, Measurements, place
 from attlog.flight.model import FlightLog
 from attlog.simulate.fly import fly
-from attlog.simulate.scenario.scenario import Scenario, load
+from attlog.simulate.scenario import Scenario, load_scenario
 from attlog.testing import check_estimator
 
 log = read("x.ulg", imu=0)
@@ -92,8 +92,8 @@ found = estimate("mahony", t, np.zeros((1000, 3)), np.zeros((1000, 3)), aids=Aid
 assert_type(found, Estimate)
 assert_type(found.q, NDArray[np.float64])
 assert_type(place(t, t[::4], found.q[::4, :3]), NDArray[np.float64])
-assert_type(load("hover").changed(seconds=20.0), Scenario)
-assert_type(fly(load("hover")).truth.q, NDArray[np.float64])
+assert_type(load_scenario("hover").changed(seconds=20.0), Scenario)
+assert_type(fly(load_scenario("hover")).truth.q, NDArray[np.float64])
 print([outcome.name for outcome in check_estimator("mahony")], attlog.__version__)
 try:
     read("none")

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from attlog.core import rotation
-from attlog.flight.model import Attitude, Imu, Stream
+from attlog.flight.model import Attitude
 from attlog.metrics import allan, gyro_bias
 from attlog.metrics import drift as drift_rest
 from attlog.metrics import step_error as step_curves
 from attlog.metrics import step_fit as step_fits
 from attlog.metrics import step_products as step_groups
 from attlog.metrics import step_turning as steps
-from attlog.reference import alignment, reference_checks, scoring
+from attlog.reference import alignment, scoring
 from attlog.segments.model import Segment
 from tests.conftest import few
 from tests.metrics import flights
@@ -90,22 +90,6 @@ def unscored(seconds: float) -> Callable[[], object]:
 def test_short_spans_cost_the_same_in_a_log_a_hundred_times_as_long(of_log):
     """A mask over the whole log for each span would cost a hundred times as much."""
     assert cost(of_log(LONG_S)) < 8 * cost(of_log(SHORT_S)) + 0.005
-
-
-def test_the_check_of_gravity_turns_only_what_lies_in_the_quiet_spans(monkeypatch):
-    """Sixty spans of 0.8 s are 4,800 samples, however long the log is."""
-    t = np.arange(0.0, 1000.0, 1.0 / HZ)
-    reference = flights.case([], [], (t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))).reference
-    stream = Stream(t, np.tile([0.0, 0.0, -9.8], (len(t), 1)), "m/s^2", "FRD", "made")
-    looked_at = []
-    monkeypatch.setattr(
-        reference_checks, "interpolate", lambda *a: (looked_at.append(len(a[3])), (a[1][: len(a[3])], None))[1]
-    )
-    found, _ = reference_checks.gravity_check(
-        reference, Imu(0, stream, stream), flights.case([], [Segment("rest.short", *span) for span in SPANS]).segments
-    )
-    assert found == ""
-    assert sum(looked_at) == pytest.approx(60 * 80, abs=120)
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,7 +73,8 @@ def ardupilot(log: FlightLog, **params: float) -> FlightLog:
     log.parameters.lines = {name: TimeLine(np.zeros(1), [value], "PARM") for name, value in params.items()}
     log.parameters.trim, log.parameters.trim_source = reader.read_trim(log), ", ".join(reader.TRIM_PARAMETERS)
     names = reader.DECLINATION_PARAMETERS | DECLINATION_PARAMETERS
-    log.parameters.declination, log.parameters.declination_source = parameters.declination(log, names)
+    no_messages = SimpleNamespace(params=[])
+    parameters.add_values(SimpleNamespace(log=log, messages=no_messages), names)
     if "INS_GYRO_FILTER" in params:
         log.imus[0].gyro.delay = low_pass_delay(params["INS_GYRO_FILTER"])
         log.imus[0].filtered = f"low-pass {params['INS_GYRO_FILTER']:.0f} Hz"
