@@ -47,7 +47,7 @@ def trial(name: str) -> dict[str, Any]:
 def published(folder: Path) -> dict[tuple[str, str], np.ndarray]:
     with (folder / "published.csv").open() as file:
         rows = [r for r in csv.DictReader(file) if r["setting"] == "tagp"]
-    columns = ("total_rmse_deg", "heading_rmse_deg", "tilt_rmse_deg")
+    columns = ("total_rmse_deg", "heading_rmse_deg", "inclination_rmse_deg")
     return {(r["trial"], r["algorithm"]): np.array([float(r[c]) for c in columns]) for r in rows}
 
 

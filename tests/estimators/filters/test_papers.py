@@ -178,7 +178,7 @@ def test_mahony_reproduces_the_published_broad_numbers(corpus: Path) -> None:
     because the bias integrates the start error away for minutes (kp/ki = 600 s)."""
     rows = csv.DictReader((corpus / "broad" / "published.csv").open())
     published = {r["trial"]: r for r in rows if r["algorithm"] == "mahony" and r["setting"] == "tagp"}
-    names = ("total_rmse_deg", "heading_rmse_deg", "tilt_rmse_deg")
+    names = ("total_rmse_deg", "heading_rmse_deg", "inclination_rmse_deg")
     assert len(published) == 15
     for trial, row in published.items():
         t, gyr, acc, mag, truth, moving = broad(corpus / "broad" / f"{trial}.npz")
