@@ -223,14 +223,14 @@ def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, h
 def test_a_bug_while_a_log_is_told_loses_no_other(attlog, samples, tmp_path, monkeypatch):
     from attlog.cli import tables
 
-    shown = tables.printed
+    shown = tables.result_lines
 
-    def broken(result, *settings):
+    def broken(result, *settings, **more):
         if result.log["name"] == LOGS[0]:
             raise IndexError("no such column")
-        return shown(result, *settings)
+        return shown(result, *settings, **more)
 
-    monkeypatch.setattr(tables, "printed", broken)
+    monkeypatch.setattr(tables, "result_lines", broken)
     done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro")
     expect(done, 70, "IndexError")
     assert len(list(tmp_path.glob("*.json"))) == 2
