@@ -121,7 +121,7 @@ def size_of(log: FlightLog, check: Check, before: Check | None) -> float:
         return float("nan")
     if check.question == "gaps":
         return check.value / check.count
-    if check.question == accelerometer.FORCE_OFFSET:  # which tells the worst axis: this is the planted one
+    if check.question == "accelerometer_offset":  # which tells the worst axis: this is the planted one
         phases = segments.build(log)
         found = accelerometer.fit_force(log, phases, reference.choose(log, phases))
         return float("nan") if found is None else -float(found.solution.x[4])
@@ -165,7 +165,7 @@ def one(log: FlightLog, plant: Plant, before: dict[str, Check], verbose: bool) -
         return False, False, False, told is None or told.verdict == "unknown"
     entry = next((f for f in findings(copy, checks) if told.text in (f.text, *f.evidence)), None)
     size = size_of(copy, told, before.get(plant.check))
-    base = size_of(log, before[plant.check], None) if told.name == accelerometer.FORCE_OFFSET else 0.0
+    base = size_of(log, before[plant.check], None) if told.question == "accelerometer_offset" else 0.0
     caused = entry is not None and bool(entry.cause and entry.action)
     return True, caused, plant.within == np.inf or abs(size - base - plant.size) <= plant.within, False
 

@@ -258,7 +258,7 @@ def test_where_the_disk_takes_one_file_and_not_the_other_both_old_ones_stay(tmp_
         "import attlog.core.files as o\nreal = o.write_atomic\n"
         "def write(path, data):\n"
         "    if path.suffix == '.json':\n"
-        "        raise o._cannot(path, OSError(28, 'No space left on device'))\n"
+        "        raise o._write_error(path, OSError(28, 'No space left on device'))\n"
         "    real(path, data)\n"
         "o.write_atomic = write\nfrom attlog.cli import main\nmain()\n"
     )
