@@ -337,7 +337,7 @@ def test_without_docstrings_and_assertions_the_numbers_are_the_same(samples: Pat
         assert done.returncode == 0, done.stderr
         document = json.loads((folder / "copter_yaw_turns.bin.json").read_text(encoding="utf-8"))
         rows = [(row["name"], row["metrics"], row.get("parameters")) for row in document["estimators"]]
-        return rows, document["evidence"]
+        return rows, document["checks"]
 
     assert numbers("-OO") == numbers("-B")
     assert run("-OO", "-m", "attlog", "analyze", "--imu", "99", samples / "copter_yaw_turns.bin").returncode == 2
