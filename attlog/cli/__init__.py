@@ -71,7 +71,7 @@ def _run() -> int:
 
 def _code() -> int:
     try:
-        app()
+        app(prog_name="attlog")
     except SystemExit as stop:
         why = getattr(stop.__context__, "format_message", None)  # of Typer's own errors, which it has printed
         if why is not None and sys.argv[1:]:

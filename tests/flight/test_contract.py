@@ -53,7 +53,7 @@ def row_id(row: dict[str, str]) -> str:
     return row["file"].split("/")[-1] + (f"-{row['source']}" if "source" in row else "")
 
 
-REAL = [r for r in manifest("logs/MANIFEST.csv") if r["kind"] != "ULogExampleWriter"]
+REAL = [r for r in manifest("logs/MANIFEST.csv") if r["kind"] not in ("ULogExampleWriter", "px4log")]
 SIMULATED = manifest("sitl/MANIFEST.csv")
 
 

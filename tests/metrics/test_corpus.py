@@ -99,14 +99,13 @@ def gyro_of_truth(case):
 
 
 @pytest.mark.parametrize("name", ["px4/px4_wind.ulg", "ardupilot/copter_steps_stabilize.bin"])
-def test_with_a_gyro_made_from_truth_no_filter_is_late_and_each_gives_tilt_back_with_its_gain(corpus, name):
+def test_with_a_gyro_made_from_truth_no_filter_is_late(corpus, name):
     case = trial_of(corpus / "sitl" / name)
     again = flown_again(case, "gyro,mahony@xu-0.6,mahony@xu-2,complementary:kp=3", gyro_of_truth(case))
-    for row, kp in zip(again.rows, (0.0, 0.6, 2.0, 3.0), strict=True):
+    for row in again.rows:
         found = step_fits.fits(again, row, "all")["all"]
         assert 1000 * found.delay == pytest.approx(0.0, abs=0.05)
         assert found.gain == pytest.approx(1.0, abs=0.002)
-        assert found.leak == pytest.approx(kp, rel=0.1, abs=0.005)
 
 
 @pytest.mark.parametrize("name", ["px4/px4_wind.ulg", "ardupilot/plane_fbwa_cruise.bin"])
