@@ -27,7 +27,7 @@ def row(path: str) -> str:
         begin = time.process_time()
         found = rerun(inputs, *field, gnss_hz=rate)
         cost = time.process_time() - begin
-        estimate = again._estimate(case.log, found)
+        estimate = found.estimate(case.log.t0_us * 1e-6)
         same = again.reproduction(case, estimate, found.start)
     except AttlogError as error:
         return f"| {path.rpartition('/')[2]} | {error} | | | | |"
@@ -36,9 +36,9 @@ def row(path: str) -> str:
     sigma = ""
     if inputs.states is not None:
         k = np.clip(np.searchsorted(found.t_step, inputs.states.t), 0, len(found.t_step) - 1)
-        logged = inputs.states.covariances[:, 4 if found.era <= 2 else 3]
+        logged = inputs.states.covariances[:, 4 if found.facts["era"] <= 2 else 3]
         with np.errstate(invalid="ignore", divide="ignore"):
-            sigma = f"{np.nanmedian(np.sqrt(found.steps[k, 3] / logged)):.2f}"
+            sigma = f"{np.nanmedian(np.sqrt(found.states['velocity_variance'][k, 0] / logged)):.2f}"
     version, where = ".".join(map(str, inputs.version)), "" if same.airborne else ", ground"
     seconds = float(estimate.t[-1] - estimate.t[0])
     return (

@@ -27,6 +27,7 @@ from attlog.core import files, rotation
 from attlog.core.errors import LogUnusable, OutputError, UsageError
 from attlog.core.files import file_names, staging_folder, write_all_atomic, write_atomic
 from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
+from attlog.estimators.rerun import AIDS, INNOVATION, INNOVATION_COLUMNS, innovations
 from attlog.flight.model import FlightLog
 from attlog.flight.timestamps import record_clock
 from attlog.formats import Messages
@@ -193,11 +194,17 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
                 table.columns[f"bias_{axis}_rad_s"] = row.bias[:, k]
             table.units |= {f"bias_{axis}_rad_s": "rad/s" for axis in "xyz"}
         for name, values in row.aux.items():
+            if name.startswith(INNOVATION):
+                continue  # has its own times
             wide = values.reshape(len(row.t), -1)
             ends = [""] if wide.shape[1] == 1 else [f"_{k}" for k in range(wide.shape[1])]
             table.columns |= {name + end: wide[:, k] for k, end in enumerate(ends)}
             table.units |= {name + end: "rad" for end in ends if name in ("sigma_tilt", "sigma_heading")}
         yield table
+        for aid, values in innovations(row.aux).items():
+            columns = {"time_s": values[:, 0]} | {n: values[:, k] for k, n in enumerate(INNOVATION_COLUMNS) if k}
+            units = {"time_s": "s", "innovation": AIDS[aid], "variance": f"({AIDS[aid]})^2"}
+            yield Extract(f"{table.name}_innovation_{aid}", columns, units, f"{aid} of {row.name}")
 
 
 def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> list[Path]:

@@ -100,7 +100,7 @@ def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -
     inputs = inputs_of(case, "")
     changes = {key.removeprefix(PREFIX): float(value) for key, value in spec.params.items()}
     found = rerun(inputs, *_field(case.log), changes, gnss_hz=gnss_rate_of(case, ""))
-    estimate = _estimate(case.log, found)
+    estimate = found.estimate(case.log.t0_us * 1e-6)
     row = reference.replayed(
         case.log,
         case.segments,
@@ -111,7 +111,7 @@ def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -
         parameters=dict(spec.params),
         uses_mag=True,
     )
-    row.imu, row.ns_per_update = imu, None
+    row.imu, row.ns_per_update, row.aux = imu, None, dict(estimate.aux)
     if (same := reproduction(case, estimate, found.start)) is not None and not changes:
         row.quality = {"reproduction": str(same), "follows": "yes" if same.follows else "no"}
     known = {p.name: p for p in spec.estimator.parameters}
@@ -119,19 +119,6 @@ def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -
     from attlog.pipeline.replay import table_row
 
     return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
-
-
-def _estimate(log: FlightLog, found: Any) -> Estimate:
-    """A re-run on the log's clock, with gyro bias and sigmas at its samples."""
-    good = np.isfinite(found.q[:, 0])
-    t = found.t[good] - log.t0_us * 1e-6
-    k = np.clip(np.searchsorted(found.t_step, found.t[good]), 0, len(found.t_step) - 1)
-    known = np.isfinite(found.steps[:, 0])
-    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
-    steps = found.steps[last[k]]
-    tilt = np.sqrt(np.maximum(steps[:, 0] + steps[:, 1], 0.0))
-    aux = {"sigma_tilt": tilt, "sigma_heading": np.sqrt(np.maximum(steps[:, 2], 0.0)), "innovations": found.innovations}
-    return Estimate(t, found.q[good], bias=steps[:, 6:9].copy(), aux=aux, segment=np.zeros(len(t), np.int64))
 
 
 def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +16,7 @@ from attlog.estimators.ekf2.loop import Samples, run_filter
 from attlog.estimators.ekf2.parameters import era_of, settings_of
 from attlog.estimators.ekf2.start import alignment_times, warm_start
 from attlog.estimators.ekf2.state import rotation, turn_body
+from attlog.estimators.rerun import Rerun, innovation_tables
 
 if TYPE_CHECKING:
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs, ImuIncrements
@@ -34,26 +34,6 @@ THINNED_SHARE = 0.75
 MAX_FIELD_PAUSE_S = 3.0
 # The earth's radius of PX4's map projection.
 EARTH_RADIUS_M = 6371000.0
-
-
-@dataclass(slots=True)
-class Rerun:
-    """Attitude ``q`` (n, 4) at the IMU's times ``t`` (s since boot), NaN before the start.
-
-    ``steps`` (k, 16) at ``t_step``: variances of attitude (rad^2, earth axes) and velocity, gyro (rad/s) and
-    accelerometer bias (m/s^2), magnetometer mode, GNSS in use, tilt aligned, aligned in flight. ``innovations`` (m, 5):
-    kind (:data:`~attlog.estimators.ekf2.state.OBSERVATIONS`), time, innovation, variance, test ratio. ``start``:
-    ``warm`` from logged states, ``cold`` from gravity.
-    """
-
-    t: Array
-    q: Array
-    t_step: Array
-    steps: Array
-    innovations: Array
-    era: int
-    gnss_hz: float
-    start: str
 
 
 def rerun(
@@ -110,9 +90,19 @@ def rerun(
     begin_timers(f.c, begin)
     q, out = np.full((len(inputs.imu.t), 4), np.nan), np.full((len(steps), 16), np.nan)
     run_filter(f, par, known, samples, first, len(steps), q, out)
-    return Rerun(
-        inputs.imu.t, q, t_step, out, f.log[: f.kept[0]].copy(), era, gnss_hz, "cold" if start is None else "warm"
-    )
+    states = {
+        "attitude_variance": out[:, 0:3],
+        "velocity_variance": out[:, 3:6],
+        "gyro_bias": out[:, 6:9],
+        "acc_bias": out[:, 9:12],
+        "mag_mode": out[:, 12],
+        "gnss": out[:, 13],
+        "tilt_aligned": out[:, 14],
+        "aligned_in_flight": out[:, 15],
+    }
+    innovations = innovation_tables(f.log[: f.kept[0]])
+    facts = {"era": float(era), "gnss_hz": gnss_hz}
+    return Rerun(inputs.imu.t, q, t_step, states, innovations, "warm" if start else "cold", facts)
 
 
 def fitted_gnss_rate(inputs: Ekf2Inputs, model: FieldModel | None, latitude_deg: float) -> float | None:
@@ -128,8 +118,8 @@ def fitted_gnss_rate(inputs: Ekf2Inputs, model: FieldModel | None, latitude_deg:
             continue
         found = rerun(inputs, model, latitude_deg, gnss_hz=rate)
         k = np.clip(np.searchsorted(found.t_step, logged.t), 0, len(found.t_step) - 1)
-        ours = np.mean(found.steps[k, 3:5], axis=1)
-        use = (found.steps[k, 13] > 0) & (variance > 0) & np.isfinite(ours)
+        ours = np.mean(found.states["velocity_variance"][k, :2], axis=1)
+        use = (found.states["gnss"][k] > 0) & (variance > 0) & np.isfinite(ours)
         if np.count_nonzero(use) < 5:
             return None
         apart[rate] = float(np.median(np.abs(np.log(ours[use] / variance[use]))))

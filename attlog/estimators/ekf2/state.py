@@ -123,15 +123,11 @@ NEVER = -1e9
 # Magnetometer modes.
 MAG_OFF, MAG_HEADING, MAG_3D, MAG_FIELD_ONLY = 0, 1, 2, 3
 
-# Kinds of observations in the log of innovations.
+# Kinds of observations in the log of innovations, in the order of :data:`attlog.estimators.rerun.AIDS`.
 (
     OBS_MAG_X, OBS_MAG_Y, OBS_MAG_Z, OBS_HEADING, OBS_VEL_N, OBS_VEL_E, OBS_VEL_D, OBS_POS_N, OBS_POS_E,
     OBS_GNSS_HEIGHT, OBS_BARO, OBS_AIRSPEED, OBS_SIDESLIP, OBS_DECLINATION,
 ) = range(14)  # fmt: skip
-OBSERVATIONS = (
-    "mag_x", "mag_y", "mag_z", "heading", "velocity_n", "velocity_e", "velocity_d", "position_n", "position_e",
-    "gnss_height", "baro_height", "airspeed", "sideslip", "declination",
-)  # fmt: skip
 
 
 class Filter(NamedTuple):

@@ -1,0 +1,89 @@
+"""Result of an onboard filter that was run again: attitudes, states and innovations, the same for every firmware.
+
+:func:`Rerun.estimate` gives an :class:`~attlog.estimators.interface.Estimate`. Its ``aux`` holds, at every sample,
+``sigma_tilt``, ``sigma_heading`` (n,) in rad, ``sigma_velocity`` (n, 3) in m/s north-east-down and ``acc_bias`` (n, 3)
+in m/s^2, and beside them one table (m, 4) for each aid, named ``innovation.AID``. A table has its own times. Its
+columns are :data:`INNOVATION_COLUMNS`; the test ratio is the squared innovation over the squared gate times the
+variance, and above 1 the sample is rejected. :data:`AIDS` lists the aids with their units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.estimators.interface import Estimate
+
+Array = NDArray[np.float64]
+INNOVATION = "innovation."
+INNOVATION_COLUMNS = ("t", "innovation", "variance", "ratio")
+# Aids in the order of the numbers that the loops write, with the unit of their innovations.
+AIDS = {
+    "mag_x": "gauss",
+    "mag_y": "gauss",
+    "mag_z": "gauss",
+    "heading": "rad",
+    "velocity_n": "m/s",
+    "velocity_e": "m/s",
+    "velocity_d": "m/s",
+    "position_n": "m",
+    "position_e": "m",
+    "gnss_height": "m",
+    "baro_height": "m",
+    "airspeed": "m/s",
+    "sideslip": "rad",
+    "declination": "rad",
+}
+
+
+@dataclass(slots=True)
+class Rerun:
+    """An onboard filter's output on the autopilot's clock (s since boot).
+
+    ``q`` (n, 4) at the IMU's times ``t``, NaN before the start. ``states`` (k,) or (k, 3) by name at the filter's steps
+    ``t_step``, NaN before the start: ``attitude_variance`` (rad^2, earth axes), ``velocity_variance``, ``gyro_bias``
+    (rad/s), ``acc_bias`` (m/s^2), ``gnss`` 1 while it is fused, and the filter's own. ``innovations`` (m, 4) by aid.
+    ``start``: ``warm`` from logged states, ``cold`` from gravity.
+    """
+
+    t: Array
+    q: Array
+    t_step: Array
+    states: dict[str, Array]
+    innovations: dict[str, Array]
+    start: str
+    facts: dict[str, float] = field(default_factory=dict)
+
+    def estimate(self, t0_s: float) -> Estimate:
+        """Return the re-run on a log's clock that begins ``t0_s`` after boot."""
+        good = np.isfinite(self.q[:, 0])
+        k = np.clip(np.searchsorted(self.t_step, self.t[good]), 0, len(self.t_step) - 1)
+        known = np.isfinite(self.states["gyro_bias"][:, 0])
+        last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))[k]
+        attitude = np.maximum(self.states["attitude_variance"][last], 0.0)
+        aux = {
+            "sigma_tilt": np.sqrt(attitude[:, 0] + attitude[:, 1]),
+            "sigma_heading": np.sqrt(attitude[:, 2]),
+            "sigma_velocity": np.sqrt(np.maximum(self.states["velocity_variance"][last], 0.0)),
+            "acc_bias": self.states["acc_bias"][last],
+        }
+        for aid, table in self.innovations.items():
+            aux[INNOVATION + aid] = table - np.array([t0_s, 0.0, 0.0, 0.0])
+        t = self.t[good] - t0_s
+        return Estimate(
+            t, self.q[good], bias=self.states["gyro_bias"][last], aux=aux, segment=np.zeros(len(t), np.int64)
+        )
+
+
+def innovation_tables(log: Array) -> dict[str, Array]:
+    """Sort a loop's log (m, 5) of kind, time, innovation, variance, test ratio into tables by aid."""
+    found = {name: np.ascontiguousarray(log[log[:, 0] == number, 1:]) for number, name in enumerate(AIDS)}
+    return {name: table for name, table in found.items() if len(table)}
+
+
+def innovations(aux: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the tables (m, 4) of an estimate's ``aux`` by aid."""
+    return {name.removeprefix(INNOVATION): table for name, table in aux.items() if name.startswith(INNOVATION)}
