@@ -133,7 +133,7 @@ def samples(root: Path) -> Iterator[Trial]:
     """The flights with truth in the repository, scored like the simulated ones."""
     for path in sorted(root.iterdir()):
         if path.suffix in (".ulg", ".bin"):
-            trial = flight(path, "samples", attlog.prepare(path).reference.declination_deg)
+            trial = flight(path, "samples", attlog.prepare(path).reference.alignment.declination_deg)
             if trial is not None:
                 yield trial
 

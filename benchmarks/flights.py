@@ -50,7 +50,7 @@ def samples(path: Path) -> tuple[Any, dict[str, Any]]:
         "aids": inputs.aids_of(log, case.segments, imu, alignment.earth_field(log)),
         "sampling": imu.gyro.sampling,
         "dt": imu.dt,
-        "declination": case.reference.declination_deg or 0.0,
+        "declination": case.reference.alignment.declination_deg or 0.0,
     }
     return case, given
 

@@ -110,7 +110,7 @@ def halves_of(case: Case) -> tuple[str, ...]:
     """Four windows: first and second half of the scored flight, and of the longest rest."""
     found = []
     for spans in (case.segments.spans("airborne"), sorted(case.segments.spans("rest"), key=lambda s: s[1] - s[0])[-1:]):
-        scored = [(max(t0, case.reference.scoring_start), t1) for t0, t1 in spans if t1 > case.reference.scoring_start]
+        scored = [(max(t0, case.reference.scoring.start), t1) for t0, t1 in spans if t1 > case.reference.scoring.start]
         if scored:
             t0, t1 = scored[0][0], scored[-1][1]
             found += [f"{t0:.3f}:{(t0 + t1) / 2:.3f}", f"{(t0 + t1) / 2:.3f}:{t1:.3f}"]

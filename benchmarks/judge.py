@@ -238,8 +238,11 @@ def accused(log: FlightLog, checks: Iterable[Check], ref: Reference) -> list[tup
             found += [(check.question, *span, check.text) for span in spans]
         if check.question == "second_source" and f"{log.onboard} is wrong" in check.text:
             found.append((check.question, check.about, check.t or 0.0, end, check.text))
-    if ref.refused.get("onboard", "") not in ("", ref.wrong_heading):  # a wrong heading has its own check
-        found.append(("refused", "tilt", 0.0, end, ref.refused["onboard"]))
+    if ref.faults.refused.get("onboard", "") not in (
+        "",
+        ref.faults.onboard_heading,
+    ):  # a wrong heading has its own check
+        found.append(("refused", "tilt", 0.0, end, ref.faults.refused["onboard"]))
     return found
 
 
@@ -274,33 +277,33 @@ def outcome(name: str, log: FlightLog, fault: str, middle: float) -> Outcome:
     ref, phases, checks, quality = judged(copy)
     own: dict[str, float | None] = dict.fromkeys(("tilt", "heading", "tilt z", "heading z", "tilt ratio"))
     t, *onboard = onboard_errors(copy, truth)
-    if ref.kind == "smoother" and ref.sigma_tilt_deg is not None and ref.sigma_heading_deg is not None:
-        q = ref.q if ref.trim is None else alignment.apply_trim(ref.q, -ref.trim)
+    if ref.kind == "smoother" and ref.sigma is not None:
+        q = ref.q if ref.alignment.trim is None else alignment.apply_trim(ref.q, -ref.alignment.trim)
         use = scoring.scored_mask(ref, ref.t)
         air, air_onboard = (phases.mask(x, "airborne") & scoring.scored_mask(ref, x) for x in (ref.t, t))
         for angle, error, sigma, flown in zip(
             ("tilt", "heading"),
             errors(ref.t, q, truth),
-            (ref.sigma_tilt_deg, ref.sigma_heading_deg),
+            (ref.sigma.tilt_deg, ref.sigma.heading_deg),
             onboard,
             strict=True,
         ):
-            if angle == "heading" and ref.heading_by != "own":
+            if angle == "heading" and ref.heading.by != "own":
                 continue
             own[angle], own[f"{angle} z"] = rms(error[use]), rms(error[use] / sigma[use])
             mine, theirs = rms(error[air]), rms(flown[air_onboard])
             own[f"{angle} ratio"] = mine / theirs if mine is not None and theirs else None
     accusations = []
     for check, angle, t0, t1, text in accused(copy, checks, ref):
-        inside = np.abs(onboard[angle == "heading"])[(t >= max(t0, ref.scoring_start)) & (t <= t1)]
+        inside = np.abs(onboard[angle == "heading"])[(t >= max(t0, ref.scoring.start)) & (t <= t1)]
         inside = inside[np.isfinite(inside)]
         accusations.append(Accusation(check, angle, t0, t1, float(np.median(inside)) if len(inside) else None, text))
     return Outcome(
         name,
         fault,
         ref.kind,
-        ref.heading_by,
-        ref.heading_why,
+        ref.heading.by,
+        ref.heading.why,
         own["tilt"],
         own["heading"],
         own["tilt z"],
@@ -309,7 +312,7 @@ def outcome(name: str, log: FlightLog, fault: str, middle: float) -> Outcome:
         own.get("heading ratio"),
         accusations,
         [f"{check.question}: {check.text}" for check in checks if check.verdict in BAD],
-        dict(ref.refused),
+        dict(ref.faults.refused),
         quality,
         time.process_time() - clock,
     )

@@ -88,8 +88,8 @@ def split_parts(logs: Sequence[SettingsOnLog]) -> list[LogPart]:
         return [LogPart(k, log.name) for k, log in enumerate(logs)]
     case = logs[0].case
     spans = case.segments.spans("all")
-    end = min(max(t1 for _, t1 in spans), case.reference.end) if spans else 0.0
-    edges = np.linspace(case.reference.scoring_start, end, BLOCKS_PER_LOG + 1).tolist()
+    end = min(max(t1 for _, t1 in spans), case.reference.scoring.end) if spans else 0.0
+    edges = np.linspace(case.reference.scoring.start, end, BLOCKS_PER_LOG + 1).tolist()
     edges[0] = min(spans[0][0], edges[0]) if spans else edges[0]
     return [LogPart(0, f"{a:.0f} to {b:.0f} s", a, b) for a, b in pairwise(edges)]
 

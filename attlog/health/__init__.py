@@ -55,7 +55,7 @@ def answerable(log: FlightLog, case: Case | None) -> list[Answerable]:
         reason = next((p.text for p in log.problems if p.severity == "error"), "There is no usable IMU in this log.")
         setting = "" if log.imus else log.advice("imu")
         return [Answerable(q, False, reason, "" if setting in reason else setting) for q in ASKED]
-    if fault := case.reference.gyro_fault:
+    if fault := case.reference.faults.gyro:
         return [Answerable(q, False, as_sentence(fault)) for q in ASKED]
     return [_answerable(q, ask(case, q), case) for q in ASKED]
 
@@ -71,7 +71,7 @@ def missing_setting(question: str, codes: tuple[str, ...], case: Case) -> str:
     if question in ("noise", "yaw_drift"):
         return log.advice("rest")
     if reference.kind == "none":
-        known = reference.fault or log.truth is not None or log.onboard is not None
+        known = reference.faults.reference or log.truth is not None or log.onboard is not None
         return "" if known else log.advice("attitude")
     if "reference_too_slow" in codes:
         return log.advice("attitude", reference.rate)

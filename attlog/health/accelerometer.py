@@ -159,7 +159,7 @@ def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -
 def fit_force(log: FlightLog, segments: Segments, reference: Reference) -> ForceFit | None:
     """The fit over all flights up to the reference's end; None where too little was flown with GNSS."""
     imu, gnss = log.replay_imu, _best_receiver(log)
-    spans = [(a + EDGE_S, min(b - EDGE_S, reference.end)) for a, b in segments.spans("airborne")]
+    spans = [(a + EDGE_S, min(b - EDGE_S, reference.scoring.end)) for a, b in segments.spans("airborne")]
     spans = _first_spans([(a, b) for a, b in spans if b - a > 2.0 * VELOCITY_SPAN_S], LONGEST_S)
     if imu is None or gnss is None or sum(b - a for a, b in spans) < LEAST_S:
         return None
@@ -254,7 +254,11 @@ class TurnedForce:
 
 def _turned_force(imu: Imu, reference: Reference, spans: list[Span]) -> TurnedForce | None:
     """The force with the reference's attitude of the IMU, where both are known, in and shortly before ``spans``."""
-    own = reference.q if reference.trim is None else alignment.apply_trim(reference.q, -reference.trim)
+    own = (
+        reference.q
+        if reference.alignment.trim is None
+        else alignment.apply_trim(reference.q, -reference.alignment.trim)
+    )
     near = inside(imu.acc.t_best, [(a - GNSS_DELAYS_S[-1] - EDGE_S, b) for a, b in spans])
     t, force = imu.acc.t_best[near], imu.acc.x[near]
     q, _ = rotation.slerp_in_segments(reference.t, own, reference.gap_segment, t)

@@ -47,8 +47,8 @@ def attitude_checks(case: HealthCase) -> list[Check]:
     if onboard is None or len(onboard.t) < 2:
         return [unknown("coverage", "There is no onboard attitude in this log.", "ok from 95 %")]
     against = gyro_against_attitude(log, imu, onboard, case.segments)
-    if case.rates is not None and case.rates.gyro_fault:
-        why = as_sentence(case.rates.gyro_fault)
+    if case.rates is not None and case.rates.faults.gyro:
+        why = as_sentence(case.rates.faults.gyro)
         against = Check("gyro_against_attitude", "fault", why, threshold=against.threshold)
     return [coverage_check(imu, onboard, log.onboard or ""), against, *trim_check(log, onboard)]
 
@@ -212,7 +212,7 @@ def smoother_checks(case: HealthCase) -> list[Check]:
         wrong, text = False, "The sensor is mounted otherwise than set, or the onboard attitude is wrong throughout"
     text += f": {lead.text}."
     if lead.evidence:
-        text += f" It is {lead.evidence.replace('the judge', whom)}."
+        text += f" It is {lead.evidence.replace('the reference', whom)}."
     first, last = lead.longest
     return [
         Check(
@@ -232,9 +232,9 @@ def smoother_checks(case: HealthCase) -> list[Check]:
 
 def _agreement_text(log: FlightLog, found: OnboardComparison, whom: str) -> str:
     """That the onboard attitude is not in error, and by what."""
-    if found.acquitted == ["tilt"]:
+    if found.supported == ["tilt"]:
         return f"{log.onboard} agrees with gravity where it stands, better than {whom}."
-    if found.acquitted:
+    if found.supported:
         return f"{log.onboard} agrees with gravity and GNSS acceleration, better than {whom}."
     usual = ", ".join(
         _usual_difference(angle, size[found.counted], found.sigmas[angle][found.counted])
@@ -254,7 +254,7 @@ def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str])
     if reference.kind == "truth":
         return ""
     relevant: tuple[str, ...] = FORCE_CHECKS if error.confirmed else INERTIAL_CHECKS
-    by_compass = reference.quality.get("heading_from") not in ("motion", "brought")
+    by_compass = reference.quality.get("heading_from") not in ("motion", "external")
     if not error.confirmed and error.angle == "heading" and by_compass:
         relevant = (*relevant, *COMPASS_CHECKS)
     found = [f"`{name.replace('_', ' ')}`" for name in relevant if name in failed]
@@ -365,7 +365,7 @@ def right_side(log: FlightLog, reference: Reference | None, k: int, heading: boo
     attitude = log.onboard_attitude
     if reference is None or attitude is None or reference.kind not in ("truth", "smoother"):
         return ""
-    if heading and reference.heading_by != "own":
+    if heading and reference.heading.by != "own":
         return ""
     errors = []
     for a, b in ((attitude.t[k] - AROUND_JUMP_S, attitude.t[k - 1]), (attitude.t[k], attitude.t[k] + AROUND_JUMP_S)):

@@ -216,9 +216,9 @@ def compass_error_checks(case: HealthCase) -> list[Check]:
 
 def _heading_reference(case: HealthCase) -> Reference | None:
     """Return the reference whose heading may judge the compass: truth or a smoother, else a sound onboard attitude."""
-    own = case.reference is not None and case.reference.heading_by == "own"
+    own = case.reference is not None and case.reference.heading.by == "own"
     judge = case.reference if own else case.rates
-    return judge if judge is None or judge.heading_by == "own" else None
+    return judge if judge is None or judge.heading.by == "own" else None
 
 
 def _offset_check(source: str, found: CompassFit, reference: Reference) -> Check:
@@ -262,7 +262,7 @@ def fit_compass(log: FlightLog, segments: Segments, reference: Reference) -> Com
     field = log.mags[log.mag].field
     q, _ = rotation.slerp_in_segments(reference.t, reference.q, reference.gap_segment, field.t_best)
     use = rotation.finite_rows(q) & rotation.finite_rows(field.x) & segments.mask(field.t_best, "airborne")
-    use &= (field.t_best >= reference.scoring_start) & (field.t_best < reference.end)
+    use &= (field.t_best >= reference.scoring.start) & (field.t_best < reference.scoring.end)
     t, m = field.t_best[use], 1e6 * field.x[use]
     seconds = len(t) / max(field.rate, 1e-9)
     if len(t) < MIN_COMPASS_SAMPLES or seconds < MIN_COMPASS_FLIGHT_S:

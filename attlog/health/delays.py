@@ -219,7 +219,7 @@ def attitude_path(case: HealthCase) -> AttitudePath | None:
     by_motion = None if motion is None else AttitudePath(motion.t, motion.q, motion.segment, "motion alone")
     if motion is not None and _at_most(motion.quality, "sigma_heading_deg", SURE_HEADING_DEG):
         return by_motion
-    if reference is not None and reference.kind in ("truth", "smoother") and reference.heading_by == "own":
+    if reference is not None and reference.kind in ("truth", "smoother") and reference.heading.by == "own":
         return AttitudePath(reference.t, reference.q, reference.gap_segment, f"the {reference.kind}")
     if motion is not None and _at_most(motion.quality, "sigma_tilt_deg", SURE_TILT_DEG):
         return by_motion

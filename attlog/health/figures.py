@@ -145,7 +145,7 @@ def _compass_attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None
         return own.t, own.q, None, own.source
     if reference is None or reference.kind == "none" or len(reference.t) < 2:
         return None
-    if reference.heading_by in ("nobody", "relative"):
+    if reference.heading.by in ("nobody", "relative"):
         return None
     return reference.t, reference.q, reference.gap_segment, reference.source
 

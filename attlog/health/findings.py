@@ -245,13 +245,16 @@ def contradiction(reference: Reference) -> list[Problem]:
     A wrong onboard heading has its own check.
     """
     taken = reference.kind in ("smoother", "onboard")
-    reasons = {name: why for name, why in reference.refused.items() if why != reference.wrong_heading}
+    reasons = {name: why for name, why in reference.faults.refused.items() if why != reference.faults.onboard_heading}
     gave_way = [reasons[name] for name in ("truth", "onboard") if taken and name in reasons]
     if gave_way:
         return [Problem("reference_contradicted", "error", as_sentence(why)) for why in gave_way]
-    if not reference.fault or reference.fault == reference.wrong_heading:
+    if not reference.faults.reference or reference.faults.reference == reference.faults.onboard_heading:
         return []
-    sentences = [reference.fault, *(step.text for step in reference.steps if step.name == "contradiction")]
+    sentences = [
+        reference.faults.reference,
+        *(step.text for step in reference.alignment.steps if step.name == "contradiction"),
+    ]
     return [Problem("reference_contradicted", "error", f"{sentence}.") for sentence in sentences]
 
 

@@ -81,11 +81,11 @@ def turn_checks(case: HealthCase) -> list[Check]:
 
 def _rate_checks(imu: Imu, segments: Segments, reference: Reference | None) -> tuple[Check, Check]:
     """Return scale and bias step by the rates of an attitude."""
-    if reference is None or reference.kind not in ("truth", "onboard") or reference.gyro_fault:
+    if reference is None or reference.kind not in ("truth", "onboard") or reference.faults.gyro:
         why = "No attitude that is not made of this gyro can be trusted."
         return unknown("gyro_scale", why, SCALE_LIMIT), unknown("gyro_bias_step", why, STEP_LIMIT)
     t, g, a = interval_rates(imu, reference)
-    use = segments.mask(t, "airborne") & (t < reference.end)
+    use = segments.mask(t, "airborne") & (t < reference.scoring.end)
     t, g, a = t[use], g[use], a[use]
     columns = np.concatenate([g, np.ones((len(g), 1))], axis=1)
     if len(t) < MIN_INTERVALS or len(t) * INTERVAL_S < MIN_FLIGHT_S:
@@ -106,7 +106,7 @@ def interval_rates(imu: Imu, reference: Reference) -> tuple[Array, Array, Array]
     first = np.arange(0, len(t) - step, step)
     start, end = t[first], t[first + step]
     good = (end - start < 2.0 * INTERVAL_S + 0.1) & (reference.segment[first] == reference.segment[first + step])
-    good &= (start >= reference.scoring_start) & summed.known(start, end) & (end > start)
+    good &= (start >= reference.scoring.start) & summed.known(start, end) & (end > start)
     by_attitude, by_gyro = rotation.relative_rotvecs(q[first], q[first + step]), summed.between(start, end)
     good &= (
         rotation.finite_rows(by_attitude)
@@ -298,8 +298,8 @@ def gyro_bias_checks(case: HealthCase) -> list[Check]:
 def unusable_gyro(log: FlightLog, segments: Segments, reference: Reference) -> str:
     """Return why no filter can be judged with this gyro: contradicted, far from zero at rest, frozen; else empty."""
     imu = log.replay_imu
-    if reference.gyro_fault:
-        return f"{reference.gyro_fault[0].lower()}{reference.gyro_fault[1:].rstrip('.')}"
+    if reference.faults.gyro:
+        return f"{reference.faults.gyro[0].lower()}{reference.faults.gyro[1:].rstrip('.')}"
     rest = None if imu is None else _rest_bias(imu, segments)
     if rest is not None and rest.value is not None and abs(rest.value) >= UNUSABLE_DPS:
         return f"the gyro reads {rest.value:.0f} deg/s while the vehicle stands still"

@@ -75,7 +75,7 @@ def source_checks(case: HealthCase) -> list[Check]:
     who = wrong_source_text(errors, str(log.onboard), names_text(same), reference)
     if errors is not None and who and errors[0] < errors[1]:
         verdict = "warning"  # what flew is right
-    if not who and about == "heading" and reference is not None and reference.wrong_heading:
+    if not who and about == "heading" and reference is not None and reference.faults.onboard_heading:
         who = f"GNSS acceleration contradicts {log.onboard}"
     text += f"; {who}." if who else "; which is right cannot be determined."
     t, t_end = worst.since, worst.until
@@ -88,15 +88,15 @@ def errors_of_both(
     """Median errors in deg of the attitude that flew and of another from ``since`` s on; None where nobody can tell."""
     if reference is None or reference.kind not in ("truth", "smoother"):
         return None
-    if about == "heading" and reference.heading_by != "own":
+    if about == "heading" and reference.heading.by != "own":
         return None
     found = []
     for attitude in (log.onboard_attitude, log.attitudes[name]):
         assert attitude is not None
         late = attitude.t >= since
         t, q = attitude.t[late], attitude.q[late]
-        if reference.trim is not None and not attitude.has_trim:
-            q = alignment.apply_trim(q, reference.trim)
+        if reference.alignment.trim is not None and not attitude.has_trim:
+            q = alignment.apply_trim(q, reference.alignment.trim)
         tilt, heading = differences_deg(reference, t, q)
         size = np.abs(tilt if about == "tilt" else heading)
         size = size[np.isfinite(size)]
@@ -308,13 +308,13 @@ def _lane_text(e: LaneError) -> str:
 def _lane_error(log: FlightLog, reference: Reference, number: int, name: str, flown: list[Span]) -> LaneError | None:
     attitude = log.attitudes[name]
     t, q = _lane_attitude(log, name, flown)
-    if reference.trim is not None and not attitude.has_trim:
-        q = alignment.apply_trim(q, reference.trim)
+    if reference.alignment.trim is not None and not attitude.has_trim:
+        q = alignment.apply_trim(q, reference.alignment.trim)
     tilt, heading = differences_deg(reference, t, q)
     known = np.isfinite(tilt)
     if known.sum() < MIN_LANE_SAMPLES:
         return None
-    own = reference.heading_by == "own"
+    own = reference.heading.by == "own"
     size = float(np.median(np.abs(heading[known]))) if own else float("nan")
     return LaneError(number, float(np.median(tilt[known])), size, int(known.sum()))
 

@@ -302,7 +302,7 @@ SENSOR_FAULT_LIMITS = {
 
 def sensor_fault_checks(case: HealthCase) -> list[Check]:
     """Return the sensor faults that were found while the reference was chosen."""
-    faults = {} if case.rates is None else case.rates.sensor_faults
+    faults = {} if case.rates is None else case.rates.faults.sensors
     return [
         Check(
             name.replace(" ", "_"),

@@ -78,7 +78,7 @@ def compute_errors(angle: str, case: Case, row: Row, window: str) -> dict[str, A
     good = _scored(case, row) & in_window(case, errors.t, window)
     count = int(np.count_nonzero(good))
     if count < MIN_SAMPLES:
-        start = case.reference.scoring_start
+        start = case.reference.scoring.start
         reason = f"{count} scored samples are too few; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return group.without("not_covered", reason, window)
     duration = covered_seconds(errors.t, model.segment_slices(good, _segments(case, row)))
@@ -102,7 +102,7 @@ def compute_errors(angle: str, case: Case, row: Row, window: str) -> dict[str, A
             reason=why,
             ranked=why is None,
             detail={"samples": count},
-            floor=math.hypot(case.reference.floor_deg, own),
+            floor=math.hypot(case.reference.alignment.floor_deg, own),
             units=units if statistic == "rmse" else None,
         )
         if alone is None and row.heading_offset_deg is not None and angle != "tilt":
@@ -122,7 +122,7 @@ def rank_errors(case: Case) -> None:
 def own_sigma(case: Case, angle: str, window: str) -> float:
     """How wrong the reference may be itself in a window, deg (one sigma); 0 for one that does not tell."""
     reference = case.reference
-    if reference.sigma_tilt_deg is None:
+    if reference.sigma is None:
         return 0.0
     inside = case.segments.mask(reference.t, window) & scoring.scored_mask(reference, reference.t)
     return float(np.nan_to_num(sigma_deg(reference, angle, inside)))
@@ -186,7 +186,7 @@ def _error_blocks(
     case: Case, t: Array, window: str, length: float
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
     """When the blocks of a window's scored time begin (k,), and which of the times (n,) are in each: first, and end."""
-    scored = complement(case.reference.unscored, case.reference.scoring_start, case.reference.end)
+    scored = complement(case.reference.scoring.unscored, case.reference.scoring.start, case.reference.scoring.end)
     spans = intersect(case.segments.spans(window), scored)
     starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
     begin = np.concatenate([np.zeros(0), *starts])
@@ -218,7 +218,7 @@ def why_unranked(case: Case, row: Row, angle: str, ci95: interval.Interval | Non
     """Why an error is shown but not ranked, whatever the other rows are, else None."""
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
-    if angle != "tilt" and (case.reference.kind == "onboard" or case.reference.heading_by == "onboard"):
+    if angle != "tilt" and (case.reference.kind == "onboard" or case.reference.heading.by == "onboard"):
         return "compared with the onboard attitude, whose own heading error can be larger"
     if case.reference.kind == row.estimator:
         return "made the same way as the reference"

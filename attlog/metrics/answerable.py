@@ -53,7 +53,11 @@ def stand_in(case: Case) -> Row:
     imu = case.log.replay_imu
     assert imu is not None
     row = replayed(
-        case.log, case.segments, case.reference, integrated(imu, case.gyro_of(imu), case.reference.clock), name=STAND_IN
+        case.log,
+        case.segments,
+        case.reference,
+        integrated(imu, case.gyro_of(imu), case.reference.alignment.clock),
+        name=STAND_IN,
     )
     row.imu = imu
     row.status = "ok" if row.status in ("diverged", "not_converged") else row.status

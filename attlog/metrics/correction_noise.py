@@ -172,11 +172,11 @@ def _of_own_samples(case: Case, row: Row) -> GyroAttitude | None:
 
 
 def _integrated(case: Case, imu: Imu) -> GyroAttitude:
-    t = imu.gyro.t_best if case.reference.clock == "sample" else imu.gyro.t
+    t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
     found = estimators.estimate("gyro", t, case.gyro_of(imu), imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
     q = rotation.normalize(found.q)
-    if case.reference.trim is not None:
-        q = alignment.apply_trim(q, case.reference.trim)
+    if case.reference.alignment.trim is not None:
+        q = alignment.apply_trim(q, case.reference.alignment.trim)
     segment = found.segment
     if segment is None or not segment.any():
         segment = np.broadcast_to(np.int64(0), found.t.shape)  # it is kept: in long logs copies add up
@@ -232,7 +232,7 @@ def of_windows(case: Case, row: Row, inside: list[slice]) -> list[Array | None]:
     index = None if (imu := imu_of(case, row)) is None else logged_unit(case, imu)
     corrected = 1e-3 * float(row.quality.get("imu_lag_corrected_ms", 0.0))
     if estimators.is_recorded(row.estimator):
-        corrected = case.reference.input_delay_s - 1e-3 * float(row.parameters.get("delay", 0.0))
+        corrected = case.reference.alignment.input_delay_s - 1e-3 * float(row.parameters.get("delay", 0.0))
     if corrected:
         # such a row shows the moment at which the sensor felt it: what it corrects it does not add
         gyro, index = GyroAttitude(gyro.t - corrected, gyro.q, gyro.segment), None

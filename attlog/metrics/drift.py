@@ -515,8 +515,8 @@ def _error_blocks(case: Case, row: Row, name: str, spans: list[tuple[float, floa
     e, segment = heading_error(row, heading_reference)
     keep = (
         inside(heading_reference.t, spans)
-        & (heading_reference.t >= reference.scoring_start)
-        & (heading_reference.t <= reference.end)
+        & (heading_reference.t >= reference.scoring.start)
+        & (heading_reference.t <= reference.scoring.end)
     )
     return block_means(heading_reference.t[keep], e[keep], split_at_steep(segment, keep)[keep])
 
@@ -533,12 +533,12 @@ def compute_air_drift(case: Case, row: Row, window: str) -> dict[str, Answer]:
 
 def _against(case: Case, row: Row, name: str, window: str) -> Answer:
     reference = case.reference
-    if name in reference.refused:
-        return missing("no_reference", reference.refused[name], "deg/min", window)
+    if name in reference.faults.refused:
+        return missing("no_reference", reference.faults.refused[name], "deg/min", window)
     if name not in case.heading_references and name != reference.kind:
         return missing(*ABSENT[name], "deg/min", window)
-    if name == "smoother" and reference.heading_by != "own":
-        return missing("no_reference", reference.heading_why, "deg/min", window)
+    if name == "smoother" and reference.heading.by != "own":
+        return missing("no_reference", reference.heading.why, "deg/min", window)
     if name == row.name or (row.is_reference and name == reference.kind):
         return missing("not_applicable", "this row is the heading reference itself", "deg/min", window)
     if not case.segments.spans("airborne"):

@@ -105,10 +105,10 @@ def input_delay(case: Case, row: Row) -> float:
     """
     if is_recorded(row.estimator):
         return 1e-3 * float(row.parameters.get("delay", 0.0))
-    if case.reference.input_delay_shared or row.kind != "replay":
+    if row.kind != "replay":
         return 0.0
     corrected = 1e-3 * float(row.quality.get("imu_lag_corrected_ms", 0.0))
-    return max(0.0, case.reference.input_delay_s - corrected)
+    return max(0.0, case.reference.alignment.input_delay_s - corrected)
 
 
 def common_s(case: Case) -> float:

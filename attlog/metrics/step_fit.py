@@ -328,7 +328,7 @@ def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
         if window == "airborne" and not case.segments.spans("airborne"):
             return "no_events", why_never_airborne(case)
         sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
-        start = f"from {case.reference.scoring_start:.0f} s on"
+        start = f"from {case.reference.scoring.start:.0f} s on"
         return "no_events", f"no step {where} {start}; turns of {sizes} within 1 s are needed"
     return None
 

@@ -285,7 +285,7 @@ def _of_own_samples(case: Case, row: Row) -> SensorSamples | None:
 
 
 def _samples(case: Case, unit: Imu, with_field: bool) -> SensorSamples | None:
-    t = unit.gyro.t_best if case.reference.clock == "sample" else unit.gyro.t
+    t = unit.gyro.t_best if case.reference.alignment.clock == "sample" else unit.gyro.t
     good = np.isfinite(t) & rotation.finite_rows(unit.gyro.x) & rotation.finite_rows(unit.acc.x)
     good[1:] &= t[1:] > np.maximum.accumulate(np.where(good, t, -np.inf))[:-1]
     if good.sum() < 2:
@@ -318,7 +318,7 @@ class RowSensors:
     def __init__(self, case: Case, row: Row, track: SummedTurning, seen: SensorSamples) -> None:
         self.track, self.seen = track, seen
         self.slow = track.step > 1.5 * seen.step
-        trim = case.reference.trim if row.kind == "replay" else None
+        trim = case.reference.alignment.trim if row.kind == "replay" else None
         self.back = np.zeros(0) if trim is None else rotation.from_rotvec(trim)
         self.uses_mag = row.uses_mag and len(seen.new) > 0
         self.bias = None if row.bias is None else model.select_good(rotation.finite_rows(row.q), row.bias)[0]

@@ -69,7 +69,7 @@ def reference_steps(case: Case) -> list[StepEvent]:
 def scored_steps(reference: Reference) -> list[StepEvent]:
     """The events of a reference after its scoring start and before its end."""
     found = find_steps(reference.t, reference.q, reference.segment) if len(reference.t) else []
-    return [e for e in found if e.begin >= reference.scoring_start and e.end <= reference.end]
+    return [e for e in found if e.begin >= reference.scoring.start and e.end <= reference.scoring.end]
 
 
 def steps_in_window(case: Case, events: list[StepEvent], window: str) -> list[StepEvent]:

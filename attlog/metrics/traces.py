@@ -235,8 +235,8 @@ def demand_traces(case: Case) -> list[Trace]:
     t, q = model.select_rising(np.where(own, wanted.t, np.nan), wanted.q)
     if len(t) < 2:
         return []
-    if case.reference.trim is not None and not wanted.has_trim:
-        q = alignment.apply_trim(q, case.reference.trim)
+    if case.reference.alignment.trim is not None and not wanted.has_trim:
+        q = alignment.apply_trim(q, case.reference.alignment.trim)
     angles = np.degrees(rotation.to_euler(q))
     angles[np.flatnonzero(np.diff(model.number_segments(t)) != 0) + 1] = np.nan
     at, kept = envelope(t, angles, MAX_DEMAND_POINTS)
@@ -332,11 +332,11 @@ def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Sampl
 
 def own_sigma(reference: Reference, share: SampleBudget) -> list[Trace]:
     """How wrong a smoother says it may be itself, deg: its tilt, and its heading where that is its own."""
-    if reference.sigma_tilt_deg is None or reference.sigma_heading_deg is None:
+    if reference.sigma is None:
         return []
-    columns = {"tilt": reference.sigma_tilt_deg}
-    if reference.heading_by in ("own", "relative"):
-        columns["heading"] = reference.sigma_heading_deg
+    columns = {"tilt": reference.sigma.tilt_deg}
+    if reference.heading.by in ("own", "relative"):
+        columns["heading"] = reference.sigma.heading_deg
     made = np.column_stack(list(columns.values()))
     return [
         _enveloped("sigma", reference.kind, reference.t, _broken(made, reference.gap_segment), tuple(columns), share)

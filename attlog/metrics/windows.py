@@ -69,7 +69,9 @@ def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
     allowed = complement(unsettled_spans(case, phase), -math.inf, math.inf)
     if phase in ("hover", "cruise"):
         reference = case.reference
-        allowed = intersect(allowed, complement(reference.unscored, reference.scoring_start, reference.end))
+        allowed = intersect(
+            allowed, complement(reference.scoring.unscored, reference.scoring.start, reference.scoring.end)
+        )
     if ":" in window or window == "rest.long":
         allowed = intersect(allowed, case.segments.spans(window))
     return clipped(intersect(case.segments.spans(phase), allowed), case.segments.spans("all"))
@@ -108,7 +110,7 @@ def why_no_errors(case: Case, row: Row, window: str = "") -> tuple[str, str] | N
     """Return code and reason where a row cannot be compared with the reference."""
     if case.reference.kind == "none" or len(case.reference.t) == 0:
         nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
-        return "no_reference", case.reference.fault or nothing
+        return "no_reference", case.reference.faults.reference or nothing
     if row.is_reference:
         return "not_applicable", "this row is the reference itself"
     if row.errors is None or len(row.errors.t) == 0:
@@ -119,9 +121,9 @@ def why_no_errors(case: Case, row: Row, window: str = "") -> tuple[str, str] | N
 def why_no_heading(case: Case, row: Row, window: str = "") -> tuple[str, str] | None:
     """Return code and reason where a row's heading cannot be compared though its tilt can."""
     if row.heading_shared:
-        return "not_applicable", f"{case.reference.heading_why}, so the reference has its heading from this row"
-    if case.reference.heading_by == "nobody":
-        return "no_reference", f"{case.reference.heading_why}, and no other heading can be compared with"
+        return "not_applicable", f"{case.reference.heading.why}, so the reference has its heading from this row"
+    if case.reference.heading.by == "nobody":
+        return "no_reference", f"{case.reference.heading.why}, and no other heading can be compared with"
     return None
 
 
@@ -168,7 +170,7 @@ def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
         return row.segment
     jumped = np.zeros(len(attitude.t), np.int64)
     jumped[resets.known_resets(case.log, row.estimator, case.segments)[0]] = 1
-    _, _, kept = alignment.usable_samples(attitude, case.reference.clock)
+    _, _, kept = alignment.usable_samples(attitude, case.reference.alignment.clock)
     return row.segment + np.cumsum(jumped)[kept]
 
 

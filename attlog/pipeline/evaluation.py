@@ -485,9 +485,9 @@ def _described(case: Case) -> dict[str, Any]:
 def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
     """The same case with the next best reference, or none: nothing computed with the refused one is kept."""
     options = preparation.reference_options(Config.trusted(case.settings))
-    refused = case.reference.refused | {case.reference.kind: fault}
+    refused = case.reference.faults.refused | {case.reference.kind: fault}
     ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)
-    ref.steps.append(step)
+    ref.alignment.steps.append(step)
     headings = reference.heading_references(case.log, case.segments, ref)
     return case.compared_with(ref, headings)
 
@@ -498,15 +498,15 @@ def summarize(ref: Reference) -> ReferenceSummary:
         ref.kind,
         ref.source,
         ref.rate,
-        ref.floor_deg,
+        ref.alignment.floor_deg,
         reference.meaning(ref),
-        ref.steps,
-        ref.scoring_start,
-        ref.end if math.isfinite(ref.end) else None,
+        ref.alignment.steps,
+        ref.scoring.start,
+        ref.scoring.end if math.isfinite(ref.scoring.end) else None,
         reference.own_sigma_deg(ref, "tilt"),
         reference.own_sigma_deg(ref, "heading"),
-        ref.heading_by,
+        ref.heading.by,
         reference.caveat(ref),
-        ref.refused,
+        ref.faults.refused,
         ref.fit,
     )

@@ -158,7 +158,7 @@ def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]
 @per_case
 def facts(case: Case, suffix: str) -> estimators.LogFacts:
     """What the log tells about parameters of filters that replay this unit."""
-    return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.declination_deg)
+    return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.alignment.declination_deg)
 
 
 @per_case
@@ -231,7 +231,7 @@ def replayed(
     log, ref = case.log, case.reference
     uses_mag = mag is not None and "mag" in spec.estimator.uses
     resolved = spec.resolved(told)
-    t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
+    t = imu.gyro.t_best if ref.alignment.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
         spec,
         t,
@@ -357,7 +357,7 @@ def batch(
         raise UsageError(f"{estimator.name} needs gnss, which was not given")
     uses_mag = mag is not None and "mag" in estimator.uses
     STAGES.info("running %s with %d parameter sets", spec.name, len(settings))
-    t, taken = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t, case.bias_of(imu)
+    t, taken = imu.gyro.t_best if ref.alignment.clock == "sample" else imu.gyro.t, case.bias_of(imu)
     chosen = [estimators.EstimatorSpec(estimator, spec.preset, {**spec.params, **setting}) for setting in settings]
     found = estimate_batch(
         estimator,

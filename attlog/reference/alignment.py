@@ -12,7 +12,7 @@ from attlog.core import earth, rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.core.kinematics import body_rates
 from attlog.flight.model import Angles, Attitude, FlightLog, Imu, TruthFit
-from attlog.reference.model import AlignmentStep, Reference
+from attlog.reference.model import AlignmentStep, HeadingOrigin, Reference, ReferenceSigma
 from attlog.reference.scoring import interpolate
 from attlog.segments import increments, model
 
@@ -154,7 +154,7 @@ def observed_declination_deg(log: FlightLog, reference: Reference) -> float | No
     field = log.mags[log.mag].field
     q, _ = interpolate(reference.t, reference.q, reference.segment, field.t_best)
     good = rotation.finite_rows(q) & rotation.finite_rows(field.x)
-    good &= (field.t_best >= reference.scoring_start) & (field.t_best <= reference.end)
+    good &= (field.t_best >= reference.scoring.start) & (field.t_best <= reference.scoring.end)
     if np.count_nonzero(good) < 10:
         return None
     north = rotation.rotate(q[good], field.x[good])
@@ -278,7 +278,7 @@ def fit_gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None
     k = max(1, math.ceil(wanted * reference.rate))
     rates = body_rates(t, reference.q, reference.segment, k, max(1, (len(t) - k) // MAX_INTERVALS))
     active = np.degrees(rotation.length(rates.rate)) > MIN_ACTIVE_DPS
-    active &= (rates.start >= reference.scoring_start) & (rates.start > gyro_t[0] + DELAY_RANGE_S)
+    active &= (rates.start >= reference.scoring.start) & (rates.start > gyro_t[0] + DELAY_RANGE_S)
     i = np.flatnonzero(active & (rates.end < gyro_t[-1] - DELAY_RANGE_S))
     if len(i) < MIN_INTERVALS:
         return None
@@ -311,12 +311,12 @@ def fit_gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None
 
 
 def gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None:
-    """The same, measured once for a unit and a reference."""
-    for known, delay in reference.delays_seen:
+    """Return :func:`fit_gyro_delay`, cached for a unit and a reference."""
+    for known, delay in reference.delays:
         if known is imu:
             return delay
     found = fit_gyro_delay(imu, reference)
-    reference.delays_seen.append((imu, found))
+    reference.delays.append((imu, found))
     return found
 
 
@@ -350,20 +350,19 @@ def delay_step(
     return known, AlignmentStep(name, text, 1e3 * known, "ms", source, known > 0, switch)
 
 
-# A truth that the user brought: what it says of its own alignment and noise, and whose north it has.
+# An external truth: its alignment, noise and north.
 
 NO_NORTH_TEXT = "nobody knows the north of {name}: each row is turned to it by its own mean heading"
 TRUTH_OPTION = "--truth"
 
 
 def adopt_fit(reference: Reference, fit: TruthFit) -> None:
-    """Give a reference made of a brought truth its sigma and its north."""
+    """Take sigma and north of an external truth from its fit."""
     n = len(reference.t)
     reference.fit = fit
-    reference.sigma_tilt_deg = np.full(n, fit.sigma_tilt_deg)
-    reference.sigma_heading_deg = np.full(n, fit.sigma_heading_deg)
+    reference.sigma = ReferenceSigma(np.full(n, fit.sigma_tilt_deg), np.full(n, fit.sigma_heading_deg))
     if fit.north == "nobody":
-        reference.heading_by, reference.heading_why = "relative", NO_NORTH_TEXT.format(name=fit.name)
+        reference.heading = HeadingOrigin("relative", NO_NORTH_TEXT.format(name=fit.name))
 
 
 def fit_steps(fit: TruthFit) -> list[AlignmentStep]:

@@ -32,6 +32,8 @@ MIN_RATE_INTERVALS = 30
 # Turns are compared over so long at least: in single samples a gyro's noise and vibration look like turns that the
 # attitude did not make, and lower the slope (0.92 on a flight whose scales are equal).
 SPAN_S = 0.06
+# A gyro whose rates spread by more than this was turned; a bias alone does not vary so much.
+MIN_TURN_STD_DPS = 5.0
 # Slower attitudes smear fast motion: low slopes alone are then no fault of the sensor.
 MIN_ATTITUDE_HZ = 20.0
 MIN_CORRELATION = 0.8
@@ -67,6 +69,10 @@ def gyro_consistency(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag
     if len(attitude.t) < 3:
         return GyroMismatch()
     by_gyro, by_attitude = mean_rates(imu, attitude, jumps)
+    turning = float(np.degrees(rotation.length(by_gyro.std(axis=0)))) if len(by_gyro) else 0.0
+    if turning > MIN_TURN_STD_DPS and np.ptp(attitude.q, axis=0).max() < 1e-9:
+        why = f"{attitude.source} never changes while the gyro turns by {turning:.0f} deg/s rms: it holds no attitude"
+        return GyroMismatch("attitude", why)
     wrong = rate_mismatch(by_gyro, by_attitude)
     if not wrong:
         return GyroMismatch()

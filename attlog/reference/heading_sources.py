@@ -166,7 +166,7 @@ def heading_references(log: FlightLog, segments: Segments, reference: Reference)
     """
     found: dict[str, HeadingReference] = {}
     for name, attitude in (("onboard", log.onboard_attitude), ("truth", log.truth_with_north)):
-        if attitude is None or name in reference.refused or (name == "onboard" and reference.onboard_error):
+        if attitude is None or name in reference.faults.refused or (name == "onboard" and reference.faults.onboard):
             continue
         t, q, segment = _attitude_samples(log, segments, reference, name, attitude)
         if len(t) >= MIN_HEADINGS:
@@ -190,7 +190,7 @@ def _attitude_samples(
     """Times, attitudes and segments of the onboard attitude or the truth; those of the reference are known already."""
     if reference.kind == name and reference.name in ("", log.onboard):
         return reference.t, reference.q, reference.segment
-    t, q, kept = alignment.usable_samples(attitude, reference.clock)
+    t, q, kept = alignment.usable_samples(attitude, reference.alignment.clock)
     imu = log.replay_imu
     jumped = np.zeros(len(attitude.t), np.int64)
     jumped[
@@ -212,7 +212,7 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
         level = reference.source
     elif log.replay_imu is not None:
         try:
-            own, tilt = _levelling_attitude(log.replay_imu, reference.clock)
+            own, tilt = _levelling_attitude(log.replay_imu, reference.alignment.clock)
         except AttlogError:
             return None  # an IMU that no filter can be run on levels nothing
         q, _ = interpolate(own, tilt, model.number_segments(own), t)
@@ -225,11 +225,11 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
     t, x, q = t[good], x[good], q[good]
     roll_pitch = rotation.to_euler(q)
     levelled = rotation.rotate(rotation.from_euler(roll_pitch[:, 0], roll_pitch[:, 1], np.zeros(len(t))), x)
-    north = reference.declination_deg or 0.0
+    north = reference.alignment.declination_deg or 0.0
     segment = model.number_segments(t)
     heading = _smooth(t, -np.arctan2(levelled[:, 1], levelled[:, 0]), roll_pitch[:, 2], segment)
     text = f"{field.source} levelled with the tilt of {level}, mean over {MAG_SMOOTHING_S:.0f} s"
-    text += f", declination {north:.1f} deg" if reference.declination_deg is not None else ", magnetic north"
+    text += f", declination {north:.1f} deg" if reference.alignment.declination_deg is not None else ", magnetic north"
     return HeadingReference("mag", t, np.degrees(rotation.wrap(heading + np.radians(north))), segment, text)
 
 
@@ -278,7 +278,7 @@ def _yaw_estimator(log: FlightLog, reference: Reference) -> HeadingReference | N
     t, x = model.select_rising(own.t_best, own.x)
     if len(t) < MIN_HEADINGS:
         return None
-    if reference.kind in ("truth", "smoother") and reference.heading_by == "own":
+    if reference.kind in ("truth", "smoother") and reference.heading.by == "own":
         q, _ = interpolate(reference.t, reference.q, reference.segment, t)
         known = rotation.finite_rows(q)
         off = rotation.wrap(x[known, 0] - rotation.to_euler(q[known])[:, 2]) / x[known, 1]

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.spans import Span
 from attlog.flight.model import Imu, TruthFit
 
 Array = NDArray[np.float64]
@@ -93,22 +94,82 @@ class GyroJump:
 
 
 @dataclass(slots=True)
+class Alignment:
+    """What lies between a raw attitude and the reference, with the ``steps`` that say so.
+
+    ``trim`` (3,) rad is removed from attitudes of the IMU before a comparison. ``input_delay_s`` is the delay of the
+    logged gyro that is subtracted from lags. ``floor_deg`` is the smallest difference that the log resolves,
+    ``step_deg`` the step of the logged attitude.
+    """
+
+    clock: Literal["sample", "publication"] = "sample"
+    trim: Array | None = None
+    declination_deg: float | None = None
+    input_delay_s: float = 0.0
+    floor_deg: float = 0.0
+    step_deg: float = 0.0
+    steps: list[AlignmentStep] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Scoring:
+    """The time that is scored: from ``start`` to ``end`` (an impact) s, without the ``unscored`` spans.
+
+    ``refuted``: spans in which gravity at standstill contradicts a smoother.
+    """
+
+    start: float = 0.0
+    end: float = np.inf
+    unscored: list[Span] = field(default_factory=list)
+    refuted: list[Span] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class ReferenceSigma:
+    """One sigma (n,) deg of the tilt and heading of a smoother or an external truth."""
+
+    tilt_deg: Array
+    heading_deg: Array
+
+
+@dataclass(slots=True)
+class HeadingOrigin:
+    """Origin of a reference's north: its ``own``, the ``onboard`` attitude, or unknown.
+
+    Of a ``relative`` heading only changes are compared, of ``nobody``'s nothing; ``why`` is the reason.
+    """
+
+    by: Literal["own", "onboard", "relative", "nobody"] = "own"
+    why: str = ""
+
+
+@dataclass(slots=True)
+class Faults:
+    """Sentences on what physics contradicts; empty where nothing is contradicted.
+
+    ``reference``: why agreement with it means nothing. ``doubt``: why one that was asked for would have been refused.
+    ``refused``: attitudes that were not taken (truth, smoother, onboard). ``onboard``: error of the onboard attitude by
+    the smoother. ``onboard_heading``: its heading by GNSS acceleration. ``gyro``: why nothing made of the gyro can be
+    judged. ``sensors``: faults of replayed sensors by name.
+    """
+
+    reference: str = ""
+    doubt: str = ""
+    refused: dict[str, str] = field(default_factory=dict)
+    onboard: str = ""
+    onboard_heading: str = ""
+    gyro: str = ""
+    sensors: dict[str, SensorFault] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
 class Reference:
     """The attitude to compare with. ``kind`` says what agreement with it proves.
 
-    ``q`` (n, 4) at ``t`` (n,) s; ``gap_segment`` (n,) numbers the segments between
-    gaps, ``segment`` (n,) those between gaps *and* resets. ``floor_deg`` is the smallest
-    difference this log can resolve. Comparisons are scored from ``scoring_start`` to
-    ``end`` outside ``unscored`` (the first seconds after a restart of the filters).
-    ``name`` is the attitude's name in the log where the reference is an onboard one.
-    ``trim`` (3,) rad is what has to be taken out of attitudes of the IMU before they
-    are compared, None for nothing. ``fault`` says why agreement with it means nothing;
-    ``refused`` holds that sentence for each attitude (truth, smoother, onboard) that was not taken.
-
-    A smoother and a truth that the user brought (``fit``) know how wrong they may be: ``sigma_tilt_deg``,
-    ``sigma_heading_deg`` (n,), None of others. ``heading_by`` says whose north its heading has: its ``own``, that of
-    the ``onboard`` attitude, its own but for a constant that nobody knows (``relative``), or of ``nobody``, with the
-    reason in ``heading_why``.
+    ``q`` (n, 4) at ``t`` (n,) s; ``gap_segment`` (n,) numbers the segments between gaps, ``segment`` (n,) those between
+    gaps and resets. ``name`` is that of an onboard attitude in the log. ``quality`` is what a smoother reports of
+    itself, ``gyro_jumps`` the steps of the gyro bias that it found (None where it looks for none). ``fit`` is that of
+    an external truth. ``second``: a smoother that is used if the onboard attitude is refused later.
     """
 
     kind: Literal["truth", "smoother", "onboard", "none"]
@@ -118,48 +179,19 @@ class Reference:
     gap_segment: NDArray[np.int64]
     segment: NDArray[np.int64]
     rate: float = 0.0
-    floor_deg: float = 0.0
-    step_deg: float = 0.0
-    declination_deg: float | None = None
-    input_delay_s: float = 0.0
-    input_delay_shared: bool = False
-    scoring_start: float = 0.0
-    # Comparisons end here (impact), s.
-    end: float = np.inf
-    steps: list[AlignmentStep] = field(default_factory=list)
     name: str = ""
-    unscored: list[tuple[float, float]] = field(default_factory=list)
-    trim: Array | None = None
-    clock: Literal["sample", "publication"] = "sample"
-    fault: str = ""
-    # Why one that the user asked for would have been refused; empty where it would not.
-    doubt: str = ""
-    refused: dict[str, str] = field(default_factory=dict)
-    # What is in error of the onboard attitude, which then is compared with nowhere; empty where nothing is.
-    onboard_error: str = ""
-    # Why the onboard heading is wrong by GNSS acceleration; empty where it is not.
-    wrong_heading: str = ""
-    # What a smoother says of itself.
+    alignment: Alignment = field(default_factory=Alignment)
+    scoring: Scoring = field(default_factory=Scoring)
+    sigma: ReferenceSigma | None = None
+    heading: HeadingOrigin = field(default_factory=HeadingOrigin)
+    faults: Faults = field(default_factory=Faults)
     quality: dict[str, float | str] = field(default_factory=dict)
-    # Where gravity refutes a smoother while the vehicle stands still, s.
-    refuted: list[tuple[float, float]] = field(default_factory=list)
-    sigma_tilt_deg: Array | None = None
-    sigma_heading_deg: Array | None = None
-    heading_by: Literal["own", "onboard", "relative", "nobody"] = "own"
-    heading_why: str = ""
-    fit: TruthFit | None = None
-    # Why nothing that is made of the logged gyro can be judged (``reference.turning``); empty where nothing is.
-    gyro_fault: str = ""
-    # The steps of the gyro's bias that a smoother found, of several the largest; None where it looks for none.
     gyro_jumps: tuple[GyroJump, ...] | None = None
-    # What physics contradicts of the sensors that are replayed, by name (``reference.sensor_faults``).
-    sensor_faults: dict[str, SensorFault] = field(default_factory=dict)
-    # A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later.
+    fit: TruthFit | None = None
     second: Reference | None = None
-    # Delay and standard error, s, that ``reference.physics.delay`` found of units against this reference.
-    delays_seen: list[tuple[Imu, tuple[float, float] | None]] = field(default_factory=list, repr=False)
-    # What it showed at the times of the last row.
-    met: ReferenceSamples | None = field(default=None, repr=False, compare=False)
+    # Delays of the gyros of units, and the samples at the times of the last row.
+    delays: list[tuple[Imu, tuple[float, float] | None]] = field(default_factory=list, repr=False)
+    samples: ReferenceSamples | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(slots=True)

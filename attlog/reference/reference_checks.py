@@ -94,7 +94,7 @@ def _quiet_segment(
 ) -> QuietSegment | None:
     """The mean specific force over a segment, turned to earth by the reference; None without both."""
     inside = spans.between(t, t0, t1)
-    q = alignment.untrim(reference.q, reference.trim)
+    q = alignment.untrim(reference.q, reference.alignment.trim)
     mean = earth_force(t[inside], force[inside], reference.t, q, reference.segment, MAX_FORCE_SAMPLES)
     size = 0.0 if mean is None else float(np.sqrt(np.sum(mean**2)))
     return None if mean is None or size == 0.0 else QuietSegment(kind, t0, t1 - t0, tilt_deg(mean), size)
@@ -104,7 +104,7 @@ def _quiet_segment(
 
 # Nearly all sound onboard attitudes stay within this of gravity; accelerometer biases make half of it.
 SOUND_TILT_DEG = 2.5
-# A judge that is further from gravity, in degrees and in its sigmas (with 1 deg of the accelerometer's own).
+# A reference that is further from gravity, in degrees and in its sigmas (with 1 deg of the accelerometer's own).
 MAX_TILT_DEG, SIGMAS, FLOOR_DEG = 3.0, 3.0, 1.0
 # Or by this, and so many times as far as the attitude it judges.
 DOUBTED_TILT_DEG, MIN_TILT_RATIO = 2.0, 2.0
@@ -112,93 +112,91 @@ DOUBTED_TILT_DEG, MIN_TILT_RATIO = 2.0, 2.0
 BORDER_S = 1.0
 # Windows; a single one may be a slow landing.
 MIN_STILL_WINDOWS = 3
-# Twice what sound attitudes show: an onboard attitude that is this far from gravity is no reference.
-MAX_ONBOARD_TILT_DEG = 5.0
-# A judge that is refused in so much of the still time, and of all, is refused throughout.
+# A reference that is refused in so much of the still time, and of all, is refused throughout.
 MIN_REFUSED_SHARE, MIN_REFUSED_SHARE_OF_ALL = 0.5, 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticTilt:
-    """Angles (k,) in deg to gravity over still ``windows`` (k, 2) s: of the judge and of the ``accused`` attitude.
+    """Angles (k,) in deg to gravity over still ``windows`` (k, 2) s: of the reference and of the ``onboard`` attitude.
 
-    ``sigma`` (k,) deg is the judge's own of its tilt. NaN where an attitude is not known.
+    ``sigma`` (k,) deg is the reference's own of its tilt. NaN where an attitude is not known.
     """
 
     windows: Array
-    judge: Array
-    accused: Array
+    reference: Array
+    onboard: Array
     sigma: Array
 
     def medians(self, span: Span) -> tuple[float, float] | None:
-        """The median of judge and accused over windows within a span, else over those at its ends; None without."""
-        known = np.isfinite(self.judge) & np.isfinite(self.accused)
+        """The median of reference and onboard over windows within a span, else over those at its ends; None without."""
+        known = np.isfinite(self.reference) & np.isfinite(self.onboard)
         begin, end = self.windows.T
         inside = known & (begin >= span[0]) & (end <= span[1])
         if not inside.any():
             inside = known & (end >= span[0] - BORDER_S) & (begin <= span[1] + BORDER_S)
         if not inside.any():
             return None
-        return float(np.median(self.judge[inside])), float(np.median(self.accused[inside]))
+        return float(np.median(self.reference[inside])), float(np.median(self.onboard[inside]))
 
-    def acquits(self, span: Span) -> bool:
-        """Whether gravity, as far as the vehicle stands still in or beside a span, speaks for the accused."""
+    def supports_onboard(self, span: Span) -> bool:
+        """Whether gravity, as far as the vehicle stands still in or beside a span, speaks for the onboard."""
         found = self.medians(span)
         return found is not None and not (found[1] > SOUND_TILT_DEG and found[1] > found[0])
 
-    def refusing(self) -> list[tuple[Span, float, float, float]]:
-        """Where gravity refuses the judge: span, its median, the accused's (NaN if unknown) and the judge's sigma."""
+    def contradicting(self) -> list[tuple[Span, float, float, float]]:
+        """Return where gravity refuses the reference: span, its median, the onboard's (NaN if unknown), its sigma."""
         with np.errstate(invalid="ignore"):
-            bad = self.judge > np.maximum(MAX_TILT_DEG, SIGMAS * np.hypot(self.sigma, FLOOR_DEG))
-            bad |= (self.judge > DOUBTED_TILT_DEG) & (self.judge > MIN_TILT_RATIO * self.accused)
+            bad = self.reference > np.maximum(MAX_TILT_DEG, SIGMAS * np.hypot(self.sigma, FLOOR_DEG))
+            bad |= (self.reference > DOUBTED_TILT_DEG) & (self.reference > MIN_TILT_RATIO * self.onboard)
         found = []
         for begin, end in spans.merge([(float(a), float(b)) for a, b in self.windows[bad]]):
             there = bad & (self.windows[:, 0] >= begin) & (self.windows[:, 1] <= end)
             if np.count_nonzero(there) < MIN_STILL_WINDOWS:
                 continue
-            accused = self.accused[there]
-            theirs = float(np.nanmedian(accused)) if np.isfinite(accused).any() else np.nan
+            onboard = self.onboard[there]
+            theirs = float(np.nanmedian(onboard)) if np.isfinite(onboard).any() else np.nan
             found.append(
-                ((begin, end), float(np.median(self.judge[there])), theirs, float(np.median(self.sigma[there])))
+                ((begin, end), float(np.median(self.reference[there])), theirs, float(np.median(self.sigma[there])))
             )
         return found
 
 
-def static_tilt(log: FlightLog, judge: Reference, attitude: Attitude | None) -> StaticTilt | None:
+def static_tilt(log: FlightLog, reference: Reference, attitude: Attitude | None) -> StaticTilt | None:
     """What gravity says of a reference and of a logged attitude; None where the vehicle is never still."""
     imu = log.replay_imu
     if imu is None or not len(windows := unit_still_windows(imu)):
         return None
-    q = alignment.untrim(judge.q, judge.trim)
-    of_judge = _residual(imu, windows, judge.t, q, judge.gap_segment)
-    of_accused = np.full(len(windows), np.nan)
+    q = alignment.untrim(reference.q, reference.alignment.trim)
+    of_reference = _residual(imu, windows, reference.t, q, reference.gap_segment)
+    of_onboard = np.full(len(windows), np.nan)
     if attitude is not None:
-        t, q, _ = alignment.usable_samples(attitude, judge.clock)
+        t, q, _ = alignment.usable_samples(attitude, reference.alignment.clock)
         q = alignment.untrim(q, log.parameters.trim if attitude.has_trim else None)
-        of_accused = _residual(imu, windows, t, q, model.number_segments(t))
-    own = judge.sigma_tilt_deg
+        of_onboard = _residual(imu, windows, t, q, model.number_segments(t))
+    own = None if reference.sigma is None else reference.sigma.tilt_deg
     middle = windows.mean(axis=1)
-    sigma = np.zeros(len(windows)) if own is None or not len(own) else np.interp(middle, judge.t, own)
-    before = middle < judge.scoring_start  # while filters settle nothing is judged
-    of_judge[before] = np.nan
-    return StaticTilt(windows, of_judge, of_accused, sigma)
+    sigma = np.zeros(len(windows)) if own is None or not len(own) else np.interp(middle, reference.t, own)
+    before = middle < reference.scoring.start  # while filters settle nothing is judged
+    of_reference[before] = np.nan
+    return StaticTilt(windows, of_reference, of_onboard, sigma)
 
 
-def static_tilt_refusal(found: StaticTilt, judge: Reference, name: str) -> tuple[str, list[Span]]:
-    """Why gravity refuses a judge throughout (empty where it does not), and the spans in which it does.
+def static_tilt_refusal(found: StaticTilt, reference: Reference, name: str) -> tuple[str, list[Span]]:
+    """Why gravity refuses a reference throughout (empty where it does not), and the spans in which it does.
 
     What was estimated from one gap to the next is refused as a whole where it is refused in most of its still time and
-    in a fifth of all. ``name`` is the accused attitude's.
+    in a fifth of all. ``name`` is the onboard attitude's.
     """
-    bad = found.refusing()
+    bad = found.contradicting()
     if not bad:
         return "", []
     wrong = [span for span, *_ in bad]
-    known = spans.merge([(float(a), float(b)) for a, b in found.windows[np.isfinite(found.judge)]])
+    known = spans.merge([(float(a), float(b)) for a, b in found.windows[np.isfinite(found.reference)]])
     refused, whole = list[Span](), 0
-    numbers = np.unique(judge.gap_segment)
+    numbers = np.unique(reference.gap_segment)
     for number in numbers:
-        t = judge.t[judge.gap_segment == number]
+        t = reference.t[reference.gap_segment == number]
         own = [(float(t[0]), float(t[-1]))]
         seconds = spans.seconds(spans.intersect(wrong, own))
         most = seconds > MIN_REFUSED_SHARE * spans.seconds(spans.intersect(known, own))
@@ -207,18 +205,10 @@ def static_tilt_refusal(found: StaticTilt, judge: Reference, name: str) -> tuple
         whole += throughout
     if whole < len(numbers):
         return "", refused
-    (begin, end), residual, accused, sigma = max(bad, key=lambda one: one[0][1] - one[0][0])
-    other = f", {name} {accused:.1f} deg" if np.isfinite(accused) else ""
+    (begin, end), residual, onboard, sigma = max(bad, key=lambda one: one[0][1] - one[0][0])
+    other = f", {name} {onboard:.1f} deg" if np.isfinite(onboard) else ""
     why = f"standing still from {begin:.0f} to {end:.0f} s it is {residual:.1f} deg off gravity (sigma {sigma:.1f})"
     return why + other, refused
-
-
-def onboard_tilted(found: StaticTilt, name: str, judge: str) -> str:
-    """Why gravity says that ``name`` is tilted and the judge is not, over all still time; empty where it does not."""
-    medians = found.medians((-np.inf, np.inf))
-    if medians is None or medians[1] <= max(MAX_ONBOARD_TILT_DEG, medians[0]) or medians[0] > SOUND_TILT_DEG:
-        return ""
-    return f"standing still {name} is {medians[1]:.1f} deg off gravity, {judge} {medians[0]:.1f} deg"
 
 
 @cached_per_log
@@ -254,11 +244,6 @@ MAX_SPREAD_DEG, MIN_APART_DEG, MIN_SPREAD_RATIO = 8.0, 15.0, 2.5
 MIN_APART_SHARE, MIN_APART_S = 0.2, 2.0
 # What is left of the mean force without gravity: by the filters at most, by the reference at least.
 MAX_FORCE_RESIDUAL_M_S2, MIN_FORCE_FAULT_M_S2 = 1.0, 2.0
-# The filter whose model a smoother without GNSS has.
-SAME_MODEL = "mekf"
-# Filters of other models stay this close to their common down, and the smoother is further from it than 5 deg, four
-# of its sigmas (three joint ones) and 2.5 times their spread.
-CLOSE_DEG, ALONE_DEG, ALONE_SIGMAS = 3.0, 5.0, 4.0
 SAMPLES = 4000
 DOWN = np.array([0.0, 0.0, 1.0])
 
@@ -277,7 +262,7 @@ class ReferenceCheck:
         self._log, self._imu, self._reference, self._again = log, imu, reference, again
         use = np.flatnonzero(scoring.scored_mask(reference, reference.t))
         self._use = use[:: max(1, len(use) // SAMPLES)].copy()  # the few alone: all are as many as the log's samples
-        sound = not reference.gyro_fault and sensor_faults.FRAME not in reference.sensor_faults
+        sound = not reference.faults.gyro and sensor_faults.FRAME not in reference.faults.sensors
         checked = choice == "auto" and sound and reference.kind in ("onboard", "smoother")
         self._asked = checked and len(self._use) >= 10
         self._heard: dict[str, tuple[Row, Array]] = {}
@@ -293,8 +278,7 @@ class ReferenceCheck:
         if len(self._heard) < MIN_FILTERS:
             return None
         filters, downs = [row for row, _ in self._heard.values()], np.stack([d for _, d in self._heard.values()])
-        found = _refuted_by_force(self._log, self._imu, self._reference, filters, downs, self._use, self._again)
-        return found or _refuted_by_filters(self._reference, [row.estimator for row in filters], downs, self._use)
+        return _refuted_by_force(self._log, self._imu, self._reference, filters, downs, self._use, self._again)
 
 
 def contradicted(
@@ -343,8 +327,8 @@ def _refuted_by_force(
         nearest = again(filters[int(near[np.argmin(typical[near])])])
     except AttlogError:
         return None
-    by_filter = _mean_force(imu, nearest, reference.trim, t0, t1)
-    by_reference = _mean_force(imu, reference, reference.trim, t0, t1)
+    by_filter = _mean_force(imu, nearest, reference.alignment.trim, t0, t1)
+    by_reference = _mean_force(imu, reference, reference.alignment.trim, t0, t1)
     if by_filter is None or by_reference is None:
         return None
     gravity = np.array([0.0, 0.0, -G]) + _acceleration(log, t0, t1)
@@ -359,42 +343,6 @@ def _refuted_by_force(
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
     )
     return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)
-
-
-def _refuted_by_filters(
-    reference: Reference, names: Sequence[str], downs: Array, use: NDArray[np.int64]
-) -> tuple[str, AlignmentStep] | None:
-    """The verdict over a smoother without GNSS from which all models but its own stay away together.
-
-    ``downs`` (k, m, 3) of the filters ``names`` (k,) at samples ``use`` (m,) of the reference.
-    """
-    sigma = reference.sigma_tilt_deg
-    if reference.kind != "smoother" or sigma is None or "gnss" in str(reference.quality.get("aided_by", "")).split():
-        return None
-    others = downs[[name != SAME_MODEL for name in names]]
-    shared = np.isfinite(others).all(axis=(0, 2))
-    if len(others) < MIN_FILTERS or shared.sum() < 10:
-        return None
-    use, others = use[shared], others[:, shared]
-    common = np.median(others, axis=0)
-    common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
-    distance = _angle(others, common)
-    near = np.median(distance, axis=1) <= CLOSE_DEG
-    if near.sum() < max(MIN_FILTERS, (len(others) + 1) // 2):
-        return None
-    own = _angle(rotation.rotate_inverse(reference.q[use], DOWN), common)
-    spread = distance[near].max(axis=0)
-    alone = own > np.maximum(np.maximum(ALONE_DEG, ALONE_SIGMAS * sigma[use]), MIN_SPREAD_RATIO * spread)
-    t, segment = reference.t[use], reference.segment[use]
-    spans = [s for s in model.segment_slices(alone, segment) if t[s.stop - 1] - t[s.start] >= MIN_APART_S]
-    if not spans or sum(float(t[s.stop - 1] - t[s.start]) for s in spans) < MIN_APART_SHARE * _seconds(t, segment):
-        return None
-    angle = float(np.median(own[spans[0]]))
-    fault = (
-        f"{near.sum()} of {len(others)} filters of other models agree with each other, {angle:.0f} deg from it: only "
-        f"{SAME_MODEL}, whose model it shares, can be with it"
-    )
-    return fault, AlignmentStep("agreement", fault, angle, "deg", reference.source, False)
 
 
 def _seconds(t: Array, segment: NDArray[np.int64]) -> float:

@@ -58,15 +58,15 @@ def replayed(
         estimator=estimator or name.partition("@")[0],
         parameters=dict(parameters or {}),
     )
-    if reference.trim is not None:
-        row.q = alignment.apply_trim(row.q, reference.trim)
-        size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
+    if reference.alignment.trim is not None:
+        row.q = alignment.apply_trim(row.q, reference.alignment.trim)
+        size = float(np.degrees(np.sqrt(np.sum(reference.alignment.trim**2))))
         row.steps.append(
             AlignmentStep("trim", "taken out once", size, "deg", log.parameters.trim_source, option="config: trim")
         )
     row.is_reference = reference.kind == smoother.SMOOTHER and name == smoother.SMOOTHER
-    no_north = reference.declination_deg is None and not north_by_gnss
-    free_heading = not row.knows_north or no_north or reference.heading_by in NO_NORTH
+    no_north = reference.alignment.declination_deg is None and not north_by_gnss
+    free_heading = not row.knows_north or no_north or reference.heading.by in NO_NORTH
     if late:
         size = float(sum(t1 - t0 for t0, t1 in late))
         what, name = ("motion", "late_motion") if north_by_gnss else ("field", "late_field")
@@ -83,15 +83,15 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
     """
     rows = []
     for name, attitude in log.attitudes.items():
-        t, q, _ = alignment.usable_samples(attitude, reference.clock)
+        t, q, _ = alignment.usable_samples(attitude, reference.alignment.clock)
         if len(t) < 2 or (reference.fit is not None and name == reference.fit.name):
             continue
         title = "onboard" if name == log.onboard else f"onboard:{name}"
         row = Row(title, "onboard", t, q, model.number_segments(t), uses_mag=True, estimator=name)
         row.step_deg = attitude.step_deg if attitude.step_deg > 0 else alignment.logged_step_deg(q)
         row.is_reference = reference.kind == "onboard" and reference.name == name
-        if reference.trim is not None and not attitude.has_trim:
-            row.q = alignment.apply_trim(row.q, reference.trim)
+        if reference.alignment.trim is not None and not attitude.has_trim:
+            row.q = alignment.apply_trim(row.q, reference.alignment.trim)
             row.steps.append(
                 AlignmentStep("trim", "taken out once, as of the replays", source=log.parameters.trim_source)
             )
@@ -106,8 +106,8 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
             row.coverage_pct = scoring.coverage_pct(t, row.segment, counted, reference, segments)
             rows.append(row)
         else:
-            row.heading_shared = reference.heading_by == "onboard" and name == log.onboard
-            rows.append(_measure(row, segments, reference, free_heading=reference.heading_by in NO_NORTH))
+            row.heading_shared = reference.heading.by == "onboard" and name == log.onboard
+            rows.append(_measure(row, segments, reference, free_heading=reference.heading.by in NO_NORTH))
     return sorted(rows, key=lambda r: (r.name != "onboard", not r.is_reference))
 
 
@@ -118,7 +118,7 @@ def _measure(
     good = rotation.finite_rows(row.q)
     first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
     row.start = first if row.kind == "replay" else max(first, row.start)
-    lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring_start)))
+    lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring.start)))
     if reference.kind != "none" and good.any():
         t, q = model.select_good(good, row.t, row.q)
         row.errors = scoring.errors_against(t, q, row.segment[good], reference)
@@ -194,7 +194,7 @@ def _remove_heading_offset(row: Row, segments: Segments, reference: Reference) -
     row.q = rotation.turn_about_down(row.q, -offset[place])
     row.heading_offset_deg = float(np.degrees(rotation.wrap(offset[own[0]])))
     text = f"mean heading difference over {sources[0]}, removed"
-    text += "; the reference has no north of its own" if reference.heading_by in NO_NORTH else ""
+    text += "; the reference has no north of its own" if reference.heading.by in NO_NORTH else ""
     text += f" in each of {len(sources)} segments" if len(sources) > 1 else ""
     resets = int(np.count_nonzero(jumps))
     text += f"; {resets} resets of the reference not counted" if resets else ""

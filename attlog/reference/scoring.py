@@ -47,8 +47,8 @@ def start_and_unscored(t: Array, score_from: float | None) -> tuple[float, list[
 
 def scored_mask(reference: Reference, t: Array) -> NDArray[np.bool_]:
     """Which rising times (n,) count in comparisons with the reference."""
-    inside = (t >= reference.scoring_start) & (t <= reference.end)
-    for first, last in np.searchsorted(t, reference.unscored or np.zeros((0, 2))).tolist():
+    inside = (t >= reference.scoring.start) & (t <= reference.scoring.end)
+    for first, last in np.searchsorted(t, reference.scoring.unscored or np.zeros((0, 2))).tolist():
         inside[first:last] = False
     return inside
 
@@ -63,7 +63,9 @@ def coverage_pct(
     after a restart are not scored and so count as missing.
     """
     wanted = spans.merge([*segments.spans("airborne"), *segments.spans("rest")])
-    wanted = spans.intersect(wanted or segments.spans("all"), [(reference.scoring_start, min(reference.end, 1e12))])
+    wanted = spans.intersect(
+        wanted or segments.spans("all"), [(reference.scoring.start, min(reference.scoring.end, 1e12))]
+    )
     total = spans.seconds(wanted)
     if total <= 0:
         return None
@@ -194,7 +196,7 @@ def errors_against(t: Array, q: Array, gap_segment: Index, reference: Reference)
     a slow reference is never drawn out to a fast row's times. Times at which either
     would have to be guessed across a gap, restart or reset are left out.
     """
-    before = reference.met
+    before = reference.samples
     if before is not None and before.of is t and before.own is reference.q:
         number, faster = before.number, before.faster
     else:
@@ -205,7 +207,7 @@ def errors_against(t: Array, q: Array, gap_segment: Index, reference: Reference)
     if before is not None and np.array_equal(before.good, before.known & has):
         met = before
     else:
-        met = reference.met = _shared_samples(reference, t, number, faster, has)
+        met = reference.samples = _shared_samples(reference, t, number, faster, has)
     (q_est,), (mine,) = model.select_good(met.good, q_est), model.select_good(met.good, mine)
     gap_segment, segment = (model.merge_numbers(mine, x[met.where]) for x in (reference.gap_segment, reference.segment))
     return attitude_errors(met.t, q_est, met.q, gap_segment, segment, scored_mask(reference, met.t))

@@ -19,7 +19,7 @@ from attlog.core.spans import Span, complement, intersect
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import FlightLog, Stream
 from attlog.reference import scoring
-from attlog.reference.model import AlignmentStep, GyroJump, Reference
+from attlog.reference.model import Alignment, AlignmentStep, GyroJump, HeadingOrigin, Reference
 from attlog.reference.scoring import interpolate
 from attlog.segments import Segments, model
 
@@ -90,11 +90,11 @@ def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
 def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) -> str:
     """What an analysis will compare with, before any smoother ran; ``chosen`` is the reference without one."""
     otherwise = {"truth": "the logged truth", "onboard": f"the onboard attitude ({chosen.source})"}.get(
-        chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.fault else "nothing"
+        chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.faults.reference else "nothing"
     )
     if chosen.kind == "truth":
-        return f"{otherwise}." if chosen.fit is None else f"the truth that you brought ({chosen.source})."
-    if why := chosen.gyro_fault or reason_not_smoothed(log, segments):
+        return f"{otherwise}." if chosen.fit is None else f"the external truth ({chosen.source})."
+    if why := chosen.faults.gyro or reason_not_smoothed(log, segments):
         return f"{otherwise} (no smoother: {why})."
     located = any(np.count_nonzero(g.fix >= FIX_3D) > 1 for g in log.gnss)
     aids = [word for word, there in (("GNSS", located), ("magnetometer", log.mag is not None)) if there]
@@ -206,10 +206,10 @@ def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None
 
     ``angle``: tilt, heading or total. 0 for a reference that does not tell, NaN without samples.
     """
-    tilt, heading = reference.sigma_tilt_deg, reference.sigma_heading_deg
-    if tilt is None or heading is None:
+    if reference.sigma is None:
         return 0.0
-    heading = heading if reference.heading_by in ("own", "relative") else np.zeros_like(heading)
+    tilt, heading = reference.sigma.tilt_deg, reference.sigma.heading_deg
+    heading = heading if reference.heading.by in ("own", "relative") else np.zeros_like(heading)
     squares = {"tilt": tilt**2, "heading": heading**2, "total": tilt**2 + heading**2}[angle]
     used = squares[scoring.scored_mask(reference, reference.t) if inside is None else inside]
     return float(np.sqrt(np.mean(used))) if len(used) else float("nan")
@@ -255,15 +255,21 @@ def with_true_heading(reference: Reference, heading: Stream) -> Reference:
         scatter[part] = along - mean
         turned[mine] = np.interp(reference.t[mine], t[part], mean)
     sigma = float(np.degrees(np.sqrt(np.mean(scatter**2))))
-    text = f"heading of {heading.source}, which you brought; it varies by {sigma:.2g} deg about its mean over 2 s"
+    text = f"heading of {heading.source} by --truth; it varies by {sigma:.2g} deg about its mean over 2 s"
     step = AlignmentStep("heading_by", text, sigma, "deg", heading.source, option="--truth")
     return replace(
         reference,
         q=rotation.turn_about_down(reference.q, turned),
-        sigma_heading_deg=np.full(len(reference.t), sigma),
-        quality=reference.quality | {"heading_from": "brought"},
-        steps=[*reference.steps[:2], step, *reference.steps[2:]],
+        sigma=None if reference.sigma is None else replace(reference.sigma, heading_deg=np.full(len(turned), sigma)),
+        quality=reference.quality | {"heading_from": "external"},
+        alignment=_with_step(reference, step),
     )
+
+
+def _with_step(reference: Reference, step: AlignmentStep) -> Alignment:
+    """Insert a step after the reference and its sigma."""
+    steps = reference.alignment.steps
+    return replace(reference.alignment, steps=[*steps[:2], step, *steps[2:]])
 
 
 def with_heading_of(reference: Reference, onboard: Reference | None) -> Reference:
@@ -283,8 +289,7 @@ def with_heading_of(reference: Reference, onboard: Reference | None) -> Referenc
     heading = np.zeros(0) if onboard is None else differences_deg(reference, onboard.t, onboard.q)[1]
     known = np.isfinite(heading)
     if onboard is None or np.count_nonzero(known) < 2:
-        steps = [*reference.steps[:2], step, *reference.steps[2:]]
-        return replace(reference, heading_by="nobody", heading_why=why, steps=steps)
+        return replace(reference, heading=HeadingOrigin("nobody", why), alignment=_with_step(reference, step))
     t, segment = onboard.t[known], onboard.segment[known]
     off = np.radians(heading[known])
     turned = np.zeros(len(reference.t))
@@ -297,10 +302,9 @@ def with_heading_of(reference: Reference, onboard: Reference | None) -> Referenc
         reference,
         q=rotation.turn_about_down(reference.q, turned),
         segment=model.merge_numbers(reference.segment, segment[i]),
-        unscored=onboard.unscored,
-        heading_by="onboard",
-        heading_why=why,
-        steps=[*reference.steps[:2], step, *reference.steps[2:]],
+        scoring=replace(reference.scoring, unscored=onboard.scoring.unscored),
+        heading=HeadingOrigin("onboard", why),
+        alignment=_with_step(reference, step),
     )
 
 
@@ -319,9 +323,9 @@ def _running_mean(t: Array, x: Array) -> Array:
 def meaning(ref: Reference) -> str:
     """One or two sentences for people."""
     if ref.kind == "smoother":
-        return _of_smoother(ref)
+        return _smoother_meaning(ref)
     if ref.fit is not None:
-        return _of_brought(ref)
+        return _external_meaning(ref)
     return {
         "truth": "Truth: errors are errors.",
         "onboard": "The autopilot's own attitude: agreement, not truth.",
@@ -331,7 +335,7 @@ def meaning(ref: Reference) -> str:
 
 def own_sigma_deg(ref: Reference, angle: str) -> float | None:
     """How wrong a reference says its ``angle`` may be, RMS in deg; None for one that does not tell, or borrows it."""
-    if ref.sigma_tilt_deg is None or (angle == "heading" and ref.heading_by not in ("own", "relative")):
+    if ref.sigma is None or (angle == "heading" and ref.heading.by not in ("own", "relative")):
         return None
     own = sigma_deg(ref, angle)
     return own if math.isfinite(own) else None
@@ -345,9 +349,9 @@ def caveat(ref: Reference) -> str:
     parts = [_doubt(ref)]
     if ref.kind == "smoother":
         parts.append(_heading_caveat(ref))
-    if ref.kind in ("onboard", "none") and SMOOTHER in ref.refused:
-        why = ref.refused[SMOOTHER]
-        by_sensors = why in (ref.gyro_fault, *(fault.why for fault in ref.sensor_faults.values()))
+    if ref.kind in ("onboard", "none") and SMOOTHER in ref.faults.refused:
+        why = ref.faults.refused[SMOOTHER]
+        by_sensors = why in (ref.faults.gyro, *(fault.why for fault in ref.faults.sensors.values()))
         why = "its sensors failed a check" if by_sensors else _short(why)  # the check has its own entry
         parts.append(f"the smoother was refused: {why}")
     return "; ".join(part for part in parts if part)
@@ -355,7 +359,7 @@ def caveat(ref: Reference) -> str:
 
 def _doubt(ref: Reference) -> str:
     """Why a reference that was taken all the same is in doubt."""
-    why = ref.doubt
+    why = ref.faults.doubt
     if not why and ref.kind == "smoother" and unsure_of_tilt(ref):
         why = f"its tilt sigma is above {MAX_SIGMA_DEG:.0f} deg"
     return f"the {ref.kind} is in doubt: {_short(why)}" if why else ""
@@ -368,10 +372,10 @@ def _short(why: str) -> str:
 
 def _heading_caveat(ref: Reference) -> str:
     """What its own heading rests on, empty where compass and motion agree; why no heading is compared."""
-    if ref.heading_by == "nobody":
+    if ref.heading.by == "nobody":
         why = str(ref.quality.get("heading_why", "")) if ref.quality.get("heading_from") == "nobody" else ""
-        return f"no heading is compared: {_short(why or ref.heading_why)}"
-    one_source = ref.heading_by == "own" and ref.quality.get("heading_from") in ("compass", "motion", "brought")
+        return f"no heading is compared: {_short(why or ref.heading.why)}"
+    one_source = ref.heading.by == "own" and ref.quality.get("heading_from") in ("compass", "motion", "external")
     return heading_words(ref.quality) if one_source else ""
 
 
@@ -382,31 +386,31 @@ def heading_words(quality: Mapping[str, float | str]) -> str:
         "both": "compass and motion agree on the heading",
         "compass": "the heading rests on the compass alone",
         "motion": "the heading is from motion, without the compass",
-        "brought": "the heading is the one that you brought",
+        "external": "the heading is external",
         "nobody": f"there is no heading: {quality.get('heading_why', 'nothing shows it')}",
     }
     return words.get(found, "")
 
 
-def _of_brought(ref: Reference) -> str:
+def _external_meaning(ref: Reference) -> str:
     tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("tilt", "heading"))
-    north = "" if ref.heading_by == "own" else " Its north is unknown: only changes of heading are compared."
+    north = "" if ref.heading.by == "own" else " Its north is unknown: only changes of heading are compared."
     return (
-        f"Truth that you brought ({ref.source}): differences are errors beyond its own sigma, {tilt:.2g} deg in tilt, "
+        f"External truth ({ref.source}): differences are errors beyond its own sigma, {tilt:.2g} deg in tilt, "
         f"{heading:.2g} deg in heading.{north}"
     )
 
 
-def _of_smoother(ref: Reference) -> str:
+def _smoother_meaning(ref: Reference) -> str:
     tilt, heading = (own_sigma_deg(ref, angle) or 0.0 for angle in ("tilt", "heading"))
     whose = {
         "own": f"{heading:.2g} deg in heading",
         "onboard": "headings are compared with onboard",
         "nobody": "headings are not compared",
-    }[ref.heading_by]
+    }[ref.heading.by]
     words = heading_words(ref.quality)
-    if ref.heading_by == "onboard" and ref.quality.get("heading_from") != "nobody":
-        words = ref.heading_why
+    if ref.heading.by == "onboard" and ref.quality.get("heading_from") != "nobody":
+        words = ref.heading.why
     rests = f" {words[0].upper()}{words[1:]}." if words else ""
     return (
         "Smoother: an estimate from both sides of each moment, from all sensors of the log, with the same IMU as the "

@@ -150,7 +150,7 @@ def test_a_filters_own_output_as_a_file_is_equal_to_the_filter(attlog, tmp_path:
     assert attlog("extract", str(STEPS), "--estimates", spec, "--format", "csv", "-o", str(file)).code == 0
     # the IMU's own delay is subtracted from a filter that attlog runs; a file says how late its samples are
     case = prepare(STEPS, Config())
-    late_ms = next(step.value for step in case.reference.steps if step.name == "input_delay")
+    late_ms = next(step.value for step in case.reference.alignment.steps if step.name == "input_delay")
     done = attlog("compare", str(STEPS), spec, f"{file}:delay={late_ms}", "mahony", "-o", str(tmp_path), "-q")
     assert done.code == 0, done.err
     found = saved(tmp_path)

@@ -115,7 +115,7 @@ def test_blocks_of_one_log_begin_with_the_log_and_end_with_its_scoring() -> None
     """Rest before the start of scoring has its evidence too."""
     case: Any = SimpleNamespace(
         segments=SimpleNamespace(spans=lambda window: [(2.0, 100.0)]),
-        reference=SimpleNamespace(scoring_start=20.0, end=80.0),
+        reference=SimpleNamespace(scoring=SimpleNamespace(start=20.0, end=80.0)),
     )
     one: Any = SimpleNamespace(name="x", case=case)
     assert [(p.t0, p.t1) for p in split_parts([one])] == [(2.0, 35.0), (35.0, 50.0), (50.0, 65.0), (65.0, 80.0)]

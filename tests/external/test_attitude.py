@@ -191,7 +191,7 @@ def test_a_replay_as_a_file_is_the_replay(corpus: Path, tmp_path: Path) -> None:
     case = prepare(corpus / "sitl" / FLIGHTS[1])
     row = run_rows(case, ["mahony"])[0]
     file = written(tmp_path / "again.csv", "time_s,q_w,q_x,q_y,q_z", row.t, row.q)
-    delay = 1e3 * case.reference.input_delay_s
+    delay = 1e3 * case.reference.alignment.input_delay_s
     found = rows(case, "mahony", f"{file}:delay={delay}")
     own, again = found["mahony"].metrics, found[f"again:delay={delay:g}"].metrics
     for window, metric in (

@@ -26,6 +26,7 @@ from attlog.reference import (
     own_sigma_deg,
     sigma_deg,
 )
+from attlog.reference.model import ReferenceSigma
 from attlog.reference.smoother import with_true_heading
 from tests.external.files import BODY, OFFSET, SAME, WORLD, Made, euroc, made, tum
 from tests.reference.flights import attitude_at, compared, estimate, flight, sampled
@@ -376,13 +377,13 @@ def test_it_is_taken_whatever_speaks_against_it_and_that_is_told():
     tilted = log_with(tilt_deg=25.0)
     reference = reference_of(tilted)
     assert (reference.kind, reference.source) == ("truth", "mocap.tum")
-    assert "gravity" in reference.doubt
+    assert "gravity" in reference.faults.doubt
     tilted.truth = replace(tilted.truth, fit=None)  # the log's own truth is refused for the same
     assert reference_of(tilted).kind == "onboard"
 
 
 def test_every_step_of_its_alignment_is_told_with_its_number():
-    steps = {s.name: s for s in reference_of(log_with()).steps}
+    steps = {s.name: s for s in reference_of(log_with()).alignment.steps}
     assert (steps["truth_clock"].value, steps["truth_clock"].unit) == (12.5, "s")
     assert "0.4 ms" in steps["truth_clock"].text
     assert not steps["truth_drift"].applied
@@ -402,7 +403,7 @@ def test_its_own_sigma_is_part_of_what_is_said():
 
 def test_without_a_north_rows_are_turned_to_it_and_their_changes_compared():
     row, reference, _ = compared(log_with("nobody", turned_deg=70.0), estimate(heading_deg=5.0))
-    assert reference.heading_by == "relative"
+    assert reference.heading.by == "relative"
     assert row.heading_offset_deg == pytest.approx(-65.0, abs=0.1)
     assert np.abs(row.errors.heading).max() < 0.1
     assert own_sigma_deg(reference, "heading") == pytest.approx(0.4)
@@ -411,7 +412,7 @@ def test_without_a_north_rows_are_turned_to_it_and_their_changes_compared():
 
 def test_with_its_own_north_a_wrong_heading_stays_wrong():
     row, reference, _ = compared(log_with("file"), estimate(heading_deg=5.0))
-    assert reference.heading_by == "own"
+    assert reference.heading.by == "own"
     assert row.heading_offset_deg is None
     assert np.median(row.errors.heading) == pytest.approx(5.0, abs=0.1)
 
@@ -422,7 +423,7 @@ def test_without_a_north_it_is_no_heading_for_the_compass_and_accuses_no_heading
     reference = choose(log, found, ReferenceOptions(declination=0.0))
     assert "truth" not in heading_references(log, found, reference_of(flight()))
     assert log.truth_with_north is None
-    assert not any(step.name == "declination_seen" for step in reference.steps)
+    assert not any(step.name == "declination_seen" for step in reference.alignment.steps)
     judged = onboard_check.compare_onboard(log, found, reference)
     assert judged is not None
     assert set(judged.sizes) == {"tilt"}
@@ -458,8 +459,8 @@ def test_a_heading_alone_goes_with_the_tilt_of_the_smoother():
     assert np.degrees(np.abs(rotation.heading_angle(apart))).max() < 1.0
     assert np.degrees(rotation.tilt_angle(apart)).max() < 1e-3
     assert own_sigma_deg(found, "heading") == pytest.approx(0.5, abs=0.1)
-    assert "dual-antenna yaw" in next(s.text for s in found.steps if s.name == "heading_by")
-    assert "that you brought" in meaning(found)
+    assert "dual-antenna yaw" in next(s.text for s in found.alignment.steps if s.name == "heading_by")
+    assert "the heading is external" in meaning(found).lower()
 
 
 def smoother_of(log, t, q) -> Reference:
@@ -468,12 +469,5 @@ def smoother_of(log, t, q) -> Reference:
     zero = np.zeros(len(t), np.int64)
     sigma = np.full(len(t), 0.1)
     return replace(
-        found,
-        kind="smoother",
-        t=t,
-        q=q,
-        gap_segment=zero,
-        segment=zero,
-        sigma_tilt_deg=sigma,
-        sigma_heading_deg=90 * sigma,
+        found, kind="smoother", t=t, q=q, gap_segment=zero, segment=zero, sigma=ReferenceSigma(sigma, 90 * sigma)
     )

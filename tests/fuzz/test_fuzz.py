@@ -263,7 +263,7 @@ def off_deg(case: Case, name: str) -> float:
     """How far (deg RMS) down by the reference is from down by the truth."""
     reference, (begin, true) = case.reference, truth(name)
     t = reference.t + case.log.t0_us * 1e-6 - begin
-    used = (t > true.t[0]) & (t < true.t[-1]) & (reference.t >= reference.scoring_start)
+    used = (t > true.t[0]) & (t < true.t[-1]) & (reference.t >= reference.scoring.start)
     nearest = np.clip(np.searchsorted(true.t, t[used]), 0, len(true.t) - 1)
     tilt = rotation.tilt_angle(rotation.earth_error(reference.q[used], true.q[nearest]))
     return float(np.degrees(np.sqrt(np.mean(tilt**2)))) if used.any() else 0.0
@@ -291,7 +291,7 @@ def test_a_fault_that_would_mislead_a_smoother_is_told_and_none_is_made(
     assert told[check].verdict == "fault"
     assert said in told[check].text
     assert case.reference.kind == "onboard"
-    assert said in case.reference.refused["smoother"]
+    assert said in case.reference.faults.refused["smoother"]
     assert off_deg(case, name) < TILT_DEG
 
 
@@ -309,7 +309,7 @@ def test_what_is_left_to_say_with_an_accelerometer_in_wrong_axes() -> None:
 
 def test_sound_sensors_are_not_accused() -> None:
     for name in SENSOR_LOGS:
-        assert prepared(opened_for_sensors(name)).reference.sensor_faults == {}
+        assert prepared(opened_for_sensors(name)).reference.faults.sensors == {}
 
 
 @pytest.mark.slow

@@ -90,7 +90,7 @@ def test_where_it_is_wrong_comes_before_where_it_is_only_off_for_longer() -> Non
 
 def test_a_heading_of_which_the_smoother_is_not_sure_judges_nobody() -> None:
     check, reference = judged(off(flight(), (0.0, 0.0, 60.0), 30.0, 50.0), heading=5.0)
-    assert reference.heading_by == "onboard"
+    assert reference.heading.by == "onboard"
     assert check.verdict == "ok"
     assert "heading" not in check.text
 
@@ -188,7 +188,7 @@ def test_a_smoother_that_gravity_refutes_elsewhere_accuses_of_no_tilt_in_flight(
     phases.segments.append(Segment("airborne", 22.0, 60.0))
     reference = choose(log, phases, smooth=lambda: made(tilt=0.3))
     for refuted, count in (([], 1), ([(5.0, 15.0)], 0)):
-        reference.refuted = refuted
+        reference.scoring.refuted = refuted
         found = onboard_check.compare_onboard(log, phases, reference)
         assert found is not None
         assert len(found.errors) == count

@@ -74,7 +74,7 @@ def test_a_size_at_a_limit_is_within_it(value: float, verdict: str) -> None:
 
 
 def by(heading: str) -> Any:
-    return SimpleNamespace(heading_by=heading)
+    return SimpleNamespace(heading=SimpleNamespace(by=heading))
 
 
 @pytest.mark.parametrize(

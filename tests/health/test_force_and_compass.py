@@ -17,6 +17,7 @@ from attlog.health.regression import RobustFit
 from attlog.reference.model import Reference
 from attlog.segments.model import Segment, Segments
 from tests.health.made_flight import RATE, SECONDS, attitude, flight
+from tests.reference.flights import grouped
 
 FLOWN = Segments([Segment("airborne", 5.0, SECONDS - 5.0)])
 
@@ -24,7 +25,7 @@ FLOWN = Segments([Segment("airborne", 5.0, SECONDS - 5.0)])
 def reference(kind: str = "truth", **more: Any) -> Reference:
     t = np.arange(0.0, SECONDS, 1.0 / RATE)
     zeros = np.zeros(len(t), np.int64)
-    return Reference(kind, "made-up", t, attitude(t), zeros, zeros, rate=RATE, **more)  # type: ignore[arg-type]
+    return Reference(kind, "made-up", t, attitude(t), zeros, zeros, rate=RATE, **grouped(**more))  # type: ignore[arg-type]
 
 
 def pushed(x: float, y: float) -> FlightLog:

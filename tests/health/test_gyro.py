@@ -26,6 +26,7 @@ from tests.conftest import SAMPLES
 from tests.health.imu_cases import case, log_of
 from tests.health.imu_cases import told as told_by_smoother
 from tests.health.imu_cases import unit as imu_cases_unit
+from tests.reference.flights import grouped
 
 RATE_DPS = np.array([4.0, -9.0, 25.0])
 T = np.arange(0.0, 30.0, 0.01)
@@ -40,7 +41,7 @@ def unit(t: Array = T, factor: float = 1.0) -> Imu:
 def reference(t: Array = T[::2], kind: str = "truth", **more: Any) -> Reference:
     q = rotation.from_rotvec(np.radians(RATE_DPS) * t[:, None])
     zeros = np.zeros(len(t), np.int64)
-    made: dict[str, Any] = {"rate": 50.0, "segment": zeros, "gap_segment": zeros, **more}
+    made: dict[str, Any] = {"rate": 50.0, "segment": zeros, "gap_segment": zeros, **grouped(**more)}
     return Reference(kind, "made-up", t, q, **made)  # type: ignore[arg-type]
 
 

@@ -17,6 +17,7 @@ from attlog.reference.model import Reference
 from attlog.segments.model import Segment, Segments
 from tests.health.made_flight import SECONDS, case, flight
 from tests.health.made_flight import attitude as made_flight_attitude
+from tests.reference.flights import grouped
 
 SOURCE_T = np.arange(0.0, 60.0, 0.1)
 
@@ -134,7 +135,7 @@ def log_of(**others: Attitude) -> FlightLog:
 def truth(tilt_deg: float = 0.0, heading_deg: float = 0.0, kind: str = "truth", **more: Any) -> Reference:
     zeros = np.zeros(len(T), np.int64)
     q = attitude(tilt_deg, heading_deg).q
-    return Reference(kind, kind, T, q, zeros, zeros, rate=10.0, **more)  # type: ignore[arg-type]
+    return Reference(kind, kind, T, q, zeros, zeros, rate=10.0, **grouped(**more))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from attlog.core import rotation
 from attlog.flight.model import Firmware, FlightLog
 from attlog.metrics.metric import Answer, Case, MetricGroup
 from attlog.metrics.step_turning import SummedTurning
-from attlog.reference.model import AttitudeErrors, Reference, Row
+from attlog.reference.model import AttitudeErrors, Reference, Row, Scoring
 from attlog.segments.model import Segment, Segments
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def case(
         zeros,
         zeros,  # type: ignore[arg-type]
         rate=(len(t) - 1) / (t[-1] - t[0]) if len(t) else 0.0,
-        scoring_start=scoring_start,
+        scoring=Scoring(scoring_start),
     )
     if len(t):
         for r in rows:
@@ -64,7 +64,7 @@ def errors(r: Row, ref: Reference) -> AttitudeErrors:
         np.degrees(rotation.tilt_angle(e)),
         ref.gap_segment[inside],
         ref.segment[inside],
-        t >= ref.scoring_start,
+        t >= ref.scoring.start,
         q_est,
         q_ref,
     )

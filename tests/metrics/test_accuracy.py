@@ -10,6 +10,7 @@ from attlog.core import rotation
 from attlog.flight.model import Stream
 from attlog.metrics import accuracy, ranking, statistics
 from attlog.metrics.traces import onboard_bias
+from attlog.reference.model import ReferenceSigma
 from attlog.segments.model import Segment
 from tests.metrics import flights
 
@@ -167,7 +168,7 @@ def test_a_block_that_is_not_scored_or_half_empty_is_none():
     e.scored &= (e.t < 30.0) | (e.t > 32.0)
     assert 30_000 not in accuracy.block_units(case, rows[0], "airborne", "tilt").ids
     assert 25_000 in accuracy.block_units(case, rows[0], "airborne", "tilt").ids
-    case.reference.unscored = [(40.0, 52.0)]
+    case.reference.scoring.unscored = [(40.0, 52.0)]
     ids = accuracy.block_units(case, rows[1], "airborne", "tilt").ids
     assert not ((ids > 35_000) & (ids < 52_000)).any()
 
@@ -185,7 +186,7 @@ def with_sigma(case, tilt, heading):
     """The case with a smoother that says how wrong it may be."""
     reference = case.reference
     reference.kind = "smoother"
-    reference.sigma_tilt_deg, reference.sigma_heading_deg = (np.full(len(reference.t), s) for s in (tilt, heading))
+    reference.sigma = ReferenceSigma(*(np.full(len(reference.t), s) for s in (tilt, heading)))
     return case
 
 
@@ -206,7 +207,7 @@ def test_differences_below_the_sigma_of_a_smoother_tell_nobody_apart():
 def test_the_sigma_of_the_window_counts_and_not_that_of_the_whole_log():
     case, rows = drifting_rows([1.0, 1.5])
     with_sigma(case, 0.1, 0.1)
-    case.reference.sigma_tilt_deg[case.reference.t < 50.0] = 1.0
+    case.reference.sigma.tilt_deg[case.reference.t < 50.0] = 1.0
     assert flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "60:80")["tilt_rmse_deg"].floor == pytest.approx(0.1)
 
 
@@ -214,7 +215,7 @@ def test_the_sigma_of_the_window_counts_and_not_that_of_the_whole_log():
 def test_whose_heading_a_smoother_has_decides_what_heading_errors_mean(heading_by, code):
     case, rows = drifting_rows([1.0, 3.0])
     with_sigma(case, 0.1, 0.1)
-    case.reference.heading_by, case.reference.heading_why = heading_by, "the smoother's own heading sigma is 4.0 deg"
+    case.reference.heading.by, case.reference.heading.why = heading_by, "the smoother's own heading sigma is 4.0 deg"
     found = flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "airborne")
     for angle in ("heading", "total"):
         answer = found[f"{angle}_rmse_deg"]

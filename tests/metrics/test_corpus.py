@@ -68,7 +68,7 @@ def test_integrated_gyro_is_not_late_once_the_input_delay_is_known(corpus, name)
     case = trial_of(corpus / "sitl" / name)
     answer = lag.LAG.ask(case, row_of(case, "gyro"), "all")["lag_ms"]
     assert abs(answer.value) < 1.0
-    assert answer.taken_out == pytest.approx(1000 * case.reference.input_delay_s)
+    assert answer.taken_out == pytest.approx(1000 * case.reference.alignment.input_delay_s)
 
 
 def flown_again(case, names, gyro=None, late_s=0.0):

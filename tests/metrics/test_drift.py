@@ -14,7 +14,7 @@ from attlog.metrics import drift as drift_air
 from attlog.metrics import drift as drift_rest
 from attlog.metrics import intervals as interval
 from attlog.metrics.windows import DRIFT_AIR_S, DRIFT_REST_S
-from attlog.reference.model import HeadingReference, Row
+from attlog.reference.model import HeadingReference, ReferenceSigma, Row
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.metrics.test_corpus import trial_of
@@ -227,12 +227,12 @@ def test_a_refused_attitude_is_no_heading_reference_and_every_comparison_says_wh
     t, still = turning(0.0)
     row = flights.row(t, still)
     case = flights.case([row], REST)
-    case.reference.fault = "ATT disagrees with gravity at rest by 30 deg"
-    case.reference.refused = {"onboard": case.reference.fault}
+    case.reference.faults.reference = "ATT disagrees with gravity at rest by 30 deg"
+    case.reference.faults.refused = {"onboard": case.reference.faults.reference}
     answers = metrics.compute(case, row, ["all"])["all"]
     for name in ("drift_air_deg_per_min.onboard", "lag_ms", "tilt_rmse_deg", "coverage_pct"):
         assert answers[name].code == "no_reference"
-        assert answers[name].reason == case.reference.fault
+        assert answers[name].reason == case.reference.faults.reference
 
 
 def test_every_rest_is_listed_with_its_drift_or_what_it_lacks():
@@ -399,7 +399,7 @@ def test_a_smoother_that_may_be_off_by_half_a_degree_may_drift_by_as_much_over_t
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
     row = flights.row(t, q)
     case = flights.case([row], [Segment("continuous", 0, 60), Segment("airborne", 0, 60)], (t, q), kind="smoother")
-    case.reference.sigma_tilt_deg, case.reference.sigma_heading_deg = np.full((2, len(t)), 0.5)
+    case.reference.sigma = ReferenceSigma(*np.full((2, len(t)), 0.5))
     answer = drift.compute_air_drift(case, row, "airborne")[NAME]
     assert answer.value == pytest.approx(0.0, abs=1e-6)
     assert answer.ci95 == pytest.approx((-1.0, 1.0), rel=0.05)

@@ -56,16 +56,14 @@ def test_a_delay_beyond_the_range_is_no_answer():
 def test_the_input_delay_is_subtracted_once_and_both_numbers_are_told():
     t, q = motion("steps", 40.0)
     case, row = step_case(sampled(t, q, 200.0, delay=0.0113), sampled(t, q, 25.0))
-    case.reference.input_delay_s = 0.0113
+    case.reference.alignment.input_delay_s = 0.0113
     told = lag.LAG.ask(case, row, "all")["lag_ms"]
     assert told.value == pytest.approx(0.0, abs=0.3)
     assert told.detail["fitted_ms"] == pytest.approx(11.3, abs=0.3)
     assert told.taken_out == pytest.approx(11.3)
-    case.reference.input_delay_shared = True
-    assert lag.LAG.ask(case, row, "all")["lag_ms"].value == pytest.approx(11.3, abs=0.3)
 
 
-def test_the_clock_of_a_truth_that_was_brought_is_part_of_the_interval_also_of_a_choice_of_events():
+def test_the_clock_of_an_external_truth_is_part_of_the_interval_also_of_a_choice_of_events():
     t, q = motion("steps", 40.0)
     case, row = step_case(sampled(t, q, 200.0, delay=0.0073), sampled(t, q, 25.0))
     sure = lag.LAG.ask(case, row, "all")["lag_ms"]
@@ -81,7 +79,7 @@ def test_the_clock_of_a_truth_that_was_brought_is_part_of_the_interval_also_of_a
 def test_a_filter_that_corrects_the_input_delay_is_not_forgiven_it_again():
     t, q = motion("steps", 40.0)
     case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
-    case.reference.input_delay_s = 0.0113
+    case.reference.alignment.input_delay_s = 0.0113
     row.quality["imu_lag_corrected_ms"] = 11.3
     assert lag.LAG.ask(case, row, "all")["lag_ms"].value == pytest.approx(0.0, abs=0.3)
 
@@ -133,8 +131,8 @@ def test_no_movement_is_said_in_a_pilots_words():
 def test_a_refused_reference_is_not_called_missing():
     t, q = motion("steps", 20.0)
     case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
-    case.reference.kind, case.reference.fault = "none", "ATT never changes while the gyro turns"
-    assert lag.LAG.ask(case, row, "all")["lag_ms"].reason == case.reference.fault
+    case.reference.kind, case.reference.faults.reference = "none", "ATT never changes while the gyro turns"
+    assert lag.LAG.ask(case, row, "all")["lag_ms"].reason == case.reference.faults.reference
 
 
 def found_with(**changes):
@@ -209,7 +207,7 @@ def test_an_attitude_computed_elsewhere_has_its_own_delay_and_not_that_of_the_lo
     t, q = motion("steps", 40.0)
     est = sampled(t, q, 200.0, delay=1e-3 * own_ms)
     case, row = step_case(est, sampled(t, q, 25.0), estimator="estimate.csv", parameters={"delay": known_ms})
-    case.reference.input_delay_s = 0.00375
+    case.reference.alignment.input_delay_s = 0.00375
     told = lag.LAG.ask(case, row, "all")["lag_ms"]
     assert told.value == pytest.approx(own_ms - known_ms, abs=0.3)
     assert told.ci95[0] < own_ms - known_ms < told.ci95[1]

@@ -319,13 +319,13 @@ def test_force_and_field_around_events_are_those_of_a_simple_search(every):
     field_at = t[:290:10]
     case, row = case_with(t, np.array([0.2, 0.1, -0.4]), rng.standard_normal((len(field_at), 3)), field_at)
     case.log.imus[0].acc.x[:] = rng.standard_normal((len(t), 3))
-    case.reference.trim = np.array([0.02, -0.03, 0.0])
+    case.reference.alignment.trim = np.array([0.02, -0.03, 0.0])
     slow = flights.row(t[::every], row.q[::every])
     slow.bias = 0.3 * rng.standard_normal((len(slow.t), 3))
     seen, track = samples_of(case, 0, True), SummedTurning(slow.t, slow.q, slow.segment)
     stack = stack_events([slice(12, 20), slice(30, 37)])
     found = RowSensors(case, slow, track, seen).around(stack)
-    back = Rotation.from_rotvec(case.reference.trim)
+    back = Rotation.from_rotvec(case.reference.alignment.trim)
     for i, k in enumerate(stack.index):
         near = np.flatnonzero(seen.t < slow.t[k] - 1e-6)[-1] + (every > 1)
         held = Rotation.from_rotvec(slow.bias[k] * seen.age[near]).apply(seen.m[near])

@@ -22,6 +22,7 @@ from attlog.metrics.step_turning import (
     stack_events,
     summed_turning,
 )
+from attlog.reference.model import Scoring
 from tests.metrics.flights import motion, sampled, vehicle
 
 
@@ -69,7 +70,7 @@ def test_events_count_from_the_scoring_start_and_only_those_that_end_before_the_
     track = sampled(t, q, 50.0)
     whole = find(track)
     begin, end = whole[1].begin + 0.1, whole[-2].end - 0.1
-    reference = SimpleNamespace(t=track.t, q=track.q, segment=track.segment, scoring_start=begin, end=end)
+    reference = SimpleNamespace(t=track.t, q=track.q, segment=track.segment, scoring=Scoring(begin, end))
     assert steps.scored_steps(reference) == whole[2:-2]
 
 

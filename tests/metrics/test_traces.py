@@ -240,7 +240,7 @@ def test_a_pause_of_the_logger_breaks_the_line():
 
 def test_the_trim_is_taken_out_as_of_the_rows():
     case = asked()
-    case.reference.trim = np.radians([2.0, 0.0, 0.0])
+    case.reference.alignment.trim = np.radians([2.0, 0.0, 0.0])
     assert demand_traces(case)[0].columns["roll"] == pytest.approx(8.0)
     case.log.setpoints.attitude.has_trim = True
     assert demand_traces(case)[0].columns["roll"] == pytest.approx(10.0)

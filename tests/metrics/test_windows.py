@@ -85,10 +85,10 @@ def test_phases_are_never_pooled_and_a_window_of_the_users_own_is_the_first_phas
 def test_in_the_air_windows_begin_at_the_scoring_start_and_end_at_the_impact():
     own = row()
     case = flights.case([own], FLIGHT, (own.t, own.q), scoring_start=50.0)
-    case.reference.end = 71.0
+    case.reference.scoring.end = 71.0
     assert (starts(case, own, "hover"), starts(case, own, "cruise")) == ([50.0, 55.0], [60.0, 65.0])
     case.forget()
-    case.reference.unscored = [(52.0, 67.0)]
+    case.reference.scoring.unscored = [(52.0, 67.0)]
     assert (starts(case, own, "hover"), starts(case, own, "cruise")) == ([], [])
 
 

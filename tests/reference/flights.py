@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from attlog.flight.imu import low_pass_delay
 from attlog.flight.model import Attitude, Firmware, FlightLog, TimeLine
 from attlog.flight.px4.reader import DECLINATION_PARAMETERS
 from attlog.reference import Reference, ReferenceOptions, Row, choose, replayed
+from attlog.reference.model import Alignment, Faults, HeadingOrigin, ReferenceSigma, Scoring
 from attlog.segments import Segments
 from tests.segments.flights import imu_log
 
@@ -96,3 +98,27 @@ def compared(
     found = segments.build(log)
     reference = choose(log, found, options or ReferenceOptions(declination=0.0))
     return replayed(log, found, reference, e, name="made", **{"uses_mag": True, **more}), reference, found
+
+
+def grouped(**flat: Any) -> dict[str, Any]:
+    """Return fields of a reference in their groups: ``scoring_start=15.0`` becomes ``scoring=Scoring(start=15.0)``."""
+    of: dict[str, dict[str, str]] = {
+        "scoring": {"scoring_start": "start", "end": "end", "unscored": "unscored", "refuted": "refuted"},
+        "heading": {"heading_by": "by", "heading_why": "why"},
+        "faults": {"fault": "reference", "gyro_fault": "gyro", "refused": "refused", "sensor_faults": "sensors"},
+        "alignment": {n: n for n in ("clock", "trim", "declination_deg", "input_delay_s", "floor_deg", "step_deg")},
+        "sigma": {"sigma_tilt_deg": "tilt_deg", "sigma_heading_deg": "heading_deg"},
+    }
+    kinds = {
+        "scoring": Scoring,
+        "heading": HeadingOrigin,
+        "faults": Faults,
+        "alignment": Alignment,
+        "sigma": ReferenceSigma,
+    }
+    found: dict[str, Any] = {name: kinds[name]() for name in ("scoring", "heading", "faults", "alignment")}
+    for group, names in of.items():
+        mine = {new: flat.pop(old) for old, new in names.items() if old in flat}
+        if mine:
+            found[group] = kinds[group](**mine)
+    return found | flat

@@ -34,7 +34,7 @@ def chosen(log, **options) -> Reference:
 
 def text_of(reference: Reference, name: str) -> str:
     """The sentence of a step."""
-    return next(s.text for s in reference.steps if s.name == name)
+    return next(s.text for s in reference.alignment.steps if s.name == name)
 
 
 # --- declination ------------------------------------------------------------------------------------------------
@@ -46,7 +46,7 @@ def test_declination_comes_from_the_model_of_place_and_date():
     expected = earth.field(47.4, 8.5, 400.0, MID_2024)
     assert expected is not None
     reference = chosen(log)
-    assert reference.declination_deg == pytest.approx(expected.declination_deg)
+    assert reference.alignment.declination_deg == pytest.approx(expected.declination_deg)
     assert "WMM-2020 (2024.50)" in text_of(reference, "declination")
 
 
@@ -61,14 +61,14 @@ def test_without_a_date_the_model_is_used_and_says_so():
 @pytest.mark.parametrize(("name", "value"), [("COMPASS_DEC", math.radians(11.0)), ("EKF2_MAG_DECL", 11.0)])
 def test_without_a_place_the_autopilots_parameter_is_used_in_its_own_unit(name, value):
     reference = chosen(ardupilot(flight(), **{name: value}))
-    assert reference.declination_deg == pytest.approx(11.0)
+    assert reference.alignment.declination_deg == pytest.approx(11.0)
     assert name in text_of(reference, "declination")
 
 
 def test_a_parameter_of_zero_is_not_believed():
     """The trap: 0 means "not set", and no heading may be claimed on it."""
     reference = chosen(ardupilot(flight(), COMPASS_DEC=0.0))
-    assert reference.declination_deg is None
+    assert reference.alignment.declination_deg is None
     assert "unknown, so headings are magnetic" in text_of(reference, "declination")
 
 
@@ -81,13 +81,13 @@ def test_the_model_goes_before_the_parameter_both_are_told_and_the_user_decides(
     log = ardupilot(flight(), COMPASS_DEC=math.radians(1.5))
     log.gnss, log.utc_offset = [receiver()], MID_2024
     both = chosen(log)
-    assert both.declination_deg == pytest.approx(3.4, abs=0.2)
+    assert both.alignment.declination_deg == pytest.approx(3.4, abs=0.2)
     assert "1.5 deg by COMPASS_DEC" in text_of(both, "declination")
-    assert chosen(log, declination="param").declination_deg == pytest.approx(1.5)
-    assert chosen(log, declination="model").declination_deg == both.declination_deg
-    assert chosen(ardupilot(flight(), COMPASS_DEC=0.2), declination="model").declination_deg is None
-    assert chosen(log, declination=-7).declination_deg == -7.0
-    assert chosen(log, declination="-7.5").declination_deg == -7.5
+    assert chosen(log, declination="param").alignment.declination_deg == pytest.approx(1.5)
+    assert chosen(log, declination="model").alignment.declination_deg == both.alignment.declination_deg
+    assert chosen(ardupilot(flight(), COMPASS_DEC=0.2), declination="model").alignment.declination_deg is None
+    assert chosen(log, declination=-7).alignment.declination_deg == -7.0
+    assert chosen(log, declination="-7.5").alignment.declination_deg == -7.5
 
 
 @pytest.mark.parametrize("gnss", [receiver(0.0, 0.0), receiver(fix=1), receiver(fix=2), receiver(lat=float("nan"))])
@@ -95,7 +95,7 @@ def test_a_receiver_without_a_fix_gives_no_place(gnss):
     log = flight()
     log.gnss = [gnss]
     assert alignment.flight_place(log) is None
-    assert chosen(log).declination_deg is None
+    assert chosen(log).alignment.declination_deg is None
 
 
 def test_the_declination_seen_is_where_the_reference_turns_the_field_to():
@@ -136,16 +136,16 @@ def test_the_rates_show_how_late_the_gyro_is(late, rate):
 def test_the_step_holds_the_formula_and_its_check():
     log = ardupilot(flight(truth_hz=50.0, gyro_late=0.0113), INS_GYRO_FILTER=20.0)
     reference = chosen(log)
-    assert reference.input_delay_s == pytest.approx(0.01125, abs=1e-4)
+    assert reference.alignment.input_delay_s == pytest.approx(0.01125, abs=1e-4)
     assert "11.3 ms by IMU:0, low-pass 20 Hz; the rates show 11.3 ms against SIM" in text_of(reference, "input_delay")
     assert "disagrees" in text_of(chosen(ardupilot(flight(truth_hz=50.0), INS_GYRO_FILTER=20.0)), "input_delay")
 
 
 def test_the_input_delay_can_be_given_or_switched_off():
     log = ardupilot(flight(), INS_GYRO_FILTER=20.0)
-    assert chosen(log, input_delay="off").input_delay_s == 0.0
-    assert chosen(log, input_delay=4).input_delay_s == pytest.approx(0.004)
-    assert chosen(log, input_delay="2.5").input_delay_s == pytest.approx(0.0025)
+    assert chosen(log, input_delay="off").alignment.input_delay_s == 0.0
+    assert chosen(log, input_delay=4).alignment.input_delay_s == pytest.approx(0.004)
+    assert chosen(log, input_delay="2.5").alignment.input_delay_s == pytest.approx(0.0025)
 
 
 def test_a_log_that_hardly_turns_cannot_check_the_delay():
@@ -181,8 +181,8 @@ def test_a_step_that_the_reader_knows_is_the_floor():
     log = flight()
     log.attitudes["ATT"].step_deg = 0.01
     reference = chosen(log)
-    assert reference.step_deg == 0.01
-    assert reference.floor_deg >= 0.01
+    assert reference.alignment.step_deg == 0.01
+    assert reference.alignment.floor_deg >= 0.01
 
 
 def test_stamps_in_whole_milliseconds_cost_their_step_times_the_rate():
@@ -190,8 +190,8 @@ def test_stamps_in_whole_milliseconds_cost_their_step_times_the_rate():
     log = flight()
     log.attitudes["ATT"].t = np.round(log.attitudes["ATT"].t + rng.uniform(0, 1.5e-3, 1200), 3)
     rate = np.degrees(np.sqrt(np.mean(np.sum((log.imus[0].gyro.x - np.median(log.imus[0].gyro.x, 0)) ** 2, 1))))
-    assert chosen(log).floor_deg == pytest.approx(1e-3 / np.sqrt(12) * rate, rel=0.01)
-    assert chosen(flight()).floor_deg < 1e-4
+    assert chosen(log).alignment.floor_deg == pytest.approx(1e-3 / np.sqrt(12) * rate, rel=0.01)
+    assert chosen(flight()).alignment.floor_deg < 1e-4
 
 
 def test_a_bridged_gap_in_fast_flight_raises_the_floor():
@@ -201,7 +201,9 @@ def test_a_bridged_gap_in_fast_flight_raises_the_floor():
         stream.t, stream.x = stream.t[keep], stream.x[keep]
     rate = np.degrees(log.imus[0].gyro.x)
     i = np.searchsorted(log.imus[0].gyro.t, 30.2)
-    assert chosen(log).floor_deg == pytest.approx(0.25 * 0.41 * np.linalg.norm(rate[i] - rate[i - 1]), rel=0.05)
+    assert chosen(log).alignment.floor_deg == pytest.approx(
+        0.25 * 0.41 * np.linalg.norm(rate[i] - rate[i - 1]), rel=0.05
+    )
 
 
 # The step of time stamps, of the attitude's own too.

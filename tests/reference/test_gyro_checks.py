@@ -60,9 +60,9 @@ def test_the_field_finds_the_gyro_that_is_wrong(what: str) -> None:
     log = turned(WRONG[what])
     log.truth = None
     found = choose(log, segments.build(log))
-    assert "turn differently" in found.gyro_fault
+    assert "turn differently" in found.faults.gyro
     assert found.kind == "onboard"
-    assert "smoother" in found.refused
+    assert "smoother" in found.faults.refused
     (against,) = [
         c for c in attitude_checks(HealthCase(log, segments.build(log), found)) if c.question == "gyro_against_attitude"
     ]
@@ -82,9 +82,9 @@ def test_the_field_finds_the_attitude_that_is_wrong_and_acquits_the_gyro(what: s
         "3 s late": attitude_at(t - 3.0),
     }[what]
     found = choose(log, segments.build(log))
-    assert found.gyro_fault == ""
+    assert found.faults.gyro == ""
     assert found.kind == "onboard"
-    assert "turns as the gyro does" in found.refused["truth"]
+    assert "turns as the gyro does" in found.faults.refused["truth"]
     (problem,) = contradiction(found)
     assert (problem.code, problem.severity) == ("reference_contradicted", "error")
 
@@ -92,23 +92,23 @@ def test_the_field_finds_the_attitude_that_is_wrong_and_acquits_the_gyro(what: s
 def test_a_sound_flight_is_contradicted_by_nothing() -> None:
     log = turned(lambda x: 1.04 * x + 0.02)
     found = choose(log, segments.build(log))
-    assert (found.gyro_fault, found.kind, found.refused) == ("", "truth", {})
+    assert (found.faults.gyro, found.kind, found.faults.refused) == ("", "truth", {})
 
 
 def test_without_a_compass_what_moves_alike_in_another_scale_is_not_judged_and_what_does_not_stays_open() -> None:
     log = flight()
     log.imus[0].gyro.x *= 0.5
-    assert "which is right cannot be determined" in choose(log, segments.build(log)).gyro_fault
+    assert "which is right cannot be determined" in choose(log, segments.build(log)).faults.gyro
     log = flight()
     log.imus[0].gyro.x = log.imus[0].gyro.x[::-1].copy()
-    assert choose(log, segments.build(log)).gyro_fault == ""
+    assert choose(log, segments.build(log)).faults.gyro == ""
 
 
 def test_a_slow_attitude_alone_accuses_no_gyro() -> None:
     log = flight(onboard_hz=5.0)
     log.imus[0].gyro.x *= 0.5
-    assert choose(log, segments.build(log)).gyro_fault == ""
-    assert "turns as the attitude does" in choose(with_compass(log), segments.build(log)).gyro_fault
+    assert choose(log, segments.build(log)).faults.gyro == ""
+    assert "turns as the attitude does" in choose(with_compass(log), segments.build(log)).faults.gyro
 
 
 def test_a_compass_that_moves_with_neither_decides_nothing() -> None:
@@ -164,7 +164,7 @@ def test_a_gap_in_the_gyro_accuses_nobody() -> None:
         kept = (stream.t % 6.0 < 3.0) | (stream.t < 20.0)
         stream.t, stream.x = stream.t[kept], stream.x[kept]
     log.imus[0].gyro.sampling = log.imus[0].acc.sampling = "interval"
-    assert choose(log, segments.build(log)).gyro_fault == ""
+    assert choose(log, segments.build(log)).faults.gyro == ""
     gyro, turned_by = gyro_checks.mean_rates(log.imus[0], log.attitudes["ATT"], np.zeros(0, np.int64))
     assert len(gyro) > 100
     assert np.abs(gyro - turned_by).max() < np.radians(2.0)

@@ -65,7 +65,7 @@ def test_the_magnetometer_is_low_passed_without_lag_in_turns():
 def test_a_magnetometer_without_declination_says_magnetic_north():
     log = with_mag()
     found, reference = told(log, declination="auto")
-    assert reference.declination_deg is None
+    assert reference.alignment.declination_deg is None
     assert "magnetic north" in found["mag"].text
     assert np.median(off_deg(found["mag"])) == pytest.approx(-5.0, abs=0.1)
 

@@ -29,7 +29,7 @@ def with_trim(has_trim: bool = True, **params: float):
 
 def test_trim_is_taken_out_of_a_replay_once():
     row, reference, _ = compared(with_trim(), estimate())
-    assert reference.trim is not None
+    assert reference.alignment.trim is not None
     assert row.errors is not None
     assert row.errors.total.max() < 0.05
     assert [s.name for s in row.steps] == ["trim"]
@@ -56,7 +56,7 @@ def test_trim_is_not_applied_where_the_reference_has_none(kind):
     if kind == "px4":
         log = flight()
     row, reference, _ = compared(log, estimate())
-    assert reference.trim is None
+    assert reference.alignment.trim is None
     assert row.errors is not None
     assert row.errors.total.max() < 0.05
 
@@ -65,8 +65,8 @@ def test_an_unknown_trim_is_said_and_not_invented():
     log = with_trim()
     log.parameters.trim = None
     _, reference, _ = compared(log, estimate())
-    step = next(s for s in reference.steps if s.name == "trim")
-    assert reference.trim is None
+    step = next(s for s in reference.alignment.steps if s.name == "trim")
+    assert reference.alignment.trim is None
     assert step.value is None
     assert "does not hold AHRS_TRIM_X" in step.text
 
@@ -116,7 +116,7 @@ def test_a_filter_with_magnetometer_keeps_its_heading_error():
 
 def test_with_unknown_declination_magnetic_headings_are_compared_without_offset():
     row, reference, _ = compared(flight(), estimate(heading_deg=7.0), ReferenceOptions())
-    assert reference.declination_deg is None
+    assert reference.alignment.declination_deg is None
     assert row.heading_offset_deg == pytest.approx(7.0, abs=0.05)
 
 

@@ -14,10 +14,10 @@ from attlog import segments
 from attlog.core import rotation
 from attlog.flight.model import Attitude
 from attlog.reference import ReferenceOptions, choose, onboard_rows, replayed, scoring
-from attlog.reference.model import AttitudeErrors, Reference
+from attlog.reference.model import AttitudeErrors, Reference, Scoring
 from attlog.reference.rows import withhold
 from attlog.segments.model import Segment, Segments
-from tests.reference.flights import RATE, SECONDS, attitude_at, compared, estimate, flight, sampled
+from tests.reference.flights import RATE, SECONDS, attitude_at, compared, estimate, flight, grouped, sampled
 
 T = np.arange(0.0, SECONDS, 1 / RATE)
 
@@ -176,7 +176,7 @@ def test_a_reference_that_is_written_for_a_third_of_the_flight_covers_a_third():
 def test_flight_after_the_end_of_what_is_scored_is_not_missing_from_the_coverage():
     """An impact at 30 s ends the comparison of a flight from 10 to 50 s; of the 20 s before it 5 were lost."""
     t = np.arange(0.0, 60.0, 0.1)
-    reference: Any = SimpleNamespace(scoring_start=10.0, end=30.0)
+    reference: Any = SimpleNamespace(scoring=Scoring(10.0, 30.0))
     counted = (t >= 10.0) & (t <= 25.0)
     flown = Segments([Segment("airborne", 10.0, 50.0)])
     covered = scoring.coverage_pct(t, np.zeros(len(t), np.int64), counted, reference, flown)
@@ -191,7 +191,7 @@ SCORED_T = np.arange(0.0, 100.0, 0.1)
 def reference(**more: Any) -> Reference:
     zeros = np.zeros(len(SCORED_T), np.int64)
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(SCORED_T), 1))
-    return Reference("truth", "truth", SCORED_T, q, zeros, zeros, rate=10.0, **more)
+    return Reference("truth", "truth", SCORED_T, q, zeros, zeros, rate=10.0, **grouped(**more))
 
 
 def scored_errors(tilt: Any = 0.0, heading: Any = 0.0, t: np.ndarray = SCORED_T, **more: Any) -> AttitudeErrors:

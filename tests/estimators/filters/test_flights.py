@@ -33,7 +33,8 @@ def flight(path: Path, in_the_air: bool) -> tuple[Any, dict[str, Any]]:
     begin = case.segments.of("airborne")[0].t0 + LATER_S if in_the_air else t[0]
     given = {name: x[t >= begin] for name, x in given.items()}
     aids = replace(inputs.aids_of(log, case.segments, imu), position=None, velocity=None).between(begin, t[-1])
-    rest: dict[str, Any] = {"sampling": imu.gyro.sampling, "declination": case.reference.declination_deg or 0.0}
+    declination = case.reference.alignment.declination_deg or 0.0
+    rest: dict[str, Any] = {"sampling": imu.gyro.sampling, "declination": declination}
     return log, given | rest | {"aids": aids}
 
 

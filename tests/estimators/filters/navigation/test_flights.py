@@ -292,7 +292,7 @@ def flown(request):
         "mag": place(imu.gyro.t_best, field.t_best, field.x),
         "sampling": imu.gyro.sampling,
         "aids": inputs.aids_of(log, case.segments, imu, alignment.earth_field(log)),
-        "declination": case.reference.declination_deg,
+        "declination": case.reference.alignment.declination_deg,
     }
     return request.param, log, given
 
