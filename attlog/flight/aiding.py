@@ -92,7 +92,7 @@ def _ardupilot_delay(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter
 
 
 def _by_hardware(log: FlightLog, slot: int) -> float | None:
-    """The delay that ArduPilot's driver takes for a u-blox receiver, ms, where its text names the hardware."""
+    """Return the driver's delay in ms of a u-blox receiver, None where no text names its hardware."""
     for _, _, text in log.texts:
         found = re.match(rf"u-blox {slot} HW: ([0-9A-F]{{4}})([0-9A-F]{{4}})", text)
         if found:
@@ -105,7 +105,7 @@ COMPASS_MS = 60.0
 
 
 def of_compass(log: FlightLog, t: float) -> DelayParameter | str:
-    """What the estimator took at ``t`` s for the delay of a compass; ``most`` is 0 where no parameter sets it."""
+    """Return the delay parameter of a compass at ``t`` s; ``most`` is 0 where no parameter sets the delay."""
     if log.firmware.name == "ArduPilot":
         return DelayParameter("", COMPASS_MS, 0.0, COMPASS_MS, 0.0, f"the EKF takes {COMPASS_MS:.0f} ms")
     old = _known(log, "EKF2_MAG_DELAY", t)

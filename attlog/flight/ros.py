@@ -214,7 +214,7 @@ def _ahead_us(messages: Messages) -> int:
     """
     for name in INERTIAL:
         table = messages.tables.get((name, 0))
-        if table is not None and len(table):
+        if table is not None and len(table) and "timestamp" in table:
             return int(np.median(table["timestamp"].astype(np.int64) - table["log_time_ns"] // 1000))
     return 0
 

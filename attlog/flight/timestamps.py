@@ -151,7 +151,7 @@ def logged_seconds(messages: Messages) -> float:
             spans.append((float(t.min()), float(t.max())))
     if not spans:
         return 0.0
-    middle = float(np.median([a for a, _ in spans]))
+    middle = sorted(a for a, _ in spans)[len(spans) // 2]
     near = [(a, b) for a, b in spans if abs(a - middle) < MAX_TABLE_S]
     return max(b for _, b in near) - min(a for a, _ in near)
 

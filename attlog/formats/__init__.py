@@ -66,7 +66,7 @@ class Format:
         return f"{self.title} {self.suffix}"
 
     def recognises(self, head: bytes) -> bool:
-        """True if a file with these first bytes is such a log."""
+        """Return whether a file with these first bytes is such a log."""
         return bool(_load_by_name(self.recogniser)(head))
 
     def read(self, path: Path, data: NDArray[np.uint8], system: int | None = None) -> Messages:
@@ -75,10 +75,7 @@ class Format:
         return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
 
     def write(self, path: Path, recording: Recording) -> None:
-        """Write the log.
-
-        UsageError for what the format cannot hold, and for formats that are only read.
-        """
+        """Write the log. UsageError for what the format cannot hold, and for formats that are only read."""
         if self.writer is None:
             raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
         _load_by_name(self.writer)(path, recording)

@@ -151,16 +151,13 @@ def decode_text(raw: bytes) -> str:
 
 
 def is_gzip(path: Path) -> bool:
-    """True for a gzip file. OSError if it cannot be opened."""
+    """Return whether a file is gzip. OSError if it cannot be opened."""
     with path.open("rb") as file:
         return file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
 
 
 def first_bytes(path: Path, count: int) -> bytes:
-    """Return the first bytes of a log, unpacked.
-
-    OSError if the file cannot be opened.
-    """
+    """Return the first bytes of a log, unpacked. OSError if the file cannot be opened."""
     with path.open("rb") as file:
         return first_bytes_of(file, count)
 
@@ -203,10 +200,7 @@ def unpacked_bytes(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
 
 
 def unpack_gzip(path: Path, into: BinaryIO) -> Damage | None:
-    """Write the content of a gzip file; return its damage, if any.
-
-    Errors as :func:`unpacked_bytes`.
-    """
+    """Write the content of a gzip file; return its damage, if any. Errors as :func:`unpacked_bytes`."""
     written = 0
     try:
         limit = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * path.stat().st_size))

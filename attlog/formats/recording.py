@@ -54,10 +54,7 @@ class Recording:
     layouts: Mapping[str, MessageLayout] = field(default_factory=dict)
 
     def checked(self, clock: str) -> int:
-        """Return the log's start in us by its ``clock`` column.
-
-        UsageError where the columns do not make records.
-        """
+        """Return the log's start in us by its ``clock`` column. UsageError where the columns do not make records."""
         first = []
         for (name, _), columns in self.messages.items():
             if clock not in columns:

@@ -58,10 +58,7 @@ class Boot:
 
 
 def boots_at(edges: Iterable[int], size: int) -> list[Boot]:
-    """Return the power-ups of a file that begin at ``edges``.
-
-    The first begins at 0, ``size`` is the file's.
-    """
+    """Return the power-ups of a file that begin at ``edges``. The first begins at 0, ``size`` is the file's."""
     return [Boot(a, b) for a, b in pairwise([0, *edges, size])]
 
 
@@ -115,10 +112,7 @@ class DamageLog:
             self._single.append(Damage(offset, length, lost, resumed))
 
     def add_kind(self, offset: int, length: int, lost: str, resumed: str, counted: bool = False) -> None:
-        """Report all records of a kind by the first one's place.
-
-        ``counted``: their bytes are counted already.
-        """
+        """Report all records of a kind by the first one's place. ``counted``: their bytes are counted already."""
         self.places += 1
         self.bytes += 0 if counted else length
         if len(self._kinds) < MAX_DAMAGE:
@@ -145,10 +139,7 @@ class DamageLog:
 
     @contextmanager
     def around(self, message: str, what: str, offset: int | None) -> Iterator[None]:
-        """Run a block that reads ``what`` of a message.
-
-        An unexpected error in it ends here.
-        """
+        """Run a block that reads ``what`` of a message. An unexpected error in it ends here."""
         try:
             yield
         except Exception as error:

@@ -217,6 +217,11 @@ def test_stamps_that_were_never_set_the_time_of_the_week_and_a_false_stamp_lengt
     )
     assert logged_seconds(log) == pytest.approx(31.0)
     assert logged_seconds(log_of(table("F", other=np.array([1, 2])))) == 0.0
+    apart = [
+        table("A", timestamp=np.array([SECOND, 9 * SECOND])),
+        table("B", timestamp=np.array([2, 2]) * week * SECOND),
+    ]
+    assert logged_seconds(log_of(*apart)) == 0.0, "two clocks weeks apart: the later one's length"
 
 
 def test_the_pieces_that_were_not_taken_are_told_with_their_numbers_and_lengths() -> None:

@@ -70,7 +70,7 @@ class MessageFormat(NamedTuple):
 
     @property
     def readable(self) -> bool:
-        """True if known letters add up to the declared length."""
+        """Whether known letters add up to the declared length."""
         return _length_of(self.letters) == self.length
 
     def place(self, k: int) -> int:
@@ -78,7 +78,7 @@ class MessageFormat(NamedTuple):
         return HEADER_BYTES + sum(map(_LETTER_SIZES.__getitem__, self.letters[:k]))
 
     def same_layout(self, other: MessageFormat) -> bool:
-        """True if both describe the same bytes by the same names."""
+        """Return whether both describe the same bytes by the same names."""
         return self[1:5] == other[1:5]
 
 
@@ -119,10 +119,7 @@ def _printable_text(raw: bytes) -> str | None:
 
 
 def column_names(listed: Iterable[str]) -> tuple[str, ...]:
-    """Strip the names; repeated ones become empty.
-
-    Only the first column of a name can be asked for.
-    """
+    """Strip the names; repeated ones become empty. Only the first column of a name can be asked for."""
     names = tuple(map(str.strip, listed))
     if len(set(names)) == len(names):
         return names
@@ -174,7 +171,7 @@ class Definitions:
 
 
 def is_dataflash(head: bytes) -> bool:
-    """True for a format definition or many record marks."""
+    """Return whether a file begins with a format definition or many record marks."""
     if head[:2] == RECORD_MARK and len(head) < FMT_LENGTH:
         return True
     if any(True for _ in _formats_in(head)):
@@ -183,7 +180,7 @@ def is_dataflash(head: bytes) -> bool:
 
 
 def is_dataflash_text(head: bytes) -> bool:
-    """True for a line that defines a format, without NUL."""
+    """Return whether a file begins with text that defines a format."""
     return b"\0" not in head[:4096] and _FMT_LINE.search(head) is not None
 
 

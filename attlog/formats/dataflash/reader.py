@@ -102,7 +102,7 @@ def _to_python(value: Any) -> Any:
 
 
 def _carry_their_time(layouts: list[MessageFormat]) -> bool:
-    """True if parameters and texts carry their own time."""
+    """Return whether parameters and texts carry their own time."""
     return all(
         time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters
         for fmt in layouts
@@ -260,10 +260,7 @@ class _SortedLines:
 
 
 def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
-    """Return the pattern of a line.
-
-    Further values are allowed; a last text may contain commas.
-    """
+    """Return the pattern of a line. Further values are allowed; a last text may contain commas."""
     whole = re.escape(fmt.name.encode())
     for cell, alike in groupby(map(_cell_pattern, fmt.letters)):  # short patterns compile faster
         whole += rb"(?:,%b){%d}+" % (cell, len(list(alike)))
@@ -271,10 +268,7 @@ def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
 
 
 def _cell_pattern(letter: str) -> bytes:
-    """Return the pattern of a value.
-
-    Unscaled integers are printed as such, all other numbers in decimal.
-    """
+    """Return the pattern of a value. Unscaled integers are printed as such, all other numbers in decimal."""
     if letter in _TEXT_LETTERS:
         return _ANY_PATTERN
     return _INTEGER_PATTERN if _is_integer_letter(letter) else _NUMBER_PATTERN

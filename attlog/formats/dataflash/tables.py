@@ -119,10 +119,7 @@ def _split_by_instance(
 
 
 def split_by_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
-    """Return each instance and the positions of its records.
-
-    None for too many instances.
-    """
+    """Return each instance and the positions of its records. None for too many instances."""
     if (number == number[:1]).all():  # usual
         return [(n, np.arange(len(number))) for n in number[:1].tolist()]
     order = number.argsort(kind="stable")
@@ -209,10 +206,7 @@ class MixedTable(Table):
 
 
 def report_unreadable(index: RecordIndex) -> None:
-    """Report records of formats whose letters contradict their length.
-
-    Framing goes on by the length.
-    """
+    """Report records of formats whose letters contradict their length. Framing goes on by the length."""
     if all(fmt.readable for fmt in index.layouts):
         return
     counts = np.bincount(index.layout, minlength=len(index.layouts)).tolist()
@@ -258,20 +252,17 @@ def read_texts(messages: Messages, timeline: Timeline) -> list[Text]:
 
 
 def has_text(table: Table, column: str) -> bool:
-    """True if the table has this column as text.
-
-    Damaged or foreign formats may use any type.
-    """
+    """Return whether a table has a column of texts. Damaged or foreign formats may use any type."""
     return column in table.fields and table.fields[column].dtype.kind == "S"
 
 
 def has_number(table: Table, column: str) -> bool:
-    """True if the table has this column of numbers."""
+    """Return whether a table has a column of numbers."""
     return column in table.fields and table.fields[column].dtype.kind in "iuf"
 
 
 def has_integer(table: Table, column: str) -> bool:
-    """True if the table has this column of integers."""
+    """Return whether a table has a column of integers."""
     return column in table.fields and table.fields[column].dtype.kind in "iu"
 
 
@@ -328,10 +319,7 @@ def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
 
 
 def _id_values(table: Table | None, column: str, is_fit: Callable[[Table, str], bool]) -> list[tuple[str, Any]]:
-    """Return id and value of UNIT or MULT records.
-
-    Empty where the log gives these columns another type.
-    """
+    """Return id and value of UNIT or MULT records. Empty where the log gives these columns another type."""
     if table is None or not is_fit(table, column) or not has_integer(table, "Id"):
         return []
     ids = [chr(int(i) & 0xFF) for i in table["Id"].tolist()]
@@ -371,10 +359,7 @@ def _time_column(columns: tuple[str, ...], kinds: str) -> tuple[str, int] | None
 
 
 def record_timeline(data: NDArray[np.uint8], index: RecordIndex) -> tuple[Offsets, NDArray[np.int64]]:
-    """Return offset and time of every timed record, in file order.
-
-    Releases ``index.stamps``.
-    """
+    """Return offset and time of every timed record, in file order. Releases ``index.stamps``."""
     stamps, index.stamps = index.stamps, np.zeros(0, np.int64)
     columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
     timed = np.array([column is not None for column in columns])[index.layout]

@@ -98,10 +98,7 @@ def _defined_formats(
 
 
 def _layout_of_headers(types: NDArray[np.uint8], headers: Offsets, layouts: list[MessageFormat]) -> NDArray[np.int16]:
-    """Return the layout of each header, -1 without one.
-
-    The last definition of its type before it, else the first.
-    """
+    """Return the layout of each header, -1 without one. The last definition of its type before it, else the first."""
     table = np.full(256, -1, np.int16)
     per_type: dict[int, list[int]] = {}
     for k, fmt in enumerate(layouts):

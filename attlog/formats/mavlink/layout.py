@@ -40,17 +40,17 @@ _NATIVE_TYPES = {
 
 
 def is_tlog(head: bytes) -> bool:
-    """True for packets behind the receiver's time."""
+    """Return whether a file begins with packets behind receiver times."""
     return _has_packets(head, STAMP_BYTES)
 
 
 def is_capture(head: bytes) -> bool:
-    """True for packets alone."""
+    """Return whether a file begins with packets alone."""
     return _has_packets(head, 0)
 
 
 def _has_packets(head: bytes, stamp: int) -> bool:
-    """True if MAVLink packets follow each other, each behind ``stamp`` bytes.
+    """Return whether MAVLink packets follow each other, each behind ``stamp`` bytes.
 
     Firmware images hold the marker everywhere. Four packets with fitting lengths, or a short file of packets only, are
     no coincidence.
@@ -77,10 +77,7 @@ def _packets_in_row(head: bytes, position: int, stamp: int) -> int:
 
 @cache
 def byte_table() -> NDArray[np.uint16]:
-    """Return the CRC state after one more byte (256).
-
-    By the lower byte of the state xor that byte.
-    """
+    """Return the CRC state after one more byte (256). By the lower byte of the state xor that byte."""
     state = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         state = np.where(state & 1, (state >> 1) ^ _POLYNOMIAL, state >> 1).astype(np.uint16)
@@ -89,10 +86,7 @@ def byte_table() -> NDArray[np.uint16]:
 
 @cache
 def word_table() -> NDArray[np.uint16]:
-    """Return the CRC state after two more bytes (65536).
-
-    By state xor these bytes as little-endian word.
-    """
+    """Return the CRC state after two more bytes (65536). By state xor these bytes as little-endian word."""
     byte = byte_table()
     state = np.arange(65536, dtype=np.uint16)
     for _ in range(2):
@@ -136,7 +130,7 @@ class Catalogue:
     sizes: NDArray[np.int16]
 
     def knows(self, number: int) -> bool:
-        """True for a message of the dialect."""
+        """Return whether a message is of the dialect."""
         return number < len(self.seeds) and self.seeds[number] >= 0
 
 

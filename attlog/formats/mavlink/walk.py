@@ -131,10 +131,7 @@ def _account_for_holes(data: NDArray[np.uint8], packets: Packets, end: Offsets, 
 
 
 def _unchecked_chain(data: NDArray[np.uint8], begin: int, stop: int, stamp: int) -> list[tuple[int, int, int]]:
-    """Return unchecked packets that fill a hole exactly, else none.
-
-    Begin, end and message id of each.
-    """
+    """Return unchecked packets that fill a hole exactly, else none. Begin, end and message id of each."""
     found = []
     at = begin
     while at < stop:
@@ -227,10 +224,7 @@ def _checksum_right(data: NDArray[np.uint8], headers: _Headers, catalogue: Catal
 
 
 def _without_embedded(start: Offsets, end: Offsets) -> NDArray[np.bool_]:
-    """Select packets that do not begin inside an accepted one.
-
-    A tunnelled packet is payload.
-    """
+    """Select packets that do not begin inside an accepted one. A tunnelled packet is payload."""
     keep = np.ones(len(start), np.bool_)
     reach = np.maximum.accumulate(end) if len(end) else end
     inside = np.flatnonzero(start[1:] < reach[:-1]) + 1
@@ -268,7 +262,7 @@ def search_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> tuple[Offse
 
 
 def _is_compiled(size: int) -> bool:
-    """True for a large file with object code of the walk."""
+    """Return whether the compiled walk is at hand and the file large enough for it."""
     if size < MIN_COMPILED_BYTES or not jit.jit_wanted():
         return False
     from attlog.core.jit.compile import at_hand  # small files are read without

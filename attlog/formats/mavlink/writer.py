@@ -83,10 +83,7 @@ def _sequences(times: list[NDArray[Any]], senders: list[int]) -> list[NDArray[np
 
 
 def _parameters(recording: Recording, start: int, pilot: int) -> Iterable[tuple[Key, Columns]]:
-    """Yield PARAM_VALUE.
-
-    ArduPilot sends a whole number as float value, PX4 its bits in the float.
-    """
+    """Yield PARAM_VALUE. ArduPilot sends a whole number as float value, PX4 its bits in the float."""
     params = recording.params
     require_only("default of", [p.name for p in params if p.is_default], ())
     if not params:
@@ -123,10 +120,7 @@ def _parameters(recording: Recording, start: int, pilot: int) -> Iterable[tuple[
 
 
 def _texts(texts: Iterable[Text], start: int, pilot: int) -> Iterable[tuple[Key, Columns]]:
-    """Yield STATUSTEXT, long texts in chunks.
-
-    The last chunk is not full.
-    """
+    """Yield STATUSTEXT, long texts in chunks. The last chunk is not full."""
     rows: list[tuple[int, int, bytes, int, int]] = []
     number = 0
     for text in texts:
@@ -157,10 +151,7 @@ def _texts(texts: Iterable[Text], start: int, pilot: int) -> Iterable[tuple[Key,
 def _packets(
     number: int, sender: int, columns: Columns, count: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Return stamped packets as rows, and the length of each.
-
-    Trailing zeros of a payload are not sent.
-    """
+    """Return stamped packets as rows, and the length of each. Trailing zeros of a payload are not sent."""
     name, fields, record = message_layout(number)
     unknown = set(columns) - set(fields) - {STAMP_COLUMN}
     if unknown:

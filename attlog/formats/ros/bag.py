@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import LogUnusable, UsageError
-from attlog.core.limits import MAX_FORMATS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
+from attlog.core.limits import LAST_TIME_US, MAX_FORMATS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 from attlog.formats.table import DamageLog
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -70,15 +70,12 @@ class Bag:
 
 
 def is_bag(head: bytes) -> bool:
-    """True for an MCAP file or rosbag2's database."""
+    """Return whether a file is MCAP or rosbag2's database."""
     return head.startswith(MCAP_MAGIC) or (head.startswith(SQLITE_MAGIC) and ROSBAG2_COLUMN in head)
 
 
 def read_bag(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> Bag:
-    """Read a bag.
-
-    LogUnusable for an MCAP file or database of other content, UsageError without packages.
-    """
+    """Read a bag. LogUnusable for an MCAP file or database of other content, UsageError without packages."""
     if data[: len(MCAP_MAGIC)].tobytes() == MCAP_MAGIC:
         return _McapReader(wanted, len(data)).read(path, data.data.cast("B"))
     return _read_sqlite(path, data, wanted)
@@ -95,12 +92,10 @@ class _McapReader:
         self.types: dict[str, str] = {}
         self.encodings: set[str] = set()
         self.losses = DamageLog()
+        self.false_times = 0
 
     def read(self, path: Path, data: memoryview) -> Bag:
-        """Read a file, schemas and channels first.
-
-        They are repeated at the end, should a chunk have lost them.
-        """
+        """Read a file, schemas and channels first. They are repeated at the end, should a chunk have lost them."""
         try:
             import mcap.records  # noqa: F401
         except ImportError:
@@ -125,6 +120,9 @@ class _McapReader:
         if self.encodings and "cdr" not in self.encodings:
             held = ", ".join(sorted(self.encodings))
             raise LogUnusable(f"{path}: an MCAP file without messages of ROS 2 (it holds {held}); record with ros2 bag")
+        if self.false_times:
+            text = f"Left out {self.false_times:,} messages of the bag, whose recorder times lie after 2100."
+            self.losses.add_remark("false_times", text, count=self.false_times)
         kept = [channel for channel in self.channels.values() if channel is not None]
         return Bag(kept, self.types, self.losses, ended)
 
@@ -151,10 +149,7 @@ class _McapReader:
         self._read_records(at, memoryview(content))
 
     def _read_records(self, at: int, content: memoryview) -> None:
-        """Read the records of an unpacked chunk.
-
-        A loop without generator, for hundred thousands of messages.
-        """
+        """Read the records of an unpacked chunk. A loop without generator, for hundred thousands of messages."""
         head, end, place = RECORD_HEAD.unpack_from, len(content), 0
         while place + RECORD_HEAD.size <= end:
             opcode, length = head(content, place)
@@ -173,15 +168,16 @@ class _McapReader:
             return
         number, _, time, _ = MESSAGE_HEAD.unpack_from(content, begin)
         channel = self.channels.get(number)
-        if channel is not None:
-            channel.messages.append(bytes(content[begin + MESSAGE_HEAD.size : end]))
-            channel.times_ns.append(time)
+        if channel is None:
+            return
+        if time > LAST_TIME_US * 1000:
+            self.false_times += 1
+            return
+        channel.messages.append(bytes(content[begin + MESSAGE_HEAD.size : end]))
+        channel.times_ns.append(time)
 
     def _define(self, at: int, opcode: int, body: memoryview) -> None:
-        """Take in a schema or a channel.
-
-        A channel's messages are kept if they are ROS 2's and wanted.
-        """
+        """Take in a schema or a channel. A channel's messages are kept if they are ROS 2's and wanted."""
         from mcap.data_stream import ReadDataStream
         from mcap.exceptions import McapError
         from mcap.records import Channel, Schema
@@ -211,10 +207,7 @@ class _McapReader:
 
 
 def _records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview, int]]:
-    """Yield place, opcode, body and declared length of each record.
-
-    The last may be cut.
-    """
+    """Yield place, opcode, body and declared length of each record. The last may be cut."""
     while at + RECORD_HEAD.size <= len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, at)
         begin = at + RECORD_HEAD.size
@@ -223,17 +216,17 @@ def _records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview, 
 
 
 def _unpacked(packed: memoryview, name: str, size: int) -> bytes | memoryview:
-    """Unpack at most ``size`` bytes of a chunk.
-
-    ValueError for an unknown compression, else the compressor's errors.
-    """
+    """Unpack at most ``size`` bytes of a chunk. ValueError for an unknown compression, else the compressor's errors."""
     if name == "":
         return packed[:size]
     if name == "zstd":
         import zstandard
 
         reader = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(packed), read_across_frames=True)
-        unpacked: bytes = reader.read(size)
+        try:
+            unpacked: bytes = reader.read(size)
+        except zstandard.ZstdError as problem:
+            raise ValueError(str(problem)) from None
         return unpacked
     if name == "lz4":
         import lz4.frame
@@ -275,10 +268,7 @@ def _read_sqlite(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> 
 def _sqlite_channels(
     database: sqlite3.Connection, bag: Bag, wanted: ChannelFilter, defined: bool
 ) -> dict[object, BagChannel]:
-    """Return the wanted channels by number; fill in the bag.
-
-    ``defined``: with definitions, since Iron.
-    """
+    """Return the wanted channels by number; fill in the bag. ``defined``: with definitions, since Iron."""
     definitions: dict[object, tuple[str, str]] = {}
     if defined:
         query = "select topic_type, encoded_message_definition, encoding from message_definitions"

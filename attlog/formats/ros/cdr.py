@@ -188,10 +188,7 @@ class _LayoutPart:
 
 
 def _split_by_layout(types: dict[str, Any], kind: str, messages: Sequence[bytes]) -> list[_LayoutPart]:
-    """Return the messages by layout, most first.
-
-    ValueError with the reason where none can be decoded.
-    """
+    """Return the messages by layout, most first. ValueError with the reason where none can be decoded."""
     sizes = np.array([len(message) for message in messages])
     open_ = np.ones(len(messages), bool)
     parts: list[_LayoutPart] = []

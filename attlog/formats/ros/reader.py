@@ -33,7 +33,7 @@ BAG_FILES = re.compile(rb"^\s*-\s*\S+\.(?:mcap|db3)\S*\s*$", re.MULTILINE)
 
 
 def is_wanted(topic: str, kind: str) -> bool:
-    """True for the topics of a flight."""
+    """Return whether a topic describes a flight."""
     return kind.startswith(PX4_PACKAGE) or bool(KNOWN_TYPES.fullmatch(kind))
 
 
@@ -73,7 +73,9 @@ def read_ros(path: Path | str, system: int | None = None, *, data: NDArray[np.ui
                 tables[name, 0] = table
     if not tables:
         what = ", ".join(sorted(set(bag.types.values()))[:5]) or "no messages"
-        why = next((f"; {r.text}" for r in bag.losses.remarks if r.code == "unreadable_message"), "")
+        reasons = [r.text for r in bag.losses.remarks if r.code == "unreadable_message"]
+        reasons += [f"{damage.lost} at byte {damage.offset}" for damage in bag.losses.listed]
+        why = f"; {reasons[0]}" if reasons else ""
         raise LogUnusable(f"{path}: a bag without readable topics of PX4, IMU or pose ({what}){why}")
     return Messages(path, "ros", len(data), tables, info={"types": bag.types}, losses=bag.losses)
 
@@ -111,10 +113,7 @@ def _choose_vehicle(path: Path, bag: Bag, system: int | None) -> str:
 
 
 def _channel_table(path: Path, name: str, channel: BagChannel, bag: Bag) -> Table | None:
-    """Return a channel's table, None where nothing can be decoded.
-
-    Messages left out are reported.
-    """
+    """Return a channel's table, None where nothing can be decoded. Messages left out are reported."""
     count = len(channel.messages)
     table: Table | None = None
     reason = ""

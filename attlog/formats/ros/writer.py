@@ -110,10 +110,7 @@ def _topic_messages(name: str, columns: Columns) -> tuple[str, str, list[bytes]]
 
 
 def _encode_cdr(columns: Columns) -> list[bytes]:
-    """Return messages of columns (n,) or (n, k) in CDR.
-
-    Each number is aligned to its size.
-    """
+    """Return messages of columns (n,) or (n, k) in CDR. Each number is aligned to its size."""
     places, at = [], 0
     for x in columns.values():
         at += -at % x.dtype.itemsize
@@ -129,10 +126,7 @@ def _encode_cdr(columns: Columns) -> list[bytes]:
 
 
 def _pose_messages(columns: Columns, start_us: int) -> tuple[str, str, list[bytes]]:
-    """Return type, definition and messages of a pose.
-
-    Columns ``q``, scalar first, and ``p``.
-    """
+    """Return type, definition and messages of a pose. Columns ``q``, scalar first, and ``p``."""
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)

@@ -68,19 +68,13 @@ class Content:
                 losses.add_limit(f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
 
     def start(self, version: int, start_us: int) -> None:
-        """Take in a file header; the first one describes the file.
-
-        ``version`` of the logger, start time in us.
-        """
+        """Take in a file header; the first one describes the file. ``version`` of the logger, start time in us."""
         self._start_us, self.in_data = start_us if start_us < MAX_START_US else 0, False
         self._info.setdefault("ulog_version", version)
         self._info.setdefault("ulog_start_us", self._start_us)
 
     def take(self, kind: int, payload: bytes, position: int) -> None:
-        """Take in one record.
-
-        IndexError or struct.error if it is too short for its type.
-        """
+        """Take in one record. IndexError or struct.error if it is too short for its type."""
         match chr(kind):
             case "I":
                 key_type, name, raw = split_key(payload)

@@ -33,10 +33,7 @@ MAX_KEY_BYTES = 1 << 13
 
 @contextmanager
 def using_key(key: str | Path | None) -> Iterator[None]:
-    """Decrypt with this private key within the block.
-
-    None: with that of the environment.
-    """
+    """Decrypt with this private key within the block. None: with that of the environment."""
     token = _GIVEN_KEY.set(None if key is None else Path(key))
     try:
         yield
@@ -45,7 +42,7 @@ def using_key(key: str | Path | None) -> Iterator[None]:
 
 
 def is_encrypted(head: bytes) -> bool:
-    """True for an encrypted ULog or its key file."""
+    """Return whether a file is an encrypted ULog or its key file."""
     return head.startswith((ENCRYPTED_MAGIC, KEY_FILE_MAGIC))
 
 
@@ -87,7 +84,7 @@ def decrypt(path: Path, data: Bytes) -> Bytes:
 
 
 def has_key() -> bool:
-    """True if a private key is named."""
+    """Return whether the environment names a private key."""
     return bool(os.environ.get(KEY_VARIABLE))
 
 

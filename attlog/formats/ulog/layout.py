@@ -73,7 +73,7 @@ class TopicLayout:
         self.size, self.full_size, self.columns, self.time_at = size, full_size, columns, time_at
 
     def __eq__(self, other: object) -> bool:
-        """True if records of both are decoded alike."""
+        """Return whether records of both are decoded alike."""
         if self is other:
             return True
         return isinstance(other, TopicLayout) and self.size == other.size and self._placed == other._placed
@@ -107,10 +107,7 @@ class TopicLayout:
 
 
 class Formats:
-    """The format texts of one log, with extents and layouts.
-
-    A text once used is never changed.
-    """
+    """The format texts of one log, with extents and layouts. A text once used is never changed."""
 
     def __init__(self, texts: Mapping[str, str] = MappingProxyType({})) -> None:
         self.texts = dict(texts)
@@ -119,7 +116,7 @@ class Formats:
         self._layouts: dict[str, TopicLayout | str] = {}
 
     def is_used(self, name: str) -> bool:
-        """True if something was derived from this name's text, or from its absence."""
+        """Return whether something was derived from this name's text, or from its absence."""
         return name in self._members
 
     def layout(self, name: str) -> TopicLayout | str:
@@ -167,10 +164,7 @@ class Formats:
         )
 
     def _extent(self, name: str) -> _Extent:
-        """Count a format and its types, each once.
-
-        Without recursion, because definitions may nest at will.
-        """
+        """Count a format and its types, each once. Without recursion, because definitions may nest at will."""
         waiting, opened = [name], set()
         while waiting:
             top = waiting[-1]
@@ -276,16 +270,13 @@ _INFO_STRUCTS = {
 
 
 def is_record(kind: int, head: bytes, size: int) -> bool:
-    """True if a payload is valid for its type (all but D).
-
-    ``head``: its first MAX_HEAD_BYTES, ``size``: its length.
-    """
+    """Return whether a payload of ``size`` bytes is valid for its type (all but D), by its ``head``."""
     check = _CHECKS.get(kind)
     return check is not None and check(head, size)
 
 
 def is_odd_definition(kind: int, head: bytes, size: int) -> bool:
-    """True for a definition under a name that no logger uses.
+    """Return whether a record defines something under a name that no logger uses.
 
     Correctly framed and printable. This suffices behind a valid record, not to find records among garbage.
     """
@@ -409,10 +400,7 @@ class Definitions:
             self._redefined += 1
 
     def subscription(self, identifier: int, name: str, multi: int) -> Subscription | None:
-        """Return the meaning of an id from a subscription on.
-
-        None if the definition cannot be used.
-        """
+        """Return the meaning of an id from a subscription on. None if the definition cannot be used."""
         layout = self._formats.layout(name)
         before = self.by_id.get(identifier)
         if isinstance(layout, str):
@@ -425,10 +413,7 @@ class Definitions:
         return before if self._resubscribed > MAX_RESUBSCRIBED else now
 
     def without_subscription(self, size: int) -> list[tuple[str, TopicLayout]]:
-        """Return the formats without an id, of records of ``size`` bytes.
-
-        Behind the id; called at the log's end.
-        """
+        """Return the formats without an id, of records of ``size`` bytes. Behind the id; called at the log's end."""
         if self._free_of_size is None:
             self._free_of_size = {}
             subscribed = {subscription.name for subscription in self.by_id.values()}
@@ -463,5 +448,5 @@ ENCRYPTED_MAGIC, KEY_FILE_MAGIC = b"ULogEnc", b"ULogKey"
 
 
 def is_ulog(head: bytes) -> bool:
-    """True for a ULog, encrypted or not."""
+    """Return whether a file is a ULog, encrypted or not."""
     return head.startswith((MAGIC, ENCRYPTED_MAGIC, KEY_FILE_MAGIC))

@@ -199,10 +199,7 @@ class _Reader:
         self.framing.recent = starts[-RECENT_RECORDS:].tolist()
 
     def _record(self, position: int, stop: int) -> int | None:
-        """Take in a record that is no known data.
-
-        Return the next position, None without a record.
-        """
+        """Take in a record that is no known data. Return the next position, None without a record."""
         if self.framing.is_header(position) and position + FILE_HEADER <= stop:
             self._end_log()
             self._start_log(position)
@@ -218,10 +215,7 @@ class _Reader:
         return end
 
     def _uncertain_record(self, position: int, end: int, stop: int) -> int | None:
-        """Take in a record that could be chance.
-
-        Data of an unknown id, or a record not quite valid for its type.
-        """
+        """Take in a record that could be chance. Data of an unknown id, or a record not quite valid for its type."""
         kind, length = self.raw[position + 2], end - position - 3
         if kind == 0 or not length or (not KNOWN_KINDS[kind] and length > MAX_UNKNOWN_BYTES):
             return None
@@ -321,10 +315,7 @@ class _Reader:
             self.definitions.report(self.losses)
 
     def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, TopicLayout] | None:
-        """Return the one topic without subscription that fits, or None.
-
-        It has this size and rising times.
-        """
+        """Return the one topic without subscription that fits, or None. It has this size and rising times."""
         if len(starts) < ANCHOR_RECORDS or (lengths != lengths[0]).any():
             return None
         fitting: list[tuple[str, TopicLayout]] = []

@@ -52,10 +52,7 @@ def identifier_at(raw: memoryview, start: int) -> int:
 
 
 class Sizes:
-    """Payload sizes (with the id) of data records, by id.
-
-    0 for unknown ids.
-    """
+    """Payload sizes (with the id) of data records, by id. 0 for unknown ids."""
 
     def __init__(self) -> None:
         self.smallest = np.zeros(65536, np.uint16)
@@ -72,7 +69,7 @@ class Sizes:
         return is_new
 
     def fits(self, identifier: int, size: int) -> bool:
-        """True if a record of this id may have this size."""
+        """Return whether a record of this id may have this size."""
         smallest = int(self.smallest[identifier])
         return 0 < smallest <= size <= smallest + int(self.spread[identifier])
 
@@ -84,10 +81,7 @@ class Sizes:
 
 
 class DataChain:
-    """Successive data records, found in whole blocks.
-
-    ``forget`` must be called when the sizes change.
-    """
+    """Successive data records, found in whole blocks. ``forget`` must be called when the sizes change."""
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data, self._sizes, self._width = data, sizes, offset_type(len(data))
@@ -100,10 +94,7 @@ class DataChain:
         self._knows_few = False
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
-        """Return starts and ids of unbroken records from ``position`` on.
-
-        Within one block and before ``stop``.
-        """
+        """Return starts and ids of unbroken records from ``position`` on. Within one block and before ``stop``."""
         if not self._begin <= position < self._end:
             if not self._knows_few:
                 self._knows_few = True
@@ -202,11 +193,11 @@ class Framing:
         return start + 3 + (self.raw[start] | self.raw[start + 1] << 8)
 
     def is_header(self, position: int) -> bool:
-        """True at a file header: another log begins."""
+        """Return whether another log begins here, by its file header."""
         return self.raw[position] == MAGIC[0] and self.raw[position : position + len(MAGIC)] == MAGIC
 
     def is_strict(self, position: int, end: int) -> bool:
-        """True if the record that is not data is valid for its type."""
+        """Return whether a record other than data is valid for its type."""
         if position == self.checked:
             return True
         return is_record(self.raw[position + 2], self._head(position, end), end - position - 3)
@@ -215,11 +206,11 @@ class Framing:
         return bytes(self.raw[position + 3 : min(end, position + 3 + MAX_HEAD_BYTES)])
 
     def is_cut_off(self, position: int, stop: int) -> bool:
-        """True at the beginning of a record whose end is missing."""
+        """Return whether a record begins here whose end is missing."""
         return position + 3 > stop or (self.end(position) > stop and self._begins_well(position))
 
     def leads_on(self, position: int, stop: int, records: int, *, odd: bool = False) -> bool:
-        """True if ``records`` valid records follow, or the section ends.
+        """Return whether ``records`` valid records follow, or the section ends.
 
         ``odd``: behind a valid record definitions under names that no logger uses suffice.
         """
@@ -288,10 +279,7 @@ class Framing:
 
 
 def times_rise(data: Bytes, starts: Offsets, layout: TopicLayout) -> bool:
-    """True if records of this layout have rising, near times.
-
-    False without stamp.
-    """
+    """Return whether records of this layout have rising, near times. False without stamp."""
     if layout.time_at is None:
         return False
     return rise_nearby(gather(data[DATA_HEADER_BYTES + layout.time_at :], starts, np.dtype("<u8")))

@@ -16,7 +16,18 @@ from attlog.formats.ros import bag
 from attlog.formats.ros.bag import MCAP_MAGIC
 from attlog.formats.ros.cdr import MessageLayoutCdr
 from tests.formats.reference import differences
-from tests.formats.ros.bags import IMU, combined, decoded, encoder, header, write_mcap, write_sqlite, writing, xyz
+from tests.formats.ros.bags import (
+    IMU,
+    START_NS,
+    combined,
+    decoded,
+    encoder,
+    header,
+    write_mcap,
+    write_sqlite,
+    writing,
+    xyz,
+)
 
 
 def imus(n: int = 30, frames: tuple[str, ...] = ("imu_link",)) -> list[tuple[str, str, int, dict[str, object]]]:
@@ -201,15 +212,26 @@ def test_a_bag_without_its_end_gives_what_stands_before_the_cut(tmp_path: Path, 
     assert 40 < counts[0] < counts[1] < counts[2] < 400
 
 
-def test_a_broken_chunk_costs_only_itself(tmp_path: Path) -> None:
+@pytest.mark.parametrize("packed", ["NONE", "LZ4", "ZSTD"])
+def test_a_broken_chunk_costs_only_itself(tmp_path: Path, packed: str) -> None:
     path = tmp_path / "a.mcap"
-    write_mcap(path, combined(400), "NONE", chunk=2000)
+    write_mcap(path, combined(400), packed, chunk=2000)
     raw = bytearray(path.read_bytes())
     raw[len(raw) // 3] ^= 0x55
     path.write_bytes(raw)
     log = formats.open(path)
     assert 340 < len(log["sensor_combined", 0]) < 400
-    assert ["checksum" in damage.lost for damage in log.damage] == [True]
+    assert ["a chunk" in damage.lost for damage in log.damage] == [True]
+
+
+def test_a_message_beyond_the_calendar_costs_only_itself(tmp_path: Path) -> None:
+    messages = combined(60)
+    topic, kind, _, values = messages[30]
+    messages[30] = (topic, kind, 2**63 - START_NS, values)
+    write_mcap(tmp_path / "a.mcap", messages)
+    log = formats.open(tmp_path / "a.mcap")
+    assert len(log["sensor_combined", 0]) == 59
+    assert [(r.code, r.count) for r in log.remarks] == [("false_times", 1)]
 
 
 def test_definitions_that_a_broken_chunk_held_are_taken_from_the_end(tmp_path: Path) -> None:
