@@ -13,7 +13,7 @@ from attlog.core.limits import MAX_ATTITUDES
 from attlog.core.machine import available_bytes
 from attlog.flight import limits as parameter_limits
 from attlog.flight import parameters as parameter_file
-from attlog.flight import stuck_attitudes
+from attlog.flight.frozen import drop_stuck_attitudes
 from attlog.flight.model import FlightLog, Problem, Severity, guarded_part
 from attlog.flight.recalibration import recorrect
 from attlog.flight.timestamps import describe_other_boots, logged_seconds
@@ -125,7 +125,7 @@ def flight_in(
         # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
         log = read_messages(part, imu, mag, system)
     limit_attitudes(log)
-    stuck_attitudes.drop_stuck_attitudes(log)
+    drop_stuck_attitudes(log)
     log.boot, log.boots = chosen, boots
     log.problems += refused
     log.parameters.given, log.parameters.filled = given, filled

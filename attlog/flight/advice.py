@@ -8,20 +8,16 @@ magnetic interference and vibration damping; the parameter reference and the sen
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from attlog.flight.calibration import px4_slot_in_use, slot_suffix
+from attlog.flight.vehicle import version_number
+
 # Inertial data at all, inertial data faster than now, the attitude that flew, a magnetometer, time before arming.
 LoggingNeed = Literal["imu", "fast_imu", "attitude", "mag", "rest"]
 ADVISED_REST_S = 30
-
-
-def version_number(version: str) -> tuple[int, int]:
-    """Return major and minor number of a version text, (0, 0) without any."""
-    match = re.search(r"(\d+)\.(\d+)", version)
-    return (int(match[1]), int(match[2])) if match else (0, 0)
 
 
 def bit_mask(value: float | None) -> int | None:
@@ -41,13 +37,13 @@ def advise_rest(why: str = "", setting: str = "") -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class LoggingSettings:
-    """Settings of a vehicle's logger: its kind, firmware version, vehicle family and parameters at boot.
+class VehicleSettings:
+    """Settings of the vehicle that wrote a log: its firmware's kind and version, family, and parameters at boot.
 
     ``name``: the program of an ``other`` log, the suffix of the vehicle's own log for ``telemetry``.
     """
 
-    kind: Literal["PX4", "ArduPilot", "telemetry", "bag", "other"]
+    kind: Literal["PX4", "ArduPilot", "telemetry", "bag", "other", "unknown"] = "unknown"
     version: str = ""
     family: str = ""
     values: Mapping[str, float] = field(default_factory=dict)
@@ -76,7 +72,7 @@ FIXED_ADVICE: dict[str, dict[LoggingNeed, str]] = {
 }
 
 
-def logging_advice(settings: LoggingSettings, need: LoggingNeed, rate: float | None = None) -> str:
+def logging_advice(settings: VehicleSettings, need: LoggingNeed, rate: float | None = None) -> str:
     """Return a sentence on the setting that would log ``need``, empty for none.
 
     ``rate``: of the logged records in Hz, None without any. Names no setting that is already made or that this version
@@ -86,7 +82,7 @@ def logging_advice(settings: LoggingSettings, need: LoggingNeed, rate: float | N
         return _px4_advice(settings, need, rate)
     if settings.kind == "ArduPilot":
         return _ardupilot_advice(settings, need, rate)
-    return FIXED_ADVICE[settings.kind].get(need, "").format(name=settings.name)
+    return FIXED_ADVICE.get(settings.kind, {}).get(need, "").format(name=settings.name)
 
 
 # SDLOG_PROFILE is a bit mask since this version, and its bit 0 logs ``sensor_combined`` at full rate since that one.
@@ -99,7 +95,7 @@ TOPICS_FILE = "etc/logging/logger_topics.txt on the SD card"
 LOG_FROM_BOOT_MODES = (1, 2)
 
 
-def _px4_advice(settings: LoggingSettings, need: LoggingNeed, rate: float | None) -> str:
+def _px4_advice(settings: VehicleSettings, need: LoggingNeed, rate: float | None) -> str:
     values, version = settings.values, version_number(settings.version)
     if need == "rest":
         mode = values.get("SDLOG_MODE")
@@ -160,7 +156,7 @@ LIMITED_RATE_SHARE = (0.6, 1.3)
 RATE_LIMITS = (("LOG_FILE_RATEMAX", 1), ("LOG_MAV_RATEMAX", 2), ("LOG_BLK_RATEMAX", 4), ("LOG_DARM_RATEMAX", 0))
 
 
-def _ardupilot_advice(settings: LoggingSettings, need: LoggingNeed, rate: float | None) -> str:
+def _ardupilot_advice(settings: VehicleSettings, need: LoggingNeed, rate: float | None) -> str:
     values, family = settings.values, settings.family
     if need == "rest":
         return _ardupilot_rest(settings)
@@ -184,7 +180,7 @@ def _ardupilot_advice(settings: LoggingSettings, need: LoggingNeed, rate: float 
     return _ardupilot_imu(settings, bits, rate)
 
 
-def _ardupilot_imu(settings: LoggingSettings, bits: LogBits, rate: float | None) -> str:
+def _ardupilot_imu(settings: VehicleSettings, bits: LogBits, rate: float | None) -> str:
     """Advise on inertial data at all (``rate`` None), or on faster ones."""
     modern = version_number(settings.version) >= LOG_DISARMED_VERSION
     if "LOG_BITMASK" in settings.values:
@@ -209,7 +205,7 @@ def _ardupilot_imu(settings: LoggingSettings, bits: LogBits, rate: float | None)
     return _already_set(f"{which} of LOG_BITMASK (IMU) {'is' if len(on) == 1 else 'are'}", rate, "IMU data")
 
 
-def _is_set(settings: LoggingSettings, bit: int) -> bool:
+def _is_set(settings: VehicleSettings, bit: int) -> bool:
     """Return whether LOG_BITMASK holds a bit, False where that is unknown."""
     mask = bit_mask(settings.values.get("LOG_BITMASK"))
     if mask is None or (bit >= 16 and (0, 0) < version_number(settings.version) < WIDE_MASK_VERSION):
@@ -230,7 +226,7 @@ def _rate_limits(values: Mapping[str, float], rate: float | None) -> str:
     return f"{named} {limit} the rate: set {them} to 0."
 
 
-def _ardupilot_rest(settings: LoggingSettings) -> str:
+def _ardupilot_rest(settings: VehicleSettings) -> str:
     values, version = settings.values, version_number(settings.version)
     if "LOG_DISARMED" in values:
         now = int(values["LOG_DISARMED"])
@@ -254,27 +250,8 @@ def _already_set(setting: str, rate: float | None, records: str) -> str:
 
 # --- remedies ---------------------------------------------------------------------------------------------------
 
-Fault = Literal[
-    "gyro_bias",
-    "accelerometer",
-    "mounting",
-    "compass",
-    "compass_mounting",
-    "compass_wiring",
-    "interference",
-    "vibration",
-    "declination",
-    "trim",
-    "gaps",
-    "gnss",
-    "bus",
-    "clock",
-    "gyro_scale",
-    "temperature",
-]
-
 # Remedies for any firmware.
-GENERAL_REMEDIES: Mapping[Fault, str] = {
+GENERAL_REMEDIES: Mapping[str, str] = {
     "gyro_bias": "Calibrate the gyro, and keep it still as it starts.",
     "accelerometer": "Calibrate the accelerometer in six positions.",
     "mounting": "Check the mounting and the orientation that is set, then calibrate the level.",
@@ -300,7 +277,7 @@ class FirmwareRemedy(NamedTuple):
     A ``text`` that begins with a blank continues the general remedy. An empty one removes it.
     """
 
-    fault: Fault
+    fault: str
     parameter: str
     text: str
     only: float | None = None
@@ -335,29 +312,16 @@ FIRMWARE_REMEDIES: dict[str, tuple[FirmwareRemedy, ...]] = {
 }
 
 
-def firmware_remedies(firmware: str, values: Mapping[str, float], slot: object = "") -> dict[Fault, str]:
-    """Return the remedies for a vehicle with these parameters; only parameters of the log are named."""
-    found = dict(GENERAL_REMEDIES)
-    for fault, template, text, only in FIRMWARE_REMEDIES.get(firmware, ()):
-        name = template.format(slot=slot)
-        if name not in values or only not in (None, values[name]):
-            continue
-        said = text.format(p=name, v=f"{values[name]:g}")
-        found[fault] = GENERAL_REMEDIES[fault] + said if said.startswith(" ") else said
-        if not said:
-            del found[fault]
-    return found
+def remedy(settings: VehicleSettings, fault: str, compass: int, device: str | None) -> str:
+    """Return what to do about a fault, empty where nothing helps; only parameters of the log are named.
 
-
-def compass_switches(values: Mapping[str, float]) -> dict[int, str]:
-    """Return ArduPilot's parameters that enable a compass, by its index."""
-    names = dict(enumerate(("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")))
-    return {index: name for index, name in names.items() if name in values}
-
-
-def compass_first(values: Mapping[str, float]) -> str:
-    """Return the parameter of the compass with which NavEKF2 starts (``InitialiseVariablesMag``), used or not.
-
-    Empty since 4.1, where the first enabled one counts.
+    ``compass``, ``device``: index and device id of the compass in use.
     """
-    return "COMPASS_PRIMARY" if "COMPASS_PRIMARY" in values else ""
+    text, values = GENERAL_REMEDIES.get(fault, ""), settings.values
+    slot: object = slot_suffix(compass + 1) if settings.kind == "ArduPilot" else px4_slot_in_use(values, device)
+    for known, template, words, only in FIRMWARE_REMEDIES.get(settings.kind, ()):
+        name = template.format(slot=slot)
+        if known == fault and name in values and only in (None, values[name]):
+            said = words.format(p=name, v=f"{values[name]:g}")
+            text = GENERAL_REMEDIES[fault] + said if said.startswith(" ") else said
+    return text

@@ -10,65 +10,28 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.flight.advice import version_number
-from attlog.flight.model import Array, Mag
+from attlog.flight.vehicle import version_number
+
+Array = NDArray[np.float64]
 
 # --- mounting ----------------------------------------------------------------------------------------------------
 #
 # Numbers of MAV_SENSOR_ORIENTATION, shared by PX4 and ArduPilot: MAVLink common.xml, PX4 src/lib/conversion/rotation.h.
 
-# Roll, pitch, yaw of the sensor or board in the vehicle, by number.
-MOUNTING_EULER_DEG = (
-    (0, 0, 0),
-    (0, 0, 45),
-    (0, 0, 90),
-    (0, 0, 135),
-    (0, 0, 180),
-    (0, 0, 225),
-    (0, 0, 270),
-    (0, 0, 315),
-    (180, 0, 0),
-    (180, 0, 45),
-    (180, 0, 90),
-    (180, 0, 135),
-    (0, 180, 0),
-    (180, 0, 225),
-    (180, 0, 270),
-    (180, 0, 315),
-    (90, 0, 0),
-    (90, 0, 45),
-    (90, 0, 90),
-    (90, 0, 135),
-    (270, 0, 0),
-    (270, 0, 45),
-    (270, 0, 90),
-    (270, 0, 135),
-    (0, 90, 0),
-    (0, 270, 0),
-    (0, 180, 90),
-    (0, 180, 270),
-    (90, 90, 0),
-    (180, 90, 0),
-    (270, 90, 0),
-    (90, 180, 0),
-    (270, 180, 0),
-    (90, 270, 0),
-    (180, 270, 0),
-    (270, 270, 0),
-    (90, 180, 90),
-    (90, 0, 270),
-    (90, 68, 293),
-    (0, 315, 0),
-    (90, 315, 0),
-    (270, 0, 180),
-    (270, 0, 270),
-    (0, 90, 180),
-    (0, 9, 180),
-    (0, 45, 0),
-    (270, 0, 225),
-    (270, 0, 315),
+# Roll, pitch, yaw in deg of the sensor or board in the vehicle, by number.
+MOUNTING_EULER_DEG = tuple(
+    tuple(map(int, angles.split(",")))
+    for angles in (
+        "0,0,0 0,0,45 0,0,90 0,0,135 0,0,180 0,0,225 0,0,270 0,0,315 "
+        "180,0,0 180,0,45 180,0,90 180,0,135 0,180,0 180,0,225 180,0,270 180,0,315 "
+        "90,0,0 90,0,45 90,0,90 90,0,135 270,0,0 270,0,45 270,0,90 270,0,135 "
+        "0,90,0 0,270,0 0,180,90 0,180,270 90,90,0 180,90,0 270,90,0 90,180,0 "
+        "270,180,0 90,270,0 180,270,0 270,270,0 90,180,90 90,0,270 90,68,293 0,315,0 "
+        "90,315,0 270,0,180 270,0,270 0,90,180 0,9,180 0,45,0 270,0,225 270,0,315"
+    ).split()
 )
 
 
@@ -256,6 +219,19 @@ def ardupilot_compass(values: Values, index: int) -> Calibration:
     )
 
 
+# NavEKF2 starts with this compass, enabled or not (``InitialiseVariablesMag``); since 4.1 with the first enabled one.
+FIRST_COMPASS = "COMPASS_PRIMARY"
+
+
+def compass_switches(values: Values, other: int, used: int) -> dict[str, float]:
+    """Return ArduPilot's parameters that use one compass instead of another, empty where the log lacks a switch."""
+    names = [f"COMPASS_USE{slot_suffix(index + 1)}" for index in (other, used)]
+    if not all(name in values for name in names):
+        return {}
+    wanted = dict(zip(names, (1.0, 0.0), strict=True))
+    return wanted | {FIRST_COMPASS: float(other)} if FIRST_COMPASS in values else wanted
+
+
 def ardupilot_motor_type(values: Values, index: int, power: str) -> dict[str, float]:
     """Return what to set beside COMPASS_MOT for another ``power``. CalibrationUnknownError otherwise."""
     slot = compass_slot(values, index)
@@ -323,10 +299,10 @@ def px4_slot(kind: str, values: Values, device_id: int) -> int | None:
     return next((n for n in range(PX4_SLOTS) if values.get(f"CAL_{kind}{n}_ID") == device_id), None)
 
 
-def px4_slot_in_use(values: Values, mag: Mag | None) -> int | None:
-    """Return the calibration slot of a compass by its device; of one without a device the only enabled slot."""
-    if mag is not None and mag.device is not None and mag.device.isdigit():
-        return px4_slot("MAG", values, int(mag.device))
+def px4_slot_in_use(values: Values, device: str | None) -> int | None:
+    """Return the slot of a compass by its device; of one without a device the only enabled slot."""
+    if device is not None and device.isdigit():
+        return px4_slot("MAG", values, int(device))
     slots = [n for n in range(PX4_SLOTS) if values.get(f"CAL_MAG{n}_ID")]
     slots = [n for n in slots if values.get(f"CAL_MAG{n}_EN", 1.0) != 0 and values.get(f"CAL_MAG{n}_PRIO", 1.0) != 0]
     return slots[0] if len(slots) == 1 else None

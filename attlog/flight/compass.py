@@ -9,6 +9,7 @@ from attlog.core import rotation
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder
+from attlog.flight.frozen import turned_deg
 from attlog.flight.imu import as_sentence
 from attlog.flight.model import Array, Imu, Mag, Severity
 
@@ -77,21 +78,10 @@ def dead_reason(mag: Mag, imu: Imu | None) -> str:
     if len(x) == 0 or not x.any():
         return "all its values are zero"
     if len(x) >= 10 and not np.ptp(x, axis=0).any() and imu is not None:
-        turned = turned_deg(imu, float(mag.field.t[0]), float(mag.field.t[-1]))
+        turned = turned_deg(imu.gyro, float(mag.field.t[0]), float(mag.field.t[-1]))
         if turned > MIN_TURN_DEG:
             return f"its values never change while the gyro turns by {turned:.0f} deg"
     return ""
-
-
-def turned_deg(imu: Imu, t0: float, t1: float) -> float:
-    """Return the largest excursion in deg of the integrated gyro about any axis between two times."""
-    t, x = imu.gyro.t, imu.gyro.x
-    inside = (t >= t0) & (t <= t1)
-    if inside.sum() < 2:
-        return 0.0
-    dt = np.minimum(np.diff(t[inside]), 0.5)
-    rate = x[inside][1:] - np.median(x[inside], axis=0)
-    return float(np.degrees(np.ptp(np.cumsum(rate * dt[:, None], axis=0), axis=0).max()))
 
 
 def choose_mag(builder: LogBuilder, preferred: int | None, why: str, asked: int | str | None) -> int | None:

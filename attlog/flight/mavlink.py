@@ -22,7 +22,7 @@ import numpy as np
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.core.timestamps import Stamps, changed_records
 from attlog.flight import limits, parameters
-from attlog.flight.advice import LoggingSettings
+from attlog.flight.advice import VehicleSettings
 from attlog.flight.ardupilot import reader as ardupilot
 from attlog.flight.ardupilot import vehicle
 from attlog.flight.ardupilot.imu import filter_cutoffs
@@ -209,7 +209,7 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
     candidates = best_per_unit(builder, read_optional("The inertial messages", partial(imu_candidates, builder), []))
     log.firmware = read_optional("The firmware", partial(read_firmware, builder), Firmware("unknown autopilot"))
     suffix = {"PX4": ".ulg", "ArduPilot": ".bin"}.get(log.firmware.name, ".bin or .ulg")
-    log.logging = LoggingSettings("telemetry", name=suffix)
+    log.settings = VehicleSettings("telemetry", name=suffix)
     boot = builder.clock.boot
     add_imus(builder, candidates, 0, "the first one", imu, lambda: int(boot[0]) if len(boot) else 0)
     log.mags = read_optional("The magnetometer", partial(magnetometers, builder), [])

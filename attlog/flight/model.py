@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import guarded
-from attlog.flight.advice import GENERAL_REMEDIES, Fault, LoggingNeed, LoggingSettings, advise_rest, logging_advice
+from attlog.flight.advice import LoggingNeed, VehicleSettings, advise_rest, logging_advice, remedy
 from attlog.flight.vehicle import VehicleKind, vehicle_kind
 
 Array = NDArray[np.float64]
@@ -462,9 +462,7 @@ class FlightLog:
     external attitude. ``poses``: attitudes of motion capture or vision by topic, in their own axes. ``true_heading``
     (n, 1) rad: an external heading. ``rangefinder`` (n, 1) m: distance to the ground within the sensor's range.
     ``utc_offset`` (s) turns ``t`` into Unix time. ``vehicle``: its usual name, ``kind`` its abilities. ``texts``:
-    messages of the autopilot (t, syslog level, text). ``logging``: settings of the vehicle's logger. ``remedies``: what
-    to do about a fault. ``compass_switches``: the parameter that enables a compass, by its index. ``compass_first``:
-    the parameter of the compass with which an estimator starts.
+    messages of the autopilot (t, syslog level, text). ``settings``: what advice on the vehicle's settings is based on.
     """
 
     path: Path
@@ -495,10 +493,7 @@ class FlightLog:
     parameters: Parameters = field(default_factory=Parameters)
     estimator: OnboardEstimator = field(default_factory=OnboardEstimator)
     vibration: Vibration = field(default_factory=Vibration)
-    logging: LoggingSettings | None = None
-    remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL_REMEDIES))
-    compass_switches: dict[int, str] = field(default_factory=dict)
-    compass_first: str = ""
+    settings: VehicleSettings = field(default_factory=VehicleSettings)
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     boot: int = 0
     boots: int = 1
@@ -533,7 +528,12 @@ class FlightLog:
         """
         if what == "rest" and self.begins_disarmed:
             return advise_rest("The log begins before arming already")
-        return "" if self.logging is None else logging_advice(self.logging, what, rate)
+        return logging_advice(self.settings, what, rate)
+
+    def remedy(self, fault: str) -> str:
+        """Return what to do about a fault by the vehicle's parameters, empty where nothing helps."""
+        mag = None if self.mag is None else self.mags[self.mag]
+        return remedy(self.settings, fault, 0 if mag is None else mag.index, None if mag is None else mag.device)
 
     @property
     def begins_disarmed(self) -> bool:

@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from attlog.flight.advice import GYRO_FIFO, version_number
+from attlog.flight.advice import GYRO_FIFO
 from attlog.flight.model import FlightLog
+from attlog.flight.vehicle import version_number
 
 # --- notches that flew -------------------------------------------------------------------------------------------
 

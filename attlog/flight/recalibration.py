@@ -16,9 +16,9 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.flight import calibration
-from attlog.flight.advice import version_number
 from attlog.flight.calibration import Calibration, CalibrationUnknownError
 from attlog.flight.model import Array, FlightLog, Imu, Mag, Problem, Stream
+from attlog.flight.vehicle import version_number
 
 # A log that begins armed may tell parameters that were changed at its start up to 0.2 s later.
 BOOT_CHANGES_S = 1.0

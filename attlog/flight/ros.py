@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.timestamps import Stamps
-from attlog.flight.advice import LoggingSettings
+from attlog.flight.advice import VehicleSettings
 from attlog.flight.builder import LogBuilder, Part, columns
 from attlog.flight.compass import build_mag, choose_mag
 from attlog.flight.gnss import build_gnss
@@ -74,7 +74,7 @@ def read(messages: Messages, imu: int | None, mag: int | str | None) -> FlightLo
         return log
     builder = BagBuilder(messages)
     log, read_optional = builder.log, builder.read_optional
-    log.firmware, log.logging = Firmware("ROS 2"), LoggingSettings("bag")
+    log.firmware, log.settings = Firmware("ROS 2"), VehicleSettings("bag")
     candidates = best_per_unit(builder, read_optional("The inertial messages", partial(imu_candidates, builder), []))
     why = "the topic with most records, raw before fused" if len(candidates) > 1 else "the only one"
     add_imus(builder, candidates, 0, why, imu, lambda: 0)

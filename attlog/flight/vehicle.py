@@ -6,6 +6,7 @@ families, FRAME_CLASS and ``mode.h`` of each vehicle. Numbers that PX4 gave a se
 
 from __future__ import annotations
 
+import re
 from enum import Enum
 
 
@@ -106,6 +107,12 @@ def px4_version(number: int) -> str:
     version = f"{number >> 24}.{number >> 16 & 0xFF}.{number >> 8 & 0xFF}"
     kind = RELEASE_TYPES.get(number & 0xFF, f"type {number & 0xFF}")
     return f"{version} {kind}" if kind else version
+
+
+def version_number(version: str) -> tuple[int, int]:
+    """Return major and minor number of a version text, (0, 0) without any."""
+    match = re.search(r"(\d+)\.(\d+)", version)
+    return (int(match[1]), int(match[2])) if match else (0, 0)
 
 
 # --- flight modes -----------------------------------------------------------------------------------------------

@@ -393,7 +393,7 @@ def _offset_check(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias)
         if not found.why_no_setting:
             offered = accelerometer_proposal(case.log, imu, np.where(off, bias.mean, 0.0))
             found.settings, found.why_no_setting = offered.settings, offered.refused
-        found.action = SET_ADVICE if found.settings else case.log.remedies.get("accelerometer", "")
+        found.action = SET_ADVICE if found.settings else case.log.remedy("accelerometer")
     return found
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from attlog.core import rotation
 from attlog.core.spans import inside
 from attlog.flight import compass
+from attlog.flight.calibration import FIRST_COMPASS, compass_switches
 from attlog.flight.model import Array, Attitude, FlightLog, Mag
 from attlog.flight.parameters import looks_up_declination
 from attlog.health import settings as parameters
@@ -628,16 +629,8 @@ def was_calibrated(mag: Mag) -> bool:
 
 
 def switch_parameters(log: FlightLog, other: Mag, used: Mag) -> dict[str, float]:
-    """What uses one compass instead of another, of what changes; empty where the log does not hold both switches.
-
-    An estimator that starts with the first one (``FlightLog.compass_first``) has none if that is only switched off.
-    """
-    names = [log.compass_switches.get(mag.index, "") for mag in (other, used)]
-    if not all(names):
-        return {}
-    wanted = dict(zip(names, (1.0, 0.0), strict=True))
-    if log.compass_first:
-        wanted[log.compass_first] = float(other.index)
+    """Return the parameters that change to use another compass, empty where the log lacks a switch."""
+    wanted = compass_switches(log.settings.values, other.index, used.index)
     return {name: value for name, value in wanted.items() if log.param(name) != value}
 
 
@@ -650,7 +643,8 @@ def _offer_switch(log: FlightLog, answer: Check, other: Mag, used: Mag) -> None:
         return
     answer.settings = [Setting(name, log.param(name), new) for name, new in switch_parameters(log, other, used).items()]
     if not answer.settings:
-        how = f"set {log.compass_first} to {other.index}" if log.compass_first else "give that one a higher priority"
+        first = FIRST_COMPASS in log.settings.values
+        how = f"set {FIRST_COMPASS} to {other.index}" if first else "give that one a higher priority"
         answer.why_no_setting = f"The log holds no parameter that switches a compass: {how}."
         return
     changes = " and ".join(f"{setting.name} {setting.new:.0f}" for setting in answer.settings)

@@ -68,7 +68,7 @@ def interference_check(log: FlightLog, segments: Segments, mag: Mag) -> Check:
     best.source = "correlation in flight; ardupilot.org, Magnetic Interference"
     if best.is_trouble:
         best.why_no_setting = "Without a heading by motion no value is known. Fly with GNSS, turning and braking."
-        best.action = log.remedies.get("interference", MOVE_ADVICE)
+        best.action = log.remedy("interference") or MOVE_ADVICE
     return best
 
 

@@ -165,7 +165,7 @@ def check_sign(check: Check, log: FlightLog, severity: Weight | None = None) -> 
         usual = "warning"
     action = settings_text(check) or check.action or check.why_no_setting or _logging_advice(check, log)
     if severity is None and row.remedy is not None:
-        action = log.remedies.get(row.remedy, "")
+        action = log.remedy(row.remedy)
     harmless = check.question == "compass_motors" and not (check.action or check.settings)  # turns no heading
     return Finding(
         check.kind or row.kind,
@@ -319,7 +319,7 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             sign = replace(sign, about=about, action=EVENT_ACTIONS.get(event.kind, ""))
             if about == "vibration":
                 row = CHECKS["vibration_level"]
-                sign = replace(sign, cause=row.cause, action=log.remedies.get("vibration", ""))
+                sign = replace(sign, cause=row.cause, action=log.remedy("vibration"))
             found.append(sign)
     counted = [sign for sign in found if sign.kind == "crash" or not _is_within(sign.t, wrecks)]
     return [replace(sign, evidence=sign.evidence[:MAX_EVIDENCE]) for sign in counted]
@@ -614,7 +614,7 @@ def note_small_jumps(signs: Signs, context: Context) -> Signs:
 
 def explain_small_tilts(signs: Signs, context: Context) -> Signs:
     """Explain a small angle to gravity by the accelerometer: mountings turn by more."""
-    action = context.log.remedies.get("accelerometer", "")
+    action = context.log.remedy("accelerometer")
     return [
         replace(s, kind="accelerometer", cause=LEVEL_CAUSE, action=action)
         if s.about == "gravity_direction" and s.severity == "warning"

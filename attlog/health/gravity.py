@@ -297,5 +297,5 @@ def _rest_check(case: HealthCase, imu: Imu, found: Blocks) -> Check:
     if check.is_trouble:
         scale = f"Scale {size / g:.3f} or an offset: one position cannot show which." if np.isfinite(size) else ""
         check.why_no_setting = f"{scale} Log six positions, or a flight with GNSS.".strip()
-        check.action = case.log.remedies.get("accelerometer", "")
+        check.action = case.log.remedy("accelerometer")
     return check

@@ -73,7 +73,7 @@ def turn_checks(case: HealthCase) -> list[Check]:
         check.sensor = imu.gyro.source
         if check.is_trouble:
             check.why_no_setting = NO_SCALE_SETTING if check is scale else NO_BIAS_SETTING
-            check.action = case.log.remedies.get("gyro_scale" if check is scale else "bus", "")
+            check.action = case.log.remedy("gyro_scale" if check is scale else "bus")
     if scale.verdict == "unknown":
         scale.action = TURN_ADVICE
     return [scale, step]
@@ -385,7 +385,7 @@ def _bias_check(case: HealthCase, imu: Imu) -> Check | None:
         if short.t is not None:
             found.text, found.t, found.evidence = short.text, short.t, [text, *found.evidence]
     if found.is_trouble:
-        found.why_no_setting, found.action = NO_BIAS_SETTING, case.log.remedies.get("gyro_bias", "")
+        found.why_no_setting, found.action = NO_BIAS_SETTING, case.log.remedy("gyro_bias")
     return found
 
 

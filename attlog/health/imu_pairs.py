@@ -150,12 +150,12 @@ def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
         return None
     worst = max(every, key=lambda one: one.size - SIGMAS * one.unsure)
     verdict: Verdict = "ok"
-    wrong, why, remedy = None, "", case.log.remedies.get("accelerometer" if kind == "acc" else "gyro_bias", "")
+    wrong, why, remedy = None, "", case.log.remedy("accelerometer" if kind == "acc" else "gyro_bias")
     if worst.size > max(limits.off, SIGMAS * worst.unsure):
         verdict = "fault" if worst.size - 1.96 * worst.unsure > limits.far else "warning"
         if worst.phase == IN_FLIGHT and any(d.size + 1.96 * d.unsure <= limits.off for d in every):
             verdict, why = "warning", "On the ground they agree, so vibration parts them."
-            remedy = case.log.remedies.get("vibration", "")
+            remedy = case.log.remedy("vibration")
         else:
             wrong, why = _faulty_imu(case, kind, a, b, worst.middle)
     text = f"{b.acc.source} and {a.acc.source} differ by {worst.text(limits.unit)} ({axes_text(worst.middle)})."

@@ -221,7 +221,7 @@ def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | Non
         told.evidence.insert(0, f"{text}.")
         told.cause = REJECTION_CAUSES[one.aid]
         if one.aid == "compass":
-            told.kind, told.action = "compass", case.log.remedies.get("compass", "")
+            told.kind, told.action = "compass", case.log.remedy("compass")
         if rejection is not None:
             told.evidence.insert(0, told.text)
             told.text, told.count = rejection.text, len(rejection.spans)

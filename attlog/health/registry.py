@@ -8,7 +8,6 @@ from functools import partial
 
 from attlog.core.errors import guarded
 from attlog.core.log_cache import log_cache
-from attlog.flight.advice import Fault
 from attlog.health import (
     accelerometer,
     attitude,
@@ -36,7 +35,7 @@ class Row:
     """One question: what it is called, what makes it, and what a warning or a fault of it means.
 
     ``kind``: kind of finding; ``warning``, ``fault``: its severity by verdict; ``cause``: usual cause; ``remedy``: key
-    of :attr:`FlightLog.remedies`, None where the check itself names the action.
+    of :meth:`FlightLog.remedy`, None where the check itself names the action.
     """
 
     title: str
@@ -45,7 +44,7 @@ class Row:
     warning: Weight = "warning"
     fault: Weight = "warning"
     cause: str = ""
-    remedy: Fault | None = None
+    remedy: str | None = None
 
 
 _STOPPED = "The sensor, its driver or its bus stopped."

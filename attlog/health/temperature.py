@@ -154,5 +154,5 @@ def _slope_assessment(case: HealthCase, imu: Imu, question: str, line: Temperatu
         threshold=GYRO_LIMIT if is_gyro else ACC_LIMIT,
         source=SOURCE,
         why_no_setting="A calibration over temperature measures it, a flight does not." if verdict != "ok" else "",
-        action=case.log.remedies.get("temperature", "") if verdict != "ok" else "",
+        action=case.log.remedy("temperature") if verdict != "ok" else "",
     )

@@ -10,6 +10,7 @@ from attlog.core import rotation
 from attlog.core.spans import Span, intersect, seconds
 from attlog.core.timestamps import gap_indices
 from attlog.flight import compass
+from attlog.flight.frozen import equal_runs, turned_deg
 from attlog.flight.imu import LOW_RATE_HZ, REPLAY_MIN_HZ, is_replayable_rate
 from attlog.flight.model import Array, FlightLog, Gnss, Stream
 from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded
@@ -211,13 +212,7 @@ def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
         return []
     x = stream.x.reshape(len(stream.t), -1)
     t, x = model.select_good(rotation.finite_rows(x), stream.t, x)
-    changed = np.zeros(max(len(t) - 1, 0), bool)
-    for column in x.T:  # one at a time: of gigabytes copies add up
-        changed |= column[1:] != column[:-1]
-    edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(t)]])
-    long = np.flatnonzero(np.diff(edges) >= MIN_FROZEN_RECORDS)
-    spans = [(float(t[edges[k]]), float(t[edges[k + 1] - 1])) for k in long]
-    return [(a, b) for a, b in spans if b - a >= least_s]
+    return [(float(t[a]), float(t[b - 1])) for a, b in equal_runs(t, x, MIN_FROZEN_RECORDS, least_s)]
 
 
 def frozen_compass(log: FlightLog) -> list[Span]:
@@ -228,7 +223,7 @@ def frozen_compass(log: FlightLog) -> list[Span]:
     return [
         s
         for s in frozen_spans(log.mags[log.mag].field, FROZEN_MAG_S)
-        if compass.turned_deg(imu, *s) > compass.MIN_TURN_DEG
+        if turned_deg(imu.gyro, *s) > compass.MIN_TURN_DEG
     ]
 
 

@@ -8,21 +8,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 
 from attlog import flight
-from attlog.flight.advice import (
-    LoggingNeed,
-    LoggingSettings,
-    compass_first,
-    compass_switches,
-    firmware_remedies,
-    logging_advice,
-)
-from attlog.flight.calibration import px4_slot_in_use
-from attlog.flight.model import Mag, Stream
+from attlog.flight.advice import GENERAL_REMEDIES, LoggingNeed, VehicleSettings, logging_advice, remedy
+from attlog.flight.calibration import compass_switches
 
 COPTER = (
     "0:Fast Attitude,1:Medium Attitude,2:GPS,3:System Performance,4:Control Tuning,5:Navigation Tuning,6:RC input,"
@@ -55,7 +47,7 @@ def bits(family: str) -> dict[str, int]:
 
 
 def ardupilot(family: str, version: str, values: dict[str, float], what: LoggingNeed, rate: float | None = None) -> str:
-    return logging_advice(LoggingSettings("ArduPilot", version, family, values), what, rate)
+    return logging_advice(VehicleSettings("ArduPilot", version, family, values), what, rate)
 
 
 def modern(family: str, mask: int, what: LoggingNeed, rate: float | None = None, **values: float) -> str:
@@ -64,7 +56,7 @@ def modern(family: str, mask: int, what: LoggingNeed, rate: float | None = None,
 
 
 def px4(version: str, values: dict[str, float], what: LoggingNeed, rate: float | None = None) -> str:
-    return logging_advice(LoggingSettings("PX4", version, values=values), what, rate)
+    return logging_advice(VehicleSettings("PX4", version, values=values), what, rate)
 
 
 def named(sentence: str) -> dict[str, int]:
@@ -226,7 +218,7 @@ def test_a_unit_whose_records_are_mostly_refused_is_no_flight(corpus: Path) -> N
 
 
 def test_a_program_that_is_no_autopilot_is_told_by_its_name_without_settings() -> None:
-    settings = LoggingSettings("other", name="ULogExampleWriter")
+    settings = VehicleSettings("other", name="ULogExampleWriter")
     assert logging_advice(settings, "imu").startswith("ULogExampleWriter wrote it")
     needs: tuple[LoggingNeed, ...] = ("fast_imu", "attitude", "mag", "rest")
     assert [logging_advice(settings, what) for what in needs] == [""] * 4
@@ -235,48 +227,66 @@ def test_a_program_that_is_no_autopilot_is_told_by_its_name_without_settings() -
 # Which parameters switch a compass: by the firmware's own names, where the log holds them.
 
 
-def test_switches_are_those_that_the_log_holds() -> None:
-    assert compass_switches({"COMPASS_USE": 1.0, "COMPASS_USE3": 0.0}) == {0: "COMPASS_USE", 2: "COMPASS_USE3"}
+@pytest.mark.parametrize(
+    ("values", "wanted"),
+    [
+        ({"COMPASS_USE": 1.0}, {}),
+        ({"COMPASS_USE": 1.0, "COMPASS_USE2": 0.0}, {"COMPASS_USE2": 1.0, "COMPASS_USE": 0.0}),
+        (
+            {"COMPASS_USE": 1.0, "COMPASS_USE2": 0.0, "COMPASS_PRIMARY": 0.0},
+            {"COMPASS_USE2": 1.0, "COMPASS_USE": 0.0, "COMPASS_PRIMARY": 1.0},
+        ),
+    ],
+)
+def test_another_compass_is_used_by_the_switches_of_the_log(values: dict[str, float], wanted: dict[str, float]) -> None:
+    assert compass_switches(values, 1, 0) == wanted
 
 
-def test_firmware_before_priorities_has_a_first_compass() -> None:
-    assert compass_first({"COMPASS_PRIMARY": 0.0}) == "COMPASS_PRIMARY"
-    assert compass_first({"COMPASS_PRIO1_ID": 97539.0}) == ""
-
-
-def test_the_orientation_that_is_named_is_that_of_the_compass_in_use() -> None:
-    values = {"COMPASS_ORIENT": 4.0, "COMPASS_ORIENT2": 0.0}
-    assert "COMPASS_ORIENT 4," in firmware_remedies("ArduPilot", values)["compass_mounting"]
-    assert "COMPASS_ORIENT2 0," in firmware_remedies("ArduPilot", values, 2)["compass_mounting"]
-    assert "COMPASS_ORIENT" not in firmware_remedies("ArduPilot", values, 3)["compass_mounting"]
-
-
-# Which rotation of a compass is named: that of the slot of the one in use.
+# Remedies: only parameters of the log are named, those of the compass in use, and none that is set already.
 
 SLOTS = {"CAL_MAG0_ID": 589858.0, "CAL_MAG0_ROT": -1.0, "CAL_MAG1_ID": 592905.0, "CAL_MAG1_ROT": 6.0}
-
-
-def compass(device: str | None) -> Mag:
-    return Mag(0, Stream(np.zeros(1), np.zeros((1, 3)), "T", "FRD", "vehicle_magnetometer:0"), device=device)
+ONE_SLOT = {"CAL_MAG0_ID": 5.0, "CAL_MAG0_ROT": 0.0, "CAL_MAG1_ID": 0.0, "CAL_MAG1_ROT": -1.0}
+ORIENTATIONS = {"COMPASS_ORIENT": 4.0, "COMPASS_ORIENT2": 0.0}
 
 
 @pytest.mark.parametrize(
-    ("values", "device", "named"),
+    ("kind", "fault", "values", "compass", "device", "named"),
     [
-        (SLOTS, "592905", "CAL_MAG1_ROT 6,"),
-        (SLOTS, "589858", "CAL_MAG0_ROT -1,"),
-        (SLOTS, "7", ""),
-        (SLOTS, None, ""),
-        (SLOTS | {"CAL_MAG0_EN": 0.0, "CAL_MAG1_EN": 1.0}, None, "CAL_MAG1_ROT 6,"),
-        (SLOTS | {"CAL_MAG0_PRIO": 0.0, "CAL_MAG1_PRIO": 75.0}, None, "CAL_MAG1_ROT 6,"),
-        ({"CAL_MAG0_ID": 5.0, "CAL_MAG0_ROT": 0.0, "CAL_MAG1_ID": 0.0, "CAL_MAG1_ROT": -1.0}, None, "CAL_MAG0_ROT 0,"),
+        ("PX4", "compass_mounting", SLOTS, 0, "592905", "CAL_MAG1_ROT 6,"),
+        ("PX4", "compass_mounting", SLOTS, 0, "589858", "CAL_MAG0_ROT -1,"),
+        ("PX4", "compass_mounting", SLOTS, 0, "7", ""),
+        ("PX4", "compass_mounting", SLOTS, 0, None, ""),
+        ("PX4", "compass_mounting", SLOTS | {"CAL_MAG0_EN": 0.0, "CAL_MAG1_EN": 1.0}, 0, None, "CAL_MAG1_ROT 6,"),
+        ("PX4", "compass_mounting", SLOTS | {"CAL_MAG0_PRIO": 0.0, "CAL_MAG1_PRIO": 75.0}, 0, None, "CAL_MAG1_ROT 6,"),
+        ("PX4", "compass_mounting", ONE_SLOT, 0, None, "CAL_MAG0_ROT 0,"),
+        ("ArduPilot", "compass_mounting", ORIENTATIONS, 0, None, "COMPASS_ORIENT 4,"),
+        ("ArduPilot", "compass_mounting", ORIENTATIONS, 1, None, "COMPASS_ORIENT2 0,"),
+        ("ArduPilot", "compass_mounting", ORIENTATIONS, 2, None, ""),
+        ("telemetry", "compass_mounting", ORIENTATIONS, 0, None, ""),
+        ("ArduPilot", "declination", {"COMPASS_AUTODEC": 0.0}, 0, None, "Set COMPASS_AUTODEC to 1."),
+        ("ArduPilot", "declination", {"COMPASS_AUTODEC": 1.0}, 0, None, ""),
+        ("ArduPilot", "gyro_bias", {"INS_GYR_CAL": 1.0}, 0, None, ""),
+        (
+            "ArduPilot",
+            "interference",
+            {"COMPASS_MOTCT": 0.0},
+            0,
+            None,
+            "power wires. Then run compassmot (COMPASS_MOTCT",
+        ),
+        ("ArduPilot", "temperature", {"INS_TCAL1_ENABLE": 0.0}, 0, None, "INS_TCAL1_ENABLE is 0"),
+        ("PX4", "temperature", {"TC_G_ENABLE": 1.0}, 0, None, "TC_G_ENABLE is 1"),
+        ("PX4", "vibration", {"IMU_GYRO_DNF_EN": 0.0}, 0, None, ""),
     ],
 )
-def test_the_rotation_that_is_named_is_that_of_the_compass_in_use(
-    values: dict[str, float], device: str | None, named: str
+def test_a_remedy_names_the_parameter_that_helps(
+    kind: Any, fault: str, values: dict[str, float], compass: int, device: str | None, named: str
 ) -> None:
-    """A vehicle flew on its second compass and was told to compare the first one's rotation."""
-    slot = px4_slot_in_use(values, compass(device))
-    said = firmware_remedies("PX4", values, slot)["compass_mounting"]
+    said = remedy(VehicleSettings(kind, values=values), fault, compass, device)
     assert named in said
-    assert bool(named) is ("_ROT" in said)
+    general = "" if fault == "declination" and values == {"COMPASS_AUTODEC": 1.0} else GENERAL_REMEDIES[fault]
+    assert named or said == general
+
+
+def test_an_unknown_fault_has_no_remedy() -> None:
+    assert remedy(VehicleSettings(), "other", 0, None) == ""

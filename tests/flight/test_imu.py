@@ -12,7 +12,8 @@ import attlog
 from attlog import flight
 from attlog.flight import calibration, imu
 from attlog.flight.builder import LogBuilder
-from attlog.flight.compass import dead_reason, field_spikes, turned_deg
+from attlog.flight.compass import dead_reason, field_spikes
+from attlog.flight.frozen import turned_deg
 from attlog.flight.imu import ImuCandidate, best_per_unit, validate_candidate
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
 from attlog.flight.px4 import imu as imus
@@ -270,7 +271,7 @@ def compass(field: np.ndarray) -> Mag:
 
 @pytest.mark.parametrize(("deg", "is_dead"), [(10.0, False), (25.0, True)])
 def test_a_field_that_never_changes_is_none_only_where_the_vehicle_turns(deg: float, is_dead: bool) -> None:
-    assert turned_deg(turning(deg), 0.0, 10.0) == pytest.approx(deg, rel=0.02)
+    assert turned_deg(turning(deg).gyro, 0.0, 10.0) == pytest.approx(deg, rel=0.02)
     assert bool(dead_reason(compass(np.array([2e-5, 0.0, 4e-5])), turning(deg))) is is_dead
 
 

@@ -42,7 +42,7 @@ def test_what_is_ok_or_unknown_offers_no_action() -> None:
 def test_a_disputed_value_is_no_action() -> None:
     other = replace(REFUSED, settings=[Setting("COMPASS_OFS_X", -12.0, 99.0)])
     (found,) = of("compass", FIELD, OFFSET, other)
-    assert found.action == LOG.remedies["interference"]
+    assert found.action == LOG.remedy("interference")
 
 
 def test_a_check_that_names_its_parameters_is_quoted() -> None:
@@ -62,7 +62,7 @@ def test_what_a_check_of_the_compass_advises_wins_with_its_cause() -> None:
 def test_of_other_sensors_the_usual_remedy_stays() -> None:
     shaken = Check("vibration_level", "warning", "It vibrates.", 4.0)
     (before,), (after,) = of("vibration", shaken), of("vibration", shaken, replace(shaken, action="X."))
-    assert after.action == before.action == LOG.remedies["vibration"]
+    assert after.action == before.action == LOG.remedy("vibration")
 
 
 def test_motors_that_turn_no_heading_are_no_cause() -> None:
@@ -70,7 +70,7 @@ def test_motors_that_turn_no_heading_are_no_cause() -> None:
     (found,) = of("compass", heading, REFUSED)
     assert "motors" not in found.cause + found.action
     assert REFUSED.text in found.evidence
-    assert found.action == LOG.remedies["compass"]
+    assert found.action == LOG.remedy("compass")
 
 
 def test_a_sensor_that_is_not_in_use_is_a_note_and_no_evidence_against_the_one_that_is() -> None:

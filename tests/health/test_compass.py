@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from attlog.flight.advice import VehicleSettings
 from attlog.flight.model import FlightLog, Gnss, TimeLine
 from attlog.health import compass
 from attlog.health import settings as parameters
@@ -21,14 +22,18 @@ from tests.health.made_compass import HOVER, case_of, empty_log, samples
 Vector = tuple[float, float, float]
 
 
+def set_parameters(log: FlightLog, **values: float) -> None:
+    log.settings = VehicleSettings("ArduPilot", values=values)
+    log.parameters.lines = {name: TimeLine(np.zeros(1), [value], "PARM") for name, value in values.items()}
+
+
 def two(one: Vector, other: Vector, switches: bool = True) -> tuple[HealthCase, list[CompassStudy]]:
     """A log with two compasses that are off by so much; the first is in use."""
     found = [study_samples(samples(offset, index=k)) for k, offset in enumerate((one, other))]
     studies = [study for study in found if study is not None]
     log: FlightLog = replace(empty_log(), mags=[study.samples.mag for study in studies], mag=0)
     if switches:
-        log.compass_switches = {0: "FIRST", 1: "SECOND"}
-        log.parameters.lines = {name: TimeLine(np.zeros(1), [1.0], "PARM") for name in ("FIRST", "SECOND")}
+        set_parameters(log, COMPASS_USE=1.0, COMPASS_USE2=1.0)
     flown = Segments([Segment("airborne", 20.0, 120.0)])
     return HealthCase(log, flown), studies
 
@@ -38,7 +43,7 @@ def test_a_much_better_compass_is_to_be_used_with_both_numbers() -> None:
     (found,) = compass.choice_checks(case, studies)
     assert found.verdict == "warning"
     assert found.text.startswith("MAG.0, in use, errs by ")
-    assert [(s.name, s.old, s.new) for s in found.settings] == [("FIRST", 1.0, 0.0)]  # the second is on already
+    assert [(s.name, s.old, s.new) for s in found.settings] == [("COMPASS_USE", 1.0, 0.0)]  # the second is on already
     assert len(found.evidence) == 2
 
 
@@ -59,10 +64,12 @@ def test_the_compass_in_use_stays_unless_it_is_much_worse(used: Vector, other: V
 def test_where_there_is_a_first_compass_the_switch_changes_it_too() -> None:
     """Firmware before 4.1 starts with it, and with no compass at all where it is switched off."""
     case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    case.log.compass_first = "PRIMARY"
-    case.log.parameters.lines["PRIMARY"] = TimeLine(np.zeros(1), [0.0], "PARM")
+    set_parameters(case.log, COMPASS_USE=1.0, COMPASS_USE2=1.0, COMPASS_PRIMARY=0.0)
     (found,) = compass.choice_checks(case, studies)
-    assert [(s.name, s.old, s.new) for s in found.settings] == [("FIRST", 1.0, 0.0), ("PRIMARY", 0.0, 1.0)]
+    assert [(s.name, s.old, s.new) for s in found.settings] == [
+        ("COMPASS_USE", 1.0, 0.0),
+        ("COMPASS_PRIMARY", 0.0, 1.0),
+    ]
 
 
 def test_a_better_compass_whose_offsets_are_zero_is_to_be_calibrated_first() -> None:

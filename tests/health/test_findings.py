@@ -272,17 +272,6 @@ def test_open_questions_are_one_entry(log: FlightLog) -> None:
     assert (one.text, one.action) == ("Not answered: lag, yaw drift.", "Fly steps.")
 
 
-def test_no_action_names_a_setting_that_is_made() -> None:
-    from attlog.flight.advice import firmware_remedies
-
-    assert "COMPASS_AUTODEC" not in firmware_remedies("ArduPilot", {"COMPASS_AUTODEC": 1.0}).get("declination", "")
-    assert firmware_remedies("ArduPilot", {"COMPASS_AUTODEC": 0.0})["declination"] == "Set COMPASS_AUTODEC to 1."
-    assert "INS_GYR_CAL" not in firmware_remedies("ArduPilot", {"INS_GYR_CAL": 1.0})["gyro_bias"]
-    for values in ({"INS_HNTCH_ENABLE": 0.0}, {"IMU_GYRO_DNF_EN": 0.0}):
-        for firmware in ("ArduPilot", "PX4"):
-            assert "notch" not in firmware_remedies(firmware, values)["vibration"]
-
-
 def test_every_fault_has_a_general_remedy() -> None:
     assert {row.remedy for row in CHECKS.values() if row.remedy} <= set(GENERAL_REMEDIES)
 
@@ -348,7 +337,7 @@ def test_what_was_reported_before_arming_and_before_the_first_sample_is_a_note(l
 
 # What signs about the onboard attitude stand for, once their common cause is known.
 
-LOG: Any = SimpleNamespace(remedies={"accelerometer": "Calibrate the level."}, simulated=False)
+LOG: Any = SimpleNamespace(remedy={"accelerometer": "Calibrate the level."}.get, simulated=False)
 
 
 def of(*signs: Finding, log: Any = LOG) -> list[Finding]:
@@ -411,7 +400,7 @@ def test_axes_of_the_force_that_are_wrong_leave_out_what_the_force_says_of_the_a
 
 
 def test_a_simulator_whose_frames_differ_has_no_mounting() -> None:
-    simulated: Any = SimpleNamespace(remedies={}, simulated=True)
+    simulated: Any = SimpleNamespace(remedy=str, simulated=True)
     (found,) = of(sign("mounting", "serious"), log=simulated)
     assert (found.kind, found.cause, found.action) == ("simulator", rules.FRAMES_CAUSE, "")
     assert of(sign("mounting", "note"), log=simulated)[0].kind == "mounting"

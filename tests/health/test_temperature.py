@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.flight.advice import firmware_remedies
 from attlog.flight.model import FlightLog, Stream
 from attlog.health import temperature
 from attlog.segments import Segment, Segments
@@ -69,10 +68,3 @@ def test_a_thermometer_without_numbers_does_no_harm() -> None:
     assert log.imus[0].temperature is not None
     log.imus[0].temperature.x[:] = np.nan
     assert [a.verdict for found in of(log) for a in found] == ["unknown", "unknown"]
-
-
-def test_the_action_names_the_calibration_that_the_firmware_has_and_none_that_it_has_not() -> None:
-    assert "INS_TCAL1_ENABLE is 0" in firmware_remedies("ArduPilot", {"INS_TCAL1_ENABLE": 0.0})["temperature"]
-    assert "TC_G_ENABLE is 1" in firmware_remedies("PX4", {"TC_G_ENABLE": 1.0})["temperature"]
-    for old in (firmware_remedies("ArduPilot", {}), firmware_remedies("PX4", {})):
-        assert "ENABLE" not in old["temperature"]

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from attlog.flight import parameters
-from attlog.flight.advice import Fault, LoggingSettings, compass_first, compass_switches, firmware_remedies
+from attlog.flight.advice import VehicleSettings
 from attlog.flight.ardupilot import estimator, sensors, vehicle
 from attlog.flight.ardupilot.imu import DataflashBuilder, imu_candidates, primary_core, unit_of_core
 from attlog.flight.builder import Part
@@ -60,7 +60,6 @@ STREAMS = (
     Part("estimator.innovation_tests", "Test ratios", estimator.innovation_tests),
     Part("estimator.lane", "The EKF's core", estimator.primary_core_line),
     Part("", "ERR and EV", vehicle.report_events),
-    Part("remedies", "Remedies", lambda builder: remedies(builder)),
     Part("texts", "Texts", lambda builder: builder.texts(lambda at: int(builder.clock.at(np.array([at]))[0]))),
 )
 
@@ -79,7 +78,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
         flew, why = candidates[0].index, "the first; the log does not say which is primary"
     log.firmware = read_optional("The firmware", partial(vehicle.read_firmware, messages), Firmware("ArduPilot"))
     builder.family = read_optional("The vehicle", partial(vehicle.detect_family, messages), "")
-    log.logging = LoggingSettings("ArduPilot", log.firmware.version, builder.family, builder.values)
+    log.settings = VehicleSettings("ArduPilot", log.firmware.version, builder.family, builder.values)
     add_imus(builder, candidates, flew, why, imu, partial(first_stamp, builder))
     log.imu_that_flew = read_optional(
         "The primary EKF core", partial(builder.time_line, flown.t_us, flown.units, flown.source), None
@@ -92,7 +91,6 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.parameters.trim, log.parameters.trim_source = read_trim(log), ", ".join(TRIM_PARAMETERS)
     log.vehicle = "unknown"
     log.simulated = "SIM" in messages.names() or any(n.startswith("SIM_") for n in builder.values)
-    log.compass_switches, log.compass_first = compass_switches(builder.values), compass_first(builder.values)
     builder.read_parts(STREAMS)
     return log
 
@@ -143,10 +141,3 @@ def read_trim(log: FlightLog) -> Array | None:
     if x is None or y is None or not (math.isfinite(x) and math.isfinite(y)):
         return None
     return np.array([x, y, 0.0])
-
-
-def remedies(builder: DataflashBuilder) -> dict[Fault, str]:
-    """Return the remedies for the vehicle's parameters and the compass in use."""
-    log = builder.log
-    compass = 0 if log.mag is None else log.mags[log.mag].index
-    return firmware_remedies("ArduPilot", builder.values, "" if compass == 0 else compass + 1)

@@ -11,9 +11,8 @@ from functools import partial
 import numpy as np
 
 from attlog.flight import parameters
-from attlog.flight.advice import Fault, LoggingSettings, firmware_remedies
+from attlog.flight.advice import VehicleSettings
 from attlog.flight.builder import Part
-from attlog.flight.calibration import px4_slot_in_use
 from attlog.flight.compass import choose_mag
 from attlog.flight.gnss import utc_offset
 from attlog.flight.imu import FlownUnits, add_imus, best_per_unit, longest_held
@@ -66,7 +65,6 @@ STREAMS = (
     Part("estimator.lane", "The estimator's instance", estimator.selected_instance_line),
     Part("", "estimator_status", estimator.report_faults),
     Part("", "vehicle_status", estimator.report_failsafe),
-    Part("remedies", "Remedies", lambda builder: remedies(builder)),
     Part("texts", "Texts", TopicBuilder.texts),
 )
 
@@ -82,9 +80,9 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     if flew is None and len(candidates) > 1:
         flew, why = next((c.index for c in candidates if c.source == "sensor_combined"), None), "it is the voted unit"
     log.firmware = read_optional("The firmware", partial(read_firmware, messages), Firmware(""))
-    log.logging = LoggingSettings("PX4", log.firmware.version, values=builder.values)
+    log.settings = VehicleSettings("PX4", log.firmware.version, values=builder.values)
     if not is_px4(log.firmware, messages):
-        log.logging = LoggingSettings("other", name=log.firmware.name)
+        log.settings = VehicleSettings("other", name=log.firmware.name)
     add_imus(builder, candidates, flew, why, imu, partial(first_stamp, builder))
     log.imu_that_flew = builder.time_line(flown.t_us, flown.units, flown.source)
     _report_switches(builder)
@@ -131,11 +129,3 @@ def _report_switches(builder: TopicBuilder) -> None:
     text = f"The autopilot changed its gyro ({' -> '.join(str(u) for u in line.value[:6])}): "
     text += "sensor_combined jumps from one sensor to the other."
     builder.problem("imu_switched", "warning", text, t=float(line.t[1]), count=len(line.value) - 1)
-
-
-def remedies(builder: TopicBuilder) -> dict[Fault, str]:
-    """Return the remedies for the vehicle's parameters and the compass in use."""
-    log = builder.log
-    values = {name: value for name in log.parameters.lines if (value := log.param(name)) is not None}
-    slot = px4_slot_in_use(values, None if log.mag is None else log.mags[log.mag])
-    return firmware_remedies("PX4", values, slot)

@@ -9,7 +9,7 @@ import pytest
 
 import attlog
 from attlog.core import rotation
-from attlog.flight import stuck_attitudes
+from attlog.flight import frozen
 from attlog.flight.model import Attitude, Firmware, FlightLog, Imu, Stream
 from tests.conftest import corpus_logs
 
@@ -36,12 +36,12 @@ def flight(**attitudes: Attitude) -> FlightLog:
     acc = Stream(T, np.tile([0.0, 0.0, -9.81], (len(T), 1)), "m/s^2", "FRD", "IMU")
     log = FlightLog(Path("made"), "made", 0, 0, Firmware("made"), "rover", imus=[Imu(0, gyro, acc, "IMU")], imu=0)
     log.attitudes, log.onboard = dict(attitudes), "ATT"
-    stuck_attitudes.drop_stuck_attitudes(log)
+    frozen.drop_stuck_attitudes(log)
     return log
 
 
 def said(log: FlightLog) -> list[tuple[str, str]]:
-    return [(p.severity, p.text) for p in log.problems if p.code == stuck_attitudes.STUCK_CODE]
+    return [(p.severity, p.text) for p in log.problems if p.code == frozen.STUCK_CODE]
 
 
 def test_one_that_never_ran_is_not_used_and_the_sound_one_keeps_every_record() -> None:
@@ -91,7 +91,7 @@ def test_a_made_vehicle_whose_gyro_never_moves_may_have_one_attitude() -> None:
     for imu in log.imus:
         imu.gyro.x[:] = 0.0
     log.attitudes["EKF1"] = attitude(0.0 * T)
-    stuck_attitudes.drop_stuck_attitudes(log)
+    frozen.drop_stuck_attitudes(log)
     assert list(log.attitudes) == ["ATT", "EKF1"]
 
 
@@ -102,14 +102,14 @@ def test_a_made_vehicle_whose_gyro_never_moves_may_have_one_attitude() -> None:
 def test_real_logs_name_the_estimates_that_never_ran(corpus: Path, name: str, gone: str) -> None:
     log = attlog.read(corpus / "logs" / name)
     assert gone not in log.attitudes
-    assert any(p.code == stuck_attitudes.STUCK_CODE and p.text.startswith(f"{gone}: all") for p in log.problems)
+    assert any(p.code == frozen.STUCK_CODE and p.text.startswith(f"{gone}: all") for p in log.problems)
 
 
 @pytest.mark.parametrize("path", corpus_logs(".ulg", ".bin", ".tlog"), ids=lambda p: p.name)
 def test_no_attitude_that_moves_all_along_loses_a_record(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     try:
         after = attlog.read(path)
-        monkeypatch.setattr(stuck_attitudes, "drop_stuck_attitudes", lambda log: None)
+        monkeypatch.setattr(attlog.flight, "drop_stuck_attitudes", lambda log: None)
         before = attlog.read(path)
     except attlog.AttlogError as error:
         pytest.skip(str(error))

@@ -1,4 +1,4 @@
-"""Leave out attitudes that do not move: estimates that never ran, began late, or froze.
+"""Find values that stay equal, and leave out attitudes that do: estimates that never ran, began late, or froze.
 
 ArduPilot logs the records of an EKF that is not running too: roll and pitch hold the trim, heading is exactly 0.
 """
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.flight.model import Attitude, FlightLog, Problem, Severity, Stream, without_pauses
+from attlog.flight.model import Array, Attitude, FlightLog, Problem, Severity, Stream, without_pauses
 
 Mask = NDArray[np.bool_]
 
@@ -24,6 +24,35 @@ MIN_WHOLE_LOG_S = 10.0
 UNSET_HEADING_SINE = 1e-9
 # The gyro turned by more than this, beside what a change of its bias may do.
 TURNED_DEG, DRIFT_DPS = 2.0, 0.2
+# Across a longer gap the gyro counts for this time only.
+MAX_STEP_S = 0.5
+
+
+def equal_runs(t: Array, x: Array, min_records: int, min_s: float, breaks: Mask | None = None) -> list[tuple[int, int]]:
+    """Return index ranges in which all records x (n, k) at ``t`` (n,) s are equal, of a least count and length.
+
+    ``breaks`` (n - 1,): steps that end a range all the same.
+    """
+    changed = np.zeros(max(len(t) - 1, 0), bool) if breaks is None else breaks.copy()
+    for column in x.T:  # one at a time: of gigabytes copies add up
+        changed |= column[1:] != column[:-1]
+    edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(t)]])
+    long = np.flatnonzero(np.diff(edges) >= min_records)
+    runs = zip(edges[long].tolist(), edges[long + 1].tolist(), strict=True)
+    return [(a, b) for a, b in runs if t[b - 1] - t[a] >= min_s]
+
+
+def turned_deg(gyro: Stream, t0: float, t1: float) -> float:
+    """Return the largest excursion (deg) of the integrated gyro about any axis between two times.
+
+    Its bias is the median of the whole log.
+    """
+    mine = (gyro.t >= t0) & (gyro.t <= t1) & rotation.finite_rows(gyro.x)
+    if np.count_nonzero(mine) < 2:
+        return 0.0
+    dt = np.minimum(np.diff(gyro.t[mine]), MAX_STEP_S)
+    rate = gyro.x[mine][1:] - np.nanmedian(gyro.x, axis=0)
+    return float(np.degrees(np.ptp(np.cumsum(rate * dt[:, None], axis=0), axis=0).max()))
 
 
 def drop_stuck_attitudes(log: FlightLog) -> None:
@@ -35,7 +64,8 @@ def drop_stuck_attitudes(log: FlightLog) -> None:
         return
     imu = log.replay_imu or next(iter(log.imus), None)
     for name, attitude in list(log.attitudes.items()):
-        runs = [run for run in _stuck_runs(attitude) if _is_stuck(attitude, run, None if imu is None else imu.gyro)]
+        runs = equal_runs(attitude.t, attitude.q, MIN_RECORDS, MIN_STUCK_S, ~without_pauses(attitude.t))
+        runs = [run for run in runs if _is_stuck(attitude, run, None if imu is None else imu.gyro)]
         if not runs:
             continue
         kept = np.ones(len(attitude.t), bool)
@@ -55,16 +85,6 @@ def _anything_moves(log: FlightLog) -> bool:
     return any(len(x) > 1 and bool((x[1:] != x[:-1]).any()) for x in moving)
 
 
-def _stuck_runs(attitude: Attitude) -> list[tuple[int, int]]:
-    """Return index ranges of equal attitudes without a pause of the logger, long enough to be suspicious."""
-    if len(attitude.t) < MIN_RECORDS:
-        return []
-    same = (attitude.q[1:] == attitude.q[:-1]).all(axis=1) & without_pauses(attitude.t)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    runs = [(a, b + 1) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)]
-    return [(a, b) for a, b in runs if b - a >= MIN_RECORDS and attitude.t[b - 1] - attitude.t[a] >= MIN_STUCK_S]
-
-
 def _is_stuck(attitude: Attitude, run: tuple[int, int], gyro: Stream | None) -> bool:
     """Return whether a run is no estimate: a heading never set, the whole log, or a missed turn."""
     a, b = run
@@ -72,17 +92,7 @@ def _is_stuck(attitude: Attitude, run: tuple[int, int], gyro: Stream | None) -> 
     t0, t1 = float(attitude.t[a]), float(attitude.t[b - 1])
     if abs(2.0 * (w * z + x * y)) < UNSET_HEADING_SINE or (b - a == len(attitude.t) and t1 - t0 >= MIN_WHOLE_LOG_S):
         return True
-    return gyro is not None and _turned_deg(gyro, t0, t1) > TURNED_DEG + DRIFT_DPS * (t1 - t0)
-
-
-def _turned_deg(gyro: Stream, t0: float, t1: float) -> float:
-    """Return the largest angle (deg) turned from ``t0`` s on, with the gyro's median as its bias."""
-    mine = (gyro.t >= t0) & (gyro.t <= t1) & rotation.finite_rows(gyro.x)
-    if np.count_nonzero(mine) < 2:
-        return 0.0
-    rate = gyro.x[mine] - np.nanmedian(gyro.x, axis=0)
-    angle = np.cumsum(rate[1:] * np.diff(gyro.t[mine])[:, None], axis=0)
-    return float(np.degrees(np.max(rotation.length(angle))))
+    return gyro is not None and turned_deg(gyro, t0, t1) > TURNED_DEG + DRIFT_DPS * (t1 - t0)
 
 
 def _stuck_problem(name: str, attitude: Attitude, runs: list[tuple[int, int]], kept: Mask, flew: bool) -> Problem:
