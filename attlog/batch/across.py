@@ -1,19 +1,14 @@
-"""Numbers across logs: a line for each log or group of logs, a column for each row of the comparison.
-
-For the terminal, a paper, a spreadsheet.
-"""
+"""Numbers across logs: a line for each log or group of logs, a column for each row of the comparison."""
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from attlog.batch.index_row import Entry, numbers
 from attlog.batch.order import natural
 from attlog.core.errors import UsageError
 from attlog.result import MEASURED_TIMES
@@ -22,7 +17,13 @@ from attlog.words.numbers import number, unit_sign
 from attlog.words.ranking import AIR, PHASES, REST
 from attlog.words.table import AXIS_COLUMNS, DRIFT_REST, ERRORS, STEPS
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from attlog.batch.results_file import BatchNumbers
+
 ALL = ("all", "airborne", "rest")
+# Windows in which a metric is looked up, as on the page of one log: noise by phase, errors and steps in the air.
 WINDOWS = {c.metric: c.windows for c in (*ERRORS, *STEPS, DRIFT_REST, *AXIS_COLUMNS)}
 AGAINST_REFERENCE = ("tilt_", "heading_", "total_", "lag_", "step_", "distortion_", "overshoot_", "settling_")
 FAMILIES = (
@@ -32,16 +33,17 @@ FAMILIES = (
     ("leak_", AIR),
     *((start, AIR) for start in AGAINST_REFERENCE),
 )
-"""Where a metric is looked up, as on the page of one log: noise by phase, errors and steps in the air."""
-ENOUGH = 0.5
-"""A window counts where it has at least this share of the values of the best one."""
+# Smallest share of the best window's values that another window needs.
+MIN_SHARE = 0.5
+# Groups of logs.
 BY = ("firmware", "version", "vehicle", "board", "reference", "batch", "month", "year", "attlog")
-"""What logs can be grouped by."""
+ABOUT = ("log", "date", "vehicle", "firmware")
+LOGS = "logs"
+NO_VALUE = "–"
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A row's answers to one question: ``metric`` in ``window``; ``unit`` as in the results."""
+class Column(NamedTuple):
+    """One metric of one row in one window; ``unit`` as in the results."""
 
     metric: str
     window: str
@@ -50,109 +52,85 @@ class Column:
 
 
 @dataclass(slots=True)
-class Log:
-    """One log: what flew, and the answers of all rows by (metric, window, row): a value, or the code of why not."""
+class LogTable:
+    """Values of many logs.
 
-    batch: str
-    entry: str
-    name: str
-    flight: dict[str, Any]
-    found: dict[tuple[str, str, str], float | str] = field(default_factory=dict)
+    ``logs``: a row a log, see :class:`attlog.batch.results_file.BatchNumbers`; ``values`` and ``codes`` of missing
+    values: the same rows, and a column for each of ``columns``. ``repeats``: results that were left out, because a
+    newer one is of the same content.
+    """
 
-    def value(self, column: Column) -> float | None:
-        """The value, None where there is none."""
-        found = self.found.get((column.metric, column.window, column.row))
-        return found if isinstance(found, float) else None
-
-
-@dataclass(slots=True)
-class Across:
-    """Logs and the columns asked for. ``twice``: logs of the same content, of which one counts."""
-
-    logs: list[Log]
+    logs: pd.DataFrame
     columns: list[Column]
-    twice: int = 0
+    values: pd.DataFrame
+    codes: pd.DataFrame
+    repeats: int = 0
 
 
 @dataclass(slots=True)
-class Spread:
-    """The middle of many values: ``n`` of them, quartiles."""
+class TableText:
+    """Table for people: ``body`` with a line for each log or group, ``foot`` with medians and quartiles."""
 
-    n: int
-    low: float
-    median: float
-    high: float
+    head: list[str]
+    body: list[list[str]] = field(default_factory=list)
+    foot: list[list[str]] = field(default_factory=list)
 
 
 def across(
-    entries: Iterable[tuple[str, Entry]],
+    found: BatchNumbers,
     metrics: Sequence[str],
     rows: Sequence[str] = (),
     window: str | None = None,
     by: str | None = None,
-) -> Across:
-    """The numbers of all logs for ``metrics`` (METRIC or METRIC@WINDOW) and rows (names or patterns; all).
+) -> LogTable:
+    """Arrange ``metrics`` (METRIC or METRIC@WINDOW) of rows (names or patterns; default all) by log.
 
-    A metric without a window is looked up where the page of one log does, in one window for all logs: the first
-    that has at least half as many values as the best. Of results of one log (same content) the one of the newest
-    attlog counts, then the last given; with ``by`` "batch" each batch counts by itself. UsageError for a metric,
-    row or window that no log has, with what comes near.
+    A metric without a window is looked up as on the page of one log, in one window for all logs. Of results with the
+    same content the one of the newest attlog counts, then the last; with ``by`` "batch" each batch counts by itself.
+    UsageError for a metric, row or window that no log has.
     """
-    asked = [tuple(m.partition("@")[::2]) for m in metrics]
-    names = {metric for metric, _ in asked}
-    known: dict[str, str] = {}
-    windows: set[str] = set()
-    logs: list[Log] = []
-    for batch, entry in entries:
-        if entry.row is None:
-            continue
-        log = Log(batch, entry.log, entry.name, entry.row["flight"])
-        known |= entry.row["answers"]["units"]
-        for answer in numbers(entry.row["answers"], names):
-            place = (answer.metric, answer.window, answer.row)
-            log.found[place] = float(answer.value) if answer.value is not None else str(answer.code)
-            windows.add(answer.window)
-        logs.append(log)
-    if not logs:
-        return Across([], [])
-    for metric in sorted(names - known.keys()):
+    asked = [tuple(m.partition("@")[::2]) for m in dict.fromkeys(metrics)]
+    kept = _newest(found.logs, each_batch=by == "batch")
+    for metric in sorted({m for m, _ in asked} - found.units.keys()) if len(kept) else ():
         if metric in MEASURED_TIMES:
             raise UsageError(f"--metric {metric}: measured times differ from run to run and are kept in no table")
-        raise UsageError(f"--metric {metric}: no log has it; {near(metric, known)}")
-    held = list(dict.fromkeys(row for log in logs for _, _, row in log.found))
-    common = Counter(
-        row for log in logs for row in {row for (_, _, row), v in log.found.items() if isinstance(v, float)}
-    )
-    held.sort(key=lambda row: (_place(row), -common[row], row))
-    chosen = matching(rows, held) if rows else held
-    kept = _once(logs, by == "batch")
-    columns = []
-    for metric, own in asked:
+        raise UsageError(f"--metric {metric}: no log has it; {near(metric, found.units)}")
+    common = found.answers[found.answers["value"].notna()].groupby("row")["at"].nunique()
+    held = sorted(found.answers["row"].unique(), key=lambda row: (_place(row), -common.get(row, 0), row))
+    chosen = matching(rows, held) if rows and len(kept) else held
+    windows = set(found.answers["window"])
+    answers = found.answers[found.answers["at"].isin(kept.index)]
+    columns: list[Column] = []
+    for metric, own in asked if len(kept) else ():
         wanted = own or window
         if wanted and wanted not in windows:
-            asked_by = f"--metric {metric}@{own}" if own else f"--window {window}"
-            raise UsageError(f"{asked_by}: no log has this window; {near(wanted, windows)}")
-        where = wanted or usual_window(metric, kept)
-        columns += [
-            Column(metric, where, row, known[metric])
-            for row in chosen
-            if any((metric, where, row) in log.found for log in kept)
-        ]
-    return Across(sorted(kept, key=lambda x: (natural(x.name), x.batch)), columns, len(logs) - len(kept))
+            option = f"--metric {metric}@{own}" if own else f"--window {window}"
+            raise UsageError(f"{option}: no log has this window; {near(wanted, windows)}")
+        where = wanted or usual_window(metric, answers)
+        has = set(answers["row"][(answers["metric"] == metric) & (answers["window"] == where)])
+        columns += [Column(metric, where, row, found.units[metric]) for row in chosen if row in has]
+    place = {column[:3]: k for k, column in enumerate(columns)}
+    keys = zip(answers["metric"], answers["window"], answers["row"], strict=True)
+    cells = answers.assign(column=[place.get(key) for key in keys]).dropna(subset="column")
+    values, codes = (
+        cells.pivot(index="at", columns="column", values=what).reindex(index=kept.index, columns=range(len(columns)))
+        for what in ("value", "code")
+    )
+    return LogTable(kept, columns, values.astype(float), codes, len(found.logs) - len(kept))
 
 
-def usual_window(metric: str, logs: Iterable[Log]) -> str:
-    """The one window in which a metric is looked up for all logs."""
-    count = Counter(w for log in logs for (m, w, _), v in log.found.items() if m == metric and isinstance(v, float))
+def usual_window(metric: str, answers: pd.DataFrame) -> str:
+    """Return the window in which a metric is looked up: the first with half as many values as the best."""
+    count = answers["window"][(answers["metric"] == metric) & answers["value"].notna()].value_counts(sort=False)
     order = WINDOWS.get(metric) or next((windows for start, windows in FAMILIES if metric.startswith(start)), ALL)
-    best = max((count[w] for w in order), default=0)
+    best = max((count.get(w, 0) for w in order), default=0)
     if best:
-        return next(w for w in order if count[w] >= ENOUGH * best)
-    return max(count, key=lambda w: count[w], default=order[0])
+        return next(w for w in order if count.get(w, 0) >= MIN_SHARE * best)
+    return str(count.idxmax()) if len(count) else order[0]
 
 
 def matching(patterns: Iterable[str], held: Sequence[str]) -> list[str]:
-    """The rows that names or patterns mean, in their order. UsageError for one that means none."""
+    """Return the rows that names or patterns mean, in their order. UsageError for one that means none."""
     found: dict[str, None] = {}
     for pattern in patterns:
         meant = [row for row in held if row == pattern] or [row for row in held if fnmatchcase(row, pattern)]
@@ -163,164 +141,129 @@ def matching(patterns: Iterable[str], held: Sequence[str]) -> list[str]:
 
 
 def near(word: str, known: Iterable[str]) -> str:
-    """What comes near a word that nobody knows, else all that there is."""
+    """Suggest known words similar to an unknown one, else all."""
     listed = sorted(known)
     close = difflib.get_close_matches(word, listed, 3, 0.5) or [k for k in listed if word and word in k][:5]
     return f"did you mean {', '.join(close)}?" if close else f"they have {', '.join(listed)}"
 
 
-def references(found: Across) -> dict[str, int]:
-    """What the logs are compared with, and how many each, where a metric of the table is a difference from it."""
+def references(found: LogTable) -> dict[str, int]:
+    """Count the logs by reference if a metric of the table is an error against it."""
     if not any(c.metric.startswith(AGAINST_REFERENCE) for c in found.columns):
         return {}
-    return dict(Counter(str(log.flight.get("reference") or "none") for log in found.logs).most_common())
+    return {str(k): int(n) for k, n in found.logs["reference"].fillna("none").value_counts().items()}
 
 
-def grouped(logs: Iterable[Log], by: str) -> dict[str, list[Log]]:
-    """Logs by what flew: group -> logs, in natural order; ``unknown`` last. UsageError for what is no group."""
+def grouped(logs: pd.DataFrame, by: str) -> dict[str, pd.Index[int]]:
+    """Return group -> index of its logs in natural order, ``unknown`` last. UsageError for an unknown group."""
     if by not in BY:
         raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
-    found: dict[str, list[Log]] = {}
-    for log in logs:
-        found.setdefault(_group(log, by) or "unknown", []).append(log)
+    text = logs["date_utc" if by in ("month", "year") else by].fillna("").astype(str)
+    if by in ("month", "year"):
+        text = text.str[: 7 if by == "month" else 4]
+    found = {str(name): part.index for name, part in logs.groupby(text.replace("", "unknown"))}
     return {name: found[name] for name in sorted(found, key=lambda name: (name == "unknown", natural(name)))}
 
 
-def spread(values: Iterable[float | None]) -> Spread | None:
-    """Quartiles (linear between values) of those that are there; None without any."""
-    held = sorted(v for v in values if v is not None)
-    if not held:
-        return None
-
-    def quantile(p: float) -> float:
-        at = p * (len(held) - 1)
-        k = min(int(at), len(held) - 2) if len(held) > 1 else 0
-        above = held[min(k + 1, len(held) - 1)]
-        return held[k] + (at - k) * (above - held[k])
-
-    return Spread(len(held), quantile(0.25), quantile(0.5), quantile(0.75))
-
-
-def _group(log: Log, by: str) -> str:
-    date = str(log.flight.get("date_utc") or "")
-    if by in ("month", "year"):
-        return date[: 7 if by == "month" else 4]
-    return log.batch if by == "batch" else str(log.flight.get(by) or "")
-
-
-def _once(logs: list[Log], each_batch: bool) -> list[Log]:
-    """One result of each log: of the newest version, then the last given."""
-    best: dict[tuple[str, str], Log] = {}
-    for k, log in enumerate(logs):
-        content = str(log.flight.get("sha256") or f"{k} unknown")
-        key = (content, log.batch if each_batch else "")
-        if key not in best or _version(log) >= _version(best[key]):
+def _newest(logs: pd.DataFrame, each_batch: bool) -> pd.DataFrame:
+    """Keep one result of each content, of the newest version, then the last; sort by name."""
+    best: dict[tuple[str, str], Any] = {}
+    for log in logs.itertuples():
+        key = (str(log.sha256 or f"{log.Index} unknown"), str(log.batch) if each_batch else "")
+        if key not in best or _version(log.attlog) >= _version(best[key].attlog):
             best[key] = log
-    return list(best.values())
+    return logs.loc[[log.Index for log in sorted(best.values(), key=lambda log: (natural(log.report), log.batch))]]
 
 
-def _version(log: Log) -> list[int]:
-    return [int(part) for part in re.findall(r"\d+", str(log.flight.get("attlog") or ""))]
+def _version(attlog: Any) -> list[int]:
+    return [int(part) for part in re.findall(r"\d+", str(attlog or ""))]
 
 
 def _place(row: str) -> int:
-    """What flew first, other attitudes of the log last."""
+    """Sort the onboard attitude first and other attitudes of the log last."""
     return 0 if row == "onboard" else 2 if row.startswith("onboard:") else 1
 
 
-ABOUT = ("log", "date", "vehicle", "firmware")
-LOGS = "logs"
-NO_VALUE = "–"
-
-
-@dataclass(slots=True)
-class TableText:
-    """A table as people read it: ``body`` a line for each log or group, ``foot`` what is in their middle."""
-
-    head: list[str]
-    body: list[list[str]] = field(default_factory=list)
-    foot: list[list[str]] = field(default_factory=list)
-
-
 def titles(columns: Sequence[Column]) -> list[str]:
-    """What columns are called: by their row, and by their metric where there are several."""
+    """Name columns by their row, and by metric and window where these differ."""
     several = len({c.metric for c in columns}) > 1
     windows = {(c.metric, c.window) for c in columns}
-    twice = len(windows) > len({metric for metric, _ in windows})
-    return [f"{c.metric}{f'@{c.window}' if twice else ''} {c.row}" if several or twice else c.row for c in columns]
+    several_windows = len(windows) > len({metric for metric, _ in windows})
+    return [
+        f"{c.metric}{f'@{c.window}' if several_windows else ''} {c.row}" if several or several_windows else c.row
+        for c in columns
+    ]
 
 
-def words(found: Across, by: str | None, columns: Sequence[Column], *, units: bool = False) -> TableText:
-    """The table of some of the columns; with ``by`` a line for each group. ``units``: they stand in the headings."""
+def words(found: LogTable, by: str | None, columns: Sequence[Column], *, units: bool = False) -> TableText:
+    """Return the table of some columns as text; ``by``: a line for each group; ``units``: in the headings."""
     heads = [
         f"{title} [{unit_sign(c.unit)}]" if units and unit_sign(c.unit) else title
         for title, c in zip(titles(columns), columns, strict=True)
     ]
+    at = [found.columns.index(c) for c in columns]
     if by is not None:
         table = TableText([by, LOGS, *heads])
         for name, logs in grouped(found.logs, by).items():
-            table.body.append([name, str(len(logs)), *(_middle(_spread(logs, c), c) for c in columns)])
+            table.body.append([name, str(len(logs)), *_middles(found, at, logs)])
         if len(table.body) > 1:
-            table.foot.append(["all", str(len(found.logs)), *(_middle(_spread(found.logs, c), c) for c in columns)])
+            table.foot.append(["all", str(len(found.logs)), *_middles(found, at, found.logs.index)])
         return table
     table = TableText([*ABOUT[:2], *heads])
-    table.body = [[*about(log, found.logs)[:2], *(_cell(log, c) for c in columns)] for log in found.logs]
-    spreads = [_spread(found.logs, c) for c in columns]
-    for label, value in (("median", "median"), ("25 %", "low"), ("75 %", "high")):
-        cells = [
-            NO_VALUE if s is None else number(getattr(s, value), c.unit) for s, c in zip(spreads, columns, strict=True)
-        ]
+    for log, about in zip(found.logs.index, _about(found.logs), strict=True):
+        table.body.append([*about[:2], *(_cell(found, log, k) for k in at)])
+    for label, share in (("median", 0.5), ("25 %", 0.25), ("75 %", 0.75)):
+        middle = found.values.quantile(share)
+        cells = [NO_VALUE if middle.isna()[k] else number(middle[k], found.columns[k].unit) for k in at]
         table.foot.append([label, "", *cells])
-    table.foot.append([LOGS, "", *("0" if s is None else str(s.n) for s in spreads)])
+    table.foot.append([LOGS, "", *(str(found.values[k].count()) for k in at)])
     return table
 
 
-def about(log: Log, logs: Iterable[Log]) -> list[str]:
-    """Which log a line is of, in the order of ABOUT; with its batch where several are shown."""
-    several = len({x.batch for x in logs}) > 1
-    name = f"{log.batch}/{log.name}" if several and log.batch else log.name
-    flight = log.flight
+def _about(logs: pd.DataFrame) -> list[list[str]]:
+    """Return ABOUT of each log, its name with the batch if there are several."""
+    several = logs["batch"].nunique() > 1
+    texts = logs[["batch", "report", "date_utc", "vehicle", "firmware"]].fillna("").astype(str).to_numpy()
     return [
-        name,
-        str(flight.get("date_utc") or "")[:10],
-        str(flight.get("vehicle") or ""),
-        str(flight.get("firmware") or ""),
+        [f"{batch}/{name}" if several and batch else name, date[:10], vehicle, firmware]
+        for batch, name, date, vehicle, firmware in texts
     ]
 
 
-def values(found: Across, by: str | None) -> tuple[list[str], list[list[Any]]]:
-    """The same as numbers for other programs: headings and lines, None where there is no value."""
+def values(found: LogTable, by: str | None) -> tuple[list[str], list[list[Any]]]:
+    """Return the table for other programs: headings, and lines with None for a missing value."""
     heads = titles(found.columns)
     if by is not None:
         head = [by, LOGS, *(f"{title} {what}" for title in heads for what in ("n", "q25", "median", "q75"))]
-        return head, [
-            [name, len(logs), *(x for c in found.columns for x in _numbers(_spread(logs, c)))]
-            for name, logs in grouped(found.logs, by).items()
-        ]
-    head = [*ABOUT, "sha256", *heads]
-    return head, [
-        [*(text or None for text in about(log, found.logs)), log.flight.get("sha256"), *map(log.value, found.columns)]
-        for log in found.logs
+        lines = []
+        for name, logs in grouped(found.logs, by).items():
+            part = found.values.loc[logs]
+            quartiles = part.quantile([0.25, 0.5, 0.75])
+            cells = [x for k in part for x in (int(part[k].count()), *map(_or_none, quartiles[k]))]
+            lines.append([name, len(logs), *cells])
+        return head, lines
+    return [*ABOUT, "sha256", *heads], [
+        [*(text or None for text in about), found.logs.at[log, "sha256"], *map(_or_none, found.values.loc[log])]
+        for log, about in zip(found.logs.index, _about(found.logs), strict=True)
     ]
 
 
-def _numbers(s: Spread | None) -> tuple[float | None, ...]:
-    return (0, None, None, None) if s is None else (s.n, s.low, s.median, s.high)
+def _or_none(value: Any) -> float | None:
+    return None if value != value else float(value)
 
 
-def _spread(logs: Iterable[Log], column: Column) -> Spread | None:
-    return spread(log.value(column) for log in logs)
+def _middles(found: LogTable, at: Sequence[int], logs: pd.Index[int]) -> list[str]:
+    """Return median and quartiles of some logs for each column."""
+    texts = []
+    for k in at:
+        part, unit = found.values.loc[logs, k], found.columns[k].unit
+        low, middle, high = (number(float(part.quantile(share)), unit) for share in (0.25, 0.5, 0.75))
+        texts.append(NO_VALUE if not part.count() else middle if part.count() == 1 else f"{middle} ({low} to {high})")
+    return texts
 
 
-def _middle(s: Spread | None, column: Column) -> str:
-    if s is None:
-        return NO_VALUE
-    middle = number(s.median, column.unit)
-    return middle if s.n == 1 else f"{middle} ({number(s.low, column.unit)} to {number(s.high, column.unit)})"
-
-
-def _cell(log: Log, column: Column) -> str:
-    found = log.found.get((column.metric, column.window, column.row))
-    if isinstance(found, float):
-        return number(found, column.unit)
-    return NO_VALUE if found is None else CODES.get(found, ("", found))[1]
+def _cell(found: LogTable, log: int, k: int) -> str:
+    value, code = _or_none(found.values.at[log, k]), found.codes.at[log, k]
+    if value is not None:
+        return number(value, found.columns[k].unit)
+    return CODES.get(code, ("", code))[1] if isinstance(code, str) else NO_VALUE

@@ -24,17 +24,17 @@ from attlog.core.errors import LogUnreadable, LogUnusable
 from attlog.core.limits import MAX_MEMBERS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 
 _ENCRYPTED = 1
+# Folder of macOS with a small file of the same name for each file.
 MADE_BY_MACOS = "__MACOSX"
-"""A folder beside the files, with a small file for each that bears its name."""
+# Errors of a damaged or foreign archive; RuntimeError: the member is encrypted.
 _BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OverflowError)
-"""What reading a damaged or foreign archive raises; RuntimeError: a member is encrypted after all."""
 
 
 def members(place: str, pattern: str = "") -> list[str]:
-    """The members of an archive (path or URL) that are logs, known as in a folder; with ``pattern`` those it matches.
+    """Return the members of an archive (path or URL) that are logs; with ``pattern`` those that match.
 
-    Encrypted ones are logs by their names, hidden ones by their content alone; what they are called: :func:`_entries`.
-    LogUnreadable: the archive cannot be read. LogUnusable: it is damaged, or there are more members than limits allow.
+    Encrypted members count by name, hidden ones by content alone. LogUnreadable: the archive cannot be read.
+    LogUnusable: it is damaged or has too many members.
     """
     with _archive(place) as archive:
         entries = _entries(archive)
@@ -50,13 +50,13 @@ def members(place: str, pattern: str = "") -> list[str]:
 
 
 def locked(place: str) -> int:
-    """How many files of an archive are encrypted. Errors as above."""
+    """Count the encrypted files of an archive. Errors as :func:`members`."""
     with _archive(place) as archive:
         return sum(map(_encrypted, archive.infolist()))
 
 
 def extract(place: str, member: str, path: Path) -> tuple[str, int]:
-    """A member to a file: SHA-256 and size. Errors as :meth:`attlog.batch.sources.Source.local`."""
+    """Write a member to a file; return SHA-256 and size. Errors as :meth:`attlog.batch.sources.Source.local`."""
     name = f"{shown(place)}/{member}"
     with _archive(place) as archive:
         entry = _entry(archive, member, name)
@@ -75,7 +75,7 @@ def extract(place: str, member: str, path: Path) -> tuple[str, int]:
 
 
 def member_stamp(place: str, member: str) -> str:
-    """Size and checksum of a member as its archive tells them."""
+    """Return size and checksum of a member from its archive."""
     with _archive(place) as archive:
         entry = _entry(archive, member, f"{shown(place)}/{member}")
         return f"{entry.file_size}-{entry.CRC:08x}"
@@ -83,7 +83,7 @@ def member_stamp(place: str, member: str) -> str:
 
 @contextmanager
 def _archive(place: str) -> Iterator[zipfile.ZipFile]:
-    """An archive opened where it lies; one behind a server that gives no parts of files is downloaded first."""
+    """Open an archive; download it first if its server gives no parts of files."""
     if not is_url(place):
         with _opened(place, place) as archive:
             yield archive
@@ -96,10 +96,10 @@ def _archive(place: str) -> Iterator[zipfile.ZipFile]:
                 yield archive
             return
     try:
-        room = TemporaryDirectory(prefix="attlog-")
+        scratch = TemporaryDirectory(prefix="attlog-")
     except OSError as error:
         raise LogUnreadable(f"{shown(place)}: no temporary folder for it ({error.strerror or error})") from error
-    with room as folder:
+    with scratch as folder:
         path = Path(folder) / "archive.zip"
         download(place, path)
         with _opened(path, place) as archive:
@@ -107,7 +107,7 @@ def _archive(place: str) -> Iterator[zipfile.ZipFile]:
 
 
 def _opened(file: str | Path | IO[bytes], place: str) -> zipfile.ZipFile:
-    """The archive in a file; only opening is judged here, what its members raise is theirs."""
+    """Open the archive in a file. LogUnreadable, LogUnusable."""
     try:
         return zipfile.ZipFile(file)
     except OSError as error:
@@ -124,9 +124,9 @@ def _entry(archive: zipfile.ZipFile, member: str, name: str) -> zipfile.ZipInfo:
 
 
 def _entries(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    """The files in an archive by name. Where two have one name the second is called ``a (2).ulg``; copies are left out.
+    """Return the files of an archive by name; a second file of one name is ``a (2).ulg``, copies are left out.
 
-    Archives that tools append to, or that gather several cards, hold such; other programs show the last of them.
+    Archives that are appended to, or of several cards, have such files.
     """
     found: dict[str, zipfile.ZipInfo] = {}
     taken = set(archive.namelist())
@@ -151,7 +151,7 @@ def _encrypted(entry: zipfile.ZipInfo) -> bool:
 
 
 def _blocks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Iterator[bytes]:
-    """A member's content; what it says of its own size counts for nothing."""
+    """Yield a member's content within limits, whatever size it declares."""
     limit = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * entry.compress_size))
     given = 0
     with archive.open(entry) as file:
@@ -163,16 +163,16 @@ def _blocks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Iter
 
 
 def _is_log(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bool:
-    """As :func:`attlog.batch.log_file.is_meant`: by content, else by name."""
+    """Return True for a log by content, else by name, as :func:`attlog.batch.log_file.is_meant`."""
     if _encrypted(entry):
-        return may_be_log(entry.filename)  # nobody knows what is in it: rather told than left out
+        return may_be_log(entry.filename)  # rather reported than left out
     try:
         with archive.open(entry) as file:
             head = file.read(formats.MAX_HEAD_BYTES)
         if formats.recognise_bytes(io.BytesIO(head)):
             return True
     except (*_BROKEN, OSError):
-        pass  # damaged: its name tells whether it was meant
+        pass  # damaged: by name
     return named_as_log(entry.filename) and not _hidden(entry.filename)
 
 

@@ -1,7 +1,4 @@
-"""Gates as JUnit XML: a suite per log, a test case per gate and row; valid for Jenkins' junit-10.xsd.
-
-``failure`` is a gate that failed, ``error`` a log that has no result, ``skipped`` an optional gate without an answer.
-"""
+"""Gates over the logs of a run, for CI: JUnit XML, GitHub annotations and a Markdown summary."""
 
 from __future__ import annotations
 
@@ -9,14 +6,14 @@ import os
 import re
 import sys
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TextIO
 from xml.sax.saxutils import escape, quoteattr
 
 from attlog import __version__
-from attlog.batch.job import Record, write_record, written
+from attlog.batch.job import Record, size_and_hash, write_record
 from attlog.compare import gate_file
 from attlog.compare.baseline import Baseline, read_baselines
 from attlog.compare.gates import GateOutcome, Gates, judge_gates, worst_first
@@ -27,101 +24,28 @@ from attlog.result import Result
 from attlog.words.numbers import counted
 from attlog.words.text import CONTROL, escape_markdown
 
-NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML 1.0 cannot hold in any form, bytes of a file name that are not UTF-8 among them."""
+# Failures kept of one log, the worst first; all are counted and written to the JUnit file.
+MAX_KEPT = 50
+# Annotations that GitHub shows of each kind and step; it drops the rest silently.
+MAX_ANNOTATIONS = 10
+# GitHub refuses a summary of a step above 1 MiB.
+MAX_SUMMARY_BYTES = 900_000
+# Name of the JUnit test case that every log has: whether it could be analysed.
 ANALYSIS = "analysis"
-"""The test case that every log has: whether it could be analysed."""
-
-
-@dataclass(frozen=True, slots=True)
-class Suite:
-    """The text of a log's suite, packed: ten thousand of them are kept until the end."""
-
-    packed: bytes
-
-    def text(self) -> str:
-        """The XML of the suite."""
-        return zlib.decompress(self.packed).decode()
-
-
-def suite(
-    log: str, name: str, outcomes: Sequence[GateOutcome], code: int, message: str, seconds: float, known: bool = False
-) -> Suite:
-    """What the file says of one log; the arguments are those of :func:`attlog.batch.ci.gated`."""
-    time = f' time="{seconds:.3f}"' if seconds > 0.0 else ""
-    failures, skipped = (sum(o.status == status for o in outcomes) for status in ("failed", "skipped"))
-    skipped += known
-    lines = [
-        f"<testsuite name={_quoted(log)} tests={_quoted(len(outcomes) + 1)} failures={_quoted(failures)}"
-        f" errors={_quoted(int(code != 0 and not known))} skipped={_quoted(skipped)}{time}>",
-        f'<properties><property name="report" value={_quoted(name + ".html")}/>'
-        f'<property name="attlog" value={_quoted(__version__)}/></properties>',
-    ]
-    error = "" if code == 0 else _part("error", message, f"exit code {code}", message)
-    if known:
-        error = f"<skipped message={_quoted(f'as in an earlier run: {message}')}/>"
-    lines.append(_case(log, ANALYSIS, error, time))
-    in_order = sorted(outcomes, key=lambda o: (o.check, o.row))  # the same place from run to run
-    lines += [_case(log, f"{o.row}: {o.check}", _of(o)) for o in in_order]
-    return Suite(zlib.compress("\n".join([*lines, "</testsuite>\n"]).encode()))
-
-
-def write_junit(path: Path, suites: Iterable[Suite | None]) -> None:
-    """Write the file of all logs. OutputError if it cannot be written."""
-    with open_atomic(path) as file:
-        for text in _document(suites):
-            file.write(text.encode("utf-8"))
-
-
-def _document(suites: Iterable[Suite | None]) -> Iterator[str]:
-    yield '<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="attlog">\n'
-    yield from (one.text() for one in suites if one is not None)
-    yield "</testsuites>\n"
-
-
-def _of(outcome: GateOutcome) -> str:
-    if outcome.status == "passed":
-        return ""
-    if outcome.status == "skipped":
-        return f"<skipped message={_quoted(outcome.sentence)}/>"
-    return _part("failure", outcome.sentence, outcome.cause or "", outcome.sentence)
-
-
-def _case(log: str, name: str, inside: str, time: str = "") -> str:
-    head = f"<testcase classname={_quoted(log)} name={_quoted(name)}{time}"
-    return f"{head}>{inside}</testcase>" if inside else f"{head}/>"
-
-
-def _part(kind: str, message: str, type_: str, text: str) -> str:
-    first = message.partition("\n")[0]
-    return f"<{kind} message={_quoted(first)} type={_quoted(type_)}>{escape(clean(text))}</{kind}>"
-
-
-def _quoted(value: object) -> str:
-    return quoteattr(clean(str(value)))
-
-
-def clean(text: str) -> str:
-    """The text without what XML cannot hold."""
-    return NO_XML.sub("", text)
-
-
-# Gates over a run of many logs, judged as results come; what they say of a log is small enough for ten thousand.
-
-MOST_KEPT = 50
-"""Failures kept of one log, the worst first; all of them are counted and stand in the JUnit file."""
+# Characters that XML 1.0 cannot hold in any form, such as bytes of a file name that are not UTF-8.
+NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True, slots=True)
 class GatedLog:
-    """One log: ``code`` and ``message`` where it has no result, else how many gates passed, failed, were skipped.
+    """Outcome of the gates of one log; ``code`` and ``message`` of a log without a result.
 
-    ``known``: it had no result in an earlier run either. ``worst``: failures, the worst first. ``excused``: how many
-    are beyond a limit to the baseline that the evidence does not tell. ``suite``: what the JUnit file says of the log.
+    ``known``: it had no result in an earlier run either. ``worst``: failures, the worst first. ``excused``: number of
+    gates beyond a limit to the baseline without significant difference. ``suite``: its JUnit XML, compressed, because
+    ten thousand are kept until the end.
     """
 
     log: str
-    name: str
     code: int = 0
     message: str = ""
     known: bool = False
@@ -130,111 +54,88 @@ class GatedLog:
     skipped: int = 0
     excused: int = 0
     worst: tuple[GateOutcome, ...] = ()
-    suite: Suite | None = None
+    suite: bytes = b""
 
     @property
     def broken(self) -> bool:
-        """Whether the log has no result to be judged, which is news."""
+        """True for a log without a result, unless an earlier run had none either."""
         return self.code != 0 and not self.known
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What failed, a sentence each."""
+        """Sentences of failures."""
         return tuple(o.sentence for o in self.worst)
 
+    @property
+    def excess(self) -> float:
+        """Largest excess over a limit."""
+        return max((o.excess for o in self.worst), default=0.0)
 
-def gated(
-    log: str,
-    name: str,
-    outcomes: Sequence[GateOutcome] = (),
-    *,
-    code: int = 0,
-    message: str = "",
-    known: bool = False,
-    seconds: float = 0.0,
-) -> GatedLog:
-    """A log with what gates said of it; ``name`` is that of its report, ``seconds`` what its analysis took."""
+
+def gated_log(record: Record, outcomes: Sequence[GateOutcome] = (), *, timed: bool = True) -> GatedLog:
+    """Summarise the outcomes of gates; ``timed``: write the time of the analysis."""
     count = {status: sum(o.status == status for o in outcomes) for status in ("passed", "failed", "skipped")}
     failures = [o for o in worst_first(outcomes) if o.status == "failed"]
+    record = replace(record, message=record.message.removeprefix("attlog: "))
     return GatedLog(
-        log,
-        name,
-        code,
-        message,
-        known,
+        record.log,
+        record.code,
+        record.message,
+        record.known,
         **count,
         excused=sum(o.excused for o in outcomes),
-        worst=tuple(failures[:MOST_KEPT]),
-        suite=suite(log, name, outcomes, code, message, seconds, known),
+        worst=tuple(failures[:MAX_KEPT]),
+        suite=zlib.compress(_suite(record, outcomes, record.wall_s if timed else 0.0).encode()),
     )
 
 
 def failing(logs: Iterable[GatedLog]) -> list[GatedLog]:
-    """Logs that make a build fail: broken ones first, then by their worst failure."""
-    return sorted((j for j in logs if j.broken or j.failed), key=lambda j: (not j.broken, -_excess(j)))
-
-
-def _excess(log: GatedLog) -> float:
-    return max((o.excess for o in log.worst), default=0.0)
+    """Return logs that make a build fail: broken ones first, then by their worst failure."""
+    return sorted((j for j in logs if j.broken or j.failed), key=lambda j: (not j.broken, -j.excess))
 
 
 @dataclass(slots=True)
 class Gating:
-    """Gates with what they look into, and what they said of each log so far, by the name of its report."""
+    """Gates with their baselines, and their outcomes so far by name of the report."""
 
     gates: Gates
     baselines: Mapping[Path, Baseline] = field(default_factory=dict)
     logs: dict[str, GatedLog] = field(default_factory=dict)
 
-    def result(self, log: str, name: str, found: Result, seconds: float = 0.0, report: Path | None = None) -> GatedLog:
-        """Judge the result of a log; ``name``: of its report. Shown in the file ``report``.
+    def judge(self, record: Record, folder: Path, timed: bool = True) -> GatedLog:
+        """Judge the result of a log in a folder, and show the outcome in its report.
 
-        OutputError if that cannot be written.
+        A log without a readable result is broken. OutputError if the report cannot be written.
         """
-        outcomes = judge_gates(self.gates, found, self.baselines)
-        self.logs[name] = gated(log, name, outcomes, seconds=seconds)
-        if report is not None and outcomes:
+        outcomes: Sequence[GateOutcome] = ()
+        if record.done:
+            try:
+                outcomes = self.outcomes(Result.load(folder / f"{record.name}.json"))
+            except (LogUnreadable, UsageError) as error:
+                record = replace(record, code=LogUnreadable.exit_code, message=str(error))
+        report = folder / f"{record.name}.html"
+        if outcomes and report.exists():
             report_gates.show(report, [(o.status, f"{o.row}: {o.check}", o.sentence) for o in outcomes])
-        return self.logs[name]
+            now = size_and_hash(report)
+            if report.name in record.files and now is not None and now != record.files[report.name]:
+                write_record(folder, replace(record, files=record.files | {report.name: now}))
+        self.logs[record.name] = gated_log(record, outcomes, timed=timed)
+        return self.logs[record.name]
 
-    def file(self, log: str, name: str, path: Path, seconds: float = 0.0, report: Path | None = None) -> GatedLog:
-        """Judge the JSON file of a log's result. A file that cannot be read is an error of the log, never passed."""
-        try:
-            found = Result.load(path)
-        except (LogUnreadable, UsageError) as error:
-            return self.broken(log, name, LogUnreadable.exit_code, str(error))
-        return self.result(log, name, found, seconds, report)
+    def outcomes(self, result: Result) -> list[GateOutcome]:
+        """Apply the gates to a result."""
+        return judge_gates(self.gates, result, self.baselines)
 
-    def record(self, record: Record, folder: Path, timed: bool = True) -> GatedLog:
-        """Judge the result that a record of a batch in a folder is of, and show it in its report.
-
-        ``timed``: what was measured may be told.
-        """
-        report, seconds = folder / f"{record.name}.html", record.wall_s if timed else 0.0
-        found = self.file(record.log, record.name, folder / f"{record.name}.json", seconds, report)
-        kept = record.files.get(report.name)
-        now = written(report)
-        if kept is not None and now is not None and now != kept:
-            write_record(folder, replace(record, files=record.files | {report.name: now}))
-        return found
-
-    def broken(
-        self, log: str, name: str, code: int, message: str, seconds: float = 0.0, known: bool = False
-    ) -> GatedLog:
-        """A log without a result; ``code``: what its analysis ended with; ``known``: as in an earlier run."""
-        self.logs[name] = gated(log, name, code=code, message=message, known=known, seconds=seconds)
-        return self.logs[name]
-
-    def in_order(self, names: Iterable[str] | None = None) -> list[GatedLog]:
-        """What was said, in the order of these reports, else as it came."""
-        return list(self.logs.values()) if names is None else [self.logs[n] for n in names if n in self.logs]
+    def in_order(self, names: Iterable[str]) -> list[GatedLog]:
+        """Return the logs of these reports in this order."""
+        return [self.logs[n] for n in names if n in self.logs]
 
 
-def gating(path: Path | None, strict: bool | None = None, output: Path | None = None) -> Gating | None:
-    """The gates of a file, read with their baselines; ``strict`` has the last word. None where nothing is asked.
+def read_gating(path: Path | None, strict: bool | None = None, output: Path | None = None) -> Gating | None:
+    """Read the gates of a file and their baselines; ``strict`` overrides the file. None without both.
 
-    UsageError tells everything that is wrong in the file, and every baseline that cannot be used: one that the run
-    writes to (``output``, a folder) would be compared with itself.
+    UsageError lists all that is wrong in the file, and baselines in ``output``, which the run would compare with
+    itself.
     """
     if path is None:
         return Gating(Gates((), True)) if strict else None
@@ -258,56 +159,93 @@ def _overlap(one: Path, other: Path) -> bool:
     return one.is_relative_to(other) or other.is_relative_to(one)
 
 
-# Failures as GitHub's workflow commands: marks beside the files of a pull request.
-#
-# GitHub shows ten of each kind and step and drops the rest without a word: the worst are told, a notice counts the
-# rest.
-
-SHOWN = 10
+# JUnit XML, valid for Jenkins' junit-10.xsd: a suite a log, a test case a gate and row. ``failure``: a gate that
+# failed; ``error``: a log without a result; ``skipped``: an optional gate without an answer.
 
 
-def on_github(environment: Mapping[str, str] = os.environ) -> bool:
-    """Whether this runs in a step of a GitHub workflow."""
-    return environment.get("GITHUB_ACTIONS") == "true"
+def write_junit(path: Path, logs: Iterable[GatedLog]) -> None:
+    """Write the JUnit file of logs. OutputError if it cannot be written."""
+    with open_atomic(path) as file:
+        file.write(b'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="attlog">\n')
+        for log in logs:
+            file.write(zlib.decompress(log.suite))
+        file.write(b"</testsuites>\n")
 
 
-def commands(logs: Sequence[GatedLog], root: Path | None = None) -> Iterator[str]:
-    """One line for each failure, the worst of every log before the second worst of any; ``root``: of the repository."""
-    found = failing(logs)
-    errors = [_command("error", j.log, "not analysed", j.message, root) for j in found if j.broken]
-    rank = sorted((k, -o.excess, n) for n, j in enumerate(found) for k, o in enumerate(j.worst))
-    errors += [
-        _command(
-            "error",
-            found[n].log,
-            f"{found[n].worst[k].row}: {found[n].worst[k].check}",
-            found[n].worst[k].sentence,
-            root,
-        )
-        for k, _, n in rank
+def _suite(record: Record, outcomes: Sequence[GateOutcome], seconds: float) -> str:
+    log, message = record.log, record.message
+    time = f' time="{seconds:.3f}"' if seconds > 0.0 else ""
+    failures, skipped = (sum(o.status == status for o in outcomes) for status in ("failed", "skipped"))
+    errors = record.code != 0 and not record.known
+    lines = [
+        f"<testsuite name={_quoted(log)} tests={_quoted(len(outcomes) + 1)} failures={_quoted(failures)}"
+        f" errors={_quoted(int(errors))} skipped={_quoted(skipped + record.known)}{time}>",
+        f'<properties><property name="report" value={_quoted(record.name + ".html")}/>'
+        f'<property name="attlog" value={_quoted(__version__)}/></properties>',
     ]
-    yield from errors[:SHOWN]
+    analysis = _problem("error", message, f"exit code {record.code}") if errors else ""
+    if record.known:
+        analysis = f"<skipped message={_quoted(f'as in an earlier run: {message}')}/>"
+    lines.append(_case(log, ANALYSIS, analysis, time))
+    in_order = sorted(outcomes, key=lambda o: (o.check, o.row))  # the same place from run to run
+    return "\n".join([*lines, *(_case(log, f"{o.row}: {o.check}", _of(o)) for o in in_order), "</testsuite>\n"])
+
+
+def _of(outcome: GateOutcome) -> str:
+    if outcome.status == "passed":
+        return ""
+    if outcome.status == "skipped":
+        return f"<skipped message={_quoted(outcome.sentence)}/>"
+    return _problem("failure", outcome.sentence, outcome.cause or "")
+
+
+def _case(log: str, name: str, inside: str, time: str = "") -> str:
+    head = f"<testcase classname={_quoted(log)} name={_quoted(name)}{time}"
+    return f"{head}>{inside}</testcase>" if inside else f"{head}/>"
+
+
+def _problem(kind: str, message: str, type_: str) -> str:
+    first = message.partition("\n")[0]
+    return f"<{kind} message={_quoted(first)} type={_quoted(type_)}>{escape(NO_XML.sub('', message))}</{kind}>"
+
+
+def _quoted(value: object) -> str:
+    return quoteattr(NO_XML.sub("", str(value)))
+
+
+# GitHub's workflow commands: annotations of files of a pull request.
+
+
+def github_commands(logs: Sequence[GatedLog], root: Path | None = None) -> Iterator[str]:
+    """Yield a line for each of the worst failures, each log's worst first, and one that counts the rest.
+
+    ``root``: of the repository.
+    """
+    found = failing(logs)
+    lines = [_annotation(j.log, "not analysed", j.message, root) for j in found if j.broken]
+    rank = sorted((k, -o.excess, n) for n, j in enumerate(found) for k, o in enumerate(j.worst))
+    for k, _, n in rank:
+        outcome = found[n].worst[k]
+        lines.append(_annotation(found[n].log, f"{outcome.row}: {outcome.check}", outcome.sentence, root))
+    yield from lines[:MAX_ANNOTATIONS]
     total = sum(j.failed + j.broken for j in found)
-    if total > SHOWN:
+    if total > MAX_ANNOTATIONS:
         rest = f"{counted(total, 'failure')} in {counted(len(found), 'log')}"
-        yield f"::notice title=attlog::{rest}, of which the worst {SHOWN} are marked; the reports show all of them"
+        yield (
+            f"::notice title=attlog::{rest}, of which the worst {MAX_ANNOTATIONS} are marked; "
+            "the reports show all of them"
+        )
 
 
-def refused(why: str) -> Iterator[str]:
-    """A line for each thing that is wrong with what was asked, so that nothing was run."""
-    for line in why.splitlines()[:SHOWN]:
-        yield f"::error title={_property('attlog, nothing was analysed')}::{_message(line)}"
-
-
-def _command(kind: str, log: str, title: str, message: str, root: Path | None) -> str:
-    place = _inside(log, root)
+def _annotation(log: str, title: str, message: str, root: Path | None) -> str:
+    place = _in_repository(log, root)
     file = f"file={_property(place)}," if place else ""
-    said = f"{log}: {message.removeprefix(f'{log}: ')}"  # a log that cannot be read names itself
-    return f"::{kind} {file}title={_property(f'attlog, {title}')}::{_message(said)}"
+    text = f"{log}: {message.removeprefix(f'{log}: ')}"
+    return f"::error {file}title={_property(f'attlog, {title}')}::{_message(text)}"
 
 
-def _inside(log: str, root: Path | None) -> str:
-    """The log's path in the repository; empty for what is not in it."""
+def _in_repository(log: str, root: Path | None) -> str:
+    """Return the log's path in the repository, empty outside it."""
     try:
         return Path(log).resolve().relative_to((root or Path.cwd()).resolve()).as_posix() if Path(log).exists() else ""
     except (OSError, ValueError):
@@ -323,14 +261,11 @@ def _property(text: str) -> str:
     return _message(text).replace(":", "%3A").replace(",", "%2C")
 
 
-# What CI systems read of gates: a Markdown summary, annotations and a JUnit file; the worst first.
-
-MOST_BYTES = 900_000
-"""GitHub refuses the whole summary of a step above 1 MiB."""
+# Markdown summary, the worst first.
 
 
-def summary(logs: Sequence[GatedLog], most: int = MOST_BYTES) -> str:
-    """The summary of all logs; what does not fit is counted."""
+def summary(logs: Sequence[GatedLog]) -> str:
+    """Return the summary of all logs; failures beyond its limit of size are counted."""
     found = failing(logs)
     lines = [_headline(logs, found), "", _counts(logs), ""]
     used = sum(len(line.encode()) + 1 for line in lines) + 200
@@ -339,43 +274,13 @@ def summary(logs: Sequence[GatedLog], most: int = MOST_BYTES) -> str:
         lines += ["| log | row | check | what was found |", "| --- | --- | --- | --- |"]
     for line in _table(found):
         used += len(line.encode()) + 1
-        if used > most:
+        if used > MAX_SUMMARY_BYTES:
             break
         lines.append(line)
         left -= 1
     if left > 0:
         lines += ["", f"... and {counted(left, 'more failure')}: the reports of these logs show them."]
     return "\n".join(lines) + "\n"
-
-
-def write_summary(logs: Sequence[GatedLog], path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
-    """Write the summary to a file, and add it to the job's where ``$GITHUB_STEP_SUMMARY`` names one.
-
-    Returns the text that is left to be printed: all of it where it was written nowhere. OutputError if a file cannot
-    be written.
-    """
-    return write_text(summary(logs), path, environment)
-
-
-def not_run(why: str) -> str:
-    """The summary of a run that was refused before it looked at a log."""
-    return "\n".join(
-        ["## ❌ attlog: nothing was analysed", "", *(f"- {escape_markdown(line)}" for line in why.splitlines()), ""]
-    )
-
-
-def write_text(text: str, path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
-    """Bring a summary to its places, as :func:`write`."""
-    step = environment.get("GITHUB_STEP_SUMMARY")
-    if path is not None:
-        write_atomic(path, text)
-    if step and (path is None or path.resolve() != Path(step).resolve()):
-        try:
-            with open(step, "a", encoding="utf-8") as file:
-                file.write(text)
-        except OSError as error:
-            raise OutputError(f"{step}: cannot be written ({error.strerror or error})") from error
-    return "" if step or path is not None else text
 
 
 def _headline(logs: Sequence[GatedLog], found: Sequence[GatedLog]) -> str:
@@ -387,13 +292,11 @@ def _headline(logs: Sequence[GatedLog], found: Sequence[GatedLog]) -> str:
 
 
 def _counts(logs: Sequence[GatedLog]) -> str:
-    passed, failed, skipped, excused = (
-        sum(getattr(j, kind) for j in logs) for kind in ("passed", "failed", "skipped", "excused")
+    passed, failed, skipped, excused, broken, known = (
+        sum(getattr(j, kind) for j in logs) for kind in ("passed", "failed", "skipped", "excused", "broken", "known")
     )
     parts = [f"{counted(passed, 'check')} passed", f"{failed} failed", f"{skipped} skipped"]
-    broken = sum(j.broken for j in logs)
     parts += [f"{counted(broken, 'log')} could not be analysed"] if broken else []
-    known = sum(j.known for j in logs)
     parts += [f"{counted(known, 'log')} failed as in an earlier run"] if known else []
     parts += [f"{excused} beyond a limit to the baseline, without significant difference"] if excused else []
     return f"{', '.join(parts)} (attlog {__version__})."
@@ -411,6 +314,23 @@ def _line(*cells: str) -> str:
     return "| " + " | ".join(map(escape_markdown, cells)) + " |"
 
 
+def write_summary(text: str, path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
+    """Write a summary to a file, and append it to ``$GITHUB_STEP_SUMMARY`` if that is set.
+
+    Returns the text to print: all of it if it was not written. OutputError if a file cannot be written.
+    """
+    step = environment.get("GITHUB_STEP_SUMMARY")
+    if path is not None:
+        write_atomic(path, text)
+    if step and (path is None or path.resolve() != Path(step).resolve()):
+        try:
+            with open(step, "a", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise OutputError(f"{step}: cannot be written ({error.strerror or error})") from error
+    return "" if step or path is not None else text
+
+
 def publish(
     logs: list[GatedLog],
     junit_file: Path | None = None,
@@ -420,27 +340,24 @@ def publish(
     out: TextIO | None = None,
     err: TextIO | None = None,
 ) -> None:
-    """What CI systems read: a JUnit file, a Markdown summary, and on GitHub annotations (on standard error).
+    """Write a JUnit file and a Markdown summary, and on GitHub annotations (on standard error).
 
-    ``summary_to``: a file, or True for ``$GITHUB_STEP_SUMMARY`` where it is set, else standard output. OutputError for
-    a file that cannot be written; the others are written all the same.
+    ``summary_to``: a file, or True for ``$GITHUB_STEP_SUMMARY``, else standard output. OutputError for files that
+    cannot be written, after all others are written.
     """
+    root = environment.get("GITHUB_WORKSPACE")
+    _annotate(github_commands(logs, Path(root) if root else None), environment, err)
     wrong: list[str] = []
-    if on_github(environment):
-        root = environment.get("GITHUB_WORKSPACE")
-        for line in commands(logs, Path(root) if root else None):
-            print(line, file=err or sys.stderr)
+
+    def attempt(write: Callable[[], None]) -> None:
+        try:
+            write()
+        except OutputError as error:
+            wrong.append(str(error))
+
     if junit_file is not None:
-        try:
-            write_junit(junit_file, (j.suite for j in logs))
-        except OutputError as error:
-            wrong.append(str(error))
-    if summary_to is not False:
-        try:
-            text = write_summary(logs, summary_to if isinstance(summary_to, Path) else None, environment)
-            print(text, end="", file=out or sys.stdout)
-        except OutputError as error:
-            wrong.append(str(error))
+        attempt(lambda: write_junit(junit_file, logs))
+    attempt(lambda: _print_summary(summary(logs), summary_to, environment, out))
     if wrong:
         raise OutputError("\n".join(wrong))
 
@@ -453,10 +370,22 @@ def publish_refusal(
     out: TextIO | None = None,
     err: TextIO | None = None,
 ) -> None:
-    """What CI systems read of a run that was refused for its gates or options: else its step is red without a word."""
-    if on_github(environment):
-        for line in refused(why):
+    """Report to CI why a run was refused for its gates or options, before any log was read."""
+    lines = why.splitlines()
+    title = _property("attlog, nothing was analysed")
+    _annotate((f"::error title={title}::{_message(line)}" for line in lines[:MAX_ANNOTATIONS]), environment, err)
+    text = ["## ❌ attlog: nothing was analysed", "", *(f"- {escape_markdown(line)}" for line in lines), ""]
+    _print_summary("\n".join(text), summary_to, environment, out)
+
+
+def _annotate(lines: Iterable[str], environment: Mapping[str, str], err: TextIO | None) -> None:
+    """Print workflow commands in a step of a GitHub workflow."""
+    if environment.get("GITHUB_ACTIONS") == "true":
+        for line in lines:
             print(line, file=err or sys.stderr)
+
+
+def _print_summary(text: str, summary_to: Path | bool, environment: Mapping[str, str], out: TextIO | None) -> None:
     if summary_to is not False:
         path = summary_to if isinstance(summary_to, Path) else None
-        print(write_text(not_run(why), path, environment), end="", file=out or sys.stdout)
+        print(write_summary(text, path, environment), end="", file=out or sys.stdout)

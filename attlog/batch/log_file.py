@@ -1,7 +1,4 @@
-"""A log's file: copied and hashed on the way, and still the same after it was read.
-
-Copies in progress grow, cards are pulled out, files are cut.
-"""
+"""Files of logs: copy with hash, checks for changes while reading, recognition by name."""
 
 from __future__ import annotations
 
@@ -14,12 +11,12 @@ from pathlib import Path, PurePath
 from attlog import formats
 from attlog.core.errors import LogUnreadable, NotALog
 
+# Bytes copied at a time.
 BLOCK = 1 << 20
-"""Bytes copied at a time."""
 
 
 def copy(blocks: Iterable[bytes], path: Path) -> tuple[str, int]:
-    """All blocks to a file: SHA-256 (hex) and size. LogUnreadable if the disk does not hold them."""
+    """Write blocks to a file; return SHA-256 (hex) and size. LogUnreadable if the disk is full."""
     sha256, size = hashlib.sha256(), 0
     try:
         file = path.open("wb")
@@ -41,7 +38,7 @@ def copy(blocks: Iterable[bytes], path: Path) -> tuple[str, int]:
 
 
 def hashed(path: Path) -> str:
-    """SHA-256 (hex) of a file, read once. LogUnreadable if it cannot be."""
+    """Return the SHA-256 (hex) of a file. LogUnreadable if it cannot be read."""
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise LogUnreadable(f"{path}: is no regular file; logs are memory-mapped, so save it to a file first")
@@ -52,7 +49,7 @@ def hashed(path: Path) -> str:
 
 
 def unreadable(name: str, error: OSError) -> LogUnreadable:
-    """The error of a file that cannot be opened or read."""
+    """Return the error of a file that cannot be opened or read."""
     if isinstance(error, FileNotFoundError):
         return LogUnreadable(f"{name}: no such file")
     return LogUnreadable(f"{name}: cannot be read ({error.strerror or error})")
@@ -69,7 +66,7 @@ CHANGED = "changed while it was read (it is still being written or copied); try 
 
 @contextmanager
 def unchanged(path: Path) -> Iterator[None]:
-    """A block that reads the file. LogUnreadable if the file is another one afterwards, whatever the block raised."""
+    """Raise LogUnreadable if the file changes while the block reads it, whatever the block raised."""
     before = state(path)
     failure: Exception | None = None
     try:
@@ -83,39 +80,39 @@ def unchanged(path: Path) -> Iterator[None]:
 
 
 def state(path: Path) -> tuple[int, int] | None:
-    """Size and time of the last change; None where there is no such file."""
+    """Return size and time of the last change; None without the file."""
     try:
-        told = path.stat()
+        found = path.stat()
     except OSError:
         return None
-    return told.st_size, told.st_mtime_ns
+    return found.st_size, found.st_mtime_ns
 
 
-# Was a file that lies somewhere meant as a log, or as an archive of logs?
+# Recognition of logs and archives among other files.
 
+# Names of logs alone: a file of these names is a log even if damaged.
 LOG_SUFFIXES = frozenset((".ulg", ".ulge", ".tlog", ".mcap", ".db3"))
-"""A file of these names was meant as a log even where its content is none; other names serve other things too."""
 
+# First bytes of zip archives.
 MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
-"""Zip archives begin so."""
 
-SUFFIXES_OF_LOGS = LOG_SUFFIXES | {".bin", ".log", ".mavlink"}
-"""Names that logs have; what stands behind a URL is told by its name alone, because asking each would take hours."""
+# Names that logs may have. Files behind URLs are recognised by name alone, because reading each would take hours.
+POSSIBLE_SUFFIXES = LOG_SUFFIXES | {".bin", ".log", ".mavlink"}
 
 
 def is_meant(path: Path) -> bool:
-    """Whether a file found in a folder is a log, by its content; one that is damaged or cannot be read, by its name."""
+    """Return True for a log by content, or by name if damaged or unreadable."""
     try:
         formats.recognise(path)
     except NotALog:
         return named_as_log(path.name)
     except LogUnreadable:
-        return may_be_log(path.name)  # nobody knows what is in it: rather told than left out
+        return may_be_log(path.name)  # rather reported than left out
     return True
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file begins as zip archives do; False where it cannot be read, or is a pipe that may never say."""
+    """Return True for a zip archive by its first bytes; False for pipes and unreadable files."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             return False
@@ -126,13 +123,13 @@ def is_archive(path: Path) -> bool:
 
 
 def named_as_log(name: str) -> bool:
-    """Whether a file of this name can only have been meant as a log."""
+    """Return True for a name that only logs have."""
     return _suffix(name) in LOG_SUFFIXES
 
 
 def may_be_log(name: str) -> bool:
-    """Whether logs have such names."""
-    return _suffix(name) in SUFFIXES_OF_LOGS
+    """Return True for a name that logs may have."""
+    return _suffix(name) in POSSIBLE_SUFFIXES
 
 
 def _suffix(name: str) -> str:

@@ -1,4 +1,4 @@
-"""One log in a process of its own, within limits of time and memory: from work to record."""
+"""One log in a process of its own, within limits of time and memory: from job to record."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from pathlib import Path
 from typing import Any
 
 from attlog import __version__
-from attlog.batch.job import INSIDE, Record, Work, content_key, done_before, keep, read_record
+from attlog.batch.job import INSIDE, Job, Record, content_key, done_before, keep, read_record
 from attlog.batch.log_file import CHANGED, state
 from attlog.batch.report_files import PRINTED, load_filters, process_log
 from attlog.core import limits
 from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_message, exit_code, is_out_of_processes
 from attlog.core.files import is_disk_full
-from attlog.core.workers import Closed, Died, Exit, ForkServer, TooLong, TooMuchMemory
+from attlog.core.workers import Closed, Died, ForkServer, TooLong, TooMuchMemory
 
+# Exit code of a log that needed more time or memory than allowed.
 LIMIT_REACHED = 75
-"""Exit code of a log that took more time or memory than it was given."""
+# Folder inside :data:`INSIDE` for the scratch folders of processes. Without records they are removed after a day.
 SCRATCH = "scratch"
-"""The folder inside a batch's own that holds the scratch folders of its processes."""
-A_DAY_S = 86_400.0
+SCRATCH_S = 86_400.0
+# Modules that nearly every log needs. A process imports others itself.
 PRELOADED = (
     "attlog.pipeline.evaluation",
     "attlog.batch.report_files",
@@ -42,66 +43,62 @@ PRELOADED = (
     "tomli_w",
     "vqf",
 )
-"""What nearly every log needs; what is left out is imported by the process that needs it."""
 Tell = Callable[[dict[str, Any]], None]
 
 
 def forks() -> ForkServer:
-    """Processes for logs. Where a mapped file is cut, the process that waits for them says so."""
+    """Start the server that forks a process for each log."""
     return ForkServer(PRELOADED, {limits.MAPPED: "1"})
 
 
+# For callers that bring no server, such as a task of a cluster.
 shared = functools.lru_cache(maxsize=1)(forks)
-"""Those of this process, for callers that bring none (a task of a cluster)."""
 
 
-def run_one(work: Work, processes: ForkServer | None = None, tell: Tell | None = None) -> Record:
-    """Analyse one log in a child process, put its files in place, and keep and return its record.
+def run_one(job: Job, processes: ForkServer | None = None, tell: Tell | None = None) -> Record:
+    """Analyse one log in a child process, move its files into place, write and return its record.
 
-    Never raises for what a log, its process or the folder does: that is told by the record. A child only ever
-    writes to a scratch folder of its own inside the folder; files are moved from there whole, so an orphan writes to
-    nobody's report. ``tell`` hears the child's stages, and in silence an empty message now and
-    then; what it raises ends the child. :class:`attlog.core.workers.Closed` if the processes are.
+    Errors of the log, its process or the folder are reported in the record, never raised. The child writes to a scratch
+    folder only, so an orphan cannot change a report. ``tell`` gets the child's stages, and an empty message now and
+    then; an exception of ``tell`` ends the child. :class:`attlog.core.workers.Closed` if the server is closed.
     """
-    if work.resume:
-        before = done_before(work)
-        if before is not None:
-            return before
-    log = work.source.name
-    scratch = work.folder / INSIDE / SCRATCH / secrets.token_hex(8)
+    if before := done_before(job):
+        return before
+    scratch = job.folder / INSIDE / SCRATCH / secrets.token_hex(8)
     try:
         (scratch / "out").mkdir(parents=True)
-        record = _analysed(work, scratch, processes or shared(), tell or _ignore)
+        record = _analyse(job, scratch, processes or shared(), tell or (lambda _: None))
         if record.done:
-            _publish(scratch / "out", work.folder)
-        if work.keep:
-            _remove_outdated(work, record)
-            record = keep(work, record)
+            _publish(scratch / "out", job.folder)
+        if job.keep:
+            _remove_outdated(job, record)
+            record = keep(job, record)
     except (OSError, OutputError) as error:
         failure: Exception = error
         if isinstance(error, OSError) and not is_out_of_processes(error):
-            failure = OutputError(f"{work.folder}: cannot be written ({error.strerror})")
-        record = Record(
-            log,
-            work.name,
-            code=exit_code(failure),
-            message=error_message(failure, __version__, log),
-            folder_full=is_disk_full(error if isinstance(error, OSError) else error.__cause__),
-        )
+            failure = OutputError(f"{job.folder}: cannot be written ({error.strerror})")
+        record = failed_record(job, failure, is_disk_full(error if isinstance(error, OSError) else error.__cause__))
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     return record
 
 
+def failed_record(job: Job, error: Exception, folder_full: bool = False) -> Record:
+    """Return the record of a log with an error outside its own process."""
+    log = job.source.name
+    message = error_message(error, __version__, log)
+    return Record(log, job.name, code=exit_code(error), message=message, folder_full=folder_full)
+
+
 @contextmanager
 def tidied(folder: Path) -> Iterator[None]:
-    """A block whose work keeps no records: afterwards nothing but reports is left in the folder.
+    """Run jobs without records, and leave nothing but reports in the folder.
 
-    Others may be at work there, so of runs that were killed only what is a day old is removed.
+    Another run may use the folder, so scratch folders of killed runs are removed only when a day old.
     """
     for scratch in (folder / INSIDE / SCRATCH).glob("*"):
         before = state(scratch)
-        if before is not None and time.time() - before[1] / 1e9 > A_DAY_S:
+        if before is not None and time.time() - before[1] / 1e9 > SCRATCH_S:
             shutil.rmtree(scratch, ignore_errors=True)
     try:
         yield
@@ -111,49 +108,40 @@ def tidied(folder: Path) -> Iterator[None]:
                 place.rmdir()
 
 
-def _ignore(_: dict[str, Any]) -> None:
-    """Hears nothing."""
-
-
-def _analysed(work: Work, scratch: Path, processes: ForkServer, tell: Tell) -> Record:
-    """The record that a child process told, or what became of the process."""
-    before = state(Path(work.source.place))
-    with suppress(Died):  # what a filter does to this process it does to that of its log, which says so
-        processes.prepare(load_filters, list(work.config.estimators), tell=tell)
+def _analyse(job: Job, scratch: Path, processes: ForkServer, tell: Tell) -> Record:
+    before = state(Path(job.source.place))
+    with suppress(Died):  # a filter that kills this process kills that of its log too, which reports it
+        processes.prepare(load_filters, list(job.config.estimators), tell=tell)
     found: dict[str, Any]
     with processes.worker() as worker:
         started = time.monotonic()
         try:
             found = worker.call(
-                process_log, work, scratch, seconds=work.timeout or 0.0, memory_mb=work.memory or 0.0, tell=tell
+                process_log, job, scratch, seconds=job.timeout or 0.0, memory_mb=job.memory or 0.0, tell=tell
             )
         except Died as died:
-            code, why = _why(died, state(Path(work.source.place)) != before)
-            found = {"code": code, "message": f"attlog: {work.source.name}: {why}"}
+            code, why = _why(died, state(Path(job.source.place)) != before)
+            found = {"code": code, "message": f"attlog: {job.source.name}: {why}"}
             if code != LIMIT_REACHED:
-                found["trace"] = _printed(scratch)
+                with suppress(OSError):
+                    printed = (scratch / PRINTED).read_text(encoding="utf-8", errors="replace")
+                    found["trace"] = printed[-4000:]
         seconds, took = time.monotonic() - started, worker.end()
     if processes.closed:
         raise Closed
     if "key" not in found:
-        found["key"] = content_key(work)
-    return Record(
-        work.source.name,
-        work.name,
-        wall_s=round(seconds, 3),
-        cpu_s=round(took.cpu_s, 3),
-        peak_mb=round(took.peak_mb, 1),
-        **found,
-    )
+        found["key"] = content_key(job)
+    found |= {"wall_s": round(seconds, 3), "cpu_s": round(took.cpu_s, 3), "peak_mb": round(took.peak_mb, 1)}
+    return Record(job.source.name, job.name, **found)
 
 
 def _why(died: Died, changed: bool) -> tuple[int, str]:
-    """Exit code and sentence for a process that ended without a result."""
+    """Return exit code and reason of a process that ended without a result."""
     if isinstance(died, TooLong):
         return LIMIT_REACHED, f"{died}; --timeout allows more, 0 any time"
     if isinstance(died, TooMuchMemory):
         return LIMIT_REACHED, f"{died}; --memory allows more, --boot or fewer --estimators need less"
-    ended: Exit = died.exit
+    ended = died.exit
     if ended.signal == "SIGBUS" and changed:
         return LogUnreadable.exit_code, CHANGED  # a file that is cut while it is mapped into memory
     if ended.signal == "SIGKILL":
@@ -166,23 +154,15 @@ def _why(died: Died, changed: bool) -> tuple[int, str]:
     return EXIT_BUG, f"its process {ended}" + ("; -vv shows what it said last" if ended.status is not None else "")
 
 
-def _printed(scratch: Path) -> str:
-    """The last lines that a process wrote to its standard output and error: where it crashed."""
-    try:
-        return (scratch / PRINTED).read_text(encoding="utf-8", errors="replace")[-4000:]
-    except OSError:
-        return ""
-
-
-def _remove_outdated(work: Work, record: Record) -> None:
-    """Remove the files of an earlier run that the log has no longer: it failed; its old report is of another key."""
-    before = read_record(work.folder, work.name)
+def _remove_outdated(job: Job, record: Record) -> None:
+    """Remove files of an earlier run that this record lacks."""
+    before = read_record(job.folder, job.name)
     for name in set(before.files if before else ()) - set(record.files):
-        (work.folder / name).unlink(missing_ok=True)
+        (job.folder / name).unlink(missing_ok=True)
 
 
 def _publish(out: Path, folder: Path) -> None:
-    """Put files in their place, each whole; the JSON last, which others wait for. OutputError if one cannot be."""
+    """Move files into place, each whole, the JSON last, because other programs wait for it. OutputError on failure."""
     for file in sorted(out.iterdir(), key=lambda path: (path.suffix == ".json", path.name)):
         try:
             file.replace(folder / file.name)

@@ -1,4 +1,4 @@
-"""Logs behind URLs, by fsspec: which words are URLs, what a URL means, and one of them downloaded."""
+"""Logs behind URLs, by fsspec: listing, download and random access."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _WITH_USERS = frozenset(("http", "https", "ftp", "sftp", "ssh", "smb"))
 
 
 def is_url(text: str) -> bool:
-    """Whether a word is a URL; ``file://`` begins one too."""
+    """Return True for a URL, also of ``file://``."""
     return _URL.match(text) is not None
 
 
 def shown(place: str) -> str:
-    """A path as it is; a URL without user, password and signature."""
+    """Return a path as it is, a URL without user, password and signature."""
     if not is_url(place):
         return place
     parts = urlsplit(place)
@@ -36,17 +36,17 @@ def shown(place: str) -> str:
     return urlunsplit(parts._replace(netloc=host, query=query, fragment=""))
 
 
+# Waits before the second and third attempt at a download that broke off.
 WAITS_S = (1.0, 4.0)
-"""Before the second and the third attempt at a download that broke off."""
+# Answers of a web server that another attempt will not change.
 _LASTING = frozenset((400, 401, 403, 404, 405, 410, 416, 451))
-"""Answers of a web server that another attempt will not change."""
 
 
 def meant(url: str, wanted: Any) -> list[str]:
-    """The URLs that a URL with a pattern or of a folder stands for, those alone whose name is ``wanted``; else itself.
+    """Return the ``wanted`` URLs of a pattern or folder; any other URL is returned as it is.
 
-    A web server's folder is asked only by a URL that ends with ``/``. LogUnreadable if the place cannot be listed or
-    holds nothing wanted, UsageError if a package is missing.
+    A web server's folder is listed only if its URL ends with ``/``. LogUnreadable if the place cannot be listed or has
+    nothing wanted, UsageError if a package is missing.
     """
     web = _is_web(url)
     pattern = "*" in (urlsplit(url).path if web else url) or (not web and any(c in url for c in "?["))
@@ -61,7 +61,7 @@ def meant(url: str, wanted: Any) -> list[str]:
             found = files.find(path, maxdepth=MAX_LISTING_DEPTH)
         else:
             return [url]
-        if web and not found:  # what looks into folders passes over one that no server shows: ask for its error
+        if web and not found:  # the search skips a folder without a server: list it for its error
             files.ls(path.partition("*")[0].rpartition("/")[0] + "/", detail=False)
     except AttlogError:
         raise
@@ -75,10 +75,7 @@ def meant(url: str, wanted: Any) -> list[str]:
 
 
 def download(url: str, path: Path) -> tuple[str, int]:
-    """The content behind a URL to a file.
-
-    SHA-256 and size. Errors as :meth:`attlog.batch.sources.Source.local`.
-    """
+    """Download a URL to a file; return SHA-256 and size. Errors as :meth:`attlog.batch.sources.Source.local`."""
     for wait in (*WAITS_S, None):
         try:
             return copy(_blocks(url), path)
@@ -93,7 +90,7 @@ def download(url: str, path: Path) -> tuple[str, int]:
 
 @contextmanager
 def random_access(url: str) -> Iterator[IO[bytes] | None]:
-    """A file behind a URL that can be read in parts; None where the server does not give any."""
+    """Open a file behind a URL that can be read in parts; None if the server gives no parts."""
     try:
         files, path = _file_system(url)
         file = files.open(path, "rb")
@@ -101,7 +98,7 @@ def random_access(url: str) -> Iterator[IO[bytes] | None]:
         reads = len(file.read(2)) == 1
     except AttlogError:
         raise
-    except Exception:  # it will say why it cannot be read when it is downloaded
+    except Exception:  # the download will report it
         reads = False
     if not reads:
         yield None
@@ -111,7 +108,7 @@ def random_access(url: str) -> Iterator[IO[bytes] | None]:
 
 
 def url_stamp(url: str) -> str:
-    """What the server tells of a file's content: its tag or time, and size. Empty where it tells neither."""
+    """Return tag or time, and size, of a file from its server; empty without both."""
     try:
         files, path = _file_system(url)
         info = files.info(path)
@@ -143,7 +140,7 @@ def _blocks(url: str) -> Iterator[bytes]:
 
 
 def _file_system(url: str) -> tuple[Any, str]:
-    """The file system of a URL and the path in it. UsageError where a package is missing."""
+    """Return the file system of a URL and the path in it. UsageError if a package is missing."""
     options: dict[str, Any] = {"use_listings_cache": False}
     try:
         import fsspec
@@ -169,19 +166,19 @@ def _is_web(url: str) -> bool:
 
 
 def _cause(error: BaseException) -> BaseException:
-    """What happened: of whatever failed fsspec says that there is no file, also where no server answered."""
+    """Return the cause of an error: fsspec reports a missing file for any failure."""
     found = error.__cause__ if isinstance(error, FileNotFoundError) else None
     return error if found is None else _cause(found)
 
 
 def _passing(failure: Exception) -> bool:
-    """Whether another attempt may help."""
+    """Return True if another attempt may help."""
     error = _cause(failure)
     return not isinstance(error, FileNotFoundError | PermissionError) and getattr(error, "status", 0) not in _LASTING
 
 
 def _failed(url: str, failure: Exception) -> LogUnreadable:
-    """What went wrong behind a URL, in one sentence."""
+    """Return the error of a URL in one sentence."""
     name, error = shown(url), _cause(failure)
     if isinstance(error, FileNotFoundError):
         return LogUnreadable(f"{name}: no such file")

@@ -1,4 +1,4 @@
-"""One log to files: the report, the JSON, what both are called, and the same as the work of a process of its own."""
+"""One log to files: report and JSON with their names, in this process or as the job of a child process."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from attlog import __version__
-from attlog.batch.job import Work, key, stamp, written
+from attlog.batch.job import Job, key, size_and_hash, stamp
 from attlog.batch.log_file import unchanged
 from attlog.core import files as file_names
 from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_message, exit_code
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from attlog.pipeline.config import Config
     from attlog.result import Result
 
+# Names of pages of a batch, which no report may have.
 RESERVED = ("index",)
-"""Names that the pages of a batch have."""
+# File in the scratch folder of a log's process with all that it prints, also if it crashes.
 PRINTED = "printed.txt"
-"""In the scratch folder of a log's process: all that it prints, also when it crashes."""
+# Loggers that report progress, and the key of their messages.
 STAGES = {"attlog.stages": "stage", "attlog.compiling": "compiling"}
-"""Loggers that say what is being done, and what they say it as."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReportFiles:
-    """What was found out about a log, and the files it stands in."""
+    """Result of a log and the files that hold it."""
 
     result: Result
     report: Path
@@ -50,12 +50,10 @@ def analyze_to_files(
 ) -> ReportFiles:
     """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder; ``name`` is the file's own by default.
 
-    Both files appear whole or the old ones stay, and nothing is written of a log that fails.
-    Errors as in :func:`attlog.analyze`; LogUnreadable where the log changed meanwhile; OutputError if a file cannot
-    be written.
-    ``deterministic`` leaves measured times out of both files. ``figures``: how the paths of figures begin that are
-    written after the report, all of them or none; a report stays where they fail. The logger ``attlog.stages`` tells
-    the stage.
+    Both files are replaced together or not at all. Errors as in :func:`attlog.analyze`; LogUnreadable if the log
+    changes meanwhile; OutputError if a file cannot be written. ``deterministic``: leave measured times out.
+    ``figures``: start of the paths of figures, written after the report, all or none. The logger ``attlog.stages``
+    reports the stage.
     """
     from attlog.pipeline import analyze
 
@@ -77,23 +75,21 @@ def analyze_to_files(
 
 
 def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """The name of each log's report: its file name with suffix; a second of the same name gets a number.
+    """Return a report name for each log: its file name with suffix, and a number if it is ``taken``.
 
-    Names that differ in case alone count as the same: some file systems do not tell them apart; what a file system
-    or a terminal may stumble over is replaced (:mod:`attlog.core.files`). ``taken`` are names of other
-    reports in the folder.
+    Names that differ in case alone count as equal, as on some file systems; see :mod:`attlog.core.files`.
     """
     return file_names.file_names(map(str, logs), (*RESERVED, *taken))
 
 
 def figure_starts(folder: Path, logs: Iterable[str]) -> list[Path]:
-    """How the paths of each log's figures begin: the log's name without its suffixes, a second one with a number."""
+    """Return the start of the paths of each log's figures: its name without suffixes, numbered if taken."""
     stems = [Path(name.removesuffix(".gz")).stem or name for name in map(str, logs)]
     return [folder / name for name in file_names.file_names(stems)]
 
 
 class MessageHandler(logging.Handler):
-    """Hands on what loggers say is being done."""
+    """Pass progress of loggers to a function."""
 
     def __init__(self, tell: Callable[[dict[str, Any]], None]) -> None:
         super().__init__(logging.INFO)
@@ -105,7 +101,7 @@ class MessageHandler(logging.Handler):
 
 @contextmanager
 def messages_to(tell: Callable[[dict[str, Any]], None]) -> Iterator[None]:
-    """A block in which stages and what is compiled are handed on, and reach nobody else."""
+    """Pass stages and compilations to ``tell`` alone."""
     loggers = [logging.getLogger(name) for name in STAGES]
     before = [(logger.handlers, logger.propagate, logger.level) for logger in loggers]
     for logger in loggers:
@@ -120,9 +116,9 @@ def messages_to(tell: Callable[[dict[str, Any]], None]) -> Iterator[None]:
 
 
 def load_filters(specs: list[str], *, tell: Callable[[dict[str, Any]], None]) -> None:
-    """Load filters into this process, which forks others that then have them; those that are compiled are told.
+    """Load filters into this process for the processes that it forks.
 
-    What fails here fails in the process of a log, and is told there.
+    An error here is an error in the process of the log too, and is reported there.
     """
     from attlog.pipeline.replay import preload
 
@@ -130,52 +126,42 @@ def load_filters(specs: list[str], *, tell: Callable[[dict[str, Any]], None]) ->
         preload(specs)
 
 
-def process_log(work: Work, scratch: Path, *, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
-    """The work of a log's process: :func:`fields_of_record`; what is printed goes to a file of the folder."""
+def process_log(job: Job, scratch: Path, *, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+    """Analyse a log to files in ``scratch / "out"`` and return the fields of its record, also for an error.
+
+    What the process prints goes to :data:`PRINTED`.
+    """
+    from attlog.batch.index_row import index_row
     from attlog.core.workers import write_output_to
 
     write_output_to(scratch / PRINTED)
-    return fields_of_record(work, scratch, tell)
-
-
-def fields_of_record(work: Work, scratch: Path, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
-    """Analyse a log to files in ``scratch / "out"``; the fields of its record. An error is told by them, not raised."""
-    from attlog.batch.index_row import index_row
-
-    content, out = "", scratch / "out"
+    content, sign, out = "", "", scratch / "out"
     try:
-        sign = _stamp(work)
-        with messages_to(tell), unchanged(Path(work.source.place)), work.source.local(scratch) as log:
+        with suppress(LogUnreadable):  # a server that fails now may answer the download
+            sign = stamp(job.source)  # before the bytes, so that a later change is noticed
+        with messages_to(tell), unchanged(Path(job.source.place)), job.source.local(scratch) as log:
             content = log.sha256
             files = analyze_to_files(
                 log.path,
-                work.config,
+                job.config,
                 out,
-                work.name,
-                command=work.command,
-                deterministic=work.deterministic,
-                figures=work.figures,
+                job.name,
+                command=job.command,
+                deterministic=job.deterministic,
+                figures=job.figures,
             )
         return {
-            "key": key(content, work.settings),
+            "key": key(content, job.settings),
             "stamp": sign,
             "row": index_row(files.result),
-            "files": {path.name: written(path) for path in (files.report, files.json)},
+            "files": {path.name: size_and_hash(path) for path in (files.report, files.json)},
         }
     except Exception as error:
         code = exit_code(error)
         return {
-            "key": key(content, work.settings) if content and not isinstance(error, LogUnreadable) else "",
+            "key": key(content, job.settings) if content and not isinstance(error, LogUnreadable) else "",
             "code": code,
-            "message": error_message(error, __version__, work.source.name).replace(str(out), str(work.folder)),
+            "message": error_message(error, __version__, job.source.name).replace(str(out), str(job.folder)),
             "trace": "".join(traceback.format_exception(error)) if code == EXIT_BUG else "",
             "folder_full": isinstance(error, OutputError) and is_disk_full(error.__cause__),
         }
-
-
-def _stamp(work: Work) -> str:
-    """Taken before the bytes, so that a later change is noticed. A server that fails now may answer the download."""
-    try:
-        return stamp(work.source)
-    except LogUnreadable:
-        return ""

@@ -1,4 +1,4 @@
-"""One batch at a time in a folder: a lock that the system gives back when its process ends, however it ends."""
+"""Many logs into one folder: plan, lock, run, index; finished logs stay finished whatever interrupts the run."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ from typing import IO, Any, Protocol
 
 from attlog import __version__
 from attlog.batch.index_page import INDEX, write_index
-from attlog.batch.index_row import Entry, light
-from attlog.batch.job import INSIDE, Record, Work, read_record, record_path, records, settings_key, written
+from attlog.batch.index_row import light
+from attlog.batch.job import INSIDE, Job, Record, read_record, record_path, records, settings_key, size_and_hash
 from attlog.batch.process import SCRATCH, forks, run_one
-from attlog.batch.remote import is_url
 from attlog.batch.report_files import report_names
 from attlog.batch.results_file import CSV, PARQUET, write_results
 from attlog.batch.sources import Source
@@ -32,26 +31,136 @@ from attlog.core.machine import cores
 from attlog.core.workers import ForkServer
 from attlog.pipeline.config import Config
 
-BEYOND = 1 << 30
-"""Windows lets nobody read a byte that is locked: one that the file does not have."""
+# Windows refuses to read a locked byte: this one is beyond the end of the file.
+LOCKED_BYTE = 1 << 30
+PLAN_SCHEMA = "attlog-batch/1"
+# Shortest time between two writes of the index, and the largest share of the run that they may take.
+INDEX_EVERY_S = 10.0
+INDEX_SHARE = 0.05
+
+Records = Generator[Record, None, None]
+# Runs jobs anywhere and yields their records as they come; closing it ends what runs.
+Runner = Callable[[Sequence[Job]], Records]
+Tell = Callable[[Job, dict[str, Any]], None]
+# Returns a sentence for each gate that a log fails. It is called for logs without a report too.
+Judge = Callable[[Record], tuple[str, ...]]
+
+
+class Watcher(Protocol):
+    """Receiver of the progress of a batch."""
+
+    def planned(self, jobs: Sequence[Job]) -> None:
+        """Receive the jobs before the first one starts."""
+
+    def finished(self, record: Record) -> None:
+        """Receive one log that is done or failed."""
+
+
+@dataclass(slots=True)
+class BatchOutcome:
+    """Records of the logs that were reached, in the order named, without the numbers that only tables need.
+
+    ``ended``: why the batch ended before all logs were reached; empty otherwise.
+    """
+
+    records: list[Record] = field(default_factory=list)
+    total: int = 0
+    seconds: float = 0.0
+    ended: str = ""
+    codes: set[int] = field(default_factory=set)
+
+    @property
+    def again(self) -> int:
+        """Number of logs that were done in an earlier run."""
+        return sum(record.again and record.done for record in self.records)
+
+
+def run_batch(
+    sources: Sequence[Source],
+    folder: Path,
+    config: Config,
+    run: Runner,
+    watcher: Watcher,
+    judge: Judge | None = None,
+    *,
+    commands: Sequence[str] = (),
+    fresh: bool = False,
+    **options: Any,
+) -> BatchOutcome:
+    """Analyse logs into a folder with index and table of results.
+
+    ``commands``: for each log the command that makes its report alone. ``fresh``: remove an earlier batch first.
+    ``options``: ``deterministic``, ``timeout``, ``memory`` and ``resume`` of :class:`attlog.batch.job.Job`.
+    OutputError if the folder cannot be written or another batch uses it, UsageError if it holds a batch and neither
+    ``resume`` nor ``fresh`` is set. After an interrupt (KeyboardInterrupt) index and results hold the finished logs.
+    """
+    with locked(folder) as warning:
+        if warning:
+            logging.getLogger("attlog.batch").warning(warning)
+        _remove_leftovers(folder)
+        jobs = plan_jobs(sources, folder, config, commands, fresh, options)
+        outcome = BatchOutcome(total=len(jobs))
+        place = {job.name: k for k, job in enumerate(jobs)}
+        found: dict[int, Record] = {}
+        started, index, stopped = time.monotonic(), Index(folder), ""
+        try:
+            watcher.planned(jobs)
+            with closing(run(jobs)) as coming:
+                for whole in coming:
+                    record = in_memory(whole, judge)
+                    found[place[record.name]] = record
+                    outcome.codes |= {0 if record.known else record.code} | ({1} if record.gates else set())
+                    watcher.finished(record)
+                    index.write_if_due(found)
+                    if record.folder_full:
+                        stopped = f"{folder} takes no more files"
+                        break
+        except OutputError as error:  # of the index
+            stopped = str(error)
+            outcome.codes |= {error.exit_code}
+        except KeyboardInterrupt:
+            reports = sum(record.done for record in found.values())
+            outcome.ended = f"interrupted; {reports} of {len(jobs)} reports are in {folder}; --resume goes on"
+            outcome.codes |= {EXIT_INTERRUPTED}
+        except ClusterError as error:
+            outcome.ended = str(error)
+            outcome.codes |= {error.exit_code}
+        if stopped:
+            outcome.ended = (
+                f"stopped: {stopped}, {len(jobs) - len(found)} of {len(jobs)} logs were not reached; "
+                "--resume goes on when there is room"
+            )
+        outcome.records = [found[k] for k in sorted(found)]
+        outcome.seconds = time.monotonic() - started
+        if outcome.records:
+            try:
+                index.write_all(outcome.records)
+            except OutputError:
+                if not stopped:
+                    raise
+        return outcome
+
+
+def in_memory(record: Record, judge: Judge | None = None) -> Record:
+    """Judge a record and drop the numbers that only tables need."""
+    return replace(record, row=light(record.row), gates=judge(record) if judge is not None else ())
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[str]:
-    """A block in which no other batch writes to the folder.
+    """Keep other batches out of the folder.
 
-    OutputError if one does (it is named), or if the folder cannot be made or written. The file stays behind: a lock
-    on a file that is removed and made anew would be no lock. The block is given a warning where the file system
-    cannot lock, else an empty text.
+    OutputError names the other batch, or says that the folder cannot be written. The lock file stays: a lock on a file
+    that is removed and made again would not lock. Yields a warning if the file system cannot lock, else "".
     """
     place = folder / INSIDE / "lock"
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         file = place.open("a+")
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror}); choose another place with -o") from error
+        raise _not_written(folder, error) from error
     with file:
-        without = ""
+        warning = ""
         try:
             _lock(file)
         except BlockingIOError:
@@ -61,24 +170,22 @@ def locked(folder: Path) -> Iterator[str]:
                 "wait for it, or choose another folder with -o"
             ) from None
         except OSError as error:
-            without = f"{folder}: no locks on this file system ({error.strerror}); let no other batch write there"
+            warning = f"{folder}: no locks on this file system ({error.strerror}); let no other batch write there"
         try:
             file.truncate(0)
             file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
             file.flush()
         except OSError as error:
-            raise OutputError(
-                f"{folder}: cannot be written ({error.strerror}); choose another place with -o"
-            ) from error
-        yield without
+            raise _not_written(folder, error) from error
+        yield warning
 
 
 def _lock(file: IO[str]) -> None:
-    """Lock the file until it is closed. BlockingIOError if somebody else has; OSError where files cannot be locked."""
+    """Lock the file until it is closed. BlockingIOError if it is locked; OSError where files cannot be locked."""
     if sys.platform == "win32":
         import msvcrt
 
-        file.seek(BEYOND)
+        file.seek(LOCKED_BYTE)
         try:
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
         except PermissionError as error:
@@ -90,100 +197,72 @@ def _lock(file: IO[str]) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-# What will be done with which log of a batch, under which name: the same for the life of its folder.
-
-SCHEMA = "attlog-batch/1"
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """A batch: which logs, into which folder, and how each is treated (see :class:`attlog.batch.job.Work`).
-
-    ``commands``: for each log the command that makes its report alone. ``resume``: what is done in the folder stays;
-    ``fresh``: what an earlier batch left there is removed first. Neither: a folder with a batch is refused.
-    """
-
-    sources: Sequence[Source]
-    folder: Path
-    config: Config
-    commands: Sequence[str] = ()
-    deterministic: bool = False
-    timeout: float | None = None
-    memory: float | None = None
-    resume: bool = False
-    fresh: bool = False
+def _not_written(folder: Path, error: OSError) -> OutputError:
+    return OutputError(f"{folder}: cannot be written ({error.strerror}); choose another place with -o")
 
 
-def planned(job: Job) -> list[Work]:
-    """The work for each log, under names that stay the same for the life of the folder."""
-    earlier = _earlier(job)
-    settings = settings_key(job.config, job.deterministic)
-    logs = [source.name for source in job.sources]
-    earlier |= _moved(job, earlier)
-    new = [source for source in job.sources if source.name not in earlier]
-    names = earlier | dict(
-        zip((source.name for source in new), report_names((s.file_name for s in new), earlier.values()), strict=True)
-    )
-    plan = {"schema": SCHEMA, "version": __version__, "settings": settings, "names": names}
-    write_atomic(_plan(job.folder), json.dumps(plan, indent=1) + "\n")
-    commands = job.commands or [""] * len(logs)
+def plan_jobs(
+    sources: Sequence[Source],
+    folder: Path,
+    config: Config,
+    commands: Sequence[str],
+    fresh: bool,
+    options: dict[str, Any],
+) -> list[Job]:
+    """Return a job for each log; names of reports stay the same for the life of the folder."""
+    earlier = _earlier_names(folder, fresh, options.get("resume", False))
+    settings = settings_key(config, options.get("deterministic", False))
+    earlier |= _moved(sources, folder, earlier)
+    new = [source for source in sources if source.name not in earlier]
+    made = report_names((source.file_name for source in new), earlier.values())
+    names = earlier | dict(zip((source.name for source in new), made, strict=True))
+    plan = {"schema": PLAN_SCHEMA, "version": __version__, "settings": settings, "names": names}
+    write_atomic(_plan_path(folder), json.dumps(plan, indent=1) + "\n")
     return [
-        Work(
-            source,
-            names[log],
-            job.folder,
-            job.config,
-            settings,
-            command,
-            job.deterministic,
-            job.timeout,
-            job.memory,
-            job.resume,
-        )
-        for source, log, command in zip(job.sources, logs, commands, strict=True)
+        Job(source, names[source.name], folder, config, settings, command, **options)
+        for source, command in zip(sources, commands or [""] * len(sources), strict=True)
     ]
 
 
-def _plan(folder: Path) -> Path:
+def _plan_path(folder: Path) -> Path:
     return folder / INSIDE / "batch.json"
 
 
-def _earlier(job: Job) -> dict[str, str]:
-    """Names of reports that logs have in the folder already, by log."""
+def _earlier_names(folder: Path, fresh: bool, resume: bool) -> dict[str, str]:
+    """Return log -> report name of the batch in the folder. UsageError if it is neither resumed nor removed."""
     try:
-        plan = json.loads(_plan(job.folder).read_bytes())
-        names: dict[str, str] = dict(plan["names"])
+        names: dict[str, str] = dict(json.loads(_plan_path(folder).read_bytes())["names"])
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, KeyError, TypeError):
-        names = {record.log: record.name for record in records(job.folder)}
-    if job.fresh:
-        _forget(job.folder, names.values())
+        names = {record.log: record.name for record in records(folder)}
+    if fresh:
+        _remove_batch(folder, names.values())
         return {}
-    if not job.resume:
-        done = sum(record_path(job.folder, name).exists() for name in names.values())
+    if not resume:
+        done = sum(record_path(folder, name).exists() for name in names.values())
         raise UsageError(
-            f"{job.folder} holds a batch ({done} of {len(names)} logs were reached): --resume goes on with it "
+            f"{folder} holds a batch ({done} of {len(names)} logs were reached): --resume goes on with it "
             "(what is done and unchanged is not done again), --fresh removes its reports and begins again, "
             "-o chooses another folder"
         )
     return names
 
 
-def _moved(job: Job, earlier: dict[str, str]) -> dict[str, str]:
-    """Logs that the folder knows by another path: same file name, same bytes. Their reports are taken over."""
-    named = {source.name for source in job.sources}
+def _moved(sources: Sequence[Source], folder: Path, earlier: dict[str, str]) -> dict[str, str]:
+    """Return log -> report name of logs with a new path: same file name, same bytes. Removes their old paths."""
+    named = {source.name for source in sources}
     gone: dict[str, list[str]] = {}
     for log in earlier:
         if log not in named:
             gone.setdefault(re.split(r"[/\\]", log)[-1], []).append(log)
     found: dict[str, str] = {}
-    for source in job.sources:
-        if source.name in earlier or source.member or is_url(source.place) or source.file_name not in gone:
+    for source in sources:
+        if source.name in earlier or source.needs_copy or source.file_name not in gone:
             continue
-        now = written(Path(source.place))
+        now = size_and_hash(Path(source.place))
         for log in gone[source.file_name]:
-            record = read_record(job.folder, earlier[log])
+            record = read_record(folder, earlier[log])
             if now is not None and record is not None and record.key.startswith(f"{now[1]}:"):
                 found[source.name] = earlier.pop(log)
                 gone[source.file_name].remove(log)
@@ -191,197 +270,76 @@ def _moved(job: Job, earlier: dict[str, str]) -> dict[str, str]:
     return found
 
 
-def _forget(folder: Path, names: Iterable[str]) -> None:
-    """Remove what an earlier batch wrote: nothing but files that it is known to have made."""
+def _remove_batch(folder: Path, names: Iterable[str]) -> None:
+    """Remove the files of an earlier batch, and no others."""
     try:
         for name in names:
             record = read_record(folder, name)
             for file in record.files if record else ():
                 (folder / file).unlink(missing_ok=True)
             record_path(folder, name).unlink(missing_ok=True)
-        for page in (_plan(folder), folder / INDEX, folder / PARQUET, folder / CSV):
+        for page in (_plan_path(folder), folder / INDEX, folder / PARQUET, folder / CSV):
             page.unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror}); choose another place with -o") from error
+        raise _not_written(folder, error) from error
 
 
-# Work done on this machine: so many logs at a time, each in a process of its own, records as they come.
-
-Records = Generator[Record, None, None]
-Runner = Callable[[Sequence[Work]], Records]
-"""Does the work, wherever, and gives one record for each as it comes; ends what runs when it is closed."""
-Tell = Callable[[Work, dict[str, Any]], None]
-
-
-def local_runner(workers: int | None = None, tell: Tell | None = None, processes: ForkServer | None = None) -> Runner:
-    """A runner on this machine; as many ``workers`` as it has cores by default. ``tell`` hears the stages of each log.
-
-    ``tell`` is called from threads. ``processes``: used again, and closed by whoever made them.
-    """
-
-    def run(works: Sequence[Work]) -> Records:
-        return _run(works, min(workers or cores(), max(len(works), 1)), tell, processes)
-
-    return run
-
-
-def _run(works: Sequence[Work], workers: int, tell: Tell | None, kept: ForkServer | None) -> Records:
-    processes = kept or forks()
-
-    def one(work: Work) -> Record:
-        return run_one(work, processes, None if tell is None else lambda told: tell(work, told))
-
-    pool = ThreadPoolExecutor(workers, "attlog")
-    try:
-        if workers == 1:  # in order: the next begins when its predecessor was taken
-            yield from map(one, works)
-            return
-        for future in as_completed(pool.submit(one, work) for work in works):
-            yield future.result()
-    finally:
-        if kept is None:
-            processes.close()  # first: a thread waits for its child
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-# Many logs into one folder: what was done stays done, and the folder tells the same whatever interrupted it.
-
-INDEX_EVERY_S = 10.0
-"""The index is written anew this often at most, and never for more than a twentieth of the time."""
-
-
-class Watcher(Protocol):
-    """Who is told how a batch goes."""
-
-    def planned(self, works: Sequence[Work]) -> None:
-        """What will be done, before it begins."""
-
-    def finished(self, record: Record, entry: Entry) -> None:
-        """One log is done or has failed."""
-
-
-Judge = Callable[[Record], tuple[str, ...]]
-"""Which gates a log failed, a sentence for each; it is also shown logs that have no report, which fail none."""
-
-
-@dataclass(slots=True)
-class Outcome:
-    """What became of a batch: an entry for each log that was reached, in the order in which logs were named."""
-
-    entries: list[Entry] = field(default_factory=list)
-    total: int = 0
-    again: int = 0
-    """Logs that were done in an earlier run."""
-    seconds: float = 0.0
-    interrupted: bool = False
-    stopped: str = ""
-    """Why the batch gave up before all logs were reached: the folder is full."""
-    lost: str = ""
-    """What became of the cluster, where that was the reason."""
-    codes: set[int] = field(default_factory=set)
-
-
-def run_batch(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = None) -> Outcome:
-    """Analyse all logs of the job into its folder, with index and table of results.
-
-    OutputError if the folder cannot be written or another batch is at work there, UsageError if it holds a batch and
-    the job neither resumes nor begins afresh. An interrupt (KeyboardInterrupt) ends what runs; index and results are
-    those of the logs that were done, and the outcome says so.
-    """
-    with locked(job.folder) as warning:
-        if warning:
-            logging.getLogger("attlog.batch").warning(warning)
-        return _analyse_all(job, run, watcher, judge)
-
-
-def _analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None) -> Outcome:
-    _tidy(job.folder)
-    works = planned(job)
-    place = {work.name: k for k, work in enumerate(works)}
-    found: dict[int, Entry] = {}
-    outcome = Outcome(total=len(works))
-    started = time.monotonic()
-    index = Index(job.folder)
-    try:
-        watcher.planned(works)
-        with closing(run(works)) as coming:
-            for record in coming:
-                entry = entry_of(record, judge)
-                found[place[record.name]] = entry
-                outcome.again += record.again and record.done
-                outcome.codes |= {0 if record.known else record.code} | ({1} if entry.gates else set())
-                watcher.finished(record, entry)
-                index.write_if_due(lambda: _ordered(found))
-                if record.folder_full:
-                    outcome.stopped = f"{job.folder} takes no more files"
-                    break
-    except OutputError as error:  # of the index
-        outcome.stopped = str(error)
-        outcome.codes |= {error.exit_code}
-    except KeyboardInterrupt:
-        outcome.interrupted = True
-        outcome.codes |= {EXIT_INTERRUPTED}
-    except ClusterError as error:
-        outcome.lost = str(error)
-        outcome.codes |= {error.exit_code}
-    outcome.entries = _ordered(found)
-    outcome.seconds = time.monotonic() - started
-    if outcome.entries:
-        try:
-            index.write_all(outcome.entries)
-        except OutputError:
-            if not outcome.stopped:
-                raise
-    return outcome
-
-
-def _tidy(folder: Path) -> None:
-    """Remove what a run that was killed left behind: scratch folders, files that were being written."""
+def _remove_leftovers(folder: Path) -> None:
+    """Remove scratch folders and unfinished files of a killed run."""
     shutil.rmtree(folder / INSIDE / SCRATCH, ignore_errors=True)
     remove_unfinished(folder / INSIDE)
     remove_unfinished(folder / INSIDE / "records")
     remove_unfinished(folder, INDEX, PARQUET, CSV)
 
 
-def entry_of(record: Record, judge: Judge | None = None) -> Entry:
-    """What index and summary keep of a record in memory."""
-    gates = judge(record) if judge is not None else ()
-    row = light(record.row) if record.done else None
-    return Entry(
-        record.log, record.name, record.code, record.message.removeprefix("attlog: "), row, gates, record.known
-    )
+def local_runner(workers: int | None = None, tell: Tell | None = None, processes: ForkServer | None = None) -> Runner:
+    """Return a runner on this machine with a process for each log, by default as many at a time as cores.
 
+    ``tell`` gets the stages of each log, from threads. ``processes``: a server that its owner closes.
+    """
 
-def _ordered(found: dict[int, Entry]) -> list[Entry]:
-    return [found[k] for k in sorted(found)]
+    def run(jobs: Sequence[Job]) -> Records:
+        server = processes or forks()
+
+        def one(job: Job) -> Record:
+            return run_one(job, server, None if tell is None else lambda stage: tell(job, stage))
+
+        count = min(workers or cores(), max(len(jobs), 1))
+        pool = ThreadPoolExecutor(count, "attlog")
+        try:
+            if count == 1:  # in order: the next begins when its predecessor was taken
+                yield from map(one, jobs)
+                return
+            for future in as_completed(pool.submit(one, job) for job in jobs):
+                yield future.result()
+        finally:
+            if processes is None:
+                server.close()  # first: a thread waits for its child
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    return run
 
 
 class Index:
-    """The page and the table of a batch, written anew now and then."""
+    """Page and table of a batch, written again now and then."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._due = time.monotonic() + INDEX_EVERY_S
         self._results = ""
 
-    def write_if_due(self, entries: Callable[[], Sequence[Entry]]) -> None:
-        """The index of what is done by now, where the last one is old enough."""
+    def write_if_due(self, found: dict[int, Record]) -> None:
+        """Write the index of finished logs if the last one is old enough."""
         if time.monotonic() >= self._due:
-            self.write(entries())
+            self._write([found[k] for k in sorted(found)])
 
-    def write(self, entries: Sequence[Entry]) -> None:
-        """The index of these logs."""
+    def _write(self, found: Sequence[Record]) -> None:
         started = time.monotonic()
-        write_index(self._folder, entries, results=self._results)
-        self._due = time.monotonic() + max(INDEX_EVERY_S, 20 * (time.monotonic() - started))
+        write_index(self._folder, found, results=self._results)
+        self._due = time.monotonic() + max(INDEX_EVERY_S, (time.monotonic() - started) / INDEX_SHARE)
 
-    def write_all(self, entries: Sequence[Entry]) -> None:
-        """Table and index of these logs; rows are taken from the records, one after the other."""
-
-        def whole() -> Iterator[Entry]:
-            for entry in entries:
-                record = read_record(self._folder, entry.name) if entry.row is not None else None
-                yield entry if record is None else replace(entry, row=record.row)
-
-        self._results = write_results(self._folder, whole()).name
-        self.write(entries)
+    def write_all(self, found: Sequence[Record]) -> None:
+        """Write table and index; rows with all numbers are read from the records one by one."""
+        whole = (read_record(self._folder, one.name) or one if one.done else one for one in found)
+        self._results = write_results(self._folder, whole).name
+        self._write(found)

@@ -1,4 +1,4 @@
-"""Where a log comes from, as a small value that travels: a file, a member of a zip archive, a URL."""
+"""Sources of logs: a file, a member of a zip archive or a URL, as a small picklable value."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from attlog.words.numbers import counted
 
 @dataclass(frozen=True)
 class Local:
-    """A log's bytes as a file on this machine; ``copied``: their SHA-256 and how many, where they were copied there."""
+    """Log as a file on this machine; ``copied``: SHA-256 and size of a copy."""
 
     path: Path
     copied: tuple[str, int] | None = None
 
     @cached_property
     def sha256(self) -> str:
-        """Their SHA-256 (hex). LogUnreadable where the file cannot be read."""
+        """SHA-256 (hex). LogUnreadable if the file cannot be read."""
         return self.copied[0] if self.copied is not None else hashed(self.path)
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Source:
-    """A log by its place: path or URL, and the member where that is a zip archive. Pickles to a few bytes.
+    """Place of a log: path or URL, and the member of a zip archive.
 
-    ``copy``: a file with its bytes, on a machine that cannot reach the place.
+    ``copy``: a file with its bytes, for a machine that cannot reach the place.
     """
 
     place: str
@@ -49,17 +49,19 @@ class Source:
     copy: str = ""
 
     @property
-    def name(self) -> str:
-        """What people read and what stays the same between runs: ``archive.zip/flights/a.ulg``, ``s3://...``.
+    def needs_copy(self) -> bool:
+        """True for a URL or a member of an archive, which is copied before it is read."""
+        return bool(self.member) or is_url(self.place)
 
-        Names and passwords of users and signatures in a URL are left out.
-        """
+    @property
+    def name(self) -> str:
+        """Name for people and for later runs, such as ``archive.zip/flights/a.ulg``; without secrets of a URL."""
         place = shown(self.place)
         return _printable(f"{place}/{self.member}" if self.member else place)
 
     @property
     def file_name(self) -> str:
-        """A name for files made of this log: its last part alone, harmless whatever a stranger called it."""
+        """Safe name for files made of this log, from the last part of its place."""
         if not self.member and not is_url(self.place):
             return Path(self.place).name
         if self.member:
@@ -71,10 +73,9 @@ class Source:
         return file_name(last, MAX_FILE_NAME_BYTES) if last else "log"
 
     def stamp(self) -> str:
-        """A cheap sign of the content that changes when it is replaced, empty where nothing tells.
+        """Return a sign of the content without download: size and time, checksum of a member, tag of a server.
 
-        Size and time of a file, checksum of a member, what the server says of a URL; nothing is
-        downloaded. LogUnreadable if the place cannot be asked.
+        Empty where the server has none. LogUnreadable if the place cannot be read.
         """
         if self.copy:
             return ""
@@ -94,18 +95,16 @@ class Source:
 
     @contextmanager
     def local(self, scratch: Path | None = None) -> Iterator[Local]:
-        """The log as a file on the machine that asks, for as long as the context lasts.
+        """Provide the log as a file while the context lasts.
 
-        A file is used where it lies. A member or a URL is copied whole to a folder of its own in
-        ``scratch`` (the system's temporary folder by default), which is removed at the end, also
-        after an error. LogUnreadable: missing, refused, cut short, timed out, or no room for it.
-        LogUnusable: an encrypted or damaged member, or more bytes than a log can have. What goes wrong
-        with the file inside the context is told under the log's name, not under that of the copy.
+        A member or a URL is copied to a new folder in ``scratch`` (default: the system's temporary folder), which is
+        removed at the end. LogUnreadable: missing, refused, cut short, timed out, no space. LogUnusable: an encrypted
+        or damaged member, or too large for a log. Errors name the log, not its copy.
         """
-        if self.copy or not (self.member or is_url(self.place)):
+        if self.copy or not self.needs_copy:
             path = Path(self.copy or self.place)
             with self._named(path):
-                _worth_reading(path)
+                _refuse_large_non_log(path)
                 yield Local(path)
             return
         import tempfile
@@ -119,13 +118,13 @@ class Source:
             if self.member:
                 from attlog.batch.archive import extract
 
-                told = extract(self.place, self.member, path)
+                copied = extract(self.place, self.member, path)
             else:
                 from attlog.batch.remote import download
 
-                told = download(self.place, path)
+                copied = download(self.place, path)
             with self._named(path):
-                yield Local(path, told)
+                yield Local(path, copied)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -140,15 +139,12 @@ class Source:
 
 
 def _printable(text: str) -> str:
-    """Without control characters: a member's name is a stranger's text on the user's terminal."""
+    """Replace control characters: names of members come from strangers."""
     return "".join(c if c.isprintable() or "\ud800" <= c <= "\udfff" else "?" for c in text)
 
 
-def _worth_reading(path: Path) -> None:
-    """NotALog for a large file that is none, before all of it is read: a disk's image takes hours.
-
-    A small one is read for its hash, by which a batch that goes on knows that it was tried.
-    """
+def _refuse_large_non_log(path: Path) -> None:
+    """Raise NotALog for a large file that is no log, such as a disk image, before it is hashed."""
     try:
         formats.recognise(path)
     except NotALog:
@@ -156,16 +152,13 @@ def _worth_reading(path: Path) -> None:
             raise
 
 
-# Which logs do files, folders, patterns, archives and URLs mean?
+# Logs meant by files, folders, patterns, archives and URLs.
 
 _PATTERN = frozenset("*?[")
 
 
 def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
-    """The logs that were named and lie as files on this machine, each once, and what is wrong with the names.
-
-    As :func:`sources`, for commands that work on files: an archive is a file like another.
-    """
+    """Return the log files that names mean, each once, and errors of names; archives are not opened."""
     logs: dict[Path, None] = {}
     wrong: list[AttlogError] = []
     for path in given:
@@ -178,7 +171,7 @@ def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
 
 
 def _refuse_url(path: Path) -> None:
-    """UsageError for a URL, of which a path has lost a slash."""
+    """Raise UsageError for a URL, of which a path has lost a slash."""
     url = str(path).replace(":/", "://", 1)
     if is_url(url) and not os.path.lexists(path):
         raise UsageError(
@@ -187,16 +180,13 @@ def _refuse_url(path: Path) -> None:
 
 
 def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError]]:
-    """The logs that were named, each once, and what is wrong with the names.
+    """Return the logs that names mean, each once, and errors of names.
 
-    A file is taken as it is, also where it does not exist: reading it says so. A folder
-    stands for the logs in it at any depth (what is hidden left out), a pattern that no
-    file bears as its name for the logs that it matches (``**`` reaches into folders),
-    a zip archive for the logs in it, ``archive.zip/a.ulg`` or ``archive.zip/*.ulg`` for
-    those members; there logs are known by their content, also in gzip files. A URL is one
-    log, an archive, a folder (``s3://bucket/flights``; ``https://host/flights/``) or a
-    pattern where the place can be listed; there logs are known by their names. What
-    means no log is a LogUnreadable, ``-`` a UsageError.
+    A file is taken as it is, also if missing. A folder means the logs in it at any depth but hidden ones; a pattern
+    the logs that it matches (``**`` includes folders); a zip archive the logs in it, ``archive.zip/*.ulg`` those
+    members. These logs are recognised by content, also in gzip files. A URL is a log, an archive, a folder
+    (``s3://bucket/flights``; ``https://host/flights/``) or a pattern where the place can be listed; these logs are
+    recognised by name. A name without a log is a LogUnreadable, ``-`` a UsageError.
     """
     logs: dict[Source, None] = {}
     wrong: list[AttlogError] = []
@@ -214,7 +204,7 @@ def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError
 
 
 def _meant(path: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]:
-    """The logs that a name means; what cannot be read below it goes to ``wrong`` and hides no other log."""
+    """Return the logs that a name means; unreadable folders go to ``wrong``."""
     if str(path) == "-":
         raise UsageError("a log cannot come from standard input: it is memory-mapped; give a file name")
     if os.path.isdir(path):
@@ -236,7 +226,7 @@ def _meant(path: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]
 
 
 def _in_folder(folder: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]:
-    """The logs in a folder; LogUnreadable if there are none and nothing else is wrong."""
+    """Return the logs in a folder; LogUnreadable without any."""
     refused: list[AttlogError] = []
     logs = [log for path in sorted(_below(folder, refused)) for log in _logs_of(path, archives)]
     wrong += refused
@@ -246,7 +236,7 @@ def _in_folder(folder: Path, archives: bool, wrong: list[AttlogError]) -> list[S
 
 
 def _below(folder: Path, refused: list[AttlogError]) -> Iterator[Path]:
-    """The files in a folder at any depth but hidden ones; folders that cannot be read are ``refused``."""
+    """Yield the files in a folder at any depth but hidden ones; unreadable folders go to ``refused``."""
 
     def refuse(error: OSError) -> None:
         if not isinstance(error, FileNotFoundError):  # gone meanwhile
@@ -268,7 +258,7 @@ def _below(folder: Path, refused: list[AttlogError]) -> Iterator[Path]:
 
 
 def _unreadable_root(pattern: Path) -> LogUnreadable | None:
-    """Why nothing can match: the folder in which a pattern begins cannot be read."""
+    """Return the error of a pattern whose first folder cannot be read."""
     root = next(folder for folder in pattern.parents if not _PATTERN & set(str(folder)))
     try:
         os.scandir(root).close()
@@ -284,7 +274,7 @@ def _cannot_be_read(error: OSError) -> LogUnreadable:
 
 
 def _logs_of(file: Path, archives: bool = True) -> list[Source]:
-    """What a file that was not named itself stands for. A broken archive is one source, which tells so when read."""
+    """Return the logs of a file found in a folder. A broken archive is a source whose reading fails."""
     if archives and is_archive(file):
         from attlog.batch.archive import members
 
@@ -296,7 +286,7 @@ def _logs_of(file: Path, archives: bool = True) -> list[Source]:
 
 
 def _of_file(path: Path) -> list[Source]:
-    """What the name of a file stands for."""
+    """Return the logs of a named file."""
     if not is_archive(path):
         inside = None if os.path.exists(path) else _in_archive(path)
         return [Source(str(path))] if inside is None else inside
@@ -304,7 +294,7 @@ def _of_file(path: Path) -> list[Source]:
 
 
 def _in_archive(path: Path) -> list[Source] | None:
-    """The members that ``archive.zip/flights/a.ulg`` means, None where no part of the path is an archive."""
+    """Return the members that ``archive.zip/flights/a.ulg`` means; None if no part is an archive."""
     for archive in path.parents:
         if os.path.isfile(archive):
             return _members(str(archive), path.relative_to(archive).as_posix()) if is_archive(archive) else None

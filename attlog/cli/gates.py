@@ -1,9 +1,9 @@
-"""The options of gates, and what is printed of them."""
+"""Options of gates, and their outcome on the terminal."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,17 +30,16 @@ GatesFile = Annotated[
         help="Check every log against the limits of this file; exit with 1 where one fails. [default: none]",
     ),
 ]
+# First bytes of a summary.
 HEADING = b"## "
-"""How a summary begins."""
+# Value of ``--summary`` without a file.
 ANYWHERE = "-"
-"""The value of a bare ``--summary``."""
 
 
 def report_refusal(why: str, words: Sequence[str]) -> None:
-    """Say to CI systems, where one asks, what is wrong with gates or options; ``words``: of the command line.
+    """Report to CI what is wrong with gates or options; ``words``: of the command line.
 
-    They are read before any log, so nothing else would be said: the step was red with an empty summary. A file that
-    is no summary stays: that it would be overwritten may be what is wrong.
+    No log is read then, and the summary would be empty. A file that is no summary is not overwritten.
     """
     asked = [k for k, word in enumerate(words) if word.partition("=")[0] == "--summary"]
     if not asked and not os.environ.get("GITHUB_ACTIONS"):
@@ -60,7 +59,7 @@ def report_refusal(why: str, words: Sequence[str]) -> None:
 
 
 def _may_be_written(file: Path) -> bool:
-    """Whether a file is not there, or an earlier summary."""
+    """Return True for a missing file or an earlier summary."""
     if not os.path.isfile(file):
         return True
     with open(file, "rb") as opened:
@@ -69,7 +68,7 @@ def _may_be_written(file: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class GateOptions:
-    """What is judged, and where the verdicts go."""
+    """Gates, and where their outcome is written."""
 
     gates: GatesFile = None
     strict: Annotated[
@@ -102,67 +101,49 @@ class GateOptions:
 
     @property
     def any(self) -> bool:
-        """Whether anything is to be judged."""
+        """True if anything is judged."""
         return self.gates is not None or bool(self.strict) or self.junit is not None or self.summary is not None
 
 
 class GateReport:
-    """The gates of a command: read before any log, judged as logs come, written after the last."""
+    """Gates of a command: read before any log, judged as logs come, published after the last."""
 
     def __init__(self, options: GateOptions, output: Path) -> None:
-        self._options = options
+        self._options, self._folder = options, output
         self.gating: Gating | None = None
         if options.any:  # else nothing of it is imported
-            from attlog.batch.ci import Gating, gating
+            from attlog.batch.ci import Gating, read_gating
             from attlog.compare.gates import Gates
 
             strict = options.strict
-            self.gating = gating(options.gates, strict, output) or Gating(Gates((), strict=strict is not False))
+            self.gating = read_gating(options.gates, strict, output) or Gating(Gates((), strict=strict is not False))
 
-    def judge(self, folder: Path, deterministic: bool) -> Callable[[Record], tuple[str, ...]] | None:
-        """What judges the records of a batch in a folder as they come; None without gates."""
-        gating = self.gating
-        if gating is None:
-            return None
+    def judge(self, record: Record, timed: bool = True) -> tuple[str, ...]:
+        """Judge the result of a record, or note that there is none; return a sentence for each gate that failed."""
+        return () if self.gating is None else self.gating.judge(record, self._folder, timed).sentences
 
-        def failures(record: Record) -> tuple[str, ...]:
-            if not record.done:
-                seconds = 0.0 if deterministic else record.wall_s
-                self.broken(record.log, record.name, record.code, record.message, seconds, record.known)
-                return ()
-            return gating.record(record, folder, timed=not deterministic).sentences
-
-        return failures
-
-    def shown(self, log: str, report: Path, quiet: bool, out: Console | Piped) -> None:
-        """Judge the result beside a report, show it there, and say what was found."""
-        if self.gating is None:
-            return
-        name = report.name.removesuffix(".html")
-        judged = self.gating.file(log, name, report.with_name(f"{name}.json"), report=report)
+    def judge_and_print(self, record: Record, quiet: bool, out: Console | Piped) -> None:
+        """Judge the result of a record and print the outcome."""
+        failures = self.judge(record)
         if quiet:
-            for sentence in judged.sentences:
-                to_stderr(f"attlog: {log}: gate: {sentence}")
-        else:
-            say(lines(judged), out)
-
-    def broken(self, log: str, name: str, code: int, message: str, seconds: float = 0.0, known: bool = False) -> None:
-        """A log that has no result."""
-        if self.gating is not None:
-            self.gating.broken(log, name, code, message.removeprefix("attlog: "), seconds, known)
+            for sentence in failures:
+                to_stderr(f"attlog: {record.log}: gate: {sentence}")
+        elif self.gating is not None:
+            say(lines(self.gating.logs[record.name]), out)
 
     def finish(self, names: Iterable[str], wrong: Sequence[AttlogError] = (), *, interrupted: bool = False) -> set[int]:
-        """Write what was asked for, logs in the order of these reports; the exit codes that come of it.
+        """Publish the outcomes of logs in the order of their reports; return exit codes.
 
-        After an interrupt nothing is written: half a run would look green.
+        After an interrupt nothing is published: half a run would look green.
         """
         if self.gating is None or interrupted:
             return set()
         from attlog.batch.ci import publish
+        from attlog.batch.job import Record
 
         missing = [f"named {k}" for k, _ in enumerate(wrong, 1)]
         for name, error in zip(missing, wrong, strict=True):
-            self.broken("command line", name, error.exit_code, str(error))
+            self.judge(Record("command line", name, code=error.exit_code, message=str(error)))
         logs = self.gating.in_order([*missing, *names])
         named = self._options.summary
         summary = False if named is None else named == ANYWHERE or Path(named)
@@ -176,7 +157,7 @@ class GateReport:
 
 
 def lines(log: GatedLog) -> list[TextLine]:
-    """The verdicts of gates on one log, the worst first."""
+    """Return the outcome of the gates of one log, the worst first."""
     from attlog.cli.printing import TextLine
     from attlog.words.numbers import counted
 

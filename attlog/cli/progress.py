@@ -1,4 +1,4 @@
-"""How far a command is, on standard error: the stage of one log, a bar over many."""
+"""Progress of a command on standard error: the stage of one log, a bar over many."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any
 from attlog.cli.printing import terminal, to_stderr
 
 if TYPE_CHECKING:
-    from attlog.batch.job import Record, Work
+    from attlog.batch.job import Job, Record
 
+# Loggers of stages of an analysis, and of filters that are compiled.
 STAGES, COMPILING = "attlog.stages", "attlog.compiling"
-"""Loggers: the stage an analysis is in, and filters that are compiled."""
 
 
 class StageHandler(logging.Handler):
-    """Writes to standard error: each compiled filter a line, stages one line that is overwritten, or ``lines``.
+    """Write compiled filters to standard error as lines, stages as one line that is overwritten, or as ``lines``.
 
-    ``before`` begins every stage (``[2/5] flight.ulg: ``).
+    ``before``: start of every stage (``[2/5] flight.ulg: ``).
     """
 
     def __init__(self, stages: bool, lines: bool = False) -> None:
@@ -42,7 +42,7 @@ class StageHandler(logging.Handler):
             to_stderr(f"attlog: {self.before}{record.getMessage()}")
 
     def show(self, text: str) -> None:
-        """Put a text in place of the stage that is shown; blanks wipe the old one, so no escape sequence is needed."""
+        """Show a text in place of the last one, which blanks overwrite, without escape sequences."""
         import shutil
 
         from attlog.words.text import for_terminal
@@ -52,7 +52,7 @@ class StageHandler(logging.Handler):
         self._width = len(text)
 
     def clear(self) -> None:
-        """Leave an empty line where a stage was shown."""
+        """Blank the line of stages."""
         if self._width:
             print("\r" + " " * self._width + "\r", end="", file=sys.stderr, flush=True)
             self._width = 0
@@ -60,9 +60,9 @@ class StageHandler(logging.Handler):
 
 @contextmanager
 def progress(quiet: bool, verbose: bool, lines: bool = False) -> Iterator[StageHandler]:
-    """Show progress while the block runs: all of it on a terminal, what is compiled also with ``verbose``.
+    """Show stages on a terminal, and compiled filters also with ``verbose``.
 
-    ``lines``: with ``verbose`` every stage is a line where there is no terminal, for work of minutes.
+    ``lines``: with ``verbose`` every stage is a line if there is no terminal.
     """
     terminal = sys.stderr.isatty() and not quiet
     shown = StageHandler(stages=terminal, lines=lines and verbose)
@@ -82,7 +82,7 @@ def progress(quiet: bool, verbose: bool, lines: bool = False) -> Iterator[StageH
 
 
 def compile_first(rows: Sequence[str], quiet: bool) -> None:
-    """Compile the loops that a first analysis with these estimators lacks, where the package brings none."""
+    """Compile the loops of these estimators before their first run, if the package has none."""
     from attlog.core.jit import build, jit_wanted, store
 
     if not store.is_shipped() and jit_wanted():
@@ -91,16 +91,16 @@ def compile_first(rows: Sequence[str], quiet: bool) -> None:
             build.prepare(build.names_for(rows), lambda made, of: stage.info("compiled %d of %d loops", made, of))
 
 
-PER_LOG = 300_000
-"""Bytes of log that take as long as what each log costs whatever its size."""
-SHOWN = 40
-"""Characters of a log's name and stage beside the bar."""
+# Bytes of log that take as long as the fixed cost of a log.
+PER_LOG_BYTES = 300_000
+# Characters of a log's name beside the bar.
+NAME_COLUMNS = 40
 
 
 class Bar:
-    """Shown on standard error while the block runs, if that is a terminal and ``quiet`` is not asked for.
+    """Progress bar of many logs on standard error, if that is a terminal and not ``quiet``.
 
-    ``verbose``: filters that are compiled are named where there is no terminal too.
+    ``verbose``: name compiled filters without a terminal too.
     """
 
     def __init__(self, quiet: bool = False, verbose: bool = False) -> None:
@@ -116,7 +116,7 @@ class Bar:
 
     @property
     def is_shown(self) -> bool:
-        """Whether somebody sees how many logs are done and how many failed."""
+        """True if the bar is visible."""
         return self._shown
 
     def __enter__(self) -> Bar:
@@ -126,10 +126,10 @@ class Bar:
         if self._progress is not None:
             self._progress.stop()
 
-    def planned(self, works: Sequence[Work]) -> None:
-        """Begin to show how far these are."""
-        self._weights = {work.name: _weight(work) for work in works}
-        self._all, self._started = len(works), time.monotonic()
+    def planned(self, jobs: Sequence[Job]) -> None:
+        """Start the bar."""
+        self._weights = {job.name: _weight(job) for job in jobs}
+        self._all, self._started = len(jobs), time.monotonic()
         if not self._shown:
             return
         from rich.progress import BarColumn, Progress, TextColumn
@@ -144,11 +144,11 @@ class Bar:
             redirect_stderr=False,
             refresh_per_second=4,
         )
-        self._task = self._progress.add_task("", total=len(works), more="", now="")
+        self._task = self._progress.add_task("", total=len(jobs), more="", now="")
         self._progress.start()
 
-    def stage(self, work: Work, news: dict[str, Any]) -> None:
-        """A log is at a stage, or compiles a filter, which is said once. Called from any thread."""
+    def stage(self, job: Job, news: dict[str, Any]) -> None:
+        """Show the stage of a log, and a compiled filter once. Called from any thread."""
         from attlog.words.text import for_terminal
 
         compiling = news.get("compiling", "")
@@ -158,10 +158,10 @@ class Bar:
                 with self.aside():
                     to_stderr(f"attlog: {compiling}")
             if self._progress is not None and "stage" in news:
-                self._progress.update(self._task, now=for_terminal(f"{work.name[-SHOWN:]}: {news['stage']}"))
+                self._progress.update(self._task, now=for_terminal(f"{job.name[-NAME_COLUMNS:]}: {news['stage']}"))
 
     def advance(self, record: Record) -> None:
-        """One log is done or has failed."""
+        """Count a log that is done or failed."""
         self._done += 1
         self._failed += not record.done
         weight = self._weights.pop(record.name, 0.0)
@@ -172,7 +172,7 @@ class Bar:
             self._progress.update(self._task, completed=self._done, more=self._more(), now="")
 
     def _more(self) -> str:
-        """Behind the count: what failed, how fast, how long still. Logs that were done before have no speed."""
+        """Return failures, speed and time left, of logs that were not done before."""
         seconds = time.monotonic() - self._started
         text = f", {self._failed} failed" if self._failed else ""
         if self._mine and seconds > 0:
@@ -184,7 +184,7 @@ class Bar:
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """A block that prints: the bar makes room for it."""
+        """Hide the bar while the block prints."""
         if self._progress is None:
             yield
             return
@@ -197,13 +197,13 @@ class Bar:
 
 
 def speed(per_second: float) -> str:
-    """Logs per second, or per minute where that is below 1."""
+    """Return logs per second, or per minute below 1."""
     return f"{per_second:.1f} logs/s" if per_second >= 1 else f"{per_second * 60:.1f} logs/min"
 
 
-def _weight(work: Work) -> float:
-    """How much work a log is: its bytes, where they are known, and something for each log."""
+def _weight(job: Job) -> float:
+    """Return the cost of a log in bytes."""
     try:
-        return PER_LOG + float(Path(work.source.place).stat().st_size) * (not work.source.member)
+        return PER_LOG_BYTES + float(Path(job.source.place).stat().st_size) * (not job.source.member)
     except OSError:
-        return PER_LOG
+        return PER_LOG_BYTES

@@ -1,4 +1,4 @@
-"""Entries of a batch made by hand: what flew, what was wrong with it, and flights by the thousand."""
+"""Records of a batch made by hand: flights, trouble, and flights by the thousand."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import functools
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from attlog.batch.ci import GatedLog, gated
-from attlog.batch.index_row import REASON_WEIGHTS, Entry, Reason, index_row, light, trouble
+from attlog.batch.ci import GatedLog, gated_log
+from attlog.batch.index_row import REASON_POINTS, Reason, index_row, light, trouble
+from attlog.batch.job import Record
 from attlog.compare.gates import GateOutcome
 from attlog.words.answers import verdicts
 from tests.report.conftest import make_result
@@ -25,10 +26,10 @@ def _sound() -> dict[str, Any]:
 
 
 def reason(kind: str, severity: str = "serious", text: str = "", *, in_flight: bool = True) -> Reason:
-    return Reason(kind, kind, REASON_WEIGHTS[kind, severity], text or f"Something about the {kind}.", 12.0, in_flight)
+    return Reason(kind, kind, REASON_POINTS[kind, severity], text or f"Something about the {kind}.", 12.0, in_flight)
 
 
-def flown(name: str, *reasons: Reason, folder: str = "drive", **flight: Any) -> Entry:
+def flown(name: str, *reasons: Reason, folder: str = "drive", **flight: Any) -> Record:
     """A log with its report. ``scale`` multiplies its numbers."""
     row = copy.deepcopy(_sound())
     scale = flight.pop("scale", 1.0)
@@ -38,15 +39,15 @@ def flown(name: str, *reasons: Reason, folder: str = "drive", **flight: Any) -> 
         column["values"] = {k: v * scale if isinstance(v, float) else v for k, v in column["values"].items()}
     row["flight"] |= {"name": name} | flight
     row["trouble"] = trouble(reasons)
-    return Entry(f"{folder}/{name}", name, row=row, gates=gates)
+    return Record(f"{folder}/{name}", name, row=row, gates=gates)
 
 
-def failed(name: str, why: str = "not a flight log", code: int = 65, folder: str = "drive") -> Entry:
+def failed(name: str, why: str = "not a flight log", code: int = 65, folder: str = "drive") -> Record:
     """A log without a report."""
-    return Entry(f"{folder}/{name}", name, code, f"attlog: {folder}/{name}: {why}")
+    return Record(f"{folder}/{name}", name, code=code, message=f"attlog: {folder}/{name}: {why}")
 
 
-def many(count: int) -> list[Entry]:
+def many(count: int) -> list[Record]:
     """Flights over four years with different firmwares, numbers and troubles; every fiftieth could not be read."""
     found = []
     for i in range(count):
@@ -95,11 +96,15 @@ NASTY = "a|b<i>&\"'`*_[x](y)\x00\x1b[31m\ud800\ufffe%0A,:é.ulg"
 """A log name that is markup, escapes and bytes that are no text."""
 
 
+def gated(log: str, *outcomes: GateOutcome, **more: Any) -> GatedLog:
+    return gated_log(Record(log, "n", **more), outcomes)
+
+
 def some() -> list[GatedLog]:
     """A log that passes, one that fails, one with a nasty name, one that cannot be read."""
     return [
-        gated("good.ulg", "good.ulg", [outcome("a", "passed", 0.5), outcome("b", "skipped")], seconds=12.3456),
-        gated("bad.ulg", "bad.ulg", [outcome("a", excess=3.0), outcome("b", "passed", 0.1), outcome("c", excess=9.0)]),
-        gated(NASTY, "nasty", [outcome(NASTY, sentence=f"{NASTY}: worse\nthan that")]),
-        gated("gone.ulg", "gone.ulg", code=66, message="gone.ulg: cannot be read\n(no such file)", seconds=1234.0),
+        gated("good.ulg", outcome("a", "passed", 0.5), outcome("b", "skipped"), wall_s=12.3456),
+        gated("bad.ulg", outcome("a", excess=3.0), outcome("b", "passed", 0.1), outcome("c", excess=9.0)),
+        gated(NASTY, outcome(NASTY, sentence=f"{NASTY}: worse\nthan that")),
+        gated("gone.ulg", code=66, message="attlog: gone.ulg: cannot be read\n(no such file)", wall_s=1234.0),
     ]

@@ -15,8 +15,8 @@ import pytest
 
 from attlog import Config
 from attlog.batch import cluster
-from attlog.batch.cluster import records_of
-from attlog.batch.job import MEASURED, Record, Work, read_record, settings_key
+from attlog.batch.cluster import cluster_runner
+from attlog.batch.job import MEASURED, Job, Record, read_record, settings_key
 from attlog.batch.process import run_one
 from attlog.batch.report_files import report_names
 from attlog.batch.sources import sources
@@ -48,17 +48,15 @@ def own(tmp_path: Path) -> Iterator[Cluster]:
     running.stop()
 
 
-def works(folder: Path, count: int = 5, specs: str = "gyro", places: Any = (SAMPLES,)) -> list[Work]:
-    """Work for the samples, over and over under other names."""
+def works(folder: Path, count: int = 5, specs: str = "gyro", places: Any = (SAMPLES,)) -> list[Job]:
+    """Job for the samples, over and over under other names."""
     logs, wrong = sources(places)
     assert wrong == []
     logs = [logs[k % len(logs)] for k in range(count)]
     config = Config(estimators=specs.split(","))
     settings = settings_key(config, deterministic=True)
     names = report_names(Path(log.file_name) for log in logs)
-    return [
-        Work(log, name, folder, config, settings, deterministic=True) for log, name in zip(logs, names, strict=True)
-    ]
+    return [Job(log, name, folder, config, settings, deterministic=True) for log, name in zip(logs, names, strict=True)]
 
 
 def same(record: Record) -> Record:
@@ -77,7 +75,7 @@ def test_a_cluster_gives_what_this_machine_gives_also_when_a_worker_is_killed(ow
     victim = own.worker()
     todo = works(tmp_path / "there", 5)
     found = []
-    for record in records_of(own.address, todo):
+    for record in cluster_runner(own.address)(todo):
         if not found:
             victim.kill()
         found.append(record)
@@ -103,7 +101,7 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_others_are_done(own
     )
     todo = works(tmp_path / "out", 5)
     todo[1] = replace(todo[1], config=Config(estimators=[str(killer)]))
-    found = {r.name: r for r in records_of(own.address, todo, at_once=2)}
+    found = {r.name: r for r in cluster_runner(own.address, at_once=2)(todo)}
     assert [found[w.name].code for w in todo] == [0, 70, 0, 0, 0]
     assert "the workers that had it died" in found[todo[1].name].message
     assert "Traceback" not in found[todo[1].name].message
@@ -113,7 +111,7 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_others_are_done(own
 def test_what_fails_in_a_task_fails_as_here(dask: Cluster, tmp_path: Path) -> None:
     (tmp_path / "no.ulg").write_bytes(b"no log")
     todo = works(tmp_path / "out", 2, places=[tmp_path / "no.ulg", tmp_path / "missing.ulg"])
-    there = sorted(map(same, records_of(dask.address, todo)), key=lambda r: r.name)
+    there = sorted(map(same, cluster_runner(dask.address)(todo)), key=lambda r: r.name)
     here = sorted((same(run_one(work)) for work in todo), key=lambda r: r.name)
     assert [r.code for r in there] == [66, 65]
     assert there == here
@@ -125,7 +123,7 @@ def test_a_log_that_workers_do_not_see_is_sent_along(
 ) -> None:
     todo = works(tmp_path / "there", 4)
     monkeypatch.setattr(cluster, "sign", lambda _: "another file")
-    found = list(records_of(dask.address, todo))
+    found = list(cluster_runner(dask.address)(todo))
     assert sorted((r.name, r.code) for r in found) == [(w.name, 0) for w in todo]
     for work in todo:
         run_one(replace(work, folder=tmp_path / "here"))
@@ -136,8 +134,10 @@ def test_a_log_that_workers_do_not_see_is_sent_along(
 def test_resume_asks_the_cluster_for_nothing_that_is_done(dask: Cluster, tmp_path: Path) -> None:
     todo = [replace(work, resume=True) for work in works(tmp_path, 3)]
     run_one(todo[0])
-    assert sorted((r.name, r.again) for r in records_of(dask.address, todo)) == [(w.name, w is todo[0]) for w in todo]
-    assert all(r.again for r in records_of("tcp://127.0.0.1:9", todo))
+    assert sorted((r.name, r.again) for r in cluster_runner(dask.address)(todo)) == [
+        (w.name, w is todo[0]) for w in todo
+    ]
+    assert all(r.again for r in cluster_runner("tcp://127.0.0.1:9")(todo))
 
 
 @pytest.mark.slow
@@ -151,7 +151,7 @@ def test_who_stops_reading_cancels_the_rest(dask: Cluster, tmp_path: Path) -> No
     sleeper.write_text(PLUGIN.format(f"open(f'{marks}/{{os.getpid()}}', 'w').close()\ntime.sleep(60)"))
     todo = works(tmp_path / "out", 8)
     todo[1:] = [replace(work, config=Config(estimators=[str(sleeper)])) for work in todo[1:]]
-    reading = records_of(dask.address, todo)
+    reading = cluster_runner(dask.address)(todo)
     assert next(reading).code == 0
     until = time.monotonic() + 60
     while not list(marks.iterdir()):
@@ -173,7 +173,7 @@ def test_a_worker_whose_disk_is_full_stops_no_batch(tmp_path: Path, monkeypatch:
     (work,) = works(tmp_path, 1)
     full = Record(work.source.name, work.name, code=73, message="attlog: no space", folder_full=True)
     monkeypatch.setattr(cluster, "run_one", lambda *_, **__: full)
-    record = cluster.do(cluster.__version__, pickle.dumps(work), "").record
+    record, _ = cluster.run_task(cluster.__version__, pickle.dumps(work), "")
     assert record is not None
     assert (record.code, record.folder_full) == (73, False)
     assert "of the worker" in record.message
@@ -182,19 +182,19 @@ def test_a_worker_whose_disk_is_full_stops_no_batch(tmp_path: Path, monkeypatch:
 def test_nobody_at_the_address_is_told_in_seconds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "CONNECT_S", 0.5)
     with pytest.raises(ClusterError, match="no Dask scheduler answers there") as caught:
-        list(records_of("tcp://127.0.0.1:9", works(tmp_path, 1)))
+        list(cluster_runner("tcp://127.0.0.1:9")(works(tmp_path, 1)))
     assert caught.value.exit_code == 75
     with pytest.raises(UsageError, match="looks like tcp://host:8786"):
-        list(records_of("nonsense://x:1", works(tmp_path, 1)))
+        list(cluster_runner("nonsense://x:1")(works(tmp_path, 1)))
 
 
 @pytest.mark.slow
 def test_a_scheduler_without_workers_is_told(own: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "WORKERS_S", 0.3)
-    monkeypatch.setattr(cluster, "LOOK_S", 0.1)
+    monkeypatch.setattr(cluster, "CHECK_S", 0.1)
     heard: list[str] = []
     with pytest.raises(ClusterError, match="no worker for 0 s"):
-        list(records_of(own.start().address, works(tmp_path, 1), say=heard.append))
+        list(cluster_runner(own.start().address, say=heard.append)(works(tmp_path, 1)))
     assert "waiting for one" in heard[0]
 
 
@@ -203,7 +203,7 @@ def test_a_scheduler_that_goes_away_is_told_and_what_is_done_stays(own: Cluster,
     own.start()
     own.worker()
     todo = works(tmp_path / "out", 5)
-    reading = records_of(own.address, todo)
+    reading = cluster_runner(own.address)(todo)
     first = next(reading)
     assert own.scheduler is not None
     own.scheduler.kill()
@@ -219,10 +219,10 @@ def test_another_version_or_python_on_a_worker_is_told(
     with monkeypatch.context() as patch:
         patch.setattr(cluster, "__version__", "99.0")
         with pytest.raises(UsageError, match=r"worker tcp://.* has attlog .* and this side 99.0"):
-            list(records_of(dask.address, todo))
+            list(cluster_runner(dask.address)(todo))
     monkeypatch.setattr(cluster, "PYTHON", "3.99")
     with pytest.raises(UsageError, match=r"runs Python 3\.\d+ and this side 3\.99"):
-        list(records_of(dask.address, todo))
+        list(cluster_runner(dask.address)(todo))
 
 
 @pytest.mark.slow
@@ -232,7 +232,7 @@ def test_a_worker_without_attlog_is_told(own: Cluster, tmp_path: Path) -> None:
     own.start()
     own.worker("--preload", str(without))
     with pytest.raises(UsageError, match="has no attlog; install attlog"):
-        list(records_of(own.address, works(tmp_path / "out", 3)))
+        list(cluster_runner(own.address)(works(tmp_path / "out", 3)))
 
 
 def test_a_filter_file_that_workers_do_not_see_is_told_once(
@@ -243,13 +243,13 @@ def test_a_filter_file_that_workers_do_not_see_is_told_once(
     monkeypatch.chdir(tmp_path)
     todo = works(tmp_path / "out", 2, specs="mine.py")
     with pytest.raises(UsageError, match=r"a worker does not see mine\.py"):
-        list(records_of(dask.address, todo))
+        list(cluster_runner(dask.address)(todo))
 
 
 def test_what_to_install_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match="pip install dask distributed"):
-        list(records_of("tcp://127.0.0.1:9", works(tmp_path, 1)))
+        list(cluster_runner("tcp://127.0.0.1:9")(works(tmp_path, 1)))
 
 
 def test_the_json_of_a_log_that_comes_back_is_written_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -258,5 +258,5 @@ def test_the_json_of_a_log_that_comes_back_is_written_last(tmp_path: Path, monke
     monkeypatch.setattr(cluster, "write_atomic", lambda path, data: order.append(path.name))
     work: Any = SimpleNamespace(folder=tmp_path, keep=False)
     record = Record("a.ulg", "a")
-    assert cluster._kept(work, record, {"a.json": b"", "a.html": b"", "z.js": b""}) is record
+    assert cluster._store(work, record, {"a.json": b"", "a.html": b"", "z.js": b""}) is record
     assert order == ["a.html", "z.js", "a.json"]

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from attlog.batch.index_page import write_index
-from attlog.batch.index_row import Entry
+from attlog.batch.job import Record
 from tests.batch.made import failed, flown, many, reason
 from tests.batch.test_index_page import EVIL
 
-BATCH: list[Entry] = [
+BATCH: list[Record] = [
     flown("fine.ulg", scale=1.0, firmware="PX4 1.15.4", date_utc="2025-02-01T10:00:00+00:00"),
     flown("small.ulg", scale=0.5, firmware="PX4 1.15.4", date_utc="2025-03-01T10:00:00+00:00"),
     flown("large.ulg", scale=5.0, firmware="PX4 1.13.2", date_utc="2024-03-01T10:00:00+00:00"),
@@ -54,7 +54,6 @@ def test_it_opens_without_a_complaint_or_a_request_and_says_what_is_wrong(index:
 @pytest.mark.slow
 def test_logs_with_a_value_to_set_have_a_tile_and_say_what_to_set(visit: Any, tmp_path: Path) -> None:
     off = flown("off.bin")
-    assert off.row is not None
     off.row["sensors"] = {"faults": 1, "warnings": 0, "to_set": ["COMPASS_OFS_X -12 -> 145"]}
     shown = visit(write_index(tmp_path, [off, flown("fine.bin")]))
     drawn(shown, 2)
@@ -200,7 +199,7 @@ def test_hostile_texts_are_only_text(visit: Any, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("entries", [[], [failed("a.bin")], [flown("a.ulg")]], ids=["none", "failed", "one"])
-def test_small_batches_are_shown(visit: Any, tmp_path: Path, entries: list[Entry]) -> None:
+def test_small_batches_are_shown(visit: Any, tmp_path: Path, entries: list[Record]) -> None:
     page = visit(write_index(tmp_path, entries))
     assert page.complaints == []
     assert len(names(page)) == len(entries)
@@ -262,7 +261,6 @@ def test_ten_thousand_logs_open_and_filter_in_two_seconds(visit: Any, tmp_path: 
 @pytest.mark.slow
 def test_a_picture_tells_in_words_what_it_draws_and_its_marks_what_happened(visit: Any, tmp_path: Path) -> None:
     entry = flown("a.ulg", reason("crash"))
-    assert entry.row is not None
     entry.row["thumbnail"] = {
         "t0": 0.0,
         "t1": 48.0,

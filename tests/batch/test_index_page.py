@@ -14,7 +14,7 @@ from urllib.parse import unquote_to_bytes
 import pytest
 
 from attlog.batch.index_page import INDEX, first_row, page_data, render, write_index
-from attlog.batch.order import ordered
+from attlog.batch.order import index_rows
 from attlog.core.errors import OutputError
 from tests.batch.made import failed, flown, many, reason
 
@@ -31,7 +31,7 @@ def inside(html: str) -> tuple[dict[str, Any], bytes]:
 
 
 def test_equally_bad_logs_stand_as_people_count() -> None:
-    assert [x.name for x in ordered([flown(f"log{i}.bin") for i in (10, 9, 100, 1)])] == [
+    assert [x.name for x in index_rows([flown(f"log{i}.bin") for i in (10, 9, 100, 1)])] == [
         "log1.bin",
         "log9.bin",
         "log10.bin",
@@ -74,9 +74,9 @@ def test_numbers_stand_at_their_log() -> None:
 def test_only_common_rows_are_offered() -> None:
     entries = many(30)
     for i, entry in enumerate(entries):
-        for column in entry.row["columns"] if entry.row else ():
+        for column in entry.row.get("columns", ()):
             column["values"] |= {f"mine@{i}-{k}": 1.0 for k in range(4)}
-    data, _ = page_data(ordered(entries))
+    data, _ = page_data(index_rows(entries))
     assert len(data["rows"]) == 16
     assert {"vqf", "onboard", "gyro"} <= set(data["rows"])
 
@@ -147,10 +147,9 @@ def test_numbers_of_the_onboard_attitude_are_shown_first_else_those_of_the_filte
 @pytest.mark.parametrize(("reference", "judged"), [("truth", True), ("smoother", True), ("onboard", False)])
 def test_onboard_errors_stand_only_where_a_reference_may_judge_them(reference: str, judged: bool) -> None:
     entry = flown("a.ulg", reference=reference)
-    assert entry.row is not None
     for column in entry.row["columns"]:
         column["values"] |= {"onboard": 1.0, "onboard:AHR2": 2.0}
-    columns = page_data(ordered([entry]))[0]["columns"]
+    columns = page_data(index_rows([entry]))[0]["columns"]
     errors = [c for c in columns if c["metric"] in ("tilt_rmse_deg", "lag_ms")]
     others = [c for c in columns if c["metric"].startswith("noise_")]
     assert errors
@@ -162,7 +161,6 @@ def test_onboard_errors_stand_only_where_a_reference_may_judge_them(reference: s
 
 def test_the_page_holds_what_is_off_with_the_sensors_and_what_to_set_without_signs_that_steer() -> None:
     entry = flown("a.ulg")
-    assert entry.row is not None
     entry.row["sensors"] = {"faults": 1, "warnings": 2, "to_set": ["A\x1b[31m 1 -> 2"]}
     data, _ = inside(render([entry, failed("b.bin")]))
     sensors = dict(zip(data["name"], data["sensors"], strict=True))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from attlog.batch.index_row import RANKS, Entry, reasons, trouble, with_gates
-from attlog.batch.order import ordered, short_names, summary
+from attlog.batch.index_row import RANKS, reasons, trouble, with_gates
+from attlog.batch.job import Record
+from attlog.batch.order import index_rows, short_names, summary
 from attlog.health.findings import Weight
 from attlog.result import Check, Finding
 from attlog.story.flight_events import Event
@@ -191,22 +193,24 @@ def test_classes_come_before_points_and_real_flights_before_others_of_their_clas
     logs = [flown(f"{name}-{k}.ulg", *why, **about) for name, why in CLASSES for k, about in kinds]
     expected = [entry.name for entry in logs]
     for mixed in (logs[::-1], logs[7:] + logs[:7]):
-        assert [log.name for log in ordered(mixed)] == expected
+        assert [log.name for log in index_rows(mixed)] == expected
 
 
 def test_many_sensors_weigh_less_than_one_crash_and_more_than_one_sensor() -> None:
     many = flown("many.ulg", *(reason("sensor") for _ in range(9)))
     logs = [flown("one.ulg", reason("sensor")), many, flown("z.ulg", reason("crash"), simulated=True)]
-    assert [log.name for log in ordered(logs)] == ["z.ulg", "many.ulg", "one.ulg"]
+    assert [log.name for log in index_rows(logs)] == ["z.ulg", "many.ulg", "one.ulg"]
 
 
 def test_a_log_that_failed_stands_between_those_with_trouble_and_those_without() -> None:
     logs = [flown("a.ulg"), failed("b.bin"), flown("c.ulg", reason("sensor", "warning"), simulated=True)]
-    assert [log.name for log in ordered(logs)] == ["c.ulg", "b.bin", "a.ulg"]
+    assert [log.name for log in index_rows(logs)] == ["c.ulg", "b.bin", "a.ulg"]
 
 
 def test_a_log_of_which_nothing_could_be_re_run_is_not_without_trouble() -> None:
-    logs = ordered([flown("a"), flown("b", reference=None), flown("c", reason("sensor"), reference=None), failed("d")])
+    logs = index_rows(
+        [flown("a"), flown("b", reference=None), flown("c", reason("sensor"), reference=None), failed("d")]
+    )
     assert [(log.name, log.level, log.opens_first) for log in logs] == [
         ("c", "serious", True),
         ("d", "failed", False),
@@ -216,7 +220,7 @@ def test_a_log_of_which_nothing_could_be_re_run_is_not_without_trouble() -> None
 
 
 def test_what_happened_is_the_headline_else_the_reason_else_the_message() -> None:
-    logs = ordered(
+    logs = index_rows(
         [
             flown("a", reason("crash", text="It fell."), headline="Quadrotor: flew 3 to 9 s."),
             flown("b", reason("crash", text="It fell.")),
@@ -247,10 +251,9 @@ def test_short_names_of_different_logs_differ() -> None:
 OUT = Path("out")
 
 
-def answering(name: str, *questions: str, reference: str = "truth") -> Entry:
+def answering(name: str, *questions: str, reference: str = "truth") -> Record:
     """A log on which filters answer these questions alone."""
     entry = flown(name, reference=reference)
-    assert entry.row is not None
     for verdict in entry.row["verdicts"]:
         verdict["answered"] = verdict["question"] in questions
     return entry
@@ -315,11 +318,8 @@ def test_nothing_done_is_told_without_a_table() -> None:
 
 
 def test_failures_are_grouped_by_reason_and_those_of_an_earlier_run_come_last() -> None:
-    old = [Entry(f"{k}.ulg", f"{k}.ulg", 65, f"{k}.ulg: {k}00 bytes, no flight log", known=True) for k in range(3)]
-    new = [
-        Entry("x", "x", 65, "x: encrypted"),
-        *(Entry(f"y{k}", f"y{k}", 65, f"y{k}: {k} s of data are too short") for k in range(2)),
-    ]
+    old = [replace(failed(f"{k}.ulg", f"{k}00 bytes, no flight log"), known=True) for k in range(3)]
+    new = [failed("x", "encrypted"), *(failed(f"y{k}", f"{k} s of data are too short") for k in range(2))]
     assert list(summary([*old, *new], 6, 1.0, OUT)) == [
         "6 logs: 0 reports in out, 1.0 s; 3 failed before",
         "  3 logs cannot be used (exit code 65):",
@@ -332,7 +332,7 @@ def test_failures_are_grouped_by_reason_and_those_of_an_earlier_run_come_last() 
 
 def test_many_reasons_do_not_fill_the_screen_and_every_log_is_counted() -> None:
     codes = dict.fromkeys("abcdefg", 65) | dict.fromkeys("hi", 70)
-    lines = list(summary([Entry(c, c, code, f"{c}: reason {c}") for c, code in codes.items()], 9, 1.0, OUT))
+    lines = list(summary([failed(c, f"reason {c}", code) for c, code in codes.items()], 9, 1.0, OUT))
     assert lines[1] == "  7 logs cannot be used (exit code 65), such as:"
     assert lines[-1] == "  2 logs crashed or hit a bug (exit code 70)"
     assert len(lines) == 8
@@ -353,7 +353,6 @@ def test_it_counts_the_logs_whose_sensors_are_off_and_those_with_something_to_se
     for entry, faults, warnings, settings in zip(
         logs, (2, 0, 1), (0, 1, 3), ([], ["A 1 -> 2", "B 3"], []), strict=False
     ):
-        assert entry.row is not None
         entry.row["sensors"] = {"faults": faults, "warnings": warnings, "to_set": settings}
     assert "  sensors: faults in 2 logs, warnings in 2 logs, settings offered for 1 log" in summary(logs, 4, 1.0, OUT)
     assert not [line for line in summary(logs[3:], 1, 1.0, OUT) if "sensors" in line]

@@ -24,7 +24,7 @@ import pytest
 
 from attlog import Config, Result
 from attlog.batch import report_files
-from attlog.batch.job import Record, Work, read_record, record_path, records, settings_key
+from attlog.batch.job import Job, Record, read_record, record_path, records, settings_key
 from attlog.batch.process import forks, run_one
 from attlog.batch.report_files import analyze_to_files, figure_starts, report_names
 from attlog.batch.run import locked
@@ -147,10 +147,10 @@ def processes() -> Iterator[ForkServer]:
         kept.close()
 
 
-def work(folder: Path, log: Path = LOG, specs: str = "gyro", **more: Any) -> Work:
+def work(folder: Path, log: Path = LOG, specs: str = "gyro", **more: Any) -> Job:
     config = Config(estimators=specs.split(","))
     settings = settings_key(config, deterministic=True)
-    return replace(Work(Source(str(log)), log.name, folder, config, settings, deterministic=True), **more)
+    return replace(Job(Source(str(log)), log.name, folder, config, settings, deterministic=True), **more)
 
 
 def plugin(folder: Path, body: str) -> str:
@@ -387,7 +387,8 @@ def test_a_server_that_does_not_answer_at_first_is_asked_again_by_the_download(
         raise LogUnreadable("no answer")
 
     monkeypatch.setattr(report_files, "stamp", silent)
-    told = report_files.fields_of_record(work(tmp_path), tmp_path, lambda _: None)
+    monkeypatch.setattr("attlog.core.workers.write_output_to", lambda _: None)
+    told = report_files.process_log(work(tmp_path), tmp_path, tell=lambda _: None)
     assert told["files"]
     assert told["stamp"] == ""
 

@@ -1,4 +1,4 @@
-"""What an earlier run of a folder says of a log: which ends are for good, and which failure is the same."""
+"""Records and rows of logs, and the file with every number of a batch."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import csv
 import importlib.util
 import json
 import math
-import os
+import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +17,8 @@ import pytest
 from attlog import Config, Result, analyze
 from attlog.batch import results_file
 from attlog.batch.index_row import (
-    FORM,
     SENSOR_WINDOW,
     THUMBNAIL_POINTS,
-    Entry,
     encoded,
     index_row,
     light,
@@ -28,23 +26,22 @@ from attlog.batch.index_row import (
     sensors_of,
     thumbnail,
 )
-from attlog.batch.job import Record, record_path, write_record
-from attlog.batch.results_file import COLUMNS, CSV, PARQUET, EntryCollection, up_to_date, write_results
+from attlog.batch.job import Record
+from attlog.batch.results_file import COLUMNS, CSV, PARQUET, write_results
 from attlog.core.errors import OutputError
 from attlog.metrics.trace import Trace
 from attlog.result import MEASURED_TIMES, Event
-from attlog.result import Result as result_Result
 from tests.conftest import SAMPLES
 from tests.health.made import MADE, OFFSET, REFUSED, SILENT, SOUND
 from tests.report.conftest import make_result
 
 
 @pytest.mark.parametrize(
-    ("code", "for_good"), [(0, True), (2, True), (65, True), (66, False), (70, False), (73, False), (75, False)]
+    ("code", "final"), [(0, True), (2, True), (65, True), (66, False), (70, False), (73, False), (75, False)]
 )
-def test_only_what_content_and_settings_decide_is_for_good(code: int, for_good: bool) -> None:
+def test_only_what_content_and_settings_decide_is_final(code: int, final: bool) -> None:
     """A timeout, too little memory, a bug or a full disk may end otherwise next time."""
-    assert Record("a.ulg", "a", "key", code).for_good is for_good
+    assert Record("a.ulg", "a", "key", code=code).is_final is final
 
 
 def test_a_failure_is_the_same_only_of_the_same_known_content_and_code() -> None:
@@ -210,19 +207,6 @@ def test_the_page_gets_a_byte_for_each_point_and_what_is_shown_in_words() -> Non
     assert list(out[THUMBNAIL_POINTS : THUMBNAIL_POINTS + 2]) == [254, 0]
 
 
-def test_a_thumbnail_of_an_earlier_version_shows_its_tilt() -> None:
-    out = bytearray()
-    curves = {
-        "tilt": [22.5, None] + [0.0] * (THUMBNAIL_POINTS - 2),
-        "tilt_diff": [1.0] * THUMBNAIL_POINTS,
-        "heading_diff": [1.0] * THUMBNAIL_POINTS,
-    }
-    seen = {"t0": 0.0, "t1": 9.0, "of": "onboard", "air": [], "marks": [[8.0, "impact"]]} | curves
-    assert encoded(seen, out) == [0, 0.0, 9.0, "Tilt over time", [], [[8.0, "Impact"]]]
-    assert list(out[:3]) == [127, 255, 0]
-    assert len(out) == THUMBNAIL_POINTS
-
-
 def test_a_result_without_traces_has_no_thumbnail_and_still_a_row() -> None:
     assert index_row(make_result(with_traces=False))["thumbnail"] is None
 
@@ -262,55 +246,20 @@ def test_assessments_are_numbers_of_their_sensor() -> None:
     assert (silent.metric, silent.value, silent.code, silent.reason) == ("gnss_delay", None, "unknown", SILENT.text)
 
 
-# The logs of folders: what a record holds in today's form, else what the result itself says.
-
-
-@pytest.mark.parametrize("form", [FORM, FORM - 1, None])
-def test_the_row_of_an_older_record_is_made_again_from_its_result(tmp_path: Path, form: int | None) -> None:
-    made = make_result(with_traces=False)
-    made.to_json(tmp_path / "a.ulg.json")
-    row = index_row(made)
-    kept = row | {"form": form, "trouble": {"level": "of the record"}}
-    write_record(tmp_path, Record("logs/a.ulg", "a.ulg", row=kept))
-    (entry,) = (entry for _, entry in EntryCollection([tmp_path]))
-    assert entry.row["form"] == FORM
-    assert entry.row["trouble"] == (kept if form == FORM else row)["trouble"]
-
-
-def test_a_log_that_failed_is_counted_and_is_no_entry(tmp_path: Path) -> None:
-    made = make_result(with_traces=False)
-    write_record(tmp_path, Record("logs/a.ulg", "a.ulg", row=index_row(made)))
-    write_record(tmp_path, Record("logs/b.ulg", "b.ulg", code=65, message="b.ulg: not a log"))
-    gathered = EntryCollection([tmp_path])
-    assert [entry.log for _, entry in gathered] == ["logs/a.ulg"]
-    assert gathered.failed == 1
-
-
-@pytest.mark.parametrize(("record_s", "used"), [(90, True), (100, True), (110, False)])
-def test_a_results_file_counts_unless_a_record_is_newer(tmp_path: Path, record_s: int, used: bool) -> None:
-    """A batch that was killed has records of which the file of the run before knows nothing."""
-    write_record(tmp_path, Record("logs/a.ulg", "a.ulg"))
-    path = tmp_path / PARQUET
-    path.write_bytes(b"")
-    os.utime(path, (100, 100))
-    os.utime(record_path(tmp_path, "a.ulg"), (record_s, record_s))
-    assert up_to_date(tmp_path) == (path if used else None)
-
-
 # One file with every number of a batch: what it says, in which units, and that it appears whole or not at all.
 
 
-def flown_with_numbers(name: str = "a.ulg", **log: object) -> Entry:
+def flown_with_numbers(name: str = "a.ulg", **log: object) -> Record:
     made = make_result(with_traces=False)
     made.checks = []
     made.log |= {"name": name} | log
-    return Entry(f"logs/{name}", name, row=index_row(made))
+    return Record(f"logs/{name}", name, row=index_row(made))
 
 
-FAILED = Entry("logs/b.ulg", "b.ulg", 65, "b.ulg: not a log")
+FAILED = Record("logs/b.ulg", "b.ulg", code=65, message="b.ulg: not a log")
 
 
-def expected(made: result_Result) -> dict[tuple[str, str, str], float | None]:
+def expected(made: Result) -> dict[tuple[str, str, str], float | None]:
     return {
         (r.name, w, m): a.value
         for r in made.estimators
@@ -386,26 +335,27 @@ def test_names_that_are_no_utf8_are_written(tmp_path: Path) -> None:
     assert lines[0]["log"] == "logs/a\\udcff.ulg"
 
 
-def test_entries_are_taken_as_lines_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_records_are_released_as_lines_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thousand rows are never held together."""
-    monkeypatch.setattr(results_file, "GROUP", 300)
-    held = 0
+    monkeypatch.setattr(results_file, "GROUP_LINES", 300)
+
+    class Row(dict):  # type: ignore[type-arg]
+        pass
+
+    rows: weakref.WeakSet[Row] = weakref.WeakSet()
+    Row.__hash__ = object.__hash__  # type: ignore[method-assign, assignment]
     most = 0
 
-    class Counted(Entry):
-        def __del__(self) -> None:
-            nonlocal held
-            held -= 1
-
-    def entries() -> Iterator[Entry]:
-        nonlocal held, most
+    def found() -> Iterator[Record]:
+        nonlocal most
         for k in range(40):
-            held += 1
-            most = max(most, held)
             one = flown_with_numbers(f"{k}.ulg")
-            yield Counted(one.log, one.name, row=one.row)
+            held = Row(one.row)
+            rows.add(held)
+            most = max(most, len(rows))
+            yield replace(one, row=held)
 
-    write_results(tmp_path, entries())
+    write_results(tmp_path, found())
     assert most <= 5
 
 
@@ -413,7 +363,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = write_results(tmp_path, [flown_with_numbers()])
     before = path.read_bytes()
 
-    def broken() -> Iterator[Entry]:
+    def broken() -> Iterator[Record]:
         yield flown_with_numbers("x.ulg")
         raise OSError(28, "No space left on device")
 
@@ -426,7 +376,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
 def test_every_line_tells_what_is_off_with_the_sensors_and_what_to_set(tmp_path: Path, without_pyarrow: None) -> None:
     made = make_result(with_traces=False)
     made.checks = list(MADE)
-    entries = [Entry("logs/off.ulg", "off.ulg", row=index_row(made)), flown_with_numbers()]
+    entries = [Record("logs/off.ulg", "off.ulg", row=index_row(made)), flown_with_numbers()]
     with write_results(tmp_path, entries).open(newline="") as file:
         lines = list(csv.DictReader(file))
     told = {(x["report"], x["sensor_faults"], x["sensor_warnings"], x["to_set"]) for x in lines}

@@ -10,16 +10,15 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from attlog import Config
-from attlog.batch.index_row import Entry
-from attlog.batch.job import Record, Work, records
+from attlog.batch.job import Job, Record, records
 from attlog.batch.process import forks
-from attlog.batch.run import Job, Outcome, local_runner, locked, run_batch
+from attlog.batch.run import BatchOutcome, Runner, local_runner, locked, run_batch
 from attlog.batch.sources import Source
 from attlog.core.errors import OutputError, UsageError
 from attlog.core.workers import ForkServer
@@ -32,19 +31,13 @@ class Watching:
     """Remembers what it was told."""
 
     def __init__(self) -> None:
-        self.works: Sequence[Work] = ()
         self.records: list[Record] = []
 
-    def planned(self, works: Sequence[Work]) -> None:
-        self.works = works
+    def planned(self, jobs: Sequence[Job]) -> None:
+        pass
 
-    def finished(self, record: Record, entry: Entry) -> None:
+    def finished(self, record: Record) -> None:
         self.records.append(record)
-
-
-def job(folder: Path, *logs: Path, **more: object) -> Job:
-    sources = [Source(str(log)) for log in logs]
-    return replace(Job(sources, folder, Config(estimators=["gyro"]), deterministic=True), **more)
 
 
 @functools.cache
@@ -55,9 +48,13 @@ def kept() -> ForkServer:
     return found
 
 
-def run(job: Job, workers: int = 1) -> tuple[Outcome, list[Record]]:
-    watching = Watching()
-    return run_batch(job, local_runner(workers, processes=kept()), watching), watching.records
+def run(
+    folder: Path, *logs: Path, workers: int = 1, runner: Runner | None = None, **more: Any
+) -> tuple[BatchOutcome, list[Record]]:
+    watching, config = Watching(), more.pop("config", Config(estimators=["gyro"]))
+    sources = [Source(str(log)) for log in logs]
+    how = runner or local_runner(workers, processes=kept())
+    return run_batch(sources, folder, config, how, watching, deterministic=True, **more), watching.records
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -81,9 +78,9 @@ def cut(folder: Path, name: str, size: int = 300_000) -> Path:
 @pytest.mark.slow
 def test_a_batch_is_the_same_with_one_worker_and_with_two(tmp_path: Path) -> None:
     logs = [ARDUPILOT, tmp_path / "none.ulg", PX4, cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin")]
-    (one, first), (two, _) = (run(job(tmp_path / str(n) / "out", *logs), n) for n in (1, 2))
+    (one, first), (two, _) = (run(tmp_path / str(n) / "out", *logs, workers=n) for n in (1, 2))
     assert content(tmp_path / "1/out") == content(tmp_path / "2/out")
-    assert [e.name for e in two.entries] == [ARDUPILOT.name, "none.ulg", PX4.name, "x.bin", "x.bin-2"]
+    assert [e.name for e in two.records] == [ARDUPILOT.name, "none.ulg", PX4.name, "x.bin", "x.bin-2"]
     assert one.codes == two.codes == {0, 66}
     assert [r.log for r in first] == [str(log) for log in logs]
     names = {p.name for p in (tmp_path / "1/out").iterdir()}
@@ -93,44 +90,44 @@ def test_a_batch_is_the_same_with_one_worker_and_with_two(tmp_path: Path) -> Non
 
 def test_a_folder_with_a_batch_is_neither_mixed_nor_lost(tmp_path: Path) -> None:
     first, second = cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin")
-    run(job(tmp_path / "out", first))
+    run(tmp_path / "out", first)
     before = content(tmp_path / "out")
     with pytest.raises(UsageError, match=r"holds a batch \(1 of 1 logs .*--resume .*--fresh .*-o"):
-        run(job(tmp_path / "out", first))
+        run(tmp_path / "out", first)
     assert content(tmp_path / "out") == before
-    outcome, told = run(job(tmp_path / "out", second, first, resume=True))
+    outcome, told = run(tmp_path / "out", second, first, resume=True)
     assert [(r.log, r.name, r.again) for r in told] == [(str(second), "x.bin-2", False), (str(first), "x.bin", True)]
     assert outcome.again == 1
-    outcome, told = run(job(tmp_path / "out", second, fresh=True))
+    outcome, told = run(tmp_path / "out", second, fresh=True)
     assert [(r.name, r.again) for r in told] == [("x.bin", False)]
     assert sorted(p.name for p in (tmp_path / "out").glob("x*")) == ["x.bin.html", "x.bin.json"]
     assert [r.log for r in records(tmp_path / "out")] == [str(second)]
 
 
 def test_a_foreign_file_survives_a_fresh_beginning(tmp_path: Path) -> None:
-    run(job(tmp_path / "out", cut(tmp_path / "a", "x.bin")))
+    run(tmp_path / "out", cut(tmp_path / "a", "x.bin"))
     (tmp_path / "out" / "notes.txt").write_text("mine")
-    run(job(tmp_path / "out", cut(tmp_path / "a", "x.bin"), fresh=True))
+    run(tmp_path / "out", cut(tmp_path / "a", "x.bin"), fresh=True)
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
 
 
 def test_a_log_that_fails_now_does_not_keep_its_old_report(tmp_path: Path) -> None:
     log = cut(tmp_path / "a", "x.bin")
-    run(job(tmp_path / "out", log))
+    run(tmp_path / "out", log)
     log.write_bytes(b"no log " * 100)
-    outcome, _ = run(job(tmp_path / "out", log, resume=True))
+    outcome, _ = run(tmp_path / "out", log, resume=True)
     assert outcome.codes == {65}
     assert not list((tmp_path / "out").glob("x*"))
-    _, told = run(job(tmp_path / "out", log, resume=True))
+    _, told = run(tmp_path / "out", log, resume=True)
     assert told[0].again
 
 
 def test_other_options_do_all_logs_again(tmp_path: Path) -> None:
     log = cut(tmp_path / "a", "x.bin")
-    run(job(tmp_path / "out", log))
-    outcome, _ = run(job(tmp_path / "out", log, resume=True, config=Config(estimators=["accel_mag"])))
+    run(tmp_path / "out", log)
+    outcome, _ = run(tmp_path / "out", log, resume=True, config=Config(estimators=["accel_mag"]))
     assert outcome.again == 0
-    assert "accel_mag" in outcome.entries[0].row["rows"]
+    assert "accel_mag" in outcome.records[0].row["rows"]
 
 
 def test_rooms_of_processes_that_were_killed_are_removed(tmp_path: Path) -> None:
@@ -141,7 +138,7 @@ def test_rooms_of_processes_that_were_killed_are_removed(tmp_path: Path) -> None
         (tmp_path / place).parent.mkdir(exist_ok=True)
         (tmp_path / place).write_text("x")
     (tmp_path / "out" / ".mine.0123456789ab").write_text("x")
-    run(job(tmp_path / "out", cut(tmp_path / "a", "x.bin")))
+    run(tmp_path / "out", cut(tmp_path / "a", "x.bin"))
     assert not room.exists()
     assert [p.name for p in (tmp_path / "out").rglob(".*.0123456789ab")] == [".mine.0123456789ab"]
 
@@ -149,7 +146,7 @@ def test_rooms_of_processes_that_were_killed_are_removed(tmp_path: Path) -> None
 def test_two_batches_do_not_meet_in_one_folder(tmp_path: Path) -> None:
     with locked(tmp_path / "out"):
         with pytest.raises(OutputError, match=rf"another batch is writing there \(process {os.getpid()} on .*-o"):
-            run(job(tmp_path / "out", ARDUPILOT))
+            run(tmp_path / "out", ARDUPILOT)
     with locked(tmp_path / "out"):
         pass
 
@@ -174,49 +171,49 @@ def test_a_lock_ends_with_its_process_however_that_ends(tmp_path: Path) -> None:
 def test_a_batch_stops_where_the_disk_is_full(tmp_path: Path) -> None:
     """Nothing half-written, nothing lost, and no log is analysed in vain."""
     logs = [cut(tmp_path / "a", f"{k}.bin") for k in range(5)]
-    run(job(tmp_path / "out", logs[0]))
+    run(tmp_path / "out", logs[0])
     before = content(tmp_path / "out")
     reached: list[str] = []
 
-    def no_room(works: Sequence[Work]):
-        for work in works:
-            reached.append(work.name)
-            if work.name == "2.bin":
-                yield Record(work.source.name, work.name, code=73, message="attlog: no space", folder_full=True)
+    def no_room(jobs: Sequence[Job]):
+        for job in jobs:
+            reached.append(job.name)
+            if job.name == "2.bin":
+                yield Record(job.source.name, job.name, code=73, message="attlog: no space", folder_full=True)
             else:
-                yield next(iter(local_runner(1, processes=kept())([work])))
+                yield next(iter(local_runner(1, processes=kept())([job])))
 
-    watching = Watching()
-    outcome = run_batch(job(tmp_path / "out", *logs, resume=True), no_room, watching)
+    outcome, _ = run(tmp_path / "out", *logs, resume=True, runner=no_room)
     assert reached == ["0.bin", "1.bin", "2.bin"]
-    assert (outcome.stopped, outcome.codes) == (f"{tmp_path / 'out'} takes no more files", {0, 73})
+    assert outcome.ended.startswith(f"stopped: {tmp_path / 'out'} takes no more files, 2 of 5 logs were not reached")
+    assert outcome.codes == {0, 73}
     after = content(tmp_path / "out")
     assert {name: after[name] for name in before if "0.bin" in name} == {
         name: data for name, data in before.items() if "0.bin" in name
     }
-    assert run(job(tmp_path / "out", *logs, resume=True))[0].again == 2
+    assert run(tmp_path / "out", *logs, resume=True)[0].again == 2
 
 
 def test_a_report_keeps_its_name_for_the_life_of_its_folder(tmp_path: Path) -> None:
     first, second = cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin")
-    run(job(tmp_path / "out", first, second))
+    run(tmp_path / "out", first, second)
     shutil.rmtree(tmp_path / "out" / ".attlog" / "records")
-    _, told = run(job(tmp_path / "out", second, first, resume=True))
+    _, told = run(tmp_path / "out", second, first, resume=True)
     assert {r.log: r.name for r in told} == {str(first): "x.bin", str(second): "x.bin-2"}
 
 
 def test_a_log_that_lies_elsewhere_now_is_known_by_its_content(tmp_path: Path) -> None:
     first, second = cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin", 310_000)
-    run(job(tmp_path / "out", first, second))
+    run(tmp_path / "out", first, second)
     (tmp_path / "a").rename(tmp_path / "moved")
     moved, other = tmp_path / "moved" / "x.bin", cut(tmp_path / "c", "x.bin", 320_000)
-    _, told = run(job(tmp_path / "out", other, moved, resume=True))
+    _, told = run(tmp_path / "out", other, moved, resume=True)
     assert {(r.log, r.name, r.again) for r in told} == {(str(moved), "x.bin", True), (str(other), "x.bin-3", False)}
     assert (tmp_path / "out" / "x.bin-2.html").exists()
     assert {r.log for r in records(tmp_path / "out")} == {str(moved), str(second), str(other)}
 
 
 def test_a_log_called_index_leaves_the_index_alone(tmp_path: Path) -> None:
-    outcome, _ = run(job(tmp_path / "out", cut(tmp_path / "a", "index")))
-    assert outcome.entries[0].name == "index-2"
+    outcome, _ = run(tmp_path / "out", cut(tmp_path / "a", "index"))
+    assert outcome.records[0].name == "index-2"
     assert (tmp_path / "out" / "index.html").exists()

@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from attlog import Config
-from attlog.batch.job import Record, Work
+from attlog.batch.job import Job, Record
 from attlog.batch.sources import Source
 from attlog.cli.printing import Piped, TextLine, console, say, terminal
 from attlog.cli.progress import COMPILING, STAGES, Bar, progress, speed
@@ -130,7 +130,7 @@ def test_the_first_run_says_what_is_compiled_and_where_it_is_kept(tmp_path: Path
     assert "compiling" not in second.stderr
 
 
-WORKS = [Work(Source(f"{k}.bin"), f"{k}.bin", Path("out"), Config(), "") for k in range(4)]
+JOBS = [Job(Source(f"{k}.bin"), f"{k}.bin", Path("out"), Config(), "") for k in range(4)]
 
 
 def screen(monkeypatch: pytest.MonkeyPatch, terminal: bool, verbose: bool = False, quiet: bool = False) -> str:
@@ -140,13 +140,13 @@ def screen(monkeypatch: pytest.MonkeyPatch, terminal: bool, verbose: bool = Fals
     monkeypatch.setattr(sys, "stderr", err)
     monkeypatch.setattr(sys, "stdout", out)
     with Bar(quiet, verbose) as bar:
-        bar.planned(WORKS)
-        for k, work in enumerate(WORKS):
+        bar.planned(JOBS)
+        for k, job in enumerate(JOBS):
             for _ in range(2):
-                bar.stage(work, {"compiling": "compiling mahony (once)"})
-            bar.stage(work, {"stage": "reading the log"})
+                bar.stage(job, {"compiling": "compiling mahony (once)"})
+            bar.stage(job, {"stage": "reading the log"})
             time.sleep(0.1 * (k > 1))
-            bar.advance(Record(work.source.name, work.name, code=66 * (k == 3), again=k < 2))
+            bar.advance(Record(job.source.name, job.name, code=66 * (k == 3), again=k < 2))
             with bar.aside():
                 print(f"told {k}")
     assert out.getvalue() == "told 0\ntold 1\ntold 2\ntold 3\n"

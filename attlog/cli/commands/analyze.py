@@ -34,7 +34,7 @@ from attlog.cli.progress import Bar, compile_first, progress
 from attlog.core.errors import EXIT_INTERRUPTED, PluginError, PluginTimeout, error_message, exit_code
 
 if TYPE_CHECKING:
-    from attlog.batch.index_row import Entry
+    from attlog.batch.job import Record
     from attlog.batch.sources import Source
     from attlog.pipeline.config import Config
     from attlog.result import Result
@@ -101,6 +101,7 @@ class AnalyzeRun:
 
     def one(self, source: Source) -> None:
         """Analyse one log in this process and show it."""
+        from attlog.batch.job import Record
         from attlog.batch.report_files import analyze_to_files, figure_starts, report_names
 
         name = report_names([source.file_name])[0]
@@ -117,20 +118,21 @@ class AnalyzeRun:
                     deterministic=self.options.deterministic,
                     figures=start,
                 )
-            self._show(source.name, written.result, written.report)
+            self._show(Record(source.name, name), written.result)
         except KeyboardInterrupt:
             to_stderr(_kept([], 1, self.folder))
             self.codes.add(EXIT_INTERRUPTED)
         except Exception as error:
             self.codes.add(report(error, source.name, self.common.verbose))
-            self.gates.broken(source.name, name, exit_code(error), error_message(error, __version__, source.name))
+            message = error_message(error, __version__, source.name)
+            self.gates.judge(Record(source.name, name, code=exit_code(error), message=message))
 
     def several(self, logs: Sequence[Source], jobs: int) -> None:
         """Analyse each log in a process of its own and show it as it comes."""
-        from attlog.batch.job import Work, settings_key
+        from attlog.batch.job import Job, settings_key
         from attlog.batch.process import tidied
         from attlog.batch.report_files import figure_starts, report_names
-        from attlog.batch.run import entry_of, local_runner
+        from attlog.batch.run import in_memory, local_runner
 
         deterministic = self.options.deterministic
         key = settings_key(self.config, deterministic)
@@ -139,26 +141,26 @@ class AnalyzeRun:
         if self.figures is not None:
             starts = figure_starts(self.figures, [source.file_name for source in logs])
         typed = commands(self.options, [source.name for source in logs])
-        works = [
-            Work(source, name, self.folder, self.config, key, words, deterministic, figures=start, keep=False)
+        todo = [
+            Job(source, name, self.folder, self.config, key, words, deterministic, figures=start, keep=False)
             for source, name, words, start in zip(logs, names, typed, starts, strict=True)
         ]
-        done: dict[str, Entry] = {}
+        done: dict[str, Record] = {}
         compile_first(self.config.estimators, self.common.quiet)
         started = time.monotonic()
         with tidied(self.folder), Bar(self.common.quiet, self.common.verbose > 0) as bar:
-            coming = local_runner(jobs, bar.stage)(works)
+            coming = local_runner(jobs, bar.stage)(todo)
             try:
-                bar.planned(works)
+                bar.planned(todo)
                 for record in coming:
-                    done[record.name] = entry_of(record)
+                    done[record.name] = in_memory(record)
                     self.codes.add(record.code)
                     bar.advance(record)
                     with bar.aside():
                         if record.done:
-                            self._load_and_show(record.log, record.name)
+                            self._load_and_show(record)
                         else:
-                            self.gates.broken(record.log, record.name, record.code, record.message)
+                            self.gates.judge(record, timed=False)
                             to_stderr(record.trace * (self.common.verbose > 1) + record.message)
             except KeyboardInterrupt:
                 self.codes.add(EXIT_INTERRUPTED)
@@ -167,26 +169,27 @@ class AnalyzeRun:
         if not self.common.quiet:
             self._say_summary([done[name] for name in names if name in done], len(logs), time.monotonic() - started)
         if EXIT_INTERRUPTED in self.codes:
-            to_stderr(_kept([e.name for e in done.values() if e.row is not None], len(logs), self.folder))
+            to_stderr(_kept([r.name for r in done.values() if r.done], len(logs), self.folder))
 
-    def _load_and_show(self, log: str, name: str) -> None:
+    def _load_and_show(self, record: Record) -> None:
         from attlog.result import Result
 
         try:
-            self._show(log, Result.load(self.folder / f"{name}.json"), self.folder / f"{name}.html")
+            self._show(record, Result.load(self.folder / f"{record.name}.json"))
         except Exception as error:
-            self.codes.add(report(error, log, self.common.verbose))
+            self.codes.add(report(error, record.log, self.common.verbose))
 
-    def _show(self, log: str, result: Result, page: Path) -> None:
-        """Print a result and the verdicts of gates."""
+    def _show(self, record: Record, result: Result) -> None:
+        """Print a result and the outcome of gates."""
         from attlog.result import TIMED_OUT, nothing_ran
 
+        page = self.folder / f"{record.name}.html"
         self.results.append(result)
         if any(finding.kind == TIMED_OUT for finding in result.findings):
             self.codes.add(PluginTimeout.exit_code)
         elif failed := nothing_ran(result.estimators):
             self.codes.add(PluginError.exit_code)
-            to_stderr(f"attlog: {log}: no filter ran: {failed}")
+            to_stderr(f"attlog: {record.log}: no filter ran: {failed}")
         if self.json:
             json_to_stdout(result.to_dict(self.options.deterministic))
         out = console(stderr=self._for_a_program)
@@ -200,7 +203,7 @@ class AnalyzeRun:
                 say([f"figures: {self.figures}"], out)
             if notice := bundle_notice():
                 to_stderr(f"attlog: {notice}")
-        self.gates.shown(log, page, self.common.quiet, out)
+        self.gates.judge_and_print(record, self.common.quiet, out)
         if self.open_report:
             typer.launch(str(page))
 
@@ -209,11 +212,11 @@ class AnalyzeRun:
         """True if standard output is for a program."""
         return self.json or self.form is not None
 
-    def _say_summary(self, entries: Sequence[Entry], total: int, seconds: float) -> None:
+    def _say_summary(self, found: Sequence[Record], total: int, seconds: float) -> None:
         from attlog.batch.order import summary
 
         out = console(stderr=self._for_a_program)
-        first, *others = summary(entries, total, seconds, self.folder, width=out.width)
+        first, *others = summary(found, total, seconds, self.folder, width=out.width)
         say(["", TextLine(first, "bold"), *others], out)
 
 

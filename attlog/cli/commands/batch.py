@@ -22,19 +22,18 @@ from attlog.core import files
 from attlog.core.errors import EXIT_INTERRUPTED, LogUnusable, OutputError, UsageError, error_message
 
 if TYPE_CHECKING:
-    from attlog.batch.across import Across, Column
-    from attlog.batch.index_row import Entry
-    from attlog.batch.job import Record, Work
-    from attlog.batch.run import Outcome, Runner
+    from attlog.batch.across import Column, LogTable
+    from attlog.batch.job import Job, Record
+    from attlog.batch.run import BatchOutcome, Runner
 
 
+# Time limit of a log: a hundred times the slowest log in hand, and an hour of one worker for one that hangs.
 TIMEOUT_S = 3600.0
-"""A log may take this long: no log in hand takes a hundredth of it, and one that hangs costs one worker an hour."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatchOptions:
-    """Where and under which limits the logs are worked on, and what becomes of an earlier batch in the folder."""
+    """Processes and limits of a batch, and what happens to an earlier batch in the folder."""
 
     jobs: JobsOfCores = None
     timeout: Annotated[
@@ -65,7 +64,7 @@ class BatchOptions:
             raise UsageError("--resume and --fresh: one or the other")
 
     def runner(self, progress: BatchProgress, bar: Bar) -> Runner:
-        """What does the work."""
+        """Return what runs the jobs."""
         if self.scheduler is None:
             from attlog.batch.run import local_runner
 
@@ -95,50 +94,48 @@ def batch_command(
     """
     gates = GateReport(gate_options, output)
     settings = configured(options)
-    from attlog.batch.run import Job, run_batch
+    from attlog.batch.run import run_batch
 
-    judge = gates.judge(output, options.deterministic)
     codes, names = set[int](), list[str]()
     found, wrong = named_sources(logs, codes)
     if found:
-        job = Job(
-            found,
-            output,
-            settings,
-            commands(options, [source.name for source in found]),
-            deterministic=options.deterministic,
-            timeout=batch.timeout or None,
-            memory=batch.memory,
-            resume=batch.resume,
-            fresh=batch.fresh,
-        )
         compile_first(settings.estimators, common.quiet)
         with ended_by_signals(), Bar(common.quiet, common.verbose > 0) as bar:
             progress = BatchProgress(bar, common.verbose)
-            outcome = run_batch(job, batch.runner(progress, bar), progress, judge)
+            outcome = run_batch(
+                found,
+                output,
+                settings,
+                batch.runner(progress, bar),
+                progress,
+                lambda record: gates.judge(record, timed=not options.deterministic),
+                commands=commands(options, [source.name for source in found]),
+                fresh=batch.fresh,
+                deterministic=options.deterministic,
+                timeout=batch.timeout or None,
+                memory=batch.memory,
+                resume=batch.resume,
+            )
         codes |= outcome.codes
         _say_outcome(outcome, output, common.quiet)
-        names = [entry.name for entry in outcome.entries]
+        names = [record.name for record in outcome.records]
     end(codes | gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in codes))
 
 
 class BatchProgress:
-    """How a batch goes: a bar, and a line for each log that fails (with -v for each log).
-
-    Where a bar is shown it counts what fails; why, by reason, stands in the summary below it.
-    """
+    """Progress of a batch: a bar, else a line for each log that fails; with ``verbose`` a line for each log."""
 
     def __init__(self, bar: Bar, verbose: int) -> None:
         self._bar, self._verbose = bar, verbose
 
-    def planned(self, works: Sequence[Work]) -> None:
-        """Nothing is done yet."""
-        self._bar.planned(works)
+    def planned(self, jobs: Sequence[Job]) -> None:
+        """Start the bar."""
+        self._bar.planned(jobs)
 
-    def finished(self, record: Record, entry: Entry) -> None:
-        """One more."""
+    def finished(self, record: Record) -> None:
+        """Count a log and print what happened to it."""
         self._bar.advance(record)
-        lines = [f"attlog: {record.log}: gate: {sentence}" for sentence in entry.gates]
+        lines = [f"attlog: {record.log}: gate: {sentence}" for sentence in record.gates]
         if not record.done:
             if self._verbose or not (record.known or self._bar.is_shown):
                 lines.append(record.trace * (self._verbose > 1) + record.message)
@@ -149,34 +146,25 @@ class BatchProgress:
             self.say("\n".join(lines))
 
     def say(self, text: str) -> None:
-        """A message beside the bar."""
+        """Print a message above the bar."""
         with self._bar.aside():
             to_stderr(text)
 
 
-def _say_outcome(outcome: Outcome, folder: Path, quiet: bool) -> None:
-    """The summary, and why not all logs were reached."""
+def _say_outcome(outcome: BatchOutcome, folder: Path, quiet: bool) -> None:
+    """Print the summary, and why not all logs were reached."""
     from attlog.batch.order import summary
 
     if not quiet:
         out = console()
         first, *others = summary(
-            outcome.entries, outcome.total, outcome.seconds, folder, outcome.again, width=out.width
+            outcome.records, outcome.total, outcome.seconds, folder, outcome.again, width=out.width
         )
         say([TextLine(first, "bold"), *others], out)
-        if outcome.entries:
+        if outcome.records:
             say([f"index: {folder / 'index.html'}"], out)
-    if outcome.lost:
-        to_stderr(f"attlog: {outcome.lost}")
-    if outcome.stopped:
-        left = outcome.total - len(outcome.entries)
-        to_stderr(
-            f"attlog: stopped: {outcome.stopped}, {left} of {outcome.total} logs were not reached; "
-            "--resume goes on when there is room"
-        )
-    if outcome.interrupted:
-        reports = sum(entry.row is not None for entry in outcome.entries)
-        to_stderr(f"attlog: interrupted; {reports} of {outcome.total} reports are in {folder}; --resume goes on")
+    if outcome.ended:
+        to_stderr(f"attlog: {outcome.ended}")
 
 
 TABLE_FORMATS = ("md", "csv", "tex", "parquet")
@@ -233,22 +221,22 @@ def table_command(
     Example: attlog table reports --metric heading_rmse_deg --by firmware
     """
     from attlog.batch.across import BY, across
-    from attlog.batch.results_file import EntryCollection
+    from attlog.batch.results_file import read_numbers
 
     kind = _format(form, output)
     if by is not None and by not in BY:
         raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
     asked = _listed(metric) or [DEFAULT_METRIC]
-    gathered = EntryCollection(results, [m.partition("@")[0] for m in asked])
-    found = across(gathered, asked, _listed(row), window, by)
-    for error in gathered.wrong:
+    numbers = read_numbers(results, [m.partition("@")[0] for m in asked])
+    found = across(numbers, asked, _listed(row), window, by)
+    for error in numbers.wrong:
         to_stderr(error_message(error, __version__))
-    if not found.logs and not gathered.wrong:
-        raise LogUnusable(f"{results[0]}: no log of it was analysed; {gathered.failed} failed")
-    if found.logs:
-        _notes(found, gathered.failed)
+    if found.logs.empty and not numbers.wrong:
+        raise LogUnusable(f"{results[0]}: no log of it was analysed; {numbers.failed} failed")
+    if not found.logs.empty:
+        _notes(found, numbers.failed)
         _write_table(found, by, kind, output)
-    end(gathered.wrong)
+    end(numbers.wrong)
 
 
 def _listed(options: list[str] | None) -> list[str]:
@@ -256,7 +244,7 @@ def _listed(options: list[str] | None) -> list[str]:
 
 
 def _format(form: str | None, output: Path | None) -> str:
-    """How the table is written: as asked, else by the suffix of its file; empty for people to read."""
+    """Return the format asked for, else by the suffix of the file; empty for reading."""
     suffix = output.suffix.lower().removeprefix(".") if output else ""
     kind = form or (suffix if suffix != "txt" else "")
     if kind not in TABLE_FORMATS and (form or kind or (output and not suffix)):
@@ -267,14 +255,14 @@ def _format(form: str | None, output: Path | None) -> str:
     return kind
 
 
-def _notes(found: Across, failed: int) -> None:
-    """What the table does not show, on standard error."""
+def _notes(found: LogTable, failed: int) -> None:
+    """Print what the table does not show, on standard error."""
     from attlog.batch.across import references
     from attlog.words.numbers import counted, listed
 
-    if found.twice:
+    if found.repeats:
         to_stderr(
-            f"attlog: {counted(found.twice, 'result')} left out: of a log that comes twice the newest one counts"
+            f"attlog: {counted(found.repeats, 'result')} left out: of a log that comes twice the newest one counts"
             " (--by batch lists each batch)"
         )
     against = references(found)
@@ -285,7 +273,7 @@ def _notes(found: Across, failed: int) -> None:
         to_stderr(f"attlog: {counted(failed, 'log')} could not be analysed, not in the table")
 
 
-def _write_table(found: Across, by: str | None, kind: str, output: Path | None) -> None:
+def _write_table(found: LogTable, by: str | None, kind: str, output: Path | None) -> None:
     from attlog.batch.across import values, words
     from attlog.compare.tables import table_latex, table_markdown
     from attlog.core.files import write_atomic
@@ -312,8 +300,8 @@ def _write_table(found: Across, by: str | None, kind: str, output: Path | None) 
     write_atomic(output, text.encode("utf-8", "backslashreplace"))
 
 
-def table_lines(found: Across, by: str | None, width: int) -> Iterator[TextLine]:
-    """A block for each metric, with as many columns as fit."""
+def table_lines(found: LogTable, by: str | None, width: int) -> Iterator[TextLine]:
+    """Yield a block for each metric, with as many columns as fit."""
     from attlog.words.numbers import unit_sign
 
     questions = dict.fromkeys((c.metric, c.window) for c in found.columns)
@@ -326,7 +314,7 @@ def table_lines(found: Across, by: str | None, width: int) -> Iterator[TextLine]
         yield from _block(found, by, columns, width)
 
 
-def _block(found: Across, by: str | None, columns: Sequence[Column], width: int) -> Iterator[TextLine]:
+def _block(found: LogTable, by: str | None, columns: Sequence[Column], width: int) -> Iterator[TextLine]:
     from attlog.batch.across import words
     from attlog.words.text import clean
 
@@ -345,8 +333,8 @@ def _block(found: Across, by: str | None, columns: Sequence[Column], width: int)
         yield TextLine(f"No room for {', '.join(shown.head[fit:])}: --row NAME, or -o table.csv for all.", "dim")
 
 
-def _parquet(found: Across, by: str | None) -> bytes:
-    """The table as Parquet, metric, window and unit in the metadata of each column. OutputError without pyarrow."""
+def _parquet(found: LogTable, by: str | None) -> bytes:
+    """Return the table as Parquet, metric, window and unit in the metadata. OutputError without pyarrow."""
     try:
         import pyarrow
         from pyarrow import parquet
