@@ -429,7 +429,7 @@ def test_limits_in_words_have_their_unit_and_a_true_minus() -> None:
         ("INS_ACCSCAL_X INS_ACC2SCAL_Y INS5_ACCSCAL_Z", 0.8, 1.2),
         ("INS_GYRO_FILTER INS_ACCEL_FILTER", 0.0, 256.0),
         ("INS_HNTCH_MODE", 0.0, 5.0),
-        ("INS_HNTCH_FREQ INS_HNTC2_FREQ", 10.0, 495.0),
+        ("INS_HNTCH_FREQ INS_HNTC2_FREQ", 10.0, 400.0),
         ("INS_HNTCH_BW", 5.0, 250.0),
         ("INS_HNTCH_ATT", 5.0, 50.0),
         ("INS_HNTCH_FM_RAT", 0.1, 1.0),

@@ -174,8 +174,9 @@ def read(path, *, data):
 
 
 def test_one_line_is_all_that_a_new_format_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    line = Format("new", "NEWLOG", ".new", "newformat:recognises", "newformat:read", None)
-    (tmp_path / "newformat.py").write_text(NEW)
+    line = Format("new", "NEWLOG", ".new", "newformat", "reader.recognises", "reader.read")
+    (tmp_path / "newformat").mkdir()
+    (tmp_path / "newformat" / "reader.py").write_text(NEW)
     monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path)])
     monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, line))
     (tmp_path / "x").write_bytes(b"NEWLOG" + np.arange(100, dtype="<i4").tobytes())
