@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 # Files with a tuple METRIC_GROUPS, in the order of the table; imported when they are first asked.
-FILES = ("noise", "lag", "step_error", "drift", "accuracy", "heading", "allan", "setpoint")
+FILES = ("noise", "lag", "step_error", "drift", "accuracy", "heading", "allan", "setpoint", "innovations")
 LATE = {"Drawing": "traces", "Trace": "trace"}
 FULL_COVERAGE_PCT = 95.0
 
