@@ -6,7 +6,10 @@ sentence for each question that differs significantly, about the better one.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
+from statistics import median
 
 from attlog.compare.comparison import PHASE_PLACES, Comparison, ConfigurationSentences, Question, commonest_reason
 from attlog.compare.paired import Difference, Direction
@@ -24,6 +27,8 @@ STATUS_WORDS = {
     "failed": "failed",
     "not_judged": "cannot be judged",
 }
+# Errors against the reference that a what-if sentence names also where they do not change.
+REFERENCE_ERRORS = ("tilt_rmse_deg", "heading_rmse_deg")
 # Words of a direction in a table.
 DIRECTION_WORDS: dict[Direction, str] = {"better": "better", "worse": "worse", "same": "equal"}
 
@@ -42,7 +47,8 @@ def question_wording(question: Question) -> Wording:
 
 def subject_of(question: Question) -> str:
     """Return a question as it follows "in": ``tilt error``, ``noise added in hover``."""
-    return question.title[:1].lower() + question.title[1:]
+    begin = question.title[:2]
+    return question.title if begin.isupper() else begin.lower() + question.title[2:]
 
 
 def scale_unit(question: Question) -> str:
@@ -140,6 +146,9 @@ def _configuration_sentences(found: Comparison, name: str) -> ConfigurationSente
             name, f"No difference: {b} and {a} give the same in every question, on {logs}.", dropped
         )
     significant = [(q, d) for q, d in pairs if d.significant]
+    if found.is_what_if:
+        lead = what_if_sentence(found, name, pairs)
+        return ConfigurationSentences(name, lead, [*(_question_sentence(q, d, a, b) for q, d in significant), *dropped])
     if not significant:
         asked = counted(len(pairs), "question")
         return ConfigurationSentences(name, f"No significant difference of {b} and {a} in {asked} on {logs}.", dropped)
@@ -149,6 +158,39 @@ def _configuration_sentences(found: Comparison, name: str) -> ConfigurationSente
     return ConfigurationSentences(
         name, f"{b} is significantly {lead}.", [*(_question_sentence(q, d, a, b) for q, d in significant), *dropped]
     )
+
+
+def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Question, Difference]]) -> str:
+    """Return what a changed parameter of the filter that flew does: values as flown and changed, largest change first.
+
+    ``Heading error 14.2 to 4.1°, compass ratio 1.8 to 0.4; tilt error unchanged.``
+    """
+
+    def order(pair: tuple[Question, Difference]) -> tuple[int, float]:
+        question, d = pair
+        if question.metric in REFERENCE_ERRORS:
+            return 0, 0.0
+        by_innovation = question.metric.startswith(("innovation", "test_ratio"))
+        return (1, -abs(math.log(d.value or 1.0))) if by_innovation else (2, 0.0)
+
+    changed = sorted(((q, d) for q, d in pairs if d.significant), key=order)
+    said = [_from_to(found, question, name) for question, _ in changed[:MAX_NAMED_QUESTIONS]]
+    said += [f"{len(changed) - MAX_NAMED_QUESTIONS} more"] * (len(changed) > MAX_NAMED_QUESTIONS)
+    same = [subject_of(q) for q, d in pairs if not d.significant and q.metric in REFERENCE_ERRORS]
+    text = "; ".join(part for part in (", ".join(said), f"{listed(same)} unchanged" if same else "") if part)
+    label = f"{found.labels[name]}: " if len(found.configurations) > 2 else ""
+    text = text or "no significant change of innovations and errors"
+    return f"{label}{text if label else text[:1].upper() + text[1:]}."
+
+
+def _from_to(found: Comparison, question: Question, name: str) -> str:
+    """Return a question's values as flown and changed, over several logs their medians: ``lag 3 to 8 ms``."""
+    values = []
+    for one in (found.first.name, name):
+        known = [v for cells in question.cells.values() if one in cells and (v := cells[one].value) is not None]
+        values.append(number(median(map(abs, known)), question.unit, False))
+    unit = unit_sign(question.unit)
+    return f"{subject_of(question)} {values[0]} to {values[1]}{'' if unit.startswith('°') else ' '}{unit}".rstrip()
 
 
 def _change_list(pairs: list[tuple[Question, Difference]]) -> str:

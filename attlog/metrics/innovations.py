@@ -69,7 +69,7 @@ STATISTICS: Mapping[str, Statistic] = {
         """Root mean square of the innovation in gates, sqrt(innovation^2 / (gate^2 variance)), of a sample's
         worst axis: the root of the mean test ratio. 1 is at the gate. A larger noise or gate lowers it by itself.""",
     ),
-    "rejected_pct": Statistic("rejected", "pct", "Share of the aid's samples with a test ratio above 1 in any axis."),
+    "rejected_pct": Statistic("rejected", "%", "Share of the aid's samples with a test ratio above 1 in any axis."),
     "innovation_bias": Statistic("innovation bias", None, "Length of the vector of the axes' mean innovations."),
     "innovation_correlation": Statistic(
         "innovation correlation",

@@ -17,6 +17,7 @@ from attlog.core.log_cache import log_cache
 from attlog.core.machine import versions
 from attlog.estimators.filters.smoother import OWN_HEADING
 from attlog.estimators.interface import Estimate
+from attlog.estimators.rerun import INNOVATION
 from attlog.flight.model import FlightLog, Problem, guarded_part
 from attlog.health import (
     Check,
@@ -204,7 +205,8 @@ class Measurement:
     def add(self, row: Row, line: EstimatorRow) -> None:
         """Fill in a row's line of the table; a replayed row is empty afterwards."""
         case, log = self.case, self.case.log
-        row.aux = {}  # no metric looks at it, and in a long log it is as large as the attitude
+        # metrics look at innovations alone; the rest is as large as the attitude
+        row.aux = {name: table for name, table in row.aux.items() if name.startswith(INNOVATION)}
         case.rows.append(row)
         if self._check is not None:
             guarded_part(log, "What filters say against the reference", partial(self._check.add, row), lambda: None)

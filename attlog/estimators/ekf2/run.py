@@ -142,10 +142,8 @@ def known_facts(
     step_s: float,
 ) -> s.Known:
     """Return what a step needs beside parameters; rates are set by the caller."""
-    horizon = inputs.horizon
-    if horizon is None:
-        delays = [setting[f"{aid}_DELAY"] for aid in ("GPS", "MAG", "BARO", "ASP")]
-        horizon = 1e-3 * (setting["DELAY_MAX"] if era == s.ERA_D else max(delays))
+    flown = longest_delay(settings_of(inputs.params, inputs.version), era)
+    horizon = (flown if inputs.horizon is None else inputs.horizon) + longest_delay(setting, era) - flown
     declination, inclination, strength = model or (0.0, 0.0, 0.0)
     if model is None or not int(setting["DECL_TYPE"]) & 1:
         declination = math.radians(setting["MAG_DECL"])
@@ -167,6 +165,12 @@ def known_facts(
         flown_alignment=0.0,
         imu_period=float(np.median(inputs.imu.dt)),
     )
+
+
+def longest_delay(setting: Mapping[str, float], era: int) -> float:
+    """Return in s how late the filter runs with these settings."""
+    delays = [setting[f"{aid}_DELAY"] for aid in ("GPS", "MAG", "BARO", "ASP")]
+    return 1e-3 * (setting["DELAY_MAX"] if era == s.ERA_D else max(delays))
 
 
 def begin_timers(c: Array, begin: float) -> None:
