@@ -33,14 +33,6 @@ def test_an_encrypted_ulog_is_recognised_and_refused(tmp_path: Path) -> None:
         formats.open(path)
 
 
-@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
-def test_open_returns_the_messages_of_each_format(name: str) -> None:
-    log = formats.open(SAMPLES / name)
-    assert log.format == FORMATS[Path(name).suffix]
-    assert len(log) > 5
-    assert log.size == (SAMPLES / name).stat().st_size
-
-
 def one_line(error: AttlogError) -> bool:
     return "\n" not in str(error) and len(str(error)) < 400
 
@@ -116,7 +108,7 @@ def test_what_a_log_may_be_wrapped_in_is_named(content: bytes, says: str, tmp_pa
         formats.open(tmp_path / "x.bin")
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(10))
 def test_random_bytes_are_never_a_log(seed: int, tmp_path: Path) -> None:
     content = np.random.default_rng(seed).integers(0, 256, 70_000, np.uint8).tobytes()
     (tmp_path / "random").write_bytes(content)
@@ -151,10 +143,6 @@ def test_opening_a_ulog_imports_nothing_heavy() -> None:
 def test_every_entry_names_what_exists(entry: Format) -> None:
     assert not entry.recognises(b"no log at all " * 300)
     assert formats.format_named(entry.name) is entry
-
-
-def test_names_are_different() -> None:
-    assert len({entry.name for entry in formats.FORMATS}) == len(formats.FORMATS)
 
 
 NEW = """

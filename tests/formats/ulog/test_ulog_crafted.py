@@ -129,13 +129,6 @@ def test_a_topic_of_the_largest_size_is_read(tmp_path: Path) -> None:
             assert (found["a", 0]["x"] == np.frombuffer(bytes(range(1, 5)), "<f4")[0]).all()
 
 
-def test_an_array_of_no_elements_is_no_field(tmp_path: Path) -> None:
-    raw = log(form(f"a:{STAMP}uint8_t[0] nothing;float x;"), subscribe("a", 1), *(one(k) for k in range(5)))
-    found = read(raw, tmp_path / "none.ulg")
-    assert list(found["a", 0].fields) == ["timestamp", "x"]
-    assert found["a", 0]["x"].tolist() == [1.0] * 5
-
-
 def test_of_fields_with_one_name_the_first_is_read(tmp_path: Path) -> None:
     path = tmp_path / "twice.ulg"
     rest = struct.pack("<fQf", 1.0, 77, 2.0)
