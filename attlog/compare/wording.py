@@ -29,6 +29,8 @@ STATUS_WORDS = {
 }
 # Errors against the reference that a what-if sentence names also where they do not change.
 REFERENCE_ERRORS = ("tilt_rmse_deg", "heading_rmse_deg")
+# They are called unchanged within 10 %, unless the change is significant.
+UNCHANGED_LOG_RATIO = math.log(1.1)
 # Words of a direction in a table.
 DIRECTION_WORDS: dict[Direction, str] = {"better": "better", "worse": "worse", "same": "equal"}
 
@@ -163,34 +165,48 @@ def _configuration_sentences(found: Comparison, name: str) -> ConfigurationSente
 def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Question, Difference]]) -> str:
     """Return what a changed parameter of the filter that flew does: values as flown and changed, largest change first.
 
-    ``Heading error 14.2 to 4.1°, compass ratio 1.8 to 0.4; tilt error unchanged.``
+    ``Heading error 14.2 to 4.1°, compass innovation 18 to 4.2 µT; tilt error unchanged.`` Of each aid the innovation is
+    named, else its test ratio.
     """
-
-    def order(pair: tuple[Question, Difference]) -> tuple[int, float]:
-        question, d = pair
-        if question.metric in REFERENCE_ERRORS:
-            return 0, 0.0
-        by_innovation = question.metric.startswith(("innovation", "test_ratio"))
-        return (1, -abs(math.log(d.value or 1.0))) if by_innovation else (2, 0.0)
-
-    changed = sorted(((q, d) for q, d in pairs if d.significant), key=order)
-    said = [_from_to(found, question, name) for question, _ in changed[:MAX_NAMED_QUESTIONS]]
-    said += [f"{len(changed) - MAX_NAMED_QUESTIONS} more"] * (len(changed) > MAX_NAMED_QUESTIONS)
-    same = [subject_of(q) for q, d in pairs if not d.significant and q.metric in REFERENCE_ERRORS]
+    said, same = [], []
+    for question, d in (p for p in pairs if p[0].metric in REFERENCE_ERRORS):
+        first, second = _values_text(found, question, name)
+        if not d.significant and (first == second or abs(math.log(d.value or 1.0)) < UNCHANGED_LOG_RATIO):
+            same.append(subject_of(question))
+        else:
+            said.append(_from_to(found, question, name) + ("" if d.significant else " (not significant)"))
+    by_aid: dict[str, tuple[float, str]] = {}
+    others = []
+    for question, d in (p for p in pairs if p[1].significant and p[0].metric not in REFERENCE_ERRORS):
+        statistic, _, aid = question.metric.partition(".")
+        if statistic in ("innovation_rms", "test_ratio_rms"):
+            by_aid.setdefault(aid, (-abs(math.log(d.value or 1.0)), _from_to(found, question, name)))
+        else:
+            others.append(_from_to(found, question, name))
+    changes = [text for _, text in sorted(by_aid.values())] + others
+    shown = max(MAX_NAMED_QUESTIONS - len(said), 1)
+    said += changes[:shown] + [f"{len(changes) - shown} more"] * (len(changes) > shown)
     text = "; ".join(part for part in (", ".join(said), f"{listed(same)} unchanged" if same else "") if part)
-    label = f"{found.labels[name]}: " if len(found.configurations) > 2 else ""
     text = text or "no significant change of innovations and errors"
-    return f"{label}{text if label else text[:1].upper() + text[1:]}."
+    if len(found.configurations) > 2:
+        return f"{found.labels[name]}: {text}."
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def _from_to(found: Comparison, question: Question, name: str) -> str:
-    """Return a question's values as flown and changed, over several logs their medians: ``lag 3 to 8 ms``."""
+    """Return a question's values as flown and changed: ``heading error 14.2 to 4.1°``."""
+    first, second = _values_text(found, question, name)
+    unit = unit_sign(question.unit)
+    return f"{subject_of(question)} {first} to {second}{'' if unit.startswith('°') else ' '}{unit}".rstrip()
+
+
+def _values_text(found: Comparison, question: Question, name: str) -> list[str]:
+    """Return both values without unit, over several logs their medians."""
     values = []
     for one in (found.first.name, name):
         known = [v for cells in question.cells.values() if one in cells and (v := cells[one].value) is not None]
         values.append(number(median(map(abs, known)), question.unit, False))
-    unit = unit_sign(question.unit)
-    return f"{subject_of(question)} {values[0]} to {values[1]}{'' if unit.startswith('°') else ' '}{unit}".rstrip()
+    return values
 
 
 def _change_list(pairs: list[tuple[Question, Difference]]) -> str:
