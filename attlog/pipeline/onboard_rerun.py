@@ -17,7 +17,7 @@ from attlog.estimators.interface import Estimate
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.metric import Case, per_case
 from attlog.reference import alignment
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.result import EstimatorRow, ParameterValue
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
     )
 
 
-def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Row, EstimatorRow]:
+def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Track, EstimatorRow]:
     """Run EKF2 again with the values of ``spec`` over the log's own. UsageError where the log is too thin."""
     from attlog.estimators.ekf2.run import rerun
 
