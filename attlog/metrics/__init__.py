@@ -1,4 +1,4 @@
-"""Metrics of every row: the groups there are, and how they are computed."""
+"""Metrics of every row: which groups there are, and how they are computed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from attlog.core.errors import guarded
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing
-from attlog.reference.model import HeadingReference, Track
+from attlog.reference.model import HeadingReference, Row
 
 if TYPE_CHECKING:
     from attlog.metrics import ranking
@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 # Files with a tuple METRIC_GROUPS, in the order of the table; imported when they are first asked.
-FILES = ("noise", "lag", "step_error", "drift", "accuracy", "heading", "allan", "setpoint", "innovations")
+FILES = ("noise", "lag", "step_error", "drift", "accuracy", "heading", "allan", "setpoint")
 LATE = {"Drawing": "traces", "Trace": "trace"}
 FULL_COVERAGE_PCT = 95.0
 
@@ -62,12 +62,12 @@ def definitions() -> dict[str, Metric]:
 
 
 def compute(
-    case: Case, row: Track, windows: Sequence[str], *, only: Collection[str] = ()
+    case: Case, row: Row, windows: Sequence[str], *, only: Collection[str] = ()
 ) -> dict[str, dict[str, Answer]]:
     """Return the answers of one row: window -> metric id -> Answer.
 
-    A metric without a meaning in a window is left out there. ``only``: wanted metrics by id or by the part before the
-    dot; others of the same group come too. A row that gravity does not correct is never ranked.
+    A metric that means nothing in a window is left out there. ``only``: metrics that are wanted, by id or by the part
+    before the dot; others of the same group come too. A row that gravity does not correct is never ranked.
     """
     from attlog.metrics import following
     from attlog.metrics.ranking import mark_not_ranked
@@ -94,7 +94,7 @@ def compute(
 def finish(
     case: Case, table: Mapping[str, dict[str, dict[str, Answer]]], *, cost: bool = True, only: Collection[str] = ()
 ) -> None:
-    """Complete the answers of ``case.rows``, by row name, once all rows are computed.
+    """Complete the answers of ``case.rows``, by row name, once all rows have been computed.
 
     Decides which errors are ranked. With ``cost`` the time of each filter is measured, alone on the machine.
     """
@@ -112,8 +112,8 @@ def _is_of(group: MetricGroup, wanted: Collection[str]) -> bool:
     return any(m.name in wanted or m.name.partition(".")[0] in wanted for m in group.metrics)
 
 
-def _ask(group: MetricGroup, case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the answers of one group; after a bug in it with the reason."""
+def _ask(group: MetricGroup, case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Return the answers of one group; a bug in it leaves its metrics missing with the reason."""
 
     def failed(sentence: str) -> dict[str, Answer]:
         return group.without("part_failed", sentence, window)
@@ -121,7 +121,7 @@ def _ask(group: MetricGroup, case: Case, row: Track, window: str) -> dict[str, A
     return guarded(f"{row.name}: {group.name}", lambda: group.ask(case, row, window), failed)
 
 
-def rank(table: ranking.Table, rows: Sequence[Track]) -> ranking.Ranking:
+def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:
     """Return the best and worst row of each column; values of ranked rows move to their common units."""
     from attlog.metrics import ranking
 

@@ -1,4 +1,4 @@
-"""Errors of a row against the reference: total, heading, tilt, and coverage of the log."""
+"""Errors of a row against the reference: total, heading and tilt, and the share of the log that was compared."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from attlog.metrics.statistics import (
 )
 from attlog.metrics.windows import covered_seconds, why_no_errors, why_no_heading
 from attlog.reference import scoring, sigma_deg
-from attlog.reference.model import Track
+from attlog.reference.model import Row
 from attlog.segments import model
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def _metric(angle: str, statistic: str) -> Metric:
     )
 
 
-def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str, Answer]:
+def compute_errors(angle: str, case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Return the sizes of one of ANGLES of a row in a window."""
     group, errors = ERRORS[angle], row.errors
     assert errors is not None
@@ -120,7 +120,7 @@ def rank_errors(case: Case) -> None:
 
 @per_case
 def own_sigma(case: Case, angle: str, window: str) -> float:
-    """Return the reference's own error in a window (RMS of its sigma, deg); 0 where unknown."""
+    """How wrong the reference may be itself in a window, deg (one sigma); 0 for one that does not tell."""
     reference = case.reference
     if reference.sigma is None:
         return 0.0
@@ -130,20 +130,20 @@ def own_sigma(case: Case, angle: str, window: str) -> float:
 
 @per_times
 def in_window(case: Case, t: Array, window: str) -> NDArray[np.bool_]:
-    """Return which times (n,) of errors lie in a window."""
+    """Which of the times (n,) of errors lie in a window."""
     return case.segments.mask(t, window)
 
 
 @per_row
-def _scored(case: Case, row: Track) -> NDArray[np.bool_]:
-    """Return which of a row's errors (n,) are scored and finite."""
+def _scored(case: Case, row: Row) -> NDArray[np.bool_]:
+    """Which of a row's errors (n,) count and are known."""
     assert row.errors is not None
     return row.errors.scored & np.isfinite(row.errors.total)
 
 
 @per_row
-def _segments(case: Case, row: Track) -> NDArray[np.int64]:
-    """Return the segments (n,) of a row's errors between gaps and resets."""
+def _segments(case: Case, row: Row) -> NDArray[np.int64]:
+    """The segments (n,) of a row's errors between gaps and resets."""
     errors = row.errors
     assert errors is not None
     return model.merge_numbers(_number(case, errors.t), errors.segment)
@@ -155,8 +155,8 @@ def _number(case: Case, t: Array) -> NDArray[np.int64]:
 
 
 @per_row
-def usual_step(case: Case, row: Track) -> float:
-    """Return the median time between a row's errors, s."""
+def usual_step(case: Case, row: Row) -> float:
+    """The median time between a row's errors, s."""
     assert row.errors is not None
     return _step(case, row.errors.t)
 
@@ -166,8 +166,8 @@ def _step(case: Case, t: Array) -> float:
     return float(np.median(np.diff(t)))
 
 
-def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
-    """Return the mean squares (k,) of an error angle in blocks of scored time, shared by all rows."""
+def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
+    """Mean squares (k,) of an error angle in blocks of the window's scored time, at the same times for all rows."""
     errors, length = row.errors, BLOCK_S[angle]
     begin, values = np.zeros(0), np.zeros(0)
     if errors is not None and len(errors.t) > 1:
@@ -185,7 +185,7 @@ def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
 def _error_blocks(
     case: Case, t: Array, window: str, length: float
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the begins (k,) of the blocks of a window, and the first and end index of ``t`` (n,) in each."""
+    """When the blocks of a window's scored time begin (k,), and which of the times (n,) are in each: first, and end."""
     scored = complement(case.reference.scoring.unscored, case.reference.scoring.start, case.reference.scoring.end)
     spans = intersect(case.segments.spans(window), scored)
     starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
@@ -194,28 +194,28 @@ def _error_blocks(
 
 
 @per_row
-def _block_squares(case: Case, row: Track, angle: str) -> tuple[Array, Array]:
-    """Return the squares (n,) of an error angle, 0 where not scored, and the scored samples as 0 or 1 (n,)."""
+def _block_squares(case: Case, row: Row, angle: str) -> tuple[Array, Array]:
+    """The squares (n,) of an error angle, 0 where it does not count, and which count, as numbers (n,)."""
     return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0), _counted(case, row)
 
 
 @per_row
-def _counted(case: Case, row: Track) -> Array:
-    """Return the scored samples as 0 or 1 (n,), one array for all angles: in long logs copies add up."""
+def _counted(case: Case, row: Row) -> Array:
+    """The same for all angles: in long logs copies add up."""
     return _scored(case, row).astype(np.float64)
 
 
 def of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float = BLOCK_S["tilt"], sigma: float = 0.0) -> Summary:
-    """Return the RMSE over some blocks (k,) of ``length`` s against a reference of that sigma, deg.
+    """The RMSE of some of the blocks (k,) of ``length`` s, with its interval against a reference of that sigma, deg.
 
-    A block stands for several samples: quarters of a record may cut through it.
+    A block counts as several samples: quarters of a record may cut through it.
     """
     chosen = squares[np.isin(ids, wanted)]
     return Summary(*ErrorSize(np.repeat(np.sqrt(chosen), PIECES), length * len(chosen), sigma).of("rmse"))
 
 
-def why_unranked(case: Case, row: Track, angle: str, ci95: interval.Interval | None, duration: float) -> str | None:
-    """Return why an error is not ranked whatever the other rows are, else None."""
+def why_unranked(case: Case, row: Row, angle: str, ci95: interval.Interval | None, duration: float) -> str | None:
+    """Why an error is shown but not ranked, whatever the other rows are, else None."""
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
     if angle != "tilt" and (case.reference.kind == "onboard" or case.reference.heading.by == "onboard"):
@@ -225,8 +225,8 @@ def why_unranked(case: Case, row: Track, angle: str, ci95: interval.Interval | N
     return None
 
 
-def _among_others(case: Case, row: Track, angle: str) -> str | None:
-    """Return why a heading error is not ranked beside rows that had to find their north, else None."""
+def _among_others(case: Case, row: Row, angle: str) -> str | None:
+    """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
     if angle == "tilt" or row.heading_offset_deg is None:
         return None
     if all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
@@ -235,7 +235,7 @@ def _among_others(case: Case, row: Track, angle: str) -> str | None:
 
 
 def _too_few(units: UnitValues, angle: str) -> str | None:
-    """Return why errors of so few blocks are not ranked, else None."""
+    """A reason not to rank errors of so few blocks."""
     if len(units.ids) >= MIN_BLOCKS[angle]:
         return None
     needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
@@ -252,7 +252,7 @@ COVERAGE_METRIC = Metric(
 )
 
 
-def compute_coverage(case: Case, row: Track, window: str) -> dict[str, Answer]:
+def compute_coverage(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Return the share of the log in which a row was compared; empty for parts of a log."""
     if window != "all":
         return {}

@@ -1,4 +1,4 @@
-"""Allan deviation of the heading at rest: random walk and bias instability."""
+"""What kind of noise is it? Allan deviation at rest: white, walk or flicker, by averaging time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from attlog.metrics import following
 from attlog.metrics import intervals as interval
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_row
 from attlog.metrics.windows import deviations, rest_spans, why_none, within
-from attlog.reference.model import Track
+from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ ALLAN_METRICS: tuple[Metric, ...] = (
 
 @dataclass(slots=True)
 class Deviation:
-    """Allan deviation over averaging times ``tau`` (k,) s with 95 % interval and degrees of freedom (k,)."""
+    """An Allan deviation over averaging times ``tau`` (k,) s with 95 % interval; ``dof`` (k,) degrees of freedom."""
 
     tau: Array
     sigma: Array
@@ -60,9 +60,10 @@ class Deviation:
 
 
 def deviation(phase: Array, step: float) -> Deviation:
-    """Return the overlapping Allan deviation of the rate of ``phase`` (n,), sampled every ``step`` s.
+    """The overlapping Allan deviation of the rate of ``phase`` (n,), which is sampled every ``step`` s.
 
-    NIST SP 1065 equation 11; degrees of freedom for white rate noise by equation 29 (Howe, Allan and Barnes 1981).
+    NIST SP 1065 equation 11; degrees of freedom for white rate noise by equation 29
+    (Howe, Allan and Barnes 1981). In units of phase per second.
     """
     n = len(phase)
     largest = (n - 1) // 4
@@ -77,7 +78,7 @@ def deviation(phase: Array, step: float) -> Deviation:
 
 
 def _mean_square(phase: Array, k: int) -> float:
-    """Return the mean square second difference over ``k`` samples, in blocks that stay in the cache."""
+    """The mean square of the second differences over ``k`` samples of a phase (n,), in blocks to stay in the cache."""
     count, total = len(phase) - 2 * k, 0.0
     for a in range(0, count, BLOCK):
         b = min(a + BLOCK, count)
@@ -87,31 +88,31 @@ def _mean_square(phase: Array, k: int) -> float:
 
 
 def of_average(angle: Array, step: float) -> Deviation:
-    """Return the Allan deviation of an averaged angle (n,), in its own unit."""
+    """The Allan deviation of an averaged angle (n,), in its own unit: how well averaging over tau repeats."""
     return deviation(np.concatenate([[0.0], np.cumsum(angle - np.mean(angle))]) * step, step)
 
 
-def longest_rest(case: Case, row: Track, window: str) -> slice | None:
-    """Return the longest finite segment of one rest without a gap, None without any."""
+def longest_rest(case: Case, row: Row, window: str) -> slice | None:
+    """The longest segment of samples of one rest, finite and without a gap; None if there is none."""
     return _longest_of(case, row, rest_spans(case, row, window))
 
 
 @per_row
-def _longest_of(case: Case, row: Track, spans: list[Span]) -> slice | None:
+def _longest_of(case: Case, row: Row, spans: list[Span]) -> slice | None:
     segments = [p for span in spans for p in within(row.t, span, row.segment)]
     segments = [p for p in segments if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
     return max(segments, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
 
 
 @per_row
-def of_heading(case: Case, row: Track, segment: slice) -> Deviation:
-    """Return the deviation of the row's heading in one segment, in deg."""
+def of_heading(case: Case, row: Row, segment: slice) -> Deviation:
+    """The deviation of the row's heading in one segment of its samples, in deg."""
     t = row.t[segment]
     return deviation(deviations(row.q[segment])[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
 
 
 def random_walk(d: Deviation) -> tuple[float, float]:
-    """Return the deviation at 1 s (rate units) and the slope of the curve around it on logarithmic axes."""
+    """The deviation interpolated at 1 s (rate units) and the slope of the curve around it on logarithmic axes."""
     near = (d.tau >= WALK_TAU_S[0]) & (d.tau <= WALK_TAU_S[1]) & (d.sigma > 0)
     if near.sum() < 3:
         return math.nan, math.nan
@@ -119,7 +120,7 @@ def random_walk(d: Deviation) -> tuple[float, float]:
     return math.exp(float(np.interp(0.0, np.log(d.tau[near]), np.log(d.sigma[near])))), slope
 
 
-def compute_allan(case: Case, row: Track, window: str) -> dict[str, Answer]:
+def compute_allan(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Return random walk and bias instability of one row's heading in its longest rest."""
     segment = longest_rest(case, row, window)
     if segment is None:
@@ -158,7 +159,7 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
 
 
 def floor_answer(d: Deviation, length: float, window: str) -> Answer:
-    """Return the bias instability by the floor of a deviation over a rest of ``length`` s."""
+    """The bias instability by the floor of a deviation over a rest of ``length`` s, where that is long enough."""
     lowest = int(np.argmin(d.sigma))
     tau, unit = float(d.tau[lowest]), "deg/h"
     if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:

@@ -12,7 +12,7 @@ from attlog.core.errors import AttlogError
 from attlog.estimators.run import run
 from attlog.estimators.samples import prepare
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, paragraph
-from attlog.reference.model import Track
+from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ _MEASURED = f"""Processor time of the filter's own loop per IMU sample, on the m
 COST_METRICS = (Metric("cost_ns", "Cost per update", "ns", "low", paragraph(_MEASURED)),)
 
 
-def compute_cost(case: Case, row: Track, window: str) -> dict[str, Answer]:
+def compute_cost(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Return the time per update of one row's filter, over the whole log only."""
     if window != "all":
         return {}
@@ -54,8 +54,8 @@ def compute_cost(case: Case, row: Track, window: str) -> dict[str, Answer]:
 COST = MetricGroup("cost", "", COST_METRICS, compute_cost)
 
 
-def measure_cost(row: Track) -> Array | None:
-    """Return nanoseconds per update (k,) of repeated runs, or of the one replay that cannot be repeated.
+def measure_cost(row: Row) -> Array | None:
+    """Nanoseconds per update (k,) of a row's filter: of repeated runs; of its one replay where it cannot be repeated.
 
     None for onboard rows.
     """
@@ -69,7 +69,7 @@ def measure_cost(row: Track) -> Array | None:
 
 @functools.cache
 def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], uses_mag: bool) -> tuple[float, ...]:
-    """Return nanoseconds per update of each run, measured once per process."""
+    """Nanoseconds per update of each run: measured once per process, because nothing in it depends on the log."""
     t = STEP_S * np.arange(SAMPLES)
     swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
     acc = np.array([0.0, 0.0, -9.81]) + swing

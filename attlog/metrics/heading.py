@@ -1,4 +1,4 @@
-"""Heading error by GNSS acceleration, without a reference or a compass."""
+"""How far is a row's heading off by GNSS acceleration? It needs neither a reference nor a compass."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from attlog.metrics.metric import (
 )
 from attlog.metrics.windows import imu_of, logged_unit, own_start
 from attlog.reference.heading_sources import GnssMotion, find_gnss_motion
-from attlog.reference.model import Track
+from attlog.reference.model import Row
 from attlog.segments import model
 
 GNSS_HEADING_NAME, GNSS_HEADING_UNIT = "gnss_heading_deg", "deg"
@@ -43,7 +43,7 @@ SHARED = "every row shares the errors of GNSS"
 T_95 = 1.96
 
 
-def why_no_motion(case: Case, row: Track, window: str) -> tuple[str, str] | None:
+def why_no_motion(case: Case, row: Row, window: str) -> tuple[str, str] | None:
     """Return code and reason where GNSS has no velocity, or the row no north of its own."""
     if _motion_of(case, row) is None:
         return "no_gnss", "the log holds no GNSS velocity with a 3D fix"
@@ -52,7 +52,7 @@ def why_no_motion(case: Case, row: Track, window: str) -> tuple[str, str] | None
     return None
 
 
-def compute_gnss_heading(case: Case, row: Track, window: str) -> dict[str, Answer]:
+def compute_gnss_heading(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Return the heading error of one row by GNSS acceleration."""
     turned = own_north(row) or 0.0
     whole, parts = _offsets(case, row, window)
@@ -78,8 +78,8 @@ def compute_gnss_heading(case: Case, row: Track, window: str) -> dict[str, Answe
     return {GNSS_HEADING_NAME: answer}
 
 
-def _motion_of(case: Case, row: Track) -> GnssMotion | None:
-    """Return the GNSS motion by the unit of a row, cached for logged units."""
+def _motion_of(case: Case, row: Row) -> GnssMotion | None:
+    """The motion by the unit that a row was made of; what rows share is made once."""
     imu = imu_of(case, row)
     unit = None if imu is None else logged_unit(case, imu)
     return find_gnss_motion(case.log, case.segments, imu) if unit is None else _motion_by(case, unit)
@@ -91,8 +91,8 @@ def _motion_by(case: Case, unit: int) -> GnssMotion | None:
 
 
 @per_row
-def _offsets(case: Case, row: Track, window: str) -> tuple[HeadingOffset, list[HeadingOffset]]:
-    """Return the heading error over the flight and of each 30 s."""
+def _offsets(case: Case, row: Row, window: str) -> tuple[HeadingOffset, list[HeadingOffset]]:
+    """Of the flight and of each 30 s, as the row now stands."""
     motion = _motion_of(case, row)
     assert motion is not None
     segment = model.merge_numbers(model.number_segments(row.t), row.segment)
@@ -100,8 +100,8 @@ def _offsets(case: Case, row: Track, window: str) -> tuple[HeadingOffset, list[H
     return motion.offsets(row.t, row.q, segment, own_start(case, row), within)
 
 
-def own_north(row: Track) -> float | None:
-    """Return the heading taken out of a row with one north of its own, deg; None for other rows."""
+def own_north(row: Row) -> float | None:
+    """The heading that was taken out of a row with a north of its own, deg; None where it has none, or not one."""
     if row.heading_offset_deg is None:
         return 0.0
     one = len(row.segment) > 0 and row.segment[0] == row.segment[-1]
@@ -109,14 +109,14 @@ def own_north(row: Track) -> float | None:
 
 
 def _shifted(found: HeadingOffset, turned: float) -> HeadingOffset:
-    """Return the offset of the heading as the filter gave it."""
+    """The same of the heading as the filter gave it."""
     if not turned:
         return found
     return replace(found, offset_deg=float((found.offset_deg + turned + 180.0) % 360.0 - 180.0))
 
 
 def _record(found: HeadingOffset, turned: float) -> SpanAnswer:
-    """Return one of the 30 s in which the heading is wrong."""
+    """One of the 30 s in which the heading is wrong."""
     value, half = _shifted(found, turned).offset_deg, T_95 * found.sigma_deg
     return SpanAnswer(found.t0, found.t1, found.t1 - found.t0, value, (value - half, value + half))
 

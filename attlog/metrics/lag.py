@@ -1,9 +1,10 @@
-"""Lag of a row in steps with its interval, step gain and distortion."""
+"""How much does a row lag in steps? Lag with its interval, step gain and distortion."""
 
 from __future__ import annotations
 
 import functools
 import math
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution,
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, Fit, NormalEquations, RowFits, evidence, too_few, why_no_events
 from attlog.metrics.windows import why_no_errors
-from attlog.reference.model import Track
+from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ _DISTORTION = paragraph(
 
 
 def metric_id(kind: str, axis: str) -> str:
-    """Return ``lag_roll_ms``, ``step_gain_roll``, ``distortion_roll_pct``; no axis for all events together."""
+    """``lag_roll_ms``, ``step_gain_roll``, ``distortion_roll_pct``; without an axis for all events together."""
     middle = "" if axis == "all" else f"_{axis}"
     return {"lag": f"lag{middle}_ms", "gain": f"step_gain{middle}", "distortion": f"distortion{middle}_pct"}[kind]
 
@@ -74,7 +75,7 @@ RESOLUTIONS = {
 
 
 def _wording(axis: str) -> Wording:
-    """Return the words of a comparison of the lag in one of AXES."""
+    """How a comparison says the lag in one of AXES."""
     about = "" if axis == "all" else f" in {axis}"
     return Wording("lags", f"less{about}", f"more{about}", f"lag{about}", none=1.0)
 
@@ -96,11 +97,11 @@ LAG_METRICS: tuple[Metric, ...] = tuple(
 UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
 
 
-def input_delay(case: Case, row: Track) -> float:
-    """Return the delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
+def input_delay(case: Case, row: Row) -> float:
+    """The delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
 
-    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven what it left. An attitude computed
-    elsewhere has the delay that its user gives.
+    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven only what it left. An attitude that
+    was computed elsewhere has no delay but the one that its user knows.
     """
     if is_recorded(row.estimator):
         return 1e-3 * float(row.parameters.get("delay", 0.0))
@@ -111,25 +112,35 @@ def input_delay(case: Case, row: Track) -> float:
 
 
 def common_s(case: Case) -> float:
-    """Return the error of every delay of a log, s: the usual, and 2 sigma of an external truth's clock."""
+    """What every delay of a log may be off by, s: the usual, and 2 sigma of the clock of a truth that was brought."""
     fit = case.reference.fit
     return COMMON_S if fit is None else math.hypot(COMMON_S, 2.0 * fit.offset_sigma_s)
 
 
 def half_width(found: Fit, common: float = COMMON_S) -> float:
-    """Return half the 95 % interval of a fitted delay, s."""
+    """Half the 95 % interval of a fitted delay, s."""
     shape, moved = PER_SHAPE * found.shape_s, PER_MOVED * found.moved_s
     return math.sqrt(found.half_width(0) ** 2 + common**2 + shape**2 + moved**2)
 
 
-def lag_on_events(sums: NormalEquations, own: Ids, numbers: Ids, delay: float, common: float, ids: Ids) -> Summary:
-    """Return the lag in ms on the events ``ids``; ``own`` are the ids of the events ``numbers`` of ``sums``."""
-    found = sums.fit(numbers[np.isin(own, ids)])
-    lag, half = 1000 * (found.delay - delay), 1000 * half_width(found, common)
-    return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
+@dataclass(frozen=True, slots=True)
+class LagOnEvents:
+    """The lag of a row over a choice of its events, in ms."""
+
+    sums: NormalEquations
+    ids: Ids
+    numbers: Ids
+    input_delay: float
+    common: float = COMMON_S
+
+    def __call__(self, ids: Ids) -> Summary:
+        """Lag and interval on the events with these ids."""
+        found = self.sums.fit(self.numbers[np.isin(self.ids, ids)])
+        lag, half = 1000 * (found.delay - self.input_delay), 1000 * half_width(found, self.common)
+        return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 
 
-def compute_lag(case: Case, row: Track, window: str) -> dict[str, Answer]:
+def compute_lag(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Return lag, gain and distortion of one row in a window with steps."""
     found = evidence(case, row, window)
     answers: dict[str, Answer] = {}
@@ -138,7 +149,7 @@ def compute_lag(case: Case, row: Track, window: str) -> dict[str, Answer]:
     return {m.name: answers[m.name] for m in LAG_METRICS}
 
 
-def _of_axis(case: Case, row: Track, window: str, axis: str, seen: RowFits | None) -> dict[str, Answer]:
+def _of_axis(case: Case, row: Row, window: str, axis: str, seen: RowFits | None) -> dict[str, Answer]:
     names = {kind: metric_id(kind, axis) for kind in ("lag", "gain", "distortion")}
     found = None if seen is None else seen.fits.get(axis)
     if seen is None or found is None or len(found.events) < MIN_EVENTS:
@@ -181,7 +192,7 @@ def _of_axis(case: Case, row: Track, window: str, axis: str, seen: RowFits | Non
 
 
 def _lag_answer(
-    case: Case, row: Track, window: str, found: Fit, events: list[steps.StepEvent], shared: dict[str, Any]
+    case: Case, row: Row, window: str, found: Fit, events: list[steps.StepEvent], shared: dict[str, Any]
 ) -> Answer:
     delay = input_delay(case, row)
     common = common_s(case)
@@ -212,17 +223,15 @@ def _lag_answer(
         reason=unranked,
         ranked=unranked is None,
         counts_as_zero_below=1000 * half_sample,
-        units=UnitValues(
-            "lag_event", ids, pseudo, functools.partial(lag_on_events, found.sums, ids, found.events, delay, common)
-        ),
+        units=UnitValues("lag_event", ids, pseudo, LagOnEvents(found.sums, ids, found.events, delay, common)),
     )
 
 
 def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float, earliest: float) -> str | None:
-    """Return why the lag (s) of a fit may not be judged, else None.
+    """Why the lag (s) of a fit may not be judged, else None.
 
-    ``sound``: the row neither diverged nor failed to settle. A causal filter cannot come before ``earliest`` (s) by
-    more than ``half_width`` (s).
+    ``sound`` tells that the row neither diverged nor failed to settle. A causal filter
+    cannot come before ``earliest`` (s) by more than ``half_width`` (s).
     """
     if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
         return f"follows {100 * found.gain:.0f} % of the step ({PURE_GAIN[0]:.2f} to {PURE_GAIN[1]:.2f} can be judged)"
@@ -241,8 +250,8 @@ def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float,
     return None
 
 
-def sample_step(case: Case, row: Track) -> float:
-    """Return the time between samples of the replayed IMU, else of the row, s."""
+def sample_step(case: Case, row: Row) -> float:
+    """The time between samples of the replayed IMU, s; of the row itself where no IMU is there."""
     imu = case.log.imu
     return _step(case, row.t if imu is None else case.log.imus[imu].gyro.t)
 

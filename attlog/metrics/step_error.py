@@ -1,10 +1,9 @@
-"""Attitude error after a step, as an angle about the axis of the step."""
+"""An event as angles about its own axis: what the reference turned since the onset, and how far off the row is."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -31,7 +30,7 @@ from attlog.metrics.step_fit import MIN_EVENTS, first_with, too_few, why_no_even
 from attlog.metrics.step_products import axis_of
 from attlog.metrics.step_turning import StepEvent, SummedTurning
 from attlog.metrics.windows import why_no_errors
-from attlog.reference.model import AttitudeErrors, Track
+from attlog.reference.model import AttitudeErrors, Row
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -47,8 +46,8 @@ SETPOINT_HOLE_S = 0.5
 class Curve:
     """One event at the slower one's times ``t`` (n,) s within its window, in deg, positive along the stroke.
 
-    ``reference`` (n,) is its turning since the onset, ``error`` (n,) the row's error relative to its mean over 0.3 s
-    before the onset; negative: the row shows too little.
+    ``reference`` (n,) is its turning since the onset, ``error`` (n,) the row's error relative to
+    its mean over 0.3 s before the onset; negative: the row shows too little.
     """
 
     event: StepEvent
@@ -58,7 +57,7 @@ class Curve:
 
     @property
     def row(self) -> Array:
-        """Turning of the row since the onset (n,)."""
+        """What the row turned since the onset (n,)."""
         return self.reference + self.error
 
     @property
@@ -67,16 +66,16 @@ class Curve:
         return self.t - self.event.onset
 
 
-def curves(case: Case, row: Track, window: str) -> list[Curve]:
-    """Return the events of a window that the row and the reference cover without a gap."""
+def curves(case: Case, row: Row, window: str) -> list[Curve]:
+    """The events of a window that the row and the reference cover without a gap."""
     return _curves(case, row, step_fits.first_with(case, row, window))
 
 
 @dataclass(frozen=True, slots=True)
 class EventSamples:
-    """An event with the samples ``own`` (n,) of a row's errors, ``before`` (m,) its onset, ``body`` axis (3,).
+    """An event: its samples ``own`` (n,) of a row's errors, those ``before`` (m,) its onset, its ``body`` axis (3,).
 
-    ``turned`` (n,) deg: turning of the reference about that axis since the onset.
+    ``turned`` (n,) deg: what the reference turned about that axis since the onset.
     """
 
     event: StepEvent
@@ -87,12 +86,12 @@ class EventSamples:
 
 
 @per_row
-def _curves(case: Case, row: Track, window: str) -> list[Curve]:
+def _curves(case: Case, row: Row, window: str) -> list[Curve]:
     return event_curves(case, row, step_fits.events_in(case, row, window))
 
 
-def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]:
-    """Return the error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis.
+def event_curves(case: Case, row: Row, events: list[StepEvent]) -> list[Curve]:
+    """Error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis in earth axes.
 
     All events at once: a row may have hundreds.
     """
@@ -114,7 +113,7 @@ def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]
 
 
 def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
-    """Return the events that a row and the reference show without a gap."""
+    """The events that a row and the reference show without a gap; most as any row without one at these times."""
     ref, whole = step_fits.reference_turning(case), _without_gaps(case, errors.t)
     broken = np.zeros(len(errors.t), np.int64)
     np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite_rows(errors.q_est)[1:], out=broken[1:])
@@ -130,13 +129,16 @@ def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) ->
 
 @per_times
 def _without_gaps(case: Case, t: Array) -> dict[StepEvent, EventSamples | None]:
-    """Return the samples of all events at times (n,) as if there were no gap."""
+    """What a row at times (n,) and the reference show of all its events if no gap is in them."""
     ref, unbroken = step_fits.reference_turning(case), np.zeros(len(t), np.int64)
     return {event: _covered(t, unbroken, ref, event) for event in steps.reference_steps(case)}
 
 
 def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> EventSamples | None:
-    """Return the samples of an event at times (n,) in segments (n,); None where they are too few."""
+    """What a row at times (n,), in segments (n,) without a gap, and the reference show of an event.
+
+    None where that is too little.
+    """
     body = axis_of(ref, event)
     if body is None:
         return None
@@ -153,21 +155,21 @@ def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> 
 
 
 def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
-    """Return the mean error rotation (k, 4) of each group of samples."""
+    """The mean error rotation (k, 4) of each group of samples."""
     own = np.concatenate(groups)
     error = rotation.earth_error(errors.q_est[own], errors.q_ref[own])
     return rotation.group_means(error, np.cumsum([0, *(len(g) for g in groups)]))
 
 
 def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Array:
-    """Return the turning of the reference (n,) deg about an event's axis (3,) since its onset, at times (n,)."""
+    """What the reference turned (n,) deg about the event's axis (3,) since its onset, at times (n,)."""
     near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
     along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)
     return np.asarray(np.interp(t, ref.t[near], along) - np.interp(event.onset, ref.t[near], along))
 
 
 def setpoint(case: Case, curve: Curve) -> Array | None:
-    """Return the set-point's turning (n,) deg about the event's axis since the onset; None where not logged."""
+    """The set-point's turning (n,) deg about the event's axis since the onset; None where none is logged around it."""
     wanted, ref = case.log.setpoints.attitude, step_fits.reference_turning(case)
     body = axis_of(ref, curve.event)
     if wanted is None or len(wanted.t) < 2 or body is None:
@@ -233,7 +235,7 @@ class EventErrors:
 
 
 def errors_after(found: list[Curve], after: float) -> EventErrors:
-    """Return the error of each event that is covered ``after`` s past 90 % of its stroke."""
+    """The error of each event that is covered ``after`` s past 90 % of its stroke."""
     kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
     return EventErrors(
         make_ids([c.event.onset for c, _ in kept]),
@@ -243,12 +245,12 @@ def errors_after(found: list[Curve], after: float) -> EventErrors:
 
 
 @per_row
-def _after(case: Case, row: Track, window: str, after: float) -> EventErrors:
+def _after(case: Case, row: Row, window: str, after: float) -> EventErrors:
     return errors_after(curves(case, row, window), after)
 
 
 def error_at(curve: Curve, at: float) -> float | None:
-    """Return the mean error (deg) over +-50 ms around a time in s, else the nearest sample's.
+    """The mean error (deg) over +-50 ms around a time in s, the nearest sample's if none is in there.
 
     None beyond the event's window, which a neighbouring step may have cut.
     """
@@ -261,20 +263,39 @@ def error_at(curve: Curve, at: float) -> float | None:
     return float(curve.error[np.argmin(np.abs(curve.t - at))])
 
 
-def error_on_events(errors: EventErrors, values: Array, least: float, sigma: float, ids: Ids) -> Summary:
-    """Return the median of ``values`` (k,) on the events ``ids``; its interval ends at ``least`` at the lowest.
+@dataclass(frozen=True, slots=True)
+class ErrorOnEvents:
+    """The median over a choice of events: magnitude in deg, or signed percent.
 
-    ``sigma``: error of the reference itself, in the unit of the values.
+    ``sigma``: how wrong the reference may be itself, in that unit.
     """
-    chosen = values[np.isin(errors.ids, ids)]
-    value, ci95 = float(np.median(chosen)), interval.median_interval(chosen)
-    if ci95 is None:
-        return Summary(value, None)
-    low, high = interval.widen_by_reference(value, ci95, sigma)
-    return Summary(value, (max(low, least), high))
+
+    errors: EventErrors
+    unit: Literal["deg", "pct"]
+    sigma: float = 0.0
+
+    def __call__(self, ids: Ids) -> Summary:
+        """Median and interval on the events with these ids."""
+        values = magnitude(self.errors) if self.unit == "deg" else percent(self.errors)
+        chosen = values[np.isin(self.errors.ids, ids)]
+        value, ci95 = float(np.median(chosen)), interval.median_interval(chosen)
+        if ci95 is None:
+            return Summary(value, None)
+        low, high = interval.widen_by_reference(value, ci95, self.sigma)
+        return Summary(value, (max(low, 0.0) if self.unit == "deg" else low, high))
 
 
-def compute_step_error(case: Case, row: Track, window: str) -> dict[str, Answer]:
+def magnitude(errors: EventErrors) -> Array:
+    """Errors without sign (k,), deg."""
+    return np.abs(errors.deg)
+
+
+def percent(errors: EventErrors) -> Array:
+    """Signed errors (k,) in percent of the step."""
+    return np.asarray(100.0 * errors.deg / errors.stroke)
+
+
+def compute_step_error(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Return the errors of one row after the steps of a window."""
     found = curves(case, row, window)
     answers: dict[str, Answer] = {}
@@ -289,16 +310,14 @@ def compute_step_error(case: Case, row: Track, window: str) -> dict[str, Answer]
 def _answer(
     errors: EventErrors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float
 ) -> Answer:
-    """Return the answer in one unit; ``own_deg``: the reference's own error, below which rows are equal."""
+    """The answer in one unit; ``own_deg``: the reference's own error, below which rows are the same."""
     count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
     if count < MIN_EVENTS:
         reason = too_few(count)
         return missing("too_few_events" if count else "no_events", reason, sign, window)
     sigma = own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0)
-    sizes = np.abs(errors.deg)
-    values, least = (100.0 * errors.deg / errors.stroke, -math.inf) if unit == "pct" else (sizes, 0.0)
-    here = partial(error_on_events, errors, values, least, sigma)
-    summary = here(errors.ids)
+    here = ErrorOnEvents(errors, unit, sigma)
+    summary, values = here(errors.ids), percent(errors) if unit == "pct" else magnitude(errors)
     seconds = math.fsum(c.event.end - c.event.begin for c in found)
     return Answer(
         summary.value,
@@ -310,7 +329,7 @@ def _answer(
         f"median of {count} of {len(found)} events, order statistics",
         detail={"p90": np.quantile(np.abs(values), 0.9)},
         each=[float(v) for v in values],
-        units=UnitValues("step_event", errors.ids, sizes, here),
+        units=UnitValues("step_event", errors.ids, magnitude(errors), here),
         floor=sigma,
     )
 

@@ -1,8 +1,9 @@
-"""Rates that aiding of gain 1 by accelerometer and magnetometer would add to a row in steps.
+"""How fast do accelerometer and magnetometer turn a filter? The rates that aiding of gain 1 would add to a row.
 
-In a multirotor the accelerometer reads thrust, so a filter aided by gravity turns back towards "level" during every
-step. The fit of the lag takes these rates out: without them the turning back is read as an early estimate of another
-shape. They follow from the row's own attitude and the samples that the filter saw:
+In a multirotor the accelerometer reads thrust, so a filter aided by gravity turns back
+towards "level" during every step. The fit of the lag takes these rates out:
+without them the turning back is read as an early estimate of another shape. They follow
+from the row's own attitude and the samples that the filter saw:
 
     v = -f / g    d = R^T e_z    h = R m / |m|    L = |h_xy|
     E   v x d                          gravity, vector form (Mahony2008)
@@ -29,7 +30,7 @@ from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_row
 from attlog.metrics.step_turning import EventIndex, SummedTurning, event_places
 from attlog.metrics.windows import imu_of, logged_unit
-from attlog.reference.model import Track
+from attlog.reference.model import Row
 from attlog.segments import model
 
 Array = NDArray[np.float64]
@@ -47,7 +48,7 @@ DEG = math.degrees(1.0)
 
 
 def rotated(w: float, x: float, y: float, z: float, vx: float, vy: float, vz: float) -> Three:
-    """Return a vector in body axes in earth axes."""
+    """A vector in body axes seen in earth axes."""
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
     return vx + w * tx + (y * tz - z * ty), vy + w * ty + (z * tx - x * tz), vz + w * tz + (x * ty - y * tx)
 
@@ -67,7 +68,7 @@ def rates(
     uy: float,
     uz: float,
 ) -> tuple[float, float, float, float, float]:
-    """Return the rates of E, D, N, M, V in deg/s about a body axis, for one attitude, force and field.
+    """The rates of E, D, N, M, V in deg/s about an axis of the body, for one attitude, force and field.
 
     The axis is turned into the earth, not each correction into the body: one number instead of three.
     """
@@ -125,10 +126,11 @@ def summed_aiding(
 
 @dataclass(slots=True)
 class Vectors:
-    """Accelerometer and magnetometer of a row around its events.
+    """What the accelerometer and magnetometer showed a row around its events.
 
-    ``f`` (n, 3) m/s^2 and ``m`` (n, 3) (unit length, zero where there is none) act over the interval that ends at each
-    sample; they are those of its beginning, where they are compared with the attitude.
+    ``f`` (n, 3) m/s^2 and ``m`` (n, 3) (unit length, zero where there is none) act over the
+    interval that ends at each sample of the stack; they are those of its beginning, where they
+    are compared with the attitude.
     """
 
     f: Array
@@ -246,8 +248,9 @@ def seen_at(
 class SensorSamples:
     """An IMU and its magnetometer as the filters' loop takes them, at ``t`` (n,).
 
-    ``f`` (n, 3) specific force; ``m`` (n, 3) the last field direction, turned on with the gyro for 1.5 periods of the
-    magnetometer, then zero; ``age`` (n,) s since it was measured, ``new`` (k,) where it was.
+    ``f`` (n, 3) specific force; ``m`` (n, 3) the last field direction, turned on with the
+    gyro for 1.5 periods of the magnetometer, then zero; ``age`` (n,) s since it was measured,
+    ``new`` (k,) where it was.
     """
 
     t: Array
@@ -258,8 +261,8 @@ class SensorSamples:
     new: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
-def seen_by(case: Case, row: Track) -> SensorSamples | None:
-    """Return the samples of a row's filter; None without a unit and for fewer than two good samples."""
+def seen_by(case: Case, row: Row) -> SensorSamples | None:
+    """What a row's filter saw of its unit; None without one and for fewer than two good samples."""
     imu = imu_of(case, row)
     if imu is None:
         return None
@@ -269,7 +272,7 @@ def seen_by(case: Case, row: Track) -> SensorSamples | None:
 
 @per_case
 def samples_of(case: Case, imu: int, with_field: bool) -> SensorSamples | None:
-    """Return the samples of one of the log's units; None for fewer than two good ones.
+    """What the filters saw of one of the log's units; None for fewer than two good samples.
 
     Without field for filters that use none: to hold it costs more than all the rest.
     """
@@ -277,7 +280,7 @@ def samples_of(case: Case, imu: int, with_field: bool) -> SensorSamples | None:
 
 
 @per_row
-def _of_own_samples(case: Case, row: Track) -> SensorSamples | None:
+def _of_own_samples(case: Case, row: Row) -> SensorSamples | None:
     return None if row.imu is None else _samples(case, row.imu, row.uses_mag)
 
 
@@ -298,7 +301,8 @@ def _samples(case: Case, unit: Imu, with_field: bool) -> SensorSamples | None:
 
 
 def _hold(found: SensorSamples, rate: Array, measured: Array) -> None:
-    """Fill in the field, ``measured`` (n, 3) or NaN, turned back by the gyro until it is too old or replaced."""
+    """Fill in the field, ``measured`` (n, 3) or NaN: each sample is turned back by the gyro, sample for sample, until
+    it is too old or replaced."""
     size = np.sqrt(np.sum(measured * measured, axis=1))
     new = np.flatnonzero(np.isfinite(size) & (size > 0))
     if len(new) < 2:
@@ -309,9 +313,9 @@ def _hold(found: SensorSamples, rate: Array, measured: Array) -> None:
 
 
 class RowSensors:
-    """Vectors that the filter of a row saw around its events."""
+    """The vectors that the filter of a row saw, asked around its events."""
 
-    def __init__(self, case: Case, row: Track, track: SummedTurning, seen: SensorSamples) -> None:
+    def __init__(self, case: Case, row: Row, track: SummedTurning, seen: SensorSamples) -> None:
         self.track, self.seen = track, seen
         self.slow = track.step > 1.5 * seen.step
         trim = case.reference.alignment.trim if row.kind == "replay" else None
@@ -322,7 +326,7 @@ class RowSensors:
         self.impulse = _impulse(seen) if self.slow else None
 
     def _north(self) -> float:
-        """Return where the row sees magnetic north on average, rad."""
+        """Where the row sees magnetic north on average, rad."""
         new = self.seen.new
         at = np.searchsorted(self.track.t, self.seen.t[new])
         inside = at < len(self.track.t)
@@ -330,7 +334,7 @@ class RowSensors:
         return math.atan2(mean[1], mean[0])
 
     def around(self, stack: EventIndex) -> Vectors:
-        """Return force and field over the intervals that end at the stack's samples."""
+        """Force and field over the intervals that end at the stack's samples."""
         f = np.empty((len(stack.index), 3)) if self.impulse is None else self._mean_force(stack, self.impulse)
         m, none = np.empty((len(stack.index), 3)), np.zeros((0, 3))
         field = self.seen.m if self.uses_mag else none
@@ -360,6 +364,6 @@ class RowSensors:
 
 
 def _impulse(seen: SensorSamples) -> Array:
-    """Return the running integral (n, 3) of the specific force."""
+    """The running integral (n, 3) of the specific force."""
     area = 0.5 * (seen.f[1:] + seen.f[:-1]) * np.diff(seen.t)[:, None]
     return np.concatenate([np.zeros((1, 3)), np.cumsum(area, axis=0)])

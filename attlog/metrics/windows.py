@@ -1,4 +1,4 @@
-"""Time of a flight that counts for a row: phases without settling, windows of 5 s, reasons for none."""
+"""Which time of a flight counts for a row, and why does none? Phases without settling; rows that can be compared."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from attlog.core.spans import Span, clipped, complement, intersect
 from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_row, per_times
 from attlog.reference import alignment
-from attlog.reference.model import Track
+from attlog.reference.model import Row
 from attlog.segments import model, resets
 
 # Never pooled: the same filter is up to ten times as noisy in one as in another. In the order of the sentences.
@@ -30,7 +30,7 @@ SHORTEST_S = 2.0
 
 @per_case
 def unsettled_spans(case: Case, phase: str) -> list[Span]:
-    """Return spans in which no row is settled: after the first sample, a restart, at rest after motors."""
+    """Spans in which no row is settled: after the first sample, after a restart, at rest also after the motors stop."""
     continuous = case.segments.spans("all")
     starts = model.restart_times(np.array([x for span in continuous for x in span])[::2]) if continuous else np.zeros(0)
     found = [(float(t), float(t) + SETTLING_S) for t in starts]
@@ -39,8 +39,11 @@ def unsettled_spans(case: Case, phase: str) -> list[Span]:
     return found
 
 
-def own_start(case: Case, row: Track) -> float:
-    """Return when a row is settled after its own start, s; an onboard attitude after the resets that align it."""
+def own_start(case: Case, row: Row) -> float:
+    """When a row is settled after its own start, s; an onboard attitude after the resets that align it.
+
+    An autopilot shows an attitude before its estimator is aligned; the alignment is a reset.
+    """
     start = row.start
     if row.kind == "onboard":
         takeoff = min((t0 for t0, _ in case.segments.spans("airborne")), default=math.inf)
@@ -50,7 +53,7 @@ def own_start(case: Case, row: Track) -> float:
 
 
 def phase_of(case: Case, window: str) -> str | None:
-    """Return the phase of a window: itself, rest for ``all``, the first one found in ``T0:T1``; else None."""
+    """The one phase that a window stands for: itself, rest for ``all``, the first one found in ``T0:T1``; else None."""
     if window in ("all", "rest", "rest.long"):
         return "rest"
     if window in PHASES:
@@ -62,7 +65,7 @@ def phase_of(case: Case, window: str) -> str | None:
 
 @per_case
 def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
-    """Return spans of a phase inside a window, within continuous segments, settled; in the air also scored."""
+    """Spans of a phase inside a window, within continuous segments, settled; in the air also scored."""
     allowed = complement(unsettled_spans(case, phase), -math.inf, math.inf)
     if phase in ("hover", "cruise"):
         reference = case.reference
@@ -74,13 +77,13 @@ def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
     return clipped(intersect(case.segments.spans(phase), allowed), case.segments.spans("all"))
 
 
-def rest_spans(case: Case, row: Track, window: str) -> list[Span]:
-    """Return rest inside a window, from when the row is settled."""
+def rest_spans(case: Case, row: Row, window: str) -> list[Span]:
+    """Rest inside a window, from when the row is settled."""
     return intersect(phase_spans(case, "rest", window), [(own_start(case, row), math.inf)])
 
 
 def why_none(case: Case, phase: str, window: str) -> tuple[str, str]:
-    """Return code and reason where a phase of a window holds nothing usable."""
+    """Code and reason where a phase of a window holds nothing usable for any row or for one."""
     where = f" in {window} s" if ":" in window else ""
     if phase == "idle":
         if not case.segments.spans("idle"):
@@ -103,7 +106,7 @@ def why_none(case: Case, phase: str, window: str) -> tuple[str, str]:
     )
 
 
-def why_no_errors(case: Case, row: Track, window: str = "") -> tuple[str, str] | None:
+def why_no_errors(case: Case, row: Row, window: str = "") -> tuple[str, str] | None:
     """Return code and reason where a row cannot be compared with the reference."""
     if case.reference.kind == "none" or len(case.reference.t) == 0:
         nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
@@ -115,7 +118,7 @@ def why_no_errors(case: Case, row: Track, window: str = "") -> tuple[str, str] |
     return None
 
 
-def why_no_heading(case: Case, row: Track, window: str = "") -> tuple[str, str] | None:
+def why_no_heading(case: Case, row: Row, window: str = "") -> tuple[str, str] | None:
     """Return code and reason where a row's heading cannot be compared though its tilt can."""
     if row.heading_shared:
         return "not_applicable", f"{case.reference.heading.why}, so the reference has its heading from this row"
@@ -125,7 +128,7 @@ def why_no_heading(case: Case, row: Track, window: str = "") -> tuple[str, str] 
 
 
 def why_never_airborne(case: Case) -> str:
-    """Return the reason where a log has no flight."""
+    """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
     if not case.log.kind.flies:
         return f"a {case.log.vehicle} does not fly"
     return "the vehicle was never airborne (as far as the log shows)"
@@ -142,26 +145,26 @@ DRIFT_SLACK_S = 0.5
 
 
 def unbroken(t: Array, inside: NDArray[np.bool_], segment_of: NDArray[np.int64] | None = None) -> list[slice]:
-    """Return index ranges of consecutive samples (n,) inside, cut at gaps of ``t`` and segment changes."""
+    """Index ranges of consecutive samples (n,) inside, cut at gaps of ``t`` and where ``segment_of`` (n,) changes."""
     segment = model.number_segments(t)
     return model.segment_slices(inside, segment if segment_of is None else model.merge_numbers(segment, segment_of))
 
 
 def within(t: Array, span: Span, segment_of: NDArray[np.int64] | None = None) -> list[slice]:
-    """Return unbroken segments of samples with span[0] <= t <= span[1]; ``t`` (n,) s ascending."""
+    """Unbroken segments of samples with span[0] <= t <= span[1]; ``t`` (n,) s ascending."""
     i, j = int(np.searchsorted(t, span[0], side="left")), int(np.searchsorted(t, span[1], side="right"))
     found = unbroken(t[i:j], np.ones(j - i, bool), None if segment_of is None else segment_of[i:j])
     return [slice(s.start + i, s.stop + i) for s in found]
 
 
 def covered_seconds(t: Array, segments: list[slice]) -> float:
-    """Return the time covered by segments of the times ``t`` (n,) s, in s."""
+    """Time covered by segments of the times ``t`` (n,) s, in s."""
     return float(sum(t[s.stop - 1] - t[s.start] for s in segments))
 
 
 @per_row
-def row_segments(case: Case, row: Track) -> NDArray[np.int64]:
-    """Return segments of a row (n,) between restarts, and for onboard rows between resets."""
+def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
+    """Segments of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
     attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
     if attitude is None:
         return row.segment
@@ -171,20 +174,20 @@ def row_segments(case: Case, row: Track) -> NDArray[np.int64]:
     return row.segment + np.cumsum(jumped)[kept]
 
 
-def imu_of(case: Case, row: Track) -> Imu | None:
-    """Return the unit that a row was replayed from, of onboard rows the replayed one; None without any."""
+def imu_of(case: Case, row: Row) -> Imu | None:
+    """The unit that a row was replayed from; of onboard rows the one that the others were. None without one."""
     if row.imu is not None:
         return row.imu
     return case.log.replay_imu
 
 
 def logged_unit(case: Case, imu: Imu) -> int | None:
-    """Return the index of a unit in the log; None where its samples were changed before the filter saw them."""
+    """Which of the log's units this is; None where its samples were changed before the filter saw them."""
     return next((k for k, unit in enumerate(case.log.imus) if unit is imu), None)
 
 
 def detrended(t: Array, x: Array) -> Array:
-    """Return ``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
+    """``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
     u = t - np.mean(t)
     centred = x - np.mean(x, axis=0)
     slope = np.tensordot(u, centred, axes=(0, 0)) / float(u @ u)
@@ -192,7 +195,7 @@ def detrended(t: Array, x: Array) -> Array:
 
 
 def deviations(q: Array) -> Array:
-    """Return small rotations (n, 3) in deg from the mean attitude about the level roll and pitch axis and down.
+    """Small rotations (n, 3) in deg away from the mean attitude: about the level roll and pitch axis and the vertical.
 
     Level, not body axes: these are inclined to the vertical, and a heading that wanders would pass for tilt.
     """
@@ -219,7 +222,7 @@ ROUND_S = 0.05
 
 
 def lay_windows(span: Span, phase: str) -> list[Span]:
-    """Return windows from the start of a span; a rest of 2 to 5 s is one window."""
+    """Windows from the start of a span; a rest of 2 to 5 s is one window."""
     length = span[1] - span[0]
     count = int((length + ROUND_S) // WINDOW_S)
     if count == 0 and phase == "rest" and length >= SHORTEST_S - ROUND_S:
@@ -227,8 +230,16 @@ def lay_windows(span: Span, phase: str) -> list[Span]:
     return [(span[0] + WINDOW_S * k, span[0] + WINDOW_S * (k + 1)) for k in range(count)]
 
 
+def window_samples(t: Array, x: Array, segment: NDArray[np.int64], window: Span) -> slice | None:
+    """The samples of a window; None where they are under 20, hold a gap, a reset or a NaN, or leave an end open.
+
+    ``t`` (n,) s, ``x`` (n, k), ``segment`` (n,) counts restarts and resets.
+    """
+    return unbroken_samples(filled_samples(t, window), x, segment)
+
+
 def filled_samples(t: Array, window: Span) -> slice | None:
-    """Return the samples of times (n,) s in a window; None for under 20, a gap or an open end."""
+    """The samples of times (n,) s in a window; None where they are under 20, hold a gap or leave an end open."""
     i, j = (int(k) for k in np.searchsorted(t, [window[0] - 1e-9, window[1] - 1e-9]))
     if j - i < MIN_SAMPLES:
         return None
@@ -239,14 +250,17 @@ def filled_samples(t: Array, window: Span) -> slice | None:
 
 
 def unbroken_samples(inside: slice | None, x: Array, segment: NDArray[np.int64]) -> slice | None:
-    """Return the samples where ``x`` (n, k) is finite and of one segment (n,), else None."""
+    """The samples again where ``x`` (n, k) knows all of them and they are of one segment (n,), else None."""
     if inside is None or segment[inside.start] != segment[inside.stop - 1]:
         return None
     return inside if rotation.finite_rows(x[inside]).all() else None
 
 
 def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield ranges of samples in batches: the ranges, their samples, and the bounds (ranges + 1,) there."""
+    """Ranges of samples, some at a time, with the samples' numbers behind each other and where each range begins there.
+
+    The last of these (ranges + 1,) is the end.
+    """
     ends = np.cumsum([part.stop - part.start for part in inside])
     edges = [0, *(np.flatnonzero(np.diff((ends - 1) // SAMPLES_AT_ONCE)) + 1).tolist(), len(inside)]
     for a, b in pairwise(edges):
@@ -258,18 +272,18 @@ def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArr
 
 @per_times
 def windows_of_times(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
-    """Return the windows of a span with the samples of times (n,) in each, shared by rows."""
+    """The windows of a span with the samples of times (n,) in each: of all rows that have these times."""
     return [(window, filled_samples(t, window)) for window in lay_windows(span, phase)]
 
 
-def row_windows(case: Case, row: Track, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
-    """Return the usable windows of a row in a phase, span by span, with the row's samples."""
+def row_windows(case: Case, row: Row, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
+    """The usable windows of a row in a phase, span by span: their times, which rows share, and the row's samples."""
     found = [span_windows(case, row, phase, span) for span in phase_spans(case, phase, window)]
     return [group for group in found if group]
 
 
-def span_windows(case: Case, row: Track, phase: str, span: Span) -> list[tuple[Span, slice]]:
-    """Return the usable windows of a row in one span with the row's samples."""
+def span_windows(case: Case, row: Row, phase: str, span: Span) -> list[tuple[Span, slice]]:
+    """The same of one span."""
     start, segment = own_start(case, row), row_segments(case, row)
     laid = [(w, s) for w, s in windows_of_times(case, row.t, phase, span) if w[0] >= start - ROUND_S]
     own = [(w, unbroken_samples(s, row.q, segment)) for w, s in laid]

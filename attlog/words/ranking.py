@@ -90,7 +90,7 @@ def rows_in_order(result: Result) -> list[EstimatorRow]:
 
 BASELINE_REMARK = "the gyro alone, shown for comparison"
 # Columns that need no reference.
-SELF_COMPARED = ("noise_", "drift_rest_", "innovation_", "test_ratio_", "rejected_", "attitude_resets")
+SELF_COMPARED = ("noise_", "drift_rest_")
 NOT_COMPARED = "too little data in common"
 
 

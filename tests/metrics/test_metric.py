@@ -18,10 +18,9 @@ from attlog.flight.model import Imu, Stream
 from attlog.metrics import accuracy, metric
 from attlog.metrics import step_turning as steps
 from attlog.metrics.gyro_bias import no_common_bias
-from attlog.metrics.innovations import AID_GROUPS
 from attlog.metrics.metric import CODES, Answer, Case, per_case, per_row, per_times
 from attlog.metrics.traces import traces
-from attlog.reference.model import Track
+from attlog.reference.model import Row
 from attlog.segments.model import WINDOWS, Segment
 from tests.conftest import ROOT
 from tests.metrics import flights
@@ -33,7 +32,7 @@ def calls() -> list[str]:
     return []
 
 
-def row(name: str) -> Track:
+def row(name: str) -> Row:
     t = np.arange(0.0, 1.0, 0.1)
     return flights.row(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), name)
 
@@ -57,7 +56,7 @@ def test_rows_of_one_name_are_different_rows(calls: list[str]) -> None:
     """Two evaluations of one case may both hold a row ``mahony``."""
 
     @per_row
-    def first(case: Case, row: Track, segment: slice) -> float:
+    def first(case: Case, row: Row, segment: slice) -> float:
         calls.append(row.name)
         return float(row.t[segment][0])
 
@@ -86,7 +85,7 @@ def test_what_was_found_for_a_row_goes_with_the_row() -> None:
     """A sweep evaluates thousands of rows on one case."""
 
     @per_row
-    def size(case: Case, row: Track) -> int:
+    def size(case: Case, row: Row) -> int:
         return len(row.t)
 
     case, own = flights.case([], []), row("mahony")
@@ -203,8 +202,7 @@ def test_the_names_that_users_rely_on_are_defined_and_carry_their_unit():
     assert not set(NAMED) - known.keys()
     for name, defined in known.items():
         suffix = next((s for s in sorted(UNITS, key=len, reverse=True) if re.search(rf"_{s}(\.|$)", name)), None)
-        own = AID_GROUPS[name.partition(".")[2]].unit if name.startswith(("innovation_rms", "innovation_bias")) else "1"
-        assert defined.unit == (UNITS[suffix] if suffix else own), name
+        assert defined.unit == (UNITS[suffix] if suffix else "1"), name
         assert len(defined.definition) > 40
         assert "\n" not in defined.definition
 
@@ -323,9 +321,9 @@ def test_a_filter_scored_on_its_good_half_says_so_and_is_not_best():
 def test_the_documentation_names_every_metric():
     text = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
     for name in metrics.definitions():
-        stem, dot, variant = name.partition(".")
-        listed = any(f"{stem}.{of}" in text for of in ("HEADING_REFERENCE", "AID")) and variant in text
-        assert f"`{name}`" in text or (bool(dot) and listed), name
+        stem, dot, heading_reference = name.partition(".")
+        stands = f"{stem}.HEADING_REFERENCE" in text and heading_reference in text
+        assert f"`{name}`" in text or (bool(dot) and stands), name
 
 
 # Once all rows have passed, headings are ranked and the cost is measured where it is wanted.
