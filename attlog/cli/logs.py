@@ -112,12 +112,16 @@ class PreparedLogs:
     Of several logs of one flight only the first counts; telemetry, whose IMU is slower, comes last.
     """
 
-    def __init__(self, paths: Sequence[Path], options: ComparisonOptions) -> None:
+    def __init__(
+        self, paths: Sequence[Path], options: ComparisonOptions, check: Callable[[Case], None] | None = None
+    ) -> None:
+        """``check``: raises AttlogError for a log on which nothing can be studied."""
         from attlog.batch.sources import find
 
         self._settings: Config = for_comparison(options)
         if self._settings.imu == "all":
             raise UsageError("imu = all: settings are compared on one unit; name it or leave it to the log")
+        self._check = check
         self._logs, self.errors = find(paths)
         self._logs.sort(key=lambda path: path.suffix.lower() == TELEMETRY)
         self._summaries: list[dict[str, Any]] = []
@@ -132,6 +136,8 @@ class PreparedLogs:
         for log in self._logs:
             try:
                 case = prepare(log, self._settings)
+                if self._check is not None:
+                    self._check(case)
             except AttlogError as error:
                 self.errors.append(error)
                 late.append(error)

@@ -365,6 +365,9 @@ class ComparisonOptions:
     truth: Truth = None
     gyro_bias: GyroBias = None
     config: ConfigFile = None
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Study parameters of a re-run EKF that does not follow what flew, too.")
+    ] = False
 
     def __post_init__(self) -> None:
         one_form(self.json, self.form)

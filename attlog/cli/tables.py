@@ -47,6 +47,7 @@ def result_lines(result: Result, window: str, width: int, verbose: bool = False)
     why, whole sentences, every column and row.
     """
     from attlog.result import agreed_settings
+    from attlog.words.flight import rerun_sentences
     from attlog.words.names import duplicate_rows_text
 
     yield from wrapped("", title(result), width, "bold")
@@ -57,6 +58,8 @@ def result_lines(result: Result, window: str, width: int, verbose: bool = False)
         yield from finding_lines(found, width, verbose)
     name = clean(encodable(str(result.log.get("name") or "LOG"), "utf-8"))
     yield from set_line(agreed_settings(result.checks), name, width)
+    for sentence in rerun_sentences(result):
+        yield from wrapped(f"{'re-run':<{LABEL_COLUMNS}}", sentence, min(width, SENTENCE_COLUMNS))
     for label, sentence in answers(result, min(width, SENTENCE_COLUMNS) - LABEL_COLUMNS, verbose):
         yield from wrapped(f"{label:<{LABEL_COLUMNS}}", sentence, width)
     compared = verbose or window != "all" or any(any(rows.values()) for rows in result.ranked.values())
@@ -204,9 +207,9 @@ def shortened(found: FilterTable) -> FilterTable:
             first.setdefault(heading.short, i)
     filters = [r.name for r, _ in found.rows if r.kind == "replay"]
     filters = [r.name for r, _ in found.rows if r.name in filters and not is_baseline(r)] or filters
-    rows = [(r, cells) for r, cells in found.rows if r.name in [*filters, "onboard"] or r.is_reference]
+    shown = [(r, c) for r, c in found.rows if r.name in [*filters, "onboard"] or r.is_reference or r.kind == "rerun"]
     return FilterTable(
-        [found.columns[i] for i in first.values()], [(r, [c[i] for i in first.values()]) for r, c in rows]
+        [found.columns[i] for i in first.values()], [(r, [c[i] for i in first.values()]) for r, c in shown]
     )
 
 

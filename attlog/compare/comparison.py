@@ -11,9 +11,12 @@ from typing import Any
 from attlog.compare.paired import Difference, Interval, Scale
 from attlog.core.errors import UsageError, suggestion
 from attlog.core.plain import to_plain
+from attlog.estimators.registry import FLOWN
 from attlog.metrics import Metric, definitions
+from attlog.metrics.heading import GNSS_HEADING_NAME
+from attlog.metrics.innovations import AID_GROUPS, RESETS
 from attlog.metrics.metric import named
-from attlog.words.ranking import AIR, ALL, DRIFT_AIR, PHASES, REST
+from attlog.words.ranking import AIR, ALL, DRIFT_AIR, PHASES, REST, SELF_COMPARED
 
 FALLBACK_WINDOWS = ("all", "airborne", "armed", "rest", "hover", "cruise", "idle")
 # Names of the phases after a noun, in a sentence and in a title.
@@ -31,6 +34,13 @@ MAIN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("drift_rest_deg_per_min", REST),
     (DRIFT_AIR, AIR),
 )
+# Asked beside the main ones of a filter that flew and is run again: it needs no reference for them.
+FLOWN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    *((f"{what}.{aid}", AIR) for aid in AID_GROUPS for what in ("innovation_rms", "test_ratio_rms", "rejected_pct")),
+    (RESETS.name, AIR),
+    (GNSS_HEADING_NAME, ALL),
+)
+OWN_REFERENCE = "the reference is the attitude of the filter that flew"
 COMPARISON_SCHEMA = "attlog-comparison/3"
 
 
@@ -87,19 +97,29 @@ class Question:
         """Return its first window."""
         return self.windows[0]
 
+    @property
+    def needs_reference(self) -> bool:
+        """Return whether its metric compares an attitude with the reference's."""
+        return not self.metric.startswith((*SELF_COMPARED, GNSS_HEADING_NAME))
+
     def contrast(self, name: str) -> Contrast:
         """Return the contrast of a configuration after the first."""
         return next(c for c in self.contrasts if c.configuration == name)
 
 
-def select_questions(metrics: Sequence[str] = (), window: str | None = None) -> list[Question]:
+def select_questions(metrics: Sequence[str] = (), window: str | None = None, *, flown: bool = False) -> list[Question]:
     """Return the main questions, or those of ``metrics`` (``METRIC[@WINDOW]``, ``all``), in one window if named.
+
+    ``flown``: with those of a filter that is run again.
 
     UsageError names everything wrong in them.
     """
     windows = None if window is None else (window,)
     if not metrics:
-        found = [replace(_main_question(m, places), windows=windows or places) for m, places in MAIN_QUESTIONS]
+        found = [
+            replace(_main_question(m, places), windows=windows or places)
+            for m, places in (*MAIN_QUESTIONS, *FLOWN_QUESTIONS * flown)
+        ]
     else:
         asked = parse_metrics(["*" if m == "all" else m for m in metrics])
         every = "all" in metrics
@@ -226,6 +246,11 @@ class Comparison:
     def first(self) -> ConfigurationSummary:
         """Return the configuration that the others are compared with."""
         return self.configurations[0]
+
+    @property
+    def is_what_if(self) -> bool:
+        """Return whether all configurations are of a filter that flew, run again."""
+        return all(c.text.partition(":")[0] in FLOWN for c in self.configurations)
 
     @property
     def labels(self) -> dict[str, str]:

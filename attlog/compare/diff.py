@@ -46,7 +46,7 @@ NEGLIGIBLE_SHARE = 0.02
 ROUNDING_SHARE = 1e-9
 NUMBER_PATTERN = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)", re.S)
 OTHER_QUESTION = "Other numbers"
-QUESTION_ORDER = ("Accuracy", "Noise", "Step response", "Yaw drift", OTHER_QUESTION)
+QUESTION_ORDER = ("Accuracy", "Noise", "Step response", "Yaw drift", "Innovations", OTHER_QUESTION)
 VERDICT_ORDER = ("beyond", "vanished", "appeared", "not_significant", "within")
 QUIET_VERDICTS = ("not_significant", "within")
 # A result names its schema within its first bytes.

@@ -5,6 +5,7 @@ The log itself is not changed, nor its known delays: a low-pass makes a row late
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -15,15 +16,17 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.compare.setting import SETTINGS, Configuration, Value, numbers_text
 from attlog.core import rotation, signal
-from attlog.core.errors import UsageError
+from attlog.core.errors import LogUnusable, UsageError
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
 from attlog.flight.parameters import read_parameter_file
 from attlog.flight.recalibration import recorrected_units
 from attlog.metrics.metric import Case
 from attlog.pipeline import replay
+from attlog.pipeline.onboard_rerun import rerun_row
 from attlog.reference.model import Row
 from attlog.result import EstimatorRow, ParameterValue
 from attlog.segments import model
+from attlog.words.flight import reproduction_text
 
 Array = NDArray[np.float64]
 Settings = Mapping[str, Value]
@@ -74,6 +77,10 @@ class FilterInput:
     def rows(self, settings: Sequence[Mapping[str, float | str]]) -> list[Row]:
         """Return a row for each parameter set laid over the configuration's own."""
         row = self.configuration.row
+        if self.configuration.is_flown:
+            own = flown_parameters(self.case.log, self.configuration)
+            specs = [estimators.EstimatorSpec(row.estimator, row.preset, {**own, **setting}) for setting in settings]
+            return [rerun_row(self.case, self.case.imus[self.suffix], spec, spec.name)[0] for spec in specs]
         return replay.batch(self.case, self.imu, self.mag, row, settings, self.facts, self.aids)
 
     def row(self) -> tuple[Row, EstimatorRow]:
@@ -110,12 +117,43 @@ class ConfiguredFilter:
                     f"{', '.join(c.before)}: nothing can come before an attitude that was computed elsewhere"
                 )
             return replay.recorded_row(case, imu, c.row, c.name + suffix)
+        if c.is_flown:
+            spec = estimators.EstimatorSpec(c.row.estimator, c.row.preset, flown_parameters(case.log, c))
+            return rerun_row(case, imu, spec, c.name + suffix)
         row, line = FilterInput.of(case, c, suffix).row()
         for name, value in c.before.items():
             setting = SETTINGS[name]
             shown = ParameterValue(numbers_text(value), "option", setting.unit, setting.meaning)
             line.parameters[f"before.{name}"] = shown
         return row, line
+
+
+def flown_parameters(log: FlightLog, c: Configuration) -> dict[str, float | str]:
+    """Return the parameters that a configuration of a filter that flew changes.
+
+    Of a parameter file those that differ from the log's. UsageError for settings of the samples: the filter runs on
+    what it was given on board.
+    """
+    others = [name for name in c.before if name != "params"]
+    if others:
+        raise UsageError(f"{', '.join(others)}: nothing comes before {c.row.estimator.name}, it runs on its own inputs")
+    if c.params is None:
+        return dict(c.row.params)
+    known = {p.name for p in c.row.estimator.parameters}
+    given = {name: value for name, value in read_parameter_file(c.params).items() if name in known}
+    flown = {name: log.param(name) for name in given}
+    changed = {n: v for n, v in given.items() if not math.isclose(v, flown[n] or 0.0, rel_tol=1e-6, abs_tol=1e-9)}
+    checked = {name: c.row.estimator.parameter(name).check(value, c.params.name) for name, value in changed.items()}
+    return {**checked, **c.row.params}
+
+
+def require_reproduction(case: Case, name: str) -> None:
+    """Raise LogUnusable where a filter that is run again with the log's parameters does not follow what flew."""
+    row, _ = rerun_row(case, next(iter(case.imus.values())), estimators.parse(name), name)
+    found = row.reproduction
+    said = reproduction_text(name, found) if found else f"{name} cannot be compared with what flew."
+    if found is None or not found.follows:
+        raise LogUnusable(f"{said} Its parameters are not studied; --anyway does")
 
 
 def prepare_input(settings: Settings, log: FlightLog, imu: Imu, mag: Mag | None) -> tuple[Imu, Mag | None]:

@@ -62,6 +62,8 @@ ROUNDING_SHARE = 1e-9
 STATUS_CHECK = "status"
 # Estimators drawn beside the others and not meant to be good: they diverge on any long flight.
 BASELINE_ESTIMATORS = ("gyro", "accel_mag")
+# Metrics of the onboard filter run again, which other rows do not have.
+RERUN_METRICS = "rerun_"
 LOST_STATUSES = ("failed", "diverged")
 WILDCARDS = frozenset("*?[")
 # In place of a sensor where a log has no check that a gate asks.
@@ -120,7 +122,7 @@ class Gate:
     """Every one of ``limits`` on a metric, for the rows that ``filters`` name.
 
     ``window`` None: the first of the metric's windows with an answer. ``filters`` None: every estimator row but
-    ``gyro`` and ``accel_mag``. ``baseline``: file or folder for limits to a baseline.
+    ``gyro`` and ``accel_mag``; of ``rerun_`` metrics the re-run. ``baseline``: file or folder for limits to one.
     """
 
     metric: str
@@ -171,6 +173,8 @@ def judge_gates(gates: Gates, result: Result, baselines: Mapping[Path, Baseline]
         baseline = (baselines or {}).get(gate.baseline) if gate.baseline is not None else None
         beside = "no baseline was given" if baseline is None else baseline.of(result.log)
         meant, unmatched = select_rows(rows, gate.filters)
+        if gate.filters is None and gate.metric.startswith(RERUN_METRICS):
+            meant = [row for row in rows if row.kind == "rerun"]
         if gate.filters is None and not meant:
             unmatched = ["*"]
         for limit in gate.limits:

@@ -28,7 +28,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.compare.setting import check_parameter
+from attlog.compare.setting import check_parameter, flown_filter
 from attlog.core.errors import UsageError
 from attlog.core.limits import MAX_SETS, MAX_VALUES
 from attlog.estimators import Parameter
@@ -202,10 +202,14 @@ class SearchRequest:
 def search_request(words: Sequence[str], example: str) -> SearchRequest:
     """Return the parts of ``LOG... FILTER NAME=VALUES...``; the filter is the last word that is no axis.
 
-    UsageError with the ``example`` where logs or filter are missing.
+    Parameters of one firmware's EKF need no filter: it is the one that flew. UsageError with the ``example`` where logs
+    or filter are missing.
     """
     axes = [w for w in words if is_axis(w) and not os.path.exists(w)]
     others = [w for w in words if w not in axes]
+    flown = {flown_filter(axis) for axis in axes}
+    if others and len(flown) == 1 and "" not in flown and (os.path.exists(others[-1]) or set("*?[") & set(others[-1])):
+        others.append(flown.pop())
     if len(others) < 2:
         missing = "a log and a filter are" if not others else "a log or the filter is"
         raise UsageError(f"{missing} missing; give logs, then a filter, then what to vary: {example}")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from attlog import __version__
 from attlog.compare.comparison import (
+    OWN_REFERENCE,
     Comparison,
     ConfigurationSummary,
     Contrast,
@@ -18,7 +19,7 @@ from attlog.compare.comparison import (
     commonest_reason,
     select_questions,
 )
-from attlog.compare.filter_input import ConfiguredFilter
+from attlog.compare.filter_input import ConfiguredFilter, require_reproduction
 from attlog.compare.paired import Difference, paired, pool
 from attlog.compare.same_flight import FlightTrack, find_repeats, flight_track
 from attlog.compare.setting import Configuration, labels, parse_configuration, setting_argument
@@ -45,6 +46,7 @@ class ComparisonPlan:
     configurations: tuple[tuple[str, str], ...]
     questions: tuple[Question, ...]
     options: dict[str, Any]
+    anyway: bool = False
 
 
 @dataclass(slots=True)
@@ -70,6 +72,7 @@ def compare(
     config: Config | None = None,
     *,
     metrics: Sequence[str] = (),
+    anyway: bool = False,
     jobs: int = 1,
     command: str = "",
     progress: Callable[[LogComparison], None] | None = None,
@@ -78,15 +81,16 @@ def compare(
 
     ``config``: options of ``attlog analyze``, its window among them. ``metrics``: questions other than the main ones
     (``all`` for every metric). A log that cannot be used is a line with its reason. Logs of one flight count once
-    where logs are pooled. ``progress`` is called with each finished log. UsageError for fewer than two configurations
+    where logs are pooled. ``anyway``: also where a filter that flew, run again, does not follow its own attitude.
+    ``progress`` is called with each finished log. UsageError for fewer than two configurations
     or an unknown metric.
     """
     if len(configurations) < 2:
         raise UsageError(f"a comparison needs two configurations or more: {EXAMPLE}")
     config = config or Config()
-    questions = select_questions(metrics, config.window)
+    questions = select_questions(metrics, config.window, flown=any(c.is_flown for c in configurations))
     names = log_names(logs)
-    plan = ComparisonPlan(tuple((c.name, c.text) for c in configurations), tuple(questions), config.resolved())
+    plan = ComparisonPlan(tuple((c.name, c.text) for c in configurations), tuple(questions), config.resolved(), anyway)
     work: dict[str, tuple[Any, ...]] = {name: (log, name, plan) for log, name in zip(logs, names, strict=True)}
     found: dict[str, LogComparison] = {}
     for name, one in _each_log(work, jobs):
@@ -136,6 +140,8 @@ def failed_log(log: Path, name: str, error: Exception) -> LogComparison:
 def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison:
     runs = [ConfiguredFilter(parse_configuration(text, called)) for called, text in plan.configurations]
     case = prepare(log, plan.options)
+    for name_of_filter in {run.row.estimator.name for run in runs if run.configuration.is_flown and not plan.anyway}:
+        require_reproduction(case, name_of_filter)
     result = evaluate(case, runs, only={question.metric for question in plan.questions})
     facts = result.log
     sha256 = str(facts.get("sha256") or "")
@@ -156,13 +162,14 @@ def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison
     )
     by_name = {row.name: row for row in result.estimators}
     rows = [by_name[called] for called, _ in plan.configurations]
+    flown = {run.name for run in runs if run.configuration.is_flown} if case.reference.kind == "onboard" else set()
     for question in plan.questions:
         metric, window = answer_place(question, rows)
         answers = [row.metrics.get(window, {}).get(metric) for row in rows]
         pairs = list(zip(rows, answers, strict=True))
         found.cells[question.id] = {row.name: _setting_answer(row, answer, window) for row, answer in pairs}
         found.differences[question.id] = {
-            row.name: replace(row_difference(question, pairs[0], (row, answer)), log=name, window=window)
+            row.name: replace(row_difference(question, pairs[0], (row, answer), flown), log=name, window=window)
             for row, answer in pairs[1:]
         }
     return found
@@ -189,13 +196,21 @@ def _setting_answer(row: EstimatorRow, answer: Answer | None, window: str) -> Se
 
 
 def row_difference(
-    question: Question, first: tuple[EstimatorRow, Answer | None], second: tuple[EstimatorRow, Answer | None]
+    question: Question,
+    first: tuple[EstimatorRow, Answer | None],
+    second: tuple[EstimatorRow, Answer | None],
+    flown: Collection[str] = (),
 ) -> Difference:
-    """Return the difference of one row's answer to the first's, or the reason for none."""
+    """Return the difference of one row's answer to the first's, or the reason for none.
+
+    ``flown``: rows of the filter whose own attitude is the reference.
+    """
     nothing = Difference(question.scale)
     for row, _ in (first, second):
         if row.status != "ok":
             return replace(nothing, reason=f"{row.name}: {row.status.replace('_', ' ')}, {row.reason}")
+    if flown and question.needs_reference and {first[0].name, second[0].name} & {*flown}:
+        return replace(nothing, reason=OWN_REFERENCE)
     a, b = first[1], second[1]
     if a is None or b is None:
         return replace(nothing, reason="not asked in this window")

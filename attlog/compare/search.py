@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import metrics
-from attlog.compare.comparison import Question, commonest_reason, parse_metrics, question_of
+from attlog.compare.comparison import OWN_REFERENCE, Question, commonest_reason, parse_metrics, question_of
 from attlog.compare.filter_input import FilterInput
 from attlog.compare.grid import Setting, SettingGrid, setting_text
 from attlog.compare.paired import RATIO_KINDS, Difference, Scale, paired, pool
@@ -31,6 +31,25 @@ Array = NDArray[np.float64]
 
 # Parameter sets in one batch: whole kernels, and so many attitudes are held at once.
 BATCH_SIZE = 32
+
+
+# Innovations of a filter that flew, by what a parameter's name holds: the first that fits decides.
+DECIDING_AIDS = {"GPS": "gnss_velocity", "VEL": "gnss_velocity", "MAG": "compass_field", "HDG": "compass_heading"}
+FLOWN_AIDS = ("gnss_velocity", "compass_field", "compass_heading", "height")
+
+
+def default_metrics(case: Case, configuration: Configuration, axes: Iterable[str], plain: Sequence[str]) -> list[str]:
+    """Return the metrics that judge settings on a log where none are named, the deciding one first.
+
+    ``plain``: those of ordinary filters. A filter that flew is judged by its innovations where the reference is its own
+    attitude, else also by them. ``axes``: parameters that are varied.
+    """
+    if not configuration.is_flown:
+        return list(plain)
+    own = [aid for axis in axes for part, aid in DECIDING_AIDS.items() if part in axis]
+    own += ["height"] * any("BARO" in axis or "HGT" in axis for axis in axes)
+    innovations = [f"innovation_rms.{aid}" for aid in dict.fromkeys([*own, *FLOWN_AIDS])]
+    return innovations if case.reference.kind == "onboard" else [*plain, *innovations]
 
 
 def swept_questions(texts: Iterable[str]) -> list[Question]:
@@ -71,6 +90,7 @@ class SettingsOnLog:
     ) -> None:
         """``guarded``: sets that gravity does not correct count nowhere; a short second run finds them."""
         self.case, self.questions, self.guarded = case, list(questions), guarded
+        self._own_reference = configuration.is_flown and case.reference.kind == "onboard"
         self._input = FilterInput.of(case, configuration)
         for question in self.questions:
             _check_window(case, question)
@@ -113,10 +133,18 @@ class SettingsOnLog:
             for computed in self._computed:
                 answers |= computed.ask(seen, row, window)
             for q in here:
-                nothing = f"{q.metric} means nothing in window {window}"
-                found[q] = answers.get(q.metric) or missing("not_applicable", nothing, q.unit, window)
+                nothing, answer = f"{q.metric} means nothing in window {window}", answers.get(q.metric)
+                if self._own_reference and q.needs_reference:
+                    nothing, answer = OWN_REFERENCE, None
+                found[q] = answer or missing("not_applicable", nothing, q.unit, window)
         why = _unsound_reason(row) or (following.why_uncorrected(seen, row) or "" if self.guarded else "")
         return SettingResult(found, row.status, why)
+
+
+def answered(case: Case, configuration: Configuration, questions: Sequence[Question]) -> list[Question]:
+    """Return the questions that the default gains answer on a log; all where they answer none."""
+    answers = SettingsOnLog(case, configuration, questions)([{}])[0].answers
+    return [q for q in questions if answers[q].value is not None] or list(questions)
 
 
 def _unsound_reason(row: Row) -> str:

@@ -19,6 +19,7 @@ from attlog import estimators
 from attlog.core.errors import UsageError, suggestion
 from attlog.estimators import LogInfo
 from attlog.estimators.interface import Estimator, cut_by_comma, number_spelled
+from attlog.estimators.registry import FLOWN
 
 # Numbers of a setting, or its word or file.
 Value = tuple[float, ...] | str
@@ -28,6 +29,8 @@ NUMBERS_PATTERN = re.compile(r"\s*([-+0-9.eE]+(?:/[-+0-9.eE]+)*)\s*(.*?)\s*$")
 MAX_FREQUENCY_HZ = 1e5
 # Suffixes of an estimator file and of an attitude computed elsewhere.
 FILE_SUFFIXES = (".py", ".csv")
+# Filters of the firmwares that run again, by the prefix of their parameters.
+FLOWN_PREFIXES = {"EKF2_": "px4_ekf2", "EK3_": "ap_ekf3"}
 # A number with text behind it that may be its unit.
 WITH_UNIT = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
 
@@ -179,6 +182,11 @@ class Configuration:
         return own + ((":" if not self.row.params else ",") + settings if settings else "")
 
     @property
+    def is_flown(self) -> bool:
+        """Return whether the filter is a firmware's own, run again on the log's inputs."""
+        return self.row.estimator.name in FLOWN
+
+    @property
     def params(self) -> Path | None:
         """Return the file whose firmware parameters replace those of the log."""
         return Path(str(self.before["params"])) if "params" in self.before else None
@@ -192,9 +200,19 @@ class Configuration:
         return replace(changed, name=name or changed.text)
 
 
+def flown_filter(text: str) -> str:
+    """Return the filter of the firmware whose parameter begins a text such as ``EKF2_GPS_DELAY=250``, else ""."""
+    return next((name for prefix, name in FLOWN_PREFIXES.items() if text.startswith(prefix) and "=" in text), "")
+
+
 def parse_configuration(text: str, name: str | None = None) -> Configuration:
-    """Return the configuration of ``NAME[@PRESET][:key=value,...]``. UsageError names everything wrong in it."""
+    """Return the configuration of ``NAME[@PRESET][:key=value,...]``. UsageError names everything wrong in it.
+
+    A text that begins with a parameter of a firmware's EKF means the filter that flew.
+    """
     text = text.strip()
+    if flown := flown_filter(text):
+        text = f"{flown}:{text}"
     begin = next((text.lower().find(f) + len(f) for f in FILE_SUFFIXES if f in text.lower()), 0)
     head, _, tail = text[begin:].partition(":")
     values: dict[str, object] = {}
@@ -276,7 +294,7 @@ def labels(configurations: Sequence[Configuration]) -> dict[str, str]:
     ``mahony:kp=0.3`` and ``mahony:kp=0.6`` are ``kp 0.3`` and ``kp 0.6``. A name of the user's own stays.
     """
     one_filter = len({(c.row.estimator.origin, c.row.estimator.name, c.row.preset) for c in configurations}) == 1
-    parts = {c.name: _parts(c) for c in configurations}
+    parts = {c.name: _parts(c) or ["as flown"] * c.is_flown for c in configurations}
     without_head = one_filter and len(parts) > 1
     shared = set.intersection(*(set(p) for p in parts.values())) if without_head else set()
     found = {}
@@ -335,6 +353,8 @@ def firmware_names(estimator: Estimator) -> dict[str, str]:
     """Return parameters of the filter that equal a firmware's, by their own name."""
     if estimator.from_log is None:
         return {}
+    if estimator.name in FLOWN:
+        return {p.name: p.name for p in estimator.own}
     if estimator.process is not None:
         return estimator.process.call(firmware_names)
     defaults = {p.name: float(p.default) for p in estimator.own if not p.choices}

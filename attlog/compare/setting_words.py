@@ -22,17 +22,18 @@ from typing import Any
 
 from attlog import estimators
 from attlog.compare.comparison import select_questions
-from attlog.compare.setting import Configuration, build_configuration, parse_configuration
+from attlog.compare.setting import Configuration, build_configuration, flown_filter, parse_configuration
 from attlog.core.errors import AttlogError, UsageError, suggestion
 from attlog.core.files import parse_toml, read_settings_text
+from attlog.estimators.registry import FLOWN
 from attlog.flight.parameters import read_parameter_file
 from attlog.flight.recalibration import calibrates
 from attlog.pipeline.config import DEFAULTS, Config
 
 CONFIGURATION_TABLE = "configuration"
 KEY_PATTERN = re.compile(r"[^:]*:[A-Za-z_]\w*=")
-# Filters that replay a firmware's own estimator with its own parameters.
-REPLICAS = ("px4_q", "ap_dcm")
+# Filters that run a firmware's own estimator with its own parameters; the first that fits takes those of a file.
+REPLICAS = (*FLOWN, "px4_q", "ap_dcm")
 
 
 @dataclass(slots=True)
@@ -53,9 +54,10 @@ def select_words(words: Sequence[str]) -> ComparisonRequest:
     """Sort the words of a command line. UsageError names everything wrong with the configurations.
 
     A configuration is a filter's name, alone or with ``@`` or ``:``, a ``.py`` or ``.csv`` file, or a ``.toml`` file of
-    configurations; all other words are logs. A file with a filter's name is given with ``./`` before it.
+    configurations; all other words are logs. A file with a filter's name is given with ``./`` before it. A parameter of
+    a firmware's EKF (``EKF2_GPS_DELAY=250``) is compared with the same filter as it flew, which comes before it.
     """
-    found, filters = ComparisonRequest(), frozenset(estimators.names())
+    found, filters = ComparisonRequest(), frozenset((*estimators.names(), *FLOWN))
     problems: list[str] = []
     names: dict[str, Configuration] = {}
     as_given: dict[str, str] = {}
@@ -70,6 +72,8 @@ def select_words(words: Sequence[str]) -> ComparisonRequest:
                     names.setdefault(one.name, one)
             elif is_configuration(word, filters):
                 one = parse_configuration(word)
+                if flown := flown_filter(word):
+                    names.setdefault(flown, parse_configuration(flown))
                 if one.name in names:
                     other = as_given.get(one.name, one.name)
                     same = "given twice" if word == other else f"the same configuration as {other}"
@@ -77,7 +81,7 @@ def select_words(words: Sequence[str]) -> ComparisonRequest:
                 as_given.setdefault(one.name, word)
                 names.setdefault(one.name, one)
             elif not os.path.exists(word) and not set("*?[/\\.") & set(word):
-                known = [*estimators.names(), "default", "all"]
+                known = [*estimators.names(), *FLOWN, "default", "all"]
                 problems.append(f"{word}: neither a file nor a filter{suggestion(word, known)}")
             else:
                 found.logs.append(Path(word))
@@ -97,29 +101,26 @@ def is_configuration(word: str, filters: Collection[str]) -> bool:
     head = re.split(r"[@:]", word, maxsplit=1)[0]
     if head in filters or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
         return True
-    return not os.path.exists(word) and (KEY_PATTERN.match(word) is not None or ("@" in word and "/" not in word))
+    named = flown_filter(word) or KEY_PATTERN.match(word) is not None or ("@" in word and "/" not in word)
+    return bool(named) and not os.path.exists(word)
 
 
 def with_params_file(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:
     """Return the configurations, each that takes firmware parameters also with those of a file.
 
-    A file that calibrates a compass or an accelerometer concerns every filter. Without configurations the replica of a
-    firmware's estimator is taken whose parameters are in the file. UsageError where no filter takes them.
+    A file that calibrates a compass or an accelerometer concerns every filter. Without configurations the first of the
+    firmwares' own filters is taken whose parameters are in the file. UsageError where no filter takes them.
     """
     set_there = set(read_parameter_file(path))
     named = list(configurations)
     if not named:
-        replicas = [parse_configuration(name) for name in REPLICAS if name in estimators.names()]
-        named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}]
+        replicas = map(parse_configuration, REPLICAS)
+        named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}][:1]
     samples = calibrates(set_there)
     runs = [c for c in named if "params" not in c.before and not estimators.is_recorded(c.row.estimator.origin)]
     taking = [c for c in runs if samples or c.row.estimator.from_log is not None]
-    if not taking or (not configurations and len(named) > 1):
-        which = ", ".join(n for n in REPLICAS if n in estimators.names())
-        raise UsageError(
-            f"--params {path}: name a filter that takes these parameters ({which}); "
-            f"{'none of the configurations does' if configurations else 'the file does not say which'}"
-        )
+    if not taking:
+        raise UsageError(f"--params {path}: name a filter that takes these parameters ({', '.join(REPLICAS)})")
     found: dict[str, Configuration] = {}
     for c in named:
         found[c.name] = c

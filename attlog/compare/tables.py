@@ -203,7 +203,8 @@ def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
 
     Side by side as many configurations share a table as ``width`` columns hold; a star marks what is significant.
     """
-    rows = [row for row in matrix(found) if any(c.direction for c in row.cells)]
+    equal = (None, "same") if found.is_what_if else (None,)  # aids that reject nothing are no news
+    rows = [row for row in matrix(found) if any(c.direction not in equal for c in row.cells)]
     where = f"{found.first.label}, {counted(len(found.logs), 'log')}"
     others = [c.label for c in found.configurations[1:]]
     lines: list[tuple[str, ...]]

@@ -48,6 +48,9 @@ TERM_NAMES = {
     "step": "step_error_deg.0.5s",
     "lag": "lag_ms",
     "drift": "drift_rest_deg_per_min",
+    "gnss": "innovation_rms.gnss_velocity",
+    "compass": "innovation_rms.compass_field",
+    "height": "innovation_rms.height",
 }
 # Cost of a setting that diverges, has no value or is not corrected by gravity: e^3, as if 20 times as far off.
 UNSOUND_COST = 3.0

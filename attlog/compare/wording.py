@@ -6,7 +6,10 @@ sentence for each question that differs significantly, about the better one.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
+from statistics import median
 
 from attlog.compare.comparison import PHASE_PLACES, Comparison, ConfigurationSentences, Question, commonest_reason
 from attlog.compare.paired import Difference, Direction
@@ -24,6 +27,10 @@ STATUS_WORDS = {
     "failed": "failed",
     "not_judged": "cannot be judged",
 }
+# Errors against the reference that a what-if sentence names also where they do not change.
+REFERENCE_ERRORS = ("tilt_rmse_deg", "heading_rmse_deg")
+# They are called unchanged within 10 %, unless the change is significant.
+UNCHANGED_LOG_RATIO = math.log(1.1)
 # Words of a direction in a table.
 DIRECTION_WORDS: dict[Direction, str] = {"better": "better", "worse": "worse", "same": "equal"}
 
@@ -42,7 +49,8 @@ def question_wording(question: Question) -> Wording:
 
 def subject_of(question: Question) -> str:
     """Return a question as it follows "in": ``tilt error``, ``noise added in hover``."""
-    return question.title[:1].lower() + question.title[1:]
+    begin = question.title[:2]
+    return question.title if begin.isupper() else begin.lower() + question.title[2:]
 
 
 def scale_unit(question: Question) -> str:
@@ -140,6 +148,9 @@ def _configuration_sentences(found: Comparison, name: str) -> ConfigurationSente
             name, f"No difference: {b} and {a} give the same in every question, on {logs}.", dropped
         )
     significant = [(q, d) for q, d in pairs if d.significant]
+    if found.is_what_if:
+        lead = what_if_sentence(found, name, pairs)
+        return ConfigurationSentences(name, lead, [*(_question_sentence(q, d, a, b) for q, d in significant), *dropped])
     if not significant:
         asked = counted(len(pairs), "question")
         return ConfigurationSentences(name, f"No significant difference of {b} and {a} in {asked} on {logs}.", dropped)
@@ -149,6 +160,53 @@ def _configuration_sentences(found: Comparison, name: str) -> ConfigurationSente
     return ConfigurationSentences(
         name, f"{b} is significantly {lead}.", [*(_question_sentence(q, d, a, b) for q, d in significant), *dropped]
     )
+
+
+def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Question, Difference]]) -> str:
+    """Return what a changed parameter of the filter that flew does: values as flown and changed, largest change first.
+
+    ``Heading error 14.2 to 4.1°, compass innovation 18 to 4.2 µT; tilt error unchanged.`` Of each aid the innovation is
+    named, else its test ratio.
+    """
+    said, same = [], []
+    for question, d in (p for p in pairs if p[0].metric in REFERENCE_ERRORS):
+        first, second = _values_text(found, question, name)
+        if not d.significant and (first == second or abs(math.log(d.value or 1.0)) < UNCHANGED_LOG_RATIO):
+            same.append(subject_of(question))
+        else:
+            said.append(_from_to(found, question, name) + ("" if d.significant else " (not significant)"))
+    by_aid: dict[str, tuple[float, str]] = {}
+    others = []
+    for question, d in (p for p in pairs if p[1].significant and p[0].metric not in REFERENCE_ERRORS):
+        statistic, _, aid = question.metric.partition(".")
+        if statistic in ("innovation_rms", "test_ratio_rms"):
+            by_aid.setdefault(aid, (-abs(math.log(d.value or 1.0)), _from_to(found, question, name)))
+        else:
+            others.append(_from_to(found, question, name))
+    changes = [text for _, text in sorted(by_aid.values())] + others
+    shown = max(MAX_NAMED_QUESTIONS - len(said), 1)
+    said += changes[:shown] + [f"{len(changes) - shown} more"] * (len(changes) > shown)
+    text = "; ".join(part for part in (", ".join(said), f"{listed(same)} unchanged" if same else "") if part)
+    text = text or "no significant change of innovations and errors"
+    if len(found.configurations) > 2:
+        return f"{found.labels[name]}: {text}."
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _from_to(found: Comparison, question: Question, name: str) -> str:
+    """Return a question's values as flown and changed: ``heading error 14.2 to 4.1°``."""
+    first, second = _values_text(found, question, name)
+    unit = unit_sign(question.unit)
+    return f"{subject_of(question)} {first} to {second}{'' if unit.startswith('°') else ' '}{unit}".rstrip()
+
+
+def _values_text(found: Comparison, question: Question, name: str) -> list[str]:
+    """Return both values without unit, over several logs their medians."""
+    values = []
+    for one in (found.first.name, name):
+        known = [v for cells in question.cells.values() if one in cells and (v := cells[one].value) is not None]
+        values.append(number(median(map(abs, known)), question.unit, False))
+    return values
 
 
 def _change_list(pairs: list[tuple[Question, Difference]]) -> str:

@@ -18,29 +18,28 @@ from attlog.flight.model import FlightLog, Problem, Severity, guarded_part
 from attlog.flight.recalibration import recorrect
 from attlog.flight.timestamps import describe_other_boots, logged_seconds
 from attlog.formats import Messages
-from attlog.formats.table import Messages as table_Messages
 
 __all__ = ["FlightLog", "flight_in", "read"]
 
 
-# --- memory ------------------------------------------------------------------------------------------------------
-
+# Messages whose records become the samples of a replay, or its attitude.
+INERTIAL_MESSAGES = ("sensor_combined", "IMU", "GYR", "RISI", "RAW_IMU", "HIGHRES_IMU", "SCALED_IMU")
+ATTITUDE_MESSAGES = ("ATT", "vehicle_attitude")
+# A smaller share of a file's bytes is no loss, and a smaller sum of dropouts in ms neither.
+SERIOUS_DAMAGE_SHARE, SERIOUS_DROPOUTS_MS = 0.001, 100
+# A shorter piece at the end of a file is the record that was being written.
+MAX_CUT_BYTES = 4096
 # Bytes for each inertial sample: of the flight, attitudes and truth included; and of what ``info`` or an analysis makes
 # of it. Measured on logs of 2 to 18 million samples (``docs/formats.md``).
 FLIGHT_BYTES, ANALYSIS_BYTES = 170, 550
 # Samples that every machine has room for.
 ALWAYS_ALLOWED_SAMPLES = 500_000
-# Messages whose records become the samples of a replay, by firmware.
-INERTIAL_MESSAGES = ("sensor_combined", "IMU", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")
 
 
 def check_flight_memory(messages: Messages) -> None:
     """Raise TooLittleMemory if the machine cannot hold the flight of a log's inertial samples."""
-    _check_memory(
-        messages.path,
-        max((len(table) for (name, _), table in messages.items() if name in INERTIAL_MESSAGES), default=0),
-        FLIGHT_BYTES,
-    )
+    counts = [len(table) for (name, _), table in messages.items() if name in INERTIAL_MESSAGES]
+    _check_memory(messages.path, max(counts, default=0), FLIGHT_BYTES)
 
 
 def check_analysis_memory(log: FlightLog, each: int) -> None:
@@ -50,30 +49,13 @@ def check_analysis_memory(log: FlightLog, each: int) -> None:
 
 
 def _check_memory(path: Path, samples: int, each: int) -> None:
-    if samples <= ALWAYS_ALLOWED_SAMPLES:
-        return
     needed, free = each * samples, available_bytes()
-    if free is not None and needed > free:
+    if samples > ALWAYS_ALLOWED_SAMPLES and free is not None and needed > free:
         raise TooLittleMemory(
             f"{path}: needs some {needed / 1e9:.1f} GB of memory for its {samples:,} inertial samples, and "
             f"{free / 1e9:.1f} GB are free; close other programs, choose one power-up of several (--boot), or take a "
             "machine with more memory"
         )
-
-
-# A smaller share of a file's bytes is no loss.
-SERIOUS_DAMAGE_SHARE = 0.001
-IMU_MESSAGES = (
-    "sensor_combined",
-    "IMU",
-    "GYR",
-    "RISI",
-    "RAW_IMU",
-    "HIGHRES_IMU",
-    "SCALED_IMU",
-    "ATT",
-    "vehicle_attitude",
-)
 
 
 def read(
@@ -103,7 +85,7 @@ def read(
 
 
 def flight_in(
-    messages: table_Messages,
+    messages: Messages,
     *,
     imu: int | None = None,
     mag: int | str | None = None,
@@ -136,22 +118,18 @@ def flight_in(
         applied: set[str] = guarded_part(log, "The calibration of the parameter file", corrected, set)
         log.problems += parameter_file.compare_with_log(params, given, own, applied)
     if boots > 1:
-        log.problems.insert(
-            0,
-            Problem(
-                "several_boots",
-                "note",
-                f"The file holds {boots} power-ups; this is number {chosen}"
-                + (" (the one with most sensor records)" if boot is None else "")
-                + f", {log.seconds:.0f} s. {describe_other_boots(messages, chosen)}. --boot chooses another.",
-                count=boots,
-            ),
+        which = f"this is number {chosen}{' (the one with most sensor records)' if boot is None else ''}"
+        text = (
+            f"The file holds {boots} power-ups; {which}, {log.seconds:.0f} s. {describe_other_boots(messages, chosen)}"
         )
-    log.problems[:0] = [*damage_problems(messages), *remark_problems(messages)]
+        log.problems.insert(0, Problem("several_boots", "note", f"{text}. --boot chooses another.", count=boots))
+    # Remarks come last, because columns are read late.
+    remarks = [Problem(r.code, "warning", r.text, offset=r.offset, count=r.count) for r in messages.remarks]
+    log.problems[:0] = [*damage_problems(messages), *dropout_problems(messages), *remarks]
     return log
 
 
-def read_messages(messages: table_Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
+def read_messages(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
     """Return the flight in one power-up's messages, by the reader of their format."""
     if messages.format == "ulog":
         from attlog.flight.px4 import reader as px4
@@ -184,18 +162,17 @@ def limit_attitudes(log: FlightLog) -> None:
     log.problems.append(Problem("log_limit", "warning", text, count=beyond))
 
 
-def choose_boot(messages: table_Messages) -> int:
+def choose_boot(messages: Messages) -> int:
     """Return the power-up with most inertial (else attitude) records."""
     if len(messages.boots) <= 1:
         return 0
-    counts = []
-    for number in range(len(messages.boots)):
-        part = messages.boot(number)
-        counts.append(sum(len(t) for (name, _), t in part.items() if name in IMU_MESSAGES))
+    names = INERTIAL_MESSAGES + ATTITUDE_MESSAGES
+    parts = map(messages.boot, range(len(messages.boots)))
+    counts = [sum(len(table) for (name, _), table in part.items() if name in names) for part in parts]
     return counts.index(max(counts))
 
 
-def flight_seconds(log: FlightLog, messages: table_Messages) -> float:
+def flight_seconds(log: FlightLog, messages: Messages) -> float:
     """Return the flight's length in s: of the replayed IMU, else the first one, else the onboard attitude, else all."""
     if log.imus:
         t = log.imus[log.imu or 0].gyro.t
@@ -206,44 +183,28 @@ def flight_seconds(log: FlightLog, messages: table_Messages) -> float:
     return float(t[-1] - t[0]) if len(t) else logged_seconds(messages)
 
 
-def damage_problems(messages: table_Messages) -> list[Problem]:
-    """Return a problem for damage of the file, and one for losses of the logger."""
-    found = []
-    if messages.damage:
-        first = messages.damage[0]
-        at_end = messages.damage_places == 1 and first.offset + first.length >= messages.size - 1
-        if at_end and 0 < first.length < 4096:
-            text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
-            return [Problem("cut_at_end", "note", text, offset=first.offset), *dropout_problems(messages)]
-        where = f"{first.lost} at byte {first.offset}"
-        text = f"The file is damaged in one place, {messages.damage_bytes} bytes are not usable: {where}."
-        if first.lost.startswith(f"{messages.damage_bytes} bytes"):
-            text = f"The file is damaged in one place: {where} are not usable."
-        if messages.damage_places > 1:
-            text = (
-                f"The file is damaged in {messages.damage_places} places, {messages.damage_bytes} bytes are not "
-                f"usable; the first is {where}."
-            )
-        severity: Severity = "warning" if messages.damage_bytes > SERIOUS_DAMAGE_SHARE * messages.size else "note"
-        found.append(Problem("damage", severity, text, offset=first.offset, count=messages.damage_places))
-    return found + dropout_problems(messages)
+def damage_problems(messages: Messages) -> list[Problem]:
+    """Return the problem of damage of the file, if any."""
+    if not messages.damage:
+        return []
+    first, places, lost = messages.damage[0], messages.damage_places, messages.damage_bytes
+    if places == 1 and 0 < first.length < MAX_CUT_BYTES and first.offset + first.length >= messages.size - 1:
+        text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
+        return [Problem("cut_at_end", "note", text, offset=first.offset)]
+    where = f"{first.lost} at byte {first.offset}"
+    if places > 1:
+        text = f"The file is damaged in {places} places, {lost} bytes are not usable; the first is {where}."
+    elif first.lost.startswith(f"{lost} bytes"):
+        text = f"The file is damaged in one place: {where} are not usable."
+    else:
+        text = f"The file is damaged in one place, {lost} bytes are not usable: {where}."
+    severity: Severity = "warning" if lost > SERIOUS_DAMAGE_SHARE * messages.size else "note"
+    return [Problem("damage", severity, text, offset=first.offset, count=places)]
 
 
-def remark_problems(messages: table_Messages) -> list[Problem]:
-    """Return a problem for each remark of the format's reader; columns are read late, so call it last."""
-    return [Problem(r.code, "warning", r.text, offset=r.offset, count=r.count) for r in messages.remarks]
-
-
-def dropout_problems(messages: table_Messages) -> list[Problem]:
-    """Return a problem for dropouts of the logger."""
-    found = []
-    if messages.dropouts_ms:
-        found.append(
-            Problem(
-                "logger_dropouts",
-                "warning" if sum(messages.dropouts_ms) > 100 else "note",
-                f"Dropouts of the logger: {len(messages.dropouts_ms)}, {sum(messages.dropouts_ms)} ms in all.",
-                count=len(messages.dropouts_ms),
-            )
-        )
-    return found
+def dropout_problems(messages: Messages) -> list[Problem]:
+    """Return the problem of dropouts of the logger, if any."""
+    count, total_ms = len(messages.dropouts_ms), sum(messages.dropouts_ms)
+    severity: Severity = "warning" if total_ms > SERIOUS_DROPOUTS_MS else "note"
+    text = f"Dropouts of the logger: {count}, {total_ms} ms in all."
+    return [Problem("logger_dropouts", severity, text, count=count)] if count else []

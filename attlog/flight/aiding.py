@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from attlog.flight.limits import documented_range
 from attlog.flight.model import FlightLog, Gnss
 
 # --- delays ------------------------------------------------------------------------------------------------------
@@ -122,32 +123,19 @@ def buffer(log: FlightLog, t: float) -> DelayParameter | None:
 
 # --- noise and gates ---------------------------------------------------------------------------------------------
 
-# Noise, its documented range, its gate and the gate's unit in standard deviations.
-NOISE_PARAMETERS: dict[str, dict[str, tuple[str, float, float, str, float]]] = {
-    "PX4": {
-        "compass": ("EKF2_MAG_NOISE", 0.001, 1.0, "EKF2_MAG_GATE", 1.0),
-        "velocity": ("EKF2_GPS_V_NOISE", 0.01, 5.0, "EKF2_GPS_V_GATE", 1.0),
-        "position": ("EKF2_GPS_P_NOISE", 0.01, 10.0, "EKF2_GPS_P_GATE", 1.0),
-        "height": ("EKF2_BARO_NOISE", 0.01, 15.0, "EKF2_BARO_GATE", 1.0),
-    },
-    "XK": {
-        "compass": ("EK3_MAG_M_NSE", 0.01, 0.5, "EK3_MAG_I_GATE", 0.01),
-        "velocity": ("EK3_VELNE_M_NSE", 0.05, 5.0, "EK3_VEL_I_GATE", 0.01),
-        "position": ("EK3_POSNE_M_NSE", 0.1, 10.0, "EK3_POS_I_GATE", 0.01),
-        "height": ("EK3_ALT_M_NSE", 0.1, 10.0, "EK3_HGT_I_GATE", 0.01),
-    },
-    "NK": {
-        "compass": ("EK2_MAG_M_NSE", 0.01, 0.5, "EK2_MAG_I_GATE", 0.01),
-        "velocity": ("EK2_VELNE_M_NSE", 0.05, 5.0, "EK2_VEL_I_GATE", 0.01),
-        "position": ("EK2_POSNE_M_NSE", 0.1, 10.0, "EK2_POS_I_GATE", 0.01),
-        "height": ("EK2_ALT_M_NSE", 0.1, 10.0, "EK2_HGT_I_GATE", 0.01),
-    },
+# Parts of the names of an aid's noise and gate.
+PX4_AIDS = {"compass": "MAG", "velocity": "GPS_V", "position": "GPS_P", "height": "BARO"}
+ARDUPILOT_AIDS = {
+    aid: (noise, gate)
+    for aid, noise, gate in zip(PX4_AIDS, ("MAG", "VELNE", "POSNE", "ALT"), ("MAG", "VEL", "POS", "HGT"), strict=True)
 }
+# Number of the EKF by the family of its records.
+EKF_NUMBERS = {"NK": 2, "XK": 3}
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseParameter:
-    """A noise parameter: ``name`` was ``old``, between ``low`` and ``high``; ``gate`` in standard deviations."""
+    """A noise parameter: ``name`` was ``old``, documented from ``low`` to ``high``; ``gate`` in standard deviations."""
 
     name: str
     old: float
@@ -158,17 +146,17 @@ class NoiseParameter:
 
 def noise_parameter(log: FlightLog, aid: str, source: str) -> NoiseParameter | None:
     """Return the noise of an aid by the source of its test ratio, None where noise or gate are not logged."""
-    family = "PX4" if log.firmware.name == "PX4" else source[:2]
-    known = NOISE_PARAMETERS.get(family, {}).get(aid)
-    if known is None:
+    if log.firmware.name == "PX4" and aid in PX4_AIDS:
+        name, gate, unit = f"EKF2_{PX4_AIDS[aid]}_NOISE", f"EKF2_{PX4_AIDS[aid]}_GATE", 1.0
+    elif log.firmware.name != "PX4" and source[:2] in EKF_NUMBERS and aid in ARDUPILOT_AIDS:
+        prefix, (noise, test) = f"EK{EKF_NUMBERS[source[:2]]}", ARDUPILOT_AIDS[aid]
+        name, gate, unit = f"{prefix}_{noise}_M_NSE", f"{prefix}_{test}_I_GATE", 0.01
+    else:
         return None
-    name, low, high, gate, unit = known
-    old, sigmas = log.param(name), log.param(gate)
-    if not isinstance(old, int | float) or not isinstance(sigmas, int | float):
+    old, sigmas, limits = log.param(name), log.param(gate), documented_range(name)
+    if limits is None or old is None or sigmas is None or not (0.0 < old < math.inf and 0.0 < sigmas < math.inf):
         return None
-    if not (math.isfinite(old) and math.isfinite(sigmas)) or old <= 0.0 or sigmas <= 0.0:
-        return None
-    return NoiseParameter(name, float(old), low, high, float(sigmas) * unit)
+    return NoiseParameter(name, float(old), *limits, float(sigmas) * unit)
 
 
 def advise_test_ratios(log: FlightLog) -> str:

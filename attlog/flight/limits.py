@@ -195,7 +195,7 @@ def _limit_problem(
 # --- parameters that attlog offers -------------------------------------------------------------------------------
 #
 # Documented ranges: ``@Range`` of ArduPilot, ``@min`` and ``@max`` of PX4. PX4 documents none for offsets: there it is
-# what ArduPilot documents, or a few times the earth's field.
+# what ArduPilot documents, or a few times the earth's field. Of several versions the narrowest counts.
 
 # By the whole name: lowest and highest value.
 DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
@@ -209,7 +209,7 @@ DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
     (r"INS_GYRO_FILTER|INS_ACCEL_FILTER", 0.0, 256.0),
     (r"INS_HNT(CH|C2)_ENABLE", 0.0, 1.0),
     (r"INS_HNT(CH|C2)_MODE", 0.0, 5.0),
-    (r"INS_HNT(CH|C2)_FREQ", 10.0, 495.0),
+    (r"INS_HNT(CH|C2)_FREQ", 10.0, 400.0),
     (r"INS_HNT(CH|C2)_BW", 5.0, 250.0),
     (r"INS_HNT(CH|C2)_ATT", 5.0, 50.0),
     (r"INS_HNT(CH|C2)_REF", 0.0, 1.0),
@@ -221,7 +221,8 @@ DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
     (r"EK[23]_MAG_M_NSE", 0.01, 0.5),
     (r"EK[23]_VELN?E?D?_M_NSE", 0.05, 5.0),
     (r"EK[23]_POSNE_M_NSE", 0.1, 10.0),
-    (r"EK[23]_ALT_M_NSE", 0.1, 100.0),
+    (r"EK2_ALT_M_NSE", 0.1, 10.0),
+    (r"EK3_ALT_M_NSE", 0.1, 100.0),
     (r"EK[23]_EAS_M_NSE", 0.5, 5.0),
     (r"CAL_MAG\d_[XYZ]OFF", -2.0, 2.0),
     (r"CAL_MAG\d_[XYZ]COMP", -100.0, 100.0),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from attlog.flight.advice import GYRO_FIFO
+from attlog.flight.limits import documented_range
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import version_number
 
@@ -45,11 +47,7 @@ def active_notches(log: FlightLog) -> list[ActiveNotch]:
     frequency = log.param("INS_NOTCH_FREQ") or 0.0
     if (log.param("INS_NOTCH_ENABLE") or 0.0) >= 1.0 and frequency > 0.0:
         found.append(ActiveNotch("INS_NOTCH", frequency, log.param("INS_NOTCH_BW") or 0.0, ""))
-    for frequency_name, width_name in (
-        ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
-        ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
-        ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
-    ):
+    for frequency_name, width_name in (*FIXED_NOTCHES[1:], ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW")):
         frequency = log.param(frequency_name) or 0.0
         if frequency > 0.0:
             found.append(ActiveNotch(frequency_name, frequency, log.param(width_name) or 0.0, ""))
@@ -70,16 +68,6 @@ def _at_hover(log: FlightLog, frequency: float, reference: float) -> float:
 # throttle) and "ESC Telemetry Based Harmonic Notch Setup" (REF 1, FREQ below the slowest rotor). PX4: docs.px4.io, "MC
 # Filter Tuning".
 
-# Documented ranges, the narrowest of any version.
-NOTCH_RANGES = {
-    "INS_HNTCH_FREQ": (10.0, 400.0),
-    "INS_HNTCH_BW": (5.0, 250.0),
-    "INS_HNTCH_REF": (0.0, 1.0),
-    "IMU_GYRO_NF0_FRQ": (0.0, 1000.0),
-    "IMU_GYRO_NF0_BW": (0.0, 100.0),
-    "IMU_GYRO_NF_FREQ": (0.0, 1000.0),
-    "IMU_GYRO_NF_BW": (0.0, 100.0),
-}
 # INS_HNTCH_MODE.
 THROTTLE_MODE, RPM_MODE, ESC_MODE = 1, 2, 3
 # INS_HNTCH_HMNCS: the first and the second.
@@ -119,11 +107,10 @@ def notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[floa
 
     Empty where the firmware has no such notch or a value lies outside its documented range.
     """
-    made = (
-        harmonic_notch_parameters(log, notch) if log.firmware.name == "ArduPilot" else px4_notch_parameters(log, notch)
-    )
-    inside = all(low <= made[n][0] <= high for n, (low, high) in NOTCH_RANGES.items() if n in made)
-    return made if inside else {}
+    make = harmonic_notch_parameters if log.firmware.name == "ArduPilot" else px4_notch_parameters
+    made = make(log, notch)
+    limits = {name: documented_range(name) or (math.inf, -math.inf) for name in made}
+    return made if all(low <= made[name][0] <= high for name, (low, high) in limits.items()) else {}
 
 
 def harmonic_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:

@@ -46,18 +46,19 @@ MAX_HEAD_BYTES = 1 << 16
 class Format:
     """A log format with its recogniser, reader and writer.
 
-    Functions are named ``module:name`` below ``attlog.formats`` and imported when needed. ``name`` is
+    Functions are named ``module.name`` in the format's ``folder`` and imported when needed. ``name`` is
     ``Messages.format``; messages show ``title`` and ``suffix``. ``recogniser(head) -> bool`` judges the first bytes,
     ``reader(path, *, data) -> Messages`` decodes, and takes ``system`` too with ``several_vehicles``. ``writer(path,
-    recording)`` is None for formats that are only read.
+    recording)`` is empty for formats that are only read.
     """
 
     name: str
     title: str
     suffix: str
+    folder: str
     recogniser: str
     reader: str
-    writer: str | None = None
+    writer: str = ""
     several_vehicles: bool = False
 
     @property
@@ -67,57 +68,40 @@ class Format:
 
     def recognises(self, head: bytes) -> bool:
         """Return whether a file with these first bytes is such a log."""
-        return bool(_load_by_name(self.recogniser)(head))
+        return bool(self._load(self.recogniser)(head))
 
     def read(self, path: Path, data: NDArray[np.uint8], system: int | None = None) -> Messages:
         """Read the log with the bytes ``data``; formats of one vehicle ignore ``system``."""
-        read: Callable[..., Messages] = _load_by_name(self.reader)
+        read: Callable[..., Messages] = self._load(self.reader)
         return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
 
     def write(self, path: Path, recording: Recording) -> None:
         """Write the log. UsageError for what the format cannot hold, and for formats that are only read."""
-        if self.writer is None:
+        if not self.writer:
             raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
-        _load_by_name(self.writer)(path, recording)
+        self._load(self.writer)(path, recording)
 
-
-def _load_by_name(place: str) -> Any:
-    module, _, name = place.partition(":")
-    return getattr(import_module(f"attlog.formats.{module}"), name)
+    def _load(self, place: str) -> Any:
+        module, _, name = place.partition(".")
+        return getattr(import_module(f"attlog.formats.{self.folder}.{module}"), name)
 
 
 # The first format that recognises a file reads it.
 FORMATS = (
-    Format("ulog", "ULog", ".ulg", "ulog.layout:is_ulog", "ulog.reader:read_ulog", "ulog.writer:write_ulog"),
+    Format("ulog", "ULog", ".ulg", "ulog", "layout.is_ulog", "reader.read_ulog", "writer.write_ulog"),
     Format(
-        name="dataflash",
-        title="DataFlash",
-        suffix=".bin",
-        recogniser="dataflash.layout:is_dataflash",
-        reader="dataflash.reader:read_binary",
-        writer="dataflash.writer:write_dataflash",
+        "dataflash",
+        "DataFlash",
+        ".bin",
+        "dataflash",
+        "layout.is_dataflash",
+        "reader.read_binary",
+        "writer.write_dataflash",
     ),
-    Format(
-        "dataflash_text", "DataFlash text", ".log", "dataflash.layout:is_dataflash_text", "dataflash.reader:read_text"
-    ),
-    Format("ros", "ROS 2 bag", ".mcap", "ros.bag:is_bag", "ros.reader:read_ros", "ros.writer:write_mcap", True),
-    Format(
-        name="tlog",
-        title="MAVLink",
-        suffix=".tlog",
-        recogniser="mavlink.layout:is_tlog",
-        reader="mavlink.reader:read_mavlink",
-        writer="mavlink.writer:write_tlog",
-        several_vehicles=True,
-    ),
-    Format(
-        name="mavlink",
-        title="raw MAVLink",
-        suffix=".mavlink",
-        recogniser="mavlink.layout:is_capture",
-        reader="mavlink.reader:read_mavlink",
-        several_vehicles=True,
-    ),
+    Format("dataflash_text", "DataFlash text", ".log", "dataflash", "layout.is_dataflash_text", "reader.read_text"),
+    Format("ros", "ROS 2 bag", ".mcap", "ros", "bag.is_bag", "reader.read_ros", "writer.write_mcap", True),
+    Format("tlog", "MAVLink", ".tlog", "mavlink", "layout.is_tlog", "reader.read_mavlink", "writer.write_tlog", True),
+    Format("mavlink", "raw MAVLink", ".mavlink", "mavlink", "layout.is_capture", "reader.read_mavlink", "", True),
 )
 
 _UNPACK_TEXT = "archive, not a log: unpack it"
@@ -214,9 +198,9 @@ def format_for(path: Path | str) -> Format:
     """Return the format of a path's suffix. UsageError without one."""
     suffix = Path(path).suffix.lower()
     for entry in FORMATS:
-        if entry.writer is not None and entry.suffix == suffix:
+        if entry.writer and entry.suffix == suffix:
             return entry
-    known = ", ".join(entry.for_people for entry in FORMATS if entry.writer is not None)
+    known = ", ".join(entry.for_people for entry in FORMATS if entry.writer)
     raise UsageError(f"{path}: the suffix of a written log chooses its format, and it is none of {known}")
 
 

@@ -1,4 +1,4 @@
-"""Metrics of every row: which groups there are, and how they are computed."""
+"""Metrics of every row: the groups there are, and how they are computed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,18 @@ __all__ = [
 ]
 
 # Files with a tuple METRIC_GROUPS, in the order of the table; imported when they are first asked.
-FILES = ("noise", "lag", "step_error", "drift", "accuracy", "heading", "allan", "setpoint")
+FILES = (
+    "noise",
+    "lag",
+    "step_error",
+    "drift",
+    "accuracy",
+    "heading",
+    "allan",
+    "setpoint",
+    "reproduction",
+    "innovations",
+)
 LATE = {"Drawing": "traces", "Trace": "trace"}
 FULL_COVERAGE_PCT = 95.0
 
@@ -66,8 +77,8 @@ def compute(
 ) -> dict[str, dict[str, Answer]]:
     """Return the answers of one row: window -> metric id -> Answer.
 
-    A metric that means nothing in a window is left out there. ``only``: metrics that are wanted, by id or by the part
-    before the dot; others of the same group come too. A row that gravity does not correct is never ranked.
+    A metric without a meaning in a window is left out there. ``only``: wanted metrics by id or by the part before the
+    dot; others of the same group come too. A row that gravity does not correct is never ranked.
     """
     from attlog.metrics import following
     from attlog.metrics.ranking import mark_not_ranked
@@ -94,7 +105,7 @@ def compute(
 def finish(
     case: Case, table: Mapping[str, dict[str, dict[str, Answer]]], *, cost: bool = True, only: Collection[str] = ()
 ) -> None:
-    """Complete the answers of ``case.rows``, by row name, once all rows have been computed.
+    """Complete the answers of ``case.rows``, by row name, once all rows are computed.
 
     Decides which errors are ranked. With ``cost`` the time of each filter is measured, alone on the machine.
     """
@@ -113,7 +124,7 @@ def _is_of(group: MetricGroup, wanted: Collection[str]) -> bool:
 
 
 def _ask(group: MetricGroup, case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Return the answers of one group; a bug in it leaves its metrics missing with the reason."""
+    """Return the answers of one group; after a bug in it with the reason."""
 
     def failed(sentence: str) -> dict[str, Answer]:
         return group.without("part_failed", sentence, window)

@@ -1,4 +1,4 @@
-"""Errors of a row against the reference: total, heading and tilt, and the share of the log that was compared."""
+"""Errors of a row against the reference: total, heading, tilt, and coverage of the log."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def rank_errors(case: Case) -> None:
 
 @per_case
 def own_sigma(case: Case, angle: str, window: str) -> float:
-    """How wrong the reference may be itself in a window, deg (one sigma); 0 for one that does not tell."""
+    """Return the reference's own error in a window (RMS of its sigma, deg); 0 where unknown."""
     reference = case.reference
     if reference.sigma is None:
         return 0.0
@@ -130,20 +130,20 @@ def own_sigma(case: Case, angle: str, window: str) -> float:
 
 @per_times
 def in_window(case: Case, t: Array, window: str) -> NDArray[np.bool_]:
-    """Which of the times (n,) of errors lie in a window."""
+    """Return which times (n,) of errors lie in a window."""
     return case.segments.mask(t, window)
 
 
 @per_row
 def _scored(case: Case, row: Row) -> NDArray[np.bool_]:
-    """Which of a row's errors (n,) count and are known."""
+    """Return which of a row's errors (n,) are scored and finite."""
     assert row.errors is not None
     return row.errors.scored & np.isfinite(row.errors.total)
 
 
 @per_row
 def _segments(case: Case, row: Row) -> NDArray[np.int64]:
-    """The segments (n,) of a row's errors between gaps and resets."""
+    """Return the segments (n,) of a row's errors between gaps and resets."""
     errors = row.errors
     assert errors is not None
     return model.merge_numbers(_number(case, errors.t), errors.segment)
@@ -156,7 +156,7 @@ def _number(case: Case, t: Array) -> NDArray[np.int64]:
 
 @per_row
 def usual_step(case: Case, row: Row) -> float:
-    """The median time between a row's errors, s."""
+    """Return the median time between a row's errors, s."""
     assert row.errors is not None
     return _step(case, row.errors.t)
 
@@ -167,7 +167,7 @@ def _step(case: Case, t: Array) -> float:
 
 
 def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
-    """Mean squares (k,) of an error angle in blocks of the window's scored time, at the same times for all rows."""
+    """Return the mean squares (k,) of an error angle in blocks of scored time, shared by all rows."""
     errors, length = row.errors, BLOCK_S[angle]
     begin, values = np.zeros(0), np.zeros(0)
     if errors is not None and len(errors.t) > 1:
@@ -185,7 +185,7 @@ def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
 def _error_blocks(
     case: Case, t: Array, window: str, length: float
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """When the blocks of a window's scored time begin (k,), and which of the times (n,) are in each: first, and end."""
+    """Return the begins (k,) of the blocks of a window, and the first and end index of ``t`` (n,) in each."""
     scored = complement(case.reference.scoring.unscored, case.reference.scoring.start, case.reference.scoring.end)
     spans = intersect(case.segments.spans(window), scored)
     starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
@@ -195,27 +195,27 @@ def _error_blocks(
 
 @per_row
 def _block_squares(case: Case, row: Row, angle: str) -> tuple[Array, Array]:
-    """The squares (n,) of an error angle, 0 where it does not count, and which count, as numbers (n,)."""
+    """Return the squares (n,) of an error angle, 0 where not scored, and the scored samples as 0 or 1 (n,)."""
     return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0), _counted(case, row)
 
 
 @per_row
 def _counted(case: Case, row: Row) -> Array:
-    """The same for all angles: in long logs copies add up."""
+    """Return the scored samples as 0 or 1 (n,), one array for all angles: in long logs copies add up."""
     return _scored(case, row).astype(np.float64)
 
 
 def of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float = BLOCK_S["tilt"], sigma: float = 0.0) -> Summary:
-    """The RMSE of some of the blocks (k,) of ``length`` s, with its interval against a reference of that sigma, deg.
+    """Return the RMSE over some blocks (k,) of ``length`` s against a reference of that sigma, deg.
 
-    A block counts as several samples: quarters of a record may cut through it.
+    A block stands for several samples: quarters of a record may cut through it.
     """
     chosen = squares[np.isin(ids, wanted)]
     return Summary(*ErrorSize(np.repeat(np.sqrt(chosen), PIECES), length * len(chosen), sigma).of("rmse"))
 
 
 def why_unranked(case: Case, row: Row, angle: str, ci95: interval.Interval | None, duration: float) -> str | None:
-    """Why an error is shown but not ranked, whatever the other rows are, else None."""
+    """Return why an error is not ranked whatever the other rows are, else None."""
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
     if angle != "tilt" and (case.reference.kind == "onboard" or case.reference.heading.by == "onboard"):
@@ -226,7 +226,7 @@ def why_unranked(case: Case, row: Row, angle: str, ci95: interval.Interval | Non
 
 
 def _among_others(case: Case, row: Row, angle: str) -> str | None:
-    """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
+    """Return why a heading error is not ranked beside rows that had to find their north, else None."""
     if angle == "tilt" or row.heading_offset_deg is None:
         return None
     if all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
@@ -235,7 +235,7 @@ def _among_others(case: Case, row: Row, angle: str) -> str | None:
 
 
 def _too_few(units: UnitValues, angle: str) -> str | None:
-    """A reason not to rank errors of so few blocks."""
+    """Return why errors of so few blocks are not ranked, else None."""
     if len(units.ids) >= MIN_BLOCKS[angle]:
         return None
     needed = MIN_BLOCKS[angle] * BLOCK_S[angle]

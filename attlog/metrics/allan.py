@@ -1,4 +1,4 @@
-"""What kind of noise is it? Allan deviation at rest: white, walk or flicker, by averaging time."""
+"""Allan deviation of the heading at rest: random walk and bias instability."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ ALLAN_METRICS: tuple[Metric, ...] = (
 
 @dataclass(slots=True)
 class Deviation:
-    """An Allan deviation over averaging times ``tau`` (k,) s with 95 % interval; ``dof`` (k,) degrees of freedom."""
+    """Allan deviation over averaging times ``tau`` (k,) s with 95 % interval and degrees of freedom (k,)."""
 
     tau: Array
     sigma: Array
@@ -60,10 +60,9 @@ class Deviation:
 
 
 def deviation(phase: Array, step: float) -> Deviation:
-    """The overlapping Allan deviation of the rate of ``phase`` (n,), which is sampled every ``step`` s.
+    """Return the overlapping Allan deviation of the rate of ``phase`` (n,), sampled every ``step`` s.
 
-    NIST SP 1065 equation 11; degrees of freedom for white rate noise by equation 29
-    (Howe, Allan and Barnes 1981). In units of phase per second.
+    NIST SP 1065 equation 11; degrees of freedom for white rate noise by equation 29 (Howe, Allan and Barnes 1981).
     """
     n = len(phase)
     largest = (n - 1) // 4
@@ -78,7 +77,7 @@ def deviation(phase: Array, step: float) -> Deviation:
 
 
 def _mean_square(phase: Array, k: int) -> float:
-    """The mean square of the second differences over ``k`` samples of a phase (n,), in blocks to stay in the cache."""
+    """Return the mean square second difference over ``k`` samples, in blocks that stay in the cache."""
     count, total = len(phase) - 2 * k, 0.0
     for a in range(0, count, BLOCK):
         b = min(a + BLOCK, count)
@@ -88,12 +87,12 @@ def _mean_square(phase: Array, k: int) -> float:
 
 
 def of_average(angle: Array, step: float) -> Deviation:
-    """The Allan deviation of an averaged angle (n,), in its own unit: how well averaging over tau repeats."""
+    """Return the Allan deviation of an averaged angle (n,), in its own unit."""
     return deviation(np.concatenate([[0.0], np.cumsum(angle - np.mean(angle))]) * step, step)
 
 
 def longest_rest(case: Case, row: Row, window: str) -> slice | None:
-    """The longest segment of samples of one rest, finite and without a gap; None if there is none."""
+    """Return the longest finite segment of one rest without a gap, None without any."""
     return _longest_of(case, row, rest_spans(case, row, window))
 
 
@@ -106,13 +105,13 @@ def _longest_of(case: Case, row: Row, spans: list[Span]) -> slice | None:
 
 @per_row
 def of_heading(case: Case, row: Row, segment: slice) -> Deviation:
-    """The deviation of the row's heading in one segment of its samples, in deg."""
+    """Return the deviation of the row's heading in one segment, in deg."""
     t = row.t[segment]
     return deviation(deviations(row.q[segment])[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
 
 
 def random_walk(d: Deviation) -> tuple[float, float]:
-    """The deviation interpolated at 1 s (rate units) and the slope of the curve around it on logarithmic axes."""
+    """Return the deviation at 1 s (rate units) and the slope of the curve around it on logarithmic axes."""
     near = (d.tau >= WALK_TAU_S[0]) & (d.tau <= WALK_TAU_S[1]) & (d.sigma > 0)
     if near.sum() < 3:
         return math.nan, math.nan
@@ -159,7 +158,7 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
 
 
 def floor_answer(d: Deviation, length: float, window: str) -> Answer:
-    """The bias instability by the floor of a deviation over a rest of ``length`` s, where that is long enough."""
+    """Return the bias instability by the floor of a deviation over a rest of ``length`` s."""
     lowest = int(np.argmin(d.sigma))
     tau, unit = float(d.tau[lowest]), "deg/h"
     if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:

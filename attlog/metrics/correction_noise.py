@@ -1,8 +1,7 @@
-"""What does a filter push into its attitude, beyond what the gyro tells? Measurable in flight, without a reference.
+"""Noise that corrections by accelerometer and magnetometer add to the gyro, without a reference.
 
-The row is compared with the gyro alone, integrated over the same samples: true motion, the
-gyro's noise, scale error and misalignment are in both and cancel. What is left is what
-accelerometer and magnetometer push in, and the filter's own gyro offset.
+The row is compared with the gyro alone, integrated over the same samples: true motion and the gyro's noise, scale and
+misalignment are in both and cancel.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ DEG, TURN = math.degrees(1.0), 2.0 * math.pi
 
 
 def relative(q: Array, i: int, c: Array, k: int) -> tuple[float, float, float, float]:
-    """The rotation ``q_i c_k*`` of unit quaternions (n, 4), (m, 4)."""
+    """Return the rotation ``q_i c_k*`` of unit quaternions (n, 4), (m, 4)."""
     w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
     e, f, g, h = c[k, 0], -c[k, 1], -c[k, 2], -c[k, 3]
     return (
@@ -47,7 +46,7 @@ def relative(q: Array, i: int, c: Array, k: int) -> tuple[float, float, float, f
 
 
 def vector(w: float, x: float, y: float, z: float) -> Three:
-    """The rotation vector in rad of a unit quaternion."""
+    """Return the rotation vector in rad of a unit quaternion."""
     sine = math.sqrt(x * x + y * y + z * z)
     factor = 2.0 * math.atan2(sine, abs(w)) / sine if sine > 1e-12 else 2.0
     if w < 0.0:
@@ -119,12 +118,12 @@ def correction_residual(
     g: Out1,
     h: Out1,
 ) -> None:
-    """Fill ``out`` (n, 3) with what is pushed into attitudes ``q`` (n, 4) at ``t`` (n,), in deg, without the fit.
+    """Fill ``out`` (n, 3) with the corrections in attitudes ``q`` (n, 4) at ``t`` (n,), in deg, without the fit.
 
-    ``pushed`` (n, 4) is the rotation beside the gyro alone. Window k has the samples ``edges[k]`` to ``edges[k + 1]``,
-    ``centre[k]`` is the mean of what is pushed, ``yaw[k]`` the heading of the mean attitude: about the level roll and
-    pitch axis and the vertical. The fit: an offset, and R(q) integrated times a constant. Scratch: ``turned`` (n, 9),
-    ``now``, ``before``, ``g`` (9,), ``h`` (3,).
+    ``pushed`` (n, 4) is the rotation relative to the gyro alone. Window k has samples ``edges[k]`` to ``edges[k + 1]``,
+    ``centre[k]`` is the mean of ``pushed``, ``yaw[k]`` the heading of the mean attitude. Axes: level roll and pitch
+    axis, vertical. The fit is an offset, and R(q) integrated times a constant. Scratch: ``turned`` (n, 9), ``now``,
+    ``before``, ``g`` (9,), ``h`` (3,).
     """
     for k in range(len(yaw)):
         a, b = edges[k], edges[k + 1]
@@ -145,7 +144,7 @@ def correction_residual(
 
 @dataclass(frozen=True, slots=True)
 class GyroAttitude:
-    """The gyro alone: ``t`` (n,) s, ``q`` (n, 4), ``segment`` (n,) counts restarts."""
+    """The integrated gyro: ``t`` (n,) s, ``q`` (n, 4), ``segment`` (n,) counts restarts."""
 
     t: Array
     q: Array
@@ -153,7 +152,7 @@ class GyroAttitude:
 
 
 def gyro_alone(case: Case, row: Row) -> GyroAttitude | None:
-    """The row ``gyro`` over the row's own unit, whether it was asked for or not; None without an IMU."""
+    """Return the integrated gyro of the row's own unit; None without an IMU."""
     imu = imu_of(case, row)
     if imu is None:
         return None
@@ -171,9 +170,15 @@ def _of_own_samples(case: Case, row: Row) -> GyroAttitude | None:
     return None if row.imu is None else _integrated(case, row.imu)
 
 
-def _integrated(case: Case, imu: Imu) -> GyroAttitude:
+def integrate_gyro(case: Case, imu: Imu) -> estimators.Estimate:
+    """Run the filter ``gyro`` over a unit, with the common bias subtracted."""
     t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
-    found = estimators.estimate("gyro", t, case.gyro_of(imu), imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+    return estimators.estimate("gyro", t, case.gyro_of(imu), imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+
+
+def _integrated(case: Case, imu: Imu) -> GyroAttitude:
+    found = integrate_gyro(case, imu)
+    t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
     q = rotation.normalize(found.q)
     if case.reference.alignment.trim is not None:
         q = alignment.apply_trim(q, case.reference.alignment.trim)
@@ -184,20 +189,19 @@ def _integrated(case: Case, imu: Imu) -> GyroAttitude:
 
 
 def residual(t: Array, q: Array, gyro: GyroAttitude, turn_deg: float) -> Array | None:
-    """What a row pushes in during one window (n, 3) in deg: about the vehicle's roll and pitch axis and the vertical.
+    """Return the corrections of a row in one window (n, 3) in deg: about the level axes and the vertical.
 
-    ``t`` (n,) s, ``q`` (n, 4) of the row. With ``q_g`` the gyro alone at the same times and
-    ``e = q q_g*``: the rotation vector of ``e e_mean*`` (earth axes) without its least-squares fit
-    ``a + M(t) b``, ``M`` the integral of R(q). ``a`` is an offset, ``b`` a constant difference of
-    gyro offsets *in body axes*, which a turning vehicle would otherwise show as noise. None where the
-    gyro restarts or turns more than ``turn_deg`` away from its mean.
+    With ``q_g`` the gyro alone and ``e = q q_g*``: the rotation vector of ``e e_mean*`` (earth axes) without its
+    least-squares fit ``a + M(t) b``, ``M`` the integral of R(q). ``a`` is an offset, ``b`` a constant gyro offset *in
+    body axes*, which a turning vehicle would otherwise show as noise. None where the gyro restarts or turns more than
+    ``turn_deg`` away from its mean.
     """
     whole = [slice(0, len(t))]
     return next(residuals(t, q, gyro, whole)) if of_use(t, gyro, turn_deg, whole)[0] else None
 
 
 def of_use(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequence[slice]) -> NDArray[np.bool_]:
-    """In which windows of times (n,) the gyro does not restart and turns at most ``turn_deg`` from its mean (k,)."""
+    """Return in which windows (k,) the gyro does not restart and stays within ``turn_deg`` of its mean."""
     found = [np.zeros(0, bool)]
     for own, at, edges in sample_batches(inside):
         ends = np.array([(t[part.start], t[part.stop - 1]) for part in own])
@@ -212,7 +216,7 @@ def of_use(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequence[slice
 
 
 def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -> Iterator[Array]:
-    """:func:`residual` (n, 3) of several windows of a row, in which the gyro is :func:`of_use`."""
+    """Yield :func:`residual` (n, 3) of several windows in which the gyro is :func:`of_use`."""
     for _, at, edges in sample_batches(inside):
         own = np.ascontiguousarray(q[at], np.float64)
         pushed = rotation.earth_error(own, rotation.slerp(gyro.t, gyro.q, t[at]))
@@ -224,7 +228,7 @@ def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -
 
 
 def of_windows(case: Case, row: Row, inside: list[slice]) -> list[Array | None]:
-    """The residuals (n, 3) of a row in windows of its samples; None where the gyro is of no use."""
+    """Return the residuals (n, 3) of a row in windows of its samples; None where the gyro is of no use."""
     gyro = gyro_alone(case, row)
     if gyro is None:
         return [None] * len(inside)
@@ -243,5 +247,5 @@ def of_windows(case: Case, row: Row, inside: list[slice]) -> list[Array | None]:
 
 @per_times
 def _of_use(case: Case, t: Array, index: int, inside: list[slice], turn_deg: float) -> NDArray[np.bool_]:
-    """That of the gyro of a unit, for all rows that have these times (n,)."""
+    """Return :func:`of_use` for the gyro of a unit, cached for rows with these times."""
     return of_use(t, _of_unit(case, index), turn_deg, inside)

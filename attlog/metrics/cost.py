@@ -55,7 +55,7 @@ COST = MetricGroup("cost", "", COST_METRICS, compute_cost)
 
 
 def measure_cost(row: Row) -> Array | None:
-    """Nanoseconds per update (k,) of a row's filter: of repeated runs; of its one replay where it cannot be repeated.
+    """Return nanoseconds per update (k,) of repeated runs, or of the one replay that cannot be repeated.
 
     None for onboard rows.
     """
@@ -69,7 +69,7 @@ def measure_cost(row: Row) -> Array | None:
 
 @functools.cache
 def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], uses_mag: bool) -> tuple[float, ...]:
-    """Nanoseconds per update of each run: measured once per process, because nothing in it depends on the log."""
+    """Return nanoseconds per update of each run, measured once per process."""
     t = STEP_S * np.arange(SAMPLES)
     swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
     acc = np.array([0.0, 0.0, -9.81]) + swing

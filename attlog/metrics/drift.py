@@ -1,4 +1,4 @@
-"""How fast does the heading drift? Mean slope of the heading error of a record, significant or bounded."""
+"""Yaw drift: mean slope of the heading error of a record, significant or bounded."""
 
 from __future__ import annotations
 
@@ -56,14 +56,12 @@ RESOLUTION = Resolution(60.0, "60 deg/min", "seconds")
 
 @dataclass(slots=True)
 class HeadingBlocks:
-    """Block means: ``t`` s, ``e`` deg (unwrapped within a segment), ``segment`` counts segments; all (n,)."""
+    """Block means ``t`` s and ``e`` deg (unwrapped within a segment), with segment numbers; all (n,)."""
 
     t: Array
     e: Array
     segment: NDArray[np.int64]
     block_s: float = BLOCK_S
-    # What :func:`slope` found, by the shortest record that it was asked for: several metrics ask for the same.
-    slopes: dict[float, Drift] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def seconds(self) -> float:
@@ -73,12 +71,11 @@ class HeadingBlocks:
 
 @dataclass(slots=True)
 class Drift:
-    """Mean drift of one record in deg/min. ``slopes`` are those of the groups, ``spans`` their times (s).
+    """Mean drift of one record in deg/min, of groups with ``slopes`` in the times ``spans`` (s).
 
-    ``value`` is None where the record is too short. ``changes`` holds the first and the
-    last group slope where the slopes rise or fall steadily. ``residual`` is the RMS (deg)
-    that remains when the mean slope and each segment's offset are taken away. Of several records
-    together, ``range`` holds the least and the largest, and ``agree`` tells whether one drift explains them.
+    ``value`` is None where the record is too short. ``changes``: first and last slope of slopes that rise or fall
+    steadily. ``residual``: RMS (deg) without the mean slope and each segment's offset. Of pooled records ``range`` is
+    the least and the largest, and ``agree`` whether one drift explains them.
     """
 
     value: float | None
@@ -94,20 +91,20 @@ class Drift:
 
     @property
     def significant(self) -> bool:
-        """Whether the interval excludes zero: there is a drift, however wide the interval."""
+        """Whether the interval excludes zero."""
         return self.ci95 is not None and not self.ci95[0] <= 0.0 <= self.ci95[1]
 
     @property
     def less_than(self) -> float | None:
-        """What the size of the drift stays below: the larger end of the interval, deg/min."""
+        """Bound of the size of the drift: the larger end of the interval, deg/min."""
         return None if self.ci95 is None else max(abs(self.ci95[0]), abs(self.ci95[1]))
 
 
 def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> HeadingBlocks:
-    """Means over 1 s (0.5 s in short records) of a heading error (n,) in deg, unwrapped within each segment.
+    """Return means over 1 s (0.5 s in short records) of a heading error (n,) in deg, unwrapped by segment.
 
-    ``t`` (n,) s ascending within a segment. A segment ends where the heading reference was reset, or at a gap:
-    nothing is averaged across. Half-filled blocks are left out.
+    ``t`` (n,) s ascends within a segment, which ends at a gap or a reset of the heading reference: nothing is averaged
+    across. Half-filled blocks are left out.
     """
     good = np.isfinite(e_deg)
     t, e_deg, segment = t[good], e_deg[good], segment[good]
@@ -129,23 +126,17 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> HeadingBl
 
 
 def _segments(blocks: HeadingBlocks) -> list[slice]:
-    """Which blocks belong to each segment; they lie together."""
+    """Return which blocks belong to each segment."""
     return model.segment_slices(np.ones(len(blocks.t), bool), blocks.segment)
 
 
 def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
-    """The mean drift of a record and its interval: t over the slopes of groups (Ibragimov & Mueller 2010).
+    """Return the mean drift of a record: t over the slopes of groups (Ibragimov & Mueller 2010).
 
-    One group for each 10 s of the record, 4 to 12; each segment is cut into
-    max(1, round(segment / (record / groups))) equal ones, each with its own offset; groups under 3 blocks are left
-    out. Fewer than 4 groups or less than ``shortest_s``: no value.
+    One group for each 10 s of the record, 4 to 12; each segment is cut into max(1, round(segment / (record / groups)))
+    equal ones, each with its own offset; groups under 3 blocks are left out. Fewer than 4 groups or less than
+    ``shortest_s``: no value.
     """
-    if shortest_s not in blocks.slopes:
-        blocks.slopes[shortest_s] = _fit_drift(blocks, shortest_s)
-    return replace(blocks.slopes[shortest_s])
-
-
-def _fit_drift(blocks: HeadingBlocks, shortest_s: float) -> Drift:
     record = blocks.seconds
     target = record / min(max(round(record / GROUP_S), MIN_GROUPS), MAX_GROUPS)
     slopes, spans = [], []
@@ -170,7 +161,7 @@ def _fit_drift(blocks: HeadingBlocks, shortest_s: float) -> Drift:
 
 
 def without_slope(blocks: HeadingBlocks, deg_per_min: float) -> Array:
-    """The heading error (n,) in deg without a drift and without each segment's own offset."""
+    """Return the heading error (n,) in deg without a drift and without each segment's own offset."""
     rest = blocks.e - deg_per_min / 60.0 * blocks.t
     for own in _segments(blocks):
         rest[own] -= np.mean(rest[own])
@@ -178,7 +169,7 @@ def without_slope(blocks: HeadingBlocks, deg_per_min: float) -> Array:
 
 
 def drift_line(blocks: HeadingBlocks) -> Array:
-    """The least-squares line (n,) with one slope and an offset per segment: for the eye, never quoted as the drift."""
+    """Return the least-squares line (n,) with one slope and an offset per segment, for figures."""
     u, v = blocks.t.copy(), blocks.e.copy()
     for own in _segments(blocks):
         u[own] -= np.mean(u[own])
@@ -188,11 +179,10 @@ def drift_line(blocks: HeadingBlocks) -> Array:
 
 
 def pool_drifts(records: list[Drift]) -> Drift:
-    """Several records of one log as one: the mean weighted by their length.
+    """Pool several records of one log: the mean weighted by their length.
 
-    Where the records agree (chi-squared of their values, 95 %) the interval is that of
-    the weighted mean (Satterthwaite degrees of freedom); where they do not they are not pooled: the
-    interval spans all of theirs, and ``range`` holds the least and the largest.
+    Where the records agree (chi-squared of their values, 95 %) the interval is that of the weighted mean (Satterthwaite
+    degrees of freedom); otherwise it spans all of theirs, and ``range`` holds the least and the largest.
     """
     usable = [r for r in records if r.value is not None and r.ci95 is not None]
     if len(usable) <= 1:
@@ -231,14 +221,14 @@ def _line(t: Array, e: Array) -> float:
 
 
 def reason_too_short(found: Drift, shortest_s: float) -> str:
-    """Why a record gives no drift: its time, or the segments it is broken into."""
+    """Return why a record gives no drift: its time, or the segments it is broken into."""
     if found.seconds < shortest_s - DRIFT_SLACK_S:
         return f"{found.seconds:.0f} s; {shortest_s:.0f} are needed"
     return f"{found.seconds:.0f} s in segments too short for {MIN_GROUPS} slopes"
 
 
 def drift_answer(found: Drift, window: str, against: str) -> Answer:
-    """The Answer of a drift that has a value: significant or bounded, never "not measurable"."""
+    """Return the Answer of a drift that has a value: significant or bounded."""
     reason = None
     if found.range is not None and not found.agree:
         reason = f"the rests of this log disagree: {found.range[0]:+.2f} to {found.range[1]:+.2f} deg/min"
@@ -268,16 +258,16 @@ def drift_answer(found: Drift, window: str, against: str) -> Answer:
 
 
 def _units(found: Drift) -> UnitValues | None:
-    """The slopes of the groups, paired between rows by the times at which their groups begin."""
+    """Return the slopes of the groups, paired between rows by the times at which their groups begin."""
     ids = make_ids([start for start, _ in found.spans])
     if found.value is None or len(set(ids.tolist())) < len(ids):
         return None
     whole = Summary(found.value, found.ci95)
-    return UnitValues("slope_group", ids, found.slopes, functools.partial(_on, ids, found.slopes, whole))
+    return UnitValues("slope_group", ids, found.slopes, functools.partial(drift_on_groups, ids, found.slopes, whole))
 
 
-def _on(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Summary:
-    """The drift on some of a record's groups; on all of them what it was."""
+def drift_on_groups(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Summary:
+    """Return the drift on some groups of a record; on all of them ``whole``."""
     chosen = np.isin(ids, wanted)
     if chosen.all():
         return whole
@@ -312,7 +302,7 @@ REST_DRIFT_METRICS: tuple[Metric, ...] = (
 
 @per_row
 def rest_blocks(case: Case, row: Row, spans: tuple[Span, ...]) -> HeadingBlocks:
-    """Block means of the row's heading in deg during the usable spans of one rest, relative to its mean in each."""
+    """Return block means of the row's heading in deg in the usable spans of one rest, about its mean in each."""
     resets_of = row_segments(case, row)
     t, e, label = [], [], []
     for k, segment in enumerate(s for span in spans for s in within(row.t, span, resets_of)):
@@ -327,23 +317,23 @@ def rest_blocks(case: Case, row: Row, spans: tuple[Span, ...]) -> HeadingBlocks:
 
 
 def _whole(case: Case, window: str) -> list[Span]:
-    """The rests of a window."""
+    """Return the rests of a window."""
     whole = case.segments.spans("rest.long" if window == "rest.long" else "rest")
     return intersect(whole, case.segments.spans(window)) if ":" in window else whole
 
 
 @per_row
 def usable_rests(case: Case, row: Row, window: str) -> list[tuple[Span, tuple[Span, ...]]]:
-    """Each rest of the window with its usable spans: those in which the row has settled."""
+    """Return each rest of the window with the spans in which the row has settled."""
     whole = _whole(case, window)
-    restarts = row.t[1:][np.diff(row.segment) != 0].tolist() if row.kind == "replay" else []
+    restarts = row.t[1:][np.diff(row.segment) != 0].tolist() if row.kind != "onboard" else []
     starts = [row.start, *restarts]
     usable = converged_spans(whole, case.segments, starts, DRIFT_AFTER_START_S)
     return [(span, tuple(spans)) for span, spans in zip(whole, usable, strict=True)]
 
 
 def rest_records(case: Case, row: Row, window: str) -> list[Drift]:
-    """The drift of each rest of the window, in time order, each with its own record."""
+    """Return the drift of each rest of the window, in time order, each with its own record."""
     found = []
     for (t0, t1), usable in usable_rests(case, row, window):
         one = fit_drift(rest_blocks(case, row, usable), DRIFT_REST_S)
@@ -362,7 +352,7 @@ def _reason_rest_too_short(one: Drift, usable_s: float) -> str:
 
 @per_case
 def long_enough(case: Case, window: str) -> int:
-    """In how many rests of the window a row that runs from the log's first sample on can show a drift."""
+    """Return in how many rests a row that runs from the log's first sample can show a drift."""
     whole = _whole(case, window)
     starts = [t0 for t0, _ in case.segments.spans("all")]
     first = (
@@ -397,7 +387,7 @@ def compute_rest_drift(case: Case, row: Row, window: str) -> dict[str, Answer]:
 
 
 def _none_long_enough(pooled: Drift, change: dict[str, float], window: str) -> Answer:
-    """The Answer where no rest is long enough: the longest, and the turn between the first and the last."""
+    """Return the Answer without a rest long enough: the longest, and the turn from first to last rest."""
     longest = max(pooled.records, key=lambda r: r.usable_s)
     reason = f"the longest rest has {longest.reason}"
     if change:
@@ -408,7 +398,7 @@ def _none_long_enough(pooled: Drift, change: dict[str, float], window: str) -> A
 
 
 def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:
-    """The gyro z-bias that a drift implies (deg/s), and the filter's own mean z-bias estimate in the same time."""
+    """Return the gyro z bias that a drift implies and the filter's own mean z bias estimate, deg/s."""
     beside: dict[str, float] = {}
     if drift_deg_per_min is not None:
         beside["implied_bias_dps"] = drift_deg_per_min / 60.0
@@ -422,7 +412,7 @@ def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[flo
 
 
 def heading_change(case: Case, row: Row, window: str) -> dict[str, float]:
-    """Heading of the last rest minus that of the first, deg, where there are two with other things between."""
+    """Return the heading of the last rest minus that of the first, deg; empty for fewer than two."""
     spans = intersect([whole for whole, _ in usable_rests(case, row, window)], [(row.start, np.inf)])
     if len(spans) < 2:
         return {}
@@ -478,7 +468,7 @@ AIR_DRIFT_METRICS: tuple[Metric, ...] = tuple(
 
 
 def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
-    """The row's heading minus the reference's in deg at the reference's times, and the segment of each; both (n,).
+    """Return the row's heading minus the reference's in deg at its times, and their segments; both (n,).
 
     NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
     """
@@ -498,7 +488,7 @@ def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array,
 
 
 def error_blocks(case: Case, row: Row, name: str, window: str) -> HeadingBlocks | None:
-    """1 s means of the heading error against a heading reference, airborne and scored; None where it is absent."""
+    """Return means of the heading error against a heading reference in scored flight, None without it."""
     spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
     return _error_blocks(case, row, name, spans)
 
@@ -522,7 +512,7 @@ def _error_blocks(case: Case, row: Row, name: str, spans: list[tuple[float, floa
 
 
 def split_at_steep(segment: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Segments (n,) that also end where time was left out between samples that are kept."""
+    """Return segments (n,) that also end where samples between kept ones were left out."""
     return model.merge_numbers(segment, np.concatenate([[0], np.cumsum(~keep)])[: len(keep)])
 
 

@@ -1,4 +1,4 @@
-"""Does a row follow motion at all? A frozen filter is the quietest of all and must not win the noise table."""
+"""Whether a row follows motion and gravity corrects it: a frozen filter must not win by quietness."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class StillSamples:
 
 
 def made(case: Case, row: Row, seconds: float) -> StillSamples | None:
-    """A level vehicle without any noise; None for rows that are no replay."""
+    """Return samples of a level, still vehicle without noise; None for rows that are no replay."""
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None or len(imu.gyro.t) < 2:
         return None
@@ -55,7 +55,7 @@ def made(case: Case, row: Row, seconds: float) -> StillSamples | None:
 
 
 def of_log(case: Case, row: Row, shortest: float, longest: float) -> StillSamples | None:
-    """The end of the longest rest of the log, up to ``longest`` s; None under ``shortest`` s."""
+    """Return the end of the log's longest rest, up to ``longest`` s; None under ``shortest`` s."""
     imu = imu_of(case, row)
     rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
     if row.kind != "replay" or rest is None or imu is None:
@@ -74,7 +74,7 @@ def of_log(case: Case, row: Row, shortest: float, longest: float) -> StillSample
 
 
 def end(row: Row, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
-    """The attitude (4,) that the row's filter ends with over such samples. AttlogError where it cannot be run."""
+    """Return the attitude (4,) with which the row's filter ends. AttlogError where it cannot be run."""
     estimator = estimators.get(row.estimator)
     stands = estimators.Measurements(still.t[:1], np.zeros((1, 3))) if "gnss" in estimator.needs else None
     aids = estimators.Aids(velocity=stands)
@@ -91,7 +91,7 @@ SETTLE_S, LONGEST_S = 1.0, 8.0
 
 
 def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
-    """The pulse in the last second of ``t``: rates (n, 3) in rad/s, and fixed vectors (n, 3) as the body sees them."""
+    """Return a pulse in the last second of ``t``: rates (n, 3) rad/s, and fixed vectors (n, 3) in body axes."""
     on = t > t[-1] - PULSE_S
     rate = np.zeros((len(t), 3))
     rate[on, axis] = np.radians(RATE_DPS)
@@ -102,10 +102,10 @@ def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
 
 @per_row
 def pulse_gains(case: Case, row: Row) -> Array | None:
-    """Shares (3,) of the pulse about body x, y, z that the row's filter shows at its end; None without a replay.
+    """Return which shares (3,) of a pulse about body x, y, z the row's filter shows; None without a replay.
 
-    On the end of the log's longest rest, else on made samples. Real filters show 1.00,
-    accelerometer-only ones 0.2 to 0.7, a frozen one 0.
+    On the end of the log's longest rest, else on made samples. Real filters show 1.00, accelerometer-only ones 0.2 to
+    0.7, a frozen one 0.
     """
     rest = of_log(case, row, SETTLE_S + PULSE_S, LONGEST_S) or made(case, row, LONGEST_S)
     if rest is None:
@@ -135,12 +135,10 @@ UNCORRECTED = "it is not corrected by gravity"
 
 @per_row
 def tilt_left(case: Case, row: Row) -> float | None:
-    """The share of a tilt seen by the gyro alone that is left 10 s later; None where the row cannot be replayed.
+    """Return the share of a tilt in the gyro alone that is left 10 s later; None without a causal replay.
 
-    None too for a row that looks ahead: what it says at the end of a made record says nothing of a flight.
-
-    A level, still vehicle for 20 s, then 20 deg/s about x for 0.5 s in the gyro alone: the
-    accelerometer goes on to show level, and a filter that listens to it comes back.
+    A level, still vehicle for 20 s, then 20 deg/s about x for 0.5 s in the gyro alone: the accelerometer goes on to
+    show level, and a filter corrected by it comes back.
     """
     rest = made(case, row, STILL_S + TILT_PULSE_S + AFTER_S) if row.causal else None
     if rest is None:
@@ -158,7 +156,7 @@ def tilt_left(case: Case, row: Row) -> float | None:
 
 
 def why_uncorrected(case: Case, row: Row) -> str | None:
-    """Why a row may win nothing by quietness, else None: gravity does not correct it."""
+    """Return that gravity does not correct a row, else None."""
     left = tilt_left(case, row)
     return UNCORRECTED if left is not None and left > MAX_LEFT else None
 
@@ -171,18 +169,8 @@ MOVING_DPS = 5.0
 MIN_MOTION_SAMPLES = 20
 
 
-@dataclass(frozen=True, slots=True)
-class MotionCheck:
-    """Whether a row may be ranked for noise: its ``gain`` (1 = follows) and how it was found."""
-
-    follows: bool
-    gain: float | None
-    how: str
-    reason: str = ""
-
-
 def _gains_of(t: Array, q_est: Array, ref: Array, segment: NDArray[np.int64]) -> Array:
-    """Gains (4,) of an estimate's turning on that of the reference, (n - 1, 3) in rad from sample to sample.
+    """Return gains (4,) of an estimate's turning on that of the reference, (n - 1, 3) in rad between samples.
 
     Body x, y, z and all axes together. Regression through the origin, over samples where the reference turns faster
     than 5 deg/s; steps between segments (gaps, resets) are cut out. NaN where fewer than 20 samples move.
@@ -207,31 +195,29 @@ def _gains_of(t: Array, q_est: Array, ref: Array, segment: NDArray[np.int64]) ->
 
 @per_times
 def _turns(case: Case, q: Array) -> Array:
-    """What an attitude (n, 4) turns from sample to sample (n - 1, 3) rad; of the reference the same for all rows."""
+    """Return the turns (n - 1, 3) rad of an attitude between samples, cached for the reference of all rows."""
     return rotation.increments(q)
 
 
 @per_row
-def motion_check(case: Case, row: Row, axis: str) -> MotionCheck:
-    """Whether a row follows motion about roll, pitch or heading: by its steps, else by regression, else by a probe.
+def why_not_following(case: Case, row: Row, axis: str) -> str | None:
+    """Return why nothing shows that a row follows motion about roll, pitch or heading; None where something does.
 
-    One gain of 0.8 to 1.2 is enough: acceleration bends real filters in steps (gain
-    0.75), the probe then shows that they are not frozen.
+    By its steps, else by regression, else by a pulse at rest. One gain of 0.8 to 1.2 is enough: acceleration bends
+    real filters in steps (gain 0.75), the pulse then shows that they are not frozen.
     """
     found: list[str] = []
     for gain, how in _gains(case, row, ("roll", "pitch", "heading").index(axis)):
         if LOW <= gain <= HIGH:
-            return MotionCheck(True, gain, how)
+            return None
         found.append(f"{gain:.2f} {how}")
     if not found:
-        return MotionCheck(False, None, "no motion", "did not move: nothing shows that this row follows motion")
-    return MotionCheck(
-        False, None, "all", f"does not follow motion: gain {', '.join(found)} ({LOW} to {HIGH} shows that it does)"
-    )
+        return "did not move: nothing shows that this row follows motion"
+    return f"does not follow motion: gain {', '.join(found)} ({LOW} to {HIGH} shows that it does)"
 
 
 def _gains(case: Case, row: Row, axis: int) -> Iterator[tuple[float, str]]:
-    """The gains that are known of a row about one axis, the best evidence first."""
+    """Yield the gains of a row about one axis that are known, the best evidence first."""
     step = step_fits.fits(case, row, "all").get(steps.AXES[axis])
     if step is not None and len(step.events) >= step_solution.MIN_EVENTS:
         yield step.plain_gain, f"in {len(step.events)} steps"
@@ -244,10 +230,10 @@ def _gains(case: Case, row: Row, axis: int) -> Iterator[tuple[float, str]]:
 
 
 def unrank_frozen(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
-    """The answer, no longer ranked where the row does not follow motion about that axis: standing still is no merit."""
+    """Return the answer, not ranked where nothing shows that the row follows motion about that axis."""
     if answer.value is not None and answer.ranked:
-        found = motion_check(case, row, axis)
-        answer.ranked, answer.reason = found.follows, answer.reason if found.follows else found.reason
+        why = why_not_following(case, row, axis)
+        answer.ranked, answer.reason = why is None, why or answer.reason
     return answer
 
 

@@ -1,9 +1,8 @@
-"""Which gyro bias is subtracted for every filter alike, before any of them runs?
+"""Gyro bias that is subtracted for every filter alike, before any of them runs.
 
-A raw gyro is off by up to some deg/s, which no attitude filter is made for: the one that happens to
-estimate the largest bias would win. An autopilot calibrates its gyro standing still; the same is done
-here, once for all rows: the mean rate of the last rest before take-off (of the first rests where nothing
-flew), or what the onboard estimator itself subtracted.
+A raw gyro is off by up to some deg/s, which no attitude filter is made for: the one that happens to estimate the
+largest bias would win. As an autopilot calibrates at rest, the mean rate of the last rest before take-off (of the first
+rests where nothing flew) is subtracted, or what the onboard estimator itself subtracted.
 """
 
 from __future__ import annotations
@@ -44,11 +43,10 @@ SEEN_DEG = 90.0
 class CommonBias:
     """A gyro bias in body axes (FRD) that is subtracted for every replay of one IMU.
 
-    ``asked`` is the option, ``taken`` what was possible, ``imu`` the message that the gyro comes from.
-    ``dps`` (3) deg/s, of ``onboard`` the mean over the log; ``half95_dps`` (3) half the 95 % interval of
-    that mean over ``seconds`` s of rest between ``t0_s`` and ``t1_s``. It says nothing about a bias that
-    moves in flight: ``landed_dps`` (3) is the mean rate of the rests after the flight. ``why`` tells why
-    there is none of what was asked for. ``flew``: the rest ends before a take-off; else nothing flew.
+    ``asked`` is the option, ``taken`` what was possible and ``why`` the reason of another. ``dps`` (3) deg/s, of
+    ``onboard`` the mean over the log; ``half95_dps`` (3) half the 95 % interval over ``seconds`` s of rest between
+    ``t0_s`` and ``t1_s``, which excludes changes in flight. ``landed_dps`` (3): mean rate of the rests after the
+    flight. ``flew``: the rest ends before a take-off.
     """
 
     asked: Choice
@@ -66,7 +64,7 @@ class CommonBias:
     over_time: tuple[Array, Array] | None = field(default=None, repr=False, metadata={IN_JSON: False})
 
     def at(self, t: Array) -> Array:
-        """The bias (n, 3) in rad/s that is subtracted at times ``t`` (n,) s."""
+        """Return the bias (n, 3) in rad/s that is subtracted at times ``t`` (n,) s."""
         if self.over_time is not None:
             known, x = self.over_time
             return np.asarray(x[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)])
@@ -74,12 +72,12 @@ class CommonBias:
 
 
 def no_common_bias(why: str = "") -> CommonBias:
-    """Nothing is subtracted."""
+    """Return a bias of nothing."""
     return CommonBias("none", "none", why=why)
 
 
 def common_bias(log: FlightLog, segments: Segments, imu: Imu, asked: Choice) -> CommonBias:
-    """The bias that ``asked`` means for the replay of one IMU of a log."""
+    """Return the bias for the replay of one IMU by the option ``asked``."""
     found = (
         no_common_bias() if asked == "none" else _onboard(log, imu) if asked == "onboard" else _rest(log, segments, imu)
     )
@@ -136,13 +134,13 @@ def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
 
 
 def _flight(segments: Segments) -> Span:
-    """First take-off and last landing, s; infinite where nothing flew."""
+    """Return first take-off and last landing, s; infinite where nothing flew."""
     flown = segments.spans("airborne")
     return (flown[0][0], flown[-1][1]) if flown else (np.inf, np.inf)
 
 
 def _nearest(spans: list[Span], latest: bool) -> list[Span]:
-    """Up to REST_S of the spans in the order of time: the latest, or the first ones."""
+    """Return up to REST_S of the spans in the order of time: the latest, or the first ones."""
     left, found = REST_S, []
     for a, b in reversed(spans) if latest else spans:
         length = min(b - a, left)
@@ -154,7 +152,7 @@ def _nearest(spans: list[Span], latest: bool) -> list[Span]:
 
 
 def _blocks(t: Array, x: Array) -> Array:
-    """Means (k, 3) of neighbouring samples (n, 3): blocks of 1 s, but at least four."""
+    """Return means (k, 3) of neighbouring samples (n, 3): blocks of 1 s, but at least four."""
     k = min(max(int((t[-1] - t[0]) / BLOCK_S), FEWEST_BLOCKS), len(t))
     return np.array([part.mean(axis=0) for part in np.array_split(x, k)])
 
@@ -168,19 +166,19 @@ def _why_no_rest(before: list[Span], rests: list[Span], flew: bool) -> str:
 
 
 def _enough(inside: slice) -> bool:
-    """Whether there is a sample at least for each block."""
+    """Return whether there is a sample for each block."""
     return bool(inside.stop - inside.start >= FEWEST_BLOCKS)
 
 
 def _vectors(log: FlightLog, imu: Imu) -> list[Samples]:
-    """What shows a turn beside the gyro: specific force and field."""
+    """Return specific force and field, which show a turn beside the gyro."""
     streams: list[Stream] = [imu.acc] if log.mag is None else [imu.acc, log.mags[log.mag].field]
     known = [(s.t_best, s.x, s.x.any(axis=1)) for s in streams]
     return [model.select_rising(t[there], x[there]) for t, x, there in known]
 
 
 def turned(gyro: Samples, vectors: list[Samples], span: Span) -> bool:
-    """Whether the vehicle turned steadily, as a boat at anchor does: gravity or field turned as the gyro shows it."""
+    """Return whether gravity or field turned as the gyro: a steady turn, as of a boat at anchor."""
     inside = between(gyro[0], *span)
     if not _enough(inside):
         return False
@@ -189,7 +187,7 @@ def turned(gyro: Samples, vectors: list[Samples], span: Span) -> bool:
 
 
 def _follows(t: Array, v: Array, rate: Array, span: Span) -> bool:
-    """Whether vectors (n, 3) turn in the span as a body that turns at ``rate`` (3,) would see them turn."""
+    """Return whether vectors (n, 3) turn in the span as on a body that turns at ``rate`` (3,)."""
     size = float(np.sqrt(rate @ rate))
     length = min(span[1] - span[0], np.radians(SEEN_DEG) / max(size, 1e-9))
     ends = [between(t, a, a + 0.2 * length) for a in (span[0], span[0] + 0.8 * length)]

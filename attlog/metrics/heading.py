@@ -1,4 +1,4 @@
-"""How far is a row's heading off by GNSS acceleration? It needs neither a reference nor a compass."""
+"""Heading error by GNSS acceleration, without a reference or a compass."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def compute_gnss_heading(case: Case, row: Row, window: str) -> dict[str, Answer]
 
 
 def _motion_of(case: Case, row: Row) -> GnssMotion | None:
-    """The motion by the unit that a row was made of; what rows share is made once."""
+    """Return the GNSS motion by the unit of a row, cached for logged units."""
     imu = imu_of(case, row)
     unit = None if imu is None else logged_unit(case, imu)
     return find_gnss_motion(case.log, case.segments, imu) if unit is None else _motion_by(case, unit)
@@ -92,7 +92,7 @@ def _motion_by(case: Case, unit: int) -> GnssMotion | None:
 
 @per_row
 def _offsets(case: Case, row: Row, window: str) -> tuple[HeadingOffset, list[HeadingOffset]]:
-    """Of the flight and of each 30 s, as the row now stands."""
+    """Return the heading error over the flight and of each 30 s."""
     motion = _motion_of(case, row)
     assert motion is not None
     segment = model.merge_numbers(model.number_segments(row.t), row.segment)
@@ -101,7 +101,7 @@ def _offsets(case: Case, row: Row, window: str) -> tuple[HeadingOffset, list[Hea
 
 
 def own_north(row: Row) -> float | None:
-    """The heading that was taken out of a row with a north of its own, deg; None where it has none, or not one."""
+    """Return the heading taken out of a row with one north of its own, deg; None for other rows."""
     if row.heading_offset_deg is None:
         return 0.0
     one = len(row.segment) > 0 and row.segment[0] == row.segment[-1]
@@ -109,14 +109,14 @@ def own_north(row: Row) -> float | None:
 
 
 def _shifted(found: HeadingOffset, turned: float) -> HeadingOffset:
-    """The same of the heading as the filter gave it."""
+    """Return the offset of the heading as the filter gave it."""
     if not turned:
         return found
     return replace(found, offset_deg=float((found.offset_deg + turned + 180.0) % 360.0 - 180.0))
 
 
 def _record(found: HeadingOffset, turned: float) -> SpanAnswer:
-    """One of the 30 s in which the heading is wrong."""
+    """Return one of the 30 s in which the heading is wrong."""
     value, half = _shifted(found, turned).offset_deg, T_95 * found.sigma_deg
     return SpanAnswer(found.t0, found.t1, found.t1 - found.t0, value, (value - half, value + half))
 

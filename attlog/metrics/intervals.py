@@ -1,8 +1,7 @@
-"""Quantiles of the chi-square and Student distributions, for real degrees of freedom.
+"""Quantiles of the chi-square and Student distributions, 95 % intervals, and grouped sums.
 
-The incomplete gamma and beta functions are summed as in Abramowitz & Stegun (6.5.29,
-6.5.31, 26.5.8) and inverted by bisection. scipy has the same numbers (the tests compare);
-importing it costs half a second, which a short analysis would notice.
+The incomplete gamma and beta functions are summed as in Abramowitz & Stegun (6.5.29, 6.5.31, 26.5.8) and inverted by
+bisection or Newton. scipy has the same numbers (the tests compare), but its import costs half a second.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _NEWTON = 30
 
 @lru_cache(maxsize=4096)
 def chi_square(probability: float, dof: float) -> float:
-    """The value below which a chi-square variable with ``dof`` degrees of freedom stays with ``probability``."""
+    """Return the chi-square quantile of a ``probability`` for ``dof`` degrees of freedom."""
     if dof < _MANY:
         return 2.0 * _invert(lambda x: _lower_gamma(0.5 * dof, x), probability)
     # Wilson and Hilferty's cube, then Newton: bisection would sum a long series a hundred times
@@ -43,7 +42,7 @@ def chi_square(probability: float, dof: float) -> float:
 
 @lru_cache(maxsize=4096)
 def student(probability: float, dof: float) -> float:
-    """The value below which Student's t with ``dof`` degrees of freedom stays with ``probability``."""
+    """Return the quantile of Student's t of a ``probability`` for ``dof`` degrees of freedom."""
     if probability == 0.5:
         return 0.0
     if probability < 0.5:
@@ -55,7 +54,7 @@ def student(probability: float, dof: float) -> float:
 
 
 def _student_by_newton(probability: float, dof: float) -> float:
-    """From the normal quantile, which is smaller: the distribution is concave there, so that no step goes too far."""
+    """Start at the normal quantile, which is smaller: the distribution is concave, so no step overshoots."""
     t = NormalDist().inv_cdf(probability)
     front = math.exp(math.lgamma(0.5 * dof + 0.5) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi * dof)
     for _ in range(_NEWTON):
@@ -68,12 +67,12 @@ def _student_by_newton(probability: float, dof: float) -> float:
 
 
 def student_two_sided(t: float, dof: float) -> float:
-    """The probability that Student's t with ``dof`` degrees of freedom lies further from zero than ``t``."""
+    """Return the probability that Student's t with ``dof`` degrees of freedom is further from zero."""
     return _beta(0.5 * dof, 0.5, dof / (dof + t * t))
 
 
 def students_two_sided(t: Array, dof: float) -> Array:
-    """The same for many ``t`` (m,) of one ``dof``."""
+    """Return :func:`student_two_sided` of many ``t`` (m,) of one ``dof``."""
     return _betas(0.5 * dof, 0.5, dof / (dof + t * t))
 
 
@@ -91,7 +90,7 @@ def _invert(rising: Callable[[float], float], target: float) -> float:
 
 
 def _lower_gamma(a: float, x: float) -> float:
-    """Regularised lower incomplete gamma function P(a, x)."""
+    """Return the regularised lower incomplete gamma function P(a, x)."""
     if x <= 0:
         return 0.0
     front = math.exp(a * math.log(x) - x - math.lgamma(a))
@@ -119,7 +118,7 @@ def _lower_gamma(a: float, x: float) -> float:
 
 
 def _beta(a: float, b: float, x: float) -> float:
-    """Regularised incomplete beta function I_x(a, b)."""
+    """Return the regularised incomplete beta function I_x(a, b)."""
     if x <= 0.0 or x >= 1.0:
         return float(x >= 1.0)
     if x > (a + 1.0) / (a + b + 2.0):
@@ -141,7 +140,7 @@ def _beta(a: float, b: float, x: float) -> float:
 
 
 def _betas(a: float, b: float, x: Array) -> Array:
-    """:func:`_beta` of many x (m,), whose continued fractions run side by side until the last one stands."""
+    """Return :func:`_beta` of many x (m,), their continued fractions side by side until the last converges."""
     found, inside = np.where(np.isnan(x), x, x >= 1.0), (x > 0.0) & (x < 1.0)
     mirrored = inside & (x > (a + 1.0) / (a + b + 2.0))
     if mirrored.any():
@@ -185,7 +184,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class VariancePrior:
-    """What is known of the variance of one value: ``variance``, worth ``dof`` degrees of freedom."""
+    """Prior of the variance of one value: ``variance``, worth ``dof`` degrees of freedom."""
 
     variance: float
     dof: float
@@ -204,7 +203,7 @@ MOST_ALIKE = 0.6
 
 
 def mean_interval(values: ArrayLike) -> Interval | None:
-    """t interval of the mean of independent values (k,); None for fewer than two."""
+    """Return the t interval of the mean of independent values (k,); None for fewer than two."""
     x = np.asarray(values, np.float64)
     if len(x) < 2:
         return None
@@ -214,7 +213,7 @@ def mean_interval(values: ArrayLike) -> Interval | None:
 
 
 def neighbour_interval(values: ArrayLike) -> Interval | None:
-    """t interval of the mean of consecutive values (k,) that may resemble their neighbours; None for fewer than two.
+    """Return the t interval of the mean of consecutive, correlated values (k,); None for fewer than two.
 
     Widened by sqrt((1 + r) / (1 - r)), as the mean of a first-order process is: r is the correlation of neighbours,
     less its bias of -1/k, from 0 to MOST_ALIKE.
@@ -231,11 +230,10 @@ def neighbour_interval(values: ArrayLike) -> Interval | None:
 
 
 def wandering_interval(value: float, changes: ArrayLike) -> Interval:
-    """Interval of the size of an error that wanders on every scale of time: longer records do not average it out.
+    """Return the interval of an error that wanders on every scale: longer records do not average it out.
 
-    ``changes`` (3,): by how much the logarithm of its mean square changes from the first to the second half of the
-    record, and between the two quarters of each half. They tell how much it would change to the next record (a half is
-    to the other what the record is to the next), moderated by WANDERING. The interval is a factor.
+    ``changes`` (3,) of the logarithm of its mean square: between the halves of the record, and between the quarters of
+    each half. A half is to the other what the record is to the next; WANDERING moderates. The interval is a factor.
     """
     weights = np.array(WEIGHTS)
     dof = WANDERING.dof + float(np.sum(weights))
@@ -245,7 +243,7 @@ def wandering_interval(value: float, changes: ArrayLike) -> Interval:
 
 
 def widen_by_reference(value: float, ci95: Interval, sigma: float) -> Interval:
-    """The interval of an error against a reference that is wrong itself by ``sigma`` (one sigma, RMS).
+    """Widen the interval of an error by the reference's own error ``sigma`` (one sigma, RMS).
 
     The RMS of a difference is within the RMS of the reference's error of that of the truth, however both are correlated
     (triangle inequality): 2 sigma, independent of the rest.
@@ -255,7 +253,7 @@ def widen_by_reference(value: float, ci95: Interval, sigma: float) -> Interval:
 
 
 def jackknife_interval(value: float, left_out: ArrayLike) -> Interval | None:
-    """t interval around ``value`` from the values (k,) found with one event left out; None for fewer than three."""
+    """Return the t interval around ``value`` from leave-one-out values (k,); None for fewer than three."""
     x = np.asarray(left_out, np.float64)
     k = len(x)
     if k < 3 or not np.isfinite(x).all():
@@ -266,21 +264,12 @@ def jackknife_interval(value: float, left_out: ArrayLike) -> Interval | None:
 
 
 def chi_square_interval(sigma: float, dof: float) -> Interval:
-    """Interval of a standard deviation whose variance has ``dof`` degrees of freedom."""
+    """Return the interval of a standard deviation whose variance has ``dof`` degrees of freedom."""
     return sigma * math.sqrt(dof / chi_square(0.975, dof)), sigma * math.sqrt(dof / chi_square(0.025, dof))
 
 
-def log_sigma_interval(sigma: float, variances: ArrayLike) -> Interval | None:
-    """Interval of a pooled standard deviation: t interval on the logarithm of the window variances (k,)."""
-    v = np.asarray(variances, np.float64)
-    if len(v) < 2 or not (v > 0).all():
-        return None
-    half = 0.5 * student(0.975, len(v) - 1) * float(np.std(np.log(v), ddof=1)) / math.sqrt(len(v))
-    return sigma * math.exp(-half), sigma * math.exp(half)
-
-
 def median_interval(values: ArrayLike) -> Interval | None:
-    """Interval of the median of independent values (k,) from order statistics; None for fewer than six.
+    """Return the interval of the median of values (k,) by order statistics; None for fewer than six.
 
     The r-th smallest and r-th largest value, r the largest rank whose binomial coverage is at least 95 %.
     """
@@ -291,7 +280,7 @@ def median_interval(values: ArrayLike) -> Interval | None:
 
 @lru_cache(maxsize=1024)
 def _median_rank(k: int) -> int:
-    """How many of k values may lie outside on each side: twice the coins of k that show so few heads, at most 5 %.
+    """Return how many of k values may lie outside on each side at 95 % (sign test).
 
     Whole numbers: their shares of 2^k are too small for floating point from some thousand values on.
     """
@@ -309,12 +298,12 @@ def _edges(n: int, count: int) -> tuple[int, ...]:
 
 
 def equal_groups(n: int, count: int) -> list[slice]:
-    """``count`` consecutive slices of ``n`` samples, sizes equal to one sample; fewer where there are not so many."""
+    """Return ``count`` consecutive slices of ``n`` samples, of equal size to one sample."""
     return [slice(a, b) for a, b in pairwise(_edges(n, min(count, n)))]
 
 
 def group_sums(values: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Array:
-    """The sums (k,) of ``values[first:last]`` for k ranges of values (n,)."""
+    """Return the sums (k,) of ``values[first:last]`` for k ranges of values (n,)."""
     if len(first) == 0:
         return np.zeros(0)
     ends = np.column_stack([first, last]).ravel()
@@ -325,13 +314,13 @@ def group_sums(values: Array, first: NDArray[np.int64], last: NDArray[np.int64])
 
 
 def group_means(values: Array, groups: list[slice]) -> Array:
-    """The mean (k,) of each of k groups of ``values`` (n,), none of them empty."""
+    """Return the mean (k,) of each of k groups of ``values`` (n,), none of them empty."""
     first, last = np.array([(g.start, g.stop) for g in groups]).T
     return np.asarray(group_sums(values, first, last) / (last - first))
 
 
 def quantile(ordered: Array, probability: float) -> float:
-    """The quantile of values (n,) in ascending order, linear between them (Hyndman & Fan 1996, definition 7)."""
+    """Return the quantile of ascending values (n,), linear between them (Hyndman & Fan 1996, definition 7)."""
     place = probability * (len(ordered) - 1)
     below = min(int(place), len(ordered) - 1)
     low, high = float(ordered[below]), float(ordered[min(below + 1, len(ordered) - 1)])
@@ -339,7 +328,7 @@ def quantile(ordered: Array, probability: float) -> float:
 
 
 def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float]:
-    """Means (m,) of values (m, k), k >= 1, their standard errors (m,) and the degrees of freedom."""
+    """Return means (m,) of values (m, k), k >= 1, their standard errors (m,) and the degrees of freedom."""
     k = values.shape[1]
     own = np.var(values, axis=1, ddof=1) if k > 1 else np.zeros(len(values))
     dof = prior.dof + k - 1
@@ -347,13 +336,13 @@ def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float
 
 
 def moderated_interval(values: ArrayLike, prior: VariancePrior) -> tuple[float, float]:
-    """The 95 % interval of the mean of values (k,), k >= 1."""
+    """Return the 95 % interval of the mean of values (k,), k >= 1, with a prior variance (Smyth 2004)."""
     means, errors, dof = _moderated(np.asarray(values, np.float64)[None], prior)
     mean, half = float(means[0]), student(0.975, dof) * float(errors[0])
     return mean - half, mean + half
 
 
 def moderated_p_value(values: Array, prior: VariancePrior) -> Array:
-    """Two-sided p (m,) that the means of values (m, k), k >= 1, are zero."""
+    """Return two-sided p (m,) that the means of values (m, k), k >= 1, are zero."""
     means, errors, dof = _moderated(values, prior)
     return students_two_sided(means / errors, dof)

@@ -1,10 +1,9 @@
-"""How much does a row lag in steps? Lag with its interval, step gain and distortion."""
+"""Lag of a row in steps with its interval, step gain and distortion."""
 
 from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -52,7 +51,7 @@ _DISTORTION = paragraph(
 
 
 def metric_id(kind: str, axis: str) -> str:
-    """``lag_roll_ms``, ``step_gain_roll``, ``distortion_roll_pct``; without an axis for all events together."""
+    """Return ``lag_roll_ms``, ``step_gain_roll``, ``distortion_roll_pct``; no axis for all events together."""
     middle = "" if axis == "all" else f"_{axis}"
     return {"lag": f"lag{middle}_ms", "gain": f"step_gain{middle}", "distortion": f"distortion{middle}_pct"}[kind]
 
@@ -75,7 +74,7 @@ RESOLUTIONS = {
 
 
 def _wording(axis: str) -> Wording:
-    """How a comparison says the lag in one of AXES."""
+    """Return the words of a comparison of the lag in one of AXES."""
     about = "" if axis == "all" else f" in {axis}"
     return Wording("lags", f"less{about}", f"more{about}", f"lag{about}", none=1.0)
 
@@ -98,10 +97,10 @@ UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
 
 
 def input_delay(case: Case, row: Row) -> float:
-    """The delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
+    """Return the delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
 
-    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven only what it left. An attitude that
-    was computed elsewhere has no delay but the one that its user knows.
+    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven what it left. An attitude computed
+    elsewhere has the delay that its user gives.
     """
     if is_recorded(row.estimator):
         return 1e-3 * float(row.parameters.get("delay", 0.0))
@@ -112,32 +111,22 @@ def input_delay(case: Case, row: Row) -> float:
 
 
 def common_s(case: Case) -> float:
-    """What every delay of a log may be off by, s: the usual, and 2 sigma of the clock of a truth that was brought."""
+    """Return the error of every delay of a log, s: the usual, and 2 sigma of an external truth's clock."""
     fit = case.reference.fit
     return COMMON_S if fit is None else math.hypot(COMMON_S, 2.0 * fit.offset_sigma_s)
 
 
 def half_width(found: Fit, common: float = COMMON_S) -> float:
-    """Half the 95 % interval of a fitted delay, s."""
+    """Return half the 95 % interval of a fitted delay, s."""
     shape, moved = PER_SHAPE * found.shape_s, PER_MOVED * found.moved_s
     return math.sqrt(found.half_width(0) ** 2 + common**2 + shape**2 + moved**2)
 
 
-@dataclass(frozen=True, slots=True)
-class LagOnEvents:
-    """The lag of a row over a choice of its events, in ms."""
-
-    sums: NormalEquations
-    ids: Ids
-    numbers: Ids
-    input_delay: float
-    common: float = COMMON_S
-
-    def __call__(self, ids: Ids) -> Summary:
-        """Lag and interval on the events with these ids."""
-        found = self.sums.fit(self.numbers[np.isin(self.ids, ids)])
-        lag, half = 1000 * (found.delay - self.input_delay), 1000 * half_width(found, self.common)
-        return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
+def lag_on_events(sums: NormalEquations, own: Ids, numbers: Ids, delay: float, common: float, ids: Ids) -> Summary:
+    """Return the lag in ms on the events ``ids``; ``own`` are the ids of the events ``numbers`` of ``sums``."""
+    found = sums.fit(numbers[np.isin(own, ids)])
+    lag, half = 1000 * (found.delay - delay), 1000 * half_width(found, common)
+    return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 
 
 def compute_lag(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -223,15 +212,17 @@ def _lag_answer(
         reason=unranked,
         ranked=unranked is None,
         counts_as_zero_below=1000 * half_sample,
-        units=UnitValues("lag_event", ids, pseudo, LagOnEvents(found.sums, ids, found.events, delay, common)),
+        units=UnitValues(
+            "lag_event", ids, pseudo, functools.partial(lag_on_events, found.sums, ids, found.events, delay, common)
+        ),
     )
 
 
 def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float, earliest: float) -> str | None:
-    """Why the lag (s) of a fit may not be judged, else None.
+    """Return why the lag (s) of a fit may not be judged, else None.
 
-    ``sound`` tells that the row neither diverged nor failed to settle. A causal filter
-    cannot come before ``earliest`` (s) by more than ``half_width`` (s).
+    ``sound``: the row neither diverged nor failed to settle. A causal filter cannot come before ``earliest`` (s) by
+    more than ``half_width`` (s).
     """
     if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
         return f"follows {100 * found.gain:.0f} % of the step ({PURE_GAIN[0]:.2f} to {PURE_GAIN[1]:.2f} can be judged)"
@@ -251,7 +242,7 @@ def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float,
 
 
 def sample_step(case: Case, row: Row) -> float:
-    """The time between samples of the replayed IMU, s; of the row itself where no IMU is there."""
+    """Return the time between samples of the replayed IMU, else of the row, s."""
     imu = case.log.imu
     return _step(case, row.t if imu is None else case.log.imus[imu].gyro.t)
 

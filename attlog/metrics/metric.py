@@ -252,8 +252,8 @@ class Case:
         )
 
     def done_with(self, row: Row) -> None:
-        """Release the arrays of a replayed row: in a long log rows are larger than the log."""
-        if row.kind == "replay":
+        """Release the arrays of a row that was run: in a long log rows are larger than the log."""
+        if row.kind != "onboard":
             self.of_row.pop(row, None)
             row.release()
 
@@ -268,11 +268,7 @@ def per_case(compute: Callable[Concatenate[Case, P], T]) -> Callable[Concatenate
 
     @functools.wraps(compute)
     def cached(case: Case, /, *args: P.args, **kwargs: P.kwargs) -> T:
-        key = _key(compute, args, kwargs)
-        if key not in case.of_log:
-            case.of_log[key] = compute(case, *args, **kwargs)
-        found: T = case.of_log[key]
-        return found
+        return _remembered(case.of_log, _key(compute, args, kwargs), lambda: compute(case, *args, **kwargs))
 
     return cached
 
@@ -283,11 +279,7 @@ def per_row(compute: Callable[Concatenate[Case, Row, P], T]) -> Callable[Concate
     @functools.wraps(compute)
     def cached(case: Case, row: Row, /, *args: P.args, **kwargs: P.kwargs) -> T:
         known = case.of_row.setdefault(row, {})
-        key = _key(compute, args, kwargs)
-        if key not in known:
-            known[key] = compute(case, row, *args, **kwargs)
-        found: T = known[key]
-        return found
+        return _remembered(known, _key(compute, args, kwargs), lambda: compute(case, row, *args, **kwargs))
 
     return cached
 
@@ -312,17 +304,22 @@ def per_times(compute: Callable[Concatenate[Case, Any, P], T]) -> Callable[Conca
     return cached
 
 
+def _remembered(known: dict[Hashable, Any], key: Hashable, compute: Callable[[], T]) -> T:
+    if key not in known:
+        known[key] = compute()
+    found: T = known[key]
+    return found
+
+
 def _key(compute: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Hashable:
-    return (compute, *map(_frozen, args), *((name, _frozen(kwargs[name])) for name in sorted(kwargs)))
+    return (compute, _frozen([*args, *(x for pair in sorted(kwargs.items()) for x in pair)]))
 
 
 def _frozen(value: Any) -> Hashable:
     """Return a hashable form: tuples of lists, bounds of slices."""
     if isinstance(value, list):
         return tuple(map(_frozen, value))
-    if isinstance(value, slice):
-        return (slice, value.start, value.stop, value.step)
-    key: Hashable = value
+    key: Hashable = (slice, value.start, value.stop, value.step) if isinstance(value, slice) else value
     return key
 
 

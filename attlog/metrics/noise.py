@@ -1,4 +1,4 @@
-"""The windows of 5 s of a row in one phase of the flight, and the variances in them: at rest, and in motion."""
+"""Noise of a row within 5 s: at rest, in hover, in other flight, with motors idling."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ TURN = 2.0 * math.pi
 
 @jit.loop("the noise at rest")
 def left_at_rest(out: Out2, t: F1, q: F2, centre: F2, yaw: F1, edges: I1) -> None:
-    """Fill ``out`` (n, 3) with what attitudes ``q`` (n, 4) at ``t`` (n,) turn in deg away from their window's line.
+    """Fill ``out`` (n, 3) with the residual in deg of attitudes ``q`` (n, 4) at ``t`` (n,) about a line.
 
     Window k has the samples ``edges[k]`` to ``edges[k + 1]``, ``centre[k]`` is their mean attitude, ``yaw[k]`` its
     heading. The rotation from the mean: about the level roll and pitch axis and the vertical, unwrapped.
@@ -67,10 +67,9 @@ def left_at_rest(out: Out2, t: F1, q: F2, centre: F2, yaw: F1, edges: I1) -> Non
 
 @dataclass(frozen=True, slots=True)
 class PhaseVariances:
-    """The windows of a row in one phase: they begin at ``t0`` (k,) s.
+    """Windows that begin at ``t0`` (k,) s, with variances (k, 4) deg^2 about NOISE_AXES and ``seconds`` in all.
 
-    ``variances`` (k, 4) deg^2 about AXES, ``seconds`` together, ``settled_s`` how long after its start a row still
-    settled at rest, if it did.
+    ``settled_s``: how long after its start a row still settled at rest, if it did.
     """
 
     t0: Array
@@ -79,24 +78,14 @@ class PhaseVariances:
     settled_s: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class SpanVariances:
-    """The variances (k, 4) of one span's windows, which begin at ``t0`` (k,) s and are ``lengths`` (k) s long."""
-
-    t0: Array
-    variances: Array
-    lengths: list[float]
-    settled_s: float | None
-
-
 def variance(residual: Array) -> Array:
-    """Variances (4,) about roll, pitch, heading and (the mean of the first two) tilt of residuals (n, 3)."""
+    """Return variances (4,) about roll, pitch, heading and tilt (mean of the first two) of residuals (n, 3)."""
     v = np.sum(residual**2, axis=0) / (len(residual) - 2)
     return np.array([v[0], v[1], v[2], 0.5 * (v[0] + v[1])])
 
 
 def unsettled(variances: Array) -> int:
-    """How many leading windows of a rest settle: variances (k, 4), tilt or heading above 4 x the later median."""
+    """Return how many leading windows settle: variances (k, 4), tilt or heading above 4 x the later median."""
     for k in range(len(variances) - MIN_LATER):
         later = np.median(variances[k + 1 :, 2:], axis=0)
         if not (variances[k, 2:] > UNSETTLED * later).any():
@@ -105,61 +94,40 @@ def unsettled(variances: Array) -> int:
 
 
 def phase_variances(case: Case, row: Row, phase: str, window: str) -> PhaseVariances | None:
-    """The windows of a row in a phase and their variances; None without a usable window."""
-    return _in_spans(case, row, phase, phase_spans(case, phase, window))
-
-
-@per_row
-def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> PhaseVariances | None:
-    known = _known(case, row, phase)
-    new = [span for span in spans if span not in known]
-    known |= zip(new, _of_spans(case, row, phase, new), strict=True)
-    parts = [part for span in spans if (part := known[span]) is not None]
+    """Return the windows of a row in a phase and their variances; None without a usable window."""
+    found = [span_variances(case, row, phase, span) for span in phase_spans(case, phase, window)]
+    parts = [part for part in found if part is not None]
     if not parts:
         return None
     t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
     settled = [part.settled_s for part in parts if part.settled_s is not None]
-    seconds = sum((length for part in parts for length in part.lengths), 0.0)
-    return PhaseVariances(t0, variances, seconds, settled[-1] if settled else None)
+    return PhaseVariances(t0, variances, sum((p.seconds for p in parts), 0.0), settled[-1] if settled else None)
 
 
 @per_row
-def _known(case: Case, row: Row, phase: str) -> dict[Span, SpanVariances | None]:
-    """What was found in spans of a phase: the same wherever they are asked for."""
-    return {}
-
-
-def _of_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> list[SpanVariances | None]:
-    """What is in each of some spans: the windows of all of them are looked at together."""
-    laid = [windows.span_windows(case, row, phase, span) for span in spans]
-    inside = [samples for own in laid for _, samples in own]
-    left = iter(residuals_at_rest(row, inside) if phase == "rest" else correction_noise.of_windows(case, row, inside))
-    return [_part(row, phase, [(w, r) for w, _ in own if (r := next(left)) is not None]) for own in laid]
+def span_variances(case: Case, row: Row, phase: str, span: Span) -> PhaseVariances | None:
+    """Return the windows of one span, without those at rest in which the row settles; None without any."""
+    laid = windows.span_windows(case, row, phase, span)
+    inside = [samples for _, samples in laid]
+    left = residuals_at_rest(row, inside) if phase == "rest" else correction_noise.of_windows(case, row, inside)
+    found = [(w, variance(r)) for (w, _), r in zip(laid, left, strict=True) if r is not None]
+    skip = unsettled(np.array([v for _, v in found])) if phase == "rest" and len(found) > MIN_LATER else 0
+    kept = found[skip:]
+    if not kept:
+        return None
+    t0 = np.array([w[0] for w, _ in kept])
+    seconds = sum((w[1] - w[0] for w, _ in kept), 0.0)
+    return PhaseVariances(t0, np.array([v for _, v in kept]), seconds, t0[0] - row.start if skip else None)
 
 
 def residuals_at_rest(row: Row, inside: list[slice]) -> Iterator[Array]:
-    """The residuals (n, 3) in deg of windows at rest: away from their mean attitude, without the straight line."""
+    """Yield the residuals (n, 3) in deg of windows at rest about their mean attitude and a line."""
     for _, at, edges in windows.sample_batches(inside):
         q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
         centre = rotation.group_means(q, edges)
         yaw = np.ascontiguousarray(rotation.to_euler(centre)[:, 2])
         left_at_rest(out, row.t[at], q, centre, yaw, edges)
         yield from np.split(out, edges[1:-1])
-
-
-def _part(row: Row, phase: str, windows: list[tuple[Span, Array]]) -> SpanVariances | None:
-    """The windows of a span, with their residuals, without those in which the row settles."""
-    found = [(window, variance(residual)) for window, residual in windows]
-    skip = unsettled(np.array([v for _, v in found])) if phase == "rest" and len(found) > MIN_LATER else 0
-    kept = found[skip:]
-    if not kept:
-        return None
-    return SpanVariances(
-        np.array([w[0] for w, _ in kept]),
-        np.array([v for _, v in kept]),
-        [w[1] - w[0] for w, _ in kept],
-        kept[0][0][0] - row.start if skip else None,
-    )
 
 
 # What does the gyro itself wander by in flight? Below that nobody can order what filters add to it.
@@ -170,12 +138,12 @@ TINY = 1e-18
 
 @per_case
 def gyro_noise_floor(case: Case, index: int, phase: str) -> list[float]:
-    """What the gyro of a unit itself wanders by in windows of a phase: deg about roll, pitch, heading and tilt.
+    """Return the noise of a unit's own gyro in windows of a phase: deg about NOISE_AXES.
 
-    Neither its noise nor motion between samples can be integrated, and both show as changes d from one
-    sample to the next. Rate noise of variance d^2 / 2 integrated every dt walks at random, and keeps 1/15 of its last
-    variance about its own line: sqrt(dt T / 30) d in windows of T = 5 s, the typical window as for the rows.
-    On 24 simulated flights with truth 0.4 to 2 times what the integrated gyro wanders by in hover.
+    Noise and motion between samples show as changes d from one sample to the next. Rate noise of variance d^2 / 2
+    integrated every dt walks at random, and keeps 1/15 of its last variance about its own line: sqrt(dt T / 30) d in
+    windows of T = 5 s, the typical window as for the rows. On 24 simulated flights with truth 0.4 to 2 times the wander
+    of the integrated gyro in hover.
     """
     gyro, found = case.log.imus[index].gyro, []
     for span in phase_spans(case, phase, phase):
@@ -220,7 +188,7 @@ _RESOLUTION = Resolution(1.0, "its order of magnitude", "windows")
 
 
 def _noise(axis: str, title: str) -> Metric:
-    """The metric of the noise about one of AXES."""
+    """Return the metric of the noise about one of NOISE_AXES."""
     about = "" if axis == "tilt" else f" in {axis}"
     return Metric(
         f"noise_{axis}_deg",
@@ -246,7 +214,7 @@ LARGEST_DEG = 180.0
 
 
 def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wanted: Ids) -> Summary:
-    """The typical window's standard deviation and its interval from logarithms of variances (k,) on some windows.
+    """Return the typical window's standard deviation from logarithms of variances (k,) on some windows.
 
     ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
     """
@@ -280,9 +248,9 @@ def compute_noise(case: Case, row: Row, window: str) -> dict[str, Answer]:
 
 
 def prior_of(row: Row, phase: str, axis: str) -> VariancePrior:
-    """What is known beforehand of the scatter of a row's noise in a phase about one of AXES."""
+    """Return the prior scatter of a row's noise in a phase about one of NOISE_AXES."""
     if phase == "rest":
-        return PRIORS["rest" if row.kind == "replay" else "onboard at rest"]
+        return PRIORS["onboard at rest" if row.kind == "onboard" else "rest"]
     return PRIORS["one axis in cruise" if phase == "cruise" and axis != "tilt" else "moving"]
 
 
@@ -333,7 +301,7 @@ def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Pha
 
 
 def _guarded(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
-    """The answer, not ranked for rows that are quiet because they stand still or because nothing corrects them."""
+    """Return the answer, not ranked for rows that are frozen or that nothing corrects."""
     for about in ("roll", "pitch") if axis == "tilt" else (axis,):
         following.unrank_frozen(case, row, about, answer)
     uncorrected = following.why_uncorrected(case, row)
@@ -343,7 +311,7 @@ def _guarded(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
 
 
 def _hidden(case: Case, row: Row, axis: str) -> float:
-    """What the steps of the row's logged gyro can hide about an axis, deg; the larger of roll and pitch for tilt."""
+    """Return the noise that steps of the row's logged gyro can hide about an axis, deg; for tilt the larger."""
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None:
         return 0.0
@@ -352,7 +320,7 @@ def _hidden(case: Case, row: Row, axis: str) -> float:
 
 
 def _gyro_share(case: Case, row: Row, phase: str, axis: str) -> float:
-    """What the row's gyro itself wanders by in a phase, deg; 0 of samples that were changed before the filter."""
+    """Return the noise of the row's gyro in a phase, deg; 0 of samples that were changed before the filter."""
     imu = imu_of(case, row)
     index = None if imu is None else next((k for k, unit in enumerate(case.log.imus) if unit.index == imu.index), None)
     return 0.0 if index is None else gyro_noise_floor(case, index, phase)[NOISE_AXES.index(axis)]
@@ -364,12 +332,11 @@ STEP_SAMPLES = 20_000
 
 @per_case
 def hidden_deg(case: Case, index: int) -> list[float]:
-    """The angle noise in deg per body axis at rest that the steps of the logged gyro of unit ``index`` can hide.
+    """Return the noise in deg per body axis at rest that steps of the logged gyro can hide.
 
-    White rate noise of half a step q may not show at all. Integrated every dt it walks at
-    random, and a random walk of length T keeps 1/15 of its last variance about its own
-    straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
-    logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
+    White rate noise of half a step q may not show at all. Integrated every dt it walks at random, and a random walk of
+    length T keeps 1/15 of its last variance about its own line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for
+    floating-point logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
     """
     gyro = case.log.imus[index].gyro
     if len(gyro.t) < 2:
@@ -381,7 +348,7 @@ def hidden_deg(case: Case, index: int) -> list[float]:
 
 
 def one_digit(summary: Summary) -> Summary:
-    """A value and its interval to one significant digit."""
+    """Round a value and its interval to one significant digit."""
 
     def rounded(x: float) -> float:
         return float(f"{x:.1g}")

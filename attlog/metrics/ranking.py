@@ -1,8 +1,4 @@
-"""Does an answer say anything? One that leaves more open than anybody would assume is no answer.
-
-"No significant drift, below 500 deg/min" is true and of no use: a filter that does nothing at all drifts less. What
-is not significantly different from perfect and may lie beyond the metric's ``resolution`` is withheld.
-"""
+"""Answers too uncertain to show, duplicate rows, and the best and worst row of each column."""
 
 from __future__ import annotations
 
@@ -32,9 +28,10 @@ PERFECT = {"zero": 0.0, "one": 1.0}
 
 
 def mark_not_ranked(metric: Metric, answer: Answer) -> bool:
-    """Take the value away from an answer that says nothing; whether it did. What it was stays in its detail.
+    """Withdraw the value of an answer too uncertain to show; return whether it was. The detail keeps it.
 
-    An answer whose interval excludes perfect stays, however wide; records that disagree are a range.
+    "No significant drift, below 500 deg/min" is true and of no use. An answer whose interval excludes perfect stays,
+    however wide; records that disagree are a range.
     """
     limit = metric.resolution
     if limit is None or answer.value is None or answer.ci95 is None or answer.disagree is not None:
@@ -54,12 +51,12 @@ def _resolved(limit: Resolution, better: str, low: float, high: float) -> bool:
 
 
 def _beyond(better: str, ci95: tuple[float, float]) -> float:
-    """How far from perfect the farther end of an interval is."""
+    """Return how far from perfect the farther end of an interval is."""
     return max(abs(end - PERFECT.get(better, 0.0)) for end in ci95)
 
 
 def _why(limit: Resolution, better: str, answer: Answer) -> str:
-    """The reason: too short where more of the same would do, by the square root of its length; else too noisy."""
+    """Return the reason: too short where more would do, by the square root of its length; else too noisy."""
     times = (_beyond(better, answer.ci95 or (0.0, 0.0)) / limit.size) ** 2
     few, more = "too few", ""
     if limit.evidence == "windows":
@@ -86,10 +83,10 @@ GLANCES = 100
 
 @dataclass(slots=True)
 class Duplicates:
-    """Rows that stand for one filter. ``by``: ``equation`` (of ``source``) or ``attitudes``.
+    """Rows of one filter, ``by`` an ``equation`` (of ``source``) or equal ``attitudes``.
 
-    ``differ``: the parameters that both know and that have different values, one value for each row.
-    ``apart_deg``: the largest angle between their attitudes, None where it was not measured.
+    ``differ``: parameters known to all whose values differ, one value for each row. ``apart_deg``: largest angle
+    between their attitudes, None where it was not measured.
     """
 
     rows: list[str]
@@ -100,10 +97,10 @@ class Duplicates:
 
 
 class DuplicateSearch:
-    """Finds groups among rows that pass one by one: replayed rows of the same samples, equal or declared so.
+    """Find duplicates among rows that pass one by one: replays of the same samples, equal or declared so.
 
-    Of a row that has passed only a glance is kept. Where another one looks the same there, ``again`` is asked for the
-    whole of the earlier row, which is run once more: rare, and cheaper than keeping all.
+    An excerpt of each passed row is kept. Where another looks the same there, ``again`` runs the earlier row once more:
+    rare, and cheaper than keeping all.
     """
 
     def __init__(self, again: Callable[[Row], Row]) -> None:
@@ -112,7 +109,7 @@ class DuplicateSearch:
         self._groups: list[_Group] = []
 
     def add(self, row: Row) -> None:
-        """Take from a row what is to be compared; it may be released then."""
+        """Take an excerpt of a row; it may be released then."""
         if row.kind != "replay" or row.status == "failed":
             return
         self._rows.append(row)
@@ -126,10 +123,10 @@ class DuplicateSearch:
         self._groups.append(_Group([row], glance))
 
     def found(self) -> list[Duplicates]:
-        """Equal attitudes first, then filters that share an equation.
+        """Return equal attitudes first, then filters that share an equation.
 
-        Rows of one filter with other parameters share its equation as everybody knows: they are listed only where
-        their attitudes are equal, or beside another filter.
+        Rows of one filter with other parameters are listed only where their attitudes are equal, or beside another
+        filter.
         """
         groups = [group for group in self._groups if len(group.rows) > 1]
         equal = {row.name for group in groups for row in group.rows}
@@ -148,7 +145,7 @@ class DuplicateSearch:
         return found
 
     def _angle(self, group: _Group, row: Row, glance: _Excerpt) -> float:
-        """The largest angle in deg between a row and the first of a group; infinite where that is not known."""
+        """Return the largest angle in deg between a row and the first of a group; infinite if unknown."""
         first, seen = group.rows[0], group.glance
         if first.imu is not row.imu or seen.n != glance.n or not np.array_equal(seen.t, glance.t):
             return np.inf
@@ -163,7 +160,7 @@ class DuplicateSearch:
 
 @dataclass(frozen=True, slots=True)
 class _Excerpt:
-    """Some of a row's attitudes (m, 4) with their times (m,), spread over its ``n`` samples."""
+    """Attitudes (m, 4) of a row at times (m,), spread over its ``n`` samples."""
 
     n: int
     t: Array
@@ -172,19 +169,11 @@ class _Excerpt:
 
 @dataclass(slots=True)
 class _Group:
-    """Rows that are equal to the first of them, what was seen of that one, and the largest angle found."""
+    """Rows equal to the first of them, its excerpt, and the largest angle found."""
 
     rows: list[Row]
     glance: _Excerpt
     apart_deg: float = 0.0
-
-
-def equal_rows(rows: Sequence[Row]) -> list[Duplicates]:
-    """The groups among rows that are all at hand."""
-    likeness = DuplicateSearch(lambda row: row)
-    for row in rows:
-        likeness.add(row)
-    return likeness.found()
 
 
 def _excerpt(row: Row) -> _Excerpt:
@@ -193,13 +182,13 @@ def _excerpt(row: Row) -> _Excerpt:
 
 
 def _largest_deg(a: Array, b: Array) -> float:
-    """The largest angle in deg between attitudes (n, 4); infinite where there are none or one is not finite."""
+    """Return the largest angle in deg between attitudes (n, 4); infinite for none or one that is not finite."""
     largest = float(np.max(np.degrees(rotation.total_angle(rotation.earth_error(a, b))))) if len(a) else np.inf
     return largest if np.isfinite(largest) else np.inf
 
 
 def _differ(group: Sequence[Row]) -> dict[str, list[float | str]]:
-    """Parameters known to every row of a group whose values differ."""
+    """Return the parameters known to every row of a group whose values differ."""
     names = [name for name in group[0].parameters if all(name in row.parameters for row in group)]
     values = {name: [row.parameters[name] for row in group] for name in names}
     return {name: own for name, own in values.items() if any(a != b for a, b in combinations(own, 2))}
@@ -228,13 +217,13 @@ FEWEST: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """The rows of one column that were compared, and the pairs (better, worse) that differ significantly."""
+    """Compared rows of one column, and the pairs (better, worse) that differ significantly."""
 
     rows: list[str]
     significant: list[tuple[str, str]]
 
     def without(self, names: list[str]) -> Family:
-        """The family when these rows are taken out of it."""
+        """Return the family without these rows."""
         pairs_left = [pair for pair in self.significant if not set(pair) & set(names)]
         return Family([n for n in self.rows if n not in names], pairs_left) if names else self
 
@@ -246,7 +235,7 @@ class Family:
 
     @property
     def worst(self) -> list[str]:
-        """The one row that is better than nobody and not among the best; else none."""
+        """The one row that is better than no other and not among the best; else none."""
         winners = {better for better, _ in self.significant}
         last = [name for name in self.rows if name not in winners]
         return last if len(last) == 1 and last[0] not in self.best else []
@@ -254,7 +243,7 @@ class Family:
 
 @dataclass(slots=True)
 class Ranking:
-    """What is marked. ``best`` leaves out columns in which everybody is (too close to rank) and rows that stand alone.
+    """Marks of a table. ``best`` leaves out columns in which all rows are too close to rank, and rows alone.
 
     ``worst`` names one row or none; ``ranked`` all rows that were compared in a column.
     """
@@ -265,13 +254,13 @@ class Ranking:
 
 
 def may_be_best(row: Row) -> bool:
-    """Whether a row can be best at all: replayed, not the reference, sound, and scored on half of its time or more."""
+    """Return whether a row can be best: a sound replay, not the reference, scored on half of its time or more."""
     covered = row.coverage_pct is None or row.coverage_pct >= MIN_COVERAGE_PCT
     return row.kind == "replay" and not row.is_reference and row.status == "ok" and covered
 
 
 def distance(answer: Answer, better: str) -> tuple[float, float, float]:
-    """(low, value, high) of how far an answer is from perfect: smaller is better whatever ``better`` says."""
+    """Return (low, value, high) of how far an answer is from perfect, smaller is better."""
     value = answer.value if answer.value is not None else float("nan")
     low, high = answer.ci95 if answer.ci95 is not None else (value, value)
     low, high = min(low, value), max(high, value)
@@ -286,7 +275,7 @@ def distance(answer: Answer, better: str) -> tuple[float, float, float]:
 
 
 def floor(a: Answer, b: Answer) -> float:
-    """The difference below which two answers are the same, in their unit: the larger floor of both rows.
+    """Return the difference below which two answers are the same: the larger floor of both rows.
 
     With a ``gyro_share`` g: variances add, so that the larger must exceed sqrt(smaller^2 + g^2).
     """
@@ -296,10 +285,10 @@ def floor(a: Answer, b: Answer) -> float:
 
 
 def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:
-    """The rows that can be compared unit by unit, and the units that all of them have.
+    """Return the rows that can be compared unit by unit, and the units that all of them have.
 
-    Rows with less than half of the units of the best covered are left out, then the least
-    covered ones until the common units are half of it.
+    Rows with less than half of the units of the best covered are left out, then the least covered ones until the common
+    units are half of it.
     """
     ids = {name: a.units.ids for name, a in answers.items() if a.units is not None}
     most = max(map(len, ids.values()), default=0)
@@ -331,7 +320,7 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
 
 
 def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
-    """The p of all couples of rows on common units, in the order of ``combinations``; 1 for different kinds."""
+    """Return the p of all couples of rows on common units, in the order of ``combinations``; 1 across kinds."""
     kinds = [one.kind for one in units]
     values = np.array([one.at(common) for one in units])
     first, second = np.triu_indices(len(units), 1)
@@ -345,7 +334,7 @@ def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
 
 
 def _restrict(answer: Answer, common: Ids) -> None:
-    """The answer on some of its units: so that what stands side by side was measured at the same time."""
+    """Recompute an answer on some of its units: values side by side mean the same time."""
     if answer.units is None:
         return
     summary = answer.units.of(common)
@@ -355,7 +344,7 @@ def _restrict(answer: Answer, common: Ids) -> None:
 
 
 def _by_intervals(answers: Mapping[str, Answer], better: str) -> Family:
-    """Columns without units: rows whose intervals do not meet differ significantly."""
+    """Compare a column without units: rows whose intervals do not meet differ significantly."""
     found = {name: distance(a, better) for name, a in answers.items()}
     disjoint = [(a, b) for a, b in combinations(found, 2) if found[a][2] < found[b][0] or found[b][2] < found[a][0]]
     return Family(list(answers), _in_order(disjoint, answers, better))
@@ -364,7 +353,7 @@ def _by_intervals(answers: Mapping[str, Answer], better: str) -> Family:
 def _in_order(
     couples: Iterable[tuple[str, str]], answers: Mapping[str, Answer], better: str, ordered: bool = False
 ) -> list[tuple[str, str]]:
-    """Pairs as (better, worse) by their shown values; those within the floor do not differ.
+    """Return pairs as (better, worse) by their shown values; those within the floor do not differ.
 
     ``ordered`` keeps only pairs that come in as (better, worse) already.
     """
@@ -378,7 +367,7 @@ def _in_order(
 
 
 def rank(table: Table, rows: Iterable[Row], metrics: Mapping[str, Metric]) -> Ranking:
-    """Compare all rows in all columns: what is best, what is worst, and who was compared."""
+    """Compare all rows in all columns: the best, the worst, and those compared."""
     names = [row.name for row in rows if may_be_best(row) and row.name in table]
     found = Ranking()
     for window in dict.fromkeys(w for name in names for w in table[name]):
@@ -395,7 +384,7 @@ def rank(table: Table, rows: Iterable[Row], metrics: Mapping[str, Metric]) -> Ra
 
 
 def _family(answers: Mapping[str, Answer], metric: Metric, deciding: Family | None) -> Family:
-    """The family of a column; where another column decides, its pairs that have the same order here."""
+    """Return the family of a column; where another column decides, its pairs that have the same order here."""
     if not metric.decided_by:
         return family(answers, metric.better)
     ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}

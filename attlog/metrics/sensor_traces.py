@@ -44,7 +44,7 @@ AXES = ("x", "y", "z")
 
 
 def sensor_traces(case: Case) -> list[Trace]:
-    """All traces of the replayed unit and of the magnetometer in use."""
+    """Return all traces of the replayed unit and of the magnetometer in use."""
     log = case.log
     if log.imu is None or len(log.imus[log.imu].gyro.t) < 2:
         return []
@@ -53,7 +53,7 @@ def sensor_traces(case: Case) -> list[Trace]:
 
 
 def spectra(case: Case, imu: Imu) -> list[Trace]:
-    """Amplitude densities by Welch's method (Hann window, half overlap) over flight, else over the whole log."""
+    """Return amplitude densities by Welch's method (Hann window, half overlap) over flight, else the whole log."""
     spans = case.segments.spans("airborne") or [(float(imu.gyro.t[0]), float(imu.gyro.t[-1]))]
     segments = [p for span in spans for p in within(imu.gyro.t, span) if p.stop - p.start >= MIN_SENSOR_SAMPLES]
     if not segments:
@@ -78,7 +78,7 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
 
 
 def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> Array:
-    """The mean periodogram (size // 2 + 1, k) of the segments of (n, k) that begin at ``starts``."""
+    """Return the mean periodogram (size // 2 + 1, k) of the segments of (n, k) that begin at ``starts``."""
     total = np.zeros((size // 2 + 1, x.shape[1]))
     for begin in np.array_split(starts, len(starts) // TOGETHER + 1):
         segments = x[begin + np.arange(size)[:, None]].reshape(size, -1)
@@ -87,7 +87,7 @@ def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> 
 
 
 def periodogram(x: Array, step: float) -> Array:
-    """One-sided power density (n // 2 + 1, k) of samples (n, k) ``step`` s apart: line removed, Hann window."""
+    """Return the one-sided power density (n // 2 + 1, k) of samples (n, k) ``step`` s apart: Hann, detrended."""
     n = len(x)
     taper = np.hanning(n + 1)[:-1]
     flat = detrended(np.arange(n, dtype=np.float64), np.nan_to_num(x))
@@ -100,7 +100,7 @@ def periodogram(x: Array, step: float) -> Array:
 
 
 def vibration(imu: Imu) -> list[Trace]:
-    """Standard deviation of the accelerometer in windows of 1 s (longer in long logs), and clipped samples in them."""
+    """Return the accelerometer's standard deviation in windows of 1 s (longer in long logs), and clipped samples."""
     t, edges = buckets(imu.acc.t, 1.0)
     if len(t) == 0:
         return []
@@ -117,7 +117,7 @@ def vibration(imu: Imu) -> list[Trace]:
 
 
 def at_the_end(acc: Array) -> NDArray[np.bool_]:
-    """Samples (n,) with an axis of ``acc`` (n, 3) in m/s^2 at the end of its range; none where that is not reached."""
+    """Return which samples (n,) have an axis of ``acc`` (n, 3) m/s^2 at the end of its range."""
     # One axis at a time, twice: in long logs copies add up.
     largest = max(float(np.abs(np.nan_to_num(x)).max(initial=0.0)) for x in acc.T)
     full = next((r for r in RANGES_M_S2 if abs(largest / r - 1.0) <= NEAR_END), None)
@@ -129,7 +129,7 @@ def at_the_end(acc: Array) -> NDArray[np.bool_]:
 
 
 def sizes(log: FlightLog, imu: Imu) -> list[Trace]:
-    """Sizes of specific force and field over time, with what is expected at the place."""
+    """Return the sizes of specific force and field over time, with the expected ones at the place."""
     where = alignment.flight_place(log)
     g = G if where is None else earth.gravity(where[0], where[2])
     found = [size_of("gravity", imu.acc.t, np.sqrt(np.einsum("ij,ij->i", imu.acc.x, imu.acc.x)), {"expected": g})]
@@ -141,7 +141,7 @@ def sizes(log: FlightLog, imu: Imu) -> list[Trace]:
 
 
 def size_of(figure: str, t: Array, size: Array, values: dict[str, float]) -> Trace:
-    """Smallest, mean and largest size (n,) in windows of half a second, longer in long logs."""
+    """Return smallest, mean and largest size (n,) in windows of half a second, longer in long logs."""
     good = np.isfinite(size)
     t, size = t[good], size[good]
     at, edges = buckets(t, 0.5)
@@ -154,7 +154,7 @@ def size_of(figure: str, t: Array, size: Array, values: dict[str, float]) -> Tra
 
 
 def throttle(log: FlightLog) -> list[Trace]:
-    """Throttle in percent, the mean of windows of half a second."""
+    """Return the throttle in percent, the mean of windows of half a second."""
     if log.power.throttle is None or len(log.power.throttle.t) < 2:
         return []
     x = np.nan_to_num(log.power.throttle.x.reshape(len(log.power.throttle.t), -1)[:, 0])
@@ -163,7 +163,7 @@ def throttle(log: FlightLog) -> list[Trace]:
 
 
 def rest_bias(case: Case, imu: Imu) -> list[Trace]:
-    """What the gyro shows in each rest: its bias and the earth's turn."""
+    """Return the mean rate of the gyro in each rest: its bias and the earth's turn."""
     rests = [(a, b, between(imu.gyro.t, a, b)) for a, b in case.segments.spans("rest")]
     rests = [(a, b, inside) for a, b, inside in rests if inside.stop - inside.start >= MIN_SENSOR_SAMPLES]
     if not rests:
@@ -174,7 +174,7 @@ def rest_bias(case: Case, imu: Imu) -> list[Trace]:
 
 
 def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
-    """Middles (m,) and bounds (m + 1,) in ``t`` (n,) of windows of that length, longer where BUCKETS would not do."""
+    """Return middles (m,) and bounds (m + 1,) of windows of ``t`` (n,), longer where BUCKETS would not do."""
     if len(t) < 2:
         return np.zeros(0), np.zeros(1, np.int64)
     length = max(seconds, float(t[-1] - t[0]) / BUCKETS)
@@ -200,7 +200,7 @@ LEAST_S = 0.5
 
 
 def height_trace(case: Case) -> list[Trace]:
-    """The height that the headline tells; of a log that shows no ground that of its barometer, else of GNSS."""
+    """Return the height of the headline; without known ground that of the barometer, else of GNSS."""
     air, flights = case.segments.air, case.segments.spans("airborne")
     found = None if air is None or not flights else highest_level(air.levels, inside(air.grid.t, flights))
     if air is not None and found is not None:
@@ -217,7 +217,7 @@ def height_trace(case: Case) -> list[Trace]:
 
 
 def ground(stream: Stream, flights: list[Span]) -> Array:
-    """The height (n,) of the ground: straight between what was measured before and after each flight.
+    """Return the height (n,) of the ground: straight between that before and after each flight.
 
     A barometer drifts by metres in minutes. Without a flight it is the median, without any ground the lowest height.
     """
@@ -239,7 +239,7 @@ def ground(stream: Stream, flights: list[Span]) -> Array:
 
 
 def averaged(t: Array, x: Array) -> tuple[Array, Array]:
-    """Times and means (m,) of x (n,) over at most POINTS equal parts; NaN in a part without any sample."""
+    """Return times and means (m,) of x (n,) over at most POINTS equal parts; NaN in a part without a sample."""
     edges = np.linspace(t[0], t[-1], min(POINTS, max(len(t) // 4, 1)) + 1)
     part = np.clip(np.searchsorted(edges, t, "right") - 1, 0, len(edges) - 2)
     count = np.bincount(part, minlength=len(edges) - 1)

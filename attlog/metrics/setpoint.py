@@ -1,13 +1,12 @@
-"""How does the attitude answer its set-point? A causal impulse response by regularised least squares.
+"""Response of the attitude to its set-point: a causal impulse response by regularised least squares.
 
 Changes of the attitude are a sum of earlier changes of the set-point,
 
     dy(t) = sum_k h_k dx(t - k dt) + noise,    0 <= k dt <= 1 s,
 
-so that trim, wind and slow drift do not enter. The response is expected to be smooth and to die
-out: among those that explain the data the one with the smallest ``h' P^-1 h`` is taken, with
-``P_ij = c min(d_i, d_j)``, d falling by e every 0.25 s (the tuned/correlated kernel of
-Chen2012). Nothing before the set-point can be found, because there is no such lag.
+so that trim, wind and slow drift do not enter. The response is expected to be smooth and to die out: among those that
+explain the data the one with the smallest ``h' P^-1 h`` is taken, with ``P_ij = c min(d_i, d_j)``, d falling by e every
+0.25 s (the tuned/correlated kernel of Chen2012).
 """
 
 from __future__ import annotations
@@ -61,14 +60,14 @@ class ResponseEquations:
     step: float
 
     def only(self, which: NDArray[np.bool_]) -> ResponseEquations:
-        """A choice (k,) of the blocks."""
+        """Return a choice (k,) of the blocks."""
         return ResponseEquations(
             self.xx[which], self.xy[which], self.yy[which], self.count[which], self.axis[which], self.step
         )
 
 
 def blocks_of(segments: list[SetpointSegment]) -> ResponseEquations | None:
-    """The blocks of both axes in which the set-point moved; None without any. All segments have one spacing."""
+    """Return the blocks of both axes in which the set-point moved; None without any. Segments share one spacing."""
     if not segments:
         return None
     step = float(segments[0][0][1] - segments[0][0][0])
@@ -97,7 +96,7 @@ def _normal(x: Array, y: Array, begin: int, size: int, lags: int) -> tuple[Array
 
 
 def step_response(blocks: ResponseEquations) -> tuple[Array, Array]:
-    """Times (m,) s from 0 on and the response to a unit step at 0, scaled to 1 at its end; NaN without a level."""
+    """Return times (m,) s and the response to a unit step at 0, scaled to 1 at its end; NaN without a level."""
     xx, xy, yy = blocks.xx.sum(axis=0), blocks.xy.sum(axis=0), float(blocks.yy.sum())
     prior = np.linalg.inv(_prior(len(xy), blocks.step))
     noise, h = yy / max(float(blocks.count.sum()), 1.0), np.zeros(len(xy))
@@ -117,15 +116,15 @@ LEAST_LEVEL = 0.2
 
 
 def _prior(count: int, step: float) -> Array:
-    """Covariance (m, m) of the impulse response's samples before any data."""
+    """Return the prior covariance (m, m) of the impulse response's samples."""
     decay = np.exp(-step * np.arange(count) / DECAY_S)
     return np.asarray((step / SHARP_S) ** 2 * np.minimum(decay[:, None], decay[None, :]), np.float64)
 
 
 def response_features(t: Array, step: Array) -> Array:
-    """Delay to 50 % (s), rise from 10 to 90 % (s), peak, settling time (s) of a step response that ends at 1.
+    """Return delay to 50 % (s), rise from 10 to 90 % (s), peak, settling time (s) of a step response.
 
-    ``t`` (m,) s, ``step`` (m,); NaN where it never gets there.
+    ``t`` (m,) s, ``step`` (m,) ends at 1; NaN where it never gets there.
     """
 
     def reached(level: float) -> float:
@@ -143,7 +142,7 @@ def response_features(t: Array, step: Array) -> Array:
 
 
 def _settled(t: Array, step: Array) -> float:
-    """The time (s) from which the response stays within 5 % of 1, between samples by a straight line."""
+    """Return the time (s) from which the response stays within 5 % of 1, interpolated between samples."""
     outside = np.flatnonzero(np.abs(step - 1.0) > BAND)
     if len(outside) == 0:
         return 0.0
@@ -203,7 +202,7 @@ SETPOINT_METRICS: tuple[Metric, ...] = (
 
 
 def common(setpoint: Attitude, attitude: Attitude, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
-    """Times and attitudes (set-point, onboard) of each segment, evenly spaced at the slower rate, without gaps."""
+    """Return times and attitudes (set-point, onboard) of each segment without gaps, evenly spaced."""
     step = max(1.0 / min(setpoint.rate, attitude.rate), FINEST_S)
     found = []
     for span in spans:
@@ -218,7 +217,7 @@ def common(setpoint: Attitude, attitude: Attitude, spans: list[Span]) -> list[tu
 
 
 def angles(segments: list[tuple[Array, Array, Array]]) -> list[SetpointSegment]:
-    """Roll and pitch (n, 2) in deg of set-point and attitude, without jumps at 180 deg."""
+    """Return roll and pitch (n, 2) in deg of set-point and attitude, unwrapped."""
     found = []
     for t, *attitudes in segments:
         wanted, flown_ = (np.degrees(np.unwrap(rotation.to_euler(q)[:, :2], axis=0)) for q in attitudes)
@@ -227,7 +226,7 @@ def angles(segments: list[tuple[Array, Array, Array]]) -> list[SetpointSegment]:
 
 
 def commanded_angles(case: Case, window: str) -> list[Span]:
-    """Where the vehicle flies, armed, in a mode that commands an attitude; modes that are not known do."""
+    """Return where the vehicle flies, armed, in a mode that commands an attitude, or an unknown one."""
     spans = case.segments.spans("airborne" if window == "all" else window)
     armed, mode = case.segments.spans("armed"), case.log.state.mode
     if armed:
@@ -240,7 +239,7 @@ def commanded_angles(case: Case, window: str) -> list[Span]:
 
 
 def flown_angles(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tuple[str, str] | None]:
-    """Set-point and onboard attitude in flight, or code and reason where there is none."""
+    """Return set-point and onboard attitude in flight, or code and reason where there is none."""
     log = case.log
     attitude = log.onboard_attitude
     if log.setpoints.attitude is None or len(log.setpoints.attitude.t) < 2 or attitude is None or len(attitude.t) < 2:
@@ -259,7 +258,7 @@ def _segments(case: Case, spans: list[Span]) -> list[tuple[Array, Array, Array]]
 
 
 def moved(case: Case, window: str) -> ResponseEquations | None:
-    """The seconds of a window's flight in which the set-point moved; None without any."""
+    """Return the seconds of a window's flight in which the set-point moved; None without any."""
     return _moved(case, commanded_angles(case, window)) if flown_angles(case, window)[0] else None
 
 
@@ -305,7 +304,7 @@ def compute_setpoint(case: Case, row: Row, window: str) -> dict[str, Answer]:
 
 
 def _left_out(blocks: ResponseEquations) -> Array:
-    """The features (groups, 4) with one group of neighbouring seconds left out each."""
+    """Return the features (groups, 4) with one group of neighbouring seconds left out each."""
     found = []
     for group in interval.equal_groups(len(blocks.axis), min(JACKKNIFE_GROUPS, len(blocks.axis))):
         keep = np.ones(len(blocks.axis), bool)

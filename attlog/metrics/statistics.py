@@ -1,4 +1,4 @@
-"""What an answer was made of, unit by unit, so that two rows can be compared on the units they share."""
+"""Units of evidence of an answer, tests of two rows on common units, and sizes of errors."""
 
 from __future__ import annotations
 
@@ -30,15 +30,13 @@ class Summary:
 
 @dataclass(frozen=True, slots=True)
 class UnitValues:
-    """One value per unit of evidence. Rows are paired by ``ids`` (k,), see :func:`ids_of`; ``values`` (k,).
+    """Value per unit of evidence; rows are paired by ``ids`` (k,) of :func:`make_ids`.
 
-    By ``kind`` a value is: ``log_variance`` the logarithm of a window's variance; ``mean_square``
-    the mean square of a block; ``slope_group`` the slope of a group, signed; ``lag_event`` the
-    jackknife pseudo-value of an event, ``n whole - (n - 1) without it`` (their mean is the lag,
-    their scatter its jackknife variance); ``step_event`` the magnitude of an event's error.
-    ``of(ids)`` is the answer again, on these units only: it is called where rows differ in units, so that values that
-    stand beside each other mean the same time. ``on`` is how the metric itself works that out (all of its units in
-    ``ids``; it must pickle); units read from a file do not have it, and are summed up by their kind.
+    ``values`` (k,) by ``kind``: ``log_variance`` logarithm of a window's variance; ``mean_square`` mean square of a
+    block; ``slope_group`` signed slope of a group; ``lag_event`` jackknife pseudo-value of an event, ``n whole - (n -
+    1) without it`` (their mean is the lag, their scatter its jackknife variance); ``step_event`` magnitude of an
+    event's error. ``on`` is how the metric recomputes the answer on some of its units; it must pickle. Units read from
+    a file do not have it, and are summed up by their kind.
     """
 
     kind: Kind
@@ -47,11 +45,11 @@ class UnitValues:
     on: Callable[[Ids], Summary] | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
 
     def of(self, ids: Ids) -> Summary:
-        """Value and interval on some of the units (m,)."""
+        """Return value and interval on some of the units (m,)."""
         return self.on(ids) if self.on is not None else Summary(_summed_up(self.kind, self.at(ids)), None)
 
     def at(self, ids: Ids) -> Array:
-        """The values (m,) of some of the units, in the order of ``ids`` (m,). KeyError for one that is not there."""
+        """Return the values (m,) of units in the order of ``ids`` (m,). KeyError for an unknown one."""
         order = np.argsort(self.ids)
         place = np.searchsorted(self.ids, ids, sorter=order)
         found = order[np.minimum(place, len(order) - 1)]
@@ -61,12 +59,12 @@ class UnitValues:
 
 
 def make_ids(times: ArrayLike) -> Ids:
-    """Ids (k,) of units that begin at ``times`` (k,) s: whole milliseconds, the same for all rows of a log."""
+    """Return ids (k,) of units that begin at ``times`` (k,) s: whole milliseconds, equal for all rows."""
     return np.round(1000.0 * np.asarray(times, np.float64)).astype(np.int64)
 
 
 def _summed_up(kind: Kind, values: Array) -> float:
-    """What units (k,) of a kind mean together: their mean on its scale, of step events the median."""
+    """Return the mean of units (k,) of a kind on its scale, of step events the median."""
     if kind == "step_event":
         return float(np.median(values))
     mean = float(np.mean(values))
@@ -84,18 +82,18 @@ EXACT = 60
 
 
 def p_value(a: UnitValues, b: UnitValues, common: Ids) -> float:
-    """Two-sided p that two rows are the same on common units (k,); 1 with too few of them or of different kinds."""
+    """Return two-sided p that two rows are equal on common units (k,); 1 for too few or different kinds."""
     if a.kind != b.kind or len(common) < NEEDED[a.kind]:
         return 1.0
     return float(p_values(a.kind, a.at(common)[None], b.at(common)[None])[0])
 
 
 def p_values(kind: Kind, x: Array, y: Array) -> Array:
-    """The same of many pairs at once: values (m, k) of the one and the other rows on the same units; (m,)."""
+    """Return :func:`p_value` (m,) of many pairs with values (m, k) on the same units."""
     if x.shape[1] < NEEDED[kind]:
         return np.ones(len(x))
     if kind == "step_event":
-        return signed_ranks(x - y)
+        return np.array([signed_rank(d) for d in x - y])
     if kind in ("slope_group", "lag_event"):
         # |x| > |y| exactly where (x - y)(x + y) > 0: both factors must differ from zero
         sizes = np.minimum(_t_of(x - y), _t_of(x + y))
@@ -110,32 +108,15 @@ def _logarithms(squares: Array) -> Array:
 
 
 def _t_of(d: Array) -> Array:
-    """Sizes (m,) of Student's t of differences (m, k); infinite where they differ from zero by one value alone."""
+    """Return sizes (m,) of Student's t of differences (m, k); infinite for equal differences other than zero."""
     mean = np.abs(np.mean(d, axis=1))
     error = np.std(d, axis=1, ddof=1) / math.sqrt(d.shape[1])
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(error > 0.0, mean / error, np.where(np.any(d != 0.0, axis=1), np.inf, 0.0))
 
 
-def signed_ranks(d: Array) -> Array:
-    """:func:`signed_rank` of many rows of differences (m, k): those beyond the counted ones without ties at once."""
-    m, k = d.shape
-    found, size = np.ones(m), np.abs(d)
-    ordered = np.sort(size, axis=1)
-    at_once = (k > EXACT) & (ordered[:, 0] > 0.0) & (np.diff(ordered, axis=1) > 0.0).all(axis=1)
-    for row in np.flatnonzero(~at_once):
-        found[row] = signed_rank(d[row])
-    if at_once.any():
-        doubled = 2.0 * (1.0 + np.argsort(np.argsort(size[at_once], axis=1), axis=1))
-        positive = np.sum(np.where(d[at_once] > 0.0, doubled, 0.0), axis=1)
-        deviation = math.sqrt(float(np.sum((2.0 * np.arange(1.0, k + 1.0)) ** 2))) / 2.0
-        deviates = np.abs(positive - k * (k + 1.0) / 2.0) / deviation
-        found[at_once] = [2.0 * NormalDist().cdf(-z) for z in deviates.tolist()]
-    return found
-
-
 def signed_rank(d: Array) -> float:
-    """Two-sided p of Wilcoxon's signed-rank test of differences (k,); zeros do not count, ties share their rank."""
+    """Return two-sided p of Wilcoxon's signed-rank test of differences (k,); zeros left out, ties share ranks."""
     d = d[d != 0.0]
     n = len(d)
     if n == 0:
@@ -156,7 +137,7 @@ def signed_rank(d: Array) -> float:
 
 
 def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
-    """Which of p-values (m,) stand if at most ``rate`` of the claims may be false (Benjamini & Hochberg 1995)."""
+    """Return which p-values (m,) pass at a false discovery rate (Benjamini & Hochberg 1995)."""
     m = len(p_values)
     order = np.argsort(p_values)
     passed = np.flatnonzero(p_values[order] <= rate * np.arange(1, m + 1) / m)
@@ -180,17 +161,17 @@ HALF_TURN_DEG = 180.0
 
 
 def groups_of(n: int, duration: float) -> list[slice]:
-    """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of 5 s; none below 4 s."""
+    """Return consecutive groups of n samples as independent evidence: 4 to 20 of 5 s; none below 4 s."""
     if duration < SHORTEST_S or n < MIN_SAMPLES:
         return []
     return interval.equal_groups(n, int(np.clip(duration // GROUP_S, 4, MAX_GROUPS)))
 
 
 def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
-    """RMS of an angle (n,) without memory beyond its groups, and its interval: t over their mean squares.
+    """Return the RMS of an angle (n,) and its interval: t over the mean squares of its groups.
 
-    The relative error of the mean square becomes a factor (delta method), so that the
-    interval of a short, uneven record does not reach below zero.
+    The relative error of the mean square becomes a factor (delta method), so that the interval of a short, uneven
+    record does not reach below zero.
     """
     squares = angle**2
     square = float(np.mean(squares))
@@ -202,9 +183,9 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval
 
 
 class ErrorSize:
-    """The sizes of an error angle without sign (n,), in deg, over a record of ``duration`` s.
+    """Sizes of an error angle without sign (n,), in deg, over a record of ``duration`` s.
 
-    ``sigma``: how wrong the reference may be itself (one sigma, RMS over the record, deg).
+    ``sigma``: the reference's own error (one sigma, RMS over the record, deg).
     """
 
     def __init__(self, angle: Array, duration: float, sigma: float = 0.0) -> None:
@@ -226,7 +207,7 @@ class ErrorSize:
         return whole, (max(low, 0.0), min(high, HALF_TURN_DEG))
 
     def _sizes(self, name: str) -> list[float]:
-        """The size of the whole; where there are pieces also of both halves and the four quarters."""
+        """Return the size of the whole, then of both halves and the four quarters where there are pieces."""
         halves, quarters = (interval.equal_groups(len(self._angle), n) if self.pieces else [] for n in (2, PIECES))
         if name == "rmse":
             if self._squares is None:
@@ -238,7 +219,7 @@ class ErrorSize:
 
 
 def _changes(parts: list[float], whole: float) -> Array:
-    """How much the logarithm of the mean square changes (3,) between halves, and between the quarters of each.
+    """Return how the logarithm of the mean square changes (3,) between halves, and between quarters of each.
 
     A part that is a thousand times smaller than the whole counts as that: its logarithm could be anything.
     """
@@ -247,6 +228,6 @@ def _changes(parts: list[float], whole: float) -> Array:
 
 
 def _ordered_at(values: Array, probability: float) -> Array:
-    """The values (n,), those at a quantile where they stand in ascending order."""
+    """Return the values (n,), those at a quantile in ascending order."""
     place = int(probability * (len(values) - 1))
     return np.partition(values, [place, min(place + 1, len(values) - 1)])

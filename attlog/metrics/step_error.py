@@ -1,9 +1,10 @@
-"""An event as angles about its own axis: what the reference turned since the onset, and how far off the row is."""
+"""Attitude error after a step, as an angle about the axis of the step."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -46,8 +47,8 @@ SETPOINT_HOLE_S = 0.5
 class Curve:
     """One event at the slower one's times ``t`` (n,) s within its window, in deg, positive along the stroke.
 
-    ``reference`` (n,) is its turning since the onset, ``error`` (n,) the row's error relative to
-    its mean over 0.3 s before the onset; negative: the row shows too little.
+    ``reference`` (n,) is its turning since the onset, ``error`` (n,) the row's error relative to its mean over 0.3 s
+    before the onset; negative: the row shows too little.
     """
 
     event: StepEvent
@@ -57,7 +58,7 @@ class Curve:
 
     @property
     def row(self) -> Array:
-        """What the row turned since the onset (n,)."""
+        """Turning of the row since the onset (n,)."""
         return self.reference + self.error
 
     @property
@@ -67,15 +68,15 @@ class Curve:
 
 
 def curves(case: Case, row: Row, window: str) -> list[Curve]:
-    """The events of a window that the row and the reference cover without a gap."""
+    """Return the events of a window that the row and the reference cover without a gap."""
     return _curves(case, row, step_fits.first_with(case, row, window))
 
 
 @dataclass(frozen=True, slots=True)
 class EventSamples:
-    """An event: its samples ``own`` (n,) of a row's errors, those ``before`` (m,) its onset, its ``body`` axis (3,).
+    """An event with the samples ``own`` (n,) of a row's errors, ``before`` (m,) its onset, ``body`` axis (3,).
 
-    ``turned`` (n,) deg: what the reference turned about that axis since the onset.
+    ``turned`` (n,) deg: turning of the reference about that axis since the onset.
     """
 
     event: StepEvent
@@ -91,7 +92,7 @@ def _curves(case: Case, row: Row, window: str) -> list[Curve]:
 
 
 def event_curves(case: Case, row: Row, events: list[StepEvent]) -> list[Curve]:
-    """Error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis in earth axes.
+    """Return the error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis.
 
     All events at once: a row may have hundreds.
     """
@@ -113,7 +114,7 @@ def event_curves(case: Case, row: Row, events: list[StepEvent]) -> list[Curve]:
 
 
 def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
-    """The events that a row and the reference show without a gap; most as any row without one at these times."""
+    """Return the events that a row and the reference show without a gap."""
     ref, whole = step_fits.reference_turning(case), _without_gaps(case, errors.t)
     broken = np.zeros(len(errors.t), np.int64)
     np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite_rows(errors.q_est)[1:], out=broken[1:])
@@ -129,16 +130,13 @@ def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) ->
 
 @per_times
 def _without_gaps(case: Case, t: Array) -> dict[StepEvent, EventSamples | None]:
-    """What a row at times (n,) and the reference show of all its events if no gap is in them."""
+    """Return the samples of all events at times (n,) as if there were no gap."""
     ref, unbroken = step_fits.reference_turning(case), np.zeros(len(t), np.int64)
     return {event: _covered(t, unbroken, ref, event) for event in steps.reference_steps(case)}
 
 
 def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> EventSamples | None:
-    """What a row at times (n,), in segments (n,) without a gap, and the reference show of an event.
-
-    None where that is too little.
-    """
+    """Return the samples of an event at times (n,) in segments (n,); None where they are too few."""
     body = axis_of(ref, event)
     if body is None:
         return None
@@ -155,21 +153,21 @@ def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> 
 
 
 def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
-    """The mean error rotation (k, 4) of each group of samples."""
+    """Return the mean error rotation (k, 4) of each group of samples."""
     own = np.concatenate(groups)
     error = rotation.earth_error(errors.q_est[own], errors.q_ref[own])
     return rotation.group_means(error, np.cumsum([0, *(len(g) for g in groups)]))
 
 
 def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Array:
-    """What the reference turned (n,) deg about the event's axis (3,) since its onset, at times (n,)."""
+    """Return the turning of the reference (n,) deg about an event's axis (3,) since its onset, at times (n,)."""
     near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
     along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)
     return np.asarray(np.interp(t, ref.t[near], along) - np.interp(event.onset, ref.t[near], along))
 
 
 def setpoint(case: Case, curve: Curve) -> Array | None:
-    """The set-point's turning (n,) deg about the event's axis since the onset; None where none is logged around it."""
+    """Return the set-point's turning (n,) deg about the event's axis since the onset; None where not logged."""
     wanted, ref = case.log.setpoints.attitude, step_fits.reference_turning(case)
     body = axis_of(ref, curve.event)
     if wanted is None or len(wanted.t) < 2 or body is None:
@@ -235,7 +233,7 @@ class EventErrors:
 
 
 def errors_after(found: list[Curve], after: float) -> EventErrors:
-    """The error of each event that is covered ``after`` s past 90 % of its stroke."""
+    """Return the error of each event that is covered ``after`` s past 90 % of its stroke."""
     kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
     return EventErrors(
         make_ids([c.event.onset for c, _ in kept]),
@@ -250,7 +248,7 @@ def _after(case: Case, row: Row, window: str, after: float) -> EventErrors:
 
 
 def error_at(curve: Curve, at: float) -> float | None:
-    """The mean error (deg) over +-50 ms around a time in s, the nearest sample's if none is in there.
+    """Return the mean error (deg) over +-50 ms around a time in s, else the nearest sample's.
 
     None beyond the event's window, which a neighbouring step may have cut.
     """
@@ -263,36 +261,17 @@ def error_at(curve: Curve, at: float) -> float | None:
     return float(curve.error[np.argmin(np.abs(curve.t - at))])
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorOnEvents:
-    """The median over a choice of events: magnitude in deg, or signed percent.
+def error_on_events(errors: EventErrors, values: Array, least: float, sigma: float, ids: Ids) -> Summary:
+    """Return the median of ``values`` (k,) on the events ``ids``; its interval ends at ``least`` at the lowest.
 
-    ``sigma``: how wrong the reference may be itself, in that unit.
+    ``sigma``: error of the reference itself, in the unit of the values.
     """
-
-    errors: EventErrors
-    unit: Literal["deg", "pct"]
-    sigma: float = 0.0
-
-    def __call__(self, ids: Ids) -> Summary:
-        """Median and interval on the events with these ids."""
-        values = magnitude(self.errors) if self.unit == "deg" else percent(self.errors)
-        chosen = values[np.isin(self.errors.ids, ids)]
-        value, ci95 = float(np.median(chosen)), interval.median_interval(chosen)
-        if ci95 is None:
-            return Summary(value, None)
-        low, high = interval.widen_by_reference(value, ci95, self.sigma)
-        return Summary(value, (max(low, 0.0) if self.unit == "deg" else low, high))
-
-
-def magnitude(errors: EventErrors) -> Array:
-    """Errors without sign (k,), deg."""
-    return np.abs(errors.deg)
-
-
-def percent(errors: EventErrors) -> Array:
-    """Signed errors (k,) in percent of the step."""
-    return np.asarray(100.0 * errors.deg / errors.stroke)
+    chosen = values[np.isin(errors.ids, ids)]
+    value, ci95 = float(np.median(chosen)), interval.median_interval(chosen)
+    if ci95 is None:
+        return Summary(value, None)
+    low, high = interval.widen_by_reference(value, ci95, sigma)
+    return Summary(value, (max(low, least), high))
 
 
 def compute_step_error(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -310,14 +289,16 @@ def compute_step_error(case: Case, row: Row, window: str) -> dict[str, Answer]:
 def _answer(
     errors: EventErrors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float
 ) -> Answer:
-    """The answer in one unit; ``own_deg``: the reference's own error, below which rows are the same."""
+    """Return the answer in one unit; ``own_deg``: the reference's own error, below which rows are equal."""
     count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
     if count < MIN_EVENTS:
         reason = too_few(count)
         return missing("too_few_events" if count else "no_events", reason, sign, window)
     sigma = own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0)
-    here = ErrorOnEvents(errors, unit, sigma)
-    summary, values = here(errors.ids), percent(errors) if unit == "pct" else magnitude(errors)
+    sizes = np.abs(errors.deg)
+    values, least = (100.0 * errors.deg / errors.stroke, -math.inf) if unit == "pct" else (sizes, 0.0)
+    here = partial(error_on_events, errors, values, least, sigma)
+    summary = here(errors.ids)
     seconds = math.fsum(c.event.end - c.event.begin for c in found)
     return Answer(
         summary.value,
@@ -329,7 +310,7 @@ def _answer(
         f"median of {count} of {len(found)} events, order statistics",
         detail={"p90": np.quantile(np.abs(values), 0.9)},
         each=[float(v) for v in values],
-        units=UnitValues("step_event", errors.ids, magnitude(errors), here),
+        units=UnitValues("step_event", errors.ids, sizes, here),
         floor=sigma,
     )
 

@@ -1,8 +1,7 @@
-"""What sums of products over step events tell: delay, gain, misalignment, aiding, and what each event changes.
+"""Fit of delay, gain, misalignment and aiding over step events.
 
-The products (12, 12) of one event hold its centred columns (:mod:`attlog.metrics.step_products`) at
-the fitted delay. Any choice of events is solved from their sum: all, all but one, one
-axis, or those that two rows share.
+The products (12, 12) of one event hold its centred columns (:mod:`attlog.metrics.step_products`) at the fitted delay.
+Any choice of events is solved from their sum: all, all but one, one axis, or those that two rows share.
 """
 
 from __future__ import annotations
@@ -42,10 +41,10 @@ MIN_EVENTS = 3
 class Fit:
     """Delay (s, positive: the estimate is late), gain and what else was fitted.
 
-    ``distortion`` and ``share`` (of the aiding) are relative to the RMS of the reference's rate, ``shape_s`` is
-    the residual over the RMS of its slope, ``moved_s`` what the aiding changes the delay by, ``plain_gain``
-    the gain without it. ``left_out`` (events, 3) are delay, gain and distortion with one event left out each,
-    ``each`` (events,) the delays of the single ones, ``events`` (events,) their numbers in ``sums``.
+    ``distortion`` and ``share`` (of the aiding) are relative to the RMS of the reference's rate, ``shape_s`` is the
+    residual over the RMS of its slope, ``moved_s`` what the aiding changes the delay by, ``plain_gain`` the gain
+    without it. ``left_out`` (events, 3) are delay, gain and distortion with one event left out each, ``each`` (events,)
+    the delays of the single ones, ``events`` (events,) their numbers in ``sums``.
     """
 
     delay: float
@@ -64,7 +63,7 @@ class Fit:
     at_edge: bool = False
 
     def half_width(self, column: int) -> float:
-        """Half the 95 % jackknife interval of delay (s), gain or distortion; inf under 3 events."""
+        """Return half the 95 % jackknife interval of delay (s), gain or distortion; inf under 3 events."""
         values = self.left_out[:, column]
         k = len(values)
         if k < MIN_EVENTS or not np.isfinite(values).all():
@@ -74,10 +73,10 @@ class Fit:
 
 @dataclass(slots=True)
 class NormalEquations:
-    """Products (k, 12, 12) of k events at ``delay`` s; ``plain`` the same with the slope of the bare rate.
+    """Products (k, 12, 12) of k events at ``delay`` s; ``plain`` has the slope of the bare rate.
 
-    ``lines`` (k,) samples and ``seconds`` (k,) of each event; ``ridge`` (11, 11) what a fit adds to the
-    normal matrix; ``kept`` (11,) is set where misalignment and aiding are not free.
+    ``lines`` (k,) samples and ``seconds`` (k,) of each event; ``ridge`` (11, 11) what a fit adds to the normal matrix;
+    ``kept`` (11,) is set where misalignment and aiding are not free.
     """
 
     products: Array
@@ -93,11 +92,11 @@ class NormalEquations:
     axis: Index = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def keeping(self, x: Array) -> NormalEquations:
-        """The same sums with misalignment and aiding as they are in coefficients ``x`` (11,)."""
+        """Return the sums with misalignment and aiding fixed at coefficients ``x`` (11,)."""
         return replace(self, kept=x)
 
     def solve(self, total: Array) -> Array:
-        """Coefficients (..., 11) of slope, gain, misalignment and aiding of summed products (..., 12, 12)."""
+        """Return coefficients (..., 11) of slope, gain, misalignment and aiding of products (..., 12, 12)."""
         normal, right = total[..., 1:, 1:] + self.ridge, total[..., 1:, Y]
         if self.kept is None:
             return _solved(normal, right)
@@ -106,12 +105,12 @@ class NormalEquations:
         return x
 
     def step(self, x: Array) -> Array:
-        """The change of delay (...,) in s by coefficients ``x`` (..., k) of the fit: slope over gain."""
+        """Return the change of delay (...,) in s by coefficients ``x`` (..., k): slope over gain."""
         gain = np.where(self.slow_row & (np.abs(x[..., 1]) > 0.1), x[..., 1], 1.0)
         return np.asarray(-x[..., 0] / gain)
 
     def without_aiding(self, number: Index) -> tuple[float, float]:
-        """Delay (s) and gain of some events where nothing but gain and misalignment is fitted."""
+        """Return delay (s) and gain of some events where only gain and misalignment are fitted."""
         total = self.plain[number].sum(axis=0)
         free = PLAIN if self.kept is None else 2
         x = np.zeros(SCALES.size + 2)
@@ -122,7 +121,7 @@ class NormalEquations:
         return self.delay + float(self.step(x)), float(x[1])
 
     def fit(self, number: Index) -> Fit:
-        """The fit of the events with these numbers (at least one)."""
+        """Return the fit of the events with these numbers (at least one)."""
         total = self.products[number].sum(axis=0)
         x = self.solve(total)
         delay = self.delay + float(self.step(x))
@@ -146,7 +145,7 @@ class NormalEquations:
         )
 
     def _without_each(self, number: Index, total: Array) -> Array:
-        """Delay, gain and distortion (k, 3) of the ``total`` (12, 12) with one of the events left out each."""
+        """Return delay, gain and distortion (k, 3) of ``total`` (12, 12) without each event."""
         others = total - self.products[number]
         x = self.solve(others)
         distortion = _ratio(residual_squares(others, x), others[:, GAIN, GAIN])
@@ -154,7 +153,7 @@ class NormalEquations:
 
 
 def ridge(total: Array, variance: float, lines: int) -> Array:
-    """What is added to the normal matrix (11, 11): weights of misalignment and aiding, a trace against singularity."""
+    """Return what is added to the normal matrix (11, 11): weights of misalignment and aiding, and a trace."""
     power = float(total[GAIN, GAIN])
     weights = np.zeros(SCALES.size + 2)
     weights[2:] = RIDGE_WEIGHT * max(variance, 1e-9 * power / max(lines, 1)) / SCALES**2
@@ -162,7 +161,7 @@ def ridge(total: Array, variance: float, lines: int) -> Array:
 
 
 def residual_squares(total: Array, x: Array) -> Array:
-    """The squares (...) that coefficients (..., 11) leave of the row's rate, of summed products (..., 12, 12)."""
+    """Return the squares (...) that coefficients (..., 11) leave of the row's rate."""
     explained = _form(total[..., 1:, 1:], x) - 2.0 * np.sum(x * total[..., 1:, Y], axis=-1)
     return np.asarray(np.maximum(total[..., Y, Y] + explained, 0.0))
 
@@ -176,7 +175,7 @@ def _form(normal: Array, x: Array) -> Array:
 
 
 def _ratio(squares: ArrayLike, of: ArrayLike) -> Array:
-    """The root (...) of squares over others; inf where these are none."""
+    """Return the root (...) of squares over others; inf where these are none."""
     part, whole = np.maximum(squares, 0.0), np.asarray(of, np.float64)
     return np.asarray(np.sqrt(np.divide(part, whole, out=np.full(np.shape(whole), math.inf), where=whole > 0)))
 
@@ -198,7 +197,7 @@ ENOUGH_S, MOST_STEPS = 3e-5, 20
 
 
 def fit(groups: EventBatches) -> dict[str, Fit]:
-    """The fit of all events (``all``) and, with its misalignment and aiding kept, of each axis that has some."""
+    """Return the fit of all events (``all``) and, with its misalignment and aiding kept, of each axis."""
     delay, at_edge = _start(groups)
     sums = _sums(groups, delay, None)
     for _ in range(MOST_STEPS):
@@ -226,14 +225,14 @@ def fit(groups: EventBatches) -> dict[str, Fit]:
 
 
 def _start(groups: EventBatches) -> tuple[float, bool]:
-    """The delay of the largest correlation on a coarse grid, and whether that is the grid's end."""
+    """Return the delay of the largest correlation on a coarse grid, and whether that is the grid's end."""
     grid = np.arange(-RANGE_S, RANGE_S + 1e-9, COARSE_S)
     best = int(np.argmax(groups.correlations(grid)))
     return float(grid[best]), best in (0, len(grid) - 1)
 
 
 def _sums(groups: EventBatches, delay: float, last: tuple[Array, float] | None) -> NormalEquations:
-    """The products at a delay; ``last`` are coefficients and residual squares of the step before."""
+    """Return the products at a delay; ``last`` are coefficients and residual squares of the step before."""
     aids = np.zeros(len(step_sensors.NAMES)) if last is None else last[0][PLAIN:]
     products, count = groups.products(delay, SLOPE_S, aids)
     total, lines = products.sum(axis=0), max(int(count.sum()), 1)
@@ -255,7 +254,7 @@ MIN_REFERENCE_HZ = 5.0
 
 
 def fits(case: Case, row: Row, window: str) -> dict[str, Fit]:
-    """The fits of a row over the events of a window: per axis and ``all``; shared by everything that looks at steps."""
+    """Return the fits of a row over the events of a window: per axis and ``all``."""
     found = evidence(case, row, window)
     return {} if found is None else found.fits
 
@@ -269,18 +268,18 @@ class RowFits:
 
 
 def evidence(case: Case, row: Row, window: str) -> RowFits | None:
-    """What a row showed in the events of a window; None without any that it covers."""
+    """Return the fits of a row in the events of a window; None without any that it covers."""
     return _evidence(case, row, first_with(case, row, window)) if events_in(case, row, window) else None
 
 
 def first_with(case: Case, row: Row, window: str) -> str:
-    """``all`` where this window holds the same events, else the window: what was found there is not computed again."""
+    """Return ``all`` where it holds the same events, else the window: fits are not computed again."""
     return "all" if events_in(case, row, window) == events_in(case, row, "all") else window
 
 
 @per_row
 def events_in(case: Case, row: Row, window: str) -> list[steps.StepEvent]:
-    """The events of a window for which this row is scored."""
+    """Return the events of a window for which this row is scored."""
     return steps.steps_in_window(case, scored_events(case, row), window)
 
 
@@ -295,18 +294,18 @@ def _evidence(case: Case, row: Row, window: str) -> RowFits | None:
 
 @per_times
 def timing(case: Case, t: Array) -> Timing:
-    """What :class:`Turning` needs to know of the times (n,) of rows; replays of one unit share them."""
+    """Return :class:`Timing` of the times (n,) of rows; replays of one unit share it."""
     return Timing.of(t)
 
 
 @per_case
 def reference_turning(case: Case) -> SummedTurning:
-    """The reference's attitude as summed turning."""
+    """Return the reference's attitude as summed turning."""
     return SummedTurning(case.reference.t, case.reference.q, case.reference.segment)
 
 
 def scored_events(case: Case, row: Row) -> list[steps.StepEvent]:
-    """The events of the reference for which this row is scored (after a restart it settles first)."""
+    """Return the events of the reference for which this row is scored (after a restart it settles first)."""
     errors = row.errors
     if errors is None or len(errors.t) == 0:
         return []
@@ -316,7 +315,7 @@ def scored_events(case: Case, row: Row) -> list[steps.StepEvent]:
 
 
 def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
-    """Code and reason where a window has no events at all for a row, else None."""
+    """Return code and reason where a window has no events for a row, else None."""
     rate = case.reference.rate
     if rate < MIN_REFERENCE_HZ:
         return (
@@ -334,5 +333,5 @@ def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
 
 
 def too_few(count: int, where: str = "") -> str:
-    """The reason where there are fewer than MIN_EVENTS; ``where`` follows with a blank before it."""
+    """Return the reason where there are fewer than MIN_EVENTS; ``where`` follows with a blank before it."""
     return f"{count} step{'' if count == 1 else 's'}{where}; at least {MIN_EVENTS} are needed"

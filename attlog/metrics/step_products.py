@@ -1,4 +1,4 @@
-"""The columns of the fit of a lag: turning rates of row and reference at a delay, and sums of their products.
+"""Columns of the lag fit: turning rates of row and reference at a delay, and sums of their products.
 
 Both attitudes lie on one time axis, event after event; the faster one is interpolated at the slower one's samples.
 """
@@ -41,7 +41,7 @@ THINNED = 60
 
 
 def after(t: Array, at: float, i: int) -> int:
-    """The first number from ``i`` on whose time is not before ``at``; at least 1, at most the last."""
+    """Return the first number from ``i`` on whose time is not before ``at``; at least 1, at most the last."""
     i = max(i, 1)
     while i < len(t) - 1 and t[i] < at:
         i += 1
@@ -190,7 +190,7 @@ def powers(
 
 @dataclass(slots=True)
 class EventTurning:
-    """One of the two attitudes: columns (n, k) of summed turning at ``t`` (n,) on the common time axis."""
+    """Columns (n, k) of summed turning of one attitude at ``t`` (n,) on the common time axis."""
 
     t: Array
     x: Array
@@ -206,10 +206,10 @@ class EventTurning:
 
 @dataclass(slots=True)
 class FitColumns:
-    """Some events of one row. ``slow_row`` tells that the reference is the one that is moved.
+    """Columns of some events of one row. ``slow_row``: the reference is the one that is moved.
 
-    ``begin`` and ``end`` (pairs,) number the samples of the slower one between which a
-    rate is taken, ``of`` (pairs,) the event.
+    ``begin`` and ``end`` (pairs,) number the samples of the slower one between which a rate is taken, ``of`` (pairs,)
+    the event.
     """
 
     slow: EventTurning
@@ -223,12 +223,12 @@ class FitColumns:
 
     @property
     def nbytes(self) -> int:
-        """What they take of memory."""
+        """Memory of the columns."""
         arrays = (self.slow.t, self.slow.x, self.fast.t, self.fast.x, self.begin, self.end, self.of)
         return sum(x.nbytes for x in arrays)
 
     def products(self, delay: float, slope_s: float, aids: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Sums of products (events, 12, 12) of the columns centred per event, and lines per event (events,).
+        """Return sums of products (events, 12, 12) of the centred columns, and lines per event (events,).
 
         At a delay in s. The slope is taken over +-``slope_s`` of what the delay moves: the row's rate without its
         aiding of gains ``aids`` (6,), or the reference's rate.
@@ -263,7 +263,7 @@ class FitColumns:
         return out, count
 
     def powers(self, delays: Array) -> Array:
-        """Squares of the row's and of the reference's rate about the axes, and their product (n, 3), at delays (n,) s.
+        """Return squares of both rates about the axes and their product (n, 3), at delays (n,) s.
 
         Summed over some of the samples, centred per event.
         """
@@ -304,7 +304,7 @@ MIN_PAIRS = 4
 
 @dataclass(frozen=True, slots=True)
 class EventRanges:
-    """An event that row and reference show without a gap: their samples around it, its ``axis`` (3,) in the body."""
+    """An event that row and reference show without a gap: their samples, its ``axis`` (3,) in the body."""
 
     event: StepEvent
     row: slice
@@ -314,7 +314,7 @@ class EventRanges:
 
 @dataclass(slots=True)
 class EventBatches:
-    """The events that both attitudes cover without a gap, in groups; ``slow_row``: the reference is the one moved."""
+    """Events covered by both attitudes, in groups; ``slow_row``: the reference is the one moved."""
 
     row: SummedTurning
     ref: SummedTurning
@@ -337,16 +337,16 @@ class EventBatches:
 
     @property
     def events(self) -> list[StepEvent]:
-        """The events themselves."""
+        """Return the events themselves."""
         return [c.event for c in self.covered]
 
     @property
     def heavy(self) -> float:
-        """Share of the row's samples in which the specific force exceeds 2 g, once :meth:`products` was asked."""
+        """Share of the row's samples with a specific force above 2 g, after :meth:`products`."""
         return sum(self._heavy.values()) / sum(int(c.row.stop - c.row.start) for c in self.covered)
 
     def enough(self) -> bool:
-        """Whether there are rates to compare."""
+        """Return whether there are rates to compare."""
         pairs = 0
         for columns in self.each():
             pairs += len(columns.begin)
@@ -354,30 +354,26 @@ class EventBatches:
                 return True
         return False
 
-    def each(self, *, aided: bool = True) -> Iterator[FitColumns]:
-        """The columns group by group; not ``aided``: those of the aiding may be zero where columns are not kept."""
+    def each(self) -> Iterator[FitColumns]:
+        """Yield the columns group by group."""
         for k, own in enumerate(self.bounds):
             columns = self._kept.get(k)
             if columns is None:
-                whole = aided or self._room > 0
-                columns = build_batch(
-                    self.row, self.ref, self.covered[own], self.sensors if whole else None, self.slow_row
-                )
-                if whole or self.sensors is None:
-                    self._heavy[k] = columns.heavy
-                    self._room -= columns.nbytes
-                    if self._room > 0:
-                        self._kept[k] = columns
+                columns = build_batch(self.row, self.ref, self.covered[own], self.sensors, self.slow_row)
+                self._heavy[k] = columns.heavy
+                self._room -= columns.nbytes
+                if self._room > 0:
+                    self._kept[k] = columns
             yield columns
 
     def products(self, delay: float, slope_s: float, aids: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Those of all events, see :meth:`FitColumns.products`."""
+        """Return :meth:`FitColumns.products` of all events."""
         products, lines = zip(*(columns.products(delay, slope_s, aids) for columns in self.each()), strict=True)
         return np.concatenate(products), np.concatenate(lines)
 
     def correlations(self, delays: Array) -> Array:
-        """Correlation (n,) of both rates about the axes at delays (n,) s, of some samples of each event."""
-        xx, yy, xy = sum((columns.powers(delays) for columns in self.each(aided=False)), np.zeros((len(delays), 3))).T
+        """Return the correlation (n,) of both rates about the axes at delays (n,) s."""
+        xx, yy, xy = sum((columns.powers(delays) for columns in self.each()), np.zeros((len(delays), 3))).T
         size = np.sqrt(xx * yy)
         return np.asarray(np.divide(xy, size, out=np.zeros(len(delays)), where=size > 0.0))
 
@@ -385,7 +381,7 @@ class EventBatches:
 def event_batches(
     row: SummedTurning, ref: SummedTurning, events: Sequence[StepEvent], sensors: RowSensors | None
 ) -> EventBatches | None:
-    """The events that both attitudes cover without a gap; None without any."""
+    """Return the events that both attitudes cover without a gap; None without any."""
     slow_row = row.step > 1.05 * ref.step
     row_parts = around(row, events, 0.0 if slow_row else MARGIN_S)
     ref_parts = around(ref, events, MARGIN_S if slow_row else 0.0)
@@ -402,7 +398,7 @@ def event_batches(
 def build_batch(
     row: SummedTurning, ref: SummedTurning, events: Sequence[EventRanges], sensors: RowSensors | None, slow_row: bool
 ) -> FitColumns:
-    """The columns of some events (at least one)."""
+    """Return the columns of some events (at least one)."""
     kept, axes = [one.event for one in events], np.array([one.axis for one in events])
     in_row, in_ref = stack_events([one.row for one in events]), stack_events([one.ref for one in events])
     reference = _part(ref, in_ref, kept, np.empty((len(in_ref.index), 4)), axes)
@@ -418,7 +414,7 @@ def build_batch(
 
 
 def axes_of(ref: SummedTurning, events: Sequence[StepEvent]) -> Array:
-    """The events' axes (events, 3) in the body, NaN without any.
+    """Return the events' axes (events, 3) in the body, NaN without any.
 
     That is the reference's turning from onset to the 90 % point, with the sign of the stroke.
     """
@@ -431,15 +427,15 @@ def axes_of(ref: SummedTurning, events: Sequence[StepEvent]) -> Array:
 
 
 def axis_of(ref: SummedTurning, event: StepEvent) -> Array | None:
-    """The same (3,) of one event; None without any."""
+    """Return the axis (3,) of one event; None without any."""
     axis = axes_of(ref, [event])[0]
     return axis if np.isfinite(axis[0]) else None
 
 
 def _part(track: SummedTurning, stack: EventIndex, events: list[StepEvent], x: Array, axes: Array) -> EventTurning:
-    """What is turned since each event's first sample in the first column of ``x`` (n, k), of (n, 4) with its products.
+    """Fill the first column of ``x`` (n, k) with the turning since each event's first sample, about ``axes``.
 
-    About ``axes`` (events, 3); the other columns are kept.
+    Of ``x`` (n, 4) the others become its products with the axis.
     """
     t, (begin, first) = np.empty(len(x)), event_places(stack)
     start = STRIDE_S * np.arange(len(events)) - np.array([e.begin for e in events])
@@ -449,7 +445,7 @@ def _part(track: SummedTurning, stack: EventIndex, events: list[StepEvent], x: A
 
 
 def _pairs(t: Array, stack: EventIndex, events: list[StepEvent], span: int) -> tuple[NDArray[np.int64], ...]:
-    """First and last sample of every span of ``span`` samples inside an event's window, and its event."""
+    """Return first and last sample of every span of ``span`` samples inside an event's window, and its event."""
     n = max(len(t) - span, 0)
     of = stack.of[:n]
     start, length = STRIDE_S * of, np.array([e.end - e.begin for e in events])[of]

@@ -1,9 +1,8 @@
-"""How fast do accelerometer and magnetometer turn a filter? The rates that aiding of gain 1 would add to a row.
+"""Rates that aiding of gain 1 by accelerometer and magnetometer would add to a row in steps.
 
-In a multirotor the accelerometer reads thrust, so a filter aided by gravity turns back
-towards "level" during every step. The fit of the lag takes these rates out:
-without them the turning back is read as an early estimate of another shape. They follow
-from the row's own attitude and the samples that the filter saw:
+In a multirotor the accelerometer reads thrust, so a filter aided by gravity turns back towards "level" during every
+step. The fit of the lag takes these rates out: without them the turning back is read as an early estimate of another
+shape. They follow from the row's own attitude and the samples that the filter saw:
 
     v = -f / g    d = R^T e_z    h = R m / |m|    L = |h_xy|
     E   v x d                          gravity, vector form (Mahony2008)
@@ -48,7 +47,7 @@ DEG = math.degrees(1.0)
 
 
 def rotated(w: float, x: float, y: float, z: float, vx: float, vy: float, vz: float) -> Three:
-    """A vector in body axes seen in earth axes."""
+    """Return a vector in body axes in earth axes."""
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
     return vx + w * tx + (y * tz - z * ty), vy + w * ty + (z * tx - x * tz), vz + w * tz + (x * ty - y * tx)
 
@@ -68,7 +67,7 @@ def rates(
     uy: float,
     uz: float,
 ) -> tuple[float, float, float, float, float]:
-    """The rates of E, D, N, M, V in deg/s about an axis of the body, for one attitude, force and field.
+    """Return the rates of E, D, N, M, V in deg/s about a body axis, for one attitude, force and field.
 
     The axis is turned into the earth, not each correction into the body: one number instead of three.
     """
@@ -126,11 +125,10 @@ def summed_aiding(
 
 @dataclass(slots=True)
 class Vectors:
-    """What the accelerometer and magnetometer showed a row around its events.
+    """Accelerometer and magnetometer of a row around its events.
 
-    ``f`` (n, 3) m/s^2 and ``m`` (n, 3) (unit length, zero where there is none) act over the
-    interval that ends at each sample of the stack; they are those of its beginning, where they
-    are compared with the attitude.
+    ``f`` (n, 3) m/s^2 and ``m`` (n, 3) (unit length, zero where there is none) act over the interval that ends at each
+    sample; they are those of its beginning, where they are compared with the attitude.
     """
 
     f: Array
@@ -248,9 +246,8 @@ def seen_at(
 class SensorSamples:
     """An IMU and its magnetometer as the filters' loop takes them, at ``t`` (n,).
 
-    ``f`` (n, 3) specific force; ``m`` (n, 3) the last field direction, turned on with the
-    gyro for 1.5 periods of the magnetometer, then zero; ``age`` (n,) s since it was measured,
-    ``new`` (k,) where it was.
+    ``f`` (n, 3) specific force; ``m`` (n, 3) the last field direction, turned on with the gyro for 1.5 periods of the
+    magnetometer, then zero; ``age`` (n,) s since it was measured, ``new`` (k,) where it was.
     """
 
     t: Array
@@ -262,7 +259,7 @@ class SensorSamples:
 
 
 def seen_by(case: Case, row: Row) -> SensorSamples | None:
-    """What a row's filter saw of its unit; None without one and for fewer than two good samples."""
+    """Return the samples of a row's filter; None without a unit and for fewer than two good samples."""
     imu = imu_of(case, row)
     if imu is None:
         return None
@@ -272,7 +269,7 @@ def seen_by(case: Case, row: Row) -> SensorSamples | None:
 
 @per_case
 def samples_of(case: Case, imu: int, with_field: bool) -> SensorSamples | None:
-    """What the filters saw of one of the log's units; None for fewer than two good samples.
+    """Return the samples of one of the log's units; None for fewer than two good ones.
 
     Without field for filters that use none: to hold it costs more than all the rest.
     """
@@ -301,8 +298,7 @@ def _samples(case: Case, unit: Imu, with_field: bool) -> SensorSamples | None:
 
 
 def _hold(found: SensorSamples, rate: Array, measured: Array) -> None:
-    """Fill in the field, ``measured`` (n, 3) or NaN: each sample is turned back by the gyro, sample for sample, until
-    it is too old or replaced."""
+    """Fill in the field, ``measured`` (n, 3) or NaN, turned back by the gyro until it is too old or replaced."""
     size = np.sqrt(np.sum(measured * measured, axis=1))
     new = np.flatnonzero(np.isfinite(size) & (size > 0))
     if len(new) < 2:
@@ -313,7 +309,7 @@ def _hold(found: SensorSamples, rate: Array, measured: Array) -> None:
 
 
 class RowSensors:
-    """The vectors that the filter of a row saw, asked around its events."""
+    """Vectors that the filter of a row saw around its events."""
 
     def __init__(self, case: Case, row: Row, track: SummedTurning, seen: SensorSamples) -> None:
         self.track, self.seen = track, seen
@@ -326,7 +322,7 @@ class RowSensors:
         self.impulse = _impulse(seen) if self.slow else None
 
     def _north(self) -> float:
-        """Where the row sees magnetic north on average, rad."""
+        """Return where the row sees magnetic north on average, rad."""
         new = self.seen.new
         at = np.searchsorted(self.track.t, self.seen.t[new])
         inside = at < len(self.track.t)
@@ -334,7 +330,7 @@ class RowSensors:
         return math.atan2(mean[1], mean[0])
 
     def around(self, stack: EventIndex) -> Vectors:
-        """Force and field over the intervals that end at the stack's samples."""
+        """Return force and field over the intervals that end at the stack's samples."""
         f = np.empty((len(stack.index), 3)) if self.impulse is None else self._mean_force(stack, self.impulse)
         m, none = np.empty((len(stack.index), 3)), np.zeros((0, 3))
         field = self.seen.m if self.uses_mag else none
@@ -364,6 +360,6 @@ class RowSensors:
 
 
 def _impulse(seen: SensorSamples) -> Array:
-    """The running integral (n, 3) of the specific force."""
+    """Return the running integral (n, 3) of the specific force."""
     area = 0.5 * (seen.f[1:] + seen.f[:-1]) * np.diff(seen.t)[:, None]
     return np.concatenate([np.zeros((1, 3)), np.cumsum(area, axis=0)])

@@ -44,11 +44,10 @@ class StepEvent:
 
 
 def find_steps(t: Array, q: Array, segment: NDArray[np.int64]) -> list[StepEvent]:
-    """Step events of an attitude ``q`` (n, 4) at ``t`` (n,) s, in time order; no event crosses a segment.
+    """Return step events of an attitude ``q`` (n, 4) at ``t`` (n,) s in time order; none crosses a segment.
 
-    The stroke is the largest excursion of the integrated body rate within 1 s of the
-    onset, at least 5 deg (yaw 10); an onset less than 0.7 s after the last event's
-    90 % point belongs to that event (docs/metrics.md, Steps).
+    The stroke is the largest excursion of the integrated body rate within 1 s of the onset, at least 5 deg (yaw 10); an
+    onset less than 0.7 s after the last event's 90 % point belongs to that event (docs/metrics.md, Steps).
     """
     events: list[StepEvent] = []
     for own in model.segment_slices(np.ones(len(t), bool), segment):
@@ -62,18 +61,18 @@ def find_steps(t: Array, q: Array, segment: NDArray[np.int64]) -> list[StepEvent
 
 @per_case
 def reference_steps(case: Case) -> list[StepEvent]:
-    """The events of the reference that every row is judged by: after the scoring start, before the end."""
+    """Return the events of the reference, cached per case."""
     return scored_steps(case.reference)
 
 
 def scored_steps(reference: Reference) -> list[StepEvent]:
-    """The events of a reference after its scoring start and before its end."""
+    """Return the events of a reference after its scoring start and before its end."""
     found = find_steps(reference.t, reference.q, reference.segment) if len(reference.t) else []
     return [e for e in found if e.begin >= reference.scoring.start and e.end <= reference.scoring.end]
 
 
 def steps_in_window(case: Case, events: list[StepEvent], window: str) -> list[StepEvent]:
-    """The events whose onset lies in a window."""
+    """Return the events whose onset lies in a window."""
     inside = case.segments.mask(np.array([e.onset for e in events]), window)
     return [e for e, ok in zip(events, inside, strict=True) if ok]
 
@@ -127,7 +126,7 @@ def _cut_to_neighbours(events: list[StepEvent]) -> list[StepEvent]:
 
 
 def _largest_ahead(x: Array, count: int) -> Array:
-    """The maximum of x[i : i + count] for each i (shorter at the end), by doubling."""
+    """Return the maximum of x[i : i + count] for each i (shorter at the end), by doubling."""
     out, have = x.copy(), 1
     while have < count:
         shift = min(have, count - have)
@@ -199,14 +198,14 @@ def about_axes(out: Out2, at: Out1, axes: F2, start: F1, begin: I1, first: I1, t
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Of times (n,): the ``number`` (n,) of their segments between gaps, and the median ``step`` in s."""
+    """Segment ``number`` (n,) between gaps of times (n,), and their median ``step`` in s."""
 
     number: Index
     step: float
 
     @classmethod
     def of(cls, t: Array) -> Timing:
-        """Of times (n,) s."""
+        """Return the timing of times (n,) s."""
         return cls(model.number_segments(t), float(np.median(np.diff(t))) if len(t) > 1 else math.inf)
 
 
@@ -214,9 +213,8 @@ class Timing:
 class SummedTurning:
     """An attitude over time with its summed turning.
 
-    ``t`` (n,) s, ``q`` (n, 4) finite samples only; ``segment`` (n,) changes at gaps, restarts and
-    left-out samples; ``turned`` (n, 3) deg: the rotation vectors of ``q_i^* q_(i+1)`` summed in
-    body axes; ``step`` median time between samples, s.
+    ``t`` (n,) s, ``q`` (n, 4) finite samples only; ``segment`` (n,) changes at gaps, restarts and left-out samples;
+    ``turned`` (n, 3) deg: the rotation vectors of ``q_i^* q_(i+1)`` summed in body axes; ``step`` median interval, s.
     """
 
     t: Array
@@ -245,10 +243,9 @@ class SummedTurning:
 
 @dataclass(slots=True)
 class EventIndex:
-    """Samples of a :class:`Turning` around several events, one event after the other.
+    """Samples of a :class:`SummedTurning` around several events, one event after the other.
 
-    ``index`` (n,) sample numbers, ``of`` (n,) number of the event, ``first`` (events,) where each
-    event begins in ``index``.
+    ``index`` (n,) sample numbers, ``of`` (n,) number of the event, ``first`` (events,) where each event begins.
     """
 
     index: Index
@@ -257,7 +254,7 @@ class EventIndex:
 
 
 def around(track: SummedTurning, events: Sequence[StepEvent], margin: float) -> list[slice | None]:
-    """The samples from ``margin`` s before to after each event's window that no gap parts from its mid-step.
+    """Return the samples from ``margin`` s before to after each event's window, cut at gaps.
 
     None where they do not reach from 0.1 s before the onset to 0.3 s after the 90 % point.
     """
@@ -275,7 +272,7 @@ def around(track: SummedTurning, events: Sequence[StepEvent], margin: float) -> 
 
 
 def stack_events(parts: Sequence[slice]) -> EventIndex:
-    """The samples of these ranges behind each other."""
+    """Return the samples of these ranges one after the other."""
     sizes = np.array([p.stop - p.start for p in parts], np.int64)
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     of = np.repeat(np.arange(len(parts)), sizes)
@@ -284,5 +281,5 @@ def stack_events(parts: Sequence[slice]) -> EventIndex:
 
 
 def event_places(stack: EventIndex) -> tuple[Index, Index]:
-    """The number (events,) of each event's first sample; where each begins in the stack, and its end (events + 1,)."""
+    """Return each event's first sample (events,), and where each begins in the stack, and its end (events + 1,)."""
     return stack.index[stack.first], np.append(stack.first, len(stack.index))

@@ -1,9 +1,8 @@
-"""What a figure needs: arrays of one row or of a sensor, long ones as envelopes so that no peak is lost."""
+"""Arrays of one row or a sensor for a figure; long ones are envelopes that keep every peak."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,7 +17,7 @@ Array = NDArray[np.float64]
 # Samples per angle over all rows of a figure; beyond it envelopes take over.
 BUDGET = 100_000
 # Samples that every row keeps, however many rows there are.
-FEWEST = 2000
+MIN_SAMPLES = 2000
 # What is beyond is infinite. (The question whether a number is finite would call the compiler's own library.)
 LARGEST = 1e300
 
@@ -57,48 +56,30 @@ class Trace:
     values: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class SampleBudget:
-    """How many samples a row may keep of its own: its share of the budget of the figure."""
-
-    total: int
-
-    @classmethod
-    def of(cls, lengths: Iterable[int]) -> SampleBudget:
-        """For rows of these lengths."""
-        return cls(sum(lengths))
-
-    def __call__(self, n: int) -> int:
-        """Samples to keep of n."""
-        return n if self.total <= 1.1 * BUDGET else min(n, max(BUDGET * n // self.total, FEWEST))
-
-
 @dataclass(slots=True)
-class SampleBudgets:
-    """The shares of rows that pass one by one: first ``replays`` replayed ones, then those with ``others`` samples.
+class SampleBudget:
+    """Number of samples that each row of a figure keeps, for rows that pass one by one.
 
-    A replayed row has the share it would have if all of them were as long as it is, as they are: they stand at the
-    samples of one unit.
+    First ``replays`` replayed rows pass, then others with ``others`` samples in all. A replayed row has the share that
+    it would have if all were as long: they have the samples of one unit.
     """
 
-    replays: int
-    others: int
+    replays: int = 0
+    others: int = 0
     passed: int = 0
 
-    def share(self, n: int, replayed: bool) -> SampleBudget:
-        """That of the next row, which has n samples."""
-        if not replayed:
-            return SampleBudget(self.passed + self.others)
-        self.passed += n
-        return SampleBudget(self.replays * n + self.others)
+    def keep(self, n: int, replayed: bool) -> int:
+        """Return how many of its n samples the next row keeps."""
+        self.passed += n if replayed else 0
+        total = self.others + (self.replays * n if replayed else self.passed)
+        return n if total <= 1.1 * BUDGET else min(n, max(BUDGET * n // total, MIN_SAMPLES))
 
 
 def envelope(t: Array, columns: Array, keep: int) -> tuple[Array, Array]:
-    """Times (m,) and columns (m, k) of (n,), (n, k) with at most ``keep`` samples: two per bucket, its extremes.
+    """Return times (m,) and columns (m, k) of (n,), (n, k) with at most ``keep`` samples: extremes of buckets.
 
-    The two values of a bucket stand at its first and its middle time, so that all
-    columns share the times; a peak keeps its height and moves by less than a bucket.
-    A bucket with NaN in it keeps a NaN, so that a gap stays a gap.
+    The two values of a bucket stand at its first and its middle time, so that all columns share the times; a peak keeps
+    its height and moves by less than a bucket. A bucket with NaN in it keeps a NaN, so that a gap stays a gap.
     """
     n, buckets = len(t), max(keep // 2, 1)
     if n <= max(keep, 2):

@@ -1,4 +1,4 @@
-"""Arrays of the longest rest: a close-up of each row's angles, and how they are spread."""
+"""Arrays for the figures, row by row."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from attlog.metrics.sensor_traces import height_trace, sensor_traces
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_products import STRIDE_S
 from attlog.metrics.step_turning import StepEvent
-from attlog.metrics.trace import SampleBudget, SampleBudgets, Trace, envelope
+from attlog.metrics.trace import BUDGET, SampleBudget, Trace, envelope
 from attlog.metrics.windows import detrended, deviations, own_start, within
 from attlog.reference import alignment
 from attlog.reference.model import Reference, Row
@@ -40,7 +40,7 @@ ORDERED = 20_000
 
 
 class RestTraces:
-    """``rest`` and ``spread`` of rows that pass one by one: of each that is finite in the longest rest.
+    """``rest`` and ``spread`` traces of rows that pass one by one, where finite in the longest rest.
 
     ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them.
     """
@@ -50,25 +50,25 @@ class RestTraces:
         spans = case.segments.spans("rest")
         self._rest = max(spans, key=lambda s: s[1] - s[0]) if spans else None
         segments = [self._segment(row) for row in onboard]
-        self._budget = SampleBudgets(replays, sum(p.stop - p.start for p in segments if p is not None))
+        self._budget = SampleBudget(replays, sum(p.stop - p.start for p in segments if p is not None))
         self._drawn: list[Trace] = []
         self._scatters: list[Scatter] = []
 
     def add(self, row: Row) -> None:
-        """Draw what a row does at rest; it may be released then."""
+        """Draw a row at rest; it may be released then."""
         segment = self._segment(row)
         if segment is None:
             return
         t, angles = row.t[segment], deviations(row.q[segment])
-        self._drawn.append(close_up(row.name, t, angles, self._budget.share(len(t), row.kind == "replay")))
+        self._drawn.append(close_up(row.name, t, angles, self._budget.keep(len(t), row.kind != "onboard")))
         self._scatters.append(Scatter.of(row.name, residual(t, angles[:, :2]).ravel()))
 
     def drawn(self) -> list[Trace]:
-        """All traces, the spreads in bins that are the same for all rows."""
+        """Return all traces, the spreads in bins that are the same for all rows."""
         return [*self._drawn, *spreads(self._scatters)]
 
     def _segment(self, row: Row) -> slice | None:
-        """The row's longest segment in the rest; None where it is too short or not finite."""
+        """Return the row's longest segment in the rest; None where it is too short or not finite."""
         if self._rest is None:
             return None
         start = max(self._rest[0], own_start(self._case, row))
@@ -81,7 +81,7 @@ class RestTraces:
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """Values of a row whose distribution is to be counted: their standard deviation, and some of them in order."""
+    """Values of a row whose distribution is counted: standard deviation, and some of them in order."""
 
     row: str
     size: float
@@ -89,22 +89,22 @@ class Scatter:
 
     @classmethod
     def of(cls, row: str, values: Array) -> Scatter:
-        """Of values (n,): so many that a share of them is kept to 0.005 %."""
+        """Return the scatter of values (n,), of which so many are kept that shares are known to 0.005 %."""
         size = float(np.std(values)) if len(values) else 0.0
         if len(values) > ORDERED:
             values = np.sort(values)[np.linspace(0, len(values) - 1, ORDERED).round().astype(np.int64)]
         return cls(row, size, values)
 
 
-def close_up(name: str, t: Array, angles: Array, share: SampleBudget) -> Trace:
-    """Angles (n, 3) in deg, each minus its straight line: noise and wander without drift."""
+def close_up(name: str, t: Array, angles: Array, keep: int) -> Trace:
+    """Return angles (n, 3) in deg, each minus its straight line: noise and wander without drift."""
     flat = detrended(t, angles)
-    at, kept = envelope(t, flat, share(len(t)))
+    at, kept = envelope(t, flat, keep)
     return Trace("rest", name, at, {a: kept[:, k] for k, a in enumerate(ANGLES)}, ratio=len(t) / len(at))
 
 
 def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
-    """Shares (%) of the samples of roll and pitch per bin of the angle, the same bins for all rows."""
+    """Return shares (%) of the samples of roll and pitch per bin of the angle, the same bins for all rows."""
     scatters = [s for s in scatters if len(s.ordered) > MIN_REST_SAMPLES]
     if not scatters:
         return []
@@ -119,7 +119,7 @@ def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
 
 
 def residual(t: Array, angles: Array) -> Array:
-    """Angles (n, k) with a straight line taken out of every 5 s; windows of under 3 samples are left out."""
+    """Return angles (n, k) without a line in every 5 s; windows of under 3 samples are left out."""
     edges = np.searchsorted(t, np.arange(t[0], t[-1] + WINDOW_S, WINDOW_S))
     windows = [slice(a, b) for a, b in pairwise(edges) if b - a > 2]
     return np.concatenate([detrended(t[w], angles[w]) for w in windows] or [np.zeros((0, angles.shape[1]))])
@@ -136,7 +136,7 @@ MIN_EVENTS_DRAWN = 3
 
 
 def step_traces(case: Case, row: Row) -> list[Trace]:
-    """``step``: the representative event. ``steps``: over all events of each axis, and of all axes together."""
+    """Return ``step`` of the representative event and ``steps`` over the events of each axis and of all."""
     if row.is_reference or case.reference.rate < step_fits.MIN_REFERENCE_HZ:
         return []
     curves = step_curves.curves(case, row, "all")
@@ -154,7 +154,7 @@ def step_traces(case: Case, row: Row) -> list[Trace]:
 
 @per_case
 def representative(case: Case) -> StepEvent | None:
-    """The event of median stroke about the axis with most events; None without events."""
+    """Return the event of median stroke about the axis with most events; None without events."""
     events = steps.reference_steps(case)
     if not events:
         return None
@@ -164,7 +164,7 @@ def representative(case: Case) -> StepEvent | None:
 
 
 def one_step(case: Case, row: Row, curve: Curve) -> Trace:
-    """What row, reference and set-point turned about the axis of one event since its onset, stroke positive."""
+    """Return the turning of row, reference and set-point about the axis of one event since its onset."""
     columns = {"est": curve.row, "ref": curve.reference}
     wanted = step_curves.setpoint(case, curve)
     if wanted is not None:
@@ -174,14 +174,14 @@ def one_step(case: Case, row: Row, curve: Curve) -> Trace:
 
 
 def in_percent(curves: list[Curve]) -> tuple[Array, Array]:
-    """The row's error and the reference's turning (events, times) laid on their onset, in % of the stroke."""
+    """Return the row's error and the reference's turning (events, times) from the onset, in % of the stroke."""
     stroke = np.array([abs(c.event.delta_deg) for c in curves])[:, None]
     error = resampled_errors(curves, [c.error for c in curves]) / stroke * 100.0
     return error, resampled_errors(curves, [c.reference for c in curves]) / stroke * 100.0
 
 
 def step_statistics(row: Row, error: Array, moved: Array, axis: str) -> Trace:
-    """Median and band of the row's error over events (events, times) in % of the stroke; NaN where few reach."""
+    """Return median and band of the row's error over events (events, times) in %; NaN where few reach."""
     enough = np.isfinite(error).sum(axis=0) >= MIN_EVENTS_DRAWN
     columns = {name: np.full(len(GRID_S), np.nan) for name in ("median", "low", "high", "ref")}
     columns["low"][enough], columns["median"][enough], columns["high"][enough] = known_steps(error[:, enough], SHARES)
@@ -190,9 +190,9 @@ def step_statistics(row: Row, error: Array, moved: Array, axis: str) -> Trace:
 
 
 def known_steps(x: Array, shares: tuple[float, ...]) -> Array:
-    """Quantiles (len(shares), n) of the numbers in each column of (k, n), NaN left out; one number at least in each.
+    """Return quantiles (len(shares), n) of the finite numbers in each column of (k, n), at least one each.
 
-    As numpy.nanquantile has them, which goes through the columns one by one.
+    Equal to numpy.nanquantile, which goes through the columns one by one.
     """
     ordered, known = np.sort(x, axis=0), np.isfinite(x).sum(axis=0)
     found = np.empty((len(shares), x.shape[1]))
@@ -205,10 +205,7 @@ def known_steps(x: Array, shares: tuple[float, ...]) -> Array:
 
 
 def resampled_errors(curves: list[Curve], values: list[Array]) -> Array:
-    """Values (n,) of each curve on the common times (events, times); NaN beyond its ends.
-
-    All curves lie behind each other: a row has hundreds.
-    """
+    """Return values (n,) of each curve on the common times (events, times); NaN beyond its ends."""
     begin = STRIDE_S * np.arange(len(curves))
     seconds = [c.seconds for c in curves]
     at = GRID_S + begin[:, None]
@@ -224,7 +221,7 @@ MAX_DEMAND_POINTS = 25_000
 
 
 def demand_traces(case: Case) -> list[Trace]:
-    """``demand``: roll, pitch and heading of the set-point while armed (of the whole log where arming is unknown)."""
+    """Return ``demand``: roll, pitch and heading of the set-point while armed, or throughout."""
     wanted = case.log.setpoints.attitude
     if wanted is None:
         return []
@@ -245,7 +242,7 @@ def demand_traces(case: Case) -> list[Trace]:
 
 
 def setpoint_traces(case: Case, row: Row) -> list[Trace]:
-    """``setpoint``: the vehicle's response to a unit step of its set-point, roll and pitch; with the onboard row."""
+    """Return ``setpoint``: the vehicle's response to a unit step of its set-point, with the onboard row."""
     blocks = setpoint.moved(case, "all") if row.name == "onboard" else None
     if blocks is None or len(blocks.axis) < setpoint.MIN_BLOCKS:
         return []
@@ -261,48 +258,47 @@ def setpoint_traces(case: Case, row: Row) -> list[Trace]:
 
 
 def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
-    """All traces of all rows, figure by figure within a row; see :class:`Trace` for their columns.
+    """Return all traces of all rows, figure by figure within a row; see :class:`Trace`.
 
-    A reference that is no row (truth, smoother) comes first, with its attitude alone; what is drawn
-    of all rows together and of the sensors comes last. Long logs become envelopes.
+    A reference that is no row (truth, smoother) comes first, with its attitude alone; traces of all rows together and
+    of the sensors come last.
     """
     rows = list(rows)
-    replays = [row for row in rows if row.kind == "replay"]
-    drawing = Drawing(case, len(replays), [row for row in rows if row.kind != "replay"])
+    replays = [row for row in rows if row.kind != "onboard"]
+    drawing = Drawing(case, len(replays), [row for row in rows if row.kind == "onboard"])
     drawn = [trace for row in rows for trace in drawing.of_row(row)]
     return [*drawing.first(rows), *drawn, *drawing.last()]
 
 
 class Drawing:
-    """The traces of rows that pass one by one, so that each can be released once it is drawn.
+    """Traces of rows that pass one by one, so that each can be released once it is drawn.
 
-    ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them. How many points each may
-    have follows from how many there are.
+    ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them.
     """
 
     def __init__(self, case: Case, replays: int, onboard: Sequence[Row]) -> None:
         self.case = case
         alone = len(case.reference.t) if case.reference.kind in ("truth", "smoother") else 0
-        self._angles = SampleBudgets(replays, alone + sum(len(row.t) for row in onboard))
-        self._errors = SampleBudgets(replays, sum(len(row.errors.t) for row in onboard if row.errors is not None))
+        self._angles = SampleBudget(replays, alone + sum(len(row.t) for row in onboard))
+        self._errors = SampleBudget(replays, sum(len(row.errors.t) for row in onboard if row.errors is not None))
         self._rest = RestTraces(case, replays, onboard)
 
     def first(self, rows: Iterable[Row]) -> list[Trace]:
-        """The reference, where it is none of the rows."""
+        """Return the traces of a reference that is none of the rows."""
         reference = self.case.reference
         if reference.kind not in ("truth", "smoother") or any(row.is_reference for row in rows):
             return []
-        share = self._angles.share(len(reference.t), replayed=False)
+        keep = self._angles.keep(len(reference.t), replayed=False)
         return [
-            *attitude(reference.kind, reference.t, reference.q, reference.gap_segment, share),
-            *own_sigma(reference, share),
+            *attitude(reference.kind, reference.t, reference.q, reference.gap_segment, keep),
+            *own_sigma(reference, keep),
         ]
 
     def of_row(self, row: Row) -> list[Trace]:
-        """One row, figure by figure."""
-        case, replayed = self.case, row.kind == "replay"
-        angles = self._angles.share(len(row.t), replayed)
-        errors = self._errors.share(0 if row.errors is None else len(row.errors.t), replayed)
+        """Return the traces of one row, figure by figure."""
+        case, replayed = self.case, row.kind != "onboard"
+        angles = self._angles.keep(len(row.t), replayed)
+        errors = self._errors.keep(0 if row.errors is None else len(row.errors.t), replayed)
         self._rest.add(row)
         return [
             *attitude(row.name, row.t, row.q, row.segment, angles),
@@ -316,22 +312,22 @@ class Drawing:
         ]
 
     def last(self) -> list[Trace]:
-        """What is drawn of all rows together, of the sensors, the set-point and the height."""
+        """Return the traces of all rows together, of the sensors, the set-point and the height."""
         case = self.case
         return [*demand_traces(case), *self._rest.drawn(), *sensor_traces(case), *height_trace(case)]
 
 
-def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: SampleBudget) -> list[Trace]:
-    """Roll, pitch, heading of attitudes (n, 4) at their own times; NaN after a gap or restart breaks the line."""
+def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], keep: int) -> list[Trace]:
+    """Return roll, pitch, heading of attitudes (n, 4); NaN after a gap or restart breaks the line."""
     if len(t) == 0:
         return []
     euler = rotation.to_euler(q)
     np.degrees(euler, out=euler)  # in place, as the gaps are: in long logs copies add up
-    return [_enveloped("attitude", name, t, _broken(euler, run), ("roll", "pitch", "heading"), share)]
+    return [_enveloped("attitude", name, t, _broken(euler, run), ("roll", "pitch", "heading"), keep)]
 
 
-def own_sigma(reference: Reference, share: SampleBudget) -> list[Trace]:
-    """How wrong a smoother says it may be itself, deg: its tilt, and its heading where that is its own."""
+def own_sigma(reference: Reference, keep: int) -> list[Trace]:
+    """Return the sigma of the reference in deg: its tilt, and its heading where that is its own."""
     if reference.sigma is None:
         return []
     columns = {"tilt": reference.sigma.tilt_deg}
@@ -339,12 +335,12 @@ def own_sigma(reference: Reference, share: SampleBudget) -> list[Trace]:
         columns["heading"] = reference.sigma.heading_deg
     made = np.column_stack(list(columns.values()))
     return [
-        _enveloped("sigma", reference.kind, reference.t, _broken(made, reference.gap_segment), tuple(columns), share)
+        _enveloped("sigma", reference.kind, reference.t, _broken(made, reference.gap_segment), tuple(columns), keep)
     ]
 
 
-def difference(case: Case, row: Row, share: SampleBudget) -> list[Trace]:
-    """Errors against the reference: total, signed heading, tilt, and differences in roll and pitch."""
+def difference(case: Case, row: Row, keep: int) -> list[Trace]:
+    """Return errors against the reference: total, signed heading, tilt, and differences in roll and pitch."""
     e = row.errors
     if e is None or len(e.t) == 0:
         return []
@@ -354,17 +350,17 @@ def difference(case: Case, row: Row, share: SampleBudget) -> list[Trace]:
         own = slice(a, a + rotation.BLOCK_ROWS)
         columns[own, 3:] = np.degrees(rotation.wrap(rotation.to_euler(e.q_est[own])[:, :2] - tilt[own]))
     names = ("total", "heading", "tilt", "roll", "pitch")
-    return [_enveloped("difference", row.name, e.t, _broken(columns, e.gap_segment), names, share)]
+    return [_enveloped("difference", row.name, e.t, _broken(columns, e.gap_segment), names, keep)]
 
 
 @per_times
 def _tilt(case: Case, q: Array) -> Array:
-    """Roll and pitch (n, 2) in rad of an attitude (n, 4): of the reference the same for all rows."""
+    """Return roll and pitch (n, 2) in rad of an attitude (n, 4), cached for the reference of all rows."""
     return np.ascontiguousarray(rotation.to_euler(q)[:, :2])
 
 
 def drifts(case: Case, row: Row) -> list[Trace]:
-    """Heading block means with their line, for the longest rest and for each heading reference in the air."""
+    """Return heading block means with their line, for the longest rest and each heading reference in the air."""
     records = [drift_rest.rest_blocks(case, row, usable) for _, usable in drift_rest.usable_rests(case, row, "rest")]
     longest = max(records, key=lambda b: len(b.t), default=None)
     keyed = [("rest", longest)]
@@ -382,7 +378,7 @@ def drifts(case: Case, row: Row) -> list[Trace]:
 
 
 def allan_curves(case: Case, row: Row) -> list[Trace]:
-    """Allan deviation of the averaged angle (deg) of the longest rest from 60 s on, ``key`` = axis, ``t`` = tau."""
+    """Return the Allan deviation of the averaged angle (deg) of the longest rest from 60 s on, by axis."""
     segment = allan.longest_rest(case, row, "all")
     if segment is None or row.t[segment.stop - 1] - row.t[segment.start] < allan.SHORTEST_S:
         return []
@@ -395,28 +391,27 @@ def allan_curves(case: Case, row: Row) -> list[Trace]:
     return found
 
 
-def bias(row: Row, share: SampleBudget) -> list[Trace]:
-    """The filter's own gyro bias estimate in deg/s."""
+def bias(row: Row, keep: int) -> list[Trace]:
+    """Return the filter's own gyro bias estimate in deg/s."""
     if row.bias is None or len(row.t) == 0:
         return []
-    return [_enveloped("bias", row.name, row.t, _broken(np.degrees(row.bias), row.segment), ("x", "y", "z"), share)]
+    return [_enveloped("bias", row.name, row.t, _broken(np.degrees(row.bias), row.segment), ("x", "y", "z"), keep)]
 
 
 def onboard_bias(case: Case, row: Row) -> list[Trace]:
-    """The gyro bias in deg/s that the onboard estimator logged, at its own times: drawn with the onboard row."""
+    """Return the gyro bias in deg/s that the onboard estimator logged, with the onboard row."""
     stream = case.log.estimator.gyro_bias
     if row.name != "onboard" or stream is None:
         return []
-    share = SampleBudget.of([len(stream.t)])
-    return [_enveloped("bias", row.name, stream.t, np.degrees(stream.x), ("x", "y", "z"), share)]
+    return [_enveloped("bias", row.name, stream.t, np.degrees(stream.x), ("x", "y", "z"), min(len(stream.t), BUDGET))]
 
 
-def _enveloped(figure: str, name: str, t: Array, columns: Array, names: tuple[str, ...], share: SampleBudget) -> Trace:
-    at, kept = envelope(t, columns, share(len(t)))
+def _enveloped(figure: str, name: str, t: Array, columns: Array, names: tuple[str, ...], keep: int) -> Trace:
+    at, kept = envelope(t, columns, keep)
     return Trace(figure, name, at, {n: kept[:, k] for k, n in enumerate(names)}, ratio=len(t) / len(at))
 
 
 def _broken(columns: Array, run: NDArray[np.int64]) -> Array:
-    """The columns (n, k) themselves with NaN where a segment begins, which breaks the line there."""
+    """Put NaN into the columns (n, k) where a segment begins, which breaks the line there."""
     columns[np.flatnonzero(np.diff(run) != 0) + 1] = np.nan
     return columns

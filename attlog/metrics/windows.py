@@ -1,4 +1,4 @@
-"""Which time of a flight counts for a row, and why does none? Phases without settling; rows that can be compared."""
+"""Time of a flight that counts for a row: phases without settling, windows of 5 s, reasons for none."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SHORTEST_S = 2.0
 
 @per_case
 def unsettled_spans(case: Case, phase: str) -> list[Span]:
-    """Spans in which no row is settled: after the first sample, after a restart, at rest also after the motors stop."""
+    """Return spans in which no row is settled: after the first sample, a restart, at rest after motors."""
     continuous = case.segments.spans("all")
     starts = model.restart_times(np.array([x for span in continuous for x in span])[::2]) if continuous else np.zeros(0)
     found = [(float(t), float(t) + SETTLING_S) for t in starts]
@@ -40,10 +40,7 @@ def unsettled_spans(case: Case, phase: str) -> list[Span]:
 
 
 def own_start(case: Case, row: Row) -> float:
-    """When a row is settled after its own start, s; an onboard attitude after the resets that align it.
-
-    An autopilot shows an attitude before its estimator is aligned; the alignment is a reset.
-    """
+    """Return when a row is settled after its own start, s; an onboard attitude after the resets that align it."""
     start = row.start
     if row.kind == "onboard":
         takeoff = min((t0 for t0, _ in case.segments.spans("airborne")), default=math.inf)
@@ -53,7 +50,7 @@ def own_start(case: Case, row: Row) -> float:
 
 
 def phase_of(case: Case, window: str) -> str | None:
-    """The one phase that a window stands for: itself, rest for ``all``, the first one found in ``T0:T1``; else None."""
+    """Return the phase of a window: itself, rest for ``all``, the first one found in ``T0:T1``; else None."""
     if window in ("all", "rest", "rest.long"):
         return "rest"
     if window in PHASES:
@@ -65,7 +62,7 @@ def phase_of(case: Case, window: str) -> str | None:
 
 @per_case
 def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
-    """Spans of a phase inside a window, within continuous segments, settled; in the air also scored."""
+    """Return spans of a phase inside a window, within continuous segments, settled; in the air also scored."""
     allowed = complement(unsettled_spans(case, phase), -math.inf, math.inf)
     if phase in ("hover", "cruise"):
         reference = case.reference
@@ -78,12 +75,12 @@ def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
 
 
 def rest_spans(case: Case, row: Row, window: str) -> list[Span]:
-    """Rest inside a window, from when the row is settled."""
+    """Return rest inside a window, from when the row is settled."""
     return intersect(phase_spans(case, "rest", window), [(own_start(case, row), math.inf)])
 
 
 def why_none(case: Case, phase: str, window: str) -> tuple[str, str]:
-    """Code and reason where a phase of a window holds nothing usable for any row or for one."""
+    """Return code and reason where a phase of a window holds nothing usable."""
     where = f" in {window} s" if ":" in window else ""
     if phase == "idle":
         if not case.segments.spans("idle"):
@@ -128,7 +125,7 @@ def why_no_heading(case: Case, row: Row, window: str = "") -> tuple[str, str] | 
 
 
 def why_never_airborne(case: Case) -> str:
-    """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
+    """Return the reason where a log has no flight."""
     if not case.log.kind.flies:
         return f"a {case.log.vehicle} does not fly"
     return "the vehicle was never airborne (as far as the log shows)"
@@ -145,26 +142,26 @@ DRIFT_SLACK_S = 0.5
 
 
 def unbroken(t: Array, inside: NDArray[np.bool_], segment_of: NDArray[np.int64] | None = None) -> list[slice]:
-    """Index ranges of consecutive samples (n,) inside, cut at gaps of ``t`` and where ``segment_of`` (n,) changes."""
+    """Return index ranges of consecutive samples (n,) inside, cut at gaps of ``t`` and segment changes."""
     segment = model.number_segments(t)
     return model.segment_slices(inside, segment if segment_of is None else model.merge_numbers(segment, segment_of))
 
 
 def within(t: Array, span: Span, segment_of: NDArray[np.int64] | None = None) -> list[slice]:
-    """Unbroken segments of samples with span[0] <= t <= span[1]; ``t`` (n,) s ascending."""
+    """Return unbroken segments of samples with span[0] <= t <= span[1]; ``t`` (n,) s ascending."""
     i, j = int(np.searchsorted(t, span[0], side="left")), int(np.searchsorted(t, span[1], side="right"))
     found = unbroken(t[i:j], np.ones(j - i, bool), None if segment_of is None else segment_of[i:j])
     return [slice(s.start + i, s.stop + i) for s in found]
 
 
 def covered_seconds(t: Array, segments: list[slice]) -> float:
-    """Time covered by segments of the times ``t`` (n,) s, in s."""
+    """Return the time covered by segments of the times ``t`` (n,) s, in s."""
     return float(sum(t[s.stop - 1] - t[s.start] for s in segments))
 
 
 @per_row
 def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
-    """Segments of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
+    """Return segments of a row (n,) between restarts, and for onboard rows between resets."""
     attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
     if attitude is None:
         return row.segment
@@ -175,19 +172,19 @@ def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
 
 
 def imu_of(case: Case, row: Row) -> Imu | None:
-    """The unit that a row was replayed from; of onboard rows the one that the others were. None without one."""
+    """Return the unit that a row was replayed from, of onboard rows the replayed one; None without any."""
     if row.imu is not None:
         return row.imu
     return case.log.replay_imu
 
 
 def logged_unit(case: Case, imu: Imu) -> int | None:
-    """Which of the log's units this is; None where its samples were changed before the filter saw them."""
+    """Return the index of a unit in the log; None where its samples were changed before the filter saw them."""
     return next((k for k, unit in enumerate(case.log.imus) if unit is imu), None)
 
 
 def detrended(t: Array, x: Array) -> Array:
-    """``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
+    """Return ``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
     u = t - np.mean(t)
     centred = x - np.mean(x, axis=0)
     slope = np.tensordot(u, centred, axes=(0, 0)) / float(u @ u)
@@ -195,7 +192,7 @@ def detrended(t: Array, x: Array) -> Array:
 
 
 def deviations(q: Array) -> Array:
-    """Small rotations (n, 3) in deg away from the mean attitude: about the level roll and pitch axis and the vertical.
+    """Return small rotations (n, 3) in deg from the mean attitude about the level roll and pitch axis and down.
 
     Level, not body axes: these are inclined to the vertical, and a heading that wanders would pass for tilt.
     """
@@ -222,7 +219,7 @@ ROUND_S = 0.05
 
 
 def lay_windows(span: Span, phase: str) -> list[Span]:
-    """Windows from the start of a span; a rest of 2 to 5 s is one window."""
+    """Return windows from the start of a span; a rest of 2 to 5 s is one window."""
     length = span[1] - span[0]
     count = int((length + ROUND_S) // WINDOW_S)
     if count == 0 and phase == "rest" and length >= SHORTEST_S - ROUND_S:
@@ -230,16 +227,8 @@ def lay_windows(span: Span, phase: str) -> list[Span]:
     return [(span[0] + WINDOW_S * k, span[0] + WINDOW_S * (k + 1)) for k in range(count)]
 
 
-def window_samples(t: Array, x: Array, segment: NDArray[np.int64], window: Span) -> slice | None:
-    """The samples of a window; None where they are under 20, hold a gap, a reset or a NaN, or leave an end open.
-
-    ``t`` (n,) s, ``x`` (n, k), ``segment`` (n,) counts restarts and resets.
-    """
-    return unbroken_samples(filled_samples(t, window), x, segment)
-
-
 def filled_samples(t: Array, window: Span) -> slice | None:
-    """The samples of times (n,) s in a window; None where they are under 20, hold a gap or leave an end open."""
+    """Return the samples of times (n,) s in a window; None for under 20, a gap or an open end."""
     i, j = (int(k) for k in np.searchsorted(t, [window[0] - 1e-9, window[1] - 1e-9]))
     if j - i < MIN_SAMPLES:
         return None
@@ -250,17 +239,14 @@ def filled_samples(t: Array, window: Span) -> slice | None:
 
 
 def unbroken_samples(inside: slice | None, x: Array, segment: NDArray[np.int64]) -> slice | None:
-    """The samples again where ``x`` (n, k) knows all of them and they are of one segment (n,), else None."""
+    """Return the samples where ``x`` (n, k) is finite and of one segment (n,), else None."""
     if inside is None or segment[inside.start] != segment[inside.stop - 1]:
         return None
     return inside if rotation.finite_rows(x[inside]).all() else None
 
 
 def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArray[np.int64], NDArray[np.int64]]]:
-    """Ranges of samples, some at a time, with the samples' numbers behind each other and where each range begins there.
-
-    The last of these (ranges + 1,) is the end.
-    """
+    """Yield ranges of samples in batches: the ranges, their samples, and the bounds (ranges + 1,) there."""
     ends = np.cumsum([part.stop - part.start for part in inside])
     edges = [0, *(np.flatnonzero(np.diff((ends - 1) // SAMPLES_AT_ONCE)) + 1).tolist(), len(inside)]
     for a, b in pairwise(edges):
@@ -272,18 +258,18 @@ def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArr
 
 @per_times
 def windows_of_times(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
-    """The windows of a span with the samples of times (n,) in each: of all rows that have these times."""
+    """Return the windows of a span with the samples of times (n,) in each, shared by rows."""
     return [(window, filled_samples(t, window)) for window in lay_windows(span, phase)]
 
 
 def row_windows(case: Case, row: Row, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
-    """The usable windows of a row in a phase, span by span: their times, which rows share, and the row's samples."""
+    """Return the usable windows of a row in a phase, span by span, with the row's samples."""
     found = [span_windows(case, row, phase, span) for span in phase_spans(case, phase, window)]
     return [group for group in found if group]
 
 
 def span_windows(case: Case, row: Row, phase: str, span: Span) -> list[tuple[Span, slice]]:
-    """The same of one span."""
+    """Return the usable windows of a row in one span with the row's samples."""
     start, segment = own_start(case, row), row_segments(case, row)
     laid = [(w, s) for w, s in windows_of_times(case, row.t, phase, span) if w[0] >= start - ROUND_S]
     own = [(w, unbroken_samples(s, row.q, segment)) for w, s in laid]

@@ -17,6 +17,7 @@ from attlog.core.log_cache import log_cache
 from attlog.core.machine import versions
 from attlog.estimators.filters.smoother import OWN_HEADING
 from attlog.estimators.interface import Estimate
+from attlog.estimators.rerun import INNOVATION
 from attlog.flight.model import FlightLog, Problem, guarded_part
 from attlog.health import (
     Check,
@@ -38,7 +39,7 @@ from attlog.metrics.gyro_bias import no_common_bias as no_bias
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.ranking import DuplicateSearch, Ranking
 from attlog.metrics.trace import Trace
-from attlog.pipeline import preparation, replay
+from attlog.pipeline import onboard_rerun, preparation, replay
 from attlog.pipeline.config import Config
 from attlog.pipeline.preparation import Stages
 from attlog.pipeline.replay import Chosen
@@ -204,7 +205,10 @@ class Measurement:
     def add(self, row: Row, line: EstimatorRow) -> None:
         """Fill in a row's line of the table; a replayed row is empty afterwards."""
         case, log = self.case, self.case.log
-        row.aux = {}  # no metric looks at it, and in a long log it is as large as the attitude
+        if row.reproduction is not None and self._traces:
+            self._drawn += guarded_part(log, "Figures", partial(onboard_rerun.traces_of, case, row), list[Trace])
+        # metrics look at innovations alone; the rest is as large as the attitude
+        row.aux = {name: table for name, table in row.aux.items() if name.startswith(INNOVATION)}
         case.rows.append(row)
         if self._check is not None:
             guarded_part(log, "What filters say against the reference", partial(self._check.add, row), lambda: None)
@@ -359,14 +363,19 @@ def evaluate(
     stage = Stages(case.timing, samples_of(case.log))
     with log_cache():
         with stage("estimators"):
-            chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
+            asked = case.settings["estimators"] if specs is None else specs
+            chosen = replay.chosen(asked, case.log)
             onboard = _onboard(case)
         unusable = _unusable_gyro(case)
     measurement = Measurement(case, chosen, onboard, unusable, traces=traces, only=only)
     lines: list[EstimatorRow] = []
     failed: dict[str, AttlogError] = {}
+    flown, not_rerun = replay.rerun_by_default(asked, case.log), ""
     with stage("estimators"):
         for row, line in replay.replays(case, chosen, failed):
+            if line.name.partition("/imu")[0] == flown and isinstance(failed.get(line.name), UsageError):
+                not_rerun = line.reason
+                continue
             lines.append(line)
             if row is not None:
                 with stage("metrics"):
@@ -395,6 +404,7 @@ def evaluate(
         reference=summarize(case.reference),
         gyro_bias=list(case.gyro_bias.values()),
         estimators=lines,
+        not_rerun=not_rerun,
         alike=measurement.alike(),
         best=ranking.best,
         worst=ranking.worst,

@@ -27,7 +27,7 @@ from attlog.core import files, rotation
 from attlog.core.errors import LogUnusable, OutputError, UsageError
 from attlog.core.files import file_names, staging_folder, write_all_atomic, write_atomic
 from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
-from attlog.estimators.rerun import AIDS, INNOVATION, INNOVATION_COLUMNS, innovations
+from attlog.estimators.rerun import AIDS, INNOVATION_COLUMNS, innovations
 from attlog.flight.model import FlightLog
 from attlog.flight.timestamps import record_clock
 from attlog.formats import Messages
@@ -183,7 +183,7 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
     case = prepare(log, {"estimators": specs})
     for row in run_rows(case, specs):
         table = _attitude(f"estimate_{_word(row.name)}", row.t, row.q, row.name)
-        taken = None if row.imu is None else case.bias_of(row.imu)
+        taken = None if row.imu is None or row.kind == "rerun" else case.bias_of(row.imu)
         if taken is not None and taken.dps is not None:
             x, y, z = taken.dps
             table.note += f"; subtracted from the gyro first: {x:.4f}, {y:.4f}, {z:.4f} deg/s ({taken.taken})"
@@ -194,7 +194,7 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
                 table.columns[f"bias_{axis}_rad_s"] = row.bias[:, k]
             table.units |= {f"bias_{axis}_rad_s": "rad/s" for axis in "xyz"}
         for name, values in row.aux.items():
-            if name.startswith(INNOVATION):
+            if len(values) != len(row.t):
                 continue  # has its own times
             wide = values.reshape(len(row.t), -1)
             ends = [""] if wide.shape[1] == 1 else [f"_{k}" for k in range(wide.shape[1])]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
 from typing import Any
 
 import numpy as np
@@ -15,63 +14,50 @@ from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.estimators.ekf2.parameters import PREFIX
 from attlog.estimators.interface import Estimate
-from attlog.estimators.rerun import Rerun
+from attlog.estimators.registry import FLOWN
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.metric import Case, per_case
+from attlog.metrics.reproduction import DIFFERENCE, rerun_traces
+from attlog.metrics.trace import Trace
 from attlog.reference import alignment
-from attlog.reference.model import Row
+from attlog.reference.model import Reproduction, Row
 from attlog.result import EstimatorRow, ParameterValue
 
 Array = NDArray[np.float64]
 
 # A re-run follows what flew below these differences of the airborne attitude (deg); above, no parameter is studied.
 MAX_TILT_MEDIAN_DEG, MAX_TILT_P95_DEG, MAX_HEADING_MEDIAN_DEG = 0.5, 1.5, 2.0
-# Fewer seconds in the air tell nothing: the whole log is compared instead.
+# The whole log is compared where it has fewer seconds in the air.
 MIN_AIRBORNE_S = 5.0
-# A comparison of fewer records of the onboard attitude is none.
+# Fewest records of the onboard attitude that are compared.
 MIN_RECORDS = 20
 GAUSS_PER_TESLA = 1e4
 
 
-@dataclass(frozen=True, slots=True)
-class Reproduction:
-    """Difference of a re-run to the onboard attitude in deg over ``n`` records in ``seconds``."""
+# The re-run of each firmware's filter, by the estimator's name.
+BY_FIRMWARE = {"PX4": "px4_ekf2", "ArduPilot": "ap_ekf3"}
+OLDEST_EKF2 = (1, 8)
 
-    tilt_median: float
-    tilt_p95: float
-    heading_median: float
-    heading_p95: float
-    n: int
-    seconds: float
-    airborne: bool
-    start: str
-    leaves: float | None = None
 
-    @property
-    def follows(self) -> bool:
-        """Whether the differences are small enough for studies of parameters."""
-        return (
-            self.tilt_median <= MAX_TILT_MEDIAN_DEG
-            and self.tilt_p95 <= MAX_TILT_P95_DEG
-            and self.heading_median <= MAX_HEADING_MEDIAN_DEG
-        )
+def flown_filter(log: FlightLog) -> str:
+    """Return the estimator that runs the filter that flew again; empty where the log's firmware has none.
 
-    def __str__(self) -> str:
-        where = "in the air" if self.airborne else "in the whole log"
-        size = f"{max(self.tilt_median, 0.01):.2f}° tilt and {max(self.heading_median, 0.01):.2f}° heading"
-        if self.follows:
-            return f"EKF2 run again: within {size} of what flew (median {where}, {self.seconds:.0f} s)"
-        left = "" if self.leaves is None else f", first at {self.leaves:.0f} s"
-        return f"EKF2 run again does not follow what flew: {size} apart (median {where}{left})"
+    PX4 1.7 and older flew other filters by default, and no re-run of theirs was verified.
+    """
+    name = BY_FIRMWARE.get(log.firmware.name, "")
+    version = re.match(r"(\d+)\.(\d+)", log.firmware.version or "")
+    if name == "px4_ekf2" and version and (int(version[1]), int(version[2])) < OLDEST_EKF2:
+        return ""
+    return name if name in FLOWN and log.estimator.inputs is not None else ""
 
 
 @per_case
-def inputs_of(case: Case, unit: str) -> Any:
-    """What the onboard filter was given, of the core on an IMU where a log holds several. UsageError without it."""
+def inputs_of(case: Case, _: str) -> Any:
+    """What the onboard filter was given. UsageError where the log cannot tell."""
     read = case.log.estimator.inputs
     if read is None:
-        raise UsageError("An onboard filter is run again only on a log of PX4 that EKF2 flew, or ArduPilot and EKF3.")
-    return read(unit=int(unit)) if unit else read()
+        raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
+    return read()
 
 
 @per_case
@@ -96,9 +82,12 @@ def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
 
 
 def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Row, EstimatorRow]:
-    """Run the onboard filter again with the values of ``spec`` over the log's own. UsageError for a thin log."""
-    changes = {key: float(value) for key, value in spec.params.items()}
-    found = run_again(case, imu, spec.estimator.name, changes)
+    """Run EKF2 again with the values of ``spec`` over the log's own. UsageError where the log is too thin."""
+    from attlog.estimators.ekf2.run import rerun
+
+    inputs = inputs_of(case, "")
+    changes = {key.removeprefix(PREFIX): float(value) for key, value in spec.params.items()}
+    found = rerun(inputs, *_field(case.log), changes, gnss_hz=gnss_rate_of(case, ""))
     estimate = found.estimate(case.log.t0_us * 1e-6)
     row = reference.replayed(
         case.log,
@@ -106,13 +95,14 @@ def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -
         case.reference,
         estimate,
         name=name,
+        kind="rerun",
         estimator=spec.estimator.name,
         parameters=dict(spec.params),
         uses_mag=True,
     )
     row.imu, row.ns_per_update, row.aux = imu, None, dict(estimate.aux)
-    if (same := reproduction(case, estimate, found.start)) is not None and not changes:
-        row.quality = {"reproduction": str(same), "follows": "yes" if same.follows else "no"}
+    row.aux[DIFFERENCE] = onboard_difference(case, estimate)
+    row.reproduction = None if changes else reproduction(case, estimate, found.start)
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, "option", known[k].unit, known[k].meaning) for k, v in spec.params.items()}
     from attlog.pipeline.replay import table_row
@@ -120,57 +110,58 @@ def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -
     return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
 
 
-def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | None:
-    """Compare a re-run with the onboard attitude: in the air, else over all; None where they share no time."""
+def onboard_difference(case: Case, estimate: Estimate) -> Array:
+    """Return time, tilt and signed heading (m, 3) in s and deg between a re-run and the onboard attitude.
+
+    At the records of the lane that flew first; empty where there are too few.
+    """
     onboard = case.log.onboard_attitude
     if onboard is None or len(estimate.t) < 2:
-        return None
+        return np.zeros((0, 3))
     t = onboard.t if onboard.t_sample is None else onboard.t_sample
     inside = (t >= estimate.t[0]) & (t <= estimate.t[-1])
     lanes = case.log.estimator.lane
     if lanes is not None and len(lanes.t) > 1:
         inside &= t < lanes.t[1]
     if np.count_nonzero(inside) < MIN_RECORDS:
+        return np.zeros((0, 3))
+    error = rotation.earth_error(rotation.slerp(estimate.t, estimate.q, t[inside]), onboard.q[inside])
+    return np.column_stack(
+        [t[inside], np.degrees(rotation.tilt_angle(error)), np.degrees(rotation.heading_angle(error))]
+    )
+
+
+def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | None:
+    """Compare a re-run with the onboard attitude: in the air, else over all; None where they share no time."""
+    t, tilt, heading = onboard_difference(case, estimate).T
+    if not len(t):
         return None
-    flown = alignment.untrim(onboard.q[inside], case.log.parameters.trim if onboard.has_trim else None)
-    error = rotation.earth_error(rotation.slerp(estimate.t, estimate.q, t[inside]), flown)
-    tilt, heading = np.degrees(rotation.tilt_angle(error)), np.degrees(np.abs(rotation.heading_angle(error)))
-    air = case.segments.mask(t[inside], "airborne")
-    period = float(np.median(np.diff(t[inside])))
+    heading = np.abs(heading)
+    air = case.segments.mask(t, "airborne")
+    period = float(np.median(np.diff(t)))
     airborne = bool(air.sum() * period >= MIN_AIRBORNE_S)
     use = air if airborne else np.ones(len(tilt), bool)
     apart = np.flatnonzero(use & ((tilt > MAX_TILT_P95_DEG) | (heading > 2 * MAX_HEADING_MEDIAN_DEG)))
+    median, p95 = np.percentile([tilt[use], heading[use]], [50, 95], axis=1).tolist()
     return Reproduction(
-        float(np.median(tilt[use])),
-        float(np.percentile(tilt[use], 95)),
-        float(np.median(heading[use])),
-        float(np.percentile(heading[use], 95)),
+        median[0],
+        p95[0],
+        median[1],
+        p95[1],
         int(use.sum()),
         float(use.sum() * period),
         airborne,
         start,
-        float(t[inside][apart[0]]) if len(apart) else None,
+        median[0] <= MAX_TILT_MEDIAN_DEG and p95[0] <= MAX_TILT_P95_DEG and median[1] <= MAX_HEADING_MEDIAN_DEG,
+        float(t[apart[0]]) if len(apart) else None,
     )
 
 
-def run_again(case: Case, imu: Imu, name: str, changes: Mapping[str, float]) -> Rerun:
-    """Run a firmware's filter again with parameters (full names) over the log's own.
+def traces_of(case: Case, row: Row) -> list[Trace]:
+    """Return the lines of the figure that shows a re-run beside what the onboard filter logged of itself."""
+    from attlog.estimators.ekf2.logged import logged_tables
 
-    UsageError where the log is of another firmware, or too thin.
-    """
-    inputs = inputs_of(case, str(imu.index) if case.log.firmware.name == "ArduPilot" else "")
-    if name == "ap_ekf3":
-        from attlog.estimators.ekf3 import parameters as ekf3
-        from attlog.estimators.ekf3.run import rerun as rerun_ekf3
-        from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs
-
-        if not isinstance(inputs, Ekf3Inputs):
-            raise UsageError("ap_ekf3 needs an ArduPilot log that EKF3 flew.")
-        return rerun_ekf3(inputs, {key.removeprefix(ekf3.PREFIX): value for key, value in changes.items()})
-    from attlog.estimators.ekf2.run import rerun as rerun_ekf2
-    from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
-
-    if not isinstance(inputs, Ekf2Inputs):
-        raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
-    short = {key.removeprefix(PREFIX): value for key, value in changes.items()}
-    return rerun_ekf2(inputs, *_field(case.log), short, gnss_hz=gnss_rate_of(case, ""))
+    logged = logged_tables(inputs_of(case, ""))
+    for table in logged.values():
+        table[:, 0] -= case.log.t0_us * 1e-6
+    return rerun_traces(case, row, logged)

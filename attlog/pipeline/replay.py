@@ -115,14 +115,19 @@ def replays(
     """
     for suffix, imu in case.imus.items():
         for name, spec in specs.items():
+            kind = "rerun" if is_rerun(spec) else "replay"
+            if kind == "rerun" and imu is not case.log.replay_imu:
+                continue  # it flew on one unit
             try:
                 if isinstance(spec, PluginError):
                     raise spec
-                yield guarded(name, partial(_run, case, imu, spec, suffix, whole=False), partial(_bug, name + suffix))
+                yield guarded(
+                    name, partial(_run, case, imu, spec, suffix, whole=False), partial(_bug, name + suffix, kind)
+                )
             except AttlogError as error:
                 if failed is not None:
                     failed[name + suffix] = error
-                yield None, _failed(name + suffix, error)
+                yield None, _failed(name + suffix, kind, error)
 
 
 def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Row:
@@ -135,14 +140,19 @@ def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Row:
     return _run(case, imu, spec, suffix)[0]
 
 
-def _bug(name: str, sentence: str) -> tuple[None, EstimatorRow]:
+def _bug(name: str, kind: str, sentence: str) -> tuple[None, EstimatorRow]:
     """The row of an estimator whose replay ended in a bug."""
-    return None, _failed(name, AttlogError(sentence))
+    return None, _failed(name, kind, AttlogError(sentence))
 
 
 def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]:
-    """Name -> row to run, each once; a plug-in that cannot be loaded is its error. UsageError for unknown names."""
+    """Name -> row to run, each once; a plug-in that cannot be loaded is its error. UsageError for unknown names.
+
+    The sets ``default`` and ``all`` begin with the filter that flew.
+    """
     found: dict[str, Chosen] = {}
+    if flown := rerun_by_default(specs, log):
+        estimators.add(found, estimators.parse(flown))
     for item in specs:
         if not isinstance(item, str):
             found.setdefault(item.name, item)
@@ -153,6 +163,17 @@ def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]
         except PluginError as error:
             found.setdefault(Path(item).stem, error)
     return found
+
+
+def rerun_by_default(specs: Sequence[str | Runnable], log: FlightLog) -> str:
+    """Return the filter that flew where a set asks for it; empty where it is named itself or attlog has none."""
+    from attlog.pipeline.onboard_rerun import flown_filter  # most logs have one, `attlog info` needs none
+
+    named = {
+        item for specification in specs if isinstance(specification, str) for item in estimators.items(specification)
+    }
+    flown = flown_filter(log) if named & {"default", "all"} else ""
+    return "" if flown in named else flown
 
 
 @per_case
@@ -176,13 +197,18 @@ def _run(
         return spec.run(case, imu, suffix)
     if is_recorded(spec):
         return recorded_row(case, imu, spec, spec.name + suffix)
-    if spec.estimator.name in FLOWN:
+    if is_rerun(spec):
         from attlog.pipeline.onboard_rerun import rerun_row  # no other row needs it
 
         return rerun_row(case, imu, spec, spec.name + suffix)
     mag = None if case.log.mag is None else case.log.mags[case.log.mag]
     told, aids = facts(case, suffix), aids_of(case, suffix)
     return replayed(case, imu, mag, spec, told, aids, spec.name + suffix, whole)
+
+
+def is_rerun(spec: Chosen) -> bool:
+    """Whether a row is a re-run of the filter that flew."""
+    return isinstance(spec, estimators.EstimatorSpec) and spec.estimator.name in FLOWN
 
 
 def is_recorded(spec: estimators.EstimatorSpec) -> bool:
@@ -326,12 +352,13 @@ def table_row(
         row.start,
         row.skipped,
         row.quality,
+        row.reproduction,
         row.ns_per_update,
     )
 
 
-def _failed(name: str, error: AttlogError) -> EstimatorRow:
-    return EstimatorRow(name, "replay", name, "failed", str(error))
+def _failed(name: str, kind: str, error: AttlogError) -> EstimatorRow:
+    return EstimatorRow(name, kind, name, "failed", str(error))
 
 
 def batch(

@@ -213,6 +213,26 @@ class AttitudeErrors:
     q_ref: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Reproduction:
+    """How closely a re-run of the onboard filter follows the attitude that flew.
+
+    Medians and 95 % quantiles of the difference over ``n`` records in ``seconds``, in the air where the log flew.
+    ``start``: ``warm`` from logged states, ``cold`` from gravity. ``leaves_s``: first time apart, s on the log's clock.
+    """
+
+    tilt_median_deg: float
+    tilt_p95_deg: float
+    heading_median_deg: float
+    heading_p95_deg: float
+    n: int
+    seconds: float
+    airborne: bool
+    start: str
+    follows: bool
+    leaves_s: float | None = None
+
+
 @dataclass(slots=True, eq=False, weakref_slot=True)
 class Row:
     """One line of the comparison: a replayed estimate or an onboard attitude, aligned. A row equals only itself.
@@ -223,12 +243,13 @@ class Row:
     ``estimator`` is what :func:`attlog.estimators.get` knows the filter by: a name or
     a user's file; of onboard rows the attitude's name in the log. ``knows_north`` tells
     whether its heading means anything without the offset.
+    ``kind``: ``replay`` of a filter, ``onboard``, or ``rerun`` of the filter that flew, which is never ranked.
     ``ns_per_update`` is None for onboard rows. ``status``: ok, diverged,
     not_converged, failed; ``reason`` the sentence for it.
     """
 
     name: str
-    kind: Literal["replay", "onboard"]
+    kind: Literal["replay", "onboard", "rerun"]
     t: Array
     q: Array
     segment: NDArray[np.int64]
@@ -263,6 +284,7 @@ class Row:
     imu: Imu | None = None
     # What an estimator that sees the whole run says of itself.
     quality: dict[str, float | str] = field(default_factory=dict)
+    reproduction: Reproduction | None = None
     # What else the estimator gave at every sample, (n,) or (n, k) by name.
     aux: dict[str, Array] = field(default_factory=dict)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ def replayed(
     estimate: Estimate,
     *,
     name: str,
+    kind: Literal["replay", "rerun"] = "replay",
     estimator: str = "",
     parameters: dict[str, Any] | None = None,
     uses_mag: bool = False,
@@ -45,7 +46,7 @@ def replayed(
         segment = segment + np.searchsorted([t1 for _, t1 in late], t, side="right")
     row = Row(
         name,
-        "replay",
+        kind,
         t,
         rotation.normalize(estimate.q),
         segment,
@@ -117,7 +118,7 @@ def _measure(
     """Fill in errors, heading offset, convergence, coverage and status of a row; ``unknown`` times are not scored."""
     good = rotation.finite_rows(row.q)
     first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
-    row.start = first if row.kind == "replay" else max(first, row.start)
+    row.start = first if row.kind != "onboard" else max(first, row.start)
     lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring.start)))
     if reference.kind != "none" and good.any():
         t, q = model.select_good(good, row.t, row.q)

@@ -185,14 +185,15 @@ def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:
 
 
 def filters_in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorRow]:
-    """Sort rows: onboard, filters by their accuracy, filters without one, the gyro alone."""
+    """Sort rows: onboard and its re-run, filters by their accuracy, filters without one, the gyro alone."""
     place = {j.row.name: i for i, j in enumerate(accuracy.judged)}
 
     def key(row: EstimatorRow) -> tuple[int, int]:
-        group = 0 if row.name == "onboard" else 3 if is_baseline(row) else 1 if row.name in place else 2
-        return group, place.get(row.name, 0)
+        if row.kind != "replay":
+            return 0, row.name != "onboard"
+        return 3 if is_baseline(row) else 1 if row.name in place else 2, place.get(row.name, 0)
 
-    shown = [row for row in result.estimators if row.kind == "replay" or row.name == "onboard"]
+    shown = [row for row in result.estimators if row.kind != "onboard" or row.name == "onboard"]
     return sorted(shown, key=key)
 
 

@@ -13,7 +13,7 @@ from attlog.metrics.gyro_bias import CommonBias
 from attlog.metrics.metric import Answer
 from attlog.metrics.ranking import Duplicates
 from attlog.metrics.trace import Trace
-from attlog.reference.model import AlignmentStep
+from attlog.reference.model import AlignmentStep, Reproduction
 from attlog.result.document import MEASURED_TIMES, SCHEMA, SCHEMA_NAME
 from attlog.result.model import TIMED_OUT, EstimatorRow, ParameterValue, ReferenceSummary, Result, Verdict, nothing_ran
 from attlog.segments.model import Segment
@@ -35,6 +35,7 @@ __all__ = [
     "Finding",
     "ParameterValue",
     "ReferenceSummary",
+    "Reproduction",
     "Result",
     "Segment",
     "Setting",

@@ -24,7 +24,7 @@ from attlog.metrics.gyro_bias import CommonBias
 from attlog.metrics.metric import Answer
 from attlog.metrics.ranking import Duplicates
 from attlog.metrics.trace import Trace
-from attlog.reference.model import AlignmentStep
+from attlog.reference.model import AlignmentStep, Reproduction
 from attlog.result import document
 from attlog.result.document import SCHEMA
 from attlog.segments.model import Segment
@@ -53,7 +53,8 @@ class EstimatorRow:
     """A row of the table: estimator, parameters, and every answer by window.
 
     ``title``: first line of an estimator's docstring, or the message of an onboard attitude. ``quality``: remarks of an
-    estimator on its own run.
+    estimator on its own run. ``kind``: ``replay``, ``onboard``, or ``rerun`` of the filter that flew, never ranked;
+    ``reproduction``: how closely it follows what flew.
     """
 
     name: str
@@ -71,6 +72,7 @@ class EstimatorRow:
     start_s: float = 0.0
     skipped: dict[str, int] = field(default_factory=dict)
     quality: dict[str, float | str] = field(default_factory=dict)
+    reproduction: Reproduction | None = None
     ns_per_update: float | None = None
     metrics: dict[str, dict[str, Answer]] = field(default_factory=dict)
 
@@ -153,6 +155,8 @@ class Result:
     # Subtracted from the gyro for every filter alike, one for each replayed IMU.
     gyro_bias: list[CommonBias] = field(default_factory=list)
     estimators: list[EstimatorRow] = field(default_factory=list)
+    # Why the filter that flew was not run again; empty where it was, or where attlog has no such filter.
+    not_rerun: str = ""
     # Rows that share an equation, or whose attitudes are equal.
     alike: list[Duplicates] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from attlog.result import Result
-from attlog.words.names import truth_name
-from attlog.words.numbers import duration, number
+from attlog.result import Reproduction, Result
+from attlog.words.names import flown_name, truth_name
+from attlog.words.numbers import duration, moment, number
+from attlog.words.text import typeset
 
 if TYPE_CHECKING:
     from attlog.result import CommonBias
@@ -102,6 +104,32 @@ def rates_text(dps: list[float]) -> str:
     """Return three rates about the body axes."""
     x, y, z = (f"{0.0 if abs(v) < 0.0005 else v:+.3f}" for v in dps)
     return f"{x}, {y}, {z} deg/s about x, y, z"
+
+
+# How closely the filter that flew is followed when it is run again, in a sentence.
+
+
+def rerun_sentences(result: Result) -> list[str]:
+    """Return how closely each re-run follows what flew, else why the filter was not run again."""
+    rows = result.estimators
+    found = [reproduction_text(row.estimator, row.reproduction) for row in rows if row.reproduction is not None]
+    return found or [typeset(result.not_rerun)] * bool(result.not_rerun)
+
+
+def reproduction_text(estimator: str, found: Reproduction) -> str:
+    """Return how closely an estimator such as ``px4_ekf2`` follows what flew."""
+    where = "in the air" if found.airborne else "over the whole log"
+    size = f"{_upper_bound(found.tilt_median_deg)} tilt and {_upper_bound(found.heading_median_deg)} heading"
+    if found.follows:
+        return f"{flown_name(estimator)} run again: within {size} of what flew (median {where})."
+    leaves = "" if found.leaves_s is None else f", first at {moment(found.leaves_s, 0)}"
+    return f"{flown_name(estimator)} run again does not follow what flew: {size} apart (median {where}){leaves}."
+
+
+def _upper_bound(deg: float) -> str:
+    """Return an angle rounded up, with two decimals below 1 deg."""
+    scale = 100 if deg < 1.0 else 10
+    return f"{max(math.ceil(deg * scale), 1) / scale:g}°"
 
 
 # What the autopilot said, and which of it a pilot looks for first.

@@ -24,6 +24,11 @@ def name_in_sentence(row: EstimatorRow) -> str:
     return "Onboard" if row.name == "onboard" else _named(row, " ")
 
 
+def flown_name(estimator: str) -> str:
+    """Return the firmware's name of a filter that is run again: ``EKF2`` of ``px4_ekf2``."""
+    return estimator.partition(":")[0].rpartition("_")[2].upper()
+
+
 def row_names(result: Result) -> dict[str, str]:
     """Return the name of every row by id; equal names get their id."""
     names = {row.name: row_name(row) for row in result.estimators}
@@ -41,7 +46,8 @@ def _named(row: EstimatorRow, comma: str) -> str:
     if known == row.name:
         known = base.partition(":")[0].partition("@")[0]
     preset = row.preset or ""
-    parts = [_spelled(re.split(r"[_\s]+", known), row.title)]
+    again = [f"{flown_name(row.estimator)} re-run"] if row.kind == "rerun" else []
+    parts = again or [_spelled(re.split(r"[_\s]+", known), row.title)]
     if preset:
         parts.append(_spelled(preset.replace("_", "-").split("-"), ""))
     if slash:

@@ -76,12 +76,14 @@ def count_best(result: Result, name: str) -> int:
 
 
 def rows_in_order(result: Result) -> list[EstimatorRow]:
-    """Sort rows: onboard, the filters, the baseline, other onboard rows."""
+    """Sort rows: onboard, its filter run again, the filters, the baseline, other onboard rows."""
 
     def place(row: EstimatorRow) -> int:
         if row.is_reference or row.name == "onboard":
             return 0
-        return 1 if row.kind == "replay" and not is_baseline(row) else 2 if row.kind == "replay" else 3
+        if row.kind == "replay":
+            return 3 if is_baseline(row) else 2
+        return 1 if row.kind == "rerun" else 4
 
     return sorted(result.estimators, key=place)
 
@@ -90,7 +92,7 @@ def rows_in_order(result: Result) -> list[EstimatorRow]:
 
 BASELINE_REMARK = "the gyro alone, shown for comparison"
 # Columns that need no reference.
-SELF_COMPARED = ("noise_", "drift_rest_")
+SELF_COMPARED = ("noise_", "drift_rest_", "innovation_", "test_ratio_", "rejected_", "attitude_resets")
 NOT_COMPARED = "too little data in common"
 
 
@@ -124,8 +126,8 @@ class RankedValue:
 
     @property
     def shown(self) -> bool:
-        """Whether it has a bar: filters and the onboard attitude."""
-        return self.replay or self.row.name == "onboard"
+        """Whether it has a bar: filters, the onboard attitude, its filter run again."""
+        return self.row.kind != "onboard" or self.row.name == "onboard"
 
     @property
     def text(self) -> str:

@@ -142,7 +142,7 @@ def table_cell(result: Result, row: EstimatorRow, column: TableColumn, window: s
 
 def missing_cell(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
     """Return the cell of a missing answer: a word and the reason; a failed filter comes first."""
-    if row.kind == "replay" and row.status == "failed":
+    if row.kind != "onboard" and row.status == "failed":
         return TableCell("failed", brief="failed", missing=True, reason=row.reason)
     itself = row.is_reference and answer.code == "not_applicable" and not metric.startswith("cost")
     word, brief = ("reference", "ref") if itself else CODES.get(answer.code or "", ("n/a", "n/a"))

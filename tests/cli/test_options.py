@@ -65,7 +65,8 @@ def test_analyze_and_batch_take_the_same_options_of_a_log_and_so_do_the_commands
     }
     for name in ("sweep", "tune"):
         same = {k for k in found["compare"] if found[name].get(k) == found["compare"][k]}
-        assert same - COMMON == {"--output", "--format", "--json", "--reference", "--truth", "--gyro-bias", "--config"}
+        shared = {"--output", "--format", "--json", "--reference", "--truth", "--gyro-bias", "--config", "--anyway"}
+        assert same - COMMON == shared
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -76,21 +76,6 @@ def still(imu: Imu, width: float = 0.5) -> NDArray[np.bool_]:
     return mask
 
 
-def rest(log: FlightLog, seconds: float = 1.0) -> NDArray[np.bool_] | None:
-    """Samples of the chosen IMU at rest with motors off, None where there is less than ``seconds`` of it."""
-    imu = log.imus[log.imu]
-    mask = still(imu)
-    if log.state.landed is not None:
-        mask &= np.array([bool(v) for v in states(log.state.landed, imu.gyro.t)])
-    return mask if mask.sum() > seconds * imu.gyro.rate else None
-
-
-def states(line, t: Array) -> list:
-    """The values of a time line at many times."""
-    k = np.maximum(np.searchsorted(line.t, t, side="right") - 1, 0)
-    return [line.value[i] for i in k]
-
-
 def tilt_error(log: FlightLog, mask: NDArray[np.bool_], attitude: Attitude) -> float:
     """Median angle in deg between measured gravity at rest and the attitude's down direction."""
     imu = log.imus[log.imu]

@@ -15,98 +15,10 @@ from attlog.flight.model import Firmware, FlightLog, Gnss, TimeLine
 from tests.health.made_flight import flight
 
 
-def parameter(firmware: str, **params: float) -> aiding.DelayParameter | str:
-    log = flight(firmware=firmware, params=params)
-    log.gnss[0].received = log.gnss[0].t
-    return aiding.gnss_delay_parameter(log, log.gnss[0], 5.0)
-
-
-@pytest.mark.parametrize(
-    ("firmware", "params", "name"),
-    [
-        ("PX4", {"EKF2_GPS_DELAY": 110.0}, "EKF2_GPS_DELAY"),
-        ("PX4", {"EKF2_GPS_DELAY": 110.0, "SENS_GPS0_DELAY": 90.0}, "SENS_GPS0_DELAY"),
-        ("ArduPilot", {"GPS_DELAY_MS": 90.0, "AHRS_EKF_TYPE": 3.0}, "GPS_DELAY_MS"),
-        ("ArduPilot", {"GPS1_DELAY_MS": 90.0, "AHRS_EKF_TYPE": 3.0}, "GPS1_DELAY_MS"),
-        ("ArduPilot", {"EK2_GPS_DELAY": 220.0, "AHRS_EKF_TYPE": 2.0}, "EK2_GPS_DELAY"),
-    ],
-)
-def test_each_era_has_its_own_name(firmware: str, params: dict[str, float], name: str) -> None:
-    found = parameter(firmware, **params)
-    assert isinstance(found, aiding.DelayParameter)
-    assert (found.name, found.old) == (name, params[name])
-    assert found.low == found.high == found.old
-
-
-@pytest.mark.parametrize(
-    ("firmware", "params"),
-    [
-        ("PX4", {}),
-        ("Betaflight", {"EKF2_GPS_DELAY": 110.0}),
-        ("ArduPilot", {"GPS_DELAY_MS": 90.0, "AHRS_EKF_TYPE": 0.0}),
-        ("ArduPilot", {"GPS_DELAY_MS": 90.0, "EK2_GPS_DELAY": 220.0, "AHRS_EKF_TYPE": 2.0}),
-        ("ArduPilot", {"GPS_DELAY_MS": float("nan"), "AHRS_EKF_TYPE": 3.0}),
-    ],
-)
-def test_what_the_log_cannot_tell_is_a_sentence(firmware: str, params: dict[str, float]) -> None:
-    found = parameter(firmware, **params)
-    assert isinstance(found, str)
-    assert found.endswith(".")
-
-
 def test_without_the_time_of_receipt_the_parameter_says_nothing() -> None:
     for params in ({"GPS_DELAY_MS": 90.0, "AHRS_EKF_TYPE": 3.0}, {"EK2_GPS_DELAY": 220.0, "AHRS_EKF_TYPE": 2.0}):
         log = flight(firmware="ArduPilot", params=params)
         assert "GPA.SMS" in str(aiding.gnss_delay_parameter(log, log.gnss[0], 5.0))
-
-
-def test_compasses_have_a_parameter_in_one_firmware_and_a_constant_in_the_other() -> None:
-    px4 = aiding.of_compass(flight(params={"EKF2_MAG_DELAY": 10.0}), 0.0)
-    other = aiding.of_compass(flight(firmware="ArduPilot"), 0.0)
-    assert isinstance(px4, aiding.DelayParameter)
-    assert isinstance(other, aiding.DelayParameter)
-    assert (px4.name, px4.old, other.high, other.most) == ("EKF2_MAG_DELAY", 10.0, 60.0, 0.0)
-    assert isinstance(aiding.of_compass(flight(), 0.0), str)
-
-
-def test_gates_are_standard_deviations_in_both() -> None:
-    px4 = aiding.noise_parameter(
-        flight(params={"EKF2_MAG_NOISE": 0.05, "EKF2_MAG_GATE": 3.0}), "compass", "estimator_status:0"
-    )
-    other = aiding.noise_parameter(
-        flight(firmware="ArduPilot", params={"EK3_VELNE_M_NSE": 0.3, "EK3_VEL_I_GATE": 500.0}), "velocity", "XKF4:0.SV"
-    )
-    assert px4 is not None
-    assert other is not None
-    assert (px4.gate, other.gate) == (3.0, 5.0)
-    assert aiding.noise_parameter(flight(), "compass", "estimator_status:0") is None
-
-
-def test_what_is_asked_of_gnss_is_each_firmwares() -> None:
-    assert aiding.gnss_requirements(flight()).speed < aiding.gnss_requirements(flight(firmware="ArduPilot")).speed
-
-
-@pytest.mark.parametrize("aid", ["compass", "velocity", "position", "height"])
-def test_ardupilots_gates_are_hundredths_of_a_standard_deviation_and_px4s_whole_ones(aid: str) -> None:
-    """docs of EK3_POS_I_GATE and its kin: percent, 500 is 5 sigmas; of EKF2_GPS_P_GATE: SD."""
-    for source, firmware, unit in (("XKF4", "ArduPilot", 0.01), ("NKF4", "ArduPilot", 0.01), ("", "PX4", 1.0)):
-        name, _, _, gate, _ = aiding.NOISE_PARAMETERS["PX4" if firmware == "PX4" else source[:2]][aid]
-        found = aiding.noise_parameter(flight(firmware=firmware, params={name: 0.5, gate: 500.0}), aid, source)
-        assert found is not None
-        assert (found.old, found.gate) == (0.5, pytest.approx(500.0 * unit))
-
-
-def test_the_delay_of_the_first_receiver_is_not_that_of_a_second_one() -> None:
-    """EKF2_GPS_DELAY was one for all before SENS_GPS1_DELAY: which receiver it fits nobody knows."""
-    log = flight(params={"EKF2_GPS_DELAY": 110.0})
-    log.gnss[0].index = 1
-    assert aiding.gnss_delay_parameter(log, log.gnss[0], 5.0) == "The log holds no delay parameter of this receiver."
-    log.parameters.lines["SENS_GPS1_DELAY"] = flight(params={"SENS_GPS1_DELAY": 70.0}).parameters.lines[
-        "SENS_GPS1_DELAY"
-    ]
-    found = aiding.gnss_delay_parameter(log, log.gnss[0], 5.0)
-    assert isinstance(found, aiding.DelayParameter)
-    assert (found.name, found.old) == ("SENS_GPS1_DELAY", 70.0)
 
 
 # Names, ranges and numbers of parameters of aids are those of the firmwares' tables, receiver by receiver.
@@ -140,7 +52,7 @@ NOISE = [
             ("compass", "MAG", "MAG", (0.01, 0.5)),
             ("velocity", "VELNE", "VEL", (0.05, 5.0)),
             ("position", "POSNE", "POS", (0.1, 10.0)),
-            ("height", "ALT", "HGT", (0.1, 10.0)),
+            ("height", "ALT", "HGT", (0.1, 10.0 if k == 2 else 100.0)),
         )
     ),
 ]
@@ -211,12 +123,6 @@ def test_what_does_not_say_which_delay_counted_is_a_sentence(params: dict[str, f
     assert word in str(of(log("ArduPilot", 2, **params), index))
 
 
-def test_both_parameters_of_which_the_newer_ekf_flew_are_no_riddle() -> None:
-    found = of(log("ArduPilot", 1, GPS_DELAY_MS=80.0, EK2_GPS_DELAY=220.0, AHRS_EKF_TYPE=3.0))
-    assert isinstance(found, DelayParameter)
-    assert found.name == "GPS_DELAY_MS"
-
-
 def test_compass_and_buffer_have_their_ranges() -> None:
     assert aiding.of_compass(log("ArduPilot"), 1.0) == DelayParameter("", 60.0, 0.0, 60.0, 0.0, "the EKF takes 60 ms")
     found = aiding.of_compass(log("PX4", EKF2_MAG_DELAY=35.0), 1.0)
@@ -224,12 +130,6 @@ def test_compass_and_buffer_have_their_ranges() -> None:
     found = aiding.buffer(log("PX4", EKF2_DELAY_MAX=200.0), 1.0)
     assert found == DelayParameter("EKF2_DELAY_MAX", 200.0, 200.0, 200.0, 1000.0, "")
     assert aiding.buffer(log("PX4"), 1.0) is None
-
-
-def test_px4_and_ardupilot_ask_of_gnss_what_their_tables_say() -> None:
-    asked = {n: aiding.gnss_requirements(log(n)) for n in ("PX4", "ArduPilot")}
-    told = {n: (x.satellites, x.hdop, x.speed, x.place) for n, x in asked.items()}
-    assert told == {"PX4": (6, 2.5, 0.5, 3.0), "ArduPilot": (6, 2.5, 1.0, 5.0)}
 
 
 # Test ratios, times of receipt and reception of simulated flights against pyulog and pymavlink, record by record.
@@ -269,16 +169,3 @@ def test_dataflash_ratios_and_times_of_receipt(corpus: Path) -> None:
     assert receiver.received is not None
     np.testing.assert_allclose(receiver.received + 1e-6 * log.t0_us, 1e-3 * came, atol=1e-6)
     assert np.all(receiver.t - receiver.received < 1e-6 * written.max())
-
-
-@pytest.mark.slow
-def test_telemetry_ratios(corpus: Path) -> None:
-    from pymavlink import mavutil
-
-    path = corpus / "sitl" / "ardupilot" / "plane_fbwa_cruise.tlog"
-    log, oracle = attlog_flight.read(path), mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
-    sent = []
-    while (m := oracle.recv_match(type="EKF_STATUS_REPORT")) is not None:
-        sent.append((m.velocity_variance, m.compass_variance))
-    ratios = {one.aid: one.ratio for one in log.estimator.innovation_tests}
-    np.testing.assert_allclose(np.column_stack([ratios["velocity"], ratios["compass"]]), np.array(sent), rtol=1e-6)

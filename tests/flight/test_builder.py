@@ -12,8 +12,6 @@ import pytest
 from attlog import flight
 from attlog.core.limits import MAX_ATTITUDES
 from attlog.flight import compass
-from attlog.flight.ardupilot import vehicle
-from attlog.flight.ardupilot.imu import DataflashBuilder
 from attlog.flight.builder import LogBuilder
 from attlog.flight.imu import (
     ImuCandidate,
@@ -23,10 +21,8 @@ from attlog.flight.imu import (
     resample_vectors,
     validate_candidate,
 )
-from attlog.flight.mavlink import unix_minus_boot
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
-from attlog.flight.timestamps import record_clock
 from tests.flight.fake import gravity, level, messages, micros
 
 
@@ -91,16 +87,6 @@ def test_quaternions_that_are_none_leave_the_attitude() -> None:
     assert len(attitude.t) == N - 12
     np.testing.assert_allclose(np.linalg.norm(attitude.q, axis=1), 1)
     assert r.attitude(micros(5, 50).astype(np.int64), np.zeros((5, 4)), "ATT") is None
-
-
-def test_sample_times_are_kept_where_they_tell_something() -> None:
-    r = builder()
-    t = micros(N, 50).astype(np.int64)
-    assert r.sample_times(t, t) is None
-    assert r.sample_times(t, np.zeros(N, np.int64)) is None
-    sampled = t - 7000
-    sampled[3] = 0
-    np.testing.assert_allclose(r.sample_times(t, sampled), (t - 10_000_000 - 7000) * 1e-6)
 
 
 def test_time_lines_keep_changes_only() -> None:
@@ -171,36 +157,9 @@ def combined() -> dict[str, Any]:
     }
 
 
-def receiver(utc_us: int) -> dict[str, Any]:
-    n = 10
-    names = ("eph", "epv", "s_variance_m_s", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
-    return {
-        "timestamp": micros(n, 5.0),
-        "latitude_deg": np.full(n, 47.0),
-        "longitude_deg": np.full(n, 8.0),
-        "altitude_msl_m": np.full(n, 400.0),
-        "fix_type": np.full(n, 3, np.uint8),
-        "time_utc_usec": np.full(n, utc_us, np.uint64),
-    } | {name: np.ones(n, np.float32) for name in names}
-
-
 def read(tables: dict[tuple[str, int], Any]) -> FlightLog:
     with np.errstate(invalid="ignore"):
         return reader.read(messages("ulog", tables, info={"sys_name": "PX4"}))
-
-
-def test_a_receiver_that_tells_an_impossible_date_tells_none() -> None:
-    for utc_us, known in ((1_700_000_000_000_000, True), (2**62, False), (2**63 + 5, False), (1000, False)):
-        log = read({("sensor_combined", 0): combined(), ("sensor_gps", 0): receiver(utc_us)})
-        assert (log.utc_offset is not None) is known
-        assert log.gnss[0].lat[0] == 47.0
-
-
-def test_an_autopilot_that_tells_an_impossible_date_tells_none() -> None:
-    for unix_us, known in ((1_700_000_000_000_000, True), (2**62, False)):
-        clock = {"time_unix_usec": np.full(5, unix_us, np.uint64), "time_boot_ms": np.arange(1, 6, dtype=np.uint32)}
-        found = unix_minus_boot(messages("tlog", {("SYSTEM_TIME", 257): clock}), 257)
-        assert (found is not None) is known
 
 
 def test_a_sensor_without_one_good_record_is_not_called_unlogged() -> None:
@@ -283,46 +242,6 @@ def test_a_unit_that_is_all_zero_is_none() -> None:
     log = read({("sensor_combined", 0): combined() | {"accelerometer_m_s2": np.zeros((ODD_RECORDS, 3), np.float32)}})
     assert log.imu is None
     assert [p.code for p in log.problems] == ["imu_all_zero", "no_imu", "no_mag"]
-
-
-def test_one_of_a_thing_is_no_plural() -> None:
-    stamps = micros(ODD_RECORDS, 200.0)
-    stamps[7] = stamps[6]
-    log = read({("sensor_combined", 0): combined() | {"timestamp": stamps}})
-    told = [p.text for p in log.problems if p.code == "duplicate_times"]
-    assert told == [f"sensor_combined: left out 1 of {ODD_RECORDS} records, which repeat a time stamp."]
-
-
-def test_a_time_of_another_kind_is_no_time_of_a_record() -> None:
-    for wrong in (np.array([b"12"] * ODD_RECORDS), np.zeros((ODD_RECORDS, 3), np.uint64)):
-        tables = {("sensor_combined", 0): combined(), ("vehicle_air_data", 0): {"timestamp": wrong}}
-        log = messages("ulog", tables)
-        of = record_clock(log)
-        assert of(log["vehicle_air_data", 0]) is None
-        assert of(log["sensor_combined", 0]) is not None
-
-
-def test_the_unit_that_flew_is_told_by_one_number_per_record_or_not_at_all() -> None:
-    odd = {"timestamp": np.zeros((ODD_RECORDS, 2), np.uint64), "gyro_device_id": np.ones(ODD_RECORDS, np.uint32)}
-    imu = {"gyro_device_id": np.ones(ODD_RECORDS, np.uint32), "timestamp": micros(ODD_RECORDS, 100.0)}
-    log = read({("sensor_combined", 0): combined(), ("sensor_selection", 0): odd, ("vehicle_imu_status", 0): imu})
-    assert log.imu == 0
-    assert "unreadable_message" in [p.code for p in log.problems]
-
-
-def test_a_hundred_thousand_kinds_of_reports_take_no_time_and_are_not_all_told() -> None:
-    n = 100_000
-    errors = {
-        "TimeUS": micros(n, 1000.0),
-        "Subsys": np.arange(n, dtype=np.int64),
-        "ECode": np.arange(n, dtype=np.int64) + 1,
-    }
-    builder = DataflashBuilder(messages("dataflash", {("ERR", 0): errors}), t0_us=10_000_000)
-    begin = time.process_time()
-    vehicle.report_events(builder)
-    assert time.process_time() - begin < 2.0
-    assert len(builder.problems) == vehicle.MAX_EVENT_KINDS + 1
-    assert builder.problems[-1].code == "damaged_reports"
 
 
 def test_a_hundred_thousand_devices_take_no_time() -> None:

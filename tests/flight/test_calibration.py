@@ -22,16 +22,6 @@ def test_the_ardupilot_correction_is_that_of_the_firmware(scale: float) -> None:
     np.testing.assert_allclose(found.correction.body(raw, power[:, None]), expected, atol=1e-12)
 
 
-def test_a_matrix_of_zeros_is_none_and_motor_values_count_only_with_their_type() -> None:
-    values = OLD | dict.fromkeys([f"COMPASS_{k}_{a}" for k in ("DIA", "ODI") for a in "XYZ"], 0.0)
-    found = calibration.ardupilot_compass(values | {"COMPASS_SCALE": 0.0, "COMPASS_MOT_X": 9.0}, 0)
-    np.testing.assert_array_equal(found.correction.matrix, np.eye(3))
-    assert not found.correction.motor.any()
-    assert not calibration.ardupilot_compass(
-        values | {"COMPASS_MOTCT": 2.0, "COMPASS_MOT_X": 9.0, "COMPASS_PMOT_EN": 1.0}, 0
-    ).motor_power
-
-
 def test_the_slot_is_that_of_the_device_and_another_order_is_refused() -> None:
     assert calibration.ardupilot_compass(OLD, 1).offsets == ("COMPASS_OFS2_X", "COMPASS_OFS2_Y", "COMPASS_OFS2_Z")
     assert calibration.compass_device(OLD, 1) == "131874"
@@ -61,17 +51,6 @@ def test_the_ardupilot_compensation_type_is_set_only_alone() -> None:
     assert "COMPASS_MOT2 " in refused({"COMPASS_MOT2_X": 1.0})
     assert "COMPASS_MOT " in refused({"COMPASS_MOTCT": 1.0, "COMPASS_MOT_X": 1.0})
     assert "COMPASS_PMOT_EN" in refused({"COMPASS_PMOT_EN": 1.0})
-
-
-def test_a_version_that_adds_motors_before_a_scale_is_refused() -> None:
-    """Before COMPASS_SCALE: refused where DIA or ODI do anything, not where they are unset or one."""
-    older = {name: v for name, v in OLD.items() if name != "COMPASS_SCALE"}
-    with pytest.raises(CalibrationUnknownError, match="before the scales"):
-        calibration.ardupilot_motor_type(older, 0, "current")
-    plain = {name: v for name, v in older.items() if "ODI" not in name}
-    for one in (0.0, 1.0):
-        values = plain | {f"COMPASS_DIA_{a}": one for a in "XYZ"}
-        assert calibration.ardupilot_motor_type(values, 0, "current") == {"COMPASS_MOTCT": 2.0}
 
 
 @pytest.mark.parametrize(("index", "name"), [(0, "INS_ACC"), (1, "INS_ACC2"), (2, "INS_ACC3"), (3, "INS4_ACC")])
@@ -124,12 +103,6 @@ def test_raw_values_come_back_from_those_in_body_axes() -> None:
     np.testing.assert_allclose(CORRECTION.raw(by_hand, power), raw, atol=1e-12)
 
 
-def test_an_error_vanishes_with_the_new_offset() -> None:
-    raw, error = RANDOM.normal(size=(50, 3)), np.array([0.7, -0.1, 0.4])
-    new = Correction(MATRIX, CORRECTION.offset_without(error), CORRECTION.motor)
-    np.testing.assert_allclose(CORRECTION.body(raw) - new.body(raw), np.tile(error, (50, 1)), atol=1e-12)
-
-
 @pytest.mark.parametrize("matrix", [np.diag([1.0, 1.0, 0.0]), np.full((3, 3), np.nan)])
 def test_a_matrix_that_folds_the_axes_is_refused(matrix) -> None:
     with pytest.raises(CalibrationUnknownError, match="no rotation"):
@@ -157,14 +130,6 @@ def test_the_px4_correction_is_that_of_the_firmware() -> None:
     gauss = raw / GAUSS + (current / 1000.0)[:, None] * [1.5, -0.5, 2.0] - [0.1, -0.2, 0.05]
     expected = GAUSS * gauss @ SYMMETRIC.T @ turn.T
     np.testing.assert_allclose(found.correction.body(raw, current[:, None]), expected, atol=1e-12)
-
-
-def test_throttle_is_not_divided_and_a_compass_on_the_board_turns_with_it() -> None:
-    found = calibration.px4_compass(VALUES | {"CAL_MAG_COMP_TYP": 1.0, "CAL_MAG1_ROT": -1.0}, 42)
-    turn = (LEVEL * Rotation.from_euler("z", 180.0, degrees=True)).as_matrix()
-    np.testing.assert_allclose(found.correction.motor, GAUSS * turn @ SYMMETRIC @ [1.5, -0.5, 2.0], atol=1e-12)
-    assert found.motor_power == "throttle"
-    assert not calibration.px4_compass(VALUES | {"CAL_MAG_COMP_TYP": 0.0}, 42).correction.motor.any()
 
 
 def test_a_device_without_a_slot_is_refused() -> None:

@@ -10,13 +10,12 @@ import pytest
 
 import attlog
 from attlog import flight
-from attlog.flight import calibration, imu
+from attlog.flight import imu
 from attlog.flight.builder import LogBuilder
 from attlog.flight.compass import dead_reason, field_spikes
 from attlog.flight.frozen import turned_deg
-from attlog.flight.imu import ImuCandidate, best_per_unit, validate_candidate
+from attlog.flight.imu import ImuCandidate, validate_candidate
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
-from attlog.flight.px4 import imu as imus
 from tests.flight import fake
 from tests.flight.fake import messages, micros
 
@@ -28,14 +27,6 @@ def candidate(n: int, rate: float = 100.0, rank: int = 0, source: str = "IMU") -
 
 def builder() -> LogBuilder:
     return LogBuilder(messages("ulog", {}))
-
-
-def test_a_better_message_that_covers_next_to_nothing_is_not_preferred() -> None:
-    """The first second of a log of minutes, say, in which a faster message was switched on by mistake."""
-    short, long = candidate(100, 1000.0, 0, "fast"), candidate(3000, 50.0, 1, "slow")
-    assert best_per_unit(builder(), [short, long])[0].source == "slow"
-    short = candidate(5000, 1000.0, 0, "fast")
-    assert best_per_unit(builder(), [short, long])[0].source == "fast"
 
 
 def test_a_unit_that_measures_in_fewer_than_one_record_of_a_hundred_was_never_read() -> None:
@@ -129,12 +120,6 @@ def test_a_unit_that_was_logged_for_five_seconds_more_before_and_behind_is_told(
     assert codes == (["imu_covers_a_part"] if told else [])
 
 
-def test_in_long_logs_a_twentieth_more_is_told() -> None:
-    for more, told in ((60.0, True), (48.0, False)):
-        _, codes = chosen(unit(0, hz=10.0, seconds=1000.0), unit(1, hz=10.0, seconds=1000.0 + more), flew=0)
-        assert ("imu_covers_a_part" in codes) is told
-
-
 def test_of_each_unit_the_best_usable_message_counts_that_covers_its_time() -> None:
     best = imu.best_per_unit(empty_builder(), [unit(1, rank=2), unit(1, rank=1), unit(0, rank=3)])
     assert [(c.index, c.rank) for c in best] == [(0, 3), (1, 1)]
@@ -171,36 +156,6 @@ def test_dropouts_of_more_than_a_tenth_of_a_second_are_a_warning() -> None:
         known: Any = SimpleNamespace(dropouts_ms=lost)
         (found,) = flight.dropout_problems(known)
         assert (found.severity, found.count) == (severity, 2)
-
-
-def test_increments_are_rates_over_their_own_times_and_each_unit_has_its_own() -> None:
-    n = 200
-    tables: Any = {}
-    for k in range(2):
-        tables["vehicle_imu", k] = {
-            "timestamp": fake.micros(n, 100.0),
-            "timestamp_sample": fake.micros(n, 100.0, 9_990_000),
-            "delta_angle": (1.0 + k) * np.tile(np.array([0.001, -0.002, 0.003], np.float32), (n, 1)),
-            "delta_velocity": (1.0 + k) * np.tile(np.array([0.05, 0.1, -0.1], np.float32), (n, 1)),
-            "delta_angle_dt": np.full(n, 10_000, np.uint16),
-            "delta_velocity_dt": np.full(n, 5_000, np.uint16),
-            "gyro_device_id": np.full(n, 7 + k, np.uint32),
-            "delta_angle_clipping": np.zeros(n, np.uint8),
-        }
-    tables["vehicle_imu", 0]["delta_angle_dt"][3] = 0
-    messages = fake.messages("ulog", tables)
-    one, two = imus.vehicle_imu_candidates(imus.TopicBuilder(messages))
-    np.testing.assert_allclose(one.gyro[0], [0.1, -0.2, 0.3], rtol=1e-5)
-    np.testing.assert_allclose(two.acc[0], [20.0, 40.0, -40.0], rtol=1e-5)
-    assert (len(one.t_us), len(two.t_us)) == (n - 1, n)
-    assert (int(one.t_us[0]), one.device, two.device) == (9_990_000, "7", "8")
-
-
-def test_without_a_type_of_compensation_the_motors_count_for_nothing() -> None:
-    values = {"CAL_MAG0_ID": 41.0, "CAL_MAG0_XCOMP": 1.5} | {f"CAL_MAG0_{axis}OFF": 0.1 for axis in "XYZ"}
-    found = calibration.px4_compass(values, 41)
-    assert not found.correction.motor.any()
-    assert not found.motor_power
 
 
 # Samples at the end of a sensor's range: which counts of which firmware mean what they say.

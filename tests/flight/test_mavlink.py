@@ -14,7 +14,7 @@ from attlog import flight, formats
 from attlog.core import rotation
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.flight import mavlink
-from attlog.flight.mavlink import PacketClock, TelemetryBuilder, force_rising, is_steady
+from attlog.flight.mavlink import PacketClock, TelemetryBuilder, is_steady
 from attlog.flight.model import FlightLog
 from attlog.formats import Recording
 from attlog.formats.mavlink.layout import STAMP_COLUMN
@@ -140,17 +140,6 @@ def test_truth_without_a_clock_is_timed_by_its_place_where_packet_stamps_are_no_
     yaw = rotation.to_euler(log.truth.q)[:, 2]
     assert np.abs(log.truth.t - np.unwrap(yaw) / 0.3).max() < 0.005
     assert ["its place" in p.text for p in log.problems if p.code == "truth_packet_times"] == [True]
-
-
-def test_packets_that_rise_keep_their_time_however_many_they_are() -> None:
-    t = 5_000_000 + 40_000 * np.arange(90_000)
-    np.testing.assert_array_equal(force_rising(t), t)
-    late = t.copy()
-    late[1000] -= 50_000
-    made = force_rising(late)
-    assert np.all(np.diff(made) > 0)
-    assert np.flatnonzero(made != late).tolist() == [1000]
-    assert made[1000] == late[999] + 1
 
 
 def test_samples_stamped_in_unix_time_are_put_on_the_boot_clock_and_not_on_their_packets() -> None:
@@ -303,14 +292,6 @@ def test_test_ratios_of_both_firmwares_are_read(autopilot: int, name: str, colum
     assert np.isnan(velocity.ratio).all()
 
 
-def test_a_landed_state_that_is_undefined_is_neither_ground_nor_air() -> None:
-    extended = clock(6, 1) | {"landed_state": np.array([0, 1, 1, 0, 2, 1], np.uint8)}
-    log = read(
-        {("RAW_IMU", ME): raw_imu(500, 50), ("ATTITUDE", ME): attitude(100, 10), ("EXTENDED_SYS_STATE", ME): extended}
-    )
-    assert log.state.landed.value == [True, False, True]
-
-
 # The autopilot's clock of packets: their own, that of the receiver, or their place in the file.
 
 BOOT_MS = 5_000 + 20 * np.arange(200)
@@ -348,27 +329,6 @@ def test_whole_milliseconds_that_have_passed_are_half_of_one_more() -> None:
     assert mavlink.boot_stamps(told([1, 2], time_boot_ms=[7, 4_000_000_000])).tolist() == [7_500, 4_000_000_000_500]
 
 
-def test_a_message_without_a_clock_is_as_late_as_its_packet_by_the_receiver() -> None:
-    own = clock_of(ATTITUDE=ATTITUDE)
-    packets = told([550, 10_050], stamp=AHEAD_US + np.array([5_103_000, 7_011_000]))
-    assert own.is_steady
-    assert own.by_packet(packets).tolist() == [5_103_500, 7_011_500]
-    assert own.of(packets).tolist() == [5_103_500, 7_011_500]
-
-
-def test_where_the_receivers_stamps_come_in_bursts_the_place_in_the_file_tells_the_time() -> None:
-    """Ten packets with one stamp: as late as the last of them."""
-    bursts = AHEAD_US + 1000 * np.repeat(BOOT_MS[9::10], 10)
-    own = clock_of(ATTITUDE=told(100 * np.arange(200), time_boot_ms=BOOT_MS, stamp=bursts))
-    assert not own.is_steady
-    found = own.by_packet(told([550, 10_025], stamp=[AHEAD_US, AHEAD_US]))
-    assert found.tolist() == [5_110_500, 7_005_500]
-
-
-def test_without_any_clock_there_is_none() -> None:
-    assert clock_of().by_packet(told([5, 6], stamp=[1, 2])).tolist() == [0, 0]
-
-
 def test_clock_messages_are_put_in_file_order_and_those_that_were_never_set_left_out() -> None:
     system = told([150, 5], time_boot_ms=[5_035, 0], stamp=[AHEAD_US + 5_035_000, 0], time_unix_usec=[0, 0])
     own = clock_of(ATTITUDE=ATTITUDE, SYSTEM_TIME=system)
@@ -386,28 +346,12 @@ def test_stamps_that_advance_otherwise_by_more_than_half_of_a_step_are_no_clock(
     assert mavlink.is_steady(packet[:21], boot[:21]) is steady
 
 
-def test_a_time_in_unix_microseconds_is_put_on_the_boot_clock() -> None:
-    unix = 1_650_000_000_000_000
-    system = told([1, 2, 3], time_boot_ms=[1_000, 2_000, 0], time_unix_usec=[unix, unix + 1_000_000, unix * 2])
-    own = clock_of(SYSTEM_TIME=system)
-    assert own.unix == unix - 1_000_000
-    assert own.of(told([9, 10], time_usec=[unix + 4_000_000, unix + 5_000_000])).tolist() == [5_000_000, 6_000_000]
-    assert own.of(told([9, 10], time_usec=[70, 90])).tolist() == [70, 90]
-
-
 def test_a_date_that_the_autopilot_never_knew_or_that_cannot_be_is_none() -> None:
     """Milliseconds of Unix time, a year beyond 2100, and a boot clock that stands at zero."""
     for unix, boot_ms in ((10**15 - 1, 5), (5 * 10**15, 5), (1_650_000_000_000_000, 0)):
         system = told([1], time_boot_ms=[boot_ms], time_unix_usec=[unix])
         assert clock_of(SYSTEM_TIME=system).unix is None
     assert clock_of(ATTITUDE=ATTITUDE).unix is None
-
-
-def test_a_time_usec_that_is_unix_time_of_an_unknown_date_is_left_for_the_packets() -> None:
-    own = clock_of(ATTITUDE=ATTITUDE)
-    packets = told([550], time_usec=[1_650_000_000_000_000], stamp=[AHEAD_US + 5_103_000])
-    assert own.of(packets).tolist() == [5_103_500]
-    assert own.of(told([550], time_usec=[0], stamp=[AHEAD_US + 5_103_000])).tolist() == [5_103_500]
 
 
 def test_small_backward_steps_become_steps_of_a_microsecond_and_large_ones_stay() -> None:
@@ -423,10 +367,6 @@ def test_small_backward_steps_become_steps_of_a_microsecond_and_large_ones_stay(
 def test_the_running_median_is_that_of_scipy_mirrored_at_the_ends(count: int) -> None:
     x = np.random.default_rng(count).integers(0, 10_000, count)
     np.testing.assert_array_equal(mavlink.running_median(x), median_filter(x, 21, mode="mirror"))
-
-
-def test_a_median_of_few_is_that_of_all() -> None:
-    assert mavlink.running_median(np.array([5, 1, 90])).tolist() == [5, 5, 5]
 
 
 # Units and unset values of MAVLink's rarer messages: other numbers in every column.

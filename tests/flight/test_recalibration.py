@@ -9,7 +9,6 @@ import pytest
 
 from attlog import formats
 from attlog.flight import flight_in, read, recalibration
-from attlog.flight.ardupilot import reader
 from attlog.flight.calibration import CalibrationUnknownError
 from attlog.flight.model import Firmware, FlightLog, TimeLine
 from attlog.flight.px4 import reader as px4_reader
@@ -78,32 +77,6 @@ def test_what_was_learnt_before_arming_is_what_raw_values_do_not_explain() -> No
     assert "1.12" in why(log)
 
 
-def test_without_raw_values_or_with_others_nothing_is_known() -> None:
-    raw = raw_field()
-    field = raw - GAUSS * np.array([0.1, -0.2, 0.05])
-    assert "bit 6 of SDLOG_PROFILE" in why(px4(CAL, field, None))
-    assert "are not those of the compass" in why(px4(CAL, field[:, [1, 0, 2]], raw))
-    short = px4(CAL, field, raw)
-    short.mags[0].raw.t = short.mags[0].raw.t + 1000.0
-    assert "Fewer than 5" in why(short)
-
-
-def test_few_raw_values_that_scatter_are_not_enough() -> None:
-    """Scatter of 10 mG: the median of 6 values is known to 7.6 mG, that of 150 to 1.5 mG."""
-    raw = raw_field()
-    field = raw - GAUSS * np.array([0.1, -0.2, 0.05]) + 1.5e-6 * np.random.default_rng(2).normal(size=raw.shape)
-    log = px4(CAL, field, raw)
-    assert (
-        np.abs(
-            recalibration.learned_compass_bias(log, log.mags[0], recalibration.flown_compass(log, log.mags[0]))
-        ).max()
-        < 6e-7
-    )
-    few = np.linspace(30, 100, 6).astype(int)
-    log.mags[0].raw.t, log.mags[0].raw.x = log.mags[0].raw.t[few], log.mags[0].raw.x[few]
-    assert "Too few raw values" in why(log)
-
-
 def test_a_log_of_telemetry_or_of_another_firmware_is_refused() -> None:
     log = ardupilot(OLD)
     log.format = "tlog"
@@ -134,12 +107,6 @@ def test_a_log_that_never_tells_of_arming_counts_as_a_whole() -> None:
     assert "does not hold COMPASS_OFS_X" in why(log)
 
 
-def test_a_log_that_is_disarmed_within_its_first_second_has_no_span_that_runs_back() -> None:
-    log = ardupilot(OLD)
-    log.state.armed = TimeLine(np.array([0.0, 0.4]), [True, False], "armed")
-    assert recalibration.armed_span(log) == (1.0, 1.0)
-
-
 # What the readers tell of a compass beside its field, and of an accelerometer: ids, raw values, applied offsets.
 
 N = 2000
@@ -152,21 +119,6 @@ def test_an_ardupilot_log_tells_device_and_offsets(samples: Path) -> None:
     assert mag.offsets is not None
     assert mag.offsets.x.shape == (1, 3)
     np.testing.assert_allclose(mag.offsets.x[0] * 1e7, [float(table[c][0]) for c in ("OfsX", "OfsY", "OfsZ")])
-
-
-def test_offsets_are_told_at_each_change() -> None:
-    t = micros(N, 50)
-    columns = {"TimeUS": t, "I": np.zeros(N, np.uint8)}
-    columns |= {f"Mag{a}": (300 + 100 * np.cos(np.arange(N) / 50)).astype(np.int16) for a in "XYZ"}
-    columns |= {f"Ofs{a}": np.where(np.arange(N) < 700, 10, -20).astype(np.int16) for a in "XYZ"}
-    imu = {"TimeUS": t, "I": np.zeros(N, np.uint8)}
-    imu |= {f"Gyr{a}": np.full(N, 0.1, np.float32) for a in "XYZ"}
-    imu |= {f"Acc{a}": np.full(N, v, np.float32) for a, v in zip("XYZ", (0, 0, -9.81), strict=True)}
-    log = reader.read(messages("dataflash", {("IMU", 0): imu, ("MAG", 0): columns}))
-    offsets = log.mags[0].offsets
-    assert offsets is not None
-    np.testing.assert_allclose(offsets.t, [0.0, 14.0], atol=1e-6)
-    np.testing.assert_allclose(offsets.x[:, 0] * 1e7, [10.0, -20.0])
 
 
 def px4_log(selected: list[int], published_by: tuple[int, ...] = (42,)):
@@ -231,15 +183,6 @@ def test_the_motor_values_that_flew_are_taken_off_first() -> None:
     recorrect(log, "new.param", {"COMPASS_MOT_X": 1.0})
     expected = ardupilot_field(raw_field(), flew | {"COMPASS_MOT_X": 1.0}, power=amperes())
     np.testing.assert_allclose(log.mags[0].field.x, expected, atol=1e-12)
-
-
-def test_the_values_that_flew_change_nothing() -> None:
-    log = ardupilot(OLD)
-    before = log.mags[0].field.x.copy()
-    assert recorrect(log, "new.param", dict(OLD)) == set()
-    assert recorrect(log, "new.param", {"COMPASS_OFS2_X": 50.0}) == set()
-    np.testing.assert_array_equal(log.mags[0].field.x, before)
-    assert log.problems == []
 
 
 def test_what_cannot_be_mapped_is_said_and_left_alone() -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog.flight import calibration, vehicle
 from attlog.flight.px4 import reader
-from attlog.flight.vehicle import NAME_OF_TYPE, VEHICLES, VehicleKind, firmware_family, vehicle_kind, vehicle_name
+from attlog.flight.vehicle import NAME_OF_TYPE, VehicleKind, vehicle_kind, vehicle_name
 from tests.flight.fake import level, messages, micros
 
 ENUM = {number: entry.name for number, entry in mavutil.mavlink.enums["MAV_TYPE"].items()}
@@ -44,13 +44,6 @@ def test_every_type_of_mavlink_is_the_kind_that_its_name_says(number: int) -> No
         assert vehicle_kind(vehicle_name(number)) is VehicleKind.OTHER
 
 
-@pytest.mark.parametrize(
-    "name", ["dodecarotor", "decarotor", "airship", "blimp", "parafoil", "single rotor", "unknown"]
-)
-def test_vehicles_whose_names_hold_car_or_ship_fly(name: str) -> None:
-    assert vehicle_kind(name).flies
-
-
 @pytest.mark.parametrize("name", ["rover", "boat", "submarine", "antenna tracker", "tracker"])
 def test_what_stays_on_the_ground_neither_flies_nor_hovers(name: str) -> None:
     assert not vehicle_kind(name).flies
@@ -62,18 +55,6 @@ def test_wings_decide_on_hover_course_and_lying_inverted() -> None:
     assert (plane.hovers, vtol.hovers, quad.hovers) == (False, True, True)
     assert (plane.fixed_wing, vtol.fixed_wing, quad.fixed_wing) == (True, False, False)
     assert (plane.winged, vtol.winged, quad.winged) == (True, True, False)
-
-
-def test_names_and_numbers_stand_once_in_the_list() -> None:
-    names = [name for name, *_ in VEHICLES]
-    numbers = [n for *_, mine in VEHICLES for n in mine]
-    assert len(set(names)) == len(names)
-    assert len(set(numbers)) == len(numbers)
-    assert (firmware_family("dodecarotor"), firmware_family("boat"), firmware_family("VTOL")) == (
-        "copter",
-        "rover",
-        "plane",
-    )
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from attlog import formats
 from attlog.core.errors import OutputError, UsageError
 from attlog.formats import MessageLayout, ParamChange, Recording, Text
 from attlog.formats.recording import MERGED_ROWS, fit_to_type, merge_records
-from attlog.formats.ulog import reader
 
 TIME = np.arange(1, 101, dtype=np.uint64) * 10_000
 CLOCK = {".ulg": "timestamp", ".bin": "TimeUS", ".tlog": "_t_us"}
@@ -222,30 +221,3 @@ def test_records_are_merged_alike_in_one_step_and_in_several() -> None:
     order = np.argsort(time, kind="stable")
     expected = b"".join(rows[k, : lengths[k]].tobytes() for k in order)
     assert merge_records([rows], [time], [lengths]) == expected
-
-
-# What a format cannot hold is refused with a sentence: each part of a layout by itself.
-
-T = np.arange(3, dtype=np.uint64) * 1000 + 10_000_000
-
-
-@pytest.mark.parametrize("layout", [{"letters": "Qf"}, {"units": "sm"}, {"multipliers": "F0"}])
-def test_a_ulog_has_no_letters_no_units_and_no_multipliers(layout: dict[str, Any], tmp_path: Path) -> None:
-    columns = {"timestamp": T, "x": np.zeros(3, np.float32)}
-    recording = Recording({("a", 0): columns}, layouts={"a": MessageLayout(**layout)})
-    with pytest.raises(UsageError, match="letters, units or multipliers"):
-        formats.write(tmp_path / "a.ulg", recording)
-    formats.write(tmp_path / "b.ulg", Recording({("a", 0): columns}, layouts={"a": MessageLayout()}))
-
-
-@pytest.mark.parametrize(("level", "fits"), [(-1, False), (0, True), (7, True), (8, False)])
-def test_a_text_has_a_level_from_0_to_7(level: int, fits: bool, tmp_path: Path) -> None:
-    recording = Recording(
-        {("a", 0): {"timestamp": T, "x": np.zeros(3, np.float32)}}, texts=[Text("said", level, 10_000_000)]
-    )
-    if fits:
-        formats.write(tmp_path / "a.ulg", recording)
-        assert [(x.text, x.level) for x in reader.read_ulog(tmp_path / "a.ulg").texts] == [("said", level)]
-        return
-    with pytest.raises(UsageError, match="a level is 0 to 7"):
-        formats.write(tmp_path / "a.ulg", recording)

@@ -16,7 +16,6 @@ from attlog import flight, formats
 from attlog.core.errors import RAISE_VARIABLE, AttlogError
 from attlog.core.limits import MAX_DAMAGE
 from attlog.formats.dataflash import reader, tables
-from attlog.formats.file_bytes import decode_texts
 from attlog.formats.mavlink import reader as mavlink
 from attlog.formats.table import PART_FAILED, DamageLog, Messages, ParamChange
 from attlog.formats.ulog import content
@@ -60,13 +59,6 @@ def test_opening_a_log_reads_no_parameter(monkeypatch: pytest.MonkeyPatch) -> No
     told = {p.name: p.value for p in reversed(formats.open(path).params) if not p.is_default}  # the first of each
     assert told == {name: np.float32(value) for name, value in official.params.items()}
     assert len(opened)
-
-
-def test_texts_that_are_not_plain_are_spelled_one_by_one() -> None:
-    listed = [b"plain", b"two\nlines", "gr\u00fc\u00df".encode(), b"gr\xfc\xdf", b"cut\0rest", b""]
-    assert decode_texts(np.array(listed)) == ["plain", "two\nlines", "gr\u00fc\u00df", "gr\u00fc\u00df", "cut", ""]
-    assert decode_texts(np.array([b"a", b"b\n"])) == ["a", "b\n"]
-    assert decode_texts(np.array([], "S4")) == []
 
 
 # What of a file cannot be used, counted.

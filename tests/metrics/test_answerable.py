@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from attlog import estimators, flight, pipeline, reference, segments
-from attlog.core import rotation
+from attlog import pipeline, reference, segments
 from attlog.core.errors import AttlogError
 from attlog.flight import read
 from attlog.metrics import answerable
@@ -16,7 +14,6 @@ from attlog.metrics.metric import Case, missing
 from attlog.metrics.ranking import CODE
 from attlog.pipeline import inspection
 from attlog.pipeline.inspection import inspect
-from tests.conftest import SAMPLES as conftest_SAMPLES
 from tests.conftest import corpus_logs, corpus_root
 
 SAMPLES = Path(__file__).parents[3] / "sample_logs"
@@ -39,28 +36,6 @@ def every_log() -> list[Path]:
     root = corpus_root()
     cases = [] if root is None else sorted((root / "logs" / "cases").glob("*"))
     return corpus_logs() + [p for p in cases if p.suffix.lower() in (".ulg", ".bin", ".tlog", ".log")]
-
-
-def test_products_are_those_of_one_multiplication_after_the_other() -> None:
-    q = rotation.normalize(np.random.default_rng(3).normal(size=(2500, 4)))
-    told = answerable.products(q)
-    expected = q[0]
-    for k in range(1, len(q)):
-        expected = rotation.multiply(expected, q[k])
-    assert abs(expected @ told[-1]) == pytest.approx(1.0, abs=1e-9)
-    assert np.allclose(told[0], q[0])
-
-
-def test_the_stand_in_turns_as_the_compiled_gyro_row_does() -> None:
-    imu = flight.read(conftest_SAMPLES / "copter_yaw_turns.bin").replay_imu
-    assert imu is not None
-    own = answerable.integrated(imu, imu.gyro.x, "sample")
-    row = estimators.estimate(
-        "gyro", imu.gyro.t_best, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt, q0=own.q[0]
-    )
-    assert np.array_equal(own.t, row.t)
-    apart = rotation.total_angle(rotation.earth_error(own.q, rotation.normalize(row.q)))
-    assert np.degrees(np.max(apart)) < 0.01
 
 
 def without_smoother(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -186,17 +186,6 @@ def test_the_jackknife_interval_covers_95_percent_neither_less_nor_more(k):
     assert hits / RUNS == pytest.approx(0.95, abs=0.01)
 
 
-@pytest.mark.parametrize("k", [3, 8])
-def test_the_interval_of_pooled_powers_covers_95_percent_neither_less_nor_more(k):
-    rng = np.random.default_rng(k)
-    hits = 0
-    for _ in range(RUNS):
-        v = np.exp(0.1 * rng.standard_normal(k))
-        low, high = interval.log_sigma_interval(np.sqrt(v.mean()), v)
-        hits += low <= np.exp(0.25 * 0.1**2) <= high
-    assert hits / RUNS == pytest.approx(0.95, abs=0.012)
-
-
 @pytest.mark.parametrize("k", [2, 6])
 def test_the_t_interval_covers_95_percent_neither_less_nor_more(k):
     rng = np.random.default_rng(k)

@@ -18,6 +18,7 @@ from attlog.flight.model import Imu, Stream
 from attlog.metrics import accuracy, metric
 from attlog.metrics import step_turning as steps
 from attlog.metrics.gyro_bias import no_common_bias
+from attlog.metrics.innovations import AID_GROUPS
 from attlog.metrics.metric import CODES, Answer, Case, per_case, per_row, per_times
 from attlog.metrics.traces import traces
 from attlog.reference.model import Row
@@ -202,7 +203,8 @@ def test_the_names_that_users_rely_on_are_defined_and_carry_their_unit():
     assert not set(NAMED) - known.keys()
     for name, defined in known.items():
         suffix = next((s for s in sorted(UNITS, key=len, reverse=True) if re.search(rf"_{s}(\.|$)", name)), None)
-        assert defined.unit == (UNITS[suffix] if suffix else "1"), name
+        own = AID_GROUPS[name.partition(".")[2]].unit if name.startswith(("innovation_rms", "innovation_bias")) else "1"
+        assert defined.unit == (UNITS[suffix] if suffix else own), name
         assert len(defined.definition) > 40
         assert "\n" not in defined.definition
 
@@ -321,9 +323,9 @@ def test_a_filter_scored_on_its_good_half_says_so_and_is_not_best():
 def test_the_documentation_names_every_metric():
     text = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
     for name in metrics.definitions():
-        stem, dot, heading_reference = name.partition(".")
-        stands = f"{stem}.HEADING_REFERENCE" in text and heading_reference in text
-        assert f"`{name}`" in text or (bool(dot) and stands), name
+        stem, dot, variant = name.partition(".")
+        listed = any(f"{stem}.{of}" in text for of in ("HEADING_REFERENCE", "AID")) and variant in text
+        assert f"`{name}`" in text or (bool(dot) and listed), name
 
 
 # Once all rows have passed, headings are ranked and the cost is measured where it is wanted.

@@ -561,19 +561,20 @@ def test_where_every_window_settles_the_least_that_tell_stay() -> None:
     assert noise.unsettled(v[:2]) == 0
 
 
-@pytest.mark.parametrize(("phase", "left"), [("rest", 11), ("hover", 12)])
-def test_windows_that_settle_are_left_out_at_rest_alone(phase: str, left: int) -> None:
+@pytest.mark.parametrize(("kind", "left"), [("rest.long", 11), ("hover", 12)])
+def test_windows_that_settle_are_left_out_at_rest_alone(kind: str, left: int) -> None:
     """A heading that swings by ten times as much in the first of twelve windows."""
     t = np.arange(0.0, 80.0, 0.02)
     size = np.radians(np.where(t < 25.0, 1.0, 0.1))
     q = rotation.from_euler(0.0 * t, 0.0 * t, size * np.sin(2.0 * np.pi * t))
-    row = flights.row(t, q)
-    found = [((20.0 + 5.0 * k, 25.0 + 5.0 * k), slice(1000 + 250 * k, 1250 + 250 * k)) for k in range(12)]
-    residuals = list(noise.residuals_at_rest(row, [inside for _, inside in found]))
-    part = noise._part(row, phase, [(w, r) for (w, _), r in zip(found, residuals, strict=True)])
-    assert part is not None
-    assert len(part.t0) == len(part.lengths) == len(part.variances) == left
-    assert part.settled_s == (pytest.approx(25.0 - row.start) if phase == "rest" else None)
+    row, phase = flights.row(t, q), kind.partition(".")[0]
+    case = flights.case([row], [Segment("continuous", 0, 80), Segment(kind, 20, 80)])
+    gyro, acc = (Stream(t, np.tile(x, (len(t), 1)), "", "FRD", "made") for x in ((0.0, 0.0, 0.0), (0.0, 0.0, -9.8)))
+    case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
+    found = noise.span_variances(case, row, phase, (20.0, 80.0))
+    assert found is not None
+    assert len(found.t0) == len(found.variances) == left
+    assert found.settled_s == (pytest.approx(25.0 - row.start) if phase == "rest" else None)
 
 
 def test_a_row_is_measured_in_all_spans_of_a_phase_together() -> None:

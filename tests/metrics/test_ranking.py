@@ -12,7 +12,7 @@ from attlog.core import rotation
 from attlog.estimators import DEFAULT, get
 from attlog.metrics import definitions, drift, rank, ranking, statistics
 from attlog.metrics.metric import Answer, Metric, missing
-from attlog.metrics.ranking import CODE, DuplicateSearch, equal_rows, mark_not_ranked
+from attlog.metrics.ranking import CODE, DuplicateSearch, mark_not_ranked
 from attlog.metrics.statistics import Summary, UnitValues, make_ids
 from tests.metrics import flights
 from tests.metrics.flights import row
@@ -378,6 +378,13 @@ def test_a_row_that_tells_nothing_on_the_time_that_it_shares_with_others_is_not_
 
 T = np.arange(0.0, 10.0, 0.01)
 Q = rotation.from_euler(0.2 * np.sin(T), 0.1 * np.cos(T), 0.05 * T)
+
+
+def equal_rows(rows):
+    search = DuplicateSearch(lambda row: row)
+    for one in rows:
+        search.add(one)
+    return search.found()
 
 
 def made(name, q=Q, **fields):

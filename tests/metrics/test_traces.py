@@ -28,7 +28,7 @@ from attlog.metrics.sensor_traces import (
 )
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_turning import StepEvent
-from attlog.metrics.trace import BUDGET, SampleBudget, SampleBudgets, envelope, extremes
+from attlog.metrics.trace import BUDGET, SampleBudget, envelope, extremes
 from attlog.metrics.traces import (
     GRID_S,
     MAX_DEMAND_POINTS,
@@ -87,18 +87,12 @@ def test_without_a_compiler_the_loop_gives_the_same():
 
 
 def test_rows_share_what_a_figure_may_hold_by_their_length():
-    share = SampleBudget.of([1_000_000, 1_000_000, 40_000])
-    assert 2 * share(1_000_000) + share(40_000) <= 1.01 * BUDGET
-    assert share(40_000) < share(1_000_000)
-    assert SampleBudget.of([1000, 500])(1000) == 1000
-
-
-def test_rows_that_pass_one_by_one_get_the_shares_they_get_together() -> None:
-    replays, others = [300_000] * 3, [40_000, 10_000]
-    together = SampleBudget.of([*replays, *others])
-    budget = SampleBudgets(len(replays), sum(others))
-    assert [budget.share(n, True)(n) for n in replays] == [together(n) for n in replays]
-    assert [budget.share(n, False)(n) for n in others] == [together(n) for n in others]
+    replays, others = [1_000_000] * 2, [40_000, 10_000]
+    budget = SampleBudget(len(replays), sum(others))
+    kept = [budget.keep(n, True) for n in replays] + [budget.keep(n, False) for n in others]
+    assert 0.95 * BUDGET <= sum(kept) <= 1.05 * BUDGET
+    assert kept[0] == kept[1] > kept[2] == 2000
+    assert SampleBudget(0, 1500).keep(1000, False) == 1000
 
 
 # The sensors' own figures: spectra against scipy, clipping, sizes that keep their peaks.
@@ -270,7 +264,7 @@ def drawn(case, row):
 
 
 def test_the_close_up_shows_noise_without_drift():
-    flat = close_up("gyro", REST_T, angles(0.01), SampleBudget.of([len(REST_T)])).columns["roll"]
+    flat = close_up("gyro", REST_T, angles(0.01), len(REST_T)).columns["roll"]
     assert np.std(flat) == pytest.approx(0.01, rel=0.1)
     assert np.abs(flat).max() < 0.06
 

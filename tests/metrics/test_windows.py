@@ -99,18 +99,22 @@ def test_rest_of_2_to_5_s_is_one_window_and_shorter_flight_is_none():
     assert windows.lay_windows((0.0, 14.97), "hover") == [(0.0, 5.0), (5.0, 10.0), (10.0, 15.0)]
 
 
+def window_samples(t, q, segment, window):
+    return windows.unbroken_samples(windows.filled_samples(t, window), q, segment)
+
+
 def test_a_window_with_a_gap_a_reset_or_too_few_samples_is_not_used():
     own = row(hz=20.0)
-    whole = windows.window_samples(own.t, own.q, own.segment, (10.0, 15.0))
+    whole = window_samples(own.t, own.q, own.segment, (10.0, 15.0))
     assert (whole.start, whole.stop) == (200, 300)
     holes = np.delete(np.arange(len(own.t)), np.arange(220, 228))
-    assert windows.window_samples(own.t[holes], own.q[holes], own.segment[holes], (10.0, 15.0)) is None
-    assert windows.window_samples(own.t, own.q, (own.t > 12).astype(np.int64), (10.0, 15.0)) is None
-    assert windows.window_samples(own.t[::6], own.q[::6], own.segment[::6], (10.0, 15.0)) is None
-    assert windows.window_samples(own.t[:280], own.q[:280], own.segment[:280], (10.0, 15.0)) is None
+    assert window_samples(own.t[holes], own.q[holes], own.segment[holes], (10.0, 15.0)) is None
+    assert window_samples(own.t, own.q, (own.t > 12).astype(np.int64), (10.0, 15.0)) is None
+    assert window_samples(own.t[::6], own.q[::6], own.segment[::6], (10.0, 15.0)) is None
+    assert window_samples(own.t[:280], own.q[:280], own.segment[:280], (10.0, 15.0)) is None
     spoiled = own.q.copy()
     spoiled[250] = np.nan
-    assert windows.window_samples(own.t, spoiled, own.segment, (10.0, 15.0)) is None
+    assert window_samples(own.t, spoiled, own.segment, (10.0, 15.0)) is None
 
 
 def test_why_there_is_nothing_names_what_would_be_needed():

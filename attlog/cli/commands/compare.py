@@ -110,6 +110,7 @@ def compare_command(
                 configurations,
                 settings,
                 metrics=own.metric or found.metrics,
+                anyway=options.anyway,
                 jobs=own.jobs,
                 command=command_line(),
                 progress=LogReport(stages, len(logs), common.verbose, codes).one,

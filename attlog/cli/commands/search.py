@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,11 +15,11 @@ from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, t
 from attlog.cli.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.compare.comparison import Question
     from attlog.compare.grid import FreeParameter
     from attlog.compare.search import SettingsOnLog, Sweep
     from attlog.compare.setting import Configuration
     from attlog.compare.tune import Tuning
+    from attlog.metrics.metric import Case
 
 
 SWEEP_EXAMPLE = "attlog sweep *.bin mahony kp=0.6,1.1,2 ki=0..0.05/6"
@@ -63,12 +64,12 @@ def sweep_command(
     asked = search_request(words, SWEEP_EXAMPLE)
     base = parse_configuration(asked.filter)
     metrics = metric or SWEEP_METRICS
-    grid, questions = parse_all(lambda: parse_grid(asked.axes, base.row.estimator), lambda: swept_questions(metrics))
+    grid, _ = parse_all(lambda: parse_grid(asked.axes, base.row.estimator), lambda: swept_questions(metrics))
     for sentence in decimal_comma_hints(asked.axes):
         to_stderr(f"attlog: {sentence}")
     with progress(common.quiet, common.verbose > 0):
-        logs = PreparedLogs(asked.logs, options)
-        found = sweep(asked.filter, grid, _on_logs(logs, base, questions))
+        logs = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
+        found = sweep(asked.filter, grid, _on_logs(logs, base, metric, [axis.name for axis in grid.axes]))
         files = _write_sweep(found, options.output, logs.about())
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
@@ -79,12 +80,24 @@ def sweep_command(
     end(logs.errors)
 
 
-def _on_logs(logs: PreparedLogs, base: Configuration, metrics: Sequence[Question]) -> Iterator[SettingsOnLog]:
-    """Yield the logs with their questions; each is released before the next."""
-    from attlog.compare.search import SettingsOnLog
+def _reproduction_check(base: Configuration, options: ComparisonOptions) -> Callable[[Case], None] | None:
+    """Return the check that a filter that flew, run again, follows its own attitude; None where it is not wanted."""
+    from attlog.compare.filter_input import require_reproduction
 
-    for case in logs:
-        yield SettingsOnLog(case, base, metrics)
+    return partial(require_reproduction, name=base.row.estimator.name) if base.is_flown and not options.anyway else None
+
+
+def _on_logs(
+    logs: PreparedLogs, base: Configuration, metrics: Sequence[str] | None, axes: Sequence[str]
+) -> Iterator[SettingsOnLog]:
+    """Yield the logs with the questions of ``metrics``, by default those that the first log answers."""
+    from attlog.compare.search import SettingsOnLog, answered, default_metrics, swept_questions
+
+    questions = swept_questions(metrics or SWEEP_METRICS)
+    for number, case in enumerate(logs):
+        if number == 0 and base.is_flown and not metrics:
+            questions = answered(case, base, swept_questions(default_metrics(case, base, axes, SWEEP_METRICS)))
+        yield SettingsOnLog(case, base, questions)
         del case
 
 
@@ -171,23 +184,29 @@ def tune_command(
     """
     from attlog.compare import tune_report
     from attlog.compare.grid import parse_free_parameters, search_request
-    from attlog.compare.search import SettingsOnLog, swept_questions
+    from attlog.compare.search import SettingsOnLog, default_metrics, swept_questions
     from attlog.compare.setting import firmware_names, parse_configuration
     from attlog.compare.tune import GENERATIONS, parse_objective, tune
 
     asked = search_request(words, TUNE_EXAMPLE)
     base = parse_configuration(asked.filter)
     uses_mag = "mag" in base.row.estimator.uses and base.before.get("mag") != "off"
-    goals = objective or ["tilt=1,heading=1" if uses_mag else "tilt=1"]
+    goals = objective or (["tilt"] if not uses_mag else ["tilt", "heading"])
     free, terms = parse_all(
         lambda: parse_free_parameters(asked.axes, base.row.estimator), lambda: parse_objective(goals)
     )
     firmware = firmware_names(base.row.estimator)
     with progress(common.quiet, common.verbose > 0):
-        prepared = PreparedLogs(asked.logs, options)
+        prepared = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
         cases = list(prepared)
+        if base.is_flown:
+            judged = [default_metrics(c, base, [f.name for f in free], goals) for c in cases]
+            others_of = [*SIDE_EFFECT_METRICS, *default_metrics(cases[0], base, (), ())]
+            terms = terms if objective else parse_objective(min(judged, key=len))
+        else:
+            others_of = list(SIDE_EFFECT_METRICS)
         logs = [SettingsOnLog(c, base, [t.question for t in terms], guarded=True) for c in cases]
-        others = [SettingsOnLog(c, base, swept_questions(SIDE_EFFECT_METRICS)) for c in cases]
+        others = [SettingsOnLog(c, base, swept_questions(others_of)) for c in cases]
         found = tune(asked.filter, free, terms, logs, others, _start(free, logs[0]), GENERATIONS, seed)
         files = _write_tuning(found, options.output, prepared.about(), firmware)
     if options.json:

@@ -15,8 +15,8 @@ from attlog.estimators.ekf2 import state as s
 from attlog.estimators.ekf2.loop import Samples, run_filter
 from attlog.estimators.ekf2.parameters import era_of, settings_of
 from attlog.estimators.ekf2.start import alignment_times, warm_start
-from attlog.estimators.error_state import NEVER, new_filter, rotation, turn_body
-from attlog.estimators.rerun import Rerun, held, innovation_tables, local_ned, side_by_side
+from attlog.estimators.ekf2.state import rotation, turn_body
+from attlog.estimators.rerun import Rerun, innovation_tables
 
 if TYPE_CHECKING:
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs, ImuIncrements
@@ -32,6 +32,8 @@ DEFAULT_GNSS_HZ = 5.0
 THINNED_SHARE = 0.75
 # A longer pause of the field is not bridged.
 MAX_FIELD_PAUSE_S = 3.0
+# The earth's radius of PX4's map projection.
+EARTH_RADIUS_M = 6371000.0
 
 
 def rerun(
@@ -55,17 +57,17 @@ def rerun(
     fill_flags(steps, inputs, era)
     start = None if cold else warm_start(inputs, era, step_s)
     bias = start.x[10:13] if start else np.zeros(3)
-    gnss, gnss_logged_hz = gnssside_by_side(inputs, setting["GPS_DELAY"], step_s)
+    gnss, gnss_logged_hz = gnss_rows(inputs, setting["GPS_DELAY"], step_s)
     gnss_hz = gnss_hz or receiver_rate(inputs.gnss, gnss_logged_hz)
     aligned = alignment_times(inputs)
     samples = Samples(
-        side_by_side(inputs.imu.dt, inputs.imu.gyro),
+        _rows(inputs.imu.dt, inputs.imu.gyro),
         steps,
-        fieldside_by_side(inputs, setting, era, bias, step_s),
+        field_rows(inputs, setting, era, bias, step_s),
         gnss,
-        baroside_by_side(inputs, setting["BARO_DELAY"], step_s),
-        airspeedside_by_side(inputs, setting["ASP_DELAY"], step_s),
-        side_by_side(inputs.gsf["t"], np.nan_to_num(inputs.gsf["yaw"]), np.nan_to_num(inputs.gsf["var"])),
+        baro_rows(inputs, setting["BARO_DELAY"], step_s),
+        airspeed_rows(inputs, setting["ASP_DELAY"], step_s),
+        _rows(inputs.gsf["t"], np.nan_to_num(inputs.gsf["yaw"]), np.nan_to_num(inputs.gsf["var"])),
         np.zeros(0) if aligned is None else aligned,
     )
     known = known_facts(inputs, setting, era, model, latitude_deg, step_s)
@@ -77,7 +79,7 @@ def rerun(
     par = s.Parameters(*(setting[name.upper()] for name in s.Parameters._fields))
     par = par._replace(mag_decl=math.radians(par.mag_decl))
     observations = 6 * len(samples.mag) + 8 * len(gnss) + 2 * len(samples.baro) + 2 * len(samples.airspeed)
-    f = new_filter(int(known.length), observations + 100, len(s.CONTROL))
+    f = s.new_filter(int(known.length), observations + 100)
     first, begin = 0, float(t_step[0])
     if start is not None:
         begin, first = start.t, max(int(np.searchsorted(t_step, start.t)), 0)
@@ -140,10 +142,8 @@ def known_facts(
     step_s: float,
 ) -> s.Known:
     """Return what a step needs beside parameters; rates are set by the caller."""
-    horizon = inputs.horizon
-    if horizon is None:
-        delays = [setting[f"{aid}_DELAY"] for aid in ("GPS", "MAG", "BARO", "ASP")]
-        horizon = 1e-3 * (setting["DELAY_MAX"] if era == s.ERA_D else max(delays))
+    flown = longest_delay(settings_of(inputs.params, inputs.version), era)
+    horizon = (flown if inputs.horizon is None else inputs.horizon) + longest_delay(setting, era) - flown
     declination, inclination, strength = model or (0.0, 0.0, 0.0)
     if model is None or not int(setting["DECL_TYPE"]) & 1:
         declination = math.radians(setting["MAG_DECL"])
@@ -167,6 +167,12 @@ def known_facts(
     )
 
 
+def longest_delay(setting: Mapping[str, float], era: int) -> float:
+    """Return in s how late the filter runs with these settings."""
+    delays = [setting[f"{aid}_DELAY"] for aid in ("GPS", "MAG", "BARO", "ASP")]
+    return 1e-3 * (setting["DELAY_MAX"] if era == s.ERA_D else max(delays))
+
+
 def begin_timers(c: Array, begin: float) -> None:
     """Start all timers of the control state at ``begin``; what has not happened yet never did."""
     for i in (
@@ -183,7 +189,7 @@ def begin_timers(c: Array, begin: float) -> None:
     ):
         c[i] = begin
     for i in (s.T_ALIGNED, s.T_OBSERVABLE, s.T_BAD_ACC):
-        c[i] = NEVER
+        c[i] = s.NEVER
 
 
 def steps_of(imu: ImuIncrements, predict_s: float) -> Array:
@@ -250,7 +256,7 @@ def rest_by_imu(imu: ImuIncrements, landed: Array) -> Array:
     return ((imu.t - moved > 1.0) & (landed > 0)).astype(np.float64)
 
 
-def fieldside_by_side(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bias: Array, step_s: float) -> Array:
+def field_rows(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bias: Array, step_s: float) -> Array:
     """Return the field's rows of :class:`Samples`, averaged or interpolated to the onboard rate."""
     t, x = inputs.mag["t"], inputs.mag["x"]
     late = float(np.median(inputs.mag["t_arrival"] - t)) if len(t) else 0.0
@@ -264,7 +270,7 @@ def fieldside_by_side(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int
         t, x = averaged(t, x, 1.0 / onboard_hz)
     elif len(t) > 2 and logged_hz < THINNED_SHARE * onboard_hz:
         t, x = interpolated_field(inputs.imu, t, x, onboard_hz, bias)
-    return side_by_side(due(t, setting["MAG_DELAY"], step_s), t + late, x, np.ones(len(t)))
+    return _rows(due(t, setting["MAG_DELAY"], step_s), t + late, x, np.ones(len(t)))
 
 
 def averaged(t: Array, x: Array, dt: float) -> tuple[Array, Array]:
@@ -295,7 +301,7 @@ def integrate(gyro: F2, dt: F1, bias: F1, q: Out1, r: jit.Out3) -> None:
         rotation(q, r[i])
 
 
-def gnssside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tuple[Array, float]:
+def gnss_rows(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tuple[Array, float]:
     """Return GNSS rows of :class:`Samples`, positions about the first 3D fix, and their logged rate in Hz."""
     g = inputs.gnss
     good = g["fix"] >= 3
@@ -304,26 +310,26 @@ def gnssside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tupl
     i = int(np.argmax(good))
     north, east = local_ned(g["lat"], g["lon"], g["lat"][i], g["lon"][i])
     columns = [north, east, g["alt"][i] - g["alt"], g["vn"], g["ve"], g["vd"]]
-    rows = side_by_side(
+    rows = _rows(
         due(g["t"], delay_ms, step_s), g["t"], *columns, g["eph"], g["epv"], g["sacc"], g["fix"], g["satellites"]
     )
     rows = rows[np.isfinite(rows).all(axis=1)]
     return rows, rate_of(rows[:, 1], DEFAULT_GNSS_HZ)
 
 
-def baroside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
+def baro_rows(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
     """Return the barometer's rows of :class:`Samples`."""
     b = inputs.baro
     if not len(b["t"]):
         return np.zeros((0, 3))
-    rows = side_by_side(due(b["t_sample"], delay_ms, step_s), b["t"], -b["alt"])
+    rows = _rows(due(b["t_sample"], delay_ms, step_s), b["t"], -b["alt"])
     return rows[np.isfinite(rows).all(axis=1)]
 
 
-def airspeedside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
+def airspeed_rows(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
     """Return rows of true airspeed of :class:`Samples`."""
     a = inputs.airspeed
-    rows = side_by_side(due(a["t"], delay_ms, step_s), a["t"], a["tas"])
+    rows = _rows(due(a["t"], delay_ms, step_s), a["t"], a["tas"])
     return rows[np.isfinite(rows).all(axis=1)]
 
 
@@ -344,3 +350,23 @@ def due(t: Array, delay_ms: float, step_s: float) -> Array:
 def rate_of(t: Array, otherwise: float) -> float:
     """Return the rate in Hz by the median interval, ``otherwise`` for fewer than three samples."""
     return 1.0 / float(np.median(np.diff(t))) if len(t) > 2 and np.median(np.diff(t)) > 0 else otherwise
+
+
+def held(t: Array, value: Array, at: Array, before: float) -> Array:
+    """Return the last value at or before each time; the first one earlier, ``before`` for an empty stream."""
+    if not len(t):
+        return np.full(len(at), before)
+    return value[np.maximum(np.searchsorted(t, at, side="right") - 1, 0)]
+
+
+def local_ned(lat: Array, lon: Array, lat0: float, lon0: float) -> tuple[Array, Array]:
+    """Return north and east in m about a point: azimuthal equidistant projection."""
+    a, b, a0 = np.radians(lat), np.radians(lon - lon0), math.radians(lat0)
+    c = np.arccos(np.clip(np.sin(a0) * np.sin(a) + np.cos(a0) * np.cos(a) * np.cos(b), -1.0, 1.0))
+    k = EARTH_RADIUS_M * np.where(c > 1e-12, c / np.maximum(np.sin(c), 1e-300), 1.0)
+    return k * (np.cos(a0) * np.sin(a) - np.sin(a0) * np.cos(a) * np.cos(b)), k * np.cos(a) * np.sin(b)
+
+
+def _rows(*columns: Array) -> Array:
+    """Columns side by side as one contiguous array."""
+    return np.ascontiguousarray(np.column_stack(columns), np.float64)

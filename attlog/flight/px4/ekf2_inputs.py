@@ -65,7 +65,8 @@ class Ekf2Inputs:
     """All that one lane of EKF2 was given, as far as the log holds it.
 
     ``mag`` (t, t_arrival, field in gauss), ``gnss`` and ``baro`` likewise as mappings of columns; absent streams are
-    empty. ``flags`` are columns of ``estimator_status_flags`` or bits of ``control_mode_flags`` at ``flags["t"]``.
+    empty. ``innovations``: columns by aid as logged. ``flags`` are columns of ``estimator_status_flags`` or bits of
+    ``control_mode_flags`` at ``flags["t"]``.
     """
 
     imu: ImuIncrements
@@ -81,6 +82,7 @@ class Ekf2Inputs:
     lanes: Mapping[str, Array]
     attitude: Mapping[str, Array]
     bias: Mapping[str, Array]
+    innovations: Mapping[str, Array]
     vehicle_type: int
     params: dict[str, float] = field(default_factory=dict)
     version: tuple[int, int] = (0, 0)
@@ -257,6 +259,32 @@ def estimator_states(messages: Messages, lane: int) -> EstimatorStates | None:
     return None
 
 
+# Columns of ``estimator_innovations`` (since 1.11) by the aid's name in a re-run.
+INNOVATION_COLUMNS = {
+    "mag_x": "mag_field[0]",
+    "mag_y": "mag_field[1]",
+    "mag_z": "mag_field[2]",
+    "heading": "heading",
+    "velocity_n": "gps_hvel[0]",
+    "velocity_e": "gps_hvel[1]",
+    "velocity_d": "gps_vvel",
+    "position_n": "gps_hpos[0]",
+    "position_e": "gps_hpos[1]",
+    "gnss_height": "gps_vpos",
+    "baro_height": "baro_vpos",
+    "airspeed": "airspeed",
+    "sideslip": "beta",
+}
+
+
+def logged_innovations(messages: Messages, lane: int) -> dict[str, Array]:
+    """Read the logged innovations of a lane by aid; aids that were never fused hold zeros or NaN."""
+    table = messages.tables.get(("estimator_innovations", lane))
+    found = _columns(table, INNOVATION_COLUMNS | {"t_sample": "timestamp_sample"})
+    sampled = found.pop("t_sample") * 1e-6
+    return found | {"t": np.where(sampled > 0.0, sampled, found["t"])}
+
+
 def _horizon(messages: Messages, lane: int) -> float | None:
     for name in ("estimator_states", "estimator_status", "estimator_status_flags"):
         table = messages.tables.get((name, lane))
@@ -351,6 +379,7 @@ def read_inputs(messages: Messages, params: Mapping[str, float], lane: int | Non
             messages.tables.get(("estimator_sensor_bias", lane)) or messages.first("estimator_sensor_bias"),
             {"x": "gyro_bias[0]", "y": "gyro_bias[1]", "z": "gyro_bias[2]"},
         ),
+        innovations=logged_innovations(messages, lane),
         vehicle_type=kind,
         params=dict(params),
         version=version,

@@ -27,29 +27,11 @@ _FMT_LINE = re.compile(rb"(?:^|[\r\n])[ \t]*+FMT, *+\d{1,9}+, *+\d{1,9}+, *+\w")
 
 LETTER_DTYPES: dict[str, np.dtype[Any]] = {
     letter: np.dtype(name)
-    for letter, name in {
-        "a": "(32,)<i2",
-        "b": "i1",
-        "B": "u1",
-        "h": "<i2",
-        "H": "<u2",
-        "i": "<i4",
-        "I": "<u4",
-        "q": "<i8",
-        "Q": "<u8",
-        "f": "<f4",
-        "d": "<f8",
-        "g": "<f2",
-        "n": "S4",
-        "N": "S16",
-        "Z": "S64",
-        "M": "u1",
-        "c": "<i2",
-        "C": "<u2",
-        "e": "<i4",
-        "E": "<u4",
-        "L": "<i4",
-    }.items()
+    for letter, name in zip(
+        "bBhHiIqQfdgcCeELMnNZa",
+        "i1 u1 <i2 <u2 <i4 <u4 <i8 <u8 <f4 <f8 <f2 <i2 <u2 <i4 <u4 <i4 u1 S4 S16 S64 (32,)<i2".split(),
+        strict=True,
+    )
 }
 _LETTER_SIZES = {letter: dtype.itemsize for letter, dtype in LETTER_DTYPES.items()}
 LETTER_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}

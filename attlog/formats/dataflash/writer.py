@@ -24,64 +24,17 @@ from attlog.formats.dataflash.layout import (
 from attlog.formats.dataflash.tables import instance_column
 from attlog.formats.recording import Columns, MessageLayout, Recording, fit_to_type, merge_records, require_only
 
-# ArduPilot's unit ids (AP_Logger/LogStructure.h).
-UNIT_NAMES = {
-    "-": "",
-    "?": "UNKNOWN",
-    "A": "A",
-    "a": "Ah",
-    "d": "deg",
-    "b": "B",
-    "B": "B/s",
-    "k": "deg/s",
-    "D": "deglatitude",
-    "e": "deg/s/s",
-    "E": "rad/s",
-    "G": "Gauss",
-    "h": "degheading",
-    "i": "A.s",
-    "J": "W.s",
-    "l": "l",
-    "L": "rad/s/s",
-    "m": "m",
-    "n": "m/s",
-    "o": "m/s/s",
-    "O": "degC",
-    "%": "%",
-    "S": "satellites",
-    "s": "s",
-    "q": "rpm",
-    "r": "rad",
-    "U": "deglongitude",
-    "u": "ppm",
-    "v": "V",
-    "P": "Pa",
-    "w": "Ohm",
-    "W": "Watt",
-    "X": "W.h",
-    "y": "l/s",
-    "Y": "us",
-    "z": "Hz",
-    "#": "instance",
-}
-
-# ArduPilot's multiplier ids.
-MULTIPLIERS = {
-    "-": 0.0,
-    "?": 1.0,
-    "2": 1e2,
-    "1": 1e1,
-    "0": 1.0,
-    "A": 1e-1,
-    "B": 1e-2,
-    "C": 1e-3,
-    "D": 1e-4,
-    "E": 1e-5,
-    "F": 1e-6,
-    "G": 1e-7,
-    "I": 1e-9,
-    "!": 3.6,
-    "/": 3600.0,
+# ArduPilot's unit ids (AP_Logger/LogStructure.h), and its multipliers.
+UNIT_NAMES = {"-": ""} | dict(
+    pair.split("=")
+    for pair in (
+        "?=UNKNOWN A=A a=Ah d=deg b=B B=B/s k=deg/s D=deglatitude e=deg/s/s E=rad/s G=Gauss h=degheading i=A.s J=W.s "
+        "l=l L=rad/s/s m=m n=m/s o=m/s/s O=degC %=% S=satellites s=s q=rpm r=rad U=deglongitude u=ppm v=V P=Pa w=Ohm "
+        "W=Watt X=W.h y=l/s Y=us z=Hz #=instance"
+    ).split()
+)
+MULTIPLIERS = {"-": 0.0, "?": 1.0, "!": 3.6, "/": 3600.0, "I": 1e-9} | {
+    letter: float(f"1e{power}") for letter, power in zip("210ABCDEFG", range(2, -8, -1), strict=True)
 }
 
 # Messages of a recording's parameters, texts and layouts: letters, columns, units, multipliers.
@@ -93,19 +46,7 @@ OWN_MESSAGES = {
     "FMTU": ("QBNN", ("TimeUS", "FmtType", "UnitIds", "MultIds"), "s---", "F---"),
 }
 
-_LETTER_OF_DTYPE = {
-    "i1": "b",
-    "u1": "B",
-    "i2": "h",
-    "u2": "H",
-    "i4": "i",
-    "u4": "I",
-    "i8": "q",
-    "u8": "Q",
-    "f2": "g",
-    "f4": "f",
-    "f8": "d",
-}
+_LETTER_OF_DTYPE = {LETTER_DTYPES[letter].str[1:]: letter for letter in "bBhHiIqQgfd"}
 _MESSAGE_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,3}")
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,18 +24,7 @@ MAX_DAMAGED_START = 2048
 STAMP_COLUMN = "_t_us"
 _POLYNOMIAL = 0x8408  # 0x1021 with its bits reversed
 # numpy type by struct letter of the dialect's ``native_format``
-_NATIVE_TYPES = {
-    "b": "i1",
-    "B": "u1",
-    "h": "<i2",
-    "H": "<u2",
-    "i": "<i4",
-    "I": "<u4",
-    "q": "<i8",
-    "Q": "<u8",
-    "f": "<f4",
-    "d": "<f8",
-}
+_NATIVE_TYPES = dict(zip("bBhHiIqQfd", "i1 u1 <i2 <u2 <i4 <u4 <i8 <u8 <f4 <f8".split(), strict=True))
 
 
 def is_tlog(head: bytes) -> bool:
@@ -77,49 +65,19 @@ def _packets_in_row(head: bytes, position: int, stamp: int) -> int:
 
 @cache
 def byte_table() -> NDArray[np.uint16]:
-    """Return the CRC state after one more byte (256). By the lower byte of the state xor that byte."""
+    """Return the CRC state after one more byte (256), by the lower byte of the state xor that byte."""
     state = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         state = np.where(state & 1, (state >> 1) ^ _POLYNOMIAL, state >> 1).astype(np.uint16)
     return state
 
 
-@cache
-def word_table() -> NDArray[np.uint16]:
-    """Return the CRC state after two more bytes (65536). By state xor these bytes as little-endian word."""
-    byte = byte_table()
-    state = np.arange(65536, dtype=np.uint16)
-    for _ in range(2):
-        state = (state >> 8) ^ byte[state & 0xFF]
-    return state
-
-
-def crc_of_padded_rows(rows: NDArray[np.uint8], pad: NDArray[np.int64]) -> NDArray[np.uint16]:
-    """Return the CRC of rows (n, k) without their padding.
-
-    k is even, the first ``pad`` (sorted) bytes of a row do not count; changes ``rows``. Zero bytes do not change a
-    state of zero. So rows of many lengths go together when the padding is zero and the start value 0xffff is put on the
-    first two bytes.
-    """
-    edges = [0, *(np.flatnonzero(np.diff(pad)) + 1).tolist(), len(rows)]
-    for begin, stop in pairwise(edges):
-        skipped = int(pad[begin]) if stop > begin else 0
-        rows[begin:stop, :skipped] = 0
-        rows[begin:stop, skipped : skipped + 2] ^= 0xFF
-    crc, table = np.zeros(len(rows), np.uint16), word_table()
-    for column in np.ascontiguousarray(rows.view("<u2").T):
-        column ^= crc
-        # every u16 is a valid index; wrap only spares numpy the check
-        table.take(column, out=crc, mode="wrap")
-    return crc
-
-
 def crc_of_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return the CRC of each row of (n, k) bytes, k > 1."""
-    pad = rows.shape[1] % 2
-    padded = np.zeros((len(rows), rows.shape[1] + pad), np.uint8)
-    padded[:, pad:] = rows
-    return crc_of_padded_rows(padded, np.full(len(rows), pad))
+    """Return the CRC of each row of (n, k) bytes."""
+    crc = np.full(len(rows), 0xFFFF, np.uint16)
+    for column in rows.T:
+        crc = (crc >> 8) ^ byte_table()[(crc ^ column) & 0xFF]
+    return crc
 
 
 @dataclass(frozen=True, slots=True)

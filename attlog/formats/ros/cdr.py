@@ -17,22 +17,14 @@ from numpy.typing import NDArray
 from attlog.core.limits import MAX_FIELDS, MAX_LAYOUTS, MAX_NESTING
 from attlog.formats.table import Field, Table
 
-NUMBER_TYPES = {
-    "bool": "u1",
-    "byte": "u1",
-    "octet": "u1",
-    "char": "u1",
-    "uint8": "u1",
-    "int8": "i1",
-    "uint16": "u2",
-    "int16": "i2",
-    "uint32": "u4",
-    "int32": "i4",
-    "uint64": "u8",
-    "int64": "i8",
-    "float32": "f4",
-    "float64": "f8",
-}
+# Types of numbers; of equal ones the last is the usual name.
+NUMBER_TYPES = dict(
+    zip(
+        "bool byte octet char uint8 int8 uint16 int16 uint32 int32 uint64 int64 float32 float64".split(),
+        "u1 u1 u1 u1 u1 i1 u2 i2 u4 i4 u8 i8 f4 f8".split(),
+        strict=True,
+    )
+)
 # Kinds of nodes of rosbags' parsed definitions.
 BASE_NODE, NAME_NODE, ARRAY_NODE, SEQUENCE_NODE = 1, 2, 3, 4
 HEAD_BYTES = 4

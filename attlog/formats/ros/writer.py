@@ -16,20 +16,9 @@ from attlog.core.errors import UsageError
 from attlog.core.files import open_atomic
 from attlog.formats.recording import Columns, Recording, require_only
 from attlog.formats.ros.bag import MISSING_PACKAGES
+from attlog.formats.ros.cdr import NUMBER_TYPES
 
-ROS_TYPES = {
-    "u1": "uint8",
-    "i1": "int8",
-    "u2": "uint16",
-    "i2": "int16",
-    "u4": "uint32",
-    "i4": "int32",
-    "u8": "uint64",
-    "i8": "int64",
-    "f4": "float32",
-    "f8": "float64",
-    "b1": "bool",
-}
+ROS_TYPES = {code: name for name, code in NUMBER_TYPES.items()} | {"b1": "bool"}
 TYPE_OF_TOPIC = {
     "vehicle_gps_position": "SensorGps",
     "vehicle_attitude_groundtruth": "VehicleAttitude",

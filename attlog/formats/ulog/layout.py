@@ -23,19 +23,13 @@ from attlog.core.limits import MAX_FIELDS, MAX_FORMATS, MAX_NESTING, MAX_REDEFIN
 from attlog.formats.table import DamageLog, Field
 
 # Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte.
-BASIC_TYPES = {
-    "int8_t": "<i1",
-    "uint8_t": "<u1",
-    "int16_t": "<i2",
-    "uint16_t": "<u2",
-    "int32_t": "<i4",
-    "uint32_t": "<u4",
-    "int64_t": "<i8",
-    "uint64_t": "<u8",
-    "float": "<f4",
-    "double": "<f8",
-    "bool": "<i1",
-}
+BASIC_TYPES = dict(
+    zip(
+        "int8_t uint8_t int16_t uint16_t int32_t uint32_t int64_t uint64_t float double bool".split(),
+        "<i1 <u1 <i2 <u2 <i4 <u4 <i8 <u8 <f4 <f8 <i1".split(),
+        strict=True,
+    )
+)
 # Payload of a data record behind the id; the record's size is a u16.
 MAX_PAYLOAD_BYTES = 0xFFFF - 2
 
@@ -254,19 +248,6 @@ _FORMAT_START_PATTERN = re.compile(rb"[\w/-]{1,255}:[\w/]{1,255}(?:\[\d{1,20}\])
 _NAME_AT = {ord("F"): 0, ord("A"): 3, ord("I"): 0, ord("P"): 0, ord("M"): 1, ord("Q"): 1}
 _TOPIC_PATTERN = re.compile(rb"[\w/-]+")
 _PARAMETER_STRUCTS = {"int32_t": struct.Struct("<i"), "float": struct.Struct("<f")}
-_INFO_STRUCTS = {
-    "int8_t": "<b",
-    "uint8_t": "<B",
-    "int16_t": "<h",
-    "uint16_t": "<H",
-    "int32_t": "<i",
-    "uint32_t": "<I",
-    "int64_t": "<q",
-    "uint64_t": "<Q",
-    "float": "<f",
-    "double": "<d",
-    "bool": "<?",
-}
 
 
 def is_record(kind: int, head: bytes, size: int) -> bool:
@@ -311,10 +292,10 @@ def info_value(kind: str, raw: bytes) -> Any:
     """Return an info value as text or number, else as bytes."""
     if kind == "char" or kind.startswith("char["):
         return decode_ulog_text(raw)
-    form = _INFO_STRUCTS.get(kind)
-    if form is not None and len(raw) >= struct.calcsize(form):
-        return struct.unpack_from(form, raw)[0]
-    return raw
+    if kind not in BASIC_TYPES or len(raw) < _TYPE_WIDTHS[kind]:
+        return raw
+    value = np.frombuffer(raw, BASIC_TYPES[kind], 1)[0].item()
+    return bool(value) if kind == "bool" else value
 
 
 def parameter_value(kind: str, raw: bytes) -> float | int | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from attlog.core.errors import UsageError
-from attlog.report.figures import drift, flight, rest, sensors, steps, vibration
+from attlog.report.figures import drift, flight, rerun, rest, sensors, steps, vibration
 from attlog.report.figures.figure import FigureSource, PageFigure
 from attlog.result import Result
 
@@ -24,6 +24,7 @@ SECTIONS: dict[str, tuple[Builder, ...]] = {
     "rest": (rest.close_up, rest.spread, rest.allan),
     "step": (steps.one_step, steps.all_steps, drift.lag, steps.setpoint),
     "drift": (drift.drift, drift.drifts),
+    "rerun": (rerun.rerun,),
     "sensors": (
         sensors.compass,
         sensors.field,

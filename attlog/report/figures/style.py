@@ -24,6 +24,7 @@ DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 # Slot and dash that are the same in every log. Filters of one family share a colour.
 FIXED_LINES = {
     "onboard": (0, "solid"),
+    "rerun": (0, "dash"),
     "truth": (0, "dot"),
     "gyro": (GREY, "solid"),
     "complementary": (1, "solid"),
@@ -75,8 +76,9 @@ class RowStyle:
 
 
 def row_styles(result: Result) -> dict[str, RowStyle]:
-    """Return the style of every row by id: reference and onboard, the filters, other onboard rows."""
+    """Return the style of every row by id: reference and onboard, re-runs, the filters, other onboard rows."""
     rows = rows_in_order(result)
+    reruns = [r.name for r in rows if r.kind == "rerun"]
     replays = [r.name for r in rows if r.kind == "replay"]
     shown = set(replays)
     if len(replays) >= MANY_ROWS:
@@ -84,13 +86,13 @@ def row_styles(result: Result) -> dict[str, RowStyle]:
     known = {r.name for r in rows}
     called = row_names(result)
     alone = list(dict.fromkeys(t.row for t in result.traces if t.row and t.row not in known))
-    others = alone + [r.name for r in rows if r.kind != "replay"]
+    others = alone + [r.name for r in rows if r.kind == "onboard"]
     references = {r.name for r in rows if r.is_reference} or set(others[:1])
     lost = {r.name for r in rows if r.status in ("diverged", "failed") or r.estimator in UNFILTERED}
     first = [name for name in others if name in references or name == "onboard"]
-    names = [*first, *replays, *(n for n in others if n not in first)]
+    names = [*first, *reruns, *replays, *(n for n in others if n not in first)]
     lines = dict(zip(names, assign_lines(line_key(name, rows) for name in names), strict=True))
-    shown.update(others[:2], references)
+    shown.update(others[:2], references, reruns)
     return {
         name: RowStyle(called.get(name, name.capitalize()), *lines[name], name in shown, name in others, name in lost)
         for name in names
@@ -98,12 +100,12 @@ def row_styles(result: Result) -> dict[str, RowStyle]:
 
 
 def line_key(name: str, rows: Iterable[EstimatorRow]) -> str:
-    """Return the key of a row in FIXED_LINES: estimator, ``onboard``, or the name of a reference."""
+    """Return the key of a row in FIXED_LINES: estimator, ``onboard``, ``rerun``, or the name of a reference."""
     row = next((r for r in rows if r.name == name), None)
     if row is None:
         return name
     if row.kind != "replay":
-        return "onboard"
+        return row.kind
     return "gyro" if is_baseline(row) else row.estimator or name
 
 

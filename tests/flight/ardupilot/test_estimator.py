@@ -80,15 +80,6 @@ def test_the_accelerometer_bias_is_that_of_the_primary_core() -> None:
     np.testing.assert_allclose(stream.x[0], -0.3, rtol=1e-6)
 
 
-def test_the_core_that_flew_is_a_time_line() -> None:
-    changes = primary(0) | {"PI": np.where(np.arange(20) < 8, 0, 1).astype(np.int8)}
-    lane = read({("IMU", 0): imu(), ("XKF4", 0): changes}, {"AHRS_EKF_TYPE": 3.0}).estimator.lane
-    assert lane is not None
-    assert lane.value == [0, 1]
-    assert lane.t[1] - lane.t[0] == pytest.approx(8 / 5.0)
-    assert read({("IMU", 0): imu(), ("XKF4", 0): changes}, {"AHRS_EKF_TYPE": 0.0}).estimator.lane is None
-
-
 def test_test_ratios_of_the_second_core_of_old_logs_are_read_under_its_own_name() -> None:
     ratios = {"TimeUS": micros(20, 5.0), "SM": np.linspace(0.1, 0.4, 20), "SV": np.linspace(0.3, 0.9, 20)}
     for core, name in ((1, "NKF9"), (0, "NKF4:0")):
@@ -144,16 +135,6 @@ def test_it_is_that_of_the_primary_core_else_of_the_first_that_has_one() -> None
         stream = read(tables | more).estimator.yaw
         assert stream is not None
         assert stream.source == source
-
-
-@pytest.mark.parametrize("without", ["YC", "YCS"])
-def test_without_heading_or_sigma_there_is_none(without: str) -> None:
-    table = {name: x for name, x in estimated().items() if name != without}
-    assert read({("IMU", 0): imu(), ("XKY0", 0): table}).estimator.yaw is None
-
-
-def test_an_estimator_that_is_never_sure_tells_nothing() -> None:
-    assert read({("IMU", 0): imu(), ("XKY0", 0): estimated(YAW, np.full(5, 0.27))}).estimator.yaw is None
 
 
 def test_in_a_simulated_flight_its_start_is_near_the_true_heading() -> None:

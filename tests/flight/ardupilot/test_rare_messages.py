@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.flight.ardupilot import estimator, imu, sensors, vehicle
-from attlog.flight.ardupilot.estimator import onboard_source
-from attlog.flight.ardupilot.imu import DataflashBuilder, own_time
+from attlog.flight.ardupilot.imu import DataflashBuilder
 from attlog.flight.model import Attitude, Problem
 from tests.flight import fake
 from tests.flight.fake import messages
@@ -50,15 +48,6 @@ def test_a_receivers_velocity_follows_from_speed_course_and_vertical_speed() -> 
     assert one.yaw is None
 
 
-def test_a_heading_of_antennas_of_zero_is_none_and_others_are_wrapped() -> None:
-    yaw = np.array([0.0, 359.0, 90.0, 181.0, 0.0, 45.0])
-    builder = made(("GPS", 0, receiver(Yaw=yaw)))
-    one = sensors.read_receiver(builder, 0, builder.messages["GPS", 0])
-    assert one is not None
-    assert one.yaw is not None
-    np.testing.assert_allclose(np.degrees(one.yaw), [np.nan, -1.0, 90.0, -179.0, np.nan, 45.0])
-
-
 def test_an_accuracy_is_that_of_the_nearest_record_of_its_unit_within_half_a_second() -> None:
     at = (int(T[0]) + np.array([0, 400_000, 2_000_000])).astype(np.uint64)
     tables: Any = {
@@ -72,35 +61,6 @@ def test_an_accuracy_is_that_of_the_nearest_record_of_its_unit_within_half_a_sec
     np.testing.assert_array_equal(found, [1.0, 1.0, 2.0, 2.0, np.nan, np.nan, 3.0, 3.0, np.nan])
     np.testing.assert_array_equal(sensors.nearest_accuracy(builder, 1, asked[:1], "HAcc"), [7.0])
     assert np.isnan(sensors.nearest_accuracy(builder, 1, asked, "VAcc")).all()
-
-
-def test_a_replayed_receiver_counts_tenths_of_microdegrees_centimetres_and_milliseconds() -> None:
-    lat = np.array([471_000_000, 471_000_000, 471_000_010, 0, 471_000_020, 471_000_030], np.int32)
-    columns = {
-        "TS": np.array([10_000, 10_000, 10_200, 10_400, 10_600, 10_800], np.uint32),
-        "Lat": lat,
-        "Lon": np.where(lat == 0, 0, -82_000_000).astype(np.int32),
-        "Alt": np.full(N, 43_000, np.int32),
-        **dict(zip(("VX", "VY", "VZ", "HA", "VA", "SA"), ramp(1.0, -2.0, 0.5, 0.1, 0.2, 0.3), strict=True)),
-    }
-    builder = made(("RGPJ", 0, columns))
-    (one,) = sensors.replay_receivers(builder)
-    assert (one.lat[0], one.lon[0], one.alt[0]) == pytest.approx((47.1, -8.2, 430.0))
-    np.testing.assert_allclose(one.t, [0.0, 0.2, 0.6, 0.8], atol=1e-9)
-    np.testing.assert_allclose(one.vel_ned[1], [3.0, -6.0, 1.5])
-    assert (one.h_acc[1], one.v_acc[1], one.s_acc[1]) == pytest.approx((0.3, 0.6, 0.9))
-
-
-@pytest.mark.parametrize(
-    ("column", "family", "scale"),
-    [("ThO", "copter", 1.0), ("ThrOut", "copter", 1e-3), ("ThO", "plane", 0.01), ("ThrOut", "rover", 0.01)],
-)
-def test_throttle_is_a_share_per_mille_or_percent(column: str, family: str, scale: float) -> None:
-    builder = made(("CTUN", 0, {column: 0.5 * np.ones(N) / scale}))
-    builder.family = family
-    found = sensors.throttle_stream(builder)
-    assert found is not None
-    assert found.x[0, 0] == pytest.approx(0.5)
 
 
 def test_motors_are_the_outputs_with_their_function_between_their_limits() -> None:
@@ -231,14 +191,6 @@ def test_each_compass_is_switched_by_its_own_parameter() -> None:
         assert [m.enabled for m in sensors.magnetometers(builder)] == enabled
 
 
-def test_a_compass_that_shows_its_offsets_alone_measures_nothing() -> None:
-    offsets = np.tile([5.0, -9.0, 2.0], (N, 1))
-    assert sensors.shows_only_offsets(offsets + 0.9, offsets)
-    assert not sensors.shows_only_offsets(offsets + np.array([0.0, 1.1, 0.0]), offsets)
-    assert not sensors.shows_only_offsets(0.0 * offsets, offsets)
-    assert not sensors.shows_only_offsets(offsets, 0.0 * offsets)
-
-
 def test_the_first_compass_or_the_primary_one_is_preferred() -> None:
     builder = made(("MAG", 1, compass()), ("MAG", 2, compass(2.0)))
     assert sensors.primary_compass(builder) is None
@@ -246,14 +198,6 @@ def test_the_first_compass_or_the_primary_one_is_preferred() -> None:
     assert sensors.primary_compass(builder) == 1
     builder.values["COMPASS_PRIMARY"] = 2.0
     assert sensors.primary_compass(builder) == 2
-
-
-def test_a_yaw_estimate_needs_both_heading_and_sigma() -> None:
-    for missing in ("YC", "YCS"):
-        columns = {"YC": np.full(N, 0.3), "YCS": np.full(N, 0.1)}
-        del columns[missing]
-        builder = made(("XKY0", 0, columns))
-        assert estimator.yaw_estimator_stream(builder) is None
 
 
 def test_rates_are_degrees_per_second_and_the_rangefinder_looks_down_within_its_range() -> None:
@@ -289,15 +233,6 @@ def test_airspeed_is_true_and_that_of_the_primary_tube_while_it_is_sound_and_use
     assert sensors.airspeed_stream(made(("BARO", 0, {"Press": np.full(N, 1e5)}))) is None
 
 
-def test_records_with_a_week_have_their_boot_clock_in_t() -> None:
-    both = {"TimeMS": np.array([7, 8]), "T": np.array([3, 4]), "Week": np.array([2000, 2000])}
-    table = fake.table("GPS", 0, both, np.arange(2))
-    assert own_time(table).tolist() == [3000, 4000]  # type: ignore[union-attr]
-    table = fake.table("ATT", 0, {"TimeMS": np.array([7, 8]), "T": np.array([3, 4])}, np.arange(2))
-    assert own_time(table).tolist() == [7000, 8000]  # type: ignore[union-attr]
-    assert own_time(fake.table("EV", 0, {"Id": np.array([1])}, np.arange(1))) is None
-
-
 def test_a_record_without_a_time_has_that_of_the_record_before_it_in_the_file() -> None:
     builder = made(("ATT", 0, {"Roll": np.zeros(N)}))
     clock, at = builder.clock, builder.messages["ATT", 0].offsets
@@ -320,12 +255,6 @@ def test_increments_over_no_time_or_more_than_a_second_are_left_out(which: str, 
     np.testing.assert_allclose(found.acc[0], [10.0, 20.0, -30.0])
 
 
-def test_a_replay_record_has_the_time_of_the_frame_before_it() -> None:
-    frames = fake.table("RFRH", 0, {"TimeUS": np.array([100, 200, 300])}, np.array([10, 20, 30]))
-    records = fake.table("RISI", 0, {"I": np.zeros(4)}, np.array([5, 11, 25, 90]))
-    assert imu.replay_frame_stamps(frames, records).tolist() == [-1, 100, 200, 300]
-
-
 def test_an_ekf_core_uses_the_set_bits_of_its_mask_in_their_order() -> None:
     masked, free = made(EK3_IMU_MASK=0b0110), made()
     assert [imu.unit_of_core(masked, "XK", core, [0, 1]) for core in range(3)] == [1, 2, 0]
@@ -343,87 +272,21 @@ def test_the_family_that_flew_is_that_of_its_type_and_cores_out_of_range_tell_no
     assert imu.primary_core(made())[0] == ""
 
 
-@pytest.mark.parametrize(("count", "source"), [(1, "RPM"), (2, "ESC")])
-def test_two_records_of_a_motor_tell_its_speed(count: int, source: str) -> None:
-    builder = made(
-        ("ESC", 0, {"RPM": np.full(count, 900.0)}), ("RPM", 0, {"rpm1": np.full(count, 700.0)}), stamps=T[:count]
-    )
-    found = sensors.rpm_stream(builder)
-    assert found is not None
-    assert (found.source, found.x[0, 0]) == (source, 900.0 if source == "ESC" else 700.0)
-
-
-@pytest.mark.parametrize(("high", "known"), [(1099.0, False), (1100.0, True)])
-def test_outputs_of_motors_are_shares_of_a_range_of_a_hundred_microseconds(high: float, known: bool) -> None:
-    pulses = np.array([900.0, 1000.0, 1025.0, 1050.0, 1100.0, 1300.0])
-    columns = {f"C{n}": pulses + (n == 2) for n in range(1, 5)}
-    builder = made(("RCOU", 0, columns), MOT_PWM_MIN=1000.0, MOT_PWM_MAX=high)
-    builder.log.vehicle = "quadrotor"
-    found = sensors.motor_outputs(builder)
-    assert (found is not None) is known
-    if found is not None:
-        np.testing.assert_allclose(found.x[:, 0], [0.0, 0.0, 0.25, 0.5, 1.0, 1.0])
-        np.testing.assert_allclose(found.x[:, 1], [0.0, 0.01, 0.26, 0.51, 1.0, 1.0])
-
-
-def test_without_limits_of_motors_those_of_the_throttle_channel_count() -> None:
-    columns = {f"C{n}": np.full(N, 1200.0) for n in range(1, 5)}
-    for channel, share in ((None, 0.1), (1, 0.2)):
-        builder = made(("RCOU", 0, columns))
-        values = {"RC3_MIN": 1100.0, "RC3_MAX": 2100.0, "RC1_MIN": 1000.0, "RC1_MAX": 2000.0}
-        builder.log.vehicle = "quadrotor"
-        builder.values = values | ({} if channel is None else {"RCMAP_THROTTLE": 1.0})
-        found = sensors.motor_outputs(builder)
-        assert found is not None
-        np.testing.assert_allclose(found.x, share)
-
-
 # What ERR and EV records say: codes of the firmware's list, severities, when first and how often.
 
 # subsystem, code, a word of its meaning, severity: of ArduPilot's list of error codes
 LISTED = [
-    (1, 1, "main loop waited", "note"),
-    (2, 2, "Radio frames", "note"),
     (3, 1, "compass failed to start", "warning"),
-    (3, 4, "compass was not healthy", "warning"),
-    (5, 1, "Radio failsafe", "warning"),
-    (6, 1, "Battery failsafe", "warning"),
     (7, 1, "GNSS failsafe", "warning"),
-    (8, 1, "Ground station failsafe", "warning"),
     (11, 2, "GNSS glitch", "warning"),
     (12, 1, "Crash check", "error"),
-    (12, 2, "Loss of control", "error"),
-    (13, 2, "flip", "note"),
-    (14, 2, "Autotune", "note"),
-    (15, 2, "too low", "error"),
-    (15, 3, "landed", "note"),
     (16, 2, "EKF check", "warning"),
     (17, 1, "EKF failsafe", "error"),
-    (18, 1, "barometer failed to start", "warning"),
-    (18, 2, "barometer jumped", "note"),
-    (18, 4, "barometer was not healthy", "warning"),
-    (19, 1, "stood still", "error"),
-    (20, 1, "Another aircraft", "note"),
-    (21, 2, "Terrain data", "note"),
-    (22, 2, "destination could not be set", "note"),
-    (22, 3, "restarted", "note"),
-    (22, 4, "circle mode", "note"),
-    (22, 5, "outside the fence", "note"),
     (22, 6, "range finder", "note"),
-    (23, 1, "Terrain failsafe", "warning"),
-    (25, 1, "Thrust loss", "error"),
-    (26, 1, "Sensor failsafe", "warning"),
-    (27, 1, "Leak", "error"),
-    (28, 1, "No input", "warning"),
     (29, 1, "Vibration failsafe", "warning"),
-    (30, 1, "internal error", "warning"),
-    (31, 1, "Dead reckoning", "warning"),
-    (9, 1, "(height)", "warning"),
     (9, 6, "(circle and polygon)", "warning"),
-    (9, 8, "(lowest height)", "warning"),
     (9, 16, "(code 16)", "warning"),
     (10, 5, "flight mode 5 was refused", "note"),
-    (24, 1, "primary core to 1", "warning"),
     (24, 0, "primary core to 0", "warning"),
     (12, 9, "Subsystem 12 reported error 9", "note"),
     (99, 1, "Subsystem 99 reported error 1", "note"),
@@ -480,26 +343,4 @@ def test_more_than_a_hundred_kinds_are_damage(kinds: int, shown: int) -> None:
         assert found[-1].count == kinds
 
 
-def test_records_without_their_columns_say_nothing() -> None:
-    made = messages("dataflash", {("ERR", 0): {"TimeUS": np.array([10_000_000]), "Subsys": np.array([16])}})
-    builder = DataflashBuilder(made)
-    vehicle.report_events(builder)
-    assert builder.problems == []
-
-
 # Which of ArduPilot's attitudes flew.
-
-
-@pytest.mark.parametrize(
-    ("ang_hz", "ang_until_s", "flew"),
-    [(400.0, 60.0, "ANG"), (25.0, 60.0, "ANG"), (10.0, 60.0, "ATT"), (400.0, 50.0, "ATT")],
-)
-def test_ang_flew_where_it_is_no_slower_than_att_and_covers_its_time(
-    ang_hz: float, ang_until_s: float, flew: str
-) -> None:
-    found: dict[str, Any] = {
-        "ATT": SimpleNamespace(t=np.arange(0.0, 60.0, 0.04)),
-        "ANG": SimpleNamespace(t=np.arange(0.0, ang_until_s, 1.0 / ang_hz)),
-    }
-    assert onboard_source(found, "XK", 0) == flew
-    assert onboard_source({"AHR2": found["ATT"], "XKQ.1": found["ATT"]}, "XK", 1) == "XKQ.1"

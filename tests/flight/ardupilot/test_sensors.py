@@ -87,12 +87,6 @@ def test_headers_without_sense_give_nothing(head: dict[str, Any]) -> None:
     assert bursts(logged(**head)) == []
 
 
-def test_many_bursts_are_thinned_evenly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sensors, "MAX_BURSTS", 1)
-    found = bursts(logged(type=np.ones(3, np.uint8), instance=np.zeros(3, np.uint8)))
-    assert len(found) == 1
-
-
 def test_bursts_are_those_that_pymavlink_reads(corpus) -> None:
     from pymavlink import DFReader
 
@@ -123,13 +117,6 @@ def test_the_level_of_bursts_is_that_of_vibe_in_steady_flight(corpus) -> None:
     own, vibe = burst_levels(raw), next(v for v in log.vibration.levels if v.unit == 0)
     ratio = own.level[:2] / np.interp(own.t[:2], vibe.t, vibe.level)
     assert ratio == pytest.approx([0.95, 0.90], abs=0.06)
-
-
-def test_every_unit_of_vibe_has_its_level(corpus) -> None:
-    log = attlog.read(corpus / "logs" / "cases" / "copter_flip_at_takeoff.bin")
-    assert [v.unit for v in log.vibration.levels] == [0, 1, 2]
-    assert log.vibration.level is not None
-    assert np.array_equal(log.vibration.levels[0].level, log.vibration.level.x.max(axis=1))
 
 
 def test_a_counter_of_clipped_samples_that_begins_anew_has_counted_none() -> None:

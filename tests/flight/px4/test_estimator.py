@@ -71,11 +71,6 @@ def test_a_bias_of_another_gyro_is_none_of_the_replayed_one() -> None:
     assert read(tables).estimator.gyro_bias is None
 
 
-def test_an_angle_per_step_of_unknown_length_is_no_rate() -> None:
-    states = {"timestamp": micros(5, 1.0), "states": np.full((5, 24), 1e-4, np.float32)}
-    assert read({("sensor_combined", 0): combined(), ("estimator_status", 0): states}).estimator.gyro_bias is None
-
-
 def test_a_gyro_that_has_the_bias_taken_off_has_none_to_subtract() -> None:
     tables = {
         ("vehicle_angular_velocity", 0): {
@@ -131,12 +126,6 @@ def test_of_two_estimators_it_is_the_selected_ones(selected: int) -> None:
     assert stream is not None
     assert stream.source == f"{TOPIC}:{selected}"
     np.testing.assert_allclose(stream.x[:, 0], [[0.3, 0.4, 0.5], [1.5, 1.5, 1.5]][selected], rtol=1e-6)
-
-
-@pytest.mark.parametrize("without", ["yaw_composite", "yaw_variance"])
-def test_without_yaw_or_variance_there_is_none(without: str) -> None:
-    topic = {name: x for name, x in estimated().items() if name != without}
-    assert read({("sensor_combined", 0): combined(), (TOPIC, 0): topic}).estimator.yaw is None
 
 
 def test_in_a_simulated_flight_it_is_near_the_true_heading() -> None:

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.flight.calibration import board_rotation, px4_calibrate
+from attlog.flight.calibration import board_rotation
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
 from attlog.flight.px4.imu import TopicBuilder
@@ -269,24 +269,6 @@ def test_a_raw_compass_is_calibrated_by_its_device_and_a_disabled_one_is_not_use
     )
 
 
-def test_calibration_is_rotation_times_symmetric_gain_times_offset_corrected() -> None:
-    values = {
-        "CAL_MAG0_ID": 5,
-        "CAL_MAG0_XOFF": 0.1,
-        "CAL_MAG0_YOFF": -0.2,
-        "CAL_MAG0_XSCALE": 1.1,
-        "CAL_MAG0_XODIAG": 0.02,
-        "CAL_MAG0_YODIAG": 0.03,
-        "CAL_MAG0_ZODIAG": 0.04,
-        "CAL_MAG0_ROT": 8,
-    }
-    gain = np.array([[1.1, 0.02, 0.03], [0.02, 1, 0.04], [0.03, 0.04, 1]])
-    expected = np.diag([1, -1, -1]) @ gain @ (np.array([0.3, 0.4, 0.5]) - [0.1, -0.2, 0])
-    body, known = px4_calibrate("MAG", values, 5, np.array([[0.3, 0.4, 0.5]]))
-    assert known
-    np.testing.assert_allclose(body[0], expected, atol=1e-12)
-
-
 def test_the_fine_offsets_of_a_board_turn_after_its_rotation_as_px4_multiplies_them() -> None:
     """PX4 (sensor_calibration/Utilities.cpp): Dcmf(Eulerf(x, y, z)) * get_rot_matrix(SENS_BOARD_ROT)."""
     values = {"SENS_BOARD_ROT": 2.0, "SENS_BOARD_X_OFF": 5.0, "SENS_BOARD_Y_OFF": 3.0, "SENS_BOARD_Z_OFF": -2.0}
@@ -317,22 +299,6 @@ def receiver(new: bool, place: tuple[float, float, float] = (47.3977, 8.5456, 48
     return columns
 
 
-@pytest.mark.parametrize("new", [True, False])
-def test_positions_are_degrees_and_metres_in_both_eras(new: bool) -> None:
-    place = (47.3977, 8.5456, 488.0)
-    log = read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): receiver(new, place)})
-    got = log.gnss[0]
-    np.testing.assert_allclose([got.lat[0], got.lon[0], got.alt[0]], place, atol=1e-6)
-    assert log.utc_offset == pytest.approx(1_700_000_000)
-
-
-def test_a_velocity_that_the_receiver_calls_invalid_is_none() -> None:
-    valid = np.arange(20) >= 5
-    columns = receiver(True) | {"vel_ned_valid": valid.astype(np.uint8)}
-    got = read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): columns}).gnss[0]
-    assert np.isfinite(got.vel_ned).all(axis=1).tolist() == valid.tolist()
-
-
 def test_a_switch_of_the_gyro_in_flight_is_told() -> None:
     selection = {"timestamp": micros(2, 0.5), "gyro_device_id": np.array([11, 22], np.uint32)}
     tables = {
@@ -344,22 +310,6 @@ def test_a_switch_of_the_gyro_in_flight_is_told() -> None:
     log = read(tables)
     assert log.imu_that_flew.value == [0, 1]
     assert "imu_switched" in {p.code for p in log.problems}
-
-
-def test_without_a_fix_neither_place_nor_velocity_counts() -> None:
-    fix = np.where(np.arange(20) < 5, 0, 3).astype(np.uint8)
-    got = read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): receiver(True) | {"fix_type": fix}})
-    known = np.isfinite(np.column_stack([got.gnss[0].lat, got.gnss[0].alt, got.gnss[0].vel_ned]))
-    assert (known == (fix >= 3)[:, None]).all()
-
-
-def test_a_counter_of_clipped_samples_tells_what_came_since_the_record_before() -> None:
-    """It stands at 40 as the log begins, and an axis may start anew."""
-    status = {"timestamp": micros(4, 1.0)}
-    status["accel_clipping"] = np.array([[40, 0, 7], [40, 2, 7], [45, 2, 0], [45, 2, 1]], np.uint32)
-    log = read({("sensor_combined", 0): combined(), ("vehicle_imu_status", 0): status})
-    (found,) = log.vibration.clippings
-    assert found.new.tolist() == [0, 2, 5, 1]
 
 
 @pytest.mark.parametrize(
@@ -382,16 +332,6 @@ def test_bits_of_faults_moved_with_1_15(bit: int, old: str, new: str | None) -> 
         tables = {("sensor_combined", 0): combined(), ("estimator_status", 0): status}
         log = read(tables | {("estimator_status_flags", 0): more})
         assert [p.text for p in log.problems if p.code == "ekf_fault"] == ([told] if told else [])
-
-
-@pytest.mark.parametrize(("bit", "name"), [(0, "compass x"), (8, "optical flow y")])
-def test_fusions_that_failed_are_named_by_their_bit(bit: int, name: str) -> None:
-    flags = np.where(np.arange(5) >= 2, 1 << bit, 0).astype(np.uint16)
-    status = {"timestamp": micros(5, 1.0, 11_000_000), "filter_fault_flags": flags}
-    log = read({("sensor_combined", 0): combined(), ("estimator_status", 0): status})
-    (found,) = (p for p in log.problems if p.code == "ekf_fault")
-    assert found.text == f"The EKF failed numerically: {name}."
-    assert found.t == pytest.approx(3.0)
 
 
 def test_what_a_receiver_says_of_its_signals_is_kept_by_name() -> None:

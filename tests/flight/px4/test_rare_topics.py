@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import attlog
 from attlog.flight.gnss import utc_offset
 from attlog.flight.model import Problem, TimeLine
-from attlog.flight.px4 import estimator, imu, reader, sensors
+from attlog.flight.px4 import estimator, imu, sensors
 from attlog.flight.px4.imu import TopicBuilder
 from attlog.health.vibration import sample_levels, second_means
 from tests.flight import fake
@@ -203,11 +202,6 @@ def test_the_vehicle_is_what_its_status_says(columns: dict[str, Any], mav_type: 
     assert sensors.vehicle_type(made) == said
 
 
-def test_the_version_is_three_bytes_and_the_kind_of_release_the_fourth() -> None:
-    for number, said in ((0x010E03FF, "1.14.3"), (0x010F0080, "1.15.0 beta"), (0x010D02C1, "1.13.2 type 193"), (0, "")):
-        assert reader.read_firmware(fake.messages("ulog", {}, info={"ver_sw_release": number})).version == said
-
-
 @pytest.mark.parametrize(
     ("info", "hil", "truth", "simulated"),
     [
@@ -238,23 +232,6 @@ def test_units_are_found_by_the_device_of_their_increments_else_of_their_status_
         sensor_gyro={"device_id": np.full(N, 12, np.uint32)},
     )
     assert imu.units_of_devices(made, {11, 12, 13, 14, 0, 99}) == {11: 0, 12: 1, 13: 0, 14: 2}
-
-
-def test_unix_time_is_that_of_the_first_receiver_with_a_fix() -> None:
-    def one(fix: int, utc_us: float, unknown: int = 0) -> Any:
-        t = np.arange(6.0)
-        utc = np.where(np.arange(6) < unknown, 0.0, utc_us + 1e6 * t)
-        return SimpleNamespace(t=t, utc_us=utc, fix=np.full(6, fix))
-
-    none = SimpleNamespace(t=np.arange(6.0), utc_us=None, fix=np.full(6, 3))
-    made = builder()
-    for receivers, unix in (
-        ([none, one(1, 8e15), one(2, 1.7e15), one(3, 1.6e15)], 1.7e9),
-        ([one(3, 1.5e15, unknown=4)], 1.5e9),
-        ([one(3, 0.0, unknown=6), none], None),
-    ):
-        made.log.gnss = receivers
-        assert utc_offset(made) == (None if unix is None else pytest.approx(unix))
 
 
 # Masks of a gyro at the end of its range count from 1.15 on, where values are masks and something else agrees.
@@ -345,15 +322,6 @@ def test_increments_of_velocity_become_accelerations_in_old_versions() -> None:
     assert [(v.unit, v.measure) for v in levels] == [(0, "difference"), (1, "difference")]
     assert levels[0].level == pytest.approx(0.05 / 0.004)
     assert levels[1].level == pytest.approx(0.05)
-
-
-def test_without_increments_the_default_rate_counts() -> None:
-    t = fake.micros(VIBRATION_RECORDS, 1.0)
-    old = {"timestamp": t, "accel_vibration_metric": np.full(VIBRATION_RECORDS, 0.05, np.float32)}
-    (found,) = sensors.vibration_levels(
-        TopicBuilder(fake.messages("ulog", {("vehicle_imu_status", 0): old}), t0_us=int(t[0]))
-    )
-    assert found.level == pytest.approx(10.0)
 
 
 def test_impossible_peaks_of_the_onboard_spectrum_are_none() -> None:

@@ -16,12 +16,12 @@ from attlog import formats
 from attlog.core.errors import UsageError
 from attlog.formats import Recording
 from attlog.formats.file_bytes import read_file_bytes
-from attlog.formats.mavlink import reader, walk
+from attlog.formats.mavlink import reader
 from attlog.formats.mavlink.layout import crc_of_rows, dialect, is_capture, is_tlog, message_layout
 from attlog.formats.mavlink.reader import boot_timeline
 from attlog.formats.mavlink.walk import walk_all_packets
 from attlog.formats.table import Messages
-from tests.conftest import SAMPLES, corpus_logs
+from tests.conftest import SAMPLES
 from tests.formats.reference import differences
 
 # The boot clock of telemetry is the autopilot's, whatever else speaks under the vehicle's number.
@@ -49,28 +49,15 @@ def test_a_camera_that_booted_later_does_not_turn_the_vehicles_clock_back() -> N
     assert (at.tolist(), time.tolist()) == ([10, 30], [70_000_000, 71_000_000])
 
 
-# The compiled search for MAVLink packets finds what the numpy search finds.
-
-
-@pytest.mark.parametrize("path", corpus_logs(".tlog", ".mavlink"), ids=lambda p: p.name)
-def test_compiled_search_equals_numpy_search(path: Path) -> None:
-    data, known = read_file_bytes(path), reader.message_catalogue()
-    expected = walk.search_packets(data, known)
-    found = walk_all_packets(data, known.seeds, known.sizes)
-    for mine, theirs in zip(found, expected, strict=True):
-        assert np.array_equal(mine, theirs)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_compiled_search_equals_numpy_search_on_damaged_bytes(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(2))
+def test_the_walk_runs_as_plain_python_too(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     dice = np.random.default_rng(seed)
-    data, known = read_file_bytes(SAMPLES / "copter_steps_stabilize.tlog")[:200_000].copy(), reader.message_catalogue()
-    for at in dice.integers(0, len(data) - 300, 60).tolist():
+    data, known = read_file_bytes(SAMPLES / "copter_steps_stabilize.tlog")[:60_000].copy(), reader.message_catalogue()
+    for at in dice.integers(0, len(data) - 300, 20).tolist():
         data[at : at + int(dice.integers(1, 300))] = dice.choice([0, 0xFD, 0xFE, 0xFF])
-    data.flags.writeable = False
-    expected = walk.search_packets(data, known)
-    found = walk_all_packets(data, known.seeds, known.sizes)
-    for mine, theirs in zip(found, expected, strict=True):
+    compiled = walk_all_packets(data, known)
+    monkeypatch.setenv("ATTLOG_NO_JIT", "1")
+    for mine, theirs in zip(walk_all_packets(data, known), compiled, strict=True):
         assert np.array_equal(mine, theirs)
 
 

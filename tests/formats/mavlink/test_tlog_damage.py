@@ -15,7 +15,7 @@ from attlog.core.errors import LogUnusable
 from attlog.core.limits import MAX_SENDERS
 from attlog.formats.mavlink import reader
 from attlog.formats.mavlink.layout import message_catalogue
-from attlog.formats.mavlink.walk import _without_embedded, index_packets
+from attlog.formats.mavlink.walk import index_packets
 from tests.formats.damage import KINDS, damage
 
 START = 1_700_000_000_000_000
@@ -251,9 +251,3 @@ def test_packets_of_more_senders_than_any_network_has_are_told_and_the_busiest_r
     assert len({instance for _, instance in log}) == MAX_SENDERS
     assert len(log["ATTITUDE", 257]) == 50
     assert (log.damage_places, "201 packets of 201 senders" in log.damage[0].lost) == (1, True)
-
-
-def test_a_packet_that_begins_in_a_rejected_one_stands() -> None:
-    """Bytes 5 to 20 look like a packet in the first one's payload; the third begins where the first has ended."""
-    start, end = np.array([0, 5, 12, 21]), np.array([10, 20, 22, 30])
-    assert _without_embedded(start, end).tolist() == [True, False, True, False]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,15 +11,12 @@ import pytest
 from pyulog import ULog
 
 from attlog.core.errors import LogUnusable, NotALog
-from attlog.core.limits import MAX_RESUBSCRIBED
-from attlog.core.timestamps import far_from_median, is_near
 from attlog.formats import Messages
-from attlog.formats.table import DamageLog, Field
+from attlog.formats.table import Field
 from attlog.formats.ulog import reader
 from attlog.formats.ulog.content import implausible
 from attlog.formats.ulog.layout import (
     SYNC,
-    Definitions,
     decode_ulog_text,
     info_value,
     is_odd_definition,
@@ -28,7 +24,6 @@ from attlog.formats.ulog.layout import (
     parameter_value,
     split_key,
 )
-from attlog.formats.ulog.walk import Framing, Sizes, times_rise
 from tests.conftest import SAMPLES, corpus_logs
 from tests.formats.ulog.crafted import keyed as with_key
 
@@ -140,17 +135,6 @@ def test_a_value_that_is_too_short_for_its_type_stays_bytes(kind: str, raw: byte
     assert info_value(kind, raw) == value
 
 
-@pytest.mark.parametrize(("extra", "strict"), [(0, True), (1, False), (3, False), (-1, False)])
-def test_a_record_is_as_long_as_its_type_says(extra: int, strict: bool) -> None:
-    """``uint32_t ver`` has a value of 4 bytes, neither more nor less."""
-    key = b"uint32_t ver"
-    payload = bytes([len(key)]) + key + bytes(4 + extra)
-    record = struct.pack("<HB", len(payload), ord("I")) + payload
-    framing = Framing(np.frombuffer(record + bytes(16), np.uint8), Sizes())
-    assert framing.end(0) == len(record)
-    assert framing.is_strict(0, framing.end(0)) is strict
-
-
 # What may be a record, a name, a time or a number of a ULog: each limit from both sides.
 
 
@@ -168,18 +152,6 @@ def test_a_logged_text_has_a_level_from_0_to_7_and_its_stamp(level: int, is_text
     assert fits(kind, head + b"text") is is_text
     assert fits(kind, head) is is_text
     assert not fits(kind, head[:-1])
-
-
-def test_a_text_of_more_than_a_kilobyte_must_be_letters() -> None:
-    head = b"4" + bytes(8)
-    assert fits("L", head + b"\xff" * (1024 - 9))
-    assert not fits("L", head + b"\xff" * (1025 - 9))
-    assert fits("L", head + b"a" * 3000)
-
-
-@pytest.mark.parametrize(("size", "is_flags"), [(39, False), (40, True), (256, True), (257, False)])
-def test_flags_are_40_to_256_bytes(size: int, is_flags: bool) -> None:
-    assert fits("B", bytes(size)) is is_flags
 
 
 @pytest.mark.parametrize(
@@ -286,55 +258,6 @@ def test_values_are_those_of_their_types() -> None:
     assert decode_ulog_text(b"a\xffb\0c") == "a\ufffdb"
 
 
-def clocked(*records: tuple[int, int]) -> Framing:
-    """Data records of 16 bytes: id and stamp; id 1 has its stamp at byte 3 behind the header, id 2 has none."""
-    raw = b"".join(struct.pack("<HBH3xQ", 13, ord("D"), one, t) for one, t in records)
-    framing = Framing(np.frombuffer(raw, np.uint8), Sizes())
-    framing.subscribe(1, SimpleNamespace(time_at=3, size=11, full_size=11))  # type: ignore[arg-type]
-    framing.subscribe(2, SimpleNamespace(time_at=None, size=11, full_size=11))  # type: ignore[arg-type]
-    return framing
-
-
-def test_a_time_is_believed_that_is_near_any_of_those_before() -> None:
-    from attlog.core.limits import MAX_TIME_JUMP_S
-
-    jump = round(MAX_TIME_JUMP_S * 1e6)
-    clock = clocked((1, 500), (1, 10 * jump), (2, 7), (1, 11 * jump - 1), (1, 11 * jump), (1, 9 * jump + 1))
-    assert clock.time_at(16) == 10 * jump
-    assert clock.time_at(32) is None
-
-    def near(start: int, *recent: int) -> bool:
-        return is_near(clock.time_at(start), map(clock.time_at, recent))
-
-    assert near(48, 0, 16)
-    assert not near(64, 0, 16)
-    assert near(80, 0, 16, 32)
-    assert not near(48, 0)
-    assert near(48, 32)
-    assert near(48)
-    assert near(32, 0)
-    clock.forget()
-    assert clock.time_at(16) is None
-
-
-def test_times_of_one_topic_rise_and_stay_near_each_other() -> None:
-    from attlog.core.limits import MAX_TIME_JUMP_S
-
-    jump = round(MAX_TIME_JUMP_S * 1e6)
-
-    def told(*times: int, at: int | None = 3) -> bool:
-        raw = b"".join(struct.pack("<HBH3xQ", 13, ord("D"), 1, t) for t in times)
-        layout: Any = SimpleNamespace(time_at=at)
-        return times_rise(np.frombuffer(raw, np.uint8), 16 * np.arange(len(times)), layout)
-
-    assert told(5, 5, jump + 4)
-    assert not told(5, 5, jump + 5)
-    assert not told(6, 5, 7)
-    assert not told(5, 6, 7, at=None)
-    far = far_from_median(np.array([0, jump, jump, jump + 1, 2 * jump + 1], np.uint64))
-    assert far.tolist() == [False, False, False, False, True]
-
-
 def table(n: int = 200, **columns: np.ndarray) -> Any:
     fields = {
         name: Field(name, x.dtype if x.ndim == 1 else np.dtype((x.dtype, x.shape[1:]))) for name, x in columns.items()
@@ -370,37 +293,4 @@ def test_numbers_beyond_any_measurement_are_doubted(value: float, odd: bool) -> 
     assert np.flatnonzero(implausible(table(x=axes))).tolist() == ([7] if odd else [])
 
 
-def test_a_hundredth_or_one_is_rare_and_four_records_are_too_few() -> None:
-    for count, doubted in ((2, True), (3, False)):
-        x = np.ones(200)
-        x[:count] = 1e20
-        assert implausible(table(x=x)).any() == doubted
-    for n, doubted in ((4, False), (5, True)):
-        x = np.ones(n)
-        x[0] = 1e20
-        assert implausible(table(n, x=x)).any() == doubted
-    times = np.arange(200, dtype=np.uint64)
-    times[3] = 10**15
-    assert np.flatnonzero(implausible(table(timestamp=times))).tolist() == [3]
-    assert not implausible(table(other=times)).any()
-
-
 # What a ULog defines on the way, within the limits of what a log may ask for.
-
-
-def test_an_id_that_changes_its_topic_too_often_keeps_the_last_one() -> None:
-    found = Definitions()
-    for name in ("one", "two"):
-        found.declare(f"{name}:uint64_t timestamp;float x;")
-    for k in range(MAX_RESUBSCRIBED + 3):
-        now = found.subscription(7, ("one", "two")[k % 2], 0)
-        assert now is not None
-        found.by_id[7] = now
-    kept = found.by_id[7].name
-    other = {"one": "two", "two": "one"}[kept]
-    again = found.subscription(7, other, 0)
-    assert again is not None
-    assert again.name == kept
-    losses = DamageLog()
-    found.report(losses)
-    assert [r.code for r in losses.remarks] == ["log_limit"]
