@@ -111,7 +111,8 @@ def across(
         columns += [Column(metric, where, row, found.units[metric]) for row in chosen if row in has]
     place = {column[:3]: k for k, column in enumerate(columns)}
     keys = zip(answers["metric"], answers["window"], answers["row"], strict=True)
-    cells = answers.assign(column=[place.get(key) for key in keys]).dropna(subset="column")
+    spots: list[Any] = [place.get(key) for key in keys]
+    cells = answers.assign(column=spots).dropna(subset="column")
     values, codes = (
         cells.pivot(index="at", columns="column", values=what).reindex(index=kept.index, columns=range(len(columns)))
         for what in ("value", "code")

@@ -108,7 +108,7 @@ class Command(TyperCommand):
 
 
 def names_a_log(words: list[str]) -> bool:
-    """True for words without a command that name logs or options of ``analyze``; a lone word is a mistyped command."""
+    """Return True for words without a command that name logs or options; a lone word is a mistyped command."""
     first = words[0]
     if first.startswith("-"):
         return len(words) > 1

@@ -194,13 +194,13 @@ System = Annotated[
 
 
 def one_form(json: bool, form: str | None) -> None:
-    """UsageError where two things are to be printed on standard output."""
+    """Raise UsageError if two outputs would share standard output."""
     if json and form is not None:
         raise UsageError("--json and --format: one or the other; both print on standard output")
 
 
 def finite(value: float | None) -> float | None:
-    """The value of an option that is a number, for its callback: "nan" and "inf" are none."""
+    """Refuse "nan" and "inf" as value of an option."""
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter("use a finite number")
     return value
@@ -212,7 +212,7 @@ def _no_color(wanted: bool) -> None:
 
 
 def _key(named: Path | None) -> Path | None:
-    """The key for this process and its children, which read logs for it."""
+    """Set the key for this process and its children."""
     if named is not None:
         from attlog.formats.ulog.encrypted import KEY_VARIABLE
 
@@ -258,10 +258,9 @@ class CommonOptions:
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with an option for each field of its sets of options, and those of every command.
+    """Give a command an option for each field of its sets of options, and those of every command.
 
-    A parameter whose type is a dataclass is such a set. What Typer sees is the signature; what it calls puts the sets
-    together.
+    A set is a parameter whose type is a dataclass.
     """
     hints = get_type_hints(command, include_extras=True)
     sets: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
@@ -285,7 +284,7 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _parameters(kind: Any) -> Iterator[inspect.Parameter]:
-    """The fields of a set of options as parameters."""
+    """Yield the fields of a set of options as parameters."""
     hints = get_type_hints(kind, include_extras=True)
     for field in fields(kind):
         default = inspect.Parameter.empty if field.default is MISSING else field.default
@@ -374,19 +373,19 @@ class ComparisonOptions:
 
     @property
     def for_a_program(self) -> bool:
-        """Whether standard output is for a program: what people read goes to standard error."""
+        """True if standard output is for a program, so that text for people goes to standard error."""
         return self.json or self.form is not None
 
     def of_analysis(self) -> dict[str, Any]:
-        """The options that prepare a log, as far as they were typed, by their names in a configuration."""
+        """Return typed options that prepare a log, by their names in a configuration."""
         options = {"reference": self.reference, "truth": self.truth, "gyro_bias": self.gyro_bias}
         return {name: value for name, value in options.items() if value is not None}
 
 
 def configured(options: LogOptions) -> Config:
-    """The configuration of options and of the file that they name. UsageError for what is wrong.
+    """Build the configuration from options and their file.
 
-    Parameter files and names of filters are looked at here too: what is wrong is said once, not for each log.
+    UsageError also for parameter files and filters: errors appear once, not for each log.
     """
     config = from_file(options.config, _typed(options))
     check_window(config.window)
@@ -400,7 +399,7 @@ def configured(options: LogOptions) -> Config:
 
 
 def from_file(file: Path | None, options: dict[str, Any]) -> Config:
-    """The configuration of a file, where there is one, and of typed values that win."""
+    """Build the configuration from a file, if any, and typed values, which win."""
     from attlog.pipeline.config import Config, gyro_bias_of, reference_of
 
     for name, parse in (("reference", reference_of), ("gyro_bias", gyro_bias_of)):
@@ -415,7 +414,7 @@ def from_file(file: Path | None, options: dict[str, Any]) -> Config:
 
 
 def check_truth(config: Config) -> None:
-    """UsageError for a truth that cannot be one, before any log is read."""
+    """Raise UsageError for an impossible truth, before any log is read."""
     if config.truth is None:
         return
     if config.reference not in ("auto", "truth"):
@@ -426,13 +425,13 @@ def check_truth(config: Config) -> None:
 
 
 def for_comparison(options: ComparisonOptions, before: dict[str, Any] | None = None) -> Config:
-    """The configuration in which settings are compared; filters of its file are left out. Options win over others."""
+    """Build the configuration of a comparison without the filters of its file; options win over ``before``."""
     defaults = {} if options.config is None else {"estimators": ["default"]}
     return from_file(options.config, defaults | (before or {}) | options.of_analysis())
 
 
 def _typed(options: LogOptions) -> dict[str, Any]:
-    """The options that were typed, by their names in a configuration."""
+    """Return typed options by their names in a configuration."""
     names = [field.name for field in fields(options) if field.name not in ("config", "deterministic")]
     found = {name: value for name in names if (value := getattr(options, name)) is not None}
     if "estimators" in found:
@@ -455,7 +454,7 @@ def _instance(text: str, word: str, option: str) -> int | str:
 
 
 def check_window(window: str | None) -> None:
-    """UsageError for what is no window, before any log is read."""
+    """Raise UsageError for a wrong window, before any log is read."""
     if window is not None:
         from attlog.segments.model import Segments
 
@@ -466,7 +465,7 @@ def check_window(window: str | None) -> None:
 
 
 def check_filter(item: str) -> None:
-    """UsageError for a filter, preset or parameter that is not there; a file's own code runs with the logs only."""
+    """Raise UsageError for an unknown filter, preset or parameter; code of files runs with the logs only."""
     from attlog import estimators
 
     name = item.partition(":")[0].partition("@")[0]
@@ -481,7 +480,7 @@ def check_filter(item: str) -> None:
 
 
 def _of_compare(item: str) -> str:
-    """The end of an error sentence for a filter with something that ``attlog compare`` puts before it; else empty."""
+    """Suggest ``attlog compare`` for a filter with a setting that comes before it."""
     from attlog.compare.setting import SETTINGS
 
     name, _, pairs = item.partition(":")
@@ -490,7 +489,7 @@ def _of_compare(item: str) -> str:
 
 
 def commands(options: LogOptions, logs: Sequence[str]) -> list[str]:
-    """For each log the command that makes its report alone."""
+    """Return for each log the command that makes its report alone."""
     words: list[str] = []
     for field in fields(options):
         value = getattr(options, field.name)

@@ -1,4 +1,4 @@
-"""How the process begins and ends: signals, memory-mapped logs that are cut, standard streams that fail."""
+"""Start and end of the process: signals, memory-mapped logs that are cut, standard streams that fail."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from attlog.core.errors import LogUnreadable, OutputError, error_message, exit_c
 
 @contextmanager
 def ended_by_signals() -> Iterator[list[int]]:
-    """A block that SIGTERM, SIGHUP (a terminal that is closed) and SIGINT interrupt; it yields those that came.
+    """Raise KeyboardInterrupt on SIGTERM, SIGHUP (a closed terminal) and SIGINT; yield the signals received.
 
-    They raise KeyboardInterrupt. One that is ignored (SIGHUP under nohup) stays so.
+    An ignored signal (SIGHUP under nohup) stays ignored.
     """
     received: list[int] = []
 
@@ -39,13 +39,12 @@ def ended_by_signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
+# Time after which a child is interrupted: a terminal interrupts both processes, ``kill -INT`` this one alone.
 INTERRUPTED_S = 2
-"""A terminal interrupts both processes, another program (``kill -INT``) this one alone. Which it was cannot be known: a
-child that is still there after so long is interrupted by this one."""
 
 
 def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
-    """The exit code of ``run``, in a child process where one of the ``words`` names a file that is mapped."""
+    """Return the exit code of ``run``, in a child process if one of the ``words`` is a file that is mapped."""
     large = [word for word in words if os.path.isfile(word) and os.path.getsize(word) > limits.READ_BYTES]
     if not large or not hasattr(os, "fork"):
         return run()
@@ -90,7 +89,7 @@ FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIP
 
 
 def show_everything() -> None:
-    """Signs that the output's encoding lacks get ASCII stand-ins, file names that are not UTF-8 escapes."""
+    """Replace signs that the output's encoding lacks by ASCII, bytes that are not UTF-8 by escapes."""
     from attlog.words.text import on_encode_error
 
     codecs.register_error("attlog", on_encode_error)
@@ -101,9 +100,9 @@ def show_everything() -> None:
 
 
 def _reopen_closed() -> None:
-    """Standard streams that were closed (``>&-``) get places of their own, or the first file opened would take theirs.
+    """Reopen closed standard streams (``>&-``), whose numbers the next opened files would get.
 
-    What is printed to a closed output fails like on a full disk; what a closed error output would say is lost.
+    Printing to a closed output fails as on a full disk; errors to a closed error output are lost.
     """
     while (place := os.open(os.devnull, os.O_RDONLY)) <= 2:
         continue
@@ -115,12 +114,12 @@ def _reopen_closed() -> None:
 
 
 def is_of_a_stream(error: BaseException) -> bool:
-    """Whether an error says that standard output cannot take more: files name themselves, a stream does not."""
+    """Return True for an error of a standard stream, which has no file name."""
     return isinstance(error, OSError) and error.filename is None and error.errno in FULL
 
 
 def flushed(code: int) -> int:
-    """The exit code once all output is written; that of an OutputError if it cannot be."""
+    """Return the exit code after writing all output, or that of an OutputError."""
     try:
         sys.stdout.flush()
     except OSError as error:
@@ -129,7 +128,7 @@ def flushed(code: int) -> int:
 
 
 def lost(error: OSError) -> int:
-    """Say that standard output failed (not where its reader just went away) and stop Python from trying again."""
+    """Report a failed standard output, unless its reader went away, and close it."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, ValueError):

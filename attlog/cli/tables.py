@@ -113,7 +113,7 @@ def merge_missing(found: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 
 
 def finding_lines(found: list[ShownFinding], width: int, verbose: bool) -> Iterator[TextLine]:
-    """Findings with actions, a line each, worst first; ``verbose``: notes, and why."""
+    """Yield findings with actions, a line each, worst first; ``verbose``: notes and reasons."""
     every = [f for f in found if verbose or not f.is_note]
     if nothing := no_problem_text(every, len(found) - len(every)):
         yield TextLine(f"  {nothing}")
@@ -188,9 +188,9 @@ def _cell_text(cell: TableCell, halves: bool) -> str:
 
 
 def _without_data(result: Result) -> list[EstimatorRow]:
-    """Filters that this log does not hold enough for: no trouble, so that no finding names them."""
-    told = {f.text for f in result.findings if f.kind == "estimator_failed" and not f.is_trouble}
-    return [row for row in result.estimators if f"{row.name}: {row.reason}" in told]
+    """Return filters without enough data in this log, which no finding names."""
+    texts = {f.text for f in result.findings if f.kind == "estimator_failed" and not f.is_trouble}
+    return [row for row in result.estimators if f"{row.name}: {row.reason}" in texts]
 
 
 def shortened(found: FilterTable) -> FilterTable:

@@ -122,7 +122,7 @@ def test_a_log_that_workers_do_not_see_is_sent_along(
     dask: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     todo = works(tmp_path / "there", 4)
-    monkeypatch.setattr(cluster, "sign", lambda _: "another file")
+    monkeypatch.setattr(cluster, "file_sign", lambda _: "another file")
     found = list(cluster_runner(dask.address)(todo))
     assert sorted((r.name, r.code) for r in found) == [(w.name, 0) for w in todo]
     for work in todo:

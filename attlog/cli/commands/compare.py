@@ -26,7 +26,7 @@ from attlog.cli.options import (
 from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, text_to_stdout, to_stderr, wrapped
 from attlog.cli.progress import StageHandler, progress
 from attlog.core.errors import PluginError, PluginTimeout, UsageError, error_message
-from attlog.core.files import file_name
+from attlog.core.files import file_name, write_atomic
 
 if TYPE_CHECKING:
     from attlog.compare.comparison import Comparison
@@ -128,7 +128,7 @@ def compare_command(
 
 
 class LogReport:
-    """Says what went wrong with each log as it comes, and adds its exit code to ``codes``."""
+    """Print errors of each log as it comes, and add its exit code to ``codes``."""
 
     def __init__(self, stages: StageHandler, total: int, verbose: int, codes: set[int]) -> None:
         self._stages, self._total, self._verbose, self._codes = stages, total, verbose, codes
@@ -136,7 +136,7 @@ class LogReport:
         stages.before = f"[1/{total}] "
 
     def one(self, log: LogComparison) -> None:
-        """One more log is measured."""
+        """Print what went wrong with a log."""
         self._done += 1
         self._stages.clear()
         for sentence in log.overruns:
@@ -151,7 +151,7 @@ class LogReport:
 
 
 def _write_comparison(result: Comparison, folder: Path, name: str) -> Path:
-    """The page, with JSON and CSV beside it."""
+    """Write the page, with JSON and CSV beside it."""
     from attlog.compare import comparison_page
     from attlog.compare import tables as export
     from attlog.core.files import write_all_atomic
@@ -176,8 +176,7 @@ def _print_comparison(result: Comparison, page: Path, options: ComparisonOptions
 
 
 def comparison_lines(result: Comparison, width: int, verbose: bool = False) -> Iterator[TextLine]:
-    """What is significant in a sentence, the change over all logs, the sentence again; ``width`` columns where words
-    break.
+    """Yield what is significant, the change over all logs, and the first sentence again.
 
     ``verbose``: also a sentence for each significant question, and tables with a row for each log.
     """
@@ -197,7 +196,7 @@ def comparison_lines(result: Comparison, width: int, verbose: bool = False) -> I
 
 
 def _over_all_logs(result: Comparison, width: int) -> Iterator[TextLine]:
-    """A row for each question: of one configuration all about its change, of several the changes side by side."""
+    """Yield a row for each question: all about one change, or the changes of several configurations."""
     from attlog.compare.tables import pooled_tables
     from attlog.words.text import clean
 
@@ -208,7 +207,7 @@ def _over_all_logs(result: Comparison, width: int) -> Iterator[TextLine]:
 
 
 def _each_log(result: Comparison, width: int) -> Iterator[TextLine]:
-    """A table for each question and configuration, a row for each log, and why a log has no difference."""
+    """Yield a table for each question and configuration, a row for each log with the reason of a missing value."""
     from attlog.compare.tables import comparison_tables
     from attlog.words.text import clean, typeset
 
@@ -285,22 +284,24 @@ def diff_command(
     ]
     alone = found.alone
     changed = bool(alone) or any(d.count for d in differences)
-    paged = output is not None and not json and form is None
     if json:
         lines = dumps(diff_report.diff_document(differences, alone), indent=1, allow_nan=False).split("\n")
     else:
         words = diff_report.diff_lines if form is None else diff_report.diff_markdown
         lines = list(words(differences, alone, common.verbose > 0))
-    if output is not None and paged:
-        lines += ["", f"page: {_write_diff_page(differences, alone, (old, new), output)}"]
-    _write_diff(lines, None if paged else output)
+    if output is not None and (json or form is not None):
+        write_atomic(output, "\n".join(lines) + "\n")
+    else:
+        if output is not None:
+            lines += ["", f"page: {_write_diff_page(differences, alone, (old, new), output)}"]
+        say(lines, console())
     end([*found.wrong, int(changed)])
 
 
 def _write_diff_page(
     differences: list[RunDifference], alone: list[tuple[str, str]], sides: tuple[Path, Path], folder: Path
 ) -> Path:
-    """The page and the JSON, written together."""
+    """Write the page and the JSON together."""
     from json import dumps
 
     from attlog.compare import diff_report
@@ -312,12 +313,3 @@ def _write_diff_page(
     page = diff_report.diff_page(differences, alone, names[0], names[1], __version__, command_line())
     write_all_atomic({folder / "diff.html": page, folder / "diff.json": whole})
     return folder / "diff.html"
-
-
-def _write_diff(lines: list[str], output: Path | None) -> None:
-    if output is None:
-        say(lines, console())
-        return
-    from attlog.core.files import write_atomic
-
-    write_atomic(output, "\n".join(lines) + "\n")

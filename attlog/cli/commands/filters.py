@@ -20,25 +20,25 @@ if TYPE_CHECKING:
     from attlog.testing import CheckOutcome
 
 
+# Sets with a column; the others are in JSON and in the description of one filter.
 SHOWN = ("broad", "euroc", "simulated")
-"""The sets that have a column; the others are in JSON and on the page of one filter."""
 SENSORS = ("gyro", "acc", "mag")
 NEEDED = (*SENSORS, "gnss")
 
 
 def accuracy_lines(name: str) -> list[str]:
-    """What was measured of a filter and its presets, a line for each set; that nothing was, where nothing was."""
+    """Return the measured errors of a filter and its presets, a line for each set."""
     found = {row: sets for row, sets in read_accuracy().items() if row.partition("@")[0] == name}
-    told = []
+    lines = []
     for row, sets in found.items():
         for key, one in sets.items():
             angles = ", ".join(f"{angle} {_interval(rmse)}" for angle, rmse in one.rmse_deg.items())
-            told.append(f"  {row}, {SETS[key]}, {one.trials} trials: {angles}; {one.ns:.0f} ns")
-    return told or [f"  {NOT_MEASURED}"]
+            lines.append(f"  {row}, {SETS[key]}, {one.trials} trials: {angles}; {one.ns:.0f} ns")
+    return lines or [f"  {NOT_MEASURED}"]
 
 
 def accuracy_table(estimators: Sequence[Estimator]) -> Iterator[TextLine]:
-    """What each needs, its mean errors on the sets and its cost, with what the columns are."""
+    """Yield a table of needs, mean errors on the sets and cost, with its legend."""
     known = read_accuracy()
     rows = []
     for e in estimators:
@@ -61,7 +61,7 @@ def accuracy_table(estimators: Sequence[Estimator]) -> Iterator[TextLine]:
 
 
 def _short_needs(e: Estimator) -> str:
-    """The sensors that a filter needs, in brackets what it uses; the kinds of aids are not told apart."""
+    """Return the sensors that a filter needs, and in brackets those that it uses; aids count as one."""
     more = [s for s in SENSORS if s in e.uses - e.needs] + ["aids"] * bool(e.uses - e.needs - set(SENSORS))
     return " ".join(s for s in NEEDED if s in e.needs) + (f" ({' '.join(more)})" if more else "")
 
@@ -106,7 +106,7 @@ def estimators_command(
 
 
 def describe_filter(estimator: Estimator) -> str:
-    """All about one estimator as plain text: title, equations, sensors, parameters, presets."""
+    """Describe one estimator as plain text: title, equations, sensors, parameters, presets."""
     optional = estimator.uses - estimator.needs
     lines = [f"{estimator.name}: {estimator.title}", "", estimator.text.rstrip(), ""]
     lines.append(f"Source: {estimator.source}")
@@ -128,9 +128,9 @@ def describe_filter(estimator: Estimator) -> str:
 
 
 def filter_document(name: str, strict: bool = False) -> dict[str, Any]:
-    """All about one filter as JSON; ``accuracy`` is null where none was measured.
+    """Describe one filter as JSON; ``accuracy`` is null if not measured.
 
-    One that cannot be loaded has its ``error``, or raises it where ``strict``.
+    A filter that cannot be loaded has its ``error``, or raises it if ``strict``.
     """
     from attlog.core.errors import AttlogError
     from attlog.estimators import get
@@ -156,7 +156,7 @@ def filter_document(name: str, strict: bool = False) -> dict[str, Any]:
 
 
 def filter_list(width: int) -> Iterator[TextLine]:
-    """Every estimator with source and presets, one that cannot be loaded with why; then needs, errors and cost."""
+    """List estimators with source and presets, or why one cannot be loaded; then needs, errors and cost."""
     from attlog.core.errors import AttlogError
     from attlog.estimators import DEFAULT, get, names
 

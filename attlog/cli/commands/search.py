@@ -15,7 +15,6 @@ from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, t
 from attlog.cli.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.compare.grid import FreeParameter
     from attlog.compare.search import SettingsOnLog, Sweep
     from attlog.compare.setting import Configuration
     from attlog.compare.tune import Tuning
@@ -70,13 +69,20 @@ def sweep_command(
     with progress(common.quiet, common.verbose > 0):
         logs = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
         found = sweep(asked.filter, grid, _on_logs(logs, base, metric, [axis.name for axis in grid.axes]))
-        files = _write_sweep(found, options.output, logs.about())
+        about = logs.about()
+        files = _write(
+            options.output / file_stem("sweep", found.filter),
+            html=sweep_report.sweep_page(found, about),
+            json=_json_text(sweep_report.sweep_document(found, about)),
+            csv=sweep_report.sweep_csv(found),
+        )
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if options.form is not None:
         table_to_stdout(options.form, *sweep_report.sweep_rows(found))
     if not common.quiet:
-        say(_sweep_lines(found, files, logs.about(), common.verbose > 0), console(stderr=options.for_a_program))
+        lines = _sweep_lines(found, files, about, common.verbose > 0)
+        say(lines, console(stderr=options.for_a_program))
     end(logs.errors)
 
 
@@ -101,23 +107,19 @@ def _on_logs(
         del case
 
 
-def _write_sweep(found: Sweep, folder: Path, about: dict[str, Any]) -> tuple[Path, Path, Path]:
-    """Write page, JSON and CSV together."""
+def _json_text(document: dict[str, Any]) -> str:
     import json
 
-    from attlog.compare import sweep_report
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def _write(stem: Path, **texts: str) -> list[Path]:
+    """Write files of one name together, ``texts`` by suffix."""
     from attlog.core.files import write_all_atomic
 
-    name = file_stem("sweep", found.filter)
-    paths = folder / f"{name}.html", folder / f"{name}.json", folder / f"{name}.csv"
-    write_all_atomic(
-        {
-            paths[0]: sweep_report.sweep_page(found, about),
-            paths[1]: json.dumps(sweep_report.sweep_document(found, about), indent=1, allow_nan=False) + "\n",
-            paths[2]: sweep_report.sweep_csv(found),
-        }
-    )
-    return paths
+    files = {stem.with_name(f"{stem.name}.{suffix}"): text for suffix, text in texts.items()}
+    write_all_atomic(files)
+    return list(files)
 
 
 def _sweep_lines(found: Sweep, files: Sequence[Path], about: dict[str, Any], everything: bool) -> Iterator[TextLine]:
@@ -140,6 +142,7 @@ def _sweep_lines(found: Sweep, files: Sequence[Path], about: dict[str, Any], eve
 
 
 TUNE_EXAMPLE = "attlog tune *.bin mahony kp=0.05..5log ki=0.001..0.1log"
+# Metrics that gains may worsen beside the objective.
 SIDE_EFFECT_METRICS = (
     "tilt_rmse_deg",
     "heading_rmse_deg",
@@ -149,7 +152,6 @@ SIDE_EFFECT_METRICS = (
     "step_error_deg.0.5s",
     "lag_ms",
 )
-"""What gains may cost beside what they were found for."""
 
 TuneWords = Annotated[
     list[str],
@@ -207,48 +209,28 @@ def tune_command(
             others_of = list(SIDE_EFFECT_METRICS)
         logs = [SettingsOnLog(c, base, [t.question for t in terms], guarded=True) for c in cases]
         others = [SettingsOnLog(c, base, swept_questions(others_of)) for c in cases]
-        found = tune(asked.filter, free, terms, logs, others, _start(free, logs[0]), GENERATIONS, seed)
-        files = _write_tuning(found, options.output, prepared.about(), firmware)
+        first = {f.name: logs[0].values[f.name] for f in free}
+        found = tune(asked.filter, free, terms, logs, others, first, GENERATIONS, seed)
+        about = prepared.about()
+        files = _write(
+            options.output / file_stem("tune", found.filter),
+            html=tune_report.tune_page(found, about, firmware),
+            json=_json_text(tune_report.tune_document(found, about, firmware)),
+        )
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if options.form is not None:
         table_to_stdout(options.form, *tune_report.held_out_rows(found))
     if not common.quiet:
-        say(
-            _tuning_lines(found, files, prepared.about(), firmware, common.verbose > 0),
-            console(stderr=options.for_a_program),
-        )
+        lines = _tuning_lines(found, files, about, firmware, common.verbose > 0)
+        say(lines, console(stderr=options.for_a_program))
     end(prepared.errors)
-
-
-def _start(free: Sequence[FreeParameter], log: SettingsOnLog) -> dict[str, float | str]:
-    """Return the gains of the first log."""
-    values = log.values
-    return {f.name: values[f.name] for f in free}
-
-
-def _write_tuning(found: Tuning, folder: Path, about: dict[str, Any], firmware: dict[str, str]) -> tuple[Path, Path]:
-    """Write page and JSON together."""
-    import json
-
-    from attlog.compare import tune_report
-    from attlog.core.files import write_all_atomic
-
-    name = file_stem("tune", found.filter)
-    paths = folder / f"{name}.html", folder / f"{name}.json"
-    write_all_atomic(
-        {
-            paths[0]: tune_report.tune_page(found, about, firmware),
-            paths[1]: json.dumps(tune_report.tune_document(found, about, firmware), indent=1, allow_nan=False) + "\n",
-        }
-    )
-    return paths
 
 
 def _tuning_lines(
     found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str], everything: bool
 ) -> Iterator[TextLine]:
-    """What to do, the gains to paste, what they change; ``everything``: also the gains of each fold."""
+    """Yield the recommendation, gains to paste and their effect; ``everything``: also the gains of each fold."""
     from attlog.compare import tune_report
     from attlog.compare.sweep_report import count_references
 
@@ -258,11 +240,8 @@ def _tuning_lines(
     for line in tune_report.paste_lines(found, firmware):
         yield TextLine(f"  {line}", "bold")
     yield TextLine("")
-    head, rows = tune_report.held_out_rows(found)
-    yield from table(rows, head, left=(0, -1), indent="  ")
-    if everything:
-        yield TextLine("")
-        head, rows = tune_report.gain_rows(found)
+    tables = [tune_report.held_out_rows(found), *([tune_report.gain_rows(found)] if everything else [])]
+    for head, rows in tables:
         yield from table(rows, head, left=(0, -1), indent="  ")
-    yield TextLine("")
+        yield TextLine("")
     yield TextLine(f"page: {files[0]}   data: {files[1].name}")

@@ -29,7 +29,7 @@ SUFFIXES = (".ulg", ".bin", ".tlog", ".mcap")
 
 @dataclass(frozen=True, slots=True)
 class SimulationOptions:
-    """How a scenario is flown and where its logs go."""
+    """Settings of a flight, and where its logs are written."""
 
     output: Annotated[
         list[Path] | None,
@@ -152,7 +152,7 @@ def simulate_command(
 
 
 def _list_scenarios() -> None:
-    """Names and titles of the scenarios."""
+    """Print names and titles of the scenarios."""
     from attlog.simulate.scenario import load_scenario, scenario_names
 
     found = [load_scenario(name) for name in scenario_names()]
@@ -164,7 +164,7 @@ def _list_scenarios() -> None:
 
 
 def _scenario(name: str, settings: list[str], estimator: str | None) -> Scenario:
-    """The scenario with what the command line sets."""
+    """Return the scenario with what the command line sets."""
     from attlog.simulate.scenario import build_scenario, scenario_path, scenario_values
     from attlog.simulate.scenario_text import override_values
 
@@ -175,7 +175,7 @@ def _scenario(name: str, settings: list[str], estimator: str | None) -> Scenario
 
 
 def _warn(flown: Scenario, name: str) -> None:
-    """Say what of a scenario changes nothing."""
+    """Print entries of a scenario without effect."""
     from attlog.simulate.scenario import scenario_path
     from attlog.simulate.scenario_text import ineffective_entries
 
@@ -186,7 +186,7 @@ def _warn(flown: Scenario, name: str) -> None:
 def _files_of_seeds(
     name: str, output: list[Path], seeds: str | None, seed: int | None, kinds: list[str] | None
 ) -> dict[int, list[Path]]:
-    """The logs to write of each seed. UsageError where the words do not fit each other."""
+    """Return the logs to write of each seed. UsageError for options that contradict each other."""
     from attlog.simulate.scenario_text import parse_seeds as all_seeds
 
     wanted = [f".{kind.removeprefix('.').lower()}" for kind in kinds or ["ulg"]]
@@ -215,7 +215,7 @@ def _files_of_seeds(
 
 
 def _parameters(words: list[str]) -> dict[str, float | int]:
-    """Parameters by name; a number without a point is a whole one."""
+    """Parse parameters by name; a number without a point is an integer."""
     found: dict[str, float | int] = {}
     for word in words:
         name, equals, text = word.partition("=")
