@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass
+from itertools import chain
+from typing import Any, NamedTuple
 
 from attlog.compare.diff import ABSENT_VALUE, QUESTION_ORDER, NumberChange, RunDifference, TextChange
 from attlog.compare.pages import WEB_FOLDER
+from attlog.compare.tables import table_markdown
 from attlog.core.plain import to_plain
 from attlog.report import shell
 from attlog.words.numbers import MINUS, counted, half_width, quantity, unit_sign
@@ -41,45 +43,35 @@ class DiffBlock:
         return f"{self.title} ({len(self.entries) or len(self.numbers)})"
 
 
-@dataclass(frozen=True, slots=True)
-class DiffReport:
+class DiffBlocks(NamedTuple):
     """Two results in blocks: statements first, then numbers by question, then possible causes."""
 
-    difference: RunDifference
-    before: list[DiffBlock] = field(default_factory=list)
-    numbers: list[DiffBlock] = field(default_factory=list)
-    causes: list[DiffBlock] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, d: RunDifference, everything: bool = False) -> DiffReport:
-        """Return the blocks; ``everything``: also numbers within their tolerance."""
-        found = cls(d)
-        found.before.extend(
-            _filled(
-                DiffBlock("Headline and findings", d.statements),
-                DiffBlock("Verdicts that differ", [c.name for c in d.verdicts]),
-                DiffBlock("Filters that vanished", d.rows_vanished),
-                DiffBlock("Filters that appeared", d.rows_appeared),
-                DiffBlock("State of filters", d.status),
-            )
-        )
-        moved = d.moved if everything else d.beyond
-        by_question = {title: [m for m in moved if m.question == title] for title in QUESTION_ORDER}
-        found.numbers.extend(_filled(*(DiffBlock(title, numbers=some) for title, some in by_question.items())))
-        unknown = d.parameters is None and not d.same_log
-        found.causes.extend(
-            _filled(
-                DiffBlock("Parameters of the log", [NO_PARAMETERS] if unknown else d.parameters or []),
-                DiffBlock("Filter gains", d.gains),
-                DiffBlock("Options", d.config),
-                DiffBlock("Log", d.log),
-            )
-        )
-        return found
+    before: list[DiffBlock]
+    numbers: list[DiffBlock]
+    causes: list[DiffBlock]
 
 
-def _filled(*blocks: DiffBlock) -> list[DiffBlock]:
-    return [block for block in blocks if block.entries or block.numbers]
+def diff_blocks(d: RunDifference, everything: bool = False) -> DiffBlocks:
+    """Return the blocks that hold something; ``everything``: also numbers within their tolerance."""
+    moved = d.moved if everything else d.beyond
+    unknown = d.parameters is None and not d.same_log
+    found = DiffBlocks(
+        [
+            DiffBlock("Headline and findings", d.statements),
+            DiffBlock("Verdicts that differ", [c.name for c in d.verdicts]),
+            DiffBlock("Filters that vanished", d.rows_vanished),
+            DiffBlock("Filters that appeared", d.rows_appeared),
+            DiffBlock("State of filters", d.status),
+        ],
+        [DiffBlock(title, numbers=[m for m in moved if m.question == title]) for title in QUESTION_ORDER],
+        [
+            DiffBlock("Parameters of the log", [NO_PARAMETERS] if unknown else d.parameters or []),
+            DiffBlock("Filter gains", d.gains),
+            DiffBlock("Options", d.config),
+            DiffBlock("Log", d.log),
+        ],
+    )
+    return DiffBlocks(*([block for block in some if block.entries or block.numbers] for some in found))
 
 
 def diff_document(differences: Sequence[RunDifference], alone: Alone) -> dict[str, Any]:
@@ -98,20 +90,14 @@ def diff_lines(differences: Sequence[RunDifference], alone: Alone, everything: b
     """Return the text for a terminal, worst first; ``everything`` also lists numbers within their tolerance."""
     most = None if everything else MAX_TERMINAL
     for d in differences:
-        report = DiffReport.of(d, everything)
         yield clean(f"{d.name}: {diff_summary(d)}")
-        for block in (*report.before, *report.numbers, *report.causes):
-            if block.numbers:
-                rows = [number_cells(m) for m in block.numbers[:most]]
-                yield f"  {block.heading}"
-                yield from _aligned(rows)
-                if len(rows) < len(block.numbers):
-                    yield f"    and {len(block.numbers) - len(rows)} more; -v lists all"
-            elif all(isinstance(e, str) for e in block.entries):
+        for block in chain(*diff_blocks(d, everything)):
+            if block.entries and all(isinstance(e, str) for e in block.entries):
                 yield f"  {block.heading}: {', '.join(map(entry_line, block.entries))}"
-            else:
-                yield f"  {block.heading}"
-                yield from (f"    {text}" for text in _listed(block, most))
+                continue
+            rows = _aligned([number_cells(m) for m in block.numbers[:most]])
+            yield f"  {block.heading}"
+            yield from (f"    {text}" for text in (*rows, *_listed(block, most)))
     yield from (clean(f"{name}: only in {side.upper()}") for name, side in alone)
 
 
@@ -119,18 +105,14 @@ def diff_markdown(differences: Sequence[RunDifference], alone: Alone, everything
     """Return the same as Markdown."""
     most = None if everything else MAX_LISTED
     for d in differences:
-        report = DiffReport.of(d, everything)
         yield from (f"### {escape_markdown(d.name)}", "", escape_markdown(diff_summary(d)), "")
-        for block in (*report.before, *report.numbers, *report.causes):
+        for block in chain(*diff_blocks(d, everything)):
             yield from (f"**{block.heading}**", "")
-            if not block.numbers:
-                yield from (*(f"- {escape_markdown(text)}" for text in _listed(block, most)), "")
-                continue
-            rows = [NUMBER_COLUMNS, *(number_cells(m) for m in block.numbers[:most])]
-            head, *lines = ("| " + " | ".join(map(escape_markdown, row)) + " |" for row in rows)
-            yield from (head, "|" + " --- |" * 3 + " ---: |" * 4 + " --- |", *lines, "")
-            if most is not None and len(block.numbers) > most:
-                yield from (f"and {len(block.numbers) - most} more", "")
+            if block.numbers:
+                cells = [number_cells(m) for m in block.numbers[:most]]
+                yield table_markdown(NUMBER_COLUMNS, cells)
+            bullet = "" if block.numbers else "- "
+            yield from (*(f"{bullet}{escape_markdown(text)}" for text in _listed(block, most)), "")
     yield from (f"- {escape_markdown(name)}: only in {side.upper()}" for name, side in alone)
 
 
@@ -190,21 +172,19 @@ def entry_line(entry: TextChange | str) -> str:
 
 
 def _listed(block: DiffBlock, most: int | None) -> list[str]:
-    texts = [entry_line(e) for e in block.entries]
-    if most is None or len(texts) <= most + 1:
+    """Return the entries of a block, of numbers none, and how many are not shown."""
+    texts, total = [entry_line(e) for e in block.entries], len(block.entries) or len(block.numbers)
+    if most is None or total <= most + (not block.numbers):
         return texts
-    return [*texts[:most], f"and {len(texts) - most} more; -v lists all"]
+    return [*texts[:most], f"and {total - most} more; -v lists all"]
 
 
 def _aligned(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
     """Return rows in columns: names to the left, numbers to the right."""
-    last = len(NUMBER_COLUMNS) - 1
-    widths = [max(len(row[i]) for row in rows) for i in range(last + 1)]
+    adjust = [str.ljust] * 3 + [str.rjust] * 4 + [str.ljust]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
-        cells = [
-            c.ljust(w) if i < 3 or i == last else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        yield "    " + "  ".join(cells).rstrip()
+        yield "  ".join(to(c, w) for to, c, w in zip(adjust, row, widths, strict=True)).rstrip()
 
 
 def diff_page(
@@ -231,14 +211,14 @@ def diff_page(
 
 def _page_section(d: RunDifference) -> dict[str, Any]:
     """Return what the template shows of a pair of results."""
-    report = DiffReport.of(d)
+    before, numbers, causes = diff_blocks(d)
     tables = []
-    for block in report.numbers:
+    for block in numbers:
         main = sum(m.is_main for m in block.numbers)
         shown = min(max(main, MIN_NUMBERS_SHOWN), MAX_NUMBERS_SHOWN)
         cells = [_page_cells(m) for m in block.numbers]
         tables.append((block.title, cells[:shown], cells[shown:]))
-    lists = report.before[bool(d.statements) + bool(d.verdicts) :]  # those two are shown side by side
+    lists = before[bool(d.statements) + bool(d.verdicts) :]  # those two are shown side by side
     quiet = [*_quiet_parts(d, "within tolerance"), *([f"{d.equal:,} equal"] if d.equal else [])]
     return {
         "name": d.name,
@@ -249,7 +229,7 @@ def _page_section(d: RunDifference) -> dict[str, Any]:
         ],
         "lists": [(block.heading, list(map(entry_line, block.entries))) for block in lists],
         "tables": tables,
-        "causes": [(block.heading, list(map(entry_line, block.entries))) for block in report.causes],
+        "causes": [(block.heading, list(map(entry_line, block.entries))) for block in causes],
         "quiet": ", ".join(quiet),
     }
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +17,6 @@ from typing import Any
 
 from attlog import estimators
 from attlog.core.errors import UsageError, suggestion
-from attlog.estimators import LogInfo
 from attlog.estimators.interface import Estimator, cut_by_comma, number_spelled
 from attlog.estimators.registry import FLOWN
 
@@ -326,48 +325,3 @@ def _check_exclusive(before: Mapping[str, Value]) -> None:
 
 def _located(problems: Iterable[str], where: str) -> str:
     return "\n".join(f"{where}: {p}" if where and not p.startswith(where) else p for p in problems)
-
-
-# Two factors on a default, unequal and not 1: a gain that follows both is the firmware parameter itself.
-PROBE_FACTORS = (0.9, 1.2)
-
-
-class _RecordingParams(Mapping[str, float]):
-    """Parameters of a log that has every one asked for (1 by default) and records the names."""
-
-    def __init__(self, values: Mapping[str, float]) -> None:
-        self._values, self.names = values, set[str]()
-
-    def __getitem__(self, name: str) -> float:
-        self.names.add(name)
-        return self._values.get(name, 1.0)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-
-def firmware_names(estimator: Estimator) -> dict[str, str]:
-    """Return parameters of the filter that equal a firmware's, by their own name."""
-    if estimator.from_log is None:
-        return {}
-    if estimator.name in FLOWN:
-        return {p.name: p.name for p in estimator.own}
-    if estimator.process is not None:
-        return estimator.process.call(firmware_names)
-    defaults = {p.name: float(p.default) for p in estimator.own if not p.choices}
-    try:
-        probe = _RecordingParams({})
-        estimator.from_log(probe, LogInfo())
-        found = {}
-        for firmware in sorted(probe.names):
-            for own, default in defaults.items():
-                values = [default * f for f in PROBE_FACTORS]
-                answers = [estimator.from_log(_RecordingParams({firmware: v}), LogInfo()).get(own) for v in values]
-                if default and answers == values:
-                    found[own] = firmware
-        return found
-    except Exception:  # a plug-in's function may need more than a log's parameters: then no name is known
-        return {}

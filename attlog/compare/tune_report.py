@@ -103,10 +103,14 @@ def gains_at_edge(t: Tuning) -> list[str]:
     return [name for name, share in shares.items() if not EDGE_SHARE <= share <= 1.0 - EDGE_SHARE]
 
 
-def paste_lines(t: Tuning, firmware: Mapping[str, str]) -> list[str]:
-    """Return lines to paste: the filter as attlog takes it, and the autopilot's parameters (``firmware``: by gain)."""
-    gains = {firmware[k]: v for k, v in t.found.setting.items() if k in firmware and isinstance(v, float)}
-    return [with_gains(t.filter, t.found.setting), *(f"{name},{v:g}" for name, v in gains.items())]
+def firmware_gains(t: Tuning) -> dict[str, float]:
+    """Return the gains that are the autopilot's own parameters: their names are in capital letters."""
+    return {name: v for name, v in t.found.setting.items() if name.isupper() and isinstance(v, float)}
+
+
+def paste_lines(t: Tuning) -> list[str]:
+    """Return lines to paste: the filter as attlog takes it, and the autopilot's parameters."""
+    return [with_gains(t.filter, t.found.setting), *(f"{name},{v:g}" for name, v in firmware_gains(t).items())]
 
 
 def gain_rows(t: Tuning) -> TableCells:
@@ -148,7 +152,7 @@ def held_out_rows(t: Tuning) -> TableCells:
     return ["metric", "weight", "tuned beside default (95 %)", "better on", ""], rows
 
 
-def tune_document(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, str]) -> dict[str, Any]:
+def tune_document(t: Tuning, about: Mapping[str, Any]) -> dict[str, Any]:
     """Return the JSON of a tuning; ``about``: version, command, options, logs."""
     return {
         "schema": TUNE_SCHEMA,
@@ -161,8 +165,8 @@ def tune_document(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, st
         "gains": t.found.setting,
         "cost": t.found.cost,
         "cost_left_out": t.cost_left_out,
-        "paste": paste_lines(t, firmware),
-        "firmware": {firmware[k]: v for k, v in t.found.setting.items() if k in firmware},
+        "paste": paste_lines(t),
+        "firmware": firmware_gains(t),
         "folds": [
             {
                 "left_out": [p.name for p in f.left_out],
@@ -190,19 +194,19 @@ def _score_document(t: Tuning, score: HeldOutScore) -> dict[str, Any]:
     }
 
 
-def tune_page(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, str]) -> str:
+def tune_page(t: Tuning, about: Mapping[str, Any]) -> str:
     """Return the page; ``about``: version, command and logs as in the JSON."""
     where = counted(len(t.logs), "log") if len(t.logs) > 1 else "one log"
     tried = [_tried_figure(t, f, k) for k, f in enumerate(t.free)]
     said = list(tune_sentences(t, count_references(about)))
     sections = [
         PageSection("How flat the optimum is", figures=tried, said=said),
-        PageSection("Gains, ready to paste", code="\n".join(paste_lines(t, firmware))),
+        PageSection("Gains, ready to paste", code="\n".join(paste_lines(t))),
         PageSection("On what was left out", table=held_out_rows(t), folded=True),
         PageSection("How much the gains depend on the logs", table=gain_rows(t), folded=True),
         PageSection("Each part, with gains that were not found on it", table=part_rows(t), folded=True),
     ]
-    return render_sections("tune", f"{t.filter}: gains from {where}", tune_document(t, about, firmware), sections)
+    return render_sections("tune", f"{t.filter}: gains from {where}", tune_document(t, about), sections)
 
 
 def _tried_figure(t: Tuning, f: FreeParameter, number: int) -> PageFigure:

@@ -20,7 +20,7 @@ from attlog.compare.diff import (
     pair_results,
     parse_tolerances,
 )
-from attlog.compare.diff_report import DiffReport, diff_document, diff_lines, diff_markdown, diff_page, entry_line
+from attlog.compare.diff_report import diff_blocks, diff_document, diff_lines, diff_markdown, diff_page, entry_line
 from attlog.core.errors import LogUnreadable, LogUnusable, UsageError
 from attlog.health.findings import Finding
 from attlog.metrics.metric import Answer
@@ -164,7 +164,8 @@ def test_everything_wrong_in_the_tolerances_is_told_at_once() -> None:
 
 def test_markdown_keeps_a_bar_in_a_name_from_opening_a_column() -> None:
     old, new = (result(filtered(lag(v), "a|b")) for v in (1.0, 9.0))
-    table = [t for t in diff_markdown([compare_results("x", old, new, NONE)], [], False) if t.startswith("|")]
+    text = "\n".join(diff_markdown([compare_results("x", old, new, NONE)], [], False))
+    table = [line for line in text.split("\n") if line.startswith("|")]
     assert len(table) == 3
     assert all(t.replace("\\|", "").count("|") == 9 for t in table)
 
@@ -196,7 +197,7 @@ def test_changes_stand_by_question_the_main_ones_first_worse_before_better() -> 
         ("noise_tilt_deg", "rest"),
         ("lag_ms", "airborne"),
     ]
-    assert [block.title for block in DiffReport.of(found).numbers] == ["Accuracy", "Noise", "Step response"]
+    assert [block.title for block in diff_blocks(found).numbers] == ["Accuracy", "Noise", "Step response"]
     text = [line.strip() for line in diff_lines([found], [], False)]
     assert text.index("Accuracy (2)") < text.index("Noise (1)") < text.index("Step response (1)")
     assert [m["metric"] for m in diff_document([found], [])["logs"][0]["moved"]] == [m.metric for m in found.moved]

@@ -20,11 +20,9 @@ from attlog.compare.grid import (
     setting_text,
     spaced_values,
 )
-from attlog.compare.setting import firmware_names
 from attlog.core.errors import UsageError
 from attlog.core.limits import MAX_SETS
-from attlog.estimators import LogInfo, get
-from attlog.estimators.interface import Estimator, Parameter
+from attlog.estimators import get
 
 MAHONY = get("mahony")
 
@@ -185,34 +183,6 @@ def test_values_have_three_digits_and_stay_in_the_range() -> None:
     assert (KP.value(0.0), KP.value(1.0)) == (0.01, 10.0)
     assert KP.share(100.0) == 1.0
     assert KI.value(KI.share(0.25)) == 0.25
-
-
-def gain(name: str, default: float) -> Parameter:
-    return Parameter(name, default, "1/s", 0, 10, "", "")
-
-
-def made(from_log) -> Estimator:
-    own = (gain("w_acc", 0.2), gain("w_mag", 0.1), gain("scaled", 0.3))
-    return Estimator("made", "", "", "", frozenset(), frozenset(), own, {}, start=max, step=max, from_log=from_log)
-
-
-def test_a_gain_that_is_an_autopilots_parameter_is_named_so() -> None:
-    def from_log(params, info: LogInfo) -> dict[str, float]:
-        found = {"scaled": 2.0 * params["FW_SCALED"]} if "FW_SCALED" in params else {}
-        return found | {
-            own: params[name] for own, name in (("w_acc", "FW_W_ACC"), ("w_mag", "FW_W_MAG")) if name in params
-        }
-
-    assert firmware_names(made(from_log)) == {"w_acc": "FW_W_ACC", "w_mag": "FW_W_MAG"}
-    assert firmware_names(get("mahony")) == {}
-
-
-def test_a_function_that_wants_more_names_nothing() -> None:
-    def from_log(params, info: LogInfo) -> dict[str, float]:
-        assert info.imu_rate_hz is not None
-        return {"w_acc": params["FW_W_ACC"]}
-
-    assert firmware_names(made(from_log)) == {}
 
 
 def test_without_scipy_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -231,26 +232,28 @@ def test_one_log_alone_is_tuned_over_blocks_of_its_time() -> None:
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_answer(planted: Tuning) -> None:
     again = tuned([noisy(seed, 100.0) for seed in range(4)], ["kp=0.05..20log"], generations=2)
-    assert tune_document(again, {}, {}) == tune_document(planted, {}, {})
+    assert tune_document(again, {}) == tune_document(planted, {})
 
 
 def test_what_is_told_can_be_pasted_and_read(planted: Tuning) -> None:
     kp = planted.found.setting["kp"]
-    assert paste_lines(planted, {"kp": "FW_KP"}) == [f"mahony:kp={kp}", f"FW_KP,{kp:g}"]
-    assert parse_configuration(paste_lines(planted, {})[0]).row.params == {"kp": kp}
+    assert paste_lines(planted) == [f"mahony:kp={kp}"]
+    own = replace(planted, filter="px4_q", found=replace(planted.found, setting={"ATT_W_ACC": 0.3}))
+    assert paste_lines(own) == ["px4_q:ATT_W_ACC=0.3", "ATT_W_ACC,0.3"]
+    assert parse_configuration(paste_lines(planted)[0]).row.params == {"kp": kp}
     said = "\n".join(tune_sentences(planted, {"truth": 3, "onboard": 1}))
     assert said.startswith("Worth taking"), "the answer stands first"
     assert "1 log of 4 can only be compared with the onboard attitude" in said
-    page = tune_page(planted, ABOUT, {})
+    page = tune_page(planted, ABOUT)
     assert "default-src &#39;none&#39;" in page
     assert "Worth taking" in page.replace("\u00a0", " ")
-    assert json.loads(json.dumps(tune_document(planted, {}, {}), allow_nan=False))["schema"] == "attlog-tune/2"
+    assert json.loads(json.dumps(tune_document(planted, {}), allow_nan=False))["schema"] == "attlog-tune/2"
 
 
 @pytest.mark.slow
 def test_every_setting_that_was_tried_is_drawn(planted: Tuning, tmp_path: Path, browser: Any) -> None:
     path = tmp_path / "tune.html"
-    path.write_text(tune_page(planted, ABOUT, {}), encoding="utf-8")
+    path.write_text(tune_page(planted, ABOUT), encoding="utf-8")
     visit = Visit(browser, path)
     assert visit.figures() == {"tried0": True}
     assert visit.complaints == []
@@ -268,7 +271,7 @@ def test_every_setting_that_was_tried_is_drawn(planted: Tuning, tmp_path: Path, 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_page_is_short_and_accessible(planted: Tuning, tmp_path: Path, browser: Any, scheme: str) -> None:
     path = tmp_path / "tune.html"
-    path.write_text(tune_page(planted, ABOUT, {}), encoding="utf-8")
+    path.write_text(tune_page(planted, ABOUT), encoding="utf-8")
     first, whole = stands(browser, path, scheme)
     assert first <= 150
     assert whole <= 1000

@@ -187,7 +187,7 @@ def tune_command(
     from attlog.compare import tune_report
     from attlog.compare.grid import parse_free_parameters, search_request
     from attlog.compare.search import SettingsOnLog, default_metrics, swept_questions
-    from attlog.compare.setting import firmware_names, parse_configuration
+    from attlog.compare.setting import parse_configuration
     from attlog.compare.tune import GENERATIONS, parse_objective, tune
 
     asked = search_request(words, TUNE_EXAMPLE)
@@ -197,7 +197,6 @@ def tune_command(
     free, terms = parse_all(
         lambda: parse_free_parameters(asked.axes, base.row.estimator), lambda: parse_objective(goals)
     )
-    firmware = firmware_names(base.row.estimator)
     with progress(common.quiet, common.verbose > 0):
         prepared = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
         cases = list(prepared)
@@ -214,22 +213,20 @@ def tune_command(
         about = prepared.about()
         files = _write(
             options.output / file_stem("tune", found.filter),
-            html=tune_report.tune_page(found, about, firmware),
-            json=_json_text(tune_report.tune_document(found, about, firmware)),
+            html=tune_report.tune_page(found, about),
+            json=_json_text(tune_report.tune_document(found, about)),
         )
     if options.json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if options.form is not None:
         table_to_stdout(options.form, *tune_report.held_out_rows(found))
     if not common.quiet:
-        lines = _tuning_lines(found, files, about, firmware, common.verbose > 0)
+        lines = _tuning_lines(found, files, about, common.verbose > 0)
         say(lines, console(stderr=options.for_a_program))
     end(prepared.errors)
 
 
-def _tuning_lines(
-    found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str], everything: bool
-) -> Iterator[TextLine]:
+def _tuning_lines(found: Tuning, files: Sequence[Path], about: dict[str, Any], everything: bool) -> Iterator[TextLine]:
     """Yield the recommendation, gains to paste and their effect; ``everything``: also the gains of each fold."""
     from attlog.compare import tune_report
     from attlog.compare.sweep_report import count_references
@@ -237,7 +234,7 @@ def _tuning_lines(
     for sentence in tune_report.tune_sentences(found, count_references(about)):
         yield from wrapped("", sentence, 100)
     yield TextLine("")
-    for line in tune_report.paste_lines(found, firmware):
+    for line in tune_report.paste_lines(found):
         yield TextLine(f"  {line}", "bold")
     yield TextLine("")
     tables = [tune_report.held_out_rows(found), *([tune_report.gain_rows(found)] if everything else [])]
