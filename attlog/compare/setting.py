@@ -11,8 +11,10 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from attlog import estimators
@@ -267,9 +269,30 @@ def _assign(estimator: Estimator, key: str, value: object, params: dict[str, Any
         params[key] = check_parameter(estimator, key, value)
     elif key in SETTINGS:
         before[key] = SETTINGS[key].check(value)
+    elif estimator.name in FLOWN and (offered := _offered_as(estimator, key)):
+        params[offered] = check_parameter(estimator, offered, value)
     else:
         hint = suggestion(key, [*(p.name for p in estimator.parameters), *SETTINGS])
         raise UsageError(f"{estimator.name} has no parameter {key}, and no setting before a filter is called so{hint}")
+
+
+def _offered_as(estimator: Estimator, key: str) -> str:
+    """Return the name under which a filter that flew takes another version's parameter, "" for an unknown name.
+
+    UsageError with the reason for a parameter of the firmware that the re-run does not offer.
+    """
+    table = parameter_table(estimator.name)
+    if key in table.ALIASES:
+        return next(p.name for p in estimator.own if p.name.endswith(table.ALIASES[key]))
+    reasons = {begin: why for begin, why in table.NOT_OFFERED.items() if key.startswith(begin)}
+    if reasons:
+        raise UsageError(f"{estimator.name} does not offer {key}: {reasons[max(reasons, key=len)]}")
+    return ""
+
+
+def parameter_table(flown: str) -> ModuleType:
+    """Return the module with the parameters of a filter that flew: TABLE, ALIASES, NOT_OFFERED."""
+    return import_module(f"attlog.estimators.{flown.rpartition('_')[2]}.parameters")
 
 
 def check_parameter(estimator: Estimator, key: str, value: object) -> float | str:

@@ -212,9 +212,10 @@ def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
         return []
     if len(others) == 1:
         cells = [(row.question.title, row.cells[0]) for row in rows]
-        head = ("question", "change", "95 %", "significant", "better")
+        several = any(c.over is not None and c.over.logs > 1 for q in found.questions for c in q.contrasts)
+        head = ("question", "change", "95 %", "significant", *["better"] * several)
         lines = [
-            (title, c.change, c.interval, DIRECTION_WORDS.get(c.direction or "not significant", "no"), c.better)
+            (title, c.change, c.interval, DIRECTION_WORDS.get(c.direction or "not significant", "no"), *[c.better] * several)
             for title, c in cells
         ]
         return [PooledTable(f"{others[0]} beside {where}", head, lines)]

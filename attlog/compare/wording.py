@@ -168,21 +168,26 @@ def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Questio
     ``Heading error 14.2 to 4.1°, compass innovation 18 to 4.2 µT; tilt error unchanged.`` Of each aid the innovation is
     named, else its test ratio.
     """
-    said, same = [], []
-    for question, d in (p for p in pairs if p[0].metric in REFERENCE_ERRORS):
-        first, second = _values_text(found, question, name)
-        if not d.significant and (first == second or abs(math.log(d.value or 1.0)) < UNCHANGED_LOG_RATIO):
-            same.append(subject_of(question))
-        else:
-            said.append(_from_to(found, question, name) + ("" if d.significant else " (not significant)"))
+    said, same, others = [], [], []
     by_aid: dict[str, tuple[float, str]] = {}
-    others = []
-    for question, d in (p for p in pairs if p[1].significant and p[0].metric not in REFERENCE_ERRORS):
+    for question, d in pairs:
+        first, second = _values_text(found, question, name)
+        text, size = _from_to(question, first, second), abs(math.log(d.value or 1.0)) if d.scale == "ratio" else 0.0
         statistic, _, aid = question.metric.partition(".")
-        if statistic in ("innovation_rms", "test_ratio_rms"):
-            by_aid.setdefault(aid, (-abs(math.log(d.value or 1.0)), _from_to(found, question, name)))
+        if (
+            question.metric in REFERENCE_ERRORS
+            and not d.significant
+            and (first == second or size < UNCHANGED_LOG_RATIO)
+        ):
+            same.append(subject_of(question))
+        elif question.metric in REFERENCE_ERRORS:
+            said.append(text + ("" if d.significant else " (not significant)"))
+        elif not d.significant or first == second:
+            continue
+        elif statistic in ("innovation_rms", "test_ratio_rms"):
+            by_aid.setdefault(aid, (-size, text))
         else:
-            others.append(_from_to(found, question, name))
+            others.append(text)
     changes = [text for _, text in sorted(by_aid.values())] + others
     shown = max(MAX_NAMED_QUESTIONS - len(said), 1)
     said += changes[:shown] + [f"{len(changes) - shown} more"] * (len(changes) > shown)
@@ -193,9 +198,8 @@ def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Questio
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def _from_to(found: Comparison, question: Question, name: str) -> str:
+def _from_to(question: Question, first: str, second: str) -> str:
     """Return a question's values as flown and changed: ``heading error 14.2 to 4.1°``."""
-    first, second = _values_text(found, question, name)
     unit = unit_sign(question.unit)
     return f"{subject_of(question)} {first} to {second}{'' if unit.startswith('°') else ' '}{unit}".rstrip()
 

@@ -57,6 +57,7 @@ def test_a_parameter_of_the_firmware_means_the_filter_that_flew() -> None:
         ("EKF2_GPS_DELAY=900", "EKF2_GPS_DELAY=900 is out of range"),
         ("EKF2_GPS_DELY=90", "did you mean EKF2_GPS_DELAY?"),
         ("EKF2_GPS_DELAY=90s", "is given in ms, not in s"),
+        ("EKF2_RNG_NOISE=0.1", "does not offer EKF2_RNG_NOISE: the range finder is not modelled"),
     ],
 )
 def test_a_value_that_cannot_be_is_refused_in_one_line(word: str, said: str) -> None:
@@ -64,6 +65,10 @@ def test_a_value_that_cannot_be_is_refused_in_one_line(word: str, said: str) -> 
         select_words(["a.ulg", word])
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_the_name_of_another_version_means_the_same_parameter() -> None:
+    assert parse_configuration("EKF2_WIND_NOISE=0.2") == parse_configuration("EKF2_WIND_NSD=0.2")
 
 
 def test_parameters_of_a_firmware_are_swept_without_naming_a_filter() -> None:
