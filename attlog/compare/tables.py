@@ -214,9 +214,10 @@ def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
         cells = [(row.question.title, row.cells[0]) for row in rows]
         several = any(c.over is not None and c.over.logs > 1 for q in found.questions for c in q.contrasts)
         head = ("question", "change", "95 %", "significant", *["better"] * several)
+        words = [DIRECTION_WORDS.get(c.direction or "not significant", "no") for _, c in cells]
         lines = [
-            (title, c.change, c.interval, DIRECTION_WORDS.get(c.direction or "not significant", "no"), *[c.better] * several)
-            for title, c in cells
+            (title, c.change, c.interval, word, *[c.better] * several)
+            for (title, c), word in zip(cells, words, strict=True)
         ]
         return [PooledTable(f"{others[0]} beside {where}", head, lines)]
     columns = [(label, [row.cells[k].starred for row in rows]) for k, label in enumerate(others)]
