@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,10 +70,6 @@ class LogBuilder:
         other = copy(self)
         other.log = self._empty_log()
         return other
-
-    def start_at(self, t_us: int) -> None:
-        """Set t = 0 to a stamp."""
-        self.t0_us = self.log.t0_us = t_us
 
     def problem(
         self,
@@ -250,8 +246,6 @@ class LogBuilder:
         frame: str = "",
         within: Quantity | None = None,
         fastest_hz: float = limits.FUSED_HZ,
-        sampling: Literal["interval", "instant"] = "instant",
-        delay: float = 0.0,
         t_sample_us: Stamps | None = None,
         allow_nan: bool = False,
     ) -> Stream | None:
@@ -276,7 +270,7 @@ class LogBuilder:
             return None
         t = self.seconds(np.asarray(t_us)[index])
         sampled = None if t_sample_us is None else self.sample_times(np.asarray(t_us)[index], t_sample_us[index])
-        return Stream(t, x[index], unit, frame, source, sampling, delay, sampled)
+        return Stream(t, x[index], unit, frame, source, t_sample=sampled)
 
     def column_stream(
         self,

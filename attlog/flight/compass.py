@@ -34,14 +34,11 @@ def build_mag(
     calibrated: bool = True,
     device: str | None = None,
     enabled: bool = True,
-    fastest_hz: float = limits.FUSED_HZ,
 ) -> Mag | None:
     """Return a magnetometer of ``field_t`` (n, 3) tesla, None without records; spikes and zeros become NaN."""
     if field_t.shape[1:] != (3,):
         raise ValueError(f"{source} does not hold three axes")
-    stream = builder.stream(
-        t_us, field_t, "T", source, frame="FRD", t_sample_us=t_sample_us, fastest_hz=fastest_hz, allow_nan=True
-    )
+    stream = builder.stream(t_us, field_t, "T", source, frame="FRD", t_sample_us=t_sample_us, allow_nan=True)
     if stream is None:
         return None
     bad = field_spikes(stream.x)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, finite_within
-from attlog.flight.limits import Quantity
 from attlog.flight.model import Array, Gnss, Reception
 
 # Fix types from here on carry a position.
@@ -61,9 +60,11 @@ def build_gnss(
     place[:, 2] = builder.within(place[:, 2], limits.HEIGHT, source)
     velocity = builder.within(velocity, limits.SPEED, source)
     quantities = (limits.PLACE_ACCURACY, limits.PLACE_ACCURACY, limits.SPEED_ACCURACY)
+    # Without a fix drivers write their largest number.
+    unknown = [~fixed & quantity.outside(x[index]) for x, quantity in zip(accuracy, quantities, strict=True)]
     h_acc, v_acc, s_acc = (
-        _fixed_accuracy(builder, x[index], fixed, quantity, source)
-        for x, quantity in zip(accuracy, quantities, strict=True)
+        builder.within(np.where(hidden, np.nan, x[index]), quantity, source)
+        for x, quantity, hidden in zip(accuracy, quantities, unknown, strict=True)
     )
     if yaw is not None:
         yaw = builder.within(yaw[index], limits.GNSS_YAW, source)
@@ -111,12 +112,6 @@ def _reception(columns: Mapping[str, Array]) -> Reception | None:
         x = x if x.shape == unknown.shape else unknown  # a damaged definition makes arrays of single numbers
         found[name] = np.where(quantities[name].outside(x), np.nan, x) if name in quantities else x
     return Reception(**found) if any(np.isfinite(x).any() for x in found.values()) else None
-
-
-def _fixed_accuracy(builder: LogBuilder, x: Array, fixed: NDArray[np.bool_], quantity: Quantity, source: str) -> Array:
-    """Return an accuracy without impossible values; without a fix drivers write their largest number."""
-    x = np.where(~fixed & quantity.outside(x), np.nan, x)
-    return builder.within(x, quantity, source)
 
 
 def _valid_dates(

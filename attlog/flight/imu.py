@@ -189,7 +189,7 @@ def add_imus(
     def begin() -> int:
         return int(candidates[log.imu or 0].t_us[0]) if candidates else first_stamp()
 
-    builder.start_at(valid_stamp(builder.read_optional("The first time stamp", begin, 0)))
+    builder.t0_us = log.t0_us = valid_stamp(builder.read_optional("The first time stamp", begin, 0))
     log.imus = [build_imu(builder, c) for c in candidates]
 
 
@@ -200,9 +200,14 @@ def choose_imu(
     if not units:
         _report_no_unit(builder)
         return None
-    position, reason = _asked_unit(builder, units, asked) if asked is not None else _flown_unit(units, flew, why)
-    if position is None:
+    wanted = flew if asked is None else asked
+    named = next((k for k, unit in enumerate(units) if unit.index == wanted), None)
+    if asked is not None and named is None:
+        have = ", ".join(str(u.index) for u in units)
+        builder.problem("imu_not_in_log", "error", f"There is no IMU {asked} in this log; it holds IMU {have}.")
         return None
+    unknown = "the first in the log; nothing shows which one was used"
+    position, reason = named or 0, "asked for" if asked is not None else unknown if named is None else why
     if asked is None and not is_replayable_rate(units[position].rate):
         position, reason = _faster_unit(builder, units, position) or (position, reason)
     if not _is_replayable(builder, units[position]):
@@ -234,21 +239,6 @@ def _reason_left_out(builder: LogBuilder, more_than: int = 0) -> str:
     losses = [p for p in builder.problems if p.code in LEFT_OUT_CODES and p.count > more_than]
     losses = losses or [p for p in builder.problems if p.code == "unreadable_message"]
     return max(losses, key=lambda p: p.count).text if losses else ""
-
-
-def _asked_unit(builder: LogBuilder, units: list[ImuCandidate], asked: int) -> tuple[int | None, str]:
-    """Return the position of the unit that the user asked for, None (and a problem) without it; and the reason."""
-    named = [k for k, u in enumerate(units) if u.index == asked]
-    if not named:
-        have = ", ".join(str(u.index) for u in units)
-        builder.problem("imu_not_in_log", "error", f"There is no IMU {asked} in this log; it holds IMU {have}.")
-    return (named[0] if named else None), "asked for"
-
-
-def _flown_unit(units: list[ImuCandidate], flew: int | None, why: str) -> tuple[int | None, str]:
-    """Return the position of the unit that flew, else of the first, and the reason."""
-    used = [k for k, u in enumerate(units) if u.index == flew]
-    return (used[0], why) if used else (0, "the first in the log; nothing shows which one was used")
 
 
 def _faster_unit(builder: LogBuilder, units: list[ImuCandidate], slow: int) -> tuple[int, str] | None:

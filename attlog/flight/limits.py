@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, LAST_TIME_US, MAG_LIMIT_T
+from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, MAG_LIMIT_T
 from attlog.flight.model import Problem
 from attlog.formats.table import Messages, ParamChange
 
@@ -84,9 +84,6 @@ QUATERNION_NORM = Quantity(
 )
 EULER_DEG = _symmetric("Euler angle", 720.0, "deg", "two turns, as estimators that do not wrap write them")
 
-CLOCK_US = Quantity(
-    "boot clock", 0, LAST_TIME_US, "us", "autopilots without a real clock count from 0, others end in 2100"
-)
 UTC_US = Quantity(
     "GNSS date",
     1_262_304_000_000_000,

@@ -44,11 +44,6 @@ def boot_values(changes: list[ParamChange]) -> dict[str, float]:
     return first
 
 
-def logged_defaults(changes: list[ParamChange]) -> dict[str, float]:
-    """Return the last default value of each parameter in the log."""
-    return {c.name: c.value for c in changes if c.is_default and math.isfinite(c.value)}
-
-
 def parameter_lines(builder: LogBuilder, source: str) -> dict[str, TimeLine]:
     """Return every parameter's changes on the log's clock; values from before the data hold from its first stamp on.
 
@@ -78,7 +73,8 @@ def parameter_lines(builder: LogBuilder, source: str) -> dict[str, TimeLine]:
 def add_values(builder: LogBuilder, declinations: Mapping[str, float]) -> None:
     """Add defaults and the set declination; ``declinations``: its parameters with their factor to deg, best first."""
     log = builder.log
-    log.parameters.defaults = logged_defaults(builder.messages.params)
+    changes = builder.messages.params
+    log.parameters.defaults = {c.name: c.value for c in changes if c.is_default and math.isfinite(c.value)}
     for name, to_deg in declinations.items():
         value = log.param(name)
         if value is not None and UNSET_DECLINATION_DEG < abs(value * to_deg) <= 180.0:

@@ -222,14 +222,20 @@ def recorrect(log: FlightLog, file: str, given: Mapping[str, float]) -> set[str]
     Returns the names of those with an effect. The log's problems report each sensor.
     """
     flew, used = flown_parameters(log), set()
-    differ = {name: value for name, value in given.items() if name in flew and not _same_value(value, flew[name])}
+    differ = {
+        name: value
+        for name, value in given.items()
+        if name in flew and not math.isclose(value, flew[name], rel_tol=1e-6, abs_tol=1e-9)
+    }
     if any(COMPASS_PARAMETERS.fullmatch(name) for name in differ):
         for mag in log.mags:
             known, bias = partial(flown_compass, log, mag), partial(learned_compass_bias, log, mag)
             used |= _recorrect_stream(log, file, mag.field, differ, known, bias)
     if any(ACCELEROMETER_PARAMETERS.fullmatch(name) for name in differ):
         for imu in log.imus:
-            used |= _recorrect_stream(log, file, imu.acc, differ, partial(flown_accelerometer, log, imu), _no_bias)
+            used |= _recorrect_stream(
+                log, file, imu.acc, differ, partial(flown_accelerometer, log, imu), lambda _: np.zeros(3)
+            )
     return used
 
 
@@ -246,14 +252,6 @@ def recorrected_units(
     if not recorrect(replace(log, imus=imus, mags=mags, problems=[]), file, given):
         return imu, mag
     return imus[0], mags[0] if mags else None
-
-
-def _same_value(a: float, b: float) -> bool:
-    return math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-9)
-
-
-def _no_bias(_: Calibration) -> Array:
-    return np.zeros(3)
 
 
 def _recorrect_stream(

@@ -242,7 +242,7 @@ class GzipContent:
                     self.lost = (
                         f"{len(packed)} or more bytes behind the compressed log, which are no gzip data"
                         if at_start
-                        else f"the rest of the log, because its gzip file is damaged ({_zlib_reason(error)})"
+                        else f"the rest of the log, because its gzip file is damaged ({str(error).rpartition(': ')[2]})"
                     )
                     return
                 at_start = False
@@ -265,8 +265,3 @@ def _up_to_the_error(inflate: zlib._Decompress, packed: bytes) -> bytes:
         except zlib.error:
             break
     return b"".join(found)
-
-
-def _zlib_reason(error: zlib.error) -> str:
-    """Return zlib's words without its numbers."""
-    return str(error).rpartition(": ")[2]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from attlog.core.spans import Span
 from attlog.flight.model import FlightLog, guarded_part
 from attlog.segments.model import Segments
 from attlog.story import estimator_events, flight_events
@@ -36,17 +35,10 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
         list[Event],
     )
     lost = [(s.t0, s.t1) for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
-    found = [replace(_of_the_start(_of_a_wreck(e, lost)), t=round(e.t, 3)) for e in found]
+    for k, event in enumerate(found):
+        # A warning as the log begins is the autopilot starting, one of a wreck no news.
+        starts = event.t < BEGUN_S and event.t_end is None
+        if event.severity == "warning" and (starts or any(a + 0.1 < event.t <= b for a, b in lost)):
+            found[k] = replace(event, severity="note")
+    found = [replace(event, t=round(event.t, 3)) for event in found]
     return sorted(found, key=lambda e: (e.t, KINDS.index(e.kind)))
-
-
-def _of_a_wreck(event: Event, lost: list[Span]) -> Event:
-    """Return an event with its severity: a warning of a wreck is a note."""
-    in_wreck = event.severity == "warning" and any(a + 0.1 < event.t <= b for a, b in lost)
-    return replace(event, severity="note") if in_wreck else event
-
-
-def _of_the_start(event: Event) -> Event:
-    """Return an event with its severity: a warning as the log begins is the autopilot starting, a note."""
-    begun = event.severity == "warning" and event.t < BEGUN_S and event.t_end is None
-    return replace(event, severity="note") if begun else event

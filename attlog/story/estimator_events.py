@@ -359,15 +359,16 @@ def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
             )
         )
     for problem in log.problems:
-        if problem.t is None or _already_found(found, problem.t):
+        at = problem.t
+        if at is None or any(abs(e.t - at) <= AGAIN_S and e.kind in ("failsafe", "battery") for e in found):
             continue
         if problem.code == "err_6_1":
-            found.append(_failsafe_event("battery", problem.t, "Battery failsafe", [problem.text]))
+            found.append(_failsafe_event("battery", at, "Battery failsafe", [problem.text]))
         elif problem.code in FAILSAFE_CODES:
-            words = f"{FAILSAFE_CODES[problem.code]} {format_time(problem.t)}."
-            first = problem.code == "err_7_1" and _first_fix(log, problem.t)
-            early: EventSeverity = "note" if problem.t < MEASURED_S or first else "warning"
-            found.append(Event("failsafe", problem.t, early, words, evidence=[problem.text]))
+            words = f"{FAILSAFE_CODES[problem.code]} {format_time(at)}."
+            first = problem.code == "err_7_1" and _first_fix(log, at)
+            early: EventSeverity = "note" if at < MEASURED_S or first else "warning"
+            found.append(Event("failsafe", at, early, words, evidence=[problem.text]))
     return [_weigh_failsafe(e, segments) for e in found], quoted
 
 
@@ -389,10 +390,6 @@ def _weigh_failsafe(event: Event, segments: Segments) -> Event:
         return event
     driven = [(a, b + CAUSE_S) for a, b in (*segments.spans("armed"), *segments.spans("airborne"))]
     return event if inside(np.array([event.t]), driven).any() else replace(event, severity="note")
-
-
-def _already_found(found: list[Event], t: float) -> bool:
-    return any(abs(e.t - t) <= AGAIN_S and e.kind in ("failsafe", "battery") for e in found)
 
 
 def _failsafe_name(text: Text, battery: bool) -> str:

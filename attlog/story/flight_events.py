@@ -202,7 +202,7 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
     said = matching_texts(log, CRASHED)
     reported = [p for p in log.problems if p.code == "crash" and p.t is not None]
     for ending in segments.endings:
-        evidence = list(_physical_evidence(ending))
+        evidence = [f"{source}: {ending.why}" for source in ending.sources[:2]] or [ending.why]
         near = [x for x in said if -2.0 <= x[0] - ending.t <= 10.0] if ending.is_crash else []
         quoted += near
         evidence += [quote_text(x) for x in near[:1]]
@@ -255,10 +255,6 @@ def _flight_sources(log: FlightLog) -> list[str]:
         return ["IMU"]
     stream = height_stream(log)
     return ["throttle" if stream is None else stream.source]
-
-
-def _physical_evidence(ending: CrashEvent) -> tuple[str, ...]:
-    return tuple(f"{source}: {ending.why}" for source in ending.sources[:2]) or (ending.why,)
 
 
 def format_size(ending: CrashEvent) -> str:
@@ -322,7 +318,6 @@ ONBOARD_M_S2, MIN_LEVELS = 60.0, 10
 MAX_CHANCE_CLIPS, MAX_NOTE_CLIPS = 3, 10
 # Before the end of a flight: what a touch-down, or the blow of a crash, does to a range is no clipping in flight.
 LANDING_S, BLOW_S = 1.0, 0.1
-FAST_IMU_HZ = 40.0
 
 
 def sensor_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:

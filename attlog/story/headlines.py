@@ -61,7 +61,7 @@ def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) 
         f"stood armed to {flights[0][0]:.0f} s, " if few and not begun and _stood_armed(segments, flights[0][0]) else ""
     )
     sizes = [] if crashed else _size_phrases(log, segments, flights)
-    unended = crashed or has_open_end(events) or has_hard_landing(events)
+    unended = crashed or has_open_end(events) or any(e.kind == "hard_landing" for e in events)
     safe = "" if unended else ending_of_slow(log, flights[-1][1]) if slow else ", landed safely"
     said = [f"{listed}{extra}{safe}." for extra in (*sizes, "")]
     return [f"{stood}{said[0]}", *said] if stood else said
@@ -179,10 +179,6 @@ def format_spans(spans: Sequence[Span]) -> str:
 
 def has_open_end(events: Sequence[Event]) -> bool:
     return any(e.kind == "ends_in_air" for e in events)
-
-
-def has_hard_landing(events: Sequence[Event]) -> bool:
-    return any(e.kind == "hard_landing" for e in events)
 
 
 WORDS = 30

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -49,21 +48,6 @@ def test_reports_of_glitches_are_one_event_with_their_number(count: int, said: s
     assert found.text == f"The EKF and GNSS came apart at 20.0 s{said}."
 
 
-def test_the_first_alignment_after_arming_is_usual_and_a_second_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    texts = [(2.0, 6, "EKF yaw aligned"), (10.0, 6, "EKF yaw aligned"), (11.4, 6, "again"), (20.0, 6, "EKF yaw")]
-    texts.append((45.0, 6, "EKF yaw aligned"))
-    monkeypatch.setattr(estimator_events, "matching_texts", lambda log, pattern: texts)
-    told: list[Any] = []
-    found = estimator_events._realign_events(log(), SPANS, told)
-    assert [(e.t, e.severity, "re-aligned" in e.text) for e in found] == [
-        (10.0, "info", False),
-        (20.0, "warning", True),
-        (45.0, "info", False),
-    ]
-    assert [len(e.evidence) for e in found] == [2, 1, 1]
-    assert told == texts
-
-
 def test_a_switch_that_a_text_told_within_a_second_and_a_half_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         estimator_events, "matching_texts", lambda log, p: [(10.0, 6, "lane (x)")] if p is estimator_events.LANE else []
@@ -94,15 +78,6 @@ def test_a_slow_imu_tells_no_short_blow(monkeypatch: pytest.MonkeyPatch, rate: f
     monkeypatch.setattr(flight_events, "shows_impacts", lambda log: rate > 50.0)
     made = log(imus=[SimpleNamespace(acc=SimpleNamespace(rate=r)) for r in ({0.5 * rate, rate} if rate else ())])
     assert flight_events.impact_limit_text(made) == said
-
-
-@pytest.mark.parametrize(("away", "edge"), [(0.49, 0.1), (0.51, 1.0)])
-def test_clipping_counts_to_a_second_before_landing_and_to_the_blow_of_a_crash(away: float, edge: float) -> None:
-    spans = Segments([Segment("armed", 5, 55), Segment("airborne", 10, 50)])
-    ending: Any = SimpleNamespace(t=50.0 + away, is_crash=True)
-    spans.endings = [ending]
-    assert flight_events.clipping_spans(spans) == [(10.0, pytest.approx(50.0 - edge))]
-    assert flight_events.clipping_spans(Segments([Segment("armed", 5, 8), Segment("armed", 7, 9)])) == [(5.0, 9.0)]
 
 
 def test_a_vehicle_that_never_flew_is_told_by_its_motors_and_its_tilt() -> None:

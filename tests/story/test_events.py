@@ -129,11 +129,6 @@ def test_gnss_is_lost_after_two_seconds_or_five_intervals_in_flight(
         assert estimator_events._gnss_lost(log(gnss=[receiver(lost, hz), whole]), SPANS) == []
 
 
-def test_texts_within_a_second_and_a_half_are_one_event() -> None:
-    texts: Any = [(1.0, 0, "a"), (2.5, 0, "b"), (4.1, 0, "c")]
-    assert [[x[2] for x in group] for group in estimator_events._group_texts(texts)] == [["a", "b"], ["c"]]
-
-
 def test_a_change_of_the_unit_in_use_is_told_while_armed() -> None:
     line = TimeLine(np.array([0.0, 3.0, 20.0, 21.0, 58.0]), [0, 1, 1, 2, 0], "flown")
     found = estimator_events._switch_events(log(imu_that_flew=line), SPANS, [])

@@ -15,16 +15,8 @@ from attlog.flight.vehicle import VehicleKind
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segment, Segments
 from attlog.story import flight_events, headlines
-from attlog.story.flight_events import Event, EventSeverity, format_significant, format_time
-from attlog.story.headlines import (
-    WrongAngle,
-    _crash_phrases,
-    _crash_target,
-    _crashes,
-    _first_fault,
-    _rest_phrase,
-    _with_angle,
-)
+from attlog.story.flight_events import Event, EventSeverity, format_significant
+from attlog.story.headlines import WrongAngle, _crash_phrases, _crash_target, _crashes, _first_fault, _with_angle
 from tests.story.made import log
 
 LOST = Event("gnss_lost", 40.0, "warning", "GNSS had no fix for 9 s in flight, from 40.0 s.", 49.0)
@@ -112,11 +104,6 @@ def crash_of(kind: Any, t: float, size: float, lies: float | None = None) -> Cra
     return CrashEvent(kind, t, t + 0.1, size, unit, "seen", lies, 400.0)
 
 
-def test_a_vehicle_lies_upside_down_at_an_angle_or_upright() -> None:
-    said = {None: "", 151.0: ", lay upside down", 149.6: ", lay at 150°", 16.0: ", lay at 16°", 15.0: ", upright"}
-    assert {deg: _rest_phrase(crash_of("impact", 1.0, 5.0, deg)) for deg in said} == said
-
-
 @pytest.mark.parametrize(
     ("group", "what", "full", "short"),
     [
@@ -184,10 +171,6 @@ def ending(kind: Any, t: float, size: float = 5.0, unit: str = "g", **more: Any)
 )
 def test_sizes_have_two_figures_without_an_exponent(x: float, said: str) -> None:
     assert format_significant(x) == said
-
-
-def test_a_moment_a_little_before_zero_is_zero() -> None:
-    assert [format_time(t) for t in (-0.04, -0.06, 3.26)] == ["at 0.0 s", "at -0.1 s", "at 3.3 s"]
 
 
 def test_arming_is_told_at_each_change_and_before_the_log_where_it_holds_at_its_start() -> None:
@@ -287,12 +270,6 @@ def test_an_angle_is_wrong_throughout_from_ten_seconds_after_lift_off_to_ten_bef
         f"Heading was 28° wrong {when}; First.",
         f"Heading was 28° wrong {when}.",
     ]
-
-
-def test_numbers_are_words_up_to_nine() -> None:
-    assert [headlines.number_word(n) for n in (0, 2, 9, 10)] == ["no", "two", "nine", "10"]
-    assert [headlines.how_often(n) for n in (2, 3)] == ["twice", "three times"]
-    assert headlines.format_spans([(11.4, 102.6), (120.0, 130.0)]) == "11 to 103 s and 120 to 130 s"
 
 
 def test_the_largest_tilt_is_that_within_the_spans() -> None:

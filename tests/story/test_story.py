@@ -13,13 +13,11 @@ import attlog
 from attlog import segments, story
 from attlog.core import spans
 from attlog.flight.model import Clipping, FlightLog, Gnss, Problem, Stream, TimeLine
-from attlog.flight.px4.imu import TopicBuilder, gyro_mask_problem
 from attlog.segments import Segments
 from attlog.segments.impacts import CrashEvent
 from attlog.story import Event, flight_events
 from attlog.words.flight import what_happened
 from tests.conftest import corpus_logs
-from tests.flight.fake import messages
 from tests.flight.made_log import with_fields
 from tests.segments.flights import imu_log
 from tests.segments.test_airborne import carried
@@ -350,25 +348,6 @@ def test_a_kill_switch_in_flight_or_with_its_end_is_a_warning_and_on_the_ground_
     assert (said.t, said.severity) == (end + after_s, severity)
 
 
-def test_a_slow_receiver_is_not_lost_between_its_fixes_and_is_when_five_are_missing():
-    """Records every 2.5 s, as of slow telemetry, and then none from 15 to 30 s."""
-    t = np.arange(0.0, 40.1, 2.5)
-    found = []
-    for gone in (np.zeros(len(t), bool), (t > 15.1) & (t < 29.9)):
-        none, fix = np.full(len(t), np.nan), np.where(gone, 1, 3)
-        gnss = Gnss(0, t, "GPS", none, none, none, np.full((len(t), 3), np.nan), none, none, none, fix)
-        found.append([(e.t, e.value) for e in made(gnss=[gnss])[2] if e.kind == "gnss_lost"])
-    assert found == [[], [(15.0, 15.0)]]
-
-
-def test_an_angle_that_was_right_again_long_before_the_landing_was_not_wrong_throughout():
-    log, phases, events = made()
-    (lift, land) = phases.spans("airborne")[0]
-    early = story.WrongAngle("heading", 27.4, lift, land - 12.0)
-    said = story.headline(log, phases, events, False, early)
-    assert f"Heading was 27° wrong from {lift:.0f} to {land - 12.0:.0f} s." in said
-
-
 def flown(log: FlightLog) -> list[spans.Span]:
     return segments.build(log).spans("airborne")
 
@@ -416,20 +395,6 @@ def test_a_unit_at_one_hertz_shows_rest_and_no_movement() -> None:
     t = np.arange(0.0, 400.0, 0.8)
     off = TimeLine(np.array([0.0]), [False], "HEARTBEAT")
     assert spans.seconds(segments.build(still(t, armed=off)).spans("rest")) > 300.0
-
-
-@pytest.mark.parametrize(("mask", "release", "told"), [(243, 0x010E0300, 0), (7, 0x010E0300, 0), (1, 0x010F00FF, 1)])
-def test_a_mask_that_is_none_is_no_gyro_at_the_end_of_its_range(mask: int, release: int, told: int) -> None:
-    """Before 1.15 the memory is unset; three axes make a mask of up to 7; above 80 % of the range it is believed."""
-    column = "gyro_clipping"
-    masks = np.zeros(50, np.uint8)
-    masks[20] = mask
-    made = messages(
-        "ulog", {("sensor_combined", 0): {"timestamp": np.arange(50), column: masks}}, info={"ver_sw_release": release}
-    )
-    rate = np.full((50, 3), np.radians(1900.0))
-    table = made.tables["sensor_combined", 0]
-    assert len(gyro_mask_problem(TopicBuilder(made), "sensor_combined", table, column, rate)) == told
 
 
 def test_telemetry_at_four_hertz_tells_the_flight_and_no_blow() -> None:

@@ -164,20 +164,13 @@ class DataflashBuilder(LogBuilder):
 
 
 def unit_tables(messages: Messages, name: str) -> dict[int, Table]:
-    """Return the tables of a message by unit: by instance column (4.1 on) or by name (IMU, IMU2, IMU3)."""
+    """Return the tables of a message by unit: by instance column (4.1 on) or by name (IMU, IMU2; GYR1, GYR2)."""
     found: dict[int, Table] = {i: messages[name, i] for i in messages.instances(name)}
-    for extra in range(2, 10):
-        table = messages.tables.get((f"{name}{extra}", 0))
+    for number in range(1, 10):
+        table = messages.tables.get((f"{name}{number}", 0))
         if table is not None:
-            found.setdefault(extra - 1, table)
+            found.setdefault(number - 1, table)
     return found
-
-
-def raw_unit_tables(messages: Messages, name: str) -> dict[int, Table]:
-    """Return GYR or ACC tables by unit: an instance column, or before 4.1 the names GYR1, GYR2, GYR3."""
-    numbered = {k: messages.tables.get((f"{name}{k + 1}", 0)) for k in range(9)}
-    named = {k: t for k, t in numbered.items() if t is not None}
-    return named or {i: messages[name, i] for i in messages.instances(name)}
 
 
 def source_name(table: Table, unit: int) -> str:
@@ -258,12 +251,12 @@ def filter_cutoffs(params: list[ParamChange], t_us: int) -> tuple[float, float]:
 def raw_records(builder: DataflashBuilder) -> list[ImuCandidate]:
     """Read ``GYR`` with ``ACC``: every sample of the sensors at their own clock ``SampleUS``."""
     params = builder.messages.params
-    accs = raw_unit_tables(builder.messages, "ACC")
+    accs = builder.units("ACC")
     options = next((int(p.value) for p in params if p.name == "INS_RAW_LOG_OPT" and not p.is_default), 0)
     filtered = bool(options & RAW_AFTER_FILTERS_BIT)
     gyro_cut, acc_cut = filter_cutoffs(params, 0) if filtered else (0.0, 0.0)
     found = []
-    for unit, table in raw_unit_tables(builder.messages, "GYR").items():
+    for unit, table in builder.units("GYR").items():
         partner = accs.get(unit)
         if partner is None or not all(c in table for c in GYRO_COLUMNS) or not all(c in partner for c in ACC_COLUMNS):
             continue

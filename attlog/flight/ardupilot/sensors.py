@@ -53,15 +53,11 @@ def magnetometers(builder: DataflashBuilder) -> list[Mag]:
             builder, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, device=device, enabled=enabled
         )
         if mag is not None:
-            mag.offsets = None if offsets is None else applied_offsets(builder, t, offsets * MILLIGAUSS, source)
+            if offsets is not None:
+                new = np.concatenate([np.ones(min(len(t), 1), bool), np.diff(offsets, axis=0).any(axis=1)])
+                mag.offsets = builder.quiet().stream(t[new], offsets[new] * MILLIGAUSS, "T", source)
             found.append(mag)
     return found or replay_magnetometers(builder)
-
-
-def applied_offsets(builder: DataflashBuilder, t_us: Stamps, offsets_t: Array, source: str) -> Stream | None:
-    """Return the offsets (k, 3) in tesla of the records, at the first of them and at each change."""
-    new = np.concatenate([[True], np.diff(offsets_t, axis=0).any(axis=1)]) if len(t_us) else np.zeros(0, bool)
-    return builder.quiet().stream(t_us[new], offsets_t[new], "T", source)
 
 
 def replay_magnetometers(builder: DataflashBuilder) -> list[Mag]:

@@ -73,11 +73,6 @@ def sample_stamps(table: Table) -> Stamps | None:
     return read_stamps(table, "timestamp_sample") if "timestamp_sample" in table else None
 
 
-def best_stamps(table: Table) -> Stamps:
-    """Return the times of measurement (n,) of a topic in us, else its stamps."""
-    return read_stamps(table, "timestamp_sample" if "timestamp_sample" in table else "timestamp")
-
-
 # --- devices ----------------------------------------------------------------------------------------------------
 
 
@@ -158,6 +153,7 @@ def fifo_candidates(builder: TopicBuilder) -> list[ImuCandidate]:
         unit = units_of_devices(builder, {device}).get(device, i)
         acc = resample_vectors(t, t_acc, acc)
         one = ImuCandidate(unit, 0, t, gyro, acc, f"sensor_gyro_fifo:{i}", "interval", known and known_acc, "none")
+        one.fastest_hz = limits.RAW_HZ
         one.device, one.acc_source, one.acc_device = str(device), source, acc_device
         damaged = oversized_batches(table)
         one.problems += damaged
@@ -238,15 +234,16 @@ def vehicle_imu_candidates(builder: TopicBuilder) -> list[ImuCandidate]:
         if not good.any():
             continue
         source, table, dt, dt_v = f"vehicle_imu:{i}", table.rows(good), dt[good], dt_v[good]
-        t = best_stamps(table)
+        t = read_stamps(table, "timestamp_sample" if "timestamp_sample" in table else "timestamp")
         gyro, acc = columns(table, "delta_angle") / dt[:, None], columns(table, "delta_velocity") / dt_v[:, None]
         one = ImuCandidate(i, 1, t, gyro, acc, source, "interval", filtered="none", dt=dt)
         one.device = str(int(table["gyro_device_id"][0]))
         one.acc_device = str(topic_device(table, "accel_device_id")) if "accel_device_id" in table else None
         one.temperature = status_temperature(builder, i, t)
         one.problems += gyro_mask_problem(builder, source, table, "delta_angle_clipping", gyro)
-        one.problems += decimation_problem(source, t, dt)
-        one.usable = not is_decimated(t, dt) and one.rate >= MIN_FAST_HZ
+        decimated = decimation_problem(source, t, dt)
+        one.problems += decimated
+        one.usable = not decimated and one.rate >= MIN_FAST_HZ
         found.append(one)
     return found
 
@@ -273,8 +270,9 @@ def sensor_combined_candidates(builder: TopicBuilder, selected: int) -> list[Imu
     one.acc_device, one.temperature = voted_accelerometer(builder), status_temperature(builder, selected, t)
     one.note = "holds the unit that the autopilot's voter chose"
     one.problems += gyro_mask_problem(builder, "sensor_combined", table, "gyro_clipping", one.gyro)
-    one.problems += decimation_problem("sensor_combined", t, dt)
-    one.usable = not is_decimated(t, dt)
+    decimated = decimation_problem("sensor_combined", t, dt)
+    one.problems += decimated
+    one.usable = not decimated
     return [one]
 
 
@@ -286,22 +284,17 @@ def integration_times(table: Table) -> Array:
     return stored.astype(np.float64) * (1.0 if stored.dtype.kind == "f" else 1e-6)
 
 
-def is_decimated(t: Stamps, dt: Array) -> bool:
-    """Return whether samples between the logged ones are missing: stamps wider apart than each sample covers."""
+def decimation_problem(source: str, t: Stamps, dt: Array) -> list[Problem]:
+    """Return the problem of a source whose stamps are wider apart than each sample covers (``dt`` s), if it is one."""
     with np.errstate(invalid="ignore"):
         covered = dt[np.isfinite(dt) & (dt > 0)]
     if len(t) < 3 or len(covered) == 0:
-        return False
-    return float(np.median(np.diff(t))) * 1e-6 > DECIMATION_FACTOR * float(np.median(covered))
-
-
-def decimation_problem(source: str, t: Stamps, dt: Array) -> list[Problem]:
-    """Return the problem of a decimated source, if it is one."""
-    if not is_decimated(t, dt):
         return []
-    text = f"{source}: the logger kept one sample per {np.median(np.diff(t)) / 1000:.0f} ms although each "
-    text += f"covers {np.median(dt) * 1000:.1f} ms; the rotation between them is lost."
-    return [Problem("imu_decimated", "warning", text)]
+    apart_ms, covered_ms = float(np.median(np.diff(t))) / 1000, 1000 * float(np.median(covered))
+    if apart_ms <= DECIMATION_FACTOR * covered_ms:
+        return []
+    text = f"{source}: the logger kept one sample per {apart_ms:.0f} ms although each covers {covered_ms:.1f} ms; "
+    return [Problem("imu_decimated", "warning", f"{text}the rotation between them is lost.")]
 
 
 def filtered_candidates(builder: TopicBuilder, selected: int) -> list[ImuCandidate]:

@@ -80,8 +80,10 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     if flew is None and len(candidates) > 1:
         flew, why = next((c.index for c in candidates if c.source == "sensor_combined"), None), "it is the voted unit"
     log.firmware = read_optional("The firmware", partial(read_firmware, messages), Firmware(""))
-    log.settings = VehicleSettings("PX4", log.firmware.version, values=builder.values)
-    if not is_px4(log.firmware, messages):
+    known = any(name in PX4_TOPICS for name, _ in messages.tables) or "px4" in log.firmware.name.lower()
+    if known or not log.firmware.name:
+        log.settings = VehicleSettings("PX4", log.firmware.version, values=builder.values)
+    else:
         log.settings = VehicleSettings("other", name=log.firmware.name)
     add_imus(builder, candidates, flew, why, imu, partial(first_stamp, builder))
     log.imu_that_flew = builder.time_line(flown.t_us, flown.units, flown.source)
@@ -103,12 +105,6 @@ def read_firmware(messages: Messages) -> Firmware:
     number = info.get("ver_sw_release")
     version = px4_version(int(number)) if isinstance(number, (int, np.integer)) and number > 0 else ""
     return Firmware(str(info.get("sys_name", "")), version, str(info.get("ver_sw", "")), str(info.get("ver_hw", "")))
-
-
-def is_px4(firmware: Firmware, messages: Messages) -> bool:
-    """Return whether PX4, or a fork that logs its topics, wrote a ULog."""
-    known = any(name in PX4_TOPICS for name, _ in messages.tables)
-    return known or not firmware.name or "px4" in firmware.name.lower()
 
 
 def first_stamp(builder: TopicBuilder) -> int:

@@ -92,13 +92,12 @@ def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> M
     version = messages.first("VER")
     if version is not None:
         with losses.around("VER", "versions", int(version.offsets[0])):
-            messages.info["VER"] = {name: _to_python(version[name][0]) for name in version.fields}
+            first = {name: version[name][0] for name in version.fields}
+            messages.info["VER"] = {
+                name: decode_text(value) if isinstance(value, bytes) else value.tolist()
+                for name, value in first.items()
+            }
     return messages
-
-
-def _to_python(value: Any) -> Any:
-    """Return a numpy value as Python value."""
-    return decode_text(value) if isinstance(value, bytes) else value.tolist()
 
 
 def _carry_their_time(layouts: list[MessageFormat]) -> bool:

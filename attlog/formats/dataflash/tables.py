@@ -385,15 +385,11 @@ def table_timeline(messages: Messages, formats: Mapping[str, MessageFormat]) -> 
     for (name, _), table in messages.items():
         if column := time_column(formats[name]):
             with suppress(KeyError):  # reported among the remarks
-                found.append((table.offsets, _counts_to_us(table[column[0]], column[1])))
+                counts, factor = table[column[0]], column[1]
+                found.append((table.offsets, np.where(counts <= LAST_TIME_US // factor, counts * factor, -1)))
     at, time = merge_timelines(found)
     possible = (time >= 0) & (time <= LAST_TIME_US)
     return at[possible], time[possible]
-
-
-def _counts_to_us(counts: NDArray[np.int64], factor: int) -> NDArray[np.int64]:
-    """Convert counts of a clock to microseconds; invalid ones to -1."""
-    return np.where((counts >= 0) & (counts <= LAST_TIME_US // factor), counts, -1) * factor
 
 
 def drop_false_times(index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:
